@@ -1,0 +1,186 @@
+//! The records that the files hold, decoded. Lengths are in scene units, radiance is linear Rec.709.
+//!
+//! How each value is stored, and how exactly, is stated in `SPEC.md` alone.
+
+/// An oriented opaque disk, clipped where its surface ends.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Surfel {
+    /// Centre, in scene space.
+    pub position: [f32; 3],
+    /// Unit normal of the front side.
+    pub normal: [f32; 3],
+    /// Disk radius.
+    pub radius: f32,
+    /// The surface area that this sample stands for; less than the disk's, so that disks overlap and leave no holes.
+    pub area: f32,
+    /// Diffuse radiance that leaves the front side.
+    pub front: [f32; 3],
+    /// Diffuse radiance that leaves the back side.
+    pub back: [f32; 3],
+    /// Where the disk ends before its radius does.
+    pub clips: Clips,
+}
+
+/// Up to three half-planes through which a disk is cut, each a line in the disk's plane.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Clips {
+    /// How many of `edges` hold.
+    pub count: u8,
+    /// The cutting lines.
+    pub edges: [ClipEdge; 3],
+}
+
+/// A line in the plane of a disk: points with `x cos(angle) + y sin(angle) > offset * radius` are cut away, where
+/// (x, y) are coordinates from the disk's centre in the tangent frame of [`tangent_frame`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ClipEdge {
+    /// Direction of the line's outward normal, radians in [0, 2 pi).
+    pub angle: f32,
+    /// Distance of the line from the centre over the radius, in [0, 1].
+    pub offset: f32,
+}
+
+/// The two tangents that belong to a unit normal (Duff et al. 2017), without a branch at the pole.
+///
+/// Clip edges are stored relative to this frame of the *decoded* normal, so it is part of the format.
+#[must_use]
+pub fn tangent_frame(n: [f32; 3]) -> ([f32; 3], [f32; 3]) {
+    let sign = 1.0f32.copysign(n[2]);
+    let a = -1.0 / (sign + n[2]);
+    let b = n[0] * n[1] * a;
+    (
+        [1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0]],
+        [b, sign + n[1] * n[1] * a, -n[1]],
+    )
+}
+
+/// A block of participating medium: an axis-aligned cube of 2^level voxels a side in the index space of its volume.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Lvoxel {
+    /// Index into the file's table of volumes.
+    pub volume: u16,
+    /// The block spans voxels `block * 2^level` to `(block + 1) * 2^level` on each axis; at most [`MAX_LEVEL`].
+    pub level: u8,
+    /// Block coordinates.
+    pub block: [u16; 3],
+    /// Mean extinction, per scene unit.
+    pub sigma_t: f32,
+    /// Source function: radiance in-scattered per unit optical depth, albedo included; weighted by extinction over
+    /// the block.
+    pub source: [f32; 3],
+}
+
+/// The coarsest lvoxel is 2^3 voxels a side, which is also the brick in which the level is one.
+pub const MAX_LEVEL: u8 = 3;
+
+/// What a reader must know of a volume to place its lvoxels.
+#[derive(
+    Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize, bincode::Encode, bincode::Decode,
+)]
+pub struct VolumeInfo {
+    /// Name from the scene.
+    pub name: String,
+    /// Voxels per axis.
+    pub dims: [u32; 3],
+    /// Affine map from scene space to index space, column by column: three axes, then the translation. Voxel (i,j,k)
+    /// spans (i,j,k) to (i+1,j+1,k+1).
+    pub index_from_scene: [[f64; 3]; 4],
+    /// Single-scattering albedo, constant over the volume.
+    pub albedo: [f32; 3],
+}
+
+/// An axis-aligned box.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Lower corner.
+    pub min: [f32; 3],
+    /// Upper corner.
+    pub max: [f32; 3],
+}
+
+impl Bounds {
+    /// The box that holds nothing.
+    pub const EMPTY: Self = Self {
+        min: [f32::INFINITY; 3],
+        max: [f32::NEG_INFINITY; 3],
+    };
+
+    /// The smallest box that holds both.
+    #[must_use]
+    pub fn union(self, other: Self) -> Self {
+        Self {
+            min: std::array::from_fn(|i| self.min[i].min(other.min[i])),
+            max: std::array::from_fn(|i| self.max[i].max(other.max[i])),
+        }
+    }
+
+    /// The tight box of a disk: its extent along axis i is `r sqrt(1 - n_i^2)`.
+    #[must_use]
+    pub fn of_surfel(surfel: &Surfel) -> Self {
+        let half = surfel
+            .normal
+            .map(|n| surfel.radius * (1.0 - n * n).max(0.0).sqrt());
+        Self {
+            min: std::array::from_fn(|i| surfel.position[i] - half[i]),
+            max: std::array::from_fn(|i| surfel.position[i] + half[i]),
+        }
+    }
+}
+
+/// What lets a node stand for all surfels below it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SurfelAggregate {
+    /// Sum of surfel areas.
+    pub area: f32,
+    /// Area-weighted mean position.
+    pub centre: [f32; 3],
+    /// Sum of area times normal.
+    pub normal_sum: [f32; 3],
+    /// Sum of area times n n^T: xx, yy, zz, xy, xz, yz. The area projected along w is about `sqrt(area * w^T M w)`.
+    pub second_moment: [f32; 6],
+    /// Area projected towards +x, -x, +y, -y, +z, -z, of the sides that radiate (a back only where it is lit).
+    pub axis_area: [f32; 6],
+    /// Mean radiance towards the same six directions, weighted by that projected area.
+    pub axis_radiance: [[f32; 3]; 6],
+}
+
+/// A node of the tree over surfels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Node {
+    /// Tight box of all surfels below, radii included, as decoded: never smaller than the true one.
+    pub bounds: Bounds,
+    /// What is below.
+    pub below: Below,
+    /// What stands for it.
+    pub aggregate: SurfelAggregate,
+}
+
+/// What lies below a node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Below {
+    /// Nodes `first..first + count` of the same page; count is 1 to 8.
+    Nodes {
+        /// Index in the page.
+        first: u32,
+        /// How many.
+        count: u8,
+    },
+    /// Surfels `first..first + count` of the same page; count is 1 to 8.
+    Surfels {
+        /// Index in the page.
+        first: u32,
+        /// How many.
+        count: u8,
+    },
+    /// Another page, whose node 0 this is.
+    Page(u32),
+}
+
+/// A decoded page of the tree over surfels: a self-contained subtree with its root at node 0.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SurfelPage {
+    /// Nodes; siblings are adjacent, parents come before their children.
+    pub nodes: Vec<Node>,
+    /// Surfels of this page's leaves, in leaf order.
+    pub surfels: Vec<Surfel>,
+}

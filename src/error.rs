@@ -1,0 +1,108 @@
+//! The one error of the library: what went wrong, where, and what to do next.
+
+use std::fmt;
+use std::path::Path;
+
+/// What an error means for the caller, and for the exit code of the program.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// The input or a setting is wrong; the same call will fail again. Exit code 2.
+    Input,
+    /// The machine failed us (disk, memory, permission); a retry may succeed. Exit code 1.
+    Failed,
+    /// Stopped on request. Exit code 1.
+    Cancelled,
+}
+
+/// An error with a one-line message and, where there is one, a hint at the cure.
+#[derive(Debug)]
+pub struct Error {
+    kind: Kind,
+    message: String,
+    hint: Option<String>,
+}
+
+/// Result with the library's [`Error`].
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+impl Error {
+    /// Wrong input: names what was expected and what was found.
+    pub fn input(message: impl Into<String>) -> Self {
+        Self {
+            kind: Kind::Input,
+            message: message.into(),
+            hint: None,
+        }
+    }
+
+    /// The machine failed.
+    pub fn failed(message: impl Into<String>) -> Self {
+        Self {
+            kind: Kind::Failed,
+            message: message.into(),
+            hint: None,
+        }
+    }
+
+    /// Stopped by a signal.
+    #[must_use]
+    pub fn cancelled() -> Self {
+        Self {
+            kind: Kind::Cancelled,
+            message: "stopped on request".into(),
+            hint: None,
+        }
+    }
+
+    /// An I/O error on a file: a file that is not there is wrong input, a full disk is a failure.
+    pub fn io(doing: &str, path: &Path, error: &std::io::Error) -> Self {
+        use std::io::ErrorKind as K;
+        let kind = match error.kind() {
+            K::NotFound
+            | K::PermissionDenied
+            | K::IsADirectory
+            | K::NotADirectory
+            | K::InvalidInput => Kind::Input,
+            _ => Kind::Failed,
+        };
+        Self {
+            kind,
+            message: format!("cannot {doing} {}: {error}", path.display()),
+            hint: None,
+        }
+    }
+
+    /// The same error with a hint at what to do next.
+    #[must_use]
+    pub fn hint(mut self, hint: impl Into<String>) -> Self {
+        self.hint = Some(hint.into());
+        self
+    }
+
+    /// The same error, its message led by where it happened.
+    #[must_use]
+    pub fn at(mut self, place: impl fmt::Display) -> Self {
+        self.message = format!("{place}: {}", self.message);
+        self
+    }
+
+    /// What the error means for the caller.
+    #[must_use]
+    pub fn kind(&self) -> Kind {
+        self.kind
+    }
+
+    /// What to do next, where that is known.
+    #[must_use]
+    pub fn hint_text(&self) -> Option<&str> {
+        self.hint.as_deref()
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+impl std::error::Error for Error {}

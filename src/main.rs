@@ -1,0 +1,2 @@
+//! The `lvox` program.
+fn main() {}

@@ -1,0 +1,228 @@
+//! Scalar samples on a regular grid, stored in sparse bricks laid out for walking rays.
+//!
+//! Index space: voxel (i,j,k) of `dims` spans (i,j,k) to (i+1,j+1,k+1) and its sample sits at its centre. Between
+//! centres the field is trilinear, in the outer half voxel it is clamped, outside the box it is zero.
+//!
+//! Cell space is index space plus 1/2: cell c lies between samples c-1 and c, so all knees of the field are at
+//! integers. A brick holds 8^3 cells with their 9^3 corner samples, so a cell never needs a second brick; bricks whose
+//! samples are all zero are not stored.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// Cells along an edge of a brick.
+pub const BRICK_CELLS: usize = 8;
+const BRICK_EDGE: usize = BRICK_CELLS + 1;
+const BRICK_SAMPLES: usize = BRICK_EDGE * BRICK_EDGE * BRICK_EDGE;
+const ABSENT: u32 = u32::MAX;
+
+/// A scalar field on a grid; see the module for its spaces.
+#[derive(Debug)]
+pub struct Grid {
+    dims: [usize; 3],
+    bricks: [usize; 3],
+    slots: Vec<u32>,
+    samples: Vec<f32>,
+    maxima: Vec<f32>,
+}
+
+/// A stored brick: its corner samples and the largest of them.
+#[derive(Clone, Copy)]
+pub struct Brick<'a> {
+    samples: &'a [f32],
+    /// No sample of the brick is above this.
+    pub max: f32,
+}
+
+impl Grid {
+    /// Samples `value([i, j, k])` once or more for every voxel; values must be finite and not negative.
+    pub fn from_fn(dims: [usize; 3], value: impl Fn([usize; 3]) -> f32 + Sync) -> Self {
+        let bricks = dims.map(|n| (n + 1).div_ceil(BRICK_CELLS));
+        let count = bricks[0] * bricks[1] * bricks[2];
+        let filled: Vec<Option<Vec<f32>>> = (0..count)
+            .into_par_iter()
+            .map(|b| {
+                let base = [
+                    b % bricks[0] * BRICK_CELLS,
+                    b / bricks[0] % bricks[1] * BRICK_CELLS,
+                    b / (bricks[0] * bricks[1]) * BRICK_CELLS,
+                ];
+                let mut samples = Vec::new();
+                let mut any = false;
+                for k in 0..BRICK_EDGE {
+                    for j in 0..BRICK_EDGE {
+                        for i in 0..BRICK_EDGE {
+                            let cell_corner = [base[0] + i, base[1] + j, base[2] + k];
+                            // Corner c of cell space is sample c - 1, clamped to the grid.
+                            let v = value(std::array::from_fn(|a| {
+                                cell_corner[a].saturating_sub(1).min(dims[a] - 1)
+                            }));
+                            if v != 0.0 && !any {
+                                any = true;
+                                samples.reserve_exact(BRICK_SAMPLES);
+                                samples.resize((k * BRICK_EDGE + j) * BRICK_EDGE + i, 0.0);
+                            }
+                            if any {
+                                samples.push(v);
+                            }
+                        }
+                    }
+                }
+                any.then_some(samples)
+            })
+            .collect();
+        let mut grid = Self {
+            dims,
+            bricks,
+            slots: Vec::with_capacity(count),
+            samples: Vec::new(),
+            maxima: Vec::new(),
+        };
+        let stored = filled.iter().flatten().count();
+        grid.samples.reserve_exact(stored * BRICK_SAMPLES);
+        for brick in filled {
+            grid.slots.push(match brick {
+                None => ABSENT,
+                Some(s) => {
+                    grid.maxima.push(s.iter().copied().fold(0.0, f32::max));
+                    grid.samples.extend_from_slice(&s);
+                    grid.maxima.len() as u32 - 1
+                }
+            });
+        }
+        grid
+    }
+
+    /// Voxels per axis.
+    #[must_use]
+    pub fn dims(&self) -> [usize; 3] {
+        self.dims
+    }
+
+    /// Bricks per axis.
+    #[must_use]
+    pub fn brick_dims(&self) -> [usize; 3] {
+        self.bricks
+    }
+
+    /// The brick at brick coordinates, if any of its samples is not zero.
+    #[must_use]
+    pub fn brick(&self, b: [usize; 3]) -> Option<Brick<'_>> {
+        let slot = self.slots[(b[2] * self.bricks[1] + b[1]) * self.bricks[0] + b[0]];
+        (slot != ABSENT).then(|| {
+            let first = slot as usize * BRICK_SAMPLES;
+            Brick {
+                samples: &self.samples[first..first + BRICK_SAMPLES],
+                max: self.maxima[slot as usize],
+            }
+        })
+    }
+
+    /// The largest sample.
+    #[must_use]
+    pub fn max(&self) -> f32 {
+        self.maxima.iter().copied().fold(0.0, f32::max)
+    }
+
+    /// Bytes held.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        self.slots.len() * 4 + self.samples.len() * 4 + self.maxima.len() * 4
+    }
+
+    /// Trilinear value at a point of index space; zero outside the box.
+    #[must_use]
+    pub fn sample(&self, point_in_index: Vec3) -> f32 {
+        let p = point_in_index.to_array();
+        if !(0..3).all(|a| p[a] >= 0.0 && p[a] <= self.dims[a] as f32) {
+            return 0.0;
+        }
+        let cell: [usize; 3] = std::array::from_fn(|a| ((p[a] + 0.5) as usize).min(self.dims[a]));
+        match self.brick(cell.map(|c| c / BRICK_CELLS)) {
+            None => 0.0,
+            Some(brick) => {
+                let f = std::array::from_fn(|a| p[a] + 0.5 - cell[a] as f32);
+                brick.cell(cell.map(|c| c % BRICK_CELLS)).value(f)
+            }
+        }
+    }
+}
+
+/// The eight corner samples of a cell.
+#[derive(Clone, Copy, Debug)]
+pub struct Cell([f32; 8]);
+
+impl Brick<'_> {
+    /// A cell of the brick, by coordinates below [`BRICK_CELLS`].
+    #[must_use]
+    #[inline]
+    pub fn cell(&self, c: [usize; 3]) -> Cell {
+        let at = (c[2] * BRICK_EDGE + c[1]) * BRICK_EDGE + c[0];
+        let row = |o: usize| [self.samples[at + o], self.samples[at + o + 1]];
+        let [a, b] = row(0);
+        let [c, d] = row(BRICK_EDGE);
+        let [e, f] = row(BRICK_EDGE * BRICK_EDGE);
+        let [g, h] = row(BRICK_EDGE * BRICK_EDGE + BRICK_EDGE);
+        Cell([a, b, c, d, e, f, g, h])
+    }
+}
+
+impl Cell {
+    /// Trilinear value at `f` in [0,1]^3 of the cell.
+    #[must_use]
+    #[inline]
+    pub fn value(&self, f: [f32; 3]) -> f32 {
+        let s = &self.0;
+        let mix = |a: f32, b: f32, t: f32| a + (b - a) * t;
+        let y0 = mix(mix(s[0], s[1], f[0]), mix(s[2], s[3], f[0]), f[1]);
+        let y1 = mix(mix(s[4], s[5], f[0]), mix(s[6], s[7], f[0]), f[1]);
+        mix(y0, y1, f[2])
+    }
+
+    /// Whether the field is zero all over the cell.
+    #[must_use]
+    #[inline]
+    pub fn is_empty(&self) -> bool {
+        self.0 == [0.0; 8]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_linear_field_is_reproduced_between_centres_and_clamped_at_the_border() {
+        let grid = Grid::from_fn([20, 9, 4], |[i, j, k]| {
+            1.0 + i as f32 + 100.0 * j as f32 + 0.25 * k as f32
+        });
+        let expected = |p: Vec3| {
+            let q = (p - 0.5).clamp(Vec3::ZERO, Vec3::new(19.0, 8.0, 3.0));
+            1.0 + q.x + 100.0 * q.y + 0.25 * q.z
+        };
+        for p in [
+            [0.0; 3],
+            [0.2, 0.1, 0.3],
+            [7.5, 4.0, 2.0],
+            [8.49, 8.51, 3.9],
+            [20.0, 9.0, 4.0],
+        ]
+        .map(Vec3::from)
+        {
+            assert!((grid.sample(p) - expected(p)).abs() < 1e-3, "{p}");
+        }
+        assert_eq!(grid.sample(Vec3::new(-0.01, 1.0, 1.0)), 0.0);
+        assert_eq!(grid.sample(Vec3::new(1.0, 9.01, 1.0)), 0.0);
+    }
+
+    #[test]
+    fn empty_bricks_are_not_stored() {
+        let grid = Grid::from_fn([64, 64, 64], |v| f32::from(v == [39, 39, 39]));
+        assert_eq!(
+            grid.maxima.len(),
+            8,
+            "corner 40 is shared by the bricks of cells 39 and 40"
+        );
+        assert_eq!(grid.sample(Vec3::splat(39.5)), 1.0);
+    }
+}

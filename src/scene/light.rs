@@ -1,0 +1,42 @@
+//! Lights that are not geometry. Emissive meshes are materials with emission.
+
+use glam::Vec3;
+
+/// A light source, in scene space.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Light {
+    /// Isotropic point: irradiance is `intensity cos / r^2`.
+    Point {
+        /// Where it is.
+        position: Vec3,
+        /// Radiant intensity per steradian.
+        intensity: [f32; 3],
+    },
+    /// Point light inside a cone.
+    Spot {
+        /// Where it is.
+        position: Vec3,
+        /// Unit axis of the cone, the way the light travels.
+        direction: Vec3,
+        /// Radiant intensity per steradian on the axis.
+        intensity: [f32; 3],
+        /// Cosine of the half angle up to which the intensity is full.
+        cos_inner: f32,
+        /// Cosine of the half angle beyond which there is none; less than `cos_inner`.
+        cos_outer: f32,
+    },
+    /// Parallel light, or a disk at infinity.
+    Directional {
+        /// Unit direction, the way the light travels.
+        direction: Vec3,
+        /// Irradiance on a plane that faces the light.
+        irradiance: [f32; 3],
+        /// Half angle of the disk, radians; 0 for parallel light.
+        angular_radius_rad: f32,
+    },
+    /// The same radiance from everywhere that no surface covers.
+    Environment {
+        /// Radiance.
+        radiance: [f32; 3],
+    },
+}

@@ -1,0 +1,37 @@
+//! All triangles of a scene in one indexed mesh.
+
+use glam::{Vec2, Vec3};
+
+/// Triangles with per-vertex attributes. Optional attributes are empty when no mesh of the scene has them.
+#[derive(Clone, Debug, Default)]
+pub struct Mesh {
+    /// Vertex positions, scene space.
+    pub positions: Vec<Vec3>,
+    /// Shading normals, unit length, per vertex; a zero vector means "use the face normal". Empty when no mesh has any.
+    pub normals: Vec<Vec3>,
+    /// Linear RGB factors on the base colour, per vertex. Empty when no mesh has any.
+    pub colors: Vec<[f32; 3]>,
+    /// Texture coordinates, per vertex, (0,0) top left as in glTF. Empty when no material has a texture.
+    pub uvs: Vec<Vec2>,
+    /// Vertex indices, counter-clockwise seen from the front.
+    pub triangles: Vec<[u32; 3]>,
+    /// Index into the scene's materials, per triangle.
+    pub material: Vec<u32>,
+    /// Triangles of zero area that were dropped on loading.
+    pub degenerate: u64,
+}
+
+impl Mesh {
+    /// Corner positions of a triangle.
+    #[must_use]
+    pub fn corners(&self, triangle: usize) -> [Vec3; 3] {
+        self.triangles[triangle].map(|i| self.positions[i as usize])
+    }
+
+    /// Half the cross product of two sides: the face normal times the area.
+    #[must_use]
+    pub fn area_vector(&self, triangle: usize) -> Vec3 {
+        let [a, b, c] = self.corners(triangle);
+        0.5 * (b - a).cross(c - a)
+    }
+}

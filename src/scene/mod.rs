@@ -1,0 +1,45 @@
+//! What is rendered: geometry, materials, lights, volumes, cameras and film, and the readers of the files they come in.
+//!
+//! Scene space is world space less [`Scene::world_from_scene`], a translation that keeps a scene far from the origin
+//! exact in f32. Right-handed, y up, cameras look down their local -z, linear Rec.709.
+
+pub mod camera;
+pub mod grid;
+pub mod light;
+pub mod material;
+pub mod mesh;
+pub mod volume;
+
+pub use camera::{Camera, Film};
+pub use grid::Grid;
+pub use light::Light;
+pub use material::{Material, Texture};
+pub use mesh::Mesh;
+pub use volume::Volume;
+
+use glam::DVec3;
+
+/// A whole scene, checked: every value is finite, every index in range, no transform singular.
+#[derive(Debug)]
+pub struct Scene {
+    /// Name, for reports.
+    pub name: String,
+    /// Translation from scene space to world space, in world units.
+    pub world_from_scene: DVec3,
+    /// Cameras by name; the first is the default. Never empty.
+    pub cameras: Vec<Camera>,
+    /// Image size and tone map.
+    pub film: Film,
+    /// All triangles of the scene; may be empty if there is a volume.
+    pub mesh: Mesh,
+    /// Materials that the mesh refers to.
+    pub materials: Vec<Material>,
+    /// Textures that the materials refer to.
+    pub textures: Vec<Texture>,
+    /// Lights other than emissive materials.
+    pub lights: Vec<Light>,
+    /// Participating media; may overlap.
+    pub volumes: Vec<Volume>,
+    /// blake3 over the content of the scene file and of all files that it names.
+    pub hash: [u8; 32],
+}

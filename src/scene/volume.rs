@@ -1,0 +1,19 @@
+//! A participating medium: a grid of density in a box placed anywhere.
+
+use super::Grid;
+use glam::{Affine3A, DAffine3};
+
+/// A scattering and absorbing medium with isotropic phase function. There is no medium outside its box.
+#[derive(Debug)]
+pub struct Volume {
+    /// Name, for messages.
+    pub name: String,
+    /// Extinction sigma_t per scene unit, sampled on a grid; scale and value window are already applied.
+    pub sigma_t: Grid,
+    /// Single-scattering albedo, sigma_s / sigma_t, each channel in [0,1].
+    pub albedo: [f32; 3],
+    /// Maps the box `0..dims` of the grid into the scene; any invertible affine map.
+    pub scene_from_index: DAffine3,
+    /// Inverse of `scene_from_index`.
+    pub index_from_scene: Affine3A,
+}
