@@ -1,1 +1,9 @@
-//! math.
+//! Leaf mathematics: no I/O, nothing of the rest of the crate.
+
+pub mod color;
+pub mod exp;
+pub mod polygon;
+pub mod sampling;
+pub mod segment;
+
+pub use color::Rgb;

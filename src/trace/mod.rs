@@ -1,1 +1,142 @@
-//! trace.
+//! What a ray meets: triangles, exactly and watertight, and media, cell by cell. Shared by the stages that have the
+//! scene at hand.
+
+mod cells;
+mod triangles;
+
+pub use cells::{Cells, RayInVolume};
+pub use triangles::{Hit, TriangleBvh};
+
+use crate::math::exp::exp_neg;
+use crate::math::segment::Segment;
+use crate::scene::Scene;
+use glam::Vec3;
+
+/// A scene made ready for rays.
+#[derive(Debug)]
+pub struct Tracer<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    triangles: TriangleBvh,
+    /// Distance that rays are moved off surfaces along the normal: 1e-5 of the scene's extent.
+    pub offset: f32,
+}
+
+impl<'a> Tracer<'a> {
+    /// Builds what rays need.
+    #[must_use]
+    pub fn new(scene: &'a Scene) -> Self {
+        let (min, max) = scene_bounds(scene);
+        Self {
+            scene,
+            triangles: TriangleBvh::new(&scene.mesh),
+            offset: 1e-5 * (max - min).length(),
+        }
+    }
+
+    /// Nearest triangle along a ray of unit direction.
+    #[must_use]
+    pub fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Hit> {
+        self.triangles.closest(origin, direction, t_max)
+    }
+
+    /// Share of light that gets from `origin` to `t_max` along a unit direction: 0 behind a surface, else the
+    /// transmittance of the media between.
+    #[must_use]
+    pub fn transmittance(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
+        if self.triangles.is_occluded(origin, direction, t_max) {
+            return 0.0;
+        }
+        exp_neg(self.optical_depth(origin, direction, t_max))
+    }
+
+    /// Optical depth of all media from `origin` to `t_max` along a unit direction.
+    #[must_use]
+    pub fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
+        let mut tau = 0.0_f64;
+        for volume in &self.scene.volumes {
+            if let Some(mut cells) = Cells::new(volume, origin, direction, t_max) {
+                while let Some(cell) = cells.next_cell() {
+                    tau += f64::from(cell.tau);
+                }
+            }
+        }
+        tau as f32
+    }
+
+    /// Passes every stretch of medium from `origin` to `t_max`, front to back, to `emit` until that says no.
+    /// `source(volume, point, direction)` gives the source function of a volume at a point of scene space.
+    pub fn march(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        t_max: f32,
+        source: impl Fn(usize, Vec3) -> crate::math::Rgb,
+        mut emit: impl FnMut(Segment) -> bool,
+    ) {
+        let mut walks = self
+            .scene
+            .volumes
+            .iter()
+            .enumerate()
+            .filter_map(|(v, volume)| Some((v, Cells::new(volume, origin, direction, t_max)?)));
+        let Some((first, mut cells)) = walks.next() else {
+            return;
+        };
+        let to_segment = |v: usize, c: RayInVolume| Segment {
+            near: c.near,
+            far: c.far,
+            tau: c.tau,
+            source: source(v, origin + direction * (0.5 * (c.near + c.far))),
+        };
+        let Some(second) = walks.next() else {
+            while let Some(cell) = cells.next_cell() {
+                if !emit(to_segment(first, cell)) {
+                    return;
+                }
+            }
+            return;
+        };
+        let mut all = Vec::new();
+        for (v, mut cells) in [(first, cells), second].into_iter().chain(walks) {
+            while let Some(cell) = cells.next_cell() {
+                all.push(to_segment(v, cell));
+            }
+        }
+        crate::math::segment::flatten_overlaps(&mut all, emit);
+    }
+}
+
+/// Box around all triangles and volumes of a scene.
+#[must_use]
+pub fn scene_bounds(scene: &Scene) -> (Vec3, Vec3) {
+    let mut min = Vec3::INFINITY;
+    let mut max = Vec3::NEG_INFINITY;
+    let mut add = |p: Vec3| {
+        min = min.min(p);
+        max = max.max(p);
+    };
+    scene
+        .mesh
+        .triangles
+        .iter()
+        .flatten()
+        .for_each(|&v| add(scene.mesh.positions[v as usize]));
+    for volume in &scene.volumes {
+        let dims = volume.sigma_t.dims().map(|n| n as f64);
+        for corner in 0..8 {
+            let pick = |axis: usize| {
+                if corner >> axis & 1 == 1 {
+                    dims[axis]
+                } else {
+                    0.0
+                }
+            };
+            add(volume
+                .scene_from_index
+                .transform_point3(glam::DVec3::new(pick(0), pick(1), pick(2)))
+                .as_vec3());
+        }
+    }
+    (min, max)
+}

@@ -1,0 +1,85 @@
+//! Closed forms of what a triangle of uniform radiance sends to a point.
+
+use glam::Vec3;
+
+/// Vector irradiance of a triangle seen from the origin, clipped at the horizon of the unit normal `n`: the cosine
+/// integral over its solid angle, in units of its radiance (Lambert 1760; Baum et al. 1989). Positive whichever way
+/// the triangle winds, at most pi.
+#[must_use]
+pub fn irradiance(corners: [Vec3; 3], n: Vec3) -> f32 {
+    let mut poly = [Vec3::ZERO; 4];
+    let mut len = 0;
+    for i in 0..3 {
+        let (a, b) = (corners[i], corners[(i + 1) % 3]);
+        let (ha, hb) = (a.dot(n), b.dot(n));
+        if ha >= 0.0 {
+            poly[len] = a;
+            len += 1;
+        }
+        if (ha > 0.0 && hb < 0.0) || (ha < 0.0 && hb > 0.0) {
+            poly[len] = a + (b - a) * (ha / (ha - hb));
+            len += 1;
+        }
+    }
+    if len < 3 {
+        return 0.0;
+    }
+    let mut sum = 0.0;
+    for i in 0..len {
+        let (a, b) = (poly[i], poly[(i + 1) % len]);
+        let cross = a.cross(b);
+        let sin = cross.length();
+        if sin > 0.0 {
+            sum += libm::atan2f(sin, a.dot(b)) * (cross.dot(n) / sin);
+        }
+    }
+    0.5 * sum.abs()
+}
+
+/// Solid angle of a triangle seen from the origin (Van Oosterom & Strackee 1983), steradians, not negative.
+#[must_use]
+pub fn solid_angle(corners: [Vec3; 3]) -> f32 {
+    let [a, b, c] = corners;
+    let (la, lb, lc) = (a.length(), b.length(), c.length());
+    let numerator = a.dot(b.cross(c));
+    let denominator = la * lb * lc + a.dot(b) * lc + a.dot(c) * lb + b.dot(c) * la;
+    2.0 * libm::atan2f(numerator.abs(), denominator)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f32::consts::PI;
+
+    #[test]
+    fn an_octant_has_an_eighth_of_the_sphere_and_a_quarter_of_the_hemisphere() {
+        let octant = [Vec3::X, Vec3::Y, Vec3::Z];
+        assert!((solid_angle(octant) - PI / 2.0).abs() < 1e-6);
+        assert!((irradiance(octant, Vec3::Z) - PI / 4.0).abs() < 1e-6);
+        assert_eq!(irradiance(octant, -Vec3::Z), 0.0);
+    }
+
+    #[test]
+    fn parallel_unit_squares_have_the_tabled_form_factor() {
+        // Point below a corner of a rectangle a x b at height c: Nusselt's analogue in closed form.
+        let (a, b, c) = (0.7_f32, 1.3_f32, 0.9_f32);
+        let (x, y) = (a / c, b / c);
+        let part = |p: f32, q: f32| p / (1.0 + p * p).sqrt() * (q / (1.0 + p * p).sqrt()).atan();
+        let expected = 0.5 * (part(x, y) + part(y, x));
+        let p = |u: f32, v: f32| Vec3::new(u * a, v * b, c);
+        let got = irradiance([p(0.0, 0.0), p(1.0, 0.0), p(1.0, 1.0)], Vec3::Z)
+            + irradiance([p(0.0, 0.0), p(1.0, 1.0), p(0.0, 1.0)], Vec3::Z);
+        assert!((got - expected).abs() < 1e-6, "{got} {expected}");
+    }
+
+    #[test]
+    fn a_triangle_across_the_horizon_counts_above_it_only() {
+        let corners = [
+            Vec3::new(1.0, -1.0, -1.0),
+            Vec3::new(1.0, 1.0, -1.0),
+            Vec3::new(1.0, 0.0, 1.0),
+        ];
+        let above = irradiance(corners, Vec3::Z);
+        assert!(above > 0.0 && above < irradiance(corners, Vec3::X));
+    }
+}
