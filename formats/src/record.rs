@@ -30,6 +30,50 @@ pub struct Clips {
     pub edges: [ClipEdge; 3],
 }
 
+impl Clips {
+    /// Whether a point of the disk, in units of its radius, is left.
+    #[must_use]
+    pub fn keep(&self, point: [f32; 2]) -> bool {
+        self.edges[..usize::from(self.count.min(3))]
+            .iter()
+            .all(|e| point[0] * e.angle.cos() + point[1] * e.angle.sin() <= e.offset + 1e-4)
+    }
+
+    /// Corners of what is left of the unit disk.
+    fn corners(&self) -> ([[f32; 2]; 9], usize) {
+        let mut corners = [[0.0; 2]; 9];
+        let mut count = 0;
+        let mut add = |p: [f32; 2]| {
+            if self.keep(p) {
+                corners[count] = p;
+                count += 1;
+            }
+        };
+        let edges = &self.edges[..usize::from(self.count.min(3))];
+        for (i, e) in edges.iter().enumerate() {
+            let (sin, cos) = e.angle.sin_cos();
+            let half = (1.0 - e.offset * e.offset).max(0.0).sqrt();
+            for s in [-half, half] {
+                add([e.offset * cos - s * sin, e.offset * sin + s * cos]);
+            }
+            for f in &edges[i + 1..] {
+                let (sin2, cos2) = f.angle.sin_cos();
+                let det = cos * sin2 - sin * cos2;
+                if det.abs() > 1e-6 {
+                    let p = [
+                        (e.offset * sin2 - f.offset * sin) / det,
+                        (f.offset * cos - e.offset * cos2) / det,
+                    ];
+                    if p[0] * p[0] + p[1] * p[1] <= 1.0 {
+                        add(p);
+                    }
+                }
+            }
+        }
+        (corners, count)
+    }
+}
+
 /// A line in the plane of a disk: points with `x cos(angle) + y sin(angle) > offset * radius` are cut away, where
 /// (x, y) are coordinates from the disk's centre in the tangent frame of [`tangent_frame`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -114,16 +158,37 @@ impl Bounds {
         }
     }
 
-    /// The tight box of a disk: its extent along axis i is `r sqrt(1 - n_i^2)`.
+    /// The tight box of a clipped disk.
+    ///
+    /// A linear function over a disk cut by half-planes is largest where the circle is extreme, if that point is not
+    /// cut away, else at a corner: where a line meets the circle or another line.
     #[must_use]
     pub fn of_surfel(surfel: &Surfel) -> Self {
-        let half = surfel
-            .normal
-            .map(|n| surfel.radius * (1.0 - n * n).max(0.0).sqrt());
-        Self {
-            min: std::array::from_fn(|i| surfel.position[i] - half[i]),
-            max: std::array::from_fn(|i| surfel.position[i] + half[i]),
+        let (tangent, bitangent) = tangent_frame(surfel.normal);
+        let (corners, count) = surfel.clips.corners();
+        let mut bounds = Self {
+            min: surfel.position,
+            max: surfel.position,
+        };
+        for axis in 0..3 {
+            let (t, b) = (tangent[axis], bitangent[axis]);
+            let length = (t * t + b * b).sqrt();
+            for sign in [-1.0, 1.0] {
+                let extreme = [sign * t / length, sign * b / length];
+                let reach = if length > 0.0 && surfel.clips.keep(extreme) {
+                    sign * length
+                } else {
+                    let along = corners[..count]
+                        .iter()
+                        .map(|c| sign * (c[0] * t + c[1] * b));
+                    sign * along.fold(0.0, f32::max)
+                };
+                let at = surfel.position[axis] + reach * surfel.radius;
+                bounds.min[axis] = bounds.min[axis].min(at);
+                bounds.max[axis] = bounds.max[axis].max(at);
+            }
         }
+        bounds
     }
 }
 
@@ -183,4 +248,60 @@ pub struct SurfelPage {
     pub nodes: Vec<Node>,
     /// Surfels of this page's leaves, in leaf order.
     pub surfels: Vec<Surfel>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_box_of_a_clipped_disk_is_tight() {
+        let mut clips = Clips {
+            count: 2,
+            ..Clips::default()
+        };
+        clips.edges[0] = ClipEdge {
+            angle: 0.3,
+            offset: 0.2,
+        };
+        clips.edges[1] = ClipEdge {
+            angle: 2.0,
+            offset: 0.5,
+        };
+        let n = [0.48, -0.6, 0.64];
+        for clips in [Clips::default(), clips] {
+            let surfel = Surfel {
+                position: [1.0, 2.0, 3.0],
+                normal: n,
+                radius: 2.0,
+                clips,
+                ..Surfel::default()
+            };
+            let bounds = Bounds::of_surfel(&surfel);
+            let (t, b) = tangent_frame(n);
+            let mut seen = Bounds::EMPTY;
+            for i in 0..1000 {
+                for j in 0..=100 {
+                    let (r, phi) = (j as f32 / 100.0, i as f32 * std::f32::consts::TAU / 1000.0);
+                    let p = [r * phi.cos(), r * phi.sin()];
+                    if clips.keep(p) {
+                        let at = std::array::from_fn(|a| {
+                            surfel.position[a] + 2.0 * (p[0] * t[a] + p[1] * b[a])
+                        });
+                        seen = seen.union(Bounds { min: at, max: at });
+                    }
+                }
+            }
+            for a in 0..3 {
+                assert!(
+                    (bounds.min[a] - seen.min[a]).abs() < 0.03,
+                    "{bounds:?} {seen:?}"
+                );
+                assert!(
+                    (bounds.max[a] - seen.max[a]).abs() < 0.03,
+                    "{bounds:?} {seen:?}"
+                );
+            }
+        }
+    }
 }

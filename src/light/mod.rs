@@ -1,1 +1,281 @@
-//! light.
+//! Direct light at a point of a surface or of a medium, with shadow rays that see triangles and media.
+//!
+//! What a light would send without anything between is computed in closed form; rays measure only the share that
+//! arrives. So a point in full light has no noise at all.
+
+mod emitters;
+
+use crate::math::sampling::{disk, hash, mix, sobol2, tangents};
+use crate::math::{Rgb, polygon};
+use crate::scene::Light;
+use crate::trace::Tracer;
+use emitters::Emitters;
+use glam::Vec3;
+use std::f32::consts::PI;
+
+/// Shadow rays at one point, and the seed that makes them differ from its neighbours'.
+#[derive(Clone, Copy, Debug)]
+pub struct ShadowRays {
+    /// Rays to all emissive triangles together, and to each disk light.
+    pub per_light: u32,
+    /// First ray of the point's sequence: ask again with the next block for more rays.
+    pub first: u32,
+    /// Key of the point.
+    pub seed: u64,
+}
+
+/// What direct light a point gets.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Direct {
+    /// Irradiance of a surface, or mean radiance over the sphere in a medium.
+    pub light: Rgb,
+    /// Whether some of it is stopped and some is not, so that more rays would tell more.
+    pub partly_hidden: bool,
+}
+
+/// All lights of a scene but a constant environment, which gathering takes care of.
+#[derive(Debug)]
+pub struct Lights<'a> {
+    tracer: &'a Tracer<'a>,
+    emitters: Emitters,
+    environment: Rgb,
+}
+
+impl<'a> Lights<'a> {
+    /// Finds the lights of the traced scene.
+    #[must_use]
+    pub fn new(tracer: &'a Tracer<'a>) -> Self {
+        let environment = tracer
+            .scene
+            .lights
+            .iter()
+            .filter_map(|l| {
+                if let Light::Environment { radiance } = l {
+                    Some(Rgb(*radiance))
+                } else {
+                    None
+                }
+            })
+            .fold(Rgb::BLACK, |a, b| a + b);
+        Self {
+            tracer,
+            emitters: Emitters::new(tracer.scene),
+            environment,
+        }
+    }
+
+    /// Radiance from where no surface is.
+    #[must_use]
+    pub fn environment(&self) -> Rgb {
+        self.environment
+    }
+
+    /// Irradiance of a surface point on the side of `normal`; `face_normal` is the geometric one on that side, along
+    /// which rays leave.
+    #[must_use]
+    pub fn irradiance(
+        &self,
+        point: Vec3,
+        normal: Vec3,
+        face_normal: Vec3,
+        rays: ShadowRays,
+    ) -> Direct {
+        let origin = point + face_normal * self.tracer.offset;
+        self.sum(
+            origin,
+            rays,
+            &|d| {
+                if d.dot(face_normal) > 0.0 {
+                    d.dot(normal).max(0.0)
+                } else {
+                    0.0
+                }
+            },
+            &|corners| polygon::irradiance(corners, normal),
+        )
+    }
+
+    /// Mean over the sphere of the direct radiance at a point of a medium: its in-scattered radiance for an isotropic
+    /// phase function.
+    #[must_use]
+    pub fn mean_radiance(&self, point: Vec3, rays: ShadowRays) -> Direct {
+        const INVERSE: f32 = 1.0 / (4.0 * PI);
+        let mut direct = self.sum(point, rays, &|_| 1.0, &polygon::solid_angle);
+        direct.light *= INVERSE;
+        direct
+    }
+
+    /// Sums over lights: `weight(direction)` is the receiver's response, `closed_form(corners)` its integral over a
+    /// triangle seen from the origin.
+    fn sum(
+        &self,
+        origin: Vec3,
+        rays: ShadowRays,
+        weight: &dyn Fn(Vec3) -> f32,
+        closed_form: &dyn Fn([Vec3; 3]) -> f32,
+    ) -> Direct {
+        let mut total = Direct::default();
+        for (index, light) in self.tracer.scene.lights.iter().enumerate() {
+            self.add_light(&mut total, light, index, origin, rays, weight);
+        }
+        self.add_emitters(&mut total, origin, rays, weight, closed_form);
+        total
+    }
+
+    fn add_light(
+        &self,
+        total: &mut Direct,
+        light: &Light,
+        index: usize,
+        origin: Vec3,
+        rays: ShadowRays,
+        weight: &dyn Fn(Vec3) -> f32,
+    ) {
+        let (position, intensity, cone) = match *light {
+            Light::Environment { .. } => return,
+            Light::Directional {
+                direction,
+                irradiance,
+                angular_radius_rad,
+            } => {
+                let seed = mix(rays.seed ^ index as u64) as u32;
+                let count = if angular_radius_rad > 0.0 {
+                    rays.per_light.max(1)
+                } else {
+                    1
+                };
+                let (mut sum, mut hidden) = (0.0, 0);
+                let (x, y) = tangents(-direction);
+                let radius = libm::tanf(angular_radius_rad);
+                for i in 0..count {
+                    let [u, v] = if count > 1 {
+                        disk(sobol2(rays.first + i, index as u32, seed))
+                    } else {
+                        [0.0; 2]
+                    };
+                    let d = (-direction + x * (u * radius) + y * (v * radius)).normalize();
+                    let w = weight(d);
+                    if w > 0.0 {
+                        let t = self.tracer.transmittance(origin, d, f32::INFINITY);
+                        hidden += u32::from(t == 0.0);
+                        sum += w * t;
+                    }
+                }
+                total.light += Rgb(irradiance) * (sum / count as f32);
+                total.partly_hidden |= hidden > 0 && hidden < count;
+                return;
+            }
+            Light::Point {
+                position,
+                intensity,
+            } => (position, intensity, None),
+            Light::Spot {
+                position,
+                direction,
+                intensity,
+                cos_inner,
+                cos_outer,
+            } => (position, intensity, Some((direction, cos_inner, cos_outer))),
+        };
+        let to_light = position - origin;
+        let distance = to_light.length();
+        if distance == 0.0 {
+            return;
+        }
+        let d = to_light / distance;
+        let mut w = weight(d) / (distance * distance);
+        if let Some((axis, cos_inner, cos_outer)) = cone {
+            let s = ((-d.dot(axis) - cos_outer) / (cos_inner - cos_outer)).clamp(0.0, 1.0);
+            w *= s * s * (3.0 - 2.0 * s);
+        }
+        if w > 0.0 {
+            total.light += Rgb(intensity) * (w * self.tracer.transmittance(origin, d, distance));
+        }
+    }
+
+    fn add_emitters(
+        &self,
+        total: &mut Direct,
+        origin: Vec3,
+        rays: ShadowRays,
+        weight: &dyn Fn(Vec3) -> f32,
+        closed_form: &dyn Fn([Vec3; 3]) -> f32,
+    ) {
+        let mut chosen = [Chosen::default(); Emitters::EXACT];
+        let seed = mix(rays.seed);
+        let mut unoccluded = Rgb::BLACK;
+        let mut sum = 0.0;
+        let mut count = 0;
+        self.emitters.for_point(
+            origin,
+            hash(&[seed, u64::from(rays.first)]),
+            |index, emitter, multiplicity| {
+                let response = closed_form(emitter.corners.map(|c| c - origin)) * multiplicity;
+                let light = emitter.radiance * response;
+                let power = light.luminance();
+                if power > 0.0 {
+                    unoccluded += light;
+                    sum += power;
+                    chosen[count] = Chosen {
+                        index,
+                        running_power: sum,
+                        response: response / multiplicity,
+                    };
+                    count += 1;
+                }
+            },
+        );
+        if count == 0 {
+            return;
+        }
+        // Rays share the emitters out by what each would send; each ray counts by what its point would send.
+        let (mut arriving, mut all, mut hidden, mut sent) = (0.0, 0.0, 0, 0);
+        let rays_total = rays.per_light.max(1);
+        for i in 0..rays_total {
+            let [u, v] = sobol2(rays.first + i, 63, seed as u32);
+            let target = u * sum;
+            let k = chosen[..count]
+                .iter()
+                .position(|c| target < c.running_power)
+                .unwrap_or(count - 1);
+            let below = if k == 0 {
+                0.0
+            } else {
+                chosen[k - 1].running_power
+            };
+            let within = ((target - below) / (chosen[k].running_power - below)).clamp(0.0, 1.0);
+            let emitter = self.emitters.get(chosen[k].index);
+            let to_light = emitter.point([within, v]) - origin;
+            let distance = to_light.length();
+            let d = to_light / distance;
+            // What this point sends over what its emitter was expected to: near 1 but for emitters close by.
+            let cos = emitter.normal.dot(d).abs();
+            let w = weight(d) * cos * emitter.area / (distance * distance * chosen[k].response);
+            if w > 0.0 {
+                // Stop short of the light itself.
+                let t = self.tracer.transmittance(
+                    origin,
+                    d,
+                    distance * (1.0 - 1e-4) - self.tracer.offset,
+                );
+                hidden += u32::from(t == 0.0);
+                sent += 1;
+                arriving += w * t;
+                all += w;
+            }
+        }
+        if all > 0.0 {
+            total.light += unoccluded * (arriving / all);
+            total.partly_hidden |= hidden > 0 && hidden < sent;
+        }
+    }
+}
+
+/// An emitter that rays of a point may go to.
+#[derive(Clone, Copy, Default)]
+struct Chosen {
+    index: u32,
+    running_power: f32,
+    /// Closed form of the receiver's response to it, per unit radiance.
+    response: f32,
+}

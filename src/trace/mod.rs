@@ -2,9 +2,11 @@
 //! scene at hand.
 
 mod cells;
+mod surface;
 mod triangles;
 
 pub use cells::{Cells, RayInVolume};
+pub use surface::{Surface, unit_normal};
 pub use triangles::{Hit, TriangleBvh};
 
 use crate::math::exp::exp_neg;

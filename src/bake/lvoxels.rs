@@ -1,0 +1,192 @@
+//! Blocks of medium, walked in the volume's own index space, each with its mean extinction and its source function.
+
+use crate::light::{Lights, ShadowRays};
+use crate::math::{Rgb, sampling};
+use crate::scene::{Grid, Volume};
+use glam::{DVec3, Vec3};
+use lvox_formats::record::{Lvoxel, MAX_LEVEL};
+
+/// Edge of the brick in which all blocks have one size, voxels.
+pub const BRICK: usize = 1 << MAX_LEVEL;
+
+/// How large blocks are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum BlockSize {
+    /// The largest whose optical depth along an edge stays below this: the error of transmittance follows the depth of
+    /// a block, not its size in voxels.
+    OpticalDepth(f32),
+    /// The paper's: a fixed number of voxels (1, 2, 4 or 8) a side with so many coefficient samples in each block.
+    Fixed {
+        /// log2 of the voxels a side.
+        level: u8,
+        /// Coefficient samples a block.
+        samples: u32,
+    },
+}
+
+/// Makes the lvoxels of one volume, brick by brick.
+#[derive(Debug)]
+pub struct LvoxelMaker<'a> {
+    /// The medium.
+    pub volume: &'a Volume,
+    /// Its index in the scene.
+    pub index: u16,
+    /// Light at its blocks.
+    pub lights: &'a Lights<'a>,
+    /// Size of blocks.
+    pub size: BlockSize,
+    /// Shadow rays to each area light.
+    pub shadow_rays: u32,
+    /// Key of the bake.
+    pub seed: u64,
+}
+
+impl LvoxelMaker<'_> {
+    /// Bricks per axis.
+    #[must_use]
+    pub fn bricks(&self) -> [usize; 3] {
+        self.volume.sigma_t.dims().map(|n| n.div_ceil(BRICK))
+    }
+
+    /// All non-empty blocks of the brick at brick coordinates `b`.
+    #[must_use]
+    pub fn make(&self, b: [usize; 3]) -> Vec<Lvoxel> {
+        let grid = &self.volume.sigma_t;
+        let max = brick_max(grid, b);
+        if max == 0.0 {
+            return Vec::new();
+        }
+        let level = match self.size {
+            BlockSize::Fixed { level, .. } => level,
+            BlockSize::OpticalDepth(limit) => {
+                let axes = self.volume.scene_from_index.matrix3;
+                let voxel = axes
+                    .x_axis
+                    .length()
+                    .max(axes.y_axis.length())
+                    .max(axes.z_axis.length()) as f32;
+                (0..=MAX_LEVEL)
+                    .rev()
+                    .find(|&l| max * voxel * (1 << l) as f32 <= limit)
+                    .unwrap_or(0)
+            }
+        };
+        let edge = 1_usize << level;
+        let per_axis = BRICK / edge;
+        let dims = grid.dims();
+        let mut out = Vec::new();
+        for i in 0..per_axis * per_axis * per_axis {
+            let local = [
+                i % per_axis,
+                i / per_axis % per_axis,
+                i / (per_axis * per_axis),
+            ];
+            let block: [usize; 3] = std::array::from_fn(|a| b[a] * per_axis + local[a]);
+            if (0..3).any(|a| block[a] * edge >= dims[a]) {
+                continue;
+            }
+            let (mean, centroid) = self.coefficients(block, edge);
+            if mean > 0.0 {
+                let point = self
+                    .volume
+                    .scene_from_index
+                    .transform_point3(centroid)
+                    .as_vec3();
+                let key = [
+                    self.seed,
+                    u64::from(self.index),
+                    block[0] as u64,
+                    block[1] as u64,
+                    block[2] as u64,
+                ];
+                let rays = ShadowRays {
+                    per_light: self.shadow_rays,
+                    first: 0,
+                    seed: sampling::hash(&key),
+                };
+                let light = self.lights.mean_radiance(point, rays).light;
+                out.push(Lvoxel {
+                    volume: self.index,
+                    level,
+                    block: block.map(|v| v as u16),
+                    sigma_t: mean,
+                    source: (Rgb(self.volume.albedo) * light).0,
+                });
+            }
+        }
+        out
+    }
+
+    /// Mean extinction of a block, and the extinction-weighted mean of its points in index space. A block that sticks
+    /// out of the grid counts the empty space outside.
+    fn coefficients(&self, block: [usize; 3], edge: usize) -> (f32, DVec3) {
+        let base = Vec3::from(block.map(|v| (v * edge) as f32));
+        let (mut sum, mut moment) = (0.0_f64, DVec3::ZERO);
+        let mut add = |offset: Vec3| {
+            let sigma = f64::from(self.volume.sigma_t.sample(base + offset));
+            sum += sigma;
+            moment += (base + offset).as_dvec3() * sigma;
+        };
+        let count = match self.size {
+            BlockSize::OpticalDepth(_) => {
+                // Two points a voxel on each axis: between them and the knees at voxel centres and borders the
+                // trilinear field is linear, so their mean is the block's exact mean.
+                let n = 2 * edge;
+                for i in 0..n * n * n {
+                    let at = [i % n, i / n % n, i / (n * n)].map(|k| (k as f32 + 0.5) * 0.5);
+                    add(Vec3::from(at));
+                }
+                n * n * n
+            }
+            BlockSize::Fixed { samples, .. } => {
+                let key =
+                    sampling::hash(&[self.seed, block[0] as u64, block[1] as u64, block[2] as u64]);
+                for i in 0..samples {
+                    let u = sobol_burley::sample_4d(i, 0, key as u32);
+                    add(Vec3::new(u[0], u[1], u[2]) * edge as f32);
+                }
+                samples.max(1) as usize
+            }
+        };
+        let mean = (sum / count as f64) as f32;
+        (
+            mean,
+            if sum > 0.0 {
+                moment / sum
+            } else {
+                base.as_dvec3()
+            },
+        )
+    }
+}
+
+/// No sample that the field inside a brick of voxels depends on is above this.
+fn brick_max(grid: &Grid, b: [usize; 3]) -> f32 {
+    // Voxels 8b..8b+8 lie in cells 8b..=8b+8 of the grid's bricks, which are shifted by half a voxel.
+    let bricks = grid.brick_dims();
+    let mut max = 0.0_f32;
+    for corner in 0..8 {
+        let at: [usize; 3] = std::array::from_fn(|a| b[a] + (corner >> a & 1));
+        if (0..3).all(|a| at[a] < bricks[a])
+            && let Some(brick) = grid.brick(at)
+        {
+            max = max.max(brick.max);
+        }
+    }
+    max
+}
+
+/// The largest sample that the field inside a brick of voxels depends on.
+fn near_max(grid: &Grid, b: [usize; 3]) -> f32 {
+    const N: usize = BRICK + 2;
+    let dims = grid.dims();
+    (0..N * N * N)
+        .map(|i| {
+            let local = [i % N, i / N % N, i / (N * N)];
+            let voxel: [usize; 3] = std::array::from_fn(|a| {
+                (b[a] * BRICK + local[a]).saturating_sub(1).min(dims[a] - 1)
+            });
+            grid.sample(Vec3::from(voxel.map(|v| v as f32 + 0.5)))
+        })
+        .fold(0.0, f32::max)
+}

@@ -1,0 +1,126 @@
+//! Area sampling of every surface: the cloud serves every camera, and what no camera sees bleeds too.
+
+use super::creases::Creases;
+use crate::light::{Lights, ShadowRays};
+use crate::math::{Rgb, sampling};
+use crate::trace::{Surface, Tracer};
+use lvox_formats::record::Surfel;
+use std::f32::consts::{FRAC_1_PI, PI};
+
+/// Systematic sampling over the running area of a mesh: sample `i` stands for one step of area, so counts follow area
+/// exactly, tiny triangles included, and any range of samples can be made on its own.
+#[derive(Debug)]
+pub struct AreaSampler {
+    running_area: Vec<f64>,
+    step: f64,
+    count: u64,
+    offset: f64,
+    seed: u64,
+}
+
+impl AreaSampler {
+    /// A sampler of about `count` points over the triangles of a scene.
+    #[must_use]
+    pub fn new(tracer: &Tracer, count: u64, seed: u64) -> Self {
+        let mesh = &tracer.scene.mesh;
+        let mut sum = 0.0;
+        let running_area: Vec<f64> = (0..mesh.triangles.len())
+            .map(|t| {
+                let [a, b, c] = mesh.corners(t).map(|p| p.as_dvec3());
+                sum += 0.5 * (b - a).cross(c - a).length();
+                sum
+            })
+            .collect();
+        let count = if sum > 0.0 { count.max(1) } else { 0 };
+        let offset = f64::from(sampling::unit(sampling::mix(seed)));
+        Self {
+            running_area,
+            step: sum / count.max(1) as f64,
+            count,
+            offset,
+            seed,
+        }
+    }
+
+    /// Number of samples.
+    #[must_use]
+    pub fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// Area that each sample stands for.
+    #[must_use]
+    pub fn area_per_sample(&self) -> f64 {
+        self.step
+    }
+
+    /// Triangle of a sample, and the barycentric weights of its second and third corner.
+    #[must_use]
+    pub fn sample(&self, i: u64) -> (u32, [f32; 2]) {
+        let target = (i as f64 + self.offset) * self.step;
+        let t = self
+            .running_area
+            .partition_point(|&a| a <= target)
+            .min(self.running_area.len() - 1);
+        let before = if t == 0 {
+            0.0
+        } else {
+            self.running_area[t - 1]
+        };
+        let first = (before / self.step - self.offset).ceil().max(0.0) as u64;
+        let bits = sampling::hash(&[self.seed, t as u64]);
+        let u = sampling::r2(i.saturating_sub(first), sampling::unit2(bits));
+        let w = sampling::triangle(u);
+        (t as u32, [w[1], w[2]])
+    }
+}
+
+/// What surfels are made with.
+#[derive(Debug)]
+pub struct SurfelMaker<'a> {
+    /// The scene.
+    pub tracer: &'a Tracer<'a>,
+    /// Its lights.
+    pub lights: &'a Lights<'a>,
+    /// Where disks end.
+    pub creases: &'a Creases<'a>,
+    /// Shadow rays to each area light, a side.
+    pub shadow_rays: u32,
+    /// Key of the bake.
+    pub seed: u64,
+}
+
+impl SurfelMaker<'_> {
+    /// The surfel at a point of a triangle that stands for `area`, its disk `overlap` times wider than a disk of that
+    /// area; `key` tells it from others.
+    #[must_use]
+    pub fn make(&self, triangle: u32, uv: [f32; 2], area: f32, overlap: f32, key: u64) -> Surfel {
+        let surface = Surface::new(self.tracer.scene, triangle, uv);
+        let radius = overlap * (area / PI).sqrt();
+        let leaving = |side: Surface| {
+            if side.albedo.is_black() {
+                return Rgb::BLACK;
+            }
+            let rays = ShadowRays {
+                per_light: self.shadow_rays,
+                first: 0,
+                seed: sampling::hash(&[self.seed, key]),
+            };
+            let direct = self
+                .lights
+                .irradiance(side.position, side.normal, side.face_normal, rays);
+            side.albedo * direct.light * FRAC_1_PI
+        };
+        Surfel {
+            position: surface.position.to_array(),
+            normal: surface.face_normal.to_array(),
+            radius,
+            area,
+            front: leaving(surface).0,
+            back: leaving(surface.facing(-surface.face_normal)).0,
+            clips: self
+                .creases
+                .clips(triangle, surface.position, surface.face_normal, radius),
+        }
+    }
+}

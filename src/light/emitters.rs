@@ -1,0 +1,106 @@
+//! Emissive triangles, all of them where there are few, a fresh choice of them at each point where there are many.
+
+use crate::math::{Rgb, sampling};
+use crate::scene::Scene;
+use crate::trace::unit_normal;
+use glam::Vec3;
+
+/// A triangle that emits.
+#[derive(Clone, Copy, Debug)]
+pub struct Emitter {
+    /// Corners in scene space.
+    pub corners: [Vec3; 3],
+    /// Unit normal of the side that emits.
+    pub normal: Vec3,
+    /// Emitted radiance.
+    pub radiance: Rgb,
+    /// Area.
+    pub area: f32,
+    both_sides: bool,
+}
+
+impl Emitter {
+    /// Uniform point for two numbers in [0,1).
+    pub fn point(&self, u: [f32; 2]) -> Vec3 {
+        let w = sampling::triangle(u);
+        self.corners[0] * w[0] + self.corners[1] * w[1] + self.corners[2] * w[2]
+    }
+
+    fn lights(&self, point: Vec3) -> bool {
+        self.both_sides || (point - self.corners[0]).dot(self.normal) > 0.0
+    }
+}
+
+/// The emissive triangles of a scene.
+#[derive(Debug)]
+pub struct Emitters {
+    all: Vec<Emitter>,
+    /// Running sum of area times luminance, for choosing among many.
+    running_power: Vec<f64>,
+}
+
+impl Emitters {
+    /// Up to this many are all asked; of more, this many are chosen at each point by their power.
+    pub const EXACT: usize = 64;
+
+    /// Finds them.
+    pub fn new(scene: &Scene) -> Self {
+        let mut all = Vec::new();
+        for (t, &m) in scene.mesh.material.iter().enumerate() {
+            let material = &scene.materials[m as usize];
+            let radiance = Rgb(material.emission);
+            if !radiance.is_black() {
+                let corners = scene.mesh.corners(t);
+                all.push(Emitter {
+                    corners,
+                    normal: unit_normal(corners),
+                    radiance,
+                    area: scene.mesh.area_vector(t).length(),
+                    both_sides: material.emits_both_sides,
+                });
+            }
+        }
+        let mut sum = 0.0;
+        let running_power = all
+            .iter()
+            .map(|e| {
+                sum += f64::from(e.area) * f64::from(e.radiance.luminance());
+                sum
+            })
+            .collect();
+        Self { all, running_power }
+    }
+
+    /// The emitter of an index.
+    pub fn get(&self, index: u32) -> &Emitter {
+        &self.all[index as usize]
+    }
+
+    /// Calls `each(index, emitter, multiplicity)` for the emitters that face a point: those that are to be asked, each
+    /// with how many it stands for.
+    pub fn for_point(&self, point: Vec3, seed: u64, mut each: impl FnMut(u32, &Emitter, f32)) {
+        if self.all.len() <= Self::EXACT {
+            for (i, e) in self.all.iter().enumerate() {
+                if e.lights(point) {
+                    each(i as u32, e, 1.0);
+                }
+            }
+            return;
+        }
+        let total = self.running_power.last().copied().unwrap_or(0.0);
+        let step = total / Self::EXACT as f64;
+        for k in 0..Self::EXACT {
+            let target =
+                (k as f64 + f64::from(sampling::unit(sampling::hash(&[seed, k as u64])))) * step;
+            let i = self
+                .running_power
+                .partition_point(|&p| p <= target)
+                .min(self.all.len() - 1);
+            let e = &self.all[i];
+            if e.lights(point) {
+                let power = f64::from(e.area) * f64::from(e.radiance.luminance());
+                each(i as u32, e, (step / power) as f32);
+            }
+        }
+    }
+}
