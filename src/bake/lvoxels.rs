@@ -65,6 +65,11 @@ impl LvoxelMaker<'_> {
                     .length()
                     .max(axes.y_axis.length())
                     .max(axes.z_axis.length()) as f32;
+                let max = if max * voxel * BRICK as f32 <= limit {
+                    max
+                } else {
+                    near_max(grid, b)
+                };
                 (0..=MAX_LEVEL)
                     .rev()
                     .find(|&l| max * voxel * (1 << l) as f32 <= limit)

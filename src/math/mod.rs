@@ -1,6 +1,7 @@
 //! Leaf mathematics: no I/O, nothing of the rest of the crate.
 
 pub mod color;
+pub mod dda;
 pub mod exp;
 pub mod polygon;
 pub mod sampling;

@@ -3,6 +3,7 @@
 //! Along a ray through one cell a trilinear field is a cubic, which two Gauss points integrate exactly. Empty bricks
 //! are passed in one step, so there is no step size to choose.
 
+use crate::math::dda::{Line, Steps, clip_to_box};
 use crate::scene::Volume;
 use crate::scene::grid::{BRICK_CELLS, Brick};
 use glam::Vec3;
@@ -16,69 +17,6 @@ pub struct RayInVolume {
     pub far: f32,
     /// Optical depth.
     pub tau: f32,
-}
-
-/// Steps over unit cells along one ray (Amanatides & Woo 1987), at some scale.
-#[derive(Clone, Copy)]
-struct Steps {
-    at: [i32; 3],
-    step: [i32; 3],
-    t_next: [f32; 3],
-    t_step: [f32; 3],
-}
-
-impl Steps {
-    /// Cells of edge `edge` from parameter `t` on, the first one clamped into `0..limit`.
-    fn new(line: &Line, t: f32, base: [i32; 3], edge: f32, limit: [i32; 3]) -> Self {
-        let mut s = Self {
-            at: [0; 3],
-            step: [0; 3],
-            t_next: [f32::INFINITY; 3],
-            t_step: [f32::INFINITY; 3],
-        };
-        for a in 0..3 {
-            let d = line.direction[a];
-            let p = (line.origin[a] + d * t - base[a] as f32) / edge;
-            s.at[a] = (p.floor() as i32).clamp(0, limit[a] - 1);
-            if d != 0.0 {
-                s.step[a] = if d > 0.0 { 1 } else { -1 };
-                s.t_step[a] = edge * line.inverse[a].abs();
-                let border = base[a] as f32 + (s.at[a] + i32::from(d > 0.0)) as f32 * edge;
-                s.t_next[a] = (border - line.origin[a]) * line.inverse[a];
-            }
-        }
-        s
-    }
-
-    /// Parameter at which the present cell is left.
-    #[inline]
-    fn leave(&self) -> f32 {
-        self.t_next[0].min(self.t_next[1]).min(self.t_next[2])
-    }
-
-    /// To the next cell; returns the axis along which it lies.
-    #[inline]
-    fn advance(&mut self) -> usize {
-        let t = &self.t_next;
-        let a = if t[0] <= t[1] {
-            if t[0] <= t[2] { 0 } else { 2 }
-        } else if t[1] <= t[2] {
-            1
-        } else {
-            2
-        };
-        self.at[a] += self.step[a];
-        self.t_next[a] += self.t_step[a];
-        a
-    }
-}
-
-/// A ray in cell space; its parameter is scene distance from `start`.
-#[derive(Clone, Copy)]
-struct Line {
-    origin: [f32; 3],
-    direction: [f32; 3],
-    inverse: [f32; 3],
 }
 
 /// Iterates over the non-empty cells that a ray meets, front to back.
@@ -205,25 +143,6 @@ impl<'a> Cells<'a> {
             }
         }
     }
-}
-
-/// Where the line o + t d is inside the box 0..dims, for t in 0..t_max.
-#[must_use]
-fn clip_to_box(o: [f32; 3], d: [f32; 3], dims: [f32; 3], t_max: f32) -> Option<(f32, f32)> {
-    let (mut near, mut far) = (0.0_f32, t_max);
-    for a in 0..3 {
-        if d[a] == 0.0 {
-            if o[a] < 0.0 || o[a] > dims[a] {
-                return None;
-            }
-            continue;
-        }
-        let inverse = 1.0 / d[a];
-        let (t0, t1) = (-o[a] * inverse, (dims[a] - o[a]) * inverse);
-        near = near.max(t0.min(t1));
-        far = far.min(t0.max(t1));
-    }
-    (near < far).then_some((near, far))
 }
 
 #[cfg(test)]
