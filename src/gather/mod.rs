@@ -1,1 +1,162 @@
-//! gather.
+//! Light that arrives at a point, gathered from the tree alone: no scene is needed, only points and normals.
+//!
+//! Two kernels: [`plain`], the paper's ray cast over all disks, and [`cone`], which takes a node whole where it is seen
+//! under less than the largest solid angle. Both meet media in [`media`].
+
+pub mod cone;
+pub mod media;
+pub mod page;
+pub mod plain;
+pub mod source;
+
+pub use media::Media;
+pub use source::{Pages, ResidentTree};
+
+use crate::math::sampling::{cosine_hemisphere, sobol2, sphere, tangents};
+use crate::math::segment::Composite;
+use crate::math::{Rgb, sampling};
+use glam::Vec3;
+use std::f32::consts::PI;
+
+/// How to gather.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Rays a receiver.
+    pub samples: u32,
+    /// A node seen under less than this, in steradians, may stand for all below it; 0 for disks only.
+    pub max_solid_angle: f32,
+    /// Distance beyond which nothing is gathered; infinite for no limit.
+    pub max_dist: f32,
+    /// Which kernel.
+    pub kernel: Kernel,
+    /// Radiance where a ray meets nothing.
+    pub environment: Rgb,
+    /// Whether media take from and add to the rays.
+    pub media: bool,
+}
+
+/// Which way rays find surfels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kernel {
+    /// Nodes whole below the solid angle, eight children at a time.
+    Cone,
+    /// The paper's: every disk, one node at a time.
+    Plain,
+}
+
+/// What a receiver got.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Gathered {
+    /// Irradiance for a surface, mean radiance over the sphere for a point in a medium.
+    pub light: Rgb,
+    /// Harmonic mean of the distance to what was seen: how far away light changes.
+    pub harmonic_distance: f32,
+}
+
+/// One ray's worth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seen {
+    /// Radiance that arrives.
+    pub radiance: Rgb,
+    /// Distance to the surface that ended the ray, infinite if none did.
+    pub distance: f32,
+}
+
+/// A surface or part of one that a ray passed: where, how much of the ray it covers, what it sends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Crossing {
+    /// Distance along the ray.
+    pub t: f32,
+    /// Share of the ray that it covers; 1 ends it.
+    pub opacity: f32,
+    /// Radiance towards the ray's origin.
+    pub radiance: Rgb,
+}
+
+/// Gathers from a tree.
+#[derive(Clone, Copy, Debug)]
+pub struct Gatherer<'a, P> {
+    /// Surfels.
+    pub pages: &'a P,
+    /// Lvoxels.
+    pub media: &'a Media,
+    /// How.
+    pub settings: Settings,
+}
+
+impl<P: Pages> Gatherer<'_, P> {
+    /// Irradiance at a surface point with the given unit normal. The point must already be off its own surface.
+    #[must_use]
+    pub fn irradiance(&self, point: Vec3, normal: Vec3, seed: u64) -> Gathered {
+        let (x, y) = tangents(normal);
+        let mut gathered = self.average(point, seed, |u| {
+            let d = cosine_hemisphere(u);
+            (x * d.x + y * d.y + normal * d.z).normalize()
+        });
+        gathered.light *= PI;
+        gathered
+    }
+
+    /// Mean over the sphere of the radiance at a point of a medium.
+    #[must_use]
+    pub fn mean_radiance(&self, point: Vec3, seed: u64) -> Gathered {
+        self.average(point, seed, sphere)
+    }
+
+    fn average(&self, point: Vec3, seed: u64, direction: impl Fn([f32; 2]) -> Vec3) -> Gathered {
+        let seed = sampling::mix(seed) as u32;
+        let (mut light, mut inverse_distance) = (Rgb::BLACK, 0.0);
+        let mut scratch = cone::Scratch::default();
+        for i in 0..self.settings.samples {
+            let seen = self.look(point, direction(sobol2(i, 0, seed)), &mut scratch);
+            light += seen.radiance;
+            inverse_distance += 1.0 / seen.distance;
+        }
+        let n = self.settings.samples.max(1) as f32;
+        Gathered {
+            light: light * (1.0 / n),
+            harmonic_distance: n / inverse_distance,
+        }
+    }
+
+    /// What one ray of unit direction sees.
+    #[must_use]
+    pub fn look(&self, origin: Vec3, direction: Vec3, scratch: &mut cone::Scratch) -> Seen {
+        let end = match self.settings.kernel {
+            Kernel::Cone => {
+                let cut = self.settings.max_solid_angle;
+                cone::cast(
+                    self.pages,
+                    origin,
+                    direction,
+                    self.settings.max_dist,
+                    cut,
+                    scratch,
+                )
+            }
+            Kernel::Plain => plain::cast(
+                self.pages,
+                origin,
+                direction,
+                self.settings.max_dist,
+                scratch,
+            ),
+        };
+        let passed = scratch.crossings_before(end.map_or(f32::INFINITY, |c| c.t));
+        let t_max = end.map_or(self.settings.max_dist, |c| c.t);
+        let mut light = Composite::default();
+        if self.settings.media && !self.media.is_empty() {
+            self.media
+                .pass(origin, direction, t_max, passed, &mut light);
+        } else {
+            passed
+                .iter()
+                .for_each(|c| light.surface(c.opacity, c.radiance));
+        }
+        light.surface(1.0, end.map_or(self.settings.environment, |c| c.radiance));
+        Seen {
+            radiance: light.radiance,
+            distance: end.map_or(f32::INFINITY, |c| c.t),
+        }
+    }
+}

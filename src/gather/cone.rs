@@ -1,0 +1,280 @@
+//! The fast kernel: a ray through the octree, eight children at a time, that takes a node whole where the receiver
+//! sees it under less than a solid angle.
+//!
+//! A nearly flat node is met as an opaque patch of its plane inside its box; other nodes are composited by the share
+//! of the box that their surfels cover (Christensen 2008 for aggregates; the patch closes the holes between disks).
+
+use super::page::{ChildKind, DiskBlock, KernelPage, WIDTH, WideNode};
+use super::{Crossing, Pages};
+use crate::math::Rgb;
+use glam::Vec3;
+
+/// A flat node that covers more than this of its plane is opaque: disks overlap, so what is missing is its rim.
+const SOLID: f32 = 0.7;
+
+/// Buffers that rays of one receiver share.
+#[derive(Debug, Default)]
+pub struct Scratch {
+    pub(super) stack: Vec<(f32, u32, u32)>,
+    pub(super) crossings: Vec<Crossing>,
+}
+
+impl Scratch {
+    /// The partly covered nodes passed before `t`, nearest first.
+    pub(super) fn crossings_before(&mut self, t: f32) -> &[Crossing] {
+        self.crossings.retain(|c| c.t < t);
+        self.crossings.sort_by(|a, b| a.t.total_cmp(&b.t));
+        &self.crossings
+    }
+}
+
+/// A ray prepared for slab tests.
+struct Ray {
+    origin: [f32; 3],
+    direction: [f32; 3],
+    inverse: [f32; 3],
+}
+
+/// The opaque surface that ends a ray, if one does before `t_max`; partly covered nodes that it passes are left in
+/// `scratch`.
+pub fn cast<P: Pages>(
+    pages: &P,
+    origin: Vec3,
+    direction: Vec3,
+    t_max: f32,
+    max_solid_angle: f32,
+    scratch: &mut Scratch,
+) -> Option<Crossing> {
+    scratch.crossings.clear();
+    let root = pages.root()?;
+    // A zero component would make 0 * inf of a box's face that the ray lies in.
+    let safe = direction.to_array().map(|v| {
+        if v.abs() < 1e-12 {
+            1e-12_f32.copysign(v)
+        } else {
+            v
+        }
+    });
+    let ray = Ray {
+        origin: origin.to_array(),
+        direction: safe,
+        inverse: safe.map(|v| 1.0 / v),
+    };
+    let stack = &mut scratch.stack;
+    stack.clear();
+    stack.push((0.0, root, 0));
+    let mut page_id = root;
+    let mut page = pages.page(root);
+    let mut end: Option<Crossing> = None;
+    let mut t_end = t_max;
+    while let Some((entry, id, node)) = stack.pop() {
+        if entry > t_end {
+            continue;
+        }
+        if id != page_id {
+            page = pages.page(id);
+            page_id = id;
+        }
+        let Some(node) = page.nodes.get(node as usize) else {
+            continue;
+        };
+        let hits = Hits::new(node, &ray, t_end, max_solid_angle);
+        let mut order = [0_u8; WIDTH];
+        let count = hits.nearest_first(&mut order);
+        let below = stack.len();
+        for &slot in &order[..count] {
+            let k = usize::from(slot);
+            if hits.near[k] > t_end {
+                break;
+            }
+            if hits.small >> k & 1 == 1 {
+                let crossing = meet_proxy(&page, node, k, &ray, &hits, t_end);
+                match crossing {
+                    Some(c) if c.opacity >= 1.0 => {
+                        t_end = c.t;
+                        end = Some(c);
+                    }
+                    Some(c) => scratch.crossings.push(c),
+                    None => {}
+                }
+                continue;
+            }
+            match node.kind[k] {
+                ChildKind::Leaf => {
+                    if let Some(c) =
+                        meet_disks(&page, &page.blocks[node.child[k] as usize], &ray, t_end)
+                    {
+                        t_end = c.t;
+                        end = Some(c);
+                    }
+                }
+                ChildKind::Inner => stack.push((hits.near[k], id, node.child[k])),
+                ChildKind::Page => stack.push((hits.near[k], node.child[k], 0)),
+                ChildKind::None => {}
+            }
+        }
+        // The nearest was pushed first and must be popped first.
+        stack[below..].reverse();
+    }
+    end
+}
+
+/// Which children of a node a ray meets.
+struct Hits {
+    near: [f32; WIDTH],
+    far: [f32; WIDTH],
+    /// A bit for each child met.
+    met: u32,
+    /// A bit for each child seen under less than the solid angle.
+    small: u32,
+}
+
+impl Hits {
+    #[inline]
+    fn new(node: &WideNode, ray: &Ray, t_end: f32, max_solid_angle: f32) -> Self {
+        let mut near = [0.0_f32; WIDTH];
+        let mut far = [t_end; WIDTH];
+        let mut distance2 = [0.0_f32; WIDTH];
+        for a in 0..3 {
+            let (o, inverse) = (ray.origin[a], ray.inverse[a]);
+            let (min, max) = (&node.min[a], &node.max[a]);
+            for k in 0..WIDTH {
+                let (lower, upper) = (min[k] - o, max[k] - o);
+                let (t0, t1) = (lower * inverse, upper * inverse);
+                let (first, last) = if t0 < t1 { (t0, t1) } else { (t1, t0) };
+                near[k] = if first > near[k] { first } else { near[k] };
+                far[k] = if last < far[k] { last } else { far[k] };
+                let centre = 0.5 * (lower + upper);
+                distance2[k] += centre * centre;
+            }
+        }
+        let (mut met, mut small) = (0, 0);
+        for k in 0..WIDTH {
+            met |= u32::from(near[k] <= far[k]) << k;
+            small |= u32::from(node.cross_section[k] < max_solid_angle * distance2[k]) << k;
+        }
+        Self {
+            near,
+            far,
+            met: met & node.used,
+            small,
+        }
+    }
+
+    /// Slots of the children met, sorted by distance; returns how many.
+    #[inline]
+    fn nearest_first(&self, order: &mut [u8; WIDTH]) -> usize {
+        let mut count = 0;
+        let mut left = self.met;
+        while left != 0 {
+            let k = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let mut i = count;
+            while i > 0 && self.near[usize::from(order[i - 1])] > self.near[k] {
+                order[i] = order[i - 1];
+                i -= 1;
+            }
+            order[i] = k as u8;
+            count += 1;
+        }
+        count
+    }
+}
+
+/// What a ray meets of a node taken whole.
+fn meet_proxy(
+    page: &KernelPage,
+    node: &WideNode,
+    k: usize,
+    ray: &Ray,
+    hits: &Hits,
+    t_end: f32,
+) -> Option<Crossing> {
+    let proxy = &page.proxies[node.first_proxy as usize + k];
+    let towards = ray.direction.map(|v| -v);
+    let (near, far) = (hits.near[k], hits.far[k]);
+    if proxy.coverage >= 0.0 {
+        let n = proxy.normal;
+        let denominator = dot(n, ray.direction);
+        let t = (proxy.plane - dot(n, ray.origin)) / denominator;
+        // A flat box has no thickness to speak of: allow for rounding.
+        let slack = 1e-4 * far;
+        if !(t >= near - slack && t <= far + slack && t > 0.0 && t < t_end) {
+            return None;
+        }
+        let opacity = if proxy.coverage >= SOLID {
+            1.0
+        } else {
+            proxy.coverage / SOLID
+        };
+        return Some(Crossing {
+            t,
+            opacity,
+            radiance: Rgb(proxy.radiance(towards)),
+        });
+    }
+    let extent = std::array::from_fn(|a| node.max[a][k] - node.min[a][k]);
+    let opacity = proxy.opacity(ray.direction, extent);
+    let t = 0.5 * (near + far);
+    (opacity > 0.0 && t < t_end).then(|| Crossing {
+        t,
+        opacity,
+        radiance: Rgb(proxy.radiance(towards)),
+    })
+}
+
+/// The nearest disk of a leaf that a ray meets before `t_end`.
+#[inline]
+fn meet_disks(page: &KernelPage, block: &DiskBlock, ray: &Ray, t_end: f32) -> Option<Crossing> {
+    let mut t = [0.0_f32; WIDTH];
+    let mut inside = [0.0_f32; WIDTH];
+    let [d, o] = [ray.direction, ray.origin];
+    for k in 0..WIDTH {
+        let (nx, ny, nz) = (block.normal[0][k], block.normal[1][k], block.normal[2][k]);
+        let (px, py, pz) = (
+            block.centre[0][k] - o[0],
+            block.centre[1][k] - o[1],
+            block.centre[2][k] - o[2],
+        );
+        let cos = nx * d[0] + ny * d[1] + nz * d[2];
+        let tk = (nx * px + ny * py + nz * pz) / cos;
+        let (x, y, z) = (tk * d[0] - px, tk * d[1] - py, tk * d[2] - pz);
+        t[k] = tk;
+        inside[k] = block.radius2[k] - (x * x + y * y + z * z);
+    }
+    let mut met = 0_u32;
+    for k in 0..WIDTH {
+        // All comparisons are false for the NaN of a ray in a disk's plane.
+        met |= u32::from(inside[k] >= 0.0 && t[k] > 0.0 && t[k] < t_end) << k;
+    }
+    let mut best = None;
+    let mut t_best = t_end;
+    while met != 0 {
+        let k = met.trailing_zeros() as usize;
+        met &= met - 1;
+        if t[k] >= t_best {
+            continue;
+        }
+        let light = &page.lights[block.first_light as usize + k];
+        let offset = std::array::from_fn(|a| t[k] * d[a] - (block.centre[a][k] - o[a]));
+        if page.is_clipped(light, offset) {
+            continue;
+        }
+        t_best = t[k];
+        let front = dot(
+            [block.normal[0][k], block.normal[1][k], block.normal[2][k]],
+            d,
+        ) < 0.0;
+        best = Some(Crossing {
+            t: t_best,
+            opacity: 1.0,
+            radiance: Rgb(if front { light.front } else { light.back }),
+        });
+    }
+    best
+}
+
+#[inline]
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}

@@ -1,0 +1,314 @@
+//! A page of the tree laid out for rays: eight children, eight disks at a time.
+
+use lvox_formats::record::{Below, Node, Surfel, SurfelAggregate, SurfelPage, tangent_frame};
+use std::f32::consts::PI;
+
+/// Children a node, and disks a leaf.
+pub const WIDTH: usize = 8;
+const NO_CLIPS: u32 = u32::MAX;
+
+/// What a child slot of a [`WideNode`] holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ChildKind {
+    /// Nothing.
+    #[default]
+    None,
+    /// Another node of the page.
+    Inner,
+    /// A block of disks.
+    Leaf,
+    /// The root of another page.
+    Page,
+}
+
+/// The up to eight children of a node.
+#[derive(Clone, Debug)]
+#[repr(C, align(32))]
+pub struct WideNode {
+    /// Lower corners of the children's boxes, by axis.
+    pub min: [[f32; WIDTH]; 3],
+    /// Upper corners.
+    pub max: [[f32; WIDTH]; 3],
+    /// Cross-section of each child's bounding sphere: over distance squared, about its solid angle.
+    pub cross_section: [f32; WIDTH],
+    /// Index of node, block or page, by kind.
+    pub child: [u32; WIDTH],
+    /// What each slot holds.
+    pub kind: [ChildKind; WIDTH],
+    /// A bit for each slot in use.
+    pub used: u32,
+    /// Index of the first child's stand-in; the others follow.
+    pub first_proxy: u32,
+}
+
+impl Default for WideNode {
+    fn default() -> Self {
+        Self {
+            min: [[f32::INFINITY; WIDTH]; 3],
+            max: [[f32::NEG_INFINITY; WIDTH]; 3],
+            cross_section: [f32::INFINITY; WIDTH],
+            child: [0; WIDTH],
+            kind: [ChildKind::None; WIDTH],
+            used: 0,
+            first_proxy: 0,
+        }
+    }
+}
+
+/// Up to eight disks of a leaf; unused lanes have a negative squared radius.
+#[derive(Clone, Debug)]
+#[repr(C, align(32))]
+pub struct DiskBlock {
+    /// Centres, by axis.
+    pub centre: [[f32; WIDTH]; 3],
+    /// Unit normals, by axis.
+    pub normal: [[f32; WIDTH]; 3],
+    /// Squared radii.
+    pub radius2: [f32; WIDTH],
+    /// Index of the first disk's [`DiskLight`]; the others follow.
+    pub first_light: u32,
+    /// How many disks.
+    pub count: u32,
+}
+
+/// What a disk sends to either side.
+#[derive(Clone, Copy, Debug)]
+pub struct DiskLight {
+    /// Radiance from the front.
+    pub front: [f32; 3],
+    /// Radiance from the back.
+    pub back: [f32; 3],
+    clips: u32,
+}
+
+/// The half-planes that are left of a clipped disk: offsets from the centre with `normal . x <= offset`.
+#[derive(Clone, Copy, Debug)]
+pub struct ClipPlanes([[f32; 4]; 3]);
+
+/// What stands for a node.
+#[derive(Clone, Copy, Debug)]
+pub struct Proxy {
+    /// Unit mean normal.
+    pub normal: [f32; 3],
+    /// The plane through the mean position: `normal . x = plane`.
+    pub plane: f32,
+    /// How much of that plane inside the node's box is covered; negative if the node is not flat.
+    pub coverage: f32,
+    aggregate: SurfelAggregate,
+}
+
+/// A page laid out for rays.
+#[derive(Clone, Debug, Default)]
+pub struct KernelPage {
+    /// Nodes; 0 is the root.
+    pub nodes: Vec<WideNode>,
+    /// Leaves.
+    pub blocks: Vec<DiskBlock>,
+    /// Light of disks.
+    pub lights: Vec<DiskLight>,
+    /// Stand-ins of nodes.
+    pub proxies: Vec<Proxy>,
+    clips: Vec<ClipPlanes>,
+}
+
+impl KernelPage {
+    /// Lays out a decoded page, which must be valid as the reader promises.
+    #[must_use]
+    pub fn new(page: &SurfelPage) -> Self {
+        let mut out = Self::default();
+        let Some(root) = page.nodes.first() else {
+            return out;
+        };
+        match root.below {
+            Below::Nodes { first, count } => {
+                out.add_group(page, first, count);
+            }
+            _ => {
+                out.add_group(page, 0, 1);
+            }
+        }
+        out
+    }
+
+    fn add_group(&mut self, page: &SurfelPage, first: u32, count: u8) -> u32 {
+        let index = self.nodes.len();
+        self.nodes.push(WideNode::default());
+        let first_proxy = self.proxies.len() as u32;
+        let children = &page.nodes[first as usize..first as usize + usize::from(count)];
+        self.proxies.extend(children.iter().map(Proxy::new));
+        let mut node = WideNode {
+            first_proxy,
+            used: (1 << count) - 1,
+            ..WideNode::default()
+        };
+        for (slot, child) in children.iter().enumerate() {
+            let mut diagonal2 = 0.0;
+            for a in 0..3 {
+                let (min, max) = (child.bounds.min[a], child.bounds.max[a]);
+                node.min[a][slot] = min;
+                node.max[a][slot] = max;
+                diagonal2 += (max - min) * (max - min);
+            }
+            node.cross_section[slot] = 0.25 * PI * diagonal2;
+            (node.kind[slot], node.child[slot]) = match child.below {
+                Below::Nodes { first, count } => {
+                    (ChildKind::Inner, self.add_group(page, first, count))
+                }
+                Below::Surfels { first, count } => {
+                    let surfels =
+                        &page.surfels[first as usize..first as usize + usize::from(count)];
+                    (ChildKind::Leaf, self.add_block(surfels))
+                }
+                Below::Page(id) => (ChildKind::Page, id),
+            };
+        }
+        self.nodes[index] = node;
+        index as u32
+    }
+
+    fn add_block(&mut self, surfels: &[Surfel]) -> u32 {
+        let mut block = DiskBlock {
+            centre: [[0.0; WIDTH]; 3],
+            normal: [[0.0; WIDTH]; 3],
+            radius2: [-1.0; WIDTH],
+            first_light: self.lights.len() as u32,
+            count: surfels.len() as u32,
+        };
+        for (lane, s) in surfels.iter().enumerate() {
+            for a in 0..3 {
+                block.centre[a][lane] = s.position[a];
+                block.normal[a][lane] = s.normal[a];
+            }
+            block.radius2[lane] = s.radius * s.radius;
+            let clips = if s.clips.count == 0 {
+                NO_CLIPS
+            } else {
+                self.clips.push(ClipPlanes::new(s));
+                self.clips.len() as u32 - 1
+            };
+            self.lights.push(DiskLight {
+                front: s.front,
+                back: s.back,
+                clips,
+            });
+        }
+        self.blocks.push(block);
+        self.blocks.len() as u32 - 1
+    }
+
+    /// Whether the point of a disk at `offset` from its centre is cut away.
+    #[must_use]
+    #[inline]
+    pub fn is_clipped(&self, light: &DiskLight, offset: [f32; 3]) -> bool {
+        light.clips != NO_CLIPS
+            && self.clips[light.clips as usize]
+                .0
+                .iter()
+                .any(|p| p[0] * offset[0] + p[1] * offset[1] + p[2] * offset[2] > p[3])
+    }
+
+    /// Bytes held.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        size_of_val(&*self.nodes)
+            + size_of_val(&*self.blocks)
+            + size_of_val(&*self.lights)
+            + size_of_val(&*self.proxies)
+            + size_of_val(&*self.clips)
+    }
+}
+
+impl ClipPlanes {
+    fn new(s: &Surfel) -> Self {
+        let (t, b) = tangent_frame(s.normal);
+        let mut planes = [[0.0, 0.0, 0.0, f32::INFINITY]; 3];
+        for (plane, e) in planes
+            .iter_mut()
+            .zip(&s.clips.edges[..usize::from(s.clips.count)])
+        {
+            let (sin, cos) = (libm::sinf(e.angle), libm::cosf(e.angle));
+            // A little beyond the crease, so that two facets leave no gap between them.
+            let offset = (e.offset + 0.005) * s.radius;
+            *plane = [
+                t[0] * cos + b[0] * sin,
+                t[1] * cos + b[1] * sin,
+                t[2] * cos + b[2] * sin,
+                offset,
+            ];
+        }
+        Self(planes)
+    }
+}
+
+impl Proxy {
+    /// A node is flat if its normals agree this well: mean length over area.
+    const FLAT: f32 = 0.97;
+
+    fn new(node: &Node) -> Self {
+        let g = &node.aggregate;
+        let n = g.normal_sum;
+        let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+        let normal = if length > 0.0 {
+            n.map(|v| v / length)
+        } else {
+            [0.0, 0.0, 1.0]
+        };
+        let plane = (0..3).map(|a| normal[a] * g.centre[a]).sum();
+        let coverage = if length > Self::FLAT * g.area {
+            let e: [f32; 3] = std::array::from_fn(|a| node.bounds.max[a] - node.bounds.min[a]);
+            // The plane's section of the box is no larger than the box's face over the normal's cosine.
+            let section = (0..3)
+                .map(|a| e[(a + 1) % 3] * e[(a + 2) % 3] / normal[a].abs().max(1e-6))
+                .fold(f32::INFINITY, f32::min);
+            if section > 0.0 { g.area / section } else { 1.0 }
+        } else {
+            -1.0
+        };
+        Self {
+            normal,
+            plane,
+            coverage,
+            aggregate: *g,
+        }
+    }
+
+    /// Mean radiance that leaves towards `v`, weighted by the area that each of the three axes on that side sees.
+    #[must_use]
+    pub fn radiance(&self, v: [f32; 3]) -> [f32; 3] {
+        let g = &self.aggregate;
+        let (mut sum, mut weight) = ([0.0; 3], 0.0);
+        for a in 0..3 {
+            let side = 2 * a + usize::from(v[a] < 0.0);
+            let w = v[a].abs() * g.axis_area[side];
+            weight += w;
+            for c in 0..3 {
+                sum[c] += w * g.axis_radiance[side][c];
+            }
+        }
+        if weight > 0.0 {
+            sum.map(|s| s / weight)
+        } else {
+            [0.0; 3]
+        }
+    }
+
+    /// Share of the box, as seen along `d`, that surfels cover.
+    #[must_use]
+    pub fn opacity(&self, d: [f32; 3], extent: [f32; 3]) -> f32 {
+        let g = &self.aggregate;
+        let [xx, yy, zz, xy, xz, yz] = g.second_moment;
+        let quadratic = xx * d[0] * d[0]
+            + yy * d[1] * d[1]
+            + zz * d[2] * d[2]
+            + 2.0 * (xy * d[0] * d[1] + xz * d[0] * d[2] + yz * d[1] * d[2]);
+        let projected = (g.area * quadratic.max(0.0)).sqrt();
+        let section = d[0].abs() * extent[1] * extent[2]
+            + d[1].abs() * extent[2] * extent[0]
+            + d[2].abs() * extent[0] * extent[1];
+        if section > 0.0 {
+            (projected / section).min(1.0)
+        } else {
+            1.0
+        }
+    }
+}

@@ -1,0 +1,120 @@
+//! The paper's kernel: a ray through the octree, front to back, that ends at the first disk. No aggregates, no lanes;
+//! kept as the reference that the fast kernel is tested against.
+
+use super::cone::Scratch;
+use super::page::ChildKind;
+use super::{Crossing, Pages};
+use crate::math::Rgb;
+use glam::Vec3;
+
+/// The first disk that a ray meets before `t_max`.
+pub fn cast<P: Pages>(
+    pages: &P,
+    origin: Vec3,
+    direction: Vec3,
+    t_max: f32,
+    scratch: &mut Scratch,
+) -> Option<Crossing> {
+    scratch.crossings.clear();
+    let mut best = None;
+    if let Some(root) = pages.root() {
+        visit(pages, root, 0, origin, direction, t_max, &mut best);
+    }
+    best
+}
+
+fn visit<P: Pages>(
+    pages: &P,
+    page_id: u32,
+    node: u32,
+    origin: Vec3,
+    direction: Vec3,
+    t_max: f32,
+    best: &mut Option<Crossing>,
+) {
+    let page = pages.page(page_id);
+    let Some(node) = page.nodes.get(node as usize) else {
+        return;
+    };
+    let t_end = |best: &Option<Crossing>| best.map_or(t_max, |c| c.t);
+    let corner = |c: &[[f32; 8]; 3], k: usize| Vec3::new(c[0][k], c[1][k], c[2][k]);
+    let mut children: Vec<(f32, usize)> = (0..8)
+        .filter(|&k| node.kind[k] != ChildKind::None)
+        .filter_map(|k| {
+            Some((
+                enter_box(
+                    corner(&node.min, k),
+                    corner(&node.max, k),
+                    origin,
+                    direction,
+                )?,
+                k,
+            ))
+        })
+        .collect();
+    children.sort_by(|a, b| a.0.total_cmp(&b.0));
+    for (entry, k) in children {
+        if entry > t_end(best) {
+            break;
+        }
+        match node.kind[k] {
+            ChildKind::Inner => visit(
+                pages,
+                page_id,
+                node.child[k],
+                origin,
+                direction,
+                t_max,
+                best,
+            ),
+            ChildKind::Page => visit(pages, node.child[k], 0, origin, direction, t_max, best),
+            ChildKind::Leaf => {
+                let block = &page.blocks[node.child[k] as usize];
+                for lane in 0..block.count as usize {
+                    let normal = corner(&block.normal, lane);
+                    let to_centre = corner(&block.centre, lane) - origin;
+                    let t = normal.dot(to_centre) / normal.dot(direction);
+                    let offset = direction * t - to_centre;
+                    let light = &page.lights[block.first_light as usize + lane];
+                    let hit = t > 0.0
+                        && t < t_end(best)
+                        && offset.length_squared() <= block.radius2[lane]
+                        && !page.is_clipped(light, offset.to_array());
+                    if hit {
+                        let radiance = if normal.dot(direction) < 0.0 {
+                            light.front
+                        } else {
+                            light.back
+                        };
+                        *best = Some(Crossing {
+                            t,
+                            opacity: 1.0,
+                            radiance: Rgb(radiance),
+                        });
+                    }
+                }
+            }
+            ChildKind::None => {}
+        }
+    }
+}
+
+/// Distance at which a ray enters a box; 0 from inside.
+fn enter_box(min: Vec3, max: Vec3, origin: Vec3, direction: Vec3) -> Option<f32> {
+    let (mut near, mut far) = (0.0_f32, f32::INFINITY);
+    for a in 0..3 {
+        if direction[a] == 0.0 {
+            if origin[a] < min[a] || origin[a] > max[a] {
+                return None;
+            }
+            continue;
+        }
+        let (t0, t1) = (
+            (min[a] - origin[a]) / direction[a],
+            (max[a] - origin[a]) / direction[a],
+        );
+        near = near.max(t0.min(t1));
+        far = far.min(t0.max(t1));
+    }
+    (near <= far).then_some(near)
+}
