@@ -67,13 +67,14 @@ impl<'a> Tracer<'a> {
     }
 
     /// Passes every stretch of medium from `origin` to `t_max`, front to back, to `emit` until that says no.
-    /// `source(volume, point, direction)` gives the source function of a volume at a point of scene space.
+    /// `source(volume, point, tau)` gives the source function of a volume at a point of scene space, in a cell of that
+    /// optical depth.
     pub fn march(
         &self,
         origin: Vec3,
         direction: Vec3,
         t_max: f32,
-        source: impl Fn(usize, Vec3) -> crate::math::Rgb,
+        source: impl Fn(usize, Vec3, f32) -> crate::math::Rgb,
         mut emit: impl FnMut(Segment) -> bool,
     ) {
         let mut walks = self
@@ -89,7 +90,7 @@ impl<'a> Tracer<'a> {
             near: c.near,
             far: c.far,
             tau: c.tau,
-            source: source(v, origin + direction * (0.5 * (c.near + c.far))),
+            source: source(v, origin + direction * (0.5 * (c.near + c.far)), c.tau),
         };
         let Some(second) = walks.next() else {
             while let Some(cell) = cells.next_cell() {
