@@ -3,13 +3,15 @@
 //! Radiance is linear Rec.709; pixel (0,0) is top left. A tile is a [`Frame`] whose [`Region`] is smaller than the
 //! frame: in the file the display window is the whole frame and the data window is the region.
 
+mod coverage;
 pub mod exr;
 pub mod frame;
 mod header;
+pub mod heat;
+pub mod merge;
 pub mod metrics;
-
 pub mod picture;
-
+pub mod png;
 pub mod region;
 pub mod tone;
 
