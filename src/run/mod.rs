@@ -1,10 +1,12 @@
 //! What a run has beside its data: progress, cancellation, a memory limit, and a report of what it took.
 
 mod cancel;
+pub mod output;
 mod progress;
 mod report;
 
 pub use cancel::Cancel;
+pub use output::Output;
 pub use progress::{Progress, ProgressMode, Task};
 pub use report::{Report, StageReport};
 

@@ -1,0 +1,490 @@
+//! OpenEXR files: written as scan lines with ZIP over 16 lines; read from any flat RGB file.
+//!
+//! The same frame gives the same bytes, whatever the number of threads.
+
+use super::frame::{Frame, Layer, channel_name};
+use super::{Region, header};
+use crate::run::Output;
+use crate::{Error, Result};
+use exr::prelude::traits::*;
+use exr::prelude::{
+    AnyChannel, AnyChannels, AttributeValue, Compression, Encoding, FlatSamples, Image,
+    ImageAttributes, IntegerBounds, LayerAttributes, LineOrder, MetaData, Text, Vec2, f16,
+};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufReader, Cursor, Write};
+use std::path::Path;
+
+/// How colour and normals are stored. Depth and variance are always 32-bit floats: their range does not fit a half.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Precision {
+    /// 16-bit floats. Finite values beyond the largest half are stored as that, so a bright light does not turn into
+    /// infinity.
+    #[default]
+    Half,
+    /// 32-bit floats.
+    Float,
+}
+
+/// What a file says about itself before its pixels are read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Info {
+    /// Pixels across of the whole frame.
+    pub width: u32,
+    /// Pixels down of the whole frame.
+    pub height: u32,
+    /// The part of the frame that the file holds.
+    pub region: Region,
+    /// Names of all channels, and whether each is stored in 32 bits.
+    pub channels: BTreeMap<String, bool>,
+    /// Text attributes.
+    pub attributes: BTreeMap<String, String>,
+}
+
+impl Info {
+    /// The precision that [`write`] was given, as far as the channels tell.
+    #[must_use]
+    pub fn precision(&self) -> Precision {
+        let half = |(name, float): (&String, &bool)| !float && !always_float(name);
+        if self.channels.iter().any(half) {
+            Precision::Half
+        } else {
+            Precision::Float
+        }
+    }
+}
+
+/// Writes a frame or a tile; it appears under its name when it is complete. An image that is there is replaced.
+///
+/// # Errors
+/// [`crate::Kind::Input`] for a frame that fails [`Frame::check`] or an output that cannot be written; on failure nothing
+/// is left behind.
+pub fn write(path: &Path, frame: &Frame, precision: Precision) -> Result<()> {
+    let bytes = encode(frame, precision).map_err(|e| e.at(path.display()))?;
+    let mut output = Output::create(path)?;
+    output.write_all(&bytes).map_err(|e| output.failed(&e))?;
+    output.commit()
+}
+
+/// The bytes of the file that [`write`] writes.
+///
+/// # Errors
+/// As [`write`].
+pub fn encode(frame: &Frame, precision: Precision) -> Result<Vec<u8>> {
+    frame.check()?;
+    let side = |v: u32| i32::try_from(v).ok().filter(|&v| v < i32::MAX / 2);
+    if side(frame.width).is_none() || side(frame.height).is_none() {
+        return Err(Error::input(format!(
+            "{}x{} pixels are more than OpenEXR can hold",
+            frame.width, frame.height
+        )));
+    }
+    let mut channels: Vec<AnyChannel<FlatSamples>> = Vec::new();
+    for layer in &frame.layers {
+        for (channel, samples) in &layer.channels {
+            let name = channel_name(&layer.name, channel);
+            let half = precision == Precision::Half && !always_float(&name);
+            let samples = if half {
+                FlatSamples::F16(samples.iter().map(|&v| to_half(v)).collect())
+            } else {
+                FlatSamples::F32(samples.clone())
+            };
+            channels.push(AnyChannel::new(text(&name)?, samples));
+        }
+    }
+    // OpenEXR wants channels in this order.
+    channels.sort_by(|a, b| a.name.as_slice().cmp(b.name.as_slice()));
+
+    // Below i32::MAX: the region lies inside the frame.
+    let corner = Vec2(frame.region.x0 as i32, frame.region.y0 as i32);
+    let mut attributes = LayerAttributes {
+        layer_position: corner,
+        ..LayerAttributes::default()
+    };
+    for (name, value) in &frame.attributes {
+        let value = AttributeValue::Text(Text::from_slice_unchecked(value.as_bytes()));
+        attributes.other.insert(text(name)?, value);
+    }
+    let size = Vec2(
+        frame.region.width() as usize,
+        frame.region.height() as usize,
+    );
+    let encoding = Encoding {
+        compression: Compression::ZIP16,
+        blocks: exr::image::Blocks::ScanLines,
+        line_order: LineOrder::Increasing,
+    };
+    let channels = AnyChannels::sort(channels.into());
+    let layer = exr::image::Layer::new(size, attributes, encoding, channels);
+    let window = IntegerBounds::new((0, 0), (frame.width as usize, frame.height as usize));
+    let image = Image::new(ImageAttributes::new(window), layer);
+    let mut bytes = Cursor::new(Vec::new());
+    image
+        .write()
+        .to_buffered(&mut bytes)
+        .map_err(|e| Error::input(format!("cannot encode the image: {e}")))?;
+    let mut bytes = bytes.into_inner();
+    header::sort_attributes(&mut bytes);
+    Ok(bytes)
+}
+
+/// Reads the header alone.
+///
+/// # Errors
+/// [`crate::Kind::Input`] if the file is not there, is no OpenEXR file, or holds no flat image.
+pub fn info(path: &Path) -> Result<Info> {
+    let file = File::open(path).map_err(|e| Error::io("read", path, &e))?;
+    let length = file
+        .metadata()
+        .map_err(|e| Error::io("read", path, &e))?
+        .len();
+    let meta =
+        MetaData::read_from_buffered(BufReader::new(file), false).map_err(|e| refused(path, &e))?;
+    let input = |message: String| Error::input(message).at(path.display());
+    let header = meta
+        .headers
+        .iter()
+        .find(|h| !h.deep)
+        .ok_or_else(|| input("deep images are not supported".into()))?;
+    // A header of a few bytes can claim any size; deflate cannot exceed a ratio of 1032 by much.
+    let (data, channels) = (header.data_window(), header.channels.list.len());
+    let samples = (data.size.0 as u128) * (data.size.1 as u128) * (channels as u128);
+    if samples > u128::from(length) * 2048 + (64 << 20) {
+        return Err(input(format!(
+            "{samples} samples cannot come out of {length} bytes: the file is damaged or cut"
+        )));
+    }
+    let display = header.shared_attributes.display_window;
+    let (width, height) = (
+        u32::try_from(display.size.0).unwrap_or(u32::MAX),
+        u32::try_from(display.size.1).unwrap_or(u32::MAX),
+    );
+    let region = visible(display, data).ok_or_else(|| {
+        input("the data window lies outside the display window: no pixel can be seen".into())
+    })?;
+    let mut attributes = BTreeMap::new();
+    let others = header.own_attributes.other.iter();
+    for (name, value) in others.chain(&header.shared_attributes.other) {
+        if let AttributeValue::Text(value) = value {
+            attributes.insert(string(name), string(value));
+        }
+    }
+    let channels = header
+        .channels
+        .list
+        .iter()
+        .map(|c| {
+            (
+                string(&c.name),
+                c.sample_type != exr::prelude::SampleType::F16,
+            )
+        })
+        .collect();
+    Ok(Info {
+        width,
+        height,
+        region,
+        channels,
+        attributes,
+    })
+}
+
+/// Reads an image, of any flat layout and precision. Of a file of several parts the first is read; pixels outside the
+/// display window are dropped, and coordinates start at its corner.
+///
+/// # Errors
+/// [`crate::Kind::Input`] if the file is not there, is no OpenEXR file, is damaged, or holds no flat image.
+pub fn read(path: &Path) -> Result<Frame> {
+    let info = info(path)?;
+    let file = File::open(path).map_err(|e| Error::io("read", path, &e))?;
+    let image = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .from_buffered(BufReader::new(file))
+        .map_err(|e| refused(path, &e))?;
+    let layer = image.layer_data;
+    let display = image.attributes.display_window;
+    let corner = layer.attributes.layer_position - display.position;
+    // Where the region starts inside the data window.
+    let skip_x = (i64::from(info.region.x0) - i64::from(corner.0)).max(0) as usize;
+    let skip_y = (i64::from(info.region.y0) - i64::from(corner.1)).max(0) as usize;
+    let (data_width, data_height) = (layer.size.0, layer.size.1);
+    let (width, height) = (info.region.width() as usize, info.region.height() as usize);
+    if skip_x + width > data_width || skip_y + height > data_height {
+        return Err(
+            Error::input("the windows of the image contradict each other").at(path.display()),
+        );
+    }
+
+    let mut layers: Vec<Layer> = Vec::new();
+    for channel in layer.channel_data.list {
+        let full_name = string(&channel.name);
+        if channel.sampling != Vec2(1, 1) || channel.sample_data.len() != data_width * data_height {
+            return Err(Error::input(format!(
+                "channel {full_name} is subsampled, which is not supported"
+            ))
+            .hint("convert it: oiiotool in.exr --ch R,G,B -o out.exr")
+            .at(path.display()));
+        }
+        let mut samples = Vec::with_capacity(width * height);
+        for y in 0..height {
+            let start = (skip_y + y) * data_width + skip_x;
+            let row = start..start + width;
+            match &channel.sample_data {
+                FlatSamples::F16(v) => samples.extend(v[row].iter().map(|v| v.to_f32())),
+                FlatSamples::F32(v) => samples.extend_from_slice(&v[row]),
+                FlatSamples::U32(v) => samples.extend(v[row].iter().map(|&v| v as f32)),
+            }
+        }
+        let (layer_name, name) = full_name.rsplit_once('.').unwrap_or(("", &full_name));
+        match layers.iter_mut().find(|l| l.name == layer_name) {
+            Some(layer) => layer.channels.push((name.into(), samples)),
+            None => layers.push(Layer::single(layer_name, name, samples)),
+        }
+    }
+    // The file has channels by name; here colours come as R, G, B and the beauty first.
+    for layer in &mut layers {
+        layer.channels.sort_by_key(|(name, _)| {
+            let known = ["R", "G", "B", "A"].iter().position(|n| n == name);
+            (known.unwrap_or(usize::MAX), name.clone())
+        });
+    }
+    layers.sort_by(|a, b| a.name.cmp(&b.name));
+    let frame = Frame {
+        width: info.width,
+        height: info.height,
+        region: info.region,
+        layers,
+        attributes: info.attributes,
+    };
+    frame.check().map_err(|e| e.at(path.display()))?;
+    Ok(frame)
+}
+
+/// The part of the data window inside the display window, in coordinates from the display window's corner.
+fn visible(display: IntegerBounds, data: IntegerBounds) -> Option<Region> {
+    let along = |display_at: i32, display_size: usize, data_at: i32, data_size: usize| {
+        let size = i64::try_from(display_size).ok()?;
+        let from = i64::from(data_at) - i64::from(display_at);
+        let to = from.checked_add(i64::try_from(data_size).ok()?)?;
+        let (from, to) = (from.clamp(0, size), to.clamp(0, size));
+        (from < to).then_some((u32::try_from(from).ok()?, u32::try_from(to).ok()?))
+    };
+    let (x0, x1) = along(
+        display.position.0,
+        display.size.0,
+        data.position.0,
+        data.size.0,
+    )?;
+    let (y0, y1) = along(
+        display.position.1,
+        display.size.1,
+        data.position.1,
+        data.size.1,
+    )?;
+    Some(Region { x0, y0, x1, y1 })
+}
+
+fn always_float(channel: &str) -> bool {
+    channel.starts_with("depth.") || channel.starts_with("variance.")
+}
+
+fn to_half(value: f32) -> f16 {
+    let largest = f16::MAX.to_f32();
+    if value.is_finite() {
+        f16::from_f32(value.clamp(-largest, largest))
+    } else {
+        f16::from_f32(value)
+    }
+}
+
+/// Names end with a zero in the file.
+fn text(name: &str) -> Result<Text> {
+    if name.is_empty() || name.len() > 255 || name.contains('\0') {
+        return Err(Error::input(format!(
+            "{name:?} cannot be a name in an OpenEXR file"
+        )));
+    }
+    Ok(Text::from_slice_unchecked(name.as_bytes()))
+}
+
+fn string(text: &Text) -> String {
+    String::from_utf8_lossy(text.as_slice()).into_owned()
+}
+
+fn refused(path: &Path, error: &exr::error::Error) -> Error {
+    match error {
+        exr::error::Error::Io(e) => Error::io("read", path, e),
+        exr::error::Error::NotSupported(what) => Error::input(format!(
+            "cannot read {}: not supported: {what}",
+            path.display()
+        )),
+        _ => Error::input(format!(
+            "cannot read {} as OpenEXR: it is another kind of file, damaged or cut ({error})",
+            path.display()
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(region: Region) -> Frame {
+        let mut frame = Frame::new(37, 41, region);
+        let pixels: Vec<[f32; 3]> = (0..region.pixels())
+            .map(|i| [i as f32 / 64.0, 0.25, -1.5])
+            .collect();
+        frame.layers.push(Layer::rgb("", &pixels));
+        frame.layers.push(Layer::single(
+            "depth",
+            "Z",
+            pixels.iter().map(|p| 1e6 + p[0]).collect(),
+        ));
+        frame.layers.push(Layer::rgb("direct", &pixels));
+        frame.layers.push(Layer::xyz("normal", &pixels));
+        for name in ["lvox/tree", "lvox/settings", "lvox/version", "lvox/scene"] {
+            frame
+                .attributes
+                .insert(name.into(), format!("{name} \u{3c3}=1"));
+        }
+        frame
+    }
+
+    #[test]
+    fn tiles_survive_a_round_trip() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("tile.exr");
+        for region in [
+            Region::full(37, 41),
+            Region {
+                x0: 5,
+                y0: 7,
+                x1: 36,
+                y1: 40,
+            },
+            Region {
+                x0: 36,
+                y0: 40,
+                x1: 37,
+                y1: 41,
+            },
+        ] {
+            for precision in [Precision::Half, Precision::Float] {
+                let frame = sample(region);
+                write(&path, &frame, precision).unwrap();
+                assert_eq!(read(&path).unwrap(), frame);
+                let info = info(&path).unwrap();
+                assert_eq!(info.precision(), precision);
+                assert_eq!(info.region, region);
+            }
+        }
+    }
+
+    #[test]
+    fn bytes_are_the_same_every_time() {
+        let frame = sample(Region::full(37, 41));
+        let once = encode(&frame, Precision::Half).unwrap();
+        for _ in 0..20 {
+            assert_eq!(encode(&frame, Precision::Half).unwrap(), once);
+        }
+    }
+
+    #[test]
+    fn bright_pixels_stay_finite_in_half() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("bright.exr");
+        let mut frame = Frame::new(2, 1, Region::full(2, 1));
+        frame.layers.push(Layer::rgb(
+            "",
+            &[[1e30, -1e30, 0.5], [f32::INFINITY, f32::NAN, 0.0]],
+        ));
+        frame
+            .layers
+            .push(Layer::single("variance", "Y", vec![1e30, 1e-30]));
+        write(&path, &frame, Precision::Half).unwrap();
+        let back = read(&path).unwrap();
+        let beauty = back.layer("").unwrap();
+        assert_eq!(beauty.channel("R").unwrap(), [65504.0, f32::INFINITY]);
+        assert_eq!(beauty.channel("G").unwrap()[0], -65504.0);
+        assert!(beauty.channel("G").unwrap()[1].is_nan());
+        assert_eq!(
+            back.layer("variance").unwrap().channel("Y").unwrap(),
+            [1e30, 1e-30]
+        );
+    }
+
+    #[test]
+    fn overscan_is_dropped_and_the_corner_is_the_origin() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("overscan.exr");
+        let list = ["B", "G", "R"].map(|name| {
+            let samples = (0..6 * 5).map(|i| i as f32).collect();
+            AnyChannel::new(name, FlatSamples::F32(samples))
+        });
+        let attributes = LayerAttributes {
+            layer_position: Vec2(-11, 99),
+            ..LayerAttributes::default()
+        };
+        let layer = exr::image::Layer::new(
+            (6, 5),
+            attributes,
+            Encoding::SMALL_FAST_LOSSLESS,
+            AnyChannels::sort(list.into_iter().collect()),
+        );
+        // One column and one row of the data lie outside on the left and on the top.
+        let window = IntegerBounds::new((-10, 100), (20, 3));
+        let image = Image::new(ImageAttributes::new(window), layer);
+        image.write().to_file(&path).unwrap();
+        let frame = read(&path).unwrap();
+        assert_eq!((frame.width, frame.height), (20, 3));
+        assert_eq!(
+            frame.region,
+            Region {
+                x0: 0,
+                y0: 0,
+                x1: 5,
+                y1: 3
+            }
+        );
+        let red = frame.layer("").unwrap().channel("R").unwrap();
+        assert_eq!(red[0], 7.0);
+        assert_eq!(red[5], 13.0);
+    }
+
+    #[test]
+    fn damaged_files_are_input_errors() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("damaged.exr");
+        let whole = encode(&sample(Region::full(37, 41)), Precision::Half).unwrap();
+        for length in [0, 3, 8, 100, 400, whole.len() / 2, whole.len() - 1] {
+            std::fs::write(&path, &whole[..length]).unwrap();
+            let error = read(&path).unwrap_err();
+            assert_eq!(error.kind(), crate::Kind::Input, "{length}: {error}");
+            assert!(error.to_string().contains("damaged.exr"));
+        }
+        std::fs::write(&path, b"\x89PNG\r\n\x1a\n and more").unwrap();
+        assert_eq!(read(&path).unwrap_err().kind(), crate::Kind::Input);
+        assert_eq!(
+            read(&dir.path().join("no.exr")).unwrap_err().kind(),
+            crate::Kind::Input
+        );
+    }
+
+    #[test]
+    fn flipped_bits_never_panic() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("flipped.exr");
+        let whole = encode(&sample(Region::full(37, 41)), Precision::Half).unwrap();
+        for at in 0..whole.len().min(900) {
+            let mut bytes = whole.clone();
+            bytes[at] ^= 1 << (at % 8);
+            std::fs::write(&path, &bytes).unwrap();
+            let _ = read(&path);
+        }
+    }
+}

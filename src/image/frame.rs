@@ -1,0 +1,230 @@
+//! A rendered frame or a tile of one: named layers of float channels over a region.
+
+use super::{Picture, Region};
+use crate::{Error, Result};
+use std::collections::BTreeMap;
+
+/// A frame, or the part of it that a tile covers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// Pixels across of the whole frame (the display window).
+    pub width: u32,
+    /// Pixels down of the whole frame.
+    pub height: u32,
+    /// The pixels that are here (the data window).
+    pub region: Region,
+    /// Layers, the beauty first.
+    pub layers: Vec<Layer>,
+    /// What the pixels were made from, such as `lvox/tree` and `lvox/settings`. Nothing that differs between tiles of one
+    /// frame belongs here: a merged frame must be the same file as one rendered whole.
+    pub attributes: BTreeMap<String, String>,
+}
+
+/// Channels that belong together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layer {
+    /// `""` for the beauty, else `direct`, `indirect`, `volume`, `depth`, `normal`, `variance`.
+    pub name: String,
+    /// Name (`R`, `G`, `B`; `Z`; or `X`, `Y`, `Z`) and samples, row by row inside the region.
+    pub channels: Vec<(String, Vec<f32>)>,
+}
+
+impl Layer {
+    /// A colour layer from pixels that lie row by row.
+    #[must_use]
+    pub fn rgb(name: &str, pixels: &[[f32; 3]]) -> Self {
+        Self::from_triples(name, ["R", "G", "B"], pixels)
+    }
+
+    /// A vector layer (normals) from pixels that lie row by row.
+    #[must_use]
+    pub fn xyz(name: &str, pixels: &[[f32; 3]]) -> Self {
+        Self::from_triples(name, ["X", "Y", "Z"], pixels)
+    }
+
+    /// A layer of one channel.
+    #[must_use]
+    pub fn single(name: &str, channel: &str, samples: Vec<f32>) -> Self {
+        Self {
+            name: name.into(),
+            channels: vec![(channel.into(), samples)],
+        }
+    }
+
+    fn from_triples(name: &str, channels: [&str; 3], pixels: &[[f32; 3]]) -> Self {
+        let channels = channels
+            .iter()
+            .enumerate()
+            .map(|(i, c)| ((*c).into(), pixels.iter().map(|p| p[i]).collect()))
+            .collect();
+        Self {
+            name: name.into(),
+            channels,
+        }
+    }
+
+    /// Samples of a channel.
+    #[must_use]
+    pub fn channel(&self, name: &str) -> Option<&[f32]> {
+        let (_, samples) = self.channels.iter().find(|(n, _)| n == name)?;
+        Some(samples)
+    }
+}
+
+impl Frame {
+    /// An empty frame, without layers.
+    #[must_use]
+    pub fn new(width: u32, height: u32, region: Region) -> Self {
+        Self {
+            width,
+            height,
+            region,
+            layers: Vec::new(),
+            attributes: BTreeMap::new(),
+        }
+    }
+
+    /// The layer of this name; `""` is the beauty.
+    #[must_use]
+    pub fn layer(&self, name: &str) -> Option<&Layer> {
+        self.layers.iter().find(|l| l.name == name)
+    }
+
+    /// Checks that the region lies inside the frame, that names are unique, and that every channel has a sample for
+    /// every pixel of the region.
+    ///
+    /// # Errors
+    /// [`crate::Kind::Input`] naming the layer and channel.
+    pub fn check(&self) -> Result<()> {
+        self.region.check(self.width, self.height)?;
+        let mut names = std::collections::BTreeSet::new();
+        for layer in &self.layers {
+            for (channel, samples) in &layer.channels {
+                let full_name = channel_name(&layer.name, channel);
+                if samples.len() != self.region.pixels() {
+                    return Err(Error::input(format!(
+                        "channel {full_name} has {} samples, its region has {} pixels",
+                        samples.len(),
+                        self.region.pixels()
+                    )));
+                }
+                if !names.insert(full_name.clone()) {
+                    return Err(Error::input(format!("channel {full_name} is there twice")));
+                }
+            }
+        }
+        if names.is_empty() {
+            return Err(Error::input("an image needs at least one channel"));
+        }
+        Ok(())
+    }
+
+    /// Linear RGB of a layer inside `region`.
+    ///
+    /// # Errors
+    /// [`crate::Kind::Input`] if the layer or one of R, G, B is not there, or the frame does not cover the region.
+    pub fn picture(&self, layer: &str, region: &Region) -> Result<Picture> {
+        let missing = || {
+            let have: Vec<String> = self
+                .layers
+                .iter()
+                .flat_map(|l| l.channels.iter().map(|(c, _)| channel_name(&l.name, c)))
+                .collect();
+            Error::input(format!(
+                "no colour channels {}; the image has {}",
+                ["R", "G", "B"].map(|c| channel_name(layer, c)).join(" "),
+                have.join(" ")
+            ))
+        };
+        let source = self.layer(layer).ok_or_else(missing)?;
+        let [r, g, b] = ["R", "G", "B"].map(|name| source.channel(name));
+        let (Some(r), Some(g), Some(b)) = (r, g, b) else {
+            return Err(missing());
+        };
+        region.check(self.width, self.height)?;
+        if !self.region.contains(region) {
+            return Err(Error::input(format!(
+                "the image covers only the region {} of its {}x{} pixels",
+                self.region, self.width, self.height
+            ))
+            .hint(format!("compare that part alone: --region {}", self.region)));
+        }
+        let mut pixels = Vec::with_capacity(region.pixels());
+        for y in region.y0..region.y1 {
+            let row = (y - self.region.y0) as usize * self.region.width() as usize;
+            let start = row + (region.x0 - self.region.x0) as usize;
+            for i in start..start + region.width() as usize {
+                pixels.push([r[i], g[i], b[i]]);
+            }
+        }
+        Ok(Picture {
+            width: region.width() as usize,
+            height: region.height() as usize,
+            pixels,
+        })
+    }
+}
+
+/// Name of a channel in the file: `R` in the beauty, `direct.R` elsewhere.
+pub(super) fn channel_name(layer: &str, channel: &str) -> String {
+    if layer.is_empty() {
+        channel.into()
+    } else {
+        format!("{layer}.{channel}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn check_names_the_short_channel() {
+        let mut frame = Frame::new(4, 4, Region::full(4, 4));
+        assert!(frame.check().is_err());
+        frame.layers.push(Layer::rgb("", &[[0.0; 3]; 16]));
+        frame.check().unwrap();
+        frame
+            .layers
+            .push(Layer::single("depth", "Z", vec![0.0; 15]));
+        assert!(frame.check().unwrap_err().to_string().contains("depth.Z"));
+        frame.layers[1] = Layer::rgb("", &[[0.0; 3]; 16]);
+        assert!(frame.check().unwrap_err().to_string().contains("twice"));
+    }
+
+    #[test]
+    fn picture_cuts_a_region_out() {
+        let region = Region {
+            x0: 2,
+            y0: 1,
+            x1: 6,
+            y1: 4,
+        };
+        let pixels: Vec<[f32; 3]> = (1..4u8)
+            .flat_map(|y| (2..6u8).map(move |x| [f32::from(x), f32::from(y), 0.0]))
+            .collect();
+        let mut frame = Frame::new(8, 8, region);
+        frame.layers.push(Layer::rgb("", &pixels));
+        let cut = Region {
+            x0: 4,
+            y0: 2,
+            x1: 6,
+            y1: 3,
+        };
+        let picture = frame.picture("", &cut).unwrap();
+        assert_eq!((picture.width, picture.height), (2, 1));
+        assert_eq!(picture.pixels, [[4.0, 2.0, 0.0], [5.0, 2.0, 0.0]]);
+        let error = frame.picture("", &Region::full(8, 8)).unwrap_err();
+        assert_eq!(
+            error.hint_text(),
+            Some("compare that part alone: --region 2 1 6 4")
+        );
+        assert!(
+            frame
+                .picture("direct", &cut)
+                .unwrap_err()
+                .to_string()
+                .contains("direct.R")
+        );
+    }
+}

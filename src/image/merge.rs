@@ -1,0 +1,343 @@
+//! Puts tiles together into the frame that one process would have written, byte for byte.
+
+use super::coverage::faults;
+use super::exr::{self, Info};
+use super::{Frame, Layer, Region};
+use crate::run::Job;
+use crate::{Error, Result};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// What was merged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Merged {
+    /// Pixels across of the frame.
+    pub width: u32,
+    /// Pixels down of the frame.
+    pub height: u32,
+    /// Number of tiles.
+    pub tiles: usize,
+}
+
+/// So many faults are listed in an error.
+const LISTED: usize = 4;
+
+/// Merges tiles of one frame. All headers are checked before the first pixel is read, and the output is not touched
+/// until all tiles are read.
+///
+/// # Errors
+/// [`crate::Kind::Input`] if the tiles were made from different trees, scenes or settings (the message names the files
+/// and what differs), if they overlap, or if pixels are missing; else what reading and writing can give.
+pub fn merge(inputs: &[PathBuf], output: &Path, job: &Job) -> Result<Merged> {
+    let infos: Vec<Info> = inputs
+        .iter()
+        .map(|path| exr::info(path))
+        .collect::<Result<_>>()?;
+    let Some(first) = infos.first() else {
+        return Err(Error::input("there are no tiles to merge"));
+    };
+    for (path, info) in inputs.iter().zip(&infos) {
+        check_agreement((&inputs[0], first), (path, info))?;
+    }
+    check_cover(inputs, &infos, first)?;
+
+    let task = job.progress.task("merge", inputs.len() as u64, "tiles");
+    let full = Region::full(first.width, first.height);
+    let mut frame = Frame::new(first.width, first.height, full);
+    frame.attributes.clone_from(&first.attributes);
+    for path in inputs {
+        job.cancel.check()?;
+        let tile = exr::read(path)?;
+        paste(&mut frame, tile);
+        task.add(1);
+    }
+    exr::write(output, &frame, first.precision())?;
+    Ok(Merged {
+        width: frame.width,
+        height: frame.height,
+        tiles: inputs.len(),
+    })
+}
+
+fn paste(frame: &mut Frame, tile: Frame) {
+    let width = frame.width as usize;
+    let pixels = frame.region.pixels();
+    for layer in tile.layers {
+        for (channel, samples) in layer.channels {
+            let target = channel_mut(frame, &layer.name, channel, pixels);
+            let rows = samples.chunks_exact(tile.region.width() as usize);
+            for (y, row) in (tile.region.y0..tile.region.y1).zip(rows) {
+                let start = y as usize * width + tile.region.x0 as usize;
+                target[start..start + row.len()].copy_from_slice(row);
+            }
+        }
+    }
+}
+
+fn channel_mut<'a>(
+    frame: &'a mut Frame,
+    layer: &str,
+    channel: String,
+    pixels: usize,
+) -> &'a mut [f32] {
+    let at = frame
+        .layers
+        .iter()
+        .position(|l| l.name == layer)
+        .unwrap_or_else(|| {
+            frame.layers.push(Layer {
+                name: layer.into(),
+                channels: Vec::new(),
+            });
+            frame.layers.len() - 1
+        });
+    let channels = &mut frame.layers[at].channels;
+    let at = channels
+        .iter()
+        .position(|(n, _)| *n == channel)
+        .unwrap_or_else(|| {
+            channels.push((channel, vec![0.0; pixels]));
+            channels.len() - 1
+        });
+    &mut channels[at].1
+}
+
+/// Everything but the region must be the same as in the first tile.
+fn check_agreement(
+    (first_path, first): (&Path, &Info),
+    (path, info): (&Path, &Info),
+) -> Result<()> {
+    let differ = |what: &str, here: String, there: String| {
+        Err(Error::input(format!(
+            "{} does not belong to the frame of {}: {what} is {here}, there {there}",
+            path.display(),
+            first_path.display()
+        ))
+        .hint("merge tiles of one frame only, shaded from the same tree with the same settings"))
+    };
+    if (info.width, info.height) != (first.width, first.height) {
+        let size = |i: &Info| format!("{}x{}", i.width, i.height);
+        return differ("the frame size", size(info), size(first));
+    }
+    if info.channels != first.channels {
+        let list = |i: &Info| {
+            let names = i
+                .channels
+                .iter()
+                .map(|(n, float)| format!("{n}:{}", if *float { 32 } else { 16 }));
+            names.collect::<Vec<_>>().join(" ")
+        };
+        let (here, there) = clip(&list(info), &list(first));
+        return differ("the list of channels", here, there);
+    }
+    let names: BTreeSet<&String> = info
+        .attributes
+        .keys()
+        .chain(first.attributes.keys())
+        .collect();
+    for name in names {
+        let (here, there) = (info.attributes.get(name), first.attributes.get(name));
+        if here != there {
+            let shown = |v: Option<&String>| v.map_or("absent", String::as_str).to_owned();
+            let (here, there) = clip(&shown(here), &shown(there));
+            return differ(name, here, there);
+        }
+    }
+    Ok(())
+}
+
+/// Long texts from shortly before the place where they begin to differ.
+fn clip(a: &str, b: &str) -> (String, String) {
+    const BEFORE: usize = 24;
+    const SHOWN: usize = 72;
+    let same = a.chars().zip(b.chars()).take_while(|(a, b)| a == b).count();
+    let longest = a.chars().count().max(b.chars().count());
+    let skip = if longest <= SHOWN {
+        0
+    } else {
+        same.saturating_sub(BEFORE)
+    };
+    let cut = |text: &str| {
+        let rest: String = text.chars().skip(skip).take(SHOWN).collect();
+        let more = text.chars().count() > skip + SHOWN;
+        format!(
+            "{}{rest}{}",
+            if skip > 0 { "..." } else { "" },
+            if more { "..." } else { "" }
+        )
+    };
+    (cut(a), cut(b))
+}
+
+fn check_cover(paths: &[PathBuf], infos: &[Info], first: &Info) -> Result<()> {
+    let regions: Vec<Region> = infos.iter().map(|i| i.region).collect();
+    let found = faults(first.width, first.height, &regions);
+    if !found.overlaps.is_empty() {
+        let shown = found.overlaps.iter().take(LISTED).map(|&(a, b)| {
+            let name = |i: usize| format!("{} ({})", paths[i].display(), regions[i]);
+            format!("{} and {}", name(a), name(b))
+        });
+        return Err(Error::input(format!(
+            "tiles overlap: {}{}",
+            shown.collect::<Vec<_>>().join("; "),
+            more(found.overlaps.len())
+        ))
+        .hint("give each part of the frame once"));
+    }
+    if let Some(gap) = found.missing.first() {
+        let shown = found.missing.iter().take(LISTED).map(Region::to_string);
+        return Err(Error::input(format!(
+            "{} tiles leave parts of the {}x{} frame uncovered: {}{}",
+            paths.len(),
+            first.width,
+            first.height,
+            shown.collect::<Vec<_>>().join("; "),
+            more(found.missing.len())
+        ))
+        .hint(format!(
+            "add the missing tiles, or shade the parts: --region {gap}"
+        )));
+    }
+    Ok(())
+}
+
+fn more(count: usize) -> String {
+    if count > LISTED {
+        format!("; and {} more", count - LISTED)
+    } else {
+        String::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::exr::Precision;
+    use super::*;
+
+    const WIDTH: u32 = 61;
+    const HEIGHT: u32 = 47;
+
+    fn shade(region: Region) -> Frame {
+        let mut frame = Frame::new(WIDTH, HEIGHT, region);
+        let mut pixels = Vec::new();
+        for y in region.y0..region.y1 {
+            for x in region.x0..region.x1 {
+                pixels.push([(x * x) as f32 / 7.0, y as f32 * 1e-3, f32::NAN]);
+            }
+        }
+        frame.layers.push(Layer::rgb("", &pixels));
+        frame.layers.push(Layer::rgb("indirect", &pixels));
+        frame.layers.push(Layer::single(
+            "depth",
+            "Z",
+            pixels.iter().map(|p| p[0] * 1e4).collect(),
+        ));
+        frame.attributes.insert("lvox/tree".into(), "00ff".into());
+        frame
+            .attributes
+            .insert("lvox/settings".into(), "samples=64".into());
+        frame
+    }
+
+    fn tiles(dir: &Path, count: u32, precision: Precision) -> Vec<PathBuf> {
+        (0..count)
+            .map(|i| {
+                let path = dir.join(format!("tile{i}.exr"));
+                let region = Region::tile(WIDTH, HEIGHT, i, count).unwrap();
+                exr::write(&path, &shade(region), precision).unwrap();
+                path
+            })
+            .collect()
+    }
+
+    #[test]
+    fn merged_file_is_the_file_of_the_whole_frame() {
+        let dir = tempfile::tempdir().unwrap();
+        for precision in [Precision::Half, Precision::Float] {
+            let whole = exr::encode(&shade(Region::full(WIDTH, HEIGHT)), precision).unwrap();
+            for count in [1, 2, 7, 16] {
+                let mut inputs = tiles(dir.path(), count, precision);
+                inputs.reverse();
+                let output = dir.path().join("merged.exr");
+                let merged = merge(&inputs, &output, &Job::default()).unwrap();
+                assert_eq!(
+                    merged,
+                    Merged {
+                        width: WIDTH,
+                        height: HEIGHT,
+                        tiles: count as usize
+                    }
+                );
+                assert_eq!(std::fs::read(&output).unwrap(), whole, "{count} tiles");
+            }
+        }
+    }
+
+    #[track_caller]
+    fn refused(inputs: &[PathBuf], dir: &Path, parts: &[&str]) {
+        let output = dir.join("merged.exr");
+        let error = merge(inputs, &output, &Job::default()).unwrap_err();
+        assert_eq!(error.kind(), crate::Kind::Input);
+        assert!(!output.exists());
+        let text = format!("{error} / {}", error.hint_text().unwrap_or(""));
+        for part in parts {
+            assert!(text.contains(part), "{part:?} is not in {text:?}");
+        }
+    }
+
+    #[test]
+    fn holes_overlaps_and_strangers_are_named() {
+        let dir = tempfile::tempdir().unwrap();
+        let inputs = tiles(dir.path(), 4, Precision::Half);
+        let gap = Region::tile(WIDTH, HEIGHT, 2, 4).unwrap().to_string();
+        let three = [inputs[0].clone(), inputs[1].clone(), inputs[3].clone()];
+        refused(&three, dir.path(), &["uncovered", &gap, "--region"]);
+        let mut five = inputs.clone();
+        five.push(inputs[1].clone());
+        refused(&five, dir.path(), &["overlap", "tile1.exr"]);
+        refused(&[], dir.path(), &["no tiles"]);
+
+        let region = Region::tile(WIDTH, HEIGHT, 3, 4).unwrap();
+        let write = |change: &dyn Fn(&mut Frame), precision| {
+            let mut frame = shade(region);
+            change(&mut frame);
+            exr::write(&inputs[3], &frame, precision).unwrap();
+        };
+        write(
+            &|f| drop(f.attributes.insert("lvox/tree".into(), "0bad".into())),
+            Precision::Half,
+        );
+        refused(
+            &inputs,
+            dir.path(),
+            &["tile3.exr", "tile0.exr", "lvox/tree", "0bad", "00ff"],
+        );
+        write(
+            &|f| drop(f.attributes.remove("lvox/settings")),
+            Precision::Half,
+        );
+        refused(
+            &inputs,
+            dir.path(),
+            &["tile3.exr", "lvox/settings", "absent"],
+        );
+        write(&|f| drop(f.layers.pop()), Precision::Half);
+        refused(&inputs, dir.path(), &["tile3.exr", "channels"]);
+        write(&|_| (), Precision::Float);
+        refused(&inputs, dir.path(), &["tile3.exr", "channels", "R:32"]);
+        write(&|f| f.width += 1, Precision::Half);
+        refused(&inputs, dir.path(), &["tile3.exr", "62x47", "61x47"]);
+    }
+
+    #[test]
+    fn long_values_are_cut_where_they_differ() {
+        let (a, b) = (
+            format!("{}1{}", "x".repeat(200), "y".repeat(200)),
+            format!("{}2", "x".repeat(200)),
+        );
+        let (a, b) = clip(&a, &b);
+        assert!(a.starts_with("...x") && a.contains("x1y") && a.ends_with("..."));
+        assert!(b.ends_with("x2"));
+        assert_eq!(clip("a", "b"), ("a".into(), "b".into()));
+    }
+}

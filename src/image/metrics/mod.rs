@@ -1,0 +1,89 @@
+//! How far a picture is from a reference: one metric a file, and all of them at once.
+//!
+//! Linear metrics look at radiance; FLIP, SSIM and the perceptual difference look at the tone-mapped picture in eight
+//! bits, as a viewer does.
+
+mod blur;
+pub mod flip;
+pub mod linear;
+pub mod pdiff;
+pub mod ssim;
+
+use super::{Picture, tone};
+use crate::{Error, Result};
+
+/// All metrics of one comparison. A metric that has no value (a black reference has no relative bias, an image of ten
+/// pixels no SSIM, a picture with infinities no mean) is NaN, `null` in JSON.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Scores {
+    /// Root of the mean squared difference over pixels and channels, radiance.
+    pub rmse: f64,
+    /// Mean of `(x-r)^2 / (r^2 + 0.01)` over pixels and channels.
+    pub relmse: f64,
+    /// The same without the worst 0.1 % of pixels, so that a single firefly does not decide it.
+    pub relmse_trimmed: f64,
+    /// Mean of the picture over mean of the reference, less 1.
+    pub bias: f64,
+    /// Mean LDR-FLIP error at 67 pixels a degree, 0 (same) to 1.
+    pub flip: f64,
+    /// Mean structural similarity, 1 for the same picture.
+    pub ssim: f64,
+    /// Fraction of pixels that a viewer can tell apart by Yee's metric, 0 to 1.
+    pub pdiff: f64,
+    /// Largest difference of a channel, radiance.
+    pub max_abs: f64,
+    /// Pixels of the picture that are infinite or not a number.
+    pub non_finite: usize,
+    /// Factor on radiance before the tone map of the perceptual metrics.
+    pub exposure: f32,
+}
+
+/// Scores and the error at every pixel.
+#[derive(Clone, Debug)]
+pub struct Comparison {
+    /// The metrics.
+    pub scores: Scores,
+    /// LDR-FLIP error of every pixel, 0 to 1, row by row.
+    pub error_map: Vec<f32>,
+}
+
+/// Compares a picture with a reference of the same size.
+///
+/// # Errors
+/// [`crate::Kind::Input`] if the sizes differ, there are no pixels, or the exposure is not a positive number.
+pub fn compare(picture: &Picture, reference: &Picture, exposure: f32) -> Result<Comparison> {
+    if (picture.width, picture.height) != (reference.width, reference.height) {
+        return Err(Error::input(format!(
+            "sizes differ: the image has {}x{} pixels, the reference {}x{}",
+            picture.width, picture.height, reference.width, reference.height
+        )));
+    }
+    if picture.pixels.is_empty() {
+        return Err(Error::input("there are no pixels to compare"));
+    }
+    if !(exposure.is_finite() && exposure > 0.0) {
+        return Err(Error::input(format!(
+            "exposure {exposure} is not a positive number"
+        )));
+    }
+    let linear = linear::compare(picture, reference);
+    let (picture_shown, reference_shown) =
+        (tone::map(picture, exposure), tone::map(reference, exposure));
+    let error_map = flip::error_map(&picture_shown, &reference_shown);
+    let scores = Scores {
+        rmse: linear.rmse,
+        relmse: linear.relmse,
+        relmse_trimmed: linear.relmse_trimmed,
+        bias: linear.bias,
+        flip: flip::mean(&error_map),
+        ssim: ssim::mean(&picture_shown, &reference_shown),
+        pdiff: pdiff::fraction(&picture_shown, &reference_shown),
+        max_abs: linear.max_abs,
+        non_finite: picture.non_finite(),
+        exposure,
+    };
+    Ok(Comparison { scores, error_map })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,83 @@
+//! PNG files of eight bits: previews, heat maps, and pictures to compare.
+
+use super::tone::Display;
+use crate::run::Output;
+use crate::{Error, Result};
+use ::image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use ::image::{ExtendedColorType, ImageEncoder, ImageFormat, ImageReader, Limits};
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+/// Bytes that a decoded image may take, so that a small hostile file cannot ask for all memory.
+const LARGEST_DECODED: u64 = 4 << 30;
+
+/// Writes a picture; it appears under its name when it is complete. An image that is there is replaced.
+///
+/// # Errors
+/// If the output cannot be written; then nothing is left behind.
+pub fn write(path: &Path, display: &Display) -> Result<()> {
+    let side =
+        |v: usize| u32::try_from(v).map_err(|_| Error::input("the image is too large for PNG"));
+    let mut bytes = Vec::new();
+    PngEncoder::new_with_quality(&mut bytes, CompressionType::Default, FilterType::Adaptive)
+        .write_image(
+            display.pixels.as_flattened(),
+            side(display.width)?,
+            side(display.height)?,
+            ExtendedColorType::Rgb8,
+        )
+        .map_err(|e| Error::failed(format!("cannot encode {}: {e}", path.display())))?;
+    Output::write_all_to(path, &bytes)
+}
+
+/// Reads a PNG file as eight-bit RGB; transparency is ignored.
+///
+/// # Errors
+/// [`crate::Kind::Input`] if the file is not there, or is no PNG, or is damaged.
+pub fn read(path: &Path) -> Result<Display> {
+    let file = File::open(path).map_err(|e| Error::io("read", path, &e))?;
+    let mut reader = ImageReader::with_format(BufReader::new(file), ImageFormat::Png);
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(LARGEST_DECODED);
+    reader.limits(limits);
+    let image = reader
+        .decode()
+        .map_err(|e| Error::input(format!("cannot read {} as PNG: {e}", path.display())))?
+        .into_rgb8();
+    Ok(Display {
+        width: image.width() as usize,
+        height: image.height() as usize,
+        pixels: image.pixels().map(|p| p.0).collect(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pixels_survive_a_round_trip() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.png");
+        let display = Display {
+            width: 5,
+            height: 3,
+            pixels: (0..15u8).map(|i| [i, 255 - i, 17 * i]).collect(),
+        };
+        write(&path, &display).unwrap();
+        assert_eq!(read(&path).unwrap(), display);
+    }
+
+    #[test]
+    fn damaged_files_are_input_errors() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.png");
+        for bytes in [&b""[..], b"\x89PNG\r\n\x1a\n", b"P6 1 1 255\n..."] {
+            std::fs::write(&path, bytes).unwrap();
+            let error = read(&path).unwrap_err();
+            assert_eq!(error.kind(), crate::Kind::Input);
+            assert!(error.to_string().contains("a.png"));
+        }
+    }
+}
