@@ -8,6 +8,7 @@ pub mod exr;
 pub mod frame;
 mod header;
 pub mod heat;
+pub mod load;
 pub mod merge;
 pub mod metrics;
 pub mod picture;

@@ -9,9 +9,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub struct Cancel(Arc<AtomicBool>);
 
 impl Cancel {
-    /// Asks everything that holds a clone to stop.
-    pub fn request(&self) {
-        self.0.store(true, Ordering::Relaxed);
+    /// Asks everything that holds a clone to stop. Returns whether that was asked before.
+    pub fn request(&self) -> bool {
+        self.0.swap(true, Ordering::Relaxed)
     }
 
     /// An error once a stop was requested.
@@ -24,5 +24,20 @@ impl Cancel {
         } else {
             Ok(())
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clones_share_the_flag() {
+        let cancel = Cancel::default();
+        let clone = cancel.clone();
+        clone.check().unwrap();
+        assert!(!cancel.request());
+        assert!(cancel.request());
+        assert_eq!(clone.check().unwrap_err().kind(), crate::Kind::Cancelled);
     }
 }

@@ -4,6 +4,8 @@ mod cancel;
 pub mod output;
 mod progress;
 mod report;
+pub mod size;
+pub mod usage;
 
 pub use cancel::Cancel;
 pub use output::Output;

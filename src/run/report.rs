@@ -1,6 +1,11 @@
 //! What a run took: seconds, memory, counts; written by `--report`.
 
-use std::sync::Mutex;
+use super::{Output, usage};
+use crate::{Error, Result};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 /// What one stage took.
 #[derive(Clone, Debug, Default, serde::Serialize)]
@@ -11,45 +16,112 @@ pub struct StageReport {
     pub wall_secs: f64,
     /// CPU seconds of the process over the stage, all threads.
     pub cpu_secs: f64,
+    /// Largest resident size of the process up to the end of the stage, where the system tells.
+    pub peak_memory_bytes: Option<u64>,
     /// Named counts and figures.
-    pub counts: std::collections::BTreeMap<String, f64>,
+    pub counts: BTreeMap<String, f64>,
 }
 
 /// Collects what stages note.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Report {
+    started: Instant,
     stages: Mutex<Vec<StageReport>>,
+}
+
+impl Default for Report {
+    fn default() -> Self {
+        Self {
+            started: Instant::now(),
+            stages: Mutex::default(),
+        }
+    }
+}
+
+/// The file that `--report` writes.
+#[derive(serde::Serialize)]
+struct Summary<'a> {
+    version: &'a str,
+    verb: &'a str,
+    ok: bool,
+    error: Option<String>,
+    wall_secs: f64,
+    cpu_secs: f64,
+    peak_memory_bytes: Option<u64>,
+    stages: Vec<StageReport>,
 }
 
 impl Report {
     /// Runs a stage and notes its wall and CPU time; `run` gets the stage's counts to fill.
-    pub fn stage<T>(
-        &self,
-        name: &str,
-        run: impl FnOnce(&mut std::collections::BTreeMap<String, f64>) -> T,
-    ) -> T {
-        let started = std::time::Instant::now();
-        let mut counts = std::collections::BTreeMap::new();
+    pub fn stage<T>(&self, name: &str, run: impl FnOnce(&mut BTreeMap<String, f64>) -> T) -> T {
+        let (started, cpu_before) = (Instant::now(), usage::cpu_secs());
+        let mut counts = BTreeMap::new();
         let result = run(&mut counts);
         let stage = StageReport {
             stage: name.into(),
             wall_secs: started.elapsed().as_secs_f64(),
-            cpu_secs: 0.0,
+            cpu_secs: usage::cpu_secs() - cpu_before,
+            peak_memory_bytes: usage::peak_memory_bytes(),
             counts,
         };
-        self.stages
-            .lock()
-            .unwrap_or_else(std::sync::PoisonError::into_inner)
-            .push(stage);
+        self.lock().push(stage);
         result
     }
 
     /// What was noted so far, in order of completion.
     #[must_use]
     pub fn stages(&self) -> Vec<StageReport> {
-        self.stages
-            .lock()
-            .unwrap_or_else(std::sync::PoisonError::into_inner)
-            .clone()
+        self.lock().clone()
+    }
+
+    /// Writes all that was noted as JSON, with the outcome of the run.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn write(&self, path: &Path, verb: &str, error: Option<&Error>) -> Result<()> {
+        let summary = Summary {
+            version: env!("CARGO_PKG_VERSION"),
+            verb,
+            ok: error.is_none(),
+            error: error.map(ToString::to_string),
+            wall_secs: self.started.elapsed().as_secs_f64(),
+            cpu_secs: usage::cpu_secs(),
+            peak_memory_bytes: usage::peak_memory_bytes(),
+            stages: self.stages(),
+        };
+        let mut json = serde_json::to_vec_pretty(&summary)
+            .map_err(|e| Error::failed(format!("cannot encode the report: {e}")))?;
+        json.push(b'\n');
+        Output::write_all_to(path, &json)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Vec<StageReport>> {
+        self.stages.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stages_are_written_with_their_counts() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("report.json");
+        let report = Report::default();
+        let result = report.stage("bake", |counts| {
+            counts.insert("surfels".into(), 3.0);
+            7
+        });
+        assert_eq!(result, 7);
+        report
+            .write(&path, "bake", Some(&Error::cancelled()))
+            .unwrap();
+        let json: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+        assert_eq!(json["stages"][0]["counts"]["surfels"], 3.0);
+        assert_eq!(json["ok"], false);
+        assert_eq!(json["error"], "stopped on request");
+        assert!(json["wall_secs"].as_f64().unwrap() >= 0.0);
     }
 }

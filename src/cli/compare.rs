@@ -1,0 +1,125 @@
+//! `lvox compare`
+
+use super::options::Context;
+use super::{output, parse};
+use lvox::image::metrics::{self, Scores};
+use lvox::image::{heat, load, png};
+use lvox::run::output::check_writable;
+use lvox::{Error, Result};
+use serde::Serialize;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// Compare an image with a reference by metrics on radiance and on what a viewer sees
+///
+/// Print RMSE, relMSE (whole, and without the worst 0.1 % of pixels), bias and largest difference of linear radiance, and
+/// LDR-FLIP, SSIM and Yee's perceptual difference (a fraction of the pixels) of the image clip(exposure * x, 0, 1)^(1/2.2)
+/// in eight bits. OpenEXR and PNG files can be compared; PNG pixels are taken through the inverse of that tone map.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Measure this image
+    image: PathBuf,
+
+    /// Measure against this image
+    reference: PathBuf,
+
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+
+    /// Multiply radiance by this before the tone map [default: that of the reference's scene, named in the JSON file
+    /// beside the reference, else 1]
+    #[arg(long, value_name = "E", value_parser = parse::positive)]
+    exposure: Option<f32>,
+
+    /// Write the FLIP error of every pixel to this PNG file, black (none) to pale yellow (1)
+    #[arg(long, value_name = "FILE")]
+    heatmap: Option<PathBuf>,
+
+    /// Compare only these pixels, X1 and Y1 excluded [default: the whole frame]
+    #[arg(long, num_args = 4, value_names = ["X0", "Y0", "X1", "Y1"])]
+    region: Vec<u32>,
+}
+
+#[derive(Serialize)]
+struct Record<'a> {
+    image: &'a str,
+    reference: &'a str,
+    width: usize,
+    height: usize,
+    #[serde(flatten)]
+    scores: Scores,
+}
+
+impl Args {
+    pub fn run(self, context: &Context) -> Result<()> {
+        if let Some(path) = &self.heatmap {
+            check_writable(path, true)?;
+        }
+        let exposure = match self.exposure {
+            Some(exposure) => exposure,
+            None => load::exposure_of(&self.reference)?.unwrap_or(1.0),
+        };
+        let region = parse::region(&self.region);
+        let image = load::picture(&self.image, exposure, region)?;
+        let reference = load::picture(&self.reference, exposure, region)?;
+        let found = metrics::compare(&image, &reference, exposure).map_err(|e| self.place(e))?;
+        if found.scores.non_finite > 0 {
+            context.job.progress.warn(&format!(
+                "{}: {} pixels are infinite or not a number",
+                self.image.display(),
+                found.scores.non_finite
+            ));
+        }
+        if let Some(path) = &self.heatmap {
+            png::write(path, &heat::map(&found.error_map, image.width))?;
+        }
+        if self.json {
+            output::print_json(&Record {
+                image: &self.image.to_string_lossy(),
+                reference: &self.reference.to_string_lossy(),
+                width: image.width,
+                height: image.height,
+                scores: found.scores,
+            })
+        } else {
+            output::print(&table(&found.scores))
+        }
+    }
+
+    fn place(&self, error: Error) -> Error {
+        error.at(format!(
+            "{} and {}",
+            self.image.display(),
+            self.reference.display()
+        ))
+    }
+}
+
+fn table(scores: &Scores) -> String {
+    let rows = [
+        ("rmse", scores.rmse, "radiance"),
+        ("relmse", scores.relmse, ""),
+        (
+            "relmse_trimmed",
+            scores.relmse_trimmed,
+            "without the worst 0.1 % of pixels",
+        ),
+        (
+            "bias",
+            scores.bias,
+            "mean over that of the reference, less 1",
+        ),
+        ("max_abs", scores.max_abs, "radiance"),
+        ("flip", scores.flip, "0 is the same"),
+        ("ssim", scores.ssim, "1 is the same"),
+        ("pdiff", scores.pdiff, "fraction of pixels"),
+        ("exposure", f64::from(scores.exposure), ""),
+    ];
+    let mut text = String::new();
+    for (name, value, note) in rows {
+        let line = format!("{name:<15} {value:<12.6} {note}");
+        let _ = writeln!(text, "{}", line.trim_end());
+    }
+    text
+}

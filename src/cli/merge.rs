@@ -1,0 +1,38 @@
+//! `lvox merge`
+
+use super::options::Context;
+use lvox::Result;
+use lvox::image::merge::merge;
+use lvox::run::output::check_writable;
+use std::path::PathBuf;
+
+/// Merge tiles into the frame that one process would have written, byte for byte
+///
+/// Refuse tiles that overlap, that leave pixels uncovered, or that were shaded from different scenes, trees or settings,
+/// and name them.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Read these tiles, in any order
+    #[arg(value_name = "TILE", required = true)]
+    tiles: Vec<PathBuf>,
+
+    /// Write the frame to this OpenEXR file; one that is there is replaced
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+}
+
+impl Args {
+    pub fn run(self, context: &Context) -> Result<()> {
+        let job = &context.job;
+        check_writable(&self.output, true)?;
+        job.report.stage("merge", |counts| {
+            let merged = merge(&self.tiles, &self.output, job)?;
+            counts.insert("tiles".into(), merged.tiles as f64);
+            counts.insert(
+                "pixels".into(),
+                f64::from(merged.width) * f64::from(merged.height),
+            );
+            Ok(())
+        })
+    }
+}

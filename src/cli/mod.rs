@@ -1,0 +1,77 @@
+//! The command line: one file per verb, each with its arguments and what it does with them.
+//!
+//! A new verb is a file with `Args` and `run`, a variant of [`Verb`], and a line in [`Verb::run`].
+
+mod compare;
+mod merge;
+mod options;
+pub mod output;
+mod parse;
+
+use clap::{Parser, Subcommand};
+use lvox::Result;
+use options::{Context, Shared};
+use std::process::ExitCode;
+
+/// Render colour bleeding in scenes with smoke, cloud and CT volumes from a point cloud.
+#[derive(Debug, Parser)]
+#[command(name = "lvox", version, disable_help_subcommand = true)]
+#[command(
+    after_help = "Exit codes: 0 done; 1 failed, a retry may help; 2 wrong usage or input, do not retry.\n\
+                        Data goes to stdout, everything else to stderr."
+)]
+pub struct Cli {
+    #[command(subcommand)]
+    verb: Verb,
+    #[command(flatten)]
+    shared: Shared,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    Merge(merge::Args),
+    Compare(compare::Args),
+}
+
+impl Verb {
+    /// Runs, and names itself for the report.
+    fn run(self, context: &Context) -> (&'static str, Result<()>) {
+        match self {
+            Self::Merge(args) => ("merge", args.run(context)),
+            Self::Compare(args) => ("compare", args.run(context)),
+        }
+    }
+}
+
+/// Reads the command line; help and usage errors are printed and give the exit code.
+pub fn parse() -> Result<Cli, ExitCode> {
+    Cli::try_parse().map_err(|error| {
+        // A closed pipe is no failure of help.
+        let _ = error.print();
+        ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2))
+    })
+}
+
+impl Cli {
+    /// Runs the verb and writes the report.
+    pub fn run(self) -> Result<()> {
+        let context = self.shared.resolve()?;
+        let (verb, result) = self.verb.run(&context);
+        let Some(path) = &context.report_path else {
+            return result;
+        };
+        let written = context.job.report.write(path, verb, result.as_ref().err());
+        result.and(written)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn definitions_are_consistent() {
+        use clap::CommandFactory;
+        Cli::command().debug_assert();
+    }
+}

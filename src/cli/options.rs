@@ -1,0 +1,113 @@
+//! Options that every verb has: as typed, and as resolved.
+
+use super::parse;
+use clap::ValueEnum;
+use lvox::run::output::check_writable;
+use lvox::run::{Job, Progress, ProgressMode};
+use lvox::{Error, Result};
+use std::io::IsTerminal;
+use std::path::PathBuf;
+
+/// Shared options as typed.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Shared options")]
+pub struct Shared {
+    /// Use this many threads; results do not depend on it [default: all cores]
+    #[arg(long, global = true, value_name = "N")]
+    #[arg(value_parser = clap::value_parser!(u16).range(1..))]
+    threads: Option<u16>,
+
+    /// Hold at most this much memory: bytes, or with K, M, G, T in powers of 1024, as 64M or 4G [default: no limit]
+    #[arg(long, global = true, value_name = "SIZE", value_parser = parse::size)]
+    memory_limit: Option<u64>,
+
+    /// Put temporary files into this folder [default: the system's]
+    #[arg(long, global = true, value_name = "DIR")]
+    temp_dir: Option<PathBuf>,
+
+    /// Show progress on stderr; auto is a bar on a terminal and plain lines elsewhere
+    #[arg(long, global = true, value_name = "MODE", default_value = "auto")]
+    progress: ProgressChoice,
+
+    /// Replace clouds and trees that are there already; images and reports are always replaced
+    #[arg(long, global = true)]
+    force: bool,
+
+    /// Seed all random choices; the same seed gives the same result
+    #[arg(long, global = true, value_name = "N", default_value_t = 0)]
+    seed: u64,
+
+    /// Write times, peak memory and counts to this file as JSON
+    #[arg(long, global = true, value_name = "FILE")]
+    report: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum ProgressChoice {
+    Auto,
+    Plain,
+    Json,
+    None,
+}
+
+/// Shared options as resolved; what a verb runs with.
+#[derive(Debug)]
+pub struct Context {
+    /// Progress, cancellation, report, limits.
+    pub job: Job,
+    /// Whether clouds and trees may be replaced.
+    #[allow(dead_code, reason = "read by the verbs that write clouds and trees")]
+    pub force: bool,
+    /// Seed of all random choices.
+    #[allow(dead_code, reason = "read by the verbs that sample")]
+    pub seed: u64,
+    /// Where the report goes.
+    pub report_path: Option<PathBuf>,
+}
+
+impl Shared {
+    /// Checks the options, sizes the thread pool, and hooks up the signals.
+    pub fn resolve(self) -> Result<Context> {
+        if let Some(path) = &self.report {
+            check_writable(path, true)?;
+        }
+        if let Some(dir) = self.temp_dir.as_ref().filter(|d| !d.is_dir()) {
+            return Err(
+                Error::input(format!("--temp-dir {} is not a folder", dir.display()))
+                    .hint("create it, or choose another"),
+            );
+        }
+        if let Some(threads) = self.threads {
+            rayon::ThreadPoolBuilder::new()
+                .num_threads(threads.into())
+                .build_global()
+                .map_err(|e| Error::failed(format!("cannot start {threads} threads: {e}")))?;
+        }
+        let mode = match self.progress {
+            ProgressChoice::Auto if std::io::stderr().is_terminal() => ProgressMode::Bar,
+            ProgressChoice::Auto | ProgressChoice::Plain => ProgressMode::Plain,
+            ProgressChoice::Json => ProgressMode::Json,
+            ProgressChoice::None => ProgressMode::None,
+        };
+        let job = Job {
+            progress: Progress::new(mode),
+            memory_limit: self.memory_limit,
+            temp_dir: self.temp_dir,
+            ..Job::default()
+        };
+        let cancel = job.cancel.clone();
+        ctrlc::set_handler(move || {
+            // The first signal asks for a clean stop, the next one does not wait for it.
+            if cancel.request() {
+                std::process::exit(1);
+            }
+        })
+        .map_err(|e| Error::failed(format!("cannot listen for signals: {e}")))?;
+        Ok(Context {
+            job,
+            force: self.force,
+            seed: self.seed,
+            report_path: self.report,
+        })
+    }
+}

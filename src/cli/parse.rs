@@ -1,0 +1,28 @@
+//! Values on the command line.
+
+use lvox::image::Region;
+use lvox::run::size;
+
+/// A size of memory, in bytes.
+pub fn size(text: &str) -> Result<u64, String> {
+    size::parse(text).map_err(|e| match e.hint_text() {
+        Some(hint) => format!("{e}: {hint}"),
+        None => e.to_string(),
+    })
+}
+
+/// A factor above zero.
+pub fn positive(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
+        _ => Err("it has to be a number above zero".into()),
+    }
+}
+
+/// The four values of `--region`, which clap has counted.
+pub fn region(values: &[u32]) -> Option<Region> {
+    let &[x0, y0, x1, y1] = values else {
+        return None;
+    };
+    Some(Region { x0, y0, x1, y1 })
+}

@@ -1,0 +1,147 @@
+//! Pictures from files of either kind, and the exposure that a reference is looked at with.
+
+use super::{Picture, Region, exr, png, tone};
+use crate::{Error, Result};
+use serde_json::Value;
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+/// Reads linear RGB from an OpenEXR or a PNG file; which one it is, its first bytes say. Eight-bit values are taken
+/// through the inverse of the tone map at `exposure`. `None` for the region means the whole frame.
+///
+/// # Errors
+/// [`crate::Kind::Input`] if the file cannot be read, has no colour, or does not cover the region.
+pub fn picture(path: &Path, exposure: f32, region: Option<Region>) -> Result<Picture> {
+    let mut magic = Vec::new();
+    File::open(path)
+        .and_then(|file| file.take(4).read_to_end(&mut magic))
+        .map_err(|e| Error::io("read", path, &e))?;
+    match magic[..] {
+        [0x76, 0x2f, 0x31, 0x01] => {
+            let frame = exr::read(path)?;
+            let region = region.unwrap_or(Region::full(frame.width, frame.height));
+            frame.picture("", &region).map_err(|e| e.at(path.display()))
+        }
+        [0x89, b'P', b'N', b'G'] => {
+            let whole = tone::unmap(&png::read(path)?, exposure);
+            let Some(region) = region else {
+                return Ok(whole);
+            };
+            whole.crop(&region).map_err(|e| e.at(path.display()))
+        }
+        _ => Err(
+            Error::input(format!("{} is neither OpenEXR nor PNG", path.display()))
+                .hint("convert it: oiiotool in -o out.exr"),
+        ),
+    }
+}
+
+/// The exposure that belongs to a reference image: beside `NAME.exr` a side-car `NAME.json` names, under `scene`, the
+/// scene's JSON file in the same folder, whose `tonemap.exposure` it is. `None` without a side-car or without a tone map
+/// in the scene.
+///
+/// # Errors
+/// [`crate::Kind::Input`] if a file of that chain is damaged or not there.
+pub fn exposure_of(reference: &Path) -> Result<Option<f32>> {
+    let side_car = reference.with_extension("json");
+    if side_car == reference || !side_car.is_file() {
+        return Ok(None);
+    }
+    let value = json(&side_car)?;
+    let Some(scene) = value.get("scene").and_then(Value::as_str) else {
+        return Ok(None);
+    };
+    let scene = side_car.with_file_name(scene);
+    let value = json(&scene).map_err(|e| {
+        e.at(format!("the scene of {}", side_car.display()))
+            .hint("give the exposure: --exposure E")
+    })?;
+    let Some(exposure) = value.pointer("/tonemap/exposure") else {
+        return Ok(None);
+    };
+    match exposure.as_f64() {
+        Some(e) if e > 0.0 && (e as f32).is_finite() => Ok(Some(e as f32)),
+        _ => Err(Error::input(format!(
+            "{}: tonemap.exposure is {exposure}, not a positive number",
+            scene.display()
+        ))
+        .hint("give the exposure: --exposure E")),
+    }
+}
+
+fn json(path: &Path) -> Result<Value> {
+    let text = std::fs::read_to_string(path).map_err(|e| Error::io("read", path, &e))?;
+    serde_json::from_str(&text)
+        .map_err(|e| Error::input(format!("{} is not valid JSON: {e}", path.display())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Frame, Layer};
+    use super::*;
+    use std::fs::write;
+
+    #[test]
+    fn the_side_car_leads_to_the_exposure() {
+        let dir = tempfile::tempdir().unwrap();
+        let image = dir.path().join("S_d3.exr");
+        assert_eq!(exposure_of(&image).unwrap(), None);
+        write(dir.path().join("S_d3.json"), r#"{"scene": "S.json"}"#).unwrap();
+        let error = exposure_of(&image).unwrap_err();
+        assert!(error.to_string().contains("S_d3.json") && error.to_string().contains("S.json"));
+        write(
+            dir.path().join("S.json"),
+            r#"{"tonemap": {"exposure": 2.5}}"#,
+        )
+        .unwrap();
+        assert_eq!(exposure_of(&image).unwrap(), Some(2.5));
+        write(
+            dir.path().join("S.json"),
+            r#"{"tonemap": {"exposure": -1}}"#,
+        )
+        .unwrap();
+        assert!(
+            exposure_of(&image)
+                .unwrap_err()
+                .hint_text()
+                .unwrap()
+                .contains("--exposure")
+        );
+        write(dir.path().join("S.json"), "{}").unwrap();
+        assert_eq!(exposure_of(&image).unwrap(), None);
+        write(dir.path().join("S_d3.json"), "{").unwrap();
+        assert!(exposure_of(&image).is_err());
+    }
+
+    #[test]
+    fn both_kinds_are_known_by_their_bytes() {
+        let dir = tempfile::tempdir().unwrap();
+        let (exr_path, png_path) = (dir.path().join("a"), dir.path().join("b"));
+        let mut frame = Frame::new(3, 2, Region::full(3, 2));
+        frame.layers.push(Layer::rgb("", &[[0.25, 0.5, 0.0]; 6]));
+        exr::write(&exr_path, &frame, exr::Precision::Half).unwrap();
+        let linear = picture(&exr_path, 1.0, None).unwrap();
+        png::write(&png_path, &tone::map(&linear, 2.0)).unwrap();
+        let display = picture(&png_path, 2.0, None).unwrap();
+        assert_eq!(tone::map(&display, 2.0), tone::map(&linear, 2.0));
+        let region = Region {
+            x0: 1,
+            y0: 1,
+            x1: 3,
+            y1: 2,
+        };
+        for path in [&exr_path, &png_path] {
+            let part = picture(path, 2.0, Some(region)).unwrap();
+            assert_eq!((part.width, part.height, part.pixels.len()), (2, 1, 2));
+            assert!(picture(path, 2.0, Some(Region::full(4, 4))).is_err());
+        }
+        write(&exr_path, "P6").unwrap();
+        assert!(
+            picture(&exr_path, 1.0, None)
+                .unwrap_err()
+                .to_string()
+                .contains("neither")
+        );
+    }
+}
