@@ -1,5 +1,246 @@
 //! scene → cloud: samples surfaces into surfels and media into lvoxels, each with its direct light.
+//!
+//! Points are made in batches, in a fixed order, each from its own number alone, and go straight to the file: memory
+//! does not grow with the cloud, and the bytes do not depend on threads.
 
+mod camera;
 pub mod creases;
 pub mod lvoxels;
 pub mod surfels;
+
+use crate::light::Lights;
+use crate::run::Job;
+use crate::scene::Scene;
+use crate::trace::Tracer;
+use crate::{Error, Result};
+use creases::Creases;
+use glam::DAffine3;
+use lvox_formats::record::{Lvoxel, Surfel, VolumeInfo};
+use lvox_formats::{CloudMeta, CloudSummary, CloudWriter};
+use lvoxels::{BlockSize, LvoxelMaker};
+use rayon::prelude::*;
+use std::path::Path;
+use surfels::{AreaSampler, SurfelMaker};
+
+/// How to bake.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Where surfels come from.
+    pub surfels: SurfelSampling,
+    /// Disk radius over that of a disk of the surfel's area: more overlap leaves fewer holes and blurs more.
+    pub overlap: f32,
+    /// Facets that meet at more than this end each other's disks, degrees.
+    pub crease_deg: f32,
+    /// Size of lvoxels.
+    pub blocks: BlockSize,
+    /// Shadow rays to each area light, at each point and side.
+    pub shadow_rays: u32,
+    /// Key of all random choices.
+    pub seed: u64,
+}
+
+/// Where surfels come from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SurfelSampling {
+    /// About so many over the area of all surfaces.
+    Area {
+        /// How many.
+        count: u64,
+    },
+    /// The paper's: where the rays of a camera meet surfaces.
+    Camera {
+        /// Name of the camera; the scene's first if `None`.
+        name: Option<String>,
+        /// Rays per pixel along each axis.
+        rate: f32,
+        /// Frustum width over the image's.
+        overscan: f32,
+    },
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            surfels: SurfelSampling::Area { count: 500_000 },
+            overlap: 2.0,
+            crease_deg: 20.0,
+            blocks: BlockSize::OpticalDepth(0.7),
+            shadow_rays: 4,
+            seed: 0,
+        }
+    }
+}
+
+/// Points made between two writes.
+const BATCH: u64 = 65_536;
+
+/// Bakes a scene into a cloud file.
+///
+/// # Errors
+/// A setting out of range, an output that cannot be written, or a stop on request; then no file is left.
+pub fn run(scene: &Scene, settings: &Settings, cloud: &Path, force: bool, job: &Job) -> Result<CloudSummary> {
+    settings.check()?;
+    job.report.stage("bake", |counts| {
+        let mut writer = CloudWriter::create(cloud, meta(scene, settings), force)?;
+        let tracer = Tracer::new(scene);
+        let lights = Lights::new(&tracer);
+        let creases = Creases::new(&scene.mesh, settings.crease_deg);
+        let maker = SurfelMaker {
+            tracer: &tracer,
+            lights: &lights,
+            creases: &creases,
+            shadow_rays: settings.shadow_rays,
+            seed: settings.seed,
+        };
+        match &settings.surfels {
+            SurfelSampling::Area { count } => bake_area(&maker, *count, settings, &mut writer, job)?,
+            SurfelSampling::Camera { name, rate, overscan } => {
+                camera::bake(&maker, scene.camera(name.as_deref())?, *rate, *overscan, settings, &mut writer, job)?;
+            }
+        }
+        for (index, volume) in scene.volumes.iter().enumerate() {
+            let maker = LvoxelMaker {
+                volume,
+                index: index as u16,
+                lights: &lights,
+                size: settings.blocks,
+                shadow_rays: settings.shadow_rays,
+                seed: settings.seed,
+            };
+            bake_volume(&maker, &mut writer, job)?;
+        }
+        let summary = writer.finish()?;
+        counts.insert("surfels".into(), summary.sums.surfels as f64);
+        counts.insert("lvoxels".into(), summary.sums.lvoxels() as f64);
+        Ok(summary)
+    })
+}
+
+fn bake_area(
+    maker: &SurfelMaker,
+    count: u64,
+    settings: &Settings,
+    writer: &mut CloudWriter,
+    job: &Job,
+) -> Result<()> {
+    let sampler = AreaSampler::new(maker.tracer, count, settings.seed);
+    let area = sampler.area_per_sample() as f32;
+    let task = job.progress.task("surfels", sampler.count(), "surfels");
+    let mut from = 0;
+    while from < sampler.count() {
+        job.cancel.check()?;
+        let to = (from + BATCH).min(sampler.count());
+        let batch: Vec<Surfel> = (from..to)
+            .into_par_iter()
+            .with_min_len(64)
+            .map(|i| {
+                let (triangle, uv) = sampler.sample(i);
+                maker.make(triangle, uv, area, settings.overlap, i)
+            })
+            .collect();
+        writer.push_surfels(&batch)?;
+        task.add(to - from);
+        from = to;
+    }
+    Ok(())
+}
+
+fn bake_volume(maker: &LvoxelMaker, writer: &mut CloudWriter, job: &Job) -> Result<()> {
+    let bricks = maker.bricks();
+    let count = bricks[0] * bricks[1] * bricks[2];
+    let task = job.progress.task("lvoxels", count as u64, "bricks");
+    for from in (0..count).step_by(1024) {
+        job.cancel.check()?;
+        let to = (from + 1024).min(count);
+        let batch: Vec<Vec<Lvoxel>> = (from..to)
+            .into_par_iter()
+            .map(|b| maker.make([b % bricks[0], b / bricks[0] % bricks[1], b / (bricks[0] * bricks[1])]))
+            .collect();
+        for lvoxels in batch {
+            writer.push_lvoxels(&lvoxels)?;
+        }
+        task.add((to - from) as u64);
+    }
+    Ok(())
+}
+
+fn meta(scene: &Scene, settings: &Settings) -> CloudMeta {
+    let columns = |m: DAffine3| [m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis, m.translation].map(|c| c.to_array());
+    CloudMeta {
+        scene_hash: scene.hash,
+        scene_name: scene.name.clone(),
+        world_from_scene: scene.world_from_scene.to_array(),
+        volumes: scene
+            .volumes
+            .iter()
+            .map(|v| VolumeInfo {
+                name: v.name.clone(),
+                dims: v.sigma_t.dims().map(|n| n as u32),
+                index_from_scene: columns(v.scene_from_index.inverse()),
+                albedo: v.albedo,
+            })
+            .collect(),
+        settings: settings.listed(),
+        disk_overlap: match settings.surfels {
+            SurfelSampling::Area { .. } => settings.overlap,
+            SurfelSampling::Camera { .. } => 0.0,
+        },
+    }
+}
+
+impl Settings {
+    /// Names and values, as they are kept in the cloud.
+    #[must_use]
+    pub fn listed(&self) -> Vec<(String, String)> {
+        let mut list = Vec::new();
+        let mut add = |name: &str, value: String| list.push((name.to_owned(), value));
+        match &self.surfels {
+            SurfelSampling::Area { count } => add("surfels", count.to_string()),
+            SurfelSampling::Camera { name, rate, overscan } => {
+                add("surfels-from-camera", name.clone().unwrap_or_default());
+                add("camera-rate", rate.to_string());
+                add("overscan", overscan.to_string());
+            }
+        }
+        add("overlap", self.overlap.to_string());
+        add("crease-deg", self.crease_deg.to_string());
+        match self.blocks {
+            BlockSize::OpticalDepth(tau) => add("block-depth", tau.to_string()),
+            BlockSize::Fixed { level, samples } => {
+                add("block-voxels", (1 << level).to_string());
+                add("block-samples", samples.to_string());
+            }
+        }
+        add("shadow-rays", self.shadow_rays.to_string());
+        add("seed", self.seed.to_string());
+        list
+    }
+
+    /// Refuses settings that make no sense.
+    ///
+    /// # Errors
+    /// Names the setting, what it may be and what it was.
+    pub fn check(&self) -> Result<()> {
+        let within = |name: &str, value: f64, low: f64, high: f64| {
+            if value >= low && value <= high {
+                Ok(())
+            } else {
+                Err(Error::input(format!("{name} must be {low} to {high}, found {value}")))
+            }
+        };
+        match self.surfels {
+            SurfelSampling::Area { count } => within("--surfels", count as f64, 1.0, 1e12)?,
+            SurfelSampling::Camera { rate, overscan, .. } => {
+                within("--camera-rate", f64::from(rate), 0.01, 64.0)?;
+                within("--overscan", f64::from(overscan), 1.0, 4.0)?;
+            }
+        }
+        within("--overlap", f64::from(self.overlap), 0.1, 10.0)?;
+        within("--crease-deg", f64::from(self.crease_deg), 0.0, 180.0)?;
+        within("--shadow-rays", f64::from(self.shadow_rays), 1.0, 4096.0)?;
+        match self.blocks {
+            BlockSize::OpticalDepth(tau) => within("--block-depth", f64::from(tau), 1e-3, 1e6),
+            BlockSize::Fixed { samples, .. } => within("--block-samples", f64::from(samples), 1.0, 4096.0),
+        }
+    }
+}

@@ -10,7 +10,7 @@ pub mod plain;
 pub mod source;
 
 pub use media::Media;
-pub use source::{Pages, ResidentTree};
+pub use source::{Pages, SurfelStore, TreeStore};
 
 use crate::math::sampling::{cosine_hemisphere, sobol2, sphere, tangents};
 use crate::math::segment::Composite;

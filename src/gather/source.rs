@@ -1,7 +1,17 @@
-//! Where pages come from: all in memory, or decoded on demand into a cache of bounded size.
+//! Where pages come from: decoded when a ray first needs them and kept, or kept in a cache of bounded size.
+//!
+//! Either way a page that no ray touches is never read.
 
+use super::media::Media;
 use super::page::KernelPage;
+use crate::{Error, Result};
+use lvox_formats::{MappedFile, Tree};
+use quick_cache::sync::Cache;
+use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
 use std::ops::Deref;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// Gives pages to the kernels.
 pub trait Pages: Sync {
@@ -13,40 +23,231 @@ pub trait Pages: Sync {
     /// The page at which every ray starts; `None` for a tree without surfels.
     fn root(&self) -> Option<u32>;
 
-    /// A page. A page that cannot be read is given as empty, and the failure is kept for the caller of the kernel.
+    /// A page. A page that cannot be read is given as empty; [`Pages::check`] then tells.
     fn page(&self, id: u32) -> Self::Guard<'_>;
+
+    /// An error if any page could not be read so far.
+    ///
+    /// # Errors
+    /// A page with a wrong checksum or content.
+    fn check(&self) -> Result<()>;
 }
 
-/// All pages of a tree in memory.
-#[derive(Debug, Default)]
-pub struct ResidentTree {
-    root: Option<u32>,
-    pages: Vec<KernelPage>,
+/// How much of a tree was used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct PageStats {
+    /// Pages in the file.
+    pub pages: u64,
+    /// Pages decoded, each time counted.
+    pub decoded: u64,
+    /// Bytes of the file read for them.
+    pub bytes_read: u64,
+    /// Requests that the cache could answer; 0 where pages are kept for good.
+    pub hits: u64,
+    /// Requests that it could not.
+    pub misses: u64,
 }
 
-impl ResidentTree {
-    /// Takes pages whose ids are their indices.
-    #[must_use]
-    pub fn new(root: Option<u32>, pages: Vec<KernelPage>) -> Self {
-        Self { root, pages }
+/// An open tree file that pages are decoded from.
+#[derive(Debug)]
+struct Decoder {
+    tree: Tree<MappedFile>,
+    path: PathBuf,
+    decoded: AtomicU64,
+    bytes_read: AtomicU64,
+    failed: AtomicU64,
+    failure: Mutex<Option<Error>>,
+}
+
+impl Decoder {
+    fn page(&self, id: u32) -> KernelPage {
+        self.decoded.fetch_add(1, Ordering::Relaxed);
+        if let Some(block) = self.tree.surfel_blocks().get(id as usize) {
+            self.bytes_read.fetch_add(block.length, Ordering::Relaxed);
+        }
+        match self.tree.surfel_page(id as usize) {
+            Ok(page) => KernelPage::new(&page),
+            Err(e) => {
+                let mut failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
+                failure.get_or_insert_with(|| Error::from(e.at(&self.path)));
+                self.failed.store(1, Ordering::Relaxed);
+                KernelPage::default()
+            }
+        }
     }
 
-    /// Bytes held.
-    #[must_use]
-    pub fn bytes(&self) -> usize {
-        self.pages.iter().map(KernelPage::bytes).sum()
+    fn check(&self) -> Result<()> {
+        if self.failed.load(Ordering::Relaxed) == 0 {
+            return Ok(());
+        }
+        match self.failure.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            Some(e) => Err(e),
+            None => Err(Error::input(format!("{}: a page could not be read", self.path.display()))),
+        }
+    }
+
+    fn stats(&self) -> PageStats {
+        PageStats {
+            pages: self.tree.surfel_pages() as u64,
+            decoded: self.decoded.load(Ordering::Relaxed),
+            bytes_read: self.bytes_read.load(Ordering::Relaxed),
+            ..PageStats::default()
+        }
     }
 }
 
-impl Pages for ResidentTree {
+/// A tree whose pages stay in memory once decoded.
+#[derive(Debug)]
+pub struct KeptTree {
+    decoder: Decoder,
+    pages: Vec<OnceLock<KernelPage>>,
+}
+
+impl Pages for KeptTree {
     type Guard<'a> = &'a KernelPage;
 
     fn root(&self) -> Option<u32> {
-        self.root
+        self.decoder.tree.root_page()
     }
 
     #[inline]
     fn page(&self, id: u32) -> &KernelPage {
-        &self.pages[id as usize]
+        self.pages[id as usize].get_or_init(|| self.decoder.page(id))
+    }
+
+    fn check(&self) -> Result<()> {
+        self.decoder.check()
+    }
+}
+
+/// A tree whose decoded pages live in a cache of bounded size.
+#[derive(Debug)]
+pub struct CachedTree {
+    decoder: Decoder,
+    cache: Cache<u32, Arc<KernelPage>, PageBytes>,
+}
+
+/// Weighs a page by its bytes.
+#[derive(Clone, Debug)]
+struct PageBytes;
+
+impl Weighter<u32, Arc<KernelPage>> for PageBytes {
+    fn weight(&self, _: &u32, page: &Arc<KernelPage>) -> u64 {
+        page.bytes() as u64 + 64
+    }
+}
+
+impl Pages for CachedTree {
+    type Guard<'a> = Arc<KernelPage>;
+
+    fn root(&self) -> Option<u32> {
+        self.decoder.tree.root_page()
+    }
+
+    fn page(&self, id: u32) -> Arc<KernelPage> {
+        // The closure cannot fail; the cache's error type is ours to choose.
+        self.cache
+            .get_or_insert_with(&id, || Ok::<_, std::convert::Infallible>(Arc::new(self.decoder.page(id))))
+            .unwrap_or_else(|never| match never {})
+    }
+
+    fn check(&self) -> Result<()> {
+        self.decoder.check()
+    }
+}
+
+/// An open tree, ready to gather from: surfels in either kind of store, lvoxels in memory.
+#[derive(Debug)]
+pub struct TreeStore {
+    /// Surfels.
+    pub surfels: SurfelStore,
+    /// Lvoxels.
+    pub media: Media,
+}
+
+/// Where the pages of surfels are kept.
+#[derive(Debug)]
+pub enum SurfelStore {
+    /// Everything that was touched.
+    Kept(KeptTree),
+    /// What fits.
+    Cached(CachedTree),
+}
+
+/// Decoded pages hold at most this many times the bytes that they have in the file before compression.
+const DECODED_OVER_RAW: u64 = 5;
+
+impl TreeStore {
+    /// Opens a tree file. With a memory limit that the decoded tree might pass, pages are cached within it.
+    ///
+    /// # Errors
+    /// A file that is not a whole tree, or a limit too small for its media and a few pages.
+    pub fn open(path: &Path, memory_limit: Option<u64>) -> Result<Self> {
+        let tree = Tree::open(MappedFile::open(path).map_err(|e| e.at(path))?).map_err(|e| e.at(path))?;
+        let mut lvoxels = Vec::new();
+        for i in 0..tree.lvoxel_pages() {
+            lvoxels.extend(tree.lvoxel_page(i).map_err(|e| e.at(path))?);
+        }
+        let media = Media::new(&tree.meta().cloud.volumes, lvoxels);
+        let raw: Vec<u64> = tree.surfel_blocks().iter().map(|b| b.raw_bytes()).collect();
+        let decoded = raw.iter().sum::<u64>() * DECODED_OVER_RAW;
+        let page_count = tree.surfel_pages();
+        let decoder = Decoder {
+            tree,
+            path: path.to_owned(),
+            decoded: AtomicU64::new(0),
+            bytes_read: AtomicU64::new(0),
+            failed: AtomicU64::new(0),
+            failure: Mutex::new(None),
+        };
+        let surfels = match memory_limit.filter(|&limit| decoded + media.bytes() as u64 > limit) {
+            None => {
+                let pages = (0..page_count).map(|_| OnceLock::new()).collect();
+                SurfelStore::Kept(KeptTree { decoder, pages })
+            }
+            Some(limit) => {
+                let largest = raw.iter().max().copied().unwrap_or(0) * DECODED_OVER_RAW;
+                // A cache shard never keeps what is heavier than nearly all of it.
+                let least = media.bytes() as u64 + 8 * largest;
+                if limit < least {
+                    return Err(Error::input(format!(
+                        "{}: a memory limit of {limit} bytes is too small, it takes at least {least}",
+                        path.display()
+                    ))
+                    .hint("raise --memory-limit"));
+                }
+                let budget = limit - media.bytes() as u64;
+                let shards = (budget / (2 * largest).max(1)).clamp(1, 16) as usize;
+                let options = OptionsBuilder::new()
+                    .shards(shards)
+                    .estimated_items_capacity(page_count.max(1))
+                    .weight_capacity(budget)
+                    .build()
+                    .map_err(|e| Error::failed(format!("cannot make a page cache of {budget} bytes: {e:?}")))?;
+                let cache = Cache::with_options(options, PageBytes, DefaultHashBuilder::default(), Default::default());
+                SurfelStore::Cached(CachedTree { decoder, cache })
+            }
+        };
+        Ok(Self { surfels, media })
+    }
+
+    /// What the file says of itself.
+    #[must_use]
+    pub fn tree(&self) -> &Tree<MappedFile> {
+        match &self.surfels {
+            SurfelStore::Kept(t) => &t.decoder.tree,
+            SurfelStore::Cached(t) => &t.decoder.tree,
+        }
+    }
+
+    /// How much of the tree was used so far.
+    #[must_use]
+    pub fn stats(&self) -> PageStats {
+        match &self.surfels {
+            SurfelStore::Kept(t) => t.decoder.stats(),
+            SurfelStore::Cached(t) => {
+                PageStats { hits: t.cache.hits(), misses: t.cache.misses(), ..t.decoder.stats() }
+            }
+        }
     }
 }

@@ -17,6 +17,7 @@ pub use material::{Material, Texture};
 pub use mesh::Mesh;
 pub use volume::Volume;
 
+use crate::{Error, Result};
 use glam::DVec3;
 
 /// A whole scene, checked: every value is finite, every index in range, no transform singular.
@@ -42,4 +43,18 @@ pub struct Scene {
     pub volumes: Vec<Volume>,
     /// blake3 over the content of the scene file and of all files that it names.
     pub hash: [u8; 32],
+}
+
+impl Scene {
+    /// The camera of a name, the first if `None`.
+    ///
+    /// # Errors
+    /// An unknown name; the hint lists those there are.
+    pub fn camera(&self, name: Option<&str>) -> Result<&Camera> {
+        let Some(name) = name else { return Ok(&self.cameras[0]) };
+        self.cameras.iter().find(|c| c.name == name).ok_or_else(|| {
+            let names: Vec<_> = self.cameras.iter().map(|c| format!("`{}`", c.name)).collect();
+            Error::input(format!("the scene has no camera `{name}`")).hint(format!("it has {}", names.join(", ")))
+        })
+    }
 }

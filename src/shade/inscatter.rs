@@ -27,15 +27,26 @@ impl Vertices {
     fn new(dims: [usize; 3], step: usize) -> Self {
         let count = dims.map(|n| n.div_ceil(step) + 1);
         let bricks = count.map(|n| n.div_ceil(BRICK));
-        let values = (0..bricks[0] * bricks[1] * bricks[2]).map(|_| OnceLock::new()).collect();
-        Self { step: step as f32, count, bricks, values }
+        let values = (0..bricks[0] * bricks[1] * bricks[2])
+            .map(|_| OnceLock::new())
+            .collect();
+        Self {
+            step: step as f32,
+            count,
+            bricks,
+            values,
+        }
     }
 
     fn vertex(&self, v: [usize; 3], evaluate: &impl Fn(Vec3, [usize; 3]) -> Rgb) -> Rgb {
         let b = v.map(|c| c / BRICK);
         let l = v.map(|c| c % BRICK);
         let brick = self.values[(b[2] * self.bricks[1] + b[1]) * self.bricks[0] + b[0]]
-            .get_or_init(|| (0..BRICK * BRICK * BRICK).map(|_| OnceLock::new()).collect());
+            .get_or_init(|| {
+                (0..BRICK * BRICK * BRICK)
+                    .map(|_| OnceLock::new())
+                    .collect()
+            });
         *brick[(l[2] * BRICK + l[1]) * BRICK + l[0]]
             .get_or_init(|| evaluate(Vec3::from(v.map(|c| c as f32)) * self.step, v))
     }
@@ -103,9 +114,17 @@ impl<'a, P: Pages> InScatter<'a, P> {
             .iter()
             .map(|v| {
                 let axes = v.scene_from_index.matrix3;
-                let voxel = axes.x_axis.length().max(axes.y_axis.length()).max(axes.z_axis.length()) as f32;
+                let voxel = axes
+                    .x_axis
+                    .length()
+                    .max(axes.y_axis.length())
+                    .max(axes.z_axis.length()) as f32;
                 let tau = v.sigma_t.max() * voxel;
-                let step = if tau * Self::WIDEST as f32 <= Self::DEPTH { Self::WIDEST } else { 1 };
+                let step = if tau * Self::WIDEST as f32 <= Self::DEPTH {
+                    Self::WIDEST
+                } else {
+                    1
+                };
                 Lattices {
                     direct: Vertices::new(v.sigma_t.dims(), step),
                     indirect: Vertices::new(v.sigma_t.dims(), 2 * step),
@@ -113,7 +132,14 @@ impl<'a, P: Pages> InScatter<'a, P> {
                 }
             })
             .collect();
-        Self { volumes, lights, gatherer, lattices, shadow_rays, seed }
+        Self {
+            volumes,
+            lights,
+            gatherer,
+            lattices,
+            shadow_rays,
+            seed,
+        }
     }
 
     /// Source function of a volume at a point of scene space, given the optical depth of the cell around it.
@@ -122,20 +148,48 @@ impl<'a, P: Pages> InScatter<'a, P> {
         let medium = &self.volumes[volume];
         let lattices = &self.lattices[volume];
         let at = medium.index_from_scene.transform_point3(point);
-        let to_scene = |p: Vec3| medium.scene_from_index.transform_point3(p.as_dvec3()).as_vec3();
-        let key = |v: [usize; 3]| sampling::hash(&[self.seed, volume as u64, v[0] as u64, v[1] as u64, v[2] as u64]);
+        let to_scene = |p: Vec3| {
+            medium
+                .scene_from_index
+                .transform_point3(p.as_dvec3())
+                .as_vec3()
+        };
+        let key = |v: [usize; 3]| {
+            sampling::hash(&[
+                self.seed,
+                volume as u64,
+                v[0] as u64,
+                v[1] as u64,
+                v[2] as u64,
+            ])
+        };
         let direct = if lattices.deep && tau > Self::DEPTH {
             let bits = point.to_array().map(|c| u64::from(c.to_bits()));
-            self.direct(point, sampling::hash(&[self.seed, bits[0], bits[1], bits[2]]))
+            self.direct(
+                point,
+                sampling::hash(&[self.seed, bits[0], bits[1], bits[2]]),
+            )
         } else {
-            lattices.direct.sample(at, |p, v| self.direct(to_scene(p), key(v)))
+            lattices
+                .direct
+                .sample(at, |p, v| self.direct(to_scene(p), key(v)))
         };
-        let indirect =
-            lattices.indirect.sample(at, |p, v| self.gatherer.mean_radiance(to_scene(p), key(v)).light);
+        let indirect = lattices.indirect.sample(at, |p, v| {
+            self.gatherer.mean_radiance(to_scene(p), key(v)).light
+        });
         Rgb(medium.albedo) * (direct + indirect)
     }
 
     fn direct(&self, point: Vec3, seed: u64) -> Rgb {
-        self.lights.mean_radiance(point, ShadowRays { per_light: self.shadow_rays, first: 0, seed }).light
+        self.lights
+            .mean_radiance(
+                point,
+                ShadowRays {
+                    per_light: self.shadow_rays,
+                    first: 0,
+                    seed,
+                },
+            )
+            .light
     }
 }

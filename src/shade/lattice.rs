@@ -65,18 +65,41 @@ impl Lattice {
             .map(|j| {
                 cancel.check()?;
                 let row = (0..count[0])
-                    .map(|i| Self::gather_at(view, gatherer, (first[0] + i) * step, (first[1] + j) * step, step))
+                    .map(|i| {
+                        Self::gather_at(
+                            view,
+                            gatherer,
+                            (first[0] + i) * step,
+                            (first[1] + j) * step,
+                            step,
+                        )
+                    })
                     .collect();
                 task.add(u64::from(count[0]));
                 Ok(row)
             })
             .collect::<Result<_>>()?;
-        Ok(Self { step, first, count, nodes: rows.into_iter().flatten().collect() })
+        Ok(Self {
+            step,
+            first,
+            count,
+            nodes: rows.into_iter().flatten().collect(),
+        })
     }
 
-    fn gather_at<P: Pages>(view: &View, gatherer: &Gatherer<P>, x: u32, y: u32, step: u32) -> Option<Node> {
-        let direction = view.camera.direction(&view.film, x as f32 + 0.5, y as f32 + 0.5);
-        let hit = view.tracer.closest(view.camera.origin(), direction, f32::INFINITY)?;
+    fn gather_at<P: Pages>(
+        view: &View,
+        gatherer: &Gatherer<P>,
+        x: u32,
+        y: u32,
+        step: u32,
+    ) -> Option<Node> {
+        let direction = view
+            .camera
+            .direction(&view.film, x as f32 + 0.5, y as f32 + 0.5);
+        let hit = view
+            .tracer
+            .closest(view.camera.origin(), direction, f32::INFINITY)?;
         let surface = Surface::new(view.tracer.scene, hit.triangle, hit.uv).facing(-direction);
         let seed = sampling::hash(&[view.seed, u64::from(x), u64::from(y)]);
         Some(Node {
@@ -99,7 +122,9 @@ impl Lattice {
         let (mut sum, mut total) = (Rgb::BLACK, 0.0_f32);
         for j in near(y, self.first[1], self.count[1]) {
             for i in near(x, self.first[0], self.count[0]) {
-                let Some(node) = &self.nodes[(j * self.count[0] + i) as usize] else { continue };
+                let Some(node) = &self.nodes[(j * self.count[0] + i) as usize] else {
+                    continue;
+                };
                 let alike = node.normal.dot(surface.normal);
                 if alike <= 0.7 {
                     continue;
@@ -114,7 +139,10 @@ impl Lattice {
                 }
                 let range = (Self::RANGE * node.gathered.harmonic_distance).max(0.7 * node.spacing);
                 let offset = surface.position - node.position;
-                let height = offset.dot(surface.normal).abs().max(offset.dot(node.normal).abs());
+                let height = offset
+                    .dot(surface.normal)
+                    .abs()
+                    .max(offset.dot(node.normal).abs());
                 // Off the plane light changes faster: contact and thin steps are there.
                 let d2 = (offset.length_squared() + 8.0 * height * height) / (range * range);
                 let sharp = alike.powi(8);
@@ -129,7 +157,12 @@ impl Lattice {
 
 /// Gathers over the hemisphere of a surface.
 #[must_use]
-pub fn gather_surface<P: Pages>(view: &View, gatherer: &Gatherer<P>, surface: &Surface, seed: u64) -> Gathered {
+pub fn gather_surface<P: Pages>(
+    view: &View,
+    gatherer: &Gatherer<P>,
+    surface: &Surface,
+    seed: u64,
+) -> Gathered {
     let origin = surface.position + surface.face_normal * view.tracer.offset;
     gatherer.irradiance(origin, surface.normal, seed)
 }

@@ -1,1 +1,247 @@
-//! shade.
+//! tree + scene → image: primary visibility and direct light from the scene, indirect light gathered from the tree.
+//!
+//! Every pixel depends on the scene, the tree, the settings and its own coordinates alone, so any tiling, on any number
+//! of machines, gives the same bits.
+
+mod inscatter;
+mod lattice;
+mod pixel;
+mod view;
+
+use crate::gather::{self, Gatherer, Kernel, Media, Pages};
+use crate::image::{Frame, Layer, Region};
+use crate::light::Lights;
+use crate::math::Rgb;
+use crate::run::Job;
+use crate::scene::Scene;
+use crate::trace::Tracer;
+use crate::{Error, Result};
+use inscatter::InScatter;
+use lattice::Lattice;
+use pixel::{Pixel, PixelShader, SampleCounts};
+use rayon::prelude::*;
+use view::View;
+
+/// How to shade.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Settings {
+    /// Name of the camera; the scene's first if `None`.
+    pub camera: Option<String>,
+    /// Gather rays at each lattice pixel.
+    pub samples: u32,
+    /// A node seen under less than this, steradians, may stand for all below it.
+    pub max_solid_angle: f32,
+    /// Nothing further than this, in scene units, sends indirect light.
+    pub max_dist: Option<f32>,
+    /// The paper's plain kernel instead of the fast one.
+    pub plain: bool,
+    /// Pixels between gathers on surfaces; 1 gathers at every pixel.
+    pub lattice: u32,
+    /// Gather rays at each vertex inside media.
+    pub volume_samples: u32,
+    /// Primary rays a pixel.
+    pub pixel_samples: u32,
+    /// Primary rays where those disagree.
+    pub edge_samples: u32,
+    /// Shadow rays to each area light, a primary ray.
+    pub shadow_rays: u32,
+    /// Key of all random choices.
+    pub seed: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            camera: None,
+            samples: 64,
+            max_solid_angle: 0.01,
+            max_dist: None,
+            plain: false,
+            lattice: 4,
+            volume_samples: 32,
+            pixel_samples: 4,
+            edge_samples: 16,
+            shadow_rays: 4,
+            seed: 0,
+        }
+    }
+}
+
+/// Extra layers of the image beside the beauty.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Aov {
+    /// Directly lit and emitted light, as it comes through media.
+    Direct,
+    /// Light from other surfaces and media.
+    Indirect,
+    /// Light scattered by media towards the camera.
+    Volume,
+    /// Mean distance along the camera rays, scene units.
+    Depth,
+    /// Mean shading normal, scene space.
+    Normal,
+}
+
+impl Aov {
+    /// All of them, by the name of their layer.
+    pub const ALL: [(&'static str, Self); 5] = [
+        ("direct", Self::Direct),
+        ("indirect", Self::Indirect),
+        ("volume", Self::Volume),
+        ("depth", Self::Depth),
+        ("normal", Self::Normal),
+    ];
+}
+
+/// Shades a region of the frame.
+///
+/// # Errors
+/// A setting out of range, an unknown camera, or a stop on request.
+pub fn run<P: Pages>(
+    scene: &Scene,
+    pages: &P,
+    media: &Media,
+    settings: &Settings,
+    region: Region,
+    aovs: &[Aov],
+    job: &Job,
+) -> Result<Frame> {
+    settings.check()?;
+    region.check(scene.film.width, scene.film.height)?;
+    let camera = scene.camera(settings.camera.as_deref())?;
+    let tracer = Tracer::new(scene);
+    let lights = Lights::new(&tracer);
+    let surface_gatherer = Gatherer {
+        pages,
+        media,
+        settings: gather::Settings {
+            samples: settings.samples,
+            max_solid_angle: settings.max_solid_angle,
+            max_dist: settings.max_dist.unwrap_or(f32::INFINITY),
+            kernel: if settings.plain {
+                Kernel::Plain
+            } else {
+                Kernel::Cone
+            },
+            environment: lights.environment(),
+            media: true,
+        },
+    };
+    let volume_gatherer = Gatherer {
+        settings: gather::Settings {
+            samples: settings.volume_samples,
+            ..surface_gatherer.settings
+        },
+        ..surface_gatherer
+    };
+    let view = View::new(&tracer, camera, scene.film, settings.seed);
+    let lattice = {
+        let step = u64::from(settings.lattice);
+        let task = job.progress.task(
+            "gather",
+            region.pixels() as u64 / (step * step),
+            "receivers",
+        );
+        Lattice::new(
+            &view,
+            &surface_gatherer,
+            region,
+            settings.lattice,
+            &job.cancel,
+            &task,
+        )?
+    };
+    let in_scatter = InScatter::new(
+        &scene.volumes,
+        &lights,
+        &volume_gatherer,
+        settings.shadow_rays,
+        settings.seed,
+    );
+    let shader = PixelShader {
+        view,
+        lights: &lights,
+        lattice: &lattice,
+        gatherer: &surface_gatherer,
+        in_scatter: &in_scatter,
+        counts: SampleCounts {
+            pixel: settings.pixel_samples,
+            edge: settings.edge_samples,
+            shadow: settings.shadow_rays,
+        },
+    };
+    let task = job.progress.task("shade", region.pixels() as u64, "pixels");
+    let rows: Vec<Vec<Pixel>> = (region.y0..region.y1)
+        .into_par_iter()
+        .map(|y| {
+            job.cancel.check()?;
+            let row = (region.x0..region.x1).map(|x| shader.shade(x, y)).collect();
+            task.add(u64::from(region.width()));
+            Ok(row)
+        })
+        .collect::<Result<_>>()?;
+    let pixels: Vec<Pixel> = rows.into_iter().flatten().collect();
+    Ok(to_frame(scene, region, &pixels, aovs))
+}
+
+fn to_frame(scene: &Scene, region: Region, pixels: &[Pixel], aovs: &[Aov]) -> Frame {
+    let mut frame = Frame::new(scene.film.width, scene.film.height, region);
+    let rgb = |name: &str, f: &dyn Fn(&Pixel) -> Rgb| {
+        Layer::rgb(name, &pixels.iter().map(|p| f(p).0).collect::<Vec<_>>())
+    };
+    frame
+        .layers
+        .push(rgb("", &|p| p.direct + p.indirect + p.volume));
+    for (name, aov) in Aov::ALL {
+        if aovs.contains(&aov) {
+            frame.layers.push(match aov {
+                Aov::Direct => rgb(name, &|p| p.direct),
+                Aov::Indirect => rgb(name, &|p| p.indirect),
+                Aov::Volume => rgb(name, &|p| p.volume),
+                Aov::Depth => Layer::single(name, "Z", pixels.iter().map(|p| p.depth).collect()),
+                Aov::Normal => Layer::xyz(
+                    name,
+                    &pixels
+                        .iter()
+                        .map(|p| p.normal.to_array())
+                        .collect::<Vec<_>>(),
+                ),
+            });
+        }
+    }
+    frame
+}
+
+impl Settings {
+    /// Refuses settings that make no sense.
+    ///
+    /// # Errors
+    /// Names the setting, what it may be and what it was.
+    pub fn check(&self) -> Result<()> {
+        let count = |name: &str, value: u32, most: u32| {
+            if (1..=most).contains(&value) {
+                Ok(())
+            } else {
+                Err(Error::input(format!(
+                    "{name} must be 1 to {most}, found {value}"
+                )))
+            }
+        };
+        count("--samples", self.samples, 65_536)?;
+        count("--volume-samples", self.volume_samples, 65_536)?;
+        count("--pixel-samples", self.pixel_samples, 65_536)?;
+        count("--edge-samples", self.edge_samples, 65_536)?;
+        count("--shadow-rays", self.shadow_rays, 4096)?;
+        count("--lattice", self.lattice, 64)?;
+        if !(0.0..=1.0).contains(&self.max_solid_angle) {
+            return Err(Error::input(format!(
+                "--max-solid-angle must be 0 to 1 steradian, found {}",
+                self.max_solid_angle
+            )));
+        }
+        if self.max_dist.is_some_and(|d| d.is_nan() || d <= 0.0) {
+            return Err(Error::input("--max-dist must be more than 0"));
+        }
+        Ok(())
+    }
+}

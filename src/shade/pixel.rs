@@ -91,16 +91,30 @@ impl<P: Pages> PixelShader<'_, P> {
     fn sample(&self, x: u32, y: u32, i: u32, seed: u64) -> Sample {
         let view = &self.view;
         let [u, v] = sampling::sobol2(i, 1, seed as u32);
-        let direction = view.camera.direction(&view.film, x as f32 + u, y as f32 + v);
+        let direction = view
+            .camera
+            .direction(&view.film, x as f32 + u, y as f32 + v);
         let origin = view.camera.origin();
         let hit = view.tracer.closest(origin, direction, f32::INFINITY);
         let t = hit.map_or(f32::INFINITY, |h| h.t);
-        let surface = hit.map(|h| Surface::new(view.tracer.scene, h.triangle, h.uv).facing(-direction));
+        let surface =
+            hit.map(|h| Surface::new(view.tracer.scene, h.triangle, h.uv).facing(-direction));
         let direct = surface.map_or_else(Direct::default, |s| {
-            let rays = ShadowRays { per_light: self.counts.shadow, first: i * self.counts.shadow, seed };
-            self.lights.irradiance(s.position, s.normal, s.face_normal, rays)
+            let rays = ShadowRays {
+                per_light: self.counts.shadow,
+                first: i * self.counts.shadow,
+                seed,
+            };
+            self.lights
+                .irradiance(s.position, s.normal, s.face_normal, rays)
         });
-        Sample { surface, t, direction, direct, passed: self.pass_media(origin, direction, t) }
+        Sample {
+            surface,
+            t,
+            direction,
+            direct,
+            passed: self.pass_media(origin, direction, t),
+        }
     }
 
     fn pass_media(&self, origin: Vec3, direction: Vec3, t: f32) -> Composite {
@@ -121,7 +135,9 @@ impl<P: Pages> PixelShader<'_, P> {
     /// Whether more samples would tell more.
     fn disagree(&self, samples: &[Sample], x: u32, y: u32) -> bool {
         let _ = (x, y);
-        let Some(first) = samples.first() else { return false };
+        let Some(first) = samples.first() else {
+            return false;
+        };
         samples.iter().any(|s| {
             s.direct.partly_hidden
                 || match (&s.surface, &first.surface) {
@@ -143,7 +159,10 @@ impl<P: Pages> PixelShader<'_, P> {
 
     fn resolve(&self, samples: &[Sample], x: u32, y: u32, seed: u64) -> Pixel {
         let mut groups: Vec<Group> = Vec::with_capacity(2);
-        let mut pixel = Pixel { depth: f32::INFINITY, ..Pixel::default() };
+        let mut pixel = Pixel {
+            depth: f32::INFINITY,
+            ..Pixel::default()
+        };
         let (mut depth, mut hits) = (0.0, 0);
         for sample in samples {
             pixel.volume += sample.passed.radiance;
@@ -155,12 +174,17 @@ impl<P: Pages> PixelShader<'_, P> {
             depth += sample.t;
             hits += 1;
             pixel.normal += surface.normal;
-            let known = groups.iter().find(|g| self.same_piece(surface, &g.surface, sample.t));
+            let known = groups
+                .iter()
+                .find(|g| self.same_piece(surface, &g.surface, sample.t));
             let irradiance = match known {
                 Some(group) => group.irradiance,
                 None => {
                     let irradiance = self.indirect(surface, x, y, seed);
-                    groups.push(Group { surface: *surface, irradiance });
+                    groups.push(Group {
+                        surface: *surface,
+                        irradiance,
+                    });
                     irradiance
                 }
             };

@@ -23,6 +23,12 @@ impl<'a> View<'a> {
     #[must_use]
     pub fn new(tracer: &'a Tracer<'a>, camera: &'a Camera, film: Film, seed: u64) -> Self {
         let pixel_angle = 2.0 * libm::tanf(0.5 * camera.fov_x_rad) / film.width as f32;
-        Self { tracer, camera, film, pixel_angle, seed }
+        Self {
+            tracer,
+            camera,
+            film,
+            pixel_angle,
+            seed,
+        }
     }
 }
