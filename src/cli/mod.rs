@@ -2,11 +2,18 @@
 //!
 //! A new verb is a file with `Args` and `run`, a variant of [`Verb`], and a line in [`Verb::run`].
 
+mod bake;
+mod bake_options;
+mod build;
 mod compare;
 mod merge;
 mod options;
 pub mod output;
 mod parse;
+mod render;
+mod scene_input;
+mod shade;
+mod shade_options;
 
 use clap::{Parser, Subcommand};
 use lvox::Result;
@@ -29,6 +36,10 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Verb {
+    Render(render::Args),
+    Bake(bake::Args),
+    Build(build::Args),
+    Shade(shade::Args),
     Merge(merge::Args),
     Compare(compare::Args),
 }
@@ -37,6 +48,10 @@ impl Verb {
     /// Runs, and names itself for the report.
     fn run(self, context: &Context) -> (&'static str, Result<()>) {
         match self {
+            Self::Render(args) => ("render", args.run(context)),
+            Self::Bake(args) => ("bake", args.run(context)),
+            Self::Build(args) => ("build", args.run(context)),
+            Self::Shade(args) => ("shade", args.run(context)),
             Self::Merge(args) => ("merge", args.run(context)),
             Self::Compare(args) => ("compare", args.run(context)),
         }

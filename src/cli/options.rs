@@ -56,10 +56,8 @@ pub struct Context {
     /// Progress, cancellation, report, limits.
     pub job: Job,
     /// Whether clouds and trees may be replaced.
-    #[allow(dead_code, reason = "read by the verbs that write clouds and trees")]
     pub force: bool,
     /// Seed of all random choices.
-    #[allow(dead_code, reason = "read by the verbs that sample")]
     pub seed: u64,
     /// Where the report goes.
     pub report_path: Option<PathBuf>,

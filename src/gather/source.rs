@@ -63,7 +63,7 @@ impl Decoder {
     fn page(&self, id: u32) -> KernelPage {
         self.decoded.fetch_add(1, Ordering::Relaxed);
         if let Some(block) = self.tree.surfel_blocks().get(id as usize) {
-            self.bytes_read.fetch_add(block.length, Ordering::Relaxed);
+            self.bytes_read.fetch_add(u64::from(block.stored_bytes), Ordering::Relaxed);
         }
         match self.tree.surfel_page(id as usize) {
             Ok(page) => KernelPage::new(&page),
@@ -189,7 +189,7 @@ impl TreeStore {
             lvoxels.extend(tree.lvoxel_page(i).map_err(|e| e.at(path))?);
         }
         let media = Media::new(&tree.meta().cloud.volumes, lvoxels);
-        let raw: Vec<u64> = tree.surfel_blocks().iter().map(|b| b.raw_bytes()).collect();
+        let raw: Vec<u64> = tree.surfel_blocks().iter().map(|b| u64::from(b.raw_bytes)).collect();
         let decoded = raw.iter().sum::<u64>() * DECODED_OVER_RAW;
         let page_count = tree.surfel_pages();
         let decoder = Decoder {

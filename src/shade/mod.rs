@@ -8,7 +8,7 @@ mod lattice;
 mod pixel;
 mod view;
 
-use crate::gather::{self, Gatherer, Kernel, Media, Pages};
+use crate::gather::{self, Gatherer, Kernel, Media, Pages, SurfelStore, TreeStore};
 use crate::image::{Frame, Layer, Region};
 use crate::light::Lights;
 use crate::math::Rgb;
@@ -96,11 +96,10 @@ impl Aov {
 /// Shades a region of the frame.
 ///
 /// # Errors
-/// A setting out of range, an unknown camera, or a stop on request.
-pub fn run<P: Pages>(
+/// A setting out of range, an unknown camera, a page that cannot be read, or a stop on request.
+pub fn run(
     scene: &Scene,
-    pages: &P,
-    media: &Media,
+    store: &TreeStore,
     settings: &Settings,
     region: Region,
     aovs: &[Aov],
@@ -108,6 +107,37 @@ pub fn run<P: Pages>(
 ) -> Result<Frame> {
     settings.check()?;
     region.check(scene.film.width, scene.film.height)?;
+    job.report.stage("shade", |counts| {
+        let pixels = match &store.surfels {
+            SurfelStore::Kept(pages) => shade(scene, pages, &store.media, settings, region, job),
+            SurfelStore::Cached(pages) => shade(scene, pages, &store.media, settings, region, job),
+        }?;
+        let stats = store.stats();
+        counts.insert("pixels".into(), region.pixels() as f64);
+        counts.insert("pages".into(), stats.pages as f64);
+        counts.insert("pages_decoded".into(), stats.decoded as f64);
+        counts.insert("page_bytes_read".into(), stats.bytes_read as f64);
+        counts.insert("cache_hits".into(), stats.hits as f64);
+        counts.insert("cache_misses".into(), stats.misses as f64);
+        let mut frame = to_frame(scene, region, &pixels, aovs);
+        let hex = |bytes: &[u8]| bytes.iter().map(|b| format!("{b:02x}")).collect::<String>();
+        let mut note = |name: &str, value: String| frame.attributes.insert(format!("lvox/{name}"), value);
+        note("version", env!("CARGO_PKG_VERSION").into());
+        note("scene", hex(&scene.hash));
+        note("tree", hex(&store.tree().content_hash()));
+        note("settings", serde_json::to_string(settings).unwrap_or_default());
+        Ok(frame)
+    })
+}
+
+fn shade<P: Pages>(
+    scene: &Scene,
+    pages: &P,
+    media: &Media,
+    settings: &Settings,
+    region: Region,
+    job: &Job,
+) -> Result<Vec<Pixel>> {
     let camera = scene.camera(settings.camera.as_deref())?;
     let tracer = Tracer::new(scene);
     let lights = Lights::new(&tracer);
@@ -118,46 +148,24 @@ pub fn run<P: Pages>(
             samples: settings.samples,
             max_solid_angle: settings.max_solid_angle,
             max_dist: settings.max_dist.unwrap_or(f32::INFINITY),
-            kernel: if settings.plain {
-                Kernel::Plain
-            } else {
-                Kernel::Cone
-            },
+            kernel: if settings.plain { Kernel::Plain } else { Kernel::Cone },
             environment: lights.environment(),
             media: true,
         },
     };
     let volume_gatherer = Gatherer {
-        settings: gather::Settings {
-            samples: settings.volume_samples,
-            ..surface_gatherer.settings
-        },
+        settings: gather::Settings { samples: settings.volume_samples, ..surface_gatherer.settings },
         ..surface_gatherer
     };
     let view = View::new(&tracer, camera, scene.film, settings.seed);
     let lattice = {
         let step = u64::from(settings.lattice);
-        let task = job.progress.task(
-            "gather",
-            region.pixels() as u64 / (step * step),
-            "receivers",
-        );
-        Lattice::new(
-            &view,
-            &surface_gatherer,
-            region,
-            settings.lattice,
-            &job.cancel,
-            &task,
-        )?
+        let task = job.progress.task("gather", region.pixels() as u64 / (step * step), "receivers");
+        Lattice::new(&view, &surface_gatherer, region, settings.lattice, &job.cancel, &task)?
     };
-    let in_scatter = InScatter::new(
-        &scene.volumes,
-        &lights,
-        &volume_gatherer,
-        settings.shadow_rays,
-        settings.seed,
-    );
+    pages.check()?;
+    let in_scatter =
+        InScatter::new(&scene.volumes, &lights, &volume_gatherer, settings.shadow_rays, settings.seed);
     let shader = PixelShader {
         view,
         lights: &lights,
@@ -180,8 +188,8 @@ pub fn run<P: Pages>(
             Ok(row)
         })
         .collect::<Result<_>>()?;
-    let pixels: Vec<Pixel> = rows.into_iter().flatten().collect();
-    Ok(to_frame(scene, region, &pixels, aovs))
+    pages.check()?;
+    Ok(rows.into_iter().flatten().collect())
 }
 
 fn to_frame(scene: &Scene, region: Region, pixels: &[Pixel], aovs: &[Aov]) -> Frame {

@@ -1,0 +1,33 @@
+//! `lvox bake`
+
+use super::bake_options::BakeOptions;
+use super::options::Context;
+use super::scene_input::SceneInput;
+use lvox::Result;
+use lvox::run::output::check_writable;
+use std::path::PathBuf;
+
+/// Bake a scene into a cloud of surfels and lvoxels with their direct light
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    scene: SceneInput,
+
+    /// Write the cloud to this .lvc file
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+
+    #[command(flatten)]
+    bake: BakeOptions,
+}
+
+impl Args {
+    pub fn run(self, context: &Context) -> Result<()> {
+        check_writable(&self.output, context.force)?;
+        let settings = self.bake.settings(context.seed);
+        settings.check()?;
+        let scene = self.scene.load(&context.job)?;
+        lvox::bake::run(&scene, &settings, &self.output, context.force, &context.job)?;
+        Ok(())
+    }
+}

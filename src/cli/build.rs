@@ -1,0 +1,27 @@
+//! `lvox build`
+
+use super::options::Context;
+use lvox::Result;
+use lvox::build::Settings;
+use lvox::run::output::check_writable;
+use std::path::PathBuf;
+
+/// Build the tree over a cloud, within --memory-limit whatever the cloud's size
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Read this cloud
+    #[arg(value_name = "CLOUD")]
+    cloud: PathBuf,
+
+    /// Write the tree to this .lvt file
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+}
+
+impl Args {
+    pub fn run(self, context: &Context) -> Result<()> {
+        check_writable(&self.output, context.force)?;
+        lvox::build::run(&self.cloud, &self.output, &Settings::default(), context.force, &context.job)?;
+        Ok(())
+    }
+}

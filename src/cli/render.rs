@@ -1,0 +1,51 @@
+//! `lvox render`
+
+use super::bake_options::BakeOptions;
+use super::options::Context;
+use super::scene_input::SceneInput;
+use super::shade_options::ShadeOptions;
+use lvox::gather::TreeStore;
+use lvox::run::output::check_writable;
+use lvox::{Error, Result};
+use std::path::PathBuf;
+
+/// Render a scene: bake, build and shade in one go
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    scene: SceneInput,
+
+    /// Keep the tree in this .lvt file, for `lvox shade` [default: it is deleted]
+    #[arg(long, value_name = "FILE")]
+    keep_tree: Option<PathBuf>,
+
+    #[command(flatten)]
+    bake: BakeOptions,
+
+    #[command(flatten)]
+    shade: ShadeOptions,
+}
+
+impl Args {
+    pub fn run(self, context: &Context) -> Result<()> {
+        let job = &context.job;
+        self.shade.check()?;
+        if let Some(path) = &self.keep_tree {
+            check_writable(path, context.force)?;
+        }
+        let settings = self.bake.settings(context.seed);
+        settings.check()?;
+        let scene = self.scene.load(job)?;
+        let folder = match &job.temp_dir {
+            Some(dir) => tempfile::tempdir_in(dir),
+            None => tempfile::tempdir(),
+        }
+        .map_err(|e| Error::failed(format!("cannot make a temporary folder: {e}")))?;
+        let cloud = folder.path().join("scene.lvc");
+        let tree = self.keep_tree.clone().unwrap_or_else(|| folder.path().join("scene.lvt"));
+        lvox::bake::run(&scene, &settings, &cloud, false, job)?;
+        lvox::build::run(&cloud, &tree, &lvox::build::Settings::default(), context.force, job)?;
+        let store = TreeStore::open(&tree, job.memory_limit)?;
+        self.shade.run(&scene, &store, context.seed, job)
+    }
+}

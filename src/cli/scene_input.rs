@@ -1,0 +1,36 @@
+//! The scene a verb works on.
+
+use lvox::run::Job;
+use lvox::scene::Scene;
+use lvox::{Error, Result};
+use std::path::PathBuf;
+
+/// A scene file, or the scene that is built in.
+#[derive(Debug, clap::Args)]
+pub struct SceneInput {
+    /// Read this scene: .toml, .gltf or .glb
+    #[arg(value_name = "SCENE", required_unless_present = "demo")]
+    scene: Option<PathBuf>,
+
+    /// Use the scene that is built in: coloured walls, a torus, smoke
+    #[arg(long, conflicts_with = "scene")]
+    demo: bool,
+}
+
+impl SceneInput {
+    /// Loads it, and passes on what the loader wants the user to know.
+    pub fn load(&self, job: &Job) -> Result<Scene> {
+        job.report.stage("load", |counts| {
+            let scene = match &self.scene {
+                Some(path) => Scene::load(path)?,
+                None if self.demo => Scene::demo()?,
+                None => return Err(Error::input("no scene was given").hint("name a scene file, or use --demo")),
+            };
+            scene.warnings.iter().for_each(|w| job.progress.warn(w));
+            counts.insert("triangles".into(), scene.mesh.triangles.len() as f64);
+            counts.insert("degenerate_triangles".into(), scene.mesh.degenerate as f64);
+            counts.insert("volumes".into(), scene.volumes.len() as f64);
+            Ok(scene)
+        })
+    }
+}

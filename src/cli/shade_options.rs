@@ -1,0 +1,161 @@
+//! Options of shading, and of the image it makes, for the verbs that shade.
+
+use super::parse;
+use clap::{Args, ValueEnum};
+use lvox::gather::TreeStore;
+use lvox::image::exr::{self, Precision};
+use lvox::image::{Region, png};
+use lvox::run::Job;
+use lvox::run::output::check_writable;
+use lvox::scene::Scene;
+use lvox::shade::{self, Aov, Settings};
+use lvox::{Error, Result};
+use std::path::{Path, PathBuf};
+
+/// How to shade, as typed.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Shading")]
+pub struct ShadeOptions {
+    /// Write the image to this .exr or .png file
+    #[arg(short, long, value_name = "FILE", help_heading = None)]
+    output: PathBuf,
+
+    /// Look through this camera of the scene [default: its first]
+    #[arg(long, value_name = "NAME")]
+    camera: Option<String>,
+
+    /// Rays of each gather on a surface
+    #[arg(long, value_name = "N", default_value_t = Settings::default().samples)]
+    samples: u32,
+
+    /// Take a node whole where it is seen under less than this, steradians; 0 for surfels only
+    #[arg(long, value_name = "SR", default_value_t = Settings::default().max_solid_angle)]
+    max_solid_angle: f32,
+
+    /// Gather nothing from further than this, scene units [default: no limit]
+    #[arg(long, value_name = "D")]
+    max_dist: Option<f32>,
+
+    /// Gather with the paper's plain kernel: rays over all surfels, no aggregates
+    #[arg(long)]
+    plain: bool,
+
+    /// Pixels between gathers on surfaces; 1 gathers at every pixel
+    #[arg(long, value_name = "N", default_value_t = Settings::default().lattice)]
+    lattice: u32,
+
+    /// Rays of each gather inside media
+    #[arg(long, value_name = "N", default_value_t = Settings::default().volume_samples)]
+    volume_samples: u32,
+
+    /// Primary rays of every pixel
+    #[arg(long, value_name = "N", default_value_t = Settings::default().pixel_samples)]
+    pixel_samples: u32,
+
+    /// Primary rays of pixels where those disagree
+    #[arg(long, value_name = "N", default_value_t = Settings::default().edge_samples)]
+    edge_samples: u32,
+
+    /// Shadow rays to each area light from each primary ray's end
+    #[arg(long, value_name = "N", default_value_t = Settings::default().shadow_rays)]
+    shadow_rays: u32,
+
+    /// Shade only these pixels, X1 and Y1 excluded [default: the whole frame]
+    #[arg(long, num_args = 4, value_names = ["X0", "Y0", "X1", "Y1"])]
+    region: Vec<u32>,
+
+    /// Shade only tile I of N, counted from 0
+    #[arg(long, value_name = "I/N", value_parser = parse::tile, conflicts_with = "region")]
+    tile: Option<(u32, u32)>,
+
+    /// Add these layers to an .exr image
+    #[arg(long, value_name = "LAYER", value_delimiter = ',')]
+    aov: Vec<AovChoice>,
+
+    /// Store 32-bit instead of 16-bit floats in an .exr image
+    #[arg(long)]
+    float: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum AovChoice {
+    Direct,
+    Indirect,
+    Volume,
+    Depth,
+    Normal,
+}
+
+impl From<AovChoice> for Aov {
+    fn from(choice: AovChoice) -> Self {
+        match choice {
+            AovChoice::Direct => Self::Direct,
+            AovChoice::Indirect => Self::Indirect,
+            AovChoice::Volume => Self::Volume,
+            AovChoice::Depth => Self::Depth,
+            AovChoice::Normal => Self::Normal,
+        }
+    }
+}
+
+/// What an output's name asks for.
+enum ImageKind {
+    Exr,
+    Png,
+}
+
+impl ShadeOptions {
+    /// Fails now rather than after the work.
+    pub fn check(&self) -> Result<()> {
+        image_kind(&self.output)?;
+        check_writable(&self.output, true)
+    }
+
+    fn region(&self, scene: &Scene) -> Result<Region> {
+        let (w, h) = (scene.film.width, scene.film.height);
+        match self.tile {
+            Some((i, n)) => Region::tile(w, h, i, n),
+            None => {
+                let region = parse::region(&self.region).unwrap_or_else(|| Region::full(w, h));
+                region.check(w, h)?;
+                Ok(region)
+            }
+        }
+    }
+
+    /// Shades and writes the image.
+    pub fn run(&self, scene: &Scene, store: &TreeStore, seed: u64, job: &Job) -> Result<()> {
+        let settings = Settings {
+            camera: self.camera.clone(),
+            samples: self.samples,
+            max_solid_angle: self.max_solid_angle,
+            max_dist: self.max_dist,
+            plain: self.plain,
+            lattice: self.lattice,
+            volume_samples: self.volume_samples,
+            pixel_samples: self.pixel_samples,
+            edge_samples: self.edge_samples,
+            shadow_rays: self.shadow_rays,
+            seed,
+        };
+        let region = self.region(scene)?;
+        let aovs: Vec<Aov> = self.aov.iter().map(|&a| a.into()).collect();
+        let frame = shade::run(scene, store, &settings, region, &aovs, job)?;
+        job.report.stage("write", |_| match image_kind(&self.output)? {
+            ImageKind::Exr => {
+                exr::write(&self.output, &frame, if self.float { Precision::Float } else { Precision::Half })
+            }
+            ImageKind::Png => {
+                png::write(&self.output, &frame.picture("", &frame.region)?.display(scene.film.exposure))
+            }
+        })
+    }
+}
+
+fn image_kind(path: &Path) -> Result<ImageKind> {
+    match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
+        Some("exr") => Ok(ImageKind::Exr),
+        Some("png") => Ok(ImageKind::Png),
+        _ => Err(Error::input(format!("{}: an image has to be named .exr or .png", path.display()))),
+    }
+}
