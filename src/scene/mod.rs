@@ -6,6 +6,7 @@
 pub mod camera;
 pub mod grid;
 pub mod light;
+mod load;
 pub mod material;
 pub mod mesh;
 pub mod volume;
@@ -43,6 +44,8 @@ pub struct Scene {
     pub volumes: Vec<Volume>,
     /// blake3 over the content of the scene file and of all files that it names.
     pub hash: [u8; 32],
+    /// What the user should know: defaults that were chosen, parts of files that were left out.
+    pub warnings: Vec<String>,
 }
 
 impl Scene {

@@ -1,0 +1,255 @@
+//! A scalar field as it comes out of a volume file, and its way into a [`Grid`] of extinction.
+//!
+//! The file's index space has the sample of voxel (i,j,k) at (i,j,k), as NRRD and OpenVDB have it. A grid of ours has
+//! its voxel (i,j,k) from (i,j,k) to (i+1,j+1,k+1).
+
+use super::super::Grid;
+use crate::{Error, Result};
+use glam::{DAffine3, DVec3};
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Samples on a box of voxels.
+pub(super) struct Field {
+    /// Voxels per axis, padding included; none is zero.
+    pub(super) dims: [usize; 3],
+    /// Index in the file of the first voxel.
+    pub(super) first: [i64; 3],
+    /// Empty voxels around the box on every side; the unit cube of `unitcube_to_world` leaves them out.
+    pub(super) padding: usize,
+    /// Where the file says it is, from its index space; `None` if it does not say.
+    pub(super) world_from_file: Option<DAffine3>,
+    pub(super) samples: Samples,
+}
+
+/// Where the values of a [`Field`] are.
+pub(super) enum Samples {
+    /// One after the other, x fastest.
+    Array(Array),
+    /// Anything else that answers for a voxel.
+    Lookup(Box<dyn Fn([usize; 3]) -> f32 + Sync>),
+}
+
+/// Numbers of one type in memory, still in the file's bytes.
+pub(super) struct Array {
+    pub(super) bytes: Vec<u8>,
+    pub(super) number: Number,
+    pub(super) big_endian: bool,
+}
+
+/// Type of the numbers of an [`Array`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Number {
+    U8,
+    I8,
+    U16,
+    I16,
+    U32,
+    I32,
+    F32,
+    F64,
+}
+
+/// From a value in the file to extinction.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Scale {
+    /// Extinction per world unit of the value 1, or of the upper end of the window.
+    pub(super) sigma_t: f64,
+    /// The values that become 0 and 1.
+    pub(super) window: Option<[f64; 2]>,
+}
+
+impl Number {
+    pub(super) const NAMES: [&str; 8] = ["u8", "i8", "u16", "i16", "u32", "i32", "f32", "f64"];
+    pub(super) const ALL: [Number; 8] = [
+        Number::U8,
+        Number::I8,
+        Number::U16,
+        Number::I16,
+        Number::U32,
+        Number::I32,
+        Number::F32,
+        Number::F64,
+    ];
+
+    /// Bytes of one number.
+    pub(super) fn size(self) -> usize {
+        match self {
+            Number::U8 | Number::I8 => 1,
+            Number::U16 | Number::I16 => 2,
+            Number::U32 | Number::I32 | Number::F32 => 4,
+            Number::F64 => 8,
+        }
+    }
+}
+
+/// Bytes that `dims` numbers take, unless that is beyond what a machine can address.
+pub(super) fn byte_length(dims: [usize; 3], number: Number) -> Result<usize> {
+    let voxels = dims
+        .iter()
+        .try_fold(number.size(), |n, &d| n.checked_mul(d));
+    voxels
+        .filter(|&n| n <= isize::MAX as usize)
+        .ok_or_else(|| Error::input(format!("{dims:?} voxels are more than a machine can hold")))
+}
+
+impl Array {
+    fn value(&self, i: usize) -> f32 {
+        match self.number {
+            Number::U8 => f32::from(self.bytes[i]),
+            Number::I8 => f32::from(self.bytes[i] as i8),
+            Number::U16 => f32::from(u16::from_le_bytes(self.at(i))),
+            Number::I16 => f32::from(i16::from_le_bytes(self.at(i))),
+            Number::U32 => u32::from_le_bytes(self.at(i)) as f32,
+            Number::I32 => i32::from_le_bytes(self.at(i)) as f32,
+            Number::F32 => f32::from_le_bytes(self.at(i)),
+            Number::F64 => f64::from_le_bytes(self.at(i)) as f32,
+        }
+    }
+
+    fn at<const N: usize>(&self, i: usize) -> [u8; N] {
+        let mut bytes: [u8; N] = std::array::from_fn(|k| self.bytes[i * N + k]);
+        if self.big_endian {
+            bytes.reverse();
+        }
+        bytes
+    }
+}
+
+impl Scale {
+    fn apply(&self, value: f32) -> f32 {
+        match self.window {
+            Some([low, high]) => {
+                let t = (f64::from(value) - low) / (high - low);
+                (self.sigma_t * t.clamp(0.0, 1.0)) as f32
+            }
+            None => (self.sigma_t * f64::from(value)) as f32,
+        }
+    }
+}
+
+impl Field {
+    /// The value in the file of a voxel, counted from the first of the box.
+    pub(super) fn value(&self, voxel: [usize; 3]) -> f32 {
+        match &self.samples {
+            Samples::Array(array) => {
+                array.value((voxel[2] * self.dims[1] + voxel[1]) * self.dims[0] + voxel[0])
+            }
+            Samples::Lookup(value) => value(voxel),
+        }
+    }
+
+    /// The map from the space of the grid to the file's index space.
+    pub(super) fn file_from_grid(&self) -> DAffine3 {
+        let first = DVec3::from(self.first.map(|i| i as f64));
+        DAffine3::from_translation(first - 0.5)
+    }
+
+    /// The map from the space of the grid to the unit cube around the box without its padding.
+    pub(super) fn unitcube_from_grid(&self) -> DAffine3 {
+        let pad = self.padding as f64;
+        let size = DVec3::from(self.dims.map(|n| n as f64)) - 2.0 * pad;
+        DAffine3::from_scale(size.recip()) * DAffine3::from_translation(DVec3::splat(-pad))
+    }
+
+    /// The grid of extinction. Values that are not finite, or negative without a window, are errors.
+    pub(super) fn into_grid(self, scale: Scale) -> Result<Grid> {
+        // Row by row, so that the message can name the first bad voxel whatever the order of the threads.
+        let rows = self.dims[1] * self.dims[2];
+        let bad = AtomicUsize::new(usize::MAX);
+        (0..rows).into_par_iter().for_each(|row| {
+            let [j, k] = [row % self.dims[1], row / self.dims[1]];
+            let wrong = |i: &usize| {
+                let value = self.value([*i, j, k]);
+                let sigma_t = scale.apply(value);
+                !(value.is_finite() && sigma_t.is_finite() && sigma_t >= 0.0)
+            };
+            if let Some(i) = (0..self.dims[0]).find(wrong) {
+                bad.fetch_min(row * self.dims[0] + i, Ordering::Relaxed);
+            }
+        });
+        let bad = bad.into_inner();
+        if bad != usize::MAX {
+            let voxel = [
+                bad % self.dims[0],
+                bad / self.dims[0] % self.dims[1],
+                bad / (self.dims[0] * self.dims[1]),
+            ];
+            let value = self.value(voxel);
+            let index: [i64; 3] = std::array::from_fn(|a| self.first[a] + voxel[a] as i64);
+            let error = |what: &str| Error::input(format!("voxel {index:?}: {what}: {value}"));
+            return Err(if !value.is_finite() {
+                error("the value is not finite")
+            } else if value < 0.0 {
+                error("the density is negative")
+                    .hint("give the values that mean 0 and 1 as `window = [low, high]`")
+            } else {
+                error("the extinction leaves the range of f32")
+            });
+        }
+        Ok(Grid::from_fn(self.dims, |voxel| {
+            scale.apply(self.value(voxel))
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn field(values: &[f32], dims: [usize; 3]) -> Field {
+        Field {
+            dims,
+            first: [0; 3],
+            padding: 0,
+            world_from_file: None,
+            samples: Samples::Array(Array {
+                bytes: values.iter().flat_map(|v| v.to_be_bytes()).collect(),
+                number: Number::F32,
+                big_endian: true,
+            }),
+        }
+    }
+
+    const PLAIN: Scale = Scale {
+        sigma_t: 2.0,
+        window: None,
+    };
+
+    #[test]
+    fn values_are_scaled_and_windowed() {
+        let grid = field(&[0.0, 1.0, 2.0, 3.0], [2, 2, 1])
+            .into_grid(PLAIN)
+            .unwrap();
+        assert_eq!(grid.sample(glam::Vec3::new(1.5, 1.5, 0.5)), 6.0);
+        let window = Scale {
+            sigma_t: 10.0,
+            window: Some([1.0, 2.0]),
+        };
+        assert_eq!(window.apply(-3.0), 0.0);
+        assert_eq!(window.apply(1.5), 5.0);
+        assert_eq!(window.apply(7.0), 10.0);
+    }
+
+    #[test]
+    fn the_first_bad_voxel_is_named() {
+        let message = |values: &[f32]| match field(values, [2, 2, 1]).into_grid(PLAIN) {
+            Err(e) => e.to_string(),
+            Ok(_) => "none".into(),
+        };
+        assert_eq!(
+            message(&[0.0, 1.0, -2.0, f32::NAN]),
+            "voxel [0, 1, 0]: the density is negative: -2"
+        );
+        assert!(
+            message(&[0.0, f32::NAN, -2.0, 0.0]).contains("[1, 0, 0]: the value is not finite")
+        );
+        assert!(message(&[f32::MAX; 4]).contains("range of f32"));
+    }
+
+    #[test]
+    fn a_hostile_size_is_refused_without_an_overflow() {
+        assert!(byte_length([usize::MAX, 2, 2], Number::U8).is_err());
+        assert_eq!(byte_length([3, 2, 2], Number::F64).unwrap(), 96);
+    }
+}

@@ -1,0 +1,36 @@
+//! Raw bricks: nothing but samples, x fastest.
+
+use super::field::{Array, Field, Number, Samples, byte_length};
+use crate::{Error, Result};
+
+/// Takes the content of a file as samples; its length must be exactly theirs.
+pub(super) fn read(
+    content: Vec<u8>,
+    dims: [usize; 3],
+    number: Number,
+    big_endian: bool,
+) -> Result<Field> {
+    let expected = byte_length(dims, number)?;
+    if content.len() != expected {
+        return Err(Error::input(format!(
+            "expected {expected} bytes for {} x {} x {} numbers of {} bytes, found {}",
+            dims[0],
+            dims[1],
+            dims[2],
+            number.size(),
+            content.len()
+        ))
+        .hint("check `dims` and `dtype`"));
+    }
+    Ok(Field {
+        dims,
+        first: [0; 3],
+        padding: 0,
+        world_from_file: None,
+        samples: Samples::Array(Array {
+            bytes: content,
+            number,
+            big_endian,
+        }),
+    })
+}

@@ -1,0 +1,496 @@
+//! Typed access to a TOML document that remembers where everything stands, so that every message can name the line.
+
+use crate::{Error, Result};
+use glam::{DAffine3, DMat4, DVec3};
+use std::path::Path;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+/// A TOML document: its text and where it came from.
+pub(super) struct Document<'a> {
+    path: &'a Path,
+    text: &'a str,
+}
+
+/// One table of a document. All its keys are known ones.
+pub(super) struct Table<'a> {
+    document: &'a Document<'a>,
+    title: String,
+    line: usize,
+    entries: &'a DeTable<'a>,
+}
+
+/// The value of a key.
+pub(super) struct Item<'a> {
+    document: &'a Document<'a>,
+    place: String,
+    value: &'a Spanned<DeValue<'a>>,
+}
+
+impl<'a> Document<'a> {
+    /// Names the text for messages.
+    pub(super) fn new(path: &'a Path, text: &'a str) -> Self {
+        Self { path, text }
+    }
+
+    /// Parses the text; hand the result to [`Document::root`].
+    pub(super) fn parse(&self) -> Result<Spanned<DeTable<'a>>> {
+        DeTable::parse(self.text).map_err(|e| {
+            let line = e.span().map_or(1, |s| self.line(s.start));
+            self.error(format!("not valid TOML at line {line}: {}", e.message()))
+        })
+    }
+
+    /// The top of the document; an error if it has a key that is not in `known`.
+    pub(super) fn root(
+        &'a self,
+        parsed: &'a Spanned<DeTable<'a>>,
+        known: &[&str],
+    ) -> Result<Table<'a>> {
+        self.table("the scene", 1, parsed.get_ref(), known)
+    }
+
+    fn table(
+        &'a self,
+        title: &str,
+        line: usize,
+        entries: &'a DeTable<'a>,
+        known: &[&str],
+    ) -> Result<Table<'a>> {
+        for (key, _) in entries {
+            let name = key.get_ref().as_ref();
+            if !known.contains(&name) {
+                let at = self.line(key.span().start);
+                let error = self.error(format!("unknown key `{name}` in {title} at line {at}"));
+                return Err(match nearest(name, known) {
+                    Some(near) => error.hint(format!("did you mean `{near}`?")),
+                    None => error.hint(format!("the keys of {title} are {}", known.join(", "))),
+                });
+            }
+        }
+        Ok(Table {
+            document: self,
+            title: title.into(),
+            line,
+            entries,
+        })
+    }
+
+    fn error(&self, message: String) -> Error {
+        Error::input(format!("{}: {message}", self.path.display()))
+    }
+
+    fn line(&self, byte: usize) -> usize {
+        let before = &self.text.as_bytes()[..byte.min(self.text.len())];
+        1 + before.iter().filter(|&&b| b == b'\n').count()
+    }
+}
+
+impl<'a> Table<'a> {
+    /// The value of a key, if the key is there.
+    pub(super) fn get(&self, key: &str) -> Option<Item<'a>> {
+        let (name, value) = self.entries.get_key_value(key)?;
+        Some(Item {
+            document: self.document,
+            place: format!(
+                "`{key}` in {} at line {}",
+                self.title,
+                self.document.line(name.span().start)
+            ),
+            value,
+        })
+    }
+
+    /// The value of a key that must be there.
+    pub(super) fn require(&self, key: &str) -> Result<Item<'a>> {
+        self.get(key)
+            .ok_or_else(|| self.error(format!("`{key}` is missing")))
+    }
+
+    /// An error if more than one of `keys` is there; they say the same thing in different ways.
+    pub(super) fn exclusive(&self, keys: &[&str]) -> Result<()> {
+        let given: Vec<_> = keys
+            .iter()
+            .filter(|&&k| self.entries.contains_key(k))
+            .collect();
+        match given[..] {
+            [a, b, ..] => Err(self.error(format!("`{a}` and `{b}` exclude each other"))),
+            _ => Ok(()),
+        }
+    }
+
+    /// An error about the table as a whole.
+    pub(super) fn error(&self, message: impl std::fmt::Display) -> Error {
+        self.document
+            .error(format!("{} at line {}: {message}", self.title, self.line))
+    }
+
+    /// Leads an error by the place of the table.
+    pub(super) fn locate(&self, error: Error) -> Error {
+        error.at(format!(
+            "{}: {} at line {}",
+            self.document.path.display(),
+            self.title,
+            self.line
+        ))
+    }
+
+    /// The tables of `[[key]]`, checked for unknown keys; empty if there are none.
+    pub(super) fn tables(&self, key: &str, known: &[&str]) -> Result<Vec<Table<'a>>> {
+        let Some(item) = self.get(key) else {
+            return Ok(Vec::new());
+        };
+        let title = format!("[[{key}]]");
+        let wrong = || item.error(format_args!("expected tables, written as {title}"));
+        let array = item.value.get_ref().as_array().ok_or_else(wrong)?;
+        array
+            .iter()
+            .map(|entry| {
+                let entries = entry.get_ref().as_table().ok_or_else(wrong)?;
+                let line = self.document.line(entry.span().start);
+                self.document.table(&title, line, entries, known)
+            })
+            .collect()
+    }
+}
+
+impl<'a> Item<'a> {
+    /// An error about this value.
+    pub(super) fn error(&self, message: impl std::fmt::Display) -> Error {
+        self.document.error(format!("{}: {message}", self.place))
+    }
+
+    fn expected(&self, what: &str) -> Error {
+        self.mismatch(what, self.value)
+    }
+
+    fn mismatch(&self, what: &str, found: &Spanned<DeValue<'_>>) -> Error {
+        let range = found.span();
+        let text = self.document.text.get(range).unwrap_or_default();
+        let text: String = text.lines().next().unwrap_or_default().chars().collect();
+        let short: String = text.chars().take(40).collect();
+        let dots = if short.len() < text.len() { "…" } else { "" };
+        self.error(format_args!(
+            "expected {what}, found the {} {short}{dots}",
+            found.get_ref().type_str()
+        ))
+    }
+
+    /// A table in place, checked for unknown keys.
+    pub(super) fn table(&self, title: &str, known: &[&str]) -> Result<Table<'a>> {
+        let entries = self.value.get_ref().as_table();
+        let entries = entries.ok_or_else(|| self.expected("a table"))?;
+        let line = self.document.line(self.value.span().start);
+        self.document.table(title, line, entries, known)
+    }
+
+    /// Whether the value is a table.
+    pub(super) fn is_table(&self) -> bool {
+        self.value.get_ref().is_table()
+    }
+
+    /// Text.
+    pub(super) fn text(&self) -> Result<&'a str> {
+        let text = self.value.get_ref().as_str();
+        text.ok_or_else(|| self.expected("text in quotes"))
+    }
+
+    /// Text that is one of `choices`; its place among them.
+    pub(super) fn choice(&self, choices: &[&str]) -> Result<usize> {
+        let text = self.text()?;
+        choices.iter().position(|c| *c == text).ok_or_else(|| {
+            let error = self.error(format_args!(
+                "expected one of {}, found \"{text}\"",
+                choices.join(", ")
+            ));
+            match nearest(text, choices) {
+                Some(near) => error.hint(format!("did you mean \"{near}\"?")),
+                None => error,
+            }
+        })
+    }
+
+    /// `true` or `false`.
+    pub(super) fn flag(&self) -> Result<bool> {
+        let flag = self.value.get_ref().as_bool();
+        flag.ok_or_else(|| self.expected("true or false"))
+    }
+
+    /// A finite number.
+    pub(super) fn number(&self) -> Result<f64> {
+        self.number_in(self.value)
+    }
+
+    /// A number from `low` to `high`.
+    pub(super) fn number_within(&self, low: f64, high: f64) -> Result<f64> {
+        let number = self.number()?;
+        if (low..=high).contains(&number) {
+            Ok(number)
+        } else {
+            Err(self.error(format_args!(
+                "expected a number from {low} to {high}, found {number}"
+            )))
+        }
+    }
+
+    /// A whole number from `low` to `high`.
+    pub(super) fn whole(&self, low: u64, high: u64) -> Result<u64> {
+        let number = integer(self.value.get_ref())
+            .ok_or_else(|| self.expected(&format!("a whole number from {low} to {high}")))?;
+        u64::try_from(number)
+            .ok()
+            .filter(|n| (low..=high).contains(n))
+            .ok_or_else(|| {
+                self.error(format_args!(
+                    "expected a whole number from {low} to {high}, found {number}"
+                ))
+            })
+    }
+
+    /// `N` finite numbers.
+    pub(super) fn numbers<const N: usize>(&self) -> Result<[f64; N]> {
+        self.numbers_in(self.value)
+    }
+
+    /// Three whole numbers of at least 1.
+    pub(super) fn dims(&self) -> Result<[usize; 3]> {
+        let what = "three whole numbers of at least 1";
+        let wrong = || self.expected(what);
+        let array = self.value.get_ref().as_array().ok_or_else(wrong)?;
+        let dims: Vec<usize> = array
+            .iter()
+            .filter_map(|v| {
+                integer(v.get_ref())
+                    .and_then(|n| usize::try_from(n).ok())
+                    .filter(|&n| n > 0)
+            })
+            .collect();
+        match dims[..] {
+            [x, y, z] if array.len() == 3 => Ok([x, y, z]),
+            _ => Err(wrong()),
+        }
+    }
+
+    /// A point or a vector.
+    pub(super) fn vector(&self) -> Result<DVec3> {
+        Ok(DVec3::from(self.numbers::<3>()?))
+    }
+
+    /// A direction of any length above zero, brought to unit length.
+    pub(super) fn direction(&self) -> Result<DVec3> {
+        let vector = self.vector()?;
+        vector
+            .try_normalize()
+            .ok_or_else(|| self.error("expected a direction, found one of zero length"))
+    }
+
+    /// A linear RGB triple with every channel from 0 to `high`.
+    pub(super) fn color(&self, high: f32) -> Result<[f32; 3]> {
+        self.color_in(self.value, high)
+    }
+
+    /// A list of linear RGB triples with every channel from 0 to `high`.
+    pub(super) fn colors(&self, high: f32) -> Result<Vec<[f32; 3]>> {
+        let array = self.value.get_ref().as_array();
+        let array = array.ok_or_else(|| self.expected("a list of RGB triples"))?;
+        array.iter().map(|v| self.color_in(v, high)).collect()
+    }
+
+    /// An invertible affine map as a 4x4 matrix: four rows, the last of them 0 0 0 1, for column vectors.
+    pub(super) fn affine(&self) -> Result<DAffine3> {
+        let what = "a 4x4 matrix: four rows of four numbers";
+        let array = self.value.get_ref().as_array();
+        let array = array.ok_or_else(|| self.expected(what))?;
+        if array.len() != 4 {
+            return Err(self.expected(what));
+        }
+        let mut rows = [[0.0; 4]; 4];
+        for (row, value) in rows.iter_mut().zip(array.iter()) {
+            *row = self.numbers_in(value)?;
+        }
+        if rows[3] != [0.0, 0.0, 0.0, 1.0] {
+            return Err(self.error(format_args!(
+                "expected 0 0 0 1 as the last row, found {:?}",
+                rows[3]
+            )));
+        }
+        let map = DAffine3::from_mat4(DMat4::from_cols_array_2d(&rows).transpose());
+        match super::place::is_singular(&map) {
+            false => Ok(map),
+            true => Err(self.error("the matrix is singular: it flattens space")),
+        }
+    }
+
+    fn color_in(&self, value: &Spanned<DeValue<'_>>, high: f32) -> Result<[f32; 3]> {
+        let numbers = self.numbers_in::<3>(value)?;
+        let color = numbers.map(|n| n as f32);
+        if let Some(n) = numbers.iter().find(|n| **n < 0.0) {
+            return Err(self.error(format_args!("{n} is negative")));
+        }
+        if let Some(i) = (0..3).find(|&i| !color[i].is_finite() || color[i] > high) {
+            return Err(self.error(format_args!(
+                "expected three numbers from 0 to {high}, found {}",
+                numbers[i]
+            )));
+        }
+        Ok(color)
+    }
+
+    fn numbers_in<const N: usize>(&self, value: &Spanned<DeValue<'_>>) -> Result<[f64; N]> {
+        let what = format!("{N} numbers in brackets");
+        let array = value.get_ref().as_array();
+        let array = array.ok_or_else(|| self.mismatch(&what, value))?;
+        if array.len() != N {
+            return Err(self.error(format_args!("expected {what}, found {}", array.len())));
+        }
+        let mut numbers = [0.0; N];
+        for (number, value) in numbers.iter_mut().zip(array.iter()) {
+            *number = self.number_in(value)?;
+        }
+        Ok(numbers)
+    }
+
+    fn number_in(&self, value: &Spanned<DeValue<'_>>) -> Result<f64> {
+        let wrong = || self.mismatch("a number", value);
+        let number = match value.get_ref() {
+            DeValue::Integer(_) => integer(value.get_ref()).ok_or_else(wrong)? as f64,
+            DeValue::Float(f) => f.as_str().parse::<f64>().map_err(|_| wrong())?,
+            _ => return Err(wrong()),
+        };
+        if number.is_finite() {
+            Ok(number)
+        } else {
+            Err(self.mismatch("a finite number", value))
+        }
+    }
+}
+
+fn integer(value: &DeValue<'_>) -> Option<i64> {
+    let integer = value.as_integer()?;
+    i64::from_str_radix(integer.as_str(), integer.radix()).ok()
+}
+
+/// The known word that takes the fewest edits to reach, if it takes few for its length.
+pub(super) fn nearest<'k>(word: &str, known: &[&'k str]) -> Option<&'k str> {
+    let (edits, near) = known
+        .iter()
+        .map(|k| (edit_distance(word, k), *k))
+        .min_by_key(|(edits, _)| *edits)?;
+    (edits <= near.len().max(word.len()).div_ceil(3)).then_some(near)
+}
+
+/// Insertions, deletions, substitutions and swaps of neighbours between two words.
+fn edit_distance(a: &str, b: &str) -> usize {
+    let a: Vec<char> = a.chars().take(64).collect();
+    let b: Vec<char> = b.chars().take(64).collect();
+    let mut rows: Vec<Vec<usize>> = vec![(0..=b.len()).collect()];
+    for i in 1..=a.len() {
+        let mut row = vec![i];
+        for j in 1..=b.len() {
+            let change = rows[i - 1][j - 1] + usize::from(a[i - 1] != b[j - 1]);
+            let mut best = change.min(rows[i - 1][j] + 1).min(row[j - 1] + 1);
+            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
+                best = best.min(rows[i - 2][j - 2] + 1);
+            }
+            row.push(best);
+        }
+        rows.push(row);
+    }
+    rows[a.len()][b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fails(text: &str, read: impl Fn(&Table<'_>) -> Result<()>) -> (String, Option<String>) {
+        let document = Document::new(Path::new("s.toml"), text);
+        let parsed = document.parse().unwrap();
+        let error = document
+            .root(&parsed, &["number", "color", "matrix", "mesh"])
+            .and_then(|root| read(&root))
+            .unwrap_err();
+        (error.to_string(), error.hint_text().map(String::from))
+    }
+
+    #[test]
+    fn an_unknown_key_names_its_line_and_the_nearest_key() {
+        let (message, hint) = fails("\n[[mesh]]\nfile = 'a'\nalbdo = 1\n", |root| {
+            root.tables("mesh", &["file", "albedo"]).map(|_| ())
+        });
+        assert_eq!(message, "s.toml: unknown key `albdo` in [[mesh]] at line 4");
+        assert_eq!(hint.as_deref(), Some("did you mean `albedo`?"));
+    }
+
+    #[test]
+    fn a_far_off_key_lists_the_choices() {
+        let (_, hint) = fails("[[mesh]]\nzzzzzzzz = 1\n", |root| {
+            root.tables("mesh", &["file", "albedo"]).map(|_| ())
+        });
+        assert_eq!(
+            hint.as_deref(),
+            Some("the keys of [[mesh]] are file, albedo")
+        );
+    }
+
+    #[test]
+    fn values_of_the_wrong_type_or_range_say_what_was_found() {
+        let get = |key: &'static str, read: fn(Item<'_>) -> Result<()>| {
+            move |root: &Table<'_>| read(root.require(key)?)
+        };
+        let number = get("number", |i| i.number().map(|_| ()));
+        assert!(
+            fails("number = 'x'", &number)
+                .0
+                .ends_with("at line 1: expected a number, found the string 'x'")
+        );
+        assert!(
+            fails("number = nan", &number)
+                .0
+                .contains("expected a finite number, found the float nan")
+        );
+        assert!(fails("mesh = 1", &number).0.contains("`number` is missing"));
+        let color = get("color", |i| i.color(1.0).map(|_| ()));
+        assert!(
+            fails("color = [0, 0.5, 2]", &color)
+                .0
+                .contains("numbers from 0 to 1, found 2")
+        );
+        assert!(
+            fails("color = [0, -0.5, 2]", &color)
+                .0
+                .contains("-0.5 is negative")
+        );
+        assert!(
+            fails("color = [0, 1]", &color)
+                .0
+                .contains("expected 3 numbers in brackets, found 2")
+        );
+        let matrix = get("matrix", |i| i.affine().map(|_| ()));
+        assert!(
+            fails(
+                "matrix = [[1,0,0,0],[0,0,0,0],[0,0,1,0],[0,0,0,1]]",
+                &matrix
+            )
+            .0
+            .contains("singular")
+        );
+        assert!(
+            fails(
+                "matrix = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,2]]",
+                &matrix
+            )
+            .0
+            .contains("last row")
+        );
+    }
+
+    #[test]
+    fn edits_are_counted() {
+        assert_eq!(edit_distance("albdo", "albedo"), 1);
+        assert_eq!(edit_distance("flie", "file"), 1);
+        assert_eq!(edit_distance("", "file"), 4);
+        assert_eq!(nearest("emision", &["file", "emission"]), Some("emission"));
+        assert_eq!(nearest("qqq", &["file", "emission"]), None);
+    }
+}
