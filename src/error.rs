@@ -56,15 +56,7 @@ impl Error {
 
     /// An I/O error on a file: a file that is not there is wrong input, a full disk is a failure.
     pub fn io(doing: &str, path: &Path, error: &std::io::Error) -> Self {
-        use std::io::ErrorKind as K;
-        let kind = match error.kind() {
-            K::NotFound
-            | K::PermissionDenied
-            | K::IsADirectory
-            | K::NotADirectory
-            | K::InvalidInput => Kind::Input,
-            _ => Kind::Failed,
-        };
+        let kind = kind_of(error.kind());
         Self {
             kind,
             message: format!("cannot {doing} {}: {error}", path.display()),
@@ -106,3 +98,27 @@ impl fmt::Display for Error {
 }
 
 impl std::error::Error for Error {}
+
+impl From<lvox_formats::FormatError> for Error {
+    /// A damaged or foreign file is wrong input; what the system refused is sorted as any other I/O error.
+    fn from(error: lvox_formats::FormatError) -> Self {
+        let kind = match error.io_error().map(std::io::Error::kind) {
+            None => Kind::Input,
+            Some(kind) => kind_of(kind),
+        };
+        Self { kind, message: error.to_string(), hint: error.hint().map(Into::into) }
+    }
+}
+
+fn kind_of(kind: std::io::ErrorKind) -> Kind {
+    use std::io::ErrorKind as K;
+    match kind {
+        K::NotFound
+        | K::PermissionDenied
+        | K::AlreadyExists
+        | K::IsADirectory
+        | K::NotADirectory
+        | K::InvalidInput => Kind::Input,
+        _ => Kind::Failed,
+    }
+}

@@ -27,9 +27,15 @@ pub fn bake(
 ) -> Result<()> {
     let film = maker.tracer.scene.film;
     let size = |n: u32| (n as f32 * rate * overscan).ceil().max(1.0) as u32;
-    let wide = Film { width: size(film.width), height: size(film.height), ..film };
-    let camera =
-        Camera { fov_x_rad: 2.0 * libm::atanf(libm::tanf(0.5 * camera.fov_x_rad) * overscan), ..camera.clone() };
+    let wide = Film {
+        width: size(film.width),
+        height: size(film.height),
+        ..film
+    };
+    let camera = Camera {
+        fov_x_rad: 2.0 * libm::atanf(libm::tanf(0.5 * camera.fov_x_rad) * overscan),
+        ..camera.clone()
+    };
     let axis = camera.scene_from_camera.transform_vector3(-Vec3::Z);
     let pixel = 2.0 * libm::tanf(0.5 * camera.fov_x_rad) / wide.width as f32;
     let count = u64::from(wide.width) * u64::from(wide.height);
@@ -40,12 +46,21 @@ pub fn bake(
         let to = (from + BATCH).min(count);
         let batch: Vec<Option<Surfel>> = (from..to)
             .into_par_iter()
-            .with_min_len(64)
             .map(|i| {
-                let (x, y) = ((i % u64::from(wide.width)) as f32, (i / u64::from(wide.width)) as f32);
+                let (x, y) = (
+                    (i % u64::from(wide.width)) as f32,
+                    (i / u64::from(wide.width)) as f32,
+                );
                 let direction = camera.direction(&wide, x + 0.5, y + 0.5);
-                let hit = maker.tracer.closest(camera.origin(), direction, f32::INFINITY)?;
-                let normal = maker.tracer.scene.mesh.area_vector(hit.triangle as usize).normalize_or_zero();
+                let hit = maker
+                    .tracer
+                    .closest(camera.origin(), direction, f32::INFINITY)?;
+                let normal = maker
+                    .tracer
+                    .scene
+                    .mesh
+                    .area_vector(hit.triangle as usize)
+                    .normalize_or_zero();
                 // The pixel's square on the image plane, cast onto the surface.
                 let cos = normal.dot(direction).abs().max(LEAST_COS);
                 let depth_cos = axis.dot(direction);

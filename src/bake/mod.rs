@@ -78,7 +78,13 @@ const BATCH: u64 = 65_536;
 ///
 /// # Errors
 /// A setting out of range, an output that cannot be written, or a stop on request; then no file is left.
-pub fn run(scene: &Scene, settings: &Settings, cloud: &Path, force: bool, job: &Job) -> Result<CloudSummary> {
+pub fn run(
+    scene: &Scene,
+    settings: &Settings,
+    cloud: &Path,
+    force: bool,
+    job: &Job,
+) -> Result<CloudSummary> {
     settings.check()?;
     job.report.stage("bake", |counts| {
         let mut writer = CloudWriter::create(cloud, meta(scene, settings), force)?;
@@ -93,9 +99,23 @@ pub fn run(scene: &Scene, settings: &Settings, cloud: &Path, force: bool, job: &
             seed: settings.seed,
         };
         match &settings.surfels {
-            SurfelSampling::Area { count } => bake_area(&maker, *count, settings, &mut writer, job)?,
-            SurfelSampling::Camera { name, rate, overscan } => {
-                camera::bake(&maker, scene.camera(name.as_deref())?, *rate, *overscan, settings, &mut writer, job)?;
+            SurfelSampling::Area { count } => {
+                bake_area(&maker, *count, settings, &mut writer, job)?
+            }
+            SurfelSampling::Camera {
+                name,
+                rate,
+                overscan,
+            } => {
+                camera::bake(
+                    &maker,
+                    scene.camera(name.as_deref())?,
+                    *rate,
+                    *overscan,
+                    settings,
+                    &mut writer,
+                    job,
+                )?;
             }
         }
         for (index, volume) in scene.volumes.iter().enumerate() {
@@ -132,7 +152,6 @@ fn bake_area(
         let to = (from + BATCH).min(sampler.count());
         let batch: Vec<Surfel> = (from..to)
             .into_par_iter()
-            .with_min_len(64)
             .map(|i| {
                 let (triangle, uv) = sampler.sample(i);
                 maker.make(triangle, uv, area, settings.overlap, i)
@@ -154,7 +173,13 @@ fn bake_volume(maker: &LvoxelMaker, writer: &mut CloudWriter, job: &Job) -> Resu
         let to = (from + 1024).min(count);
         let batch: Vec<Vec<Lvoxel>> = (from..to)
             .into_par_iter()
-            .map(|b| maker.make([b % bricks[0], b / bricks[0] % bricks[1], b / (bricks[0] * bricks[1])]))
+            .map(|b| {
+                maker.make([
+                    b % bricks[0],
+                    b / bricks[0] % bricks[1],
+                    b / (bricks[0] * bricks[1]),
+                ])
+            })
             .collect();
         for lvoxels in batch {
             writer.push_lvoxels(&lvoxels)?;
@@ -165,7 +190,15 @@ fn bake_volume(maker: &LvoxelMaker, writer: &mut CloudWriter, job: &Job) -> Resu
 }
 
 fn meta(scene: &Scene, settings: &Settings) -> CloudMeta {
-    let columns = |m: DAffine3| [m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis, m.translation].map(|c| c.to_array());
+    let columns = |m: DAffine3| {
+        [
+            m.matrix3.x_axis,
+            m.matrix3.y_axis,
+            m.matrix3.z_axis,
+            m.translation,
+        ]
+        .map(|c| c.to_array())
+    };
     CloudMeta {
         scene_hash: scene.hash,
         scene_name: scene.name.clone(),
@@ -196,7 +229,11 @@ impl Settings {
         let mut add = |name: &str, value: String| list.push((name.to_owned(), value));
         match &self.surfels {
             SurfelSampling::Area { count } => add("surfels", count.to_string()),
-            SurfelSampling::Camera { name, rate, overscan } => {
+            SurfelSampling::Camera {
+                name,
+                rate,
+                overscan,
+            } => {
                 add("surfels-from-camera", name.clone().unwrap_or_default());
                 add("camera-rate", rate.to_string());
                 add("overscan", overscan.to_string());
@@ -225,7 +262,9 @@ impl Settings {
             if value >= low && value <= high {
                 Ok(())
             } else {
-                Err(Error::input(format!("{name} must be {low} to {high}, found {value}")))
+                Err(Error::input(format!(
+                    "{name} must be {low} to {high}, found {value}"
+                )))
             }
         };
         match self.surfels {
@@ -240,7 +279,9 @@ impl Settings {
         within("--shadow-rays", f64::from(self.shadow_rays), 1.0, 4096.0)?;
         match self.blocks {
             BlockSize::OpticalDepth(tau) => within("--block-depth", f64::from(tau), 1e-3, 1e6),
-            BlockSize::Fixed { samples, .. } => within("--block-samples", f64::from(samples), 1.0, 4096.0),
+            BlockSize::Fixed { samples, .. } => {
+                within("--block-samples", f64::from(samples), 1.0, 4096.0)
+            }
         }
     }
 }

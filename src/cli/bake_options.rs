@@ -18,11 +18,21 @@ pub struct BakeOptions {
     surfels_from_camera: Option<String>,
 
     /// Rays per pixel along each axis of such a camera
-    #[arg(long, value_name = "F", default_value_t = 2.0, requires = "surfels_from_camera")]
+    #[arg(
+        long,
+        value_name = "F",
+        default_value_t = 2.0,
+        requires = "surfels_from_camera"
+    )]
     camera_rate: f32,
 
     /// Width of such a camera's frustum over the image's
-    #[arg(long, value_name = "F", default_value_t = 1.1, requires = "surfels_from_camera")]
+    #[arg(
+        long,
+        value_name = "F",
+        default_value_t = 1.1,
+        requires = "surfels_from_camera"
+    )]
     overscan: f32,
 
     /// Radius of disks over that of a disk of the surfel's area
@@ -42,7 +52,12 @@ pub struct BakeOptions {
     block_voxels: Option<u8>,
 
     /// Coefficient samples in each such lvoxel
-    #[arg(long, value_name = "N", default_value_t = 16, requires = "block_voxels")]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 16,
+        requires = "block_voxels"
+    )]
     block_samples: u32,
 
     /// Shadow rays to each area light from each surfel and side, and each lvoxel
@@ -66,7 +81,9 @@ impl BakeOptions {
     pub fn settings(&self, seed: u64) -> Settings {
         Settings {
             surfels: match &self.surfels_from_camera {
-                None => SurfelSampling::Area { count: self.surfels },
+                None => SurfelSampling::Area {
+                    count: self.surfels,
+                },
                 Some(name) => SurfelSampling::Camera {
                     name: (!name.is_empty()).then(|| name.clone()),
                     rate: self.camera_rate,
@@ -77,7 +94,10 @@ impl BakeOptions {
             crease_deg: self.crease_deg,
             blocks: match self.block_voxels {
                 None => BlockSize::OpticalDepth(self.block_depth),
-                Some(level) => BlockSize::Fixed { level, samples: self.block_samples },
+                Some(level) => BlockSize::Fixed {
+                    level,
+                    samples: self.block_samples,
+                },
             },
             shadow_rays: self.bake_shadow_rays,
             seed,

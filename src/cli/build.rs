@@ -21,7 +21,13 @@ pub struct Args {
 impl Args {
     pub fn run(self, context: &Context) -> Result<()> {
         check_writable(&self.output, context.force)?;
-        lvox::build::run(&self.cloud, &self.output, &Settings::default(), context.force, &context.job)?;
+        lvox::build::run(
+            &self.cloud,
+            &self.output,
+            &Settings::default(),
+            context.force,
+            &context.job,
+        )?;
         Ok(())
     }
 }

@@ -29,10 +29,15 @@ pub fn region(values: &[u32]) -> Option<Region> {
 
 /// `I/N`: a tile and how many there are.
 pub fn tile(text: &str) -> Result<(u32, u32), String> {
-    let parsed = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+    let parsed = text
+        .split_once('/')
+        .and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
     match parsed {
         Some((i, n)) if i < n => Ok((i, n)),
-        Some((_, n)) => Err(format!("tiles of {n} are counted from 0 to {}", u64::from(n).saturating_sub(1))),
+        Some((_, n)) => Err(format!(
+            "tiles of {n} are counted from 0 to {}",
+            u64::from(n).saturating_sub(1)
+        )),
         None => Err("it has to be a tile and a count, as 0/8".into()),
     }
 }

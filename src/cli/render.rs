@@ -42,9 +42,18 @@ impl Args {
         }
         .map_err(|e| Error::failed(format!("cannot make a temporary folder: {e}")))?;
         let cloud = folder.path().join("scene.lvc");
-        let tree = self.keep_tree.clone().unwrap_or_else(|| folder.path().join("scene.lvt"));
+        let tree = self
+            .keep_tree
+            .clone()
+            .unwrap_or_else(|| folder.path().join("scene.lvt"));
         lvox::bake::run(&scene, &settings, &cloud, false, job)?;
-        lvox::build::run(&cloud, &tree, &lvox::build::Settings::default(), context.force, job)?;
+        lvox::build::run(
+            &cloud,
+            &tree,
+            &lvox::build::Settings::default(),
+            context.force,
+            job,
+        )?;
         let store = TreeStore::open(&tree, job.memory_limit)?;
         self.shade.run(&scene, &store, context.seed, job)
     }

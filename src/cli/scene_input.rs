@@ -24,7 +24,11 @@ impl SceneInput {
             let scene = match &self.scene {
                 Some(path) => Scene::load(path)?,
                 None if self.demo => Scene::demo()?,
-                None => return Err(Error::input("no scene was given").hint("name a scene file, or use --demo")),
+                None => {
+                    return Err(
+                        Error::input("no scene was given").hint("name a scene file, or use --demo")
+                    );
+                }
             };
             scene.warnings.iter().for_each(|w| job.progress.warn(w));
             counts.insert("triangles".into(), scene.mesh.triangles.len() as f64);

@@ -4,7 +4,7 @@ use super::parse;
 use clap::{Args, ValueEnum};
 use lvox::gather::TreeStore;
 use lvox::image::exr::{self, Precision};
-use lvox::image::{Region, png};
+use lvox::image::{Region, png, tone};
 use lvox::run::Job;
 use lvox::run::output::check_writable;
 use lvox::scene::Scene;
@@ -141,21 +141,37 @@ impl ShadeOptions {
         let region = self.region(scene)?;
         let aovs: Vec<Aov> = self.aov.iter().map(|&a| a.into()).collect();
         let frame = shade::run(scene, store, &settings, region, &aovs, job)?;
-        job.report.stage("write", |_| match image_kind(&self.output)? {
-            ImageKind::Exr => {
-                exr::write(&self.output, &frame, if self.float { Precision::Float } else { Precision::Half })
-            }
-            ImageKind::Png => {
-                png::write(&self.output, &frame.picture("", &frame.region)?.display(scene.film.exposure))
+        job.report
+            .stage("write", |_| match image_kind(&self.output)? {
+                ImageKind::Exr => exr::write(
+                    &self.output,
+                    &frame,
+                    if self.float {
+                        Precision::Float
+                    } else {
+                        Precision::Half
+                    },
+                ),
+                ImageKind::Png => {
+                let picture = frame.picture("", &frame.region)?;
+                png::write(&self.output, &tone::map(&picture, scene.film.exposure))
             }
         })
     }
 }
 
 fn image_kind(path: &Path) -> Result<ImageKind> {
-    match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
+    match path
+        .extension()
+        .and_then(|e| e.to_str())
+        .map(str::to_ascii_lowercase)
+        .as_deref()
+    {
         Some("exr") => Ok(ImageKind::Exr),
         Some("png") => Ok(ImageKind::Png),
-        _ => Err(Error::input(format!("{}: an image has to be named .exr or .png", path.display()))),
+        _ => Err(Error::input(format!(
+            "{}: an image has to be named .exr or .png",
+            path.display()
+        ))),
     }
 }

@@ -63,7 +63,8 @@ impl Decoder {
     fn page(&self, id: u32) -> KernelPage {
         self.decoded.fetch_add(1, Ordering::Relaxed);
         if let Some(block) = self.tree.surfel_blocks().get(id as usize) {
-            self.bytes_read.fetch_add(u64::from(block.stored_bytes), Ordering::Relaxed);
+            self.bytes_read
+                .fetch_add(u64::from(block.stored_bytes), Ordering::Relaxed);
         }
         match self.tree.surfel_page(id as usize) {
             Ok(page) => KernelPage::new(&page),
@@ -80,9 +81,17 @@ impl Decoder {
         if self.failed.load(Ordering::Relaxed) == 0 {
             return Ok(());
         }
-        match self.failure.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        match self
+            .failure
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take()
+        {
             Some(e) => Err(e),
-            None => Err(Error::input(format!("{}: a page could not be read", self.path.display()))),
+            None => Err(Error::input(format!(
+                "{}: a page could not be read",
+                self.path.display()
+            ))),
         }
     }
 
@@ -147,7 +156,9 @@ impl Pages for CachedTree {
     fn page(&self, id: u32) -> Arc<KernelPage> {
         // The closure cannot fail; the cache's error type is ours to choose.
         self.cache
-            .get_or_insert_with(&id, || Ok::<_, std::convert::Infallible>(Arc::new(self.decoder.page(id))))
+            .get_or_insert_with(&id, || {
+                Ok::<_, std::convert::Infallible>(Arc::new(self.decoder.page(id)))
+            })
             .unwrap_or_else(|never| match never {})
     }
 
@@ -183,13 +194,18 @@ impl TreeStore {
     /// # Errors
     /// A file that is not a whole tree, or a limit too small for its media and a few pages.
     pub fn open(path: &Path, memory_limit: Option<u64>) -> Result<Self> {
-        let tree = Tree::open(MappedFile::open(path).map_err(|e| e.at(path))?).map_err(|e| e.at(path))?;
+        let tree =
+            Tree::open_path(path)?;
         let mut lvoxels = Vec::new();
         for i in 0..tree.lvoxel_pages() {
             lvoxels.extend(tree.lvoxel_page(i).map_err(|e| e.at(path))?);
         }
         let media = Media::new(&tree.meta().cloud.volumes, lvoxels);
-        let raw: Vec<u64> = tree.surfel_blocks().iter().map(|b| u64::from(b.raw_bytes)).collect();
+        let raw: Vec<u64> = tree
+            .surfel_blocks()
+            .iter()
+            .map(|b| u64::from(b.raw_bytes))
+            .collect();
         let decoded = raw.iter().sum::<u64>() * DECODED_OVER_RAW;
         let page_count = tree.surfel_pages();
         let decoder = Decoder {
@@ -223,8 +239,15 @@ impl TreeStore {
                     .estimated_items_capacity(page_count.max(1))
                     .weight_capacity(budget)
                     .build()
-                    .map_err(|e| Error::failed(format!("cannot make a page cache of {budget} bytes: {e:?}")))?;
-                let cache = Cache::with_options(options, PageBytes, DefaultHashBuilder::default(), Default::default());
+                    .map_err(|e| {
+                        Error::failed(format!("cannot make a page cache of {budget} bytes: {e:?}"))
+                    })?;
+                let cache = Cache::with_options(
+                    options,
+                    PageBytes,
+                    DefaultHashBuilder::default(),
+                    Default::default(),
+                );
                 SurfelStore::Cached(CachedTree { decoder, cache })
             }
         };
@@ -245,9 +268,11 @@ impl TreeStore {
     pub fn stats(&self) -> PageStats {
         match &self.surfels {
             SurfelStore::Kept(t) => t.decoder.stats(),
-            SurfelStore::Cached(t) => {
-                PageStats { hits: t.cache.hits(), misses: t.cache.misses(), ..t.decoder.stats() }
-            }
+            SurfelStore::Cached(t) => PageStats {
+                hits: t.cache.hits(),
+                misses: t.cache.misses(),
+                ..t.decoder.stats()
+            },
         }
     }
 }

@@ -121,11 +121,15 @@ pub fn run(
         counts.insert("cache_misses".into(), stats.misses as f64);
         let mut frame = to_frame(scene, region, &pixels, aovs);
         let hex = |bytes: &[u8]| bytes.iter().map(|b| format!("{b:02x}")).collect::<String>();
-        let mut note = |name: &str, value: String| frame.attributes.insert(format!("lvox/{name}"), value);
+        let mut note =
+            |name: &str, value: String| frame.attributes.insert(format!("lvox/{name}"), value);
         note("version", env!("CARGO_PKG_VERSION").into());
         note("scene", hex(&scene.hash));
         note("tree", hex(&store.tree().content_hash()));
-        note("settings", serde_json::to_string(settings).unwrap_or_default());
+        note(
+            "settings",
+            serde_json::to_string(settings).unwrap_or_default(),
+        );
         Ok(frame)
     })
 }
@@ -148,24 +152,47 @@ fn shade<P: Pages>(
             samples: settings.samples,
             max_solid_angle: settings.max_solid_angle,
             max_dist: settings.max_dist.unwrap_or(f32::INFINITY),
-            kernel: if settings.plain { Kernel::Plain } else { Kernel::Cone },
+            kernel: if settings.plain {
+                Kernel::Plain
+            } else {
+                Kernel::Cone
+            },
             environment: lights.environment(),
             media: true,
         },
     };
     let volume_gatherer = Gatherer {
-        settings: gather::Settings { samples: settings.volume_samples, ..surface_gatherer.settings },
+        settings: gather::Settings {
+            samples: settings.volume_samples,
+            ..surface_gatherer.settings
+        },
         ..surface_gatherer
     };
     let view = View::new(&tracer, camera, scene.film, settings.seed);
     let lattice = {
         let step = u64::from(settings.lattice);
-        let task = job.progress.task("gather", region.pixels() as u64 / (step * step), "receivers");
-        Lattice::new(&view, &surface_gatherer, region, settings.lattice, &job.cancel, &task)?
+        let task = job.progress.task(
+            "gather",
+            region.pixels() as u64 / (step * step),
+            "receivers",
+        );
+        Lattice::new(
+            &view,
+            &surface_gatherer,
+            region,
+            settings.lattice,
+            &job.cancel,
+            &task,
+        )?
     };
     pages.check()?;
-    let in_scatter =
-        InScatter::new(&scene.volumes, &lights, &volume_gatherer, settings.shadow_rays, settings.seed);
+    let in_scatter = InScatter::new(
+        &scene.volumes,
+        &lights,
+        &volume_gatherer,
+        settings.shadow_rays,
+        settings.seed,
+    );
     let shader = PixelShader {
         view,
         lights: &lights,
