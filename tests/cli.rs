@@ -1,0 +1,375 @@
+//! The program from outside: exit codes, what goes to stdout and stderr, what is left on disk.
+
+use assert_cmd::Command;
+use lvox::image::exr::{self, Precision};
+use lvox::image::{Frame, Layer, Region};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+const WIDTH: u32 = 40;
+const HEIGHT: u32 = 32;
+
+struct Run {
+    code: i32,
+    stdout: String,
+    stderr: String,
+}
+
+impl Run {
+    /// An error is one line and at most one hint, and leaves stdout alone.
+    #[track_caller]
+    fn refused(&self, code: i32, parts: &[&str]) {
+        assert_eq!(self.code, code, "{}", self.stderr);
+        assert_eq!(self.stdout, "");
+        let lines: Vec<&str> = self.stderr.lines().collect();
+        assert!(lines[0].starts_with("error: "), "{}", self.stderr);
+        assert!(lines.len() <= 2, "{}", self.stderr);
+        assert!(
+            lines.iter().skip(1).all(|l| l.starts_with("hint: ")),
+            "{}",
+            self.stderr
+        );
+        for part in parts {
+            assert!(
+                self.stderr.contains(part),
+                "{part:?} is not in {}",
+                self.stderr
+            );
+        }
+    }
+}
+
+fn lvox(dir: &Path, args: &[&str]) -> Run {
+    let output = Command::new(env!("CARGO_BIN_EXE_lvox"))
+        .current_dir(dir)
+        .args(args)
+        .output()
+        .unwrap();
+    Run {
+        code: output.status.code().unwrap(),
+        stdout: String::from_utf8(output.stdout).unwrap(),
+        stderr: String::from_utf8(output.stderr).unwrap(),
+    }
+}
+
+fn shade(region: Region, tree: &str) -> Frame {
+    let mut frame = Frame::new(WIDTH, HEIGHT, region);
+    let mut pixels = Vec::new();
+    for y in region.y0..region.y1 {
+        for x in region.x0..region.x1 {
+            pixels.push([x as f32 / 64.0, y as f32 / 64.0, 0.25]);
+        }
+    }
+    frame.layers.push(Layer::rgb("", &pixels));
+    frame.attributes.insert("lvox/tree".into(), tree.into());
+    frame
+}
+
+fn write_tiles(dir: &Path, count: u32) -> Vec<String> {
+    (0..count)
+        .map(|i| {
+            let name = format!("tile{i}.exr");
+            let region = Region::tile(WIDTH, HEIGHT, i, count).unwrap();
+            exr::write(&dir.join(&name), &shade(region, "00ff"), Precision::Half).unwrap();
+            name
+        })
+        .collect()
+}
+
+fn write_whole(dir: &Path, name: &str) -> PathBuf {
+    let path = dir.join(name);
+    let full = Region::full(WIDTH, HEIGHT);
+    exr::write(&path, &shade(full, "00ff"), Precision::Half).unwrap();
+    path
+}
+
+fn names(dir: &Path) -> Vec<String> {
+    let mut names: Vec<String> = fs::read_dir(dir)
+        .unwrap()
+        .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn help_is_data_and_success() {
+    let dir = tempfile::tempdir().unwrap();
+    for args in [
+        &["--help"][..],
+        &["merge", "-h"],
+        &["compare", "--help"],
+        &["--version"],
+    ] {
+        let run = lvox(dir.path(), args);
+        assert_eq!((run.code, run.stderr.as_str()), (0, ""), "{args:?}");
+        assert!(run.stdout.contains("lvox"));
+    }
+    let help = lvox(dir.path(), &["merge", "--help"]).stdout;
+    for part in [
+        "Shared options:",
+        "--threads <N>",
+        "--output <FILE>",
+        "[default: auto]",
+    ] {
+        assert!(help.contains(part), "{part:?} is not in {help}");
+    }
+}
+
+#[test]
+fn wrong_usage_is_exit_code_2() {
+    let dir = tempfile::tempdir().unwrap();
+    for args in [
+        &[][..],
+        &["no-such-verb"],
+        &["merge"],
+        &["compare", "a.exr"],
+        &["compare", "a.exr", "b.exr", "--threads", "0"],
+        &["compare", "a.exr", "b.exr", "--memory-limit", "much"],
+        &["compare", "a.exr", "b.exr", "--exposure", "-2"],
+        &["compare", "a.exr", "b.exr", "--region", "1", "2", "3"],
+        &["compare", "a.exr", "b.exr", "--progress", "loud"],
+    ] {
+        let run = lvox(dir.path(), args);
+        assert_eq!((run.code, run.stdout.as_str()), (2, ""), "{args:?}");
+        assert!(!run.stderr.is_empty());
+    }
+}
+
+#[test]
+fn merged_tiles_are_the_whole_frame() {
+    let dir = tempfile::tempdir().unwrap();
+    let whole = write_whole(dir.path(), "whole.exr");
+    let tiles = write_tiles(dir.path(), 5);
+    let mut args = vec!["merge", "-o", "merged.exr", "--report", "report.json"];
+    args.extend(tiles.iter().map(String::as_str));
+    let run = lvox(dir.path(), &args);
+    assert_eq!((run.code, run.stdout.as_str()), (0, ""), "{}", run.stderr);
+    assert_eq!(
+        fs::read(dir.path().join("merged.exr")).unwrap(),
+        fs::read(whole).unwrap()
+    );
+    let report = fs::read(dir.path().join("report.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
+    assert_eq!(
+        (&report["verb"], &report["ok"]),
+        (&"merge".into(), &true.into())
+    );
+    assert_eq!(report["stages"][0]["counts"]["tiles"], 5.0);
+}
+
+#[test]
+fn merge_names_what_is_wrong_and_keeps_the_old_frame() {
+    let dir = tempfile::tempdir().unwrap();
+    let old = write_whole(dir.path(), "merged.exr");
+    let before = fs::read(&old).unwrap();
+    write_tiles(dir.path(), 2);
+    let gap = Region::tile(WIDTH, HEIGHT, 1, 2).unwrap().to_string();
+    let run = lvox(dir.path(), &["merge", "-o", "merged.exr", "tile0.exr"]);
+    run.refused(2, &["uncovered", &gap]);
+    let run = lvox(
+        dir.path(),
+        &[
+            "merge",
+            "-o",
+            "merged.exr",
+            "tile0.exr",
+            "tile1.exr",
+            "tile0.exr",
+        ],
+    );
+    run.refused(2, &["overlap", "tile0.exr"]);
+    let stranger = shade(Region::tile(WIDTH, HEIGHT, 1, 2).unwrap(), "0bad");
+    exr::write(&dir.path().join("tile1.exr"), &stranger, Precision::Half).unwrap();
+    let run = lvox(
+        dir.path(),
+        &["merge", "-o", "merged.exr", "tile0.exr", "tile1.exr"],
+    );
+    run.refused(2, &["lvox/tree", "0bad", "00ff", "tile0.exr", "tile1.exr"]);
+    fs::write(dir.path().join("tile1.exr"), "not an image").unwrap();
+    let run = lvox(
+        dir.path(),
+        &["merge", "-o", "merged.exr", "tile0.exr", "tile1.exr"],
+    );
+    run.refused(2, &["tile1.exr"]);
+    assert_eq!(fs::read(&old).unwrap(), before);
+    assert_eq!(names(dir.path()), ["merged.exr", "tile0.exr", "tile1.exr"]);
+}
+
+#[test]
+fn outputs_that_cannot_be_written_are_refused_at_once() {
+    let dir = tempfile::tempdir().unwrap();
+    write_whole(dir.path(), "whole.exr");
+    fs::create_dir(dir.path().join("folder.exr")).unwrap();
+    for output in ["no/such/folder/a.exr", "folder.exr"] {
+        // The tile is not there either: the output is looked at first.
+        let run = lvox(dir.path(), &["merge", "-o", output, "missing.exr"]);
+        run.refused(2, &[output, "hint: "]);
+        let run = lvox(
+            dir.path(),
+            &["compare", "whole.exr", "whole.exr", "--heatmap", output],
+        );
+        run.refused(2, &[output]);
+        let run = lvox(
+            dir.path(),
+            &["compare", "whole.exr", "whole.exr", "--report", output],
+        );
+        run.refused(2, &[output]);
+    }
+    assert_eq!(names(dir.path()), ["folder.exr", "whole.exr"]);
+}
+
+#[test]
+fn compare_speaks_json_and_tables() {
+    let dir = tempfile::tempdir().unwrap();
+    write_whole(dir.path(), "a.exr");
+    let mut frame = shade(Region::full(WIDTH, HEIGHT), "0");
+    for (_, samples) in &mut frame.layers[0].channels {
+        samples.iter_mut().for_each(|v| *v *= 1.5);
+    }
+    exr::write(&dir.path().join("b.exr"), &frame, Precision::Float).unwrap();
+
+    let run = lvox(
+        dir.path(),
+        &[
+            "compare",
+            "b.exr",
+            "a.exr",
+            "--json",
+            "--heatmap",
+            "heat.png",
+        ],
+    );
+    assert_eq!((run.code, run.stderr.as_str()), (0, ""));
+    let json: serde_json::Value = serde_json::from_str(&run.stdout).unwrap();
+    for key in [
+        "rmse",
+        "relmse",
+        "relmse_trimmed",
+        "bias",
+        "flip",
+        "ssim",
+        "pdiff",
+        "max_abs",
+    ] {
+        assert!(json[key].is_f64(), "{key}");
+    }
+    assert!((json["bias"].as_f64().unwrap() - 0.5).abs() < 1e-6);
+    assert!((0.0..=1.0).contains(&json["pdiff"].as_f64().unwrap()));
+    assert!(
+        fs::read(dir.path().join("heat.png"))
+            .unwrap()
+            .starts_with(b"\x89PNG")
+    );
+
+    let run = lvox(dir.path(), &["compare", "a.exr", "a.exr"]);
+    assert_eq!(run.code, 0);
+    let value = |name: &str| {
+        let line = run
+            .stdout
+            .lines()
+            .find(|l| l.split_whitespace().next() == Some(name));
+        line.and_then(|l| l.split_whitespace().nth(1)?.parse::<f64>().ok())
+    };
+    assert_eq!(
+        (value("rmse"), value("flip"), value("ssim")),
+        (Some(0.0), Some(0.0), Some(1.0))
+    );
+}
+
+#[test]
+fn the_exposure_comes_from_the_scene_of_the_reference() {
+    let dir = tempfile::tempdir().unwrap();
+    write_whole(dir.path(), "S_d3.exr");
+    let exposure = |args: &[&str]| {
+        let run = lvox(
+            dir.path(),
+            &[&["compare", "S_d3.exr", "S_d3.exr", "--json"], args].concat(),
+        );
+        let json: serde_json::Value = serde_json::from_str(&run.stdout).unwrap();
+        json["exposure"].as_f64().unwrap()
+    };
+    assert_eq!(exposure(&[]), 1.0);
+    fs::write(dir.path().join("S_d3.json"), r#"{"scene": "S.json"}"#).unwrap();
+    fs::write(
+        dir.path().join("S.json"),
+        r#"{"tonemap": {"exposure": 2.5}}"#,
+    )
+    .unwrap();
+    assert_eq!(exposure(&[]), 2.5);
+    assert_eq!(exposure(&["--exposure", "4"]), 4.0);
+}
+
+#[test]
+fn compare_refuses_what_does_not_fit() {
+    let dir = tempfile::tempdir().unwrap();
+    write_whole(dir.path(), "a.exr");
+    write_tiles(dir.path(), 2);
+    lvox(dir.path(), &["compare", "a.exr", "no.exr"]).refused(2, &["no.exr"]);
+    lvox(dir.path(), &["compare", ".", "a.exr"]).refused(2, &["."]);
+
+    let mut small = Frame::new(8, 8, Region::full(8, 8));
+    small.layers.push(Layer::rgb("", &[[0.5; 3]; 64]));
+    exr::write(&dir.path().join("small.exr"), &small, Precision::Half).unwrap();
+    lvox(dir.path(), &["compare", "small.exr", "a.exr"]).refused(2, &["8x8", "40x32", "small.exr"]);
+
+    let run = lvox(dir.path(), &["compare", "tile1.exr", "a.exr"]);
+    run.refused(2, &["tile1.exr", "hint: ", "--region"]);
+    let region = Region::tile(WIDTH, HEIGHT, 1, 2).unwrap().to_string();
+    let mut args = vec!["compare", "tile1.exr", "a.exr", "--region"];
+    args.extend(region.split(' '));
+    assert_eq!(lvox(dir.path(), &args).code, 0);
+}
+
+#[test]
+fn progress_is_talk() {
+    let dir = tempfile::tempdir().unwrap();
+    write_tiles(dir.path(), 2);
+    let args = [
+        "merge",
+        "-o",
+        "m.exr",
+        "tile0.exr",
+        "tile1.exr",
+        "--progress",
+    ];
+    let run = lvox(dir.path(), &[&args[..], &["json"]].concat());
+    assert_eq!(run.stdout, "");
+    for line in run.stderr.lines() {
+        let json: serde_json::Value = serde_json::from_str(line).unwrap();
+        assert_eq!(json["task"], "merge");
+    }
+    assert!(run.stderr.lines().count() >= 2);
+    let run = lvox(dir.path(), &[&args[..], &["none"]].concat());
+    assert_eq!((run.code, run.stderr.as_str()), (0, ""));
+    let run = lvox(dir.path(), &[&args[..], &["auto"]].concat());
+    assert!(run.stderr.starts_with("merge: 2 tiles\n"), "{}", run.stderr);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_closed_pipe_is_success_and_a_full_disk_is_not() {
+    use std::process::Stdio;
+    let dir = tempfile::tempdir().unwrap();
+    write_whole(dir.path(), "a.exr");
+    let compare = |stdout: Stdio| {
+        std::process::Command::new(env!("CARGO_BIN_EXE_lvox"))
+            .current_dir(dir.path())
+            .args(["compare", "a.exr", "a.exr"])
+            .stdout(stdout)
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap()
+    };
+    let mut child = compare(Stdio::piped());
+    drop(child.stdout.take());
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    let full = fs::File::options().write(true).open("/dev/full").unwrap();
+    let output = compare(full.into()).wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        String::from_utf8(output.stderr)
+            .unwrap()
+            .starts_with("error: ")
+    );
+}

@@ -1,0 +1,280 @@
+//! Imports flow one way. Each module of the library may use only what the table below allows; a new module needs a row.
+//!
+//! Tests inside a file (from `#[cfg(test)]` to its end, and files named `tests.rs`) may use anything.
+
+use std::fmt::Write;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Module of the library, and the paths below `crate::` that it may name. `error` stands for `Error`, `Kind`, `Result`.
+const MAY_USE: &[(&str, &[&str])] = &[
+    ("error", &[]),
+    ("math", &[]),
+    ("run", &["error"]),
+    ("scene", &["error", "math", "run"]),
+    ("trace", &["error", "math", "scene"]),
+    ("light", &["error", "math", "scene", "trace"]),
+    // Gathering works on a machine that has the tree but not the scene.
+    ("gather", &["error", "formats", "math", "run"]),
+    ("image", &["error", "run", "scene::Film"]),
+    ("bake", LEAVES),
+    ("build", LEAVES),
+    ("shade", LEAVES),
+];
+
+/// What stages share; no stage uses another.
+const LEAVES: &[&str] = &[
+    "error", "formats", "gather", "image", "light", "math", "run", "scene", "trace",
+];
+
+/// What a reader of the file formats must not need.
+const NOT_FOR_FORMATS: &[&str] = &[
+    "lvox",
+    "clap",
+    "exr",
+    "gltf",
+    "image",
+    "indicatif",
+    "obvhs",
+    "ply-rs-bw",
+    "rayon",
+    "tobj",
+];
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn sources(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(sources(&path));
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            found.push(path);
+        }
+    }
+    found.sort();
+    found
+}
+
+/// Blanks comments, literals and tests out, keeping every line where it is.
+fn code(source: &str) -> String {
+    let source = source
+        .find("#[cfg(test)]")
+        .map_or(source, |at| &source[..at]);
+    let mut out = String::with_capacity(source.len());
+    let mut rest = source;
+    while let Some(c) = rest.chars().next() {
+        let skip = if rest.starts_with("//") {
+            rest.find('\n').unwrap_or(rest.len())
+        } else if rest.starts_with("/*") {
+            rest.find("*/").map_or(rest.len(), |at| at + 2)
+        } else if rest.starts_with("r#\"") {
+            rest.find("\"#").map_or(rest.len(), |at| at + 2)
+        } else if rest.starts_with("'\"'") {
+            3
+        } else if c == '"' {
+            literal_end(rest)
+        } else {
+            out.push(c);
+            rest = &rest[c.len_utf8()..];
+            continue;
+        };
+        out.extend(
+            rest[..skip]
+                .chars()
+                .map(|c| if c == '\n' { '\n' } else { ' ' }),
+        );
+        rest = &rest[skip..];
+    }
+    out
+}
+
+fn literal_end(text: &str) -> usize {
+    let mut escaped = false;
+    for (at, c) in text.char_indices().skip(1) {
+        match c {
+            '"' if !escaped => return at + 1,
+            '\\' => escaped = !escaped,
+            _ => escaped = false,
+        }
+    }
+    text.len()
+}
+
+fn is_word(c: char) -> bool {
+    c.is_alphanumeric() || c == '_'
+}
+
+/// The paths in a use tree or expression that begins here: `a::b` gives one, `{a::b, c::{d, e}}` gives `a::b` and `c`.
+fn paths(text: &str) -> Vec<String> {
+    if let Some(group) = text.strip_prefix('{') {
+        let mut found = Vec::new();
+        let (mut depth, mut start) = (0, 0);
+        for (at, c) in group.char_indices() {
+            match c {
+                '{' => depth += 1,
+                '}' if depth > 0 => depth -= 1,
+                ',' | '}' if depth == 0 => {
+                    found.extend(paths(group[start..at].trim_start()));
+                    start = at + 1;
+                    if c == '}' {
+                        break;
+                    }
+                }
+                _ => {}
+            }
+        }
+        return found;
+    }
+    let end = text.find(|c| !is_word(c) && c != ':').unwrap_or(text.len());
+    let path = text[..end].trim_end_matches(':');
+    if path.is_empty() {
+        Vec::new()
+    } else {
+        vec![path.to_owned()]
+    }
+}
+
+/// All paths from the crate's root that code at this depth of modules names, with their lines.
+fn imports(code: &str, depth: usize) -> Vec<(usize, String)> {
+    let mut found = Vec::new();
+    let mut starts = vec!["crate::".to_owned(), "lvox_formats".to_owned()];
+    // So many `super` lead to the root.
+    starts.push("super::".repeat(depth));
+    for start in &starts {
+        for (at, _) in code.match_indices(start.as_str()) {
+            let before = &code[..at];
+            if before.ends_with(is_word) || before.ends_with("super::") {
+                continue;
+            }
+            let line = before.matches('\n').count() + 1;
+            if start == "lvox_formats" {
+                found.push((line, "formats".to_owned()));
+            } else {
+                let rest = &code[at + start.len()..];
+                found.extend(paths(rest).into_iter().map(|p| (line, p)));
+            }
+        }
+    }
+    found
+}
+
+fn allowed(path: &str, own: &str, rules: &[&str]) -> bool {
+    let path = match path.split("::").next() {
+        Some("Error" | "Kind" | "Result") => "error",
+        _ => path,
+    };
+    let below = |rule: &str| path == rule || path.starts_with(&format!("{rule}::"));
+    below(own) || rules.iter().any(|rule| below(rule))
+}
+
+#[test]
+fn imports_flow_one_way() {
+    let src = root().join("src");
+    let mut faults = String::new();
+    for file in sources(&src) {
+        let relative = file.strip_prefix(&src).unwrap();
+        let mut modules: Vec<String> = relative
+            .with_extension("")
+            .components()
+            .map(|c| c.as_os_str().to_str().unwrap().to_owned())
+            .collect();
+        // The program may use all of the library; the root only lists modules.
+        if modules == ["lib"] || modules == ["main"] || modules[0] == "cli" {
+            continue;
+        }
+        if modules.last().is_some_and(|m| m == "tests") {
+            continue;
+        }
+        if modules.last().is_some_and(|m| m == "mod") {
+            modules.pop();
+        }
+        let own = modules[0].as_str();
+        let Some((_, rules)) = MAY_USE.iter().find(|(name, _)| *name == own) else {
+            let _ = writeln!(
+                faults,
+                "src/{}:1: no row for module {own}",
+                relative.display()
+            );
+            continue;
+        };
+        let code = code(&fs::read_to_string(&file).unwrap());
+        for (line, path) in imports(&code, modules.len()) {
+            if !allowed(&path, own, rules) {
+                let place = format!("src/{}:{line}", relative.display());
+                let _ = writeln!(faults, "{place}: {own} may not use {path}");
+            }
+        }
+    }
+    assert!(faults.is_empty(), "\n{faults}");
+}
+
+#[test]
+fn formats_stand_alone() {
+    let mut faults = String::new();
+    let folder = root().join("formats");
+    for file in sources(&folder.join("src")) {
+        let code = code(&fs::read_to_string(&file).unwrap());
+        for (at, _) in code.match_indices("lvox::") {
+            let line = code[..at].matches('\n').count() + 1;
+            let _ = writeln!(
+                faults,
+                "{}:{line}: formats may not use lvox",
+                file.display()
+            );
+        }
+    }
+    let manifest = fs::read_to_string(folder.join("Cargo.toml")).unwrap();
+    let mut in_dependencies = false;
+    for (i, line) in manifest.lines().enumerate() {
+        if line.starts_with('[') {
+            in_dependencies = line.trim_end() == "[dependencies]";
+        }
+        let name = line.split(['=', '.', ' ']).next().unwrap_or("");
+        if in_dependencies && NOT_FOR_FORMATS.contains(&name) {
+            let _ = writeln!(
+                faults,
+                "formats/Cargo.toml:{}: formats may not depend on {name}",
+                i + 1
+            );
+        }
+    }
+    assert!(faults.is_empty(), "\n{faults}");
+}
+
+#[test]
+fn the_scanner_sees_what_it_should() {
+    let source = r##"//! crate::shade
+use crate::{Error, scene::{Film, Mesh}, run::Job};
+/* crate::bake */
+fn f() { super::super::light::sun(); let _ = "crate::build \" crate::cli"; }
+const Q: char = '"'; const R: &str = r#"say "crate::tree""#; use crate::math::sum;
+use super::sibling;
+use lvox_formats::Page;
+#[cfg(test)]
+mod tests { use crate::shade; }
+"##;
+    let mut found = imports(&code(source), 2);
+    found.sort();
+    let names: Vec<(usize, &str)> = found.iter().map(|(l, p)| (*l, p.as_str())).collect();
+    assert_eq!(
+        names,
+        [
+            (2, "Error"),
+            (2, "run::Job"),
+            (2, "scene"),
+            (4, "light::sun"),
+            (5, "math::sum"),
+            (7, "formats")
+        ]
+    );
+    assert!(allowed("scene::Film", "image", &["scene::Film"]));
+    assert!(!allowed("scene", "image", &["scene::Film"]));
+    assert!(!allowed("scene::Filmstrip", "image", &["scene::Film"]));
+    assert!(allowed("Result", "run", &["error"]));
+    assert!(!allowed("Result", "math", &[]));
+    assert!(allowed("image::exr", "image", &[]));
+}
