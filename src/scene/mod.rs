@@ -54,10 +54,17 @@ impl Scene {
     /// # Errors
     /// An unknown name; the hint lists those there are.
     pub fn camera(&self, name: Option<&str>) -> Result<&Camera> {
-        let Some(name) = name else { return Ok(&self.cameras[0]) };
+        let Some(name) = name else {
+            return Ok(&self.cameras[0]);
+        };
         self.cameras.iter().find(|c| c.name == name).ok_or_else(|| {
-            let names: Vec<_> = self.cameras.iter().map(|c| format!("`{}`", c.name)).collect();
-            Error::input(format!("the scene has no camera `{name}`")).hint(format!("it has {}", names.join(", ")))
+            let names: Vec<_> = self
+                .cameras
+                .iter()
+                .map(|c| format!("`{}`", c.name))
+                .collect();
+            Error::input(format!("the scene has no camera `{name}`"))
+                .hint(format!("it has {}", names.join(", ")))
         })
     }
 }
