@@ -1,4 +1,36 @@
 //! Bytes on disk and nothing else: the cloud (`.lvc`) and tree (`.lvt`) files of lvox. `SPEC.md` is the one statement
 //! of both formats.
+//!
+//! [`CloudWriter`] and [`TreeWriter`] write, [`Cloud`] and [`Tree`] read. Readers take any bytes; [`MappedFile`] gives
+//! those of a file. `open` is cheap (header and tables), `verify` reads everything.
 
+#![deny(missing_docs, unsafe_code)]
+
+mod bytes;
+mod check;
+mod cloud;
+mod codec;
+mod error;
+mod frame;
+mod map;
+mod meta;
+mod output;
+pub mod quantise;
 pub mod record;
+mod summary;
+mod tree;
+
+pub use cloud::{CHUNK_RECORDS, Cloud, CloudWriter};
+pub use error::{FormatError, Result};
+pub use frame::{Block, BlockKind, FileKind, VERSION};
+pub use map::MappedFile;
+pub use meta::{CloudMeta, TreeMeta};
+pub use record::{
+    Below, Bounds, ClipEdge, Clips, Lvoxel, Node, Surfel, SurfelAggregate, SurfelPage, VolumeInfo,
+};
+pub use summary::{
+    CloudSummary, ColumnBytes, LeftOut, Level, Sums, TreeSummary, VolumeSums, WorstError,
+};
+pub use tree::{
+    EncodedPage, MAX_PAGE_BYTES, MAX_PAGE_RECORDS, Tree, TreeWriter, node_bytes, surfel_bytes,
+};

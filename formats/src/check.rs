@@ -1,0 +1,94 @@
+//! What every record must be, when it is written and when it is read.
+
+use crate::record::{Lvoxel, MAX_LEVEL, Surfel, VolumeInfo};
+use crate::{FormatError, Result};
+
+fn wrong(
+    place: &dyn Fn() -> String,
+    field: &str,
+    expected: &str,
+    found: impl std::fmt::Debug,
+) -> FormatError {
+    FormatError::invalid(
+        format!("{field} of {}", place()),
+        expected,
+        format!("{found:?}"),
+    )
+}
+
+fn is_radiance(c: [f32; 3]) -> bool {
+    c.iter().all(|v| v.is_finite() && *v >= 0.0)
+}
+
+/// Checks a surfel; `place` names it in the error.
+pub fn surfel(s: &Surfel, place: &dyn Fn() -> String) -> Result<()> {
+    if !s.position.iter().all(|v| v.is_finite()) {
+        return Err(wrong(place, "position", "finite numbers", s.position));
+    }
+    let len2: f32 = s.normal.iter().map(|c| c * c).sum();
+    if !(0.99..=1.01).contains(&len2) {
+        return Err(wrong(place, "normal", "a unit vector", s.normal));
+    }
+    if !(s.radius.is_finite() && s.radius > 0.0) {
+        return Err(wrong(place, "radius", "a positive number", s.radius));
+    }
+    if !(s.area.is_finite() && s.area >= 0.0) {
+        return Err(wrong(place, "area", "a number of at least 0", s.area));
+    }
+    for (name, c) in [("front radiance", s.front), ("back radiance", s.back)] {
+        if !is_radiance(c) {
+            return Err(wrong(place, name, "numbers of at least 0", c));
+        }
+    }
+    if s.clips.count > 3 {
+        return Err(wrong(place, "clip count", "at most 3", s.clips.count));
+    }
+    for edge in &s.clips.edges[..usize::from(s.clips.count)] {
+        if !(edge.angle.is_finite() && (0.0..=1.0).contains(&edge.offset)) {
+            return Err(wrong(
+                place,
+                "clip edge",
+                "a finite angle and an offset in [0, 1]",
+                edge,
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Checks an lvoxel; `place` names it in the error.
+pub fn lvoxel(v: &Lvoxel, volumes: &[VolumeInfo], place: &dyn Fn() -> String) -> Result<()> {
+    let Some(volume) = volumes.get(usize::from(v.volume)) else {
+        return Err(wrong(
+            place,
+            "volume",
+            &format!("below {}", volumes.len()),
+            v.volume,
+        ));
+    };
+    if v.level > MAX_LEVEL {
+        return Err(wrong(
+            place,
+            "level",
+            &format!("at most {MAX_LEVEL}"),
+            v.level,
+        ));
+    }
+    for axis in 0..3 {
+        if u32::from(v.block[axis]) << v.level >= volume.dims[axis] {
+            return Err(wrong(
+                place,
+                "block",
+                &format!("a first voxel inside {:?}", volume.dims),
+                v.block,
+            ));
+        }
+    }
+    if !(v.sigma_t.is_finite() && v.sigma_t >= 0.0) {
+        return Err(wrong(place, "sigma_t", "a number of at least 0", v.sigma_t));
+    }
+    if !is_radiance(v.source) {
+        return Err(wrong(place, "source", "numbers of at least 0", v.source));
+    }
+    Ok(())
+}

@@ -1,0 +1,384 @@
+//! Reading a cloud.
+
+use super::columns::{self as col, Chunk};
+use crate::bytes::Cursor;
+use crate::frame::{Block, BlockKind, FileKind, Frame};
+use crate::quantise::{NORMAL_MAX, area_of_disk, decode_clips, decode_normal};
+use crate::record::{Bounds, Lvoxel, Surfel};
+use crate::summary::{CloudSummary, Sums, VolumeSums};
+use crate::{CloudMeta, FormatError, MappedFile, Result, check, codec};
+use std::path::{Path, PathBuf};
+
+/// A cloud file, opened. Chunks are decoded when asked for, by any number of threads.
+pub struct Cloud<D> {
+    data: D,
+    path: Option<PathBuf>,
+    surfel_blocks: Vec<Block>,
+    lvoxel_blocks: Vec<Block>,
+    meta: CloudMeta,
+    summary: CloudSummary,
+    content_hash: [u8; 16],
+}
+
+impl Cloud<MappedFile> {
+    /// Maps and opens a file; all errors name it.
+    ///
+    /// # Errors
+    /// As [`Cloud::open`], and [`FormatError::Io`].
+    pub fn open_path(path: &Path) -> Result<Self> {
+        let mut cloud = Self::open(MappedFile::open(path)?).map_err(|e| e.at(path))?;
+        cloud.path = Some(path.into());
+        Ok(cloud)
+    }
+}
+
+impl<D: AsRef<[u8]>> Cloud<D> {
+    /// Reads header, metadata, summary and block table, and checks them; no chunk is touched.
+    ///
+    /// # Errors
+    /// Any [`FormatError`] but `Io`, `Exists` and `InFile`.
+    pub fn open(data: D) -> Result<Self> {
+        let bytes = data.as_ref();
+        let frame = Frame::read(bytes, FileKind::Cloud)?;
+        let meta: CloudMeta = codec::decode(&bytes[frame.meta.clone()], "metadata")?;
+        meta.validate()?;
+        let summary: CloudSummary = codec::decode(&bytes[frame.summary.clone()], "summary")?;
+        let (surfel_blocks, lvoxel_blocks): (Vec<_>, Vec<_>) = frame
+            .blocks
+            .into_iter()
+            .partition(|b| b.kind == BlockKind::Surfels);
+        let cloud = Self {
+            path: None,
+            surfel_blocks,
+            lvoxel_blocks,
+            meta,
+            summary,
+            content_hash: frame.content_hash,
+            data,
+        };
+        for (what, blocks, expected) in [
+            (
+                "surfels in the summary",
+                &cloud.surfel_blocks,
+                cloud.summary.sums.surfels,
+            ),
+            (
+                "lvoxels in the summary",
+                &cloud.lvoxel_blocks,
+                cloud.summary.sums.lvoxels(),
+            ),
+        ] {
+            let sum: u64 = blocks.iter().map(|b| u64::from(b.records)).sum();
+            if sum != expected {
+                return Err(FormatError::invalid(what, sum.to_string(), expected));
+            }
+        }
+        if cloud.summary.sums.volumes.len() != cloud.meta.volumes.len() {
+            return Err(FormatError::invalid(
+                "volumes in the summary",
+                cloud.meta.volumes.len().to_string(),
+                cloud.summary.sums.volumes.len(),
+            ));
+        }
+        Ok(cloud)
+    }
+
+    /// Where the cloud comes from.
+    pub fn meta(&self) -> &CloudMeta {
+        &self.meta
+    }
+
+    /// What was counted while it was written.
+    pub fn summary(&self) -> &CloudSummary {
+        &self.summary
+    }
+
+    /// Identity of everything in the file.
+    pub fn content_hash(&self) -> [u8; 16] {
+        self.content_hash
+    }
+
+    /// Chunks of surfels, in file order.
+    pub fn surfel_blocks(&self) -> &[Block] {
+        &self.surfel_blocks
+    }
+
+    /// Chunks of lvoxels, in file order.
+    pub fn lvoxel_blocks(&self) -> &[Block] {
+        &self.lvoxel_blocks
+    }
+
+    /// Number of chunks of surfels.
+    pub fn surfel_chunks(&self) -> usize {
+        self.surfel_blocks.len()
+    }
+
+    /// Number of chunks of lvoxels.
+    pub fn lvoxel_chunks(&self) -> usize {
+        self.lvoxel_blocks.len()
+    }
+
+    /// Decodes chunk `i` of surfels.
+    ///
+    /// # Errors
+    /// [`FormatError::Checksum`] or [`FormatError::Invalid`] for damage, or for an `i` that does not exist.
+    pub fn surfel_chunk(&self, i: usize) -> Result<Vec<Surfel>> {
+        self.named(|| {
+            let chunk = self.chunk(&self.surfel_blocks, i, "surfel chunk", &col::SURFELS)?;
+            decode_surfels(&chunk, self.meta.disk_overlap)
+        })
+    }
+
+    /// Decodes the positions of chunk `i` of surfels, and nothing else of it.
+    ///
+    /// # Errors
+    /// As [`Self::surfel_chunk`].
+    pub fn surfel_positions(&self, i: usize) -> Result<Vec<[f32; 3]>> {
+        self.named(|| {
+            let chunk = self.chunk(&self.surfel_blocks, i, "surfel chunk", &col::SURFELS)?;
+            let positions = triples(&chunk.required(col::POSITION)?);
+            match positions.iter().flatten().find(|v| !v.is_finite()) {
+                Some(v) => Err(FormatError::invalid(
+                    format!("position in {}", chunk.place()),
+                    "finite numbers",
+                    v,
+                )),
+                None => Ok(positions),
+            }
+        })
+    }
+
+    /// Decodes chunk `i` of lvoxels.
+    ///
+    /// # Errors
+    /// As [`Self::surfel_chunk`].
+    pub fn lvoxel_chunk(&self, i: usize) -> Result<Vec<Lvoxel>> {
+        self.named(|| {
+            let chunk = self.chunk(&self.lvoxel_blocks, i, "lvoxel chunk", &col::LVOXELS)?;
+            let lvoxels = decode_lvoxels(&chunk)?;
+            for (k, v) in lvoxels.iter().enumerate() {
+                check::lvoxel(v, &self.meta.volumes, &|| {
+                    format!("lvoxel {k} of {}", chunk.place())
+                })?;
+            }
+            Ok(lvoxels)
+        })
+    }
+
+    /// Reads everything: checksums, the range of every value, and the sums of the summary.
+    ///
+    /// # Errors
+    /// The first damage found.
+    pub fn verify(&self) -> Result<()> {
+        let mut sums = Sums {
+            volumes: vec![VolumeSums::default(); self.meta.volumes.len()],
+            ..Sums::default()
+        };
+        let mut bounds = Bounds::EMPTY;
+        for i in 0..self.surfel_chunks() {
+            for surfel in self.surfel_chunk(i)? {
+                sums.add_surfel(&surfel);
+                bounds = bounds.union(Bounds::of_surfel(&surfel));
+            }
+        }
+        for i in 0..self.lvoxel_chunks() {
+            for lvoxel in self.lvoxel_chunk(i)? {
+                sums.add_lvoxel(&lvoxel);
+            }
+        }
+        let bounds = (sums.surfels > 0).then_some(bounds);
+        self.named(|| {
+            if sums != self.summary.sums || bounds != self.summary.bounds {
+                return Err(FormatError::invalid(
+                    "summary",
+                    format!("the sums of the points, {sums:?} in {bounds:?}"),
+                    format!("{:?} in {:?}", self.summary.sums, self.summary.bounds),
+                ));
+            }
+            Ok(())
+        })
+    }
+
+    fn named<T>(&self, run: impl FnOnce() -> Result<T>) -> Result<T> {
+        run().map_err(|e| match &self.path {
+            Some(path) => e.at(path),
+            None => e,
+        })
+    }
+
+    fn chunk(
+        &self,
+        blocks: &[Block],
+        i: usize,
+        name: &str,
+        table: &'static [col::Column],
+    ) -> Result<Chunk<'_>> {
+        let block = blocks
+            .get(i)
+            .ok_or_else(|| FormatError::invalid(name, format!("below {}", blocks.len()), i))?;
+        let start = block.offset as usize;
+        let bytes = &self.data.as_ref()[start..start + block.stored_bytes as usize];
+        Chunk::open(bytes, block, table, format!("{name} {i}"))
+    }
+}
+
+fn triples(rows: &[u8]) -> Vec<[f32; 3]> {
+    let float = |row: &[u8], i: usize| {
+        f32::from_le_bytes([row[4 * i], row[4 * i + 1], row[4 * i + 2], row[4 * i + 3]])
+    };
+    rows.chunks_exact(12)
+        .map(|row| [float(row, 0), float(row, 1), float(row, 2)])
+        .collect()
+}
+
+fn singles(rows: &[u8]) -> impl Iterator<Item = f32> + '_ {
+    rows.chunks_exact(4)
+        .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+}
+
+fn shorts(rows: &[u8]) -> impl Iterator<Item = u16> + '_ {
+    rows.chunks_exact(2)
+        .map(|b| u16::from_le_bytes([b[0], b[1]]))
+}
+
+/// Radiance of each record: three channels, one, or none.
+fn radiance(chunk: &Chunk<'_>, (rgb, grey): (usize, usize)) -> Result<Option<Vec<[f32; 3]>>> {
+    if chunk.has(rgb) && chunk.has(grey) {
+        return Err(FormatError::invalid(
+            format!("columns of {}", chunk.place()),
+            "colour or grey",
+            "both",
+        ));
+    }
+    if let Some(rows) = chunk.column(rgb, chunk.records())? {
+        return Ok(Some(triples(&rows)));
+    }
+    let rows = chunk.column(grey, chunk.records())?;
+    Ok(rows.map(|rows| singles(&rows).map(|v| [v; 3]).collect()))
+}
+
+fn decode_surfels(chunk: &Chunk<'_>, overlap: f32) -> Result<Vec<Surfel>> {
+    let n = chunk.records();
+    let mut surfels = vec![Surfel::default(); n];
+    for (s, p) in surfels
+        .iter_mut()
+        .zip(triples(&chunk.required(col::POSITION)?))
+    {
+        s.position = p;
+    }
+    let rows = chunk.required(col::NORMAL)?;
+    let mut codes = shorts(&rows);
+    for s in &mut surfels {
+        let code = [codes.next().unwrap_or(0), codes.next().unwrap_or(0)];
+        if code.iter().any(|c| *c > NORMAL_MAX) {
+            return Err(FormatError::invalid(
+                format!("normal in {}", chunk.place()),
+                format!("at most {NORMAL_MAX}"),
+                format!("{code:?}"),
+            ));
+        }
+        s.normal = decode_normal(code);
+    }
+    for (s, r) in surfels
+        .iter_mut()
+        .zip(singles(&chunk.required(col::RADIUS)?))
+    {
+        s.radius = r;
+    }
+    match chunk.column(col::AREA, n)? {
+        Some(rows) => {
+            for (s, a) in surfels.iter_mut().zip(singles(&rows)) {
+                s.area = a;
+            }
+        }
+        None if overlap > 0.0 => {
+            for s in &mut surfels {
+                s.area = area_of_disk(s.radius, overlap);
+            }
+        }
+        None => {
+            return Err(FormatError::invalid(
+                format!("columns of {}", chunk.place()),
+                "an area, as radii are free",
+                "none",
+            ));
+        }
+    }
+    if let Some(values) = radiance(chunk, (col::FRONT, col::FRONT_GREY))? {
+        for (s, c) in surfels.iter_mut().zip(values) {
+            s.front = c;
+        }
+    }
+    if let Some(values) = radiance(chunk, (col::BACK, col::BACK_GREY))? {
+        for (s, c) in surfels.iter_mut().zip(values) {
+            s.back = c;
+        }
+    }
+    let edges = decode_edges(chunk, &mut surfels)?;
+    chunk.check_raw_bytes(edges)?;
+    for (k, s) in surfels.iter().enumerate() {
+        check::surfel(s, &|| format!("surfel {k} of {}", chunk.place()))?;
+    }
+    Ok(surfels)
+}
+
+/// Reads the clips, if there are any, and returns how many edges there are.
+fn decode_edges(chunk: &Chunk<'_>, surfels: &mut [Surfel]) -> Result<usize> {
+    let counts = chunk.column(col::CLIP_COUNTS, surfels.len())?;
+    if counts.is_some() != chunk.has(col::CLIP_EDGES) {
+        return Err(FormatError::invalid(
+            format!("columns of {}", chunk.place()),
+            "clip_counts and clip_edges",
+            "one of them",
+        ));
+    }
+    let Some(counts) = counts else { return Ok(0) };
+    if let Some(count) = counts.iter().find(|c| **c > 3) {
+        return Err(FormatError::invalid(
+            format!("clip count in {}", chunk.place()),
+            "at most 3",
+            count,
+        ));
+    }
+    let edges: usize = counts.iter().map(|c| usize::from(*c)).sum();
+    let rows = chunk.column(col::CLIP_EDGES, edges)?.unwrap_or_default();
+    let (codes, _) = rows.as_chunks::<2>();
+    let mut rest = codes;
+    for (s, count) in surfels.iter_mut().zip(&counts) {
+        let (own, others) = rest.split_at(usize::from(*count));
+        s.clips = decode_clips(own);
+        rest = others;
+    }
+    Ok(edges)
+}
+
+fn decode_lvoxels(chunk: &Chunk<'_>) -> Result<Vec<Lvoxel>> {
+    let n = chunk.records();
+    let mut lvoxels = vec![Lvoxel::default(); n];
+    if let Some(rows) = chunk.column(col::VOLUME, n)? {
+        for (v, volume) in lvoxels.iter_mut().zip(shorts(&rows)) {
+            v.volume = volume;
+        }
+    }
+    for (v, level) in lvoxels.iter_mut().zip(chunk.required(col::LEVEL)?) {
+        v.level = level;
+    }
+    let rows = chunk.required(col::BLOCK)?;
+    let mut cursor = Cursor::new(&rows, "block column");
+    for v in &mut lvoxels {
+        v.block = [cursor.u16()?, cursor.u16()?, cursor.u16()?];
+    }
+    for (v, sigma_t) in lvoxels
+        .iter_mut()
+        .zip(singles(&chunk.required(col::SIGMA_T)?))
+    {
+        v.sigma_t = sigma_t;
+    }
+    if let Some(values) = radiance(chunk, (col::SOURCE, col::SOURCE_GREY))? {
+        for (v, c) in lvoxels.iter_mut().zip(values) {
+            v.source = c;
+        }
+    }
+    chunk.check_raw_bytes(0)?;
+    Ok(lvoxels)
+}

@@ -1,0 +1,157 @@
+//! What can be wrong with a file.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Result with [`FormatError`].
+pub type Result<T, E = FormatError> = std::result::Result<T, E>;
+
+/// Why a file cannot be read or written. The text says what was expected and what was found; [`Self::hint`] says what
+/// to do next.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FormatError {
+    /// The first bytes are not those of an lvox file.
+    #[error("not an lvox file: expected it to start with {expected:02x?}, found {found:02x?}")]
+    NotOurs {
+        /// The magic bytes.
+        expected: [u8; 8],
+        /// As many bytes as the file has of them.
+        found: Vec<u8>,
+    },
+    /// An lvox file, of the other kind.
+    #[error("expected a {expected}, found a {found}")]
+    WrongKind {
+        /// What the caller wanted.
+        expected: String,
+        /// What the header says.
+        found: String,
+    },
+    /// A version that this program does not read.
+    #[error("format version {found}, this program reads version {supported}")]
+    Version {
+        /// In the file.
+        found: u32,
+        /// The one that is known.
+        supported: u32,
+    },
+    /// The file is shorter or longer than its header says.
+    #[error("expected a file of {expected} bytes, found {found} bytes")]
+    Truncated {
+        /// Length in the header, or the least possible one.
+        expected: u64,
+        /// Length of the bytes.
+        found: u64,
+    },
+    /// Bytes were altered after they were written.
+    #[error("damaged: checksum of {what} is {found:016x}, expected {expected:016x}")]
+    Checksum {
+        /// Which part.
+        what: String,
+        /// The stored checksum.
+        expected: u64,
+        /// The checksum of the bytes.
+        found: u64,
+    },
+    /// A value that the format does not allow, in a file or in what was to be written.
+    #[error("{what}: expected {expected}, found {found}")]
+    Invalid {
+        /// Which value, and where.
+        what: String,
+        /// What is allowed.
+        expected: String,
+        /// What is there.
+        found: String,
+    },
+    /// The output is there already.
+    #[error("the file exists already")]
+    Exists,
+    /// The operating system failed.
+    #[error("{doing}: {error}")]
+    Io {
+        /// What was tried.
+        doing: &'static str,
+        /// What came back.
+        error: io::Error,
+    },
+    /// Any of these, with the file it happened in.
+    #[error("{}: {error}", path.display())]
+    InFile {
+        /// The file.
+        path: PathBuf,
+        /// What happened.
+        error: Box<FormatError>,
+    },
+}
+
+impl FormatError {
+    /// The same error with the file's name; an error that names its file already stays as it is.
+    #[must_use]
+    pub fn at(self, path: &Path) -> Self {
+        match self {
+            Self::InFile { .. } => self,
+            error => Self::InFile {
+                path: path.into(),
+                error: Box::new(error),
+            },
+        }
+    }
+
+    /// The error without the file's name.
+    #[must_use]
+    pub fn cause(&self) -> &Self {
+        match self {
+            Self::InFile { error, .. } => error.cause(),
+            error => error,
+        }
+    }
+
+    /// The error of the operating system behind this one, if there is one.
+    #[must_use]
+    pub fn io_error(&self) -> Option<&io::Error> {
+        match self.cause() {
+            Self::Io { error, .. } => Some(error),
+            _ => None,
+        }
+    }
+
+    /// What to do next, where that is known.
+    #[must_use]
+    pub fn hint(&self) -> Option<&'static str> {
+        match self.cause() {
+            Self::NotOurs { .. } => Some("give a cloud (.lvc) or a tree (.lvt) written by lvox"),
+            Self::WrongKind { expected, .. } if expected.starts_with("tree") => {
+                Some("make a tree from a cloud with `lvox build`")
+            }
+            Self::WrongKind { .. } => Some("give the cloud (.lvc) that `lvox bake` wrote"),
+            Self::Version { found, supported } if found > supported => {
+                Some("the file was written by a newer lvox: use that one, or make the file again")
+            }
+            Self::Version { .. } => Some("make the file again with this version of lvox"),
+            Self::Truncated { .. } => {
+                Some("the file was cut off or appended to: copy it again, or make it again")
+            }
+            Self::Checksum { .. } => Some(
+                "copy the file again (in binary mode), or make it again; if it recurs, check the disk",
+            ),
+            Self::Exists => Some("give another name, or --force to overwrite"),
+            Self::Invalid { .. } | Self::Io { .. } | Self::InFile { .. } => None,
+        }
+    }
+
+    pub(crate) fn invalid(
+        what: impl Into<String>,
+        expected: impl Into<String>,
+        found: impl std::fmt::Display,
+    ) -> Self {
+        Self::Invalid {
+            what: what.into(),
+            expected: expected.into(),
+            found: found.to_string(),
+        }
+    }
+
+    pub(crate) fn io(doing: &'static str) -> impl FnOnce(io::Error) -> Self {
+        move |error| Self::Io { doing, error }
+    }
+}

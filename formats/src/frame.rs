@@ -1,0 +1,330 @@
+//! What both files have in common: header, blocks, then metadata, summary and block table, without a gap.
+
+use crate::bytes::{self, Cursor};
+use crate::output::Output;
+use crate::{FormatError, Result, codec};
+use std::ops::Range;
+use xxhash_rust::xxh3::{xxh3_64, xxh3_128};
+
+/// The version that is written, and the only one that is read.
+pub const VERSION: u32 = 1;
+
+/// A high-bit byte, letters, CR LF, end-of-file, LF: each of the usual damages of a text transfer changes it.
+pub const MAGIC: [u8; 8] = *b"\x89LVX\r\n\x1a\n";
+
+/// Bytes of the header; blocks start here.
+pub const HEADER_LEN: usize = 104;
+const ENTRY_LEN: usize = 40;
+
+/// Which of the two files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FileKind {
+    /// Unordered points, `.lvc`.
+    Cloud,
+    /// Paged octree, `.lvt`.
+    Tree,
+}
+
+impl FileKind {
+    fn code(self) -> [u8; 4] {
+        match self {
+            Self::Cloud => *b"LVC\0",
+            Self::Tree => *b"LVT\0",
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Cloud => "cloud (.lvc)",
+            Self::Tree => "tree (.lvt)",
+        }
+    }
+
+    /// What a file says it is, from its first bytes; nothing else of it is checked.
+    ///
+    /// # Errors
+    /// [`FormatError::NotOurs`], [`FormatError::Truncated`], or [`FormatError::Invalid`] for an unknown kind.
+    pub fn of(data: &[u8]) -> Result<Self> {
+        check_magic(data)?;
+        let Some(code) = data.get(8..12) else {
+            return Err(truncated(HEADER_LEN as u64, data));
+        };
+        [Self::Cloud, Self::Tree]
+            .into_iter()
+            .find(|kind| kind.code() == code)
+            .ok_or_else(|| {
+                FormatError::invalid(
+                    "kind of file",
+                    "LVC or LVT",
+                    format!("'{}'", code.escape_ascii()),
+                )
+            })
+    }
+}
+
+/// What a block holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BlockKind {
+    /// A chunk of surfels in a cloud, a page of surfels and nodes in a tree.
+    Surfels,
+    /// A chunk or page of lvoxels.
+    Lvoxels,
+}
+
+/// An entry of the block table: a chunk of a cloud or a page of a tree.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Block {
+    /// From the start of the file, bytes.
+    pub offset: u64,
+    /// Bytes in the file.
+    pub stored_bytes: u32,
+    /// Bytes once decompressed.
+    pub raw_bytes: u32,
+    /// What is in it.
+    pub kind: BlockKind,
+    /// How many surfels or lvoxels.
+    pub records: u32,
+    /// How many nodes; 0 in a cloud.
+    pub nodes: u32,
+    /// Which columns are present, one bit each.
+    pub columns: u32,
+    /// xxh3-64 of the stored bytes in a tree, of the column directory in a cloud.
+    pub checksum: u64,
+}
+
+impl Block {
+    fn encode(&self, out: &mut Vec<u8>) {
+        let kind: u32 = match self.kind {
+            BlockKind::Surfels => 1,
+            BlockKind::Lvoxels => 2,
+        };
+        out.extend(self.offset.to_le_bytes());
+        for value in [
+            self.stored_bytes,
+            self.raw_bytes,
+            kind,
+            self.records,
+            self.nodes,
+            self.columns,
+        ] {
+            out.extend(value.to_le_bytes());
+        }
+        out.extend(self.checksum.to_le_bytes());
+    }
+
+    fn decode(cursor: &mut Cursor<'_>) -> Result<Self> {
+        Ok(Self {
+            offset: cursor.u64()?,
+            stored_bytes: cursor.u32()?,
+            raw_bytes: cursor.u32()?,
+            kind: match cursor.u32()? {
+                1 => BlockKind::Surfels,
+                2 => BlockKind::Lvoxels,
+                other => {
+                    return Err(FormatError::invalid("kind of a block", "1 or 2", other));
+                }
+            },
+            records: cursor.u32()?,
+            nodes: cursor.u32()?,
+            columns: cursor.u32()?,
+            checksum: cursor.u64()?,
+        })
+    }
+}
+
+/// The checked frame of a file. Ranges are inside the file.
+pub struct Frame {
+    pub blocks: Vec<Block>,
+    pub meta: Range<usize>,
+    pub summary: Range<usize>,
+    pub content_hash: [u8; 16],
+}
+
+struct Section {
+    offset: u64,
+    len: u64,
+    checksum: u64,
+}
+
+fn truncated(expected: u64, data: &[u8]) -> FormatError {
+    FormatError::Truncated {
+        expected,
+        found: data.len() as u64,
+    }
+}
+
+fn check_magic(data: &[u8]) -> Result<()> {
+    let head = &data[..data.len().min(MAGIC.len())];
+    if head != &MAGIC[..head.len()] || head.is_empty() {
+        return Err(FormatError::NotOurs {
+            expected: MAGIC,
+            found: head.into(),
+        });
+    }
+    if head.len() < MAGIC.len() {
+        return Err(truncated(HEADER_LEN as u64, data));
+    }
+    Ok(())
+}
+
+impl Frame {
+    /// Reads and checks header, block table and the checksums of both small sections.
+    pub fn read(data: &[u8], kind: FileKind) -> Result<Self> {
+        check_magic(data)?;
+        // The version comes before all else: another version may differ in everything that follows.
+        let mut cursor = Cursor::new(&data[MAGIC.len()..], "header");
+        let short = |_| truncated(HEADER_LEN as u64, data);
+        let code = cursor.take(4).map_err(short)?;
+        let found = cursor.u32().map_err(short)?;
+        if found != VERSION {
+            return Err(FormatError::Version {
+                found,
+                supported: VERSION,
+            });
+        }
+        if data.len() < HEADER_LEN {
+            return Err(truncated(HEADER_LEN as u64, data));
+        }
+        let file_len = cursor.u64()?;
+        if file_len != data.len() as u64 {
+            return Err(truncated(file_len, data));
+        }
+        let mut section = || {
+            Ok::<_, FormatError>(Section {
+                offset: cursor.u64()?,
+                len: cursor.u64()?,
+                checksum: cursor.u64()?,
+            })
+        };
+        let (meta, summary, table) = (section()?, section()?, section()?);
+        let stored = cursor.u64()?;
+        bytes::check(&data[..HEADER_LEN - 8], stored, || "the header".into())?;
+        if code != kind.code() {
+            return Err(FormatError::WrongKind {
+                expected: kind.name().into(),
+                found: FileKind::of(data)?.name().into(),
+            });
+        }
+
+        // The three sections end the file, one after the other.
+        let mut end = meta.offset;
+        let mut ranges = [0..0, 0..0, 0..0];
+        let named = [
+            (&meta, "metadata"),
+            (&summary, "summary"),
+            (&table, "block table"),
+        ];
+        for (range, (section, name)) in ranges.iter_mut().zip(named) {
+            if section.offset != end {
+                return Err(FormatError::invalid(
+                    format!("offset of the {name}"),
+                    end.to_string(),
+                    section.offset,
+                ));
+            }
+            end = end
+                .checked_add(section.len)
+                .filter(|end| *end <= file_len)
+                .ok_or_else(|| {
+                    FormatError::invalid(
+                        format!("length of the {name}"),
+                        format!("at most {}", file_len.saturating_sub(section.offset)),
+                        section.len,
+                    )
+                })?;
+            // Both fit in usize: they are at most the length of the slice.
+            *range = section.offset as usize..end as usize;
+            bytes::check(&data[range.clone()], section.checksum, || {
+                format!("the {name}")
+            })?;
+        }
+        if end != file_len {
+            return Err(FormatError::invalid(
+                "end of the block table",
+                file_len.to_string(),
+                end,
+            ));
+        }
+        let [meta, summary, table] = ranges;
+        for (range, name) in [(&meta, "metadata"), (&summary, "summary")] {
+            if range.len() > codec::MAX_SECTION_BYTES {
+                return Err(FormatError::invalid(
+                    format!("length of the {name}"),
+                    format!("at most {}", codec::MAX_SECTION_BYTES),
+                    range.len(),
+                ));
+            }
+        }
+        Ok(Self {
+            blocks: read_table(&data[table], meta.start as u64)?,
+            meta,
+            summary,
+            content_hash: content_hash(&data[..HEADER_LEN]),
+        })
+    }
+}
+
+/// Blocks must lie one after the other from the header to the metadata.
+fn read_table(table: &[u8], blocks_end: u64) -> Result<Vec<Block>> {
+    let mut cursor = Cursor::new(table, "block table");
+    let mut blocks = Vec::with_capacity(table.len() / ENTRY_LEN);
+    let mut end = HEADER_LEN as u64;
+    for i in 0..table.len() / ENTRY_LEN {
+        let block = Block::decode(&mut cursor)?;
+        if block.offset != end {
+            return Err(FormatError::invalid(
+                format!("offset of block {i}"),
+                end.to_string(),
+                block.offset,
+            ));
+        }
+        end += u64::from(block.stored_bytes);
+        blocks.push(block);
+    }
+    cursor.end()?;
+    if end != blocks_end {
+        return Err(FormatError::invalid(
+            "end of the last block",
+            blocks_end.to_string(),
+            end,
+        ));
+    }
+    Ok(blocks)
+}
+
+/// The header holds the length and the checksums of all that the blocks' checksums do not cover, and those of the
+/// table, which holds the blocks' own: two files with the same header have the same content.
+fn content_hash(header: &[u8]) -> [u8; 16] {
+    xxh3_128(header).to_le_bytes()
+}
+
+/// Writes the sections behind the blocks, then the header; returns the content hash.
+pub fn finish(
+    mut output: Output,
+    kind: FileKind,
+    blocks: &[Block],
+    meta: &[u8],
+    summary: &[u8],
+) -> Result<[u8; 16]> {
+    let mut table = Vec::with_capacity(blocks.len() * ENTRY_LEN);
+    for block in blocks {
+        block.encode(&mut table);
+    }
+    let mut header = Vec::with_capacity(HEADER_LEN);
+    header.extend(MAGIC);
+    header.extend(kind.code());
+    header.extend(VERSION.to_le_bytes());
+    let sections = [meta, summary, &table];
+    let len = output.position() + sections.iter().map(|s| s.len() as u64).sum::<u64>();
+    header.extend(len.to_le_bytes());
+    for section in sections {
+        header.extend(output.position().to_le_bytes());
+        header.extend((section.len() as u64).to_le_bytes());
+        header.extend(xxh3_64(section).to_le_bytes());
+        output.append(section)?;
+    }
+    header.extend(xxh3_64(&header).to_le_bytes());
+    debug_assert_eq!(header.len(), HEADER_LEN);
+    output.finish(&header)?;
+    Ok(content_hash(&header))
+}

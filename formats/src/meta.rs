@@ -1,0 +1,81 @@
+//! What a file says of its origin.
+
+use crate::record::VolumeInfo;
+use crate::{FormatError, Result};
+
+/// Where a cloud comes from and how its points are to be placed.
+#[derive(
+    Clone,
+    Debug,
+    Default,
+    PartialEq,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub struct CloudMeta {
+    /// Identity of the scene that was baked.
+    pub scene_hash: [u8; 32],
+    /// Its name.
+    pub scene_name: String,
+    /// Add this to a position in scene space to get world space.
+    pub world_from_scene: [f64; 3],
+    /// The volumes that lvoxels refer to.
+    pub volumes: Vec<VolumeInfo>,
+    /// Names and values of the settings that made the cloud.
+    pub settings: Vec<(String, String)>,
+    /// k in `radius = k sqrt(area / pi)`; 0 if radii are free.
+    pub disk_overlap: f32,
+}
+
+/// Where a tree comes from.
+#[derive(
+    Clone,
+    Debug,
+    Default,
+    PartialEq,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub struct TreeMeta {
+    /// That of the cloud.
+    pub cloud: CloudMeta,
+    /// Identity of the cloud's content, [`crate::Cloud::content_hash`].
+    pub cloud_hash: [u8; 16],
+    /// Names and values of the settings that made the tree.
+    pub settings: Vec<(String, String)>,
+}
+
+impl CloudMeta {
+    /// Values that a reader may rely on.
+    pub(crate) fn validate(&self) -> Result<()> {
+        let finite = |what: &str, values: &[f64]| match values.iter().find(|v| !v.is_finite()) {
+            Some(v) => Err(FormatError::invalid(what, "a finite number", v)),
+            None => Ok(()),
+        };
+        finite("world_from_scene", &self.world_from_scene)?;
+        if !(self.disk_overlap.is_finite() && self.disk_overlap >= 0.0) {
+            return Err(FormatError::invalid(
+                "disk_overlap",
+                "a number of at least 0",
+                self.disk_overlap,
+            ));
+        }
+        if self.volumes.len() > usize::from(u16::MAX) {
+            return Err(FormatError::invalid(
+                "table of volumes",
+                "at most 65535 volumes",
+                self.volumes.len(),
+            ));
+        }
+        for volume in &self.volumes {
+            let what = format!("volume '{}'", volume.name);
+            finite(&what, volume.index_from_scene.as_flattened())?;
+            finite(&what, &volume.albedo.map(f64::from))?;
+        }
+        Ok(())
+    }
+}

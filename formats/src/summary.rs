@@ -1,0 +1,225 @@
+//! What a writer counted, kept at the end of the file.
+
+use crate::record::Bounds;
+
+/// Sums that each stage must conserve.
+#[derive(
+    Clone,
+    Debug,
+    Default,
+    PartialEq,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub struct Sums {
+    /// Count of surfels.
+    pub surfels: u64,
+    /// Sum of their areas, scene units squared.
+    pub area: f64,
+    /// Sum of area times pi times radiance, both sides, per channel.
+    pub flux: [f64; 3],
+    /// Per volume, in the order of the metadata.
+    pub volumes: Vec<VolumeSums>,
+}
+
+/// Sums over the lvoxels of one volume.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub struct VolumeSums {
+    /// Count of lvoxels.
+    pub lvoxels: u64,
+    /// Sum over lvoxels of extinction times size, `sigma_t * 8^level`: per scene unit times voxels. Times the volume of
+    /// a voxel it is the integral of extinction over space.
+    pub optical_depth: f64,
+}
+
+impl Sums {
+    /// Count of lvoxels in all volumes.
+    #[must_use]
+    pub fn lvoxels(&self) -> u64 {
+        self.volumes.iter().map(|v| v.lvoxels).sum()
+    }
+
+    pub(crate) fn add_surfel(&mut self, surfel: &crate::Surfel) {
+        let area = f64::from(surfel.area);
+        self.surfels += 1;
+        self.area += area;
+        for i in 0..3 {
+            let radiance = f64::from(surfel.front[i]) + f64::from(surfel.back[i]);
+            self.flux[i] += area * std::f64::consts::PI * radiance;
+        }
+    }
+
+    /// The volume's entry must exist.
+    pub(crate) fn add_lvoxel(&mut self, lvoxel: &crate::Lvoxel) {
+        let sums = &mut self.volumes[usize::from(lvoxel.volume)];
+        sums.lvoxels += 1;
+        sums.optical_depth += f64::from(lvoxel.sigma_t) * f64::from(1u32 << (3 * lvoxel.level));
+    }
+
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.surfels += other.surfels;
+        self.area += other.area;
+        for (a, b) in self.flux.iter_mut().zip(other.flux) {
+            *a += b;
+        }
+        for (a, b) in self.volumes.iter_mut().zip(&other.volumes) {
+            a.lvoxels += b.lvoxels;
+            a.optical_depth += b.optical_depth;
+        }
+    }
+}
+
+/// A column that the file has.
+#[derive(
+    Clone,
+    Debug,
+    Default,
+    PartialEq,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub struct ColumnBytes {
+    /// Name, as in `SPEC.md`.
+    pub name: String,
+    /// Bytes before compression.
+    pub raw_bytes: u64,
+    /// Bytes in the file. The columns of a tree's page are compressed together: there, each one's share is that of the
+    /// same columns compressed apart, in a sample of the pages.
+    pub stored_bytes: u64,
+}
+
+/// A column that some or all chunks or pages do without.
+#[derive(
+    Clone,
+    Debug,
+    Default,
+    PartialEq,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub struct LeftOut {
+    /// Name, as in `SPEC.md`.
+    pub name: String,
+    /// Why it is not needed.
+    pub because: String,
+    /// Bytes that it would have taken before compression, where it was left out.
+    pub raw_bytes: u64,
+}
+
+/// What a cloud holds.
+#[derive(
+    Clone,
+    Debug,
+    Default,
+    PartialEq,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub struct CloudSummary {
+    /// Counts and sums, of the values as a reader decodes them.
+    pub sums: Sums,
+    /// Box of all surfels, radii included; `None` without surfels.
+    pub bounds: Option<Bounds>,
+    /// Columns that are there.
+    pub columns: Vec<ColumnBytes>,
+    /// Columns that are not, or not everywhere.
+    pub left_out: Vec<LeftOut>,
+}
+
+/// One level of the octree.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub struct Level {
+    /// Nodes whose cell has a side of 2^-level of the root's; the last level also holds all that lies below it.
+    pub nodes: u64,
+    /// Those of them that hold surfels.
+    pub leaves: u64,
+    /// Surfels in these leaves.
+    pub surfels: u64,
+    /// Stored bytes of these nodes and surfels: a share of the file's, by their counts.
+    pub bytes: u64,
+}
+
+/// The worst difference between a value as given and as stored, over the whole file.
+#[derive(
+    Clone,
+    Debug,
+    Default,
+    PartialEq,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub struct WorstError {
+    /// Which value, and what it is measured in.
+    pub name: String,
+    /// The worst one.
+    pub worst: f64,
+    /// What the format promises.
+    pub bound: f64,
+}
+
+/// What a tree holds.
+#[derive(
+    Clone,
+    Debug,
+    Default,
+    PartialEq,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub struct TreeSummary {
+    /// Counts and sums of the values as a reader decodes them.
+    pub sums: Sums,
+    /// The same of the cloud.
+    pub cloud_sums: Sums,
+    /// Where traversal starts; `None` without surfels.
+    pub root_page: Option<u32>,
+    /// Box of all surfels, radii included; `None` without surfels.
+    pub bounds: Option<Bounds>,
+    /// Nodes in all pages; one that links to a page and that page's first are the same node, counted twice.
+    pub nodes: u64,
+    /// Pages of surfels and nodes.
+    pub surfel_pages: u64,
+    /// Pages of lvoxels.
+    pub lvoxel_pages: u64,
+    /// By depth, from the root.
+    pub levels: Vec<Level>,
+    /// Columns that are there.
+    pub columns: Vec<ColumnBytes>,
+    /// Columns that are not, or not everywhere.
+    pub left_out: Vec<LeftOut>,
+    /// Worst quantisation errors.
+    pub errors: Vec<WorstError>,
+}

@@ -1,0 +1,396 @@
+//! From the bytes of a block to a page of nodes and surfels.
+
+use super::MAX_PAGE_RECORDS;
+use super::columns::{self as col, PageColumns, Rows, radiance};
+use super::encode::{NODES_BELOW, PAGE_BELOW, SURFELS_BELOW};
+use crate::bytes::Cursor;
+use crate::frame::Block;
+use crate::quantise::{NORMAL_MAX, Span, Steps, area_of_disk, decode_clips, decode_normal};
+use crate::record::{Below, Bounds, Node, Surfel, SurfelAggregate, SurfelPage};
+use crate::{FormatError, Result, check};
+
+struct Header {
+    nodes: usize,
+    surfels: usize,
+    links: usize,
+    edges: usize,
+    lit: usize,
+    bounds: Bounds,
+    radius: Steps,
+    area: Steps,
+    front: i16,
+    back: i16,
+    axis: i16,
+}
+
+/// Decodes page `id`. The page is valid: nodes and surfels below each node exist, parents come before their children,
+/// links go to pages before this one, and all numbers are finite.
+pub fn surfel_page(raw: &[u8], block: &Block, id: u32, overlap: f32) -> Result<SurfelPage> {
+    let mut cursor = Cursor::new(raw, "page");
+    let (header, mask) = read_header(&mut cursor)?;
+    if (header.nodes, header.surfels, mask)
+        != (block.nodes as usize, block.records as usize, block.columns)
+    {
+        return Err(FormatError::invalid(
+            "counts and columns of the page",
+            format!(
+                "{} nodes, {} surfels, {:#x}",
+                block.nodes, block.records, block.columns
+            ),
+            format!(
+                "{} nodes, {} surfels, {mask:#x}",
+                header.nodes, header.surfels
+            ),
+        ));
+    }
+    let columns = PageColumns::read(&mut cursor, &col::SURFELS, mask, |rows| match rows {
+        Rows::Nodes => header.nodes,
+        Rows::Links => header.links,
+        Rows::LitAxes => header.lit,
+        Rows::Surfels => header.surfels,
+        Rows::Edges => header.edges,
+        Rows::Lvoxels => 0,
+    })?;
+    let mut page = SurfelPage {
+        nodes: decode_nodes(&header, &columns, id)?,
+        surfels: decode_surfels(&header, &columns, overlap)?,
+    };
+    decode_light(&header, &columns, &mut page)?;
+    for (i, s) in page.surfels.iter().enumerate() {
+        check::surfel(s, &|| format!("surfel {i} of the page"))?;
+    }
+    Ok(page)
+}
+
+fn read_header(cursor: &mut Cursor<'_>) -> Result<(Header, u32)> {
+    let mut count = |what: &str, least: usize, most: usize| {
+        let n = cursor.u32()? as usize;
+        if (least..=most).contains(&n) {
+            Ok(n)
+        } else {
+            Err(FormatError::invalid(
+                format!("{what} of the page"),
+                format!("{least} to {most}"),
+                n,
+            ))
+        }
+    };
+    let nodes = count("nodes", 1, MAX_PAGE_RECORDS)?;
+    let surfels = count("surfels", 0, MAX_PAGE_RECORDS)?;
+    let links = count("links", 0, nodes)?;
+    let edges = count("clip edges", 0, 3 * surfels)?;
+    let lit = count("lit axes", 0, 6 * nodes)?;
+    let mask = cursor.u32()?;
+    let mut numbers = [0.0; 6];
+    for v in &mut numbers {
+        *v = cursor.f32()?;
+    }
+    let [x0, y0, z0, x1, y1, z1] = numbers;
+    let bounds = Bounds {
+        min: [x0, y0, z0],
+        max: [x1, y1, z1],
+    };
+    check_box(&bounds, "box of the page")?;
+    let (radius_base, area_base) = (cursor.u32()?, cursor.u32()?);
+    let (front, back, axis) = (cursor.i16()?, cursor.i16()?, cursor.i16()?);
+    let mut steps = |base| {
+        let shift = cursor.u8()?;
+        if shift > Steps::MAX_SHIFT {
+            return Err(FormatError::invalid(
+                "step of the page",
+                format!("at most {}", Steps::MAX_SHIFT),
+                shift,
+            ));
+        }
+        Ok(Steps { base, shift })
+    };
+    Ok((
+        Header {
+            nodes,
+            surfels,
+            links,
+            edges,
+            lit,
+            bounds,
+            radius: steps(radius_base)?,
+            area: steps(area_base)?,
+            front,
+            back,
+            axis,
+        },
+        mask,
+    ))
+}
+
+fn check_box(b: &Bounds, what: &str) -> Result<()> {
+    let ordered =
+        (0..3).all(|k| b.min[k].is_finite() && b.max[k].is_finite() && b.min[k] <= b.max[k]);
+    if ordered {
+        Ok(())
+    } else {
+        Err(FormatError::invalid(what, "a finite box", format!("{b:?}")))
+    }
+}
+
+fn spans(b: &Bounds) -> [Span; 3] {
+    std::array::from_fn(|k| Span::new(b.min[k], b.max[k]))
+}
+
+fn decode_nodes(header: &Header, columns: &PageColumns<'_>, id: u32) -> Result<Vec<Node>> {
+    let blank = Node {
+        bounds: header.bounds,
+        below: Below::Page(0),
+        aggregate: SurfelAggregate::default(),
+    };
+    let mut nodes = vec![blank; header.nodes];
+    decode_order(header, columns, id, &mut nodes)?;
+
+    columns.one_of(&[col::BOX, col::BOX_F32])?;
+    let spans = spans(&header.bounds);
+    if let Some(rows) = columns.get(col::BOX) {
+        for (i, node) in nodes.iter_mut().enumerate() {
+            for (k, span) in spans.iter().enumerate() {
+                node.bounds.min[k] = span.decode(rows.u16(i, k));
+                node.bounds.max[k] = span.decode(rows.u16(i, k + 3));
+            }
+        }
+    } else if let Some(rows) = columns.get(col::BOX_F32) {
+        for (i, node) in nodes.iter_mut().enumerate() {
+            node.bounds = Bounds {
+                min: rows.f32x3(i, 0),
+                max: rows.f32x3(i, 3),
+            };
+        }
+    }
+    for node in &nodes {
+        check_box(&node.bounds, "box of a node")?;
+    }
+
+    columns.one_of(&[col::CENTRE, col::CENTRE_F32])?;
+    let area = columns.required(col::NODE_AREA)?;
+    let normal = columns.required(col::NODE_NORMAL)?;
+    let moment = columns.required(col::MOMENT)?;
+    let axis_area = columns.required(col::AXIS_AREA)?;
+    let (centre, centre_f32) = (columns.get(col::CENTRE), columns.get(col::CENTRE_F32));
+    for (i, node) in nodes.iter_mut().enumerate() {
+        let a = &mut node.aggregate;
+        a.area = area.f32(i, 0);
+        if !(a.area.is_finite() && a.area >= 0.0) {
+            return Err(FormatError::invalid(
+                "area of a node",
+                "a number of at least 0",
+                a.area,
+            ));
+        }
+        let whole = f64::from(a.area);
+        if let Some(rows) = centre {
+            a.centre = std::array::from_fn(|k| spans[k].decode(rows.u16(i, k)));
+        } else if let Some(rows) = centre_f32 {
+            a.centre = rows.f32x3(i, 0);
+            if !a.centre.iter().all(|c| c.is_finite()) {
+                return Err(FormatError::invalid(
+                    "centre of a node",
+                    "finite numbers",
+                    format!("{:?}", a.centre),
+                ));
+            }
+        }
+        let signed = |code: i16| (whole * f64::from(code) / 32767.0) as f32;
+        a.normal_sum = std::array::from_fn(|k| signed(normal.i16(i, k)));
+        a.second_moment = std::array::from_fn(|k| signed(moment.i16(i, k)));
+        a.axis_area =
+            std::array::from_fn(|k| (whole * f64::from(axis_area.u16(i, k)) / 65535.0) as f32);
+    }
+    Ok(nodes)
+}
+
+/// Ranges and links: nodes and surfels are handed out in order, so ranges cannot overlap or form a loop.
+fn decode_order(
+    header: &Header,
+    columns: &PageColumns<'_>,
+    id: u32,
+    nodes: &mut [Node],
+) -> Result<()> {
+    let below = columns.required(col::BELOW)?;
+    let links = columns.get(col::LINK);
+    let (mut next_node, mut next_surfel, mut next_link) = (1, 0, 0);
+    for (i, node) in nodes.iter_mut().enumerate() {
+        let code = below.u8(i);
+        let wrong = |expected: &str, found: String| {
+            Err(FormatError::invalid(
+                format!("what is below node {i}"),
+                expected,
+                found,
+            ))
+        };
+        if i as u32 >= next_node {
+            return wrong("a parent before the node", "none".into());
+        }
+        let count = code & 15;
+        match code & 0xf0 {
+            NODES_BELOW if (1..=8).contains(&count) => {
+                node.below = Below::Nodes {
+                    first: next_node,
+                    count,
+                };
+                next_node += u32::from(count);
+            }
+            SURFELS_BELOW if (1..=8).contains(&count) => {
+                node.below = Below::Surfels {
+                    first: next_surfel,
+                    count,
+                };
+                next_surfel += u32::from(count);
+            }
+            PAGE_BELOW if count == 0 => {
+                let Some(rows) = links.filter(|_| next_link < header.links) else {
+                    return wrong("a link", "none".into());
+                };
+                let back = rows.u32(next_link, 0);
+                next_link += 1;
+                if back == 0 || back > id {
+                    return wrong(
+                        &format!("a page 1 to {id} before this one"),
+                        back.to_string(),
+                    );
+                }
+                node.below = Below::Page(id - back);
+            }
+            _ => return wrong("nodes, surfels or a page", format!("code {code:#04x}")),
+        }
+        if next_node as usize > header.nodes || next_surfel as usize > header.surfels {
+            return wrong(
+                &format!(
+                    "at most {} nodes and {} surfels",
+                    header.nodes, header.surfels
+                ),
+                format!("{next_node} and {next_surfel}"),
+            );
+        }
+    }
+    let found = (next_node as usize, next_surfel as usize, next_link);
+    if found != (header.nodes, header.surfels, header.links) {
+        return Err(FormatError::invalid(
+            "nodes, surfels and links below the root",
+            format!("{:?}", (header.nodes, header.surfels, header.links)),
+            format!("{found:?}"),
+        ));
+    }
+    Ok(())
+}
+
+fn decode_surfels(header: &Header, columns: &PageColumns<'_>, overlap: f32) -> Result<Vec<Surfel>> {
+    let mut surfels = vec![Surfel::default(); header.surfels];
+    if surfels.is_empty() {
+        return Ok(surfels);
+    }
+    columns.one_of(&[col::POSITION, col::POSITION_F32])?;
+    if let Some(rows) = columns.get(col::POSITION) {
+        let spans = spans(&header.bounds);
+        for (i, s) in surfels.iter_mut().enumerate() {
+            s.position = std::array::from_fn(|k| spans[k].decode(rows.u16(i, k)));
+        }
+    } else if let Some(rows) = columns.get(col::POSITION_F32) {
+        for (i, s) in surfels.iter_mut().enumerate() {
+            s.position = rows.f32x3(i, 0);
+        }
+    }
+    let rows = columns.required(col::NORMAL)?;
+    for (i, s) in surfels.iter_mut().enumerate() {
+        let code = [rows.u16(i, 0), rows.u16(i, 1)];
+        if code.iter().any(|c| *c > NORMAL_MAX) {
+            return Err(FormatError::invalid(
+                "normal code",
+                format!("at most {NORMAL_MAX}"),
+                format!("{code:?}"),
+            ));
+        }
+        s.normal = decode_normal(code);
+    }
+    columns.at_most_one_of(&[col::RADIUS, col::RADIUS_F32])?;
+    let (steps, floats) = (columns.get(col::RADIUS), columns.get(col::RADIUS_F32));
+    for (i, s) in surfels.iter_mut().enumerate() {
+        s.radius = match floats {
+            Some(rows) => rows.f32(i, 0),
+            None => header.radius.decode(steps.map_or(0, |rows| rows.u16(i, 0))),
+        };
+    }
+    columns.at_most_one_of(&[col::AREA, col::AREA_F32])?;
+    let (steps, floats) = (columns.get(col::AREA), columns.get(col::AREA_F32));
+    if steps.is_none() && floats.is_none() && overlap <= 0.0 {
+        return Err(FormatError::invalid(
+            "columns of the page",
+            "an area, as radii are free",
+            "none",
+        ));
+    }
+    for (i, s) in surfels.iter_mut().enumerate() {
+        s.area = match (steps, floats) {
+            (Some(rows), _) => header.area.decode(rows.u16(i, 0)),
+            (_, Some(rows)) => rows.f32(i, 0),
+            (None, None) => area_of_disk(s.radius, overlap),
+        };
+    }
+    decode_edges(header, columns, &mut surfels)?;
+    Ok(surfels)
+}
+
+fn decode_edges(header: &Header, columns: &PageColumns<'_>, surfels: &mut [Surfel]) -> Result<()> {
+    let (counts, edges) = (columns.get(col::CLIP_COUNT), columns.get(col::CLIP_EDGE));
+    let mut next = 0;
+    if let (Some(counts), Some(edges)) = (counts, edges) {
+        for (i, s) in surfels.iter_mut().enumerate() {
+            let count = usize::from(counts.u8(i));
+            if count > 3 || next + count > header.edges {
+                return Err(FormatError::invalid(
+                    "clip count",
+                    format!("at most 3, and {} edges in all", header.edges),
+                    count,
+                ));
+            }
+            let mut codes = [[0; 2]; 3];
+            for code in &mut codes[..count] {
+                *code = edges.u16(next, 0).to_le_bytes();
+                next += 1;
+            }
+            s.clips = decode_clips(&codes[..count]);
+        }
+    }
+    if next != header.edges || counts.is_some() != edges.is_some() {
+        return Err(FormatError::invalid(
+            "clip edges of the page",
+            header.edges.to_string(),
+            next,
+        ));
+    }
+    Ok(())
+}
+
+fn decode_light(header: &Header, columns: &PageColumns<'_>, page: &mut SurfelPage) -> Result<()> {
+    let front = page.surfels.iter_mut().map(|s| &mut s.front);
+    radiance::decode(columns, col::FRONT, header.front, front)?;
+    let back = page.surfels.iter_mut().map(|s| &mut s.back);
+    radiance::decode(columns, col::BACK, header.back, back)?;
+
+    let mut lit = vec![[0.0; 3]; header.lit];
+    radiance::decode(columns, col::AXIS_RADIANCE, header.axis, lit.iter_mut())?;
+    let axis_area = columns.required(col::AXIS_AREA)?;
+    let mut next = lit.into_iter();
+    let mut used = 0;
+    for (i, node) in page.nodes.iter_mut().enumerate() {
+        for k in 0..6 {
+            if axis_area.u16(i, k) > 0 {
+                used += 1;
+                node.aggregate.axis_radiance[k] = next.next().unwrap_or_default();
+            }
+        }
+    }
+    if used != header.lit {
+        return Err(FormatError::invalid(
+            "lit axes of the page",
+            used.to_string(),
+            header.lit,
+        ));
+    }
+    Ok(())
+}

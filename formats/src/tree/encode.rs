@@ -1,0 +1,685 @@
+//! From a page of nodes and surfels to the bytes of a block.
+
+use super::columns::{self as col, PageBuilder, radiance};
+use super::stats::{self, ColumnStats, Errors};
+use super::{MAX_PAGE_BYTES, MAX_PAGE_RECORDS};
+use crate::quantise::{
+    Span, Steps, area_of_disk, decode_edge, decode_normal, encode_edge, encode_normal,
+    is_area_of_disk,
+};
+use crate::record::{Below, Bounds, Node, Surfel, SurfelAggregate, SurfelPage};
+use crate::summary::Sums;
+use crate::{FormatError, Result, check};
+use xxhash_rust::xxh3::xxh3_64;
+
+/// Bytes of the header of a page of surfels.
+pub const HEADER: usize = 64;
+pub const NODES_BELOW: u8 = 0x00;
+pub const SURFELS_BELOW: u8 = 0x10;
+pub const PAGE_BELOW: u8 = 0x20;
+
+/// A page of nodes and surfels, quantised and compressed, that [`super::TreeWriter`] can append. Pages can be encoded by
+/// many threads.
+#[derive(Clone)]
+pub struct EncodedPage {
+    pub(super) bytes: Vec<u8>,
+    pub(super) raw_bytes: u32,
+    pub(super) records: u32,
+    pub(super) nodes: u32,
+    pub(super) mask: u32,
+    pub(super) checksum: u64,
+    pub(super) furthest_link: u32,
+    pub(super) bounds: Bounds,
+    pub(super) sums: Sums,
+    pub(super) columns: ColumnStats,
+    pub(super) errors: Errors,
+}
+
+/// Bytes that a node takes in a page before compression, unless the page needs floats.
+#[must_use]
+pub fn node_bytes(aggregate: &SurfelAggregate) -> u32 {
+    let lit = aggregate.axis_area.iter().filter(|a| **a > 0.0).count() as u32;
+    1 + 12 + 4 + 6 + 6 + 12 + 12 + 4 * lit
+}
+
+/// Bytes that a surfel takes in a page before compression, unless the page needs floats.
+#[must_use]
+pub fn surfel_bytes(surfel: &Surfel) -> u32 {
+    let back = if surfel.back == [0.0; 3] { 0 } else { 4 };
+    6 + 4 + 2 + 4 + back + 1 + 2 * u32::from(surfel.clips.count)
+}
+
+impl EncodedPage {
+    /// Encodes a page. `id` is the page id that links are counted back from: the page's own, or any number that differs
+    /// from it by as much as the links differ from the linked pages' ids. So pages of a part of the tree can be encoded
+    /// before it is known how many pages come before that part.
+    ///
+    /// `disk_overlap` is that of the metadata.
+    ///
+    /// # Errors
+    /// [`FormatError::Invalid`] for nodes that are not in breadth-first order, links that do not go back, values that
+    /// are out of range, or too many of them.
+    pub fn new(page: &SurfelPage, id: u32, disk_overlap: f32) -> Result<Self> {
+        let links = links(page, id)?;
+        for (i, surfel) in page.surfels.iter().enumerate() {
+            check::surfel(surfel, &|| format!("surfel {i} of the page"))?;
+        }
+        for (i, node) in page.nodes.iter().enumerate() {
+            check_node(node, i)?;
+        }
+        let mut columns = stats::surfel_columns();
+        let mut errors = Errors::default();
+
+        let mut surfels = page.surfels.clone();
+        let shapes = Shapes::new(&mut surfels, disk_overlap, &mut errors);
+        let (place, placed) = Placement::choose(page, &mut surfels, &mut errors);
+
+        let mut builder = PageBuilder::new(&col::SURFELS);
+        builder.push(col::BELOW, page.nodes.iter().map(below_code).collect());
+        if !links.is_empty() {
+            builder.push(
+                col::LINK,
+                links.iter().flat_map(|l| l.to_le_bytes()).collect(),
+            );
+        }
+        placed.push_boxes(&mut builder);
+        let lit = push_aggregates(&mut builder, &page.nodes, &place, &mut errors, &mut columns);
+        placed.push_positions(&mut builder);
+        let params = shapes.push(&mut builder, &mut columns);
+
+        let colours =
+            push_surfel_radiance(&mut builder, &mut surfels, page, &mut errors, &mut columns);
+        let edges: usize = shapes.edges.len();
+        if edges == 0 {
+            columns.leave_out(col::CLIP_COUNT, surfels.len() as u64);
+        } else {
+            builder.push(
+                col::CLIP_COUNT,
+                surfels.iter().map(|s| s.clips.count).collect(),
+            );
+            builder.push(col::CLIP_EDGE, shapes.edges.concat());
+        }
+
+        let mask = builder.mask();
+        let mut header = Vec::with_capacity(HEADER);
+        for value in [
+            page.nodes.len(),
+            surfels.len(),
+            links.len(),
+            edges,
+            lit.count,
+        ] {
+            header.extend((value as u32).to_le_bytes());
+        }
+        header.extend(mask.to_le_bytes());
+        let bounds = place.bounds;
+        header.extend(
+            bounds
+                .min
+                .iter()
+                .chain(&bounds.max)
+                .flat_map(|v| v.to_le_bytes()),
+        );
+        header.extend(params.radius.base.to_le_bytes());
+        header.extend(params.area.base.to_le_bytes());
+        for base in [colours[0], colours[1], lit.base] {
+            header.extend(base.to_le_bytes());
+        }
+        header.extend([params.radius.shift, params.area.shift]);
+        debug_assert_eq!(header.len(), HEADER);
+
+        let (raw, ranges) = builder.build(&header);
+        columns.add_page(&raw, &ranges, stats::ZSTD_LEVEL)?;
+        let (bytes, raw_bytes) = stats::pack_page(raw, stats::ZSTD_LEVEL)?;
+        let mut sums = Sums::default();
+        for surfel in &surfels {
+            sums.add_surfel(surfel);
+        }
+        Ok(Self {
+            checksum: xxh3_64(&bytes),
+            bytes,
+            raw_bytes,
+            records: surfels.len() as u32,
+            nodes: page.nodes.len() as u32,
+            mask,
+            furthest_link: links.iter().copied().max().unwrap_or(0),
+            bounds: placed.boxes[0],
+            sums,
+            columns,
+            errors,
+        })
+    }
+
+    /// The box of the page's root as a reader decodes it: a node that links to the page must hold it.
+    #[must_use]
+    pub fn bounds(&self) -> Bounds {
+        self.bounds
+    }
+
+    /// Bytes in the file.
+    #[must_use]
+    pub fn stored_bytes(&self) -> usize {
+        self.bytes.len()
+    }
+}
+
+/// Checks the order of nodes and surfels, and returns how far back each link goes.
+fn links(page: &SurfelPage, id: u32) -> Result<Vec<u32>> {
+    let limit = |what: &str, n: usize, least: usize| {
+        if (least..=MAX_PAGE_RECORDS).contains(&n) {
+            Ok(())
+        } else {
+            Err(FormatError::invalid(
+                what,
+                format!("{least} to {MAX_PAGE_RECORDS}"),
+                n,
+            ))
+        }
+    };
+    limit("nodes of the page", page.nodes.len(), 1)?;
+    limit("surfels of the page", page.surfels.len(), 0)?;
+    let (mut next_node, mut next_surfel) = (1, 0);
+    let mut links = Vec::new();
+    for (i, node) in page.nodes.iter().enumerate() {
+        let (first, count, next) = match node.below {
+            Below::Nodes { first, count } => (first, count, &mut next_node),
+            Below::Surfels { first, count } => (first, count, &mut next_surfel),
+            Below::Page(link) => {
+                if link >= id {
+                    return Err(FormatError::invalid(
+                        format!("link of node {i}"),
+                        format!("a page before {id}"),
+                        link,
+                    ));
+                }
+                links.push(id - link);
+                continue;
+            }
+        };
+        if first != *next || !(1..=8).contains(&count) {
+            return Err(FormatError::invalid(
+                format!("range below node {i}"),
+                format!("1 to 8 from {next}, breadth first"),
+                format!("{count} from {first}"),
+            ));
+        }
+        *next += u32::from(count);
+        if i as u32 + 1 >= next_node && i + 1 < page.nodes.len() {
+            return Err(FormatError::invalid(
+                format!("node {}", i + 1),
+                "a parent before it",
+                "none",
+            ));
+        }
+    }
+    if (next_node as usize, next_surfel as usize) != (page.nodes.len(), page.surfels.len()) {
+        return Err(FormatError::invalid(
+            "nodes and surfels below the root",
+            format!("{} and {}", page.nodes.len(), page.surfels.len()),
+            format!("{next_node} and {next_surfel}"),
+        ));
+    }
+    Ok(links)
+}
+
+fn below_code(node: &Node) -> u8 {
+    match node.below {
+        Below::Nodes { count, .. } => NODES_BELOW | count,
+        Below::Surfels { count, .. } => SURFELS_BELOW | count,
+        Below::Page(_) => PAGE_BELOW,
+    }
+}
+
+fn check_node(node: &Node, i: usize) -> Result<()> {
+    let a = &node.aggregate;
+    let wrong = |what: &str, expected: &str, found: &[f32]| {
+        Err(FormatError::invalid(
+            format!("{what} of node {i}"),
+            expected,
+            format!("{found:?}"),
+        ))
+    };
+    let is_finite = |v: &[f32]| v.iter().all(|v| v.is_finite());
+    let b = &node.bounds;
+    if !(is_finite(&b.min) && is_finite(&b.max) && (0..3).all(|k| b.min[k] <= b.max[k])) {
+        return wrong("bounds", "a finite box", &[b.min, b.max].concat());
+    }
+    if !(a.area.is_finite() && a.area >= 0.0) {
+        return wrong("area", "a number of at least 0", &[a.area]);
+    }
+    for (what, values) in [
+        ("centre", &a.centre[..]),
+        ("normal sum", &a.normal_sum),
+        ("second moment", &a.second_moment),
+    ] {
+        if !is_finite(values) {
+            return wrong(what, "finite numbers", values);
+        }
+    }
+    // Room for rounding and for normals that are not quite of unit length.
+    let most = a.area * 1.01;
+    if !a.axis_area.iter().all(|v| (0.0..=most).contains(v)) {
+        return wrong("axis areas", "from 0 to the node's area", &a.axis_area);
+    }
+    let radiance = a.axis_radiance.as_flattened();
+    if !radiance.iter().all(|v| v.is_finite() && *v >= 0.0) {
+        return wrong("axis radiance", "numbers of at least 0", radiance);
+    }
+    Ok(())
+}
+
+/// Everything of a surfel but its place and its light.
+struct Shapes {
+    normals: Vec<u8>,
+    radii: Option<Steps>,
+    radius_rows: Vec<u8>,
+    areas: Areas,
+    edges: Vec<[u8; 2]>,
+    count: u64,
+}
+
+enum Areas {
+    Derived,
+    Steps(Steps, Vec<u8>),
+    Floats(Vec<u8>),
+}
+
+/// Numbers for the header.
+struct ShapeParams {
+    radius: Steps,
+    area: Steps,
+}
+
+impl Shapes {
+    /// Quantises; the surfels become what a reader decodes.
+    fn new(surfels: &mut [Surfel], overlap: f32, errors: &mut Errors) -> Self {
+        let areas_follow = surfels
+            .iter()
+            .all(|s| is_area_of_disk(s.area, s.radius, overlap));
+        let radii = Steps::fit(surfels.iter().map(|s| s.radius));
+        let area_steps = Steps::fit(surfels.iter().map(|s| s.area));
+        let mut shapes = Self {
+            normals: Vec::with_capacity(surfels.len() * 4),
+            radii,
+            radius_rows: Vec::with_capacity(surfels.len() * 2),
+            areas: match area_steps {
+                _ if areas_follow => Areas::Derived,
+                Some(steps) => Areas::Steps(steps, Vec::new()),
+                None => Areas::Floats(Vec::new()),
+            },
+            edges: Vec::new(),
+            count: surfels.len() as u64,
+        };
+        for s in surfels {
+            let code = encode_normal(s.normal);
+            let normal = decode_normal(code);
+            errors.note(stats::NORMAL, degrees(s.normal, normal));
+            for edge in &mut s.clips.edges[..usize::from(s.clips.count)] {
+                let code = encode_edge(*edge, s.normal, normal);
+                *edge = decode_edge(code);
+                shapes.edges.push(code);
+            }
+            s.normal = normal;
+            shapes
+                .normals
+                .extend(code.into_iter().flat_map(u16::to_le_bytes));
+            match radii {
+                Some(steps) => {
+                    let code = steps.encode(s.radius);
+                    let radius = steps.decode(code);
+                    let off = f64::from(radius) / f64::from(s.radius) - 1.0;
+                    errors.note(stats::RADIUS, off.abs());
+                    s.radius = radius;
+                    shapes.radius_rows.extend(code.to_le_bytes());
+                }
+                None => shapes.radius_rows.extend(s.radius.to_le_bytes()),
+            }
+            match &mut shapes.areas {
+                Areas::Derived => s.area = area_of_disk(s.radius, overlap),
+                Areas::Steps(steps, rows) => {
+                    let code = steps.encode(s.area);
+                    s.area = steps.decode(code);
+                    rows.extend(code.to_le_bytes());
+                }
+                Areas::Floats(rows) => rows.extend(s.area.to_le_bytes()),
+            }
+        }
+        shapes
+    }
+
+    fn push(&self, builder: &mut PageBuilder, columns: &mut ColumnStats) -> ShapeParams {
+        let zero = Steps { base: 0, shift: 0 };
+        let mut params = ShapeParams {
+            radius: self.radii.unwrap_or(zero),
+            area: zero,
+        };
+        if self.count == 0 {
+            return params;
+        }
+        builder.push(col::NORMAL, self.normals.clone());
+        match self.radii {
+            Some(_) if self.radius_rows.iter().all(|b| *b == 0) => {
+                columns.leave_out(col::RADIUS, 2 * self.count);
+            }
+            Some(_) => builder.push(col::RADIUS, self.radius_rows.clone()),
+            None => builder.push(col::RADIUS_F32, self.radius_rows.clone()),
+        }
+        match &self.areas {
+            Areas::Derived => columns.leave_out(col::AREA, 2 * self.count),
+            Areas::Steps(steps, rows) => {
+                params.area = *steps;
+                builder.push(col::AREA, rows.clone());
+            }
+            Areas::Floats(rows) => builder.push(col::AREA_F32, rows.clone()),
+        }
+        params
+    }
+}
+
+fn degrees(a: [f32; 3], b: [f32; 3]) -> f64 {
+    let length = a.iter().map(|c| f64::from(*c).powi(2)).sum::<f64>().sqrt();
+    let chord = (0..3)
+        .map(|i| (f64::from(a[i]) / length - f64::from(b[i])).powi(2))
+        .sum::<f64>()
+        .sqrt();
+    (2.0 * (chord / 2.0).min(1.0).asin()).to_degrees()
+}
+
+/// The page's box, and whether what is in it is stored in its steps or as floats.
+struct Placement {
+    bounds: Bounds,
+    spans: Option<[Span; 3]>,
+}
+
+/// Rows of what was placed.
+struct Placed {
+    floats: bool,
+    box_rows: Vec<u8>,
+    position_rows: Vec<u8>,
+    /// As a reader decodes them.
+    boxes: Vec<Bounds>,
+}
+
+impl Placement {
+    /// Steps of the page's box where they are fine enough, floats otherwise. The surfels become what a reader decodes.
+    fn choose(page: &SurfelPage, surfels: &mut [Surfel], errors: &mut Errors) -> (Self, Placed) {
+        let mut bounds = Bounds::EMPTY;
+        let mut least_radius = f32::INFINITY;
+        for (given, decoded) in page.surfels.iter().zip(surfels.iter()) {
+            bounds = bounds.union(disk(given)).union(disk(decoded));
+            least_radius = least_radius.min(decoded.radius);
+        }
+        for node in &page.nodes {
+            bounds = bounds.union(node.bounds);
+        }
+        // Rounding moves positions, and disks with them, by up to half a step: make room for three.
+        let padded = pad(bounds);
+        let spans: [Span; 3] = std::array::from_fn(|k| Span::new(padded.min[k], padded.max[k]));
+        let half_steps = spans
+            .iter()
+            .map(|s| (s.step() / 2.0).powi(2))
+            .sum::<f64>()
+            .sqrt();
+        let is_finite = padded.min.iter().chain(&padded.max).all(|v| v.is_finite());
+        let fine = half_steps <= f64::from(least_radius) * stats::ERRORS[stats::POSITION_RADII].1;
+        if is_finite && fine {
+            let mut moved = surfels.to_vec();
+            let place = Self {
+                bounds: padded,
+                spans: Some(spans),
+            };
+            let mut trial = Errors::default();
+            if let Some(placed) = place.in_steps(page, &mut moved, &spans, &mut trial) {
+                surfels.copy_from_slice(&moved);
+                errors.add(&trial);
+                return (place, placed);
+            }
+        }
+        let boxes = boxes(page, surfels, Some).unwrap_or_default();
+        let rows = boxes.iter().flat_map(|b| [b.min, b.max]);
+        let placed = Placed {
+            floats: true,
+            box_rows: rows.flatten().flat_map(f32::to_le_bytes).collect(),
+            position_rows: surfels
+                .iter()
+                .flat_map(|s| s.position)
+                .flat_map(f32::to_le_bytes)
+                .collect(),
+            boxes,
+        };
+        (
+            Self {
+                bounds: placed.boxes[0],
+                spans: None,
+            },
+            placed,
+        )
+    }
+
+    fn in_steps(
+        &self,
+        page: &SurfelPage,
+        surfels: &mut [Surfel],
+        spans: &[Span; 3],
+        errors: &mut Errors,
+    ) -> Option<Placed> {
+        let mut position_rows = Vec::with_capacity(surfels.len() * 6);
+        for s in surfels.iter_mut() {
+            let mut off = 0.0f64;
+            for (k, span) in spans.iter().enumerate() {
+                let code = span.nearest(s.position[k]);
+                let p = span.decode(code);
+                let d = (f64::from(p) - f64::from(s.position[k])).abs();
+                off += d * d;
+                errors.note(stats::POSITION_STEPS, in_steps(d, p, span));
+                s.position[k] = p;
+                position_rows.extend(code.to_le_bytes());
+            }
+            errors.note(stats::POSITION_RADII, off.sqrt() / f64::from(s.radius));
+        }
+        let mut codes = vec![[0u16; 6]; page.nodes.len()];
+        let mut next = page.nodes.len();
+        let boxes = boxes(page, surfels, |holds| {
+            next -= 1;
+            let mut decoded = Bounds::EMPTY;
+            for (k, span) in spans.iter().enumerate() {
+                let (low, high) = (span.below(holds.min[k]), span.above(holds.max[k]));
+                codes[next][k] = low;
+                codes[next][k + 3] = high;
+                (decoded.min[k], decoded.max[k]) = (span.decode(low), span.decode(high));
+                if decoded.min[k] > holds.min[k] || decoded.max[k] < holds.max[k] {
+                    return None;
+                }
+                let under = f64::from(holds.min[k]) - f64::from(decoded.min[k]);
+                let over = f64::from(decoded.max[k]) - f64::from(holds.max[k]);
+                errors.note(stats::BOX, in_steps(under, holds.min[k], span));
+                errors.note(stats::BOX, in_steps(over, holds.max[k], span));
+            }
+            Some(decoded)
+        })?;
+        Some(Placed {
+            floats: false,
+            box_rows: codes
+                .iter()
+                .flatten()
+                .flat_map(|c| c.to_le_bytes())
+                .collect(),
+            position_rows,
+            boxes,
+        })
+    }
+}
+
+impl Placed {
+    fn push_boxes(&self, builder: &mut PageBuilder) {
+        let column = if self.floats { col::BOX_F32 } else { col::BOX };
+        builder.push(column, self.box_rows.clone());
+    }
+
+    fn push_positions(&self, builder: &mut PageBuilder) {
+        if !self.position_rows.is_empty() {
+            let column = if self.floats {
+                col::POSITION_F32
+            } else {
+                col::POSITION
+            };
+            builder.push(column, self.position_rows.clone());
+        }
+    }
+}
+
+/// A difference in steps, less what the rounding of `value` to a float may have added.
+fn in_steps(difference: f64, value: f32, span: &Span) -> f64 {
+    let ulp = f64::from(value.abs().next_up()) - f64::from(value.abs());
+    (difference - ulp).max(0.0) / span.step().max(f64::MIN_POSITIVE)
+}
+
+/// Boxes of all nodes, children before parents, each rounded by `round` around all that it must hold.
+fn boxes(
+    page: &SurfelPage,
+    surfels: &[Surfel],
+    mut round: impl FnMut(Bounds) -> Option<Bounds>,
+) -> Option<Vec<Bounds>> {
+    let mut boxes = vec![Bounds::EMPTY; page.nodes.len()];
+    for (i, node) in page.nodes.iter().enumerate().rev() {
+        let mut holds = node.bounds;
+        match node.below {
+            Below::Nodes { first, count } => {
+                for child in first..first + u32::from(count) {
+                    holds = holds.union(boxes[child as usize]);
+                }
+            }
+            Below::Surfels { first, count } => {
+                for surfel in first..first + u32::from(count) {
+                    holds = holds.union(disk(&surfels[surfel as usize]));
+                }
+            }
+            Below::Page(_) => {}
+        }
+        boxes[i] = round(holds)?;
+    }
+    Some(boxes)
+}
+
+/// The box of a disk, also when a reader computes it with other rounding.
+fn disk(surfel: &Surfel) -> Bounds {
+    let b = Bounds::of_surfel(surfel);
+    Bounds {
+        min: b.min.map(f32::next_down),
+        max: b.max.map(f32::next_up),
+    }
+}
+
+fn pad(bounds: Bounds) -> Bounds {
+    let mut padded = bounds;
+    for k in 0..3 {
+        let (min, max) = (f64::from(bounds.min[k]), f64::from(bounds.max[k]));
+        let room = (max - min) * (3.0 / 65535.0);
+        padded.min[k] = ((min - room) as f32).next_down().min(bounds.min[k]);
+        padded.max[k] = ((max + room) as f32).next_up().max(bounds.max[k]);
+    }
+    padded
+}
+
+/// Numbers for the header.
+struct Lit {
+    count: usize,
+    base: i16,
+}
+
+fn push_aggregates(
+    builder: &mut PageBuilder,
+    nodes: &[Node],
+    place: &Placement,
+    errors: &mut Errors,
+    columns: &mut ColumnStats,
+) -> Lit {
+    let mut area = Vec::with_capacity(nodes.len() * 4);
+    let mut centre = Vec::new();
+    let mut normal = Vec::new();
+    let mut moment = Vec::new();
+    let mut axis_area = Vec::new();
+    let mut lit = Vec::new();
+    for node in nodes {
+        let a = &node.aggregate;
+        area.extend(a.area.to_le_bytes());
+        for k in 0..3 {
+            match &place.spans {
+                Some(spans) => {
+                    let c = a.centre[k].clamp(place.bounds.min[k], place.bounds.max[k]);
+                    let code = spans[k].nearest(c);
+                    let off = f64::from(spans[k].decode(code)) - f64::from(c);
+                    errors.note(stats::CENTRE, in_steps(off.abs(), c, &spans[k]));
+                    centre.extend(code.to_le_bytes());
+                }
+                None => centre.extend(a.centre[k].to_le_bytes()),
+            }
+        }
+        let share = |v: f32| {
+            if a.area > 0.0 {
+                f64::from(v) / f64::from(a.area)
+            } else {
+                0.0
+            }
+        };
+        let signed =
+            |v: &f32| ((share(*v).clamp(-1.0, 1.0) * 32767.0).round() as i16).to_le_bytes();
+        normal.extend(a.normal_sum.iter().flat_map(signed));
+        moment.extend(a.second_moment.iter().flat_map(signed));
+        for (v, radiance) in a.axis_area.iter().zip(a.axis_radiance) {
+            // What radiates at all keeps at least one step, and its radiance.
+            let code = (share(*v).clamp(0.0, 1.0) * 65535.0).round() as u16;
+            let code = if *v > 0.0 { code.max(1) } else { 0 };
+            axis_area.extend(code.to_le_bytes());
+            if code > 0 {
+                lit.push(radiance);
+            }
+        }
+    }
+    builder.push(col::NODE_AREA, area);
+    let column = if place.spans.is_some() {
+        col::CENTRE
+    } else {
+        col::CENTRE_F32
+    };
+    builder.push(column, centre);
+    builder.push(col::NODE_NORMAL, normal);
+    builder.push(col::MOMENT, moment);
+    builder.push(col::AXIS_AREA, axis_area);
+    let given = lit.clone();
+    let written = radiance::encode(builder, col::AXIS_RADIANCE, &mut lit);
+    for (given, decoded) in given.iter().zip(&lit) {
+        errors.note_radiance(*given, *decoded);
+    }
+    let dark = (6 * nodes.len() - lit.len()) as u64 * 4;
+    columns.leave_out(col::AXIS_RADIANCE, written.saved + dark);
+    Lit {
+        count: lit.len(),
+        base: written.base,
+    }
+}
+
+fn push_surfel_radiance(
+    builder: &mut PageBuilder,
+    surfels: &mut [Surfel],
+    page: &SurfelPage,
+    errors: &mut Errors,
+    columns: &mut ColumnStats,
+) -> [i16; 2] {
+    let mut front: Vec<_> = page.surfels.iter().map(|s| s.front).collect();
+    let mut back: Vec<_> = page.surfels.iter().map(|s| s.back).collect();
+    let sides = [(col::FRONT, &mut front), (col::BACK, &mut back)];
+    let bases = sides.map(|(column, values)| {
+        let written = radiance::encode(builder, column, values);
+        columns.leave_out(column, written.saved);
+        written.base
+    });
+    for (i, s) in surfels.iter_mut().enumerate() {
+        errors.note_radiance(s.front, front[i]);
+        errors.note_radiance(s.back, back[i]);
+        (s.front, s.back) = (front[i], back[i]);
+    }
+    bases
+}
+
+const _: () = assert!(MAX_PAGE_BYTES <= u32::MAX as usize);

@@ -1,0 +1,149 @@
+//! Pages of lvoxels.
+
+use super::MAX_PAGE_RECORDS;
+use super::columns::{self as col, PageBuilder, PageColumns, Rows, radiance};
+use super::stats::{self, ColumnStats, Errors};
+use crate::bytes::Cursor;
+use crate::frame::Block;
+use crate::quantise::Steps;
+use crate::record::{Lvoxel, MAX_LEVEL};
+use crate::{FormatError, Result};
+
+/// A page ready to be compressed. Its header, 16 bytes: count, mask, base of the extinction's steps, u16 volume if there
+/// is one alone, ... see `SPEC.md`.
+pub struct RawPage {
+    pub raw: Vec<u8>,
+    pub mask: u32,
+    /// As a reader decodes them.
+    pub decoded: Vec<Lvoxel>,
+}
+
+/// Lays out a page; the lvoxels must be checked before.
+pub fn encode(
+    lvoxels: &[Lvoxel],
+    columns: &mut ColumnStats,
+    errors: &mut Errors,
+) -> Result<RawPage> {
+    let n = lvoxels.len();
+    if !(1..=MAX_PAGE_RECORDS).contains(&n) {
+        return Err(FormatError::invalid(
+            "lvoxels of the page",
+            format!("1 to {MAX_PAGE_RECORDS}"),
+            n,
+        ));
+    }
+    let mut decoded = lvoxels.to_vec();
+    let mut builder = PageBuilder::new(&col::LVOXELS);
+    let (volume, level) = (lvoxels[0].volume, lvoxels[0].level);
+    if lvoxels.iter().all(|v| v.volume == volume) {
+        columns.leave_out(col::VOLUME, 2 * n as u64);
+    } else {
+        let rows = lvoxels.iter().flat_map(|v| v.volume.to_le_bytes());
+        builder.push(col::VOLUME, rows.collect());
+    }
+    if lvoxels.iter().all(|v| v.level == level) {
+        columns.leave_out(col::LEVEL, n as u64);
+    } else {
+        builder.push(col::LEVEL, lvoxels.iter().map(|v| v.level).collect());
+    }
+    let rows = lvoxels
+        .iter()
+        .flat_map(|v| v.block)
+        .flat_map(u16::to_le_bytes);
+    builder.push(col::BLOCK, rows.collect());
+
+    let steps = Steps::fit(lvoxels.iter().map(|v| v.sigma_t));
+    if let Some(steps) = steps {
+        let mut rows = Vec::with_capacity(2 * n);
+        for v in &mut decoded {
+            let code = steps.encode(v.sigma_t);
+            let sigma_t = steps.decode(code);
+            let off = f64::from(sigma_t) / f64::from(v.sigma_t) - 1.0;
+            errors.note(stats::SIGMA_T, off.abs());
+            v.sigma_t = sigma_t;
+            rows.extend(code.to_le_bytes());
+        }
+        if rows.iter().all(|b| *b == 0) {
+            columns.leave_out(col::SIGMA_T, 2 * n as u64);
+        } else {
+            builder.push(col::SIGMA_T, rows);
+        }
+    } else {
+        let rows = lvoxels.iter().flat_map(|v| v.sigma_t.to_le_bytes());
+        builder.push(col::SIGMA_T_F32, rows.collect());
+    }
+    let mut source: Vec<_> = lvoxels.iter().map(|v| v.source).collect();
+    let written = radiance::encode(&mut builder, col::SOURCE, &mut source);
+    columns.leave_out(col::SOURCE, written.saved);
+    for (v, c) in decoded.iter_mut().zip(&source) {
+        errors.note_radiance(v.source, *c);
+        v.source = *c;
+    }
+
+    let mask = builder.mask();
+    let steps = steps.unwrap_or(Steps { base: 0, shift: 0 });
+    let mut header = Vec::with_capacity(20);
+    header.extend((n as u32).to_le_bytes());
+    header.extend(mask.to_le_bytes());
+    header.extend(steps.base.to_le_bytes());
+    header.extend(written.base.to_le_bytes());
+    header.extend(volume.to_le_bytes());
+    header.extend([steps.shift, level, 0, 0]);
+    let (raw, ranges) = builder.build(&header);
+    columns.add_page(&raw, &ranges, stats::ZSTD_LEVEL)?;
+    Ok(RawPage { raw, mask, decoded })
+}
+
+/// The inverse; the lvoxels are still to be checked against the volumes.
+pub fn decode(raw: &[u8], block: &Block) -> Result<Vec<Lvoxel>> {
+    let mut cursor = Cursor::new(raw, "page");
+    let (n, mask) = (cursor.u32()?, cursor.u32()?);
+    if (n, mask, 0) != (block.records, block.columns, block.nodes)
+        || !(1..=MAX_PAGE_RECORDS).contains(&(n as usize))
+    {
+        return Err(FormatError::invalid(
+            "count and columns of the page",
+            format!("{} lvoxels, {:#x}", block.records, block.columns),
+            format!("{n} lvoxels, {mask:#x}"),
+        ));
+    }
+    let base = cursor.u32()?;
+    let exponent = cursor.i16()?;
+    let volume = cursor.u16()?;
+    let (shift, level) = (cursor.u8()?, cursor.u8()?);
+    if shift > Steps::MAX_SHIFT || level > MAX_LEVEL || cursor.u16()? != 0 {
+        return Err(FormatError::invalid(
+            "header of the page",
+            format!(
+                "a step of at most {}, a level of at most {MAX_LEVEL}, and 0",
+                Steps::MAX_SHIFT
+            ),
+            format!("{shift}, {level}"),
+        ));
+    }
+    let steps = Steps { base, shift };
+    let n = n as usize;
+    let columns = PageColumns::read(&mut cursor, &col::LVOXELS, mask, |rows| match rows {
+        Rows::Lvoxels => n,
+        _ => 0,
+    })?;
+    columns.at_most_one_of(&[col::SIGMA_T, col::SIGMA_T_F32])?;
+    let (volumes, levels) = (columns.get(col::VOLUME), columns.get(col::LEVEL));
+    let blocks = columns.required(col::BLOCK)?;
+    let (sigma_t, sigma_t_f32) = (columns.get(col::SIGMA_T), columns.get(col::SIGMA_T_F32));
+    let mut lvoxels: Vec<Lvoxel> = (0..n)
+        .map(|i| Lvoxel {
+            volume: volumes.map_or(volume, |rows| rows.u16(i, 0)),
+            level: levels.map_or(level, |rows| rows.u8(i)),
+            block: blocks.u16x3(i, 0),
+            sigma_t: match sigma_t_f32 {
+                Some(rows) => rows.f32(i, 0),
+                None => steps.decode(sigma_t.map_or(0, |rows| rows.u16(i, 0))),
+            },
+            source: [0.0; 3],
+        })
+        .collect();
+    let source = lvoxels.iter_mut().map(|v| &mut v.source);
+    radiance::decode(&columns, col::SOURCE, exponent, source)?;
+    Ok(lvoxels)
+}

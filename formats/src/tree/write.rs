@@ -1,0 +1,215 @@
+//! Writing a tree: pages from the leaves up.
+
+use super::encode::EncodedPage;
+use super::lvoxels;
+use super::stats::{self, ColumnStats, Errors};
+use crate::frame::{self, Block, BlockKind, FileKind, HEADER_LEN};
+use crate::output::Output;
+use crate::record::{Bounds, Lvoxel, SurfelPage};
+use crate::summary::{Level, Sums, TreeSummary, VolumeSums};
+use crate::{FormatError, Result, TreeMeta, check, codec};
+use std::path::Path;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// Writes a tree file page by page. Memory is that of one page and of 40 bytes per page written.
+///
+/// The file gets its name in [`Self::finish`]; dropped before that, the writer leaves nothing behind.
+pub struct TreeWriter {
+    output: Output,
+    meta: TreeMeta,
+    blocks: Vec<Block>,
+    surfel_pages: u32,
+    lvoxel_pages: u32,
+    nodes: u64,
+    sums: Sums,
+    last_bounds: Bounds,
+    surfel_columns: ColumnStats,
+    lvoxel_columns: ColumnStats,
+    surfel_stored: u64,
+    lvoxel_stored: u64,
+    errors: Errors,
+}
+
+impl TreeWriter {
+    /// Opens a temporary file beside `path`.
+    ///
+    /// # Errors
+    /// [`FormatError::Exists`] unless `force`, [`FormatError::Io`] if the folder cannot be written,
+    /// [`FormatError::Invalid`] for metadata that no reader would accept.
+    pub fn create(path: &Path, meta: TreeMeta, force: bool) -> Result<Self> {
+        meta.cloud.validate().map_err(|e| e.at(path))?;
+        let sums = Sums {
+            volumes: vec![VolumeSums::default(); meta.cloud.volumes.len()],
+            ..Sums::default()
+        };
+        Ok(Self {
+            output: Output::create(path, force, HEADER_LEN)?,
+            meta,
+            blocks: Vec::new(),
+            surfel_pages: 0,
+            lvoxel_pages: 0,
+            nodes: 0,
+            sums,
+            last_bounds: Bounds::EMPTY,
+            surfel_columns: stats::surfel_columns(),
+            lvoxel_columns: stats::lvoxel_columns(),
+            surfel_stored: 0,
+            lvoxel_stored: 0,
+            errors: Errors::default(),
+        })
+    }
+
+    /// Pages of surfels so far: the id of the next one.
+    #[must_use]
+    pub fn surfel_pages(&self) -> u32 {
+        self.surfel_pages
+    }
+
+    /// Encodes and appends a page of nodes and surfels, and returns its id. Links must go to pages written before.
+    ///
+    /// # Errors
+    /// As [`EncodedPage::new`], and [`FormatError::Io`].
+    pub fn write_surfel_page(&mut self, page: &SurfelPage) -> Result<u32> {
+        let encoded = EncodedPage::new(page, self.surfel_pages, self.meta.cloud.disk_overlap)
+            .map_err(|e| e.at(self.output.path()))?;
+        self.push_surfel_page(&encoded)
+    }
+
+    /// Appends an encoded page, and returns its id.
+    ///
+    /// # Errors
+    /// [`FormatError::Invalid`] for links that go back beyond the first page, and [`FormatError::Io`].
+    pub fn push_surfel_page(&mut self, page: &EncodedPage) -> Result<u32> {
+        let id = self.surfel_pages;
+        if page.furthest_link > id || id == u32::MAX {
+            return Err(FormatError::invalid(
+                format!("links of page {id}"),
+                "at most as many pages back as there are",
+                page.furthest_link,
+            )
+            .at(self.output.path()));
+        }
+        self.blocks.push(Block {
+            offset: self.output.position(),
+            stored_bytes: page.bytes.len() as u32,
+            raw_bytes: page.raw_bytes,
+            kind: BlockKind::Surfels,
+            records: page.records,
+            nodes: page.nodes,
+            columns: page.mask,
+            checksum: page.checksum,
+        });
+        self.output.append(&page.bytes)?;
+        self.surfel_pages += 1;
+        self.nodes += u64::from(page.nodes);
+        self.sums.add(&page.sums);
+        self.surfel_columns.add(&page.columns);
+        self.surfel_stored += page.bytes.len() as u64;
+        self.errors.add(&page.errors);
+        self.last_bounds = page.bounds;
+        Ok(id)
+    }
+
+    /// Appends a page of lvoxels, and returns its id among those.
+    ///
+    /// # Errors
+    /// [`FormatError::Invalid`] for values out of range or too many of them, and [`FormatError::Io`].
+    pub fn write_lvoxel_page(&mut self, lvoxels: &[Lvoxel]) -> Result<u32> {
+        let mut encode = || {
+            for (i, v) in lvoxels.iter().enumerate() {
+                check::lvoxel(v, &self.meta.cloud.volumes, &|| {
+                    format!("lvoxel {i} of the page")
+                })?;
+            }
+            let page = lvoxels::encode(lvoxels, &mut self.lvoxel_columns, &mut self.errors)?;
+            let (bytes, raw_bytes) = stats::pack_page(page.raw, stats::ZSTD_LEVEL)?;
+            Ok((bytes, raw_bytes, page.mask, page.decoded))
+        };
+        let (bytes, raw_bytes, mask, decoded) =
+            encode().map_err(|e: FormatError| e.at(self.output.path()))?;
+        self.blocks.push(Block {
+            offset: self.output.position(),
+            stored_bytes: bytes.len() as u32,
+            raw_bytes,
+            kind: BlockKind::Lvoxels,
+            records: lvoxels.len() as u32,
+            nodes: 0,
+            columns: mask,
+            checksum: xxh3_64(&bytes),
+        });
+        self.output.append(&bytes)?;
+        for v in &decoded {
+            self.sums.add_lvoxel(v);
+        }
+        self.lvoxel_stored += bytes.len() as u64;
+        self.lvoxel_pages += 1;
+        Ok(self.lvoxel_pages - 1)
+    }
+
+    /// Writes the tables, and gives the file its name. The root must be the last page of surfels, or `None` if there is
+    /// no page; `cloud_sums` are those of the cloud's summary. The bytes of `levels` are filled in here.
+    ///
+    /// # Errors
+    /// [`FormatError::Invalid`] for another root, [`FormatError::Io`], [`FormatError::Exists`] if the name was taken
+    /// meanwhile.
+    pub fn finish(
+        self,
+        root: Option<u32>,
+        cloud_sums: Sums,
+        mut levels: Vec<Level>,
+    ) -> Result<TreeSummary> {
+        if root != self.surfel_pages.checked_sub(1) {
+            return Err(FormatError::invalid(
+                "root page",
+                format!("the last of {}", self.surfel_pages),
+                format!("{root:?}"),
+            )
+            .at(self.output.path()));
+        }
+        let mut columns = self.surfel_columns.columns(self.surfel_stored);
+        share_out(&mut levels, &columns, self.surfel_stored);
+        columns.extend(self.lvoxel_columns.columns(self.lvoxel_stored));
+        let mut left_out = self.surfel_columns.left_out();
+        left_out.extend(self.lvoxel_columns.left_out());
+        let summary = TreeSummary {
+            sums: self.sums,
+            cloud_sums,
+            root_page: root,
+            bounds: root.map(|_| self.last_bounds),
+            nodes: self.nodes,
+            surfel_pages: u64::from(self.surfel_pages),
+            lvoxel_pages: u64::from(self.lvoxel_pages),
+            levels,
+            columns,
+            left_out,
+            errors: self.errors.list(),
+        };
+        let meta = codec::encode(&self.meta, "metadata")?;
+        let encoded = codec::encode(&summary, "summary")?;
+        frame::finish(self.output, FileKind::Tree, &self.blocks, &meta, &encoded)?;
+        Ok(summary)
+    }
+}
+
+/// Gives each level its share of the stored bytes, by its nodes and surfels.
+fn share_out(levels: &mut [Level], columns: &[crate::ColumnBytes], stored: u64) {
+    let of_nodes: u64 = columns
+        .iter()
+        .filter(|c| c.name.starts_with("node_") || c.name.starts_with("axis_"))
+        .map(|c| c.stored_bytes)
+        .sum();
+    let of_surfels = stored.saturating_sub(of_nodes);
+    let nodes: u64 = levels.iter().map(|l| l.nodes).sum();
+    let surfels: u64 = levels.iter().map(|l| l.surfels).sum();
+    let share = |part: u64, whole: u64, bytes: u64| {
+        if whole == 0 {
+            0.0
+        } else {
+            part as f64 / whole as f64 * bytes as f64
+        }
+    };
+    for level in levels {
+        let bytes = share(level.nodes, nodes, of_nodes) + share(level.surfels, surfels, of_surfels);
+        level.bytes = bytes.round() as u64;
+    }
+}
