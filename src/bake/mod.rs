@@ -61,9 +61,9 @@ pub enum SurfelSampling {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            surfels: SurfelSampling::Area { count: 500_000 },
-            overlap: 2.0,
-            crease_deg: 20.0,
+            surfels: SurfelSampling::Area { count: 1_000_000 },
+            overlap: 1.8,
+            crease_deg: 4.0,
             blocks: BlockSize::OpticalDepth(0.7),
             shadow_rays: 4,
             seed: 0,

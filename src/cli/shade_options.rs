@@ -153,10 +153,10 @@ impl ShadeOptions {
                     },
                 ),
                 ImageKind::Png => {
-                let picture = frame.picture("", &frame.region)?;
-                png::write(&self.output, &tone::map(&picture, scene.film.exposure))
-            }
-        })
+                    let picture = frame.picture("", &frame.region)?;
+                    png::write(&self.output, &tone::map(&picture, scene.film.exposure))
+                }
+            })
     }
 }
 

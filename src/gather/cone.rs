@@ -10,7 +10,7 @@ use crate::math::Rgb;
 use glam::Vec3;
 
 /// A flat node that covers more than this of its plane is opaque: disks overlap, so what is missing is its rim.
-const SOLID: f32 = 0.7;
+const SOLID: f32 = 0.25;
 
 /// Buffers that rays of one receiver share.
 #[derive(Debug, Default)]

@@ -149,7 +149,13 @@ impl KernelPage {
                 node.max[a][slot] = max;
                 diagonal2 += (max - min) * (max - min);
             }
-            node.cross_section[slot] = 0.25 * PI * diagonal2;
+            node.cross_section[slot] = if self.proxies[first_proxy as usize + slot].coverage < 0.0 {
+                4.0
+            } else {
+                1.0
+            } * 0.25
+                * PI
+                * diagonal2;
             (node.kind[slot], node.child[slot]) = match child.below {
                 Below::Nodes { first, count } => {
                     (ChildKind::Inner, self.add_group(page, first, count))

@@ -194,8 +194,7 @@ impl TreeStore {
     /// # Errors
     /// A file that is not a whole tree, or a limit too small for its media and a few pages.
     pub fn open(path: &Path, memory_limit: Option<u64>) -> Result<Self> {
-        let tree =
-            Tree::open_path(path)?;
+        let tree = Tree::open_path(path)?;
         let mut lvoxels = Vec::new();
         for i in 0..tree.lvoxel_pages() {
             lvoxels.extend(tree.lvoxel_page(i).map_err(|e| e.at(path))?);

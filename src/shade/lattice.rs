@@ -37,10 +37,12 @@ pub struct Lattice {
 impl Lattice {
     /// Pixels around a surface point from which its light is taken, in lattice steps.
     const REACH: u32 = 2;
-    /// Distance at which a gather's weight falls to 1/e, over its harmonic distance.
+    /// Distance at which a gather's weight falls to 1/e, over the harmonic distance at both ends.
     const RANGE: f32 = 0.25;
+    /// The least such distance, in lattice steps.
+    const LEAST: f32 = 0.35;
     /// Below this sum of weights a surface gathers for itself.
-    const TOO_FEW: f32 = 0.1;
+    const TOO_FEW: f32 = 0.4;
 
     /// Gathers at the lattice pixels in and around a region.
     ///
@@ -119,10 +121,15 @@ impl Lattice {
             let upper = (c + 1 + Self::REACH).min(first + count - 1) - first;
             lower..=upper
         };
-        let (mut sum, mut total) = (Rgb::BLACK, 0.0_f32);
+        // What the neighbours saw, the nearest above all, tells how far light can be carried to this point.
+        let mut candidates = [(0.0_f32, 0.0_f32, 0_usize); 36];
+        let mut count = 0;
+        let (mut closeness, mut nearness) = (0.0_f32, 0.0_f32);
+        let reach = Self::REACH as f32 * self.step as f32;
         for j in near(y, self.first[1], self.count[1]) {
             for i in near(x, self.first[0], self.count[0]) {
-                let Some(node) = &self.nodes[(j * self.count[0] + i) as usize] else {
+                let at = (j * self.count[0] + i) as usize;
+                let Some(node) = &self.nodes[at] else {
                     continue;
                 };
                 let alike = node.normal.dot(surface.normal);
@@ -132,29 +139,40 @@ impl Lattice {
                 let px = (self.first[0] + i) as f32 * self.step as f32 - x as f32;
                 let py = (self.first[1] + j) as f32 * self.step as f32 - y as f32;
                 // The window closes before the lattice's reach ends, so that it has no edge.
-                let reach = Self::REACH as f32 * self.step as f32;
                 let window = 1.0 - (px * px + py * py) / (reach * reach);
                 if window <= 0.0 {
                     continue;
                 }
-                let range = (Self::RANGE * node.gathered.harmonic_distance).max(0.7 * node.spacing);
                 let offset = surface.position - node.position;
                 let height = offset
                     .dot(surface.normal)
                     .abs()
                     .max(offset.dot(node.normal).abs());
                 // Off the plane light changes faster: contact and thin steps are there.
-                let d2 = (offset.length_squared() + 8.0 * height * height) / (range * range);
-                let sharp = alike.powi(8);
-                let weight = window * window * sharp * math::exp::exp_neg(d2);
-                sum += node.gathered.light * weight;
-                total += weight;
+                let d2 = offset.length_squared() + 8.0 * height * height;
+                let weight = window * window * alike.powi(8);
+                candidates[count] = (weight, d2, at);
+                count += 1;
+                let close = weight / (d2 + 0.01 * node.spacing * node.spacing);
+                closeness += close / node.gathered.harmonic_distance;
+                nearness += close;
             }
+        }
+        let here = nearness / closeness;
+        let (mut sum, mut total) = (Rgb::BLACK, 0.0_f32);
+        for &(weight, d2, at) in &candidates[..count] {
+            let Some(node) = &self.nodes[at] else {
+                continue;
+            };
+            let range = (Self::RANGE * node.gathered.harmonic_distance.min(here))
+                .max(Self::LEAST * node.spacing);
+            let weight = weight * math::exp::exp_neg(d2 / (range * range));
+            sum += node.gathered.light * weight;
+            total += weight;
         }
         (total > Self::TOO_FEW).then(|| sum * (1.0 / total))
     }
 }
-
 /// Gathers over the hemisphere of a surface.
 #[must_use]
 pub fn gather_surface<P: Pages>(

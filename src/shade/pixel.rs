@@ -153,7 +153,7 @@ impl<P: Pages> PixelShader<'_, P> {
     fn same_piece(&self, a: &Surface, b: &Surface, t: f32) -> bool {
         let footprint = t * self.view.pixel_angle;
         a.material == b.material
-            && a.normal.dot(b.normal) > 0.9
+            && a.normal.dot(b.normal) > 0.98
             && (a.position - b.position).dot(b.face_normal).abs() < 0.5 * footprint
     }
 

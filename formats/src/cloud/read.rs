@@ -10,6 +10,7 @@ use crate::{CloudMeta, FormatError, MappedFile, Result, check, codec};
 use std::path::{Path, PathBuf};
 
 /// A cloud file, opened. Chunks are decoded when asked for, by any number of threads.
+#[derive(Debug)]
 pub struct Cloud<D> {
     data: D,
     path: Option<PathBuf>,

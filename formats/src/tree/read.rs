@@ -10,6 +10,7 @@ use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 
 /// A tree file, opened. Pages are decoded when asked for, by any number of threads.
+#[derive(Debug)]
 pub struct Tree<D> {
     data: D,
     path: Option<PathBuf>,
