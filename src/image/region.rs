@@ -131,21 +131,6 @@ impl Region {
     }
 }
 
-/// Reads `I/N`: tile I, from 0, of N.
-///
-/// # Errors
-/// [`crate::Kind::Input`] if the text is not that, or I is not below N.
-pub fn parse_tile(text: &str) -> Result<(u32, u32)> {
-    let numbers = text
-        .split_once('/')
-        .and_then(|(i, n)| Some((i.parse::<u32>().ok()?, n.parse::<u32>().ok()?)));
-    match numbers {
-        Some((index, count)) if index < count => Ok((index, count)),
-        _ => Err(Error::input(format!("{text:?} is not a tile"))
-            .hint("write I/N with I from 0 to N-1: 0/4 is the first of four")),
-    }
-}
-
 /// As it is written on the command line: `X0 Y0 X1 Y1`.
 impl fmt::Display for Region {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -223,25 +208,6 @@ mod tests {
             y1: 4,
         };
         assert!(outside.check(8, 8).unwrap_err().to_string().contains("8x8"));
-    }
-
-    #[test]
-    fn tiles_are_written_as_index_and_count() {
-        assert_eq!(parse_tile("0/1").unwrap(), (0, 1));
-        assert_eq!(parse_tile("15/16").unwrap(), (15, 16));
-        for text in [
-            "",
-            "1",
-            "/",
-            "4/4",
-            "-1/4",
-            "0/0",
-            "1/2/3",
-            "a/b",
-            "0/99999999999",
-        ] {
-            assert!(parse_tile(text).is_err(), "{text}");
-        }
     }
 
     proptest! {
