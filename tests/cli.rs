@@ -141,14 +141,15 @@ fn merged_tiles_are_the_whole_frame() {
     let dir = tempfile::tempdir().unwrap();
     let whole = write_whole(dir.path(), "whole.exr");
     let tiles = write_tiles(dir.path(), 5);
-    let mut args = vec!["merge", "-o", "merged.exr", "--report", "report.json"];
-    args.extend(tiles.iter().map(String::as_str));
-    let run = lvox(dir.path(), &args);
-    assert_eq!((run.code, run.stdout.as_str()), (0, ""), "{}", run.stderr);
-    assert_eq!(
-        fs::read(dir.path().join("merged.exr")).unwrap(),
-        fs::read(whole).unwrap()
-    );
+    for threads in ["1", "3"] {
+        let mut args = vec!["merge", "-o", "merged.exr", "--report", "report.json"];
+        args.extend(["--threads", threads]);
+        args.extend(tiles.iter().map(String::as_str));
+        let run = lvox(dir.path(), &args);
+        assert_eq!((run.code, run.stdout.as_str()), (0, ""), "{}", run.stderr);
+        let merged = fs::read(dir.path().join("merged.exr")).unwrap();
+        assert!(merged == fs::read(&whole).unwrap(), "{threads} threads");
+    }
     let report = fs::read(dir.path().join("report.json")).unwrap();
     let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
     assert_eq!(

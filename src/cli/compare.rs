@@ -5,7 +5,8 @@ use super::{output, parse};
 use lvox::image::metrics::{self, Scores};
 use lvox::image::{heat, load, png};
 use lvox::run::output::check_writable;
-use lvox::{Error, Result};
+use lvox::run::size;
+use lvox::{Error, Kind, Result};
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -63,9 +64,13 @@ impl Args {
         let region = parse::region(&self.region);
         let image = load::picture(&self.image, exposure, region)?;
         let reference = load::picture(&self.reference, exposure, region)?;
-        let found = metrics::compare(&image, &reference, exposure).map_err(|e| self.place(e))?;
+        let job = &context.job;
+        job.cancel.check()?;
+        check_memory(image.pixels.len(), job.memory_limit)?;
+        let found = metrics::compare_until(&image, &reference, exposure, &job.cancel)
+            .map_err(|e| self.place(e))?;
         if found.scores.non_finite > 0 {
-            context.job.progress.warn(&format!(
+            job.progress.warn(&format!(
                 "{}: {} pixels are infinite or not a number",
                 self.image.display(),
                 found.scores.non_finite
@@ -88,11 +93,24 @@ impl Args {
     }
 
     fn place(&self, error: Error) -> Error {
-        error.at(format!(
-            "{} and {}",
-            self.image.display(),
-            self.reference.display()
+        if error.kind() == Kind::Cancelled {
+            return error;
+        }
+        let (image, reference) = (self.image.display(), self.reference.display());
+        error.at(format!("{image} and {reference}"))
+    }
+}
+
+fn check_memory(pixels: usize, limit: Option<u64>) -> Result<()> {
+    let needed = pixels as u64 * metrics::BYTES_PER_PIXEL;
+    match limit {
+        Some(limit) if needed > limit => Err(Error::input(format!(
+            "comparing {pixels} pixels takes about {}, the memory limit is {}",
+            size::format(needed),
+            size::format(limit)
         ))
+        .hint("raise --memory-limit, or compare a part: --region X0 Y0 X1 Y1")),
+        _ => Ok(()),
     }
 }
 
@@ -118,8 +136,18 @@ fn table(scores: &Scores) -> String {
     ];
     let mut text = String::new();
     for (name, value, note) in rows {
-        let line = format!("{name:<15} {value:<12.6} {note}");
+        let value = significant(value);
+        let line = format!("{name:<15} {value:<12} {note}");
         let _ = writeln!(text, "{}", line.trim_end());
     }
     text
+}
+
+/// Six digits that mean something, whatever the size.
+fn significant(value: f64) -> String {
+    if value == 0.0 || (1e-2..1e6).contains(&value.abs()) {
+        format!("{value:.6}")
+    } else {
+        format!("{value:.5e}")
+    }
 }

@@ -27,6 +27,9 @@ pub enum Precision {
     Float,
 }
 
+/// Bytes of pixels that any file may claim to hold.
+const ALLOWANCE: u64 = 256 << 20;
+
 /// What a file says about itself before its pixels are read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Info {
@@ -43,7 +46,7 @@ pub struct Info {
 }
 
 impl Info {
-    /// The precision that [`write`] was given, as far as the channels tell.
+    /// The precision that [`write()`] was given, as far as the channels tell.
     #[must_use]
     pub fn precision(&self) -> Precision {
         let half = |(name, float): (&String, &bool)| !float && !always_float(name);
@@ -67,10 +70,10 @@ pub fn write(path: &Path, frame: &Frame, precision: Precision) -> Result<()> {
     output.commit()
 }
 
-/// The bytes of the file that [`write`] writes.
+/// The bytes of the file that [`write()`] writes.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn encode(frame: &Frame, precision: Precision) -> Result<Vec<u8>> {
     frame.check()?;
     let side = |v: u32| i32::try_from(v).ok().filter(|&v| v < i32::MAX / 2);
@@ -147,12 +150,17 @@ pub fn info(path: &Path) -> Result<Info> {
         .iter()
         .find(|h| !h.deep)
         .ok_or_else(|| input("deep images are not supported".into()))?;
-    // A header of a few bytes can claim any size; deflate cannot exceed a ratio of 1032 by much.
-    let (data, channels) = (header.data_window(), header.channels.list.len());
-    let samples = (data.size.0 as u128) * (data.size.1 as u128) * (channels as u128);
-    if samples > u128::from(length) * 2048 + (64 << 20) {
+    // A header of a few bytes can claim any size. Deflate shrinks at most 1032 times; the codecs that can beat that do so
+    // on flat pictures only, for which the allowance is large enough.
+    let data = header.data_window();
+    let pixels = data.size.0 as u128 * data.size.1 as u128;
+    let sizes = header.channels.list.iter();
+    let claimed: u128 = sizes
+        .map(|c| c.sample_type.bytes_per_sample() as u128 * pixels)
+        .sum();
+    if claimed > u128::from(length) * 1032 + u128::from(ALLOWANCE) {
         return Err(input(format!(
-            "{samples} samples cannot come out of {length} bytes: the file is damaged or cut"
+            "{claimed} bytes of pixels cannot come out of {length}: the file is damaged or cut"
         )));
     }
     let display = header.shared_attributes.display_window;
@@ -473,6 +481,21 @@ mod tests {
             read(&dir.path().join("no.exr")).unwrap_err().kind(),
             crate::Kind::Input
         );
+    }
+
+    #[test]
+    fn a_header_cannot_claim_all_memory() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("bomb.exr");
+        let mut bytes = encode(&sample(Region::full(37, 41)), Precision::Half).unwrap();
+        let name = b"dataWindow\0box2i\0";
+        let at = bytes.windows(name.len()).position(|w| w == name).unwrap() + name.len() + 4;
+        bytes[at + 8..at + 12].copy_from_slice(&0x00ff_ffff_i32.to_le_bytes());
+        bytes[at + 12..at + 16].copy_from_slice(&0x00ff_ffff_i32.to_le_bytes());
+        std::fs::write(&path, bytes).unwrap();
+        let error = read(&path).unwrap_err();
+        assert_eq!(error.kind(), crate::Kind::Input);
+        assert!(error.to_string().contains("bomb.exr"), "{error}");
     }
 
     #[test]

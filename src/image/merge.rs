@@ -3,9 +3,9 @@
 use super::coverage::faults;
 use super::exr::{self, Info};
 use super::{Frame, Layer, Region};
-use crate::run::Job;
+use crate::run::{Job, size};
 use crate::{Error, Result};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// What was merged.
@@ -18,6 +18,9 @@ pub struct Merged {
     /// Number of tiles.
     pub tiles: usize,
 }
+
+/// Attributes that say what the pixels were made from begin with this.
+const OURS: &str = "lvox/";
 
 /// So many faults are listed in an error.
 const LISTED: usize = 4;
@@ -40,11 +43,12 @@ pub fn merge(inputs: &[PathBuf], output: &Path, job: &Job) -> Result<Merged> {
         check_agreement((&inputs[0], first), (path, info))?;
     }
     check_cover(inputs, &infos, first)?;
+    check_memory(first, job.memory_limit)?;
 
     let task = job.progress.task("merge", inputs.len() as u64, "tiles");
     let full = Region::full(first.width, first.height);
     let mut frame = Frame::new(first.width, first.height, full);
-    frame.attributes.clone_from(&first.attributes);
+    frame.attributes = shared_attributes(&infos);
     for path in inputs {
         job.cancel.check()?;
         let tile = exr::read(path)?;
@@ -102,6 +106,15 @@ fn channel_mut<'a>(
     &mut channels[at].1
 }
 
+/// What all tiles say. Only attributes that other programs have added can differ here.
+fn shared_attributes(infos: &[Info]) -> BTreeMap<String, String> {
+    let mut shared = infos
+        .first()
+        .map_or_else(BTreeMap::new, |i| i.attributes.clone());
+    shared.retain(|name, value| infos.iter().all(|i| i.attributes.get(name) == Some(value)));
+    shared
+}
+
 /// Everything but the region must be the same as in the first tile.
 fn check_agreement(
     (first_path, first): (&Path, &Info),
@@ -130,12 +143,9 @@ fn check_agreement(
         let (here, there) = clip(&list(info), &list(first));
         return differ("the list of channels", here, there);
     }
-    let names: BTreeSet<&String> = info
-        .attributes
-        .keys()
-        .chain(first.attributes.keys())
-        .collect();
-    for name in names {
+    let names = info.attributes.keys().chain(first.attributes.keys());
+    let ours: BTreeSet<&String> = names.filter(|n| n.starts_with(OURS)).collect();
+    for name in ours {
         let (here, there) = (info.attributes.get(name), first.attributes.get(name));
         if here != there {
             let shown = |v: Option<&String>| v.map_or("absent", String::as_str).to_owned();
@@ -199,6 +209,24 @@ fn check_cover(paths: &[PathBuf], infos: &[Info], first: &Info) -> Result<()> {
         )));
     }
     Ok(())
+}
+
+/// The whole frame is held three times over: as floats, as samples of the file, and encoded.
+fn check_memory(info: &Info, limit: Option<u64>) -> Result<()> {
+    let samples = u64::from(info.width) * u64::from(info.height) * info.channels.len() as u64;
+    let needed = samples.saturating_mul(3 * size_of::<f32>() as u64);
+    match limit {
+        Some(limit) if needed > limit => Err(Error::input(format!(
+            "merging {}x{} pixels of {} channels takes about {}, the memory limit is {}",
+            info.width,
+            info.height,
+            info.channels.len(),
+            size::format(needed),
+            size::format(limit)
+        ))
+        .hint("raise --memory-limit")),
+        _ => Ok(()),
+    }
 }
 
 fn more(count: usize) -> String {
@@ -327,6 +355,39 @@ mod tests {
         refused(&inputs, dir.path(), &["tile3.exr", "channels", "R:32"]);
         write(&|f| f.width += 1, Precision::Half);
         refused(&inputs, dir.path(), &["tile3.exr", "62x47", "61x47"]);
+    }
+
+    #[test]
+    fn foreign_attributes_that_differ_are_dropped() {
+        let dir = tempfile::tempdir().unwrap();
+        let inputs = tiles(dir.path(), 2, Precision::Half);
+        for (i, path) in inputs.iter().enumerate() {
+            let mut frame = exr::read(path).unwrap();
+            frame
+                .attributes
+                .insert("DateTime".into(), format!("2026:01:0{i}"));
+            frame.attributes.insert("Studio".into(), "here".into());
+            exr::write(path, &frame, Precision::Half).unwrap();
+        }
+        let output = dir.path().join("merged.exr");
+        merge(&inputs, &output, &Job::default()).unwrap();
+        let names: Vec<String> = exr::info(&output).unwrap().attributes.into_keys().collect();
+        assert_eq!(names, ["Studio", "lvox/settings", "lvox/tree"]);
+    }
+
+    #[test]
+    fn the_memory_limit_is_kept() {
+        let dir = tempfile::tempdir().unwrap();
+        let inputs = tiles(dir.path(), 2, Precision::Half);
+        let output = dir.path().join("merged.exr");
+        // 61 x 47 pixels of 7 channels, 12 bytes each.
+        let job = |limit| Job {
+            memory_limit: Some(limit),
+            ..Job::default()
+        };
+        let error = merge(&inputs, &output, &job(240_000)).unwrap_err();
+        assert!(error.to_string().contains("235 KiB"), "{error}");
+        merge(&inputs, &output, &job(241_000)).unwrap();
     }
 
     #[test]

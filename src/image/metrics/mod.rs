@@ -10,7 +10,11 @@ pub mod pdiff;
 pub mod ssim;
 
 use super::{Picture, tone};
+use crate::run::Cancel;
 use crate::{Error, Result};
+
+/// Memory that a comparison takes, two pictures included; most of it are the pyramids of the perceptual difference.
+pub const BYTES_PER_PIXEL: u64 = 220;
 
 /// All metrics of one comparison. A metric that has no value (a black reference has no relative bias, an image of ten
 /// pixels no SSIM, a picture with infinities no mean) is NaN, `null` in JSON.
@@ -52,6 +56,19 @@ pub struct Comparison {
 /// # Errors
 /// [`crate::Kind::Input`] if the sizes differ, there are no pixels, or the exposure is not a positive number.
 pub fn compare(picture: &Picture, reference: &Picture, exposure: f32) -> Result<Comparison> {
+    compare_until(picture, reference, exposure, &Cancel::default())
+}
+
+/// As [`compare`], but stops between two metrics on request.
+///
+/// # Errors
+/// As [`compare`], and [`crate::Kind::Cancelled`].
+pub fn compare_until(
+    picture: &Picture,
+    reference: &Picture,
+    exposure: f32,
+    cancel: &Cancel,
+) -> Result<Comparison> {
     if (picture.width, picture.height) != (reference.width, reference.height) {
         return Err(Error::input(format!(
             "sizes differ: the image has {}x{} pixels, the reference {}x{}",
@@ -69,15 +86,21 @@ pub fn compare(picture: &Picture, reference: &Picture, exposure: f32) -> Result<
     let linear = linear::compare(picture, reference);
     let (picture_shown, reference_shown) =
         (tone::map(picture, exposure), tone::map(reference, exposure));
+    cancel.check()?;
     let error_map = flip::error_map(&picture_shown, &reference_shown);
+    cancel.check()?;
+    let ssim = ssim::mean(&picture_shown, &reference_shown);
+    cancel.check()?;
+    let pdiff = pdiff::fraction(&picture_shown, &reference_shown);
+    cancel.check()?;
     let scores = Scores {
         rmse: linear.rmse,
         relmse: linear.relmse,
         relmse_trimmed: linear.relmse_trimmed,
         bias: linear.bias,
         flip: flip::mean(&error_map),
-        ssim: ssim::mean(&picture_shown, &reference_shown),
-        pdiff: pdiff::fraction(&picture_shown, &reference_shown),
+        ssim,
+        pdiff,
         max_abs: linear.max_abs,
         non_finite: picture.non_finite(),
         exposure,
