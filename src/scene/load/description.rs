@@ -6,7 +6,7 @@ use super::field::{Field, Number, Scale};
 use super::files::{Files, beside, extension};
 use super::part::Part;
 use super::table::{Document, Table};
-use super::{BRIGHTEST, builtin, normals, nrrd, place, ply, raw, texture};
+use super::{BRIGHTEST, builtin, normals, nrrd, place, ply, raw, texture, vdb};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 use std::path::{Path, PathBuf};
@@ -432,7 +432,7 @@ fn field(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Resul
             };
             Some((dims, number, big_endian))
         }
-        "nrrd" | "nhdr" => None,
+        "nrrd" | "nhdr" | "vdb" => None,
         other => {
             return Err(table
                 .error(format_args!(
@@ -441,9 +441,11 @@ fn field(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Resul
                 .hint("volumes are .vdb, .nrrd, .nhdr or .raw files"));
         }
     };
+    let grid = table.get("grid").map(|i| i.text()).transpose()?;
     let content = files.read("volume", path).map_err(|e| table.locate(e))?;
     let field = match layout {
         Some((dims, number, big_endian)) => raw::read(content, dims, number, big_endian),
+        None if kind == "vdb" => vdb::read(&content, grid, files),
         None => nrrd::read(content, path, files),
     };
     field.map_err(|e| e.at(path.display()))

@@ -95,6 +95,7 @@ mod ply;
 mod raw;
 mod table;
 mod texture;
+mod vdb;
 
 use super::Scene;
 use crate::{Error, Result};
