@@ -1,13 +1,13 @@
 //! The scene file: from TOML tables to a [`Draft`]. The schema is described in the parent module.
 
 use super::super::{Film, Light};
-use super::draft::{Draft, DraftCamera, DraftLight, DraftVolume, look_at};
+use super::draft::{DEFAULT_FILM, Draft, DraftCamera, DraftLight, DraftVolume, look_at};
 use super::field::{Field, Number, Scale};
 use super::files::{Files, beside, extension};
 use super::part::Part;
 use super::table::{Document, Table};
-use super::{BRIGHTEST, builtin, normals, nrrd, place, ply, raw, texture};
-use crate::{Error, Result};
+use super::{BRIGHTEST, builtin, gltf, normals, nrrd, obj, place, ply, raw, texture, vdb};
+use crate::Result;
 use glam::{DAffine3, DVec3};
 use std::path::{Path, PathBuf};
 
@@ -260,23 +260,31 @@ fn named<'a>(table: &Table<'a>, scene: &Path) -> Result<(&'a str, PathBuf)> {
     Ok((name, beside(scene, name)))
 }
 
-fn mesh(table: &Table<'_>, scene: &Path, _draft: &mut Draft, files: &mut Files) -> Result<Part> {
+fn mesh(table: &Table<'_>, scene: &Path, draft: &mut Draft, files: &mut Files) -> Result<Part> {
     let world_from_part = place::from_keys(table)?;
     let (name, path) = named(table, scene)?;
     let palette = match table.get("palette") {
         Some(item) => Some(item.colors(1.0)?),
         None => None,
     };
+    let imports = imports(table, &extension(&path))?;
     let mut part = match name.strip_prefix("builtin:") {
         Some(shape) => builtin::mesh(shape).map_err(|e| table.locate(e))?,
         None => {
+            let kind = extension(&path);
+            if !["obj", "ply", "gltf", "glb"].contains(&kind.as_str()) {
+                return Err(table
+                    .error(format_args!(
+                        "a mesh with the extension \"{kind}\" is not supported"
+                    ))
+                    .hint("meshes are .obj, .ply, .gltf or .glb files"));
+            }
             let content = files.read("mesh", &path).map_err(|e| table.locate(e))?;
-            let part = match extension(&path).as_str() {
+            let part = match kind.as_str() {
                 "ply" => ply::read(&content, palette.as_deref()),
-                other => Err(Error::input(format!(
-                    "a mesh with the extension \"{other}\" is not supported"
-                ))
-                .hint("meshes are .obj, .ply, .gltf or .glb files")),
+                "obj" => obj::read(&content, &path, files),
+                _ => gltf::read(&content, &path, files)
+                    .and_then(|import| take(import, &imports, &world_from_part, draft)),
             };
             part.map_err(|e| e.at(path.display()))?
         }
@@ -324,6 +332,48 @@ fn mesh(table: &Table<'_>, scene: &Path, _draft: &mut Draft, files: &mut Files) 
     // Placement can take finite positions out of range.
     part.check().map_err(|e| e.at(name))?;
     Ok(part)
+}
+
+/// What to take from a glTF beside its meshes: 0 for cameras, 1 for lights.
+fn imports(table: &Table<'_>, kind: &str) -> Result<Vec<usize>> {
+    let Some(item) = table.get("import") else {
+        return Ok(Vec::new());
+    };
+    if !["gltf", "glb"].contains(&kind) {
+        return Err(item.error("only .gltf and .glb files have this key"));
+    }
+    item.choices(&["cameras", "lights"])
+}
+
+/// Moves cameras and lights of a glTF into place and into the draft; the meshes are returned as they are.
+fn take(
+    import: gltf::Import,
+    imports: &[usize],
+    world_from_file: &DAffine3,
+    draft: &mut Draft,
+) -> Result<Part> {
+    if imports.contains(&0) {
+        let film = draft.film.unwrap_or(DEFAULT_FILM);
+        for mut camera in import.cameras {
+            let moved = *world_from_file * camera.world_from_camera;
+            camera.world_from_camera = gltf::without_scale(&moved);
+            let camera = camera.for_film(&film)?;
+            draft.add_camera(camera);
+        }
+    }
+    if imports.contains(&1) {
+        for mut light in import.lights {
+            light.position = world_from_file.transform_point3(light.position);
+            if let Light::Spot { direction, .. } | Light::Directional { direction, .. } =
+                &mut light.light
+            {
+                let moved = world_from_file.transform_vector3(direction.as_dvec3());
+                *direction = moved.normalize().as_vec3();
+            }
+            draft.lights.push(light);
+        }
+    }
+    Ok(import.part)
 }
 
 fn shading_normals(table: &Table<'_>, part: &mut Part) -> Result<()> {
@@ -432,7 +482,7 @@ fn field(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Resul
             };
             Some((dims, number, big_endian))
         }
-        "nrrd" | "nhdr" => None,
+        "nrrd" | "nhdr" | "vdb" => None,
         other => {
             return Err(table
                 .error(format_args!(
@@ -441,9 +491,11 @@ fn field(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Resul
                 .hint("volumes are .vdb, .nrrd, .nhdr or .raw files"));
         }
     };
+    let grid = table.get("grid").map(|i| i.text()).transpose()?;
     let content = files.read("volume", path).map_err(|e| table.locate(e))?;
     let field = match layout {
         Some((dims, number, big_endian)) => raw::read(content, dims, number, big_endian),
+        None if kind == "vdb" => vdb::read(&content, grid, files),
         None => nrrd::read(content, path, files),
     };
     field.map_err(|e| e.at(path.display()))

@@ -88,6 +88,18 @@ pub(super) fn look_at(position: DVec3, target: DVec3, up: DVec3) -> Option<DAffi
 }
 
 impl Draft {
+    /// Adds a camera from a file that may give several the same name.
+    pub(super) fn add_camera(&mut self, mut camera: DraftCamera) {
+        let taken = |name: &str| self.cameras.iter().any(|c| c.name == name);
+        let plain = camera.name.clone();
+        let mut number = 2;
+        while taken(&camera.name) {
+            camera.name = format!("{plain} {number}");
+            number += 1;
+        }
+        self.cameras.push(camera);
+    }
+
     /// The checked scene.
     pub(super) fn finish(mut self, mut files: Files) -> Result<Scene> {
         let bounds = self.bounds();

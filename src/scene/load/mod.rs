@@ -87,14 +87,18 @@ mod description;
 mod draft;
 mod field;
 mod files;
+mod gltf;
+mod mtl;
 mod normals;
 mod nrrd;
+mod obj;
 mod part;
 mod place;
 mod ply;
 mod raw;
 mod table;
 mod texture;
+mod vdb;
 
 use super::Scene;
 use crate::{Error, Result};
@@ -112,20 +116,28 @@ impl Scene {
     /// element.
     pub fn load(path: &Path) -> Result<Self> {
         let mut files = Files::default();
-        match files::extension(path).as_str() {
+        let draft = match files::extension(path).as_str() {
             "toml" => {
                 let text = files.read("scene", path)?;
                 let text = String::from_utf8(text).map_err(|e| {
                     Error::input(format!("{}: not UTF-8 text: {e}", path.display()))
                 })?;
-                let draft = description::read(&text, path, &mut files)?;
-                draft.finish(files).map_err(|e| e.at(path.display()))
+                description::read(&text, path, &mut files)?
             }
-            other => Err(Error::input(format!(
-                "{}: expected a scene file, found the extension \"{other}\"",
-                path.display()
-            ))
-            .hint("scenes are .toml, .gltf or .glb files")),
-        }
+            "gltf" | "glb" => {
+                let content = files.read("scene", path)?;
+                let import =
+                    gltf::read(&content, path, &mut files).map_err(|e| e.at(path.display()))?;
+                import.into_draft(path).map_err(|e| e.at(path.display()))?
+            }
+            other => {
+                return Err(Error::input(format!(
+                    "{}: expected a scene file, found the extension \"{other}\"",
+                    path.display()
+                ))
+                .hint("scenes are .toml, .gltf or .glb files"));
+            }
+        };
+        draft.finish(files).map_err(|e| e.at(path.display()))
     }
 }

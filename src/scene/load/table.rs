@@ -210,6 +210,18 @@ impl<'a> Item<'a> {
         })
     }
 
+    /// A list of texts that are among `choices`; their places there.
+    pub(super) fn choices(&self, choices: &[&str]) -> Result<Vec<usize>> {
+        let array = self.value.get_ref().as_array();
+        let array = array.ok_or_else(|| self.expected("a list of texts"))?;
+        let items = array.iter().map(|value| Item {
+            document: self.document,
+            place: self.place.clone(),
+            value,
+        });
+        items.map(|item| item.choice(choices)).collect()
+    }
+
     /// `true` or `false`.
     pub(super) fn flag(&self) -> Result<bool> {
         let flag = self.value.get_ref().as_bool();

@@ -1,0 +1,521 @@
+//! glTF 2.0, as text or binary: the default scene's meshes, materials, cameras and punctual lights.
+//!
+//! Base colour (factor, texture, vertex colours) is the albedo, whatever the metalness; emissive factor times strength
+//! is radiance. Lights are taken as radiometric: candela is intensity, lux is irradiance, 1:1. Skins, morph targets,
+//! animations and transparency are left out; an emissive texture is replaced by its mean.
+
+mod buffers;
+
+use super::super::{Film, Light, Material};
+use super::draft::{DEFAULT_FILM, Draft, DraftCamera, DraftLight};
+use super::files::Files;
+use super::part::{Part, diffuse};
+use super::{place, texture};
+use crate::{Error, Result};
+use ::gltf::camera::Projection;
+use ::gltf::khr_lights_punctual::Kind;
+use ::gltf::material::AlphaMode;
+use ::gltf::mesh::{Mode, Primitive, Semantic};
+use ::gltf::scene::Transform;
+use ::gltf::{Document, Gltf, Node};
+use buffers::Buffers;
+use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, Vec2, Vec3};
+use std::collections::HashMap;
+use std::path::Path;
+
+/// What exporters multiply by that turn radiometric lights into photometric ones.
+const LUMENS_PER_WATT: f32 = 683.0;
+
+/// What a glTF file holds.
+#[derive(Default)]
+pub(super) struct Import {
+    /// All meshes, in place.
+    pub(super) part: Part,
+    pub(super) cameras: Vec<ImportedCamera>,
+    pub(super) lights: Vec<DraftLight>,
+}
+
+/// A perspective camera.
+pub(super) struct ImportedCamera {
+    pub(super) name: String,
+    /// Rotation and position.
+    pub(super) world_from_camera: DAffine3,
+    pub(super) fov_y_rad: f64,
+    /// Width over height, if the file states it.
+    pub(super) aspect: Option<f64>,
+}
+
+impl Import {
+    /// The file as a whole scene, the film as wide as its first camera sees.
+    pub(super) fn into_draft(self, path: &Path) -> Result<Draft> {
+        self.part.check()?;
+        let mut film = DEFAULT_FILM;
+        if let Some(aspect) = self.cameras.first().and_then(|c| c.aspect) {
+            film.height = (f64::from(film.width) / aspect).round().clamp(1.0, 65536.0) as u32;
+        }
+        let mut draft = Draft {
+            name: path
+                .file_stem()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into(),
+            film: Some(film),
+            lights: self.lights,
+            ..Draft::default()
+        };
+        for camera in self.cameras {
+            let camera = camera.for_film(&film)?;
+            draft.add_camera(camera);
+        }
+        draft.parts.push(self.part);
+        Ok(draft)
+    }
+}
+
+impl ImportedCamera {
+    /// The camera for a film: what it sees from top to bottom stays, from side to side goes with the film.
+    pub(super) fn for_film(self, film: &Film) -> Result<DraftCamera> {
+        let aspect = f64::from(film.width) / f64::from(film.height);
+        if !(self.fov_y_rad > 1e-4 && self.fov_y_rad < 3.13) {
+            return Err(Error::input(format!(
+                "camera `{}`: expected a field of view above 0 and below pi, found {}",
+                self.name, self.fov_y_rad
+            )));
+        }
+        Ok(DraftCamera {
+            name: self.name,
+            world_from_camera: self.world_from_camera,
+            fov_x_rad: 2.0 * ((0.5 * self.fov_y_rad).tan() * aspect).atan(),
+        })
+    }
+}
+
+/// Reads a `.gltf` or `.glb` file and the files that it names.
+pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Import> {
+    check_length(content)?;
+    let gltf = Gltf::from_slice_without_validation(content).map_err(unreadable)?;
+    let mut json = gltf.document.into_json();
+    check_attributes(&json)?;
+    mend_textures(&mut json);
+    let mut gltf = Gltf {
+        document: Document::from_json(json).map_err(unreadable)?,
+        blob: gltf.blob,
+    };
+    let buffers = Buffers::read(&mut gltf, path, files)?;
+    let mut reader = Reader {
+        path,
+        files,
+        document: &gltf.document,
+        buffers,
+        materials: HashMap::new(),
+        textures: HashMap::new(),
+        out: Import::default(),
+        list: Part::default(),
+    };
+    reader.nodes()?;
+    reader.out.part.materials = reader.list.materials;
+    reader.out.part.textures = reader.list.textures;
+    Ok(reader.out)
+}
+
+/// The crate takes the length in the header on trust.
+fn check_length(content: &[u8]) -> Result<()> {
+    if !content.starts_with(b"glTF") {
+        return Ok(());
+    }
+    let stated = content
+        .get(8..12)
+        .map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+    match stated {
+        Some(n) if n >= 20 && n as usize <= content.len() => Ok(()),
+        _ => Err(Error::input(format!(
+            "expected {} bytes as the header says, found {}; the file is truncated or damaged",
+            stated.unwrap_or(20),
+            content.len()
+        ))),
+    }
+}
+
+fn unreadable(e: ::gltf::Error) -> Error {
+    Error::input(format!("not a glTF file that can be read: {e}"))
+}
+
+/// The crate's own validation takes it on trust that positions have an accessor.
+fn check_attributes(json: &::gltf::json::Root) -> Result<()> {
+    for (m, mesh) in json.meshes.iter().enumerate() {
+        for (p, primitive) in mesh.primitives.iter().enumerate() {
+            for accessor in primitive.attributes.values() {
+                let count = json.accessors.len();
+                if accessor.value() >= count {
+                    return Err(Error::input(format!(
+                        "mesh {m}, primitive {p}: refers to accessor {}, but there are {count}",
+                        accessor.value()
+                    )));
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Some writers list textures of images that are not there; that is wrong only where a material uses one.
+fn mend_textures(json: &mut ::gltf::json::Root) {
+    let count = json.images.len();
+    let nowhere = ::gltf::json::Index::new(count as u32);
+    let mut mended = false;
+    for texture in &mut json.textures {
+        if texture.source.value() >= count {
+            texture.source = nowhere;
+            mended = true;
+        }
+    }
+    if mended {
+        json.images.push(::gltf::json::Image {
+            buffer_view: None,
+            mime_type: None,
+            name: None,
+            uri: None,
+            extensions: None,
+            extras: None,
+        });
+    }
+}
+
+struct Reader<'a> {
+    path: &'a Path,
+    files: &'a mut Files,
+    document: &'a Document,
+    buffers: Buffers,
+    /// Index in `list` of each material of the file; `None` is the default material.
+    materials: HashMap<Option<usize>, u32>,
+    /// Index in `list` of each image of the file.
+    textures: HashMap<usize, u32>,
+    out: Import,
+    /// Holds the materials and textures, which all meshes share.
+    list: Part,
+}
+
+impl Reader<'_> {
+    fn nodes(&mut self) -> Result<()> {
+        let document = self.document;
+        let scene = document
+            .default_scene()
+            .or_else(|| document.scenes().next());
+        let mut stack: Vec<(Node<'_>, DAffine3)> = match scene {
+            Some(scene) => scene.nodes().map(|n| (n, DAffine3::IDENTITY)).collect(),
+            None => {
+                return Err(Error::input(
+                    "the file has no scene: only a library of meshes",
+                ));
+            }
+        };
+        // Children in order of the file: the last in comes out first.
+        stack.reverse();
+        let mut seen = vec![false; document.nodes().len()];
+        while let Some((node, world_from_parent)) = stack.pop() {
+            let index = node.index();
+            if std::mem::replace(&mut seen[index], true) {
+                return Err(Error::input(format!(
+                    "node {index} has two parents, or is among its own descendants"
+                )));
+            }
+            let world_from_node = world_from_parent * local(&node);
+            self.node(&node, &world_from_node)
+                .map_err(|e| e.at(format!("node {index}{}", quoted(node.name()))))?;
+            let children = stack.len();
+            stack.extend(node.children().map(|child| (child, world_from_node)));
+            stack[children..].reverse();
+        }
+        Ok(())
+    }
+
+    fn node(&mut self, node: &Node<'_>, world_from_node: &DAffine3) -> Result<()> {
+        let is_used = node.mesh().is_some() || node.camera().is_some() || node.light().is_some();
+        if is_used && place::is_singular(world_from_node) {
+            self.warn(format!(
+                "node {}{} is scaled to nothing and left out",
+                node.index(),
+                quoted(node.name())
+            ));
+            return Ok(());
+        }
+        if let Some(mesh) = node.mesh() {
+            for primitive in mesh.primitives() {
+                let mut part = self
+                    .primitive(&primitive)
+                    .map_err(|e| e.at(format!("primitive {}", primitive.index())))?;
+                part.transform(world_from_node);
+                let total = self.out.part.positions.len() + part.positions.len();
+                if total > u32::MAX as usize {
+                    return Err(Error::input(
+                        "more vertices than can be indexed with 32 bits",
+                    ));
+                }
+                self.out.part.append(part);
+            }
+        }
+        if let Some(camera) = node.camera() {
+            let name = camera.name().or(node.name()).unwrap_or("camera");
+            match camera.projection() {
+                Projection::Perspective(lens) => self.out.cameras.push(ImportedCamera {
+                    name: name.into(),
+                    world_from_camera: without_scale(world_from_node),
+                    fov_y_rad: lens.yfov().into(),
+                    aspect: lens.aspect_ratio().map(f64::from),
+                }),
+                Projection::Orthographic(_) => self.warn(format!(
+                    "camera `{name}` is orthographic and left out: only perspective is supported"
+                )),
+            }
+        }
+        if let Some(light) = node.light() {
+            let intensity = light.color().map(|c| c * light.intensity());
+            if !(intensity.iter()).all(|x| (0.0..=super::BRIGHTEST).contains(x)) {
+                return Err(Error::input(format!(
+                    "a light of intensity {intensity:?}: negative or not finite"
+                )));
+            }
+            if intensity.iter().any(|x| *x >= LUMENS_PER_WATT) {
+                self.warn(format!(
+                    "a light of intensity {intensity:?} is taken as radiometric; if it is in candela or lux, divide \
+                     the exposure by {LUMENS_PER_WATT}"
+                ));
+            }
+            let direction = -without_scale(world_from_node).matrix3.z_axis.as_vec3();
+            let position = Vec3::ZERO;
+            let light = match light.kind() {
+                Kind::Point => Light::Point {
+                    position,
+                    intensity,
+                },
+                Kind::Spot {
+                    inner_cone_angle,
+                    outer_cone_angle,
+                } => {
+                    let (cos_inner, cos_outer) = (inner_cone_angle.cos(), outer_cone_angle.cos());
+                    if !(inner_cone_angle >= 0.0 && cos_inner > cos_outer) {
+                        return Err(Error::input(format!(
+                            "a spot light of cone angles {inner_cone_angle} and {outer_cone_angle}: the inner must be smaller"
+                        )));
+                    }
+                    Light::Spot {
+                        position,
+                        direction,
+                        intensity,
+                        cos_inner,
+                        cos_outer,
+                    }
+                }
+                Kind::Directional => Light::Directional {
+                    direction,
+                    irradiance: intensity,
+                    angular_radius_rad: 0.0,
+                },
+            };
+            self.out.lights.push(DraftLight {
+                light,
+                position: world_from_node.translation,
+            });
+        }
+        Ok(())
+    }
+
+    fn primitive(&mut self, primitive: &Primitive<'_>) -> Result<Part> {
+        let mut part = Part::default();
+        let positions = primitive.get(&Semantic::Positions);
+        let positions = positions.ok_or_else(|| Error::input("a mesh without positions"))?;
+        let positions = self.buffers.floats::<3>(&positions)?;
+        let count = positions.len();
+        part.positions = positions
+            .into_iter()
+            .map(|p| Vec3::from(p).as_dvec3())
+            .collect();
+        let indices = match primitive.indices() {
+            Some(accessor) => self.buffers.indices(&accessor)?,
+            None => (0..count as u32).collect(),
+        };
+        part.triangles = match primitive.mode() {
+            Mode::Triangles => indices
+                .chunks_exact(3)
+                .map(|t| [t[0], t[1], t[2]])
+                .collect(),
+            Mode::TriangleStrip => indices
+                .windows(3)
+                .enumerate()
+                .map(|(i, t)| match i % 2 {
+                    0 => [t[0], t[1], t[2]],
+                    _ => [t[0], t[2], t[1]],
+                })
+                .collect(),
+            Mode::TriangleFan => indices
+                .windows(2)
+                .skip(1)
+                .map(|t| [indices[0], t[0], t[1]])
+                .collect(),
+            _ => {
+                self.warn("points and lines are left out".into());
+                return Ok(Part::default());
+            }
+        };
+        let same_count = |found: usize, what: &str| match found == count {
+            true => Ok(()),
+            false => Err(Error::input(format!(
+                "expected {count} {what}, one for each position, found {found}"
+            ))),
+        };
+        if let Some(accessor) = primitive.get(&Semantic::Normals) {
+            let normals = self.buffers.floats::<3>(&accessor)?;
+            same_count(normals.len(), "normals")?;
+            part.normals = normals.into_iter().map(Vec3::from).collect();
+        }
+        if let Some(accessor) = primitive.get(&Semantic::Colors(0)) {
+            part.colors = match accessor.dimensions().multiplicity() {
+                4 => {
+                    let colors = self.buffers.floats::<4>(&accessor)?;
+                    colors.into_iter().map(|[r, g, b, _]| [r, g, b]).collect()
+                }
+                _ => self.buffers.floats::<3>(&accessor)?,
+            };
+            same_count(part.colors.len(), "colours")?;
+        }
+        let material = primitive.material();
+        let set = material
+            .pbr_metallic_roughness()
+            .base_color_texture()
+            .map_or(0, |t| t.tex_coord());
+        if let Some(accessor) = primitive.get(&Semantic::TexCoords(set)) {
+            let uvs = self.buffers.floats::<2>(&accessor)?;
+            same_count(uvs.len(), "texture coordinates")?;
+            part.uvs = uvs.into_iter().map(Vec2::from).collect();
+        }
+        let index = self.material(&material)?;
+        let textured = self.list.materials[index as usize].texture.is_some();
+        if textured && part.uvs.is_empty() {
+            return Err(Error::input(format!(
+                "the material{} has a texture, but there are no texture coordinates (set {set})",
+                quoted(material.name())
+            )));
+        }
+        part.material = vec![index; part.triangles.len()];
+        Ok(part)
+    }
+
+    fn material(&mut self, material: &::gltf::Material<'_>) -> Result<u32> {
+        if let Some(&index) = self.materials.get(&material.index()) {
+            return Ok(index);
+        }
+        let name = material.name().unwrap_or("gltf");
+        let base = material.pbr_metallic_roughness();
+        let [r, g, b, _] = base.base_color_factor();
+        let mut made: Material = diffuse(name, [r, g, b]);
+        let strength = material.emissive_strength().unwrap_or(1.0);
+        made.emission = material.emissive_factor().map(|e| e * strength);
+        // Both sides are drawn, so both shine.
+        made.emits_both_sides = material.double_sided();
+        if let Some(info) = material.emissive_texture()
+            && made.emission != [0.0; 3]
+        {
+            let image = info.texture().source().index();
+            let mean = self
+                .mean(image)
+                .map_err(|e| e.at(format!("image {image}")))?;
+            made.emission = std::array::from_fn(|i| made.emission[i] * mean[i]);
+            self.warn(format!(
+                "material `{name}` shines evenly, with the mean of its emissive texture"
+            ));
+        }
+        if material.alpha_mode() != AlphaMode::Opaque {
+            self.warn(format!("material `{name}` is taken as opaque"));
+        }
+        if let Some(info) = base.base_color_texture() {
+            let image = info.texture().source().index();
+            made.texture = Some(
+                self.texture(image)
+                    .map_err(|e| e.at(format!("image {image}")))?,
+            );
+        }
+        let index = self.list.materials.len() as u32;
+        self.list.materials.push(made);
+        self.materials.insert(material.index(), index);
+        Ok(index)
+    }
+
+    fn texture(&mut self, image: usize) -> Result<u32> {
+        if let Some(&index) = self.textures.get(&image) {
+            return Ok(index);
+        }
+        let content = self
+            .buffers
+            .image(self.document, image, self.path, self.files)?;
+        let index = self.list.textures.len() as u32;
+        self.list.textures.push(texture::decode(&content)?);
+        self.textures.insert(image, index);
+        Ok(index)
+    }
+
+    /// The mean colour of an image.
+    fn mean(&mut self, image: usize) -> Result<[f32; 3]> {
+        let content = self
+            .buffers
+            .image(self.document, image, self.path, self.files)?;
+        let texels = texture::decode(&content)?.texels;
+        let sum = texels.iter().fold(DVec3::ZERO, |sum, texel| {
+            sum + Vec3::from(*texel).as_dvec3()
+        });
+        Ok((sum / texels.len() as f64).as_vec3().to_array())
+    }
+
+    fn warn(&mut self, message: String) {
+        let message = format!("{}: {message}", self.path.display());
+        // One primitive after another may have the same to say.
+        if !self.files.warnings.contains(&message) {
+            self.files.warn(message);
+        }
+    }
+}
+
+fn quoted(name: Option<&str>) -> String {
+    name.map_or(String::new(), |n| format!(" `{n}`"))
+}
+
+/// The map from a node to its parent, in f64.
+fn local(node: &Node<'_>) -> DAffine3 {
+    match node.transform() {
+        Transform::Matrix { matrix } => {
+            let columns = matrix.map(|column| column.map(f64::from));
+            DAffine3::from_mat4(DMat4::from_cols_array_2d(&columns))
+        }
+        Transform::Decomposed {
+            translation,
+            rotation,
+            scale,
+        } => {
+            let rotation = DQuat::from_array(rotation.map(f64::from));
+            // A quaternion of zeros becomes no rotation rather than no numbers.
+            let length = rotation.length();
+            let rotation = match length.is_finite() && length > 0.0 {
+                true => rotation / length,
+                false => DQuat::IDENTITY,
+            };
+            DAffine3::from_scale_rotation_translation(
+                DVec3::from(scale.map(f64::from)),
+                rotation,
+                DVec3::from(translation.map(f64::from)),
+            )
+        }
+    }
+}
+
+/// The rotation and position that come nearest to a map that is not singular; its z axis keeps its direction.
+pub(super) fn without_scale(map: &DAffine3) -> DAffine3 {
+    let m = map.matrix3;
+    let back = m.z_axis.normalize();
+    let right = m.y_axis.cross(back).normalize();
+    DAffine3 {
+        matrix3: DMat3::from_cols(right, back.cross(right), back),
+        translation: map.translation,
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,252 @@
+//! Small glTF files written here, and what becomes of them.
+
+use super::*;
+use serde_json::{Value, json};
+
+/// A triangle with a node above it, a camera, and lights of all kinds; one buffer of 36 + 36 + 6 bytes.
+fn sample() -> (Value, Vec<u8>) {
+    let mut bin: Vec<u8> = Vec::new();
+    for x in [[0_f32, 0., 0.], [1., 0., 0.], [0., 1., 0.]] {
+        bin.extend(x.iter().flat_map(|v| v.to_le_bytes()));
+    }
+    for _ in 0..3 {
+        bin.extend([0_f32, 0., 1.].iter().flat_map(|v| v.to_le_bytes()));
+    }
+    bin.extend([0_u16, 1, 2].iter().flat_map(|v| v.to_le_bytes()));
+    bin.extend([0, 0]);
+    let json = json!({
+        "asset": { "version": "2.0" },
+        "extensionsUsed": ["KHR_lights_punctual", "KHR_materials_emissive_strength"],
+        "extensions": { "KHR_lights_punctual": { "lights": [
+            { "type": "point", "intensity": 4.0, "color": [1.0, 0.5, 0.0] },
+            { "type": "spot", "intensity": 2.0,
+              "spot": { "innerConeAngle": 0.25, "outerConeAngle": 0.5 } },
+            { "type": "directional", "intensity": 3.0 },
+        ] } },
+        "scene": 0,
+        "scenes": [{ "nodes": [0, 2, 3, 4] }],
+        "nodes": [
+            { "name": "up", "translation": [0.0, 10.0, 0.0], "children": [1] },
+            { "mesh": 0, "scale": [2.0, 2.0, 2.0] },
+            { "camera": 0, "translation": [0.0, 0.0, 5.0], "scale": [3.0, 3.0, 3.0],
+              "extensions": { "KHR_lights_punctual": { "light": 0 } } },
+            { "rotation": [-0.70710678, 0.0, 0.0, 0.70710678], "translation": [1.0, 2.0, 3.0],
+              "extensions": { "KHR_lights_punctual": { "light": 1 } } },
+            { "extensions": { "KHR_lights_punctual": { "light": 2 } } },
+        ],
+        "cameras": [{ "type": "perspective",
+            "perspective": { "yfov": 0.8, "znear": 0.1, "aspectRatio": 2.0 } }],
+        "materials": [{ "name": "glow", "doubleSided": true,
+            "emissiveFactor": [0.5, 1.0, 0.0],
+            "extensions": { "KHR_materials_emissive_strength": { "emissiveStrength": 6.0 } },
+            "pbrMetallicRoughness": { "baseColorFactor": [0.1, 0.2, 0.3, 1.0] } }],
+        "meshes": [{ "primitives": [{ "material": 0, "indices": 2,
+            "attributes": { "POSITION": 0, "NORMAL": 1 } }] }],
+        "accessors": [
+            { "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3",
+              "min": [0.0, 0.0, 0.0], "max": [1.0, 1.0, 0.0] },
+            { "bufferView": 0, "byteOffset": 36, "componentType": 5126, "count": 3, "type": "VEC3" },
+            { "bufferView": 1, "componentType": 5123, "count": 3, "type": "SCALAR" },
+        ],
+        "bufferViews": [
+            { "buffer": 0, "byteLength": 72 },
+            { "buffer": 0, "byteOffset": 72, "byteLength": 6 },
+        ],
+        "buffers": [{ "byteLength": bin.len() }],
+    });
+    (json, bin)
+}
+
+fn glb(json: &Value, bin: &[u8]) -> Vec<u8> {
+    let mut text = json.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let length = 12 + 8 + text.len() + 8 + bin.len();
+    let mut out = b"glTF".to_vec();
+    out.extend([2, length as u32].iter().flat_map(|n| n.to_le_bytes()));
+    out.extend((text.len() as u32).to_le_bytes());
+    out.extend(b"JSON");
+    out.extend(text);
+    out.extend((bin.len() as u32).to_le_bytes());
+    out.extend(b"BIN\0");
+    out.extend(bin);
+    out
+}
+
+fn load(content: &[u8]) -> Result<Import> {
+    read(content, Path::new("x.glb"), &mut Files::default())
+}
+
+#[test]
+fn nodes_materials_cameras_and_lights_arrive_in_place() {
+    let (json, bin) = sample();
+    let import = load(&glb(&json, &bin)).unwrap();
+    let part = &import.part;
+    part.check().unwrap();
+    assert_eq!(part.positions[2], DVec3::new(0.0, 12.0, 0.0));
+    assert_eq!(part.normals[0], Vec3::Z);
+    assert_eq!(part.triangles, [[0, 1, 2]]);
+    let material = &part.materials[0];
+    assert_eq!(material.albedo, [0.1, 0.2, 0.3]);
+    assert_eq!(material.emission, [3.0, 6.0, 0.0]);
+    assert!(material.emits_both_sides);
+    assert_eq!(
+        import.lights[0].light,
+        Light::Point {
+            position: Vec3::ZERO,
+            intensity: [4.0, 2.0, 0.0]
+        }
+    );
+    assert_eq!(import.lights[0].position, DVec3::new(0.0, 0.0, 5.0));
+    let Light::Spot {
+        direction,
+        cos_outer,
+        ..
+    } = import.lights[1].light
+    else {
+        panic!("{:?}", import.lights[1].light)
+    };
+    assert!((direction - Vec3::NEG_Y).length() < 1e-6, "{direction}");
+    assert_eq!(cos_outer, 0.5_f32.cos());
+    let draft = import.into_draft(Path::new("a/x.glb")).unwrap();
+    assert_eq!(draft.film.unwrap().height, 320);
+    let camera = &draft.cameras[0];
+    assert_eq!(camera.world_from_camera.matrix3, DMat3::IDENTITY);
+    let expected = 2.0 * (0.4_f64.tan() * 2.0).atan();
+    assert!((camera.fov_x_rad - expected).abs() < 1e-6);
+}
+
+#[test]
+fn strips_fans_sparse_and_packed_attributes_are_read() {
+    let (mut json, bin) = sample();
+    json["meshes"][0]["primitives"][0]["mode"] = json!(5);
+    assert_eq!(load(&glb(&json, &bin)).unwrap().part.triangles.len(), 1);
+    json["meshes"][0]["primitives"][0]["mode"] = json!(6);
+    assert_eq!(load(&glb(&json, &bin)).unwrap().part.triangles, [[0, 1, 2]]);
+    // Vertex 2 is moved to where vertex 1 is.
+    json["accessors"][0]["sparse"] = json!({ "count": 1,
+        "indices": { "bufferView": 1, "byteOffset": 4, "componentType": 5123 },
+        "values": { "bufferView": 0, "byteOffset": 12 } });
+    let part = load(&glb(&json, &bin)).unwrap().part;
+    assert_eq!(part.positions[2], DVec3::new(2.0, 10.0, 0.0));
+}
+
+#[test]
+fn a_texture_of_no_image_is_wrong_only_where_it_is_used() {
+    let (mut json, bin) = sample();
+    json["textures"] = json!([{ "source": 3 }]);
+    load(&glb(&json, &bin)).unwrap();
+    json["materials"][0]["emissiveTexture"] = json!({ "index": 0 });
+    let e = load(&glb(&json, &bin)).map(|_| ()).unwrap_err().to_string();
+    assert!(e.contains("neither a URI nor a buffer view"), "{e}");
+}
+
+#[test]
+fn wrong_files_are_refused_with_the_place() {
+    let message = |change: &dyn Fn(&mut Value)| {
+        let (mut json, bin) = sample();
+        change(&mut json);
+        load(&glb(&json, &bin)).map(|_| ()).unwrap_err().to_string()
+    };
+    let cycle = message(&|j| j["nodes"][1]["children"] = json!([0]));
+    assert!(cycle.contains("two parents"), "{cycle}");
+    let beyond = message(&|j| j["accessors"][0]["count"] = json!(4_000_000_000_u32));
+    assert!(
+        beyond.contains("accessor 0: 4000000000 elements"),
+        "{beyond}"
+    );
+    let stride = message(&|j| j["bufferViews"][0]["byteStride"] = json!(4));
+    assert!(stride.contains("4 apart"), "{stride}");
+    let count = message(&|j| j["accessors"][1]["count"] = json!(2));
+    assert!(count.contains("expected 3 normals"), "{count}");
+    let spot = message(&|j| {
+        j["extensions"]["KHR_lights_punctual"]["lights"][1]["spot"]["innerConeAngle"] = json!(0.6);
+    });
+    assert!(spot.contains("inner must be smaller"), "{spot}");
+    let dark = message(&|j| {
+        j["extensions"]["KHR_lights_punctual"]["lights"][0]["intensity"] = json!(-1.0);
+    });
+    assert!(dark.contains("negative"), "{dark}");
+    let buffer = message(&|j| j["buffers"][0]["uri"] = json!("http://x/y"));
+    assert!(
+        buffer.contains("buffer 0: expected a file beside"),
+        "{buffer}"
+    );
+    let unknown = message(&|j| j["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]));
+    assert!(unknown.contains("not a glTF file"), "{unknown}");
+}
+
+/// Calls `visit` with a copy of the document for each value in it, that value taken out or replaced.
+fn each_damage(json: &Value, visit: &mut dyn FnMut(&Value)) {
+    fn paths(value: &Value, at: String, out: &mut Vec<String>) {
+        match value {
+            Value::Object(map) => {
+                for (key, inner) in map {
+                    paths(inner, format!("{at}/{key}"), out);
+                }
+            }
+            Value::Array(list) => {
+                for (i, inner) in list.iter().enumerate() {
+                    paths(inner, format!("{at}/{i}"), out);
+                }
+            }
+            _ => {}
+        }
+        out.push(at);
+    }
+    let mut all = Vec::new();
+    paths(json, String::new(), &mut all);
+    for path in all.iter().filter(|p| !p.is_empty()) {
+        for value in [
+            json!(null),
+            json!(0),
+            json!(-1),
+            json!(7),
+            json!(5125),
+            json!(u64::MAX),
+            json!(1e300),
+            json!("text"),
+            json!([]),
+            json!({}),
+        ] {
+            let mut damaged = json.clone();
+            *damaged.pointer_mut(path).unwrap() = value;
+            visit(&damaged);
+        }
+        let (parent, key) = path.rsplit_once('/').unwrap();
+        let mut damaged = json.clone();
+        match damaged.pointer_mut(parent) {
+            Some(Value::Object(map)) => {
+                map.remove(key);
+            }
+            Some(Value::Array(list)) => {
+                list.remove(key.parse().unwrap());
+            }
+            _ => {}
+        }
+        visit(&damaged);
+    }
+}
+
+#[test]
+fn damage_is_an_error_or_harmless_but_never_a_panic() {
+    let (json, bin) = sample();
+    let finish = |import: Result<Import>| {
+        if let Ok(import) = import
+            && let Ok(draft) = import.into_draft(Path::new("x.glb"))
+        {
+            let _ = draft.finish(Files::default());
+        }
+    };
+    each_damage(&json, &mut |damaged| finish(load(&glb(damaged, &bin))));
+    let content = glb(&json, &bin);
+    for cut in 0..content.len() {
+        finish(load(&content[..cut]));
+    }
+    for at in 0..content.len() {
+        for flip in [1, 2, 0x80, 0xff] {
+            let mut damaged = content.clone();
+            damaged[at] ^= flip;
+            finish(load(&damaged));
+        }
+    }
+}

@@ -1,0 +1,479 @@
+//! Files written here, byte by byte, in all the ways that are read.
+
+use super::super::field::Scale;
+use super::blosc::tests::pack;
+use super::*;
+use flate2::{Compression, write::ZlibEncoder};
+use std::io::Write;
+
+const SCALE: Scale = Scale {
+    sigma_t: 1.0,
+    window: None,
+};
+
+/// A grid of one 16^3 node with leaves at the given slots, or tiles.
+#[derive(Clone)]
+struct Spec {
+    version: u32,
+    compression: u32,
+    half: bool,
+    kind: String,
+    class: &'static str,
+    map: Vec<u8>,
+    /// Corner of the 4096^3 node of the root.
+    origin: [i32; 3],
+    /// Slots of the 16^3 node that hold leaves; voxels where the hash of their offset is even are active.
+    leaves: Vec<usize>,
+    /// Slot of an active tile of 8^3 voxels, and of one of 128^3.
+    tile_8: Option<(usize, f32)>,
+    tile_128: Option<(usize, f32)>,
+    root_tile: Option<([i32; 3], f32)>,
+    count: Option<i64>,
+}
+
+impl Default for Spec {
+    fn default() -> Self {
+        Self {
+            version: 224,
+            compression: 0,
+            half: false,
+            kind: "Tree_float_5_4_3".into(),
+            class: "fog volume",
+            map: uniform_scale(0.5),
+            origin: [0, 0, 0],
+            leaves: vec![0, 17, 4095],
+            tile_8: None,
+            tile_128: None,
+            root_tile: None,
+            count: None,
+        }
+    }
+}
+
+fn text(s: &str) -> Vec<u8> {
+    [&(s.len() as u32).to_le_bytes(), s.as_bytes()].concat()
+}
+
+fn doubles(values: &[f64]) -> Vec<u8> {
+    values.iter().flat_map(|v| v.to_le_bytes()).collect()
+}
+
+fn uniform_scale(scale: f64) -> Vec<u8> {
+    [text("UniformScaleMap"), doubles(&[scale; 15])].concat()
+}
+
+fn is_active(offset: usize) -> bool {
+    (offset * 0x9e37) >> 3 & 1 == 0
+}
+
+/// Value of a voxel by its offset in the leaf and the leaf's slot; exact as half.
+fn value(slot: usize, offset: usize) -> f32 {
+    (1 + offset % 7 + slot % 5) as f32 * 0.25
+}
+
+fn mask(words: usize, is_on: impl Fn(usize) -> bool) -> Vec<u8> {
+    (0..words * 8)
+        .map(|byte| (0..8).fold(0, |b, bit| b | u8::from(is_on(byte * 8 + bit)) << bit))
+        .collect()
+}
+
+impl Spec {
+    fn array(&self, values: &[f32]) -> Vec<u8> {
+        if self.half && values.is_empty() {
+            return Vec::new();
+        }
+        let data: Vec<u8> = match self.half {
+            true => (values.iter())
+                .flat_map(|v| half::f16::from_f32(*v).to_le_bytes())
+                .collect(),
+            false => values.iter().flat_map(|v| v.to_le_bytes()).collect(),
+        };
+        if self.compression & 5 == 0 {
+            return data;
+        }
+        let packed = if self.compression & 1 != 0 {
+            let mut zip = ZlibEncoder::new(Vec::new(), Compression::default());
+            zip.write_all(&data).unwrap();
+            zip.finish().unwrap()
+        } else if data.len() < 48 {
+            data.clone()
+        } else {
+            pack(&data)
+        };
+        if packed.len() < data.len() {
+            [&(packed.len() as i64).to_le_bytes(), packed.as_slice()].concat()
+        } else {
+            [&(-(data.len() as i64)).to_le_bytes(), data.as_slice()].concat()
+        }
+    }
+
+    /// Values of a node, those in slots that are not active left out if the file does that.
+    fn values(&self, values: &[f32], active: impl Fn(usize) -> bool) -> Vec<u8> {
+        let kept: Vec<f32> = (0..values.len())
+            .filter(|&i| self.compression & 2 == 0 || active(i))
+            .map(|i| values[i])
+            .collect();
+        let kind = if self.compression & 2 != 0 { 0 } else { 6 };
+        let mut out = match self.version < 222 {
+            true => vec![],
+            false => vec![kind],
+        };
+        out.extend(self.array(&kept));
+        out
+    }
+
+    fn node(&self, size: usize, children: &[usize], tile: Option<(usize, f32)>) -> Vec<u8> {
+        let mut values = vec![0.0; size];
+        if let Some((slot, value)) = tile {
+            values[slot] = value;
+        }
+        let is_tile = |i: usize| tile.is_some_and(|(slot, _)| slot == i);
+        let mut out = mask(size / 64, |i| children.contains(&i));
+        out.extend(mask(size / 64, is_tile));
+        if self.version < 222 {
+            values = (0..size)
+                .filter(|i| !children.contains(i))
+                .map(|i| values[i])
+                .collect();
+        }
+        out.extend(self.values(&values, is_tile));
+        out
+    }
+
+    fn active(&self) -> i64 {
+        let per_leaf = (0..512).filter(|&i| is_active(i)).count();
+        (self.leaves.len() * per_leaf) as i64
+            + self.tile_8.map_or(0, |_| 512)
+            + self.tile_128.map_or(0, |_| 128 * 128 * 128)
+            + self.root_tile.map_or(0, |_| 1 << 36)
+    }
+
+    fn tree(&self) -> Vec<u8> {
+        let mut out = 1_u32.to_le_bytes().to_vec();
+        out.extend(0_f32.to_le_bytes());
+        out.extend(u32::from(self.root_tile.is_some()).to_le_bytes());
+        out.extend(1_u32.to_le_bytes());
+        if let Some((origin, value)) = self.root_tile {
+            out.extend(origin.iter().flat_map(|x| x.to_le_bytes()));
+            out.extend(value.to_le_bytes());
+            out.push(1);
+        }
+        out.extend(self.origin.iter().flat_map(|x| x.to_le_bytes()));
+        out.extend(self.node(32768, &[0], self.tile_128));
+        out.extend(self.node(4096, &self.leaves, self.tile_8));
+        for _ in &self.leaves {
+            out.extend(mask(8, is_active));
+        }
+        for slot in &self.leaves {
+            out.extend(mask(8, is_active));
+            if self.version < 222 {
+                out.extend([0; 12]);
+                out.push(1);
+            }
+            let values: Vec<f32> = (0..512)
+                .map(|i| if is_active(i) { value(*slot, i) } else { 0.0 })
+                .collect();
+            out.extend(self.values(&values, is_active));
+        }
+        out
+    }
+
+    fn grid(&self) -> Vec<u8> {
+        let mut out = match self.version < 222 {
+            true => vec![],
+            false => self.compression.to_le_bytes().to_vec(),
+        };
+        out.extend(2_u32.to_le_bytes());
+        out.extend([text("class"), text("string"), text(self.class)].concat());
+        out.extend([text("file_voxel_count"), text("int64")].concat());
+        out.extend(8_u32.to_le_bytes());
+        out.extend(self.count.unwrap_or(self.active()).to_le_bytes());
+        out.extend(&self.map);
+        out.extend(self.tree());
+        out
+    }
+
+    fn file(&self) -> Vec<u8> {
+        file(&[("density", self)])
+    }
+}
+
+fn file(grids: &[(&str, &Spec)]) -> Vec<u8> {
+    let spec = grids[0].1;
+    let mut out = MAGIC.to_le_bytes().to_vec();
+    out.extend(spec.version.to_le_bytes());
+    out.extend([10, 0, 0, 0, 1, 0, 0, 0, 1]);
+    if spec.version < 222 {
+        out.push((spec.compression & 1) as u8);
+    }
+    out.extend([b'x'; 36]);
+    out.extend(1_u32.to_le_bytes());
+    out.extend([text("creator"), text("string"), text("a test")].concat());
+    out.extend((grids.len() as i32).to_le_bytes());
+    for (name, spec) in grids {
+        out.extend(text(name));
+        let suffix = if spec.half { "_HalfFloat" } else { "" };
+        out.extend(text(&format!("{}{suffix}", spec.kind)));
+        out.extend(text(""));
+        let at = out.len() + 24;
+        let grid = spec.grid();
+        for offset in [at, at, at + grid.len()] {
+            out.extend((offset as i64).to_le_bytes());
+        }
+        out.extend(grid);
+    }
+    out
+}
+
+fn load(content: &[u8]) -> Result<Field> {
+    read(content, None, &mut Files::default())
+}
+
+fn message(content: &[u8]) -> String {
+    match load(content) {
+        Ok(_) => "no error".into(),
+        Err(e) => e.to_string(),
+    }
+}
+
+#[test]
+fn every_encoding_gives_the_same_voxels() {
+    for version in [220, 222, 223, 224] {
+        for compression in [0, 1, 2, 3, 4, 6] {
+            if version < 222 && compression > 1 {
+                continue;
+            }
+            for half in [false, true] {
+                let spec = Spec {
+                    version,
+                    compression,
+                    half,
+                    ..Spec::default()
+                };
+                let field = load(&spec.file()).unwrap();
+                assert_eq!(field.padding, 1);
+                assert_eq!(field.first, [-1; 3]);
+                assert_eq!(field.dims, [130; 3]);
+                for &slot in &spec.leaves {
+                    let corner = [slot >> 8, slot >> 4 & 15, slot & 15].map(|i| i * 8);
+                    for offset in 0..512 {
+                        let inside = [offset >> 6, offset >> 3 & 7, offset & 7];
+                        let voxel = std::array::from_fn(|a| corner[a] + inside[a] + 1);
+                        let expected = if is_active(offset) {
+                            value(slot, offset)
+                        } else {
+                            0.0
+                        };
+                        assert_eq!(field.value(voxel), expected, "{version} {compression}");
+                    }
+                }
+                let p = (field.world_from_file.unwrap()).transform_point3(DVec3::ONE);
+                assert_eq!(p, DVec3::splat(0.5));
+            }
+        }
+    }
+}
+
+#[test]
+fn the_field_is_zero_around_and_placed_by_voxel_centres() {
+    let field = load(&Spec::default().file()).unwrap();
+    let world_from_grid = field.world_from_file.unwrap() * field.file_from_grid();
+    let grid_from_world = world_from_grid.inverse();
+    let expected = value(0, 0);
+    let grid = field.into_grid(SCALE).unwrap();
+    let at = |p: DVec3| grid.sample(grid_from_world.transform_point3(p).as_vec3());
+    assert_eq!(at(DVec3::ZERO), expected, "voxel (0,0,0) is at the origin");
+    let edge = at(DVec3::new(-0.25, 0.0, 0.0));
+    assert_eq!(edge, 0.5 * expected, "half way to the padding");
+    assert_eq!(at(DVec3::new(-0.5, 0.0, 0.0)), 0.0);
+}
+
+#[test]
+fn tiles_are_filled_and_negative_indices_work() {
+    let spec = Spec {
+        origin: [-4096, 0, -4096],
+        leaves: vec![0],
+        tile_8: Some((1, 0.75)),
+        tile_128: Some((1, 2.0)),
+        compression: 2,
+        ..Spec::default()
+    };
+    let field = load(&spec.file()).unwrap();
+    assert_eq!(field.first, [-4097, -1, -4097]);
+    assert_eq!(field.dims, [130, 130, 258]);
+    assert_eq!(
+        field.value([1, 1, 1 + 8]),
+        0.75,
+        "slot 1 is the next leaf along z"
+    );
+    assert_eq!(field.value([8, 8, 1 + 15]), 0.75);
+    assert_eq!(field.value([9, 8, 1 + 15]), 0.0);
+    assert_eq!(field.value([1, 1, 1 + 128]), 2.0);
+    assert_eq!(field.value([128, 128, 256]), 2.0);
+    assert_eq!(field.value([129, 128, 256]), 0.0);
+}
+
+#[test]
+fn all_affine_maps_are_read() {
+    let maps: [(Vec<u8>, [f64; 3]); 4] = [
+        (
+            [text("TranslationMap"), doubles(&[1.0, 2.0, 3.0])].concat(),
+            [2.0, 4.0, 6.0],
+        ),
+        (
+            [
+                text("ScaleMap"),
+                doubles(&[2.0, 3.0, 4.0]),
+                doubles(&[0.0; 12]),
+            ]
+            .concat(),
+            [2.0, 6.0, 12.0],
+        ),
+        (
+            [
+                text("ScaleTranslateMap"),
+                doubles(&[1.0, 0.0, 0.0, 2.0, 3.0, 4.0]),
+                doubles(&[0.0; 12]),
+            ]
+            .concat(),
+            [3.0, 6.0, 12.0],
+        ),
+        (
+            // A quarter turn about z, for row vectors.
+            [
+                text("AffineMap"),
+                doubles(&[0.0, 1.0, 0.0, 0.0]),
+                doubles(&[-1.0, 0.0, 0.0, 0.0]),
+                doubles(&[0.0, 0.0, 1.0, 0.0]),
+                doubles(&[5.0, 0.0, 0.0, 1.0]),
+            ]
+            .concat(),
+            [3.0, 1.0, 3.0],
+        ),
+    ];
+    for (map, expected) in maps {
+        let spec = Spec {
+            map,
+            ..Spec::default()
+        };
+        let field = load(&spec.file()).unwrap();
+        let p = (field.world_from_file.unwrap()).transform_point3(DVec3::new(1.0, 2.0, 3.0));
+        assert_eq!(p.to_array(), expected);
+    }
+}
+
+#[test]
+fn grids_are_chosen_by_name() {
+    let spec = Spec::default();
+    let other = Spec {
+        leaves: vec![3],
+        ..Spec::default()
+    };
+    let content = file(&[
+        ("heat\x1e0", &spec),
+        ("heat\x1e1", &other),
+        ("flame", &other),
+    ]);
+    let pick = |name| read(&content, name, &mut Files::default());
+    assert_eq!(pick(Some("flame")).unwrap().dims[2], 10);
+    assert_eq!(pick(Some("heat")).unwrap().dims[2], 130);
+    let e = pick(None).err().unwrap();
+    assert!(
+        e.to_string()
+            .ends_with("several grids: `heat`, `heat`, `flame`")
+    );
+    let e = pick(Some("x")).err().unwrap();
+    assert!(e.to_string().contains("no grid `x`"));
+}
+
+#[test]
+fn what_is_not_supported_says_so() {
+    let with = |change: fn(&mut Spec)| {
+        let mut spec = Spec::default();
+        change(&mut spec);
+        message(&spec.file())
+    };
+    assert!(with(|s| s.class = "level set").contains("`density` is a level set"));
+    assert!(with(|s| s.kind = "Tree_double_5_4_3".into()).contains("Tree_double_5_4_3"));
+    assert!(with(|s| s.kind = "Tree_vec3s_5_4_3".into()).contains("Tree_vec3s_5_4_3"));
+    assert!(with(|s| s.version = 219).contains("version 220 to 224, found 219"));
+    assert!(with(|s| s.version = 225).contains("found 225"));
+    assert!(with(|s| s.map = text("NonlinearFrustumMap")).contains("NonlinearFrustumMap"));
+    assert!(with(|s| s.map = uniform_scale(0.0)).contains("singular"));
+    assert!(with(|s| s.count = Some(7)).contains("expected 7 active voxels"));
+    assert!(with(|s| s.leaves.clear()).contains("volume is empty"));
+    let far = with(|s| s.root_tile = Some(([4096, 0, 0], 1.0)));
+    assert!(far.contains("[0, 0, 0] to [8191, 4095, 4095]"), "{far}");
+    assert!(message(b"not a vdb").contains("magic"));
+}
+
+#[test]
+fn damage_is_an_error_or_harmless_but_never_a_panic() {
+    for compression in [0, 3, 6] {
+        let spec = Spec {
+            compression,
+            leaves: vec![0, 17],
+            tile_8: Some((1, 0.75)),
+            ..Spec::default()
+        };
+        let content = spec.file();
+        for cut in (0..content.len()).step_by(37) {
+            assert!(load(&content[..cut]).is_err(), "cut at {cut}");
+        }
+        // The masks of the large nodes are thousands of zeros; every byte elsewhere is flipped.
+        let step = |at: usize| if content[at] == 0 && at > 1024 { 13 } else { 1 };
+        let mut at = 0;
+        while at < content.len() {
+            for flip in [1, 0x80, 0xff] {
+                let mut damaged = content.clone();
+                damaged[at] ^= flip;
+                if let Ok(field) = load(&damaged) {
+                    field.value(field.dims.map(|n| n - 1));
+                }
+            }
+            at += step(at);
+        }
+    }
+}
+
+/// A file of the shared data, or `None` with a word on it.
+fn shared(name: &str) -> Option<Vec<u8>> {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data");
+    let content = std::fs::read(std::path::Path::new(folder).join(name)).ok();
+    if content.is_none() {
+        eprintln!("skipped: {name} is not there");
+    }
+    content
+}
+
+#[test]
+fn real_smoke_is_read_to_the_last_voxel() {
+    let Some(content) = shared("smoke.vdb") else {
+        return;
+    };
+    let grid = VdbGrid::read(&content, None).unwrap();
+    assert_eq!(grid.tree.active(), 1_049_275);
+    let (low, high) = grid.tree.extent().unwrap();
+    assert_eq!((low, high), ([1, 2, 1], [111, 223, 112]));
+    let field = grid.into_field().unwrap();
+    assert_eq!(field.dims, [113, 224, 114]);
+    let mut sum = 0.0;
+    for k in 0..field.dims[2] {
+        for j in 0..field.dims[1] {
+            for i in 0..field.dims[0] {
+                sum += f64::from(field.value([i, j, k]));
+            }
+        }
+    }
+    assert!((sum - 171_499.6955).abs() < 1e-3, "{sum}");
+    let p = (field.world_from_file.unwrap()).transform_point3(DVec3::ZERO);
+    let expected = DVec3::new(-34.0476, -13.0952, -26.4286);
+    assert!((p - expected).length() < 1e-3, "{p}");
+}
+
+#[test]
+fn a_real_level_set_is_refused() {
+    if let Some(content) = shared("levelset_particles.vdb") {
+        assert!(message(&content).contains("is a level set"));
+    }
+}
