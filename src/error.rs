@@ -106,7 +106,11 @@ impl From<lvox_formats::FormatError> for Error {
             None => Kind::Input,
             Some(kind) => kind_of(kind),
         };
-        Self { kind, message: error.to_string(), hint: error.hint().map(Into::into) }
+        Self {
+            kind,
+            message: error.to_string(),
+            hint: error.hint().map(Into::into),
+        }
     }
 }
 
