@@ -1,1 +1,180 @@
-//! build.
+//! Cloud to tree: a sort along a Morton curve, then one sweep from the leaves up that writes pages.
+//!
+//! Memory: the surfels of one bucket are decoded at a time, beside the paths from it to the root and one small buffer
+//! per bucket while the cloud is dealt out to them. A bucket is a run of octree cells, so what is written depends on the
+//! octree alone: the same bytes for any memory limit and any number of threads.
+
+mod aggregate;
+mod feed;
+mod lvoxels;
+mod morton;
+mod spill;
+mod subtree;
+
+use crate::formats::{Cloud, MappedFile, TreeMeta, TreeSummary, TreeWriter};
+use crate::run::Job;
+use crate::{Error, Result};
+use std::path::Path;
+
+/// How to build a tree.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Settings {
+    /// Size that pages should have before compression, bytes.
+    pub page_bytes: u32,
+    /// Most surfels to hold at a time, if that is fewer than the memory limit allows.
+    pub bucket_surfels: Option<u64>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            page_bytes: 65536,
+            bucket_surfels: None,
+        }
+    }
+}
+
+/// What a build did.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// That of the tree file.
+    pub summary: TreeSummary,
+    /// Bytes written to temporary files; 0 if the cloud fitted in memory.
+    pub spilled_bytes: u64,
+}
+
+/// The least memory limit: below this, chunks and pages in work would not fit.
+pub const LEAST_MEMORY: u64 = 48 << 20;
+/// The limit where none is given.
+pub const DEFAULT_MEMORY: u64 = 4 << 30;
+/// What is needed whatever the size of the cloud.
+const FIXED_MEMORY: u64 = 24 << 20;
+/// Per surfel of a bucket: the record, its sort key, its share of pages and nodes in work.
+const SURFEL_MEMORY: u64 = 176;
+
+/// Builds the tree of a cloud.
+///
+/// # Errors
+/// Wrong input for a cloud that cannot be read or a limit that is too low; failed if a disk is full; cancelled.
+pub fn run(
+    cloud_path: &Path,
+    tree_path: &Path,
+    settings: &Settings,
+    force: bool,
+    job: &Job,
+) -> Result<Outcome> {
+    job.report.stage("build", |counts| {
+        let outcome = build(cloud_path, tree_path, settings, force, job)?;
+        let sums = &outcome.summary.sums;
+        for (name, count) in [
+            ("surfels", sums.surfels),
+            ("lvoxels", sums.lvoxels()),
+            ("nodes", outcome.summary.nodes),
+            ("surfel pages", outcome.summary.surfel_pages),
+            ("lvoxel pages", outcome.summary.lvoxel_pages),
+            ("spilled bytes", outcome.spilled_bytes),
+        ] {
+            counts.insert(name.into(), count as f64);
+        }
+        Ok(outcome)
+    })
+}
+
+fn build(
+    cloud_path: &Path,
+    tree_path: &Path,
+    settings: &Settings,
+    force: bool,
+    job: &Job,
+) -> Result<Outcome> {
+    let limits = Limits::new(settings, job)?;
+    let cloud = Cloud::open_path(cloud_path)?;
+    let meta = TreeMeta {
+        cloud: cloud.meta().clone(),
+        cloud_hash: cloud.content_hash(),
+        settings: vec![("page_bytes".into(), settings.page_bytes.to_string())],
+    };
+    let overlap = meta.cloud.disk_overlap;
+    let mut writer = TreeWriter::create(tree_path, meta, force)?;
+    let mut spilled_bytes = 0;
+    let mut root = None;
+    let mut levels = Vec::new();
+    let sums = cloud.summary().sums.clone();
+    if sums.surfels > 0 {
+        let pages = subtree::PageSettings {
+            bytes: settings.page_bytes,
+            overlap,
+        };
+        let mut feed = feed::Feed::new(&cloud, &limits, pages, job);
+        let (last, counted) = feed.sweep(&mut writer)?;
+        root = Some(last);
+        levels = counted;
+        spilled_bytes += feed.spilled_bytes();
+    }
+    if sums.lvoxels() > 0 {
+        spilled_bytes += lvoxels::write(&cloud, &mut writer, settings.page_bytes, &limits, job)?;
+    }
+    job.cancel.check()?;
+    let written = writer.sums();
+    if (written.surfels, written.lvoxels()) != (sums.surfels, sums.lvoxels()) {
+        return Err(Error::failed(format!(
+            "expected {} surfels and {} lvoxels in the tree, found {} and {}",
+            sums.surfels,
+            sums.lvoxels(),
+            written.surfels,
+            written.lvoxels()
+        ))
+        .hint("this is a fault of lvox, or the cloud changed while it was read"));
+    }
+    let summary = writer.finish(root, sums, levels)?;
+    Ok(Outcome {
+        summary,
+        spilled_bytes,
+    })
+}
+
+/// What may be held in memory.
+struct Limits {
+    /// Surfels of a bucket.
+    surfels: u64,
+    /// Bytes for the buffers of all buckets.
+    buffers: u64,
+    /// Chunks of the cloud that are decoded at a time.
+    chunks: usize,
+    /// Lvoxels that are sorted at a time.
+    lvoxels: u64,
+}
+
+impl Limits {
+    fn new(settings: &Settings, job: &Job) -> Result<Self> {
+        if !(4096..=262_144).contains(&settings.page_bytes) {
+            return Err(Error::input(format!(
+                "page size: expected 4096 to 262144 bytes, found {}",
+                settings.page_bytes
+            )));
+        }
+        let memory = job.memory_limit.unwrap_or(DEFAULT_MEMORY);
+        if memory < LEAST_MEMORY {
+            return Err(Error::input(format!(
+                "memory limit: building a tree needs at least {} MiB, found {} MiB",
+                LEAST_MEMORY >> 20,
+                memory >> 20
+            ))
+            .hint("raise --memory-limit"));
+        }
+        let free = memory - FIXED_MEMORY;
+        let most = settings.bucket_surfels.unwrap_or(u64::MAX).max(64);
+        Ok(Self {
+            // Indices within a bucket are 32 bits.
+            surfels: (free / SURFEL_MEMORY).min(most).min(1 << 31),
+            buffers: free / 4,
+            chunks: ((free / 3 / CHUNK_MEMORY) as usize).clamp(1, rayon::current_num_threads()),
+            lvoxels: (free / lvoxels::MEMORY).min(most).min(1 << 31),
+        })
+    }
+}
+
+/// A chunk of surfels while it is decoded: the records, and its longest columns twice.
+const CHUNK_MEMORY: u64 = 65536 * 116;
+
+type MappedCloud = Cloud<MappedFile>;

@@ -65,6 +65,12 @@ impl TreeWriter {
         self.surfel_pages
     }
 
+    /// Counts and sums so far, of the values as a reader will decode them.
+    #[must_use]
+    pub fn sums(&self) -> &Sums {
+        &self.sums
+    }
+
     /// Encodes and appends a page of nodes and surfels, and returns its id. Links must go to pages written before.
     ///
     /// # Errors

@@ -1,0 +1,120 @@
+//! What stands for many surfels, summed in f64.
+
+use crate::formats::{Bounds, Surfel, SurfelAggregate};
+
+/// Sums over surfels. Adding is not associative in floating point, so the order is part of a build's result: surfels of
+/// a leaf in Morton order, then children in order.
+#[derive(Clone, Copy, Debug)]
+pub struct Sums {
+    count: f64,
+    area: f64,
+    /// Of positions, and of area times position.
+    positions: [f64; 3],
+    moments: [f64; 3],
+    normals: [f64; 3],
+    /// Area times n n^T: xx, yy, zz, xy, xz, yz.
+    outer: [f64; 6],
+    /// Towards +x, -x, +y, -y, +z, -z.
+    axis_area: [f64; 6],
+    axis_power: [[f64; 3]; 6],
+    /// Radii included.
+    pub bounds: Bounds,
+}
+
+impl Sums {
+    pub const NOTHING: Self = Self {
+        count: 0.0,
+        area: 0.0,
+        positions: [0.0; 3],
+        moments: [0.0; 3],
+        normals: [0.0; 3],
+        outer: [0.0; 6],
+        axis_area: [0.0; 6],
+        axis_power: [[0.0; 3]; 6],
+        bounds: Bounds::EMPTY,
+    };
+
+    pub fn of(surfels: &[Surfel]) -> Self {
+        let mut sums = Self::NOTHING;
+        for surfel in surfels {
+            sums.add_surfel(surfel);
+        }
+        sums
+    }
+
+    fn add_surfel(&mut self, s: &Surfel) {
+        let area = f64::from(s.area);
+        let n = s.normal.map(f64::from);
+        self.count += 1.0;
+        self.area += area;
+        for (k, (p, n)) in s.position.into_iter().zip(n).enumerate() {
+            let p = f64::from(p);
+            self.positions[k] += p;
+            self.moments[k] += area * p;
+            self.normals[k] += area * n;
+            self.outer[k] += area * n * n;
+            self.add_side(2 * k, area * n, s.front);
+            // A back that is dark would halve the light of the front it hides behind.
+            if s.back != [0.0; 3] {
+                self.add_side(2 * k, -area * n, s.back);
+            }
+        }
+        for (k, (i, j)) in [(0, 1), (0, 2), (1, 2)].into_iter().enumerate() {
+            self.outer[3 + k] += area * n[i] * n[j];
+        }
+        self.bounds = self.bounds.union(Bounds::of_surfel(s));
+    }
+
+    /// Adds one side of a disk to the direction that it faces, `axis` or the opposite one.
+    fn add_side(&mut self, axis: usize, projected: f64, radiance: [f32; 3]) {
+        let towards = axis + usize::from(projected < 0.0);
+        self.axis_area[towards] += projected.abs();
+        for (power, l) in self.axis_power[towards].iter_mut().zip(radiance) {
+            *power += projected.abs() * f64::from(l);
+        }
+    }
+
+    pub fn add(&mut self, other: &Self) {
+        let add = |a: &mut [f64], b: &[f64]| {
+            for (a, b) in a.iter_mut().zip(b) {
+                *a += b;
+            }
+        };
+        self.count += other.count;
+        self.area += other.area;
+        add(&mut self.positions, &other.positions);
+        add(&mut self.moments, &other.moments);
+        add(&mut self.normals, &other.normals);
+        add(&mut self.outer, &other.outer);
+        add(&mut self.axis_area, &other.axis_area);
+        add(
+            self.axis_power.as_flattened_mut(),
+            other.axis_power.as_flattened(),
+        );
+        self.bounds = self.bounds.union(other.bounds);
+    }
+
+    pub fn aggregate(&self) -> SurfelAggregate {
+        let centre = if self.area > 0.0 {
+            self.moments.map(|m| (m / self.area) as f32)
+        } else {
+            self.positions.map(|p| (p / self.count) as f32)
+        };
+        SurfelAggregate {
+            area: self.area as f32,
+            centre,
+            normal_sum: self.normals.map(|n| n as f32),
+            second_moment: self.outer.map(|m| m as f32),
+            axis_area: self.axis_area.map(|a| a as f32),
+            axis_radiance: std::array::from_fn(|d| {
+                self.axis_power[d].map(|p| {
+                    if self.axis_area[d] > 0.0 {
+                        (p / self.axis_area[d]) as f32
+                    } else {
+                        0.0
+                    }
+                })
+            }),
+        }
+    }
+}

@@ -1,0 +1,519 @@
+//! Surfels in Morton order out of a cloud of any size, and the sweep over them.
+//!
+//! A cloud that fits in memory is sorted there. Otherwise a first pass over the positions counts the surfels of the
+//! octree's cells some levels down, which gives the frontier: cells that fit in memory each. Runs of them are the
+//! buckets, to which a second pass deals the surfels; then one bucket after the other is read and built. A cell that is
+//! too large at the last counted level goes through the same again, further down.
+
+use super::morton::{self, Cube};
+use super::spill::{Dealer, Extent, Record, Spill};
+use super::subtree::{self, PageSettings, Pages, Pending, Sorted};
+use super::{Limits, MappedCloud};
+use crate::formats::{Bounds, Level, Surfel, TreeWriter};
+use crate::run::{Job, Task};
+use crate::{Error, Result};
+use rayon::prelude::*;
+use std::collections::VecDeque;
+
+/// Levels that a counting pass looks down: 8^6 counts of 8 bytes.
+const COUNTED_LEVELS: u32 = 6;
+/// Buckets that surfels are dealt to at a time.
+const FAN: usize = 256;
+
+/// Where surfels are, in the order of the cloud.
+#[derive(Clone)]
+enum Source {
+    Cloud,
+    Spilled(Vec<Extent>),
+}
+
+/// A cell that is built in one go, or, if it is too large for that, gone through again.
+#[derive(Clone, Copy, Debug)]
+struct Cell {
+    level: u32,
+    count: u64,
+    /// Where its keys end, exclusively, at the last counted level.
+    end: u32,
+}
+
+/// A run of cells: several that fit in memory together, or one.
+type Bucket = Vec<Cell>;
+
+/// The sweep over a cloud.
+pub struct Feed<'a> {
+    cloud: &'a MappedCloud,
+    limits: &'a Limits,
+    settings: PageSettings,
+    job: &'a Job,
+    cube: Cube,
+    spill: Option<Spill>,
+    built: Task,
+}
+
+/// The frontier's cells in Morton order, each as it is built.
+struct Ready {
+    /// What is still to be dealt out or built, the next last.
+    waiting: Vec<(Source, Vec<Bucket>)>,
+    built: VecDeque<(Pending, Pages)>,
+    /// The last counted level, and how far that is below the first.
+    level: u32,
+    depth: u32,
+}
+
+impl<'a> Feed<'a> {
+    pub fn new(
+        cloud: &'a MappedCloud,
+        limits: &'a Limits,
+        settings: PageSettings,
+        job: &'a Job,
+    ) -> Self {
+        let bounds = cloud.summary().bounds.unwrap_or(Bounds::EMPTY);
+        let count = cloud.summary().sums.surfels;
+        Self {
+            cloud,
+            limits,
+            settings,
+            job,
+            cube: Cube::around(&bounds),
+            spill: None,
+            built: job.progress.task("build", count, "surfels"),
+        }
+    }
+
+    /// Bytes that went to the temporary file.
+    pub fn spilled_bytes(&self) -> u64 {
+        self.spill.as_ref().map_or(0, Spill::len)
+    }
+
+    /// Writes all pages; returns the root's id and the count of nodes by level.
+    pub fn sweep(&mut self, writer: &mut TreeWriter) -> Result<(u32, Vec<Level>)> {
+        let count = self.cloud.summary().sums.surfels;
+        let mut pages = Pages::new(0, self.settings);
+        let root = self.cell(&Source::Cloud, 0, count, &mut pages, writer)?;
+        pages.cut(root)?;
+        write_done(&mut pages, writer)?;
+        let root = writer.surfel_pages() - 1;
+        Ok((root, pages.levels))
+    }
+
+    /// Builds a cell of any size.
+    fn cell(
+        &mut self,
+        source: &Source,
+        level: u32,
+        count: u64,
+        pages: &mut Pages,
+        writer: &mut TreeWriter,
+    ) -> Result<Pending> {
+        if count <= self.limits.surfels {
+            let surfels = self.load(source, count)?;
+            let built = self.build(
+                &surfels,
+                &[Cell {
+                    level,
+                    count,
+                    end: 0,
+                }],
+            )?;
+            let mut ready: VecDeque<_> = built.into();
+            return take(&mut ready, pages, writer);
+        }
+        if level == morton::LEVELS {
+            let mut reader = Reader {
+                source: source.clone(),
+                next: 0,
+                surfels: VecDeque::new(),
+            };
+            return self.one_spot(&mut reader, count, pages, writer);
+        }
+        let depth = COUNTED_LEVELS.min(morton::LEVELS - level);
+        let counts = self.count(source, level, depth)?;
+        let plan = Plan {
+            counts: &counts,
+            depth,
+            level,
+            most: self.limits.surfels,
+        };
+        let mut ready = Ready {
+            waiting: vec![(source.clone(), plan.buckets())],
+            built: VecDeque::new(),
+            level: level + depth,
+            depth,
+        };
+        self.above(&plan, 0, 0, &mut ready, pages, writer)
+    }
+
+    /// The part of the octree above the frontier: the cell `at` of `depth` levels below the counted one.
+    fn above(
+        &mut self,
+        plan: &Plan<'_>,
+        depth: u32,
+        at: u32,
+        ready: &mut Ready,
+        pages: &mut Pages,
+        writer: &mut TreeWriter,
+    ) -> Result<Pending> {
+        if plan.is_frontier(depth, at) {
+            return self.next_cell(ready, pages, writer);
+        }
+        let children: Vec<u32> = (8 * at..8 * at + 8)
+            .filter(|child| plan.count(depth + 1, *child) > 0)
+            .collect();
+        if let [only] = children[..] {
+            return self.above(plan, depth + 1, only, ready, pages, writer);
+        }
+        let children = children
+            .into_iter()
+            .map(|child| self.above(plan, depth + 1, child, ready, pages, writer))
+            .collect::<Result<_>>()?;
+        let node = subtree::join(children, plan.level + depth, pages)?;
+        write_done(pages, writer)?;
+        Ok(node)
+    }
+
+    fn next_cell(
+        &mut self,
+        ready: &mut Ready,
+        pages: &mut Pages,
+        writer: &mut TreeWriter,
+    ) -> Result<Pending> {
+        while ready.built.is_empty() {
+            let Some((source, mut buckets)) = ready.waiting.pop() else {
+                return Err(Error::failed("the cloud changed while it was read"));
+            };
+            if buckets.len() > 1 {
+                // Many buckets are dealt out in two goes, so that their buffers stay large.
+                let per_group = buckets.len().div_ceil(FAN);
+                let mut groups: Vec<Vec<Bucket>> = Vec::new();
+                while !buckets.is_empty() {
+                    let rest = buckets.split_off(per_group.min(buckets.len()));
+                    groups.push(std::mem::replace(&mut buckets, rest));
+                }
+                let extents = self.deal(&source, &groups, ready.level, ready.depth)?;
+                let dealt = extents.into_iter().map(Source::Spilled).zip(groups);
+                ready.waiting.extend(dealt.rev());
+                continue;
+            }
+            let cells = buckets.pop().unwrap_or_default();
+            let count: u64 = cells.iter().map(|c| c.count).sum();
+            if count <= self.limits.surfels {
+                let surfels = self.load(&source, count)?;
+                ready.built.extend(self.build(&surfels, &cells)?);
+            } else if let [cell] = cells[..] {
+                return self.cell(&source, cell.level, cell.count, pages, writer);
+            }
+        }
+        take(&mut ready.built, pages, writer)
+    }
+
+    /// Sorts surfels and builds the cells that they make up.
+    fn build(&self, surfels: &[Surfel], cells: &[Cell]) -> Result<Vec<(Pending, Pages)>> {
+        let cube = self.cube;
+        let mut order: Vec<(u64, u32)> = surfels
+            .par_iter()
+            .enumerate()
+            .map(|(i, s)| (cube.key(s.position), i as u32))
+            .collect();
+        order.par_sort_unstable();
+        let mut rest = order.as_slice();
+        let mut parts = Vec::with_capacity(cells.len());
+        for cell in cells {
+            let Some((own, others)) = rest.split_at_checked(cell.count as usize) else {
+                return Err(Error::failed("the cloud changed while it was read"));
+            };
+            parts.push((cell.level, own));
+            rest = others;
+        }
+        parts
+            .par_iter()
+            .map(|(level, order)| {
+                let mut pages = Pages::new(0, self.settings);
+                let sorted = Sorted { surfels, order };
+                let pending = subtree::build(&sorted, *level, &mut pages, &self.job.cancel)?;
+                self.built.add(order.len() as u64);
+                Ok((pending, pages))
+            })
+            .collect()
+    }
+
+    /// More surfels of one last-level cell than fit in memory.
+    fn one_spot(
+        &mut self,
+        reader: &mut Reader,
+        count: u64,
+        pages: &mut Pages,
+        writer: &mut TreeWriter,
+    ) -> Result<Pending> {
+        let level = morton::LEVELS;
+        if count <= self.limits.surfels {
+            let surfels = self.read(reader, count)?;
+            let built = self.build(
+                &surfels,
+                &[Cell {
+                    level,
+                    count,
+                    end: 0,
+                }],
+            )?;
+            return take(&mut built.into(), pages, writer);
+        }
+        let children = subtree::eighths(count)
+            .map(|range| self.one_spot(reader, range.end - range.start, pages, writer))
+            .collect::<Result<_>>()?;
+        let node = subtree::join(children, level, pages)?;
+        write_done(pages, writer)?;
+        Ok(node)
+    }
+
+    /// Counts surfels by cell, `depth` levels below `level`.
+    fn count(&mut self, source: &Source, level: u32, depth: u32) -> Result<Vec<u64>> {
+        let mut counts = vec![0u64; 1 << (3 * depth)];
+        let cube = self.cube;
+        let mut note = |positions: &[[f32; 3]]| {
+            for p in positions {
+                counts[cell_of(cube.key(*p), level + depth, depth) as usize] += 1;
+            }
+        };
+        match source {
+            Source::Cloud => {
+                let chunks = self.cloud.surfel_chunks();
+                let total = self.cloud.summary().sums.surfels;
+                let task = self.job.progress.task("count", total, "surfels");
+                for start in (0..chunks).step_by(self.limits.chunks) {
+                    self.job.cancel.check()?;
+                    let end = (start + self.limits.chunks).min(chunks);
+                    let batch: Vec<_> = (start..end)
+                        .into_par_iter()
+                        .map(|i| self.cloud.surfel_positions(i))
+                        .collect();
+                    for positions in batch {
+                        let positions = positions?;
+                        note(&positions);
+                        task.add(positions.len() as u64);
+                    }
+                }
+            }
+            Source::Spilled(extents) => {
+                for extent in extents {
+                    self.job.cancel.check()?;
+                    let surfels = self.read_extent(*extent)?;
+                    let positions: Vec<_> = surfels.iter().map(|s| s.position).collect();
+                    note(&positions);
+                }
+            }
+        }
+        Ok(counts)
+    }
+
+    /// Deals surfels out to groups of buckets.
+    fn deal(
+        &mut self,
+        source: &Source,
+        groups: &[Vec<Bucket>],
+        level: u32,
+        depth: u32,
+    ) -> Result<Vec<Vec<Extent>>> {
+        let ends: Vec<u32> = groups
+            .iter()
+            .filter_map(|g| Some(g.last()?.last()?.end))
+            .collect();
+        let mut dealer = Dealer::new(groups.len(), self.limits.buffers);
+        let mut spill = match self.spill.take() {
+            Some(spill) => spill,
+            None => Spill::new(self.job.temp_dir.as_ref())?,
+        };
+        let cube = self.cube;
+        let mut deal = |spill: &mut Spill, surfels: &[Surfel]| -> Result<()> {
+            for s in surfels {
+                let cell = cell_of(cube.key(s.position), level, depth);
+                let bucket = ends.partition_point(|end| *end <= cell);
+                if bucket == ends.len() {
+                    return Err(Error::failed("the cloud changed while it was read"));
+                }
+                dealer.push(spill, bucket, s)?;
+            }
+            Ok(())
+        };
+        match source {
+            Source::Cloud => {
+                let chunks = self.cloud.surfel_chunks();
+                let total = self.cloud.summary().sums.surfels;
+                let task = self.job.progress.task("sort", total, "surfels");
+                for start in (0..chunks).step_by(self.limits.chunks) {
+                    self.job.cancel.check()?;
+                    let end = (start + self.limits.chunks).min(chunks);
+                    for surfels in self.chunks(start..end) {
+                        let surfels = surfels?;
+                        deal(&mut spill, &surfels)?;
+                        task.add(surfels.len() as u64);
+                    }
+                }
+            }
+            Source::Spilled(extents) => {
+                let mut bytes = Vec::new();
+                for extent in extents {
+                    self.job.cancel.check()?;
+                    spill.read(*extent, &mut bytes)?;
+                    deal(&mut spill, &records(&bytes))?;
+                }
+            }
+        }
+        let extents = dealer.finish(&mut spill)?;
+        self.spill = Some(spill);
+        Ok(extents)
+    }
+
+    fn chunks(&self, range: std::ops::Range<usize>) -> Vec<Result<Vec<Surfel>>> {
+        range
+            .into_par_iter()
+            .map(|i| Ok(self.cloud.surfel_chunk(i)?))
+            .collect()
+    }
+
+    /// Reads all surfels of a source that fits in memory.
+    fn load(&mut self, source: &Source, count: u64) -> Result<Vec<Surfel>> {
+        let mut surfels = Vec::with_capacity(count as usize);
+        match source {
+            Source::Cloud => {
+                let chunks = self.cloud.surfel_chunks();
+                for start in (0..chunks).step_by(self.limits.chunks) {
+                    self.job.cancel.check()?;
+                    let end = (start + self.limits.chunks).min(chunks);
+                    for chunk in self.chunks(start..end) {
+                        surfels.extend(chunk?);
+                    }
+                }
+            }
+            Source::Spilled(extents) => {
+                for extent in extents {
+                    self.job.cancel.check()?;
+                    surfels.extend(self.read_extent(*extent)?);
+                }
+            }
+        }
+        Ok(surfels)
+    }
+
+    fn read_extent(&mut self, extent: Extent) -> Result<Vec<Surfel>> {
+        let mut bytes = Vec::new();
+        match &mut self.spill {
+            Some(spill) => spill.read(extent, &mut bytes)?,
+            None => return Err(Error::failed("the temporary file is gone")),
+        }
+        Ok(records(&bytes))
+    }
+
+    /// The next `count` surfels.
+    fn read(&mut self, reader: &mut Reader, count: u64) -> Result<Vec<Surfel>> {
+        while (reader.surfels.len() as u64) < count {
+            self.job.cancel.check()?;
+            let more = match &reader.source {
+                Source::Cloud => self.cloud.surfel_chunk(reader.next)?,
+                Source::Spilled(extents) => match extents.get(reader.next) {
+                    Some(extent) => self.read_extent(*extent)?,
+                    None => return Err(Error::failed("the temporary file is too short")),
+                },
+            };
+            reader.surfels.extend(more);
+            reader.next += 1;
+        }
+        Ok(reader.surfels.drain(..count as usize).collect())
+    }
+}
+
+/// Surfels of a source, in order.
+struct Reader {
+    source: Source,
+    /// The next chunk or extent.
+    next: usize,
+    surfels: VecDeque<Surfel>,
+}
+
+fn records(mut bytes: &[u8]) -> Vec<Surfel> {
+    let mut surfels = Vec::with_capacity(bytes.len() / 45);
+    while !bytes.is_empty() {
+        surfels.push(Surfel::read(&mut bytes));
+    }
+    surfels
+}
+
+/// Which of the 8^depth cells of `level` holds a key, counted from the one `depth` levels up that they share.
+fn cell_of(key: u64, level: u32, depth: u32) -> u32 {
+    (key >> (3 * (morton::LEVELS - level)) & ((1 << (3 * depth)) - 1)) as u32
+}
+
+fn take(
+    ready: &mut VecDeque<(Pending, Pages)>,
+    pages: &mut Pages,
+    writer: &mut TreeWriter,
+) -> Result<Pending> {
+    let Some((mut pending, own)) = ready.pop_front() else {
+        return Err(Error::failed("the cloud changed while it was read"));
+    };
+    pages.append(own, &mut pending);
+    write_done(pages, writer)?;
+    Ok(pending)
+}
+
+fn write_done(pages: &mut Pages, writer: &mut TreeWriter) -> Result<()> {
+    for page in pages.done.drain(..) {
+        writer.push_surfel_page(&page)?;
+    }
+    pages.first = writer.surfel_pages();
+    Ok(())
+}
+
+/// Counts of a counting pass, and the frontier that follows from them.
+struct Plan<'a> {
+    counts: &'a [u64],
+    depth: u32,
+    level: u32,
+    most: u64,
+}
+
+impl Plan<'_> {
+    fn count(&self, depth: u32, at: u32) -> u64 {
+        let width = 1usize << (3 * (self.depth - depth));
+        let start = at as usize * width;
+        self.counts[start..start + width].iter().sum()
+    }
+
+    fn is_frontier(&self, depth: u32, at: u32) -> bool {
+        depth == self.depth || self.count(depth, at) <= self.most
+    }
+
+    /// Frontier cells in order, in runs that fit in memory together; a cell that does not fit is a run of its own.
+    fn buckets(&self) -> Vec<Bucket> {
+        let mut buckets: Vec<Bucket> = Vec::new();
+        let mut held = 0;
+        self.frontier(0, 0, &mut |cell| match buckets.last_mut() {
+            Some(last) if held + cell.count <= self.most => {
+                last.push(cell);
+                held += cell.count;
+            }
+            _ => {
+                held = cell.count;
+                buckets.push(vec![cell]);
+            }
+        });
+        buckets
+    }
+
+    fn frontier(&self, depth: u32, at: u32, found: &mut impl FnMut(Cell)) {
+        let count = self.count(depth, at);
+        if count == 0 {
+            return;
+        }
+        if self.is_frontier(depth, at) {
+            found(Cell {
+                level: self.level + depth,
+                count,
+                end: (at + 1) << (3 * (self.depth - depth)),
+            });
+            return;
+        }
+        for child in 8 * at..8 * at + 8 {
+            self.frontier(depth + 1, child, found);
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! Lvoxels by volume and brick, in pages of whole bricks.
+
+use super::morton::spread;
+use super::spill::{Dealer, Extent, Record, Spill};
+use super::{Limits, MappedCloud};
+use crate::formats::{Lvoxel, TreeWriter};
+use crate::run::{Job, Task};
+use crate::{Error, Result};
+use rayon::prelude::*;
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, VecDeque};
+
+/// Per lvoxel that is sorted: the record and its key.
+pub const MEMORY: u64 = 28 + 32;
+/// Bytes of an lvoxel in a page before compression, about.
+const PAGE_SHARE: u32 = 16;
+
+/// Volume and Morton code of the 8^3-voxel brick; then Morton code in the brick and level.
+type Key = (u64, u16);
+
+fn key(v: &Lvoxel) -> Key {
+    let voxel = v.block.map(|b| u64::from(b) << v.level);
+    let morton = |bits: [u64; 3]| spread(bits[0]) << 2 | spread(bits[1]) << 1 | spread(bits[2]);
+    // A brick's coordinates have 16 bits: those of a block of the coarsest level.
+    let brick = morton(voxel.map(|c| c >> 3));
+    let inside = morton(voxel.map(|c| c & 7)) as u16;
+    (
+        u64::from(v.volume) << 48 | brick,
+        inside << 2 | u16::from(v.level),
+    )
+}
+
+/// Sorts and writes all lvoxels of the cloud; returns the bytes that went to a temporary file.
+pub fn write(
+    cloud: &MappedCloud,
+    writer: &mut TreeWriter,
+    page_bytes: u32,
+    limits: &Limits,
+    job: &Job,
+) -> Result<u64> {
+    let count = cloud.summary().sums.lvoxels();
+    let mut pages = PageCutter {
+        writer,
+        most: (page_bytes / PAGE_SHARE) as usize,
+        page: Vec::new(),
+        brick: Vec::new(),
+        task: job.progress.task("lvoxels", count, "lvoxels"),
+    };
+    if count <= limits.lvoxels {
+        let mut all = Vec::with_capacity(count as usize);
+        for i in 0..cloud.lvoxel_chunks() {
+            job.cancel.check()?;
+            all.extend(cloud.lvoxel_chunk(i)?);
+        }
+        for lvoxel in sorted(&all) {
+            pages.push(lvoxel)?;
+        }
+        pages.finish()?;
+        return Ok(0);
+    }
+
+    // Sorted runs, then all runs at once.
+    let mut spill = Spill::new(job.temp_dir.as_ref())?;
+    let mut runs = Vec::new();
+    let mut run = Vec::new();
+    for i in 0..cloud.lvoxel_chunks() {
+        job.cancel.check()?;
+        for lvoxel in cloud.lvoxel_chunk(i)? {
+            run.push(lvoxel);
+            if run.len() as u64 == limits.lvoxels {
+                runs.push(write_run(&mut spill, &run)?);
+                run.clear();
+            }
+        }
+    }
+    if !run.is_empty() {
+        runs.push(write_run(&mut spill, &run)?);
+    }
+    drop(run);
+    merge(&mut spill, runs, &mut pages, job)?;
+    pages.finish()?;
+    Ok(spill.len())
+}
+
+/// In order of key; equal keys in the order of the cloud.
+fn sorted(lvoxels: &[Lvoxel]) -> impl Iterator<Item = Lvoxel> + '_ {
+    let mut order: Vec<(Key, u32)> = lvoxels
+        .par_iter()
+        .enumerate()
+        .map(|(i, v)| (key(v), i as u32))
+        .collect();
+    order.par_sort_unstable();
+    order.into_iter().map(|(_, i)| lvoxels[i as usize])
+}
+
+const RUN_BUFFER: u64 = 1 << 16;
+
+fn write_run(spill: &mut Spill, run: &[Lvoxel]) -> Result<VecDeque<Extent>> {
+    let mut dealer = Dealer::new(1, RUN_BUFFER);
+    for lvoxel in sorted(run) {
+        dealer.push(spill, 0, &lvoxel)?;
+    }
+    Ok(dealer.finish(spill)?.concat().into())
+}
+
+/// Takes the smallest of all runs' first lvoxels, again and again; of equal ones that of the earlier run.
+fn merge(
+    spill: &mut Spill,
+    mut runs: Vec<VecDeque<Extent>>,
+    pages: &mut PageCutter<'_>,
+    job: &Job,
+) -> Result<()> {
+    let mut heads: Vec<VecDeque<Lvoxel>> = vec![VecDeque::new(); runs.len()];
+    let mut bytes = Vec::new();
+    let mut refill = |run: usize, head: &mut VecDeque<Lvoxel>| -> Result<()> {
+        if !head.is_empty() {
+            return Ok(());
+        }
+        if let Some(extent) = runs[run].pop_front() {
+            job.cancel.check()?;
+            spill.read(extent, &mut bytes)?;
+            let mut rest = bytes.as_slice();
+            while !rest.is_empty() {
+                head.push_back(Lvoxel::read(&mut rest));
+            }
+        }
+        Ok(())
+    };
+    let mut first = BinaryHeap::new();
+    for (i, head) in heads.iter_mut().enumerate() {
+        refill(i, head)?;
+        first.extend(head.front().map(|v| Reverse((key(v), i))));
+    }
+    while let Some(Reverse((_, i))) = first.pop() {
+        let Some(lvoxel) = heads[i].pop_front() else {
+            return Err(Error::failed("the temporary file is too short"));
+        };
+        pages.push(lvoxel)?;
+        refill(i, &mut heads[i])?;
+        first.extend(heads[i].front().map(|v| Reverse((key(v), i))));
+    }
+    Ok(())
+}
+
+/// Puts bricks together to pages. A page has lvoxels of one volume.
+struct PageCutter<'a> {
+    writer: &'a mut TreeWriter,
+    most: usize,
+    page: Vec<Lvoxel>,
+    brick: Vec<Lvoxel>,
+    task: Task,
+}
+
+impl PageCutter<'_> {
+    fn push(&mut self, lvoxel: Lvoxel) -> Result<()> {
+        // Repeated lvoxels could make a brick longer than a page.
+        let ends = |brick: &[Lvoxel]| {
+            brick
+                .first()
+                .is_some_and(|first| key(first).0 != key(&lvoxel).0)
+                || brick.len() == self.most
+        };
+        if ends(&self.brick) {
+            self.end_brick()?;
+        }
+        self.brick.push(lvoxel);
+        Ok(())
+    }
+
+    fn end_brick(&mut self) -> Result<()> {
+        let other_volume = match (self.page.first(), self.brick.first()) {
+            (Some(a), Some(b)) => a.volume != b.volume,
+            _ => false,
+        };
+        if other_volume || self.page.len() + self.brick.len() > self.most {
+            self.end_page()?;
+        }
+        self.page.append(&mut self.brick);
+        Ok(())
+    }
+
+    fn end_page(&mut self) -> Result<()> {
+        if !self.page.is_empty() {
+            self.writer.write_lvoxel_page(&self.page)?;
+            self.task.add(self.page.len() as u64);
+            self.page.clear();
+        }
+        Ok(())
+    }
+
+    fn finish(mut self) -> Result<()> {
+        self.end_brick()?;
+        self.end_page()
+    }
+}
