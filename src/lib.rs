@@ -21,6 +21,7 @@ pub mod gather;
 pub mod image;
 pub mod light;
 pub mod math;
+pub mod reference;
 pub mod run;
 pub mod scene;
 pub mod shade;

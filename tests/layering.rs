@@ -20,6 +20,11 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("bake", LEAVES),
     ("build", LEAVES),
     ("shade", LEAVES),
+    // What judges the pipeline shares the scene and its tracing with it, and no light.
+    (
+        "reference",
+        &["error", "image", "math", "run", "scene", "trace"],
+    ),
 ];
 
 /// What stages share; no stage uses another.

@@ -10,6 +10,7 @@ mod merge;
 mod options;
 pub mod output;
 mod parse;
+mod reference;
 mod render;
 mod scene_input;
 mod shade;
@@ -42,6 +43,7 @@ enum Verb {
     Shade(shade::Args),
     Merge(merge::Args),
     Compare(compare::Args),
+    Reference(reference::Args),
 }
 
 impl Verb {
@@ -54,6 +56,7 @@ impl Verb {
             Self::Shade(args) => ("shade", args.run(context)),
             Self::Merge(args) => ("merge", args.run(context)),
             Self::Compare(args) => ("compare", args.run(context)),
+            Self::Reference(args) => ("reference", args.run(context)),
         }
     }
 }
