@@ -18,42 +18,45 @@ const HALF: f64 = 2.0e-4;
 /// How two images of the same scene differ.
 #[derive(Debug)]
 struct Agreement {
-    /// Mean over blocks and channels of the difference over its standard deviation.
+    /// Mean over blocks and channels of the difference of means over its standard error.
     mean_z: f64,
-    /// Root mean square of that; 1 if both are right and their noise is known.
+    /// Root mean square of that; 1 if the images differ by noise alone.
     rms_z: f64,
     /// Largest size of that, and the corner of its block.
     worst: (f64, usize, usize),
     /// Energy of the image over that of the reference, less 1, by channel.
     energy: [f64; 3],
-    /// Standard deviation that noise alone gives the energy.
+    /// Standard error of that.
     energy_sigma: f64,
+    /// relMSE between the images over what the noise that each states of itself adds up to.
+    noise: f64,
 }
 
-/// Compares an image with a reference of known relMSE against the truth. How that noise is spread over the image is not
-/// known; it is taken to be as ours, and only its size as stated.
+/// Compares an image with a reference that states its relMSE against the truth. How that noise is spread over the image
+/// is not known (the number of samples differs between its parts), so the standard error of a block's mean difference is
+/// that of the differences in it: if both images are right, those are independent and of mean zero.
 fn agreement(sums: &Sums, reference: &[[f32; 3]], reference_relmse: f64) -> Agreement {
     let (means, variances) = sums.estimates();
     let width = sums.region.width() as usize;
     let height = sums.region.height() as usize;
-    let share = reference_relmse / reference::relmse(sums);
     let (mut sum, mut squares, mut n) = (0.0, 0.0, 0.0);
     let mut worst = (0.0_f64, 0, 0);
+    let mut noise = 0.0;
     for y0 in (0..height).step_by(BLOCK) {
         for x0 in (0..width).step_by(BLOCK) {
             for c in 0..3 {
-                let (mut difference, mut variance, mut rounding) = (0.0, 0.0, 0.0);
-                for y in y0..(y0 + BLOCK).min(height) {
-                    for x in x0..(x0 + BLOCK).min(width) {
-                        let i = y * width + x;
-                        difference += f64::from(means[i][c]) - f64::from(reference[i][c]);
-                        variance += f64::from(variances[i][c]);
-                        rounding += f64::from(reference[i][c]) * HALF;
-                    }
-                }
-                let sigma = (variance * (1.0 + share) + rounding * rounding).sqrt();
-                if sigma > 0.0 {
-                    let z = difference / sigma;
+                let pairs: Vec<(f64, f64)> = (y0..(y0 + BLOCK).min(height))
+                    .flat_map(|y| (x0..(x0 + BLOCK).min(width)).map(move |x| y * width + x))
+                    .map(|i| (f64::from(means[i][c]), f64::from(reference[i][c])))
+                    .collect();
+                let count = pairs.len() as f64;
+                let mean = pairs.iter().map(|(x, r)| x - r).sum::<f64>() / count;
+                let spread: f64 = pairs.iter().map(|(x, r)| (x - r - mean).powi(2)).sum();
+                let rounding = pairs.iter().map(|(_, r)| r * HALF).sum::<f64>() / count;
+                let variance = spread / (count * (count - 1.0));
+                noise += count * count * variance;
+                if variance > 0.0 {
+                    let z = mean / (variance + rounding * rounding).sqrt();
                     sum += z;
                     squares += z * z;
                     n += 1.0;
@@ -65,13 +68,21 @@ fn agreement(sums: &Sums, reference: &[[f32; 3]], reference_relmse: f64) -> Agre
         }
     }
     let total = |image: &[[f32; 3]], c: usize| image.iter().map(|p| f64::from(p[c])).sum::<f64>();
-    let noise: f64 = variances.iter().map(|p| f64::from(p[1])).sum();
+    let energy: f64 = (0..3).map(|c| total(reference, c)).sum();
+    let (mut between, mut own) = (0.0, 0.0);
+    for (i, r) in reference.as_flattened().iter().enumerate() {
+        let r = f64::from(*r);
+        let weight = 1.0 / (r * r + 0.01) / (3 * means.len()) as f64;
+        between += (f64::from(means.as_flattened()[i]) - r).powi(2) * weight;
+        own += f64::from(variances.as_flattened()[i]) * weight;
+    }
     Agreement {
         mean_z: sum / n,
         rms_z: (squares / n).sqrt(),
         worst,
         energy: [0, 1, 2].map(|c| total(&means, c) / total(reference, c) - 1.0),
-        energy_sigma: (noise * (1.0 + share)).sqrt() / total(reference, 1),
+        energy_sigma: noise.sqrt() / energy * 3.0_f64.sqrt(),
+        noise: between / (reference_relmse + own),
     }
 }
 
@@ -89,21 +100,21 @@ fn compare(scene: &str, image: &str, max_depth: u32, spp: u32) -> Option<Agreeme
     let frame = exr::read(&refs.join(format!("{image}.exr"))).unwrap();
     let region = Region::full(frame.width, frame.height);
     let reference = frame.picture("", &region).unwrap().pixels;
+    let job = Job::default();
     let spp = std::env::var("LVOX_SPP").map_or(spp, |n| n.parse().unwrap());
     let settings = Settings {
         max_depth,
         spp: Some(spp),
         ..Settings::default()
     };
-    let job = Job::default();
     let started = std::time::Instant::now();
     let mut sums = reference::begin(&scene, &settings, region, &job).unwrap();
     reference::accumulate(&scene, &settings, &mut sums, &job, &mut |_| Ok(())).unwrap();
     let secs = started.elapsed().as_secs_f64();
-    let relmse = side_car["est_relMSE_of_ref"].as_f64().unwrap();
-    let found = agreement(&sums, &reference, relmse);
+    let known = side_car["est_relMSE_of_ref"].as_f64().unwrap();
+    let found = agreement(&sums, &reference, known);
     println!(
-        "{image}: {secs:.1} s, {:.2} M samples/s, relMSE {:.2e} (theirs {relmse:.2e}), {found:.4?}",
+        "{image}: {spp} spp, {secs:.1} s, {:.2} M samples/s, relMSE {:.2e} (theirs {known:.2e}), {found:.4?}",
         sums.samples() as f64 / secs * 1e-6,
         reference::relmse(&sums),
     );
@@ -120,6 +131,7 @@ macro_rules! agrees {
             };
             assert!(found.mean_z.abs() < 0.15, "{found:?}");
             assert!((0.85..1.15).contains(&found.rms_z), "{found:?}");
+            assert!((0.95..1.05).contains(&found.noise), "{found:?}");
             assert!(found.energy.iter().all(|e| e.abs() < 3e-3), "{found:?}");
         }
     };
@@ -127,7 +139,8 @@ macro_rules! agrees {
 
 agrees!(a_d3, "A", "A_d3", 3, 16);
 agrees!(a_full, "A", "A_full", 0, 8);
-agrees!(a_pt_d3, "A_pt", "A_pt_d3", 3, 16);
+// Few paths find the spot of the ceiling above the lamp: it takes more of them until their mean is normal.
+agrees!(a_pt_d3, "A_pt", "A_pt_d3", 3, 64);
 agrees!(b_d3, "B", "B_d3", 3, 32);
 agrees!(b_full, "B", "B_full", 0, 16);
 agrees!(c_d3, "C", "C_d3", 3, 16);
