@@ -145,6 +145,6 @@ agrees!(a_full, "A", "A_full", 0, 8);
 agrees!(a_pt_d3, "A_pt", "A_pt_d3", 3, 64);
 agrees!(b_d3, "B", "B_d3", 3, 32);
 agrees!(b_full, "B", "B_full", 0, 16);
-agrees!(c_d3, "C", "C_d3", 3, 16);
+agrees!(c_d3, "C", "C_d3", 3, 24);
 agrees!(c_full, "C", "C_full", 0, 8);
 agrees!(c_novol_d3, "C_novol", "C_novol_d3", 3, 32);

@@ -35,7 +35,7 @@ fn wrong_use_is_refused_at_once() {
     for (args, part) in [
         (&["-o", "a.png"][..], ".exr"),
         (&["-o", "a.exr", "--spp", "0"], "0"),
-        (&["-o", "a.exr", "--time", "-1"], "--time"),
+        (&["-o", "a.exr", "--time", "0"], "--time"),
         (&["-o", "a.exr", "--strands", "0"], "--strands"),
         (&["-o", "no/a.exr"], "no"),
         (&["-o", "a.exr", "--camera", "nobody"], "nobody"),
