@@ -63,7 +63,7 @@ impl Default for Settings {
         Self {
             surfels: SurfelSampling::Area { count: 1_000_000 },
             overlap: 1.8,
-            crease_deg: 4.0,
+            crease_deg: 8.0,
             blocks: BlockSize::OpticalDepth(0.7),
             shadow_rays: 4,
             seed: 0,
