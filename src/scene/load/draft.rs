@@ -252,7 +252,11 @@ fn merge_parts(parts: Vec<Part>, world_from_scene: DVec3) -> Result<Merged> {
         merge(&mut mesh.normals, normals, first_vertex, total, Vec3::ZERO);
         merge(&mut mesh.colors, part.colors, first_vertex, total, [1.0; 3]);
         let textured = part.materials.iter().any(|m| m.texture.is_some());
-        let uvs = if textured { part.uvs } else { Vec::new() };
+        let mut uvs = if textured { part.uvs } else { Vec::new() };
+        if textured {
+            // Whoever sees a texture may count on there being coordinates.
+            uvs.resize(part.positions.len(), Vec2::ZERO);
+        }
         merge(&mut mesh.uvs, uvs, first_vertex, total, Vec2::ZERO);
         for (triangle, material) in part.triangles.iter().zip(&part.material) {
             let triangle = triangle.map(|v| v + first_vertex as u32);

@@ -458,11 +458,7 @@ impl Reader<'_> {
         let content = self
             .buffers
             .image(self.document, image, self.path, self.files)?;
-        let texels = texture::decode(&content)?.texels;
-        let sum = texels.iter().fold(DVec3::ZERO, |sum, texel| {
-            sum + Vec3::from(*texel).as_dvec3()
-        });
-        Ok((sum / texels.len() as f64).as_vec3().to_array())
+        Ok(texture::mean(&texture::decode(&content)?))
     }
 
     fn warn(&mut self, message: String) {

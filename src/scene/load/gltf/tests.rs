@@ -30,7 +30,7 @@ fn sample() -> (Value, Vec<u8>) {
             { "mesh": 0, "scale": [2.0, 2.0, 2.0] },
             { "camera": 0, "translation": [0.0, 0.0, 5.0], "scale": [3.0, 3.0, 3.0],
               "extensions": { "KHR_lights_punctual": { "light": 0 } } },
-            { "rotation": [-0.70710678, 0.0, 0.0, 0.70710678], "translation": [1.0, 2.0, 3.0],
+            { "rotation": [-0.5, 0.0, 0.0, 0.5], "translation": [1.0, 2.0, 3.0],
               "extensions": { "KHR_lights_punctual": { "light": 1 } } },
             { "extensions": { "KHR_lights_punctual": { "light": 2 } } },
         ],
