@@ -91,23 +91,6 @@ impl Error {
     }
 }
 
-impl From<lvox_formats::FormatError> for Error {
-    /// A file that is damaged, or not what was asked for, is wrong input; the operating system's errors are judged as
-    /// in [`Error::io`].
-    fn from(error: lvox_formats::FormatError) -> Self {
-        let hint = error.hint();
-        let mut kind = Kind::Input;
-        if let Some(io) = error.io_error() {
-            kind = Self::io("", Path::new(""), io).kind;
-        }
-        Self {
-            kind,
-            message: error.to_string(),
-            hint: hint.map(Into::into),
-        }
-    }
-}
-
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.message)

@@ -19,6 +19,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("image", &["error", "run", "scene::Film"]),
     ("bake", LEAVES),
     ("build", LEAVES),
+    ("inspect", &["error", "formats"]),
     ("shade", LEAVES),
 ];
 
