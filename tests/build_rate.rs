@@ -1,5 +1,7 @@
 //! Figures, not checks: `cargo test --release --test build_rate -- --ignored --nocapture`.
 
+#![allow(clippy::print_stdout)]
+
 use lvox::build::{self, Settings};
 use lvox::formats::*;
 use lvox::run::Job;
