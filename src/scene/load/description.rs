@@ -503,3 +503,51 @@ fn field(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Resul
     };
     field.map_err(|e| e.at(path.display()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The example in the documentation of the parent module.
+    fn example() -> String {
+        let source = include_str!("mod.rs");
+        let lines = source
+            .lines()
+            .skip_while(|l| !l.contains("```toml"))
+            .skip(1);
+        lines
+            .take_while(|l| !l.contains("```"))
+            .map(|l| l.trim_start_matches("//!").trim_start().to_string() + "\n")
+            .collect()
+    }
+
+    #[test]
+    fn the_documented_example_has_every_key_and_no_other() {
+        let text = example();
+        let document = Document::new(Path::new("example"), &text);
+        let parsed = document.parse().unwrap();
+        let known = ["name", "film", "camera", "mesh", "light", "volume"];
+        let root = document.root(&parsed, &known).unwrap();
+        root.require("film")
+            .unwrap()
+            .table("[film]", &FILM)
+            .unwrap();
+        for (table, keys) in [
+            ("camera", CAMERA.as_slice()),
+            ("mesh", &MESH),
+            ("light", &LIGHT),
+            ("volume", &VOLUME),
+        ] {
+            assert!(!root.tables(table, keys).unwrap().is_empty());
+            let section: String = (text.split("\n[["))
+                .filter(|s| s.starts_with(table))
+                .collect();
+            for key in keys {
+                assert!(section.contains(key), "{key} of [[{table}]]");
+            }
+        }
+        for table in root.tables("light", &LIGHT).unwrap() {
+            light(&table).unwrap();
+        }
+    }
+}

@@ -397,6 +397,8 @@ impl Reader<'_> {
             )));
         }
         part.material = vec![index; part.triangles.len()];
+        // Here, while vertices are counted as in the file: joined to others a wrong index may hit one of theirs.
+        part.check()?;
         Ok(part)
     }
 

@@ -171,6 +171,13 @@ fn wrong_files_are_refused_with_the_place() {
         buffer.contains("buffer 0: expected a file beside"),
         "{buffer}"
     );
+    let (json, mut bin) = sample();
+    bin[76] = 3;
+    let loose = load(&glb(&json, &bin)).map(|_| ()).unwrap_err().to_string();
+    assert!(
+        loose.contains("node 1: primitive 0: triangle 0 refers to the vertices [0, 1, 3]"),
+        "{loose}"
+    );
     let unknown = message(&|j| j["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]));
     assert!(unknown.contains("not a glTF file"), "{unknown}");
 }
