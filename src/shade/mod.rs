@@ -162,8 +162,10 @@ fn shade<P: Pages>(
         },
     };
     let volume_gatherer = Gatherer {
+        // A ray over the sphere stands for four times the solid angle that one of a hemisphere does, at half as many.
         settings: gather::Settings {
             samples: settings.volume_samples,
+            max_solid_angle: 4.0 * settings.max_solid_angle,
             ..surface_gatherer.settings
         },
         ..surface_gatherer
