@@ -144,7 +144,7 @@ fn shade<P: Pages>(
 ) -> Result<Vec<Pixel>> {
     let camera = scene.camera(settings.camera.as_deref())?;
     let tracer = Tracer::new(scene);
-    let lights = Lights::new(&tracer);
+    let lights = Lights::new(&tracer, media);
     let surface_gatherer = Gatherer {
         pages,
         media,

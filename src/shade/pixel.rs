@@ -176,19 +176,12 @@ impl<P: Pages> PixelShader<'_, P> {
 
     /// Whether more samples would tell more.
     fn disagree(&self, samples: &[Sample]) -> bool {
-        let Some(first) = samples.first() else {
-            return false;
-        };
-        samples.iter().any(|s| {
-            s.direct.partly_hidden
-                || match (&s.surface, &first.surface) {
-                    (None, None) => false,
-                    (Some(a), Some(b)) => {
-                        !self.same_piece(a, b, s.t) || differs(s.direct.light, first.direct.light)
-                    }
-                    _ => true,
-                }
-        })
+        let (mut seen, mut hidden) = (0, 0);
+        for s in samples {
+            seen |= s.direct.seen;
+            hidden |= s.direct.hidden;
+        }
+        seen & hidden != 0 || samples.iter().any(|s| !self.same_end(&samples[0], s))
     }
 
     fn same_piece(&self, a: &Surface, b: &Surface, t: f32) -> bool {
@@ -259,10 +252,4 @@ impl<P: Pages> PixelShader<'_, P> {
 fn alike(a: &Composite, b: &Composite) -> bool {
     let (la, lb) = (a.radiance.luminance(), b.radiance.luminance());
     (a.transmittance - b.transmittance).abs() <= 0.02 && (la - lb).abs() <= 0.02 * (la + lb)
-}
-
-/// Whether two lights differ by more than an eighth of their sum.
-fn differs(a: Rgb, b: Rgb) -> bool {
-    let (a, b) = (a.luminance(), b.luminance());
-    (a - b).abs() > 0.125 * (a + b)
 }
