@@ -25,6 +25,7 @@ pub enum BlockSize {
 }
 
 /// Makes the lvoxels of one volume, brick by brick.
+#[derive(Debug)]
 pub struct LvoxelMaker<'a> {
     /// The medium.
     pub volume: &'a Volume,

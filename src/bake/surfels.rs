@@ -76,6 +76,7 @@ impl AreaSampler {
 }
 
 /// What surfels are made with.
+#[derive(Debug)]
 pub struct SurfelMaker<'a> {
     /// The scene.
     pub tracer: &'a Tracer<'a>,

@@ -3,7 +3,7 @@
 use super::Crossing;
 use crate::math::Rgb;
 use crate::math::dda::{Line, Steps, clip_to_box};
-use crate::math::segment::{Composite, Extinction, Segment, flatten_overlaps};
+use crate::math::segment::{Composite, Segment, flatten_overlaps};
 use glam::{Affine3A, Vec3, Vec3A};
 use lvox_formats::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
 
@@ -109,23 +109,6 @@ impl Media {
         if complete {
             crossings.for_each(|c| light.surface(c.opacity, c.radiance));
         }
-    }
-}
-
-impl Extinction for Media {
-    fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
-        let mut tau = 0.0;
-        for walk in self
-            .volumes
-            .iter()
-            .filter_map(|v| v.enter(origin, direction, t_max))
-        {
-            walk.run(&mut |s| {
-                tau += s.tau;
-                true
-            });
-        }
-        tau
     }
 }
 

@@ -7,7 +7,6 @@ mod emitters;
 
 use crate::math::exp::exp_neg;
 use crate::math::sampling::{disk, hash, mix, sobol2, tangents};
-use crate::math::segment::Extinction;
 use crate::math::{Rgb, polygon};
 use crate::scene::Light;
 use crate::trace::Tracer;
@@ -38,29 +37,30 @@ pub struct Direct {
 }
 
 impl Direct {
-    fn note(&mut self, light: usize, through: bool) {
+    /// Notes a ray to a light, and returns what share of the light comes through.
+    fn note(&mut self, light: usize, through: Option<f32>) -> f32 {
         let bit = 1 << (light % 64);
-        if through {
-            self.seen |= bit;
-        } else {
+        let Some(t) = through else {
             self.hidden |= bit;
-        }
+            return 0.0;
+        };
+        self.seen |= bit;
+        t
     }
 }
 
 /// All lights of a scene but a constant environment, which gathering takes care of.
+#[derive(Debug)]
 pub struct Lights<'a> {
     tracer: &'a Tracer<'a>,
-    media: &'a dyn Extinction,
     emitters: Emitters,
     environment: Rgb,
 }
 
 impl<'a> Lights<'a> {
-    /// Finds the lights of the traced scene; `media` is what shadow rays pass: the tracer for exact cells, or blocks that
-    /// stand for them.
+    /// Finds the lights of the traced scene.
     #[must_use]
-    pub fn new(tracer: &'a Tracer<'a>, media: &'a dyn Extinction) -> Self {
+    pub fn new(tracer: &'a Tracer<'a>) -> Self {
         let environment = tracer
             .scene
             .lights
@@ -75,7 +75,6 @@ impl<'a> Lights<'a> {
             .fold(Rgb::BLACK, |a, b| a + b);
         Self {
             tracer,
-            media,
             emitters: Emitters::new(tracer.scene),
             environment,
         }
@@ -147,7 +146,7 @@ impl<'a> Lights<'a> {
         Some(if self.tracer.scene.volumes.is_empty() {
             1.0
         } else {
-            exp_neg(self.media.optical_depth(origin, direction, t_max))
+            exp_neg(self.tracer.optical_depth(origin, direction, t_max))
         })
     }
 
@@ -185,9 +184,7 @@ impl<'a> Lights<'a> {
                     let d = (-direction + x * (u * radius) + y * (v * radius)).normalize();
                     let w = weight(d);
                     if w > 0.0 {
-                        let through = self.through(origin, d, f32::INFINITY);
-                        total.note(index, through.is_some());
-                        sum += w * through.unwrap_or(0.0);
+                        sum += w * total.note(index, self.through(origin, d, f32::INFINITY));
                     }
                 }
                 total.light += Rgb(irradiance) * (sum / count as f32);
@@ -217,9 +214,8 @@ impl<'a> Lights<'a> {
             w *= s * s * (3.0 - 2.0 * s);
         }
         if w > 0.0 {
-            let through = self.through(origin, d, distance);
-            total.note(index, through.is_some());
-            total.light += Rgb(intensity) * (w * through.unwrap_or(0.0));
+            let through = total.note(index, self.through(origin, d, distance));
+            total.light += Rgb(intensity) * (w * through);
         }
     }
 
@@ -286,8 +282,7 @@ impl<'a> Lights<'a> {
                 // Stop short of the light itself.
                 let through = self.through(origin, d, distance * (1.0 - 1e-4) - self.tracer.offset);
                 // Emitters of one surface are told apart no further than sharing a bit with another.
-                total.note(32 + index as usize % 32, through.is_some());
-                arriving += w * through.unwrap_or(0.0);
+                arriving += w * total.note(32 + index as usize % 32, through);
                 all += w;
             }
         }

@@ -2,7 +2,6 @@
 
 use super::Rgb;
 use super::exp::{exp_neg, one_minus_exp_neg};
-use glam::Vec3;
 
 /// A stretch of a ray inside one medium, of constant extinction and source function.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,12 +14,6 @@ pub struct Segment {
     pub tau: f32,
     /// Source function: radiance per unit optical depth.
     pub source: Rgb,
-}
-
-/// Something that takes light from rays: exact cells, or the blocks that stand for them.
-pub trait Extinction: Sync {
-    /// Optical depth from `origin` to `t_max` along a unit direction.
-    fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32;
 }
 
 /// Light gathered so far along a ray, and what share of the light from further on still comes through.

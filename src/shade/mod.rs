@@ -59,7 +59,7 @@ impl Default for Settings {
             plain: false,
             lattice: 4,
             volume_samples: 32,
-            pixel_samples: 4,
+            pixel_samples: 8,
             edge_samples: 16,
             shadow_rays: 4,
             seed: 0,
@@ -144,7 +144,7 @@ fn shade<P: Pages>(
 ) -> Result<Vec<Pixel>> {
     let camera = scene.camera(settings.camera.as_deref())?;
     let tracer = Tracer::new(scene);
-    let lights = Lights::new(&tracer, media);
+    let lights = Lights::new(&tracer);
     let surface_gatherer = Gatherer {
         pages,
         media,

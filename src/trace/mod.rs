@@ -9,7 +9,7 @@ pub use cells::{Cells, RayInVolume};
 pub use surface::{Surface, unit_normal};
 pub use triangles::{Hit, TriangleBvh};
 
-use crate::math::segment::{Extinction, Segment};
+use crate::math::segment::Segment;
 use crate::scene::Scene;
 use glam::Vec3;
 
@@ -45,6 +45,20 @@ impl<'a> Tracer<'a> {
     #[must_use]
     pub fn is_occluded(&self, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
         self.triangles.is_occluded(origin, direction, t_max)
+    }
+
+    /// Optical depth of all media from `origin` to `t_max` along a unit direction, exact, cell by cell.
+    #[must_use]
+    pub fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
+        let mut tau = 0.0_f64;
+        for volume in &self.scene.volumes {
+            if let Some(mut cells) = Cells::new(volume, origin, direction, t_max) {
+                while let Some(cell) = cells.next_cell() {
+                    tau += f64::from(cell.tau);
+                }
+            }
+        }
+        tau as f32
     }
 
     /// Passes every stretch of medium from `origin` to `t_max`, front to back, to `emit` until that says no.
@@ -88,21 +102,6 @@ impl<'a> Tracer<'a> {
             }
         }
         crate::math::segment::flatten_overlaps(&mut all, emit);
-    }
-}
-
-impl Extinction for Tracer<'_> {
-    /// Exact, cell by cell.
-    fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
-        let mut tau = 0.0_f64;
-        for volume in &self.scene.volumes {
-            if let Some(mut cells) = Cells::new(volume, origin, direction, t_max) {
-                while let Some(cell) = cells.next_cell() {
-                    tau += f64::from(cell.tau);
-                }
-            }
-        }
-        tau as f32
     }
 }
 
