@@ -6,7 +6,7 @@
 mod emitters;
 
 use crate::math::exp::exp_neg;
-use crate::math::sampling::{disk, hash, mix, sobol2, tangents};
+use crate::math::sampling::{cosine_hemisphere, disk, hash, mix, sobol2, sphere, tangents};
 use crate::math::{Rgb, polygon};
 use crate::scene::Light;
 use crate::trace::Tracer;
@@ -37,15 +37,19 @@ pub struct Direct {
 }
 
 impl Direct {
-    /// Notes a ray to a light, and returns what share of the light comes through.
+    /// Notes a ray to a light, and returns what share of the light comes through. A medium that stops nearly all of it
+    /// hides the light like a surface.
     fn note(&mut self, light: usize, through: Option<f32>) -> f32 {
+        const HIDDEN: f32 = 0.1;
+        const SEEN: f32 = 0.4;
         let bit = 1 << (light % 64);
-        let Some(t) = through else {
+        let through = through.unwrap_or(0.0);
+        if through < HIDDEN {
             self.hidden |= bit;
-            return 0.0;
-        };
-        self.seen |= bit;
-        t
+        } else if through > SEEN {
+            self.seen |= bit;
+        }
+        through
     }
 }
 
@@ -119,6 +123,51 @@ impl<'a> Lights<'a> {
         let mut direct = self.sum(point, rays, &|_| 1.0, &polygon::solid_angle);
         direct.light *= INVERSE;
         direct
+    }
+
+    /// Irradiance of a surface point from the environment, by `rays.per_light` rays over the hemisphere. Gathering sees
+    /// the environment by itself; baking does not gather.
+    #[must_use]
+    pub fn environment_irradiance(
+        &self,
+        point: Vec3,
+        normal: Vec3,
+        face_normal: Vec3,
+        rays: ShadowRays,
+    ) -> Rgb {
+        let (x, y) = tangents(normal);
+        let origin = point + face_normal * self.tracer.offset;
+        let share = self.environment_share(origin, rays, |u| {
+            let d = cosine_hemisphere(u);
+            (x * d.x + y * d.y + normal * d.z).normalize()
+        });
+        self.environment * (PI * share)
+    }
+
+    /// Mean over the sphere of the environment's radiance at a point of a medium.
+    #[must_use]
+    pub fn environment_mean_radiance(&self, point: Vec3, rays: ShadowRays) -> Rgb {
+        self.environment * self.environment_share(point, rays, sphere)
+    }
+
+    fn environment_share(
+        &self,
+        origin: Vec3,
+        rays: ShadowRays,
+        direction: impl Fn([f32; 2]) -> Vec3,
+    ) -> f32 {
+        if self.environment.is_black() {
+            return 0.0;
+        }
+        let seed = mix(rays.seed ^ 0xe417) as u32;
+        let through = |i| {
+            self.through(
+                origin,
+                direction(sobol2(rays.first + i, 62, seed)),
+                f32::INFINITY,
+            )
+        };
+        (0..rays.per_light).filter_map(through).sum::<f32>() / rays.per_light.max(1) as f32
     }
 
     /// Sums over lights: `weight(direction)` is the receiver's response, `closed_form(corners)` its integral over a
