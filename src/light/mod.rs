@@ -5,6 +5,7 @@
 
 mod emitters;
 
+use crate::math::exp::exp_neg;
 use crate::math::sampling::{disk, hash, mix, sobol2, tangents};
 use crate::math::{Rgb, polygon};
 use crate::scene::Light;
@@ -29,8 +30,23 @@ pub struct ShadowRays {
 pub struct Direct {
     /// Irradiance of a surface, or mean radiance over the sphere in a medium.
     pub light: Rgb,
-    /// Whether some of it is stopped and some is not, so that more rays would tell more.
-    pub partly_hidden: bool,
+    /// A bit for each light of which a ray came through; of many lights some share a bit.
+    pub seen: u64,
+    /// A bit for each light of which a ray was stopped by a surface. A light with both bits is partly hidden.
+    pub hidden: u64,
+}
+
+impl Direct {
+    /// Notes a ray to a light, and returns what share of the light comes through.
+    fn note(&mut self, light: usize, through: Option<f32>) -> f32 {
+        let bit = 1 << (light % 64);
+        let Some(t) = through else {
+            self.hidden |= bit;
+            return 0.0;
+        };
+        self.seen |= bit;
+        t
+    }
 }
 
 /// All lights of a scene but a constant environment, which gathering takes care of.
@@ -122,6 +138,18 @@ impl<'a> Lights<'a> {
         total
     }
 
+    /// Share of light that gets through; `None` behind a surface.
+    fn through(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<f32> {
+        if self.tracer.is_occluded(origin, direction, t_max) {
+            return None;
+        }
+        Some(if self.tracer.scene.volumes.is_empty() {
+            1.0
+        } else {
+            exp_neg(self.tracer.optical_depth(origin, direction, t_max))
+        })
+    }
+
     fn add_light(
         &self,
         total: &mut Direct,
@@ -144,7 +172,7 @@ impl<'a> Lights<'a> {
                 } else {
                     1
                 };
-                let (mut sum, mut hidden) = (0.0, 0);
+                let mut sum = 0.0;
                 let (x, y) = tangents(-direction);
                 let radius = libm::tanf(angular_radius_rad);
                 for i in 0..count {
@@ -156,13 +184,10 @@ impl<'a> Lights<'a> {
                     let d = (-direction + x * (u * radius) + y * (v * radius)).normalize();
                     let w = weight(d);
                     if w > 0.0 {
-                        let t = self.tracer.transmittance(origin, d, f32::INFINITY);
-                        hidden += u32::from(t == 0.0);
-                        sum += w * t;
+                        sum += w * total.note(index, self.through(origin, d, f32::INFINITY));
                     }
                 }
                 total.light += Rgb(irradiance) * (sum / count as f32);
-                total.partly_hidden |= hidden > 0 && hidden < count;
                 return;
             }
             Light::Point {
@@ -189,7 +214,8 @@ impl<'a> Lights<'a> {
             w *= s * s * (3.0 - 2.0 * s);
         }
         if w > 0.0 {
-            total.light += Rgb(intensity) * (w * self.tracer.transmittance(origin, d, distance));
+            let through = total.note(index, self.through(origin, d, distance));
+            total.light += Rgb(intensity) * (w * through);
         }
     }
 
@@ -229,7 +255,7 @@ impl<'a> Lights<'a> {
             return;
         }
         // Rays share the emitters out by what each would send; each ray counts by what its point would send.
-        let (mut arriving, mut all, mut hidden, mut sent) = (0.0, 0.0, 0, 0);
+        let (mut arriving, mut all) = (0.0, 0.0);
         let rays_total = rays.per_light.max(1);
         for i in 0..rays_total {
             let [u, v] = sobol2(rays.first + i, 63, seed as u32);
@@ -244,7 +270,8 @@ impl<'a> Lights<'a> {
                 chosen[k - 1].running_power
             };
             let within = ((target - below) / (chosen[k].running_power - below)).clamp(0.0, 1.0);
-            let emitter = self.emitters.get(chosen[k].index);
+            let index = chosen[k].index;
+            let emitter = self.emitters.get(index);
             let to_light = emitter.point([within, v]) - origin;
             let distance = to_light.length();
             let d = to_light / distance;
@@ -253,20 +280,14 @@ impl<'a> Lights<'a> {
             let w = weight(d) * cos * emitter.area / (distance * distance * chosen[k].response);
             if w > 0.0 {
                 // Stop short of the light itself.
-                let t = self.tracer.transmittance(
-                    origin,
-                    d,
-                    distance * (1.0 - 1e-4) - self.tracer.offset,
-                );
-                hidden += u32::from(t == 0.0);
-                sent += 1;
-                arriving += w * t;
+                let through = self.through(origin, d, distance * (1.0 - 1e-4) - self.tracer.offset);
+                // Emitters of one surface are told apart no further than sharing a bit with another.
+                arriving += w * total.note(32 + index as usize % 32, through);
                 all += w;
             }
         }
         if all > 0.0 {
             total.light += unoccluded * (arriving / all);
-            total.partly_hidden |= hidden > 0 && hidden < sent;
         }
     }
 }

@@ -9,7 +9,6 @@ pub use cells::{Cells, RayInVolume};
 pub use surface::{Surface, unit_normal};
 pub use triangles::{Hit, TriangleBvh};
 
-use crate::math::exp::exp_neg;
 use crate::math::segment::Segment;
 use crate::scene::Scene;
 use glam::Vec3;
@@ -42,17 +41,13 @@ impl<'a> Tracer<'a> {
         self.triangles.closest(origin, direction, t_max)
     }
 
-    /// Share of light that gets from `origin` to `t_max` along a unit direction: 0 behind a surface, else the
-    /// transmittance of the media between.
+    /// Whether any triangle is hit before `t_max` along a unit direction.
     #[must_use]
-    pub fn transmittance(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
-        if self.triangles.is_occluded(origin, direction, t_max) {
-            return 0.0;
-        }
-        exp_neg(self.optical_depth(origin, direction, t_max))
+    pub fn is_occluded(&self, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
+        self.triangles.is_occluded(origin, direction, t_max)
     }
 
-    /// Optical depth of all media from `origin` to `t_max` along a unit direction.
+    /// Optical depth of all media from `origin` to `t_max` along a unit direction, exact, cell by cell.
     #[must_use]
     pub fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
         let mut tau = 0.0_f64;
