@@ -1,5 +1,6 @@
 //! How values become fewer bits and back. `SPEC.md` states each rule and its bound; the decoders use only exact or
-//! correctly rounded operations, so that every machine decodes the same numbers.
+//! correctly rounded operations, so that every machine decodes the same numbers. Encoders take sines and the like from
+//! `libm`, for the same reason.
 
 use crate::record::{ClipEdge, Clips, tangent_frame};
 use std::f64::consts::TAU;
@@ -281,17 +282,17 @@ pub fn encode_edge(edge: ClipEdge, given_normal: [f32; 3], decoded_normal: [f32;
     if given_normal != decoded_normal {
         // The frame may jump where the normal crosses the equator, so the line is carried over in space.
         let (t, b) = tangent_frame(given_normal);
-        let (sin, cos) = angle.sin_cos();
+        let (sin, cos) = libm::sincos(angle);
         let d: [f64; 3] = std::array::from_fn(|i| cos * f64::from(t[i]) + sin * f64::from(b[i]));
         let (t, b) = tangent_frame(decoded_normal);
         let dot = |a: [f32; 3]| (0..3).map(|i| f64::from(a[i]) * d[i]).sum::<f64>();
-        angle = dot(b).atan2(dot(t));
+        angle = libm::atan2(dot(b), dot(t));
     }
     let turns = (angle / TAU).rem_euclid(1.0) * 256.0;
     let code = turns.round();
     let off_by = (turns - code).abs() * TAU / 256.0;
-    let line = f64::from(edge.offset).clamp(0.0, 1.0).acos();
-    let offset = (line - off_by).max(0.0).cos();
+    let line = libm::acos(f64::from(edge.offset).clamp(0.0, 1.0));
+    let offset = libm::cos((line - off_by).max(0.0));
     // The slack keeps an edge that was decoded from these bytes where it is.
     let offset = (offset * OFFSET_STEPS - 1e-3)
         .ceil()

@@ -6,6 +6,8 @@ mod encode;
 mod lvoxels;
 mod read;
 mod stats;
+#[cfg(test)]
+mod tests;
 mod write;
 
 pub use encode::{EncodedPage, node_bytes, surfel_bytes};
