@@ -22,6 +22,7 @@ pub mod image;
 pub mod inspect;
 pub mod light;
 pub mod math;
+pub mod reference;
 pub mod run;
 pub mod scene;
 pub mod shade;

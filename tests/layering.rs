@@ -21,6 +21,11 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("build", LEAVES),
     ("inspect", &["error", "formats"]),
     ("shade", LEAVES),
+    // What judges the pipeline shares the scene and its tracing with it, and no light.
+    (
+        "reference",
+        &["error", "image", "math", "run", "scene", "trace"],
+    ),
 ];
 
 /// What stages share; no stage uses another.

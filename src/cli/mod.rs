@@ -11,6 +11,7 @@ mod merge;
 mod options;
 pub mod output;
 mod parse;
+mod reference;
 mod render;
 mod scene_input;
 mod shade;
@@ -46,6 +47,7 @@ enum Verb {
     Inspect(inspect::Args),
     Verify(verify::Args),
     Compare(compare::Args),
+    Reference(reference::Args),
 }
 
 impl Verb {
@@ -60,6 +62,7 @@ impl Verb {
             Self::Inspect(args) => ("inspect", args.run(context)),
             Self::Verify(args) => ("verify", args.run(context)),
             Self::Compare(args) => ("compare", args.run(context)),
+            Self::Reference(args) => ("reference", args.run(context)),
         }
     }
 }

@@ -1,0 +1,89 @@
+//! `lvox reference`
+
+use super::options::Context;
+use super::parse;
+use super::scene_input::SceneInput;
+use lvox::image::Region;
+use lvox::reference::{self, Settings};
+use lvox::run::output::check_writable;
+use lvox::{Error, Result};
+use std::path::PathBuf;
+
+/// Render a scene by unbiased Monte Carlo path tracing, to judge other images by
+///
+/// Write radiance and, in the layer `variance`, the variance of each pixel's mean, as 32-bit floats. Sums are kept in
+/// FILE.sums: a later run with more samples or time goes on from there, with the same result as one run would have had.
+/// So does the same command after a stop; --force begins anew.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    scene: SceneInput,
+
+    /// Write the image to this .exr file
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+
+    /// Look through this camera of the scene [default: its first]
+    #[arg(long, value_name = "NAME")]
+    camera: Option<String>,
+
+    /// Stop at this many samples per pixel [default: 64, without --time]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    spp: Option<u32>,
+
+    /// Stop after this many seconds, each pixel sampled once at least
+    #[arg(long, value_name = "SECS")]
+    time: Option<f64>,
+
+    /// Count paths of at most this many segments: 1 for emission seen directly, 2 for direct light, 3 for one bounce of
+    /// indirect light (what shade computes from a tree without bounces), 0 for all
+    #[arg(long, value_name = "N", default_value_t = Settings::default().max_depth)]
+    max_depth: u32,
+
+    /// Render only these pixels, X1 and Y1 excluded [default: the whole frame]
+    #[arg(long, num_args = 4, value_names = ["X0", "Y0", "X1", "Y1"])]
+    region: Vec<u32>,
+
+    /// Render only tile I of N, counted from 0
+    #[arg(long, value_name = "I/N", value_parser = parse::tile, conflicts_with = "region")]
+    tile: Option<(u32, u32)>,
+}
+
+impl Args {
+    pub fn run(self, context: &Context) -> Result<()> {
+        let is_exr = |e: &std::ffi::OsStr| e.eq_ignore_ascii_case("exr");
+        if !self.output.extension().is_some_and(is_exr) {
+            return Err(Error::input(format!(
+                "{}: a reference has to be named .exr",
+                self.output.display()
+            )));
+        }
+        let settings = Settings {
+            camera: self.camera,
+            max_depth: self.max_depth,
+            spp: match (self.spp, self.time) {
+                (None, None) => Settings::default().spp,
+                (spp, _) => spp,
+            },
+            secs: self.time,
+            seed: context.seed,
+        };
+        settings.check()?;
+        check_writable(&self.output, true)?;
+        check_writable(&reference::sums_path(&self.output), true)?;
+        let scene = self.scene.load(&context.job)?;
+        let (w, h) = (scene.film.width, scene.film.height);
+        let region = match self.tile {
+            Some((i, n)) => Region::tile(w, h, i, n)?,
+            None => parse::region(&self.region).unwrap_or_else(|| Region::full(w, h)),
+        };
+        reference::run(
+            &scene,
+            &settings,
+            region,
+            &self.output,
+            context.force,
+            &context.job,
+        )
+    }
+}

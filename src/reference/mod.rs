@@ -1,0 +1,311 @@
+//! scene → image by unbiased Monte Carlo path tracing: what the point-based pipeline is judged by.
+//!
+//! It shares scene and tracing code with the pipeline and nothing else. Every sample is a pure function of the scene,
+//! the settings, the pixel and the sample's number; sums are taken in that order, so images do not depend on tiles,
+//! threads or interruptions.
+
+mod flight;
+mod path;
+mod sampler;
+mod sources;
+pub mod sums;
+
+pub use path::PathTracer;
+pub use sampler::Sampler;
+pub use sums::Sums;
+
+use crate::image::exr::{self, Precision};
+use crate::image::{Frame, Region};
+use crate::math::{Rgb, sampling};
+use crate::run::{Job, Task, size};
+use crate::scene::Scene;
+use crate::trace::Tracer;
+use crate::{Error, Kind, Result};
+use rayon::prelude::*;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+use sums::{Row, STRANDS};
+
+/// How to render.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Name of the camera; the scene's first if `None`.
+    pub camera: Option<String>,
+    /// Most segments of a path from camera to light: 1 is emission seen directly, 2 adds direct light, 3 one bounce of
+    /// indirect light off a surface or inside a medium; 0 has no limit.
+    pub max_depth: u32,
+    /// Samples of each pixel; no limit if `None`.
+    pub spp: Option<u32>,
+    /// Wall-clock seconds of this run, loading excluded; no limit if `None`.
+    pub secs: Option<f64>,
+    /// Key of all random choices.
+    pub seed: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            camera: None,
+            max_depth: 0,
+            spp: Some(64),
+            secs: None,
+            seed: 0,
+        }
+    }
+}
+
+/// Time after which sums are saved, against the loss of the machine.
+const SAVE_EVERY: Duration = Duration::from_secs(300);
+
+/// Time after which a pass should end: short enough for a deadline, long enough for caches.
+const PASS: Duration = Duration::from_millis(500);
+
+impl Settings {
+    /// Refuses settings that make no sense.
+    ///
+    /// # Errors
+    /// Names the setting, what it may be and what it was.
+    pub fn check(&self) -> Result<()> {
+        if self.spp == Some(0) {
+            return Err(Error::input("--spp must be at least 1"));
+        }
+        match self.secs {
+            Some(s) if !(s > 0.0 && s <= 1e9) => Err(Error::input(format!(
+                "--time must be more than 0 and at most 1e9 seconds, found {s}"
+            ))),
+            None if self.spp.is_none() => Err(Error::input("neither --spp nor --time was given")),
+            _ => Ok(()),
+        }
+    }
+
+    /// What tells samples of different runs apart, as JSON: all that pixels depend on but their number of samples.
+    fn identity(&self) -> String {
+        serde_json::json!({
+            "method": "path tracing",
+            "camera": self.camera,
+            "max_depth": self.max_depth,
+            "seed": self.seed,
+        })
+        .to_string()
+    }
+
+    /// Key of the sums of these settings.
+    fn key(&self, scene: &Scene) -> [u8; 32] {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(env!("CARGO_PKG_VERSION").as_bytes());
+        hasher.update(&scene.hash);
+        for v in [scene.film.width, scene.film.height] {
+            hasher.update(&v.to_le_bytes());
+        }
+        hasher.update(self.identity().as_bytes());
+        *hasher.finalize().as_bytes()
+    }
+}
+
+/// Where the sums of an image are kept: `image.exr` has its own in `image.exr.sums`.
+#[must_use]
+pub fn sums_path(image: &Path) -> PathBuf {
+    let mut name = image.as_os_str().to_owned();
+    name.push(".sums");
+    name.into()
+}
+
+/// No samples yet, for these settings.
+///
+/// # Errors
+/// A setting out of range, a region outside the frame, or sums beyond the memory limit.
+pub fn begin(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> Result<Sums> {
+    settings.check()?;
+    scene.camera(settings.camera.as_deref())?;
+    region.check(scene.film.width, scene.film.height)?;
+    let needed = Sums::bytes(&region);
+    match job.memory_limit {
+        Some(limit) if needed > limit => Err(Error::input(format!(
+            "sums of {} pixels take {}, the memory limit is {}",
+            region.pixels(),
+            size::format(needed),
+            size::format(limit)
+        ))
+        .hint("raise --memory-limit, or render a part: --region X0 Y0 X1 Y1")),
+        _ => Ok(Sums::new(region, settings.key(scene))),
+    }
+}
+
+/// Renders into an OpenEXR file of 32-bit floats, with the variance of each pixel's mean in the layer `variance`. Sums
+/// are kept beside it ([`sums_path`]); a later run with more samples or time goes on from there, with the same result as
+/// one run would have had. `restart` forgets them. On a stop what is there is written before the error is returned.
+///
+/// # Errors
+/// A setting out of range, kept sums of other settings, an output that cannot be written, or a stop on request.
+pub fn run(
+    scene: &Scene,
+    settings: &Settings,
+    region: Region,
+    image: &Path,
+    restart: bool,
+    job: &Job,
+) -> Result<()> {
+    let mut sums = begin(scene, settings, region, job)?;
+    let kept = sums_path(image);
+    if !restart && let Some(found) = Sums::read(&kept, region, sums.key)? {
+        sums = found;
+        let (least, _) = sums.counts();
+        job.progress
+            .say(&format!("going on from {least} samples per pixel"));
+    }
+    let save = |sums: &Sums| -> Result<()> {
+        sums.write(&kept)?;
+        exr::write(image, &frame(scene, settings, sums), Precision::Float)
+    };
+    job.report.stage("reference", |counts| {
+        let before = sums.samples();
+        let started = Instant::now();
+        let result = accumulate(scene, settings, &mut sums, job, &mut |s| save(s));
+        let secs = started.elapsed().as_secs_f64();
+        let samples = sums.samples() - before;
+        let (least, most) = sums.counts();
+        counts.insert("samples".into(), samples as f64);
+        counts.insert("samples_per_sec".into(), samples as f64 / secs.max(1e-9));
+        counts.insert("spp_min".into(), f64::from(least));
+        counts.insert("spp_max".into(), f64::from(most));
+        counts.insert("relmse_estimate".into(), relmse(&sums));
+        match result {
+            Err(e) if e.kind() != Kind::Cancelled => Err(e),
+            stopped => {
+                save(&sums)?;
+                stopped.map_err(|e| {
+                    e.hint(format!(
+                        "{least} to {most} samples per pixel are kept; the same command goes on"
+                    ))
+                })
+            }
+        }
+    })
+}
+
+/// The image of sums.
+#[must_use]
+pub fn frame(scene: &Scene, settings: &Settings, sums: &Sums) -> Frame {
+    let mut frame = sums.frame(scene.film.width, scene.film.height);
+    let scene_hash: String = scene.hash.iter().map(|b| format!("{b:02x}")).collect();
+    let (least, most) = sums.counts();
+    let spp = if least == most {
+        least.to_string()
+    } else {
+        format!("{least} to {most}")
+    };
+    for (name, value) in [
+        ("version", env!("CARGO_PKG_VERSION").into()),
+        ("scene", scene_hash),
+        ("settings", settings.identity()),
+        ("spp", spp),
+    ] {
+        frame.attributes.insert(format!("lvox/{name}"), value);
+    }
+    frame
+}
+
+/// Mean over pixels and channels of variance / (mean^2 + 0.01): the relMSE that is expected against the truth.
+#[must_use]
+pub fn relmse(sums: &Sums) -> f64 {
+    let (means, variances) = sums.estimates();
+    let terms = means.as_flattened().iter().zip(variances.as_flattened());
+    let sum: f64 = terms
+        .map(|(&m, &v)| f64::from(v) / (f64::from(m).powi(2) + 0.01))
+        .sum();
+    sum / (3 * means.len()) as f64
+}
+
+/// Adds samples until there are `settings.spp` in every pixel or `settings.secs` are over; at least one in every pixel.
+/// `save` is called now and then.
+///
+/// # Errors
+/// A stop on request, or what `save` gives; the sums hold whole rows then as always.
+pub fn accumulate(
+    scene: &Scene,
+    settings: &Settings,
+    sums: &mut Sums,
+    job: &Job,
+    save: &mut dyn FnMut(&Sums) -> Result<()>,
+) -> Result<()> {
+    let started = Instant::now();
+    let deadline = settings
+        .secs
+        .map(|secs| started + Duration::from_secs_f64(secs));
+    let tracer = Tracer::new(scene);
+    let paths = PathTracer::new(&tracer, settings.max_depth);
+    let camera = scene.camera(settings.camera.as_deref())?;
+    let target = settings.spp.unwrap_or(u32::MAX);
+    let non_finite = AtomicU64::new(0);
+    let region = sums.region;
+    let goal = settings.spp.map_or(0, |spp| {
+        (region.pixels() as u64 * u64::from(spp)).saturating_sub(sums.samples())
+    });
+    let task = job.progress.task("reference", goal, "samples");
+    let sample = |x: u32, y: u32, i: u32| {
+        let strand = i % STRANDS;
+        let key = sampling::hash(&[settings.seed, u64::from(x), u64::from(y), u64::from(strand)]);
+        let mut sampler = Sampler::new(key, i / STRANDS);
+        let [u, v, ..] = sampler.next4();
+        let direction = camera.direction(&scene.film, x as f32 + u, y as f32 + v);
+        paths.radiance(camera.origin(), direction, &mut sampler)
+    };
+    let add = |row: &mut Row, spp: u32, task: &Task| {
+        let end = (row.count.saturating_add(spp)).min(target);
+        if row.count >= end {
+            return;
+        }
+        let strands = row.sums.chunks_exact_mut(STRANDS as usize);
+        for (x, strands) in (region.x0..region.x1).zip(strands) {
+            for i in row.count..end {
+                let Rgb(light) = sample(x, row.y, i);
+                if light.iter().all(|v| v.is_finite()) {
+                    let sum = &mut strands[(i % STRANDS) as usize];
+                    *sum = [0, 1, 2].map(|c| sum[c] + f64::from(light[c]));
+                } else {
+                    non_finite.fetch_add(1, Ordering::Relaxed);
+                }
+            }
+        }
+        task.add(u64::from(region.width()) * u64::from(end - row.count));
+        row.count = end;
+    };
+    let mut saved = Instant::now();
+    let mut spp = 1_u32;
+    loop {
+        let (least, _) = sums.counts();
+        let late = || least > 0 && deadline.is_some_and(|d| Instant::now() >= d);
+        if least >= target || late() {
+            break;
+        }
+        let pass = Instant::now();
+        // Rows that an interruption left behind catch up first.
+        sums.rows.par_iter_mut().try_for_each(|row| {
+            job.cancel.check()?;
+            if !late() {
+                let ahead = row.count - least;
+                add(row, spp.saturating_sub(ahead), &task);
+            }
+            Ok::<(), Error>(())
+        })?;
+        if saved.elapsed() > SAVE_EVERY {
+            save(sums)?;
+            saved = Instant::now();
+        }
+        if pass.elapsed() < PASS / 2 {
+            spp *= 2;
+        } else if pass.elapsed() > PASS * 2 {
+            spp = (spp / 2).max(1);
+        }
+    }
+    match non_finite.into_inner() {
+        0 => Ok(()),
+        n => {
+            job.progress.warn(&format!(
+                "{n} samples were infinite or not a number and count as black"
+            ));
+            Ok(())
+        }
+    }
+}

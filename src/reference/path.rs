@@ -1,0 +1,208 @@
+//! One path: from the camera through surfaces and media until it is absorbed, leaves the scene, or is long enough.
+//!
+//! At every vertex lights are asked for (next-event estimation), and emission that the path itself runs into is weighed
+//! against that by the power heuristic (Veach 1997). The environment is constant, for which the lobes of matt surfaces
+//! and of isotropic media are the best distribution there is: only the path looks for it. Shadow rays see the exact
+//! transmittance of the cells between; at equal time that beats ratio tracking.
+
+use super::flight;
+use super::sampler::Sampler;
+use super::sources::{Sample, Sources};
+use crate::math::exp::exp_neg;
+use crate::math::{Rgb, sampling};
+use crate::trace::{Hit, Surface, Tracer};
+use glam::Vec3;
+use std::f32::consts::{FRAC_1_PI, PI};
+
+/// Phase function and density of an isotropic medium.
+const ISOTROPIC: f32 = 1.0 / (4.0 * PI);
+
+/// Vertices after which a path may be ended by chance.
+const SURE_VERTICES: u32 = 4;
+
+/// Highest chance to go on, so that paths end even where nothing absorbs.
+const MOST: f32 = 0.95;
+
+/// Estimates radiance along camera rays.
+#[derive(Debug)]
+pub struct PathTracer<'a> {
+    tracer: &'a Tracer<'a>,
+    sources: Sources<'a>,
+    max_depth: u32,
+}
+
+/// A vertex of a path that scatters light.
+struct Vertex {
+    /// Where rays begin.
+    origin: Vec3,
+    lobe: Lobe,
+}
+
+#[derive(Clone, Copy)]
+enum Lobe {
+    /// A matt surface of albedo 1, by shading and face normal on the side the path came from.
+    Matt(Vec3, Vec3),
+    Isotropic,
+}
+
+impl Lobe {
+    /// Scattered over incident light per steradian, cosine included; also the density of [`Lobe::sample`].
+    fn response(self, d: Vec3) -> f32 {
+        match self {
+            Self::Isotropic => ISOTROPIC,
+            Self::Matt(normal, face_normal) if d.dot(face_normal) > 0.0 => {
+                d.dot(normal).max(0.0) * FRAC_1_PI
+            }
+            Self::Matt(..) => 0.0,
+        }
+    }
+
+    fn sample(self, u: [f32; 2]) -> Vec3 {
+        match self {
+            Self::Isotropic => sampling::sphere(u),
+            Self::Matt(normal, _) => {
+                let (x, y) = sampling::tangents(normal);
+                let d = sampling::cosine_hemisphere(u);
+                (x * d.x + y * d.y + normal * d.z).normalize()
+            }
+        }
+    }
+}
+
+/// Weight of a sample of density `own` against another way of density `other` (power heuristic).
+fn weight(own: f32, other: f32) -> f32 {
+    let ratio = other / own;
+    1.0 / (1.0 + ratio * ratio)
+}
+
+impl<'a> PathTracer<'a> {
+    /// Paths of at most `max_depth` segments between camera and light, both included; 0 for no limit.
+    #[must_use]
+    pub fn new(tracer: &'a Tracer<'a>, max_depth: u32) -> Self {
+        Self {
+            tracer,
+            sources: Sources::new(tracer.scene),
+            max_depth: if max_depth == 0 { u32::MAX } else { max_depth },
+        }
+    }
+
+    /// One sample of the radiance that arrives at `origin` from a unit direction.
+    #[must_use]
+    pub fn radiance(&self, origin: Vec3, direction: Vec3, sampler: &mut Sampler) -> Rgb {
+        let (mut origin, mut direction) = (origin, direction);
+        let mut sum = Rgb::BLACK;
+        let mut throughput = Rgb::splat(1.0);
+        // Density with which the path took its direction; the camera's is the only way to what it sees.
+        let mut lobe_pdf = f32::INFINITY;
+        let mut depth = 1;
+        loop {
+            if depth == self.max_depth {
+                return sum + throughput * self.end(origin, direction, lobe_pdf);
+            }
+            let [flight, choice, u, v] = sampler.next4();
+            let hit = self.tracer.closest(origin, direction, f32::INFINITY);
+            let t_max = hit.map_or(f32::INFINITY, |h| h.t);
+            let volumes = &self.tracer.scene.volumes;
+            let collision = flight::collide(volumes, origin, direction, t_max, flight, sampler);
+            let (vertex, albedo) = if let Some(c) = collision {
+                let vertex = Vertex {
+                    origin: origin + direction * c.t,
+                    lobe: Lobe::Isotropic,
+                };
+                (vertex, Rgb(volumes[c.volume].albedo))
+            } else if let Some(hit) = hit {
+                let surface = Surface::new(self.tracer.scene, hit.triangle, hit.uv);
+                sum += throughput * self.emitted(&surface, &hit, direction, lobe_pdf);
+                let s = surface.facing(-direction);
+                let vertex = Vertex {
+                    origin: s.position + s.face_normal * self.tracer.offset,
+                    lobe: Lobe::Matt(s.normal, s.face_normal),
+                };
+                (vertex, s.albedo)
+            } else {
+                return sum + throughput * self.sources.environment();
+            };
+            throughput = throughput * albedo;
+            if throughput.is_black() {
+                return sum;
+            }
+            sum += throughput * self.direct(&vertex, choice, [u, v], sampler);
+            let [u, v, roulette, _] = sampler.next4();
+            if depth >= SURE_VERTICES {
+                let chance = throughput.max().min(MOST);
+                if roulette >= chance {
+                    return sum;
+                }
+                throughput *= 1.0 / chance;
+            }
+            origin = vertex.origin;
+            direction = vertex.lobe.sample([u, v]);
+            lobe_pdf = vertex.lobe.response(direction);
+            if lobe_pdf <= 0.0 {
+                return sum;
+            }
+            depth += 1;
+        }
+    }
+
+    /// Light from lights at a vertex whose albedo is 1.
+    fn direct(&self, vertex: &Vertex, choice: f32, u: [f32; 2], sampler: &mut Sampler) -> Rgb {
+        let mut sum = Rgb::BLACK;
+        let lobe = vertex.lobe;
+        if let Some(way) = self.sources.emitter(vertex.origin, choice, u) {
+            let response = lobe.response(way.direction);
+            if response > 0.0 {
+                // Short of the light itself.
+                let end = way.distance * (1.0 - 1e-4) - self.tracer.offset;
+                let weight = weight(way.pdf, response);
+                sum += self.arriving(vertex.origin, &way, end) * (response * weight);
+            }
+        }
+        if !self.tracer.scene.lights.is_empty() {
+            let [choice, u, v, _] = sampler.next4();
+            let response = |d| lobe.response(d);
+            if let Some(way) = self
+                .sources
+                .delta_light(vertex.origin, response, choice, [u, v])
+            {
+                sum += self.arriving(vertex.origin, &way, way.distance) * response(way.direction);
+            }
+        }
+        sum
+    }
+
+    fn arriving(&self, origin: Vec3, way: &Sample, end: f32) -> Rgb {
+        way.light * self.tracer.transmittance(origin, way.direction, end)
+    }
+
+    /// Emission of a surface that the path ran into, weighed against having asked for it.
+    fn emitted(&self, surface: &Surface, hit: &Hit, direction: Vec3, lobe_pdf: f32) -> Rgb {
+        let emission = surface.emission(self.tracer.scene, -direction);
+        if emission.is_black() || lobe_pdf.is_infinite() {
+            return emission;
+        }
+        let cos = direction.dot(surface.face_normal);
+        let other = self.sources.emitter_pdf(surface.material, hit.t, cos);
+        emission * weight(lobe_pdf, other)
+    }
+
+    /// The last segment, which can only run into light: no need to track media unless it does.
+    fn end(&self, origin: Vec3, direction: Vec3, lobe_pdf: f32) -> Rgb {
+        if !self.sources.can_be_hit() {
+            return Rgb::BLACK;
+        }
+        let hit = self.tracer.closest(origin, direction, f32::INFINITY);
+        let light = match &hit {
+            None => self.sources.environment(),
+            Some(hit) => {
+                let surface = Surface::new(self.tracer.scene, hit.triangle, hit.uv);
+                self.emitted(&surface, hit, direction, lobe_pdf)
+            }
+        };
+        if light.is_black() {
+            return light;
+        }
+        let t_max = hit.map_or(f32::INFINITY, |h| h.t);
+        light * exp_neg(self.tracer.optical_depth(origin, direction, t_max))
+    }
+}

@@ -1,0 +1,288 @@
+//! Sums of samples for every pixel, and the file that keeps them so that a later run goes on.
+//!
+//! Samples of a pixel go in turn to a few strands, each a sequence with a scramble of its own. How far the means of the
+//! strands lie apart tells the variance without bias, which the spread of samples inside one low-discrepancy sequence
+//! would not: those are better spread than chance.
+
+use crate::image::{Frame, Layer, Region};
+use crate::run::Output;
+use crate::{Error, Result};
+use std::io::Write;
+use std::path::Path;
+
+/// Independent sequences in each pixel.
+pub const STRANDS: u32 = 4;
+
+const MAGIC: &[u8; 8] = b"\x89lvs\r\n\x1a\n";
+const VERSION: u32 = 1;
+/// Magic, version, strands, region, key.
+const HEADER: usize = 8 + 4 + 4 + 16 + 32;
+const CHECKSUM: usize = 32;
+
+/// A row of pixels.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// Row in the frame.
+    pub y: u32,
+    /// Samples that each pixel has.
+    pub count: u32,
+    /// Sums of each strand of each pixel.
+    pub sums: Vec<[f64; 3]>,
+}
+
+/// Samples of a region, summed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sums {
+    /// The pixels.
+    pub region: Region,
+    /// What the samples were made from: sums of different keys do not mix.
+    pub key: [u8; 32],
+    /// From the region's top.
+    pub rows: Vec<Row>,
+}
+
+/// Mean and variance of the mean of one channel over the strands; the variance is infinite while only one has samples.
+fn estimate(count: u32, sums: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
+    if count == 0 {
+        return (0.0, f64::INFINITY);
+    }
+    let n = f64::from(count);
+    let mean = sums.clone().sum::<f64>() / n;
+    let used = count.min(STRANDS);
+    if used < 2 {
+        return (mean, f64::INFINITY);
+    }
+    let spread: f64 = sums
+        .zip(0..used)
+        .map(|(sum, strand)| {
+            let own = f64::from((count + STRANDS - 1 - strand) / STRANDS);
+            own * (sum / own - mean).powi(2)
+        })
+        .sum();
+    (mean, spread / (f64::from(used - 1) * n))
+}
+
+impl Sums {
+    /// No samples yet.
+    #[must_use]
+    pub fn new(region: Region, key: [u8; 32]) -> Self {
+        let pixels = region.width() as usize * STRANDS as usize;
+        let rows = (region.y0..region.y1)
+            .map(|y| Row {
+                y,
+                count: 0,
+                sums: vec![[0.0; 3]; pixels],
+            })
+            .collect();
+        Self { region, key, rows }
+    }
+
+    /// Bytes that the sums of a region take.
+    #[must_use]
+    pub fn bytes(region: &Region) -> u64 {
+        region.pixels() as u64 * u64::from(STRANDS) * 24
+    }
+
+    /// Fewest and most samples of a pixel.
+    #[must_use]
+    pub fn counts(&self) -> (u32, u32) {
+        let counts = self.rows.iter().map(|r| r.count);
+        (counts.clone().min().unwrap_or(0), counts.max().unwrap_or(0))
+    }
+
+    /// Samples of all pixels together.
+    #[must_use]
+    pub fn samples(&self) -> u64 {
+        let width = u64::from(self.region.width());
+        self.rows.iter().map(|r| width * u64::from(r.count)).sum()
+    }
+
+    /// Mean and variance of the mean, pixel by pixel; pixels without samples are black and of infinite variance.
+    #[must_use]
+    pub fn estimates(&self) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
+        let mut means = Vec::with_capacity(self.region.pixels());
+        let mut variances = Vec::with_capacity(self.region.pixels());
+        for row in &self.rows {
+            for strands in row.sums.chunks_exact(STRANDS as usize) {
+                let channels = [0, 1, 2].map(|c| estimate(row.count, strands.iter().map(|s| s[c])));
+                means.push(channels.map(|(mean, _)| mean as f32));
+                variances.push(channels.map(|(_, variance)| variance as f32));
+            }
+        }
+        (means, variances)
+    }
+
+    /// The beauty, and the variance of its pixels in the layer `variance`.
+    #[must_use]
+    pub fn frame(&self, width: u32, height: u32) -> Frame {
+        let (means, variances) = self.estimates();
+        let mut frame = Frame::new(width, height, self.region);
+        frame.layers.push(Layer::rgb("", &means));
+        frame.layers.push(Layer::rgb("variance", &variances));
+        frame
+    }
+
+    /// Writes all sums. Layout, little-endian: magic, u32 version, u32 strands, u32 x0 y0 x1 y1, 32 bytes of key; for
+    /// each row u32 samples per pixel, then for each pixel and strand three f64; blake3 of all that.
+    ///
+    /// # Errors
+    /// If the file cannot be written; one that is there stays as it was then.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let mut output = Output::create(path)?;
+        let mut hasher = blake3::Hasher::new();
+        let mut put = |output: &mut Output, bytes: &[u8]| {
+            hasher.update(bytes);
+            output.write_all(bytes).map_err(|e| output.failed(&e))
+        };
+        let mut header = Vec::with_capacity(HEADER);
+        header.extend_from_slice(MAGIC);
+        let r = &self.region;
+        for v in [VERSION, STRANDS, r.x0, r.y0, r.x1, r.y1] {
+            header.extend_from_slice(&v.to_le_bytes());
+        }
+        header.extend_from_slice(&self.key);
+        put(&mut output, &header)?;
+        let mut bytes = Vec::new();
+        for row in &self.rows {
+            bytes.clear();
+            bytes.extend_from_slice(&row.count.to_le_bytes());
+            for v in row.sums.iter().flatten() {
+                bytes.extend_from_slice(&v.to_le_bytes());
+            }
+            put(&mut output, &bytes)?;
+        }
+        let checksum = *hasher.finalize().as_bytes();
+        output.write_all(&checksum).map_err(|e| output.failed(&e))?;
+        output.commit()
+    }
+
+    /// Reads what [`Sums::write`] wrote for the same key and region; `None` if there is no such file.
+    ///
+    /// # Errors
+    /// [`crate::Kind::Input`] if the file is damaged or holds samples of something else.
+    pub fn read(path: &Path, region: Region, key: [u8; 32]) -> Result<Option<Self>> {
+        let bytes = match std::fs::metadata(path) {
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(e) => return Err(Error::io("read", path, &e)),
+            // Before it is read: a foreign file may be of any length.
+            Ok(meta) if meta.len() != length(&region) => Vec::new(),
+            Ok(_) => std::fs::read(path).map_err(|e| Error::io("read", path, &e))?,
+        };
+        let refused = |what: &str| {
+            Error::input(format!("{} {what}", path.display())).hint(
+                "choose another output, or begin anew with --force: the samples in that file are lost then",
+            )
+        };
+        let foreign = || refused("keeps samples of another scene, region or setting");
+        let Some((body, checksum)) = bytes.split_last_chunk::<CHECKSUM>() else {
+            return Err(foreign());
+        };
+        if !body.starts_with(MAGIC) {
+            return Err(foreign());
+        }
+        if blake3::hash(body).as_bytes() != checksum {
+            return Err(refused("is damaged: its checksum is wrong"));
+        }
+        let mut sums = Self::new(region, key);
+        let mut expected = MAGIC.to_vec();
+        for v in [VERSION, STRANDS, region.x0, region.y0, region.x1, region.y1] {
+            expected.extend_from_slice(&v.to_le_bytes());
+        }
+        expected.extend_from_slice(&key);
+        let Some(mut rest) = body.strip_prefix(expected.as_slice()) else {
+            return Err(foreign());
+        };
+        let cut = || refused("is cut");
+        for row in &mut sums.rows {
+            let (count, after) = rest.split_first_chunk().ok_or_else(cut)?;
+            row.count = u32::from_le_bytes(*count);
+            rest = after;
+            for v in row.sums.iter_mut().flatten() {
+                let (value, after) = rest.split_first_chunk().ok_or_else(cut)?;
+                *v = f64::from_le_bytes(*value);
+                rest = after;
+            }
+        }
+        Ok(Some(sums))
+    }
+}
+
+/// Bytes of the file of a region.
+fn length(region: &Region) -> u64 {
+    (HEADER + CHECKSUM) as u64 + u64::from(region.height()) * 4 + Sums::bytes(region)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::sampling;
+
+    const REGION: Region = Region {
+        x0: 3,
+        y0: 5,
+        x1: 7,
+        y1: 8,
+    };
+
+    #[test]
+    fn the_variance_has_no_bias_for_any_count() {
+        for count in [2_u32, 3, 4, 5, 7, 8, 30] {
+            let trials = 20_000_u64;
+            let (mut variance, mut squares) = (0.0, 0.0);
+            for trial in 0..trials {
+                let mut strands = [0.0; STRANDS as usize];
+                for i in 0..count {
+                    let u = sampling::unit(sampling::hash(&[trial, u64::from(i)]));
+                    strands[(i % STRANDS) as usize] += f64::from(u);
+                }
+                let (mean, v) = estimate(count, strands.iter().copied());
+                variance += v;
+                squares += (mean - 0.5).powi(2);
+            }
+            let n = trials as f64;
+            let truth = 1.0 / 12.0 / f64::from(count);
+            assert!((squares / n / truth - 1.0).abs() < 0.05);
+            assert!(
+                (variance / n / truth - 1.0).abs() < 0.05,
+                "{count}: {}",
+                variance / n / truth
+            );
+        }
+        assert_eq!(estimate(1, [0.25].into_iter()), (0.25, f64::INFINITY));
+        assert_eq!(estimate(0, [0.0].into_iter()), (0.0, f64::INFINITY));
+    }
+
+    #[test]
+    fn sums_survive_a_round_trip_and_do_not_mix() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.sums");
+        assert!(Sums::read(&path, REGION, [1; 32]).unwrap().is_none());
+        let mut sums = Sums::new(REGION, [1; 32]);
+        sums.rows[1].count = 7;
+        sums.rows[1].sums[5] = [0.1, 1e30, -2.0];
+        sums.write(&path).unwrap();
+        assert_eq!(Sums::read(&path, REGION, [1; 32]).unwrap().unwrap(), sums);
+        let other = Region { x0: 2, ..REGION };
+        for (region, key) in [(REGION, [2; 32]), (other, [1; 32])] {
+            let error = Sums::read(&path, region, key).unwrap_err();
+            assert_eq!(error.kind(), crate::Kind::Input);
+            assert!(error.hint_text().unwrap().contains("--force"));
+        }
+    }
+
+    #[test]
+    fn damaged_files_are_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.sums");
+        Sums::new(REGION, [1; 32]).write(&path).unwrap();
+        let whole = std::fs::read(&path).unwrap();
+        for at in (0..whole.len()).step_by(7) {
+            let mut bytes = whole.clone();
+            bytes[at] ^= 4;
+            std::fs::write(&path, &bytes).unwrap();
+            assert!(Sums::read(&path, REGION, [1; 32]).is_err(), "{at}");
+            std::fs::write(&path, &whole[..at]).unwrap();
+            assert!(Sums::read(&path, REGION, [1; 32]).is_err(), "cut at {at}");
+        }
+    }
+}
