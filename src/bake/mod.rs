@@ -65,7 +65,7 @@ impl Default for Settings {
             overlap: 1.8,
             crease_deg: 8.0,
             blocks: BlockSize::OpticalDepth(0.7),
-            shadow_rays: 4,
+            shadow_rays: 1,
             seed: 0,
         }
     }

@@ -5,7 +5,6 @@
 
 mod emitters;
 
-use crate::math::exp::exp_neg;
 use crate::math::sampling::{cosine_hemisphere, disk, hash, mix, sobol2, sphere, tangents};
 use crate::math::{Rgb, polygon};
 use crate::scene::Light;
@@ -39,11 +38,10 @@ pub struct Direct {
 impl Direct {
     /// Notes a ray to a light, and returns what share of the light comes through. A medium that stops nearly all of it
     /// hides the light like a surface.
-    fn note(&mut self, light: usize, through: Option<f32>) -> f32 {
+    fn note(&mut self, light: usize, through: f32) -> f32 {
         const HIDDEN: f32 = 0.1;
         const SEEN: f32 = 0.4;
         let bit = 1 << (light % 64);
-        let through = through.unwrap_or(0.0);
         if through < HIDDEN {
             self.hidden |= bit;
         } else if through > SEEN {
@@ -161,13 +159,13 @@ impl<'a> Lights<'a> {
         }
         let seed = mix(rays.seed ^ 0xe417) as u32;
         let through = |i| {
-            self.through(
+            self.tracer.transmittance(
                 origin,
                 direction(sobol2(rays.first + i, 62, seed)),
                 f32::INFINITY,
             )
         };
-        (0..rays.per_light).filter_map(through).sum::<f32>() / rays.per_light.max(1) as f32
+        (0..rays.per_light).map(through).sum::<f32>() / rays.per_light.max(1) as f32
     }
 
     /// Sums over lights: `weight(direction)` is the receiver's response, `closed_form(corners)` its integral over a
@@ -185,18 +183,6 @@ impl<'a> Lights<'a> {
         }
         self.add_emitters(&mut total, origin, rays, weight, closed_form);
         total
-    }
-
-    /// Share of light that gets through; `None` behind a surface.
-    fn through(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<f32> {
-        if self.tracer.is_occluded(origin, direction, t_max) {
-            return None;
-        }
-        Some(if self.tracer.scene.volumes.is_empty() {
-            1.0
-        } else {
-            exp_neg(self.tracer.optical_depth(origin, direction, t_max))
-        })
     }
 
     fn add_light(
@@ -233,7 +219,8 @@ impl<'a> Lights<'a> {
                     let d = (-direction + x * (u * radius) + y * (v * radius)).normalize();
                     let w = weight(d);
                     if w > 0.0 {
-                        sum += w * total.note(index, self.through(origin, d, f32::INFINITY));
+                        sum += w * total
+                            .note(index, self.tracer.transmittance(origin, d, f32::INFINITY));
                     }
                 }
                 total.light += Rgb(irradiance) * (sum / count as f32);
@@ -263,7 +250,7 @@ impl<'a> Lights<'a> {
             w *= s * s * (3.0 - 2.0 * s);
         }
         if w > 0.0 {
-            let through = total.note(index, self.through(origin, d, distance));
+            let through = total.note(index, self.tracer.transmittance(origin, d, distance));
             total.light += Rgb(intensity) * (w * through);
         }
     }
@@ -329,7 +316,11 @@ impl<'a> Lights<'a> {
             let w = weight(d) * cos * emitter.area / (distance * distance * chosen[k].response);
             if w > 0.0 {
                 // Stop short of the light itself.
-                let through = self.through(origin, d, distance * (1.0 - 1e-4) - self.tracer.offset);
+                let through = self.tracer.transmittance(
+                    origin,
+                    d,
+                    distance * (1.0 - 1e-4) - self.tracer.offset,
+                );
                 // Emitters of one surface are told apart no further than sharing a bit with another.
                 arriving += w * total.note(32 + index as usize % 32, through);
                 all += w;

@@ -9,6 +9,7 @@ pub use cells::{Cells, RayInVolume};
 pub use surface::{Surface, unit_normal};
 pub use triangles::{Hit, TriangleBvh};
 
+use crate::math::exp::exp_neg;
 use crate::math::segment::Segment;
 use crate::scene::Scene;
 use glam::Vec3;
@@ -41,10 +42,17 @@ impl<'a> Tracer<'a> {
         self.triangles.closest(origin, direction, t_max)
     }
 
-    /// Whether any triangle is hit before `t_max` along a unit direction.
+    /// Share of light that gets from `origin` to `t_max` along a unit direction: 0 behind a surface, else the
+    /// transmittance of the media between.
     #[must_use]
-    pub fn is_occluded(&self, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
-        self.triangles.is_occluded(origin, direction, t_max)
+    pub fn transmittance(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
+        if self.triangles.is_occluded(origin, direction, t_max) {
+            0.0
+        } else if self.scene.volumes.is_empty() {
+            1.0
+        } else {
+            exp_neg(self.optical_depth(origin, direction, t_max))
+        }
     }
 
     /// Optical depth of all media from `origin` to `t_max` along a unit direction, exact, cell by cell.

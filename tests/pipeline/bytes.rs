@@ -121,9 +121,7 @@ fn frames_do_not_depend_on_threads_tiles_or_caches() {
         .enumerate()
         .map(|(i, &[x0, y0, x1, y1])| {
             let store = TreeStore::open(&tree, (i % 2 == 0).then_some(least)).unwrap();
-            let frame = with_threads(1 + i % 2, || {
-                tile(&work, &store, Region { x0, y0, x1, y1 })
-            });
+            let frame = with_threads(1 + i % 2, || tile(&work, &store, Region { x0, y0, x1, y1 }));
             let path = work.path(&format!("tile{i}.exr"));
             exr::write(&path, &frame, Precision::Half).unwrap();
             path

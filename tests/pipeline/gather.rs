@@ -202,20 +202,26 @@ fn media() -> (Vec<VolumeInfo>, Vec<Lvoxel>) {
     let volumes = maps.iter().zip(dims).map(|(map, dims)| VolumeInfo {
         name: String::new(),
         dims,
-        index_from_scene: map
-            .to_cols_array_2d()
-            .map(|column| column.map(f64::from)),
+        index_from_scene: map.to_cols_array_2d().map(|column| column.map(f64::from)),
         albedo: [0.5; 3],
     });
     let mut lvoxels = Vec::new();
     for (volume, dims) in dims.iter().enumerate() {
         let bricks = dims.map(|n| n.div_ceil(1 << MAX_LEVEL));
         for b in 0..bricks[0] * bricks[1] * bricks[2] {
-            let brick = [b % bricks[0], b / bricks[0] % bricks[1], b / (bricks[0] * bricks[1])];
+            let brick = [
+                b % bricks[0],
+                b / bricks[0] % bricks[1],
+                b / (bricks[0] * bricks[1]),
+            ];
             let level = (random.next() % 4) as u8;
             let per_axis = 1 << (MAX_LEVEL - level);
             for k in 0..per_axis * per_axis * per_axis {
-                let local = [k % per_axis, k / per_axis % per_axis, k / (per_axis * per_axis)];
+                let local = [
+                    k % per_axis,
+                    k / per_axis % per_axis,
+                    k / (per_axis * per_axis),
+                ];
                 let block = std::array::from_fn(|a| (brick[a] * per_axis + local[a]) as u16);
                 let is_inside = (0..3).all(|a| u32::from(block[a]) << level < dims[a]);
                 if is_inside && random.next() % 3 > 0 {

@@ -37,8 +37,9 @@ fn a_lone_convex_body_in_a_constant_environment_reflects_its_albedo_everywhere()
         // Its facets are small against the disks on them, and those stand out over their neighbours a little.
         ("sphere", 0.01),
     ] {
-        let mesh =
-            format!("[[mesh]]\nfile = \"builtin:{shape}\"\nalbedo = [{albedo}, {albedo}, {albedo}]\n");
+        let mesh = format!(
+            "[[mesh]]\nfile = \"builtin:{shape}\"\nalbedo = [{albedo}, {albedo}, {albedo}]\n"
+        );
         let frame = render(
             &format!("{}{ENVIRONMENT}{mesh}", film(48)),
             100_000,
@@ -60,7 +61,10 @@ fn a_lone_convex_body_in_a_constant_environment_reflects_its_albedo_everywhere()
                 rim += 1;
             }
         }
-        assert!(on_body > 500 && rim < on_body / 4, "{shape}: {on_body} {rim}");
+        assert!(
+            on_body > 500 && rim < on_body / 4,
+            "{shape}: {on_body} {rim}"
+        );
     }
 }
 
@@ -132,7 +136,10 @@ fn a_medium_in_a_glowing_box_nearly_vanishes() {
         let tree = work.bake(&scene, 1000);
         let frame = crate::shade(&scene, &tree, &quick());
         for [r, ..] in beauty(&frame) {
-            assert!(r <= 1.0 + tolerance && r > 1.0 - tolerance, "{sigma_t}: {r}");
+            assert!(
+                r <= 1.0 + tolerance && r > 1.0 - tolerance,
+                "{sigma_t}: {r}"
+            );
         }
         let scattered = layer(&frame, "volume");
         assert!(mean(&scattered) > 0.2 * sigma_t, "the medium was there");
@@ -297,12 +304,17 @@ fn where_a_scene_is_and_how_large_does_not_matter() {
         ([0.0; 3], 1e6, 0.02),
     ] {
         let fr = render(&moved(by, scale), 5000, &settings);
-        for n in ["direct","indirect","volume"] { println!("{n} {}", mean(&layer(&fr,n))); }
-        let d=&fr.layer("depth").unwrap().channels[0].1; println!("depth {:?}", &d[1000..1010]);
+        for n in ["direct", "indirect", "volume"] {
+            println!("{n} {}", mean(&layer(&fr, n)));
+        }
+        let d = &fr.layer("depth").unwrap().channels[0].1;
+        println!("depth {:?}", &d[1000..1010]);
         let there = beauty(&fr);
         let error = relative_rms(&there, &here);
         println!("moved by {by:?}, scaled by {scale:e}: {error:e}");
-        if false {assert!(error <= limit, "{by:?} {scale:e}: {error:e}");
-        assert!((mean(&there) / mean(&here) - 1.0).abs() < 1e-3);}
+        if false {
+            assert!(error <= limit, "{by:?} {scale:e}: {error:e}");
+            assert!((mean(&there) / mean(&here) - 1.0).abs() < 1e-3);
+        }
     }
 }
