@@ -4,6 +4,7 @@ mod columns;
 mod decode;
 mod encode;
 mod lvoxels;
+mod place;
 mod read;
 mod stats;
 #[cfg(test)]
