@@ -21,6 +21,8 @@ pub(super) const DEFAULT_FILM: Film = Film {
 pub(super) struct Draft {
     pub(super) name: String,
     pub(super) film: Option<Film>,
+    /// Whether the exposure follows from the lights.
+    pub(super) automatic_exposure: bool,
     pub(super) cameras: Vec<DraftCamera>,
     pub(super) parts: Vec<Part>,
     pub(super) lights: Vec<DraftLight>,
@@ -108,7 +110,10 @@ impl Draft {
                 "the scene has neither triangles nor volumes: there is nothing to render",
             ));
         }
-        let film = self.film.unwrap_or(DEFAULT_FILM);
+        let mut film = self.film.unwrap_or(DEFAULT_FILM);
+        if self.automatic_exposure {
+            film.exposure = self.default_exposure(&bounds);
+        }
         if self.cameras.is_empty() {
             self.cameras.push(default_camera(&bounds, &film));
             files.warn("the scene has no camera: framing everything from the front");
@@ -181,6 +186,29 @@ impl Draft {
             }
         }
         bounds
+    }
+
+    /// For a file that says nothing of film: the exposure at which a white surface in the middle of the scene that faces
+    /// all its lights is just white, so that lights in lux and in watts make the same picture.
+    fn default_exposure(&self, bounds: &Bounds) -> f32 {
+        let distance2 = (bounds.radius() * bounds.radius()) as f32;
+        let brightest: f32 = self
+            .lights
+            .iter()
+            .map(|l| match l.light {
+                Light::Directional { irradiance, .. } => irradiance,
+                Light::Point { intensity, .. } | Light::Spot { intensity, .. } => {
+                    intensity.map(|v| v / distance2)
+                }
+                Light::Environment { radiance } => radiance.map(|v| v * std::f32::consts::PI),
+            })
+            .map(|irradiance| irradiance.into_iter().fold(0.0, f32::max) / std::f32::consts::PI)
+            .sum();
+        if brightest.is_finite() && brightest > 0.0 {
+            1.0 / brightest
+        } else {
+            DEFAULT_FILM.exposure
+        }
     }
 
     fn light_if_dark(&mut self, files: &mut Files) {

@@ -60,6 +60,7 @@ impl Import {
                 .to_string_lossy()
                 .into(),
             film: Some(film),
+            automatic_exposure: true,
             lights: self.lights,
             ..Draft::default()
         };
@@ -277,8 +278,8 @@ impl Reader<'_> {
             }
             if intensity.iter().any(|x| *x >= LUMENS_PER_WATT) {
                 self.warn(format!(
-                    "a light of intensity {intensity:?} is taken as radiometric; if it is in candela or lux, divide \
-                     the exposure by {LUMENS_PER_WATT}"
+                    "a light of intensity {intensity:?} is taken as radiometric; if it is in candela or lux, \
+                     radiance comes out {LUMENS_PER_WATT} times as high"
                 ));
             }
             let direction = -without_scale(world_from_node).matrix3.z_axis.as_vec3();
