@@ -130,7 +130,14 @@ impl ShadeOptions {
     /// Fails now rather than after the work.
     pub fn check(&self) -> Result<()> {
         image_kind(&self.output)?;
-        check_writable(&self.output, true)
+        check_writable(&self.output, true)?;
+        self.settings(0).check()
+    }
+
+    /// The same for what depends on the scene.
+    pub fn check_with(&self, scene: &Scene) -> Result<()> {
+        scene.camera(self.camera.as_deref())?;
+        self.region(scene).map(drop)
     }
 
     fn region(&self, scene: &Scene) -> Result<Region> {
@@ -145,10 +152,9 @@ impl ShadeOptions {
         }
     }
 
-    /// Shades and writes the image.
-    pub fn run(&self, scene: &Scene, store: &TreeStore, seed: u64, job: &Job) -> Result<()> {
+    fn settings(&self, seed: u64) -> Settings {
         let preset = Settings::of(self.quality.into());
-        let settings = Settings {
+        Settings {
             camera: self.camera.clone(),
             samples: self.samples.unwrap_or(preset.samples),
             max_solid_angle: self.max_solid_angle.unwrap_or(preset.max_solid_angle),
@@ -160,7 +166,12 @@ impl ShadeOptions {
             edge_samples: self.edge_samples.unwrap_or(preset.edge_samples),
             shadow_rays: self.shadow_rays.unwrap_or(preset.shadow_rays),
             seed,
-        };
+        }
+    }
+
+    /// Shades and writes the image.
+    pub fn run(&self, scene: &Scene, store: &TreeStore, seed: u64, job: &Job) -> Result<()> {
+        let settings = self.settings(seed);
         let region = self.region(scene)?;
         let aovs: Vec<Aov> = self.aov.iter().map(|&a| a.into()).collect();
         let frame = shade::run(scene, store, &settings, region, &aovs, job)?;

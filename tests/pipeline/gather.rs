@@ -53,7 +53,7 @@ fn cloud(n: usize) -> Vec<Surfel> {
             s.front =
                 std::array::from_fn(|c| 1.0 + (2.0 * p[c] + p[(c + 1) % 3]).sin() * s.normal[0]);
             s.back = [0.1, 0.0, 0.0];
-            if random.next() % 20 == 0 {
+            if random.next().is_multiple_of(20) {
                 s.clips.count = 1;
                 s.clips.edges[0] = ClipEdge {
                     angle: 6.0 * random.unit(),
@@ -163,7 +163,6 @@ fn aggregates_change_irradiance_by_a_few_percent() {
         let pairs = fast.iter().zip(&plain);
         let square: f32 = pairs.map(|(a, b)| (a - b) * (a - b)).sum();
         let rms = (square / plain.len() as f32).sqrt() / mean;
-        println!("{solid_angle} sr: {rms}");
         assert!(rms < limit, "{solid_angle} sr: {rms}");
     }
 }
@@ -224,7 +223,7 @@ fn media() -> (Vec<VolumeInfo>, Vec<Lvoxel>) {
                 ];
                 let block = std::array::from_fn(|a| (brick[a] * per_axis + local[a]) as u16);
                 let is_inside = (0..3).all(|a| u32::from(block[a]) << level < dims[a]);
-                if is_inside && random.next() % 3 > 0 {
+                if is_inside && !random.next().is_multiple_of(3) {
                     lvoxels.push(Lvoxel {
                         volume: volume as u16,
                         level,
