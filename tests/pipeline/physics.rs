@@ -128,7 +128,7 @@ fn a_white_medium_in_a_constant_environment_nearly_vanishes() {
 #[test]
 fn a_medium_in_a_glowing_box_nearly_vanishes() {
     // All walls emit 1. Direct light and one bounce leave out what is scattered three times: of the order of tau^3.
-    for (sigma_t, tolerance) in [(0.05, 6e-4), (0.3, 1e-2)] {
+    for (sigma_t, tolerance) in [(0.05, 2e-4), (0.3, 8e-3)] {
         let walls = "[[mesh]]\nfile = \"builtin:cube\"\nscale = 1.2\nalbedo = [0, 0, 0]\nemission = [1, 1, 1]\n\
                      emits_both_sides = true\n";
         let text = format!(
@@ -140,7 +140,12 @@ fn a_medium_in_a_glowing_box_nearly_vanishes() {
         std::fs::write(work.path("smoke.raw"), vec![1_u8; 16 * 16 * 16]).unwrap();
         let scene = work.scene();
         let tree = work.bake(&scene, 1000);
-        let frame = crate::shade(&scene, &tree, &quick());
+        // Few shadow rays to lights this near find too little light, by as much as one part in twenty.
+        let settings = Settings {
+            shadow_rays: 64,
+            ..quick()
+        };
+        let frame = crate::shade(&scene, &tree, &settings);
         let pixels = beauty(&frame);
         let average = mean(&pixels);
         assert!(
