@@ -19,6 +19,7 @@ pub mod build;
 pub mod error;
 pub mod gather;
 pub mod image;
+pub mod inspect;
 pub mod light;
 pub mod math;
 pub mod reference;

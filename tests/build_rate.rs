@@ -1,5 +1,7 @@
 //! Figures, not checks: `cargo test --release --test build_rate -- --ignored --nocapture`.
 
+#![allow(clippy::print_stdout)]
+
 use lvox::build::{self, Settings};
 use lvox::formats::*;
 use lvox::run::Job;
@@ -103,7 +105,11 @@ fn rate() {
             per(c.stored_bytes)
         );
     }
-    for limit in [4 << 30, 64 << 20] {
+    let limits = match std::env::var("LIMIT_MIB") {
+        Ok(mib) => vec![mib.parse::<u64>().unwrap() << 20],
+        Err(_) => vec![4 << 30, 64 << 20],
+    };
+    for limit in limits {
         let job = Job {
             memory_limit: Some(limit),
             ..Job::default()
@@ -126,9 +132,10 @@ fn rate() {
         let summary = &outcome.summary;
         let size = std::fs::metadata(&tree).unwrap().len();
         println!(
-            "limit {} MiB: {:.2} M/s, {:.1} bytes per surfel, peak {} MiB ({before} before), spilled {} MB",
+            "limit {} MiB: {:.2} M/s, {:.2} CPU us each, {:.1} bytes per surfel, peak {} MiB ({before} before), spilled {} MB",
             limit >> 20,
             n as f64 / secs / 1e6,
+            job.report.stages()[0].cpu_secs / n as f64 * 1e6,
             per(size),
             peak.load(Ordering::Relaxed),
             outcome.spilled_bytes / 1_000_000

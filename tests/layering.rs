@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 /// Module of the library, and the paths below `crate::` that it may name. `error` stands for `Error`, `Kind`, `Result`.
 const MAY_USE: &[(&str, &[&str])] = &[
-    ("error", &[]),
+    ("error", &["formats"]),
     ("math", &[]),
     ("run", &["error"]),
     ("scene", &["error", "math", "run"]),
@@ -19,6 +19,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("image", &["error", "run", "scene::Film"]),
     ("bake", LEAVES),
     ("build", LEAVES),
+    ("inspect", &["error", "formats"]),
     ("shade", LEAVES),
     // What judges the pipeline shares the scene and its tracing with it, and no light.
     (

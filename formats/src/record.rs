@@ -36,7 +36,10 @@ impl Clips {
     pub fn keep(&self, point: [f32; 2]) -> bool {
         self.edges[..usize::from(self.count.min(3))]
             .iter()
-            .all(|e| point[0] * e.angle.cos() + point[1] * e.angle.sin() <= e.offset + 1e-4)
+            .all(|e| {
+                let (sin, cos) = libm::sincosf(e.angle);
+                point[0] * cos + point[1] * sin <= e.offset + 1e-4
+            })
     }
 
     /// Corners of what is left of the unit disk.
@@ -51,13 +54,13 @@ impl Clips {
         };
         let edges = &self.edges[..usize::from(self.count.min(3))];
         for (i, e) in edges.iter().enumerate() {
-            let (sin, cos) = e.angle.sin_cos();
+            let (sin, cos) = libm::sincosf(e.angle);
             let half = (1.0 - e.offset * e.offset).max(0.0).sqrt();
             for s in [-half, half] {
                 add([e.offset * cos - s * sin, e.offset * sin + s * cos]);
             }
             for f in &edges[i + 1..] {
-                let (sin2, cos2) = f.angle.sin_cos();
+                let (sin2, cos2) = libm::sincosf(f.angle);
                 let det = cos * sin2 - sin * cos2;
                 if det.abs() > 1e-6 {
                     let p = [

@@ -150,18 +150,38 @@ fn repair(bytes: &mut [u8]) {
             .then_some(at..at + len)
     };
     let is_tree = &bytes[8..11] == b"LVT";
-    // Blocks of a tree first, as the table holds their checksums, then the sections, then the header.
-    if let Some(table) = range(bytes, number(bytes, 72), number(bytes, 80)).filter(|_| is_tree) {
-        for entry in table.step_by(40) {
-            if entry + 40 > bytes.len() {
-                break;
-            }
-            let len = u32::from_le_bytes(bytes[entry + 8..entry + 12].try_into().unwrap());
-            if let Some(block) = range(bytes, number(bytes, entry), len as usize) {
-                let sum = xxh3_64(&bytes[block]);
-                bytes[entry + 32..entry + 40].copy_from_slice(&sum.to_le_bytes());
-            }
+    // From the inside out: columns, blocks, sections, header.
+    for entry in range(bytes, number(bytes, 72), number(bytes, 80))
+        .into_iter()
+        .flatten()
+        .step_by(40)
+    {
+        if entry + 40 > bytes.len() {
+            break;
         }
+        let u32_at = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+        let (len, columns) = (
+            u32_at(entry + 8) as usize,
+            u32_at(entry + 28).count_ones() as usize,
+        );
+        let Some(mut block) = range(bytes, number(bytes, entry), len) else {
+            continue;
+        };
+        if !is_tree && columns * 16 <= block.len() {
+            let directory = block.start..block.start + columns * 16;
+            let mut start = directory.end;
+            for column in directory.clone().step_by(16) {
+                let len = u32::from_le_bytes(bytes[column..column + 4].try_into().unwrap());
+                if let Some(stored) = range(bytes, start, len as usize) {
+                    start = stored.end;
+                    let sum = xxh3_64(&bytes[stored]);
+                    bytes[column + 8..column + 16].copy_from_slice(&sum.to_le_bytes());
+                }
+            }
+            block = directory;
+        }
+        let sum = xxh3_64(&bytes[block]);
+        bytes[entry + 32..entry + 40].copy_from_slice(&sum.to_le_bytes());
     }
     for section in [24, 48, 72] {
         if let Some(range) = range(bytes, number(bytes, section), number(bytes, section + 8)) {

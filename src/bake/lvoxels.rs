@@ -109,7 +109,12 @@ impl LvoxelMaker<'_> {
                     first: 0,
                     seed: sampling::hash(&key),
                 };
-                let light = self.lights.mean_radiance(point, rays).light;
+                let all_round = ShadowRays {
+                    per_light: 4 * self.shadow_rays,
+                    ..rays
+                };
+                let light = self.lights.mean_radiance(point, rays).light
+                    + self.lights.environment_mean_radiance(point, all_round);
                 out.push(Lvoxel {
                     volume: self.index,
                     level,

@@ -63,9 +63,9 @@ impl Default for Settings {
         Self {
             surfels: SurfelSampling::Area { count: 1_000_000 },
             overlap: 1.8,
-            crease_deg: 4.0,
+            crease_deg: 8.0,
             blocks: BlockSize::OpticalDepth(0.7),
-            shadow_rays: 4,
+            shadow_rays: 1,
             seed: 0,
         }
     }

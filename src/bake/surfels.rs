@@ -101,15 +101,20 @@ impl SurfelMaker<'_> {
             if side.albedo.is_black() {
                 return Rgb::BLACK;
             }
+            let seed = sampling::hash(&[self.seed, key]);
             let rays = ShadowRays {
                 per_light: self.shadow_rays,
                 first: 0,
-                seed: sampling::hash(&[self.seed, key]),
+                seed,
             };
-            let direct = self
-                .lights
-                .irradiance(side.position, side.normal, side.face_normal, rays);
-            side.albedo * direct.light * FRAC_1_PI
+            let all_round = ShadowRays {
+                per_light: 4 * self.shadow_rays,
+                ..rays
+            };
+            let (p, n, f) = (side.position, side.normal, side.face_normal);
+            let light = self.lights.irradiance(p, n, f, rays).light
+                + self.lights.environment_irradiance(p, n, f, all_round);
+            side.albedo * light * FRAC_1_PI
         };
         Surfel {
             position: surface.position.to_array(),

@@ -36,6 +36,17 @@ struct Cell {
     end: u32,
 }
 
+impl Cell {
+    /// A cell that no other is dealt out with.
+    fn whole(level: u32, count: u64) -> Self {
+        Self {
+            level,
+            count,
+            end: 0,
+        }
+    }
+}
+
 /// A run of cells: several that fit in memory together, or one.
 type Bucket = Vec<Cell>;
 
@@ -47,6 +58,10 @@ pub struct Feed<'a> {
     job: &'a Job,
     cube: Cube,
     spill: Option<Spill>,
+    /// Surfels of the bucket in work and their order. Kept from one to the next: given back and taken again, memory of
+    /// this size would be scattered.
+    surfels: Vec<Surfel>,
+    order: Vec<(u64, u32)>,
     built: Task,
 }
 
@@ -76,6 +91,8 @@ impl<'a> Feed<'a> {
             job,
             cube: Cube::around(&bounds),
             spill: None,
+            surfels: Vec::new(),
+            order: Vec::new(),
             built: job.progress.task("build", count, "surfels"),
         }
     }
@@ -106,17 +123,9 @@ impl<'a> Feed<'a> {
         writer: &mut TreeWriter,
     ) -> Result<Pending> {
         if count <= self.limits.surfels {
-            let surfels = self.load(source, count)?;
-            let built = self.build(
-                &surfels,
-                &[Cell {
-                    level,
-                    count,
-                    end: 0,
-                }],
-            )?;
-            let mut ready: VecDeque<_> = built.into();
-            return take(&mut ready, pages, writer);
+            self.load(source, count)?;
+            let built = self.build(&[Cell::whole(level, count)])?;
+            return take(&mut built.into(), pages, writer);
         }
         if level == morton::LEVELS {
             let mut reader = Reader {
@@ -197,8 +206,8 @@ impl<'a> Feed<'a> {
             let cells = buckets.pop().unwrap_or_default();
             let count: u64 = cells.iter().map(|c| c.count).sum();
             if count <= self.limits.surfels {
-                let surfels = self.load(&source, count)?;
-                ready.built.extend(self.build(&surfels, &cells)?);
+                self.load(&source, count)?;
+                ready.built.extend(self.build(&cells)?);
             } else if let [cell] = cells[..] {
                 return self.cell(&source, cell.level, cell.count, pages, writer);
             }
@@ -206,16 +215,16 @@ impl<'a> Feed<'a> {
         take(&mut ready.built, pages, writer)
     }
 
-    /// Sorts surfels and builds the cells that they make up.
-    fn build(&self, surfels: &[Surfel], cells: &[Cell]) -> Result<Vec<(Pending, Pages)>> {
-        let cube = self.cube;
-        let mut order: Vec<(u64, u32)> = surfels
+    /// Sorts the surfels in work and builds the cells that they make up.
+    fn build(&mut self, cells: &[Cell]) -> Result<Vec<(Pending, Pages)>> {
+        let (cube, surfels) = (self.cube, &self.surfels);
+        surfels
             .par_iter()
             .enumerate()
             .map(|(i, s)| (cube.key(s.position), i as u32))
-            .collect();
-        order.par_sort_unstable();
-        let mut rest = order.as_slice();
+            .collect_into_vec(&mut self.order);
+        self.order.par_sort_unstable();
+        let mut rest = self.order.as_slice();
         let mut parts = Vec::with_capacity(cells.len());
         for cell in cells {
             let Some((own, others)) = rest.split_at_checked(cell.count as usize) else {
@@ -246,15 +255,8 @@ impl<'a> Feed<'a> {
     ) -> Result<Pending> {
         let level = morton::LEVELS;
         if count <= self.limits.surfels {
-            let surfels = self.read(reader, count)?;
-            let built = self.build(
-                &surfels,
-                &[Cell {
-                    level,
-                    count,
-                    end: 0,
-                }],
-            )?;
+            self.read(reader, count)?;
+            let built = self.build(&[Cell::whole(level, count)])?;
             return take(&mut built.into(), pages, writer);
         }
         let children = subtree::eighths(count)
@@ -370,9 +372,9 @@ impl<'a> Feed<'a> {
             .collect()
     }
 
-    /// Reads all surfels of a source that fits in memory.
-    fn load(&mut self, source: &Source, count: u64) -> Result<Vec<Surfel>> {
-        let mut surfels = Vec::with_capacity(count as usize);
+    /// Takes all surfels of a source that fits in memory into work.
+    fn load(&mut self, source: &Source, count: u64) -> Result<()> {
+        self.start(count);
         match source {
             Source::Cloud => {
                 let chunks = self.cloud.surfel_chunks();
@@ -380,18 +382,29 @@ impl<'a> Feed<'a> {
                     self.job.cancel.check()?;
                     let end = (start + self.limits.chunks).min(chunks);
                     for chunk in self.chunks(start..end) {
-                        surfels.extend(chunk?);
+                        self.surfels.extend(chunk?);
                     }
                 }
             }
             Source::Spilled(extents) => {
                 for extent in extents {
                     self.job.cancel.check()?;
-                    surfels.extend(self.read_extent(*extent)?);
+                    let more = self.read_extent(*extent)?;
+                    self.surfels.extend(more);
                 }
             }
         }
-        Ok(surfels)
+        Ok(())
+    }
+
+    /// Makes room for a bucket of `count` surfels, and for any other if there are several.
+    fn start(&mut self, count: u64) {
+        let all = self.cloud.summary().sums.surfels;
+        let room = count.max(all.min(self.limits.surfels)) as usize;
+        self.surfels.clear();
+        self.surfels.reserve_exact(room);
+        self.order.clear();
+        self.order.reserve_exact(room);
     }
 
     fn read_extent(&mut self, extent: Extent) -> Result<Vec<Surfel>> {
@@ -403,8 +416,9 @@ impl<'a> Feed<'a> {
         Ok(records(&bytes))
     }
 
-    /// The next `count` surfels.
-    fn read(&mut self, reader: &mut Reader, count: u64) -> Result<Vec<Surfel>> {
+    /// Takes the next `count` surfels into work.
+    fn read(&mut self, reader: &mut Reader, count: u64) -> Result<()> {
+        self.start(count);
         while (reader.surfels.len() as u64) < count {
             self.job.cancel.check()?;
             let more = match &reader.source {
@@ -417,7 +431,8 @@ impl<'a> Feed<'a> {
             reader.surfels.extend(more);
             reader.next += 1;
         }
-        Ok(reader.surfels.drain(..count as usize).collect())
+        self.surfels.extend(reader.surfels.drain(..count as usize));
+        Ok(())
     }
 }
 

@@ -44,13 +44,13 @@ pub struct Outcome {
 }
 
 /// The least memory limit: below this, chunks and pages in work would not fit.
-pub const LEAST_MEMORY: u64 = 48 << 20;
+pub const LEAST_MEMORY: u64 = 64 << 20;
 /// The limit where none is given.
 pub const DEFAULT_MEMORY: u64 = 4 << 30;
 /// What is needed whatever the size of the cloud.
-const FIXED_MEMORY: u64 = 24 << 20;
+const FIXED_MEMORY: u64 = 28 << 20;
 /// Per surfel of a bucket: the record, its sort key, its share of pages and nodes in work.
-const SURFEL_MEMORY: u64 = 176;
+const SURFEL_MEMORY: u64 = 192;
 
 /// Builds the tree of a cloud.
 ///
@@ -167,7 +167,7 @@ impl Limits {
         Ok(Self {
             // Indices within a bucket are 32 bits.
             surfels: (free / SURFEL_MEMORY).min(most).min(1 << 31),
-            buffers: free / 4,
+            buffers: free / 8,
             chunks: ((free / 3 / CHUNK_MEMORY) as usize).clamp(1, rayon::current_num_threads()),
             lvoxels: (free / lvoxels::MEMORY).min(most).min(1 << 31),
         })

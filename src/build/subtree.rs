@@ -3,12 +3,13 @@
 use super::aggregate::Sums;
 use super::morton;
 use crate::formats::{
-    Below, EncodedPage, FormatError, Level, Node, Surfel, SurfelAggregate, SurfelPage, node_bytes,
-    surfel_bytes,
+    Below, Bounds, EncodedPage, FormatError, Level, Node, Surfel, SurfelAggregate, SurfelPage,
+    node_bytes, surfel_bytes,
 };
 use crate::run::Cancel;
 use crate::{Error, Result};
 use rayon::prelude::*;
+use std::cmp::Reverse;
 
 /// A leaf holds at most this many surfels.
 pub const LEAF: usize = 8;
@@ -35,18 +36,23 @@ pub struct Sorted<'a> {
 /// A part of the tree that is not written yet: small enough for one page.
 pub struct Pending {
     /// Over all that is below, in pages or not.
-    pub sums: Sums,
+    sums: Sums,
+    node: Part,
+}
+
+/// A node of such a part. There are many of them, so they do without the sums.
+struct Part {
     aggregate: SurfelAggregate,
-    below: PendingBelow,
+    bounds: Bounds,
+    below: PartBelow,
     /// Bytes in a page, of the node and all that is below it in the same page.
     bytes: u32,
 }
 
-enum PendingBelow {
-    Nodes(Vec<Pending>),
+enum PartBelow {
+    Nodes(Vec<Part>),
     Surfels(Box<[Surfel]>),
-    /// The bounds are those that readers decode.
-    Page(u32, crate::formats::Bounds),
+    Page(u32),
 }
 
 /// Pages that are done but not in the file yet. Ids count from `first`.
@@ -74,7 +80,7 @@ impl Pages {
 
     /// Appends the pages of a subtree that was built apart, whose ids count from 0.
     pub fn append(&mut self, other: Pages, pending: &mut Pending) {
-        pending.shift_links(self.next_id());
+        pending.node.shift_links(self.next_id());
         self.done.extend(other.done);
         for (a, b) in self.levels.iter_mut().zip(&other.levels) {
             a.nodes += b.nodes;
@@ -83,22 +89,30 @@ impl Pages {
         }
     }
 
-    /// Encodes a page.
+    /// Encodes a page and puts a link in its place.
     pub fn cut(&mut self, pending: Pending) -> Result<Pending> {
-        if matches!(pending.below, PendingBelow::Page(..)) {
-            return Ok(pending);
+        Ok(Pending {
+            sums: pending.sums,
+            node: self.cut_part(pending.node)?,
+        })
+    }
+
+    fn cut_part(&mut self, part: Part) -> Result<Part> {
+        if matches!(part.below, PartBelow::Page(_)) {
+            return Ok(part);
         }
-        let (sums, aggregate) = (pending.sums, pending.aggregate);
+        let aggregate = part.aggregate;
         let id = self.next_id();
         let encoded =
-            EncodedPage::new(&pending.into_page(), id, self.settings.overlap).map_err(too_large)?;
+            EncodedPage::new(&part.into_page(), id, self.settings.overlap).map_err(too_large)?;
+        // What readers decode may be a little larger than what was given.
         let bounds = encoded.bounds();
         self.done.push(encoded);
-        Ok(Pending {
+        Ok(Part {
             bytes: node_bytes(&aggregate) + LINK,
-            sums,
             aggregate,
-            below: PendingBelow::Page(id, bounds),
+            bounds,
+            below: PartBelow::Page(id),
         })
     }
 }
@@ -110,21 +124,26 @@ fn too_large(error: FormatError) -> Error {
 }
 
 impl Pending {
-    fn new(sums: Sums, below: PendingBelow, bytes_below: u32) -> Self {
+    fn new(sums: Sums, below: PartBelow, bytes_below: u32) -> Self {
         let aggregate = sums.aggregate();
         Self {
-            bytes: node_bytes(&aggregate) + bytes_below,
+            node: Part {
+                bytes: node_bytes(&aggregate) + bytes_below,
+                aggregate,
+                bounds: sums.bounds,
+                below,
+            },
             sums,
-            aggregate,
-            below,
         }
     }
+}
 
+impl Part {
     fn shift_links(&mut self, by: u32) {
         match &mut self.below {
-            PendingBelow::Nodes(nodes) => nodes.iter_mut().for_each(|n| n.shift_links(by)),
-            PendingBelow::Surfels(_) => {}
-            PendingBelow::Page(id, _) => *id += by,
+            PartBelow::Nodes(nodes) => nodes.iter_mut().for_each(|n| n.shift_links(by)),
+            PartBelow::Surfels(_) => {}
+            PartBelow::Page(id) => *id += by,
         }
     }
 
@@ -133,31 +152,27 @@ impl Pending {
         let mut page = SurfelPage::default();
         let mut next = 1;
         let mut queue = std::collections::VecDeque::from([self]);
-        while let Some(pending) = queue.pop_front() {
-            let mut bounds = pending.sums.bounds;
-            let below = match pending.below {
-                PendingBelow::Nodes(nodes) => {
+        while let Some(part) = queue.pop_front() {
+            let below = match part.below {
+                PartBelow::Nodes(nodes) => {
                     let first = next;
                     let count = nodes.len() as u8;
                     next += u32::from(count);
                     queue.extend(nodes);
                     Below::Nodes { first, count }
                 }
-                PendingBelow::Surfels(surfels) => {
+                PartBelow::Surfels(surfels) => {
                     let first = page.surfels.len() as u32;
                     let count = surfels.len() as u8;
                     page.surfels.extend(surfels);
                     Below::Surfels { first, count }
                 }
-                PendingBelow::Page(id, decoded) => {
-                    bounds = bounds.union(decoded);
-                    Below::Page(id)
-                }
+                PartBelow::Page(id) => Below::Page(id),
             };
             page.nodes.push(Node {
-                bounds,
+                bounds: part.bounds,
                 below,
-                aggregate: pending.aggregate,
+                aggregate: part.aggregate,
             });
         }
         page
@@ -206,33 +221,37 @@ pub fn build(
 
 /// Makes a node of its children and cuts off pages until the rest fits in one: the largest first, so that pages are
 /// few and full.
-pub fn join(mut children: Vec<Pending>, level: u32, pages: &mut Pages) -> Result<Pending> {
+pub fn join(children: Vec<Pending>, level: u32, pages: &mut Pages) -> Result<Pending> {
     let mut sums = Sums::NOTHING;
     for child in &children {
         sums.add(&child.sums);
     }
     let own = node_bytes(&sums.aggregate());
-    let mut bytes: u32 = children.iter().map(|c| c.bytes).sum();
+    let mut bytes: u32 = children.iter().map(|c| c.node.bytes).sum();
     let mut by_size: Vec<usize> = (0..children.len()).collect();
-    by_size.sort_by_key(|i| (std::cmp::Reverse(children[*i].bytes), *i));
-    let mut is_cut = vec![false; children.len()];
+    by_size.sort_by_key(|i| (Reverse(children[*i].node.bytes), *i));
+    let mut is_cut = [false; 8];
     for i in by_size {
         if own + bytes <= pages.settings.bytes {
             break;
         }
-        let child = &children[i];
+        let child = &children[i].node;
         bytes = bytes - child.bytes + node_bytes(&child.aggregate) + LINK;
         is_cut[i] = true;
     }
-    if is_cut.contains(&true) {
-        children = children
-            .into_iter()
-            .zip(is_cut)
-            .map(|(child, cut)| if cut { pages.cut(child) } else { Ok(child) })
-            .collect::<Result<_>>()?;
-    }
+    let nodes = children
+        .into_iter()
+        .zip(is_cut)
+        .map(|(child, cut)| {
+            if cut {
+                pages.cut_part(child.node)
+            } else {
+                Ok(child.node)
+            }
+        })
+        .collect::<Result<_>>()?;
     pages.levels[level as usize].nodes += 1;
-    Ok(Pending::new(sums, PendingBelow::Nodes(children), bytes))
+    Ok(Pending::new(sums, PartBelow::Nodes(nodes), bytes))
 }
 
 fn leaf(surfels: &Sorted<'_>, level: u32, pages: &mut Pages) -> Pending {
@@ -246,7 +265,7 @@ fn leaf(surfels: &Sorted<'_>, level: u32, pages: &mut Pages) -> Pending {
     count.leaves += 1;
     count.surfels += own.len() as u64;
     let bytes = own.iter().map(surfel_bytes).sum();
-    Pending::new(Sums::of(&own), PendingBelow::Surfels(own), bytes)
+    Pending::new(Sums::of(&own), PartBelow::Surfels(own), bytes)
 }
 
 /// The first level at which the surfels divide, and its cell's children that are not empty.

@@ -60,8 +60,9 @@ pub struct BakeOptions {
     )]
     block_samples: u32,
 
-    /// Shadow rays to each area light from each surfel and side, and each lvoxel
-    #[arg(long, value_name = "N", default_value_t = 4)]
+    /// Shadow rays to each area light from each surfel and side, and each lvoxel, and a quarter of those to the
+    /// environment; gathers average over many points
+    #[arg(long, value_name = "N", default_value_t = 1)]
     bake_shadow_rays: u32,
 }
 

@@ -6,6 +6,7 @@ mod bake;
 mod bake_options;
 mod build;
 mod compare;
+mod inspect;
 mod merge;
 mod options;
 pub mod output;
@@ -15,6 +16,7 @@ mod render;
 mod scene_input;
 mod shade;
 mod shade_options;
+mod verify;
 
 use clap::{Parser, Subcommand};
 use lvox::Result;
@@ -42,6 +44,8 @@ enum Verb {
     Build(build::Args),
     Shade(shade::Args),
     Merge(merge::Args),
+    Inspect(inspect::Args),
+    Verify(verify::Args),
     Compare(compare::Args),
     Reference(reference::Args),
 }
@@ -55,6 +59,8 @@ impl Verb {
             Self::Build(args) => ("build", args.run(context)),
             Self::Shade(args) => ("shade", args.run(context)),
             Self::Merge(args) => ("merge", args.run(context)),
+            Self::Inspect(args) => ("inspect", args.run(context)),
+            Self::Verify(args) => ("verify", args.run(context)),
             Self::Compare(args) => ("compare", args.run(context)),
             Self::Reference(args) => ("reference", args.run(context)),
         }

@@ -36,6 +36,7 @@ impl Args {
         let settings = self.bake.settings(context.seed);
         settings.check()?;
         let scene = self.scene.load(job)?;
+        self.shade.check_with(&scene)?;
         let folder = match &job.temp_dir {
             Some(dir) => tempfile::tempdir_in(dir),
             None => tempfile::tempdir(),

@@ -26,6 +26,7 @@ impl Args {
         self.shade.check()?;
         let store = TreeStore::open(&self.tree, context.job.memory_limit)?;
         let scene = self.scene.load(&context.job)?;
+        self.shade.check_with(&scene)?;
         if store.tree().meta().cloud.scene_hash != scene.hash {
             context.job.progress.warn(&format!(
                 "{}: baked from another version of the scene; its indirect light may be out of date",

@@ -8,7 +8,7 @@ use lvox::image::{Region, png, tone};
 use lvox::run::Job;
 use lvox::run::output::check_writable;
 use lvox::scene::Scene;
-use lvox::shade::{self, Aov, Settings};
+use lvox::shade::{self, Aov, Quality, Settings};
 use lvox::{Error, Result};
 use std::path::{Path, PathBuf};
 
@@ -24,13 +24,18 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "NAME")]
     camera: Option<String>,
 
-    /// Rays of each gather on a surface
-    #[arg(long, value_name = "N", default_value_t = Settings::default().samples)]
-    samples: u32,
+    /// Start from these settings, which the options below override one by one
+    #[arg(long, value_name = "PRESET", default_value = "good")]
+    quality: QualityChoice,
 
-    /// Take a node whole where it is seen under less than this, steradians; 0 for surfels only
-    #[arg(long, value_name = "SR", default_value_t = Settings::default().max_solid_angle)]
-    max_solid_angle: f32,
+    /// Rays of each gather on a surface [default: 32, 64, 256 by quality]
+    #[arg(long, value_name = "N")]
+    samples: Option<u32>,
+
+    /// Take a node whole where it is seen under less than this, steradians; 0 for surfels only [default: 0.02, 0.01,
+    /// 0.01 by quality]
+    #[arg(long, value_name = "SR")]
+    max_solid_angle: Option<f32>,
 
     /// Gather nothing from further than this, scene units [default: no limit]
     #[arg(long, value_name = "D")]
@@ -40,25 +45,25 @@ pub struct ShadeOptions {
     #[arg(long)]
     plain: bool,
 
-    /// Pixels between gathers on surfaces; 1 gathers at every pixel
-    #[arg(long, value_name = "N", default_value_t = Settings::default().lattice)]
-    lattice: u32,
+    /// Pixels between gathers on surfaces; 1 gathers at every pixel [default: 6, 4, 2 by quality]
+    #[arg(long, value_name = "N")]
+    lattice: Option<u32>,
 
-    /// Rays of each gather inside media
-    #[arg(long, value_name = "N", default_value_t = Settings::default().volume_samples)]
-    volume_samples: u32,
+    /// Rays of each gather inside media [default: 8, 16, 64 by quality]
+    #[arg(long, value_name = "N")]
+    volume_samples: Option<u32>,
 
-    /// Primary rays of every pixel
-    #[arg(long, value_name = "N", default_value_t = Settings::default().pixel_samples)]
-    pixel_samples: u32,
+    /// Primary rays of every pixel [default: 4, 8, 16 by quality]
+    #[arg(long, value_name = "N")]
+    pixel_samples: Option<u32>,
 
-    /// Primary rays of pixels where those disagree
-    #[arg(long, value_name = "N", default_value_t = Settings::default().edge_samples)]
-    edge_samples: u32,
+    /// Primary rays of pixels where those disagree [default: 12, 16, 64 by quality]
+    #[arg(long, value_name = "N")]
+    edge_samples: Option<u32>,
 
-    /// Shadow rays to each area light from each primary ray's end
-    #[arg(long, value_name = "N", default_value_t = Settings::default().shadow_rays)]
-    shadow_rays: u32,
+    /// Shadow rays to each area light from each primary ray's end [default: 2, 4, 4 by quality]
+    #[arg(long, value_name = "N")]
+    shadow_rays: Option<u32>,
 
     /// Shade only these pixels, X1 and Y1 excluded [default: the whole frame]
     #[arg(long, num_args = 4, value_names = ["X0", "Y0", "X1", "Y1"])]
@@ -75,6 +80,23 @@ pub struct ShadeOptions {
     /// Store 32-bit instead of 16-bit floats in an .exr image
     #[arg(long)]
     float: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum QualityChoice {
+    Draft,
+    Good,
+    Best,
+}
+
+impl From<QualityChoice> for Quality {
+    fn from(choice: QualityChoice) -> Self {
+        match choice {
+            QualityChoice::Draft => Self::Draft,
+            QualityChoice::Good => Self::Good,
+            QualityChoice::Best => Self::Best,
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -108,7 +130,14 @@ impl ShadeOptions {
     /// Fails now rather than after the work.
     pub fn check(&self) -> Result<()> {
         image_kind(&self.output)?;
-        check_writable(&self.output, true)
+        check_writable(&self.output, true)?;
+        self.settings(0).check()
+    }
+
+    /// The same for what depends on the scene.
+    pub fn check_with(&self, scene: &Scene) -> Result<()> {
+        scene.camera(self.camera.as_deref())?;
+        self.region(scene).map(drop)
     }
 
     fn region(&self, scene: &Scene) -> Result<Region> {
@@ -123,21 +152,26 @@ impl ShadeOptions {
         }
     }
 
-    /// Shades and writes the image.
-    pub fn run(&self, scene: &Scene, store: &TreeStore, seed: u64, job: &Job) -> Result<()> {
-        let settings = Settings {
+    fn settings(&self, seed: u64) -> Settings {
+        let preset = Settings::of(self.quality.into());
+        Settings {
             camera: self.camera.clone(),
-            samples: self.samples,
-            max_solid_angle: self.max_solid_angle,
+            samples: self.samples.unwrap_or(preset.samples),
+            max_solid_angle: self.max_solid_angle.unwrap_or(preset.max_solid_angle),
             max_dist: self.max_dist,
             plain: self.plain,
-            lattice: self.lattice,
-            volume_samples: self.volume_samples,
-            pixel_samples: self.pixel_samples,
-            edge_samples: self.edge_samples,
-            shadow_rays: self.shadow_rays,
+            lattice: self.lattice.unwrap_or(preset.lattice),
+            volume_samples: self.volume_samples.unwrap_or(preset.volume_samples),
+            pixel_samples: self.pixel_samples.unwrap_or(preset.pixel_samples),
+            edge_samples: self.edge_samples.unwrap_or(preset.edge_samples),
+            shadow_rays: self.shadow_rays.unwrap_or(preset.shadow_rays),
             seed,
-        };
+        }
+    }
+
+    /// Shades and writes the image.
+    pub fn run(&self, scene: &Scene, store: &TreeStore, seed: u64, job: &Job) -> Result<()> {
+        let settings = self.settings(seed);
         let region = self.region(scene)?;
         let aovs: Vec<Aov> = self.aov.iter().map(|&a| a.into()).collect();
         let frame = shade::run(scene, store, &settings, region, &aovs, job)?;

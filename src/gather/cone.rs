@@ -12,6 +12,10 @@ use glam::Vec3;
 /// A flat node that covers more than this of its plane is opaque: disks overlap, so what is missing is its rim.
 const SOLID: f32 = 0.25;
 
+/// Disks tangent to a convex surface stand out over their neighbours by less than this share of their radius: a point
+/// that deep behind a disk is not behind a wall but beside it on the same surface.
+pub(super) const OVERHANG: f32 = 0.1;
+
 /// Buffers that rays of one receiver share.
 #[derive(Debug, Default)]
 pub struct Scratch {
@@ -237,10 +241,17 @@ fn meet_disks(page: &KernelPage, block: &DiskBlock, ray: &Ray, t_end: f32) -> Op
             block.centre[2][k] - o[2],
         );
         let cos = nx * d[0] + ny * d[1] + nz * d[2];
-        let tk = (nx * px + ny * py + nz * pz) / cos;
+        let height = nx * px + ny * py + nz * pz;
+        let tk = height / cos;
         let (x, y, z) = (tk * d[0] - px, tk * d[1] - py, tk * d[2] - pz);
         t[k] = tk;
-        inside[k] = block.radius2[k] - (x * x + y * y + z * z);
+        // A ray that leaves through the back of a disk it started just behind is still on its own curved surface.
+        let own = cos > 0.0 && height * height < OVERHANG * OVERHANG * block.radius2[k];
+        inside[k] = if own {
+            -1.0
+        } else {
+            block.radius2[k] - (x * x + y * y + z * z)
+        };
     }
     let mut met = 0_u32;
     for k in 0..WIDTH {

@@ -283,12 +283,12 @@ impl Proxy {
     pub fn radiance(&self, v: [f32; 3]) -> [f32; 3] {
         let g = &self.aggregate;
         let (mut sum, mut weight) = ([0.0; 3], 0.0);
-        for a in 0..3 {
-            let side = 2 * a + usize::from(v[a] < 0.0);
-            let w = v[a].abs() * g.axis_area[side];
+        for (a, &along) in v.iter().enumerate() {
+            let side = 2 * a + usize::from(along < 0.0);
+            let w = along.abs() * g.axis_area[side];
             weight += w;
-            for c in 0..3 {
-                sum[c] += w * g.axis_radiance[side][c];
+            for (sum, radiance) in sum.iter_mut().zip(g.axis_radiance[side]) {
+                *sum += w * radiance;
             }
         }
         if weight > 0.0 {

@@ -1,7 +1,7 @@
 //! The paper's kernel: a ray through the octree, front to back, that ends at the first disk. No aggregates, no lanes;
 //! kept as the reference that the fast kernel is tested against.
 
-use super::cone::Scratch;
+use super::cone::{OVERHANG, Scratch};
 use super::page::ChildKind;
 use super::{Crossing, Pages};
 use crate::math::Rgb;
@@ -73,10 +73,14 @@ fn visit<P: Pages>(
                 for lane in 0..block.count as usize {
                     let normal = corner(&block.normal, lane);
                     let to_centre = corner(&block.centre, lane) - origin;
-                    let t = normal.dot(to_centre) / normal.dot(direction);
+                    let (height, cos) = (normal.dot(to_centre), normal.dot(direction));
+                    let t = height / cos;
+                    let own =
+                        cos > 0.0 && height * height < OVERHANG * OVERHANG * block.radius2[lane];
                     let offset = direction * t - to_centre;
                     let light = &page.lights[block.first_light as usize + lane];
                     let hit = t > 0.0
+                        && !own
                         && t < t_end(best)
                         && offset.length_squared() <= block.radius2[lane]
                         && !page.is_clipped(light, offset.to_array());

@@ -5,7 +5,7 @@
 
 mod emitters;
 
-use crate::math::sampling::{disk, hash, mix, sobol2, tangents};
+use crate::math::sampling::{cosine_hemisphere, disk, hash, mix, sobol2, sphere, tangents};
 use crate::math::{Rgb, polygon};
 use crate::scene::Light;
 use crate::trace::Tracer;
@@ -29,8 +29,26 @@ pub struct ShadowRays {
 pub struct Direct {
     /// Irradiance of a surface, or mean radiance over the sphere in a medium.
     pub light: Rgb,
-    /// Whether some of it is stopped and some is not, so that more rays would tell more.
-    pub partly_hidden: bool,
+    /// A bit for each light of which a ray came through; of many lights some share a bit.
+    pub seen: u64,
+    /// A bit for each light of which a ray was stopped by a surface. A light with both bits is partly hidden.
+    pub hidden: u64,
+}
+
+impl Direct {
+    /// Notes a ray to a light, and returns what share of the light comes through. A medium that stops nearly all of it
+    /// hides the light like a surface.
+    fn note(&mut self, light: usize, through: f32) -> f32 {
+        const HIDDEN: f32 = 0.1;
+        const SEEN: f32 = 0.4;
+        let bit = 1 << (light % 64);
+        if through < HIDDEN {
+            self.hidden |= bit;
+        } else if through > SEEN {
+            self.seen |= bit;
+        }
+        through
+    }
 }
 
 /// All lights of a scene but a constant environment, which gathering takes care of.
@@ -105,6 +123,51 @@ impl<'a> Lights<'a> {
         direct
     }
 
+    /// Irradiance of a surface point from the environment, by `rays.per_light` rays over the hemisphere. Gathering sees
+    /// the environment by itself; baking does not gather.
+    #[must_use]
+    pub fn environment_irradiance(
+        &self,
+        point: Vec3,
+        normal: Vec3,
+        face_normal: Vec3,
+        rays: ShadowRays,
+    ) -> Rgb {
+        let (x, y) = tangents(normal);
+        let origin = point + face_normal * self.tracer.offset;
+        let share = self.environment_share(origin, rays, |u| {
+            let d = cosine_hemisphere(u);
+            (x * d.x + y * d.y + normal * d.z).normalize()
+        });
+        self.environment * (PI * share)
+    }
+
+    /// Mean over the sphere of the environment's radiance at a point of a medium.
+    #[must_use]
+    pub fn environment_mean_radiance(&self, point: Vec3, rays: ShadowRays) -> Rgb {
+        self.environment * self.environment_share(point, rays, sphere)
+    }
+
+    fn environment_share(
+        &self,
+        origin: Vec3,
+        rays: ShadowRays,
+        direction: impl Fn([f32; 2]) -> Vec3,
+    ) -> f32 {
+        if self.environment.is_black() {
+            return 0.0;
+        }
+        let seed = mix(rays.seed ^ 0xe417) as u32;
+        let through = |i| {
+            self.tracer.transmittance(
+                origin,
+                direction(sobol2(rays.first + i, 62, seed)),
+                f32::INFINITY,
+            )
+        };
+        (0..rays.per_light).map(through).sum::<f32>() / rays.per_light.max(1) as f32
+    }
+
     /// Sums over lights: `weight(direction)` is the receiver's response, `closed_form(corners)` its integral over a
     /// triangle seen from the origin.
     fn sum(
@@ -144,7 +207,7 @@ impl<'a> Lights<'a> {
                 } else {
                     1
                 };
-                let (mut sum, mut hidden) = (0.0, 0);
+                let mut sum = 0.0;
                 let (x, y) = tangents(-direction);
                 let radius = libm::tanf(angular_radius_rad);
                 for i in 0..count {
@@ -156,13 +219,11 @@ impl<'a> Lights<'a> {
                     let d = (-direction + x * (u * radius) + y * (v * radius)).normalize();
                     let w = weight(d);
                     if w > 0.0 {
-                        let t = self.tracer.transmittance(origin, d, f32::INFINITY);
-                        hidden += u32::from(t == 0.0);
-                        sum += w * t;
+                        sum += w * total
+                            .note(index, self.tracer.transmittance(origin, d, f32::INFINITY));
                     }
                 }
                 total.light += Rgb(irradiance) * (sum / count as f32);
-                total.partly_hidden |= hidden > 0 && hidden < count;
                 return;
             }
             Light::Point {
@@ -189,7 +250,8 @@ impl<'a> Lights<'a> {
             w *= s * s * (3.0 - 2.0 * s);
         }
         if w > 0.0 {
-            total.light += Rgb(intensity) * (w * self.tracer.transmittance(origin, d, distance));
+            let through = total.note(index, self.tracer.transmittance(origin, d, distance));
+            total.light += Rgb(intensity) * (w * through);
         }
     }
 
@@ -229,7 +291,7 @@ impl<'a> Lights<'a> {
             return;
         }
         // Rays share the emitters out by what each would send; each ray counts by what its point would send.
-        let (mut arriving, mut all, mut hidden, mut sent) = (0.0, 0.0, 0, 0);
+        let (mut arriving, mut all) = (0.0, 0.0);
         let rays_total = rays.per_light.max(1);
         for i in 0..rays_total {
             let [u, v] = sobol2(rays.first + i, 63, seed as u32);
@@ -244,7 +306,8 @@ impl<'a> Lights<'a> {
                 chosen[k - 1].running_power
             };
             let within = ((target - below) / (chosen[k].running_power - below)).clamp(0.0, 1.0);
-            let emitter = self.emitters.get(chosen[k].index);
+            let index = chosen[k].index;
+            let emitter = self.emitters.get(index);
             let to_light = emitter.point([within, v]) - origin;
             let distance = to_light.length();
             let d = to_light / distance;
@@ -253,20 +316,18 @@ impl<'a> Lights<'a> {
             let w = weight(d) * cos * emitter.area / (distance * distance * chosen[k].response);
             if w > 0.0 {
                 // Stop short of the light itself.
-                let t = self.tracer.transmittance(
+                let through = self.tracer.transmittance(
                     origin,
                     d,
                     distance * (1.0 - 1e-4) - self.tracer.offset,
                 );
-                hidden += u32::from(t == 0.0);
-                sent += 1;
-                arriving += w * t;
+                // Emitters of one surface are told apart no further than sharing a bit with another.
+                arriving += w * total.note(32 + index as usize % 32, through);
                 all += w;
             }
         }
         if all > 0.0 {
             total.light += unoccluded * (arriving / all);
-            total.partly_hidden |= hidden > 0 && hidden < sent;
         }
     }
 }

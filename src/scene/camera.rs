@@ -20,7 +20,7 @@ pub struct Film {
     pub width: u32,
     /// Pixels down.
     pub height: u32,
-    /// Factor on linear radiance before clipping to [0,1] and the 1/2.2 power.
+    /// Factor on linear radiance before clipping to `[0,1]` and the 1/2.2 power.
     pub exposure: f32,
 }
 

@@ -7,7 +7,7 @@ use glam::Vec2;
 pub struct Material {
     /// Name, for messages.
     pub name: String,
-    /// Diffuse albedo, each channel in [0,1].
+    /// Diffuse albedo, each channel in `[0,1]`.
     pub albedo: [f32; 3],
     /// Factor on the albedo, index into the scene's textures.
     pub texture: Option<u32>,

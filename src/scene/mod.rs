@@ -6,7 +6,7 @@
 pub mod camera;
 pub mod grid;
 pub mod light;
-mod load;
+pub mod load;
 pub mod material;
 pub mod mesh;
 pub mod volume;

@@ -10,7 +10,7 @@ pub struct Volume {
     pub name: String,
     /// Extinction sigma_t per scene unit, sampled on a grid; scale and value window are already applied.
     pub sigma_t: Grid,
-    /// Single-scattering albedo, sigma_s / sigma_t, each channel in [0,1].
+    /// Single-scattering albedo, sigma_s / sigma_t, each channel in `[0,1]`.
     pub albedo: [f32; 3],
     /// Maps the box `0..dims` of the grid into the scene; any invertible affine map.
     pub scene_from_index: DAffine3,

@@ -1,7 +1,8 @@
 //! In-scattered light inside media, interpolated from vertices on the volume's own grid.
 //!
 //! A vertex is evaluated when a ray first needs it and depends on its coordinates alone, so it does not matter which
-//! tile or thread asks. Direct light is smooth at the scale of an optical depth, indirect light at twice that. Vertices
+//! tile or thread asks. Direct light is smooth at the scale of an optical depth, indirect light at twice that, so each
+//! brick of a volume has the spacing that its own density asks for. Vertices
 //! in empty space around the medium are evaluated like any other: leaving them dark would darken its rim.
 
 use crate::gather::{Gatherer, Pages};
@@ -76,14 +77,18 @@ impl Vertices {
     }
 }
 
-/// In-scattered light of one volume.
+/// In-scattered light of one volume: a lattice for each spacing, of which each brick of the volume uses one.
 #[derive(Debug)]
 struct Lattices {
-    direct: Vertices,
-    indirect: Vertices,
-    /// Cells deeper than this are lit at their own point: between vertices light changes too fast.
-    deep: bool,
+    /// By log2 of the voxels between vertices.
+    direct: [Vertices; LEVELS],
+    indirect: [Vertices; LEVELS],
+    /// Longest edge of a voxel, scene units.
+    voxel: f32,
 }
+
+/// Spacings of 1, 2 and 4 voxels.
+const LEVELS: usize = 3;
 
 /// In-scattered light of all volumes of a scene.
 pub struct InScatter<'a, P> {
@@ -96,12 +101,10 @@ pub struct InScatter<'a, P> {
 }
 
 impl<'a, P: Pages> InScatter<'a, P> {
-    /// Optical depth between vertices of the direct lattice.
+    /// Optical depth between vertices of the direct lattice. Cells deeper than this are lit at their own point.
     const DEPTH: f32 = 0.7;
-    /// Widest spacing, so that shadows of surfaces stay sharp in thin media.
-    const WIDEST: usize = 2;
 
-    /// Empty lattices, spaced by optical depth.
+    /// Empty lattices.
     #[must_use]
     pub fn new(
         volumes: &'a [Volume],
@@ -118,17 +121,12 @@ impl<'a, P: Pages> InScatter<'a, P> {
                     .x_axis
                     .length()
                     .max(axes.y_axis.length())
-                    .max(axes.z_axis.length()) as f32;
-                let tau = v.sigma_t.max() * voxel;
-                let step = if tau * Self::WIDEST as f32 <= Self::DEPTH {
-                    Self::WIDEST
-                } else {
-                    1
-                };
+                    .max(axes.z_axis.length());
+                let vertices = |level| Vertices::new(v.sigma_t.dims(), 1_usize << level);
                 Lattices {
-                    direct: Vertices::new(v.sigma_t.dims(), step),
-                    indirect: Vertices::new(v.sigma_t.dims(), 2 * step),
-                    deep: tau > Self::DEPTH,
+                    direct: std::array::from_fn(vertices),
+                    indirect: std::array::from_fn(|level| vertices(level + 1)),
+                    voxel: voxel as f32,
                 }
             })
             .collect();
@@ -154,27 +152,32 @@ impl<'a, P: Pages> InScatter<'a, P> {
                 .transform_point3(p.as_dvec3())
                 .as_vec3()
         };
+        // Thin parts of a volume are lit from few vertices, whatever its densest part needs.
+        let depth = medium.sigma_t.brick_max_at(at) * lattices.voxel;
+        let level = (0..LEVELS)
+            .rev()
+            .find(|&l| depth * (1 << l) as f32 <= Self::DEPTH)
+            .unwrap_or(0);
         let key = |v: [usize; 3]| {
             sampling::hash(&[
                 self.seed,
                 volume as u64,
+                level as u64,
                 v[0] as u64,
                 v[1] as u64,
                 v[2] as u64,
             ])
         };
-        let direct = if lattices.deep && tau > Self::DEPTH {
+        let direct = if tau > Self::DEPTH {
             let bits = point.to_array().map(|c| u64::from(c.to_bits()));
             self.direct(
                 point,
                 sampling::hash(&[self.seed, bits[0], bits[1], bits[2]]),
             )
         } else {
-            lattices
-                .direct
-                .sample(at, |p, v| self.direct(to_scene(p), key(v)))
+            lattices.direct[level].sample(at, |p, v| self.direct(to_scene(p), key(v)))
         };
-        let indirect = lattices.indirect.sample(at, |p, v| {
+        let indirect = lattices.indirect[level].sample(at, |p, v| {
             self.gatherer.mean_radiance(to_scene(p), key(v)).light
         });
         Rgb(medium.albedo) * (direct + indirect)

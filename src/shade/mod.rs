@@ -49,21 +49,62 @@ pub struct Settings {
     pub seed: u64,
 }
 
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
+/// Settings that go together; the same for all scenes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Quality {
+    /// For layout and light placement: grain in corners and penumbrae.
+    Draft,
+    /// Close to the converged image.
+    #[default]
+    Good,
+    /// Where only a metric can tell.
+    Best,
+}
+
+impl Settings {
+    /// The settings of a preset.
+    #[must_use]
+    pub fn of(quality: Quality) -> Self {
+        let good = Self {
             camera: None,
             samples: 64,
             max_solid_angle: 0.01,
             max_dist: None,
             plain: false,
             lattice: 4,
-            volume_samples: 32,
-            pixel_samples: 4,
+            volume_samples: 16,
+            pixel_samples: 8,
             edge_samples: 16,
             shadow_rays: 4,
             seed: 0,
+        };
+        match quality {
+            Quality::Draft => Self {
+                samples: 32,
+                max_solid_angle: 0.02,
+                lattice: 6,
+                volume_samples: 8,
+                pixel_samples: 4,
+                edge_samples: 12,
+                shadow_rays: 2,
+                ..good
+            },
+            Quality::Good => good,
+            Quality::Best => Self {
+                samples: 256,
+                lattice: 2,
+                volume_samples: 64,
+                pixel_samples: 16,
+                edge_samples: 64,
+                ..good
+            },
         }
+    }
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self::of(Quality::default())
     }
 }
 
@@ -162,8 +203,10 @@ fn shade<P: Pages>(
         },
     };
     let volume_gatherer = Gatherer {
+        // A ray over the sphere stands for four times the solid angle that one of a hemisphere does, at half as many.
         settings: gather::Settings {
             samples: settings.volume_samples,
+            max_solid_angle: 4.0 * settings.max_solid_angle,
             ..surface_gatherer.settings
         },
         ..surface_gatherer

@@ -77,18 +77,30 @@ impl<P: Pages> PixelShader<'_, P> {
     pub fn shade(&self, x: u32, y: u32) -> Pixel {
         let seed = sampling::hash(&[self.view.seed, u64::from(x), u64::from(y)]);
         let mut samples: Vec<Sample> = Vec::with_capacity(self.counts.edge as usize);
+        // The first samples have one shadow ray each: together they tell whether a light is partly hidden.
         for i in 0..self.counts.pixel {
-            samples.push(self.sample(x, y, i, seed));
+            samples.push(self.sample(x, y, i, 1, i, seed));
         }
-        if self.counts.edge > self.counts.pixel && self.disagree(&samples, x, y) {
+        if self.counts.edge > self.counts.pixel && self.disagree(&samples) {
+            let mut next_shadow = self.counts.pixel;
             for i in self.counts.pixel..self.counts.edge {
-                samples.push(self.sample(x, y, i, seed));
+                samples.push(self.sample(x, y, i, self.counts.shadow, next_shadow, seed));
+                next_shadow += self.counts.shadow;
             }
         }
+        self.pass_media(&mut samples);
         self.resolve(&samples, x, y, seed)
     }
 
-    fn sample(&self, x: u32, y: u32, i: u32, seed: u64) -> Sample {
+    fn sample(
+        &self,
+        x: u32,
+        y: u32,
+        i: u32,
+        shadow_rays: u32,
+        first_shadow_ray: u32,
+        seed: u64,
+    ) -> Sample {
         let view = &self.view;
         let [u, v] = sampling::sobol2(i, 1, seed as u32);
         let direction = view
@@ -101,8 +113,8 @@ impl<P: Pages> PixelShader<'_, P> {
             hit.map(|h| Surface::new(view.tracer.scene, h.triangle, h.uv).facing(-direction));
         let direct = surface.map_or_else(Direct::default, |s| {
             let rays = ShadowRays {
-                per_light: self.counts.shadow,
-                first: i * self.counts.shadow,
+                per_light: shadow_rays,
+                first: first_shadow_ray,
                 seed,
             };
             self.lights
@@ -113,14 +125,44 @@ impl<P: Pages> PixelShader<'_, P> {
             t,
             direction,
             direct,
-            passed: self.pass_media(origin, direction, t),
+            passed: Composite::default(),
         }
     }
 
-    fn pass_media(&self, origin: Vec3, direction: Vec3, t: f32) -> Composite {
+    /// Marches the media before a pixel. Where two rays of it agree, the others take after the one that ends on the
+    /// same piece of surface.
+    fn pass_media(&self, samples: &mut [Sample]) {
+        if self.view.tracer.scene.volumes.is_empty() {
+            return;
+        }
+        let first = samples.len().min(2);
+        for s in &mut samples[..first] {
+            s.passed = self.march(s.direction, s.t);
+        }
+        if samples.len() <= first {
+            return;
+        }
+        let smooth = alike(&samples[0].passed, &samples[1].passed);
+        for i in first..samples.len() {
+            let (known, rest) = samples.split_at_mut(i);
+            let s = &mut rest[0];
+            let twin = known.iter().find(|k| smooth && self.same_end(k, s));
+            s.passed = twin.map_or_else(|| self.march(s.direction, s.t), |k| k.passed);
+        }
+    }
+
+    fn same_end(&self, a: &Sample, b: &Sample) -> bool {
+        match (&a.surface, &b.surface) {
+            (None, None) => true,
+            (Some(p), Some(q)) => self.same_piece(p, q, a.t),
+            _ => false,
+        }
+    }
+
+    fn march(&self, direction: Vec3, t: f32) -> Composite {
         let mut passed = Composite::default();
         self.view.tracer.march(
-            origin,
+            self.view.camera.origin(),
             direction,
             t,
             |volume, point, tau| self.in_scatter.source(volume, point, tau),
@@ -133,21 +175,13 @@ impl<P: Pages> PixelShader<'_, P> {
     }
 
     /// Whether more samples would tell more.
-    fn disagree(&self, samples: &[Sample], x: u32, y: u32) -> bool {
-        let _ = (x, y);
-        let Some(first) = samples.first() else {
-            return false;
-        };
-        samples.iter().any(|s| {
-            s.direct.partly_hidden
-                || match (&s.surface, &first.surface) {
-                    (None, None) => false,
-                    (Some(a), Some(b)) => {
-                        !self.same_piece(a, b, s.t) || differs(s.direct.light, first.direct.light)
-                    }
-                    _ => true,
-                }
-        })
+    fn disagree(&self, samples: &[Sample]) -> bool {
+        let (mut seen, mut hidden) = (0, 0);
+        for s in samples {
+            seen |= s.direct.seen;
+            hidden |= s.direct.hidden;
+        }
+        seen & hidden != 0 || samples.iter().any(|s| !self.same_end(&samples[0], s))
     }
 
     fn same_piece(&self, a: &Surface, b: &Surface, t: f32) -> bool {
@@ -214,8 +248,8 @@ impl<P: Pages> PixelShader<'_, P> {
     }
 }
 
-/// Whether two lights differ by more than an eighth of their sum.
-fn differs(a: Rgb, b: Rgb) -> bool {
-    let (a, b) = (a.luminance(), b.luminance());
-    (a - b).abs() > 0.125 * (a + b)
+/// Whether two rays of a pixel passed media alike, to a fiftieth.
+fn alike(a: &Composite, b: &Composite) -> bool {
+    let (la, lb) = (a.radiance.luminance(), b.radiance.luminance());
+    (a.transmittance - b.transmittance).abs() <= 0.02 && (la - lb).abs() <= 0.02 * (la + lb)
 }

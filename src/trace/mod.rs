@@ -47,12 +47,15 @@ impl<'a> Tracer<'a> {
     #[must_use]
     pub fn transmittance(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
         if self.triangles.is_occluded(origin, direction, t_max) {
-            return 0.0;
+            0.0
+        } else if self.scene.volumes.is_empty() {
+            1.0
+        } else {
+            exp_neg(self.optical_depth(origin, direction, t_max))
         }
-        exp_neg(self.optical_depth(origin, direction, t_max))
     }
 
-    /// Optical depth of all media from `origin` to `t_max` along a unit direction.
+    /// Optical depth of all media from `origin` to `t_max` along a unit direction, exact, cell by cell.
     #[must_use]
     pub fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
         let mut tau = 0.0_f64;

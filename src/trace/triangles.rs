@@ -1,7 +1,7 @@
 //! Watertight ray casting (Woop, Benthin & Wald 2013) over the eight-wide compressed hierarchy of `obvhs`.
 //!
-//! The triangle tests of that crate leak at shared edges, and it misses boxes for a direction component of -0.0; both
-//! are cured here.
+//! The triangle tests of that crate leak at shared edges, it misses boxes for a direction component of -0.0, and it
+//! passes over boxes that end less than 1e-4 units from the ray's origin; all three are cured here.
 
 use crate::scene::Mesh;
 use glam::{UVec2, Vec3, Vec3A};
@@ -26,6 +26,9 @@ pub struct Hit {
 pub struct TriangleBvh {
     bvh: CwBvh,
     leaves: Vec<Leaf>,
+    /// Boxes and leaves are this many times larger than the mesh: a power of two, so that it changes no digit, and so
+    /// large that 1e-4 of their units are less than f32 can tell.
+    scale: f32,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -42,11 +45,13 @@ impl TriangleBvh {
             return Self {
                 bvh: CwBvh::default(),
                 leaves: Vec::new(),
+                scale: 1.0,
             };
         }
+        let scale = box_scale(mesh);
         let triangles: Vec<Triangle> = (0..mesh.triangles.len())
             .map(|i| {
-                let [v0, v1, v2] = mesh.corners(i).map(Vec3A::from);
+                let [v0, v1, v2] = mesh.corners(i).map(|p| Vec3A::from(p * scale));
                 Triangle { v0, v1, v2 }
             })
             .collect();
@@ -59,16 +64,17 @@ impl TriangleBvh {
             .primitive_indices
             .iter()
             .map(|&i| Leaf {
-                corners: mesh.corners(i as usize),
+                corners: mesh.corners(i as usize).map(|p| p * scale),
                 triangle: i,
             })
             .collect();
-        Self { bvh, leaves }
+        Self { bvh, leaves, scale }
     }
 
     /// Nearest hit before `t_max`; of triangles at the same distance the first of the mesh.
     #[must_use]
     pub fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Hit> {
+        let (origin, t_max) = (origin * self.scale, t_max * self.scale);
         let woop = Woop::new(origin, direction);
         let mut best: Option<Hit> = None;
         self.bvh.ray_traverse(
@@ -91,7 +97,10 @@ impl TriangleBvh {
                 t
             },
         );
-        best
+        best.map(|hit| Hit {
+            t: hit.t / self.scale,
+            ..hit
+        })
     }
 
     /// Whether any triangle is hit before `t_max`.
@@ -100,6 +109,7 @@ impl TriangleBvh {
         if self.leaves.is_empty() {
             return false;
         }
+        let (origin, t_max) = (origin * self.scale, t_max * self.scale);
         let woop = Woop::new(origin, direction);
         let ray = ray(origin, direction, t_max);
         let mut state = self.bvh.new_traversal(ray.direction);
@@ -134,6 +144,16 @@ fn ray(origin: Vec3, direction: Vec3, t_max: f32) -> Ray {
         0.0,
         t_max,
     )
+}
+
+/// The power of two that makes the largest coordinate of a mesh about 2^20.
+fn box_scale(mesh: &Mesh) -> f32 {
+    let largest = mesh
+        .positions
+        .iter()
+        .fold(0.0_f32, |m, p| m.max(p.abs().max_element()));
+    let (_, exponent) = libm::frexpf(largest);
+    libm::ldexpf(1.0, (20 - exponent).clamp(-120, 120))
 }
 
 /// A ray sheared to run along +z, so that neighbouring triangles see bit-equal edge functions.
@@ -288,6 +308,42 @@ mod tests {
                     .is_some(),
                 "{d}"
             );
+        }
+    }
+
+    #[test]
+    fn hits_scale_with_the_mesh_and_near_ones_are_not_missed() {
+        let mesh = sphere(12, 20);
+        let bvh = TriangleBvh::new(&mesh);
+        for exponent in [-40, -20, 20, 40] {
+            let scale = libm::ldexpf(1.0, exponent);
+            let mut scaled = mesh.clone();
+            scaled.positions.iter_mut().for_each(|p| *p *= scale);
+            let scaled = TriangleBvh::new(&scaled);
+            for i in 0..2000 {
+                // Half of the origins are within 1e-5 of the surface, outside or inside.
+                let mut o = 2.0 * sampling::sphere(sampling::r2(i, [0.3; 2]));
+                let d = sampling::sphere(sampling::r2(i, [0.7; 2]));
+                if i % 2 == 0 {
+                    let Some(hit) = bvh.closest(o, -o.normalize(), f32::INFINITY) else {
+                        panic!("the middle is inside")
+                    };
+                    o -= o.normalize() * (hit.t - 1e-5 * (i % 5) as f32 + 2e-5);
+                }
+                let hit = bvh.closest(o, d, f32::INFINITY);
+                let woop = Woop::new(o, d);
+                let scan = (0..mesh.triangles.len())
+                    .filter_map(|t| woop.intersect(&mesh.corners(t)))
+                    .map(|h| h.0)
+                    .min_by(f32::total_cmp);
+                assert_eq!(hit.map(|h| h.t), scan);
+                let far = scaled.closest(o * scale, d, f32::INFINITY);
+                assert_eq!(far.map(|h| h.t), hit.map(|h| h.t * scale));
+                assert_eq!(
+                    scaled.is_occluded(o * scale, d, f32::INFINITY),
+                    hit.is_some()
+                );
+            }
         }
     }
 

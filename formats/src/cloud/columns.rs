@@ -1,6 +1,5 @@
 //! The columns of a chunk, each compressed on its own behind a directory of them.
 
-use super::CHUNK_RECORDS;
 use crate::bytes::{self, Cursor};
 use crate::frame::Block;
 use crate::{FormatError, Result};
@@ -128,7 +127,8 @@ pub struct Chunk<'a> {
 }
 
 impl<'a> Chunk<'a> {
-    /// Reads the directory of the chunk `bytes`; `place` names it in errors.
+    /// Reads the directory of the chunk `bytes`; `place` names it in errors. The number of records was checked when
+    /// the file was opened.
     pub fn open(
         bytes: &'a [u8],
         block: &Block,
@@ -136,13 +136,6 @@ impl<'a> Chunk<'a> {
         place: String,
     ) -> Result<Self> {
         let records = block.records as usize;
-        if records == 0 || records > CHUNK_RECORDS {
-            return Err(FormatError::invalid(
-                format!("records in {place}"),
-                format!("1 to {CHUNK_RECORDS}"),
-                records,
-            ));
-        }
         if block.columns >> table.len() != 0 {
             return Err(FormatError::invalid(
                 format!("columns of {place}"),

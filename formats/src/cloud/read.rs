@@ -1,5 +1,6 @@
 //! Reading a cloud.
 
+use super::CHUNK_RECORDS;
 use super::columns::{self as col, Chunk};
 use crate::bytes::Cursor;
 use crate::frame::{Block, BlockKind, FileKind, Frame};
@@ -43,6 +44,15 @@ impl<D: AsRef<[u8]>> Cloud<D> {
         let frame = Frame::read(bytes, FileKind::Cloud)?;
         let meta: CloudMeta = codec::decode(&bytes[frame.meta.clone()], "metadata")?;
         meta.validate()?;
+        for (i, block) in frame.blocks.iter().enumerate() {
+            if !(1..=CHUNK_RECORDS).contains(&(block.records as usize)) || block.nodes != 0 {
+                return Err(FormatError::invalid(
+                    format!("records of block {i}"),
+                    format!("1 to {CHUNK_RECORDS}, and no nodes"),
+                    format!("{} and {} nodes", block.records, block.nodes),
+                ));
+            }
+        }
         let summary: CloudSummary = codec::decode(&bytes[frame.summary.clone()], "summary")?;
         let (surfel_blocks, lvoxel_blocks): (Vec<_>, Vec<_>) = frame
             .blocks
@@ -189,7 +199,7 @@ impl<D: AsRef<[u8]>> Cloud<D> {
         }
         let bounds = (sums.surfels > 0).then_some(bounds);
         self.named(|| {
-            if sums != self.summary.sums || bounds != self.summary.bounds {
+            if sums != self.summary.sums || !same_box(bounds, self.summary.bounds) {
                 return Err(FormatError::invalid(
                     "summary",
                     format!("the sums of the points, {sums:?} in {bounds:?}"),
@@ -221,6 +231,19 @@ impl<D: AsRef<[u8]>> Cloud<D> {
         let bytes = &self.data.as_ref()[start..start + block.stored_bytes as usize];
         Chunk::open(bytes, block, table, format!("{name} {i}"))
     }
+}
+
+/// Whether two boxes are the same, but for how a machine rounds.
+fn same_box(a: Option<Bounds>, b: Option<Bounds>) -> bool {
+    let (Some(a), Some(b)) = (a, b) else {
+        return a.is_none() && b.is_none();
+    };
+    let numbers = |b: Bounds| [b.min, b.max].concat();
+    let size = numbers(a).into_iter().fold(0f32, |m, v| m.max(v.abs()));
+    numbers(a)
+        .into_iter()
+        .zip(numbers(b))
+        .all(|(a, b)| (a - b).abs() <= size * 1e-5)
 }
 
 fn triples(rows: &[u8]) -> Vec<[f32; 3]> {

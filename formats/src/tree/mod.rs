@@ -4,8 +4,11 @@ mod columns;
 mod decode;
 mod encode;
 mod lvoxels;
+mod place;
 mod read;
 mod stats;
+#[cfg(test)]
+mod tests;
 mod write;
 
 pub use encode::{EncodedPage, node_bytes, surfel_bytes};

@@ -1,9 +1,9 @@
 //! Reading a tree.
 
-use super::{MAX_PAGE_BYTES, decode, lvoxels};
+use super::{MAX_PAGE_BYTES, MAX_PAGE_RECORDS, decode, lvoxels};
 use crate::bytes;
 use crate::frame::{Block, BlockKind, FileKind, Frame};
-use crate::record::{Below, Bounds, Lvoxel, SurfelPage};
+use crate::record::{Below, Bounds, Lvoxel, Surfel, SurfelPage};
 use crate::summary::{Sums, TreeSummary, VolumeSums};
 use crate::{FormatError, MappedFile, Result, TreeMeta, check, codec};
 use std::cell::RefCell;
@@ -45,6 +45,14 @@ impl<D: AsRef<[u8]>> Tree<D> {
         meta.cloud.validate()?;
         let summary: TreeSummary = codec::decode(&all[frame.summary.clone()], "summary")?;
         for (i, block) in frame.blocks.iter().enumerate() {
+            let most = MAX_PAGE_RECORDS as u32;
+            if block.records > most || block.nodes > most {
+                return Err(FormatError::invalid(
+                    format!("records of block {i}"),
+                    format!("at most {most}"),
+                    format!("{} and {} nodes", block.records, block.nodes),
+                ));
+            }
             if block.raw_bytes as usize > MAX_PAGE_BYTES || block.stored_bytes > block.raw_bytes {
                 return Err(FormatError::invalid(
                     format!("bytes of block {i}"),
@@ -271,6 +279,15 @@ fn holds(outer: &Bounds, inner: &Bounds) -> bool {
     (0..3).all(|k| outer.min[k] <= inner.min[k] && outer.max[k] >= inner.max[k])
 }
 
+/// With room for another machine's rounding.
+fn holds_disk(outer: &Bounds, surfel: &Surfel) -> bool {
+    let disk = Bounds::of_surfel(surfel);
+    (0..3).all(|k| {
+        let room = surfel.radius * 0.01 + surfel.position[k].abs() * 1e-6;
+        outer.min[k] <= disk.min[k] + room && outer.max[k] >= disk.max[k] - room
+    })
+}
+
 fn check_page(page: &SurfelPage, i: usize, held: &mut [Option<Bounds>]) -> Result<()> {
     let wrong = |what: &str, expected: &str, found: String| {
         Err(FormatError::invalid(
@@ -296,7 +313,7 @@ fn check_page(page: &SurfelPage, i: usize, held: &mut [Option<Bounds>]) -> Resul
             Below::Nodes { first, count } => (first..first + u32::from(count))
                 .all(|c| holds(&node.bounds, &page.nodes[c as usize].bounds)),
             Below::Surfels { first, count } => (first..first + u32::from(count))
-                .all(|s| holds(&node.bounds, &Bounds::of_surfel(&page.surfels[s as usize]))),
+                .all(|s| holds_disk(&node.bounds, &page.surfels[s as usize])),
             Below::Page(link) => {
                 let slot = &mut held[link as usize];
                 if slot.is_some() {

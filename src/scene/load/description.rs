@@ -263,15 +263,18 @@ fn named<'a>(table: &Table<'a>, scene: &Path) -> Result<(&'a str, PathBuf)> {
 fn mesh(table: &Table<'_>, scene: &Path, draft: &mut Draft, files: &mut Files) -> Result<Part> {
     let world_from_part = place::from_keys(table)?;
     let (name, path) = named(table, scene)?;
+    let kind = extension(&path);
     let palette = match table.get("palette") {
+        Some(item) if kind != "ply" => {
+            return Err(item.error("only .ply files have this key"));
+        }
         Some(item) => Some(item.colors(1.0)?),
         None => None,
     };
-    let imports = imports(table, &extension(&path))?;
+    let imports = imports(table, &kind)?;
     let mut part = match name.strip_prefix("builtin:") {
         Some(shape) => builtin::mesh(shape).map_err(|e| table.locate(e))?,
         None => {
-            let kind = extension(&path);
             if !["obj", "ply", "gltf", "glb"].contains(&kind.as_str()) {
                 return Err(table
                     .error(format_args!(
@@ -289,7 +292,7 @@ fn mesh(table: &Table<'_>, scene: &Path, draft: &mut Draft, files: &mut Files) -
             part.map_err(|e| e.at(path.display()))?
         }
     };
-    part.check().map_err(|e| e.at(name))?;
+    part.check().map_err(|e| e.at(path.display()))?;
     part.transform(&world_from_part);
     if let Some(item) = table.get("albedo") {
         let albedo = item.color(1.0)?;
@@ -330,7 +333,7 @@ fn mesh(table: &Table<'_>, scene: &Path, draft: &mut Draft, files: &mut Files) -
     }
     shading_normals(table, &mut part)?;
     // Placement can take finite positions out of range.
-    part.check().map_err(|e| e.at(name))?;
+    part.check().map_err(|e| table.locate(e))?;
     Ok(part)
 }
 
@@ -450,7 +453,7 @@ fn volume(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<DraftVol
                 .to_string_lossy()
                 .into(),
         },
-        sigma_t: field.into_grid(scale).map_err(|e| e.at(name))?,
+        sigma_t: field.into_grid(scale).map_err(|e| e.at(path.display()))?,
         albedo,
         world_from_index,
     })
@@ -499,4 +502,52 @@ fn field(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Resul
         None => nrrd::read(content, path, files),
     };
     field.map_err(|e| e.at(path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The example in the documentation of the parent module.
+    fn example() -> String {
+        let source = include_str!("mod.rs");
+        let lines = source
+            .lines()
+            .skip_while(|l| !l.contains("```toml"))
+            .skip(1);
+        lines
+            .take_while(|l| !l.contains("```"))
+            .map(|l| l.trim_start_matches("//!").trim_start().to_string() + "\n")
+            .collect()
+    }
+
+    #[test]
+    fn the_documented_example_has_every_key_and_no_other() {
+        let text = example();
+        let document = Document::new(Path::new("example"), &text);
+        let parsed = document.parse().unwrap();
+        let known = ["name", "film", "camera", "mesh", "light", "volume"];
+        let root = document.root(&parsed, &known).unwrap();
+        root.require("film")
+            .unwrap()
+            .table("[film]", &FILM)
+            .unwrap();
+        for (table, keys) in [
+            ("camera", CAMERA.as_slice()),
+            ("mesh", &MESH),
+            ("light", &LIGHT),
+            ("volume", &VOLUME),
+        ] {
+            assert!(!root.tables(table, keys).unwrap().is_empty());
+            let section: String = (text.split("\n[["))
+                .filter(|s| s.starts_with(table))
+                .collect();
+            for key in keys {
+                assert!(section.contains(key), "{key} of [[{table}]]");
+            }
+        }
+        for table in root.tables("light", &LIGHT).unwrap() {
+            light(&table).unwrap();
+        }
+    }
 }

@@ -21,6 +21,8 @@ pub(super) const DEFAULT_FILM: Film = Film {
 pub(super) struct Draft {
     pub(super) name: String,
     pub(super) film: Option<Film>,
+    /// Whether the exposure follows from the lights.
+    pub(super) automatic_exposure: bool,
     pub(super) cameras: Vec<DraftCamera>,
     pub(super) parts: Vec<Part>,
     pub(super) lights: Vec<DraftLight>,
@@ -108,7 +110,10 @@ impl Draft {
                 "the scene has neither triangles nor volumes: there is nothing to render",
             ));
         }
-        let film = self.film.unwrap_or(DEFAULT_FILM);
+        let mut film = self.film.unwrap_or(DEFAULT_FILM);
+        if self.automatic_exposure {
+            film.exposure = self.default_exposure(&bounds);
+        }
         if self.cameras.is_empty() {
             self.cameras.push(default_camera(&bounds, &film));
             files.warn("the scene has no camera: framing everything from the front");
@@ -183,6 +188,29 @@ impl Draft {
         bounds
     }
 
+    /// For a file that says nothing of film: the exposure at which a white surface in the middle of the scene that faces
+    /// all its lights is just white, so that lights in lux and in watts make the same picture.
+    fn default_exposure(&self, bounds: &Bounds) -> f32 {
+        let distance2 = (bounds.radius() * bounds.radius()) as f32;
+        let brightest: f32 = self
+            .lights
+            .iter()
+            .map(|l| match l.light {
+                Light::Directional { irradiance, .. } => irradiance,
+                Light::Point { intensity, .. } | Light::Spot { intensity, .. } => {
+                    intensity.map(|v| v / distance2)
+                }
+                Light::Environment { radiance } => radiance.map(|v| v * std::f32::consts::PI),
+            })
+            .map(|irradiance| irradiance.into_iter().fold(0.0, f32::max) / std::f32::consts::PI)
+            .sum();
+        if brightest.is_finite() && brightest > 0.0 {
+            1.0 / brightest
+        } else {
+            DEFAULT_FILM.exposure
+        }
+    }
+
     fn light_if_dark(&mut self, files: &mut Files) {
         let emits = |p: &Part| p.materials.iter().any(|m| m.emission != [0.0; 3]);
         if self.lights.is_empty() && !self.parts.iter().any(emits) {
@@ -252,7 +280,11 @@ fn merge_parts(parts: Vec<Part>, world_from_scene: DVec3) -> Result<Merged> {
         merge(&mut mesh.normals, normals, first_vertex, total, Vec3::ZERO);
         merge(&mut mesh.colors, part.colors, first_vertex, total, [1.0; 3]);
         let textured = part.materials.iter().any(|m| m.texture.is_some());
-        let uvs = if textured { part.uvs } else { Vec::new() };
+        let mut uvs = if textured { part.uvs } else { Vec::new() };
+        if textured {
+            // Whoever sees a texture may count on there being coordinates.
+            uvs.resize(part.positions.len(), Vec2::ZERO);
+        }
         merge(&mut mesh.uvs, uvs, first_vertex, total, Vec2::ZERO);
         for (triangle, material) in part.triangles.iter().zip(&part.material) {
             let triangle = triangle.map(|v| v + first_vertex as u32);

@@ -76,7 +76,8 @@
 //! ```
 //!
 //! Built-in meshes: `quad` (1 x 1 in the xz plane, faces +y), `cube` (edge 1), `sphere` (radius 1/2), `torus` (about y,
-//! outer radius 1/2, tube 0.18), all centred at the origin. `builtin:plume` is a column of smoke that rises in [0,1]^3.
+//! outer radius 1/2, tube 0.18), all centred at the origin. `builtin:plume` is a column of smoke that rises along y
+//! through its unit cube.
 //!
 //! glTF: nodes, base colour factor and texture, emissive factor and strength as radiance, vertex colours, cameras, and
 //! KHR_lights_punctual taken plainly as radiometric: candela is intensity, lux is irradiance, 1:1. A `.gltf` or `.glb`

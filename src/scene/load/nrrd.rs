@@ -21,6 +21,7 @@ pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<F
     let dims = header.dims()?;
     let number = header.number()?;
     let world_from_file = header.world_from_index()?;
+    let big_endian = header.is_big_endian(number)?;
     let expected = byte_length(dims, number)?;
     let data = match header.get(&["data file", "datafile"]) {
         None => header.skip(content, data_at, expected)?,
@@ -46,7 +47,7 @@ pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<F
         samples: Samples::Array(Array {
             bytes: data,
             number,
-            big_endian: header.is_big_endian(number)?,
+            big_endian,
         }),
     })
 }
@@ -68,10 +69,8 @@ impl Header {
             )));
         }
         let mut fields = HashMap::new();
-        let mut number = 1;
         // A detached header may end with the file, an attached one ends with an empty line.
-        while let Some(line) = lines.next() {
-            number += 1;
+        for (number, line) in (2..).zip(lines.by_ref()) {
             if line.is_empty() {
                 break;
             }

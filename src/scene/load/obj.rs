@@ -7,6 +7,7 @@ use super::super::Material;
 use super::files::{Files, beside};
 use super::mtl;
 use super::part::{DEFAULT_ALBEDO, Part, diffuse, merge};
+use super::texture;
 use crate::{Error, Result};
 use glam::{DVec3, Vec2, Vec3};
 use std::collections::HashMap;
@@ -43,6 +44,7 @@ pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Par
         };
         whole.map_err(|e| e.at(format!("line {}", number + 1)))?;
     }
+    reader.without_uvs();
     Ok(reader.part)
 }
 
@@ -226,6 +228,24 @@ impl Reader<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Where nothing says which part of a texture is meant, its mean colour stands for it.
+    fn without_uvs(&mut self) {
+        if !self.part.uvs.is_empty() || self.part.textures.is_empty() {
+            return;
+        }
+        for material in &mut self.part.materials {
+            if let Some(index) = material.texture.take() {
+                let mean = texture::mean(&self.part.textures[index as usize]);
+                material.albedo = std::array::from_fn(|i| material.albedo[i] * mean[i]);
+            }
+        }
+        self.part.textures.clear();
+        self.files.warn(format!(
+            "{}: there are no texture coordinates; textures are replaced by their mean colour",
+            self.path.display()
+        ));
     }
 
     fn add(&mut self, material: Material) -> u32 {

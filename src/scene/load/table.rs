@@ -452,48 +452,42 @@ mod tests {
         };
         let number = get("number", |i| i.number().map(|_| ()));
         assert!(
-            fails("number = 'x'", &number)
+            fails("number = 'x'", number)
                 .0
                 .ends_with("at line 1: expected a number, found the string 'x'")
         );
         assert!(
-            fails("number = nan", &number)
+            fails("number = nan", number)
                 .0
                 .contains("expected a finite number, found the float nan")
         );
-        assert!(fails("mesh = 1", &number).0.contains("`number` is missing"));
+        assert!(fails("mesh = 1", number).0.contains("`number` is missing"));
         let color = get("color", |i| i.color(1.0).map(|_| ()));
         assert!(
-            fails("color = [0, 0.5, 2]", &color)
+            fails("color = [0, 0.5, 2]", color)
                 .0
                 .contains("numbers from 0 to 1, found 2")
         );
         assert!(
-            fails("color = [0, -0.5, 2]", &color)
+            fails("color = [0, -0.5, 2]", color)
                 .0
                 .contains("-0.5 is negative")
         );
         assert!(
-            fails("color = [0, 1]", &color)
+            fails("color = [0, 1]", color)
                 .0
                 .contains("expected 3 numbers in brackets, found 2")
         );
         let matrix = get("matrix", |i| i.affine().map(|_| ()));
         assert!(
-            fails(
-                "matrix = [[1,0,0,0],[0,0,0,0],[0,0,1,0],[0,0,0,1]]",
-                &matrix
-            )
-            .0
-            .contains("singular")
+            fails("matrix = [[1,0,0,0],[0,0,0,0],[0,0,1,0],[0,0,0,1]]", matrix)
+                .0
+                .contains("singular")
         );
         assert!(
-            fails(
-                "matrix = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,2]]",
-                &matrix
-            )
-            .0
-            .contains("last row")
+            fails("matrix = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,2]]", matrix)
+                .0
+                .contains("last row")
         );
     }
 

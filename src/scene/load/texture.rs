@@ -2,6 +2,7 @@
 
 use super::super::Texture;
 use crate::{Error, Result};
+use glam::{DVec3, Vec3};
 use image::ImageReader;
 use std::io::Cursor;
 
@@ -50,6 +51,13 @@ pub(super) fn decode(content: &[u8]) -> Result<Texture> {
         height,
         texels,
     })
+}
+
+/// The mean colour.
+pub(super) fn mean(texture: &Texture) -> [f32; 3] {
+    let texels = texture.texels.iter();
+    let sum = texels.fold(DVec3::ZERO, |sum, t| sum + Vec3::from(*t).as_dvec3());
+    (sum / texture.texels.len() as f64).as_vec3().to_array()
 }
 
 #[cfg(test)]

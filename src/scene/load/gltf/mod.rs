@@ -60,6 +60,7 @@ impl Import {
                 .to_string_lossy()
                 .into(),
             film: Some(film),
+            automatic_exposure: true,
             lights: self.lights,
             ..Draft::default()
         };
@@ -277,8 +278,8 @@ impl Reader<'_> {
             }
             if intensity.iter().any(|x| *x >= LUMENS_PER_WATT) {
                 self.warn(format!(
-                    "a light of intensity {intensity:?} is taken as radiometric; if it is in candela or lux, divide \
-                     the exposure by {LUMENS_PER_WATT}"
+                    "a light of intensity {intensity:?} is taken as radiometric; if it is in candela or lux, \
+                     radiance comes out {LUMENS_PER_WATT} times as high"
                 ));
             }
             let direction = -without_scale(world_from_node).matrix3.z_axis.as_vec3();
@@ -397,6 +398,8 @@ impl Reader<'_> {
             )));
         }
         part.material = vec![index; part.triangles.len()];
+        // Here, while vertices are counted as in the file: joined to others a wrong index may hit one of theirs.
+        part.check()?;
         Ok(part)
     }
 
@@ -458,11 +461,7 @@ impl Reader<'_> {
         let content = self
             .buffers
             .image(self.document, image, self.path, self.files)?;
-        let texels = texture::decode(&content)?.texels;
-        let sum = texels.iter().fold(DVec3::ZERO, |sum, texel| {
-            sum + Vec3::from(*texel).as_dvec3()
-        });
-        Ok((sum / texels.len() as f64).as_vec3().to_array())
+        Ok(texture::mean(&texture::decode(&content)?))
     }
 
     fn warn(&mut self, message: String) {

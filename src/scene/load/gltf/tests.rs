@@ -30,7 +30,7 @@ fn sample() -> (Value, Vec<u8>) {
             { "mesh": 0, "scale": [2.0, 2.0, 2.0] },
             { "camera": 0, "translation": [0.0, 0.0, 5.0], "scale": [3.0, 3.0, 3.0],
               "extensions": { "KHR_lights_punctual": { "light": 0 } } },
-            { "rotation": [-0.70710678, 0.0, 0.0, 0.70710678], "translation": [1.0, 2.0, 3.0],
+            { "rotation": [-0.5, 0.0, 0.0, 0.5], "translation": [1.0, 2.0, 3.0],
               "extensions": { "KHR_lights_punctual": { "light": 1 } } },
             { "extensions": { "KHR_lights_punctual": { "light": 2 } } },
         ],
@@ -170,6 +170,13 @@ fn wrong_files_are_refused_with_the_place() {
     assert!(
         buffer.contains("buffer 0: expected a file beside"),
         "{buffer}"
+    );
+    let (json, mut bin) = sample();
+    bin[76] = 3;
+    let loose = load(&glb(&json, &bin)).map(|_| ()).unwrap_err().to_string();
+    assert!(
+        loose.contains("node 1: primitive 0: triangle 0 refers to the vertices [0, 1, 3]"),
+        "{loose}"
     );
     let unknown = message(&|j| j["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]));
     assert!(unknown.contains("not a glTF file"), "{unknown}");

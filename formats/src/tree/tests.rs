@@ -1,0 +1,182 @@
+//! Pages made by a hostile hand: the checksum and the compression are right, the bytes are not.
+
+use super::{decode, lvoxels, stats};
+use crate::frame::{Block, BlockKind};
+use crate::record::{
+    Below, Bounds, ClipEdge, Clips, Lvoxel, Node, Surfel, SurfelAggregate, SurfelPage,
+};
+use crate::{EncodedPage, bytes};
+use proptest::prelude::*;
+
+const ID: u32 = 5;
+
+fn page() -> SurfelPage {
+    let surfels: Vec<Surfel> = (0..20)
+        .map(|i| {
+            let x = i as f32;
+            Surfel {
+                position: [x, x * x, 1.0],
+                normal: [0.0, 0.6, 0.8],
+                radius: 1.0 + 0.1 * x,
+                area: 1.0 + x,
+                front: [x, 1.0, 2.0],
+                back: [0.0, x, 0.0],
+                clips: Clips {
+                    count: (i % 3) as u8,
+                    edges: [ClipEdge {
+                        angle: x,
+                        offset: 0.5,
+                    }; 3],
+                },
+            }
+        })
+        .collect();
+    let bounds = Bounds {
+        min: [-9.0; 3],
+        max: [400.0; 3],
+    };
+    let node = |below| Node {
+        bounds,
+        below,
+        aggregate: SurfelAggregate {
+            area: 3.0,
+            centre: [5.0; 3],
+            normal_sum: [0.0, 1.0, 2.0],
+            second_moment: [1.0; 6],
+            axis_area: [0.0, 1.0, 0.0, 2.0, 0.0, 0.5],
+            axis_radiance: [[0.5, 1.0, 2.0]; 6],
+        },
+    };
+    let leaf = |first, count| node(Below::Surfels { first, count });
+    SurfelPage {
+        nodes: vec![
+            node(Below::Nodes { first: 1, count: 4 }),
+            leaf(0, 8),
+            node(Below::Nodes { first: 5, count: 1 }),
+            leaf(8, 4),
+            node(Below::Page(2)),
+            leaf(12, 8),
+        ],
+        surfels,
+    }
+}
+
+fn raw_page() -> Vec<u8> {
+    let encoded = EncodedPage::new(&page(), ID, 0.0).unwrap();
+    let mut raw = vec![0; encoded.raw_bytes as usize];
+    if encoded.bytes.len() == raw.len() {
+        raw.copy_from_slice(&encoded.bytes);
+    } else {
+        bytes::decompress(&encoded.bytes, &mut raw, "page").unwrap();
+    }
+    raw
+}
+
+fn number(raw: &[u8], at: usize) -> u32 {
+    u32::from_le_bytes(raw[at..at + 4].try_into().unwrap())
+}
+
+/// The entry of the block table that agrees with the page.
+fn block(records: u32, nodes: u32, columns: u32) -> Block {
+    Block {
+        offset: 0,
+        stored_bytes: 0,
+        raw_bytes: 0,
+        kind: BlockKind::Surfels,
+        records,
+        nodes,
+        columns,
+        checksum: 0,
+    }
+}
+
+fn change(raw: &mut Vec<u8>, changes: &[(prop::sample::Index, u8)], cut: usize) {
+    for (at, value) in changes {
+        let at = at.index(raw.len());
+        raw[at] = *value;
+    }
+    raw.truncate(raw.len() - cut.min(raw.len()));
+}
+
+fn is_safe_to_walk(page: &SurfelPage) -> bool {
+    page.nodes.iter().enumerate().all(|(i, node)| {
+        let inside = |first: u32, count: u8, len: usize| {
+            (1..=8).contains(&count) && first as usize + usize::from(count) <= len
+        };
+        match node.below {
+            Below::Nodes { first, count } => {
+                first as usize > i && inside(first, count, page.nodes.len())
+            }
+            Below::Surfels { first, count } => inside(first, count, page.surfels.len()),
+            Below::Page(link) => link < ID,
+        }
+    })
+}
+
+fn is_finite(page: &SurfelPage) -> bool {
+    let finite = |v: &[f32]| v.iter().all(|v| v.is_finite());
+    page.nodes.iter().all(|n| {
+        let a = &n.aggregate;
+        finite(&[n.bounds.min, n.bounds.max, a.centre, a.normal_sum].concat())
+            && finite(&[a.second_moment, a.axis_area].concat())
+            && finite(a.axis_radiance.as_flattened())
+            && a.area.is_finite()
+    }) && page
+        .surfels
+        .iter()
+        .all(|s| finite(&[s.position, s.normal, s.front, s.back].concat()) && s.radius > 0.0)
+}
+
+#[test]
+fn an_honest_page_is_read() {
+    let raw = raw_page();
+    let block = block(20, 6, number(&raw, 20));
+    let decoded = decode::surfel_page(&raw, &block, ID, 0.0).unwrap();
+    assert!(is_safe_to_walk(&decoded) && is_finite(&decoded));
+    for (a, b) in page().nodes.iter().zip(&decoded.nodes) {
+        assert_eq!(a.below, b.below);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(20_000) })]
+
+    #[test]
+    fn surfel_pages(changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..4), header in prop::collection::vec((0usize..64, any::<u8>()), 0..2), cut in prop::sample::select(vec![0usize, 0, 0, 1, 100])) {
+        let mut raw = raw_page();
+        change(&mut raw, &changes, cut);
+        for (at, value) in header {
+            if at < raw.len() {
+                raw[at] = value;
+            }
+        }
+        if raw.len() >= 24 {
+            let block = block(number(&raw, 4), number(&raw, 0), number(&raw, 20));
+            if let Ok(page) = decode::surfel_page(&raw, &block, ID, 1.0) {
+                prop_assert!(is_safe_to_walk(&page) && is_finite(&page));
+            }
+        }
+    }
+
+    #[test]
+    fn lvoxel_pages(changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..4), cut in prop::sample::select(vec![0usize, 0, 0, 1, 100])) {
+        let given: Vec<Lvoxel> = (0..10)
+            .map(|i| Lvoxel {
+                volume: i % 2,
+                level: (i % 3) as u8,
+                block: [i; 3],
+                sigma_t: 1.0 + f32::from(i),
+                source: [f32::from(i), 1.0, 0.0],
+            })
+            .collect();
+        let mut columns = stats::lvoxel_columns();
+        let mut raw = lvoxels::encode(&given, &mut columns, &mut stats::Errors::default()).unwrap().raw;
+        change(&mut raw, &changes, cut);
+        if raw.len() >= 8 {
+            let block = block(number(&raw, 0), 0, number(&raw, 4));
+            if let Ok(lvoxels) = lvoxels::decode(&raw, &block) {
+                prop_assert!(lvoxels.iter().all(|v| v.source.iter().all(|c| c.is_finite())));
+            }
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! `lvox inspect`
+
+use super::options::Context;
+use super::output;
+use lvox::image::exr;
+use lvox::inspect::{describe, export_ply, points};
+use lvox::run::output::check_writable;
+use lvox::{Error, Result};
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// Print what a cloud, a tree or an image says of itself, without reading its payload
+///
+/// Of clouds and trees: origin and settings, counts, bytes per point, columns present and left out with the bytes that this
+/// saves, pages, levels, and the worst errors of quantisation.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Read this .lvc, .lvt or .exr file
+    file: PathBuf,
+
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+
+    /// Print the first K surfels and the first K lvoxels instead
+    #[arg(long, value_name = "K")]
+    points: Option<usize>,
+
+    /// Write the points to this binary PLY file instead
+    #[arg(long, value_name = "FILE", conflicts_with = "points")]
+    export: Option<PathBuf>,
+
+    /// Export the nodes of a tree so many steps below its root in place of surfels
+    #[arg(long, value_name = "N", requires = "export")]
+    level: Option<u32>,
+}
+
+impl Args {
+    pub fn run(self, context: &Context) -> Result<()> {
+        if self
+            .file
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("exr"))
+        {
+            return self.image();
+        }
+        if let Some(out) = &self.export {
+            check_writable(out, context.force)?;
+            let exported = export_ply(&self.file, out, self.level, context.force)?;
+            return if self.json {
+                output::print_json(&exported)
+            } else {
+                output::print(&format!("{} vertices\n", exported.vertices))
+            };
+        }
+        if let Some(k) = self.points {
+            let points = points(&self.file, k)?;
+            return if self.json {
+                output::print_json(&points.to_json())
+            } else {
+                output::print(&points.to_string())
+            };
+        }
+        let description = describe(&self.file)?;
+        if self.json {
+            output::print_json(&description)
+        } else {
+            output::print(&description.to_string())
+        }
+    }
+
+    fn image(&self) -> Result<()> {
+        if self.points.is_some() || self.export.is_some() {
+            return Err(Error::input(format!(
+                "{}: an image has no points",
+                self.file.display()
+            )));
+        }
+        let info = exr::info(&self.file)?;
+        let channels: Vec<&str> = info.channels.keys().map(String::as_str).collect();
+        if self.json {
+            return output::print_json(&serde_json::json!({
+                "file": self.file.to_string_lossy(),
+                "kind": "image",
+                "width": info.width,
+                "height": info.height,
+                "region": [info.region.x0, info.region.y0, info.region.x1, info.region.y1],
+                "channels": channels,
+                "attributes": info.attributes,
+            }));
+        }
+        let r = info.region;
+        let mut text = String::new();
+        let mut row = |name: &str, value: &str| {
+            let _ = writeln!(text, "{name:<15} {value}");
+        };
+        row("frame", &format!("{} x {}", info.width, info.height));
+        row("region", &format!("{} {} to {} {}", r.x0, r.y0, r.x1, r.y1));
+        row("channels", &channels.join(" "));
+        info.attributes
+            .iter()
+            .for_each(|(name, value)| row(name, value));
+        output::print(&text)
+    }
+}

@@ -1,0 +1,59 @@
+//! `lvox verify`
+
+use super::options::Context;
+use super::output;
+use lvox::image::exr;
+use lvox::inspect::verify;
+use lvox::{Error, Result};
+use std::path::PathBuf;
+
+/// Read all of a file and check it: damage, and that a tree conserves count, area, flux and optical depth of its cloud
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Read this .lvc, .lvt or .exr file
+    file: PathBuf,
+
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+impl Args {
+    pub fn run(self, _: &Context) -> Result<()> {
+        if self
+            .file
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("exr"))
+        {
+            let frame = exr::read(&self.file)?;
+            let samples: usize = frame
+                .layers
+                .iter()
+                .flat_map(|l| &l.channels)
+                .map(|c| c.1.len())
+                .sum();
+            return if self.json {
+                output::print_json(&serde_json::json!({
+                    "file": self.file.to_string_lossy(), "kind": "image", "passed": true, "samples": samples
+                }))
+            } else {
+                output::print(&format!("{samples} samples were read\n"))
+            };
+        }
+        let found = verify(&self.file)?;
+        if self.json {
+            output::print_json(&found)?;
+        } else {
+            output::print(&found.to_string())?;
+        }
+        if found.passed {
+            Ok(())
+        } else {
+            Err(Error::input(format!(
+                "{}: it does not conserve what was baked",
+                self.file.display()
+            ))
+            .hint("build it again from its cloud"))
+        }
+    }
+}

@@ -1,0 +1,308 @@
+//! Points and nodes as binary PLY, which every viewer opens.
+
+use super::File;
+use crate::formats::{Below, Lvoxel, MappedFile, Node, Sums, Surfel, SurfelPage, Tree, VolumeInfo};
+use crate::{Error, Result};
+use std::io::{BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+/// What was exported.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Exported {
+    /// Vertices in the file.
+    pub vertices: u64,
+    /// Those of them that are surfels or nodes; the others are lvoxels.
+    pub surfels_or_nodes: u64,
+}
+
+/// Writes the points of a file, in scene space: position, normal, radius, radiance, extinction, and a colour for display.
+///
+/// With `level`, the nodes of a tree that many steps below the root are written in place of the surfels, and leaves
+/// above them, so that all of the surface is covered: a node's normal is its mean normal, its radius that of a disk of
+/// its area. Lvoxels have no normal; their radius is that of a ball of their volume.
+///
+/// # Errors
+/// Wrong input for a level of a cloud, an output that exists (unless `force`), or a damaged file.
+pub fn export_ply(path: &Path, out: &Path, level: Option<u32>, force: bool) -> Result<Exported> {
+    let file = File::open(path)?;
+    if let (File::Cloud(_), Some(_)) = (&file, level) {
+        return Err(
+            Error::input(format!("{}: a cloud has no levels", path.display()))
+                .hint("build a tree with `lvox build`, and export that"),
+        );
+    }
+    let (sums, volumes) = match &file {
+        File::Cloud(cloud) => (&cloud.summary().sums, &cloud.meta().volumes),
+        File::Tree(tree) => (&tree.summary().sums, &tree.meta().cloud.volumes),
+    };
+    let mut ply = Ply::create(out, exposure(sums), force)?;
+    match (&file, level) {
+        (File::Cloud(cloud), _) => {
+            for i in 0..cloud.surfel_chunks() {
+                for s in cloud.surfel_chunk(i)? {
+                    ply.surfel(&s)?;
+                }
+            }
+        }
+        (File::Tree(tree), None) => {
+            for i in 0..tree.surfel_pages() {
+                for s in tree.surfel_page(i)?.surfels {
+                    ply.surfel(&s)?;
+                }
+            }
+        }
+        (File::Tree(tree), Some(level)) => {
+            if let Some(root) = tree.root_page() {
+                let page = tree.surfel_page(root as usize)?;
+                nodes(tree, &page, 0, level, &mut ply)?;
+            }
+        }
+    }
+    let surfels_or_nodes = ply.vertices;
+    let to_scene: Vec<Option<SceneFromIndex>> = volumes.iter().map(SceneFromIndex::of).collect();
+    let mut lvoxels = |all: Vec<Lvoxel>| {
+        all.iter()
+            .try_for_each(|v| match &to_scene[usize::from(v.volume)] {
+                Some(map) => ply.lvoxel(v, map),
+                None => Ok(()),
+            })
+    };
+    match &file {
+        File::Cloud(cloud) => {
+            for i in 0..cloud.lvoxel_chunks() {
+                lvoxels(cloud.lvoxel_chunk(i)?)?;
+            }
+        }
+        File::Tree(tree) => {
+            for i in 0..tree.lvoxel_pages() {
+                lvoxels(tree.lvoxel_page(i)?)?;
+            }
+        }
+    }
+    let vertices = ply.vertices;
+    ply.finish()?;
+    Ok(Exported {
+        vertices,
+        surfels_or_nodes,
+    })
+}
+
+/// What makes the mean radiance a middle grey.
+fn exposure(sums: &Sums) -> f32 {
+    let mean = sums.flux.iter().sum::<f64>() / 3.0 / std::f64::consts::PI / sums.area;
+    if mean.is_finite() && mean > 0.0 {
+        (0.18 / mean) as f32
+    } else {
+        1.0
+    }
+}
+
+fn nodes(
+    tree: &Tree<MappedFile>,
+    page: &SurfelPage,
+    i: u32,
+    below: u32,
+    ply: &mut Ply,
+) -> Result<()> {
+    let node = &page.nodes[i as usize];
+    match node.below {
+        _ if below == 0 => ply.node(node),
+        Below::Nodes { first, count } => (first..first + u32::from(count))
+            .try_for_each(|child| nodes(tree, page, child, below - 1, ply)),
+        Below::Surfels { .. } => ply.node(node),
+        // The link and the page's root are the same node.
+        Below::Page(next) => nodes(tree, &tree.surfel_page(next as usize)?, 0, below, ply),
+    }
+}
+
+/// From index space back to scene space.
+struct SceneFromIndex {
+    inverse: [[f64; 3]; 3],
+    origin: [f64; 3],
+    voxel_volume: f64,
+}
+
+impl SceneFromIndex {
+    /// `None` for a volume that is flat.
+    fn of(volume: &VolumeInfo) -> Option<Self> {
+        let [a, b, c, origin] = volume.index_from_scene;
+        let cross = |a: [f64; 3], b: [f64; 3]| {
+            [
+                a[1] * b[2] - a[2] * b[1],
+                a[2] * b[0] - a[0] * b[2],
+                a[0] * b[1] - a[1] * b[0],
+            ]
+        };
+        let dot = |a: [f64; 3], b: [f64; 3]| (0..3).map(|i| a[i] * b[i]).sum::<f64>();
+        let det = dot(a, cross(b, c));
+        // The rows of the inverse.
+        let inverse = [cross(b, c), cross(c, a), cross(a, b)].map(|row| row.map(|v| v / det));
+        (det != 0.0 && det.is_finite()).then_some(Self {
+            inverse,
+            origin,
+            voxel_volume: 1.0 / det.abs(),
+        })
+    }
+
+    fn apply(&self, index: [f64; 3]) -> [f32; 3] {
+        self.inverse.map(|row| {
+            (0..3)
+                .map(|i| row[i] * (index[i] - self.origin[i]))
+                .sum::<f64>() as f32
+        })
+    }
+}
+
+/// Room for a header; what it does not need is a comment.
+const HEADER: usize = 512;
+
+/// A PLY file of vertices, whose count is written last.
+struct Ply {
+    file: BufWriter<tempfile::NamedTempFile>,
+    path: PathBuf,
+    exposure: f32,
+    force: bool,
+    vertices: u64,
+}
+
+impl Ply {
+    fn create(path: &Path, exposure: f32, force: bool) -> Result<Self> {
+        if !force && path.symlink_metadata().is_ok() {
+            return Err(
+                Error::input(format!("{}: the file exists already", path.display()))
+                    .hint("give another name, or --force to overwrite"),
+            );
+        }
+        let folder = match path.parent() {
+            Some(folder) if !folder.as_os_str().is_empty() => folder,
+            _ => Path::new("."),
+        };
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(".lvox.").suffix(".part");
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            builder.permissions(std::fs::Permissions::from_mode(0o666));
+        }
+        let file = builder
+            .tempfile_in(folder)
+            .map_err(|e| Error::io("create a file beside", path, &e))?;
+        let mut ply = Self {
+            file: BufWriter::with_capacity(1 << 20, file),
+            path: path.into(),
+            exposure,
+            force,
+            vertices: 0,
+        };
+        ply.write(&[b' '; HEADER])?;
+        Ok(ply)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<()> {
+        self.file
+            .write_all(bytes)
+            .map_err(|e| Error::io("write", &self.path, &e))
+    }
+
+    fn surfel(&mut self, s: &Surfel) -> Result<()> {
+        self.vertex(s.position, s.normal, s.radius, s.front, 0.0)
+    }
+
+    fn node(&mut self, node: &Node) -> Result<()> {
+        let a = &node.aggregate;
+        let len = a.normal_sum.iter().map(|n| n * n).sum::<f32>().sqrt();
+        let normal = a.normal_sum.map(|n| if len > 0.0 { n / len } else { 0.0 });
+        let radius = (a.area / std::f32::consts::PI).sqrt();
+        let lit: f32 = a.axis_area.iter().sum();
+        let radiance = std::array::from_fn(|c| {
+            let power: f32 = (0..6).map(|d| a.axis_area[d] * a.axis_radiance[d][c]).sum();
+            if lit > 0.0 { power / lit } else { 0.0 }
+        });
+        self.vertex(a.centre, normal, radius, radiance, 0.0)
+    }
+
+    fn lvoxel(&mut self, v: &Lvoxel, map: &SceneFromIndex) -> Result<()> {
+        let side = f64::from(1u32 << v.level);
+        let centre = v.block.map(|b| (f64::from(b) + 0.5) * side);
+        let volume = map.voxel_volume * side.powi(3);
+        let radius = (volume * 0.75 / std::f64::consts::PI).cbrt();
+        self.vertex(
+            map.apply(centre),
+            [0.0; 3],
+            radius as f32,
+            v.source,
+            v.sigma_t,
+        )
+    }
+
+    fn vertex(
+        &mut self,
+        position: [f32; 3],
+        normal: [f32; 3],
+        radius: f32,
+        radiance: [f32; 3],
+        sigma_t: f32,
+    ) -> Result<()> {
+        let mut row = Vec::with_capacity(47);
+        let floats = position.iter().chain(&normal).chain([&radius]);
+        row.extend(
+            floats
+                .chain(&radiance)
+                .chain([&sigma_t])
+                .flat_map(|v| v.to_le_bytes()),
+        );
+        row.extend(radiance.map(|l| srgb(l * self.exposure)));
+        self.vertices += 1;
+        self.write(&row)
+    }
+
+    fn finish(mut self) -> Result<()> {
+        let mut header = format!(
+            "ply\nformat binary_little_endian 1.0\ncomment scene space; radiance times {:e} is the colour\nelement vertex {}\n",
+            self.exposure, self.vertices
+        );
+        for name in [
+            "x",
+            "y",
+            "z",
+            "nx",
+            "ny",
+            "nz",
+            "radius",
+            "radiance_r",
+            "radiance_g",
+            "radiance_b",
+            "sigma_t",
+        ] {
+            header += &format!("property float {name}\n");
+        }
+        header += "property uchar red\nproperty uchar green\nproperty uchar blue\ncomment ";
+        let end = "\nend_header\n";
+        let room = HEADER - end.len() - header.len();
+        header += &".".repeat(room);
+        header += end;
+        let (path, force) = (self.path, self.force);
+        let failed = |e: std::io::Error| Error::io("write", &path, &e);
+        self.file.seek(SeekFrom::Start(0)).map_err(failed)?;
+        self.file.write_all(header.as_bytes()).map_err(failed)?;
+        let file = self.file.into_inner().map_err(|e| failed(e.into_error()))?;
+        file.as_file().sync_all().map_err(failed)?;
+        let done = if force {
+            file.persist(&path)
+        } else {
+            file.persist_noclobber(&path)
+        };
+        done.map_err(|e| failed(e.error))?;
+        Ok(())
+    }
+}
+
+fn srgb(linear: f32) -> u8 {
+    let l = linear.clamp(0.0, 1.0);
+    let encoded = if l <= 0.003_130_8 {
+        12.92 * l
+    } else {
+        1.055 * l.powf(1.0 / 2.4) - 0.055
+    };
+    (encoded * 255.0).round() as u8
+}

@@ -1,0 +1,167 @@
+#!/usr/bin/env bash
+# Renders real scenes and holds them to references, to themselves, and to being pictures at all.
+# Needs ../shared beside the repository. Prints a table of error beside run time and ends with: N passed, N failed.
+# Results stay in $ACCEPTANCE_OUT if that names a folder.
+set -u
+cd "$(dirname "$0")/../.." || exit 1
+
+scenes=tests/acceptance/scenes
+references=../shared/refs
+data=../shared/data
+if [ -n "${ACCEPTANCE_OUT:-}" ]; then
+    out=$ACCEPTANCE_OUT
+    mkdir -p "$out"
+else
+    out=$(mktemp -d)
+    trap 'rm -rf "$out"' EXIT
+fi
+
+cargo build --release || exit 1
+lvox=${CARGO_TARGET_DIR:-target}/release/lvox
+passed=0
+failed=0
+
+# check NAME COMMAND...: the command says whether it passed.
+check() {
+    local name=$1
+    shift
+    if "$@"; then
+        passed=$((passed + 1))
+    else
+        failed=$((failed + 1))
+        printf 'FAILED: %s\n' "$name"
+    fi
+}
+
+# run LOG COMMAND...: quiet unless it fails.
+run() {
+    local log=$out/$1.log
+    shift
+    if ! "$@" >"$log" 2>&1; then
+        printf 'FAILED: %s\n' "$*"
+        cat "$log"
+        return 1
+    fi
+}
+
+# value JSON-FILE KEY
+value() {
+    python3 -c 'import json, sys; print(json.load(open(sys.argv[1]))[sys.argv[2]])' "$1" "$2"
+}
+
+# within JSON-FILE KEY LIMIT: whether the size of a number is at most the limit.
+within() {
+    python3 -c '
+import json, sys
+value, limit = json.load(open(sys.argv[1]))[sys.argv[2]], float(sys.argv[3])
+ok = value is not None and abs(value) <= limit
+if not ok:
+    print(f"{sys.argv[2]} is {value}, the limit is {limit}")
+sys.exit(not ok)' "$1" "$2" "$3"
+}
+
+# cpu REPORT STAGE...: CPU seconds of these stages together.
+cpu() {
+    python3 -c '
+import json, sys
+stages = json.load(open(sys.argv[1]))["stages"]
+print("%.2f" % sum(s["cpu_secs"] for s in stages if s["stage"] in sys.argv[2:]))' "$@"
+}
+
+# black WIDTH HEIGHT FILE: a black PNG.
+black() {
+    python3 -c '
+import struct, sys, zlib
+width, height = int(sys.argv[1]), int(sys.argv[2])
+def chunk(kind, body):
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+with open(sys.argv[3], "wb") as png:
+    png.write(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0))
+        + chunk(b"IDAT", zlib.compress((b"\0" + b"\0" * 3 * width) * height)) + chunk(b"IEND", b""))' "$@"
+}
+
+printf '\n-- error against run time at the default settings, beside the references of direct light and one bounce\n'
+table=$out/table.txt
+printf '%-8s %14s %9s %8s %8s %8s %10s %14s\n' \
+    scene 'relMSE trimmed' pdiff bias FLIP SSIM 'shade CPU s' 'all CPU s' | tee "$table"
+for row in A:3e-4 B:3e-4 C:3e-3 C_novol:1e-3; do
+    scene=${row%%:*}
+    limit=${row##*:}
+    image=$out/$scene.exr
+    report=$out/$scene.report.json
+    scores=$out/$scene.scores.json
+    run "$scene" "$lvox" render "$scenes/$scene.toml" -o "$image" --report "$report" --progress none &&
+        "$lvox" compare "$image" "$references/${scene}_d3.exr" --json --heatmap "$out/$scene.heat.png" >"$scores"
+    if ! [ -s "$scores" ]; then
+        check "$scene against its reference" false
+        continue
+    fi
+    printf '%-8s %14.2e %9.4f %8.4f %8.4f %8.4f %10s %14s\n' "$scene" \
+        "$(value "$scores" relmse_trimmed)" "$(value "$scores" pdiff)" "$(value "$scores" bias)" \
+        "$(value "$scores" flip)" "$(value "$scores" ssim)" \
+        "$(cpu "$report" shade)" "$(cpu "$report" bake build shade)" | tee -a "$table"
+    check "$scene: trimmed relMSE" within "$scores" relmse_trimmed "$limit"
+    check "$scene: pdiff" within "$scores" pdiff 0.01
+    check "$scene: bias" within "$scores" bias 0.01
+    check "$scene: all pixels are finite" within "$scores" non_finite 0
+done
+
+printf '\n-- one bake: trees, cameras and tiles\n'
+check 'bake' run bake "$lvox" bake "$scenes/C.toml" -o "$out/C.lvc" --force --progress none
+for variant in 1:4G 2:4G 1:64M 2:64M; do
+    tree=$out/C.${variant/:/.}.lvt
+    run "build.$variant" "$lvox" build "$out/C.lvc" -o "$tree" --force --progress none \
+        --threads "${variant%%:*}" --memory-limit "${variant##*:}"
+    check "the tree built with threads and memory $variant is the same" cmp "$out/C.1.4G.lvt" "$tree"
+done
+check 'verify' run verify "$lvox" verify "$out/C.1.64M.lvt" --progress none
+for camera in reference back above; do
+    check "camera $camera" run "camera.$camera" "$lvox" shade "$scenes/C.toml" --tree "$out/C.1.4G.lvt" \
+        --camera "$camera" -o "$out/C.$camera.exr" --progress none
+done
+# The first camera is the default of `render`, but its name is among the settings in the file.
+"$lvox" compare "$out/C.reference.exr" "$out/C.exr" --json >"$out/C.same.json"
+check 'baking, building and shading apart give the picture of render' within "$out/C.same.json" max_abs 0
+tiles=()
+for region in '0 0 171 101' '171 0 512 101' '0 101 55 250' '55 101 301 250' '301 101 512 250' '0 250 333 384' \
+    '333 250 512 384'; do
+    tile=$out/C.tile.${region// /_}.exr
+    # shellcheck disable=SC2086 # four numbers
+    run "tile.${region// /_}" "$lvox" shade "$scenes/C.toml" --tree "$out/C.1.64M.lvt" --camera back \
+        --region $region -o "$tile" --threads 1 --progress none &
+    tiles+=("$tile")
+done
+wait
+check 'merge' run merge "$lvox" merge "${tiles[@]}" -o "$out/C.merged.exr" --progress none
+check '7 tiles of 7 processes are the whole frame' cmp "$out/C.merged.exr" "$out/C.back.exr"
+
+printf '\n-- pictures\n'
+# picture NAME SCENE DARKEST BRIGHTEST: the root mean square of its radiance has to be between the two.
+picture() {
+    local name=$1 scene=$2 image=$out/$1.exr
+    run "$name" "$lvox" render "$scene" -o "$image" --report "$out/$name.report.json" --progress none || return 1
+    local size
+    size=$("$lvox" compare "$image" "$image" --json |
+        python3 -c 'import json, sys; r = json.load(sys.stdin); print(r["width"], r["height"])')
+    # shellcheck disable=SC2086 # two numbers
+    black $size "$out/black.png"
+    "$lvox" compare "$image" "$out/black.png" --json >"$out/$name.scores.json" || return 1
+    python3 -c '
+import json, sys
+name, darkest, brightest = sys.argv[2], float(sys.argv[3]), float(sys.argv[4])
+scores = json.load(open(sys.argv[1]))
+print(f"{name}: rms radiance {scores['"'rmse'"']:.3g}, brightest {scores['"'max_abs'"']:.3g}, not finite {scores['"'non_finite'"']}")
+sys.exit(scores["non_finite"] > 0 or not darkest <= scores["rmse"] <= brightest)' \
+        "$out/$name.scores.json" "$name" "$3" "$4"
+}
+check smoke picture smoke "$scenes/smoke.toml" 0.1 1
+check head picture head "$scenes/head.toml" 0.1 1.5
+check fog picture fog "$scenes/fog.toml" 0.05 5
+check board picture board "$scenes/board.toml" 0.2 5
+check 'glTF alone' picture cornellBox "$data/cornellBox.gltf" 0.05 2
+# Their suns are stated in lux and taken as they are.
+check 'GLB alone, textured' picture DepthOfFieldExample "$data/DepthOfFieldExample.glb" 100 5000
+check 'GLB alone, plain' picture VolumetricFogExample "$data/VolumetricFogExample.glb" 500 50000
+
+printf '\n%d passed, %d failed\n' "$passed" "$failed"
+[ "$failed" -eq 0 ]

@@ -1,0 +1,162 @@
+//! The same bytes, however the work is cut up.
+
+use crate::{ROOM, Work, shade, with_threads};
+use lvox::bake::{self, SurfelSampling};
+use lvox::build;
+use lvox::gather::{SurfelStore, TreeStore};
+use lvox::image::exr::{self, Precision};
+use lvox::image::merge::merge;
+use lvox::image::{Frame, Region};
+use lvox::run::Job;
+use lvox::shade::{self as stage, Aov, Settings};
+use std::fs;
+use std::path::Path;
+
+/// Seven tiles of odd sizes that cover 64 x 48.
+const TILES: [[u32; 4]; 7] = [
+    [0, 0, 21, 13],
+    [21, 0, 64, 13],
+    [0, 13, 7, 32],
+    [7, 13, 38, 32],
+    [38, 13, 64, 32],
+    [0, 32, 45, 48],
+    [45, 32, 64, 48],
+];
+
+fn limited(bytes: u64) -> Job {
+    Job {
+        memory_limit: Some(bytes),
+        ..Job::default()
+    }
+}
+
+#[test]
+fn clouds_and_trees_do_not_depend_on_threads_or_memory() {
+    let work = Work::new(ROOM);
+    let scene = work.scene();
+    let settings = bake::Settings {
+        surfels: SurfelSampling::Area { count: 300_000 },
+        shadow_rays: 1,
+        ..bake::Settings::default()
+    };
+    let clouds = [1, 2].map(|threads| {
+        let cloud = work.path(&format!("{threads}.lvc"));
+        with_threads(threads, || {
+            bake::run(&scene, &settings, &cloud, false, &Job::default()).unwrap();
+        });
+        cloud
+    });
+    let cloud = fs::read(&clouds[0]).unwrap();
+    assert!(cloud == fs::read(&clouds[1]).unwrap());
+    let mut trees = Vec::new();
+    let mut spilled = Vec::new();
+    for threads in [1, 2] {
+        for limit in [64 << 20, 4 << 30] {
+            let tree = work.path("a.lvt");
+            let outcome = with_threads(threads, || {
+                let settings = build::Settings::default();
+                build::run(&clouds[0], &tree, &settings, true, &limited(limit)).unwrap()
+            });
+            spilled.push(outcome.spilled_bytes > 0);
+            trees.push(fs::read(&tree).unwrap());
+        }
+    }
+    assert_eq!(spilled, [true, false, true, false]);
+    assert!(trees.iter().all(|t| *t == trees[0]));
+}
+
+fn tile(work: &Work, store: &TreeStore, region: Region) -> Frame {
+    let settings = Settings {
+        samples: 16,
+        volume_samples: 8,
+        ..Settings::default()
+    };
+    let aovs = [Aov::Indirect, Aov::Normal];
+    stage::run(
+        &work.scene(),
+        store,
+        &settings,
+        region,
+        &aovs,
+        &Job::default(),
+    )
+    .unwrap()
+}
+
+fn bytes(frame: &Frame, path: &Path) -> Vec<u8> {
+    exr::write(path, frame, Precision::Half).unwrap();
+    fs::read(path).unwrap()
+}
+
+#[test]
+fn frames_do_not_depend_on_threads_tiles_or_caches() {
+    let work = Work::new(ROOM);
+    let tree = work.bake(&work.scene(), 100_000);
+    let kept = TreeStore::open(&tree, None).unwrap();
+    let full = Region::full(64, 48);
+    let whole = bytes(&tile(&work, &kept, full), &work.path("whole.exr"));
+    for threads in [1, 2] {
+        let frame = with_threads(threads, || tile(&work, &kept, full));
+        assert!(bytes(&frame, &work.path("again.exr")) == whole);
+    }
+
+    // The least memory with which this tree can be used holds some pages, not all.
+    let least = (20..)
+        .map(|shift| 1 << shift)
+        .find(|&l| TreeStore::open(&tree, Some(l)).is_ok())
+        .unwrap();
+    let cached = TreeStore::open(&tree, Some(least)).unwrap();
+    assert!(matches!(cached.surfels, SurfelStore::Cached(_)), "{least}");
+    let frame = tile(&work, &cached, full);
+    assert!(bytes(&frame, &work.path("again.exr")) == whole);
+    let stats = cached.stats();
+    assert!(
+        stats.hits > stats.misses && stats.misses > 0,
+        "not cached: {stats:?}"
+    );
+
+    // Each tile as a process of its own would: with a store that has seen nothing yet.
+    let parts: Vec<_> = TILES
+        .iter()
+        .enumerate()
+        .map(|(i, &[x0, y0, x1, y1])| {
+            let store = TreeStore::open(&tree, (i % 2 == 0).then_some(least)).unwrap();
+            let frame = with_threads(1 + i % 2, || tile(&work, &store, Region { x0, y0, x1, y1 }));
+            let path = work.path(&format!("tile{i}.exr"));
+            exr::write(&path, &frame, Precision::Half).unwrap();
+            path
+        })
+        .collect();
+    let merged = work.path("merged.exr");
+    merge(&parts, &merged, &Job::default()).unwrap();
+    assert!(fs::read(&merged).unwrap() == whole);
+}
+
+#[test]
+fn the_seed_and_the_tree_decide_and_are_written_down() {
+    let work = Work::new(ROOM);
+    let scene = work.scene();
+    let settings = Settings {
+        samples: 8,
+        volume_samples: 4,
+        ..Settings::default()
+    };
+    let few = shade(&scene, &work.bake(&scene, 2000), &settings);
+    let tree = work.bake(&scene, 3000);
+    let more = shade(&scene, &tree, &settings);
+    assert_ne!(few.attributes["lvox/tree"], more.attributes["lvox/tree"]);
+    assert_eq!(few.attributes["lvox/scene"], more.attributes["lvox/scene"]);
+    let other = shade(
+        &scene,
+        &tree,
+        &Settings {
+            seed: 1,
+            ..settings
+        },
+    );
+    assert_ne!(crate::beauty(&other), crate::beauty(&more));
+    assert_ne!(
+        other.attributes["lvox/settings"],
+        more.attributes["lvox/settings"]
+    );
+}

@@ -1,0 +1,166 @@
+//! Cloud and tree files that are not what they should be, given to the program.
+
+use crate::messages::lvox;
+use crate::{ROOM, Work};
+use lvox::formats::{Cloud, Tree};
+use std::fs;
+
+/// Offset of the field that holds a section's offset and, after it, its length; the names are those of the specification.
+const SECTIONS: [(&str, usize); 3] = [("metadata", 24), ("summary", 48), ("block table", 72)];
+
+fn section(file: &[u8], field: usize) -> std::ops::Range<usize> {
+    let number = |at: usize| u64::from_le_bytes(file[at..at + 8].try_into().unwrap()) as usize;
+    number(field)..number(field) + number(field + 8)
+}
+
+/// Positions of which one is in the header, and one in each section.
+fn positions(file: &[u8]) -> Vec<(String, usize)> {
+    let mut positions = vec![("header".into(), 30)];
+    for (name, field) in SECTIONS {
+        let range = section(file, field);
+        assert!(!range.is_empty());
+        positions.push((name.into(), (range.start + range.end) / 2));
+    }
+    positions
+}
+
+/// A file with one thing wrong: what that is, the bytes, and what the message has to say.
+fn damaged(good: &[u8], blocks: &[(String, usize)]) -> Vec<(String, Vec<u8>, &'static str)> {
+    let mut cases = Vec::new();
+    let mut change = |name: &str, says, change: &dyn Fn(&mut Vec<u8>)| {
+        let mut bytes = good.to_vec();
+        change(&mut bytes);
+        cases.push((name.to_string(), bytes, says));
+    };
+    change("magic", "not an lvox file", &|b| b[0] = b'X');
+    change("text transfer", "not an lvox file", &|b| {
+        b.remove(4);
+    });
+    change("newer", "version 2", &|b| b[12] = 2);
+    change("empty", "not an lvox file", &|b| b.clear());
+    for part in [10, 60, 104, good.len() / 2, good.len() - 1] {
+        change("truncated", "expected a file of", &|b| b.truncate(part));
+    }
+    for (name, at) in positions(good).iter().chain(blocks) {
+        change(name, "", &|b| b[*at] ^= 0x10);
+    }
+    cases
+}
+
+struct Files {
+    work: Work,
+    cloud: Vec<u8>,
+    tree: Vec<u8>,
+}
+
+fn files() -> Files {
+    let work = Work::new(ROOM);
+    work.bake(&work.scene(), 3000);
+    let read = |name: &str| {
+        let bytes = fs::read(work.path(name)).unwrap();
+        fs::remove_file(work.path(name)).unwrap();
+        bytes
+    };
+    Files {
+        cloud: read("scene.lvc"),
+        tree: read("scene.lvt"),
+        work,
+    }
+}
+
+#[test]
+fn building_refuses_damaged_clouds() {
+    let Files { work, cloud, .. } = files();
+    let opened = Cloud::open(&cloud[..]).unwrap();
+    let mut blocks = Vec::new();
+    for (i, b) in opened
+        .surfel_blocks()
+        .iter()
+        .chain(opened.lvoxel_blocks())
+        .enumerate()
+    {
+        let middle = b.offset as usize + b.stored_bytes as usize / 2;
+        blocks.push((format!("block {i}"), middle));
+    }
+    assert!(blocks.len() >= 2);
+    for (name, bytes, says) in damaged(&cloud, &blocks) {
+        fs::write(work.path("bad.lvc"), bytes).unwrap();
+        for args in [
+            &["build", "bad.lvc", "-o", "out.lvt"][..],
+            &["verify", "bad.lvc"],
+        ] {
+            let run = lvox(&work, &[args, &["--progress", "none"]].concat());
+            run.refused(2, &["bad.lvc", says], &name);
+        }
+        assert_eq!(
+            work.names(),
+            ["bad.lvc", "scene.toml", "smoke.raw"],
+            "{name}"
+        );
+    }
+}
+
+#[test]
+fn shading_refuses_damaged_trees() {
+    let Files { work, tree, .. } = files();
+    let opened = Tree::open(&tree[..]).unwrap();
+    let root = opened.root_page().unwrap() as usize;
+    // A page that no ray needs is not read, and so not missed; the root is needed, and so are all lvoxels.
+    let needed = [opened.surfel_blocks()[root], opened.lvoxel_blocks()[0]];
+    let blocks: Vec<_> = ["root page", "lvoxel page"]
+        .iter()
+        .zip(needed)
+        .map(|(name, b)| {
+            let middle = b.offset as usize + b.stored_bytes as usize / 2;
+            ((*name).to_string(), middle)
+        })
+        .collect();
+    for (name, bytes, says) in damaged(&tree, &blocks) {
+        fs::write(work.path("bad.lvt"), bytes).unwrap();
+        for args in [
+            &["shade", "scene.toml", "-t", "bad.lvt", "-o", "out.exr"][..],
+            &["verify", "bad.lvt"],
+        ] {
+            let run = lvox(&work, &[args, &["--progress", "none"]].concat());
+            run.refused(2, &["bad.lvt", says], &name);
+        }
+        assert_eq!(
+            work.names(),
+            ["bad.lvt", "scene.toml", "smoke.raw"],
+            "{name}"
+        );
+    }
+}
+
+#[test]
+fn verify_finds_a_flipped_bit_anywhere() {
+    let Files { work, cloud, tree } = files();
+    for (name, good) in [("a.lvc", cloud), ("a.lvt", tree)] {
+        fs::write(work.path(name), &good).unwrap();
+        let run = lvox(&work, &["verify", name, "--progress", "none"]);
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        for i in 0..40 {
+            let at = good.len() * i / 40 + 5;
+            let mut bytes = good.clone();
+            bytes[at] ^= 1 << (i % 8);
+            fs::write(work.path(name), bytes).unwrap();
+            let run = lvox(&work, &["verify", name, "--progress", "none"]);
+            run.refused(2, &[name], &format!("byte {at}"));
+        }
+        fs::remove_file(work.path(name)).unwrap();
+    }
+}
+
+#[test]
+fn one_kind_of_file_in_place_of_the_other() {
+    let Files { work, cloud, tree } = files();
+    fs::write(work.path("a.lvt"), cloud).unwrap();
+    fs::write(work.path("a.lvc"), tree).unwrap();
+    lvox(&work, &["build", "a.lvc", "-o", "b.lvt"]).refused(2, &["a.lvc", "cloud"], "");
+    lvox(
+        &work,
+        &["shade", "scene.toml", "-t", "a.lvt", "-o", "b.exr"],
+    )
+    .refused(2, &["a.lvt", "tree"], "");
+    assert_eq!(work.names(), ["a.lvc", "a.lvt", "scene.toml", "smoke.raw"]);
+}

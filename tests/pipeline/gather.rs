@@ -1,0 +1,348 @@
+//! The fast kernel against the plain one, and media against a walk over all boxes.
+
+use crate::random::Random;
+use glam::{Affine3A, Quat, Vec3};
+use lvox::build;
+use lvox::formats::record::{MAX_LEVEL, VolumeInfo};
+use lvox::formats::{ClipEdge, CloudMeta, CloudWriter, Lvoxel, Surfel};
+use lvox::gather::cone::Scratch;
+use lvox::gather::{Crossing, Gatherer, Kernel, Media, Settings, SurfelStore, TreeStore};
+use lvox::math::Rgb;
+use lvox::math::segment::Composite;
+use lvox::run::Job;
+use std::f32::consts::PI;
+
+const OVERLAP: f32 = 1.8;
+
+/// Disks on a box of edge 2 seen from inside, and on thirty balls in it; no two of one plane overlap by chance alone.
+fn cloud(n: usize) -> Vec<Surfel> {
+    let mut random = Random(7);
+    let balls: Vec<([f32; 3], f32)> = (0..30)
+        .map(|_| {
+            let centre = std::array::from_fn(|_| 0.8 * random.signed());
+            (centre, 0.02 + 0.1 * random.unit())
+        })
+        .collect();
+    let ball_area: f32 = balls.iter().map(|(_, r)| 4.0 * PI * r * r).sum();
+    let area = (24.0 + ball_area) / n as f32;
+    (0..n)
+        .map(|_| {
+            let mut s = Surfel {
+                area,
+                radius: OVERLAP * (area / PI).sqrt(),
+                ..Surfel::default()
+            };
+            let mut pick = random.unit() * (24.0 + ball_area) - 24.0;
+            if pick < 0.0 {
+                let axis = (random.next() % 3) as usize;
+                let side = 1.0_f32.copysign(random.signed());
+                s.position = std::array::from_fn(|_| random.signed());
+                s.position[axis] = side;
+                s.normal[axis] = -side;
+            } else {
+                let ball = balls.iter().find(|(_, r)| {
+                    pick -= 4.0 * PI * r * r;
+                    pick < 0.0
+                });
+                let (centre, r) = ball.unwrap_or(&balls[0]);
+                s.normal = random.direction();
+                s.position = std::array::from_fn(|a| centre[a] + r * s.normal[a]);
+            }
+            // Smooth over space, so that which of two overlapping disks is met does not matter.
+            let p = s.position;
+            s.front =
+                std::array::from_fn(|c| 1.0 + (2.0 * p[c] + p[(c + 1) % 3]).sin() * s.normal[0]);
+            s.back = [0.1, 0.0, 0.0];
+            if random.next().is_multiple_of(20) {
+                s.clips.count = 1;
+                s.clips.edges[0] = ClipEdge {
+                    angle: 6.0 * random.unit(),
+                    offset: random.unit(),
+                };
+            }
+            s
+        })
+        .collect()
+}
+
+fn store(surfels: &[Surfel]) -> (tempfile::TempDir, TreeStore) {
+    let dir = tempfile::tempdir().unwrap();
+    let (cloud, tree) = (dir.path().join("a.lvc"), dir.path().join("a.lvt"));
+    let meta = CloudMeta {
+        disk_overlap: OVERLAP,
+        ..CloudMeta::default()
+    };
+    let mut writer = CloudWriter::create(&cloud, meta, false).unwrap();
+    writer.push_surfels(surfels).unwrap();
+    writer.finish().unwrap();
+    build::run(
+        &cloud,
+        &tree,
+        &build::Settings::default(),
+        false,
+        &Job::default(),
+    )
+    .unwrap();
+    let store = TreeStore::open(&tree, None).unwrap();
+    (dir, store)
+}
+
+fn settings(kernel: Kernel, max_solid_angle: f32) -> Settings {
+    Settings {
+        samples: 64,
+        max_solid_angle,
+        max_dist: f32::INFINITY,
+        kernel,
+        environment: Rgb::splat(0.5),
+        media: true,
+    }
+}
+
+/// Points in the box that are off all surfaces, and unit vectors.
+fn receivers(n: usize) -> Vec<(Vec3, Vec3)> {
+    let mut random = Random(11);
+    (0..n)
+        .map(|_| {
+            let p: [f32; 3] = std::array::from_fn(|_| 0.95 * random.signed());
+            (p.into(), random.direction().into())
+        })
+        .collect()
+}
+
+#[test]
+fn the_fast_kernel_without_aggregates_sees_what_the_plain_one_sees() {
+    let (_dir, store) = store(&cloud(40_000));
+    let SurfelStore::Kept(pages) = &store.surfels else {
+        panic!("a limit without being asked")
+    };
+    let gatherer = |kernel| Gatherer {
+        pages,
+        media: &store.media,
+        settings: settings(kernel, 0.0),
+    };
+    let (fast, plain) = (gatherer(Kernel::Cone), gatherer(Kernel::Plain));
+    let (mut other_distance, mut other_light) = (0, 0);
+    let rays = receivers(40_000);
+    let mut scratch = Scratch::default();
+    for &(origin, direction) in &rays {
+        let a = fast.look(origin, direction, &mut scratch);
+        let b = plain.look(origin, direction, &mut scratch);
+        let same = (a.distance - b.distance).abs() <= 1e-4 * (1.0 + b.distance);
+        other_distance += usize::from(!same && a.distance != b.distance);
+        let difference = (a.radiance.luminance() - b.radiance.luminance()).abs();
+        other_light += usize::from(difference > 0.1);
+    }
+    // Rays through the rim of a disk.
+    assert!(other_distance <= 8, "{other_distance} of {}", rays.len());
+    assert!(other_light <= 16, "{other_light} of {}", rays.len());
+}
+
+#[test]
+fn aggregates_change_irradiance_by_a_few_percent() {
+    let (_dir, store) = store(&cloud(200_000));
+    let SurfelStore::Kept(pages) = &store.surfels else {
+        panic!("a limit without being asked")
+    };
+    let irradiance = |kernel, solid_angle| -> Vec<f32> {
+        let gatherer = Gatherer {
+            pages,
+            media: &store.media,
+            settings: settings(kernel, solid_angle),
+        };
+        let all = receivers(1000);
+        let light = all.iter().enumerate().map(|(i, (p, n))| {
+            let gathered = gatherer.irradiance(*p, *n, i as u64);
+            gathered.light.luminance()
+        });
+        light.collect()
+    };
+    let plain = irradiance(Kernel::Plain, 0.0);
+    let mean: f32 = plain.iter().sum::<f32>() / plain.len() as f32;
+    for (solid_angle, limit) in [(0.0, 0.002), (0.001, 0.02), (0.01, 0.03), (0.05, 0.06)] {
+        let fast = irradiance(Kernel::Cone, solid_angle);
+        let pairs = fast.iter().zip(&plain);
+        let square: f32 = pairs.map(|(a, b)| (a - b) * (a - b)).sum();
+        let rms = (square / plain.len() as f32).sqrt() / mean;
+        assert!(rms < limit, "{solid_angle} sr: {rms}");
+    }
+}
+
+#[test]
+fn nothing_beyond_the_largest_distance_is_seen() {
+    let (_dir, store) = store(&cloud(20_000));
+    let SurfelStore::Kept(pages) = &store.surfels else {
+        panic!("a limit without being asked")
+    };
+    for kernel in [Kernel::Cone, Kernel::Plain] {
+        let gatherer = Gatherer {
+            pages,
+            media: &store.media,
+            settings: Settings {
+                max_dist: 1e-3,
+                ..settings(kernel, 0.01)
+            },
+        };
+        let gathered = gatherer.irradiance(Vec3::new(0.0, 0.9, 0.0), Vec3::Z, 1);
+        // All rays end in the environment, a little of the box's walls apart.
+        assert!((gathered.light.luminance() - 0.5 * PI).abs() < 0.02);
+    }
+}
+
+/// Two overlapping volumes, one of them turned, with blocks of all sizes.
+fn media() -> (Vec<VolumeInfo>, Vec<Lvoxel>) {
+    let mut random = Random(3);
+    let maps = [
+        Affine3A::from_scale(Vec3::splat(20.0)) * Affine3A::from_translation(Vec3::splat(0.6)),
+        Affine3A::from_scale(Vec3::new(15.0, 25.0, 18.0))
+            * Affine3A::from_translation(Vec3::splat(0.5))
+            * Affine3A::from_quat(Quat::from_rotation_y(0.7)),
+    ];
+    let dims = [[26, 24, 21], [17, 24, 19]];
+    let volumes = maps.iter().zip(dims).map(|(map, dims)| VolumeInfo {
+        name: String::new(),
+        dims,
+        index_from_scene: map.to_cols_array_2d().map(|column| column.map(f64::from)),
+        albedo: [0.5; 3],
+    });
+    let mut lvoxels = Vec::new();
+    for (volume, dims) in dims.iter().enumerate() {
+        let bricks = dims.map(|n| n.div_ceil(1 << MAX_LEVEL));
+        for b in 0..bricks[0] * bricks[1] * bricks[2] {
+            let brick = [
+                b % bricks[0],
+                b / bricks[0] % bricks[1],
+                b / (bricks[0] * bricks[1]),
+            ];
+            let level = (random.next() % 4) as u8;
+            let per_axis = 1 << (MAX_LEVEL - level);
+            for k in 0..per_axis * per_axis * per_axis {
+                let local = [
+                    k % per_axis,
+                    k / per_axis % per_axis,
+                    k / (per_axis * per_axis),
+                ];
+                let block = std::array::from_fn(|a| (brick[a] * per_axis + local[a]) as u16);
+                let is_inside = (0..3).all(|a| u32::from(block[a]) << level < dims[a]);
+                if is_inside && !random.next().is_multiple_of(3) {
+                    lvoxels.push(Lvoxel {
+                        volume: volume as u16,
+                        level,
+                        block,
+                        sigma_t: 3.0 * random.unit(),
+                        source: std::array::from_fn(|_| random.unit()),
+                    });
+                }
+            }
+        }
+    }
+    (volumes.collect(), lvoxels)
+}
+
+/// Where a ray is inside a block: the block's box, cut by that of its volume.
+fn within(volume: &VolumeInfo, l: &Lvoxel, origin: Vec3, direction: Vec3) -> Option<(f64, f64)> {
+    let m = volume.index_from_scene;
+    let map = |v: Vec3, w: f64| -> [f64; 3] {
+        std::array::from_fn(|r| {
+            (0..3).map(|c| m[c][r] * f64::from(v[c])).sum::<f64>() + w * m[3][r]
+        })
+    };
+    let (o, d) = (map(origin, 1.0), map(direction, 0.0));
+    let (mut near, mut far) = (0.0_f64, f64::INFINITY);
+    for a in 0..3 {
+        let low = f64::from(u32::from(l.block[a]) << l.level);
+        let high = (low + f64::from(1 << l.level)).min(f64::from(volume.dims[a]));
+        let (t0, t1) = ((low - o[a]) / d[a], (high - o[a]) / d[a]);
+        near = near.max(t0.min(t1));
+        far = far.min(t0.max(t1));
+    }
+    (near < far).then_some((near, far))
+}
+
+/// Radiance and transmittance along a ray to `t_max`, by looking at every block and surface for every stretch.
+fn by_force(
+    volumes: &[VolumeInfo],
+    lvoxels: &[Lvoxel],
+    (origin, direction): (Vec3, Vec3),
+    t_max: f64,
+    crossings: &[Crossing],
+) -> ([f64; 3], f64) {
+    let spans: Vec<(f64, f64, &Lvoxel)> = lvoxels
+        .iter()
+        .filter_map(|l| {
+            let volume = &volumes[usize::from(l.volume)];
+            let (near, far) = within(volume, l, origin, direction)?;
+            (near < t_max).then_some((near, far.min(t_max), l))
+        })
+        .collect();
+    let mut cuts: Vec<f64> = spans.iter().flat_map(|s| [s.0, s.1]).collect();
+    cuts.extend(crossings.iter().map(|c| f64::from(c.t)));
+    cuts.sort_by(f64::total_cmp);
+    let (mut light, mut through) = ([0.0; 3], 1.0);
+    let mut met = crossings.iter().peekable();
+    let mut start = 0.0;
+    for end in cuts {
+        let middle = 0.5 * (start + end);
+        let inside = || spans.iter().filter(|s| s.0 < middle && middle < s.1);
+        let sigma: f64 = inside().map(|s| f64::from(s.2.sigma_t)).sum();
+        let share = 1.0 - (-sigma * (end - start)).exp();
+        if sigma > 0.0 {
+            for (c, out) in light.iter_mut().enumerate() {
+                let source: f64 = inside()
+                    .map(|s| f64::from(s.2.sigma_t) * f64::from(s.2.source[c]))
+                    .sum();
+                *out += through * share * source / sigma;
+            }
+        }
+        through *= 1.0 - share;
+        while let Some(c) = met.next_if(|c| f64::from(c.t) <= end) {
+            for (k, out) in light.iter_mut().enumerate() {
+                *out += through * f64::from(c.opacity) * f64::from(c.radiance.0[k]);
+            }
+            through *= 1.0 - f64::from(c.opacity);
+        }
+        start = end;
+    }
+    (light, through)
+}
+
+#[test]
+fn passing_media_is_passing_every_block() {
+    let (volumes, lvoxels) = media();
+    let all = Media::new(&volumes, lvoxels.iter().copied());
+    let mut random = Random(5);
+    let mut passed = 0;
+    for i in 0..2000 {
+        let origin = Vec3::from(std::array::from_fn(|_| 1.5 * random.signed()));
+        let mut direction = Vec3::from(random.direction());
+        if i % 10 == 0 {
+            // Along an axis of the first volume.
+            direction = [Vec3::X, -Vec3::Y, Vec3::Z][i / 10 % 3];
+        }
+        let t_max = if i % 3 == 0 { 0.8 } else { f32::INFINITY };
+        let mut crossings: Vec<Crossing> = (0..i % 4)
+            .map(|_| Crossing {
+                t: 0.7 * random.unit(),
+                opacity: 0.8 * random.unit(),
+                radiance: Rgb::splat(random.unit()),
+            })
+            .collect();
+        crossings.sort_by(|a, b| a.t.total_cmp(&b.t));
+        let mut light = Composite::default();
+        all.pass(origin, direction, t_max, &crossings, &mut light);
+        let (radiance, through) = by_force(
+            &volumes,
+            &lvoxels,
+            (origin, direction),
+            f64::from(t_max),
+            &crossings,
+        );
+        passed += usize::from(through < 0.9);
+        let error = (f64::from(light.transmittance) - through).abs();
+        assert!(error < 2e-4, "ray {i}: {light:?}, {through}");
+        for c in 0..3 {
+            let error = (f64::from(light.radiance.0[c]) - radiance[c]).abs();
+            assert!(error < 3e-4, "ray {i}: {light:?}, {radiance:?}");
+        }
+    }
+    assert!(passed > 1000, "{passed} rays met anything");
+}

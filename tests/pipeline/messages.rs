@@ -1,0 +1,356 @@
+//! The program from outside: what it refuses, what it says, what it leaves behind.
+
+use crate::{ROOM, Work};
+use assert_cmd::Command;
+use std::fs;
+
+/// What a run of the program came to.
+pub struct Run {
+    pub code: i32,
+    pub stdout: String,
+    pub stderr: String,
+}
+
+impl Run {
+    /// An error is one line and at most one hint, says all of `parts`, and leaves stdout alone; warnings may go before.
+    #[track_caller]
+    pub fn refused(&self, code: i32, parts: &[&str], what: &str) {
+        assert_eq!(self.code, code, "{what}: {}", self.stderr);
+        assert_eq!(self.stdout, "", "{what}");
+        let mut lines = self
+            .stderr
+            .lines()
+            .skip_while(|l| l.starts_with("warning: "));
+        let error = lines.next().unwrap_or_default();
+        assert!(error.starts_with("error: "), "{what}: {}", self.stderr);
+        let rest: Vec<&str> = lines.collect();
+        assert!(
+            rest.is_empty() || (rest.len() == 1 && rest[0].starts_with("hint: ")),
+            "{what}: {}",
+            self.stderr
+        );
+        for part in parts {
+            assert!(
+                self.stderr.contains(part),
+                "{what}: {part:?} is not in {}",
+                self.stderr
+            );
+        }
+    }
+
+    #[track_caller]
+    fn done(&self) {
+        assert_eq!(self.code, 0, "{}", self.stderr);
+        assert_eq!(self.stdout, "");
+    }
+}
+
+/// Runs the program in the folder.
+pub fn lvox(work: &Work, args: &[&str]) -> Run {
+    let output = Command::new(env!("CARGO_BIN_EXE_lvox"))
+        .current_dir(work.0.path())
+        .args(args)
+        .output()
+        .unwrap();
+    Run {
+        code: output.status.code().unwrap_or(-1),
+        stdout: String::from_utf8(output.stdout).unwrap(),
+        stderr: String::from_utf8(output.stderr).unwrap(),
+    }
+}
+
+const QUIET: [&str; 6] = [
+    "--progress",
+    "none",
+    "--samples",
+    "8",
+    "--volume-samples",
+    "4",
+];
+const FEW: [&str; 2] = ["--surfels", "2000"];
+
+#[test]
+fn rendering_is_baking_building_and_shading() {
+    let work = Work::new(ROOM);
+    let render = [
+        "render",
+        "scene.toml",
+        "-o",
+        "a.exr",
+        "--keep-tree",
+        "a.lvt",
+    ];
+    lvox(&work, &[&render[..], &FEW, &QUIET].concat()).done();
+    let bake = ["bake", "scene.toml", "-o", "b.lvc", "--progress", "none"];
+    lvox(&work, &[&bake[..], &FEW].concat()).done();
+    lvox(
+        &work,
+        &["build", "b.lvc", "-o", "b.lvt", "--progress", "none"],
+    )
+    .done();
+    let shade = ["shade", "scene.toml", "--tree", "b.lvt", "-o", "b.exr"];
+    let run = lvox(&work, &[&shade[..], &QUIET].concat());
+    run.done();
+    assert_eq!(run.stderr, "");
+    let read = |name: &str| fs::read(work.path(name)).unwrap();
+    assert!(read("a.lvt") == read("b.lvt"));
+    assert!(read("a.exr") == read("b.exr"));
+
+    // Clouds and trees are replaced when told to, images always.
+    for args in [&bake[..], &["build", "b.lvc", "-o", "b.lvt"]] {
+        lvox(&work, args).refused(2, &["already there", "--force"], "");
+    }
+    lvox(&work, &[&shade[..], &QUIET].concat()).done();
+    let force = [
+        "build",
+        "b.lvc",
+        "-o",
+        "b.lvt",
+        "--force",
+        "--progress",
+        "none",
+    ];
+    lvox(&work, &force).done();
+}
+
+#[test]
+fn the_demo_needs_no_file_and_makes_both_kinds_of_image() {
+    let work = Work::new("");
+    fs::remove_file(work.path("scene.toml")).unwrap();
+    fs::remove_file(work.path("smoke.raw")).unwrap();
+    let demo = ["render", "--demo", "--region", "300", "200", "308", "206"];
+    for (name, magic) in [("demo.exr", b"\x76\x2f\x31\x01"), ("demo.png", b"\x89PNG")] {
+        lvox(&work, &[&demo[..], &["-o", name], &FEW, &QUIET].concat()).done();
+        assert!(fs::read(work.path(name)).unwrap().starts_with(magic));
+    }
+    assert_eq!(work.names(), ["demo.exr", "demo.png"]);
+}
+
+#[test]
+fn reports_tell_times_counts_and_failures() {
+    let work = Work::new(ROOM);
+    let render = ["render", "scene.toml", "-o", "a.exr", "--report", "a.json"];
+    lvox(&work, &[&render[..], &FEW, &QUIET].concat()).done();
+    let report = || -> serde_json::Value {
+        serde_json::from_slice(&fs::read(work.path("a.json")).unwrap()).unwrap()
+    };
+    let json = report();
+    let stages = json["stages"].as_array().unwrap();
+    let names: Vec<_> = stages
+        .iter()
+        .map(|s| s["stage"].as_str().unwrap())
+        .collect();
+    assert_eq!(names, ["load", "bake", "build", "shade", "write"]);
+    assert_eq!(stages[1]["counts"]["surfels"], 2000.0);
+    assert_eq!(stages[3]["counts"]["pixels"], 64.0 * 48.0);
+    assert!(json["peak_memory_bytes"].as_u64().unwrap() > 1 << 20);
+    lvox(
+        &work,
+        &[&render[..], &["--camera", "nobody"], &FEW, &QUIET].concat(),
+    )
+    .refused(2, &["nobody"], "");
+    let json = report();
+    assert_eq!(json["ok"], false);
+    assert!(json["error"].as_str().unwrap().contains("nobody"));
+}
+
+#[test]
+fn wrong_scenes_and_settings_leave_nothing_behind() {
+    let textured = "[[mesh]]\nfile = \"builtin:quad\"\ntexture = \"tiles.png\"\n";
+    let cases: [(&str, &[&str], &[&str]); 9] = [
+        (
+            ROOM,
+            &["--camera", "nobody"],
+            &["`nobody`", "hint: ", "`front`"],
+        ),
+        (ROOM, &["--region", "0", "0", "65", "4"], &["65"]),
+        (ROOM, &["--region", "4", "4", "4", "8"], &[]),
+        (ROOM, &["--tile", "3/0"], &["--tile"]),
+        (ROOM, &["--samples", "0"], &["--samples", "1 to"]),
+        (ROOM, &["--max-solid-angle", "nan"], &["--max-solid-angle"]),
+        (textured, &[], &["tiles.png"]),
+        (
+            "[[mesh]]\nfile = \"builtin:quad\"\nemision = [1, 1, 1]\n",
+            &[],
+            &["emision", "line 3", "hint: ", "`emission`"],
+        ),
+        ("", &[], &["scene.toml"]),
+    ];
+    for (text, options, parts) in cases {
+        let work = Work::new(text);
+        let render = [
+            "render",
+            "scene.toml",
+            "-o",
+            "out.exr",
+            "--keep-tree",
+            "out.lvt",
+        ];
+        let run = lvox(&work, &[&render[..], options, &FEW, &QUIET].concat());
+        let what = format!("{options:?} {}", text.lines().nth(2).unwrap_or_default());
+        if run.stderr.contains("Usage") || run.stderr.contains("For more information") {
+            // The option parser has its own words.
+            assert_eq!(run.code, 2, "{what}");
+        } else {
+            run.refused(2, parts, &what);
+        }
+        assert_eq!(work.names(), ["scene.toml", "smoke.raw"], "{what}");
+    }
+    let work = Work::new(ROOM);
+    lvox(&work, &["render", "none.toml", "-o", "out.exr"]).refused(2, &["none.toml"], "");
+    lvox(
+        &work,
+        &["shade", "scene.toml", "-t", "none.lvt", "-o", "out.exr"],
+    )
+    .refused(2, &["none.lvt"], "");
+    lvox(&work, &["build", "none.lvc", "-o", "out.lvt"]).refused(2, &["none.lvc"], "");
+    lvox(&work, &["render", "scene.toml", "-o", "out.jpg"]).refused(2, &["out.jpg", ".exr"], "");
+    assert_eq!(work.names(), ["scene.toml", "smoke.raw"]);
+}
+
+#[test]
+fn outputs_that_cannot_be_written_are_refused_before_any_work() {
+    let work = Work::new(ROOM);
+    fs::create_dir(work.path("folder.exr")).unwrap();
+    // The scene is not there either: outputs are looked at first.
+    for output in ["no/such/folder/a.exr", "folder.exr"] {
+        lvox(&work, &["render", "none.toml", "-o", output]).refused(2, &[output], "");
+        lvox(
+            &work,
+            &["shade", "none.toml", "-t", "none.lvt", "-o", output],
+        )
+        .refused(2, &[output], "");
+        lvox(&work, &["bake", "none.toml", "-o", output]).refused(2, &[output], "");
+        lvox(&work, &["build", "none.lvc", "-o", output]).refused(2, &[output], "");
+        let keep = ["render", "none.toml", "-o", "a.exr", "--keep-tree", output];
+        lvox(&work, &keep).refused(2, &[output], "");
+    }
+    assert_eq!(work.names(), ["folder.exr", "scene.toml", "smoke.raw"]);
+}
+
+#[test]
+fn the_tree_of_another_scene_is_used_with_a_warning() {
+    let work = Work::new(ROOM);
+    work.bake(&work.scene(), 2000);
+    let other = ROOM.replace("albedo = [0.6, 0.05, 0.05]", "albedo = [0.05, 0.6, 0.05]");
+    fs::write(work.path("other.toml"), other).unwrap();
+    let shade = ["shade", "other.toml", "-t", "scene.lvt", "-o", "a.exr"];
+    let run = lvox(&work, &[&shade[..], &QUIET].concat());
+    run.done();
+    assert!(
+        run.stderr.starts_with("warning: scene.lvt"),
+        "{}",
+        run.stderr
+    );
+    assert_eq!(run.stderr.lines().count(), 1);
+}
+
+#[test]
+fn tiles_of_processes_are_the_frame_of_one() {
+    let work = Work::new(ROOM);
+    work.bake(&work.scene(), 2000);
+    let shade = |name: &str, options: &[&str]| {
+        let args = ["shade", "scene.toml", "-t", "scene.lvt", "-o", name];
+        lvox(&work, &[&args[..], options, &QUIET].concat()).done();
+    };
+    shade("whole.exr", &["--aov", "depth,normal", "--float"]);
+    let mut merge = vec!["merge", "-o", "merged.exr", "--progress", "none"];
+    let names: Vec<String> = (0..7).map(|i| format!("{i}.exr")).collect();
+    for (i, name) in names.iter().enumerate() {
+        let tile = format!("{i}/7");
+        let threads = if i % 2 == 0 { "1" } else { "2" };
+        let options = [
+            "--aov",
+            "depth,normal",
+            "--float",
+            "--tile",
+            &tile,
+            "--threads",
+            threads,
+        ];
+        shade(name, &options);
+        merge.push(name);
+    }
+    lvox(&work, &merge).done();
+    let read = |name: &str| fs::read(work.path(name)).unwrap();
+    assert!(read("merged.exr") == read("whole.exr"));
+}
+
+#[cfg(unix)]
+mod signals {
+    use super::*;
+    use std::io::{BufRead, BufReader};
+    use std::process::Stdio;
+    use std::time::{Duration, Instant};
+
+    /// Starts a render that takes long, waits for a stage to begin, asks it to stop, and looks at what it leaves.
+    fn stopped_in(stage: &str, options: &[&str]) {
+        let work = Work::new(ROOM);
+        fs::create_dir(work.path("temporary")).unwrap();
+        let args = [
+            "render",
+            "scene.toml",
+            "-o",
+            "out.exr",
+            "--keep-tree",
+            "out.lvt",
+            "--report",
+            "out.json",
+            "--temp-dir",
+            "temporary",
+            "--progress",
+            "plain",
+        ];
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_lvox"))
+            .current_dir(work.0.path())
+            .args(args)
+            .args(options)
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap())
+            .lines()
+            .map_while(Result::ok);
+        assert!(lines.any(|l| l.starts_with(stage)), "{stage} never began");
+        let asked = Instant::now();
+        let kill = std::process::Command::new("kill")
+            .args(["-TERM", &child.id().to_string()])
+            .status();
+        assert!(kill.unwrap().success());
+        let last = lines.last().unwrap_or_default();
+        let code = child.wait().unwrap().code();
+        assert!(asked.elapsed() < Duration::from_secs(20), "{stage}");
+        assert_eq!(
+            (code, last.as_str()),
+            (Some(1), "error: stopped on request"),
+            "{stage}"
+        );
+        let left: &[&str] = match stage {
+            "surfels" => &["out.json", "scene.toml", "smoke.raw", "temporary"],
+            // Both are whole: the tree was asked for and was done.
+            _ => &[
+                "out.json",
+                "out.lvt",
+                "scene.toml",
+                "smoke.raw",
+                "temporary",
+            ],
+        };
+        assert_eq!(work.names(), left, "{stage}");
+        assert_eq!(fs::read_dir(work.path("temporary")).unwrap().count(), 0);
+        let report: serde_json::Value =
+            serde_json::from_slice(&fs::read(work.path("out.json")).unwrap()).unwrap();
+        assert_eq!(report["error"], "stopped on request");
+    }
+
+    #[test]
+    fn a_signal_stops_every_stage_and_leaves_nothing_half_written() {
+        stopped_in("surfels", &["--surfels", "100000000"]);
+        let few = ["--surfels", "20000"];
+        stopped_in(
+            "gather",
+            &[&few[..], &["--samples", "65536", "--lattice", "1"]].concat(),
+        );
+        stopped_in("shade", &[&few[..], &["--pixel-samples", "65536"]].concat());
+    }
+}

@@ -1,0 +1,157 @@
+//! Cameras, kernels, and scenes of which a part is missing.
+
+use crate::{ROOM, Work, beauty, layer, mean, relative_rms, render, shade};
+use lvox::shade::Settings;
+
+fn quick() -> Settings {
+    Settings {
+        samples: 16,
+        volume_samples: 8,
+        ..Settings::default()
+    }
+}
+
+fn through(camera: &str) -> Settings {
+    Settings {
+        camera: Some(camera.into()),
+        ..quick()
+    }
+}
+
+#[test]
+fn one_tree_serves_every_camera() {
+    let work = Work::new(ROOM);
+    let scene = work.scene();
+    let tree = work.bake(&scene, 20_000);
+    let frames = ["front", "corner", "below"].map(|c| shade(&scene, &tree, &through(c)));
+    for frame in &frames {
+        for name in ["", "direct", "indirect", "volume"] {
+            let pixels = layer(frame, name);
+            assert!(pixels.iter().flatten().all(|v| v.is_finite() && *v >= 0.0));
+            assert!(mean(&pixels) > 1e-3, "{name}");
+        }
+        let parts: Vec<Vec<[f32; 3]>> = ["direct", "indirect", "volume"]
+            .map(|name| layer(frame, name))
+            .into();
+        for (i, whole) in beauty(frame).iter().enumerate() {
+            for c in 0..3 {
+                let sum: f32 = parts.iter().map(|p| p[i][c]).sum();
+                assert!((sum - whole[c]).abs() <= 1e-5 * whole[c]);
+            }
+        }
+        assert_eq!(
+            frame.attributes["lvox/tree"],
+            frames[0].attributes["lvox/tree"]
+        );
+    }
+    assert!(relative_rms(&beauty(&frames[0]), &beauty(&frames[1])) > 0.1);
+    // The first is the default.
+    assert_eq!(beauty(&frames[0]), beauty(&shade(&scene, &tree, &quick())));
+}
+
+#[test]
+fn red_bleeds_onto_grey() {
+    let frame = render(ROOM, 20_000, &quick());
+    let indirect = layer(&frame, "indirect");
+    // The floor beside the red wall, and in the middle of the same row.
+    let redness = |x: usize| {
+        let [r, g, _] = indirect[45 * 64 + x];
+        r / g
+    };
+    let (near, far) = (redness(14), redness(30));
+    assert!(near > 1.3 * far, "{near} {far}");
+}
+
+#[test]
+fn the_plain_kernel_agrees_with_the_fast_one() {
+    let work = Work::new(ROOM);
+    let scene = work.scene();
+    let tree = work.bake(&scene, 30_000);
+    let settings = |plain, max_solid_angle| Settings {
+        samples: 256,
+        volume_samples: 64,
+        lattice: 8,
+        plain,
+        max_solid_angle,
+        ..quick()
+    };
+    let plain = shade(&scene, &tree, &settings(true, 0.0));
+    let disks = shade(&scene, &tree, &settings(false, 0.0));
+    let nodes = shade(&scene, &tree, &settings(false, 0.01));
+    for name in ["indirect", "volume"] {
+        let reference = layer(&plain, name);
+        // Disks of one plane overlap, and rounding decides which of them a ray meets first.
+        let error = relative_rms(&layer(&disks, name), &reference);
+        assert!(error < 0.01, "{name}: {error}");
+        let error = relative_rms(&layer(&nodes, name), &reference);
+        assert!(error < 0.03, "{name}: {error}");
+        let bias = mean(&layer(&nodes, name)) / mean(&reference) - 1.0;
+        assert!(bias.abs() < 0.01, "{name}: {bias}");
+    }
+}
+
+#[test]
+fn surfaces_alone_and_media_alone() {
+    let (surfaces, _) = ROOM.split_once("[[volume]]").unwrap();
+    let frame = render(surfaces, 5000, &quick());
+    assert_eq!(mean(&layer(&frame, "volume")), 0.0);
+    assert!(mean(&layer(&frame, "indirect")) > 0.0);
+
+    let (head, _) = ROOM.split_once("[[mesh]]").unwrap();
+    let (_, volume) = ROOM.split_once("[[volume]]").unwrap();
+    let light = "[[light]]\ntype = \"point\"\nposition = [0, 2, 1]\nintensity = [3, 3, 3]\n";
+    let frame = render(&format!("{head}{light}[[volume]]{volume}"), 5000, &quick());
+    assert_eq!(mean(&layer(&frame, "direct")), 0.0);
+    assert_eq!(mean(&layer(&frame, "indirect")), 0.0);
+    let scattered = layer(&frame, "volume");
+    assert!(scattered.iter().flatten().all(|v| v.is_finite()));
+    assert!(mean(&scattered) > 1e-3);
+}
+
+#[test]
+fn a_camera_that_looks_away_sees_black() {
+    let work = Work::new(ROOM);
+    let scene = work.scene();
+    let tree = work.bake(&scene, 2000);
+    let frame = shade(&scene, &tree, &through("away"));
+    assert_eq!(mean(&beauty(&frame)), 0.0);
+    let depth = &frame.layer("depth").unwrap().channels[0].1;
+    assert!(depth.iter().all(|d| d.is_infinite()));
+}
+
+#[test]
+fn a_scene_without_light_is_black() {
+    let dark = ROOM.replace("emission = [10, 9, 7]", "emission = [0, 0, 0]")
+        + "[[light]]\ntype = \"point\"\nposition = [0, 1, 0]\nintensity = [0, 0, 0]\n";
+    assert_eq!(mean(&beauty(&render(&dark, 2000, &quick()))), 0.0);
+}
+
+#[test]
+fn surfels_from_a_camera_light_what_it_sees() {
+    let work = Work::new(ROOM);
+    let scene = work.scene();
+    let area = shade(&scene, &work.bake(&scene, 30_000), &quick());
+    let (cloud, tree) = (work.path("camera.lvc"), work.path("camera.lvt"));
+    let settings = lvox::bake::Settings {
+        surfels: lvox::bake::SurfelSampling::Camera {
+            name: None,
+            rate: 2.0,
+            overscan: 1.1,
+        },
+        ..lvox::bake::Settings::default()
+    };
+    let job = lvox::run::Job::default();
+    lvox::bake::run(&scene, &settings, &cloud, false, &job).unwrap();
+    lvox::build::run(
+        &cloud,
+        &tree,
+        &lvox::build::Settings::default(),
+        false,
+        &job,
+    )
+    .unwrap();
+    let camera = shade(&scene, &tree, &quick());
+    let ratio = mean(&layer(&camera, "indirect")) / mean(&layer(&area, "indirect"));
+    // What is outside the frustum or behind the block is missing.
+    assert!((0.7..1.02).contains(&ratio), "{ratio}");
+}

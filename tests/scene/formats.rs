@@ -1,0 +1,365 @@
+//! Every format of meshes and volumes, written here and read back.
+
+use crate::{Folder, load};
+use flate2::{Compression, write::GzEncoder};
+use glam::{DVec3, Vec2, Vec3};
+use lvox::scene::{Light, Scene};
+use std::io::{Cursor, Write};
+
+/// A triangle in ASCII with everything that a vertex can have.
+const ASCII_PLY: &[u8] = b"ply\nformat ascii 1.0\ncomment x\nelement vertex 3\n\
+property float x\nproperty float y\nproperty double z\n\
+property float nx\nproperty float ny\nproperty float nz\n\
+property uchar red\nproperty uchar green\nproperty uchar blue\n\
+property float u\nproperty float v\nproperty int skipped\n\
+element face 1\nproperty list uchar int vertex_indices\nend_header\n\
+0 0 0 0 0 2 255 0 128 0 0 -7\n1 0 0 0 0 2 255 0 128 1 0 -7\n0 1 0.5 0 0 2 255 0 128 0 1 -7\n3 0 1 2\n";
+
+fn mesh(file: &str, more: &str) -> String {
+    format!("[[mesh]]\nfile = \"{file}\"\n{more}\n")
+}
+
+#[test]
+fn ascii_ply_has_positions_normals_colours_and_uvs() {
+    let scene = load(&mesh("a.ply", ""), &[("a.ply", ASCII_PLY)]).unwrap();
+    let mesh = &scene.mesh;
+    assert_eq!(mesh.positions[2], Vec3::new(0.0, 1.0, 0.5));
+    assert_eq!(mesh.normals, [Vec3::Z; 3]);
+    let half = 0.215_861;
+    assert!((mesh.colors[0][2] - half).abs() < 1e-5, "sRGB is decoded");
+    assert_eq!(mesh.colors[0][..2], [1.0, 0.0]);
+    assert!(mesh.uvs.is_empty(), "nothing is textured");
+    assert_eq!(scene.materials[0].albedo, [1.0; 3]);
+}
+
+#[test]
+fn binary_ply_in_both_byte_orders_is_cut_into_fans_and_coloured_by_face() {
+    for little in [true, false] {
+        let order = |bytes: [u8; 4]| match little {
+            true => bytes,
+            false => [bytes[3], bytes[2], bytes[1], bytes[0]],
+        };
+        let name = if little { "little" } else { "big" };
+        let mut ply = format!(
+            "ply\nformat binary_{name}_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\n\
+             property float z\nelement face 2\nproperty list uchar uint vertex_index\nproperty float red\n\
+             property float green\nproperty float blue\nproperty uchar material_index\nend_header\n"
+        )
+        .into_bytes();
+        for p in [[0.0_f32, 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]] {
+            ply.extend(p.iter().flat_map(|x| order(x.to_le_bytes())));
+        }
+        for (polygon, red, material) in
+            [(vec![0_u32, 1, 2, 3], 0.25_f32, 1), (vec![0, 1, 2], 0.5, 0)]
+        {
+            ply.push(polygon.len() as u8);
+            ply.extend(polygon.iter().flat_map(|i| order(i.to_le_bytes())));
+            ply.extend([red, 0.0, 1.0].iter().flat_map(|c| order(c.to_le_bytes())));
+            ply.push(material);
+        }
+        let scene = load(&mesh("a.ply", ""), &[("a.ply", &ply)]).unwrap();
+        assert_eq!(scene.mesh.triangles, [[0, 1, 2], [0, 2, 3], [0, 1, 2]]);
+        assert_eq!(scene.mesh.material, [0, 0, 1]);
+        assert_eq!(scene.materials[0].albedo, [0.25, 0.0, 1.0]);
+        assert!(scene.mesh.normals.is_empty() && scene.mesh.colors.is_empty());
+
+        let palette = "palette = [[0.1, 0.1, 0.1], [0.2, 0.2, 0.2]]";
+        let scene = load(&mesh("a.ply", palette), &[("a.ply", &ply)]).unwrap();
+        assert_eq!(scene.materials[0].albedo, [0.2; 3]);
+        assert_eq!(scene.materials[1].albedo, [0.1; 3]);
+        let e = load(&mesh("a.ply", "palette = [[0, 0, 0]]"), &[("a.ply", &ply)]).unwrap_err();
+        assert!(e.to_string().contains("beyond the palette of 1"), "{e}");
+    }
+}
+
+fn png() -> Vec<u8> {
+    let image = image::RgbImage::from_fn(2, 1, |x, _| image::Rgb([255 * x as u8, 255, 0]));
+    let mut png = Cursor::new(Vec::new());
+    image.write_to(&mut png, image::ImageFormat::Png).unwrap();
+    png.into_inner()
+}
+
+#[test]
+fn obj_brings_materials_and_textures() {
+    let obj = b"mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.25 0.5\nvt 0.75 0.5\n\
+usemtl lamp\nf 1 2 3\nusemtl tiles\nf 1/1 2/2 3/1\n";
+    let mtl = b"newmtl tiles\nKd 0.5 0.5 0.5\nmap_Kd tiles.png\nnewmtl lamp\nKe 4 5 6\n";
+    let files: [(&str, &[u8]); 3] = [("a.obj", obj), ("m.mtl", mtl), ("tiles.png", &png())];
+    let scene = load(&mesh("a.obj", ""), &files).unwrap();
+    let of = |t: usize| &scene.materials[scene.mesh.material[t] as usize];
+    assert_eq!(of(0).emission, [4.0, 5.0, 6.0]);
+    assert_eq!(of(1).albedo, [0.5; 3]);
+    let texture = &scene.textures[of(1).texture.unwrap() as usize];
+    let uv = scene.mesh.triangles[1].map(|i| scene.mesh.uvs[i as usize]);
+    assert_eq!(texture.sample(uv[0]), [0.0, 1.0, 0.0]);
+    assert_eq!(texture.sample(uv[1]), [1.0, 1.0, 0.0]);
+    assert!(scene.warnings.iter().all(|w| w.contains("no camera")));
+}
+
+#[test]
+fn a_texture_without_coordinates_becomes_its_mean() {
+    let obj = b"mtllib m.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    let mtl = b"newmtl a\nmap_Kd tiles.png\n";
+    let files: [(&str, &[u8]); 3] = [("a.obj", obj), ("m.mtl", mtl), ("tiles.png", &png())];
+    let scene = load(&mesh("a.obj", ""), &files).unwrap();
+    assert_eq!(scene.materials[0].albedo, [0.5, 1.0, 0.0]);
+    assert_eq!(scene.materials[0].texture, None);
+    assert!(scene.warnings[0].contains("no texture coordinates"));
+}
+
+#[test]
+fn keys_override_what_the_file_says() {
+    let files: [(&str, &[u8]); 2] = [("a.ply", ASCII_PLY), ("t.png", &png())];
+    let text = mesh("a.ply", "albedo = [0.1, 0.2, 0.3]\nnormals = \"face\"");
+    let scene = load(&text, &files).unwrap();
+    assert_eq!(scene.materials[0].albedo, [0.1, 0.2, 0.3]);
+    assert!(scene.mesh.colors.is_empty() && scene.mesh.normals.is_empty());
+
+    let text = mesh(
+        "a.ply",
+        "texture = \"t.png\"\nemission = [1, 2, 3]\nemits_both_sides = true\nname = \"n\"",
+    );
+    let scene = load(&text, &files).unwrap();
+    assert_eq!(scene.materials[0].emission, [1.0, 2.0, 3.0]);
+    assert!(scene.materials[0].emits_both_sides);
+    assert_eq!(scene.materials[0].name, "n");
+    assert_eq!(scene.mesh.uvs[0], Vec2::new(0.0, 1.0), "v runs downwards");
+    assert_eq!(scene.textures.len(), 1);
+
+    let scene = load(&mesh("builtin:cube", "normals = { crease_deg = 120 }"), &[]).unwrap();
+    let n = scene.mesh.normals[0];
+    let p = scene.mesh.positions[0];
+    assert!(n.dot(p) > 0.5, "smooth over the edges");
+    let scene = load(&mesh("builtin:sphere", ""), &[]).unwrap();
+    assert_eq!(
+        scene.mesh.normals.len(),
+        scene.mesh.positions.len(),
+        "given by default"
+    );
+}
+
+#[test]
+fn cameras_and_lights_are_placed() {
+    let text = "[film]\nwidth = 200\nheight = 100\nexposure = 2\n\
+[[camera]]\nname = \"a\"\nposition = [1, 2, 3]\ntarget = [1, 2, -3]\nfov_x_deg = 90\n\
+[[camera]]\ncamera_to_world = [[0, 0, 1, 5], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]]\n\
+[[light]]\ntype = \"point\"\nposition = [0, 1, 0]\nintensity = [1, 2, 3]\n\
+[[light]]\ntype = \"spot\"\nposition = [0, 1, 0]\ntarget = [0, 0, 0]\nintensity = [1, 1, 1]\n\
+inner_deg = 10\nouter_deg = 60\n\
+[[light]]\ntype = \"directional\"\ndirection = [0, -2, 0]\nirradiance = [1, 1, 1]\nangular_radius_deg = 0.5\n\
+[[light]]\ntype = \"environment\"\nradiance = [0.5, 0.5, 1]\n";
+    let scene = load(&(text.to_string() + &mesh("builtin:cube", "")), &[]).unwrap();
+    assert!(scene.warnings.is_empty());
+    assert_eq!(scene.film.exposure, 2.0);
+    assert_eq!(scene.cameras[0].origin(), Vec3::new(1.0, 2.0, 3.0));
+    let right = scene.cameras[0].direction(&scene.film, 200.0, 50.0);
+    assert!((right - Vec3::new(1.0, 0.0, -1.0).normalize()).length() < 1e-6);
+    assert_eq!(scene.cameras[1].name, "camera 2");
+    let ahead = scene.cameras[1].direction(&scene.film, 100.0, 50.0);
+    assert!((ahead - Vec3::NEG_X).length() < 1e-6, "{ahead}");
+    assert_eq!(scene.lights.len(), 4);
+    let Light::Spot {
+        direction,
+        cos_outer,
+        ..
+    } = scene.lights[1]
+    else {
+        panic!("{:?}", scene.lights)
+    };
+    assert_eq!(direction, Vec3::NEG_Y);
+    assert!((cos_outer - 0.5).abs() < 1e-6);
+    let Light::Directional {
+        angular_radius_rad, ..
+    } = scene.lights[2]
+    else {
+        panic!("{:?}", scene.lights)
+    };
+    assert!((angular_radius_rad - 0.5_f32.to_radians()).abs() < 1e-9);
+}
+
+/// Values of a 4 x 3 x 2 grid: 0 to 23, x fastest.
+fn values() -> impl Iterator<Item = u8> {
+    0..24
+}
+
+fn sample(scene: &Scene, world: DVec3) -> f32 {
+    let volume = &scene.volumes[0];
+    let p = world - scene.world_from_scene;
+    let index = volume.index_from_scene.transform_point3(p.as_vec3());
+    volume.sigma_t.sample(index)
+}
+
+#[test]
+fn nrrd_in_every_type_order_and_encoding_is_the_same() {
+    let volume = "[[volume]]\nfile = \"a.nrrd\"\nsigma_t_scale = 0.5\nalbedo = [0.5, 0.5, 0.5]\n";
+    type Encode = fn(u8) -> Vec<u8>;
+    let types: [(&str, &str, Encode); 10] = [
+        ("uint8", "little", |v| vec![v]),
+        ("signed char", "little", |v| vec![v]),
+        ("uint16", "little", |v| u16::from(v).to_le_bytes().to_vec()),
+        ("ushort", "big", |v| u16::from(v).to_be_bytes().to_vec()),
+        ("short", "big", |v| i16::from(v).to_be_bytes().to_vec()),
+        ("uint32", "little", |v| u32::from(v).to_le_bytes().to_vec()),
+        ("int", "big", |v| i32::from(v).to_be_bytes().to_vec()),
+        ("float", "little", |v| f32::from(v).to_le_bytes().to_vec()),
+        ("float", "big", |v| f32::from(v).to_be_bytes().to_vec()),
+        ("double", "big", |v| f64::from(v).to_be_bytes().to_vec()),
+    ];
+    for (name, endian, encode) in types {
+        for encoding in ["raw", "gzip"] {
+            for detached in [false, true] {
+                let mut data: Vec<u8> = values().flat_map(encode).collect();
+                if encoding == "gzip" {
+                    let mut gzip = GzEncoder::new(Vec::new(), Compression::default());
+                    gzip.write_all(&data).unwrap();
+                    data = gzip.finish().unwrap();
+                }
+                let place = if detached { "data file: a.dat\n" } else { "" };
+                let mut file = format!(
+                    "NRRD0004\r\n# comment\ntype: {name}\ndimension: 3\nsizes: 4 3 2\nkey:=value\n\
+                     space directions: (0,2,0) (-2,0,0) (0,0,2)\nspace origin: (10,0,0)\n\
+                     endian: {endian}\nencoding: {encoding}\n{place}\n"
+                )
+                .into_bytes();
+                if !detached {
+                    file.extend(&data);
+                }
+                let files: [(&str, &[u8]); 2] = [("a.nrrd", &file), ("a.dat", &data)];
+                let scene = load(volume, &files).unwrap();
+                assert_eq!(scene.volumes[0].sigma_t.dims(), [4, 3, 2]);
+                for (i, value) in values().enumerate() {
+                    let [x, y, z] = [i % 4, i / 4 % 3, i / 12].map(|n| n as f64);
+                    let world = DVec3::new(10.0 - 2.0 * y, 2.0 * x, 2.0 * z);
+                    let found = sample(&scene, world);
+                    let expected = 0.5 * f32::from(value);
+                    assert!((found - expected).abs() < 1e-4, "{name} {encoding} {world}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn raw_volumes_take_every_placement() {
+    let raw: Vec<u8> = values().collect();
+    let head =
+        "[[volume]]\nfile = \"a.raw\"\ndims = [4, 3, 2]\ndtype = \"u8\"\nalbedo = [1, 0.5, 0]\n";
+    let volume = |more: &str| load(&format!("{head}{more}"), &[("a.raw", &raw)]).unwrap();
+
+    let unit = "unitcube_to_world = [[4, 0, 0, 0], [0, 3, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]]";
+    let scene = volume(&format!("sigma_t_scale = 1\nvalue_scale = 2\n{unit}"));
+    assert_eq!(sample(&scene, DVec3::new(1.5, 2.5, 1.5)), 2.0 * 21.0);
+    assert_eq!(scene.volumes[0].albedo, [1.0, 0.5, 0.0]);
+
+    let index = "world_from_index = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]";
+    let scene = volume(&format!("sigma_t_scale = 10\nwindow = [10, 20]\n{index}"));
+    assert_eq!(
+        sample(&scene, DVec3::new(1.0, 2.0, 1.0)),
+        10.0,
+        "21 is above the window"
+    );
+    assert_eq!(
+        sample(&scene, DVec3::new(3.0, 2.0, 0.0)),
+        1.0,
+        "11 is a tenth into it"
+    );
+    assert_eq!(sample(&scene, DVec3::new(1.0, 0.0, 0.0)), 0.0);
+    assert_eq!(
+        sample(&scene, DVec3::new(3.51, 2.0, 0.0)),
+        0.0,
+        "outside the box"
+    );
+
+    let scene = volume(&format!(
+        "sigma_t_scale = 1\ntranslate = [100, 0, 0]\nscale = 2\n{index}"
+    ));
+    assert!((sample(&scene, DVec3::new(102.0, 4.0, 2.0)) - 21.0).abs() < 1e-3);
+    assert!(scene.world_from_scene.x > 90.0, "far away for its size");
+}
+
+#[test]
+fn a_scene_far_from_the_origin_is_the_same_scene() {
+    let at = |x: f64| {
+        let text = format!(
+            "[[camera]]\nposition = [{x}, 0, 5]\ntarget = [{x}, 0, 0]\n\
+             [[light]]\ntype = \"point\"\nposition = [{x}, 2, 0]\nintensity = [1, 1, 1]\n\
+             [[mesh]]\nfile = \"builtin:sphere\"\ntranslate = [{x}, 0, 0]\n\
+             [[volume]]\nfile = \"builtin:plume\"\nsigma_t_scale = 1\nalbedo = [1, 1, 1]\n\
+             translate = [{x}, 0, 0]\nunitcube_to_world = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"
+        );
+        load(&text, &[]).unwrap()
+    };
+    let (near, far) = (at(0.0), at(1e6));
+    assert_eq!(near.world_from_scene, DVec3::ZERO);
+    assert!((far.world_from_scene.x - 1e6).abs() < 1.0);
+    let shift = (far.world_from_scene - DVec3::new(1e6, 0.0, 0.0)).as_vec3();
+    for (a, b) in near.mesh.positions.iter().zip(&far.mesh.positions) {
+        assert!((*a - *b - shift).length() < 1e-6);
+    }
+    assert!((near.cameras[0].origin() - far.cameras[0].origin() - shift).length() < 1e-6);
+    for p in [DVec3::splat(0.4), DVec3::new(0.5, 0.1, 0.52)] {
+        let moved = p + DVec3::new(1e6, 0.0, 0.0);
+        assert!((sample(&near, p) - sample(&far, moved)).abs() < 1e-3);
+    }
+}
+
+#[test]
+fn the_hash_follows_the_content_of_every_file() {
+    let mut raw: Vec<u8> = values().collect();
+    let text = "[[mesh]]\nfile = \"a.ply\"\n[[volume]]\nfile = \"a.raw\"\ndims = [4, 3, 2]\n\
+dtype = \"u8\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\n\
+world_from_index = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n";
+    let hash = |text: &str, ply: &[u8], raw: &[u8]| {
+        let files: [(&str, &[u8]); 2] = [("a.ply", ply), ("a.raw", raw)];
+        load(text, &files).unwrap().hash
+    };
+    let first = hash(text, ASCII_PLY, &raw);
+    assert_eq!(first, hash(text, ASCII_PLY, &raw), "wherever the folder is");
+    assert_ne!(first, hash(&format!("# note\n{text}"), ASCII_PLY, &raw));
+    let moved = String::from_utf8(ASCII_PLY.to_vec())
+        .unwrap()
+        .replace("0.5", "0.6");
+    assert_ne!(first, hash(text, moved.as_bytes(), &raw));
+    raw[5] += 1;
+    assert_ne!(first, hash(text, ASCII_PLY, &raw));
+}
+
+/// A glTF in text, its buffer in a data URI: one triangle, a camera and a light.
+const GLTF: &str = r#"{
+ "asset": { "version": "2.0" }, "extensionsUsed": ["KHR_lights_punctual"],
+ "extensions": { "KHR_lights_punctual": { "lights": [{ "type": "point", "intensity": 2 }] } },
+ "scene": 0, "scenes": [{ "nodes": [0, 1] }],
+ "nodes": [{ "mesh": 0 }, { "name": "eye", "camera": 0, "translation": [0, 0, 5],
+  "extensions": { "KHR_lights_punctual": { "light": 0 } } }],
+ "cameras": [{ "type": "perspective", "perspective": { "yfov": 1, "znear": 0.1 } }],
+ "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 } }] }],
+ "accessors": [{ "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3",
+  "min": [0, 0, 0], "max": [1, 1, 0] }],
+ "bufferViews": [{ "buffer": 0, "byteLength": 36 }],
+ "buffers": [{ "byteLength": 36, "uri": "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA" }]
+}"#;
+
+#[test]
+fn a_gltf_is_a_scene_by_itself_or_a_mesh_in_one() {
+    let folder = Folder::new(&[("x.gltf", GLTF.as_bytes())]);
+    let scene = Scene::load(&folder.path("x.gltf")).unwrap();
+    assert_eq!(scene.name, "x");
+    assert_eq!(scene.mesh.positions[1], Vec3::X);
+    assert_eq!(scene.cameras[0].name, "eye");
+    assert_eq!(scene.lights.len(), 1);
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+
+    let scene = folder
+        .load(&mesh("x.gltf", "translate = [0, 1, 0]"))
+        .unwrap();
+    assert_eq!(scene.cameras[0].name, "default");
+    assert_eq!(scene.warnings.len(), 2);
+    let all = "translate = [0, 1, 0]\nscale = 2\nimport = [\"cameras\", \"lights\"]";
+    let scene = folder.load(&mesh("x.gltf", all)).unwrap();
+    assert_eq!(scene.mesh.positions[1], Vec3::new(2.0, 1.0, 0.0));
+    assert_eq!(scene.cameras[0].origin(), Vec3::new(0.0, 1.0, 10.0));
+    let Light::Point { position, .. } = scene.lights[0] else {
+        panic!("{:?}", scene.lights)
+    };
+    assert_eq!(position, Vec3::new(0.0, 1.0, 10.0));
+}

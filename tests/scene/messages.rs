@@ -1,0 +1,386 @@
+//! What goes wrong has a message of its own that names the file and the line or element, and is called wrong input.
+
+use crate::{Folder, load};
+use lvox::Kind;
+use lvox::scene::Scene;
+
+const CUBE: &str = "[[mesh]]\nfile = \"builtin:cube\"\n";
+const RAW: &str = "[[volume]]\nfile = \"a.raw\"\ndims = [2, 1, 1]\ndtype = \"f32\"\nalbedo = [1, 1, 1]\n\
+sigma_t_scale = 1\nworld_from_index = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]\n";
+
+/// Message and hint of a scene that must not load.
+fn refused(text: &str, files: &[(&str, &[u8])]) -> (String, String) {
+    let error = match load(text, files) {
+        Ok(_) => panic!("loaded:\n{text}"),
+        Err(error) => error,
+    };
+    assert_eq!(error.kind(), Kind::Input, "{error}");
+    let hint = error.hint_text().unwrap_or_default().to_string();
+    (error.to_string(), hint)
+}
+
+#[test]
+fn scene_files() {
+    // Text after a cube; what the message must contain; what the hint must contain.
+    let cases = [
+        (
+            "albdo = [1, 1, 1]",
+            "unknown key `albdo` in [[mesh]] at line 3",
+            "did you mean `albedo`?",
+        ),
+        (
+            "[[meshes]]",
+            "unknown key `meshes` in the scene at line 3",
+            "did you mean `mesh`?",
+        ),
+        ("albedo = [1, 1", "not valid TOML at line 3", ""),
+        (
+            "albedo = [1.5, 0, 0]",
+            "`albedo` in [[mesh]] at line 3: expected three numbers from 0 to 1, found 1.5",
+            "",
+        ),
+        (
+            "emission = [-1, 0, 0]",
+            "`emission` in [[mesh]] at line 3: -1 is negative",
+            "",
+        ),
+        (
+            "emission = [inf, 0, 0]",
+            "expected a finite number, found the float inf",
+            "",
+        ),
+        ("translate = [nan, 0, 0]", "expected a finite number", ""),
+        (
+            "translate = [1e16, 0, 0]",
+            "[[mesh]] at line 1: vertex 0: the position",
+            "",
+        ),
+        (
+            "scale = [1, 0, 1]",
+            "`scale` in [[mesh]] at line 3: a scale of zero flattens space",
+            "",
+        ),
+        (
+            "transform = [[1,0,0,0],[1,0,0,0],[0,0,1,0],[0,0,0,1]]",
+            "the matrix is singular",
+            "",
+        ),
+        (
+            "transform = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,1,1]]",
+            "expected 0 0 0 1 as the last row",
+            "",
+        ),
+        (
+            "scale = 1\ntransform = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]",
+            "exclude each other",
+            "",
+        ),
+        (
+            "normals = \"giveen\"",
+            "expected one of face, given",
+            "did you mean \"given\"?",
+        ),
+        (
+            "normals = \"given\"",
+            "the file has no normals",
+            "crease_deg",
+        ),
+        (
+            "normals = { crease = 4 }",
+            "unknown key `crease` in `normals`",
+            "did you mean `crease_deg`?",
+        ),
+        (
+            "normals = { crease_deg = 400 }",
+            "expected a number from 0 to 180, found 400",
+            "",
+        ),
+        ("texture = \"no.png\"", "texture file", "looked for /"),
+        (
+            "import = [\"lights\"]",
+            "only .gltf and .glb files have this key",
+            "",
+        ),
+        ("palette = [[1, 1, 1]]", "only .ply files have this key", ""),
+        (
+            "name = 3",
+            "expected text in quotes, found the integer 3",
+            "",
+        ),
+        (
+            "[[mesh]]\nname = \"x\"",
+            "[[mesh]] at line 3: `file` is missing",
+            "",
+        ),
+        (
+            "[[mesh]]\nfile = \"no.ply\"",
+            "[[mesh]] at line 3: mesh file",
+            "looked for /",
+        ),
+        (
+            "[[mesh]]\nfile = \"a.stl\"",
+            "the extension \"stl\" is not supported",
+            ".obj, .ply",
+        ),
+        (
+            "[[mesh]]\nfile = \"builtin:kube\"",
+            "there is no built-in mesh \"kube\"",
+            "builtin:cube",
+        ),
+        (
+            "[film]\nwidth = 65537\nheight = 1",
+            "a whole number from 1 to 65536, found 65537",
+            "",
+        ),
+        ("[film]\nwidth = 0\nheight = 1", "found 0", ""),
+        (
+            "[film]\nwidth = 1.5\nheight = 1",
+            "expected a whole number from 1 to 65536, found the float 1.5",
+            "",
+        ),
+        (
+            "[film]\nwidth = 5",
+            "[film] at line 3: `height` is missing",
+            "",
+        ),
+        (
+            "[[camera]]\nposition = [0, 0, 0]\ntarget = [0, 0, 1]\nfov_x_deg = 180",
+            "expected a number from 0.01 to 179, found 180",
+            "",
+        ),
+        (
+            "[[camera]]\nposition = [0, 0, 0]\ntarget = [0, 0, 0]",
+            "at its own target",
+            "",
+        ),
+        (
+            "[[camera]]\nposition = [0, 0, 0]\ntarget = [0, 5, 0]",
+            "along its `up`",
+            "",
+        ),
+        (
+            "[[camera]]\ncamera_to_world = [[2,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]",
+            "expected a rotation and a position",
+            "",
+        ),
+        (
+            "[[camera]]\nname = \"a\"\nposition = [0,0,1]\ntarget = [0,0,0]\n[[camera]]\nname = \"a\"\nposition = [0,0,1]\ntarget = [0,0,0]",
+            "another camera has the name \"a\" too",
+            "",
+        ),
+        (
+            "[[light]]\ntype = \"pont\"",
+            "expected one of point, spot",
+            "did you mean \"point\"?",
+        ),
+        (
+            "[[light]]\ntype = \"point\"\nposition = [0, 0, 0]\nintensity = [-1, 0, 0]",
+            "-1 is negative",
+            "",
+        ),
+        (
+            "[[light]]\ntype = \"point\"\nposition = [0, 0, 0]\nradiance = [1, 0, 0]",
+            "has no `radiance`",
+            "position, intensity",
+        ),
+        (
+            "[[light]]\ntype = \"directional\"\ndirection = [0, 0, 0]\nirradiance = [1, 0, 0]",
+            "zero length",
+            "",
+        ),
+        (
+            "[[light]]\ntype = \"spot\"\nposition = [0, 0, 0]\ndirection = [0, 1, 0]\nintensity = [1, 0, 0]\ninner_deg = 30\nouter_deg = 20",
+            "expected more than the 30",
+            "",
+        ),
+        (
+            "[[volume]]\nfile = \"a.raw\"\nalbedo = [1, 1, 1]",
+            "`sigma_t_scale` is missing",
+            "",
+        ),
+        (
+            "[[volume]]\nfile = \"a.raw\"\nalbedo = [1, 1, 1]\nsigma_t_scale = -2",
+            "found -2",
+            "",
+        ),
+        (
+            "[[volume]]\nfile = \"a.raw\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1",
+            "`dims` is missing",
+            "",
+        ),
+        (
+            "[[volume]]\nfile = \"a.raw\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\ndims = [0, 1, 1]",
+            "three whole numbers of at least 1",
+            "",
+        ),
+        (
+            "[[volume]]\nfile = \"a.raw\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\ndims = [1, 1, 1]\ndtype = \"f16\"",
+            "expected one of u8",
+            "",
+        ),
+        (
+            "[[volume]]\nfile = \"a.nrrd\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\ndims = [1, 1, 1]",
+            "only .raw files have this key",
+            "",
+        ),
+        (
+            "[[volume]]\nfile = \"no.vdb\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1",
+            "volume file",
+            "looked for /",
+        ),
+        (
+            "[[volume]]\nfile = \"a.nii\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1",
+            "\"nii\" is not supported",
+            ".nrrd",
+        ),
+        (
+            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\nwindow = [2, 2]",
+            "low end first",
+            "",
+        ),
+        (
+            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1",
+            "does not say where the volume is",
+            "unitcube_to_world",
+        ),
+        (
+            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [2, 1, 1]\nsigma_t_scale = 1",
+            "from 0 to 1, found 2",
+            "",
+        ),
+    ];
+    for (text, message, hint) in cases {
+        let found = refused(&format!("{CUBE}{text}\n"), &[]);
+        assert!(found.0.contains("scene.toml"), "{}", found.0);
+        assert!(found.0.contains(message), "{}\nis not\n{message}", found.0);
+        assert!(found.1.contains(hint), "{}\nis not\n{hint}", found.1);
+    }
+}
+
+#[test]
+fn scenes_as_a_whole() {
+    assert!(refused("", &[]).0.contains("neither triangles nor volumes"));
+    let folder = Folder::new(&[("a.txt", b""), ("bad.toml", b"\xff")]);
+    let message = |name: &str| {
+        let error = Scene::load(&folder.path(name)).unwrap_err();
+        assert_eq!(error.kind(), Kind::Input);
+        error.to_string()
+    };
+    assert!(message("no.toml").contains("is not there"));
+    assert!(message("a.txt").contains("expected a scene file"));
+    assert!(message("bad.toml").contains("not UTF-8"));
+}
+
+#[test]
+fn volumes() {
+    let raw = |values: &[f32]| -> Vec<u8> { values.iter().flat_map(|v| v.to_le_bytes()).collect() };
+    let message = |values: &[f32]| refused(RAW, &[("a.raw", &raw(values))]);
+    let (text, hint) = message(&[1.0]);
+    assert!(
+        text.contains("expected 8 bytes for 2 x 1 x 1 numbers of 4 bytes, found 4"),
+        "{text}"
+    );
+    assert!(hint.contains("dtype"));
+    assert!(
+        message(&[0.0, f32::NAN])
+            .0
+            .contains("a.raw: voxel [1, 0, 0]: the value is not finite")
+    );
+    let (text, hint) = message(&[0.0, -1.0]);
+    assert!(text.contains("the density is negative: -1"));
+    assert!(hint.contains("window"));
+
+    let nrrd = |header: &str| {
+        let text = "[[volume]]\nfile = \"a.nrrd\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\n";
+        refused(text, &[("a.nrrd", header.as_bytes())]).0
+    };
+    let head = "NRRD0005\ntype: uint8\ndimension: 3\nsizes: 2 1 1\nencoding: raw\n";
+    assert!(nrrd("NRRX").contains("expected NRRD0001 to NRRD0005"));
+    assert!(nrrd("NRRD0009\n").contains("found \"NRRD0009\""));
+    assert!(nrrd("NRRD0005\nxyz\n\n").contains("line 2: expected `field: value`, found \"xyz\""));
+    assert!(nrrd(&head.replace("dimension: 3", "dimension: 4")).contains("found 4"));
+    assert!(nrrd(&head.replace("2 1 1", "2 0 1")).contains("sizes: 2 0 1"));
+    assert!(nrrd(&head.replace("uint8", "block")).contains("`type: block` is not supported"));
+    assert!(nrrd(&head.replace("raw", "hex")).contains("`encoding: hex` is not supported"));
+    assert!(nrrd(&head.replace("uint8", "float")).contains("no `endian`"));
+    assert!(nrrd(&format!("{head}\nx")).contains("expected 2 bytes of samples, found 1"));
+    assert!(
+        nrrd(&head.replace("2 1 1", "99999999 99999999 99999999")).contains("machine can hold")
+    );
+    assert!(nrrd(&head.replace("2 1 1", "9999 9999 9999")).contains("bytes of samples, found 0"));
+    let huge = head
+        .replace("2 1 1", "9999 9999 9999")
+        .replace("raw", "gzip");
+    assert!(nrrd(&format!("{huge}\nxxx")).contains("more than 3 compressed bytes can hold"));
+    assert!(nrrd(&format!("{head}data file: no.raw\n")).contains("no.raw is not there"));
+    assert!(nrrd(&format!("{head}data file: LIST\n")).contains("several files"));
+    assert!(nrrd(&format!("{head}\nxx")).contains("does not say where"));
+    let flat = "space directions: (1,0,0) (1,0,0) (0,0,1)\n\nxx";
+    assert!(nrrd(&format!("{head}{flat}")).contains("singular"));
+}
+
+#[test]
+fn meshes() {
+    let ply = |header: &str, body: &str| {
+        let file = format!("ply\nformat ascii 1.0\n{header}end_header\n{body}");
+        refused(
+            "[[mesh]]\nfile = \"a.ply\"\n",
+            &[("a.ply", file.as_bytes())],
+        )
+        .0
+    };
+    let xyz = "element vertex 3\nproperty float x\nproperty float y\nproperty float z\n";
+    let faces = "element face 1\nproperty list uchar int vertex_indices\n";
+    let both = format!("{xyz}{faces}");
+    let body = "0 0 0\n1 0 0\n0 1 0\n";
+    assert!(ply(xyz, body).contains("elements `vertex` and `face`"));
+    assert!(
+        ply(&both, &format!("{body}3 0 1 3\n"))
+            .contains("triangle 0 refers to the vertices [0, 1, 3]")
+    );
+    assert!(
+        ply(&both, &format!("{body}3 0 1 -1\n")).contains("face 0 of 1: -1 is not a vertex index")
+    );
+    assert!(ply(&both, &format!("{body}3 0 1\n")).contains("ends too early"));
+    assert!(
+        ply(&both, "0 0 nan\n1 0 0\n0 1 0\n3 0 1 2\n")
+            .contains("vertex 0: the position is not finite")
+    );
+    assert!(
+        ply(&both, "0 0 z\n0 0 0\n0 0 0\n")
+            .contains("vertex 0 of 3: expected a number, found \"z\"")
+    );
+    assert!(ply(&both, "0 0 0\n0 0 0\n0 0 0\n3 0 1 2\n").contains("zero area"));
+    let many = both.replace("vertex 3", "vertex 999999999999");
+    assert!(ply(&many, body).contains("promises 999999999999 elements `vertex`"));
+    assert!(
+        refused("[[mesh]]\nfile = \"a.ply\"\n", &[("a.ply", b"x")])
+            .0
+            .contains("not a PLY header")
+    );
+
+    let obj = |text: &str| {
+        refused(
+            "[[mesh]]\nfile = \"a.obj\"\n",
+            &[("a.obj", text.as_bytes())],
+        )
+        .0
+    };
+    assert!(
+        obj("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n")
+            .contains("a.obj: line 4: the corner 4 refers to")
+    );
+    assert!(
+        obj("v 0 0 0\nv 1 0 0\nv 0 inf 0\nf 1 2 3\n")
+            .contains("vertex 2: the position is not finite")
+    );
+
+    let bright = "newmtl x\nKd 1.5 0 0\n";
+    let text = "mtllib m.mtl\nusemtl x\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    let files: [(&str, &[u8]); 2] = [("a.obj", text.as_bytes()), ("m.mtl", bright.as_bytes())];
+    let message = refused("[[mesh]]\nfile = \"a.obj\"\n", &files).0;
+    assert!(
+        message.contains("material `x`: the albedo [1.5, 0.0, 0.0] is not in [0,1]"),
+        "{message}"
+    );
+}
