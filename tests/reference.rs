@@ -55,7 +55,9 @@ fn agreement(sums: &Sums, reference: &[[f32; 3]], reference_relmse: f64) -> Agre
                 let rounding = pairs.iter().map(|(_, r)| r * HALF).sum::<f64>() / count;
                 let variance = spread / (count * (count - 1.0));
                 noise += count * count * variance;
-                if variance > 0.0 {
+                // Where hardly a sample found light, differences are as lopsided as the light is rare.
+                let black = pairs.iter().filter(|(x, _)| *x == 0.0).count();
+                if variance > 0.0 && 2 * black < pairs.len() {
                     let z = mean / (variance + rounding * rounding).sqrt();
                     sum += z;
                     squares += z * z;
@@ -143,6 +145,6 @@ agrees!(a_full, "A", "A_full", 0, 8);
 agrees!(a_pt_d3, "A_pt", "A_pt_d3", 3, 64);
 agrees!(b_d3, "B", "B_d3", 3, 32);
 agrees!(b_full, "B", "B_full", 0, 16);
-agrees!(c_d3, "C", "C_d3", 3, 16);
+agrees!(c_d3, "C", "C_d3", 3, 24);
 agrees!(c_full, "C", "C_full", 0, 8);
 agrees!(c_novol_d3, "C_novol", "C_novol_d3", 3, 32);

@@ -40,6 +40,11 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = Settings::default().max_depth)]
     max_depth: u32,
 
+    /// Sample each pixel by this many independent sequences, whose spread tells the variance; 1 has the least noise and
+    /// tells no variance
+    #[arg(long, value_name = "N", default_value_t = Settings::default().strands)]
+    strands: u32,
+
     /// Render only these pixels, X1 and Y1 excluded [default: the whole frame]
     #[arg(long, num_args = 4, value_names = ["X0", "Y0", "X1", "Y1"])]
     region: Vec<u32>,
@@ -66,6 +71,7 @@ impl Args {
                 (spp, _) => spp,
             },
             secs: self.time,
+            strands: self.strands,
             seed: context.seed,
         };
         settings.check()?;

@@ -202,19 +202,25 @@ fn way_to(light: &Light, origin: Vec3, disk: [f32; 2]) -> Option<Sample> {
             irradiance,
             angular_radius_rad,
         } => {
-            let mut to_light = -direction;
-            if angular_radius_rad > 0.0 {
-                let (x, y) = sampling::tangents(to_light);
-                let radius = libm::tanf(angular_radius_rad);
-                let [u, v] = sampling::disk(disk);
-                to_light = (to_light + x * (u * radius) + y * (v * radius)).normalize();
-            }
-            Some(Sample {
-                direction: to_light,
+            let mut way = Sample {
+                direction: -direction,
                 distance: f32::INFINITY,
                 light: Rgb(irradiance),
                 pdf: f32::INFINITY,
-            })
+            };
+            if angular_radius_rad > 0.0 {
+                // Uniform in the projection on a plane that faces the light, where every part sends the same irradiance.
+                let (x, y) = sampling::tangents(-direction);
+                let radius = libm::sinf(angular_radius_rad);
+                let [u, v] = sampling::disk(disk).map(|c| c * radius);
+                let cos = (1.0 - u * u - v * v).max(0.0).sqrt();
+                if cos <= 0.0 {
+                    return None;
+                }
+                way.direction = (x * u + y * v - direction * cos).normalize();
+                way.light *= 1.0 / cos;
+            }
+            Some(way)
         }
     }
 }

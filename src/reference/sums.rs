@@ -10,9 +10,6 @@ use crate::{Error, Result};
 use std::io::Write;
 use std::path::Path;
 
-/// Independent sequences in each pixel.
-pub const STRANDS: u32 = 4;
-
 const MAGIC: &[u8; 8] = b"\x89lvs\r\n\x1a\n";
 const VERSION: u32 = 1;
 /// Magic, version, strands, region, key.
@@ -35,6 +32,8 @@ pub struct Row {
 pub struct Sums {
     /// The pixels.
     pub region: Region,
+    /// Independent sequences in each pixel.
+    pub strands: u32,
     /// What the samples were made from: sums of different keys do not mix.
     pub key: [u8; 32],
     /// From the region's top.
@@ -42,20 +41,20 @@ pub struct Sums {
 }
 
 /// Mean and variance of the mean of one channel over the strands; the variance is infinite while only one has samples.
-fn estimate(count: u32, sums: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
+fn estimate(count: u32, strands: u32, sums: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
     if count == 0 {
         return (0.0, f64::INFINITY);
     }
     let n = f64::from(count);
     let mean = sums.clone().sum::<f64>() / n;
-    let used = count.min(STRANDS);
+    let used = count.min(strands);
     if used < 2 {
         return (mean, f64::INFINITY);
     }
     let spread: f64 = sums
         .zip(0..used)
         .map(|(sum, strand)| {
-            let own = f64::from((count + STRANDS - 1 - strand) / STRANDS);
+            let own = f64::from((count - strand).div_ceil(strands));
             own * (sum / own - mean).powi(2)
         })
         .sum();
@@ -65,8 +64,8 @@ fn estimate(count: u32, sums: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
 impl Sums {
     /// No samples yet.
     #[must_use]
-    pub fn new(region: Region, key: [u8; 32]) -> Self {
-        let pixels = region.width() as usize * STRANDS as usize;
+    pub fn new(region: Region, strands: u32, key: [u8; 32]) -> Self {
+        let pixels = region.width() as usize * strands as usize;
         let rows = (region.y0..region.y1)
             .map(|y| Row {
                 y,
@@ -74,13 +73,18 @@ impl Sums {
                 sums: vec![[0.0; 3]; pixels],
             })
             .collect();
-        Self { region, key, rows }
+        Self {
+            region,
+            strands,
+            key,
+            rows,
+        }
     }
 
     /// Bytes that the sums of a region take.
     #[must_use]
-    pub fn bytes(region: &Region) -> u64 {
-        region.pixels() as u64 * u64::from(STRANDS) * 24
+    pub fn bytes(region: &Region, strands: u32) -> u64 {
+        region.pixels() as u64 * u64::from(strands) * 24
     }
 
     /// Fewest and most samples of a pixel.
@@ -103,8 +107,9 @@ impl Sums {
         let mut means = Vec::with_capacity(self.region.pixels());
         let mut variances = Vec::with_capacity(self.region.pixels());
         for row in &self.rows {
-            for strands in row.sums.chunks_exact(STRANDS as usize) {
-                let channels = [0, 1, 2].map(|c| estimate(row.count, strands.iter().map(|s| s[c])));
+            for pixel in row.sums.chunks_exact(self.strands as usize) {
+                let channels = [0, 1, 2]
+                    .map(|c| estimate(row.count, self.strands, pixel.iter().map(|s| s[c])));
                 means.push(channels.map(|(mean, _)| mean as f32));
                 variances.push(channels.map(|(_, variance)| variance as f32));
             }
@@ -134,13 +139,7 @@ impl Sums {
             hasher.update(bytes);
             output.write_all(bytes).map_err(|e| output.failed(&e))
         };
-        let mut header = Vec::with_capacity(HEADER);
-        header.extend_from_slice(MAGIC);
-        let r = &self.region;
-        for v in [VERSION, STRANDS, r.x0, r.y0, r.x1, r.y1] {
-            header.extend_from_slice(&v.to_le_bytes());
-        }
-        header.extend_from_slice(&self.key);
+        let header = self.header();
         put(&mut output, &header)?;
         let mut bytes = Vec::new();
         for row in &self.rows {
@@ -156,16 +155,17 @@ impl Sums {
         output.commit()
     }
 
-    /// Reads what [`Sums::write`] wrote for the same key and region; `None` if there is no such file.
+    /// Reads what [`Sums::write`] wrote of sums like `like`: of the same region, strands and key. `None` if there is no
+    /// such file.
     ///
     /// # Errors
     /// [`crate::Kind::Input`] if the file is damaged or holds samples of something else.
-    pub fn read(path: &Path, region: Region, key: [u8; 32]) -> Result<Option<Self>> {
+    pub fn read(path: &Path, like: &Self) -> Result<Option<Self>> {
         let bytes = match std::fs::metadata(path) {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(e) => return Err(Error::io("read", path, &e)),
             // Before it is read: a foreign file may be of any length.
-            Ok(meta) if meta.len() != length(&region) => Vec::new(),
+            Ok(meta) if meta.len() != like.file_length() => Vec::new(),
             Ok(_) => std::fs::read(path).map_err(|e| Error::io("read", path, &e))?,
         };
         let refused = |what: &str| {
@@ -183,15 +183,10 @@ impl Sums {
         if blake3::hash(body).as_bytes() != checksum {
             return Err(refused("is damaged: its checksum is wrong"));
         }
-        let mut sums = Self::new(region, key);
-        let mut expected = MAGIC.to_vec();
-        for v in [VERSION, STRANDS, region.x0, region.y0, region.x1, region.y1] {
-            expected.extend_from_slice(&v.to_le_bytes());
-        }
-        expected.extend_from_slice(&key);
-        let Some(mut rest) = body.strip_prefix(expected.as_slice()) else {
+        let Some(mut rest) = body.strip_prefix(like.header().as_slice()) else {
             return Err(foreign());
         };
+        let mut sums = Self::new(like.region, like.strands, like.key);
         let cut = || refused("is cut");
         for row in &mut sums.rows {
             let (count, after) = rest.split_first_chunk().ok_or_else(cut)?;
@@ -205,11 +200,22 @@ impl Sums {
         }
         Ok(Some(sums))
     }
-}
 
-/// Bytes of the file of a region.
-fn length(region: &Region) -> u64 {
-    (HEADER + CHECKSUM) as u64 + u64::from(region.height()) * 4 + Sums::bytes(region)
+    fn header(&self) -> Vec<u8> {
+        let mut header = Vec::with_capacity(HEADER);
+        header.extend_from_slice(MAGIC);
+        let r = &self.region;
+        for v in [VERSION, self.strands, r.x0, r.y0, r.x1, r.y1] {
+            header.extend_from_slice(&v.to_le_bytes());
+        }
+        header.extend_from_slice(&self.key);
+        header
+    }
+
+    fn file_length(&self) -> u64 {
+        let rows = u64::from(self.region.height()) * 4 + Self::bytes(&self.region, self.strands);
+        (HEADER + CHECKSUM) as u64 + rows
+    }
 }
 
 #[cfg(test)]
@@ -230,12 +236,12 @@ mod tests {
             let trials = 20_000_u64;
             let (mut variance, mut squares) = (0.0, 0.0);
             for trial in 0..trials {
-                let mut strands = [0.0; STRANDS as usize];
+                let mut strands = [0.0; 4];
                 for i in 0..count {
                     let u = sampling::unit(sampling::hash(&[trial, u64::from(i)]));
-                    strands[(i % STRANDS) as usize] += f64::from(u);
+                    strands[(i % 4) as usize] += f64::from(u);
                 }
-                let (mean, v) = estimate(count, strands.iter().copied());
+                let (mean, v) = estimate(count, 4, strands.iter().copied());
                 variance += v;
                 squares += (mean - 0.5).powi(2);
             }
@@ -248,23 +254,27 @@ mod tests {
                 variance / n / truth
             );
         }
-        assert_eq!(estimate(1, [0.25].into_iter()), (0.25, f64::INFINITY));
-        assert_eq!(estimate(0, [0.0].into_iter()), (0.0, f64::INFINITY));
+        assert_eq!(estimate(1, 4, [0.25].into_iter()), (0.25, f64::INFINITY));
+        assert_eq!(estimate(0, 4, [0.0].into_iter()), (0.0, f64::INFINITY));
     }
 
     #[test]
     fn sums_survive_a_round_trip_and_do_not_mix() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.sums");
-        assert!(Sums::read(&path, REGION, [1; 32]).unwrap().is_none());
-        let mut sums = Sums::new(REGION, [1; 32]);
+        let mut sums = Sums::new(REGION, 4, [1; 32]);
+        assert!(Sums::read(&path, &sums).unwrap().is_none());
         sums.rows[1].count = 7;
         sums.rows[1].sums[5] = [0.1, 1e30, -2.0];
         sums.write(&path).unwrap();
-        assert_eq!(Sums::read(&path, REGION, [1; 32]).unwrap().unwrap(), sums);
+        assert_eq!(Sums::read(&path, &sums).unwrap().unwrap(), sums);
         let other = Region { x0: 2, ..REGION };
-        for (region, key) in [(REGION, [2; 32]), (other, [1; 32])] {
-            let error = Sums::read(&path, region, key).unwrap_err();
+        for like in [
+            Sums::new(REGION, 4, [2; 32]),
+            Sums::new(other, 4, [1; 32]),
+            Sums::new(REGION, 3, [1; 32]),
+        ] {
+            let error = Sums::read(&path, &like).unwrap_err();
             assert_eq!(error.kind(), crate::Kind::Input);
             assert!(error.hint_text().unwrap().contains("--force"));
         }
@@ -274,15 +284,16 @@ mod tests {
     fn damaged_files_are_refused() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.sums");
-        Sums::new(REGION, [1; 32]).write(&path).unwrap();
+        let sums = Sums::new(REGION, 4, [1; 32]);
+        sums.write(&path).unwrap();
         let whole = std::fs::read(&path).unwrap();
         for at in (0..whole.len()).step_by(7) {
             let mut bytes = whole.clone();
             bytes[at] ^= 4;
             std::fs::write(&path, &bytes).unwrap();
-            assert!(Sums::read(&path, REGION, [1; 32]).is_err(), "{at}");
+            assert!(Sums::read(&path, &sums).is_err(), "{at}");
             std::fs::write(&path, &whole[..at]).unwrap();
-            assert!(Sums::read(&path, REGION, [1; 32]).is_err(), "cut at {at}");
+            assert!(Sums::read(&path, &sums).is_err(), "cut at {at}");
         }
     }
 }

@@ -1,0 +1,84 @@
+//! `lvox reference` from outside: what it writes, and that a stop loses nothing.
+
+use std::path::Path;
+use std::process::{Command, Output};
+use std::time::{Duration, Instant};
+
+fn command(dir: &Path, args: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lvox"));
+    command
+        .current_dir(dir)
+        .args([
+            "reference",
+            "--demo",
+            "--region",
+            "300",
+            "200",
+            "340",
+            "230",
+        ])
+        .args(args);
+    command
+}
+
+fn lvox(dir: &Path, args: &[&str]) -> Output {
+    command(dir, args).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+#[test]
+fn wrong_use_is_refused_at_once() {
+    let dir = tempfile::tempdir().unwrap();
+    for (args, part) in [
+        (&["-o", "a.png"][..], ".exr"),
+        (&["-o", "a.exr", "--spp", "0"], "0"),
+        (&["-o", "a.exr", "--time", "0"], "--time"),
+        (&["-o", "a.exr", "--strands", "0"], "--strands"),
+        (&["-o", "no/a.exr"], "no"),
+        (&["-o", "a.exr", "--camera", "nobody"], "nobody"),
+    ] {
+        let output = lvox(dir.path(), args);
+        assert_eq!(output.status.code(), Some(2), "{args:?}");
+        let stderr = text(&output.stderr);
+        assert!(stderr.contains(part), "{args:?}: {stderr}");
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_signal_keeps_what_is_finished_and_the_same_command_goes_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let image = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
+    let output = lvox(dir.path(), &["-o", "once.exr", "--spp", "96"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+
+    let sums = dir.path().join("twice.exr.sums");
+    let args = ["-o", "twice.exr", "--spp", "96", "--threads", "1"];
+    let mut child = command(dir.path(), &args)
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    // Far enough to have begun, whatever the machine's speed; if it has ended, rerunning it is tested still.
+    std::thread::sleep(Duration::from_millis(700));
+    let killed = Command::new("kill")
+        .args(["-TERM", &child.id().to_string()])
+        .status()
+        .unwrap();
+    let asked = Instant::now();
+    let status = child.wait().unwrap();
+    assert!(asked.elapsed() < Duration::from_secs(10));
+    if killed.success() && !status.success() {
+        assert_eq!(status.code(), Some(1));
+        assert!(sums.exists());
+        let output = child.stderr.take().map(std::io::read_to_string);
+        let stderr = output.unwrap().unwrap();
+        assert!(stderr.contains("the same command goes on"), "{stderr}");
+    }
+    let output = lvox(dir.path(), &args);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(image("once.exr") == image("twice.exr"));
+}
