@@ -1,4 +1,4 @@
-//! The scene file: from TOML tables to a [`Draft`]. The schema is described in the parent module.
+//! The scene file: from TOML tables to a [`Draft`]. `docs/scene.md` describes the schema.
 
 use super::super::{Film, Light};
 use super::draft::{DEFAULT_FILM, Draft, DraftCamera, DraftLight, DraftVolume, look_at};
@@ -508,16 +508,16 @@ fn field(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Resul
 mod tests {
     use super::*;
 
-    /// The example in the documentation of the parent module.
+    /// The example in the documentation.
     fn example() -> String {
-        let source = include_str!("mod.rs");
+        let source = include_str!("../../../docs/scene.md");
         let lines = source
             .lines()
             .skip_while(|l| !l.contains("```toml"))
             .skip(1);
         lines
             .take_while(|l| !l.contains("```"))
-            .map(|l| l.trim_start_matches("//!").trim_start().to_string() + "\n")
+            .map(|l| l.to_string() + "\n")
             .collect()
     }
 
