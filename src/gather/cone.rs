@@ -9,7 +9,9 @@ use super::{Crossing, Pages};
 use crate::math::Rgb;
 use glam::Vec3;
 
-/// A flat node that covers more than this of its plane is opaque: disks overlap, so what is missing is its rim.
+/// A flat node whose surfels' area is more than this share of its plane's section is opaque: boxes include radii, so a
+/// node in the middle of a wall covers no more than about 0.4, and its neighbours cover the rest. Taking 0.7 for solid
+/// lost 0.6 % of the light of a closed room.
 const SOLID: f32 = 0.25;
 
 /// Disks tangent to a convex surface stand out over their neighbours by less than this share of their radius: a point
@@ -197,7 +199,7 @@ fn meet_proxy(
     let proxy = &page.proxies[node.first_proxy as usize + k];
     let towards = ray.direction.map(|v| -v);
     let (near, far) = (hits.near[k], hits.far[k]);
-    if proxy.coverage >= 0.0 {
+    if proxy.is_flat() {
         let n = proxy.normal;
         let denominator = dot(n, ray.direction);
         let t = (proxy.plane - dot(n, ray.origin)) / denominator;

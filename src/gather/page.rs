@@ -29,7 +29,8 @@ pub struct WideNode {
     pub min: [[f32; WIDTH]; 3],
     /// Upper corners.
     pub max: [[f32; WIDTH]; 3],
-    /// Cross-section of each child's bounding sphere: over distance squared, about its solid angle.
+    /// Cross-section of each child's bounding sphere, four times that if it is not flat: over distance squared, about
+    /// its solid angle.
     pub cross_section: [f32; WIDTH],
     /// Index of node, block or page, by kind.
     pub child: [u32; WIDTH],
@@ -149,13 +150,10 @@ impl KernelPage {
                 node.max[a][slot] = max;
                 diagonal2 += (max - min) * (max - min);
             }
-            node.cross_section[slot] = if self.proxies[first_proxy as usize + slot].coverage < 0.0 {
-                4.0
-            } else {
-                1.0
-            } * 0.25
-                * PI
-                * diagonal2;
+            // A mean normal says little of a node that is not flat: it has to look half as large to be taken whole.
+            let flat = self.proxies[first_proxy as usize + slot].is_flat();
+            let allowance = if flat { 1.0 } else { 4.0 };
+            node.cross_section[slot] = 0.25 * PI * diagonal2 * allowance;
             (node.kind[slot], node.child[slot]) = match child.below {
                 Below::Nodes { first, count } => {
                     (ChildKind::Inner, self.add_group(page, first, count))
@@ -276,6 +274,12 @@ impl Proxy {
             coverage,
             aggregate: *g,
         }
+    }
+
+    /// Whether the node is met as a patch of its plane.
+    #[must_use]
+    pub fn is_flat(&self) -> bool {
+        self.coverage >= 0.0
     }
 
     /// Mean radiance that leaves towards `v`, weighted by the area that each of the three axes on that side sees.
