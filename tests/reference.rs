@@ -115,10 +115,17 @@ fn compare(scene: &str, image: &str, max_depth: u32, spp: u32) -> Option<Agreeme
     let secs = started.elapsed().as_secs_f64();
     let known = side_car["est_relMSE_of_ref"].as_f64().unwrap();
     let found = agreement(&sums, &reference, known);
-    println!(
-        "{image}: {spp} spp, {secs:.1} s, {:.2} M samples/s, relMSE {:.2e} (theirs {known:.2e}), {found:.4?}",
+    let (worst, x, y) = found.worst;
+    eprintln!(
+        "{image}: {spp} spp, {secs:.1} s, {:.2} M samples/s, relMSE {:.2e} (theirs {known:.2e}), z mean {:.4} rms {:.4} \
+         worst {worst:.2} at {x} {y}, energy {:.4?} +- {:.4}, noise over the sum of both {:.4}",
         sums.samples() as f64 / secs * 1e-6,
         reference::relmse(&sums),
+        found.mean_z,
+        found.rms_z,
+        found.energy,
+        found.energy_sigma,
+        found.noise,
     );
     Some(found)
 }

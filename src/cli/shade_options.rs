@@ -8,7 +8,7 @@ use lvox::image::{Region, png, tone};
 use lvox::run::Job;
 use lvox::run::output::check_writable;
 use lvox::scene::Scene;
-use lvox::shade::{self, Aov, Quality, Settings};
+use lvox::shade::{self, Aov, Method, Quality, Settings};
 use lvox::{Error, Result};
 use std::path::{Path, PathBuf};
 
@@ -44,6 +44,10 @@ pub struct ShadeOptions {
     /// Gather with the paper's plain kernel: rays over all surfels, no aggregates
     #[arg(long)]
     plain: bool,
+
+    /// Let all take part in indirect light (extended), or surfels alone, as before media were in the cloud
+    #[arg(long, value_name = "METHOD", default_value = "extended")]
+    method: MethodChoice,
 
     /// Pixels between gathers on surfaces; 1 gathers at every pixel [default: 6, 4, 2 by quality]
     #[arg(long, value_name = "N")]
@@ -95,6 +99,21 @@ impl From<QualityChoice> for Quality {
             QualityChoice::Draft => Self::Draft,
             QualityChoice::Good => Self::Good,
             QualityChoice::Best => Self::Best,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum MethodChoice {
+    Extended,
+    Traditional,
+}
+
+impl From<MethodChoice> for Method {
+    fn from(choice: MethodChoice) -> Self {
+        match choice {
+            MethodChoice::Extended => Self::Extended,
+            MethodChoice::Traditional => Self::Traditional,
         }
     }
 }
@@ -160,6 +179,7 @@ impl ShadeOptions {
             max_solid_angle: self.max_solid_angle.unwrap_or(preset.max_solid_angle),
             max_dist: self.max_dist,
             plain: self.plain,
+            method: self.method.into(),
             lattice: self.lattice.unwrap_or(preset.lattice),
             volume_samples: self.volume_samples.unwrap_or(preset.volume_samples),
             pixel_samples: self.pixel_samples.unwrap_or(preset.pixel_samples),

@@ -39,8 +39,8 @@ impl Direct {
     /// Notes a ray to a light, and returns what share of the light comes through. A medium that stops nearly all of it
     /// hides the light like a surface.
     fn note(&mut self, light: usize, through: f32) -> f32 {
-        const HIDDEN: f32 = 0.1;
-        const SEEN: f32 = 0.4;
+        const HIDDEN: f32 = 0.25;
+        const SEEN: f32 = 0.35;
         let bit = 1 << (light % 64);
         if through < HIDDEN {
             self.hidden |= bit;

@@ -178,7 +178,7 @@ impl Brick<'_> {
 }
 
 impl Cell {
-    /// Trilinear value at `f`, from 0 to 1 on each axis, of the cell.
+    /// Trilinear value at `f`, from 0 to 1 on each axis of the cell.
     #[must_use]
     #[inline]
     pub fn value(&self, f: [f32; 3]) -> f32 {

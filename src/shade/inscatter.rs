@@ -94,7 +94,7 @@ const LEVELS: usize = 3;
 pub struct InScatter<'a, P> {
     volumes: &'a [Volume],
     lights: &'a Lights<'a>,
-    gatherer: &'a Gatherer<'a, P>,
+    gatherer: Option<&'a Gatherer<'a, P>>,
     lattices: Vec<Lattices>,
     shadow_rays: u32,
     seed: u64,
@@ -104,12 +104,12 @@ impl<'a, P: Pages> InScatter<'a, P> {
     /// Optical depth between vertices of the direct lattice. Cells deeper than this are lit at their own point.
     const DEPTH: f32 = 0.7;
 
-    /// Empty lattices.
+    /// Empty lattices. Without a gatherer there is direct light only.
     #[must_use]
     pub fn new(
         volumes: &'a [Volume],
         lights: &'a Lights<'a>,
-        gatherer: &'a Gatherer<'a, P>,
+        gatherer: Option<&'a Gatherer<'a, P>>,
         shadow_rays: u32,
         seed: u64,
     ) -> Self {
@@ -177,8 +177,9 @@ impl<'a, P: Pages> InScatter<'a, P> {
         } else {
             lattices.direct[level].sample(at, |p, v| self.direct(to_scene(p), key(v)))
         };
-        let indirect = lattices.indirect[level].sample(at, |p, v| {
-            self.gatherer.mean_radiance(to_scene(p), key(v)).light
+        let indirect = self.gatherer.map_or(Rgb::BLACK, |gatherer| {
+            lattices.indirect[level]
+                .sample(at, |p, v| gatherer.mean_radiance(to_scene(p), key(v)).light)
         });
         Rgb(medium.albedo) * (direct + indirect)
     }

@@ -35,6 +35,8 @@ pub struct Settings {
     pub max_dist: Option<f32>,
     /// The paper's plain kernel instead of the fast one.
     pub plain: bool,
+    /// What takes part in indirect light.
+    pub method: Method,
     /// Pixels between gathers on surfaces; 1 gathers at every pixel.
     pub lattice: u32,
     /// Gather rays at each vertex inside media.
@@ -47,6 +49,18 @@ pub struct Settings {
     pub shadow_rays: u32,
     /// Key of all random choices.
     pub seed: u64,
+}
+
+/// What takes part in indirect light: the two point-based rows of the paper's Table 1 (Gibson & Wood 2011).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Surfels and lvoxels: media take from gathers and add to them, and are lit by gathers themselves.
+    #[default]
+    Extended,
+    /// Surfels alone, as Christensen 2008: gathers on surfaces pass media unseen, and media get direct light only. Camera
+    /// and shadow rays see media as ever, so that the two differ in their indirect light and in nothing else.
+    Traditional,
 }
 
 /// Settings that go together; the same for all scenes.
@@ -71,6 +85,7 @@ impl Settings {
             max_solid_angle: 0.01,
             max_dist: None,
             plain: false,
+            method: Method::Extended,
             lattice: 4,
             volume_samples: 16,
             pixel_samples: 8,
@@ -199,7 +214,7 @@ fn shade<P: Pages>(
                 Kernel::Cone
             },
             environment: lights.environment(),
-            media: true,
+            media: settings.method == Method::Extended,
         },
     };
     let volume_gatherer = Gatherer {
@@ -232,7 +247,7 @@ fn shade<P: Pages>(
     let in_scatter = InScatter::new(
         &scene.volumes,
         &lights,
-        &volume_gatherer,
+        (settings.method == Method::Extended).then_some(&volume_gatherer),
         settings.shadow_rays,
         settings.seed,
     );
