@@ -26,6 +26,21 @@ const MAY_USE: &[(&str, &[&str])] = &[
         "reference",
         &["error", "image", "math", "run", "scene", "trace"],
     ),
+    // Drives both sides, and renders nothing itself.
+    (
+        "study",
+        &[
+            "bake",
+            "build",
+            "error",
+            "gather",
+            "image",
+            "reference",
+            "run",
+            "scene",
+            "shade",
+        ],
+    ),
 ];
 
 /// What stages share; no stage uses another.

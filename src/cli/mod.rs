@@ -16,6 +16,7 @@ mod render;
 mod scene_input;
 mod shade;
 mod shade_options;
+mod study;
 mod verify;
 
 use clap::{Parser, Subcommand};
@@ -48,6 +49,7 @@ enum Verb {
     Verify(verify::Args),
     Compare(compare::Args),
     Reference(reference::Args),
+    Study(study::Args),
 }
 
 impl Verb {
@@ -63,6 +65,7 @@ impl Verb {
             Self::Verify(args) => ("verify", args.run(context)),
             Self::Compare(args) => ("compare", args.run(context)),
             Self::Reference(args) => ("reference", args.run(context)),
+            Self::Study(args) => ("study", args.run(context)),
         }
     }
 }

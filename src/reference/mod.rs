@@ -216,10 +216,16 @@ pub fn frame(scene: &Scene, settings: &Settings, sums: &Sums) -> Frame {
     frame
 }
 
-/// Mean over pixels and channels of variance / (mean^2 + 0.01): the relMSE that is expected against the truth.
+/// The relMSE that is expected against the truth.
 #[must_use]
 pub fn relmse(sums: &Sums) -> f64 {
     let (means, variances) = sums.estimates();
+    expected_relmse(&means, &variances)
+}
+
+/// Mean over pixels and channels of variance / (mean^2 + 0.01).
+#[must_use]
+pub fn expected_relmse(means: &[[f32; 3]], variances: &[[f32; 3]]) -> f64 {
     let terms = means.as_flattened().iter().zip(variances.as_flattened());
     let sum: f64 = terms
         .map(|(&m, &v)| f64::from(v) / (f64::from(m).powi(2) + 0.01))

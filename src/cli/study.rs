@@ -1,0 +1,103 @@
+//! `lvox study`
+
+use super::options::Context;
+use super::scene_input::SceneInput;
+use lvox::Result;
+use lvox::study::{self, Settings};
+use std::path::PathBuf;
+
+/// Measure error against run time of Monte Carlo, traditional and extended point-based rendering on a scene
+///
+/// Vary one setting at a time around the defaults, let the methods take turns, compare each image with one converged
+/// reference, and write study.json, study.csv, table.md, plots and report.html. What is measured is kept after each run:
+/// the same command goes on after a stop; --force begins anew.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    scene: SceneInput,
+
+    /// Write everything into this folder
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+
+    /// Compare with this converged image [default: render one]
+    #[arg(long, value_name = "FILE")]
+    reference: Option<PathBuf>,
+
+    /// Render that with this many samples per pixel [default: 1024, quick: 128]
+    #[arg(long, value_name = "N", conflicts_with = "reference")]
+    reference_spp: Option<u32>,
+
+    /// Few and short runs, to see that all works
+    #[arg(long)]
+    quick: bool,
+
+    /// Look through this camera of the scene [default: its first]
+    #[arg(long, value_name = "NAME")]
+    camera: Option<String>,
+
+    /// Count paths of at most this many segments in Monte Carlo, as in lvox reference; 3 is what a tree without bounces
+    /// holds
+    #[arg(long, value_name = "N", default_value_t = Settings::default().max_depth)]
+    max_depth: u32,
+
+    /// Samples per pixel of Monte Carlo runs [default: 1,4,16,64]
+    #[arg(long, value_name = "N", value_delimiter = ',')]
+    spp: Vec<u32>,
+
+    /// Surfels of clouds, the last for the base settings [default: 62500,250000,1000000]
+    #[arg(long, value_name = "N", value_delimiter = ',')]
+    surfels: Vec<u64>,
+
+    /// Optical depths across lvoxels, the first for the base settings [default: 0.7,0.35,1.4,2.8]
+    #[arg(long, value_name = "TAU", value_delimiter = ',')]
+    block_depth: Vec<f32>,
+
+    /// Rays of gathers on surfaces [default: 8,16,32,128,256]
+    #[arg(long, value_name = "N", value_delimiter = ',')]
+    samples: Vec<u32>,
+
+    /// Largest solid angles of nodes, steradians [default: 0.0025,0.005,0.02,0.04,0.08]
+    #[arg(long, value_name = "SR", value_delimiter = ',')]
+    max_solid_angle: Vec<f32>,
+
+    /// Times that each run is timed [default: 3, quick: 1]
+    #[arg(long, value_name = "N")]
+    rounds: Option<u32>,
+}
+
+impl Args {
+    pub fn run(self, context: &Context) -> Result<()> {
+        let preset = if self.quick {
+            Settings::quick()
+        } else {
+            Settings::default()
+        };
+        let settings = Settings {
+            camera: self.camera,
+            max_depth: self.max_depth,
+            spp: given(self.spp, preset.spp),
+            surfels: given(self.surfels, preset.surfels),
+            block_depth: given(self.block_depth, preset.block_depth),
+            samples: given(self.samples, preset.samples),
+            max_solid_angle: given(self.max_solid_angle, preset.max_solid_angle),
+            rounds: self.rounds.unwrap_or(preset.rounds),
+            reference: self.reference,
+            reference_spp: self.reference_spp.unwrap_or(preset.reference_spp),
+            seed: context.seed,
+        };
+        settings.check()?;
+        let scene = self.scene.load(&context.job)?;
+        study::run(&scene, &settings, &self.output, context.force, &context.job)?;
+        let report = self.output.join("report.html");
+        context
+            .job
+            .progress
+            .say(&format!("see {}", report.display()));
+        Ok(())
+    }
+}
+
+fn given<T>(values: Vec<T>, preset: Vec<T>) -> Vec<T> {
+    if values.is_empty() { preset } else { values }
+}

@@ -1,0 +1,134 @@
+//! The report of a study: one HTML file with all in it.
+
+use super::plots::Plot;
+use super::record::Study;
+use super::table::{self, Table};
+use std::fmt::Write;
+
+/// An image of the report.
+pub struct Shown {
+    /// What it is.
+    pub caption: String,
+    /// The image, a PNG file.
+    pub png: Vec<u8>,
+    /// Its errors as a heat map, a PNG file.
+    pub heat: Option<Vec<u8>>,
+}
+
+const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;color:#222}\
+    table{border-collapse:collapse;margin:1em 0}td,th{padding:.3em .7em;border-bottom:1px solid #ddd;text-align:right}\
+    td:first-child,th:first-child{text-align:left}th{border-bottom:2px solid #888;vertical-align:bottom}\
+    .images{display:grid;grid-template-columns:repeat(auto-fill,minmax(330px,1fr));gap:1em}\
+    figure{margin:0}figure img{width:100%;image-rendering:auto}figcaption{font-size:.9em}svg{max-width:100%;height:auto}";
+
+/// The whole file.
+pub fn report(study: &Study, plots: &[Plot], images: &[Shown]) -> String {
+    let title = escape(&study.scene);
+    let mut html = format!(
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width\">\
+         <title>{title}: error against run time</title><style>{STYLE}</style></head>\n<body>\n\
+         <h1>{title}: error against run time</h1>\n<p>{}</p>\n",
+        escape(&table::caption(study))
+    );
+    let mut section = |title: &str, body: &str| {
+        let _ = write!(html, "<h2>{title}</h2>\n{body}\n");
+    };
+    section("Methods", &to_html(&table::summary(study)));
+    for plot in plots {
+        section(plot.title, &plot.svg);
+    }
+    section("Pareto front", &to_html(&table::pareto(study)));
+    section("Error against settings", &to_html(&table::slopes(study)));
+    let figures: String = images.iter().map(figure).collect();
+    section(
+        "Images and their FLIP errors",
+        &format!("<div class=\"images\">{figures}</div>"),
+    );
+    html + "</body></html>\n"
+}
+
+fn figure(image: &Shown) -> String {
+    let caption = escape(&image.caption);
+    let picture = |png: &[u8], alt: &str| {
+        format!(
+            "<img alt=\"{alt}\" src=\"data:image/png;base64,{}\">",
+            base64(png)
+        )
+    };
+    let heat = image.heat.as_ref().map_or(String::new(), |heat| {
+        picture(heat, &format!("FLIP error of {caption}"))
+    });
+    format!(
+        "<figure>{}{heat}<figcaption>{caption}</figcaption></figure>\n",
+        picture(&image.png, &caption)
+    )
+}
+
+fn to_html(table: &Table) -> String {
+    let cells = |tag: &str, cells: &mut dyn Iterator<Item = &str>| {
+        let cells: String = cells
+            .map(|c| format!("<{tag}>{}</{tag}>", escape(c)))
+            .collect();
+        format!("<tr>{cells}</tr>\n")
+    };
+    let mut html = String::from("<table>\n");
+    html += &cells("th", &mut table.head.iter().copied());
+    for row in &table.rows {
+        html += &cells("td", &mut row.iter().map(String::as_str));
+    }
+    html + "</table>\n"
+}
+
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
+}
+
+/// RFC 4648.
+fn base64(bytes: &[u8]) -> String {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for chunk in bytes.chunks(3) {
+        let at = |i: usize| u32::from(chunk.get(i).copied().unwrap_or(0));
+        let group = at(0) << 16 | at(1) << 8 | at(2);
+        for i in 0..4 {
+            text.push(if i <= chunk.len() {
+                DIGITS[(group >> (18 - 6 * i)) as usize & 63] as char
+            } else {
+                '='
+            });
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn base64_as_in_the_rfc() {
+        for (plain, coded) in [
+            ("", ""),
+            ("f", "Zg=="),
+            ("fo", "Zm8="),
+            ("foo", "Zm9v"),
+            ("foob", "Zm9vYg=="),
+            ("foobar", "Zm9vYmFy"),
+        ] {
+            assert_eq!(base64(plain.as_bytes()), coded);
+        }
+    }
+
+    #[test]
+    fn names_cannot_break_out() {
+        let study = Study {
+            scene: "<script>alert(\"x\")</script>".into(),
+            ..Study::default()
+        };
+        assert!(!report(&study, &[], &[]).contains("<script"));
+    }
+}

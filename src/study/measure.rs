@@ -1,0 +1,156 @@
+//! One run of a study: what it takes and what comes out.
+
+use super::plan::{How, Points, Settings, Variant};
+use super::record::{Cloud, Errors, Timing};
+use crate::bake::lvoxels::BlockSize;
+use crate::bake::{self, SurfelSampling};
+use crate::build;
+use crate::gather::TreeStore;
+use crate::image::metrics::{self, Comparison};
+use crate::image::{Picture, Region};
+use crate::run::{Job, usage};
+use crate::scene::Scene;
+use crate::{Result, reference, shade};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// The fixed parts of a study.
+pub struct Bench<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// What is studied.
+    pub settings: &'a Settings,
+    /// Where trees are kept.
+    pub trees: PathBuf,
+    /// Progress goes to the study's own task; the rest is that of the caller.
+    pub job: Job,
+}
+
+/// Runs and times it.
+fn timed<T>(run: impl FnOnce() -> Result<T>) -> Result<(T, Timing)> {
+    let (started, cpu) = (Instant::now(), usage::cpu_secs());
+    let result = run()?;
+    let timing = Timing {
+        wall_secs: started.elapsed().as_secs_f64(),
+        cpu_secs: usage::cpu_secs() - cpu,
+    };
+    Ok((result, timing))
+}
+
+impl<'a> Bench<'a> {
+    /// Takes limits and cancellation from a job.
+    pub fn new(scene: &'a Scene, settings: &'a Settings, trees: PathBuf, job: &Job) -> Self {
+        Self {
+            scene,
+            settings,
+            trees,
+            job: Job {
+                cancel: job.cancel.clone(),
+                memory_limit: job.memory_limit,
+                temp_dir: job.temp_dir.clone(),
+                ..Job::default()
+            },
+        }
+    }
+
+    /// The whole frame.
+    pub fn region(&self) -> Region {
+        Region::full(self.scene.film.width, self.scene.film.height)
+    }
+
+    fn tree(&self, cloud: &str) -> PathBuf {
+        self.trees.join(format!("{cloud}.lvt"))
+    }
+
+    /// Whether the tree of a cloud is there.
+    pub fn has_tree(&self, cloud: &str) -> bool {
+        self.tree(cloud).is_file()
+    }
+
+    /// Bakes and builds.
+    pub fn prepare(&self, points: &Points) -> Result<Cloud> {
+        let name = points.cloud();
+        let cloud = self.trees.join(format!("{name}.lvc"));
+        let tree = self.tree(&name);
+        let settings = bake::Settings {
+            surfels: SurfelSampling::Area {
+                count: points.surfels,
+            },
+            blocks: BlockSize::OpticalDepth(points.block_depth),
+            seed: self.settings.seed,
+            ..bake::Settings::default()
+        };
+        let (_, bake) = timed(|| bake::run(self.scene, &settings, &cloud, true, &self.job))?;
+        let (outcome, build) =
+            timed(|| build::run(&cloud, &tree, &build::Settings::default(), true, &self.job))?;
+        // The tree holds all that is needed from here on.
+        let _ = std::fs::remove_file(&cloud);
+        let store = TreeStore::open(&tree, self.job.memory_limit)?;
+        let blocks = store.tree().lvoxel_blocks();
+        Ok(Cloud {
+            name,
+            surfels: outcome.summary.sums.surfels,
+            lvoxels: outcome.summary.sums.lvoxels(),
+            tree_bytes: file_bytes(&tree),
+            lvoxel_bytes: blocks.iter().map(|b| u64::from(b.stored_bytes)).sum(),
+            bake,
+            build,
+        })
+    }
+
+    /// Renders.
+    pub fn render(&self, variant: &Variant) -> Result<(Picture, Timing)> {
+        let region = self.region();
+        let (frame, timing) = match &variant.how {
+            How::MonteCarlo { spp } => {
+                let settings = reference::Settings {
+                    camera: self.settings.camera.clone(),
+                    max_depth: self.settings.max_depth,
+                    spp: Some(*spp),
+                    secs: None,
+                    // The least noise: nobody asks these for their variance.
+                    strands: 1,
+                    // The reference has the study's seed; its noise must not be the same.
+                    seed: self.settings.seed ^ 1,
+                };
+                timed(|| {
+                    let mut sums = reference::begin(self.scene, &settings, region, &self.job)?;
+                    let nothing = &mut |_: &reference::Sums| Ok(());
+                    reference::accumulate(self.scene, &settings, &mut sums, &self.job, nothing)?;
+                    Ok(reference::frame(self.scene, &settings, &sums))
+                })?
+            }
+            How::Points(points) => timed(|| {
+                let tree = self.tree(&points.cloud());
+                let store = TreeStore::open(&tree, self.job.memory_limit)?;
+                shade::run(self.scene, &store, &points.shade, region, &[], &self.job)
+            })?,
+        };
+        Ok((frame.picture("", &region)?, timing))
+    }
+
+    /// Compares.
+    pub fn judge(
+        &self,
+        picture: &Picture,
+        reference: &Picture,
+        exposure: f32,
+    ) -> Result<(Errors, Comparison)> {
+        let found = metrics::compare_until(picture, reference, exposure, &self.job.cancel)?;
+        let s = &found.scores;
+        let value = |v: f64| v.is_finite().then_some(v);
+        let errors = Errors {
+            relmse: value(s.relmse),
+            relmse_trimmed: value(s.relmse_trimmed),
+            flip: value(s.flip),
+            ssim: value(s.ssim),
+            pdiff: value(s.pdiff),
+            bias: value(s.bias),
+        };
+        Ok((errors, found))
+    }
+}
+
+fn file_bytes(path: &Path) -> u64 {
+    std::fs::metadata(path).map_or(0, |m| m.len())
+}

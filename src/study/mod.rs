@@ -1,0 +1,301 @@
+//! Error against run time: Monte Carlo and both point-based methods on one scene, over sweeps of their settings.
+//!
+//! Every run is timed in rounds in which the methods take turns, and compared with one converged image. What is measured
+//! is kept after each run, so a stop loses no more than one, and the same call goes on from there.
+
+mod html;
+mod measure;
+pub mod plan;
+mod plots;
+pub mod record;
+mod table;
+
+pub use plan::Settings;
+pub use record::Study;
+
+use crate::image::{Picture, exr, heat, load, png, tone};
+use crate::run::{Job, Output};
+use crate::scene::Scene;
+use crate::{Error, Kind, Result, reference};
+use html::Shown;
+use measure::Bench;
+use plan::{How, Variant};
+use record::{Machine, Reference, Run};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Runs a study into a folder: `study.json`, `study.csv`, `table.md`, plots, images, and `report.html` with all of them.
+/// `restart` forgets what an earlier study measured there.
+///
+/// # Errors
+/// Settings that make no sense, a folder of another study, whatever rendering and writing can give, or a stop on request;
+/// after that the reports hold what is finished.
+pub fn run(
+    scene: &Scene,
+    settings: &Settings,
+    folder: &Path,
+    restart: bool,
+    job: &Job,
+) -> Result<Study> {
+    settings.check()?;
+    scene.camera(settings.camera.as_deref())?;
+    let files = Files::new(folder)?;
+    let key = key(scene, settings);
+    let mut study = match Study::read(&files.json(), &key) {
+        Ok(Some(found)) if !restart => found,
+        Err(e) if !restart => return Err(e),
+        _ => begin(scene, settings, key),
+    };
+    study.write(&files.json())?;
+    let bench = Bench::new(scene, settings, files.trees(), job);
+    let result = measure_all(&mut study, &bench, &files, restart, job);
+    match result {
+        Err(e) if e.kind() != Kind::Cancelled => return Err(e),
+        _ => study.find(),
+    }
+    study.write(&files.json())?;
+    if !study.runs.is_empty() {
+        write_reports(&study, &files)?;
+    }
+    result.map(|()| study).map_err(|e| {
+        e.hint("what is finished is kept in the folder; the same command goes on from there")
+    })
+}
+
+/// Names in the folder of a study.
+struct Files(PathBuf);
+
+impl Files {
+    fn new(folder: &Path) -> Result<Self> {
+        let files = Self(folder.to_path_buf());
+        for dir in [files.images(), files.trees()] {
+            fs::create_dir_all(&dir).map_err(|e| Error::io("create", &dir, &e))?;
+        }
+        Ok(files)
+    }
+
+    fn json(&self) -> PathBuf {
+        self.0.join("study.json")
+    }
+
+    fn images(&self) -> PathBuf {
+        self.0.join("images")
+    }
+
+    fn trees(&self) -> PathBuf {
+        self.0.join("trees")
+    }
+
+    fn image(&self, name: &str) -> PathBuf {
+        self.images().join(format!("{name}.png"))
+    }
+
+    fn heat(&self, name: &str) -> PathBuf {
+        self.images().join(format!("{name}.flip.png"))
+    }
+}
+
+fn key(scene: &Scene, settings: &Settings) -> String {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(env!("CARGO_PKG_VERSION").as_bytes());
+    hasher.update(&scene.hash);
+    hasher.update(
+        serde_json::to_string(settings)
+            .unwrap_or_default()
+            .as_bytes(),
+    );
+    hasher.finalize().to_hex().to_string()
+}
+
+fn begin(scene: &Scene, settings: &Settings, key: String) -> Study {
+    let processor = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let processor = processor
+        .lines()
+        .find(|l| l.starts_with("model name"))
+        .and_then(|l| l.split_once(':'))
+        .map_or("a processor of unknown name", |(_, name)| name.trim());
+    Study {
+        version: env!("CARGO_PKG_VERSION").into(),
+        key,
+        scene: scene.name.clone(),
+        film: [scene.film.width, scene.film.height],
+        machine: Machine {
+            system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+            processor: processor.into(),
+            threads: rayon::current_num_threads(),
+        },
+        settings: serde_json::to_value(settings).unwrap_or_default(),
+        ..Study::default()
+    }
+}
+
+fn measure_all(
+    study: &mut Study,
+    bench: &Bench,
+    files: &Files,
+    restart: bool,
+    job: &Job,
+) -> Result<()> {
+    let settings = bench.settings;
+    let target = obtain_reference(study, bench, files, restart, job)?;
+    png::write(
+        &files.image("reference"),
+        &tone::map(&target, study.reference.exposure),
+    )?;
+    let variants = settings.variants();
+    let total = variants.len() as u64 * u64::from(settings.rounds);
+    let task = job.progress.task("study", total, "runs");
+    for round in 1..=settings.rounds {
+        for variant in &variants {
+            let at = study.runs.iter().position(|r| r.name == variant.name);
+            let done = at.map_or(0, |i| study.runs[i].rounds.len());
+            if done < round as usize {
+                job.cancel.check()?;
+                measure(study, variant, &target, bench, files)?;
+                study.write(&files.json())?;
+            }
+            task.add(1);
+        }
+    }
+    Ok(())
+}
+
+/// One run of one round.
+fn measure(
+    study: &mut Study,
+    variant: &Variant,
+    target: &Picture,
+    bench: &Bench,
+    files: &Files,
+) -> Result<()> {
+    let mut cloud_name = None;
+    if let How::Points(points) = &variant.how {
+        let name = points.cloud();
+        let known = study.clouds.iter().any(|c| c.name == name);
+        if !known || !bench.has_tree(&name) {
+            let cloud = bench.prepare(points)?;
+            study.clouds.retain(|c| c.name != name);
+            study.clouds.push(cloud);
+        }
+        cloud_name = Some(name);
+    }
+    let (picture, timing) = bench.render(variant)?;
+    if let Some(run) = study.runs.iter_mut().find(|r| r.name == variant.name) {
+        run.rounds.push(timing);
+        return Ok(());
+    }
+    let exposure = study.reference.exposure;
+    let (errors, comparison) = bench.judge(&picture, target, exposure)?;
+    png::write(&files.image(&variant.name), &tone::map(&picture, exposure))?;
+    png::write(
+        &files.heat(&variant.name),
+        &heat::map(&comparison.error_map, picture.width),
+    )?;
+    study.runs.push(Run {
+        name: variant.name.clone(),
+        method: variant.method.into(),
+        sweep: variant.sweep.into(),
+        values: variant.values(),
+        cloud: cloud_name,
+        rounds: vec![timing],
+        errors,
+    });
+    Ok(())
+}
+
+/// Reads the reference that was given, or renders one.
+fn obtain_reference(
+    study: &mut Study,
+    bench: &Bench,
+    files: &Files,
+    restart: bool,
+    job: &Job,
+) -> Result<Picture> {
+    let (scene, settings) = (bench.scene, bench.settings);
+    let (path, source) = match &settings.reference {
+        Some(path) => {
+            let name = path.file_name().unwrap_or(path.as_os_str());
+            (path.clone(), name.to_string_lossy().into_owned())
+        }
+        None => {
+            let path = files.0.join("reference.exr");
+            let monte_carlo = reference::Settings {
+                camera: settings.camera.clone(),
+                max_depth: settings.max_depth,
+                spp: Some(settings.reference_spp),
+                seed: settings.seed,
+                ..reference::Settings::default()
+            };
+            reference::run(scene, &monte_carlo, bench.region(), &path, restart, job)?;
+            let spp = settings.reference_spp;
+            (path, format!("path tracing with {spp} samples per pixel"))
+        }
+    };
+    let frame = exr::read(&path)?;
+    let region = bench.region();
+    let found = (frame.width, frame.height);
+    if found != (scene.film.width, scene.film.height) {
+        return Err(Error::input(format!(
+            "{}: the reference has {}x{} pixels, the scene {}x{}",
+            path.display(),
+            frame.width,
+            frame.height,
+            scene.film.width,
+            scene.film.height
+        )));
+    }
+    let target = frame
+        .picture("", &region)
+        .map_err(|e| e.at(path.display()))?;
+    study.reference = Reference {
+        source,
+        relmse: frame
+            .picture("variance", &region)
+            .ok()
+            .map(|v| reference::expected_relmse(&target.pixels, &v.pixels)),
+        exposure: load::exposure_of(&path)?.unwrap_or(scene.film.exposure),
+    };
+    Ok(target)
+}
+
+fn write_reports(study: &Study, files: &Files) -> Result<()> {
+    let text = |name: &str, text: &str| Output::write_all_to(&files.0.join(name), text.as_bytes());
+    text("study.csv", &table::csv(study))?;
+    text("table.md", &table::markdown(study))?;
+    let plots = plots::all(study)?;
+    for plot in &plots {
+        text(&format!("{}.svg", plot.name), &plot.svg)?;
+    }
+    let mut images = vec![Shown {
+        caption: format!("reference: {}", study.reference.source),
+        png: read(&files.image("reference"))?,
+        heat: None,
+    }];
+    let mut chosen: Vec<&Run> = study
+        .runs
+        .iter()
+        .filter(|r| r.sweep == "spp" || r.sweep == "base")
+        .collect();
+    chosen.sort_by_key(|r| r.sweep == "spp");
+    for run in chosen {
+        let errors = [("relMSE", run.errors.relmse), ("FLIP", run.errors.flip)];
+        let errors = errors.map(|(name, value)| {
+            value.map_or(String::new(), |v| format!(", {name} {}", table::figure(v)))
+        });
+        images.push(Shown {
+            caption: format!(
+                "{}: {} s{}",
+                run.name,
+                table::figure(run.time().cpu_secs),
+                errors.concat()
+            ),
+            png: read(&files.image(&run.name))?,
+            heat: Some(read(&files.heat(&run.name))?),
+        });
+    }
+    text("report.html", &html::report(study, &plots, &images))
+}
+
+fn read(path: &Path) -> Result<Vec<u8>> {
+    fs::read(path).map_err(|e| Error::io("read", path, &e))
+}
