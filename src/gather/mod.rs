@@ -21,7 +21,7 @@ use std::f32::consts::PI;
 /// How to gather.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Rays a receiver.
+    /// Rays in a whole set of directions.
     pub samples: u32,
     /// A node seen under less than this, in steradians, may stand for all below it; 0 for disks only.
     pub max_solid_angle: f32,
@@ -84,12 +84,36 @@ pub struct Gatherer<'a, P> {
     pub settings: Settings,
 }
 
+/// A share of a set of well-spread directions: receivers near each other that take the shares in turn have, together,
+/// the whole set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Share {
+    /// Which, from 0.
+    pub index: u32,
+    /// Of how many.
+    pub of: u32,
+    /// Key of the set.
+    pub seed: u64,
+}
+
+impl Share {
+    /// The whole set.
+    #[must_use]
+    pub fn whole(seed: u64) -> Self {
+        Self {
+            index: 0,
+            of: 1,
+            seed,
+        }
+    }
+}
+
 impl<P: Pages> Gatherer<'_, P> {
     /// Irradiance at a surface point with the given unit normal. The point must already be off its own surface.
     #[must_use]
-    pub fn irradiance(&self, point: Vec3, normal: Vec3, seed: u64) -> Gathered {
+    pub fn irradiance(&self, point: Vec3, normal: Vec3, share: Share) -> Gathered {
         let (x, y) = tangents(normal);
-        let mut gathered = self.average(point, seed, |u| {
+        let mut gathered = self.average(point, share, |u| {
             let d = cosine_hemisphere(u);
             (x * d.x + y * d.y + normal * d.z).normalize()
         });
@@ -99,20 +123,22 @@ impl<P: Pages> Gatherer<'_, P> {
 
     /// Mean over the sphere of the radiance at a point of a medium.
     #[must_use]
-    pub fn mean_radiance(&self, point: Vec3, seed: u64) -> Gathered {
-        self.average(point, seed, sphere)
+    pub fn mean_radiance(&self, point: Vec3, share: Share) -> Gathered {
+        self.average(point, share, sphere)
     }
 
-    fn average(&self, point: Vec3, seed: u64, direction: impl Fn([f32; 2]) -> Vec3) -> Gathered {
-        let seed = sampling::mix(seed) as u32;
+    fn average(&self, point: Vec3, share: Share, direction: impl Fn([f32; 2]) -> Vec3) -> Gathered {
+        let seed = sampling::mix(share.seed) as u32;
         let (mut light, mut inverse_distance) = (Rgb::BLACK, 0.0);
         let mut scratch = cone::Scratch::default();
-        for i in 0..self.settings.samples {
-            let seen = self.look(point, direction(sobol2(i, 0, seed)), &mut scratch);
+        let count = (self.settings.samples / share.of).max(1);
+        for i in 0..count {
+            let u = sobol2(share.index * count + i, 0, seed);
+            let seen = self.look(point, direction(u), &mut scratch);
             light += seen.radiance;
             inverse_distance += 1.0 / seen.distance;
         }
-        let n = self.settings.samples.max(1) as f32;
+        let n = count as f32;
         Gathered {
             light: light * (1.0 / n),
             harmonic_distance: n / inverse_distance,

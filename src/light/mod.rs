@@ -27,11 +27,15 @@ pub enum ShadowRays {
         /// Key of the point.
         seed: u64,
     },
-    /// One ray, inside one of the 16 equal cells of the lights: neighbours that take the 16 cells in turn have, together,
+    /// Rays in one or more of the 16 equal cells of the lights: neighbours that take the 16 cells in turn have, together,
     /// a well-spread set (Keller & Heidrich 2001).
-    Cell {
-        /// 0 to 15; the four of each aligned quadruple lie far apart.
+    Cells {
+        /// That of the first ray, 0 to 15; others are in the quarters after it.
         cell: u8,
+        /// Rays to skip.
+        first: u8,
+        /// Rays to take.
+        count: u8,
         /// Key of the point.
         seed: u64,
     },
@@ -41,14 +45,14 @@ impl ShadowRays {
     fn count(&self) -> u32 {
         match *self {
             Self::Sequence { per_light, .. } => per_light.max(1),
-            Self::Cell { .. } => 1,
+            Self::Cells { count, .. } => u32::from(count),
         }
     }
 
     fn seed(&self) -> u64 {
         match *self {
             Self::Sequence { first, seed, .. } => hash(&[mix(seed), u64::from(first)]),
-            Self::Cell { seed, .. } => seed,
+            Self::Cells { seed, .. } => seed,
         }
     }
 
@@ -56,10 +60,14 @@ impl ShadowRays {
     fn point(&self, i: u32, set: u32) -> [f32; 2] {
         match *self {
             Self::Sequence { first, seed, .. } => sobol2(first + i, set, mix(seed) as u32),
-            Self::Cell { cell, seed } => {
-                let [u, v] = unit2(hash(&[seed, u64::from(set)]));
+            Self::Cells {
+                cell, first, seed, ..
+            } => {
+                let ray = u32::from(first) + i;
+                let cell = (u32::from(cell) + 4 * ray) % 16;
+                let [u, v] = unit2(hash(&[seed, u64::from(set), u64::from(ray)]));
                 let [x, y] = [cell >> 2 & 2 | cell >> 1 & 1, cell >> 1 & 2 | cell & 1];
-                [0.25 * (f32::from(x) + u), 0.25 * (f32::from(y) + v)]
+                [0.25 * (x as f32 + u), 0.25 * (y as f32 + v)]
             }
         }
     }
@@ -72,7 +80,7 @@ pub struct Direct {
     pub sharp: Rgb,
     /// What the lights with an extent would send with nothing between.
     pub open: Rgb,
-    /// What came of that along shadow rays. Sums of several points near each other tell it better.
+    /// What came of that along shadow rays, added up. Sums of several points near each other tell it better.
     pub rays: Arrival,
     /// A bit for each light of which a ray came through; of many lights some share a bit. Those without extent have the
     /// lower half.
@@ -361,7 +369,6 @@ impl<'a> Lights<'a> {
     ) {
         let (x, y) = tangents(-sun.direction);
         let radius = libm::sinf(sun.angular_radius_rad);
-        let each = sun.irradiance * (1.0 / rays.count() as f32);
         for i in 0..rays.count() {
             let [u, v] = disk(rays.point(i, index as u32)).map(|c| c * radius);
             // Points of the disk are spread by their cosine to the sun's axis.
@@ -369,8 +376,8 @@ impl<'a> Lights<'a> {
             let d = (-sun.direction * cos + x * u + y * v).normalize();
             let w = weight(d) / cos;
             if w > 0.0 {
-                let light = each * w;
-                total.open += light;
+                let light = sun.irradiance * w;
+                total.open += light * (1.0 / rays.count() as f32);
                 let through = self.tracer.transmittance(origin, d, f32::INFINITY);
                 total.note_ray(index, light, through);
             }
@@ -438,8 +445,7 @@ impl<'a> Lights<'a> {
                     d,
                     distance * (1.0 - 1e-4) - self.tracer.offset,
                 );
-                let light = emitter.radiance
-                    * (w * sum / (emitter.radiance.luminance() * rays.count() as f32));
+                let light = emitter.radiance * (w * sum / emitter.radiance.luminance());
                 // Emitters of one surface are told apart no further than sharing a bit with another.
                 total.note_ray(index as usize, light, through);
             }

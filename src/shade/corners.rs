@@ -23,6 +23,30 @@ struct Corner {
     irradiance: Rgb,
 }
 
+/// Where a corner is.
+struct Place {
+    /// Film coordinates moved so far that none is negative.
+    moved: [u32; 2],
+    /// Pixels from the film's top left.
+    film: [f32; 2],
+}
+
+impl Place {
+    /// Its shadow rays after the first few.
+    fn rays<P>(&self, shader: &PixelShader<P>, first: u8, count: u8) -> ShadowRays {
+        // Every four by four corners ask all cells, and every two by two ask four quarters (the threshold matrix of
+        // Bayer 1973).
+        const ORDER: [u8; 16] = [0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5];
+        let [x, y] = self.moved;
+        ShadowRays::Cells {
+            cell: ORDER[(y % 4 * 4 + x % 4) as usize],
+            first,
+            count,
+            seed: sampling::hash(&[shader.view.seed, 1, u64::from(x), u64::from(y)]),
+        }
+    }
+}
+
 /// What the corners around a pixel say of its lights.
 enum Lit {
     /// Share of the lights with an extent that arrives.
@@ -35,45 +59,118 @@ impl<'a, P: Pages> Corners<'a, P> {
     /// Share of an area light by which two halves of the 16 corners around a pixel may differ.
     const NARROW: f32 = 0.4;
 
-    /// Samples the corners of a region's pixels and one ring more.
+    /// Rings of corners around those of a region's own pixels: one takes part in them, two tell whether shadows do.
+    const RINGS: u32 = 3;
+    /// Shadow rays of a corner in a penumbra.
+    const PENUMBRA: u8 = 4;
+
+    /// Samples the corners of a region's pixels and what they need around them.
     pub fn new(shader: &'a PixelShader<'a, P>, region: Region) -> Self {
-        let width = region.width() as usize + 3;
-        let height = region.height() as usize + 3;
-        let has_media = !shader.view.tracer.scene.volumes.is_empty();
+        let width = (region.width() + 1 + 2 * Self::RINGS) as usize;
+        let height = (region.height() + 1 + 2 * Self::RINGS) as usize;
         let corners = (0..width * height)
             .map(|i| {
-                let (column, row) = (i % width, i / width);
-                // One more than the film's coordinate, which may be -1.
-                let (x, y) = (region.x0 + column as u32, region.y0 + row as u32);
-                let rays = ShadowRays::Cell {
-                    cell: cell(x, y),
-                    seed: sampling::hash(&[shader.view.seed, 1, u64::from(x), u64::from(y)]),
-                };
-                let mut sample = shader.sample(x as f32 - 1.0, y as f32 - 1.0, rays);
-                let own = column > 0 && row > 0 && column + 1 < width && row + 1 < height;
-                let mut irradiance = Rgb::BLACK;
-                if own {
-                    if has_media {
-                        sample.passed = shader.march(&sample);
-                    }
-                    if let Some(surface) = &sample.surface {
-                        irradiance = shader.indirect(surface, x - 1, y - 1);
-                    }
+                let at = Self::place(region, i % width, i / width);
+                let sample = shader.sample(at.film[0], at.film[1], at.rays(shader, 0, 1));
+                Corner {
+                    sample,
+                    irradiance: Rgb::BLACK,
                 }
-                Corner { sample, irradiance }
             })
             .collect();
-        Self {
+        let mut corners = Self {
             shader,
             region,
             width,
             corners,
+        };
+        corners.look_into_penumbrae(height);
+        corners.look_around(height);
+        corners
+    }
+
+    fn place(region: Region, column: usize, row: usize) -> Place {
+        let of = |first: u32, step: usize| {
+            let moved = first + step as u32;
+            (moved, moved as f32 - Self::RINGS as f32)
+        };
+        let (x, y) = (of(region.x0, column), of(region.y0, row));
+        Place {
+            moved: [x.0, y.0],
+            film: [x.1, y.1],
+        }
+    }
+
+    /// More shadow rays at the corners from which, or from near which, some ray reached a light and some did not.
+    fn look_into_penumbrae(&mut self, height: usize) {
+        let rim = Self::RINGS as usize - 1;
+        let mut more = Vec::new();
+        for row in rim..height - rim {
+            for column in rim..self.width - rim {
+                let i = row * self.width + column;
+                let sample = &self.corners[i].sample;
+                let Some(surface) = &sample.surface else {
+                    continue;
+                };
+                if surface.albedo.is_black() {
+                    continue;
+                }
+                let (mut seen, mut hidden) = (0, 0);
+                for j in row - 2..=row + 2 {
+                    for c in &self.corners[j * self.width + column - 2..=j * self.width + column + 2] {
+                        seen |= c.sample.direct.seen;
+                        hidden |= c.sample.direct.hidden;
+                    }
+                }
+                if seen & hidden & !Direct::SHARP != 0 {
+                    let rays = Self::place(self.region, column, row).rays(
+                        self.shader,
+                        1,
+                        Self::PENUMBRA - 1,
+                    );
+                    let direct = self.shader.lights.irradiance(
+                        surface.position,
+                        surface.normal,
+                        surface.face_normal,
+                        rays,
+                    );
+                    more.push((i, direct));
+                }
+            }
+        }
+        for (i, direct) in more {
+            let known = &mut self.corners[i].sample.direct;
+            known.rays += direct.rays;
+            known.seen |= direct.seen;
+            known.hidden |= direct.hidden;
+        }
+    }
+
+    /// Media and indirect light of the corners of the region's own pixels.
+    fn look_around(&mut self, height: usize) {
+        let rings = Self::RINGS as usize;
+        let has_media = !self.shader.view.tracer.scene.volumes.is_empty();
+        for row in rings..height - rings {
+            for column in rings..self.width - rings {
+                let [x, y] = Self::place(self.region, column, row)
+                    .moved
+                    .map(|v| v - Self::RINGS);
+                let corner = &mut self.corners[row * self.width + column];
+                if has_media {
+                    corner.sample.passed = self.shader.march(&corner.sample);
+                }
+                if let Some(surface) = &corner.sample.surface {
+                    corner.irradiance = self.shader.indirect(surface, x, y);
+                }
+            }
         }
     }
 
     /// Shades pixel (x, y) of the region.
     pub fn shade(&self, x: u32, y: u32) -> Pixel {
-        let first = (y - self.region.y0) as usize * self.width + (x - self.region.x0) as usize;
+        // The first of the 16 corners around the pixel.
+        let first = ((y - self.region.y0 + Self::RINGS - 1) as usize) * self.width
+            + (x - self.region.x0 + Self::RINGS - 1) as usize;
         let at = |column: usize, row: usize| &self.corners[first + row * self.width + column];
         let own = [at(1, 1), at(2, 1), at(1, 2), at(2, 2)];
         let whole = own[1..]
@@ -104,7 +201,9 @@ impl<'a, P: Pages> Corners<'a, P> {
     ) -> Option<Pixel> {
         let mut pixel = PixelSum::default();
         if own[0].sample.surface.is_none() {
-            own.map(|c| self.shader.add_nothing(&mut pixel, &c.sample));
+            for c in own {
+                self.shader.add_nothing(&mut pixel, &c.sample);
+            }
             return Some(pixel.mean());
         }
         let (seen, hidden) = own.iter().fold((0, 0), |(seen, hidden), c| {
@@ -159,11 +258,4 @@ impl<'a, P: Pages> Corners<'a, P> {
         all += sum(2, 3);
         Lit::Share(all.share())
     }
-}
-
-/// Which cell of the lights a corner asks: every four by four corners ask all, and every two by two ask four quarters
-/// (the threshold matrix of Bayer 1973).
-fn cell(x: u32, y: u32) -> u8 {
-    const ORDER: [u8; 16] = [0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5];
-    ORDER[(y % 4 * 4 + x % 4) as usize]
 }

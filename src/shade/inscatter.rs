@@ -5,7 +5,7 @@
 //! brick of a volume has the spacing that its own density asks for. Vertices
 //! in empty space around the medium are evaluated like any other: leaving them dark would darken its rim.
 
-use crate::gather::{Gatherer, Pages};
+use crate::gather::{Gatherer, Pages, Share};
 use crate::light::{Lights, ShadowRays};
 use crate::math::{Rgb, sampling};
 use crate::scene::Volume;
@@ -123,9 +123,10 @@ impl<'a, P: Pages> InScatter<'a, P> {
                     .max(axes.y_axis.length())
                     .max(axes.z_axis.length());
                 let vertices = |level| Vertices::new(v.sigma_t.dims(), 1_usize << level);
+                let more = super::lattice::env("LV_IND", 1.0) as usize;
                 Lattices {
                     direct: std::array::from_fn(vertices),
-                    indirect: std::array::from_fn(|level| vertices(level + 1)),
+                    indirect: std::array::from_fn(|level| vertices(level + more)),
                     voxel: voxel as f32,
                 }
             })
@@ -156,7 +157,7 @@ impl<'a, P: Pages> InScatter<'a, P> {
         let depth = medium.sigma_t.brick_max_at(at) * lattices.voxel;
         let level = (0..LEVELS)
             .rev()
-            .find(|&l| depth * (1 << l) as f32 <= Self::DEPTH)
+            .find(|&l| depth * (1 << l) as f32 <= depth_limit())
             .unwrap_or(0);
         let key = |v: [usize; 3]| {
             sampling::hash(&[
@@ -179,7 +180,7 @@ impl<'a, P: Pages> InScatter<'a, P> {
         };
         let indirect = self.gatherer.map_or(Rgb::BLACK, |gatherer| {
             lattices.indirect[level]
-                .sample(at, |p, v| gatherer.mean_radiance(to_scene(p), key(v)).light)
+                .sample(at, |p, v| gatherer.mean_radiance(to_scene(p), Share::whole(key(v))).light)
         });
         Rgb(medium.albedo) * (direct + indirect)
     }
@@ -197,3 +198,5 @@ impl<'a, P: Pages> InScatter<'a, P> {
             .light()
     }
 }
+
+fn depth_limit() -> f32 { static S: std::sync::OnceLock<f32> = std::sync::OnceLock::new(); *S.get_or_init(|| super::lattice::env("LV_DEPTH", 0.7)) }

@@ -1,12 +1,13 @@
 //! Indirect light on surfaces, gathered at few pixels and spread to all.
 //!
 //! Gathers stand at the pixels whose coordinates are multiples of the spacing: a lattice of the whole frame, which no
-//! tile can move, so that merged tiles equal the frame. A surface point then averages the lattice around it, weighted
+//! tile can move, so that merged tiles equal the frame. Each gather is averaged with those around it, and a surface point
+//! then averages the lattice around it, weighted
 //! by how alike normal and plane are and by distance over the harmonic distance of what was seen there, which is how
 //! fast indirect light can change (Ward & Heckbert 1992 for the measure).
 
 use super::view::View;
-use crate::gather::{Gathered, Gatherer, Pages};
+use crate::gather::{Gathered, Gatherer, Pages, Share};
 use crate::image::Region;
 use crate::math::{Rgb, sampling};
 use crate::run::{Cancel, Task};
@@ -29,20 +30,23 @@ struct Node {
 #[derive(Debug)]
 pub struct Lattice {
     step: u32,
-    first: [u32; 2],
-    count: [u32; 2],
+    area: Area,
     nodes: Vec<Option<Node>>,
 }
 
 impl Lattice {
-    /// Pixels around a surface point from which its light is taken, in lattice steps.
+    /// Steps around a surface point from which its light is taken.
     const REACH: u32 = 2;
+    /// Steps around a gather with which it is averaged first.
+    const SMOOTH: u32 = 3;
     /// Distance at which a gather's weight falls to 1/e, over the harmonic distance at both ends.
     const RANGE: f32 = 0.25;
     /// The least such distance, in lattice steps.
     const LEAST: f32 = 0.35;
     /// Below this sum of weights a surface gathers for itself.
-    const TOO_FEW: f32 = 0.4;
+    const TOO_FEW: f32 = 0.1;
+    /// Squares of this many by this many gathers share one set of directions.
+    const SIDE: u32 = 4;
 
     /// Gathers at the lattice pixels in and around a region.
     ///
@@ -56,36 +60,35 @@ impl Lattice {
         cancel: &Cancel,
         task: &Task,
     ) -> Result<Self> {
-        let [w, h] = [view.film.width, view.film.height];
-        let from = |v: u32| (v / step).saturating_sub(Self::REACH);
-        // A pixel's lower right corner has the next one's coordinates.
-        let to = |v: u32, n: u32| (v / step + 1 + Self::REACH).min((n - 1) / step);
-        let first = [from(region.x0), from(region.y0)];
-        let last = [to(region.x1, w), to(region.y1, h)];
-        let count = [last[0] - first[0] + 1, last[1] - first[1] + 1];
-        let rows: Vec<Vec<Option<Node>>> = (0..count[1])
+        let film = [view.film.width, view.film.height];
+        let gathered = Area::around(region, step, reach() + smooth(), film);
+        let rows: Vec<Vec<Option<Node>>> = gathered
+            .rows()
             .into_par_iter()
             .map(|j| {
                 cancel.check()?;
-                let row = (0..count[0])
-                    .map(|i| {
-                        Self::gather_at(
-                            view,
-                            gatherer,
-                            (first[0] + i) * step,
-                            (first[1] + j) * step,
-                            step,
-                        )
-                    })
+                let row = gathered
+                    .columns()
+                    .map(|i| Self::gather_at(view, gatherer, [i, j], step))
                     .collect();
-                task.add(u64::from(count[0]));
+                task.add(u64::from(gathered.count[0]));
                 Ok(row)
             })
             .collect::<Result<_>>()?;
+        let rough = Self {
+            step,
+            area: gathered,
+            nodes: rows.into_iter().flatten().collect(),
+        };
+        let area = Area::around(region, step, reach(), film);
+        let rows: Vec<Vec<Option<Node>>> = area
+            .rows()
+            .into_par_iter()
+            .map(|j| area.columns().map(|i| rough.smoothed([i, j])).collect())
+            .collect();
         Ok(Self {
             step,
-            first,
-            count,
+            area,
             nodes: rows.into_iter().flatten().collect(),
         })
     }
@@ -93,10 +96,10 @@ impl Lattice {
     fn gather_at<P: Pages>(
         view: &View,
         gatherer: &Gatherer<P>,
-        x: u32,
-        y: u32,
+        [column, row]: [u32; 2],
         step: u32,
     ) -> Option<Node> {
+        let (x, y) = (column * step, row * step);
         let direction = view
             .camera
             .direction(&view.film, x as f32 + 0.5, y as f32 + 0.5);
@@ -104,49 +107,80 @@ impl Lattice {
             .tracer
             .closest(view.camera.origin(), direction, f32::INFINITY)?;
         let surface = Surface::new(view.tracer.scene, hit.triangle, hit.uv).facing(-direction);
-        let seed = sampling::hash(&[view.seed, u64::from(x), u64::from(y)]);
+        let side = side();
+        let share = Share {
+            index: morton(column % side, row % side),
+            of: part(),
+            seed: sampling::hash(&[view.seed, u64::from(column / side), u64::from(row / side)]),
+        };
         Some(Node {
             position: surface.position,
             normal: surface.normal,
-            gathered: gather_surface(view, gatherer, &surface, seed),
+            gathered: gather_surface(view, gatherer, &surface, share),
             spacing: hit.t * view.pixel_angle * step as f32,
+        })
+    }
+
+    /// A gather averaged with those around it.
+    fn smoothed(&self, at: [u32; 2]) -> Option<Node> {
+        let node = self.nodes[self.area.index(at)?]?;
+        if smooth() == 0 { return Some(node); }
+        let centre = at.map(|c| c as f32 * self.step as f32);
+        let mean = self.average(node.position, node.normal, centre, smooth())?;
+        Some(Node {
+            gathered: Gathered {
+                light: mean.light * (1.0 / mean.weight),
+                harmonic_distance: mean.harmonic_distance,
+            },
+            ..node
         })
     }
 
     /// Irradiance at a surface seen by pixel (x, y); `None` if the lattice around it saw nothing like it.
     #[must_use]
     pub fn irradiance(&self, surface: &Surface, x: u32, y: u32) -> Option<Rgb> {
-        let near = |v: u32, first: u32, count: u32| {
-            let c = v / self.step;
-            let lower = c.saturating_sub(Self::REACH).max(first) - first;
-            let upper = (c + 1 + Self::REACH).min(first + count - 1) - first;
-            lower..=upper
-        };
+        let centre = [x as f32, y as f32];
+        let mean = self.average(surface.position, surface.normal, centre, reach())?;
+        (mean.weight > few()).then(|| mean.light * (1.0 / mean.weight))
+    }
+
+    /// Weighted sum of the gathers within `reach` steps of a place in the frame that lie on a surface like the one given.
+    fn average(
+        &self,
+        position: Vec3,
+        normal: Vec3,
+        centre: [f32; 2],
+        reach: u32,
+    ) -> Option<Mean> {
+        let step = self.step as f32;
+        let [columns, rows] = self.area.near(centre.map(|c| c / step), reach);
         // What the neighbours saw, the nearest above all, tells how far light can be carried to this point.
-        let mut candidates = [(0.0_f32, 0.0_f32, 0_usize); 36];
+        let mut candidates = [(0.0_f32, 0.0_f32, 0_usize); MOST];
         let mut count = 0;
         let (mut closeness, mut nearness) = (0.0_f32, 0.0_f32);
-        let reach = Self::REACH as f32 * self.step as f32;
-        for j in near(y, self.first[1], self.count[1]) {
-            for i in near(x, self.first[0], self.count[0]) {
-                let at = (j * self.count[0] + i) as usize;
+        let reach = reach as f32 * step;
+        for j in rows {
+            for i in columns.clone() {
+                let Some(at) = self.area.index([i, j]) else {
+                    continue;
+                };
                 let Some(node) = &self.nodes[at] else {
                     continue;
                 };
-                let alike = node.normal.dot(surface.normal);
+                let alike = node.normal.dot(normal);
                 if alike <= 0.7 {
                     continue;
                 }
-                let px = (self.first[0] + i) as f32 * self.step as f32 - x as f32;
-                let py = (self.first[1] + j) as f32 * self.step as f32 - y as f32;
+                let px = i as f32 * step - centre[0];
+                let py = j as f32 * step - centre[1];
                 // The window closes before the lattice's reach ends, so that it has no edge.
                 let window = 1.0 - (px * px + py * py) / (reach * reach);
                 if window <= 0.0 {
                     continue;
                 }
-                let offset = surface.position - node.position;
+                let offset = position - node.position;
                 let height = offset
-                    .dot(surface.normal)
+                    .dot(normal)
                     .abs()
                     .max(offset.dot(node.normal).abs());
                 // Off the plane light changes faster: contact and thin steps are there.
@@ -159,29 +193,112 @@ impl Lattice {
                 nearness += close;
             }
         }
-        let here = nearness / closeness;
-        let (mut sum, mut total) = (Rgb::BLACK, 0.0_f32);
+        if count == 0 {
+            return None;
+        }
+        let mut mean = Mean {
+            light: Rgb::BLACK,
+            weight: 0.0,
+            harmonic_distance: nearness / closeness,
+        };
         for &(weight, d2, at) in &candidates[..count] {
             let Some(node) = &self.nodes[at] else {
                 continue;
             };
-            let range = (Self::RANGE * node.gathered.harmonic_distance.min(here))
-                .max(Self::LEAST * node.spacing);
+            let range = (range() * node.gathered.harmonic_distance.min(mean.harmonic_distance))
+                .max(least() * node.spacing);
             let weight = weight * math::exp::exp_neg(d2 / (range * range));
-            sum += node.gathered.light * weight;
-            total += weight;
+            mean.light += node.gathered.light * weight;
+            mean.weight += weight;
         }
-        (total > Self::TOO_FEW).then(|| sum * (1.0 / total))
+        Some(mean)
     }
 }
+
+/// Most gathers that an average may take.
+const MOST: usize = 144;
+
+/// A weighted sum of gathers.
+struct Mean {
+    light: Rgb,
+    weight: f32,
+    harmonic_distance: f32,
+}
+
+/// A rectangle of the frame's lattice.
+#[derive(Clone, Copy, Debug)]
+struct Area {
+    first: [u32; 2],
+    count: [u32; 2],
+}
+
+impl Area {
+    /// What lies within `reach` steps of a region's pixels and their corners.
+    fn around(region: Region, step: u32, reach: u32, film: [u32; 2]) -> Self {
+        let from = |v: u32| (v / step).saturating_sub(reach);
+        // A pixel's lower right corner has the next one's coordinates.
+        let to = |v: u32, n: u32| (v / step + 1 + reach).min((n - 1) / step);
+        let first = [from(region.x0), from(region.y0)];
+        let last = [to(region.x1, film[0]), to(region.y1, film[1])];
+        Self {
+            first,
+            count: [last[0] - first[0] + 1, last[1] - first[1] + 1],
+        }
+    }
+
+    fn columns(&self) -> std::ops::Range<u32> {
+        self.first[0]..self.first[0] + self.count[0]
+    }
+
+    fn rows(&self) -> std::ops::Range<u32> {
+        self.first[1]..self.first[1] + self.count[1]
+    }
+
+    fn index(&self, at: [u32; 2]) -> Option<usize> {
+        let [i, j] = [0, 1].map(|a| at[a].wrapping_sub(self.first[a]));
+        (i < self.count[0] && j < self.count[1]).then(|| (j * self.count[0] + i) as usize)
+    }
+
+    /// Columns and rows of the area less than `reach` steps from a point of the frame, in steps.
+    fn near(&self, centre: [f32; 2], reach: u32) -> [std::ops::Range<u32>; 2] {
+        [0, 1].map(|a| {
+            let from = (centre[a] - reach as f32).ceil().max(self.first[a] as f32) as u32;
+            let to = (centre[a] + reach as f32).floor() as u32 + 1;
+            from..to.min(self.first[a] + self.count[a])
+        })
+    }
+}
+
 /// Gathers over the hemisphere of a surface.
 #[must_use]
 pub fn gather_surface<P: Pages>(
     view: &View,
     gatherer: &Gatherer<P>,
     surface: &Surface,
-    seed: u64,
+    share: Share,
 ) -> Gathered {
     let origin = surface.position + surface.face_normal * view.tracer.offset;
-    gatherer.irradiance(origin, surface.normal, seed)
+    gatherer.irradiance(origin, surface.normal, share)
 }
+
+/// Place of a point of a small square along the curve that fills each quarter before the next.
+fn morton(x: u32, y: u32) -> u32 {
+    (0..4).fold(0, |m, bit| {
+        m | (x >> bit & 1) << (2 * bit) | (y >> bit & 1) << (2 * bit + 1)
+    })
+}
+
+fn side() -> u32 { static S: std::sync::OnceLock<u32> = std::sync::OnceLock::new(); *S.get_or_init(|| std::env::var("LV_SIDE").ok().and_then(|v| v.parse().ok()).unwrap_or(4)) }
+pub static SELF: std::sync::atomic::AtomicU64 = std::sync::atomic::AtomicU64::new(0);
+
+pub fn own() -> u32 { static S: std::sync::OnceLock<u32> = std::sync::OnceLock::new(); *S.get_or_init(|| std::env::var("LV_OWN").ok().and_then(|v| v.parse().ok()).unwrap_or(4)) }
+pub fn env(name: &str, default: f32) -> f32 { std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default) }
+
+fn few() -> f32 { static S: std::sync::OnceLock<f32> = std::sync::OnceLock::new(); *S.get_or_init(|| env("LV_FEW", 0.1)) }
+fn range() -> f32 { static S: std::sync::OnceLock<f32> = std::sync::OnceLock::new(); *S.get_or_init(|| env("LV_RANGE", 0.25)) }
+fn least() -> f32 { static S: std::sync::OnceLock<f32> = std::sync::OnceLock::new(); *S.get_or_init(|| env("LV_LEAST", 0.35)) }
+
+fn part() -> u32 { static S: std::sync::OnceLock<u32> = std::sync::OnceLock::new(); *S.get_or_init(|| env("LV_PART", 4.0) as u32) }
+
+fn reach() -> u32 { static S: std::sync::OnceLock<u32> = std::sync::OnceLock::new(); *S.get_or_init(|| env("LV_REACH", 2.0) as u32) }
+fn smooth() -> u32 { static S: std::sync::OnceLock<u32> = std::sync::OnceLock::new(); *S.get_or_init(|| env("LV_SMOOTH", 3.0) as u32) }

@@ -284,6 +284,7 @@ fn shade<P: Pages>(
             .map(|rows| rows.concat())
     }?;
     pages.check()?;
+    eprintln!("SELF {:?}", lattice::SELF);
     Ok(pixels)
 }
 

@@ -151,7 +151,7 @@ fn aggregates_change_irradiance_by_a_few_percent() {
         };
         let all = receivers(1000);
         let light = all.iter().enumerate().map(|(i, (p, n))| {
-            let gathered = gatherer.irradiance(*p, *n, i as u64);
+            let gathered = gatherer.irradiance(*p, *n, Share::whole(i as u64));
             gathered.light.luminance()
         });
         light.collect()
@@ -182,7 +182,7 @@ fn nothing_beyond_the_largest_distance_is_seen() {
                 ..settings(kernel, 0.01)
             },
         };
-        let gathered = gatherer.irradiance(Vec3::new(0.0, 0.9, 0.0), Vec3::Z, 1);
+        let gathered = gatherer.irradiance(Vec3::new(0.0, 0.9, 0.0), Vec3::Z, Share::whole(1));
         // All rays end in the environment, a little of the box's walls apart.
         assert!((gathered.light.luminance() - 0.5 * PI).abs() < 0.02);
     }
