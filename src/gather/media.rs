@@ -24,6 +24,8 @@ struct BlockGrid {
     bricks: [usize; 3],
     first: Vec<u32>,
     level: Vec<u8>,
+    /// Box of each brick's blocks that are not empty, in blocks: first and one past the last.
+    filled: Vec<[[u8; 3]; 2]>,
     blocks: Vec<Block>,
 }
 
@@ -53,12 +55,25 @@ impl Media {
         self.volumes.iter().all(|v| v.blocks.is_empty())
     }
 
+    /// The same media in blocks of twice the size, where those fit into a brick: for rays that stand for wide cones.
+    #[must_use]
+    pub fn coarser(&self) -> Self {
+        Self {
+            volumes: self.volumes.iter().map(BlockGrid::coarser).collect(),
+        }
+    }
+
     /// Bytes held.
     #[must_use]
     pub fn bytes(&self) -> usize {
         self.volumes
             .iter()
-            .map(|v| size_of_val(&*v.blocks) + v.first.len() * 5)
+            .map(|v| {
+                size_of_val(&*v.blocks)
+                    + size_of_val(&*v.first)
+                    + size_of_val(&*v.level)
+                    + size_of_val(&*v.filled)
+            })
             .sum()
     }
 
@@ -128,6 +143,7 @@ impl BlockGrid {
             bricks,
             first: vec![EMPTY; count],
             level: vec![0; count],
+            filled: vec![[[u8::MAX; 3], [0; 3]]; count],
             blocks: Vec::new(),
         }
     }
@@ -140,22 +156,74 @@ impl BlockGrid {
             return;
         }
         let b = (brick[2] * self.bricks[1] + brick[1]) * self.bricks[0] + brick[0];
-        if self.first[b] == EMPTY {
-            self.first[b] = self.blocks.len() as u32;
-            self.level[b] = l.level;
+        let local = block.map(|v| v % per_axis);
+        let block = Block {
+            sigma_t: l.sigma_t,
+            source: Rgb(l.source),
+        };
+        self.set(b, l.level, local, block);
+    }
+
+    /// Sets a block of a brick; the first one decides on the size of the brick's blocks.
+    fn set(&mut self, brick: usize, level: u8, local: [usize; 3], block: Block) {
+        let per_axis = BRICK >> level;
+        if self.first[brick] == EMPTY {
+            self.first[brick] = self.blocks.len() as u32;
+            self.level[brick] = level;
             self.blocks.resize(
                 self.blocks.len() + per_axis * per_axis * per_axis,
                 Block::default(),
             );
         }
-        if self.level[b] == l.level {
-            let local = block.map(|v| v % per_axis);
+        if self.level[brick] == level {
             let at = (local[2] * per_axis + local[1]) * per_axis + local[0];
-            self.blocks[self.first[b] as usize + at] = Block {
-                sigma_t: l.sigma_t,
-                source: Rgb(l.source),
-            };
+            self.blocks[self.first[brick] as usize + at] = block;
+            let [first, end] = &mut self.filled[brick];
+            for a in 0..3 {
+                first[a] = first[a].min(local[a] as u8);
+                end[a] = end[a].max(local[a] as u8 + 1);
+            }
         }
+    }
+
+    fn coarser(&self) -> Self {
+        let mut coarse = Self {
+            first: vec![EMPTY; self.first.len()],
+            level: vec![0; self.level.len()],
+            filled: vec![[[u8::MAX; 3], [0; 3]]; self.filled.len()],
+            blocks: Vec::new(),
+            ..*self
+        };
+        for (brick, &first) in self.first.iter().enumerate() {
+            if first == EMPTY {
+                continue;
+            }
+            let level = (self.level[brick] + 1).min(MAX_LEVEL);
+            let merged = 1 << (level - self.level[brick]);
+            let (fine, wide) = (BRICK >> self.level[brick], BRICK >> level);
+            for k in 0..wide * wide * wide {
+                let local = [k % wide, k / wide % wide, k / wide / wide];
+                let (mut sigma_t, mut source) = (0.0, Rgb::BLACK);
+                for c in 0..merged * merged * merged {
+                    let [x, y, z] = [
+                        local[0] * merged + c % merged,
+                        local[1] * merged + c / merged % merged,
+                        local[2] * merged + c / merged / merged,
+                    ];
+                    let block = &self.blocks[first as usize + (z * fine + y) * fine + x];
+                    sigma_t += block.sigma_t;
+                    source += block.source * block.sigma_t;
+                }
+                if sigma_t > 0.0 {
+                    let block = Block {
+                        sigma_t: sigma_t / (merged * merged * merged) as f32,
+                        source: source * (1.0 / sigma_t),
+                    };
+                    coarse.set(brick, level, local, block);
+                }
+            }
+        }
+        coarse
     }
 
     fn enter(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Walk<'_>> {
@@ -230,13 +298,14 @@ impl Walk<'_> {
         let per_axis = BRICK >> level;
         let first = self.grid.first[b] as usize;
         let base = at.map(|v| v * BRICK as i32);
-        let mut inner = Steps::new(
-            &self.line,
-            t,
-            base,
-            (1 << level) as f32,
-            [per_axis as i32; 3],
-        );
+        let edge = (1 << level) as f32;
+        let [lower, upper] = self.grid.filled[b].map(|corner| {
+            std::array::from_fn(|a| base[a] as f32 + edge * f32::from(corner[a]))
+        });
+        let Some((t, leave)) = self.line.within(lower, upper, t, leave) else {
+            return true;
+        };
+        let mut inner = Steps::new(&self.line, t, base, edge, [per_axis as i32; 3]);
         let mut near = t;
         loop {
             let local = inner.at.map(|v| v as usize);

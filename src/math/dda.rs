@@ -69,6 +69,33 @@ pub struct Line {
     pub inverse: [f32; 3],
 }
 
+impl Line {
+    /// Where the line is inside a box, for parameters from `near` to `far`.
+    #[inline]
+    #[must_use]
+    pub fn within(
+        &self,
+        lower: [f32; 3],
+        upper: [f32; 3],
+        mut near: f32,
+        mut far: f32,
+    ) -> Option<(f32, f32)> {
+        for a in 0..3 {
+            if self.direction[a] == 0.0 {
+                if self.origin[a] < lower[a] || self.origin[a] > upper[a] {
+                    return None;
+                }
+                continue;
+            }
+            let t0 = (lower[a] - self.origin[a]) * self.inverse[a];
+            let t1 = (upper[a] - self.origin[a]) * self.inverse[a];
+            near = near.max(t0.min(t1));
+            far = far.min(t0.max(t1));
+        }
+        (near < far).then_some((near, far))
+    }
+}
+
 /// Where the line o + t d is inside the box 0..dims, for t in 0..t_max.
 #[must_use]
 pub fn clip_to_box(o: [f32; 3], d: [f32; 3], dims: [f32; 3], t_max: f32) -> Option<(f32, f32)> {

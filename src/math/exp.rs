@@ -40,6 +40,19 @@ pub fn one_minus_exp_neg(x: f32) -> f32 {
     }
 }
 
+/// exp(-x) and 1 - exp(-x) together, of the same accuracy, for the price of one.
+#[must_use]
+#[inline]
+pub fn exp_neg_and_rest(x: f32) -> (f32, f32) {
+    if x < 0.25 {
+        let rest = one_minus_exp_neg(x);
+        (1.0 - rest, rest)
+    } else {
+        let exp = exp_neg(x);
+        (exp, 1.0 - exp)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -55,6 +68,9 @@ mod tests {
                 (f64::from(one_minus_exp_neg(x)) / a - 1.0).abs() < 1e-6,
                 "1-exp(-{x})"
             );
+            let (exp, rest) = exp_neg_and_rest(x);
+            assert!((f64::from(exp) / t - 1.0).abs() < 4e-7, "exp(-{x})");
+            assert_eq!(rest, one_minus_exp_neg(x));
             x *= 1.01;
         }
         assert_eq!(exp_neg(0.0), 1.0);

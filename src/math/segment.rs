@@ -1,7 +1,7 @@
 //! Emission and absorption along a ray, front to back.
 
 use super::Rgb;
-use super::exp::{exp_neg, one_minus_exp_neg};
+use super::exp::exp_neg_and_rest;
 
 /// A stretch of a ray inside one medium, of constant extinction and source function.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,8 +42,9 @@ impl Composite {
     /// tau, so that energy is conserved whatever its size.
     #[inline]
     pub fn medium(&mut self, tau: f32, source: Rgb) {
-        self.radiance += source * (self.transmittance * one_minus_exp_neg(tau));
-        self.transmittance *= exp_neg(tau);
+        let (through, taken) = exp_neg_and_rest(tau);
+        self.radiance += source * (self.transmittance * taken);
+        self.transmittance *= through;
     }
 
     /// Passes a surface that covers `opacity` of the ray's footprint and sends `radiance` back.

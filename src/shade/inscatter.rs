@@ -5,84 +5,21 @@
 //! brick of a volume has the spacing that its own density asks for. Vertices
 //! in empty space around the medium are evaluated like any other: leaving them dark would darken its rim.
 
+use super::far_field::FarField;
+use super::vertices::Vertices;
 use crate::gather::{Gatherer, Pages, Share};
 use crate::light::{Lights, ShadowRays};
 use crate::math::{Rgb, sampling};
 use crate::scene::Volume;
 use glam::Vec3;
-use std::sync::OnceLock;
-
-const BRICK: usize = 8;
-
-/// Vertices of one lattice, made on demand.
-#[derive(Debug)]
-struct Vertices {
-    /// Voxels between vertices.
-    step: f32,
-    count: [usize; 3],
-    bricks: [usize; 3],
-    values: Vec<OnceLock<Box<[OnceLock<Rgb>]>>>,
-}
-
-impl Vertices {
-    fn new(dims: [usize; 3], step: usize) -> Self {
-        let count = dims.map(|n| n.div_ceil(step) + 1);
-        let bricks = count.map(|n| n.div_ceil(BRICK));
-        let values = (0..bricks[0] * bricks[1] * bricks[2])
-            .map(|_| OnceLock::new())
-            .collect();
-        Self {
-            step: step as f32,
-            count,
-            bricks,
-            values,
-        }
-    }
-
-    fn vertex(&self, v: [usize; 3], evaluate: &impl Fn(Vec3, [usize; 3]) -> Rgb) -> Rgb {
-        let b = v.map(|c| c / BRICK);
-        let l = v.map(|c| c % BRICK);
-        let brick = self.values[(b[2] * self.bricks[1] + b[1]) * self.bricks[0] + b[0]]
-            .get_or_init(|| {
-                (0..BRICK * BRICK * BRICK)
-                    .map(|_| OnceLock::new())
-                    .collect()
-            });
-        *brick[(l[2] * BRICK + l[1]) * BRICK + l[0]]
-            .get_or_init(|| evaluate(Vec3::from(v.map(|c| c as f32)) * self.step, v))
-    }
-
-    fn sample(&self, point_in_index: Vec3, evaluate: impl Fn(Vec3, [usize; 3]) -> Rgb) -> Rgb {
-        let p = (point_in_index / self.step).to_array();
-        let mut base = [0; 3];
-        let mut f = [0.0; 3];
-        for a in 0..3 {
-            let at = p[a].clamp(0.0, (self.count[a] - 1) as f32);
-            base[a] = (at as usize).min(self.count[a].saturating_sub(2));
-            f[a] = at - base[a] as f32;
-        }
-        let mut sum = Rgb::BLACK;
-        for corner in 0..8_usize {
-            let mut weight = 1.0;
-            let v = std::array::from_fn(|a| {
-                let upper = corner >> a & 1;
-                weight *= if upper == 1 { f[a] } else { 1.0 - f[a] };
-                base[a] + upper
-            });
-            if weight > 0.0 {
-                sum += self.vertex(v, &evaluate) * weight;
-            }
-        }
-        sum
-    }
-}
 
 /// In-scattered light of one volume: a lattice for each spacing, of which each brick of the volume uses one.
 #[derive(Debug)]
 struct Lattices {
     /// By log2 of the voxels between vertices.
-    direct: [Vertices; LEVELS],
-    indirect: [Vertices; LEVELS],
+    direct: [Vertices<Rgb>; LEVELS],
+    indirect: [Vertices<Rgb>; LEVELS],
+    far_field: FarField,
     /// Longest edge of a voxel, scene units.
     voxel: f32,
 }
@@ -116,6 +53,7 @@ impl<'a, P: Pages> InScatter<'a, P> {
         let lattices = volumes
             .iter()
             .map(|v| {
+                let volume_samples = gatherer.map_or(1, |g| g.settings.samples);
                 let axes = v.scene_from_index.matrix3;
                 let voxel = axes
                     .x_axis
@@ -127,6 +65,7 @@ impl<'a, P: Pages> InScatter<'a, P> {
                 Lattices {
                     direct: std::array::from_fn(vertices),
                     indirect: std::array::from_fn(|level| vertices(level + more)),
+                    far_field: FarField::new(v, volume_samples),
                     voxel: voxel as f32,
                 }
             })
@@ -176,11 +115,16 @@ impl<'a, P: Pages> InScatter<'a, P> {
                 sampling::hash(&[self.seed, bits[0], bits[1], bits[2]]),
             )
         } else {
-            lattices.direct[level].sample(at, |p, v| self.direct(to_scene(p), key(v)))
+            lattices.direct[level].interpolate(at, |p, v| self.direct(to_scene(p), key(v)))
         };
         let indirect = self.gatherer.map_or(Rgb::BLACK, |gatherer| {
-            lattices.indirect[level]
-                .sample(at, |p, v| gatherer.mean_radiance(to_scene(p), Share::whole(key(v))).light)
+            lattices.indirect[level].interpolate(at, |p, v| {
+                let point = to_scene(p);
+                lattices
+                    .far_field
+                    .mean_radiance(medium, gatherer, p, point, key(v))
+                    .unwrap_or_else(|| gatherer.mean_radiance(point, Share::whole(key(v))).light)
+            })
         });
         Rgb(medium.albedo) * (direct + indirect)
     }

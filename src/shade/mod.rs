@@ -4,9 +4,11 @@
 //! of machines, gives the same bits.
 
 mod corners;
+mod far_field;
 mod inscatter;
 mod lattice;
 mod pixel;
+mod vertices;
 mod view;
 
 use crate::gather::{self, Gatherer, Kernel, Media, Pages, SurfelStore, TreeStore};
@@ -222,7 +224,10 @@ fn shade<P: Pages>(
             media: settings.method == Method::Extended,
         },
     };
+    // Few rays stand for wide cones, and see media coarsely.
+    let coarse_media = (settings.volume_samples <= 16 && std::env::var("LV_FINE").is_err()).then(|| media.coarser());
     let volume_gatherer = Gatherer {
+        media: coarse_media.as_ref().unwrap_or(media),
         // A ray over the sphere stands for four times the solid angle that one of a hemisphere does, at half as many.
         settings: gather::Settings {
             samples: settings.volume_samples,
@@ -284,7 +289,7 @@ fn shade<P: Pages>(
             .map(|rows| rows.concat())
     }?;
     pages.check()?;
-    eprintln!("SELF {:?}", lattice::SELF);
+    eprintln!("SELF {:?} {:?}", lattice::SELF, far_field::COUNT);
     Ok(pixels)
 }
 
