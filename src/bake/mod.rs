@@ -61,7 +61,7 @@ pub enum SurfelSampling {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            surfels: SurfelSampling::Area { count: 1_000_000 },
+            surfels: SurfelSampling::Area { count: 500_000 },
             overlap: 1.8,
             crease_deg: 8.0,
             blocks: BlockSize::OpticalDepth(0.7),

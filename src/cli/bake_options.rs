@@ -9,7 +9,7 @@ use lvox::bake::{Settings, SurfelSampling};
 #[command(next_help_heading = "Baking")]
 pub struct BakeOptions {
     /// Spread about this many surfels over the area of all surfaces
-    #[arg(long, value_name = "N", default_value_t = 1_000_000)]
+    #[arg(long, value_name = "N", default_value_t = 500_000)]
     surfels: u64,
 
     /// Take surfels where the rays of a camera meet surfaces instead, as the paper does; what it does not see does not

@@ -45,7 +45,7 @@ pub struct Args {
     #[arg(long, value_name = "N", value_delimiter = ',')]
     spp: Vec<u32>,
 
-    /// Surfels of clouds, the last for the base settings [default: 62500,250000,1000000]
+    /// Surfels of clouds, the last for the base settings [default: 31250,125000,500000]
     #[arg(long, value_name = "N", value_delimiter = ',')]
     surfels: Vec<u64>,
 

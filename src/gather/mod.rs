@@ -21,7 +21,7 @@ use std::f32::consts::PI;
 /// How to gather.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Rays in a whole set of directions.
+    /// Rays a receiver.
     pub samples: u32,
     /// A node seen under less than this, in steradians, may stand for all below it; 0 for disks only.
     pub max_solid_angle: f32,
@@ -84,36 +84,30 @@ pub struct Gatherer<'a, P> {
     pub settings: Settings,
 }
 
-/// A share of a set of well-spread directions: receivers near each other that take the shares in turn have, together,
-/// the whole set.
+/// Which directions a receiver looks along: a stretch of a long well-spread sequence. Receivers near each other that take
+/// one stretch each of the same sequence are, together, as good as one with all their rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Share {
+pub struct Stretch {
     /// Which, from 0.
     pub index: u32,
-    /// Of how many.
-    pub of: u32,
-    /// Key of the set.
+    /// Key of the sequence.
     pub seed: u64,
 }
 
-impl Share {
-    /// The whole set.
+impl Stretch {
+    /// The first stretch, for a receiver on its own.
     #[must_use]
-    pub fn whole(seed: u64) -> Self {
-        Self {
-            index: 0,
-            of: 1,
-            seed,
-        }
+    pub fn first(seed: u64) -> Self {
+        Self { index: 0, seed }
     }
 }
 
 impl<P: Pages> Gatherer<'_, P> {
     /// Irradiance at a surface point with the given unit normal. The point must already be off its own surface.
     #[must_use]
-    pub fn irradiance(&self, point: Vec3, normal: Vec3, share: Share) -> Gathered {
+    pub fn irradiance(&self, point: Vec3, normal: Vec3, stretch: Stretch) -> Gathered {
         let (x, y) = tangents(normal);
-        let mut gathered = self.average(point, share, |u| {
+        let mut gathered = self.average(point, stretch, |u| {
             let d = cosine_hemisphere(u);
             (x * d.x + y * d.y + normal * d.z).normalize()
         });
@@ -123,17 +117,17 @@ impl<P: Pages> Gatherer<'_, P> {
 
     /// Mean over the sphere of the radiance at a point of a medium.
     #[must_use]
-    pub fn mean_radiance(&self, point: Vec3, share: Share) -> Gathered {
-        self.average(point, share, sphere)
+    pub fn mean_radiance(&self, point: Vec3, stretch: Stretch) -> Gathered {
+        self.average(point, stretch, sphere)
     }
 
-    fn average(&self, point: Vec3, share: Share, direction: impl Fn([f32; 2]) -> Vec3) -> Gathered {
-        let seed = sampling::mix(share.seed) as u32;
+    fn average(&self, point: Vec3, stretch: Stretch, direction: impl Fn([f32; 2]) -> Vec3) -> Gathered {
+        let seed = sampling::mix(stretch.seed) as u32;
         let (mut light, mut inverse_distance) = (Rgb::BLACK, 0.0);
         let mut scratch = cone::Scratch::default();
-        let count = (self.settings.samples / share.of).max(1);
+        let count = self.settings.samples.max(1);
         for i in 0..count {
-            let u = sobol2(share.index * count + i, 0, seed);
+            let u = sobol2(stretch.index * count + i, 0, seed);
             let seen = self.look(point, direction(u), &mut scratch);
             light += seen.radiance;
             inverse_distance += 1.0 / seen.distance;

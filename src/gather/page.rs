@@ -116,9 +116,18 @@ impl KernelPage {
     /// Lays out a decoded page, which must be valid as the reader promises.
     #[must_use]
     pub fn new(page: &SurfelPage) -> Self {
-        let mut out = Self::default();
         let Some(root) = page.nodes.first() else {
-            return out;
+            return Self::default();
+        };
+        let leaves = |node: &&Node| matches!(node.below, Below::Surfels { .. });
+        let leaves = page.nodes.iter().filter(leaves).count();
+        let clipped = page.surfels.iter().filter(|s| s.clips.count > 0).count();
+        let mut out = Self {
+            nodes: Vec::with_capacity(page.nodes.len() - leaves),
+            blocks: Vec::with_capacity(leaves),
+            lights: Vec::with_capacity(page.surfels.len()),
+            proxies: Vec::with_capacity(page.nodes.len()),
+            clips: Vec::with_capacity(clipped),
         };
         match root.below {
             Below::Nodes { first, count } => {

@@ -7,7 +7,7 @@
 
 use super::far_field::FarField;
 use super::vertices::Vertices;
-use crate::gather::{Gatherer, Pages, Share};
+use crate::gather::{Gatherer, Pages, Stretch};
 use crate::light::{Lights, ShadowRays};
 use crate::math::{Rgb, sampling};
 use crate::scene::Volume;
@@ -61,10 +61,9 @@ impl<'a, P: Pages> InScatter<'a, P> {
                     .max(axes.y_axis.length())
                     .max(axes.z_axis.length());
                 let vertices = |level| Vertices::new(v.sigma_t.dims(), 1_usize << level);
-                let more = super::lattice::env("LV_IND", 1.0) as usize;
                 Lattices {
                     direct: std::array::from_fn(vertices),
-                    indirect: std::array::from_fn(|level| vertices(level + more)),
+                    indirect: std::array::from_fn(|level| vertices(level + 1)),
                     far_field: FarField::new(v, volume_samples),
                     voxel: voxel as f32,
                 }
@@ -96,7 +95,7 @@ impl<'a, P: Pages> InScatter<'a, P> {
         let depth = medium.sigma_t.brick_max_at(at) * lattices.voxel;
         let level = (0..LEVELS)
             .rev()
-            .find(|&l| depth * (1 << l) as f32 <= depth_limit())
+            .find(|&l| depth * (1 << l) as f32 <= Self::DEPTH)
             .unwrap_or(0);
         let key = |v: [usize; 3]| {
             sampling::hash(&[
@@ -115,7 +114,7 @@ impl<'a, P: Pages> InScatter<'a, P> {
                 sampling::hash(&[self.seed, bits[0], bits[1], bits[2]]),
             )
         } else {
-            lattices.direct[level].interpolate(at, |p, v| self.direct(to_scene(p), key(v)))
+            lattices.direct[level].interpolate(at, |p, v| self.direct_at_vertex(to_scene(p), v, key(v)))
         };
         let indirect = self.gatherer.map_or(Rgb::BLACK, |gatherer| {
             lattices.indirect[level].interpolate(at, |p, v| {
@@ -123,10 +122,22 @@ impl<'a, P: Pages> InScatter<'a, P> {
                 lattices
                     .far_field
                     .mean_radiance(medium, gatherer, p, point, key(v))
-                    .unwrap_or_else(|| gatherer.mean_radiance(point, Share::whole(key(v))).light)
+                    .unwrap_or_else(|| gatherer.mean_radiance(point, Stretch::first(key(v))).light)
             })
         });
         Rgb(medium.albedo) * (direct + indirect)
+    }
+
+    /// Direct light at a vertex, whose neighbours ask other parts of the lights.
+    fn direct_at_vertex(&self, point: Vec3, v: [usize; 3], seed: u64) -> Rgb {
+        let parity = v.map(|c| (c % 2) as u8);
+        let rays = ShadowRays::Cells {
+            cell: (parity[0] ^ parity[1] ^ parity[2]) << 3 | (parity[1] ^ parity[2]) << 2 | parity[2] << 1 | v[0] as u8 / 2 % 2,
+            first: 0,
+            count: super::lattice::env("LV_JD", 2.0) as u8,
+            seed,
+        };
+        self.lights.mean_radiance(point, rays).light()
     }
 
     fn direct(&self, point: Vec3, seed: u64) -> Rgb {
@@ -142,5 +153,3 @@ impl<'a, P: Pages> InScatter<'a, P> {
             .light()
     }
 }
-
-fn depth_limit() -> f32 { static S: std::sync::OnceLock<f32> = std::sync::OnceLock::new(); *S.get_or_init(|| super::lattice::env("LV_DEPTH", 0.7)) }

@@ -7,7 +7,7 @@
 //! fast indirect light can change (Ward & Heckbert 1992 for the measure).
 
 use super::view::View;
-use crate::gather::{Gathered, Gatherer, Pages, Share};
+use crate::gather::{Gathered, Gatherer, Pages, Stretch};
 use crate::image::Region;
 use crate::math::{Rgb, sampling};
 use crate::run::{Cancel, Task};
@@ -38,14 +38,14 @@ impl Lattice {
     /// Steps around a surface point from which its light is taken.
     const REACH: u32 = 2;
     /// Steps around a gather with which it is averaged first.
-    const SMOOTH: u32 = 3;
+    const SMOOTH: u32 = 4;
     /// Distance at which a gather's weight falls to 1/e, over the harmonic distance at both ends.
-    const RANGE: f32 = 0.25;
+    const RANGE: f32 = 0.4;
     /// The least such distance, in lattice steps.
-    const LEAST: f32 = 0.35;
+    const LEAST: f32 = 0.5;
     /// Below this sum of weights a surface gathers for itself.
     const TOO_FEW: f32 = 0.1;
-    /// Squares of this many by this many gathers share one set of directions.
+    /// Squares of this many by this many gathers share one sequence of directions.
     const SIDE: u32 = 4;
 
     /// Gathers at the lattice pixels in and around a region.
@@ -61,7 +61,7 @@ impl Lattice {
         task: &Task,
     ) -> Result<Self> {
         let film = [view.film.width, view.film.height];
-        let gathered = Area::around(region, step, reach() + smooth(), film);
+        let gathered = Area::around(region, step, Self::REACH + Self::SMOOTH, film);
         let rows: Vec<Vec<Option<Node>>> = gathered
             .rows()
             .into_par_iter()
@@ -80,7 +80,7 @@ impl Lattice {
             area: gathered,
             nodes: rows.into_iter().flatten().collect(),
         };
-        let area = Area::around(region, step, reach(), film);
+        let area = Area::around(region, step, Self::REACH, film);
         let rows: Vec<Vec<Option<Node>>> = area
             .rows()
             .into_par_iter()
@@ -107,16 +107,19 @@ impl Lattice {
             .tracer
             .closest(view.camera.origin(), direction, f32::INFINITY)?;
         let surface = Surface::new(view.tracer.scene, hit.triangle, hit.uv).facing(-direction);
-        let side = side();
-        let share = Share {
-            index: morton(column % side, row % side),
-            of: part(),
-            seed: sampling::hash(&[view.seed, u64::from(column / side), u64::from(row / side)]),
+        // The stretches of each quarter of a square follow one another.
+        let stretch = Stretch {
+            index: morton(column % Self::SIDE, row % Self::SIDE),
+            seed: sampling::hash(&[
+                view.seed,
+                u64::from(column / Self::SIDE),
+                u64::from(row / Self::SIDE),
+            ]),
         };
         Some(Node {
             position: surface.position,
             normal: surface.normal,
-            gathered: gather_surface(view, gatherer, &surface, share),
+            gathered: gather_surface(view, gatherer, &surface, stretch),
             spacing: hit.t * view.pixel_angle * step as f32,
         })
     }
@@ -124,9 +127,8 @@ impl Lattice {
     /// A gather averaged with those around it.
     fn smoothed(&self, at: [u32; 2]) -> Option<Node> {
         let node = self.nodes[self.area.index(at)?]?;
-        if smooth() == 0 { return Some(node); }
         let centre = at.map(|c| c as f32 * self.step as f32);
-        let mean = self.average(node.position, node.normal, centre, smooth())?;
+        let mean = self.average(node.position, node.normal, centre, Self::SMOOTH)?;
         Some(Node {
             gathered: Gathered {
                 light: mean.light * (1.0 / mean.weight),
@@ -140,8 +142,8 @@ impl Lattice {
     #[must_use]
     pub fn irradiance(&self, surface: &Surface, x: u32, y: u32) -> Option<Rgb> {
         let centre = [x as f32, y as f32];
-        let mean = self.average(surface.position, surface.normal, centre, reach())?;
-        (mean.weight > few()).then(|| mean.light * (1.0 / mean.weight))
+        let mean = self.average(surface.position, surface.normal, centre, Self::REACH)?;
+        (mean.weight > Self::TOO_FEW).then(|| mean.light * (1.0 / mean.weight))
     }
 
     /// Weighted sum of the gathers within `reach` steps of a place in the frame that lie on a surface like the one given.
@@ -205,8 +207,8 @@ impl Lattice {
             let Some(node) = &self.nodes[at] else {
                 continue;
             };
-            let range = (range() * node.gathered.harmonic_distance.min(mean.harmonic_distance))
-                .max(least() * node.spacing);
+            let range = (Self::RANGE * node.gathered.harmonic_distance.min(mean.harmonic_distance))
+                .max(Self::LEAST * node.spacing);
             let weight = weight * math::exp::exp_neg(d2 / (range * range));
             mean.light += node.gathered.light * weight;
             mean.weight += weight;
@@ -216,7 +218,7 @@ impl Lattice {
 }
 
 /// Most gathers that an average may take.
-const MOST: usize = 144;
+const MOST: usize = (2 * Lattice::SMOOTH as usize + 1).pow(2);
 
 /// A weighted sum of gathers.
 struct Mean {
@@ -275,10 +277,10 @@ pub fn gather_surface<P: Pages>(
     view: &View,
     gatherer: &Gatherer<P>,
     surface: &Surface,
-    share: Share,
+    stretch: Stretch,
 ) -> Gathered {
     let origin = surface.position + surface.face_normal * view.tracer.offset;
-    gatherer.irradiance(origin, surface.normal, share)
+    gatherer.irradiance(origin, surface.normal, stretch)
 }
 
 /// Place of a point of a small square along the curve that fills each quarter before the next.
@@ -288,17 +290,4 @@ fn morton(x: u32, y: u32) -> u32 {
     })
 }
 
-fn side() -> u32 { static S: std::sync::OnceLock<u32> = std::sync::OnceLock::new(); *S.get_or_init(|| std::env::var("LV_SIDE").ok().and_then(|v| v.parse().ok()).unwrap_or(4)) }
-pub static SELF: std::sync::atomic::AtomicU64 = std::sync::atomic::AtomicU64::new(0);
-
-pub fn own() -> u32 { static S: std::sync::OnceLock<u32> = std::sync::OnceLock::new(); *S.get_or_init(|| std::env::var("LV_OWN").ok().and_then(|v| v.parse().ok()).unwrap_or(4)) }
 pub fn env(name: &str, default: f32) -> f32 { std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default) }
-
-fn few() -> f32 { static S: std::sync::OnceLock<f32> = std::sync::OnceLock::new(); *S.get_or_init(|| env("LV_FEW", 0.1)) }
-fn range() -> f32 { static S: std::sync::OnceLock<f32> = std::sync::OnceLock::new(); *S.get_or_init(|| env("LV_RANGE", 0.25)) }
-fn least() -> f32 { static S: std::sync::OnceLock<f32> = std::sync::OnceLock::new(); *S.get_or_init(|| env("LV_LEAST", 0.35)) }
-
-fn part() -> u32 { static S: std::sync::OnceLock<u32> = std::sync::OnceLock::new(); *S.get_or_init(|| env("LV_PART", 4.0) as u32) }
-
-fn reach() -> u32 { static S: std::sync::OnceLock<u32> = std::sync::OnceLock::new(); *S.get_or_init(|| env("LV_REACH", 2.0) as u32) }
-fn smooth() -> u32 { static S: std::sync::OnceLock<u32> = std::sync::OnceLock::new(); *S.get_or_init(|| env("LV_SMOOTH", 3.0) as u32) }

@@ -88,36 +88,34 @@ impl Settings {
     pub fn of(quality: Quality) -> Self {
         let good = Self {
             camera: None,
-            samples: 64,
+            samples: 16,
             max_solid_angle: 0.01,
             max_dist: None,
             plain: false,
             method: Method::Extended,
             lattice: 4,
-            volume_samples: 16,
-            pixel_samples: 8,
+            volume_samples: 8,
+            pixel_samples: 1,
             edge_samples: 16,
-            shadow_rays: 4,
+            shadow_rays: 1,
             seed: 0,
         };
         match quality {
             Quality::Draft => Self {
-                samples: 32,
+                samples: 8,
                 max_solid_angle: 0.02,
-                lattice: 6,
-                volume_samples: 8,
-                pixel_samples: 4,
-                edge_samples: 12,
-                shadow_rays: 2,
+                volume_samples: 4,
+                edge_samples: 8,
                 ..good
             },
             Quality::Good => good,
             Quality::Best => Self {
-                samples: 256,
+                samples: 64,
                 lattice: 2,
-                volume_samples: 64,
+                volume_samples: 32,
                 pixel_samples: 16,
                 edge_samples: 64,
+                shadow_rays: 4,
                 ..good
             },
         }
@@ -225,7 +223,7 @@ fn shade<P: Pages>(
         },
     };
     // Few rays stand for wide cones, and see media coarsely.
-    let coarse_media = (settings.volume_samples <= 16 && std::env::var("LV_FINE").is_err()).then(|| media.coarser());
+    let coarse_media = (settings.volume_samples <= 16).then(|| media.coarser());
     let volume_gatherer = Gatherer {
         media: coarse_media.as_ref().unwrap_or(media),
         // A ray over the sphere stands for four times the solid angle that one of a hemisphere does, at half as many.
@@ -289,7 +287,6 @@ fn shade<P: Pages>(
             .map(|rows| rows.concat())
     }?;
     pages.check()?;
-    eprintln!("SELF {:?} {:?}", lattice::SELF, far_field::COUNT);
     Ok(pixels)
 }
 

@@ -4,7 +4,7 @@
 use super::inscatter::InScatter;
 use super::lattice::{Lattice, gather_surface};
 use super::view::View;
-use crate::gather::{Gatherer, Pages, Share};
+use crate::gather::{Gatherer, Pages, Stretch};
 use crate::light::{Arrival, Direct, Lights, ShadowRays};
 use crate::math::segment::Composite;
 use crate::math::{Rgb, sampling};
@@ -285,9 +285,8 @@ impl<P: Pages> PixelShader<'_, P> {
         self.lattice
             .irradiance(surface, x, y)
             .unwrap_or_else(|| {
-                super::lattice::SELF.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
                 let seed = sampling::hash(&[self.view.seed, u64::from(x), u64::from(y)]);
-                gather_surface(&self.view, self.gatherer, surface, Share { index: 0, of: super::lattice::own(), seed }).light
+                gather_surface(&self.view, self.gatherer, surface, Stretch::first(seed)).light
             })
     }
 }

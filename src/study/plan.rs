@@ -39,7 +39,7 @@ impl Default for Settings {
             camera: None,
             max_depth: 3,
             spp: vec![1, 4, 16, 64],
-            surfels: vec![62_500, 250_000, 1_000_000],
+            surfels: vec![31_250, 125_000, 500_000],
             block_depth: vec![0.7, 0.35, 1.4, 2.8],
             samples: vec![8, 16, 32, 128, 256],
             max_solid_angle: vec![0.0025, 0.005, 0.02, 0.04, 0.08],

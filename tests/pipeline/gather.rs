@@ -6,7 +6,7 @@ use lvox::build;
 use lvox::formats::record::{MAX_LEVEL, VolumeInfo};
 use lvox::formats::{ClipEdge, CloudMeta, CloudWriter, Lvoxel, Surfel};
 use lvox::gather::cone::Scratch;
-use lvox::gather::{Crossing, Gatherer, Kernel, Media, Settings, SurfelStore, TreeStore};
+use lvox::gather::{Crossing, Gatherer, Kernel, Media, Settings, Stretch, SurfelStore, TreeStore};
 use lvox::math::Rgb;
 use lvox::math::segment::Composite;
 use lvox::run::Job;
@@ -151,7 +151,7 @@ fn aggregates_change_irradiance_by_a_few_percent() {
         };
         let all = receivers(1000);
         let light = all.iter().enumerate().map(|(i, (p, n))| {
-            let gathered = gatherer.irradiance(*p, *n, Share::whole(i as u64));
+            let gathered = gatherer.irradiance(*p, *n, Stretch::first(i as u64));
             gathered.light.luminance()
         });
         light.collect()
@@ -182,7 +182,7 @@ fn nothing_beyond_the_largest_distance_is_seen() {
                 ..settings(kernel, 0.01)
             },
         };
-        let gathered = gatherer.irradiance(Vec3::new(0.0, 0.9, 0.0), Vec3::Z, Share::whole(1));
+        let gathered = gatherer.irradiance(Vec3::new(0.0, 0.9, 0.0), Vec3::Z, Stretch::first(1));
         // All rays end in the environment, a little of the box's walls apart.
         assert!((gathered.light.luminance() - 0.5 * PI).abs() < 0.02);
     }

@@ -1,0 +1,82 @@
+//! A lattice of values on a volume's own grid, made on demand.
+
+use crate::math::Rgb;
+use glam::Vec3;
+use std::sync::OnceLock;
+
+const BRICK: usize = 8;
+
+/// Values at vertices, each made when first asked for and a function of its coordinates alone.
+#[derive(Debug)]
+pub struct Vertices<T> {
+    /// Voxels between vertices.
+    step: f32,
+    count: [usize; 3],
+    bricks: [usize; 3],
+    values: Vec<OnceLock<Box<[OnceLock<T>]>>>,
+}
+
+impl<T> Vertices<T> {
+    /// A lattice with a vertex every `step` voxels.
+    pub fn new(dims: [usize; 3], step: usize) -> Self {
+        let count = dims.map(|n| n.div_ceil(step) + 1);
+        let bricks = count.map(|n| n.div_ceil(BRICK));
+        let values = (0..bricks[0] * bricks[1] * bricks[2])
+            .map(|_| OnceLock::new())
+            .collect();
+        Self {
+            step: step as f32,
+            count,
+            bricks,
+            values,
+        }
+    }
+
+    /// The value at a vertex; `evaluate(point in index space, vertex)` makes it.
+    pub fn get(&self, v: [usize; 3], evaluate: &impl Fn(Vec3, [usize; 3]) -> T) -> &T {
+        let b = v.map(|c| c / BRICK);
+        let l = v.map(|c| c % BRICK);
+        let brick = self.values[(b[2] * self.bricks[1] + b[1]) * self.bricks[0] + b[0]]
+            .get_or_init(|| {
+                (0..BRICK * BRICK * BRICK)
+                    .map(|_| OnceLock::new())
+                    .collect()
+            });
+        brick[(l[2] * BRICK + l[1]) * BRICK + l[0]]
+            .get_or_init(|| evaluate(Vec3::from(v.map(|c| c as f32)) * self.step, v))
+    }
+
+    /// The eight vertices around a point of index space and their trilinear weights, of which some may be 0.
+    pub fn around(&self, point_in_index: Vec3) -> [([usize; 3], f32); 8] {
+        let p = (point_in_index / self.step).to_array();
+        let mut base = [0; 3];
+        let mut f = [0.0; 3];
+        for a in 0..3 {
+            let at = p[a].clamp(0.0, (self.count[a] - 1) as f32);
+            base[a] = (at as usize).min(self.count[a].saturating_sub(2));
+            f[a] = at - base[a] as f32;
+        }
+        std::array::from_fn(|corner| {
+            let mut weight = 1.0;
+            let v = std::array::from_fn(|a| {
+                let upper = corner >> a & 1;
+                weight *= if upper == 1 { f[a] } else { 1.0 - f[a] };
+                base[a] + upper
+            });
+            (v, weight)
+        })
+    }
+}
+
+impl Vertices<Rgb> {
+    /// The trilinear mean of the vertices around a point of index space.
+    pub fn interpolate(&self, point: Vec3, evaluate: impl Fn(Vec3, [usize; 3]) -> Rgb) -> Rgb {
+        let mut sum = Rgb::BLACK;
+        for (v, weight) in self.around(point) {
+            if weight > 0.0 {
+                sum += *self.get(v, &evaluate) * weight;
+            }
+        }
+        sum
+    }
+}
