@@ -77,6 +77,23 @@ impl Media {
             .sum()
     }
 
+    /// Optical depth of all media from `origin` to `t_max`.
+    #[must_use]
+    pub fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
+        let mut tau = 0.0;
+        for walk in self
+            .volumes
+            .iter()
+            .filter_map(|v| v.enter(origin, direction, t_max))
+        {
+            walk.run(&mut |s| {
+                tau += s.tau;
+                true
+            });
+        }
+        tau
+    }
+
     /// Passes all media from `origin` to `t_max`, and on the way the surfaces in `crossings`, which are sorted.
     pub fn pass(
         &self,
@@ -299,9 +316,8 @@ impl Walk<'_> {
         let first = self.grid.first[b] as usize;
         let base = at.map(|v| v * BRICK as i32);
         let edge = (1 << level) as f32;
-        let [lower, upper] = self.grid.filled[b].map(|corner| {
-            std::array::from_fn(|a| base[a] as f32 + edge * f32::from(corner[a]))
-        });
+        let [lower, upper] = self.grid.filled[b]
+            .map(|corner| std::array::from_fn(|a| base[a] as f32 + edge * f32::from(corner[a])));
         let Some((t, leave)) = self.line.within(lower, upper, t, leave) else {
             return true;
         };

@@ -121,7 +121,12 @@ impl<P: Pages> Gatherer<'_, P> {
         self.average(point, stretch, sphere)
     }
 
-    fn average(&self, point: Vec3, stretch: Stretch, direction: impl Fn([f32; 2]) -> Vec3) -> Gathered {
+    fn average(
+        &self,
+        point: Vec3,
+        stretch: Stretch,
+        direction: impl Fn([f32; 2]) -> Vec3,
+    ) -> Gathered {
         let seed = sampling::mix(stretch.seed) as u32;
         let (mut light, mut inverse_distance) = (Rgb::BLACK, 0.0);
         let mut scratch = cone::Scratch::default();

@@ -5,9 +5,8 @@
 
 mod emitters;
 
-use crate::math::sampling::{
-    cosine_hemisphere, disk, hash, mix, sobol2, sphere, tangents, unit2,
-};
+use crate::math::exp::exp_neg;
+use crate::math::sampling::{cosine_hemisphere, disk, hash, mix, sobol2, sphere, tangents, unit2};
 use crate::math::{Rgb, polygon};
 use crate::scene::Light;
 use crate::trace::Tracer;
@@ -165,8 +164,15 @@ impl Direct {
 #[derive(Debug)]
 pub struct Lights<'a> {
     tracer: &'a Tracer<'a>,
+    depth: Option<&'a dyn OpticalDepth>,
     emitters: Emitters,
     environment: Rgb,
+}
+
+/// Media as shadow rays may see them instead of the scene's own.
+pub trait OpticalDepth: Sync + std::fmt::Debug {
+    /// Optical depth from `origin` to `t_max` along a unit direction.
+    fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32;
 }
 
 impl<'a> Lights<'a> {
@@ -187,8 +193,27 @@ impl<'a> Lights<'a> {
             .fold(Rgb::BLACK, |a, b| a + b);
         Self {
             tracer,
+            depth: None,
             emitters: Emitters::new(tracer.scene),
             environment,
+        }
+    }
+
+    /// The same lights, whose shadow rays meet other media than the scene's: coarser ones, that are passed faster.
+    #[must_use]
+    pub fn through(tracer: &'a Tracer<'a>, depth: &'a dyn OpticalDepth) -> Self {
+        Self {
+            depth: Some(depth),
+            ..Self::new(tracer)
+        }
+    }
+
+    /// Share of light that gets from `origin` to `t_max` along a unit direction.
+    fn transmittance(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
+        match self.depth {
+            None => self.tracer.transmittance(origin, direction, t_max),
+            Some(_) if self.tracer.is_occluded(origin, direction, t_max) => 0.0,
+            Some(depth) => exp_neg(depth.optical_depth(origin, direction, t_max)),
         }
     }
 
@@ -268,10 +293,7 @@ impl<'a> Lights<'a> {
         if self.environment.is_black() {
             return 0.0;
         }
-        let through = |i| {
-            self.tracer
-                .transmittance(origin, direction(rays.point(i, 62)), f32::INFINITY)
-        };
+        let through = |i| self.transmittance(origin, direction(rays.point(i, 62)), f32::INFINITY);
         (0..rays.count()).map(through).sum::<f32>() / rays.count() as f32
     }
 
@@ -319,9 +341,7 @@ impl<'a> Lights<'a> {
                 }
                 let w = weight(-direction);
                 if w > 0.0 {
-                    let through = self
-                        .tracer
-                        .transmittance(origin, -direction, f32::INFINITY);
+                    let through = self.transmittance(origin, -direction, f32::INFINITY);
                     total.note(index % 32, through);
                     total.sharp += Rgb(irradiance) * (w * through);
                 }
@@ -351,7 +371,7 @@ impl<'a> Lights<'a> {
             w *= s * s * (3.0 - 2.0 * s);
         }
         if w > 0.0 {
-            let through = self.tracer.transmittance(origin, d, distance);
+            let through = self.transmittance(origin, d, distance);
             total.note(index % 32, through);
             total.sharp += Rgb(intensity) * (w * through);
         }
@@ -378,7 +398,7 @@ impl<'a> Lights<'a> {
             if w > 0.0 {
                 let light = sun.irradiance * w;
                 total.open += light * (1.0 / rays.count() as f32);
-                let through = self.tracer.transmittance(origin, d, f32::INFINITY);
+                let through = self.transmittance(origin, d, f32::INFINITY);
                 total.note_ray(index, light, through);
             }
         }
@@ -440,11 +460,8 @@ impl<'a> Lights<'a> {
             let w = weight(d) * cos * emitter.area / (distance * distance * chosen[k].response);
             if w > 0.0 {
                 // Stop short of the light itself.
-                let through = self.tracer.transmittance(
-                    origin,
-                    d,
-                    distance * (1.0 - 1e-4) - self.tracer.offset,
-                );
+                let through =
+                    self.transmittance(origin, d, distance * (1.0 - 1e-4) - self.tracer.offset);
                 let light = emitter.radiance * (w * sum / emitter.radiance.luminance());
                 // Emitters of one surface are told apart no further than sharing a bit with another.
                 total.note_ray(index as usize, light, through);

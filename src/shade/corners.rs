@@ -117,7 +117,9 @@ impl<'a, P: Pages> Corners<'a, P> {
                 }
                 let (mut seen, mut hidden) = (0, 0);
                 for j in row - 2..=row + 2 {
-                    for c in &self.corners[j * self.width + column - 2..=j * self.width + column + 2] {
+                    for c in
+                        &self.corners[j * self.width + column - 2..=j * self.width + column + 2]
+                    {
                         seen |= c.sample.direct.seen;
                         hidden |= c.sample.direct.hidden;
                     }
@@ -176,7 +178,7 @@ impl<'a, P: Pages> Corners<'a, P> {
         let whole = own[1..]
             .iter()
             .all(|c| self.shader.same_end(&own[0].sample, &c.sample));
-        if whole && let Some(pixel) = self.from_corners(own, at) {
+        if whole && let Some(pixel) = self.mean_of_corners(own, at) {
             return pixel;
         }
         let samples = own.map(|c| c.sample);
@@ -194,7 +196,7 @@ impl<'a, P: Pages> Corners<'a, P> {
     }
 
     /// The mean of four corners on one piece of surface, unless an edge of a shadow runs between them.
-    fn from_corners<'c>(
+    fn mean_of_corners<'c>(
         &self,
         own: [&Corner; 4],
         at: impl Fn(usize, usize) -> &'c Corner,
@@ -207,10 +209,7 @@ impl<'a, P: Pages> Corners<'a, P> {
             return Some(pixel.mean());
         }
         let (seen, hidden) = own.iter().fold((0, 0), |(seen, hidden), c| {
-            (
-                seen | c.sample.direct.seen,
-                hidden | c.sample.direct.hidden,
-            )
+            (seen | c.sample.direct.seen, hidden | c.sample.direct.hidden)
         });
         if seen & hidden & Direct::SHARP != 0 {
             return None;

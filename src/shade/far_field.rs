@@ -37,7 +37,7 @@ impl FarField {
     /// Voxels between probes.
     const STEP: usize = 8;
     /// Rays of a probe.
-    const RAYS: u32 = 256;
+    const RAYS: u32 = 64;
     /// Probe spacings that surfaces must be away.
     const CLEAR: f32 = 4.0;
 
@@ -51,7 +51,7 @@ impl FarField {
             .max(axes.y_axis.length())
             .max(axes.z_axis.length());
         Self {
-            probes: Vertices::new(volume.sigma_t.dims(), super::lattice::env("LV_STEP", 8.0) as usize),
+            probes: Vertices::new(volume.sigma_t.dims(), Self::STEP),
             rings,
             sectors: samples.div_ceil(rings),
             clear: Self::CLEAR * (Self::STEP as f64 * voxel) as f32,
@@ -129,7 +129,7 @@ impl FarField {
             ..*gatherer
         };
         let count = (self.rings * self.sectors) as usize;
-        let per_cell = (super::lattice::env("LV_RAYS", 256.0) as u32).div_ceil(count as u32);
+        let per_cell = Self::RAYS.div_ceil(count as u32);
         let mut scratch = crate::gather::cone::Scratch::default();
         let mut inverse_distance = 0.0;
         let cells: Box<[Cell]> = (0..count as u32)
@@ -155,4 +155,3 @@ impl FarField {
         }
     }
 }
-

@@ -31,23 +31,27 @@ const LEVELS: usize = 3;
 pub struct InScatter<'a, P> {
     volumes: &'a [Volume],
     lights: &'a Lights<'a>,
+    vertex_lights: &'a Lights<'a>,
     gatherer: Option<&'a Gatherer<'a, P>>,
     lattices: Vec<Lattices>,
-    shadow_rays: u32,
     seed: u64,
 }
 
 impl<'a, P: Pages> InScatter<'a, P> {
     /// Optical depth between vertices of the direct lattice. Cells deeper than this are lit at their own point.
     const DEPTH: f32 = 0.7;
+    /// Shadow rays of a vertex to lights with an extent.
+    const VERTEX_RAYS: u8 = 2;
+    /// Shadow rays of a point that is lit by itself.
+    const POINT_RAYS: u32 = 4;
 
     /// Empty lattices. Without a gatherer there is direct light only.
     #[must_use]
     pub fn new(
         volumes: &'a [Volume],
         lights: &'a Lights<'a>,
+        vertex_lights: &'a Lights<'a>,
         gatherer: Option<&'a Gatherer<'a, P>>,
-        shadow_rays: u32,
         seed: u64,
     ) -> Self {
         let lattices = volumes
@@ -72,9 +76,9 @@ impl<'a, P: Pages> InScatter<'a, P> {
         Self {
             volumes,
             lights,
+            vertex_lights,
             gatherer,
             lattices,
-            shadow_rays,
             seed,
         }
     }
@@ -114,7 +118,8 @@ impl<'a, P: Pages> InScatter<'a, P> {
                 sampling::hash(&[self.seed, bits[0], bits[1], bits[2]]),
             )
         } else {
-            lattices.direct[level].interpolate(at, |p, v| self.direct_at_vertex(to_scene(p), v, key(v)))
+            lattices.direct[level]
+                .interpolate(at, |p, v| self.direct_at_vertex(to_scene(p), v, key(v)))
         };
         let indirect = self.gatherer.map_or(Rgb::BLACK, |gatherer| {
             lattices.indirect[level].interpolate(at, |p, v| {
@@ -130,14 +135,14 @@ impl<'a, P: Pages> InScatter<'a, P> {
 
     /// Direct light at a vertex, whose neighbours ask other parts of the lights.
     fn direct_at_vertex(&self, point: Vec3, v: [usize; 3], seed: u64) -> Rgb {
-        let parity = v.map(|c| (c % 2) as u8);
+        let [x, y, z] = v.map(|c| (c % 2) as u8);
         let rays = ShadowRays::Cells {
-            cell: (parity[0] ^ parity[1] ^ parity[2]) << 3 | (parity[1] ^ parity[2]) << 2 | parity[2] << 1 | v[0] as u8 / 2 % 2,
+            cell: 8 * x + 4 * y + 2 * z,
             first: 0,
-            count: super::lattice::env("LV_JD", 2.0) as u8,
+            count: Self::VERTEX_RAYS,
             seed,
         };
-        self.lights.mean_radiance(point, rays).light()
+        self.vertex_lights.mean_radiance(point, rays).light()
     }
 
     fn direct(&self, point: Vec3, seed: u64) -> Rgb {
@@ -145,7 +150,7 @@ impl<'a, P: Pages> InScatter<'a, P> {
             .mean_radiance(
                 point,
                 ShadowRays::Sequence {
-                    per_light: self.shadow_rays,
+                    per_light: Self::POINT_RAYS,
                     first: 0,
                     seed,
                 },

@@ -147,13 +147,7 @@ impl Lattice {
     }
 
     /// Weighted sum of the gathers within `reach` steps of a place in the frame that lie on a surface like the one given.
-    fn average(
-        &self,
-        position: Vec3,
-        normal: Vec3,
-        centre: [f32; 2],
-        reach: u32,
-    ) -> Option<Mean> {
+    fn average(&self, position: Vec3, normal: Vec3, centre: [f32; 2], reach: u32) -> Option<Mean> {
         let step = self.step as f32;
         let [columns, rows] = self.area.near(centre.map(|c| c / step), reach);
         // What the neighbours saw, the nearest above all, tells how far light can be carried to this point.
@@ -181,10 +175,7 @@ impl Lattice {
                     continue;
                 }
                 let offset = position - node.position;
-                let height = offset
-                    .dot(normal)
-                    .abs()
-                    .max(offset.dot(node.normal).abs());
+                let height = offset.dot(normal).abs().max(offset.dot(node.normal).abs());
                 // Off the plane light changes faster: contact and thin steps are there.
                 let d2 = offset.length_squared() + 8.0 * height * height;
                 let weight = window * window * alike.powi(8);
@@ -289,5 +280,3 @@ fn morton(x: u32, y: u32) -> u32 {
         m | (x >> bit & 1) << (2 * bit) | (y >> bit & 1) << (2 * bit + 1)
     })
 }
-
-pub fn env(name: &str, default: f32) -> f32 { std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default) }

@@ -13,13 +13,14 @@ mod view;
 
 use crate::gather::{self, Gatherer, Kernel, Media, Pages, SurfelStore, TreeStore};
 use crate::image::{Frame, Layer, Region};
-use crate::light::Lights;
+use crate::light::{Lights, OpticalDepth};
 use crate::math::Rgb;
 use crate::run::{Job, Task};
 use crate::scene::Scene;
 use crate::trace::Tracer;
 use crate::{Error, Result};
 use corners::Corners;
+use glam::Vec3;
 use inscatter::InScatter;
 use lattice::Lattice;
 use pixel::{Pixel, PixelShader, SampleCounts};
@@ -52,7 +53,7 @@ pub struct Settings {
     pub pixel_samples: u32,
     /// Primary rays where those disagree.
     pub edge_samples: u32,
-    /// Shadow rays to each area light, a primary ray.
+    /// Shadow rays to lights with an extent at each primary ray where a pixel's first ones disagree.
     pub shadow_rays: u32,
     /// Key of all random choices.
     pub seed: u64,
@@ -252,11 +253,17 @@ fn shade<P: Pages>(
         )?
     };
     pages.check()?;
+    let blocks = Blocks(media);
+    let vertex_lights = if media.is_empty() {
+        Lights::new(&tracer)
+    } else {
+        Lights::through(&tracer, &blocks)
+    };
     let in_scatter = InScatter::new(
         &scene.volumes,
         &lights,
+        &vertex_lights,
         (settings.method == Method::Extended).then_some(&volume_gatherer),
-        settings.shadow_rays,
         settings.seed,
     );
     let shader = PixelShader {
@@ -288,6 +295,16 @@ fn shade<P: Pages>(
     }?;
     pages.check()?;
     Ok(pixels)
+}
+
+/// The tree's lvoxels as shadow rays see them.
+#[derive(Debug)]
+struct Blocks<'a>(&'a Media);
+
+impl OpticalDepth for Blocks<'_> {
+    fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
+        self.0.optical_depth(origin, direction, t_max)
+    }
 }
 
 /// Shades a region from the corners of its pixels, block by block.

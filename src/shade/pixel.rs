@@ -282,12 +282,10 @@ impl<P: Pages> PixelShader<'_, P> {
         if surface.albedo.is_black() {
             return Rgb::BLACK;
         }
-        self.lattice
-            .irradiance(surface, x, y)
-            .unwrap_or_else(|| {
-                let seed = sampling::hash(&[self.view.seed, u64::from(x), u64::from(y)]);
-                gather_surface(&self.view, self.gatherer, surface, Stretch::first(seed)).light
-            })
+        self.lattice.irradiance(surface, x, y).unwrap_or_else(|| {
+            let seed = sampling::hash(&[self.view.seed, u64::from(x), u64::from(y)]);
+            gather_surface(&self.view, self.gatherer, surface, Stretch::first(seed)).light
+        })
     }
 }
 
@@ -308,7 +306,7 @@ impl PixelSum {
         pixel.direct *= scale;
         pixel.indirect *= scale;
         pixel.volume *= scale;
-        pixel.depth = pixel.depth / self.hits as f32;
+        pixel.depth /= self.hits as f32;
         if self.hits == 0 {
             pixel.depth = f32::INFINITY;
         }

@@ -42,11 +42,17 @@ impl<'a> Tracer<'a> {
         self.triangles.closest(origin, direction, t_max)
     }
 
+    /// Whether a surface is between `origin` and `t_max` along a unit direction.
+    #[must_use]
+    pub fn is_occluded(&self, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
+        self.triangles.is_occluded(origin, direction, t_max)
+    }
+
     /// Share of light that gets from `origin` to `t_max` along a unit direction: 0 behind a surface, else the
     /// transmittance of the media between.
     #[must_use]
     pub fn transmittance(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
-        if self.triangles.is_occluded(origin, direction, t_max) {
+        if self.is_occluded(origin, direction, t_max) {
             0.0
         } else if self.scene.volumes.is_empty() {
             1.0
