@@ -452,12 +452,9 @@ impl<'a> Lights<'a> {
             let within = ((target - below) / (chosen[k].running_power - below)).clamp(0.0, 1.0);
             let index = chosen[k].index;
             let emitter = self.emitters.get(index);
-            let to_light = emitter.point([within, v]) - origin;
-            let distance = to_light.length();
-            let d = to_light / distance;
-            // What this point sends over what its emitter was expected to: near 1 but for emitters close by.
-            let cos = emitter.normal.dot(d).abs();
-            let w = weight(d) * cos * emitter.area / (distance * distance * chosen[k].response);
+            let (d, distance, pdf) = emitter.look_at(origin, [within, v]);
+            // What this point sends over what its emitter was expected to: near 1.
+            let w = weight(d) / (pdf * chosen[k].response);
             if w > 0.0 {
                 // Stop short of the light itself.
                 let through =

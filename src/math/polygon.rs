@@ -1,6 +1,7 @@
 //! Closed forms of what a triangle of uniform radiance sends to a point.
 
 use glam::Vec3;
+use std::f32::consts::PI;
 
 /// Vector irradiance of a triangle seen from the origin, clipped at the horizon of the unit normal `n`: the cosine
 /// integral over its solid angle, in units of its radiance (Lambert 1760; Baum et al. 1989). Positive whichever way
@@ -46,10 +47,46 @@ pub fn solid_angle(corners: [Vec3; 3]) -> f32 {
     2.0 * libm::atan2f(numerator.abs(), denominator)
 }
 
+/// Uniform direction of the solid angle of a triangle seen from the origin, for two numbers in [0,1) (Arvo 1995): a part of
+/// the triangle that grows with the first, and a point of the arc that cuts it off. `None` for a triangle seen edge-on.
+#[must_use]
+pub fn sample_solid_angle(corners: [Vec3; 3], [u, v]: [f32; 2]) -> Option<Vec3> {
+    let [a, b, c] = corners.map(Vec3::normalize_or_zero);
+    let [ab, bc, ca] = [a.cross(b), b.cross(c), c.cross(a)].map(Vec3::normalize_or_zero);
+    if ab == Vec3::ZERO || bc == Vec3::ZERO || ca == Vec3::ZERO {
+        return None;
+    }
+    let angle = |p: Vec3, q: Vec3| libm::atan2f(p.cross(q).length(), p.dot(q));
+    let (alpha, beta, gamma) = (angle(ab, -ca), angle(bc, -ab), angle(ca, -bc));
+    let (sin_alpha, cos_alpha) = (libm::sinf(alpha), libm::cosf(alpha));
+    // The part's angles add up to its area and a half turn.
+    let part = PI + u * (alpha + beta + gamma - PI);
+    let (sin, cos) = (libm::sinf(part), libm::cosf(part));
+    let (sin_phi, cos_phi) = (
+        sin * cos_alpha - cos * sin_alpha,
+        cos * cos_alpha + sin * sin_alpha,
+    );
+    let k1 = cos_phi + cos_alpha;
+    let k2 = sin_phi - sin_alpha * a.dot(b);
+    let cos_arc = (k2 + (k2 * cos_phi - k1 * sin_phi) * cos_alpha)
+        / ((k2 * sin_phi + k1 * cos_phi) * sin_alpha);
+    if !cos_arc.is_finite() {
+        return None;
+    }
+    let cut = along(a, c, cos_arc.clamp(-1.0, 1.0));
+    Some(along(b, cut, 1.0 - v * (1.0 - cut.dot(b))))
+}
+
+/// The unit vector in the plane of `from` and `to` whose cosine to `from` is given, on the side of `to`.
+fn along(from: Vec3, to: Vec3, cos: f32) -> Vec3 {
+    let across = (to - from * to.dot(from)).normalize_or_zero();
+    (from * cos + across * (1.0 - cos * cos).max(0.0).sqrt()).normalize()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::f32::consts::PI;
+    use crate::math::sampling::r2;
 
     #[test]
     fn an_octant_has_an_eighth_of_the_sphere_and_a_quarter_of_the_hemisphere() {
@@ -81,5 +118,37 @@ mod tests {
         ];
         let above = irradiance(corners, Vec3::Z);
         assert!(above > 0.0 && above < irradiance(corners, Vec3::X));
+    }
+
+    #[test]
+    fn directions_to_a_triangle_hit_it_and_are_uniform() {
+        let corners = [
+            Vec3::new(1.0, -0.8, 0.3),
+            Vec3::new(-0.4, 1.2, 0.5),
+            Vec3::new(-0.9, -0.7, 0.9),
+        ];
+        let n = Vec3::new(0.2, -0.1, 1.0).normalize();
+        let whole = solid_angle(corners);
+        let count = 20_000;
+        let mut sum = 0.0;
+        for i in 0..count {
+            let d = sample_solid_angle(corners, r2(i, [0.2, 0.7])).unwrap();
+            for e in 0..3 {
+                let inward = corners[e].cross(corners[(e + 1) % 3]);
+                let side = inward.dot(d) * inward.dot(corners[(e + 2) % 3]);
+                assert!(side > -1e-5, "{d}");
+            }
+            sum += d.dot(n).max(0.0);
+        }
+        // The mean cosine over its directions is its irradiance.
+        let found = sum / count as f32 * whole;
+        assert!(
+            (found / irradiance(corners, n) - 1.0).abs() < 1e-3,
+            "{found}"
+        );
+        assert_eq!(
+            sample_solid_angle([Vec3::X, Vec3::Y, Vec3::X], [0.5, 0.5]),
+            None
+        );
     }
 }

@@ -40,7 +40,7 @@ impl Lattice {
     /// Steps around a gather with which it is averaged first.
     const SMOOTH: u32 = 4;
     /// Distance at which a gather's weight falls to 1/e, over the harmonic distance at both ends.
-    const RANGE: f32 = 0.4;
+    const RANGE: f32 = 0.25;
     /// The least such distance, in lattice steps.
     const LEAST: f32 = 0.5;
     /// Below this sum of weights a surface gathers for itself.
