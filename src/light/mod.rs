@@ -164,7 +164,9 @@ impl Direct {
 #[derive(Debug)]
 pub struct Lights<'a> {
     tracer: &'a Tracer<'a>,
-    depth: Option<&'a dyn OpticalDepth>,
+    /// What rays to lights with an extent meet, and what rays to others do; the scene's media if `None`.
+    wide_depth: Option<&'a dyn OpticalDepth>,
+    sharp_depth: Option<&'a dyn OpticalDepth>,
     emitters: Emitters,
     environment: Rgb,
 }
@@ -193,24 +195,38 @@ impl<'a> Lights<'a> {
             .fold(Rgb::BLACK, |a, b| a + b);
         Self {
             tracer,
-            depth: None,
+            wide_depth: None,
+            sharp_depth: None,
             emitters: Emitters::new(tracer.scene),
             environment,
         }
     }
 
-    /// The same lights, whose shadow rays meet other media than the scene's: coarser ones, that are passed faster.
+    /// The same lights, with other media than the scene's before those that have an extent, and whose shadows are soft:
+    /// coarser media, that are passed faster.
     #[must_use]
-    pub fn through(tracer: &'a Tracer<'a>, depth: &'a dyn OpticalDepth) -> Self {
-        Self {
-            depth: Some(depth),
-            ..Self::new(tracer)
-        }
+    pub fn with_soft_shadows_through(mut self, depth: &'a dyn OpticalDepth) -> Self {
+        self.wide_depth = Some(depth);
+        self
     }
 
-    /// Share of light that gets from `origin` to `t_max` along a unit direction.
-    fn transmittance(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
-        match self.depth {
+    /// The same lights, with other media than the scene's before all of them.
+    #[must_use]
+    pub fn with_shadows_through(mut self, depth: &'a dyn OpticalDepth) -> Self {
+        self.wide_depth = Some(depth);
+        self.sharp_depth = Some(depth);
+        self
+    }
+
+    /// Share of light that gets from `origin` to `t_max` along a unit direction, through the scene's media or others.
+    fn transmittance(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        t_max: f32,
+        depth: Option<&dyn OpticalDepth>,
+    ) -> f32 {
+        match depth {
             None => self.tracer.transmittance(origin, direction, t_max),
             Some(_) if self.tracer.is_occluded(origin, direction, t_max) => 0.0,
             Some(depth) => exp_neg(depth.optical_depth(origin, direction, t_max)),
@@ -293,7 +309,10 @@ impl<'a> Lights<'a> {
         if self.environment.is_black() {
             return 0.0;
         }
-        let through = |i| self.transmittance(origin, direction(rays.point(i, 62)), f32::INFINITY);
+        let through = |i| {
+            let direction = direction(rays.point(i, 62));
+            self.transmittance(origin, direction, f32::INFINITY, self.wide_depth)
+        };
         (0..rays.count()).map(through).sum::<f32>() / rays.count() as f32
     }
 
@@ -341,7 +360,8 @@ impl<'a> Lights<'a> {
                 }
                 let w = weight(-direction);
                 if w > 0.0 {
-                    let through = self.transmittance(origin, -direction, f32::INFINITY);
+                    let through =
+                        self.transmittance(origin, -direction, f32::INFINITY, self.sharp_depth);
                     total.note(index % 32, through);
                     total.sharp += Rgb(irradiance) * (w * through);
                 }
@@ -371,7 +391,7 @@ impl<'a> Lights<'a> {
             w *= s * s * (3.0 - 2.0 * s);
         }
         if w > 0.0 {
-            let through = self.transmittance(origin, d, distance);
+            let through = self.transmittance(origin, d, distance, self.sharp_depth);
             total.note(index % 32, through);
             total.sharp += Rgb(intensity) * (w * through);
         }
@@ -398,7 +418,7 @@ impl<'a> Lights<'a> {
             if w > 0.0 {
                 let light = sun.irradiance * w;
                 total.open += light * (1.0 / rays.count() as f32);
-                let through = self.transmittance(origin, d, f32::INFINITY);
+                let through = self.transmittance(origin, d, f32::INFINITY, self.wide_depth);
                 total.note_ray(index, light, through);
             }
         }
@@ -457,8 +477,8 @@ impl<'a> Lights<'a> {
             let w = weight(d) / (pdf * chosen[k].response);
             if w > 0.0 {
                 // Stop short of the light itself.
-                let through =
-                    self.transmittance(origin, d, distance * (1.0 - 1e-4) - self.tracer.offset);
+                let end = distance * (1.0 - 1e-4) - self.tracer.offset;
+                let through = self.transmittance(origin, d, end, self.wide_depth);
                 let light = emitter.radiance * (w * sum / emitter.radiance.luminance());
                 // Emitters of one surface are told apart no further than sharing a bit with another.
                 total.note_ray(index as usize, light, through);

@@ -89,8 +89,8 @@ impl Settings {
     pub fn of(quality: Quality) -> Self {
         let good = Self {
             camera: None,
-            samples: 16,
-            max_solid_angle: 0.01,
+            samples: 32,
+            max_solid_angle: 0.02,
             max_dist: None,
             plain: false,
             method: Method::Extended,
@@ -103,15 +103,16 @@ impl Settings {
         };
         match quality {
             Quality::Draft => Self {
-                samples: 8,
-                max_solid_angle: 0.02,
+                samples: 12,
+                max_solid_angle: 0.04,
                 volume_samples: 4,
                 edge_samples: 8,
                 ..good
             },
             Quality::Good => good,
             Quality::Best => Self {
-                samples: 64,
+                samples: 128,
+                max_solid_angle: 0.01,
                 lattice: 2,
                 volume_samples: 32,
                 pixel_samples: 16,
@@ -206,7 +207,13 @@ fn shade<P: Pages>(
 ) -> Result<Vec<Pixel>> {
     let camera = scene.camera(settings.camera.as_deref())?;
     let tracer = Tracer::new(scene);
-    let lights = Lights::new(&tracer);
+    let blocks = Blocks(media);
+    let (mut lights, mut vertex_lights) = (Lights::new(&tracer), Lights::new(&tracer));
+    // A tree without lvoxels says nothing of the scene's media.
+    if !media.is_empty() {
+        lights = lights.with_soft_shadows_through(&blocks);
+        vertex_lights = vertex_lights.with_shadows_through(&blocks);
+    }
     let surface_gatherer = Gatherer {
         pages,
         media,
@@ -253,12 +260,6 @@ fn shade<P: Pages>(
         )?
     };
     pages.check()?;
-    let blocks = Blocks(media);
-    let vertex_lights = if media.is_empty() {
-        Lights::new(&tracer)
-    } else {
-        Lights::through(&tracer, &blocks)
-    };
     let in_scatter = InScatter::new(
         &scene.volumes,
         &lights,
