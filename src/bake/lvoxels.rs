@@ -104,16 +104,16 @@ impl LvoxelMaker<'_> {
                     block[1] as u64,
                     block[2] as u64,
                 ];
-                let rays = ShadowRays {
-                    per_light: self.shadow_rays,
+                let sequence = |per_light| ShadowRays::Sequence {
+                    per_light,
                     first: 0,
                     seed: sampling::hash(&key),
                 };
-                let all_round = ShadowRays {
-                    per_light: 4 * self.shadow_rays,
-                    ..rays
-                };
-                let light = self.lights.mean_radiance(point, rays).light
+                let (rays, all_round) = (
+                    sequence(self.shadow_rays),
+                    sequence(4 * self.shadow_rays),
+                );
+                let light = self.lights.mean_radiance(point, rays).light()
                     + self.lights.environment_mean_radiance(point, all_round);
                 out.push(Lvoxel {
                     volume: self.index,

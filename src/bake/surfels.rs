@@ -102,17 +102,17 @@ impl SurfelMaker<'_> {
                 return Rgb::BLACK;
             }
             let seed = sampling::hash(&[self.seed, key]);
-            let rays = ShadowRays {
-                per_light: self.shadow_rays,
+            let sequence = |per_light| ShadowRays::Sequence {
+                per_light,
                 first: 0,
                 seed,
             };
-            let all_round = ShadowRays {
-                per_light: 4 * self.shadow_rays,
-                ..rays
-            };
+            let (rays, all_round) = (
+                sequence(self.shadow_rays),
+                sequence(4 * self.shadow_rays),
+            );
             let (p, n, f) = (side.position, side.normal, side.face_normal);
-            let light = self.lights.irradiance(p, n, f, rays).light
+            let light = self.lights.irradiance(p, n, f, rays).light()
                 + self.lights.environment_irradiance(p, n, f, all_round);
             side.albedo * light * FRAC_1_PI
         };

@@ -5,7 +5,9 @@
 
 mod emitters;
 
-use crate::math::sampling::{cosine_hemisphere, disk, hash, mix, sobol2, sphere, tangents};
+use crate::math::sampling::{
+    cosine_hemisphere, disk, hash, mix, sobol2, sphere, tangents, unit2,
+};
 use crate::math::{Rgb, polygon};
 use crate::scene::Light;
 use crate::trace::Tracer;
@@ -13,41 +15,141 @@ use emitters::Emitters;
 use glam::Vec3;
 use std::f32::consts::PI;
 
-/// Shadow rays at one point, and the seed that makes them differ from its neighbours'.
+/// Which points of the lights one point's shadow rays go to.
 #[derive(Clone, Copy, Debug)]
-pub struct ShadowRays {
-    /// Rays to all emissive triangles together, and to each disk light.
-    pub per_light: u32,
-    /// First ray of the point's sequence: ask again with the next block for more rays.
-    pub first: u32,
-    /// Key of the point.
-    pub seed: u64,
+pub enum ShadowRays {
+    /// A stretch of a sequence.
+    Sequence {
+        /// Rays to all emissive triangles together, and to each wide light.
+        per_light: u32,
+        /// First ray: ask again with the next stretch for more rays.
+        first: u32,
+        /// Key of the point.
+        seed: u64,
+    },
+    /// One ray, inside one of the 16 equal cells of the lights: neighbours that take the 16 cells in turn have, together,
+    /// a well-spread set (Keller & Heidrich 2001).
+    Cell {
+        /// 0 to 15; the four of each aligned quadruple lie far apart.
+        cell: u8,
+        /// Key of the point.
+        seed: u64,
+    },
 }
 
-/// What direct light a point gets.
+impl ShadowRays {
+    fn count(&self) -> u32 {
+        match *self {
+            Self::Sequence { per_light, .. } => per_light.max(1),
+            Self::Cell { .. } => 1,
+        }
+    }
+
+    fn seed(&self) -> u64 {
+        match *self {
+            Self::Sequence { first, seed, .. } => hash(&[mix(seed), u64::from(first)]),
+            Self::Cell { seed, .. } => seed,
+        }
+    }
+
+    /// Two numbers in [0,1) for ray `i`; `set` tells lights apart.
+    fn point(&self, i: u32, set: u32) -> [f32; 2] {
+        match *self {
+            Self::Sequence { first, seed, .. } => sobol2(first + i, set, mix(seed) as u32),
+            Self::Cell { cell, seed } => {
+                let [u, v] = unit2(hash(&[seed, u64::from(set)]));
+                let [x, y] = [cell >> 2 & 2 | cell >> 1 & 1, cell >> 1 & 2 | cell & 1];
+                [0.25 * (f32::from(x) + u), 0.25 * (f32::from(y) + v)]
+            }
+        }
+    }
+}
+
+/// What direct light a point gets: irradiance of a surface, or mean radiance over the sphere in a medium.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Direct {
-    /// Irradiance of a surface, or mean radiance over the sphere in a medium.
-    pub light: Rgb,
-    /// A bit for each light of which a ray came through; of many lights some share a bit.
+    /// From lights without extent, of which one ray tells all.
+    pub sharp: Rgb,
+    /// What the lights with an extent would send with nothing between.
+    pub open: Rgb,
+    /// What came of that along shadow rays. Sums of several points near each other tell it better.
+    pub rays: Arrival,
+    /// A bit for each light of which a ray came through; of many lights some share a bit. Those without extent have the
+    /// lower half.
     pub seen: u64,
-    /// A bit for each light of which a ray was stopped by a surface. A light with both bits is partly hidden.
+    /// A bit for each light of which a ray was stopped. A light with both bits is partly hidden.
     pub hidden: u64,
 }
 
+/// What shadow rays to lights with an extent brought.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Arrival {
+    /// With what stands between.
+    pub arriving: Rgb,
+    /// As if nothing stood between.
+    pub all: Rgb,
+}
+
+impl Arrival {
+    /// Share of each channel that arrives, for the sum of many rays. 1 without any ray.
+    #[must_use]
+    pub fn share(&self) -> Rgb {
+        let all = self.all.luminance();
+        let mean = if all > 0.0 {
+            self.arriving.luminance() / all
+        } else {
+            1.0
+        };
+        Rgb(std::array::from_fn(|c| {
+            if self.all.0[c] > 0.0 {
+                self.arriving.0[c] / self.all.0[c]
+            } else {
+                mean
+            }
+        }))
+    }
+}
+
+impl std::ops::AddAssign for Arrival {
+    fn add_assign(&mut self, other: Self) {
+        self.arriving += other.arriving;
+        self.all += other.all;
+    }
+}
+
 impl Direct {
-    /// Notes a ray to a light, and returns what share of the light comes through. A medium that stops nearly all of it
-    /// hides the light like a surface.
-    fn note(&mut self, light: usize, through: f32) -> f32 {
+    /// Bits of lights without extent in `seen` and `hidden`.
+    pub const SHARP: u64 = (1 << 32) - 1;
+
+    /// The point's own estimate. Rays choose among lights by luminance, so a few of them cannot tell the share of each
+    /// channel: their colour is what they brought.
+    #[must_use]
+    pub fn light(&self) -> Rgb {
+        let all = self.rays.all.luminance();
+        if all > 0.0 {
+            self.sharp + self.rays.arriving * (self.open.luminance() / all)
+        } else {
+            self.sharp
+        }
+    }
+
+    /// Notes what share of a light came through along a ray. A medium that stops nearly all of it hides the light like a
+    /// surface.
+    fn note(&mut self, bit: usize, through: f32) {
         const HIDDEN: f32 = 0.25;
         const SEEN: f32 = 0.35;
-        let bit = 1 << (light % 64);
         if through < HIDDEN {
-            self.hidden |= bit;
+            self.hidden |= 1 << bit;
         } else if through > SEEN {
-            self.seen |= bit;
+            self.seen |= 1 << bit;
         }
-        through
+    }
+
+    /// Notes a ray to a light with an extent that would bring `light` with nothing between.
+    fn note_ray(&mut self, index: usize, light: Rgb, through: f32) {
+        self.rays.all += light;
+        self.note(32 + index % 32, through);
+        self.rays.arriving += light * through;
     }
 }
 
@@ -119,7 +221,8 @@ impl<'a> Lights<'a> {
     pub fn mean_radiance(&self, point: Vec3, rays: ShadowRays) -> Direct {
         const INVERSE: f32 = 1.0 / (4.0 * PI);
         let mut direct = self.sum(point, rays, &|_| 1.0, &polygon::solid_angle);
-        direct.light *= INVERSE;
+        direct.sharp *= INVERSE;
+        direct.open *= INVERSE;
         direct
     }
 
@@ -157,15 +260,11 @@ impl<'a> Lights<'a> {
         if self.environment.is_black() {
             return 0.0;
         }
-        let seed = mix(rays.seed ^ 0xe417) as u32;
         let through = |i| {
-            self.tracer.transmittance(
-                origin,
-                direction(sobol2(rays.first + i, 62, seed)),
-                f32::INFINITY,
-            )
+            self.tracer
+                .transmittance(origin, direction(rays.point(i, 62)), f32::INFINITY)
         };
-        (0..rays.per_light).map(through).sum::<f32>() / rays.per_light.max(1) as f32
+        (0..rays.count()).map(through).sum::<f32>() / rays.count() as f32
     }
 
     /// Sums over lights: `weight(direction)` is the receiver's response, `closed_form(corners)` its integral over a
@@ -201,29 +300,23 @@ impl<'a> Lights<'a> {
                 irradiance,
                 angular_radius_rad,
             } => {
-                let seed = mix(rays.seed ^ index as u64) as u32;
-                let count = if angular_radius_rad > 0.0 {
-                    rays.per_light.max(1)
-                } else {
-                    1
-                };
-                let mut sum = 0.0;
-                let (x, y) = tangents(-direction);
-                let radius = libm::tanf(angular_radius_rad);
-                for i in 0..count {
-                    let [u, v] = if count > 1 {
-                        disk(sobol2(rays.first + i, index as u32, seed))
-                    } else {
-                        [0.0; 2]
+                if angular_radius_rad > 0.0 {
+                    let sun = Sun {
+                        direction,
+                        irradiance: Rgb(irradiance),
+                        angular_radius_rad,
                     };
-                    let d = (-direction + x * (u * radius) + y * (v * radius)).normalize();
-                    let w = weight(d);
-                    if w > 0.0 {
-                        sum += w * total
-                            .note(index, self.tracer.transmittance(origin, d, f32::INFINITY));
-                    }
+                    self.add_sun(total, &sun, index, origin, rays, weight);
+                    return;
                 }
-                total.light += Rgb(irradiance) * (sum / count as f32);
+                let w = weight(-direction);
+                if w > 0.0 {
+                    let through = self
+                        .tracer
+                        .transmittance(origin, -direction, f32::INFINITY);
+                    total.note(index % 32, through);
+                    total.sharp += Rgb(irradiance) * (w * through);
+                }
                 return;
             }
             Light::Point {
@@ -250,8 +343,37 @@ impl<'a> Lights<'a> {
             w *= s * s * (3.0 - 2.0 * s);
         }
         if w > 0.0 {
-            let through = total.note(index, self.tracer.transmittance(origin, d, distance));
-            total.light += Rgb(intensity) * (w * through);
+            let through = self.tracer.transmittance(origin, d, distance);
+            total.note(index % 32, through);
+            total.sharp += Rgb(intensity) * (w * through);
+        }
+    }
+
+    /// A sun with an extent: a cone of directions of constant radiance.
+    fn add_sun(
+        &self,
+        total: &mut Direct,
+        sun: &Sun,
+        index: usize,
+        origin: Vec3,
+        rays: ShadowRays,
+        weight: &dyn Fn(Vec3) -> f32,
+    ) {
+        let (x, y) = tangents(-sun.direction);
+        let radius = libm::sinf(sun.angular_radius_rad);
+        let each = sun.irradiance * (1.0 / rays.count() as f32);
+        for i in 0..rays.count() {
+            let [u, v] = disk(rays.point(i, index as u32)).map(|c| c * radius);
+            // Points of the disk are spread by their cosine to the sun's axis.
+            let cos = (1.0 - u * u - v * v).max(1e-4).sqrt();
+            let d = (-sun.direction * cos + x * u + y * v).normalize();
+            let w = weight(d) / cos;
+            if w > 0.0 {
+                let light = each * w;
+                total.open += light;
+                let through = self.tracer.transmittance(origin, d, f32::INFINITY);
+                total.note_ray(index, light, through);
+            }
         }
     }
 
@@ -264,14 +386,11 @@ impl<'a> Lights<'a> {
         closed_form: &dyn Fn([Vec3; 3]) -> f32,
     ) {
         let mut chosen = [Chosen::default(); Emitters::EXACT];
-        let seed = mix(rays.seed);
         let mut unoccluded = Rgb::BLACK;
         let mut sum = 0.0;
         let mut count = 0;
-        self.emitters.for_point(
-            origin,
-            hash(&[seed, u64::from(rays.first)]),
-            |index, emitter, multiplicity| {
+        self.emitters
+            .for_point(origin, rays.seed(), |index, emitter, multiplicity| {
                 let response = closed_form(emitter.corners.map(|c| c - origin)) * multiplicity;
                 let light = emitter.radiance * response;
                 let power = light.luminance();
@@ -285,16 +404,14 @@ impl<'a> Lights<'a> {
                     };
                     count += 1;
                 }
-            },
-        );
+            });
         if count == 0 {
             return;
         }
+        total.open += unoccluded;
         // Rays share the emitters out by what each would send; each ray counts by what its point would send.
-        let (mut arriving, mut all) = (0.0, 0.0);
-        let rays_total = rays.per_light.max(1);
-        for i in 0..rays_total {
-            let [u, v] = sobol2(rays.first + i, 63, seed as u32);
+        for i in 0..rays.count() {
+            let [u, v] = rays.point(i, 63);
             let target = u * sum;
             let k = chosen[..count]
                 .iter()
@@ -321,15 +438,20 @@ impl<'a> Lights<'a> {
                     d,
                     distance * (1.0 - 1e-4) - self.tracer.offset,
                 );
+                let light = emitter.radiance
+                    * (w * sum / (emitter.radiance.luminance() * rays.count() as f32));
                 // Emitters of one surface are told apart no further than sharing a bit with another.
-                arriving += w * total.note(32 + index as usize % 32, through);
-                all += w;
+                total.note_ray(index as usize, light, through);
             }
         }
-        if all > 0.0 {
-            total.light += unoccluded * (arriving / all);
-        }
     }
+}
+
+/// A directional light with an extent.
+struct Sun {
+    direction: Vec3,
+    irradiance: Rgb,
+    angular_radius_rad: f32,
 }
 
 /// An emitter that rays of a point may go to.

@@ -188,12 +188,12 @@ impl<'a, P: Pages> InScatter<'a, P> {
         self.lights
             .mean_radiance(
                 point,
-                ShadowRays {
+                ShadowRays::Sequence {
                     per_light: self.shadow_rays,
                     first: 0,
                     seed,
                 },
             )
-            .light
+            .light()
     }
 }

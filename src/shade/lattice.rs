@@ -58,7 +58,8 @@ impl Lattice {
     ) -> Result<Self> {
         let [w, h] = [view.film.width, view.film.height];
         let from = |v: u32| (v / step).saturating_sub(Self::REACH);
-        let to = |v: u32, n: u32| ((v - 1) / step + 1 + Self::REACH).min((n - 1) / step);
+        // A pixel's lower right corner has the next one's coordinates.
+        let to = |v: u32, n: u32| (v / step + 1 + Self::REACH).min((n - 1) / step);
         let first = [from(region.x0), from(region.y0)];
         let last = [to(region.x1, w), to(region.y1, h)];
         let count = [last[0] - first[0] + 1, last[1] - first[1] + 1];

@@ -3,6 +3,7 @@
 //! Every pixel depends on the scene, the tree, the settings and its own coordinates alone, so any tiling, on any number
 //! of machines, gives the same bits.
 
+mod corners;
 mod inscatter;
 mod lattice;
 mod pixel;
@@ -12,15 +13,19 @@ use crate::gather::{self, Gatherer, Kernel, Media, Pages, SurfelStore, TreeStore
 use crate::image::{Frame, Layer, Region};
 use crate::light::Lights;
 use crate::math::Rgb;
-use crate::run::Job;
+use crate::run::{Job, Task};
 use crate::scene::Scene;
 use crate::trace::Tracer;
 use crate::{Error, Result};
+use corners::Corners;
 use inscatter::InScatter;
 use lattice::Lattice;
 use pixel::{Pixel, PixelShader, SampleCounts};
 use rayon::prelude::*;
 use view::View;
+
+/// Pixels along an edge of the blocks that threads take.
+const BLOCK: u32 = 64;
 
 /// How to shade.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -41,7 +46,7 @@ pub struct Settings {
     pub lattice: u32,
     /// Gather rays at each vertex inside media.
     pub volume_samples: u32,
-    /// Primary rays a pixel.
+    /// Primary rays a pixel; 1 for rays through the corners of pixels, which neighbours share.
     pub pixel_samples: u32,
     /// Primary rays where those disagree.
     pub edge_samples: u32,
@@ -264,17 +269,55 @@ fn shade<P: Pages>(
         },
     };
     let task = job.progress.task("shade", region.pixels() as u64, "pixels");
-    let rows: Vec<Vec<Pixel>> = (region.y0..region.y1)
-        .into_par_iter()
-        .map(|y| {
+    let pixels = if settings.pixel_samples == 1 {
+        shade_blocks(&shader, region, job, &task)
+    } else {
+        (region.y0..region.y1)
+            .into_par_iter()
+            .map(|y| {
+                job.cancel.check()?;
+                let row: Vec<Pixel> = (region.x0..region.x1).map(|x| shader.shade(x, y)).collect();
+                task.add(u64::from(region.width()));
+                Ok(row)
+            })
+            .collect::<Result<Vec<_>>>()
+            .map(|rows| rows.concat())
+    }?;
+    pages.check()?;
+    Ok(pixels)
+}
+
+/// Shades a region from the corners of its pixels, block by block.
+fn shade_blocks<P: Pages>(
+    shader: &PixelShader<P>,
+    region: Region,
+    job: &Job,
+    task: &Task,
+) -> Result<Vec<Pixel>> {
+    let blocks = region.blocks(BLOCK);
+    let shaded: Vec<Vec<Pixel>> = blocks
+        .par_iter()
+        .map(|&block| {
             job.cancel.check()?;
-            let row = (region.x0..region.x1).map(|x| shader.shade(x, y)).collect();
-            task.add(u64::from(region.width()));
-            Ok(row)
+            let corners = Corners::new(shader, block);
+            let pixels = (block.y0..block.y1)
+                .flat_map(|y| (block.x0..block.x1).map(move |x| (x, y)))
+                .map(|(x, y)| corners.shade(x, y))
+                .collect();
+            task.add(block.pixels() as u64);
+            Ok(pixels)
         })
         .collect::<Result<_>>()?;
-    pages.check()?;
-    Ok(rows.into_iter().flatten().collect())
+    let mut pixels = vec![Pixel::default(); region.pixels()];
+    for (block, shaded) in blocks.iter().zip(&shaded) {
+        let width = block.width() as usize;
+        for (row, y) in shaded.chunks_exact(width).zip(block.y0..) {
+            let first = (y - region.y0) as usize * region.width() as usize
+                + (block.x0 - region.x0) as usize;
+            pixels[first..first + width].copy_from_slice(row);
+        }
+    }
+    Ok(pixels)
 }
 
 fn to_frame(scene: &Scene, region: Region, pixels: &[Pixel], aovs: &[Aov]) -> Frame {

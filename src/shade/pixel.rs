@@ -1,12 +1,11 @@
-//! One pixel: primary visibility, direct light, the media before it, and where indirect light is looked up.
-//!
-//! A pixel starts with few samples. Only if they disagree (two surfaces, or partly hidden lights) does it take more.
+//! One pixel from samples of its own: primary visibility, direct light, the media before it, and where indirect light
+//! is looked up.
 
 use super::inscatter::InScatter;
 use super::lattice::{Lattice, gather_surface};
 use super::view::View;
 use crate::gather::{Gatherer, Pages};
-use crate::light::{Direct, Lights, ShadowRays};
+use crate::light::{Arrival, Direct, Lights, ShadowRays};
 use crate::math::segment::Composite;
 use crate::math::{Rgb, sampling};
 use crate::trace::Surface;
@@ -28,17 +27,6 @@ pub struct Pixel {
     pub normal: Vec3,
 }
 
-/// Samples of a pixel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SampleCounts {
-    /// Always taken.
-    pub pixel: u32,
-    /// Taken where those disagree.
-    pub edge: u32,
-    /// Shadow rays to each area light at each sample.
-    pub shadow: u32,
-}
-
 /// Everything a pixel may look at.
 pub struct PixelShader<'a, P> {
     /// Camera and scene.
@@ -55,116 +43,149 @@ pub struct PixelShader<'a, P> {
     pub counts: SampleCounts,
 }
 
-/// One primary ray.
-#[derive(Clone, Copy)]
-struct Sample {
-    surface: Option<Surface>,
-    t: f32,
-    direction: Vec3,
-    direct: Direct,
-    passed: Composite,
+/// Samples of a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SampleCounts {
+    /// Always taken; 1 for the pixel's corners, which neighbours share.
+    pub pixel: u32,
+    /// Taken where those disagree.
+    pub edge: u32,
+    /// Shadow rays to lights with an extent, at each of those.
+    pub shadow: u32,
 }
 
-/// Samples that hit the same smooth piece of surface share their indirect light.
-struct Group {
-    surface: Surface,
-    irradiance: Rgb,
+/// One primary ray.
+#[derive(Clone, Copy)]
+pub struct Sample {
+    /// What it hit.
+    pub surface: Option<Surface>,
+    /// How far away, infinite if nothing.
+    pub t: f32,
+    /// Unit direction.
+    pub direction: Vec3,
+    /// Direct light there.
+    pub direct: Direct,
+    /// Media on the way.
+    pub passed: Composite,
+}
+
+/// A smooth piece of surface in a pixel, whose samples share their indirect light and their shadow rays.
+pub struct Piece {
+    /// A point of it.
+    pub surface: Surface,
+    /// Indirect light.
+    pub irradiance: Rgb,
+    rays: Arrival,
+}
+
+impl Piece {
+    /// A piece of which no sample is known yet.
+    pub fn new(surface: Surface, irradiance: Rgb) -> Self {
+        Self {
+            surface,
+            irradiance,
+            rays: Arrival::default(),
+        }
+    }
 }
 
 impl<P: Pages> PixelShader<'_, P> {
-    /// Shades pixel (x, y).
+    /// Shades pixel (x, y) by samples of its own: few first, and more if they disagree.
     #[must_use]
     pub fn shade(&self, x: u32, y: u32) -> Pixel {
-        let seed = sampling::hash(&[self.view.seed, u64::from(x), u64::from(y)]);
         let mut samples: Vec<Sample> = Vec::with_capacity(self.counts.edge as usize);
         // The first samples have one shadow ray each: together they tell whether a light is partly hidden.
         for i in 0..self.counts.pixel {
-            samples.push(self.sample(x, y, i, 1, i, seed));
+            samples.push(self.sample_in(x, y, i, 1, i));
         }
         if self.counts.edge > self.counts.pixel && self.disagree(&samples) {
             let mut next_shadow = self.counts.pixel;
             for i in self.counts.pixel..self.counts.edge {
-                samples.push(self.sample(x, y, i, self.counts.shadow, next_shadow, seed));
+                samples.push(self.sample_in(x, y, i, self.counts.shadow, next_shadow));
                 next_shadow += self.counts.shadow;
             }
         }
-        self.pass_media(&mut samples);
-        self.resolve(&samples, x, y, seed)
+        let known = samples.len().min(2);
+        for s in &mut samples[..known] {
+            s.passed = self.march(s);
+        }
+        self.pass_media(&mut samples, known);
+        self.resolve(&samples, &mut Vec::new(), x, y)
     }
 
-    fn sample(
-        &self,
-        x: u32,
-        y: u32,
-        i: u32,
-        shadow_rays: u32,
-        first_shadow_ray: u32,
-        seed: u64,
-    ) -> Sample {
-        let view = &self.view;
+    /// Shades pixel (x, y) by the larger number of samples, given what is known of it: samples with their media passed,
+    /// and pieces of surface with their indirect light.
+    #[must_use]
+    pub fn refine(&self, x: u32, y: u32, known: &[Sample], pieces: &mut Vec<Piece>) -> Pixel {
+        let mut samples = Vec::with_capacity(self.counts.edge as usize + known.len());
+        samples.extend_from_slice(known);
+        for i in 0..self.counts.edge {
+            samples.push(self.sample_in(x, y, i, self.counts.shadow, i * self.counts.shadow));
+        }
+        self.pass_media(&mut samples, known.len());
+        samples.drain(..known.len());
+        self.resolve(&samples, pieces, x, y)
+    }
+
+    fn sample_in(&self, x: u32, y: u32, i: u32, per_light: u32, first: u32) -> Sample {
+        let seed = sampling::hash(&[self.view.seed, u64::from(x), u64::from(y)]);
         let [u, v] = sampling::sobol2(i, 1, seed as u32);
-        let direction = view
-            .camera
-            .direction(&view.film, x as f32 + u, y as f32 + v);
-        let origin = view.camera.origin();
-        let hit = view.tracer.closest(origin, direction, f32::INFINITY);
-        let t = hit.map_or(f32::INFINITY, |h| h.t);
+        let rays = ShadowRays::Sequence {
+            per_light,
+            first,
+            seed,
+        };
+        self.sample(x as f32 + u, y as f32 + v, rays)
+    }
+
+    /// The sample at a point of the film, pixels from its top left, media not yet passed.
+    pub fn sample(&self, x: f32, y: f32, rays: ShadowRays) -> Sample {
+        let view = &self.view;
+        let direction = view.camera.direction(&view.film, x, y);
+        let hit = view
+            .tracer
+            .closest(view.camera.origin(), direction, f32::INFINITY);
         let surface =
             hit.map(|h| Surface::new(view.tracer.scene, h.triangle, h.uv).facing(-direction));
-        let direct = surface.map_or_else(Direct::default, |s| {
-            let rays = ShadowRays {
-                per_light: shadow_rays,
-                first: first_shadow_ray,
-                seed,
-            };
-            self.lights
-                .irradiance(s.position, s.normal, s.face_normal, rays)
-        });
+        let direct = surface
+            .filter(|s| !s.albedo.is_black())
+            .map_or_else(Direct::default, |s| {
+                self.lights
+                    .irradiance(s.position, s.normal, s.face_normal, rays)
+            });
         Sample {
             surface,
-            t,
+            t: hit.map_or(f32::INFINITY, |h| h.t),
             direction,
             direct,
             passed: Composite::default(),
         }
     }
 
-    /// Marches the media before a pixel. Where two rays of it agree, the others take after the one that ends on the
-    /// same piece of surface.
-    fn pass_media(&self, samples: &mut [Sample]) {
-        if self.view.tracer.scene.volumes.is_empty() {
+    /// Marches the media before samples after the first `known`. Where those agree, others take after the one that ends
+    /// on the same piece of surface.
+    fn pass_media(&self, samples: &mut [Sample], known: usize) {
+        if self.view.tracer.scene.volumes.is_empty() || samples.is_empty() {
             return;
         }
-        let first = samples.len().min(2);
-        for s in &mut samples[..first] {
-            s.passed = self.march(s.direction, s.t);
-        }
-        if samples.len() <= first {
-            return;
-        }
-        let smooth = alike(&samples[0].passed, &samples[1].passed);
-        for i in first..samples.len() {
-            let (known, rest) = samples.split_at_mut(i);
+        let smooth = samples[..known]
+            .iter()
+            .all(|s| alike(&samples[0].passed, &s.passed));
+        for i in known..samples.len() {
+            let (before, rest) = samples.split_at_mut(i);
             let s = &mut rest[0];
-            let twin = known.iter().find(|k| smooth && self.same_end(k, s));
-            s.passed = twin.map_or_else(|| self.march(s.direction, s.t), |k| k.passed);
+            let twin = before.iter().find(|k| smooth && self.same_end(k, s));
+            s.passed = twin.map_or_else(|| self.march(s), |k| k.passed);
         }
     }
 
-    fn same_end(&self, a: &Sample, b: &Sample) -> bool {
-        match (&a.surface, &b.surface) {
-            (None, None) => true,
-            (Some(p), Some(q)) => self.same_piece(p, q, a.t),
-            _ => false,
-        }
-    }
-
-    fn march(&self, direction: Vec3, t: f32) -> Composite {
+    /// What the media before a sample take and add.
+    pub fn march(&self, sample: &Sample) -> Composite {
         let mut passed = Composite::default();
         self.view.tracer.march(
             self.view.camera.origin(),
-            direction,
-            t,
+            sample.direction,
+            sample.t,
             |volume, point, tau| self.in_scatter.source(volume, point, tau),
             |s| {
                 passed.medium(s.tau, s.source);
@@ -184,67 +205,115 @@ impl<P: Pages> PixelShader<'_, P> {
         seen & hidden != 0 || samples.iter().any(|s| !self.same_end(&samples[0], s))
     }
 
-    fn same_piece(&self, a: &Surface, b: &Surface, t: f32) -> bool {
+    /// Whether two samples end on the same piece of surface, or both on none.
+    pub fn same_end(&self, a: &Sample, b: &Sample) -> bool {
+        match (&a.surface, &b.surface) {
+            (None, None) => true,
+            (Some(p), Some(q)) => self.same_piece(p, q, a.t),
+            _ => false,
+        }
+    }
+
+    /// Whether two points, seen from `t` away, lie on one smooth piece of surface.
+    pub fn same_piece(&self, a: &Surface, b: &Surface, t: f32) -> bool {
         let footprint = t * self.view.pixel_angle;
         a.material == b.material
             && a.normal.dot(b.normal) > 0.98
             && (a.position - b.position).dot(b.face_normal).abs() < 0.5 * footprint
     }
 
-    fn resolve(&self, samples: &[Sample], x: u32, y: u32, seed: u64) -> Pixel {
-        let mut groups: Vec<Group> = Vec::with_capacity(2);
-        let mut pixel = Pixel {
-            depth: f32::INFINITY,
-            ..Pixel::default()
-        };
-        let (mut depth, mut hits) = (0.0, 0);
+    fn resolve(&self, samples: &[Sample], pieces: &mut Vec<Piece>, x: u32, y: u32) -> Pixel {
+        let mut piece_of = Vec::with_capacity(samples.len());
         for sample in samples {
-            pixel.volume += sample.passed.radiance;
-            let through = sample.passed.transmittance;
             let Some(surface) = &sample.surface else {
-                pixel.direct += self.lights.environment() * through;
+                piece_of.push(0);
                 continue;
             };
-            depth += sample.t;
-            hits += 1;
-            pixel.normal += surface.normal;
-            let known = groups
+            let known = pieces
                 .iter()
-                .find(|g| self.same_piece(surface, &g.surface, sample.t));
-            let irradiance = match known {
-                Some(group) => group.irradiance,
-                None => {
-                    let irradiance = self.indirect(surface, x, y, seed);
-                    groups.push(Group {
-                        surface: *surface,
-                        irradiance,
-                    });
-                    irradiance
+                .position(|p| self.same_piece(surface, &p.surface, sample.t));
+            let index = known.unwrap_or_else(|| {
+                pieces.push(Piece::new(*surface, self.indirect(surface, x, y)));
+                pieces.len() - 1
+            });
+            pieces[index].rays += sample.direct.rays;
+            piece_of.push(index);
+        }
+        let mut pixel = PixelSum::default();
+        for (sample, &index) in samples.iter().zip(&piece_of) {
+            match sample.surface {
+                Some(_) => {
+                    let piece = &pieces[index];
+                    let direct = sample.direct.sharp + sample.direct.open * piece.rays.share();
+                    self.add_surface(&mut pixel, sample, direct, piece.irradiance);
                 }
-            };
-            let reflect = surface.albedo * (FRAC_1_PI * through);
-            let emission = surface.emission(self.view.tracer.scene, -sample.direction);
-            pixel.direct += reflect * sample.direct.light + emission * through;
-            pixel.indirect += reflect * irradiance;
+                None => self.add_nothing(&mut pixel, sample),
+            }
         }
-        let scale = 1.0 / samples.len().max(1) as f32;
-        pixel.direct *= scale;
-        pixel.indirect *= scale;
-        pixel.volume *= scale;
-        if hits > 0 {
-            pixel.depth = depth / hits as f32;
-            pixel.normal = pixel.normal.normalize_or_zero();
-        }
-        pixel
+        pixel.mean()
     }
 
-    fn indirect(&self, surface: &Surface, x: u32, y: u32, seed: u64) -> Rgb {
+    /// Adds a sample that hit a surface of the given direct and indirect irradiance.
+    pub fn add_surface(&self, pixel: &mut PixelSum, sample: &Sample, direct: Rgb, indirect: Rgb) {
+        let Some(surface) = &sample.surface else {
+            return;
+        };
+        let through = sample.passed.transmittance;
+        let reflect = surface.albedo * (FRAC_1_PI * through);
+        let emission = surface.emission(self.view.tracer.scene, -sample.direction);
+        pixel.sum.direct += reflect * direct + emission * through;
+        pixel.sum.indirect += reflect * indirect;
+        pixel.sum.volume += sample.passed.radiance;
+        pixel.sum.depth += sample.t;
+        pixel.sum.normal += surface.normal;
+        pixel.hits += 1;
+        pixel.samples += 1;
+    }
+
+    /// Adds a sample that hit nothing.
+    pub fn add_nothing(&self, pixel: &mut PixelSum, sample: &Sample) {
+        pixel.sum.direct += self.lights.environment() * sample.passed.transmittance;
+        pixel.sum.volume += sample.passed.radiance;
+        pixel.samples += 1;
+    }
+
+    /// Indirect irradiance of a surface that pixel or corner (x, y) sees.
+    pub fn indirect(&self, surface: &Surface, x: u32, y: u32) -> Rgb {
         if surface.albedo.is_black() {
             return Rgb::BLACK;
         }
         self.lattice
             .irradiance(surface, x, y)
-            .unwrap_or_else(|| gather_surface(&self.view, self.gatherer, surface, seed).light)
+            .unwrap_or_else(|| {
+                let seed = sampling::hash(&[self.view.seed, u64::from(x), u64::from(y)]);
+                gather_surface(&self.view, self.gatherer, surface, seed).light
+            })
+    }
+}
+
+/// A pixel in the making.
+#[derive(Debug, Default)]
+pub struct PixelSum {
+    sum: Pixel,
+    samples: u32,
+    hits: u32,
+}
+
+impl PixelSum {
+    /// The mean of what was added.
+    #[must_use]
+    pub fn mean(self) -> Pixel {
+        let mut pixel = self.sum;
+        let scale = 1.0 / self.samples.max(1) as f32;
+        pixel.direct *= scale;
+        pixel.indirect *= scale;
+        pixel.volume *= scale;
+        pixel.depth = pixel.depth / self.hits as f32;
+        if self.hits == 0 {
+            pixel.depth = f32::INFINITY;
+        }
+        pixel.normal = pixel.normal.normalize_or_zero();
+        pixel
     }
 }
 
