@@ -127,13 +127,13 @@ fn rooms_that_meet_in_an_edge_or_a_corner_keep_dark() {
     // Their walls lie in the same planes, side by side.
     let edge = [-1.0, 0.0, -1.0];
     keeps_dark(&[
-        ("edge", boxes(&[edge]), 1e-3, 0.2),
-        ("corner", boxes(&[[-1.0, -1.0, -1.0]]), 1e-3, 0.2),
+        ("edge", boxes(&[edge]), 1e-6, 1e-3),
+        ("corner", boxes(&[[-1.0, -1.0, -1.0]]), 1e-6, 1e-3),
         (
             "edge of four rooms",
             boxes(&[edge, [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),
+            1e-6,
             1e-3,
-            0.2,
         ),
     ]);
 }
