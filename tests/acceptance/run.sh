@@ -111,8 +111,16 @@ printf '\n-- general geometry, lights and media, beside references of our own\n'
 printf '%-16s %14s %9s %8s %8s %8s %10s %14s\n' \
     scene 'relMSE trimmed' pdiff bias FLIP SSIM 'shade CPU s' 'all CPU s' | tee -a "$table"
 # Scene, quality, and the limits of trimmed relMSE, pdiff, FLIP and bias: about 1.5 times what was measured.
-general='curved good 1.3e-3 0.05 0.065 0.013
-'
+general='curved good 1.0e-3 0.016 0.058 0.0125
+curved draft 2.5e-3 0.016 0.077 0.014
+lights100 good 9.2e-3 0.30 0.090 0.005
+lights100 draft 2.3e-2 0.47 0.125 0.019
+volumes good 1.9e-3 0.012 0.091 0.042
+volumes draft 3.0e-3 0.021 0.111 0.052
+thin good 2.1e-3 0.006 0.068 0.005
+thin draft 5.2e-3 0.030 0.085 0.005
+outdoor good 7.0e-4 0.006 0.040 0.005
+outdoor draft 1.1e-3 0.015 0.048 0.005'
 while read -r scene quality relmse pdiff flip bias; do
     name=$scene.$quality
     image=$out/$name.exr
