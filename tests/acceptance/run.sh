@@ -156,7 +156,7 @@ $general
 EOF
 
 printf '\n-- flicker: mean absolute change of indirect light, over its mean, for a camera that turns by 1/100 pixel\n'
-for row in B:1e-2 C:1e-2; do
+for row in B:1.3e-3 C:3.7e-3; do
     scene=${row%%:*}
     limit=${row##*:}
     scores=$out/$scene.nudged.json
