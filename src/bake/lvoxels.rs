@@ -109,8 +109,10 @@ impl LvoxelMaker<'_> {
                     first: 0,
                     seed: sampling::hash(&key),
                 };
-                let (rays, all_round) =
-                    (sequence(self.shadow_rays), sequence(4 * self.shadow_rays));
+                let (rays, all_round) = (
+                    sequence(self.shadow_rays),
+                    sequence(4 * self.shadow_rays),
+                );
                 let light = self.lights.mean_radiance(point, rays).light()
                     + self.lights.environment_mean_radiance(point, all_round);
                 out.push(Lvoxel {

@@ -107,7 +107,10 @@ impl SurfelMaker<'_> {
                 first: 0,
                 seed,
             };
-            let (rays, all_round) = (sequence(self.shadow_rays), sequence(4 * self.shadow_rays));
+            let (rays, all_round) = (
+                sequence(self.shadow_rays),
+                sequence(4 * self.shadow_rays),
+            );
             let (p, n, f) = (side.position, side.normal, side.face_normal);
             let light = self.lights.irradiance(p, n, f, rays).light()
                 + self.lights.environment_irradiance(p, n, f, all_round);

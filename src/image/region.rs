@@ -105,9 +105,7 @@ impl Region {
     pub fn blocks(&self, side: u32) -> Vec<Self> {
         let side = side.max(1) as usize;
         let cuts = |from: u32, to: u32| {
-            (from..to)
-                .step_by(side)
-                .map(move |a| (a, to.min(a.saturating_add(side as u32))))
+            (from..to).step_by(side).map(move |a| (a, to.min(a.saturating_add(side as u32))))
         };
         cuts(self.y0, self.y1)
             .flat_map(|(y0, y1)| {

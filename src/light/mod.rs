@@ -5,7 +5,9 @@
 
 mod emitters;
 
-use crate::math::sampling::{cosine_hemisphere, disk, hash, mix, sobol2, sphere, tangents, unit2};
+use crate::math::sampling::{
+    cosine_hemisphere, disk, hash, mix, sobol2, sphere, tangents, unit2,
+};
 use crate::math::{Rgb, polygon};
 use crate::scene::Light;
 use crate::trace::Tracer;
@@ -309,7 +311,9 @@ impl<'a> Lights<'a> {
                 }
                 let w = weight(-direction);
                 if w > 0.0 {
-                    let through = self.tracer.transmittance(origin, -direction, f32::INFINITY);
+                    let through = self
+                        .tracer
+                        .transmittance(origin, -direction, f32::INFINITY);
                     total.note(index % 32, through);
                     total.sharp += Rgb(irradiance) * (w * through);
                 }

@@ -108,7 +108,10 @@ impl<'a, P: Pages> Corners<'a, P> {
             return Some(pixel.mean());
         }
         let (seen, hidden) = own.iter().fold((0, 0), |(seen, hidden), c| {
-            (seen | c.sample.direct.seen, hidden | c.sample.direct.hidden)
+            (
+                seen | c.sample.direct.seen,
+                hidden | c.sample.direct.hidden,
+            )
         });
         if seen & hidden & Direct::SHARP != 0 {
             return None;

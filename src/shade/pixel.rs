@@ -282,10 +282,12 @@ impl<P: Pages> PixelShader<'_, P> {
         if surface.albedo.is_black() {
             return Rgb::BLACK;
         }
-        self.lattice.irradiance(surface, x, y).unwrap_or_else(|| {
-            let seed = sampling::hash(&[self.view.seed, u64::from(x), u64::from(y)]);
-            gather_surface(&self.view, self.gatherer, surface, seed).light
-        })
+        self.lattice
+            .irradiance(surface, x, y)
+            .unwrap_or_else(|| {
+                let seed = sampling::hash(&[self.view.seed, u64::from(x), u64::from(y)]);
+                gather_surface(&self.view, self.gatherer, surface, seed).light
+            })
     }
 }
 
