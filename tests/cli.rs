@@ -263,6 +263,10 @@ fn compare_speaks_json_and_tables() {
             .starts_with(b"\x89PNG")
     );
 
+    // Half of the mean more, everywhere.
+    assert!((json["relmae"].as_f64().unwrap() - 0.5).abs() < 1e-6);
+    assert!(json.get("worst").is_none());
+
     let run = lvox(dir.path(), &["compare", "a.exr", "a.exr"]);
     assert_eq!(run.code, 0);
     let value = |name: &str| {
@@ -276,6 +280,48 @@ fn compare_speaks_json_and_tables() {
         (value("rmse"), value("flip"), value("ssim")),
         (Some(0.0), Some(0.0), Some(1.0))
     );
+}
+
+#[test]
+fn compare_lists_the_worst_blocks_of_a_layer() {
+    let dir = tempfile::tempdir().unwrap();
+    write_whole(dir.path(), "a.exr");
+    let mut frame = shade(Region::full(WIDTH, HEIGHT), "0");
+    let layer = |frame: &mut Frame, name: &str, light: f32| {
+        let mut pixels = vec![[0.5; 3]; (WIDTH * HEIGHT) as usize];
+        pixels[(20 * WIDTH + 18) as usize] = [0.5, 0.5, 0.5 + light];
+        frame.layers.push(Layer::rgb(name, &pixels));
+    };
+    layer(&mut frame, "indirect", 0.0);
+    exr::write(&dir.path().join("c.exr"), &frame, Precision::Float).unwrap();
+    frame.layers.pop();
+    layer(&mut frame, "indirect", 0.75);
+    exr::write(&dir.path().join("d.exr"), &frame, Precision::Float).unwrap();
+
+    let args = ["compare", "d.exr", "c.exr", "--layer", "indirect"];
+    let run = lvox(
+        dir.path(),
+        &[
+            &args[..],
+            &["--worst", "1", "--region", "2", "4", "40", "32", "--json"],
+        ]
+        .concat(),
+    );
+    assert_eq!((run.code, run.stderr.as_str()), (0, ""));
+    let json: serde_json::Value = serde_json::from_str(&run.stdout).unwrap();
+    let block = &json["worst"][0];
+    let corner = ["x0", "y0", "x1", "y1"].map(|k| block[k].as_u64().unwrap());
+    assert_eq!(corner, [18, 20, 34, 32]);
+    assert!((block["error"].as_f64().unwrap() - 0.75 / (3.0 * 16.0 * 12.0)).abs() < 1e-7);
+    let run = lvox(dir.path(), &[&args[..], &["--worst", "2"]].concat());
+    let last = run.stdout.lines().rev().nth(1).unwrap();
+    let corner: Vec<&str> = last.split_whitespace().take(4).collect();
+    assert_eq!(corner, ["16", "16", "32", "32"]);
+    lvox(
+        dir.path(),
+        &["compare", "a.exr", "a.exr", "--layer", "indirekt"],
+    )
+    .refused(2, &["indirekt.R"]);
 }
 
 #[test]

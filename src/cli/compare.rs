@@ -2,6 +2,7 @@
 
 use super::options::Context;
 use super::{output, parse};
+use lvox::image::metrics::blocks::{self, Block};
 use lvox::image::metrics::{self, Scores};
 use lvox::image::{heat, load, png};
 use lvox::run::output::check_writable;
@@ -13,7 +14,8 @@ use std::path::PathBuf;
 
 /// Compare an image with a reference by metrics on radiance and on what a viewer sees
 ///
-/// Print RMSE, relMSE (whole, and without the worst 0.1 % of pixels), bias and largest difference of linear radiance, and
+/// Print RMSE, relMSE (whole, and without the worst 0.1 % of pixels), bias, mean absolute and
+/// largest difference of linear radiance, and
 /// LDR-FLIP, SSIM and Yee's perceptual difference (a fraction of the pixels) of the image clip(exposure * x, 0, 1)^(1/2.2)
 /// in eight bits. OpenEXR and PNG files can be compared; PNG pixels are taken through the inverse of that tone map.
 #[derive(Debug, clap::Args)]
@@ -40,6 +42,19 @@ pub struct Args {
     /// Compare only these pixels, X1 and Y1 excluded [default: the whole frame]
     #[arg(long, num_args = 4, value_names = ["X0", "Y0", "X1", "Y1"])]
     region: Vec<u32>,
+
+    /// Compare this layer of both images instead of the beauty: direct, indirect, volume
+    #[arg(
+        long,
+        value_name = "LAYER",
+        default_value = "",
+        hide_default_value = true
+    )]
+    layer: String,
+
+    /// List the N blocks of 16 x 16 pixels with the largest relMSE, and their mean signed difference
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    worst: usize,
 }
 
 #[derive(Serialize)]
@@ -50,6 +65,8 @@ struct Record<'a> {
     height: usize,
     #[serde(flatten)]
     scores: Scores,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    worst: Vec<Block>,
 }
 
 impl Args {
@@ -62,8 +79,8 @@ impl Args {
             None => load::exposure_of(&self.reference)?.unwrap_or(1.0),
         };
         let region = parse::region(&self.region);
-        let image = load::picture(&self.image, exposure, region)?;
-        let reference = load::picture(&self.reference, exposure, region)?;
+        let image = load::picture(&self.image, &self.layer, exposure, region)?;
+        let reference = load::picture(&self.reference, &self.layer, exposure, region)?;
         let job = &context.job;
         job.cancel.check()?;
         check_memory(image.pixels.len(), job.memory_limit)?;
@@ -79,6 +96,15 @@ impl Args {
         if let Some(path) = &self.heatmap {
             png::write(path, &heat::map(&found.error_map, image.width))?;
         }
+        let mut worst = blocks::worst(&image, &reference, self.worst);
+        if let Some(region) = region {
+            // Blocks are told in pixels of the frame.
+            for block in &mut worst {
+                let (x, y) = (region.x0 as usize, region.y0 as usize);
+                (block.x0, block.x1) = (block.x0 + x, block.x1 + x);
+                (block.y0, block.y1) = (block.y0 + y, block.y1 + y);
+            }
+        }
         if self.json {
             output::print_json(&Record {
                 image: &self.image.to_string_lossy(),
@@ -86,9 +112,10 @@ impl Args {
                 width: image.width,
                 height: image.height,
                 scores: found.scores,
+                worst,
             })
         } else {
-            output::print(&table(&found.scores))
+            output::print(&(table(&found.scores) + &block_table(&worst)))
         }
     }
 
@@ -128,6 +155,11 @@ fn table(scores: &Scores) -> String {
             scores.bias,
             "mean over that of the reference, less 1",
         ),
+        (
+            "relmae",
+            scores.relmae,
+            "mean absolute difference over the mean of the reference",
+        ),
         ("max_abs", scores.max_abs, "radiance"),
         ("flip", scores.flip, "0 is the same"),
         ("ssim", scores.ssim, "1 is the same"),
@@ -139,6 +171,22 @@ fn table(scores: &Scores) -> String {
         let value = significant(value);
         let line = format!("{name:<15} {value:<12} {note}");
         let _ = writeln!(text, "{}", line.trim_end());
+    }
+    text
+}
+
+fn block_table(blocks: &[Block]) -> String {
+    let mut text = String::new();
+    if !blocks.is_empty() {
+        text +=
+            "\nworst blocks: X0 Y0 X1 Y1, reference and signed difference in radiance, relmse\n";
+    }
+    for b in blocks {
+        let _ = writeln!(
+            text,
+            "{:>5} {:>5} {:>5} {:>5} {:>12.5} {:>+12.5} {:>12.3e}",
+            b.x0, b.y0, b.x1, b.y1, b.reference, b.error, b.relmse
+        );
     }
     text
 }

@@ -8,11 +8,12 @@ use std::io::Read;
 use std::path::Path;
 
 /// Reads linear RGB from an OpenEXR or a PNG file; which one it is, its first bytes say. Eight-bit values are taken
-/// through the inverse of the tone map at `exposure`. `None` for the region means the whole frame.
+/// through the inverse of the tone map at `exposure`. The layer `""` is the beauty, the only one that a PNG file has.
+/// `None` for the region means the whole frame.
 ///
 /// # Errors
-/// [`crate::Kind::Input`] if the file cannot be read, has no colour, or does not cover the region.
-pub fn picture(path: &Path, exposure: f32, region: Option<Region>) -> Result<Picture> {
+/// [`crate::Kind::Input`] if the file cannot be read, has no colour in that layer, or does not cover the region.
+pub fn picture(path: &Path, layer: &str, exposure: f32, region: Option<Region>) -> Result<Picture> {
     let mut magic = Vec::new();
     File::open(path)
         .and_then(|file| file.take(4).read_to_end(&mut magic))
@@ -21,8 +22,13 @@ pub fn picture(path: &Path, exposure: f32, region: Option<Region>) -> Result<Pic
         [0x76, 0x2f, 0x31, 0x01] => {
             let frame = exr::read(path)?;
             let region = region.unwrap_or(Region::full(frame.width, frame.height));
-            frame.picture("", &region).map_err(|e| e.at(path.display()))
+            let picture = frame.picture(layer, &region);
+            picture.map_err(|e| e.at(path.display()))
         }
+        [0x89, b'P', b'N', b'G'] if !layer.is_empty() => Err(Error::input(format!(
+            "{} is a PNG file, which has no layer {layer}",
+            path.display()
+        ))),
         [0x89, b'P', b'N', b'G'] => {
             let whole = tone::unmap(&png::read(path)?, exposure);
             let Some(region) = region else {
@@ -121,9 +127,9 @@ mod tests {
         let mut frame = Frame::new(3, 2, Region::full(3, 2));
         frame.layers.push(Layer::rgb("", &[[0.25, 0.5, 0.0]; 6]));
         exr::write(&exr_path, &frame, exr::Precision::Half).unwrap();
-        let linear = picture(&exr_path, 1.0, None).unwrap();
+        let linear = picture(&exr_path, "", 1.0, None).unwrap();
         png::write(&png_path, &tone::map(&linear, 2.0)).unwrap();
-        let display = picture(&png_path, 2.0, None).unwrap();
+        let display = picture(&png_path, "", 2.0, None).unwrap();
         assert_eq!(tone::map(&display, 2.0), tone::map(&linear, 2.0));
         let region = Region {
             x0: 1,
@@ -132,13 +138,13 @@ mod tests {
             y1: 2,
         };
         for path in [&exr_path, &png_path] {
-            let part = picture(path, 2.0, Some(region)).unwrap();
+            let part = picture(path, "", 2.0, Some(region)).unwrap();
             assert_eq!((part.width, part.height, part.pixels.len()), (2, 1, 2));
-            assert!(picture(path, 2.0, Some(Region::full(4, 4))).is_err());
+            assert!(picture(path, "", 2.0, Some(Region::full(4, 4))).is_err());
         }
         write(&exr_path, "P6").unwrap();
         assert!(
-            picture(&exr_path, 1.0, None)
+            picture(&exr_path, "", 1.0, None)
                 .unwrap_err()
                 .to_string()
                 .contains("neither")

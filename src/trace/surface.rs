@@ -17,6 +17,8 @@ pub struct Surface {
     pub albedo: Rgb,
     /// Index into the scene's materials.
     pub material: u32,
+    /// Whether the normals were turned to the triangle's back.
+    is_back: bool,
 }
 
 impl Surface {
@@ -68,6 +70,7 @@ impl Surface {
             normal,
             albedo,
             material,
+            is_back: false,
         }
     }
 
@@ -75,7 +78,8 @@ impl Surface {
     #[must_use]
     pub fn emission(&self, scene: &Scene, towards: Vec3) -> Rgb {
         let material = &scene.materials[self.material as usize];
-        if material.emits_both_sides || towards.dot(self.face_normal) > 0.0 {
+        let is_front = (towards.dot(self.face_normal) > 0.0) != self.is_back;
+        if material.emits_both_sides || is_front {
             Rgb(material.emission)
         } else {
             Rgb::BLACK
@@ -88,6 +92,7 @@ impl Surface {
         if self.face_normal.dot(towards) < 0.0 {
             self.face_normal = -self.face_normal;
             self.normal = -self.normal;
+            self.is_back = !self.is_back;
         }
         self
     }

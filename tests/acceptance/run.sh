@@ -90,7 +90,8 @@ for row in A:3e-4 B:3e-4 C:3e-3 C_novol:1e-3; do
     image=$out/$scene.exr
     report=$out/$scene.report.json
     scores=$out/$scene.scores.json
-    run "$scene" "$lvox" render "$scenes/$scene.toml" -o "$image" --report "$report" --progress none &&
+    run "$scene" "$lvox" render "$scenes/$scene.toml" -o "$image" --report "$report" --progress none \
+        --aov indirect --keep-tree "$out/$scene.lvt" --force &&
         "$lvox" compare "$image" "$references/${scene}_d3.exr" --json --heatmap "$out/$scene.heat.png" >"$scores"
     if ! [ -s "$scores" ]; then
         check "$scene against its reference" false
@@ -104,6 +105,66 @@ for row in A:3e-4 B:3e-4 C:3e-3 C_novol:1e-3; do
     check "$scene: pdiff" within "$scores" pdiff 0.01
     check "$scene: bias" within "$scores" bias 0.01
     check "$scene: all pixels are finite" within "$scores" non_finite 0
+done
+
+printf '\n-- general geometry, lights and media, beside references of our own\n'
+printf '%-16s %14s %9s %8s %8s %8s %10s %14s\n' \
+    scene 'relMSE trimmed' pdiff bias FLIP SSIM 'shade CPU s' 'all CPU s' | tee -a "$table"
+# Scene, quality, and the limits of trimmed relMSE, pdiff, FLIP and bias: about 1.5 times what was measured.
+general='curved good 1.0e-3 0.016 0.058 0.0125
+curved draft 2.5e-3 0.016 0.077 0.014
+lights100 good 9.2e-3 0.30 0.090 0.005
+lights100 draft 2.3e-2 0.47 0.125 0.019
+volumes good 1.9e-3 0.012 0.091 0.042
+volumes draft 3.0e-3 0.021 0.111 0.052
+thin good 2.1e-3 0.006 0.068 0.005
+thin draft 5.2e-3 0.030 0.085 0.005
+outdoor good 7.0e-4 0.006 0.040 0.005
+outdoor draft 1.1e-3 0.015 0.048 0.005'
+while read -r scene quality relmse pdiff flip bias; do
+    name=$scene.$quality
+    image=$out/$name.exr
+    tree=$out/$scene.lvt
+    scores=$out/$name.scores.json
+    exposure=$(sed -n 's/^exposure = //p' "$scenes/general/$scene.toml")
+    if [ "$quality" = good ]; then
+        run "$name" "$lvox" render "$scenes/general/$scene.toml" -o "$image" --report "$out/$name.report.json" \
+            --progress none --keep-tree "$tree" --force
+        stages='bake build shade'
+    else
+        run "$name" "$lvox" shade "$scenes/general/$scene.toml" --tree "$tree" -o "$image" --quality "$quality" \
+            --report "$out/$name.report.json" --progress none
+        stages=shade
+    fi && "$lvox" compare "$image" "tests/acceptance/references/${scene}_d3.exr" --json --exposure "$exposure" \
+        --worst 3 --heatmap "$out/$name.heat.png" >"$scores"
+    if ! [ -s "$scores" ]; then
+        check "$name against its reference" false
+        continue
+    fi
+    # shellcheck disable=SC2086 # words
+    printf '%-16s %14.2e %9.4f %8.4f %8.4f %8.4f %10s %14s\n' "$name" \
+        "$(value "$scores" relmse_trimmed)" "$(value "$scores" pdiff)" "$(value "$scores" bias)" \
+        "$(value "$scores" flip)" "$(value "$scores" ssim)" \
+        "$(cpu "$out/$name.report.json" shade)" "$(cpu "$out/$name.report.json" $stages)" | tee -a "$table"
+    check "$name: trimmed relMSE" within "$scores" relmse_trimmed "$relmse"
+    check "$name: pdiff" within "$scores" pdiff "$pdiff"
+    check "$name: FLIP" within "$scores" flip "$flip"
+    check "$name: bias" within "$scores" bias "$bias"
+    check "$name: all pixels are finite" within "$scores" non_finite 0
+done <<EOF
+$general
+EOF
+
+printf '\n-- flicker: mean absolute change of indirect light, over its mean, for a camera that turns by 1/100 pixel\n'
+for row in B:1.3e-3 C:3.7e-3; do
+    scene=${row%%:*}
+    limit=${row##*:}
+    scores=$out/$scene.nudged.json
+    run "$scene.nudged" "$lvox" shade "$scenes/$scene.toml" --tree "$out/$scene.lvt" --camera nudged \
+        --aov indirect -o "$out/$scene.nudged.exr" --progress none &&
+        "$lvox" compare "$out/$scene.nudged.exr" "$out/$scene.exr" --layer indirect --json >"$scores"
+    [ -s "$scores" ] && printf '%s: %.2e\n' "$scene" "$(value "$scores" relmae)"
+    check "flicker of $scene" within "$scores" relmae "$limit"
 done
 
 printf '\n-- one bake: trees, cameras and tiles\n'

@@ -3,6 +3,18 @@
 use crate::{Work, layer, mean, shade};
 use lvox::shade::Settings;
 
+/// A `builtin:quad` of a diffuse grey.
+fn quad(scale: [f64; 3], rotate: [i32; 3], at: [f64; 3]) -> String {
+    format!(
+        "[[mesh]]\nfile = \"builtin:quad\"\nscale = {scale:?}\nrotate_deg = {rotate:?}\ntranslate = {at:?}\n\
+         albedo = [0.8, 0.8, 0.8]\n"
+    )
+}
+
+/// A light in the middle of the bright rooms, which are at x > 0.
+const LIGHT: &str =
+    "[[light]]\ntype = \"point\"\nposition = [0.5, 0.8, 0.5]\nintensity = [1, 1, 1]\n";
+
 /// A dark room, x < 0, and a bright one, both of edge 1; `between` is what divides them. Floor, ceiling and two walls are
 /// one piece for both rooms, or end at what divides them.
 fn rooms(between: &str, is_floor_shared: bool) -> String {
@@ -11,34 +23,55 @@ fn rooms(between: &str, is_floor_shared: bool) -> String {
          target = [-0.2, 0.4, 0.1]\nfov_x_deg = 80\n[[camera]]\nname = \"bright\"\nposition = [0.95, 0.5, 0.9]\n\
          target = [0.2, 0.4, 0.1]\nfov_x_deg = 80\n",
     );
-    let mut quad = |scale: [f64; 3], rotate: [i32; 3], at: [f64; 3]| {
-        text += &format!(
-            "[[mesh]]\nfile = \"builtin:quad\"\nscale = {scale:?}\nrotate_deg = {rotate:?}\ntranslate = {at:?}\n\
-             albedo = [0.8, 0.8, 0.8]\n"
-        );
-    };
     let lengths: &[(f64, f64)] = if is_floor_shared {
         &[(0.0, 2.0)]
     } else {
         &[(-0.5, 1.0), (0.5, 1.0)]
     };
     for &(x, length) in lengths {
-        quad([length, 1.0, 1.0], [0, 0, 0], [x, 0.0, 0.5]);
-        quad([length, 1.0, 1.0], [180, 0, 0], [x, 1.0, 0.5]);
-        quad([length, 1.0, 1.0], [90, 0, 0], [x, 0.5, 0.0]);
-        quad([length, 1.0, 1.0], [-90, 0, 0], [x, 0.5, 1.0]);
+        text += &quad([length, 1.0, 1.0], [0, 0, 0], [x, 0.0, 0.5]);
+        text += &quad([length, 1.0, 1.0], [180, 0, 0], [x, 1.0, 0.5]);
+        text += &quad([length, 1.0, 1.0], [90, 0, 0], [x, 0.5, 0.0]);
+        text += &quad([length, 1.0, 1.0], [-90, 0, 0], [x, 0.5, 1.0]);
     }
-    quad([1.0; 3], [0, 0, -90], [-1.0, 0.5, 0.5]);
-    quad([1.0; 3], [0, 0, 90], [1.0, 0.5, 0.5]);
-    text + between
-        + "[[light]]\ntype = \"point\"\nposition = [0.5, 0.8, 0.5]\nintensity = [1, 1, 1]\n"
+    text += &quad([1.0; 3], [0, 0, -90], [-1.0, 0.5, 0.5]);
+    text += &quad([1.0; 3], [0, 0, 90], [1.0, 0.5, 0.5]);
+    text + between + LIGHT
+}
+
+/// Closed rooms of edge 1 whose walls have no thickness: a bright one with its least corner at the origin and dark ones
+/// with theirs at `dark`, which touch it in an edge or a corner. The camera "dark" is in the first of those.
+fn boxes(dark: &[[f64; 3]]) -> String {
+    let [x, y, z] = dark[0];
+    let mut text = format!(
+        "[film]\nwidth = 48\nheight = 48\n[[camera]]\nname = \"dark\"\nposition = {:?}\ntarget = {:?}\n\
+         fov_x_deg = 90\n[[camera]]\nname = \"bright\"\nposition = [0.95, 0.4, 0.9]\ntarget = [0.2, 0.4, 0.1]\n\
+         fov_x_deg = 90\n",
+        [x + 0.05, y + 0.4, z + 0.05],
+        [x + 0.95, y + 0.45, z + 0.95]
+    );
+    for &[x, y, z] in [[0.0; 3]].iter().chain(dark) {
+        let [cx, cy, cz] = [x + 0.5, y + 0.5, z + 0.5];
+        text += &quad([1.0; 3], [0, 0, 0], [cx, y, cz]);
+        text += &quad([1.0; 3], [180, 0, 0], [cx, y + 1.0, cz]);
+        text += &quad([1.0; 3], [90, 0, 0], [cx, cy, z]);
+        text += &quad([1.0; 3], [-90, 0, 0], [cx, cy, z + 1.0]);
+        text += &quad([1.0; 3], [0, 0, -90], [x, cy, cz]);
+        text += &quad([1.0; 3], [0, 0, 90], [x + 1.0, cy, cz]);
+    }
+    text + LIGHT
+}
+
+/// A wall of this thickness.
+fn wall(thickness: f64) -> String {
+    format!(
+        "[[mesh]]\nfile = \"builtin:cube\"\nscale = [{thickness}, 1, 1]\ntranslate = [0, 0.5, 0.5]\n\
+         albedo = [0.8, 0.8, 0.8]\n"
+    )
 }
 
 const SHEET: &str = "[[mesh]]\nfile = \"builtin:quad\"\nrotate_deg = [0, 0, 90]\ntranslate = [0, 0.5, 0.5]\n\
                      albedo = [0.8, 0.8, 0.8]\n";
-const WALL: &str = "[[mesh]]\nfile = \"builtin:cube\"\nscale = [0.02, 1, 1]\ntranslate = [0, 0.5, 0.5]\n\
-                    albedo = [0.8, 0.8, 0.8]\n";
-
 /// Mean and brightest indirect light of the dark room, over the mean of the bright one.
 fn leak(text: &str) -> (f64, f64) {
     let work = Work::new(text);
@@ -65,14 +98,53 @@ fn a_dark_room_beside_a_bright_one_stays_dark() {
     // the bright side's floor, ceiling and walls reach to the dark side where they meet the sheet: a line of a few
     // pixels gets up to a tenth of the light. They are cut at borders of the mesh, so less comes through where the floor
     // ends at the sheet. A wall as thick as two radii stops nearly all.
-    for (name, text, average_limit, brightest_limit) in [
+    keeps_dark(&[
         ("sheet, own floors", rooms(SHEET, false), 1e-3, 0.2),
         ("sheet, one floor", rooms(SHEET, true), 3e-3, 0.2),
-        ("wall, own floors", rooms(WALL, false), 5e-5, 5e-3),
-        ("wall, one floor", rooms(WALL, true), 1e-4, 5e-3),
-    ] {
-        let (average, brightest) = leak(&text);
-        assert!(average < average_limit, "{name}: {average:e}");
-        assert!(brightest < brightest_limit, "{name}: {brightest:e}");
+        ("wall, own floors", rooms(&wall(0.02), false), 5e-5, 5e-3),
+        ("wall, one floor", rooms(&wall(0.02), true), 1e-4, 5e-3),
+    ]);
+}
+
+#[test]
+fn walls_thinner_than_a_disk_keep_a_room_dark() {
+    // A third, and a thirtieth, of the radius of a disk.
+    keeps_dark(&[
+        ("3.5 mm, own floors", rooms(&wall(0.0035), false), 1e-3, 0.2),
+        ("3.5 mm, one floor", rooms(&wall(0.0035), true), 3e-3, 0.2),
+        (
+            "0.35 mm, own floors",
+            rooms(&wall(0.00035), false),
+            1e-3,
+            0.2,
+        ),
+        ("0.35 mm, one floor", rooms(&wall(0.00035), true), 3e-3, 0.2),
+    ]);
+}
+
+#[test]
+fn rooms_that_meet_in_an_edge_or_a_corner_keep_dark() {
+    // Their walls lie in the same planes, side by side.
+    let edge = [-1.0, 0.0, -1.0];
+    keeps_dark(&[
+        ("edge", boxes(&[edge]), 1e-6, 1e-3),
+        ("corner", boxes(&[[-1.0, -1.0, -1.0]]), 1e-6, 1e-3),
+        (
+            "edge of four rooms",
+            boxes(&[edge, [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),
+            1e-6,
+            1e-3,
+        ),
+    ]);
+}
+
+/// Holds leaks of scenes, as [`leak`] has them, to limits of their mean and of their brightest value.
+#[track_caller]
+fn keeps_dark(cases: &[(&str, String, f64, f64)]) {
+    for (name, text, average_limit, brightest_limit) in cases {
+        let (average, brightest) = leak(text);
+        eprintln!("{name}: mean {average:.1e}, brightest {brightest:.1e}");
+        assert!(average < *average_limit, "{name}: {average:e}");
+        assert!(brightest < *brightest_limit, "{name}: {brightest:e}");
     }
 }

@@ -31,6 +31,26 @@ fn fog(sigma_t: f64, albedo: f64) -> String {
 const ENVIRONMENT: &str = "[[light]]\ntype = \"environment\"\nradiance = [2, 1, 0.5]\n";
 
 #[test]
+fn a_lamp_seen_from_behind_is_dark() {
+    for (rotate, expected) in [(90, 3.0), (-90, 0.0)] {
+        let text = format!(
+            "[film]\nwidth = 8\nheight = 8\n[[camera]]\nposition = [0, 0, 3]\ntarget = [0, 0, 0]\nfov_x_deg = 10\n\
+             [[mesh]]\nfile = \"builtin:quad\"\nscale = 4\nrotate_deg = [{rotate}, 0, 0]\nalbedo = [0, 0, 0]\n\
+             emission = [3, 3, 3]\n"
+        );
+        // Samples of each pixel's own, and of its corners.
+        for pixel_samples in [8, 1] {
+            let settings = Settings {
+                pixel_samples,
+                ..quick()
+            };
+            let frame = render(&text, 1000, &settings);
+            assert!(beauty(&frame).iter().flatten().all(|&v| v == expected));
+        }
+    }
+}
+
+#[test]
 fn a_lone_convex_body_in_a_constant_environment_reflects_its_albedo_everywhere() {
     let albedo = 0.6_f32;
     for (shape, tolerance) in [

@@ -19,6 +19,8 @@ pub struct Linear {
     pub relmse_trimmed: f64,
     /// Relative bias of the mean.
     pub bias: f64,
+    /// Relative mean absolute error.
+    pub relmae: f64,
     /// Largest difference.
     pub max_abs: f64,
 }
@@ -26,17 +28,16 @@ pub struct Linear {
 /// Compares two pictures of the same size.
 #[must_use]
 pub fn compare(picture: &Picture, reference: &Picture) -> Linear {
-    let mut squares = 0.0;
+    let (mut squares, mut absolute) = (0.0, 0.0);
     let mut max_abs = 0.0f64;
     let (mut sum, mut reference_sum) = (0.0, 0.0);
     let mut relative: Vec<f64> = Vec::with_capacity(picture.pixels.len());
     for (x, r) in picture.pixels.iter().zip(&reference.pixels) {
-        let mut pixel = 0.0;
+        // NaN may carry a sign, and a negative one would sort first.
+        relative.push(relative_square(*x, *r).abs());
         for (x, r) in x.iter().zip(r) {
             let (x, r) = (f64::from(*x), f64::from(*r));
-            let square = (x - r) * (x - r);
-            squares += square;
-            pixel += square / (r * r + RELATIVE_FLOOR);
+            squares += (x - r) * (x - r);
             sum += x;
             reference_sum += r;
             // NaN must not hide behind the comparison inside max.
@@ -44,9 +45,8 @@ pub fn compare(picture: &Picture, reference: &Picture) -> Linear {
             if difference > max_abs || difference.is_nan() {
                 max_abs = difference;
             }
+            absolute += difference;
         }
-        // NaN may carry a sign, and a negative one would sort first.
-        relative.push((pixel / 3.0).abs());
     }
     let count = relative.len() as f64;
     let relmse = relative.iter().sum::<f64>() / count;
@@ -58,6 +58,16 @@ pub fn compare(picture: &Picture, reference: &Picture) -> Linear {
         relmse,
         relmse_trimmed: relative[..kept].iter().sum::<f64>() / kept as f64,
         bias: sum / reference_sum - 1.0,
+        relmae: absolute / reference_sum,
         max_abs,
     }
+}
+
+/// Mean over channels of `(x-r)^2 / (r^2 + 0.01)`.
+pub(super) fn relative_square(x: [f32; 3], r: [f32; 3]) -> f64 {
+    let terms = x.iter().zip(r).map(|(&x, r)| {
+        let (x, r) = (f64::from(x), f64::from(r));
+        (x - r) * (x - r) / (r * r + RELATIVE_FLOOR)
+    });
+    terms.sum::<f64>() / 3.0
 }

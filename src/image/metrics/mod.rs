@@ -3,6 +3,7 @@
 //! Linear metrics look at radiance; FLIP, SSIM and the perceptual difference look at the tone-mapped picture in eight
 //! bits, as a viewer does.
 
+pub mod blocks;
 mod blur;
 pub mod flip;
 pub mod linear;
@@ -28,6 +29,8 @@ pub struct Scores {
     pub relmse_trimmed: f64,
     /// Mean of the picture over mean of the reference, less 1.
     pub bias: f64,
+    /// Mean absolute difference over the mean of the reference, both over pixels and channels.
+    pub relmae: f64,
     /// Mean LDR-FLIP error at 67 pixels a degree, 0 (same) to 1.
     pub flip: f64,
     /// Mean structural similarity, 1 for the same picture.
@@ -98,6 +101,7 @@ pub fn compare_until(
         relmse: linear.relmse,
         relmse_trimmed: linear.relmse_trimmed,
         bias: linear.bias,
+        relmae: linear.relmae,
         flip: flip::mean(&error_map),
         ssim,
         pdiff,

@@ -1,0 +1,188 @@
+//! Gather rays per second and core into trees of Sponza, beside closest hits of the same rays on its triangles. Needs
+//! `../shared`; says so and ends where it is not there.
+//!
+//! Receivers are surface points that the camera sees, on a lattice of the frame; rays are those of a gather, in its order.
+//! One thread; CPU seconds, so that other work on the machine counts as little as it can. The best of the passes.
+
+#![allow(clippy::print_stdout)] // The table is the product.
+
+use glam::Vec3;
+use lvox::bake::{self, SurfelSampling};
+use lvox::build;
+use lvox::gather::cone::Scratch;
+use lvox::gather::source::KeptTree;
+use lvox::gather::{Gatherer, Kernel, Settings, SurfelStore, TreeStore};
+use lvox::math::Rgb;
+use lvox::math::sampling::{cosine_hemisphere, hash, mix, sobol2, tangents};
+use lvox::run::{Job, usage};
+use lvox::scene::Scene;
+use lvox::trace::{Surface, Tracer};
+use std::hint::black_box;
+use std::path::Path;
+
+/// Rays of each gather.
+const SAMPLES: u32 = 64;
+
+/// How much to measure.
+struct Size {
+    surfels: &'static [u64],
+    /// Pixels between receivers.
+    step: u32,
+    passes: u32,
+}
+
+const WHOLE: Size = Size {
+    surfels: &[200_000, 1_000_000, 2_500_000],
+    step: 8,
+    passes: 5,
+};
+
+/// With `--test`: enough to see that it runs.
+const TRIAL: Size = Size {
+    surfels: &[20_000],
+    step: 64,
+    passes: 1,
+};
+
+struct Receiver {
+    origin: Vec3,
+    normal: Vec3,
+    seed: u64,
+}
+
+fn main() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/acceptance/scenes/C_novol.toml");
+    let scene = match Scene::load(&path) {
+        Ok(scene) => scene,
+        Err(e) => {
+            println!("rays: left out, the scene needs ../shared: {e}");
+            return;
+        }
+    };
+    let size = match std::env::args().any(|a| a == "--test") {
+        true => TRIAL,
+        false => WHOLE,
+    };
+    let tracer = Tracer::new(&scene);
+    let receivers = receivers(&scene, &tracer, size.step);
+    let rays: Vec<(Vec3, Vec3)> = receivers
+        .iter()
+        .flat_map(|r| {
+            let (x, y) = tangents(r.normal);
+            let seed = mix(r.seed) as u32;
+            (0..SAMPLES).map(move |i| {
+                let d = cosine_hemisphere(sobol2(i, 0, seed));
+                (r.origin, (x * d.x + y * d.y + r.normal * d.z).normalize())
+            })
+        })
+        .collect();
+    println!(
+        "{} receivers x {SAMPLES} rays, one thread\n{:<28} {:>9} {:>12} {:>10}",
+        receivers.len(),
+        "",
+        "surfels",
+        "M rays/CPU s",
+        "us/gather"
+    );
+    let triangles = best(size.passes, || {
+        for &(origin, direction) in &rays {
+            black_box(tracer.closest(origin, direction, f32::INFINITY));
+        }
+    });
+    let print = |name: &str, surfels: &str, secs: f64| {
+        println!(
+            "{name:<28} {surfels:>9} {:>12.3} {:>10.2}",
+            rays.len() as f64 / secs * 1e-6,
+            secs / receivers.len() as f64 * 1e6
+        );
+    };
+    print("closest hit, triangles", "", triangles);
+    let folder = tempfile::tempdir().unwrap();
+    for &surfels in size.surfels {
+        let store = store(&scene, surfels, folder.path());
+        let SurfelStore::Kept(pages) = &store.surfels else {
+            unreachable!("no limit was given")
+        };
+        for (name, kernel, max_solid_angle) in [
+            ("cone, 0.02 sr (draft)", Kernel::Cone, 0.02),
+            ("cone, 0.01 sr (good, best)", Kernel::Cone, 0.01),
+            ("cone, surfels only", Kernel::Cone, 0.0),
+            ("plain", Kernel::Plain, 0.0),
+        ] {
+            let gatherer = gatherer(&store, pages, kernel, max_solid_angle);
+            let mut scratch = Scratch::default();
+            let secs = best(size.passes, || {
+                for &(origin, direction) in &rays {
+                    black_box(gatherer.look(origin, direction, &mut scratch));
+                }
+            });
+            print(name, &surfels.to_string(), secs);
+        }
+    }
+}
+
+/// Least CPU seconds of several runs.
+fn best(passes: u32, mut run: impl FnMut()) -> f64 {
+    (0..passes)
+        .map(|_| {
+            let before = usage::cpu_secs();
+            run();
+            usage::cpu_secs() - before
+        })
+        .fold(f64::INFINITY, f64::min)
+}
+
+/// What the scene's first camera sees at every `step`-th pixel.
+fn receivers(scene: &Scene, tracer: &Tracer, step: u32) -> Vec<Receiver> {
+    let camera = scene.camera(None).unwrap();
+    let pixels = (0..scene.film.height).step_by(step as usize).flat_map(|y| {
+        (0..scene.film.width)
+            .step_by(step as usize)
+            .map(move |x| (x, y))
+    });
+    pixels
+        .filter_map(|(x, y)| {
+            let direction = camera.direction(&scene.film, x as f32 + 0.5, y as f32 + 0.5);
+            let hit = tracer.closest(camera.origin(), direction, f32::INFINITY)?;
+            let surface = Surface::new(scene, hit.triangle, hit.uv).facing(-direction);
+            Some(Receiver {
+                origin: surface.position + surface.face_normal * tracer.offset,
+                normal: surface.normal,
+                seed: hash(&[0, u64::from(x), u64::from(y)]),
+            })
+        })
+        .collect()
+}
+
+/// A tree of so many surfels.
+fn store(scene: &Scene, surfels: u64, folder: &Path) -> TreeStore {
+    let (cloud, tree) = (folder.join("c.lvc"), folder.join("c.lvt"));
+    let settings = bake::Settings {
+        surfels: SurfelSampling::Area { count: surfels },
+        ..bake::Settings::default()
+    };
+    let job = Job::default();
+    bake::run(scene, &settings, &cloud, true, &job).unwrap();
+    build::run(&cloud, &tree, &build::Settings::default(), true, &job).unwrap();
+    TreeStore::open(&tree, None).unwrap()
+}
+
+fn gatherer<'a>(
+    store: &'a TreeStore,
+    pages: &'a KeptTree,
+    kernel: Kernel,
+    max_solid_angle: f32,
+) -> Gatherer<'a, KeptTree> {
+    Gatherer {
+        pages,
+        media: &store.media,
+        settings: Settings {
+            samples: SAMPLES,
+            max_solid_angle,
+            max_dist: f32::INFINITY,
+            kernel,
+            environment: Rgb::BLACK,
+            media: false,
+        },
+    }
+}

@@ -1,0 +1,366 @@
+#!/usr/bin/env python3
+"""Writes the meshes and volumes of the scenes in this folder, into this folder. They are committed, since sines differ in
+the last digit between machines and references belong to a scene's exact bytes: run this only to change a scene, and remake
+its reference then (../../references/make.sh)."""
+
+import math
+import os
+import struct
+from math import cos, pi, sin, sqrt
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+
+
+def path(name):
+    return os.path.join(HERE, name)
+
+
+def noise(x, y, z, seed):
+    """Smooth random values in [0,1] over a lattice of step 1."""
+
+    def at(i, j, k):
+        h = (i * 374761393 + j * 668265263 + k * 2147483647 + seed * 1274126177) & 0xFFFFFFFF
+        h = ((h ^ (h >> 13)) * 1103515245) & 0xFFFFFFFF
+        h = ((h ^ (h >> 16)) * 2246822519) & 0xFFFFFFFF
+        return ((h ^ (h >> 15)) & 0xFFFFFF) / 0xFFFFFF
+
+    i, j, k = math.floor(x), math.floor(y), math.floor(z)
+    u, v, w = (t * t * (3 - 2 * t) for t in (x - i, y - j, z - k))
+    total = 0.0
+    for a in (0, 1):
+        for b in (0, 1):
+            for c in (0, 1):
+                total += at(i + a, j + b, k + c) * (u if a else 1 - u) * (v if b else 1 - v) * (w if c else 1 - w)
+    return total
+
+
+def turbulence(x, y, z, seed, octaves=4):
+    total, weight = 0.0, 0.5
+    for octave in range(octaves):
+        total += weight * noise(x, y, z, seed + octave)
+        x, y, z, weight = 2.03 * x + 5.2, 2.03 * y + 5.2, 2.03 * z + 5.2, weight / 2
+    return total / (1 - 2 * weight)
+
+
+# Meshes ------------------------------------------------------------------------------------------------------------
+
+
+def write_ply(name, vertices, normals, faces):
+    """Binary PLY; `normals` may be None."""
+    extra = "property float nx\nproperty float ny\nproperty float nz\n" if normals else ""
+    with open(path(name), "wb") as ply:
+        ply.write(
+            f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\nproperty float x\nproperty float y\n"
+            f"property float z\n{extra}element face {len(faces)}\nproperty list uchar ushort vertex_indices\n"
+            "end_header\n".encode()
+        )
+        for i, v in enumerate(vertices):
+            ply.write(struct.pack("<3f", *v))
+            if normals:
+                ply.write(struct.pack("<3f", *normals[i]))
+        for f in faces:
+            ply.write(struct.pack("<B3H", 3, *f))
+
+
+def normalized(v):
+    length = sqrt(sum(c * c for c in v)) or 1.0
+    return tuple(c / length for c in v)
+
+
+def cross(a, b):
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def grid(surface, across, down, normals=True):
+    """`surface(u, v)` over the unit square; the front is on the side of d/du x d/dv."""
+    vertices, directions = [], []
+    e = 1e-4
+    for j in range(down + 1):
+        for i in range(across + 1):
+            u, v = i / across, j / down
+            vertices.append(surface(u, v))
+            du = [b - a for a, b in zip(surface(u - e, v), surface(u + e, v))]
+            dv = [b - a for a, b in zip(surface(u, v - e), surface(u, v + e))]
+            directions.append(normalized(cross(du, dv)))
+    faces = []
+    for j in range(down):
+        for i in range(across):
+            a = j * (across + 1) + i
+            b, c, d = a + 1, a + across + 1, a + across + 2
+            faces += [(a, b, d), (a, d, c)]
+    return vertices, directions if normals else None, faces
+
+
+def icosphere(levels):
+    t = (1 + sqrt(5)) / 2
+    vertices = [normalized(v) for v in (
+        (-1, t, 0), (1, t, 0), (-1, -t, 0), (1, -t, 0), (0, -1, t), (0, 1, t),
+        (0, -1, -t), (0, 1, -t), (t, 0, -1), (t, 0, 1), (-t, 0, -1), (-t, 0, 1))]
+    faces = [(0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4), (11, 10, 2), (10, 7, 6),
+             (7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8), (3, 8, 9), (4, 9, 5), (2, 4, 11), (6, 2, 10),
+             (8, 6, 7), (9, 8, 1)]
+    for _ in range(levels):
+        middle = {}
+
+        def between(a, b):
+            key = (min(a, b), max(a, b))
+            if key not in middle:
+                middle[key] = len(vertices)
+                vertices.append(normalized([x + y for x, y in zip(vertices[a], vertices[b])]))
+            return middle[key]
+
+        split = []
+        for a, b, c in faces:
+            ab, bc, ca = between(a, b), between(b, c), between(c, a)
+            split += [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        faces = split
+    return vertices, faces
+
+
+class Obj:
+    """Quads and triangles by material."""
+
+    def __init__(self, material_file):
+        self.lines = [f"mtllib {material_file}"]
+        self.count = 0
+
+    def material(self, name):
+        self.lines.append(f"usemtl {name}")
+
+    def polygon(self, *corners):
+        for c in corners:
+            self.lines.append("v " + " ".join(f"{v:.5g}" for v in c))
+        self.lines.append("f " + " ".join(str(self.count + i + 1) for i in range(len(corners))))
+        self.count += len(corners)
+
+    def box(self, low, high, turn_deg=0.0, axis="z", inside_out=False, open_sides=()):
+        """Faces point outwards; turned about its centre. `open_sides` are left out, such as "+z"."""
+        middle = [(a + b) / 2 for a, b in zip(low, high)]
+        s, c = sin(turn_deg * pi / 180), cos(turn_deg * pi / 180)
+
+        def turned(p):
+            x, y, z = (a - m for a, m in zip(p, middle))
+            if axis == "z":
+                x, y = c * x - s * y, s * x + c * y
+            elif axis == "x":
+                y, z = c * y - s * z, s * y + c * z
+            else:
+                z, x = c * z - s * x, s * z + c * x
+            return (x + middle[0], y + middle[1], z + middle[2])
+
+        for a in range(3):
+            b, d = (a + 1) % 3, (a + 2) % 3
+            for sign, side in (("+", high), ("-", low)):
+                if sign + "xyz"[a] in open_sides:
+                    continue
+                corners = []
+                for s1, s2 in ((low, low), (high, low), (high, high), (low, high)):
+                    p = [0.0, 0.0, 0.0]
+                    p[a], p[b], p[d] = side[a], s1[b], s2[d]
+                    corners.append(turned(p))
+                if (sign == "-") != inside_out:
+                    corners.reverse()
+                self.polygon(*corners)
+
+    def write(self, name):
+        with open(path(name), "w", newline="\n") as obj:
+            obj.write("\n".join(self.lines) + "\n")
+
+
+def write_mtl(name, materials):
+    with open(path(name), "w", newline="\n") as mtl:
+        for material, (kd, ke) in materials.items():
+            mtl.write(f"newmtl {material}\nKd {kd[0]:g} {kd[1]:g} {kd[2]:g}\n")
+            if ke:
+                mtl.write(f"Ke {ke[0]:.5g} {ke[1]:.5g} {ke[2]:.5g}\n")
+
+
+# Scenes ------------------------------------------------------------------------------------------------------------
+
+
+def curved():
+    def drape(u, v):
+        fold = 0.16 * sin(5 * 2 * pi * u) * (0.35 + 0.65 * (1 - v)) + 0.05 * sin(2 * pi * (2 * u + 0.7 * v))
+        return (-1.35 + 1.5 * u, 0.15 + 1.9 * v, -1.2 + fold)
+
+    write_ply("drape.ply", *grid(drape, 90, 24))
+
+    def vase(u, v):
+        # Up the outside, over the lip and down the inside: one closed sheet 2 cm thick.
+        outside = v < 0.52
+        h = v / 0.52 if outside else (1 - v) / 0.48
+        radius = 0.16 + 0.20 * sin(pi * (0.12 + 0.74 * h)) ** 2 + 0.10 * h**6
+        radius *= min(1.0, 6 * h + 0.55)
+        if not outside:
+            radius, h = max(radius - 0.02, 0.0) * min(1.0, 12 * h), 0.03 + 0.97 * h
+        a = 2 * pi * u
+        return (radius * sin(a), 0.75 * h, radius * cos(a))
+
+    write_ply("vase.ply", *grid(vase, 72, 36))
+    vertices, faces = icosphere(1)
+    write_ply("bulb.ply", vertices, vertices, faces)
+
+
+def lights100():
+    hall = Obj("hall.mtl")
+    hall.material("stone")
+    hall.box((-5, 0, -3), (5, 4, 3), inside_out=True)
+    hall.material("plaster")
+    for x in (-3.6, -1.2, 1.2, 3.6):
+        for z in (-1.7, 1.7):
+            hall.box((x - 0.32, 0, z - 0.32), (x + 0.32, 0.25, z + 0.32), open_sides=("-y",))
+            sides = 10
+            for i in range(sides):
+                a, b = (2 * pi * k / sides for k in (i, i + 1))
+                r0, r1 = 0.24, 0.19
+                hall.polygon((x + r0 * sin(a), 0.25, z + r0 * cos(a)), (x + r0 * sin(b), 0.25, z + r0 * cos(b)),
+                             (x + r1 * sin(b), 3.4, z + r1 * cos(b)), (x + r1 * sin(a), 3.4, z + r1 * cos(a)))
+            hall.box((x - 0.28, 3.4, z - 0.28), (x + 0.28, 3.6, z + 0.28))
+    hall.material("oak")
+    for z0, z1 in ((-2.0, -1.4), (1.4, 2.0)):
+        hall.box((-5, 3.6, z0), (5, 3.99, z1), open_sides=("-x", "+x"))
+    # A gallery along the far wall, with balusters, and stairs that lead to it.
+    hall.box((2.0, 2.0, -2.99), (4.99, 2.15, -2.05))
+    for i in range(16):
+        x = 2.1 + 0.185 * i
+        hall.box((x, 2.15, -2.12), (x + 0.05, 2.85, -2.07))
+    hall.box((2.0, 2.85, -2.15), (4.99, 2.93, -2.04))
+    for i in range(10):
+        hall.box((0.05 + 0.2 * i, 0, -2.9), (0.25 + 0.2 * i, 0.2 * (i + 1), -2.1), open_sides=("-y",))
+    hall.material("red")
+    hall.box((-4.2, 0, -0.5), (-2.4, 0.75, 0.5), turn_deg=14, axis="y")
+    hall.material("blue")
+    hall.box((-0.6, 0, 0.2), (0.4, 0.45, 1.0), turn_deg=-30, axis="y")
+    hall.write("hall.obj")
+    write_mtl("hall.mtl", {
+        "stone": ((0.62, 0.60, 0.56), None), "plaster": ((0.75, 0.74, 0.70), None), "oak": ((0.38, 0.25, 0.14), None),
+        "red": ((0.60, 0.08, 0.06), None), "blue": ((0.07, 0.14, 0.50), None)})
+
+    lamps, materials = Obj("lamps.mtl"), {}
+    for k in range(100):
+        a, b, c, d = (noise(k, i, 7, 40 + i) for i in range(4))
+        # Along the beams, around the columns, below the gallery, and low along the walls.
+        kind = k % 4
+        if kind == 0:
+            at, facing = (-4.7 + 9.4 * a, 3.55, (-1.7, 1.7)[k % 8 == 0] + 0.5 * (b - 0.5)), (0, -1, 0)
+        elif kind == 1:
+            column = ((-3.6, -1.2, 1.2, 3.6)[k // 4 % 4], (-1.7, 1.7)[k // 16 % 2])
+            turn = 2 * pi * b
+            facing = (sin(turn), 0.0, cos(turn))
+            at = (column[0] + 0.3 * facing[0], 0.7 + 2.4 * a, column[1] + 0.3 * facing[2])
+        elif kind == 2:
+            at, facing = (2.2 + 2.6 * a, 1.97, -2.9 + 0.7 * b), (0, -1, 0)
+        else:
+            wall = k // 4 % 3
+            at, facing = (((-4.9 + 9.8 * a, 0.3 + 3 * b, -2.97), (0, 0, 1)), ((-4.97, 0.3 + 3 * b, -2.8 + 5.6 * a), (1, 0, 0)),
+                          ((4.97, 0.3 + 1.4 * b, -2.8 + 5.6 * a), (-1, 0, 0)))[wall]
+        side = 0.03 + 0.07 * c
+        x = normalized(cross((0.3, 1, 0.2), facing))
+        y = cross(facing, x)
+        corner = lambda s: tuple(p + side * (cos(s) * u + sin(s) * v) for p, u, v in zip(at, x, y))
+        # Power over a range of about 40, in warm, cold and coloured light.
+        radiance = 30 * 6 ** (2 * d - 1)
+        hue = 2 * pi * noise(k, 4, 7, 44)
+        tint = [1 + 0.45 * cos(hue - 2 * pi * i / 3) for i in range(3)]
+        name = f"lamp{k}"
+        materials[name] = ((0, 0, 0), [radiance * t for t in tint])
+        lamps.material(name)
+        lamps.polygon(corner(0.0), corner(2 * pi / 3), corner(4 * pi / 3))
+    lamps.write("lamps.obj")
+    write_mtl("lamps.mtl", materials)
+
+
+def volumes():
+    def ball(x, y, z):
+        r = sqrt((x - 0.5) ** 2 + (y - 0.5) ** 2 + (z - 0.5) ** 2)
+        return (0.47 - r) / 0.14 + 2.2 * (turbulence(5 * x, 5 * y, 5 * z, 3) - 0.5)
+
+    write_raw("puff.raw", 36, 36, 36, ball)
+
+    def layer(x, y, z):
+        sides = min(x, 1 - x, z, 1 - z) / 0.08
+        return min(sides, y / 0.06, (1 - y) / 0.5, 1) * (0.25 + 1.1 * turbulence(3 * x, 2 * y, 3 * z, 9, 3) ** 2)
+
+    write_raw("haze.raw", 32, 14, 32, layer)
+
+
+def write_raw(name, nx, ny, nz, density):
+    with open(path(name), "wb") as raw:
+        for k in range(nz):
+            for j in range(ny):
+                for i in range(nx):
+                    value = density((i + 0.5) / nx, (j + 0.5) / ny, (k + 0.5) / nz)
+                    raw.write(bytes([round(255 * min(max(value, 0), 1))]))
+
+
+def thin():
+    room = Obj("thin.mtl")
+    # Walls are 4 mm sheets of board; the room is 4 x 2.5 x 3, open behind the camera. All lengths in metres.
+    t = 0.004
+    room.material("white")
+    room.box((-2, -t, -1.5), (2, 0, 1.5))
+    room.box((-2, 2.5, -1.5), (2, 2.5 + t, 1.5))
+    room.box((-2, 0, -1.5 - t), (2, 2.5, -1.5))
+    room.material("red")
+    room.box((-2 - t, 0, -1.5), (-2, 2.5, 1.5))
+    room.material("green")
+    room.box((2, 0, -1.5), (2 + t, 2.5, 1.5))
+    # A partition with 3 mm left below, above and behind it; what is right of it gets its light over and through that.
+    room.material("white")
+    room.box((0.7, 0.003, -1.497), (0.7 + t, 2.497, 0.35))
+    # A lit chest below louvres: slats of 4 mm, a chamber of light behind.
+    room.material("grey")
+    room.box((-1.6, 0, -1.2), (-0.6, 0.004, -0.6))
+    room.box((-1.6, 0, -1.2), (-1.596, 0.9, -0.6))
+    room.box((-0.604, 0, -1.2), (-0.6, 0.9, -0.6))
+    room.box((-1.6, 0, -1.2), (-0.6, 0.9, -1.196))
+    room.box((-1.6, 0.896, -1.2), (-0.6, 0.9, -0.6))
+    for i in range(10):
+        y = 0.05 + 0.085 * i
+        room.box((-1.59, y - 0.002, -0.65), (-0.61, y + 0.002, -0.57), turn_deg=35, axis="x")
+    # Boards that stand 3 mm apart on the floor, a shelf 3 mm off the wall, and a sheet of paper leaning.
+    room.material("oak")
+    for i in range(8):
+        x = -0.3 + 0.083 * i
+        room.box((x, 0.003, -0.35), (x + 0.08, 0.55, -0.33))
+    room.box((-0.35, 1.2, -1.497), (0.55, 1.22, -1.2))
+    room.material("white")
+    room.polygon((1.15, 0.001, 0.2), (1.65, 0.001, 0.0), (1.75, 0.6, 0.2), (1.25, 0.6, 0.4))
+    room.material("lamp")
+    # A panel 3 mm below the ceiling, and a tube of light inside the chest.
+    room.polygon((-1.2, 2.497, -0.5), (0.1, 2.497, -0.5), (0.1, 2.497, 0.3), (-1.2, 2.497, 0.3))
+    room.material("tube")
+    room.polygon((-1.5, 0.7, -1.15), (-0.7, 0.7, -1.15), (-0.7, 0.74, -1.15), (-1.5, 0.74, -1.15))
+    room.write("thin.obj")
+    write_mtl("thin.mtl", {
+        "white": ((0.74, 0.73, 0.71), None), "red": ((0.58, 0.09, 0.07), None), "green": ((0.12, 0.42, 0.14), None),
+        "grey": ((0.5, 0.5, 0.52), None), "oak": ((0.42, 0.28, 0.15), None), "lamp": ((0, 0, 0), (7, 6.6, 5.8)),
+        "tube": ((0, 0, 0), (60, 40, 22))})
+
+
+def outdoor():
+    def ground(u, v):
+        x, z = 24 * (u - 0.5), 24 * (0.5 - v)
+        hills = 2.6 * turbulence(x / 7 + 9, 0.3, z / 7 + 9, 5, 5) + 0.35 * turbulence(x, 0.7, z, 8, 3)
+        valley = min(1.0, (x * x + (z - 6) ** 2) / 60)
+        return (x, (hills - 1.2) * (0.25 + 0.75 * valley), z)
+
+    vertices, _, faces = grid(ground, 88, 88, normals=False)
+    write_ply("ground.ply", vertices, None, faces)
+    vertices, faces = icosphere(4)
+
+    def rock(p):
+        r = 0.75 + 0.6 * turbulence(1.6 * p[0] + 7, 1.6 * p[1] + 7, 1.6 * p[2] + 7, 21, 4)
+        return tuple(r * c for c in p)
+
+    write_ply("rock.ply", [rock(v) for v in vertices], None, faces)
+
+    def cloud(x, y, z):
+        r = sqrt(((x - 0.5) / 0.44) ** 2 + ((y - 0.4) / 0.42) ** 2 + ((z - 0.5) / 0.44) ** 2)
+        return 2.5 * (1 - r) + 3.4 * (turbulence(6 * x, 3 * y, 6 * z, 13, 4) - 0.5)
+
+    write_raw("cloud.raw", 40, 20, 40, cloud)
+
+
+for scene in (curved, lights100, volumes, thin, outdoor):
+    scene()
