@@ -98,21 +98,21 @@ pub struct Arrival {
 }
 
 impl Arrival {
-    /// Share of each channel that arrives, for the sum of many rays. 1 without any ray.
+    /// What arrives of `open`, for the sum of many rays: all of it without any ray.
+    ///
+    /// Its mean share is told by luminance, by which rays choose among lights. How far single rays differ from that share
+    /// tells the colour; where they do not, it has no noise however many colours lights have.
     #[must_use]
-    pub fn share(&self) -> Rgb {
+    pub fn of(&self, open: Rgb) -> Rgb {
         let all = self.all.luminance();
-        let mean = if all > 0.0 {
-            self.arriving.luminance() / all
-        } else {
-            1.0
-        };
+        if all <= 0.0 {
+            return open;
+        }
+        let share = self.arriving.luminance() / all;
+        let per_ray = open.luminance() / all;
         Rgb(std::array::from_fn(|c| {
-            if self.all.0[c] > 0.0 {
-                self.arriving.0[c] / self.all.0[c]
-            } else {
-                mean
-            }
+            let differs = self.arriving.0[c] - share * self.all.0[c];
+            (share * open.0[c] + per_ray * differs).max(0.0)
         }))
     }
 }

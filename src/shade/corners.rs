@@ -49,8 +49,8 @@ impl Place {
 
 /// What the corners around a pixel say of its lights.
 enum Lit {
-    /// Share of the lights with an extent that arrives.
-    Share(Rgb),
+    /// What arrived from lights with an extent along the shadow rays near the pixel.
+    Arrived(Arrival),
     /// A shadow whose edge is too narrow for the corners.
     Edge,
 }
@@ -214,11 +214,11 @@ impl<'a, P: Pages> Corners<'a, P> {
         if seen & hidden & Direct::SHARP != 0 {
             return None;
         }
-        let Lit::Share(share) = self.lit(&own[0].sample, at) else {
+        let Lit::Arrived(rays) = self.lit(&own[0].sample, at) else {
             return None;
         };
         for c in own {
-            let direct = c.sample.direct.sharp + c.sample.direct.open * share;
+            let direct = c.sample.direct.sharp + rays.of(c.sample.direct.open);
             self.shader
                 .add_surface(&mut pixel, &c.sample, direct, c.irradiance);
         }
@@ -255,6 +255,6 @@ impl<'a, P: Pages> Corners<'a, P> {
         }
         let mut all = sum(0, 1);
         all += sum(2, 3);
-        Lit::Share(all.share())
+        Lit::Arrived(all)
     }
 }

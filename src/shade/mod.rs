@@ -90,7 +90,7 @@ impl Settings {
         let good = Self {
             camera: None,
             samples: 32,
-            max_solid_angle: 0.02,
+            max_solid_angle: 0.01,
             max_dist: None,
             plain: false,
             method: Method::Extended,
@@ -104,7 +104,7 @@ impl Settings {
         match quality {
             Quality::Draft => Self {
                 samples: 12,
-                max_solid_angle: 0.04,
+                max_solid_angle: 0.02,
                 volume_samples: 4,
                 edge_samples: 8,
                 ..good

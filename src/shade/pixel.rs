@@ -244,7 +244,7 @@ impl<P: Pages> PixelShader<'_, P> {
             match sample.surface {
                 Some(_) => {
                     let piece = &pieces[index];
-                    let direct = sample.direct.sharp + sample.direct.open * piece.rays.share();
+                    let direct = sample.direct.sharp + piece.rays.of(sample.direct.open);
                     self.add_surface(&mut pixel, sample, direct, piece.irradiance);
                 }
                 None => self.add_nothing(&mut pixel, sample),

@@ -51,7 +51,11 @@ fn one_tree_serves_every_camera() {
 
 #[test]
 fn red_bleeds_onto_grey() {
-    let frame = render(ROOM, 20_000, &quick());
+    let settings = Settings {
+        samples: 128,
+        ..quick()
+    };
+    let frame = render(ROOM, 20_000, &settings);
     let indirect = layer(&frame, "indirect");
     // The floor beside the red wall, and in the middle of the same row.
     let redness = |x: usize| {
