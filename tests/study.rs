@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 /// A study of the demo, as small as can be.
 fn command(folder: &Path, args: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lvox"));
-    command.args(["study", "--demo", "--width", "64", "-o"]);
+    command.args(["study", "--demo", "--width", "40", "--quality", "draft", "-o"]);
     command.arg(folder).args(args);
     for (name, value) in [
         ("--reference-spp", "16"),
@@ -156,7 +156,7 @@ fn show(report: &str, dir: &Path) {
     let parts: Vec<&str> = found.split("; ").collect();
     assert_eq!(
         parts[..4],
-        ["images 11", "loaded 11", "heat 5", "plots 5"],
+        ["images 11", "loaded 11", "heat 5", "plots 6"],
         "{found}"
     );
     let rows: usize = parts[4].strip_prefix("rows ").unwrap().parse().unwrap();
@@ -208,7 +208,7 @@ fn wait(mut child: Child, limit: Duration) -> String {
 fn a_signal_keeps_what_is_finished_and_the_same_command_goes_on() {
     let dir = tempfile::tempdir().unwrap();
     let folder = dir.path().join("study");
-    let args = ["--rounds", "4"];
+    let args = ["--rounds", "2"];
     let mut child = command(&folder, &args)
         .stderr(Stdio::piped())
         .spawn()
@@ -243,7 +243,7 @@ fn a_signal_keeps_what_is_finished_and_the_same_command_goes_on() {
     assert!(output.status.success(), "{}", text(&output.stderr));
     let all = times(&json(&folder));
     assert_eq!(all.len(), 13);
-    assert!(all.values().all(|rounds| rounds.len() == 4));
+    assert!(all.values().all(|rounds| rounds.len() == 2));
     for (name, rounds) in &kept {
         assert_eq!(all[name][..rounds.len()], rounds[..], "{name}");
     }

@@ -188,25 +188,33 @@ impl Study {
             sweeps.sort_unstable();
             sweeps.dedup();
             for sweep in sweeps {
-                let in_sweep: Vec<&Run> = runs
-                    .iter()
-                    .copied()
-                    .filter(|r| r.sweep == sweep || r.sweep == "base")
-                    .collect();
-                let mut add = |setting: &str, value: &dyn Fn(&Run) -> Option<f64>| {
-                    let points = in_sweep
-                        .iter()
-                        .filter_map(|r| Some((value(r)?, r.errors.relmse?)))
-                        .collect();
-                    slopes.extend(slope(method, setting, points));
-                };
-                add(sweep, &|r| r.values.get(sweep).copied());
+                slopes.extend(slope(method, sweep, self.sweep(method, sweep)));
                 if sweep == "surfels" {
-                    add("surfel-radius", &|r| Some(self.cloud_of(r)?.surfel_radius));
+                    let setting = "surfel-radius";
+                    slopes.extend(slope(method, setting, self.sweep(method, setting)));
                 }
             }
         }
         slopes
+    }
+
+    /// Values of a setting and relMSE of the runs that vary it, and of the base. `surfel-radius` is that of the clouds.
+    #[must_use]
+    pub fn sweep(&self, method: &str, setting: &str) -> Vec<(f64, f64)> {
+        let of_clouds = setting == "surfel-radius";
+        let sweep = if of_clouds { "surfels" } else { setting };
+        self.runs
+            .iter()
+            .filter(|r| r.method == method && (r.sweep == sweep || r.sweep == "base"))
+            .filter_map(|r| {
+                let value = if of_clouds {
+                    self.cloud_of(r)?.surfel_radius
+                } else {
+                    *r.values.get(sweep)?
+                };
+                Some((value, r.errors.relmse?))
+            })
+            .collect()
     }
 
     fn pareto(&self) -> Vec<String> {
@@ -261,7 +269,8 @@ impl Study {
 }
 
 /// Whether more of a setting is finer.
-fn rises(setting: &str) -> bool {
+#[must_use]
+pub fn rises(setting: &str) -> bool {
     ["spp", "samples", "surfels"].contains(&setting)
 }
 

@@ -67,14 +67,14 @@ pub fn place(
         .iter()
         .zip(names)
         .map(|(&(x, y), name)| {
-            let found = (0..2 * area.height / LINE).find_map(|step| {
-                // Above, below, further above, further below; at the right first.
-                let rows = (step + 1) / 2 * LINE;
-                let top = y - LINE / 2 + if step % 2 == 1 { -rows } else { rows };
-                let width = Rect::of_text(name, 0, 0).width;
-                [x + 9, x - 9 - width]
+            // A front falls from the left to the right: above at the right and below at the left are off its line.
+            let width = Rect::of_text(name, 0, 0).width;
+            let (right, left) = (x + 9, x - 9 - width);
+            let found = (0..area.height / LINE).find_map(|step| {
+                let (above, below) = (y - 2 - (step + 1) * LINE, y + 3 + step * LINE);
+                [(right, above), (left, below), (right, below), (left, above)]
                     .into_iter()
-                    .map(|left| Rect::of_text(name, left, top))
+                    .map(|(left, top)| Rect::of_text(name, left, top))
                     .find(|r| area.holds(r) && !blocked.iter().any(|b| b.meets(r)))
             });
             blocked.extend(found);
@@ -119,7 +119,7 @@ mod tests {
     fn a_lone_name_stands_beside_its_point_and_at_the_border_to_its_left() {
         let [right, left] =
             [(100, 100), (640, 100)].map(|p| place(&[p], &["base".into()], AREA, &[])[0].unwrap());
-        assert_eq!((right.left, right.top), (109, 92));
+        assert_eq!((right.left, right.top), (109, 82));
         assert!(left.left + left.width < 640);
     }
 

@@ -1,5 +1,6 @@
 //! The curves of a study as SVG, both axes logarithmic.
 
+use super::findings::rises;
 use super::labels::{self, LINE, Rect};
 use super::record::{Run, Study};
 use crate::{Error, Result};
@@ -43,7 +44,9 @@ pub fn all(study: &Study) -> Result<Vec<Plot>> {
         if series.iter().any(|s| !s.points.is_empty()) {
             // Errors fall from the upper left, times rise to the upper right.
             let legend = match floor {
-                None if name == "time-over-surfels" => SeriesLabelPosition::UpperLeft,
+                _ if ["time-over-surfels", "error-over-settings"].contains(&name) => {
+                    SeriesLabelPosition::UpperLeft
+                }
                 _ => SeriesLabelPosition::UpperRight,
             };
             let svg = draw(axes, &series, floor, legend)
@@ -83,6 +86,13 @@ pub fn all(study: &Study) -> Result<Vec<Plot>> {
         ["surfels", "CPU s"],
         time_over_surfels(study),
         None,
+    )?;
+    add(
+        "error-over-settings",
+        "Error over each setting of the extended method",
+        ["setting, times coarser than the finest", "relMSE"],
+        error_over_settings(study),
+        noise,
     )?;
     add(
         "pareto",
@@ -133,6 +143,36 @@ fn error_over_surfels(study: &Study) -> Vec<Series> {
                 label: method.into(),
                 color,
                 points: sorted(points.collect()),
+                joined: true,
+                names: Vec::new(),
+            }
+        })
+        .collect()
+}
+
+/// The sweeps that the slopes are fitted to.
+fn error_over_settings(study: &Study) -> Vec<Series> {
+    const SETTINGS: [(&str, RGBColor); 5] = [
+        ("samples", COLORS[2].1),
+        ("max-solid-angle", COLORS[1].1),
+        ("surfel-radius", RGBColor(0, 158, 115)),
+        ("block-depth", RGBColor(204, 121, 167)),
+        ("block-voxels", COLORS[0].1),
+    ];
+    SETTINGS
+        .iter()
+        .map(|&(setting, color)| {
+            let found = study.sweep("extended", setting);
+            // All settings are coarser upwards once those that are finer upwards are turned over.
+            let coarse = |v: f64| if rises(setting) { 1.0 / v } else { v };
+            let finest = found
+                .iter()
+                .map(|p| coarse(p.0))
+                .fold(f64::INFINITY, f64::min);
+            Series {
+                label: setting.into(),
+                color,
+                points: sorted(found.iter().map(|p| (coarse(p.0) / finest, p.1)).collect()),
                 joined: true,
                 names: Vec::new(),
             }
@@ -315,7 +355,7 @@ fn draw(
                 } else {
                     (r.left + r.width, HPos::Right)
                 };
-                if (middle - y).abs() >= LINE {
+                if (middle - y).abs() > LINE {
                     let line = vec![(x, y), (edge, middle)];
                     area.draw(&PathElement::new(line, RGBColor(170, 170, 170)))?;
                 }
