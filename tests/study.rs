@@ -10,7 +10,15 @@ use std::time::{Duration, Instant};
 /// A study of the demo, as small as can be.
 fn command(folder: &Path, args: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lvox"));
-    command.args(["study", "--demo", "--width", "40", "--quality", "draft", "-o"]);
+    command.args([
+        "study",
+        "--demo",
+        "--width",
+        "40",
+        "--quality",
+        "draft",
+        "-o",
+    ]);
     command.arg(folder).args(args);
     for (name, value) in [
         ("--reference-spp", "16"),
