@@ -103,9 +103,9 @@ fn errors_fall_at_their_rates() {
     let dir = tempfile::tempdir().unwrap();
     let study = measured(dir.path());
     let noise = study.reference.relmse.unwrap();
-    println!("noise of the reference: relMSE {noise:.2e}");
+    eprintln!("noise of the reference: relMSE {noise:.2e}");
     for s in &study.findings.slopes {
-        println!(
+        eprintln!(
             "{:12} {:16} power {:6.2}, of the coarsest two {:6.2}; relMSE {:.2e} at {} to {:.2e} at {}, least {:.2e}",
             s.method,
             s.setting,
