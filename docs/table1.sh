@@ -7,6 +7,7 @@
 # TABLE1_SPP         their samples per pixel; raise it to go on from what is there [512]
 # TABLE1_SCENES      all by default
 # TABLE1_QUALITY     base settings of lvox [good]
+# TABLE1_NOTE        a sentence on the state of the machine, for the page
 set -eu
 cd "$(dirname "$0")/.."
 
