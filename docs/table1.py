@@ -76,8 +76,8 @@ class Scene:
 
 
 def main_table(scenes):
-    head = ["scene", "method", "bake and build s", "render s", "pdiff %", "relMSE", "FLIP", "Monte Carlo in that time: pdiff %", "relMSE",
-            "faster at equal pdiff", "at equal relMSE", "tree MB", "of it lvoxels MB", "surfels to an lvoxel"]
+    head = ["scene", "method", "bake and build s", "render s", "pdiff %", "relMSE", "FLIP",
+            "Monte Carlo in that time: pdiff %", "relMSE", "faster at equal pdiff", "at equal relMSE", "tree MB", "of it lvoxels MB", "surfels to an lvoxel"]
     rows = []
     for scene in scenes:
         carlo = [r for r in scene.study["runs"] if r["method"] == "monte carlo"]
@@ -121,7 +121,8 @@ def bars(scenes):
     rows = []
 
     def add(what, value, text, holds):
-        rows.append([what, "not measured" if value is None else text(value), "yes" if value is not None and holds(value) else "**no**"])
+        held = value is not None and holds(value)
+        rows.append([what, "not measured" if value is None else text(value), "yes" if held else "**no**"])
 
     for kind, least in (("head", 36), ("bunny", 10)):
         of_kind = [s for s in scenes if s.name.startswith(kind)]
@@ -173,13 +174,13 @@ The six scenes of Table 1 of Gibson & Wood, *An Approach to Point Based Approxim
 Sponza with a CT bunny and with a CT head as media, at three resolutions each; {width} x {height} pixels, one sun, albedo 0.9.
 Everything is direct light and one bounce, which is what the paper's method computes.
 
-Made by `bash docs/table1.sh`, lvox {first["version"]} on {machine["processor"]} ({machine["system"]}), {machine["threads"]} threads. Times
-are CPU seconds of all threads, medians of rounds in which the methods take turns, without loading the scene.{note}
+Made by `bash docs/table1.sh`, lvox {first["version"]} on {machine["processor"]} ({machine["system"]}),
+{machine["threads"]} threads. Times are CPU seconds of all threads, medians of rounds in which the methods take turns, without loading the scene.{note}
 
 - **Monte Carlo** is `lvox reference`: path tracing with next-event estimation and Sobol points, multi-threaded, in the same
   program; its longest run and the one before are shown. Measured with {", ".join(map(str, spp))} samples per pixel.
-- **Errors** are against `lvox reference` images whose own noise is relMSE {figure(min(noise))} to {figure(max(noise))}, from the spread of
-  their samples.
+- **Errors** are against `lvox reference` images whose own noise is relMSE {figure(min(noise))} to {figure(max(noise))},
+  from the spread of their samples.
 - **Equal relMSE:** Monte Carlo's relMSE is taken as noise of the reference + constant / time, the constant from its
   longest run whose error is at least twice the noise; solved for our relMSE, and for our time.
 - **Equal pdiff:** read off straight lines in logarithms of pdiff over time between its runs, beyond the last run along the
@@ -195,7 +196,8 @@ are CPU seconds of all threads, medians of rounds in which the methods take turn
 
 The paper's machine (i5, 3 GHz, 2011) and its Monte Carlo renderer were others, and its Monte Carlo was not stopped at equal
 error, so only ratios can be compared; nearest to what it did is the time of our longest Monte Carlo run over ours. Its pdiff
-is 2.1 % to 4.3 % with lvoxels and 5.6 % to 14.4 % with surfels alone; its lvoxels add 0.1 to 1.7 MB to 466.3 MB of surfels (0.02 % to 0.36 %).
+is 2.1 % to 4.3 % with lvoxels and 5.6 % to 14.4 % with surfels alone; its lvoxels add 0.1 to 1.7 MB to 466.3 MB of
+surfels (0.02 % to 0.36 %).
 """)
     print(paper_table(scenes))
     print("""## Front-to-back order

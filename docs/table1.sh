@@ -52,8 +52,8 @@ for scene in $scenes; do
     64 | 128) voxels=4 ;;
     *) voxels=8 ;;
     esac
-    "$lvox" study "$work/$scene.toml" --reference "$references/$scene.exr" --base-only --paper-cloud "$voxels" --quality "$quality" \
-        --spp 4,16,64,256 --rounds 3 --long 8 -o "$build/$scene"
+    "$lvox" study "$work/$scene.toml" --reference "$references/$scene.exr" --base-only --paper-cloud "$voxels" \
+        --quality "$quality" --spp 4,16,64,256 --rounds 3 --long 8 -o "$build/$scene"
 done
 
 # What front-to-back order is worth, on both clouds of bunny_128.

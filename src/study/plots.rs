@@ -282,6 +282,7 @@ fn draw(
         chart
             .configure_mesh()
             .disable_mesh()
+            .set_all_tick_mark_size(0)
             .x_label_formatter(&|_| String::new())
             .y_label_formatter(&|_| String::new())
             .x_desc(axes[0])
