@@ -3,14 +3,16 @@
 #[allow(dead_code)]
 mod common;
 
-use common::{DEMO, rays};
+use common::{DEMO, gather_rays, rays};
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use lvox::gather::cone::Scratch;
+use lvox::gather::plain;
 use lvox::gather::{Gatherer, Kernel, Settings, SurfelStore, TreeStore};
 use lvox::math::Rgb;
 use lvox::math::segment::Composite;
 use lvox::trace::Tracer;
+use std::path::Path;
 use std::sync::LazyLock;
 
 const RAYS: u64 = 4096;
@@ -74,6 +76,40 @@ fn surfels(bencher: Bencher, kernel: &str) {
             black_box(gatherer.look(origin, direction, &mut scratch));
         }
     });
+}
+
+/// What front-to-back order is worth to the plain kernel: disks seen by the rays of gathers at surfels, media left out.
+/// On the demo, or on the tree that the variable `LVOX_BENCH_TREE` names.
+#[divan::bench(args = ["front to back", "as stored"])]
+fn order(bencher: Bencher, order: &str) {
+    let other = std::env::var_os("LVOX_BENCH_TREE")
+        .map(|path| TreeStore::open(Path::new(&path), None).expect("LVOX_BENCH_TREE"));
+    let store = other.as_ref().unwrap_or(&STORE);
+    let SurfelStore::Kept(pages) = &store.surfels else {
+        unreachable!("no limit was given")
+    };
+    let rays = gather_rays(store, RAYS);
+    let mut scratch = Scratch::default();
+    let bencher = bencher.counter(ItemsCount::new(RAYS));
+    if order == "as stored" {
+        bencher.bench_local(|| {
+            for &(o, d) in &rays {
+                black_box(plain::cast_in_order::<_, false>(
+                    pages,
+                    o,
+                    d,
+                    f32::INFINITY,
+                    &mut scratch,
+                ));
+            }
+        });
+    } else {
+        bencher.bench_local(|| {
+            for &(o, d) in &rays {
+                black_box(plain::cast(pages, o, d, f32::INFINITY, &mut scratch));
+            }
+        });
+    }
 }
 
 /// Lvoxels passed by a gather ray.

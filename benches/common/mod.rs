@@ -3,7 +3,8 @@
 use glam::Vec3;
 use lvox::bake::{self, SurfelSampling};
 use lvox::build;
-use lvox::math::sampling::{hash, sphere, unit2};
+use lvox::gather::TreeStore;
+use lvox::math::sampling::{cosine_hemisphere, hash, sphere, tangents, unit2};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use std::path::{Path, PathBuf};
@@ -54,6 +55,24 @@ pub fn rays(count: u64) -> Vec<(Vec3, Vec3)> {
             let [e, f] = unit2(hash(&[i, 2]));
             let point = Vec3::new(2.5 * a - 1.25, 0.05 + 1.9 * b, 1.9 * c - 0.95);
             (point, sphere([(d + f).fract(), e]))
+        })
+        .collect()
+}
+
+/// Rays of gathers at surfels all over a tree: cosine-distributed about the normals, the same every time.
+pub fn gather_rays(store: &TreeStore, count: u64) -> Vec<(Vec3, Vec3)> {
+    let tree = store.tree();
+    let pages = tree.surfel_pages() as u64;
+    (0..count)
+        .filter_map(|i| {
+            let page = tree.surfel_page((hash(&[i, 3]) % pages) as usize).unwrap();
+            let n = page.surfels.len() as u64;
+            let surfel = page.surfels.get((hash(&[i, 4]) % n.max(1)) as usize)?;
+            let (position, normal) = (Vec3::from(surfel.position), Vec3::from(surfel.normal));
+            let (x, y) = tangents(normal);
+            let d = cosine_hemisphere(unit2(hash(&[i, 5])));
+            let direction = (x * d.x + y * d.y + normal * d.z).normalize();
+            Some((position + 1e-3 * surfel.radius * normal, direction))
         })
         .collect()
 }

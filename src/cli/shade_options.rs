@@ -86,8 +86,9 @@ pub struct ShadeOptions {
     float: bool,
 }
 
+/// [`Quality`] as typed.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum QualityChoice {
+pub enum QualityChoice {
     Draft,
     Good,
     Best,

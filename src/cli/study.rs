@@ -2,8 +2,9 @@
 
 use super::options::Context;
 use super::scene_input::SceneInput;
-use lvox::Result;
+use super::shade_options::QualityChoice;
 use lvox::study::{self, Settings};
+use lvox::{Result, shade};
 use std::path::PathBuf;
 
 /// Measure error against run time of Monte Carlo, traditional and extended point-based rendering on a scene
@@ -28,13 +29,31 @@ pub struct Args {
     #[arg(long, value_name = "N", conflicts_with = "reference")]
     reference_spp: Option<u32>,
 
-    /// Few and short runs, to see that all works
+    /// Few and short runs at a width of 240, to see that all works
     #[arg(long)]
     quick: bool,
+
+    /// Only Monte Carlo and the base settings: no sweeps
+    #[arg(long, conflicts_with_all = ["block_voxels", "samples", "max_solid_angle"])]
+    base_only: bool,
+
+    /// Run on a cloud like the paper's as well: 2.5 million surfels, and lvoxels of this many voxels a side, 4 if none is
+    /// given
+    #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "4")]
+    paper_cloud: Option<u8>,
+
+    /// Render images of this width, the height in proportion [default: that of the scene; quick: 240 without
+    /// --reference]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..=65536))]
+    width: Option<u32>,
 
     /// Look through this camera of the scene [default: its first]
     #[arg(long, value_name = "NAME")]
     camera: Option<String>,
+
+    /// Shade with these base settings
+    #[arg(long, value_name = "PRESET", default_value = "good")]
+    quality: QualityChoice,
 
     /// Count paths of at most this many segments in Monte Carlo, as in lvox reference; 3 is what a tree without bounces
     /// holds
@@ -53,7 +72,11 @@ pub struct Args {
     #[arg(long, value_name = "TAU", value_delimiter = ',')]
     block_depth: Vec<f32>,
 
-    /// Rays of gathers on surfaces [default: 8,16,32,128,256]
+    /// Voxels a side of lvoxels of one size, as in the paper, beside the base settings [default: 2,4,8]
+    #[arg(long, value_name = "N", value_delimiter = ',')]
+    block_voxels: Vec<u8>,
+
+    /// Rays of gathers on surfaces [default: 8,16,64,128,256]
     #[arg(long, value_name = "N", value_delimiter = ',')]
     samples: Vec<u32>,
 
@@ -64,6 +87,10 @@ pub struct Args {
     /// Times that each run is timed [default: 3, quick: 1]
     #[arg(long, value_name = "N")]
     rounds: Option<u32>,
+
+    /// Time a run that takes longer than this only once, wall-clock seconds
+    #[arg(long, value_name = "SECS", default_value_t = Settings::default().long_secs)]
+    long: f64,
 }
 
 impl Args {
@@ -73,21 +100,39 @@ impl Args {
         } else {
             Settings::default()
         };
+        let width = match (self.quick, &self.reference) {
+            (true, None) => self.width.or(Some(240)),
+            _ => self.width,
+        };
         let settings = Settings {
             camera: self.camera,
             max_depth: self.max_depth,
             spp: given(self.spp, preset.spp),
             surfels: given(self.surfels, preset.surfels),
             block_depth: given(self.block_depth, preset.block_depth),
+            block_voxels: given(self.block_voxels, preset.block_voxels),
             samples: given(self.samples, preset.samples),
             max_solid_angle: given(self.max_solid_angle, preset.max_solid_angle),
+            paper_cloud: self.paper_cloud,
+            shade: shade::Settings::of(self.quality.into()),
             rounds: self.rounds.unwrap_or(preset.rounds),
+            long_secs: self.long,
             reference: self.reference,
             reference_spp: self.reference_spp.unwrap_or(preset.reference_spp),
             seed: context.seed,
         };
+        let settings = if self.base_only {
+            settings.base_only()
+        } else {
+            settings
+        };
         settings.check()?;
-        let scene = self.scene.load(&context.job)?;
+        let mut scene = self.scene.load(&context.job)?;
+        if let Some(width) = width {
+            let film = &mut scene.film;
+            let height = f64::from(film.height) * f64::from(width) / f64::from(film.width);
+            (film.width, film.height) = (width, height.round().max(1.0) as u32);
+        }
         study::run(&scene, &settings, &self.output, context.force, &context.job)?;
         let report = self.output.join("report.html");
         context

@@ -2,7 +2,7 @@
 //! kept as the reference that the fast kernel is tested against.
 
 use super::cone::{OVERHANG, Scratch};
-use super::page::ChildKind;
+use super::page::{ChildKind, WIDTH};
 use super::{Crossing, Pages};
 use crate::math::Rgb;
 use glam::Vec3;
@@ -15,15 +15,27 @@ pub fn cast<P: Pages>(
     t_max: f32,
     scratch: &mut Scratch,
 ) -> Option<Crossing> {
+    cast_in_order::<P, true>(pages, origin, direction, t_max, scratch)
+}
+
+/// The same with a choice of order: children by the distance at which the ray enters them, or as they are stored, to
+/// measure what the first is worth.
+pub fn cast_in_order<P: Pages, const NEAR_FIRST: bool>(
+    pages: &P,
+    origin: Vec3,
+    direction: Vec3,
+    t_max: f32,
+    scratch: &mut Scratch,
+) -> Option<Crossing> {
     scratch.crossings.clear();
     let mut best = None;
     if let Some(root) = pages.root() {
-        visit(pages, root, 0, origin, direction, t_max, &mut best);
+        visit::<P, NEAR_FIRST>(pages, root, 0, origin, direction, t_max, &mut best);
     }
     best
 }
 
-fn visit<P: Pages>(
+fn visit<P: Pages, const NEAR_FIRST: bool>(
     pages: &P,
     page_id: u32,
     node: u32,
@@ -38,27 +50,28 @@ fn visit<P: Pages>(
     };
     let t_end = |best: &Option<Crossing>| best.map_or(t_max, |c| c.t);
     let corner = |c: &[[f32; 8]; 3], k: usize| Vec3::new(c[0][k], c[1][k], c[2][k]);
-    let mut children: Vec<(f32, usize)> = (0..8)
-        .filter(|&k| node.kind[k] != ChildKind::None)
-        .filter_map(|k| {
-            Some((
-                enter_box(
-                    corner(&node.min, k),
-                    corner(&node.max, k),
-                    origin,
-                    direction,
-                )?,
-                k,
-            ))
-        })
-        .collect();
-    children.sort_by(|a, b| a.0.total_cmp(&b.0));
-    for (entry, k) in children {
+    let mut children = [(0.0, 0); WIDTH];
+    let mut met = 0;
+    for k in (0..WIDTH).filter(|&k| node.kind[k] != ChildKind::None) {
+        let (min, max) = (corner(&node.min, k), corner(&node.max, k));
+        if let Some(entry) = enter_box(min, max, origin, direction) {
+            children[met] = (entry, k);
+            met += 1;
+        }
+    }
+    let children = &mut children[..met];
+    if NEAR_FIRST {
+        children.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    }
+    for &mut (entry, k) in children {
         if entry > t_end(best) {
-            break;
+            if NEAR_FIRST {
+                break;
+            }
+            continue;
         }
         match node.kind[k] {
-            ChildKind::Inner => visit(
+            ChildKind::Inner => visit::<P, NEAR_FIRST>(
                 pages,
                 page_id,
                 node.child[k],
@@ -67,7 +80,9 @@ fn visit<P: Pages>(
                 t_max,
                 best,
             ),
-            ChildKind::Page => visit(pages, node.child[k], 0, origin, direction, t_max, best),
+            ChildKind::Page => {
+                visit::<P, NEAR_FIRST>(pages, node.child[k], 0, origin, direction, t_max, best);
+            }
             ChildKind::Leaf => {
                 let block = &page.blocks[node.child[k] as usize];
                 for lane in 0..block.count as usize {

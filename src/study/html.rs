@@ -3,6 +3,7 @@
 use super::plots::Plot;
 use super::record::Study;
 use super::table::{self, Table};
+use crate::image::heat;
 use std::fmt::Write;
 
 /// An image of the report.
@@ -15,11 +16,11 @@ pub struct Shown {
     pub heat: Option<Vec<u8>>,
 }
 
-const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;color:#222}\
-    table{border-collapse:collapse;margin:1em 0}td,th{padding:.3em .7em;border-bottom:1px solid #ddd;text-align:right}\
+const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:1240px;margin:2em auto;padding:0 1em;color:#222}\
+    table{border-collapse:collapse;margin:1em 0;font-size:.85em}td,th{padding:.3em .7em;border-bottom:1px solid #ddd;text-align:right}\
     td:first-child,th:first-child{text-align:left}th{border-bottom:2px solid #888;vertical-align:bottom}\
-    .images{display:grid;grid-template-columns:repeat(auto-fill,minmax(330px,1fr));gap:1em}\
-    figure{margin:0}figure img{width:100%;image-rendering:auto}figcaption{font-size:.9em}svg{max-width:100%;height:auto}";
+    div.wide{overflow-x:auto}td{white-space:nowrap}figure{margin:0 0 1em}.pair{display:flex;gap:.5em}.pair img{width:50%}\
+    .bar span{display:inline-block;width:16em;height:1em;vertical-align:middle}figcaption,.bar{font-size:.9em}svg{max-width:100%;height:auto}";
 
 /// The whole file.
 pub fn report(study: &Study, plots: &[Plot], images: &[Shown]) -> String {
@@ -39,28 +40,42 @@ pub fn report(study: &Study, plots: &[Plot], images: &[Shown]) -> String {
         section(plot.title, &plot.svg);
     }
     section("Pareto front", &to_html(&table::pareto(study)));
-    section("Error against settings", &to_html(&table::slopes(study)));
+    let slopes = to_html(&table::slopes(study));
+    section(
+        "Error against settings",
+        &format!("<p>{}</p>\n{slopes}", table::SLOPES),
+    );
     let figures: String = images.iter().map(figure).collect();
     section(
         "Images and their FLIP errors",
-        &format!("<div class=\"images\">{figures}</div>"),
+        &format!("<p class=\"bar\">FLIP 0 {} 1</p>\n{figures}", scale()),
     );
     html + "</body></html>\n"
 }
 
+fn picture(png: &[u8], alt: &str) -> String {
+    let data = base64(png);
+    format!("<img alt=\"{alt}\" src=\"data:image/png;base64,{data}\">")
+}
+
+/// The colours of the heat maps.
+fn scale() -> String {
+    let stops = heat::map(&[0.0, 0.2, 0.4, 0.6, 0.8, 1.0], 6).pixels;
+    let stops: Vec<String> = stops
+        .iter()
+        .map(|[r, g, b]| format!("rgb({r},{g},{b})"))
+        .collect();
+    let stops = stops.join(",");
+    format!("<span style=\"background:linear-gradient(90deg,{stops})\"></span>")
+}
+
 fn figure(image: &Shown) -> String {
     let caption = escape(&image.caption);
-    let picture = |png: &[u8], alt: &str| {
-        format!(
-            "<img alt=\"{alt}\" src=\"data:image/png;base64,{}\">",
-            base64(png)
-        )
-    };
     let heat = image.heat.as_ref().map_or(String::new(), |heat| {
         picture(heat, &format!("FLIP error of {caption}"))
     });
     format!(
-        "<figure>{}{heat}<figcaption>{caption}</figcaption></figure>\n",
+        "<figure><div class=\"pair\">{}{heat}</div><figcaption>{caption}</figcaption></figure>\n",
         picture(&image.png, &caption)
     )
 }
@@ -72,12 +87,12 @@ fn to_html(table: &Table) -> String {
             .collect();
         format!("<tr>{cells}</tr>\n")
     };
-    let mut html = String::from("<table>\n");
+    let mut html = String::from("<div class=\"wide\"><table>\n");
     html += &cells("th", &mut table.head.iter().copied());
     for row in &table.rows {
         html += &cells("td", &mut row.iter().map(String::as_str));
     }
-    html + "</table>\n"
+    html + "</table></div>\n"
 }
 
 fn escape(text: &str) -> String {

@@ -2,15 +2,14 @@
 
 use super::plan::{How, Points, Settings, Variant};
 use super::record::{Cloud, Errors, Timing};
-use crate::bake::lvoxels::BlockSize;
-use crate::bake::{self, SurfelSampling};
-use crate::build;
 use crate::gather::TreeStore;
 use crate::image::metrics::{self, Comparison};
 use crate::image::{Picture, Region};
 use crate::run::{Job, usage};
 use crate::scene::Scene;
 use crate::{Result, reference, shade};
+use crate::{bake, build};
+use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -72,25 +71,22 @@ impl<'a> Bench<'a> {
         let name = points.cloud();
         let cloud = self.trees.join(format!("{name}.lvc"));
         let tree = self.tree(&name);
-        let settings = bake::Settings {
-            surfels: SurfelSampling::Area {
-                count: points.surfels,
-            },
-            blocks: BlockSize::OpticalDepth(points.block_depth),
-            seed: self.settings.seed,
-            ..bake::Settings::default()
-        };
+        let settings = points.bake(self.settings.seed);
         let (_, bake) = timed(|| bake::run(self.scene, &settings, &cloud, true, &self.job))?;
-        let (outcome, build) =
-            timed(|| build::run(&cloud, &tree, &build::Settings::default(), true, &self.job))?;
-        // The tree holds all that is needed from here on.
+        let built =
+            timed(|| build::run(&cloud, &tree, &build::Settings::default(), true, &self.job));
+        // The tree holds all that is needed from here on; after a stop the cloud is baked anew.
         let _ = std::fs::remove_file(&cloud);
+        let (outcome, build) = built?;
         let store = TreeStore::open(&tree, self.job.memory_limit)?;
         let blocks = store.tree().lvoxel_blocks();
+        let sums = &outcome.summary.sums;
+        let disk = sums.area / (PI * sums.surfels.max(1) as f64);
         Ok(Cloud {
             name,
-            surfels: outcome.summary.sums.surfels,
-            lvoxels: outcome.summary.sums.lvoxels(),
+            surfels: sums.surfels,
+            surfel_radius: f64::from(settings.overlap) * disk.sqrt(),
+            lvoxels: sums.lvoxels(),
             tree_bytes: file_bytes(&tree),
             lvoxel_bytes: blocks.iter().map(|b| u64::from(b.stored_bytes)).sum(),
             bake,

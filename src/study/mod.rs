@@ -3,7 +3,9 @@
 //! Every run is timed in rounds in which the methods take turns, and compared with one converged image. What is measured
 //! is kept after each run, so a stop loses no more than one, and the same call goes on from there.
 
+pub mod findings;
 mod html;
+mod labels;
 mod measure;
 pub mod plan;
 mod plots;
@@ -99,6 +101,8 @@ fn key(scene: &Scene, settings: &Settings) -> String {
     let mut hasher = blake3::Hasher::new();
     hasher.update(env!("CARGO_PKG_VERSION").as_bytes());
     hasher.update(&scene.hash);
+    hasher.update(&scene.film.width.to_le_bytes());
+    hasher.update(&scene.film.height.to_le_bytes());
     hasher.update(
         serde_json::to_string(settings)
             .unwrap_or_default()
@@ -148,8 +152,9 @@ fn measure_all(
     for round in 1..=settings.rounds {
         for variant in &variants {
             let at = study.runs.iter().position(|r| r.name == variant.name);
-            let done = at.map_or(0, |i| study.runs[i].rounds.len());
-            if done < round as usize {
+            let rounds = at.map_or(&[][..], |i| &study.runs[i].rounds);
+            let long = rounds.iter().any(|t| t.wall_secs > settings.long_secs);
+            if rounds.len() < round as usize && !long {
                 job.cancel.check()?;
                 measure(study, variant, &target, bench, files)?;
                 study.write(&files.json())?;
@@ -271,11 +276,7 @@ fn write_reports(study: &Study, files: &Files) -> Result<()> {
         png: read(&files.image("reference"))?,
         heat: None,
     }];
-    let mut chosen: Vec<&Run> = study
-        .runs
-        .iter()
-        .filter(|r| r.sweep == "spp" || r.sweep == "base")
-        .collect();
+    let mut chosen: Vec<&Run> = study.runs.iter().filter(|r| table::is_chief(r)).collect();
     chosen.sort_by_key(|r| r.sweep == "spp");
     for run in chosen {
         let errors = [("relMSE", run.errors.relmse), ("FLIP", run.errors.flip)];

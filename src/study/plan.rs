@@ -1,5 +1,7 @@
 //! What a study runs: one setting varied at a time, around the defaults.
 
+use crate::bake::lvoxels::BlockSize;
+use crate::bake::{self, SurfelSampling};
 use crate::shade::{self, Method};
 use crate::{Error, Result};
 use std::collections::BTreeMap;
@@ -19,12 +21,21 @@ pub struct Settings {
     pub surfels: Vec<u64>,
     /// Optical depth across an lvoxel; the first belongs to the base settings.
     pub block_depth: Vec<f32>,
+    /// Voxels a side of lvoxels of one size (1, 2, 4 or 8), beside the base settings.
+    pub block_voxels: Vec<u8>,
     /// Rays of a gather on a surface, beside the base settings.
     pub samples: Vec<u32>,
     /// Largest solid angle of a node, steradians, beside the base settings.
     pub max_solid_angle: Vec<f32>,
+    /// Voxels a side of the lvoxels (1, 2, 4 or 8) of a cloud like the paper's to run on as well, see
+    /// [`Points::of_the_paper`].
+    pub paper_cloud: Option<u8>,
+    /// The base settings of shading; camera, method and seed are those of the study.
+    pub shade: shade::Settings,
     /// Times that every run is timed; the median counts.
     pub rounds: u32,
+    /// A run that takes longer than this is timed only once, wall-clock seconds.
+    pub long_secs: f64,
     /// A converged image; one is rendered if `None`.
     pub reference: Option<PathBuf>,
     /// Samples per pixel of that one.
@@ -41,9 +52,13 @@ impl Default for Settings {
             spp: vec![1, 4, 16, 64],
             surfels: vec![31_250, 125_000, 500_000],
             block_depth: vec![0.7, 0.35, 1.4, 2.8],
-            samples: vec![8, 16, 32, 128, 256],
+            block_voxels: vec![2, 4, 8],
+            samples: vec![8, 16, 64, 128, 256],
             max_solid_angle: vec![0.0025, 0.005, 0.02, 0.04, 0.08],
+            paper_cloud: None,
+            shade: shade::Settings::default(),
             rounds: 3,
+            long_secs: 30.0,
             reference: None,
             reference_spp: 1024,
             seed: 0,
@@ -58,12 +73,27 @@ impl Settings {
         Self {
             spp: vec![1, 4, 16],
             surfels: vec![50_000, 200_000],
-            block_depth: vec![0.7, 1.4],
+            block_depth: vec![0.7],
+            block_voxels: vec![8],
             samples: vec![16],
             max_solid_angle: vec![0.04],
             rounds: 1,
             reference_spp: 128,
             ..Self::default()
+        }
+    }
+
+    /// The same without sweeps: only Monte Carlo and the base settings.
+    #[must_use]
+    pub fn base_only(self) -> Self {
+        let last = |v: &[u64]| v.last().copied().into_iter().collect();
+        Self {
+            surfels: last(&self.surfels),
+            block_depth: self.block_depth.into_iter().take(1).collect(),
+            block_voxels: Vec::new(),
+            samples: Vec::new(),
+            max_solid_angle: Vec::new(),
+            ..self
         }
     }
 
@@ -87,8 +117,23 @@ impl Settings {
                 "--spp, --surfels and --block-depth need one value at least",
             ));
         }
+        if self.long_secs.is_nan() || self.long_secs < 0.0 {
+            return Err(Error::input(format!(
+                "--long must not be negative, found {}",
+                self.long_secs
+            )));
+        }
+        let sides = self.block_voxels.iter().map(|n| ("--block-voxels", n));
+        for (name, n) in sides.chain(self.paper_cloud.iter().map(|n| ("--paper-cloud", n))) {
+            if ![1, 2, 4, 8].contains(n) {
+                return Err(Error::input(format!(
+                    "{name} has to be 1, 2, 4 or 8, found {n}"
+                )));
+            }
+        }
         for variant in self.variants() {
             if let How::Points(points) = variant.how {
+                points.bake(self.seed).check()?;
                 points.shade.check()?;
             }
         }
@@ -127,21 +172,23 @@ impl Settings {
         };
         let base = Points {
             surfels: self.surfels.last().copied().unwrap_or(1),
-            block_depth: self.block_depth.first().copied().unwrap_or(0.7),
+            blocks: BlockSize::OpticalDepth(self.block_depth.first().copied().unwrap_or(0.7)),
             shade: shade::Settings {
                 camera: self.camera.clone(),
                 method,
                 seed: self.seed,
-                ..shade::Settings::default()
+                ..self.shade.clone()
             },
         };
         let mut variants = Vec::new();
         let mut add = |sweep: &'static str, value: String, points: Points| {
-            if sweep == "base" || points != base {
+            let alone = sweep == "base" || sweep == "paper";
+            if alone || points != base {
                 variants.push(Variant {
-                    name: match sweep {
-                        "base" => format!("{label}-base"),
-                        _ => format!("{label}-{sweep}-{value}"),
+                    name: if alone {
+                        format!("{label}-{sweep}")
+                    } else {
+                        format!("{label}-{sweep}-{value}")
                     },
                     method: label,
                     sweep,
@@ -149,7 +196,10 @@ impl Settings {
                 });
             }
         };
-        add("base", "0".into(), base.clone());
+        add("base", String::new(), base.clone());
+        if let (Some(voxels), Method::Extended) = (self.paper_cloud, method) {
+            add("paper", String::new(), base.of_the_paper(voxels));
+        }
         for &surfels in &self.surfels {
             let points = Points {
                 surfels,
@@ -170,10 +220,17 @@ impl Settings {
         if method == Method::Extended {
             for &block_depth in &self.block_depth {
                 let points = Points {
-                    block_depth,
+                    blocks: BlockSize::OpticalDepth(block_depth),
                     ..base.clone()
                 };
                 add("block-depth", block_depth.to_string(), points);
+            }
+            for &voxels in &self.block_voxels {
+                let points = Points {
+                    blocks: fixed(voxels),
+                    ..base.clone()
+                };
+                add("block-voxels", voxels.to_string(), points);
             }
         }
         variants
@@ -187,7 +244,7 @@ pub struct Variant {
     pub name: String,
     /// `monte carlo`, `traditional` or `extended`.
     pub method: &'static str,
-    /// The setting that is varied; `base` for none.
+    /// The setting that is varied; `base` for none, `paper` for a cloud like the paper's.
     pub sweep: &'static str,
     /// What to do.
     pub how: How,
@@ -201,7 +258,10 @@ impl Variant {
             How::MonteCarlo { spp } => vec![("spp", f64::from(*spp))],
             How::Points(points) => vec![
                 ("surfels", points.surfels as f64),
-                ("block-depth", f64::from(points.block_depth)),
+                match points.blocks {
+                    BlockSize::OpticalDepth(tau) => ("block-depth", f64::from(tau)),
+                    BlockSize::Fixed { level, .. } => ("block-voxels", f64::from(1_u32 << level)),
+                },
                 ("samples", f64::from(points.shade.samples)),
                 ("max-solid-angle", f64::from(points.shade.max_solid_angle)),
             ],
@@ -227,8 +287,8 @@ pub enum How {
 pub struct Points {
     /// Surfels to bake, about.
     pub surfels: u64,
-    /// Optical depth across an lvoxel.
-    pub block_depth: f32,
+    /// Size of lvoxels.
+    pub blocks: BlockSize,
     /// How to shade.
     pub shade: shade::Settings,
 }
@@ -237,7 +297,43 @@ impl Points {
     /// Name of the cloud, shared by all runs that need the same one.
     #[must_use]
     pub fn cloud(&self) -> String {
-        format!("surfels-{}-depth-{}", self.surfels, self.block_depth)
+        let blocks = match self.blocks {
+            BlockSize::OpticalDepth(tau) => format!("depth-{tau}"),
+            BlockSize::Fixed { level, .. } => format!("voxels-{}", 1_u32 << level),
+        };
+        format!("surfels-{}-{blocks}", self.surfels)
+    }
+
+    /// How to bake that cloud.
+    #[must_use]
+    pub fn bake(&self, seed: u64) -> bake::Settings {
+        bake::Settings {
+            surfels: SurfelSampling::Area {
+                count: self.surfels,
+            },
+            blocks: self.blocks,
+            seed,
+            ..bake::Settings::default()
+        }
+    }
+
+    /// The same on a cloud in the proportions of the paper's Table 1 (Gibson & Wood 2011): 2.5 million surfels, and
+    /// lvoxels of some voxels a side, each from 16 coefficient samples.
+    #[must_use]
+    pub fn of_the_paper(&self, voxels: u8) -> Self {
+        Self {
+            surfels: 2_500_000,
+            blocks: fixed(voxels),
+            shade: self.shade.clone(),
+        }
+    }
+}
+
+/// Lvoxels of so many voxels a side, with the most samples of the paper.
+fn fixed(voxels: u8) -> BlockSize {
+    BlockSize::Fixed {
+        level: voxels.max(1).ilog2() as u8,
+        samples: 16,
     }
 }
 
@@ -248,7 +344,16 @@ mod tests {
 
     #[test]
     fn names_are_unique_and_methods_take_turns() {
-        for settings in [Settings::default(), Settings::quick()] {
+        let paper = Settings {
+            paper_cloud: Some(4),
+            ..Settings::default()
+        };
+        for settings in [
+            Settings::default(),
+            Settings::quick(),
+            Settings::quick().base_only(),
+            paper,
+        ] {
             settings.check().unwrap();
             let variants = settings.variants();
             let names: BTreeSet<_> = variants.iter().map(|v| &v.name).collect();
@@ -260,7 +365,24 @@ mod tests {
     }
 
     #[test]
+    fn without_sweeps_there_is_one_run_of_each_method_beside_monte_carlo() {
+        let settings = Settings::default().base_only();
+        let variants = settings.variants();
+        assert_eq!(variants.len(), settings.spp.len() + 2);
+        let How::Points(points) = &variants[1].how else {
+            panic!("traditional has no points");
+        };
+        assert_eq!(points.surfels, 1_000_000);
+    }
+
+    #[test]
     fn impossible_settings_are_named() {
+        let voxels = Settings {
+            block_voxels: vec![3],
+            ..Settings::default()
+        };
+        let message = voxels.check().unwrap_err().to_string();
+        assert!(message.contains("--block-voxels"), "{message}");
         let settings = Settings {
             samples: vec![0],
             ..Settings::default()

@@ -1,8 +1,11 @@
 //! The curves of a study as SVG, both axes logarithmic.
 
+use super::findings::rises;
+use super::labels::{self, LINE, Rect};
 use super::record::{Run, Study};
 use crate::{Error, Result};
 use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 /// A picture by name.
 pub struct Plot {
@@ -39,13 +42,21 @@ pub fn all(study: &Study) -> Result<Vec<Plot>> {
     let mut plots = Vec::new();
     let mut add = |name, title, axes: [&str; 2], series: Vec<Series>, floor: Option<f64>| {
         if series.iter().any(|s| !s.points.is_empty()) {
-            let svg = draw(axes, &series, floor)
+            // Errors fall from the upper left, times rise to the upper right.
+            let legend = match floor {
+                _ if ["time-over-surfels", "error-over-settings"].contains(&name) => {
+                    SeriesLabelPosition::UpperLeft
+                }
+                _ => SeriesLabelPosition::UpperRight,
+            };
+            let svg = draw(axes, &series, floor, legend)
                 .map_err(|e| Error::failed(format!("cannot draw {name}: {e}")))?;
             plots.push(Plot { name, title, svg });
         }
         Ok::<(), Error>(())
     };
-    let noise = study.reference.relmse;
+    // What is exact has no place on an axis of logarithms.
+    let noise = study.reference.relmse.filter(|v| *v > 0.0);
     let shade = |r: &Run| Some((r.time().cpu_secs, r.errors.relmse?));
     let total = |r: &Run| Some((study.total_secs(r), r.errors.relmse?));
     add(
@@ -75,6 +86,13 @@ pub fn all(study: &Study) -> Result<Vec<Plot>> {
         ["surfels", "CPU s"],
         time_over_surfels(study),
         None,
+    )?;
+    add(
+        "error-over-settings",
+        "Error over each setting of the extended method",
+        ["setting, times coarser than the finest", "relMSE"],
+        error_over_settings(study),
+        noise,
     )?;
     add(
         "pareto",
@@ -132,6 +150,36 @@ fn error_over_surfels(study: &Study) -> Vec<Series> {
         .collect()
 }
 
+/// The sweeps that the slopes are fitted to.
+fn error_over_settings(study: &Study) -> Vec<Series> {
+    const SETTINGS: [(&str, RGBColor); 5] = [
+        ("samples", COLORS[2].1),
+        ("max-solid-angle", COLORS[1].1),
+        ("surfel-radius", RGBColor(0, 158, 115)),
+        ("block-depth", RGBColor(204, 121, 167)),
+        ("block-voxels", COLORS[0].1),
+    ];
+    SETTINGS
+        .iter()
+        .map(|&(setting, color)| {
+            let found = study.sweep("extended", setting);
+            // All settings are coarser upwards once those that are finer upwards are turned over.
+            let coarse = |v: f64| if rises(setting) { 1.0 / v } else { v };
+            let finest = found
+                .iter()
+                .map(|p| coarse(p.0))
+                .fold(f64::INFINITY, f64::min);
+            Series {
+                label: setting.into(),
+                color,
+                points: sorted(found.iter().map(|p| (coarse(p.0) / finest, p.1)).collect()),
+                joined: true,
+                names: Vec::new(),
+            }
+        })
+        .collect()
+}
+
 fn time_over_surfels(study: &Study) -> Vec<Series> {
     let series = |label: &str, color, pick: &dyn Fn(&Run) -> Option<f64>| {
         let points = cloud_sweep(study, "extended")
@@ -156,35 +204,68 @@ fn time_over_surfels(study: &Study) -> Vec<Series> {
 }
 
 fn front(study: &Study) -> Vec<Series> {
-    let runs: Vec<&Run> = study
+    let (points, names) = study
         .findings
         .pareto
         .iter()
         .filter_map(|name| study.runs.iter().find(|r| r.name == *name))
-        .collect();
+        .filter_map(|r| Some(((r.time().cpu_secs, r.errors.relmse?), r.name.clone())))
+        .filter(|((secs, error), _)| *secs > 0.0 && *error > 0.0)
+        .unzip();
     vec![Series {
         label: "Pareto front".into(),
         color: RGBColor(0, 0, 0),
-        points: runs
-            .iter()
-            .filter_map(|r| Some((r.time().cpu_secs, r.errors.relmse?)))
-            .collect(),
+        points,
         joined: true,
-        names: runs.iter().map(|r| r.name.clone()).collect(),
+        names,
     }]
 }
 
-/// The decades around all values, so that log axes have marks.
+/// All values with some room around them.
 fn range(values: impl Iterator<Item = f64> + Clone) -> std::ops::Range<f64> {
     let low = values.clone().fold(f64::INFINITY, f64::min) * 0.7;
     let high = values.fold(0.0, f64::max) * 1.4;
     low..high
 }
 
+/// Round values inside a range and their names, few enough to stand beside each other.
+fn ticks(range: &std::ops::Range<f64>) -> Vec<(f64, String)> {
+    let decades = range.start.log10().floor() as i32..=range.end.log10().floor() as i32;
+    let among = |digits: &[u8]| -> Vec<(f64, String)> {
+        let all = decades.clone().flat_map(|k| {
+            digits.iter().filter_map(move |digit| {
+                let name = format!("{digit}e{k}");
+                let value: f64 = name.parse().ok()?;
+                let plain = (-3..=6).contains(&k);
+                Some((value, if plain { value.to_string() } else { name }))
+            })
+        });
+        all.filter(|t| range.contains(&t.0)).collect()
+    };
+    let (wide, middle) = (among(&[1]), among(&[1, 2, 5]));
+    if wide.len() > 3 {
+        wide
+    } else if middle.len() > 2 {
+        middle
+    } else {
+        among(&[1, 2, 3, 4, 5, 6, 7, 8, 9])
+    }
+}
+
+fn grid(ends: [(i32, i32); 2]) -> PathElement<(i32, i32)> {
+    PathElement::new(ends.to_vec(), RGBColor(228, 228, 228))
+}
+
+fn mark(name: String, at: (i32, i32), h: HPos, v: VPos) -> Text<'static, (i32, i32), String> {
+    let style = ("sans-serif", 14).into_font().color(&BLACK);
+    Text::new(name, at, style.pos(Pos::new(h, v)))
+}
+
 fn draw(
     axes: [&str; 2],
     series: &[Series],
     floor: Option<f64>,
+    legend: SeriesLabelPosition,
 ) -> std::result::Result<String, Box<dyn std::error::Error>> {
     let points = series.iter().flat_map(|s| &s.points);
     let x = range(points.clone().map(|p| p.0));
@@ -197,16 +278,30 @@ fn draw(
             .margin(14)
             .x_label_area_size(44)
             .y_label_area_size(72)
-            .build_cartesian_2d(x.clone().log_scale(), y.log_scale())?;
+            .build_cartesian_2d(x.clone().log_scale(), y.clone().log_scale())?;
         chart
             .configure_mesh()
-            .light_line_style(RGBColor(236, 236, 236))
+            .disable_mesh()
+            .set_all_tick_mark_size(0)
+            .x_label_formatter(&|_| String::new())
+            .y_label_formatter(&|_| String::new())
             .x_desc(axes[0])
             .y_desc(axes[1])
-            .x_label_formatter(&|v| super::table::figure(*v))
-            .y_label_formatter(&|v| super::table::figure(*v))
             .label_style(("sans-serif", 14))
             .draw()?;
+        let (across, down) = chart.plotting_area().get_pixel_range();
+        for (value, name) in ticks(&x) {
+            let (at, _) = chart.plotting_area().map_coordinate(&(value, y.start));
+            area.draw(&grid([(at, down.start), (at, down.end)]))?;
+            let below = (at, down.end + 6);
+            area.draw(&mark(name, below, HPos::Center, VPos::Top))?;
+        }
+        for (value, name) in ticks(&y) {
+            let (_, at) = chart.plotting_area().map_coordinate(&(x.start, value));
+            area.draw(&grid([(across.start, at), (across.end, at)]))?;
+            let beside = (across.start - 6, at);
+            area.draw(&mark(name, beside, HPos::Right, VPos::Center))?;
+        }
         if let Some(level) = floor {
             let line = PathElement::new(
                 vec![(x.start, level), (x.end, level)],
@@ -228,20 +323,98 @@ fn draw(
                 .draw_series(s.points.iter().map(|&p| Circle::new(p, 4, color.filled())))?
                 .label(s.label.as_str())
                 .legend(move |(x, y)| Circle::new((x + 8, y), 4, color.filled()));
-            let names = s.points.iter().zip(&s.names);
-            chart.draw_series(names.map(|(&p, name)| {
-                let style = ("sans-serif", 13).into_font().color(&color);
-                EmptyElement::at(p) + Text::new(name.clone(), (7, -14), style)
-            }))?;
         }
         chart
             .configure_series_labels()
-            .position(SeriesLabelPosition::LowerLeft)
+            .position(legend)
             .background_style(WHITE.mix(0.85))
             .border_style(RGBColor(200, 200, 200))
             .label_font(("sans-serif", 14))
             .draw()?;
+        let inside = Rect {
+            left: across.start,
+            top: down.start,
+            width: across.end - across.start,
+            height: down.end - down.start,
+        };
+        // Names keep clear of the legend at the upper right, which is no larger than this.
+        let legend = Rect {
+            left: inside.left + inside.width - 230,
+            width: 230,
+            height: LINE * (series.len() as i32 + 2),
+            ..inside
+        };
+        let plane = chart.plotting_area();
+        for s in series {
+            let at: Vec<(i32, i32)> = s.points.iter().map(|p| plane.map_coordinate(p)).collect();
+            let boxes = labels::place(&at, &s.names, inside, &[legend]);
+            for ((&(x, y), name), found) in at.iter().zip(&s.names).zip(boxes) {
+                let Some(r) = found else { continue };
+                let middle = r.top + LINE / 2;
+                let (edge, side) = if r.left > x {
+                    (r.left, HPos::Left)
+                } else {
+                    (r.left + r.width, HPos::Right)
+                };
+                if (middle - y).abs() > LINE {
+                    let line = vec![(x, y), (edge, middle)];
+                    area.draw(&PathElement::new(line, RGBColor(170, 170, 170)))?;
+                }
+                let style = ("sans-serif", 13).into_font().color(&s.color);
+                let style = style.pos(Pos::new(side, VPos::Center));
+                area.draw(&Text::new(name.clone(), (edge, middle), style))?;
+            }
+        }
         area.present()?;
     }
     Ok(svg)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::record::{Errors, Reference, Timing};
+    use super::*;
+
+    #[test]
+    fn errors_of_nothing_are_left_out() {
+        let run = |name: &str, relmse| Run {
+            name: name.into(),
+            method: "extended".into(),
+            sweep: "base".into(),
+            rounds: vec![Timing {
+                wall_secs: 1.0,
+                cpu_secs: 1.0,
+            }],
+            errors: Errors {
+                relmse: Some(relmse),
+                ..Errors::default()
+            },
+            ..Run::default()
+        };
+        let mut study = Study {
+            reference: Reference {
+                relmse: Some(0.0),
+                ..Reference::default()
+            },
+            runs: vec![run("exact", 0.0)],
+            ..Study::default()
+        };
+        study.find();
+        assert!(all(&study).unwrap().is_empty());
+        study.runs.push(run("near", 0.1));
+        study.runs[0].rounds[0].cpu_secs = 2.0;
+        study.find();
+        let front = all(&study).unwrap().pop().unwrap();
+        assert!(front.svg.contains("near") && !front.svg.contains("exact"));
+    }
+
+    #[test]
+    fn axes_have_a_few_round_marks() {
+        let names = |range| -> Vec<String> { ticks(&range).into_iter().map(|t| t.1).collect() };
+        assert_eq!(names(0.03..4.0), ["0.05", "0.1", "0.2", "0.5", "1", "2"]);
+        assert_eq!(names(5e-6..0.2), ["1e-5", "1e-4", "0.001", "0.01", "0.1"]);
+        assert_eq!(names(0.91..1.9), ["1"]);
+        assert_eq!(names(2.1..4.5), ["3", "4"]);
+        assert_eq!(names(1e5..2e6), ["100000", "200000", "500000", "1000000"]);
+    }
 }

@@ -1,5 +1,6 @@
 //! What a study has measured, and the file that keeps it.
 
+use super::findings::Findings;
 use crate::run::Output;
 use crate::{Error, Result};
 use std::collections::BTreeMap;
@@ -26,7 +27,7 @@ pub struct Study {
     pub clouds: Vec<Cloud>,
     /// Runs, in order of the plan.
     pub runs: Vec<Run>,
-    /// Fitted exponents of error over settings, and the runs that no other beats in both time and error.
+    /// What they say.
     pub findings: Findings,
 }
 
@@ -59,6 +60,8 @@ pub struct Cloud {
     pub name: String,
     /// Surfels in it.
     pub surfels: u64,
+    /// Radius of a disk of the mean area, clips left out, scene units.
+    pub surfel_radius: f64,
     /// Lvoxels in it.
     pub lvoxels: u64,
     /// Bytes of the tree's file.
@@ -104,7 +107,7 @@ pub struct Run {
     pub name: String,
     /// `monte carlo`, `traditional` or `extended`.
     pub method: String,
-    /// The setting that is varied; `base` for none.
+    /// The setting that is varied; `base` for none, `paper` for a cloud like the paper's.
     pub sweep: String,
     /// All settings that any run varies, by name.
     pub values: BTreeMap<String, f64>,
@@ -114,28 +117,6 @@ pub struct Run {
     pub rounds: Vec<Timing>,
     /// What came out; the same in every round.
     pub errors: Errors,
-}
-
-/// What the numbers say.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Findings {
-    /// Error goes as the setting to this power, by least squares on logarithms.
-    pub slopes: Vec<Slope>,
-    /// Names of runs, fastest first.
-    pub pareto: Vec<String>,
-}
-
-/// How fast the error falls along a sweep.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Slope {
-    /// Method.
-    pub method: String,
-    /// Setting.
-    pub sweep: String,
-    /// Exponent of relMSE over the setting.
-    pub exponent: f64,
-    /// Runs that were used.
-    pub runs: usize,
 }
 
 impl Run {
@@ -175,61 +156,6 @@ impl Study {
         run.time().cpu_secs + before
     }
 
-    /// CPU seconds that Monte Carlo would need for an error, by a line through its runs in logarithms.
-    #[must_use]
-    pub fn monte_carlo_secs(&self, relmse: f64) -> Option<f64> {
-        let points: Vec<(f64, f64)> = self
-            .runs
-            .iter()
-            .filter(|r| r.method == "monte carlo")
-            .filter_map(|r| Some((r.errors.relmse?, r.time().cpu_secs)))
-            .collect();
-        let (exponent, offset) = fit(&points)?;
-        Some((offset + exponent * relmse.ln()).exp())
-    }
-
-    /// Works out the findings anew.
-    pub fn find(&mut self) {
-        let mut slopes = Vec::new();
-        for method in ["monte carlo", "traditional", "extended"] {
-            let of_method: Vec<&Run> = self.runs.iter().filter(|r| r.method == method).collect();
-            let mut sweeps: Vec<&str> = of_method.iter().map(|r| r.sweep.as_str()).collect();
-            sweeps.retain(|s| *s != "base");
-            sweeps.sort_unstable();
-            sweeps.dedup();
-            for sweep in sweeps {
-                let points: Vec<(f64, f64)> = of_method
-                    .iter()
-                    .filter(|r| r.sweep == sweep || r.sweep == "base")
-                    .filter_map(|r| Some((*r.values.get(sweep)?, r.errors.relmse?)))
-                    .collect();
-                if let Some((exponent, _)) = fit(&points) {
-                    slopes.push(Slope {
-                        method: method.into(),
-                        sweep: sweep.into(),
-                        exponent,
-                        runs: points.len(),
-                    });
-                }
-            }
-        }
-        let mut order: Vec<(f64, f64, &str)> = self
-            .runs
-            .iter()
-            .filter_map(|r| Some((r.time().cpu_secs, r.errors.relmse?, r.name.as_str())))
-            .collect();
-        order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-        let mut least = f64::INFINITY;
-        let mut pareto = Vec::new();
-        for (_, error, name) in order {
-            if error < least {
-                least = error;
-                pareto.push(name.to_owned());
-            }
-        }
-        self.findings = Findings { slopes, pareto };
-    }
-
     /// What an earlier study of the same key has measured; `None` if there is none.
     ///
     /// # Errors
@@ -266,72 +192,30 @@ impl Study {
     }
 }
 
-/// Exponent and offset of the line through points in logarithms; `None` for fewer than two.
-fn fit(points: &[(f64, f64)]) -> Option<(f64, f64)> {
-    let logs: Vec<(f64, f64)> = points
-        .iter()
-        .filter(|(x, y)| *x > 0.0 && *y > 0.0)
-        .map(|(x, y)| (x.ln(), y.ln()))
-        .collect();
-    let n = logs.len() as f64;
-    let mean_x = logs.iter().map(|p| p.0).sum::<f64>() / n;
-    let mean_y = logs.iter().map(|p| p.1).sum::<f64>() / n;
-    let xx: f64 = logs.iter().map(|p| (p.0 - mean_x).powi(2)).sum();
-    let xy: f64 = logs.iter().map(|p| (p.0 - mean_x) * (p.1 - mean_y)).sum();
-    (logs.len() >= 2 && xx > 0.0).then(|| (xy / xx, mean_y - xy / xx * mean_x))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn run(method: &str, sweep: &str, value: f64, secs: f64, relmse: f64) -> Run {
-        let round = |f: f64| Timing {
-            wall_secs: secs * f,
-            cpu_secs: secs * f,
-        };
-        Run {
-            name: format!("{method}-{value}"),
-            method: method.into(),
-            sweep: sweep.into(),
-            values: [(sweep.to_owned(), value)].into(),
-            rounds: vec![round(9.0), round(1.0), round(0.5)],
-            errors: Errors {
-                relmse: Some(relmse),
-                ..Errors::default()
-            },
-            ..Run::default()
-        }
-    }
+    use crate::math::sampling::hash;
 
     #[test]
-    fn slopes_equal_error_times_and_the_front_are_right() {
-        let mut study = Study {
-            runs: vec![
-                run("monte carlo", "spp", 1.0, 1.0, 1.0),
-                run("monte carlo", "spp", 4.0, 4.0, 0.25),
-                run("monte carlo", "spp", 16.0, 16.0, 0.0625),
-                run("extended", "base", 0.0, 2.0, 0.01),
-            ],
-            ..Study::default()
-        };
-        study.find();
-        let slope = &study.findings.slopes[0];
-        assert!((slope.exponent + 1.0).abs() < 1e-9 && slope.runs == 3);
-        assert_eq!(study.findings.slopes.len(), 1);
-        assert!((study.monte_carlo_secs(0.01).unwrap() - 100.0).abs() < 1e-6);
-        assert_eq!(study.findings.pareto, ["monte carlo-1", "extended-0"]);
-        assert_eq!(study.runs[3].time().cpu_secs, 2.0);
-    }
-
-    #[test]
-    fn studies_survive_a_round_trip_and_do_not_mix() {
+    fn studies_come_back_with_every_bit_and_do_not_mix() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("study.json");
         assert!(Study::read(&path, "k").unwrap().is_none());
+        // Times as clocks give them: no short decimals.
+        let secs = |i: u64| f64::from_bits(0x3ff0_0000_0000_0000 + hash(&[i]) % (1 << 54));
         let mut study = Study {
             key: "k".into(),
-            runs: vec![run("extended", "base", 0.0, 2.0, 0.01)],
+            runs: vec![Run {
+                name: "a".into(),
+                rounds: (0..1000)
+                    .map(|i| Timing {
+                        wall_secs: secs(2 * i),
+                        cpu_secs: secs(2 * i + 1),
+                    })
+                    .collect(),
+                ..Run::default()
+            }],
             ..Study::default()
         };
         study.find();

@@ -1,6 +1,7 @@
 //! The numbers of a study as text: a table in the form of the paper's Table 1 in Markdown, and all runs as CSV.
 
-use super::record::{Run, Study};
+use super::findings::{Metric, Versus};
+use super::record::{Cloud, Run, Study};
 use std::fmt::Write;
 
 /// A header and rows of cells.
@@ -38,79 +39,122 @@ fn megabytes(bytes: u64) -> String {
     figure(bytes as f64 / 1e6)
 }
 
-/// Time, difference and memory of the runs that matter most: all Monte Carlo runs and the base settings of the others.
+/// Whether a run belongs to the short table and to the images: all of Monte Carlo, and what no sweep varies.
+pub fn is_chief(run: &Run) -> bool {
+    ["spp", "base", "paper"].contains(&run.sweep.as_str())
+}
+
+/// Time, difference and memory of the runs that matter most.
 pub fn summary(study: &Study) -> Table {
-    let mut chosen: Vec<&Run> = study
-        .runs
-        .iter()
-        .filter(|r| r.sweep == "spp" || r.sweep == "base")
-        .collect();
-    chosen.sort_by_key(|r| r.sweep == "base");
-    let rows = chosen
-        .iter()
-        .map(|run| {
-            let cloud = study.cloud_of(run);
-            let secs = run.time().cpu_secs;
-            let equal = run.errors.relmse.and_then(|e| study.monte_carlo_secs(e));
-            let traditional = run.method == "traditional";
-            vec![
-                run.name.clone(),
-                cloud.map_or("–".into(), |c| figure(c.bake.cpu_secs)),
-                cloud.map_or("–".into(), |c| figure(c.build.cpu_secs)),
-                figure(secs),
-                cloud.map_or("–".into(), |_| optional(equal.map(|t| t / secs))),
-                optional(run.errors.pdiff.map(|p| 100.0 * p)),
-                optional(run.errors.relmse),
-                optional(run.errors.flip),
-                cloud.map_or("–".into(), |c| {
-                    let left_out = if traditional { c.lvoxel_bytes } else { 0 };
-                    megabytes(c.tree_bytes - left_out)
-                }),
-                match cloud {
-                    Some(c) if !traditional => format!(
-                        "{} ({} %)",
-                        megabytes(c.lvoxel_bytes),
-                        figure(100.0 * c.lvoxel_bytes as f64 / c.tree_bytes.max(1) as f64)
-                    ),
-                    _ => "–".into(),
-                },
-            ]
-        })
-        .collect();
+    let mut chosen: Vec<&Run> = study.runs.iter().filter(|r| is_chief(r)).collect();
+    chosen.sort_by_key(|r| r.sweep != "spp");
+    let rows = chosen.iter().map(|run| {
+        let cloud = study.cloud_of(run);
+        let versus = |metric| study.versus_of(run, metric);
+        let percent = |v: Option<f64>| optional(v.map(|v| 100.0 * v));
+        vec![
+            run.name.clone(),
+            cloud.map_or("–".into(), |c| figure(c.bake.cpu_secs)),
+            cloud.map_or("–".into(), |c| figure(c.build.cpu_secs)),
+            figure(run.time().cpu_secs),
+            percent(run.errors.pdiff),
+            percent(versus(Metric::Pdiff).and_then(|v| v.equal_time_error)),
+            times(versus(Metric::Pdiff)),
+            optional(run.errors.relmse),
+            optional(versus(Metric::RelMse).and_then(|v| v.equal_time_error)),
+            times(versus(Metric::RelMse)),
+            optional(run.errors.flip),
+            tree_memory(cloud, run),
+            lvoxel_memory(cloud, run),
+        ]
+    });
     Table {
         head: vec![
             "run",
             "bake s",
             "build s",
             "render s",
-            "faster than Monte Carlo at equal relMSE",
             "pdiff %",
+            "Monte Carlo's in that time",
+            "faster at equal pdiff",
             "relMSE",
+            "Monte Carlo's in that time",
+            "faster at equal relMSE",
             "FLIP",
             "tree MB",
             "of it lvoxels MB",
         ],
-        rows,
+        rows: rows.collect(),
+    }
+}
+
+/// A speed-up; in brackets where it needs a time that was not measured.
+fn times(versus: Option<&Versus>) -> String {
+    match versus.and_then(|v| Some((v.speed_up?, v.extrapolated))) {
+        None => "–".into(),
+        Some((factor, false)) => format!("{} x", figure(factor)),
+        Some((factor, true)) => format!("({} x)", figure(factor)),
+    }
+}
+
+/// What a method keeps: surfels alone need no lvoxels.
+fn tree_memory(cloud: Option<&Cloud>, run: &Run) -> String {
+    cloud.map_or("–".into(), |c| {
+        let left_out = if run.method == "traditional" {
+            c.lvoxel_bytes
+        } else {
+            0
+        };
+        megabytes(c.tree_bytes.saturating_sub(left_out))
+    })
+}
+
+fn lvoxel_memory(cloud: Option<&Cloud>, run: &Run) -> String {
+    match cloud {
+        Some(c) if run.method != "traditional" => format!(
+            "{} ({} %)",
+            megabytes(c.lvoxel_bytes),
+            figure(100.0 * c.lvoxel_bytes as f64 / c.tree_bytes.max(1) as f64)
+        ),
+        _ => "–".into(),
     }
 }
 
 /// How the error goes with each setting.
 pub fn slopes(study: &Study) -> Table {
     let rows = study.findings.slopes.iter();
+    let at = |[setting, error]: [f64; 2]| format!("{} at {}", figure(error), figure(setting));
     Table {
-        head: vec!["method", "setting", "relMSE goes as its power", "runs"],
+        head: vec![
+            "method",
+            "setting",
+            "relMSE goes as its power",
+            "between the coarsest two",
+            "coarsest relMSE",
+            "finest relMSE",
+            "least relMSE (floor)",
+            "runs",
+        ],
         rows: rows
             .map(|s| {
                 vec![
                     s.method.clone(),
-                    s.sweep.clone(),
+                    s.setting.clone(),
                     format!("{:.2}", s.exponent),
+                    format!("{:.2}", s.coarse_exponent),
+                    at(s.coarsest),
+                    at(s.finest),
+                    figure(s.floor),
                     s.runs.to_string(),
                 ]
             })
             .collect(),
     }
 }
+
+/// How to read [`slopes`].
+pub const SLOPES: &str = "Fitted in logarithms to every run of a sweep. Nothing is subtracted: the noise of the reference \
+    and what the settings that stay the same leave over are in, so a power flattens where the error nears its floor.";
 
 /// The runs that no other beats in both time and error.
 pub fn pareto(study: &Study) -> Table {
@@ -138,9 +182,10 @@ pub fn caption(study: &Study) -> String {
         format!(", of relMSE {} against the truth", figure(v))
     });
     format!(
-        "{} at {w}x{h} pixels, against {}{noise}. Times are CPU seconds of all threads, medians of {} rounds in which the \
-         methods take turns; loading is left out. Monte Carlo's time at equal error is that of a line through its runs in \
-         logarithms. lvox {} on {} ({}), {} threads.",
+        "{} at {w}x{h} pixels, against {}{noise}. Times are CPU seconds of all threads, medians of up to {} rounds in which \
+         the methods take turns; loading the scene is left out. Monte Carlo's relMSE falls to the reference's noise as one \
+         over its time; its pdiff is read off straight lines in logarithms between its runs; in brackets where that is \
+         outside of what was measured. lvox {} on {} ({}), {} threads.",
         study.scene,
         study.reference.source,
         study.runs.iter().map(|r| r.rounds.len()).max().unwrap_or(0),
@@ -168,7 +213,7 @@ impl Table {
 /// The whole study in Markdown.
 pub fn markdown(study: &Study) -> String {
     format!(
-        "# {}\n\n{}\n\n{}\n## Error against settings\n\n{}\n## Pareto front\n\n{}",
+        "# {}\n\n{}\n\n{}\n## Error against settings\n\n{SLOPES}\n\n{}\n## Pareto front\n\n{}",
         study.scene,
         caption(study),
         summary(study).markdown(),
@@ -180,7 +225,7 @@ pub fn markdown(study: &Study) -> String {
 /// All runs, one a line.
 pub fn csv(study: &Study) -> String {
     let mut text = String::from(
-        "name,method,sweep,value,cloud,surfels,lvoxels,tree_bytes,lvoxel_bytes,bake_cpu_secs,build_cpu_secs,\
+        "name,method,sweep,value,cloud,surfels,surfel_radius,lvoxels,tree_bytes,lvoxel_bytes,bake_cpu_secs,build_cpu_secs,\
          render_wall_secs,render_cpu_secs,total_cpu_secs,relmse,relmse_trimmed,flip,ssim,pdiff,bias\n",
     );
     for run in &study.runs {
@@ -197,12 +242,13 @@ pub fn csv(study: &Study) -> String {
                 .map_or(String::new(), f64::to_string)
         );
         let _ = match study.cloud_of(run) {
-            None => write!(text, ",,,,,,,"),
+            None => write!(text, ",,,,,,,,"),
             Some(c) => write!(
                 text,
-                "{},{},{},{},{},{},{},",
+                "{},{},{},{},{},{},{},{},",
                 c.name,
                 c.surfels,
+                c.surfel_radius,
                 c.lvoxels,
                 c.tree_bytes,
                 c.lvoxel_bytes,
@@ -246,12 +292,20 @@ mod tests {
 
     #[test]
     fn every_line_of_the_csv_has_every_column() {
+        let with_cloud = Run {
+            cloud: Some("c".into()),
+            ..Run::default()
+        };
         let study = Study {
-            runs: vec![Run::default(), Run::default()],
+            clouds: vec![Cloud {
+                name: "c".into(),
+                ..Cloud::default()
+            }],
+            runs: vec![Run::default(), with_cloud],
             ..Study::default()
         };
         let text = csv(&study);
         let columns: Vec<usize> = text.lines().map(|l| l.split(',').count()).collect();
-        assert_eq!(columns, [20; 3]);
+        assert_eq!(columns, [21; 3]);
     }
 }

@@ -1,0 +1,157 @@
+//! The error falls at known rates as lvoxels, surfels and solid angles shrink and samples rise, on a scene of our own:
+//! a room with coloured walls, a point light in a corner and a lump of smoke, small enough for seconds.
+
+use lvox::run::Job;
+use lvox::scene::Scene;
+use lvox::shade;
+use lvox::study::findings::Slope;
+use lvox::study::{self, Settings, Study};
+use std::fs;
+use std::ops::Range;
+use std::path::Path;
+
+const ROOM: &str = r#"
+name = "convergence"
+[film]
+width = 24
+height = 18
+[[camera]]
+position = [0.1, 1, 0.95]
+target = [0.1, 0.95, 0]
+fov_x_deg = 85
+[[mesh]]
+file = "builtin:cube"
+scale = [2, 2, 2]
+translate = [0, 1, 0]
+albedo = [0.7, 0.7, 0.7]
+[[mesh]]
+file = "builtin:quad"
+scale = 1.9
+rotate_deg = [0, 0, -90]
+translate = [-0.97, 1, 0]
+albedo = [0.7, 0.05, 0.05]
+[[mesh]]
+file = "builtin:sphere"
+scale = 0.5
+translate = [-0.5, 0.3, 0.3]
+albedo = [0.6, 0.6, 0.6]
+[[light]]
+type = "point"
+position = [0.65, 1.6, -0.6]
+intensity = [2, 2, 2]
+[[volume]]
+file = "smoke.raw"
+dims = [32, 32, 32]
+dtype = "f32"
+endian = "little"
+sigma_t_scale = 40
+albedo = [0.95, 0.9, 0.8]
+unitcube_to_world = [[0.9, 0, 0, -0.2], [0, 0.9, 0, 0.5], [0, 0, 0.9, -0.5], [0, 0, 0, 1]]
+"#;
+
+/// Puffs of several sizes, down to that of a few voxels.
+fn smoke() -> Vec<u8> {
+    let density = |p: [f32; 3]| {
+        let r = p.map(|v| (v - 0.5) * (v - 0.5)).iter().sum::<f32>().sqrt();
+        let waves = |k: f32| p.map(|v| (k * v + 0.4).sin()).iter().product::<f32>();
+        ((1.0 - r / 0.48) * (1.0 + waves(9.0) + waves(25.0) + waves(60.0))).max(0.0)
+    };
+    let at = |i: usize| (i as f32 + 0.5) / 32.0;
+    (0..32 * 32 * 32)
+        .flat_map(|i| density([at(i % 32), at(i / 32 % 32), at(i / 1024)]).to_le_bytes())
+        .collect()
+}
+
+fn measured(dir: &Path) -> Study {
+    fs::write(dir.join("room.toml"), ROOM).unwrap();
+    fs::write(dir.join("smoke.raw"), smoke()).unwrap();
+    let scene = Scene::load(&dir.join("room.toml")).unwrap();
+    // All that a sweep does not vary is so fine that what it varies rules.
+    let settings = Settings {
+        spp: vec![1, 4, 16, 64],
+        surfels: vec![600, 2400, 9600, 80_000],
+        block_depth: vec![0.1],
+        block_voxels: vec![8, 4, 2, 1],
+        samples: vec![1, 4, 16, 64],
+        max_solid_angle: vec![0.015625, 0.0625, 0.25, 1.0],
+        shade: shade::Settings {
+            samples: 1024,
+            max_solid_angle: 0.0025,
+            volume_samples: 64,
+            lattice: 1,
+            pixel_samples: 64,
+            edge_samples: 64,
+            shadow_rays: 8,
+            ..shade::Settings::default()
+        },
+        rounds: 1,
+        reference_spp: 4096,
+        ..Settings::default()
+    };
+    study::run(
+        &scene,
+        &settings,
+        &dir.join("study"),
+        false,
+        &Job::default(),
+    )
+    .unwrap()
+}
+
+#[test]
+fn errors_fall_at_their_rates() {
+    let dir = tempfile::tempdir().unwrap();
+    let study = measured(dir.path());
+    let noise = study.reference.relmse.unwrap();
+    eprintln!("noise of the reference: relMSE {noise:.2e}");
+    for s in &study.findings.slopes {
+        eprintln!(
+            "{:12} {:16} power {:6.2}, of the coarsest two {:6.2}; relMSE {:.2e} at {} to {:.2e} at {}, least {:.2e}",
+            s.method,
+            s.setting,
+            s.exponent,
+            s.coarse_exponent,
+            s.coarsest[1],
+            s.coarsest[0],
+            s.finest[1],
+            s.finest[0],
+            s.floor
+        );
+    }
+    let slope = |method: &str, setting: &str| -> &Slope {
+        let is = |s: &&Slope| s.method == method && s.setting == setting;
+        study.findings.slopes.iter().find(is).unwrap()
+    };
+    let within = |value: f64, range: Range<f64>, what: &str| {
+        assert!(
+            range.contains(&value),
+            "{what}: {value} is not in {range:?}"
+        );
+    };
+    // Variance goes as one over the samples, with Sobol points a little faster.
+    within(slope("monte carlo", "spp").exponent, -1.35..-0.9, "spp");
+    // Powers of the whole sweeps, which end on a common floor, and of the coarsest two values. What surfels and nodes get
+    // wrong lies along edges of light, so the squared error falls as the width of those edges and not as its square.
+    for (setting, whole, coarse) in [
+        ("samples", -1.2..-0.7, -1.3..-0.6),
+        ("surfel-radius", 0.8..1.5, 0.8..1.6),
+        ("max-solid-angle", 0.04..0.5, 0.1..1.0),
+        ("block-voxels", 0.4..1.2, 1.5..3.5),
+    ] {
+        let slope = slope("extended", setting);
+        within(slope.exponent, whole, setting);
+        within(slope.coarse_exponent, coarse, setting);
+        // All sweeps end at the same small error, which is more than what the reference has itself.
+        within(slope.finest[1], noise..4.5e-4, setting);
+        assert!(slope.floor < 4.5e-4, "{setting}: {}", slope.floor);
+    }
+    // Surfels alone do not get there, however fine.
+    for slope in study
+        .findings
+        .slopes
+        .iter()
+        .filter(|s| s.method == "traditional")
+    {
+        assert!(slope.floor > 1e-2, "{slope:?}");
+    }
+}

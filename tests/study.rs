@@ -1,0 +1,282 @@
+//! `lvox study` from outside: what it writes, that a stop loses nothing, and that a browser shows the report.
+
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// A study of the demo, as small as can be.
+fn command(folder: &Path, args: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lvox"));
+    command.args([
+        "study",
+        "--demo",
+        "--width",
+        "40",
+        "--quality",
+        "draft",
+        "-o",
+    ]);
+    command.arg(folder).args(args);
+    for (name, value) in [
+        ("--reference-spp", "16"),
+        ("--spp", "1,2,4"),
+        ("--surfels", "2000,8000"),
+        ("--block-depth", "0.7,1.4"),
+        ("--block-voxels", "8"),
+        ("--samples", "8"),
+        ("--max-solid-angle", "0.04"),
+    ] {
+        command.args([name, value]);
+    }
+    command
+}
+
+fn study(folder: &Path, args: &[&str]) -> Output {
+    command(folder, args).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn json(folder: &Path) -> Value {
+    serde_json::from_slice(&fs::read(folder.join("study.json")).unwrap()).unwrap()
+}
+
+/// Times of every run by its name.
+fn times(study: &Value) -> BTreeMap<String, Vec<Value>> {
+    let runs = study["runs"].as_array().unwrap().iter();
+    runs.map(|r| {
+        let name = r["name"].as_str().unwrap().to_owned();
+        (name, r["rounds"].as_array().unwrap().clone())
+    })
+    .collect()
+}
+
+#[test]
+fn everything_is_written_and_a_second_call_measures_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path().join("study");
+    let output = study(&folder, &["--rounds", "1"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(output.stdout.is_empty());
+    let found = json(&folder);
+    // 3 of Monte Carlo; base, a cloud, a number of samples and a solid angle of each other; 2 sizes of lvoxels.
+    assert_eq!(times(&found).len(), 3 + 2 * 4 + 2);
+    let csv = fs::read_to_string(folder.join("study.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 1 + 13);
+    let table = fs::read_to_string(folder.join("table.md")).unwrap();
+    for part in [
+        "monte-carlo-4",
+        "traditional-base",
+        "extended-base",
+        "surfel-radius",
+        "floor",
+    ] {
+        assert!(table.contains(part), "{part}: {table}");
+    }
+    let front = found["findings"]["pareto"].as_array().unwrap();
+    assert!(front.len() >= 2, "{front:?}");
+    let settings: Vec<&str> = found["findings"]["slopes"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|s| s["setting"].as_str().unwrap())
+        .collect();
+    for setting in [
+        "spp",
+        "samples",
+        "max-solid-angle",
+        "surfel-radius",
+        "block-depth",
+    ] {
+        assert!(settings.contains(&setting), "{setting}: {settings:?}");
+    }
+    for name in ["monte-carlo-1", "extended-base", "traditional-surfels-2000"] {
+        for end in ["png", "flip.png"] {
+            let image = folder.join(format!("images/{name}.{end}"));
+            assert!(image.is_file(), "{}", image.display());
+        }
+    }
+
+    let output = study(&folder, &["--rounds", "1"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert_eq!(json(&folder), found);
+
+    let output = study(&folder, &["--rounds", "1", "--seed", "5"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("--force"));
+
+    show(
+        &fs::read_to_string(folder.join("report.html")).unwrap(),
+        dir.path(),
+    );
+}
+
+/// Counts what a browser sees of a report, once all of it is loaded.
+const PROBE: &str = r#"<script>
+addEventListener("load", () => {
+  const all = q => [...document.querySelectorAll(q)];
+  const shown = e => { const r = e.getBoundingClientRect(); return r.width > 40 && r.height > 8; };
+  let collisions = [];
+  for (const svg of all("svg")) {
+    const texts = [...svg.querySelectorAll("text")].filter(t => t.textContent.trim());
+    const boxes = texts.map(t => t.getBoundingClientRect());
+    for (let i = 0; i < boxes.length; i++) for (let j = 0; j < i; j++) {
+      const [a, b] = [boxes[i], boxes[j]];
+      if (Math.min(a.right, b.right) - Math.max(a.left, b.left) > 1
+          && Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 3)
+        collisions.push(texts[i].textContent.trim() + " on " + texts[j].textContent.trim());
+    }
+  }
+  const images = all("img");
+  document.body.setAttribute("data-found", [
+    "images " + images.length,
+    "loaded " + images.filter(i => i.complete && i.naturalWidth > 0 && shown(i)).length,
+    "heat " + all(".pair img:nth-child(2)").length,
+    "plots " + all("svg").filter(shown).length,
+    "rows " + all("tr").filter(shown).length,
+    "collisions " + collisions.length + ": " + collisions.join(", "),
+  ].join("; "));
+});
+</script>"#;
+
+/// Opens a report in a browser and checks that all of it is there, if there is a browser.
+fn show(report: &str, dir: &Path) {
+    assert!(!report.contains("src=\"http") && !report.contains("href="));
+    let page = dir.join("probed.html");
+    fs::write(&page, report.replace("</body>", &format!("{PROBE}</body>"))).unwrap();
+    let names = ["chromium", "chromium-browser", "google-chrome"];
+    let Some(child) = names.iter().find_map(|name| browse(name, &page, dir)) else {
+        eprintln!("skipped: the report was not opened, for there is none of {names:?}");
+        return;
+    };
+    let dom = wait(child, Duration::from_secs(120));
+    let found = dom
+        .split("data-found=\"")
+        .nth(1)
+        .and_then(|rest| rest.split('"').next());
+    let found = found.unwrap_or_else(|| panic!("the report did not load: {dom:.2000}"));
+    // The reference, 3 of Monte Carlo and both bases; all but the reference with a heat map.
+    let parts: Vec<&str> = found.split("; ").collect();
+    assert_eq!(
+        parts[..4],
+        ["images 11", "loaded 11", "heat 5", "plots 6"],
+        "{found}"
+    );
+    let rows: usize = parts[4].strip_prefix("rows ").unwrap().parse().unwrap();
+    assert!(rows > 20, "{found}");
+    assert_eq!(parts[5], "collisions 0: ", "{found}");
+}
+
+fn browse(name: &str, page: &Path, dir: &Path) -> Option<Child> {
+    Command::new(name)
+        .args([
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-quic",
+            "--no-first-run",
+        ])
+        .args([
+            "--disable-background-networking",
+            "--disable-component-update",
+            "--disable-sync",
+        ])
+        .arg(format!("--user-data-dir={}", dir.join("profile").display()))
+        .args(["--window-size=1200,3000", "--dump-dom"])
+        .arg(format!("file://{}", page.display()))
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .ok()
+}
+
+/// What a child prints; it is killed if it takes too long.
+fn wait(mut child: Child, limit: Duration) -> String {
+    let mut stdout = child.stdout.take().unwrap();
+    let reader =
+        std::thread::spawn(move || std::io::read_to_string(&mut stdout).unwrap_or_default());
+    let started = Instant::now();
+    while child.try_wait().unwrap().is_none() {
+        if started.elapsed() > limit {
+            child.kill().unwrap();
+            panic!("the browser took more than {limit:?}");
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    reader.join().unwrap()
+}
+
+#[cfg(unix)]
+#[test]
+fn a_signal_keeps_what_is_finished_and_the_same_command_goes_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path().join("study");
+    let args = ["--rounds", "2"];
+    let mut child = command(&folder, &args)
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let started = Instant::now();
+    let runs = || -> usize {
+        let bytes = fs::read(folder.join("study.json")).unwrap_or_default();
+        let found: Value = serde_json::from_slice(&bytes).unwrap_or_default();
+        found["runs"].as_array().map_or(0, Vec::len)
+    };
+    while runs() < 3 {
+        assert!(started.elapsed() < Duration::from_secs(120));
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let killed = Command::new("kill")
+        .args(["-TERM", &child.id().to_string()])
+        .status()
+        .unwrap();
+    assert!(killed.success());
+    let status = child.wait().unwrap();
+    assert_eq!(status.code(), Some(1));
+    let stderr = std::io::read_to_string(child.stderr.take().unwrap()).unwrap();
+    assert!(stderr.contains("the same command goes on"), "{stderr}");
+    let kept = times(&json(&folder));
+    assert!(kept.len() >= 3);
+    // The reports hold what there is.
+    let csv = fs::read_to_string(folder.join("study.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 1 + kept.len());
+    assert!(folder.join("report.html").is_file() && folder.join("pareto.svg").is_file());
+
+    let output = study(&folder, &args);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let all = times(&json(&folder));
+    assert_eq!(all.len(), 13);
+    assert!(all.values().all(|rounds| rounds.len() == 2));
+    for (name, rounds) in &kept {
+        assert_eq!(all[name][..rounds.len()], rounds[..], "{name}");
+    }
+    // No cloud is left beside the trees.
+    let left = fs::read_dir(folder.join("trees")).unwrap();
+    let names: Vec<_> = left
+        .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .collect();
+    assert!(names.iter().all(|n| n.ends_with(".lvt")), "{names:?}");
+}
+
+#[test]
+fn wrong_use_is_refused_at_once() {
+    let dir = tempfile::tempdir().unwrap();
+    for (args, part) in [
+        (&["--rounds", "0"][..], "--rounds"),
+        (&["--long=-1"], "--long"),
+        (&["--camera", "nobody"], "nobody"),
+        (&["--base-only"], "--base-only"),
+        (&["--reference", "no.exr"], "--reference"),
+    ] {
+        let output = study(&dir.path().join("a"), args);
+        assert_eq!(output.status.code(), Some(2), "{args:?}");
+        let stderr = text(&output.stderr);
+        assert!(stderr.contains(part), "{args:?}: {stderr}");
+        assert!(!dir.path().join("a").exists(), "{args:?}");
+    }
+}
