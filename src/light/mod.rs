@@ -208,17 +208,20 @@ impl<'a> Lights<'a> {
                     1
                 };
                 let mut sum = 0.0;
+                // Uniform in the projection on a plane that faces the light, where every part of the disk sends the same
+                // irradiance.
                 let (x, y) = tangents(-direction);
-                let radius = libm::tanf(angular_radius_rad);
+                let radius = libm::sinf(angular_radius_rad);
                 for i in 0..count {
-                    let [u, v] = if count > 1 {
-                        disk(sobol2(rays.first + i, index as u32, seed))
+                    let [u, v] = if angular_radius_rad > 0.0 {
+                        disk(sobol2(rays.first + i, index as u32, seed)).map(|c| c * radius)
                     } else {
                         [0.0; 2]
                     };
-                    let d = (-direction + x * (u * radius) + y * (v * radius)).normalize();
-                    let w = weight(d);
-                    if w > 0.0 {
+                    let cos = (1.0 - u * u - v * v).max(0.0).sqrt();
+                    let d = (x * u + y * v - direction * cos).normalize();
+                    let w = weight(d) / cos;
+                    if w > 0.0 && cos > 0.0 {
                         sum += w * total
                             .note(index, self.tracer.transmittance(origin, d, f32::INFINITY));
                     }
