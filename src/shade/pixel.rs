@@ -7,6 +7,7 @@ use super::lattice::{Lattice, gather_surface};
 use super::view::View;
 use crate::gather::{Gatherer, Pages};
 use crate::light::{Direct, Lights, ShadowRays};
+use crate::math::exp::exp_neg;
 use crate::math::segment::Composite;
 use crate::math::{Rgb, sampling};
 use crate::trace::Surface;
@@ -171,6 +172,11 @@ impl<P: Pages> PixelShader<'_, P> {
                 !passed.is_opaque()
             },
         );
+        if passed.is_opaque() {
+            // What the march left out still hides what is behind, however bright that is.
+            let (tracer, origin) = (&self.view.tracer, self.view.camera.origin());
+            passed.transmittance = exp_neg(tracer.optical_depth(origin, direction, t));
+        }
         passed
     }
 
