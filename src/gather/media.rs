@@ -81,7 +81,7 @@ impl Media {
                 s.near = s.near.max(c.t);
             }
             light.medium(s.tau, s.source);
-            !light.is_opaque()
+            light.transmittance > Composite::NOTHING
         };
         let mut met = self
             .volumes
