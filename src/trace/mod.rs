@@ -9,7 +9,7 @@ pub use cells::{Cells, RayInVolume};
 pub use surface::{Surface, unit_normal};
 pub use triangles::{Hit, TriangleBvh};
 
-use crate::math::exp::exp_neg;
+use crate::math::exp::{exp_neg, mean_reach};
 use crate::math::segment::Segment;
 use crate::scene::Scene;
 use glam::Vec3;
@@ -93,7 +93,12 @@ impl<'a> Tracer<'a> {
             near: c.near,
             far: c.far,
             tau: c.tau,
-            source: source(v, origin + direction * (0.5 * (c.near + c.far)), c.tau),
+            // Where light of the cell comes from on average: near its front if it is dense.
+            source: source(
+                v,
+                origin + direction * (c.near + mean_reach(c.tau) * (c.far - c.near)),
+                c.tau,
+            ),
         };
         let Some(second) = walks.next() else {
             while let Some(cell) = cells.next_cell() {
