@@ -6,25 +6,27 @@
 //! in empty space around the medium are evaluated like any other: leaving them dark would darken its rim.
 
 use crate::gather::{Gatherer, Pages};
-use crate::light::{Lights, ShadowRays};
+use crate::light::{InMedium, Lights, ShadowRays};
+use crate::math::exp::mean_reach;
 use crate::math::{Rgb, sampling};
 use crate::scene::Volume;
 use glam::Vec3;
+use std::ops::{AddAssign, Mul};
 use std::sync::OnceLock;
 
 const BRICK: usize = 8;
 
 /// Vertices of one lattice, made on demand.
 #[derive(Debug)]
-struct Vertices {
+struct Vertices<T> {
     /// Voxels between vertices.
     step: f32,
     count: [usize; 3],
     bricks: [usize; 3],
-    values: Vec<OnceLock<Box<[OnceLock<Rgb>]>>>,
+    values: Vec<OnceLock<Box<[OnceLock<T>]>>>,
 }
 
-impl Vertices {
+impl<T: Copy + Default + AddAssign + Mul<f32, Output = T>> Vertices<T> {
     fn new(dims: [usize; 3], step: usize) -> Self {
         let count = dims.map(|n| n.div_ceil(step) + 1);
         let bricks = count.map(|n| n.div_ceil(BRICK));
@@ -39,7 +41,7 @@ impl Vertices {
         }
     }
 
-    fn vertex(&self, v: [usize; 3], evaluate: &impl Fn(Vec3, [usize; 3]) -> Rgb) -> Rgb {
+    fn vertex(&self, v: [usize; 3], evaluate: &impl Fn(Vec3, [usize; 3]) -> T) -> T {
         let b = v.map(|c| c / BRICK);
         let l = v.map(|c| c % BRICK);
         let brick = self.values[(b[2] * self.bricks[1] + b[1]) * self.bricks[0] + b[0]]
@@ -52,7 +54,7 @@ impl Vertices {
             .get_or_init(|| evaluate(Vec3::from(v.map(|c| c as f32)) * self.step, v))
     }
 
-    fn sample(&self, point_in_index: Vec3, evaluate: impl Fn(Vec3, [usize; 3]) -> Rgb) -> Rgb {
+    fn sample(&self, point_in_index: Vec3, evaluate: impl Fn(Vec3, [usize; 3]) -> T) -> T {
         let p = (point_in_index / self.step).to_array();
         let mut base = [0; 3];
         let mut f = [0.0; 3];
@@ -61,7 +63,7 @@ impl Vertices {
             base[a] = (at as usize).min(self.count[a].saturating_sub(2));
             f[a] = at - base[a] as f32;
         }
-        let mut sum = Rgb::BLACK;
+        let mut sum = T::default();
         for corner in 0..8_usize {
             let mut weight = 1.0;
             let v = std::array::from_fn(|a| {
@@ -81,8 +83,8 @@ impl Vertices {
 #[derive(Debug)]
 struct Lattices {
     /// By log2 of the voxels between vertices.
-    direct: [Vertices; LEVELS],
-    indirect: [Vertices; LEVELS],
+    direct: [Vertices<InMedium>; LEVELS],
+    indirect: [Vertices<Rgb>; LEVELS],
     /// Longest edge of a voxel, scene units.
     voxel: f32,
 }
@@ -122,10 +124,10 @@ impl<'a, P: Pages> InScatter<'a, P> {
                     .length()
                     .max(axes.y_axis.length())
                     .max(axes.z_axis.length());
-                let vertices = |level| Vertices::new(v.sigma_t.dims(), 1_usize << level);
+                let dims = v.sigma_t.dims();
                 Lattices {
-                    direct: std::array::from_fn(vertices),
-                    indirect: std::array::from_fn(|level| vertices(level + 1)),
+                    direct: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
+                    indirect: std::array::from_fn(|level| Vertices::new(dims, 2 << level)),
                     voxel: voxel as f32,
                 }
             })
@@ -140,11 +142,14 @@ impl<'a, P: Pages> InScatter<'a, P> {
         }
     }
 
-    /// Source function of a volume at a point of scene space, given the optical depth of the cell around it.
+    /// Source function of a volume along a stretch of a ray, given its ends in scene space, its optical depth, and that
+    /// of the cell that it is in.
     #[must_use]
-    pub fn source(&self, volume: usize, point: Vec3, tau: f32) -> Rgb {
+    pub fn source(&self, volume: usize, [from, to]: [Vec3; 2], depth: f32, tau: f32) -> Rgb {
         let medium = &self.volumes[volume];
         let lattices = &self.lattices[volume];
+        // Where its light comes from on average: near its front if it is dense.
+        let point = from + (to - from) * mean_reach(depth);
         let at = medium.index_from_scene.transform_point3(point);
         let to_scene = |p: Vec3| {
             medium
@@ -153,10 +158,10 @@ impl<'a, P: Pages> InScatter<'a, P> {
                 .as_vec3()
         };
         // Thin parts of a volume are lit from few vertices, whatever its densest part needs.
-        let depth = medium.sigma_t.brick_max_at(at) * lattices.voxel;
+        let densest = medium.sigma_t.brick_max_at(at) * lattices.voxel;
         let level = (0..LEVELS)
             .rev()
-            .find(|&l| depth * (1 << l) as f32 <= Self::DEPTH)
+            .find(|&l| densest * (1 << l) as f32 <= Self::DEPTH)
             .unwrap_or(0);
         let key = |v: [usize; 3]| {
             sampling::hash(&[
@@ -170,12 +175,12 @@ impl<'a, P: Pages> InScatter<'a, P> {
         };
         let direct = if tau > Self::DEPTH {
             let bits = point.to_array().map(|c| u64::from(c.to_bits()));
-            self.direct(
-                point,
-                sampling::hash(&[self.seed, bits[0], bits[1], bits[2]]),
-            )
+            let seed = sampling::hash(&[self.seed, bits[0], bits[1], bits[2]]);
+            let light = self.direct(point, seed);
+            light.share * self.lights.sent(point, point) + light.rest
         } else {
-            lattices.direct[level].sample(at, |p, v| self.direct(to_scene(p), key(v)))
+            let light = lattices.direct[level].sample(at, |p, v| self.direct(to_scene(p), key(v)));
+            light.share * self.lights.sent(from, to) + light.rest
         };
         let indirect = self.gatherer.map_or(Rgb::BLACK, |gatherer| {
             lattices.indirect[level]
@@ -184,16 +189,14 @@ impl<'a, P: Pages> InScatter<'a, P> {
         Rgb(medium.albedo) * (direct + indirect)
     }
 
-    fn direct(&self, point: Vec3, seed: u64) -> Rgb {
-        self.lights
-            .mean_radiance(
-                point,
-                ShadowRays {
-                    per_light: self.shadow_rays,
-                    first: 0,
-                    seed,
-                },
-            )
-            .light
+    fn direct(&self, point: Vec3, seed: u64) -> InMedium {
+        self.lights.in_medium(
+            point,
+            ShadowRays {
+                per_light: self.shadow_rays,
+                first: 0,
+                seed,
+            },
+        )
     }
 }

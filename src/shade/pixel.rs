@@ -166,7 +166,15 @@ impl<P: Pages> PixelShader<'_, P> {
             self.view.camera.origin(),
             direction,
             t,
-            |volume, point, tau| self.in_scatter.source(volume, point, tau),
+            |volume, stretch, tau| {
+                let at = |t| self.view.camera.origin() + direction * t;
+                self.in_scatter.source(
+                    volume,
+                    [at(stretch.near), at(stretch.far)],
+                    stretch.tau,
+                    tau,
+                )
+            },
             |s| {
                 passed.medium(s.tau, s.source);
                 !passed.is_opaque()
