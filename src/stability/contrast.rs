@@ -26,7 +26,7 @@ fn cases() -> Vec<Case> {
         lvoxels,
     };
     let board = |v: [usize; 3], dense| {
-        if (v[0] + v[1] + v[2]) % 2 == 0 {
+        if (v[0] + v[1] + v[2]).is_multiple_of(2) {
             0.0
         } else {
             dense

@@ -454,7 +454,7 @@ fn overlaps(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     let (origin, way) = (Vec3::new(3.0, 0.03, 0.02), -Vec3::X);
     let mut light = crate::math::segment::Composite::default();
     store.media.pass(origin, way, 10.0, &[], &mut light);
-    let tau = 4.0 + 4.0 + 0.5;
+    let tau: f64 = 4.0 + 4.0 + 0.5;
     for (name, got) in [
         ("cells", tracer.transmittance(origin, way, 10.0)),
         ("lvoxels of a tree", light.transmittance),
@@ -462,7 +462,7 @@ fn overlaps(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
         rows.push(Row::relative(
             format!("three volumes that overlap in parts, {name}"),
             "depth 8.5",
-            (-tau as f64).exp(),
+            (-tau).exp(),
             got.into(),
             1e-5,
         ));

@@ -44,7 +44,7 @@ impl RayInVolume {
             done = if is_last { self.tau } else { from + depth };
             depth *= 2.0;
             Some(Self {
-                near: at(from),
+                near: if from == 0.0 { self.near } else { at(from) },
                 far: if is_last { self.far } else { at(done) },
                 tau: done - from,
             })
