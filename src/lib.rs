@@ -26,6 +26,7 @@ pub mod reference;
 pub mod run;
 pub mod scene;
 pub mod shade;
+pub mod stability;
 pub mod study;
 pub mod trace;
 

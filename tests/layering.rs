@@ -41,6 +41,14 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "shade",
         ],
     ),
+    // Judges every part, alone and together.
+    (
+        "stability",
+        &[
+            "bake", "build", "error", "formats", "gather", "image", "light", "math", "run",
+            "scene", "shade", "trace",
+        ],
+    ),
 ];
 
 /// What stages share; no stage uses another.

@@ -40,7 +40,7 @@ pub struct VolumeSums {
     /// Count of lvoxels.
     pub lvoxels: u64,
     /// Sum over lvoxels of extinction times size, `sigma_t * 8^level`: per scene unit times voxels. Times the volume of
-    /// a voxel it is the integral of extinction over space.
+    /// a voxel it is the integral of extinction over space, where no block sticks out of its volume.
     pub optical_depth: f64,
 }
 

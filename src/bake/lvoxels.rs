@@ -125,10 +125,13 @@ impl LvoxelMaker<'_> {
         out
     }
 
-    /// Mean extinction of a block, and the extinction-weighted mean of its points in index space. A block that sticks
-    /// out of the grid counts the empty space outside.
+    /// Mean extinction of the part of a block that is inside the grid, and the extinction-weighted mean of its points in
+    /// index space.
     fn coefficients(&self, block: [usize; 3], edge: usize) -> (f32, DVec3) {
         let base = Vec3::from(block.map(|v| (v * edge) as f32));
+        let dims = self.volume.sigma_t.dims();
+        // Voxels of the block inside the grid, on each axis.
+        let inside: [usize; 3] = std::array::from_fn(|a| edge.min(dims[a] - block[a] * edge));
         let (mut sum, mut moment) = (0.0_f64, DVec3::ZERO);
         let mut add = |offset: Vec3| {
             let sigma = f64::from(self.volume.sigma_t.sample(base + offset));
@@ -139,19 +142,19 @@ impl LvoxelMaker<'_> {
             BlockSize::OpticalDepth(_) => {
                 // Two points a voxel on each axis: between them and the knees at voxel centres and borders the
                 // trilinear field is linear, so their mean is the block's exact mean.
-                let n = 2 * edge;
-                for i in 0..n * n * n {
-                    let at = [i % n, i / n % n, i / (n * n)].map(|k| (k as f32 + 0.5) * 0.5);
+                let [x, y, z] = inside.map(|n| 2 * n);
+                for i in 0..x * y * z {
+                    let at = [i % x, i / x % y, i / (x * y)].map(|k| (k as f32 + 0.5) * 0.5);
                     add(Vec3::from(at));
                 }
-                n * n * n
+                x * y * z
             }
             BlockSize::Fixed { samples, .. } => {
                 let key =
                     sampling::hash(&[self.seed, block[0] as u64, block[1] as u64, block[2] as u64]);
                 for i in 0..samples {
                     let u = sobol_burley::sample_4d(i, 0, key as u32);
-                    add(Vec3::new(u[0], u[1], u[2]) * edge as f32);
+                    add(Vec3::new(u[0], u[1], u[2]) * Vec3::from(inside.map(|n| n as f32)));
                 }
                 samples.max(1) as usize
             }

@@ -22,6 +22,7 @@ pub struct Sums {
 }
 
 impl Sums {
+    /// No surfels.
     pub const NOTHING: Self = Self {
         count: 0.0,
         area: 0.0,
@@ -34,6 +35,8 @@ impl Sums {
         bounds: Bounds::EMPTY,
     };
 
+    /// Sums over some, in their order.
+    #[must_use]
     pub fn of(surfels: &[Surfel]) -> Self {
         let mut sums = Self::NOTHING;
         for surfel in surfels {
@@ -42,7 +45,8 @@ impl Sums {
         sums
     }
 
-    fn add_surfel(&mut self, s: &Surfel) {
+    /// Adds one.
+    pub fn add_surfel(&mut self, s: &Surfel) {
         let area = f64::from(s.area);
         let n = s.normal.map(f64::from);
         self.count += 1.0;
@@ -74,6 +78,7 @@ impl Sums {
         }
     }
 
+    /// Adds what others come to.
     pub fn add(&mut self, other: &Self) {
         let add = |a: &mut [f64], b: &[f64]| {
             for (a, b) in a.iter_mut().zip(b) {
@@ -94,6 +99,8 @@ impl Sums {
         self.bounds = self.bounds.union(other.bounds);
     }
 
+    /// What stands for all of them; there must be at least one.
+    #[must_use]
     pub fn aggregate(&self) -> SurfelAggregate {
         let centre = if self.area > 0.0 {
             self.moments.map(|m| (m / self.area) as f32)

@@ -4,7 +4,7 @@
 //! per bucket while the cloud is dealt out to them. A bucket is a run of octree cells, so what is written depends on the
 //! octree alone: the same bytes for any memory limit and any number of threads.
 
-mod aggregate;
+pub mod aggregate;
 mod feed;
 mod lvoxels;
 mod morton;

@@ -18,6 +18,11 @@ pub struct SceneInput {
 }
 
 impl SceneInput {
+    /// A scene file, or else the built-in scene.
+    pub fn new(scene: Option<PathBuf>, demo: bool) -> Self {
+        Self { scene, demo }
+    }
+
     /// Loads it, and passes on what the loader wants the user to know.
     pub fn load(&self, job: &Job) -> Result<Scene> {
         job.report.stage("load", |counts| {

@@ -1,10 +1,12 @@
 //! `lvox study`
 
 use super::options::Context;
+use super::output;
 use super::scene_input::SceneInput;
 use super::shade_options::QualityChoice;
+use lvox::stability::{self, Effort};
 use lvox::study::{self, Settings};
-use lvox::{Result, shade};
+use lvox::{Error, Result, shade};
 use std::path::PathBuf;
 
 /// Measure error against run time of Monte Carlo, traditional and extended point-based rendering on a scene
@@ -14,12 +16,22 @@ use std::path::PathBuf;
 /// the same command goes on after a stop; --force begins anew.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    #[command(flatten)]
-    scene: SceneInput,
+    /// Read this scene: .toml, .gltf or .glb
+    #[arg(value_name = "SCENE", required_unless_present_any = ["demo", "stability"])]
+    scene: Option<PathBuf>,
+
+    /// Use the scene that is built in: coloured walls, a torus, smoke
+    #[arg(long, conflicts_with = "scene")]
+    demo: bool,
 
     /// Write everything into this folder
-    #[arg(short, long, value_name = "DIR")]
-    output: PathBuf,
+    #[arg(short, long, value_name = "DIR", required_unless_present = "stability")]
+    output: Option<PathBuf>,
+
+    /// Compare lvox with closed forms and at extremes instead, and print a table; exit with 1 if a case fails. Kernels are
+    /// compared with double precision on SCENE [default: the demo]
+    #[arg(long, conflicts_with_all = ["output", "quick", "reference", "camera"])]
+    stability: bool,
 
     /// Compare with this converged image [default: render one]
     #[arg(long, value_name = "FILE")]
@@ -95,6 +107,13 @@ pub struct Args {
 
 impl Args {
     pub fn run(self, context: &Context) -> Result<()> {
+        let scene = SceneInput::new(self.scene, self.demo || self.stability);
+        if self.stability {
+            return check_stability(&scene, context);
+        }
+        let Some(output) = self.output else {
+            return Err(Error::input("no folder was given").hint("name one with --output"));
+        };
         let preset = if self.quick {
             Settings::quick()
         } else {
@@ -127,20 +146,32 @@ impl Args {
             settings
         };
         settings.check()?;
-        let mut scene = self.scene.load(&context.job)?;
+        let mut scene = scene.load(&context.job)?;
         if let Some(width) = width {
             let film = &mut scene.film;
             let height = f64::from(film.height) * f64::from(width) / f64::from(film.width);
             (film.width, film.height) = (width, height.round().max(1.0) as u32);
         }
-        study::run(&scene, &settings, &self.output, context.force, &context.job)?;
-        let report = self.output.join("report.html");
+        study::run(&scene, &settings, &output, context.force, &context.job)?;
+        let report = output.join("report.html");
         context
             .job
             .progress
             .say(&format!("see {}", report.display()));
         Ok(())
     }
+}
+
+fn check_stability(scene: &SceneInput, context: &Context) -> Result<()> {
+    let scene = scene.load(&context.job)?;
+    let families = stability::run(&scene, Effort::Full, &context.job)?;
+    output::print(&stability::markdown(&families))?;
+    let rows = families.iter().flat_map(|f| &f.rows);
+    let (total, failed) = (rows.clone().count(), rows.filter(|r| !r.passed()).count());
+    if failed > 0 {
+        return Err(Error::failed(format!("{failed} of {total} cases failed")));
+    }
+    Ok(())
 }
 
 fn given<T>(values: Vec<T>, preset: Vec<T>) -> Vec<T> {

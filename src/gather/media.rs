@@ -113,7 +113,7 @@ impl Media {
                 s.near = s.near.max(c.t);
             }
             light.medium(s.tau, s.source);
-            !light.is_opaque()
+            light.transmittance > Composite::NOTHING
         };
         let mut met = self
             .volumes
@@ -218,22 +218,40 @@ impl BlockGrid {
             let level = (self.level[brick] + 1).min(MAX_LEVEL);
             let merged = 1 << (level - self.level[brick]);
             let (fine, wide) = (BRICK >> self.level[brick], BRICK >> level);
+            let corner = [
+                brick % self.bricks[0],
+                brick / self.bricks[0] % self.bricks[1],
+                brick / self.bricks[0] / self.bricks[1],
+            ];
+            let edge = 1 << self.level[brick];
+            // A block counts by its part inside the volume, of which its extinction is the mean.
+            let inside = |block: [usize; 3]| -> f32 {
+                (0..3)
+                    .map(|a| {
+                        let lower = (corner[a] * BRICK + block[a] * edge) as f32;
+                        (self.dims[a] - lower).clamp(0.0, edge as f32)
+                    })
+                    .product()
+            };
             for k in 0..wide * wide * wide {
                 let local = [k % wide, k / wide % wide, k / wide / wide];
-                let (mut sigma_t, mut source) = (0.0, Rgb::BLACK);
+                let (mut volume, mut sigma_t, mut source) = (0.0, 0.0, Rgb::BLACK);
                 for c in 0..merged * merged * merged {
-                    let [x, y, z] = [
+                    let at = [
                         local[0] * merged + c % merged,
                         local[1] * merged + c / merged % merged,
                         local[2] * merged + c / merged / merged,
                     ];
-                    let block = &self.blocks[first as usize + (z * fine + y) * fine + x];
-                    sigma_t += block.sigma_t;
-                    source += block.source * block.sigma_t;
+                    let block =
+                        &self.blocks[first as usize + (at[2] * fine + at[1]) * fine + at[0]];
+                    let part = inside(at);
+                    volume += part;
+                    sigma_t += block.sigma_t * part;
+                    source += block.source * (block.sigma_t * part);
                 }
                 if sigma_t > 0.0 {
                     let block = Block {
-                        sigma_t: sigma_t / (merged * merged * merged) as f32,
+                        sigma_t: sigma_t / volume,
                         source: source * (1.0 / sigma_t),
                     };
                     coarse.set(brick, level, local, block);

@@ -13,6 +13,9 @@ use crate::trace::Tracer;
 use emitters::Emitters;
 use glam::Vec3;
 use std::f32::consts::PI;
+use std::ops::{AddAssign, Mul};
+
+const INVERSE_SPHERE: f32 = 1.0 / (4.0 * PI);
 
 /// Which points of the lights one point's shadow rays go to.
 #[derive(Clone, Copy, Debug)]
@@ -160,6 +163,33 @@ impl Direct {
     }
 }
 
+/// Direct light at a point of a medium, in two parts: that of point and spot lights changes without bound near them, but
+/// the share of it that arrives changes no faster than media and shadows do.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct InMedium {
+    /// What arrives of [`Lights::sent`], per channel.
+    pub share: Rgb,
+    /// Mean over the sphere of the radiance of all other lights.
+    pub rest: Rgb,
+}
+
+impl AddAssign for InMedium {
+    fn add_assign(&mut self, o: Self) {
+        self.share += o.share;
+        self.rest += o.rest;
+    }
+}
+
+impl Mul<f32> for InMedium {
+    type Output = Self;
+    fn mul(self, s: f32) -> Self {
+        Self {
+            share: self.share * s,
+            rest: self.rest * s,
+        }
+    }
+}
+
 /// All lights of a scene but a constant environment, which gathering takes care of.
 #[derive(Debug)]
 pub struct Lights<'a> {
@@ -268,11 +298,69 @@ impl<'a> Lights<'a> {
     /// phase function.
     #[must_use]
     pub fn mean_radiance(&self, point: Vec3, rays: ShadowRays) -> Direct {
-        const INVERSE: f32 = 1.0 / (4.0 * PI);
         let mut direct = self.sum(point, rays, &|_| 1.0, &polygon::solid_angle);
-        direct.sharp *= INVERSE;
-        direct.open *= INVERSE;
+        direct.sharp *= INVERSE_SPHERE;
+        direct.open *= INVERSE_SPHERE;
         direct
+    }
+
+    /// The same light in two parts, for what lies between points: `sent` times the share, and the rest.
+    #[must_use]
+    pub fn in_medium(&self, point: Vec3, rays: ShadowRays) -> InMedium {
+        let (mut near, mut rest) = (Direct::default(), Direct::default());
+        for (index, light) in self.tracer.scene.lights.iter().enumerate() {
+            let is_point = matches!(light, Light::Point { .. } | Light::Spot { .. });
+            let total = if is_point { &mut near } else { &mut rest };
+            self.add_light(total, light, index, point, rays, &|_| 1.0);
+        }
+        self.add_emitters(&mut rest, point, rays, &|_| 1.0, &polygon::solid_angle);
+        let (arriving, sent) = (near.sharp * INVERSE_SPHERE, self.sent(point, point));
+        InMedium {
+            share: Rgb(std::array::from_fn(|c| {
+                if sent.0[c] > 0.0 {
+                    arriving.0[c] / sent.0[c]
+                } else {
+                    0.0
+                }
+            })),
+            rest: rest.light() * INVERSE_SPHERE,
+        }
+    }
+
+    /// Mean radiance over the sphere that point and spot lights would send with nothing between, averaged over a segment
+    /// in closed form: the angle that it is seen under, over twice the triangle that it makes with the light.
+    #[must_use]
+    pub fn sent(&self, from: Vec3, to: Vec3) -> Rgb {
+        let mut total = Rgb::BLACK;
+        for light in &self.tracer.scene.lights {
+            let (position, intensity) = match light {
+                Light::Point {
+                    position,
+                    intensity,
+                }
+                | Light::Spot {
+                    position,
+                    intensity,
+                    ..
+                } => (*position, Rgb(*intensity)),
+                _ => continue,
+            };
+            let (u, v) = (from - position, to - position);
+            // A segment through the light would get no end of it: one that passes is a millionth of its length away.
+            let twice_area = u.cross(v).length().max(1e-6 * (to - from).length_squared());
+            let along = u.dot(v);
+            let mean = if twice_area > 1e-3 * along {
+                libm::atan2f(twice_area, along) / twice_area
+            } else {
+                let x = twice_area / along;
+                (1.0 - x * x * (1.0 / 3.0)) / along
+            };
+            let middle = (0.5 * (u + v)).normalize_or_zero();
+            if mean.is_finite() {
+                total += intensity * (mean * INVERSE_SPHERE * light.falloff(middle));
+            }
+        }
+        total
     }
 
     /// Irradiance of a surface point from the environment, by `rays.per_light` rays over the hemisphere. Gathering sees
@@ -342,7 +430,7 @@ impl<'a> Lights<'a> {
         rays: ShadowRays,
         weight: &dyn Fn(Vec3) -> f32,
     ) {
-        let (position, intensity, cone) = match *light {
+        let (position, intensity) = match *light {
             Light::Environment { .. } => return,
             Light::Directional {
                 direction,
@@ -370,14 +458,12 @@ impl<'a> Lights<'a> {
             Light::Point {
                 position,
                 intensity,
-            } => (position, intensity, None),
-            Light::Spot {
+            }
+            | Light::Spot {
                 position,
-                direction,
                 intensity,
-                cos_inner,
-                cos_outer,
-            } => (position, intensity, Some((direction, cos_inner, cos_outer))),
+                ..
+            } => (position, intensity),
         };
         let to_light = position - origin;
         let distance = to_light.length();
@@ -385,11 +471,7 @@ impl<'a> Lights<'a> {
             return;
         }
         let d = to_light / distance;
-        let mut w = weight(d) / (distance * distance);
-        if let Some((axis, cos_inner, cos_outer)) = cone {
-            let s = ((-d.dot(axis) - cos_outer) / (cos_inner - cos_outer)).clamp(0.0, 1.0);
-            w *= s * s * (3.0 - 2.0 * s);
-        }
+        let w = weight(d) / (distance * distance) * light.falloff(-d);
         if w > 0.0 {
             let through = self.transmittance(origin, d, distance, self.sharp_depth);
             total.note(index % 32, through);

@@ -53,9 +53,37 @@ pub fn exp_neg_and_rest(x: f32) -> (f32, f32) {
     }
 }
 
+/// Mean depth at which light from a segment of optical depth x leaves its last particle, as a share of the segment:
+/// 1/x - 1/(exp(x) - 1), from 1/2 at 0 towards 0; relative error below 1e-5.
+#[must_use]
+#[inline]
+pub fn mean_reach(x: f32) -> f32 {
+    if x < 0.5 {
+        0.5 - x * (1.0 / 12.0 - x * x * (1.0 / 720.0 - x * x * (1.0 / 30240.0)))
+    } else {
+        1.0 / x - exp_neg(x) / one_minus_exp_neg(x)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_mean_reach_is_that_of_an_exponential() {
+        let mut x = 1e-6_f32;
+        while x < 1e5 {
+            let exact = f64::from(x);
+            let exact = if exact < 1e-3 {
+                0.5 - exact / 12.0
+            } else {
+                1.0 / exact - 1.0 / exact.exp_m1()
+            };
+            assert!((f64::from(mean_reach(x)) / exact - 1.0).abs() < 1e-5, "{x}");
+            x *= 1.3;
+        }
+        assert_eq!(mean_reach(0.0), 0.5);
+    }
 
     #[test]
     fn both_agree_with_double_precision() {

@@ -37,6 +37,8 @@ impl Default for Composite {
 impl Composite {
     /// Below this transmittance what follows is left out: it could add no more than this share of its radiance.
     pub const OPAQUE: f32 = 1e-4;
+    /// Below this transmittance no light that a scene may hold comes through.
+    pub const NOTHING: f32 = 1e-30;
 
     /// Passes a medium of optical depth `tau` and source function `source`: scatter-out and scatter-in with the same
     /// tau, so that energy is conserved whatever its size.

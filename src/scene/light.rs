@@ -40,3 +40,21 @@ pub enum Light {
         radiance: [f32; 3],
     },
 }
+
+impl Light {
+    /// Share of the intensity that leaves towards a unit direction: less than 1 off the axis of a spot.
+    #[must_use]
+    pub fn falloff(&self, towards: Vec3) -> f32 {
+        let Self::Spot {
+            direction,
+            cos_inner,
+            cos_outer,
+            ..
+        } = self
+        else {
+            return 1.0;
+        };
+        let s = ((towards.dot(*direction) - cos_outer) / (cos_inner - cos_outer)).clamp(0.0, 1.0);
+        s * s * (3.0 - 2.0 * s)
+    }
+}

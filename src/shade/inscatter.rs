@@ -8,7 +8,8 @@
 use super::far_field::FarField;
 use super::vertices::Vertices;
 use crate::gather::{Gatherer, Pages, Stretch};
-use crate::light::{Lights, ShadowRays};
+use crate::light::{InMedium, Lights, ShadowRays};
+use crate::math::exp::mean_reach;
 use crate::math::{Rgb, sampling};
 use crate::scene::Volume;
 use glam::Vec3;
@@ -17,7 +18,7 @@ use glam::Vec3;
 #[derive(Debug)]
 struct Lattices {
     /// By log2 of the voxels between vertices.
-    direct: [Vertices<Rgb>; LEVELS],
+    direct: [Vertices<InMedium>; LEVELS],
     indirect: [Vertices<Rgb>; LEVELS],
     far_field: FarField,
     /// Longest edge of a voxel, scene units.
@@ -64,10 +65,10 @@ impl<'a, P: Pages> InScatter<'a, P> {
                     .length()
                     .max(axes.y_axis.length())
                     .max(axes.z_axis.length());
-                let vertices = |level| Vertices::new(v.sigma_t.dims(), 1_usize << level);
+                let dims = v.sigma_t.dims();
                 Lattices {
-                    direct: std::array::from_fn(vertices),
-                    indirect: std::array::from_fn(|level| vertices(level + 1)),
+                    direct: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
+                    indirect: std::array::from_fn(|level| Vertices::new(dims, 2 << level)),
                     far_field: FarField::new(v, volume_samples),
                     voxel: voxel as f32,
                 }
@@ -83,11 +84,14 @@ impl<'a, P: Pages> InScatter<'a, P> {
         }
     }
 
-    /// Source function of a volume at a point of scene space, given the optical depth of the cell around it.
+    /// Source function of a volume along a stretch of a ray, given its ends in scene space, its optical depth, and that
+    /// of the cell that it is in.
     #[must_use]
-    pub fn source(&self, volume: usize, point: Vec3, tau: f32) -> Rgb {
+    pub fn source(&self, volume: usize, [from, to]: [Vec3; 2], depth: f32, tau: f32) -> Rgb {
         let medium = &self.volumes[volume];
         let lattices = &self.lattices[volume];
+        // Where its light comes from on average: near its front if it is dense.
+        let point = from + (to - from) * mean_reach(depth);
         let at = medium.index_from_scene.transform_point3(point);
         let to_scene = |p: Vec3| {
             medium
@@ -96,10 +100,10 @@ impl<'a, P: Pages> InScatter<'a, P> {
                 .as_vec3()
         };
         // Thin parts of a volume are lit from few vertices, whatever its densest part needs.
-        let depth = medium.sigma_t.brick_max_at(at) * lattices.voxel;
+        let densest = medium.sigma_t.brick_max_at(at) * lattices.voxel;
         let level = (0..LEVELS)
             .rev()
-            .find(|&l| depth * (1 << l) as f32 <= Self::DEPTH)
+            .find(|&l| densest * (1 << l) as f32 <= Self::DEPTH)
             .unwrap_or(0);
         let key = |v: [usize; 3]| {
             sampling::hash(&[
@@ -113,13 +117,13 @@ impl<'a, P: Pages> InScatter<'a, P> {
         };
         let direct = if tau > Self::DEPTH {
             let bits = point.to_array().map(|c| u64::from(c.to_bits()));
-            self.direct(
-                point,
-                sampling::hash(&[self.seed, bits[0], bits[1], bits[2]]),
-            )
+            let seed = sampling::hash(&[self.seed, bits[0], bits[1], bits[2]]);
+            let light = self.direct(point, seed);
+            light.share * self.lights.sent(point, point) + light.rest
         } else {
-            lattices.direct[level]
-                .interpolate(at, |p, v| self.direct_at_vertex(to_scene(p), v, key(v)))
+            let light = lattices.direct[level]
+                .interpolate(at, |p, v| self.direct_at_vertex(to_scene(p), v, key(v)));
+            light.share * self.lights.sent(from, to) + light.rest
         };
         let indirect = self.gatherer.map_or(Rgb::BLACK, |gatherer| {
             lattices.indirect[level].interpolate(at, |p, v| {
@@ -134,7 +138,7 @@ impl<'a, P: Pages> InScatter<'a, P> {
     }
 
     /// Direct light at a vertex, whose neighbours ask other parts of the lights.
-    fn direct_at_vertex(&self, point: Vec3, v: [usize; 3], seed: u64) -> Rgb {
+    fn direct_at_vertex(&self, point: Vec3, v: [usize; 3], seed: u64) -> InMedium {
         let [x, y, z] = v.map(|c| (c % 2) as u8);
         let rays = ShadowRays::Cells {
             cell: 8 * x + 4 * y + 2 * z,
@@ -142,19 +146,15 @@ impl<'a, P: Pages> InScatter<'a, P> {
             count: Self::VERTEX_RAYS,
             seed,
         };
-        self.vertex_lights.mean_radiance(point, rays).light()
+        self.vertex_lights.in_medium(point, rays)
     }
 
-    fn direct(&self, point: Vec3, seed: u64) -> Rgb {
-        self.lights
-            .mean_radiance(
-                point,
-                ShadowRays::Sequence {
-                    per_light: Self::POINT_RAYS,
-                    first: 0,
-                    seed,
-                },
-            )
-            .light()
+    fn direct(&self, point: Vec3, seed: u64) -> InMedium {
+        let rays = ShadowRays::Sequence {
+            per_light: Self::POINT_RAYS,
+            first: 0,
+            seed,
+        };
+        self.lights.in_medium(point, rays)
     }
 }

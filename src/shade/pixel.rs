@@ -6,6 +6,7 @@ use super::lattice::{Lattice, gather_surface};
 use super::view::View;
 use crate::gather::{Gatherer, Pages, Stretch};
 use crate::light::{Arrival, Direct, Lights, ShadowRays};
+use crate::math::exp::exp_neg;
 use crate::math::segment::Composite;
 use crate::math::{Rgb, sampling};
 use crate::trace::Surface;
@@ -186,12 +187,22 @@ impl<P: Pages> PixelShader<'_, P> {
             self.view.camera.origin(),
             sample.direction,
             sample.t,
-            |volume, point, tau| self.in_scatter.source(volume, point, tau),
+            |volume, stretch, tau| {
+                let at = |t| self.view.camera.origin() + sample.direction * t;
+                let ends = [at(stretch.near), at(stretch.far)];
+                self.in_scatter.source(volume, ends, stretch.tau, tau)
+            },
             |s| {
                 passed.medium(s.tau, s.source);
                 !passed.is_opaque()
             },
         );
+        if passed.is_opaque() {
+            // What the march left out still hides what is behind, however bright that is.
+            let (tracer, origin) = (&self.view.tracer, self.view.camera.origin());
+            passed.transmittance =
+                exp_neg(tracer.optical_depth(origin, sample.direction, sample.t));
+        }
         passed
     }
 

@@ -1,7 +1,7 @@
 //! A lattice of values on a volume's own grid, made on demand.
 
-use crate::math::Rgb;
 use glam::Vec3;
+use std::ops::{AddAssign, Mul};
 use std::sync::OnceLock;
 
 const BRICK: usize = 8;
@@ -68,10 +68,10 @@ impl<T> Vertices<T> {
     }
 }
 
-impl Vertices<Rgb> {
+impl<T: Copy + Default + AddAssign + Mul<f32, Output = T>> Vertices<T> {
     /// The trilinear mean of the vertices around a point of index space.
-    pub fn interpolate(&self, point: Vec3, evaluate: impl Fn(Vec3, [usize; 3]) -> Rgb) -> Rgb {
-        let mut sum = Rgb::BLACK;
+    pub fn interpolate(&self, point: Vec3, evaluate: impl Fn(Vec3, [usize; 3]) -> T) -> T {
+        let mut sum = T::default();
         for (v, weight) in self.around(point) {
             if weight > 0.0 {
                 sum += *self.get(v, &evaluate) * weight;

@@ -19,6 +19,39 @@ pub struct RayInVolume {
     pub tau: f32,
 }
 
+impl RayInVolume {
+    /// Optical depth of the first piece of a dense stretch; each further one is twice as deep.
+    const PIECE: f32 = 0.5;
+    /// A stretch up to this depth is one piece.
+    const THIN: f32 = 0.7;
+
+    /// The stretch in pieces, front to back: light changes over about one optical depth, so a dense stretch starts with
+    /// thin pieces. The last holds what is too deep to be seen.
+    pub fn pieces(self) -> impl Iterator<Item = Self> {
+        let mut done = 0.0;
+        let mut depth = if self.tau > Self::THIN {
+            Self::PIECE
+        } else {
+            f32::INFINITY
+        };
+        let at = move |tau: f32| self.near + (self.far - self.near) * (tau / self.tau);
+        std::iter::from_fn(move || {
+            if done >= self.tau {
+                return None;
+            }
+            let from = done;
+            let is_last = depth > 8.0 || from + 1.5 * depth >= self.tau;
+            done = if is_last { self.tau } else { from + depth };
+            depth *= 2.0;
+            Some(Self {
+                near: if from == 0.0 { self.near } else { at(from) },
+                far: if is_last { self.far } else { at(done) },
+                tau: done - from,
+            })
+        })
+    }
+}
+
 /// Iterates over the non-empty cells that a ray meets, front to back.
 pub struct Cells<'a> {
     volume: &'a Volume,
@@ -221,6 +254,26 @@ mod tests {
                 (got - expected).abs() < 3e-3 + 3e-4 * expected,
                 "ray {i}: {got} against {expected}"
             );
+        }
+    }
+
+    #[test]
+    fn pieces_add_up() {
+        for tau in [1e-9_f32, 0.7, 0.71, 3.0, 1e4, 1e30] {
+            let whole = RayInVolume {
+                near: 2.0,
+                far: 3.0,
+                tau,
+            };
+            let pieces: Vec<_> = whole.pieces().collect();
+            assert_eq!((pieces[0].near, pieces[pieces.len() - 1].far), (2.0, 3.0));
+            assert!(pieces.windows(2).all(|p| p[0].far == p[1].near));
+            let sum: f32 = pieces.iter().map(|p| p.tau).sum();
+            assert!(
+                (sum / tau - 1.0).abs() < 1e-6 && pieces.len() < 8,
+                "{pieces:?}"
+            );
+            assert_eq!(pieces.len() > 1, tau > 0.75);
         }
     }
 

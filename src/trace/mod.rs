@@ -76,14 +76,14 @@ impl<'a> Tracer<'a> {
     }
 
     /// Passes every stretch of medium from `origin` to `t_max`, front to back, to `emit` until that says no.
-    /// `source(volume, point, tau)` gives the source function of a volume at a point of scene space, in a cell of that
+    /// `source(volume, stretch, tau)` gives the source function of a volume in a stretch of the ray, in a cell of that
     /// optical depth.
     pub fn march(
         &self,
         origin: Vec3,
         direction: Vec3,
         t_max: f32,
-        source: impl Fn(usize, Vec3, f32) -> crate::math::Rgb,
+        source: impl Fn(usize, RayInVolume, f32) -> crate::math::Rgb,
         mut emit: impl FnMut(Segment) -> bool,
     ) {
         let mut walks = self
@@ -95,16 +95,18 @@ impl<'a> Tracer<'a> {
         let Some((first, mut cells)) = walks.next() else {
             return;
         };
-        let to_segment = |v: usize, c: RayInVolume| Segment {
+        let to_segment = |v: usize, c: RayInVolume, tau: f32| Segment {
             near: c.near,
             far: c.far,
             tau: c.tau,
-            source: source(v, origin + direction * (0.5 * (c.near + c.far)), c.tau),
+            source: source(v, c, tau),
         };
         let Some(second) = walks.next() else {
             while let Some(cell) = cells.next_cell() {
-                if !emit(to_segment(first, cell)) {
-                    return;
+                for piece in cell.pieces() {
+                    if !emit(to_segment(first, piece, cell.tau)) {
+                        return;
+                    }
                 }
             }
             return;
@@ -112,7 +114,7 @@ impl<'a> Tracer<'a> {
         let mut all = Vec::new();
         for (v, mut cells) in [(first, cells), second].into_iter().chain(walks) {
             while let Some(cell) = cells.next_cell() {
-                all.push(to_segment(v, cell));
+                all.extend(cell.pieces().map(|piece| to_segment(v, piece, cell.tau)));
             }
         }
         crate::math::segment::flatten_overlaps(&mut all, emit);
