@@ -55,14 +55,6 @@ impl Media {
         self.volumes.iter().all(|v| v.blocks.is_empty())
     }
 
-    /// The same media in blocks of twice the size, where those fit into a brick: for rays that stand for wide cones.
-    #[must_use]
-    pub fn coarser(&self) -> Self {
-        Self {
-            volumes: self.volumes.iter().map(BlockGrid::coarser).collect(),
-        }
-    }
-
     /// Bytes held.
     #[must_use]
     pub fn bytes(&self) -> usize {
@@ -201,64 +193,6 @@ impl BlockGrid {
                 end[a] = end[a].max(local[a] as u8 + 1);
             }
         }
-    }
-
-    fn coarser(&self) -> Self {
-        let mut coarse = Self {
-            first: vec![EMPTY; self.first.len()],
-            level: vec![0; self.level.len()],
-            filled: vec![[[u8::MAX; 3], [0; 3]]; self.filled.len()],
-            blocks: Vec::new(),
-            ..*self
-        };
-        for (brick, &first) in self.first.iter().enumerate() {
-            if first == EMPTY {
-                continue;
-            }
-            let level = (self.level[brick] + 1).min(MAX_LEVEL);
-            let merged = 1 << (level - self.level[brick]);
-            let (fine, wide) = (BRICK >> self.level[brick], BRICK >> level);
-            let corner = [
-                brick % self.bricks[0],
-                brick / self.bricks[0] % self.bricks[1],
-                brick / self.bricks[0] / self.bricks[1],
-            ];
-            let edge = 1 << self.level[brick];
-            // A block counts by its part inside the volume, of which its extinction is the mean.
-            let inside = |block: [usize; 3]| -> f32 {
-                (0..3)
-                    .map(|a| {
-                        let lower = (corner[a] * BRICK + block[a] * edge) as f32;
-                        (self.dims[a] - lower).clamp(0.0, edge as f32)
-                    })
-                    .product()
-            };
-            for k in 0..wide * wide * wide {
-                let local = [k % wide, k / wide % wide, k / wide / wide];
-                let (mut volume, mut sigma_t, mut source) = (0.0, 0.0, Rgb::BLACK);
-                for c in 0..merged * merged * merged {
-                    let at = [
-                        local[0] * merged + c % merged,
-                        local[1] * merged + c / merged % merged,
-                        local[2] * merged + c / merged / merged,
-                    ];
-                    let block =
-                        &self.blocks[first as usize + (at[2] * fine + at[1]) * fine + at[0]];
-                    let part = inside(at);
-                    volume += part;
-                    sigma_t += block.sigma_t * part;
-                    source += block.source * (block.sigma_t * part);
-                }
-                if sigma_t > 0.0 {
-                    let block = Block {
-                        sigma_t: sigma_t / volume,
-                        source: source * (1.0 / sigma_t),
-                    };
-                    coarse.set(brick, level, local, block);
-                }
-            }
-        }
-        coarse
     }
 
     fn enter(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Walk<'_>> {

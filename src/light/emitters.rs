@@ -55,7 +55,7 @@ impl Emitter {
 #[derive(Debug)]
 pub struct Emitters {
     all: Vec<Emitter>,
-    /// Running sum of area times luminance, for choosing among many.
+    /// Running sum of area times radiance, for choosing among many.
     running_power: Vec<f64>,
 }
 
@@ -84,7 +84,7 @@ impl Emitters {
         let running_power = all
             .iter()
             .map(|e| {
-                sum += f64::from(e.area) * f64::from(e.radiance.luminance());
+                sum += f64::from(e.area) * f64::from(e.radiance.mean());
                 sum
             })
             .collect();
@@ -118,7 +118,7 @@ impl Emitters {
                 .min(self.all.len() - 1);
             let e = &self.all[i];
             if e.lights(point) {
-                let power = f64::from(e.area) * f64::from(e.radiance.luminance());
+                let power = f64::from(e.area) * f64::from(e.radiance.mean());
                 each(i as u32, e, (step / power) as f32);
             }
         }

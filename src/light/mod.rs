@@ -103,16 +103,16 @@ pub struct Arrival {
 impl Arrival {
     /// What arrives of `open`, for the sum of many rays: all of it without any ray.
     ///
-    /// Its mean share is told by luminance, by which rays choose among lights. How far single rays differ from that share
+    /// Its mean share is told by their mean channel, by which rays choose among lights. How far single rays differ from that share
     /// tells the colour; where they do not, it has no noise however many colours lights have.
     #[must_use]
     pub fn of(&self, open: Rgb) -> Rgb {
-        let all = self.all.luminance();
+        let all = self.all.mean();
         if all <= 0.0 {
             return open;
         }
-        let share = self.arriving.luminance() / all;
-        let per_ray = open.luminance() / all;
+        let share = self.arriving.mean() / all;
+        let per_ray = open.mean() / all;
         Rgb(std::array::from_fn(|c| {
             let differs = self.arriving.0[c] - share * self.all.0[c];
             (share * open.0[c] + per_ray * differs).max(0.0)
@@ -131,13 +131,13 @@ impl Direct {
     /// Bits of lights without extent in `seen` and `hidden`.
     pub const SHARP: u64 = (1 << 32) - 1;
 
-    /// The point's own estimate. Rays choose among lights by luminance, so a few of them cannot tell the share of each
+    /// The point's own estimate. Rays choose among lights by their mean channel, so a few of them cannot tell the share of each
     /// channel: their colour is what they brought.
     #[must_use]
     pub fn light(&self) -> Rgb {
-        let all = self.rays.all.luminance();
+        let all = self.rays.all.mean();
         if all > 0.0 {
-            self.sharp + self.rays.arriving * (self.open.luminance() / all)
+            self.sharp + self.rays.arriving * (self.open.mean() / all)
         } else {
             self.sharp
         }
@@ -522,7 +522,7 @@ impl<'a> Lights<'a> {
             .for_point(origin, rays.seed(), |index, emitter, multiplicity| {
                 let response = closed_form(emitter.corners.map(|c| c - origin)) * multiplicity;
                 let light = emitter.radiance * response;
-                let power = light.luminance();
+                let power = light.mean();
                 if power > 0.0 {
                     unoccluded += light;
                     sum += power;
@@ -561,7 +561,7 @@ impl<'a> Lights<'a> {
                 // Stop short of the light itself.
                 let end = distance * (1.0 - 1e-4) - self.tracer.offset;
                 let through = self.transmittance(origin, d, end, self.wide_depth);
-                let light = emitter.radiance * (w * sum / emitter.radiance.luminance());
+                let light = emitter.radiance * (w * sum / emitter.radiance.mean());
                 // Emitters of one surface are told apart no further than sharing a bit with another.
                 total.note_ray(index as usize, light, through);
             }

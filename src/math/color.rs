@@ -16,6 +16,13 @@ impl Rgb {
         Self([v; 3])
     }
 
+    /// Mean of the channels: unlike luminance, the same for channels in any order.
+    #[must_use]
+    #[inline]
+    pub fn mean(self) -> f32 {
+        (self.0[0] + self.0[1] + self.0[2]) * (1.0 / 3.0)
+    }
+
     /// Relative luminance, Rec.709.
     #[must_use]
     pub fn luminance(self) -> f32 {

@@ -246,7 +246,7 @@ impl<'a, P: Pages> Corners<'a, P> {
         };
         if seen & hidden & !Direct::SHARP != 0 {
             let differ = |a: Arrival, b: Arrival| {
-                let share = |of: Arrival| of.arriving.luminance() / of.all.luminance();
+                let share = |of: Arrival| of.arriving.mean() / of.all.mean();
                 (share(a) - share(b)).abs() > Self::NARROW
             };
             if differ(sum(0, 1), sum(2, 3)) || differ(sum(0, 2), sum(1, 3)) {

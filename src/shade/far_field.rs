@@ -30,7 +30,8 @@ struct Probe {
 #[derive(Clone, Copy, Debug, Default)]
 struct Cell {
     radiance: Rgb,
-    inverse_distance: f32,
+    /// To surfaces; infinite if there are none in some direction.
+    distance: f32,
 }
 
 impl FarField {
@@ -68,9 +69,10 @@ impl FarField {
         seed: u64,
     ) -> Option<Rgb> {
         let make = |p: Vec3, v: [usize; 3]| {
+            let inside = p.min(Vec3::from(volume.sigma_t.dims().map(|n| n as f32)));
             let p = volume
                 .scene_from_index
-                .transform_point3(p.as_dvec3())
+                .transform_point3(inside.as_dvec3())
                 .as_vec3();
             self.look_around(gatherer, p, sampling::hash(&v.map(|c| c as u64)))
         };
@@ -93,7 +95,7 @@ impl FarField {
                 if let Some(probe) = probe {
                     let of = &probe.cells[c as usize];
                     cell.radiance += of.radiance * weight;
-                    cell.inverse_distance += of.inverse_distance * weight;
+                    cell.distance += of.distance * weight;
                 }
             }
             let direction = sampling::sphere(self.within(c, sampling::hash(&[seed, u64::from(c)])));
@@ -101,7 +103,7 @@ impl FarField {
             gatherer.media.pass(
                 point,
                 direction,
-                (1.0 / cell.inverse_distance).min(gatherer.settings.max_dist),
+                cell.distance.min(gatherer.settings.max_dist),
                 &[],
                 &mut light,
             );
@@ -140,17 +142,17 @@ impl FarField {
                     let direction = sampling::sphere(self.within(c, bits));
                     let seen = surfaces.look(point, direction, &mut scratch);
                     cell.radiance += seen.radiance;
-                    cell.inverse_distance += 1.0 / seen.distance;
+                    cell.distance += seen.distance;
+                    inverse_distance += 1.0 / seen.distance;
                 }
                 let scale = 1.0 / per_cell as f32;
                 cell.radiance *= scale;
-                cell.inverse_distance *= scale;
-                inverse_distance += cell.inverse_distance;
+                cell.distance *= scale;
                 cell
             })
             .collect();
         Probe {
-            harmonic_distance: count as f32 / inverse_distance,
+            harmonic_distance: (count as u32 * per_cell) as f32 / inverse_distance,
             cells,
         }
     }

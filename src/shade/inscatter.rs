@@ -41,6 +41,8 @@ pub struct InScatter<'a, P> {
 impl<'a, P: Pages> InScatter<'a, P> {
     /// Optical depth between vertices of the direct lattice. Cells deeper than this are lit at their own point.
     const DEPTH: f32 = 0.7;
+    /// Voxels that vertices keep from the border of their volume.
+    const INSIDE: f32 = 0.1;
     /// Shadow rays of a vertex to lights with an extent.
     const VERTEX_RAYS: u8 = 2;
     /// Shadow rays of a point that is lit by itself.
@@ -93,10 +95,15 @@ impl<'a, P: Pages> InScatter<'a, P> {
         // Where its light comes from on average: near its front if it is dense.
         let point = from + (to - from) * mean_reach(depth);
         let at = medium.index_from_scene.transform_point3(point);
+        // Vertices on the border stand a little inside: there may be a floor or a lamp in the border's plane.
+        let dims = Vec3::from(medium.sigma_t.dims().map(|n| n as f32));
         let to_scene = |p: Vec3| {
             medium
                 .scene_from_index
-                .transform_point3(p.as_dvec3())
+                .transform_point3(
+                    p.clamp(Vec3::splat(Self::INSIDE), dims - Self::INSIDE)
+                        .as_dvec3(),
+                )
                 .as_vec3()
         };
         // Thin parts of a volume are lit from few vertices, whatever its densest part needs.

@@ -230,10 +230,7 @@ fn shade<P: Pages>(
             media: settings.method == Method::Extended,
         },
     };
-    // Few rays stand for wide cones, and see media coarsely.
-    let coarse_media = (settings.volume_samples <= 16).then(|| media.coarser());
     let volume_gatherer = Gatherer {
-        media: coarse_media.as_ref().unwrap_or(media),
         // A ray over the sphere stands for four times the solid angle that one of a hemisphere does, at half as many.
         settings: gather::Settings {
             samples: settings.volume_samples,

@@ -372,7 +372,7 @@ mod tests {
         let How::Points(points) = &variants[1].how else {
             panic!("traditional has no points");
         };
-        assert_eq!(points.surfels, 1_000_000);
+        assert_eq!(points.surfels, 500_000);
     }
 
     #[test]
