@@ -41,6 +41,8 @@ pub struct InScatter<'a, P> {
 impl<'a, P: Pages> InScatter<'a, P> {
     /// Optical depth between vertices of the direct lattice. Cells deeper than this are lit at their own point.
     const DEPTH: f32 = 0.7;
+    /// Cells deeper than this are lit by other surfaces and media at their own point, too: rays end within a few of them.
+    const STIFF: f32 = 2.0;
     /// Voxels that vertices keep from the border of their volume.
     const INSIDE: f32 = 0.1;
     /// Shadow rays of a vertex to lights with an extent.
@@ -122,10 +124,12 @@ impl<'a, P: Pages> InScatter<'a, P> {
                 v[2] as u64,
             ])
         };
+        let seed_of = |point: Vec3| {
+            let [x, y, z] = point.to_array().map(|c| u64::from(c.to_bits()));
+            sampling::hash(&[self.seed, x, y, z])
+        };
         let direct = if tau > Self::DEPTH {
-            let bits = point.to_array().map(|c| u64::from(c.to_bits()));
-            let seed = sampling::hash(&[self.seed, bits[0], bits[1], bits[2]]);
-            let light = self.direct(point, seed);
+            let light = self.direct(point, seed_of(point));
             light.share * self.lights.sent(point, point) + light.rest
         } else {
             let light = lattices.direct[level]
@@ -133,13 +137,17 @@ impl<'a, P: Pages> InScatter<'a, P> {
             light.share * self.lights.sent(from, to) + light.rest
         };
         let indirect = self.gatherer.map_or(Rgb::BLACK, |gatherer| {
-            lattices.indirect[level].interpolate(at, |p, v| {
-                let point = to_scene(p);
+            let around = |at: Vec3, point: Vec3, seed: u64| {
                 lattices
                     .far_field
-                    .mean_radiance(medium, gatherer, p, point, key(v))
-                    .unwrap_or_else(|| gatherer.mean_radiance(point, Stretch::first(key(v))).light)
-            })
+                    .mean_radiance(medium, gatherer, at, point, seed)
+                    .unwrap_or_else(|| gatherer.mean_radiance(point, Stretch::first(seed)).light)
+            };
+            if tau > Self::STIFF {
+                around(at, point, seed_of(point))
+            } else {
+                lattices.indirect[level].interpolate(at, |p, v| around(p, to_scene(p), key(v)))
+            }
         });
         Rgb(medium.albedo) * (direct + indirect)
     }

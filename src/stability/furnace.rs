@@ -25,8 +25,11 @@ pub fn rows(bench: &Workbench) -> Result<Vec<Row>> {
     // The bias that is stated. In dense media light is known at voxels, but falls within a share of one: too bright where
     // it is interpolated from outside (environment), too dark where it is asked for inside (walls).
     for (around, limits) in [
-        (Around::Environment, [1e-4, 1e-4, 1e-3, 0.04, 0.3, 0.9, 1.0]),
-        (Around::Walls, [1e-4, 1e-4, 2e-3, 0.05, 0.2, 0.5, 0.6]),
+        (
+            Around::Environment,
+            [1e-4, 1e-4, 1e-3, 0.04, 0.15, 0.5, 0.5],
+        ),
+        (Around::Walls, [1e-4, 1e-4, 2e-3, 0.05, 0.15, 0.5, 0.5]),
     ] {
         let name = around.name();
         for (tau, limit) in [1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e4]

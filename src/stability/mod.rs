@@ -58,10 +58,10 @@ const FAMILIES: &[(&str, &str, Cases)] = &[
     (
         "Furnace",
         "Radiance 1 from everywhere, around a medium of this depth. lvox follows light through two scatterings, so that is what a\n\
-         walk in f64 is asked for. Up to a depth of 0.1 all pixels are 1 to within what is scattered more often. Beyond that the\n\
-         bias has two sources: near glowing walls the ratio estimator of light from emitters is a few percent low, and in cells\n\
-         denser than 0.7 light falls within a fraction of a voxel, where it is interpolated (too bright) or cached at the middle\n\
-         of an lvoxel (too dark). No pixel ever gains energy.",
+         walk in f64 is asked for. Up to a depth of 0.1 all pixels are 1 to within what is scattered more often. In cells\n\
+         denser than 0.7 light falls within a fraction of a voxel: interpolated between vertices it is too bright, and cached at\n\
+         the middle of an lvoxel too dark. From a depth of 100 on (6 to a voxel) lvoxels are dark, the second scattering is\n\
+         missing, and nearly half of the light with it: a limit that says so, not a success. No pixel ever gains energy.",
         |bench, _, _| furnace::rows(bench),
     ),
     (
