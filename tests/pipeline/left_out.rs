@@ -88,5 +88,6 @@ fn grey_media_take_few_of_the_bytes_of_coloured_ones() {
             .media
     });
     assert!(matches!(grey, MediaStore::Grey(_)) && matches!(coloured, MediaStore::Rgb(_)));
-    assert!(grey.bytes() as f64 <= 0.6 * coloured.bytes() as f64);
+    // In memory, two floats a block.
+    assert!(coloured.bytes() - grey.bytes() >= 8 * count as usize);
 }
