@@ -8,7 +8,7 @@ use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use lvox::gather::cone::Scratch;
 use lvox::gather::plain;
-use lvox::gather::{Gatherer, Kernel, Settings, SurfelStore, TreeStore};
+use lvox::gather::{Gatherer, Kernel, MediaStore, NoMedia, Settings, SurfelStore, TreeStore};
 use lvox::math::Rgb;
 use lvox::math::segment::Composite;
 use lvox::trace::Tracer;
@@ -59,14 +59,13 @@ fn surfels(bencher: Bencher, kernel: &str) {
     };
     let gatherer = Gatherer {
         pages,
-        media: &STORE.media,
+        media: NoMedia,
         settings: Settings {
             samples: 1,
             max_solid_angle,
             max_dist: f32::INFINITY,
             kernel,
             environment: Rgb::BLACK,
-            media: false,
         },
     };
     let rays = rays(RAYS);
@@ -115,7 +114,10 @@ fn order(bencher: Bencher, order: &str) {
 /// Lvoxels passed by a gather ray.
 #[divan::bench]
 fn lvoxels(bencher: Bencher) {
-    let (media, rays) = (&STORE.media, rays(RAYS));
+    let MediaStore::Rgb(media) = &STORE.media else {
+        unreachable!("the demo's lamp is not white")
+    };
+    let rays = rays(RAYS);
     bencher.counter(ItemsCount::new(RAYS)).bench(|| {
         for &(origin, direction) in &rays {
             let mut light = Composite::default();

@@ -11,7 +11,7 @@ use lvox::bake::{self, SurfelSampling};
 use lvox::build;
 use lvox::gather::cone::Scratch;
 use lvox::gather::source::KeptTree;
-use lvox::gather::{Gatherer, Kernel, Settings, SurfelStore, TreeStore};
+use lvox::gather::{Gatherer, Kernel, NoMedia, Settings, SurfelStore, TreeStore};
 use lvox::math::Rgb;
 use lvox::math::sampling::{cosine_hemisphere, hash, mix, sobol2, tangents};
 use lvox::run::{Job, usage};
@@ -109,7 +109,7 @@ fn main() {
             ("cone, surfels only", Kernel::Cone, 0.0),
             ("plain", Kernel::Plain, 0.0),
         ] {
-            let gatherer = gatherer(&store, pages, kernel, max_solid_angle);
+            let gatherer = gatherer(pages, kernel, max_solid_angle);
             let mut scratch = Scratch::default();
             let secs = best(size.passes, || {
                 for &(origin, direction) in &rays {
@@ -168,21 +168,19 @@ fn store(scene: &Scene, surfels: u64, folder: &Path) -> TreeStore {
 }
 
 fn gatherer<'a>(
-    store: &'a TreeStore,
     pages: &'a KeptTree,
     kernel: Kernel,
     max_solid_angle: f32,
-) -> Gatherer<'a, KeptTree> {
+) -> Gatherer<'a, KeptTree, NoMedia> {
     Gatherer {
         pages,
-        media: &store.media,
+        media: NoMedia,
         settings: Settings {
             samples: SAMPLES,
             max_solid_angle,
             max_dist: f32::INFINITY,
             kernel,
             environment: Rgb::BLACK,
-            media: false,
         },
     }
 }

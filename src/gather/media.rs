@@ -1,6 +1,7 @@
 //! Lvoxels along a ray: the blocks of each volume on its own index grid, walked front to back.
 
 use super::Crossing;
+use super::medium::Source;
 use crate::math::Rgb;
 use crate::math::dda::{Line, Steps, clip_to_box};
 use crate::math::segment::{Composite, Segment, flatten_overlaps};
@@ -10,15 +11,15 @@ use lvox_formats::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
 const BRICK: usize = 1 << MAX_LEVEL;
 const EMPTY: u32 = u32::MAX;
 
-/// All lvoxels of a tree.
+/// All lvoxels of a tree, with the source function of each as `S`.
 #[derive(Debug, Default)]
-pub struct Media {
-    volumes: Vec<BlockGrid>,
+pub struct Media<S> {
+    volumes: Vec<BlockGrid<S>>,
 }
 
 /// The lvoxels of one volume: a table of bricks, each empty or a dense cube of blocks of one size.
 #[derive(Debug)]
-struct BlockGrid {
+struct BlockGrid<S> {
     index_from_scene: Affine3A,
     dims: [f32; 3],
     bricks: [usize; 3],
@@ -26,21 +27,21 @@ struct BlockGrid {
     level: Vec<u8>,
     /// Box of each brick's blocks that are not empty, in blocks: first and one past the last.
     filled: Vec<[[u8; 3]; 2]>,
-    blocks: Vec<Block>,
+    blocks: Vec<Block<S>>,
 }
 
 /// Extinction per scene unit and source function.
 #[derive(Clone, Copy, Debug, Default)]
-struct Block {
+struct Block<S> {
     sigma_t: f32,
-    source: Rgb,
+    source: S,
 }
 
-impl Media {
+impl<S: Source> Media<S> {
     /// Lays out lvoxels, which may come in any order but must lie inside their volumes, as readers promise.
     #[must_use]
     pub fn new(volumes: &[VolumeInfo], lvoxels: impl IntoIterator<Item = Lvoxel>) -> Self {
-        let mut grids: Vec<BlockGrid> = volumes.iter().map(BlockGrid::new).collect();
+        let mut grids: Vec<BlockGrid<S>> = volumes.iter().map(BlockGrid::new).collect();
         for l in lvoxels {
             if let Some(grid) = grids.get_mut(usize::from(l.volume)) {
                 grid.insert(&l);
@@ -136,7 +137,7 @@ impl Media {
     }
 }
 
-impl BlockGrid {
+impl<S: Source> BlockGrid<S> {
     fn new(info: &VolumeInfo) -> Self {
         let [x, y, z, t] = info
             .index_from_scene
@@ -168,13 +169,13 @@ impl BlockGrid {
         let local = block.map(|v| v % per_axis);
         let block = Block {
             sigma_t: l.sigma_t,
-            source: Rgb(l.source),
+            source: S::of(Rgb(l.source)),
         };
         self.set(b, l.level, local, block);
     }
 
     /// Sets a block of a brick; the first one decides on the size of the brick's blocks.
-    fn set(&mut self, brick: usize, level: u8, local: [usize; 3], block: Block) {
+    fn set(&mut self, brick: usize, level: u8, local: [usize; 3], block: Block<S>) {
         let per_axis = BRICK >> level;
         if self.first[brick] == EMPTY {
             self.first[brick] = self.blocks.len() as u32;
@@ -195,7 +196,7 @@ impl BlockGrid {
         }
     }
 
-    fn enter(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Walk<'_>> {
+    fn enter(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Walk<'_, S>> {
         let o = self.index_from_scene.transform_point3(origin).to_array();
         let d = self
             .index_from_scene
@@ -221,14 +222,14 @@ impl BlockGrid {
 }
 
 /// A ray inside the box of a volume.
-struct Walk<'a> {
-    grid: &'a BlockGrid,
+struct Walk<'a, S> {
+    grid: &'a BlockGrid<S>,
     line: Line,
     start: f32,
     end: f32,
 }
 
-impl Walk<'_> {
+impl<S: Source> Walk<'_, S> {
     /// Gives every non-empty stretch to `add` until that says no; returns whether it never did.
     fn run(&self, add: &mut impl FnMut(Segment) -> bool) -> bool {
         let bricks = self.grid.bricks;
@@ -288,7 +289,7 @@ impl Walk<'_> {
                     near: self.start + near,
                     far: self.start + far,
                     tau: block.sigma_t * (far - near),
-                    source: block.source,
+                    source: block.source.rgb(),
                 };
                 if !add(s) {
                     return false;

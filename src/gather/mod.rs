@@ -1,16 +1,19 @@
 //! Light that arrives at a point, gathered from the tree alone: no scene is needed, only points and normals.
 //!
 //! Two kernels: [`plain`], the paper's ray cast over all disks, and [`cone`], which takes a node whole where it is seen
-//! under less than the largest solid angle. Both meet media in [`media`].
+//! under less than the largest solid angle. What both meet between surfaces is a [`Medium`], a type that the caller
+//! chooses: [`NoMedia`], or [`Media`] of one channel or three.
 
 pub mod cone;
 pub mod media;
+pub mod medium;
 pub mod page;
 pub mod plain;
 pub mod source;
 
 pub use media::Media;
-pub use source::{Pages, SurfelStore, TreeStore};
+pub use medium::{Medium, NoMedia};
+pub use source::{MediaStore, Pages, SurfelStore, TreeStore};
 
 use crate::math::sampling::{cosine_hemisphere, sobol2, sphere, tangents};
 use crate::math::segment::Composite;
@@ -31,8 +34,6 @@ pub struct Settings {
     pub kernel: Kernel,
     /// Radiance where a ray meets nothing.
     pub environment: Rgb,
-    /// Whether media take from and add to the rays.
-    pub media: bool,
 }
 
 /// Which way rays find surfels.
@@ -75,11 +76,11 @@ pub struct Crossing {
 
 /// Gathers from a tree.
 #[derive(Clone, Copy, Debug)]
-pub struct Gatherer<'a, P> {
+pub struct Gatherer<'a, P, M> {
     /// Surfels.
     pub pages: &'a P,
-    /// Lvoxels.
-    pub media: &'a Media,
+    /// What is between them.
+    pub media: M,
     /// How.
     pub settings: Settings,
 }
@@ -102,7 +103,7 @@ impl Stretch {
     }
 }
 
-impl<P: Pages> Gatherer<'_, P> {
+impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
     /// Irradiance at a surface point with the given unit normal. The point must already be off its own surface.
     #[must_use]
     pub fn irradiance(&self, point: Vec3, normal: Vec3, stretch: Stretch) -> Gathered {
@@ -170,14 +171,8 @@ impl<P: Pages> Gatherer<'_, P> {
         let passed = scratch.crossings_before(end.map_or(f32::INFINITY, |c| c.t));
         let t_max = end.map_or(self.settings.max_dist, |c| c.t);
         let mut light = Composite::default();
-        if self.settings.media && !self.media.is_empty() {
-            self.media
-                .pass(origin, direction, t_max, passed, &mut light);
-        } else {
-            passed
-                .iter()
-                .for_each(|c| light.surface(c.opacity, c.radiance));
-        }
+        self.media
+            .pass(origin, direction, t_max, passed, &mut light);
         light.surface(1.0, end.map_or(self.settings.environment, |c| c.radiance));
         Seen {
             radiance: light.radiance,

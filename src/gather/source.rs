@@ -4,7 +4,9 @@
 
 use super::media::Media;
 use super::page::KernelPage;
+use crate::math::Rgb;
 use crate::{Error, Result};
+use lvox_formats::record::{Lvoxel, VolumeInfo};
 use lvox_formats::{MappedFile, Tree};
 use quick_cache::sync::Cache;
 use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
@@ -173,7 +175,41 @@ pub struct TreeStore {
     /// Surfels.
     pub surfels: SurfelStore,
     /// Lvoxels.
-    pub media: Media,
+    pub media: MediaStore,
+}
+
+/// The lvoxels of a tree, held as what they are.
+#[derive(Debug)]
+pub enum MediaStore {
+    /// The tree has none.
+    Absent,
+    /// The channels of each source function are equal, and one is held.
+    Grey(Media<f32>),
+    /// All channels.
+    Rgb(Media<Rgb>),
+}
+
+impl MediaStore {
+    fn new(volumes: &[VolumeInfo], lvoxels: Vec<Lvoxel>) -> Self {
+        let is_grey = |l: &Lvoxel| l.source[1..] == [l.source[0]; 2];
+        if lvoxels.is_empty() {
+            Self::Absent
+        } else if lvoxels.iter().all(is_grey) {
+            Self::Grey(Media::new(volumes, lvoxels))
+        } else {
+            Self::Rgb(Media::new(volumes, lvoxels))
+        }
+    }
+
+    /// Bytes held.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        match self {
+            Self::Absent => 0,
+            Self::Grey(media) => media.bytes(),
+            Self::Rgb(media) => media.bytes(),
+        }
+    }
 }
 
 /// Where the pages of surfels are kept.
@@ -199,7 +235,7 @@ impl TreeStore {
         for i in 0..tree.lvoxel_pages() {
             lvoxels.extend(tree.lvoxel_page(i).map_err(|e| e.at(path))?);
         }
-        let media = Media::new(&tree.meta().cloud.volumes, lvoxels);
+        let media = MediaStore::new(&tree.meta().cloud.volumes, lvoxels);
         let raw: Vec<u64> = tree
             .surfel_blocks()
             .iter()

@@ -5,14 +5,14 @@
 //! Keller & Heidrich 2001). Other pixels take samples of their own.
 
 use super::pixel::{Piece, Pixel, PixelShader, PixelSum, Sample};
-use crate::gather::Pages;
+use crate::gather::{Medium, Pages};
 use crate::image::Region;
 use crate::light::{Arrival, Direct, ShadowRays};
 use crate::math::{Rgb, sampling};
 
 /// Corners of the pixels of a region and around it.
-pub struct Corners<'a, P> {
-    shader: &'a PixelShader<'a, P>,
+pub struct Corners<'a, P, M> {
+    shader: &'a PixelShader<'a, P, M>,
     region: Region,
     width: usize,
     corners: Vec<Corner>,
@@ -33,7 +33,7 @@ struct Place {
 
 impl Place {
     /// Its shadow rays after the first few.
-    fn rays<P>(&self, shader: &PixelShader<P>, first: u8, count: u8) -> ShadowRays {
+    fn rays<P, M>(&self, shader: &PixelShader<P, M>, first: u8, count: u8) -> ShadowRays {
         // Every four by four corners ask all cells, and every two by two ask four quarters (the threshold matrix of
         // Bayer 1973).
         const ORDER: [u8; 16] = [0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5];
@@ -55,7 +55,7 @@ enum Lit {
     Edge,
 }
 
-impl<'a, P: Pages> Corners<'a, P> {
+impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
     /// Share of an area light by which two halves of the 16 corners around a pixel may differ.
     const NARROW: f32 = 0.4;
 
@@ -65,7 +65,7 @@ impl<'a, P: Pages> Corners<'a, P> {
     const PENUMBRA: u8 = 4;
 
     /// Samples the corners of a region's pixels and what they need around them.
-    pub fn new(shader: &'a PixelShader<'a, P>, region: Region) -> Self {
+    pub fn new(shader: &'a PixelShader<'a, P, M>, region: Region) -> Self {
         let width = (region.width() + 1 + 2 * Self::RINGS) as usize;
         let height = (region.height() + 1 + 2 * Self::RINGS) as usize;
         let corners = (0..width * height)

@@ -2,7 +2,7 @@
 //! probes tell it for all points of the medium, which then look through the medium only.
 
 use super::vertices::Vertices;
-use crate::gather::{Gatherer, Pages};
+use crate::gather::{Gatherer, Medium, NoMedia, Pages};
 use crate::math::segment::Composite;
 use crate::math::{Rgb, sampling};
 use crate::scene::Volume;
@@ -60,21 +60,26 @@ impl FarField {
     }
 
     /// Mean over the sphere of the radiance at a point of the medium; `None` if surfaces are too near for probes.
-    pub fn mean_radiance<P: Pages>(
+    pub fn mean_radiance<P: Pages, M: Medium>(
         &self,
         volume: &Volume,
-        gatherer: &Gatherer<P>,
+        gatherer: &Gatherer<P, M>,
         point_in_index: Vec3,
         point: Vec3,
         seed: u64,
     ) -> Option<Rgb> {
+        let surfaces = Gatherer {
+            pages: gatherer.pages,
+            media: NoMedia,
+            settings: gatherer.settings,
+        };
         let make = |p: Vec3, v: [usize; 3]| {
             let inside = p.min(Vec3::from(volume.sigma_t.dims().map(|n| n as f32)));
             let p = volume
                 .scene_from_index
                 .transform_point3(inside.as_dvec3())
                 .as_vec3();
-            self.look_around(gatherer, p, sampling::hash(&v.map(|c| c as u64)))
+            self.look_around(&surfaces, p, sampling::hash(&v.map(|c| c as u64)))
         };
         let around = self.probes.around(point_in_index);
         let mut near = [(None, 0.0); 8];
@@ -122,14 +127,12 @@ impl FarField {
         ]
     }
 
-    fn look_around<P: Pages>(&self, gatherer: &Gatherer<P>, point: Vec3, seed: u64) -> Probe {
-        let surfaces = Gatherer {
-            settings: crate::gather::Settings {
-                media: false,
-                ..gatherer.settings
-            },
-            ..*gatherer
-        };
+    fn look_around<P: Pages>(
+        &self,
+        surfaces: &Gatherer<P, NoMedia>,
+        point: Vec3,
+        seed: u64,
+    ) -> Probe {
         let count = (self.rings * self.sectors) as usize;
         let per_cell = Self::RAYS.div_ceil(count as u32);
         let mut scratch = crate::gather::cone::Scratch::default();

@@ -7,7 +7,7 @@
 
 use super::far_field::FarField;
 use super::vertices::Vertices;
-use crate::gather::{Gatherer, Pages, Stretch};
+use crate::gather::{Gatherer, Medium, Pages, Stretch};
 use crate::light::{InMedium, Lights, ShadowRays};
 use crate::math::exp::mean_reach;
 use crate::math::{Rgb, sampling};
@@ -29,16 +29,16 @@ struct Lattices {
 const LEVELS: usize = 3;
 
 /// In-scattered light of all volumes of a scene.
-pub struct InScatter<'a, P> {
+pub struct InScatter<'a, P, M> {
     volumes: &'a [Volume],
     lights: &'a Lights<'a>,
     vertex_lights: &'a Lights<'a>,
-    gatherer: Option<&'a Gatherer<'a, P>>,
+    gatherer: Option<&'a Gatherer<'a, P, M>>,
     lattices: Vec<Lattices>,
     seed: u64,
 }
 
-impl<'a, P: Pages> InScatter<'a, P> {
+impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     /// Optical depth between vertices of the direct lattice. Cells deeper than this are lit at their own point.
     const DEPTH: f32 = 0.7;
     /// Cells deeper than this are lit by other surfaces and media at their own point, too: rays end within a few of them.
@@ -56,7 +56,7 @@ impl<'a, P: Pages> InScatter<'a, P> {
         volumes: &'a [Volume],
         lights: &'a Lights<'a>,
         vertex_lights: &'a Lights<'a>,
-        gatherer: Option<&'a Gatherer<'a, P>>,
+        gatherer: Option<&'a Gatherer<'a, P, M>>,
         seed: u64,
     ) -> Self {
         let lattices = volumes

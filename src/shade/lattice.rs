@@ -7,7 +7,7 @@
 //! fast indirect light can change (Ward & Heckbert 1992 for the measure).
 
 use super::view::View;
-use crate::gather::{Gathered, Gatherer, Pages, Stretch};
+use crate::gather::{Gathered, Gatherer, Medium, Pages, Stretch};
 use crate::image::Region;
 use crate::math::{Rgb, sampling};
 use crate::run::{Cancel, Task};
@@ -52,9 +52,9 @@ impl Lattice {
     ///
     /// # Errors
     /// If cancelled.
-    pub fn new<P: Pages>(
+    pub fn new<P: Pages, M: Medium>(
         view: &View,
-        gatherer: &Gatherer<P>,
+        gatherer: &Gatherer<P, M>,
         region: Region,
         step: u32,
         cancel: &Cancel,
@@ -93,9 +93,9 @@ impl Lattice {
         })
     }
 
-    fn gather_at<P: Pages>(
+    fn gather_at<P: Pages, M: Medium>(
         view: &View,
-        gatherer: &Gatherer<P>,
+        gatherer: &Gatherer<P, M>,
         [column, row]: [u32; 2],
         step: u32,
     ) -> Option<Node> {
@@ -264,9 +264,9 @@ impl Area {
 
 /// Gathers over the hemisphere of a surface.
 #[must_use]
-pub fn gather_surface<P: Pages>(
+pub fn gather_surface<P: Pages, M: Medium>(
     view: &View,
-    gatherer: &Gatherer<P>,
+    gatherer: &Gatherer<P, M>,
     surface: &Surface,
     stretch: Stretch,
 ) -> Gathered {

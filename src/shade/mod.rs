@@ -11,7 +11,10 @@ mod pixel;
 mod vertices;
 mod view;
 
-use crate::gather::{self, Gatherer, Kernel, Media, Pages, SurfelStore, TreeStore};
+use crate::gather::medium::Source;
+use crate::gather::{
+    self, Gatherer, Kernel, Media, MediaStore, Medium, NoMedia, Pages, SurfelStore, TreeStore,
+};
 use crate::image::{Frame, Layer, Region};
 use crate::light::{Lights, OpticalDepth};
 use crate::math::Rgb;
@@ -172,8 +175,8 @@ pub fn run(
     region.check(scene.film.width, scene.film.height)?;
     job.report.stage("shade", |counts| {
         let pixels = match &store.surfels {
-            SurfelStore::Kept(pages) => shade(scene, pages, &store.media, settings, region, job),
-            SurfelStore::Cached(pages) => shade(scene, pages, &store.media, settings, region, job),
+            SurfelStore::Kept(p) => shade_with(scene, p, &store.media, settings, region, job),
+            SurfelStore::Cached(p) => shade_with(scene, p, &store.media, settings, region, job),
         }?;
         let stats = store.stats();
         counts.insert("pixels".into(), region.pixels() as f64);
@@ -197,26 +200,83 @@ pub fn run(
     })
 }
 
-fn shade<P: Pages>(
+/// The media of a frame. Where it has none, `M` is a type without any, and its kernels have no work for them.
+struct FrameMedia<'a, M> {
+    /// Passed by gathers.
+    gathers: M,
+    /// Passed by shadow rays instead of the scene's own.
+    shadows: Option<&'a dyn OpticalDepth>,
+}
+
+/// Chooses the frame's kernels by the media in the tree.
+fn shade_with<P: Pages>(
     scene: &Scene,
     pages: &P,
-    media: &Media,
+    media: &MediaStore,
+    settings: &Settings,
+    region: Region,
+    job: &Job,
+) -> Result<Vec<Pixel>> {
+    match media {
+        // A tree without lvoxels says nothing of the scene's media.
+        MediaStore::Absent => {
+            let media = FrameMedia {
+                gathers: NoMedia,
+                shadows: None,
+            };
+            shade(scene, pages, &media, settings, region, job)
+        }
+        MediaStore::Grey(media) => shade_through(scene, pages, media, settings, region, job),
+        MediaStore::Rgb(media) => shade_through(scene, pages, media, settings, region, job),
+    }
+}
+
+fn shade_through<P: Pages, S: Source>(
+    scene: &Scene,
+    pages: &P,
+    media: &Media<S>,
+    settings: &Settings,
+    region: Region,
+    job: &Job,
+) -> Result<Vec<Pixel>> {
+    let blocks = Blocks(media);
+    let shadows: Option<&dyn OpticalDepth> = Some(&blocks);
+    match settings.method {
+        Method::Extended => {
+            let media = FrameMedia {
+                gathers: media,
+                shadows,
+            };
+            shade(scene, pages, &media, settings, region, job)
+        }
+        Method::Traditional => {
+            let media = FrameMedia {
+                gathers: NoMedia,
+                shadows,
+            };
+            shade(scene, pages, &media, settings, region, job)
+        }
+    }
+}
+
+fn shade<P: Pages, M: Medium>(
+    scene: &Scene,
+    pages: &P,
+    media: &FrameMedia<M>,
     settings: &Settings,
     region: Region,
     job: &Job,
 ) -> Result<Vec<Pixel>> {
     let camera = scene.camera(settings.camera.as_deref())?;
     let tracer = Tracer::new(scene);
-    let blocks = Blocks(media);
     let (mut lights, mut vertex_lights) = (Lights::new(&tracer), Lights::new(&tracer));
-    // A tree without lvoxels says nothing of the scene's media.
-    if !media.is_empty() {
-        lights = lights.with_soft_shadows_through(&blocks);
-        vertex_lights = vertex_lights.with_shadows_through(&blocks);
+    if let Some(shadows) = media.shadows {
+        lights = lights.with_soft_shadows_through(shadows);
+        vertex_lights = vertex_lights.with_shadows_through(shadows);
     }
     let surface_gatherer = Gatherer {
         pages,
-        media,
+        media: media.gathers,
         settings: gather::Settings {
             samples: settings.samples,
             max_solid_angle: settings.max_solid_angle,
@@ -227,7 +287,6 @@ fn shade<P: Pages>(
                 Kernel::Cone
             },
             environment: lights.environment(),
-            media: settings.method == Method::Extended,
         },
     };
     let volume_gatherer = Gatherer {
@@ -297,17 +356,17 @@ fn shade<P: Pages>(
 
 /// The tree's lvoxels as shadow rays see them.
 #[derive(Debug)]
-struct Blocks<'a>(&'a Media);
+struct Blocks<'a, S>(&'a Media<S>);
 
-impl OpticalDepth for Blocks<'_> {
+impl<S: Source> OpticalDepth for Blocks<'_, S> {
     fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
         self.0.optical_depth(origin, direction, t_max)
     }
 }
 
 /// Shades a region from the corners of its pixels, block by block.
-fn shade_blocks<P: Pages>(
-    shader: &PixelShader<P>,
+fn shade_blocks<P: Pages, M: Medium>(
+    shader: &PixelShader<P, M>,
     region: Region,
     job: &Job,
     task: &Task,

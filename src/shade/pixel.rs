@@ -4,7 +4,7 @@
 use super::inscatter::InScatter;
 use super::lattice::{Lattice, gather_surface};
 use super::view::View;
-use crate::gather::{Gatherer, Pages, Stretch};
+use crate::gather::{Gatherer, Medium, Pages, Stretch};
 use crate::light::{Arrival, Direct, Lights, ShadowRays};
 use crate::math::exp::exp_neg;
 use crate::math::segment::Composite;
@@ -29,7 +29,7 @@ pub struct Pixel {
 }
 
 /// Everything a pixel may look at.
-pub struct PixelShader<'a, P> {
+pub struct PixelShader<'a, P, M> {
     /// Camera and scene.
     pub view: View<'a>,
     /// Lights.
@@ -37,9 +37,9 @@ pub struct PixelShader<'a, P> {
     /// Indirect light on surfaces.
     pub lattice: &'a Lattice,
     /// For surfaces that the lattice missed.
-    pub gatherer: &'a Gatherer<'a, P>,
+    pub gatherer: &'a Gatherer<'a, P, M>,
     /// Light in media.
-    pub in_scatter: &'a InScatter<'a, P>,
+    pub in_scatter: &'a InScatter<'a, P, M>,
     /// How many samples.
     pub counts: SampleCounts,
 }
@@ -90,7 +90,7 @@ impl Piece {
     }
 }
 
-impl<P: Pages> PixelShader<'_, P> {
+impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
     /// Shades pixel (x, y) by samples of its own: few first, and more if they disagree.
     #[must_use]
     pub fn shade(&self, x: u32, y: u32) -> Pixel {

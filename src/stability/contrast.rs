@@ -5,6 +5,7 @@ use super::row::Row;
 use super::transmittance::brief;
 use super::workbench::{Workbench, media_with_source, pixels, stage, volume};
 use crate::Result;
+use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use crate::math::segment::Composite;
 use crate::scene::{Grid, Light, Scene};
@@ -164,7 +165,7 @@ fn check(bench: &Workbench, case: Case) -> Result<Vec<Row>> {
 /// Whether a ray's transmittance rises anywhere by more than rounding.
 fn rises_along(
     tracer: &Tracer,
-    media: &crate::gather::Media,
+    media: &crate::gather::Media<Rgb>,
     origin: Vec3,
     direction: Vec3,
 ) -> bool {

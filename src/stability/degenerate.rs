@@ -3,14 +3,14 @@
 use super::row::Row;
 use super::transmittance::{brief, lamp_behind};
 use super::workbench::{
-    Workbench, add_quad, add_room, kept, mean, pixels, relative_rms, stage, volume,
+    Workbench, add_quad, add_room, kept, mean, media, pixels, relative_rms, stage, volume,
 };
 use super::{Effort, random};
 use crate::Result;
 use crate::formats::record::Below;
 use crate::formats::{CloudMeta, Surfel};
 use crate::gather::cone::Scratch;
-use crate::gather::{Gatherer, Kernel, Media, Pages, Settings, TreeStore};
+use crate::gather::{Gatherer, Kernel, NoMedia, Pages, Settings, TreeStore};
 use crate::math::Rgb;
 use crate::math::sampling::sphere;
 use crate::scene::{Grid, Light, Scene};
@@ -18,7 +18,6 @@ use crate::shade;
 use crate::trace::Tracer;
 use glam::{DAffine3, DVec3, Vec3};
 use std::f32::consts::PI;
-use std::sync::LazyLock;
 
 pub fn rows(bench: &Workbench, effort: Effort) -> Result<Vec<Row>> {
     let mut rows = Vec::new();
@@ -207,8 +206,6 @@ fn doubles(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     Ok(())
 }
 
-static NO_MEDIA: LazyLock<Media> = LazyLock::new(Media::default);
-
 fn gather_settings(samples: u32, cut: f32) -> Settings {
     Settings {
         samples,
@@ -216,7 +213,6 @@ fn gather_settings(samples: u32, cut: f32) -> Settings {
         max_dist: f32::INFINITY,
         kernel: Kernel::Cone,
         environment: Rgb::BLACK,
-        media: false,
     }
 }
 
@@ -266,7 +262,7 @@ fn crowd(bench: &Workbench, effort: Effort, rows: &mut Vec<Row>) -> Result<()> {
     let gatherer = |cut| -> Result<_> {
         Ok(Gatherer {
             pages: kept(&store)?,
-            media: &NO_MEDIA,
+            media: NoMedia,
             settings: gather_settings(1, cut),
         })
     };
@@ -379,7 +375,7 @@ fn radii(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     ));
     let gatherer = Gatherer {
         pages: kept(&store)?,
-        media: &Media::default(),
+        media: NoMedia,
         settings: gather_settings(1, 0.0),
     };
     let mut scratch = Scratch::default();
@@ -453,7 +449,7 @@ fn overlaps(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     let store = bench.tree(&scene, 1)?;
     let (origin, way) = (Vec3::new(3.0, 0.03, 0.02), -Vec3::X);
     let mut light = crate::math::segment::Composite::default();
-    store.media.pass(origin, way, 10.0, &[], &mut light);
+    media(&store)?.pass(origin, way, 10.0, &[], &mut light);
     let tau: f64 = 4.0 + 4.0 + 0.5;
     for (name, got) in [
         ("cells", tracer.transmittance(origin, way, 10.0)),

@@ -4,7 +4,7 @@ use super::row::Row;
 use super::workbench::{Workbench, add_quad, kept, stage};
 use crate::Result;
 use crate::formats::{CloudMeta, Surfel};
-use crate::gather::{Gatherer, Kernel, Media, Settings, Stretch};
+use crate::gather::{Gatherer, Kernel, NoMedia, Settings, Stretch};
 use crate::light::{Lights, ShadowRays};
 use crate::math::{Rgb, polygon};
 use crate::scene::Light;
@@ -264,7 +264,6 @@ fn settings(samples: u32, max_solid_angle: f32, kernel: Kernel) -> Settings {
         max_dist: f32::INFINITY,
         kernel,
         environment: Rgb::BLACK,
-        media: false,
     }
 }
 
@@ -288,11 +287,10 @@ fn disks(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
         ..CloudMeta::default()
     };
     let store = bench.tree_of(meta, [disk(1.0)], &[])?;
-    let media = Media::default();
     for (name, kernel) in KERNELS {
         let gatherer = Gatherer {
             pages: kept(&store)?,
-            media: &media,
+            media: NoMedia,
             settings: settings(SAMPLES, 0.0, kernel),
         };
         for d in [1e-3_f64, 0.1, 1.0, 10.0] {
@@ -363,11 +361,10 @@ fn tiled(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
         }
     });
     let store = bench.tree_of(meta, plate, &[])?;
-    let media = Media::default();
     for cut in [0.0, 0.01, 0.04] {
         let gatherer = Gatherer {
             pages: kept(&store)?,
-            media: &media,
+            media: NoMedia,
             settings: settings(65_536, cut, Kernel::Cone),
         };
         // Disks reach over the plate's border by up to 1 % of its edge.

@@ -9,7 +9,7 @@ use crate::build::aggregate;
 use crate::formats::Surfel;
 use crate::formats::record::tangent_frame;
 use crate::gather::cone::Scratch;
-use crate::gather::{Gatherer, Kernel, Media, Settings};
+use crate::gather::{Gatherer, Kernel, Media, NoMedia, Settings};
 use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use crate::math::sampling::{hash, sphere};
@@ -118,14 +118,13 @@ fn kernels(bench: &Workbench, scene: &Scene, effort: Effort, rows: &mut Vec<Row>
     }
     let gatherer = Gatherer {
         pages: kept(&store)?,
-        media: &Media::default(),
+        media: NoMedia,
         settings: Settings {
             samples: 1,
             max_solid_angle: 0.0,
             max_dist: f32::INFINITY,
             kernel: Kernel::Cone,
             environment: Rgb::BLACK,
-            media: false,
         },
     };
     // Difference of distance, and whether the same disk was met.
@@ -180,7 +179,7 @@ fn kernels(bench: &Workbench, scene: &Scene, effort: Effort, rows: &mut Vec<Row>
     for (index, info) in volumes.iter().enumerate() {
         let blocks = Blocks::of(index, info, &all);
         let own = all.iter().filter(|l| usize::from(l.volume) == index);
-        let media = Media::new(volumes, own.copied());
+        let media = Media::<Rgb>::new(volumes, own.copied());
         let field = Field::of(&scene.volumes[index]);
         let volume = &scene.volumes[index];
         let differences: Vec<Option<[f64; 3]>> = rays

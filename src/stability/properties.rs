@@ -1,13 +1,13 @@
 //! What must hold whatever the input, tried on many inputs from a fixed seed.
 
 use super::row::Row;
-use super::workbench::{Workbench, kept, volume};
+use super::workbench::{Workbench, kept, media, volume};
 use super::{Effort, random};
 use crate::Result;
 use crate::formats::record::{Below, Node, SurfelPage};
 use crate::formats::{CloudMeta, Surfel};
 use crate::gather::cone::Scratch;
-use crate::gather::{Gatherer, Kernel, Media, Settings, TreeStore};
+use crate::gather::{Gatherer, Kernel, NoMedia, Settings, TreeStore};
 use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use crate::math::sampling::{cosine_hemisphere, disk, sobol2, sphere, tangents};
@@ -49,17 +49,17 @@ fn radiance(scene: &Scene, store: &TreeStore, rows: &mut Vec<Row>) -> Result<()>
     for l in super::workbench::lvoxels(store)? {
         brightest = l.source.into_iter().fold(brightest, f32::max);
     }
+    let media = media(store)?;
     for cut in [0.0, 0.01, 0.5] {
         let gatherer = Gatherer {
             pages: kept(store)?,
-            media: &store.media,
+            media: &media,
             settings: Settings {
                 samples: 1,
                 max_solid_angle: cut,
                 max_dist: f32::INFINITY,
                 kernel: Kernel::Cone,
                 environment: Rgb::BLACK,
-                media: true,
             },
         };
         let mut scratch = Scratch::default();
@@ -307,14 +307,13 @@ fn reciprocity(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
             let store = bench.tree_of(meta, [*to], &[])?;
             let gatherer = Gatherer {
                 pages: kept(&store)?,
-                media: &Media::default(),
+                media: NoMedia,
                 settings: Settings {
                     samples: 1,
                     max_solid_angle: 0.0,
                     max_dist: f32::INFINITY,
                     kernel: Kernel::Cone,
                     environment: Rgb::BLACK,
-                    media: false,
                 },
             };
             let n = Vec3::from(from.normal);

@@ -3,7 +3,7 @@
 use super::field::Field;
 use super::row::Row;
 use super::workbench::{
-    Workbench, add_quad, mean, media_with_source, pixels, stage, unit_cube, volume,
+    Workbench, add_quad, mean, media, media_with_source, pixels, stage, unit_cube, volume,
 };
 use crate::Result;
 use crate::math::Rgb;
@@ -138,7 +138,7 @@ fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
 
         let store = bench.tree(&scene, 16)?;
         let mut light = Composite::default();
-        store.media.pass(origin, forward, 2.9, &[], &mut light);
+        media(&store)?.pass(origin, forward, 2.9, &[], &mut light);
         let got = light.transmittance.into();
         rows.push(transmittance(
             "slab of 32^3 voxels, lvoxels of a tree",
@@ -235,7 +235,7 @@ fn spheres(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
             LIMIT.max(exact * POSITION),
         ));
         let mut light = Composite::default();
-        store.media.pass(origin, forward, 2.9, &[], &mut light);
+        media(&store)?.pass(origin, forward, 2.9, &[], &mut light);
         if tau <= 10.0 {
             // The rim of a ball is averaged over blocks.
             rows.push(transmittance(

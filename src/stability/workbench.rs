@@ -5,6 +5,7 @@ use crate::formats::{CloudMeta, CloudWriter, Lvoxel, Surfel};
 use crate::gather::source::KeptTree;
 use crate::gather::{Media, SurfelStore, TreeStore};
 use crate::image::{Frame, Region};
+use crate::math::Rgb;
 use crate::run::{Cancel, Job};
 use crate::scene::{Camera, Film, Grid, Material, Mesh, Scene, Volume};
 use crate::shade::{self, Settings};
@@ -143,8 +144,16 @@ pub fn lvoxels(store: &TreeStore) -> Result<Vec<Lvoxel>> {
     Ok(all)
 }
 
+/// The lvoxels of a tree.
+pub fn media(store: &TreeStore) -> Result<Media<Rgb>> {
+    Ok(Media::new(
+        &store.tree().meta().cloud.volumes,
+        lvoxels(store)?,
+    ))
+}
+
 /// The media of a tree with the same source function everywhere.
-pub fn media_with_source(store: &TreeStore, source: [f32; 3]) -> Result<Media> {
+pub fn media_with_source(store: &TreeStore, source: [f32; 3]) -> Result<Media<Rgb>> {
     let mut lvoxels = lvoxels(store)?;
     lvoxels.iter_mut().for_each(|l| l.source = source);
     Ok(Media::new(&store.tree().meta().cloud.volumes, lvoxels))

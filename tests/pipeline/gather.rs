@@ -7,7 +7,9 @@ use lvox::formats::record::{MAX_LEVEL, VolumeInfo};
 use lvox::formats::{ClipEdge, CloudMeta, CloudWriter, Lvoxel, Surfel};
 use lvox::gather::cone::Scratch;
 use lvox::gather::plain;
-use lvox::gather::{Crossing, Gatherer, Kernel, Media, Settings, Stretch, SurfelStore, TreeStore};
+use lvox::gather::{
+    Crossing, Gatherer, Kernel, Media, NoMedia, Settings, Stretch, SurfelStore, TreeStore,
+};
 use lvox::math::Rgb;
 use lvox::math::segment::Composite;
 use lvox::run::Job;
@@ -95,7 +97,6 @@ fn settings(kernel: Kernel, max_solid_angle: f32) -> Settings {
         max_dist: f32::INFINITY,
         kernel,
         environment: Rgb::splat(0.5),
-        media: true,
     }
 }
 
@@ -118,7 +119,7 @@ fn the_fast_kernel_without_aggregates_sees_what_the_plain_one_sees() {
     };
     let gatherer = |kernel| Gatherer {
         pages,
-        media: &store.media,
+        media: NoMedia,
         settings: settings(kernel, 0.0),
     };
     let (fast, plain) = (gatherer(Kernel::Cone), gatherer(Kernel::Plain));
@@ -167,7 +168,7 @@ fn aggregates_change_irradiance_by_a_few_percent() {
     let irradiance = |kernel, solid_angle| -> Vec<f32> {
         let gatherer = Gatherer {
             pages,
-            media: &store.media,
+            media: NoMedia,
             settings: settings(kernel, solid_angle),
         };
         let all = receivers(1000);
@@ -197,7 +198,7 @@ fn nothing_beyond_the_largest_distance_is_seen() {
     for kernel in [Kernel::Cone, Kernel::Plain] {
         let gatherer = Gatherer {
             pages,
-            media: &store.media,
+            media: NoMedia,
             settings: Settings {
                 max_dist: 1e-3,
                 ..settings(kernel, 0.01)
@@ -329,7 +330,7 @@ fn by_force(
 #[test]
 fn passing_media_is_passing_every_block() {
     let (volumes, lvoxels) = media();
-    let all = Media::new(&volumes, lvoxels.iter().copied());
+    let all = Media::<Rgb>::new(&volumes, lvoxels.iter().copied());
     let mut random = Random(5);
     let mut passed = 0;
     for i in 0..2000 {

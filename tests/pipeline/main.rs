@@ -4,6 +4,7 @@ mod bytes;
 mod damage;
 mod gather;
 mod leaks;
+mod left_out;
 mod messages;
 mod physics;
 mod random;

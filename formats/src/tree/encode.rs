@@ -129,8 +129,8 @@ impl EncodedPage {
         debug_assert_eq!(header.len(), HEADER);
 
         let (raw, ranges) = builder.build(&header);
-        columns.add_page(&raw, &ranges, stats::ZSTD_LEVEL)?;
-        let (bytes, raw_bytes) = stats::pack_page(raw, stats::ZSTD_LEVEL)?;
+        columns.add_page(&raw, &ranges, stats::SURFEL_ZSTD_LEVEL)?;
+        let (bytes, raw_bytes) = stats::pack_page(raw, stats::SURFEL_ZSTD_LEVEL)?;
         let mut sums = Sums::default();
         for surfel in &surfels {
             sums.add_surfel(surfel);

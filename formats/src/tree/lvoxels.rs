@@ -90,7 +90,7 @@ pub fn encode(
     header.extend(volume.to_le_bytes());
     header.extend([steps.shift, level, 0, 0]);
     let (raw, ranges) = builder.build(&header);
-    columns.add_page(&raw, &ranges, stats::ZSTD_LEVEL)?;
+    columns.add_page(&raw, &ranges, stats::LVOXEL_ZSTD_LEVEL)?;
     Ok(RawPage { raw, mask, decoded })
 }
 

@@ -128,7 +128,7 @@ impl TreeWriter {
                 })?;
             }
             let page = lvoxels::encode(lvoxels, &mut self.lvoxel_columns, &mut self.errors)?;
-            let (bytes, raw_bytes) = stats::pack_page(page.raw, stats::ZSTD_LEVEL)?;
+            let (bytes, raw_bytes) = stats::pack_page(page.raw, stats::LVOXEL_ZSTD_LEVEL)?;
             Ok((bytes, raw_bytes, page.mask, page.decoded))
         };
         let (bytes, raw_bytes, mask, decoded) =

@@ -1,0 +1,365 @@
+//! What features cost that a scene has, does not have, or does not have while the kernel is ready for them: bytes a
+//! point and time a receiver, as the tables of `docs/left-out.md`.
+
+#![allow(clippy::print_stdout)]
+
+#[allow(dead_code)]
+mod common;
+
+use common::rays;
+use lvox::bake::{self, SurfelSampling};
+use lvox::build;
+use lvox::gather::{
+    Gatherer, Kernel, Media, MediaStore, Medium, NoMedia, Pages, Settings, Stretch, SurfelStore,
+    TreeStore,
+};
+use lvox::inspect::{self, Description};
+use lvox::math::Rgb;
+use lvox::run::Job;
+use lvox::scene::Scene;
+use std::fs;
+use std::hint::black_box;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// A room with a block and a panel under a lamp; `WALL`, `LAMP` and so on are to be filled in.
+const ROOM: &str = r#"
+[[mesh]]
+file = "builtin:quad"
+scale = [2.6, 1, 2]
+albedo = WALL
+
+[[mesh]]
+file = "builtin:quad"
+scale = [2.6, 1, 2]
+rotate_deg = [180, 0, 0]
+translate = [0, 2, 0]
+albedo = WALL
+
+[[mesh]]
+file = "builtin:quad"
+scale = [2.6, 1, 2]
+rotate_deg = [90, 0, 0]
+translate = [0, 1, -1]
+albedo = WALL
+
+[[mesh]]
+file = "builtin:quad"
+scale = 2
+rotate_deg = [0, 0, -90]
+translate = [-1.3, 1, 0]
+albedo = WALL
+
+[[mesh]]
+file = "builtin:quad"
+scale = 2
+rotate_deg = [0, 0, 90]
+translate = [1.3, 1, 0]
+albedo = WALL
+
+[[mesh]]
+file = "builtin:cube"
+scale = [0.5, 0.95, 0.5]
+rotate_deg = [0, 22, 0]
+translate = [0.72, 0.475, -0.45]
+albedo = WALL
+
+[[mesh]]
+file = "builtin:quad"
+scale = 0.8
+translate = [-0.6, 0.5, 0.3]
+albedo = [0.6, 0.6, 0.6]
+
+[[mesh]]
+file = "builtin:quad"
+scale = [0.7, 1, 0.5]
+rotate_deg = [180, 0, 0]
+translate = [-0.1, 1.985, 0]
+albedo = [0, 0, 0]
+emission = LAMP
+"#;
+
+const SMOKE: &str = r#"
+[[volume]]
+file = "builtin:plume"
+scale = [1.3, 1.75, 1.3]
+translate = [-0.65, 0.01, -0.65]
+sigma_t_scale = 28
+albedo = [0.85, 0.85, 0.85]
+unitcube_to_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+"#;
+
+/// A blue light under the panel and a red one near the block.
+const MORE_LIGHTS: &str = r#"
+[[light]]
+type = "point"
+position = [-0.6, 0.2, 0.3]
+intensity = [0.1, 0.3, 0.9]
+
+[[light]]
+type = "point"
+position = [1.1, 1.5, 0.8]
+intensity = [0.9, 0.2, 0.1]
+"#;
+
+const WHITE: [&str; 2] = ["[0.7, 0.7, 0.7]", "[12, 12, 12]"];
+const WARM: [&str; 2] = ["[0.7, 0.4, 0.3]", "[17, 12.5, 7]"];
+
+/// How much to measure.
+struct Effort {
+    surfels: u64,
+    receivers: u64,
+    repetitions: usize,
+}
+
+/// A baked scene.
+struct Baked {
+    cloud: Description,
+    tree: Description,
+    path: PathBuf,
+    store: TreeStore,
+}
+
+impl Baked {
+    /// Bakes the room with walls and lamp of the given colours, and what else there is.
+    fn new(effort: &Effort, name: &str, [wall, lamp]: [&str; 2], more: &str, crease: f32) -> Self {
+        let dir = Path::new(env!("CARGO_TARGET_TMPDIR")).join("left_out");
+        fs::create_dir_all(&dir).unwrap();
+        let file = |extension: &str| dir.join(format!("{name}.{extension}"));
+        let text = ROOM.replace("WALL", wall).replace("LAMP", lamp) + more;
+        fs::write(file("toml"), text).unwrap();
+        let scene = Scene::load(&file("toml")).unwrap();
+        let settings = bake::Settings {
+            surfels: SurfelSampling::Area {
+                count: effort.surfels,
+            },
+            crease_deg: crease,
+            ..bake::Settings::default()
+        };
+        let (cloud, tree, job) = (file("lvc"), file("lvt"), Job::default());
+        bake::run(&scene, &settings, &cloud, true, &job).unwrap();
+        build::run(&cloud, &tree, &build::Settings::default(), true, &job).unwrap();
+        Self {
+            cloud: inspect::describe(&cloud).unwrap(),
+            tree: inspect::describe(&tree).unwrap(),
+            store: TreeStore::open(&tree, None).unwrap(),
+            path: tree,
+        }
+    }
+
+    fn pages(&self) -> &impl Pages {
+        match &self.store.surfels {
+            SurfelStore::Kept(pages) => pages,
+            SurfelStore::Cached(_) => unreachable!("no limit was given"),
+        }
+    }
+
+    /// Three channels for each lvoxel, whatever it needs.
+    fn rgb(&self) -> Media<Rgb> {
+        let tree = self.store.tree();
+        let pages = (0..tree.lvoxel_pages()).map(|i| tree.lvoxel_page(i).unwrap());
+        Media::new(&tree.meta().cloud.volumes, pages.flatten())
+    }
+
+    /// Microseconds a receiver, with the kernel that a frame of this tree would choose.
+    fn time(&self, receivers: u64) -> f64 {
+        match &self.store.media {
+            MediaStore::Absent => time(self.pages(), NoMedia, receivers),
+            MediaStore::Grey(media) => time(self.pages(), media, receivers),
+            MediaStore::Rgb(media) => time(self.pages(), media, receivers),
+        }
+    }
+}
+
+/// Microseconds a receiver of 32 rays.
+fn time<P: Pages, M: Medium>(pages: &P, media: M, receivers: u64) -> f64 {
+    let gatherer = Gatherer {
+        pages,
+        media,
+        settings: Settings {
+            samples: 32,
+            max_solid_angle: 0.02,
+            max_dist: f32::INFINITY,
+            kernel: Kernel::Cone,
+            environment: Rgb::BLACK,
+        },
+    };
+    let all = rays(receivers);
+    let start = Instant::now();
+    for (i, &(point, normal)) in all.iter().enumerate() {
+        black_box(gatherer.irradiance(point, normal, Stretch::first(i as u64)));
+    }
+    1e6 * start.elapsed().as_secs_f64() / receivers as f64
+}
+
+/// A column of times, measured in turn with the others of its row.
+type Timing<'a> = Box<dyn Fn(u64) -> f64 + 'a>;
+
+/// That of a scene with the kernel of its own.
+fn of(baked: &Baked) -> Timing<'_> {
+    Box::new(|receivers| baked.time(receivers))
+}
+
+/// Medians of the times, and of their ratios to the first with the quartiles of those.
+fn times(effort: &Effort, timings: &[Timing]) -> Vec<String> {
+    let mut found = vec![Vec::new(); timings.len()];
+    for repetition in 0..=effort.repetitions {
+        for (timing, found) in timings.iter().zip(&mut found) {
+            let time = timing(effort.receivers);
+            // The first decodes pages.
+            if repetition > 0 {
+                found.push(time);
+            }
+        }
+    }
+    let quartiles = |mut values: Vec<f64>| {
+        values.sort_by(f64::total_cmp);
+        [1, 2, 3].map(|q| values[q * (values.len() - 1) / 4])
+    };
+    let first = found[0].clone();
+    let cell = |times: &Vec<f64>| {
+        let ratios = times.iter().zip(&first).map(|(t, f)| t / f).collect();
+        let [low, middle, high] = quartiles(ratios);
+        let time = quartiles(times.clone())[1];
+        format!("{time:.1} ({middle:.3}; {low:.3} to {high:.3})")
+    };
+    let mut cells: Vec<String> = found.iter().map(cell).collect();
+    cells[0] = format!("{:.1}", quartiles(first.clone())[1]);
+    cells
+}
+
+/// Bytes a point that a file was saved before compression, by column.
+fn saved(file: &Description, columns: &[&str], count: u64) -> String {
+    let of = |c: &&lvox::formats::LeftOut| columns.contains(&c.name.as_str());
+    let bytes: u64 = file.left_out.iter().filter(of).map(|c| c.raw_bytes).sum();
+    format!("{:.1}", bytes as f64 / count as f64)
+}
+
+fn row(cells: &[String]) {
+    println!("| {} |", cells.join(" | "));
+}
+
+fn main() {
+    // Cargo asks for one quick run with `--test`.
+    let effort = if std::env::args().any(|a| a == "--test") {
+        Effort {
+            surfels: 2000,
+            receivers: 10,
+            repetitions: 1,
+        }
+    } else {
+        Effort {
+            surfels: 200_000,
+            receivers: 2000,
+            repetitions: 15,
+        }
+    };
+    let bake = |name, colours, more, crease| Baked::new(&effort, name, colours, more, crease);
+    let coloured_smoke = format!("{SMOKE}{MORE_LIGHTS}");
+    let plain = bake("plain", WARM, "", 8.0);
+    let uncut = bake("uncut", WARM, "", 180.0);
+    let grey = bake("grey", WHITE, "", 8.0);
+    let backs = bake("backs", WARM, MORE_LIGHTS, 8.0);
+    let smoke = bake("smoke", WARM, SMOKE, 8.0);
+    let grey_smoke = bake("grey_smoke", WHITE, SMOKE, 8.0);
+    let rgb_smoke = bake("rgb_smoke", WARM, &coloured_smoke, 8.0);
+
+    println!(
+        "| feature | points | cloud, without | with | tree, without | with | saved in the tree |"
+    );
+    println!("| --- | --- | --- | --- | --- | --- | --- |");
+    let each = |bytes: f64| format!("{bytes:.2}");
+    for (name, without, with, columns) in [
+        (
+            "clipped disks",
+            &uncut,
+            &plain,
+            &["clip_count", "clip_edge"][..],
+        ),
+        ("back faces lit", &plain, &backs, &["back"]),
+        (
+            "colour on surfaces",
+            &grey,
+            &plain,
+            &["front", "axis_radiance"],
+        ),
+    ] {
+        row(&[
+            name.into(),
+            "surfels".into(),
+            each(without.cloud.surfels.bytes_each),
+            each(with.cloud.surfels.bytes_each),
+            each(without.tree.surfels.bytes_each),
+            each(with.tree.surfels.bytes_each),
+            saved(&without.tree, columns, without.tree.surfels.count),
+        ]);
+    }
+    for (name, with) in [
+        ("colour in media, lights of several hues", &rgb_smoke),
+        ("colour in media, one warm lamp", &smoke),
+    ] {
+        let without = &grey_smoke;
+        row(&[
+            name.into(),
+            "lvoxels".into(),
+            each(without.cloud.lvoxels.bytes_each),
+            each(with.cloud.lvoxels.bytes_each),
+            each(without.tree.lvoxels.bytes_each),
+            each(with.tree.lvoxels.bytes_each),
+            saved(&without.tree, &["source"], without.tree.lvoxels.count),
+        ]);
+    }
+    let total = |d: &Description| d.lvoxels.stored_bytes.to_string();
+    row(&[
+        "media, bytes in all".into(),
+        "lvoxels".into(),
+        total(&plain.cloud),
+        total(&smoke.cloud),
+        total(&plain.tree),
+        total(&smoke.tree),
+        String::new(),
+    ]);
+
+    let nothing = Media::<Rgb>::new(&[], []);
+    let forced_rgb = grey_smoke.rgb();
+    // The most memory with which pages are still cached, to 256 KiB.
+    let limited = (1..400).rev().find_map(|steps| {
+        let store = TreeStore::open(&plain.path, Some(steps << 18)).ok()?;
+        matches!(store.surfels, SurfelStore::Cached(_)).then_some(store)
+    });
+    let media: Timing = Box::new(|n| time(plain.pages(), &nothing, n));
+    let rgb: Timing = Box::new(|n| time(grey_smoke.pages(), &forced_rgb, n));
+    let cached = limited.as_ref().map(|store| -> Timing {
+        Box::new(|n| match &store.surfels {
+            SurfelStore::Kept(pages) => time(pages, NoMedia, n),
+            SurfelStore::Cached(pages) => time(pages, NoMedia, n),
+        })
+    });
+    println!("\n| feature | without | forced on | with |");
+    println!("| --- | --- | --- | --- |");
+    let none = || "-".to_owned();
+    for (name, timings) in [
+        ("media", vec![of(&plain), media, of(&smoke)]),
+        (
+            "colour in media",
+            vec![of(&grey_smoke), rgb, of(&rgb_smoke)],
+        ),
+        (
+            "pages in a cache",
+            [of(&plain)].into_iter().chain(cached).collect(),
+        ),
+    ] {
+        let mut cells = vec![name.to_owned()];
+        cells.extend(times(&effort, &timings));
+        cells.resize_with(4, none);
+        row(&cells);
+    }
+    for (name, without, with) in [
+        ("clipped disks", &uncut, &plain),
+        ("back faces lit", &plain, &backs),
+        ("colour on surfaces", &grey, &plain),
+    ] {
+        let cells = times(&effort, &[of(without), of(with)]);
+        row(&[name.into(), cells[0].clone(), none(), cells[1].clone()]);
+    }
+}

@@ -1,0 +1,94 @@
+//! What a scene does not have takes no byte in its files.
+
+use crate::{ROOM, Work};
+use lvox::gather::{MediaStore, TreeStore};
+use lvox::inspect::{self, Description};
+use std::fs;
+use std::path::Path;
+
+/// The room without its lamp's colour and its smoke.
+fn room(lamp: &str, more: &str) -> String {
+    let (surfaces, _) = ROOM.split_once("[[volume]]").unwrap();
+    surfaces.replace("[10, 9, 7]", lamp) + more
+}
+
+const SMOKE: &str = r#"
+[[volume]]
+file = "builtin:plume"
+scale = [1.3, 1.75, 1.3]
+translate = [-0.65, 0.01, -0.65]
+sigma_t_scale = 20
+albedo = [0.8, 0.8, 0.8]
+unitcube_to_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+"#;
+
+const LIGHTS: &str = r#"
+[[light]]
+type = "point"
+position = [-0.6, 0.2, 0.3]
+intensity = [0.1, 0.3, 0.9]
+
+[[light]]
+type = "point"
+position = [0.9, 1.5, 0.8]
+intensity = [0.9, 0.2, 0.1]
+"#;
+
+/// Cloud and tree of a scene, in `work`.
+fn files(work: &Work) -> [Description; 2] {
+    let tree = work.bake(&work.scene(), 5000);
+    [work.path("scene.lvc"), tree].map(|path| inspect::describe(&path).unwrap())
+}
+
+/// Whether a file holds a text.
+fn holds(path: &Path, text: &str) -> bool {
+    let bytes = fs::read(path).unwrap();
+    bytes.windows(text.len()).any(|w| w == text.as_bytes())
+}
+
+#[test]
+fn surfaces_alone_have_no_byte_for_media() {
+    let work = Work::new(&room("[10, 9, 7]", ""));
+    let names = ["scene.lvc", "scene.lvt"].map(|name| work.path(name));
+    for (file, path) in files(&work).iter().zip(&names) {
+        assert_eq!((file.lvoxels.count, file.lvoxels.stored_bytes), (0, 0));
+        assert_eq!((file.lvoxels.blocks, file.volumes.len()), (0, 0));
+        // Not even the name of a column or the sums of a volume.
+        assert!(!holds(path, "sigma_t") && !holds(path, "source"));
+        assert!(file.sums.volumes.is_empty());
+    }
+    let store = TreeStore::open(&names[1], None).unwrap();
+    assert!(matches!(store.media, MediaStore::Absent));
+    assert_eq!(store.media.bytes(), 0);
+
+    let smoky = Work::new(&room("[10, 9, 7]", SMOKE));
+    for file in files(&smoky) {
+        assert!(file.lvoxels.count > 1000 && file.lvoxels.stored_bytes > 1000);
+        assert!(holds(Path::new(&file.file), "sigma_t"));
+    }
+}
+
+#[test]
+fn grey_media_take_few_of_the_bytes_of_coloured_ones() {
+    let grey = Work::new(&room("[9, 9, 9]", SMOKE));
+    let coloured = Work::new(&room("[10, 9, 7]", &format!("{SMOKE}{LIGHTS}")));
+    let (grey_files, coloured_files) = (files(&grey), files(&coloured));
+    // In a tree colours share an exponent, and what media have in common is the larger part.
+    for ((grey, coloured), most) in grey_files.iter().zip(&coloured_files).zip([0.6, 0.65]) {
+        assert_eq!(grey.lvoxels.count, coloured.lvoxels.count);
+        let has = |file: &Description, name: &str| file.columns.iter().any(|c| c.name == name);
+        assert!(has(grey, "source_grey") && !has(grey, "source"));
+        assert!(has(coloured, "source") && !has(coloured, "source_grey"));
+        let share = grey.lvoxels.bytes_each / coloured.lvoxels.bytes_each;
+        assert!(share <= most, "{}: {share}", grey.kind);
+    }
+    let [grey, coloured] = [&grey, &coloured].map(|work| {
+        TreeStore::open(&work.path("scene.lvt"), None)
+            .unwrap()
+            .media
+    });
+    assert!(matches!(grey, MediaStore::Grey(_)) && matches!(coloured, MediaStore::Rgb(_)));
+    // In memory, two floats a block.
+    let count = grey_files[1].lvoxels.count as usize;
+    assert!(coloured.bytes() - grey.bytes() >= 8 * count);
+}
