@@ -187,7 +187,7 @@ Made by `bash docs/table1.sh`, lvox {first["version"]} on {machine["processor"]}
   last line; no differing pixel counts as half a pixel. In brackets where the time is outside of what was measured.
 - **A cloud like the paper's** has 2.5 million surfels, and lvoxels of 4^3 voxels (8^3 where the grid has 256^3 or more) from 16
   coefficient samples. The paper's lvoxels take at most 1.7 MB beside 466.3 MB of surfels, 0.36 %, which is one lvoxel for
-  275 surfels if both take as much. The default has 1 million surfels, and lvoxels of at most 0.7 optical depths.
+  275 surfels if both take as much. The default has 500,000 surfels, and lvoxels of at most 0.7 optical depths.
 """)
     print(main_table(scenes))
     print("## Bars\n\nOf the default settings, the worst of the scenes.\n")

@@ -7,6 +7,8 @@
 # TABLE1_SPP         their samples per pixel; raise it to go on from what is there [512]
 # TABLE1_SCENES      all by default
 # TABLE1_QUALITY     base settings of lvox [good]
+# TABLE1_RUNS        samples per pixel of the Monte Carlo runs [4,16,64,256]
+# TABLE1_ROUNDS      times that each run is timed [3]
 # TABLE1_NOTE        a sentence on the state of the machine, for the page
 set -eu
 cd "$(dirname "$0")/.."
@@ -53,11 +55,11 @@ for scene in $scenes; do
     *) voxels=8 ;;
     esac
     "$lvox" study "$work/$scene.toml" --reference "$references/$scene.exr" --base-only --paper-cloud "$voxels" \
-        --quality "$quality" --spp 4,16,64,256 --rounds 3 --long 8 -o "$build/$scene"
+        --quality "$quality" --spp "${TABLE1_RUNS:-4,16,64,256}" --rounds "${TABLE1_ROUNDS:-3}" --long 8 -o "$build/$scene"
 done
 
 # What front-to-back order is worth, on both clouds of bunny_128.
-for cloud in surfels-1000000-depth-0.7 surfels-2500000-voxels-4; do
+for cloud in surfels-500000-depth-0.7 surfels-2500000-voxels-4; do
     tree=$build/bunny_128/trees/$cloud.lvt
     if [ -f "$tree" ] && ! [ -s "$build/order.$cloud.txt" ]; then
         LVOX_BENCH_TREE=$tree cargo bench --bench kernels -- order >"$work/order.txt"
