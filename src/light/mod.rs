@@ -143,23 +143,31 @@ impl Direct {
         }
     }
 
-    /// Notes what share of a light came through along a ray. A medium that stops nearly all of it hides the light like a
-    /// surface.
-    fn note(&mut self, bit: usize, through: f32) {
+    /// Notes what share of a light without extent came through along the ray to it. A medium that stops nearly all of it
+    /// hides the light like a surface.
+    fn note_sharp(&mut self, index: usize, through: f32) {
         const HIDDEN: f32 = 0.25;
         const SEEN: f32 = 0.35;
+        let bit = 1 << (index % 32);
         if through < HIDDEN {
-            self.hidden |= 1 << bit;
+            self.hidden |= bit;
         } else if through > SEEN {
-            self.seen |= 1 << bit;
+            self.seen |= bit;
         }
     }
 
     /// Notes a ray to a light with an extent that would bring `light` with nothing between.
     fn note_ray(&mut self, index: usize, light: Rgb, through: f32) {
         self.rays.all += light;
-        self.note(32 + index % 32, through);
         self.rays.arriving += light * through;
+        // What a medium stops in part it may stop more or less of towards the light's other points.
+        let bit = 1 << (32 + index % 32);
+        if through < 0.9 {
+            self.hidden |= bit;
+        }
+        if through > 0.1 {
+            self.seen |= bit;
+        }
     }
 }
 
@@ -450,7 +458,7 @@ impl<'a> Lights<'a> {
                 if w > 0.0 {
                     let through =
                         self.transmittance(origin, -direction, f32::INFINITY, self.sharp_depth);
-                    total.note(index % 32, through);
+                    total.note_sharp(index, through);
                     total.sharp += Rgb(irradiance) * (w * through);
                 }
                 return;
@@ -474,7 +482,7 @@ impl<'a> Lights<'a> {
         let w = weight(d) / (distance * distance) * light.falloff(-d);
         if w > 0.0 {
             let through = self.transmittance(origin, d, distance, self.sharp_depth);
-            total.note(index % 32, through);
+            total.note_sharp(index, through);
             total.sharp += Rgb(intensity) * (w * through);
         }
     }

@@ -45,10 +45,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     const STIFF: f32 = 2.0;
     /// Voxels that vertices keep from the border of their volume.
     const INSIDE: f32 = 0.1;
-    /// Shadow rays of a vertex to lights with an extent.
-    const VERTEX_RAYS: u8 = 2;
-    /// Shadow rays of a point that is lit by itself.
-    const POINT_RAYS: u32 = 4;
+    /// Shadow rays of a vertex or point to lights with an extent.
+    const SHADOW_RAYS: u32 = 4;
 
     /// Empty lattices. Without a gatherer there is direct light only.
     #[must_use]
@@ -129,11 +127,12 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             sampling::hash(&[self.seed, x, y, z])
         };
         let direct = if tau > Self::DEPTH {
-            let light = self.direct(point, seed_of(point));
+            let light = self.direct(self.lights, point, seed_of(point));
             light.share * self.lights.sent(point, point) + light.rest
         } else {
-            let light = lattices.direct[level]
-                .interpolate(at, |p, v| self.direct_at_vertex(to_scene(p), v, key(v)));
+            let light = lattices.direct[level].interpolate(at, |p, v| {
+                self.direct(self.vertex_lights, to_scene(p), key(v))
+            });
             light.share * self.lights.sent(from, to) + light.rest
         };
         let indirect = self.gatherer.map_or(Rgb::BLACK, |gatherer| {
@@ -152,24 +151,12 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         Rgb(medium.albedo) * (direct + indirect)
     }
 
-    /// Direct light at a vertex, whose neighbours ask other parts of the lights.
-    fn direct_at_vertex(&self, point: Vec3, v: [usize; 3], seed: u64) -> InMedium {
-        let [x, y, z] = v.map(|c| (c % 2) as u8);
-        let rays = ShadowRays::Cells {
-            cell: 8 * x + 4 * y + 2 * z,
-            first: 0,
-            count: Self::VERTEX_RAYS,
-            seed,
-        };
-        self.vertex_lights.in_medium(point, rays)
-    }
-
-    fn direct(&self, point: Vec3, seed: u64) -> InMedium {
+    fn direct(&self, lights: &Lights, point: Vec3, seed: u64) -> InMedium {
         let rays = ShadowRays::Sequence {
-            per_light: Self::POINT_RAYS,
+            per_light: Self::SHADOW_RAYS,
             first: 0,
             seed,
         };
-        self.lights.in_medium(point, rays)
+        lights.in_medium(point, rays)
     }
 }
