@@ -202,9 +202,8 @@ impl Mul<f32> for InMedium {
 #[derive(Debug)]
 pub struct Lights<'a> {
     tracer: &'a Tracer<'a>,
-    /// What rays to lights with an extent meet, and what rays to others do; the scene's media if `None`.
+    /// What rays to emissive triangles meet; the scene's media if `None`.
     wide_depth: Option<&'a dyn OpticalDepth>,
-    sharp_depth: Option<&'a dyn OpticalDepth>,
     emitters: Emitters,
     environment: Rgb,
 }
@@ -234,25 +233,16 @@ impl<'a> Lights<'a> {
         Self {
             tracer,
             wide_depth: None,
-            sharp_depth: None,
             emitters: Emitters::new(tracer.scene),
             environment,
         }
     }
 
-    /// The same lights, with other media than the scene's before those that have an extent, and whose shadows are soft:
-    /// coarser media, that are passed faster.
+    /// The same lights, with other media than the scene's before emissive triangles, whose shadows are soft: coarser ones,
+    /// that are passed faster.
     #[must_use]
     pub fn with_soft_shadows_through(mut self, depth: &'a dyn OpticalDepth) -> Self {
         self.wide_depth = Some(depth);
-        self
-    }
-
-    /// The same lights, with other media than the scene's before all of them.
-    #[must_use]
-    pub fn with_shadows_through(mut self, depth: &'a dyn OpticalDepth) -> Self {
-        self.wide_depth = Some(depth);
-        self.sharp_depth = Some(depth);
         self
     }
 
@@ -456,8 +446,7 @@ impl<'a> Lights<'a> {
                 }
                 let w = weight(-direction);
                 if w > 0.0 {
-                    let through =
-                        self.transmittance(origin, -direction, f32::INFINITY, self.sharp_depth);
+                    let through = self.transmittance(origin, -direction, f32::INFINITY, None);
                     total.note_sharp(index, through);
                     total.sharp += Rgb(irradiance) * (w * through);
                 }
@@ -481,7 +470,7 @@ impl<'a> Lights<'a> {
         let d = to_light / distance;
         let w = weight(d) / (distance * distance) * light.falloff(-d);
         if w > 0.0 {
-            let through = self.transmittance(origin, d, distance, self.sharp_depth);
+            let through = self.transmittance(origin, d, distance, None);
             total.note_sharp(index, through);
             total.sharp += Rgb(intensity) * (w * through);
         }
@@ -508,7 +497,7 @@ impl<'a> Lights<'a> {
             if w > 0.0 {
                 let light = sun.irradiance * w;
                 total.open += light * (1.0 / rays.count() as f32);
-                let through = self.transmittance(origin, d, f32::INFINITY, self.wide_depth);
+                let through = self.transmittance(origin, d, f32::INFINITY, None);
                 total.note_ray(index, light, through);
             }
         }

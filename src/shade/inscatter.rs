@@ -32,7 +32,6 @@ const LEVELS: usize = 3;
 pub struct InScatter<'a, P, M> {
     volumes: &'a [Volume],
     lights: &'a Lights<'a>,
-    vertex_lights: &'a Lights<'a>,
     gatherer: Option<&'a Gatherer<'a, P, M>>,
     lattices: Vec<Lattices>,
     seed: u64,
@@ -53,7 +52,6 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     pub fn new(
         volumes: &'a [Volume],
         lights: &'a Lights<'a>,
-        vertex_lights: &'a Lights<'a>,
         gatherer: Option<&'a Gatherer<'a, P, M>>,
         seed: u64,
     ) -> Self {
@@ -79,7 +77,6 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         Self {
             volumes,
             lights,
-            vertex_lights,
             gatherer,
             lattices,
             seed,
@@ -127,12 +124,11 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             sampling::hash(&[self.seed, x, y, z])
         };
         let direct = if tau > Self::DEPTH {
-            let light = self.direct(self.lights, point, seed_of(point));
+            let light = self.direct(point, seed_of(point));
             light.share * self.lights.sent(point, point) + light.rest
         } else {
-            let light = lattices.direct[level].interpolate(at, |p, v| {
-                self.direct(self.vertex_lights, to_scene(p), key(v))
-            });
+            let light =
+                lattices.direct[level].interpolate(at, |p, v| self.direct(to_scene(p), key(v)));
             light.share * self.lights.sent(from, to) + light.rest
         };
         let indirect = self.gatherer.map_or(Rgb::BLACK, |gatherer| {
@@ -151,12 +147,12 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         Rgb(medium.albedo) * (direct + indirect)
     }
 
-    fn direct(&self, lights: &Lights, point: Vec3, seed: u64) -> InMedium {
+    fn direct(&self, point: Vec3, seed: u64) -> InMedium {
         let rays = ShadowRays::Sequence {
             per_light: Self::SHADOW_RAYS,
             first: 0,
             seed,
         };
-        lights.in_medium(point, rays)
+        self.lights.in_medium(point, rays)
     }
 }

@@ -204,7 +204,7 @@ pub fn run(
 struct FrameMedia<'a, M> {
     /// Passed by gathers.
     gathers: M,
-    /// Passed by shadow rays instead of the scene's own.
+    /// Passed by shadow rays to emissive triangles instead of the scene's own.
     shadows: Option<&'a dyn OpticalDepth>,
 }
 
@@ -269,10 +269,9 @@ fn shade<P: Pages, M: Medium>(
 ) -> Result<Vec<Pixel>> {
     let camera = scene.camera(settings.camera.as_deref())?;
     let tracer = Tracer::new(scene);
-    let (mut lights, mut vertex_lights) = (Lights::new(&tracer), Lights::new(&tracer));
+    let mut lights = Lights::new(&tracer);
     if let Some(shadows) = media.shadows {
         lights = lights.with_soft_shadows_through(shadows);
-        vertex_lights = vertex_lights.with_shadows_through(shadows);
     }
     let surface_gatherer = Gatherer {
         pages,
@@ -319,7 +318,6 @@ fn shade<P: Pages, M: Medium>(
     let in_scatter = InScatter::new(
         &scene.volumes,
         &lights,
-        &vertex_lights,
         (settings.method == Method::Extended).then_some(&volume_gatherer),
         settings.seed,
     );
