@@ -59,12 +59,7 @@ impl LvoxelMaker<'_> {
         let level = match self.size {
             BlockSize::Fixed { level, .. } => level,
             BlockSize::OpticalDepth(limit) => {
-                let axes = self.volume.scene_from_index.matrix3;
-                let voxel = axes
-                    .x_axis
-                    .length()
-                    .max(axes.y_axis.length())
-                    .max(axes.z_axis.length()) as f32;
+                let voxel = self.volume.longest_voxel_edge();
                 let max = if max * voxel * BRICK as f32 <= limit {
                     max
                 } else {

@@ -17,3 +17,17 @@ pub struct Volume {
     /// Inverse of `scene_from_index`.
     pub index_from_scene: Affine3A,
 }
+
+impl Volume {
+    /// Longest edge of a voxel, scene units.
+    #[must_use]
+    pub fn longest_voxel_edge(&self) -> f32 {
+        let axes = self.scene_from_index.matrix3;
+        let longest = axes
+            .x_axis
+            .length()
+            .max(axes.y_axis.length())
+            .max(axes.z_axis.length());
+        longest as f32
+    }
+}

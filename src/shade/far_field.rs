@@ -45,17 +45,11 @@ impl FarField {
     /// No probe yet. A point of the medium is to look along about `samples` directions.
     pub fn new(volume: &Volume, samples: u32) -> Self {
         let rings = 1 << (samples.max(1).ilog2() / 2);
-        let axes = volume.scene_from_index.matrix3;
-        let voxel = axes
-            .x_axis
-            .length()
-            .max(axes.y_axis.length())
-            .max(axes.z_axis.length());
         Self {
             probes: Vertices::new(volume.sigma_t.dims(), Self::STEP),
             rings,
             sectors: samples.div_ceil(rings),
-            clear: Self::CLEAR * (Self::STEP as f64 * voxel) as f32,
+            clear: Self::CLEAR * Self::STEP as f32 * volume.longest_voxel_edge(),
         }
     }
 

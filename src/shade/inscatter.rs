@@ -59,18 +59,12 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             .iter()
             .map(|v| {
                 let volume_samples = gatherer.map_or(1, |g| g.settings.samples);
-                let axes = v.scene_from_index.matrix3;
-                let voxel = axes
-                    .x_axis
-                    .length()
-                    .max(axes.y_axis.length())
-                    .max(axes.z_axis.length());
                 let dims = v.sigma_t.dims();
                 Lattices {
                     direct: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
                     indirect: std::array::from_fn(|level| Vertices::new(dims, 2 << level)),
                     far_field: FarField::new(v, volume_samples),
-                    voxel: voxel as f32,
+                    voxel: v.longest_voxel_edge(),
                 }
             })
             .collect();

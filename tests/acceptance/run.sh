@@ -111,16 +111,16 @@ printf '\n-- general geometry, lights and media, beside references of our own\n'
 printf '%-16s %14s %9s %8s %8s %8s %10s %14s\n' \
     scene 'relMSE trimmed' pdiff bias FLIP SSIM 'shade CPU s' 'all CPU s' | tee -a "$table"
 # Scene, quality, and the limits of trimmed relMSE, pdiff, FLIP and bias: about 1.5 times what was measured.
-general='curved good 1.5e-3 0.013 0.071 0.006
-curved draft 2.4e-3 0.018 0.091 0.006
-lights100 good 5.2e-3 0.21 0.11 0.014
+general='curved good 1.0e-3 0.013 0.058 0.006
+curved draft 2.4e-3 0.016 0.077 0.006
+lights100 good 5.2e-3 0.21 0.090 0.014
 lights100 draft 7.4e-3 0.25 0.125 0.018
-volumes good 2.5e-3 0.010 0.097 0.046
-volumes draft 2.9e-3 0.013 0.107 0.047
-thin good 2.3e-3 0.011 0.072 0.005
-thin draft 3.8e-3 0.017 0.090 0.005
-outdoor good 1.7e-3 0.031 0.057 0.005
-outdoor draft 2.1e-3 0.032 0.062 0.005'
+volumes good 1.9e-3 0.010 0.091 0.031
+volumes draft 2.5e-3 0.013 0.107 0.032
+thin good 2.1e-3 0.011 0.068 0.005
+thin draft 3.8e-3 0.017 0.085 0.005
+outdoor good 1.7e-3 0.031 0.040 0.005
+outdoor draft 2.1e-3 0.032 0.048 0.005'
 while read -r scene quality relmse pdiff flip bias; do
     name=$scene.$quality
     image=$out/$name.exr
@@ -156,7 +156,7 @@ $general
 EOF
 
 printf '\n-- flicker: mean absolute change of indirect light, over its mean, for a camera that turns by 1/100 pixel\n'
-for row in B:2.0e-3 C:4.2e-3; do
+for row in B:1.3e-3 C:3.7e-3; do
     scene=${row%%:*}
     limit=${row##*:}
     scores=$out/$scene.nudged.json
