@@ -17,17 +17,38 @@ pub struct Media<S> {
     volumes: Vec<BlockGrid<S>>,
 }
 
-/// The lvoxels of one volume: a table of bricks, each empty or a dense cube of blocks of one size.
+/// The lvoxels of one volume: a table of bricks, each empty or a cube of blocks of one size.
 #[derive(Debug)]
 struct BlockGrid<S> {
     index_from_scene: Affine3A,
     dims: [f32; 3],
-    bricks: [usize; 3],
-    first: Vec<u32>,
-    level: Vec<u8>,
-    /// Box of each brick's blocks that are not empty, in blocks: first and one past the last.
-    filled: Vec<[[u8; 3]; 2]>,
+    table_dims: [usize; 3],
+    /// Index in `bricks`, or [`EMPTY`].
+    table: Vec<u32>,
+    bricks: Vec<Brick>,
+    cubes: Vec<Cube>,
+    /// Blocks that are not empty, cube by cube: rays wait for memory more than for anything else.
     blocks: Vec<Block<S>>,
+}
+
+/// A brick that is not empty.
+#[derive(Debug)]
+struct Brick {
+    /// Its first in `cubes`: one, or eight if its blocks are single voxels.
+    first_cube: u32,
+    /// Log2 of the voxels along an edge of its blocks.
+    level: u8,
+    /// Box of the blocks that are not empty, in blocks: first and one past the last.
+    filled: [[u8; 3]; 2],
+}
+
+/// Four by four by four blocks.
+#[derive(Clone, Copy, Debug, Default)]
+struct Cube {
+    /// A bit for each block that is not empty.
+    filled: u64,
+    /// Index of the first of those.
+    first: u32,
 }
 
 /// Extinction per scene unit and source function.
@@ -37,17 +58,29 @@ struct Block<S> {
     source: S,
 }
 
+/// Where a block is in its brick: the cube, and the bit in that.
+#[inline]
+fn place([x, y, z]: [usize; 3]) -> (usize, usize) {
+    let cube = (z >> 2) << 2 | (y >> 2) << 1 | x >> 2;
+    (cube, (z & 3) << 4 | (y & 3) << 2 | x & 3)
+}
+
 impl<S: Source> Media<S> {
     /// Lays out lvoxels, which may come in any order but must lie inside their volumes, as readers promise.
     #[must_use]
     pub fn new(volumes: &[VolumeInfo], lvoxels: impl IntoIterator<Item = Lvoxel>) -> Self {
-        let mut grids: Vec<BlockGrid<S>> = volumes.iter().map(BlockGrid::new).collect();
+        let mut of_volume: Vec<Vec<Lvoxel>> = vec![Vec::new(); volumes.len()];
         for l in lvoxels {
-            if let Some(grid) = grids.get_mut(usize::from(l.volume)) {
-                grid.insert(&l);
+            if let Some(list) = of_volume.get_mut(usize::from(l.volume)) {
+                list.push(l);
             }
         }
-        Self { volumes: grids }
+        let grids = volumes.iter().zip(of_volume);
+        Self {
+            volumes: grids
+                .map(|(info, lvoxels)| BlockGrid::new(info, lvoxels))
+                .collect(),
+        }
     }
 
     /// Whether there is no medium at all.
@@ -63,9 +96,9 @@ impl<S: Source> Media<S> {
             .iter()
             .map(|v| {
                 size_of_val(&*v.blocks)
-                    + size_of_val(&*v.first)
-                    + size_of_val(&*v.level)
-                    + size_of_val(&*v.filled)
+                    + size_of_val(&*v.cubes)
+                    + size_of_val(&*v.bricks)
+                    + size_of_val(&*v.table)
             })
             .sum()
     }
@@ -108,13 +141,27 @@ impl<S: Source> Media<S> {
             light.medium(s.tau, s.source);
             light.transmittance > Composite::NOTHING
         };
+        if self.walk(origin, direction, t_max, &mut add) {
+            crossings.for_each(|c| light.surface(c.opacity, c.radiance));
+        }
+    }
+
+    /// Gives every stretch of medium from `origin` to `t_max`, front to back, to `add` until that says no; returns whether
+    /// it never did.
+    pub fn walk(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        t_max: f32,
+        add: &mut impl FnMut(Segment) -> bool,
+    ) -> bool {
         let mut met = self
             .volumes
             .iter()
             .filter_map(|v| v.enter(origin, direction, t_max));
-        let complete = match (met.next(), met.next()) {
+        match (met.next(), met.next()) {
             (None, _) => true,
-            (Some(walk), None) => walk.run(&mut add),
+            (Some(walk), None) => walk.run(add),
             (Some(first), Some(second)) => {
                 let mut all = Vec::new();
                 for walk in [first, second].into_iter().chain(met) {
@@ -130,69 +177,80 @@ impl<S: Source> Media<S> {
                 });
                 complete
             }
-        };
-        if complete {
-            crossings.for_each(|c| light.surface(c.opacity, c.radiance));
         }
     }
 }
 
 impl<S: Source> BlockGrid<S> {
-    fn new(info: &VolumeInfo) -> Self {
+    fn new(info: &VolumeInfo, lvoxels: Vec<Lvoxel>) -> Self {
         let [x, y, z, t] = info
             .index_from_scene
             .map(|c| Vec3A::from(c.map(|v| v as f32)));
-        let bricks = info.dims.map(|n| (n as usize).div_ceil(BRICK));
-        let count = bricks[0] * bricks[1] * bricks[2];
-        Self {
+        let table_dims = info.dims.map(|n| (n as usize).div_ceil(BRICK));
+        let mut grid = Self {
             index_from_scene: Affine3A {
                 matrix3: glam::Mat3A::from_cols(x, y, z),
                 translation: t,
             },
             dims: info.dims.map(|n| n as f32),
-            bricks,
-            first: vec![EMPTY; count],
-            level: vec![0; count],
-            filled: vec![[[u8::MAX; 3], [0; 3]]; count],
-            blocks: Vec::new(),
+            table_dims,
+            table: vec![EMPTY; table_dims.iter().product()],
+            bricks: Vec::new(),
+            cubes: Vec::new(),
+            blocks: Vec::with_capacity(lvoxels.len()),
+        };
+        // In the order of their places, so that each takes the next block.
+        let mut placed: Vec<(usize, (usize, usize), Lvoxel)> = lvoxels
+            .into_iter()
+            .filter_map(|l| {
+                let per_axis = BRICK >> l.level;
+                let block = l.block.map(usize::from);
+                let brick = block.map(|b| b / per_axis);
+                let inside = (0..3).all(|a| brick[a] < table_dims[a]);
+                let index = (brick[2] * table_dims[1] + brick[1]) * table_dims[0] + brick[0];
+                inside.then(|| (index, place(block.map(|b| b % per_axis)), l))
+            })
+            .collect();
+        placed.sort_by_key(|&(brick, place, _)| (brick, place));
+        for (brick, (cube, bit), l) in placed {
+            grid.append(brick, cube, bit, &l);
         }
+        grid
     }
 
-    fn insert(&mut self, l: &Lvoxel) {
-        let per_axis = BRICK >> l.level;
-        let block = l.block.map(usize::from);
-        let brick = block.map(|b| b / per_axis);
-        if (0..3).any(|a| brick[a] >= self.bricks[a]) {
+    /// Appends a block after all others of its brick; the first one decides on the size of the brick's blocks, and of two
+    /// in one place.
+    fn append(&mut self, brick: usize, cube: usize, bit: usize, l: &Lvoxel) {
+        if self.table[brick] == EMPTY {
+            self.table[brick] = self.bricks.len() as u32;
+            self.bricks.push(Brick {
+                first_cube: self.cubes.len() as u32,
+                level: l.level,
+                filled: [[u8::MAX; 3], [0; 3]],
+            });
+            let cubes = if l.level == 0 { 8 } else { 1 };
+            self.cubes
+                .resize(self.cubes.len() + cubes, Cube::default());
+        }
+        let brick = &mut self.bricks[self.table[brick] as usize];
+        let cube = &mut self.cubes[brick.first_cube as usize + cube];
+        if brick.level != l.level || cube.filled >> bit & 1 == 1 {
             return;
         }
-        let b = (brick[2] * self.bricks[1] + brick[1]) * self.bricks[0] + brick[0];
-        let local = block.map(|v| v % per_axis);
-        let block = Block {
+        if cube.filled == 0 {
+            cube.first = self.blocks.len() as u32;
+        }
+        cube.filled |= 1 << bit;
+        self.blocks.push(Block {
             sigma_t: l.sigma_t,
             source: S::of(Rgb(l.source)),
-        };
-        self.set(b, l.level, local, block);
-    }
-
-    /// Sets a block of a brick; the first one decides on the size of the brick's blocks.
-    fn set(&mut self, brick: usize, level: u8, local: [usize; 3], block: Block<S>) {
-        let per_axis = BRICK >> level;
-        if self.first[brick] == EMPTY {
-            self.first[brick] = self.blocks.len() as u32;
-            self.level[brick] = level;
-            self.blocks.resize(
-                self.blocks.len() + per_axis * per_axis * per_axis,
-                Block::default(),
-            );
-        }
-        if self.level[brick] == level {
-            let at = (local[2] * per_axis + local[1]) * per_axis + local[0];
-            self.blocks[self.first[brick] as usize + at] = block;
-            let [first, end] = &mut self.filled[brick];
-            for a in 0..3 {
-                first[a] = first[a].min(local[a] as u8);
-                end[a] = end[a].max(local[a] as u8 + 1);
-            }
+        });
+        let per_axis = (BRICK >> l.level) as u16;
+        let [first, end] = &mut brick.filled;
+        for a in 0..3 {
+            let at = (l.block[a] % per_axis) as u8;
+            first[a] = first[a].min(at);
+            end[a] = end[a].max(at + 1);
         }
     }
 
@@ -231,60 +289,71 @@ struct Walk<'a, S> {
 
 impl<S: Source> Walk<'_, S> {
     /// Gives every non-empty stretch to `add` until that says no; returns whether it never did.
+    #[inline]
     fn run(&self, add: &mut impl FnMut(Segment) -> bool) -> bool {
-        let bricks = self.grid.bricks;
+        let dims = self.grid.table_dims;
         let mut outer = Steps::new(
             &self.line,
             0.0,
             [0; 3],
             BRICK as f32,
-            bricks.map(|n| n as i32),
+            dims.map(|n| n as i32),
         );
         let mut t = 0.0;
         loop {
             let at = outer.at;
             let leave = outer.leave().min(self.end);
-            let b = (at[2] as usize * bricks[1] + at[1] as usize) * bricks[0] + at[0] as usize;
-            if self.grid.first[b] != EMPTY && leave > t && !self.brick(b, at, t, leave, add) {
+            let [x, y, z] = at.map(|v| v as usize);
+            let b = self.grid.table[(z * dims[1] + y) * dims[0] + x];
+            if let Some(brick) = self.grid.bricks.get(b as usize)
+                && leave > t
+                && !self.brick(brick, at, t, leave, add)
+            {
                 return false;
             }
             t = leave.max(t);
-            let a = outer.advance();
-            if leave >= self.end || outer.at[a] < 0 || outer.at[a] >= bricks[a] as i32 {
+            if leave >= self.end || !outer.advance() {
                 return true;
             }
         }
     }
 
+    #[inline]
     fn brick(
         &self,
-        b: usize,
+        brick: &Brick,
         at: [i32; 3],
         t: f32,
         leave: f32,
         add: &mut impl FnMut(Segment) -> bool,
     ) -> bool {
-        let level = self.grid.level[b];
-        let per_axis = BRICK >> level;
-        let first = self.grid.first[b] as usize;
         let base = at.map(|v| v * BRICK as i32);
-        let edge = (1 << level) as f32;
-        let [lower, upper] = self.grid.filled[b]
+        let edge = (1 << brick.level) as f32;
+        let [lower, upper] = brick
+            .filled
             .map(|corner| std::array::from_fn(|a| base[a] as f32 + edge * f32::from(corner[a])));
         let Some((t, leave)) = self.line.within(lower, upper, t, leave) else {
             return true;
         };
-        let mut inner = Steps::new(&self.line, t, base, edge, [per_axis as i32; 3]);
+        let per_axis = (BRICK >> brick.level) as i32;
+        let mut inner = Steps::new(&self.line, t, base, edge, [per_axis; 3]);
         let mut near = t;
+        let cubes = &self.grid.cubes[brick.first_cube as usize..];
         loop {
-            let local = inner.at.map(|v| v as usize);
-            let far = inner.leave().min(leave);
-            let a = inner.advance();
-            let out = far >= leave || inner.at[a] < 0 || inner.at[a] >= per_axis as i32;
-            let far = if out { leave } else { far.max(near) };
-            let block =
-                &self.grid.blocks[first + (local[2] * per_axis + local[1]) * per_axis + local[0]];
-            if block.sigma_t > 0.0 && far > near {
+            let (cube, bit) = place(inner.at.map(|v| v as usize));
+            let cube = &cubes[cube];
+            let far = inner.leave();
+            let out = !inner.advance() | (far >= leave);
+            let far = if out {
+                leave
+            } else if far > near {
+                far
+            } else {
+                near
+            };
+            if cube.filled >> bit & 1 == 1 && far > near {
+                let before = (cube.filled & ((1 << bit) - 1)).count_ones();
+                let block = &self.grid.blocks[(cube.first + before) as usize];
                 let s = Segment {
                     near: self.start + near,
                     far: self.start + far,

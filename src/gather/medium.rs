@@ -2,7 +2,7 @@
 
 use super::{Crossing, Media};
 use crate::math::Rgb;
-use crate::math::segment::Composite;
+use crate::math::segment::{Composite, Segment};
 use glam::Vec3;
 
 /// What a ray passes between surfaces.
@@ -15,6 +15,15 @@ pub trait Medium: Copy + Sync {
         t_max: f32,
         crossings: &[Crossing],
         light: &mut Composite,
+    );
+
+    /// Gives every stretch of medium between `origin` and `t_max`, front to back, to `add` until that says no.
+    fn walk(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        t_max: f32,
+        add: impl FnMut(Segment) -> bool,
     );
 }
 
@@ -29,6 +38,9 @@ impl Medium for NoMedia {
             light.surface(c.opacity, c.radiance);
         }
     }
+
+    #[inline]
+    fn walk(&self, _: Vec3, _: Vec3, _: f32, _: impl FnMut(Segment) -> bool) {}
 }
 
 impl<S: Source> Medium for &Media<S> {
@@ -42,6 +54,17 @@ impl<S: Source> Medium for &Media<S> {
         light: &mut Composite,
     ) {
         Media::pass(self, origin, direction, t_max, crossings, light);
+    }
+
+    #[inline]
+    fn walk(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        t_max: f32,
+        mut add: impl FnMut(Segment) -> bool,
+    ) {
+        Media::walk(self, origin, direction, t_max, &mut add);
     }
 }
 

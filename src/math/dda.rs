@@ -1,28 +1,35 @@
 //! Walking a ray through a regular grid of boxes (Amanatides & Woo 1987).
 
-/// Steps over unit cells along one ray (Amanatides & Woo 1987), at some scale.
+use glam::Vec3;
+
+/// Steps over cells along one ray (Amanatides & Woo 1987), at some scale. Without branches: which axis is next is as good
+/// as random, and a wrong guess of the processor would cost more than a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Steps {
     /// Coordinates of the present cell.
     pub at: [i32; 3],
     step: [i32; 3],
+    limit: [u32; 3],
     t_next: [f32; 3],
     t_step: [f32; 3],
 }
 
 impl Steps {
     /// Cells of edge `edge` from parameter `t` on, the first one clamped into `0..limit`.
+    #[inline]
     #[must_use]
     pub fn new(line: &Line, t: f32, base: [i32; 3], edge: f32, limit: [i32; 3]) -> Self {
         let mut s = Self {
             at: [0; 3],
             step: [0; 3],
+            limit: limit.map(|n| n as u32),
             t_next: [f32::INFINITY; 3],
             t_step: [f32::INFINITY; 3],
         };
+        let per_edge = 1.0 / edge;
         for a in 0..3 {
             let d = line.direction[a];
-            let p = (line.origin[a] + d * t - base[a] as f32) / edge;
+            let p = (line.origin[a] + d * t - base[a] as f32) * per_edge;
             s.at[a] = (p.floor() as i32).clamp(0, limit[a] - 1);
             if d != 0.0 {
                 s.step[a] = if d > 0.0 { 1 } else { -1 };
@@ -38,23 +45,23 @@ impl Steps {
     #[inline]
     #[must_use]
     pub fn leave(&self) -> f32 {
-        self.t_next[0].min(self.t_next[1]).min(self.t_next[2])
+        let [x, y, z] = self.t_next;
+        let least = if x < y { x } else { y };
+        if least < z { least } else { z }
     }
 
-    /// To the next cell; returns the axis along which it lies.
+    /// To the next cell, across an edge or a corner if the ray meets one; returns whether it is inside the limit.
     #[inline]
-    pub fn advance(&mut self) -> usize {
-        let t = &self.t_next;
-        let a = if t[0] <= t[1] {
-            if t[0] <= t[2] { 0 } else { 2 }
-        } else if t[1] <= t[2] {
-            1
-        } else {
-            2
-        };
-        self.at[a] += self.step[a];
-        self.t_next[a] += self.t_step[a];
-        a
+    pub fn advance(&mut self) -> bool {
+        let leave = self.leave();
+        let mut inside = true;
+        for a in 0..3 {
+            let crosses = self.t_next[a] <= leave;
+            self.t_next[a] += if crosses { self.t_step[a] } else { 0.0 };
+            self.at[a] += if crosses { self.step[a] } else { 0 };
+            inside &= (self.at[a] as u32) < self.limit[a];
+        }
+        inside
     }
 }
 
@@ -113,4 +120,17 @@ pub fn clip_to_box(o: [f32; 3], d: [f32; 3], dims: [f32; 3], t_max: f32) -> Opti
         far = far.min(t0.max(t1));
     }
     (near < far).then_some((near, far))
+}
+
+/// Distance along a unit direction at which a point has left a box, 0 if it is already beyond.
+#[must_use]
+pub fn leave_box(point: Vec3, direction: Vec3, [lower, upper]: [Vec3; 2]) -> f32 {
+    let mut far = f32::INFINITY;
+    for a in 0..3 {
+        if direction[a] != 0.0 {
+            let border = if direction[a] > 0.0 { upper[a] } else { lower[a] };
+            far = far.min((border - point[a]) / direction[a]);
+        }
+    }
+    far.max(0.0)
 }

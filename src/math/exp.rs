@@ -30,27 +30,29 @@ pub fn exp_neg(x: f32) -> f32 {
 #[must_use]
 #[inline]
 pub fn one_minus_exp_neg(x: f32) -> f32 {
-    if x < 0.25 {
-        // Alternating series; the first term left out is x^6/5040 < 5e-8 of the result.
-        x * (1.0
-            - x * (0.5
-                - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x * (1.0 / 120.0 - x * (1.0 / 720.0))))))
-    } else {
-        1.0 - exp_neg(x)
-    }
+    exp_neg_and_rest(x).1
 }
 
 /// exp(-x) and 1 - exp(-x) together, of the same accuracy, for the price of one.
 #[must_use]
 #[inline]
 pub fn exp_neg_and_rest(x: f32) -> (f32, f32) {
-    if x < 0.25 {
-        let rest = one_minus_exp_neg(x);
-        (1.0 - rest, rest)
-    } else {
-        let exp = exp_neg(x);
-        (exp, 1.0 - exp)
+    if x >= 87.0 {
+        return (0.0, 1.0);
     }
+    let n = (x * std::f32::consts::LOG2_E + 0.5).floor();
+    let f = -((x - n * LN2_HIGH) - n * LN2_LOW);
+    // exp(f) - 1 keeps its relative accuracy at 0, and so does the rest: its other term is 0 or at least a half.
+    let poly = 1.0 / 5040.0;
+    let poly = poly * f + 1.0 / 720.0;
+    let poly = poly * f + 1.0 / 120.0;
+    let poly = poly * f + 1.0 / 24.0;
+    let poly = poly * f + 1.0 / 6.0;
+    let poly = poly * f + 0.5;
+    let poly = poly * f + 1.0;
+    let scale = f32::from_bits(((127 - n as i32) as u32) << 23);
+    let scaled = scale * (poly * f);
+    (scale + scaled, (1.0 - scale) - scaled)
 }
 
 /// Mean depth at which light from a segment of optical depth x leaves its last particle, as a share of the segment:

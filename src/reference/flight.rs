@@ -139,7 +139,7 @@ fn track(
     loop {
         let at = bricks.at;
         let leave = bricks.leave().min(end);
-        let a = bricks.advance();
+        let inside = bricks.advance();
         if let Some(brick) = grid.brick(at.map(|v| v as usize)) {
             let base = at.map(|v| v * BRICK_CELLS as i32);
             while t < leave {
@@ -165,7 +165,7 @@ fn track(
             }
         }
         t = t.max(leave);
-        if leave >= end || bricks.at[a] < 0 || bricks.at[a] >= limit[a] {
+        if leave >= end || !inside {
             return;
         }
     }

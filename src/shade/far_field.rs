@@ -12,7 +12,7 @@ use glam::Vec3;
 #[derive(Debug)]
 pub struct FarField {
     probes: Vertices<Probe>,
-    /// Cells of the sphere, all of one solid angle: rings by the height, and sectors of each.
+    /// Cells of the sphere, all of one solid angle: rings by the height, and sectors of each. Each is cut into four.
     rings: u32,
     sectors: u32,
     /// Distance to surfaces, as a harmonic mean over the sphere, from which a probe stands for points near it.
@@ -23,20 +23,47 @@ pub struct FarField {
 #[derive(Debug)]
 struct Probe {
     harmonic_distance: f32,
-    cells: Box<[Cell]>,
+    /// By quarter of a cell.
+    quarters: Box<[Quarter]>,
 }
 
-/// Means over a cell of the sphere.
+/// Means over a quarter of a cell of the sphere.
 #[derive(Clone, Copy, Debug, Default)]
-struct Cell {
+struct Quarter {
     radiance: Rgb,
     /// To surfaces; infinite if there are none in some direction.
     distance: f32,
 }
 
+/// The probes around a point, weighted.
+#[derive(Clone, Copy, Debug)]
+pub struct Surroundings<'a>([(Option<&'a Probe>, f32); 8]);
+
+impl Surroundings<'_> {
+    /// Radiance of surfaces, a mean over a quarter of a cell.
+    #[must_use]
+    pub fn radiance(&self, quarter: u32) -> Rgb {
+        self.mean(quarter).radiance
+    }
+
+    fn mean(&self, quarter: u32) -> Quarter {
+        let mut mean = Quarter::default();
+        for (probe, weight) in &self.0 {
+            if let Some(probe) = probe {
+                let of = &probe.quarters[quarter as usize];
+                mean.radiance += of.radiance * *weight;
+                mean.distance += of.distance * weight;
+            }
+        }
+        mean
+    }
+}
+
 impl FarField {
-    /// Voxels between probes.
+    /// Voxels between probes, at least.
     const STEP: usize = 8;
+    /// Probe spacings along a volume, at most.
+    const MOST: usize = 16;
     /// Rays of a probe.
     const RAYS: u32 = 64;
     /// Probe spacings that surfaces must be away.
@@ -45,23 +72,36 @@ impl FarField {
     /// No probe yet. A point of the medium is to look along about `samples` directions.
     pub fn new(volume: &Volume, samples: u32) -> Self {
         let rings = 1 << (samples.max(1).ilog2() / 2);
+        let dims = volume.sigma_t.dims();
+        let longest = dims.into_iter().max().unwrap_or(1);
+        let step = longest.div_ceil(Self::MOST).max(Self::STEP);
         Self {
-            probes: Vertices::new(volume.sigma_t.dims(), Self::STEP),
+            probes: Vertices::new(dims, step),
             rings,
             sectors: samples.div_ceil(rings),
-            clear: Self::CLEAR * Self::STEP as f32 * volume.longest_voxel_edge(),
+            clear: Self::CLEAR * step as f32 * volume.longest_voxel_edge(),
         }
     }
 
-    /// Mean over the sphere of the radiance at a point of the medium; `None` if surfaces are too near for probes.
-    pub fn mean_radiance<P: Pages, M: Medium>(
+    /// Quarters of cells of the sphere.
+    #[must_use]
+    pub fn quarters(&self) -> u32 {
+        4 * self.rings * self.sectors
+    }
+
+    /// The direction in the middle of a quarter of a cell, of unit length.
+    #[must_use]
+    pub fn direction(&self, quarter: u32) -> Vec3 {
+        sampling::sphere(self.within_quarter(quarter, [0.5; 2]))
+    }
+
+    /// The probes around a point of the medium; `None` if surfaces are too near for them.
+    pub fn around<P: Pages, M: Medium>(
         &self,
         volume: &Volume,
         gatherer: &Gatherer<P, M>,
         point_in_index: Vec3,
-        point: Vec3,
-        seed: u64,
-    ) -> Option<Rgb> {
+    ) -> Option<Surroundings<'_>> {
         let surfaces = Gatherer {
             pages: gatherer.pages,
             media: NoMedia,
@@ -75,9 +115,8 @@ impl FarField {
                 .as_vec3();
             self.look_around(&surfaces, p, sampling::hash(&v.map(|c| c as u64)))
         };
-        let around = self.probes.around(point_in_index);
         let mut near = [(None, 0.0); 8];
-        for (near, (v, weight)) in near.iter_mut().zip(around) {
+        for (near, (v, weight)) in near.iter_mut().zip(self.probes.around(point_in_index)) {
             if weight > 0.0 {
                 let probe = self.probes.get(v, &make);
                 if probe.harmonic_distance < self.clear {
@@ -86,18 +125,30 @@ impl FarField {
                 *near = (Some(probe), weight);
             }
         }
+        Some(Surroundings(near))
+    }
+
+    /// Mean over the sphere of the radiance at a point of the medium; `None` if surfaces are too near for probes.
+    pub fn mean_radiance<P: Pages, M: Medium>(
+        &self,
+        volume: &Volume,
+        gatherer: &Gatherer<P, M>,
+        point_in_index: Vec3,
+        point: Vec3,
+        seed: u64,
+    ) -> Option<Rgb> {
+        let around = self.around(volume, gatherer, point_in_index)?;
         let mut sum = Rgb::BLACK;
         let count = self.rings * self.sectors;
         for c in 0..count {
-            let mut cell = Cell::default();
-            for (probe, weight) in near {
-                if let Some(probe) = probe {
-                    let of = &probe.cells[c as usize];
-                    cell.radiance += of.radiance * weight;
-                    cell.distance += of.distance * weight;
-                }
+            let mut cell = Quarter::default();
+            for quarter in 4 * c..4 * c + 4 {
+                let of = around.mean(quarter);
+                cell.radiance += of.radiance * 0.25;
+                cell.distance += of.distance * 0.25;
             }
-            let direction = sampling::sphere(self.within(c, sampling::hash(&[seed, u64::from(c)])));
+            let u = sampling::unit2(sampling::hash(&[seed, u64::from(c)]));
+            let direction = sampling::sphere(self.within(c, u));
             let mut light = Composite::default();
             gatherer.media.pass(
                 point,
@@ -113,12 +164,17 @@ impl FarField {
     }
 
     /// A point of the unit square inside a cell.
-    fn within(&self, cell: u32, bits: u64) -> [f32; 2] {
-        let [u, v] = sampling::unit2(bits);
+    fn within(&self, cell: u32, [u, v]: [f32; 2]) -> [f32; 2] {
         [
             ((cell / self.sectors) as f32 + u) / self.rings as f32,
             ((cell % self.sectors) as f32 + v) / self.sectors as f32,
         ]
+    }
+
+    /// A point of the unit square inside a quarter of a cell.
+    fn within_quarter(&self, quarter: u32, [u, v]: [f32; 2]) -> [f32; 2] {
+        let [x, y] = [quarter & 1, quarter >> 1 & 1].map(|half| half as f32);
+        self.within(quarter / 4, [0.5 * (x + u), 0.5 * (y + v)])
     }
 
     fn look_around<P: Pages>(
@@ -127,30 +183,30 @@ impl FarField {
         point: Vec3,
         seed: u64,
     ) -> Probe {
-        let count = (self.rings * self.sectors) as usize;
-        let per_cell = Self::RAYS.div_ceil(count as u32);
+        let count = self.quarters();
+        let per_quarter = Self::RAYS.div_ceil(count);
         let mut scratch = crate::gather::cone::Scratch::default();
         let mut inverse_distance = 0.0;
-        let cells: Box<[Cell]> = (0..count as u32)
+        let quarters: Box<[Quarter]> = (0..count)
             .map(|c| {
-                let mut cell = Cell::default();
-                for i in 0..per_cell {
-                    let bits = sampling::hash(&[seed, u64::from(c), u64::from(i)]);
-                    let direction = sampling::sphere(self.within(c, bits));
+                let mut quarter = Quarter::default();
+                for i in 0..per_quarter {
+                    let u = sampling::unit2(sampling::hash(&[seed, u64::from(c), u64::from(i)]));
+                    let direction = sampling::sphere(self.within_quarter(c, u));
                     let seen = surfaces.look(point, direction, &mut scratch);
-                    cell.radiance += seen.radiance;
-                    cell.distance += seen.distance;
+                    quarter.radiance += seen.radiance;
+                    quarter.distance += seen.distance;
                     inverse_distance += 1.0 / seen.distance;
                 }
-                let scale = 1.0 / per_cell as f32;
-                cell.radiance *= scale;
-                cell.distance *= scale;
-                cell
+                let scale = 1.0 / per_quarter as f32;
+                quarter.radiance *= scale;
+                quarter.distance *= scale;
+                quarter
             })
             .collect();
         Probe {
-            harmonic_distance: (count as u32 * per_cell) as f32 / inverse_distance,
-            cells,
+            harmonic_distance: (count * per_quarter) as f32 / inverse_distance,
+            quarters,
         }
     }
 }

@@ -6,11 +6,16 @@
 //! in empty space around the medium are evaluated like any other: leaving them dark would darken its rim.
 
 use super::far_field::FarField;
+use super::sweep::{Scope, Sweep};
 use super::vertices::Vertices;
+use super::view::View;
+use crate::Result;
 use crate::gather::{Gatherer, Medium, Pages, Stretch};
+use crate::image::Region;
 use crate::light::{InMedium, Lights, ShadowRays};
 use crate::math::exp::mean_reach;
 use crate::math::{Rgb, sampling};
+use crate::run::Cancel;
 use crate::scene::Volume;
 use glam::Vec3;
 
@@ -21,12 +26,13 @@ struct Lattices {
     direct: [Vertices<InMedium>; LEVELS],
     indirect: [Vertices<Rgb>; LEVELS],
     far_field: FarField,
+    sweep: Option<Sweep>,
     /// Longest edge of a voxel, scene units.
     voxel: f32,
 }
 
 /// Spacings of 1, 2 and 4 voxels.
-const LEVELS: usize = 3;
+pub(super) const LEVELS: usize = 3;
 
 /// In-scattered light of all volumes of a scene.
 pub struct InScatter<'a, P, M> {
@@ -47,34 +53,63 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     /// Shadow rays of a vertex or point to lights with an extent.
     const SHADOW_RAYS: u32 = 4;
 
-    /// Empty lattices. Without a gatherer there is direct light only.
-    #[must_use]
+    /// Lattices that are still empty but for what is swept, for rays of a region of the film. Without a gatherer there is
+    /// direct light only.
+    ///
+    /// # Errors
+    /// If cancelled.
     pub fn new(
-        volumes: &'a [Volume],
+        view: &View<'a>,
+        region: Region,
         lights: &'a Lights<'a>,
         gatherer: Option<&'a Gatherer<'a, P, M>>,
-        seed: u64,
-    ) -> Self {
-        let lattices = volumes
-            .iter()
-            .map(|v| {
-                let volume_samples = gatherer.map_or(1, |g| g.settings.samples);
-                let dims = v.sigma_t.dims();
-                Lattices {
-                    direct: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
-                    indirect: std::array::from_fn(|level| Vertices::new(dims, 2 << level)),
-                    far_field: FarField::new(v, volume_samples),
-                    voxel: v.longest_voxel_edge(),
-                }
-            })
-            .collect();
-        Self {
+        cancel: &Cancel,
+    ) -> Result<Self> {
+        let volumes = &view.tracer.scene.volumes;
+        let mut lattices = Vec::with_capacity(volumes.len());
+        for volume in volumes {
+            let volume_samples = gatherer.map_or(1, |g| g.settings.samples);
+            let dims = volume.sigma_t.dims();
+            let far_field = FarField::new(volume, volume_samples);
+            let voxel = volume.longest_voxel_edge();
+            let sweep = gatherer
+                .filter(|g| g.settings.max_dist.is_infinite())
+                .map(|gatherer| {
+                    let scope = Scope {
+                        view,
+                        region,
+                        gatherer,
+                        volume,
+                        far_field: &far_field,
+                        cancel,
+                    };
+                    Sweep::new(&scope, |densest| Self::level(densest * voxel))
+                })
+                .transpose()?;
+            lattices.push(Lattices {
+                direct: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
+                indirect: std::array::from_fn(|level| Vertices::new(dims, 2 << level)),
+                far_field,
+                sweep,
+                voxel,
+            });
+        }
+        Ok(Self {
             volumes,
             lights,
             gatherer,
             lattices,
-            seed,
-        }
+            seed: view.seed,
+        })
+    }
+
+    /// Which lattices serve a brick whose densest voxel has this optical depth: thin parts of a volume are lit from few
+    /// vertices, whatever its densest part needs.
+    fn level(densest: f32) -> usize {
+        (0..LEVELS)
+            .rev()
+            .find(|&l| densest * (1 << l) as f32 <= Self::DEPTH)
+            .unwrap_or(0)
     }
 
     /// Source function of a volume along a stretch of a ray, given its ends in scene space, its optical depth, and that
@@ -97,12 +132,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                 )
                 .as_vec3()
         };
-        // Thin parts of a volume are lit from few vertices, whatever its densest part needs.
-        let densest = medium.sigma_t.brick_max_at(at) * lattices.voxel;
-        let level = (0..LEVELS)
-            .rev()
-            .find(|&l| densest * (1 << l) as f32 <= Self::DEPTH)
-            .unwrap_or(0);
+        let level = Self::level(medium.sigma_t.brick_max_at(at) * lattices.voxel);
         let key = |v: [usize; 3]| {
             sampling::hash(&[
                 self.seed,
@@ -135,7 +165,18 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             if tau > Self::STIFF {
                 around(at, point, seed_of(point))
             } else {
-                lattices.indirect[level].interpolate(at, |p, v| around(p, to_scene(p), key(v)))
+                let alone = &lattices.indirect[level];
+                let mut sum = Rgb::BLACK;
+                for (v, weight) in alone.around(at) {
+                    if weight > 0.0 {
+                        let swept = lattices.sweep.as_ref().and_then(|s| s.get(level, v));
+                        let light = swept.unwrap_or_else(|| {
+                            *alone.get(v, &|p, v| around(p, to_scene(p), key(v)))
+                        });
+                        sum += light * weight;
+                    }
+                }
+                sum
             }
         });
         Rgb(medium.albedo) * (direct + indirect)

@@ -8,6 +8,8 @@ mod far_field;
 mod inscatter;
 mod lattice;
 mod pixel;
+mod sparse;
+mod sweep;
 mod vertices;
 mod view;
 
@@ -316,11 +318,12 @@ fn shade<P: Pages, M: Medium>(
     };
     pages.check()?;
     let in_scatter = InScatter::new(
-        &scene.volumes,
+        &view,
+        region,
         &lights,
         (settings.method == Method::Extended).then_some(&volume_gatherer),
-        settings.seed,
-    );
+        &job.cancel,
+    )?;
     let shader = PixelShader {
         view,
         lights: &lights,

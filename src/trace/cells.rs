@@ -115,15 +115,12 @@ impl<'a> Cells<'a> {
     /// Moves on to the next stored brick.
     fn enter_brick(&mut self) -> bool {
         const LIMIT: [i32; 3] = [BRICK_CELLS as i32; 3];
-        let counts = self.volume.sigma_t.brick_dims();
         while !self.done {
             let b = self.bricks.at;
             let leave = self.bricks.leave().min(self.end);
             let entry = self.t;
             let brick = self.volume.sigma_t.brick(b.map(|v| v as usize));
-            let a = self.bricks.advance();
-            self.done =
-                leave >= self.end || self.bricks.at[a] < 0 || self.bricks.at[a] >= counts[a] as i32;
+            self.done = !self.bricks.advance() | (leave >= self.end);
             if let Some(brick) = brick.filter(|_| leave > entry) {
                 let base = b.map(|v| v * BRICK_CELLS as i32);
                 let steps = Steps::new(&self.line, entry, base, 1.0, LIMIT);
@@ -143,8 +140,7 @@ impl<'a> Cells<'a> {
             let near = self.t;
             let far = steps.leave().min(*leave);
             let at = steps.at;
-            let a = steps.advance();
-            let out = far >= *leave || steps.at[a] < 0 || steps.at[a] >= BRICK_CELLS as i32;
+            let out = !steps.advance() | (far >= *leave);
             self.t = if out { *leave } else { near.max(far) };
             let far = self.t;
             let mut found = None;

@@ -1,0 +1,113 @@
+//! Chosen vertices of a lattice, numbered.
+
+/// Vertices along an edge of a cube.
+const EDGE: usize = 4;
+
+/// A set of vertices, each with a number that is found in two steps.
+#[derive(Debug)]
+pub struct SparseLattice {
+    count: [usize; 3],
+    cubes_along: [usize; 3],
+    cubes: Vec<Cube>,
+}
+
+/// Four by four by four vertices.
+#[derive(Clone, Copy, Debug, Default)]
+struct Cube {
+    /// A bit for each vertex that is in the set.
+    chosen: u64,
+    /// Number of the first of those.
+    first: u32,
+}
+
+impl SparseLattice {
+    /// The set of those of `count` vertices along each axis that `choose` names.
+    pub fn new(count: [usize; 3], choose: impl FnOnce(&mut dyn FnMut([usize; 3]))) -> Self {
+        let cubes_along = count.map(|n| n.div_ceil(EDGE));
+        let mut set = Self {
+            count,
+            cubes_along,
+            cubes: vec![Cube::default(); cubes_along.iter().product()],
+        };
+        choose(&mut |v| {
+            let (cube, bit) = set.place(v);
+            set.cubes[cube].chosen |= 1 << bit;
+        });
+        let mut first = 0;
+        for cube in &mut set.cubes {
+            cube.first = first;
+            first += cube.chosen.count_ones();
+        }
+        set
+    }
+
+    /// Vertices along each axis, chosen or not.
+    pub fn count(&self) -> [usize; 3] {
+        self.count
+    }
+
+    /// How many are in the set.
+    pub fn len(&self) -> usize {
+        self.cubes
+            .last()
+            .map_or(0, |c| (c.first + c.chosen.count_ones()) as usize)
+    }
+
+    /// The number of a vertex, if it is in the set.
+    #[inline]
+    pub fn index(&self, v: [usize; 3]) -> Option<usize> {
+        let (cube, bit) = self.place(v);
+        let cube = &self.cubes[cube];
+        let before = cube.chosen & ((1 << bit) - 1);
+        (cube.chosen >> bit & 1 == 1).then(|| (cube.first + before.count_ones()) as usize)
+    }
+
+    /// All in the set, by their numbers.
+    pub fn vertices(&self) -> impl Iterator<Item = [usize; 3]> {
+        let [x, y, _] = self.cubes_along;
+        self.cubes.iter().enumerate().flat_map(move |(i, cube)| {
+            let corner = [i % x, i / x % y, i / x / y].map(|c| c * EDGE);
+            (0..64)
+                .filter(|bit| cube.chosen >> bit & 1 == 1)
+                .map(move |bit| {
+                    [
+                        corner[0] + bit % 4,
+                        corner[1] + bit / 4 % 4,
+                        corner[2] + bit / 16,
+                    ]
+                })
+        })
+    }
+
+    #[inline]
+    fn place(&self, [x, y, z]: [usize; 3]) -> (usize, usize) {
+        let [nx, ny, _] = self.cubes_along;
+        let cube = (z / EDGE * ny + y / EDGE) * nx + x / EDGE;
+        (cube, (z % EDGE * EDGE + y % EDGE) * EDGE + x % EDGE)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_count_the_chosen_vertices_in_order() {
+        let chosen = |v: &[usize; 3]| (v[0] * 7 + v[1] * 3 + v[2]).is_multiple_of(5);
+        let count = [9, 4, 6];
+        let all = || {
+            (0..count[2]).flat_map(move |z| {
+                (0..count[1]).flat_map(move |y| (0..count[0]).map(move |x| [x, y, z]))
+            })
+        };
+        let set = SparseLattice::new(count, |choose| all().filter(chosen).for_each(choose));
+        let listed: Vec<_> = set.vertices().collect();
+        assert_eq!(listed.len(), all().filter(chosen).count());
+        assert_eq!(listed.len(), set.len());
+        for v in all() {
+            let at = listed.iter().position(|l| *l == v);
+            assert_eq!(set.index(v), at, "{v:?}");
+            assert_eq!(at.is_some(), chosen(&v));
+        }
+    }
+}

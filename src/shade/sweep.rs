@@ -1,0 +1,416 @@
+//! Indirect light in media by discrete ordinates (Chandrasekhar 1950): along each of a few dozen directions, parallel rays
+//! pass the whole volume once and leave at the vertices beside them what the medium sends and what it lets through.
+//!
+//! A ray on its own serves one vertex, a swept one serves all on its way. Surfaces beyond the medium come from the probes
+//! of the far field, at each vertex, so that they keep their parallax.
+
+use super::far_field::FarField;
+use super::inscatter::LEVELS;
+use super::sparse::SparseLattice;
+use super::view::View;
+use crate::gather::{Gatherer, Medium, Pages};
+use crate::image::Region;
+use crate::Result;
+use crate::math::Rgb;
+use crate::math::dda::leave_box;
+use crate::math::exp::exp_neg_and_rest;
+use crate::math::segment::Segment;
+use crate::run::Cancel;
+use crate::scene::Volume;
+use crate::scene::grid::BRICK_CELLS;
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// Indirect light at the vertices of one volume that rays of a region may ask for.
+#[derive(Debug)]
+pub struct Sweep {
+    /// By log2 of half the voxels between vertices.
+    levels: Vec<Level>,
+}
+
+/// Vertices of one spacing.
+#[derive(Debug)]
+struct Level {
+    set: SparseLattice,
+    /// Mean over the sphere of the radiance; `None` where surfaces are too near for probes.
+    light: Vec<Option<Rgb>>,
+}
+
+/// What a sweep looks at.
+pub struct Scope<'a, P, M> {
+    /// Camera and scene.
+    pub view: &'a View<'a>,
+    /// Part of the film.
+    pub region: Region,
+    /// Media and surfaces.
+    pub gatherer: &'a Gatherer<'a, P, M>,
+    /// Which of the scene's volumes.
+    pub volume: &'a Volume,
+    /// What is around it.
+    pub far_field: &'a FarField,
+    /// For cancelling.
+    pub cancel: &'a Cancel,
+}
+
+/// What arrives at a vertex from one direction: the medium's own light, and the share of light from beyond.
+#[derive(Clone, Copy, Debug, Default)]
+struct Arriving {
+    radiance: Rgb,
+    transmittance: f32,
+}
+
+impl Sweep {
+    /// Pixels around a region from which corners may look.
+    const MARGIN: f32 = 4.0;
+    /// Directions that are held in memory together.
+    const BATCH: u32 = 8;
+
+    /// Sweeps the volume. `level_of(largest sample of a brick)` tells the spacing in it.
+    ///
+    /// # Errors
+    /// If cancelled.
+    pub fn new<P: Pages, M: Medium>(
+        scope: &Scope<P, M>,
+        level_of: impl Fn(f32) -> usize,
+    ) -> Result<Self> {
+        let mut needed: [Vec<[usize; 3]>; LEVELS] = Default::default();
+        let grid = &scope.volume.sigma_t;
+        let [nx, ny, nz] = grid.brick_dims();
+        for b in (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]) {
+            if let Some(brick) = grid.brick(b)
+                && scope.sees(b)
+            {
+                needed[level_of(brick.max)].push(b);
+            }
+        }
+        let walls = scope.has_walls();
+        let mut levels = Vec::with_capacity(LEVELS);
+        for (level, bricks) in needed.iter().enumerate() {
+            levels.push(Level::new(scope, level, bricks, walls)?);
+        }
+        Ok(Self { levels })
+    }
+
+    /// Mean over the sphere of the indirect radiance at a vertex; `None` if it was not swept.
+    #[inline]
+    pub fn get(&self, level: usize, v: [usize; 3]) -> Option<Rgb> {
+        let level = &self.levels[level];
+        level.light[level.set.index(v)?]
+    }
+}
+
+impl Level {
+    fn new<P: Pages, M: Medium>(
+        scope: &Scope<P, M>,
+        level: usize,
+        bricks: &[[usize; 3]],
+        walls: bool,
+    ) -> Result<Self> {
+        let step = 2 << level;
+        let count = scope.volume.sigma_t.dims().map(|n| n.div_ceil(step) + 1);
+        let set = SparseLattice::new(count, |choose| {
+            for brick in bricks {
+                // A brick's samples stand half a voxel from its cells' corners.
+                let first = brick.map(|b| (b * BRICK_CELLS).saturating_sub(1) / step);
+                let last: [usize; 3] = std::array::from_fn(|a| {
+                    (((brick[a] + 1) * BRICK_CELLS).div_ceil(step)).min(count[a] - 1)
+                });
+                for z in first[2]..=last[2] {
+                    for y in first[1]..=last[1] {
+                        for x in first[0]..=last[0] {
+                            choose([x, y, z]);
+                        }
+                    }
+                }
+            }
+        });
+        let vertices: Vec<[usize; 3]> = set.vertices().collect();
+        let mut sums = vec![Rgb::BLACK; vertices.len()];
+        let directions = scope.far_field.quarters();
+        let to_index = |v: [usize; 3]| Vec3::from(v.map(|c| (c * step) as f32));
+        for first in (0..directions).step_by(Sweep::BATCH as usize) {
+            if vertices.is_empty() {
+                break;
+            }
+            scope.cancel.check()?;
+            let batch = first..(first + Sweep::BATCH).min(directions);
+            let arriving: Vec<Vec<Arriving>> = batch
+                .clone()
+                .into_par_iter()
+                .map(|q| Rays::new(scope, &set, step, scope.far_field.direction(q)).pass(walls))
+                .collect();
+            sums.par_iter_mut().enumerate().for_each(|(i, sum)| {
+                let p = to_index(vertices[i]);
+                if let Some(around) = scope.far_field.around(scope.volume, scope.gatherer, p) {
+                    for (q, arriving) in batch.clone().zip(&arriving) {
+                        let a = &arriving[i];
+                        *sum += a.radiance + around.radiance(q) * a.transmittance;
+                    }
+                }
+            });
+        }
+        let scale = 1.0 / directions as f32;
+        let light = vertices
+            .par_iter()
+            .zip(sums)
+            .map(|(&v, sum)| {
+                scope
+                    .far_field
+                    .around(scope.volume, scope.gatherer, to_index(v))
+                    .map(|_| sum * scale)
+            })
+            .collect();
+        Ok(Self { set, light })
+    }
+}
+
+impl<P: Pages, M: Medium> Scope<'_, P, M> {
+    /// Whether rays of the region may pass a brick of the volume.
+    fn sees(&self, brick: [usize; 3]) -> bool {
+        let corners = std::array::from_fn(|i| {
+            let p: [f32; 3] = std::array::from_fn(|a| {
+                let voxel = ((brick[a] + (i >> a & 1)) * BRICK_CELLS) as f32;
+                voxel + if i >> a & 1 == 1 { 1.0 } else { -1.5 }
+            });
+            self.to_scene(p.into())
+        });
+        self.view.may_see(self.region, Sweep::MARGIN, corners)
+    }
+
+    fn to_scene(&self, point_in_index: Vec3) -> Vec3 {
+        self.volume
+            .scene_from_index
+            .transform_point3(point_in_index.as_dvec3())
+            .as_vec3()
+    }
+
+    /// Box around all volumes of the scene.
+    fn media_bounds(&self) -> [Vec3; 2] {
+        let mut bounds = [Vec3::INFINITY, Vec3::NEG_INFINITY];
+        for volume in &self.view.tracer.scene.volumes {
+            let dims = volume.sigma_t.dims().map(|n| n as f64);
+            for i in 0..8 {
+                let corner: [f64; 3] = std::array::from_fn(|a| dims[a] * (i >> a & 1) as f64);
+                let p = volume.scene_from_index.transform_point3(corner.into());
+                bounds = [bounds[0].min(p.as_vec3()), bounds[1].max(p.as_vec3())];
+            }
+        }
+        bounds
+    }
+
+    /// Whether any surface may stand among the media.
+    fn has_walls(&self) -> bool {
+        let [lower, upper] = self.media_bounds();
+        let mesh = &self.view.tracer.scene.mesh;
+        (0..mesh.triangles.len()).into_par_iter().any(|i| {
+            let [a, b, c] = mesh.corners(i);
+            a.min(b).min(c).cmple(upper).all() && a.max(b).max(c).cmpge(lower).all()
+        })
+    }
+}
+
+/// Parallel rays through a volume, a lattice step apart across their main axis: at each layer of vertices along that axis
+/// they stand in a square grid, between whose points vertices interpolate.
+struct Rays<'a, P, M> {
+    scope: &'a Scope<'a, P, M>,
+    set: &'a SparseLattice,
+    step: f32,
+    /// Unit direction against the light.
+    direction: Vec3,
+    /// The main axis and the two across it.
+    axes: [usize; 3],
+    /// Lattice steps along each axis across per step along the main one.
+    slope: [f32; 2],
+    /// Whether light comes from the upper end of the main axis.
+    from_above: bool,
+    /// Scene units between layers.
+    between: f32,
+    bounds: [Vec3; 2],
+}
+
+impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
+    fn new(
+        scope: &'a Scope<'a, P, M>,
+        set: &'a SparseLattice,
+        step: usize,
+        direction: Vec3,
+    ) -> Self {
+        let d = scope.volume.index_from_scene.transform_vector3(direction);
+        let d = d.to_array();
+        let main = (1..3).fold(0, |m, a| if d[a].abs() > d[m].abs() { a } else { m });
+        let axes = [main, (main + 1) % 3, (main + 2) % 3];
+        Self {
+            scope,
+            set,
+            step: step as f32,
+            direction,
+            axes,
+            slope: [d[axes[1]] / d[main], d[axes[2]] / d[main]],
+            from_above: d[main] > 0.0,
+            between: step as f32 / d[main].abs(),
+            bounds: scope.media_bounds(),
+        }
+    }
+
+    /// Where a vertex stands among the rays: its layer, and the coordinates across in lattice steps.
+    fn place(&self, v: [usize; 3]) -> (usize, [f32; 2]) {
+        let [main, u, w] = self.axes;
+        let layer = v[main] as f32;
+        let across = [
+            v[u] as f32 - self.slope[0] * layer,
+            v[w] as f32 - self.slope[1] * layer,
+        ];
+        (v[main], across)
+    }
+
+    /// Passes all rays that any vertex needs, and returns what arrives at the vertices.
+    fn pass(&self, walls: bool) -> Vec<Arriving> {
+        let count = self.set.count();
+        let extent = |a: usize| {
+            let shear = -self.slope[a] * count[self.axes[0]] as f32;
+            let first = shear.min(0.0).floor() as i32 - 1;
+            let last = (count[self.axes[a + 1]] as f32 + shear.max(0.0)).ceil() as i32 + 1;
+            (first, (last - first + 1) as usize)
+        };
+        let [(u0, nu), (w0, nw)] = [extent(0), extent(1)];
+        // By ray, the last layer in the order of travel at which a vertex needs it.
+        let mut last_layer = vec![None; nu * nw];
+        for v in self.set.vertices() {
+            let (layer, [x, y]) = self.place(v);
+            let (x, y) = (x.floor() as i32 - u0, y.floor() as i32 - w0);
+            for ray in [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)] {
+                let last = &mut last_layer[ray.1 as usize * nu + ray.0 as usize];
+                *last = Some(match *last {
+                    None => layer,
+                    Some(l) if self.from_above => layer.min(l),
+                    Some(l) => layer.max(l),
+                });
+            }
+        }
+        let mut arriving = vec![Arriving::default(); self.set.len()];
+        for (i, last) in last_layer.iter().enumerate() {
+            if let Some(last) = *last {
+                let at = [(i % nu) as i32 + u0, (i / nu) as i32 + w0];
+                self.pass_one(at.map(|c| c as f32), last, walls, &mut arriving);
+            }
+        }
+        arriving
+    }
+
+    fn pass_one(&self, at: [f32; 2], last: usize, walls: bool, arriving: &mut [Arriving]) {
+        let layers = self.set.count()[self.axes[0]];
+        // The whole ray is the same whatever part of it is needed.
+        let first = if self.from_above { layers - 1 } else { 0 };
+        let first_point = self.scope.to_scene(self.point(at, first));
+        let beyond = leave_box(first_point, self.direction, self.bounds);
+        let origin = first_point + self.direction * beyond;
+        let layer_at = |i: usize| beyond + i as f32 * self.between;
+        let count = first.abs_diff(last) + 1;
+        let end = layer_at(count - 1);
+        let mut cuts = if walls { self.walls(origin, end) } else { Vec::new() };
+        cuts.reverse();
+
+        let mut light = Arriving {
+            radiance: Rgb::BLACK,
+            transmittance: 1.0,
+        };
+        let mut next = 0;
+        let mut add = |mut s: Segment| {
+            let mut next_at = layer_at(next);
+            while next < count {
+                let cut = cuts.last().is_some_and(|&c| c <= next_at);
+                let t = if cut { cuts[cuts.len() - 1] } else { next_at };
+                if t >= s.far {
+                    break;
+                }
+                if t > s.near {
+                    let share = (t - s.near) / (s.far - s.near);
+                    light.pass(s.tau * share, s.source);
+                    s.tau *= 1.0 - share;
+                    s.near = t;
+                }
+                if cut {
+                    cuts.pop();
+                    light = Arriving {
+                        radiance: Rgb::BLACK,
+                        transmittance: 1.0,
+                    };
+                } else {
+                    let layer = if self.from_above { first - next } else { first + next };
+                    self.leave(at, layer, light, arriving);
+                    next += 1;
+                    next_at = layer_at(next);
+                }
+            }
+            light.pass(s.tau, s.source);
+            next < count
+        };
+        self.scope
+            .gatherer
+            .media
+            .walk(origin, -self.direction, f32::INFINITY, &mut add);
+        // What is left of the ray is empty.
+        add(Segment {
+            near: f32::INFINITY,
+            far: f32::INFINITY,
+            tau: 0.0,
+            source: Rgb::BLACK,
+        });
+    }
+
+    /// Point of index space where a ray meets a layer.
+    fn point(&self, at: [f32; 2], layer: usize) -> Vec3 {
+        let mut p = [0.0; 3];
+        p[self.axes[0]] = layer as f32 * self.step;
+        for a in 0..2 {
+            p[self.axes[a + 1]] = (at[a] + self.slope[a] * layer as f32) * self.step;
+        }
+        p.into()
+    }
+
+    /// Distances at which a ray passes surfaces.
+    fn walls(&self, origin: Vec3, end: f32) -> Vec<f32> {
+        let tracer = self.scope.view.tracer;
+        let mut walls = Vec::new();
+        let mut t = 0.0;
+        while let Some(hit) = tracer.closest(origin - self.direction * t, -self.direction, end - t) {
+            walls.push(t + hit.t);
+            t += hit.t + tracer.offset;
+        }
+        walls
+    }
+
+    /// Leaves light at the vertices around a ray in one layer.
+    fn leave(&self, at: [f32; 2], layer: usize, light: Arriving, arriving: &mut [Arriving]) {
+        let [main, u, w] = self.axes;
+        let count = self.set.count();
+        let x = at[0] + self.slope[0] * layer as f32;
+        let y = at[1] + self.slope[1] * layer as f32;
+        let (x0, y0) = (x.floor(), y.floor());
+        let mut v = [0; 3];
+        v[main] = layer;
+        for (cx, wx) in [(x0, x0 + 1.0 - x), (x0 + 1.0, x - x0)] {
+            for (cy, wy) in [(y0, y0 + 1.0 - y), (y0 + 1.0, y - y0)] {
+                if cx < 0.0 || cy < 0.0 || cx >= count[u] as f32 || cy >= count[w] as f32 {
+                    continue;
+                }
+                (v[u], v[w]) = (cx as usize, cy as usize);
+                if let Some(i) = self.set.index(v) {
+                    let weight = wx * wy;
+                    arriving[i].radiance += light.radiance * weight;
+                    arriving[i].transmittance += light.transmittance * weight;
+                }
+            }
+        }
+    }
+}
+
+impl Arriving {
+    /// Passes a medium on the way towards the vertex.
+    #[inline]
+    fn pass(&mut self, tau: f32, source: Rgb) {
+        let (through, taken) = exp_neg_and_rest(tau);
+        self.radiance = self.radiance * through + source * taken;
+        self.transmittance *= through;
+    }
+}
