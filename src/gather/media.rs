@@ -229,8 +229,7 @@ impl<S: Source> BlockGrid<S> {
                 filled: [[u8::MAX; 3], [0; 3]],
             });
             let cubes = if l.level == 0 { 8 } else { 1 };
-            self.cubes
-                .resize(self.cubes.len() + cubes, Cube::default());
+            self.cubes.resize(self.cubes.len() + cubes, Cube::default());
         }
         let brick = &mut self.bricks[self.table[brick] as usize];
         let cube = &mut self.cubes[brick.first_cube as usize + cube];

@@ -18,13 +18,7 @@ pub trait Medium: Copy + Sync {
     );
 
     /// Gives every stretch of medium between `origin` and `t_max`, front to back, to `add` until that says no.
-    fn walk(
-        &self,
-        origin: Vec3,
-        direction: Vec3,
-        t_max: f32,
-        add: impl FnMut(Segment) -> bool,
-    );
+    fn walk(&self, origin: Vec3, direction: Vec3, t_max: f32, add: impl FnMut(Segment) -> bool);
 }
 
 /// Nothing between surfaces.

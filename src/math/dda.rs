@@ -128,7 +128,11 @@ pub fn leave_box(point: Vec3, direction: Vec3, [lower, upper]: [Vec3; 2]) -> f32
     let mut far = f32::INFINITY;
     for a in 0..3 {
         if direction[a] != 0.0 {
-            let border = if direction[a] > 0.0 { upper[a] } else { lower[a] };
+            let border = if direction[a] > 0.0 {
+                upper[a]
+            } else {
+                lower[a]
+            };
             far = far.min((border - point[a]) / direction[a]);
         }
     }

@@ -6,5 +6,6 @@ pub mod exp;
 pub mod polygon;
 pub mod sampling;
 pub mod segment;
+pub mod sheared;
 
 pub use color::Rgb;

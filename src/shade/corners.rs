@@ -152,20 +152,65 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
     fn look_around(&mut self, height: usize) {
         let rings = Self::RINGS as usize;
         let has_media = !self.shader.view.tracer.scene.volumes.is_empty();
-        for row in rings..height - rings {
-            for column in rings..self.width - rings {
-                let [x, y] = Self::place(self.region, column, row)
-                    .moved
-                    .map(|v| v - Self::RINGS);
-                let corner = &mut self.corners[row * self.width + column];
-                if has_media {
+        if has_media {
+            for row in rings..height - rings {
+                for corner in
+                    &mut self.corners[row * self.width + rings..(row + 1) * self.width - rings]
+                {
                     corner.sample.passed = self.shader.march(&corner.sample);
-                }
-                if let Some(surface) = &corner.sample.surface {
-                    corner.irradiance = self.shader.indirect(surface, x, y);
                 }
             }
         }
+        // Indirect light is looked up at every second corner, and one ring further out, then at those between which do
+        // not lie on one piece of surface with their neighbours.
+        for own in [false, true] {
+            for row in rings - 1..=height - rings {
+                for column in rings - 1..=self.width - rings {
+                    let [x, y] = Self::place(self.region, column, row).moved;
+                    let i = row * self.width + column;
+                    let is_between = [x % 2 == 1, y % 2 == 1];
+                    if own == (is_between == [false; 2]) {
+                        continue;
+                    }
+                    let Some(surface) = self.corners[i].sample.surface else {
+                        continue;
+                    };
+                    let inside = |at: usize, n: usize| (rings..n - rings).contains(&at);
+                    if own && !(inside(row, height) && inside(column, self.width)) {
+                        continue;
+                    }
+                    let between = if own {
+                        self.between(i, is_between)
+                    } else {
+                        None
+                    };
+                    // Rings before the film's own corners are as good as its first row for a key.
+                    let [x, y] = [x, y].map(|v| v.saturating_sub(Self::RINGS));
+                    self.corners[i].irradiance =
+                        between.unwrap_or_else(|| self.shader.indirect(&surface, x, y));
+                }
+            }
+        }
+    }
+
+    /// The mean irradiance of the corners beside or around one, if all lie on its piece of surface.
+    fn between(&self, i: usize, [column_is, row_is]: [bool; 2]) -> Option<Rgb> {
+        let w = self.width;
+        let around: &[usize] = match (column_is, row_is) {
+            (true, false) => &[i - 1, i + 1],
+            (false, true) => &[i - w, i + w],
+            _ => &[i - w - 1, i - w + 1, i + w - 1, i + w + 1],
+        };
+        let like = &self.corners[i].sample;
+        let mut sum = Rgb::BLACK;
+        for &j in around {
+            let corner = &self.corners[j];
+            if !self.shader.same_end(like, &corner.sample) {
+                return None;
+            }
+            sum += corner.irradiance;
+        }
+        Some(sum * (1.0 / around.len() as f32))
     }
 
     /// Shades pixel (x, y) of the region.

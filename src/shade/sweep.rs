@@ -8,13 +8,14 @@ use super::far_field::FarField;
 use super::inscatter::LEVELS;
 use super::sparse::SparseLattice;
 use super::view::View;
+use crate::Result;
 use crate::gather::{Gatherer, Medium, Pages};
 use crate::image::Region;
-use crate::Result;
 use crate::math::Rgb;
 use crate::math::dda::leave_box;
 use crate::math::exp::exp_neg_and_rest;
 use crate::math::segment::Segment;
+use crate::math::sheared::Sheared;
 use crate::run::Cancel;
 use crate::scene::Volume;
 use crate::scene::grid::BRICK_CELLS;
@@ -209,22 +210,13 @@ impl<P: Pages, M: Medium> Scope<'_, P, M> {
     }
 }
 
-/// Parallel rays through a volume, a lattice step apart across their main axis: at each layer of vertices along that axis
-/// they stand in a square grid, between whose points vertices interpolate.
+/// Parallel rays through a volume, between which vertices interpolate.
 struct Rays<'a, P, M> {
     scope: &'a Scope<'a, P, M>,
     set: &'a SparseLattice,
-    step: f32,
     /// Unit direction against the light.
     direction: Vec3,
-    /// The main axis and the two across it.
-    axes: [usize; 3],
-    /// Lattice steps along each axis across per step along the main one.
-    slope: [f32; 2],
-    /// Whether light comes from the upper end of the main axis.
-    from_above: bool,
-    /// Scene units between layers.
-    between: f32,
+    rays: Sheared,
     bounds: [Vec3; 2],
 }
 
@@ -236,53 +228,29 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
         direction: Vec3,
     ) -> Self {
         let d = scope.volume.index_from_scene.transform_vector3(direction);
-        let d = d.to_array();
-        let main = (1..3).fold(0, |m, a| if d[a].abs() > d[m].abs() { a } else { m });
-        let axes = [main, (main + 1) % 3, (main + 2) % 3];
         Self {
             scope,
             set,
-            step: step as f32,
             direction,
-            axes,
-            slope: [d[axes[1]] / d[main], d[axes[2]] / d[main]],
-            from_above: d[main] > 0.0,
-            between: step as f32 / d[main].abs(),
+            rays: Sheared::new(d, step as f32),
             bounds: scope.media_bounds(),
         }
     }
 
-    /// Where a vertex stands among the rays: its layer, and the coordinates across in lattice steps.
-    fn place(&self, v: [usize; 3]) -> (usize, [f32; 2]) {
-        let [main, u, w] = self.axes;
-        let layer = v[main] as f32;
-        let across = [
-            v[u] as f32 - self.slope[0] * layer,
-            v[w] as f32 - self.slope[1] * layer,
-        ];
-        (v[main], across)
-    }
-
     /// Passes all rays that any vertex needs, and returns what arrives at the vertices.
     fn pass(&self, walls: bool) -> Vec<Arriving> {
-        let count = self.set.count();
-        let extent = |a: usize| {
-            let shear = -self.slope[a] * count[self.axes[0]] as f32;
-            let first = shear.min(0.0).floor() as i32 - 1;
-            let last = (count[self.axes[a + 1]] as f32 + shear.max(0.0)).ceil() as i32 + 1;
-            (first, (last - first + 1) as usize)
-        };
-        let [(u0, nu), (w0, nw)] = [extent(0), extent(1)];
+        let [(u0, nu), (w0, nw)] = self.rays.extent(self.set.count());
         // By ray, the last layer in the order of travel at which a vertex needs it.
         let mut last_layer = vec![None; nu * nw];
         for v in self.set.vertices() {
-            let (layer, [x, y]) = self.place(v);
+            let (_, [x, y]) = self.rays.place(v.map(|c| c as f32));
+            let layer = v[self.rays.axes[0]];
             let (x, y) = (x.floor() as i32 - u0, y.floor() as i32 - w0);
             for ray in [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)] {
                 let last = &mut last_layer[ray.1 as usize * nu + ray.0 as usize];
                 *last = Some(match *last {
                     None => layer,
-                    Some(l) if self.from_above => layer.min(l),
+                    Some(l) if self.rays.upwards => layer.min(l),
                     Some(l) => layer.max(l),
                 });
             }
@@ -298,16 +266,20 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
     }
 
     fn pass_one(&self, at: [f32; 2], last: usize, walls: bool, arriving: &mut [Arriving]) {
-        let layers = self.set.count()[self.axes[0]];
+        let layers = self.set.count()[self.rays.axes[0]];
         // The whole ray is the same whatever part of it is needed.
-        let first = if self.from_above { layers - 1 } else { 0 };
-        let first_point = self.scope.to_scene(self.point(at, first));
+        let first = if self.rays.upwards { layers - 1 } else { 0 };
+        let first_point = self.scope.to_scene(self.rays.point(at, first));
         let beyond = leave_box(first_point, self.direction, self.bounds);
         let origin = first_point + self.direction * beyond;
-        let layer_at = |i: usize| beyond + i as f32 * self.between;
+        let layer_at = |i: usize| beyond + i as f32 * self.rays.between;
         let count = first.abs_diff(last) + 1;
         let end = layer_at(count - 1);
-        let mut cuts = if walls { self.walls(origin, end) } else { Vec::new() };
+        let mut cuts = if walls {
+            self.walls(origin, end)
+        } else {
+            Vec::new()
+        };
         cuts.reverse();
 
         let mut light = Arriving {
@@ -336,7 +308,11 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
                         transmittance: 1.0,
                     };
                 } else {
-                    let layer = if self.from_above { first - next } else { first + next };
+                    let layer = if self.rays.upwards {
+                        first - next
+                    } else {
+                        first + next
+                    };
                     self.leave(at, layer, light, arriving);
                     next += 1;
                     next_at = layer_at(next);
@@ -358,22 +334,13 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
         });
     }
 
-    /// Point of index space where a ray meets a layer.
-    fn point(&self, at: [f32; 2], layer: usize) -> Vec3 {
-        let mut p = [0.0; 3];
-        p[self.axes[0]] = layer as f32 * self.step;
-        for a in 0..2 {
-            p[self.axes[a + 1]] = (at[a] + self.slope[a] * layer as f32) * self.step;
-        }
-        p.into()
-    }
-
     /// Distances at which a ray passes surfaces.
     fn walls(&self, origin: Vec3, end: f32) -> Vec<f32> {
         let tracer = self.scope.view.tracer;
         let mut walls = Vec::new();
         let mut t = 0.0;
-        while let Some(hit) = tracer.closest(origin - self.direction * t, -self.direction, end - t) {
+        while let Some(hit) = tracer.closest(origin - self.direction * t, -self.direction, end - t)
+        {
             walls.push(t + hit.t);
             t += hit.t + tracer.offset;
         }
@@ -382,10 +349,9 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
 
     /// Leaves light at the vertices around a ray in one layer.
     fn leave(&self, at: [f32; 2], layer: usize, light: Arriving, arriving: &mut [Arriving]) {
-        let [main, u, w] = self.axes;
+        let [main, u, w] = self.rays.axes;
         let count = self.set.count();
-        let x = at[0] + self.slope[0] * layer as f32;
-        let y = at[1] + self.slope[1] * layer as f32;
+        let [x, y] = self.rays.across(at, layer as f32);
         let (x0, y0) = (x.floor(), y.floor());
         let mut v = [0; 3];
         v[main] = layer;
