@@ -83,7 +83,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                         far_field: &far_field,
                         cancel,
                     };
-                    Sweep::new(&scope, |densest| Self::level(densest * voxel))
+                    Sweep::new(&scope, |densest| Self::swept_level(densest * voxel))
                 })
                 .transpose()?;
             lattices.push(Lattices {
@@ -112,6 +112,11 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             .unwrap_or(0)
     }
 
+    /// The same where a brick is thin enough for light to be interpolated between the rays of a sweep.
+    fn swept_level(densest: f32) -> Option<usize> {
+        (densest <= Self::DEPTH).then(|| Self::level(densest))
+    }
+
     /// Source function of a volume along a stretch of a ray, given its ends in scene space, its optical depth, and that
     /// of the cell that it is in.
     #[must_use]
@@ -132,7 +137,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                 )
                 .as_vec3()
         };
-        let level = Self::level(medium.sigma_t.brick_max_at(at) * lattices.voxel);
+        let densest = medium.sigma_t.brick_max_at(at) * lattices.voxel;
+        let level = Self::level(densest);
         let key = |v: [usize; 3]| {
             sampling::hash(&[
                 self.seed,
@@ -166,10 +172,11 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                 around(at, point, seed_of(point))
             } else {
                 let alone = &lattices.indirect[level];
+                let sweep = Self::swept_level(densest).and(lattices.sweep.as_ref());
                 let mut sum = Rgb::BLACK;
                 for (v, weight) in alone.around(at) {
                     if weight > 0.0 {
-                        let swept = lattices.sweep.as_ref().and_then(|s| s.get(level, v));
+                        let swept = sweep.and_then(|s| s.get(level, v));
                         let light = swept.unwrap_or_else(|| {
                             *alone.get(v, &|p, v| around(p, to_scene(p), key(v)))
                         });

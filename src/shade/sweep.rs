@@ -66,22 +66,23 @@ impl Sweep {
     /// Directions that are held in memory together.
     const BATCH: u32 = 8;
 
-    /// Sweeps the volume. `level_of(largest sample of a brick)` tells the spacing in it.
+    /// Sweeps the volume. `level_of(largest sample of a brick)` tells the spacing in it, if it is to be swept.
     ///
     /// # Errors
     /// If cancelled.
     pub fn new<P: Pages, M: Medium>(
         scope: &Scope<P, M>,
-        level_of: impl Fn(f32) -> usize,
+        level_of: impl Fn(f32) -> Option<usize>,
     ) -> Result<Self> {
         let mut needed: [Vec<[usize; 3]>; LEVELS] = Default::default();
         let grid = &scope.volume.sigma_t;
         let [nx, ny, nz] = grid.brick_dims();
         for b in (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]) {
             if let Some(brick) = grid.brick(b)
+                && let Some(level) = level_of(brick.max)
                 && scope.sees(b)
             {
-                needed[level_of(brick.max)].push(b);
+                needed[level].push(b);
             }
         }
         let walls = scope.has_walls();
@@ -240,41 +241,63 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
     /// Passes all rays that any vertex needs, and returns what arrives at the vertices.
     fn pass(&self, walls: bool) -> Vec<Arriving> {
         let [(u0, nu), (w0, nw)] = self.rays.extent(self.set.count());
-        // By ray, the last layer in the order of travel at which a vertex needs it.
-        let mut last_layer = vec![None; nu * nw];
+        // By ray, a bit for each layer in which a vertex needs it.
+        let words = self.layers().div_ceil(64);
+        let mut needed = vec![0_u64; nu * nw * words];
         for v in self.set.vertices() {
             let (_, [x, y]) = self.rays.place(v.map(|c| c as f32));
             let layer = v[self.rays.axes[0]];
             let (x, y) = (x.floor() as i32 - u0, y.floor() as i32 - w0);
             for ray in [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)] {
-                let last = &mut last_layer[ray.1 as usize * nu + ray.0 as usize];
-                *last = Some(match *last {
-                    None => layer,
-                    Some(l) if self.rays.upwards => layer.min(l),
-                    Some(l) => layer.max(l),
-                });
+                let ray = ray.1 as usize * nu + ray.0 as usize;
+                needed[ray * words + layer / 64] |= 1 << (layer % 64);
             }
         }
         let mut arriving = vec![Arriving::default(); self.set.len()];
-        for (i, last) in last_layer.iter().enumerate() {
-            if let Some(last) = *last {
+        let mut stops = Vec::new();
+        for (i, needed) in needed.chunks_exact(words).enumerate() {
+            stops.clear();
+            for (word, &bits) in needed.iter().enumerate() {
+                let mut bits = bits;
+                while bits != 0 {
+                    stops.push(word * 64 + bits.trailing_zeros() as usize);
+                    bits &= bits - 1;
+                }
+            }
+            if !stops.is_empty() {
+                if self.rays.upwards {
+                    stops.reverse();
+                }
                 let at = [(i % nu) as i32 + u0, (i / nu) as i32 + w0];
-                self.pass_one(at.map(|c| c as f32), last, walls, &mut arriving);
+                self.pass_one(at.map(|c| c as f32), &stops, walls, &mut arriving);
             }
         }
         arriving
     }
 
-    fn pass_one(&self, at: [f32; 2], last: usize, walls: bool, arriving: &mut [Arriving]) {
-        let layers = self.set.count()[self.rays.axes[0]];
+    /// Layers of vertices.
+    fn layers(&self) -> usize {
+        self.set.count()[self.rays.axes[0]]
+    }
+
+    /// Passes one ray, which leaves light in some layers, in the order of travel.
+    fn pass_one(&self, at: [f32; 2], stops: &[usize], walls: bool, arriving: &mut [Arriving]) {
         // The whole ray is the same whatever part of it is needed.
-        let first = if self.rays.upwards { layers - 1 } else { 0 };
+        let first = if self.rays.upwards {
+            self.layers() - 1
+        } else {
+            0
+        };
         let first_point = self.scope.to_scene(self.rays.point(at, first));
         let beyond = leave_box(first_point, self.direction, self.bounds);
         let origin = first_point + self.direction * beyond;
-        let layer_at = |i: usize| beyond + i as f32 * self.rays.between;
-        let count = first.abs_diff(last) + 1;
-        let end = layer_at(count - 1);
+        let stop_at = |i: usize| {
+            let stop = stops.get(i);
+            stop.map_or(f32::INFINITY, |&layer| {
+                beyond + layer.abs_diff(first) as f32 * self.rays.between
+            })
+        };
+        let end = stop_at(stops.len() - 1);
         let mut cuts = if walls {
             self.walls(origin, end)
         } else {
@@ -288,38 +311,37 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
         };
         let mut next = 0;
         let mut add = |mut s: Segment| {
-            let mut next_at = layer_at(next);
-            while next < count {
+            let mut next_at = stop_at(next);
+            while next < stops.len() {
                 let cut = cuts.last().is_some_and(|&c| c <= next_at);
                 let t = if cut { cuts[cuts.len() - 1] } else { next_at };
                 if t >= s.far {
                     break;
                 }
-                if t > s.near {
-                    let share = (t - s.near) / (s.far - s.near);
-                    light.pass(s.tau * share, s.source);
-                    s.tau *= 1.0 - share;
-                    s.near = t;
-                }
+                let share = ((t - s.near) / (s.far - s.near)).max(0.0);
                 if cut {
+                    if share > 0.0 {
+                        s.tau *= 1.0 - share;
+                        s.near = t;
+                    }
                     cuts.pop();
                     light = Arriving {
                         radiance: Rgb::BLACK,
                         transmittance: 1.0,
                     };
                 } else {
-                    let layer = if self.rays.upwards {
-                        first - next
-                    } else {
-                        first + next
-                    };
-                    self.leave(at, layer, light, arriving);
+                    // Of a copy: what the ray goes on with must not depend on where it is asked.
+                    let mut here = light;
+                    if share > 0.0 {
+                        here.pass(s.tau * share, s.source);
+                    }
+                    self.leave(at, stops[next], here, arriving);
                     next += 1;
-                    next_at = layer_at(next);
+                    next_at = stop_at(next);
                 }
             }
             light.pass(s.tau, s.source);
-            next < count
+            next < stops.len()
         };
         self.scope
             .gatherer
