@@ -4,6 +4,7 @@
 //! arrives. So a point in full light has no noise at all.
 
 mod emitters;
+mod sun_depth;
 
 use crate::math::exp::exp_neg;
 use crate::math::sampling::{cosine_hemisphere, disk, hash, mix, sobol2, sphere, tangents, unit2};
@@ -14,6 +15,7 @@ use emitters::Emitters;
 use glam::Vec3;
 use std::f32::consts::PI;
 use std::ops::{AddAssign, Mul};
+pub use sun_depth::SunDepths;
 
 const INVERSE_SPHERE: f32 = 1.0 / (4.0 * PI);
 
@@ -302,14 +304,16 @@ impl<'a> Lights<'a> {
         direct
     }
 
-    /// The same light in two parts, for what lies between points: `sent` times the share, and the rest.
+    /// The same light in two parts, for what lies between points: `sent` times the share, and the rest. Media before suns
+    /// are those of `suns`, or the scene's own.
     #[must_use]
-    pub fn in_medium(&self, point: Vec3, rays: ShadowRays) -> InMedium {
+    pub fn in_medium(&self, point: Vec3, rays: ShadowRays, suns: Option<&SunDepths>) -> InMedium {
         let (mut near, mut rest) = (Direct::default(), Direct::default());
         for (index, light) in self.tracer.scene.lights.iter().enumerate() {
             let is_point = matches!(light, Light::Point { .. } | Light::Spot { .. });
             let total = if is_point { &mut near } else { &mut rest };
-            self.add_light(total, light, index, point, rays, &|_| 1.0);
+            let depth = suns.and_then(|s| s.of(index));
+            self.add_light(total, light, index, point, rays, &|_| 1.0, depth);
         }
         self.add_emitters(&mut rest, point, rays, &|_| 1.0, &polygon::solid_angle);
         let (arriving, sent) = (near.sharp * INVERSE_SPHERE, self.sent(point, point));
@@ -413,7 +417,7 @@ impl<'a> Lights<'a> {
     ) -> Direct {
         let mut total = Direct::default();
         for (index, light) in self.tracer.scene.lights.iter().enumerate() {
-            self.add_light(&mut total, light, index, origin, rays, weight);
+            self.add_light(&mut total, light, index, origin, rays, weight, None);
         }
         self.add_emitters(&mut total, origin, rays, weight, closed_form);
         total
@@ -427,6 +431,7 @@ impl<'a> Lights<'a> {
         origin: Vec3,
         rays: ShadowRays,
         weight: &dyn Fn(Vec3) -> f32,
+        sun_depth: Option<&dyn OpticalDepth>,
     ) {
         let (position, intensity) = match *light {
             Light::Environment { .. } => return,
@@ -441,12 +446,12 @@ impl<'a> Lights<'a> {
                         irradiance: Rgb(irradiance),
                         angular_radius_rad,
                     };
-                    self.add_sun(total, &sun, index, origin, rays, weight);
+                    self.add_sun(total, &sun, index, origin, rays, weight, sun_depth);
                     return;
                 }
                 let w = weight(-direction);
                 if w > 0.0 {
-                    let through = self.transmittance(origin, -direction, f32::INFINITY, None);
+                    let through = self.transmittance(origin, -direction, f32::INFINITY, sun_depth);
                     total.note_sharp(index, through);
                     total.sharp += Rgb(irradiance) * (w * through);
                 }
@@ -485,6 +490,7 @@ impl<'a> Lights<'a> {
         origin: Vec3,
         rays: ShadowRays,
         weight: &dyn Fn(Vec3) -> f32,
+        sun_depth: Option<&dyn OpticalDepth>,
     ) {
         let (x, y) = tangents(-sun.direction);
         let radius = libm::sinf(sun.angular_radius_rad);
@@ -497,7 +503,7 @@ impl<'a> Lights<'a> {
             if w > 0.0 {
                 let light = sun.irradiance * w;
                 total.open += light * (1.0 / rays.count() as f32);
-                let through = self.transmittance(origin, d, f32::INFINITY, None);
+                let through = self.transmittance(origin, d, f32::INFINITY, sun_depth);
                 total.note_ray(index, light, through);
             }
         }

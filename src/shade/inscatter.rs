@@ -12,7 +12,7 @@ use super::view::View;
 use crate::Result;
 use crate::gather::{Gatherer, Medium, Pages, Stretch};
 use crate::image::Region;
-use crate::light::{InMedium, Lights, ShadowRays};
+use crate::light::{InMedium, Lights, ShadowRays, SunDepths};
 use crate::math::exp::mean_reach;
 use crate::math::{Rgb, sampling};
 use crate::run::Cancel;
@@ -40,6 +40,7 @@ pub struct InScatter<'a, P, M> {
     lights: &'a Lights<'a>,
     gatherer: Option<&'a Gatherer<'a, P, M>>,
     lattices: Vec<Lattices>,
+    suns: SunDepths<'a>,
     seed: u64,
 }
 
@@ -99,6 +100,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             lights,
             gatherer,
             lattices,
+            suns: SunDepths::new(view.tracer.scene),
             seed: view.seed,
         })
     }
@@ -154,11 +156,12 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             sampling::hash(&[self.seed, x, y, z])
         };
         let direct = if tau > Self::DEPTH {
-            let light = self.direct(point, seed_of(point));
+            let light = self.direct(point, seed_of(point), None);
             light.share * self.lights.sent(point, point) + light.rest
         } else {
-            let light =
-                lattices.direct[level].interpolate(at, |p, v| self.direct(to_scene(p), key(v)));
+            let light = lattices.direct[level].interpolate(at, |p, v| {
+                self.direct(to_scene(p), key(v), Some(&self.suns))
+            });
             light.share * self.lights.sent(from, to) + light.rest
         };
         let indirect = self.gatherer.map_or(Rgb::BLACK, |gatherer| {
@@ -189,12 +192,12 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         Rgb(medium.albedo) * (direct + indirect)
     }
 
-    fn direct(&self, point: Vec3, seed: u64) -> InMedium {
+    fn direct(&self, point: Vec3, seed: u64, suns: Option<&SunDepths>) -> InMedium {
         let rays = ShadowRays::Sequence {
             per_light: Self::SHADOW_RAYS,
             first: 0,
             seed,
         };
-        self.lights.in_medium(point, rays)
+        self.lights.in_medium(point, rays, suns)
     }
 }

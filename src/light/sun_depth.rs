@@ -1,0 +1,239 @@
+//! Optical depth of media towards suns: exact for the first few voxels, then from rays that are kept (deep shadow maps,
+//! Lokovic & Veach 2000).
+
+use super::OpticalDepth;
+use crate::math::exp::exp_neg;
+use crate::math::sheared::Sheared;
+use crate::scene::{Light, Scene, Volume};
+use crate::trace::Cells;
+use glam::Vec3;
+use std::sync::OnceLock;
+
+/// The media's depth towards each sun of a scene. Rays are made when first asked for, and depend on nothing but the scene.
+#[derive(Debug)]
+pub struct SunDepths<'a>(Vec<Option<SunDepth<'a>>>);
+
+/// Depth towards one sun, whatever direction is asked for.
+#[derive(Debug)]
+struct SunDepth<'a>(Vec<VolumeDepth<'a>>);
+
+impl<'a> SunDepths<'a> {
+    /// Suns wider than this, radians, have shadows too soft for rays along one direction.
+    const SHARP: f32 = 0.02;
+    /// Optical depth between rays, and along them between the depths that are kept.
+    const DEPTH: f32 = 0.7;
+    /// Voxels between rays, at most.
+    const FAR: u32 = 8;
+    /// Rays' distances from a point up to which its depth is exact: what is nearer has the sharpest shadows.
+    const EXACT: f32 = 6.0;
+
+    /// Nothing is known yet.
+    #[must_use]
+    pub fn new(scene: &'a Scene) -> Self {
+        let of = |light: &Light| match *light {
+            Light::Directional {
+                direction,
+                angular_radius_rad,
+                ..
+            } if angular_radius_rad <= Self::SHARP => {
+                let volumes = scene.volumes.iter();
+                let of_volume = |v| VolumeDepth::new(v, -direction);
+                Some(SunDepth(volumes.map(of_volume).collect()))
+            }
+            _ => None,
+        };
+        Self(scene.lights.iter().map(of).collect())
+    }
+
+    /// What is known of a light, by its index; `None` if it is no sun or too wide a one.
+    #[must_use]
+    pub fn of(&self, light: usize) -> Option<&dyn OpticalDepth> {
+        let depth = self.0.get(light)?.as_ref()?;
+        Some(depth)
+    }
+}
+
+impl OpticalDepth for SunDepth<'_> {
+    fn optical_depth(&self, origin: Vec3, _: Vec3, _: f32) -> f32 {
+        self.0.iter().map(|v| v.at(origin)).sum()
+    }
+}
+
+/// One volume's depth towards one sun.
+#[derive(Debug)]
+struct VolumeDepth<'a> {
+    volume: &'a Volume,
+    /// Unit direction to the sun, scene space.
+    to_sun: Vec3,
+    rays: Sheared,
+    /// Steps of the lattice of rays and layers per voxel.
+    per_voxel: f32,
+    /// Layers along the rays' first axis.
+    layers: usize,
+    extent: [(i32, usize); 2],
+    /// By ray, the depth between the sun and each layer.
+    depths: Vec<OnceLock<Box<[f32]>>>,
+}
+
+impl<'a> VolumeDepth<'a> {
+    fn new(volume: &'a Volume, to_sun: Vec3) -> Self {
+        let densest = volume.sigma_t.max() * volume.longest_voxel_edge();
+        let mut step = 1;
+        while step < SunDepths::FAR && densest * (2 * step) as f32 <= SunDepths::DEPTH {
+            step *= 2;
+        }
+        let direction = volume.index_from_scene.transform_vector3(to_sun);
+        let rays = Sheared::new(direction, step as f32);
+        let count = volume.sigma_t.dims().map(|n| n.div_ceil(step as usize) + 1);
+        let extent = rays.extent(count);
+        Self {
+            volume,
+            to_sun,
+            rays,
+            per_voxel: 1.0 / step as f32,
+            layers: count[rays.axes[0]],
+            extent,
+            depths: (0..extent[0].1 * extent[1].1)
+                .map(|_| OnceLock::new())
+                .collect(),
+        }
+    }
+
+    /// Optical depth from a point to the sun.
+    fn at(&self, point: Vec3) -> f32 {
+        let exact = SunDepths::EXACT * self.rays.between;
+        let near = depth_of(self.volume, point, self.to_sun, exact);
+        near + self.kept(point + self.to_sun * exact)
+    }
+
+    /// The same from the rays that are kept alone.
+    fn kept(&self, point: Vec3) -> f32 {
+        let p = self.volume.index_from_scene.transform_point3(point) * self.per_voxel;
+        let (along, [x, y]) = self.rays.place(p.to_array());
+        let along = along.clamp(0.0, (self.layers - 1) as f32);
+        let layer = (along as usize).min(self.layers - 2);
+        let f = along - layer as f32;
+        let (x0, y0) = (x.floor(), y.floor());
+        let (fx, fy) = (x - x0, y - y0);
+        // Light is what is averaged: the mean of depths would darken the rims of shadows.
+        let (mut through, mut tau) = (0.0, 0.0);
+        for (cx, wx) in [(x0, 1.0 - fx), (x0 + 1.0, fx)] {
+            for (cy, wy) in [(y0, 1.0 - fy), (y0 + 1.0, fy)] {
+                let depth = self.ray(cx, cy).map_or(0.0, |depths| {
+                    depths[layer] * (1.0 - f) + depths[layer + 1] * f
+                });
+                through += wx * wy * exp_neg(depth);
+                tau += wx * wy * depth;
+            }
+        }
+        if tau == 0.0 {
+            0.0
+        } else if through > 1e-20 {
+            -libm::logf(through.min(1.0))
+        } else {
+            tau
+        }
+    }
+
+    /// Depths along a ray; `None` if it passes beside the volume.
+    fn ray(&self, x: f32, y: f32) -> Option<&[f32]> {
+        let [(first_x, nx), (first_y, ny)] = self.extent;
+        let (i, j) = (x - first_x as f32, y - first_y as f32);
+        if !(i >= 0.0 && j >= 0.0 && i < nx as f32 && j < ny as f32) {
+            return None;
+        }
+        let ray = &self.depths[j as usize * nx + i as usize];
+        Some(ray.get_or_init(|| self.pass([x, y])))
+    }
+
+    fn pass(&self, ray: [f32; 2]) -> Box<[f32]> {
+        let first = if self.rays.upwards {
+            self.layers - 1
+        } else {
+            0
+        };
+        let origin = self.volume.scene_from_index;
+        let origin = origin
+            .transform_point3(self.rays.point(ray, first).as_dvec3())
+            .as_vec3();
+        // From the sun on.
+        let mut depths = vec![0.0; self.layers];
+        let mut tau = 0.0_f64;
+        let mut layer = 1;
+        if let Some(mut cells) = Cells::new(self.volume, origin, -self.to_sun, f32::INFINITY) {
+            while let Some(cell) = cells.next_cell() {
+                while layer < self.layers {
+                    let t = self.rays.between * layer as f32;
+                    if t >= cell.far {
+                        break;
+                    }
+                    let share = ((t - cell.near) / (cell.far - cell.near)).max(0.0);
+                    depths[layer] = (tau + f64::from(cell.tau * share)) as f32;
+                    layer += 1;
+                }
+                tau += f64::from(cell.tau);
+            }
+        }
+        depths[layer..].fill(tau as f32);
+        if self.rays.upwards {
+            depths.reverse();
+        }
+        depths.into()
+    }
+}
+
+fn depth_of(volume: &Volume, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
+    let mut tau = 0.0_f64;
+    if let Some(mut cells) = Cells::new(volume, origin, direction, t_max) {
+        while let Some(cell) = cells.next_cell() {
+            tau += f64::from(cell.tau);
+        }
+    }
+    tau as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::sampling;
+    use crate::scene::Grid;
+    use glam::{Affine3A, DAffine3, DQuat, DVec3};
+
+    #[test]
+    fn depths_towards_a_sun_agree_with_rays_of_their_own() {
+        let sigma_t = Grid::from_fn([40, 28, 33], |[i, j, k]| {
+            let p = Vec3::new(i as f32 - 20.0, j as f32 - 14.0, k as f32 - 16.0) / 13.0;
+            4.0 * (1.0 - p.length()).max(0.0)
+        });
+        let scene_from_index = DAffine3::from_scale_rotation_translation(
+            DVec3::new(0.05, 0.08, 0.04),
+            DQuat::from_rotation_y(0.7) * DQuat::from_rotation_x(-0.4),
+            DVec3::new(3.0, -1.0, 2.0),
+        );
+        let inverse = scene_from_index.inverse().to_cols_array();
+        let volume = Volume {
+            name: "ball".into(),
+            sigma_t,
+            albedo: [0.5; 3],
+            scene_from_index,
+            index_from_scene: Affine3A::from_cols_array(&inverse.map(|v| v as f32)),
+        };
+        for i in 0..30 {
+            let to_sun = sampling::sphere(sampling::r2(i, [0.2; 2]));
+            let map = VolumeDepth::new(&volume, to_sun);
+            for j in 0..50 {
+                let u = sampling::r2(j, [0.4, 0.9]);
+                let w = sampling::unit(sampling::hash(&[j, i]));
+                // Beside the volume, too.
+                let at = DVec3::new(f64::from(u[0]), f64::from(u[1]), f64::from(w)) * 1.4 - 0.2;
+                let p = scene_from_index.transform_point3(at * DVec3::new(40.0, 28.0, 33.0));
+                let p = p.as_vec3();
+                let exact = depth_of(&volume, p, to_sun, f32::INFINITY);
+                for (got, bound) in [(map.at(p), 0.01), (map.kept(p), 0.03)] {
+                    let error = (exp_neg(got) - exp_neg(exact)).abs();
+                    assert!(error < bound, "{got} for {exact} at {at}");
+                }
+            }
+        }
+    }
+}
