@@ -110,7 +110,10 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
         for s in &mut samples[..known] {
             s.passed = self.march(s);
         }
-        self.pass_media(&mut samples, known);
+        let smooth = samples[..known]
+            .iter()
+            .all(|s| alike(&samples[0].passed, &s.passed));
+        self.pass_media(&mut samples, known, smooth);
         self.resolve(&samples, &mut Vec::new(), x, y)
     }
 
@@ -123,7 +126,8 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
         for i in 0..self.counts.edge {
             samples.push(self.sample_in(x, y, i, self.counts.shadow, i * self.counts.shadow));
         }
-        self.pass_media(&mut samples, known.len());
+        // Where nothing needs more samples, the corners' own media are good enough, too.
+        self.pass_media(&mut samples, known.len(), true);
         samples.drain(..known.len());
         self.resolve(&samples, pieces, x, y)
     }
@@ -163,20 +167,28 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
         }
     }
 
-    /// Marches the media before samples after the first `known`. Where those agree, others take after the one that ends
-    /// on the same piece of surface.
-    fn pass_media(&self, samples: &mut [Sample], known: usize) {
-        if self.view.tracer.scene.volumes.is_empty() || samples.is_empty() {
+    /// Marches the media before samples after the first `known`. Where `smooth` says so, those take what the known ones on
+    /// their piece of surface passed, on average.
+    fn pass_media(&self, samples: &mut [Sample], known: usize, smooth: bool) {
+        if self.view.tracer.scene.volumes.is_empty() {
             return;
         }
-        let smooth = samples[..known]
-            .iter()
-            .all(|s| alike(&samples[0].passed, &s.passed));
-        for i in known..samples.len() {
-            let (before, rest) = samples.split_at_mut(i);
-            let s = &mut rest[0];
-            let twin = before.iter().find(|k| smooth && self.same_end(k, s));
-            s.passed = twin.map_or_else(|| self.march(s), |k| k.passed);
+        let (known, rest) = samples.split_at_mut(known);
+        for s in rest {
+            let mut passed = Composite {
+                radiance: Rgb::BLACK,
+                transmittance: 0.0,
+            };
+            let mut alike = 0;
+            for k in known.iter().filter(|k| smooth && self.same_end(k, s)) {
+                passed.radiance += k.passed.radiance;
+                passed.transmittance += k.passed.transmittance;
+                alike += 1;
+            }
+            let share = 1.0 / alike as f32;
+            passed.radiance *= share;
+            passed.transmittance *= share;
+            s.passed = if alike > 0 { passed } else { self.march(s) };
         }
     }
 
