@@ -108,7 +108,8 @@ impl<'a> Cut<'a> {
             .fold(Rgb::BLACK, |sum, p| sum + p.what.light)
     }
 
-    /// Chooses a light for a number in [0,1): numbers near each other choose lights near each other.
+    /// Chooses a light for a number in [0,1): numbers near each other choose lights near each other. `None` if it leads to a
+    /// group of which nothing can reach the receiver after all.
     pub fn choose(&self, u: f32) -> Option<Choice> {
         let target = u * self.importance;
         let mut below = 0.0;
@@ -153,5 +154,36 @@ impl<'a> Cut<'a> {
         });
         let sum = a + b;
         (sum > 0.0).then(|| a / sum)
+    }
+}
+
+#[cfg(test)]
+impl Cut<'_> {
+    /// How many groups stand for all.
+    pub fn len(&self) -> usize {
+        self.parts.len()
+    }
+
+    /// Chance of each emitter, and of none: where the halves of a group tell that nothing of it can reach the receiver.
+    pub fn chances(&self, emitters: usize) -> (Vec<f32>, f32) {
+        let (mut chances, mut none) = (vec![0.0; emitters], 0.0);
+        let mut open: Vec<(u32, f32)> = self
+            .parts
+            .iter()
+            .map(|p| (p.node, p.what.importance / self.importance))
+            .collect();
+        while let Some((node, chance)) = open.pop() {
+            if let Some(emitter) = self.tree.emitter(node) {
+                chances[emitter as usize] += chance;
+            } else if let Some(halves) = self.tree.halves(node)
+                && let Some(first) = self.first_share(halves)
+            {
+                open.push((halves[0], chance * first));
+                open.push((halves[1], chance * (1.0 - first)));
+            } else {
+                none += chance;
+            }
+        }
+        (chances, none)
     }
 }

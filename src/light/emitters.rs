@@ -82,12 +82,23 @@ impl Emitters {
                 });
             }
         }
+        Self::of(all)
+    }
+
+    /// These.
+    pub fn of(all: Vec<Emitter>) -> Self {
         let tree = if all.len() > Self::FEW {
             Tree::new(&all)
         } else {
             None
         };
         Self { all, tree }
+    }
+
+    /// How many there are.
+    #[cfg(test)]
+    pub fn len(&self) -> usize {
+        self.all.len()
     }
 
     /// The emitter of an index.

@@ -32,6 +32,8 @@ struct Node {
     power: f32,
     /// Second moment of the normals, weighted by power.
     turned: Mat3,
+    /// Share of the power that is of triangles which emit on both sides.
+    both: f32,
     /// Mean squared distance from the middle, weighted by power.
     spread2: f32,
     /// First moment of the flux around the middle, mean over channels of its size: none where all emit alike.
@@ -67,6 +69,7 @@ struct Side {
     area: f32,
     radiance: Rgb,
     emitter: u32,
+    is_pair: bool,
 }
 
 impl Side {
@@ -103,6 +106,7 @@ impl Tree {
                 area: e.area,
                 radiance: e.radiance,
                 emitter: i as u32,
+                is_pair: e.both_sides,
             };
             if !(front.power() > 0.0 && front.power().is_finite()) {
                 continue;
@@ -165,13 +169,14 @@ impl Node {
         let mut middle = DVec3::ZERO;
         let mut axis = Vec3::ZERO;
         let mut flux = [Vec3::ZERO; 3];
-        let (mut strength, mut turned) = (Rgb::BLACK, Mat3::ZERO);
+        let (mut strength, mut turned, mut both) = (Rgb::BLACK, Mat3::ZERO, 0.0);
         let (mut min, mut max) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for s in sides {
             let share = f64::from(s.power()) / power;
             middle += s.middle.as_dvec3() * share;
             axis += s.normal * share as f32;
             strength += s.radiance * s.area;
+            both += if s.is_pair { share } else { 0.0 };
             turned += outer(s.normal * share as f32, s.normal);
             for (f, radiance) in flux.iter_mut().zip(s.radiance.0) {
                 *f += s.normal * (s.area * radiance);
@@ -219,6 +224,7 @@ impl Node {
             strength,
             power: power as f32,
             turned,
+            both: both as f32,
             spread2: spread2 as f32,
             lopsided: moments.iter().map(size).sum::<f32>() * (1.0 / 3.0),
             below: Below::Emitter(sides[0].emitter),
@@ -307,7 +313,10 @@ impl Node {
         // Cosines at the lights, as if they were spread evenly around their mean.
         let mean = Rgb(sent).mean() / self.power;
         let variance = ((self.turned * d).dot(d) - mean * mean).max(0.0);
-        let turned = positive_part(mean, (3.0 * variance).sqrt());
+        let spread = positive_part(mean, (3.0 * variance).sqrt());
+        // Of two sides one faces the receiver.
+        let paired = 0.5 * (mean + (variance + mean * mean).sqrt());
+        let turned = spread + (paired - spread) * self.both;
         let light = self.strength * (turned * above * per_area);
         // At most: the nearest point of the sphere, turned as well as can be.
         let nearest = distance - self.radius;

@@ -6,6 +6,7 @@
 mod corners;
 mod far_field;
 mod inscatter;
+mod lamps;
 mod lattice;
 mod pixel;
 mod vertices;
@@ -25,6 +26,7 @@ use crate::{Error, Result};
 use corners::Corners;
 use glam::Vec3;
 use inscatter::InScatter;
+use lamps::Lamps;
 use lattice::Lattice;
 use pixel::{Pixel, PixelShader, SampleCounts};
 use rayon::prelude::*;
@@ -321,8 +323,10 @@ fn shade<P: Pages, M: Medium>(
         (settings.method == Method::Extended).then_some(&volume_gatherer),
         settings.seed,
     );
+    let lamps = Lamps::new(&view, region);
     let shader = PixelShader {
         view,
+        lamps: &lamps,
         lights: &lights,
         lattice: &lattice,
         gatherer: &surface_gatherer,

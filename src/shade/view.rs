@@ -2,6 +2,7 @@
 
 use crate::scene::{Camera, Film};
 use crate::trace::Tracer;
+use glam::{Affine3A, Vec2, Vec3};
 
 /// A camera looking at a traced scene.
 #[derive(Clone, Copy, Debug)]
@@ -14,6 +15,8 @@ pub struct View<'a> {
     pub film: Film,
     /// Angle that a pixel in the middle covers, radians.
     pub pixel_angle: f32,
+    /// Rotation and position.
+    pub camera_from_scene: Affine3A,
     /// Key of the frame's random choices.
     pub seed: u64,
 }
@@ -28,7 +31,22 @@ impl<'a> View<'a> {
             camera,
             film,
             pixel_angle,
+            camera_from_scene: camera.scene_from_camera.inverse(),
             seed,
         }
+    }
+
+    /// A point of scene space as the camera sees it: x to the right, y up, -z ahead.
+    pub fn local(&self, point: Vec3) -> Vec3 {
+        self.camera_from_scene.transform_point3(point)
+    }
+
+    /// Where on the film a point ahead of the camera is, pixels from its top left.
+    pub fn on_film(&self, local: Vec3) -> Vec2 {
+        let scale = 1.0 / (-local.z * self.pixel_angle);
+        Vec2::new(
+            0.5 * self.film.width as f32 + local.x * scale,
+            0.5 * self.film.height as f32 - local.y * scale,
+        )
     }
 }
