@@ -202,7 +202,7 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
     fn hides_a_lamp(&self, corner: &Corner, x: u32, y: u32) -> bool {
         const MUCH: f32 = 0.1;
         let PixelShader { view, lamps, .. } = self.shader;
-        lamps.seen(view, x, y).covered > MUCH && !lamps.has(x, y, corner.sample.triangle)
+        lamps.covered(view, x, y) > MUCH && !lamps.has(x, y, corner.sample.triangle)
     }
 
     /// The mean of four corners on one piece of surface, unless an edge of a shadow runs between them.

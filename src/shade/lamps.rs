@@ -21,6 +21,8 @@ struct Entry {
 #[derive(Debug)]
 pub struct Lamps {
     region: Region,
+    /// To the part of a triangle that is in a pixel.
+    rays: u32,
     /// By pixel, then by triangle.
     entries: Vec<Entry>,
 }
@@ -32,21 +34,10 @@ struct Polygon {
     len: usize,
 }
 
-/// What lamps add to a pixel that they cover in part.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Seen {
-    /// Mean radiance over the pixel, as it comes through what is before it.
-    pub radiance: Rgb,
-    /// Share of the pixel that is covered if nothing is before it.
-    pub covered: f32,
-}
-
 impl Lamps {
-    /// Rays to the part of a triangle that is in a pixel.
-    const RAYS: u32 = 4;
-
-    /// Projects all emissive triangles that shine towards the camera.
-    pub fn new(view: &View, region: Region) -> Self {
+    /// Projects all emissive triangles that shine towards the camera. So many `rays` will tell what is before the part of one
+    /// that is in a pixel.
+    pub fn new(view: &View, region: Region, rays: u32) -> Self {
         let mut entries = Vec::new();
         let scene = view.tracer.scene;
         for (t, &material) in scene.mesh.material.iter().enumerate() {
@@ -79,7 +70,11 @@ impl Lamps {
             }
         }
         entries.sort_unstable_by_key(|e| (e.pixel, e.triangle));
-        Self { region, entries }
+        Self {
+            region,
+            rays,
+            entries,
+        }
     }
 
     fn entries(&self, x: u32, y: u32) -> &[Entry] {
@@ -97,25 +92,36 @@ impl Lamps {
         self.entries(x, y).iter().any(|e| e.triangle == triangle)
     }
 
-    /// The lamps whose borders run through pixel (x, y).
-    pub fn seen(&self, view: &View, x: u32, y: u32) -> Seen {
-        let mut seen = Seen::default();
+    /// The lamps whose borders run through pixel (x, y), with their parts in it.
+    fn parts(&self, view: &View, x: u32, y: u32) -> impl Iterator<Item = (u32, Polygon)> {
+        let mesh = &view.tracer.scene.mesh;
+        self.entries(x, y).iter().filter_map(move |e| {
+            let polygon = Polygon::of(view, mesh.corners(e.triangle as usize))?;
+            Some((e.triangle, polygon.in_pixel(x, y)))
+        })
+    }
+
+    /// Share of pixel (x, y) that those lamps cover if nothing is before them.
+    pub fn covered(&self, view: &View, x: u32, y: u32) -> f32 {
+        self.parts(view, x, y).map(|(_, part)| part.area()).sum()
+    }
+
+    /// Their mean radiance over the pixel, as it comes through what is before them.
+    pub fn radiance(&self, view: &View, x: u32, y: u32) -> Rgb {
         let scene = view.tracer.scene;
         let origin = view.camera.origin();
-        for e in self.entries(x, y) {
-            let corners = scene.mesh.corners(e.triangle as usize);
-            let Some(part) = Polygon::of(view, corners).map(|p| p.in_pixel(x, y)) else {
-                continue;
-            };
+        let mut sum = Rgb::BLACK;
+        for (triangle, part) in self.parts(view, x, y) {
             let area = part.area();
             if area <= 0.0 {
                 continue;
             }
+            let corners = scene.mesh.corners(triangle as usize);
             let normal = unit_normal(corners);
-            let key = [view.seed, 7, x.into(), y.into(), e.triangle.into()];
+            let key = [view.seed, 7, x.into(), y.into(), triangle.into()];
             let seed = sampling::hash(&key) as u32;
             let mut through = 0.0;
-            for i in 0..Self::RAYS {
+            for i in 0..self.rays {
                 let at = part.point(sampling::sobol2(i, 0, seed));
                 let d = view.camera.direction(&view.film, at.x, at.y);
                 let t = (corners[0] - origin).dot(normal) / d.dot(normal);
@@ -124,11 +130,10 @@ impl Lamps {
                     through += exp_neg(view.tracer.optical_depth(origin, d, end));
                 }
             }
-            let material = &scene.materials[scene.mesh.material[e.triangle as usize] as usize];
-            seen.covered += area;
-            seen.radiance += Rgb(material.emission) * (area * through * (1.0 / Self::RAYS as f32));
+            let material = &scene.materials[scene.mesh.material[triangle as usize] as usize];
+            sum += Rgb(material.emission) * (area * through / self.rays as f32);
         }
-        seen
+        sum
     }
 }
 

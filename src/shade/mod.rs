@@ -323,7 +323,7 @@ fn shade<P: Pages, M: Medium>(
         (settings.method == Method::Extended).then_some(&volume_gatherer),
         settings.seed,
     );
-    let lamps = Lamps::new(&view, region);
+    let lamps = Lamps::new(&view, region, settings.edge_samples);
     let shader = PixelShader {
         view,
         lamps: &lamps,

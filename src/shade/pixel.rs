@@ -274,7 +274,7 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
     pub fn finish(&self, pixel: PixelSum) -> Pixel {
         let [x, y] = pixel.at;
         let mut pixel = pixel.mean();
-        pixel.direct += self.lamps.seen(&self.view, x, y).radiance;
+        pixel.direct += self.lamps.radiance(&self.view, x, y);
         pixel
     }
 
