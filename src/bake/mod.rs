@@ -89,7 +89,7 @@ pub fn run(
     job.report.stage("bake", |counts| {
         let mut writer = CloudWriter::create(cloud, meta(scene, settings), force)?;
         let tracer = Tracer::new(scene);
-        let lights = Lights::new(&tracer);
+        let lights = Lights::new(&tracer).for_baking();
         let creases = Creases::new(&scene.mesh, settings.crease_deg);
         let maker = SurfelMaker {
             tracer: &tracer,

@@ -1,5 +1,6 @@
-//! Emissive triangles, all of them where there are few, a fresh choice of them at each point where there are many.
+//! Emissive triangles.
 
+use super::tree::Tree;
 use crate::math::{Rgb, polygon, sampling};
 use crate::scene::Scene;
 use crate::trace::unit_normal;
@@ -16,7 +17,8 @@ pub struct Emitter {
     pub radiance: Rgb,
     /// Area.
     pub area: f32,
-    both_sides: bool,
+    /// Whether the other side emits, too.
+    pub both_sides: bool,
 }
 
 impl Emitter {
@@ -55,13 +57,13 @@ impl Emitter {
 #[derive(Debug)]
 pub struct Emitters {
     all: Vec<Emitter>,
-    /// Running sum of area times radiance, for choosing among many.
-    running_power: Vec<f64>,
+    /// Over them, if there are many.
+    tree: Option<Tree>,
 }
 
 impl Emitters {
-    /// Up to this many are all asked; of more, this many are chosen at each point by their power.
-    pub const EXACT: usize = 64;
+    /// Up to this many are all asked; more are asked by a tree.
+    pub const FEW: usize = 64;
 
     /// Finds them.
     pub fn new(scene: &Scene) -> Self {
@@ -80,15 +82,23 @@ impl Emitters {
                 });
             }
         }
-        let mut sum = 0.0;
-        let running_power = all
-            .iter()
-            .map(|e| {
-                sum += f64::from(e.area) * f64::from(e.radiance.mean());
-                sum
-            })
-            .collect();
-        Self { all, running_power }
+        Self::of(all)
+    }
+
+    /// These.
+    pub fn of(all: Vec<Emitter>) -> Self {
+        let tree = if all.len() > Self::FEW {
+            Tree::new(&all)
+        } else {
+            None
+        };
+        Self { all, tree }
+    }
+
+    /// How many there are.
+    #[cfg(test)]
+    pub fn len(&self) -> usize {
+        self.all.len()
     }
 
     /// The emitter of an index.
@@ -96,31 +106,15 @@ impl Emitters {
         &self.all[index as usize]
     }
 
-    /// Calls `each(index, emitter, multiplicity)` for the emitters that face a point: those that are to be asked, each
-    /// with how many it stands for.
-    pub fn for_point(&self, point: Vec3, seed: u64, mut each: impl FnMut(u32, &Emitter, f32)) {
-        if self.all.len() <= Self::EXACT {
-            for (i, e) in self.all.iter().enumerate() {
-                if e.lights(point) {
-                    each(i as u32, e, 1.0);
-                }
-            }
-            return;
-        }
-        let total = self.running_power.last().copied().unwrap_or(0.0);
-        let step = total / Self::EXACT as f64;
-        for k in 0..Self::EXACT {
-            let target =
-                (k as f64 + f64::from(sampling::unit(sampling::hash(&[seed, k as u64])))) * step;
-            let i = self
-                .running_power
-                .partition_point(|&p| p <= target)
-                .min(self.all.len() - 1);
-            let e = &self.all[i];
-            if e.lights(point) {
-                let power = f64::from(e.area) * f64::from(e.radiance.mean());
-                each(i as u32, e, (step / power) as f32);
-            }
-        }
+    /// The tree over many; `None` if they are few.
+    pub fn tree(&self) -> Option<&Tree> {
+        self.tree.as_ref()
+    }
+
+    /// The emitters that face a point, with their indices: of [`Self::FEW`] at most.
+    pub fn facing(&self, point: Vec3) -> impl Iterator<Item = (u32, &Emitter)> {
+        let few = self.all.iter().take(Self::FEW).enumerate();
+        few.filter(move |(_, e)| e.lights(point))
+            .map(|(i, e)| (i as u32, e))
     }
 }

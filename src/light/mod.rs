@@ -3,79 +3,32 @@
 //! What a light would send without anything between is computed in closed form; rays measure only the share that
 //! arrives. So a point in full light has no noise at all.
 
+mod cut;
 mod emitters;
+mod rays;
+mod receiver;
 mod sun_depth;
+#[cfg(test)]
+mod tests;
+mod tree;
 
+use crate::math::Rgb;
 use crate::math::exp::exp_neg;
-use crate::math::sampling::{cosine_hemisphere, disk, hash, mix, sobol2, sphere, tangents, unit2};
-use crate::math::{Rgb, polygon};
+use crate::math::sampling::{cosine_hemisphere, disk, sphere, tangents};
 use crate::scene::Light;
 use crate::trace::Tracer;
+use cut::Cut;
 use emitters::Emitters;
 use glam::Vec3;
+use receiver::Receiver;
 use std::f32::consts::PI;
 use std::ops::{AddAssign, Mul};
+use tree::Tree;
+
+pub use rays::ShadowRays;
 pub use sun_depth::SunDepths;
 
 const INVERSE_SPHERE: f32 = 1.0 / (4.0 * PI);
-
-/// Which points of the lights one point's shadow rays go to.
-#[derive(Clone, Copy, Debug)]
-pub enum ShadowRays {
-    /// A stretch of a sequence.
-    Sequence {
-        /// Rays to all emissive triangles together, and to each wide light.
-        per_light: u32,
-        /// First ray: ask again with the next stretch for more rays.
-        first: u32,
-        /// Key of the point.
-        seed: u64,
-    },
-    /// Rays in one or more of the 16 equal cells of the lights: neighbours that take the 16 cells in turn have, together,
-    /// a well-spread set (Keller & Heidrich 2001).
-    Cells {
-        /// That of the first ray, 0 to 15; others are in the quarters after it.
-        cell: u8,
-        /// Rays to skip.
-        first: u8,
-        /// Rays to take.
-        count: u8,
-        /// Key of the point.
-        seed: u64,
-    },
-}
-
-impl ShadowRays {
-    fn count(&self) -> u32 {
-        match *self {
-            Self::Sequence { per_light, .. } => per_light.max(1),
-            Self::Cells { count, .. } => u32::from(count),
-        }
-    }
-
-    fn seed(&self) -> u64 {
-        match *self {
-            Self::Sequence { first, seed, .. } => hash(&[mix(seed), u64::from(first)]),
-            Self::Cells { seed, .. } => seed,
-        }
-    }
-
-    /// Two numbers in [0,1) for ray `i`; `set` tells lights apart.
-    fn point(&self, i: u32, set: u32) -> [f32; 2] {
-        match *self {
-            Self::Sequence { first, seed, .. } => sobol2(first + i, set, mix(seed) as u32),
-            Self::Cells {
-                cell, first, seed, ..
-            } => {
-                let ray = u32::from(first) + i;
-                let cell = (u32::from(cell) + 4 * ray) % 16;
-                let [u, v] = unit2(hash(&[seed, u64::from(set), u64::from(ray)]));
-                let [x, y] = [cell >> 2 & 2 | cell >> 1 & 1, cell >> 1 & 2 | cell & 1];
-                [0.25 * (x as f32 + u), 0.25 * (y as f32 + v)]
-            }
-        }
-    }
-}
 
 /// What direct light a point gets: irradiance of a surface, or mean radiance over the sphere in a medium.
 #[derive(Clone, Copy, Debug, Default)]
@@ -207,7 +160,33 @@ pub struct Lights<'a> {
     /// What rays to emissive triangles meet; the scene's media if `None`.
     wide_depth: Option<&'a dyn OpticalDepth>,
     emitters: Emitters,
+    /// How many emissive triangles are asked, if they are many.
+    care: Care,
     environment: Rgb,
+}
+
+/// How carefully many emissive triangles are asked.
+#[derive(Clone, Copy, Debug)]
+struct Care {
+    /// Share of all light by which one group of them may be wrong.
+    tolerance: f32,
+    /// Whether rays tell what arrives of the groups' light, which has no noise, or all of it, which has no bias.
+    is_share: bool,
+    /// Rays for one to a few.
+    rays: u32,
+}
+
+impl Care {
+    const SHADING: Self = Self {
+        tolerance: 0.03,
+        is_share: true,
+        rays: 4,
+    };
+    const BAKING: Self = Self {
+        tolerance: 0.2,
+        is_share: false,
+        rays: 1,
+    };
 }
 
 /// Media as shadow rays may see them instead of the scene's own.
@@ -236,6 +215,7 @@ impl<'a> Lights<'a> {
             tracer,
             wide_depth: None,
             emitters: Emitters::new(tracer.scene),
+            care: Care::SHADING,
             environment,
         }
     }
@@ -245,6 +225,13 @@ impl<'a> Lights<'a> {
     #[must_use]
     pub fn with_soft_shadows_through(mut self, depth: &'a dyn OpticalDepth) -> Self {
         self.wide_depth = Some(depth);
+        self
+    }
+
+    /// The same lights, asked with less care where they are many: for points of which pictures see means of many only.
+    #[must_use]
+    pub fn for_baking(mut self) -> Self {
+        self.care = Care::BAKING;
         self
     }
 
@@ -280,25 +267,18 @@ impl<'a> Lights<'a> {
         rays: ShadowRays,
     ) -> Direct {
         let origin = point + face_normal * self.tracer.offset;
-        self.sum(
-            origin,
-            rays,
-            &|d| {
-                if d.dot(face_normal) > 0.0 {
-                    d.dot(normal).max(0.0)
-                } else {
-                    0.0
-                }
-            },
-            &|corners| polygon::irradiance(corners, normal),
-        )
+        let receiver = Receiver::Surface {
+            normal,
+            face_normal,
+        };
+        self.sum(origin, rays, receiver)
     }
 
     /// Mean over the sphere of the direct radiance at a point of a medium: its in-scattered radiance for an isotropic
     /// phase function.
     #[must_use]
     pub fn mean_radiance(&self, point: Vec3, rays: ShadowRays) -> Direct {
-        let mut direct = self.sum(point, rays, &|_| 1.0, &polygon::solid_angle);
+        let mut direct = self.sum(point, rays, Receiver::Medium);
         direct.sharp *= INVERSE_SPHERE;
         direct.open *= INVERSE_SPHERE;
         direct
@@ -312,10 +292,15 @@ impl<'a> Lights<'a> {
         for (index, light) in self.tracer.scene.lights.iter().enumerate() {
             let is_point = matches!(light, Light::Point { .. } | Light::Spot { .. });
             let total = if is_point { &mut near } else { &mut rest };
-            let depth = suns.and_then(|s| s.of(index));
-            self.add_light(total, light, index, point, rays, &|_| 1.0, depth);
+            let asking = Asking {
+                origin: point,
+                rays,
+                receiver: Receiver::Medium,
+                sun_depth: suns.and_then(|s| s.of(index)),
+            };
+            self.add_light(total, light, index, &asking);
         }
-        self.add_emitters(&mut rest, point, rays, &|_| 1.0, &polygon::solid_angle);
+        self.add_emitters(&mut rest, point, rays, Receiver::Medium);
         let (arriving, sent) = (near.sharp * INVERSE_SPHERE, self.sent(point, point));
         InMedium {
             share: Rgb(std::array::from_fn(|c| {
@@ -406,33 +391,29 @@ impl<'a> Lights<'a> {
         (0..rays.count()).map(through).sum::<f32>() / rays.count() as f32
     }
 
-    /// Sums over lights: `weight(direction)` is the receiver's response, `closed_form(corners)` its integral over a
-    /// triangle seen from the origin.
-    fn sum(
-        &self,
-        origin: Vec3,
-        rays: ShadowRays,
-        weight: &dyn Fn(Vec3) -> f32,
-        closed_form: &dyn Fn([Vec3; 3]) -> f32,
-    ) -> Direct {
+    /// Sums over lights.
+    fn sum(&self, origin: Vec3, rays: ShadowRays, receiver: Receiver) -> Direct {
         let mut total = Direct::default();
         for (index, light) in self.tracer.scene.lights.iter().enumerate() {
-            self.add_light(&mut total, light, index, origin, rays, weight, None);
+            let asking = Asking {
+                origin,
+                rays,
+                receiver,
+                sun_depth: None,
+            };
+            self.add_light(&mut total, light, index, &asking);
         }
-        self.add_emitters(&mut total, origin, rays, weight, closed_form);
+        self.add_emitters(&mut total, origin, rays, receiver);
         total
     }
 
-    fn add_light(
-        &self,
-        total: &mut Direct,
-        light: &Light,
-        index: usize,
-        origin: Vec3,
-        rays: ShadowRays,
-        weight: &dyn Fn(Vec3) -> f32,
-        sun_depth: Option<&dyn OpticalDepth>,
-    ) {
+    fn add_light(&self, total: &mut Direct, light: &Light, index: usize, asking: &Asking) {
+        let &Asking {
+            origin,
+            rays,
+            receiver,
+            sun_depth,
+        } = asking;
         let (position, intensity) = match *light {
             Light::Environment { .. } => return,
             Light::Directional {
@@ -446,10 +427,10 @@ impl<'a> Lights<'a> {
                         irradiance: Rgb(irradiance),
                         angular_radius_rad,
                     };
-                    self.add_sun(total, &sun, index, origin, rays, weight, sun_depth);
+                    self.add_sun(total, &sun, index, asking);
                     return;
                 }
-                let w = weight(-direction);
+                let w = receiver.response(-direction);
                 if w > 0.0 {
                     let through = self.transmittance(origin, -direction, f32::INFINITY, sun_depth);
                     total.note_sharp(index, through);
@@ -473,7 +454,7 @@ impl<'a> Lights<'a> {
             return;
         }
         let d = to_light / distance;
-        let w = weight(d) / (distance * distance) * light.falloff(-d);
+        let w = receiver.response(d) / (distance * distance) * light.falloff(-d);
         if w > 0.0 {
             let through = self.transmittance(origin, d, distance, None);
             total.note_sharp(index, through);
@@ -482,16 +463,13 @@ impl<'a> Lights<'a> {
     }
 
     /// A sun with an extent: a cone of directions of constant radiance.
-    fn add_sun(
-        &self,
-        total: &mut Direct,
-        sun: &Sun,
-        index: usize,
-        origin: Vec3,
-        rays: ShadowRays,
-        weight: &dyn Fn(Vec3) -> f32,
-        sun_depth: Option<&dyn OpticalDepth>,
-    ) {
+    fn add_sun(&self, total: &mut Direct, sun: &Sun, index: usize, asking: &Asking) {
+        let &Asking {
+            origin,
+            rays,
+            receiver,
+            sun_depth,
+        } = asking;
         let (x, y) = tangents(-sun.direction);
         let radius = libm::sinf(sun.angular_radius_rad);
         for i in 0..rays.count() {
@@ -499,7 +477,7 @@ impl<'a> Lights<'a> {
             // Points of the disk are spread by their cosine to the sun's axis.
             let cos = (1.0 - u * u - v * v).max(1e-4).sqrt();
             let d = (-sun.direction * cos + x * u + y * v).normalize();
-            let w = weight(d) / cos;
+            let w = receiver.response(d) / cos;
             if w > 0.0 {
                 let light = sun.irradiance * w;
                 total.open += light * (1.0 / rays.count() as f32);
@@ -509,34 +487,30 @@ impl<'a> Lights<'a> {
         }
     }
 
-    fn add_emitters(
-        &self,
-        total: &mut Direct,
-        origin: Vec3,
-        rays: ShadowRays,
-        weight: &dyn Fn(Vec3) -> f32,
-        closed_form: &dyn Fn([Vec3; 3]) -> f32,
-    ) {
-        let mut chosen = [Chosen::default(); Emitters::EXACT];
+    fn add_emitters(&self, total: &mut Direct, origin: Vec3, rays: ShadowRays, receiver: Receiver) {
+        if let Some(tree) = self.emitters.tree() {
+            self.add_many_emitters(total, tree, origin, rays, receiver);
+            return;
+        }
+        let mut chosen = [Chosen::default(); Emitters::FEW];
         let mut unoccluded = Rgb::BLACK;
         let mut sum = 0.0;
         let mut count = 0;
-        self.emitters
-            .for_point(origin, rays.seed(), |index, emitter, multiplicity| {
-                let response = closed_form(emitter.corners.map(|c| c - origin)) * multiplicity;
-                let light = emitter.radiance * response;
-                let power = light.mean();
-                if power > 0.0 {
-                    unoccluded += light;
-                    sum += power;
-                    chosen[count] = Chosen {
-                        index,
-                        running_power: sum,
-                        response: response / multiplicity,
-                    };
-                    count += 1;
-                }
-            });
+        for (index, emitter) in self.emitters.facing(origin) {
+            let response = receiver.of_triangle(emitter.corners.map(|c| c - origin));
+            let light = emitter.radiance * response;
+            let power = light.mean();
+            if power > 0.0 {
+                unoccluded += light;
+                sum += power;
+                chosen[count] = Chosen {
+                    index,
+                    running_power: sum,
+                    response,
+                };
+                count += 1;
+            }
+        }
         if count == 0 {
             return;
         }
@@ -559,7 +533,7 @@ impl<'a> Lights<'a> {
             let emitter = self.emitters.get(index);
             let (d, distance, pdf) = emitter.look_at(origin, [within, v]);
             // What this point sends over what its emitter was expected to: near 1.
-            let w = weight(d) / (pdf * chosen[k].response);
+            let w = receiver.response(d) / (pdf * chosen[k].response);
             if w > 0.0 {
                 // Stop short of the light itself.
                 let end = distance * (1.0 - 1e-4) - self.tracer.offset;
@@ -570,6 +544,51 @@ impl<'a> Lights<'a> {
             }
         }
     }
+
+    /// The same for many: a tree tells what they send, and each ray goes to a light that it chooses by that.
+    fn add_many_emitters(
+        &self,
+        total: &mut Direct,
+        tree: &Tree,
+        origin: Vec3,
+        rays: ShadowRays,
+        receiver: Receiver,
+    ) {
+        let cut = Cut::new(tree, &self.emitters, origin, receiver, self.care.tolerance);
+        let count = rays.count() * self.care.rays;
+        let mut sent = Rgb::BLACK;
+        for i in 0..count {
+            let [u, v] = rays.point_of_many(i, self.care.rays);
+            let Some(choice) = cut.choose(u) else {
+                continue;
+            };
+            let emitter = self.emitters.get(choice.emitter);
+            let (d, distance, pdf) = emitter.look_at(origin, [choice.within, v]);
+            let w = receiver.response(d) / (pdf * choice.chance);
+            if w > 0.0 && w.is_finite() {
+                // Stop short of the light itself.
+                let end = distance * (1.0 - 1e-4) - self.tracer.offset;
+                let through = self.transmittance(origin, d, end, self.wide_depth);
+                let light = emitter.radiance * w;
+                total.note_ray(choice.emitter as usize, light, through);
+                sent += light;
+            }
+        }
+        total.open += if self.care.is_share {
+            cut.light()
+        } else {
+            sent * (1.0 / count.max(1) as f32)
+        };
+    }
+}
+
+/// A point that asks for light.
+struct Asking<'a> {
+    origin: Vec3,
+    rays: ShadowRays,
+    receiver: Receiver,
+    /// The media before a sun, if not the scene's own.
+    sun_depth: Option<&'a dyn OpticalDepth>,
 }
 
 /// A directional light with an extent.

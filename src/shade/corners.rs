@@ -223,7 +223,10 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
         let whole = own[1..]
             .iter()
             .all(|c| self.shader.same_end(&own[0].sample, &c.sample));
-        if whole && let Some(pixel) = self.mean_of_corners(own, at) {
+        if whole
+            && !self.hides_a_lamp(own[0], x, y)
+            && let Some(pixel) = self.mean_of_corners(PixelSum::of(x, y), own, at)
+        {
             return pixel;
         }
         let samples = own.map(|c| c.sample);
@@ -240,18 +243,25 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
         self.shader.refine(x, y, &samples, &mut pieces)
     }
 
+    /// Whether a lamp that the corners of a pixel do not show covers much of it.
+    fn hides_a_lamp(&self, corner: &Corner, x: u32, y: u32) -> bool {
+        const MUCH: f32 = 0.1;
+        let PixelShader { view, lamps, .. } = self.shader;
+        lamps.covered(view, x, y) > MUCH && !lamps.has(x, y, corner.sample.triangle)
+    }
+
     /// The mean of four corners on one piece of surface, unless an edge of a shadow runs between them.
     fn mean_of_corners<'c>(
         &self,
+        mut pixel: PixelSum,
         own: [&Corner; 4],
         at: impl Fn(usize, usize) -> &'c Corner,
     ) -> Option<Pixel> {
-        let mut pixel = PixelSum::default();
         if own[0].sample.surface.is_none() {
             for c in own {
                 self.shader.add_nothing(&mut pixel, &c.sample);
             }
-            return Some(pixel.mean());
+            return Some(self.shader.finish(pixel));
         }
         let (seen, hidden) = own.iter().fold((0, 0), |(seen, hidden), c| {
             (seen | c.sample.direct.seen, hidden | c.sample.direct.hidden)
@@ -267,7 +277,7 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
             self.shader
                 .add_surface(&mut pixel, &c.sample, direct, c.irradiance);
         }
-        Some(pixel.mean())
+        Some(self.shader.finish(pixel))
     }
 
     /// The lights with an extent, by the shadow rays of the corners around a pixel that lie on its piece of surface.

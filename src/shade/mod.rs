@@ -6,6 +6,7 @@
 mod corners;
 mod far_field;
 mod inscatter;
+mod lamps;
 mod lattice;
 mod pixel;
 mod sparse;
@@ -27,6 +28,7 @@ use crate::{Error, Result};
 use corners::Corners;
 use glam::Vec3;
 use inscatter::InScatter;
+use lamps::Lamps;
 use lattice::Lattice;
 use pixel::{Pixel, PixelShader, SampleCounts};
 use rayon::prelude::*;
@@ -324,8 +326,10 @@ fn shade<P: Pages, M: Medium>(
         (settings.method == Method::Extended).then_some(&volume_gatherer),
         &job.cancel,
     )?;
+    let lamps = Lamps::new(&view, region, settings.edge_samples);
     let shader = PixelShader {
         view,
+        lamps: &lamps,
         lights: &lights,
         lattice: &lattice,
         gatherer: &surface_gatherer,

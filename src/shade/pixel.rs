@@ -2,6 +2,7 @@
 //! is looked up.
 
 use super::inscatter::InScatter;
+use super::lamps::Lamps;
 use super::lattice::{Lattice, gather_surface};
 use super::view::View;
 use crate::gather::{Gatherer, Medium, Pages, Stretch};
@@ -32,6 +33,8 @@ pub struct Pixel {
 pub struct PixelShader<'a, P, M> {
     /// Camera and scene.
     pub view: View<'a>,
+    /// Lamps whose borders are in sight.
+    pub lamps: &'a Lamps,
     /// Lights.
     pub lights: &'a Lights<'a>,
     /// Indirect light on surfaces.
@@ -60,6 +63,8 @@ pub struct SampleCounts {
 pub struct Sample {
     /// What it hit.
     pub surface: Option<Surface>,
+    /// The triangle that this is on, if any.
+    pub triangle: u32,
     /// How far away, infinite if nothing.
     pub t: f32,
     /// Unit direction.
@@ -160,6 +165,7 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
             });
         Sample {
             surface,
+            triangle: hit.map_or(u32::MAX, |h| h.triangle),
             t: hit.map_or(f32::INFINITY, |h| h.t),
             direction,
             direct,
@@ -262,7 +268,7 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
             pieces[index].rays += sample.direct.rays;
             piece_of.push(index);
         }
-        let mut pixel = PixelSum::default();
+        let mut pixel = PixelSum::of(x, y);
         for (sample, &index) in samples.iter().zip(&piece_of) {
             match sample.surface {
                 Some(_) => {
@@ -273,7 +279,15 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
                 None => self.add_nothing(&mut pixel, sample),
             }
         }
-        pixel.mean()
+        self.finish(pixel)
+    }
+
+    /// Mean of what was added, and the lamps whose borders are in the pixel.
+    pub fn finish(&self, pixel: PixelSum) -> Pixel {
+        let [x, y] = pixel.at;
+        let mut pixel = pixel.mean();
+        pixel.direct += self.lamps.radiance(&self.view, x, y);
+        pixel
     }
 
     /// Adds a sample that hit a surface of the given direct and indirect irradiance.
@@ -283,7 +297,11 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
         };
         let through = sample.passed.transmittance;
         let reflect = surface.albedo * (FRAC_1_PI * through);
-        let emission = surface.emission(self.view.tracer.scene, -sample.direction);
+        let [x, y] = pixel.at;
+        let mut emission = surface.emission(self.view.tracer.scene, -sample.direction);
+        if !emission.is_black() && self.lamps.has(x, y, sample.triangle) {
+            emission = Rgb::BLACK;
+        }
         pixel.sum.direct += reflect * direct + emission * through;
         pixel.sum.indirect += reflect * indirect;
         pixel.sum.volume += sample.passed.radiance;
@@ -313,14 +331,26 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
 }
 
 /// A pixel in the making.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct PixelSum {
+    at: [u32; 2],
     sum: Pixel,
     samples: u32,
     hits: u32,
 }
 
 impl PixelSum {
+    /// Pixel (x, y), of which nothing is known.
+    #[must_use]
+    pub fn of(x: u32, y: u32) -> Self {
+        Self {
+            at: [x, y],
+            sum: Pixel::default(),
+            samples: 0,
+            hits: 0,
+        }
+    }
+
     /// The mean of what was added.
     #[must_use]
     pub fn mean(self) -> Pixel {

@@ -3,7 +3,7 @@
 use crate::image::Region;
 use crate::scene::{Camera, Film};
 use crate::trace::Tracer;
-use glam::{Vec2, Vec3};
+use glam::{Affine3A, Vec2, Vec3};
 
 /// A camera looking at a traced scene.
 #[derive(Clone, Copy, Debug)]
@@ -16,6 +16,8 @@ pub struct View<'a> {
     pub film: Film,
     /// Angle that a pixel in the middle covers, radians.
     pub pixel_angle: f32,
+    /// Rotation and position.
+    pub camera_from_scene: Affine3A,
     /// Key of the frame's random choices.
     pub seed: u64,
 }
@@ -30,24 +32,36 @@ impl<'a> View<'a> {
             camera,
             film,
             pixel_angle,
+            camera_from_scene: camera.scene_from_camera.inverse(),
             seed,
         }
+    }
+
+    /// A point of scene space as the camera sees it: x to the right, y up, -z ahead.
+    pub fn local(&self, point: Vec3) -> Vec3 {
+        self.camera_from_scene.transform_point3(point)
+    }
+
+    /// Where on the film a point ahead of the camera is, pixels from its top left.
+    pub fn on_film(&self, local: Vec3) -> Vec2 {
+        let scale = 1.0 / (-local.z * self.pixel_angle);
+        Vec2::new(
+            0.5 * self.film.width as f32 + local.x * scale,
+            0.5 * self.film.height as f32 - local.y * scale,
+        )
     }
 
     /// Whether rays through a region of the film, or up to `margin` pixels beside it, may pass the hull of some points.
     /// May say yes where none does, never no where one does.
     #[must_use]
     pub fn may_see(&self, region: Region, margin: f32, points: [Vec3; 8]) -> bool {
-        let camera_from_scene = self.camera.scene_from_camera.inverse();
-        let per_unit = 1.0 / self.pixel_angle;
         let (mut lower, mut upper) = (Vec2::INFINITY, Vec2::NEG_INFINITY);
         for point in points {
-            let p = camera_from_scene.transform_point3(point);
-            if p.z >= -1e-6 * p.length() {
+            let local = self.local(point);
+            if local.z >= -1e-6 * local.length() {
                 return true;
             }
-            let on_film = Vec2::new(p.x, -p.y) * (per_unit / -p.z)
-                + 0.5 * Vec2::new(self.film.width as f32, self.film.height as f32);
+            let on_film = self.on_film(local);
             lower = lower.min(on_film);
             upper = upper.max(on_film);
         }

@@ -113,8 +113,8 @@ printf '%-16s %14s %9s %8s %8s %8s %10s %14s\n' \
 # Scene, quality, and the limits of trimmed relMSE, pdiff, FLIP and bias: about 1.5 times what was measured.
 general='curved good 1.0e-3 0.013 0.058 0.006
 curved draft 2.4e-3 0.016 0.077 0.006
-lights100 good 5.2e-3 0.21 0.090 0.014
-lights100 draft 7.4e-3 0.25 0.125 0.018
+lights100 good 1.6e-3 0.048 0.074 0.004
+lights100 draft 2.5e-3 0.073 0.091 0.004
 volumes good 1.9e-3 0.010 0.091 0.031
 volumes draft 2.5e-3 0.013 0.107 0.032
 thin good 2.1e-3 0.011 0.068 0.005

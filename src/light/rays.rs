@@ -1,0 +1,76 @@
+//! Shadow rays of a point, by the points of the lights that they go to.
+
+use crate::math::sampling::{hash, mix, sobol2, unit2};
+
+/// Which points of the lights one point's shadow rays go to.
+#[derive(Clone, Copy, Debug)]
+pub enum ShadowRays {
+    /// A stretch of a sequence.
+    Sequence {
+        /// Rays to all emissive triangles together, and to each wide light.
+        per_light: u32,
+        /// First ray: ask again with the next stretch for more rays.
+        first: u32,
+        /// Key of the point.
+        seed: u64,
+    },
+    /// Rays in one or more of the 16 equal cells of the lights: neighbours that take the 16 cells in turn have, together,
+    /// a well-spread set (Keller & Heidrich 2001).
+    Cells {
+        /// That of the first ray, 0 to 15; others are in the quarters after it.
+        cell: u8,
+        /// Rays to skip.
+        first: u8,
+        /// Rays to take.
+        count: u8,
+        /// Key of the point.
+        seed: u64,
+    },
+}
+
+impl ShadowRays {
+    /// Rays to all emissive triangles together, and to each wide light.
+    pub(super) fn count(&self) -> u32 {
+        match *self {
+            Self::Sequence { per_light, .. } => per_light.max(1),
+            Self::Cells { count, .. } => u32::from(count),
+        }
+    }
+
+    /// Two numbers in [0,1) for ray `i`; `set` tells lights apart.
+    pub(super) fn point(&self, i: u32, set: u32) -> [f32; 2] {
+        match *self {
+            Self::Sequence { first, seed, .. } => sobol2(first + i, set, mix(seed) as u32),
+            Self::Cells {
+                cell, first, seed, ..
+            } => {
+                let ray = u32::from(first) + i;
+                let cell = (u32::from(cell) + 4 * ray) % 16;
+                let [u, v] = unit2(hash(&[seed, u64::from(set), u64::from(ray)]));
+                let [x, y] = [cell >> 2 & 2 | cell >> 1 & 1, cell >> 1 & 2 | cell & 1];
+                [0.25 * (x as f32 + u), 0.25 * (y as f32 + v)]
+            }
+        }
+    }
+    /// The same where each ray to all emissive triangles is `per_ray` rays among many of them: the first number, which
+    /// chooses the light, takes all cells in turn, so that lights have as many strata as there are rays.
+    pub(super) fn point_of_many(&self, i: u32, per_ray: u32) -> [f32; 2] {
+        match *self {
+            Self::Sequence { first, seed, .. } => sobol2(first * per_ray + i, 63, mix(seed) as u32),
+            Self::Cells {
+                cell, first, seed, ..
+            } => {
+                let ray = u32::from(first) + i / per_ray;
+                let cell = (u32::from(cell) + 4 * ray) % 16;
+                let part = cell * per_ray + i % per_ray;
+                let [u, v] = unit2(hash(&[seed, 63, u64::from(first), u64::from(i)]));
+                // The second number by a Hammersley set over the cells.
+                let across = (cell.reverse_bits() >> 28) as f32;
+                [
+                    (part as f32 + u) / (16 * per_ray) as f32,
+                    (across + v) * (1.0 / 16.0),
+                ]
+            }
+        }
+    }
+}

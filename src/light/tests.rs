@@ -1,0 +1,335 @@
+//! What a tree over many lights promises.
+
+use super::cut::Cut;
+use super::emitters::{Emitter, Emitters};
+use super::receiver::Receiver;
+use super::tree::Tree;
+use super::{Lights, ShadowRays};
+use crate::math::{Rgb, sampling};
+use crate::scene::{Camera, Film, Material, Mesh, Scene};
+use crate::trace::Tracer;
+use glam::{Affine3A, DVec3, Vec3};
+
+/// Numbers in [0,1) that a key tells.
+struct Numbers {
+    key: u64,
+    next: u64,
+}
+
+impl Numbers {
+    fn new(key: u64) -> Self {
+        Self { key, next: 0 }
+    }
+
+    fn unit(&mut self) -> f32 {
+        self.next += 1;
+        sampling::unit(sampling::hash(&[self.key, self.next]))
+    }
+
+    fn direction(&mut self) -> Vec3 {
+        sampling::sphere([self.unit(), self.unit()])
+    }
+
+    /// In a box of 10 x 4 x 6 around the origin.
+    fn place(&mut self) -> Vec3 {
+        Vec3::new(
+            10.0 * self.unit() - 5.0,
+            4.0 * self.unit() - 2.0,
+            6.0 * self.unit() - 3.0,
+        )
+    }
+
+    fn receiver(&mut self) -> Receiver {
+        if self.unit() < 0.25 {
+            return Receiver::Medium;
+        }
+        let normal = self.direction();
+        let face_normal = normal;
+        Receiver::Surface {
+            normal,
+            face_normal,
+        }
+    }
+}
+
+fn empty() -> Scene {
+    Scene {
+        name: String::new(),
+        world_from_scene: DVec3::ZERO,
+        cameras: vec![Camera {
+            name: String::new(),
+            scene_from_camera: Affine3A::IDENTITY,
+            fov_x_rad: 1.0,
+        }],
+        film: Film {
+            width: 4,
+            height: 4,
+            exposure: 1.0,
+        },
+        mesh: Mesh::default(),
+        materials: Vec::new(),
+        textures: Vec::new(),
+        lights: Vec::new(),
+        volumes: Vec::new(),
+        hash: [0; 32],
+        warnings: Vec::new(),
+    }
+}
+
+/// Lamps of power over a range of 36 and of different colours: half of them anywhere, half on a ceiling.
+fn lamps(count: usize, key: u64) -> Scene {
+    let mut numbers = Numbers::new(key);
+    let mut scene = empty();
+    let size = 0.5 / (count as f32).sqrt();
+    for i in 0..count {
+        let (mut middle, mut normal) = (numbers.place(), numbers.direction());
+        if i % 2 == 0 {
+            (middle.y, normal) = (2.0, -Vec3::Y);
+        }
+        let (x, y) = sampling::tangents(normal);
+        let first = scene.mesh.positions.len() as u32;
+        let side = size * (0.3 + numbers.unit());
+        for corner in [x, -0.5 * x + 0.8 * y, -0.5 * x - 0.8 * y] {
+            scene.mesh.positions.push(middle + corner * side);
+        }
+        scene.mesh.triangles.push([first, first + 1, first + 2]);
+        scene.mesh.material.push(i as u32);
+        let radiance = 30.0 * 6.0_f32.powf(2.0 * numbers.unit() - 1.0);
+        scene.materials.push(Material {
+            emission: std::array::from_fn(|_| radiance * (0.2 + numbers.unit())),
+            emits_both_sides: i % 5 == 0,
+            name: String::new(),
+            albedo: [0.0; 3],
+            texture: None,
+        });
+    }
+    scene
+}
+
+fn sends(e: &Emitter, origin: Vec3, receiver: Receiver) -> Rgb {
+    let in_front = (origin - e.corners[0]).dot(e.normal) > 0.0;
+    if in_front || e.both_sides {
+        e.radiance * receiver.of_triangle(e.corners.map(|c| c - origin))
+    } else {
+        Rgb::BLACK
+    }
+}
+
+/// A few receivers that light can reach, with the sum of what all lights send by their closed forms.
+fn receivers(emitters: &Emitters, count: u32, key: u64) -> Vec<(Vec3, Receiver, Rgb)> {
+    let mut numbers = Numbers::new(key);
+    let mut found = Vec::new();
+    while found.len() < 60 {
+        let (origin, receiver) = (numbers.place(), numbers.receiver());
+        let sum = (0..count)
+            .map(|i| sends(emitters.get(i), origin, receiver))
+            .fold(Rgb::BLACK, |sum, light| sum + light);
+        if sum.mean() > 0.01 {
+            found.push((origin, receiver, sum));
+        }
+    }
+    found
+}
+
+#[test]
+fn chances_add_up_to_one_and_no_light_that_can_reach_a_point_is_left_out() {
+    for (count, tolerance) in [(65, 0.03), (65, 10.0), (400, 0.03), (400, 0.2)] {
+        let scene = lamps(count, 1);
+        let emitters = Emitters::new(&scene);
+        let tree = emitters.tree().unwrap();
+        for (origin, receiver, sum) in receivers(&emitters, count as u32, 2) {
+            let cut = Cut::new(tree, &emitters, origin, receiver, tolerance);
+            let (chances, none) = cut.chances(count);
+            let total = chances.iter().sum::<f32>() + none;
+            assert!((total - 1.0).abs() < 1e-4, "{count}: {total}");
+            for (i, chance) in chances.iter().enumerate() {
+                let sent = sends(emitters.get(i as u32), origin, receiver).mean();
+                // Within a thousand of its share, no light is asked less than a hundredth as often as it sends.
+                let share = sent / sum.mean();
+                assert!(share < 1e-3 || *chance > 0.01 * share, "{share} {chance}");
+                assert!(sent == 0.0 || *chance > 0.0, "{i} sends {sent}");
+            }
+        }
+    }
+}
+
+#[test]
+fn lights_are_chosen_by_their_chances() {
+    let count = 150;
+    let scene = lamps(count, 3);
+    let emitters = Emitters::new(&scene);
+    let tree = emitters.tree().unwrap();
+    for (origin, receiver, _) in receivers(&emitters, count as u32, 4).into_iter().take(10) {
+        let cut = Cut::new(tree, &emitters, origin, receiver, 0.2);
+        let (chances, _) = cut.chances(count);
+        let mut found = vec![0.0_f32; count];
+        let draws = 20_000;
+        for i in 0..draws {
+            let Some(choice) = cut.choose((i as f32 + 0.5) / draws as f32) else {
+                continue;
+            };
+            let chance = chances[choice.emitter as usize];
+            // A light that emits on both sides is two.
+            assert!(choice.chance <= chance * 1.001);
+            assert!((0.0..=1.0).contains(&choice.within));
+            found[choice.emitter as usize] += 1.0 / draws as f32;
+        }
+        for (found, chance) in found.iter().zip(&chances) {
+            assert!((found - chance).abs() < 3e-4, "{found} {chance}");
+        }
+    }
+}
+
+#[test]
+fn a_cut_tells_what_all_lights_send() {
+    for (count, limit) in [(100, 0.02), (1000, 0.025), (10_000, 0.04)] {
+        let scene = lamps(count, 5);
+        let emitters = Emitters::new(&scene);
+        let tree = emitters.tree().unwrap();
+        let mut squares = 0.0;
+        let all = receivers(&emitters, count as u32, 6);
+        for &(origin, receiver, sum) in &all {
+            let cut = Cut::new(tree, &emitters, origin, receiver, 0.03);
+            let error = cut.light().mean() / sum.mean() - 1.0;
+            squares += error * error;
+            // Cuts grow far slower than their number.
+            assert!(cut.len() < 400, "{}", cut.len());
+        }
+        let error = (squares / all.len() as f32).sqrt();
+        assert!(error < limit, "{count}: {error}");
+    }
+}
+
+/// Rays of a bake and those of shading, with a wall that hides half of the lamps.
+#[test]
+fn the_mean_over_rays_is_the_sum_over_all_lights() {
+    let mut scene = lamps(200, 7);
+    let open = lamps(200, 7);
+    // A wall across the box.
+    let first = scene.mesh.positions.len() as u32;
+    for (y, z) in [(-9.0, -9.0), (9.0, -9.0), (9.0, 9.0), (-9.0, 9.0)] {
+        scene.mesh.positions.push(Vec3::new(0.4, y, z));
+    }
+    let quad = [[0, 1, 2], [0, 2, 3]].map(|t| t.map(|i| first + i));
+    scene.mesh.triangles.extend(quad);
+    scene.mesh.material.extend([200; 2]);
+    scene.materials.push(Material {
+        name: String::new(),
+        albedo: [0.5; 3],
+        texture: None,
+        emission: [0.0; 3],
+        emits_both_sides: false,
+    });
+    let emitters = Emitters::new(&open);
+    let tracer = Tracer::new(&scene);
+    for (baking, tolerance) in [(true, 0.005), (false, 0.04)] {
+        let mut lights = Lights::new(&tracer);
+        if baking {
+            lights = lights.for_baking();
+        }
+        for (point, receiver, _) in receivers(&emitters, 200, 8).into_iter().take(12) {
+            let rays = ShadowRays::Sequence {
+                per_light: 16_384,
+                first: 0,
+                seed: 9,
+            };
+            let found = match receiver {
+                Receiver::Surface { normal, .. } => lights.irradiance(point, normal, normal, rays),
+                Receiver::Medium => {
+                    let mut direct = lights.mean_radiance(point, rays);
+                    direct.open *= 4.0 * std::f32::consts::PI;
+                    direct
+                }
+            };
+            let is_seen = |p: Vec3| {
+                let way = p - point;
+                let end = way.length() * (1.0 - 1e-4) - tracer.offset;
+                !tracer.is_occluded(point, way.normalize(), end)
+            };
+            let exact = (0..200).fold(Rgb::BLACK, |sum, i| {
+                sum + arriving(emitters.get(i), point, receiver, is_seen)
+            });
+            let whole = exact.mean().max(1e-2 * found.open.mean());
+            for c in 0..3 {
+                let error = (found.light().0[c] - exact.0[c]) / whole;
+                assert!(error.abs() < tolerance, "{baking}: {error}");
+            }
+        }
+    }
+}
+
+/// What arrives of an emitter's points that are seen, by 256 parts of it.
+fn arriving(e: &Emitter, origin: Vec3, receiver: Receiver, is_seen: impl Fn(Vec3) -> bool) -> Rgb {
+    parts(e.corners, 4)
+        .into_iter()
+        .filter(|t| is_seen((t[0] + t[1] + t[2]) * (1.0 / 3.0)))
+        .map(|corners| sends(&Emitter { corners, ..*e }, origin, receiver))
+        .fold(Rgb::BLACK, |sum, light| sum + light)
+}
+
+/// A triangle in quarters, and those in quarters, and so on.
+fn parts([a, b, c]: [Vec3; 3], times: u32) -> Vec<[Vec3; 3]> {
+    if times == 0 {
+        return vec![[a, b, c]];
+    }
+    let [p, q, r] = [0.5 * (a + b), 0.5 * (b + c), 0.5 * (a + c)];
+    [[a, p, r], [p, b, q], [r, q, c], [p, q, r]]
+        .into_iter()
+        .flat_map(|t| parts(t, times - 1))
+        .collect()
+}
+
+#[test]
+fn one_light_or_none_and_lights_without_area_are_no_trouble() {
+    let light = |corners: [Vec3; 3], radiance: f32| Emitter {
+        corners,
+        normal: Vec3::Z,
+        radiance: Rgb::splat(radiance),
+        area: 0.5
+            * (corners[1] - corners[0])
+                .cross(corners[2] - corners[0])
+                .length(),
+        both_sides: true,
+    };
+    let flat = light([Vec3::ZERO; 3], 1.0);
+    assert!(Tree::new(&[]).is_none());
+    assert!(Tree::new(&[flat, flat]).is_none());
+    let one = light([Vec3::ZERO, Vec3::X, Vec3::Y], 2.0);
+    // A hundred in one place.
+    for all in [vec![flat, one], vec![one; 100]] {
+        let tree = Tree::new(&all).unwrap();
+        let emitters = Emitters::of(all);
+        for z in [-1.0, 1e-3, 3.0] {
+            let at = Vec3::new(0.2, 0.2, z);
+            let cut = Cut::new(&tree, &emitters, at, Receiver::Medium, 0.0);
+            let (chances, none) = cut.chances(emitters.len());
+            assert!((chances.iter().sum::<f32>() - 1.0).abs() < 1e-4 && none == 0.0);
+            assert_eq!(chances[0] > 0.0, emitters.len() == 100);
+        }
+        // In its plane a light sends nothing.
+        let beside = Vec3::new(3.0, 0.0, 0.0);
+        let cut = Cut::new(&tree, &emitters, beside, Receiver::Medium, 0.0);
+        assert!(cut.choose(0.5).is_none() && cut.light().is_black());
+    }
+}
+
+#[test]
+fn rays_of_sixteen_cells_take_every_stratum_of_many_lights_once() {
+    for per_ray in [1, 4] {
+        let mut found = vec![0; 16 * per_ray as usize];
+        for cell in 0..16 {
+            let rays = ShadowRays::Cells {
+                cell,
+                first: 0,
+                count: 1,
+                seed: 3 + u64::from(cell),
+            };
+            for i in 0..per_ray {
+                let [u, v] = rays.point_of_many(i, per_ray);
+                assert!((0.0..1.0).contains(&v));
+                found[(u * (16 * per_ray) as f32) as usize] += 1;
+            }
+        }
+        assert!(found.iter().all(|n| *n == 1), "{found:?}");
+    }
+}

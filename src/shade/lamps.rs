@@ -1,0 +1,274 @@
+//! Emissive triangles as pixels see them: how much of a pixel each covers, in closed form.
+//!
+//! Rays through a pixel miss a lamp that covers little of it, however bright that is. Here lamps are projected onto the film,
+//! and rays only tell what stands before them.
+
+use super::view::View;
+use crate::image::Region;
+use crate::math::exp::exp_neg;
+use crate::math::{Rgb, sampling};
+use crate::trace::unit_normal;
+use glam::{Vec2, Vec3};
+
+/// An emissive triangle in a pixel that it covers in part.
+#[derive(Clone, Copy, Debug)]
+struct Entry {
+    pixel: u32,
+    triangle: u32,
+}
+
+/// The emissive triangles whose borders run through a region's pixels.
+#[derive(Debug)]
+pub struct Lamps {
+    region: Region,
+    /// To the part of a triangle that is in a pixel.
+    rays: u32,
+    /// By pixel, then by triangle.
+    entries: Vec<Entry>,
+}
+
+/// A convex polygon of the film: a triangle cut by the plane of the camera and by the four sides of a pixel.
+#[derive(Clone, Copy, Debug)]
+struct Polygon {
+    corners: [Vec2; Self::MOST],
+    len: usize,
+}
+
+impl Lamps {
+    /// Projects all emissive triangles that shine towards the camera. So many `rays` will tell what is before the part of one
+    /// that is in a pixel.
+    pub fn new(view: &View, region: Region, rays: u32) -> Self {
+        let mut entries = Vec::new();
+        let scene = view.tracer.scene;
+        for (t, &material) in scene.mesh.material.iter().enumerate() {
+            let material = &scene.materials[material as usize];
+            if Rgb(material.emission).is_black() {
+                continue;
+            }
+            let corners = scene.mesh.corners(t);
+            let faces = (view.camera.origin() - corners[0]).dot(unit_normal(corners)) > 0.0;
+            if !faces && !material.emits_both_sides {
+                continue;
+            }
+            let Some(polygon) = Polygon::of(view, corners) else {
+                continue;
+            };
+            let (min, max) = polygon.bounds();
+            let range = |low: f32, high: f32, first: u32, end: u32| {
+                let low = (low.floor().max(first as f32) as u32).max(first);
+                low..((high.ceil().min(end as f32)) as u32).min(end)
+            };
+            for y in range(min.y, max.y, region.y0, region.y1) {
+                for x in range(min.x, max.x, region.x0, region.x1) {
+                    if polygon.has_border_in(x, y) {
+                        entries.push(Entry {
+                            pixel: (y - region.y0) * region.width() + (x - region.x0),
+                            triangle: t as u32,
+                        });
+                    }
+                }
+            }
+        }
+        entries.sort_unstable_by_key(|e| (e.pixel, e.triangle));
+        Self {
+            region,
+            rays,
+            entries,
+        }
+    }
+
+    fn entries(&self, x: u32, y: u32) -> &[Entry] {
+        if self.entries.is_empty() {
+            return &[];
+        }
+        let pixel = (y - self.region.y0) * self.region.width() + (x - self.region.x0);
+        let first = self.entries.partition_point(|e| e.pixel < pixel);
+        let rest = &self.entries[first..];
+        &rest[..rest.partition_point(|e| e.pixel == pixel)]
+    }
+
+    /// Whether a triangle's light in pixel (x, y) is told here and not by rays that meet it.
+    pub fn has(&self, x: u32, y: u32, triangle: u32) -> bool {
+        self.entries(x, y).iter().any(|e| e.triangle == triangle)
+    }
+
+    /// The lamps whose borders run through pixel (x, y), with their parts in it.
+    fn parts(&self, view: &View, x: u32, y: u32) -> impl Iterator<Item = (u32, Polygon)> {
+        let mesh = &view.tracer.scene.mesh;
+        self.entries(x, y).iter().filter_map(move |e| {
+            let polygon = Polygon::of(view, mesh.corners(e.triangle as usize))?;
+            Some((e.triangle, polygon.in_pixel(x, y)))
+        })
+    }
+
+    /// Share of pixel (x, y) that those lamps cover if nothing is before them.
+    pub fn covered(&self, view: &View, x: u32, y: u32) -> f32 {
+        self.parts(view, x, y).map(|(_, part)| part.area()).sum()
+    }
+
+    /// Their mean radiance over the pixel, as it comes through what is before them.
+    pub fn radiance(&self, view: &View, x: u32, y: u32) -> Rgb {
+        let scene = view.tracer.scene;
+        let origin = view.camera.origin();
+        let mut sum = Rgb::BLACK;
+        for (triangle, part) in self.parts(view, x, y) {
+            let area = part.area();
+            if area <= 0.0 {
+                continue;
+            }
+            let corners = scene.mesh.corners(triangle as usize);
+            let normal = unit_normal(corners);
+            let key = [view.seed, 7, x.into(), y.into(), triangle.into()];
+            let seed = sampling::hash(&key) as u32;
+            let mut through = 0.0;
+            for i in 0..self.rays {
+                let at = part.point(sampling::sobol2(i, 0, seed));
+                let d = view.camera.direction(&view.film, at.x, at.y);
+                let t = (corners[0] - origin).dot(normal) / d.dot(normal);
+                let end = t * (1.0 - 1e-4) - view.tracer.offset;
+                if t.is_finite() && !view.tracer.is_occluded(origin, d, end) {
+                    through += exp_neg(view.tracer.optical_depth(origin, d, end));
+                }
+            }
+            let material = &scene.materials[scene.mesh.material[triangle as usize] as usize];
+            sum += Rgb(material.emission) * (area * through / self.rays as f32);
+        }
+        sum
+    }
+}
+
+impl Polygon {
+    /// Corners of a triangle after one cut by the camera's plane and four by a pixel's sides.
+    const MOST: usize = 8;
+
+    fn empty() -> Self {
+        Self {
+            corners: [Vec2::ZERO; Self::MOST],
+            len: 0,
+        }
+    }
+
+    fn push(&mut self, p: Vec2) {
+        if self.len < Self::MOST {
+            self.corners[self.len] = p;
+            self.len += 1;
+        }
+    }
+
+    fn corners(&self) -> &[Vec2] {
+        &self.corners[..self.len]
+    }
+
+    /// A triangle of the scene on the film, pixels from its top left; `None` if all of it is behind the camera.
+    fn of(view: &View, corners: [Vec3; 3]) -> Option<Self> {
+        let local = corners.map(|c| view.local(c));
+        // Depth in front of the camera, and a small one to cut at.
+        let near = 1e-4 * local.iter().map(|p| p.length()).fold(0.0, f32::max);
+        let mut out = Self::empty();
+        for i in 0..3 {
+            let (a, b) = (local[i], local[(i + 1) % 3]);
+            let (da, db) = (-a.z - near, -b.z - near);
+            if da >= 0.0 {
+                out.push(view.on_film(a));
+            }
+            if (da > 0.0 && db < 0.0) || (da < 0.0 && db > 0.0) {
+                out.push(view.on_film(a + (b - a) * (da / (da - db))));
+            }
+        }
+        (out.len >= 3).then_some(out)
+    }
+
+    fn bounds(&self) -> (Vec2, Vec2) {
+        self.corners()
+            .iter()
+            .fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(min, max), c| {
+                (min.min(*c), max.max(*c))
+            })
+    }
+
+    /// Whether it covers some of a pixel, and not all.
+    fn has_border_in(&self, x: u32, y: u32) -> bool {
+        let (low, high) = pixel(x, y);
+        let middle = 0.5 * (low + high);
+        let turn = self.signed_area().signum();
+        let mut is_inside = true;
+        for (i, &a) in self.corners().iter().enumerate() {
+            let edge = self.corners[(i + 1) % self.len] - a;
+            // Inward, and how far a pixel reaches along it.
+            let inward = Vec2::new(-edge.y, edge.x) * turn;
+            let height = (middle - a).dot(inward);
+            let half = 0.5 * (inward.x.abs() + inward.y.abs());
+            if height <= -half {
+                return false;
+            }
+            is_inside &= height >= half;
+        }
+        !is_inside
+    }
+
+    /// The part of it in a pixel.
+    fn in_pixel(&self, x: u32, y: u32) -> Self {
+        let (low, high) = pixel(x, y);
+        self.cut(|p| p.x - low.x)
+            .cut(|p| high.x - p.x)
+            .cut(|p| p.y - low.y)
+            .cut(|p| high.y - p.y)
+    }
+
+    /// The part where `height`, which is linear, is not negative.
+    fn cut(&self, height: impl Fn(Vec2) -> f32) -> Self {
+        let mut out = Self::empty();
+        for (i, &a) in self.corners().iter().enumerate() {
+            let b = self.corners[(i + 1) % self.len];
+            let (ha, hb) = (height(a), height(b));
+            if ha >= 0.0 {
+                out.push(a);
+            }
+            if (ha > 0.0 && hb < 0.0) || (ha < 0.0 && hb > 0.0) {
+                out.push(a + (b - a) * (ha / (ha - hb)));
+            }
+        }
+        out
+    }
+
+    fn signed_area(&self) -> f32 {
+        let Some((&a, rest)) = self.corners().split_first() else {
+            return 0.0;
+        };
+        let twice = |p: &[Vec2]| (p[0] - a).perp_dot(p[1] - a);
+        0.5 * rest.windows(2).map(twice).sum::<f32>()
+    }
+
+    fn area(&self) -> f32 {
+        self.signed_area().abs()
+    }
+
+    /// Uniform point for two numbers in [0,1).
+    fn point(&self, [u, v]: [f32; 2]) -> Vec2 {
+        let Some((&a, rest)) = self.corners().split_first() else {
+            return Vec2::ZERO;
+        };
+        let target = u * self.area();
+        let mut below = 0.0;
+        let mut point = a;
+        for p in rest.windows(2) {
+            let part = 0.5 * (p[0] - a).perp_dot(p[1] - a).abs();
+            if part > 0.0 {
+                let within = ((target - below) / part).clamp(0.0, 1.0);
+                let w = sampling::triangle([within, v]);
+                point = a * w[0] + p[0] * w[1] + p[1] * w[2];
+            }
+            below += part;
+            if target < below {
+                break;
+            }
+        }
+        point
+    }
+}
+
+/// Lower and upper corner of a pixel.
+fn pixel(x: u32, y: u32) -> (Vec2, Vec2) {
+    let low = Vec2::new(x as f32, y as f32);
+    (low, low + 1.0)
+}
