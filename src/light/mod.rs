@@ -410,9 +410,9 @@ impl<'a> Lights<'a> {
     fn add_light(&self, total: &mut Direct, light: &Light, index: usize, asking: &Asking) {
         let &Asking {
             origin,
-            rays,
             receiver,
             sun_depth,
+            ..
         } = asking;
         let (position, intensity) = match *light {
             Light::Environment { .. } => return,
