@@ -8,6 +8,7 @@ mod far_field;
 mod inscatter;
 mod lattice;
 mod pixel;
+mod stiff;
 mod vertices;
 mod view;
 
