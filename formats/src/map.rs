@@ -33,12 +33,9 @@ impl MappedFile {
             if meta.len() == 0 {
                 return Ok(Self { map: None });
             }
-            // SAFETY: the map is private and read-only, and lives as long as the slices borrowed from it. What cannot
-            // be ruled out is another process that changes the file meanwhile. A shortened file then ends this process
-            // with SIGBUS. Overwritten bytes change under a shared slice, which Rust does not define; the readers here
-            // bounds-check every number they read at the moment they use it, copy and validate what they hand out, and
-            // never reinterpret mapped bytes as types with invalid values, so the practical outcome is a checksum
-            // error. Our own writers only ever replace files by rename, which leaves a mapped one intact.
+            // SAFETY: the map is private, read-only, and outlives what is borrowed from it. Another process may still change the
+            // file: readers check each number where they use it and copy it, and no bytes are reinterpreted. Ours only
+            // replace files by rename.
             let map = unsafe { memmap2::Mmap::map(&file) }
                 .map_err(FormatError::io("cannot map into memory"))?;
             Ok(Self { map: Some(map) })

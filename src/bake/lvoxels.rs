@@ -1,6 +1,7 @@
 //! Blocks of medium, walked in the volume's own index space, each with its mean extinction and its source function.
 
 use crate::light::{Lights, ShadowRays};
+use crate::math::exp::{exp_neg, one_minus_exp_neg};
 use crate::math::{Rgb, sampling};
 use crate::scene::{Grid, Volume};
 use glam::{DVec3, Vec3};
@@ -8,6 +9,13 @@ use lvox_formats::record::{Lvoxel, MAX_LEVEL};
 
 /// Edge of the brick in which all blocks have one size, voxels.
 pub const BRICK: usize = 1 << MAX_LEVEL;
+
+/// Rays into each face of a block that is too deep to be lit at one point.
+const FACE_RAYS: u32 = 8;
+/// Steps in which the depth of such a block is summed.
+const DEPTH_STEPS: usize = 8;
+/// Share of a ray's light from a block below which it is left out.
+const LEAST_WEIGHT: f32 = 1e-2;
 
 /// How large blocks are.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,8 +114,15 @@ impl LvoxelMaker<'_> {
                 };
                 let (rays, all_round) =
                     (sequence(self.shadow_rays), sequence(4 * self.shadow_rays));
-                let light = self.lights.mean_radiance(point, rays).light()
-                    + self.lights.environment_mean_radiance(point, all_round);
+                let seen = match self.size {
+                    BlockSize::OpticalDepth(limit)
+                        if mean * self.volume.longest_voxel_edge() * edge as f32 > limit =>
+                    {
+                        self.seen_from_outside(block, edge, sampling::hash(&key))
+                    }
+                    _ => None,
+                };
+                let light = seen.unwrap_or_else(|| self.light(point, rays, all_round));
                 out.push(Lvoxel {
                     volume: self.index,
                     level,
@@ -118,6 +133,81 @@ impl LvoxelMaker<'_> {
             }
         }
         out
+    }
+
+    fn light(&self, point: Vec3, rays: ShadowRays, all_round: ShadowRays) -> Rgb {
+        self.lights.mean_radiance(point, rays).light()
+            + self.lights.environment_mean_radiance(point, all_round)
+    }
+
+    /// Mean in-scattered light of a block that is too deep to be lit at one point, as rays see it that enter through a face
+    /// from outside at any angle; a face counts by what the medium before it lets through. `None` if that is next to nothing.
+    fn seen_from_outside(&self, block: [usize; 3], edge: usize, seed: u64) -> Option<Rgb> {
+        let axes = self.volume.scene_from_index.matrix3;
+        let lengths = [axes.x_axis, axes.y_axis, axes.z_axis].map(|a| a.length() as f32);
+        let edge = edge as f32;
+        let sigma_t = |p: [f32; 3]| self.volume.sigma_t.sample(Vec3::from(p));
+        let (mut sum, mut weights) = (Rgb::BLACK, 0.0);
+        for i in 0..6 * FACE_RAYS {
+            let (a, upper) = (i as usize % 3, i as usize / 3 % 2);
+            let [u, v, slant, share] = sobol_burley::sample_4d(i / 6, i % 6, seed as u32);
+            let (face, inward) = if upper == 1 {
+                ((block[a] + 1) as f32 * edge, -edge)
+            } else {
+                (block[a] as f32 * edge, edge)
+            };
+            // At a depth from the face, in block edges; negative before it.
+            let at = |depth: f32| {
+                let mut p = [0.0; 3];
+                p[a] = face + inward * depth;
+                for (b, offset) in [((a + 1) % 3, u), ((a + 2) % 3, v)] {
+                    p[b] = (block[b] as f32 + offset) * edge;
+                }
+                p
+            };
+            // Faces are seen by the cosine.
+            let length = edge * lengths[a] / slant.sqrt().max(1e-3);
+            let before = 0.5 * length * (sigma_t(at(-0.25)) + sigma_t(at(-0.75)));
+            let step = 1.0 / DEPTH_STEPS as f32;
+            let middle = |k: usize| (k as f32 + 0.5) * step;
+            let depths: [f32; DEPTH_STEPS] =
+                std::array::from_fn(|k| sigma_t(at(middle(k))) * length * step);
+            let taken = one_minus_exp_neg(depths.iter().sum());
+            let weight = exp_neg(before) * taken;
+            if weight < LEAST_WEIGHT {
+                continue;
+            }
+            // The place behind which this share of what the ray sees comes from.
+            let mut target = -libm::log1pf(-share * taken);
+            let k = depths.iter().position(|&d| {
+                let here = target <= d;
+                if !here {
+                    target -= d;
+                }
+                here
+            });
+            let k = k.unwrap_or(DEPTH_STEPS - 1);
+            let within = if depths[k] > 0.0 {
+                (target / depths[k]).min(1.0)
+            } else {
+                0.5
+            };
+            let point = DVec3::from(at((k as f32 + within) * step).map(f64::from));
+            let point = self.volume.scene_from_index.transform_point3(point);
+            let rays = |per_light| ShadowRays::Sequence {
+                per_light,
+                first: i * per_light,
+                seed,
+            };
+            let light = self.light(
+                point.as_vec3(),
+                rays(self.shadow_rays),
+                rays(self.shadow_rays),
+            );
+            sum += light * weight;
+            weights += weight;
+        }
+        (weights > 0.0).then(|| sum * (1.0 / weights))
     }
 
     /// Mean extinction of the part of a block that is inside the grid, and the extinction-weighted mean of its points in

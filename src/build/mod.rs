@@ -145,6 +145,22 @@ struct Limits {
     lvoxels: u64,
 }
 
+/// Whether a tree can be built within a limit of memory, before work is done for one.
+///
+/// # Errors
+/// A limit below [`LEAST_MEMORY`].
+pub fn check_memory(limit: Option<u64>) -> Result<()> {
+    match limit {
+        Some(limit) if limit < LEAST_MEMORY => Err(Error::input(format!(
+            "memory limit: building a tree needs at least {} MiB, found {} MiB",
+            LEAST_MEMORY >> 20,
+            limit >> 20
+        ))
+        .hint("raise --memory-limit")),
+        _ => Ok(()),
+    }
+}
+
 impl Limits {
     fn new(settings: &Settings, job: &Job) -> Result<Self> {
         if !(4096..=262_144).contains(&settings.page_bytes) {
@@ -154,14 +170,7 @@ impl Limits {
             )));
         }
         let memory = job.memory_limit.unwrap_or(DEFAULT_MEMORY);
-        if memory < LEAST_MEMORY {
-            return Err(Error::input(format!(
-                "memory limit: building a tree needs at least {} MiB, found {} MiB",
-                LEAST_MEMORY >> 20,
-                memory >> 20
-            ))
-            .hint("raise --memory-limit"));
-        }
+        check_memory(job.memory_limit)?;
         let free = memory - FIXED_MEMORY;
         let most = settings.bucket_surfels.unwrap_or(u64::MAX).max(64);
         Ok(Self {

@@ -30,6 +30,7 @@ impl Args {
     pub fn run(self, context: &Context) -> Result<()> {
         let job = &context.job;
         self.shade.check()?;
+        lvox::build::check_memory(job.memory_limit)?;
         if let Some(path) = &self.keep_tree {
             check_writable(path, context.force)?;
         }

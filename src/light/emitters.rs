@@ -102,6 +102,11 @@ impl Emitters {
     }
 
     /// The emitter of an index.
+    pub fn is_empty(&self) -> bool {
+        self.all.is_empty()
+    }
+
+    /// One of them.
     pub fn get(&self, index: u32) -> &Emitter {
         &self.all[index as usize]
     }

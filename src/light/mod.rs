@@ -5,6 +5,7 @@
 
 mod cut;
 mod emitters;
+mod lamps;
 mod rays;
 mod receiver;
 mod sun_depth;
@@ -250,6 +251,12 @@ impl<'a> Lights<'a> {
         }
     }
 
+    /// What rays meet.
+    #[must_use]
+    pub fn tracer(&self) -> &'a Tracer<'a> {
+        self.tracer
+    }
+
     /// Radiance from where no surface is.
     #[must_use]
     pub fn environment(&self) -> Rgb {
@@ -312,42 +319,6 @@ impl<'a> Lights<'a> {
             })),
             rest: rest.light() * INVERSE_SPHERE,
         }
-    }
-
-    /// Mean radiance over the sphere that point and spot lights would send with nothing between, averaged over a segment
-    /// in closed form: the angle that it is seen under, over twice the triangle that it makes with the light.
-    #[must_use]
-    pub fn sent(&self, from: Vec3, to: Vec3) -> Rgb {
-        let mut total = Rgb::BLACK;
-        for light in &self.tracer.scene.lights {
-            let (position, intensity) = match light {
-                Light::Point {
-                    position,
-                    intensity,
-                }
-                | Light::Spot {
-                    position,
-                    intensity,
-                    ..
-                } => (*position, Rgb(*intensity)),
-                _ => continue,
-            };
-            let (u, v) = (from - position, to - position);
-            // A segment through the light would get no end of it: one that passes is a millionth of its length away.
-            let twice_area = u.cross(v).length().max(1e-6 * (to - from).length_squared());
-            let along = u.dot(v);
-            let mean = if twice_area > 1e-3 * along {
-                libm::atan2f(twice_area, along) / twice_area
-            } else {
-                let x = twice_area / along;
-                (1.0 - x * x * (1.0 / 3.0)) / along
-            };
-            let middle = (0.5 * (u + v)).normalize_or_zero();
-            if mean.is_finite() {
-                total += intensity * (mean * INVERSE_SPHERE * light.falloff(middle));
-            }
-        }
-        total
     }
 
     /// Irradiance of a surface point from the environment, by `rays.per_light` rays over the hemisphere. Gathering sees

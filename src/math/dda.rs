@@ -103,21 +103,21 @@ impl Line {
     }
 }
 
-/// Where the line o + t d is inside the box 0..dims, for t in 0..t_max.
+/// Where the line o + t d is inside the box 0..dims, for t in 0..t_max; in either precision.
 #[must_use]
-pub fn clip_to_box(o: [f32; 3], d: [f32; 3], dims: [f32; 3], t_max: f32) -> Option<(f32, f32)> {
-    let (mut near, mut far) = (0.0_f32, t_max);
+pub fn clip_to_box<F: Coordinate>(o: [F; 3], d: [F; 3], dims: [F; 3], t_max: F) -> Option<(F, F)> {
+    let (mut near, mut far) = (F::ZERO, t_max);
     for a in 0..3 {
-        if d[a] == 0.0 {
-            if o[a] < 0.0 || o[a] > dims[a] {
+        if d[a] == F::ZERO {
+            if o[a] < F::ZERO || o[a] > dims[a] {
                 return None;
             }
             continue;
         }
-        let inverse = 1.0 / d[a];
+        let inverse = F::ONE / d[a];
         let (t0, t1) = (-o[a] * inverse, (dims[a] - o[a]) * inverse);
-        near = near.max(t0.min(t1));
-        far = far.min(t0.max(t1));
+        near = near.larger(t0.smaller(t1));
+        far = far.smaller(t0.larger(t1));
     }
     (near < far).then_some((near, far))
 }
@@ -138,3 +138,43 @@ pub fn leave_box(point: Vec3, direction: Vec3, [lower, upper]: [Vec3; 2]) -> f32
     }
     far.max(0.0)
 }
+/// A number that coordinates may be.
+pub trait Coordinate:
+    Copy
+    + PartialOrd
+    + std::ops::Neg<Output = Self>
+    + std::ops::Sub<Output = Self>
+    + std::ops::Mul<Output = Self>
+    + std::ops::Div<Output = Self>
+{
+    /// 0.
+    const ZERO: Self;
+    /// 1.
+    const ONE: Self;
+
+    /// The smaller of two; the other one of a number and none.
+    fn smaller(self, other: Self) -> Self;
+
+    /// The larger of two; the other one of a number and none.
+    fn larger(self, other: Self) -> Self;
+}
+
+macro_rules! coordinate {
+    ($($number:ty),*) => {$(
+        impl Coordinate for $number {
+            const ZERO: Self = 0.0;
+            const ONE: Self = 1.0;
+
+            #[inline]
+            fn smaller(self, other: Self) -> Self {
+                self.min(other)
+            }
+
+            #[inline]
+            fn larger(self, other: Self) -> Self {
+                self.max(other)
+            }
+        }
+    )*};
+}
+coordinate!(f32, f64);

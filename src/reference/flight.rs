@@ -186,6 +186,7 @@ mod tests {
             albedo: [0.5; 3],
             scene_from_index,
             index_from_scene: Affine3A::from_cols_array(&inverse.to_cols_array().map(|v| v as f32)),
+            index_from_scene_f64: inverse,
         }
     }
 

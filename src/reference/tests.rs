@@ -77,6 +77,7 @@ fn add_medium(scene: &mut Scene, min: DVec3, max: DVec3, sigma_t: f32, albedo: f
         albedo: [albedo; 3],
         scene_from_index,
         index_from_scene: Affine3A::from_cols_array(&inverse.map(|v| v as f32)),
+        index_from_scene_f64: DAffine3::from_cols_array(&inverse),
     });
 }
 

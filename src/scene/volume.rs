@@ -16,6 +16,8 @@ pub struct Volume {
     pub scene_from_index: DAffine3,
     /// Inverse of `scene_from_index`.
     pub index_from_scene: Affine3A,
+    /// The same, as exact as it is known: where a ray enters decides how deep a dense volume is.
+    pub index_from_scene_f64: DAffine3,
 }
 
 impl Volume {

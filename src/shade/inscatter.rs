@@ -2,18 +2,21 @@
 //!
 //! A vertex is evaluated when a ray first needs it and depends on its coordinates alone, so it does not matter which
 //! tile or thread asks. Direct light is smooth at the scale of an optical depth, indirect light at twice that, so each
-//! brick of a volume has the spacing that its own density asks for. Vertices
-//! in empty space around the medium are evaluated like any other: leaving them dark would darken its rim.
+//! brick of a volume has the spacing that its own density asks for; indirect light of thin bricks is swept beforehand. Where
+//! vertices of a dense brick still differ much, at its rim, finer ones are asked; near a lamp, and where a voxel is deep,
+//! the ray's own points. Vertices in empty space around the medium are evaluated like any other: leaving them dark would
+//! darken its rim.
 
 use super::far_field::FarField;
+use super::stiff;
 use super::sweep::{Scope, Sweep};
-use super::vertices::Vertices;
+use super::vertices::{Vertices, are_alike, blend};
 use super::view::View;
 use crate::Result;
-use crate::gather::{Gatherer, Medium, Pages, Stretch};
+use crate::gather::{Gatherer, Medium, NoMedia, Pages, Stretch};
 use crate::image::Region;
 use crate::light::{InMedium, Lights, ShadowRays, SunDepths};
-use crate::math::exp::mean_reach;
+use crate::math::exp::{exp_neg, mean_reach, one_minus_exp_neg};
 use crate::math::{Rgb, sampling};
 use crate::run::Cancel;
 use crate::scene::Volume;
@@ -23,8 +26,8 @@ use glam::Vec3;
 #[derive(Debug)]
 struct Lattices {
     /// By log2 of the voxels between vertices.
-    direct: [Vertices<InMedium>; LEVELS],
-    indirect: [Vertices<Rgb>; LEVELS],
+    direct: [Vertices<Vertex>; LEVELS],
+    indirect: [Vertices<Rgb>; LEVELS + 1],
     far_field: FarField,
     sweep: Option<Sweep>,
     /// Longest edge of a voxel, scene units.
@@ -38,6 +41,8 @@ pub(super) const LEVELS: usize = 3;
 pub struct InScatter<'a, P, M> {
     volumes: &'a [Volume],
     lights: &'a Lights<'a>,
+    /// The same lights, whose shadows are those of the scene's own media.
+    sharp_lights: Lights<'a>,
     gatherer: Option<&'a Gatherer<'a, P, M>>,
     lattices: Vec<Lattices>,
     suns: SunDepths<'a>,
@@ -47,8 +52,17 @@ pub struct InScatter<'a, P, M> {
 impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     /// Optical depth between vertices of the direct lattice. Cells deeper than this are lit at their own point.
     const DEPTH: f32 = 0.7;
-    /// Cells deeper than this are lit by other surfaces and media at their own point, too: rays end within a few of them.
+    /// In cells deeper than this light of other surfaces and media is looked for at their own point, too: rays end within a
+    /// few of them.
     const STIFF: f32 = 2.0;
+    /// Vertices nearer than this in optical depth are not compared.
+    const FLAT: f32 = 0.35;
+    /// Where direct light at the vertices around a point differs by more than this factor, a finer lattice is asked.
+    const ALIKE: f32 = 2.0;
+    /// The same for gathered light, which has the noise of few rays.
+    const ALIKE_GATHERED: f32 = 3.0;
+    /// Spacings of vertices around a lamp in which its light is looked for on the ray itself.
+    const NEAR: f32 = 2.0;
     /// Voxels that vertices keep from the border of their volume.
     const INSIDE: f32 = 0.1;
     /// Shadow rays of a vertex or point to lights with an extent.
@@ -89,7 +103,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                 .transpose()?;
             lattices.push(Lattices {
                 direct: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
-                indirect: std::array::from_fn(|level| Vertices::new(dims, 2 << level)),
+                indirect: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
                 far_field,
                 sweep,
                 voxel,
@@ -98,6 +112,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         Ok(Self {
             volumes,
             lights,
+            sharp_lights: Lights::new(lights.tracer()),
             gatherer,
             lattices,
             suns: SunDepths::new(view.tracer.scene),
@@ -119,85 +134,260 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         (densest <= Self::DEPTH).then(|| Self::level(densest))
     }
 
-    /// Source function of a volume along a stretch of a ray, given its ends in scene space, its optical depth, and that
-    /// of the cell that it is in.
+    /// Source function of a volume along a stretch of a ray, given its ends in scene space and its optical depth.
     #[must_use]
-    pub fn source(&self, volume: usize, [from, to]: [Vec3; 2], depth: f32, tau: f32) -> Rgb {
+    pub fn source(&self, volume: usize, ends: [Vec3; 2], depth: f32) -> Rgb {
         let medium = &self.volumes[volume];
-        let lattices = &self.lattices[volume];
+        let voxel = self.lattices[volume].voxel;
+        let [from, to] = ends;
         // Where its light comes from on average: near its front if it is dense.
         let point = from + (to - from) * mean_reach(depth);
         let at = medium.index_from_scene.transform_point3(point);
-        // Vertices on the border stand a little inside: there may be a floor or a lamp in the border's plane.
-        let dims = Vec3::from(medium.sigma_t.dims().map(|n| n as f32));
-        let to_scene = |p: Vec3| {
-            medium
-                .scene_from_index
-                .transform_point3(
-                    p.clamp(Vec3::splat(Self::INSIDE), dims - Self::INSIDE)
-                        .as_dvec3(),
-                )
-                .as_vec3()
-        };
-        let densest = medium.sigma_t.brick_max_at(at) * lattices.voxel;
+        let densest = medium.sigma_t.brick_max_at(at) * voxel;
         let level = Self::level(densest);
-        let key = |v: [usize; 3]| {
-            sampling::hash(&[
-                self.seed,
-                volume as u64,
-                level as u64,
-                v[0] as u64,
-                v[1] as u64,
-                v[2] as u64,
-            ])
+        let place = Place {
+            volume,
+            ends,
+            depth,
+            point,
+            at,
+            densest,
+            is_thin: Self::swept_level(densest).is_some(),
+            level,
+            voxel_depth: depth * voxel / (to - from).length(),
         };
-        let seed_of = |point: Vec3| {
-            let [x, y, z] = point.to_array().map(|c| u64::from(c.to_bits()));
-            sampling::hash(&[self.seed, x, y, z])
-        };
-        let direct = if tau > Self::DEPTH {
-            let light = self.direct(point, seed_of(point), None);
-            light.share * self.lights.sent(point, point) + light.rest
-        } else {
-            let light = lattices.direct[level].interpolate(at, |p, v| {
-                self.direct(to_scene(p), key(v), Some(&self.suns))
-            });
-            light.share * self.lights.sent(from, to) + light.rest
-        };
-        let indirect = self.gatherer.map_or(Rgb::BLACK, |gatherer| {
-            let around = |at: Vec3, point: Vec3, seed: u64| {
-                lattices
-                    .far_field
-                    .mean_radiance(medium, gatherer, at, point, seed)
-                    .unwrap_or_else(|| gatherer.mean_radiance(point, Stretch::first(seed)).light)
-            };
-            if tau > Self::STIFF {
-                around(at, point, seed_of(point))
-            } else {
-                let alone = &lattices.indirect[level];
-                let sweep = Self::swept_level(densest).and(lattices.sweep.as_ref());
-                let mut sum = Rgb::BLACK;
-                for (v, weight) in alone.around(at) {
-                    if weight > 0.0 {
-                        let swept = sweep.and_then(|s| s.get(level, v));
-                        let light = swept.unwrap_or_else(|| {
-                            *alone.get(v, &|p, v| around(p, to_scene(p), key(v)))
-                        });
-                        sum += light * weight;
-                    }
-                }
-                sum
-            }
-        });
-        Rgb(medium.albedo) * (direct + indirect)
+        Rgb(medium.albedo) * (self.direct(&place) + self.indirect(&place))
     }
 
-    fn direct(&self, point: Vec3, seed: u64, suns: Option<&SunDepths>) -> InMedium {
-        let rays = ShadowRays::Sequence {
-            per_light: Self::SHADOW_RAYS,
+    fn direct(&self, place: &Place) -> Rgb {
+        let (lattices, [from, to]) = (&self.lattices[place.volume], place.ends);
+        let spacing = lattices.voxel * (1 << place.level) as f32;
+        // What arrives of a lamp's light has a cusp at the lamp.
+        let near = self.lights.lamp_near(from, to, Self::NEAR * spacing);
+        if let Some(median) = near.filter(|_| place.depth > 0.0) {
+            let point = from + (to - from) * median;
+            let rays = Self::rays(Self::SHADOW_RAYS, self.seed_of(point));
+            let light = self.sharp_lights.in_medium(point, rays, None);
+            // The camera sees that point, and not the stretch as a whole, through what is before it.
+            let mean_through = one_minus_exp_neg(place.depth) / place.depth;
+            let through = exp_neg(place.depth * median) / mean_through;
+            return light.share * self.lights.sent(from, to) * through + light.rest;
+        }
+        let vertices = |level: usize| {
+            lattices.direct[level].values(place.at, |p, v| {
+                let key = self.key(place.volume, level, v);
+                let rays = Self::rays(Self::SHADOW_RAYS, key);
+                let point = self.to_scene(place.volume, p);
+                Vertex::new(self.lights.in_medium(point, rays, Some(&self.suns)))
+            })
+        };
+        if place.is_thin {
+            let light = blend(&vertices(place.level).map(|(v, weight)| (v.light, weight)));
+            return light.share * self.lights.sent(from, to) + light.rest;
+        }
+        if place.voxel_depth <= Self::DEPTH {
+            for level in (0..=place.level).rev() {
+                let values = vertices(level);
+                let share = Spread::of(&values, |v| v.light.share.luminance(), |v| v.ln_share);
+                let rest = if self.lights.rest_is_exact() {
+                    Spread::of(&values, |v| v.light.rest.luminance(), |v| v.ln_rest)
+                } else {
+                    Spread::default()
+                };
+                let is_finest = level == 0 || place.densest * (1 << level) as f32 <= Self::FLAT;
+                if is_finest || share.ratio.max(rest.ratio) <= Self::ALIKE {
+                    let light = blend(&values.map(|(v, weight)| (v.light, weight)));
+                    return light.share * self.lights.sent(from, to) * share.fall()
+                        + light.rest * rest.fall();
+                }
+            }
+        }
+        // Two points (Gauss-Legendre) of what the camera sees: light is not linear along a dense stretch.
+        let mut sum = Rgb::BLACK;
+        for share in [0.211_324_87, 0.788_675_1] {
+            let point = place.at_share(share);
+            let rays = Self::rays(Self::SHADOW_RAYS / 2, self.seed_of(point));
+            let light = self.sharp_lights.in_medium(point, rays, None);
+            sum += (light.share * self.lights.sent(point, point) + light.rest) * 0.5;
+        }
+        sum
+    }
+
+    fn indirect(&self, place: &Place) -> Rgb {
+        let Some(gatherer) = self.gatherer else {
+            return Rgb::BLACK;
+        };
+        let (lattices, medium) = (&self.lattices[place.volume], &self.volumes[place.volume]);
+        if place.voxel_depth > Self::STIFF {
+            let surfaces = Gatherer {
+                pages: gatherer.pages,
+                media: NoMedia,
+                settings: gatherer.settings,
+            };
+            // Any point of the stretch, as often as the camera sees it: light is not linear along it.
+            let seed = self.seed_of(place.point);
+            let point = place.at_share(sampling::unit(seed));
+            return stiff::mean_radiance(self.volumes, &self.sharp_lights, &surfaces, point, seed);
+        }
+        let mean_radiance = |at: Vec3, point: Vec3, seed: u64| {
+            lattices
+                .far_field
+                .mean_radiance(medium, gatherer, at, point, seed)
+                .unwrap_or_else(|| gatherer.mean_radiance(point, Stretch::first(seed)).light)
+        };
+        let vertices = |level: usize| {
+            lattices.indirect[level].values(place.at, |p, v| {
+                let key = self.key(place.volume, level, v);
+                mean_radiance(p, self.to_scene(place.volume, p), key)
+            })
+        };
+        if place.is_thin {
+            let coarse = &lattices.indirect[place.level + 1];
+            let mut sum = Rgb::BLACK;
+            for (v, weight) in coarse.around(place.at) {
+                if weight > 0.0 {
+                    let swept = lattices.sweep.as_ref();
+                    let swept = swept.and_then(|s| s.get(place.level, v));
+                    let light = swept.unwrap_or_else(|| {
+                        *coarse.get(v, &|p, v| {
+                            let key = self.key(place.volume, place.level + 1, v);
+                            mean_radiance(p, self.to_scene(place.volume, p), key)
+                        })
+                    });
+                    sum += light * weight;
+                }
+            }
+            return sum;
+        }
+        // An environment lights media directly, through what is before them.
+        let smooth = if self.lights.environment().is_black() {
+            2.0 * Self::DEPTH
+        } else {
+            Self::FLAT
+        };
+        for level in (0..=place.level + 1).rev() {
+            let values = vertices(level);
+            if place.densest * (1 << level) as f32 <= smooth
+                || are_alike(&values, Self::ALIKE_GATHERED, |v| v.luminance())
+            {
+                return blend(&values);
+            }
+        }
+        mean_radiance(place.at, place.point, self.seed_of(place.point))
+    }
+
+    /// A point of index space in the scene. Vertices on the border stand a little inside: there may be a floor or a lamp in
+    /// the border's plane.
+    fn to_scene(&self, volume: usize, p: Vec3) -> Vec3 {
+        let medium = &self.volumes[volume];
+        let dims = Vec3::from(medium.sigma_t.dims().map(|n| n as f32));
+        let inside = p.clamp(Vec3::splat(Self::INSIDE), dims - Self::INSIDE);
+        let in_scene = medium.scene_from_index.transform_point3(inside.as_dvec3());
+        in_scene.as_vec3()
+    }
+
+    fn key(&self, volume: usize, level: usize, v: [usize; 3]) -> u64 {
+        let [x, y, z] = v.map(|c| c as u64);
+        sampling::hash(&[self.seed, volume as u64, level as u64, x, y, z])
+    }
+
+    fn rays(per_light: u32, seed: u64) -> ShadowRays {
+        ShadowRays::Sequence {
+            per_light,
             first: 0,
             seed,
-        };
-        self.lights.in_medium(point, rays, suns)
+        }
     }
+
+    fn seed_of(&self, point: Vec3) -> u64 {
+        let [x, y, z] = point.to_array().map(|c| u64::from(c.to_bits()));
+        sampling::hash(&[self.seed, x, y, z])
+    }
+}
+
+impl Place {
+    /// The point before which this share of the light comes from that the camera sees of the stretch.
+    fn at_share(&self, share: f32) -> Vec3 {
+        let reach = if self.depth > 0.0 {
+            -libm::log1pf(-share * one_minus_exp_neg(self.depth)) / self.depth
+        } else {
+            share
+        };
+        let [from, to] = self.ends;
+        from + (to - from) * reach.min(1.0)
+    }
+}
+
+/// Direct light at a vertex.
+#[derive(Clone, Copy, Debug, Default)]
+struct Vertex {
+    light: InMedium,
+    /// Logarithms of the luminance of both parts.
+    ln_share: f32,
+    ln_rest: f32,
+}
+
+impl Vertex {
+    fn new(light: InMedium) -> Self {
+        Self {
+            light,
+            ln_share: libm::logf(light.share.luminance()),
+            ln_rest: libm::logf(light.rest.luminance()),
+        }
+    }
+}
+
+/// How a value differs between the vertices around a point.
+#[derive(Clone, Copy, Debug, Default)]
+struct Spread {
+    /// The largest over the smallest; 0 if there is no light at one of them: that a surface hides it is no matter of depth.
+    ratio: f32,
+    mean: f32,
+    mean_ln: f32,
+}
+
+impl Spread {
+    fn of<T>(values: &[(T, f32); 8], value: impl Fn(&T) -> f32, ln: impl Fn(&T) -> f32) -> Self {
+        let (mut least, mut most) = (f32::INFINITY, 0.0_f32);
+        let (mut mean, mut mean_ln) = (0.0, 0.0);
+        for (v, weight) in values {
+            if *weight > 0.0 {
+                let b = value(v);
+                (least, most) = (least.min(b), most.max(b));
+                mean += b * weight;
+                mean_ln += ln(v) * weight;
+            }
+        }
+        Self {
+            ratio: if least > 0.0 { most / least } else { 0.0 },
+            mean,
+            mean_ln,
+        }
+    }
+
+    /// By how much light that falls exponentially between vertices is below their mean.
+    fn fall(self) -> f32 {
+        if self.ratio > 1.2 {
+            libm::expf(self.mean_ln) / self.mean
+        } else {
+            1.0
+        }
+    }
+}
+
+/// A stretch of a ray in a volume.
+struct Place {
+    volume: usize,
+    ends: [Vec3; 2],
+    depth: f32,
+    /// What stands for it, in scene space and in the volume's index space.
+    point: Vec3,
+    at: Vec3,
+    /// Depth of a voxel of the densest medium in the brick, and of one as dense as on the stretch.
+    densest: f32,
+    voxel_depth: f32,
+    /// Whether light between the vertices of the brick is as good as linear.
+    is_thin: bool,
+    /// The coarsest lattice that its brick allows.
+    level: usize,
 }

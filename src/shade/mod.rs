@@ -10,6 +10,7 @@ mod lamps;
 mod lattice;
 mod pixel;
 mod sparse;
+mod stiff;
 mod sweep;
 mod vertices;
 mod view;

@@ -205,10 +205,10 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
             self.view.camera.origin(),
             sample.direction,
             sample.t,
-            |volume, stretch, tau| {
+            |volume, stretch, _| {
                 let at = |t| self.view.camera.origin() + sample.direction * t;
                 let ends = [at(stretch.near), at(stretch.far)];
-                self.in_scatter.source(volume, ends, stretch.tau, tau)
+                self.in_scatter.source(volume, ends, stretch.tau)
             },
             |s| {
                 passed.medium(s.tau, s.source);

@@ -68,15 +68,39 @@ impl<T> Vertices<T> {
     }
 }
 
-impl<T: Copy + Default + AddAssign + Mul<f32, Output = T>> Vertices<T> {
-    /// The trilinear mean of the vertices around a point of index space.
-    pub fn interpolate(&self, point: Vec3, evaluate: impl Fn(Vec3, [usize; 3]) -> T) -> T {
-        let mut sum = T::default();
-        for (v, weight) in self.around(point) {
+impl<T: Copy + Default> Vertices<T> {
+    /// The values of the vertices around a point of index space with their trilinear weights; those of weight 0 are not
+    /// made.
+    pub fn values(&self, point: Vec3, evaluate: impl Fn(Vec3, [usize; 3]) -> T) -> [(T, f32); 8] {
+        self.around(point).map(|(v, weight)| {
             if weight > 0.0 {
-                sum += *self.get(v, &evaluate) * weight;
+                (*self.get(v, &evaluate), weight)
+            } else {
+                (T::default(), 0.0)
             }
-        }
-        sum
+        })
     }
+}
+
+/// Their weighted sum.
+pub fn blend<T: Copy + Default + AddAssign + Mul<f32, Output = T>>(values: &[(T, f32); 8]) -> T {
+    let mut sum = T::default();
+    for &(value, weight) in values {
+        if weight > 0.0 {
+            sum += value * weight;
+        }
+    }
+    sum
+}
+
+/// Whether the brightest of them, by `brightness`, is no more than `ratio` times as bright as the darkest.
+pub fn are_alike<T>(values: &[(T, f32); 8], ratio: f32, brightness: impl Fn(&T) -> f32) -> bool {
+    let (mut least, mut most) = (f32::INFINITY, 0.0_f32);
+    for (value, weight) in values {
+        if *weight > 0.0 {
+            let b = brightness(value);
+            (least, most) = (least.min(b), most.max(b));
+        }
+    }
+    most <= ratio * least || least == 0.0
 }

@@ -3,15 +3,14 @@
 use super::row::Row;
 use super::transmittance::{brief, lamp_behind};
 use super::workbench::{
-    Workbench, add_quad, add_room, kept, mean, media, pixels, relative_rms, stage, volume,
+    Workbench, add_quad, add_room, gatherer, kept, mean, media, pixels, relative_rms, stage, volume,
 };
 use super::{Effort, random};
 use crate::Result;
 use crate::formats::record::Below;
 use crate::formats::{CloudMeta, Surfel};
 use crate::gather::cone::Scratch;
-use crate::gather::{Gatherer, Kernel, NoMedia, Pages, Settings, TreeStore};
-use crate::math::Rgb;
+use crate::gather::{NoMedia, Pages, TreeStore};
 use crate::math::sampling::sphere;
 use crate::scene::{Grid, Light, Scene};
 use crate::shade;
@@ -206,16 +205,6 @@ fn doubles(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     Ok(())
 }
 
-fn gather_settings(samples: u32, cut: f32) -> Settings {
-    Settings {
-        samples,
-        max_solid_angle: cut,
-        max_dist: f32::INFINITY,
-        kernel: Kernel::Cone,
-        environment: Rgb::BLACK,
-    }
-}
-
 fn crowd(bench: &Workbench, effort: Effort, rows: &mut Vec<Row>) -> Result<()> {
     let count: u32 = if effort == Effort::Full {
         10_000_000
@@ -259,17 +248,11 @@ fn crowd(bench: &Workbench, effort: Effort, rows: &mut Vec<Row>) -> Result<()> {
         root,
         1e-6,
     ));
-    let gatherer = |cut| -> Result<_> {
-        Ok(Gatherer {
-            pages: kept(&store)?,
-            media: NoMedia,
-            settings: gather_settings(1, cut),
-        })
-    };
     // Near by, one ray looks at every disk; far away none of them is looked at.
     for (cut, d) in [(0.0, 1.0_f32), (0.01, 1.0), (0.01, 100.0)] {
         let origin = Vec3::from(one.position) + Vec3::Y * d;
-        let seen = gatherer(cut)?.look(origin, -Vec3::Y, &mut Scratch::default());
+        let seen =
+            gatherer(&store, NoMedia, 1, cut)?.look(origin, -Vec3::Y, &mut Scratch::default());
         let at = format!("{at}, d / R {d}, nodes below {cut} sr whole");
         let case = "surfels on one spot: distance to them";
         rows.push(Row::relative(
@@ -373,11 +356,7 @@ fn radii(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
         (log_sum(&surfels) - log_sum(&decoded)).abs() / COUNT as f64,
         5e-4,
     ));
-    let gatherer = Gatherer {
-        pages: kept(&store)?,
-        media: NoMedia,
-        settings: gather_settings(1, 0.0),
-    };
+    let gatherer = gatherer(&store, NoMedia, 1, 0.0)?;
     let mut scratch = Scratch::default();
     let mut off = 0;
     for i in 0..500 {

@@ -1,12 +1,12 @@
 //! Form factors of disks and plates, in closed form and gathered from surfels, and suns of any size.
 
 use super::row::Row;
-use super::workbench::{Workbench, add_quad, kept, stage};
+use super::workbench::{Workbench, add_quad, gatherer, stage};
 use crate::Result;
 use crate::formats::{CloudMeta, Surfel};
-use crate::gather::{Gatherer, Kernel, NoMedia, Settings, Stretch};
+use crate::gather::{Kernel, NoMedia, Stretch};
 use crate::light::{Lights, ShadowRays};
-use crate::math::{Rgb, polygon};
+use crate::math::polygon;
 use crate::scene::Light;
 use crate::trace::Tracer;
 use glam::{DQuat, DVec3, Vec3};
@@ -257,16 +257,6 @@ fn suns(rows: &mut Vec<Row>) {
     }
 }
 
-fn settings(samples: u32, max_solid_angle: f32, kernel: Kernel) -> Settings {
-    Settings {
-        samples,
-        max_solid_angle,
-        max_dist: f32::INFINITY,
-        kernel,
-        environment: Rgb::BLACK,
-    }
-}
-
 /// A disk of radiance 1 around the origin that faces +y.
 fn disk(radius: f32) -> Surfel {
     Surfel {
@@ -288,11 +278,8 @@ fn disks(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     };
     let store = bench.tree_of(meta, [disk(1.0)], &[])?;
     for (name, kernel) in KERNELS {
-        let gatherer = Gatherer {
-            pages: kept(&store)?,
-            media: NoMedia,
-            settings: settings(SAMPLES, 0.0, kernel),
-        };
+        let mut gatherer = gatherer(&store, NoMedia, SAMPLES, 0.0)?;
+        gatherer.settings.kernel = kernel;
         for d in [1e-3_f64, 0.1, 1.0, 10.0] {
             let expected = 1.0 / (1.0 + d * d);
             let point = Vec3::new(0.0, d as f32, 0.0);
@@ -362,11 +349,7 @@ fn tiled(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     });
     let store = bench.tree_of(meta, plate, &[])?;
     for cut in [0.0, 0.01, 0.04] {
-        let gatherer = Gatherer {
-            pages: kept(&store)?,
-            media: NoMedia,
-            settings: settings(65_536, cut, Kernel::Cone),
-        };
+        let gatherer = gatherer(&store, NoMedia, 65_536, cut)?;
         // Disks reach over the plate's border by up to 1 % of its edge.
         for h in [0.05_f64, 0.5, 2.0] {
             let point = Vec3::new(0.0, h as f32, 0.0);

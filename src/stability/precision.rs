@@ -2,14 +2,14 @@
 
 use super::field::{Blocks, Field};
 use super::row::Row;
-use super::workbench::{Workbench, kept, lvoxels};
+use super::workbench::{Workbench, gatherer, lvoxels};
 use super::{Effort, random};
 use crate::Result;
 use crate::build::aggregate;
 use crate::formats::Surfel;
 use crate::formats::record::tangent_frame;
 use crate::gather::cone::Scratch;
-use crate::gather::{Gatherer, Kernel, Media, NoMedia, Settings};
+use crate::gather::{Media, NoMedia};
 use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use crate::math::sampling::{hash, sphere};
@@ -116,17 +116,7 @@ fn kernels(bench: &Workbench, scene: &Scene, effort: Effort, rows: &mut Vec<Row>
     for page in 0..tree.surfel_pages() {
         all.extend(tree.surfel_page(page)?.surfels);
     }
-    let gatherer = Gatherer {
-        pages: kept(&store)?,
-        media: NoMedia,
-        settings: Settings {
-            samples: 1,
-            max_solid_angle: 0.0,
-            max_dist: f32::INFINITY,
-            kernel: Kernel::Cone,
-            environment: Rgb::BLACK,
-        },
-    };
+    let gatherer = gatherer(&store, NoMedia, 1, 0.0)?;
     // Difference of distance, and whether the same disk was met.
     let met: Vec<(f64, bool)> = rays
         .par_iter()

@@ -1,13 +1,13 @@
 //! What must hold whatever the input, tried on many inputs from a fixed seed.
 
 use super::row::Row;
-use super::workbench::{Workbench, kept, media, volume};
+use super::workbench::{Workbench, gatherer, media, volume};
 use super::{Effort, random};
 use crate::Result;
 use crate::formats::record::{Below, Node, SurfelPage};
 use crate::formats::{CloudMeta, Surfel};
 use crate::gather::cone::Scratch;
-use crate::gather::{Gatherer, Kernel, NoMedia, Settings, TreeStore};
+use crate::gather::{NoMedia, TreeStore};
 use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use crate::math::sampling::{cosine_hemisphere, disk, sobol2, sphere, tangents};
@@ -51,17 +51,7 @@ fn radiance(scene: &Scene, store: &TreeStore, rows: &mut Vec<Row>) -> Result<()>
     }
     let media = media(store)?;
     for cut in [0.0, 0.01, 0.5] {
-        let gatherer = Gatherer {
-            pages: kept(store)?,
-            media: &media,
-            settings: Settings {
-                samples: 1,
-                max_solid_angle: cut,
-                max_dist: f32::INFINITY,
-                kernel: Kernel::Cone,
-                environment: Rgb::BLACK,
-            },
-        };
+        let gatherer = gatherer(store, &media, 1, cut)?;
         let mut scratch = Scratch::default();
         let (mut wrong, mut most) = (0, 0.0_f32);
         for i in 0..RAYS {
@@ -305,17 +295,7 @@ fn reciprocity(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
                 ..CloudMeta::default()
             };
             let store = bench.tree_of(meta, [*to], &[])?;
-            let gatherer = Gatherer {
-                pages: kept(&store)?,
-                media: NoMedia,
-                settings: Settings {
-                    samples: 1,
-                    max_solid_angle: 0.0,
-                    max_dist: f32::INFINITY,
-                    kernel: Kernel::Cone,
-                    environment: Rgb::BLACK,
-                },
-            };
+            let gatherer = gatherer(&store, NoMedia, 1, 0.0)?;
             let n = Vec3::from(from.normal);
             let (x, y) = tangents(n);
             let mut scratch = Scratch::default();

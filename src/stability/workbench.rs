@@ -3,7 +3,7 @@
 use crate::bake::{self, SurfelSampling};
 use crate::formats::{CloudMeta, CloudWriter, Lvoxel, Surfel};
 use crate::gather::source::KeptTree;
-use crate::gather::{Media, SurfelStore, TreeStore};
+use crate::gather::{self, Gatherer, Kernel, Media, Medium, SurfelStore, TreeStore};
 use crate::image::{Frame, Region};
 use crate::math::Rgb;
 use crate::run::{Cancel, Job};
@@ -167,6 +167,26 @@ pub fn kept(store: &TreeStore) -> Result<&KeptTree> {
     }
 }
 
+/// The surfels of a tree that was opened without a limit, ready to gather; nodes below `cut` steradians are taken whole.
+pub fn gatherer<M: Medium>(
+    store: &TreeStore,
+    media: M,
+    samples: u32,
+    cut: f32,
+) -> Result<Gatherer<'_, KeptTree, M>> {
+    Ok(Gatherer {
+        pages: kept(store)?,
+        media,
+        settings: gather::Settings {
+            samples,
+            max_solid_angle: cut,
+            max_dist: f32::INFINITY,
+            kernel: Kernel::Cone,
+            environment: Rgb::BLACK,
+        },
+    })
+}
+
 /// Mean over all pixels and channels.
 pub fn mean(pixels: &[[f32; 3]]) -> f64 {
     let sum: f64 = pixels.iter().flatten().map(|&v| f64::from(v)).sum();
@@ -268,6 +288,7 @@ pub fn volume(sigma_t: Grid, albedo: f32, scene_from_index: DAffine3) -> Volume 
         albedo: [albedo; 3],
         scene_from_index,
         index_from_scene: Affine3A::from_cols_array(&inverse.to_cols_array().map(|v| v as f32)),
+        index_from_scene_f64: inverse,
     }
 }
 

@@ -75,11 +75,15 @@ impl<'a> Cells<'a> {
             .index_from_scene
             .transform_vector3(direction)
             .to_array();
-        let (start, end) = clip_to_box(o, d, dims, t_max)?;
-        let entry = volume
-            .index_from_scene
-            .transform_point3(origin + direction * start)
-            .to_array();
+        clip_to_box(o, d, dims, t_max)?;
+        // Rounding the ends of a ray in a dense medium would be seen: they are found once more, exactly.
+        let inverse = &volume.index_from_scene_f64;
+        let o = inverse.transform_point3(origin.as_dvec3());
+        let d = inverse.transform_vector3(direction.as_dvec3());
+        let exact_dims = dims.map(f64::from);
+        let (start, end) = clip_to_box(o.to_array(), d.to_array(), exact_dims, f64::from(t_max))?;
+        let entry = (o + d * start).as_vec3().to_array();
+        let d = d.as_vec3().to_array();
         let line = Line {
             origin: std::array::from_fn(|a| entry[a].clamp(0.0, dims[a]) + 0.5),
             direction: d,
@@ -90,8 +94,8 @@ impl<'a> Cells<'a> {
         Some(Self {
             volume,
             line,
-            start,
-            end: end - start,
+            start: start as f32,
+            end: (end - start) as f32,
             bricks,
             inner: None,
             t: 0.0,
@@ -189,6 +193,7 @@ mod tests {
             albedo: [0.5; 3],
             scene_from_index,
             index_from_scene: Affine3A::from_cols_array(&inverse.to_cols_array().map(|v| v as f32)),
+            index_from_scene_f64: inverse,
         }
     }
 

@@ -141,6 +141,7 @@ impl Draft {
                 albedo: v.albedo,
                 scene_from_index,
                 index_from_scene: affine_f32(&scene_from_index.inverse()),
+                index_from_scene_f64: scene_from_index.inverse(),
             }
         });
         let cameras = self.cameras.into_iter().map(|c| Camera {
