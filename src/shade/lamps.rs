@@ -54,6 +54,7 @@ impl Lamps {
                 continue;
             };
             let (min, max) = polygon.bounds();
+            let (min, max) = (min - MARGIN, max + MARGIN);
             let range = |low: f32, high: f32, first: u32, end: u32| {
                 let low = (low.floor().max(first as f32) as u32).max(first);
                 low..((high.ceil().min(end as f32)) as u32).min(end)
@@ -197,7 +198,7 @@ impl Polygon {
             // Inward, and how far a pixel reaches along it.
             let inward = Vec2::new(-edge.y, edge.x) * turn;
             let height = (middle - a).dot(inward);
-            let half = 0.5 * (inward.x.abs() + inward.y.abs());
+            let half = (0.5 + MARGIN) * (inward.x.abs() + inward.y.abs());
             if height <= -half {
                 return false;
             }
@@ -266,6 +267,9 @@ impl Polygon {
         point
     }
 }
+
+/// Of a pixel: rays through its corners may meet what touches it there.
+const MARGIN: f32 = 1e-3;
 
 /// Lower and upper corner of a pixel.
 fn pixel(x: u32, y: u32) -> (Vec2, Vec2) {
