@@ -174,10 +174,7 @@ pub fn run(
     settings.check()?;
     region.check(scene.film.width, scene.film.height)?;
     job.report.stage("shade", |counts| {
-        let pixels = match &store.surfels {
-            SurfelStore::Kept(p) => shade_with(scene, p, &store.media, settings, region, job),
-            SurfelStore::Cached(p) => shade_with(scene, p, &store.media, settings, region, job),
-        }?;
+        let pixels = shade_regions(scene, store, settings, &[region], job)?.concat();
         let stats = store.stats();
         counts.insert("pixels".into(), region.pixels() as f64);
         counts.insert("pages".into(), stats.pages as f64);
@@ -200,6 +197,39 @@ pub fn run(
     })
 }
 
+/// The radiance of the pixels of some regions of the frame, each row by row: what [`run`] gives there, bit for bit.
+///
+/// # Errors
+/// As [`run`].
+pub fn radiance(
+    scene: &Scene,
+    store: &TreeStore,
+    settings: &Settings,
+    regions: &[Region],
+    job: &Job,
+) -> Result<Vec<Vec<Rgb>>> {
+    settings.check()?;
+    for region in regions {
+        region.check(scene.film.width, scene.film.height)?;
+    }
+    let shaded = shade_regions(scene, store, settings, regions, job)?;
+    let radiance = |pixels: &Vec<Pixel>| pixels.iter().map(Pixel::radiance).collect();
+    Ok(shaded.iter().map(radiance).collect())
+}
+
+fn shade_regions(
+    scene: &Scene,
+    store: &TreeStore,
+    settings: &Settings,
+    regions: &[Region],
+    job: &Job,
+) -> Result<Vec<Vec<Pixel>>> {
+    match &store.surfels {
+        SurfelStore::Kept(p) => shade_with(scene, p, &store.media, settings, regions, job),
+        SurfelStore::Cached(p) => shade_with(scene, p, &store.media, settings, regions, job),
+    }
+}
+
 /// The media of a frame. Where it has none, `M` is a type without any, and its kernels have no work for them.
 struct FrameMedia<'a, M> {
     /// Passed by gathers.
@@ -214,9 +244,9 @@ fn shade_with<P: Pages>(
     pages: &P,
     media: &MediaStore,
     settings: &Settings,
-    region: Region,
+    regions: &[Region],
     job: &Job,
-) -> Result<Vec<Pixel>> {
+) -> Result<Vec<Vec<Pixel>>> {
     match media {
         // A tree without lvoxels says nothing of the scene's media.
         MediaStore::Absent => {
@@ -224,10 +254,10 @@ fn shade_with<P: Pages>(
                 gathers: NoMedia,
                 shadows: None,
             };
-            shade(scene, pages, &media, settings, region, job)
+            shade(scene, pages, &media, settings, regions, job)
         }
-        MediaStore::Grey(media) => shade_through(scene, pages, media, settings, region, job),
-        MediaStore::Rgb(media) => shade_through(scene, pages, media, settings, region, job),
+        MediaStore::Grey(media) => shade_through(scene, pages, media, settings, regions, job),
+        MediaStore::Rgb(media) => shade_through(scene, pages, media, settings, regions, job),
     }
 }
 
@@ -236,9 +266,9 @@ fn shade_through<P: Pages, S: Source>(
     pages: &P,
     media: &Media<S>,
     settings: &Settings,
-    region: Region,
+    regions: &[Region],
     job: &Job,
-) -> Result<Vec<Pixel>> {
+) -> Result<Vec<Vec<Pixel>>> {
     let blocks = Blocks(media);
     let shadows: Option<&dyn OpticalDepth> = Some(&blocks);
     match settings.method {
@@ -247,14 +277,14 @@ fn shade_through<P: Pages, S: Source>(
                 gathers: media,
                 shadows,
             };
-            shade(scene, pages, &media, settings, region, job)
+            shade(scene, pages, &media, settings, regions, job)
         }
         Method::Traditional => {
             let media = FrameMedia {
                 gathers: NoMedia,
                 shadows,
             };
-            shade(scene, pages, &media, settings, region, job)
+            shade(scene, pages, &media, settings, regions, job)
         }
     }
 }
@@ -264,9 +294,9 @@ fn shade<P: Pages, M: Medium>(
     pages: &P,
     media: &FrameMedia<M>,
     settings: &Settings,
-    region: Region,
+    regions: &[Region],
     job: &Job,
-) -> Result<Vec<Pixel>> {
+) -> Result<Vec<Vec<Pixel>>> {
     let camera = scene.camera(settings.camera.as_deref())?;
     let tracer = Tracer::new(scene);
     let mut lights = Lights::new(&tracer);
@@ -298,58 +328,75 @@ fn shade<P: Pages, M: Medium>(
         ..surface_gatherer
     };
     let view = View::new(&tracer, camera, scene.film, settings.seed);
-    let lattice = {
-        let step = u64::from(settings.lattice);
-        let task = job.progress.task(
-            "gather",
-            region.pixels() as u64 / (step * step),
-            "receivers",
-        );
-        Lattice::new(
-            &view,
-            &surface_gatherer,
-            region,
-            settings.lattice,
-            &job.cancel,
-            &task,
-        )?
-    };
-    pages.check()?;
     let in_scatter = InScatter::new(
         &scene.volumes,
         &lights,
         (settings.method == Method::Extended).then_some(&volume_gatherer),
         settings.seed,
     );
-    let shader = PixelShader {
-        view,
-        lights: &lights,
-        lattice: &lattice,
-        gatherer: &surface_gatherer,
-        in_scatter: &in_scatter,
-        counts: SampleCounts {
-            pixel: settings.pixel_samples,
-            edge: settings.edge_samples,
-            shadow: settings.shadow_rays,
-        },
-    };
-    let task = job.progress.task("shade", region.pixels() as u64, "pixels");
-    let pixels = if settings.pixel_samples == 1 {
-        shade_blocks(&shader, region, job, &task)
-    } else {
-        (region.y0..region.y1)
-            .into_par_iter()
-            .map(|y| {
-                job.cancel.check()?;
-                let row: Vec<Pixel> = (region.x0..region.x1).map(|x| shader.shade(x, y)).collect();
-                task.add(u64::from(region.width()));
-                Ok(row)
-            })
-            .collect::<Result<Vec<_>>>()
-            .map(|rows| rows.concat())
-    }?;
+    let all: u64 = regions.iter().map(|r| r.pixels() as u64).sum();
+    let step = u64::from(settings.lattice);
+    let gather = job
+        .progress
+        .task("gather", all / (step * step), "receivers");
+    let lattices = regions
+        .par_iter()
+        .map(|&region| {
+            Lattice::new(
+                &view,
+                &surface_gatherer,
+                region,
+                settings.lattice,
+                &job.cancel,
+                &gather,
+            )
+        })
+        .collect::<Result<Vec<_>>>()?;
+    drop(gather);
     pages.check()?;
-    Ok(pixels)
+    let task = job.progress.task("shade", all, "pixels");
+    let shaded = regions
+        .par_iter()
+        .zip(&lattices)
+        .map(|(&region, lattice)| {
+            let shader = PixelShader {
+                view,
+                lights: &lights,
+                lattice,
+                gatherer: &surface_gatherer,
+                in_scatter: &in_scatter,
+                counts: SampleCounts {
+                    pixel: settings.pixel_samples,
+                    edge: settings.edge_samples,
+                    shadow: settings.shadow_rays,
+                },
+            };
+            shade_region(&shader, region, job, &task)
+        })
+        .collect::<Result<Vec<_>>>()?;
+    pages.check()?;
+    Ok(shaded)
+}
+
+fn shade_region<P: Pages, M: Medium>(
+    shader: &PixelShader<P, M>,
+    region: Region,
+    job: &Job,
+    task: &Task,
+) -> Result<Vec<Pixel>> {
+    if shader.counts.pixel == 1 {
+        return shade_blocks(shader, region, job, task);
+    }
+    (region.y0..region.y1)
+        .into_par_iter()
+        .map(|y| {
+            job.cancel.check()?;
+            let row: Vec<Pixel> = (region.x0..region.x1).map(|x| shader.shade(x, y)).collect();
+            task.add(u64::from(region.width()));
+            Ok(row)
+        })
+        .collect::<Result<Vec<_>>>()
+        .map(|rows| rows.concat())
 }
 
 /// The tree's lvoxels as shadow rays see them.
@@ -400,9 +447,7 @@ fn to_frame(scene: &Scene, region: Region, pixels: &[Pixel], aovs: &[Aov]) -> Fr
     let rgb = |name: &str, f: &dyn Fn(&Pixel) -> Rgb| {
         Layer::rgb(name, &pixels.iter().map(|p| f(p).0).collect::<Vec<_>>())
     };
-    frame
-        .layers
-        .push(rgb("", &|p| p.direct + p.indirect + p.volume));
+    frame.layers.push(rgb("", &Pixel::radiance));
     for (name, aov) in Aov::ALL {
         if aovs.contains(&aov) {
             frame.layers.push(match aov {
