@@ -11,7 +11,7 @@ use crate::{Error, Result};
 use rayon::prelude::*;
 
 /// Most blocks.
-const BLOCKS: usize = 24;
+const BLOCKS: usize = 32;
 /// Pixels along the edge of a block.
 const SIDE: u32 = 16;
 /// Pixels of a block whose truth is traced, one in each cell of this size.
@@ -272,7 +272,7 @@ mod tests {
                         .iter()
                         .filter(|b| (2 * b.x0 / width, 2 * b.y0 / height) == (right, low))
                         .count();
-                    assert!((3..=9).contains(&count), "{count} in {right} {low}");
+                    assert!((4..=12).contains(&count), "{count} in {right} {low}");
                 }
             }
         }

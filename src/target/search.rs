@@ -103,17 +103,16 @@ fn next(tried: &[(f64, f64)], target: f64, finest: f64) -> Next {
 /// Where to go when all that was measured is too coarse, by a model of noise that falls and bias that stays.
 fn up(tried: &[(f64, f64)], target: f64, finest: f64) -> Next {
     let (t, e) = tried[tried.len() - 1];
-    let (noise, fall) = match tried.len().checked_sub(2).map(|i| tried[i]) {
-        Some((t0, e0)) => {
-            let left = (-SLOW * (t - t0)).exp();
-            let noise = (e0 - e) * left / (1.0 - left);
-            if noise < e {
-                (noise.max(0.0), SLOW)
-            } else {
-                (e, (e0 / e).ln() / (t - t0))
-            }
-        }
-        None => (e, FALL),
+    let Some((t0, e0)) = tried.len().checked_sub(2).map(|i| tried[i]) else {
+        let place = t + (e / target).ln() / FALL;
+        return Next::Measure(place.max(t + 1.0).min(t + STEP).min(finest));
+    };
+    let left = (-SLOW * (t - t0)).exp();
+    let noise = (e0 - e) * left / (1.0 - left);
+    let (noise, fall) = if noise < e {
+        (noise.max(0.0), SLOW)
+    } else {
+        (e, (e0 / e).ln() / (t - t0))
     };
     let bias = e - noise;
     if bias > target && t < PROOF.min(finest) && tried.len() < MOST {
