@@ -113,7 +113,7 @@ fn the_choice_does_not_depend_on_threads_and_keeps_what_is_fixed() {
     });
     assert_eq!(one.settings, two.settings);
     assert_eq!(one.tried, two.tried);
-    let fixed = |rung| Settings { lattice: 7, ..rung };
+    let fixed = |rung| Settings { samples: 4, ..rung };
     let kept = target::choose(&scene, &store, 3e-3, fixed, &Job::default()).unwrap();
     assert_eq!(kept.settings.samples, 4);
     assert!(kept.rung >= one.rung, "{kept:?} {one:?}");

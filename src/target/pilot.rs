@@ -102,6 +102,11 @@ impl<'a> Pilot<'a> {
         }
         loop {
             let found = self.compare(&shaded);
+            if !found.error.is_finite() {
+                return Err(Error::failed(
+                    "the pilot of --target-error shaded pixels that are infinite or not a number",
+                ));
+            }
             // An error above the target need not be known as well as one at the target.
             let enough = NOISE * target.max(found.error);
             if found.noise <= enough || self.count >= PATHS[1] {

@@ -92,6 +92,8 @@ fn next(tried: &[(f64, f64)], target: f64, finest: f64) -> Next {
             // All that was measured is better than need be, or errors do not fall: go by the coarsest.
             if t <= 0.0 {
                 Next::Take(t, e, Outcome::Better)
+            } else if tried.len() >= MOST {
+                Next::Take(t, e, Outcome::Met)
             } else {
                 Next::Measure((t - (target / e).ln() / FALL).max(0.0))
             }
@@ -179,8 +181,20 @@ mod tests {
     #[test]
     fn errors_that_rise_end_the_search() {
         for target in [1e-4, 1e-3, 1e-2] {
-            search(target, 7.0, |t| Ok(1e-3 * (1.0 + t))).unwrap();
-            search(target, 7.0, |_| Ok(f64::MIN_POSITIVE)).unwrap();
+            let curves: [fn(f64) -> f64; 4] = [
+                |t| 1e-3 * (1.0 + t),
+                |t| 0.8e-3 * (1.0 + 0.01 * t),
+                |_| f64::MIN_POSITIVE,
+                |_| 0.5,
+            ];
+            for curve in curves {
+                let f = search(target, 7.0, |t| Ok(curve(t))).unwrap();
+                assert!(
+                    f.tried.len() <= MOST && (0.0..=7.0).contains(&f.rung),
+                    "{f:?}"
+                );
+                assert!(f.expected.is_finite());
+            }
         }
     }
 }
