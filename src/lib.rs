@@ -28,6 +28,7 @@ pub mod scene;
 pub mod shade;
 pub mod stability;
 pub mod study;
+pub mod target;
 pub mod trace;
 
 pub use error::{Error, Kind, Result};

@@ -41,6 +41,20 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "shade",
         ],
     ),
+    // Shades a little and traces paths beside, to pick settings; the stage itself knows neither paths nor errors.
+    (
+        "target",
+        &[
+            "error",
+            "gather",
+            "image",
+            "math",
+            "reference",
+            "run",
+            "scene",
+            "shade",
+        ],
+    ),
     // Judges every part, alone and together.
     (
         "stability",

@@ -27,6 +27,17 @@ pub fn region(values: &[u32]) -> Option<Region> {
     Some(Region { x0, y0, x1, y1 })
 }
 
+/// `WxH`: the size of an image in pixels.
+pub fn resolution(text: &str) -> Result<(u32, u32), String> {
+    const MOST: u32 = 65_536;
+    text.split_once('x')
+        .and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)))
+        .filter(|&(w, h)| (1..=MOST).contains(&w) && (1..=MOST).contains(&h))
+        .ok_or_else(|| {
+            format!("it has to be a width and a height of 1 to {MOST} pixels, as 1920x1080")
+        })
+}
+
 /// `I/N`: a tile and how many there are.
 pub fn tile(text: &str) -> Result<(u32, u32), String> {
     let parsed = text

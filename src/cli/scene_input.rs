@@ -1,5 +1,6 @@
 //! The scene a verb works on.
 
+use super::parse;
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::{Error, Result};
@@ -15,18 +16,26 @@ pub struct SceneInput {
     /// Use the scene that is built in: coloured walls, a torus, smoke
     #[arg(long, conflicts_with = "scene")]
     demo: bool,
+
+    /// Make images of this size instead of the scene's film: pixels across and down
+    #[arg(long, value_name = "WxH", value_parser = parse::resolution)]
+    resolution: Option<(u32, u32)>,
 }
 
 impl SceneInput {
     /// A scene file, or else the built-in scene.
     pub fn new(scene: Option<PathBuf>, demo: bool) -> Self {
-        Self { scene, demo }
+        Self {
+            scene,
+            demo,
+            resolution: None,
+        }
     }
 
     /// Loads it, and passes on what the loader wants the user to know.
     pub fn load(&self, job: &Job) -> Result<Scene> {
         job.report.stage("load", |counts| {
-            let scene = match &self.scene {
+            let mut scene = match &self.scene {
                 Some(path) => Scene::load(path)?,
                 None if self.demo => Scene::demo()?,
                 None => {
@@ -35,6 +44,9 @@ impl SceneInput {
                     );
                 }
             };
+            if let Some((width, height)) = self.resolution {
+                (scene.film.width, scene.film.height) = (width, height);
+            }
             scene.warnings.iter().for_each(|w| job.progress.warn(w));
             counts.insert("triangles".into(), scene.mesh.triangles.len() as f64);
             counts.insert("degenerate_triangles".into(), scene.mesh.degenerate as f64);

@@ -9,6 +9,7 @@ use lvox::run::Job;
 use lvox::run::output::check_writable;
 use lvox::scene::Scene;
 use lvox::shade::{self, Aov, Method, Quality, Settings};
+use lvox::target::{self, Outcome};
 use lvox::{Error, Result};
 use std::path::{Path, PathBuf};
 
@@ -28,7 +29,12 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "PRESET", default_value = "good")]
     quality: QualityChoice,
 
-    /// Rays of each gather on a surface [default: 32, 64, 256 by quality]
+    /// Pick the cheapest settings whose error is about E: trimmed relMSE against the truth, as `lvox compare` prints it;
+    /// those given by options below are kept. Tiles and processes pick the same
+    #[arg(long, value_name = "E", conflicts_with = "quality")]
+    target_error: Option<f64>,
+
+    /// Rays of each gather on a surface [default: 12, 32, 128 by quality]
     #[arg(long, value_name = "N")]
     samples: Option<u32>,
 
@@ -49,23 +55,23 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "METHOD", default_value = "extended")]
     method: MethodChoice,
 
-    /// Pixels between gathers on surfaces; 1 gathers at every pixel [default: 6, 4, 2 by quality]
+    /// Pixels between gathers on surfaces; 1 gathers at every pixel [default: 4, 4, 2 by quality]
     #[arg(long, value_name = "N")]
     lattice: Option<u32>,
 
-    /// Rays of each gather inside media [default: 8, 16, 64 by quality]
+    /// Rays of each gather inside media [default: 4, 8, 32 by quality]
     #[arg(long, value_name = "N")]
     volume_samples: Option<u32>,
 
-    /// Primary rays of every pixel [default: 4, 8, 16 by quality]
+    /// Primary rays of every pixel [default: 1, 1, 16 by quality]
     #[arg(long, value_name = "N")]
     pixel_samples: Option<u32>,
 
-    /// Primary rays of pixels where those disagree [default: 12, 16, 64 by quality]
+    /// Primary rays of pixels where those disagree [default: 8, 16, 64 by quality]
     #[arg(long, value_name = "N")]
     edge_samples: Option<u32>,
 
-    /// Shadow rays to each area light from each primary ray's end [default: 2, 4, 4 by quality]
+    /// Shadow rays to each area light from each primary ray's end [default: 1, 1, 4 by quality]
     #[arg(long, value_name = "N")]
     shadow_rays: Option<u32>,
 
@@ -151,6 +157,9 @@ impl ShadeOptions {
     pub fn check(&self) -> Result<()> {
         image_kind(&self.output)?;
         check_writable(&self.output, true)?;
+        if let Some(target) = self.target_error {
+            target::check(target)?;
+        }
         self.settings(0).check()
     }
 
@@ -173,7 +182,11 @@ impl ShadeOptions {
     }
 
     fn settings(&self, seed: u64) -> Settings {
-        let preset = Settings::of(self.quality.into());
+        self.over(Settings::of(self.quality.into()), seed)
+    }
+
+    /// Settings with what was given one by one.
+    fn over(&self, preset: Settings, seed: u64) -> Settings {
         Settings {
             camera: self.camera.clone(),
             samples: self.samples.unwrap_or(preset.samples),
@@ -190,10 +203,48 @@ impl ShadeOptions {
         }
     }
 
+    /// Picks settings for an error, and says which.
+    fn pick(
+        &self,
+        target: f64,
+        scene: &Scene,
+        store: &TreeStore,
+        seed: u64,
+        job: &Job,
+    ) -> Result<Settings> {
+        let choice = target::choose(scene, store, target, |rung| self.over(rung, seed), job)?;
+        let (s, expected) = (choice.settings, choice.expected);
+        job.progress.say(&format!(
+            "target error {target:.1e}: shading with --samples {} --max-solid-angle {} --lattice {} --volume-samples {} \
+             --pixel-samples {} --edge-samples {} --shadow-rays {}, expected error {expected:.1e}",
+            s.samples,
+            s.max_solid_angle,
+            s.lattice,
+            s.volume_samples,
+            s.pixel_samples,
+            s.edge_samples,
+            s.shadow_rays,
+        ));
+        match choice.outcome {
+            Outcome::OutOfReach => job.progress.warn(&format!(
+                "the target error {target:.1e} is out of reach of sampling: about {expected:.1e} is what to expect. The \
+                 rest is bias of the tree and of interpolation; a tree with more --surfels may have less"
+            )),
+            Outcome::Better => job.progress.say(&format!(
+                "the coarsest settings are expected to have less error than {target:.1e}"
+            )),
+            Outcome::Met => {}
+        }
+        Ok(s)
+    }
+
     /// Shades and writes the image.
     pub fn run(&self, scene: &Scene, store: &TreeStore, seed: u64, job: &Job) -> Result<()> {
-        let settings = self.settings(seed);
         let region = self.region(scene)?;
+        let settings = match self.target_error {
+            Some(target) => self.pick(target, scene, store, seed, job)?,
+            None => self.settings(seed),
+        };
         let aovs: Vec<Aov> = self.aov.iter().map(|&a| a.into()).collect();
         let frame = shade::run(scene, store, &settings, region, &aovs, job)?;
         job.report

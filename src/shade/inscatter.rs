@@ -68,14 +68,14 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     /// Shadow rays of a vertex or point to lights with an extent.
     const SHADOW_RAYS: u32 = 4;
 
-    /// Lattices that are still empty but for what is swept, for rays of a region of the film. Without a gatherer there is
+    /// Lattices that are still empty but for what is swept, for rays of some regions of the film. Without a gatherer there is
     /// direct light only.
     ///
     /// # Errors
     /// If cancelled.
     pub fn new(
         view: &View<'a>,
-        region: Region,
+        regions: &[Region],
         lights: &'a Lights<'a>,
         gatherer: Option<&'a Gatherer<'a, P, M>>,
         cancel: &Cancel,
@@ -92,7 +92,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                 .map(|gatherer| {
                     let scope = Scope {
                         view,
-                        region,
+                        regions,
                         gatherer,
                         volume,
                         far_field: &far_field,

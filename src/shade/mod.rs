@@ -9,12 +9,14 @@ mod inscatter;
 mod lamps;
 mod lattice;
 mod pixel;
+mod settings;
 mod sparse;
 mod stiff;
 mod sweep;
 mod vertices;
 mod view;
 
+use crate::Result;
 use crate::gather::medium::Source;
 use crate::gather::{
     self, Gatherer, Kernel, Media, MediaStore, Medium, NoMedia, Pages, SurfelStore, TreeStore,
@@ -25,7 +27,6 @@ use crate::math::Rgb;
 use crate::run::{Job, Task};
 use crate::scene::Scene;
 use crate::trace::Tracer;
-use crate::{Error, Result};
 use corners::Corners;
 use glam::Vec3;
 use inscatter::InScatter;
@@ -33,110 +34,11 @@ use lamps::Lamps;
 use lattice::Lattice;
 use pixel::{Pixel, PixelShader, SampleCounts};
 use rayon::prelude::*;
+pub use settings::{Method, Quality, Settings};
 use view::View;
 
 /// Pixels along an edge of the blocks that threads take.
 const BLOCK: u32 = 64;
-
-/// How to shade.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Settings {
-    /// Name of the camera; the scene's first if `None`.
-    pub camera: Option<String>,
-    /// Gather rays at each lattice pixel.
-    pub samples: u32,
-    /// A node seen under less than this, steradians, may stand for all below it.
-    pub max_solid_angle: f32,
-    /// Nothing further than this, in scene units, sends indirect light.
-    pub max_dist: Option<f32>,
-    /// The paper's plain kernel instead of the fast one.
-    pub plain: bool,
-    /// What takes part in indirect light.
-    pub method: Method,
-    /// Pixels between gathers on surfaces; 1 gathers at every pixel.
-    pub lattice: u32,
-    /// Gather rays at each vertex inside media.
-    pub volume_samples: u32,
-    /// Primary rays a pixel; 1 for rays through the corners of pixels, which neighbours share.
-    pub pixel_samples: u32,
-    /// Primary rays where those disagree.
-    pub edge_samples: u32,
-    /// Shadow rays to lights with an extent at each primary ray where a pixel's first ones disagree.
-    pub shadow_rays: u32,
-    /// Key of all random choices.
-    pub seed: u64,
-}
-
-/// What takes part in indirect light: the two point-based rows of the paper's Table 1 (Gibson & Wood 2011).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Method {
-    /// Surfels and lvoxels: media take from gathers and add to them, and are lit by gathers themselves.
-    #[default]
-    Extended,
-    /// Surfels alone, as Christensen 2008: gathers on surfaces pass media unseen, and media get direct light only. Camera
-    /// and shadow rays see media as ever, so that the two differ in their indirect light and in nothing else.
-    Traditional,
-}
-
-/// Settings that go together; the same for all scenes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Quality {
-    /// For layout and light placement: grain in corners and penumbrae.
-    Draft,
-    /// Close to the converged image.
-    #[default]
-    Good,
-    /// Where only a metric can tell.
-    Best,
-}
-
-impl Settings {
-    /// The settings of a preset.
-    #[must_use]
-    pub fn of(quality: Quality) -> Self {
-        let good = Self {
-            camera: None,
-            samples: 32,
-            max_solid_angle: 0.01,
-            max_dist: None,
-            plain: false,
-            method: Method::Extended,
-            lattice: 4,
-            volume_samples: 8,
-            pixel_samples: 1,
-            edge_samples: 16,
-            shadow_rays: 1,
-            seed: 0,
-        };
-        match quality {
-            Quality::Draft => Self {
-                samples: 12,
-                max_solid_angle: 0.02,
-                volume_samples: 4,
-                edge_samples: 8,
-                ..good
-            },
-            Quality::Good => good,
-            Quality::Best => Self {
-                samples: 128,
-                max_solid_angle: 0.01,
-                lattice: 2,
-                volume_samples: 32,
-                pixel_samples: 16,
-                edge_samples: 64,
-                shadow_rays: 4,
-                ..good
-            },
-        }
-    }
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self::of(Quality::default())
-    }
-}
 
 /// Extra layers of the image beside the beauty.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -179,10 +81,7 @@ pub fn run(
     settings.check()?;
     region.check(scene.film.width, scene.film.height)?;
     job.report.stage("shade", |counts| {
-        let pixels = match &store.surfels {
-            SurfelStore::Kept(p) => shade_with(scene, p, &store.media, settings, region, job),
-            SurfelStore::Cached(p) => shade_with(scene, p, &store.media, settings, region, job),
-        }?;
+        let pixels = shade_regions(scene, store, settings, &[region], job)?.concat();
         let stats = store.stats();
         counts.insert("pixels".into(), region.pixels() as f64);
         counts.insert("pages".into(), stats.pages as f64);
@@ -205,6 +104,39 @@ pub fn run(
     })
 }
 
+/// The radiance of the pixels of some regions of the frame, each row by row: what [`run`] gives there, bit for bit.
+///
+/// # Errors
+/// As [`run`].
+pub fn radiance(
+    scene: &Scene,
+    store: &TreeStore,
+    settings: &Settings,
+    regions: &[Region],
+    job: &Job,
+) -> Result<Vec<Vec<Rgb>>> {
+    settings.check()?;
+    for region in regions {
+        region.check(scene.film.width, scene.film.height)?;
+    }
+    let shaded = shade_regions(scene, store, settings, regions, job)?;
+    let radiance = |pixels: &Vec<Pixel>| pixels.iter().map(Pixel::radiance).collect();
+    Ok(shaded.iter().map(radiance).collect())
+}
+
+fn shade_regions(
+    scene: &Scene,
+    store: &TreeStore,
+    settings: &Settings,
+    regions: &[Region],
+    job: &Job,
+) -> Result<Vec<Vec<Pixel>>> {
+    match &store.surfels {
+        SurfelStore::Kept(p) => shade_with(scene, p, &store.media, settings, regions, job),
+        SurfelStore::Cached(p) => shade_with(scene, p, &store.media, settings, regions, job),
+    }
+}
+
 /// The media of a frame. Where it has none, `M` is a type without any, and its kernels have no work for them.
 struct FrameMedia<'a, M> {
     /// Passed by gathers.
@@ -219,9 +151,9 @@ fn shade_with<P: Pages>(
     pages: &P,
     media: &MediaStore,
     settings: &Settings,
-    region: Region,
+    regions: &[Region],
     job: &Job,
-) -> Result<Vec<Pixel>> {
+) -> Result<Vec<Vec<Pixel>>> {
     match media {
         // A tree without lvoxels says nothing of the scene's media.
         MediaStore::Absent => {
@@ -229,10 +161,10 @@ fn shade_with<P: Pages>(
                 gathers: NoMedia,
                 shadows: None,
             };
-            shade(scene, pages, &media, settings, region, job)
+            shade(scene, pages, &media, settings, regions, job)
         }
-        MediaStore::Grey(media) => shade_through(scene, pages, media, settings, region, job),
-        MediaStore::Rgb(media) => shade_through(scene, pages, media, settings, region, job),
+        MediaStore::Grey(media) => shade_through(scene, pages, media, settings, regions, job),
+        MediaStore::Rgb(media) => shade_through(scene, pages, media, settings, regions, job),
     }
 }
 
@@ -241,9 +173,9 @@ fn shade_through<P: Pages, S: Source>(
     pages: &P,
     media: &Media<S>,
     settings: &Settings,
-    region: Region,
+    regions: &[Region],
     job: &Job,
-) -> Result<Vec<Pixel>> {
+) -> Result<Vec<Vec<Pixel>>> {
     let blocks = Blocks(media);
     let shadows: Option<&dyn OpticalDepth> = Some(&blocks);
     match settings.method {
@@ -252,14 +184,14 @@ fn shade_through<P: Pages, S: Source>(
                 gathers: media,
                 shadows,
             };
-            shade(scene, pages, &media, settings, region, job)
+            shade(scene, pages, &media, settings, regions, job)
         }
         Method::Traditional => {
             let media = FrameMedia {
                 gathers: NoMedia,
                 shadows,
             };
-            shade(scene, pages, &media, settings, region, job)
+            shade(scene, pages, &media, settings, regions, job)
         }
     }
 }
@@ -269,9 +201,9 @@ fn shade<P: Pages, M: Medium>(
     pages: &P,
     media: &FrameMedia<M>,
     settings: &Settings,
-    region: Region,
+    regions: &[Region],
     job: &Job,
-) -> Result<Vec<Pixel>> {
+) -> Result<Vec<Vec<Pixel>>> {
     let camera = scene.camera(settings.camera.as_deref())?;
     let tracer = Tracer::new(scene);
     let mut lights = Lights::new(&tracer);
@@ -303,61 +235,78 @@ fn shade<P: Pages, M: Medium>(
         ..surface_gatherer
     };
     let view = View::new(&tracer, camera, scene.film, settings.seed);
-    let lattice = {
-        let step = u64::from(settings.lattice);
-        let task = job.progress.task(
-            "gather",
-            region.pixels() as u64 / (step * step),
-            "receivers",
-        );
-        Lattice::new(
-            &view,
-            &surface_gatherer,
-            region,
-            settings.lattice,
-            &job.cancel,
-            &task,
-        )?
-    };
-    pages.check()?;
     let in_scatter = InScatter::new(
         &view,
-        region,
+        regions,
         &lights,
         (settings.method == Method::Extended).then_some(&volume_gatherer),
         &job.cancel,
     )?;
-    let lamps = Lamps::new(&view, region, settings.edge_samples);
-    let shader = PixelShader {
-        view,
-        lamps: &lamps,
-        lights: &lights,
-        lattice: &lattice,
-        gatherer: &surface_gatherer,
-        in_scatter: &in_scatter,
-        counts: SampleCounts {
-            pixel: settings.pixel_samples,
-            edge: settings.edge_samples,
-            shadow: settings.shadow_rays,
-        },
-    };
-    let task = job.progress.task("shade", region.pixels() as u64, "pixels");
-    let pixels = if settings.pixel_samples == 1 {
-        shade_blocks(&shader, region, job, &task)
-    } else {
-        (region.y0..region.y1)
-            .into_par_iter()
-            .map(|y| {
-                job.cancel.check()?;
-                let row: Vec<Pixel> = (region.x0..region.x1).map(|x| shader.shade(x, y)).collect();
-                task.add(u64::from(region.width()));
-                Ok(row)
-            })
-            .collect::<Result<Vec<_>>>()
-            .map(|rows| rows.concat())
-    }?;
+    let all: u64 = regions.iter().map(|r| r.pixels() as u64).sum();
+    let step = u64::from(settings.lattice);
+    let gather = job
+        .progress
+        .task("gather", all / (step * step), "receivers");
+    let lattices = regions
+        .par_iter()
+        .map(|&region| {
+            Lattice::new(
+                &view,
+                &surface_gatherer,
+                region,
+                settings.lattice,
+                &job.cancel,
+                &gather,
+            )
+        })
+        .collect::<Result<Vec<_>>>()?;
+    drop(gather);
     pages.check()?;
-    Ok(pixels)
+    let task = job.progress.task("shade", all, "pixels");
+    let shaded = regions
+        .par_iter()
+        .zip(&lattices)
+        .map(|(&region, lattice)| {
+            let lamps = Lamps::new(&view, region, settings.edge_samples);
+            let shader = PixelShader {
+                view,
+                lamps: &lamps,
+                lights: &lights,
+                lattice,
+                gatherer: &surface_gatherer,
+                in_scatter: &in_scatter,
+                counts: SampleCounts {
+                    pixel: settings.pixel_samples,
+                    edge: settings.edge_samples,
+                    shadow: settings.shadow_rays,
+                },
+            };
+            shade_region(&shader, region, job, &task)
+        })
+        .collect::<Result<Vec<_>>>()?;
+    pages.check()?;
+    Ok(shaded)
+}
+
+fn shade_region<P: Pages, M: Medium>(
+    shader: &PixelShader<P, M>,
+    region: Region,
+    job: &Job,
+    task: &Task,
+) -> Result<Vec<Pixel>> {
+    if shader.counts.pixel == 1 {
+        return shade_blocks(shader, region, job, task);
+    }
+    (region.y0..region.y1)
+        .into_par_iter()
+        .map(|y| {
+            job.cancel.check()?;
+            let row: Vec<Pixel> = (region.x0..region.x1).map(|x| shader.shade(x, y)).collect();
+            task.add(u64::from(region.width()));
+            Ok(row)
+        })
+        .collect::<Result<Vec<_>>>()
+        .map(|rows| rows.concat())
 }
 
 /// The tree's lvoxels as shadow rays see them.
@@ -408,9 +357,7 @@ fn to_frame(scene: &Scene, region: Region, pixels: &[Pixel], aovs: &[Aov]) -> Fr
     let rgb = |name: &str, f: &dyn Fn(&Pixel) -> Rgb| {
         Layer::rgb(name, &pixels.iter().map(|p| f(p).0).collect::<Vec<_>>())
     };
-    frame
-        .layers
-        .push(rgb("", &|p| p.direct + p.indirect + p.volume));
+    frame.layers.push(rgb("", &Pixel::radiance));
     for (name, aov) in Aov::ALL {
         if aovs.contains(&aov) {
             frame.layers.push(match aov {
@@ -429,38 +376,4 @@ fn to_frame(scene: &Scene, region: Region, pixels: &[Pixel], aovs: &[Aov]) -> Fr
         }
     }
     frame
-}
-
-impl Settings {
-    /// Refuses settings that make no sense.
-    ///
-    /// # Errors
-    /// Names the setting, what it may be and what it was.
-    pub fn check(&self) -> Result<()> {
-        let count = |name: &str, value: u32, most: u32| {
-            if (1..=most).contains(&value) {
-                Ok(())
-            } else {
-                Err(Error::input(format!(
-                    "{name} must be 1 to {most}, found {value}"
-                )))
-            }
-        };
-        count("--samples", self.samples, 65_536)?;
-        count("--volume-samples", self.volume_samples, 65_536)?;
-        count("--pixel-samples", self.pixel_samples, 65_536)?;
-        count("--edge-samples", self.edge_samples, 65_536)?;
-        count("--shadow-rays", self.shadow_rays, 4096)?;
-        count("--lattice", self.lattice, 64)?;
-        if !(0.0..=1.0).contains(&self.max_solid_angle) {
-            return Err(Error::input(format!(
-                "--max-solid-angle must be 0 to 1 steradian, found {}",
-                self.max_solid_angle
-            )));
-        }
-        if self.max_dist.is_some_and(|d| d.is_nan() || d <= 0.0) {
-            return Err(Error::input("--max-dist must be more than 0"));
-        }
-        Ok(())
-    }
 }

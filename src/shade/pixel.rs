@@ -29,6 +29,14 @@ pub struct Pixel {
     pub normal: Vec3,
 }
 
+impl Pixel {
+    /// All light of the pixel.
+    #[must_use]
+    pub fn radiance(&self) -> Rgb {
+        self.direct + self.indirect + self.volume
+    }
+}
+
 /// Everything a pixel may look at.
 pub struct PixelShader<'a, P, M> {
     /// Camera and scene.

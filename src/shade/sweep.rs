@@ -22,7 +22,7 @@ use crate::scene::grid::BRICK_CELLS;
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Indirect light at the vertices of one volume that rays of a region may ask for.
+/// Indirect light at the vertices of one volume that rays of some regions may ask for.
 #[derive(Debug)]
 pub struct Sweep {
     /// By log2 of half the voxels between vertices.
@@ -41,8 +41,8 @@ struct Level {
 pub struct Scope<'a, P, M> {
     /// Camera and scene.
     pub view: &'a View<'a>,
-    /// Part of the film.
-    pub region: Region,
+    /// Parts of the film.
+    pub regions: &'a [Region],
     /// Media and surfaces.
     pub gatherer: &'a Gatherer<'a, P, M>,
     /// Which of the scene's volumes.
@@ -167,7 +167,7 @@ impl Level {
 }
 
 impl<P: Pages, M: Medium> Scope<'_, P, M> {
-    /// Whether rays of the region may pass a brick of the volume.
+    /// Whether rays of the regions may pass a brick of the volume.
     fn sees(&self, brick: [usize; 3]) -> bool {
         let corners = std::array::from_fn(|i| {
             let p: [f32; 3] = std::array::from_fn(|a| {
@@ -176,7 +176,8 @@ impl<P: Pages, M: Medium> Scope<'_, P, M> {
             });
             self.to_scene(p.into())
         });
-        self.view.may_see(self.region, Sweep::MARGIN, corners)
+        let sees = |&region: &Region| self.view.may_see(region, Sweep::MARGIN, corners);
+        self.regions.iter().any(sees)
     }
 
     fn to_scene(&self, point_in_index: Vec3) -> Vec3 {

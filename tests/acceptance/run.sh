@@ -155,6 +155,51 @@ done <<EOF
 $general
 EOF
 
+printf '\n-- errors asked for: the trimmed relMSE has to be within a factor of 2 of the target\n'
+printf '%-16s %9s %14s %9s %6s %12s %12s\n' scene target 'relMSE trimmed' expected rung 'pilot CPU s' 'shade CPU s' | tee -a "$table"
+# counted REPORT KEY: what the pilot counted.
+counted() {
+    python3 -c '
+import json, sys
+stages = json.load(open(sys.argv[1]))["stages"]
+print("%.3g" % next(s["counts"][sys.argv[2]] for s in stages if s["stage"] == "pilot"))' "$@"
+}
+# near JSON-FILE TARGET: whether the trimmed relMSE is within a factor of 2 of it.
+near() {
+    python3 -c '
+import json, sys
+ratio = json.load(open(sys.argv[1]))["relmse_trimmed"] / float(sys.argv[2])
+if not 0.5 <= ratio <= 2.0:
+    print(f"the error is {ratio:.2f} times the target")
+sys.exit(not 0.5 <= ratio <= 2.0)' "$1" "$2"
+}
+for row in A:1e-3 A:3e-4 B:1e-3 B:3e-4 C:3e-3 C:1e-3 C_novol:3e-3 C_novol:1e-3 curved:3e-3 curved:1e-3 lights100:6e-3 \
+    lights100:3e-3 volumes:2e-3 volumes:1e-3 thin:3e-3 thin:1e-3 outdoor:3e-3 outdoor:1e-3; do
+    scene=${row%%:*}
+    target=${row##*:}
+    name=$scene.$target
+    if [ -e "$scenes/$scene.toml" ]; then
+        toml=$scenes/$scene.toml
+        reference=$references/${scene}_d3.exr
+    else
+        toml=$scenes/general/$scene.toml
+        reference=tests/acceptance/references/${scene}_d3.exr
+    fi
+    report=$out/$name.report.json
+    scores=$out/$name.scores.json
+    run "$name" "$lvox" shade "$toml" --tree "$out/$scene.lvt" -o "$out/$name.exr" --target-error "$target" \
+        --report "$report" --progress plain &&
+        "$lvox" compare "$out/$name.exr" "$reference" --json >"$scores"
+    if ! [ -s "$scores" ]; then
+        check "$name against its reference" false
+        continue
+    fi
+    printf '%-16s %9s %14.2e %9.1e %6s %12s %12s\n' "$scene" "$target" "$(value "$scores" relmse_trimmed)" \
+        "$(counted "$report" expected_error)" "$(counted "$report" rung)" "$(cpu "$report" pilot)" "$(cpu "$report" shade)" |
+        tee -a "$table"
+    check "$name: within a factor of 2" near "$scores" "$target"
+done
+
 printf '\n-- flicker: mean absolute change of indirect light, over its mean, for a camera that turns by 1/100 pixel\n'
 for row in B:1.3e-3 C:3.7e-3; do
     scene=${row%%:*}

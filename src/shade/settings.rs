@@ -1,0 +1,137 @@
+//! How to shade, and the presets.
+
+use crate::{Error, Result};
+
+/// How to shade.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Settings {
+    /// Name of the camera; the scene's first if `None`.
+    pub camera: Option<String>,
+    /// Gather rays at each lattice pixel.
+    pub samples: u32,
+    /// A node seen under less than this, steradians, may stand for all below it.
+    pub max_solid_angle: f32,
+    /// Nothing further than this, in scene units, sends indirect light.
+    pub max_dist: Option<f32>,
+    /// The paper's plain kernel instead of the fast one.
+    pub plain: bool,
+    /// What takes part in indirect light.
+    pub method: Method,
+    /// Pixels between gathers on surfaces; 1 gathers at every pixel.
+    pub lattice: u32,
+    /// Gather rays at each vertex inside media.
+    pub volume_samples: u32,
+    /// Primary rays a pixel; 1 for rays through the corners of pixels, which neighbours share.
+    pub pixel_samples: u32,
+    /// Primary rays where those disagree.
+    pub edge_samples: u32,
+    /// Shadow rays to lights with an extent at each primary ray where a pixel's first ones disagree.
+    pub shadow_rays: u32,
+    /// Key of all random choices.
+    pub seed: u64,
+}
+
+/// What takes part in indirect light: the two point-based rows of the paper's Table 1 (Gibson & Wood 2011).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Surfels and lvoxels: media take from gathers and add to them, and are lit by gathers themselves.
+    #[default]
+    Extended,
+    /// Surfels alone, as Christensen 2008: gathers on surfaces pass media unseen, and media get direct light only. Camera
+    /// and shadow rays see media as ever, so that the two differ in their indirect light and in nothing else.
+    Traditional,
+}
+
+/// Settings that go together; the same for all scenes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Quality {
+    /// For layout and light placement: grain in corners and penumbrae.
+    Draft,
+    /// Close to the converged image.
+    #[default]
+    Good,
+    /// Where only a metric can tell.
+    Best,
+}
+
+impl Settings {
+    /// The settings of a preset.
+    #[must_use]
+    pub fn of(quality: Quality) -> Self {
+        let good = Self {
+            camera: None,
+            samples: 32,
+            max_solid_angle: 0.01,
+            max_dist: None,
+            plain: false,
+            method: Method::Extended,
+            lattice: 4,
+            volume_samples: 8,
+            pixel_samples: 1,
+            edge_samples: 16,
+            shadow_rays: 1,
+            seed: 0,
+        };
+        match quality {
+            Quality::Draft => Self {
+                samples: 12,
+                max_solid_angle: 0.02,
+                volume_samples: 4,
+                edge_samples: 8,
+                ..good
+            },
+            Quality::Good => good,
+            Quality::Best => Self {
+                samples: 128,
+                max_solid_angle: 0.01,
+                lattice: 2,
+                volume_samples: 32,
+                pixel_samples: 16,
+                edge_samples: 64,
+                shadow_rays: 4,
+                ..good
+            },
+        }
+    }
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self::of(Quality::default())
+    }
+}
+
+impl Settings {
+    /// Refuses settings that make no sense.
+    ///
+    /// # Errors
+    /// Names the setting, what it may be and what it was.
+    pub fn check(&self) -> Result<()> {
+        let count = |name: &str, value: u32, most: u32| {
+            if (1..=most).contains(&value) {
+                Ok(())
+            } else {
+                Err(Error::input(format!(
+                    "{name} must be 1 to {most}, found {value}"
+                )))
+            }
+        };
+        count("--samples", self.samples, 65_536)?;
+        count("--volume-samples", self.volume_samples, 65_536)?;
+        count("--pixel-samples", self.pixel_samples, 65_536)?;
+        count("--edge-samples", self.edge_samples, 65_536)?;
+        count("--shadow-rays", self.shadow_rays, 4096)?;
+        count("--lattice", self.lattice, 64)?;
+        if !(0.0..=1.0).contains(&self.max_solid_angle) {
+            return Err(Error::input(format!(
+                "--max-solid-angle must be 0 to 1 steradian, found {}",
+                self.max_solid_angle
+            )));
+        }
+        if self.max_dist.is_some_and(|d| d.is_nan() || d <= 0.0) {
+            return Err(Error::input("--max-dist must be more than 0"));
+        }
+        Ok(())
+    }
+}

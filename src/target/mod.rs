@@ -1,0 +1,88 @@
+//! Picks shading settings for an error.
+//!
+//! A pilot shades small blocks, spread over the whole frame whatever part of it is asked for, at a few rungs of a ladder
+//! of settings, and measures their error against paths traced at pixels of those blocks. So the choice depends on the
+//! scene, the tree, the seed and the target alone, and is the same in every tile and process.
+
+mod ladder;
+mod pilot;
+mod search;
+
+pub use ladder::{FINEST, rung};
+pub use search::Outcome;
+
+use crate::gather::TreeStore;
+use crate::run::Job;
+use crate::scene::Scene;
+use crate::shade::Settings;
+use crate::{Error, Result};
+use pilot::Pilot;
+
+/// What was picked, and why.
+#[derive(Clone, Debug)]
+pub struct Choice {
+    /// What to shade with.
+    pub settings: Settings,
+    /// Its place on the ladder, 0 to [`FINEST`].
+    pub rung: f64,
+    /// The error that the pilot lets expect: trimmed relMSE against the truth.
+    pub expected: f64,
+    /// Whether that is the target.
+    pub outcome: Outcome,
+    /// Rungs that the pilot shaded and the errors it found, coarse to fine.
+    pub tried: Vec<(f64, f64)>,
+}
+
+/// Refuses targets that are no trimmed relMSE.
+///
+/// # Errors
+/// If the target is not a number above 0 and below 1.
+pub fn check(target: f64) -> Result<()> {
+    if target > 0.0 && target < 1.0 {
+        Ok(())
+    } else {
+        Err(Error::input(format!(
+            "--target-error must be more than 0 and less than 1, found {target}"
+        ))
+        .hint("it is a trimmed relMSE as `lvox compare` prints it: 1e-2 is coarse, 1e-3 fair, 1e-4 fine"))
+    }
+}
+
+/// Picks the cheapest settings whose trimmed relMSE over the frame is about `target`. `adapt` puts what is fixed, such
+/// as the camera and the seed, into the settings of a rung.
+///
+/// # Errors
+/// A target or settings out of range, an unknown camera, a page that cannot be read, or a stop on request.
+pub fn choose(
+    scene: &Scene,
+    store: &TreeStore,
+    target: f64,
+    adapt: impl Fn(Settings) -> Settings,
+    job: &Job,
+) -> Result<Choice> {
+    check(target)?;
+    job.report.stage("pilot", |counts| {
+        let mut pilot = Pilot::new(scene, &adapt(rung(0.0)), job)?;
+        let found = search::search(target, FINEST, |t| {
+            pilot.error(store, &adapt(rung(t)), target, job)
+        })?;
+        let settings = adapt(rung(found.rung));
+        for (name, value) in [
+            ("target_error", target),
+            ("expected_error", found.expected),
+            ("rung", found.rung),
+            ("rungs_tried", found.tried.len() as f64),
+            ("pixels", pilot.pixels() as f64),
+            ("paths", pilot.paths() as f64),
+        ] {
+            counts.insert(name.into(), value);
+        }
+        Ok(Choice {
+            settings,
+            rung: found.rung,
+            expected: found.expected,
+            outcome: found.outcome,
+            tried: found.tried,
+        })
+    })
+}

@@ -1,0 +1,304 @@
+//! Measures the error of settings on small blocks of the frame, against paths traced at pixels of those blocks.
+
+use crate::gather::TreeStore;
+use crate::image::Region;
+use crate::math::{Rgb, sampling};
+use crate::reference::{PathTracer, Sampler};
+use crate::run::Job;
+use crate::scene::{Camera, Film, Scene};
+use crate::shade::{self, Settings};
+use crate::{Error, Result};
+use rayon::prelude::*;
+
+/// Most blocks.
+const BLOCKS: usize = 32;
+/// Pixels along the edge of a block.
+const SIDE: u32 = 16;
+/// Pixels of a block whose truth is traced, one in each cell of this size.
+const CELL: [u32; 2] = [4, 2];
+/// Segments of the longest path that shading from a tree counts.
+const DEPTH: u32 = 3;
+/// Sequences of paths at each pixel, whose spread tells the noise.
+const STRANDS: u32 = 4;
+/// Paths of each pixel at first, and at most.
+const PATHS: [u32; 2] = [16, 256];
+/// Noise of a measured error that is good enough, over the target.
+const NOISE: f64 = 0.2;
+/// Keeps relative errors finite in the dark, as the metric has it.
+const FLOOR: f64 = 0.01;
+/// Share of pixels that the trimmed mean keeps, as the metric has it.
+const KEPT: f64 = 0.999;
+
+/// Blocks of a frame and what is known of their truth.
+pub struct Pilot<'a> {
+    scene: &'a Scene,
+    camera: &'a Camera,
+    paths: PathTracer<'a>,
+    blocks: Vec<Region>,
+    points: Vec<Point>,
+    /// Paths of each point so far.
+    count: u32,
+}
+
+/// A pixel whose truth is traced.
+struct Point {
+    x: u32,
+    y: u32,
+    /// Its block, and its place there.
+    block: usize,
+    index: usize,
+    /// Sums of the paths of each sequence.
+    sums: [[f64; 3]; STRANDS as usize],
+}
+
+impl<'a> Pilot<'a> {
+    /// Places the blocks; nothing is traced yet.
+    pub fn new(scene: &'a Scene, settings: &Settings, job: &Job) -> Result<Self> {
+        let camera = scene.camera(settings.camera.as_deref())?;
+        job.cancel.check()?;
+        let blocks = blocks(&scene.film);
+        let points = blocks
+            .iter()
+            .enumerate()
+            .flat_map(|(i, &block)| points(i, block))
+            .collect();
+        Ok(Self {
+            scene,
+            camera,
+            paths: PathTracer::new(scene, DEPTH),
+            blocks,
+            points,
+            count: 0,
+        })
+    }
+
+    /// Pixels that are shaded for each measurement.
+    pub fn pixels(&self) -> usize {
+        self.blocks.iter().map(Region::pixels).sum()
+    }
+
+    /// Paths traced so far.
+    pub fn paths(&self) -> u64 {
+        self.points.len() as u64 * u64::from(self.count)
+    }
+
+    /// The trimmed relMSE of settings, good enough to tell whether it is near the target.
+    pub fn error(
+        &mut self,
+        store: &TreeStore,
+        settings: &Settings,
+        target: f64,
+        job: &Job,
+    ) -> Result<f64> {
+        let quiet = Job {
+            cancel: job.cancel.clone(),
+            memory_limit: job.memory_limit,
+            temp_dir: job.temp_dir.clone(),
+            ..Job::default()
+        };
+        let shaded = shade::radiance(self.scene, store, settings, &self.blocks, &quiet)?;
+        if self.count == 0 {
+            self.trace(PATHS[0], job)?;
+        }
+        loop {
+            let found = self.compare(&shaded);
+            if !found.error.is_finite() {
+                return Err(Error::failed(
+                    "the pilot of --target-error shaded pixels that are infinite or not a number",
+                ));
+            }
+            // An error above the target need not be known as well as one at the target.
+            let enough = NOISE * target.max(found.error);
+            if found.noise <= enough || self.count >= PATHS[1] {
+                return Ok(found.error.max(found.noise));
+            }
+            // Noise falls about as one over the number of paths.
+            let more = f64::from(self.count) * (found.noise / enough - 1.0).clamp(0.25, 3.0);
+            let room = PATHS[1] - self.count;
+            self.trace((more as u32).next_multiple_of(STRANDS).min(room), job)?;
+        }
+    }
+
+    /// Traces so many more paths at each point.
+    fn trace(&mut self, more: u32, job: &Job) -> Result<()> {
+        let Self {
+            scene,
+            camera,
+            paths,
+            points,
+            count,
+            ..
+        } = self;
+        let from = *count;
+        points.par_iter_mut().try_for_each(|point| {
+            job.cancel.check()?;
+            for i in from..from + more {
+                let strand = i % STRANDS;
+                let key = sampling::hash(&[point.x, point.y, strand].map(u64::from));
+                let mut sampler = Sampler::new(key, i / STRANDS);
+                let [u, v, ..] = sampler.next4();
+                let (x, y) = (point.x as f32 + u, point.y as f32 + v);
+                let direction = camera.direction(&scene.film, x, y);
+                let Rgb(light) = paths.radiance(camera.origin(), direction, &mut sampler);
+                if light.iter().all(|v| v.is_finite()) {
+                    let sum = &mut point.sums[strand as usize];
+                    *sum = [0, 1, 2].map(|c| sum[c] + f64::from(light[c]));
+                }
+            }
+            Ok::<(), Error>(())
+        })?;
+        *count += more;
+        Ok(())
+    }
+
+    fn compare(&self, shaded: &[Vec<Rgb>]) -> Measured {
+        let per_strand = f64::from(self.count / STRANDS);
+        let mut terms: Vec<(f64, f64)> = self
+            .points
+            .iter()
+            .map(|p| p.compare(shaded[p.block][p.index], per_strand))
+            .collect();
+        // By size of the error: as likely to drop what noise made too small as what it made too large.
+        terms.sort_unstable_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
+        let kept = ((terms.len() as f64 * KEPT) as usize).max(1);
+        let terms = &terms[..kept];
+        let count = kept as f64;
+        Measured {
+            error: terms.iter().map(|t| t.0).sum::<f64>() / count,
+            noise: terms.iter().map(|t| t.1).sum::<f64>().sqrt() / count,
+        }
+    }
+}
+
+/// An error, and the standard deviation that the noise of paths gives it.
+struct Measured {
+    error: f64,
+    noise: f64,
+}
+
+impl Point {
+    /// Squared relative error of a value without what the noise of paths adds, and the variance of that.
+    fn compare(&self, Rgb(shaded): Rgb, per_strand: f64) -> (f64, f64) {
+        let (mut error, mut variance) = (0.0, 0.0);
+        for c in 0..3 {
+            let means = self.sums.map(|s| s[c] / per_strand);
+            let strands = f64::from(STRANDS);
+            let truth = means.iter().sum::<f64>() / strands;
+            let spread: f64 = means.iter().map(|m| (m - truth) * (m - truth)).sum();
+            let noise = spread / (strands * (strands - 1.0));
+            let scale = 1.0 / (truth * truth + FLOOR);
+            let square = (f64::from(shaded[c]) - truth).powi(2);
+            let signal = (square - noise).max(0.0);
+            error += scale * (square - noise) / 3.0;
+            // Channels move together: the mean of their variances, not a third of it.
+            variance += scale * scale * (2.0 * noise * noise + 4.0 * signal * noise) / 3.0;
+        }
+        (error, variance)
+    }
+}
+
+/// Blocks spread over a film: one in each stretch of a path that winds through all.
+fn blocks(film: &Film) -> Vec<Region> {
+    let all = Region::full(film.width, film.height).blocks(SIDE);
+    let columns = film.width.div_ceil(SIDE) as usize;
+    let rows = all.len() / columns;
+    // Back and forth through strips of a few rows, so that a stretch is about as high as wide.
+    let strip = ((all.len() as f64 / BLOCKS as f64).sqrt().round() as usize).max(1);
+    let mut winding = Vec::with_capacity(all.len());
+    for (i, top) in (0..rows).step_by(strip).enumerate() {
+        for c in 0..columns {
+            let column = if i % 2 == 0 { c } else { columns - 1 - c };
+            let rows = top..rows.min(top + strip);
+            winding.extend(rows.map(|row| all[row * columns + column]));
+        }
+    }
+    let count = winding.len().min(BLOCKS);
+    (0..count)
+        .map(|i| {
+            let cut = |i: usize| i * winding.len() / count;
+            let within = (cut(i + 1) - cut(i)) as f32;
+            let chosen = (sampling::unit(sampling::hash(&[i as u64])) * within) as usize;
+            winding[cut(i) + chosen]
+        })
+        .collect()
+}
+
+/// The pixels of a block whose truth is traced: one in each cell.
+fn points(block: usize, region: Region) -> Vec<Point> {
+    let mut points = Vec::new();
+    for top in (region.y0..region.y1).step_by(CELL[1] as usize) {
+        for left in (region.x0..region.x1).step_by(CELL[0] as usize) {
+            let [u, v] = sampling::unit2(sampling::hash(&[left, top].map(u64::from)));
+            let within = |from: u32, to: u32, cell: u32, u: f32| {
+                let size = cell.min(to - from);
+                from + ((u * size as f32) as u32).min(size - 1)
+            };
+            let x = within(left, region.x1, CELL[0], u);
+            let y = within(top, region.y1, CELL[1], v);
+            let index =
+                (y - region.y0) as usize * region.width() as usize + (x - region.x0) as usize;
+            points.push(Point {
+                x,
+                y,
+                block,
+                index,
+                sums: [[0.0; 3]; STRANDS as usize],
+            });
+        }
+    }
+    points
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn film(width: u32, height: u32) -> Film {
+        Film {
+            width,
+            height,
+            exposure: 1.0,
+        }
+    }
+
+    #[test]
+    fn blocks_are_inside_apart_and_in_all_quarters() {
+        for (width, height) in [(1, 1), (7, 90), (64, 48), (512, 384), (1920, 1080)] {
+            let film = film(width, height);
+            let blocks = blocks(&film);
+            assert!(!blocks.is_empty() && blocks.len() <= BLOCKS);
+            for (i, a) in blocks.iter().enumerate() {
+                a.check(width, height).unwrap();
+                assert!(!blocks[..i].contains(a));
+            }
+            if width >= 512 {
+                for (right, low) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+                    let count = blocks
+                        .iter()
+                        .filter(|b| (2 * b.x0 / width, 2 * b.y0 / height) == (right, low))
+                        .count();
+                    assert!((4..=12).contains(&count), "{count} in {right} {low}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn points_lie_in_their_blocks_once() {
+        let region = Region {
+            x0: 3,
+            y0: 5,
+            x1: 16,
+            y1: 12,
+        };
+        let points = points(0, region);
+        for p in &points {
+            assert!((region.x0..region.x1).contains(&p.x) && (region.y0..region.y1).contains(&p.y));
+            assert_eq!(
+                p.index,
+                ((p.y - region.y0) * region.width() + p.x - region.x0) as usize
+            );
+        }
+        assert_eq!(points.len(), 4 * 4);
+    }
+}
