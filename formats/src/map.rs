@@ -33,9 +33,9 @@ impl MappedFile {
             if meta.len() == 0 {
                 return Ok(Self { map: None });
             }
-            // SAFETY: the map is private, read-only, and outlives what is borrowed from it. Another process may still change the
-            // file: readers check each number where they use it and copy it, and no bytes are reinterpreted. Ours only
-            // replace files by rename.
+            // SAFETY: the map is private, read-only, and outlives what is borrowed from it. Readers check each number and copy
+            // it, should another process change the file; one that shortens it ends this process (SIGBUS). Ours replace files
+            // by rename only.
             let map = unsafe { memmap2::Mmap::map(&file) }
                 .map_err(FormatError::io("cannot map into memory"))?;
             Ok(Self { map: Some(map) })

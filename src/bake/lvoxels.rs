@@ -144,7 +144,12 @@ impl LvoxelMaker<'_> {
     /// from outside at any angle; a face counts by what the medium before it lets through. `None` if that is next to nothing.
     fn seen_from_outside(&self, block: [usize; 3], edge: usize, seed: u64) -> Option<Rgb> {
         let axes = self.volume.scene_from_index.matrix3;
-        let lengths = [axes.x_axis, axes.y_axis, axes.z_axis].map(|a| a.length() as f32);
+        // Of a voxel: the areas of its faces, and its thickness between each two.
+        let areas: [f64; 3] = std::array::from_fn(|a| {
+            let (b, c) = ((a + 1) % 3, (a + 2) % 3);
+            axes.col(b).cross(axes.col(c)).length()
+        });
+        let thickness = areas.map(|area| (axes.determinant().abs() / area) as f32);
         let edge = edge as f32;
         let sigma_t = |p: [f32; 3]| self.volume.sigma_t.sample(Vec3::from(p));
         let (mut sum, mut weights) = (Rgb::BLACK, 0.0);
@@ -166,17 +171,18 @@ impl LvoxelMaker<'_> {
                 p
             };
             // Faces are seen by the cosine.
-            let length = edge * lengths[a] / slant.sqrt().max(1e-3);
+            let length = edge * thickness[a] / slant.sqrt().max(1e-3);
             let before = 0.5 * length * (sigma_t(at(-0.25)) + sigma_t(at(-0.75)));
             let step = 1.0 / DEPTH_STEPS as f32;
             let middle = |k: usize| (k as f32 + 0.5) * step;
             let depths: [f32; DEPTH_STEPS] =
                 std::array::from_fn(|k| sigma_t(at(middle(k))) * length * step);
             let taken = one_minus_exp_neg(depths.iter().sum());
-            let weight = exp_neg(before) * taken;
-            if weight < LEAST_WEIGHT {
+            let seen = exp_neg(before) * taken;
+            if seen < LEAST_WEIGHT {
                 continue;
             }
+            let weight = seen * (areas[a] / areas.iter().sum::<f64>()) as f32;
             // The place behind which this share of what the ray sees comes from.
             let mut target = -libm::log1pf(-share * taken);
             let k = depths.iter().position(|&d| {

@@ -232,8 +232,11 @@ impl<S: Source> BlockGrid<S> {
             self.cubes.resize(self.cubes.len() + cubes, Cube::default());
         }
         let brick = &mut self.bricks[self.table[brick] as usize];
+        if brick.level != l.level {
+            return;
+        }
         let cube = &mut self.cubes[brick.first_cube as usize + cube];
-        if brick.level != l.level || cube.filled >> bit & 1 == 1 {
+        if cube.filled >> bit & 1 == 1 {
             return;
         }
         if cube.filled == 0 {

@@ -101,12 +101,12 @@ impl Emitters {
         self.all.len()
     }
 
-    /// The emitter of an index.
+    /// Whether there is none.
     pub fn is_empty(&self) -> bool {
         self.all.is_empty()
     }
 
-    /// One of them.
+    /// The emitter of an index.
     pub fn get(&self, index: u32) -> &Emitter {
         &self.all[index as usize]
     }

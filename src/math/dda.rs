@@ -138,6 +138,7 @@ pub fn leave_box(point: Vec3, direction: Vec3, [lower, upper]: [Vec3; 2]) -> f32
     }
     far.max(0.0)
 }
+
 /// A number that coordinates may be.
 pub trait Coordinate:
     Copy

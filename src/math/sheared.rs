@@ -64,15 +64,20 @@ impl Sheared {
         p.into()
     }
 
-    /// First ray and number of rays along each axis across, so that all `count` vertices have rays on all sides.
+    /// First ray and number of rays along each axis across, so that all vertices of a box, given by its first and its last,
+    /// have rays on all sides.
     #[must_use]
-    pub fn extent(&self, count: [usize; 3]) -> [(i32, usize); 2] {
-        std::array::from_fn(|a| {
-            let shear = -self.slope[a] * count[self.axes[0]] as f32;
-            let first = shear.min(0.0).floor() as i32 - 1;
-            let last = (count[self.axes[a + 1]] as f32 + shear.max(0.0)).ceil() as i32 + 1;
-            (first, (last - first + 1) as usize)
-        })
+    pub fn extent(&self, [first, last]: [[usize; 3]; 2]) -> [(i32, usize); 2] {
+        let mut extent = [(i32::MAX, i32::MIN); 2];
+        for i in 0..8 {
+            let corner = std::array::from_fn(|a| [first, last][i >> a & 1][a] as f32);
+            let (_, across) = self.place(corner);
+            for (extent, across) in extent.iter_mut().zip(across) {
+                extent.0 = extent.0.min(across.floor() as i32 - 1);
+                extent.1 = extent.1.max(across.ceil() as i32 + 1);
+            }
+        }
+        extent.map(|(low, high)| (low, (high - low + 1) as usize))
     }
 }
 
@@ -89,7 +94,7 @@ mod tests {
         ] {
             let rays = Sheared::new(d, 2.0);
             let count = [9, 17, 5];
-            let extent = rays.extent(count);
+            let extent = rays.extent([[0; 3], count.map(|n| n - 1)]);
             for layer in 0..5 {
                 let p = rays.point([3.0, -1.0], layer);
                 let (along, across) = rays.place((p / 2.0).to_array());

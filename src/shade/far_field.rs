@@ -69,8 +69,12 @@ impl FarField {
     /// Probe spacings that surfaces must be away.
     const CLEAR: f32 = 4.0;
 
+    /// Cells of the sphere, at most: what is far away needs no more.
+    const CELLS: u32 = 64;
+
     /// No probe yet. A point of the medium is to look along about `samples` directions.
     pub fn new(volume: &Volume, samples: u32) -> Self {
+        let samples = samples.min(Self::CELLS);
         let rings = 1 << (samples.max(1).ilog2() / 2);
         let dims = volume.sigma_t.dims();
         let longest = dims.into_iter().max().unwrap_or(1);

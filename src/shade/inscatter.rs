@@ -181,24 +181,29 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                 Vertex::new(self.lights.in_medium(point, rays, Some(&self.suns)))
             })
         };
-        if place.is_thin {
-            let light = blend(&vertices(place.level).map(|(v, weight)| (v.light, weight)));
-            return light.share * self.lights.sent(from, to) + light.rest;
-        }
-        if place.voxel_depth <= Self::DEPTH {
+        if place.is_thin || place.voxel_depth <= Self::DEPTH {
             for level in (0..=place.level).rev() {
                 let values = vertices(level);
+                let light = || blend(&values.map(|(v, weight)| (v.light, weight)));
+                let is_finest = level == 0 || place.densest * (1 << level) as f32 <= Self::FLAT;
+                if is_finest && place.is_thin {
+                    let light = light();
+                    return light.share * self.lights.sent(from, to) + light.rest;
+                }
                 let share = Spread::of(&values, |v| v.light.share.luminance(), |v| v.ln_share);
                 let rest = if self.lights.rest_is_exact() {
                     Spread::of(&values, |v| v.light.rest.luminance(), |v| v.ln_rest)
                 } else {
                     Spread::default()
                 };
-                let is_finest = level == 0 || place.densest * (1 << level) as f32 <= Self::FLAT;
                 if is_finest || share.ratio.max(rest.ratio) <= Self::ALIKE {
-                    let light = blend(&values.map(|(v, weight)| (v.light, weight)));
-                    return light.share * self.lights.sent(from, to) * share.fall()
-                        + light.rest * rest.fall();
+                    let light = light();
+                    let [share, rest] = if place.is_thin {
+                        [1.0; 2]
+                    } else {
+                        [share.fall(), rest.fall()]
+                    };
+                    return light.share * self.lights.sent(from, to) * share + light.rest * rest;
                 }
             }
         }
@@ -218,7 +223,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             return Rgb::BLACK;
         };
         let (lattices, medium) = (&self.lattices[place.volume], &self.volumes[place.volume]);
-        if place.voxel_depth > Self::STIFF {
+        if !place.is_thin && place.voxel_depth > Self::STIFF {
             let surfaces = Gatherer {
                 pages: gatherer.pages,
                 media: NoMedia,
@@ -235,30 +240,15 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                 .mean_radiance(medium, gatherer, at, point, seed)
                 .unwrap_or_else(|| gatherer.mean_radiance(point, Stretch::first(seed)).light)
         };
-        let vertices = |level: usize| {
-            lattices.indirect[level].values(place.at, |p, v| {
+        let vertex = |level: usize, v: [usize; 3]| {
+            *lattices.indirect[level].get(v, &|p, v| {
                 let key = self.key(place.volume, level, v);
                 mean_radiance(p, self.to_scene(place.volume, p), key)
             })
         };
-        if place.is_thin {
-            let coarse = &lattices.indirect[place.level + 1];
-            let mut sum = Rgb::BLACK;
-            for (v, weight) in coarse.around(place.at) {
-                if weight > 0.0 {
-                    let swept = lattices.sweep.as_ref();
-                    let swept = swept.and_then(|s| s.get(place.level, v));
-                    let light = swept.unwrap_or_else(|| {
-                        *coarse.get(v, &|p, v| {
-                            let key = self.key(place.volume, place.level + 1, v);
-                            mean_radiance(p, self.to_scene(place.volume, p), key)
-                        })
-                    });
-                    sum += light * weight;
-                }
-            }
-            return sum;
-        }
+        // A point may round into a brick of nothing, which is not swept.
+        let is_swept = place.is_thin && place.densest > 0.0;
+        let sweep = lattices.sweep.as_ref().filter(|_| is_swept);
         // An environment lights media directly, through what is before them.
         let smooth = if self.lights.environment().is_black() {
             2.0 * Self::DEPTH
@@ -266,7 +256,16 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             Self::FLAT
         };
         for level in (0..=place.level + 1).rev() {
-            let values = vertices(level);
+            let swept = |v| sweep.filter(|_| level > place.level)?.get(place.level, v);
+            let values = lattices.indirect[level]
+                .around(place.at)
+                .map(|(v, weight)| {
+                    if weight > 0.0 {
+                        (swept(v).unwrap_or_else(|| vertex(level, v)), weight)
+                    } else {
+                        (Rgb::BLACK, 0.0)
+                    }
+                });
             if place.densest * (1 << level) as f32 <= smooth
                 || are_alike(&values, Self::ALIKE_GATHERED, |v| v.luminance())
             {

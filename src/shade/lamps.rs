@@ -8,7 +8,7 @@ use crate::image::Region;
 use crate::math::exp::exp_neg;
 use crate::math::{Rgb, sampling};
 use crate::trace::unit_normal;
-use glam::{Vec2, Vec3};
+use glam::{DVec2, Vec3};
 
 /// An emissive triangle in a pixel that it covers in part.
 #[derive(Clone, Copy, Debug)]
@@ -30,7 +30,7 @@ pub struct Lamps {
 /// A convex polygon of the film: a triangle cut by the plane of the camera and by the four sides of a pixel.
 #[derive(Clone, Copy, Debug)]
 struct Polygon {
-    corners: [Vec2; Self::MOST],
+    corners: [DVec2; Self::MOST],
     len: usize,
 }
 
@@ -55,9 +55,9 @@ impl Lamps {
             };
             let (min, max) = polygon.bounds();
             let (min, max) = (min - MARGIN, max + MARGIN);
-            let range = |low: f32, high: f32, first: u32, end: u32| {
-                let low = (low.floor().max(first as f32) as u32).max(first);
-                low..((high.ceil().min(end as f32)) as u32).min(end)
+            let range = |low: f64, high: f64, first: u32, end: u32| {
+                let low = (low.floor().max(first.into()) as u32).max(first);
+                low..((high.ceil().min(end.into())) as u32).min(end)
             };
             for y in range(min.y, max.y, region.y0, region.y1) {
                 for x in range(min.x, max.x, region.x0, region.x1) {
@@ -104,7 +104,8 @@ impl Lamps {
 
     /// Share of pixel (x, y) that those lamps cover if nothing is before them.
     pub fn covered(&self, view: &View, x: u32, y: u32) -> f32 {
-        self.parts(view, x, y).map(|(_, part)| part.area()).sum()
+        let parts = self.parts(view, x, y);
+        parts.map(|(_, part)| part.area() as f32).sum()
     }
 
     /// Their mean radiance over the pixel, as it comes through what is before them.
@@ -124,7 +125,7 @@ impl Lamps {
             let mut through = 0.0;
             for i in 0..self.rays {
                 let at = part.point(sampling::sobol2(i, 0, seed));
-                let d = view.camera.direction(&view.film, at.x, at.y);
+                let d = view.camera.direction(&view.film, at.x as f32, at.y as f32);
                 let t = (corners[0] - origin).dot(normal) / d.dot(normal);
                 let end = t * (1.0 - 1e-4) - view.tracer.offset;
                 if t.is_finite() && !view.tracer.is_occluded(origin, d, end) {
@@ -132,7 +133,7 @@ impl Lamps {
                 }
             }
             let material = &scene.materials[scene.mesh.material[triangle as usize] as usize];
-            sum += Rgb(material.emission) * (area * through / self.rays as f32);
+            sum += Rgb(material.emission) * (area as f32 * through / self.rays as f32);
         }
         sum
     }
@@ -144,19 +145,19 @@ impl Polygon {
 
     fn empty() -> Self {
         Self {
-            corners: [Vec2::ZERO; Self::MOST],
+            corners: [DVec2::ZERO; Self::MOST],
             len: 0,
         }
     }
 
-    fn push(&mut self, p: Vec2) {
+    fn push(&mut self, p: DVec2) {
         if self.len < Self::MOST {
             self.corners[self.len] = p;
             self.len += 1;
         }
     }
 
-    fn corners(&self) -> &[Vec2] {
+    fn corners(&self) -> &[DVec2] {
         &self.corners[..self.len]
     }
 
@@ -164,7 +165,7 @@ impl Polygon {
     fn of(view: &View, corners: [Vec3; 3]) -> Option<Self> {
         let local = corners.map(|c| view.local(c));
         // Depth in front of the camera, and a small one to cut at.
-        let near = 1e-4 * local.iter().map(|p| p.length()).fold(0.0, f32::max);
+        let near = 1e-4 * local.iter().map(|p| p.length()).fold(0.0, f64::max);
         let mut out = Self::empty();
         for i in 0..3 {
             let (a, b) = (local[i], local[(i + 1) % 3]);
@@ -179,10 +180,10 @@ impl Polygon {
         (out.len >= 3).then_some(out)
     }
 
-    fn bounds(&self) -> (Vec2, Vec2) {
+    fn bounds(&self) -> (DVec2, DVec2) {
         self.corners()
             .iter()
-            .fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(min, max), c| {
+            .fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(min, max), c| {
                 (min.min(*c), max.max(*c))
             })
     }
@@ -196,7 +197,7 @@ impl Polygon {
         for (i, &a) in self.corners().iter().enumerate() {
             let edge = self.corners[(i + 1) % self.len] - a;
             // Inward, and how far a pixel reaches along it.
-            let inward = Vec2::new(-edge.y, edge.x) * turn;
+            let inward = DVec2::new(-edge.y, edge.x) * turn;
             let height = (middle - a).dot(inward);
             let half = (0.5 + MARGIN) * (inward.x.abs() + inward.y.abs());
             if height <= -half {
@@ -217,7 +218,7 @@ impl Polygon {
     }
 
     /// The part where `height`, which is linear, is not negative.
-    fn cut(&self, height: impl Fn(Vec2) -> f32) -> Self {
+    fn cut(&self, height: impl Fn(DVec2) -> f64) -> Self {
         let mut out = Self::empty();
         for (i, &a) in self.corners().iter().enumerate() {
             let b = self.corners[(i + 1) % self.len];
@@ -232,31 +233,31 @@ impl Polygon {
         out
     }
 
-    fn signed_area(&self) -> f32 {
+    fn signed_area(&self) -> f64 {
         let Some((&a, rest)) = self.corners().split_first() else {
             return 0.0;
         };
-        let twice = |p: &[Vec2]| (p[0] - a).perp_dot(p[1] - a);
-        0.5 * rest.windows(2).map(twice).sum::<f32>()
+        let twice = |p: &[DVec2]| (p[0] - a).perp_dot(p[1] - a);
+        0.5 * rest.windows(2).map(twice).sum::<f64>()
     }
 
-    fn area(&self) -> f32 {
+    fn area(&self) -> f64 {
         self.signed_area().abs()
     }
 
     /// Uniform point for two numbers in [0,1).
-    fn point(&self, [u, v]: [f32; 2]) -> Vec2 {
+    fn point(&self, [u, v]: [f32; 2]) -> DVec2 {
         let Some((&a, rest)) = self.corners().split_first() else {
-            return Vec2::ZERO;
+            return DVec2::ZERO;
         };
-        let target = u * self.area();
+        let target = f64::from(u) * self.area();
         let mut below = 0.0;
         let mut point = a;
         for p in rest.windows(2) {
             let part = 0.5 * (p[0] - a).perp_dot(p[1] - a).abs();
             if part > 0.0 {
                 let within = ((target - below) / part).clamp(0.0, 1.0);
-                let w = sampling::triangle([within, v]);
+                let w = sampling::triangle([within as f32, v]).map(f64::from);
                 point = a * w[0] + p[0] * w[1] + p[1] * w[2];
             }
             below += part;
@@ -269,10 +270,10 @@ impl Polygon {
 }
 
 /// Of a pixel: rays through its corners may meet what touches it there.
-const MARGIN: f32 = 1e-3;
+const MARGIN: f64 = 1e-3;
 
 /// Lower and upper corner of a pixel.
-fn pixel(x: u32, y: u32) -> (Vec2, Vec2) {
-    let low = Vec2::new(x as f32, y as f32);
+fn pixel(x: u32, y: u32) -> (DVec2, DVec2) {
+    let low = DVec2::new(x.into(), y.into());
     (low, low + 1.0)
 }

@@ -7,6 +7,7 @@ const EDGE: usize = 4;
 #[derive(Debug)]
 pub struct SparseLattice {
     count: [usize; 3],
+    bounds: [[usize; 3]; 2],
     cubes_along: [usize; 3],
     cubes: Vec<Cube>,
 }
@@ -26,12 +27,17 @@ impl SparseLattice {
         let cubes_along = count.map(|n| n.div_ceil(EDGE));
         let mut set = Self {
             count,
+            bounds: [count, [0; 3]],
             cubes_along,
             cubes: vec![Cube::default(); cubes_along.iter().product()],
         };
         choose(&mut |v| {
             let (cube, bit) = set.place(v);
             set.cubes[cube].chosen |= 1 << bit;
+            for a in 0..3 {
+                set.bounds[0][a] = set.bounds[0][a].min(v[a]);
+                set.bounds[1][a] = set.bounds[1][a].max(v[a]);
+            }
         });
         let mut first = 0;
         for cube in &mut set.cubes {
@@ -44,6 +50,11 @@ impl SparseLattice {
     /// Vertices along each axis, chosen or not.
     pub fn count(&self) -> [usize; 3] {
         self.count
+    }
+
+    /// The first and the last of the set along each axis.
+    pub fn bounds(&self) -> [[usize; 3]; 2] {
+        self.bounds
     }
 
     /// How many are in the set.

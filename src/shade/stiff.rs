@@ -56,7 +56,7 @@ pub fn mean_radiance<P: Pages>(
             }
             here
         });
-        if let Some(s) = source.or(passed.last()) {
+        if let Some(s) = source.or(passed.last()).filter(|_| taken > 0.0) {
             let share = (target / s.tau).min(1.0);
             let at = point + direction * (s.near + (s.far - s.near) * share);
             let rays = ShadowRays::Sequence {

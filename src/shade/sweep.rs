@@ -26,7 +26,7 @@ use rayon::prelude::*;
 #[derive(Debug)]
 pub struct Sweep {
     /// By log2 of half the voxels between vertices.
-    levels: Vec<Level>,
+    levels: Vec<Option<Level>>,
 }
 
 /// Vertices of one spacing.
@@ -88,7 +88,11 @@ impl Sweep {
         let walls = scope.has_walls();
         let mut levels = Vec::with_capacity(LEVELS);
         for (level, bricks) in needed.iter().enumerate() {
-            levels.push(Level::new(scope, level, bricks, walls)?);
+            levels.push(if bricks.is_empty() {
+                None
+            } else {
+                Some(Level::new(scope, level, bricks, walls)?)
+            });
         }
         Ok(Self { levels })
     }
@@ -96,7 +100,7 @@ impl Sweep {
     /// Mean over the sphere of the indirect radiance at a vertex; `None` if it was not swept.
     #[inline]
     pub fn get(&self, level: usize, v: [usize; 3]) -> Option<Rgb> {
-        let level = &self.levels[level];
+        let level = self.levels[level].as_ref()?;
         level.light[level.set.index(v)?]
     }
 }
@@ -131,9 +135,6 @@ impl Level {
         let directions = scope.far_field.quarters();
         let to_index = |v: [usize; 3]| Vec3::from(v.map(|c| (c * step) as f32));
         for first in (0..directions).step_by(Sweep::BATCH as usize) {
-            if vertices.is_empty() {
-                break;
-            }
             scope.cancel.check()?;
             let batch = first..(first + Sweep::BATCH).min(directions);
             let arriving: Vec<Vec<Arriving>> = batch
@@ -241,7 +242,7 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
 
     /// Passes all rays that any vertex needs, and returns what arrives at the vertices.
     fn pass(&self, walls: bool) -> Vec<Arriving> {
-        let [(u0, nu), (w0, nw)] = self.rays.extent(self.set.count());
+        let [(u0, nu), (w0, nw)] = self.rays.extent(self.set.bounds());
         // By ray, a bit for each layer in which a vertex needs it.
         let words = self.layers().div_ceil(64);
         let mut needed = vec![0_u64; nu * nw * words];
@@ -298,7 +299,8 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
                 beyond + layer.abs_diff(first) as f32 * self.rays.between
             })
         };
-        let end = stop_at(stops.len() - 1);
+        // A layer further than any stop: whether a surface in a layer is met must not depend on which stop is the last.
+        let end = stop_at(stops.len() - 1) + self.rays.between;
         let mut cuts = if walls {
             self.walls(origin, end)
         } else {
@@ -374,21 +376,29 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
     fn leave(&self, at: [f32; 2], layer: usize, light: Arriving, arriving: &mut [Arriving]) {
         let [main, u, w] = self.rays.axes;
         let count = self.set.count();
-        let [x, y] = self.rays.across(at, layer as f32);
-        let (x0, y0) = (x.floor(), y.floor());
+        let [x0, y0] = self.rays.across(at, layer as f32).map(f32::floor);
         let mut v = [0; 3];
         v[main] = layer;
-        for (cx, wx) in [(x0, x0 + 1.0 - x), (x0 + 1.0, x - x0)] {
-            for (cy, wy) in [(y0, y0 + 1.0 - y), (y0 + 1.0, y - y0)] {
-                if cx < 0.0 || cy < 0.0 || cx >= count[u] as f32 || cy >= count[w] as f32 {
-                    continue;
-                }
-                (v[u], v[w]) = (cx as usize, cy as usize);
-                if let Some(i) = self.set.index(v) {
-                    let weight = wx * wy;
-                    arriving[i].radiance += light.radiance * weight;
-                    arriving[i].transmittance += light.transmittance * weight;
-                }
+        for (x, y) in [
+            (x0, y0),
+            (x0 + 1.0, y0),
+            (x0, y0 + 1.0),
+            (x0 + 1.0, y0 + 1.0),
+        ] {
+            if x < 0.0 || y < 0.0 || x >= count[u] as f32 || y >= count[w] as f32 {
+                continue;
+            }
+            (v[u], v[w]) = (x as usize, y as usize);
+            // By where the vertex stands, as it asked for its rays: no other ray may leave anything, however little.
+            let (_, place) = self.rays.place(v.map(|c| c as f32));
+            let [wx, wy] = [0, 1].map(|a| 1.0 - (place[a] - at[a]).abs());
+            if wx > 0.0
+                && wy > 0.0
+                && let Some(i) = self.set.index(v)
+            {
+                let weight = wx * wy;
+                arriving[i].radiance += light.radiance * weight;
+                arriving[i].transmittance += light.transmittance * weight;
             }
         }
     }

@@ -3,7 +3,7 @@
 use crate::image::Region;
 use crate::scene::{Camera, Film};
 use crate::trace::Tracer;
-use glam::{Affine3A, Vec2, Vec3};
+use glam::{DAffine3, DVec2, DVec3, Vec3};
 
 /// A camera looking at a traced scene.
 #[derive(Clone, Copy, Debug)]
@@ -17,7 +17,7 @@ pub struct View<'a> {
     /// Angle that a pixel in the middle covers, radians.
     pub pixel_angle: f32,
     /// Rotation and position.
-    pub camera_from_scene: Affine3A,
+    camera_from_scene: DAffine3,
     /// Key of the frame's random choices.
     pub seed: u64,
 }
@@ -27,35 +27,36 @@ impl<'a> View<'a> {
     #[must_use]
     pub fn new(tracer: &'a Tracer<'a>, camera: &'a Camera, film: Film, seed: u64) -> Self {
         let pixel_angle = 2.0 * libm::tanf(0.5 * camera.fov_x_rad) / film.width as f32;
+        let columns = camera.scene_from_camera.to_cols_array().map(f64::from);
+        let scene_from_camera = DAffine3::from_cols_array(&columns);
         Self {
             tracer,
             camera,
             film,
             pixel_angle,
-            camera_from_scene: camera.scene_from_camera.inverse(),
+            camera_from_scene: scene_from_camera.inverse(),
             seed,
         }
     }
 
     /// A point of scene space as the camera sees it: x to the right, y up, -z ahead.
-    pub fn local(&self, point: Vec3) -> Vec3 {
-        self.camera_from_scene.transform_point3(point)
+    pub fn local(&self, point: Vec3) -> DVec3 {
+        self.camera_from_scene.transform_point3(point.as_dvec3())
     }
 
-    /// Where on the film a point ahead of the camera is, pixels from its top left.
-    pub fn on_film(&self, local: Vec3) -> Vec2 {
-        let scale = 1.0 / (-local.z * self.pixel_angle);
-        Vec2::new(
-            0.5 * self.film.width as f32 + local.x * scale,
-            0.5 * self.film.height as f32 - local.y * scale,
-        )
+    /// Where on the film a point ahead of the camera is, pixels from its top left: double, since what is beside the camera
+    /// is far outside of the film.
+    pub fn on_film(&self, local: DVec3) -> DVec2 {
+        let scale = 1.0 / (-local.z * f64::from(self.pixel_angle));
+        let middle = 0.5 * DVec2::new(self.film.width.into(), self.film.height.into());
+        middle + DVec2::new(local.x, -local.y) * scale
     }
 
     /// Whether rays through a region of the film, or up to `margin` pixels beside it, may pass the hull of some points.
     /// May say yes where none does, never no where one does.
     #[must_use]
     pub fn may_see(&self, region: Region, margin: f32, points: [Vec3; 8]) -> bool {
-        let (mut lower, mut upper) = (Vec2::INFINITY, Vec2::NEG_INFINITY);
+        let (mut lower, mut upper) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
         for point in points {
             let local = self.local(point);
             if local.z >= -1e-6 * local.length() {
@@ -65,8 +66,8 @@ impl<'a> View<'a> {
             lower = lower.min(on_film);
             upper = upper.max(on_film);
         }
-        let first = Vec2::new(region.x0 as f32, region.y0 as f32) - margin;
-        let last = Vec2::new(region.x1 as f32, region.y1 as f32) + margin;
+        let first = DVec2::new(region.x0.into(), region.y0.into()) - f64::from(margin);
+        let last = DVec2::new(region.x1.into(), region.y1.into()) + f64::from(margin);
         lower.cmple(last).all() && upper.cmpge(first).all()
     }
 }
