@@ -1,5 +1,5 @@
 //! What features cost that a scene has, does not have, or does not have while the kernel is ready for them: bytes a
-//! point and time a receiver, as the tables of `docs/left-out.md`.
+//! point and time a receiver; and what is read for parts of a frame: the tables of `docs/left-out.md`.
 
 #![allow(clippy::print_stdout)]
 
@@ -13,17 +13,29 @@ use lvox::gather::{
     Gatherer, Kernel, Media, MediaStore, Medium, NoMedia, Pages, Settings, Stretch, SurfelStore,
     TreeStore,
 };
+use lvox::image::Region;
 use lvox::inspect::{self, Description};
 use lvox::math::Rgb;
 use lvox::run::Job;
 use lvox::scene::Scene;
+use lvox::shade;
 use std::fs;
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// A room with a block and a panel under a lamp; `WALL`, `LAMP` and so on are to be filled in.
+/// A room with a block and a panel under a lamp; `WALL` and `LAMP` are to be filled in.
 const ROOM: &str = r#"
+[film]
+width = 256
+height = 192
+
+[[camera]]
+name = "front"
+position = [0, 1, 3.9]
+target = [0, 1, 0]
+fov_x_deg = 45
+
 [[mesh]]
 file = "builtin:quad"
 scale = [2.6, 1, 2]
@@ -79,29 +91,21 @@ albedo = [0, 0, 0]
 emission = LAMP
 "#;
 
-const SMOKE: &str = r#"
-[[volume]]
-file = "builtin:plume"
-scale = [1.3, 1.75, 1.3]
-translate = [-0.65, 0.01, -0.65]
-sigma_t_scale = 28
-albedo = [0.85, 0.85, 0.85]
-unitcube_to_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
-"#;
+const SMOKE: &str = include_str!("../tests/pipeline/left_out/smoke.toml");
 
 /// A blue light under the panel and a red one near the block.
-const MORE_LIGHTS: &str = r#"
-[[light]]
-type = "point"
-position = [-0.6, 0.2, 0.3]
-intensity = [0.1, 0.3, 0.9]
+const MORE_LIGHTS: &str = include_str!("../tests/pipeline/left_out/lights.toml");
 
-[[light]]
-type = "point"
-position = [1.1, 1.5, 0.8]
-intensity = [0.9, 0.2, 0.1]
+/// A house behind the back wall, which no ray into the room meets.
+const HOUSE: &str = r#"
+[[mesh]]
+file = "builtin:cube"
+scale = [2.6, 2, 2]
+translate = [0, 1, -2.5]
+albedo = [0.7, 0.7, 0.7]
 "#;
 
+const UNLIT: [&str; 2] = ["[0.7, 0.4, 0.3]", "[0, 0, 0]"];
 const WHITE: [&str; 2] = ["[0.7, 0.7, 0.7]", "[12, 12, 12]"];
 const WARM: [&str; 2] = ["[0.7, 0.4, 0.3]", "[17, 12.5, 7]"];
 
@@ -117,12 +121,28 @@ struct Baked {
     cloud: Description,
     tree: Description,
     path: PathBuf,
+    scene: Scene,
     store: TreeStore,
+    /// Seconds.
+    bake: f64,
 }
 
 impl Baked {
     /// Bakes the room with walls and lamp of the given colours, and what else there is.
-    fn new(effort: &Effort, name: &str, [wall, lamp]: [&str; 2], more: &str, crease: f32) -> Self {
+    fn new(effort: &Effort, name: &str, colours: [&str; 2], more: &str, crease: f32) -> Self {
+        let surfels = SurfelSampling::Area {
+            count: effort.surfels,
+        };
+        Self::sampled(name, colours, more, crease, surfels)
+    }
+
+    fn sampled(
+        name: &str,
+        [wall, lamp]: [&str; 2],
+        more: &str,
+        crease: f32,
+        surfels: SurfelSampling,
+    ) -> Self {
         let dir = Path::new(env!("CARGO_TARGET_TMPDIR")).join("left_out");
         fs::create_dir_all(&dir).unwrap();
         let file = |extension: &str| dir.join(format!("{name}.{extension}"));
@@ -130,20 +150,22 @@ impl Baked {
         fs::write(file("toml"), text).unwrap();
         let scene = Scene::load(&file("toml")).unwrap();
         let settings = bake::Settings {
-            surfels: SurfelSampling::Area {
-                count: effort.surfels,
-            },
+            surfels,
             crease_deg: crease,
             ..bake::Settings::default()
         };
         let (cloud, tree, job) = (file("lvc"), file("lvt"), Job::default());
+        let start = Instant::now();
         bake::run(&scene, &settings, &cloud, true, &job).unwrap();
+        let bake = start.elapsed().as_secs_f64();
         build::run(&cloud, &tree, &build::Settings::default(), true, &job).unwrap();
         Self {
             cloud: inspect::describe(&cloud).unwrap(),
             tree: inspect::describe(&tree).unwrap(),
             store: TreeStore::open(&tree, None).unwrap(),
             path: tree,
+            scene,
+            bake,
         }
     }
 
@@ -169,6 +191,18 @@ impl Baked {
             MediaStore::Rgb(media) => time(self.pages(), media, receivers),
         }
     }
+}
+
+/// A region of the frame and what is read of the tree for it: milliseconds and bytes.
+fn shade(baked: &Baked, region: Region) -> (f64, u64) {
+    let store = TreeStore::open(&baked.path, None).unwrap();
+    let (settings, job) = (shade::Settings::default(), Job::default());
+    let start = Instant::now();
+    shade::run(&baked.scene, &store, &settings, region, &[], &job).unwrap();
+    (
+        1e3 * start.elapsed().as_secs_f64(),
+        store.stats().bytes_read,
+    )
 }
 
 /// Microseconds a receiver of 32 rays.
@@ -255,7 +289,7 @@ fn main() {
         }
     };
     let bake = |name, colours, more, crease| Baked::new(&effort, name, colours, more, crease);
-    let coloured_smoke = format!("{SMOKE}{MORE_LIGHTS}");
+    let coloured_smoke = format!("{SMOKE}\n{MORE_LIGHTS}");
     let plain = bake("plain", WARM, "", 8.0);
     let uncut = bake("uncut", WARM, "", 180.0);
     let grey = bake("grey", WHITE, "", 8.0);
@@ -361,5 +395,98 @@ fn main() {
     ] {
         let cells = times(&effort, &[of(without), of(with)]);
         row(&[name.into(), cells[0].clone(), none(), cells[1].clone()]);
+    }
+    lights(&effort, &plain);
+    reads(&effort);
+}
+
+/// Rooms without light, with a lamp, and with many lamps.
+fn lights(effort: &Effort, one: &Baked) {
+    let lamps: String = (0..100)
+        .map(|i| {
+            let (x, z) = (
+                0.24 * f64::from(i % 10) - 1.08,
+                0.18 * f64::from(i / 10) - 0.81,
+            );
+            let hue = 0.5 + 0.05 * f64::from(i % 7);
+            format!(
+                "[[light]]\ntype = \"point\"\nposition = [{x:.2}, 1.9, {z:.2}]\n\
+                 intensity = [{hue:.2}, 0.6, {:.2}]\n",
+                1.4 - hue
+            )
+        })
+        .collect();
+    let none = Baked::new(effort, "unlit", UNLIT, "", 8.0);
+    let many = Baked::new(effort, "many_lights", UNLIT, &lamps, 8.0);
+    let all = [&none, one, &many];
+    let timings: Vec<Timing> = all.into_iter().map(of).collect();
+    let receivers = times(effort, &timings);
+    let frames: Vec<Timing> = all
+        .into_iter()
+        .map(|baked| -> Timing { Box::new(|_| shade(baked, whole(&baked.scene)).0) })
+        .collect();
+    let frames = times(effort, &frames);
+    println!("\n| lights | cloud | tree | saved in the tree | bake, s | receiver | frame |");
+    println!("| --- | --- | --- | --- | --- | --- | --- |");
+    let names = ["none", "a panel", "100 points"];
+    for (((name, baked), receiver), frame) in names.iter().zip(all).zip(receivers).zip(frames) {
+        row(&[
+            (*name).into(),
+            format!("{:.2}", baked.cloud.surfels.bytes_each),
+            format!("{:.2}", baked.tree.surfels.bytes_each),
+            saved(
+                &baked.tree,
+                &["front", "back", "axis_radiance"],
+                baked.tree.surfels.count,
+            ),
+            format!("{:.2}", baked.bake),
+            receiver,
+            frame,
+        ]);
+    }
+}
+
+fn whole(scene: &Scene) -> Region {
+    Region::full(scene.film.width, scene.film.height)
+}
+
+/// Bytes of pages that parts of a frame read: of surfels over all surfaces, and of those that the camera sees.
+fn reads(effort: &Effort) {
+    let seen = SurfelSampling::Camera {
+        name: None,
+        // As many surfels as there are in the part of the others that the camera sees, about.
+        rate: (effort.surfels as f32 / 65_536.0).sqrt(),
+        overscan: 1.2,
+    };
+    let everywhere = Baked::new(effort, "house", WARM, HOUSE, 8.0);
+    let from_camera = Baked::sampled("house_camera", WARM, HOUSE, 8.0, seen);
+    println!(
+        "\n| surfels | count | bake, s | bytes of pages | a frame reads | its middle | its corner |"
+    );
+    println!("| --- | --- | --- | --- | --- | --- | --- |");
+    for (name, baked) in [
+        ("everywhere", &everywhere),
+        ("from the camera", &from_camera),
+    ] {
+        let frame = whole(&baked.scene);
+        let tile = |x0, y0| Region {
+            x0,
+            y0,
+            x1: x0 + 32,
+            y1: y0 + 32,
+        };
+        let read = |region| {
+            let (millis, bytes) = shade(baked, region);
+            format!("{bytes} ({millis:.0} ms)")
+        };
+        row(&[
+            name.into(),
+            baked.tree.surfels.count.to_string(),
+            format!("{:.2}", baked.bake),
+            baked.tree.surfels.stored_bytes.to_string(),
+            read(frame),
+            read(tile(112, 80)),
+            read(tile(0, 0)),
+        ]);
     }
 }

@@ -98,10 +98,16 @@ fn descriptions() {
 fn verification_audits_every_depth() {
     let dir = tempfile::tempdir().unwrap();
     let (cloud, tree) = files(dir.path());
-    assert!(inspect::verify(&cloud).unwrap().passed);
-    let found = inspect::verify(&tree).unwrap();
+    let job = Job::default();
+    assert!(inspect::verify(&cloud, &job).unwrap().passed);
+    let found = inspect::verify(&tree, &job).unwrap();
     assert!(found.passed, "{found}");
     assert!(found.depths.len() > 3);
+    // What was counted while the tree was built is what is there.
+    let counted = inspect::describe(&tree).unwrap().levels;
+    let found_counts = found.depths.iter().map(|d| (d.nodes, d.surfels));
+    let counts: Vec<_> = counted.iter().map(|l| (l.nodes, l.surfels)).collect();
+    assert_eq!(found_counts.collect::<Vec<_>>(), counts);
     assert_eq!(
         found.depths.iter().map(|d| d.surfels).sum::<u64>(),
         N as u64
@@ -118,7 +124,7 @@ fn verification_audits_every_depth() {
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
     std::fs::write(&tree, bytes).unwrap();
-    let error = inspect::verify(&tree).unwrap_err();
+    let error = inspect::verify(&tree, &job).unwrap_err();
     assert_eq!(error.kind(), lvox::Kind::Input);
     assert!(error.to_string().contains("ball.lvt"));
 }

@@ -19,7 +19,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("image", &["error", "run", "scene::Film"]),
     ("bake", LEAVES),
     ("build", LEAVES),
-    ("inspect", &["error", "formats"]),
+    ("inspect", &["error", "formats", "run"]),
     ("shade", LEAVES),
     // What judges the pipeline shares the scene and its tracing with it, and no light.
     (

@@ -144,7 +144,7 @@ pub struct CloudSummary {
     pub left_out: Vec<LeftOut>,
 }
 
-/// One level of the octree.
+/// The nodes so many steps below the root.
 #[derive(
     Clone,
     Copy,
@@ -158,7 +158,7 @@ pub struct CloudSummary {
     bincode::Decode,
 )]
 pub struct Level {
-    /// Nodes whose cell has a side of 2^-level of the root's; the last level also holds all that lies below it.
+    /// How many there are; one that links to a page and that page's root count once.
     pub nodes: u64,
     /// Those of them that hold surfels.
     pub leaves: u64,
@@ -214,7 +214,7 @@ pub struct TreeSummary {
     pub surfel_pages: u64,
     /// Pages of lvoxels.
     pub lvoxel_pages: u64,
-    /// By depth, from the root.
+    /// By steps below the root.
     pub levels: Vec<Level>,
     /// Columns that are there.
     pub columns: Vec<ColumnBytes>,

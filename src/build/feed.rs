@@ -102,15 +102,14 @@ impl<'a> Feed<'a> {
         self.spill.as_ref().map_or(0, Spill::len)
     }
 
-    /// Writes all pages; returns the root's id and the count of nodes by level.
+    /// Writes all pages; returns the root's id and the counts by steps below it.
     pub fn sweep(&mut self, writer: &mut TreeWriter) -> Result<(u32, Vec<Level>)> {
         let count = self.cloud.summary().sums.surfels;
         let mut pages = Pages::new(0, self.settings);
         let root = self.cell(&Source::Cloud, 0, count, &mut pages, writer)?;
-        pages.cut(root)?;
+        let root = pages.cut(root)?;
         write_done(&mut pages, writer)?;
-        let root = writer.surfel_pages() - 1;
-        Ok((root, pages.levels))
+        Ok((writer.surfel_pages() - 1, root.levels()))
     }
 
     /// Builds a cell of any size.
@@ -175,7 +174,7 @@ impl<'a> Feed<'a> {
             .into_iter()
             .map(|child| self.above(plan, depth + 1, child, ready, pages, writer))
             .collect::<Result<_>>()?;
-        let node = subtree::join(children, plan.level + depth, pages)?;
+        let node = subtree::join(children, pages)?;
         write_done(pages, writer)?;
         Ok(node)
     }
@@ -262,7 +261,7 @@ impl<'a> Feed<'a> {
         let children = subtree::eighths(count)
             .map(|range| self.one_spot(reader, range.end - range.start, pages, writer))
             .collect::<Result<_>>()?;
-        let node = subtree::join(children, level, pages)?;
+        let node = subtree::join(children, pages)?;
         write_done(pages, writer)?;
         Ok(node)
     }

@@ -37,6 +37,8 @@ pub struct Sorted<'a> {
 pub struct Pending {
     /// Over all that is below, in pages or not.
     sums: Sums,
+    /// Counts by steps below this node, the most steps first.
+    steps: Vec<Level>,
     node: Part,
 }
 
@@ -59,8 +61,6 @@ enum PartBelow {
 pub struct Pages {
     pub first: u32,
     pub done: Vec<EncodedPage>,
-    /// Nodes by level of their cell.
-    pub levels: Vec<Level>,
     settings: PageSettings,
 }
 
@@ -69,7 +69,6 @@ impl Pages {
         Self {
             first,
             done: Vec::new(),
-            levels: vec![Level::default(); morton::LEVELS as usize + 1],
             settings,
         }
     }
@@ -82,17 +81,13 @@ impl Pages {
     pub fn append(&mut self, other: Pages, pending: &mut Pending) {
         pending.node.shift_links(self.next_id());
         self.done.extend(other.done);
-        for (a, b) in self.levels.iter_mut().zip(&other.levels) {
-            a.nodes += b.nodes;
-            a.leaves += b.leaves;
-            a.surfels += b.surfels;
-        }
     }
 
     /// Encodes a page and puts a link in its place.
     pub fn cut(&mut self, pending: Pending) -> Result<Pending> {
         Ok(Pending {
             sums: pending.sums,
+            steps: pending.steps,
             node: self.cut_part(pending.node)?,
         })
     }
@@ -124,7 +119,7 @@ fn too_large(error: FormatError) -> Error {
 }
 
 impl Pending {
-    fn new(sums: Sums, below: PartBelow, bytes_below: u32) -> Self {
+    fn new(sums: Sums, steps: Vec<Level>, below: PartBelow, bytes_below: u32) -> Self {
         let aggregate = sums.aggregate();
         Self {
             node: Part {
@@ -133,9 +128,34 @@ impl Pending {
                 bounds: sums.bounds,
                 below,
             },
+            steps,
             sums,
         }
     }
+
+    /// Counts of nodes by steps below this one.
+    pub fn levels(self) -> Vec<Level> {
+        self.steps.into_iter().rev().collect()
+    }
+}
+
+/// Counts of a node over those of its children, which may be of different heights.
+fn count_steps(children: &mut [Pending]) -> Vec<Level> {
+    let highest = children.iter_mut().max_by_key(|c| c.steps.len());
+    let mut steps = highest.map_or_else(Vec::new, |c| std::mem::take(&mut c.steps));
+    for child in children {
+        let first = steps.len() - child.steps.len();
+        for (a, b) in steps[first..].iter_mut().zip(&child.steps) {
+            a.nodes += b.nodes;
+            a.leaves += b.leaves;
+            a.surfels += b.surfels;
+        }
+    }
+    steps.push(Level {
+        nodes: 1,
+        ..Level::default()
+    });
+    steps
 }
 
 impl Part {
@@ -191,7 +211,7 @@ pub fn build(
 ) -> Result<Pending> {
     let n = surfels.order.len();
     if n <= LEAF {
-        return Ok(leaf(surfels, level, pages));
+        return Ok(leaf(surfels));
     }
     let (level, children) = split(surfels, level);
     if n <= ALONE {
@@ -199,7 +219,7 @@ pub fn build(
             .iter()
             .map(|c| build(c, (level + 1).min(morton::LEVELS), pages, cancel))
             .collect::<Result<_>>()?;
-        return join(children, level, pages);
+        return join(children, pages);
     }
     cancel.check()?;
     let built: Vec<Result<(Pending, Pages)>> = children
@@ -216,12 +236,13 @@ pub fn build(
         pages.append(own, &mut pending);
         children.push(pending);
     }
-    join(children, level, pages)
+    join(children, pages)
 }
 
 /// Makes a node of its children and cuts off pages until the rest fits in one: the largest first, so that pages are
 /// few and full.
-pub fn join(children: Vec<Pending>, level: u32, pages: &mut Pages) -> Result<Pending> {
+pub fn join(mut children: Vec<Pending>, pages: &mut Pages) -> Result<Pending> {
+    let steps = count_steps(&mut children);
     let mut sums = Sums::NOTHING;
     for child in &children {
         sums.add(&child.sums);
@@ -250,22 +271,23 @@ pub fn join(children: Vec<Pending>, level: u32, pages: &mut Pages) -> Result<Pen
             }
         })
         .collect::<Result<_>>()?;
-    pages.levels[level as usize].nodes += 1;
-    Ok(Pending::new(sums, PartBelow::Nodes(nodes), bytes))
+    Ok(Pending::new(sums, steps, PartBelow::Nodes(nodes), bytes))
 }
 
-fn leaf(surfels: &Sorted<'_>, level: u32, pages: &mut Pages) -> Pending {
+fn leaf(surfels: &Sorted<'_>) -> Pending {
     let own: Box<[Surfel]> = surfels
         .order
         .iter()
         .map(|(_, i)| surfels.surfels[*i as usize])
         .collect();
-    let count = &mut pages.levels[level as usize];
-    count.nodes += 1;
-    count.leaves += 1;
-    count.surfels += own.len() as u64;
+    let count = Level {
+        nodes: 1,
+        leaves: 1,
+        surfels: own.len() as u64,
+        bytes: 0,
+    };
     let bytes = own.iter().map(surfel_bytes).sum();
-    Pending::new(Sums::of(&own), PartBelow::Surfels(own), bytes)
+    Pending::new(Sums::of(&own), vec![count], PartBelow::Surfels(own), bytes)
 }
 
 /// The first level at which the surfels divide, and its cell's children that are not empty.

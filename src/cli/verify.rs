@@ -19,7 +19,7 @@ pub struct Args {
 }
 
 impl Args {
-    pub fn run(self, _: &Context) -> Result<()> {
+    pub fn run(self, context: &Context) -> Result<()> {
         if self
             .file
             .extension()
@@ -40,7 +40,7 @@ impl Args {
                 output::print(&format!("{samples} samples were read\n"))
             };
         }
-        let found = verify(&self.file)?;
+        let found = verify(&self.file, &context.job)?;
         if self.json {
             output::print_json(&found)?;
         } else {

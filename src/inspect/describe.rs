@@ -54,7 +54,7 @@ pub struct Description {
     pub columns: Vec<ColumnBytes>,
     /// Columns that were not needed, everywhere or in places, and what that saved before compression.
     pub left_out: Vec<LeftOut>,
-    /// Of a tree, by depth of the octree.
+    /// Of a tree, by steps below the root.
     pub levels: Vec<Level>,
     /// Of a tree: the worst differences between stored and given values.
     pub errors: Vec<WorstError>,

@@ -4,6 +4,7 @@ use super::File;
 use super::text::{Table, count};
 use crate::Result;
 use crate::formats::{Below, MappedFile, Tree};
+use crate::run::{Job, Task};
 use std::fmt;
 use std::path::Path;
 
@@ -64,12 +65,14 @@ impl Check {
 /// depth are those of the cloud within the bounds of the format, at every depth.
 ///
 /// # Errors
-/// Wrong input, for the first damage found. What is not conserved is in the result.
-pub fn verify(path: &Path) -> Result<Verification> {
+/// Wrong input, for the first damage found; a job that is cancelled. What is not conserved is in the result.
+pub fn verify(path: &Path, job: &Job) -> Result<Verification> {
     let file = path.display().to_string();
     match File::open(path)? {
         File::Cloud(cloud) => {
-            cloud.verify()?;
+            let blocks = cloud.surfel_chunks() + cloud.lvoxel_chunks();
+            let task = job.progress.task("verify", blocks as u64, "chunks");
+            cloud.verify_with(|| next(&task, job))?;
             Ok(Verification {
                 file,
                 kind: "cloud",
@@ -79,8 +82,11 @@ pub fn verify(path: &Path) -> Result<Verification> {
             })
         }
         File::Tree(tree) => {
-            tree.verify()?;
-            let depths = depths(&tree)?;
+            // Those of surfels are read again for the depths.
+            let blocks = 2 * tree.surfel_pages() + tree.lvoxel_pages();
+            let task = job.progress.task("verify", blocks as u64, "pages");
+            tree.verify_with(|| next(&task, job))?;
+            let depths = depths(&tree, || next(&task, job))?;
             let mut checks = conserved(&tree);
             let area = tree.summary().cloud_sums.area;
             for (i, depth) in depths.iter().enumerate() {
@@ -97,6 +103,12 @@ pub fn verify(path: &Path) -> Result<Verification> {
             })
         }
     }
+}
+
+/// Notes that a chunk or page was read.
+fn next(task: &Task, job: &Job) -> Result<()> {
+    task.add(1);
+    job.cancel.check()
 }
 
 fn conserved(tree: &Tree<MappedFile>) -> Vec<Check> {
@@ -132,13 +144,14 @@ fn conserved(tree: &Tree<MappedFile>) -> Vec<Check> {
 }
 
 /// Goes through the pages from the root's down, so that each page's depth is known when it is met.
-fn depths(tree: &Tree<MappedFile>) -> Result<Vec<Depth>> {
+fn depths(tree: &Tree<MappedFile>, mut read: impl FnMut() -> Result<()>) -> Result<Vec<Depth>> {
     let mut page_depths = vec![0usize; tree.surfel_pages()];
     let mut depths: Vec<Depth> = Vec::new();
     // Area of the leaves at each depth.
     let mut leaves: Vec<f64> = Vec::new();
     for i in (0..tree.surfel_pages()).rev() {
         let page = tree.surfel_page(i)?;
+        read()?;
         let mut at = vec![page_depths[i]; page.nodes.len()];
         for (n, node) in page.nodes.iter().enumerate() {
             let depth = at[n];

@@ -4,6 +4,7 @@
 //! arrives. So a point in full light has no noise at all.
 
 mod cut;
+mod direct;
 mod emitters;
 mod lamps;
 mod rays;
@@ -23,136 +24,13 @@ use emitters::Emitters;
 use glam::Vec3;
 use receiver::Receiver;
 use std::f32::consts::PI;
-use std::ops::{AddAssign, Mul};
 use tree::Tree;
 
+pub use direct::{Arrival, Direct, InMedium};
 pub use rays::ShadowRays;
 pub use sun_depth::SunDepths;
 
 const INVERSE_SPHERE: f32 = 1.0 / (4.0 * PI);
-
-/// What direct light a point gets: irradiance of a surface, or mean radiance over the sphere in a medium.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Direct {
-    /// From lights without extent, of which one ray tells all.
-    pub sharp: Rgb,
-    /// What the lights with an extent would send with nothing between.
-    pub open: Rgb,
-    /// What came of that along shadow rays, added up. Sums of several points near each other tell it better.
-    pub rays: Arrival,
-    /// A bit for each light of which a ray came through; of many lights some share a bit. Those without extent have the
-    /// lower half.
-    pub seen: u64,
-    /// A bit for each light of which a ray was stopped. A light with both bits is partly hidden.
-    pub hidden: u64,
-}
-
-/// What shadow rays to lights with an extent brought.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Arrival {
-    /// With what stands between.
-    pub arriving: Rgb,
-    /// As if nothing stood between.
-    pub all: Rgb,
-}
-
-impl Arrival {
-    /// What arrives of `open`, for the sum of many rays: all of it without any ray.
-    ///
-    /// Its mean share is told by their mean channel, by which rays choose among lights. How far single rays differ from that share
-    /// tells the colour; where they do not, it has no noise however many colours lights have.
-    #[must_use]
-    pub fn of(&self, open: Rgb) -> Rgb {
-        let all = self.all.mean();
-        if all <= 0.0 {
-            return open;
-        }
-        let share = self.arriving.mean() / all;
-        let per_ray = open.mean() / all;
-        Rgb(std::array::from_fn(|c| {
-            let differs = self.arriving.0[c] - share * self.all.0[c];
-            (share * open.0[c] + per_ray * differs).max(0.0)
-        }))
-    }
-}
-
-impl std::ops::AddAssign for Arrival {
-    fn add_assign(&mut self, other: Self) {
-        self.arriving += other.arriving;
-        self.all += other.all;
-    }
-}
-
-impl Direct {
-    /// Bits of lights without extent in `seen` and `hidden`.
-    pub const SHARP: u64 = (1 << 32) - 1;
-
-    /// The point's own estimate. Rays choose among lights by their mean channel, so a few of them cannot tell the share of each
-    /// channel: their colour is what they brought.
-    #[must_use]
-    pub fn light(&self) -> Rgb {
-        let all = self.rays.all.mean();
-        if all > 0.0 {
-            self.sharp + self.rays.arriving * (self.open.mean() / all)
-        } else {
-            self.sharp
-        }
-    }
-
-    /// Notes what share of a light without extent came through along the ray to it. A medium that stops nearly all of it
-    /// hides the light like a surface.
-    fn note_sharp(&mut self, index: usize, through: f32) {
-        const HIDDEN: f32 = 0.25;
-        const SEEN: f32 = 0.35;
-        let bit = 1 << (index % 32);
-        if through < HIDDEN {
-            self.hidden |= bit;
-        } else if through > SEEN {
-            self.seen |= bit;
-        }
-    }
-
-    /// Notes a ray to a light with an extent that would bring `light` with nothing between.
-    fn note_ray(&mut self, index: usize, light: Rgb, through: f32) {
-        self.rays.all += light;
-        self.rays.arriving += light * through;
-        // What a medium stops in part it may stop more or less of towards the light's other points.
-        let bit = 1 << (32 + index % 32);
-        if through < 0.9 {
-            self.hidden |= bit;
-        }
-        if through > 0.1 {
-            self.seen |= bit;
-        }
-    }
-}
-
-/// Direct light at a point of a medium, in two parts: that of point and spot lights changes without bound near them, but
-/// the share of it that arrives changes no faster than media and shadows do.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct InMedium {
-    /// What arrives of [`Lights::sent`], per channel.
-    pub share: Rgb,
-    /// Mean over the sphere of the radiance of all other lights.
-    pub rest: Rgb,
-}
-
-impl AddAssign for InMedium {
-    fn add_assign(&mut self, o: Self) {
-        self.share += o.share;
-        self.rest += o.rest;
-    }
-}
-
-impl Mul<f32> for InMedium {
-    type Output = Self;
-    fn mul(self, s: f32) -> Self {
-        Self {
-            share: self.share * s,
-            rest: self.rest * s,
-        }
-    }
-}
 
 /// All lights of a scene but a constant environment, which gathering takes care of.
 #[derive(Debug)]

@@ -6,9 +6,9 @@ use super::receiver::Receiver;
 use super::tree::Tree;
 use super::{Lights, ShadowRays};
 use crate::math::{Rgb, sampling};
-use crate::scene::{Camera, Film, Material, Mesh, Scene};
+use crate::scene::{Camera, Film, Material, Scene};
 use crate::trace::Tracer;
-use glam::{Affine3A, DVec3, Vec3};
+use glam::{Affine3A, Vec3};
 
 /// Numbers in [0,1) that a key tells.
 struct Numbers {
@@ -53,27 +53,18 @@ impl Numbers {
 }
 
 fn empty() -> Scene {
-    Scene {
-        name: String::new(),
-        world_from_scene: DVec3::ZERO,
-        cameras: vec![Camera {
+    Scene::empty(
+        Camera {
             name: String::new(),
             scene_from_camera: Affine3A::IDENTITY,
             fov_x_rad: 1.0,
-        }],
-        film: Film {
+        },
+        Film {
             width: 4,
             height: 4,
             exposure: 1.0,
         },
-        mesh: Mesh::default(),
-        materials: Vec::new(),
-        textures: Vec::new(),
-        lights: Vec::new(),
-        volumes: Vec::new(),
-        hash: [0; 32],
-        warnings: Vec::new(),
-    }
+    )
 }
 
 /// Lamps of power over a range of 36 and of different colours: half of them anywhere, half on a ceiling.

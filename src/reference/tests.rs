@@ -2,32 +2,23 @@
 
 use super::*;
 use crate::math::polygon;
-use crate::scene::{Camera, Film, Grid, Light, Material, Mesh, Volume};
+use crate::scene::{Camera, Film, Grid, Light, Material, Volume};
 use glam::{Affine3A, DAffine3, DVec3, Vec3};
 use std::f32::consts::PI;
 
 fn scene() -> Scene {
-    Scene {
-        name: "test".into(),
-        world_from_scene: DVec3::ZERO,
-        cameras: vec![Camera {
+    Scene::empty(
+        Camera {
             name: "main".into(),
             scene_from_camera: Affine3A::from_translation(Vec3::new(0.0, 0.0, 5.0)),
             fov_x_rad: 1.0,
-        }],
-        film: Film {
+        },
+        Film {
             width: 20,
             height: 12,
             exposure: 1.0,
         },
-        mesh: Mesh::default(),
-        materials: Vec::new(),
-        textures: Vec::new(),
-        lights: Vec::new(),
-        volumes: Vec::new(),
-        hash: [0; 32],
-        warnings: Vec::new(),
-    }
+    )
 }
 
 fn add_quad(scene: &mut Scene, corners: [Vec3; 4], albedo: f32, emission: f32, both: bool) {

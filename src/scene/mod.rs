@@ -49,6 +49,24 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// A scene of a camera and nothing to see.
+    #[must_use]
+    pub fn empty(camera: Camera, film: Film) -> Self {
+        Self {
+            name: String::new(),
+            world_from_scene: DVec3::ZERO,
+            cameras: vec![camera],
+            film,
+            mesh: Mesh::default(),
+            materials: Vec::new(),
+            textures: Vec::new(),
+            lights: Vec::new(),
+            volumes: Vec::new(),
+            hash: [0; 32],
+            warnings: Vec::new(),
+        }
+    }
+
     /// The camera of a name, the first if `None`.
     ///
     /// # Errors

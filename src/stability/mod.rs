@@ -42,8 +42,9 @@ const FAMILIES: &[(&str, &str, Cases)] = &[
     (
         "Transmittance",
         "Homogeneous slabs and spheres. \"Cells\" are the grid that camera and shadow rays walk, \"lvoxels\" what gathers pass.\n\
-         Transmittance is good to 1e-5 wherever it is above 1e-30: where a ray enters and leaves is found in double precision. What a medium itself scatters behind a transmittance of 1e-4 is left out. A sphere\n\
-         of voxels is not a sphere, and its lvoxels average over up to 8 voxels: the rows say by how much.",
+         Transmittance is good to 1e-5 wherever it is above 1e-30: where a ray enters and leaves is found in double\n\
+         precision. What a medium itself scatters behind a transmittance of 1e-4 is left out. A sphere of voxels is not a\n\
+         sphere, and its lvoxels average over up to 8 voxels: the rows say by how much.",
         |bench, _, _| transmittance::rows(bench),
     ),
     (

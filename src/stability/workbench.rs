@@ -7,7 +7,7 @@ use crate::gather::{self, Gatherer, Kernel, Media, Medium, SurfelStore, TreeStor
 use crate::image::{Frame, Region};
 use crate::math::Rgb;
 use crate::run::{Cancel, Job};
-use crate::scene::{Camera, Film, Grid, Material, Mesh, Scene, Volume};
+use crate::scene::{Camera, Film, Grid, Material, Scene, Volume};
 use crate::shade::{self, Settings};
 use crate::{Error, Result, build};
 use glam::{Affine3A, DAffine3, DVec3, Vec3};
@@ -212,10 +212,8 @@ pub fn stage(side: u32, position: Vec3, target: Vec3, fov_x_deg: f32) -> Scene {
     };
     let right = up.cross(back).normalize();
     let axes = [right, back.cross(right), back].map(DVec3::as_vec3);
-    Scene {
-        name: String::new(),
-        world_from_scene: DVec3::ZERO,
-        cameras: vec![Camera {
+    Scene::empty(
+        Camera {
             name: String::new(),
             scene_from_camera: Affine3A::from_cols(
                 axes[0].into(),
@@ -224,20 +222,13 @@ pub fn stage(side: u32, position: Vec3, target: Vec3, fov_x_deg: f32) -> Scene {
                 position.into(),
             ),
             fov_x_rad: fov_x_deg.to_radians(),
-        }],
-        film: Film {
+        },
+        Film {
             width: side,
             height: side,
             exposure: 1.0,
         },
-        mesh: Mesh::default(),
-        materials: Vec::new(),
-        textures: Vec::new(),
-        lights: Vec::new(),
-        volumes: Vec::new(),
-        hash: [0; 32],
-        warnings: Vec::new(),
-    }
+    )
 }
 
 /// Adds a parallelogram that faces `across x down`, with a material of its own.

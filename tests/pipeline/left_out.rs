@@ -12,27 +12,8 @@ fn room(lamp: &str, more: &str) -> String {
     surfaces.replace("[10, 9, 7]", lamp) + more
 }
 
-const SMOKE: &str = r#"
-[[volume]]
-file = "builtin:plume"
-scale = [1.3, 1.75, 1.3]
-translate = [-0.65, 0.01, -0.65]
-sigma_t_scale = 20
-albedo = [0.8, 0.8, 0.8]
-unitcube_to_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
-"#;
-
-const LIGHTS: &str = r#"
-[[light]]
-type = "point"
-position = [-0.6, 0.2, 0.3]
-intensity = [0.1, 0.3, 0.9]
-
-[[light]]
-type = "point"
-position = [0.9, 1.5, 0.8]
-intensity = [0.9, 0.2, 0.1]
-"#;
+const SMOKE: &str = include_str!("left_out/smoke.toml");
+const LIGHTS: &str = include_str!("left_out/lights.toml");
 
 /// Cloud and tree of a scene, in `work`.
 fn files(work: &Work) -> [Description; 2] {
@@ -71,7 +52,7 @@ fn surfaces_alone_have_no_byte_for_media() {
 #[test]
 fn grey_media_take_few_of_the_bytes_of_coloured_ones() {
     let grey = Work::new(&room("[9, 9, 9]", SMOKE));
-    let coloured = Work::new(&room("[10, 9, 7]", &format!("{SMOKE}{LIGHTS}")));
+    let coloured = Work::new(&room("[10, 9, 7]", &format!("{SMOKE}\n{LIGHTS}")));
     let (grey_files, coloured_files) = (files(&grey), files(&coloured));
     // In a tree colours share an exponent, and what media have in common is the larger part.
     for ((grey, coloured), most) in grey_files.iter().zip(&coloured_files).zip([0.6, 0.65]) {

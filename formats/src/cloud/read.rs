@@ -181,6 +181,17 @@ impl<D: AsRef<[u8]>> Cloud<D> {
     /// # Errors
     /// The first damage found.
     pub fn verify(&self) -> Result<()> {
+        self.verify_with(|| Ok(()))
+    }
+
+    /// As [`Self::verify`], and calls `read` after each block.
+    ///
+    /// # Errors
+    /// The first damage found, or what `read` returns, which ends the check.
+    pub fn verify_with<E: From<FormatError>>(
+        &self,
+        mut read: impl FnMut() -> std::result::Result<(), E>,
+    ) -> std::result::Result<(), E> {
         let mut sums = Sums {
             volumes: vec![VolumeSums::default(); self.meta.volumes.len()],
             ..Sums::default()
@@ -191,11 +202,13 @@ impl<D: AsRef<[u8]>> Cloud<D> {
                 sums.add_surfel(&surfel);
                 bounds = bounds.union(Bounds::of_surfel(&surfel));
             }
+            read()?;
         }
         for i in 0..self.lvoxel_chunks() {
             for lvoxel in self.lvoxel_chunk(i)? {
                 sums.add_lvoxel(&lvoxel);
             }
+            read()?;
         }
         let bounds = (sums.surfels > 0).then_some(bounds);
         self.named(|| {
@@ -207,7 +220,8 @@ impl<D: AsRef<[u8]>> Cloud<D> {
                 ));
             }
             Ok(())
-        })
+        })?;
+        Ok(())
     }
 
     fn named<T>(&self, run: impl FnOnce() -> Result<T>) -> Result<T> {

@@ -188,6 +188,17 @@ impl<D: AsRef<[u8]>> Tree<D> {
     /// # Errors
     /// The first damage found.
     pub fn verify(&self) -> Result<()> {
+        self.verify_with(|| Ok(()))
+    }
+
+    /// As [`Self::verify`], and calls `read` after each block.
+    ///
+    /// # Errors
+    /// The first damage found, or what `read` returns, which ends the check.
+    pub fn verify_with<E: From<FormatError>>(
+        &self,
+        mut read: impl FnMut() -> std::result::Result<(), E>,
+    ) -> std::result::Result<(), E> {
         let mut sums = Sums {
             volumes: vec![VolumeSums::default(); self.meta.cloud.volumes.len()],
             ..Sums::default()
@@ -204,6 +215,7 @@ impl<D: AsRef<[u8]>> Tree<D> {
             for surfel in &page.surfels {
                 page_sums[i].add_surfel(surfel);
             }
+            read()?;
         }
         // In the writer's order, which fixes the rounding.
         for page in &page_sums {
@@ -213,6 +225,7 @@ impl<D: AsRef<[u8]>> Tree<D> {
             for lvoxel in self.lvoxel_page(i)? {
                 sums.add_lvoxel(&lvoxel);
             }
+            read()?;
         }
         self.named(|| {
             if sums != self.summary.sums {
@@ -223,7 +236,8 @@ impl<D: AsRef<[u8]>> Tree<D> {
                 ));
             }
             Ok(())
-        })
+        })?;
+        Ok(())
     }
 
     fn named<T>(&self, run: impl FnOnce() -> Result<T>) -> Result<T> {
