@@ -210,13 +210,14 @@ mod tests {
             DQuat::from_rotation_y(0.7) * DQuat::from_rotation_x(-0.4),
             DVec3::new(3.0, -1.0, 2.0),
         );
-        let inverse = scene_from_index.inverse().to_cols_array();
+        let inverse = scene_from_index.inverse();
         let volume = Volume {
             name: "ball".into(),
             sigma_t,
             albedo: [0.5; 3],
             scene_from_index,
-            index_from_scene: Affine3A::from_cols_array(&inverse.map(|v| v as f32)),
+            index_from_scene: Affine3A::from_cols_array(&inverse.to_cols_array().map(|v| v as f32)),
+            index_from_scene_f64: inverse,
         };
         for i in 0..30 {
             let to_sun = sampling::sphere(sampling::r2(i, [0.2; 2]));
