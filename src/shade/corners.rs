@@ -299,9 +299,7 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
         let corners = own.map(|c| c.sample);
         let mut samples = [&corners, inside].concat();
         if !inside.is_empty() {
-            let smooth = corners
-                .iter()
-                .all(|c| alike(&corners[0].passed, &c.passed));
+            let smooth = corners.iter().all(|c| alike(&corners[0].passed, &c.passed));
             self.shader.pass_media(&mut samples, corners.len(), smooth);
         }
         samples

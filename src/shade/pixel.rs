@@ -112,9 +112,7 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
         } else {
             0
         };
-        (0..count)
-            .map(|i| self.sample_in(x, y, i, 1, i))
-            .collect()
+        (0..count).map(|i| self.sample_in(x, y, i, 1, i)).collect()
     }
 
     /// Shades pixel (x, y) by the larger number of samples, given what is known of it: corners with their media passed,
