@@ -34,7 +34,7 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "E", conflicts_with = "quality")]
     target_error: Option<f64>,
 
-    /// Rays of each gather on a surface [default: 12, 32, 128 by quality]
+    /// Rays of each gather on a surface [default: 12, 32, 64 by quality]
     #[arg(long, value_name = "N")]
     samples: Option<u32>,
 
@@ -55,15 +55,15 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "METHOD", default_value = "extended")]
     method: MethodChoice,
 
-    /// Pixels between gathers on surfaces; 1 gathers at every pixel [default: 4, 4, 2 by quality]
+    /// Pixels between gathers on surfaces; 1 gathers at every pixel [default: 4, 4, 3 by quality]
     #[arg(long, value_name = "N")]
     lattice: Option<u32>,
 
-    /// Rays of each gather inside media [default: 4, 8, 32 by quality]
+    /// Rays of each gather inside media [default: 4, 8, 16 by quality]
     #[arg(long, value_name = "N")]
     volume_samples: Option<u32>,
 
-    /// Primary rays of every pixel [default: 1, 1, 16 by quality]
+    /// Primary rays inside every pixel, beside those through its corners; 1 for those alone [default: 1]
     #[arg(long, value_name = "N")]
     pixel_samples: Option<u32>,
 
@@ -71,7 +71,7 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "N")]
     edge_samples: Option<u32>,
 
-    /// Shadow rays to each area light from each primary ray's end [default: 1, 1, 4 by quality]
+    /// Shadow rays to each area light from each primary ray's end [default: 1]
     #[arg(long, value_name = "N")]
     shadow_rays: Option<u32>,
 

@@ -21,9 +21,9 @@ pub struct Settings {
     pub lattice: u32,
     /// Gather rays at each vertex inside media.
     pub volume_samples: u32,
-    /// Primary rays a pixel; 1 for rays through the corners of pixels, which neighbours share.
+    /// Primary rays inside each pixel, beside those through its corners, which neighbours share; 1 for those alone.
     pub pixel_samples: u32,
-    /// Primary rays where those disagree.
+    /// Primary rays inside a pixel where those disagree.
     pub edge_samples: u32,
     /// Shadow rays to lights with an extent at each primary ray where a pixel's first ones disagree.
     pub shadow_rays: u32,
@@ -83,13 +83,10 @@ impl Settings {
             },
             Quality::Good => good,
             Quality::Best => Self {
-                samples: 128,
-                max_solid_angle: 0.01,
-                lattice: 2,
-                volume_samples: 32,
-                pixel_samples: 16,
+                samples: 64,
+                lattice: 3,
+                volume_samples: 16,
                 edge_samples: 64,
-                shadow_rays: 4,
                 ..good
             },
         }

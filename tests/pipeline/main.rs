@@ -2,6 +2,7 @@
 
 mod bytes;
 mod damage;
+mod direct;
 mod gather;
 mod leaks;
 mod left_out;
