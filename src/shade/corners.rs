@@ -2,10 +2,9 @@
 //!
 //! Where the four corners of a pixel end on one smooth piece of surface they are its samples, one primary ray a pixel
 //! over the frame, and the shadow rays of the 16 corners around it make one well-spread set (interleaved sampling,
-//! Keller & Heidrich 2001). Other pixels take samples of their own. Where more are wanted everywhere, they join those of the
-//! corners.
+//! Keller & Heidrich 2001). Other pixels take samples of their own.
 
-use super::pixel::{Piece, Pixel, PixelShader, PixelSum, Sample, alike};
+use super::pixel::{Piece, Pixel, PixelShader, PixelSum, Sample};
 use crate::gather::{Medium, Pages};
 use crate::image::Region;
 use crate::light::{Arrival, Direct, ShadowRays};
@@ -230,12 +229,11 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
         let whole = own[1..]
             .iter()
             .all(|c| self.shader.same_end(&own[0].sample, &c.sample));
-        let mut inside = Vec::new();
-        if whole && !self.hides_a_lamp(own[0], x, y) {
-            inside = self.shader.inside(x, y);
-            if let Some(pixel) = self.mean(PixelSum::of(x, y), own, &inside, at) {
-                return pixel;
-            }
+        if whole
+            && !self.hides_a_lamp(own[0], x, y)
+            && let Some(pixel) = self.mean_of_corners(PixelSum::of(x, y), own, at)
+        {
+            return pixel;
         }
         let samples = own.map(|c| c.sample);
         let mut pieces: Vec<Piece> = Vec::with_capacity(4);
@@ -248,7 +246,7 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
                 pieces.push(Piece::new(*surface, c.irradiance));
             }
         }
-        self.shader.refine(x, y, &samples, &inside, &mut pieces)
+        self.shader.refine(x, y, &samples, &mut pieces)
     }
 
     /// Whether a lamp that the corners of a pixel do not show covers much of it.
@@ -258,57 +256,34 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
         lamps.covered(view, x, y) > MUCH && !lamps.has(x, y, corner.sample.triangle)
     }
 
-    /// The mean of four corners on one piece of surface and of the samples inside, unless those are not all on it or an edge
-    /// of a shadow runs between them.
-    fn mean<'c>(
+    /// The mean of four corners on one piece of surface, unless an edge of a shadow runs between them.
+    fn mean_of_corners<'c>(
         &self,
         mut pixel: PixelSum,
         own: [&Corner; 4],
-        inside: &[Sample],
         at: impl Fn(usize, usize) -> &'c Corner,
     ) -> Option<Pixel> {
-        let like = &own[0].sample;
-        if !inside.iter().all(|s| self.shader.same_end(like, s)) {
-            return None;
-        }
-        let samples = self.with_media(own, inside);
-        if like.surface.is_none() {
-            for s in &samples {
-                self.shader.add_nothing(&mut pixel, s);
+        if own[0].sample.surface.is_none() {
+            for c in own {
+                self.shader.add_nothing(&mut pixel, &c.sample);
             }
             return Some(self.shader.finish(pixel));
         }
-        let (seen, hidden) = samples.iter().fold((0, 0), |(seen, hidden), s| {
-            (seen | s.direct.seen, hidden | s.direct.hidden)
+        let (seen, hidden) = own.iter().fold((0, 0), |(seen, hidden), c| {
+            (seen | c.sample.direct.seen, hidden | c.sample.direct.hidden)
         });
         if seen & hidden & Direct::SHARP != 0 {
             return None;
         }
-        let Lit::Arrived(mut rays) = self.lit(like, at) else {
+        let Lit::Arrived(rays) = self.lit(&own[0].sample, at) else {
             return None;
         };
-        for s in inside {
-            rays += s.direct.rays;
-        }
-        let irradiance = own.map(|c| c.irradiance);
-        let mean = irradiance.into_iter().fold(Rgb::BLACK, |a, b| a + b) * 0.25;
-        for (i, s) in samples.iter().enumerate() {
-            let direct = s.direct.sharp + rays.of(s.direct.open);
-            let indirect = irradiance.get(i).map_or(mean, |&own| own);
-            self.shader.add_surface(&mut pixel, s, direct, indirect);
+        for c in own {
+            let direct = c.sample.direct.sharp + rays.of(c.sample.direct.open);
+            self.shader
+                .add_surface(&mut pixel, &c.sample, direct, c.irradiance);
         }
         Some(self.shader.finish(pixel))
-    }
-
-    /// The corners of a pixel and the samples inside it, which take the media of the corners where those are alike.
-    fn with_media(&self, own: [&Corner; 4], inside: &[Sample]) -> Vec<Sample> {
-        let corners = own.map(|c| c.sample);
-        let mut samples = [&corners, inside].concat();
-        if !inside.is_empty() {
-            let smooth = corners.iter().all(|c| alike(&corners[0].passed, &c.passed));
-            self.shader.pass_media(&mut samples, corners.len(), smooth);
-        }
-        samples
     }
 
     /// The lights with an extent, by the shadow rays of the corners around a pixel that lie on its piece of surface.

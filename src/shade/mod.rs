@@ -281,11 +281,32 @@ fn shade<P: Pages, M: Medium>(
                     shadow: settings.shadow_rays,
                 },
             };
-            shade_blocks(&shader, region, job, &task)
+            shade_region(&shader, region, job, &task)
         })
         .collect::<Result<Vec<_>>>()?;
     pages.check()?;
     Ok(shaded)
+}
+
+fn shade_region<P: Pages, M: Medium>(
+    shader: &PixelShader<P, M>,
+    region: Region,
+    job: &Job,
+    task: &Task,
+) -> Result<Vec<Pixel>> {
+    if shader.counts.pixel == 1 {
+        return shade_blocks(shader, region, job, task);
+    }
+    (region.y0..region.y1)
+        .into_par_iter()
+        .map(|y| {
+            job.cancel.check()?;
+            let row: Vec<Pixel> = (region.x0..region.x1).map(|x| shader.shade(x, y)).collect();
+            task.add(u64::from(region.width()));
+            Ok(row)
+        })
+        .collect::<Result<Vec<_>>>()
+        .map(|rows| rows.concat())
 }
 
 /// The tree's lvoxels as shadow rays see them.

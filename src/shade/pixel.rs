@@ -58,9 +58,9 @@ pub struct PixelShader<'a, P, M> {
 /// Samples of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SampleCounts {
-    /// Always taken beside those at the pixel's corners, which neighbours share; 1 for those alone.
+    /// Always taken; 1 for the pixel's corners, which neighbours share.
     pub pixel: u32,
-    /// Taken where those disagree, or as many as are always taken.
+    /// Taken where those disagree.
     pub edge: u32,
     /// Shadow rays to lights with an extent, at each of those.
     pub shadow: u32,
@@ -104,38 +104,44 @@ impl Piece {
 }
 
 impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
-    /// Samples inside pixel (x, y) whatever its corners say, media not yet passed; none if the corners are to do.
+    /// Shades pixel (x, y) by samples of its own: few first, and more if they disagree.
     #[must_use]
-    pub fn inside(&self, x: u32, y: u32) -> Vec<Sample> {
-        let count = if self.counts.pixel > 1 {
-            self.counts.pixel
-        } else {
-            0
-        };
-        (0..count).map(|i| self.sample_in(x, y, i, 1, i)).collect()
+    pub fn shade(&self, x: u32, y: u32) -> Pixel {
+        let mut samples: Vec<Sample> = Vec::with_capacity(self.counts.edge as usize);
+        // The first samples have one shadow ray each: together they tell whether a light is partly hidden.
+        for i in 0..self.counts.pixel {
+            samples.push(self.sample_in(x, y, i, 1, i));
+        }
+        if self.counts.edge > self.counts.pixel && self.disagree(&samples) {
+            let mut next_shadow = self.counts.pixel;
+            for i in self.counts.pixel..self.counts.edge {
+                samples.push(self.sample_in(x, y, i, self.counts.shadow, next_shadow));
+                next_shadow += self.counts.shadow;
+            }
+        }
+        let known = samples.len().min(2);
+        for s in &mut samples[..known] {
+            s.passed = self.march(s);
+        }
+        let smooth = samples[..known]
+            .iter()
+            .all(|s| alike(&samples[0].passed, &s.passed));
+        self.pass_media(&mut samples, known, smooth);
+        self.resolve(&samples, &mut Vec::new(), x, y)
     }
 
-    /// Shades pixel (x, y) by the larger number of samples, given what is known of it: corners with their media passed,
-    /// the samples inside it so far, and pieces of surface with their indirect light.
+    /// Shades pixel (x, y) by the larger number of samples, given what is known of it: samples with their media passed,
+    /// and pieces of surface with their indirect light.
     #[must_use]
-    pub fn refine(
-        &self,
-        x: u32,
-        y: u32,
-        corners: &[Sample],
-        inside: &[Sample],
-        pieces: &mut Vec<Piece>,
-    ) -> Pixel {
-        let (first, count) = (inside.len() as u32, self.counts.edge.max(self.counts.pixel));
-        let mut samples = [corners, inside].concat();
-        samples.reserve(count as usize);
-        for i in first..count {
-            let ray = first + (i - first) * self.counts.shadow;
-            samples.push(self.sample_in(x, y, i, self.counts.shadow, ray));
+    pub fn refine(&self, x: u32, y: u32, known: &[Sample], pieces: &mut Vec<Piece>) -> Pixel {
+        let mut samples = Vec::with_capacity(self.counts.edge as usize + known.len());
+        samples.extend_from_slice(known);
+        for i in 0..self.counts.edge {
+            samples.push(self.sample_in(x, y, i, self.counts.shadow, i * self.counts.shadow));
         }
         // Where nothing needs more samples, the corners' own media are good enough, too.
-        self.pass_media(&mut samples, corners.len(), true);
-        samples.drain(..corners.len());
+        self.pass_media(&mut samples, known.len(), true);
+        samples.drain(..known.len());
         self.resolve(&samples, pieces, x, y)
     }
 
@@ -177,7 +183,7 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
 
     /// Marches the media before samples after the first `known`. Where `smooth` says so, those take what the known ones on
     /// their piece of surface passed, on average.
-    pub fn pass_media(&self, samples: &mut [Sample], known: usize, smooth: bool) {
+    fn pass_media(&self, samples: &mut [Sample], known: usize, smooth: bool) {
         if self.view.tracer.scene.volumes.is_empty() {
             return;
         }
@@ -224,6 +230,16 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
                 exp_neg(tracer.optical_depth(origin, sample.direction, sample.t));
         }
         passed
+    }
+
+    /// Whether more samples would tell more.
+    fn disagree(&self, samples: &[Sample]) -> bool {
+        let (mut seen, mut hidden) = (0, 0);
+        for s in samples {
+            seen |= s.direct.seen;
+            hidden |= s.direct.hidden;
+        }
+        seen & hidden != 0 || samples.iter().any(|s| !self.same_end(&samples[0], s))
     }
 
     /// Whether two samples end on the same piece of surface, or both on none.
@@ -370,7 +386,7 @@ impl PixelSum {
 }
 
 /// Whether two rays of a pixel passed media alike, to a fiftieth.
-pub fn alike(a: &Composite, b: &Composite) -> bool {
+fn alike(a: &Composite, b: &Composite) -> bool {
     let (la, lb) = (a.radiance.luminance(), b.radiance.luminance());
     (a.transmittance - b.transmittance).abs() <= 0.02 && (la - lb).abs() <= 0.02 * (la + lb)
 }

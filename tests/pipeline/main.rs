@@ -2,7 +2,6 @@
 
 mod bytes;
 mod damage;
-mod direct;
 mod gather;
 mod leaks;
 mod left_out;
