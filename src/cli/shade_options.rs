@@ -63,7 +63,7 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "N")]
     volume_samples: Option<u32>,
 
-    /// Primary rays inside every pixel, beside those through its corners; 1 for those alone [default: 1]
+    /// Primary rays a pixel; 1 for rays through the corners of pixels, which neighbours share [default: 1]
     #[arg(long, value_name = "N")]
     pixel_samples: Option<u32>,
 

@@ -21,7 +21,7 @@ pub struct Settings {
     pub lattice: u32,
     /// Gather rays at each vertex inside media.
     pub volume_samples: u32,
-    /// Primary rays inside each pixel, beside those through its corners, which neighbours share; 1 for those alone.
+    /// Primary rays a pixel; 1 for rays through the corners of pixels, which neighbours share.
     pub pixel_samples: u32,
     /// Primary rays inside a pixel where those disagree.
     pub edge_samples: u32,

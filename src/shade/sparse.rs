@@ -34,9 +34,10 @@ impl SparseLattice {
         choose(&mut |v| {
             let (cube, bit) = set.place(v);
             set.cubes[cube].chosen |= 1 << bit;
-            for a in 0..3 {
-                set.bounds[0][a] = set.bounds[0][a].min(v[a]);
-                set.bounds[1][a] = set.bounds[1][a].max(v[a]);
+            let [first, last] = &mut set.bounds;
+            for (a, &c) in v.iter().enumerate() {
+                first[a] = first[a].min(c);
+                last[a] = last[a].max(c);
             }
         });
         let mut first = 0;
