@@ -8,7 +8,9 @@ use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use lvox::gather::cone::Scratch;
 use lvox::gather::plain;
-use lvox::gather::{Gatherer, Kernel, MediaStore, NoMedia, Settings, SurfelStore, TreeStore};
+use lvox::gather::{
+    Gatherer, Kernel, MediaStore, Medium, NoMedia, Settings, SurfelStore, TreeStore,
+};
 use lvox::math::Rgb;
 use lvox::math::segment::Composite;
 use lvox::trace::Tracer;

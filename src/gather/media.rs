@@ -1,10 +1,9 @@
 //! Lvoxels along a ray: the blocks of each volume on its own index grid, walked front to back.
 
-use super::Crossing;
-use super::medium::Source;
+use super::medium::{Medium, Source};
 use crate::math::Rgb;
 use crate::math::dda::{Line, Steps, clip_to_box};
-use crate::math::segment::{Composite, Segment, flatten_overlaps};
+use crate::math::segment::{Segment, flatten_overlaps};
 use glam::{Affine3A, Vec3, Vec3A};
 use lvox_formats::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
 
@@ -119,36 +118,11 @@ impl<S: Source> Media<S> {
         }
         tau
     }
+}
 
-    /// Passes all media from `origin` to `t_max`, and on the way the surfaces in `crossings`, which are sorted.
-    pub fn pass(
-        &self,
-        origin: Vec3,
-        direction: Vec3,
-        t_max: f32,
-        crossings: &[Crossing],
-        light: &mut Composite,
-    ) {
-        let mut crossings = crossings.iter().peekable();
-        let mut add = |mut s: Segment| {
-            while let Some(c) = crossings.next_if(|c| c.t < s.far) {
-                let share = ((c.t - s.near) / (s.far - s.near)).clamp(0.0, 1.0);
-                light.medium(s.tau * share, s.source);
-                light.surface(c.opacity, c.radiance);
-                s.tau *= 1.0 - share;
-                s.near = s.near.max(c.t);
-            }
-            light.medium(s.tau, s.source);
-            light.transmittance > Composite::NOTHING
-        };
-        if self.walk(origin, direction, t_max, &mut add) {
-            crossings.for_each(|c| light.surface(c.opacity, c.radiance));
-        }
-    }
-
-    /// Gives every stretch of medium from `origin` to `t_max`, front to back, to `add` until that says no; returns whether
-    /// it never did.
-    pub fn walk(
+impl<S: Source> Medium for &Media<S> {
+    #[inline]
+    fn walk(
         &self,
         origin: Vec3,
         direction: Vec3,

@@ -1,13 +1,24 @@
 //! What is between surfaces, as a type: kernels are compiled for each, and a frame chooses one of them once.
 
-use super::{Crossing, Media};
+use super::Crossing;
 use crate::math::Rgb;
 use crate::math::segment::{Composite, Segment};
 use glam::Vec3;
 
 /// What a ray passes between surfaces.
 pub trait Medium: Copy + Sync {
+    /// Gives every stretch of medium between `origin` and `t_max`, front to back, to `add` until that says no; returns
+    /// whether it never did.
+    fn walk(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        t_max: f32,
+        add: &mut impl FnMut(Segment) -> bool,
+    ) -> bool;
+
     /// Passes what is between `origin` and `t_max`, and on the way the surfaces in `crossings`, which are sorted.
+    #[inline]
     fn pass(
         &self,
         origin: Vec3,
@@ -15,10 +26,23 @@ pub trait Medium: Copy + Sync {
         t_max: f32,
         crossings: &[Crossing],
         light: &mut Composite,
-    );
-
-    /// Gives every stretch of medium between `origin` and `t_max`, front to back, to `add` until that says no.
-    fn walk(&self, origin: Vec3, direction: Vec3, t_max: f32, add: impl FnMut(Segment) -> bool);
+    ) {
+        let mut crossings = crossings.iter().peekable();
+        let mut add = |mut s: Segment| {
+            while let Some(c) = crossings.next_if(|c| c.t < s.far) {
+                let share = ((c.t - s.near) / (s.far - s.near)).clamp(0.0, 1.0);
+                light.medium(s.tau * share, s.source);
+                light.surface(c.opacity, c.radiance);
+                s.tau *= 1.0 - share;
+                s.near = s.near.max(c.t);
+            }
+            light.medium(s.tau, s.source);
+            light.transmittance > Composite::NOTHING
+        };
+        if self.walk(origin, direction, t_max, &mut add) {
+            crossings.for_each(|c| light.surface(c.opacity, c.radiance));
+        }
+    }
 }
 
 /// Nothing between surfaces.
@@ -27,38 +51,8 @@ pub struct NoMedia;
 
 impl Medium for NoMedia {
     #[inline]
-    fn pass(&self, _: Vec3, _: Vec3, _: f32, crossings: &[Crossing], light: &mut Composite) {
-        for c in crossings {
-            light.surface(c.opacity, c.radiance);
-        }
-    }
-
-    #[inline]
-    fn walk(&self, _: Vec3, _: Vec3, _: f32, _: impl FnMut(Segment) -> bool) {}
-}
-
-impl<S: Source> Medium for &Media<S> {
-    #[inline]
-    fn pass(
-        &self,
-        origin: Vec3,
-        direction: Vec3,
-        t_max: f32,
-        crossings: &[Crossing],
-        light: &mut Composite,
-    ) {
-        Media::pass(self, origin, direction, t_max, crossings, light);
-    }
-
-    #[inline]
-    fn walk(
-        &self,
-        origin: Vec3,
-        direction: Vec3,
-        t_max: f32,
-        mut add: impl FnMut(Segment) -> bool,
-    ) {
-        Media::walk(self, origin, direction, t_max, &mut add);
+    fn walk(&self, _: Vec3, _: Vec3, _: f32, _: &mut impl FnMut(Segment) -> bool) -> bool {
+        true
     }
 }
 

@@ -51,18 +51,8 @@ impl Seen {
 
 impl Lights<'_> {
     fn lamps(&self) -> impl Iterator<Item = (Vec3, Rgb, &Light)> {
-        self.tracer.scene.lights.iter().filter_map(|l| match l {
-            Light::Point {
-                position,
-                intensity,
-            }
-            | Light::Spot {
-                position,
-                intensity,
-                ..
-            } => Some((*position, Rgb(*intensity), l)),
-            _ => None,
-        })
+        let lights = self.tracer.scene.lights.iter();
+        lights.filter_map(|l| l.lamp().map(|(at, intensity)| (at, Rgb(intensity), l)))
     }
 
     /// Mean radiance over the sphere that point and spot lights would send with nothing between, averaged over a segment

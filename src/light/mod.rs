@@ -24,6 +24,7 @@ use emitters::Emitters;
 use glam::Vec3;
 use receiver::Receiver;
 use std::f32::consts::PI;
+use std::sync::Arc;
 use tree::Tree;
 
 pub use direct::{Arrival, Direct, InMedium};
@@ -33,12 +34,12 @@ pub use sun_depth::SunDepths;
 const INVERSE_SPHERE: f32 = 1.0 / (4.0 * PI);
 
 /// All lights of a scene but a constant environment, which gathering takes care of.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Lights<'a> {
     tracer: &'a Tracer<'a>,
     /// What rays to emissive triangles meet; the scene's media if `None`.
     wide_depth: Option<&'a dyn OpticalDepth>,
-    emitters: Emitters,
+    emitters: Arc<Emitters>,
     /// How many emissive triangles are asked, if they are many.
     care: Care,
     environment: Rgb,
@@ -93,7 +94,7 @@ impl<'a> Lights<'a> {
         Self {
             tracer,
             wide_depth: None,
-            emitters: Emitters::new(tracer.scene),
+            emitters: Arc::new(Emitters::new(tracer.scene)),
             care: Care::SHADING,
             environment,
         }
@@ -105,6 +106,15 @@ impl<'a> Lights<'a> {
     pub fn with_soft_shadows_through(mut self, depth: &'a dyn OpticalDepth) -> Self {
         self.wide_depth = Some(depth);
         self
+    }
+
+    /// The same lights, with the scene's own media before all of them.
+    #[must_use]
+    pub fn with_sharp_shadows(&self) -> Self {
+        Self {
+            wide_depth: None,
+            ..self.clone()
+        }
     }
 
     /// The same lights, asked with less care where they are many: for points of which pictures see means of many only.
@@ -175,8 +185,11 @@ impl<'a> Lights<'a> {
     pub fn in_medium(&self, point: Vec3, rays: ShadowRays, suns: Option<&SunDepths>) -> InMedium {
         let (mut near, mut rest) = (Direct::default(), Direct::default());
         for (index, light) in self.tracer.scene.lights.iter().enumerate() {
-            let is_point = matches!(light, Light::Point { .. } | Light::Spot { .. });
-            let total = if is_point { &mut near } else { &mut rest };
+            let total = if light.lamp().is_some() {
+                &mut near
+            } else {
+                &mut rest
+            };
             let asking = Asking {
                 origin: point,
                 rays,
@@ -263,39 +276,30 @@ impl<'a> Lights<'a> {
             sun_depth,
             ..
         } = asking;
-        let (position, intensity) = match *light {
-            Light::Environment { .. } => return,
-            Light::Directional {
-                direction,
-                irradiance,
-                angular_radius_rad,
-            } => {
-                if angular_radius_rad > 0.0 {
-                    let sun = Sun {
-                        direction,
-                        irradiance: Rgb(irradiance),
-                        angular_radius_rad,
-                    };
-                    self.add_sun(total, &sun, index, asking);
-                    return;
-                }
-                let w = receiver.response(-direction);
-                if w > 0.0 {
-                    let through = self.transmittance(origin, -direction, f32::INFINITY, sun_depth);
-                    total.note_sharp(index, through);
-                    total.sharp += Rgb(irradiance) * (w * through);
-                }
+        if let Light::Directional {
+            direction,
+            irradiance,
+            angular_radius_rad,
+        } = *light
+        {
+            if angular_radius_rad > 0.0 {
+                let sun = Sun {
+                    direction,
+                    irradiance: Rgb(irradiance),
+                    angular_radius_rad,
+                };
+                self.add_sun(total, &sun, index, asking);
                 return;
             }
-            Light::Point {
-                position,
-                intensity,
+            let w = receiver.response(-direction);
+            if w > 0.0 {
+                let through = self.transmittance(origin, -direction, f32::INFINITY, sun_depth);
+                total.note_sharp(index, through);
+                total.sharp += Rgb(irradiance) * (w * through);
             }
-            | Light::Spot {
-                position,
-                intensity,
-                ..
-            } => (position, intensity),
+        }
+        let Some((position, intensity)) = light.lamp() else {
+            return;
         };
         let to_light = position - origin;
         let distance = to_light.length();

@@ -52,6 +52,7 @@ impl ShadowRays {
             }
         }
     }
+
     /// The same where each ray to all emissive triangles is `per_ray` rays among many of them: the first number, which
     /// chooses the light, takes all cells in turn, so that lights have as many strata as there are rays.
     pub(super) fn point_of_many(&self, i: u32, per_ray: u32) -> [f32; 2] {

@@ -210,13 +210,7 @@ impl<'a> VolumeDepth<'a> {
 }
 
 fn depth_of(volume: &Volume, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
-    let mut tau = 0.0_f64;
-    if let Some(mut cells) = Cells::new(volume, origin, direction, t_max) {
-        while let Some(cell) = cells.next_cell() {
-            tau += f64::from(cell.tau);
-        }
-    }
-    tau as f32
+    Cells::new(volume, origin, direction, t_max).map_or(0.0, |c| c.optical_depth() as f32)
 }
 
 #[cfg(test)]

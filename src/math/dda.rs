@@ -124,7 +124,7 @@ pub fn clip_to_box<F: Coordinate>(o: [F; 3], d: [F; 3], dims: [F; 3], t_max: F) 
 
 /// Distance along a unit direction at which a point has left a box, 0 if it is already beyond.
 #[must_use]
-pub fn leave_box(point: Vec3, direction: Vec3, [lower, upper]: [Vec3; 2]) -> f32 {
+pub fn leave_box(point: Vec3, direction: Vec3, (lower, upper): (Vec3, Vec3)) -> f32 {
     let mut far = f32::INFINITY;
     for a in 0..3 {
         if direction[a] != 0.0 {

@@ -5,25 +5,11 @@
 const LN2_HIGH: f32 = 0.693_359_4;
 const LN2_LOW: f32 = -2.121_944_4e-4;
 
-/// exp(-x) for x >= 0, relative error below 3e-7; 0 from x = 87 on, where the result would be denormal.
+/// exp(-x) for x >= 0, relative error below 4e-7; 0 from x = 87 on, where the result would be denormal.
 #[must_use]
 #[inline]
 pub fn exp_neg(x: f32) -> f32 {
-    if x >= 87.0 {
-        return 0.0;
-    }
-    let n = (x * std::f32::consts::LOG2_E + 0.5).floor();
-    // f in about [-ln2/2, ln2/2], exact in two steps.
-    let f = -((x - n * LN2_HIGH) - n * LN2_LOW);
-    let poly = 1.0 / 5040.0;
-    let poly = poly * f + 1.0 / 720.0;
-    let poly = poly * f + 1.0 / 120.0;
-    let poly = poly * f + 1.0 / 24.0;
-    let poly = poly * f + 1.0 / 6.0;
-    let poly = poly * f + 0.5;
-    let poly = poly * f + 1.0;
-    let poly = poly * f + 1.0;
-    poly * f32::from_bits(((127 - n as i32) as u32) << 23)
+    exp_neg_and_rest(x).0
 }
 
 /// 1 - exp(-x) for x >= 0: the share of light that a segment of optical depth x takes; relative error below 1e-6.
@@ -41,6 +27,7 @@ pub fn exp_neg_and_rest(x: f32) -> (f32, f32) {
         return (0.0, 1.0);
     }
     let n = (x * std::f32::consts::LOG2_E + 0.5).floor();
+    // f in about [-ln2/2, ln2/2], exact in two steps.
     let f = -((x - n * LN2_HIGH) - n * LN2_LOW);
     // exp(f) - 1 keeps its relative accuracy at 0, and so does the rest: its other term is 0 or at least a half.
     let poly = 1.0 / 5040.0;

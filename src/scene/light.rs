@@ -42,6 +42,23 @@ pub enum Light {
 }
 
 impl Light {
+    /// Position and intensity, W/sr, of a light without extent; `None` for others.
+    #[must_use]
+    pub fn lamp(&self) -> Option<(Vec3, [f32; 3])> {
+        match *self {
+            Self::Point {
+                position,
+                intensity,
+            }
+            | Self::Spot {
+                position,
+                intensity,
+                ..
+            } => Some((position, intensity)),
+            _ => None,
+        }
+    }
+
     /// Share of the intensity that leaves towards a unit direction: less than 1 off the axis of a spot.
     #[must_use]
     pub fn falloff(&self, towards: Vec3) -> f32 {

@@ -1,7 +1,7 @@
 //! A participating medium: a grid of density in a box placed anywhere.
 
 use super::Grid;
-use glam::{Affine3A, DAffine3};
+use glam::{Affine3A, DAffine3, Vec3};
 
 /// A scattering and absorbing medium with isotropic phase function. There is no medium outside its box.
 #[derive(Debug)]
@@ -21,6 +21,17 @@ pub struct Volume {
 }
 
 impl Volume {
+    /// Corners of its box in the scene.
+    #[must_use]
+    pub fn corners(&self) -> [Vec3; 8] {
+        let dims = self.sigma_t.dims().map(|n| n as f64);
+        std::array::from_fn(|i| {
+            let corner: [f64; 3] = std::array::from_fn(|a| dims[a] * (i >> a & 1) as f64);
+            let in_scene = self.scene_from_index.transform_point3(corner.into());
+            in_scene.as_vec3()
+        })
+    }
+
     /// Longest edge of a voxel, scene units.
     #[must_use]
     pub fn longest_voxel_edge(&self) -> f32 {

@@ -7,6 +7,7 @@ use crate::math::segment::Composite;
 use crate::math::{Rgb, sampling};
 use crate::scene::Volume;
 use glam::Vec3;
+use std::ops::{AddAssign, Mul};
 
 /// Probes in and around one volume.
 #[derive(Debug)]
@@ -43,19 +44,26 @@ impl Surroundings<'_> {
     /// Radiance of surfaces, a mean over a quarter of a cell.
     #[must_use]
     pub fn radiance(&self, quarter: u32) -> Rgb {
-        self.mean(quarter).radiance
+        self.mean(quarter, |q| q.radiance, Rgb::BLACK)
     }
 
-    fn mean(&self, quarter: u32) -> Quarter {
-        let mut mean = Quarter::default();
+    /// Distance to them, infinite if some direction has none.
+    fn distance(&self, quarter: u32) -> f32 {
+        self.mean(quarter, |q| q.distance, 0.0)
+    }
+
+    fn mean<T: AddAssign + Mul<f32, Output = T>>(
+        &self,
+        quarter: u32,
+        of: impl Fn(&Quarter) -> T,
+        mut sum: T,
+    ) -> T {
         for (probe, weight) in &self.0 {
             if let Some(probe) = probe {
-                let of = &probe.quarters[quarter as usize];
-                mean.radiance += of.radiance * *weight;
-                mean.distance += of.distance * weight;
+                sum += of(&probe.quarters[quarter as usize]) * *weight;
             }
         }
-        mean
+        sum
     }
 }
 
@@ -147,9 +155,8 @@ impl FarField {
         for c in 0..count {
             let mut cell = Quarter::default();
             for quarter in 4 * c..4 * c + 4 {
-                let of = around.mean(quarter);
-                cell.radiance += of.radiance * 0.25;
-                cell.distance += of.distance * 0.25;
+                cell.radiance += around.radiance(quarter) * 0.25;
+                cell.distance += around.distance(quarter) * 0.25;
             }
             let u = sampling::unit2(sampling::hash(&[seed, u64::from(c)]));
             let direction = sampling::sphere(self.within(c, u));

@@ -43,6 +43,8 @@ pub struct InScatter<'a, P, M> {
     lights: &'a Lights<'a>,
     /// The same lights, whose shadows are those of the scene's own media.
     sharp_lights: Lights<'a>,
+    /// Whether direct light has no noise of shadow rays.
+    rest_is_exact: bool,
     gatherer: Option<&'a Gatherer<'a, P, M>>,
     lattices: Vec<Lattices>,
     suns: SunDepths<'a>,
@@ -112,7 +114,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         Ok(Self {
             volumes,
             lights,
-            sharp_lights: Lights::new(lights.tracer()),
+            sharp_lights: lights.with_sharp_shadows(),
+            rest_is_exact: lights.rest_is_exact(),
             gatherer,
             lattices,
             suns: SunDepths::new(view.tracer.scene),
@@ -191,7 +194,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                     return light.share * self.lights.sent(from, to) + light.rest;
                 }
                 let share = Spread::of(&values, |v| v.light.share.luminance(), |v| v.ln_share);
-                let rest = if self.lights.rest_is_exact() {
+                let rest = if self.rest_is_exact {
                     Spread::of(&values, |v| v.light.rest.luminance(), |v| v.ln_rest)
                 } else {
                     Spread::default()

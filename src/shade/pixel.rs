@@ -199,10 +199,14 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
                 passed.transmittance += k.passed.transmittance;
                 alike += 1;
             }
-            let share = 1.0 / alike as f32;
-            passed.radiance *= share;
-            passed.transmittance *= share;
-            s.passed = if alike > 0 { passed } else { self.march(s) };
+            s.passed = if alike > 0 {
+                let share = 1.0 / alike as f32;
+                passed.radiance *= share;
+                passed.transmittance *= share;
+                passed
+            } else {
+                self.march(s)
+            };
         }
     }
 

@@ -19,6 +19,7 @@ use crate::math::sheared::Sheared;
 use crate::run::Cancel;
 use crate::scene::Volume;
 use crate::scene::grid::BRICK_CELLS;
+use crate::trace::media_bounds;
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -35,6 +36,13 @@ struct Level {
     set: SparseLattice,
     /// Mean over the sphere of the radiance; `None` where surfaces are too near for probes.
     light: Vec<Option<Rgb>>,
+}
+
+/// Box around all media of a scene.
+struct MediaBox {
+    bounds: (Vec3, Vec3),
+    /// Whether surfaces may stand in it.
+    has_walls: bool,
 }
 
 /// What a sweep looks at.
@@ -85,13 +93,17 @@ impl Sweep {
                 needed[level].push(b);
             }
         }
-        let walls = scope.has_walls();
+        let bounds = media_bounds(scope.view.tracer.scene);
+        let media = MediaBox {
+            bounds,
+            has_walls: scope.has_walls(bounds),
+        };
         let mut levels = Vec::with_capacity(LEVELS);
         for (level, bricks) in needed.iter().enumerate() {
             levels.push(if bricks.is_empty() {
                 None
             } else {
-                Some(Level::new(scope, level, bricks, walls)?)
+                Some(Level::new(scope, level, bricks, &media)?)
             });
         }
         Ok(Self { levels })
@@ -110,7 +122,7 @@ impl Level {
         scope: &Scope<P, M>,
         level: usize,
         bricks: &[[usize; 3]],
-        walls: bool,
+        media: &MediaBox,
     ) -> Result<Self> {
         let step = 2 << level;
         let count = scope.volume.sigma_t.dims().map(|n| n.div_ceil(step) + 1);
@@ -140,7 +152,7 @@ impl Level {
             let arriving: Vec<Vec<Arriving>> = batch
                 .clone()
                 .into_par_iter()
-                .map(|q| Rays::new(scope, &set, step, scope.far_field.direction(q)).pass(walls))
+                .map(|q| Rays::new(scope, &set, step, scope.far_field.direction(q), media).pass())
                 .collect();
             sums.par_iter_mut().enumerate().for_each(|(i, sum)| {
                 let p = to_index(vertices[i]);
@@ -188,23 +200,8 @@ impl<P: Pages, M: Medium> Scope<'_, P, M> {
             .as_vec3()
     }
 
-    /// Box around all volumes of the scene.
-    fn media_bounds(&self) -> [Vec3; 2] {
-        let mut bounds = [Vec3::INFINITY, Vec3::NEG_INFINITY];
-        for volume in &self.view.tracer.scene.volumes {
-            let dims = volume.sigma_t.dims().map(|n| n as f64);
-            for i in 0..8 {
-                let corner: [f64; 3] = std::array::from_fn(|a| dims[a] * (i >> a & 1) as f64);
-                let p = volume.scene_from_index.transform_point3(corner.into());
-                bounds = [bounds[0].min(p.as_vec3()), bounds[1].max(p.as_vec3())];
-            }
-        }
-        bounds
-    }
-
     /// Whether any surface may stand among the media.
-    fn has_walls(&self) -> bool {
-        let [lower, upper] = self.media_bounds();
+    fn has_walls(&self, (lower, upper): (Vec3, Vec3)) -> bool {
         let mesh = &self.view.tracer.scene.mesh;
         (0..mesh.triangles.len()).into_par_iter().any(|i| {
             let [a, b, c] = mesh.corners(i);
@@ -220,7 +217,7 @@ struct Rays<'a, P, M> {
     /// Unit direction against the light.
     direction: Vec3,
     rays: Sheared,
-    bounds: [Vec3; 2],
+    media: &'a MediaBox,
 }
 
 impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
@@ -229,6 +226,7 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
         set: &'a SparseLattice,
         step: usize,
         direction: Vec3,
+        media: &'a MediaBox,
     ) -> Self {
         let d = scope.volume.index_from_scene.transform_vector3(direction);
         Self {
@@ -236,12 +234,12 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
             set,
             direction,
             rays: Sheared::new(d, step as f32),
-            bounds: scope.media_bounds(),
+            media,
         }
     }
 
     /// Passes all rays that any vertex needs, and returns what arrives at the vertices.
-    fn pass(&self, walls: bool) -> Vec<Arriving> {
+    fn pass(&self) -> Vec<Arriving> {
         let [(u0, nu), (w0, nw)] = self.rays.extent(self.set.bounds());
         // By ray, a bit for each layer in which a vertex needs it.
         let words = self.layers().div_ceil(64);
@@ -271,7 +269,7 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
                     stops.reverse();
                 }
                 let at = [(i % nu) as i32 + u0, (i / nu) as i32 + w0];
-                self.pass_one(at.map(|c| c as f32), &stops, walls, &mut arriving);
+                self.pass_one(at.map(|c| c as f32), &stops, &mut arriving);
             }
         }
         arriving
@@ -283,7 +281,7 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
     }
 
     /// Passes one ray, which leaves light in some layers, in the order of travel.
-    fn pass_one(&self, at: [f32; 2], stops: &[usize], walls: bool, arriving: &mut [Arriving]) {
+    fn pass_one(&self, at: [f32; 2], stops: &[usize], arriving: &mut [Arriving]) {
         // The whole ray is the same whatever part of it is needed.
         let first = if self.rays.upwards {
             self.layers() - 1
@@ -291,7 +289,7 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
             0
         };
         let first_point = self.scope.to_scene(self.rays.point(at, first));
-        let beyond = leave_box(first_point, self.direction, self.bounds);
+        let beyond = leave_box(first_point, self.direction, self.media.bounds);
         let origin = first_point + self.direction * beyond;
         let stop_at = |i: usize| {
             let stop = stops.get(i);
@@ -301,7 +299,7 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
         };
         // A layer further than any stop: whether a surface in a layer is met must not depend on which stop is the last.
         let end = stop_at(stops.len() - 1) + self.rays.between;
-        let mut cuts = if walls {
+        let mut cuts = if self.media.has_walls {
             self.walls(origin, end)
         } else {
             Vec::new()

@@ -5,6 +5,7 @@ use super::row::Row;
 use super::transmittance::brief;
 use super::workbench::{Workbench, media_with_source, pixels, stage, volume};
 use crate::Result;
+use crate::gather::Medium;
 use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use crate::math::segment::Composite;
@@ -86,7 +87,7 @@ fn check(bench: &Workbench, case: Case) -> Result<Vec<Row>> {
     let field = Field::of(medium);
     let tracer = Tracer::new(&scene);
     let store = bench.tree(&scene, 16)?;
-    let media = media_with_source(&store, [1.0; 3])?;
+    let media = &media_with_source(&store, [1.0; 3])?;
     let dims = medium.sigma_t.dims();
     let extent = dims.map(|n| n as f32 / 16.0);
     let reach = 0.45 * extent.iter().copied().fold(f32::INFINITY, f32::min);
@@ -124,7 +125,7 @@ fn check(bench: &Workbench, case: Case) -> Result<Vec<Row>> {
         // Twice the depth that hides a light altogether.
         leaks += usize::from(exact > 140.0 && (got > 1e-30 || light.transmittance > 1e-30));
         ringing = ringing.max((f64::from(light.radiance.0[0] + light.transmittance) - 1.0).abs());
-        rises += usize::from(rises_along(&tracer, &media, origin, direction));
+        rises += usize::from(rises_along(&tracer, media, origin, direction));
     }
     let name = |what: &str| format!("{}: {what}", case.name);
     let mut rows = vec![

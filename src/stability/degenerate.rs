@@ -9,6 +9,7 @@ use super::{Effort, random};
 use crate::Result;
 use crate::formats::record::Below;
 use crate::formats::{CloudMeta, Surfel};
+use crate::gather::Medium;
 use crate::gather::cone::Scratch;
 use crate::gather::{NoMedia, Pages, TreeStore};
 use crate::math::sampling::sphere;
@@ -428,7 +429,7 @@ fn overlaps(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     let store = bench.tree(&scene, 1)?;
     let (origin, way) = (Vec3::new(3.0, 0.03, 0.02), -Vec3::X);
     let mut light = crate::math::segment::Composite::default();
-    media(&store)?.pass(origin, way, 10.0, &[], &mut light);
+    (&media(&store)?).pass(origin, way, 10.0, &[], &mut light);
     let tau: f64 = 4.0 + 4.0 + 0.5;
     for (name, got) in [
         ("cells", tracer.transmittance(origin, way, 10.0)),

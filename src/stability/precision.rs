@@ -8,6 +8,7 @@ use crate::Result;
 use crate::build::aggregate;
 use crate::formats::Surfel;
 use crate::formats::record::tangent_frame;
+use crate::gather::Medium;
 use crate::gather::cone::Scratch;
 use crate::gather::{Media, NoMedia};
 use crate::math::Rgb;
@@ -169,7 +170,7 @@ fn kernels(bench: &Workbench, scene: &Scene, effort: Effort, rows: &mut Vec<Row>
     for (index, info) in volumes.iter().enumerate() {
         let blocks = Blocks::of(index, info, &all);
         let own = all.iter().filter(|l| usize::from(l.volume) == index);
-        let media = Media::<Rgb>::new(volumes, own.copied());
+        let media = &Media::<Rgb>::new(volumes, own.copied());
         let field = Field::of(&scene.volumes[index]);
         let volume = &scene.volumes[index];
         let differences: Vec<Option<[f64; 3]>> = rays

@@ -6,6 +6,7 @@ use super::workbench::{
     Workbench, add_quad, mean, media, media_with_source, pixels, stage, unit_cube, volume,
 };
 use crate::Result;
+use crate::gather::Medium;
 use crate::math::Rgb;
 use crate::math::exp::{exp_neg, one_minus_exp_neg};
 use crate::math::segment::Composite;
@@ -138,7 +139,7 @@ fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
 
         let store = bench.tree(&scene, 16)?;
         let mut light = Composite::default();
-        media(&store)?.pass(origin, forward, 2.9, &[], &mut light);
+        (&media(&store)?).pass(origin, forward, 2.9, &[], &mut light);
         let got = light.transmittance.into();
         rows.push(transmittance(
             "slab of 32^3 voxels, lvoxels of a tree",
@@ -161,7 +162,7 @@ fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
         }
 
         // Light that a medium of source 0.5 sends: albedo 1 in an environment of 0.5, without what is scattered twice.
-        let media = media_with_source(&store, [0.5; 3])?;
+        let media = &media_with_source(&store, [0.5; 3])?;
         let mut light = Composite::default();
         media.pass(origin, forward, 2.9, &[], &mut light);
         rows.push(Row::relative(
@@ -229,7 +230,7 @@ fn spheres(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
             LIMIT,
         ));
         let mut light = Composite::default();
-        media(&store)?.pass(origin, forward, 2.9, &[], &mut light);
+        (&media(&store)?).pass(origin, forward, 2.9, &[], &mut light);
         if tau <= 10.0 {
             // The rim of a ball is averaged over blocks.
             rows.push(transmittance(

@@ -103,6 +103,16 @@ impl<'a> Cells<'a> {
         })
     }
 
+    /// Optical depth of all cells that are left: in double, since they are many.
+    #[must_use]
+    pub fn optical_depth(mut self) -> f64 {
+        let mut tau = 0.0;
+        while let Some(cell) = self.next_cell() {
+            tau += f64::from(cell.tau);
+        }
+        tau
+    }
+
     /// The next non-empty cell.
     #[inline]
     pub fn next_cell(&mut self) -> Option<RayInVolume> {

@@ -11,7 +11,7 @@ pub use triangles::{Hit, TriangleBvh};
 
 use crate::math::exp::exp_neg;
 use crate::math::segment::Segment;
-use crate::scene::Scene;
+use crate::scene::{Scene, Volume};
 use glam::Vec3;
 
 /// A scene made ready for rays.
@@ -64,15 +64,9 @@ impl<'a> Tracer<'a> {
     /// Optical depth of all media from `origin` to `t_max` along a unit direction, exact, cell by cell.
     #[must_use]
     pub fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
-        let mut tau = 0.0_f64;
-        for volume in &self.scene.volumes {
-            if let Some(mut cells) = Cells::new(volume, origin, direction, t_max) {
-                while let Some(cell) = cells.next_cell() {
-                    tau += f64::from(cell.tau);
-                }
-            }
-        }
-        tau as f32
+        let volumes = self.scene.volumes.iter();
+        let cells = volumes.filter_map(|v| Cells::new(v, origin, direction, t_max));
+        cells.map(Cells::optical_depth).sum::<f64>() as f32
     }
 
     /// Passes every stretch of medium from `origin` to `t_max`, front to back, to `emit` until that says no.
@@ -121,11 +115,19 @@ impl<'a> Tracer<'a> {
     }
 }
 
+/// Box around all volumes of a scene; empty, with its corners in reverse, if there is none.
+#[must_use]
+pub fn media_bounds(scene: &Scene) -> (Vec3, Vec3) {
+    let corners = scene.volumes.iter().flat_map(Volume::corners);
+    corners.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(min, max), p| {
+        (min.min(p), max.max(p))
+    })
+}
+
 /// Box around all triangles and volumes of a scene.
 #[must_use]
 pub fn scene_bounds(scene: &Scene) -> (Vec3, Vec3) {
-    let mut min = Vec3::INFINITY;
-    let mut max = Vec3::NEG_INFINITY;
+    let (mut min, mut max) = media_bounds(scene);
     let mut add = |p: Vec3| {
         min = min.min(p);
         max = max.max(p);
@@ -136,21 +138,5 @@ pub fn scene_bounds(scene: &Scene) -> (Vec3, Vec3) {
         .iter()
         .flatten()
         .for_each(|&v| add(scene.mesh.positions[v as usize]));
-    for volume in &scene.volumes {
-        let dims = volume.sigma_t.dims().map(|n| n as f64);
-        for corner in 0..8 {
-            let pick = |axis: usize| {
-                if corner >> axis & 1 == 1 {
-                    dims[axis]
-                } else {
-                    0.0
-                }
-            };
-            add(volume
-                .scene_from_index
-                .transform_point3(glam::DVec3::new(pick(0), pick(1), pick(2)))
-                .as_vec3());
-        }
-    }
     (min, max)
 }

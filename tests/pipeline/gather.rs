@@ -8,7 +8,7 @@ use lvox::formats::{ClipEdge, CloudMeta, CloudWriter, Lvoxel, Surfel};
 use lvox::gather::cone::Scratch;
 use lvox::gather::plain;
 use lvox::gather::{
-    Crossing, Gatherer, Kernel, Media, NoMedia, Settings, Stretch, SurfelStore, TreeStore,
+    Crossing, Gatherer, Kernel, Media, Medium, NoMedia, Settings, Stretch, SurfelStore, TreeStore,
 };
 use lvox::math::Rgb;
 use lvox::math::segment::Composite;
@@ -330,7 +330,7 @@ fn by_force(
 #[test]
 fn passing_media_is_passing_every_block() {
     let (volumes, lvoxels) = media();
-    let all = Media::<Rgb>::new(&volumes, lvoxels.iter().copied());
+    let all = &Media::<Rgb>::new(&volumes, lvoxels.iter().copied());
     let mut random = Random(5);
     let mut passed = 0;
     for i in 0..2000 {
