@@ -11,7 +11,7 @@ use lvox::bake::{self, SurfelSampling};
 use lvox::build;
 use lvox::gather::cone::Scratch;
 use lvox::gather::source::KeptTree;
-use lvox::gather::{Gatherer, Kernel, NoMedia, Settings, SurfelStore, TreeStore};
+use lvox::gather::{Gatherer, Kernel, NoMedia, Outgoing, Settings, SurfelStore, TreeStore};
 use lvox::math::Rgb;
 use lvox::math::sampling::{cosine_hemisphere, hash, mix, sobol2, tangents};
 use lvox::run::{Job, usage};
@@ -103,9 +103,16 @@ fn main() {
         let SurfelStore::Kept(pages) = &store.surfels else {
             unreachable!("no limit was given")
         };
+        let outgoing = Outgoing::new(&tracer, store.area_per_surfel());
         for (name, kernel, max_solid_angle) in [
-            ("cone, 0.02 sr (draft)", Kernel::Cone, 0.02),
-            ("cone, 0.01 sr (good, best)", Kernel::Cone, 0.01),
+            ("traced, 0.02 sr (draft)", Kernel::Traced(&outgoing), 0.02),
+            (
+                "traced, 0.01 sr (good, best)",
+                Kernel::Traced(&outgoing),
+                0.01,
+            ),
+            ("cone, 0.02 sr", Kernel::Cone, 0.02),
+            ("cone, 0.01 sr", Kernel::Cone, 0.01),
             ("cone, surfels only", Kernel::Cone, 0.0),
             ("plain", Kernel::Plain, 0.0),
         ] {
@@ -169,7 +176,7 @@ fn store(scene: &Scene, surfels: u64, folder: &Path) -> TreeStore {
 
 fn gatherer<'a>(
     pages: &'a KeptTree,
-    kernel: Kernel,
+    kernel: Kernel<'a>,
     max_solid_angle: f32,
 ) -> Gatherer<'a, KeptTree, NoMedia> {
     Gatherer {

@@ -75,6 +75,8 @@ fn measured(dir: &Path) -> Study {
         samples: vec![1, 4, 16, 64],
         max_solid_angle: vec![0.015625, 0.0625, 0.25, 1.0],
         shade: shade::Settings {
+            // Rays that end at triangles leave so little to surfels that there is no slope to hold.
+            kernel: shade::Kernel::Cone,
             samples: 1024,
             max_solid_angle: 0.0025,
             volume_samples: 64,

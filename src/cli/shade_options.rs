@@ -8,7 +8,7 @@ use lvox::image::{Region, png, tone};
 use lvox::run::Job;
 use lvox::run::output::check_writable;
 use lvox::scene::Scene;
-use lvox::shade::{self, Aov, Method, Quality, Settings};
+use lvox::shade::{self, Aov, Kernel, Method, Quality, Settings};
 use lvox::target::{self, Outcome};
 use lvox::{Error, Result};
 use std::path::{Path, PathBuf};
@@ -47,9 +47,10 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "D")]
     max_dist: Option<f32>,
 
-    /// Gather with the paper's plain kernel: rays over all surfels, no aggregates
-    #[arg(long)]
-    plain: bool,
+    /// What ends gather rays: the scene's own triangles, which send what the tree says (traced); surfels and nodes of the
+    /// tree (cone); or surfels alone, as in the paper (plain)
+    #[arg(long, value_name = "KERNEL", default_value = "traced")]
+    kernel: KernelChoice,
 
     /// Let all take part in indirect light (extended), or surfels alone, as before media were in the cloud
     #[arg(long, value_name = "METHOD", default_value = "extended")]
@@ -106,6 +107,23 @@ impl From<QualityChoice> for Quality {
             QualityChoice::Draft => Self::Draft,
             QualityChoice::Good => Self::Good,
             QualityChoice::Best => Self::Best,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum KernelChoice {
+    Traced,
+    Cone,
+    Plain,
+}
+
+impl From<KernelChoice> for Kernel {
+    fn from(choice: KernelChoice) -> Self {
+        match choice {
+            KernelChoice::Traced => Self::Traced,
+            KernelChoice::Cone => Self::Cone,
+            KernelChoice::Plain => Self::Plain,
         }
     }
 }
@@ -192,7 +210,7 @@ impl ShadeOptions {
             samples: self.samples.unwrap_or(preset.samples),
             max_solid_angle: self.max_solid_angle.unwrap_or(preset.max_solid_angle),
             max_dist: self.max_dist,
-            plain: self.plain,
+            kernel: self.kernel.into(),
             method: self.method.into(),
             lattice: self.lattice.unwrap_or(preset.lattice),
             volume_samples: self.volume_samples.unwrap_or(preset.volume_samples),

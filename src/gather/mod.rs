@@ -1,18 +1,21 @@
-//! Light that arrives at a point, gathered from the tree alone: no scene is needed, only points and normals.
+//! Light that arrives at a point, gathered from the tree: no scene is needed, only points and normals.
 //!
-//! Two kernels: [`plain`], the paper's ray cast over all disks, and [`cone`], which takes a node whole where it is seen
-//! under less than the largest solid angle. What both meet between surfaces is a [`Medium`], a type that the caller
+//! Three kernels: [`plain`], the paper's ray cast over all disks; [`cone`], which takes a node whole where it is seen under
+//! less than the largest solid angle; and, where the scene is at hand, [`outgoing`], whose rays end at its triangles and
+//! which asks the tree what they send. What all meet between surfaces is a [`Medium`], a type that the caller
 //! chooses: [`NoMedia`], or [`Media`] of one channel or three.
 
 pub mod cone;
 pub mod media;
 pub mod medium;
+pub mod outgoing;
 pub mod page;
 pub mod plain;
 pub mod source;
 
 pub use media::Media;
 pub use medium::{Medium, NoMedia};
+pub use outgoing::{Geometry, Outgoing};
 pub use source::{MediaStore, Pages, SurfelStore, TreeStore};
 
 use crate::math::sampling::{cosine_hemisphere, sobol2, sphere, tangents};
@@ -22,8 +25,8 @@ use glam::Vec3;
 use std::f32::consts::PI;
 
 /// How to gather.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
+#[derive(Clone, Copy, Debug)]
+pub struct Settings<'a> {
     /// Rays a receiver.
     pub samples: u32,
     /// A node seen under less than this, in steradians, may stand for all below it; 0 for disks only.
@@ -31,15 +34,17 @@ pub struct Settings {
     /// Distance beyond which nothing is gathered; infinite for no limit.
     pub max_dist: f32,
     /// Which kernel.
-    pub kernel: Kernel,
+    pub kernel: Kernel<'a>,
     /// Radiance where a ray meets nothing.
     pub environment: Rgb,
 }
 
-/// Which way rays find surfels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kernel {
-    /// Nodes whole below the solid angle, eight children at a time.
+/// What ends rays, and how it is found.
+#[derive(Clone, Copy, Debug)]
+pub enum Kernel<'a> {
+    /// The scene's triangles; the tree tells what they send.
+    Traced(&'a Outgoing<'a>),
+    /// Surfels, and nodes whole below the solid angle, eight children at a time.
     Cone,
     /// The paper's: every disk, one node at a time.
     Plain,
@@ -82,7 +87,7 @@ pub struct Gatherer<'a, P, M> {
     /// What is between them.
     pub media: M,
     /// How.
-    pub settings: Settings,
+    pub settings: Settings<'a>,
 }
 
 /// Which directions a receiver looks along: a stretch of a long well-spread sequence. Receivers near each other that take
@@ -103,7 +108,17 @@ impl Stretch {
     }
 }
 
-impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
+impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
+    /// The same without what is between surfaces.
+    #[must_use]
+    pub fn without_media(&self) -> Gatherer<'a, P, NoMedia> {
+        Gatherer {
+            pages: self.pages,
+            media: NoMedia,
+            settings: self.settings,
+        }
+    }
+
     /// Irradiance at a surface point with the given unit normal. The point must already be off its own surface.
     #[must_use]
     pub fn irradiance(&self, point: Vec3, normal: Vec3, stretch: Stretch) -> Gathered {
@@ -148,25 +163,21 @@ impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
     /// What one ray of unit direction sees.
     #[must_use]
     pub fn look(&self, origin: Vec3, direction: Vec3, scratch: &mut cone::Scratch) -> Seen {
-        let end = match self.settings.kernel {
-            Kernel::Cone => {
-                let cut = self.settings.max_solid_angle;
-                cone::cast(
-                    self.pages,
-                    origin,
-                    direction,
-                    self.settings.max_dist,
-                    cut,
-                    scratch,
-                )
+        let Settings {
+            max_solid_angle: cut,
+            max_dist,
+            kernel,
+            ..
+        } = self.settings;
+        let pages = self.pages;
+        let end = match kernel {
+            Kernel::Traced(outgoing) => {
+                scratch.crossings.clear();
+                let stack = &mut scratch.stack;
+                outgoing.cast(pages, origin, direction, max_dist, cut, stack)
             }
-            Kernel::Plain => plain::cast(
-                self.pages,
-                origin,
-                direction,
-                self.settings.max_dist,
-                scratch,
-            ),
+            Kernel::Cone => cone::cast(pages, origin, direction, max_dist, cut, scratch),
+            Kernel::Plain => plain::cast(pages, origin, direction, max_dist, scratch),
         };
         let passed = scratch.crossings_before(end.map_or(f32::INFINITY, |c| c.t));
         let t_max = end.map_or(self.settings.max_dist, |c| c.t);

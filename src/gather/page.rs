@@ -294,6 +294,18 @@ impl Proxy {
     /// Mean radiance that leaves towards `v`, weighted by the area that each of the three axes on that side sees.
     #[must_use]
     pub fn radiance(&self, v: [f32; 3]) -> [f32; 3] {
+        let (sum, weight) = self.facing(v);
+        if weight > 0.0 {
+            sum.map(|s| s / weight)
+        } else {
+            [0.0; 3]
+        }
+    }
+
+    /// Area that radiates on the side of `v`, as the three axes see it weighted by `v`, and the sum of its radiance.
+    #[must_use]
+    #[inline]
+    pub fn facing(&self, v: [f32; 3]) -> ([f32; 3], f32) {
         let g = &self.aggregate;
         let (mut sum, mut weight) = ([0.0; 3], 0.0);
         for (a, &along) in v.iter().enumerate() {
@@ -304,11 +316,7 @@ impl Proxy {
                 *sum += w * radiance;
             }
         }
-        if weight > 0.0 {
-            sum.map(|s| s / weight)
-        } else {
-            [0.0; 3]
-        }
+        (sum, weight)
     }
 
     /// Share of the box, as seen along `d`, that surfels cover.

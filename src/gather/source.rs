@@ -298,6 +298,13 @@ impl TreeStore {
         }
     }
 
+    /// Mean area that a surfel stands for, scene units squared; 0 without surfels.
+    #[must_use]
+    pub fn area_per_surfel(&self) -> f32 {
+        let sums = &self.tree().summary().sums;
+        (sums.area / sums.surfels.max(1) as f64) as f32
+    }
+
     /// How much of the tree was used so far.
     #[must_use]
     pub fn stats(&self) -> PageStats {

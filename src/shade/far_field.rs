@@ -114,11 +114,7 @@ impl FarField {
         gatherer: &Gatherer<P, M>,
         point_in_index: Vec3,
     ) -> Option<Surroundings<'_>> {
-        let surfaces = Gatherer {
-            pages: gatherer.pages,
-            media: NoMedia,
-            settings: gatherer.settings,
-        };
+        let surfaces = gatherer.without_media();
         let make = |p: Vec3, v: [usize; 3]| {
             let inside = p.min(Vec3::from(volume.sigma_t.dims().map(|n| n as f32)));
             let p = volume

@@ -13,7 +13,7 @@ use super::sweep::{Scope, Sweep};
 use super::vertices::{Vertices, are_alike, blend};
 use super::view::View;
 use crate::Result;
-use crate::gather::{Gatherer, Medium, NoMedia, Pages, Stretch};
+use crate::gather::{Gatherer, Medium, Pages, Stretch};
 use crate::image::Region;
 use crate::light::{InMedium, Lights, ShadowRays, SunDepths};
 use crate::math::exp::{exp_neg, mean_reach, one_minus_exp_neg};
@@ -227,11 +227,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         };
         let (lattices, medium) = (&self.lattices[place.volume], &self.volumes[place.volume]);
         if !place.is_thin && place.voxel_depth > Self::STIFF {
-            let surfaces = Gatherer {
-                pages: gatherer.pages,
-                media: NoMedia,
-                settings: gatherer.settings,
-            };
+            let surfaces = gatherer.without_media();
             // Any point of the stretch, as often as the camera sees it: light is not linear along it.
             let seed = self.seed_of(place.point);
             let point = place.at_share(sampling::unit(seed));

@@ -270,7 +270,10 @@ pub fn gather_surface<P: Pages, M: Medium>(
     surface: &Surface,
     stretch: Stretch,
 ) -> Gathered {
-    let origin = surface.position + surface.face_normal * view.tracer.offset;
+    // Off the surfaces that it may meet there, too.
+    let towards_camera = (view.camera.origin() - surface.position).normalize_or_zero();
+    let off = surface.face_normal + towards_camera;
+    let origin = surface.position + off * view.tracer.offset;
     gatherer.irradiance(origin, surface.normal, stretch)
 }
 

@@ -19,14 +19,15 @@ mod view;
 use crate::Result;
 use crate::gather::medium::Source;
 use crate::gather::{
-    self, Gatherer, Kernel, Media, MediaStore, Medium, NoMedia, Pages, SurfelStore, TreeStore,
+    self, Gatherer, Geometry, Media, MediaStore, Medium, NoMedia, Outgoing, Pages, SurfelStore,
+    TreeStore,
 };
 use crate::image::{Frame, Layer, Region};
 use crate::light::{Lights, OpticalDepth};
 use crate::math::Rgb;
 use crate::run::{Job, Task};
 use crate::scene::Scene;
-use crate::trace::Tracer;
+use crate::trace::{Tracer, unit_normal};
 use corners::Corners;
 use glam::Vec3;
 use inscatter::InScatter;
@@ -34,7 +35,7 @@ use lamps::Lamps;
 use lattice::Lattice;
 use pixel::{Pixel, PixelShader, SampleCounts};
 use rayon::prelude::*;
-pub use settings::{Method, Quality, Settings};
+pub use settings::{Kernel, Method, Quality, Settings};
 use view::View;
 
 /// Pixels along an edge of the blocks that threads take.
@@ -132,74 +133,75 @@ fn shade_regions(
     job: &Job,
 ) -> Result<Vec<Vec<Pixel>>> {
     match &store.surfels {
-        SurfelStore::Kept(p) => shade_with(scene, p, &store.media, settings, regions, job),
-        SurfelStore::Cached(p) => shade_with(scene, p, &store.media, settings, regions, job),
+        SurfelStore::Kept(p) => shade_with(scene, store, p, settings, regions, job),
+        SurfelStore::Cached(p) => shade_with(scene, store, p, settings, regions, job),
     }
 }
 
-/// The media of a frame. Where it has none, `M` is a type without any, and its kernels have no work for them.
-struct FrameMedia<'a, M> {
+/// What a frame takes from a tree. Where it has no media, `M` is a type without any, and its kernels have no work for them.
+struct FrameTree<'a, P, M> {
+    pages: &'a P,
     /// Passed by gathers.
-    gathers: M,
+    media: M,
     /// Passed by shadow rays to emissive triangles instead of the scene's own.
     shadows: Option<&'a dyn OpticalDepth>,
+    /// Mean area that a surfel stands for.
+    area_per_surfel: f32,
 }
 
 /// Chooses the frame's kernels by the media in the tree.
 fn shade_with<P: Pages>(
     scene: &Scene,
+    store: &TreeStore,
     pages: &P,
-    media: &MediaStore,
     settings: &Settings,
     regions: &[Region],
     job: &Job,
 ) -> Result<Vec<Vec<Pixel>>> {
-    match media {
+    let tree = FrameTree {
+        pages,
+        media: NoMedia,
+        shadows: None,
+        area_per_surfel: store.area_per_surfel(),
+    };
+    match &store.media {
         // A tree without lvoxels says nothing of the scene's media.
-        MediaStore::Absent => {
-            let media = FrameMedia {
-                gathers: NoMedia,
-                shadows: None,
-            };
-            shade(scene, pages, &media, settings, regions, job)
-        }
-        MediaStore::Grey(media) => shade_through(scene, pages, media, settings, regions, job),
-        MediaStore::Rgb(media) => shade_through(scene, pages, media, settings, regions, job),
+        MediaStore::Absent => shade(scene, &tree, settings, regions, job),
+        MediaStore::Grey(media) => shade_through(scene, tree, media, settings, regions, job),
+        MediaStore::Rgb(media) => shade_through(scene, tree, media, settings, regions, job),
     }
 }
 
 fn shade_through<P: Pages, S: Source>(
     scene: &Scene,
-    pages: &P,
+    tree: FrameTree<P, NoMedia>,
     media: &Media<S>,
     settings: &Settings,
     regions: &[Region],
     job: &Job,
 ) -> Result<Vec<Vec<Pixel>>> {
     let blocks = Blocks(media);
-    let shadows: Option<&dyn OpticalDepth> = Some(&blocks);
+    let tree = FrameTree {
+        shadows: Some(&blocks),
+        ..tree
+    };
     match settings.method {
         Method::Extended => {
-            let media = FrameMedia {
-                gathers: media,
-                shadows,
+            let tree = FrameTree {
+                pages: tree.pages,
+                media,
+                shadows: tree.shadows,
+                area_per_surfel: tree.area_per_surfel,
             };
-            shade(scene, pages, &media, settings, regions, job)
+            shade(scene, &tree, settings, regions, job)
         }
-        Method::Traditional => {
-            let media = FrameMedia {
-                gathers: NoMedia,
-                shadows,
-            };
-            shade(scene, pages, &media, settings, regions, job)
-        }
+        Method::Traditional => shade(scene, &tree, settings, regions, job),
     }
 }
 
 fn shade<P: Pages, M: Medium>(
     scene: &Scene,
-    pages: &P,
-    media: &FrameMedia<M>,
+    tree: &FrameTree<P, M>,
     settings: &Settings,
     regions: &[Region],
     job: &Job,
@@ -207,20 +209,21 @@ fn shade<P: Pages, M: Medium>(
     let camera = scene.camera(settings.camera.as_deref())?;
     let tracer = Tracer::new(scene);
     let mut lights = Lights::new(&tracer);
-    if let Some(shadows) = media.shadows {
+    if let Some(shadows) = tree.shadows {
         lights = lights.with_soft_shadows_through(shadows);
     }
+    let outgoing = Outgoing::new(&tracer, tree.area_per_surfel);
     let surface_gatherer = Gatherer {
-        pages,
-        media: media.gathers,
+        pages: tree.pages,
+        media: tree.media,
         settings: gather::Settings {
             samples: settings.samples,
             max_solid_angle: settings.max_solid_angle,
             max_dist: settings.max_dist.unwrap_or(f32::INFINITY),
-            kernel: if settings.plain {
-                Kernel::Plain
-            } else {
-                Kernel::Cone
+            kernel: match settings.kernel {
+                Kernel::Traced => gather::Kernel::Traced(&outgoing),
+                Kernel::Cone => gather::Kernel::Cone,
+                Kernel::Plain => gather::Kernel::Plain,
             },
             environment: lights.environment(),
         },
@@ -261,7 +264,7 @@ fn shade<P: Pages, M: Medium>(
         })
         .collect::<Result<Vec<_>>>()?;
     drop(gather);
-    pages.check()?;
+    tree.pages.check()?;
     let task = job.progress.task("shade", all, "pixels");
     let shaded = regions
         .par_iter()
@@ -284,7 +287,7 @@ fn shade<P: Pages, M: Medium>(
             shade_region(&shader, region, job, &task)
         })
         .collect::<Result<Vec<_>>>()?;
-    pages.check()?;
+    tree.pages.check()?;
     Ok(shaded)
 }
 
@@ -307,6 +310,25 @@ fn shade_region<P: Pages, M: Medium>(
         })
         .collect::<Result<Vec<_>>>()
         .map(|rows| rows.concat())
+}
+
+impl Geometry for Tracer<'_> {
+    fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<gather::outgoing::Hit> {
+        let hit = self.closest(origin, direction, t_max)?;
+        Some(gather::outgoing::Hit {
+            t: hit.t,
+            triangle: hit.triangle,
+            uv: hit.uv,
+        })
+    }
+
+    fn corners(&self, triangle: u32) -> [Vec3; 3] {
+        self.scene.mesh.corners(triangle as usize)
+    }
+
+    fn normal(&self, triangle: u32) -> Vec3 {
+        unit_normal(Geometry::corners(self, triangle))
+    }
 }
 
 /// The tree's lvoxels as shadow rays see them.

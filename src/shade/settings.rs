@@ -13,8 +13,8 @@ pub struct Settings {
     pub max_solid_angle: f32,
     /// Nothing further than this, in scene units, sends indirect light.
     pub max_dist: Option<f32>,
-    /// The paper's plain kernel instead of the fast one.
-    pub plain: bool,
+    /// What ends gather rays.
+    pub kernel: Kernel,
     /// What takes part in indirect light.
     pub method: Method,
     /// Pixels between gathers on surfaces; 1 gathers at every pixel.
@@ -29,6 +29,19 @@ pub struct Settings {
     pub shadow_rays: u32,
     /// Key of all random choices.
     pub seed: u64,
+}
+
+/// What ends gather rays, [`crate::gather::Kernel`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kernel {
+    /// The scene's triangles, which send what the tree says.
+    #[default]
+    Traced,
+    /// Surfels and nodes of the tree alone.
+    Cone,
+    /// Surfels alone, as in the paper.
+    Plain,
 }
 
 /// What takes part in indirect light: the two point-based rows of the paper's Table 1 (Gibson & Wood 2011).
@@ -64,7 +77,7 @@ impl Settings {
             samples: 32,
             max_solid_angle: 0.01,
             max_dist: None,
-            plain: false,
+            kernel: Kernel::Traced,
             method: Method::Extended,
             lattice: 4,
             volume_samples: 8,

@@ -184,13 +184,15 @@ mod tests {
 
     #[test]
     fn absent_lanes_are_never_met() {
-        let mut mesh = Mesh::default();
-        mesh.positions = vec![
-            Vec3::new(-1.0, -1.0, 1.0),
-            Vec3::new(3.0, -1.0, 1.0),
-            Vec3::new(-1.0, 3.0, 1.0),
-        ];
-        mesh.triangles.push([0, 1, 2]);
+        let mesh = Mesh {
+            positions: vec![
+                Vec3::new(-1.0, -1.0, 1.0),
+                Vec3::new(3.0, -1.0, 1.0),
+                Vec3::new(-1.0, 3.0, 1.0),
+            ],
+            triangles: vec![[0, 1, 2]],
+            ..Mesh::default()
+        };
         let met = ShearedRay::new(Vec3::ZERO, Vec3::Z).meet(&Block::new(&mesh, &[0], 1.0));
         assert_eq!((met.lanes, met.t[0]), (1, 1.0));
     }

@@ -1,0 +1,313 @@
+//! The radiance that surfaces send, by patches of the scene's triangles: for rays that end at the geometry itself.
+//!
+//! Rays tell exactly what a receiver sees, and no disk reaches over an edge. What is seen is asked of the tree once for each
+//! patch, whose size goes by the solid angle that a node may have to be taken whole, and remembered.
+
+use super::page::{ChildKind, DiskBlock, KernelPage, WIDTH, WideNode};
+use super::{Crossing, Pages};
+use crate::math::Rgb;
+use glam::Vec3;
+use std::sync::atomic::{AtomicU64, Ordering};
+use wide::f32x8;
+
+/// Where a ray met a triangle.
+#[derive(Clone, Copy, Debug)]
+pub struct Hit {
+    /// Distance along the ray.
+    pub t: f32,
+    /// Which triangle.
+    pub triangle: u32,
+    /// Barycentric weights of its second and third corner.
+    pub uv: [f32; 2],
+}
+
+/// The triangles of a scene.
+pub trait Geometry: std::fmt::Debug + Sync {
+    /// The nearest triangle before `t_max` along a ray of unit direction.
+    fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Hit>;
+
+    /// The corners of a triangle.
+    fn corners(&self, triangle: u32) -> [Vec3; 3];
+
+    /// Its unit normal, on the side its corners wind counter-clockwise.
+    fn normal(&self, triangle: u32) -> Vec3;
+}
+
+/// What the surfaces of a scene send, as a tree has it.
+///
+/// Patches are remembered in a table of fixed size, in which later ones take the place of earlier ones. A patch sends what
+/// it sends whoever asks, so that neither threads nor memory change a bit of the result.
+#[derive(Debug)]
+pub struct Outgoing<'a> {
+    geometry: &'a dyn Geometry,
+    /// Square of the edge below which patches are not divided.
+    least: f32,
+    slots: Box<[Slot]>,
+}
+
+impl<'a> Outgoing<'a> {
+    /// Solid angle of a square over a patch's longest edge, over that under which a node is taken whole. Patches are
+    /// triangles, and divided by four: on average they have an eighth of that square.
+    const SIZE: f32 = 4.0;
+    /// Divisions of a triangle's edges by two, at most.
+    const MOST_LEVELS: u32 = 14;
+    /// Binary logarithm of the slots: 4 MiB in all.
+    const SLOTS: u32 = 18;
+
+    /// Nothing is known yet. `area_per_surfel` is that of the tree: no patch is much smaller than a disk.
+    #[must_use]
+    pub fn new(geometry: &'a dyn Geometry, area_per_surfel: f32) -> Self {
+        Self {
+            geometry,
+            least: 4.0 * area_per_surfel,
+            slots: (0..1 << Self::SLOTS).map(|_| Slot::default()).collect(),
+        }
+    }
+
+    /// The surface that ends a ray of unit direction before `t_max`, if one does, and what it sends towards its origin.
+    #[must_use]
+    pub fn cast<P: Pages>(
+        &self,
+        pages: &P,
+        origin: Vec3,
+        direction: Vec3,
+        t_max: f32,
+        max_solid_angle: f32,
+        stack: &mut Vec<(f32, u32, u32)>,
+    ) -> Option<Crossing> {
+        let hit = self.geometry.closest(origin, direction, t_max)?;
+        let size = Self::SIZE * max_solid_angle * hit.t * hit.t;
+        let patch = self.patch(&hit, direction, size.max(self.least));
+        // Fibonacci hashing: the upper bits of the product depend on all bits of the key.
+        let hash = patch.key.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> (64 - Self::SLOTS);
+        let slot = &self.slots[hash as usize];
+        let radiance = slot.get(patch.key).unwrap_or_else(|| {
+            let packed = pack(patch.radiance(pages, stack));
+            slot.set(patch.key, packed);
+            packed
+        });
+        Some(Crossing {
+            t: hit.t,
+            opacity: 1.0,
+            radiance: unpack(radiance),
+        })
+    }
+
+    /// The part of the triangle that was met: its edges are divided by two until the longest is at most the root of
+    /// `size` long.
+    fn patch(&self, hit: &Hit, direction: Vec3, size: f32) -> Patch {
+        let [a, b, c] = self.geometry.corners(hit.triangle);
+        let (e, f) = (b - a, c - a);
+        let mut area = e
+            .length_squared()
+            .max(f.length_squared())
+            .max((f - e).length_squared());
+        let mut level = 0;
+        while area > size && level < Self::MOST_LEVELS {
+            area *= 0.25;
+            level += 1;
+        }
+        let parts = (1 << level) as f32;
+        let [u, v] = hit.uv.map(|w| w.clamp(0.0, 1.0) * parts);
+        let [i, j] = [u, v].map(|w| w.floor().min(parts - 1.0));
+        let is_upper = (u - i) + (v - j) > 1.0;
+        let third = if is_upper { 2.0 / 3.0 } else { 1.0 / 3.0 };
+        let middle = a + e * ((i + third) / parts) + f * ((j + third) / parts);
+        let normal = self.geometry.normal(hit.triangle);
+        let is_back = normal.dot(direction) > 0.0;
+        // The leading bit of the column tells the level.
+        let column = i as u64 | 1 << level;
+        Patch {
+            key: u64::from(hit.triangle) << 32
+                | u64::from(is_back) << 31
+                | u64::from(is_upper) << 30
+                | column << 15
+                | j as u64,
+            middle,
+            normal: if is_back { -normal } else { normal },
+            area: area.max(self.least),
+        }
+    }
+}
+
+/// A key and what belongs to it: the key mixed with the value, then the value, so that halves of two entries written at the
+/// same time do not fit each other (Hyatt & Mann 2002).
+#[derive(Debug, Default)]
+struct Slot([AtomicU64; 2]);
+
+impl Slot {
+    #[inline]
+    fn get(&self, key: u64) -> Option<u64> {
+        let [mixed, value] = self.0.each_ref().map(|v| v.load(Ordering::Relaxed));
+        (mixed ^ value == key).then_some(value)
+    }
+
+    #[inline]
+    fn set(&self, key: u64, value: u64) {
+        self.0[0].store(key ^ value, Ordering::Relaxed);
+        self.0[1].store(value, Ordering::Relaxed);
+    }
+}
+
+/// Three radiances of at least 0 in 21 bits each: an f32 without its sign and its last ten digits, 6e-5 of its value.
+#[inline]
+fn pack(c: Rgb) -> u64 {
+    let [r, g, b] = c.0.map(|v| u64::from((v.to_bits() + (1 << 9)) >> 10));
+    r << 42 | g << 21 | b
+}
+
+#[inline]
+fn unpack(v: u64) -> Rgb {
+    Rgb([v >> 42, v >> 21, v].map(|v| f32::from_bits((v as u32 & 0x1f_ffff) << 10)))
+}
+
+/// A part of one side of a triangle.
+#[derive(Debug)]
+struct Patch {
+    key: u64,
+    /// Where the tree is asked.
+    middle: Vec3,
+    /// Unit normal on the side that is seen.
+    normal: Vec3,
+    /// Square of its longest edge, and at least that of a disk.
+    area: f32,
+}
+
+impl Patch {
+    /// Nodes up to this many times the area of a patch are taken whole.
+    const WHOLE: f32 = 4.0;
+
+    /// What it sends: a mean over the disks and small nodes that hold its middle.
+    fn radiance<P: Pages>(&self, pages: &P, stack: &mut Vec<(f32, u32, u32)>) -> Rgb {
+        let Some(root) = pages.root() else {
+            return Rgb::BLACK;
+        };
+        let mut mean = Mean::default();
+        stack.clear();
+        stack.push((0.0, root, 0));
+        let mut page_id = root;
+        let mut page = pages.page(root);
+        while let Some((_, id, node)) = stack.pop() {
+            if id != page_id {
+                page = pages.page(id);
+                page_id = id;
+            }
+            let Some(node) = page.nodes.get(node as usize) else {
+                continue;
+            };
+            let mut holding = self.within(node);
+            while holding != 0 {
+                let k = holding.trailing_zeros() as usize;
+                holding &= holding - 1;
+                if node.cross_section[k] < Self::WHOLE * self.area {
+                    let proxy = &page.proxies[node.first_proxy as usize + k];
+                    mean.add(proxy.facing(self.normal.to_array()));
+                    continue;
+                }
+                match node.kind[k] {
+                    ChildKind::Leaf => {
+                        let block = &page.blocks[node.child[k] as usize];
+                        mean.add_disks(&page, block, self);
+                    }
+                    ChildKind::Inner => stack.push((0.0, id, node.child[k])),
+                    ChildKind::Page => stack.push((0.0, node.child[k], 0)),
+                    ChildKind::None => {}
+                }
+            }
+        }
+        mean.radiance()
+    }
+
+    /// A bit for each child whose box holds the middle.
+    #[inline]
+    fn within(&self, node: &WideNode) -> u32 {
+        /// Distance from a box within which a point is taken to be in it, over the size of the box: rounding, and surfels
+        /// that stand a little inside of curved surfaces.
+        const MARGIN: f32 = 0.02;
+        let mut outside2 = f32x8::ZERO;
+        for (a, p) in self.middle.to_array().into_iter().enumerate() {
+            let (min, max, p) = (
+                f32x8::from(node.min[a]),
+                f32x8::from(node.max[a]),
+                f32x8::splat(p),
+            );
+            let outside = (min - p).fast_max(p - max).fast_max(f32x8::ZERO);
+            outside2 += outside * outside;
+        }
+        let margin2 = f32x8::from(node.cross_section) * f32x8::splat(MARGIN * MARGIN);
+        outside2.simd_le(margin2).to_bitmask() & node.used
+    }
+}
+
+/// A mean of what surfaces send, weighted by area.
+#[derive(Debug)]
+struct Mean {
+    sum: [f32; 3],
+    area: f32,
+    /// The disk that comes nearest to holding the point: squared distance over squared radius, and what it sends.
+    nearest: (f32, [f32; 3]),
+}
+
+impl Default for Mean {
+    fn default() -> Self {
+        Self {
+            sum: [0.0; 3],
+            area: 0.0,
+            nearest: (f32::INFINITY, [0.0; 3]),
+        }
+    }
+}
+
+impl Mean {
+    /// Cosine between the normals of a disk and of a patch from which on both are one surface.
+    const ALIKE: f32 = 0.7;
+
+    #[inline]
+    fn add(&mut self, (sum, area): ([f32; 3], f32)) {
+        for (s, v) in self.sum.iter_mut().zip(sum) {
+            *s += v;
+        }
+        self.area += area;
+    }
+
+    /// Disks that hold the middle of the patch, the more the nearer theirs is.
+    fn add_disks(&mut self, page: &KernelPage, block: &DiskBlock, patch: &Patch) {
+        let (p, n) = (patch.middle.to_array(), patch.normal.to_array());
+        let mut reach = [0.0_f32; WIDTH];
+        let mut cos = [0.0_f32; WIDTH];
+        for k in 0..WIDTH {
+            let [x, y, z] = [0, 1, 2].map(|a| p[a] - block.centre[a][k]);
+            reach[k] = (x * x + y * y + z * z) / block.radius2[k];
+            let normal = [0, 1, 2].map(|a| block.normal[a][k]);
+            cos[k] = n[0] * normal[0] + n[1] * normal[1] + n[2] * normal[2];
+        }
+        for k in 0..block.count as usize {
+            if cos[k].abs() < Self::ALIKE || reach[k] >= self.nearest.0.max(1.0) {
+                continue;
+            }
+            let light = &page.lights[block.first_light as usize + k];
+            let sent = if cos[k] > 0.0 {
+                light.front
+            } else {
+                light.back
+            };
+            if reach[k] < self.nearest.0 {
+                self.nearest = (reach[k], sent);
+            }
+            let offset = std::array::from_fn(|a| p[a] - block.centre[a][k]);
+            if reach[k] < 1.0 && !page.is_clipped(light, offset) {
+                let weight = block.radius2[k] * (1.0 - reach[k]);
+                self.add((sent.map(|v| weight * v), weight));
+            }
+        }
+    }
+
+    /// Black where the tree knows no surface.
+    fn radiance(&self) -> Rgb {
+        if self.area > 0.0 {
+            Rgb(self.sum) * (1.0 / self.area)
+        } else {
+            Rgb(self.nearest.1)
+        }
+    }
+}
