@@ -261,8 +261,8 @@ impl SharedExponent {
     /// The inverse of [`Self::encode_grey`].
     #[must_use]
     pub fn decode_grey(&self, code: u16) -> [f32; 3] {
-        let m = u32::from(code & 511);
-        self.decode(m | m << 9 | m << 18 | u32::from(code >> 9 & 31) << 27)
+        let scale = power_of_two((code >> 9 & 31) as i16 + self.base);
+        [(f64::from(code & 511) * scale) as f32; 3]
     }
 }
 

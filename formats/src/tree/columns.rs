@@ -268,9 +268,25 @@ impl Planes<'_> {
         u32::from_le_bytes(std::array::from_fn(|i| self.byte(row, 4 * k + i)))
     }
 
-    /// The eight-byte number of a row.
-    pub fn u64(&self, row: usize) -> u64 {
-        u64::from_le_bytes(std::array::from_fn(|i| self.byte(row, i)))
+    /// The k-th two-byte number of all rows: plane by plane, which is faster than row by row.
+    pub fn u16s(&self, k: usize) -> impl Iterator<Item = u16> {
+        let plane = |byte: usize| &self.planes[byte * self.count..(byte + 1) * self.count];
+        let pairs = plane(2 * k).iter().zip(plane(2 * k + 1));
+        pairs.map(|(low, high)| u16::from_le_bytes([*low, *high]))
+    }
+
+    /// The eight-byte number of all rows.
+    pub fn u64s(&self) -> Vec<u64> {
+        let mut numbers = vec![0; self.count];
+        for (byte, plane) in self.planes.chunks_exact(self.count.max(1)).enumerate() {
+            // Most high bytes of most columns are 0.
+            if plane.iter().any(|b| *b != 0) {
+                for (number, b) in numbers.iter_mut().zip(plane) {
+                    *number |= u64::from(*b) << (8 * byte);
+                }
+            }
+        }
+        numbers
     }
 
     /// The k-th four-byte float of a row.

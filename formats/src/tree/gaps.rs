@@ -6,7 +6,7 @@ use crate::record::{Lvoxel, MAX_LEVEL};
 const BITS: u32 = 16 + MAX_LEVEL as u32;
 
 /// Voxels in an lvoxel.
-fn voxels(level: u8) -> u64 {
+const fn voxels(level: u8) -> u64 {
     1 << (3 * level)
 }
 
@@ -21,7 +21,7 @@ fn spread(bits: u64) -> u64 {
 }
 
 /// The inverse of [`spread`]; other bits do not matter.
-fn gather(code: u64) -> u64 {
+const fn gather(code: u64) -> u64 {
     let mut x = code & 0x1249_2492_4924_9249;
     x = (x | x >> 2) & 0x10c3_0c30_c30c_30c3;
     x = (x | x >> 4) & 0x100f_00f0_0f00_f00f;
@@ -49,10 +49,31 @@ pub fn encode(lvoxels: &[Lvoxel]) -> Option<Vec<u64>> {
     lvoxels.iter().map(gap).collect()
 }
 
+/// Voxels in a brick.
+const BRICK: u64 = voxels(MAX_LEVEL);
+
+/// Coordinates of the voxels of a brick, by Morton code.
+static IN_BRICK: [[u32; 3]; BRICK as usize] = {
+    let mut all = [[0; 3]; BRICK as usize];
+    let mut code = 0;
+    while code < all.len() {
+        let mut axis = 0;
+        while axis < 3 {
+            all[code][axis] = gather(code as u64 >> (2 - axis)) as u32;
+            axis += 1;
+        }
+        code += 1;
+    }
+    all
+};
+
 /// Finds the blocks again, one after the other.
 #[derive(Default)]
 pub struct Walk {
     end: u64,
+    /// Number of the brick that the last one was in, and its first voxel.
+    brick: u64,
+    corner: [u32; 3],
 }
 
 impl Walk {
@@ -60,15 +81,17 @@ impl Walk {
     /// volumes, or none of that level can start there.
     pub fn next(&mut self, gap: u64, level: u8) -> Option<(u64, [u16; 3])> {
         let start = self.end.checked_add(gap)?;
-        if level > MAX_LEVEL || start >> (3 * BITS) != 0 || start % voxels(level) != 0 {
+        if level > MAX_LEVEL || start >> (3 * BITS) != 0 || start & (voxels(level) - 1) != 0 {
             return None;
         }
         self.end = start + voxels(level);
-        let mut block = [0; 3];
-        for (b, shift) in block.iter_mut().zip([2, 1, 0]) {
-            *b = u16::try_from(gather(start >> shift) >> level).ok()?;
+        if start / BRICK != self.brick {
+            self.brick = start / BRICK;
+            self.corner = [2, 1, 0].map(|shift| (gather(self.brick >> shift) as u32) << MAX_LEVEL);
         }
-        Some((start, block))
+        let inside = IN_BRICK[(start % BRICK) as usize];
+        let [x, y, z] = std::array::from_fn(|k| (self.corner[k] + inside[k]) >> level);
+        ((x | y | z) >> 16 == 0).then_some((start, [x as u16, y as u16, z as u16]))
     }
 }
 

@@ -1,7 +1,7 @@
 //! Pages of lvoxels.
 
 use super::MAX_PAGE_RECORDS;
-use super::columns::{self as col, PageBuilder, PageColumns, Planes, Rows, radiance};
+use super::columns::{self as col, PageBuilder, PageColumns, Rows, radiance};
 use super::forecast::Forecast;
 use super::gaps;
 use super::stats::{self, ColumnStats, Errors};
@@ -144,49 +144,6 @@ fn packed(rows: &[u8]) -> Result<usize> {
     Ok(bytes::compress(&planes, stats::LVOXEL_ZSTD_LEVEL)?.map_or(planes.len(), |p| p.len()))
 }
 
-/// Where lvoxels are, row by row.
-enum Places<'a> {
-    Blocks(Planes<'a>),
-    Gaps(Planes<'a>, gaps::Walk),
-}
-
-impl Places<'_> {
-    /// The block of a row, and the Morton code of its first voxel if gaps tell it.
-    fn next(&mut self, row: usize, level: u8) -> Result<(u64, [u16; 3])> {
-        match self {
-            Self::Blocks(rows) => Ok((0, rows.u16x3(row, 0))),
-            Self::Gaps(rows, walk) => {
-                let gap = rows.u64(row);
-                walk.next(gap, level).ok_or_else(|| {
-                    FormatError::invalid(
-                        format!("gap before lvoxel {row}"),
-                        "one that leads to a block of its level",
-                        format!("{gap} to level {level}"),
-                    )
-                })
-            }
-        }
-    }
-}
-
-/// Numbers that are steps from what neighbours let expect.
-struct Steppers<'a> {
-    rows: Planes<'a>,
-    forecast: Forecast,
-}
-
-impl<'a> Steppers<'a> {
-    fn new(rows: Planes<'a>) -> Self {
-        let forecast = Forecast::default();
-        Self { rows, forecast }
-    }
-
-    fn next(&mut self, row: usize, first_voxel: u64, level: u8) -> u16 {
-        let code = self.rows.u16(row, 0);
-        self.forecast.decode(first_voxel, level, code)
-    }
-}
-
 /// The inverse; the lvoxels are still to be checked against the volumes.
 pub fn decode(raw: &[u8], block: &Block) -> Result<Vec<Lvoxel>> {
     let mut cursor = Cursor::new(raw, "page");
@@ -228,58 +185,95 @@ pub fn decode(raw: &[u8], block: &Block) -> Result<Vec<Lvoxel>> {
         col::SOURCE_GREY_STEP,
     ])?;
     columns.one_of(&[col::BLOCK, col::BLOCK_GAP])?;
-    let steppers = |index| columns.get(index).map(Steppers::new);
-    let mut sigma_t_steps = steppers(col::SIGMA_T_STEP);
-    let mut grey_steps = steppers(col::SOURCE_GREY_STEP);
-    let mut places = match columns.get(col::BLOCK_GAP) {
-        Some(gaps) => Places::Gaps(gaps, gaps::Walk::default()),
-        None if sigma_t_steps.is_none() && grey_steps.is_none() => {
-            Places::Blocks(columns.required(col::BLOCK)?)
-        }
-        None => {
-            return Err(FormatError::invalid(
-                "columns of the page",
-                "gaps where there are steps",
-                "blocks",
-            ));
-        }
-    };
-    let (volumes, levels) = (columns.get(col::VOLUME), columns.get(col::LEVEL));
-    let (sigma_t, sigma_t_f32) = (columns.get(col::SIGMA_T), columns.get(col::SIGMA_T_F32));
-    let grey = SharedExponent::checked(exponent)?;
-    let mut lvoxels = Vec::with_capacity(n);
-    for i in 0..n {
-        let level = levels.map_or(level, |rows| rows.u8(i));
-        let (first_voxel, block) = places.next(i, level)?;
-        let sigma_t = match (&mut sigma_t_steps, sigma_t_f32) {
-            (Some(rows), _) => steps.decode(rows.next(i, first_voxel, level)),
-            (None, Some(rows)) => rows.f32(i, 0),
-            (None, None) => steps.decode(sigma_t.map_or(0, |rows| rows.u16(i, 0))),
-        };
-        let source = match &mut grey_steps {
-            Some(rows) => {
-                let rank = rows.next(i, first_voxel, level);
-                grey.decode_grey(GreyCode::of_rank(rank).ok_or_else(|| {
-                    FormatError::invalid(
-                        format!("source of lvoxel {i}"),
-                        format!("a rank of at most {}", GreyCode::MAX_RANK),
-                        rank,
-                    )
-                })?)
-            }
-            None => [0.0; 3],
-        };
-        lvoxels.push(Lvoxel {
+    let volumes = columns.get(col::VOLUME);
+    let levels = columns.get(col::LEVEL);
+    let mut lvoxels: Vec<Lvoxel> = (0..n)
+        .map(|i| Lvoxel {
             volume: volumes.map_or(volume, |rows| rows.u16(i, 0)),
-            level,
-            block,
-            sigma_t,
-            source,
-        });
+            level: levels.map_or(level, |rows| rows.u8(i)),
+            ..Lvoxel::default()
+        })
+        .collect();
+    if let Some(rows) = columns.get(col::BLOCK) {
+        for (i, v) in lvoxels.iter_mut().enumerate() {
+            v.block = rows.u16x3(i, 0);
+        }
     }
-    if grey_steps.is_none() {
+    if let Some(rows) = columns.get(col::SIGMA_T_F32) {
+        for (i, v) in lvoxels.iter_mut().enumerate() {
+            v.sigma_t = rows.f32(i, 0);
+        }
+    } else if let Some(rows) = columns.get(col::SIGMA_T) {
+        for (v, code) in lvoxels.iter_mut().zip(rows.u16s(0)) {
+            v.sigma_t = steps.decode(code);
+        }
+    } else {
+        for v in &mut lvoxels {
+            v.sigma_t = steps.decode(0);
+        }
+    }
+    if !columns.has(col::SOURCE_GREY_STEP) {
         let source = lvoxels.iter_mut().map(|v| &mut v.source);
         radiance::decode(&columns, col::SOURCE, exponent, source)?;
     }
+    read_gaps(&columns, &steps, exponent, &mut lvoxels)?;
     Ok(lvoxels)
+}
+
+/// Finds the blocks where gaps tell them, and the numbers that are steps from what neighbours let expect.
+fn read_gaps(
+    columns: &PageColumns<'_>,
+    sigma_t: &Steps,
+    exponent: i16,
+    lvoxels: &mut [Lvoxel],
+) -> Result<()> {
+    let codes = |index: usize| {
+        let rows = columns.get(index)?;
+        Some(rows.u16s(0).collect::<Vec<_>>())
+    };
+    let stepped = [codes(col::SIGMA_T_STEP), codes(col::SOURCE_GREY_STEP)];
+    let [sigma_t_steps, grey_steps] = stepped.each_ref().map(Option::is_some);
+    let Some(gaps) = columns.get(col::BLOCK_GAP) else {
+        return if sigma_t_steps || grey_steps {
+            Err(FormatError::invalid(
+                "columns of the page",
+                "gaps where there are steps",
+                "blocks",
+            ))
+        } else {
+            Ok(())
+        };
+    };
+    let source = SharedExponent::checked(exponent)?;
+    let mut walk = gaps::Walk::default();
+    let mut forecast = Forecast::default();
+    for (i, (v, gap)) in lvoxels.iter_mut().zip(gaps.u64s()).enumerate() {
+        let (first_voxel, block) = walk.next(gap, v.level).ok_or_else(|| {
+            FormatError::invalid(
+                format!("gap before lvoxel {i}"),
+                "one that leads to a block of its level",
+                format!("{gap} to level {}", v.level),
+            )
+        })?;
+        v.block = block;
+        if !(sigma_t_steps || grey_steps) {
+            continue;
+        }
+        let codes = stepped.each_ref().map(|c| c.as_ref().map_or(0, |c| c[i]));
+        let [code, rank] = forecast.decode(first_voxel, v.level, codes);
+        if sigma_t_steps {
+            v.sigma_t = sigma_t.decode(code);
+        }
+        if grey_steps {
+            let code = GreyCode::of_rank(rank).ok_or_else(|| {
+                FormatError::invalid(
+                    format!("source of lvoxel {i}"),
+                    format!("a rank of at most {}", GreyCode::MAX_RANK),
+                    rank,
+                )
+            })?;
+            v.source = source.decode_grey(code);
+        }
+    }
+    Ok(())
 }
