@@ -275,12 +275,18 @@ impl Planes<'_> {
         pairs.map(|(low, high)| u16::from_le_bytes([*low, *high]))
     }
 
+    /// The k-th four-byte number of all rows.
+    pub fn u32s(&self, k: usize) -> impl Iterator<Item = u32> {
+        let pairs = self.u16s(2 * k).zip(self.u16s(2 * k + 1));
+        pairs.map(|(low, high)| u32::from(low) | u32::from(high) << 16)
+    }
+
     /// The eight-byte number of all rows.
     pub fn u64s(&self) -> Vec<u64> {
         let mut numbers = vec![0; self.count];
         for (byte, plane) in self.planes.chunks_exact(self.count.max(1)).enumerate() {
             // Most high bytes of most columns are 0.
-            if plane.iter().any(|b| *b != 0) {
+            if plane.iter().fold(0, |all, b| all | b) != 0 {
                 for (number, b) in numbers.iter_mut().zip(plane) {
                     *number |= u64::from(*b) << (8 * byte);
                 }
@@ -369,12 +375,12 @@ pub mod radiance {
         columns.at_most_one_of(&[first, first + 1, first + 2])?;
         let code = SharedExponent::checked(base)?;
         if let Some(rows) = columns.get(first) {
-            for (i, v) in values.enumerate() {
-                *v = code.decode(rows.u32(i, 0));
+            for (v, c) in values.zip(rows.u32s(0)) {
+                *v = code.decode(c);
             }
         } else if let Some(rows) = columns.get(first + 1) {
-            for (i, v) in values.enumerate() {
-                *v = code.decode_grey(rows.u16(i, 0));
+            for (v, c) in values.zip(rows.u16s(0)) {
+                *v = code.decode_grey(c);
             }
         } else if let Some(rows) = columns.get(first + 2) {
             for (i, v) in values.enumerate() {

@@ -5,132 +5,176 @@ use crate::record::MAX_LEVEL;
 /// Voxels in the brick inside which neighbours are looked for.
 const BRICK: usize = 512;
 const LEVELS: usize = MAX_LEVEL as usize + 1;
-/// Bits of x, y and z in the Morton code of a voxel in its brick.
+/// Places in a brick, and behind them one of which nothing is ever known; a power of two, so that no index is beyond it.
+const PLACES: usize = 2 * BRICK;
+/// Bits of x, y and z in the Morton code of a place in its brick.
 const AXES: [usize; 3] = [0x124, 0x92, 0x49];
 /// Pairs of axes, in the order in which they count.
 const PLANES: [[usize; 2]; 3] = [[0, 1], [0, 2], [1, 2]];
+/// One block before on each axis, and before on both axes of each pair.
+const NEIGHBOURS: usize = 6;
 
 /// Numbers that have their neighbours in common.
 pub type Numbers = [u16; 2];
 
+/// Both numbers, or sums of them, in the halves of one word: what is done to one is done to the other.
+type Pair = u64;
+
+fn pair([one, other]: Numbers) -> Pair {
+    Pair::from(one) | Pair::from(other) << 32
+}
+
 /// What is known of a run: lvoxels of one brick and level, one after the other.
 pub struct Forecast {
-    /// By the Morton code of the first voxel in the brick: the two numbers there, and above them the run that they are of.
-    known: [u64; BRICK + 1],
+    /// By the Morton code of the block in its brick.
+    known: [Pair; PLACES],
+    /// The run that those are of.
+    run_of: [u32; PLACES],
     run: u32,
-    brick: Option<(u64, u8)>,
+    brick: u64,
+    level: u8,
     last: Numbers,
 }
 
 impl Default for Forecast {
     fn default() -> Self {
         Self {
-            known: [0; BRICK + 1],
+            known: [0; PLACES],
+            run_of: [0; PLACES],
             run: 0,
-            brick: None,
+            brick: u64::MAX,
+            level: 0,
             last: [0; 2],
         }
     }
 }
 
-/// The place one block of `level` before `at` on an axis; [`BRICK`], of which nothing is ever known, if it is not in the brick.
-const fn before(at: usize, axis: usize, level: usize) -> usize {
-    if at == BRICK {
-        return BRICK;
-    }
+/// The place before `at` on an axis; [`BRICK`] if that is not in the brick.
+const fn before(at: usize, axis: usize) -> usize {
     let bits = at & AXES[axis];
-    let one = 1 << (3 * level + 2 - axis);
-    if bits < one {
+    let one = 1 << (2 - axis);
+    if at == BRICK || bits < one {
         return BRICK;
     }
     at & !AXES[axis] | (bits - one) & AXES[axis]
 }
 
-/// By level and place: one block before on each axis, and before on both axes of each pair.
-type Neighbours = [[[u16; 6]; BRICK]; LEVELS];
-static NEIGHBOURS: Neighbours = {
-    let mut all = [[[0; 6]; BRICK]; LEVELS];
-    let mut level = 0;
-    while level < LEVELS {
-        let mut at = 0;
-        while at < BRICK {
-            let mut k = 0;
-            while k < 3 {
-                let [a, b] = PLANES[k];
-                all[level][at][k] = before(at, k, level) as u16;
-                all[level][at][3 + k] = before(before(at, a, level), b, level) as u16;
-                k += 1;
-            }
-            at += 1;
+/// By place.
+static NEAR: [[u16; NEIGHBOURS]; BRICK] = {
+    let mut all = [[0; NEIGHBOURS]; BRICK];
+    let mut at = 0;
+    while at < BRICK {
+        let mut k = 0;
+        while k < 3 {
+            let [a, b] = PLANES[k];
+            all[at][k] = before(at, k) as u16;
+            all[at][3 + k] = before(before(at, a), b) as u16;
+            k += 1;
         }
-        level += 1;
+        at += 1;
     }
     all
 };
 
-/// Their mean, rounded down.
-#[inline]
-fn mean(sum: i32, count: u32) -> i32 {
-    match count {
-        1 => sum,
-        2 => sum >> 1,
-        _ => sum.div_euclid(3),
-    }
+/// How a forecast is made of the neighbours.
+#[derive(Clone, Copy)]
+struct Mean {
+    /// Whole numbers, negative ones modulo 2^64.
+    weights: [u64; NEIGHBOURS],
+    /// 2^32 over the sum of the weights, rounded up.
+    per_sum: u64,
 }
 
+/// By the set of neighbours that are known, a bit for each; of those sets that hold one on an axis.
+static MEANS: [Mean; 1 << NEIGHBOURS] = {
+    let mut all = [Mean {
+        weights: [0; NEIGHBOURS],
+        per_sum: 0,
+    }; 1 << NEIGHBOURS];
+    let mut known = 0;
+    while known < all.len() {
+        let weights = &mut all[known].weights;
+        let mut sum = 0u64;
+        let mut k = 0;
+        while k < 3 {
+            let [a, b] = PLANES[k];
+            let all_three = 1 << a | 1 << b | 1 << (3 + k);
+            if known & all_three == all_three {
+                weights[a] += 1;
+                weights[b] += 1;
+                weights[3 + k] = weights[3 + k].wrapping_sub(1);
+                sum += 1;
+            }
+            k += 1;
+        }
+        if sum == 0 {
+            k = 0;
+            while k < 3 {
+                weights[k] = (known >> k & 1) as u64;
+                sum += weights[k];
+                k += 1;
+            }
+        }
+        if sum > 0 {
+            all[known].per_sum = (1u64 << 32).div_ceil(sum);
+        }
+        known += 1;
+    }
+    all
+};
+
 impl Forecast {
-    /// Opens the place of an lvoxel of at most [`crate::record::MAX_LEVEL`], with the Morton code of its first voxel, and
-    /// returns what is expected there.
+    /// Opens the place of an lvoxel of at most [`crate::record::MAX_LEVEL`], with the Morton code of its first voxel.
     #[inline]
-    fn expect(&mut self, first_voxel: u64, level: u8) -> Numbers {
-        let brick = Some((first_voxel / BRICK as u64, level));
-        if brick != self.brick {
-            self.brick = brick;
+    fn open(&mut self, first_voxel: u64, level: u8) -> usize {
+        let brick = first_voxel / BRICK as u64;
+        if (brick, level) != (self.brick, self.level) {
+            (self.brick, self.level) = (brick, level);
             // At most 32,768 lvoxels are in a page.
             self.run += 1;
         }
-        let places = &NEIGHBOURS[usize::from(level) % LEVELS][first_voxel as usize % BRICK];
-        let near = places.map(|at| self.known[usize::from(at) % (BRICK + 1)]);
-        let is_known = near.map(|known| known >> 32 == u64::from(self.run));
-        let [a, b, c, ab, ac, bc] =
-            near.map(|known| [known as u16, (known >> 16) as u16].map(i32::from));
-        if is_known == [true; 6] {
-            let sum = |k: usize| 2 * (a[k] + b[k] + c[k]) - ab[k] - ac[k] - bc[k];
-            return [sum(0), sum(1)].map(|sum| mean(sum, 3).clamp(0, 0xffff) as u16);
-        }
-        let (faces, edges) = ([a, b, c], [ab, ac, bc]);
-        let (mut sums, mut count) = ([0; 2], 0);
-        for (k, [a, b]) in PLANES.into_iter().enumerate() {
-            if is_known[a] && is_known[b] && is_known[3 + k] {
-                sums = std::array::from_fn(|i| sums[i] + faces[a][i] + faces[b][i] - edges[k][i]);
-                count += 1;
-            }
-        }
-        if count == 0 {
-            for (face, _) in faces.into_iter().zip(is_known).filter(|(_, known)| *known) {
-                sums = std::array::from_fn(|i| sums[i] + face[i]);
-                count += 1;
-            }
-        }
-        match count {
-            0 => self.last,
-            _ => sums.map(|sum| mean(sum, count).clamp(0, 0xffff) as u16),
-        }
+        first_voxel as usize % BRICK >> (3 * (usize::from(level) % LEVELS))
     }
 
-    /// Sets the numbers at the place that was opened last.
+    /// What is expected there.
     #[inline]
-    fn set(&mut self, first_voxel: u64, numbers: Numbers) {
-        self.known[first_voxel as usize % BRICK] =
-            u64::from(self.run) << 32 | u64::from(numbers[1]) << 16 | u64::from(numbers[0]);
+    fn expect(&self, at: usize) -> Numbers {
+        // Added to sums, so that none is negative; those that were become 0 again.
+        const ABOVE_0: u32 = 1 << 20;
+        let near = NEAR[at % BRICK].map(|n| usize::from(n) % PLACES);
+        let mut set = 0;
+        for (k, at) in near.into_iter().enumerate() {
+            set |= usize::from(self.run_of[at] == self.run) << k;
+        }
+        // Without that branch each number would have to wait for the one before.
+        if set & 0b111 == 0 {
+            return self.last;
+        }
+        let Mean { weights, per_sum } = &MEANS[set];
+        let mut sums = Pair::from(ABOVE_0) << 32 | Pair::from(ABOVE_0);
+        for (at, weight) in near.into_iter().zip(weights) {
+            sums = sums.wrapping_add(weight.wrapping_mul(self.known[at]));
+        }
+        // Below 2^19, where the product is the mean, rounded down.
+        [sums as u32, (sums >> 32) as u32].map(|sum| {
+            let mean = u64::from(sum.saturating_sub(ABOVE_0)) * per_sum >> 32;
+            mean.min(0xffff) as u16
+        })
+    }
+
+    #[inline]
+    fn set(&mut self, at: usize, numbers: Numbers) {
         self.last = numbers;
+        self.known[at % PLACES] = pair(numbers);
+        self.run_of[at % PLACES] = self.run;
     }
 
     /// Codes of numbers whose lvoxels start at the given voxels and have the given levels.
     pub fn encode(places: &[(u64, u8)], numbers: impl Iterator<Item = u16>) -> Vec<u16> {
         let mut forecast = Self::default();
-        let code = |(&(at, level), number): (&(u64, u8), u16)| {
-            let step = number.wrapping_sub(forecast.expect(at, level)[0]) as i16;
+        let code = |(&(first_voxel, level), number): (&(u64, u8), u16)| {
+            let at = forecast.open(first_voxel, level);
+            let step = number.wrapping_sub(forecast.expect(at)[0]) as i16;
             forecast.set(at, [number, 0]);
             (step << 1 ^ step >> 15) as u16
         };
@@ -140,13 +184,14 @@ impl Forecast {
     /// The numbers of the next codes.
     #[inline]
     pub fn decode(&mut self, first_voxel: u64, level: u8, codes: Numbers) -> Numbers {
-        let expected = self.expect(first_voxel, level);
+        let at = self.open(first_voxel, level);
+        let expected = self.expect(at);
         let number = |k: usize| {
             let step = codes[k] >> 1 ^ (codes[k] & 1).wrapping_neg();
             expected[k].wrapping_add(step)
         };
         let numbers = [number(0), number(1)];
-        self.set(first_voxel, numbers);
+        self.set(at, numbers);
         numbers
     }
 }
@@ -191,8 +236,54 @@ mod tests {
         assert_eq!(codes, [20, 20, 60, 85, 4]);
     }
 
+    /// The forecast as the text of the format has it.
+    fn stated(places: &[(u64, u8)], numbers: &[u16], i: usize) -> u16 {
+        let same_run = |j: &usize| {
+            let run = |j: usize| (places[j].0 / 512, places[j].1);
+            (*j..i).all(|j| run(j) == run(i))
+        };
+        let axis = |j: usize, k: usize| {
+            let code = places[j].0 >> (3 * places[j].1);
+            (0..20).fold(0, |x, bit| {
+                x | (code >> (3 * bit + 2 - k as u64) & 1) << bit
+            }) as i64
+        };
+        let near = |axes: &[usize]| {
+            (0..i)
+                .rev()
+                .filter(same_run)
+                .find(|j| (0..3).all(|k| axis(i, k) - axis(*j, k) == i64::from(axes.contains(&k))))
+        };
+        let number = |axes: &[usize]| near(axes).map(|j| i64::from(numbers[j]));
+        let mut given: Vec<i64> = [[0, 1], [0, 2], [1, 2]]
+            .iter()
+            .filter_map(|[a, b]| Some(number(&[*a])? + number(&[*b])? - number(&[*a, *b])?))
+            .collect();
+        if given.is_empty() {
+            given = (0..3).filter_map(|k| number(&[k])).collect();
+        }
+        if given.is_empty() {
+            given.push(i.checked_sub(1).map_or(0, |j| i64::from(numbers[j])));
+        }
+        let mean = given.iter().sum::<i64>().div_euclid(given.len() as i64);
+        mean.clamp(0, 0xffff) as u16
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(200) })]
+
+        #[test]
+        fn forecasts_are_the_stated_ones(level in 0u8..3, holes in 0u8..4, given in prop::collection::vec((any::<u8>(), any::<u16>()), 1..150)) {
+            let kept: Vec<_> = (0u64..).zip(given).filter(|(_, (hole, _))| hole % 4 >= holes).collect();
+            let places: Vec<_> = kept.iter().map(|(at, _)| (at << (3 * level), level)).collect();
+            let numbers: Vec<u16> = kept.iter().map(|(_, (_, n))| *n).collect();
+            let codes = Forecast::encode(&places, numbers.iter().copied());
+            for (i, code) in codes.into_iter().enumerate() {
+                let step = numbers[i].wrapping_sub(stated(&places, &numbers, i)) as i16;
+                let of_step = if step < 0 { -2 * i32::from(step) - 1 } else { 2 * i32::from(step) };
+                prop_assert_eq!(i32::from(code), of_step);
+            }
+        }
 
         #[test]
         fn numbers_come_back(given in prop::collection::vec((0u64..3000, 0u8..=3, any::<[u16; 2]>()), 1..200)) {

@@ -79,6 +79,7 @@ pub struct Walk {
 impl Walk {
     /// Morton code of the first voxel so far behind the last lvoxel, and the block there; `None` if it is outside all
     /// volumes, or none of that level can start there.
+    #[inline]
     pub fn next(&mut self, gap: u64, level: u8) -> Option<(u64, [u16; 3])> {
         let start = self.end.checked_add(gap)?;
         if level > MAX_LEVEL || start >> (3 * BITS) != 0 || start & (voxels(level) - 1) != 0 {

@@ -227,12 +227,8 @@ fn read_gaps(
     exponent: i16,
     lvoxels: &mut [Lvoxel],
 ) -> Result<()> {
-    let codes = |index: usize| {
-        let rows = columns.get(index)?;
-        Some(rows.u16s(0).collect::<Vec<_>>())
-    };
-    let stepped = [codes(col::SIGMA_T_STEP), codes(col::SOURCE_GREY_STEP)];
-    let [sigma_t_steps, grey_steps] = stepped.each_ref().map(Option::is_some);
+    let stepped = [col::SIGMA_T_STEP, col::SOURCE_GREY_STEP];
+    let [sigma_t_steps, grey_steps] = stepped.map(|index| columns.has(index));
     let Some(gaps) = columns.get(col::BLOCK_GAP) else {
         return if sigma_t_steps || grey_steps {
             Err(FormatError::invalid(
@@ -244,34 +240,49 @@ fn read_gaps(
             Ok(())
         };
     };
-    let source = SharedExponent::checked(exponent)?;
+    // One thing for all lvoxels after the other, which is faster than all things for one.
     let mut walk = gaps::Walk::default();
-    let mut forecast = Forecast::default();
-    for (i, (v, gap)) in lvoxels.iter_mut().zip(gaps.u64s()).enumerate() {
-        let (first_voxel, block) = walk.next(gap, v.level).ok_or_else(|| {
-            FormatError::invalid(
-                format!("gap before lvoxel {i}"),
+    let mut first_voxels = Vec::with_capacity(lvoxels.len());
+    for (v, gap) in lvoxels.iter_mut().zip(gaps.u64s()) {
+        let Some((first_voxel, block)) = walk.next(gap, v.level) else {
+            return Err(FormatError::invalid(
+                format!("gap before lvoxel {}", first_voxels.len()),
                 "one that leads to a block of its level",
                 format!("{gap} to level {}", v.level),
-            )
-        })?;
+            ));
+        };
         v.block = block;
-        if !(sigma_t_steps || grey_steps) {
-            continue;
+        first_voxels.push(first_voxel);
+    }
+    if !(sigma_t_steps || grey_steps) {
+        return Ok(());
+    }
+    let [sigma_t_codes, grey_codes] = stepped.map(|index| match columns.get(index) {
+        Some(rows) => rows.u16s(0).collect(),
+        None => vec![0; lvoxels.len()],
+    });
+    let codes = sigma_t_codes.into_iter().zip(grey_codes);
+    let places = first_voxels.iter().zip(lvoxels.iter().map(|v| v.level));
+    let mut forecast = Forecast::default();
+    let numbers: Vec<_> = places
+        .zip(codes)
+        .map(|((at, level), (a, b))| forecast.decode(*at, level, [a, b]))
+        .collect();
+    if sigma_t_steps {
+        for (v, [code, _]) in lvoxels.iter_mut().zip(&numbers) {
+            v.sigma_t = sigma_t.decode(*code);
         }
-        let codes = stepped.each_ref().map(|c| c.as_ref().map_or(0, |c| c[i]));
-        let [code, rank] = forecast.decode(first_voxel, v.level, codes);
-        if sigma_t_steps {
-            v.sigma_t = sigma_t.decode(code);
-        }
-        if grey_steps {
-            let code = GreyCode::of_rank(rank).ok_or_else(|| {
-                FormatError::invalid(
+    }
+    if grey_steps {
+        let source = SharedExponent::checked(exponent)?;
+        for (i, (v, [_, rank])) in lvoxels.iter_mut().zip(&numbers).enumerate() {
+            let Some(code) = GreyCode::of_rank(*rank) else {
+                return Err(FormatError::invalid(
                     format!("source of lvoxel {i}"),
                     format!("a rank of at most {}", GreyCode::MAX_RANK),
                     rank,
-                )
-            })?;
+                ));
+            };
             v.source = source.decode_grey(code);
         }
     }
