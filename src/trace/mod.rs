@@ -4,6 +4,7 @@
 mod cells;
 mod surface;
 mod triangles;
+mod watertight;
 
 pub use cells::{Cells, RayInVolume};
 pub use surface::{Surface, unit_normal};

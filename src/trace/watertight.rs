@@ -1,0 +1,197 @@
+//! The watertight test of rays against triangles (Woop, Benthin & Wald 2013), four triangles at a time.
+
+use crate::scene::Mesh;
+use glam::Vec3;
+use wide::f32x4;
+
+/// Triangles of a block.
+pub const LANES: usize = 4;
+
+/// Up to four triangles. Corners of absent ones are not numbers, which no comparison holds for.
+#[derive(Clone, Debug)]
+pub struct Block {
+    /// By corner and axis.
+    corners: [[f32x4; 3]; 3],
+    /// Indices in the mesh.
+    pub triangles: [u32; LANES],
+}
+
+/// Where the line of a ray meets the triangles of a block.
+#[derive(Debug, Default)]
+pub struct Met {
+    /// A bit for each triangle met.
+    pub lanes: u32,
+    /// Distances along the ray.
+    pub t: [f32; LANES],
+    /// Barycentric weights of second and third corners.
+    pub uv: [[f32; LANES]; 2],
+}
+
+impl Block {
+    /// Triangles of a mesh, `scale` times larger.
+    #[must_use]
+    pub fn new(mesh: &Mesh, triangles: &[u32], scale: f32) -> Self {
+        let mut corners = [[[f32::NAN; LANES]; 3]; 3];
+        let mut indices = [u32::MAX; LANES];
+        for (lane, &triangle) in triangles.iter().enumerate() {
+            indices[lane] = triangle;
+            for (corner, p) in mesh.corners(triangle as usize).into_iter().enumerate() {
+                for a in 0..3 {
+                    corners[corner][a][lane] = p[a] * scale;
+                }
+            }
+        }
+        Self {
+            corners: corners.map(|c| c.map(f32x4::new)),
+            triangles: indices,
+        }
+    }
+}
+
+/// A ray sheared to run along +z, so that neighbouring triangles see bit-equal edge functions.
+#[derive(Debug)]
+pub struct ShearedRay {
+    /// Along `axes`.
+    origin: [f32x4; 3],
+    /// Across, across and along the ray.
+    axes: [usize; 3],
+    shear: [f32x4; 3],
+}
+
+impl ShearedRay {
+    /// A ray of unit direction.
+    #[must_use]
+    pub fn new(origin: Vec3, direction: Vec3) -> Self {
+        let d = direction.to_array();
+        let z = if d[0].abs() > d[1].abs() {
+            if d[0].abs() > d[2].abs() { 0 } else { 2 }
+        } else if d[1].abs() > d[2].abs() {
+            1
+        } else {
+            2
+        };
+        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
+        if d[z] < 0.0 {
+            std::mem::swap(&mut x, &mut y);
+        }
+        Self {
+            origin: [x, y, z].map(|a| f32x4::splat(origin[a])),
+            axes: [x, y, z],
+            shear: [d[x] / d[z], d[y] / d[z], 1.0 / d[z]].map(f32x4::splat),
+        }
+    }
+
+    /// Corners as the ray sees them: x and y across it, and distance along it.
+    #[inline(always)]
+    fn shear(&self, corner: &[f32x4; 3]) -> [f32x4; 3] {
+        let along = corner[self.axes[2]] - self.origin[2];
+        [
+            (corner[self.axes[0]] - self.origin[0]) - self.shear[0] * along,
+            (corner[self.axes[1]] - self.origin[1]) - self.shear[1] * along,
+            self.shear[2] * along,
+        ]
+    }
+
+    /// The triangles of a block that the ray meets in front of its origin.
+    #[must_use]
+    #[inline(always)]
+    pub fn meet(&self, block: &Block) -> Met {
+        let a = self.shear(&block.corners[0]);
+        let b = self.shear(&block.corners[1]);
+        let c = self.shear(&block.corners[2]);
+        let mut u = c[0] * b[1] - c[1] * b[0];
+        let mut v = a[0] * c[1] - a[1] * c[0];
+        let mut w = b[0] * a[1] - b[1] * a[0];
+        let on_edge = u.simd_eq(f32x4::ZERO) | v.simd_eq(f32x4::ZERO) | w.simd_eq(f32x4::ZERO);
+        if on_edge.any() {
+            u = on_edge.select(exact_edge(&c, &b), u);
+            v = on_edge.select(exact_edge(&a, &c), v);
+            w = on_edge.select(exact_edge(&b, &a), w);
+        }
+        let front = u.simd_ge(f32x4::ZERO) & v.simd_ge(f32x4::ZERO) & w.simd_ge(f32x4::ZERO);
+        let back = u.simd_le(f32x4::ZERO) & v.simd_le(f32x4::ZERO) & w.simd_le(f32x4::ZERO);
+        let det = u + v + w;
+        let hit = (front | back) & det.simd_ne(f32x4::ZERO);
+        if hit.none() {
+            return Met::default();
+        }
+        let t = (u * a[2] + v * b[2] + w * c[2]) / det;
+        Met {
+            lanes: (hit & t.simd_gt(f32x4::ZERO)).to_bitmask(),
+            t: t.to_array(),
+            uv: [v / det, w / det].map(f32x4::to_array),
+        }
+    }
+}
+
+/// The edge function of points in the plane across the ray, in f64, where the products are exact.
+#[cold]
+fn exact_edge(p: &[f32x4; 3], q: &[f32x4; 3]) -> f32x4 {
+    let [px, py, qx, qy] = [p[0], p[1], q[0], q[1]].map(f32x4::to_array);
+    f32x4::from(std::array::from_fn::<f32, LANES, _>(|k| {
+        let [px, py, qx, qy] = [px[k], py[k], qx[k], qy[k]].map(f64::from);
+        (px * qy - py * qx) as f32
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::sampling;
+
+    /// Moller & Trumbore 1997, in f64: distance, weights of the second and third corner.
+    fn plain(corners: [Vec3; 3], origin: Vec3, direction: Vec3) -> Option<[f64; 3]> {
+        let [a, b, c] = corners.map(|p| p.as_dvec3());
+        let (o, d) = (origin.as_dvec3(), direction.as_dvec3());
+        let (e, f) = (b - a, c - a);
+        let p = d.cross(f);
+        let det = e.dot(p);
+        let s = (o - a) / det;
+        let (u, v) = (s.dot(p), d.dot(s.cross(e)));
+        let t = f.dot(s.cross(e));
+        (det != 0.0 && u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0).then_some([t, u, v])
+    }
+
+    #[test]
+    fn four_lanes_meet_what_one_triangle_in_double_does() {
+        let mut mesh = Mesh::default();
+        let number = |i: u32, a: u64| sampling::unit(sampling::hash(&[u64::from(i), a])) - 0.5;
+        for i in 0..4000 {
+            let corner = |k: u64| Vec3::from([0, 1, 2].map(|a| number(i, 3 * k + a)));
+            mesh.positions.extend([corner(0), corner(1), corner(2)]);
+            mesh.triangles.push([3 * i, 3 * i + 1, 3 * i + 2]);
+        }
+        let (mut met, mut missed) = (0, 0);
+        for first in (0..4000).step_by(LANES) {
+            let origin = 0.5 * Vec3::from([10, 11, 12].map(|a| number(first, a)));
+            let direction = sampling::sphere([13, 14].map(|a| number(first, a) + 0.5));
+            let lanes: Vec<u32> = (first..first + 4).collect();
+            let got = ShearedRay::new(origin, direction).meet(&Block::new(&mesh, &lanes, 1.0));
+            for (k, &triangle) in lanes.iter().enumerate() {
+                let expected = plain(mesh.corners(triangle as usize), origin, direction);
+                assert_eq!(got.lanes >> k & 1 == 1, expected.is_some(), "{triangle}");
+                let Some([t, u, v]) = expected else {
+                    missed += 1;
+                    continue;
+                };
+                met += 1;
+                let close = |a: f32, b: f64| (f64::from(a) - b).abs() < 1e-4 * (1.0 + b.abs());
+                assert!(close(got.t[k], t) && close(got.uv[0][k], u) && close(got.uv[1][k], v));
+            }
+        }
+        assert!(met > 200 && missed > 200, "{met} {missed}");
+    }
+
+    #[test]
+    fn absent_lanes_are_never_met() {
+        let mut mesh = Mesh::default();
+        mesh.positions = vec![
+            Vec3::new(-1.0, -1.0, 1.0),
+            Vec3::new(3.0, -1.0, 1.0),
+            Vec3::new(-1.0, 3.0, 1.0),
+        ];
+        mesh.triangles.push([0, 1, 2]);
+        let met = ShearedRay::new(Vec3::ZERO, Vec3::Z).meet(&Block::new(&mesh, &[0], 1.0));
+        assert_eq!((met.lanes, met.t[0]), (1, 1.0));
+    }
+}
