@@ -133,7 +133,7 @@ impl Forecast {
             // At most 32,768 lvoxels are in a page.
             self.run += 1;
         }
-        first_voxel as usize % BRICK >> (3 * (usize::from(level) % LEVELS))
+        (first_voxel as usize % BRICK) >> (3 * (usize::from(level) % LEVELS))
     }
 
     /// What is expected there.
@@ -157,7 +157,7 @@ impl Forecast {
         }
         // Below 2^19, where the product is the mean, rounded down.
         [sums as u32, (sums >> 32) as u32].map(|sum| {
-            let mean = u64::from(sum.saturating_sub(ABOVE_0)) * per_sum >> 32;
+            let mean = (u64::from(sum.saturating_sub(ABOVE_0)) * per_sum) >> 32;
             mean.min(0xffff) as u16
         })
     }
