@@ -6,8 +6,10 @@ use crate::{FormatError, Result, codec};
 use std::ops::Range;
 use xxhash_rust::xxh3::{xxh3_64, xxh3_128};
 
-/// The version that is written, and the only one that is read.
-pub const VERSION: u32 = 1;
+/// The version that is written.
+pub const VERSION: u32 = 2;
+/// The oldest that is read.
+const OLDEST: u32 = 1;
 
 /// A high-bit byte, letters, CR LF, end-of-file, LF: each of the usual damages of a text transfer changes it.
 pub const MAGIC: [u8; 8] = *b"\x89LVX\r\n\x1a\n";
@@ -134,6 +136,7 @@ impl Block {
 
 /// The checked frame of a file. Ranges are inside the file.
 pub struct Frame {
+    pub version: u32,
     pub blocks: Vec<Block>,
     pub meta: Range<usize>,
     pub summary: Range<usize>,
@@ -176,7 +179,7 @@ impl Frame {
         let short = |_| truncated(HEADER_LEN as u64, data);
         let code = cursor.take(4).map_err(short)?;
         let found = cursor.u32().map_err(short)?;
-        if found != VERSION {
+        if !(OLDEST..=VERSION).contains(&found) {
             return Err(FormatError::Version {
                 found,
                 supported: VERSION,
@@ -260,6 +263,7 @@ impl Frame {
             meta,
             summary,
             content_hash: content_hash(&data[..HEADER_LEN]),
+            version: found,
         })
     }
 }

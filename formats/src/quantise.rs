@@ -3,6 +3,7 @@
 //! `libm`, for the same reason.
 
 use crate::record::{ClipEdge, Clips, tangent_frame};
+use crate::{FormatError, Result};
 use std::f64::consts::TAU;
 
 /// Largest value of one component of an encoded normal.
@@ -192,6 +193,21 @@ impl SharedExponent {
     /// Bases that a reader accepts.
     pub const BASES: std::ops::RangeInclusive<i16> = -166..=88;
 
+    /// The coding with a base that was read.
+    ///
+    /// # Errors
+    /// [`FormatError::Invalid`] for a base outside [`Self::BASES`].
+    pub fn checked(base: i16) -> Result<Self> {
+        if Self::BASES.contains(&base) {
+            return Ok(Self { base });
+        }
+        Err(FormatError::invalid(
+            "exponent of the page",
+            format!("{:?}", Self::BASES),
+            base,
+        ))
+    }
+
     /// A base that serves all colours; `None` if they span more than 32 octaves or are subnormal.
     #[must_use]
     pub fn fit(colours: impl Iterator<Item = [f32; 3]>) -> Option<Self> {
@@ -245,8 +261,30 @@ impl SharedExponent {
     /// The inverse of [`Self::encode_grey`].
     #[must_use]
     pub fn decode_grey(&self, code: u16) -> [f32; 3] {
-        let m = u32::from(code & 511);
-        self.decode(m | m << 9 | m << 18 | u32::from(code >> 9 & 31) << 27)
+        let scale = power_of_two((code >> 9 & 31) as i16 + self.base);
+        [(f64::from(code & 511) * scale) as f32; 3]
+    }
+}
+
+/// Grey codes in the order of their values: of 512 mantissas only the upper 256 are used but with the least exponent.
+pub struct GreyCode;
+
+impl GreyCode {
+    /// Rank of the greatest value.
+    pub const MAX_RANK: u16 = 32 * 256 + 255;
+
+    /// How many codes in use are below one; `None` for a code that [`SharedExponent::encode_grey`] never gives.
+    #[must_use]
+    pub fn rank(code: u16) -> Option<u16> {
+        let (mantissa, e) = (code & 511, code >> 9);
+        (e == 0 || e < 32 && mantissa >= 256).then_some(256 * e + mantissa)
+    }
+
+    /// The inverse; `None` beyond [`Self::MAX_RANK`].
+    #[must_use]
+    pub fn of_rank(rank: u16) -> Option<u16> {
+        let e = (rank >> 8).saturating_sub(1);
+        (rank <= Self::MAX_RANK).then(|| e << 9 | (rank - 256 * e))
     }
 }
 

@@ -4,7 +4,7 @@ use super::medium::{Medium, Source};
 use crate::math::Rgb;
 use crate::math::dda::{Line, Steps, clip_to_box};
 use crate::math::segment::{Segment, flatten_overlaps};
-use glam::{Affine3A, Vec3, Vec3A};
+use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec3};
 use lvox_formats::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
 
 const BRICK: usize = 1 << MAX_LEVEL;
@@ -20,6 +20,7 @@ pub struct Media<S> {
 #[derive(Debug)]
 struct BlockGrid<S> {
     index_from_scene: Affine3A,
+    index_from_scene_f64: DAffine3,
     dims: [f32; 3],
     table_dims: [usize; 3],
     /// Index in `bricks`, or [`EMPTY`].
@@ -157,15 +158,15 @@ impl<S: Source> Medium for &Media<S> {
 
 impl<S: Source> BlockGrid<S> {
     fn new(info: &VolumeInfo, lvoxels: Vec<Lvoxel>) -> Self {
-        let [x, y, z, t] = info
-            .index_from_scene
-            .map(|c| Vec3A::from(c.map(|v| v as f32)));
+        let [x, y, z, t] = info.index_from_scene.map(DVec3::from);
+        let exact = DAffine3 {
+            matrix3: DMat3::from_cols(x, y, z),
+            translation: t,
+        };
         let table_dims = info.dims.map(|n| (n as usize).div_ceil(BRICK));
         let mut grid = Self {
-            index_from_scene: Affine3A {
-                matrix3: glam::Mat3A::from_cols(x, y, z),
-                translation: t,
-            },
+            index_from_scene: Affine3A::from_cols_array(&exact.to_cols_array().map(|v| v as f32)),
+            index_from_scene_f64: exact,
             dims: info.dims.map(|n| n as f32),
             table_dims,
             table: vec![EMPTY; table_dims.iter().product()],
@@ -236,11 +237,15 @@ impl<S: Source> BlockGrid<S> {
             .index_from_scene
             .transform_vector3(direction)
             .to_array();
-        let (start, end) = clip_to_box(o, d, self.dims, t_max)?;
-        let entry = self
-            .index_from_scene
-            .transform_point3(origin + direction * start)
-            .to_array();
+        clip_to_box(o, d, self.dims, t_max)?;
+        // Rounding the ends of a ray in a dense medium would be seen: they are found once more, exactly.
+        let exact = &self.index_from_scene_f64;
+        let o = exact.transform_point3(origin.as_dvec3());
+        let d = exact.transform_vector3(direction.as_dvec3());
+        let dims = self.dims.map(f64::from);
+        let (start, end) = clip_to_box(o.to_array(), d.to_array(), dims, f64::from(t_max))?;
+        let entry = (o + d * start).as_vec3().to_array();
+        let d = d.as_vec3().to_array();
         let line = Line {
             origin: std::array::from_fn(|a| entry[a].clamp(0.0, self.dims[a])),
             direction: d,
@@ -249,8 +254,8 @@ impl<S: Source> BlockGrid<S> {
         Some(Walk {
             grid: self,
             line,
-            start,
-            end: end - start,
+            start: start as f32,
+            end: (end - start) as f32,
         })
     }
 }
@@ -305,13 +310,20 @@ impl<S: Source> Walk<'_, S> {
     ) -> bool {
         let base = at.map(|v| v * BRICK as i32);
         let edge = (1 << brick.level) as f32;
-        let [lower, upper] = brick
-            .filled
-            .map(|corner| std::array::from_fn(|a| base[a] as f32 + edge * f32::from(corner[a])));
+        let per_axis = (BRICK >> brick.level) as i32;
+        // Where blocks reach the border of the brick its own ends hold: they leave no gap to the next brick.
+        let corner = |filled: [u8; 3], border: i32, beyond: f32| {
+            std::array::from_fn(|a| match i32::from(filled[a]) {
+                n if n == border => beyond,
+                n => base[a] as f32 + edge * n as f32,
+            })
+        };
+        let [first, end] = brick.filled;
+        let lower = corner(first, 0, f32::NEG_INFINITY);
+        let upper = corner(end, per_axis, f32::INFINITY);
         let Some((t, leave)) = self.line.within(lower, upper, t, leave) else {
             return true;
         };
-        let per_axis = (BRICK >> brick.level) as i32;
         let mut inner = Steps::new(&self.line, t, base, edge, [per_axis; 3]);
         let mut near = t;
         let cubes = &self.grid.cubes[brick.first_cube as usize..];

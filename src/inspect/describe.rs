@@ -4,7 +4,7 @@ use super::text::{Table, bytes, count};
 use super::{File, hex};
 use crate::Result;
 use crate::formats::{
-    Block, Bounds, CloudMeta, ColumnBytes, LeftOut, Level, Sums, VERSION, VolumeInfo, WorstError,
+    Block, Bounds, CloudMeta, ColumnBytes, LeftOut, Level, Sums, VolumeInfo, WorstError,
 };
 use std::fmt;
 use std::path::Path;
@@ -132,6 +132,7 @@ pub fn describe(path: &Path) -> Result<Description> {
         File::Cloud(cloud) => {
             let summary = cloud.summary().clone();
             Description {
+                version: cloud.version(),
                 surfels: PointKind::of(cloud.surfel_blocks()),
                 lvoxels: PointKind::of(cloud.lvoxel_blocks()),
                 bounds: summary.bounds,
@@ -145,6 +146,7 @@ pub fn describe(path: &Path) -> Result<Description> {
         File::Tree(tree) => {
             let summary = tree.summary().clone();
             Description {
+                version: tree.version(),
                 cloud_hash: Some(hex(&tree.meta().cloud_hash)),
                 build_settings: tree.meta().settings.clone(),
                 surfels: PointKind::of(tree.surfel_blocks()),
@@ -168,7 +170,7 @@ fn base(file: String, bytes: u64, kind: &'static str, meta: &CloudMeta) -> Descr
     Description {
         file,
         kind,
-        version: VERSION,
+        version: 0,
         bytes,
         content_hash: String::new(),
         cloud_hash: None,

@@ -158,7 +158,17 @@ fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
             LIMIT,
         ));
         if tau <= 69.0 {
-            rows.push(oblique(&scene, &at));
+            let case = "slab of 32^3 voxels, cells, worst of 500 oblique rays";
+            rows.push(oblique(case, &at, &scene, |origin, direction| {
+                exp_neg(tracer.optical_depth(origin, direction, 10.0))
+            }));
+            let media = media(&store)?;
+            let case = "slab of 32^3 voxels, lvoxels of a tree, worst of 500 oblique rays";
+            rows.push(oblique(case, &at, &scene, |origin, direction| {
+                let mut light = Composite::default();
+                (&media).pass(origin, direction, 10.0, &[], &mut light);
+                light.transmittance
+            }));
         }
 
         // Light that a medium of source 0.5 sends: albedo 1 in an environment of 0.5, without what is scattered twice.
@@ -177,24 +187,23 @@ fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     Ok(())
 }
 
-/// The worst of many rays in all directions.
-fn oblique(scene: &Scene, at: &str) -> Row {
+/// The worst of many rays in all directions, of which `transmittance_of` tells how much comes through.
+fn oblique(
+    case: &str,
+    at: &str,
+    scene: &Scene,
+    transmittance_of: impl Fn(Vec3, Vec3) -> f32,
+) -> Row {
     let field = Field::of(&scene.volumes[0]);
-    let tracer = Tracer::new(scene);
-    let mut worst = Row::nothing(
-        "slab of 32^3 voxels, cells, worst of 500 oblique rays",
-        at,
-        0.0,
-        LIMIT,
-    );
+    let mut worst = Row::nothing(case, at, 0.0, LIMIT);
     for (origin, direction) in super::rays(500, 2.0, 0.4) {
         let tau = field.optical_depth(origin.as_dvec3(), direction.as_dvec3(), 10.0);
         // Of rays that nothing comes through there is nothing to compare.
         if tau > 69.0 {
             continue;
         }
-        let got = exp_neg(tracer.optical_depth(origin, direction, 10.0));
-        let row = transmittance(&worst.case, at.into(), tau, got.into(), LIMIT);
+        let got = transmittance_of(origin, direction);
+        let row = transmittance(case, at.into(), tau, got.into(), LIMIT);
         if row.error / row.limit >= worst.error / worst.limit {
             worst = row;
         }

@@ -20,6 +20,7 @@ pub struct Cloud<D> {
     meta: CloudMeta,
     summary: CloudSummary,
     content_hash: [u8; 16],
+    version: u32,
 }
 
 impl Cloud<MappedFile> {
@@ -65,6 +66,7 @@ impl<D: AsRef<[u8]>> Cloud<D> {
             meta,
             summary,
             content_hash: frame.content_hash,
+            version: frame.version,
             data,
         };
         for (what, blocks, expected) in [
@@ -102,6 +104,11 @@ impl<D: AsRef<[u8]>> Cloud<D> {
     /// What was counted while it was written.
     pub fn summary(&self) -> &CloudSummary {
         &self.summary
+    }
+
+    /// Version of the format that the file was written in.
+    pub fn version(&self) -> u32 {
+        self.version
     }
 
     /// Identity of everything in the file.

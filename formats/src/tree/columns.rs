@@ -80,7 +80,7 @@ pub const CLIP_COUNT: usize = 26;
 pub const CLIP_EDGE: usize = 27;
 
 /// By bit in the mask of a page of lvoxels.
-pub const LVOXELS: [Column; 8] = [
+pub const LVOXELS: [Column; 11] = [
     column("volume", 2, Rows::Lvoxels),
     column("level", 1, Rows::Lvoxels),
     column("block", 6, Rows::Lvoxels),
@@ -89,6 +89,9 @@ pub const LVOXELS: [Column; 8] = [
     column("source", 4, Rows::Lvoxels),
     column("source_grey", 2, Rows::Lvoxels),
     column("source_f32", 12, Rows::Lvoxels),
+    column("block_gap", 8, Rows::Lvoxels),
+    column("sigma_t_step", 2, Rows::Lvoxels),
+    column("source_grey_step", 2, Rows::Lvoxels),
 ];
 pub const VOLUME: usize = 0;
 pub const LEVEL: usize = 1;
@@ -96,6 +99,13 @@ pub const BLOCK: usize = 2;
 pub const SIGMA_T: usize = 3;
 pub const SIGMA_T_F32: usize = 4;
 pub const SOURCE: usize = 5;
+pub const SOURCE_GREY: usize = 6;
+pub const SOURCE_F32: usize = 7;
+pub const BLOCK_GAP: usize = 8;
+pub const SIGMA_T_STEP: usize = 9;
+pub const SOURCE_GREY_STEP: usize = 10;
+/// Columns that version 1 has not.
+pub const SINCE_VERSION_2: u32 = 1 << BLOCK_GAP | 1 << SIGMA_T_STEP | 1 << SOURCE_GREY_STEP;
 
 /// A page before compression: header, then the columns, each in byte planes.
 pub struct PageBuilder {
@@ -116,6 +126,18 @@ impl PageBuilder {
         debug_assert!(self.columns.last().is_none_or(|(last, _)| *last < index));
         debug_assert_eq!(rows.len() % self.table[index].width, 0);
         self.columns.push((index, rows));
+    }
+
+    /// Puts a column where it was taken out.
+    pub fn insert(&mut self, index: usize, rows: Vec<u8>) {
+        let at = self.columns.partition_point(|(i, _)| *i < index);
+        self.columns.insert(at, (index, rows));
+    }
+
+    /// Takes a column out again.
+    pub fn take(&mut self, index: usize) -> Option<Vec<u8>> {
+        let at = self.columns.iter().position(|(i, _)| *i == index)?;
+        Some(self.columns.remove(at).1)
     }
 
     pub fn mask(&self) -> u32 {
@@ -246,6 +268,33 @@ impl Planes<'_> {
         u32::from_le_bytes(std::array::from_fn(|i| self.byte(row, 4 * k + i)))
     }
 
+    /// The k-th two-byte number of all rows: plane by plane, which is faster than row by row.
+    pub fn u16s(&self, k: usize) -> impl Iterator<Item = u16> {
+        let plane = |byte: usize| &self.planes[byte * self.count..(byte + 1) * self.count];
+        let pairs = plane(2 * k).iter().zip(plane(2 * k + 1));
+        pairs.map(|(low, high)| u16::from_le_bytes([*low, *high]))
+    }
+
+    /// The k-th four-byte number of all rows.
+    pub fn u32s(&self, k: usize) -> impl Iterator<Item = u32> {
+        let pairs = self.u16s(2 * k).zip(self.u16s(2 * k + 1));
+        pairs.map(|(low, high)| u32::from(low) | u32::from(high) << 16)
+    }
+
+    /// The eight-byte number of all rows.
+    pub fn u64s(&self) -> Vec<u64> {
+        let mut numbers = vec![0; self.count];
+        for (byte, plane) in self.planes.chunks_exact(self.count.max(1)).enumerate() {
+            // Most high bytes of most columns are 0.
+            if plane.iter().fold(0, |all, b| all | b) != 0 {
+                for (number, b) in numbers.iter_mut().zip(plane) {
+                    *number |= u64::from(*b) << (8 * byte);
+                }
+            }
+        }
+        numbers
+    }
+
     /// The k-th four-byte float of a row.
     pub fn f32(&self, row: usize, k: usize) -> f32 {
         f32::from_bits(self.u32(row, k))
@@ -324,21 +373,14 @@ pub mod radiance {
         values: impl Iterator<Item = &'a mut [f32; 3]>,
     ) -> Result<()> {
         columns.at_most_one_of(&[first, first + 1, first + 2])?;
-        if !SharedExponent::BASES.contains(&base) {
-            return Err(FormatError::invalid(
-                "exponent of the page",
-                format!("{:?}", SharedExponent::BASES),
-                base,
-            ));
-        }
-        let code = SharedExponent { base };
+        let code = SharedExponent::checked(base)?;
         if let Some(rows) = columns.get(first) {
-            for (i, v) in values.enumerate() {
-                *v = code.decode(rows.u32(i, 0));
+            for (v, c) in values.zip(rows.u32s(0)) {
+                *v = code.decode(c);
             }
         } else if let Some(rows) = columns.get(first + 1) {
-            for (i, v) in values.enumerate() {
-                *v = code.decode_grey(rows.u16(i, 0));
+            for (v, c) in values.zip(rows.u16s(0)) {
+                *v = code.decode_grey(c);
             }
         } else if let Some(rows) = columns.get(first + 2) {
             for (i, v) in values.enumerate() {

@@ -3,6 +3,8 @@
 mod columns;
 mod decode;
 mod encode;
+mod forecast;
+mod gaps;
 mod lvoxels;
 mod place;
 mod read;

@@ -1,6 +1,6 @@
 //! Reading a tree.
 
-use super::{MAX_PAGE_BYTES, MAX_PAGE_RECORDS, decode, lvoxels};
+use super::{MAX_PAGE_BYTES, MAX_PAGE_RECORDS, columns, decode, lvoxels};
 use crate::bytes;
 use crate::frame::{Block, BlockKind, FileKind, Frame};
 use crate::record::{Below, Bounds, Lvoxel, Surfel, SurfelPage};
@@ -19,6 +19,7 @@ pub struct Tree<D> {
     meta: TreeMeta,
     summary: TreeSummary,
     content_hash: [u8; 16],
+    version: u32,
 }
 
 impl Tree<MappedFile> {
@@ -51,6 +52,16 @@ impl<D: AsRef<[u8]>> Tree<D> {
                     format!("records of block {i}"),
                     format!("at most {most}"),
                     format!("{} and {} nodes", block.records, block.nodes),
+                ));
+            }
+            if frame.version == 1
+                && block.kind == BlockKind::Lvoxels
+                && block.columns & columns::SINCE_VERSION_2 != 0
+            {
+                return Err(FormatError::invalid(
+                    format!("columns of block {i}"),
+                    "those of version 1",
+                    format!("{:#x}", block.columns),
                 ));
             }
             if block.raw_bytes as usize > MAX_PAGE_BYTES || block.stored_bytes > block.raw_bytes {
@@ -113,6 +124,7 @@ impl<D: AsRef<[u8]>> Tree<D> {
             meta,
             summary,
             content_hash: frame.content_hash,
+            version: frame.version,
             data,
         })
     }
@@ -125,6 +137,11 @@ impl<D: AsRef<[u8]>> Tree<D> {
     /// What was counted while it was written.
     pub fn summary(&self) -> &TreeSummary {
         &self.summary
+    }
+
+    /// Version of the format that the file was written in.
+    pub fn version(&self) -> u32 {
+        self.version
     }
 
     /// Identity of everything in the file.

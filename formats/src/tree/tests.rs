@@ -159,24 +159,85 @@ proptest! {
     }
 
     #[test]
-    fn lvoxel_pages(changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..4), cut in prop::sample::select(vec![0usize, 0, 0, 1, 100])) {
-        let given: Vec<Lvoxel> = (0..10)
-            .map(|i| Lvoxel {
-                volume: i % 2,
-                level: (i % 3) as u8,
-                block: [i; 3],
-                sigma_t: 1.0 + f32::from(i),
-                source: [f32::from(i), 1.0, 0.0],
-            })
-            .collect();
-        let mut columns = stats::lvoxel_columns();
-        let mut raw = lvoxels::encode(&given, &mut columns, &mut stats::Errors::default()).unwrap().raw;
+    fn lvoxel_pages(smooth: bool, changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..4), header in prop::collection::vec((0usize..20, any::<u8>()), 0..2), cut in prop::sample::select(vec![0usize, 0, 0, 0, 1, 100])) {
+        static PAGES: std::sync::OnceLock<[Vec<u8>; 2]> = std::sync::OnceLock::new();
+        let pages = PAGES.get_or_init(|| [any_lvoxels(), smooth_lvoxels()].map(|given| {
+            let mut columns = stats::lvoxel_columns();
+            lvoxels::encode(&given, &mut columns, &mut stats::Errors::default()).unwrap().raw
+        }));
+        let mut raw = pages[usize::from(smooth)].clone();
+        prop_assert_eq!(number(&raw, 4) >> 8, if smooth { 0b111 } else { 0 });
         change(&mut raw, &changes, cut);
+        for (at, value) in header {
+            if at < raw.len() {
+                raw[at] = value;
+            }
+        }
         if raw.len() >= 8 {
             let block = block(number(&raw, 0), 0, number(&raw, 4));
             if let Ok(lvoxels) = lvoxels::decode(&raw, &block) {
+                prop_assert_eq!(lvoxels.len(), block.records as usize);
                 prop_assert!(lvoxels.iter().all(|v| v.source.iter().all(|c| c.is_finite())));
             }
         }
     }
+
+    /// Steps and gaps that no writer would give.
+    #[test]
+    fn hostile_steps(gaps in prop::collection::vec((any::<u64>(), 0u32..64), 1..100), levels in any::<u8>(), codes in any::<u16>(), sparse: bool) {
+        let n = gaps.len();
+        let mask = 1u32 << 8 | 1 << 9 | 1 << 10;
+        let mut raw = Vec::new();
+        raw.extend((n as u32).to_le_bytes());
+        raw.extend(mask.to_le_bytes());
+        raw.extend([0, 0, 0x80, 0x3f, 0, 0, 0, 0, 13, levels % 4, 0, 0]);
+        let gaps = gaps.iter().map(|(gap, shift)| if sparse { gap >> shift } else { gap >> 61 });
+        let rows: Vec<u8> = gaps.flat_map(u64::to_le_bytes).collect();
+        bytes::to_planes(&rows, 8, &mut raw);
+        for _ in 0..2 {
+            let rows: Vec<u8> = (0..n as u16).flat_map(|i| (codes.wrapping_mul(i) >> 5).to_le_bytes()).collect();
+            bytes::to_planes(&rows, 2, &mut raw);
+        }
+        let block = block(n as u32, 0, mask);
+        if let Ok(lvoxels) = lvoxels::decode(&raw, &block) {
+            prop_assert!(lvoxels.iter().all(|v| v.source[0].is_finite() && v.sigma_t > 0.0));
+        }
+        // Steps have to have gaps.
+        let mask = mask & !(1 << 8) | 1 << 2;
+        raw[4..8].copy_from_slice(&mask.to_le_bytes());
+        raw.drain(20..20 + 2 * n);
+        let block = Block { columns: mask, ..block };
+        prop_assert!(lvoxels::decode(&raw, &block).is_err());
+    }
+}
+
+/// In no order.
+fn any_lvoxels() -> Vec<Lvoxel> {
+    (0..10)
+        .map(|i| Lvoxel {
+            volume: i % 2,
+            level: (i % 3) as u8,
+            block: [i; 3],
+            sigma_t: 1.0 + f32::from(i),
+            source: [f32::from(i), 1.0, 0.0],
+        })
+        .collect()
+}
+
+/// A slab of voxels in Morton order; extinction and grey source change little by little.
+fn smooth_lvoxels() -> Vec<Lvoxel> {
+    (0..300u16)
+        .map(|i| {
+            let axis = |shift: u16| (0..3).fold(0, |x, k| x | (i >> (3 * k + shift) & 1) << k);
+            let block = [axis(2), axis(1), axis(0)];
+            let [x, y, z] = block.map(f32::from);
+            Lvoxel {
+                volume: 0,
+                level: 0,
+                block,
+                sigma_t: 8.0 + 0.5 * x + 0.1 * y * z,
+                source: [3.0 + 0.1 * x - 0.2 * y + 0.05 * z; 3],
+            }
+        })
+        .collect()
 }

@@ -132,6 +132,26 @@ pub fn lvoxels(random: &mut Random, n: usize, style: Style) -> Vec<Lvoxel> {
         .collect()
 }
 
+/// A brick of voxels with holes and one of larger blocks, in Morton order: extinction and grey source change little by little.
+pub fn smooth_lvoxels() -> Vec<Lvoxel> {
+    let brick = |first: u16, level: u8| {
+        (0..512u16 >> (3 * level)).map(move |i| {
+            let axis = |shift: u16| (0..3).fold(0, |x, k| x | (i >> (3 * k + shift) & 1) << k);
+            let [x, y, z] = [axis(2), axis(1), axis(0)].map(|c| f32::from(c << level) / 8.0);
+            let source = 0.4 + 0.3 * z - 0.2 * x * y;
+            Lvoxel {
+                volume: 1,
+                level,
+                block: [axis(2), axis(1), axis(0) + first],
+                sigma_t: 1.0 + 0.5 * x + 0.2 * y * y - 0.3 * z,
+                source: [source; 3],
+            }
+        })
+    };
+    let holes = brick(0, 0).filter(|v| v.block[0] + v.block[1] + v.block[2] < 12);
+    holes.chain(brick(4, 1)).collect()
+}
+
 pub fn cloud_meta(style: Style) -> CloudMeta {
     CloudMeta {
         scene_hash: std::array::from_fn(|i| i as u8),
@@ -258,6 +278,7 @@ pub fn write_tree(path: &Path, style: Style, pages: usize, per_page: usize) -> V
     let voxels = lvoxels(&mut random, per_page, style);
     if !voxels.is_empty() {
         writer.write_lvoxel_page(&voxels).unwrap();
+        writer.write_lvoxel_page(&smooth_lvoxels()).unwrap();
     }
     let sums = Sums {
         volumes: vec![VolumeSums::default(); 2],
