@@ -41,6 +41,24 @@ struct Quarter {
 pub struct Surroundings<'a>([(Option<&'a Probe>, f32); 8]);
 
 impl Surroundings<'_> {
+    /// Sum over quarters in a row, from `first` on, of the radiance of surfaces through what is before them.
+    #[must_use]
+    pub fn radiance_through(&self, first: u32, transmittances: &[f32]) -> Rgb {
+        let mut sum = Rgb::BLACK;
+        for (probe, weight) in &self.0 {
+            let Some(probe) = probe else {
+                continue;
+            };
+            let mut light = Rgb::BLACK;
+            let quarters = &probe.quarters[first as usize..];
+            for (quarter, through) in quarters.iter().zip(transmittances) {
+                light += quarter.radiance * *through;
+            }
+            sum += light * *weight;
+        }
+        sum
+    }
+
     /// Radiance of surfaces, a mean over a quarter of a cell.
     #[must_use]
     pub fn radiance(&self, quarter: u32) -> Rgb {
@@ -72,8 +90,8 @@ impl FarField {
     const STEP: usize = 8;
     /// Probe spacings along a volume, at most.
     const MOST: usize = 16;
-    /// Rays of a probe.
-    const RAYS: u32 = 64;
+    /// Rays of a probe, at least.
+    const RAYS: u32 = 32;
     /// Probe spacings that surfaces must be away.
     const CLEAR: f32 = 4.0;
 
