@@ -94,6 +94,11 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
             width,
             corners,
         };
+        // Before any corner asks more of the lights: those of the outer rings do not, but they do in blocks of their own,
+        // and whether media are alike must not depend on the block.
+        if !shader.view.tracer.scene.volumes.is_empty() {
+            corners.pass_media(height);
+        }
         corners.look_into_penumbrae(height);
         corners.look_around(height);
         corners
@@ -158,12 +163,9 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
         }
     }
 
-    /// Media and indirect light of the corners of the region's own pixels.
+    /// Indirect light of the corners of the region's own pixels.
     fn look_around(&mut self, height: usize) {
         let rings = Self::RINGS as usize;
-        if !self.shader.view.tracer.scene.volumes.is_empty() {
-            self.pass_media(height);
-        }
         // Indirect light is looked up at every second corner, and one ring further out, then at those between which do
         // not lie on one piece of surface with their neighbours.
         for own in [false, true] {
