@@ -35,12 +35,17 @@ impl Volume {
     /// Longest edge of a voxel, scene units.
     #[must_use]
     pub fn longest_voxel_edge(&self) -> f32 {
+        self.voxel_edges().into_iter().fold(0.0, f64::max) as f32
+    }
+
+    /// Shortest edge of a voxel, scene units.
+    #[must_use]
+    pub fn shortest_voxel_edge(&self) -> f32 {
+        self.voxel_edges().into_iter().fold(f64::INFINITY, f64::min) as f32
+    }
+
+    fn voxel_edges(&self) -> [f64; 3] {
         let axes = self.scene_from_index.matrix3;
-        let longest = axes
-            .x_axis
-            .length()
-            .max(axes.y_axis.length())
-            .max(axes.z_axis.length());
-        longest as f32
+        [axes.x_axis, axes.y_axis, axes.z_axis].map(|a| a.length())
     }
 }

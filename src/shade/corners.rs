@@ -8,7 +8,11 @@ use super::pixel::{Piece, Pixel, PixelShader, PixelSum, Sample};
 use crate::gather::{Medium, Pages};
 use crate::image::Region;
 use crate::light::{Arrival, Direct, ShadowRays};
+use crate::math::segment::Composite;
 use crate::math::{Rgb, sampling};
+use crate::scene::Volume;
+use glam::Vec3;
+use std::f32::consts::FRAC_1_PI;
 
 /// Corners of the pixels of a region and around it.
 pub struct Corners<'a, P, M> {
@@ -61,8 +65,11 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
     /// Share of an area light by which two halves of the 16 corners around a pixel may differ.
     const NARROW: f32 = 0.4;
 
-    /// Rings of corners around those of a region's own pixels: one takes part in them, two tell whether shadows do.
+    /// Rings of corners around those of a region's own pixels: one takes part in them, two tell whether shadows do,
+    /// and three whether media are alike.
     const RINGS: u32 = 3;
+    /// By how much, of 1 and of the light seen, media before corners may differ for those between to take their mean.
+    const ALIKE: f32 = 0.1;
     /// Shadow rays of a corner in a penumbra.
     const PENUMBRA: u8 = 4;
 
@@ -87,6 +94,11 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
             width,
             corners,
         };
+        // Before any corner asks more of the lights: those of the outer rings do not, but they do in blocks of their own,
+        // and whether media are alike must not depend on the block.
+        if !shader.view.tracer.scene.volumes.is_empty() {
+            corners.pass_media(height);
+        }
         corners.look_into_penumbrae(height);
         corners.look_around(height);
         corners
@@ -151,19 +163,9 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
         }
     }
 
-    /// Media and indirect light of the corners of the region's own pixels.
+    /// Indirect light of the corners of the region's own pixels.
     fn look_around(&mut self, height: usize) {
         let rings = Self::RINGS as usize;
-        let has_media = !self.shader.view.tracer.scene.volumes.is_empty();
-        if has_media {
-            for row in rings..height - rings {
-                for corner in
-                    &mut self.corners[row * self.width + rings..(row + 1) * self.width - rings]
-                {
-                    corner.sample.passed = self.shader.march(&corner.sample);
-                }
-            }
-        }
         // Indirect light is looked up at every second corner, and one ring further out, then at those between which do
         // not lie on one piece of surface with their neighbours.
         for own in [false, true] {
@@ -198,18 +200,107 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
         }
     }
 
+    /// Marches the media before every second or fourth corner, and before those between where the media of their neighbours
+    /// differ.
+    fn pass_media(&mut self, height: usize) {
+        let spacing = self.marched_spacing();
+        let mut step = spacing;
+        while step > 0 {
+            // Corners between need those up to one step less one away.
+            let rim = Self::RINGS as usize + 1 - step;
+            for row in rim..height - rim {
+                for column in rim..self.width - rim {
+                    let [x, y] = Self::place(self.region, column, row)
+                        .moved
+                        .map(|c| c as usize);
+                    if x % step != 0 || y % step != 0 {
+                        continue;
+                    }
+                    let i = row * self.width + column;
+                    let between = if step < spacing {
+                        let is_between = [x, y].map(|c| c % (2 * step) != 0);
+                        if is_between == [false; 2] {
+                            continue;
+                        }
+                        self.media_between(i, is_between, step)
+                    } else {
+                        None
+                    };
+                    let march = || self.shader.march(&self.corners[i].sample);
+                    self.corners[i].sample.passed = between.unwrap_or_else(march);
+                }
+            }
+            step /= 2;
+        }
+    }
+
+    /// Corners between those that march whatever their neighbours do: so few that no voxel of a medium fits between them
+    /// unseen.
+    fn marched_spacing(&self) -> usize {
+        let view = &self.shader.view;
+        let voxel_in_pixels = |v: &Volume| {
+            let distance = |corner: Vec3| corner.distance(view.camera.origin());
+            let farthest = v.corners().map(distance).into_iter().fold(0.0, f32::max);
+            v.shortest_voxel_edge() / (farthest * view.pixel_angle)
+        };
+        let volumes = view.tracer.scene.volumes.iter();
+        let least = volumes.map(voxel_in_pixels).fold(f32::INFINITY, f32::min);
+        // Samples stand in the middle of voxels and reach one further.
+        let fits = |&step: &usize| step as f32 <= 2.0 * least;
+        [4, 2].into_iter().find(fits).unwrap_or(1)
+    }
+
+    /// The mean of what the media do before the corners `step` beside or around one, if they do nearly the same.
+    fn media_between(&self, i: usize, is_between: [bool; 2], step: usize) -> Option<Composite> {
+        let around = self.around(i, is_between, step);
+        let like = &self.corners[i].sample;
+        let share = 1.0 / around.len() as f32;
+        let mut mean = Composite {
+            radiance: Rgb::BLACK,
+            transmittance: 0.0,
+        };
+        let (mut least, mut most) = ([f32::INFINITY; 2], [0.0_f32; 2]);
+        let mut seen = Rgb::BLACK;
+        for j in around {
+            let sample = &self.corners[j].sample;
+            if !self.shader.same_end(like, sample) {
+                return None;
+            }
+            let passed = &sample.passed;
+            let values = [passed.transmittance, passed.radiance.luminance()];
+            for (k, v) in values.into_iter().enumerate() {
+                least[k] = least[k].min(v);
+                most[k] = most[k].max(v);
+            }
+            mean.radiance += passed.radiance * share;
+            mean.transmittance += passed.transmittance * share;
+            let behind = sample
+                .surface
+                .map_or(Rgb::BLACK, |s| s.albedo * sample.direct.light() * FRAC_1_PI);
+            seen += (passed.radiance + behind * passed.transmittance) * share;
+        }
+        let [transmittance, radiance] = [0, 1].map(|k| most[k] - least[k]);
+        let alike = transmittance <= Self::ALIKE && radiance <= Self::ALIKE * seen.luminance();
+        alike.then_some(mean)
+    }
+
+    /// Four corners, some of them twice, `step` away from one that lies between them in some of its coordinates.
+    fn around(&self, i: usize, [column_is, row_is]: [bool; 2], step: usize) -> [usize; 4] {
+        let (a, b) = (step, step * self.width);
+        match (column_is, row_is) {
+            (true, false) => [i - a, i + a, i - a, i + a],
+            (false, true) => [i - b, i + b, i - b, i + b],
+            _ => [i - b - a, i - b + a, i + b - a, i + b + a],
+        }
+    }
+
     /// The mean irradiance of the corners beside or around one, if all lie on its piece of surface and have it from the
     /// lattice: what they gathered for themselves has noise, which must not be spread.
-    fn between(&self, i: usize, [column_is, row_is]: [bool; 2]) -> Option<Rgb> {
-        let w = self.width;
-        let around: &[usize] = match (column_is, row_is) {
-            (true, false) => &[i - 1, i + 1],
-            (false, true) => &[i - w, i + w],
-            _ => &[i - w - 1, i - w + 1, i + w - 1, i + w + 1],
-        };
+    fn between(&self, i: usize, is_between: [bool; 2]) -> Option<Rgb> {
+        let around = self.around(i, is_between, 1);
         let like = &self.corners[i].sample;
         let mut sum = Rgb::BLACK;
-        for &j in around {
+        for j in around {
             let corner = &self.corners[j];
             if !corner.is_spread || !self.shader.same_end(like, &corner.sample) {
                 return None;

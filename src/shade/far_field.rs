@@ -41,6 +41,24 @@ struct Quarter {
 pub struct Surroundings<'a>([(Option<&'a Probe>, f32); 8]);
 
 impl Surroundings<'_> {
+    /// Sum over quarters in a row, from `first` on, of the radiance of surfaces through what is before them.
+    #[must_use]
+    pub fn radiance_through(&self, first: u32, transmittances: &[f32]) -> Rgb {
+        let mut sum = Rgb::BLACK;
+        for (probe, weight) in &self.0 {
+            let Some(probe) = probe else {
+                continue;
+            };
+            let mut light = Rgb::BLACK;
+            let quarters = &probe.quarters[first as usize..];
+            for (quarter, through) in quarters.iter().zip(transmittances) {
+                light += quarter.radiance * *through;
+            }
+            sum += light * *weight;
+        }
+        sum
+    }
+
     /// Radiance of surfaces, a mean over a quarter of a cell.
     #[must_use]
     pub fn radiance(&self, quarter: u32) -> Rgb {
@@ -72,8 +90,8 @@ impl FarField {
     const STEP: usize = 8;
     /// Probe spacings along a volume, at most.
     const MOST: usize = 16;
-    /// Rays of a probe.
-    const RAYS: u32 = 64;
+    /// Rays of a probe, at least.
+    const RAYS: u32 = 32;
     /// Probe spacings that surfaces must be away.
     const CLEAR: f32 = 4.0;
 
@@ -180,8 +198,20 @@ impl FarField {
 
     /// A point of the unit square inside a quarter of a cell.
     fn within_quarter(&self, quarter: u32, [u, v]: [f32; 2]) -> [f32; 2] {
-        let [x, y] = [quarter & 1, quarter >> 1 & 1].map(|half| half as f32);
+        let [x, y] = Self::halves(quarter).map(|half| half as f32);
         self.within(quarter / 4, [0.5 * (x + u), 0.5 * (y + v)])
+    }
+
+    /// Which half of its cell a quarter is in, along both axes.
+    fn halves(quarter: u32) -> [u32; 2] {
+        [quarter & 1, quarter >> 1 & 1]
+    }
+
+    /// Where a quarter is among all, along both axes.
+    fn row_and_column(&self, quarter: u32) -> [usize; 2] {
+        let cell = [quarter / 4 / self.sectors, quarter / 4 % self.sectors];
+        let half = Self::halves(quarter);
+        std::array::from_fn(|a| (2 * cell[a] + half[a]) as usize)
     }
 
     fn look_around<P: Pages>(
@@ -192,13 +222,19 @@ impl FarField {
     ) -> Probe {
         let count = self.quarters();
         let per_quarter = Self::RAYS.div_ceil(count);
+        let [rows, columns] = [2 * self.rings, 2 * self.sectors];
+        let patterns: Vec<MultiJitter> = (0..per_quarter)
+            .map(|i| MultiJitter::new(rows, columns, seed, i))
+            .collect();
         let mut scratch = crate::gather::cone::Scratch::default();
         let mut inverse_distance = 0.0;
         let quarters: Box<[Quarter]> = (0..count)
             .map(|c| {
                 let mut quarter = Quarter::default();
-                for i in 0..per_quarter {
-                    let u = sampling::unit2(sampling::hash(&[seed, u64::from(c), u64::from(i)]));
+                let [row, column] = self.row_and_column(c);
+                for (i, pattern) in patterns.iter().enumerate() {
+                    let key = sampling::hash(&[seed, u64::from(c), i as u64]);
+                    let u = pattern.within(row, column, sampling::unit2(key));
                     let direction = sampling::sphere(self.within_quarter(c, u));
                     let seen = surfaces.look(point, direction, &mut scratch);
                     quarter.radiance += seen.radiance;
@@ -214,6 +250,64 @@ impl FarField {
         Probe {
             harmonic_distance: (count * per_quarter) as f32 / inverse_distance,
             quarters,
+        }
+    }
+}
+
+/// Points of which each cell of a grid over the unit square has one, and so has each of as many strips of the square along
+/// either axis: correlated multi-jittered samples (Kensler 2013).
+struct MultiJitter {
+    /// By row, the part of its cells along the second axis in which its points are; by column, along the first.
+    part_of_row: Vec<f32>,
+    part_of_column: Vec<f32>,
+}
+
+impl MultiJitter {
+    /// The `i`-th independent set of a seed.
+    fn new(rows: u32, columns: u32, seed: u64, i: u32) -> Self {
+        let order = |n: u32, axis: u64| {
+            let key = |k| sampling::hash(&[seed, axis, u64::from(k), u64::from(i)]);
+            let keys: Vec<u64> = (0..n).map(key).collect();
+            let rank = |of: &u64| keys.iter().filter(|k| *k < of).count() as f32;
+            keys.iter().map(rank).collect()
+        };
+        Self {
+            part_of_row: order(rows, 2),
+            part_of_column: order(columns, 1),
+        }
+    }
+
+    /// Where within a cell its point is, for two numbers in [0,1).
+    fn within(&self, row: usize, column: usize, [u, v]: [f32; 2]) -> [f32; 2] {
+        [
+            (self.part_of_column[column] + u) / self.part_of_column.len() as f32,
+            (self.part_of_row[row] + v) / self.part_of_row.len() as f32,
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_strip_of_the_square_has_a_point() {
+        for (rows, columns) in [(4, 8), (2, 6), (1, 1)] {
+            let pattern = MultiJitter::new(rows, columns, 7, 1);
+            let all = rows * columns;
+            let mut strips = [vec![0; all as usize], vec![0; all as usize]];
+            for cell in 0..all {
+                let (row, column) = (cell / columns, cell % columns);
+                let u = pattern.within(row as usize, column as usize, [0.5; 2]);
+                let at = [
+                    (row as f32 + u[0]) / rows as f32,
+                    (column as f32 + u[1]) / columns as f32,
+                ];
+                for (strips, at) in strips.iter_mut().zip(at) {
+                    strips[(at * all as f32) as usize] += 1;
+                }
+            }
+            assert!(strips.iter().flatten().all(|&n| n == 1), "{strips:?}");
         }
     }
 }

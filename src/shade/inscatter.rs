@@ -52,7 +52,9 @@ pub struct InScatter<'a, P, M> {
 }
 
 impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
-    /// Optical depth between vertices of the direct lattice. Cells deeper than this are lit at their own point.
+    /// Optical depth between vertices of the direct lattice, at most.
+    const SPACING: f32 = 1.0;
+    /// Cells deeper than this are lit at their own point.
     const DEPTH: f32 = 0.7;
     /// In cells deeper than this light of other surfaces and media is looked for at their own point, too: rays end within a
     /// few of them.
@@ -128,7 +130,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     fn level(densest: f32) -> usize {
         (0..LEVELS)
             .rev()
-            .find(|&l| densest * (1 << l) as f32 <= Self::DEPTH)
+            .find(|&l| densest * (1 << l) as f32 <= Self::SPACING)
             .unwrap_or(0)
     }
 

@@ -4,7 +4,7 @@
 //! A ray on its own serves one vertex, a swept one serves all on its way. Surfaces beyond the medium come from the probes
 //! of the far field, at each vertex, so that they keep their parallax.
 
-use super::far_field::FarField;
+use super::far_field::{FarField, Surroundings};
 use super::inscatter::LEVELS;
 use super::sparse::SparseLattice;
 use super::view::View;
@@ -143,9 +143,16 @@ impl Level {
             }
         });
         let vertices: Vec<[usize; 3]> = set.vertices().collect();
+        let to_index = |v: [usize; 3]| Vec3::from(v.map(|c| (c * step) as f32));
+        let surroundings: Vec<Option<Surroundings>> = vertices
+            .par_iter()
+            .map(|&v| {
+                let field = scope.far_field;
+                field.around(scope.volume, scope.gatherer, to_index(v))
+            })
+            .collect();
         let mut sums = vec![Rgb::BLACK; vertices.len()];
         let directions = scope.far_field.quarters();
-        let to_index = |v: [usize; 3]| Vec3::from(v.map(|c| (c * step) as f32));
         for first in (0..directions).step_by(Sweep::BATCH as usize) {
             scope.cancel.check()?;
             let batch = first..(first + Sweep::BATCH).min(directions);
@@ -155,25 +162,22 @@ impl Level {
                 .map(|q| Rays::new(scope, &set, step, scope.far_field.direction(q), media).pass())
                 .collect();
             sums.par_iter_mut().enumerate().for_each(|(i, sum)| {
-                let p = to_index(vertices[i]);
-                if let Some(around) = scope.far_field.around(scope.volume, scope.gatherer, p) {
-                    for (q, arriving) in batch.clone().zip(&arriving) {
+                if let Some(around) = &surroundings[i] {
+                    let mut through = [0.0; Sweep::BATCH as usize];
+                    for (through, arriving) in through.iter_mut().zip(&arriving) {
                         let a = &arriving[i];
-                        *sum += a.radiance + around.radiance(q) * a.transmittance;
+                        *sum += a.radiance;
+                        *through = a.transmittance;
                     }
+                    *sum += around.radiance_through(first, &through[..arriving.len()]);
                 }
             });
         }
         let scale = 1.0 / directions as f32;
-        let light = vertices
-            .par_iter()
-            .zip(sums)
-            .map(|(&v, sum)| {
-                scope
-                    .far_field
-                    .around(scope.volume, scope.gatherer, to_index(v))
-                    .map(|_| sum * scale)
-            })
+        let light = sums
+            .into_iter()
+            .zip(surroundings)
+            .map(|(sum, around)| around.map(|_| sum * scale))
             .collect();
         Ok(Self { set, light })
     }
@@ -241,21 +245,30 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
     /// Passes all rays that any vertex needs, and returns what arrives at the vertices.
     fn pass(&self) -> Vec<Arriving> {
         let [(u0, nu), (w0, nw)] = self.rays.extent(self.set.bounds());
-        // By ray, a bit for each layer in which a vertex needs it.
         let words = self.layers().div_ceil(64);
+        let mut places = Vec::with_capacity(self.set.len());
+        places.extend(self.set.vertices().map(|v| {
+            let (_, across) = self.rays.place(v.map(|c| c as f32));
+            let [x, y] = across.map(f32::floor);
+            Place {
+                ray: (y as i32 - w0) as usize * nu + (x as i32 - u0) as usize,
+                layer: v[self.rays.axes[0]],
+                share: [across[0] - x, across[1] - y],
+            }
+        }));
+        // By ray, a bit for each layer in which a vertex needs it.
         let mut needed = vec![0_u64; nu * nw * words];
-        for v in self.set.vertices() {
-            let (_, [x, y]) = self.rays.place(v.map(|c| c as f32));
-            let layer = v[self.rays.axes[0]];
-            let (x, y) = (x.floor() as i32 - u0, y.floor() as i32 - w0);
-            for ray in [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)] {
-                let ray = ray.1 as usize * nu + ray.0 as usize;
-                needed[ray * words + layer / 64] |= 1 << (layer % 64);
+        for place in &places {
+            for (ray, _) in place.rays(nu) {
+                needed[ray * words + place.layer / 64] |= 1 << (place.layer % 64);
             }
         }
-        let mut arriving = vec![Arriving::default(); self.set.len()];
+        let mut arriving: Vec<Arriving> = Vec::new();
+        // Where those of each ray begin.
+        let mut firsts = Vec::with_capacity(nu * nw);
         let mut stops = Vec::new();
         for (i, needed) in needed.chunks_exact(words).enumerate() {
+            firsts.push(arriving.len());
             stops.clear();
             for (word, &bits) in needed.iter().enumerate() {
                 let mut bits = bits;
@@ -270,9 +283,27 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
                 }
                 let at = [(i % nu) as i32 + u0, (i / nu) as i32 + w0];
                 self.pass_one(at.map(|c| c as f32), &stops, &mut arriving);
+                if self.rays.upwards {
+                    arriving[firsts[i]..].reverse();
+                }
             }
         }
-        arriving
+        let of_ray = |ray: usize, layer: usize| {
+            let words_before = &needed[ray * words..ray * words + layer / 64];
+            let within = needed[ray * words + layer / 64] & ((1 << (layer % 64)) - 1);
+            let before = words_before.iter().map(|w| w.count_ones()).sum::<u32>();
+            arriving[firsts[ray] + (before + within.count_ones()) as usize]
+        };
+        let at_vertex = |place: &Place| {
+            let mut sum = Arriving::default();
+            for (ray, weight) in place.rays(nu) {
+                let light = of_ray(ray, place.layer);
+                sum.radiance += light.radiance * weight;
+                sum.transmittance += light.transmittance * weight;
+            }
+            sum
+        };
+        places.iter().map(at_vertex).collect()
     }
 
     /// Layers of vertices.
@@ -280,8 +311,8 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
         self.set.count()[self.rays.axes[0]]
     }
 
-    /// Passes one ray, which leaves light in some layers, in the order of travel.
-    fn pass_one(&self, at: [f32; 2], stops: &[usize], arriving: &mut [Arriving]) {
+    /// Passes one ray, and appends what it brings to some layers, in the order of travel.
+    fn pass_one(&self, at: [f32; 2], stops: &[usize], arriving: &mut Vec<Arriving>) {
         // The whole ray is the same whatever part of it is needed.
         let first = if self.rays.upwards {
             self.layers() - 1
@@ -336,7 +367,7 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
                     if share > 0.0 {
                         here.pass(s.tau * share, s.source);
                     }
-                    self.leave(at, stops[next], here, arriving);
+                    arriving.push(here);
                     next += 1;
                     next_at = stop_at(next);
                 }
@@ -369,36 +400,28 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
         }
         walls
     }
+}
 
-    /// Leaves light at the vertices around a ray in one layer.
-    fn leave(&self, at: [f32; 2], layer: usize, light: Arriving, arriving: &mut [Arriving]) {
-        let [main, u, w] = self.rays.axes;
-        let count = self.set.count();
-        let [x0, y0] = self.rays.across(at, layer as f32).map(f32::floor);
-        let mut v = [0; 3];
-        v[main] = layer;
-        for (x, y) in [
-            (x0, y0),
-            (x0 + 1.0, y0),
-            (x0, y0 + 1.0),
-            (x0 + 1.0, y0 + 1.0),
-        ] {
-            if x < 0.0 || y < 0.0 || x >= count[u] as f32 || y >= count[w] as f32 {
-                continue;
-            }
-            (v[u], v[w]) = (x as usize, y as usize);
-            // By where the vertex stands, as it asked for its rays: no other ray may leave anything, however little.
-            let (_, place) = self.rays.place(v.map(|c| c as f32));
-            let [wx, wy] = [0, 1].map(|a| 1.0 - (place[a] - at[a]).abs());
-            if wx > 0.0
-                && wy > 0.0
-                && let Some(i) = self.set.index(v)
-            {
-                let weight = wx * wy;
-                arriving[i].radiance += light.radiance * weight;
-                arriving[i].transmittance += light.transmittance * weight;
-            }
-        }
+/// A vertex among the rays of a direction.
+struct Place {
+    /// The nearest ray below it along both axes across.
+    ray: usize,
+    layer: usize,
+    /// How far it is from there to the next ray, along both.
+    share: [f32; 2],
+}
+
+impl Place {
+    /// The rays around the vertex, by their numbers in rows of `nu`, and their weights.
+    #[inline]
+    fn rays(&self, nu: usize) -> [(usize, f32); 4] {
+        let [x, y] = self.share;
+        [
+            (self.ray, (1.0 - x) * (1.0 - y)),
+            (self.ray + 1, x * (1.0 - y)),
+            (self.ray + nu, (1.0 - x) * y),
+            (self.ray + nu + 1, x * y),
+        ]
     }
 }
 

@@ -132,6 +132,45 @@ fn frames_do_not_depend_on_threads_tiles_or_caches() {
     assert!(fs::read(&merged).unwrap() == whole);
 }
 
+/// Media and penumbrae decide for each corner how much is asked there, and must do so by the corner alone.
+#[test]
+fn smoke_before_penumbrae_has_no_seams() {
+    // Thin smoke in all of the room, of voxels so large that most corners take what their neighbours have, before the shadow of
+    // the block in the light of a large lamp.
+    let text = ROOM
+        .replace("width = 64\nheight = 48", "width = 96\nheight = 72")
+        .replace(
+            "scale = 0.5\nrotate_deg = [180",
+            "scale = 1.2\nrotate_deg = [180",
+        )
+        .replace("sigma_t_scale = 6", "sigma_t_scale = 1")
+        .replace(
+            "[[0.9, 0, 0, -0.9], [0, 0.9, 0, 0.3], [0, 0, 0.9, -0.2]",
+            "[[2, 0, 0, -1], [0, 2, 0, 0], [0, 0, 2, -1]",
+        );
+    let work = Work::new(&text);
+    let scene = work.scene();
+    let store = TreeStore::open(&work.bake(&scene, 5000), None).unwrap();
+    let settings = Settings {
+        samples: 8,
+        volume_samples: 4,
+        ..Settings::default()
+    };
+    let radiance =
+        |regions: &[Region]| stage::radiance(&scene, &store, &settings, regions, &Job::default());
+    let whole = radiance(&[Region::full(96, 72)]).unwrap().concat();
+    let tiles = Region::full(96, 72).blocks(7);
+    let mut differ = 0;
+    for (tile, pixels) in tiles.iter().zip(radiance(&tiles).unwrap()) {
+        let at = (tile.y0..tile.y1).flat_map(|y| (tile.x0..tile.x1).map(move |x| y * 96 + x));
+        differ += at
+            .zip(pixels)
+            .filter(|&(i, pixel)| pixel.0 != whole[i as usize].0)
+            .count();
+    }
+    assert_eq!(differ, 0, "pixels of {}", whole.len());
+}
+
 #[test]
 fn the_seed_and_the_tree_decide_and_are_written_down() {
     let work = Work::new(ROOM);
