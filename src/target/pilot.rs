@@ -158,8 +158,10 @@ impl<'a> Pilot<'a> {
             .iter()
             .map(|p| p.compare(shaded[p.block][p.index], per_strand))
             .collect();
-        // By size of the error: as likely to drop what noise made too small as what it made too large.
-        terms.sort_unstable_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
+        // By size of the error, as likely to drop what noise made too small as what it made too large; and of its noise: a
+        // point where one bright path was found by chance tells nothing.
+        let size = |(error, variance): &(f64, f64)| error.abs() + variance.sqrt();
+        terms.sort_unstable_by(|a, b| size(a).total_cmp(&size(b)));
         let kept = ((terms.len() as f64 * KEPT) as usize).max(1);
         let terms = &terms[..kept];
         let count = kept as f64;
