@@ -38,7 +38,7 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "N")]
     samples: Option<u32>,
 
-    /// Take a node whole where it is seen under less than this, steradians; 0 for surfels only [default: 0.02, 0.01,
+    /// Take a node whole where it is seen under less than this, steradians; 0 for as fine as surfels are [default: 0.02, 0.01,
     /// 0.01 by quality]
     #[arg(long, value_name = "SR")]
     max_solid_angle: Option<f32>,

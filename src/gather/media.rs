@@ -156,6 +156,17 @@ impl<S: Source> Medium for &Media<S> {
     }
 }
 
+/// Bricks of a volume, by axis.
+fn table_dims(info: &VolumeInfo) -> [usize; 3] {
+    info.dims.map(|n| (n as usize).div_ceil(BRICK))
+}
+
+/// Bytes that finding the lvoxels of a volume takes, whatever its number of lvoxels.
+pub(super) fn table_bytes(info: &VolumeInfo) -> u128 {
+    let bricks: u128 = table_dims(info).iter().map(|&n| n as u128).product();
+    bricks * size_of::<u32>() as u128
+}
+
 impl<S: Source> BlockGrid<S> {
     fn new(info: &VolumeInfo, lvoxels: Vec<Lvoxel>) -> Self {
         let [x, y, z, t] = info.index_from_scene.map(DVec3::from);
@@ -163,7 +174,7 @@ impl<S: Source> BlockGrid<S> {
             matrix3: DMat3::from_cols(x, y, z),
             translation: t,
         };
-        let table_dims = info.dims.map(|n| (n as usize).div_ceil(BRICK));
+        let table_dims = table_dims(info);
         let mut grid = Self {
             index_from_scene: Affine3A::from_cols_array(&exact.to_cols_array().map(|v| v as f32)),
             index_from_scene_f64: exact,
@@ -237,7 +248,14 @@ impl<S: Source> BlockGrid<S> {
             .index_from_scene
             .transform_vector3(direction)
             .to_array();
-        clip_to_box(o, d, self.dims, t_max)?;
+        // Most rays miss most volumes. Rounding must not make one of them that does not.
+        let size = o
+            .into_iter()
+            .chain(self.dims)
+            .fold(0.0, |m: f32, v| m.max(v.abs()));
+        let margin = 2.0 * f32::EPSILON * size;
+        let wider = self.dims.map(|n| n + 2.0 * margin);
+        clip_to_box(o.map(|v| v + margin), d, wider, t_max)?;
         // Rounding the ends of a ray in a dense medium would be seen: they are found once more, exactly.
         let exact = &self.index_from_scene_f64;
         let o = exact.transform_point3(origin.as_dvec3());

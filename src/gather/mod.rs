@@ -1,4 +1,4 @@
-//! Light that arrives at a point, gathered from the tree: no scene is needed, only points and normals.
+//! Light that arrives at a point, gathered from the tree: points and normals are all that is needed beside it.
 //!
 //! Three kernels: [`plain`], the paper's ray cast over all disks; [`cone`], which takes a node whole where it is seen under
 //! less than the largest solid angle; and, where the scene is at hand, [`outgoing`], whose rays end at its triangles and
@@ -29,7 +29,8 @@ use std::f32::consts::PI;
 pub struct Settings<'a> {
     /// Rays a receiver.
     pub samples: u32,
-    /// A node seen under less than this, in steradians, may stand for all below it; 0 for disks only.
+    /// A node seen under less than this, in steradians, may stand for all below it; 0 for disks only. Sets
+    /// the size of patches, too, which are never smaller than a disk or so.
     pub max_solid_angle: f32,
     /// Distance beyond which nothing is gathered; infinite for no limit.
     pub max_dist: f32,

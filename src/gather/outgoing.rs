@@ -3,6 +3,7 @@
 //! Rays tell exactly what a receiver sees, and no disk reaches over an edge. What is seen is asked of the tree once for each
 //! patch, whose size goes by the solid angle that a node may have to be taken whole, and remembered.
 
+use super::cone::OVERHANG;
 use super::page::{ChildKind, DiskBlock, KernelPage, WIDTH, WideNode};
 use super::{Crossing, Pages};
 use crate::math::Rgb;
@@ -21,7 +22,7 @@ pub struct Hit {
     pub uv: [f32; 2],
 }
 
-/// The triangles of a scene.
+/// The triangles of a scene, which the gather does not know itself: it works where only a tree is at hand, too.
 pub trait Geometry: std::fmt::Debug + Sync {
     /// The nearest triangle before `t_max` along a ray of unit direction.
     fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Hit>;
@@ -78,8 +79,7 @@ impl<'a> Outgoing<'a> {
         let hit = self.geometry.closest(origin, direction, t_max)?;
         let size = Self::SIZE * max_solid_angle * hit.t * hit.t;
         let patch = self.patch(&hit, direction, size.max(self.least));
-        // Fibonacci hashing: the upper bits of the product depend on all bits of the key.
-        let hash = patch.key.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> (64 - Self::SLOTS);
+        let hash = patch.key.wrapping_mul(SCATTER) >> (64 - Self::SLOTS);
         let slot = &self.slots[hash as usize];
         let radiance = slot.get(patch.key).unwrap_or_else(|| {
             let packed = pack(patch.radiance(pages, stack));
@@ -109,8 +109,10 @@ impl<'a> Outgoing<'a> {
         }
         let parts = (1 << level) as f32;
         let [u, v] = hit.uv.map(|w| w.clamp(0.0, 1.0) * parts);
-        let [i, j] = [u, v].map(|w| w.floor().min(parts - 1.0));
-        let is_upper = (u - i) + (v - j) > 1.0;
+        // Rounding may put a hit beyond the edge across from the first corner.
+        let i = u.floor().min(parts - 1.0);
+        let j = v.floor().min(parts - 1.0 - i);
+        let is_upper = i + j + 1.0 < parts && (u - i) + (v - j) > 1.0;
         let third = if is_upper { 2.0 / 3.0 } else { 1.0 / 3.0 };
         let middle = a + e * ((i + third) / parts) + f * ((j + third) / parts);
         let normal = self.geometry.normal(hit.triangle);
@@ -130,6 +132,9 @@ impl<'a> Outgoing<'a> {
     }
 }
 
+/// 2^64 over the golden ratio: the upper bits of a product depend on all bits of the other factor (Fibonacci hashing).
+const SCATTER: u64 = 0x9E37_79B9_7F4A_7C15;
+
 /// A key and what belongs to it: the key mixed with the value, then the value, so that halves of two entries written at the
 /// same time do not fit each other (Hyatt & Mann 2002).
 #[derive(Debug, Default)]
@@ -139,20 +144,28 @@ impl Slot {
     #[inline]
     fn get(&self, key: u64) -> Option<u64> {
         let [mixed, value] = self.0.each_ref().map(|v| v.load(Ordering::Relaxed));
-        (mixed ^ value == key).then_some(value)
+        (mixed ^ Self::spread(value) == key).then_some(value)
     }
 
     #[inline]
     fn set(&self, key: u64, value: u64) {
-        self.0[0].store(key ^ value, Ordering::Relaxed);
+        self.0[0].store(key ^ Self::spread(value), Ordering::Relaxed);
         self.0[1].store(value, Ordering::Relaxed);
+    }
+
+    /// Keys and values have a structure, by which one could be taken for another.
+    #[inline]
+    fn spread(value: u64) -> u64 {
+        value.wrapping_mul(SCATTER)
     }
 }
 
 /// Three radiances of at least 0 in 21 bits each: an f32 without its sign and its last ten digits, 6e-5 of its value.
 #[inline]
 fn pack(c: Rgb) -> u64 {
-    let [r, g, b] = c.0.map(|v| u64::from((v.to_bits() + (1 << 9)) >> 10));
+    // Adding 0 turns -0 into 0.
+    let [r, g, b] =
+        c.0.map(|v| u64::from(((v + 0.0).to_bits() + (1 << 9)) >> 10));
     r << 42 | g << 21 | b
 }
 
@@ -244,7 +257,7 @@ impl Patch {
 struct Mean {
     sum: [f32; 3],
     area: f32,
-    /// The disk that comes nearest to holding the point: squared distance over squared radius, and what it sends.
+    /// The disk that comes nearest to holding the point: how far it is from that, and what it sends.
     nearest: (f32, [f32; 3]),
 }
 
@@ -253,7 +266,7 @@ impl Default for Mean {
         Self {
             sum: [0.0; 3],
             area: 0.0,
-            nearest: (f32::INFINITY, [0.0; 3]),
+            nearest: (Self::FARTHEST, [0.0; 3]),
         }
     }
 }
@@ -261,6 +274,8 @@ impl Default for Mean {
 impl Mean {
     /// Cosine between the normals of a disk and of a patch from which on both are one surface.
     const ALIKE: f32 = 0.7;
+    /// A disk further away than this says nothing: five radii along its plane, half a radius off it.
+    const FARTHEST: f32 = 25.0;
 
     #[inline]
     fn add(&mut self, (sum, area): ([f32; 3], f32)) {
@@ -277,8 +292,11 @@ impl Mean {
         let mut cos = [0.0_f32; WIDTH];
         for k in 0..WIDTH {
             let [x, y, z] = [0, 1, 2].map(|a| p[a] - block.centre[a][k]);
-            reach[k] = (x * x + y * y + z * z) / block.radius2[k];
             let normal = [0, 1, 2].map(|a| block.normal[a][k]);
+            let height = x * normal[0] + y * normal[1] + z * normal[2];
+            // What is off the plane by more than disks of one surface stand out over each other is of another one.
+            let off = height * height / (OVERHANG * OVERHANG);
+            reach[k] = (x * x + y * y + z * z + off) / block.radius2[k];
             cos[k] = n[0] * normal[0] + n[1] * normal[1] + n[2] * normal[2];
         }
         for k in 0..block.count as usize {
@@ -305,9 +323,103 @@ impl Mean {
     /// Black where the tree knows no surface.
     fn radiance(&self) -> Rgb {
         if self.area > 0.0 {
-            Rgb(self.sum) * (1.0 / self.area)
+            Rgb(self.sum.map(|v| v / self.area))
         } else {
             Rgb(self.nearest.1)
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn radiance_survives_packing() {
+        for v in [0.0, -0.0, 1e-36, 1e-30, 0.3, 1.0, 7e4, 1e30] {
+            let Rgb(got) = unpack(pack(Rgb([v, 2.0 * v, 0.5 * v])));
+            for (got, v) in got.into_iter().zip([v, 2.0 * v, 0.5 * v]) {
+                assert!((got - v).abs() <= 6.2e-5 * v, "{got} {v}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_slot_answers_for_its_key_alone() {
+        let slot = Slot::default();
+        assert_eq!(slot.get(5), None);
+        slot.set(5, 77);
+        assert_eq!((slot.get(5), slot.get(4)), (Some(77), None));
+        // Half of another entry.
+        slot.0[1].store(78, Ordering::Relaxed);
+        assert_eq!(slot.get(5), None);
+    }
+
+    /// One triangle in the plane z = 0, seen from above.
+    #[derive(Debug)]
+    struct Alone;
+
+    impl Geometry for Alone {
+        fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Hit> {
+            let t = -origin.z / direction.z;
+            let p = origin + direction * t;
+            let hit = p.x >= 0.0 && p.y >= 0.0 && p.x + p.y <= 1.0 && t > 0.0 && t < t_max;
+            hit.then_some(Hit {
+                t,
+                triangle: 0,
+                uv: [p.x, p.y],
+            })
+        }
+
+        fn corners(&self, _: u32) -> [Vec3; 3] {
+            [Vec3::ZERO, Vec3::X, Vec3::Y]
+        }
+
+        fn normal(&self, _: u32) -> Vec3 {
+            Vec3::Z
+        }
+    }
+
+    #[test]
+    fn patches_hold_their_hits_and_are_as_small_as_asked() {
+        let outgoing = Outgoing::new(&Alone, 0.0);
+        let mut keys = std::collections::BTreeMap::new();
+        for i in 0..2000 {
+            let [a, b] = crate::math::sampling::r2(i, [0.5; 2]);
+            // Some on the edges, some on corners of patches.
+            let uv = match i % 4 {
+                0 => [0.25 * (4.0 * a).floor(), 0.25 * (4.0 * b).floor()],
+                1 => [a, 1.0 - a],
+                _ => [a, b],
+            };
+            if uv[0] + uv[1] > 1.0 + 1e-6 {
+                continue;
+            }
+            let hit = Hit {
+                t: 1.0,
+                triangle: 0,
+                uv,
+            };
+            let patch = outgoing.patch(&hit, -Vec3::Z, 0.13);
+            assert!(patch.area <= 0.13 && patch.area > 0.13 / 4.0);
+            let m = patch.middle;
+            assert!(m.x > 0.0 && m.y > 0.0 && m.x + m.y < 1.0, "{uv:?}: {m}");
+            let off = Vec3::new(uv[0], uv[1], 0.0) - m;
+            assert!(off.length() < 0.13_f32.sqrt(), "{uv:?}: {m}");
+            let middle = *keys.entry(patch.key).or_insert(m);
+            assert_eq!(middle, m);
+        }
+        // Three halvings of the longest edge, the root of two.
+        assert_eq!(keys.len(), 16);
+        let below = outgoing.patch(
+            &Hit {
+                t: 1.0,
+                triangle: 0,
+                uv: [0.1, 0.1],
+            },
+            Vec3::Z,
+            0.13,
+        );
+        assert!(!keys.contains_key(&below.key) && below.normal == -Vec3::Z);
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Either way a page that no ray touches is never read.
 
-use super::media::Media;
+use super::media::{self, Media};
 use super::page::KernelPage;
 use crate::math::Rgb;
 use crate::{Error, Result};
@@ -221,6 +221,9 @@ pub enum SurfelStore {
     Cached(CachedTree),
 }
 
+/// What the tables that find lvoxels may take where no memory limit is given: volumes of 8192^3 voxels in all.
+const MOST_TABLE_BYTES: u64 = 4 << 30;
+
 /// Decoded pages hold at most this many times the bytes that they have in the file before compression.
 const DECODED_OVER_RAW: u64 = 5;
 
@@ -235,7 +238,17 @@ impl TreeStore {
         for i in 0..tree.lvoxel_pages() {
             lvoxels.extend(tree.lvoxel_page(i).map_err(|e| e.at(path))?);
         }
-        let media = MediaStore::new(&tree.meta().cloud.volumes, lvoxels);
+        let volumes = &tree.meta().cloud.volumes;
+        let table_bytes: u128 = volumes.iter().map(media::table_bytes).sum();
+        let most = memory_limit.unwrap_or(MOST_TABLE_BYTES);
+        if table_bytes > u128::from(most) {
+            return Err(Error::input(format!(
+                "{}: its volumes have so many voxels that finding lvoxels takes {table_bytes} bytes, more than {most}",
+                path.display()
+            ))
+            .hint("`lvox verify` tells whether the file is whole; --memory-limit sets another limit"));
+        }
+        let media = MediaStore::new(volumes, lvoxels);
         let raw: Vec<u64> = tree
             .surfel_blocks()
             .iter()

@@ -132,7 +132,6 @@ pub fn describe(path: &Path) -> Result<Description> {
         File::Cloud(cloud) => {
             let summary = cloud.summary().clone();
             Description {
-                version: cloud.version(),
                 surfels: PointKind::of(cloud.surfel_blocks()),
                 lvoxels: PointKind::of(cloud.lvoxel_blocks()),
                 bounds: summary.bounds,
@@ -140,13 +139,12 @@ pub fn describe(path: &Path) -> Result<Description> {
                 columns: summary.columns,
                 left_out: summary.left_out,
                 content_hash: hex(&cloud.content_hash()),
-                ..base(file, bytes, "cloud", cloud.meta())
+                ..base(file, bytes, "cloud", cloud.version(), cloud.meta())
             }
         }
         File::Tree(tree) => {
             let summary = tree.summary().clone();
             Description {
-                version: tree.version(),
                 cloud_hash: Some(hex(&tree.meta().cloud_hash)),
                 build_settings: tree.meta().settings.clone(),
                 surfels: PointKind::of(tree.surfel_blocks()),
@@ -160,17 +158,23 @@ pub fn describe(path: &Path) -> Result<Description> {
                 levels: summary.levels,
                 errors: summary.errors,
                 content_hash: hex(&tree.content_hash()),
-                ..base(file, bytes, "tree", &tree.meta().cloud)
+                ..base(file, bytes, "tree", tree.version(), &tree.meta().cloud)
             }
         }
     })
 }
 
-fn base(file: String, bytes: u64, kind: &'static str, meta: &CloudMeta) -> Description {
+fn base(
+    file: String,
+    bytes: u64,
+    kind: &'static str,
+    version: u32,
+    meta: &CloudMeta,
+) -> Description {
     Description {
         file,
         kind,
-        version: 0,
+        version,
         bytes,
         content_hash: String::new(),
         cloud_hash: None,

@@ -10,7 +10,8 @@ use crate::image::Region;
 use crate::light::{Arrival, Direct, ShadowRays};
 use crate::math::segment::Composite;
 use crate::math::{Rgb, sampling};
-use crate::scene::Volume;
+use crate::scene::{Light, Volume};
+use crate::trace::media_bounds;
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
 
@@ -200,8 +201,7 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
         }
     }
 
-    /// Marches the media before every second or fourth corner, and before those between where the media of their neighbours
-    /// differ.
+    /// Marches the media before corners some way apart, and before those between where the media of their neighbours differ.
     fn pass_media(&mut self, height: usize) {
         let spacing = self.marched_spacing();
         let mut step = spacing;
@@ -238,12 +238,20 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
     /// unseen.
     fn marched_spacing(&self) -> usize {
         let view = &self.shader.view;
+        let scene = view.tracer.scene;
+        let (min, max) = media_bounds(scene);
+        let is_in_media = |p: Vec3| p.cmpge(min).all() && p.cmple(max).all();
+        let mut lamps = scene.lights.iter().filter_map(Light::lamp);
+        if lamps.any(|(position, _)| is_in_media(position)) {
+            // Media glow around it, and that is as small as can be.
+            return 1;
+        }
         let voxel_in_pixels = |v: &Volume| {
             let distance = |corner: Vec3| corner.distance(view.camera.origin());
             let farthest = v.corners().map(distance).into_iter().fold(0.0, f32::max);
             v.shortest_voxel_edge() / (farthest * view.pixel_angle)
         };
-        let volumes = view.tracer.scene.volumes.iter();
+        let volumes = scene.volumes.iter();
         let least = volumes.map(voxel_in_pixels).fold(f32::INFINITY, f32::min);
         // Samples stand in the middle of voxels and reach one further.
         let fits = |&step: &usize| step as f32 <= 2.0 * least;

@@ -88,6 +88,11 @@ impl Lamps {
         &rest[..rest.partition_point(|e| e.pixel == pixel)]
     }
 
+    /// Whether the border of any lamp runs through pixel (x, y).
+    pub fn is_border(&self, x: u32, y: u32) -> bool {
+        !self.entries(x, y).is_empty()
+    }
+
     /// Whether a triangle's light in pixel (x, y) is told here and not by rays that meet it.
     pub fn has(&self, x: u32, y: u32, triangle: u32) -> bool {
         self.entries(x, y).iter().any(|e| e.triangle == triangle)

@@ -105,24 +105,39 @@ pub fn run(
     })
 }
 
-/// The radiance of the pixels of some regions of the frame, each row by row: what [`run`] gives there, bit for bit.
+/// A pixel as [`run`] shades it.
+#[derive(Clone, Copy, Debug)]
+pub struct Shaded {
+    /// Its radiance.
+    pub radiance: Rgb,
+    /// Whether the border of a lamp runs through it, which few rays would find.
+    pub has_lamp_border: bool,
+}
+
+/// The pixels of some regions of the frame, each row by row: what [`run`] gives there, bit for bit.
 ///
 /// # Errors
 /// As [`run`].
-pub fn radiance(
+pub fn pixels(
     scene: &Scene,
     store: &TreeStore,
     settings: &Settings,
     regions: &[Region],
     job: &Job,
-) -> Result<Vec<Vec<Rgb>>> {
+) -> Result<Vec<Vec<Shaded>>> {
     settings.check()?;
     for region in regions {
         region.check(scene.film.width, scene.film.height)?;
     }
     let shaded = shade_regions(scene, store, settings, regions, job)?;
-    let radiance = |pixels: &Vec<Pixel>| pixels.iter().map(Pixel::radiance).collect();
-    Ok(shaded.iter().map(radiance).collect())
+    let told = |p: &Pixel| Shaded {
+        radiance: p.radiance(),
+        has_lamp_border: p.has_lamp_border,
+    };
+    Ok(shaded
+        .iter()
+        .map(|r| r.iter().map(told).collect())
+        .collect())
 }
 
 fn shade_regions(
@@ -212,7 +227,15 @@ fn shade<P: Pages, M: Medium>(
     if let Some(shadows) = tree.shadows {
         lights = lights.with_soft_shadows_through(shadows);
     }
-    let outgoing = Outgoing::new(&tracer, tree.area_per_surfel);
+    let outgoing;
+    let kernel = match settings.kernel {
+        Kernel::Traced => {
+            outgoing = Outgoing::new(&tracer, tree.area_per_surfel);
+            gather::Kernel::Traced(&outgoing)
+        }
+        Kernel::Cone => gather::Kernel::Cone,
+        Kernel::Plain => gather::Kernel::Plain,
+    };
     let surface_gatherer = Gatherer {
         pages: tree.pages,
         media: tree.media,
@@ -220,11 +243,7 @@ fn shade<P: Pages, M: Medium>(
             samples: settings.samples,
             max_solid_angle: settings.max_solid_angle,
             max_dist: settings.max_dist.unwrap_or(f32::INFINITY),
-            kernel: match settings.kernel {
-                Kernel::Traced => gather::Kernel::Traced(&outgoing),
-                Kernel::Cone => gather::Kernel::Cone,
-                Kernel::Plain => gather::Kernel::Plain,
-            },
+            kernel,
             environment: lights.environment(),
         },
     };

@@ -27,6 +27,8 @@ pub struct Pixel {
     pub depth: f32,
     /// Mean unit normal.
     pub normal: Vec3,
+    /// Whether the border of a lamp runs through it, so that its light is told in closed form.
+    pub has_lamp_border: bool,
 }
 
 impl Pixel {
@@ -298,7 +300,10 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
     pub fn finish(&self, pixel: PixelSum) -> Pixel {
         let [x, y] = pixel.at;
         let mut pixel = pixel.mean();
-        pixel.direct += self.lamps.radiance(&self.view, x, y);
+        pixel.has_lamp_border = self.lamps.is_border(x, y);
+        if pixel.has_lamp_border {
+            pixel.direct += self.lamps.radiance(&self.view, x, y);
+        }
         pixel
     }
 

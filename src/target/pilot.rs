@@ -6,7 +6,7 @@ use crate::math::{Rgb, sampling};
 use crate::reference::{PathTracer, Sampler};
 use crate::run::Job;
 use crate::scene::{Camera, Film, Scene};
-use crate::shade::{self, Settings};
+use crate::shade::{self, Settings, Shaded};
 use crate::{Error, Result};
 use rayon::prelude::*;
 
@@ -96,7 +96,7 @@ impl<'a> Pilot<'a> {
             temp_dir: job.temp_dir.clone(),
             ..Job::default()
         };
-        let shaded = shade::radiance(self.scene, store, settings, &self.blocks, &quiet)?;
+        let shaded = shade::pixels(self.scene, store, settings, &self.blocks, &quiet)?;
         if self.count == 0 {
             self.trace(PATHS[0], job)?;
         }
@@ -151,12 +151,16 @@ impl<'a> Pilot<'a> {
         Ok(())
     }
 
-    fn compare(&self, shaded: &[Vec<Rgb>]) -> Measured {
+    fn compare(&self, shaded: &[Vec<Shaded>]) -> Measured {
         let per_strand = f64::from(self.count / STRANDS);
+        let known = |p: &Point| shaded[p.block][p.index];
+        let has_others = self.points.iter().any(|p| !known(p).has_lamp_border);
+        // At the border of a lamp shading is exact, and paths that miss the lamp look as if they had no noise.
         let mut terms: Vec<(f64, f64)> = self
             .points
             .iter()
-            .map(|p| p.compare(shaded[p.block][p.index], per_strand))
+            .filter(|p| !(has_others && known(p).has_lamp_border))
+            .map(|p| p.compare(known(p).radiance, per_strand))
             .collect();
         // By size of the error, as likely to drop what noise made too small as what it made too large; and of its noise: a
         // point where one bright path was found by chance tells nothing.

@@ -1,7 +1,7 @@
 //! Watertight ray casting (Woop, Benthin & Wald 2013): triangles four at a time, in a hierarchy eight wide.
 //!
-//! `obvhs` builds the hierarchy. Its own traversal takes 1.7 times as long (`cargo bench --bench rays`), leaks at edges that
-//! triangles share, and passes over boxes that end less than 1e-4 units from the ray's origin.
+//! `obvhs` builds the hierarchy. Its own traversal is slower (`cargo bench --bench rays`), leaks at edges that triangles share,
+//! and passes over boxes that end less than 1e-4 units from the ray's origin.
 
 use super::watertight::{Block, LANES, ShearedRay};
 use crate::scene::Mesh;
@@ -58,6 +58,7 @@ impl Child {
     }
 
     fn leaf(first: usize, count: usize) -> Self {
+        debug_assert!((1..=Self::MOST_BLOCKS).contains(&count) && first < 1 << Self::COUNT_SHIFT);
         Self(Self::LEAF | (count as u32 - 1) << Self::COUNT_SHIFT | first as u32)
     }
 
@@ -238,10 +239,8 @@ impl TriangleBvh {
 
 /// The power of two that makes the largest coordinate of a mesh about 1.
 fn scale_of(mesh: &Mesh) -> f32 {
-    let largest = mesh
-        .positions
-        .iter()
-        .fold(0.0_f32, |m, p| m.max(p.abs().max_element()));
+    let corners = (0..mesh.triangles.len()).flat_map(|i| mesh.corners(i));
+    let largest = corners.fold(0.0_f32, |m, p| m.max(p.abs().max_element()));
     let (_, exponent) = libm::frexpf(largest);
     libm::ldexpf(1.0, (-exponent).clamp(-120, 120))
 }

@@ -157,7 +157,7 @@ fn smoke_before_penumbrae_has_no_seams() {
         ..Settings::default()
     };
     let radiance =
-        |regions: &[Region]| stage::radiance(&scene, &store, &settings, regions, &Job::default());
+        |regions: &[Region]| stage::pixels(&scene, &store, &settings, regions, &Job::default());
     let whole = radiance(&[Region::full(96, 72)]).unwrap().concat();
     let tiles = Region::full(96, 72).blocks(7);
     let mut differ = 0;
@@ -165,7 +165,7 @@ fn smoke_before_penumbrae_has_no_seams() {
         let at = (tile.y0..tile.y1).flat_map(|y| (tile.x0..tile.x1).map(move |x| y * 96 + x));
         differ += at
             .zip(pixels)
-            .filter(|&(i, pixel)| pixel.0 != whole[i as usize].0)
+            .filter(|&(i, pixel)| pixel.radiance.0 != whole[i as usize].radiance.0)
             .count();
     }
     assert_eq!(differ, 0, "pixels of {}", whole.len());

@@ -144,7 +144,7 @@ fn packed(rows: &[u8]) -> Result<usize> {
     Ok(bytes::compress(&planes, stats::LVOXEL_ZSTD_LEVEL)?.map_or(planes.len(), |p| p.len()))
 }
 
-/// The inverse; the lvoxels are still to be checked against the volumes.
+/// The inverse of [`encode`]; the lvoxels are still to be checked against the volumes.
 pub fn decode(raw: &[u8], block: &Block) -> Result<Vec<Lvoxel>> {
     let mut cursor = Cursor::new(raw, "page");
     let (n, mask) = (cursor.u32()?, cursor.u32()?);
