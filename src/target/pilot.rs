@@ -107,8 +107,9 @@ impl<'a> Pilot<'a> {
                     "the pilot of --target-error shaded pixels that are infinite or not a number",
                 ));
             }
-            // An error above the target need not be known as well as one at the target.
-            let enough = NOISE * target.max(found.error);
+            // An error above the target need not be known as well as one at the target; but one far above may be that of few
+            // paths, which miss what is bright and rare.
+            let enough = NOISE * found.error.clamp(target, 4.0 * target);
             if found.noise <= enough || self.count >= PATHS[1] {
                 return Ok(found.error.max(found.noise));
             }
@@ -162,10 +163,8 @@ impl<'a> Pilot<'a> {
             .filter(|p| !(has_others && known(p).has_lamp_border))
             .map(|p| p.compare(known(p).radiance, per_strand))
             .collect();
-        // By size of the error, as likely to drop what noise made too small as what it made too large; and of its noise: a
-        // point where one bright path was found by chance tells nothing.
-        let size = |(error, variance): &(f64, f64)| error.abs() + variance.sqrt();
-        terms.sort_unstable_by(|a, b| size(a).total_cmp(&size(b)));
+        // By size of the error: as likely to drop what noise made too small as what it made too large.
+        terms.sort_unstable_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
         let kept = ((terms.len() as f64 * KEPT) as usize).max(1);
         let terms = &terms[..kept];
         let count = kept as f64;
