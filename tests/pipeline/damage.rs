@@ -2,7 +2,8 @@
 
 use crate::messages::lvox;
 use crate::{ROOM, Work};
-use lvox::formats::{Cloud, Tree};
+use lvox::formats::{Cloud, Tree, TreeWriter};
+use lvox::gather::TreeStore;
 use std::fs;
 
 /// Offset of the field that holds a section's offset and, after it, its length; the names are those of the specification.
@@ -163,4 +164,21 @@ fn one_kind_of_file_in_place_of_the_other() {
     )
     .refused(2, &["a.lvt", "tree"], "");
     assert_eq!(work.names(), ["a.lvc", "a.lvt", "scene.toml", "smoke.raw"]);
+}
+
+#[test]
+fn volumes_that_memory_cannot_hold_are_refused() {
+    let Files { work, tree, .. } = files();
+    fs::write(work.path("good.lvt"), tree).unwrap();
+    let good = Tree::open_path(&work.path("good.lvt")).unwrap();
+    let mut meta = good.meta().clone();
+    for dims in [[u32::MAX; 3], [1 << 20, 1 << 20, 8]] {
+        meta.cloud.volumes[0].dims = dims;
+        let path = work.path("bad.lvt");
+        let writer = TreeWriter::create(&path, meta.clone(), true).unwrap();
+        let sums = good.summary().cloud_sums.clone();
+        writer.finish(None, sums, Vec::new()).unwrap();
+        let error = TreeStore::open(&path, None).unwrap_err().to_string();
+        assert!(error.contains("voxels"), "{error}");
+    }
 }
