@@ -14,6 +14,7 @@ mod error;
 mod frame;
 mod map;
 mod meta;
+pub mod morton;
 mod output;
 pub mod quantise;
 pub mod record;

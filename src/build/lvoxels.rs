@@ -1,8 +1,8 @@
 //! Lvoxels by volume and brick, in pages of whole bricks.
 
-use super::morton::spread;
 use super::spill::{Dealer, Extent, Record, Spill};
 use super::{Limits, MappedCloud};
+use crate::formats::morton::interleave;
 use crate::formats::{Lvoxel, TreeWriter};
 use crate::run::{Job, Task};
 use crate::{Error, Result};
@@ -20,10 +20,9 @@ type Key = (u64, u16);
 
 fn key(v: &Lvoxel) -> Key {
     let voxel = v.block.map(|b| u64::from(b) << v.level);
-    let morton = |bits: [u64; 3]| spread(bits[0]) << 2 | spread(bits[1]) << 1 | spread(bits[2]);
     // A brick's coordinates have 16 bits: those of a block of the coarsest level.
-    let brick = morton(voxel.map(|c| c >> 3));
-    let inside = morton(voxel.map(|c| c & 7)) as u16;
+    let brick = interleave(voxel.map(|c| c >> 3));
+    let inside = interleave(voxel.map(|c| c & 7)) as u16;
     (
         u64::from(v.volume) << 48 | brick,
         inside << 2 | u16::from(v.level),

@@ -1,6 +1,7 @@
-//! Morton order: the order in which a depth-first walk of an octree meets its cells.
+//! The octree's cells in Morton order, by keys.
 
 use crate::formats::Bounds;
+use crate::formats::morton::interleave;
 
 /// Levels below the root: 21 bits per axis, 63 in a key.
 pub const LEVELS: u32 = 21;
@@ -30,22 +31,10 @@ impl Cube {
     /// Key of the last-level cell that holds a point; points outside go to the nearest cell.
     pub fn key(&self, point: [f32; 3]) -> u64 {
         let most = (1u64 << LEVELS) - 1;
-        (0..3).fold(0, |key, k| {
-            // The cast takes what is below zero, or not a number, to zero.
-            let cell = ((f64::from(point[k]) - self.min[k]) * self.cells) as u64;
-            key | spread(cell.min(most)) << (2 - k)
-        })
+        // The cast takes what is below zero, or not a number, to zero.
+        let cell = |k: usize| ((f64::from(point[k]) - self.min[k]) * self.cells) as u64;
+        interleave([0, 1, 2].map(|k| cell(k).min(most)))
     }
-}
-
-/// Moves bit i to bit 3i, for 21 bits.
-pub fn spread(bits: u64) -> u64 {
-    let mut x = bits & 0x1f_ffff;
-    x = (x | x << 32) & 0x001f_0000_0000_ffff;
-    x = (x | x << 16) & 0x001f_0000_ff00_00ff;
-    x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
-    x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
-    (x | x << 2) & 0x1249_2492_4924_9249
 }
 
 /// Which child of a cell of `level` holds a key; `level` is below [`LEVELS`].
@@ -58,11 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn keys_interleave_bits() {
-        for bits in [0, 1, 2, 0x155555, 0x1f_ffff, 0x12345] {
-            let plain = (0..21).fold(0, |x, i| x | (bits >> i & 1) << (3 * i));
-            assert_eq!(spread(bits), plain);
-        }
+    fn keys_follow_the_octree() {
         let cube = Cube::around(&Bounds {
             min: [-1.0; 3],
             max: [1.0, 0.0, 0.0],

@@ -1,5 +1,6 @@
 //! Where lvoxels lie, told by the gaps between them in Morton order.
 
+use crate::morton::{gather, interleave};
 use crate::record::{Lvoxel, MAX_LEVEL};
 
 /// Bits of a voxel's coordinate: those of a block at the coarsest level.
@@ -10,30 +11,9 @@ const fn voxels(level: u8) -> u64 {
     1 << (3 * level)
 }
 
-/// Moves bit i to bit 3i, for 21 bits.
-fn spread(bits: u64) -> u64 {
-    let mut x = bits & 0x1f_ffff;
-    x = (x | x << 32) & 0x001f_0000_0000_ffff;
-    x = (x | x << 16) & 0x001f_0000_ff00_00ff;
-    x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
-    x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
-    (x | x << 2) & 0x1249_2492_4924_9249
-}
-
-/// The inverse of [`spread`]; other bits do not matter.
-const fn gather(code: u64) -> u64 {
-    let mut x = code & 0x1249_2492_4924_9249;
-    x = (x | x >> 2) & 0x10c3_0c30_c30c_30c3;
-    x = (x | x >> 4) & 0x100f_00f0_0f00_f00f;
-    x = (x | x >> 8) & 0x001f_0000_ff00_00ff;
-    x = (x | x >> 16) & 0x001f_0000_0000_ffff;
-    (x | x >> 32) & 0x1f_ffff
-}
-
-/// Morton code of the first voxel of an lvoxel, with the bits of z lowest.
+/// Morton code of the first voxel of an lvoxel.
 pub fn first_voxel(v: &Lvoxel) -> u64 {
-    let [x, y, z] = v.block.map(|b| spread(u64::from(b) << v.level));
-    x << 2 | y << 1 | z
+    interleave(v.block.map(|b| u64::from(b) << v.level))
 }
 
 /// The voxels between the end of each lvoxel and the start of the next in Morton order, the first one's from 0; `None` if
@@ -147,13 +127,6 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(500) })]
-
-        #[test]
-        fn bits_are_spread_and_gathered(bits in 0u64..1 << 21, noise: u64) {
-            let plain = (0..21).fold(0, |x, i| x | (bits >> i & 1) << (3 * i));
-            prop_assert_eq!(spread(bits), plain);
-            prop_assert_eq!(gather(plain | noise & !spread(u64::MAX)), bits);
-        }
 
         #[test]
         fn blocks_in_order_come_back(given in prop::collection::vec((0..=MAX_LEVEL, any::<[u16; 3]>(), 1u16..64), 1..50)) {
