@@ -1,5 +1,6 @@
 //! What a point gets of the lights.
 
+use super::sight::Sight;
 use crate::math::Rgb;
 use std::ops::{AddAssign, Mul};
 
@@ -12,11 +13,8 @@ pub struct Direct {
     pub open: Rgb,
     /// What came of that along shadow rays, added up. Sums of several points near each other tell it better.
     pub rays: Arrival,
-    /// A bit for each light of which a ray came through; of many lights some share a bit. Those without extent have the
-    /// lower half.
-    pub seen: u64,
-    /// A bit for each light of which a ray was stopped. A light with both bits is partly hidden.
-    pub hidden: u64,
+    /// Which lights its rays reached.
+    pub sight: Sight,
 }
 
 /// What shadow rays to lights with an extent brought.
@@ -56,9 +54,6 @@ impl AddAssign for Arrival {
 }
 
 impl Direct {
-    /// Bits of lights without extent in `seen` and `hidden`.
-    pub const SHARP: u64 = (1 << 32) - 1;
-
     /// The point's own estimate. Rays choose among lights by their mean channel, so a few of them cannot tell the share of each
     /// channel: their colour is what they brought.
     #[must_use]
@@ -71,31 +66,11 @@ impl Direct {
         }
     }
 
-    /// Notes what share of a light without extent came through along the ray to it. A medium that stops nearly all of it
-    /// hides the light like a surface.
-    pub(super) fn note_sharp(&mut self, index: usize, through: f32) {
-        const HIDDEN: f32 = 0.25;
-        const SEEN: f32 = 0.35;
-        let bit = 1 << (index % 32);
-        if through < HIDDEN {
-            self.hidden |= bit;
-        } else if through > SEEN {
-            self.seen |= bit;
-        }
-    }
-
     /// Notes a ray to a light with an extent that would bring `light` with nothing between.
     pub(super) fn note_ray(&mut self, index: usize, light: Rgb, through: f32) {
         self.rays.all += light;
         self.rays.arriving += light * through;
-        // What a medium stops in part it may stop more or less of towards the light's other points.
-        let bit = 1 << (32 + index % 32);
-        if through < 0.9 {
-            self.hidden |= bit;
-        }
-        if through > 0.1 {
-            self.seen |= bit;
-        }
+        self.sight.note_ray(index, through);
     }
 }
 

@@ -9,6 +9,7 @@ mod emitters;
 mod lamps;
 mod rays;
 mod receiver;
+mod sight;
 mod sun_depth;
 #[cfg(test)]
 mod tests;
@@ -29,6 +30,7 @@ use tree::Tree;
 
 pub use direct::{Arrival, Direct, InMedium};
 pub use rays::ShadowRays;
+pub use sight::Sight;
 pub use sun_depth::SunDepths;
 
 const INVERSE_SPHERE: f32 = 1.0 / (4.0 * PI);
@@ -294,7 +296,7 @@ impl<'a> Lights<'a> {
             let w = receiver.response(-direction);
             if w > 0.0 {
                 let through = self.transmittance(origin, -direction, f32::INFINITY, sun_depth);
-                total.note_sharp(index, through);
+                total.sight.note_sharp(index, through);
                 total.sharp += Rgb(irradiance) * (w * through);
             }
         }
@@ -310,7 +312,7 @@ impl<'a> Lights<'a> {
         let w = receiver.response(d) / (distance * distance) * light.falloff(-d);
         if w > 0.0 {
             let through = self.transmittance(origin, d, distance, None);
-            total.note_sharp(index, through);
+            total.sight.note_sharp(index, through);
             total.sharp += Rgb(intensity) * (w * through);
         }
     }

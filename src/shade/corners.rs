@@ -7,7 +7,7 @@
 use super::pixel::{Piece, Pixel, PixelShader, PixelSum, Sample};
 use crate::gather::{Medium, Pages};
 use crate::image::Region;
-use crate::light::{Arrival, Direct, ShadowRays};
+use crate::light::{Arrival, ShadowRays, Sight};
 use crate::math::segment::Composite;
 use crate::math::{Rgb, sampling};
 use crate::scene::{Light, Volume};
@@ -131,16 +131,15 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
                 if surface.albedo.is_black() {
                     continue;
                 }
-                let (mut seen, mut hidden) = (0, 0);
+                let mut sight = Sight::default();
                 for j in row - 2..=row + 2 {
                     for c in
                         &self.corners[j * self.width + column - 2..=j * self.width + column + 2]
                     {
-                        seen |= c.sample.direct.seen;
-                        hidden |= c.sample.direct.hidden;
+                        sight += c.sample.direct.sight;
                     }
                 }
-                if seen & hidden & !Direct::SHARP != 0 {
+                if sight.has_penumbra() {
                     let rays = Self::place(self.region, column, row).rays(
                         self.shader,
                         1,
@@ -159,8 +158,7 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
         for (i, direct) in more {
             let known = &mut self.corners[i].sample.direct;
             known.rays += direct.rays;
-            known.seen |= direct.seen;
-            known.hidden |= direct.hidden;
+            known.sight += direct.sight;
         }
     }
 
@@ -368,10 +366,9 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
             }
             return Some(self.shader.finish(pixel));
         }
-        let (seen, hidden) = own.iter().fold((0, 0), |(seen, hidden), c| {
-            (seen | c.sample.direct.seen, hidden | c.sample.direct.hidden)
-        });
-        if seen & hidden & Direct::SHARP != 0 {
+        let mut sight = Sight::default();
+        own.iter().for_each(|c| sight += c.sample.direct.sight);
+        if sight.has_edge() {
             return None;
         }
         let Lit::Arrived(rays) = self.lit(&own[0].sample, at) else {
@@ -388,14 +385,13 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
     /// The lights with an extent, by the shadow rays of the corners around a pixel that lie on its piece of surface.
     fn lit<'c>(&self, like: &Sample, at: impl Fn(usize, usize) -> &'c Corner) -> Lit {
         let mut quarters = [Arrival::default(); 4];
-        let (mut seen, mut hidden) = (0, 0);
+        let mut sight = Sight::default();
         for row in 0..4 {
             for column in 0..4 {
                 let sample = &at(column, row).sample;
                 if self.shader.same_end(like, sample) {
                     quarters[row / 2 * 2 + column / 2] += sample.direct.rays;
-                    seen |= sample.direct.seen;
-                    hidden |= sample.direct.hidden;
+                    sight += sample.direct.sight;
                 }
             }
         }
@@ -404,7 +400,7 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
             sum += quarters[b];
             sum
         };
-        if seen & hidden & !Direct::SHARP != 0 {
+        if sight.has_penumbra() {
             let differ = |a: Arrival, b: Arrival| {
                 let share = |of: Arrival| of.arriving.mean() / of.all.mean();
                 (share(a) - share(b)).abs() > Self::NARROW

@@ -38,8 +38,11 @@ use rayon::prelude::*;
 pub use settings::{Kernel, Method, Quality, Settings};
 use view::View;
 
-/// Pixels along an edge of the blocks that threads take.
-const BLOCK: u32 = 64;
+/// Pixels along an edge of the blocks that threads take: what blocks need around them is a smaller share of large ones, and
+/// small ones share out the work better where there are few.
+const BLOCK: [u32; 2] = [128, 64];
+/// Blocks for each thread, at least, for them to be large.
+const ENOUGH: usize = 6;
 
 /// Extra layers of the image beside the beauty.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -367,7 +370,13 @@ fn shade_blocks<P: Pages, M: Medium>(
     job: &Job,
     task: &Task,
 ) -> Result<Vec<Pixel>> {
-    let blocks = region.blocks(BLOCK);
+    let many = ENOUGH * rayon::current_num_threads();
+    let large = region.blocks(BLOCK[0]);
+    let blocks = if large.len() >= many {
+        large
+    } else {
+        region.blocks(BLOCK[1])
+    };
     let shaded: Vec<Vec<Pixel>> = blocks
         .par_iter()
         .map(|&block| {

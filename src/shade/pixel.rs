@@ -6,7 +6,7 @@ use super::lamps::Lamps;
 use super::lattice::{Lattice, gather_surface};
 use super::view::View;
 use crate::gather::{Gatherer, Medium, Pages, Stretch};
-use crate::light::{Arrival, Direct, Lights, ShadowRays};
+use crate::light::{Arrival, Direct, Lights, ShadowRays, Sight};
 use crate::math::exp::exp_neg;
 use crate::math::segment::Composite;
 use crate::math::{Rgb, sampling};
@@ -240,12 +240,11 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
 
     /// Whether more samples would tell more.
     fn disagree(&self, samples: &[Sample]) -> bool {
-        let (mut seen, mut hidden) = (0, 0);
-        for s in samples {
-            seen |= s.direct.seen;
-            hidden |= s.direct.hidden;
-        }
-        seen & hidden != 0 || samples.iter().any(|s| !self.same_end(&samples[0], s))
+        let mut sight = Sight::default();
+        samples.iter().for_each(|s| sight += s.direct.sight);
+        sight.has_edge()
+            || sight.has_penumbra()
+            || samples.iter().any(|s| !self.same_end(&samples[0], s))
     }
 
     /// Whether two samples end on the same piece of surface, or both on none.
