@@ -11,9 +11,9 @@ use crate::{Error, Result};
 use rayon::prelude::*;
 
 /// Most blocks.
-const BLOCKS: usize = 32;
+const BLOCKS: usize = 64;
 /// Pixels along the edge of a block.
-const SIDE: u32 = 16;
+const SIDE: u32 = 12;
 /// Pixels of a block whose truth is traced, one in each cell of this size.
 const CELL: [u32; 2] = [4, 2];
 /// Segments of the longest path that shading from a tree counts.
@@ -282,7 +282,7 @@ mod tests {
                         .iter()
                         .filter(|b| (2 * b.x0 / width, 2 * b.y0 / height) == (right, low))
                         .count();
-                    assert!((4..=12).contains(&count), "{count} in {right} {low}");
+                    assert!((10..=22).contains(&count), "{count} in {right} {low}");
                 }
             }
         }
