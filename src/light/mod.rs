@@ -9,13 +9,13 @@ mod emitters;
 mod lamps;
 mod rays;
 mod receiver;
+mod shadows;
 mod sun_depth;
 #[cfg(test)]
 mod tests;
 mod tree;
 
 use crate::math::Rgb;
-use crate::math::exp::exp_neg;
 use crate::math::sampling::{cosine_hemisphere, disk, sphere, tangents};
 use crate::scene::Light;
 use crate::trace::Tracer;
@@ -29,16 +29,16 @@ use tree::Tree;
 
 pub use direct::{Arrival, Direct, InMedium};
 pub use rays::ShadowRays;
+pub use shadows::{OpticalDepth, SceneMedia, Shadows, Vacuum};
 pub use sun_depth::SunDepths;
 
 const INVERSE_SPHERE: f32 = 1.0 / (4.0 * PI);
 
-/// All lights of a scene but a constant environment, which gathering takes care of.
+/// All lights of a scene but a constant environment, which gathering takes care of, and what shadow rays to them pass.
 #[derive(Clone, Debug)]
-pub struct Lights<'a> {
+pub struct Lights<'a, S = SceneMedia<'a>> {
     tracer: &'a Tracer<'a>,
-    /// What rays to emissive triangles meet; the scene's media if `None`.
-    wide_depth: Option<&'a dyn OpticalDepth>,
+    shadows: S,
     emitters: Arc<Emitters>,
     /// How many emissive triangles are asked, if they are many.
     care: Care,
@@ -69,12 +69,6 @@ impl Care {
     };
 }
 
-/// Media as shadow rays may see them instead of the scene's own.
-pub trait OpticalDepth: Sync + std::fmt::Debug {
-    /// Optical depth from `origin` to `t_max` along a unit direction.
-    fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32;
-}
-
 impl<'a> Lights<'a> {
     /// Finds the lights of the traced scene.
     #[must_use]
@@ -93,7 +87,7 @@ impl<'a> Lights<'a> {
             .fold(Rgb::BLACK, |a, b| a + b);
         Self {
             tracer,
-            wide_depth: None,
+            shadows: SceneMedia::default(),
             emitters: Arc::new(Emitters::new(tracer.scene)),
             care: Care::SHADING,
             environment,
@@ -104,7 +98,7 @@ impl<'a> Lights<'a> {
     /// that are passed faster.
     #[must_use]
     pub fn with_soft_shadows_through(mut self, depth: &'a dyn OpticalDepth) -> Self {
-        self.wide_depth = Some(depth);
+        self.shadows.before_triangles = Some(depth);
         self
     }
 
@@ -112,11 +106,25 @@ impl<'a> Lights<'a> {
     #[must_use]
     pub fn with_sharp_shadows(&self) -> Self {
         Self {
-            wide_depth: None,
+            shadows: SceneMedia::default(),
             ..self.clone()
         }
     }
 
+    /// The same lights in a scene without media.
+    #[must_use]
+    pub fn in_vacuum(&self) -> Lights<'a, Vacuum> {
+        Lights {
+            tracer: self.tracer,
+            shadows: Vacuum,
+            emitters: Arc::clone(&self.emitters),
+            care: self.care,
+            environment: self.environment,
+        }
+    }
+}
+
+impl<'a, S: Shadows> Lights<'a, S> {
     /// The same lights, asked with less care where they are many: for points of which pictures see means of many only.
     #[must_use]
     pub fn for_baking(mut self) -> Self {
@@ -124,7 +132,6 @@ impl<'a> Lights<'a> {
         self
     }
 
-    /// Share of light that gets from `origin` to `t_max` along a unit direction, through the scene's media or others.
     fn transmittance(
         &self,
         origin: Vec3,
@@ -132,11 +139,15 @@ impl<'a> Lights<'a> {
         t_max: f32,
         depth: Option<&dyn OpticalDepth>,
     ) -> f32 {
-        match depth {
-            None => self.tracer.transmittance(origin, direction, t_max),
-            Some(_) if self.tracer.is_occluded(origin, direction, t_max) => 0.0,
-            Some(depth) => exp_neg(depth.optical_depth(origin, direction, t_max)),
-        }
+        self.shadows
+            .transmittance(self.tracer, origin, direction, t_max, depth)
+    }
+
+    /// Share of light that gets from `origin` to `t_max` along a unit direction: 0 behind a surface, else what the scene's
+    /// own media let through.
+    #[must_use]
+    pub fn through(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
+        self.transmittance(origin, direction, t_max, None)
     }
 
     /// What rays meet.
@@ -248,7 +259,12 @@ impl<'a> Lights<'a> {
         }
         let through = |i| {
             let direction = direction(rays.point(i, 62));
-            self.transmittance(origin, direction, f32::INFINITY, self.wide_depth)
+            self.transmittance(
+                origin,
+                direction,
+                f32::INFINITY,
+                self.shadows.before_triangles(),
+            )
         };
         (0..rays.count()).map(through).sum::<f32>() / rays.count() as f32
     }
@@ -390,7 +406,7 @@ impl<'a> Lights<'a> {
             if w > 0.0 {
                 // Stop short of the light itself.
                 let end = distance * (1.0 - 1e-4) - self.tracer.offset;
-                let through = self.transmittance(origin, d, end, self.wide_depth);
+                let through = self.transmittance(origin, d, end, self.shadows.before_triangles());
                 let light = emitter.radiance * (w * sum / emitter.radiance.mean());
                 // Emitters of one surface are told apart no further than sharing a bit with another.
                 total.note_ray(index as usize, light, through);
@@ -421,7 +437,7 @@ impl<'a> Lights<'a> {
             if w > 0.0 && w.is_finite() {
                 // Stop short of the light itself.
                 let end = distance * (1.0 - 1e-4) - self.tracer.offset;
-                let through = self.transmittance(origin, d, end, self.wide_depth);
+                let through = self.transmittance(origin, d, end, self.shadows.before_triangles());
                 let light = emitter.radiance * w;
                 total.note_ray(choice.emitter as usize, light, through);
                 sent += light;
