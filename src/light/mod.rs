@@ -23,6 +23,7 @@ use cut::Cut;
 use emitters::Emitters;
 use glam::Vec3;
 use receiver::Receiver;
+use smallvec::SmallVec;
 use std::f32::consts::PI;
 use std::sync::Arc;
 use tree::Tree;
@@ -361,10 +362,13 @@ impl<'a, S: Shadows> Lights<'a, S> {
             self.add_many_emitters(total, tree, origin, rays, receiver);
             return;
         }
-        let mut chosen = [Chosen::default(); Emitters::FEW];
+        if self.emitters.is_empty() {
+            return;
+        }
+        // Not an array, which would be cleared for each point.
+        let mut chosen = SmallVec::<[Chosen; Emitters::FEW]>::new();
         let mut unoccluded = Rgb::BLACK;
         let mut sum = 0.0;
-        let mut count = 0;
         for (index, emitter) in self.emitters.facing(origin) {
             let response = receiver.of_triangle(emitter.corners.map(|c| c - origin));
             let light = emitter.radiance * response;
@@ -372,15 +376,14 @@ impl<'a, S: Shadows> Lights<'a, S> {
             if power > 0.0 {
                 unoccluded += light;
                 sum += power;
-                chosen[count] = Chosen {
+                chosen.push(Chosen {
                     index,
                     running_power: sum,
                     response,
-                };
-                count += 1;
+                });
             }
         }
-        if count == 0 {
+        if chosen.is_empty() {
             return;
         }
         total.open += unoccluded;
@@ -388,10 +391,10 @@ impl<'a, S: Shadows> Lights<'a, S> {
         for i in 0..rays.count() {
             let [u, v] = rays.point(i, 63);
             let target = u * sum;
-            let k = chosen[..count]
+            let k = chosen
                 .iter()
                 .position(|c| target < c.running_power)
-                .unwrap_or(count - 1);
+                .unwrap_or(chosen.len() - 1);
             let below = if k == 0 {
                 0.0
             } else {
@@ -468,7 +471,7 @@ struct Sun {
 }
 
 /// An emitter that rays of a point may go to.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 struct Chosen {
     index: u32,
     running_power: f32,

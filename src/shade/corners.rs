@@ -124,6 +124,10 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
 
     /// More shadow rays at the corners from which, or from near which, some ray reached a light and some did not.
     fn look_into_penumbrae(&mut self, height: usize) {
+        // Lights without an extent have none.
+        if self.shader.lights.rest_is_exact() {
+            return;
+        }
         let rim = Self::RINGS as usize - 1;
         let mut more = Vec::new();
         for row in rim..height - rim {
