@@ -60,13 +60,19 @@ pub fn surfel(s: &Surfel, place: &dyn Fn() -> String) -> Result<()> {
 #[inline]
 pub fn lvoxel(v: &Lvoxel, volumes: &[VolumeInfo], place: &dyn Fn() -> String) -> Result<()> {
     // Readers ask this of every lvoxel: without a branch for each number. Bits of those in question are in their order.
-    let in_range = |c: f32| (c.to_bits() < f32::INFINITY.to_bits()) | (c == 0.0);
-    if let Some(volume) = volumes.get(usize::from(v.volume)) {
-        let inside =
-            |axis: usize| u64::from(v.block[axis]) << (v.level & 31) < u64::from(volume.dims[axis]);
-        let [r, g, b] = v.source.map(in_range);
-        let numbers = in_range(v.sigma_t) & r & g & b;
-        if (v.level <= MAX_LEVEL) & inside(0) & inside(1) & inside(2) & numbers {
+    const INFINITY: u32 = f32::INFINITY.to_bits();
+    let is_minus_0 = |c: f32| c.to_bits() == (-0.0_f32).to_bits();
+    if let Some(volume) = volumes.get(usize::from(v.volume))
+        && v.level <= MAX_LEVEL
+    {
+        let inside = |axis: usize| u32::from(v.block[axis]) << v.level < volume.dims[axis];
+        let numbers = [v.sigma_t, v.source[0], v.source[1], v.source[2]];
+        let most = numbers.map(f32::to_bits).into_iter().fold(0, u32::max);
+        let in_range = most < INFINITY
+            || numbers
+                .iter()
+                .all(|c| c.to_bits() < INFINITY || is_minus_0(*c));
+        if inside(0) & inside(1) & inside(2) & in_range {
             return Ok(());
         }
     }

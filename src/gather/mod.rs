@@ -163,6 +163,7 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
 
     /// What one ray of unit direction sees.
     #[must_use]
+    #[inline]
     pub fn look(&self, origin: Vec3, direction: Vec3, scratch: &mut cone::Scratch) -> Seen {
         let Settings {
             max_solid_angle: cut,

@@ -49,7 +49,7 @@ impl Seen {
     }
 }
 
-impl Lights<'_> {
+impl<S> Lights<'_, S> {
     fn lamps(&self) -> impl Iterator<Item = (Vec3, Rgb, &Light)> {
         let lights = self.tracer.scene.lights.iter();
         lights.filter_map(|l| l.lamp().map(|(at, intensity)| (at, Rgb(intensity), l)))

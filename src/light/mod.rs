@@ -9,6 +9,7 @@ mod emitters;
 mod lamps;
 mod rays;
 mod receiver;
+mod shadows;
 mod sight;
 mod sun_depth;
 #[cfg(test)]
@@ -16,7 +17,6 @@ mod tests;
 mod tree;
 
 use crate::math::Rgb;
-use crate::math::exp::exp_neg;
 use crate::math::sampling::{cosine_hemisphere, disk, sphere, tangents};
 use crate::scene::Light;
 use crate::trace::Tracer;
@@ -24,23 +24,24 @@ use cut::Cut;
 use emitters::Emitters;
 use glam::Vec3;
 use receiver::Receiver;
+use smallvec::SmallVec;
 use std::f32::consts::PI;
 use std::sync::Arc;
 use tree::Tree;
 
 pub use direct::{Arrival, Direct, InMedium};
 pub use rays::ShadowRays;
+pub use shadows::{OpticalDepth, SceneMedia, Shadows, Vacuum};
 pub use sight::Sight;
 pub use sun_depth::SunDepths;
 
 const INVERSE_SPHERE: f32 = 1.0 / (4.0 * PI);
 
-/// All lights of a scene but a constant environment, which gathering takes care of.
+/// All lights of a scene but a constant environment, which gathering takes care of, and what shadow rays to them pass.
 #[derive(Clone, Debug)]
-pub struct Lights<'a> {
+pub struct Lights<'a, S = SceneMedia<'a>> {
     tracer: &'a Tracer<'a>,
-    /// What rays to emissive triangles meet; the scene's media if `None`.
-    wide_depth: Option<&'a dyn OpticalDepth>,
+    shadows: S,
     emitters: Arc<Emitters>,
     /// How many emissive triangles are asked, if they are many.
     care: Care,
@@ -71,12 +72,6 @@ impl Care {
     };
 }
 
-/// Media as shadow rays may see them instead of the scene's own.
-pub trait OpticalDepth: Sync + std::fmt::Debug {
-    /// Optical depth from `origin` to `t_max` along a unit direction.
-    fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32;
-}
-
 impl<'a> Lights<'a> {
     /// Finds the lights of the traced scene.
     #[must_use]
@@ -95,7 +90,7 @@ impl<'a> Lights<'a> {
             .fold(Rgb::BLACK, |a, b| a + b);
         Self {
             tracer,
-            wide_depth: None,
+            shadows: SceneMedia::default(),
             emitters: Arc::new(Emitters::new(tracer.scene)),
             care: Care::SHADING,
             environment,
@@ -106,7 +101,7 @@ impl<'a> Lights<'a> {
     /// that are passed faster.
     #[must_use]
     pub fn with_soft_shadows_through(mut self, depth: &'a dyn OpticalDepth) -> Self {
-        self.wide_depth = Some(depth);
+        self.shadows.before_triangles = Some(depth);
         self
     }
 
@@ -114,11 +109,25 @@ impl<'a> Lights<'a> {
     #[must_use]
     pub fn with_sharp_shadows(&self) -> Self {
         Self {
-            wide_depth: None,
+            shadows: SceneMedia::default(),
             ..self.clone()
         }
     }
 
+    /// The same lights in a scene without media.
+    #[must_use]
+    pub fn in_vacuum(&self) -> Lights<'a, Vacuum> {
+        Lights {
+            tracer: self.tracer,
+            shadows: Vacuum,
+            emitters: Arc::clone(&self.emitters),
+            care: self.care,
+            environment: self.environment,
+        }
+    }
+}
+
+impl<'a, S: Shadows> Lights<'a, S> {
     /// The same lights, asked with less care where they are many: for points of which pictures see means of many only.
     #[must_use]
     pub fn for_baking(mut self) -> Self {
@@ -126,7 +135,6 @@ impl<'a> Lights<'a> {
         self
     }
 
-    /// Share of light that gets from `origin` to `t_max` along a unit direction, through the scene's media or others.
     fn transmittance(
         &self,
         origin: Vec3,
@@ -134,11 +142,15 @@ impl<'a> Lights<'a> {
         t_max: f32,
         depth: Option<&dyn OpticalDepth>,
     ) -> f32 {
-        match depth {
-            None => self.tracer.transmittance(origin, direction, t_max),
-            Some(_) if self.tracer.is_occluded(origin, direction, t_max) => 0.0,
-            Some(depth) => exp_neg(depth.optical_depth(origin, direction, t_max)),
-        }
+        self.shadows
+            .transmittance(self.tracer, origin, direction, t_max, depth)
+    }
+
+    /// Share of light that gets from `origin` to `t_max` along a unit direction: 0 behind a surface, else what the scene's
+    /// own media let through.
+    #[must_use]
+    pub fn through(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
+        self.transmittance(origin, direction, t_max, None)
     }
 
     /// What rays meet.
@@ -250,7 +262,12 @@ impl<'a> Lights<'a> {
         }
         let through = |i| {
             let direction = direction(rays.point(i, 62));
-            self.transmittance(origin, direction, f32::INFINITY, self.wide_depth)
+            self.transmittance(
+                origin,
+                direction,
+                f32::INFINITY,
+                self.shadows.before_triangles(),
+            )
         };
         (0..rays.count()).map(through).sum::<f32>() / rays.count() as f32
     }
@@ -347,10 +364,13 @@ impl<'a> Lights<'a> {
             self.add_many_emitters(total, tree, origin, rays, receiver);
             return;
         }
-        let mut chosen = [Chosen::default(); Emitters::FEW];
+        if self.emitters.is_empty() {
+            return;
+        }
+        // Not an array, which would be cleared for each point.
+        let mut chosen = SmallVec::<[Chosen; Emitters::FEW]>::new();
         let mut unoccluded = Rgb::BLACK;
         let mut sum = 0.0;
-        let mut count = 0;
         for (index, emitter) in self.emitters.facing(origin) {
             let response = receiver.of_triangle(emitter.corners.map(|c| c - origin));
             let light = emitter.radiance * response;
@@ -358,15 +378,14 @@ impl<'a> Lights<'a> {
             if power > 0.0 {
                 unoccluded += light;
                 sum += power;
-                chosen[count] = Chosen {
+                chosen.push(Chosen {
                     index,
                     running_power: sum,
                     response,
-                };
-                count += 1;
+                });
             }
         }
-        if count == 0 {
+        if chosen.is_empty() {
             return;
         }
         total.open += unoccluded;
@@ -374,10 +393,10 @@ impl<'a> Lights<'a> {
         for i in 0..rays.count() {
             let [u, v] = rays.point(i, 63);
             let target = u * sum;
-            let k = chosen[..count]
+            let k = chosen
                 .iter()
                 .position(|c| target < c.running_power)
-                .unwrap_or(count - 1);
+                .unwrap_or(chosen.len() - 1);
             let below = if k == 0 {
                 0.0
             } else {
@@ -392,7 +411,7 @@ impl<'a> Lights<'a> {
             if w > 0.0 {
                 // Stop short of the light itself.
                 let end = distance * (1.0 - 1e-4) - self.tracer.offset;
-                let through = self.transmittance(origin, d, end, self.wide_depth);
+                let through = self.transmittance(origin, d, end, self.shadows.before_triangles());
                 let light = emitter.radiance * (w * sum / emitter.radiance.mean());
                 // Emitters of one surface are told apart no further than sharing a bit with another.
                 total.note_ray(index as usize, light, through);
@@ -423,7 +442,7 @@ impl<'a> Lights<'a> {
             if w > 0.0 && w.is_finite() {
                 // Stop short of the light itself.
                 let end = distance * (1.0 - 1e-4) - self.tracer.offset;
-                let through = self.transmittance(origin, d, end, self.wide_depth);
+                let through = self.transmittance(origin, d, end, self.shadows.before_triangles());
                 let light = emitter.radiance * w;
                 total.note_ray(choice.emitter as usize, light, through);
                 sent += light;
@@ -454,7 +473,7 @@ struct Sun {
 }
 
 /// An emitter that rays of a point may go to.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 struct Chosen {
     index: u32,
     running_power: f32,

@@ -4,11 +4,11 @@
 //! over the frame, and the shadow rays of the 16 corners around it make one well-spread set (interleaved sampling,
 //! Keller & Heidrich 2001). Other pixels take samples of their own.
 
+use super::air::{Air, Passed};
 use super::pixel::{Piece, Pixel, PixelShader, PixelSum, Sample};
 use crate::gather::{Medium, Pages};
 use crate::image::Region;
 use crate::light::{Arrival, ShadowRays, Sight};
-use crate::math::segment::Composite;
 use crate::math::{Rgb, sampling};
 use crate::scene::{Light, Volume};
 use crate::trace::media_bounds;
@@ -16,15 +16,15 @@ use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
 
 /// Corners of the pixels of a region and around it.
-pub struct Corners<'a, P, M> {
-    shader: &'a PixelShader<'a, P, M>,
+pub struct Corners<'a, P, M, A: Air> {
+    shader: &'a PixelShader<'a, P, M, A>,
     region: Region,
     width: usize,
-    corners: Vec<Corner>,
+    corners: Vec<Corner<A::Passed>>,
 }
 
-struct Corner {
-    sample: Sample,
+struct Corner<T> {
+    sample: Sample<T>,
     irradiance: Rgb,
     /// Whether that is from the lattice.
     is_spread: bool,
@@ -40,7 +40,12 @@ struct Place {
 
 impl Place {
     /// Its shadow rays after the first few.
-    fn rays<P, M>(&self, shader: &PixelShader<P, M>, first: u8, count: u8) -> ShadowRays {
+    fn rays<P, M, A: Air>(
+        &self,
+        shader: &PixelShader<P, M, A>,
+        first: u8,
+        count: u8,
+    ) -> ShadowRays {
         // Every four by four corners ask all cells, and every two by two ask four quarters (the threshold matrix of
         // Bayer 1973).
         const ORDER: [u8; 16] = [0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5];
@@ -62,7 +67,7 @@ enum Lit {
     Edge,
 }
 
-impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
+impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
     /// Share of an area light by which two halves of the 16 corners around a pixel may differ.
     const NARROW: f32 = 0.4;
 
@@ -75,7 +80,7 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
     const PENUMBRA: u8 = 4;
 
     /// Samples the corners of a region's pixels and what they need around them.
-    pub fn new(shader: &'a PixelShader<'a, P, M>, region: Region) -> Self {
+    pub fn new(shader: &'a PixelShader<'a, P, M, A>, region: Region) -> Self {
         let width = (region.width() + 1 + 2 * Self::RINGS) as usize;
         let height = (region.height() + 1 + 2 * Self::RINGS) as usize;
         let corners = (0..width * height)
@@ -97,7 +102,7 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
         };
         // Before any corner asks more of the lights: those of the outer rings do not, but they do in blocks of their own,
         // and whether media are alike must not depend on the block.
-        if !shader.view.tracer.scene.volumes.is_empty() {
+        if !A::Passed::IS_VACUUM {
             corners.pass_media(height);
         }
         corners.look_into_penumbrae(height);
@@ -119,6 +124,10 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
 
     /// More shadow rays at the corners from which, or from near which, some ray reached a light and some did not.
     fn look_into_penumbrae(&mut self, height: usize) {
+        // Lights without an extent have none.
+        if self.shader.lights.rest_is_exact() {
+            return;
+        }
         let rim = Self::RINGS as usize - 1;
         let mut more = Vec::new();
         for row in rim..height - rim {
@@ -257,14 +266,11 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
     }
 
     /// The mean of what the media do before the corners `step` beside or around one, if they do nearly the same.
-    fn media_between(&self, i: usize, is_between: [bool; 2], step: usize) -> Option<Composite> {
+    fn media_between(&self, i: usize, is_between: [bool; 2], step: usize) -> Option<A::Passed> {
         let around = self.around(i, is_between, step);
         let like = &self.corners[i].sample;
         let share = 1.0 / around.len() as f32;
-        let mut mean = Composite {
-            radiance: Rgb::BLACK,
-            transmittance: 0.0,
-        };
+        let (mut mean_radiance, mut mean_transmittance) = (Rgb::BLACK, 0.0);
         let (mut least, mut most) = ([f32::INFINITY; 2], [0.0_f32; 2]);
         let mut seen = Rgb::BLACK;
         for j in around {
@@ -273,21 +279,21 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
                 return None;
             }
             let passed = &sample.passed;
-            let values = [passed.transmittance, passed.radiance.luminance()];
+            let values = [passed.transmittance(), passed.radiance().luminance()];
             for (k, v) in values.into_iter().enumerate() {
                 least[k] = least[k].min(v);
                 most[k] = most[k].max(v);
             }
-            mean.radiance += passed.radiance * share;
-            mean.transmittance += passed.transmittance * share;
+            mean_radiance += passed.radiance() * share;
+            mean_transmittance += passed.transmittance() * share;
             let behind = sample
                 .surface
                 .map_or(Rgb::BLACK, |s| s.albedo * sample.direct.light() * FRAC_1_PI);
-            seen += (passed.radiance + behind * passed.transmittance) * share;
+            seen += (passed.radiance() + behind * passed.transmittance()) * share;
         }
         let [transmittance, radiance] = [0, 1].map(|k| most[k] - least[k]);
         let alike = transmittance <= Self::ALIKE && radiance <= Self::ALIKE * seen.luminance();
-        alike.then_some(mean)
+        alike.then(|| A::Passed::of(mean_transmittance, mean_radiance))
     }
 
     /// Four corners, some of them twice, `step` away from one that lies between them in some of its coordinates.
@@ -332,7 +338,6 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
         {
             return pixel;
         }
-        let samples = own.map(|c| c.sample);
         let mut pieces: Vec<Piece> = Vec::with_capacity(4);
         for c in own {
             if let Some(surface) = &c.sample.surface
@@ -343,11 +348,12 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
                 pieces.push(Piece::new(*surface, c.irradiance));
             }
         }
-        self.shader.refine(x, y, &samples, &mut pieces)
+        self.shader
+            .refine(x, y, own.map(|c| &c.sample), &mut pieces)
     }
 
     /// Whether a lamp that the corners of a pixel do not show covers much of it.
-    fn hides_a_lamp(&self, corner: &Corner, x: u32, y: u32) -> bool {
+    fn hides_a_lamp(&self, corner: &Corner<A::Passed>, x: u32, y: u32) -> bool {
         const MUCH: f32 = 0.1;
         let PixelShader { view, lamps, .. } = self.shader;
         lamps.covered(view, x, y) > MUCH && !lamps.has(x, y, corner.sample.triangle)
@@ -357,8 +363,8 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
     fn mean_of_corners<'c>(
         &self,
         mut pixel: PixelSum,
-        own: [&Corner; 4],
-        at: impl Fn(usize, usize) -> &'c Corner,
+        own: [&Corner<A::Passed>; 4],
+        at: impl Fn(usize, usize) -> &'c Corner<A::Passed>,
     ) -> Option<Pixel> {
         if own[0].sample.surface.is_none() {
             for c in own {
@@ -383,7 +389,11 @@ impl<'a, P: Pages, M: Medium> Corners<'a, P, M> {
     }
 
     /// The lights with an extent, by the shadow rays of the corners around a pixel that lie on its piece of surface.
-    fn lit<'c>(&self, like: &Sample, at: impl Fn(usize, usize) -> &'c Corner) -> Lit {
+    fn lit<'c>(
+        &self,
+        like: &Sample<A::Passed>,
+        at: impl Fn(usize, usize) -> &'c Corner<A::Passed>,
+    ) -> Lit {
         let mut quarters = [Arrival::default(); 4];
         let mut sight = Sight::default();
         for row in 0..4 {

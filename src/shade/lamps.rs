@@ -5,7 +5,7 @@
 
 use super::view::View;
 use crate::image::Region;
-use crate::math::exp::exp_neg;
+use crate::light::{Lights, Shadows};
 use crate::math::{Rgb, sampling};
 use crate::trace::unit_normal;
 use glam::{DVec2, Vec3};
@@ -114,7 +114,7 @@ impl Lamps {
     }
 
     /// Their mean radiance over the pixel, as it comes through what is before them.
-    pub fn radiance(&self, view: &View, x: u32, y: u32) -> Rgb {
+    pub fn radiance<S: Shadows>(&self, view: &View, lights: &Lights<S>, x: u32, y: u32) -> Rgb {
         let scene = view.tracer.scene;
         let origin = view.camera.origin();
         let mut sum = Rgb::BLACK;
@@ -133,8 +133,8 @@ impl Lamps {
                 let d = view.camera.direction(&view.film, at.x as f32, at.y as f32);
                 let t = (corners[0] - origin).dot(normal) / d.dot(normal);
                 let end = t * (1.0 - 1e-4) - view.tracer.offset;
-                if t.is_finite() && !view.tracer.is_occluded(origin, d, end) {
-                    through += exp_neg(view.tracer.optical_depth(origin, d, end));
+                if t.is_finite() {
+                    through += lights.through(origin, d, end);
                 }
             }
             let material = &scene.materials[scene.mesh.material[triangle as usize] as usize];

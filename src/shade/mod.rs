@@ -3,6 +3,7 @@
 //! Every pixel depends on the scene, the tree, the settings and its own coordinates alone, so any tiling, on any number
 //! of machines, gives the same bits.
 
+mod air;
 mod corners;
 mod far_field;
 mod inscatter;
@@ -23,11 +24,12 @@ use crate::gather::{
     TreeStore,
 };
 use crate::image::{Frame, Layer, Region};
-use crate::light::{Lights, OpticalDepth};
+use crate::light::{Lights, OpticalDepth, Vacuum};
 use crate::math::Rgb;
 use crate::run::{Job, Task};
 use crate::scene::Scene;
 use crate::trace::{Tracer, unit_normal};
+use air::Air;
 use corners::Corners;
 use glam::Vec3;
 use inscatter::InScatter;
@@ -167,7 +169,7 @@ struct FrameTree<'a, P, M> {
     area_per_surfel: f32,
 }
 
-/// Chooses the frame's kernels by the media in the tree.
+/// Chooses the frame's kernels by the media in the tree and in the scene.
 fn shade_with<P: Pages>(
     scene: &Scene,
     store: &TreeStore,
@@ -183,8 +185,13 @@ fn shade_with<P: Pages>(
         area_per_surfel: store.area_per_surfel(),
     };
     match &store.media {
+        MediaStore::Absent if scene.volumes.is_empty() => {
+            shade(scene, &tree, settings, regions, job, |shot| {
+                shot.in_vacuum()
+            })
+        }
         // A tree without lvoxels says nothing of the scene's media.
-        MediaStore::Absent => shade(scene, &tree, settings, regions, job),
+        MediaStore::Absent => shade(scene, &tree, settings, regions, job, |shot| shot.in_media()),
         MediaStore::Grey(media) => shade_through(scene, tree, media, settings, regions, job),
         MediaStore::Rgb(media) => shade_through(scene, tree, media, settings, regions, job),
     }
@@ -211,10 +218,20 @@ fn shade_through<P: Pages, S: Source>(
                 shadows: tree.shadows,
                 area_per_surfel: tree.area_per_surfel,
             };
-            shade(scene, &tree, settings, regions, job)
+            shade(scene, &tree, settings, regions, job, |shot| shot.in_media())
         }
-        Method::Traditional => shade(scene, &tree, settings, regions, job),
+        Method::Traditional => shade(scene, &tree, settings, regions, job, |shot| shot.in_media()),
     }
+}
+
+/// What regions of a frame are shaded from.
+struct Shot<'a, P, M> {
+    view: View<'a>,
+    lights: &'a Lights<'a>,
+    gatherer: Gatherer<'a, P, M>,
+    settings: &'a Settings,
+    regions: &'a [Region],
+    job: &'a Job,
 }
 
 fn shade<P: Pages, M: Medium>(
@@ -223,6 +240,7 @@ fn shade<P: Pages, M: Medium>(
     settings: &Settings,
     regions: &[Region],
     job: &Job,
+    finish: impl FnOnce(&Shot<P, M>) -> Result<Vec<Vec<Pixel>>>,
 ) -> Result<Vec<Vec<Pixel>>> {
     let camera = scene.camera(settings.camera.as_deref())?;
     let tracer = Tracer::new(scene);
@@ -239,82 +257,111 @@ fn shade<P: Pages, M: Medium>(
         Kernel::Cone => gather::Kernel::Cone,
         Kernel::Plain => gather::Kernel::Plain,
     };
-    let surface_gatherer = Gatherer {
-        pages: tree.pages,
-        media: tree.media,
-        settings: gather::Settings {
-            samples: settings.samples,
-            max_solid_angle: settings.max_solid_angle,
-            max_dist: settings.max_dist.unwrap_or(f32::INFINITY),
-            kernel,
-            environment: lights.environment(),
+    finish(&Shot {
+        view: View::new(&tracer, camera, scene.film, settings.seed),
+        lights: &lights,
+        gatherer: Gatherer {
+            pages: tree.pages,
+            media: tree.media,
+            settings: gather::Settings {
+                samples: settings.samples,
+                max_solid_angle: settings.max_solid_angle,
+                max_dist: settings.max_dist.unwrap_or(f32::INFINITY),
+                kernel,
+                environment: lights.environment(),
+            },
         },
-    };
-    let volume_gatherer = Gatherer {
-        // A ray over the sphere stands for four times the solid angle that one of a hemisphere does, at half as many.
-        settings: gather::Settings {
-            samples: settings.volume_samples,
-            max_solid_angle: 4.0 * settings.max_solid_angle,
-            ..surface_gatherer.settings
-        },
-        ..surface_gatherer
-    };
-    let view = View::new(&tracer, camera, scene.film, settings.seed);
-    let in_scatter = InScatter::new(
-        &view,
+        settings,
         regions,
-        &lights,
-        (settings.method == Method::Extended).then_some(&volume_gatherer),
-        &job.cancel,
-    )?;
-    let all: u64 = regions.iter().map(|r| r.pixels() as u64).sum();
-    let step = u64::from(settings.lattice);
-    let gather = job
-        .progress
-        .task("gather", all / (step * step), "receivers");
-    let lattices = regions
-        .par_iter()
-        .map(|&region| {
-            Lattice::new(
-                &view,
-                &surface_gatherer,
-                region,
-                settings.lattice,
-                &job.cancel,
-                &gather,
-            )
-        })
-        .collect::<Result<Vec<_>>>()?;
-    drop(gather);
-    tree.pages.check()?;
-    let task = job.progress.task("shade", all, "pixels");
-    let shaded = regions
-        .par_iter()
-        .zip(&lattices)
-        .map(|(&region, lattice)| {
-            let lamps = Lamps::new(&view, region, settings.edge_samples);
-            let shader = PixelShader {
-                view,
-                lamps: &lamps,
-                lights: &lights,
-                lattice,
-                gatherer: &surface_gatherer,
-                in_scatter: &in_scatter,
-                counts: SampleCounts {
-                    pixel: settings.pixel_samples,
-                    edge: settings.edge_samples,
-                    shadow: settings.shadow_rays,
-                },
-            };
-            shade_region(&shader, region, job, &task)
-        })
-        .collect::<Result<Vec<_>>>()?;
-    tree.pages.check()?;
-    Ok(shaded)
+        job,
+    })
 }
 
-fn shade_region<P: Pages, M: Medium>(
-    shader: &PixelShader<P, M>,
+impl<P: Pages, M: Medium> Shot<'_, P, M> {
+    /// Shades a scene without media.
+    fn in_vacuum(&self) -> Result<Vec<Vec<Pixel>>> {
+        self.shade(&Vacuum, &self.lights.in_vacuum())
+    }
+
+    fn in_media(&self) -> Result<Vec<Vec<Pixel>>> {
+        let settings = self.settings;
+        let volume_gatherer = Gatherer {
+            // A ray over the sphere stands for four times the solid angle that one of a hemisphere does, at half as many.
+            settings: gather::Settings {
+                samples: settings.volume_samples,
+                max_solid_angle: 4.0 * settings.max_solid_angle,
+                ..self.gatherer.settings
+            },
+            ..self.gatherer
+        };
+        let in_scatter = InScatter::new(
+            &self.view,
+            self.regions,
+            self.lights,
+            (settings.method == Method::Extended).then_some(&volume_gatherer),
+            &self.job.cancel,
+        )?;
+        self.shade(&in_scatter, self.lights)
+    }
+
+    fn shade<A: Air>(&self, air: &A, lights: &Lights<A::Shadows>) -> Result<Vec<Vec<Pixel>>> {
+        let &Self {
+            view,
+            settings,
+            regions,
+            job,
+            ..
+        } = self;
+        let pages = self.gatherer.pages;
+        let all: u64 = regions.iter().map(|r| r.pixels() as u64).sum();
+        let step = u64::from(settings.lattice);
+        let gather = job
+            .progress
+            .task("gather", all / (step * step), "receivers");
+        let lattices = regions
+            .par_iter()
+            .map(|&region| {
+                Lattice::new(
+                    &view,
+                    &self.gatherer,
+                    region,
+                    settings.lattice,
+                    &job.cancel,
+                    &gather,
+                )
+            })
+            .collect::<Result<Vec<_>>>()?;
+        drop(gather);
+        pages.check()?;
+        let task = job.progress.task("shade", all, "pixels");
+        let shaded = regions
+            .par_iter()
+            .zip(&lattices)
+            .map(|(&region, lattice)| {
+                let lamps = Lamps::new(&view, region, settings.edge_samples);
+                let shader = PixelShader {
+                    view,
+                    lamps: &lamps,
+                    lights,
+                    lattice,
+                    gatherer: &self.gatherer,
+                    air,
+                    counts: SampleCounts {
+                        pixel: settings.pixel_samples,
+                        edge: settings.edge_samples,
+                        shadow: settings.shadow_rays,
+                    },
+                };
+                shade_region(&shader, region, job, &task)
+            })
+            .collect::<Result<Vec<_>>>()?;
+        pages.check()?;
+        Ok(shaded)
+    }
+}
+
+fn shade_region<P: Pages, M: Medium, A: Air>(
+    shader: &PixelShader<P, M, A>,
     region: Region,
     job: &Job,
     task: &Task,
@@ -364,8 +411,8 @@ impl<S: Source> OpticalDepth for Blocks<'_, S> {
 }
 
 /// Shades a region from the corners of its pixels, block by block.
-fn shade_blocks<P: Pages, M: Medium>(
-    shader: &PixelShader<P, M>,
+fn shade_blocks<P: Pages, M: Medium, A: Air>(
+    shader: &PixelShader<P, M, A>,
     region: Region,
     job: &Job,
     task: &Task,

@@ -1,14 +1,12 @@
 //! One pixel from samples of its own: primary visibility, direct light, the media before it, and where indirect light
 //! is looked up.
 
-use super::inscatter::InScatter;
+use super::air::{Air, Passed};
 use super::lamps::Lamps;
 use super::lattice::{Lattice, gather_surface};
 use super::view::View;
 use crate::gather::{Gatherer, Medium, Pages, Stretch};
 use crate::light::{Arrival, Direct, Lights, ShadowRays, Sight};
-use crate::math::exp::exp_neg;
-use crate::math::segment::Composite;
 use crate::math::{Rgb, sampling};
 use crate::trace::Surface;
 use glam::Vec3;
@@ -37,22 +35,29 @@ impl Pixel {
     pub fn radiance(&self) -> Rgb {
         self.direct + self.indirect + self.volume
     }
+
+    #[inline]
+    fn add_volume<T: Passed>(&mut self, passed: &T) {
+        if !T::IS_VACUUM {
+            self.volume += passed.radiance();
+        }
+    }
 }
 
 /// Everything a pixel may look at.
-pub struct PixelShader<'a, P, M> {
+pub struct PixelShader<'a, P, M, A: Air> {
     /// Camera and scene.
     pub view: View<'a>,
     /// Lamps whose borders are in sight.
     pub lamps: &'a Lamps,
     /// Lights.
-    pub lights: &'a Lights<'a>,
+    pub lights: &'a Lights<'a, A::Shadows>,
     /// Indirect light on surfaces.
     pub lattice: &'a Lattice,
     /// For surfaces that the lattice missed.
     pub gatherer: &'a Gatherer<'a, P, M>,
-    /// Light in media.
-    pub in_scatter: &'a InScatter<'a, P, M>,
+    /// What camera rays pass.
+    pub air: &'a A,
     /// How many samples.
     pub counts: SampleCounts,
 }
@@ -70,7 +75,7 @@ pub struct SampleCounts {
 
 /// One primary ray.
 #[derive(Clone, Copy)]
-pub struct Sample {
+pub struct Sample<T> {
     /// What it hit.
     pub surface: Option<Surface>,
     /// The triangle that this is on, if any.
@@ -82,7 +87,7 @@ pub struct Sample {
     /// Direct light there.
     pub direct: Direct,
     /// Media on the way.
-    pub passed: Composite,
+    pub passed: T,
 }
 
 /// A smooth piece of surface in a pixel, whose samples share their indirect light and their shadow rays.
@@ -105,11 +110,11 @@ impl Piece {
     }
 }
 
-impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
+impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
     /// Shades pixel (x, y) by samples of its own: few first, and more if they disagree.
     #[must_use]
     pub fn shade(&self, x: u32, y: u32) -> Pixel {
-        let mut samples: Vec<Sample> = Vec::with_capacity(self.counts.edge as usize);
+        let mut samples: Vec<Sample<A::Passed>> = Vec::with_capacity(self.counts.edge as usize);
         // The first samples have one shadow ray each: together they tell whether a light is partly hidden.
         for i in 0..self.counts.pixel {
             samples.push(self.sample_in(x, y, i, 1, i));
@@ -121,33 +126,38 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
                 next_shadow += self.counts.shadow;
             }
         }
-        let known = samples.len().min(2);
-        for s in &mut samples[..known] {
-            s.passed = self.march(s);
+        if !A::Passed::IS_VACUUM {
+            let known = samples.len().min(2);
+            let (known, rest) = samples.split_at_mut(known);
+            for s in known.iter_mut() {
+                s.passed = self.march(s);
+            }
+            let smooth = known.iter().all(|s| alike(&known[0].passed, &s.passed));
+            self.pass_media(known.iter(), rest, smooth);
         }
-        let smooth = samples[..known]
-            .iter()
-            .all(|s| alike(&samples[0].passed, &s.passed));
-        self.pass_media(&mut samples, known, smooth);
         self.resolve(&samples, &mut Vec::new(), x, y)
     }
 
     /// Shades pixel (x, y) by the larger number of samples, given what is known of it: samples with their media passed,
     /// and pieces of surface with their indirect light.
     #[must_use]
-    pub fn refine(&self, x: u32, y: u32, known: &[Sample], pieces: &mut Vec<Piece>) -> Pixel {
-        let mut samples = Vec::with_capacity(self.counts.edge as usize + known.len());
-        samples.extend_from_slice(known);
+    pub fn refine(
+        &self,
+        x: u32,
+        y: u32,
+        known: [&Sample<A::Passed>; 4],
+        pieces: &mut Vec<Piece>,
+    ) -> Pixel {
+        let mut samples = Vec::with_capacity(self.counts.edge as usize);
         for i in 0..self.counts.edge {
             samples.push(self.sample_in(x, y, i, self.counts.shadow, i * self.counts.shadow));
         }
         // Where nothing needs more samples, the corners' own media are good enough, too.
-        self.pass_media(&mut samples, known.len(), true);
-        samples.drain(..known.len());
+        self.pass_media(known.into_iter(), &mut samples, true);
         self.resolve(&samples, pieces, x, y)
     }
 
-    fn sample_in(&self, x: u32, y: u32, i: u32, per_light: u32, first: u32) -> Sample {
+    fn sample_in(&self, x: u32, y: u32, i: u32, per_light: u32, first: u32) -> Sample<A::Passed> {
         let seed = sampling::hash(&[self.view.seed, u64::from(x), u64::from(y)]);
         let [u, v] = sampling::sobol2(i, 1, seed as u32);
         let rays = ShadowRays::Sequence {
@@ -159,7 +169,7 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
     }
 
     /// The sample at a point of the film, pixels from its top left, media not yet passed.
-    pub fn sample(&self, x: f32, y: f32, rays: ShadowRays) -> Sample {
+    pub fn sample(&self, x: f32, y: f32, rays: ShadowRays) -> Sample<A::Passed> {
         let view = &self.view;
         let direction = view.camera.direction(&view.film, x, y);
         let hit = view
@@ -179,33 +189,32 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
             t: hit.map_or(f32::INFINITY, |h| h.t),
             direction,
             direct,
-            passed: Composite::default(),
+            passed: A::Passed::default(),
         }
     }
 
-    /// Marches the media before samples after the first `known`. Where `smooth` says so, those take what the known ones on
-    /// their piece of surface passed, on average.
-    fn pass_media(&self, samples: &mut [Sample], known: usize, smooth: bool) {
-        if self.view.tracer.scene.volumes.is_empty() {
+    /// Marches the media before some samples. Where `smooth` says so, those take what the known ones on their piece of
+    /// surface passed, on average.
+    fn pass_media<'s>(
+        &self,
+        known: impl Iterator<Item = &'s Sample<A::Passed>> + Clone,
+        samples: &mut [Sample<A::Passed>],
+        smooth: bool,
+    ) {
+        if A::Passed::IS_VACUUM {
             return;
         }
-        let (known, rest) = samples.split_at_mut(known);
-        for s in rest {
-            let mut passed = Composite {
-                radiance: Rgb::BLACK,
-                transmittance: 0.0,
-            };
+        for s in samples {
+            let (mut radiance, mut transmittance) = (Rgb::BLACK, 0.0);
             let mut alike = 0;
-            for k in known.iter().filter(|k| smooth && self.same_end(k, s)) {
-                passed.radiance += k.passed.radiance;
-                passed.transmittance += k.passed.transmittance;
+            for k in known.clone().filter(|k| smooth && self.same_end(k, s)) {
+                radiance += k.passed.radiance();
+                transmittance += k.passed.transmittance();
                 alike += 1;
             }
             s.passed = if alike > 0 {
                 let share = 1.0 / alike as f32;
-                passed.radiance *= share;
-                passed.transmittance *= share;
-                passed
+                A::Passed::of(transmittance * share, radiance * share)
             } else {
                 self.march(s)
             };
@@ -213,33 +222,12 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
     }
 
     /// What the media before a sample take and add.
-    pub fn march(&self, sample: &Sample) -> Composite {
-        let mut passed = Composite::default();
-        self.view.tracer.march(
-            self.view.camera.origin(),
-            sample.direction,
-            sample.t,
-            |volume, stretch, _| {
-                let at = |t| self.view.camera.origin() + sample.direction * t;
-                let ends = [at(stretch.near), at(stretch.far)];
-                self.in_scatter.source(volume, ends, stretch.tau)
-            },
-            |s| {
-                passed.medium(s.tau, s.source);
-                !passed.is_opaque()
-            },
-        );
-        if passed.is_opaque() {
-            // What the march left out still hides what is behind, however bright that is.
-            let (tracer, origin) = (&self.view.tracer, self.view.camera.origin());
-            passed.transmittance =
-                exp_neg(tracer.optical_depth(origin, sample.direction, sample.t));
-        }
-        passed
+    pub fn march(&self, sample: &Sample<A::Passed>) -> A::Passed {
+        self.air.march(&self.view, sample.direction, sample.t)
     }
 
     /// Whether more samples would tell more.
-    fn disagree(&self, samples: &[Sample]) -> bool {
+    fn disagree(&self, samples: &[Sample<A::Passed>]) -> bool {
         let mut sight = Sight::default();
         samples.iter().for_each(|s| sight += s.direct.sight);
         sight.has_edge()
@@ -248,7 +236,7 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
     }
 
     /// Whether two samples end on the same piece of surface, or both on none.
-    pub fn same_end(&self, a: &Sample, b: &Sample) -> bool {
+    pub fn same_end(&self, a: &Sample<A::Passed>, b: &Sample<A::Passed>) -> bool {
         match (&a.surface, &b.surface) {
             (None, None) => true,
             (Some(p), Some(q)) => self.same_piece(p, q, a.t),
@@ -264,7 +252,13 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
             && (a.position - b.position).dot(b.face_normal).abs() < 0.5 * footprint
     }
 
-    fn resolve(&self, samples: &[Sample], pieces: &mut Vec<Piece>, x: u32, y: u32) -> Pixel {
+    fn resolve(
+        &self,
+        samples: &[Sample<A::Passed>],
+        pieces: &mut Vec<Piece>,
+        x: u32,
+        y: u32,
+    ) -> Pixel {
         let mut piece_of = Vec::with_capacity(samples.len());
         for sample in samples {
             let Some(surface) = &sample.surface else {
@@ -301,17 +295,23 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
         let mut pixel = pixel.mean();
         pixel.has_lamp_border = self.lamps.is_border(x, y);
         if pixel.has_lamp_border {
-            pixel.direct += self.lamps.radiance(&self.view, x, y);
+            pixel.direct += self.lamps.radiance(&self.view, self.lights, x, y);
         }
         pixel
     }
 
     /// Adds a sample that hit a surface of the given direct and indirect irradiance.
-    pub fn add_surface(&self, pixel: &mut PixelSum, sample: &Sample, direct: Rgb, indirect: Rgb) {
+    pub fn add_surface(
+        &self,
+        pixel: &mut PixelSum,
+        sample: &Sample<A::Passed>,
+        direct: Rgb,
+        indirect: Rgb,
+    ) {
         let Some(surface) = &sample.surface else {
             return;
         };
-        let through = sample.passed.transmittance;
+        let through = sample.passed.transmittance();
         let reflect = surface.albedo * (FRAC_1_PI * through);
         let [x, y] = pixel.at;
         let mut emission = surface.emission(self.view.tracer.scene, -sample.direction);
@@ -320,7 +320,7 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
         }
         pixel.sum.direct += reflect * direct + emission * through;
         pixel.sum.indirect += reflect * indirect;
-        pixel.sum.volume += sample.passed.radiance;
+        pixel.sum.add_volume(&sample.passed);
         pixel.sum.depth += sample.t;
         pixel.sum.normal += surface.normal;
         pixel.hits += 1;
@@ -328,9 +328,9 @@ impl<P: Pages, M: Medium> PixelShader<'_, P, M> {
     }
 
     /// Adds a sample that hit nothing.
-    pub fn add_nothing(&self, pixel: &mut PixelSum, sample: &Sample) {
-        pixel.sum.direct += self.lights.environment() * sample.passed.transmittance;
-        pixel.sum.volume += sample.passed.radiance;
+    pub fn add_nothing(&self, pixel: &mut PixelSum, sample: &Sample<A::Passed>) {
+        pixel.sum.direct += self.lights.environment() * sample.passed.transmittance();
+        pixel.sum.add_volume(&sample.passed);
         pixel.samples += 1;
     }
 
@@ -394,7 +394,7 @@ impl PixelSum {
 }
 
 /// Whether two rays of a pixel passed media alike, to a fiftieth.
-fn alike(a: &Composite, b: &Composite) -> bool {
-    let (la, lb) = (a.radiance.luminance(), b.radiance.luminance());
-    (a.transmittance - b.transmittance).abs() <= 0.02 && (la - lb).abs() <= 0.02 * (la + lb)
+fn alike(a: &impl Passed, b: &impl Passed) -> bool {
+    let (la, lb) = (a.radiance().luminance(), b.radiance().luminance());
+    (a.transmittance() - b.transmittance()).abs() <= 0.02 && (la - lb).abs() <= 0.02 * (la + lb)
 }

@@ -1,198 +1,193 @@
 //! Numbers of lvoxels, told by how far they are from what their neighbours let expect.
 
+use crate::morton::gather;
 use crate::record::MAX_LEVEL;
 
 /// Voxels in the brick inside which neighbours are looked for.
 const BRICK: usize = 512;
 const LEVELS: usize = MAX_LEVEL as usize + 1;
-/// Places in a brick, and behind them one of which nothing is ever known; a power of two, so that no index is beyond it.
-const PLACES: usize = 2 * BRICK;
-/// Bits of x, y and z in the Morton code of a place in its brick.
-const AXES: [usize; 3] = [0x124, 0x92, 0x49];
-/// Pairs of axes, in the order in which they count.
-const PLANES: [[usize; 2]; 3] = [[0, 1], [0, 2], [1, 2]];
-/// One block before on each axis, and before on both axes of each pair.
-const NEIGHBOURS: usize = 6;
+/// From a block to the one before it on x, y and z: the blocks of a brick stand in rows, each with one place before it of
+/// which nothing is ever known.
+const STEPS: [usize; 3] = [81, 9, 1];
+/// To the furthest neighbour, which is one before on x and on y.
+const REACH: usize = STEPS[0] + STEPS[1];
+/// The furthest neighbour of a brick's last block.
+const LAST: usize = 8 * (STEPS[0] + STEPS[1] + STEPS[2]) - REACH;
+/// A power of two beyond [`LAST`], so that no index needs a test.
+const FIRSTS: usize = (LAST + 1).next_power_of_two();
 
-/// Numbers that have their neighbours in common.
-pub type Numbers = [u16; 2];
-
-/// Both numbers, or sums of them, in the halves of one word: what is done to one is done to the other.
+/// One or two numbers that have their neighbours in common, or sums of them, in the halves of one word: what is done to one
+/// is done to the other. The highest bit tells that they are known.
 type Pair = u64;
+const KNOWN: Pair = 1 << 63;
 
-fn pair([one, other]: Numbers) -> Pair {
-    Pair::from(one) | Pair::from(other) << 32
+#[inline]
+fn pair<const N: usize>(numbers: [u16; N]) -> Pair {
+    let halves = numbers.iter().rev();
+    halves.fold(0, |pair, n| pair << 32 | Pair::from(*n))
 }
 
 /// What is known of a run: lvoxels of one brick and level, one after the other.
-pub struct Forecast {
-    /// By the Morton code of the block in its brick.
-    known: [Pair; PLACES],
-    /// The run that those are of.
-    run_of: [u32; PLACES],
-    run: u32,
+pub struct Forecast<const N: usize> {
+    /// By place; nothing but the run's own is known.
+    known: [Pair; FIRSTS + REACH + 1],
+    /// Where the first of those are.
+    listed: [u16; LISTED],
+    count: usize,
     brick: u64,
     level: u8,
-    last: Numbers,
+    last: [u16; N],
 }
 
-impl Default for Forecast {
+impl<const N: usize> Default for Forecast<N> {
     fn default() -> Self {
         Self {
-            known: [0; PLACES],
-            run_of: [0; PLACES],
-            run: 0,
+            known: [0; FIRSTS + REACH + 1],
+            listed: [0; LISTED],
+            count: 0,
             brick: u64::MAX,
             level: 0,
-            last: [0; 2],
+            last: [0; N],
         }
     }
 }
 
-/// The place before `at` on an axis; [`BRICK`] if that is not in the brick.
-const fn before(at: usize, axis: usize) -> usize {
-    let bits = at & AXES[axis];
-    let one = 1 << (2 - axis);
-    if at == BRICK || bits < one {
-        return BRICK;
-    }
-    at & !AXES[axis] | (bits - one) & AXES[axis]
-}
-
-/// By place.
-static NEAR: [[u16; NEIGHBOURS]; BRICK] = {
-    let mut all = [[0; NEIGHBOURS]; BRICK];
-    let mut at = 0;
-    while at < BRICK {
-        let mut k = 0;
-        while k < 3 {
-            let [a, b] = PLANES[k];
-            all[at][k] = before(at, k) as u16;
-            all[at][3 + k] = before(before(at, a), b) as u16;
-            k += 1;
+/// The furthest neighbour of a block, by the Morton code of the block in its brick.
+static FIRST: [u16; BRICK] = {
+    let mut all = [0; BRICK];
+    let mut code = 0;
+    while code < BRICK {
+        let mut axis = 0;
+        let mut place = 0;
+        while axis < 3 {
+            place += (1 + gather((code >> (2 - axis)) as u64) as usize) * STEPS[axis];
+            axis += 1;
         }
-        at += 1;
+        all[code] = (place - REACH) as u16;
+        code += 1;
     }
     all
 };
 
-/// How a forecast is made of the neighbours.
-#[derive(Clone, Copy)]
-struct Mean {
-    /// Whole numbers, negative ones modulo 2^64.
-    weights: [u64; NEIGHBOURS],
-    /// 2^32 over the sum of the weights, rounded up.
-    per_sum: u64,
+/// 2^32 over a number of terms, rounded up.
+const PER_SUM: [u64; 4] = [0, 1 << 32, (1 << 32) / 2, (1 << 32) / 3 + 1];
+
+/// All bits if a pair is known, else none.
+#[inline]
+fn if_known(pair: Pair) -> u64 {
+    (pair as i64 >> 63) as u64
 }
 
-/// By the set of neighbours that are known, a bit for each; of those sets that hold one on an axis.
-static MEANS: [Mean; 1 << NEIGHBOURS] = {
-    let mut all = [Mean {
-        weights: [0; NEIGHBOURS],
-        per_sum: 0,
-    }; 1 << NEIGHBOURS];
-    let mut known = 0;
-    while known < all.len() {
-        let weights = &mut all[known].weights;
-        let mut sum = 0u64;
-        let mut k = 0;
-        while k < 3 {
-            let [a, b] = PLANES[k];
-            let all_three = 1 << a | 1 << b | 1 << (3 + k);
-            if known & all_three == all_three {
-                weights[a] += 1;
-                weights[b] += 1;
-                weights[3 + k] = weights[3 + k].wrapping_sub(1);
-                sum += 1;
-            }
-            k += 1;
-        }
-        if sum == 0 {
-            k = 0;
-            while k < 3 {
-                weights[k] = (known >> k & 1) as u64;
-                sum += weights[k];
-                k += 1;
-            }
-        }
-        if sum > 0 {
-            all[known].per_sum = (1u64 << 32).div_ceil(sum);
-        }
-        known += 1;
-    }
-    all
-};
+/// What is known of a longer run is forgotten by forgetting all places.
+const LISTED: usize = 64;
 
-impl Forecast {
-    /// Opens the place of an lvoxel of at most [`crate::record::MAX_LEVEL`], with the Morton code of its first voxel.
+/// Sums over the number of their terms, rounded down and clamped.
+#[inline]
+fn mean<const N: usize>(sums: Pair, terms: u64) -> [u16; N] {
+    // Added to sums, so that none is negative; those that were become 0 again.
+    const ABOVE_0: u64 = 1 << 20;
+    let sums = sums.wrapping_add(ABOVE_0 << 32 | ABOVE_0) & !KNOWN;
+    std::array::from_fn(|k| {
+        let sum = (sums >> (32 * k) & 0xffff_ffff).saturating_sub(ABOVE_0);
+        // Below 2^19, where the product is the mean, rounded down.
+        ((sum * PER_SUM[terms as usize % 4]) >> 32).min(0xffff) as u16
+    })
+}
+
+impl<const N: usize> Forecast<N> {
+    /// Opens the place of an lvoxel of at most [`crate::record::MAX_LEVEL`], with the Morton code of its first voxel, and
+    /// gives its furthest neighbour.
     #[inline]
     fn open(&mut self, first_voxel: u64, level: u8) -> usize {
         let brick = first_voxel / BRICK as u64;
         if (brick, level) != (self.brick, self.level) {
             (self.brick, self.level) = (brick, level);
-            // At most 32,768 lvoxels are in a page.
-            self.run += 1;
+            self.forget();
         }
-        (first_voxel as usize % BRICK) >> (3 * (usize::from(level) % LEVELS))
+        let code = (first_voxel as usize % BRICK) >> (3 * (usize::from(level) % LEVELS));
+        usize::from(FIRST[code])
     }
 
-    /// What is expected there.
+    fn forget(&mut self) {
+        match self.listed.get(..self.count) {
+            Some(listed) => listed
+                .iter()
+                .for_each(|at| self.known[usize::from(*at) % FIRSTS + REACH] = 0),
+            None => self.known[..=LAST + REACH].fill(0),
+        }
+        self.count = 0;
+    }
+
+    /// What is expected at a place, given its furthest neighbour.
     #[inline]
-    fn expect(&self, at: usize) -> Numbers {
-        // Added to sums, so that none is negative; those that were become 0 again.
-        const ABOVE_0: u32 = 1 << 20;
-        let near = NEAR[at % BRICK].map(|n| usize::from(n) % PLACES);
-        let mut set = 0;
-        for (k, at) in near.into_iter().enumerate() {
-            set |= usize::from(self.run_of[at] == self.run) << k;
+    fn expect(&self, first: usize) -> [u16; N] {
+        let near = &self.known[first % FIRSTS..][..REACH];
+        let [dx, dy, dz] = STEPS;
+        let (x, y, z) = (near[REACH - dx], near[REACH - dy], near[REACH - dz]);
+        let (xy, xz, yz) = (
+            near[REACH - dx - dy],
+            near[REACH - dx - dz],
+            near[REACH - dy - dz],
+        );
+        let sum = |a: Pair, b: Pair, c: Pair| a.wrapping_add(b).wrapping_add(c);
+        if (x & y & z & xy & xz & yz) & KNOWN != 0 {
+            return mean(
+                sum(x, y, z).wrapping_mul(2).wrapping_sub(sum(xy, xz, yz)),
+                3,
+            );
         }
         // Without that branch each number would have to wait for the one before.
-        if set & 0b111 == 0 {
+        if (x | y | z) & KNOWN == 0 {
             return self.last;
         }
-        let Mean { weights, per_sum } = &MEANS[set];
-        let mut sums = Pair::from(ABOVE_0) << 32 | Pair::from(ABOVE_0);
-        for (at, weight) in near.into_iter().zip(weights) {
-            sums = sums.wrapping_add(weight.wrapping_mul(self.known[at]));
-        }
-        // Below 2^19, where the product is the mean, rounded down.
-        [sums as u32, (sums >> 32) as u32].map(|sum| {
-            let mean = (u64::from(sum.saturating_sub(ABOVE_0)) * per_sum) >> 32;
-            mean.min(0xffff) as u16
-        })
+        let term = |a: Pair, b: Pair, both: Pair| {
+            let known = if_known(a & b & both);
+            (a.wrapping_add(b).wrapping_sub(both) & known, known & 1)
+        };
+        let [(a, in_a), (b, in_b), (c, in_c)] = [term(x, y, xy), term(x, z, xz), term(y, z, yz)];
+        let (sums, terms) = (sum(a, b, c), in_a + in_b + in_c);
+        // No branch: it would often be told wrong.
+        let no_pair = u64::from(terms > 0).wrapping_sub(1);
+        let sums = sums | sum(x, y, z) & no_pair;
+        let terms = terms | sum(x >> 63, y >> 63, z >> 63) & no_pair;
+        mean(sums, terms)
     }
 
     #[inline]
-    fn set(&mut self, at: usize, numbers: Numbers) {
+    fn set(&mut self, first: usize, numbers: [u16; N]) {
         self.last = numbers;
-        self.known[at % PLACES] = pair(numbers);
-        self.run_of[at % PLACES] = self.run;
+        self.known[first % FIRSTS + REACH] = pair(numbers) | KNOWN;
+        if let Some(at) = self.listed.get_mut(self.count) {
+            *at = first as u16;
+        }
+        self.count += 1;
     }
 
+    /// The numbers of the next codes.
+    #[inline]
+    pub fn decode(&mut self, first_voxel: u64, level: u8, codes: [u16; N]) -> [u16; N] {
+        let at = self.open(first_voxel, level);
+        let expected = self.expect(at);
+        let numbers = std::array::from_fn(|k| {
+            let step = codes[k] >> 1 ^ (codes[k] & 1).wrapping_neg();
+            expected[k].wrapping_add(step)
+        });
+        self.set(at, numbers);
+        numbers
+    }
+}
+
+impl Forecast<1> {
     /// Codes of numbers whose lvoxels start at the given voxels and have the given levels.
     pub fn encode(places: &[(u64, u8)], numbers: impl Iterator<Item = u16>) -> Vec<u16> {
         let mut forecast = Self::default();
         let code = |(&(first_voxel, level), number): (&(u64, u8), u16)| {
             let at = forecast.open(first_voxel, level);
             let step = number.wrapping_sub(forecast.expect(at)[0]) as i16;
-            forecast.set(at, [number, 0]);
+            forecast.set(at, [number]);
             (step << 1 ^ step >> 15) as u16
         };
         places.iter().zip(numbers).map(code).collect()
-    }
-
-    /// The numbers of the next codes.
-    #[inline]
-    pub fn decode(&mut self, first_voxel: u64, level: u8, codes: Numbers) -> Numbers {
-        let at = self.open(first_voxel, level);
-        let expected = self.expect(at);
-        let number = |k: usize| {
-            let step = codes[k] >> 1 ^ (codes[k] & 1).wrapping_neg();
-            expected[k].wrapping_add(step)
-        };
-        let numbers = [number(0), number(1)];
-        self.set(at, numbers);
-        numbers
     }
 }
 
@@ -287,10 +282,10 @@ mod tests {
 
         #[test]
         fn numbers_come_back(given in prop::collection::vec((0u64..3000, 0u8..=3, any::<[u16; 2]>()), 1..200)) {
-            let place = |(at, level, _): &(u64, u8, Numbers)| (at >> (3 * level) << (3 * level), *level);
+            let place = |(at, level, _): &(u64, u8, [u16; 2])| (at >> (3 * level) << (3 * level), *level);
             let places: Vec<_> = given.iter().map(place).collect();
             let [one, other] = [0, 1].map(|k| Forecast::encode(&places, given.iter().map(|(_, _, n)| n[k])));
-            let mut forecast = Forecast::default();
+            let mut forecast = Forecast::<2>::default();
             for (i, &(at, level)) in places.iter().enumerate() {
                 prop_assert_eq!(forecast.decode(at, level, [one[i], other[i]]), given[i].2);
             }

@@ -257,34 +257,44 @@ fn read_gaps(
     if !(sigma_t_steps || grey_steps) {
         return Ok(());
     }
-    let [sigma_t_codes, grey_codes] = stepped.map(|index| match columns.get(index) {
-        Some(rows) => rows.u16s(0).collect(),
-        None => vec![0; lvoxels.len()],
-    });
-    let codes = sigma_t_codes.into_iter().zip(grey_codes);
-    let places = first_voxels.iter().zip(lvoxels.iter().map(|v| v.level));
-    let mut forecast = Forecast::default();
-    let numbers: Vec<_> = places
-        .zip(codes)
-        .map(|((at, level), (a, b))| forecast.decode(*at, level, [a, b]))
-        .collect();
-    if sigma_t_steps {
-        for (v, [code, _]) in lvoxels.iter_mut().zip(&numbers) {
-            v.sigma_t = sigma_t.decode(*code);
+    let source = SharedExponent::checked(exponent)?;
+    let set_grey = |i: usize, v: &mut Lvoxel, rank: u16| {
+        let Some(code) = GreyCode::of_rank(rank) else {
+            return Err(FormatError::invalid(
+                format!("source of lvoxel {i}"),
+                format!("a rank of at most {}", GreyCode::MAX_RANK),
+                rank,
+            ));
+        };
+        v.source = source.decode_grey(code);
+        Ok(())
+    };
+    let places = lvoxels.iter_mut().zip(first_voxels);
+    match stepped.map(|index| columns.get(index)) {
+        [Some(sigma_t_rows), Some(grey_rows)] => {
+            let mut forecast = Forecast::<2>::default();
+            let codes = sigma_t_rows.u16s(0).zip(grey_rows.u16s(0));
+            for (i, ((v, at), (a, b))) in places.zip(codes).enumerate() {
+                let [code, rank] = forecast.decode(at, v.level, [a, b]);
+                v.sigma_t = sigma_t.decode(code);
+                set_grey(i, v, rank)?;
+            }
         }
-    }
-    if grey_steps {
-        let source = SharedExponent::checked(exponent)?;
-        for (i, (v, [_, rank])) in lvoxels.iter_mut().zip(&numbers).enumerate() {
-            let Some(code) = GreyCode::of_rank(*rank) else {
-                return Err(FormatError::invalid(
-                    format!("source of lvoxel {i}"),
-                    format!("a rank of at most {}", GreyCode::MAX_RANK),
-                    rank,
-                ));
-            };
-            v.source = source.decode_grey(code);
+        [Some(rows), None] => {
+            let mut forecast = Forecast::<1>::default();
+            for ((v, at), step) in places.zip(rows.u16s(0)) {
+                let [code] = forecast.decode(at, v.level, [step]);
+                v.sigma_t = sigma_t.decode(code);
+            }
         }
+        [None, Some(rows)] => {
+            let mut forecast = Forecast::<1>::default();
+            for (i, ((v, at), step)) in places.zip(rows.u16s(0)).enumerate() {
+                let [rank] = forecast.decode(at, v.level, [step]);
+                set_grey(i, v, rank)?;
+            }
+        }
+        [None, None] => {}
     }
     Ok(())
 }
