@@ -81,7 +81,6 @@ const NOT_FOR_FORMATS: &[&str] = &[
     "obvhs",
     "ply-rs-bw",
     "rayon",
-    "tobj",
 ];
 
 fn root() -> &'static Path {
@@ -104,9 +103,6 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
 
 /// Blanks comments, literals and tests out, keeping every line where it is.
 fn code(source: &str) -> String {
-    let source = source
-        .find("#[cfg(test)]")
-        .map_or(source, |at| &source[..at]);
     let mut out = String::with_capacity(source.len());
     let mut rest = source;
     while let Some(c) = rest.chars().next() {
@@ -132,7 +128,38 @@ fn code(source: &str) -> String {
         );
         rest = &rest[skip..];
     }
-    out
+    without_tests(&out)
+}
+
+/// Blanks every item out that is compiled for tests only.
+fn without_tests(code: &str) -> String {
+    const MARK: &str = "#[cfg(test)]";
+    let mut out = String::with_capacity(code.len());
+    let mut rest = code;
+    while let Some(at) = rest.find(MARK) {
+        out.push_str(&rest[..at]);
+        let item = &rest[at..];
+        let end = item_end(item);
+        out.extend(item[..end].chars().filter(|&c| c == '\n'));
+        rest = &item[end..];
+    }
+    out + rest
+}
+
+/// Where an item ends: at its first semicolon outside of braces, or where its braces close.
+fn item_end(item: &str) -> usize {
+    let mut depth = 0;
+    for (at, c) in item.char_indices() {
+        match c {
+            '{' => depth += 1,
+            '}' => depth -= 1,
+            _ => {}
+        }
+        if depth == 0 && matches!(c, ';' | '}') {
+            return at + 1;
+        }
+    }
+    item.len()
 }
 
 fn literal_end(text: &str) -> usize {
@@ -298,7 +325,10 @@ const Q: char = '"'; const R: &str = r#"say "crate::tree""#; use crate::math::su
 use super::sibling;
 use lvox_formats::Page;
 #[cfg(test)]
-mod tests { use crate::shade; }
+mod tests;
+use crate::trace::Hit;
+#[cfg(test)]
+mod tests { fn g() { crate::shade; } }
 "##;
     let mut found = imports(&code(source), 2);
     found.sort();
@@ -311,7 +341,8 @@ mod tests { use crate::shade; }
             (2, "scene"),
             (4, "light::sun"),
             (5, "math::sum"),
-            (7, "formats")
+            (7, "formats"),
+            (10, "trace::Hit")
         ]
     );
     assert!(allowed("scene::Film", "image", &["scene::Film"]));
