@@ -1,6 +1,6 @@
 //! `lvox build`
 
-use super::options::Context;
+use super::options::{Context, Files};
 use lvox::Result;
 use lvox::build::Settings;
 use lvox::run::output::check_writable;
@@ -19,6 +19,13 @@ pub struct Args {
 }
 
 impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        Files::default()
+            .reads("cloud", &self.cloud)
+            .writes("--output", &self.output)
+    }
+
     pub fn run(self, context: &Context) -> Result<()> {
         check_writable(&self.output, context.force)?;
         lvox::build::run(

@@ -1,6 +1,6 @@
 //! `lvox compare`
 
-use super::options::Context;
+use super::options::{Context, Files};
 use super::{output, parse};
 use lvox::image::metrics::blocks::{self, Block};
 use lvox::image::metrics::{self, Scores};
@@ -70,6 +70,17 @@ struct Record<'a> {
 }
 
 impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        let files = Files::default()
+            .reads("image", &self.image)
+            .reads("reference", &self.reference);
+        match &self.heatmap {
+            Some(path) => files.writes("--heatmap", path),
+            None => files,
+        }
+    }
+
     pub fn run(self, context: &Context) -> Result<()> {
         if let Some(path) = &self.heatmap {
             check_writable(path, true)?;

@@ -1,6 +1,6 @@
 //! `lvox merge`
 
-use super::options::Context;
+use super::options::{Context, Files};
 use lvox::Result;
 use lvox::image::merge::merge;
 use lvox::run::output::check_writable;
@@ -22,6 +22,14 @@ pub struct Args {
 }
 
 impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        let tiles = self.tiles.iter();
+        tiles
+            .fold(Files::default(), |files, tile| files.reads("tile", tile))
+            .writes("--output", &self.output)
+    }
+
     pub fn run(self, context: &Context) -> Result<()> {
         let job = &context.job;
         check_writable(&self.output, true)?;

@@ -1,6 +1,7 @@
 //! The command line: one file per verb, each with its arguments and what it does with them.
 //!
-//! A new verb is a file with `Args` and `run`, a variant of [`Verb`], and a line in [`Verb::run`].
+//! A new verb is a file with `Args`, `files` and `run`, a variant of [`Verb`], and a line in [`Verb::files`] and
+//! [`Verb::run`].
 
 mod bake;
 mod bake_options;
@@ -21,7 +22,7 @@ mod verify;
 
 use clap::{Parser, Subcommand};
 use lvox::Result;
-use options::{Context, Shared};
+use options::{Context, Files, Shared};
 use std::process::ExitCode;
 
 /// Render colour bleeding in scenes with smoke, cloud and CT volumes from a point cloud.
@@ -53,6 +54,22 @@ enum Verb {
 }
 
 impl Verb {
+    /// What it reads and writes.
+    fn files(&self) -> Files {
+        match self {
+            Self::Render(args) => args.files(),
+            Self::Bake(args) => args.files(),
+            Self::Build(args) => args.files(),
+            Self::Shade(args) => args.files(),
+            Self::Merge(args) => args.files(),
+            Self::Inspect(args) => args.files(),
+            Self::Verify(args) => args.files(),
+            Self::Compare(args) => args.files(),
+            Self::Reference(args) => args.files(),
+            Self::Study(args) => args.files(),
+        }
+    }
+
     /// Runs, and names itself for the report.
     fn run(self, context: &Context) -> (&'static str, Result<()>) {
         match self {
@@ -82,12 +99,13 @@ pub fn parse() -> Result<Cli, ExitCode> {
 impl Cli {
     /// Runs the verb and writes the report.
     pub fn run(self) -> Result<()> {
-        let context = self.shared.resolve()?;
+        let mut context = self.shared.resolve()?;
+        context.take_files(self.verb.files())?;
         let (verb, result) = self.verb.run(&context);
-        let Some(path) = &context.report_path else {
+        let Some(path) = context.report_path() else {
             return result;
         };
-        let written = context.job.report.write(path, verb, result.as_ref().err());
+        let written = context.job.report.write(&path, verb, result.as_ref().err());
         result.and(written)
     }
 }

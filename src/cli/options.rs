@@ -2,11 +2,12 @@
 
 use super::parse;
 use clap::ValueEnum;
-use lvox::run::output::check_writable;
+use lvox::run::output::{Named, check_apart, check_writable};
 use lvox::run::{Job, Progress, ProgressMode};
 use lvox::{Error, Result};
+use std::cell::RefCell;
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Shared options as typed.
 #[derive(Debug, clap::Args)]
@@ -60,7 +61,66 @@ pub struct Context {
     /// Seed of all random choices.
     pub seed: u64,
     /// Where the report goes.
-    pub report_path: Option<PathBuf>,
+    report_path: RefCell<Option<PathBuf>>,
+    /// What the verb writes, by the words for it.
+    outputs: Vec<(&'static str, PathBuf)>,
+}
+
+/// The files of a verb as its options name them, each with the word for it in messages.
+#[derive(Debug, Default)]
+pub struct Files {
+    inputs: Vec<(&'static str, PathBuf)>,
+    outputs: Vec<(&'static str, PathBuf)>,
+}
+
+impl Files {
+    /// And this one is read.
+    #[must_use]
+    pub fn reads(mut self, what: &'static str, path: &Path) -> Self {
+        self.inputs.push((what, path.to_owned()));
+        self
+    }
+
+    /// And this one is written.
+    #[must_use]
+    pub fn writes(mut self, what: &'static str, path: &Path) -> Self {
+        self.outputs.push((what, path.to_owned()));
+        self
+    }
+}
+
+impl Context {
+    /// Refuses a verb whose outputs name its inputs or each other, the report included, and remembers its outputs.
+    pub fn take_files(&mut self, files: Files) -> Result<()> {
+        self.outputs = files.outputs;
+        self.keep_apart(&files.inputs)
+    }
+
+    /// Refuses outputs that are among the files that are read. No report is written in their place either.
+    pub fn keep_apart(&self, inputs: &[(&'static str, PathBuf)]) -> Result<()> {
+        fn named<'a>(files: &'a [(&'static str, PathBuf)]) -> Vec<Named<'a>> {
+            files.iter().map(|(what, p)| (*what, p.as_path())).collect()
+        }
+        let inputs = named(inputs);
+        let outputs = named(&self.outputs);
+        check_apart(&outputs, &inputs)?;
+        let report = self.report_path.borrow().clone();
+        if let Some(path) = report {
+            // What a verb writes must not be lost to its report, nor what it reads.
+            let others = [inputs, outputs].concat();
+            let apart = check_apart(&[("--report", &path)], &others);
+            if apart.is_err() {
+                self.report_path.take();
+            }
+            apart?;
+        }
+        Ok(())
+    }
+
+    /// Where the report goes.
+    pub fn report_path(&self) -> Option<PathBuf> {
+        self.report_path.borrow().clone()
+    }
 }
 
 impl Shared {
@@ -105,7 +165,8 @@ impl Shared {
             job,
             force: self.force,
             seed: self.seed,
-            report_path: self.report,
+            report_path: RefCell::new(self.report),
+            outputs: Vec::new(),
         })
     }
 }

@@ -1,6 +1,6 @@
 //! `lvox reference`
 
-use super::options::Context;
+use super::options::{Context, Files};
 use super::parse;
 use super::scene_input::SceneInput;
 use lvox::image::Region;
@@ -55,6 +55,14 @@ pub struct Args {
 }
 
 impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        self.scene
+            .files()
+            .writes("--output", &self.output)
+            .writes("the file of sums", &reference::sums_path(&self.output))
+    }
+
     pub fn run(self, context: &Context) -> Result<()> {
         let is_exr = |e: &std::ffi::OsStr| e.eq_ignore_ascii_case("exr");
         if !self.output.extension().is_some_and(is_exr) {
@@ -77,7 +85,7 @@ impl Args {
         settings.check()?;
         check_writable(&self.output, true)?;
         check_writable(&reference::sums_path(&self.output), true)?;
-        let scene = self.scene.load(&context.job)?;
+        let scene = self.scene.load(context)?;
         let (w, h) = (scene.film.width, scene.film.height);
         let region = match self.tile {
             Some((i, n)) => Region::tile(w, h, i, n)?,

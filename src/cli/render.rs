@@ -1,7 +1,7 @@
 //! `lvox render`
 
 use super::bake_options::BakeOptions;
-use super::options::Context;
+use super::options::{Context, Files};
 use super::scene_input::SceneInput;
 use super::shade_options::ShadeOptions;
 use lvox::gather::TreeStore;
@@ -27,6 +27,15 @@ pub struct Args {
 }
 
 impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        let files = self.shade.files(self.scene.files());
+        match &self.keep_tree {
+            Some(tree) => files.writes("--keep-tree", tree),
+            None => files,
+        }
+    }
+
     pub fn run(self, context: &Context) -> Result<()> {
         let job = &context.job;
         self.shade.check()?;
@@ -36,7 +45,7 @@ impl Args {
         }
         let settings = self.bake.settings(context.seed);
         settings.check()?;
-        let scene = self.scene.load(job)?;
+        let scene = self.scene.load(context)?;
         self.shade.check_with(&scene)?;
         let folder = match &job.temp_dir {
             Some(dir) => tempfile::tempdir_in(dir),

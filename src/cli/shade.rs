@@ -1,6 +1,6 @@
 //! `lvox shade`
 
-use super::options::Context;
+use super::options::{Context, Files};
 use super::scene_input::SceneInput;
 use super::shade_options::ShadeOptions;
 use lvox::Result;
@@ -22,10 +22,16 @@ pub struct Args {
 }
 
 impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        self.shade
+            .files(self.scene.files().reads("tree", &self.tree))
+    }
+
     pub fn run(self, context: &Context) -> Result<()> {
         self.shade.check()?;
         let store = TreeStore::open(&self.tree, context.job.memory_limit)?;
-        let scene = self.scene.load(&context.job)?;
+        let scene = self.scene.load(context)?;
         self.shade.check_with(&scene)?;
         if store.tree().meta().cloud.scene_hash != scene.hash {
             context.job.progress.warn(&format!(

@@ -1,5 +1,6 @@
 //! Options of shading, and of the image it makes, for the verbs that shade.
 
+use super::options::Files;
 use super::parse;
 use clap::{Args, ValueEnum};
 use lvox::gather::TreeStore;
@@ -43,7 +44,8 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "SR")]
     max_solid_angle: Option<f32>,
 
-    /// Gather nothing from further than this, scene units [default: no limit]
+    /// Let nothing further away than this send indirect light, scene units; walls and media beyond it still hide the
+    /// environment, which is seen where nothing is [default: no limit]
     #[arg(long, value_name = "D")]
     max_dist: Option<f32>,
 
@@ -171,6 +173,11 @@ enum ImageKind {
 }
 
 impl ShadeOptions {
+    /// Adds what it writes.
+    pub fn files(&self, files: Files) -> Files {
+        files.writes("--output", &self.output)
+    }
+
     /// Fails now rather than after the work.
     pub fn check(&self) -> Result<()> {
         image_kind(&self.output)?;

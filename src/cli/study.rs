@@ -1,6 +1,6 @@
 //! `lvox study`
 
-use super::options::Context;
+use super::options::{Context, Files};
 use super::output;
 use super::scene_input::SceneInput;
 use super::shade_options::QualityChoice;
@@ -106,6 +106,21 @@ pub struct Args {
 }
 
 impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        let mut files = Files::default();
+        for (what, path) in [("scene", &self.scene), ("reference", &self.reference)] {
+            files = path
+                .iter()
+                .fold(files, |files, path| files.reads(what, path));
+        }
+        let written = self.output.iter().flat_map(|folder| {
+            let is_rendered = self.reference.is_none();
+            study::written(folder, is_rendered)
+        });
+        written.fold(files, |files, path| files.writes("--output", &path))
+    }
+
     pub fn run(self, context: &Context) -> Result<()> {
         let scene = SceneInput::new(self.scene, self.demo || self.stability);
         if self.stability {
@@ -146,7 +161,7 @@ impl Args {
             settings
         };
         settings.check()?;
-        let mut scene = scene.load(&context.job)?;
+        let mut scene = scene.load(context)?;
         if let Some(width) = width {
             let film = &mut scene.film;
             let height = f64::from(film.height) * f64::from(width) / f64::from(film.width);
@@ -163,7 +178,7 @@ impl Args {
 }
 
 fn check_stability(scene: &SceneInput, context: &Context) -> Result<()> {
-    let scene = scene.load(&context.job)?;
+    let scene = scene.load(context)?;
     let families = stability::run(&scene, Effort::Full, &context.job)?;
     output::print(&stability::markdown(&families))?;
     let rows = families.iter().flat_map(|f| &f.rows);

@@ -1,6 +1,6 @@
 //! `lvox verify`
 
-use super::options::Context;
+use super::options::{Context, Files};
 use super::output;
 use lvox::image::exr;
 use lvox::inspect::verify;
@@ -19,6 +19,11 @@ pub struct Args {
 }
 
 impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        Files::default().reads("file", &self.file)
+    }
+
     pub fn run(self, context: &Context) -> Result<()> {
         if self
             .file

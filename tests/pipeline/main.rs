@@ -6,6 +6,7 @@ mod gather;
 mod leaks;
 mod left_out;
 mod messages;
+mod outputs;
 mod physics;
 mod random;
 mod views;
