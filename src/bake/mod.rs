@@ -153,10 +153,11 @@ fn bake_area(
         let batch: Vec<Surfel> = (from..to)
             .into_par_iter()
             .map(|i| {
+                job.cancel.check()?;
                 let (triangle, uv) = sampler.sample(i);
-                maker.make(triangle, uv, area, settings.overlap, i)
+                Ok(maker.make(triangle, uv, area, settings.overlap, i))
             })
-            .collect();
+            .collect::<Result<_>>()?;
         writer.push_surfels(&batch)?;
         task.add(to - from);
         from = to;
@@ -174,13 +175,14 @@ fn bake_volume(maker: &LvoxelMaker, writer: &mut CloudWriter, job: &Job) -> Resu
         let batch: Vec<Vec<Lvoxel>> = (from..to)
             .into_par_iter()
             .map(|b| {
-                maker.make([
+                let brick = [
                     b % bricks[0],
                     b / bricks[0] % bricks[1],
                     b / (bricks[0] * bricks[1]),
-                ])
+                ];
+                maker.make(brick, &job.cancel)
             })
-            .collect();
+            .collect::<Result<_>>()?;
         for lvoxels in batch {
             writer.push_lvoxels(&lvoxels)?;
         }

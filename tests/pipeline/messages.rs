@@ -343,6 +343,59 @@ mod signals {
         assert_eq!(report["error"], "stopped on request");
     }
 
+    /// A cloud so dense that its lvoxels have 192 samples a side: each block looks out of it along dozens of rays.
+    #[test]
+    fn a_signal_stops_the_bake_of_a_dense_volume() {
+        const SIDE: usize = 192;
+        let work = Work::new(&format!(
+            r#"
+            [[camera]]
+            position = [0.5, 0.5, 3]
+            target = [0.5, 0.5, 0.5]
+
+            [[light]]
+            type = "environment"
+            radiance = [1, 1, 1]
+
+            [[volume]]
+            file = "dense.raw"
+            dims = [{SIDE}, {SIDE}, {SIDE}]
+            dtype = "u8"
+            sigma_t_scale = 2000
+            value_scale = 0.00392156862745098
+            albedo = [0.9, 0.9, 0.9]
+            unitcube_to_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+            "#
+        ));
+        let dense: Vec<u8> = (0..SIDE * SIDE * SIDE)
+            .map(|i| (64 + i * 7 % 191) as u8)
+            .collect();
+        fs::write(work.path("dense.raw"), dense).unwrap();
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_lvox"))
+            .current_dir(work.0.path())
+            .args(["bake", "scene.toml", "-o", "out.lvc", "--progress", "plain"])
+            .args(["--bake-shadow-rays", "16"])
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap())
+            .lines()
+            .map_while(Result::ok);
+        assert!(lines.any(|l| l.starts_with("lvoxels")));
+        // In the middle of its first bricks.
+        std::thread::sleep(Duration::from_millis(300));
+        let asked = Instant::now();
+        let kill = std::process::Command::new("kill")
+            .args(["-TERM", &child.id().to_string()])
+            .status();
+        assert!(kill.unwrap().success());
+        let last = lines.last().unwrap_or_default();
+        assert_eq!(child.wait().unwrap().code(), Some(1));
+        assert!(asked.elapsed() < Duration::from_secs(10));
+        assert_eq!(last, "error: stopped on request");
+        assert_eq!(work.names(), ["dense.raw", "scene.toml", "smoke.raw"]);
+    }
+
     #[test]
     fn a_signal_stops_every_stage_and_leaves_nothing_half_written() {
         stopped_in("surfels", &["--surfels", "100000000"]);
