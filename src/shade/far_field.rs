@@ -175,13 +175,18 @@ impl FarField {
             let u = sampling::unit2(sampling::hash(&[seed, u64::from(c)]));
             let direction = sampling::sphere(self.within(c, u));
             let mut light = Composite::default();
-            gatherer.media.pass(
-                point,
-                direction,
-                cell.distance.min(gatherer.settings.max_dist),
-                &[],
-                &mut light,
-            );
+            let max_dist = gatherer.settings.max_dist;
+            let end = cell.distance.min(max_dist);
+            gatherer.media.pass(point, direction, end, &[], &mut light);
+            if cell.distance > max_dist {
+                // The environment is behind the media that are too far away to send light.
+                let mut hidden = Composite::default();
+                let from = point + direction * max_dist;
+                gatherer
+                    .media
+                    .pass(from, direction, cell.distance - max_dist, &[], &mut hidden);
+                light.transmittance *= hidden.transmittance;
+            }
             light.surface(1.0, cell.radiance);
             sum += light.radiance;
         }

@@ -11,7 +11,7 @@ pub struct Settings {
     pub samples: u32,
     /// A node seen under less than this, steradians, may stand for all below it.
     pub max_solid_angle: f32,
-    /// Nothing further than this, in scene units, sends indirect light.
+    /// Nothing further than this, in scene units, sends indirect light; it hides the environment as ever.
     pub max_dist: Option<f32>,
     /// What ends gather rays.
     pub kernel: Kernel,
@@ -139,8 +139,10 @@ impl Settings {
                 self.max_solid_angle
             )));
         }
-        if self.max_dist.is_some_and(|d| d.is_nan() || d <= 0.0) {
-            return Err(Error::input("--max-dist must be more than 0"));
+        if let Some(d) = self.max_dist.filter(|d| d.is_nan() || *d <= 0.0) {
+            return Err(Error::input(format!(
+                "--max-dist must be more than 0, found {d}"
+            )));
         }
         Ok(())
     }
