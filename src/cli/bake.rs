@@ -1,7 +1,7 @@
 //! `lvox bake`
 
 use super::bake_options::BakeOptions;
-use super::options::{Context, Files};
+use super::options::{Context, Files, Seed};
 use super::scene_input::SceneInput;
 use lvox::Result;
 use lvox::run::output::check_writable;
@@ -19,6 +19,9 @@ pub struct Args {
 
     #[command(flatten)]
     bake: BakeOptions,
+
+    #[command(flatten)]
+    seed: Seed,
 }
 
 impl Args {
@@ -29,7 +32,7 @@ impl Args {
 
     pub fn run(self, context: &Context) -> Result<()> {
         check_writable(&self.output, context.force)?;
-        let settings = self.bake.settings(context.seed);
+        let settings = self.bake.settings(self.seed.seed);
         settings.check()?;
         let scene = self.scene.load(context)?;
         lvox::bake::run(&scene, &settings, &self.output, context.force, &context.job)?;

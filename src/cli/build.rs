@@ -1,6 +1,6 @@
 //! `lvox build`
 
-use super::options::{Context, Files};
+use super::options::{Context, Files, Memory, Temporary};
 use lvox::Result;
 use lvox::build::Settings;
 use lvox::run::output::check_writable;
@@ -16,6 +16,12 @@ pub struct Args {
     /// Write the tree to this .lvt file
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+
+    #[command(flatten)]
+    pub memory: Memory,
+
+    #[command(flatten)]
+    pub temporary: Temporary,
 }
 
 impl Args {

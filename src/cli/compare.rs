@@ -1,6 +1,6 @@
 //! `lvox compare`
 
-use super::options::{Context, Files};
+use super::options::{Context, Files, Memory};
 use super::{output, parse};
 use lvox::image::metrics::blocks::{self, Block};
 use lvox::image::metrics::{self, Scores};
@@ -55,6 +55,9 @@ pub struct Args {
     /// List the N blocks of 16 x 16 pixels with the largest relMSE, and their mean signed difference
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     worst: usize,
+
+    #[command(flatten)]
+    pub memory: Memory,
 }
 
 #[derive(Serialize)]

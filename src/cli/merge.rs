@@ -1,6 +1,6 @@
 //! `lvox merge`
 
-use super::options::{Context, Files};
+use super::options::{Context, Files, Memory};
 use lvox::Result;
 use lvox::image::merge::merge;
 use lvox::run::output::check_writable;
@@ -19,6 +19,9 @@ pub struct Args {
     /// Write the frame to this OpenEXR file; one that is there is replaced
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+
+    #[command(flatten)]
+    pub memory: Memory,
 }
 
 impl Args {

@@ -22,7 +22,7 @@ mod verify;
 
 use clap::{Parser, Subcommand};
 use lvox::Result;
-use options::{Context, Files, Shared};
+use options::{Context, Files, Limits, Shared};
 use std::process::ExitCode;
 
 /// Render colour bleeding in scenes with smoke, cloud and CT volumes from a point cloud.
@@ -70,6 +70,21 @@ impl Verb {
         }
     }
 
+    /// What its options allow it to take.
+    fn limits(&self) -> Limits {
+        let none = Limits::default();
+        match self {
+            Self::Render(args) => none.memory(args.memory).temporary(&args.temporary),
+            Self::Build(args) => none.memory(args.memory).temporary(&args.temporary),
+            Self::Study(args) => none.memory(args.memory).temporary(&args.temporary),
+            Self::Shade(args) => none.memory(args.memory),
+            Self::Merge(args) => none.memory(args.memory),
+            Self::Compare(args) => none.memory(args.memory),
+            Self::Reference(args) => none.memory(args.memory),
+            Self::Bake(_) | Self::Inspect(_) | Self::Verify(_) => none,
+        }
+    }
+
     /// Runs, and names itself for the report.
     fn run(self, context: &Context) -> (&'static str, Result<()>) {
         match self {
@@ -99,7 +114,7 @@ pub fn parse() -> Result<Cli, ExitCode> {
 impl Cli {
     /// Runs the verb and writes the report.
     pub fn run(self) -> Result<()> {
-        let mut context = self.shared.resolve()?;
+        let mut context = self.shared.resolve(self.verb.limits())?;
         context.take_files(self.verb.files())?;
         let (verb, result) = self.verb.run(&context);
         let Some(path) = context.report_path() else {

@@ -1,6 +1,6 @@
 //! `lvox reference`
 
-use super::options::{Context, Files};
+use super::options::{Context, Files, Memory, Seed};
 use super::parse;
 use super::scene_input::SceneInput;
 use lvox::image::Region;
@@ -52,6 +52,12 @@ pub struct Args {
     /// Render only tile I of N, counted from 0
     #[arg(long, value_name = "I/N", value_parser = parse::tile, conflicts_with = "region")]
     tile: Option<(u32, u32)>,
+
+    #[command(flatten)]
+    pub memory: Memory,
+
+    #[command(flatten)]
+    seed: Seed,
 }
 
 impl Args {
@@ -80,7 +86,7 @@ impl Args {
             },
             secs: self.time,
             strands: self.strands,
-            seed: context.seed,
+            seed: self.seed.seed,
         };
         settings.check()?;
         check_writable(&self.output, true)?;

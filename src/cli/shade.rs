@@ -1,6 +1,6 @@
 //! `lvox shade`
 
-use super::options::{Context, Files};
+use super::options::{Context, Files, Memory, Seed};
 use super::scene_input::SceneInput;
 use super::shade_options::ShadeOptions;
 use lvox::Result;
@@ -19,6 +19,12 @@ pub struct Args {
 
     #[command(flatten)]
     shade: ShadeOptions,
+
+    #[command(flatten)]
+    pub memory: Memory,
+
+    #[command(flatten)]
+    seed: Seed,
 }
 
 impl Args {
@@ -39,6 +45,6 @@ impl Args {
                 self.tree.display()
             ));
         }
-        self.shade.run(&scene, &store, context.seed, &context.job)
+        self.shade.run(&scene, &store, self.seed.seed, &context.job)
     }
 }

@@ -1,6 +1,6 @@
 //! `lvox study`
 
-use super::options::{Context, Files};
+use super::options::{Context, Files, Memory, Seed, Temporary};
 use super::output;
 use super::scene_input::SceneInput;
 use super::shade_options::QualityChoice;
@@ -103,6 +103,15 @@ pub struct Args {
     /// Time a run that takes longer than this only once, wall-clock seconds
     #[arg(long, value_name = "SECS", default_value_t = Settings::default().long_secs)]
     long: f64,
+
+    #[command(flatten)]
+    pub memory: Memory,
+
+    #[command(flatten)]
+    pub temporary: Temporary,
+
+    #[command(flatten)]
+    seed: Seed,
 }
 
 impl Args {
@@ -153,7 +162,7 @@ impl Args {
             long_secs: self.long,
             reference: self.reference,
             reference_spp: self.reference_spp.unwrap_or(preset.reference_spp),
-            seed: context.seed,
+            seed: self.seed.seed,
         };
         let settings = if self.base_only {
             settings.base_only()

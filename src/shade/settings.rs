@@ -23,9 +23,10 @@ pub struct Settings {
     pub volume_samples: u32,
     /// Primary rays a pixel; 1 for rays through the corners of pixels, which neighbours share.
     pub pixel_samples: u32,
-    /// Primary rays inside a pixel where those disagree.
+    /// Primary rays inside a pixel where those disagree; none are added if it has as many already.
     pub edge_samples: u32,
-    /// Shadow rays to lights with an extent at each primary ray where a pixel's first ones disagree.
+    /// Shadow rays to lights with an extent from the end of each primary ray inside a pixel; shared corners take one, and
+    /// four in penumbrae.
     pub shadow_rays: u32,
     /// Key of all random choices.
     pub seed: u64,

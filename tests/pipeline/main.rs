@@ -9,6 +9,7 @@ mod messages;
 mod outputs;
 mod physics;
 mod random;
+mod settings;
 mod views;
 
 use lvox::bake::{self, SurfelSampling};
