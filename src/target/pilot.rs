@@ -47,8 +47,10 @@ struct Point {
     /// Its block, and its place there.
     block: usize,
     index: usize,
-    /// Sums of the paths of each sequence.
+    /// Sums of the paths of each sequence, without those whose light is infinite or not a number.
     sums: [[f64; 3]; STRANDS as usize],
+    /// How many of each are in its sum.
+    counts: [u32; STRANDS as usize],
 }
 
 impl<'a> Pilot<'a> {
@@ -104,8 +106,9 @@ impl<'a> Pilot<'a> {
             let found = self.compare(&shaded);
             if !found.error.is_finite() {
                 return Err(Error::failed(
-                    "the pilot of --target-error shaded pixels that are infinite or not a number",
-                ));
+                    "the pilot of --target-error shaded pixels, or traced paths, that are infinite or not a number",
+                )
+                .hint("look for emission, intensities or sizes at the limits of floats, or give settings instead"));
             }
             // An error above the target need not be known as well as one at the target; but one far above may be that of few
             // paths, which miss what is bright and rare.
@@ -118,6 +121,12 @@ impl<'a> Pilot<'a> {
             let room = PATHS[1] - self.count;
             self.trace((more as u32).next_multiple_of(STRANDS).min(room), job)?;
         }
+    }
+
+    /// Paths traced so far whose light is infinite or not a number, which are left out.
+    pub fn lost(&self) -> u64 {
+        let kept = |p: &Point| p.counts.iter().map(|&n| u64::from(n)).sum::<u64>();
+        self.paths() - self.points.iter().map(kept).sum::<u64>()
     }
 
     /// Traces so many more paths at each point.
@@ -140,11 +149,10 @@ impl<'a> Pilot<'a> {
                 let [u, v, ..] = sampler.next4();
                 let (x, y) = (point.x as f32 + u, point.y as f32 + v);
                 let direction = camera.direction(&scene.film, x, y);
-                let Rgb(light) = paths.radiance(camera.origin(), direction, &mut sampler);
-                if light.iter().all(|v| v.is_finite()) {
-                    let sum = &mut point.sums[strand as usize];
-                    *sum = [0, 1, 2].map(|c| sum[c] + f64::from(light[c]));
-                }
+                point.add(
+                    strand,
+                    paths.radiance(camera.origin(), direction, &mut sampler),
+                );
             }
             Ok::<(), Error>(())
         })?;
@@ -153,7 +161,6 @@ impl<'a> Pilot<'a> {
     }
 
     fn compare(&self, shaded: &[Vec<Shaded>]) -> Measured {
-        let per_strand = f64::from(self.count / STRANDS);
         let known = |p: &Point| shaded[p.block][p.index];
         let has_others = self.points.iter().any(|p| !known(p).has_lamp_border);
         // At the border of a lamp shading is exact, and paths that miss the lamp look as if they had no noise.
@@ -161,11 +168,13 @@ impl<'a> Pilot<'a> {
             .points
             .iter()
             .filter(|p| !(has_others && known(p).has_lamp_border))
-            .map(|p| p.compare(known(p).radiance, per_strand))
+            .filter_map(|p| p.compare(known(p).radiance))
             .collect();
         // By size of the error: as likely to drop what noise made too small as what it made too large.
         terms.sort_unstable_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
+        // With nothing to go by the error is not a number, which the caller refuses.
         let kept = ((terms.len() as f64 * KEPT) as usize).max(1);
+        let kept = kept.min(terms.len());
         let terms = &terms[..kept];
         let count = kept as f64;
         Measured {
@@ -182,11 +191,25 @@ struct Measured {
 }
 
 impl Point {
-    /// Squared relative error of a value without what the noise of paths adds, and the variance of that.
-    fn compare(&self, Rgb(shaded): Rgb, per_strand: f64) -> (f64, f64) {
+    /// Adds a path to one of the sequences.
+    fn add(&mut self, strand: u32, Rgb(light): Rgb) {
+        if light.iter().all(|v| v.is_finite()) {
+            let sum = &mut self.sums[strand as usize];
+            *sum = [0, 1, 2].map(|c| sum[c] + f64::from(light[c]));
+            self.counts[strand as usize] += 1;
+        }
+    }
+
+    /// Squared relative error of a value without what the noise of paths adds, and the variance of that; `None` if a
+    /// sequence has no path.
+    fn compare(&self, Rgb(shaded): Rgb) -> Option<(f64, f64)> {
+        if self.counts.contains(&0) {
+            return None;
+        }
         let (mut error, mut variance) = (0.0, 0.0);
         for c in 0..3 {
-            let means = self.sums.map(|s| s[c] / per_strand);
+            let means: [f64; STRANDS as usize] =
+                std::array::from_fn(|i| self.sums[i][c] / f64::from(self.counts[i]));
             let strands = f64::from(STRANDS);
             let truth = means.iter().sum::<f64>() / strands;
             let spread: f64 = means.iter().map(|m| (m - truth) * (m - truth)).sum();
@@ -198,7 +221,7 @@ impl Point {
             // Channels move together: the mean of their variances, not a third of it.
             variance += scale * scale * (2.0 * noise * noise + 4.0 * signal * noise) / 3.0;
         }
-        (error, variance)
+        Some((error, variance))
     }
 }
 
@@ -248,6 +271,7 @@ fn points(block: usize, region: Region) -> Vec<Point> {
                 block,
                 index,
                 sums: [[0.0; 3]; STRANDS as usize],
+                counts: [0; STRANDS as usize],
             });
         }
     }
@@ -286,6 +310,22 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn paths_that_are_not_finite_are_left_out_of_the_mean_and_counted() {
+        let region = Region::full(1, 1);
+        let mut points = points(0, region);
+        let point = &mut points[0];
+        for i in 0..16 {
+            let light = if i < 8 { f32::NAN } else { 2.0 };
+            point.add(i % STRANDS, Rgb([light; 3]));
+        }
+        assert_eq!(point.counts, [2; STRANDS as usize]);
+        let (error, _) = point.compare(Rgb([2.0; 3])).unwrap();
+        assert_eq!(error, 0.0);
+        point.counts[1] = 0;
+        assert!(point.compare(Rgb([2.0; 3])).is_none());
     }
 
     #[test]
