@@ -247,8 +247,12 @@ impl LvoxelMaker<'_> {
                 x * y * z
             }
             BlockSize::Fixed { samples, .. } => {
-                let key =
-                    sampling::hash(&[self.seed, block[0] as u64, block[1] as u64, block[2] as u64]);
+                let key = sampling::hash(&[
+                    self.seed ^ u64::from(self.index) << 48,
+                    block[0] as u64,
+                    block[1] as u64,
+                    block[2] as u64,
+                ]);
                 for i in 0..samples {
                     let u = sobol_burley::sample_4d(i, 0, key as u32);
                     add(Vec3::new(u[0], u[1], u[2]) * Vec3::from(inside.map(|n| n as f32)));

@@ -34,6 +34,7 @@ pub struct Pilot<'a> {
     scene: &'a Scene,
     camera: &'a Camera,
     paths: PathTracer<'a>,
+    seed: u64,
     blocks: Vec<Region>,
     points: Vec<Point>,
     /// Paths of each point so far.
@@ -58,16 +59,17 @@ impl<'a> Pilot<'a> {
     pub fn new(scene: &'a Scene, settings: &Settings, job: &Job) -> Result<Self> {
         let camera = scene.camera(settings.camera.as_deref())?;
         job.cancel.check()?;
-        let blocks = blocks(&scene.film);
+        let blocks = blocks(&scene.film, settings.seed);
         let points = blocks
             .iter()
             .enumerate()
-            .flat_map(|(i, &block)| points(i, block))
+            .flat_map(|(i, &block)| points(i, block, settings.seed))
             .collect();
         Ok(Self {
             scene,
             camera,
             paths: PathTracer::new(scene, DEPTH),
+            seed: settings.seed,
             blocks,
             points,
             count: 0,
@@ -137,6 +139,7 @@ impl<'a> Pilot<'a> {
             paths,
             points,
             count,
+            seed,
             ..
         } = self;
         let from = *count;
@@ -144,7 +147,7 @@ impl<'a> Pilot<'a> {
             job.cancel.check()?;
             for i in from..from + more {
                 let strand = i % STRANDS;
-                let key = sampling::hash(&[point.x, point.y, strand].map(u64::from));
+                let key = sampling::seeded(*seed, &[point.x, point.y, strand].map(u64::from));
                 let mut sampler = Sampler::new(key, i / STRANDS);
                 let [u, v, ..] = sampler.next4();
                 let (x, y) = (point.x as f32 + u, point.y as f32 + v);
@@ -226,7 +229,7 @@ impl Point {
 }
 
 /// Blocks spread over a film: one in each stretch of a path that winds through all.
-fn blocks(film: &Film) -> Vec<Region> {
+fn blocks(film: &Film, seed: u64) -> Vec<Region> {
     let all = Region::full(film.width, film.height).blocks(SIDE);
     let columns = film.width.div_ceil(SIDE) as usize;
     let rows = all.len() / columns;
@@ -245,18 +248,18 @@ fn blocks(film: &Film) -> Vec<Region> {
         .map(|i| {
             let cut = |i: usize| i * winding.len() / count;
             let within = (cut(i + 1) - cut(i)) as f32;
-            let chosen = (sampling::unit(sampling::hash(&[i as u64])) * within) as usize;
+            let chosen = (sampling::unit(sampling::seeded(seed, &[i as u64])) * within) as usize;
             winding[cut(i) + chosen]
         })
         .collect()
 }
 
 /// The pixels of a block whose truth is traced: one in each cell.
-fn points(block: usize, region: Region) -> Vec<Point> {
+fn points(block: usize, region: Region, seed: u64) -> Vec<Point> {
     let mut points = Vec::new();
     for top in (region.y0..region.y1).step_by(CELL[1] as usize) {
         for left in (region.x0..region.x1).step_by(CELL[0] as usize) {
-            let [u, v] = sampling::unit2(sampling::hash(&[left, top].map(u64::from)));
+            let [u, v] = sampling::unit2(sampling::seeded(seed, &[left, top].map(u64::from)));
             let within = |from: u32, to: u32, cell: u32, u: f32| {
                 let size = cell.min(to - from);
                 from + ((u * size as f32) as u32).min(size - 1)
@@ -294,7 +297,7 @@ mod tests {
     fn blocks_are_inside_apart_and_in_all_quarters() {
         for (width, height) in [(1, 1), (7, 90), (64, 48), (512, 384), (1920, 1080)] {
             let film = film(width, height);
-            let blocks = blocks(&film);
+            let blocks = blocks(&film, 3);
             assert!(!blocks.is_empty() && blocks.len() <= BLOCKS);
             for (i, a) in blocks.iter().enumerate() {
                 a.check(width, height).unwrap();
@@ -315,7 +318,7 @@ mod tests {
     #[test]
     fn paths_that_are_not_finite_are_left_out_of_the_mean_and_counted() {
         let region = Region::full(1, 1);
-        let mut points = points(0, region);
+        let mut points = points(0, region, 0);
         let point = &mut points[0];
         for i in 0..16 {
             let light = if i < 8 { f32::NAN } else { 2.0 };
@@ -329,6 +332,18 @@ mod tests {
     }
 
     #[test]
+    fn the_seed_chooses_blocks_and_points() {
+        let film = film(512, 384);
+        assert_eq!(blocks(&film, 0), blocks(&film, 0));
+        assert_ne!(blocks(&film, 0), blocks(&film, 1));
+        let places = |seed| -> Vec<(u32, u32)> {
+            let points = points(0, Region::full(16, 16), seed);
+            points.iter().map(|p| (p.x, p.y)).collect()
+        };
+        assert_ne!(places(0), places(1));
+    }
+
+    #[test]
     fn points_lie_in_their_blocks_once() {
         let region = Region {
             x0: 3,
@@ -336,7 +351,7 @@ mod tests {
             x1: 16,
             y1: 12,
         };
-        let points = points(0, region);
+        let points = points(0, region, 3);
         for p in &points {
             assert!((region.x0..region.x1).contains(&p.x) && (region.y0..region.y1).contains(&p.y));
             assert_eq!(

@@ -2,6 +2,10 @@
 
 use crate::messages::lvox;
 use crate::{ROOM, Work, layer, shade};
+use lvox::bake::lvoxels::BlockSize;
+use lvox::bake::{self, SurfelSampling};
+use lvox::formats::Cloud;
+use lvox::run::Job;
 use lvox::shade::Settings;
 
 #[test]
@@ -73,4 +77,72 @@ fn verbs_take_no_option_that_they_do_not_use() {
         let unexpected = format!("unexpected argument '{}'", args[args.len() - 2]);
         assert!(run.stderr.contains(&unexpected), "{args:?}: {}", run.stderr);
     }
+}
+
+/// A thin cloud alone before the camera, lit by a lamp and by a wall behind the camera: light from the wall is all that is
+/// chosen at random.
+#[test]
+fn the_seed_keys_what_media_see_of_surfaces() {
+    let cube = "[[volume]]\nfile = \"smoke.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\nvalue_scale = 0.0039\n\
+                sigma_t_scale = 2\nalbedo = [0.8, 0.8, 0.8]\n";
+    let at = |x: f32| {
+        format!(
+            "{cube}unitcube_to_world = [[1, 0, 0, {x}], [0, 1, 0, -0.5], [0, 0, 1, -0.5], [0, 0, 0, 1]]\n"
+        )
+    };
+    let text = format!(
+        "[film]\nwidth = 24\nheight = 12\n[[camera]]\nposition = [0, 0, 3]\ntarget = [0, 0, 0]\nfov_x_deg = 50\n\
+         [[light]]\ntype = \"point\"\nposition = [0, 3, 4]\nintensity = [9, 9, 9]\n\
+         [[mesh]]\nfile = \"builtin:quad\"\nscale = 8\nrotate_deg = [90, 0, 0]\ntranslate = [0, 0, 6]\n\
+         albedo = [0.9, 0.2, 0.2]\n{}{}",
+        at(-1.1),
+        at(0.1)
+    );
+    let work = Work::new(&text);
+    let scene = work.scene();
+    let tree = work.bake(&scene, 2000);
+    let volume = |seed| {
+        let settings = Settings {
+            seed,
+            ..Settings::default()
+        };
+        layer(&shade(&scene, &tree, &settings), "volume")
+    };
+    let found = [0, 0, 1].map(volume);
+    assert!(found[0] == found[1]);
+    // Of both volumes.
+    for half in [0, 12] {
+        let pixels = |i: usize| -> Vec<[f32; 3]> {
+            let rows = found[i].chunks_exact(24);
+            rows.flat_map(|row| row[half..half + 12].to_vec()).collect()
+        };
+        assert!(pixels(0) != pixels(2), "{half}");
+        assert!(crate::relative_rms(&pixels(0), &pixels(2)) < 0.02);
+    }
+}
+
+#[test]
+fn volumes_that_are_alike_do_not_share_their_samples() {
+    let cube = "[[volume]]\nfile = \"smoke.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\n\
+                unitcube_to_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n";
+    let work = Work::new(&format!("{cube}{cube}"));
+    let settings = bake::Settings {
+        surfels: SurfelSampling::Area { count: 1 },
+        blocks: BlockSize::Fixed {
+            level: 2,
+            samples: 2,
+        },
+        ..bake::Settings::default()
+    };
+    let path = work.path("two.lvc");
+    bake::run(&work.scene(), &settings, &path, false, &Job::default()).unwrap();
+    let cloud = Cloud::open_path(&path).unwrap();
+    let mut sigma_t = [Vec::new(), Vec::new()];
+    for i in 0..cloud.lvoxel_chunks() {
+        for l in cloud.lvoxel_chunk(i).unwrap() {
+            sigma_t[usize::from(l.volume)].push((l.block, l.sigma_t));
+        }
+    }
+    let [first, second] = sigma_t;
+    assert!(first.len() > 8 && first != second);
 }
