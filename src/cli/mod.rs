@@ -20,7 +20,7 @@ mod shade_options;
 mod study;
 mod verify;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use lvox::Result;
 use options::{Context, Files, Limits, Shared};
 use std::process::ExitCode;
@@ -104,11 +104,20 @@ impl Verb {
 
 /// Reads the command line; help and usage errors are printed and give the exit code.
 pub fn parse() -> Result<Cli, ExitCode> {
-    Cli::try_parse().map_err(|error| {
-        // A closed pipe is no failure of help.
-        let _ = error.print();
-        ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2))
-    })
+    let parsed = command().try_get_matches();
+    parsed
+        .and_then(|m| Cli::from_arg_matches(&m))
+        .map_err(|error| {
+            // A closed pipe is no failure of help.
+            let _ = error.print();
+            ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2))
+        })
+}
+
+/// What the command line may be. A number below zero is a value, of which its option says what is wrong with it.
+fn command() -> clap::Command {
+    let verbs = Cli::command();
+    verbs.mut_subcommands(|verb| verb.allow_negative_numbers(true))
 }
 
 impl Cli {
@@ -131,7 +140,6 @@ mod tests {
 
     #[test]
     fn definitions_are_consistent() {
-        use clap::CommandFactory;
-        Cli::command().debug_assert();
+        command().debug_assert();
     }
 }

@@ -43,7 +43,12 @@ impl Output {
         }
         let folder = folder(&path);
         let temporary = builder.tempfile_in(folder).map_err(|e| {
-            Error::io("write in folder", folder, &strip(e))
+            // Of a folder that cannot be looked at the system tells why; else only the kind is known.
+            let cause = match fs::read_dir(folder) {
+                Err(cause) => cause,
+                Ok(_) => io::Error::from(e.kind()),
+            };
+            Error::io("write in folder", folder, &cause)
                 .hint("create the folder, make it writable, or choose another output")
                 .at(path.display())
         })?;
@@ -178,13 +183,6 @@ fn folder(path: &Path) -> &Path {
     }
 }
 
-/// tempfile adds the random name of its file, which means nothing to the user.
-fn strip(error: io::Error) -> io::Error {
-    error
-        .raw_os_error()
-        .map_or(error, io::Error::from_raw_os_error)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -228,6 +226,8 @@ mod tests {
         let error = check_writable(&dir.path().join("no/such/a.exr"), true).unwrap_err();
         assert_eq!(error.kind(), crate::Kind::Input);
         assert!(!error.to_string().contains('\n'));
+        // Not the name of the temporary file.
+        assert!(!error.to_string().contains(".part"), "{error}");
         assert!(error.hint_text().is_some());
         let error = check_writable(dir.path(), true).unwrap_err();
         assert!(error.to_string().contains("not a regular file"));

@@ -146,3 +146,36 @@ fn volumes_that_are_alike_do_not_share_their_samples() {
     let [first, second] = sigma_t;
     assert!(first.len() > 8 && first != second);
 }
+
+#[test]
+fn numbers_out_of_range_are_named_with_what_was_found() {
+    let work = Work::new(ROOM);
+    let render = |options: &str| {
+        let args = ["render", "scene.toml", "-o", "a.exr"];
+        let args: Vec<&str> = args.into_iter().chain(options.split(' ')).collect();
+        lvox(&work, &args)
+    };
+    render("--max-dist -1").refused(2, &["--max-dist must be more than 0, found -1"], "max-dist");
+    render("--region 0 0 65 4").refused(2, &["65", "hint: ", "0 0 64 48"], "region");
+    for (options, part) in [
+        ("--seed -1", "invalid value '-1' for '--seed <N>'"),
+        ("--tile 0/0", "one tile at least"),
+    ] {
+        let run = render(options);
+        assert_eq!(run.code, 2);
+        assert!(run.stderr.contains(part), "{}", run.stderr);
+        assert!(!run.stderr.contains("unexpected"), "{}", run.stderr);
+    }
+}
+
+#[test]
+fn limits_of_memory_that_are_too_small_are_named() {
+    let work = Work::new(ROOM);
+    work.bake(&work.scene(), 500);
+    let build = ["build", "scene.lvc", "-o", "b.lvt", "--memory-limit", "1K"];
+    lvox(&work, &build).refused(2, &["64.0 MiB", "1.00 KiB"], "build");
+    let shade = ["shade", "scene.toml", "-t", "scene.lvt", "-o", "a.exr"];
+    let run = lvox(&work, &[&shade[..], &["--memory-limit", "1"]].concat());
+    run.refused(2, &["--memory-limit is 1 B", "hint: raise"], "shade");
+    assert!(!run.stderr.contains("verify"), "{}", run.stderr);
+}
