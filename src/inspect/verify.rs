@@ -133,12 +133,7 @@ fn conserved(tree: &Tree<MappedFile>) -> Vec<Check> {
     for (name, (a, b)) in names.zip(cloud.volumes.iter().zip(&found.volumes)) {
         let name = format!("sigma_t x voxels of '{name}'");
         let tolerance = a.extinction / 2048.0;
-        checks.push(Check::new(
-            name,
-            a.extinction,
-            b.extinction,
-            tolerance,
-        ));
+        checks.push(Check::new(name, a.extinction, b.extinction, tolerance));
     }
     checks
 }

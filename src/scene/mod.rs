@@ -9,6 +9,7 @@ pub mod light;
 pub mod load;
 pub mod material;
 pub mod mesh;
+mod parts;
 pub mod volume;
 
 pub use camera::{Camera, Film};
