@@ -138,20 +138,13 @@ impl Context {
         fn named<'a>(files: &'a [(&'static str, PathBuf)]) -> Vec<Named<'a>> {
             files.iter().map(|(what, p)| (*what, p.as_path())).collect()
         }
-        let inputs = named(inputs);
-        let outputs = named(&self.outputs);
-        check_apart(&outputs, &inputs)?;
-        let report = self.report_path.borrow().clone();
-        if let Some(path) = report {
-            // What a verb writes must not be lost to its report, nor what it reads.
-            let others = [inputs, outputs].concat();
-            let apart = check_apart(&[("--report", &path)], &others);
-            if apart.is_err() {
-                self.report_path.take();
-            }
-            apart?;
-        }
-        Ok(())
+        let (inputs, outputs) = (named(inputs), named(&self.outputs));
+        let path = self.report_path();
+        let report: Vec<Named> = path.iter().map(|p| ("--report", p.as_path())).collect();
+        check_apart(&report, &inputs).inspect_err(|_| {
+            self.report_path.take();
+        })?;
+        check_apart(&[outputs, report].concat(), &inputs)
     }
 
     /// Where the report goes.

@@ -66,7 +66,7 @@ impl Args {
         self.scene
             .files()
             .writes("--output", &self.output)
-            .writes("the file of sums", &reference::sums_path(&self.output))
+            .writes("--output (its sums)", &reference::sums_path(&self.output))
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
