@@ -412,7 +412,7 @@ fn lvoxels_by_volume_and_brick() {
         assert_eq!(a, b);
         let summary = tree.summary();
         for (a, b) in summary.sums.volumes.iter().zip(&summary.cloud_sums.volumes) {
-            assert!(near(a.optical_depth, b.optical_depth, 1e-4));
+            assert!(near(a.extinction, b.extinction, 1e-4));
         }
     }
 }

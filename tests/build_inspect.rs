@@ -116,7 +116,7 @@ fn verification_audits_every_depth() {
         found
             .checks
             .iter()
-            .any(|c| c.name.contains("optical depth"))
+            .any(|c| c.name.contains("sigma_t x voxels"))
     );
     assert!(found.to_string().contains("undamaged"));
 

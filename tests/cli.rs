@@ -283,6 +283,25 @@ fn compare_speaks_json_and_tables() {
 }
 
 #[test]
+fn compare_has_no_number_for_what_has_no_value() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut black = Frame::new(1, 1, Region::full(1, 1));
+    black.layers.push(Layer::rgb("", &[[0.0; 3]]));
+    exr::write(&dir.path().join("black.exr"), &black, Precision::Half).unwrap();
+    let args = ["compare", "black.exr", "black.exr", "--worst", "1"];
+    let run = lvox(dir.path(), &args);
+    assert_eq!((run.code, run.stderr.as_str()), (0, ""));
+    for name in ["bias", "ssim"] {
+        let line = run.stdout.lines().find(|l| l.starts_with(name)).unwrap();
+        assert_eq!(line.split_whitespace().nth(1), Some("-"), "{line}");
+    }
+    assert!(!run.stdout.contains("NaN") && !run.stdout.contains("inf"));
+    let run = lvox(dir.path(), &[&args[..], &["--json"]].concat());
+    let json: serde_json::Value = serde_json::from_str(&run.stdout).unwrap();
+    assert!(json["bias"].is_null() && json["ssim"].is_null() && json["rmse"] == 0.0);
+}
+
+#[test]
 fn compare_lists_the_worst_blocks_of_a_layer() {
     let dir = tempfile::tempdir().unwrap();
     write_whole(dir.path(), "a.exr");

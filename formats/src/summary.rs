@@ -41,7 +41,7 @@ pub struct VolumeSums {
     pub lvoxels: u64,
     /// Sum over lvoxels of extinction times size, `sigma_t * 8^level`: per scene unit times voxels. Times the volume of
     /// a voxel it is the integral of extinction over space, where no block sticks out of its volume.
-    pub optical_depth: f64,
+    pub extinction: f64,
 }
 
 impl Sums {
@@ -65,7 +65,7 @@ impl Sums {
     pub(crate) fn add_lvoxel(&mut self, lvoxel: &crate::Lvoxel) {
         let sums = &mut self.volumes[usize::from(lvoxel.volume)];
         sums.lvoxels += 1;
-        sums.optical_depth += f64::from(lvoxel.sigma_t) * f64::from(1u32 << (3 * lvoxel.level));
+        sums.extinction += f64::from(lvoxel.sigma_t) * f64::from(1u32 << (3 * lvoxel.level));
     }
 
     pub(crate) fn add(&mut self, other: &Self) {
@@ -76,7 +76,7 @@ impl Sums {
         }
         for (a, b) in self.volumes.iter_mut().zip(&other.volumes) {
             a.lvoxels += b.lvoxels;
-            a.optical_depth += b.optical_depth;
+            a.extinction += b.extinction;
         }
     }
 }

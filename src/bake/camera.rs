@@ -47,6 +47,7 @@ pub fn bake(
         let batch: Vec<Option<Surfel>> = (from..to)
             .into_par_iter()
             .map(|i| {
+                job.cancel.check()?;
                 let (x, y) = (
                     (i % u64::from(wide.width)) as f32,
                     (i / u64::from(wide.width)) as f32,
@@ -54,7 +55,10 @@ pub fn bake(
                 let direction = camera.direction(&wide, x + 0.5, y + 0.5);
                 let hit = maker
                     .tracer
-                    .closest(camera.origin(), direction, f32::INFINITY)?;
+                    .closest(camera.origin(), direction, f32::INFINITY);
+                let Some(hit) = hit else {
+                    return Ok(None);
+                };
                 let normal = maker
                     .tracer
                     .scene
@@ -65,9 +69,10 @@ pub fn bake(
                 let cos = normal.dot(direction).abs().max(LEAST_COS);
                 let depth_cos = axis.dot(direction);
                 let area = hit.t * hit.t * pixel * pixel * depth_cos.powi(3) / cos;
-                Some(maker.make(hit.triangle, hit.uv, area, settings.overlap, i))
+                let surfel = maker.make(hit.triangle, hit.uv, area, settings.overlap, i);
+                Ok(Some(surfel))
             })
-            .collect();
+            .collect::<Result<_>>()?;
         let batch: Vec<Surfel> = batch.into_iter().flatten().collect();
         writer.push_surfels(&batch)?;
         task.add(to - from);

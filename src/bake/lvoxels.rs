@@ -1,8 +1,10 @@
 //! Blocks of medium, walked in the volume's own index space, each with its mean extinction and its source function.
 
+use crate::Result;
 use crate::light::{Lights, ShadowRays};
 use crate::math::exp::{exp_neg, one_minus_exp_neg};
 use crate::math::{Rgb, sampling};
+use crate::run::Cancel;
 use crate::scene::{Grid, Volume};
 use glam::{DVec3, Vec3};
 use lvox_formats::record::{Lvoxel, MAX_LEVEL};
@@ -57,12 +59,14 @@ impl LvoxelMaker<'_> {
     }
 
     /// All non-empty blocks of the brick at brick coordinates `b`.
-    #[must_use]
-    pub fn make(&self, b: [usize; 3]) -> Vec<Lvoxel> {
+    ///
+    /// # Errors
+    /// If cancelled.
+    pub fn make(&self, b: [usize; 3], cancel: &Cancel) -> Result<Vec<Lvoxel>> {
         let grid = &self.volume.sigma_t;
         let max = brick_max(grid, b);
         if max == 0.0 {
-            return Vec::new();
+            return Ok(Vec::new());
         }
         let level = match self.size {
             BlockSize::Fixed { level, .. } => level,
@@ -84,6 +88,8 @@ impl LvoxelMaker<'_> {
         let dims = grid.dims();
         let mut out = Vec::new();
         for i in 0..per_axis * per_axis * per_axis {
+            // A deep block takes dozens of rays through the whole volume.
+            cancel.check()?;
             let local = [
                 i % per_axis,
                 i / per_axis % per_axis,
@@ -132,7 +138,7 @@ impl LvoxelMaker<'_> {
                 });
             }
         }
-        out
+        Ok(out)
     }
 
     fn light(&self, point: Vec3, rays: ShadowRays, all_round: ShadowRays) -> Rgb {
@@ -241,8 +247,12 @@ impl LvoxelMaker<'_> {
                 x * y * z
             }
             BlockSize::Fixed { samples, .. } => {
-                let key =
-                    sampling::hash(&[self.seed, block[0] as u64, block[1] as u64, block[2] as u64]);
+                let key = sampling::hash(&[
+                    self.seed ^ u64::from(self.index) << 48,
+                    block[0] as u64,
+                    block[1] as u64,
+                    block[2] as u64,
+                ]);
                 for i in 0..samples {
                     let u = sobol_burley::sample_4d(i, 0, key as u32);
                     add(Vec3::new(u[0], u[1], u[2]) * Vec3::from(inside.map(|n| n as f32)));

@@ -87,7 +87,7 @@ pub fn run(
 ) -> Result<CloudSummary> {
     settings.check()?;
     job.report.stage("bake", |counts| {
-        let mut writer = CloudWriter::create(cloud, meta(scene, settings), force)?;
+        let mut writer = CloudWriter::create(cloud, meta(scene, settings)?, force)?;
         let tracer = Tracer::new(scene);
         let lights = Lights::new(&tracer).for_baking();
         let creases = Creases::new(&scene.mesh, settings.crease_deg);
@@ -153,10 +153,11 @@ fn bake_area(
         let batch: Vec<Surfel> = (from..to)
             .into_par_iter()
             .map(|i| {
+                job.cancel.check()?;
                 let (triangle, uv) = sampler.sample(i);
-                maker.make(triangle, uv, area, settings.overlap, i)
+                Ok(maker.make(triangle, uv, area, settings.overlap, i))
             })
-            .collect();
+            .collect::<Result<_>>()?;
         writer.push_surfels(&batch)?;
         task.add(to - from);
         from = to;
@@ -174,13 +175,14 @@ fn bake_volume(maker: &LvoxelMaker, writer: &mut CloudWriter, job: &Job) -> Resu
         let batch: Vec<Vec<Lvoxel>> = (from..to)
             .into_par_iter()
             .map(|b| {
-                maker.make([
+                let brick = [
                     b % bricks[0],
                     b / bricks[0] % bricks[1],
                     b / (bricks[0] * bricks[1]),
-                ])
+                ];
+                maker.make(brick, &job.cancel)
             })
-            .collect();
+            .collect::<Result<_>>()?;
         for lvoxels in batch {
             writer.push_lvoxels(&lvoxels)?;
         }
@@ -189,7 +191,7 @@ fn bake_volume(maker: &LvoxelMaker, writer: &mut CloudWriter, job: &Job) -> Resu
     Ok(())
 }
 
-fn meta(scene: &Scene, settings: &Settings) -> CloudMeta {
+fn meta(scene: &Scene, settings: &Settings) -> Result<CloudMeta> {
     let columns = |m: DAffine3| {
         [
             m.matrix3.x_axis,
@@ -199,7 +201,13 @@ fn meta(scene: &Scene, settings: &Settings) -> CloudMeta {
         ]
         .map(|c| c.to_array())
     };
-    CloudMeta {
+    let (surfels_from, disk_overlap) = match &settings.surfels {
+        SurfelSampling::Area { .. } => (None, settings.overlap),
+        SurfelSampling::Camera { name, .. } => (Some(scene.camera(name.as_deref())?), 0.0),
+    };
+    let mut listed = settings.listed();
+    listed.extend(scene.parts(surfels_from));
+    Ok(CloudMeta {
         scene_hash: scene.hash,
         scene_name: scene.name.clone(),
         world_from_scene: scene.world_from_scene.to_array(),
@@ -213,12 +221,9 @@ fn meta(scene: &Scene, settings: &Settings) -> CloudMeta {
                 albedo: v.albedo,
             })
             .collect(),
-        settings: settings.listed(),
-        disk_overlap: match settings.surfels {
-            SurfelSampling::Area { .. } => settings.overlap,
-            SurfelSampling::Camera { .. } => 0.0,
-        },
-    }
+        settings: listed,
+        disk_overlap,
+    })
 }
 
 impl Settings {

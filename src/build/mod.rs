@@ -12,7 +12,7 @@ mod spill;
 mod subtree;
 
 use crate::formats::{Cloud, MappedFile, TreeMeta, TreeSummary, TreeWriter};
-use crate::run::Job;
+use crate::run::{Job, size};
 use crate::{Error, Result};
 use std::path::Path;
 
@@ -152,9 +152,9 @@ struct Limits {
 pub fn check_memory(limit: Option<u64>) -> Result<()> {
     match limit {
         Some(limit) if limit < LEAST_MEMORY => Err(Error::input(format!(
-            "memory limit: building a tree needs at least {} MiB, found {} MiB",
-            LEAST_MEMORY >> 20,
-            limit >> 20
+            "memory limit: building a tree needs at least {}, found {}",
+            size::format(LEAST_MEMORY),
+            size::format(limit)
         ))
         .hint("raise --memory-limit")),
         _ => Ok(()),

@@ -1,7 +1,7 @@
 //! `lvox bake`
 
 use super::bake_options::BakeOptions;
-use super::options::Context;
+use super::options::{Context, Files, Seed};
 use super::scene_input::SceneInput;
 use lvox::Result;
 use lvox::run::output::check_writable;
@@ -19,14 +19,22 @@ pub struct Args {
 
     #[command(flatten)]
     bake: BakeOptions,
+
+    #[command(flatten)]
+    seed: Seed,
 }
 
 impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        self.scene.files().writes("--output", &self.output)
+    }
+
     pub fn run(self, context: &Context) -> Result<()> {
         check_writable(&self.output, context.force)?;
-        let settings = self.bake.settings(context.seed);
+        let settings = self.bake.settings(self.seed.seed);
         settings.check()?;
-        let scene = self.scene.load(&context.job)?;
+        let scene = self.scene.load(context)?;
         lvox::bake::run(&scene, &settings, &self.output, context.force, &context.job)?;
         Ok(())
     }

@@ -60,7 +60,7 @@ pub struct BakeOptions {
     )]
     block_samples: u32,
 
-    /// Shadow rays to each area light from each surfel and side, and each lvoxel, and a quarter of those to the
+    /// Shadow rays to each area light from each surfel and side, and each lvoxel, and four times as many to the
     /// environment; gathers average over many points
     #[arg(long, value_name = "N", default_value_t = 1)]
     bake_shadow_rays: u32,

@@ -1,6 +1,6 @@
 //! `lvox build`
 
-use super::options::Context;
+use super::options::{Context, Files, Memory, Temporary};
 use lvox::Result;
 use lvox::build::Settings;
 use lvox::run::output::check_writable;
@@ -16,9 +16,22 @@ pub struct Args {
     /// Write the tree to this .lvt file
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+
+    #[command(flatten)]
+    pub memory: Memory,
+
+    #[command(flatten)]
+    pub temporary: Temporary,
 }
 
 impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        Files::default()
+            .reads("cloud", &self.cloud)
+            .writes("--output", &self.output)
+    }
+
     pub fn run(self, context: &Context) -> Result<()> {
         check_writable(&self.output, context.force)?;
         lvox::build::run(

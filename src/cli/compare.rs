@@ -1,6 +1,6 @@
 //! `lvox compare`
 
-use super::options::Context;
+use super::options::{Context, Files, Memory};
 use super::{output, parse};
 use lvox::image::metrics::blocks::{self, Block};
 use lvox::image::metrics::{self, Scores};
@@ -55,6 +55,9 @@ pub struct Args {
     /// List the N blocks of 16 x 16 pixels with the largest relMSE, and their mean signed difference
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     worst: usize,
+
+    #[command(flatten)]
+    pub memory: Memory,
 }
 
 #[derive(Serialize)]
@@ -70,6 +73,17 @@ struct Record<'a> {
 }
 
 impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        let files = Files::default()
+            .reads("image", &self.image)
+            .reads("reference", &self.reference);
+        match &self.heatmap {
+            Some(path) => files.writes("--heatmap", path),
+            None => files,
+        }
+    }
+
     pub fn run(self, context: &Context) -> Result<()> {
         if let Some(path) = &self.heatmap {
             check_writable(path, true)?;
@@ -168,7 +182,7 @@ fn table(scores: &Scores) -> String {
     ];
     let mut text = String::new();
     for (name, value, note) in rows {
-        let value = significant(value);
+        let value = finite(value, significant);
         let line = format!("{name:<15} {value:<12} {note}");
         let _ = writeln!(text, "{}", line.trim_end());
     }
@@ -184,11 +198,26 @@ fn block_table(blocks: &[Block]) -> String {
     for b in blocks {
         let _ = writeln!(
             text,
-            "{:>5} {:>5} {:>5} {:>5} {:>12.5} {:>+12.5} {:>12.3e}",
-            b.x0, b.y0, b.x1, b.y1, b.reference, b.error, b.relmse
+            "{:>5} {:>5} {:>5} {:>5} {:>12} {:>12} {:>12}",
+            b.x0,
+            b.y0,
+            b.x1,
+            b.y1,
+            finite(b.reference, |v| format!("{v:.5}")),
+            finite(b.error, |v| format!("{v:+.5}")),
+            finite(b.relmse, |v| format!("{v:.3e}"))
         );
     }
     text
+}
+
+/// A value, or `-` if there is none: a black reference has no bias, a picture of few pixels no SSIM.
+fn finite(value: f64, write: impl Fn(f64) -> String) -> String {
+    if value.is_finite() {
+        write(value)
+    } else {
+        "-".into()
+    }
 }
 
 /// Six digits that mean something, whatever the size.

@@ -1,6 +1,6 @@
 //! `lvox inspect`
 
-use super::options::Context;
+use super::options::{Context, Files};
 use super::output;
 use lvox::image::exr;
 use lvox::inspect::{describe, export_ply, points};
@@ -36,6 +36,15 @@ pub struct Args {
 }
 
 impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        let files = Files::default().reads("file", &self.file);
+        match &self.export {
+            Some(out) => files.writes("--export", out),
+            None => files,
+        }
+    }
+
     pub fn run(self, context: &Context) -> Result<()> {
         if self
             .file

@@ -1,6 +1,6 @@
 //! `lvox merge`
 
-use super::options::Context;
+use super::options::{Context, Files, Memory};
 use lvox::Result;
 use lvox::image::merge::merge;
 use lvox::run::output::check_writable;
@@ -19,9 +19,20 @@ pub struct Args {
     /// Write the frame to this OpenEXR file; one that is there is replaced
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+
+    #[command(flatten)]
+    pub memory: Memory,
 }
 
 impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        let tiles = self.tiles.iter();
+        tiles
+            .fold(Files::default(), |files, tile| files.reads("tile", tile))
+            .writes("--output", &self.output)
+    }
+
     pub fn run(self, context: &Context) -> Result<()> {
         let job = &context.job;
         check_writable(&self.output, true)?;

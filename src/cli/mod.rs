@@ -1,6 +1,7 @@
 //! The command line: one file per verb, each with its arguments and what it does with them.
 //!
-//! A new verb is a file with `Args` and `run`, a variant of [`Verb`], and a line in [`Verb::run`].
+//! A new verb is a file with `Args`, `files` and `run`, a variant of [`Verb`], and a line in [`Verb::files`] and
+//! [`Verb::run`].
 
 mod bake;
 mod bake_options;
@@ -19,9 +20,9 @@ mod shade_options;
 mod study;
 mod verify;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use lvox::Result;
-use options::{Context, Shared};
+use options::{Context, Files, Limits, Shared};
 use std::process::ExitCode;
 
 /// Render colour bleeding in scenes with smoke, cloud and CT volumes from a point cloud.
@@ -53,6 +54,37 @@ enum Verb {
 }
 
 impl Verb {
+    /// What it reads and writes.
+    fn files(&self) -> Files {
+        match self {
+            Self::Render(args) => args.files(),
+            Self::Bake(args) => args.files(),
+            Self::Build(args) => args.files(),
+            Self::Shade(args) => args.files(),
+            Self::Merge(args) => args.files(),
+            Self::Inspect(args) => args.files(),
+            Self::Verify(args) => args.files(),
+            Self::Compare(args) => args.files(),
+            Self::Reference(args) => args.files(),
+            Self::Study(args) => args.files(),
+        }
+    }
+
+    /// What its options allow it to take.
+    fn limits(&self) -> Limits {
+        let none = Limits::default();
+        match self {
+            Self::Render(args) => none.memory(args.memory).temporary(&args.temporary),
+            Self::Build(args) => none.memory(args.memory).temporary(&args.temporary),
+            Self::Study(args) => none.memory(args.memory).temporary(&args.temporary),
+            Self::Shade(args) => none.memory(args.memory),
+            Self::Merge(args) => none.memory(args.memory),
+            Self::Compare(args) => none.memory(args.memory),
+            Self::Reference(args) => none.memory(args.memory),
+            Self::Bake(_) | Self::Inspect(_) | Self::Verify(_) => none,
+        }
+    }
+
     /// Runs, and names itself for the report.
     fn run(self, context: &Context) -> (&'static str, Result<()>) {
         match self {
@@ -72,22 +104,32 @@ impl Verb {
 
 /// Reads the command line; help and usage errors are printed and give the exit code.
 pub fn parse() -> Result<Cli, ExitCode> {
-    Cli::try_parse().map_err(|error| {
-        // A closed pipe is no failure of help.
-        let _ = error.print();
-        ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2))
-    })
+    let parsed = command().try_get_matches();
+    parsed
+        .and_then(|m| Cli::from_arg_matches(&m))
+        .map_err(|error| {
+            // A closed pipe is no failure of help.
+            let _ = error.print();
+            ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2))
+        })
+}
+
+/// What the command line may be. A number below zero is a value, of which its option says what is wrong with it.
+fn command() -> clap::Command {
+    let verbs = Cli::command();
+    verbs.mut_subcommands(|verb| verb.allow_negative_numbers(true))
 }
 
 impl Cli {
     /// Runs the verb and writes the report.
     pub fn run(self) -> Result<()> {
-        let context = self.shared.resolve()?;
+        let mut context = self.shared.resolve(self.verb.limits())?;
+        context.take_files(self.verb.files())?;
         let (verb, result) = self.verb.run(&context);
-        let Some(path) = &context.report_path else {
+        let Some(path) = context.report_path() else {
             return result;
         };
-        let written = context.job.report.write(path, verb, result.as_ref().err());
+        let written = context.job.report.write(&path, verb, result.as_ref().err());
         result.and(written)
     }
 }
@@ -98,7 +140,6 @@ mod tests {
 
     #[test]
     fn definitions_are_consistent() {
-        use clap::CommandFactory;
-        Cli::command().debug_assert();
+        command().debug_assert();
     }
 }

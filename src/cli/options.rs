@@ -1,14 +1,15 @@
-//! Options that every verb has: as typed, and as resolved.
+//! Options that verbs share: as typed, and as resolved.
 
 use super::parse;
 use clap::ValueEnum;
-use lvox::run::output::check_writable;
+use lvox::run::output::{Named, check_apart, check_writable};
 use lvox::run::{Job, Progress, ProgressMode};
 use lvox::{Error, Result};
+use std::cell::RefCell;
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-/// Shared options as typed.
+/// Options that every verb has, as typed.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Shared options")]
 pub struct Shared {
@@ -16,14 +17,6 @@ pub struct Shared {
     #[arg(long, global = true, value_name = "N")]
     #[arg(value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
-
-    /// Hold at most this much memory: bytes, or with K, M, G, T in powers of 1024, as 64M or 4G [default: no limit]
-    #[arg(long, global = true, value_name = "SIZE", value_parser = parse::size)]
-    memory_limit: Option<u64>,
-
-    /// Put temporary files into this folder [default: the system's]
-    #[arg(long, global = true, value_name = "DIR")]
-    temp_dir: Option<PathBuf>,
 
     /// Show progress on stderr; auto is a bar on a terminal and plain lines elsewhere
     #[arg(long, global = true, value_name = "MODE", default_value = "auto")]
@@ -33,13 +26,60 @@ pub struct Shared {
     #[arg(long, global = true)]
     force: bool,
 
-    /// Seed all random choices; the same seed gives the same result
-    #[arg(long, global = true, value_name = "N", default_value_t = 0)]
-    seed: u64,
-
     /// Write times, peak memory and counts to this file as JSON
     #[arg(long, global = true, value_name = "FILE")]
     report: Option<PathBuf>,
+}
+
+/// For verbs whose memory has a bound.
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
+#[command(next_help_heading = "Shared options")]
+pub struct Memory {
+    /// Hold at most this much memory: bytes, or with K, M, G, T in powers of 1024, as 64M or 4G [default: no limit]
+    #[arg(long, value_name = "SIZE", value_parser = parse::size)]
+    memory_limit: Option<u64>,
+}
+
+/// For verbs that need temporary files.
+#[derive(Clone, Debug, Default, clap::Args)]
+#[command(next_help_heading = "Shared options")]
+pub struct Temporary {
+    /// Put temporary files into this folder [default: the system's]
+    #[arg(long, value_name = "DIR")]
+    temp_dir: Option<PathBuf>,
+}
+
+/// For verbs that choose at random.
+#[derive(Clone, Copy, Debug, clap::Args)]
+#[command(next_help_heading = "Shared options")]
+pub struct Seed {
+    /// Seed all random choices; the same seed gives the same result. Light that is swept through thin media goes along
+    /// fixed directions
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+}
+
+/// What a verb may take of the machine.
+#[derive(Clone, Debug, Default)]
+pub struct Limits {
+    memory: Option<u64>,
+    temp_dir: Option<PathBuf>,
+}
+
+impl Limits {
+    /// At most so much memory.
+    #[must_use]
+    pub fn memory(mut self, memory: Memory) -> Self {
+        self.memory = memory.memory_limit;
+        self
+    }
+
+    /// Temporary files in this folder.
+    #[must_use]
+    pub fn temporary(mut self, temporary: &Temporary) -> Self {
+        self.temp_dir.clone_from(&temporary.temp_dir);
+        self
+    }
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -57,19 +97,69 @@ pub struct Context {
     pub job: Job,
     /// Whether clouds and trees may be replaced.
     pub force: bool,
-    /// Seed of all random choices.
-    pub seed: u64,
     /// Where the report goes.
-    pub report_path: Option<PathBuf>,
+    report_path: RefCell<Option<PathBuf>>,
+    /// What the verb writes, by the words for it.
+    outputs: Vec<(&'static str, PathBuf)>,
+}
+
+/// The files of a verb as its options name them, each with the word for it in messages.
+#[derive(Debug, Default)]
+pub struct Files {
+    inputs: Vec<(&'static str, PathBuf)>,
+    outputs: Vec<(&'static str, PathBuf)>,
+}
+
+impl Files {
+    /// And this one is read.
+    #[must_use]
+    pub fn reads(mut self, what: &'static str, path: &Path) -> Self {
+        self.inputs.push((what, path.to_owned()));
+        self
+    }
+
+    /// And this one is written.
+    #[must_use]
+    pub fn writes(mut self, what: &'static str, path: &Path) -> Self {
+        self.outputs.push((what, path.to_owned()));
+        self
+    }
+}
+
+impl Context {
+    /// Refuses a verb whose outputs name its inputs or each other, the report included, and remembers its outputs.
+    pub fn take_files(&mut self, files: Files) -> Result<()> {
+        self.outputs = files.outputs;
+        self.keep_apart(&files.inputs)
+    }
+
+    /// Refuses outputs that are among the files that are read. No report is written in their place either.
+    pub fn keep_apart(&self, inputs: &[(&'static str, PathBuf)]) -> Result<()> {
+        fn named<'a>(files: &'a [(&'static str, PathBuf)]) -> Vec<Named<'a>> {
+            files.iter().map(|(what, p)| (*what, p.as_path())).collect()
+        }
+        let (inputs, outputs) = (named(inputs), named(&self.outputs));
+        let path = self.report_path();
+        let report: Vec<Named> = path.iter().map(|p| ("--report", p.as_path())).collect();
+        check_apart(&report, &inputs).inspect_err(|_| {
+            self.report_path.take();
+        })?;
+        check_apart(&[outputs, report].concat(), &inputs)
+    }
+
+    /// Where the report goes.
+    pub fn report_path(&self) -> Option<PathBuf> {
+        self.report_path.borrow().clone()
+    }
 }
 
 impl Shared {
     /// Checks the options, sizes the thread pool, and hooks up the signals.
-    pub fn resolve(self) -> Result<Context> {
+    pub fn resolve(self, limits: Limits) -> Result<Context> {
         if let Some(path) = &self.report {
             check_writable(path, true)?;
         }
-        if let Some(dir) = self.temp_dir.as_ref().filter(|d| !d.is_dir()) {
+        if let Some(dir) = limits.temp_dir.as_ref().filter(|d| !d.is_dir()) {
             return Err(
                 Error::input(format!("--temp-dir {} is not a folder", dir.display()))
                     .hint("create it, or choose another"),
@@ -89,8 +179,8 @@ impl Shared {
         };
         let job = Job {
             progress: Progress::new(mode),
-            memory_limit: self.memory_limit,
-            temp_dir: self.temp_dir,
+            memory_limit: limits.memory,
+            temp_dir: limits.temp_dir,
             ..Job::default()
         };
         let cancel = job.cancel.clone();
@@ -104,8 +194,8 @@ impl Shared {
         Ok(Context {
             job,
             force: self.force,
-            seed: self.seed,
-            report_path: self.report,
+            report_path: RefCell::new(self.report),
+            outputs: Vec::new(),
         })
     }
 }

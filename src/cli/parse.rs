@@ -45,10 +45,8 @@ pub fn tile(text: &str) -> Result<(u32, u32), String> {
         .and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
     match parsed {
         Some((i, n)) if i < n => Ok((i, n)),
-        Some((_, n)) => Err(format!(
-            "tiles of {n} are counted from 0 to {}",
-            u64::from(n).saturating_sub(1)
-        )),
+        Some((_, 0)) => Err("a frame has one tile at least, as 0/1".into()),
+        Some((_, n)) => Err(format!("tiles of {n} are counted from 0 to {}", n - 1)),
         None => Err("it has to be a tile and a count, as 0/8".into()),
     }
 }

@@ -1,6 +1,6 @@
 //! `lvox reference`
 
-use super::options::Context;
+use super::options::{Context, Files, Memory, Seed};
 use super::parse;
 use super::scene_input::SceneInput;
 use lvox::image::Region;
@@ -52,9 +52,23 @@ pub struct Args {
     /// Render only tile I of N, counted from 0
     #[arg(long, value_name = "I/N", value_parser = parse::tile, conflicts_with = "region")]
     tile: Option<(u32, u32)>,
+
+    #[command(flatten)]
+    pub memory: Memory,
+
+    #[command(flatten)]
+    seed: Seed,
 }
 
 impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        self.scene
+            .files()
+            .writes("--output", &self.output)
+            .writes("--output (its sums)", &reference::sums_path(&self.output))
+    }
+
     pub fn run(self, context: &Context) -> Result<()> {
         let is_exr = |e: &std::ffi::OsStr| e.eq_ignore_ascii_case("exr");
         if !self.output.extension().is_some_and(is_exr) {
@@ -72,12 +86,12 @@ impl Args {
             },
             secs: self.time,
             strands: self.strands,
-            seed: context.seed,
+            seed: self.seed.seed,
         };
         settings.check()?;
         check_writable(&self.output, true)?;
         check_writable(&reference::sums_path(&self.output), true)?;
-        let scene = self.scene.load(&context.job)?;
+        let scene = self.scene.load(context)?;
         let (w, h) = (scene.film.width, scene.film.height);
         let region = match self.tile {
             Some((i, n)) => Region::tile(w, h, i, n)?,

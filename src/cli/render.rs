@@ -1,7 +1,7 @@
 //! `lvox render`
 
 use super::bake_options::BakeOptions;
-use super::options::Context;
+use super::options::{Context, Files, Memory, Seed, Temporary};
 use super::scene_input::SceneInput;
 use super::shade_options::ShadeOptions;
 use lvox::gather::TreeStore;
@@ -24,9 +24,27 @@ pub struct Args {
 
     #[command(flatten)]
     shade: ShadeOptions,
+
+    #[command(flatten)]
+    pub memory: Memory,
+
+    #[command(flatten)]
+    pub temporary: Temporary,
+
+    #[command(flatten)]
+    seed: Seed,
 }
 
 impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        let files = self.shade.files(self.scene.files());
+        match &self.keep_tree {
+            Some(tree) => files.writes("--keep-tree", tree),
+            None => files,
+        }
+    }
+
     pub fn run(self, context: &Context) -> Result<()> {
         let job = &context.job;
         self.shade.check()?;
@@ -34,9 +52,9 @@ impl Args {
         if let Some(path) = &self.keep_tree {
             check_writable(path, context.force)?;
         }
-        let settings = self.bake.settings(context.seed);
+        let settings = self.bake.settings(self.seed.seed);
         settings.check()?;
-        let scene = self.scene.load(job)?;
+        let scene = self.scene.load(context)?;
         self.shade.check_with(&scene)?;
         let folder = match &job.temp_dir {
             Some(dir) => tempfile::tempdir_in(dir),
@@ -57,6 +75,6 @@ impl Args {
             job,
         )?;
         let store = TreeStore::open(&tree, job.memory_limit)?;
-        self.shade.run(&scene, &store, context.seed, job)
+        self.shade.run(&scene, &store, self.seed.seed, job)
     }
 }

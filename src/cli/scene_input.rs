@@ -1,7 +1,7 @@
 //! The scene a verb works on.
 
+use super::options::{Context, Files};
 use super::parse;
-use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::{Error, Result};
 use std::path::PathBuf;
@@ -32,8 +32,20 @@ impl SceneInput {
         }
     }
 
+    /// What it reads; the files that it names are known once it is loaded.
+    pub fn files(&self) -> Files {
+        match &self.scene {
+            Some(path) => Files::default().reads("scene", path),
+            None => Files::default(),
+        }
+    }
+
     /// Loads it, and passes on what the loader wants the user to know.
-    pub fn load(&self, job: &Job) -> Result<Scene> {
+    ///
+    /// # Errors
+    /// As [`Scene::load`], and if an output would replace a file of the scene.
+    pub fn load(&self, context: &Context) -> Result<Scene> {
+        let job = &context.job;
         job.report.stage("load", |counts| {
             let mut scene = match &self.scene {
                 Some(path) => Scene::load(path)?,
@@ -44,6 +56,12 @@ impl SceneInput {
                     );
                 }
             };
+            let files: Vec<_> = scene
+                .files
+                .iter()
+                .map(|p| ("file of the scene", p.clone()))
+                .collect();
+            context.keep_apart(&files)?;
             if let Some((width, height)) = self.resolution {
                 (scene.film.width, scene.film.height) = (width, height);
             }

@@ -1,10 +1,11 @@
 //! `lvox shade`
 
-use super::options::Context;
+use super::options::{Context, Files, Memory, Seed};
 use super::scene_input::SceneInput;
 use super::shade_options::ShadeOptions;
 use lvox::Result;
 use lvox::gather::TreeStore;
+use lvox::scene::Scene;
 use std::path::PathBuf;
 
 /// Shade an image, or a tile of it, from a scene and its tree
@@ -19,20 +20,53 @@ pub struct Args {
 
     #[command(flatten)]
     shade: ShadeOptions,
+
+    #[command(flatten)]
+    pub memory: Memory,
+
+    #[command(flatten)]
+    seed: Seed,
 }
 
 impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        self.shade
+            .files(self.scene.files().reads("tree", &self.tree))
+    }
+
     pub fn run(self, context: &Context) -> Result<()> {
         self.shade.check()?;
         let store = TreeStore::open(&self.tree, context.job.memory_limit)?;
-        let scene = self.scene.load(&context.job)?;
+        let scene = self.scene.load(context)?;
         self.shade.check_with(&scene)?;
-        if store.tree().meta().cloud.scene_hash != scene.hash {
-            context.job.progress.warn(&format!(
-                "{}: baked from another version of the scene; its indirect light may be out of date",
-                self.tree.display()
-            ));
+        if let Some(warning) = out_of_date(&scene, &store) {
+            let place = self.tree.display();
+            context.job.progress.warn(&format!("{place}: {warning}"));
         }
-        self.shade.run(&scene, &store, context.seed, &context.job)
+        self.shade.run(&scene, &store, self.seed.seed, &context.job)
     }
+}
+
+/// What to say of a tree that was baked from another scene.
+fn out_of_date(scene: &Scene, store: &TreeStore) -> Option<String> {
+    let cloud = &store.tree().meta().cloud;
+    if cloud.scene_hash == scene.hash {
+        return None;
+    }
+    let Some(parts) = scene.parts_that_differ(&cloud.settings) else {
+        return Some(
+            "baked from another version of the scene's files; unless only cameras and film have changed, its indirect \
+             light is out of date"
+                .into(),
+        );
+    };
+    let (last, rest) = parts.split_last()?;
+    let other = match rest {
+        [] => last.clone(),
+        _ => format!("{} and {last}", rest.join(", ")),
+    };
+    Some(format!(
+        "baked from a scene of other {other}; its indirect light is not that of this scene. Bake and build it again"
+    ))
 }

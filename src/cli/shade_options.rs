@@ -1,5 +1,6 @@
 //! Options of shading, and of the image it makes, for the verbs that shade.
 
+use super::options::Files;
 use super::parse;
 use clap::{Args, ValueEnum};
 use lvox::gather::TreeStore;
@@ -43,7 +44,8 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "SR")]
     max_solid_angle: Option<f32>,
 
-    /// Gather nothing from further than this, scene units [default: no limit]
+    /// Let nothing further away than this send indirect light, scene units; walls and media beyond it still hide the
+    /// environment, which is seen where nothing is [default: no limit]
     #[arg(long, value_name = "D")]
     max_dist: Option<f32>,
 
@@ -68,11 +70,12 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "N")]
     pixel_samples: Option<u32>,
 
-    /// Primary rays of pixels where those disagree [default: 8, 16, 64 by quality]
+    /// Primary rays of pixels where those disagree, if that is more than --pixel-samples [default: 8, 16, 64 by quality]
     #[arg(long, value_name = "N")]
     edge_samples: Option<u32>,
 
-    /// Shadow rays to each area light from each primary ray's end [default: 1]
+    /// Shadow rays to each area light from the end of each primary ray inside a pixel, those of --edge-samples and of
+    /// --pixel-samples above 1; corners that pixels share take one, and four in penumbrae [default: 1]
     #[arg(long, value_name = "N")]
     shadow_rays: Option<u32>,
 
@@ -171,9 +174,23 @@ enum ImageKind {
 }
 
 impl ShadeOptions {
+    /// Adds what it writes.
+    pub fn files(&self, files: Files) -> Files {
+        files.writes("--output", &self.output)
+    }
+
     /// Fails now rather than after the work.
     pub fn check(&self) -> Result<()> {
-        image_kind(&self.output)?;
+        let is_png = matches!(image_kind(&self.output)?, ImageKind::Png);
+        for (option, given) in [("--aov", !self.aov.is_empty()), ("--float", self.float)] {
+            if is_png && given {
+                return Err(Error::input(format!(
+                    "{option} needs an .exr image, found --output {}",
+                    self.output.display()
+                ))
+                .hint("name the output .exr, or leave the option out"));
+            }
+        }
         check_writable(&self.output, true)?;
         if let Some(target) = self.target_error {
             target::check(target)?;

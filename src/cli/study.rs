@@ -1,6 +1,6 @@
 //! `lvox study`
 
-use super::options::Context;
+use super::options::{Context, Files, Memory, Seed, Temporary};
 use super::output;
 use super::scene_input::SceneInput;
 use super::shade_options::QualityChoice;
@@ -103,9 +103,33 @@ pub struct Args {
     /// Time a run that takes longer than this only once, wall-clock seconds
     #[arg(long, value_name = "SECS", default_value_t = Settings::default().long_secs)]
     long: f64,
+
+    #[command(flatten)]
+    pub memory: Memory,
+
+    #[command(flatten)]
+    pub temporary: Temporary,
+
+    #[command(flatten)]
+    seed: Seed,
 }
 
 impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        let mut files = Files::default();
+        for (what, path) in [("scene", &self.scene), ("reference", &self.reference)] {
+            files = path
+                .iter()
+                .fold(files, |files, path| files.reads(what, path));
+        }
+        let written = self.output.iter().flat_map(|folder| {
+            let is_rendered = self.reference.is_none();
+            study::written(folder, is_rendered)
+        });
+        written.fold(files, |files, path| files.writes("--output", &path))
+    }
+
     pub fn run(self, context: &Context) -> Result<()> {
         let scene = SceneInput::new(self.scene, self.demo || self.stability);
         if self.stability {
@@ -138,7 +162,7 @@ impl Args {
             long_secs: self.long,
             reference: self.reference,
             reference_spp: self.reference_spp.unwrap_or(preset.reference_spp),
-            seed: context.seed,
+            seed: self.seed.seed,
         };
         let settings = if self.base_only {
             settings.base_only()
@@ -146,7 +170,7 @@ impl Args {
             settings
         };
         settings.check()?;
-        let mut scene = scene.load(&context.job)?;
+        let mut scene = scene.load(context)?;
         if let Some(width) = width {
             let film = &mut scene.film;
             let height = f64::from(film.height) * f64::from(width) / f64::from(film.width);
@@ -163,7 +187,7 @@ impl Args {
 }
 
 fn check_stability(scene: &SceneInput, context: &Context) -> Result<()> {
-    let scene = scene.load(&context.job)?;
+    let scene = scene.load(context)?;
     let families = stability::run(&scene, Effort::Full, &context.job)?;
     output::print(&stability::markdown(&families))?;
     let rows = families.iter().flat_map(|f| &f.rows);

@@ -1,13 +1,13 @@
 //! `lvox verify`
 
-use super::options::Context;
+use super::options::{Context, Files};
 use super::output;
 use lvox::image::exr;
 use lvox::inspect::verify;
 use lvox::{Error, Result};
 use std::path::PathBuf;
 
-/// Read all of a file and check it: damage, and that a tree conserves count, area, flux and optical depth of its cloud
+/// Read all of a file and check it: damage, and that a tree conserves count, area, flux and extinction of its cloud
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Read this .lvc, .lvt or .exr file
@@ -19,6 +19,11 @@ pub struct Args {
 }
 
 impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        Files::default().reads("file", &self.file)
+    }
+
     pub fn run(self, context: &Context) -> Result<()> {
         if self
             .file

@@ -32,7 +32,7 @@ pub struct Settings<'a> {
     /// A node seen under less than this, in steradians, may stand for all below it; 0 for disks only. Sets
     /// the size of patches, too, which are never smaller than a disk or so.
     pub max_solid_angle: f32,
-    /// Distance beyond which nothing is gathered; infinite for no limit.
+    /// Surfaces and media beyond this distance send nothing, but still hide the environment; infinite for no limit.
     pub max_dist: f32,
     /// Which kernel.
     pub kernel: Kernel<'a>,
@@ -65,7 +65,8 @@ pub struct Gathered {
 pub struct Seen {
     /// Radiance that arrives.
     pub radiance: Rgb,
-    /// Distance to the surface that ended the ray, infinite if none did.
+    /// Distance to the surface that ended the ray, infinite if none did. One that is too far away to send light may be told
+    /// or not.
     pub distance: f32,
 }
 
@@ -169,24 +170,44 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
             max_solid_angle: cut,
             max_dist,
             kernel,
+            environment,
             ..
         } = self.settings;
         let pages = self.pages;
+        // What is too far away to send light matters only before an environment.
+        let is_hiding = max_dist.is_finite() && !environment.is_black();
+        let reach = if is_hiding { f32::INFINITY } else { max_dist };
         let end = match kernel {
             Kernel::Traced(outgoing) => {
                 scratch.crossings.clear();
                 let stack = &mut scratch.stack;
-                outgoing.cast(pages, origin, direction, max_dist, cut, stack)
+                outgoing.cast(pages, origin, direction, reach, cut, stack)
             }
-            Kernel::Cone => cone::cast(pages, origin, direction, max_dist, cut, scratch),
-            Kernel::Plain => plain::cast(pages, origin, direction, max_dist, scratch),
+            Kernel::Cone => cone::cast(pages, origin, direction, reach, cut, scratch),
+            Kernel::Plain => plain::cast(pages, origin, direction, reach, scratch),
         };
         let passed = scratch.crossings_before(end.map_or(f32::INFINITY, |c| c.t));
-        let t_max = end.map_or(self.settings.max_dist, |c| c.t);
+        let near = passed.partition_point(|c| c.t < max_dist);
+        let (near, far) = passed.split_at(near);
+        let t_max = end.map_or(max_dist, |c| c.t.min(max_dist));
         let mut light = Composite::default();
-        self.media
-            .pass(origin, direction, t_max, passed, &mut light);
-        light.surface(1.0, end.map_or(self.settings.environment, |c| c.radiance));
+        self.media.pass(origin, direction, t_max, near, &mut light);
+        match end {
+            Some(c) if c.t < max_dist => light.surface(1.0, c.radiance),
+            Some(_) => {}
+            None => {
+                if is_hiding {
+                    let mut hidden = Composite::default();
+                    let from = origin + direction * max_dist;
+                    self.media
+                        .pass(from, direction, f32::INFINITY, &[], &mut hidden);
+                    light.transmittance *= hidden.transmittance;
+                    far.iter()
+                        .for_each(|c| light.surface(c.opacity, Rgb::BLACK));
+                }
+                light.surface(1.0, environment);
+            }
+        }
         Seen {
             radiance: light.radiance,
             distance: end.map_or(f32::INFINITY, |c| c.t),

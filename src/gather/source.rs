@@ -5,6 +5,7 @@
 use super::media::{self, Media};
 use super::page::KernelPage;
 use crate::math::Rgb;
+use crate::run::size;
 use crate::{Error, Result};
 use lvox_formats::record::{Lvoxel, VolumeInfo};
 use lvox_formats::{MappedFile, Tree};
@@ -242,11 +243,20 @@ impl TreeStore {
         let table_bytes: u128 = volumes.iter().map(media::table_bytes).sum();
         let most = memory_limit.unwrap_or(MOST_TABLE_BYTES);
         if table_bytes > u128::from(most) {
+            let needed = size::format(u64::try_from(table_bytes).unwrap_or(u64::MAX));
+            let (limit, hint) = match memory_limit {
+                Some(_) => ("--memory-limit", "raise --memory-limit"),
+                None => (
+                    "without --memory-limit the most",
+                    "a larger --memory-limit allows it; `lvox verify` tells whether the file is whole",
+                ),
+            };
             return Err(Error::input(format!(
-                "{}: its volumes have so many voxels that finding lvoxels takes {table_bytes} bytes, more than {most}",
-                path.display()
+                "{}: finding the lvoxels of its volumes takes {needed}, {limit} is {}",
+                path.display(),
+                size::format(most)
             ))
-            .hint("`lvox verify` tells whether the file is whole; --memory-limit sets another limit"));
+            .hint(hint));
         }
         let media = MediaStore::new(volumes, lvoxels);
         let raw: Vec<u64> = tree
@@ -275,8 +285,10 @@ impl TreeStore {
                 let least = media.bytes() as u64 + 8 * largest;
                 if limit < least {
                     return Err(Error::input(format!(
-                        "{}: a memory limit of {limit} bytes is too small, it takes at least {least}",
-                        path.display()
+                        "{}: shading from it takes at least {}, --memory-limit is {}",
+                        path.display(),
+                        size::format(least),
+                        size::format(limit)
                     ))
                     .hint("raise --memory-limit"));
                 }

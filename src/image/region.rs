@@ -95,6 +95,9 @@ impl Region {
         if self.x1 > full_width || self.y1 > full_height {
             return Err(Error::input(format!(
                 "region {self} reaches outside the frame of {full_width}x{full_height} pixels"
+            ))
+            .hint(format!(
+                "a region is X0 Y0 X1 Y1 with X1 and Y1 exclusive; the whole frame is 0 0 {full_width} {full_height}"
             )));
         }
         Ok(())

@@ -256,13 +256,13 @@ impl Description {
     }
 
     fn fmt_settings(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut volumes = Table::new(&["volume", "voxels", "lvoxels", "optical depth"]);
+        let mut volumes = Table::new(&["volume", "voxels", "lvoxels", "sigma_t x voxels"]);
         for (volume, sums) in self.volumes.iter().zip(&self.sums.volumes) {
             volumes.row(vec![
                 volume.name.clone(),
                 volume.dims.map(|d| d.to_string()).join(" x "),
                 count(sums.lvoxels),
-                format!("{:.6}", sums.optical_depth),
+                format!("{:.6}", sums.extinction),
             ]);
         }
         let mut settings = Table::new(&["setting", "value"]);

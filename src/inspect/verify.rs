@@ -131,14 +131,9 @@ fn conserved(tree: &Tree<MappedFile>) -> Vec<Check> {
     }
     let names = tree.meta().cloud.volumes.iter().map(|v| &v.name);
     for (name, (a, b)) in names.zip(cloud.volumes.iter().zip(&found.volumes)) {
-        let name = format!("optical depth of '{name}'");
-        let tolerance = a.optical_depth / 2048.0;
-        checks.push(Check::new(
-            name,
-            a.optical_depth,
-            b.optical_depth,
-            tolerance,
-        ));
+        let name = format!("sigma_t x voxels of '{name}'");
+        let tolerance = a.extinction / 2048.0;
+        checks.push(Check::new(name, a.extinction, b.extinction, tolerance));
     }
     checks
 }

@@ -24,6 +24,16 @@ pub fn hash(values: &[u64]) -> u64 {
         .fold(0x51_7c_c1_b7_27_22_0a_95, |h, &v| mix(h ^ v))
 }
 
+/// [`hash`] of a key, another for each seed. Seed 0 gives the plain hash.
+#[must_use]
+#[inline]
+pub fn seeded(seed: u64, key: &[u64]) -> u64 {
+    match seed {
+        0 => hash(key),
+        _ => hash(&[hash(key), seed]),
+    }
+}
+
 /// A float in [0,1) from the upper 24 bits of a hash.
 #[must_use]
 #[inline]
@@ -151,6 +161,16 @@ mod tests {
             bary.iter().all(|b| (b / n - 1.0 / 3.0).abs() < 1e-3),
             "{bary:?}"
         );
+    }
+
+    #[test]
+    fn seeds_give_other_hashes_and_zero_the_plain_one() {
+        let key = [3, 5, 7];
+        assert_eq!(seeded(0, &key), hash(&key));
+        let found = [0, 1, 2, u64::MAX].map(|seed| seeded(seed, &key));
+        for (i, a) in found.iter().enumerate() {
+            assert!(!found[..i].contains(a));
+        }
     }
 
     #[test]

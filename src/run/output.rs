@@ -43,7 +43,12 @@ impl Output {
         }
         let folder = folder(&path);
         let temporary = builder.tempfile_in(folder).map_err(|e| {
-            Error::io("write in folder", folder, &strip(e))
+            // Of a folder that cannot be looked at the system tells why; else only the kind is known.
+            let cause = match fs::read_dir(folder) {
+                Err(cause) => cause,
+                Ok(_) => io::Error::from(e.kind()),
+            };
+            Error::io("write in folder", folder, &cause)
                 .hint("create the folder, make it writable, or choose another output")
                 .at(path.display())
         })?;
@@ -117,6 +122,48 @@ pub fn check_writable(path: &Path, force: bool) -> Result<()> {
     Output::create(path).map(drop)
 }
 
+/// A file of a verb, and the word for it in messages.
+pub type Named<'a> = (&'a str, &'a Path);
+
+/// Refuses outputs that would take the place of an input or of each other; whether a file may be replaced does not matter.
+///
+/// # Errors
+/// [`crate::Kind::Input`] with both words and the path as it was given.
+pub fn check_apart(outputs: &[Named], inputs: &[Named]) -> Result<()> {
+    let read: Vec<(&str, PathBuf)> = inputs.iter().map(|(what, p)| (*what, place(p))).collect();
+    let mut written: Vec<(&str, PathBuf)> = Vec::with_capacity(outputs.len());
+    for (what, path) in outputs {
+        let place = place(path);
+        if let Some((input, _)) = read.iter().find(|(_, p)| *p == place) {
+            return Err(Error::input(format!(
+                "{what} {} would replace the {input} that is read",
+                path.display()
+            ))
+            .hint("choose another name for the output; --force does not allow this"));
+        }
+        if let Some((other, _)) = written.iter().find(|(_, p)| *p == place) {
+            return Err(Error::input(format!(
+                "{what} {} would replace what {other} writes",
+                path.display()
+            ))
+            .hint("give each output a name of its own"));
+        }
+        written.push((what, place));
+    }
+    Ok(())
+}
+
+/// Where a path leads, links followed; of a file that is not there yet, its folder counts.
+fn place(path: &Path) -> PathBuf {
+    fs::canonicalize(path).unwrap_or_else(|_| {
+        let folder = fs::canonicalize(folder(path));
+        match (folder, path.file_name()) {
+            (Ok(folder), Some(name)) => folder.join(name),
+            _ => path.to_path_buf(),
+        }
+    })
+}
+
 /// Renaming over a device or a folder would destroy it or fail late.
 fn check_kind(path: &Path) -> Result<()> {
     match fs::metadata(path) {
@@ -134,13 +181,6 @@ fn folder(path: &Path) -> &Path {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     }
-}
-
-/// tempfile adds the random name of its file, which means nothing to the user.
-fn strip(error: io::Error) -> io::Error {
-    error
-        .raw_os_error()
-        .map_or(error, io::Error::from_raw_os_error)
 }
 
 #[cfg(test)]
@@ -186,9 +226,42 @@ mod tests {
         let error = check_writable(&dir.path().join("no/such/a.exr"), true).unwrap_err();
         assert_eq!(error.kind(), crate::Kind::Input);
         assert!(!error.to_string().contains('\n'));
+        // Not the name of the temporary file.
+        assert!(!error.to_string().contains(".part"), "{error}");
         assert!(error.hint_text().is_some());
         let error = check_writable(dir.path(), true).unwrap_err();
         assert!(error.to_string().contains("not a regular file"));
+    }
+
+    #[test]
+    fn outputs_keep_apart_from_inputs_and_each_other() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        fs::create_dir(at("sub")).unwrap();
+        fs::write(at("a"), b"a").unwrap();
+        let roundabout = at("sub/../a");
+        let (a, b) = (at("a"), at("b"));
+        let apart = |outputs: &[&Path], inputs: &[&Path]| {
+            let outputs: Vec<Named> = outputs.iter().map(|p| ("output", *p)).collect();
+            let inputs: Vec<Named> = inputs.iter().map(|p| ("scene", *p)).collect();
+            check_apart(&outputs, &inputs)
+        };
+        apart(&[&b], &[&a, &a]).unwrap();
+        for (outputs, inputs, part) in [
+            (&[a.as_path()][..], &[a.as_path()][..], "the scene"),
+            (&[&roundabout], &[&a], "the scene"),
+            // Neither is there yet.
+            (&[&b, &at("sub/../b")], &[&a], "what output writes"),
+        ] {
+            let error = apart(outputs, inputs).unwrap_err();
+            assert!(error.to_string().contains(part), "{error}");
+            assert!(error.hint_text().is_some());
+        }
+        #[cfg(unix)]
+        {
+            std::os::unix::fs::symlink(&a, at("link")).unwrap();
+            apart(&[&at("link")], &[&a]).unwrap_err();
+        }
     }
 
     #[cfg(unix)]

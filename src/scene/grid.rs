@@ -163,6 +163,12 @@ impl Grid {
 pub struct Cell([f32; 8]);
 
 impl Brick<'_> {
+    /// Its corner samples, x fastest.
+    #[must_use]
+    pub fn samples(&self) -> &[f32] {
+        self.samples
+    }
+
     /// A cell of the brick, by coordinates below [`BRICK_CELLS`].
     #[must_use]
     #[inline]

@@ -9,6 +9,7 @@ pub mod light;
 pub mod load;
 pub mod material;
 pub mod mesh;
+mod parts;
 pub mod volume;
 
 pub use camera::{Camera, Film};
@@ -20,6 +21,7 @@ pub use volume::Volume;
 
 use crate::{Error, Result};
 use glam::DVec3;
+use std::path::PathBuf;
 
 /// A whole scene, checked: every value is finite, every index in range, no transform singular.
 #[derive(Debug)]
@@ -44,6 +46,8 @@ pub struct Scene {
     pub volumes: Vec<Volume>,
     /// blake3 over the content of the scene file and of all files that it names.
     pub hash: [u8; 32],
+    /// Those files, the scene file first.
+    pub files: Vec<PathBuf>,
     /// What the user should know: defaults that were chosen, parts of files that were left out.
     pub warnings: Vec<String>,
 }
@@ -63,6 +67,7 @@ impl Scene {
             lights: Vec::new(),
             volumes: Vec::new(),
             hash: [0; 32],
+            files: Vec::new(),
             warnings: Vec::new(),
         }
     }

@@ -18,6 +18,8 @@ pub struct FarField {
     sectors: u32,
     /// Distance to surfaces, as a harmonic mean over the sphere, from which a probe stands for points near it.
     clear: f32,
+    /// Key of the probes' rays.
+    seed: u64,
 }
 
 /// What a probe sees of the surfaces, as if there were no media.
@@ -98,8 +100,8 @@ impl FarField {
     /// Cells of the sphere, at most: what is far away needs no more.
     const CELLS: u32 = 64;
 
-    /// No probe yet. A point of the medium is to look along about `samples` directions.
-    pub fn new(volume: &Volume, samples: u32) -> Self {
+    /// No probe yet. A point of the medium is to look along about `samples` directions. Volumes differ in their `seed`.
+    pub fn new(volume: &Volume, samples: u32, seed: u64) -> Self {
         let samples = samples.min(Self::CELLS);
         let rings = 1 << (samples.max(1).ilog2() / 2);
         let dims = volume.sigma_t.dims();
@@ -110,6 +112,7 @@ impl FarField {
             rings,
             sectors: samples.div_ceil(rings),
             clear: Self::CLEAR * step as f32 * volume.longest_voxel_edge(),
+            seed,
         }
     }
 
@@ -139,7 +142,8 @@ impl FarField {
                 .scene_from_index
                 .transform_point3(inside.as_dvec3())
                 .as_vec3();
-            self.look_around(&surfaces, p, sampling::hash(&v.map(|c| c as u64)))
+            let key = sampling::seeded(self.seed, &v.map(|c| c as u64));
+            self.look_around(&surfaces, p, key)
         };
         let mut near = [(None, 0.0); 8];
         for (near, (v, weight)) in near.iter_mut().zip(self.probes.around(point_in_index)) {
@@ -175,13 +179,18 @@ impl FarField {
             let u = sampling::unit2(sampling::hash(&[seed, u64::from(c)]));
             let direction = sampling::sphere(self.within(c, u));
             let mut light = Composite::default();
-            gatherer.media.pass(
-                point,
-                direction,
-                cell.distance.min(gatherer.settings.max_dist),
-                &[],
-                &mut light,
-            );
+            let max_dist = gatherer.settings.max_dist;
+            let end = cell.distance.min(max_dist);
+            gatherer.media.pass(point, direction, end, &[], &mut light);
+            if cell.distance > max_dist {
+                // The environment is behind the media that are too far away to send light.
+                let mut hidden = Composite::default();
+                let from = point + direction * max_dist;
+                gatherer
+                    .media
+                    .pass(from, direction, cell.distance - max_dist, &[], &mut hidden);
+                light.transmittance *= hidden.transmittance;
+            }
             light.surface(1.0, cell.radiance);
             sum += light.radiance;
         }

@@ -86,10 +86,15 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     ) -> Result<Self> {
         let volumes = &view.tracer.scene.volumes;
         let mut lattices = Vec::with_capacity(volumes.len());
-        for volume in volumes {
+        for (index, volume) in volumes.iter().enumerate() {
             let volume_samples = gatherer.map_or(1, |g| g.settings.samples);
             let dims = volume.sigma_t.dims();
-            let far_field = FarField::new(volume, volume_samples);
+            // Where volumes overlap, or are alike, their probes must not have the same noise.
+            let seed = match index {
+                0 => view.seed,
+                _ => sampling::hash(&[view.seed, index as u64]),
+            };
+            let far_field = FarField::new(volume, volume_samples, seed);
             let voxel = volume.longest_voxel_edge();
             let sweep = gatherer
                 .filter(|g| g.settings.max_dist.is_infinite())

@@ -4,9 +4,11 @@
 //! and rays only tell what stands before them.
 
 use super::view::View;
+use crate::Result;
 use crate::image::Region;
 use crate::light::{Lights, Shadows};
 use crate::math::{Rgb, sampling};
+use crate::run::Cancel;
 use crate::trace::unit_normal;
 use glam::{DVec2, Vec3};
 
@@ -37,7 +39,10 @@ struct Polygon {
 impl Lamps {
     /// Projects all emissive triangles that shine towards the camera. So many `rays` will tell what is before the part of one
     /// that is in a pixel.
-    pub fn new(view: &View, region: Region, rays: u32) -> Self {
+    ///
+    /// # Errors
+    /// If cancelled.
+    pub fn new(view: &View, region: Region, rays: u32, cancel: &Cancel) -> Result<Self> {
         let mut entries = Vec::new();
         let scene = view.tracer.scene;
         for (t, &material) in scene.mesh.material.iter().enumerate() {
@@ -60,6 +65,7 @@ impl Lamps {
                 low..((high.ceil().min(end.into())) as u32).min(end)
             };
             for y in range(min.y, max.y, region.y0, region.y1) {
+                cancel.check()?;
                 for x in range(min.x, max.x, region.x0, region.x1) {
                     if polygon.has_border_in(x, y) {
                         entries.push(Entry {
@@ -71,11 +77,11 @@ impl Lamps {
             }
         }
         entries.sort_unstable_by_key(|e| (e.pixel, e.triangle));
-        Self {
+        Ok(Self {
             region,
             rays,
             entries,
-        }
+        })
     }
 
     fn entries(&self, x: u32, y: u32) -> &[Entry] {

@@ -66,11 +66,11 @@ impl Lattice {
             .rows()
             .into_par_iter()
             .map(|j| {
-                cancel.check()?;
-                let row = gathered
-                    .columns()
-                    .map(|i| Self::gather_at(view, gatherer, [i, j], step))
-                    .collect();
+                let row = gathered.columns().map(|i| {
+                    cancel.check()?;
+                    Ok(Self::gather_at(view, gatherer, [i, j], step))
+                });
+                let row = row.collect::<Result<_>>()?;
                 task.add(u64::from(gathered.count[0]));
                 Ok(row)
             })

@@ -338,7 +338,7 @@ impl<P: Pages, M: Medium> Shot<'_, P, M> {
             .par_iter()
             .zip(&lattices)
             .map(|(&region, lattice)| {
-                let lamps = Lamps::new(&view, region, settings.edge_samples);
+                let lamps = Lamps::new(&view, region, settings.edge_samples, &job.cancel)?;
                 let shader = PixelShader {
                     view,
                     lamps: &lamps,
@@ -372,8 +372,11 @@ fn shade_region<P: Pages, M: Medium, A: Air>(
     (region.y0..region.y1)
         .into_par_iter()
         .map(|y| {
-            job.cancel.check()?;
-            let row: Vec<Pixel> = (region.x0..region.x1).map(|x| shader.shade(x, y)).collect();
+            let row = (region.x0..region.x1).map(|x| {
+                job.cancel.check()?;
+                Ok(shader.shade(x, y))
+            });
+            let row: Vec<Pixel> = row.collect::<Result<_>>()?;
             task.add(u64::from(region.width()));
             Ok(row)
         })
@@ -431,8 +434,11 @@ fn shade_blocks<P: Pages, M: Medium, A: Air>(
             let corners = Corners::new(shader, block);
             let pixels = (block.y0..block.y1)
                 .flat_map(|y| (block.x0..block.x1).map(move |x| (x, y)))
-                .map(|(x, y)| corners.shade(x, y))
-                .collect();
+                .map(|(x, y)| {
+                    job.cancel.check()?;
+                    Ok(corners.shade(x, y))
+                })
+                .collect::<Result<_>>()?;
             task.add(block.pixels() as u64);
             Ok(pixels)
         })

@@ -69,7 +69,7 @@ pub struct SampleCounts {
     pub pixel: u32,
     /// Taken where those disagree.
     pub edge: u32,
-    /// Shadow rays to lights with an extent, at each of those.
+    /// Shadow rays to lights with an extent, at each of those; shared corners take a number of their own.
     pub shadow: u32,
 }
 
@@ -114,17 +114,11 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
     /// Shades pixel (x, y) by samples of its own: few first, and more if they disagree.
     #[must_use]
     pub fn shade(&self, x: u32, y: u32) -> Pixel {
-        let mut samples: Vec<Sample<A::Passed>> = Vec::with_capacity(self.counts.edge as usize);
-        // The first samples have one shadow ray each: together they tell whether a light is partly hidden.
-        for i in 0..self.counts.pixel {
-            samples.push(self.sample_in(x, y, i, 1, i));
-        }
+        let mut samples: Vec<Sample<A::Passed>> = Vec::with_capacity(self.counts.pixel as usize);
+        let sample = |i| self.sample_in(x, y, i, self.counts.shadow, i * self.counts.shadow);
+        samples.extend((0..self.counts.pixel).map(sample));
         if self.counts.edge > self.counts.pixel && self.disagree(&samples) {
-            let mut next_shadow = self.counts.pixel;
-            for i in self.counts.pixel..self.counts.edge {
-                samples.push(self.sample_in(x, y, i, self.counts.shadow, next_shadow));
-                next_shadow += self.counts.shadow;
-            }
+            samples.extend((self.counts.pixel..self.counts.edge).map(sample));
         }
         if !A::Passed::IS_VACUUM {
             let known = samples.len().min(2);

@@ -11,7 +11,7 @@ pub struct Settings {
     pub samples: u32,
     /// A node seen under less than this, steradians, may stand for all below it.
     pub max_solid_angle: f32,
-    /// Nothing further than this, in scene units, sends indirect light.
+    /// Nothing further than this, in scene units, sends indirect light; it hides the environment as ever.
     pub max_dist: Option<f32>,
     /// What ends gather rays.
     pub kernel: Kernel,
@@ -23,9 +23,10 @@ pub struct Settings {
     pub volume_samples: u32,
     /// Primary rays a pixel; 1 for rays through the corners of pixels, which neighbours share.
     pub pixel_samples: u32,
-    /// Primary rays inside a pixel where those disagree.
+    /// Primary rays inside a pixel where those disagree; none are added if it has as many already.
     pub edge_samples: u32,
-    /// Shadow rays to lights with an extent at each primary ray where a pixel's first ones disagree.
+    /// Shadow rays to lights with an extent from the end of each primary ray inside a pixel; shared corners take one, and
+    /// four in penumbrae.
     pub shadow_rays: u32,
     /// Key of all random choices.
     pub seed: u64,
@@ -139,8 +140,10 @@ impl Settings {
                 self.max_solid_angle
             )));
         }
-        if self.max_dist.is_some_and(|d| d.is_nan() || d <= 0.0) {
-            return Err(Error::input("--max-dist must be more than 0"));
+        if let Some(d) = self.max_dist.filter(|d| d.is_nan() || *d <= 0.0) {
+            return Err(Error::input(format!(
+                "--max-dist must be more than 0, found {d}"
+            )));
         }
         Ok(())
     }

@@ -3,7 +3,7 @@
 
 use crate::gather::{Gatherer, NoMedia, Pages, cone};
 use crate::light::{Lights, ShadowRays};
-use crate::math::exp::exp_neg_and_rest;
+use crate::math::exp::{exp_neg, exp_neg_and_rest};
 use crate::math::segment::Segment;
 use crate::math::{Rgb, sampling};
 use crate::scene::Volume;
@@ -43,11 +43,16 @@ pub fn mean_radiance<P: Pages>(
                 depth < OPAQUE
             },
         );
-        let (through, taken) = if depth < OPAQUE {
+        let (mut through, taken) = if depth < OPAQUE {
             exp_neg_and_rest(depth)
         } else {
             (0.0, 1.0)
         };
+        if through > 0.0 && max_dist.is_finite() && reach >= max_dist {
+            // Media that are too far away to send light still hide the environment.
+            let from = point + direction * max_dist;
+            through *= exp_neg(tracer.optical_depth(from, direction, f32::INFINITY));
+        }
         let mut target = -libm::log1pf(-w * taken);
         let source = passed.iter().find(|s| {
             let here = target <= s.tau;

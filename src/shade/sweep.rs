@@ -147,20 +147,20 @@ impl Level {
         let surroundings: Vec<Option<Surroundings>> = vertices
             .par_iter()
             .map(|&v| {
+                scope.cancel.check()?;
                 let field = scope.far_field;
-                field.around(scope.volume, scope.gatherer, to_index(v))
+                Ok(field.around(scope.volume, scope.gatherer, to_index(v)))
             })
-            .collect();
+            .collect::<Result<_>>()?;
         let mut sums = vec![Rgb::BLACK; vertices.len()];
         let directions = scope.far_field.quarters();
         for first in (0..directions).step_by(Sweep::BATCH as usize) {
-            scope.cancel.check()?;
             let batch = first..(first + Sweep::BATCH).min(directions);
             let arriving: Vec<Vec<Arriving>> = batch
                 .clone()
                 .into_par_iter()
                 .map(|q| Rays::new(scope, &set, step, scope.far_field.direction(q), media).pass())
-                .collect();
+                .collect::<Result<_>>()?;
             sums.par_iter_mut().enumerate().for_each(|(i, sum)| {
                 if let Some(around) = &surroundings[i] {
                     let mut through = [0.0; Sweep::BATCH as usize];
@@ -243,7 +243,7 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
     }
 
     /// Passes all rays that any vertex needs, and returns what arrives at the vertices.
-    fn pass(&self) -> Vec<Arriving> {
+    fn pass(&self) -> Result<Vec<Arriving>> {
         let [(u0, nu), (w0, nw)] = self.rays.extent(self.set.bounds());
         let words = self.layers().div_ceil(64);
         let mut places = Vec::with_capacity(self.set.len());
@@ -268,6 +268,7 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
         let mut firsts = Vec::with_capacity(nu * nw);
         let mut stops = Vec::new();
         for (i, needed) in needed.chunks_exact(words).enumerate() {
+            self.scope.cancel.check()?;
             firsts.push(arriving.len());
             stops.clear();
             for (word, &bits) in needed.iter().enumerate() {
@@ -303,7 +304,7 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
             }
             sum
         };
-        places.iter().map(at_vertex).collect()
+        Ok(places.iter().map(at_vertex).collect())
     }
 
     /// Layers of vertices.

@@ -64,6 +64,20 @@ pub fn run(
     })
 }
 
+/// The files that [`run`] writes into a folder under names that do not depend on settings; the reference if it renders it.
+#[must_use]
+pub fn written(folder: &Path, renders_reference: bool) -> Vec<PathBuf> {
+    let reference = renders_reference.then_some(REFERENCE);
+    let names = [STUDY, CSV, TABLE, REPORT].into_iter().chain(reference);
+    names.map(|name| folder.join(name)).collect()
+}
+
+const STUDY: &str = "study.json";
+const CSV: &str = "study.csv";
+const TABLE: &str = "table.md";
+const REPORT: &str = "report.html";
+const REFERENCE: &str = "reference.exr";
+
 /// Names in the folder of a study.
 struct Files(PathBuf);
 
@@ -77,7 +91,7 @@ impl Files {
     }
 
     fn json(&self) -> PathBuf {
-        self.0.join("study.json")
+        self.0.join(STUDY)
     }
 
     fn images(&self) -> PathBuf {
@@ -223,7 +237,7 @@ fn obtain_reference(
             (path.clone(), name.to_string_lossy().into_owned())
         }
         None => {
-            let path = files.0.join("reference.exr");
+            let path = files.0.join(REFERENCE);
             let monte_carlo = reference::Settings {
                 camera: settings.camera.clone(),
                 max_depth: settings.max_depth,
@@ -265,8 +279,8 @@ fn obtain_reference(
 
 fn write_reports(study: &Study, files: &Files) -> Result<()> {
     let text = |name: &str, text: &str| Output::write_all_to(&files.0.join(name), text.as_bytes());
-    text("study.csv", &table::csv(study))?;
-    text("table.md", &table::markdown(study))?;
+    text(CSV, &table::csv(study))?;
+    text(TABLE, &table::markdown(study))?;
     let plots = plots::all(study)?;
     for plot in &plots {
         text(&format!("{}.svg", plot.name), &plot.svg)?;
@@ -294,7 +308,7 @@ fn write_reports(study: &Study, files: &Files) -> Result<()> {
             heat: Some(read(&files.heat(&run.name))?),
         });
     }
-    text("report.html", &html::report(study, &plots, &images))
+    text(REPORT, &html::report(study, &plots, &images))
 }
 
 fn read(path: &Path) -> Result<Vec<u8>> {

@@ -67,6 +67,13 @@ pub fn choose(
             pilot.error(store, &adapt(rung(t)), target, job)
         })?;
         let settings = adapt(rung(found.rung));
+        if pilot.lost() > 0 {
+            job.progress.warn(&format!(
+                "the pilot of --target-error left out {} of {} paths whose light is infinite or not a number",
+                pilot.lost(),
+                pilot.paths()
+            ));
+        }
         for (name, value) in [
             ("target_error", target),
             ("expected_error", found.expected),
@@ -74,6 +81,7 @@ pub fn choose(
             ("rungs_tried", found.tried.len() as f64),
             ("pixels", pilot.pixels() as f64),
             ("paths", pilot.paths() as f64),
+            ("paths_lost", pilot.lost() as f64),
         ] {
             counts.insert(name.into(), value);
         }

@@ -34,6 +34,7 @@ pub struct Pilot<'a> {
     scene: &'a Scene,
     camera: &'a Camera,
     paths: PathTracer<'a>,
+    seed: u64,
     blocks: Vec<Region>,
     points: Vec<Point>,
     /// Paths of each point so far.
@@ -47,8 +48,10 @@ struct Point {
     /// Its block, and its place there.
     block: usize,
     index: usize,
-    /// Sums of the paths of each sequence.
+    /// Sums of the paths of each sequence, without those whose light is infinite or not a number.
     sums: [[f64; 3]; STRANDS as usize],
+    /// How many of each are in its sum.
+    counts: [u32; STRANDS as usize],
 }
 
 impl<'a> Pilot<'a> {
@@ -56,16 +59,17 @@ impl<'a> Pilot<'a> {
     pub fn new(scene: &'a Scene, settings: &Settings, job: &Job) -> Result<Self> {
         let camera = scene.camera(settings.camera.as_deref())?;
         job.cancel.check()?;
-        let blocks = blocks(&scene.film);
+        let blocks = blocks(&scene.film, settings.seed);
         let points = blocks
             .iter()
             .enumerate()
-            .flat_map(|(i, &block)| points(i, block))
+            .flat_map(|(i, &block)| points(i, block, settings.seed))
             .collect();
         Ok(Self {
             scene,
             camera,
             paths: PathTracer::new(scene, DEPTH),
+            seed: settings.seed,
             blocks,
             points,
             count: 0,
@@ -104,8 +108,9 @@ impl<'a> Pilot<'a> {
             let found = self.compare(&shaded);
             if !found.error.is_finite() {
                 return Err(Error::failed(
-                    "the pilot of --target-error shaded pixels that are infinite or not a number",
-                ));
+                    "the pilot of --target-error shaded pixels, or traced paths, that are infinite or not a number",
+                )
+                .hint("look for emission, intensities or sizes at the limits of floats, or give settings instead"));
             }
             // An error above the target need not be known as well as one at the target; but one far above may be that of few
             // paths, which miss what is bright and rare.
@@ -120,6 +125,12 @@ impl<'a> Pilot<'a> {
         }
     }
 
+    /// Paths traced so far whose light is infinite or not a number, which are left out.
+    pub fn lost(&self) -> u64 {
+        let kept = |p: &Point| p.counts.iter().map(|&n| u64::from(n)).sum::<u64>();
+        self.paths() - self.points.iter().map(kept).sum::<u64>()
+    }
+
     /// Traces so many more paths at each point.
     fn trace(&mut self, more: u32, job: &Job) -> Result<()> {
         let Self {
@@ -128,6 +139,7 @@ impl<'a> Pilot<'a> {
             paths,
             points,
             count,
+            seed,
             ..
         } = self;
         let from = *count;
@@ -135,16 +147,15 @@ impl<'a> Pilot<'a> {
             job.cancel.check()?;
             for i in from..from + more {
                 let strand = i % STRANDS;
-                let key = sampling::hash(&[point.x, point.y, strand].map(u64::from));
+                let key = sampling::seeded(*seed, &[point.x, point.y, strand].map(u64::from));
                 let mut sampler = Sampler::new(key, i / STRANDS);
                 let [u, v, ..] = sampler.next4();
                 let (x, y) = (point.x as f32 + u, point.y as f32 + v);
                 let direction = camera.direction(&scene.film, x, y);
-                let Rgb(light) = paths.radiance(camera.origin(), direction, &mut sampler);
-                if light.iter().all(|v| v.is_finite()) {
-                    let sum = &mut point.sums[strand as usize];
-                    *sum = [0, 1, 2].map(|c| sum[c] + f64::from(light[c]));
-                }
+                point.add(
+                    strand,
+                    paths.radiance(camera.origin(), direction, &mut sampler),
+                );
             }
             Ok::<(), Error>(())
         })?;
@@ -153,7 +164,6 @@ impl<'a> Pilot<'a> {
     }
 
     fn compare(&self, shaded: &[Vec<Shaded>]) -> Measured {
-        let per_strand = f64::from(self.count / STRANDS);
         let known = |p: &Point| shaded[p.block][p.index];
         let has_others = self.points.iter().any(|p| !known(p).has_lamp_border);
         // At the border of a lamp shading is exact, and paths that miss the lamp look as if they had no noise.
@@ -161,11 +171,13 @@ impl<'a> Pilot<'a> {
             .points
             .iter()
             .filter(|p| !(has_others && known(p).has_lamp_border))
-            .map(|p| p.compare(known(p).radiance, per_strand))
+            .filter_map(|p| p.compare(known(p).radiance))
             .collect();
         // By size of the error: as likely to drop what noise made too small as what it made too large.
         terms.sort_unstable_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
+        // With nothing to go by the error is not a number, which the caller refuses.
         let kept = ((terms.len() as f64 * KEPT) as usize).max(1);
+        let kept = kept.min(terms.len());
         let terms = &terms[..kept];
         let count = kept as f64;
         Measured {
@@ -182,11 +194,25 @@ struct Measured {
 }
 
 impl Point {
-    /// Squared relative error of a value without what the noise of paths adds, and the variance of that.
-    fn compare(&self, Rgb(shaded): Rgb, per_strand: f64) -> (f64, f64) {
+    /// Adds a path to one of the sequences.
+    fn add(&mut self, strand: u32, Rgb(light): Rgb) {
+        if light.iter().all(|v| v.is_finite()) {
+            let sum = &mut self.sums[strand as usize];
+            *sum = [0, 1, 2].map(|c| sum[c] + f64::from(light[c]));
+            self.counts[strand as usize] += 1;
+        }
+    }
+
+    /// Squared relative error of a value without what the noise of paths adds, and the variance of that; `None` if a
+    /// sequence has no path.
+    fn compare(&self, Rgb(shaded): Rgb) -> Option<(f64, f64)> {
+        if self.counts.contains(&0) {
+            return None;
+        }
         let (mut error, mut variance) = (0.0, 0.0);
         for c in 0..3 {
-            let means = self.sums.map(|s| s[c] / per_strand);
+            let means: [f64; STRANDS as usize] =
+                std::array::from_fn(|i| self.sums[i][c] / f64::from(self.counts[i]));
             let strands = f64::from(STRANDS);
             let truth = means.iter().sum::<f64>() / strands;
             let spread: f64 = means.iter().map(|m| (m - truth) * (m - truth)).sum();
@@ -198,12 +224,12 @@ impl Point {
             // Channels move together: the mean of their variances, not a third of it.
             variance += scale * scale * (2.0 * noise * noise + 4.0 * signal * noise) / 3.0;
         }
-        (error, variance)
+        Some((error, variance))
     }
 }
 
 /// Blocks spread over a film: one in each stretch of a path that winds through all.
-fn blocks(film: &Film) -> Vec<Region> {
+fn blocks(film: &Film, seed: u64) -> Vec<Region> {
     let all = Region::full(film.width, film.height).blocks(SIDE);
     let columns = film.width.div_ceil(SIDE) as usize;
     let rows = all.len() / columns;
@@ -222,18 +248,18 @@ fn blocks(film: &Film) -> Vec<Region> {
         .map(|i| {
             let cut = |i: usize| i * winding.len() / count;
             let within = (cut(i + 1) - cut(i)) as f32;
-            let chosen = (sampling::unit(sampling::hash(&[i as u64])) * within) as usize;
+            let chosen = (sampling::unit(sampling::seeded(seed, &[i as u64])) * within) as usize;
             winding[cut(i) + chosen]
         })
         .collect()
 }
 
 /// The pixels of a block whose truth is traced: one in each cell.
-fn points(block: usize, region: Region) -> Vec<Point> {
+fn points(block: usize, region: Region, seed: u64) -> Vec<Point> {
     let mut points = Vec::new();
     for top in (region.y0..region.y1).step_by(CELL[1] as usize) {
         for left in (region.x0..region.x1).step_by(CELL[0] as usize) {
-            let [u, v] = sampling::unit2(sampling::hash(&[left, top].map(u64::from)));
+            let [u, v] = sampling::unit2(sampling::seeded(seed, &[left, top].map(u64::from)));
             let within = |from: u32, to: u32, cell: u32, u: f32| {
                 let size = cell.min(to - from);
                 from + ((u * size as f32) as u32).min(size - 1)
@@ -248,6 +274,7 @@ fn points(block: usize, region: Region) -> Vec<Point> {
                 block,
                 index,
                 sums: [[0.0; 3]; STRANDS as usize],
+                counts: [0; STRANDS as usize],
             });
         }
     }
@@ -270,7 +297,7 @@ mod tests {
     fn blocks_are_inside_apart_and_in_all_quarters() {
         for (width, height) in [(1, 1), (7, 90), (64, 48), (512, 384), (1920, 1080)] {
             let film = film(width, height);
-            let blocks = blocks(&film);
+            let blocks = blocks(&film, 3);
             assert!(!blocks.is_empty() && blocks.len() <= BLOCKS);
             for (i, a) in blocks.iter().enumerate() {
                 a.check(width, height).unwrap();
@@ -289,6 +316,34 @@ mod tests {
     }
 
     #[test]
+    fn paths_that_are_not_finite_are_left_out_of_the_mean_and_counted() {
+        let region = Region::full(1, 1);
+        let mut points = points(0, region, 0);
+        let point = &mut points[0];
+        for i in 0..16 {
+            let light = if i < 8 { f32::NAN } else { 2.0 };
+            point.add(i % STRANDS, Rgb([light; 3]));
+        }
+        assert_eq!(point.counts, [2; STRANDS as usize]);
+        let (error, _) = point.compare(Rgb([2.0; 3])).unwrap();
+        assert_eq!(error, 0.0);
+        point.counts[1] = 0;
+        assert!(point.compare(Rgb([2.0; 3])).is_none());
+    }
+
+    #[test]
+    fn the_seed_chooses_blocks_and_points() {
+        let film = film(512, 384);
+        assert_eq!(blocks(&film, 0), blocks(&film, 0));
+        assert_ne!(blocks(&film, 0), blocks(&film, 1));
+        let places = |seed| -> Vec<(u32, u32)> {
+            let points = points(0, Region::full(16, 16), seed);
+            points.iter().map(|p| (p.x, p.y)).collect()
+        };
+        assert_ne!(places(0), places(1));
+    }
+
+    #[test]
     fn points_lie_in_their_blocks_once() {
         let region = Region {
             x0: 3,
@@ -296,7 +351,7 @@ mod tests {
             x1: 16,
             y1: 12,
         };
-        let points = points(0, region);
+        let points = points(0, region, 3);
         for p in &points {
             assert!((region.x0..region.x1).contains(&p.x) && (region.y0..region.y1).contains(&p.y));
             assert_eq!(

@@ -6,8 +6,10 @@ mod gather;
 mod leaks;
 mod left_out;
 mod messages;
+mod outputs;
 mod physics;
 mod random;
+mod settings;
 mod views;
 
 use lvox::bake::{self, SurfelSampling};

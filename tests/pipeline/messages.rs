@@ -232,17 +232,69 @@ fn outputs_that_cannot_be_written_are_refused_before_any_work() {
 fn the_tree_of_another_scene_is_used_with_a_warning() {
     let work = Work::new(ROOM);
     work.bake(&work.scene(), 2000);
-    let other = ROOM.replace("albedo = [0.6, 0.05, 0.05]", "albedo = [0.05, 0.6, 0.05]");
-    fs::write(work.path("other.toml"), other).unwrap();
-    let shade = ["shade", "other.toml", "-t", "scene.lvt", "-o", "a.exr"];
-    let run = lvox(&work, &[&shade[..], &QUIET].concat());
-    run.done();
-    assert!(
-        run.stderr.starts_with("warning: scene.lvt"),
-        "{}",
+    let shade = |text: &str, tree: &str| {
+        fs::write(work.path("other.toml"), text).unwrap();
+        let shade = ["shade", "other.toml", "-t", tree, "-o", "a.exr"];
+        let run = lvox(&work, &[&shade[..], &QUIET].concat());
+        run.done();
         run.stderr
+    };
+    let changed = |from: &str, to: &str| {
+        assert!(ROOM.contains(from));
+        ROOM.replace(from, to)
+    };
+    // What a bake does not read.
+    for (from, to) in [
+        ("position = [0, 1, 3.9]", "position = [0, 1.1, 3.8]"),
+        ("width = 64", "width = 32"),
+        ("name = \"room\"", "name = \"hall\" # or chamber"),
+    ] {
+        assert_eq!(shade(&changed(from, to), "scene.lvt"), "", "{to}");
+    }
+    for (from, to, parts) in [
+        ("[0.6, 0.05, 0.05]", "[0.05, 0.6, 0.05]", "materials"),
+        ("emission = [10, 9, 7]", "emission = [1, 9, 7]", "lights"),
+        (
+            "translate = [0.4, 0.4, -0.3]",
+            "translate = [0.4, 0.4, -0.4]",
+            "surfaces",
+        ),
+        ("sigma_t_scale = 6", "sigma_t_scale = 5", "volumes"),
+        (
+            "[[volume]]",
+            "[[light]]\ntype = \"environment\"\nradiance = [1, 1, 1]\n[[mesh]]\nfile = \"builtin:cube\"\n\
+             translate = [0, 5, 0]\n[[volume]]",
+            "surfaces, materials and lights",
+        ),
+    ] {
+        let said = shade(&changed(from, to), "scene.lvt");
+        let expected = format!("warning: scene.lvt: baked from a scene of other {parts};");
+        assert!(said.starts_with(&expected), "{said}");
+        assert_eq!(said.lines().count(), 1);
+    }
+    // Surfels that a camera chose are those of its place.
+    let bake = [
+        "bake",
+        "scene.toml",
+        "-o",
+        "c.lvc",
+        "--surfels-from-camera",
+        "--camera-rate",
+        "0.5",
+    ];
+    lvox(&work, &[&bake[..], &["--progress", "none"]].concat()).done();
+    lvox(
+        &work,
+        &["build", "c.lvc", "-o", "c.lvt", "--progress", "none"],
+    )
+    .done();
+    let moved = changed(
+        "position = [0, 1, 3.9]\ntarget = [0, 1, 0]",
+        "position = [0, 1, 3.8]\ntarget = [0, 1, 0]",
     );
-    assert_eq!(run.stderr.lines().count(), 1);
+    let said = shade(&moved, "c.lvt");
+    assert!(said.contains("a scene of other camera;"), "{said}");
+    assert_eq!(shade(&changed("width = 64", "width = 32"), "c.lvt"), "");
 }
 
 #[test]
@@ -341,6 +393,59 @@ mod signals {
         let report: serde_json::Value =
             serde_json::from_slice(&fs::read(work.path("out.json")).unwrap()).unwrap();
         assert_eq!(report["error"], "stopped on request");
+    }
+
+    /// A cloud so dense that its lvoxels have 192 samples a side: each block looks out of it along dozens of rays.
+    #[test]
+    fn a_signal_stops_the_bake_of_a_dense_volume() {
+        const SIDE: usize = 192;
+        let work = Work::new(&format!(
+            r#"
+            [[camera]]
+            position = [0.5, 0.5, 3]
+            target = [0.5, 0.5, 0.5]
+
+            [[light]]
+            type = "environment"
+            radiance = [1, 1, 1]
+
+            [[volume]]
+            file = "dense.raw"
+            dims = [{SIDE}, {SIDE}, {SIDE}]
+            dtype = "u8"
+            sigma_t_scale = 2000
+            value_scale = 0.00392156862745098
+            albedo = [0.9, 0.9, 0.9]
+            unitcube_to_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+            "#
+        ));
+        let dense: Vec<u8> = (0..SIDE * SIDE * SIDE)
+            .map(|i| (64 + i * 7 % 191) as u8)
+            .collect();
+        fs::write(work.path("dense.raw"), dense).unwrap();
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_lvox"))
+            .current_dir(work.0.path())
+            .args(["bake", "scene.toml", "-o", "out.lvc", "--progress", "plain"])
+            .args(["--bake-shadow-rays", "16"])
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap())
+            .lines()
+            .map_while(Result::ok);
+        assert!(lines.any(|l| l.starts_with("lvoxels")));
+        // In the middle of its first bricks.
+        std::thread::sleep(Duration::from_millis(300));
+        let asked = Instant::now();
+        let kill = std::process::Command::new("kill")
+            .args(["-TERM", &child.id().to_string()])
+            .status();
+        assert!(kill.unwrap().success());
+        let last = lines.last().unwrap_or_default();
+        assert_eq!(child.wait().unwrap().code(), Some(1));
+        assert!(asked.elapsed() < Duration::from_secs(10));
+        assert_eq!(last, "error: stopped on request");
+        assert_eq!(work.names(), ["dense.raw", "scene.toml", "smoke.raw"]);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 
 use crate::random::Random;
 use crate::{beauty, layer, mean, render};
-use lvox::shade::Settings;
+use lvox::shade::{Kernel, Settings};
 
 fn quick() -> Settings {
     Settings {
@@ -92,6 +92,53 @@ fn lamps_smaller_than_a_pixel_are_seen_by_what_they_cover() {
             let found = beauty(&frame).iter().map(|p| p[0]).sum::<f32>() / 64.0;
             let expected = sent / 4.0;
             assert!((found / expected - 1.0).abs() < 1e-3, "{found} {expected}");
+        }
+    }
+}
+
+/// What is further away than light is gathered from sends none, but it still hides the environment.
+#[test]
+fn walls_and_media_beyond_max_dist_hide_the_environment() {
+    const WHITE: &str = "[[light]]\ntype = \"environment\"\nradiance = [1, 1, 1]\n";
+    let near = Settings {
+        max_dist: Some(0.3),
+        ..quick()
+    };
+    let indirect = |text: &str, settings: &Settings| -> f64 {
+        mean(&layer(&render(text, 60_000, settings), "indirect"))
+    };
+    let kernels = [Kernel::Traced, Kernel::Cone, Kernel::Plain].map(|kernel| Settings {
+        kernel,
+        ..near.clone()
+    });
+    let inside = "[film]\nwidth = 8\nheight = 8\n[[camera]]\nposition = [0.2, 0.1, 0.9]\ntarget = [0, 0, 0]\n";
+    let cube = "[[mesh]]\nfile = \"builtin:cube\"\nscale = 2\nalbedo = [0.5, 0.5, 0.5]\n";
+    for settings in &kernels {
+        let found = indirect(&format!("{inside}{WHITE}{cube}"), settings);
+        assert!(found < 0.01, "{found} by {:?}", settings.kernel);
+    }
+    // A floor that sees nothing but the environment, straight and through a medium that is further away.
+    let above = "[film]\nwidth = 8\nheight = 8\n[[camera]]\nposition = [0, 0.4, 0]\ntarget = [0, 0, 0]\n\
+                 up = [0, 0, -1]\nfov_x_deg = 20\n[[mesh]]\nfile = \"builtin:quad\"\nscale = 2\n\
+                 albedo = [0.5, 0.5, 0.5]\n";
+    let slab = "[[volume]]\nfile = \"smoke.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\n\
+                value_scale = 0.0039\nsigma_t_scale = 1.5\nalbedo = [0, 0, 0]\n\
+                unitcube_to_world = [[8, 0, 0, -4], [0, 1, 0, 0.5], [0, 0, 8, -4], [0, 0, 0, 1]]\n";
+    for medium in ["", slab] {
+        let text = format!("{above}{WHITE}{medium}");
+        for settings in &kernels {
+            let far = Settings {
+                max_dist: None,
+                ..settings.clone()
+            };
+            let (found, expected) = (indirect(&text, settings), indirect(&text, &far));
+            let most = if medium.is_empty() { 0.501 } else { 0.45 };
+            assert!(expected > 0.05 && expected < most, "{expected}");
+            assert!(
+                (found / expected - 1.0).abs() < 1e-3,
+                "{found} {expected} by {:?}",
+                settings.kernel
+            );
         }
     }
 }

@@ -166,6 +166,7 @@ impl Draft {
             lights: lights.collect(),
             volumes: volumes.collect(),
             hash: files.hash(),
+            files: files.paths,
             warnings: files.warnings,
         })
     }

@@ -9,6 +9,8 @@ use std::path::{Path, PathBuf};
 #[derive(Default)]
 pub(super) struct Files {
     hasher: blake3::Hasher,
+    /// Where they are.
+    pub(super) paths: Vec<PathBuf>,
     /// What was odd but not wrong.
     pub(super) warnings: Vec<String>,
 }
@@ -28,6 +30,7 @@ impl Files {
             _ => Error::io(&format!("read {what} file"), path, &e),
         })?;
         self.add(&content);
+        self.paths.push(path.to_owned());
         Ok(content)
     }
 

@@ -52,7 +52,8 @@ impl Part {
         if let Some(i) = self.positions.iter().position(far) {
             let p = self.positions[i];
             return Err(Error::input(format!(
-                "vertex {i}: the position {p} is farther than {FARTHEST:e} from the origin"
+                "vertex {i}: the position {:?} is farther than {FARTHEST:e} from the origin",
+                p.to_array()
             )));
         }
         if let Some(i) = self.normals.iter().position(|n| !n.is_finite()) {

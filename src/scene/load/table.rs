@@ -240,7 +240,10 @@ impl<'a> Item<'a> {
             Ok(number)
         } else {
             Err(self.error(format_args!(
-                "expected a number from {low} to {high}, found {number}"
+                "expected a number from {} to {}, found {}",
+                brief(low),
+                brief(high),
+                brief(number)
             )))
         }
     }
@@ -337,12 +340,13 @@ impl<'a> Item<'a> {
         let numbers = self.numbers_in::<3>(value)?;
         let color = numbers.map(|n| n as f32);
         if let Some(n) = numbers.iter().find(|n| **n < 0.0) {
-            return Err(self.error(format_args!("{n} is negative")));
+            return Err(self.error(format_args!("{} is negative", brief(*n))));
         }
         if let Some(i) = (0..3).find(|&i| !color[i].is_finite() || color[i] > high) {
             return Err(self.error(format_args!(
-                "expected three numbers from 0 to {high}, found {}",
-                numbers[i]
+                "expected three numbers from 0 to {}, found {}",
+                brief(high.into()),
+                brief(numbers[i])
             )));
         }
         Ok(color)
@@ -374,6 +378,15 @@ impl<'a> Item<'a> {
         } else {
             Err(self.mismatch("a finite number", value))
         }
+    }
+}
+
+/// A number in few digits, whatever its size.
+fn brief(number: f64) -> String {
+    if number == 0.0 || (1e-5..1e15).contains(&number.abs()) {
+        number.to_string()
+    } else {
+        format!("{number:e}")
     }
 }
 
@@ -468,6 +481,13 @@ mod tests {
                 .0
                 .contains("numbers from 0 to 1, found 2")
         );
+        for color_text in ["color = [0, 1e300, 2]", "color = [0, -1e300, 2]"] {
+            let (message, _) = fails(color_text, color);
+            assert!(
+                message.contains("1e300") && message.len() < 100,
+                "{message}"
+            );
+        }
         assert!(
             fails("color = [0, -0.5, 2]", color)
                 .0

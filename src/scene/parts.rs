@@ -1,0 +1,221 @@
+//! What a bake reads of a scene, as one digest for each kind of thing: tells a scene that was moved into another picture
+//! from one whose light has changed.
+
+use super::{Camera, Grid, Light, Mesh, Scene, Texture, Volume};
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Leads the names of parts in a list of settings.
+const PREFIX: &str = "scene/";
+/// The part that is there only if a camera chose the surfels.
+const CAMERA: &str = "camera";
+
+impl Scene {
+    /// Names and digests of what a bake reads: surfaces, materials, lights and volumes. Cameras, film and names do not
+    /// matter to it, but for the camera that surfels are taken from, if there is one.
+    #[must_use]
+    pub fn parts(&self, surfels_from: Option<&Camera>) -> Vec<(String, String)> {
+        let mut parts = vec![
+            ("surfaces", surfaces(&self.mesh, self.world_from_scene)),
+            ("materials", materials(self)),
+            ("lights", lights(self)),
+            ("volumes", volumes(&self.volumes)),
+        ];
+        parts.extend(surfels_from.map(|c| (CAMERA, camera(c))));
+        let name = |(name, digest): (&str, Digest)| (format!("{PREFIX}{name}"), digest.hex());
+        parts.into_iter().map(name).collect()
+    }
+
+    /// Which of the parts of a scene that was baked, given among other settings, are not those of this one; `None` if they
+    /// are not given.
+    #[must_use]
+    pub fn parts_that_differ(&self, baked: &[(String, String)]) -> Option<Vec<String>> {
+        let known = |name: &str| baked.iter().find(|(n, _)| n == name).map(|(_, v)| v);
+        let camera = known("surfels-from-camera").map(|name| {
+            let name = (!name.is_empty()).then_some(name.as_str());
+            self.camera(name).ok()
+        });
+        let own = self.parts(camera.flatten());
+        let differs = |(name, digest): &&(String, String)| {
+            let own = own.iter().find(|(n, _)| n == name);
+            own.is_none_or(|(_, d)| d != digest)
+        };
+        let mut parts = baked
+            .iter()
+            .filter(|(n, _)| n.starts_with(PREFIX))
+            .peekable();
+        parts.peek()?;
+        let name = |(name, _): &(String, String)| name[PREFIX.len()..].to_owned();
+        Some(parts.filter(differs).map(name).collect())
+    }
+}
+
+/// A digest in the making. Lists are led by their lengths, so that one cannot pass for two.
+#[derive(Default)]
+struct Digest(blake3::Hasher);
+
+impl Digest {
+    fn count(&mut self, n: usize) {
+        self.0.update(&(n as u64).to_le_bytes());
+    }
+
+    fn bytes<const N: usize>(&mut self, values: impl ExactSizeIterator<Item = [u8; N]>) {
+        self.count(values.len());
+        // The hash is fast for long pieces only.
+        let mut buffer = Vec::with_capacity(1 << 16);
+        for value in values {
+            buffer.extend_from_slice(&value);
+            if buffer.len() + N > 1 << 16 {
+                self.0.update(&buffer);
+                buffer.clear();
+            }
+        }
+        self.0.update(&buffer);
+    }
+
+    fn floats(&mut self, values: &[f32]) {
+        self.bytes(values.iter().map(|v| v.to_le_bytes()));
+    }
+
+    fn triples(&mut self, values: &[[f32; 3]]) {
+        self.floats(values.as_flattened());
+    }
+
+    fn doubles(&mut self, values: &[f64]) {
+        self.bytes(values.iter().map(|v| v.to_le_bytes()));
+    }
+
+    fn hex(&self) -> String {
+        self.0.finalize().to_hex()[..32].to_owned()
+    }
+}
+
+/// The digest of what is digested side by side.
+fn all<T: Sync>(items: &[T], digest: impl Fn(&T, &mut Digest) + Sync) -> Digest {
+    let each: Vec<[u8; 32]> = items
+        .par_iter()
+        .map(|item| {
+            let mut one = Digest::default();
+            digest(item, &mut one);
+            one.0.finalize().into()
+        })
+        .collect();
+    let mut sum = Digest::default();
+    sum.bytes(each.into_iter());
+    sum
+}
+
+fn bytes12([x, y, z]: [f32; 3]) -> [u8; 12] {
+    let [x, y, z] = [x, y, z].map(f32::to_le_bytes);
+    std::array::from_fn(|i| [x, y, z][i / 4][i % 4])
+}
+
+fn surfaces(mesh: &Mesh, world_from_scene: DVec3) -> Digest {
+    let mut digest = Digest::default();
+    digest.doubles(&world_from_scene.to_array());
+    for points in [&mesh.positions, &mesh.normals] {
+        digest.bytes(points.iter().map(|p| bytes12(p.to_array())));
+    }
+    digest.bytes(
+        mesh.triangles
+            .as_flattened()
+            .iter()
+            .map(|v| v.to_le_bytes()),
+    );
+    digest
+}
+
+fn materials(scene: &Scene) -> Digest {
+    let mesh = &scene.mesh;
+    let mut digest = all(&scene.textures, |t: &Texture, digest| {
+        digest.count(t.width as usize);
+        digest.triples(&t.texels);
+    });
+    digest.bytes(mesh.material.iter().map(|m| m.to_le_bytes()));
+    digest.triples(&mesh.colors);
+    digest.bytes(
+        mesh.uvs
+            .iter()
+            .map(|p| (u64::from(p.x.to_bits()) << 32 | u64::from(p.y.to_bits())).to_le_bytes()),
+    );
+    for m in &scene.materials {
+        digest.floats(&m.albedo);
+        digest.count(m.texture.map_or(0, |t| t as usize + 1));
+    }
+    digest
+}
+
+fn lights(scene: &Scene) -> Digest {
+    let mut digest = Digest::default();
+    for light in &scene.lights {
+        match light {
+            Light::Point {
+                position,
+                intensity,
+            } => {
+                digest.count(0);
+                digest.triples(&[position.to_array(), *intensity]);
+            }
+            Light::Spot {
+                position,
+                direction,
+                intensity,
+                cos_inner,
+                cos_outer,
+            } => {
+                digest.count(1);
+                digest.triples(&[position.to_array(), direction.to_array(), *intensity]);
+                digest.floats(&[*cos_inner, *cos_outer]);
+            }
+            Light::Directional {
+                direction,
+                irradiance,
+                angular_radius_rad,
+            } => {
+                digest.count(2);
+                digest.triples(&[direction.to_array(), *irradiance]);
+                digest.floats(&[*angular_radius_rad]);
+            }
+            Light::Environment { radiance } => {
+                digest.count(3);
+                digest.floats(radiance);
+            }
+        }
+    }
+    for (i, m) in scene.materials.iter().enumerate() {
+        if m.emission != [0.0; 3] {
+            digest.count(i);
+            digest.floats(&m.emission);
+            digest.count(m.emits_both_sides.into());
+        }
+    }
+    digest
+}
+
+fn volumes(volumes: &[Volume]) -> Digest {
+    all(volumes, |v, digest| {
+        digest.doubles(&v.scene_from_index.to_cols_array());
+        digest.floats(&v.albedo);
+        grid(&v.sigma_t, digest);
+    })
+}
+
+fn grid(grid: &Grid, digest: &mut Digest) {
+    for n in grid.dims() {
+        digest.count(n);
+    }
+    let [nx, ny, nz] = grid.brick_dims();
+    for i in 0..nx * ny * nz {
+        if let Some(brick) = grid.brick([i % nx, i / nx % ny, i / nx / ny]) {
+            digest.count(i);
+            digest.floats(brick.samples());
+        }
+    }
+}
+
+fn camera(camera: &Camera) -> Digest {
+    let mut digest = Digest::default();
+    digest.floats(&camera.scene_from_camera.to_cols_array());
+    digest.floats(&[camera.fov_x_rad]);
+    digest
+}
