@@ -7,7 +7,7 @@ mod triangles;
 mod watertight;
 
 pub use cells::{Cells, RayInVolume};
-pub use surface::{Surface, unit_normal};
+pub use surface::{Surface, offset, unit_normal};
 pub use triangles::{Hit, TriangleBvh};
 
 use crate::math::exp::exp_neg;
@@ -21,19 +21,15 @@ pub struct Tracer<'a> {
     /// The scene.
     pub scene: &'a Scene,
     triangles: TriangleBvh,
-    /// Distance that rays are moved off surfaces along the normal: 1e-5 of the scene's extent.
-    pub offset: f32,
 }
 
 impl<'a> Tracer<'a> {
     /// Builds what rays need.
     #[must_use]
     pub fn new(scene: &'a Scene) -> Self {
-        let (min, max) = scene_bounds(scene);
         Self {
             scene,
             triangles: TriangleBvh::new(&scene.mesh),
-            offset: 1e-5 * (max - min).length(),
         }
     }
 
