@@ -153,10 +153,13 @@ impl Slot {
         self.0[1].store(value, Ordering::Relaxed);
     }
 
-    /// Keys and values have a structure, by which one could be taken for another.
+    /// Keys and values have a structure, by which one could be taken for another. A product alone spreads bits upwards only:
+    /// light of one channel would leave the lower bits of keys as they are, and halves of two entries could make a
+    /// third key.
     #[inline]
     fn spread(value: u64) -> u64 {
-        value.wrapping_mul(SCATTER)
+        let upwards = value.wrapping_mul(SCATTER);
+        (upwards ^ upwards >> 32).wrapping_mul(SCATTER)
     }
 }
 
@@ -252,10 +255,10 @@ impl Patch {
     }
 }
 
-/// A mean of what surfaces send, weighted by area.
+/// A mean of what surfaces send, weighted by area: a running one, since areas times radiance leave the range of f32.
 #[derive(Debug)]
 struct Mean {
-    sum: [f32; 3],
+    sent: [f32; 3],
     area: f32,
     /// The disk that comes nearest to holding the point: how far it is from that, and what it sends.
     nearest: (f32, [f32; 3]),
@@ -264,7 +267,7 @@ struct Mean {
 impl Default for Mean {
     fn default() -> Self {
         Self {
-            sum: [0.0; 3],
+            sent: [0.0; 3],
             area: 0.0,
             nearest: (Self::FARTHEST, [0.0; 3]),
         }
@@ -278,11 +281,14 @@ impl Mean {
     const FARTHEST: f32 = 25.0;
 
     #[inline]
-    fn add(&mut self, (sum, area): ([f32; 3], f32)) {
-        for (s, v) in self.sum.iter_mut().zip(sum) {
-            *s += v;
+    fn add(&mut self, (sent, area): ([f32; 3], f32)) {
+        if area > 0.0 {
+            self.area += area;
+            let share = area / self.area;
+            for (s, v) in self.sent.iter_mut().zip(sent) {
+                *s += (v - *s) * share;
+            }
         }
-        self.area += area;
     }
 
     /// Disks that hold the middle of the patch, the more the nearer theirs is.
@@ -314,8 +320,7 @@ impl Mean {
             }
             let offset = std::array::from_fn(|a| p[a] - block.centre[a][k]);
             if reach[k] < 1.0 && !page.is_clipped(light, offset) {
-                let weight = block.radius2[k] * (1.0 - reach[k]);
-                self.add((sent.map(|v| weight * v), weight));
+                self.add((sent, block.radius2[k] * (1.0 - reach[k])));
             }
         }
     }
@@ -323,7 +328,7 @@ impl Mean {
     /// Black where the tree knows no surface.
     fn radiance(&self) -> Rgb {
         if self.area > 0.0 {
-            Rgb(self.sum.map(|v| v / self.area))
+            Rgb(self.sent)
         } else {
             Rgb(self.nearest.1)
         }
@@ -353,6 +358,31 @@ mod tests {
         // Half of another entry.
         slot.0[1].store(78, Ordering::Relaxed);
         assert_eq!(slot.get(5), None);
+    }
+
+    /// Of entries of two triangles whose light has one channel, no half of one with half of the other makes an entry of any
+    /// triangle with the same patch: that is all that a key differs by from others of its table.
+    #[test]
+    fn halves_of_entries_of_light_of_one_channel_do_not_make_a_third() {
+        let sides = [0, 1, 2].map(|c| {
+            (1..200).map(move |i| {
+                let mut light = [0.0; 3];
+                light[c] = 0.37 + 0.01 * i as f32;
+                pack(Rgb(light))
+            })
+        });
+        let values: Vec<u64> = sides.into_iter().flatten().collect();
+        let patch = 0x1234_5678_u64;
+        for (i, &a) in values.iter().enumerate() {
+            for &b in &values[..i] {
+                let slot = Slot::default();
+                slot.set(7 << 32 | patch, a);
+                slot.0[1].store(b, Ordering::Relaxed);
+                let mixed = slot.0[0].load(Ordering::Relaxed);
+                let key = mixed ^ Slot::spread(b);
+                assert_ne!(key & 0xffff_ffff, patch, "{a:x} {b:x}");
+            }
+        }
     }
 
     /// One triangle in the plane z = 0, seen from above.
