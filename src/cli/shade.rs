@@ -25,7 +25,8 @@ impl Args {
     pub fn run(self, context: &Context) -> Result<()> {
         self.shade.check()?;
         let store = TreeStore::open(&self.tree, context.job.memory_limit)?;
-        let scene = self.scene.load(&context.job)?;
+        let frame = store.tree().meta().cloud.world_from_scene;
+        let scene = self.scene.load(&context.job)?.in_frame(frame.into())?;
         self.shade.check_with(&scene)?;
         if store.tree().meta().cloud.scene_hash != scene.hash {
             context.job.progress.warn(&format!(

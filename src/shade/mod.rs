@@ -16,7 +16,6 @@ mod sweep;
 mod vertices;
 mod view;
 
-use crate::Result;
 use crate::gather::medium::Source;
 use crate::gather::{
     self, Gatherer, Geometry, Media, MediaStore, Medium, NoMedia, Outgoing, Pages, SurfelStore,
@@ -28,6 +27,7 @@ use crate::math::Rgb;
 use crate::run::{Job, Task};
 use crate::scene::Scene;
 use crate::trace::{Tracer, unit_normal};
+use crate::{Error, Result};
 use corners::Corners;
 use glam::Vec3;
 use inscatter::InScatter;
@@ -70,7 +70,7 @@ impl Aov {
 /// Shades a region of the frame.
 ///
 /// # Errors
-/// A setting out of range, an unknown camera, a page that cannot be read, or a stop on request.
+/// A setting out of range, an unknown camera, a tree in another frame than the scene ([`Scene::in_frame`]), a page that cannot be read, or a stop on request.
 pub fn run(
     scene: &Scene,
     store: &TreeStore,
@@ -147,10 +147,24 @@ fn shade_regions(
     regions: &[Region],
     job: &Job,
 ) -> Result<Vec<Vec<Pixel>>> {
+    check_frame(scene, store)?;
     match &store.surfels {
         SurfelStore::Kept(p) => shade_with(scene, store, p, settings, regions, job),
         SurfelStore::Cached(p) => shade_with(scene, store, p, settings, regions, job),
     }
+}
+
+/// Places in the tree are in the frame of the scene that it was baked of.
+fn check_frame(scene: &Scene, store: &TreeStore) -> Result<()> {
+    let of_tree = store.tree().meta().cloud.world_from_scene;
+    if of_tree == scene.world_from_scene.to_array() {
+        return Ok(());
+    }
+    Err(Error::input(format!(
+        "the scene's frame is at {:?} in the world, that of the tree at {of_tree:?}",
+        scene.world_from_scene.to_array()
+    ))
+    .hint("bring the scene into the tree's frame, `Scene::in_frame`"))
 }
 
 /// What a frame takes from a tree. Where it has no media, `M` is a type without any, and its kernels have no work for them.
