@@ -11,7 +11,7 @@ pub use surface::{Surface, offset, unit_normal};
 pub use triangles::{Hit, TriangleBvh};
 
 use crate::math::exp::exp_neg;
-use crate::math::segment::Segment;
+use crate::math::segment::{Segment, Stretch, flatten_overlaps};
 use crate::scene::{Scene, Volume};
 use glam::Vec3;
 
@@ -102,13 +102,18 @@ impl<'a> Tracer<'a> {
             }
             return;
         };
-        let mut all = Vec::new();
-        for (v, mut cells) in [(first, cells), second].into_iter().chain(walks) {
-            while let Some(cell) = cells.next_cell() {
-                all.extend(cell.pieces().map(|piece| to_segment(v, piece, cell.tau)));
-            }
-        }
-        crate::math::segment::flatten_overlaps(&mut all, emit);
+        let walks = [(first, cells), second].into_iter().chain(walks);
+        let walks = walks.map(|(v, mut cells)| {
+            std::iter::from_fn(move || cells.next_cell()).flat_map(move |cell| {
+                cell.pieces().map(move |piece| Stretch {
+                    near: piece.near,
+                    far: piece.far,
+                    tau: piece.tau,
+                    of: (v, piece, cell.tau),
+                })
+            })
+        });
+        flatten_overlaps(walks, |(v, piece, tau)| source(v, piece, tau), emit);
     }
 }
 
