@@ -56,8 +56,8 @@ pub struct ShearedRay {
     /// Across, across and along the ray.
     axes: [usize; 3],
     shear: [f32x4; 3],
-    /// As they were given.
-    line: [DVec3; 2],
+    /// Origin and direction as they were given.
+    line: [Vec3; 2],
 }
 
 impl ShearedRay {
@@ -80,7 +80,7 @@ impl ShearedRay {
             origin: [x, y, z].map(|a| f32x4::splat(origin[a])),
             axes: [x, y, z],
             shear: [d[x] / d[z], d[y] / d[z], 1.0 / d[z]].map(f32x4::splat),
-            line: [origin, direction].map(|v| v.as_dvec3()),
+            line: [origin, direction],
         }
     }
 
@@ -95,26 +95,9 @@ impl ShearedRay {
         ]
     }
 
-    /// Distance over that of a triangle's farthest corner, per twice its area seen along the ray over the square of that
-    /// distance, below which it is found once more in double: some 1e-4 is left of the error of single precision.
-    const NEAR: f32 = 1.0 / 64.0;
-
-    /// Distances to the planes of the triangles of some lanes, in double; the others stay.
-    #[cold]
-    fn exact_distances(&self, block: &Block, lanes: u32, t: f32x4) -> f32x4 {
-        let corners = block.corners.map(|c| c.map(f32x4::to_array));
-        let [origin, direction] = self.line;
-        let mut t = t.to_array();
-        for k in (0..LANES).filter(|k| lanes >> k & 1 == 1) {
-            let [a, b, c] = corners.map(|c| DVec3::from(c.map(|v| f64::from(v[k]))));
-            let normal = (b - a).cross(c - a);
-            let exact = normal.dot(a - origin) / normal.dot(direction);
-            if exact.is_finite() {
-                t[k] = exact as f32;
-            }
-        }
-        f32x4::from(t)
-    }
+    /// Distance over that of a triangle's farthest corner along the ray, below which it is found once more in double: beyond,
+    /// some 1e-4 is left of the error of single precision.
+    const NEAR: f32 = 1.0 / 256.0;
 
     /// The triangles of a block that the ray meets in front of its origin.
     #[must_use]
@@ -140,15 +123,11 @@ impl ShearedRay {
             return Met::default();
         }
         let mut t = (u * a[2] + v * b[2] + w * c[2]) / det;
-        // Distances are as exact as the triangle is near its size: near its plane even their sign is rounding.
-        let size = [a, b, c]
-            .iter()
-            .flatten()
-            .fold(f32x4::ZERO, |m, v| m.fast_max(v.abs()));
-        let error = size * size * size * f32x4::splat(Self::NEAR);
-        let near = hit & (t * det).abs().simd_lt(error);
+        // Distances are as exact as the farthest corner's: of a triangle's plane near by even the sign is rounding.
+        let reach = a[2].abs().fast_max(b[2].abs()).fast_max(c[2].abs());
+        let near = hit & t.abs().simd_lt(reach * f32x4::splat(Self::NEAR));
         if near.any() {
-            t = self.exact_distances(block, near.to_bitmask(), t);
+            t = exact_distances(self.line, block, near.to_bitmask(), t);
         }
         Met {
             lanes: (hit & t.simd_gt(f32x4::ZERO)).to_bitmask(),
@@ -166,6 +145,23 @@ fn exact_edge(p: &[f32x4; 3], q: &[f32x4; 3]) -> f32x4 {
         let [px, py, qx, qy] = [px[k], py[k], qx[k], qy[k]].map(f64::from);
         (px * qy - py * qx) as f32
     }))
+}
+
+/// Distances to the planes of the triangles of some lanes, in double; the others stay.
+#[cold]
+fn exact_distances(line: [Vec3; 2], block: &Block, lanes: u32, t: f32x4) -> f32x4 {
+    let corners = block.corners.map(|c| c.map(f32x4::to_array));
+    let [origin, direction] = line.map(|v| v.as_dvec3());
+    let mut t = t.to_array();
+    for k in (0..LANES).filter(|k| lanes >> k & 1 == 1) {
+        let [a, b, c] = corners.map(|c| DVec3::from(c.map(|v| f64::from(v[k]))));
+        let normal = (b - a).cross(c - a);
+        let exact = normal.dot(a - origin) / normal.dot(direction);
+        if exact.is_finite() {
+            t[k] = exact as f32;
+        }
+    }
+    f32x4::from(t)
 }
 
 #[cfg(test)]
