@@ -32,6 +32,21 @@ pub trait Geometry: std::fmt::Debug + Sync {
 
     /// Its unit normal, on the side its corners wind counter-clockwise.
     fn normal(&self, triangle: u32) -> Vec3;
+
+    /// Whether it reflects nothing, so that a tree need not be asked.
+    fn is_black(&self, triangle: u32) -> bool;
+
+    /// Area that a surfel on it stands for, over the mean of all surfels.
+    fn surfel_area_over_mean(&self, triangle: u32) -> f32;
+}
+
+/// How often a tree was asked what a patch sends. Threads that ask for one patch at the same time are counted each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Asked {
+    /// Patches.
+    pub patches: u64,
+    /// Those where it knows no surface: they are black.
+    pub unknown: u64,
 }
 
 /// What the surfaces of a scene send, as a tree has it.
@@ -41,9 +56,11 @@ pub trait Geometry: std::fmt::Debug + Sync {
 #[derive(Debug)]
 pub struct Outgoing<'a> {
     geometry: &'a dyn Geometry,
-    /// Square of the edge below which patches are not divided.
+    /// Square of the edge below which patches are not divided, where surfels stand for their mean area.
     least: f32,
     slots: Box<[Slot]>,
+    patches: AtomicU64,
+    unknown: AtomicU64,
 }
 
 impl<'a> Outgoing<'a> {
@@ -62,7 +79,28 @@ impl<'a> Outgoing<'a> {
             geometry,
             least: 4.0 * area_per_surfel,
             slots: (0..1 << Self::SLOTS).map(|_| Slot::default()).collect(),
+            patches: AtomicU64::new(0),
+            unknown: AtomicU64::new(0),
         }
+    }
+
+    /// How often the tree was asked so far.
+    #[must_use]
+    pub fn asked(&self) -> Asked {
+        Asked {
+            patches: self.patches.load(Ordering::Relaxed),
+            unknown: self.unknown.load(Ordering::Relaxed),
+        }
+    }
+
+    /// What a patch sends, as the tree has it; black where it knows no surface.
+    fn ask<P: Pages>(&self, pages: &P, patch: &Patch, stack: &mut Vec<(f32, u32, u32)>) -> Rgb {
+        let found = patch.radiance(pages, stack);
+        self.patches.fetch_add(1, Ordering::Relaxed);
+        if found.is_none() {
+            self.unknown.fetch_add(1, Ordering::Relaxed);
+        }
+        found.unwrap_or(Rgb::BLACK)
     }
 
     /// The surface that ends a ray of unit direction before `t_max`, if one does, and what it sends towards its origin.
@@ -77,12 +115,19 @@ impl<'a> Outgoing<'a> {
         stack: &mut Vec<(f32, u32, u32)>,
     ) -> Option<Crossing> {
         let hit = self.geometry.closest(origin, direction, t_max)?;
+        if self.geometry.is_black(hit.triangle) {
+            return Some(Crossing {
+                t: hit.t,
+                opacity: 1.0,
+                radiance: Rgb::BLACK,
+            });
+        }
         let size = Self::SIZE * max_solid_angle * hit.t * hit.t;
-        let patch = self.patch(&hit, direction, size.max(self.least));
+        let patch = self.patch(&hit, direction, size);
         let hash = patch.key.wrapping_mul(SCATTER) >> (64 - Self::SLOTS);
         let slot = &self.slots[hash as usize];
         let radiance = slot.get(patch.key).unwrap_or_else(|| {
-            let packed = pack(patch.radiance(pages, stack));
+            let packed = pack(self.ask(pages, &patch, stack));
             slot.set(patch.key, packed);
             packed
         });
@@ -94,8 +139,10 @@ impl<'a> Outgoing<'a> {
     }
 
     /// The part of the triangle that was met: its edges are divided by two until the longest is at most the root of
-    /// `size` long.
+    /// `size` long, or about as long as a disk is wide.
     fn patch(&self, hit: &Hit, direction: Vec3, size: f32) -> Patch {
+        let least = self.least * self.geometry.surfel_area_over_mean(hit.triangle);
+        let size = size.max(least);
         let [a, b, c] = self.geometry.corners(hit.triangle);
         let (e, f) = (b - a, c - a);
         let mut area = e
@@ -127,7 +174,7 @@ impl<'a> Outgoing<'a> {
                 | j as u64,
             middle,
             normal: if is_back { -normal } else { normal },
-            area: area.max(self.least),
+            area: area.max(least),
         }
     }
 }
@@ -193,11 +240,9 @@ impl Patch {
     /// Nodes up to this many times the area of a patch are taken whole.
     const WHOLE: f32 = 4.0;
 
-    /// What it sends: a mean over the disks and small nodes that hold its middle.
-    fn radiance<P: Pages>(&self, pages: &P, stack: &mut Vec<(f32, u32, u32)>) -> Rgb {
-        let Some(root) = pages.root() else {
-            return Rgb::BLACK;
-        };
+    /// What it sends: a mean over the disks and small nodes that hold its middle. `None` where the tree knows no surface.
+    fn radiance<P: Pages>(&self, pages: &P, stack: &mut Vec<(f32, u32, u32)>) -> Option<Rgb> {
+        let root = pages.root()?;
         let mut mean = Mean::default();
         stack.clear();
         stack.push((0.0, root, 0));
@@ -325,12 +370,12 @@ impl Mean {
         }
     }
 
-    /// Black where the tree knows no surface.
-    fn radiance(&self) -> Rgb {
+    /// `None` where there was no surface.
+    fn radiance(&self) -> Option<Rgb> {
         if self.area > 0.0 {
-            Rgb(self.sent)
+            Some(Rgb(self.sent))
         } else {
-            Rgb(self.nearest.1)
+            (self.nearest.0 < Self::FARTHEST).then_some(Rgb(self.nearest.1))
         }
     }
 }
@@ -407,6 +452,14 @@ mod tests {
 
         fn normal(&self, _: u32) -> Vec3 {
             Vec3::Z
+        }
+
+        fn is_black(&self, _: u32) -> bool {
+            false
+        }
+
+        fn surfel_area_over_mean(&self, _: u32) -> f32 {
+            1.0
         }
     }
 

@@ -5,6 +5,7 @@ use super::row::Row;
 use super::workbench::{Workbench, add_quad, mean, pixels, volume};
 use crate::Result;
 use crate::scene::{Grid, Scene};
+use crate::shade::{self, Kernel};
 use glam::{DAffine3, DVec3, Vec3};
 
 const SURFELS: u64 = 20_000;
@@ -12,6 +13,7 @@ const SURFELS: u64 = 20_000;
 pub fn rows(bench: &Workbench) -> Result<Vec<Row>> {
     let mut rows = Vec::new();
     huge(bench, &mut rows)?;
+    starved(bench, &mut rows)?;
     Ok(rows)
 }
 
@@ -63,5 +65,35 @@ fn huge(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
         layer(bench, &scene, "indirect")?,
         0.01,
     ));
+    Ok(())
+}
+
+/// A ground takes its share of the surfels, and leaves the room enough.
+fn starved(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
+    let settings = |kernel| shade::Settings {
+        kernel,
+        ..settings()
+    };
+    for (name, kernel) in [("traced", Kernel::Traced), ("cone", Kernel::Cone)] {
+        let mean_of = |scene: &Scene| -> Result<f64> {
+            let store = bench.tree(scene, SURFELS)?;
+            let frame = bench.shade(scene, &store, &settings(kernel))?;
+            Ok(mean(&pixels(&frame, "indirect")?))
+        };
+        let alone = mean_of(&room())?;
+        for (edge, albedo) in [(1e3, 0.0), (1e5, 0.0), (1e5, 0.5)] {
+            let mut scene = over_ground(edge);
+            if let Some(ground) = scene.materials.last_mut() {
+                ground.albedo = [albedo; 3];
+            }
+            rows.push(Row::relative(
+                format!("room of edge 2 over a ground: mean of indirect light, kernel {name}"),
+                format!("edge of the ground {edge:e}, albedo {albedo}"),
+                alone,
+                mean_of(&scene)?,
+                0.02,
+            ));
+        }
+    }
     Ok(())
 }

@@ -2,11 +2,13 @@
 //! scene at hand.
 
 mod cells;
+mod pieces;
 mod surface;
 mod triangles;
 mod watertight;
 
 pub use cells::{Cells, RayInVolume};
+pub use pieces::Pieces;
 pub use surface::{Surface, offset, unit_normal};
 pub use triangles::{Hit, TriangleBvh};
 
@@ -20,6 +22,8 @@ use glam::Vec3;
 pub struct Tracer<'a> {
     /// The scene.
     pub scene: &'a Scene,
+    /// How densely surfels stand on it.
+    pub pieces: Pieces,
     triangles: TriangleBvh,
 }
 
@@ -29,6 +33,7 @@ impl<'a> Tracer<'a> {
     pub fn new(scene: &'a Scene) -> Self {
         Self {
             scene,
+            pieces: Pieces::new(scene),
             triangles: TriangleBvh::new(&scene.mesh),
         }
     }
