@@ -44,7 +44,7 @@ pub struct Settings {
 pub enum SurfelSampling {
     /// About so many over the area of all surfaces.
     Area {
-        /// How many.
+        /// How many. A piece so large that it would take nearly all leaves a tenth for the others.
         count: u64,
     },
     /// The paper's: where the rays of a camera meet surfaces.
@@ -144,7 +144,6 @@ fn bake_area(
     job: &Job,
 ) -> Result<()> {
     let sampler = AreaSampler::new(maker.tracer, count, settings.seed);
-    let area = sampler.area_per_sample() as f32;
     let task = job.progress.task("surfels", sampler.count(), "surfels");
     let mut from = 0;
     while from < sampler.count() {
@@ -155,6 +154,7 @@ fn bake_area(
             .map(|i| {
                 job.cancel.check()?;
                 let (triangle, uv) = sampler.sample(i);
+                let area = sampler.area_per_sample(triangle);
                 Ok(maker.make(triangle, uv, area, settings.overlap, i))
             })
             .collect::<Result<_>>()?;

@@ -7,10 +7,11 @@ use crate::trace::{Surface, Tracer};
 use lvox_formats::record::Surfel;
 use std::f32::consts::{FRAC_1_PI, PI};
 
-/// Systematic sampling over the running area of a mesh: sample `i` stands for one step of area, so counts follow area
-/// exactly, tiny triangles included, and any range of samples can be made on its own.
+/// Systematic sampling over the running area of a mesh, with that of each piece times its density: sample `i` stands for
+/// one step of that, so counts follow area exactly, tiny triangles included, and any range of samples can be made on its own.
 #[derive(Debug)]
-pub struct AreaSampler {
+pub struct AreaSampler<'a> {
+    tracer: &'a Tracer<'a>,
     running_area: Vec<f64>,
     step: f64,
     count: u64,
@@ -18,22 +19,24 @@ pub struct AreaSampler {
     seed: u64,
 }
 
-impl AreaSampler {
+impl<'a> AreaSampler<'a> {
     /// A sampler of about `count` points over the triangles of a scene.
     #[must_use]
-    pub fn new(tracer: &Tracer, count: u64, seed: u64) -> Self {
+    pub fn new(tracer: &'a Tracer<'a>, count: u64, seed: u64) -> Self {
         let mesh = &tracer.scene.mesh;
         let mut sum = 0.0;
         let running_area: Vec<f64> = (0..mesh.triangles.len())
             .map(|t| {
                 let [a, b, c] = mesh.corners(t).map(|p| p.as_dvec3());
-                sum += 0.5 * (b - a).cross(c - a).length();
+                let density = tracer.pieces.density(mesh.material[t]);
+                sum += density * 0.5 * (b - a).cross(c - a).length();
                 sum
             })
             .collect();
         let count = if sum > 0.0 { count.max(1) } else { 0 };
         let offset = f64::from(sampling::unit(sampling::mix(seed)));
         Self {
+            tracer,
             running_area,
             step: sum / count.max(1) as f64,
             count,
@@ -48,10 +51,11 @@ impl AreaSampler {
         self.count
     }
 
-    /// Area that each sample stands for.
+    /// Area that a sample of a triangle stands for.
     #[must_use]
-    pub fn area_per_sample(&self) -> f64 {
-        self.step
+    pub fn area_per_sample(&self, triangle: u32) -> f32 {
+        let material = self.tracer.scene.mesh.material[triangle as usize];
+        (self.step / self.tracer.pieces.density(material)) as f32
     }
 
     /// Triangle of a sample, and the barycentric weights of its second and third corner.

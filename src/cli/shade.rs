@@ -38,7 +38,8 @@ impl Args {
     pub fn run(self, context: &Context) -> Result<()> {
         self.shade.check()?;
         let store = TreeStore::open(&self.tree, context.job.memory_limit)?;
-        let scene = self.scene.load(context)?;
+        let frame = store.tree().meta().cloud.world_from_scene;
+        let scene = self.scene.load(context)?.in_frame(frame.into())?;
         self.shade.check_with(&scene)?;
         if let Some(warning) = out_of_date(&scene, &store) {
             let place = self.tree.display();

@@ -3,7 +3,7 @@
 use super::medium::{Medium, Source};
 use crate::math::Rgb;
 use crate::math::dda::{Line, Steps, clip_to_box};
-use crate::math::segment::{Segment, flatten_overlaps};
+use crate::math::segment::{Segment, Stretch, flatten_overlaps};
 use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec3};
 use lvox_formats::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
 
@@ -138,19 +138,21 @@ impl<S: Source> Medium for &Media<S> {
             (None, _) => true,
             (Some(walk), None) => walk.run(add),
             (Some(first), Some(second)) => {
-                let mut all = Vec::new();
-                for walk in [first, second].into_iter().chain(met) {
+                // What lvoxels send is known: walking them to their end costs little.
+                let walks = [first, second].into_iter().chain(met).map(|walk| {
+                    let mut all = Vec::new();
                     walk.run(&mut |s| {
-                        all.push(s);
+                        all.push(Stretch {
+                            near: s.near,
+                            far: s.far,
+                            tau: s.tau,
+                            of: s.source,
+                        });
                         true
                     });
-                }
-                let mut complete = true;
-                flatten_overlaps(&mut all, |s| {
-                    complete = add(s);
-                    complete
+                    all.into_iter()
                 });
-                complete
+                flatten_overlaps(walks, |source| source, add)
             }
         }
     }

@@ -32,6 +32,21 @@ pub trait Geometry: std::fmt::Debug + Sync {
 
     /// Its unit normal, on the side its corners wind counter-clockwise.
     fn normal(&self, triangle: u32) -> Vec3;
+
+    /// Whether it reflects nothing, so that a tree need not be asked.
+    fn is_black(&self, triangle: u32) -> bool;
+
+    /// Area that a surfel on it stands for, over the mean of all surfels.
+    fn surfel_area_over_mean(&self, triangle: u32) -> f32;
+}
+
+/// How often a tree was asked what a patch sends. Threads that ask for one patch at the same time are counted each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Asked {
+    /// Patches.
+    pub patches: u64,
+    /// Those where it knows no surface: they are black.
+    pub unknown: u64,
 }
 
 /// What the surfaces of a scene send, as a tree has it.
@@ -41,9 +56,11 @@ pub trait Geometry: std::fmt::Debug + Sync {
 #[derive(Debug)]
 pub struct Outgoing<'a> {
     geometry: &'a dyn Geometry,
-    /// Square of the edge below which patches are not divided.
+    /// Square of the edge below which patches are not divided, where surfels stand for their mean area.
     least: f32,
     slots: Box<[Slot]>,
+    patches: AtomicU64,
+    unknown: AtomicU64,
 }
 
 impl<'a> Outgoing<'a> {
@@ -62,7 +79,28 @@ impl<'a> Outgoing<'a> {
             geometry,
             least: 4.0 * area_per_surfel,
             slots: (0..1 << Self::SLOTS).map(|_| Slot::default()).collect(),
+            patches: AtomicU64::new(0),
+            unknown: AtomicU64::new(0),
         }
+    }
+
+    /// How often the tree was asked so far.
+    #[must_use]
+    pub fn asked(&self) -> Asked {
+        Asked {
+            patches: self.patches.load(Ordering::Relaxed),
+            unknown: self.unknown.load(Ordering::Relaxed),
+        }
+    }
+
+    /// What a patch sends, as the tree has it; black where it knows no surface.
+    fn ask<P: Pages>(&self, pages: &P, patch: &Patch, stack: &mut Vec<(f32, u32, u32)>) -> Rgb {
+        let found = patch.radiance(pages, stack);
+        self.patches.fetch_add(1, Ordering::Relaxed);
+        if found.is_none() {
+            self.unknown.fetch_add(1, Ordering::Relaxed);
+        }
+        found.unwrap_or(Rgb::BLACK)
     }
 
     /// The surface that ends a ray of unit direction before `t_max`, if one does, and what it sends towards its origin.
@@ -77,12 +115,19 @@ impl<'a> Outgoing<'a> {
         stack: &mut Vec<(f32, u32, u32)>,
     ) -> Option<Crossing> {
         let hit = self.geometry.closest(origin, direction, t_max)?;
+        if self.geometry.is_black(hit.triangle) {
+            return Some(Crossing {
+                t: hit.t,
+                opacity: 1.0,
+                radiance: Rgb::BLACK,
+            });
+        }
         let size = Self::SIZE * max_solid_angle * hit.t * hit.t;
-        let patch = self.patch(&hit, direction, size.max(self.least));
+        let patch = self.patch(&hit, direction, size);
         let hash = patch.key.wrapping_mul(SCATTER) >> (64 - Self::SLOTS);
         let slot = &self.slots[hash as usize];
         let radiance = slot.get(patch.key).unwrap_or_else(|| {
-            let packed = pack(patch.radiance(pages, stack));
+            let packed = pack(self.ask(pages, &patch, stack));
             slot.set(patch.key, packed);
             packed
         });
@@ -94,8 +139,10 @@ impl<'a> Outgoing<'a> {
     }
 
     /// The part of the triangle that was met: its edges are divided by two until the longest is at most the root of
-    /// `size` long.
+    /// `size` long, or about as long as a disk is wide.
     fn patch(&self, hit: &Hit, direction: Vec3, size: f32) -> Patch {
+        let least = self.least * self.geometry.surfel_area_over_mean(hit.triangle);
+        let size = size.max(least);
         let [a, b, c] = self.geometry.corners(hit.triangle);
         let (e, f) = (b - a, c - a);
         let mut area = e
@@ -127,7 +174,7 @@ impl<'a> Outgoing<'a> {
                 | j as u64,
             middle,
             normal: if is_back { -normal } else { normal },
-            area: area.max(self.least),
+            area: area.max(least),
         }
     }
 }
@@ -153,10 +200,13 @@ impl Slot {
         self.0[1].store(value, Ordering::Relaxed);
     }
 
-    /// Keys and values have a structure, by which one could be taken for another.
+    /// Keys and values have a structure, by which one could be taken for another. A product alone spreads bits upwards only:
+    /// light of one channel would leave the lower bits of keys as they are, and halves of two entries could make a
+    /// third key.
     #[inline]
     fn spread(value: u64) -> u64 {
-        value.wrapping_mul(SCATTER)
+        let upwards = value.wrapping_mul(SCATTER);
+        (upwards ^ upwards >> 32).wrapping_mul(SCATTER)
     }
 }
 
@@ -190,11 +240,9 @@ impl Patch {
     /// Nodes up to this many times the area of a patch are taken whole.
     const WHOLE: f32 = 4.0;
 
-    /// What it sends: a mean over the disks and small nodes that hold its middle.
-    fn radiance<P: Pages>(&self, pages: &P, stack: &mut Vec<(f32, u32, u32)>) -> Rgb {
-        let Some(root) = pages.root() else {
-            return Rgb::BLACK;
-        };
+    /// What it sends: a mean over the disks and small nodes that hold its middle. `None` where the tree knows no surface.
+    fn radiance<P: Pages>(&self, pages: &P, stack: &mut Vec<(f32, u32, u32)>) -> Option<Rgb> {
+        let root = pages.root()?;
         let mut mean = Mean::default();
         stack.clear();
         stack.push((0.0, root, 0));
@@ -252,10 +300,10 @@ impl Patch {
     }
 }
 
-/// A mean of what surfaces send, weighted by area.
+/// A mean of what surfaces send, weighted by area: a running one, since areas times radiance leave the range of f32.
 #[derive(Debug)]
 struct Mean {
-    sum: [f32; 3],
+    sent: [f32; 3],
     area: f32,
     /// The disk that comes nearest to holding the point: how far it is from that, and what it sends.
     nearest: (f32, [f32; 3]),
@@ -264,7 +312,7 @@ struct Mean {
 impl Default for Mean {
     fn default() -> Self {
         Self {
-            sum: [0.0; 3],
+            sent: [0.0; 3],
             area: 0.0,
             nearest: (Self::FARTHEST, [0.0; 3]),
         }
@@ -278,11 +326,14 @@ impl Mean {
     const FARTHEST: f32 = 25.0;
 
     #[inline]
-    fn add(&mut self, (sum, area): ([f32; 3], f32)) {
-        for (s, v) in self.sum.iter_mut().zip(sum) {
-            *s += v;
+    fn add(&mut self, (sent, area): ([f32; 3], f32)) {
+        if area > 0.0 {
+            self.area += area;
+            let share = area / self.area;
+            for (s, v) in self.sent.iter_mut().zip(sent) {
+                *s += (v - *s) * share;
+            }
         }
-        self.area += area;
     }
 
     /// Disks that hold the middle of the patch, the more the nearer theirs is.
@@ -314,18 +365,17 @@ impl Mean {
             }
             let offset = std::array::from_fn(|a| p[a] - block.centre[a][k]);
             if reach[k] < 1.0 && !page.is_clipped(light, offset) {
-                let weight = block.radius2[k] * (1.0 - reach[k]);
-                self.add((sent.map(|v| weight * v), weight));
+                self.add((sent, block.radius2[k] * (1.0 - reach[k])));
             }
         }
     }
 
-    /// Black where the tree knows no surface.
-    fn radiance(&self) -> Rgb {
+    /// `None` where there was no surface.
+    fn radiance(&self) -> Option<Rgb> {
         if self.area > 0.0 {
-            Rgb(self.sum.map(|v| v / self.area))
+            Some(Rgb(self.sent))
         } else {
-            Rgb(self.nearest.1)
+            (self.nearest.0 < Self::FARTHEST).then_some(Rgb(self.nearest.1))
         }
     }
 }
@@ -355,6 +405,31 @@ mod tests {
         assert_eq!(slot.get(5), None);
     }
 
+    /// Of entries of two triangles whose light has one channel, no half of one with half of the other makes an entry of any
+    /// triangle with the same patch: that is all that a key differs by from others of its table.
+    #[test]
+    fn halves_of_entries_of_light_of_one_channel_do_not_make_a_third() {
+        let sides = [0, 1, 2].map(|c| {
+            (1..200).map(move |i| {
+                let mut light = [0.0; 3];
+                light[c] = 0.37 + 0.01 * i as f32;
+                pack(Rgb(light))
+            })
+        });
+        let values: Vec<u64> = sides.into_iter().flatten().collect();
+        let patch = 0x1234_5678_u64;
+        for (i, &a) in values.iter().enumerate() {
+            for &b in &values[..i] {
+                let slot = Slot::default();
+                slot.set(7 << 32 | patch, a);
+                slot.0[1].store(b, Ordering::Relaxed);
+                let mixed = slot.0[0].load(Ordering::Relaxed);
+                let key = mixed ^ Slot::spread(b);
+                assert_ne!(key & 0xffff_ffff, patch, "{a:x} {b:x}");
+            }
+        }
+    }
+
     /// One triangle in the plane z = 0, seen from above.
     #[derive(Debug)]
     struct Alone;
@@ -377,6 +452,14 @@ mod tests {
 
         fn normal(&self, _: u32) -> Vec3 {
             Vec3::Z
+        }
+
+        fn is_black(&self, _: u32) -> bool {
+            false
+        }
+
+        fn surfel_area_over_mean(&self, _: u32) -> f32 {
+            1.0
         }
     }
 

@@ -95,6 +95,8 @@ pub struct Proxy {
     pub plane: f32,
     /// How much of that plane inside the node's box is covered; negative if the node is not flat.
     pub coverage: f32,
+    /// With the areas that axes see, and the second moment, over the node's own area: areas times radiance would leave the
+    /// range of f32.
     aggregate: SurfelAggregate,
 }
 
@@ -258,8 +260,11 @@ impl Proxy {
     const FLAT: f32 = 0.97;
 
     fn new(node: &Node) -> Self {
-        let g = &node.aggregate;
-        let n = g.normal_sum;
+        let mut g = node.aggregate;
+        let over_area = |v: f32| if g.area > 0.0 { v / g.area } else { 0.0 };
+        g.axis_area = g.axis_area.map(over_area);
+        g.second_moment = g.second_moment.map(over_area);
+        let n = g.normal_sum.map(over_area);
         let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
         let normal = if length > 0.0 {
             n.map(|v| v / length)
@@ -267,7 +272,7 @@ impl Proxy {
             [0.0, 0.0, 1.0]
         };
         let plane = (0..3).map(|a| normal[a] * g.centre[a]).sum();
-        let coverage = if length > Self::FLAT * g.area {
+        let coverage = if length > Self::FLAT {
             let e: [f32; 3] = std::array::from_fn(|a| node.bounds.max[a] - node.bounds.min[a]);
             // The plane's section of the box is no larger than the box's face over the normal's cosine.
             let section = (0..3)
@@ -281,7 +286,7 @@ impl Proxy {
             normal,
             plane,
             coverage,
-            aggregate: *g,
+            aggregate: g,
         }
     }
 
@@ -294,15 +299,10 @@ impl Proxy {
     /// Mean radiance that leaves towards `v`, weighted by the area that each of the three axes on that side sees.
     #[must_use]
     pub fn radiance(&self, v: [f32; 3]) -> [f32; 3] {
-        let (sum, weight) = self.facing(v);
-        if weight > 0.0 {
-            sum.map(|s| s / weight)
-        } else {
-            [0.0; 3]
-        }
+        self.facing(v).0
     }
 
-    /// Area that radiates on the side of `v`, as the three axes see it weighted by `v`, and the sum of its radiance.
+    /// The same, and the area that radiates on the side of `v`, as the three axes see it weighted by `v`.
     #[must_use]
     #[inline]
     pub fn facing(&self, v: [f32; 3]) -> ([f32; 3], f32) {
@@ -316,7 +316,11 @@ impl Proxy {
                 *sum += w * radiance;
             }
         }
-        (sum, weight)
+        if weight > 0.0 {
+            (sum.map(|s| s / weight), weight * g.area)
+        } else {
+            ([0.0; 3], 0.0)
+        }
     }
 
     /// Share of the box, as seen along `d`, that surfels cover.
@@ -328,7 +332,7 @@ impl Proxy {
             + yy * d[1] * d[1]
             + zz * d[2] * d[2]
             + 2.0 * (xy * d[0] * d[1] + xz * d[0] * d[2] + yz * d[1] * d[2]);
-        let projected = (g.area * quadratic.max(0.0)).sqrt();
+        let projected = g.area * quadratic.max(0.0).sqrt();
         let section = d[0].abs() * extent[1] * extent[2]
             + d[1].abs() * extent[2] * extent[0]
             + d[2].abs() * extent[0] * extent[1];

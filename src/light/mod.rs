@@ -19,7 +19,7 @@ mod tree;
 use crate::math::Rgb;
 use crate::math::sampling::{cosine_hemisphere, disk, sphere, tangents};
 use crate::scene::Light;
-use crate::trace::Tracer;
+use crate::trace::{self, Tracer};
 use cut::Cut;
 use emitters::Emitters;
 use glam::Vec3;
@@ -175,7 +175,7 @@ impl<'a, S: Shadows> Lights<'a, S> {
         face_normal: Vec3,
         rays: ShadowRays,
     ) -> Direct {
-        let origin = point + face_normal * self.tracer.offset;
+        let origin = point + face_normal * trace::offset(point);
         let receiver = Receiver::Surface {
             normal,
             face_normal,
@@ -237,7 +237,7 @@ impl<'a, S: Shadows> Lights<'a, S> {
         rays: ShadowRays,
     ) -> Rgb {
         let (x, y) = tangents(normal);
-        let origin = point + face_normal * self.tracer.offset;
+        let origin = point + face_normal * trace::offset(point);
         let share = self.environment_share(origin, rays, |u| {
             let d = cosine_hemisphere(u);
             (x * d.x + y * d.y + normal * d.z).normalize()
@@ -410,7 +410,7 @@ impl<'a, S: Shadows> Lights<'a, S> {
             let w = receiver.response(d) / (pdf * chosen[k].response);
             if w > 0.0 {
                 // Stop short of the light itself.
-                let end = distance * (1.0 - 1e-4) - self.tracer.offset;
+                let end = distance * (1.0 - 1e-4) - trace::offset(origin + d * distance);
                 let through = self.transmittance(origin, d, end, self.shadows.before_triangles());
                 let light = emitter.radiance * (w * sum / emitter.radiance.mean());
                 // Emitters of one surface are told apart no further than sharing a bit with another.
@@ -441,7 +441,7 @@ impl<'a, S: Shadows> Lights<'a, S> {
             let w = receiver.response(d) / (pdf * choice.chance);
             if w > 0.0 && w.is_finite() {
                 // Stop short of the light itself.
-                let end = distance * (1.0 - 1e-4) - self.tracer.offset;
+                let end = distance * (1.0 - 1e-4) - trace::offset(origin + d * distance);
                 let through = self.transmittance(origin, d, end, self.shadows.before_triangles());
                 let light = emitter.radiance * w;
                 total.note_ray(choice.emitter as usize, light, through);

@@ -234,7 +234,7 @@ fn the_mean_over_rays_is_the_sum_over_all_lights() {
             };
             let is_seen = |p: Vec3| {
                 let way = p - point;
-                let end = way.length() * (1.0 - 1e-4) - tracer.offset;
+                let end = way.length() * (1.0 - 1e-4) - crate::trace::offset(p);
                 !tracer.is_occluded(point, way.normalize(), end)
             };
             let exact = (0..200).fold(Rgb::BLACK, |sum, i| {

@@ -64,46 +64,85 @@ impl Composite {
     }
 }
 
-/// Cuts segments of overlapping media at each other's ends, so that what comes out is in order and does not overlap:
-/// where media overlap, depths add and sources are weighted by depth.
-pub fn flatten_overlaps(segments: &mut Vec<Segment>, mut emit: impl FnMut(Segment) -> bool) {
-    segments.retain(|s| s.far > s.near && s.tau > 0.0);
-    segments.sort_by(|a, b| a.near.total_cmp(&b.near));
-    let mut active: Vec<Segment> = Vec::with_capacity(8);
-    let mut next = 0;
-    let mut at = f32::NEG_INFINITY;
-    loop {
-        active.retain(|s| s.far > at);
-        if active.is_empty() {
-            match segments.get(next) {
-                None => return,
-                Some(s) => at = s.near,
+/// A stretch of a ray in one medium, before anyone asks what light it sends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stretch<T> {
+    /// Where it begins, scene units along the ray.
+    pub near: f32,
+    /// Where it ends.
+    pub far: f32,
+    /// Optical depth from `near` to `far`.
+    pub tau: f32,
+    /// What tells its source function.
+    pub of: T,
+}
+
+/// A walk through one medium and the stretch that it has come to, with the source function once that was asked for.
+struct Head<T, W> {
+    walk: W,
+    stretch: Option<(Stretch<T>, Option<Rgb>)>,
+}
+
+impl<T, W: Iterator<Item = Stretch<T>>> Head<T, W> {
+    /// Goes on to the first stretch that ends behind `at`.
+    fn advance(&mut self, at: f32) {
+        while self.stretch.as_ref().is_none_or(|(s, _)| s.far <= at) {
+            let next = self.walk.find(|s| s.far > s.near && s.tau > 0.0);
+            self.stretch = next.map(|s| (s, None));
+            if self.stretch.is_none() {
+                return;
             }
         }
-        while let Some(s) = segments.get(next).filter(|s| s.near <= at) {
-            active.push(*s);
-            next += 1;
+    }
+}
+
+/// Merges walks of one ray through media that may overlap, each front to back: what comes out is in order and cut at the
+/// ends of all, so that it does not overlap. There depths add and sources are weighted by depth. Walks are taken no further
+/// than `emit` lets them, and `source` is asked once for each stretch that is reached. Returns whether `emit` always said
+/// yes.
+pub fn flatten_overlaps<T: Copy>(
+    walks: impl IntoIterator<Item: Iterator<Item = Stretch<T>>>,
+    source: impl Fn(T) -> Rgb,
+    mut emit: impl FnMut(Segment) -> bool,
+) -> bool {
+    let mut heads: Vec<_> = walks
+        .into_iter()
+        .map(|walk| Head {
+            walk,
+            stretch: None,
+        })
+        .collect();
+    let mut at = f32::NEG_INFINITY;
+    loop {
+        heads.iter_mut().for_each(|h| h.advance(at));
+        heads.retain(|h| h.stretch.is_some());
+        let stretches = || heads.iter().filter_map(|h| h.stretch.as_ref());
+        let first = stretches()
+            .map(|(s, _)| s.near)
+            .fold(f32::INFINITY, f32::min);
+        if heads.is_empty() {
+            return true;
         }
-        let end = active.iter().map(|s| s.far).fold(f32::INFINITY, f32::min);
-        let end = segments.get(next).map_or(end, |s| end.min(s.near));
-        let (mut tau, mut source) = (0.0, Rgb::BLACK);
-        for s in &active {
-            let part = s.tau * ((end - at) / (s.far - s.near));
-            tau += part;
-            source += s.source * part;
+        at = at.max(first);
+        let end = stretches()
+            .map(|(s, _)| if s.near > at { s.near } else { s.far })
+            .fold(f32::INFINITY, f32::min);
+        let (mut tau, mut sum) = (0.0, Rgb::BLACK);
+        for (s, sent) in heads.iter_mut().filter_map(|h| h.stretch.as_mut()) {
+            if s.near <= at {
+                let part = s.tau * ((end - at) / (s.far - s.near));
+                tau += part;
+                sum += *sent.get_or_insert_with(|| source(s.of)) * part;
+            }
         }
         let out = Segment {
             near: at,
             far: end,
             tau,
-            source: if tau > 0.0 {
-                source * (1.0 / tau)
-            } else {
-                source
-            },
+            source: if tau > 0.0 { sum * (1.0 / tau) } else { sum },
         };
         if !emit(out) {
-            return;
+            return false;
         }
         at = end;
     }
@@ -113,6 +152,15 @@ pub fn flatten_overlaps(segments: &mut Vec<Segment>, mut emit: impl FnMut(Segmen
 mod tests {
     use super::*;
 
+    fn stretch(near: f32, far: f32, tau: f32, s: f32) -> Stretch<f32> {
+        Stretch {
+            near,
+            far,
+            tau,
+            of: s,
+        }
+    }
+
     #[test]
     fn overlapping_media_add_up() {
         let seg = |near, far, tau, s| Segment {
@@ -121,22 +169,23 @@ mod tests {
             tau,
             source: Rgb::splat(s),
         };
-        let mut list = vec![
-            seg(2.0, 6.0, 4.0, 1.0),
-            seg(0.0, 4.0, 8.0, 3.0),
-            seg(9.0, 9.0, 5.0, 1.0),
+        let walks = [
+            vec![stretch(2.0, 6.0, 4.0, 1.0), stretch(9.0, 9.0, 5.0, 1.0)],
+            vec![stretch(0.0, 4.0, 8.0, 3.0), stretch(8.0, 9.0, 1.0, 2.0)],
         ];
         let mut out = Vec::new();
-        flatten_overlaps(&mut list, |s| {
+        let walks = walks.into_iter().map(Vec::into_iter);
+        assert!(flatten_overlaps(walks, Rgb::splat, |s| {
             out.push(s);
             true
-        });
+        }));
         let expected = [
             seg(0.0, 2.0, 4.0, 3.0),
             seg(2.0, 4.0, 6.0, (2.0 + 4.0 * 3.0) / 6.0),
             seg(4.0, 6.0, 2.0, 1.0),
+            seg(8.0, 9.0, 1.0, 2.0),
         ];
-        assert_eq!(out.len(), 3);
+        assert_eq!(out.len(), 4);
         for (o, e) in out.iter().zip(&expected) {
             assert!(
                 (o.near - e.near).abs() + (o.far - e.far).abs() + (o.tau - e.tau).abs() < 1e-5,
@@ -144,6 +193,30 @@ mod tests {
             );
             assert!((o.source.0[0] - e.source.0[0]).abs() < 1e-5);
         }
+    }
+
+    #[test]
+    fn what_is_not_reached_is_neither_walked_nor_lit() {
+        use std::cell::Cell;
+        let (walked, lit) = (Cell::new(0), Cell::new(0));
+        let walks = [0.0, 0.5].map(|from| {
+            let walked = &walked;
+            (0..1000).map(move |i| {
+                walked.set(walked.get() + 1);
+                stretch(from + i as f32, from + i as f32 + 1.0, 1.0, 1.0)
+            })
+        });
+        let source = |s| {
+            lit.set(lit.get() + 1);
+            Rgb::splat(s)
+        };
+        let mut left = 5;
+        let complete = flatten_overlaps(walks, source, |_| {
+            left -= 1;
+            left > 0
+        });
+        assert!(!complete);
+        assert!(walked.get() <= 6 && lit.get() <= 6, "{walked:?} {lit:?}");
     }
 
     #[test]

@@ -11,7 +11,7 @@ use super::sampler::Sampler;
 use super::sources::{Sample, Sources};
 use crate::math::{Rgb, sampling};
 use crate::scene::Scene;
-use crate::trace::{Hit, Surface, TriangleBvh, scene_bounds};
+use crate::trace::{Hit, Surface, TriangleBvh, offset};
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -29,8 +29,6 @@ const MANY_VERTICES: u32 = 10_000;
 pub struct PathTracer<'a> {
     scene: &'a Scene,
     triangles: TriangleBvh,
-    /// Distance that rays are moved off surfaces: 1e-5 of the scene's extent.
-    offset: f32,
     sources: Sources<'a>,
     max_depth: u32,
 }
@@ -83,11 +81,9 @@ impl<'a> PathTracer<'a> {
     /// Paths of at most `max_depth` segments between camera and light, both included; 0 for no limit.
     #[must_use]
     pub fn new(scene: &'a Scene, max_depth: u32) -> Self {
-        let (min, max) = scene_bounds(scene);
         Self {
             scene,
             triangles: TriangleBvh::new(&scene.mesh),
-            offset: 1e-5 * (max - min).length(),
             sources: Sources::new(scene),
             max_depth: if max_depth == 0 { u32::MAX } else { max_depth },
         }
@@ -122,7 +118,7 @@ impl<'a> PathTracer<'a> {
                 sum += throughput * self.emitted(&surface, &hit, direction, lobe_pdf);
                 let s = surface.facing(-direction);
                 let vertex = Vertex {
-                    origin: s.position + s.face_normal * self.offset,
+                    origin: s.position + s.face_normal * offset(s.position),
                     lobe: Lobe::Matt(s.normal, s.face_normal),
                 };
                 (vertex, s.albedo)
@@ -161,7 +157,8 @@ impl<'a> PathTracer<'a> {
             let response = lobe.response(way.direction);
             if response > 0.0 {
                 // Short of the light itself.
-                let end = way.distance * (1.0 - 1e-4) - self.offset;
+                let target = vertex.origin + way.direction * way.distance;
+                let end = way.distance * (1.0 - 1e-4) - offset(target);
                 let weight = weight(way.pdf, response);
                 sum += self.arriving(vertex.origin, &way, end, sampler) * (response * weight);
             }

@@ -22,6 +22,9 @@ pub struct Mesh {
 }
 
 impl Mesh {
+    /// More triangles than this are refused: what finds them has no more places.
+    pub const MOST_TRIANGLES: usize = 1 << 27;
+
     /// Corner positions of a triangle.
     #[must_use]
     pub fn corners(&self, triangle: usize) -> [Vec3; 3] {

@@ -20,7 +20,7 @@ pub use mesh::Mesh;
 pub use volume::Volume;
 
 use crate::{Error, Result};
-use glam::DVec3;
+use glam::{DAffine3, DVec3, Vec3};
 use std::path::PathBuf;
 
 /// A whole scene, checked: every value is finite, every index in range, no transform singular.
@@ -71,6 +71,53 @@ impl Scene {
             warnings: Vec::new(),
         }
     }
+
+    /// The same scene in the frame of another: positions in scene space become what they are with this
+    /// `world_from_scene`. A tree holds places in the frame of the scene that it was baked of, which moves as that grows.
+    ///
+    /// # Errors
+    /// A frame so far from the scene that its positions would lose their digits in it.
+    pub fn in_frame(mut self, world_from_scene: DVec3) -> Result<Self> {
+        let shift = self.world_from_scene - world_from_scene;
+        if shift == DVec3::ZERO {
+            return Ok(self);
+        }
+        self.world_from_scene = world_from_scene;
+        let moved = |p: Vec3| (p.as_dvec3() + shift).as_vec3();
+        self.mesh.positions.iter_mut().for_each(|p| *p = moved(*p));
+        for camera in &mut self.cameras {
+            camera.scene_from_camera.translation = moved(camera.origin()).into();
+        }
+        for light in &mut self.lights {
+            if let Light::Point { position, .. } | Light::Spot { position, .. } = light {
+                *position = moved(*position);
+            }
+        }
+        for volume in &mut self.volumes {
+            volume.place(DAffine3::from_translation(shift) * volume.scene_from_index);
+        }
+        let (mut min, mut max) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        let corners = (self.mesh.triangles.iter().flatten())
+            .map(|&v| self.mesh.positions[v as usize])
+            .chain(self.volumes.iter().flat_map(Volume::corners));
+        for p in corners {
+            (min, max) = (min.min(p), max.max(p));
+        }
+        let far = min.abs().max(max.abs()).as_dvec3().max_element();
+        let extent = (max.as_dvec3() - min.as_dvec3()).max_element();
+        if far > Self::FARTHEST * extent {
+            return Err(Error::input(format!(
+                "the scene is {far:.3e} units from where the tree was baked, more than {} times its extent of \
+                 {extent:.3e}",
+                Self::FARTHEST
+            ))
+            .hint("the scene has moved: bake it again"));
+        }
+        Ok(self)
+    }
+
+    /// Largest coordinate over the extent of a scene in the frame of another: digits enough for its own.
+    const FARTHEST: f64 = 1024.0;
 
     /// The camera of a name, the first if `None`.
     ///

@@ -21,6 +21,15 @@ pub struct Volume {
 }
 
 impl Volume {
+    /// Places its box anew; the map must be invertible.
+    pub fn place(&mut self, scene_from_index: DAffine3) {
+        let inverse = scene_from_index.inverse();
+        self.scene_from_index = scene_from_index;
+        self.index_from_scene =
+            Affine3A::from_cols_array(&inverse.to_cols_array().map(|v| v as f32));
+        self.index_from_scene_f64 = inverse;
+    }
+
     /// Corners of its box in the scene.
     #[must_use]
     pub fn corners(&self) -> [Vec3; 8] {

@@ -9,7 +9,7 @@ use crate::image::Region;
 use crate::light::{Lights, Shadows};
 use crate::math::{Rgb, sampling};
 use crate::run::Cancel;
-use crate::trace::unit_normal;
+use crate::trace::{offset, unit_normal};
 use glam::{DVec2, Vec3};
 
 /// An emissive triangle in a pixel that it covers in part.
@@ -138,7 +138,7 @@ impl Lamps {
                 let at = part.point(sampling::sobol2(i, 0, seed));
                 let d = view.camera.direction(&view.film, at.x as f32, at.y as f32);
                 let t = (corners[0] - origin).dot(normal) / d.dot(normal);
-                let end = t * (1.0 - 1e-4) - view.tracer.offset;
+                let end = t * (1.0 - 1e-4) - offset(origin + d * t);
                 if t.is_finite() {
                     through += lights.through(origin, d, end);
                 }

@@ -11,7 +11,7 @@ use crate::gather::{Gathered, Gatherer, Medium, Pages, Stretch};
 use crate::image::Region;
 use crate::math::{Rgb, sampling};
 use crate::run::{Cancel, Task};
-use crate::trace::Surface;
+use crate::trace::{Surface, offset};
 use crate::{Result, math};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -273,7 +273,7 @@ pub fn gather_surface<P: Pages, M: Medium>(
     // Off the surfaces that it may meet there, too.
     let towards_camera = (view.camera.origin() - surface.position).normalize_or_zero();
     let off = surface.face_normal + towards_camera;
-    let origin = surface.position + off * view.tracer.offset;
+    let origin = surface.position + off * offset(surface.position);
     gatherer.irradiance(origin, surface.normal, stretch)
 }
 

@@ -17,8 +17,8 @@ mod sweep;
 mod vertices;
 mod view;
 
-use crate::Result;
 use crate::gather::medium::Source;
+use crate::gather::outgoing::Asked;
 use crate::gather::{
     self, Gatherer, Geometry, Media, MediaStore, Medium, NoMedia, Outgoing, Pages, SurfelStore,
     TreeStore,
@@ -29,6 +29,7 @@ use crate::math::Rgb;
 use crate::run::{Job, Task};
 use crate::scene::Scene;
 use crate::trace::{Tracer, unit_normal};
+use crate::{Error, Result};
 use air::Air;
 use corners::Corners;
 use glam::Vec3;
@@ -75,7 +76,8 @@ impl Aov {
 /// Shades a region of the frame.
 ///
 /// # Errors
-/// A setting out of range, an unknown camera, a page that cannot be read, or a stop on request.
+/// A setting out of range, an unknown camera, a tree in another frame than the scene ([`Scene::in_frame`]), a page that
+/// cannot be read, or a stop on request.
 pub fn run(
     scene: &Scene,
     store: &TreeStore,
@@ -87,7 +89,8 @@ pub fn run(
     settings.check()?;
     region.check(scene.film.width, scene.film.height)?;
     job.report.stage("shade", |counts| {
-        let pixels = shade_regions(scene, store, settings, &[region], job)?.concat();
+        let (pixels, asked) = shade_regions(scene, store, settings, &[region], job)?;
+        let pixels = pixels.concat();
         let stats = store.stats();
         counts.insert("pixels".into(), region.pixels() as f64);
         counts.insert("pages".into(), stats.pages as f64);
@@ -95,6 +98,9 @@ pub fn run(
         counts.insert("page_bytes_read".into(), stats.bytes_read as f64);
         counts.insert("cache_hits".into(), stats.hits as f64);
         counts.insert("cache_misses".into(), stats.misses as f64);
+        counts.insert("patches".into(), asked.patches as f64);
+        counts.insert("patches_without_surfels".into(), asked.unknown as f64);
+        warn_of_unknown(asked, job);
         let mut frame = to_frame(scene, region, &pixels, aovs);
         let hex = |bytes: &[u8]| bytes.iter().map(|b| format!("{b:02x}")).collect::<String>();
         let mut note =
@@ -134,7 +140,7 @@ pub fn pixels(
     for region in regions {
         region.check(scene.film.width, scene.film.height)?;
     }
-    let shaded = shade_regions(scene, store, settings, regions, job)?;
+    let (shaded, _) = shade_regions(scene, store, settings, regions, job)?;
     let told = |p: &Pixel| Shaded {
         radiance: p.radiance(),
         has_lamp_border: p.has_lamp_border,
@@ -145,17 +151,47 @@ pub fn pixels(
         .collect())
 }
 
+/// Says so where an appreciable part of what gathers met is black for want of surfels.
+fn warn_of_unknown(asked: Asked, job: &Job) {
+    const SHARE: f64 = 0.05;
+    let share = asked.unknown as f64 / asked.patches.max(1) as f64;
+    if share > SHARE {
+        job.progress.warn(&format!(
+            "the tree has no surfels on {:.0} % of what gather rays met, which is taken for black; bake with more \
+             --surfels, or from the scene as it is",
+            100.0 * share
+        ));
+    }
+}
+
+/// Regions by rows of pixels, and what that asked of the tree.
+type Regions = (Vec<Vec<Pixel>>, Asked);
+
 fn shade_regions(
     scene: &Scene,
     store: &TreeStore,
     settings: &Settings,
     regions: &[Region],
     job: &Job,
-) -> Result<Vec<Vec<Pixel>>> {
+) -> Result<Regions> {
+    check_frame(scene, store)?;
     match &store.surfels {
         SurfelStore::Kept(p) => shade_with(scene, store, p, settings, regions, job),
         SurfelStore::Cached(p) => shade_with(scene, store, p, settings, regions, job),
     }
+}
+
+/// Places in the tree are in the frame of the scene that it was baked of.
+fn check_frame(scene: &Scene, store: &TreeStore) -> Result<()> {
+    let of_tree = store.tree().meta().cloud.world_from_scene;
+    if of_tree == scene.world_from_scene.to_array() {
+        return Ok(());
+    }
+    Err(Error::input(format!(
+        "the scene's frame is at {:?} in the world, that of the tree at {of_tree:?}",
+        scene.world_from_scene.to_array()
+    ))
+    .hint("bring the scene into the tree's frame, `Scene::in_frame`"))
 }
 
 /// What a frame takes from a tree. Where it has no media, `M` is a type without any, and its kernels have no work for them.
@@ -177,7 +213,7 @@ fn shade_with<P: Pages>(
     settings: &Settings,
     regions: &[Region],
     job: &Job,
-) -> Result<Vec<Vec<Pixel>>> {
+) -> Result<Regions> {
     let tree = FrameTree {
         pages,
         media: NoMedia,
@@ -204,7 +240,7 @@ fn shade_through<P: Pages, S: Source>(
     settings: &Settings,
     regions: &[Region],
     job: &Job,
-) -> Result<Vec<Vec<Pixel>>> {
+) -> Result<Regions> {
     let blocks = Blocks(media);
     let tree = FrameTree {
         shadows: Some(&blocks),
@@ -241,23 +277,21 @@ fn shade<P: Pages, M: Medium>(
     regions: &[Region],
     job: &Job,
     finish: impl FnOnce(&Shot<P, M>) -> Result<Vec<Vec<Pixel>>>,
-) -> Result<Vec<Vec<Pixel>>> {
+) -> Result<Regions> {
     let camera = scene.camera(settings.camera.as_deref())?;
     let tracer = Tracer::new(scene);
     let mut lights = Lights::new(&tracer);
     if let Some(shadows) = tree.shadows {
         lights = lights.with_soft_shadows_through(shadows);
     }
-    let outgoing;
-    let kernel = match settings.kernel {
-        Kernel::Traced => {
-            outgoing = Outgoing::new(&tracer, tree.area_per_surfel);
-            gather::Kernel::Traced(&outgoing)
-        }
-        Kernel::Cone => gather::Kernel::Cone,
-        Kernel::Plain => gather::Kernel::Plain,
+    let outgoing =
+        (settings.kernel == Kernel::Traced).then(|| Outgoing::new(&tracer, tree.area_per_surfel));
+    let kernel = match (&outgoing, settings.kernel) {
+        (Some(outgoing), _) => gather::Kernel::Traced(outgoing),
+        (None, Kernel::Plain) => gather::Kernel::Plain,
+        (None, _) => gather::Kernel::Cone,
     };
-    finish(&Shot {
+    let shaded = finish(&Shot {
         view: View::new(&tracer, camera, scene.film, settings.seed),
         lights: &lights,
         gatherer: Gatherer {
@@ -274,7 +308,8 @@ fn shade<P: Pages, M: Medium>(
         settings,
         regions,
         job,
-    })
+    })?;
+    Ok((shaded, outgoing.map(|o| o.asked()).unwrap_or_default()))
 }
 
 impl<P: Pages, M: Medium> Shot<'_, P, M> {
@@ -400,6 +435,16 @@ impl Geometry for Tracer<'_> {
 
     fn normal(&self, triangle: u32) -> Vec3 {
         unit_normal(Geometry::corners(self, triangle))
+    }
+
+    fn is_black(&self, triangle: u32) -> bool {
+        let material = self.scene.mesh.material[triangle as usize];
+        Rgb(self.scene.materials[material as usize].albedo).is_black()
+    }
+
+    fn surfel_area_over_mean(&self, triangle: u32) -> f32 {
+        let material = self.scene.mesh.material[triangle as usize];
+        self.pieces.area_over_mean(material)
     }
 }
 

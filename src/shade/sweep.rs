@@ -19,7 +19,7 @@ use crate::math::sheared::Sheared;
 use crate::run::Cancel;
 use crate::scene::Volume;
 use crate::scene::grid::BRICK_CELLS;
-use crate::trace::media_bounds;
+use crate::trace::{media_bounds, offset};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -394,10 +394,14 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
         let tracer = self.scope.view.tracer;
         let mut walls = Vec::new();
         let mut t = 0.0;
-        while let Some(hit) = tracer.closest(origin - self.direction * t, -self.direction, end - t)
-        {
+        loop {
+            let from = origin - self.direction * t;
+            let Some(hit) = tracer.closest(from, -self.direction, end - t) else {
+                break;
+            };
             walls.push(t + hit.t);
-            t += hit.t + tracer.offset;
+            // Rays may meet walls at a slant.
+            t += hit.t + 4.0 * offset(origin).max(offset(from));
         }
         walls
     }

@@ -30,7 +30,7 @@ pub fn rows(bench: &Workbench, effort: Effort) -> Result<Vec<Row>> {
 }
 
 /// A floor between two walls under a lamp.
-fn room() -> Scene {
+pub(super) fn room() -> Scene {
     let mut scene = stage(
         24,
         Vec3::new(0.0, 0.3, 0.8),
@@ -43,7 +43,7 @@ fn room() -> Scene {
     scene
 }
 
-fn settings() -> shade::Settings {
+pub(super) fn settings() -> shade::Settings {
     shade::Settings {
         samples: 64,
         ..shade::Settings::default()

@@ -3,7 +3,7 @@
 use super::row::Row;
 use super::workbench::{Workbench, mean, pixels, relative_rms};
 use crate::Result;
-use crate::shade::Settings;
+use crate::shade::{Kernel, Settings};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use std::f64::consts::FRAC_PI_2;
 use std::fmt::Write;
@@ -15,6 +15,7 @@ struct Change {
     scale: f64,
     light: f64,
     channels: [usize; 3],
+    kernel: Kernel,
 }
 
 const NONE: Change = Change {
@@ -22,6 +23,7 @@ const NONE: Change = Change {
     scale: 1.0,
     light: 1.0,
     channels: [0, 1, 2],
+    kernel: Kernel::Traced,
 };
 
 const VOXELS: usize = 16;
@@ -30,51 +32,7 @@ pub fn rows(bench: &Workbench) -> Result<Vec<Row>> {
     let mut rows = Vec::new();
     let base = View::new(bench, &NONE)?;
     let mut compare = |case: &str, parameter: &str, change: Change, limit: f64| -> Result<()> {
-        let view = View::new(bench, &change)?;
-        // Noise that differs hides in a mean to a fifth.
-        let mean_limit = if limit > 0.02 {
-            0.2 * limit
-        } else {
-            limit.min(1e-3)
-        };
-        let back: Vec<[f32; 3]> = (view.pixels.iter())
-            .map(|p| {
-                let mut out = [0.0; 3];
-                for (from, &to) in change.channels.iter().enumerate() {
-                    out[to] = (f64::from(p[from]) / change.light) as f32;
-                }
-                out
-            })
-            .collect();
-        rows.push(Row::relative(
-            format!("{case}: mean of the picture"),
-            parameter,
-            mean(&base.pixels),
-            mean(&back),
-            mean_limit,
-        ));
-        rows.push(Row::nothing(
-            format!("{case}: RMS of pixels over the mean"),
-            parameter,
-            relative_rms(&back, &base.pixels),
-            limit,
-        ));
-        let flux = |view: &View| view.flux.iter().sum::<f64>();
-        let factor = change.light * change.scale * change.scale;
-        rows.push(Row::relative(
-            format!("{case}: flux in the tree"),
-            parameter,
-            flux(&base) * factor,
-            flux(&view),
-            mean_limit,
-        ));
-        rows.push(Row::nothing(
-            format!("{case}: lit surfels and lvoxels that went dark, or the other way"),
-            parameter,
-            base.lit.abs_diff(view.lit) as f64 / base.lit as f64,
-            mean_limit,
-        ));
-        Ok(())
+        compare(bench, &base, [case, parameter], &change, limit, &mut rows)
     };
     compare("the same again", "", NONE, 0.0)?;
     for by in [DVec3::new(1e6, -2e6, 3e6), DVec3::new(0.0, 0.0, 1e6)] {
@@ -123,7 +81,78 @@ pub fn rows(bench: &Workbench) -> Result<Vec<Row>> {
         let change = Change { channels, ..NONE };
         compare("channels permuted", &format!("{channels:?}"), change, 1e-3)?;
     }
+    for (name, kernel) in [("traced", Kernel::Traced), ("cone", Kernel::Cone)] {
+        let base = View::new(bench, &Change { kernel, ..NONE })?;
+        for (scale, light) in [(1e6, 1e30), (1e6, 1e-30), (1e-6, 1e30), (1e-6, 1e-30)] {
+            let change = Change {
+                world_from_room: DAffine3::from_scale(DVec3::splat(scale)),
+                scale,
+                light,
+                kernel,
+                ..NONE
+            };
+            let case = format!("size and light scaled, kernel {name}");
+            let parameter = format!("by {scale:e}, light by {light:e}");
+            self::compare(bench, &base, [&case, &parameter], &change, 0.02, &mut rows)?;
+        }
+    }
     Ok(rows)
+}
+
+/// Compares the picture of a changed room with the first, and what their trees hold.
+fn compare(
+    bench: &Workbench,
+    base: &View,
+    [case, parameter]: [&str; 2],
+    change: &Change,
+    limit: f64,
+    rows: &mut Vec<Row>,
+) -> Result<()> {
+    let view = View::new(bench, change)?;
+    // Noise that differs hides in a mean to a fifth.
+    let mean_limit = if limit > 0.02 {
+        0.2 * limit
+    } else {
+        limit.min(1e-3)
+    };
+    let back: Vec<[f32; 3]> = (view.pixels.iter())
+        .map(|p| {
+            let mut out = [0.0; 3];
+            for (from, &to) in change.channels.iter().enumerate() {
+                out[to] = (f64::from(p[from]) / change.light) as f32;
+            }
+            out
+        })
+        .collect();
+    rows.push(Row::relative(
+        format!("{case}: mean of the picture"),
+        parameter,
+        mean(&base.pixels),
+        mean(&back),
+        mean_limit,
+    ));
+    rows.push(Row::nothing(
+        format!("{case}: RMS of pixels over the mean"),
+        parameter,
+        relative_rms(&back, &base.pixels),
+        limit,
+    ));
+    let flux = |view: &View| view.flux.iter().sum::<f64>();
+    let factor = change.light * change.scale * change.scale;
+    rows.push(Row::relative(
+        format!("{case}: flux in the tree"),
+        parameter,
+        flux(&base) * factor,
+        flux(&view),
+        mean_limit,
+    ));
+    rows.push(Row::nothing(
+        format!("{case}: lit surfels and lvoxels that went dark, or the other way"),
+        parameter,
+        base.lit.abs_diff(view.lit) as f64 / base.lit as f64,
+        mean_limit,
+    ));
+    Ok(())
 }
 
 /// The picture of a changed room, and what its tree holds.
@@ -141,6 +170,7 @@ impl View {
         let settings = Settings {
             samples: 16,
             volume_samples: 8,
+            kernel: change.kernel,
             ..Settings::default()
         };
         let frame = bench.shade(&scene, &store, &settings)?;

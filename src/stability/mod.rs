@@ -5,6 +5,7 @@
 
 mod contrast;
 mod degenerate;
+mod extremes;
 mod field;
 mod form_factors;
 mod furnace;
@@ -96,6 +97,12 @@ const FAMILIES: &[(&str, &str, Cases)] = &[
          opposite faces the first is seen. Many surfels on one spot cost a look at each only where no node may stand for them.\n\
          Volumes that overlap have a lattice of in-scattered light each, at the spacing of their own density.",
         |bench, _, effort| degenerate::rows(bench, effort),
+    ),
+    (
+        "Extremes",
+        "A small scene beside something huge, and light and size at the ends of their ranges together: what has no part in the\n\
+         picture does not change it.",
+        |bench, _, _| extremes::rows(bench),
     ),
     (
         "Precision",

@@ -2,16 +2,18 @@
 //! scene at hand.
 
 mod cells;
+mod pieces;
 mod surface;
 mod triangles;
 mod watertight;
 
 pub use cells::{Cells, RayInVolume};
-pub use surface::{Surface, unit_normal};
+pub use pieces::Pieces;
+pub use surface::{Surface, offset, unit_normal};
 pub use triangles::{Hit, TriangleBvh};
 
 use crate::math::exp::exp_neg;
-use crate::math::segment::Segment;
+use crate::math::segment::{Segment, Stretch, flatten_overlaps};
 use crate::scene::{Scene, Volume};
 use glam::Vec3;
 
@@ -20,20 +22,19 @@ use glam::Vec3;
 pub struct Tracer<'a> {
     /// The scene.
     pub scene: &'a Scene,
+    /// How densely surfels stand on it.
+    pub pieces: Pieces,
     triangles: TriangleBvh,
-    /// Distance that rays are moved off surfaces along the normal: 1e-5 of the scene's extent.
-    pub offset: f32,
 }
 
 impl<'a> Tracer<'a> {
     /// Builds what rays need.
     #[must_use]
     pub fn new(scene: &'a Scene) -> Self {
-        let (min, max) = scene_bounds(scene);
         Self {
             scene,
+            pieces: Pieces::new(scene),
             triangles: TriangleBvh::new(&scene.mesh),
-            offset: 1e-5 * (max - min).length(),
         }
     }
 
@@ -106,13 +107,18 @@ impl<'a> Tracer<'a> {
             }
             return;
         };
-        let mut all = Vec::new();
-        for (v, mut cells) in [(first, cells), second].into_iter().chain(walks) {
-            while let Some(cell) = cells.next_cell() {
-                all.extend(cell.pieces().map(|piece| to_segment(v, piece, cell.tau)));
-            }
-        }
-        crate::math::segment::flatten_overlaps(&mut all, emit);
+        let walks = [(first, cells), second].into_iter().chain(walks);
+        let walks = walks.map(|(v, mut cells)| {
+            std::iter::from_fn(move || cells.next_cell()).flat_map(move |cell| {
+                cell.pieces().map(move |piece| Stretch {
+                    near: piece.near,
+                    far: piece.far,
+                    tau: piece.tau,
+                    of: (v, piece, cell.tau),
+                })
+            })
+        });
+        flatten_overlaps(walks, |(v, piece, tau)| source(v, piece, tau), emit);
     }
 }
 

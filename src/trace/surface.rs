@@ -29,7 +29,10 @@ impl Surface {
         let index = mesh.triangles[triangle as usize].map(|i| i as usize);
         let weight = [1.0 - uv[0] - uv[1], uv[0], uv[1]];
         let [a, b, c] = index.map(|i| mesh.positions[i]);
-        let position = a * weight[0] + b * weight[1] + c * weight[2];
+        // In double, so that the point is off the plane by its own rounding alone, however large the triangle is.
+        let [u, v] = uv.map(f64::from);
+        let [p, q, r] = [a, b, c].map(|p| p.as_dvec3());
+        let position = (p * (1.0 - u - v) + q * u + r * v).as_vec3();
         let face_normal = unit_normal([a, b, c]);
         let mut normal = face_normal;
         if !mesh.normals.is_empty() {
@@ -98,6 +101,15 @@ impl Surface {
     }
 }
 
+/// Distance, in scene units, that rays which leave a surface at `point` are moved off it along the normal, and that rays to
+/// a point of a light end before it: more than the rounding of the point, and of other faces in the same place. It does not
+/// depend on what else is in the scene.
+#[must_use]
+pub fn offset(point: Vec3) -> f32 {
+    const ROUNDING: f32 = 16.0 * f32::EPSILON;
+    ROUNDING * point.abs().max_element()
+}
+
 /// Unit normal of a triangle that is not degenerate, whatever its size.
 #[must_use]
 pub fn unit_normal([a, b, c]: [Vec3; 3]) -> Vec3 {
@@ -105,4 +117,48 @@ pub fn unit_normal([a, b, c]: [Vec3; 3]) -> Vec3 {
     let (e, f) = (b - a, c - a);
     let scale = 1.0 / e.abs().max(f.abs()).max_element();
     (e * scale).cross(f * scale).normalize_or(Vec3::Z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::sampling::{hash, triangle, unit};
+    use crate::scene::{Camera, Film, Material};
+    use glam::Affine3A;
+
+    /// A tilted triangle that is a million times larger than what is looked at near its middle.
+    #[test]
+    fn points_are_off_their_plane_by_less_than_rays_are_moved() {
+        let camera = Camera {
+            name: String::new(),
+            scene_from_camera: Affine3A::IDENTITY,
+            fov_x_rad: 1.0,
+        };
+        let film = Film {
+            width: 1,
+            height: 1,
+            exposure: 1.0,
+        };
+        let mut scene = Scene::empty(camera, film);
+        let corners = [[-1e6, 3e5, -9e5], [-1e6, -2e5, 9e5], [1.1e6, 1e5, 3.0]].map(Vec3::from);
+        scene.mesh.positions = corners.to_vec();
+        scene.mesh.triangles = vec![[0, 1, 2]];
+        scene.mesh.material = vec![0];
+        scene.materials = vec![Material {
+            name: String::new(),
+            albedo: [0.5; 3],
+            texture: None,
+            emission: [0.0; 3],
+            emits_both_sides: false,
+        }];
+        let [a, b, c] = corners.map(|p| p.as_dvec3());
+        let normal = (b - a).cross(c - a).normalize();
+        for i in 0..1000 {
+            let w = triangle([unit(hash(&[i, 0])), unit(hash(&[i, 1]))]);
+            let surface = Surface::new(&scene, 0, [w[1], w[2]]);
+            let off = (surface.position.as_dvec3() - a).dot(normal).abs();
+            let moved = f64::from(offset(surface.position));
+            assert!(off < 0.1 * moved, "{off} {moved}");
+        }
+    }
 }

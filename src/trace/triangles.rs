@@ -11,6 +11,7 @@ use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::triangle::Triangle;
 use smallvec::SmallVec;
+use std::ops::Range;
 use wide::f32x8;
 
 /// Where a ray met a triangle.
@@ -57,8 +58,10 @@ impl Child {
         Self(index as u32)
     }
 
+    /// A leaf of at least one block and at most [`Self::MOST_BLOCKS`]. There are no more blocks than triangles, and of those no
+    /// scene has more than the bits of `first` tell, [`Mesh::MOST_TRIANGLES`].
     fn leaf(first: usize, count: usize) -> Self {
-        debug_assert!((1..=Self::MOST_BLOCKS).contains(&count) && first < 1 << Self::COUNT_SHIFT);
+        const { assert!(Mesh::MOST_TRIANGLES <= 1 << Self::COUNT_SHIFT) };
         Self(Self::LEAF | (count as u32 - 1) << Self::COUNT_SHIFT | first as u32)
     }
 
@@ -69,7 +72,7 @@ impl Child {
 
     /// Blocks of a leaf.
     #[inline]
-    fn blocks(self) -> std::ops::Range<usize> {
+    fn blocks(self) -> Range<usize> {
         let first = self.0 as usize & ((1 << Self::COUNT_SHIFT) - 1);
         first..first + 1 + (self.0 >> Self::COUNT_SHIFT) as usize % Self::MOST_BLOCKS
     }
@@ -141,7 +144,7 @@ impl TriangleBvh {
                             .chunks(LANES)
                             .map(|t| Block::new(mesh, t, self.scale)),
                     );
-                    Child::leaf(first, self.blocks.len() - first)
+                    self.child_of(first..self.blocks.len(), (min - margin, max + margin))
                 } else {
                     let index = self.nodes.len();
                     self.nodes.push(Node::default());
@@ -153,6 +156,27 @@ impl TriangleBvh {
             let [u, v, w] = upper.map(f32x8::new);
             self.nodes[to].planes = [x, y, z, u, v, w];
         }
+    }
+
+    /// Blocks that follow each other, in one box: a leaf, or a node over as many of them as it takes.
+    fn child_of(&mut self, blocks: Range<usize>, bounds: (Vec3A, Vec3A)) -> Child {
+        if blocks.len() <= Child::MOST_BLOCKS {
+            return Child::leaf(blocks.start, blocks.len());
+        }
+        let (min, max) = bounds;
+        let [x, y, z] = min.to_array().map(f32x8::splat);
+        let [u, v, w] = max.to_array().map(f32x8::splat);
+        let index = self.nodes.len();
+        self.nodes.push(Node {
+            planes: [x, y, z, u, v, w],
+            ..Node::default()
+        });
+        for slot in 0..WIDTH {
+            let at = |slot: usize| blocks.start + blocks.len() * slot / WIDTH;
+            let child = self.child_of(at(slot)..at(slot + 1), bounds);
+            self.nodes[index].children[slot] = child;
+        }
+        Child::node(index)
     }
 
     /// Nearest hit before `t_max`; of triangles at the same distance the first of the mesh.
@@ -442,6 +466,45 @@ mod tests {
                 assert_eq!(
                     scaled.is_occluded(o * scale, d, f32::INFINITY),
                     hit.is_some()
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_leaf_of_any_number_of_triangles_is_met_in_all() {
+        let mesh = sphere(12, 20);
+        let count = mesh.triangles.len() as u32;
+        for copies in [1, 3] {
+            let bounds = obvhs::aabb::Aabb {
+                min: Vec3A::NEG_ONE,
+                max: Vec3A::ONE,
+            };
+            let mut mesh = mesh.clone();
+            mesh.triangles = mesh.triangles.repeat(copies);
+            // One leaf of all.
+            let mut two_wide = build_bvh2_from_tris(
+                &[Triangle::default()],
+                BvhBuildParams::medium_build(),
+                &mut Default::default(),
+            );
+            two_wide.nodes[0].aabb = bounds;
+            two_wide.nodes[0].prim_count = count * copies as u32;
+            two_wide.primitive_indices = (0..count * copies as u32).collect();
+            let mut bvh = TriangleBvh {
+                scale: 1.0,
+                ..TriangleBvh::default()
+            };
+            bvh.add(&mesh, &two_wide);
+            assert!(bvh.blocks.len() > 4 * Child::MOST_BLOCKS);
+            for i in 0..500 {
+                let o = 2.0 * sampling::sphere(sampling::r2(i, [0.3; 2]));
+                let d = sampling::sphere(sampling::r2(i, [0.7; 2]));
+                let hit = bvh.closest(o, d, f32::INFINITY);
+                assert_eq!(hit.map(|h| h.t), scan(&mesh, o, d));
+                assert!(
+                    hit.is_none_or(|h| h.triangle < count),
+                    "the first of equals"
                 );
             }
         }

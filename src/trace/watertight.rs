@@ -1,7 +1,7 @@
 //! The watertight test of rays against triangles (Woop, Benthin & Wald 2013), four triangles at a time.
 
 use crate::scene::Mesh;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use wide::f32x4;
 
 /// Triangles of a block.
@@ -56,6 +56,8 @@ pub struct ShearedRay {
     /// Across, across and along the ray.
     axes: [usize; 3],
     shear: [f32x4; 3],
+    /// Origin and direction as they were given.
+    line: [Vec3; 2],
 }
 
 impl ShearedRay {
@@ -78,6 +80,7 @@ impl ShearedRay {
             origin: [x, y, z].map(|a| f32x4::splat(origin[a])),
             axes: [x, y, z],
             shear: [d[x] / d[z], d[y] / d[z], 1.0 / d[z]].map(f32x4::splat),
+            line: [origin, direction],
         }
     }
 
@@ -91,6 +94,10 @@ impl ShearedRay {
             self.shear[2] * along,
         ]
     }
+
+    /// Distance over that of a triangle's farthest corner along the ray, below which it is found once more in double: beyond,
+    /// some 1e-4 is left of the error of single precision.
+    const NEAR: f32 = 1.0 / 256.0;
 
     /// The triangles of a block that the ray meets in front of its origin.
     #[must_use]
@@ -115,7 +122,13 @@ impl ShearedRay {
         if hit.none() {
             return Met::default();
         }
-        let t = (u * a[2] + v * b[2] + w * c[2]) / det;
+        let mut t = (u * a[2] + v * b[2] + w * c[2]) / det;
+        // Distances are as exact as the farthest corner's: of a triangle's plane near by even the sign is rounding.
+        let reach = a[2].abs().fast_max(b[2].abs()).fast_max(c[2].abs());
+        let near = hit & t.abs().simd_lt(reach * f32x4::splat(Self::NEAR));
+        if near.any() {
+            t = exact_distances(self.line, block, near.to_bitmask(), t);
+        }
         Met {
             lanes: (hit & t.simd_gt(f32x4::ZERO)).to_bitmask(),
             t: t.to_array(),
@@ -132,6 +145,23 @@ fn exact_edge(p: &[f32x4; 3], q: &[f32x4; 3]) -> f32x4 {
         let [px, py, qx, qy] = [px[k], py[k], qx[k], qy[k]].map(f64::from);
         (px * qy - py * qx) as f32
     }))
+}
+
+/// Distances to the planes of the triangles of some lanes, in double; the others stay.
+#[cold]
+fn exact_distances(line: [Vec3; 2], block: &Block, lanes: u32, t: f32x4) -> f32x4 {
+    let corners = block.corners.map(|c| c.map(f32x4::to_array));
+    let [origin, direction] = line.map(|v| v.as_dvec3());
+    let mut t = t.to_array();
+    for k in (0..LANES).filter(|k| lanes >> k & 1 == 1) {
+        let [a, b, c] = corners.map(|c| DVec3::from(c.map(|v| f64::from(v[k]))));
+        let normal = (b - a).cross(c - a);
+        let exact = normal.dot(a - origin) / normal.dot(direction);
+        if exact.is_finite() {
+            t[k] = exact as f32;
+        }
+    }
+    f32x4::from(t)
 }
 
 #[cfg(test)]
@@ -180,6 +210,43 @@ mod tests {
             }
         }
         assert!(met > 200 && missed > 200, "{met} {missed}");
+    }
+
+    #[test]
+    fn distances_to_a_huge_triangle_are_exact_near_it() {
+        const HEIGHT: f32 = 1e-3;
+        for turn in 0..3 {
+            let turned = |p: Vec3| Vec3::from(std::array::from_fn(|a| p[(a + turn) % 3]));
+            let corners = [[-1e6, 0.0, -9e5], [-1e6, 0.0, 9e5], [1.1e6, 0.0, 3.0]];
+            let mesh = Mesh {
+                positions: corners.map(|c| turned(Vec3::from(c))).to_vec(),
+                triangles: vec![[0, 1, 2]],
+                ..Mesh::default()
+            };
+            let block = Block::new(&mesh, &[0], 1.0);
+            for i in 0..1000 {
+                let [x, z, u, v] = [1, 2, 3, 4].map(|s| sampling::unit(sampling::hash(&[i, s])));
+                let origin = turned(Vec3::new(x, HEIGHT, z));
+                let mut way = sampling::sphere([u, v]);
+                way.y = way.y.abs() + 1e-3;
+                let way = way.normalize();
+                assert_eq!(ShearedRay::new(origin, turned(way)).meet(&block).lanes, 0);
+                way_down(
+                    &block,
+                    origin,
+                    turned(Vec3::new(way.x, -way.y, way.z)),
+                    HEIGHT / way.y,
+                );
+            }
+        }
+    }
+
+    fn way_down(block: &Block, origin: Vec3, way: Vec3, t: f32) {
+        let met = ShearedRay::new(origin, way).meet(block);
+        assert!(
+            met.lanes == 1 && (met.t[0] / t - 1.0).abs() < 1e-5,
+            "{met:?} {t}"
+        );
     }
 
     #[test]

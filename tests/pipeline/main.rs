@@ -2,6 +2,7 @@
 
 mod bytes;
 mod damage;
+mod frames;
 mod gather;
 mod leaks;
 mod left_out;

@@ -266,6 +266,12 @@ fn merge_parts(parts: Vec<Part>, world_from_scene: DVec3) -> Result<Merged> {
     }
     mesh.positions.reserve_exact(vertices);
     let count: usize = parts.iter().map(|p| p.triangles.len()).sum();
+    if count > Mesh::MOST_TRIANGLES {
+        return Err(Error::input(format!(
+            "the scene has {count} triangles, more than the {} that it may have",
+            Mesh::MOST_TRIANGLES
+        )));
+    }
     mesh.triangles.reserve_exact(count);
     mesh.material.reserve_exact(count);
     for part in parts {

@@ -1,0 +1,172 @@
+//! How densely surfels stand on the pieces of a scene: triangles of one material are a piece.
+
+use crate::scene::Scene;
+
+/// Samples per area of each piece, over what they would be if samples went by area alone.
+///
+/// They do, but for pieces so large that they would leave next to nothing for all others together: a ground of any size
+/// leaves a room on it a tenth of the samples.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pieces {
+    density: Vec<f64>,
+    /// Area of all pieces, and the same with each times its density.
+    area: f64,
+    weighted: f64,
+}
+
+impl Pieces {
+    /// Largest share of the samples that a piece takes of its own and those of all smaller pieces.
+    const MOST: f64 = 0.9;
+    /// The same for one that reflects nothing: it stops rays, and no more is to be known of it.
+    const MOST_BLACK: f64 = 0.5;
+    /// Pieces that share less than this of all samples share it by area: most scenes have some that are tiny.
+    const LEAST_SHARED: f64 = 0.05;
+
+    /// The pieces of a scene.
+    #[must_use]
+    pub fn new(scene: &Scene) -> Self {
+        let mesh = &scene.mesh;
+        let mut areas = vec![0.0; scene.materials.len()];
+        for (t, &material) in mesh.material.iter().enumerate() {
+            let [a, b, c] = mesh.corners(t).map(|p| p.as_dvec3());
+            areas[material as usize] += 0.5 * (b - a).cross(c - a).length();
+        }
+        let mut order: Vec<usize> = (0..areas.len()).filter(|&m| areas[m] > 0.0).collect();
+        order.sort_by(|&a, &b| areas[b].total_cmp(&areas[a]));
+        let area: f64 = areas.iter().sum();
+        let mut density = vec![1.0; areas.len()];
+        // Area of each piece and all smaller ones; exactly none behind the last.
+        let mut of_rest = vec![0.0; order.len() + 1];
+        for (i, &m) in order.iter().enumerate().rev() {
+            of_rest[i] = of_rest[i + 1] + areas[m];
+        }
+        // What the samples of the pieces from here on are over what they were by area.
+        let mut factor = 1.0;
+        for (i, &m) in order.iter().enumerate() {
+            density[m] = factor;
+            let (left, rest) = (of_rest[i], of_rest[i + 1]);
+            if left * factor < Self::LEAST_SHARED * area {
+                continue;
+            }
+            let is_black = scene.materials[m].albedo == [0.0; 3];
+            let most = if is_black {
+                Self::MOST_BLACK
+            } else {
+                Self::MOST
+            };
+            if areas[m] > most * left && rest > 0.0 {
+                density[m] = factor * most * left / areas[m];
+                factor *= (1.0 - most) * left / rest;
+            }
+        }
+        let weighted = areas.iter().zip(&density).map(|(a, d)| a * d).sum();
+        Self {
+            density,
+            area,
+            weighted,
+        }
+    }
+
+    /// Samples per area on a material, over those by area alone.
+    #[must_use]
+    pub fn density(&self, material: u32) -> f64 {
+        self.density.get(material as usize).copied().unwrap_or(1.0)
+    }
+
+    /// Area that a sample stands for on a material, over the mean of all samples.
+    #[must_use]
+    pub fn area_over_mean(&self, material: u32) -> f32 {
+        (self.weighted / self.area / self.density(material)) as f32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Camera, Film, Material};
+    use glam::{Affine3A, Vec3};
+
+    /// Squares of these edges and albedos.
+    fn scene(squares: &[(f32, f32)]) -> Scene {
+        let camera = Camera {
+            name: String::new(),
+            scene_from_camera: Affine3A::IDENTITY,
+            fov_x_rad: 1.0,
+        };
+        let film = Film {
+            width: 1,
+            height: 1,
+            exposure: 1.0,
+        };
+        let mut scene = Scene::empty(camera, film);
+        for (m, &(edge, albedo)) in squares.iter().enumerate() {
+            let first = scene.mesh.positions.len() as u32;
+            let corners = [Vec3::ZERO, Vec3::X, Vec3::ONE - Vec3::Z, Vec3::Y];
+            scene.mesh.positions.extend(corners.map(|c| c * edge));
+            for t in [[0, 1, 2], [0, 2, 3]] {
+                scene.mesh.triangles.push(t.map(|v| v + first));
+                scene.mesh.material.push(m as u32);
+            }
+            scene.materials.push(Material {
+                name: String::new(),
+                albedo: [albedo; 3],
+                texture: None,
+                emission: [0.0; 3],
+                emits_both_sides: false,
+            });
+        }
+        scene
+    }
+
+    /// Shares of all samples.
+    fn shares(squares: &[(f32, f32)]) -> Vec<f64> {
+        let pieces = Pieces::new(&scene(squares));
+        let of = |(m, &(edge, _)): (usize, &(f32, f32))| {
+            let area = f64::from(edge) * f64::from(edge);
+            let samples = area * pieces.density(m as u32) / pieces.area;
+            let mean = pieces.area / pieces.weighted * samples;
+            assert!(
+                (area / f64::from(pieces.area_over_mean(m as u32)) / pieces.area / mean - 1.0)
+                    .abs()
+                    < 1e-6
+            );
+            samples
+        };
+        squares.iter().enumerate().map(of).collect()
+    }
+
+    #[test]
+    fn a_huge_piece_leaves_some_for_all_others() {
+        let near = |got: Vec<f64>, expected: &[f64]| {
+            for (g, e) in got.iter().zip(expected) {
+                assert!((g / e - 1.0).abs() < 1e-6, "{got:?} {expected:?}");
+            }
+        };
+        // By area: none is huge, or one is tiny.
+        near(
+            shares(&[(2.0, 0.5), (1.0, 0.5), (1.0, 0.0)]),
+            &[4.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0],
+        );
+        assert!(
+            Pieces::new(&scene(&[(2.0, 0.5), (1.0, 0.5), (1.0, 0.0)]))
+                .density
+                .iter()
+                .all(|&d| d == 1.0)
+        );
+        near(
+            shares(&[(1e4, 0.5), (1.0, 0.5), (3.0, 0.5)]),
+            &[0.9, 0.01, 0.09],
+        );
+        near(
+            shares(&[(1.0, 0.5), (1e5, 0.0), (1.0, 0.5)]),
+            &[0.25, 0.5, 0.25],
+        );
+        near(
+            shares(&[(1e3, 0.5), (1e6, 0.5), (1.0, 0.5), (1.0, 0.5)]),
+            &[0.09, 0.9, 0.005, 0.005],
+        );
+        // Alone, and nothing at all.
+        near(shares(&[(7.0, 0.0)]), &[1.0]);
+        assert!(shares(&[]).is_empty());
+    }
+}
