@@ -430,7 +430,7 @@ fn wrong_input_is_refused() {
     let plain = Settings::default();
     let error = run(&case.cloud, &plain, Some(1 << 20), false).unwrap_err();
     assert_eq!(error.kind(), lvox::Kind::Input);
-    assert!(error.to_string().contains("64 MiB"), "{error}");
+    assert!(error.to_string().contains("64.0 MiB"), "{error}");
     let tiny = Settings {
         page_bytes: 1,
         ..plain.clone()

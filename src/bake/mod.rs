@@ -281,7 +281,12 @@ impl Settings {
         }
         within("--overlap", f64::from(self.overlap), 0.1, 10.0)?;
         within("--crease-deg", f64::from(self.crease_deg), 0.0, 180.0)?;
-        within("--shadow-rays", f64::from(self.shadow_rays), 1.0, 4096.0)?;
+        within(
+            "--bake-shadow-rays",
+            f64::from(self.shadow_rays),
+            1.0,
+            4096.0,
+        )?;
         match self.blocks {
             BlockSize::OpticalDepth(tau) => within("--block-depth", f64::from(tau), 1e-3, 1e6),
             BlockSize::Fixed { samples, .. } => {

@@ -190,7 +190,7 @@ fn aggregates_change_irradiance_by_a_few_percent() {
 }
 
 #[test]
-fn nothing_beyond_the_largest_distance_is_seen() {
+fn nothing_beyond_the_largest_distance_sends_light_or_lets_it_through() {
     let (_dir, store) = store(&cloud(20_000));
     let SurfelStore::Kept(pages) = &store.surfels else {
         panic!("a limit without being asked")
@@ -205,8 +205,9 @@ fn nothing_beyond_the_largest_distance_is_seen() {
             },
         };
         let gathered = gatherer.irradiance(Vec3::new(0.0, 0.9, 0.0), Vec3::Z, Stretch::first(1));
-        // All rays end in the environment, a little of the box's walls apart.
-        assert!((gathered.light.luminance() - 0.5 * PI).abs() < 0.02);
+        // All rays end at the box's walls, which are too far away to send light and hide the environment.
+        let light = gathered.light.luminance();
+        assert!(light < 0.02, "{light}");
     }
 }
 

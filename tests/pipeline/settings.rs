@@ -117,13 +117,14 @@ fn the_seed_keys_what_media_see_of_surfaces() {
             rows.flat_map(|row| row[half..half + 12].to_vec()).collect()
         };
         assert!(pixels(0) != pixels(2), "{half}");
-        assert!(crate::relative_rms(&pixels(0), &pixels(2)) < 0.02);
+        let noise = crate::relative_rms(&pixels(0), &pixels(2));
+        assert!(noise < 0.2, "{noise}");
     }
 }
 
 #[test]
 fn volumes_that_are_alike_do_not_share_their_samples() {
-    let cube = "[[volume]]\nfile = \"smoke.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\n\
+    let cube = "[[volume]]\nfile = \"smoke.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\nsigma_t_scale = 1\n\
                 unitcube_to_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n";
     let work = Work::new(&format!("{cube}{cube}"));
     let settings = bake::Settings {

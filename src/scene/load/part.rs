@@ -222,6 +222,8 @@ mod tests {
             part.check().unwrap_err().to_string()
         };
         assert!(message(|p| p.positions[1].x = f64::NAN).starts_with("vertex 1: the position"));
+        let far = message(|p| p.positions[1].x = 1e300);
+        assert!(far.contains("1e300") && far.len() < 120, "{far}");
         assert!(message(|p| p.positions[2].y = -1e16).contains("farther than 1e15"));
         assert!(message(|p| p.normals[0].z = f32::INFINITY).contains("the normal is not finite"));
         assert!(message(|p| p.uvs = vec![Vec2::NAN; 3]).contains("texture coordinates"));
