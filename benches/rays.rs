@@ -10,13 +10,13 @@ use glam::Vec3;
 use lvox::bake::{self, SurfelSampling};
 use lvox::build;
 use lvox::gather::cone::Scratch;
-use lvox::gather::source::KeptTree;
+use lvox::gather::store::KeptTree;
 use lvox::gather::{Gatherer, Kernel, NoMedia, Outgoing, Settings, SurfelStore, TreeStore};
 use lvox::math::Rgb;
 use lvox::math::sampling::{cosine_hemisphere, hash, mix, sobol2, tangents};
 use lvox::run::{Job, usage};
 use lvox::scene::Scene;
-use lvox::trace::{Surface, Tracer};
+use lvox::trace::{Surface, Tracer, offset};
 use std::hint::black_box;
 use std::path::Path;
 
@@ -153,7 +153,7 @@ fn receivers(scene: &Scene, tracer: &Tracer, step: u32) -> Vec<Receiver> {
             let hit = tracer.closest(camera.origin(), direction, f32::INFINITY)?;
             let surface = Surface::new(scene, hit.triangle, hit.uv).facing(-direction);
             Some(Receiver {
-                origin: surface.position + surface.face_normal * tracer.offset,
+                origin: surface.position + surface.face_normal * offset(surface.position),
                 normal: surface.normal,
                 seed: hash(&[0, u64::from(x), u64::from(y)]),
             })

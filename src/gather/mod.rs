@@ -11,12 +11,12 @@ pub mod medium;
 pub mod outgoing;
 pub mod page;
 pub mod plain;
-pub mod source;
+pub mod store;
 
 pub use media::Media;
 pub use medium::{Medium, NoMedia};
 pub use outgoing::{Geometry, Outgoing};
-pub use source::{MediaStore, Pages, SurfelStore, TreeStore};
+pub use store::{MediaStore, Pages, SurfelStore, TreeStore};
 
 use crate::math::sampling::{cosine_hemisphere, sobol2, sphere, tangents};
 use crate::math::segment::Composite;

@@ -6,21 +6,10 @@
 use super::cone::OVERHANG;
 use super::page::{ChildKind, DiskBlock, KernelPage, WIDTH, WideNode};
 use super::{Crossing, Pages};
-use crate::math::Rgb;
+use crate::math::{Hit, Rgb};
 use glam::Vec3;
 use std::sync::atomic::{AtomicU64, Ordering};
 use wide::f32x8;
-
-/// Where a ray met a triangle.
-#[derive(Clone, Copy, Debug)]
-pub struct Hit {
-    /// Distance along the ray.
-    pub t: f32,
-    /// Which triangle.
-    pub triangle: u32,
-    /// Barycentric weights of its second and third corner.
-    pub uv: [f32; 2],
-}
 
 /// The triangles of a scene, which the gather does not know itself: it works where only a tree is at hand, too.
 pub trait Geometry: std::fmt::Debug + Sync {

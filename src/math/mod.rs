@@ -3,9 +3,11 @@
 pub mod color;
 pub mod dda;
 pub mod exp;
+mod hit;
 pub mod polygon;
 pub mod sampling;
 pub mod segment;
 pub mod sheared;
 
 pub use color::Rgb;
+pub use hit::Hit;

@@ -1,7 +1,7 @@
 //! What is between a camera and what it sees, as a type: the pixels of a scene without media are shaded by code that has no
 //! work for them, and a frame chooses once.
 
-use super::inscatter::InScatter;
+use super::media::InScatter;
 use super::view::View;
 use crate::gather::{Medium, Pages};
 use crate::light::{SceneMedia, Shadows, Vacuum};

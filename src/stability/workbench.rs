@@ -2,7 +2,7 @@
 
 use crate::bake::{self, SurfelSampling};
 use crate::formats::{CloudMeta, CloudWriter, Lvoxel, Surfel};
-use crate::gather::source::KeptTree;
+use crate::gather::store::KeptTree;
 use crate::gather::{self, Gatherer, Kernel, Media, Medium, SurfelStore, TreeStore};
 use crate::image::{Frame, Region};
 use crate::math::Rgb;

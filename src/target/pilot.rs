@@ -165,12 +165,12 @@ impl<'a> Pilot<'a> {
 
     fn compare(&self, shaded: &[Vec<Shaded>]) -> Measured {
         let known = |p: &Point| shaded[p.block][p.index];
-        let has_others = self.points.iter().any(|p| !known(p).has_lamp_border);
+        let has_others = self.points.iter().any(|p| !known(p).has_emitter_border);
         // At the border of a lamp shading is exact, and paths that miss the lamp look as if they had no noise.
         let mut terms: Vec<(f64, f64)> = self
             .points
             .iter()
-            .filter(|p| !(has_others && known(p).has_lamp_border))
+            .filter(|p| !(has_others && known(p).has_emitter_border))
             .filter_map(|p| p.compare(known(p).radiance))
             .collect();
         // By size of the error: as likely to drop what noise made too small as what it made too large.

@@ -7,10 +7,11 @@ mod surface;
 mod triangles;
 mod watertight;
 
+pub use crate::math::Hit;
 pub use cells::{Cells, RayInVolume};
 pub use pieces::Pieces;
 pub use surface::{Surface, offset, unit_normal};
-pub use triangles::{Hit, TriangleBvh};
+pub use triangles::TriangleBvh;
 
 use crate::math::exp::exp_neg;
 use crate::math::segment::{Segment, Stretch, flatten_overlaps};

@@ -4,6 +4,7 @@
 //! and passes over boxes that end less than 1e-4 units from the ray's origin.
 
 use super::watertight::{Block, LANES, ShearedRay};
+use crate::math::Hit;
 use crate::scene::Mesh;
 use glam::{Vec3, Vec3A};
 use obvhs::BvhBuildParams;
@@ -13,17 +14,6 @@ use obvhs::triangle::Triangle;
 use smallvec::SmallVec;
 use std::ops::Range;
 use wide::f32x8;
-
-/// Where a ray met a triangle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Hit {
-    /// Distance along the ray.
-    pub t: f32,
-    /// Index in the mesh.
-    pub triangle: u32,
-    /// Barycentric weights of the second and third corner.
-    pub uv: [f32; 2],
-}
 
 /// All triangles of a mesh, ready for rays.
 #[derive(Debug, Default)]

@@ -11,7 +11,6 @@ use super::far_field::FarField;
 use super::stiff;
 use super::sweep::{Scope, Sweep};
 use super::vertices::{Vertices, are_alike, blend};
-use super::view::View;
 use crate::Result;
 use crate::gather::{Gatherer, Medium, Pages, Stretch};
 use crate::image::Region;
@@ -20,6 +19,7 @@ use crate::math::exp::{exp_neg, mean_reach, one_minus_exp_neg};
 use crate::math::{Rgb, sampling};
 use crate::run::Cancel;
 use crate::scene::Volume;
+use crate::shade::view::View;
 use glam::Vec3;
 
 /// In-scattered light of one volume: a lattice for each spacing, of which each brick of the volume uses one.

@@ -1,13 +1,13 @@
 //! One pixel from samples of its own: primary visibility, direct light, the media before it, and where indirect light
 //! is looked up.
 
-use super::air::{Air, Passed};
-use super::lamps::Lamps;
-use super::lattice::{Lattice, gather_surface};
-use super::view::View;
+use super::emitter_borders::EmitterBorders;
 use crate::gather::{Gatherer, Medium, Pages, Stretch};
 use crate::light::{Arrival, Direct, Lights, ShadowRays, Sight};
 use crate::math::{Rgb, sampling};
+use crate::shade::air::{Air, Passed};
+use crate::shade::lattice::{Lattice, gather_surface};
+use crate::shade::view::View;
 use crate::trace::Surface;
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
@@ -25,8 +25,8 @@ pub struct Pixel {
     pub depth: f32,
     /// Mean unit normal.
     pub normal: Vec3,
-    /// Whether the border of a lamp runs through it, so that its light is told in closed form.
-    pub has_lamp_border: bool,
+    /// Whether the border of an emissive triangle runs through it, so that its light is told in closed form.
+    pub has_emitter_border: bool,
 }
 
 impl Pixel {
@@ -48,8 +48,8 @@ impl Pixel {
 pub struct PixelShader<'a, P, M, A: Air> {
     /// Camera and scene.
     pub view: View<'a>,
-    /// Lamps whose borders are in sight.
-    pub lamps: &'a Lamps,
+    /// Emissive triangles whose borders are in sight.
+    pub borders: &'a EmitterBorders,
     /// Lights.
     pub lights: &'a Lights<'a, A::Shadows>,
     /// Indirect light on surfaces.
@@ -283,13 +283,13 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
         self.finish(pixel)
     }
 
-    /// Mean of what was added, and the lamps whose borders are in the pixel.
+    /// Mean of what was added, and the emissive triangles whose borders are in the pixel.
     pub fn finish(&self, pixel: PixelSum) -> Pixel {
         let [x, y] = pixel.at;
         let mut pixel = pixel.mean();
-        pixel.has_lamp_border = self.lamps.is_border(x, y);
-        if pixel.has_lamp_border {
-            pixel.direct += self.lamps.radiance(&self.view, self.lights, x, y);
+        pixel.has_emitter_border = self.borders.is_border(x, y);
+        if pixel.has_emitter_border {
+            pixel.direct += self.borders.radiance(&self.view, self.lights, x, y);
         }
         pixel
     }
@@ -309,7 +309,7 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
         let reflect = surface.albedo * (FRAC_1_PI * through);
         let [x, y] = pixel.at;
         let mut emission = surface.emission(self.view.tracer.scene, -sample.direction);
-        if !emission.is_black() && self.lamps.has(x, y, sample.triangle) {
+        if !emission.is_black() && self.borders.has(x, y, sample.triangle) {
             emission = Rgb::BLACK;
         }
         pixel.sum.direct += reflect * direct + emission * through;

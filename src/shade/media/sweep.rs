@@ -7,7 +7,6 @@
 use super::far_field::{FarField, Surroundings};
 use super::inscatter::LEVELS;
 use super::sparse::SparseLattice;
-use super::view::View;
 use crate::Result;
 use crate::gather::{Gatherer, Medium, Pages};
 use crate::image::Region;
@@ -19,6 +18,7 @@ use crate::math::sheared::Sheared;
 use crate::run::Cancel;
 use crate::scene::Volume;
 use crate::scene::grid::BRICK_CELLS;
+use crate::shade::view::View;
 use crate::trace::{media_bounds, offset};
 use glam::Vec3;
 use rayon::prelude::*;

@@ -4,16 +4,16 @@
 //! over the frame, and the shadow rays of the 16 corners around it make one well-spread set (interleaved sampling,
 //! Keller & Heidrich 2001). Other pixels take samples of their own.
 
-use super::air::{Air, Passed};
+mod light;
+mod media;
+
 use super::pixel::{Piece, Pixel, PixelShader, PixelSum, Sample};
 use crate::gather::{Medium, Pages};
 use crate::image::Region;
-use crate::light::{Arrival, ShadowRays, Sight};
+use crate::light::{ShadowRays, Sight};
 use crate::math::{Rgb, sampling};
-use crate::scene::{Light, Volume};
-use crate::trace::media_bounds;
-use glam::Vec3;
-use std::f32::consts::FRAC_1_PI;
+use crate::shade::air::{Air, Passed};
+use light::Lit;
 
 /// Corners of the pixels of a region and around it.
 pub struct Corners<'a, P, M, A: Air> {
@@ -59,25 +59,10 @@ impl Place {
     }
 }
 
-/// What the corners around a pixel say of its lights.
-enum Lit {
-    /// What arrived from lights with an extent along the shadow rays near the pixel.
-    Arrived(Arrival),
-    /// A shadow whose edge is too narrow for the corners.
-    Edge,
-}
-
 impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
-    /// Share of an area light by which two halves of the 16 corners around a pixel may differ.
-    const NARROW: f32 = 0.4;
-
     /// Rings of corners around those of a region's own pixels: one takes part in them, two tell whether shadows do,
     /// and three whether media are alike.
     const RINGS: u32 = 3;
-    /// By how much, of 1 and of the light seen, media before corners may differ for those between to take their mean.
-    const ALIKE: f32 = 0.1;
-    /// Shadow rays of a corner in a penumbra.
-    const PENUMBRA: u8 = 4;
 
     /// Samples the corners of a region's pixels and what they need around them.
     pub fn new(shader: &'a PixelShader<'a, P, M, A>, region: Region) -> Self {
@@ -122,55 +107,6 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         }
     }
 
-    /// More shadow rays at the corners from which, or from near which, some ray reached a light and some did not.
-    fn look_into_penumbrae(&mut self, height: usize) {
-        // Lights without an extent have none.
-        if self.shader.lights.rest_is_exact() {
-            return;
-        }
-        let rim = Self::RINGS as usize - 1;
-        let mut more = Vec::new();
-        for row in rim..height - rim {
-            for column in rim..self.width - rim {
-                let i = row * self.width + column;
-                let sample = &self.corners[i].sample;
-                let Some(surface) = &sample.surface else {
-                    continue;
-                };
-                if surface.albedo.is_black() {
-                    continue;
-                }
-                let mut sight = Sight::default();
-                for j in row - 2..=row + 2 {
-                    for c in
-                        &self.corners[j * self.width + column - 2..=j * self.width + column + 2]
-                    {
-                        sight += c.sample.direct.sight;
-                    }
-                }
-                if sight.has_penumbra() {
-                    let rays = Self::place(self.region, column, row).rays(
-                        self.shader,
-                        1,
-                        Self::PENUMBRA - 1,
-                    );
-                    let direct = self.shader.lights.irradiance(
-                        surface.position,
-                        surface.normal,
-                        surface.face_normal,
-                        rays,
-                    );
-                    more.push((i, direct));
-                }
-            }
-        }
-        for (i, direct) in more {
-            let known = &mut self.corners[i].sample.direct;
-            known.rays += direct.rays;
-            known.sight += direct.sight;
-        }
-    }
-
     /// Indirect light of the corners of the region's own pixels.
     fn look_around(&mut self, height: usize) {
         let rings = Self::RINGS as usize;
@@ -206,94 +142,6 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
                 }
             }
         }
-    }
-
-    /// Marches the media before corners some way apart, and before those between where the media of their neighbours differ.
-    fn pass_media(&mut self, height: usize) {
-        let spacing = self.marched_spacing();
-        let mut step = spacing;
-        while step > 0 {
-            // Corners between need those up to one step less one away.
-            let rim = Self::RINGS as usize + 1 - step;
-            for row in rim..height - rim {
-                for column in rim..self.width - rim {
-                    let [x, y] = Self::place(self.region, column, row)
-                        .moved
-                        .map(|c| c as usize);
-                    if x % step != 0 || y % step != 0 {
-                        continue;
-                    }
-                    let i = row * self.width + column;
-                    let between = if step < spacing {
-                        let is_between = [x, y].map(|c| c % (2 * step) != 0);
-                        if is_between == [false; 2] {
-                            continue;
-                        }
-                        self.media_between(i, is_between, step)
-                    } else {
-                        None
-                    };
-                    let march = || self.shader.march(&self.corners[i].sample);
-                    self.corners[i].sample.passed = between.unwrap_or_else(march);
-                }
-            }
-            step /= 2;
-        }
-    }
-
-    /// Corners between those that march whatever their neighbours do: so few that no voxel of a medium fits between them
-    /// unseen.
-    fn marched_spacing(&self) -> usize {
-        let view = &self.shader.view;
-        let scene = view.tracer.scene;
-        let (min, max) = media_bounds(scene);
-        let is_in_media = |p: Vec3| p.cmpge(min).all() && p.cmple(max).all();
-        let mut lamps = scene.lights.iter().filter_map(Light::lamp);
-        if lamps.any(|(position, _)| is_in_media(position)) {
-            // Media glow around it, and that is as small as can be.
-            return 1;
-        }
-        let voxel_in_pixels = |v: &Volume| {
-            let distance = |corner: Vec3| corner.distance(view.camera.origin());
-            let farthest = v.corners().map(distance).into_iter().fold(0.0, f32::max);
-            v.shortest_voxel_edge() / (farthest * view.pixel_angle)
-        };
-        let volumes = scene.volumes.iter();
-        let least = volumes.map(voxel_in_pixels).fold(f32::INFINITY, f32::min);
-        // Samples stand in the middle of voxels and reach one further.
-        let fits = |&step: &usize| step as f32 <= 2.0 * least;
-        [4, 2].into_iter().find(fits).unwrap_or(1)
-    }
-
-    /// The mean of what the media do before the corners `step` beside or around one, if they do nearly the same.
-    fn media_between(&self, i: usize, is_between: [bool; 2], step: usize) -> Option<A::Passed> {
-        let around = self.around(i, is_between, step);
-        let like = &self.corners[i].sample;
-        let share = 1.0 / around.len() as f32;
-        let (mut mean_radiance, mut mean_transmittance) = (Rgb::BLACK, 0.0);
-        let (mut least, mut most) = ([f32::INFINITY; 2], [0.0_f32; 2]);
-        let mut seen = Rgb::BLACK;
-        for j in around {
-            let sample = &self.corners[j].sample;
-            if !self.shader.same_end(like, sample) {
-                return None;
-            }
-            let passed = &sample.passed;
-            let values = [passed.transmittance(), passed.radiance().luminance()];
-            for (k, v) in values.into_iter().enumerate() {
-                least[k] = least[k].min(v);
-                most[k] = most[k].max(v);
-            }
-            mean_radiance += passed.radiance() * share;
-            mean_transmittance += passed.transmittance() * share;
-            let behind = sample
-                .surface
-                .map_or(Rgb::BLACK, |s| s.albedo * sample.direct.light() * FRAC_1_PI);
-            seen += (passed.radiance() + behind * passed.transmittance()) * share;
-        }
-        let [transmittance, radiance] = [0, 1].map(|k| most[k] - least[k]);
-        let alike = transmittance <= Self::ALIKE && radiance <= Self::ALIKE * seen.luminance();
-        alike.then(|| A::Passed::of(mean_transmittance, mean_radiance))
     }
 
     /// Four corners, some of them twice, `step` away from one that lies between them in some of its coordinates.
@@ -333,7 +181,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
             .iter()
             .all(|c| self.shader.same_end(&own[0].sample, &c.sample));
         if whole
-            && !self.hides_a_lamp(own[0], x, y)
+            && !self.hides_an_emitter(own[0], x, y)
             && let Some(pixel) = self.mean_of_corners(PixelSum::of(x, y), own, at)
         {
             return pixel;
@@ -352,11 +200,11 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
             .refine(x, y, own.map(|c| &c.sample), &mut pieces)
     }
 
-    /// Whether a lamp that the corners of a pixel do not show covers much of it.
-    fn hides_a_lamp(&self, corner: &Corner<A::Passed>, x: u32, y: u32) -> bool {
+    /// Whether an emissive triangle that the corners of a pixel do not show covers much of it.
+    fn hides_an_emitter(&self, corner: &Corner<A::Passed>, x: u32, y: u32) -> bool {
         const MUCH: f32 = 0.1;
-        let PixelShader { view, lamps, .. } = self.shader;
-        lamps.covered(view, x, y) > MUCH && !lamps.has(x, y, corner.sample.triangle)
+        let PixelShader { view, borders, .. } = self.shader;
+        borders.covered(view, x, y) > MUCH && !borders.has(x, y, corner.sample.triangle)
     }
 
     /// The mean of four corners on one piece of surface, unless an edge of a shadow runs between them.
@@ -386,41 +234,5 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
                 .add_surface(&mut pixel, &c.sample, direct, c.irradiance);
         }
         Some(self.shader.finish(pixel))
-    }
-
-    /// The lights with an extent, by the shadow rays of the corners around a pixel that lie on its piece of surface.
-    fn lit<'c>(
-        &self,
-        like: &Sample<A::Passed>,
-        at: impl Fn(usize, usize) -> &'c Corner<A::Passed>,
-    ) -> Lit {
-        let mut quarters = [Arrival::default(); 4];
-        let mut sight = Sight::default();
-        for row in 0..4 {
-            for column in 0..4 {
-                let sample = &at(column, row).sample;
-                if self.shader.same_end(like, sample) {
-                    quarters[row / 2 * 2 + column / 2] += sample.direct.rays;
-                    sight += sample.direct.sight;
-                }
-            }
-        }
-        let sum = |a: usize, b: usize| {
-            let mut sum = quarters[a];
-            sum += quarters[b];
-            sum
-        };
-        if sight.has_penumbra() {
-            let differ = |a: Arrival, b: Arrival| {
-                let share = |of: Arrival| of.arriving.mean() / of.all.mean();
-                (share(a) - share(b)).abs() > Self::NARROW
-            };
-            if differ(sum(0, 1), sum(2, 3)) || differ(sum(0, 2), sum(1, 3)) {
-                return Lit::Edge;
-            }
-        }
-        let mut all = sum(0, 1);
-        all += sum(2, 3);
-        Lit::Arrived(all)
     }
 }

@@ -3,12 +3,12 @@
 //! Rays through a pixel miss a lamp that covers little of it, however bright that is. Here lamps are projected onto the film,
 //! and rays only tell what stands before them.
 
-use super::view::View;
 use crate::Result;
 use crate::image::Region;
 use crate::light::{Lights, Shadows};
 use crate::math::{Rgb, sampling};
 use crate::run::Cancel;
+use crate::shade::view::View;
 use crate::trace::{offset, unit_normal};
 use glam::{DVec2, Vec3};
 
@@ -21,7 +21,7 @@ struct Entry {
 
 /// The emissive triangles whose borders run through a region's pixels.
 #[derive(Debug)]
-pub struct Lamps {
+pub struct EmitterBorders {
     region: Region,
     /// To the part of a triangle that is in a pixel.
     rays: u32,
@@ -36,7 +36,7 @@ struct Polygon {
     len: usize,
 }
 
-impl Lamps {
+impl EmitterBorders {
     /// Projects all emissive triangles that shine towards the camera. So many `rays` will tell what is before the part of one
     /// that is in a pixel.
     ///

@@ -1,0 +1,12 @@
+//! Where rays meet triangles.
+
+/// Where a ray met a triangle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Distance along the ray.
+    pub t: f32,
+    /// Index in the mesh.
+    pub triangle: u32,
+    /// Barycentric weights of the second and third corner.
+    pub uv: [f32; 2],
+}

@@ -1,0 +1,42 @@
+//! What gathering and lights see of a scene and a tree that they do not know themselves.
+
+use crate::gather::medium::Source;
+use crate::gather::{Geometry, Media};
+use crate::light::OpticalDepth;
+use crate::math::{Hit, Rgb};
+use crate::trace::{Tracer, unit_normal};
+use glam::Vec3;
+
+impl Geometry for Tracer<'_> {
+    fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Hit> {
+        self.closest(origin, direction, t_max)
+    }
+
+    fn corners(&self, triangle: u32) -> [Vec3; 3] {
+        self.scene.mesh.corners(triangle as usize)
+    }
+
+    fn normal(&self, triangle: u32) -> Vec3 {
+        unit_normal(Geometry::corners(self, triangle))
+    }
+
+    fn is_black(&self, triangle: u32) -> bool {
+        let material = self.scene.mesh.material[triangle as usize];
+        Rgb(self.scene.materials[material as usize].albedo).is_black()
+    }
+
+    fn surfel_area_over_mean(&self, triangle: u32) -> f32 {
+        let material = self.scene.mesh.material[triangle as usize];
+        self.pieces.area_over_mean(material)
+    }
+}
+
+/// The tree's lvoxels as shadow rays see them.
+#[derive(Debug)]
+pub(super) struct Blocks<'a, S>(pub &'a Media<S>);
+
+impl<S: Source> OpticalDepth for Blocks<'_, S> {
+    fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
+        self.0.optical_depth(origin, direction, t_max)
+    }
+}

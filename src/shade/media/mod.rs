@@ -1,0 +1,10 @@
+//! Light that media scatter towards the camera, looked up on lattices of their own.
+
+mod far_field;
+mod inscatter;
+mod sparse;
+mod stiff;
+mod sweep;
+mod vertices;
+
+pub use inscatter::InScatter;

@@ -1,0 +1,107 @@
+//! Lights with an extent, as the shadow rays of corners near each other tell them.
+
+use super::{Corner, Corners};
+use crate::gather::{Medium, Pages};
+use crate::light::{Arrival, Sight};
+use crate::shade::air::Air;
+use crate::shade::pixels::pixel::Sample;
+
+/// What the corners around a pixel say of its lights.
+pub(super) enum Lit {
+    /// What arrived from lights with an extent along the shadow rays near the pixel.
+    Arrived(Arrival),
+    /// A shadow whose edge is too narrow for the corners.
+    Edge,
+}
+
+impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
+    /// Share of an area light by which two halves of the 16 corners around a pixel may differ.
+    const NARROW: f32 = 0.4;
+    /// Shadow rays of a corner in a penumbra.
+    const PENUMBRA: u8 = 4;
+
+    /// More shadow rays at the corners from which, or from near which, some ray reached a light and some did not.
+    pub(super) fn look_into_penumbrae(&mut self, height: usize) {
+        // Lights without an extent have none.
+        if self.shader.lights.rest_is_exact() {
+            return;
+        }
+        let rim = Self::RINGS as usize - 1;
+        let mut more = Vec::new();
+        for row in rim..height - rim {
+            for column in rim..self.width - rim {
+                let i = row * self.width + column;
+                let sample = &self.corners[i].sample;
+                let Some(surface) = &sample.surface else {
+                    continue;
+                };
+                if surface.albedo.is_black() {
+                    continue;
+                }
+                let mut sight = Sight::default();
+                for j in row - 2..=row + 2 {
+                    for c in
+                        &self.corners[j * self.width + column - 2..=j * self.width + column + 2]
+                    {
+                        sight += c.sample.direct.sight;
+                    }
+                }
+                if sight.has_penumbra() {
+                    let rays = Self::place(self.region, column, row).rays(
+                        self.shader,
+                        1,
+                        Self::PENUMBRA - 1,
+                    );
+                    let direct = self.shader.lights.irradiance(
+                        surface.position,
+                        surface.normal,
+                        surface.face_normal,
+                        rays,
+                    );
+                    more.push((i, direct));
+                }
+            }
+        }
+        for (i, direct) in more {
+            let known = &mut self.corners[i].sample.direct;
+            known.rays += direct.rays;
+            known.sight += direct.sight;
+        }
+    }
+
+    /// The lights with an extent, by the shadow rays of the corners around a pixel that lie on its piece of surface.
+    pub(super) fn lit<'c>(
+        &self,
+        like: &Sample<A::Passed>,
+        at: impl Fn(usize, usize) -> &'c Corner<A::Passed>,
+    ) -> Lit {
+        let mut quarters = [Arrival::default(); 4];
+        let mut sight = Sight::default();
+        for row in 0..4 {
+            for column in 0..4 {
+                let sample = &at(column, row).sample;
+                if self.shader.same_end(like, sample) {
+                    quarters[row / 2 * 2 + column / 2] += sample.direct.rays;
+                    sight += sample.direct.sight;
+                }
+            }
+        }
+        let sum = |a: usize, b: usize| {
+            let mut sum = quarters[a];
+            sum += quarters[b];
+            sum
+        };
+        if sight.has_penumbra() {
+            let differ = |a: Arrival, b: Arrival| {
+                let share = |of: Arrival| of.arriving.mean() / of.all.mean();
+                (share(a) - share(b)).abs() > Self::NARROW
+            };
+            if differ(sum(0, 1), sum(2, 3)) || differ(sum(0, 2), sum(1, 3)) {
+                return Lit::Edge;
+            }
+        }
+        let mut all = sum(0, 1);
+        all += sum(2, 3);
+        Lit::Arrived(all)
+    }
+}

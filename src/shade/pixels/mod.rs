@@ -1,0 +1,10 @@
+//! From primary rays to pixels: samples at their corners, which neighbours share, and of their own where those disagree.
+
+mod blocks;
+mod corners;
+mod emitter_borders;
+mod pixel;
+
+pub use blocks::shade_region;
+pub use emitter_borders::EmitterBorders;
+pub use pixel::{Pixel, PixelShader, SampleCounts};

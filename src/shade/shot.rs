@@ -1,0 +1,258 @@
+//! Regions of a frame, shaded by code made for what the scene and its tree have: media or none, of one channel or three, pages
+//! in memory or in a cache. A frame chooses once.
+
+use super::adapters::Blocks;
+use super::air::Air;
+use super::lattice::Lattice;
+use super::media::InScatter;
+use super::pixels::{EmitterBorders, Pixel, PixelShader, SampleCounts, shade_region};
+use super::settings::{Kernel, Method, Settings};
+use super::view::View;
+use crate::gather::medium::Source;
+use crate::gather::outgoing::Asked;
+use crate::gather::{
+    self, Gatherer, Media, MediaStore, Medium, NoMedia, Outgoing, Pages, SurfelStore, TreeStore,
+};
+use crate::image::Region;
+use crate::light::{Lights, OpticalDepth, Vacuum};
+use crate::run::Job;
+use crate::scene::Scene;
+use crate::trace::Tracer;
+use crate::{Error, Result};
+use rayon::prelude::*;
+
+/// Regions by rows of pixels, and what that asked of the tree.
+pub type Regions = (Vec<Vec<Pixel>>, Asked);
+
+/// Shades regions of the frame.
+///
+/// # Errors
+/// As [`super::run`].
+pub fn shade_regions(
+    scene: &Scene,
+    store: &TreeStore,
+    settings: &Settings,
+    regions: &[Region],
+    job: &Job,
+) -> Result<Regions> {
+    check_frame(scene, store)?;
+    match &store.surfels {
+        SurfelStore::Kept(p) => shade_with(scene, store, p, settings, regions, job),
+        SurfelStore::Cached(p) => shade_with(scene, store, p, settings, regions, job),
+    }
+}
+
+/// Places in the tree are in the frame of the scene that it was baked of.
+fn check_frame(scene: &Scene, store: &TreeStore) -> Result<()> {
+    let of_tree = store.tree().meta().cloud.world_from_scene;
+    if of_tree == scene.world_from_scene.to_array() {
+        return Ok(());
+    }
+    Err(Error::input(format!(
+        "the scene's frame is at {:?} in the world, that of the tree at {of_tree:?}",
+        scene.world_from_scene.to_array()
+    ))
+    .hint("bring the scene into the tree's frame, `Scene::in_frame`"))
+}
+
+/// What a frame takes from a tree. Where it has no media, `M` is a type without any, and its kernels have no work for them.
+struct FrameTree<'a, P, M> {
+    pages: &'a P,
+    /// Passed by gathers.
+    media: M,
+    /// Passed by shadow rays to emissive triangles instead of the scene's own.
+    shadows: Option<&'a dyn OpticalDepth>,
+    /// Mean area that a surfel stands for.
+    area_per_surfel: f32,
+}
+
+/// Chooses the frame's kernels by the media in the tree and in the scene.
+fn shade_with<P: Pages>(
+    scene: &Scene,
+    store: &TreeStore,
+    pages: &P,
+    settings: &Settings,
+    regions: &[Region],
+    job: &Job,
+) -> Result<Regions> {
+    let tree = FrameTree {
+        pages,
+        media: NoMedia,
+        shadows: None,
+        area_per_surfel: store.area_per_surfel(),
+    };
+    match &store.media {
+        MediaStore::Absent if scene.volumes.is_empty() => {
+            shade(scene, &tree, settings, regions, job, |shot| {
+                shot.in_vacuum()
+            })
+        }
+        // A tree without lvoxels says nothing of the scene's media.
+        MediaStore::Absent => shade(scene, &tree, settings, regions, job, |shot| shot.in_media()),
+        MediaStore::Grey(media) => shade_through(scene, tree, media, settings, regions, job),
+        MediaStore::Rgb(media) => shade_through(scene, tree, media, settings, regions, job),
+    }
+}
+
+fn shade_through<P: Pages, S: Source>(
+    scene: &Scene,
+    tree: FrameTree<P, NoMedia>,
+    media: &Media<S>,
+    settings: &Settings,
+    regions: &[Region],
+    job: &Job,
+) -> Result<Regions> {
+    let blocks = Blocks(media);
+    let tree = FrameTree {
+        shadows: Some(&blocks),
+        ..tree
+    };
+    match settings.method {
+        Method::Extended => {
+            let tree = FrameTree {
+                pages: tree.pages,
+                media,
+                shadows: tree.shadows,
+                area_per_surfel: tree.area_per_surfel,
+            };
+            shade(scene, &tree, settings, regions, job, |shot| shot.in_media())
+        }
+        Method::Traditional => shade(scene, &tree, settings, regions, job, |shot| shot.in_media()),
+    }
+}
+
+/// What regions of a frame are shaded from.
+struct Shot<'a, P, M> {
+    view: View<'a>,
+    lights: &'a Lights<'a>,
+    gatherer: Gatherer<'a, P, M>,
+    settings: &'a Settings,
+    regions: &'a [Region],
+    job: &'a Job,
+}
+
+fn shade<P: Pages, M: Medium>(
+    scene: &Scene,
+    tree: &FrameTree<P, M>,
+    settings: &Settings,
+    regions: &[Region],
+    job: &Job,
+    finish: impl FnOnce(&Shot<P, M>) -> Result<Vec<Vec<Pixel>>>,
+) -> Result<Regions> {
+    let camera = scene.camera(settings.camera.as_deref())?;
+    let tracer = Tracer::new(scene);
+    let mut lights = Lights::new(&tracer);
+    if let Some(shadows) = tree.shadows {
+        lights = lights.with_soft_shadows_through(shadows);
+    }
+    let outgoing =
+        (settings.kernel == Kernel::Traced).then(|| Outgoing::new(&tracer, tree.area_per_surfel));
+    let kernel = match (&outgoing, settings.kernel) {
+        (Some(outgoing), _) => gather::Kernel::Traced(outgoing),
+        (None, Kernel::Plain) => gather::Kernel::Plain,
+        (None, _) => gather::Kernel::Cone,
+    };
+    let shaded = finish(&Shot {
+        view: View::new(&tracer, camera, scene.film, settings.seed),
+        lights: &lights,
+        gatherer: Gatherer {
+            pages: tree.pages,
+            media: tree.media,
+            settings: gather::Settings {
+                samples: settings.samples,
+                max_solid_angle: settings.max_solid_angle,
+                max_dist: settings.max_dist.unwrap_or(f32::INFINITY),
+                kernel,
+                environment: lights.environment(),
+            },
+        },
+        settings,
+        regions,
+        job,
+    })?;
+    Ok((shaded, outgoing.map(|o| o.asked()).unwrap_or_default()))
+}
+
+impl<P: Pages, M: Medium> Shot<'_, P, M> {
+    /// Shades a scene without media.
+    fn in_vacuum(&self) -> Result<Vec<Vec<Pixel>>> {
+        self.shade(&Vacuum, &self.lights.in_vacuum())
+    }
+
+    fn in_media(&self) -> Result<Vec<Vec<Pixel>>> {
+        let settings = self.settings;
+        let volume_gatherer = Gatherer {
+            // A ray over the sphere stands for four times the solid angle that one of a hemisphere does, at half as many.
+            settings: gather::Settings {
+                samples: settings.volume_samples,
+                max_solid_angle: 4.0 * settings.max_solid_angle,
+                ..self.gatherer.settings
+            },
+            ..self.gatherer
+        };
+        let in_scatter = InScatter::new(
+            &self.view,
+            self.regions,
+            self.lights,
+            (settings.method == Method::Extended).then_some(&volume_gatherer),
+            &self.job.cancel,
+        )?;
+        self.shade(&in_scatter, self.lights)
+    }
+
+    fn shade<A: Air>(&self, air: &A, lights: &Lights<A::Shadows>) -> Result<Vec<Vec<Pixel>>> {
+        let &Self {
+            view,
+            settings,
+            regions,
+            job,
+            ..
+        } = self;
+        let pages = self.gatherer.pages;
+        let all: u64 = regions.iter().map(|r| r.pixels() as u64).sum();
+        let step = u64::from(settings.lattice);
+        let gather = job
+            .progress
+            .task("gather", all / (step * step), "receivers");
+        let lattices = regions
+            .par_iter()
+            .map(|&region| {
+                Lattice::new(
+                    &view,
+                    &self.gatherer,
+                    region,
+                    settings.lattice,
+                    &job.cancel,
+                    &gather,
+                )
+            })
+            .collect::<Result<Vec<_>>>()?;
+        drop(gather);
+        pages.check()?;
+        let task = job.progress.task("shade", all, "pixels");
+        let shaded = regions
+            .par_iter()
+            .zip(&lattices)
+            .map(|(&region, lattice)| {
+                let borders =
+                    EmitterBorders::new(&view, region, settings.edge_samples, &job.cancel)?;
+                let shader = PixelShader {
+                    view,
+                    borders: &borders,
+                    lights,
+                    lattice,
+                    gatherer: &self.gatherer,
+                    air,
+                    counts: SampleCounts {
+                        pixel: settings.pixel_samples,
+                        edge: settings.edge_samples,
+                        shadow: settings.shadow_rays,
+                    },
+                };
+                shade_region(&shader, region, job, &task)
+            })
+            .collect::<Result<Vec<_>>>()?;
+        pages.check()?;
+        Ok(shaded)
+    }
+}
