@@ -210,7 +210,7 @@ impl Point {
             return None;
         }
         let (mut error, mut variance) = (0.0, 0.0);
-        for c in 0..3 {
+        for (c, shaded) in shaded.into_iter().enumerate() {
             let means: [f64; STRANDS as usize] =
                 std::array::from_fn(|i| self.sums[i][c] / f64::from(self.counts[i]));
             let strands = f64::from(STRANDS);
@@ -218,7 +218,7 @@ impl Point {
             let spread: f64 = means.iter().map(|m| (m - truth) * (m - truth)).sum();
             let noise = spread / (strands * (strands - 1.0));
             let scale = 1.0 / (truth * truth + FLOOR);
-            let square = (f64::from(shaded[c]) - truth).powi(2);
+            let square = (f64::from(shaded) - truth).powi(2);
             let signal = (square - noise).max(0.0);
             error += scale * (square - noise) / 3.0;
             // Channels move together: the mean of their variances, not a third of it.

@@ -205,9 +205,11 @@ fn nothing_beyond_the_largest_distance_sends_light_or_lets_it_through() {
             },
         };
         let gathered = gatherer.irradiance(Vec3::new(0.0, 0.9, 0.0), Vec3::Z, Stretch::first(1));
-        // All rays end at the box's walls, which are too far away to send light and hide the environment.
+        // All rays end at the box's walls, which are too far away to send light and hide the environment, but for the gaps
+        // that disks at random leave.
+        let gaps = (-OVERLAP * OVERLAP).exp();
         let light = gathered.light.luminance();
-        assert!(light < 0.02, "{light}");
+        assert!(light < 2.0 * gaps * 0.5 * PI, "{light}");
     }
 }
 

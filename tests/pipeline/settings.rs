@@ -124,7 +124,7 @@ fn the_seed_keys_what_media_see_of_surfaces() {
 
 #[test]
 fn volumes_that_are_alike_do_not_share_their_samples() {
-    let cube = "[[volume]]\nfile = \"smoke.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\nsigma_t_scale = 1\n\
+    let cube = "[[volume]]\nfile = \"smoke.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\nsigma_t_scale = 1\nalbedo = [0, 0, 0]\n\
                 unitcube_to_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n";
     let work = Work::new(&format!("{cube}{cube}"));
     let settings = bake::Settings {
