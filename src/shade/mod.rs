@@ -198,6 +198,8 @@ struct FrameTree<'a, P, M> {
     shadows: Option<&'a dyn OpticalDepth>,
     /// Mean area that a surfel stands for.
     area_per_surfel: f32,
+    /// Whether surfels of one piece of the scene have one size.
+    is_even: bool,
 }
 
 /// Chooses the frame's kernels by the media in the tree.
@@ -214,6 +216,7 @@ fn shade_with<P: Pages>(
         media: NoMedia,
         shadows: None,
         area_per_surfel: store.area_per_surfel(),
+        is_even: store.tree().meta().cloud.disk_overlap > 0.0,
     };
     match &store.media {
         // A tree without lvoxels says nothing of the scene's media.
@@ -243,6 +246,7 @@ fn shade_through<P: Pages, S: Source>(
                 media,
                 shadows: tree.shadows,
                 area_per_surfel: tree.area_per_surfel,
+                is_even: tree.is_even,
             };
             shade(scene, &tree, settings, regions, job)
         }
@@ -263,8 +267,14 @@ fn shade<P: Pages, M: Medium>(
     if let Some(shadows) = tree.shadows {
         lights = lights.with_soft_shadows_through(shadows);
     }
-    let outgoing =
-        (settings.kernel == Kernel::Traced).then(|| Outgoing::new(&tracer, tree.area_per_surfel));
+    let outgoing = (settings.kernel == Kernel::Traced).then(|| {
+        let outgoing = Outgoing::new(&tracer, tree.area_per_surfel);
+        if tree.is_even {
+            outgoing
+        } else {
+            outgoing.of_uneven_surfels()
+        }
+    });
     let kernel = match (&outgoing, settings.kernel) {
         (Some(outgoing), _) => gather::Kernel::Traced(outgoing),
         (None, Kernel::Plain) => gather::Kernel::Plain,
@@ -383,12 +393,7 @@ impl Geometry for Tracer<'_> {
         unit_normal(Geometry::corners(self, triangle))
     }
 
-    fn is_black(&self, triangle: u32) -> bool {
-        let material = self.scene.mesh.material[triangle as usize];
-        Rgb(self.scene.materials[material as usize].albedo).is_black()
-    }
-
-    fn surfel_area_over_mean(&self, triangle: u32) -> f32 {
+    fn surfel_area_over_mean(&self, triangle: u32) -> Option<f32> {
         let material = self.scene.mesh.material[triangle as usize];
         self.pieces.area_over_mean(material)
     }
