@@ -8,6 +8,7 @@ mod far_field;
 mod inscatter;
 mod lamps;
 mod lattice;
+mod memory;
 mod pixel;
 mod settings;
 mod sparse;
@@ -71,8 +72,8 @@ impl Aov {
 /// Shades a region of the frame.
 ///
 /// # Errors
-/// A setting out of range, an unknown camera, a tree in another frame than the scene ([`Scene::in_frame`]), a page that
-/// cannot be read, or a stop on request.
+/// A setting out of range, an unknown camera, a tree in another frame than the scene ([`Scene::in_frame`]), more
+/// pixels than the memory limit allows, a page that cannot be read, or a stop on request.
 pub fn run(
     scene: &Scene,
     store: &TreeStore,
@@ -170,6 +171,7 @@ fn shade_regions(
     job: &Job,
 ) -> Result<Regions> {
     check_frame(scene, store)?;
+    memory::check(scene, settings, regions, job.memory_limit)?;
     match &store.surfels {
         SurfelStore::Kept(p) => shade_with(scene, store, p, settings, regions, job),
         SurfelStore::Cached(p) => shade_with(scene, store, p, settings, regions, job),
