@@ -53,7 +53,7 @@ struct Cube {
 
 /// Extinction per scene unit and source function.
 #[derive(Clone, Copy, Debug, Default)]
-struct Block<S> {
+pub(super) struct Block<S> {
     sigma_t: f32,
     source: S,
 }
@@ -65,21 +65,78 @@ fn place([x, y, z]: [usize; 3]) -> (usize, usize) {
     (cube, (z & 3) << 4 | (y & 3) << 2 | x & 3)
 }
 
+/// Where the lvoxels of a tree are. What they hold is read in a second pass over them, so that they are never in memory
+/// twice.
+#[derive(Debug)]
+pub struct Layout {
+    volumes: Vec<BlockGrid<()>>,
+    is_grey: bool,
+}
+
+impl Layout {
+    /// No lvoxels yet, in these volumes.
+    #[must_use]
+    pub fn new(volumes: &[VolumeInfo]) -> Self {
+        Self {
+            volumes: volumes.iter().map(BlockGrid::new).collect(),
+            is_grey: true,
+        }
+    }
+
+    /// Notes where one is. They may come in any order; the first in a brick decides on the size of the brick's blocks, and of
+    /// two in one place. One that does not fit in is left out.
+    pub fn note(&mut self, l: &Lvoxel) {
+        if let Some(volume) = self.volumes.get_mut(usize::from(l.volume)) {
+            volume.note(l);
+        }
+        self.is_grey &= l.source[1..] == [l.source[0]; 2];
+    }
+
+    /// Whether the channels of each source function are equal.
+    #[must_use]
+    pub fn is_grey(&self) -> bool {
+        self.is_grey
+    }
+
+    /// Whether none was noted.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.volumes.iter().all(|v| v.cubes.is_empty())
+    }
+
+    /// Bytes that the media will hold.
+    #[must_use]
+    pub fn bytes<S>(&self) -> u64 {
+        let blocks: u64 = self.volumes.iter().map(BlockGrid::count).sum();
+        let rest: usize = self.volumes.iter().map(BlockGrid::bytes).sum();
+        blocks * size_of::<Block<S>>() as u64 + rest as u64
+    }
+
+    /// Media whose lvoxels are all empty; [`Media::place`] fills them in.
+    #[must_use]
+    pub fn allocate<S: Source>(self) -> Media<S> {
+        Media {
+            volumes: self.volumes.into_iter().map(BlockGrid::allocate).collect(),
+        }
+    }
+}
+
 impl<S: Source> Media<S> {
     /// Lays out lvoxels, which may come in any order but must lie inside their volumes, as readers promise.
     #[must_use]
     pub fn new(volumes: &[VolumeInfo], lvoxels: impl IntoIterator<Item = Lvoxel>) -> Self {
-        let mut of_volume: Vec<Vec<Lvoxel>> = vec![Vec::new(); volumes.len()];
-        for l in lvoxels {
-            if let Some(list) = of_volume.get_mut(usize::from(l.volume)) {
-                list.push(l);
-            }
-        }
-        let grids = volumes.iter().zip(of_volume);
-        Self {
-            volumes: grids
-                .map(|(info, lvoxels)| BlockGrid::new(info, lvoxels))
-                .collect(),
+        let lvoxels: Vec<Lvoxel> = lvoxels.into_iter().collect();
+        let mut layout = Layout::new(volumes);
+        lvoxels.iter().for_each(|l| layout.note(l));
+        let mut media = layout.allocate();
+        lvoxels.iter().for_each(|l| media.place(l));
+        media
+    }
+
+    /// Fills in an lvoxel that was noted; the first in its place stays.
+    pub fn place(&mut self, l: &Lvoxel) {
+        if let Some(volume) = self.volumes.get_mut(usize::from(l.volume)) {
+            volume.place(l);
         }
     }
 
@@ -92,15 +149,7 @@ impl<S: Source> Media<S> {
     /// Bytes held.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        self.volumes
-            .iter()
-            .map(|v| {
-                size_of_val(&*v.blocks)
-                    + size_of_val(&*v.cubes)
-                    + size_of_val(&*v.bricks)
-                    + size_of_val(&*v.table)
-            })
-            .sum()
+        self.volumes.iter().map(BlockGrid::bytes).sum()
     }
 
     /// Optical depth of all media from `origin` to `t_max`.
@@ -169,15 +218,15 @@ pub(super) fn table_bytes(info: &VolumeInfo) -> u128 {
     bricks * size_of::<u32>() as u128
 }
 
-impl<S: Source> BlockGrid<S> {
-    fn new(info: &VolumeInfo, lvoxels: Vec<Lvoxel>) -> Self {
+impl BlockGrid<()> {
+    fn new(info: &VolumeInfo) -> Self {
         let [x, y, z, t] = info.index_from_scene.map(DVec3::from);
         let exact = DAffine3 {
             matrix3: DMat3::from_cols(x, y, z),
             translation: t,
         };
         let table_dims = table_dims(info);
-        let mut grid = Self {
+        Self {
             index_from_scene: Affine3A::from_cols_array(&exact.to_cols_array().map(|v| v as f32)),
             index_from_scene_f64: exact,
             dims: info.dims.map(|n| n as f32),
@@ -185,32 +234,16 @@ impl<S: Source> BlockGrid<S> {
             table: vec![EMPTY; table_dims.iter().product()],
             bricks: Vec::new(),
             cubes: Vec::new(),
-            blocks: Vec::with_capacity(lvoxels.len()),
-        };
-        // In the order of their places, so that each takes the next block.
-        let mut placed: Vec<(usize, (usize, usize), Lvoxel)> = lvoxels
-            .into_iter()
-            .filter_map(|l| {
-                let per_axis = BRICK >> l.level;
-                let block = l.block.map(usize::from);
-                let brick = block.map(|b| b / per_axis);
-                let inside = (0..3).all(|a| brick[a] < table_dims[a]);
-                let index = (brick[2] * table_dims[1] + brick[1]) * table_dims[0] + brick[0];
-                inside.then(|| (index, place(block.map(|b| b % per_axis)), l))
-            })
-            .collect();
-        placed.sort_by_key(|&(brick, place, _)| (brick, place));
-        for (brick, (cube, bit), l) in placed {
-            grid.append(brick, cube, bit, &l);
+            blocks: Vec::new(),
         }
-        grid
     }
 
-    /// Appends a block after all others of its brick; the first one decides on the size of the brick's blocks, and of two
-    /// in one place.
-    fn append(&mut self, brick: usize, cube: usize, bit: usize, l: &Lvoxel) {
-        if self.table[brick] == EMPTY {
-            self.table[brick] = self.bricks.len() as u32;
+    fn note(&mut self, l: &Lvoxel) {
+        let Some((at, cube, bit)) = self.find(l) else {
+            return;
+        };
+        if self.table[at] == EMPTY {
+            self.table[at] = self.bricks.len() as u32;
             self.bricks.push(Brick {
                 first_cube: self.cubes.len() as u32,
                 level: l.level,
@@ -219,28 +252,88 @@ impl<S: Source> BlockGrid<S> {
             let cubes = if l.level == 0 { 8 } else { 1 };
             self.cubes.resize(self.cubes.len() + cubes, Cube::default());
         }
-        let brick = &mut self.bricks[self.table[brick] as usize];
+        let brick = &mut self.bricks[self.table[at] as usize];
         if brick.level != l.level {
             return;
         }
-        let cube = &mut self.cubes[brick.first_cube as usize + cube];
-        if cube.filled >> bit & 1 == 1 {
-            return;
-        }
-        if cube.filled == 0 {
-            cube.first = self.blocks.len() as u32;
-        }
-        cube.filled |= 1 << bit;
-        self.blocks.push(Block {
-            sigma_t: l.sigma_t,
-            source: S::of(Rgb(l.source)),
-        });
+        self.cubes[brick.first_cube as usize + cube].filled |= 1 << bit;
         let per_axis = (BRICK >> l.level) as u16;
         let [first, end] = &mut brick.filled;
         for a in 0..3 {
             let at = (l.block[a] % per_axis) as u8;
             first[a] = first[a].min(at);
             end[a] = end[a].max(at + 1);
+        }
+    }
+
+    /// Blocks that are not empty.
+    fn count(&self) -> u64 {
+        let filled = self.cubes.iter().map(|c| u64::from(c.filled.count_ones()));
+        filled.sum()
+    }
+
+    /// Gives each block that was noted its place, cube by cube.
+    fn allocate<S: Source>(mut self) -> BlockGrid<S> {
+        let mut first = 0;
+        for cube in &mut self.cubes {
+            cube.first = first;
+            first += cube.filled.count_ones();
+        }
+        self.cubes.shrink_to_fit();
+        self.bricks.shrink_to_fit();
+        BlockGrid {
+            index_from_scene: self.index_from_scene,
+            index_from_scene_f64: self.index_from_scene_f64,
+            dims: self.dims,
+            table_dims: self.table_dims,
+            table: self.table,
+            bricks: self.bricks,
+            cubes: self.cubes,
+            blocks: vec![Block::default(); first as usize],
+        }
+    }
+}
+
+impl<S> BlockGrid<S> {
+    /// Bytes held.
+    fn bytes(&self) -> usize {
+        size_of_val(&*self.blocks)
+            + size_of_val(&*self.cubes)
+            + size_of_val(&*self.bricks)
+            + size_of_val(&*self.table)
+    }
+
+    /// The brick that an lvoxel is in, its cube there, and its bit in that; `None` outside of the volume.
+    fn find(&self, l: &Lvoxel) -> Option<(usize, usize, usize)> {
+        let per_axis = BRICK >> l.level;
+        let block = l.block.map(usize::from);
+        let brick = block.map(|b| b / per_axis);
+        let [x, y, z] = self.table_dims;
+        let inside = brick[0] < x && brick[1] < y && brick[2] < z;
+        let (cube, bit) = place(block.map(|b| b % per_axis));
+        inside.then_some(((brick[2] * y + brick[1]) * x + brick[0], cube, bit))
+    }
+}
+
+impl<S: Source> BlockGrid<S> {
+    fn place(&mut self, l: &Lvoxel) {
+        let Some((at, cube, bit)) = self.find(l) else {
+            return;
+        };
+        let Some(brick) = self.bricks.get(self.table[at] as usize) else {
+            return;
+        };
+        let cube = self.cubes[brick.first_cube as usize + cube];
+        if brick.level != l.level || cube.filled >> bit & 1 == 0 {
+            return;
+        }
+        let before = (cube.filled & ((1 << bit) - 1)).count_ones();
+        let block = &mut self.blocks[(cube.first + before) as usize];
+        if block.sigma_t == 0.0 {
+            *block = Block {
+                sigma_t: l.sigma_t,
+                source: S::of(Rgb(l.source)),
+            };
         }
     }
 

@@ -22,11 +22,9 @@ pub trait Geometry: std::fmt::Debug + Sync {
     /// Its unit normal, on the side its corners wind counter-clockwise.
     fn normal(&self, triangle: u32) -> Vec3;
 
-    /// Whether it reflects nothing, so that a tree need not be asked.
-    fn is_black(&self, triangle: u32) -> bool;
-
-    /// Area that a surfel on it stands for, over the mean of all surfels.
-    fn surfel_area_over_mean(&self, triangle: u32) -> f32;
+    /// Area that a surfel on it stands for, over the mean of all surfels; `None` if it reflects nothing, so that a tree need
+    /// not be asked.
+    fn surfel_area_over_mean(&self, triangle: u32) -> Option<f32>;
 }
 
 /// How often a tree was asked what a patch sends. Threads that ask for one patch at the same time are counted each.
@@ -47,6 +45,8 @@ pub struct Outgoing<'a> {
     geometry: &'a dyn Geometry,
     /// Square of the edge below which patches are not divided, where surfels stand for their mean area.
     least: f32,
+    /// Whether surfels of one piece of the scene have one size.
+    is_even: bool,
     slots: Box<[Slot]>,
     patches: AtomicU64,
     unknown: AtomicU64,
@@ -67,10 +67,18 @@ impl<'a> Outgoing<'a> {
         Self {
             geometry,
             least: 4.0 * area_per_surfel,
+            is_even: true,
             slots: (0..1 << Self::SLOTS).map(|_| Slot::default()).collect(),
             patches: AtomicU64::new(0),
             unknown: AtomicU64::new(0),
         }
+    }
+
+    /// For a tree whose surfels are of any size, as those that a camera saw are.
+    #[must_use]
+    pub fn of_uneven_surfels(mut self) -> Self {
+        self.is_even = false;
+        self
     }
 
     /// How often the tree was asked so far.
@@ -104,15 +112,15 @@ impl<'a> Outgoing<'a> {
         stack: &mut Vec<(f32, u32, u32)>,
     ) -> Option<Crossing> {
         let hit = self.geometry.closest(origin, direction, t_max)?;
-        if self.geometry.is_black(hit.triangle) {
+        let Some(area_over_mean) = self.geometry.surfel_area_over_mean(hit.triangle) else {
             return Some(Crossing {
                 t: hit.t,
                 opacity: 1.0,
                 radiance: Rgb::BLACK,
             });
-        }
+        };
         let size = Self::SIZE * max_solid_angle * hit.t * hit.t;
-        let patch = self.patch(&hit, direction, size);
+        let patch = self.patch(&hit, direction, size, self.least * area_over_mean);
         let hash = patch.key.wrapping_mul(SCATTER) >> (64 - Self::SLOTS);
         let slot = &self.slots[hash as usize];
         let radiance = slot.get(patch.key).unwrap_or_else(|| {
@@ -128,9 +136,8 @@ impl<'a> Outgoing<'a> {
     }
 
     /// The part of the triangle that was met: its edges are divided by two until the longest is at most the root of
-    /// `size` long, or about as long as a disk is wide.
-    fn patch(&self, hit: &Hit, direction: Vec3, size: f32) -> Patch {
-        let least = self.least * self.geometry.surfel_area_over_mean(hit.triangle);
+    /// `size` long, or of `least`, about as long as a disk is wide.
+    fn patch(&self, hit: &Hit, direction: Vec3, size: f32, least: f32) -> Patch {
         let size = size.max(least);
         let [a, b, c] = self.geometry.corners(hit.triangle);
         let (e, f) = (b - a, c - a);
@@ -164,6 +171,11 @@ impl<'a> Outgoing<'a> {
             middle,
             normal: if is_back { -normal } else { normal },
             area: area.max(least),
+            own2: if self.is_even && least > 0.0 {
+                0.5 * least
+            } else {
+                f32::INFINITY
+            },
         }
     }
 }
@@ -223,6 +235,9 @@ struct Patch {
     normal: Vec3,
     /// Square of its longest edge, and at least that of a disk.
     area: f32,
+    /// Square of a radius that the disks of its own surface are below. Larger ones are of something else near by, which must
+    /// not drown them.
+    own2: f32,
 }
 
 impl Patch {
@@ -336,7 +351,8 @@ impl Mean {
             let height = x * normal[0] + y * normal[1] + z * normal[2];
             // What is off the plane by more than disks of one surface stand out over each other is of another one.
             let off = height * height / (OVERHANG * OVERHANG);
-            reach[k] = (x * x + y * y + z * z + off) / block.radius2[k];
+            let larger = (block.radius2[k] / patch.own2).max(1.0);
+            reach[k] = (x * x + y * y + z * z + off * larger) / block.radius2[k];
             cos[k] = n[0] * normal[0] + n[1] * normal[1] + n[2] * normal[2];
         }
         for k in 0..block.count as usize {
@@ -354,7 +370,7 @@ impl Mean {
             }
             let offset = std::array::from_fn(|a| p[a] - block.centre[a][k]);
             if reach[k] < 1.0 && !page.is_clipped(light, offset) {
-                self.add((sent, block.radius2[k] * (1.0 - reach[k])));
+                self.add((sent, block.radius2[k].min(patch.own2) * (1.0 - reach[k])));
             }
         }
     }
@@ -443,12 +459,8 @@ mod tests {
             Vec3::Z
         }
 
-        fn is_black(&self, _: u32) -> bool {
-            false
-        }
-
-        fn surfel_area_over_mean(&self, _: u32) -> f32 {
-            1.0
+        fn surfel_area_over_mean(&self, _: u32) -> Option<f32> {
+            Some(1.0)
         }
     }
 
@@ -472,7 +484,7 @@ mod tests {
                 triangle: 0,
                 uv,
             };
-            let patch = outgoing.patch(&hit, -Vec3::Z, 0.13);
+            let patch = outgoing.patch(&hit, -Vec3::Z, 0.13, 0.0);
             assert!(patch.area <= 0.13 && patch.area > 0.13 / 4.0);
             let m = patch.middle;
             assert!(m.x > 0.0 && m.y > 0.0 && m.x + m.y < 1.0, "{uv:?}: {m}");
@@ -491,6 +503,7 @@ mod tests {
             },
             Vec3::Z,
             0.13,
+            0.0,
         );
         assert!(!keys.contains_key(&below.key) && below.normal == -Vec3::Z);
     }

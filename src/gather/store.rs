@@ -2,12 +2,12 @@
 //!
 //! Either way a page that no ray touches is never read.
 
-use super::media::{self, Media};
+use super::media::{self, Block, Layout, Media};
 use super::page::KernelPage;
 use crate::math::Rgb;
 use crate::run::size;
 use crate::{Error, Result};
-use lvox_formats::record::{Lvoxel, VolumeInfo};
+use lvox_formats::record::Lvoxel;
 use lvox_formats::{MappedFile, Tree};
 use quick_cache::sync::Cache;
 use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
@@ -191,14 +191,42 @@ pub enum MediaStore {
 }
 
 impl MediaStore {
-    fn new(volumes: &[VolumeInfo], lvoxels: Vec<Lvoxel>) -> Self {
-        let is_grey = |l: &Lvoxel| l.source[1..] == [l.source[0]; 2];
-        if lvoxels.is_empty() {
-            Self::Absent
-        } else if lvoxels.iter().all(is_grey) {
-            Self::Grey(Media::new(volumes, lvoxels))
+    /// Reads all lvoxels of a tree, page by page and twice: no more than what is kept is ever in memory.
+    fn read(tree: &Tree<MappedFile>, path: &Path, memory_limit: Option<u64>) -> Result<Self> {
+        let allow = |bytes: u64| match memory_limit {
+            Some(limit) if bytes > limit => Err(Error::input(format!(
+                "{}: its {} lvoxels take {}, the memory limit is {}",
+                path.display(),
+                tree.summary().sums.lvoxels(),
+                size::format(bytes),
+                size::format(limit)
+            ))
+            .hint("raise --memory-limit")),
+            _ => Ok(()),
+        };
+        let least = size_of::<Block<f32>>() as u64;
+        allow(tree.summary().sums.lvoxels().saturating_mul(least))?;
+        let each = |visit: &mut dyn FnMut(&Lvoxel)| -> Result<()> {
+            for i in 0..tree.lvoxel_pages() {
+                let page = tree.lvoxel_page(i).map_err(|e| e.at(path))?;
+                page.iter().for_each(&mut *visit);
+            }
+            Ok(())
+        };
+        let mut layout = Layout::new(&tree.meta().cloud.volumes);
+        each(&mut |l| layout.note(l))?;
+        if layout.is_empty() {
+            Ok(Self::Absent)
+        } else if layout.is_grey() {
+            allow(layout.bytes::<f32>())?;
+            let mut media = layout.allocate();
+            each(&mut |l| media.place(l))?;
+            Ok(Self::Grey(media))
         } else {
-            Self::Rgb(Media::new(volumes, lvoxels))
+            allow(layout.bytes::<Rgb>())?;
+            let mut media = layout.allocate();
+            each(&mut |l| media.place(l))?;
+            Ok(Self::Rgb(media))
         }
     }
 
@@ -235,10 +263,6 @@ impl TreeStore {
     /// A file that is not a whole tree, or a limit too small for its media and a few pages.
     pub fn open(path: &Path, memory_limit: Option<u64>) -> Result<Self> {
         let tree = Tree::open_path(path)?;
-        let mut lvoxels = Vec::new();
-        for i in 0..tree.lvoxel_pages() {
-            lvoxels.extend(tree.lvoxel_page(i).map_err(|e| e.at(path))?);
-        }
         let volumes = &tree.meta().cloud.volumes;
         let table_bytes: u128 = volumes.iter().map(media::table_bytes).sum();
         let most = memory_limit.unwrap_or(MOST_TABLE_BYTES);
@@ -258,7 +282,7 @@ impl TreeStore {
             ))
             .hint(hint));
         }
-        let media = MediaStore::new(volumes, lvoxels);
+        let media = MediaStore::read(&tree, path, memory_limit)?;
         let raw: Vec<u64> = tree
             .surfel_blocks()
             .iter()

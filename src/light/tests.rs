@@ -123,6 +123,38 @@ fn receivers(emitters: &Emitters, count: u32, key: u64) -> Vec<(Vec3, Receiver, 
 }
 
 #[test]
+fn many_lamps_of_any_size_and_radiance_send_what_they_do() {
+    let scene = lamps(100, 4);
+    let emitters = Emitters::new(&scene);
+    for (length, light) in [(20, 99), (20, -99), (-20, 99), (-20, -99)] {
+        let [length, light] = [length, light].map(|exponent| libm::ldexpf(1.0, exponent));
+        let mut other = lamps(100, 4);
+        other.mesh.positions.iter_mut().for_each(|p| *p *= length);
+        for material in &mut other.materials {
+            material.emission = material.emission.map(|v| v * light);
+        }
+        let others = Emitters::new(&other);
+        for (origin, receiver, _) in receivers(&emitters, 100, 9) {
+            let sent = |emitters: &Emitters, origin| {
+                let cut = Cut::new(emitters.tree().unwrap(), emitters, origin, receiver, 0.03);
+                (cut.light(), cut.choose(0.4).map(|c| (c.emitter, c.chance)))
+            };
+            let ((a, near), (b, far)) = (sent(&emitters, origin), sent(&others, origin * length));
+            for c in 0..3 {
+                assert!(
+                    (b.0[c] / light - a.0[c]).abs() <= 1e-4 * a.0[c],
+                    "{a:?} {b:?}"
+                );
+            }
+            let (Some(near), Some(far)) = (near, far) else {
+                panic!("a lamp is chosen: {near:?} {far:?}")
+            };
+            assert!(near.0 == far.0 && (near.1 / far.1 - 1.0).abs() < 1e-3);
+        }
+    }
+}
+
+#[test]
 fn chances_add_up_to_one_and_no_light_that_can_reach_a_point_is_left_out() {
     for (count, tolerance) in [(65, 0.03), (65, 10.0), (400, 0.03), (400, 0.2)] {
         let scene = lamps(count, 1);

@@ -91,20 +91,49 @@ impl Side {
 #[derive(Debug)]
 pub struct Tree {
     nodes: Vec<Node>,
+    units: Units,
+}
+
+/// What nodes count lengths and radiance in: powers of two about as large as the largest, which change no digit and keep
+/// areas times radiance in the range of f32.
+#[derive(Clone, Copy, Debug)]
+struct Units {
+    per_length: f32,
+    radiance: f32,
+    per_radiance: f32,
+}
+
+impl Units {
+    fn of(emitters: &[Emitter]) -> Self {
+        let corners = emitters.iter().flat_map(|e| e.corners);
+        let length = corners.fold(0.0_f32, |m, c| m.max(c.abs().max_element()));
+        let radiance = emitters
+            .iter()
+            .fold(0.0_f32, |m, e| m.max(e.radiance.max()));
+        let exponent = |v: f32| libm::frexpf(v).1.clamp(-120, 120);
+        let power = |exponent| libm::ldexpf(1.0, exponent);
+        Self {
+            per_length: power(-exponent(length)),
+            radiance: power(exponent(radiance)),
+            per_radiance: power(-exponent(radiance)),
+        }
+    }
 }
 
 impl Tree {
     /// The tree over the sides that emit; `None` if there are none of any power.
     pub fn new(emitters: &[Emitter]) -> Option<Self> {
+        let units = Units::of(emitters);
         let mut sides = Vec::with_capacity(emitters.len());
         for (i, e) in emitters.iter().enumerate() {
-            let [a, b, c] = e.corners;
+            let corners = e.corners.map(|c| c * units.per_length);
+            let [a, b, c] = corners;
             let front = Side {
-                corners: e.corners,
+                corners,
                 normal: e.normal,
                 middle: (a + b + c) * (1.0 / 3.0),
-                area: e.area,
-                radiance: e.radiance,
+                area: e.area * units.per_length * units.per_length,
+                radiance: e.radiance * units.per_radiance,
                 emitter: i as u32,
                 is_pair: e.both_sides,
             };
@@ -124,6 +153,7 @@ impl Tree {
         }
         let mut tree = Self {
             nodes: Vec::with_capacity(2 * sides.len() - 1),
+            units,
         };
         tree.add(&mut sides, 0);
         Some(tree)
@@ -159,7 +189,17 @@ impl Tree {
 
     /// What a group sends to a receiver; `None` if nothing can arrive.
     pub fn estimate(&self, node: u32, origin: Vec3, receiver: Receiver) -> Option<Estimate> {
-        self.nodes[node as usize].estimate(origin, receiver)
+        let Units {
+            per_length,
+            radiance,
+            ..
+        } = self.units;
+        let what = self.nodes[node as usize].estimate(origin * per_length, receiver)?;
+        Some(Estimate {
+            light: what.light * radiance,
+            error: what.error * radiance,
+            importance: what.importance * radiance,
+        })
     }
 }
 

@@ -134,6 +134,15 @@ impl Grid {
         self.maxima.iter().copied().fold(0.0, f32::max)
     }
 
+    /// Lowers what is above `most` to that.
+    pub fn limit(&mut self, most: f32) {
+        if self.max() > most {
+            let limited = |v: &mut f32| *v = v.min(most);
+            self.samples.iter_mut().for_each(limited);
+            self.maxima.iter_mut().for_each(limited);
+        }
+    }
+
     /// Bytes held.
     #[must_use]
     pub fn bytes(&self) -> usize {

@@ -30,6 +30,21 @@ impl Volume {
         self.index_from_scene_f64 = inverse;
     }
 
+    /// Lowers extinction that is beyond what positions in f32 can tell apart: light gets into such a medium by less than their
+    /// rounding, and whether a point is lit is left to that. A voxel stays opaque whatever its size, and the mean free path
+    /// shorter than anything in a picture.
+    pub fn limit_extinction(&mut self) {
+        /// Mean free paths over the rounding of the largest coordinate.
+        const PATH: f32 = 64.0 * f32::EPSILON;
+        /// Depth of a voxel from which on nothing of light gets through.
+        const OPAQUE: f32 = 128.0;
+        let corners = self.corners();
+        let farthest = corners.iter().map(|p| p.abs().max_element());
+        let far = farthest.fold(0.0, f32::max);
+        let most = (1.0 / (PATH * far)).max(OPAQUE / self.shortest_voxel_edge());
+        self.sigma_t.limit(most);
+    }
+
     /// Corners of its box in the scene.
     #[must_use]
     pub fn corners(&self) -> [Vec3; 8] {

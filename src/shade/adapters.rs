@@ -3,7 +3,7 @@
 use crate::gather::medium::Source;
 use crate::gather::{Geometry, Media};
 use crate::light::OpticalDepth;
-use crate::math::{Hit, Rgb};
+use crate::math::Hit;
 use crate::trace::{Tracer, unit_normal};
 use glam::Vec3;
 
@@ -20,12 +20,7 @@ impl Geometry for Tracer<'_> {
         unit_normal(Geometry::corners(self, triangle))
     }
 
-    fn is_black(&self, triangle: u32) -> bool {
-        let material = self.scene.mesh.material[triangle as usize];
-        Rgb(self.scene.materials[material as usize].albedo).is_black()
-    }
-
-    fn surfel_area_over_mean(&self, triangle: u32) -> f32 {
+    fn surfel_area_over_mean(&self, triangle: u32) -> Option<f32> {
         let material = self.scene.mesh.material[triangle as usize];
         self.pieces.area_over_mean(material)
     }

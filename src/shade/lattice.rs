@@ -48,6 +48,16 @@ impl Lattice {
     /// Squares of this many by this many gathers share one sequence of directions.
     const SIDE: u32 = 4;
 
+    /// Bytes that the lattice of a region takes while it is made.
+    pub fn bytes(region: Region, step: u32, film: [u32; 2]) -> u64 {
+        let nodes = |reach| {
+            let [columns, rows] = Area::around(region, step, reach, film).count;
+            u64::from(columns) * u64::from(rows)
+        };
+        let all = nodes(Self::REACH + Self::SMOOTH) + nodes(Self::REACH);
+        all * size_of::<Option<Node>>() as u64
+    }
+
     /// Gathers at the lattice pixels in and around a region.
     ///
     /// # Errors

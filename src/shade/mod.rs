@@ -8,6 +8,7 @@ mod air;
 mod aov;
 mod lattice;
 mod media;
+mod memory;
 mod pixels;
 mod settings;
 mod shot;
@@ -30,8 +31,8 @@ pub use settings::{Kernel, Method, Quality, Settings};
 /// Shades a region of the frame.
 ///
 /// # Errors
-/// A setting out of range, an unknown camera, a tree in another frame than the scene ([`Scene::in_frame`]), a page that
-/// cannot be read, or a stop on request.
+/// A setting out of range, an unknown camera, a tree in another frame than the scene ([`Scene::in_frame`]), more
+/// pixels than the memory limit allows, a page that cannot be read, or a stop on request.
 pub fn run(
     scene: &Scene,
     store: &TreeStore,

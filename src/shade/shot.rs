@@ -5,6 +5,7 @@ use super::adapters::Blocks;
 use super::air::Air;
 use super::lattice::Lattice;
 use super::media::InScatter;
+use super::memory;
 use super::pixels::{EmitterBorders, Pixel, PixelShader, SampleCounts, shade_region};
 use super::settings::{Kernel, Method, Settings};
 use super::view::View;
@@ -36,6 +37,7 @@ pub fn shade_regions(
     job: &Job,
 ) -> Result<Regions> {
     check_frame(scene, store)?;
+    memory::check(scene, settings, regions, job.memory_limit)?;
     match &store.surfels {
         SurfelStore::Kept(p) => shade_with(scene, store, p, settings, regions, job),
         SurfelStore::Cached(p) => shade_with(scene, store, p, settings, regions, job),
@@ -64,6 +66,8 @@ struct FrameTree<'a, P, M> {
     shadows: Option<&'a dyn OpticalDepth>,
     /// Mean area that a surfel stands for.
     area_per_surfel: f32,
+    /// Whether surfels of one piece of the scene have one size.
+    is_even: bool,
 }
 
 /// Chooses the frame's kernels by the media in the tree and in the scene.
@@ -80,6 +84,7 @@ fn shade_with<P: Pages>(
         media: NoMedia,
         shadows: None,
         area_per_surfel: store.area_per_surfel(),
+        is_even: store.tree().meta().cloud.disk_overlap > 0.0,
     };
     match &store.media {
         MediaStore::Absent if scene.volumes.is_empty() => {
@@ -114,6 +119,7 @@ fn shade_through<P: Pages, S: Source>(
                 media,
                 shadows: tree.shadows,
                 area_per_surfel: tree.area_per_surfel,
+                is_even: tree.is_even,
             };
             shade(scene, &tree, settings, regions, job, |shot| shot.in_media())
         }
@@ -145,8 +151,14 @@ fn shade<P: Pages, M: Medium>(
     if let Some(shadows) = tree.shadows {
         lights = lights.with_soft_shadows_through(shadows);
     }
-    let outgoing =
-        (settings.kernel == Kernel::Traced).then(|| Outgoing::new(&tracer, tree.area_per_surfel));
+    let outgoing = (settings.kernel == Kernel::Traced).then(|| {
+        let outgoing = Outgoing::new(&tracer, tree.area_per_surfel);
+        if tree.is_even {
+            outgoing
+        } else {
+            outgoing.of_uneven_surfels()
+        }
+    });
     let kernel = match (&outgoing, settings.kernel) {
         (Some(outgoing), _) => gather::Kernel::Traced(outgoing),
         (None, Kernel::Plain) => gather::Kernel::Plain,

@@ -7,6 +7,7 @@ use crate::Result;
 use crate::scene::{Grid, Scene};
 use crate::shade::{self, Kernel};
 use glam::{DAffine3, DVec3, Vec3};
+use std::fmt::Write;
 
 const SURFELS: u64 = 20_000;
 
@@ -14,6 +15,7 @@ pub fn rows(bench: &Workbench) -> Result<Vec<Row>> {
     let mut rows = Vec::new();
     huge(bench, &mut rows)?;
     starved(bench, &mut rows)?;
+    opaque(bench, &mut rows)?;
     Ok(rows)
 }
 
@@ -29,7 +31,7 @@ fn layer(bench: &Workbench, scene: &Scene, name: &str) -> Result<f64> {
 /// The room over a black ground, which is not seen.
 fn over_ground(edge: f32) -> Scene {
     let mut scene = room();
-    let corner = Vec3::new(-0.5 * edge, -1.01, -0.5 * edge);
+    let corner = Vec3::new(-0.5 * edge, -1.1, -0.5 * edge);
     add_quad(
         &mut scene,
         [corner, edge * Vec3::Z, edge * Vec3::X],
@@ -92,6 +94,63 @@ fn starved(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
                 alone,
                 mean_of(&scene)?,
                 0.02,
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// A room with a cube of a white medium of this extinction.
+fn with_cube(bench: &Workbench, extinction: f64) -> Result<Scene> {
+    let mut text = String::from(
+        "[film]\nwidth = 32\nheight = 24\n[[camera]]\nposition = [0, 1, 3.9]\ntarget = [0, 1, 0]\nfov_x_deg = 40\n",
+    );
+    for (turn, at, albedo, size, emission) in [
+        ([0, 0, 0], [0.0, 0.0, 0.0], 0.7, 2.0, 0.0),
+        ([180, 0, 0], [0.0, 2.0, 0.0], 0.7, 2.0, 0.0),
+        ([90, 0, 0], [0.0, 1.0, -1.0], 0.7, 2.0, 0.0),
+        ([0, 0, -90], [-1.0, 1.0, 0.0], 0.7, 2.0, 0.0),
+        ([180, 0, 0], [0.0, 1.98, 0.0], 0.0, 0.6, 9.0),
+    ] {
+        let _ = write!(
+            text,
+            "[[mesh]]\nfile = \"builtin:quad\"\nscale = {size}\nrotate_deg = {turn:?}\ntranslate = {at:?}\n\
+             albedo = [{albedo}, {albedo}, {albedo}]\nemission = [{emission}, {emission}, {emission}]\n"
+        );
+    }
+    let _ = write!(
+        text,
+        "[[volume]]\nfile = \"white.raw\"\ndims = [8, 8, 8]\ndtype = \"u8\"\nsigma_t_scale = {extinction:e}\n\
+         value_scale = 0.00392156862745098\nalbedo = [1, 1, 1]\n\
+         unitcube_to_world = [[0.7, 0, 0, -0.41], [0, 0.7, 0, 0.3], [0, 0, 0.7, -0.37], [0, 0, 0, 1]]\n"
+    );
+    bench.load(&text, &[("white.raw", &[255; 512])])
+}
+
+/// Where nothing gets through, more of a medium changes nothing.
+fn opaque(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
+    let layers = |extinction: f64| -> Result<[f64; 2]> {
+        let scene = with_cube(bench, extinction)?;
+        let store = bench.tree(&scene, SURFELS)?;
+        let frame = bench.shade(&scene, &store, &settings())?;
+        Ok([
+            mean(&pixels(&frame, "indirect")?),
+            mean(&pixels(&frame, "")?),
+        ])
+    };
+    let expected = layers(1e4)?;
+    for extinction in [1e6, 1e8, 1e12, 1e30] {
+        let got = layers(extinction)?;
+        for (k, name) in ["indirect light of the walls", "the picture"]
+            .iter()
+            .enumerate()
+        {
+            rows.push(Row::relative(
+                format!("opaque white cube of edge 0.7: mean of {name}"),
+                format!("extinction {extinction:e}"),
+                expected[k],
+                got[k],
+                0.01,
             ));
         }
     }

@@ -1,6 +1,6 @@
 //! How densely surfels stand on the pieces of a scene: triangles of one material are a piece.
 
-use crate::scene::Scene;
+use crate::scene::{Material, Scene};
 
 /// Samples per area of each piece, over what they would be if samples went by area alone.
 ///
@@ -9,9 +9,8 @@ use crate::scene::Scene;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pieces {
     density: Vec<f64>,
-    /// Area of all pieces, and the same with each times its density.
-    area: f64,
-    weighted: f64,
+    /// Area of a sample over the mean; none of black pieces.
+    area_over_mean: Vec<Option<f32>>,
 }
 
 impl Pieces {
@@ -59,11 +58,14 @@ impl Pieces {
                 factor *= (1.0 - most) * left / rest;
             }
         }
-        let weighted = areas.iter().zip(&density).map(|(a, d)| a * d).sum();
+        let weighted: f64 = areas.iter().zip(&density).map(|(a, d)| a * d).sum();
+        let over_mean = |(d, material): (&f64, &Material)| {
+            (material.albedo != [0.0; 3]).then_some((weighted / area / d) as f32)
+        };
+        let area_over_mean = density.iter().zip(&scene.materials).map(over_mean);
         Self {
+            area_over_mean: area_over_mean.collect(),
             density,
-            area,
-            weighted,
         }
     }
 
@@ -73,17 +75,18 @@ impl Pieces {
         self.density.get(material as usize).copied().unwrap_or(1.0)
     }
 
-    /// Area that a sample stands for on a material, over the mean of all samples.
+    /// Area that a sample stands for on a material, over the mean of all samples; `None` if it reflects nothing.
     #[must_use]
-    pub fn area_over_mean(&self, material: u32) -> f32 {
-        (self.weighted / self.area / self.density(material)) as f32
+    #[inline]
+    pub fn area_over_mean(&self, material: u32) -> Option<f32> {
+        self.area_over_mean[material as usize]
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Camera, Film, Material};
+    use crate::scene::{Camera, Film};
     use glam::{Affine3A, Vec3};
 
     /// Squares of these edges and albedos.
@@ -118,21 +121,21 @@ mod tests {
         scene
     }
 
-    /// Shares of all samples.
+    /// Shares of all samples, which what a sample stands for tells, too.
     fn shares(squares: &[(f32, f32)]) -> Vec<f64> {
         let pieces = Pieces::new(&scene(squares));
-        let of = |(m, &(edge, _)): (usize, &(f32, f32))| {
-            let area = f64::from(edge) * f64::from(edge);
-            let samples = area * pieces.density(m as u32) / pieces.area;
-            let mean = pieces.area / pieces.weighted * samples;
+        let areas = squares.iter().map(|&(edge, _)| f64::from(edge).powi(2));
+        let all: f64 = areas.clone().sum();
+        let of = |(m, area): (usize, f64)| {
+            let over_mean = pieces.area_over_mean(m as u32);
+            assert_eq!(over_mean.is_none(), squares[m].1 == 0.0);
+            let share = area * pieces.density(m as u32) / all;
             assert!(
-                (area / f64::from(pieces.area_over_mean(m as u32)) / pieces.area / mean - 1.0)
-                    .abs()
-                    < 1e-6
+                over_mean.is_none_or(|o| (area / all / f64::from(o) / share - 1.0).abs() < 1e-6)
             );
-            samples
+            share
         };
-        squares.iter().enumerate().map(of).collect()
+        areas.enumerate().map(of).collect()
     }
 
     #[test]

@@ -106,7 +106,7 @@ impl Surface {
 /// depend on what else is in the scene.
 #[must_use]
 pub fn offset(point: Vec3) -> f32 {
-    const ROUNDING: f32 = 16.0 * f32::EPSILON;
+    const ROUNDING: f32 = 32.0 * f32::EPSILON;
     ROUNDING * point.abs().max_element()
 }
 

@@ -199,3 +199,29 @@ fn the_seed_and_the_tree_decide_and_are_written_down() {
         more.attributes["lvox/settings"]
     );
 }
+
+#[test]
+fn what_memory_cannot_hold_is_told_before_it_is_made() {
+    let work = Work::new(ROOM);
+    let scene = work.scene();
+    let tree = work.bake(&scene, 1000);
+    let error = TreeStore::open(&tree, Some(1000)).unwrap_err().to_string();
+    assert!(error.contains("lvoxels take"), "{error}");
+    // The picture alone, whatever the tree takes.
+    let store = TreeStore::open(&tree, None).unwrap();
+    let job = Job {
+        memory_limit: Some(100_000),
+        ..Job::default()
+    };
+    let settings = Settings::default();
+    let shade = |region| lvox::shade::run(&scene, &store, &settings, region, &[], &job);
+    let error = shade(Region::full(64, 48)).unwrap_err();
+    assert!(error.to_string().contains("3072 pixels"), "{error}");
+    let part = Region {
+        x0: 8,
+        y0: 8,
+        x1: 16,
+        y1: 12,
+    };
+    shade(part).unwrap();
+}
