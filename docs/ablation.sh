@@ -4,7 +4,7 @@
 #
 # ABLATION_WORK    trees, images and reports; what is there is not made again [target/ablation]
 # ABLATION_SCENES  these, or curved, lights100, volumes, thin, outdoor [A B C C_novol]
-# ABLATION_TIMED   a command in front of all runs: to wait for a quiet machine [none]
+# ABLATION_TIMED   a command in front of what is timed, ABLATION_HEAVY of the build: to wait for a quiet machine [none]
 set -eu
 cd "$(dirname "$0")/.."
 
@@ -29,7 +29,7 @@ bake --surfels 125000|bake --surfels 125000
 bake --surfels 2000000|bake --surfels 2000000
 bake --block-depth 0.35: lvoxels half as deep|bake --block-depth 0.35'
 
-cargo build --release
+${ABLATION_HEAVY:-} cargo build --release
 lvox=$(realpath "${CARGO_TARGET_DIR:-target}/release/lvox")
 
 measure() {
