@@ -74,15 +74,16 @@ python3 - "$work" "$rows" $scenes <<'PYTHON'
 import json, sys
 
 work, rows, scenes = sys.argv[1], sys.argv[2].splitlines(), sys.argv[3:]
-print("| | " + " | ".join(f"{s}: CPU s | relMSE trimmed | bias" for s in scenes) + " |")
-print("| --- |" + " --- |" * 3 * len(scenes))
+print("| CPU s, trimmed relMSE, bias | " + " | ".join(scenes) + " |")
+print("| --- |" + " --- |" * len(scenes))
 for i, row in enumerate(rows):
     cells = []
     for scene in scenes:
         stages = json.load(open(f"{work}/{scene}.{i}.json"))["stages"]
         secs = next(s["cpu_secs"] for s in stages if s["stage"] == "shade")
         scores = json.load(open(f"{work}/{scene}.{i}.scores"))
-        cells += [f"{secs:.2f}", f"{scores['relmse_trimmed']:.1e}", f"{100 * scores['bias']:+.2f} %"]
+        error = f"{scores['relmse_trimmed']:.1e}".replace("e-0", "e-")
+        cells.append(f"{secs:.2f}, {error}, {100 * scores['bias']:+.2f} %")
     flag, _, what = row.split("|")[0].partition(":")
     name = flag if flag == "default" else f"`{flag}`{':' if what else ''}{what}"
     print(f"| {name} | " + " | ".join(cells) + " |")

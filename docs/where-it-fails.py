@@ -193,6 +193,10 @@ class Runner:
         return key + ".exr", next(s["cpu_secs"] for s in stages if s["stage"] == "shade")
 
 
+def short(value):
+    return f"{value:.1e}".replace("e-0", "e-")
+
+
 def difference(scores):
     return f"{100 * scores['bias']:+.1f} %"
 
@@ -209,7 +213,7 @@ def main():
     for scene in scenes:
         s = runner.scores(scene, image_of(folder, scene), worst=3)
         worst[scene] = s["worst"]
-        print(f"| {scene} | {s['relmse_trimmed']:.1e} | {100 * s['pdiff']:.2f} % | {100 * s['bias']:+.2f} % | {s['flip']:.3f} |")
+        print(f"| {scene} | {short(s['relmse_trimmed'])} | {100 * s['pdiff']:.2f} % | {100 * s['bias']:+.2f} % | {s['flip']:.3f} |")
 
     print("\n| scene | block | reference | difference | relMSE |\n| --- | --- | --- | --- | --- |")
     for scene in scenes:
@@ -217,7 +221,7 @@ def main():
             name = scene if i == 0 else ""
             share = b["error"] / b["reference"] if b["reference"] else math.nan
             print(f"| {name} | {b['x0']} {b['y0']} | {b['reference']:.3g} | {b['error']:+.2g} ({100 * share:+.1f} %) "
-                  f"| {b['relmse']:.1e} |")
+                  f"| {short(b['relmse'])} |")
 
     print("\n| place | scene, pixels | settings | difference | relMSE | shade, CPU s |\n| --- | --- | --- | --- | --- | --- |")
     for name, scene, region, settings in PLACES:
@@ -228,7 +232,7 @@ def main():
             s = runner.scores(scene, image, region)
             where = f"{scene}, {' '.join(map(str, region))}"
             first = f"{name} | {where}" if i == 0 else " | "
-            print(f"| {first} | {f'`{options}`' if options else 'default'} | {difference(s)} | {s['relmse']:.1e} | {secs:.2f} |")
+            print(f"| {first} | {f'`{options}`' if options else 'default'} | {difference(s)} | {short(s['relmse'])} | {secs:.2f} |")
 
     for name, (scene, region, full) in PICTURES.items():
         image, reference = read(image_of(folder, scene)), read(reference_of(scene))
