@@ -78,7 +78,7 @@ def cpu(at, name, kind):
     return min(stage(f"{at}.{i}{kind}.json", name)["cpu_secs"] for i in range(rounds))
 
 
-print("| scene | film | shade, CPU s | CPU us a pixel | ratio | path tracer, CPU us a sample | ratio | relMSE trimmed | of the reference |")
+print("| scene | film | shade, CPU s | CPU us a pixel | ratio | path tracer, CPU us a sample | ratio | relMSE trimmed | noise of the reference |")
 print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
 for scene in scenes:
     first = None

@@ -142,7 +142,7 @@ fn compare(
     rows.push(Row::relative(
         format!("{case}: flux in the tree"),
         parameter,
-        flux(&base) * factor,
+        flux(base) * factor,
         flux(&view),
         mean_limit,
     ));

@@ -83,16 +83,27 @@ pub struct Family {
     pub rows: Vec<Row>,
 }
 
-/// All families as a document in Markdown: a table each, below its heading and note.
+/// All families as a document in Markdown: the notes of all first, then a table each.
 #[must_use]
 pub fn markdown(families: &[Family]) -> String {
     let mut out = String::from(HEAD);
     for family in families {
+        let failed = family.rows.iter().filter(|r| !r.passed()).count();
         let _ = writeln!(
             out,
-            "\n## {}\n\n{}\n\n| case | parameter | expected | got | relative error | limit | verdict |\n\
+            "\n## {}\n\n{}\n\n{} rows, {failed} failed.",
+            family.name,
+            family.note,
+            family.rows.len()
+        );
+    }
+    out.push_str("\n# Tables\n");
+    for family in families {
+        let _ = writeln!(
+            out,
+            "\n### {}\n\n| case | parameter | expected | got | relative error | limit | verdict |\n\
              | --- | --- | --- | --- | --- | --- | --- |",
-            family.name, family.note
+            family.name
         );
         for row in &family.rows {
             let _ = writeln!(
