@@ -7,7 +7,7 @@
 //! fast indirect light can change (Ward & Heckbert 1992 for the measure).
 
 use super::view::View;
-use crate::gather::{Gathered, Gatherer, Medium, Pages, Stretch};
+use crate::gather::{Gathered, Gatherer, Kernel, Medium, Pages, Stretch};
 use crate::image::Region;
 use crate::math::{Rgb, sampling};
 use crate::run::{Cancel, Task};
@@ -283,7 +283,12 @@ pub fn gather_surface<P: Pages, M: Medium>(
     // Off the surfaces that it may meet there, too.
     let towards_camera = (view.camera.origin() - surface.position).normalize_or_zero();
     let off = surface.face_normal + towards_camera;
-    let origin = surface.position + off * offset(surface.position);
+    // Disks stand where their places were rounded to, some of them before the wall that the receiver is on.
+    let rounding = match gatherer.settings.kernel {
+        Kernel::Traced(_) => 1.0,
+        Kernel::Cone | Kernel::Plain => 8.0,
+    };
+    let origin = surface.position + off * (rounding * offset(surface.position));
     gatherer.irradiance(origin, surface.normal, stretch)
 }
 
