@@ -61,12 +61,12 @@ impl<'a> Outgoing<'a> {
     /// Binary logarithm of the slots: 4 MiB in all.
     const SLOTS: u32 = 18;
 
-    /// Nothing is known yet. `area_per_surfel` is that of the tree: no patch is much smaller than a disk.
+    /// Nothing is known yet. `area_per_surfel` is that of the tree: patches need not be smaller than surfels tell apart.
     #[must_use]
     pub fn new(geometry: &'a dyn Geometry, area_per_surfel: f32) -> Self {
         Self {
             geometry,
-            least: 4.0 * area_per_surfel,
+            least: area_per_surfel,
             is_even: true,
             slots: (0..1 << Self::SLOTS).map(|_| Slot::default()).collect(),
             patches: AtomicU64::new(0),
@@ -136,7 +136,7 @@ impl<'a> Outgoing<'a> {
     }
 
     /// The part of the triangle that was met: its edges are divided by two until the longest is at most the root of
-    /// `size` long, or of `least`, about as long as a disk is wide.
+    /// `size` long, or of `least`, about as long as surfels stand apart.
     fn patch(&self, hit: &Hit, direction: Vec3, size: f32, least: f32) -> Patch {
         let size = size.max(least);
         let [a, b, c] = self.geometry.corners(hit.triangle);
@@ -172,7 +172,7 @@ impl<'a> Outgoing<'a> {
             normal: if is_back { -normal } else { normal },
             area: area.max(least),
             own2: if self.is_even && least > 0.0 {
-                0.5 * least
+                2.0 * least
             } else {
                 f32::INFINITY
             },
