@@ -7,7 +7,7 @@
 //! fast indirect light can change (Ward & Heckbert 1992 for the measure).
 
 use super::view::View;
-use crate::gather::{Gathered, Gatherer, Kernel, Medium, Pages, Stretch};
+use crate::gather::{Gathered, Gatherer, Medium, Pages, Stretch};
 use crate::image::Region;
 use crate::math::{Rgb, sampling};
 use crate::run::{Cancel, Task};
@@ -272,6 +272,10 @@ impl Area {
     }
 }
 
+/// Disks stand where their places were rounded to, some of them before the wall that the receiver is on: gathers start so
+/// many times further off it than rays to triangles need.
+const ROUNDING: f32 = 8.0;
+
 /// Gathers over the hemisphere of a surface.
 #[must_use]
 pub fn gather_surface<P: Pages, M: Medium>(
@@ -283,12 +287,7 @@ pub fn gather_surface<P: Pages, M: Medium>(
     // Off the surfaces that it may meet there, too.
     let towards_camera = (view.camera.origin() - surface.position).normalize_or_zero();
     let off = surface.face_normal + towards_camera;
-    // Disks stand where their places were rounded to, some of them before the wall that the receiver is on.
-    let rounding = match gatherer.settings.kernel {
-        Kernel::Traced(_) => 1.0,
-        Kernel::Cone | Kernel::Plain => 8.0,
-    };
-    let origin = surface.position + off * (rounding * offset(surface.position));
+    let origin = surface.position + off * (ROUNDING * offset(surface.position));
     gatherer.irradiance(origin, surface.normal, stretch)
 }
 
