@@ -37,6 +37,10 @@ struct Lattices {
 /// Spacings of 1, 2 and 4 voxels.
 pub(super) const LEVELS: usize = 3;
 
+/// Voxels that vertices and probes keep from the border of their volume: there may be a floor in its plane, of which they
+/// would see either side.
+pub(super) const INSIDE: f32 = 0.1;
+
 /// In-scattered light of all volumes of a scene.
 pub struct InScatter<'a, P, M> {
     volumes: &'a [Volume],
@@ -67,8 +71,6 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     const ALIKE_GATHERED: f32 = 3.0;
     /// Spacings of vertices around a lamp in which its light is looked for on the ray itself.
     const NEAR: f32 = 2.0;
-    /// Voxels that vertices keep from the border of their volume.
-    const INSIDE: f32 = 0.1;
     /// Shadow rays of a vertex or point to lights with an extent.
     const SHADOW_RAYS: u32 = 4;
 
@@ -286,7 +288,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     fn to_scene(&self, volume: usize, p: Vec3) -> Vec3 {
         let medium = &self.volumes[volume];
         let dims = Vec3::from(medium.sigma_t.dims().map(|n| n as f32));
-        let inside = p.clamp(Vec3::splat(Self::INSIDE), dims - Self::INSIDE);
+        let inside = p.clamp(Vec3::splat(INSIDE), dims - INSIDE);
         let in_scene = medium.scene_from_index.transform_point3(inside.as_dvec3());
         in_scene.as_vec3()
     }
