@@ -274,26 +274,3 @@ fn a_point_light_follows_the_inverse_square() {
     let expected = 0.5 / std::f32::consts::PI * 3.0 * 0.8;
     assert!((found / expected - 1.0).abs() < 1e-4, "{found} {expected}");
 }
-
-/// What a floor sends into the medium that rests on it does not depend on whether their planes are the same.
-#[test]
-fn a_medium_sees_the_floor_that_it_rests_on() {
-    let brightness = |height: f32| {
-        let floor = format!(
-            "[[mesh]]\nfile = \"builtin:quad\"\nscale = 30\ntranslate = [0, {}, 0]\nalbedo = [0.8, 0.8, 0.8]\n",
-            -0.5 - height
-        );
-        let sun = "[[light]]\ntype = \"directional\"\ndirection = [0.2, -1, 0.1]\nirradiance = [3.0, 3.0, 3.0]\n";
-        let frame = render(
-            &(film(16)
-                + &floor
-                + sun
-                + &fog(0.5, 0.9).replace("dims = [1, 1, 1]", "dims = [16, 16, 16]")),
-            20_000,
-            &quick(),
-        );
-        mean(&layer(&frame, "volume"))
-    };
-    let (resting, raised) = (brightness(0.0), brightness(0.01));
-    assert!((resting / raised - 1.0).abs() < 0.05, "{resting} {raised}");
-}
