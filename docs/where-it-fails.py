@@ -15,7 +15,9 @@ import subprocess
 import sys
 import zlib
 
-ROWS = {0: 1, 2: 1, 3: 16}  # rows of a chunk by compression: none, ZIPS, ZIP
+sys.path.append(os.path.join(os.path.dirname(__file__), os.pardir, "tests", "acceptance", "references"))
+import exr  # noqa: E402, beside the references
+
 SHARED = ("A", "B", "C", "C_novol")
 GENERAL = ("curved", "lights100", "volumes", "thin", "outdoor")
 
@@ -54,58 +56,10 @@ PLACES = (
 )
 
 
-def unzip(data, size):
-    if len(data) == size:
-        return data
-    raw = bytearray(zlib.decompress(data))
-    for i in range(1, len(raw)):
-        raw[i] = (raw[i - 1] + raw[i] - 128) & 255
-    out = bytearray(size)
-    middle = (size + 1) // 2
-    out[0::2], out[1::2] = raw[:middle], raw[middle:]
-    return bytes(out)
-
-
 def read(name):
-    """Rows of (r, g, b) of a scan-line OpenEXR file of 16 or 32-bit floats, not compressed or by ZIP."""
-    data = open(name, "rb").read()
-    at, value = 8, {}
-
-    def text():
-        nonlocal at
-        end = data.index(b"\0", at)
-        found, at = data[at:end].decode(), end + 1
-        return found
-
-    while data[at]:
-        key, _ = text(), text()
-        (size,) = struct.unpack_from("<i", data, at)
-        value[key] = data[at + 4 : at + 4 + size]
-        at += 4 + size
-    at += 1
-    x0, y0, x1, y1 = struct.unpack("<4i", value["dataWindow"])
-    width, height = x1 - x0 + 1, y1 - y0 + 1
-    channels, kinds, i = value["channels"], [], 0
-    while channels[i]:
-        end = channels.index(b"\0", i)
-        kinds.append((channels[i:end].decode(), struct.unpack_from("<i", channels, end + 1)[0]))
-        i = end + 17
-    lines = ROWS[value["compression"][0]]
-    size = sum(width * (2 if kind == 1 else 4) for _, kind in kinds)
-    rows = []
-    for offset in struct.unpack_from(f"<{(height + lines - 1) // lines}Q", data, at):
-        y, packed = struct.unpack_from("<2i", data, offset)
-        count = min(lines, y1 + 1 - y)
-        block = unzip(data[offset + 8 : offset + 8 + packed], size * count)
-        start = 0
-        for _ in range(count):
-            row = {}
-            for channel, kind in kinds:
-                code, step = ("e", 2) if kind == 1 else ("f", 4)
-                row[channel] = struct.unpack_from(f"<{width}{code}", block, start)
-                start += width * step
-            rows.append(list(zip(row["R"], row["G"], row["B"])))
-    return rows
+    """Rows of (r, g, b)."""
+    _, rows = exr.read(name)
+    return [list(zip(*colours)) for colours in zip(*(rows[c] for c in "RGB"))]
 
 
 def write_png(name, rows):

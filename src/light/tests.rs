@@ -6,9 +6,9 @@ use super::receiver::Receiver;
 use super::tree::Tree;
 use super::{Lights, ShadowRays};
 use crate::math::{Rgb, sampling};
-use crate::scene::{Camera, Film, Material, Scene};
+use crate::scene::{Material, Scene};
 use crate::trace::Tracer;
-use glam::{Affine3A, Vec3};
+use glam::Vec3;
 
 /// Numbers in [0,1) that a key tells.
 struct Numbers {
@@ -52,25 +52,10 @@ impl Numbers {
     }
 }
 
-fn empty() -> Scene {
-    Scene::empty(
-        Camera {
-            name: String::new(),
-            scene_from_camera: Affine3A::IDENTITY,
-            fov_x_rad: 1.0,
-        },
-        Film {
-            width: 4,
-            height: 4,
-            exposure: 1.0,
-        },
-    )
-}
-
 /// Lamps of power over a range of 36 and of different colours: half of them anywhere, half on a ceiling.
 fn lamps(count: usize, key: u64) -> Scene {
     let mut numbers = Numbers::new(key);
-    let mut scene = empty();
+    let mut scene = Scene::without_picture();
     let size = 0.5 / (count as f32).sqrt();
     for i in 0..count {
         let (mut middle, mut normal) = (numbers.place(), numbers.direction());
@@ -89,9 +74,7 @@ fn lamps(count: usize, key: u64) -> Scene {
         scene.materials.push(Material {
             emission: std::array::from_fn(|_| radiance * (0.2 + numbers.unit())),
             emits_both_sides: i % 5 == 0,
-            name: String::new(),
-            albedo: [0.0; 3],
-            texture: None,
+            ..Material::diffuse("", [0.0; 3])
         });
     }
     scene
@@ -236,13 +219,7 @@ fn the_mean_over_rays_is_the_sum_over_all_lights() {
     let quad = [[0, 1, 2], [0, 2, 3]].map(|t| t.map(|i| first + i));
     scene.mesh.triangles.extend(quad);
     scene.mesh.material.extend([200; 2]);
-    scene.materials.push(Material {
-        name: String::new(),
-        albedo: [0.5; 3],
-        texture: None,
-        emission: [0.0; 3],
-        emits_both_sides: false,
-    });
+    scene.materials.push(Material::diffuse("", [0.5; 3]));
     let emitters = Emitters::new(&open);
     let tracer = Tracer::new(&scene);
     for (baking, tolerance) in [(true, 0.005), (false, 0.04)] {

@@ -30,11 +30,9 @@ fn add_quad(scene: &mut Scene, corners: [Vec3; 4], albedo: f32, emission: f32, b
     let material = scene.materials.len() as u32;
     mesh.material.extend([material; 2]);
     scene.materials.push(Material {
-        name: "quad".into(),
-        albedo: [albedo; 3],
-        texture: None,
         emission: [emission, 0.5 * emission, 2.0 * emission],
         emits_both_sides: both,
+        ..Material::diffuse("quad", [albedo; 3])
     });
 }
 

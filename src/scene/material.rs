@@ -17,6 +17,20 @@ pub struct Material {
     pub emits_both_sides: bool,
 }
 
+impl Material {
+    /// A material that only reflects.
+    #[must_use]
+    pub fn diffuse(name: &str, albedo: [f32; 3]) -> Self {
+        Self {
+            name: name.into(),
+            albedo,
+            texture: None,
+            emission: [0.0; 3],
+            emits_both_sides: false,
+        }
+    }
+}
+
 /// An image in linear RGB, wrapped in both directions and filtered bilinearly.
 #[derive(Clone, Debug)]
 pub struct Texture {

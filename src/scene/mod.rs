@@ -72,6 +72,22 @@ impl Scene {
         }
     }
 
+    /// A scene for tests that look at no picture.
+    #[cfg(test)]
+    pub fn without_picture() -> Self {
+        let camera = Camera {
+            name: String::new(),
+            scene_from_camera: glam::Affine3A::IDENTITY,
+            fov_x_rad: 1.0,
+        };
+        let film = Film {
+            width: 1,
+            height: 1,
+            exposure: 1.0,
+        };
+        Self::empty(camera, film)
+    }
+
     /// The same scene in the frame of another: positions in scene space become what they are with this
     /// `world_from_scene`. A tree holds places in the frame of the scene that it was baked of, which moves as that grows.
     ///

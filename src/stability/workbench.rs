@@ -246,11 +246,8 @@ pub fn add_quad(scene: &mut Scene, [corner, across, down]: [Vec3; 3], albedo: f3
         scene.mesh.material.push(scene.materials.len() as u32);
     }
     scene.materials.push(Material {
-        name: String::new(),
-        albedo: [albedo; 3],
-        texture: None,
         emission: [emission; 3],
-        emits_both_sides: false,
+        ..Material::diffuse("", [albedo; 3])
     });
 }
 

@@ -86,22 +86,11 @@ impl Pieces {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Camera, Film};
-    use glam::{Affine3A, Vec3};
+    use glam::Vec3;
 
     /// Squares of these edges and albedos.
     fn scene(squares: &[(f32, f32)]) -> Scene {
-        let camera = Camera {
-            name: String::new(),
-            scene_from_camera: Affine3A::IDENTITY,
-            fov_x_rad: 1.0,
-        };
-        let film = Film {
-            width: 1,
-            height: 1,
-            exposure: 1.0,
-        };
-        let mut scene = Scene::empty(camera, film);
+        let mut scene = Scene::without_picture();
         for (m, &(edge, albedo)) in squares.iter().enumerate() {
             let first = scene.mesh.positions.len() as u32;
             let corners = [Vec3::ZERO, Vec3::X, Vec3::ONE - Vec3::Z, Vec3::Y];
@@ -110,13 +99,7 @@ mod tests {
                 scene.mesh.triangles.push(t.map(|v| v + first));
                 scene.mesh.material.push(m as u32);
             }
-            scene.materials.push(Material {
-                name: String::new(),
-                albedo: [albedo; 3],
-                texture: None,
-                emission: [0.0; 3],
-                emits_both_sides: false,
-            });
+            scene.materials.push(Material::diffuse("", [albedo; 3]));
         }
         scene
     }

@@ -123,34 +123,17 @@ pub fn unit_normal([a, b, c]: [Vec3; 3]) -> Vec3 {
 mod tests {
     use super::*;
     use crate::math::sampling::{hash, triangle, unit};
-    use crate::scene::{Camera, Film, Material};
-    use glam::Affine3A;
+    use crate::scene::Material;
 
     /// A tilted triangle that is a million times larger than what is looked at near its middle.
     #[test]
     fn points_are_off_their_plane_by_less_than_rays_are_moved() {
-        let camera = Camera {
-            name: String::new(),
-            scene_from_camera: Affine3A::IDENTITY,
-            fov_x_rad: 1.0,
-        };
-        let film = Film {
-            width: 1,
-            height: 1,
-            exposure: 1.0,
-        };
-        let mut scene = Scene::empty(camera, film);
+        let mut scene = Scene::without_picture();
         let corners = [[-1e6, 3e5, -9e5], [-1e6, -2e5, 9e5], [1.1e6, 1e5, 3.0]].map(Vec3::from);
         scene.mesh.positions = corners.to_vec();
         scene.mesh.triangles = vec![[0, 1, 2]];
         scene.mesh.material = vec![0];
-        scene.materials = vec![Material {
-            name: String::new(),
-            albedo: [0.5; 3],
-            texture: None,
-            emission: [0.0; 3],
-            emits_both_sides: false,
-        }];
+        scene.materials = vec![Material::diffuse("", [0.5; 3])];
         let [a, b, c] = corners.map(|p| p.as_dvec3());
         let normal = (b - a).cross(c - a).normalize();
         for i in 0..1000 {

@@ -336,6 +336,34 @@ mod signals {
     use std::process::Stdio;
     use std::time::{Duration, Instant};
 
+    /// Starts a verb, waits for a stage to begin and then for a while, and asks it to stop: it says so before `within` is over.
+    fn stop(work: &Work, args: &[&str], stage: &str, after: Duration, within: Duration) {
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_lvox"))
+            .current_dir(work.0.path())
+            .args(args)
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap())
+            .lines()
+            .map_while(Result::ok);
+        assert!(lines.any(|l| l.starts_with(stage)), "{stage} never began");
+        std::thread::sleep(after);
+        let asked = Instant::now();
+        let kill = std::process::Command::new("kill")
+            .args(["-TERM", &child.id().to_string()])
+            .status();
+        assert!(kill.unwrap().success());
+        let last = lines.last().unwrap_or_default();
+        let code = child.wait().unwrap().code();
+        assert!(asked.elapsed() < within, "{stage}");
+        assert_eq!(
+            (code, last.as_str()),
+            (Some(1), "error: stopped on request"),
+            "{stage}"
+        );
+    }
+
     /// Starts a render that takes long, waits for a stage to begin, asks it to stop, and looks at what it leaves.
     fn stopped_in(stage: &str, options: &[&str]) {
         let work = Work::new(ROOM);
@@ -354,30 +382,8 @@ mod signals {
             "--progress",
             "plain",
         ];
-        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_lvox"))
-            .current_dir(work.0.path())
-            .args(args)
-            .args(options)
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut lines = BufReader::new(child.stderr.take().unwrap())
-            .lines()
-            .map_while(Result::ok);
-        assert!(lines.any(|l| l.starts_with(stage)), "{stage} never began");
-        let asked = Instant::now();
-        let kill = std::process::Command::new("kill")
-            .args(["-TERM", &child.id().to_string()])
-            .status();
-        assert!(kill.unwrap().success());
-        let last = lines.last().unwrap_or_default();
-        let code = child.wait().unwrap().code();
-        assert!(asked.elapsed() < Duration::from_secs(20), "{stage}");
-        assert_eq!(
-            (code, last.as_str()),
-            (Some(1), "error: stopped on request"),
-            "{stage}"
-        );
+        let args = [&args[..], options].concat();
+        stop(&work, &args, stage, Duration::ZERO, Duration::from_secs(20));
         let left: &[&str] = match stage {
             "surfels" => &["out.json", "scene.toml", "smoke.raw", "temporary"],
             // Both are whole: the tree was asked for and was done.
@@ -424,28 +430,11 @@ mod signals {
             .map(|i| (64 + i * 7 % 191) as u8)
             .collect();
         fs::write(work.path("dense.raw"), dense).unwrap();
-        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_lvox"))
-            .current_dir(work.0.path())
-            .args(["bake", "scene.toml", "-o", "out.lvc", "--progress", "plain"])
-            .args(["--bake-shadow-rays", "16"])
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut lines = BufReader::new(child.stderr.take().unwrap())
-            .lines()
-            .map_while(Result::ok);
-        assert!(lines.any(|l| l.starts_with("lvoxels")));
+        let args = ["bake", "scene.toml", "-o", "out.lvc", "--progress", "plain"];
+        let args = [&args[..], &["--bake-shadow-rays", "16"]].concat();
         // In the middle of its first bricks.
-        std::thread::sleep(Duration::from_millis(300));
-        let asked = Instant::now();
-        let kill = std::process::Command::new("kill")
-            .args(["-TERM", &child.id().to_string()])
-            .status();
-        assert!(kill.unwrap().success());
-        let last = lines.last().unwrap_or_default();
-        assert_eq!(child.wait().unwrap().code(), Some(1));
-        assert!(asked.elapsed() < Duration::from_secs(10));
-        assert_eq!(last, "error: stopped on request");
+        let after = Duration::from_millis(300);
+        stop(&work, &args, "lvoxels", after, Duration::from_secs(10));
         assert_eq!(work.names(), ["dense.raw", "scene.toml", "smoke.raw"]);
     }
 

@@ -3,8 +3,9 @@
 use super::super::Scene;
 use super::field::{Array, Field, Number, Samples};
 use super::files::Files;
-use super::part::{DEFAULT_ALBEDO, Part, diffuse};
+use super::part::{DEFAULT_ALBEDO, Part};
 use super::table::nearest;
+use crate::scene::Material;
 use crate::{Error, Result};
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
@@ -47,7 +48,7 @@ pub(super) fn mesh(name: &str) -> Result<Part> {
         _ => return Err(unknown("mesh", name, &MESHES)),
     };
     part.material = vec![0; part.triangles.len()];
-    part.materials = vec![diffuse(name, DEFAULT_ALBEDO)];
+    part.materials = vec![Material::diffuse(name, DEFAULT_ALBEDO)];
     Ok(part)
 }
 

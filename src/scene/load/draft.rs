@@ -326,8 +326,9 @@ fn has_area([a, b, c]: [DVec3; 3]) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::part::{DEFAULT_ALBEDO, diffuse};
+    use super::super::part::DEFAULT_ALBEDO;
     use super::*;
+    use crate::scene::Material;
 
     fn square(centre: DVec3) -> Part {
         let corner = |x, y| centre + DVec3::new(x, y, 0.0);
@@ -340,7 +341,7 @@ mod tests {
             ],
             triangles: vec![[0, 1, 2], [0, 2, 3], [0, 1, 1]],
             material: vec![0; 3],
-            materials: vec![diffuse("grey", DEFAULT_ALBEDO)],
+            materials: vec![Material::diffuse("grey", DEFAULT_ALBEDO)],
             ..Part::default()
         }
     }

@@ -2,7 +2,7 @@
 
 use super::super::{Material, Texture};
 use super::files::{Files, beside};
-use super::part::{DEFAULT_ALBEDO, diffuse};
+use super::part::DEFAULT_ALBEDO;
 use super::texture;
 use crate::{Error, Result};
 use std::collections::HashMap;
@@ -25,7 +25,7 @@ pub(super) fn read(
         let rest = rest.trim();
         let place = || format!("line {}", number + 1);
         if word == "newmtl" {
-            materials.push(diffuse(rest, DEFAULT_ALBEDO));
+            materials.push(Material::diffuse(rest, DEFAULT_ALBEDO));
             has_kd = false;
             continue;
         }
@@ -107,7 +107,7 @@ mod tests {
         assert_eq!(materials.len(), 2);
         assert_eq!(materials[0].albedo, [0.1, 0.2, 0.3]);
         assert_eq!(materials[0].emission, [5.0; 3]);
-        assert_eq!(materials[1], diffuse("b b", DEFAULT_ALBEDO));
+        assert_eq!(materials[1], Material::diffuse("b b", DEFAULT_ALBEDO));
     }
 
     #[test]

@@ -6,7 +6,7 @@
 use super::super::Material;
 use super::files::{Files, beside};
 use super::mtl;
-use super::part::{DEFAULT_ALBEDO, Part, diffuse, merge};
+use super::part::{DEFAULT_ALBEDO, Part, merge};
 use super::texture;
 use crate::{Error, Result};
 use glam::{DVec3, Vec2, Vec3};
@@ -265,7 +265,7 @@ impl Reader<'_> {
                 self.path.display()
             ));
         }
-        self.add(diffuse(name, DEFAULT_ALBEDO))
+        self.add(Material::diffuse(name, DEFAULT_ALBEDO))
     }
 }
 

@@ -28,17 +28,6 @@ pub(super) struct Part {
     pub(super) textures: Vec<Texture>,
 }
 
-/// A material that only reflects.
-pub(super) fn diffuse(name: &str, albedo: [f32; 3]) -> Material {
-    Material {
-        name: name.into(),
-        albedo,
-        texture: None,
-        emission: [0.0; 3],
-        emits_both_sides: false,
-    }
-}
-
 impl Part {
     /// An error if a value is not finite or out of its range, or an index refers to nothing.
     pub(super) fn check(&self) -> Result<()> {
@@ -185,7 +174,7 @@ mod tests {
             normals: vec![Vec3::Z; 3],
             triangles: vec![[0, 1, 2]],
             material: vec![0],
-            materials: vec![diffuse("grey", DEFAULT_ALBEDO)],
+            materials: vec![Material::diffuse("grey", DEFAULT_ALBEDO)],
             ..Part::default()
         }
     }

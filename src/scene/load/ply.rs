@@ -13,8 +13,9 @@
 //! Colours in integers are sRGB encoded (255, or 65535 for 16 bits, is 1); colours in floats are linear. Other elements
 //! and properties are skipped. Where a file colours anything, the albedo is 1 times that colour.
 
-use super::part::{DEFAULT_ALBEDO, Part, diffuse};
+use super::part::{DEFAULT_ALBEDO, Part};
 use super::texture::linear_from_srgb;
+use crate::scene::Material;
 use crate::{Error, Result};
 use glam::{DVec3, Vec2};
 use ply_rs_bw::parser::{Parser, Reader};
@@ -213,7 +214,7 @@ impl Faces {
             } else {
                 format!("ply {i}")
             };
-            diffuse(&name, color.unwrap_or(default))
+            Material::diffuse(&name, color.unwrap_or(default))
         });
         part.materials = named.collect();
     }

@@ -7,19 +7,9 @@ import struct
 import sys
 import zlib
 
+from exr import read
+
 ROWS = 16  # rows of a block of ZIP compression
-
-
-def unzip(data, size):
-    if len(data) == size:
-        return data
-    raw = bytearray(zlib.decompress(data))
-    for i in range(1, len(raw)):
-        raw[i] = (raw[i - 1] + raw[i] - 128) & 255
-    out = bytearray(size)
-    middle = (size + 1) // 2
-    out[0::2], out[1::2] = raw[:middle], raw[middle:]
-    return bytes(out)
 
 
 def zip_up(data):
@@ -28,47 +18,6 @@ def zip_up(data):
         raw[i] = (raw[i] - raw[i - 1] + 128) & 255
     packed = zlib.compress(bytes(raw), 9)
     return packed if len(packed) < len(data) else data
-
-
-def read(name):
-    """Attributes (name, type, bytes) in order, and rows of floats by channel."""
-    data = open(name, "rb").read()
-    at, attributes = 8, []
-
-    def text():
-        nonlocal at
-        end = data.index(b"\0", at)
-        value, at = data[at:end].decode(), end + 1
-        return value
-
-    while data[at]:
-        key, kind = text(), text()
-        (size,) = struct.unpack_from("<i", data, at)
-        attributes.append((key, kind, data[at + 4 : at + 4 + size]))
-        at += 4 + size
-    at += 1
-    value = {key: v for key, _, v in attributes}
-    x0, y0, x1, y1 = struct.unpack("<4i", value["dataWindow"])
-    width, height = x1 - x0 + 1, y1 - y0 + 1
-    names, channels = [], value["channels"]
-    i = 0
-    while channels[i]:
-        end = channels.index(b"\0", i)
-        assert struct.unpack_from("<i", channels, end + 1)[0] == 2, "32-bit floats were expected"
-        names.append(channels[i:end].decode())
-        i = end + 17
-    assert value["compression"] == b"\3", "ZIP compression was expected"
-    rows = {n: [] for n in names}
-    offsets = struct.unpack_from(f"<{(height + ROWS - 1) // ROWS}Q", data, at)
-    for offset in offsets:
-        y, size = struct.unpack_from("<2i", data, offset)
-        lines = min(ROWS, y1 + 1 - y)
-        block = unzip(data[offset + 8 : offset + 8 + size], lines * width * 4 * len(names))
-        for j in range(lines):
-            for c, n in enumerate(names):
-                start = (j * len(names) + c) * width * 4
-                rows[n].append(struct.unpack_from(f"<{width}f", block, start))
-    return attributes, rows
 
 
 def write(name, attributes, rows):
@@ -96,6 +45,8 @@ def write(name, attributes, rows):
 
 def main():
     attributes, rows = read(sys.argv[1])
+    compression = next(v for key, _, v in attributes if key == "compression")
+    assert compression == b"\3", "ZIP compression was expected"
     colours = {n: rows[n] for n in "RGB"}
     relative = []
     for y in range(len(rows["R"])):

@@ -9,7 +9,7 @@ mod buffers;
 use super::super::{Film, Light, Material};
 use super::draft::{DEFAULT_FILM, Draft, DraftCamera, DraftLight};
 use super::files::Files;
-use super::part::{Part, diffuse};
+use super::part::Part;
 use super::{place, texture};
 use crate::{Error, Result};
 use ::gltf::camera::Projection;
@@ -410,7 +410,7 @@ impl Reader<'_> {
         let name = material.name().unwrap_or("gltf");
         let base = material.pbr_metallic_roughness();
         let [r, g, b, _] = base.base_color_factor();
-        let mut made: Material = diffuse(name, [r, g, b]);
+        let mut made: Material = Material::diffuse(name, [r, g, b]);
         let strength = material.emissive_strength().unwrap_or(1.0);
         made.emission = material.emissive_factor().map(|e| e * strength);
         // Both sides are drawn, so both shine.
