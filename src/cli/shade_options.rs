@@ -35,7 +35,7 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "E", conflicts_with = "quality")]
     target_error: Option<f64>,
 
-    /// Rays of each gather on a surface [default: 12, 32, 64 by quality]
+    /// Rays of each gather on a surface; half as many where the lattice had none to spread [default: 24, 40, 64 by quality]
     #[arg(long, value_name = "N")]
     samples: Option<u32>,
 
@@ -58,7 +58,7 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "METHOD", default_value = "extended")]
     method: MethodChoice,
 
-    /// Pixels between gathers on surfaces; 1 gathers at every pixel [default: 4, 4, 3 by quality]
+    /// Pixels between gathers on surfaces; 1 gathers at every pixel [default: 6, 4, 3 by quality]
     #[arg(long, value_name = "N")]
     lattice: Option<u32>,
 

@@ -42,7 +42,7 @@ impl Lattice {
     /// Distance at which a gather's weight falls to 1/e, over the harmonic distance at both ends.
     const RANGE: f32 = 0.25;
     /// The least such distance, in lattice steps.
-    const LEAST: f32 = 0.35;
+    const LEAST: f32 = 0.7;
     /// Below this sum of weights a surface gathers for itself.
     const TOO_FEW: f32 = 0.1;
     /// Squares of this many by this many gathers share one sequence of directions.

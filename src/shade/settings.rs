@@ -75,7 +75,7 @@ impl Settings {
     pub fn of(quality: Quality) -> Self {
         let good = Self {
             camera: None,
-            samples: 32,
+            samples: 40,
             max_solid_angle: 0.01,
             max_dist: None,
             kernel: Kernel::Traced,
@@ -89,8 +89,9 @@ impl Settings {
         };
         match quality {
             Quality::Draft => Self {
-                samples: 12,
+                samples: 24,
                 max_solid_angle: 0.02,
+                lattice: 6,
                 volume_samples: 4,
                 edge_samples: 8,
                 ..good
@@ -114,6 +115,12 @@ impl Default for Settings {
 }
 
 impl Settings {
+    /// Gather rays of a surface that the lattice missed: few pixels see it, and the lattice, which most see, is worth more.
+    #[must_use]
+    pub fn own_samples(&self) -> u32 {
+        self.samples.div_ceil(2)
+    }
+
     /// Refuses settings that make no sense.
     ///
     /// # Errors

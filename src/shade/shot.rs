@@ -242,6 +242,13 @@ impl<P: Pages, M: Medium> Shot<'_, P, M> {
         drop(gather);
         pages.check()?;
         let task = job.progress.task("shade", all, "pixels");
+        let gatherer = Gatherer {
+            settings: gather::Settings {
+                samples: settings.own_samples(),
+                ..self.gatherer.settings
+            },
+            ..self.gatherer
+        };
         let shaded = regions
             .par_iter()
             .zip(&lattices)
@@ -253,7 +260,7 @@ impl<P: Pages, M: Medium> Shot<'_, P, M> {
                     borders: &borders,
                     lights,
                     lattice,
-                    gatherer: &self.gatherer,
+                    gatherer: &gatherer,
                     air,
                     counts: SampleCounts {
                         pixel: settings.pixel_samples,

@@ -275,9 +275,9 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
                 Some(_) => {
                     let piece = &pieces[index];
                     let direct = sample.direct.sharp + piece.rays.of(sample.direct.open);
-                    self.add_surface(&mut pixel, sample, direct, piece.irradiance);
+                    self.add_surface(&mut pixel, sample, &sample.passed, direct, piece.irradiance);
                 }
-                None => self.add_nothing(&mut pixel, sample),
+                None => self.add_nothing(&mut pixel, &sample.passed),
             }
         }
         self.finish(pixel)
@@ -294,18 +294,19 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
         pixel
     }
 
-    /// Adds a sample that hit a surface of the given direct and indirect irradiance.
+    /// Adds a sample that hit a surface of the given direct and indirect irradiance behind media.
     pub fn add_surface(
         &self,
         pixel: &mut PixelSum,
         sample: &Sample<A::Passed>,
+        passed: &A::Passed,
         direct: Rgb,
         indirect: Rgb,
     ) {
         let Some(surface) = &sample.surface else {
             return;
         };
-        let through = sample.passed.transmittance();
+        let through = passed.transmittance();
         let reflect = surface.albedo * (FRAC_1_PI * through);
         let [x, y] = pixel.at;
         let mut emission = surface.emission(self.view.tracer.scene, -sample.direction);
@@ -314,17 +315,17 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
         }
         pixel.sum.direct += reflect * direct + emission * through;
         pixel.sum.indirect += reflect * indirect;
-        pixel.sum.add_volume(&sample.passed);
+        pixel.sum.add_volume(passed);
         pixel.sum.depth += sample.t;
         pixel.sum.normal += surface.normal;
         pixel.hits += 1;
         pixel.samples += 1;
     }
 
-    /// Adds a sample that hit nothing.
-    pub fn add_nothing(&self, pixel: &mut PixelSum, sample: &Sample<A::Passed>) {
-        pixel.sum.direct += self.lights.environment() * sample.passed.transmittance();
-        pixel.sum.add_volume(&sample.passed);
+    /// Adds a sample that hit nothing behind media.
+    pub fn add_nothing(&self, pixel: &mut PixelSum, passed: &A::Passed) {
+        pixel.sum.direct += self.lights.environment() * passed.transmittance();
+        pixel.sum.add_volume(passed);
         pixel.samples += 1;
     }
 
@@ -342,7 +343,7 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
         self.lattice.irradiance(surface, x, y)
     }
 
-    /// The same by a gather of its own.
+    /// The same by a gather of its own: few pixels see it.
     pub fn gathered(&self, surface: &Surface, x: u32, y: u32) -> Rgb {
         let seed = sampling::hash(&[self.view.seed, u64::from(x), u64::from(y)]);
         gather_surface(&self.view, self.gatherer, surface, Stretch::first(seed)).light

@@ -1,10 +1,11 @@
 //! The media before corners, marched at some of them where those between are alike.
 
-use super::Corners;
+use super::{Corner, Corners};
 use crate::gather::{Medium, Pages};
 use crate::math::Rgb;
 use crate::scene::{Light, Volume};
 use crate::shade::air::{Air, Passed};
+use crate::shade::pixels::pixel::Sample;
 use crate::trace::media_bounds;
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
@@ -12,14 +13,16 @@ use std::f32::consts::FRAC_1_PI;
 impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
     /// By how much, of 1 and of the light seen, media before corners may differ for those between to take their mean.
     const ALIKE: f32 = 0.1;
+    /// The same for the mean of a pixel's corners to be that of its square.
+    const FLAT: f32 = 0.01;
 
     /// Marches the media before corners some way apart, and before those between where the media of their neighbours differ.
     pub(super) fn pass_media(&mut self, height: usize) {
         let spacing = self.marched_spacing();
         let mut step = spacing;
         while step > 0 {
-            // Corners between need those up to one step less one away.
-            let rim = Self::RINGS as usize + 1 - step;
+            // Corners between need those up to one step less one away, and a pixel those of the ring around its own.
+            let rim = Self::RINGS as usize - step;
             for row in rim..height - rim {
                 for column in rim..self.width - rim {
                     let [x, y] = Self::place(self.region, column, row)
@@ -72,32 +75,106 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
 
     /// The mean of what the media do before the corners `step` beside or around one, if they do nearly the same.
     fn media_between(&self, i: usize, is_between: [bool; 2], step: usize) -> Option<A::Passed> {
-        let around = self.around(i, is_between, step);
         let like = &self.corners[i].sample;
-        let share = 1.0 / around.len() as f32;
-        let (mut mean_radiance, mut mean_transmittance) = (Rgb::BLACK, 0.0);
-        let (mut least, mut most) = ([f32::INFINITY; 2], [0.0_f32; 2]);
-        let mut seen = Rgb::BLACK;
-        for j in around {
+        let mut mix = Mix::default();
+        let mut behind = 0.0;
+        for j in self.around(i, is_between, step) {
             let sample = &self.corners[j].sample;
             if !self.shader.same_end(like, sample) {
                 return None;
             }
-            let passed = &sample.passed;
-            let values = [passed.transmittance(), passed.radiance().luminance()];
-            for (k, v) in values.into_iter().enumerate() {
-                least[k] = least[k].min(v);
-                most[k] = most[k].max(v);
-            }
-            mean_radiance += passed.radiance() * share;
-            mean_transmittance += passed.transmittance() * share;
-            let behind = sample
+            mix.add(&sample.passed);
+            let surface = sample
                 .surface
                 .map_or(Rgb::BLACK, |s| s.albedo * sample.direct.light() * FRAC_1_PI);
-            seen += (passed.radiance() + behind * passed.transmittance()) * share;
+            behind += surface.luminance() * sample.passed.transmittance();
         }
-        let [transmittance, radiance] = [0, 1].map(|k| most[k] - least[k]);
-        let alike = transmittance <= Self::ALIKE && radiance <= Self::ALIKE * seen.luminance();
-        alike.then(|| A::Passed::of(mean_transmittance, mean_radiance))
+        let mean: A::Passed = mix.mean();
+        let seen = mean.radiance().luminance() + behind / mix.count;
+        mix.is_within(Self::ALIKE, seen).then_some(mean)
+    }
+
+    /// What the media before the corners of a pixel do on the mean over its square. Where they differ, and the corners around
+    /// end alike, that is the mean of the cubic through four corners in a row: the mean of the pixel's own corners would
+    /// blur media over two pixels.
+    pub(super) fn media_over_pixel<'c>(
+        &self,
+        own: [&Sample<A::Passed>; 4],
+        at: impl Fn(usize, usize) -> &'c Corner<A::Passed>,
+    ) -> [A::Passed; 4]
+    where
+        A::Passed: 'c,
+    {
+        const WEIGHTS: [f32; 4] = [-1.0 / 24.0, 13.0 / 24.0, 13.0 / 24.0, -1.0 / 24.0];
+        let passed = own.map(|s| s.passed);
+        if A::Passed::IS_VACUUM {
+            return passed;
+        }
+        let mut mix = Mix::default();
+        passed.iter().for_each(|p| mix.add(p));
+        let mean: A::Passed = mix.mean();
+        if mix.is_within(Self::FLAT, mean.radiance().luminance()) {
+            return passed;
+        }
+        let (mut radiance, mut transmittance) = (Rgb::BLACK, 0.0);
+        for (row, along) in WEIGHTS.into_iter().enumerate() {
+            for (column, across) in WEIGHTS.into_iter().enumerate() {
+                let sample = &at(column, row).sample;
+                if !self.shader.same_end(own[0], sample) {
+                    return passed;
+                }
+                radiance += sample.passed.radiance() * (along * across);
+                transmittance += sample.passed.transmittance() * (along * across);
+            }
+        }
+        let radiance = Rgb(radiance.0.map(|c| c.max(0.0)));
+        let scale = transmittance.max(0.0) / mean.transmittance().max(f32::MIN_POSITIVE);
+        passed.map(|p| A::Passed::of((p.transmittance() * scale).min(1.0), radiance))
+    }
+}
+
+/// What media do before some corners: sums, and the least and the most of transmittance and luminance.
+#[derive(Debug)]
+struct Mix {
+    radiance: Rgb,
+    transmittance: f32,
+    count: f32,
+    least: [f32; 2],
+    most: [f32; 2],
+}
+
+impl Default for Mix {
+    fn default() -> Self {
+        Self {
+            radiance: Rgb::BLACK,
+            transmittance: 0.0,
+            count: 0.0,
+            least: [f32::INFINITY; 2],
+            most: [0.0; 2],
+        }
+    }
+}
+
+impl Mix {
+    fn add(&mut self, passed: &impl Passed) {
+        self.radiance += passed.radiance();
+        self.transmittance += passed.transmittance();
+        self.count += 1.0;
+        let values = [passed.transmittance(), passed.radiance().luminance()];
+        for (k, v) in values.into_iter().enumerate() {
+            self.least[k] = self.least[k].min(v);
+            self.most[k] = self.most[k].max(v);
+        }
+    }
+
+    fn mean<T: Passed>(&self) -> T {
+        let share = 1.0 / self.count;
+        T::of(self.transmittance * share, self.radiance * share)
+    }
+
+    /// Whether they differ by at most this share of 1, and of the light that is seen there.
+    fn is_within(&self, share: f32, seen: f32) -> bool {
+        let [transmittance, radiance] = [0, 1].map(|k| self.most[k] - self.least[k]);
+        transmittance <= share && radiance <= share * seen
     }
 }

@@ -26,8 +26,6 @@ pub struct Corners<'a, P, M, A: Air> {
 struct Corner<T> {
     sample: Sample<T>,
     irradiance: Rgb,
-    /// Whether that is from the lattice.
-    is_spread: bool,
 }
 
 /// Where a corner is.
@@ -61,8 +59,8 @@ impl Place {
 
 impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
     /// Rings of corners around those of a region's own pixels: one takes part in them, two tell whether shadows do,
-    /// and three whether media are alike.
-    const RINGS: u32 = 3;
+    /// and four whether media are alike around those of the first.
+    const RINGS: u32 = if A::Passed::IS_VACUUM { 3 } else { 4 };
 
     /// Samples the corners of a region's pixels and what they need around them.
     pub fn new(shader: &'a PixelShader<'a, P, M, A>, region: Region) -> Self {
@@ -75,7 +73,6 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
                 Corner {
                     sample,
                     irradiance: Rgb::BLACK,
-                    is_spread: false,
                 }
             })
             .collect();
@@ -135,10 +132,8 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
                     };
                     // Rings before the film's own corners are as good as its first row for a key.
                     let [x, y] = [x, y].map(|v| v.saturating_sub(Self::RINGS));
-                    let spread = between.or_else(|| self.shader.spread(&surface, x, y));
-                    self.corners[i].is_spread = spread.is_some();
                     self.corners[i].irradiance =
-                        spread.unwrap_or_else(|| self.shader.gathered(&surface, x, y));
+                        between.unwrap_or_else(|| self.shader.indirect(&surface, x, y));
                 }
             }
         }
@@ -154,15 +149,14 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         }
     }
 
-    /// The mean irradiance of the corners beside or around one, if all lie on its piece of surface and have it from the
-    /// lattice: what they gathered for themselves has noise, which must not be spread.
+    /// The mean irradiance of the corners beside or around one, if all lie on its piece of surface.
     fn between(&self, i: usize, is_between: [bool; 2]) -> Option<Rgb> {
         let around = self.around(i, is_between, 1);
         let like = &self.corners[i].sample;
         let mut sum = Rgb::BLACK;
         for j in around {
             let corner = &self.corners[j];
-            if !corner.is_spread || !self.shader.same_end(like, &corner.sample) {
+            if !self.shader.same_end(like, &corner.sample) {
                 return None;
             }
             sum += corner.irradiance;
@@ -214,9 +208,10 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         own: [&Corner<A::Passed>; 4],
         at: impl Fn(usize, usize) -> &'c Corner<A::Passed>,
     ) -> Option<Pixel> {
+        let passed = self.media_over_pixel(own.map(|c| &c.sample), &at);
         if own[0].sample.surface.is_none() {
-            for c in own {
-                self.shader.add_nothing(&mut pixel, &c.sample);
+            for p in &passed {
+                self.shader.add_nothing(&mut pixel, p);
             }
             return Some(self.shader.finish(pixel));
         }
@@ -228,10 +223,10 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         let Lit::Arrived(rays) = self.lit(&own[0].sample, at) else {
             return None;
         };
-        for c in own {
+        for (c, passed) in own.into_iter().zip(&passed) {
             let direct = c.sample.direct.sharp + rays.of(c.sample.direct.open);
             self.shader
-                .add_surface(&mut pixel, &c.sample, direct, c.irradiance);
+                .add_surface(&mut pixel, &c.sample, passed, direct, c.irradiance);
         }
         Some(self.shader.finish(pixel))
     }
