@@ -10,7 +10,7 @@ use common::rays;
 use lvox::bake::{self, SurfelSampling};
 use lvox::build;
 use lvox::gather::{
-    Gatherer, Kernel, Media, MediaStore, Medium, NoMedia, Pages, Settings, Stretch, SurfelStore,
+    self, Gatherer, Media, MediaStore, Medium, NoMedia, Outgoing, Pages, Stretch, SurfelStore,
     TreeStore,
 };
 use lvox::image::Region;
@@ -18,7 +18,8 @@ use lvox::inspect::{self, Description};
 use lvox::math::Rgb;
 use lvox::run::Job;
 use lvox::scene::Scene;
-use lvox::shade;
+use lvox::shade::{self, Kernel};
+use lvox::trace::Tracer;
 use std::fs;
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
@@ -183,13 +184,47 @@ impl Baked {
         Media::new(&tree.meta().cloud.volumes, pages.flatten())
     }
 
-    /// Microseconds a receiver, with the kernel that a frame of this tree would choose.
-    fn time(&self, receivers: u64) -> f64 {
+    /// Microseconds a receiver, with the code that a frame of this tree would choose.
+    fn time(&self, kernel: Kernel, receivers: u64) -> f64 {
         match &self.store.media {
-            MediaStore::Absent => time(self.pages(), NoMedia, receivers),
-            MediaStore::Grey(media) => time(self.pages(), media, receivers),
-            MediaStore::Rgb(media) => time(self.pages(), media, receivers),
+            MediaStore::Absent => self.time_with(self.pages(), NoMedia, kernel, receivers),
+            MediaStore::Grey(media) => self.time_with(self.pages(), media, kernel, receivers),
+            MediaStore::Rgb(media) => self.time_with(self.pages(), media, kernel, receivers),
         }
+    }
+
+    /// Microseconds a receiver at the default settings, with other code. Nothing is known of patches at first, as in a frame.
+    fn time_with<P: Pages, M: Medium>(
+        &self,
+        pages: &P,
+        media: M,
+        kernel: Kernel,
+        receivers: u64,
+    ) -> f64 {
+        let tracer = Tracer::new(&self.scene);
+        let outgoing = Outgoing::new(&tracer, self.store.area_per_surfel());
+        let settings = shade::Settings::default();
+        let gatherer = Gatherer {
+            pages,
+            media,
+            settings: gather::Settings {
+                samples: settings.samples,
+                max_solid_angle: settings.max_solid_angle,
+                max_dist: f32::INFINITY,
+                kernel: match kernel {
+                    Kernel::Traced => gather::Kernel::Traced(&outgoing),
+                    Kernel::Cone => gather::Kernel::Cone,
+                    Kernel::Plain => gather::Kernel::Plain,
+                },
+                environment: Rgb::BLACK,
+            },
+        };
+        let all = rays(receivers);
+        let start = Instant::now();
+        for (i, &(point, normal)) in all.iter().enumerate() {
+            black_box(gatherer.irradiance(point, normal, Stretch::first(i as u64)));
+        }
+        1e6 * start.elapsed().as_secs_f64() / receivers as f64
     }
 }
 
@@ -205,33 +240,12 @@ fn shade(baked: &Baked, region: Region) -> (f64, u64) {
     )
 }
 
-/// Microseconds a receiver of 32 rays.
-fn time<P: Pages, M: Medium>(pages: &P, media: M, receivers: u64) -> f64 {
-    let gatherer = Gatherer {
-        pages,
-        media,
-        settings: Settings {
-            samples: 32,
-            max_solid_angle: 0.02,
-            max_dist: f32::INFINITY,
-            kernel: Kernel::Cone,
-            environment: Rgb::BLACK,
-        },
-    };
-    let all = rays(receivers);
-    let start = Instant::now();
-    for (i, &(point, normal)) in all.iter().enumerate() {
-        black_box(gatherer.irradiance(point, normal, Stretch::first(i as u64)));
-    }
-    1e6 * start.elapsed().as_secs_f64() / receivers as f64
-}
-
 /// A column of times, measured in turn with the others of its row.
 type Timing<'a> = Box<dyn Fn(u64) -> f64 + 'a>;
 
-/// That of a scene with the kernel of its own.
-fn of(baked: &Baked) -> Timing<'_> {
-    Box::new(|receivers| baked.time(receivers))
+/// That of a scene with the code of its own.
+fn of(baked: &Baked, kernel: Kernel) -> Timing<'_> {
+    Box::new(move |receivers| baked.time(kernel, receivers))
 }
 
 /// Medians of the times, and of their ratios to the first with the quartiles of those.
@@ -361,40 +375,50 @@ fn main() {
         let store = TreeStore::open(&plain.path, Some(steps << 18)).ok()?;
         matches!(store.surfels, SurfelStore::Cached(_)).then_some(store)
     });
-    let media: Timing = Box::new(|n| time(plain.pages(), &nothing, n));
-    let rgb: Timing = Box::new(|n| time(grey_smoke.pages(), &forced_rgb, n));
-    let cached = limited.as_ref().map(|store| -> Timing {
-        Box::new(|n| match &store.surfels {
-            SurfelStore::Kept(pages) => time(pages, NoMedia, n),
-            SurfelStore::Cached(pages) => time(pages, NoMedia, n),
-        })
-    });
-    println!("\n| feature | without | forced on | with |");
-    println!("| --- | --- | --- | --- |");
-    let none = || "-".to_owned();
-    for (name, timings) in [
-        ("media", vec![of(&plain), media, of(&smoke)]),
-        (
-            "colour in media",
-            vec![of(&grey_smoke), rgb, of(&rgb_smoke)],
-        ),
-        (
-            "pages in a cache",
-            [of(&plain)].into_iter().chain(cached).collect(),
-        ),
-    ] {
-        let mut cells = vec![name.to_owned()];
-        cells.extend(times(&effort, &timings));
-        cells.resize_with(4, none);
-        row(&cells);
-    }
-    for (name, without, with) in [
-        ("clipped disks", &uncut, &plain),
-        ("back faces lit", &plain, &backs),
-        ("colour on surfaces", &grey, &plain),
-    ] {
-        let cells = times(&effort, &[of(without), of(with)]);
-        row(&[name.into(), cells[0].clone(), none(), cells[1].clone()]);
+    println!("\n| feature | kernel | without | forced on | with |");
+    println!("| --- | --- | --- | --- | --- |");
+    for (kernel_name, kernel) in [("traced", Kernel::Traced), ("cone", Kernel::Cone)] {
+        let of = |baked| of(baked, kernel);
+        let media: Timing = Box::new(|n| plain.time_with(plain.pages(), &nothing, kernel, n));
+        let rgb: Timing =
+            Box::new(|n| grey_smoke.time_with(grey_smoke.pages(), &forced_rgb, kernel, n));
+        let cached = limited.as_ref().map(|store| -> Timing {
+            Box::new(|n| match &store.surfels {
+                SurfelStore::Kept(pages) => plain.time_with(pages, NoMedia, kernel, n),
+                SurfelStore::Cached(pages) => plain.time_with(pages, NoMedia, kernel, n),
+            })
+        });
+        for (name, timings) in [
+            ("media", vec![of(&plain), media, of(&smoke)]),
+            (
+                "colour in media",
+                vec![of(&grey_smoke), rgb, of(&rgb_smoke)],
+            ),
+            (
+                "pages in a cache",
+                [of(&plain)].into_iter().chain(cached).collect(),
+            ),
+        ] {
+            let mut cells = vec![name.to_owned(), kernel_name.to_owned()];
+            cells.extend(times(&effort, &timings));
+            cells.resize_with(5, || "-".to_owned());
+            row(&cells);
+        }
+        for (name, without, with) in [
+            ("clipped disks", &uncut, &plain),
+            ("back faces lit", &plain, &backs),
+            ("colour on surfaces", &grey, &plain),
+        ] {
+            let [without, with] = [without, with].map(of);
+            let cells = times(&effort, &[without, with]);
+            row(&[
+                name.into(),
+                kernel_name.into(),
+                cells[0].clone(),
+                "-".into(),
+                cells[1].clone(),
+            ]);
+        }
     }
     lights(&effort, &plain);
     reads(&effort);
@@ -419,7 +443,7 @@ fn lights(effort: &Effort, one: &Baked) {
     let none = Baked::new(effort, "unlit", UNLIT, "", 8.0);
     let many = Baked::new(effort, "many_lights", UNLIT, &lamps, 8.0);
     let all = [&none, one, &many];
-    let timings: Vec<Timing> = all.into_iter().map(of).collect();
+    let timings: Vec<Timing> = all.into_iter().map(|b| of(b, Kernel::Traced)).collect();
     let receivers = times(effort, &timings);
     let frames: Vec<Timing> = all
         .into_iter()

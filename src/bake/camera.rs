@@ -5,6 +5,7 @@
 use super::surfels::SurfelMaker;
 use super::{BATCH, Settings};
 use crate::Result;
+use crate::light::Shadows;
 use crate::run::Job;
 use crate::scene::{Camera, Film};
 use glam::Vec3;
@@ -16,8 +17,8 @@ use rayon::prelude::*;
 const LEAST_COS: f32 = 0.05;
 
 /// Bakes one surfel for each ray that hits.
-pub fn bake(
-    maker: &SurfelMaker,
+pub fn bake<S: Shadows>(
+    maker: &SurfelMaker<S>,
     camera: &Camera,
     rate: f32,
     overscan: f32,

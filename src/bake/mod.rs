@@ -8,7 +8,7 @@ pub mod creases;
 pub mod lvoxels;
 pub mod surfels;
 
-use crate::light::Lights;
+use crate::light::{Lights, Shadows};
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::trace::Tracer;
@@ -91,32 +91,11 @@ pub fn run(
         let tracer = Tracer::new(scene);
         let lights = Lights::new(&tracer).for_baking();
         let creases = Creases::new(&scene.mesh, settings.crease_deg);
-        let maker = SurfelMaker {
-            tracer: &tracer,
-            lights: &lights,
-            creases: &creases,
-            shadow_rays: settings.shadow_rays,
-            seed: settings.seed,
-        };
-        match &settings.surfels {
-            SurfelSampling::Area { count } => {
-                bake_area(&maker, *count, settings, &mut writer, job)?
-            }
-            SurfelSampling::Camera {
-                name,
-                rate,
-                overscan,
-            } => {
-                camera::bake(
-                    &maker,
-                    scene.camera(name.as_deref())?,
-                    *rate,
-                    *overscan,
-                    settings,
-                    &mut writer,
-                    job,
-                )?;
-            }
+        if scene.volumes.is_empty() {
+            let lights = lights.in_vacuum();
+            bake_surfaces(&tracer, &lights, &creases, settings, &mut writer, job)?;
+        } else {
+            bake_surfaces(&tracer, &lights, &creases, settings, &mut writer, job)?;
         }
         for (index, volume) in scene.volumes.iter().enumerate() {
             let maker = LvoxelMaker {
@@ -136,8 +115,36 @@ pub fn run(
     })
 }
 
-fn bake_area(
-    maker: &SurfelMaker,
+fn bake_surfaces<S: Shadows>(
+    tracer: &Tracer,
+    lights: &Lights<S>,
+    creases: &Creases,
+    settings: &Settings,
+    writer: &mut CloudWriter,
+    job: &Job,
+) -> Result<()> {
+    let maker = SurfelMaker {
+        tracer,
+        lights,
+        creases,
+        shadow_rays: settings.shadow_rays,
+        seed: settings.seed,
+    };
+    match &settings.surfels {
+        SurfelSampling::Area { count } => bake_area(&maker, *count, settings, writer, job),
+        SurfelSampling::Camera {
+            name,
+            rate,
+            overscan,
+        } => {
+            let camera = tracer.scene.camera(name.as_deref())?;
+            camera::bake(&maker, camera, *rate, *overscan, settings, writer, job)
+        }
+    }
+}
+
+fn bake_area<S: Shadows>(
+    maker: &SurfelMaker<S>,
     count: u64,
     settings: &Settings,
     writer: &mut CloudWriter,

@@ -1,7 +1,7 @@
 //! Area sampling of every surface: the cloud serves every camera, and what no camera sees bleeds too.
 
 use super::creases::Creases;
-use crate::light::{Lights, ShadowRays};
+use crate::light::{Lights, ShadowRays, Shadows};
 use crate::math::{Rgb, sampling};
 use crate::trace::{Surface, Tracer};
 use lvox_formats::record::Surfel;
@@ -81,11 +81,11 @@ impl<'a> AreaSampler<'a> {
 
 /// What surfels are made with.
 #[derive(Debug)]
-pub struct SurfelMaker<'a> {
+pub struct SurfelMaker<'a, S> {
     /// The scene.
     pub tracer: &'a Tracer<'a>,
     /// Its lights.
-    pub lights: &'a Lights<'a>,
+    pub lights: &'a Lights<'a, S>,
     /// Where disks end.
     pub creases: &'a Creases<'a>,
     /// Shadow rays to each area light, a side.
@@ -94,7 +94,7 @@ pub struct SurfelMaker<'a> {
     pub seed: u64,
 }
 
-impl SurfelMaker<'_> {
+impl<S: Shadows> SurfelMaker<'_, S> {
     /// The surfel at a point of a triangle that stands for `area`, its disk `overlap` times wider than a disk of that
     /// area; `key` tells it from others.
     #[must_use]

@@ -164,7 +164,8 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
 
     /// What one ray of unit direction sees.
     #[must_use]
-    #[inline]
+    // Else it is not where it serves several kinds of media.
+    #[inline(always)]
     pub fn look(&self, origin: Vec3, direction: Vec3, scratch: &mut cone::Scratch) -> Seen {
         let Settings {
             max_solid_angle: cut,

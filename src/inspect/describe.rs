@@ -52,7 +52,8 @@ pub struct Description {
     pub nodes: u64,
     /// Columns that are present.
     pub columns: Vec<ColumnBytes>,
-    /// Columns that were not needed, everywhere or in places, and what that saved before compression.
+    /// Columns that were not needed, everywhere or in places, and what that saved before compression; and kinds of points that
+    /// there are none of, with 0 bytes: what they would take depends on how many there would be.
     pub left_out: Vec<LeftOut>,
     /// Of a tree, by steps below the root.
     pub levels: Vec<Level>,
@@ -128,7 +129,7 @@ impl PointKind {
 pub fn describe(path: &Path) -> Result<Description> {
     let bytes = std::fs::metadata(path).map_or(0, |m| m.len());
     let file = path.display().to_string();
-    Ok(match File::open(path)? {
+    let mut description = match File::open(path)? {
         File::Cloud(cloud) => {
             let summary = cloud.summary().clone();
             Description {
@@ -161,7 +162,10 @@ pub fn describe(path: &Path) -> Result<Description> {
                 ..base(file, bytes, "tree", tree.version(), &tree.meta().cloud)
             }
         }
-    })
+    };
+    let absent = description.absent_kinds();
+    description.left_out.extend(absent);
+    Ok(description)
 }
 
 fn base(
@@ -225,6 +229,33 @@ impl fmt::Display for Description {
 }
 
 impl Description {
+    /// The kinds of points that the file has no section, no column and no sum for.
+    fn absent_kinds(&self) -> Vec<LeftOut> {
+        let mut absent = Vec::new();
+        let mut add = |name: &str, because: &str| {
+            absent.push(LeftOut {
+                name: name.into(),
+                because: because.into(),
+                raw_bytes: 0,
+            });
+        };
+        if self.surfels.blocks == 0 {
+            add("surfels", "no surface was baked");
+            if self.kind == "tree" {
+                add("nodes", "no surface was baked");
+            }
+        }
+        if self.lvoxels.blocks == 0 {
+            let because = if self.volumes.is_empty() {
+                "no volume in the scene"
+            } else {
+                "its volumes are empty"
+            };
+            add("lvoxels", because);
+        }
+        absent
+    }
+
     fn fmt_points(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let block = if self.kind == "tree" {
             "pages"
@@ -288,7 +319,12 @@ impl Description {
         }
         let mut out = Table::new(&["left out", "bytes saved", "because"]);
         for c in &self.left_out {
-            out.row(vec![c.name.clone(), count(c.raw_bytes), c.because.clone()]);
+            let saved = if c.raw_bytes == 0 {
+                "all".into()
+            } else {
+                count(c.raw_bytes)
+            };
+            out.row(vec![c.name.clone(), saved, c.because.clone()]);
         }
         for table in [table, out] {
             if !table.is_empty() {

@@ -15,10 +15,10 @@ struct Part {
 
 /// Groups that together are all lights that can reach a receiver, none in two, in the order of the tree.
 #[derive(Debug)]
-pub struct Cut<'a> {
+pub struct Cut<'a, R> {
     tree: &'a Tree,
     origin: Vec3,
-    receiver: Receiver,
+    receiver: R,
     parts: Vec<Part>,
     importance: f32,
 }
@@ -40,14 +40,14 @@ const MOST_VISITS: usize = 1024;
 /// Parts for which there is room from the start.
 const ROOM: usize = 64;
 
-impl<'a> Cut<'a> {
+impl<'a, R: Receiver> Cut<'a, R> {
     /// Splits groups until none may be wrong by more than `tolerance` times what all lights send. After about a
     /// thousand groups, only those near by are split.
     pub fn new(
         tree: &'a Tree,
         emitters: &Emitters,
         origin: Vec3,
-        receiver: Receiver,
+        receiver: R,
         tolerance: f32,
     ) -> Self {
         let part = |node| {
@@ -158,7 +158,7 @@ impl<'a> Cut<'a> {
 }
 
 #[cfg(test)]
-impl Cut<'_> {
+impl<R: Receiver> Cut<'_, R> {
     /// How many groups stand for all.
     pub fn len(&self) -> usize {
         self.parts.len()

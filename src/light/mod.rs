@@ -23,7 +23,7 @@ use crate::trace::{self, Tracer};
 use cut::Cut;
 use emitters::Emitters;
 use glam::Vec3;
-use receiver::Receiver;
+use receiver::{Medium, Receiver, Surface};
 use smallvec::SmallVec;
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -32,7 +32,7 @@ use tree::Tree;
 pub use direct::{Arrival, Direct, InMedium};
 pub use rays::ShadowRays;
 pub use shadows::{OpticalDepth, SceneMedia, Shadows, Vacuum};
-pub use sight::Sight;
+pub use sight::{Dimmed, Dimming, Sight};
 pub use sun_depth::SunDepths;
 
 const INVERSE_SPHERE: f32 = 1.0 / (4.0 * PI);
@@ -174,9 +174,9 @@ impl<'a, S: Shadows> Lights<'a, S> {
         normal: Vec3,
         face_normal: Vec3,
         rays: ShadowRays,
-    ) -> Direct {
+    ) -> Direct<S::Dimming> {
         let origin = point + face_normal * trace::offset(point);
-        let receiver = Receiver::Surface {
+        let receiver = Surface {
             normal,
             face_normal,
         };
@@ -186,8 +186,8 @@ impl<'a, S: Shadows> Lights<'a, S> {
     /// Mean over the sphere of the direct radiance at a point of a medium: its in-scattered radiance for an isotropic
     /// phase function.
     #[must_use]
-    pub fn mean_radiance(&self, point: Vec3, rays: ShadowRays) -> Direct {
-        let mut direct = self.sum(point, rays, Receiver::Medium);
+    pub fn mean_radiance(&self, point: Vec3, rays: ShadowRays) -> Direct<S::Dimming> {
+        let mut direct = self.sum(point, rays, Medium);
         direct.sharp *= INVERSE_SPHERE;
         direct.open *= INVERSE_SPHERE;
         direct
@@ -207,12 +207,12 @@ impl<'a, S: Shadows> Lights<'a, S> {
             let asking = Asking {
                 origin: point,
                 rays,
-                receiver: Receiver::Medium,
+                receiver: Medium,
                 sun_depth: suns.and_then(|s| s.of(index)),
             };
             self.add_light(total, light, index, &asking);
         }
-        self.add_emitters(&mut rest, point, rays, Receiver::Medium);
+        self.add_emitters(&mut rest, point, rays, Medium);
         let (arriving, sent) = (near.sharp * INVERSE_SPHERE, self.sent(point, point));
         InMedium {
             share: Rgb(std::array::from_fn(|c| {
@@ -273,7 +273,7 @@ impl<'a, S: Shadows> Lights<'a, S> {
     }
 
     /// Sums over lights.
-    fn sum(&self, origin: Vec3, rays: ShadowRays, receiver: Receiver) -> Direct {
+    fn sum(&self, origin: Vec3, rays: ShadowRays, receiver: impl Receiver) -> Direct<S::Dimming> {
         let mut total = Direct::default();
         for (index, light) in self.tracer.scene.lights.iter().enumerate() {
             let asking = Asking {
@@ -288,7 +288,13 @@ impl<'a, S: Shadows> Lights<'a, S> {
         total
     }
 
-    fn add_light(&self, total: &mut Direct, light: &Light, index: usize, asking: &Asking) {
+    fn add_light<R: Receiver>(
+        &self,
+        total: &mut Direct<S::Dimming>,
+        light: &Light,
+        index: usize,
+        asking: &Asking<R>,
+    ) {
         let &Asking {
             origin,
             receiver,
@@ -335,7 +341,13 @@ impl<'a, S: Shadows> Lights<'a, S> {
     }
 
     /// A sun with an extent: a cone of directions of constant radiance.
-    fn add_sun(&self, total: &mut Direct, sun: &Sun, index: usize, asking: &Asking) {
+    fn add_sun<R: Receiver>(
+        &self,
+        total: &mut Direct<S::Dimming>,
+        sun: &Sun,
+        index: usize,
+        asking: &Asking<R>,
+    ) {
         let &Asking {
             origin,
             rays,
@@ -359,7 +371,13 @@ impl<'a, S: Shadows> Lights<'a, S> {
         }
     }
 
-    fn add_emitters(&self, total: &mut Direct, origin: Vec3, rays: ShadowRays, receiver: Receiver) {
+    fn add_emitters(
+        &self,
+        total: &mut Direct<S::Dimming>,
+        origin: Vec3,
+        rays: ShadowRays,
+        receiver: impl Receiver,
+    ) {
         if let Some(tree) = self.emitters.tree() {
             self.add_many_emitters(total, tree, origin, rays, receiver);
             return;
@@ -422,11 +440,11 @@ impl<'a, S: Shadows> Lights<'a, S> {
     /// The same for many: a tree tells what they send, and each ray goes to a light that it chooses by that.
     fn add_many_emitters(
         &self,
-        total: &mut Direct,
+        total: &mut Direct<S::Dimming>,
         tree: &Tree,
         origin: Vec3,
         rays: ShadowRays,
-        receiver: Receiver,
+        receiver: impl Receiver,
     ) {
         let cut = Cut::new(tree, &self.emitters, origin, receiver, self.care.tolerance);
         let count = rays.count() * self.care.rays;
@@ -457,10 +475,10 @@ impl<'a, S: Shadows> Lights<'a, S> {
 }
 
 /// A point that asks for light.
-struct Asking<'a> {
+struct Asking<'a, R> {
     origin: Vec3,
     rays: ShadowRays,
-    receiver: Receiver,
+    receiver: R,
     /// The media before a sun, if not the scene's own.
     sun_depth: Option<&'a dyn OpticalDepth>,
 }

@@ -1,45 +1,67 @@
-//! What light falls on.
+//! What light falls on, as a type: light on surfaces is asked for by code of its own.
 
 use crate::math::polygon;
 use glam::Vec3;
 
-/// A piece of surface, or of a medium that scatters the same to all sides.
-#[derive(Clone, Copy, Debug)]
-pub enum Receiver {
-    /// Lit on the side of both normals, by the cosine to the first.
-    Surface {
-        /// Unit shading normal.
-        normal: Vec3,
-        /// Unit geometric normal.
-        face_normal: Vec3,
-    },
-    /// Lit from all round.
-    Medium,
+/// What light falls on.
+pub trait Receiver: Copy {
+    /// Response to light from a unit direction.
+    fn response(self, d: Vec3) -> f32;
+
+    /// Its integral over a triangle seen from the receiver at the origin: closed form, in units of the triangle's radiance.
+    fn of_triangle(self, corners: [Vec3; 3]) -> f32;
+
+    /// Unit normals, that of the response first, on whose side a light must be; `None` if it may be on any.
+    fn normals(self) -> Option<[Vec3; 2]>;
 }
 
-impl Receiver {
-    /// Response to light from a unit direction.
-    pub fn response(self, d: Vec3) -> f32 {
-        match self {
-            Self::Surface {
-                normal,
-                face_normal,
-            } => {
-                if d.dot(face_normal) > 0.0 {
-                    d.dot(normal).max(0.0)
-                } else {
-                    0.0
-                }
-            }
-            Self::Medium => 1.0,
+/// A piece of surface, lit on the side of both normals, by the cosine to the first.
+#[derive(Clone, Copy, Debug)]
+pub struct Surface {
+    /// Unit shading normal.
+    pub normal: Vec3,
+    /// Unit geometric normal.
+    pub face_normal: Vec3,
+}
+
+impl Receiver for Surface {
+    #[inline]
+    fn response(self, d: Vec3) -> f32 {
+        if d.dot(self.face_normal) > 0.0 {
+            d.dot(self.normal).max(0.0)
+        } else {
+            0.0
         }
     }
 
-    /// Its integral over a triangle seen from the receiver at the origin: closed form, in units of the triangle's radiance.
-    pub fn of_triangle(self, corners: [Vec3; 3]) -> f32 {
-        match self {
-            Self::Surface { normal, .. } => polygon::irradiance(corners, normal),
-            Self::Medium => polygon::solid_angle(corners),
-        }
+    #[inline]
+    fn of_triangle(self, corners: [Vec3; 3]) -> f32 {
+        polygon::irradiance(corners, self.normal)
+    }
+
+    #[inline]
+    fn normals(self) -> Option<[Vec3; 2]> {
+        Some([self.normal, self.face_normal])
+    }
+}
+
+/// A point of a medium that scatters the same to all sides.
+#[derive(Clone, Copy, Debug)]
+pub struct Medium;
+
+impl Receiver for Medium {
+    #[inline]
+    fn response(self, _: Vec3) -> f32 {
+        1.0
+    }
+
+    #[inline]
+    fn of_triangle(self, corners: [Vec3; 3]) -> f32 {
+        polygon::solid_angle(corners)
+    }
+
+    #[inline]
+    fn normals(self) -> Option<[Vec3; 2]> {
+        None
     }
 }

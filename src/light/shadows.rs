@@ -1,5 +1,6 @@
 //! What shadow rays pass, as a type: light is asked for by code of its own where there are no media.
 
+use super::sight::{Dimmed, Dimming};
 use crate::math::exp::exp_neg;
 use crate::trace::Tracer;
 use glam::Vec3;
@@ -12,6 +13,9 @@ pub trait OpticalDepth: Sync + std::fmt::Debug {
 
 /// What shadow rays pass beside surfaces.
 pub trait Shadows: Copy + Sync + std::fmt::Debug {
+    /// What rays note of media that let a part of them through.
+    type Dimming: Dimming;
+
     /// Share of light that gets from `origin` to `t_max` along a unit direction; `depth` tells that of the media, if not
     /// the scene's own do.
     fn transmittance(
@@ -32,6 +36,8 @@ pub trait Shadows: Copy + Sync + std::fmt::Debug {
 pub struct Vacuum;
 
 impl Shadows for Vacuum {
+    type Dimming = Self;
+
     #[inline]
     fn transmittance(
         &self,
@@ -41,7 +47,11 @@ impl Shadows for Vacuum {
         t_max: f32,
         _: Option<&dyn OpticalDepth>,
     ) -> f32 {
-        f32::from(u8::from(!tracer.is_occluded(origin, direction, t_max)))
+        if tracer.is_occluded(origin, direction, t_max) {
+            0.0
+        } else {
+            1.0
+        }
     }
 
     #[inline]
@@ -58,6 +68,8 @@ pub struct SceneMedia<'a> {
 }
 
 impl Shadows for SceneMedia<'_> {
+    type Dimming = Dimmed;
+
     fn transmittance(
         &self,
         tracer: &Tracer,

@@ -2,7 +2,7 @@
 
 use super::cut::Cut;
 use super::emitters::{Emitter, Emitters};
-use super::receiver::Receiver;
+use super::receiver::{Medium, Receiver, Surface};
 use super::tree::Tree;
 use super::{Lights, ShadowRays};
 use crate::math::{Rgb, sampling};
@@ -39,15 +39,44 @@ impl Numbers {
         )
     }
 
-    fn receiver(&mut self) -> Receiver {
+    fn receiver(&mut self) -> Either {
         if self.unit() < 0.25 {
-            return Receiver::Medium;
+            return Either::Medium;
         }
         let normal = self.direction();
-        let face_normal = normal;
-        Receiver::Surface {
+        Either::Surface(Surface {
             normal,
-            face_normal,
+            face_normal: normal,
+        })
+    }
+}
+
+/// A receiver of any kind.
+#[derive(Clone, Copy)]
+enum Either {
+    Surface(Surface),
+    Medium,
+}
+
+impl Receiver for Either {
+    fn response(self, d: Vec3) -> f32 {
+        match self {
+            Self::Surface(s) => s.response(d),
+            Self::Medium => Medium.response(d),
+        }
+    }
+
+    fn of_triangle(self, corners: [Vec3; 3]) -> f32 {
+        match self {
+            Self::Surface(s) => s.of_triangle(corners),
+            Self::Medium => Medium.of_triangle(corners),
+        }
+    }
+
+    fn normals(self) -> Option<[Vec3; 2]> {
+        match self {
+            Self::Surface(s) => s.normals(),
+            Self::Medium => Medium.normals(),
         }
     }
 }
@@ -80,7 +109,7 @@ fn lamps(count: usize, key: u64) -> Scene {
     scene
 }
 
-fn sends(e: &Emitter, origin: Vec3, receiver: Receiver) -> Rgb {
+fn sends(e: &Emitter, origin: Vec3, receiver: Either) -> Rgb {
     let in_front = (origin - e.corners[0]).dot(e.normal) > 0.0;
     if in_front || e.both_sides {
         e.radiance * receiver.of_triangle(e.corners.map(|c| c - origin))
@@ -90,7 +119,7 @@ fn sends(e: &Emitter, origin: Vec3, receiver: Receiver) -> Rgb {
 }
 
 /// A few receivers that light can reach, with the sum of what all lights send by their closed forms.
-fn receivers(emitters: &Emitters, count: u32, key: u64) -> Vec<(Vec3, Receiver, Rgb)> {
+fn receivers(emitters: &Emitters, count: u32, key: u64) -> Vec<(Vec3, Either, Rgb)> {
     let mut numbers = Numbers::new(key);
     let mut found = Vec::new();
     while found.len() < 60 {
@@ -234,8 +263,10 @@ fn the_mean_over_rays_is_the_sum_over_all_lights() {
                 seed: 9,
             };
             let found = match receiver {
-                Receiver::Surface { normal, .. } => lights.irradiance(point, normal, normal, rays),
-                Receiver::Medium => {
+                Either::Surface(Surface { normal, .. }) => {
+                    lights.irradiance(point, normal, normal, rays)
+                }
+                Either::Medium => {
                     let mut direct = lights.mean_radiance(point, rays);
                     direct.open *= 4.0 * std::f32::consts::PI;
                     direct
@@ -259,7 +290,7 @@ fn the_mean_over_rays_is_the_sum_over_all_lights() {
 }
 
 /// What arrives of an emitter's points that are seen, by 256 parts of it.
-fn arriving(e: &Emitter, origin: Vec3, receiver: Receiver, is_seen: impl Fn(Vec3) -> bool) -> Rgb {
+fn arriving(e: &Emitter, origin: Vec3, receiver: Either, is_seen: impl Fn(Vec3) -> bool) -> Rgb {
     parts(e.corners, 4)
         .into_iter()
         .filter(|t| is_seen((t[0] + t[1] + t[2]) * (1.0 / 3.0)))
@@ -301,14 +332,14 @@ fn one_light_or_none_and_lights_without_area_are_no_trouble() {
         let emitters = Emitters::of(all);
         for z in [-1.0, 1e-3, 3.0] {
             let at = Vec3::new(0.2, 0.2, z);
-            let cut = Cut::new(&tree, &emitters, at, Receiver::Medium, 0.0);
+            let cut = Cut::new(&tree, &emitters, at, Medium, 0.0);
             let (chances, none) = cut.chances(emitters.len());
             assert!((chances.iter().sum::<f32>() - 1.0).abs() < 1e-4 && none == 0.0);
             assert_eq!(chances[0] > 0.0, emitters.len() == 100);
         }
         // In its plane a light sends nothing.
         let beside = Vec3::new(3.0, 0.0, 0.0);
-        let cut = Cut::new(&tree, &emitters, beside, Receiver::Medium, 0.0);
+        let cut = Cut::new(&tree, &emitters, beside, Medium, 0.0);
         assert!(cut.choose(0.5).is_none() && cut.light().is_black());
     }
 }

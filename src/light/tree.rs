@@ -188,7 +188,7 @@ impl Tree {
     }
 
     /// What a group sends to a receiver; `None` if nothing can arrive.
-    pub fn estimate(&self, node: u32, origin: Vec3, receiver: Receiver) -> Option<Estimate> {
+    pub fn estimate(&self, node: u32, origin: Vec3, receiver: impl Receiver) -> Option<Estimate> {
         let Units {
             per_length,
             radiance,
@@ -271,7 +271,7 @@ impl Node {
         }
     }
 
-    fn estimate(&self, origin: Vec3, receiver: Receiver) -> Option<Estimate> {
+    fn estimate(&self, origin: Vec3, receiver: impl Receiver) -> Option<Estimate> {
         // A group nearer than this many radii is never taken whole.
         const NEAR: f32 = 1.5;
         // All emit the same way, and the receiver is behind them.
@@ -282,14 +282,10 @@ impl Node {
         let squared = to_middle.length_squared();
         let distance = squared.sqrt();
         let mut is_whole = true;
-        let in_medium = matches!(receiver, Receiver::Medium);
         // Cosine at the receiver, and its mean over the part of the box that is above the horizon.
         let (mut slope, mut above) = (1.0, 1.0);
-        if let Receiver::Surface {
-            normal,
-            face_normal,
-        } = receiver
-        {
+        let normals = receiver.normals();
+        if let Some([normal, face_normal]) = normals {
             let to_box = self.box_middle - origin;
             for n in [normal, face_normal] {
                 let (height, half) = (to_box.dot(n), self.box_half.dot(n.abs()));
@@ -337,7 +333,11 @@ impl Node {
         let per_area = inverse * inverse;
         let sent = self.flux.map(|f| -f.dot(d));
         if is_whole {
-            let response = if in_medium { 1.0 } else { slope.max(0.0) };
+            let response = if normals.is_none() {
+                1.0
+            } else {
+                slope.max(0.0)
+            };
             let light = Rgb(sent.map(|s| s.max(0.0) * response * per_area));
             // Terms of first and second order around the middle.
             let error = (FIRST_ORDER * self.lopsided
@@ -360,7 +360,7 @@ impl Node {
         let light = self.strength * (turned * above * per_area);
         // At most: the nearest point of the sphere, turned as well as can be.
         let nearest = distance - self.radius;
-        let raised = if in_medium || slope >= cos_u {
+        let raised = if normals.is_none() || slope >= cos_u {
             1.0
         } else {
             slope * cos_u + (1.0 - slope * slope).max(0.0).sqrt() * sin_u

@@ -49,6 +49,43 @@ fn surfaces_alone_have_no_byte_for_media() {
     }
 }
 
+/// What a file says that it has none of, and why.
+fn absent(file: &Description) -> Vec<(&str, &str)> {
+    let left_out = file.left_out.iter();
+    left_out
+        .filter(|c| c.raw_bytes == 0)
+        .map(|c| (c.name.as_str(), c.because.as_str()))
+        .collect()
+}
+
+#[test]
+fn kinds_of_points_that_a_file_has_none_of_are_listed() {
+    let bare = Work::new(&room("[10, 9, 7]", ""));
+    for file in &files(&bare) {
+        assert_eq!(absent(file), [("lvoxels", "no volume in the scene")]);
+        let text = file.to_string();
+        let line = text.lines().find(|l| l.ends_with("no volume in the scene"));
+        let words: Vec<_> = line.unwrap().split_whitespace().take(2).collect();
+        assert_eq!(words, ["lvoxels", "all"]);
+        let json = serde_json::to_value(file).unwrap();
+        let entry = json["left_out"].as_array().unwrap().last().unwrap();
+        assert_eq!(
+            (&entry["name"], &entry["raw_bytes"]),
+            (&"lvoxels".into(), &0.into())
+        );
+    }
+    for file in &files(&Work::new(&room("[10, 9, 7]", SMOKE))) {
+        assert_eq!(absent(file), []);
+    }
+
+    let (film, _) = ROOM.split_once("[[mesh]]").unwrap();
+    let smoke = Work::new(&format!("{film}{SMOKE}\n{LIGHTS}"));
+    let because = "no surface was baked";
+    let [cloud, tree] = files(&smoke);
+    assert_eq!(absent(&cloud), [("surfels", because)]);
+    assert_eq!(absent(&tree), [("surfels", because), ("nodes", because)]);
+}
+
 #[test]
 fn grey_media_take_few_of_the_bytes_of_coloured_ones() {
     let grey = Work::new(&room("[9, 9, 9]", SMOKE));

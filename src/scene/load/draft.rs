@@ -255,25 +255,31 @@ type Merged = (
     Vec<super::super::Texture>,
 );
 
-fn merge_parts(parts: Vec<Part>, world_from_scene: DVec3) -> Result<Merged> {
-    let mut mesh = Mesh::default();
-    let mut materials = Vec::new();
-    let mut textures = Vec::new();
-    let vertices: usize = parts.iter().map(|p| p.positions.len()).sum();
+/// Refuses meshes that cannot be indexed.
+fn check_counts(vertices: usize, triangles: usize) -> Result<()> {
     if vertices > u32::MAX as usize {
         return Err(Error::input(format!(
             "the scene has {vertices} vertices, more than the {} that can be indexed",
             u32::MAX
         )));
     }
-    mesh.positions.reserve_exact(vertices);
-    let count: usize = parts.iter().map(|p| p.triangles.len()).sum();
-    if count > Mesh::MOST_TRIANGLES {
+    if triangles > Mesh::MOST_TRIANGLES {
         return Err(Error::input(format!(
-            "the scene has {count} triangles, more than the {} that it may have",
+            "the scene has {triangles} triangles, more than the {} that it may have",
             Mesh::MOST_TRIANGLES
         )));
     }
+    Ok(())
+}
+
+fn merge_parts(parts: Vec<Part>, world_from_scene: DVec3) -> Result<Merged> {
+    let mut mesh = Mesh::default();
+    let mut materials = Vec::new();
+    let mut textures = Vec::new();
+    let vertices: usize = parts.iter().map(|p| p.positions.len()).sum();
+    let count: usize = parts.iter().map(|p| p.triangles.len()).sum();
+    check_counts(vertices, count)?;
+    mesh.positions.reserve_exact(vertices);
     mesh.triangles.reserve_exact(count);
     mesh.material.reserve_exact(count);
     for part in parts {
@@ -343,6 +349,20 @@ mod tests {
             material: vec![0; 3],
             materials: vec![Material::diffuse("grey", DEFAULT_ALBEDO)],
             ..Part::default()
+        }
+    }
+
+    #[test]
+    fn meshes_that_cannot_be_indexed_are_refused() {
+        let (vertices, triangles) = (u32::MAX as usize, Mesh::MOST_TRIANGLES);
+        check_counts(vertices, triangles).unwrap();
+        for (vertices, triangles, part) in [
+            (vertices + 1, triangles, "4294967296 vertices"),
+            (vertices, triangles + 1, "134217729 triangles"),
+        ] {
+            let error = check_counts(vertices, triangles).unwrap_err();
+            assert_eq!(error.kind(), crate::Kind::Input);
+            assert!(error.to_string().contains(part), "{error}");
         }
     }
 

@@ -5,6 +5,8 @@ mod inscatter;
 mod sparse;
 mod stiff;
 mod sweep;
+#[cfg(test)]
+mod tests;
 mod vertices;
 
 pub use inscatter::InScatter;

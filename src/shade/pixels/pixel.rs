@@ -75,7 +75,7 @@ pub struct SampleCounts {
 
 /// One primary ray.
 #[derive(Clone, Copy)]
-pub struct Sample<T> {
+pub struct Sample<T: Passed> {
     /// What it hit.
     pub surface: Option<Surface>,
     /// The triangle that this is on, if any.
@@ -85,7 +85,7 @@ pub struct Sample<T> {
     /// Unit direction.
     pub direction: Vec3,
     /// Direct light there.
-    pub direct: Direct,
+    pub direct: Direct<T::Dimming>,
     /// Media on the way.
     pub passed: T,
 }

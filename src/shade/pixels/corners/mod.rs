@@ -23,7 +23,7 @@ pub struct Corners<'a, P, M, A: Air> {
     corners: Vec<Corner<A::Passed>>,
 }
 
-struct Corner<T> {
+struct Corner<T: Passed> {
     sample: Sample<T>,
     irradiance: Rgb,
 }

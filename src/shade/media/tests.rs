@@ -1,0 +1,236 @@
+//! Where light in media is looked for, and how soon that stops on request.
+
+use super::far_field::FarField;
+use super::inscatter::{INSIDE, InScatter};
+use crate::Kind;
+use crate::gather::page::KernelPage;
+use crate::gather::{self, Gatherer, Geometry, Medium, NoMedia, Outgoing, Pages};
+use crate::image::Region;
+use crate::light::Lights;
+use crate::math::segment::Segment;
+use crate::math::{Hit, Rgb};
+use crate::run::Cancel;
+use crate::scene::{Grid, Scene, Volume};
+use crate::shade::view::View;
+use crate::trace::Tracer;
+use glam::{DAffine3, DVec3, Vec3};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// A tree without surfels.
+struct NoPages;
+
+impl Pages for NoPages {
+    type Guard<'a> = Box<KernelPage>;
+
+    fn root(&self) -> Option<u32> {
+        None
+    }
+
+    fn page(&self, _: u32) -> Box<KernelPage> {
+        Box::default()
+    }
+
+    fn check(&self) -> crate::Result<()> {
+        Ok(())
+    }
+}
+
+/// Black surfaces at some distance from wherever rays begin, which is noted.
+#[derive(Debug)]
+struct Around {
+    distance: f32,
+    origins: Mutex<Vec<Vec3>>,
+    /// Asked to stop by the first ray.
+    cancel: Option<Cancel>,
+}
+
+impl Around {
+    fn at(distance: f32) -> Self {
+        Self {
+            distance,
+            origins: Mutex::default(),
+            cancel: None,
+        }
+    }
+
+    fn rays(&self) -> usize {
+        self.origins.lock().unwrap().len()
+    }
+}
+
+impl Geometry for Around {
+    fn closest(&self, origin: Vec3, _: Vec3, _: f32) -> Option<Hit> {
+        self.origins.lock().unwrap().push(origin);
+        self.cancel.as_ref().map(Cancel::request);
+        self.distance.is_finite().then_some(Hit {
+            t: self.distance,
+            triangle: 0,
+            uv: [0.3; 2],
+        })
+    }
+
+    fn corners(&self, _: u32) -> [Vec3; 3] {
+        [Vec3::ZERO, Vec3::X, Vec3::Y]
+    }
+
+    fn normal(&self, _: u32) -> Vec3 {
+        Vec3::Z
+    }
+
+    fn surfel_area_over_mean(&self, _: u32) -> Option<f32> {
+        None
+    }
+}
+
+/// No medium; rays through it are counted, and the first asks for a stop.
+#[derive(Clone, Copy)]
+struct Counted<'a> {
+    rays: &'a AtomicU64,
+    cancel: Option<&'a Cancel>,
+}
+
+impl Medium for Counted<'_> {
+    fn walk(&self, _: Vec3, _: Vec3, _: f32, _: &mut impl FnMut(Segment) -> bool) -> bool {
+        self.rays.fetch_add(1, Ordering::Relaxed);
+        self.cancel.map(Cancel::request);
+        true
+    }
+}
+
+/// Voxels along each edge of the haze.
+const SIDE: usize = 16;
+
+/// Thin haze before the camera, its lower border in the plane y = -8.
+fn haze() -> Scene {
+    let mut scene = Scene::without_picture();
+    let mut volume = Volume {
+        name: "haze".into(),
+        sigma_t: Grid::from_fn([SIDE; 3], |_| 0.02),
+        albedo: [0.9; 3],
+        scene_from_index: DAffine3::IDENTITY,
+        index_from_scene: Default::default(),
+        index_from_scene_f64: DAffine3::IDENTITY,
+    };
+    volume.place(DAffine3::from_translation(DVec3::new(-8.0, -8.0, -20.0)));
+    scene.volumes.push(volume);
+    scene
+}
+
+/// Calls `run` with what light in the haze is looked for with.
+fn with_haze<M: Medium, T>(
+    around: &Around,
+    media: M,
+    run: impl FnOnce(&View, &Lights, &Gatherer<NoPages, M>) -> T,
+) -> T {
+    let scene = haze();
+    let tracer = Tracer::new(&scene);
+    let view = View::new(&tracer, scene.camera(None).unwrap(), scene.film, 5);
+    let outgoing = Outgoing::new(around, 0.0);
+    let gatherer = Gatherer {
+        pages: &NoPages,
+        media,
+        settings: gather::Settings {
+            samples: 8,
+            max_solid_angle: 0.01,
+            max_dist: f32::INFINITY,
+            kernel: gather::Kernel::Traced(&outgoing),
+            environment: Rgb::BLACK,
+        },
+    };
+    run(&view, &Lights::new(&tracer), &gatherer)
+}
+
+/// Sweeps the haze on one thread.
+fn sweep<M: Medium>(around: &Around, media: M, cancel: &Cancel) -> crate::Result<()> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+    with_haze(around, media, |view, lights, gatherer| {
+        let regions = [Region::full(1, 1)];
+        let in_scatter = pool
+            .unwrap()
+            .install(|| InScatter::new(view, &regions, lights, Some(gatherer), cancel));
+        in_scatter.map(drop)
+    })
+}
+
+/// Whether all rays began inside the haze, away from the planes of its borders.
+fn assert_inside(around: &Around) {
+    let origins = around.origins.lock().unwrap();
+    assert!(!origins.is_empty());
+    for &origin in origins.iter() {
+        let at = origin + Vec3::new(8.0, 8.0, 20.0);
+        let (least, most) = (at.min_element(), at.max_element());
+        assert!(
+            least > 0.9 * INSIDE && most < SIDE as f32 - 0.9 * INSIDE,
+            "{at}"
+        );
+    }
+}
+
+#[test]
+fn probes_and_vertices_keep_off_the_planes_of_a_volumes_borders() {
+    let far = Around::at(f32::INFINITY);
+    with_haze(&far, NoMedia, |view, _, gatherer| {
+        let volume = &view.tracer.scene.volumes[0];
+        let field = FarField::new(volume, 8, 1);
+        for corner in [[0.0; 3], [16.0; 3], [8.0, 0.0, 8.0], [0.0, 16.0, 3.0]] {
+            assert!(field.around(volume, gatherer, corner.into()).is_some());
+        }
+    });
+    assert_inside(&far);
+    // Too near for probes: vertices gather for themselves.
+    let near = Around::at(0.5);
+    with_haze(&near, NoMedia, |view, lights, gatherer| {
+        let (regions, cancel) = ([Region::full(1, 1)], Cancel::default());
+        let in_scatter = InScatter::new(view, &regions, lights, Some(gatherer), &cancel).unwrap();
+        let probes = near.rays();
+        let floor = |x: f32| Vec3::new(x, -7.9, -12.0);
+        let _ = in_scatter.source(0, [floor(0.0), floor(0.1)], 0.002);
+        assert!(near.rays() > probes);
+    });
+    assert_inside(&near);
+}
+
+#[test]
+fn sweeps_stop_soon_on_request() {
+    let (far, none) = (Around::at(f32::INFINITY), Cancel::default());
+    let rays = AtomicU64::new(0);
+    let counted = Counted {
+        rays: &rays,
+        cancel: None,
+    };
+    sweep(&far, counted, &none).unwrap();
+    let (probed, swept) = (far.rays(), rays.swap(0, Ordering::Relaxed));
+    assert!(probed > 0 && swept > 100, "{probed} {swept}");
+
+    let asked_before = Cancel::default();
+    asked_before.request();
+    let far = Around::at(f32::INFINITY);
+    let error = sweep(&far, counted, &asked_before).unwrap_err();
+    assert_eq!((error.kind(), far.rays()), (Kind::Cancelled, 0));
+
+    // By the first ray of a probe: those of one vertex, of 8 at most, are looked from.
+    let cancel = Cancel::default();
+    let far = Around {
+        cancel: Some(cancel.clone()),
+        ..Around::at(f32::INFINITY)
+    };
+    let error = sweep(&far, counted, &cancel).unwrap_err();
+    assert_eq!(
+        (error.kind(), rays.load(Ordering::Relaxed)),
+        (Kind::Cancelled, 0)
+    );
+    assert!(2 * far.rays() < probed, "{} of {probed}", far.rays());
+
+    // By the first ray of the sweep.
+    let cancel = Cancel::default();
+    let counted = Counted {
+        cancel: Some(&cancel),
+        ..counted
+    };
+    let error = sweep(&Around::at(f32::INFINITY), counted, &cancel).unwrap_err();
+    assert_eq!(
+        (error.kind(), rays.load(Ordering::Relaxed)),
+        (Kind::Cancelled, 1)
+    );
+}
