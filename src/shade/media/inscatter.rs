@@ -299,7 +299,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                 if depth <= Self::FLAT {
                     return light;
                 }
-                let spread = Spread::of(&values, Rgb::luminance);
+                let spread = Spread::of(&values, |v| v.luminance());
                 return light * spread.fall(&values, depth, |v| libm::logf(v.luminance()));
             }
         }
@@ -410,7 +410,7 @@ impl Spread {
         // 1 / cosh(depth / 2): that of two vertices, half way between them.
         let root = exp_neg(0.5 * depth);
         let most = 2.0 * root / (1.0 + root * root);
-        (libm::expf(mean_ln) / self.mean).clamp(most, 1.0)
+        (libm::expf(mean_ln) / self.mean).max(most).min(1.0)
     }
 }
 
