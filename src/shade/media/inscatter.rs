@@ -226,8 +226,9 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                 let is_last = is_finest && !self.rest_is_exact;
                 if is_last || share.ratio.max(rest.ratio) <= alike {
                     let light = light();
-                    let share = share.fall(&values, between, |v| v.ln_share);
-                    let rest = rest.fall(&values, between, |v| v.ln_rest);
+                    let depth = place.voxel_depth * (1 << level) as f32;
+                    let share = share.fall(&values, depth, |v| v.ln_share);
+                    let rest = rest.fall(&values, depth, |v| v.ln_rest);
                     return light.share * self.lights.sent(from, to) * share + light.rest * rest;
                 }
             }
@@ -295,12 +296,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             if place.densest * (1 << level) as f32 <= smooth
                 || are_alike(&values, Self::ALIKE_GATHERED, |v| v.luminance())
             {
-                let (light, depth) = (blend(&values), place.densest * (1 << level) as f32);
-                if depth <= Self::FLAT {
-                    return light;
-                }
-                let spread = Spread::of(&values, |v| v.luminance());
-                return light * spread.fall(&values, depth, |v| libm::logf(v.luminance()));
+                return blend(&values);
             }
         }
         mean_radiance(place.at, place.point, self.seed_of(place.point))
