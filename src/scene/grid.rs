@@ -118,16 +118,6 @@ impl Grid {
         })
     }
 
-    /// The largest sample of the brick around a point of index space, which is clamped to the box.
-    #[must_use]
-    pub fn brick_max_at(&self, point_in_index: Vec3) -> f32 {
-        let p = point_in_index.to_array();
-        let b = std::array::from_fn(|a| {
-            ((p[a] + 0.5).max(0.0) as usize / BRICK_CELLS).min(self.bricks[a] - 1)
-        });
-        self.brick(b).map_or(0.0, |brick| brick.max)
-    }
-
     /// The largest sample.
     #[must_use]
     pub fn max(&self) -> f32 {

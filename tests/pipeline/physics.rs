@@ -238,6 +238,38 @@ fn a_white_medium_in_a_constant_environment_nearly_vanishes() {
     }
 }
 
+/// Seen from the side, the light of a sun falls exponentially in a medium: a straight line between points where it is
+/// known would lie above that, here by 4 % on average.
+#[test]
+fn sunlight_in_a_medium_falls_exponentially() {
+    let sigma_t = 10.9;
+    let text = format!(
+        "[film]\nwidth = 64\nheight = 4\n[[camera]]\nposition = [0, 0, 100]\ntarget = [0, 0, 0]\n\
+         fov_x_deg = 0.5729\n[[light]]\ntype = \"directional\"\ndirection = [1, 0, 0]\nirradiance = [1, 1, 1]\n{}",
+        fog(sigma_t, 1.0).replace("dims = [1, 1, 1]", "dims = [32, 32, 32]")
+    );
+    let work = crate::Work::new(&text);
+    std::fs::write(work.path("smoke.raw"), vec![1_u8; 32 * 32 * 32]).unwrap();
+    let scene = work.scene();
+    let tree = work.bake(&scene, 1);
+    let settings = Settings {
+        max_dist: Some(1e-6),
+        ..quick()
+    };
+    let frame = crate::shade(&scene, &tree, &settings);
+    let mut errors = Vec::new();
+    for (i, pixel) in beauty(&frame).iter().enumerate() {
+        let x = (i % 64) as f64 + 0.5;
+        if (16.0..48.0).contains(&x) {
+            let expected = (-sigma_t * x / 64.0).exp() / (4.0 * std::f64::consts::PI);
+            errors.push(f64::from(pixel[0]) / expected - 1.0);
+        }
+    }
+    let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+    assert!(mean.abs() < 0.015, "{mean}");
+    assert!(errors.iter().all(|e| e.abs() < 0.03), "{errors:?}");
+}
+
 #[test]
 fn a_floor_under_the_sun_lights_what_faces_it() {
     // Light of 2 falls at 45 degrees onto a floor of 10 x 10 and albedo 0.5. A small tile above its middle looks down

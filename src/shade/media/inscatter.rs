@@ -7,6 +7,7 @@
 //! the ray's own points. Vertices in empty space around the medium are evaluated like any other: leaving them dark would
 //! darken its rim.
 
+use super::density::Densities;
 use super::far_field::FarField;
 use super::stiff;
 use super::sweep::{Scope, Sweep};
@@ -30,6 +31,7 @@ struct Lattices {
     indirect: [Vertices<Rgb>; LEVELS + 1],
     far_field: FarField,
     sweep: Option<Sweep>,
+    densities: Densities,
     /// Longest edge of a voxel, scene units.
     voxel: f32,
 }
@@ -67,6 +69,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     const FLAT: f32 = 0.35;
     /// Where direct light at the vertices around a point differs by more than this factor, a finer lattice is asked.
     const ALIKE: f32 = 2.0;
+    /// The same for light without the noise of shadow rays; a ray's own point is asked where no lattice is finer.
+    const ALIKE_EXACT: f32 = 1.3;
     /// The same for gathered light, which has the noise of few rays.
     const ALIKE_GATHERED: f32 = 3.0;
     /// Spacings of vertices around a lamp in which its light is looked for on the ray itself.
@@ -98,6 +102,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             };
             let far_field = FarField::new(volume, volume_samples, seed);
             let voxel = volume.longest_voxel_edge();
+            let densities = Densities::new(volumes, index);
             let sweep = gatherer
                 .filter(|g| g.settings.max_dist.is_infinite())
                 .map(|gatherer| {
@@ -109,7 +114,9 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                         far_field: &far_field,
                         cancel,
                     };
-                    Sweep::new(&scope, |densest| Self::swept_level(densest * voxel))
+                    Sweep::new(&scope, |brick| {
+                        Self::swept_level(densities.of(brick) * voxel)
+                    })
                 })
                 .transpose()?;
             lattices.push(Lattices {
@@ -117,6 +124,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                 indirect: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
                 far_field,
                 sweep,
+                densities,
                 voxel,
             });
         }
@@ -155,7 +163,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         // Where its light comes from on average: near its front if it is dense.
         let point = from + (to - from) * mean_reach(depth);
         let at = medium.index_from_scene.transform_point3(point);
-        let densest = medium.sigma_t.brick_max_at(at) * voxel;
+        let densest = self.lattices[volume].densities.at(at) * voxel;
         let level = Self::level(densest);
         let place = Place {
             volume,
@@ -194,29 +202,40 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             })
         };
         if place.is_thin || place.voxel_depth <= Self::DEPTH {
+            // Where light has no noise, smaller differences tell.
+            let alike = if self.rest_is_exact {
+                Self::ALIKE_EXACT
+            } else {
+                Self::ALIKE
+            };
             for level in (0..=place.level).rev() {
                 let values = vertices(level);
+                let between = place.densest * (1 << level) as f32;
+                let is_finest = level == 0 || between <= Self::FLAT;
                 let light = || blend(&values.map(|(v, weight)| (v.light, weight)));
-                let is_finest = level == 0 || place.densest * (1 << level) as f32 <= Self::FLAT;
-                if is_finest && place.is_thin {
+                if is_finest && (between <= Self::FLAT || place.is_thin && !self.rest_is_exact) {
                     let light = light();
                     return light.share * self.lights.sent(from, to) + light.rest;
                 }
-                let share = Spread::of(&values, |v| v.light.share.luminance(), |v| v.ln_share);
+                let share = Spread::of(&values, |v| v.light.share.luminance());
                 let rest = if self.rest_is_exact {
-                    Spread::of(&values, |v| v.light.rest.luminance(), |v| v.ln_rest)
+                    Spread::of(&values, |v| v.light.rest.luminance())
                 } else {
                     Spread::default()
                 };
-                if is_finest || share.ratio.max(rest.ratio) <= Self::ALIKE {
+                let is_last = is_finest && !self.rest_is_exact;
+                if is_last || share.ratio.max(rest.ratio) <= alike {
                     let light = light();
-                    let [share, rest] = if place.is_thin {
-                        [1.0; 2]
-                    } else {
-                        [share.fall(), rest.fall()]
-                    };
+                    let depth = place.voxel_depth * (1 << level) as f32;
+                    let share = share.fall(&values, depth, |v| v.ln_share);
+                    let rest = rest.fall(&values, depth, |v| v.ln_rest);
                     return light.share * self.lights.sent(from, to) * share + light.rest * rest;
                 }
+            }
+            if place.voxel_depth <= Self::DEPTH {
+                let rays = Self::rays(Self::SHADOW_RAYS, self.seed_of(place.point));
+                let light = self.lights.in_medium(place.point, rays, Some(&self.suns));
+                return light.share * self.lights.sent(from, to) + light.rest;
             }
         }
         // Two points (Gauss-Legendre) of what the camera sees: light is not linear along a dense stretch.
@@ -277,7 +296,14 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             if place.densest * (1 << level) as f32 <= smooth
                 || are_alike(&values, Self::ALIKE_GATHERED, |v| v.luminance())
             {
-                return blend(&values);
+                let light = blend(&values);
+                let [most, depth] =
+                    [place.densest, place.voxel_depth].map(|d| d * (1 << level) as f32);
+                if most <= Self::FLAT {
+                    return light;
+                }
+                let spread = Spread::of(&values, |v| v.luminance());
+                return light * spread.fall(&values, depth, |v| libm::logf(v.luminance()));
             }
         }
         mean_radiance(place.at, place.point, self.seed_of(place.point))
@@ -350,35 +376,44 @@ struct Spread {
     /// The largest over the smallest; 0 if there is no light at one of them: that a surface hides it is no matter of depth.
     ratio: f32,
     mean: f32,
-    mean_ln: f32,
 }
 
 impl Spread {
-    fn of<T>(values: &[(T, f32); 8], value: impl Fn(&T) -> f32, ln: impl Fn(&T) -> f32) -> Self {
+    /// Values that differ by less than this factor are as good as linear between vertices.
+    const LINEAR: f32 = 1.2;
+
+    fn of<T>(values: &[(T, f32); 8], value: impl Fn(&T) -> f32) -> Self {
         let (mut least, mut most) = (f32::INFINITY, 0.0_f32);
-        let (mut mean, mut mean_ln) = (0.0, 0.0);
+        let mut mean = 0.0;
         for (v, weight) in values {
             if *weight > 0.0 {
                 let b = value(v);
                 (least, most) = (least.min(b), most.max(b));
                 mean += b * weight;
-                mean_ln += ln(v) * weight;
             }
         }
         Self {
             ratio: if least > 0.0 { most / least } else { 0.0 },
             mean,
-            mean_ln,
         }
     }
 
-    /// By how much light that falls exponentially between vertices is below their mean.
-    fn fall(self) -> f32 {
-        if self.ratio > 1.2 {
-            libm::expf(self.mean_ln) / self.mean
-        } else {
-            1.0
+    /// By how much light that falls exponentially between vertices is below their mean; `depth` is that between two of them,
+    /// which does not explain more than so much: the rest is an edge of a shadow, or of another medium.
+    fn fall<T>(self, values: &[(T, f32); 8], depth: f32, ln: impl Fn(&T) -> f32) -> f32 {
+        if self.ratio <= Self::LINEAR {
+            return 1.0;
         }
+        let mut mean_ln = 0.0;
+        for (v, weight) in values {
+            if *weight > 0.0 {
+                mean_ln += ln(v) * weight;
+            }
+        }
+        // 1 / cosh(depth / 2): that of two vertices, half way between them.
+        let root = exp_neg(0.5 * depth);
+        let most = 2.0 * root / (1.0 + root * root);
+        (libm::expf(mean_ln) / self.mean).max(most).min(1.0)
     }
 }
 
@@ -397,4 +432,51 @@ struct Place {
     is_thin: bool,
     /// The coarsest lattice that its brick allows.
     level: usize,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The corners of a cube of this edge with a value for each, and their weights for a point of it.
+    fn around(edge: f32, point: [f32; 3], value: impl Fn(Vec3) -> f32) -> [(f32, f32); 8] {
+        std::array::from_fn(|i| {
+            let corner: [f32; 3] = std::array::from_fn(|a| (i >> a & 1) as f32);
+            let weight = (0..3).map(|a| 1.0 - (corner[a] - point[a]).abs()).product();
+            (value(edge * Vec3::from(corner)), weight)
+        })
+    }
+
+    fn found(values: &[(f32, f32); 8], depth: f32) -> f32 {
+        let spread = Spread::of(values, |v| *v);
+        spread.mean * spread.fall(values, depth, |v| v.ln())
+    }
+
+    #[test]
+    fn light_that_falls_exponentially_is_found_between_vertices() {
+        let depth = 1.0;
+        for direction in [Vec3::X, Vec3::ONE.normalize(), Vec3::new(0.6, 0.8, 0.0)] {
+            let light = |p: Vec3| (-p.dot(direction)).exp();
+            for i in 0..100 {
+                let [x, y] = sampling::r2(i, [0.5; 2]);
+                let point = [x, y, (0.37 * i as f32).fract()];
+                let values = around(depth, point, light);
+                let expected = light(depth * Vec3::from(point));
+                let got = found(&values, depth);
+                assert!((got / expected - 1.0).abs() < 0.01, "{got} {expected}");
+            }
+            // A straight line would be up to an eighth above it.
+            let linear = blend(&around(depth, [0.5; 3], light));
+            assert!(linear > 1.1 * light(Vec3::splat(0.5)));
+        }
+    }
+
+    #[test]
+    fn the_edge_of_a_shadow_in_a_thin_medium_stays_where_it_is() {
+        for dark in [0.0, 1e-3, 0.1] {
+            let values = around(0.1, [0.5; 3], |p| if p.x > 0.0 { 1.0 } else { dark });
+            let (got, linear) = (found(&values, 0.1), 0.5 * (1.0 + dark));
+            assert!(got <= linear && got > 0.998 * linear, "{got} {linear}");
+        }
+    }
 }

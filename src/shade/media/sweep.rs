@@ -74,20 +74,20 @@ impl Sweep {
     /// Directions that are held in memory together.
     const BATCH: u32 = 8;
 
-    /// Sweeps the volume. `level_of(largest sample of a brick)` tells the spacing in it, if it is to be swept.
+    /// Sweeps the volume. `level_of(brick)` tells the spacing in it, if it is to be swept.
     ///
     /// # Errors
     /// If cancelled.
     pub fn new<P: Pages, M: Medium>(
         scope: &Scope<P, M>,
-        level_of: impl Fn(f32) -> Option<usize>,
+        level_of: impl Fn([usize; 3]) -> Option<usize>,
     ) -> Result<Self> {
         let mut needed: [Vec<[usize; 3]>; LEVELS] = Default::default();
         let grid = &scope.volume.sigma_t;
         let [nx, ny, nz] = grid.brick_dims();
         for b in (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]) {
-            if let Some(brick) = grid.brick(b)
-                && let Some(level) = level_of(brick.max)
+            if grid.brick(b).is_some()
+                && let Some(level) = level_of(b)
                 && scope.sees(b)
             {
                 needed[level].push(b);

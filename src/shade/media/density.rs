@@ -1,0 +1,135 @@
+//! How dense all media together are in the bricks of one volume: light in a haze changes as fast as in the cloud that stands
+//! in it.
+
+use crate::scene::Volume;
+use crate::scene::grid::BRICK_CELLS;
+use glam::Vec3;
+
+/// How fast light in each brick of a volume may change, as an extinction per scene unit; 0 where the volume is empty.
+///
+/// It is the geometric mean of the extinctions of the volume and of all media together: an error of the light that
+/// one medium scatters matters by its share of all extinction, and goes by the square of the depth between vertices.
+#[derive(Debug)]
+pub struct Densities {
+    bricks: [usize; 3],
+    most: Vec<f32>,
+}
+
+impl Densities {
+    /// Those of the volume at an index.
+    pub fn new(volumes: &[Volume], index: usize) -> Self {
+        let volume = &volumes[index];
+        let bricks = volume.sigma_t.brick_dims();
+        let [nx, ny, nz] = bricks;
+        let others = || volumes.iter().enumerate().filter(|(i, _)| *i != index);
+        let most = (0..nx * ny * nz)
+            .map(|i| {
+                let b = [i % nx, i / nx % ny, i / nx / ny];
+                let own = volume.sigma_t.brick(b).map_or(0.0, |brick| brick.max);
+                if own > 0.0 {
+                    let rest: f32 = others().map(|(_, o)| most_around(volume, b, o)).sum();
+                    own * (1.0 + rest / own).sqrt()
+                } else {
+                    0.0
+                }
+            })
+            .collect();
+        Self { bricks, most }
+    }
+
+    /// That of a brick.
+    pub fn of(&self, [x, y, z]: [usize; 3]) -> f32 {
+        let [nx, ny, _] = self.bricks;
+        self.most[(z * ny + y) * nx + x]
+    }
+
+    /// That of the brick around a point of index space, or of the nearest.
+    #[inline]
+    pub fn at(&self, point_in_index: Vec3) -> f32 {
+        let p = point_in_index.to_array();
+        self.of(std::array::from_fn(|a| {
+            ((p[a] + 0.5).max(0.0) as usize / BRICK_CELLS).min(self.bricks[a] - 1)
+        }))
+    }
+}
+
+/// The largest sample of the bricks of another volume that may touch a brick.
+fn most_around(volume: &Volume, brick: [usize; 3], other: &Volume) -> f32 {
+    let (mut lower, mut upper) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    for i in 0..8 {
+        let corner: [f32; 3] =
+            std::array::from_fn(|a| ((brick[a] + (i >> a & 1)) * BRICK_CELLS) as f32 - 0.5);
+        let in_scene = volume
+            .scene_from_index
+            .transform_point3(Vec3::from(corner).as_dvec3());
+        let p = other
+            .index_from_scene_f64
+            .transform_point3(in_scene)
+            .as_vec3();
+        (lower, upper) = (lower.min(p), upper.max(p));
+    }
+    let dims = Vec3::from(other.sigma_t.dims().map(|n| n as f32));
+    if !(lower.cmple(dims).all() && upper.cmpge(Vec3::ZERO).all()) {
+        return 0.0;
+    }
+    let bricks = other.sigma_t.brick_dims();
+    let place = |p: Vec3| -> [usize; 3] {
+        let p = p.to_array();
+        std::array::from_fn(|a| ((p[a] + 0.5).max(0.0) as usize / BRICK_CELLS).min(bricks[a] - 1))
+    };
+    let (first, last) = (place(lower), place(upper));
+    let mut most = 0.0_f32;
+    for z in first[2]..=last[2] {
+        for y in first[1]..=last[1] {
+            for x in first[0]..=last[0] {
+                most = most.max(other.sigma_t.brick([x, y, z]).map_or(0.0, |b| b.max));
+            }
+        }
+    }
+    most
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Grid;
+    use glam::{Affine3A, DAffine3, DVec3};
+
+    /// A homogeneous cube of 32 voxels an edge.
+    fn cube(sigma_t: f32, scale: f64, lower: DVec3) -> Volume {
+        let mut volume = Volume {
+            name: String::new(),
+            sigma_t: Grid::from_fn([32; 3], |_| sigma_t),
+            albedo: [0.5; 3],
+            scene_from_index: DAffine3::IDENTITY,
+            index_from_scene: Affine3A::IDENTITY,
+            index_from_scene_f64: DAffine3::IDENTITY,
+        };
+        volume.place(DAffine3::from_translation(lower) * DAffine3::from_scale(DVec3::splat(scale)));
+        volume
+    }
+
+    #[test]
+    fn a_cloud_counts_in_the_bricks_of_a_haze_that_it_stands_in() {
+        let haze = cube(0.1, 1.0, DVec3::ZERO);
+        let cloud = cube(10.0, 0.25, DVec3::new(20.0, 20.0, 20.0));
+        let volumes = [haze, cloud];
+        let of_haze = Densities::new(&volumes, 0);
+        let within = (0.1_f32 * 10.1).sqrt();
+        for (at, expected) in [
+            (Vec3::splat(4.0), 0.1),
+            (Vec3::new(24.0, 24.0, 4.0), 0.1),
+            (Vec3::splat(24.0), within),
+            // Beyond the border the nearest brick tells.
+            (Vec3::splat(-9.0), 0.1),
+        ] {
+            let found = of_haze.at(at);
+            assert!((found / expected - 1.0).abs() < 1e-5, "{at}: {found}");
+        }
+        // To the cloud the haze is next to nothing.
+        let found = Densities::new(&volumes, 1).at(Vec3::splat(16.0));
+        assert!((found / 10.05 - 1.0).abs() < 1e-3, "{found}");
+        // Alone, a volume has its own extinction.
+        assert_eq!(Densities::new(&volumes[1..], 0).at(Vec3::splat(16.0)), 10.0);
+    }
+}
