@@ -222,7 +222,7 @@ impl Baked {
         let all = rays(receivers);
         let start = Instant::now();
         for (i, &(point, normal)) in all.iter().enumerate() {
-            black_box(gatherer.irradiance(point, normal, Stretch::first(i as u64)));
+            black_box(gatherer.irradiance(point, normal, normal, Stretch::first(i as u64)));
         }
         1e6 * start.elapsed().as_secs_f64() / receivers as f64
     }

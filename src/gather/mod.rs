@@ -121,13 +121,21 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
         }
     }
 
-    /// Irradiance at a surface point with the given unit normal. The point must already be off its own surface.
+    /// Irradiance at a surface point with the given unit normal, of the light on the side of the geometric one, too: what is
+    /// behind the facet of a smooth mesh does not reach it. The point must already be off its own surface.
     #[must_use]
-    pub fn irradiance(&self, point: Vec3, normal: Vec3, stretch: Stretch) -> Gathered {
+    pub fn irradiance(
+        &self,
+        point: Vec3,
+        normal: Vec3,
+        face_normal: Vec3,
+        stretch: Stretch,
+    ) -> Gathered {
         let (x, y) = tangents(normal);
         let mut gathered = self.average(point, stretch, |u| {
             let d = cosine_hemisphere(u);
-            (x * d.x + y * d.y + normal * d.z).normalize()
+            let d = (x * d.x + y * d.y + normal * d.z).normalize();
+            (d.dot(face_normal) > 0.0).then_some(d)
         });
         gathered.light *= PI;
         gathered
@@ -136,14 +144,14 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
     /// Mean over the sphere of the radiance at a point of a medium.
     #[must_use]
     pub fn mean_radiance(&self, point: Vec3, stretch: Stretch) -> Gathered {
-        self.average(point, stretch, sphere)
+        self.average(point, stretch, |u| Some(sphere(u)))
     }
 
     fn average(
         &self,
         point: Vec3,
         stretch: Stretch,
-        direction: impl Fn([f32; 2]) -> Vec3,
+        direction: impl Fn([f32; 2]) -> Option<Vec3>,
     ) -> Gathered {
         let seed = sampling::mix(stretch.seed) as u32;
         let (mut light, mut inverse_distance) = (Rgb::BLACK, 0.0);
@@ -151,7 +159,10 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
         let count = self.settings.samples.max(1);
         for i in 0..count {
             let u = sobol2(stretch.index * count + i, 0, seed);
-            let seen = self.look(point, direction(u), &mut scratch);
+            let Some(direction) = direction(u) else {
+                continue;
+            };
+            let seen = self.look(point, direction, &mut scratch);
             light += seen.radiance;
             inverse_distance += 1.0 / seen.distance;
         }

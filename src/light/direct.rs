@@ -17,7 +17,8 @@ pub struct Direct<D = Dimmed> {
     pub sight: Sight<D>,
 }
 
-/// What shadow rays to lights with an extent brought.
+/// What shadow rays to lights with an extent brought. Of each light they bring, together and with nothing between, as many times
+/// what it sends as there are rays to each light: else the share of one would be taken for that of another.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Arrival {
     /// With what stands between.

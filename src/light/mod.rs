@@ -197,31 +197,21 @@ impl<'a, S: Shadows> Lights<'a, S> {
     /// are those of `suns`, or the scene's own.
     #[must_use]
     pub fn in_medium(&self, point: Vec3, rays: ShadowRays, suns: Option<&SunDepths>) -> InMedium {
-        let (mut near, mut rest) = (Direct::default(), Direct::default());
+        let mut rest = Direct::default();
         for (index, light) in self.tracer.scene.lights.iter().enumerate() {
-            let total = if light.lamp().is_some() {
-                &mut near
-            } else {
-                &mut rest
-            };
             let asking = Asking {
                 origin: point,
                 rays,
                 receiver: Medium,
                 sun_depth: suns.and_then(|s| s.of(index)),
             };
-            self.add_light(total, light, index, &asking);
+            if light.lamp().is_none() {
+                self.add_light(&mut rest, light, index, &asking);
+            }
         }
         self.add_emitters(&mut rest, point, rays, Medium);
-        let (arriving, sent) = (near.sharp * INVERSE_SPHERE, self.sent(point, point));
         InMedium {
-            share: Rgb(std::array::from_fn(|c| {
-                if sent.0[c] > 0.0 {
-                    arriving.0[c] / sent.0[c]
-                } else {
-                    0.0
-                }
-            })),
+            share: self.share_of_lamps(point),
             rest: rest.light() * INVERSE_SPHERE,
         }
     }
@@ -448,6 +438,7 @@ impl<'a, S: Shadows> Lights<'a, S> {
     ) {
         let cut = Cut::new(tree, &self.emitters, origin, receiver, self.care.tolerance);
         let count = rays.count() * self.care.rays;
+        let per_ray = 1.0 / self.care.rays as f32;
         let mut sent = Rgb::BLACK;
         for i in 0..count {
             let [u, v] = rays.point_of_many(i, self.care.rays);
@@ -462,7 +453,8 @@ impl<'a, S: Shadows> Lights<'a, S> {
                 let end = distance * (1.0 - 1e-4) - trace::offset(origin + d * distance);
                 let through = self.transmittance(origin, d, end, self.shadows.before_triangles());
                 let light = emitter.radiance * w;
-                total.note_ray(choice.emitter as usize, light, through);
+                // As much of the light as a ray to any other light with an extent brings of its own.
+                total.note_ray(choice.emitter as usize, light * per_ray, through);
                 sent += light;
             }
         }

@@ -36,7 +36,11 @@ impl Receiver for Surface {
 
     #[inline]
     fn of_triangle(self, corners: [Vec3; 3]) -> f32 {
-        polygon::irradiance(corners, self.normal)
+        if self.normal == self.face_normal {
+            polygon::irradiance(corners, self.normal)
+        } else {
+            polygon::irradiance_above(corners, self.normal, self.face_normal)
+        }
     }
 
     #[inline]

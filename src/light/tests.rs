@@ -6,7 +6,7 @@ use super::receiver::{Medium, Receiver, Surface};
 use super::tree::Tree;
 use super::{Lights, ShadowRays};
 use crate::math::{Rgb, sampling};
-use crate::scene::{Material, Scene};
+use crate::scene::{Light, Material, Scene};
 use crate::trace::Tracer;
 use glam::Vec3;
 
@@ -363,4 +363,40 @@ fn rays_of_sixteen_cells_take_every_stratum_of_many_lights_once() {
         }
         assert!(found.iter().all(|n| *n == 1), "{found:?}");
     }
+}
+
+/// A sun that a board hides takes nothing from many lamps and adds nothing to them.
+#[test]
+fn a_hidden_sun_beside_many_lamps_brings_nothing() {
+    let irradiance = |suns: usize| {
+        let mut scene = lamps(100, 4);
+        let first = scene.mesh.positions.len() as u32;
+        let board = [[-90.0, 3.0, -60.0], [90.0, 3.0, -60.0], [0.0, 3.0, 90.0]];
+        scene.mesh.positions.extend(board.map(Vec3::from));
+        scene.mesh.triangles.push([first, first + 1, first + 2]);
+        scene.mesh.material.push(scene.materials.len() as u32);
+        scene.materials.push(Material::diffuse("board", [0.0; 3]));
+        let sun = Light::Directional {
+            direction: -Vec3::Y,
+            irradiance: [40.0; 3],
+            angular_radius_rad: 0.005,
+        };
+        scene.lights.extend(std::iter::repeat_n(sun, suns));
+        let tracer = Tracer::new(&scene);
+        let lights = Lights::new(&tracer);
+        let mut numbers = Numbers::new(3);
+        let mut sum = Rgb::BLACK;
+        for i in 0..400 {
+            let rays = ShadowRays::Sequence {
+                per_light: 4,
+                first: 0,
+                seed: i,
+            };
+            let direct = lights.irradiance(numbers.place(), Vec3::Y, Vec3::Y, rays);
+            sum += direct.rays.of(direct.open);
+        }
+        sum.mean()
+    };
+    let (dark, hidden) = (irradiance(0), irradiance(1));
+    assert!((hidden / dark - 1.0).abs() < 0.02, "{hidden} {dark}");
 }

@@ -15,6 +15,40 @@ pub fn irradiance(corners: [Vec3; 3], n: Vec3) -> f32 {
     if is_small(corners) && heights.iter().all(|h| *h >= 0.0) {
         return small_irradiance(corners, n);
     }
+    let (poly, len) = above(corners, n);
+    if len < 3 {
+        return 0.0;
+    }
+    let mut sum = 0.0;
+    for i in 0..len {
+        let (a, b) = (poly[i], poly[(i + 1) % len]);
+        let cross = a.cross(b);
+        let sin = cross.length();
+        if sin > 0.0 {
+            sum += libm::atan2f(sin, a.dot(b)) * (cross.dot(n) / sin);
+        }
+    }
+    0.5 * sum.abs()
+}
+
+/// The same of the part of the triangle on the side of another plane through the origin, by its normal `face`.
+#[must_use]
+pub fn irradiance_above(corners: [Vec3; 3], n: Vec3, face: Vec3) -> f32 {
+    let below = corners.map(|c| c.dot(face) < 0.0);
+    match below {
+        [false, false, false] => irradiance(corners, n),
+        [true, true, true] => 0.0,
+        _ => {
+            let (poly, len) = above(corners, face);
+            (2..len)
+                .map(|i| irradiance([poly[0], poly[i - 1], poly[i]], n))
+                .sum()
+        }
+    }
+}
+
+/// The part of a triangle on the side of a plane through the origin, by its normal: corners, and how many.
+fn above(corners: [Vec3; 3], n: Vec3) -> ([Vec3; 4], usize) {
     let mut poly = [Vec3::ZERO; 4];
     let mut len = 0;
     for i in 0..3 {
@@ -29,19 +63,7 @@ pub fn irradiance(corners: [Vec3; 3], n: Vec3) -> f32 {
             len += 1;
         }
     }
-    if len < 3 {
-        return 0.0;
-    }
-    let mut sum = 0.0;
-    for i in 0..len {
-        let (a, b) = (poly[i], poly[(i + 1) % len]);
-        let cross = a.cross(b);
-        let sin = cross.length();
-        if sin > 0.0 {
-            sum += libm::atan2f(sin, a.dot(b)) * (cross.dot(n) / sin);
-        }
-    }
-    0.5 * sum.abs()
+    (poly, len)
 }
 
 /// Whether a triangle is so small, seen from the origin, that the sum over its edges would lose its digits: terms as
@@ -135,6 +157,33 @@ mod tests {
         assert!((solid_angle(octant) - PI / 2.0).abs() < 1e-6);
         assert!((irradiance(octant, Vec3::Z) - PI / 4.0).abs() < 1e-6);
         assert_eq!(irradiance(octant, -Vec3::Z), 0.0);
+    }
+
+    #[test]
+    fn a_second_plane_takes_away_what_is_below_it() {
+        let mut cut = 0;
+        for i in 0..60 {
+            let [p, q, r, n] = [0.1, 0.3, 0.6, 0.8]
+                .map(|start| crate::math::sampling::sphere(r2(i, [start, 1.7 * start])));
+            let face = (n + 0.8 * crate::math::sampling::sphere(r2(i, [0.7; 2]))).normalize();
+            let corners = [p * 2.0, q, r * 1.5];
+            let size = solid_angle(corners);
+            if !(0.05..5.0).contains(&size) {
+                continue;
+            }
+            let count = 20_000;
+            let (mut whole, mut above) = (0.0_f64, 0.0_f64);
+            for k in 0..count {
+                let d = sample_solid_angle(corners, r2(k, [0.5; 2])).unwrap();
+                let cos = f64::from(d.dot(n).max(0.0) * size) / count as f64;
+                whole += cos;
+                above += if d.dot(face) > 0.0 { cos } else { 0.0 };
+            }
+            cut += u32::from(above < 0.9 * whole);
+            let got = f64::from(irradiance_above(corners, n, face));
+            assert!((got - above).abs() < 0.01, "{i}: {got} {above}");
+        }
+        assert!(cut > 5);
     }
 
     #[test]

@@ -288,7 +288,7 @@ pub fn gather_surface<P: Pages, M: Medium>(
     let towards_camera = (view.camera.origin() - surface.position).normalize_or_zero();
     let off = surface.face_normal + towards_camera;
     let origin = surface.position + off * (ROUNDING * offset(surface.position));
-    gatherer.irradiance(origin, surface.normal, stretch)
+    gatherer.irradiance(origin, surface.normal, surface.face_normal, stretch)
 }
 
 /// Place of a point of a small square along the curve that fills each quarter before the next.

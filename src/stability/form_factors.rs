@@ -285,7 +285,7 @@ fn disks(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
             let point = Vec3::new(0.0, d as f32, 0.0);
             let got = f64::from(
                 gatherer
-                    .irradiance(point, -Vec3::Y, Stretch::first(3))
+                    .irradiance(point, -Vec3::Y, -Vec3::Y, Stretch::first(3))
                     .light
                     .0[0],
             ) / PI;
@@ -314,7 +314,7 @@ fn disks(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
             ("receiver behind a disk", Vec3::Y * -0.5, Vec3::Y),
         ] {
             let got = gatherer
-                .irradiance(point, normal, Stretch::first(5))
+                .irradiance(point, normal, normal, Stretch::first(5))
                 .light
                 .0[0]
                 .into();
@@ -355,7 +355,7 @@ fn tiled(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
             let point = Vec3::new(0.0, h as f32, 0.0);
             let got = f64::from(
                 gatherer
-                    .irradiance(point, -Vec3::Y, Stretch::first(3))
+                    .irradiance(point, -Vec3::Y, -Vec3::Y, Stretch::first(3))
                     .light
                     .0[0],
             ) / PI;

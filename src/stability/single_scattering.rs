@@ -78,7 +78,7 @@ fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
         let gatherer = gatherer(&store, &media, 4096, 0.0)?;
         let irradiance = |y: f32, normal: Vec3| {
             let point = Vec3::new(0.013, y, 0.021);
-            let got = gatherer.irradiance(point, normal, Stretch::first(1));
+            let got = gatherer.irradiance(point, normal, normal, Stretch::first(1));
             f64::from(got.light.0[0])
         };
         let expected = above_slab(tau, [0.013, HEIGHT, 0.021].map(f64::from));

@@ -173,7 +173,7 @@ fn aggregates_change_irradiance_by_a_few_percent() {
         };
         let all = receivers(1000);
         let light = all.iter().enumerate().map(|(i, (p, n))| {
-            let gathered = gatherer.irradiance(*p, *n, Stretch::first(i as u64));
+            let gathered = gatherer.irradiance(*p, *n, *n, Stretch::first(i as u64));
             gathered.light.luminance()
         });
         light.collect()
@@ -204,7 +204,12 @@ fn nothing_beyond_the_largest_distance_sends_light_or_lets_it_through() {
                 ..settings(kernel, 0.01)
             },
         };
-        let gathered = gatherer.irradiance(Vec3::new(0.0, 0.9, 0.0), Vec3::Z, Stretch::first(1));
+        let gathered = gatherer.irradiance(
+            Vec3::new(0.0, 0.9, 0.0),
+            Vec3::Z,
+            Vec3::Z,
+            Stretch::first(1),
+        );
         // All rays end at the box's walls, which are too far away to send light and hide the environment, but for the gaps
         // that disks at random leave.
         let gaps = (-OVERLAP * OVERLAP).exp();

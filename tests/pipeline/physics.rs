@@ -3,7 +3,7 @@
 
 use crate::random::Random;
 use crate::{beauty, layer, mean, render};
-use lvox::shade::{Kernel, Settings};
+use lvox::shade::{Kernel, Method, Settings};
 
 fn quick() -> Settings {
     Settings {
@@ -268,6 +268,87 @@ fn sunlight_in_a_medium_falls_exponentially() {
     let mean = errors.iter().sum::<f64>() / errors.len() as f64;
     assert!(mean.abs() < 0.015, "{mean}");
     assert!(errors.iter().all(|e| e.abs() < 0.03), "{errors:?}");
+}
+
+/// Beams narrower than the voxels of the medium that shows them, and a wide one.
+#[test]
+fn a_medium_shows_the_beam_of_a_spot_light() {
+    let (side, sigma_t) = (64, 1e-3);
+    for (dims, inner, outer) in [(4, 4.0_f64, 6.0_f64), (32, 4.0, 6.0), (16, 17.0, 20.0)] {
+        let text = format!(
+            "[film]\nwidth = {side}\nheight = {side}\n[[camera]]\nposition = [0, 0, 3]\ntarget = [0, 0, 0]\n\
+             fov_x_deg = 22\n[[light]]\ntype = \"spot\"\nposition = [0.1, 0.9, 0.05]\ndirection = [0, -1, 0]\n\
+             intensity = [1, 1, 1]\ninner_deg = {inner}\nouter_deg = {outer}\n{}",
+            fog(sigma_t, 1.0).replace(
+                "dims = [1, 1, 1]",
+                &format!("dims = [{dims}, {dims}, {dims}]")
+            )
+        );
+        let work = crate::Work::new(&text);
+        std::fs::write(work.path("smoke.raw"), vec![1_u8; dims * dims * dims]).unwrap();
+        let scene = work.scene();
+        let tree = work.bake(&scene, 1);
+        let settings = Settings {
+            method: Method::Traditional,
+            ..quick()
+        };
+        let got = layer(&crate::shade(&scene, &tree, &settings), "volume");
+        let (cos_inner, cos_outer) = (inner.to_radians().cos(), outer.to_radians().cos());
+        let lit = |p: [f64; 3]| {
+            if p.iter().any(|c| c.abs() > 0.5) {
+                return 0.0;
+            }
+            let to = [p[0] - 0.1, p[1] - 0.9, p[2] - 0.05];
+            let d2: f64 = to.iter().map(|c| c * c).sum();
+            let s = ((-to[1] / d2.sqrt() - cos_outer) / (cos_inner - cos_outer)).clamp(0.0, 1.0);
+            s * s * (3.0 - 2.0 * s) / d2 * sigma_t / (4.0 * std::f64::consts::PI)
+        };
+        let reach = 11.0_f64.to_radians().tan() * 2.0 / f64::from(side);
+        let (rays, steps) = (4, 300);
+        let mut expected = Vec::new();
+        for i in 0..side * side {
+            let mut sum = 0.0;
+            for k in 0..rays * rays {
+                let at = |pixel: i32, k: i32| {
+                    f64::from(pixel) + (f64::from(k) + 0.5) / f64::from(rays)
+                        - f64::from(side) / 2.0
+                };
+                let (x, y) = (
+                    at(i % side, k % rays) * reach,
+                    -at(i / side, k / rays) * reach,
+                );
+                let length = (x * x + y * y + 1.0).sqrt();
+                for step in 0..steps {
+                    let z = 0.6 - 1.2 * (f64::from(step) + 0.5) / f64::from(steps);
+                    sum += lit([x * (3.0 - z), y * (3.0 - z), z]) * length * 1.2 / f64::from(steps);
+                }
+            }
+            expected.push([(sum / f64::from(rays * rays)) as f32; 3]);
+        }
+        let bias = mean(&got) / mean(&expected) - 1.0;
+        let error = crate::relative_rms(&got, &expected);
+        assert!(
+            bias.abs() < 0.02 && error < 0.2,
+            "{dims}, {outer}: {bias}, {error}"
+        );
+    }
+}
+
+/// Nothing is gathered, and still an environment lights media directly.
+#[test]
+fn an_environment_lights_media_whatever_the_method() {
+    let text = format!("{}{ENVIRONMENT}{}", film(16), fog(0.05, 0.9));
+    let work = crate::Work::new(&text);
+    std::fs::write(work.path("smoke.raw"), [1]).unwrap();
+    let scene = work.scene();
+    let tree = work.bake(&scene, 1);
+    let [extended, traditional] = [Method::Extended, Method::Traditional].map(|method| {
+        let settings = Settings { method, ..quick() };
+        layer(&crate::shade(&scene, &tree, &settings), "volume")
+    });
+    assert!(mean(&extended) > 1e-3);
+    let error = crate::relative_rms(&traditional, &extended);
+    assert!(error < 0.03, "{error}");
 }
 
 #[test]

@@ -77,6 +77,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     const NEAR: f32 = 2.0;
     /// Shadow rays of a vertex or point to lights with an extent.
     const SHADOW_RAYS: u32 = 4;
+    /// Rays to an environment that no gather sees.
+    const ENVIRONMENT_RAYS: u32 = 16;
 
     /// Lattices that are still empty but for what is swept, for rays of some regions of the film. Without a gatherer there is
     /// direct light only.
@@ -132,7 +134,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             volumes,
             lights,
             sharp_lights: lights.with_sharp_shadows(),
-            rest_is_exact: lights.rest_is_exact(),
+            rest_is_exact: lights.rest_is_exact()
+                && (gatherer.is_some() || lights.environment().is_black()),
             gatherer,
             lattices,
             suns: SunDepths::new(view.tracer.scene),
@@ -187,7 +190,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         if let Some(median) = near.filter(|_| place.depth > 0.0) {
             let point = from + (to - from) * median;
             let rays = Self::rays(Self::SHADOW_RAYS, self.seed_of(point));
-            let light = self.sharp_lights.in_medium(point, rays, None);
+            let light = self.lit(&self.sharp_lights, point, rays, None);
             // The camera sees that point, and not the stretch as a whole, through what is before it.
             let mean_through = one_minus_exp_neg(place.depth) / place.depth;
             let through = exp_neg(place.depth * median) / mean_through;
@@ -198,7 +201,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                 let key = self.key(place.volume, level, v);
                 let rays = Self::rays(Self::SHADOW_RAYS, key);
                 let point = self.to_scene(place.volume, p);
-                Vertex::new(self.lights.in_medium(point, rays, Some(&self.suns)))
+                Vertex::new(self.lit(self.lights, point, rays, Some(&self.suns)))
             })
         };
         if place.is_thin || place.voxel_depth <= Self::DEPTH {
@@ -234,7 +237,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             }
             if place.voxel_depth <= Self::DEPTH {
                 let rays = Self::rays(Self::SHADOW_RAYS, self.seed_of(place.point));
-                let light = self.lights.in_medium(place.point, rays, Some(&self.suns));
+                let light = self.lit(self.lights, place.point, rays, Some(&self.suns));
                 return light.share * self.lights.sent(from, to) + light.rest;
             }
         }
@@ -243,7 +246,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         for share in [0.211_324_87, 0.788_675_1] {
             let point = place.at_share(share);
             let rays = Self::rays(Self::SHADOW_RAYS / 2, self.seed_of(point));
-            let light = self.sharp_lights.in_medium(point, rays, None);
+            let light = self.lit(&self.sharp_lights, point, rays, None);
             sum += (light.share * self.lights.sent(point, point) + light.rest) * 0.5;
         }
         sum
@@ -322,6 +325,23 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     fn key(&self, volume: usize, level: usize, v: [usize; 3]) -> u64 {
         let [x, y, z] = v.map(|c| c as u64);
         sampling::hash(&[self.seed, volume as u64, level as u64, x, y, z])
+    }
+
+    /// Direct light at a point. Where nothing is gathered, that of the environment, too, which gathers bring else.
+    fn lit(
+        &self,
+        lights: &Lights,
+        point: Vec3,
+        rays: ShadowRays,
+        suns: Option<&SunDepths>,
+    ) -> InMedium {
+        let mut light = lights.in_medium(point, rays, suns);
+        if self.gatherer.is_none() && !lights.environment().is_black() {
+            let seed = self.seed_of(point);
+            let rays = Self::rays(Self::ENVIRONMENT_RAYS, seed);
+            light.rest += lights.environment_mean_radiance(point, rays);
+        }
+        light
     }
 
     fn rays(per_light: u32, seed: u64) -> ShadowRays {

@@ -56,9 +56,13 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
         let scene = view.tracer.scene;
         let (min, max) = media_bounds(scene);
         let is_in_media = |p: Vec3| p.cmpge(min).all() && p.cmple(max).all();
-        let mut lamps = scene.lights.iter().filter_map(Light::lamp);
-        if lamps.any(|(position, _)| is_in_media(position)) {
-            // Media glow around it, and that is as small as can be.
+        let is_small = |light: &Light| match light {
+            // Its beam is as narrow as can be.
+            Light::Spot { .. } => true,
+            // Media glow around it.
+            _ => light.lamp().is_some_and(|(at, _)| is_in_media(at)),
+        };
+        if scene.lights.iter().any(is_small) {
             return 1;
         }
         let voxel_in_pixels = |v: &Volume| {
