@@ -35,7 +35,8 @@ pub struct Shared {
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 #[command(next_help_heading = "Shared options")]
 pub struct Memory {
-    /// Hold at most this much memory: bytes, or with K, M, G, T in powers of 1024, as 64M or 4G [default: no limit]
+    /// Hold at most this much: of points, pages, lvoxels, samples and pixels; the scene and what is found of it while
+    /// shading come on top. Bytes, or with K, M, G, T in powers of 1024, as 64M or 4G [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = parse::size)]
     memory_limit: Option<u64>,
 }

@@ -226,19 +226,13 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                 } else {
                     Spread::default()
                 };
-                let is_last = is_finest && !self.rest_is_exact;
-                if is_last || share.ratio.max(rest.ratio) <= alike {
+                if is_finest || share.ratio.max(rest.ratio) <= alike {
                     let light = light();
                     let depth = place.voxel_depth * (1 << level) as f32;
                     let share = share.fall(&values, depth, |v| v.ln_share);
                     let rest = rest.fall(&values, depth, |v| v.ln_rest);
                     return light.share * self.lights.sent(from, to) * share + light.rest * rest;
                 }
-            }
-            if place.voxel_depth <= Self::DEPTH {
-                let rays = Self::rays(Self::SHADOW_RAYS, self.seed_of(place.point));
-                let light = self.lit(self.lights, place.point, rays, Some(&self.suns));
-                return light.share * self.lights.sent(from, to) + light.rest;
             }
         }
         // Two points (Gauss-Legendre) of what the camera sees: light is not linear along a dense stretch.
