@@ -209,6 +209,27 @@ fn wrong_scenes_and_settings_leave_nothing_behind() {
 }
 
 #[test]
+fn volumes_of_more_blocks_than_can_be_numbered_are_refused() {
+    let long = ROOM
+        .replace("dims = [16, 16, 16]", "dims = [70000, 2, 2]")
+        .replace("sigma_t_scale = 6", "sigma_t_scale = 60");
+    assert!(long != ROOM);
+    let work = Work::new(&long);
+    fs::write(work.path("smoke.raw"), vec![255; 70_000 * 4]).unwrap();
+    let bake = ["bake", "scene.toml", "-o", "a.lvc", "--progress", "none"];
+    let parts = ["smoke", "70000 x 2 x 2", "65536", "--block-voxels 2"];
+    lvox(&work, &[&bake[..], &FEW].concat()).refused(2, &parts, "");
+    let blocks = |n: &'static str| [&bake[..], &FEW, &["--block-voxels", n]].concat();
+    lvox(&work, &blocks("1")).refused(2, &parts, "");
+    assert_eq!(work.names(), ["scene.toml", "smoke.raw"]);
+    // What the message offers does.
+    lvox(&work, &blocks("2")).done();
+    let cloud = lvox::formats::Cloud::open_path(&work.path("a.lvc")).unwrap();
+    let chunks = (0..cloud.lvoxel_chunks()).flat_map(|i| cloud.lvoxel_chunk(i).unwrap());
+    assert_eq!(chunks.map(|v| v.block[0]).max(), Some(34_999));
+}
+
+#[test]
 fn outputs_that_cannot_be_written_are_refused_before_any_work() {
     let work = Work::new(ROOM);
     fs::create_dir(work.path("folder.exr")).unwrap();
