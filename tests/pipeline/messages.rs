@@ -230,6 +230,30 @@ fn volumes_of_more_blocks_than_can_be_numbered_are_refused() {
 }
 
 #[test]
+fn what_halves_cannot_hold_is_said() {
+    let work = Work::new(&ROOM.replace("[10, 9, 7]", "[1e6, 9e5, 7]"));
+    let scene = work.scene();
+    work.bake(&scene, 2000);
+    let shade = |options: &[&str]| {
+        let args = ["shade", "scene.toml", "-t", "scene.lvt", "-o", "a.exr"];
+        let run = lvox(&work, &[&args[..], options, &QUIET].concat());
+        run.done();
+        run.stderr
+    };
+    let said = shade(&["--aov", "indirect,depth"]);
+    assert_eq!(said.lines().count(), 1, "{said}");
+    for part in [
+        "warning: a.exr: ",
+        " 2 channels (R, G) ",
+        "65504",
+        "--float",
+    ] {
+        assert!(said.contains(part), "{part} is not in {said}");
+    }
+    assert_eq!(shade(&["--float"]), "");
+}
+
+#[test]
 fn outputs_that_cannot_be_written_are_refused_before_any_work() {
     let work = Work::new(ROOM);
     fs::create_dir(work.path("folder.exr")).unwrap();
