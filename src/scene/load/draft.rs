@@ -236,8 +236,8 @@ fn default_camera(bounds: &Bounds, film: &Film) -> DraftCamera {
     let fov_x_rad = 45_f64.to_radians();
     let aspect = f64::from(film.height) / f64::from(film.width);
     let half_x = 0.5 * fov_x_rad;
-    let half_y = (half_x.tan() * aspect).atan();
-    let distance = bounds.radius() / half_x.min(half_y).sin();
+    let half_y = libm::atan(libm::tan(half_x) * aspect);
+    let distance = bounds.radius() / libm::sin(half_x.min(half_y));
     let target = bounds.centre();
     let position = target + DVec3::new(0.3, 0.35, 1.0).normalize() * distance;
     DraftCamera {

@@ -86,7 +86,7 @@ impl ImportedCamera {
         Ok(DraftCamera {
             name: self.name,
             world_from_camera: self.world_from_camera,
-            fov_x_rad: 2.0 * ((0.5 * self.fov_y_rad).tan() * aspect).atan(),
+            fov_x_rad: 2.0 * libm::atan(libm::tan(0.5 * self.fov_y_rad) * aspect),
         })
     }
 }
@@ -293,7 +293,8 @@ impl Reader<'_> {
                     inner_cone_angle,
                     outer_cone_angle,
                 } => {
-                    let (cos_inner, cos_outer) = (inner_cone_angle.cos(), outer_cone_angle.cos());
+                    let (cos_inner, cos_outer) =
+                        (libm::cosf(inner_cone_angle), libm::cosf(outer_cone_angle));
                     if !(inner_cone_angle >= 0.0 && cos_inner > cos_outer) {
                         return Err(Error::input(format!(
                             "a spot light of cone angles {inner_cone_angle} and {outer_cone_angle}: the inner must be smaller"
