@@ -15,7 +15,7 @@ pub mod volume;
 pub use camera::{Camera, Film};
 pub use grid::Grid;
 pub use light::Light;
-pub use material::{Material, Texture};
+pub use material::{Material, Texture, Wrap};
 pub use mesh::Mesh;
 pub use volume::Volume;
 

@@ -50,6 +50,7 @@ pub(super) fn decode(content: &[u8]) -> Result<Texture> {
         width,
         height,
         texels,
+        wrap: Default::default(),
     })
 }
 
