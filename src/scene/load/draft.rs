@@ -135,14 +135,7 @@ impl Draft {
         let scene_from_world = DAffine3::from_translation(-world_from_scene);
         let volumes = self.volumes.into_iter().map(|v| {
             let scene_from_index = scene_from_world * v.world_from_index;
-            let mut volume = Volume {
-                name: v.name,
-                sigma_t: v.sigma_t,
-                albedo: v.albedo,
-                scene_from_index,
-                index_from_scene: affine_f32(&scene_from_index.inverse()),
-                index_from_scene_f64: scene_from_index.inverse(),
-            };
+            let mut volume = Volume::new(v.name, v.sigma_t, v.albedo, scene_from_index);
             volume.limit_extinction();
             volume
         });
