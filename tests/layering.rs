@@ -70,6 +70,47 @@ const LEAVES: &[&str] = &[
     "error", "formats", "gather", "image", "light", "math", "run", "scene", "trace",
 ];
 
+/// Below these folders results are figures for people and no pixels or files depend on the last bit of them.
+const MAY_USE_PLATFORM_MATHS: &[&str] = &[
+    "src/image/metrics",
+    "src/inspect",
+    "src/stability",
+    "src/study",
+];
+
+/// Functions of f32 and f64 that the standard library takes from the platform: their last bits differ between systems.
+/// `sqrt` is exact, and `powi` only multiplies.
+const PLATFORM_MATHS: &[&str] = &[
+    "acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "cbrt", "cos", "cosh", "exp",
+    "exp2", "exp_m1", "hypot", "ln", "ln_1p", "log", "log10", "log2", "powf", "sin", "sin_cos",
+    "sinh", "tan", "tanh",
+];
+
+/// Functions of glam that call those.
+const PLATFORM_MATHS_OF_GLAM: &[&str] = &[
+    "angle_between",
+    "angle_to",
+    "from_angle",
+    "from_axis_angle",
+    "from_euler",
+    "from_rotation_x",
+    "from_rotation_y",
+    "from_rotation_z",
+    "from_scaled_axis",
+    "perspective_infinite_rh",
+    "perspective_rh",
+    "rotate_axis",
+    "rotate_towards",
+    "rotate_x",
+    "rotate_y",
+    "rotate_z",
+    "slerp",
+    "to_angle",
+    "to_axis_angle",
+    "to_euler",
+    "to_scaled_axis",
+];
+
 /// What a reader of the file formats must not need.
 const NOT_FOR_FORMATS: &[&str] = &[
     "lvox",
@@ -282,6 +323,53 @@ fn imports_flow_one_way() {
     assert!(faults.is_empty(), "\n{faults}");
 }
 
+/// Uses of the platform's maths, with their lines.
+fn platform_maths(code: &str) -> Vec<(usize, &str)> {
+    let mut found = Vec::new();
+    let mut start = None;
+    for (at, c) in code.char_indices().chain([(code.len(), ' ')]) {
+        if is_word(c) {
+            start = start.or(Some(at));
+            continue;
+        }
+        let Some(from) = start.take() else { continue };
+        let (before, name) = (code[..from].trim_end(), &code[from..at]);
+        let of_float = before.ends_with("f32::") || before.ends_with("f64::");
+        let is_call = c == '(' && before.ends_with('.');
+        let is_maths = PLATFORM_MATHS.contains(&name) && (of_float || is_call);
+        if is_maths || PLATFORM_MATHS_OF_GLAM.contains(&name) {
+            found.push((code[..from].matches('\n').count() + 1, name));
+        }
+    }
+    found
+}
+
+#[test]
+fn pixels_and_files_do_not_depend_on_the_maths_of_the_platform() {
+    let mut faults = String::new();
+    for file in [
+        sources(&root().join("src")),
+        sources(&root().join("formats/src")),
+    ]
+    .concat()
+    {
+        let path = file.strip_prefix(root()).unwrap();
+        let is_allowed = MAY_USE_PLATFORM_MATHS.iter().any(|f| path.starts_with(f));
+        if is_allowed || path.file_stem().is_some_and(|s| s == "tests") {
+            continue;
+        }
+        let code = code(&fs::read_to_string(&file).unwrap());
+        for (line, name) in platform_maths(&code) {
+            let _ = writeln!(
+                faults,
+                "{}:{line}: {name} is the platform's; libm has it",
+                path.display()
+            );
+        }
+    }
+    assert!(faults.is_empty(), "\n{faults}");
+}
+
 #[test]
 fn formats_stand_alone() {
     let mut faults = String::new();
@@ -351,4 +439,11 @@ mod tests { fn g() { crate::shade; } }
     assert!(allowed("Result", "run", &["error"]));
     assert!(!allowed("Result", "math", &[]));
     assert!(allowed("image::exr", "image", &[]));
+
+    let source = "let a = x.sin() + libm::cos(y); // z.tan()\nlet b = v.map(f32::exp);\nlet c = (p\n    .q)\n    .powf(2.0);
+let d = crate::math::exp::exp(log2) + s.exp + DQuat::from_rotation_x(a) + t.sqrt().powi(2);";
+    assert_eq!(
+        platform_maths(&code(source)),
+        [(1, "sin"), (2, "exp"), (5, "powf"), (6, "from_rotation_x")]
+    );
 }

@@ -1,11 +1,11 @@
 //! Blocks of medium, walked in the volume's own index space, each with its mean extinction and its source function.
 
-use crate::Result;
 use crate::light::{Lights, ShadowRays};
 use crate::math::exp::{exp_neg, one_minus_exp_neg};
 use crate::math::{Rgb, sampling};
 use crate::run::Cancel;
 use crate::scene::{Grid, Volume};
+use crate::{Error, Result};
 use glam::{DVec3, Vec3};
 use lvox_formats::record::{Lvoxel, MAX_LEVEL};
 
@@ -32,6 +32,40 @@ pub enum BlockSize {
         /// Coefficient samples a block.
         samples: u32,
     },
+}
+
+/// Blocks on each axis that files can number: their coordinates have 16 bits.
+const MOST_BLOCKS: usize = 1 << 16;
+
+impl BlockSize {
+    /// Refuses a volume of more blocks along an axis than files can number.
+    ///
+    /// # Errors
+    /// [`crate::Kind::Input`], with the volume, its size, the limit and blocks that would do.
+    pub fn check(self, volume: &Volume) -> Result<()> {
+        let dims = volume.sigma_t.dims();
+        let fits = |level: u8| dims.iter().all(|n| n.div_ceil(1 << level) <= MOST_BLOCKS);
+        let (least, blocks) = match self {
+            // Depth may ask for single voxels anywhere.
+            Self::OpticalDepth(_) => (0, "--block-depth may make blocks of 1 voxel".into()),
+            Self::Fixed { level, .. } => (level, format!("--block-voxels is {}", 1 << level)),
+        };
+        if fits(least) {
+            return Ok(());
+        }
+        let error = Error::input(format!(
+            "the volume `{}` of {} x {} x {} voxels has more than {MOST_BLOCKS} blocks along an axis, the most that a cloud \
+             can number ({blocks})",
+            volume.name, dims[0], dims[1], dims[2]
+        ));
+        Err(match (least..=MAX_LEVEL).find(|&level| fits(level)) {
+            Some(level) => error.hint(format!(
+                "use --block-voxels {}, resample the volume, or cut it in two",
+                1 << level
+            )),
+            None => error.hint("resample the volume, or cut it into parts"),
+        })
+    }
 }
 
 /// Makes the lvoxels of one volume, brick by brick.

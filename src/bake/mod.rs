@@ -74,10 +74,14 @@ impl Default for Settings {
 /// Points made between two writes.
 const BATCH: u64 = 65_536;
 
+/// Volumes of a scene: lvoxels name theirs in 16 bits.
+const MOST_VOLUMES: usize = 1 << 16;
+
 /// Bakes a scene into a cloud file.
 ///
 /// # Errors
-/// A setting out of range, an output that cannot be written, or a stop on request; then no file is left.
+/// A setting out of range, more volumes or blocks than a cloud can number, an output that cannot be written, or a stop on
+/// request; then no file is left.
 pub fn run(
     scene: &Scene,
     settings: &Settings,
@@ -86,6 +90,15 @@ pub fn run(
     job: &Job,
 ) -> Result<CloudSummary> {
     settings.check()?;
+    if scene.volumes.len() > MOST_VOLUMES {
+        return Err(Error::input(format!(
+            "the scene has {} volumes, more than the {MOST_VOLUMES} that a cloud can number",
+            scene.volumes.len()
+        )));
+    }
+    for volume in &scene.volumes {
+        settings.blocks.check(volume)?;
+    }
     job.report.stage("bake", |counts| {
         let mut writer = CloudWriter::create(cloud, meta(scene, settings)?, force)?;
         let tracer = Tracer::new(scene);

@@ -5,7 +5,7 @@ use super::parse;
 use clap::{Args, ValueEnum};
 use lvox::gather::TreeStore;
 use lvox::image::exr::{self, Precision};
-use lvox::image::{Region, png, tone};
+use lvox::image::{Frame, Region, png, tone};
 use lvox::run::Job;
 use lvox::run::output::check_writable;
 use lvox::scene::Scene;
@@ -284,20 +284,36 @@ impl ShadeOptions {
         let frame = shade::run(scene, store, &settings, region, &aovs, job)?;
         job.report
             .stage("write", |_| match image_kind(&self.output)? {
-                ImageKind::Exr => exr::write(
-                    &self.output,
-                    &frame,
-                    if self.float {
+                ImageKind::Exr => {
+                    let precision = if self.float {
                         Precision::Float
                     } else {
                         Precision::Half
-                    },
-                ),
+                    };
+                    exr::write(&self.output, &frame, precision)?;
+                    self.warn_of_clamped(&frame, precision, job);
+                    Ok(())
+                }
                 ImageKind::Png => {
                     let picture = frame.picture("", &frame.region)?;
                     png::write(&self.output, &tone::map(&picture, scene.film.exposure))
                 }
             })
+    }
+
+    /// Says what halves could not hold.
+    fn warn_of_clamped(&self, frame: &Frame, precision: Precision, job: &Job) {
+        let clamped = exr::clamped(frame, precision);
+        if clamped.samples > 0 {
+            job.progress.warn(&format!(
+                "{}: {} samples in {} channels ({}) are beyond 65504, the largest 16-bit float, and are stored as that; \
+                 use --float to keep them",
+                self.output.display(),
+                clamped.samples,
+                clamped.channels.len(),
+                clamped.channels.join(", ")
+            ));
+        }
     }
 }
 

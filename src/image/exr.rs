@@ -20,7 +20,7 @@ use std::path::Path;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Precision {
     /// 16-bit floats. Finite values beyond the largest half are stored as that, so a bright light does not turn into
-    /// infinity.
+    /// infinity; [`clamped`] counts them.
     #[default]
     Half,
     /// 32-bit floats.
@@ -58,6 +58,36 @@ impl Info {
     }
 }
 
+/// What does not fit 16-bit floats.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Clamped {
+    /// Samples that are stored as the largest half.
+    pub samples: u64,
+    /// Full names of the channels that have any.
+    pub channels: Vec<String>,
+}
+
+/// What [`write()`] stores as less than it is: finite values beyond the largest half.
+#[must_use]
+pub fn clamped(frame: &Frame, precision: Precision) -> Clamped {
+    let mut found = Clamped::default();
+    for layer in &frame.layers {
+        for (channel, samples) in &layer.channels {
+            let name = channel_name(&layer.name, channel);
+            if !stored_as_half(&name, precision) {
+                continue;
+            }
+            let beyond = |v: &&f32| v.is_finite() && v.abs() > f16::MAX.to_f32();
+            let count = samples.iter().filter(beyond).count() as u64;
+            if count > 0 {
+                found.samples += count;
+                found.channels.push(name);
+            }
+        }
+    }
+    found
+}
+
 /// Writes a frame or a tile; it appears under its name when it is complete. An image that is there is replaced.
 ///
 /// # Errors
@@ -87,8 +117,7 @@ pub fn encode(frame: &Frame, precision: Precision) -> Result<Vec<u8>> {
     for layer in &frame.layers {
         for (channel, samples) in &layer.channels {
             let name = channel_name(&layer.name, channel);
-            let half = precision == Precision::Half && !always_float(&name);
-            let samples = if half {
+            let samples = if stored_as_half(&name, precision) {
                 FlatSamples::F16(samples.iter().map(|&v| to_half(v)).collect())
             } else {
                 FlatSamples::F32(samples.clone())
@@ -301,6 +330,10 @@ fn always_float(channel: &str) -> bool {
     channel.starts_with("depth.") || channel.starts_with("variance.")
 }
 
+fn stored_as_half(channel: &str, precision: Precision) -> bool {
+    precision == Precision::Half && !always_float(channel)
+}
+
 fn to_half(value: f32) -> f16 {
     let largest = f16::MAX.to_f32();
     if value.is_finite() {
@@ -415,6 +448,12 @@ mod tests {
             .layers
             .push(Layer::single("variance", "Y", vec![1e30, 1e-30]));
         write(&path, &frame, Precision::Half).unwrap();
+        let expected = Clamped {
+            samples: 2,
+            channels: vec!["R".into(), "G".into()],
+        };
+        assert_eq!(clamped(&frame, Precision::Half), expected);
+        assert_eq!(clamped(&frame, Precision::Float), Clamped::default());
         let back = read(&path).unwrap();
         let beauty = back.layer("").unwrap();
         assert_eq!(beauty.channel("R").unwrap(), [65504.0, f32::INFINITY]);

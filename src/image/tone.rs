@@ -48,11 +48,11 @@ fn encode(radiance: f32, exposure: f32) -> u8 {
     let value = f64::from(radiance) * f64::from(exposure);
     // NaN fails the comparison and is black.
     let value = if value > 0.0 { value.min(1.0) } else { 0.0 };
-    (value.powf(1.0 / 2.2) * 255.0 + 0.5) as u8
+    (libm::pow(value, 1.0 / 2.2) * 255.0 + 0.5) as u8
 }
 
 fn decode(value: u8, exposure: f32) -> f32 {
-    ((f64::from(value) / 255.0).powf(2.2) / f64::from(exposure)) as f32
+    (libm::pow(f64::from(value) / 255.0, 2.2) / f64::from(exposure)) as f32
 }
 
 #[cfg(test)]

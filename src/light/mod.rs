@@ -76,24 +76,12 @@ impl<'a> Lights<'a> {
     /// Finds the lights of the traced scene.
     #[must_use]
     pub fn new(tracer: &'a Tracer<'a>) -> Self {
-        let environment = tracer
-            .scene
-            .lights
-            .iter()
-            .filter_map(|l| {
-                if let Light::Environment { radiance } = l {
-                    Some(Rgb(*radiance))
-                } else {
-                    None
-                }
-            })
-            .fold(Rgb::BLACK, |a, b| a + b);
         Self {
             tracer,
             shadows: SceneMedia::default(),
             emitters: Arc::new(Emitters::new(tracer.scene)),
             care: Care::SHADING,
-            environment,
+            environment: tracer.scene.environment(),
         }
     }
 

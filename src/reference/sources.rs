@@ -61,15 +61,11 @@ impl<'a> Sources<'a> {
                 running_power.push(sum);
             }
         }
-        let environment = scene.lights.iter().fold(Rgb::BLACK, |sum, l| match l {
-            Light::Environment { radiance } => sum + Rgb(*radiance),
-            _ => sum,
-        });
         Self {
             scene,
             emitters,
             running_power,
-            environment,
+            environment: scene.environment(),
         }
     }
 
@@ -186,16 +182,13 @@ fn way_to(light: &Light, origin: Vec3, disk: [f32; 2]) -> Option<Sample> {
         } => near(position, Rgb(intensity)),
         Light::Spot {
             position,
-            direction,
             intensity,
-            cos_inner,
-            cos_outer,
+            ..
         } => {
             let mut way = near(position, Rgb(intensity))?;
-            let cos = -way.direction.dot(direction);
-            let s = ((cos - cos_outer) / (cos_inner - cos_outer)).clamp(0.0, 1.0);
-            way.light *= s * s * (3.0 - 2.0 * s);
-            (s > 0.0).then_some(way)
+            let falloff = light.falloff(-way.direction);
+            way.light *= falloff;
+            (falloff > 0.0).then_some(way)
         }
         Light::Directional {
             direction,

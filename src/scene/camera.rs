@@ -28,7 +28,7 @@ impl Camera {
     /// Ray direction (unit length, scene space) through continuous pixel coordinates; (0,0) is the top left corner.
     #[must_use]
     pub fn direction(&self, film: &Film, x: f32, y: f32) -> Vec3 {
-        let half_width = (0.5 * self.fov_x_rad).tan();
+        let half_width = libm::tanf(0.5 * self.fov_x_rad);
         let pixel = 2.0 * half_width / film.width as f32;
         let local = Vec3::new(
             (x - 0.5 * film.width as f32) * pixel,

@@ -35,62 +35,10 @@ pub struct Brick<'a> {
 }
 
 impl Grid {
-    /// Samples `value([i, j, k])` once or more for every voxel; values must be finite and not negative.
+    /// Samples `value([i, j, k])` once or more for every voxel; values must be finite and not negative, and the same every
+    /// time.
     pub fn from_fn(dims: [usize; 3], value: impl Fn([usize; 3]) -> f32 + Sync) -> Self {
-        let bricks = dims.map(|n| (n + 1).div_ceil(BRICK_CELLS));
-        let count = bricks[0] * bricks[1] * bricks[2];
-        let filled: Vec<Option<Vec<f32>>> = (0..count)
-            .into_par_iter()
-            .map(|b| {
-                let base = [
-                    b % bricks[0] * BRICK_CELLS,
-                    b / bricks[0] % bricks[1] * BRICK_CELLS,
-                    b / (bricks[0] * bricks[1]) * BRICK_CELLS,
-                ];
-                let mut samples = Vec::new();
-                let mut any = false;
-                for k in 0..BRICK_EDGE {
-                    for j in 0..BRICK_EDGE {
-                        for i in 0..BRICK_EDGE {
-                            let cell_corner = [base[0] + i, base[1] + j, base[2] + k];
-                            // Corner c of cell space is sample c - 1, clamped to the grid.
-                            let v = value(std::array::from_fn(|a| {
-                                cell_corner[a].saturating_sub(1).min(dims[a] - 1)
-                            }));
-                            if v != 0.0 && !any {
-                                any = true;
-                                samples.reserve_exact(BRICK_SAMPLES);
-                                samples.resize((k * BRICK_EDGE + j) * BRICK_EDGE + i, 0.0);
-                            }
-                            if any {
-                                samples.push(v);
-                            }
-                        }
-                    }
-                }
-                any.then_some(samples)
-            })
-            .collect();
-        let mut grid = Self {
-            dims,
-            bricks,
-            slots: Vec::with_capacity(count),
-            samples: Vec::new(),
-            maxima: Vec::new(),
-        };
-        let stored = filled.iter().flatten().count();
-        grid.samples.reserve_exact(stored * BRICK_SAMPLES);
-        for brick in filled {
-            grid.slots.push(match brick {
-                None => ABSENT,
-                Some(s) => {
-                    grid.maxima.push(s.iter().copied().fold(0.0, f32::max));
-                    grid.samples.extend_from_slice(&s);
-                    grid.maxima.len() as u32 - 1
-                }
-            });
-        }
-        grid
+        Layout::of(dims, &value).fill(value)
     }
 
     /// Voxels per axis.
@@ -154,6 +102,77 @@ impl Grid {
                 brick.cell(cell.map(|c| c % BRICK_CELLS)).value(f)
             }
         }
+    }
+}
+
+/// Which bricks a grid has to store, before it stores any.
+pub(super) struct Layout {
+    dims: [usize; 3],
+    bricks: [usize; 3],
+    /// Numbers of the bricks that are stored, in order.
+    stored: Vec<usize>,
+}
+
+impl Layout {
+    /// Finds the bricks in which `value` is not zero everywhere.
+    pub(super) fn of(dims: [usize; 3], value: impl Fn([usize; 3]) -> f32 + Sync) -> Self {
+        let mut layout = Self {
+            dims,
+            bricks: dims.map(|n| (n + 1).div_ceil(BRICK_CELLS)),
+            stored: Vec::new(),
+        };
+        layout.stored = (0..layout.count())
+            .into_par_iter()
+            .filter(|&b| layout.voxels(b).any(|v| value(v) != 0.0))
+            .collect();
+        layout
+    }
+
+    /// Bytes that the grid will hold.
+    pub(super) fn bytes(&self) -> u64 {
+        let brick = (BRICK_SAMPLES + 1) * size_of::<f32>();
+        self.stored.len() as u64 * brick as u64 + self.count() as u64 * size_of::<u32>() as u64
+    }
+
+    /// The grid. `value` must be as before.
+    pub(super) fn fill(self, value: impl Fn([usize; 3]) -> f32 + Sync) -> Grid {
+        let mut slots = vec![ABSENT; self.count()];
+        for (slot, &b) in self.stored.iter().enumerate() {
+            slots[b] = slot as u32;
+        }
+        let mut samples = vec![0.0; self.stored.len() * BRICK_SAMPLES];
+        let maxima = samples
+            .par_chunks_mut(BRICK_SAMPLES)
+            .zip(&self.stored)
+            .map(|(brick, &b)| {
+                for (sample, voxel) in brick.iter_mut().zip(self.voxels(b)) {
+                    *sample = value(voxel);
+                }
+                brick.iter().copied().fold(0.0, f32::max)
+            })
+            .collect();
+        Grid {
+            dims: self.dims,
+            bricks: self.bricks,
+            slots,
+            samples,
+            maxima,
+        }
+    }
+
+    fn count(&self) -> usize {
+        self.bricks.iter().product()
+    }
+
+    /// The voxels at the corners of a brick's cells, x fastest.
+    fn voxels(&self, b: usize) -> impl Iterator<Item = [usize; 3]> + use<> {
+        let (dims, [nx, ny, _]) = (self.dims, self.bricks);
+        let base = [b % nx, b / nx % ny, b / (nx * ny)].map(|i| i * BRICK_CELLS);
+        let along = move |a: usize| {
+            // Corner c of cell space is sample c - 1, clamped to the grid.
+            (0..BRICK_EDGE).map(move |i| (base[a] + i).saturating_sub(1).min(dims[a] - 1))
+        };
+        along(2).flat_map(move |k| along(1).flat_map(move |j| along(0).map(move |i| [i, j, k])))
     }
 }
 

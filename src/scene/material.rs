@@ -31,7 +31,44 @@ impl Material {
     }
 }
 
-/// An image in linear RGB, wrapped in both directions and filtered bilinearly.
+/// What a texture is beyond its border.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Wrap {
+    /// The image again.
+    #[default]
+    Repeat,
+    /// The texel at the border.
+    Clamp,
+    /// The image turned round, and so on.
+    Mirror,
+}
+
+impl Wrap {
+    /// The texel of `0..n` that stands at `i`.
+    fn texel(self, i: i64, n: i64) -> usize {
+        let at = match self {
+            Self::Repeat => i.rem_euclid(n),
+            Self::Clamp => i.clamp(0, n - 1),
+            Self::Mirror => {
+                let twice = i.rem_euclid(2 * n);
+                twice.min(2 * n - 1 - twice)
+            }
+        };
+        at as usize
+    }
+
+    /// Texture coordinates brought to where few digits are lost, without a change of what they show.
+    fn near(self, t: f32) -> f32 {
+        match self {
+            Self::Repeat => t - t.floor(),
+            // From the width of the image on beyond it there is but the texel at its border.
+            Self::Clamp => t.clamp(-1.0, 2.0),
+            Self::Mirror => t - 2.0 * (0.5 * t).floor(),
+        }
+    }
+}
+
+/// An image in linear RGB, filtered bilinearly.
 #[derive(Clone, Debug)]
 pub struct Texture {
     /// Texels across.
@@ -40,21 +77,22 @@ pub struct Texture {
     pub height: u32,
     /// Linear RGB, row by row from the top.
     pub texels: Vec<[f32; 3]>,
+    /// What is beyond the left and right border, and beyond the upper and lower.
+    pub wrap: [Wrap; 2],
 }
 
 impl Texture {
-    /// Bilinear sample at (u, v), both periodic with 1; (0,0) is the corner of the first texel.
+    /// Bilinear sample at (u, v); (0,0) is the corner of the first texel, (1,1) that of the last.
     #[must_use]
     pub fn sample(&self, uv: Vec2) -> [f32; 3] {
-        let at = |t: f32, n: u32| {
-            let x = (t - t.floor()) * n as f32 - 0.5;
+        let at = |t: f32, n: u32, wrap: Wrap| {
+            let x = wrap.near(t) * n as f32 - 0.5;
             let lower = x.floor();
-            let n = i64::from(n);
-            let wrap = |i: i64| i.rem_euclid(n) as usize;
-            (wrap(lower as i64), wrap(lower as i64 + 1), x - lower)
+            let texel = |i: i64| wrap.texel(i, n.into());
+            (texel(lower as i64), texel(lower as i64 + 1), x - lower)
         };
-        let (x0, x1, fx) = at(uv.x, self.width);
-        let (y0, y1, fy) = at(uv.y, self.height);
+        let (x0, x1, fx) = at(uv.x, self.width, self.wrap[0]);
+        let (y0, y1, fy) = at(uv.y, self.height, self.wrap[1]);
         let texel = |x: usize, y: usize| self.texels[y * self.width as usize + x];
         let (a, b, c, d) = (texel(x0, y0), texel(x1, y0), texel(x0, y1), texel(x1, y1));
         std::array::from_fn(|i| {
@@ -62,5 +100,43 @@ impl Texture {
             let bottom = c[i] + (d[i] - c[i]) * fx;
             top + (bottom - top) * fy
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn borders_repeat_clamp_and_mirror() {
+        let row = |wrap: Wrap| Texture {
+            width: 4,
+            height: 1,
+            texels: (0..4).map(|i| [i as f32, 0.0, 0.0]).collect(),
+            wrap: [wrap, Wrap::Clamp],
+        };
+        // At the centres of texels from -5 to 8.
+        let seen = |wrap: Wrap| -> Vec<f32> {
+            let texture = row(wrap);
+            let at = |i: i32| Vec2::new((i as f32 + 0.5) / 4.0, 0.3);
+            (-5..9).map(|i| texture.sample(at(i))[0]).collect()
+        };
+        assert_eq!(
+            seen(Wrap::Repeat),
+            [3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0].map(|v| v as f32)
+        );
+        assert_eq!(
+            seen(Wrap::Clamp),
+            [0, 0, 0, 0, 0, 0, 1, 2, 3, 3, 3, 3, 3, 3].map(|v| v as f32)
+        );
+        assert_eq!(
+            seen(Wrap::Mirror),
+            [3, 3, 2, 1, 0, 0, 1, 2, 3, 3, 2, 1, 0, 0].map(|v| v as f32)
+        );
+        // Between the last texel and what follows.
+        assert_eq!(row(Wrap::Repeat).sample(Vec2::X)[0], 1.5);
+        assert_eq!(row(Wrap::Clamp).sample(Vec2::X)[0], 3.0);
+        assert_eq!(row(Wrap::Mirror).sample(Vec2::X)[0], 3.0);
+        assert_eq!(row(Wrap::Clamp).sample(Vec2::new(-1e30, 1e30))[0], 0.0);
     }
 }

@@ -15,10 +15,11 @@ pub mod volume;
 pub use camera::{Camera, Film};
 pub use grid::Grid;
 pub use light::Light;
-pub use material::{Material, Texture};
+pub use material::{Material, Texture, Wrap};
 pub use mesh::Mesh;
 pub use volume::Volume;
 
+use crate::math::Rgb;
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3, Vec3};
 use std::path::PathBuf;
@@ -86,6 +87,16 @@ impl Scene {
             exposure: 1.0,
         };
         Self::empty(camera, film)
+    }
+
+    /// Radiance from where no surface is: the sum of all environments.
+    #[must_use]
+    pub fn environment(&self) -> Rgb {
+        let lights = self.lights.iter();
+        lights.fold(Rgb::BLACK, |sum, light| match light {
+            Light::Environment { radiance } => sum + Rgb(*radiance),
+            _ => sum,
+        })
     }
 
     /// The same scene in the frame of another: positions in scene space become what they are with this

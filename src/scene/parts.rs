@@ -1,7 +1,7 @@
 //! What a bake reads of a scene, as one digest for each kind of thing: tells a scene that was moved into another picture
 //! from one whose light has changed.
 
-use super::{Camera, Grid, Light, Mesh, Scene, Texture, Volume};
+use super::{Camera, Grid, Light, Mesh, Scene, Texture, Volume, Wrap};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -130,6 +130,9 @@ fn materials(scene: &Scene) -> Digest {
     let mut digest = all(&scene.textures, |t: &Texture, digest| {
         digest.count(t.width as usize);
         digest.triples(&t.texels);
+        if t.wrap != [Wrap::Repeat; 2] {
+            digest.bytes(t.wrap.map(|w| [w as u8]).into_iter());
+        }
     });
     digest.bytes(mesh.material.iter().map(|m| m.to_le_bytes()));
     digest.triples(&mesh.colors);

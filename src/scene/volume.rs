@@ -21,6 +21,21 @@ pub struct Volume {
 }
 
 impl Volume {
+    /// A medium whose box is placed by an invertible map.
+    #[must_use]
+    pub fn new(name: String, sigma_t: Grid, albedo: [f32; 3], scene_from_index: DAffine3) -> Self {
+        let mut volume = Self {
+            name,
+            sigma_t,
+            albedo,
+            scene_from_index: DAffine3::IDENTITY,
+            index_from_scene: Affine3A::IDENTITY,
+            index_from_scene_f64: DAffine3::IDENTITY,
+        };
+        volume.place(scene_from_index);
+        volume
+    }
+
     /// Places its box anew; the map must be invertible.
     pub fn place(&mut self, scene_from_index: DAffine3) {
         let inverse = scene_from_index.inverse();

@@ -269,15 +269,7 @@ pub fn add_room(scene: &mut Scene, edge: f32, albedo: f32, emission: f32) {
 
 /// A medium placed anywhere.
 pub fn volume(sigma_t: Grid, albedo: f32, scene_from_index: DAffine3) -> Volume {
-    let inverse = scene_from_index.inverse();
-    Volume {
-        name: String::new(),
-        sigma_t,
-        albedo: [albedo; 3],
-        scene_from_index,
-        index_from_scene: Affine3A::from_cols_array(&inverse.to_cols_array().map(|v| v as f32)),
-        index_from_scene_f64: inverse,
-    }
+    Volume::new(String::new(), sigma_t, [albedo; 3], scene_from_index)
 }
 
 /// The map that puts a grid's box onto the cube `[-1/2, 1/2]^3`.

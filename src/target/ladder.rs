@@ -48,7 +48,7 @@ pub fn rung(place: f64) -> Settings {
     let below = (place as usize).min(RUNGS.len() - 2);
     let (a, b) = (&RUNGS[below], &RUNGS[below + 1]);
     let f = place - below as f64;
-    let mix = |a: f64, b: f64| a * (b / a).powf(f);
+    let mix = |a: f64, b: f64| a * libm::pow(b / a, f);
     let count = |a: u32, b: u32| mix(a.into(), b.into()).round() as u32;
     Settings {
         samples: count(a.samples, b.samples),

@@ -1,6 +1,7 @@
 //! Finds the place on a ladder where an error is met, from few measurements, of which fine ones cost the most.
 
 use crate::Result;
+use libm::{exp, log};
 
 /// How a choice relates to its target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,13 +80,13 @@ pub fn search(
 }
 
 fn next(tried: &[(f64, f64)], target: f64, finest: f64) -> Next {
-    if let Some(&(t, e)) = tried.iter().find(|(_, e)| (e / target).ln().abs() < CLOSE) {
+    if let Some(&(t, e)) = tried.iter().find(|(_, e)| log(e / target).abs() < CLOSE) {
         return Next::Take(t, e, Outcome::Met);
     }
     let above = tried.iter().rev().find(|(_, e)| *e > target);
     match (above, tried.iter().find(|(_, e)| *e <= target)) {
         (Some(&(t, e)), Some(&(fine_t, fine_e))) if fine_t > t => {
-            let f = (e / target).ln() / (e / fine_e).ln();
+            let f = log(e / target) / log(e / fine_e);
             Next::Take(t + f * (fine_t - t), target, Outcome::Met)
         }
         (_, Some(&(t, e))) => {
@@ -95,7 +96,7 @@ fn next(tried: &[(f64, f64)], target: f64, finest: f64) -> Next {
             } else if tried.len() >= MOST {
                 Next::Take(t, e, Outcome::Met)
             } else {
-                Next::Measure((t - (target / e).ln() / FALL).max(0.0))
+                Next::Measure((t - log(target / e) / FALL).max(0.0))
             }
         }
         (_, None) => up(tried, target, finest),
@@ -106,28 +107,28 @@ fn next(tried: &[(f64, f64)], target: f64, finest: f64) -> Next {
 fn up(tried: &[(f64, f64)], target: f64, finest: f64) -> Next {
     let (t, e) = tried[tried.len() - 1];
     let Some((t0, e0)) = tried.len().checked_sub(2).map(|i| tried[i]) else {
-        let place = t + (e / target).ln() / FALL;
+        let place = t + log(e / target) / FALL;
         return Next::Measure(place.max(t + 1.0).min(t + STEP).min(finest));
     };
-    let left = (-SLOW * (t - t0)).exp();
+    let left = exp(-SLOW * (t - t0));
     let noise = (e0 - e) * left / (1.0 - left);
     let (noise, fall) = if noise < e {
         (noise.max(0.0), SLOW)
     } else {
-        (e, (e0 / e).ln() / (t - t0))
+        (e, log(e0 / e) / (t - t0))
     };
     let bias = e - noise;
     if bias > target && t < PROOF.min(finest) && tried.len() < MOST {
         return Next::Measure(PROOF.min(finest));
     }
     let goal = (target - bias).max(BESIDE_BIAS * bias);
-    let place = (t + (noise / goal).ln() / fall).clamp(t, finest);
+    let place = (t + log(noise / goal) / fall).clamp(t, finest);
     if place - t > TRUST && tried.len() < MOST {
         return Next::Measure((place - SHORT).min(t + STEP));
     }
     let place = place.min(t + TRUST);
-    let expected = bias + noise * (fall * (t - place)).exp();
-    let outcome = if (expected / target).ln() < CLOSE {
+    let expected = bias + noise * exp(fall * (t - place));
+    let outcome = if log(expected / target) < CLOSE {
         Outcome::Met
     } else {
         Outcome::OutOfReach

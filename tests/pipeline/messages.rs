@@ -209,6 +209,51 @@ fn wrong_scenes_and_settings_leave_nothing_behind() {
 }
 
 #[test]
+fn volumes_of_more_blocks_than_can_be_numbered_are_refused() {
+    let long = ROOM
+        .replace("dims = [16, 16, 16]", "dims = [70000, 2, 2]")
+        .replace("sigma_t_scale = 6", "sigma_t_scale = 60");
+    assert!(long != ROOM);
+    let work = Work::new(&long);
+    fs::write(work.path("smoke.raw"), vec![255; 70_000 * 4]).unwrap();
+    let bake = ["bake", "scene.toml", "-o", "a.lvc", "--progress", "none"];
+    let parts = ["smoke", "70000 x 2 x 2", "65536", "--block-voxels 2"];
+    lvox(&work, &[&bake[..], &FEW].concat()).refused(2, &parts, "");
+    let blocks = |n: &'static str| [&bake[..], &FEW, &["--block-voxels", n]].concat();
+    lvox(&work, &blocks("1")).refused(2, &parts, "");
+    assert_eq!(work.names(), ["scene.toml", "smoke.raw"]);
+    // What the message offers does.
+    lvox(&work, &blocks("2")).done();
+    let cloud = lvox::formats::Cloud::open_path(&work.path("a.lvc")).unwrap();
+    let chunks = (0..cloud.lvoxel_chunks()).flat_map(|i| cloud.lvoxel_chunk(i).unwrap());
+    assert_eq!(chunks.map(|v| v.block[0]).max(), Some(34_999));
+}
+
+#[test]
+fn what_halves_cannot_hold_is_said() {
+    let work = Work::new(&ROOM.replace("[10, 9, 7]", "[1e6, 9e5, 7]"));
+    let scene = work.scene();
+    work.bake(&scene, 2000);
+    let shade = |options: &[&str]| {
+        let args = ["shade", "scene.toml", "-t", "scene.lvt", "-o", "a.exr"];
+        let run = lvox(&work, &[&args[..], options, &QUIET].concat());
+        run.done();
+        run.stderr
+    };
+    let said = shade(&["--aov", "indirect,depth"]);
+    assert_eq!(said.lines().count(), 1, "{said}");
+    for part in [
+        "warning: a.exr: ",
+        " 2 channels (R, G) ",
+        "65504",
+        "--float",
+    ] {
+        assert!(said.contains(part), "{part} is not in {said}");
+    }
+    assert_eq!(shade(&["--float"]), "");
+}
+
+#[test]
 fn outputs_that_cannot_be_written_are_refused_before_any_work() {
     let work = Work::new(ROOM);
     fs::create_dir(work.path("folder.exr")).unwrap();

@@ -240,6 +240,75 @@ fn nrrd_in_every_type_order_and_encoding_is_the_same() {
 }
 
 #[test]
+fn nrrd_without_directions_is_placed_by_what_it_has() {
+    let volume = "[[volume]]\nfile = \"a.nrrd\"\nsigma_t_scale = 1\nalbedo = [0.5, 0.5, 0.5]\n";
+    let load_with = |place: &str| {
+        let head = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 3 2\nencoding: raw\n";
+        let mut file = format!("{head}{place}\n\n").into_bytes();
+        file.extend(values());
+        load(volume, &[("a.nrrd", &file)])
+    };
+    // Where the centres of the first voxel and of its neighbours are.
+    for (place, first, step) in [
+        ("spacings: 1 2 4", [0.0; 3], [1.0, 2.0, 4.0]),
+        (
+            "spacings: 1 2 4\nspace dimension: 3\nspace origin: (10,20,-30)",
+            [10.0, 20.0, -30.0],
+            [1.0, 2.0, 4.0],
+        ),
+        (
+            "spacings: 1 2 4\naxis mins: 10 20 -30",
+            [10.5, 21.0, -28.0],
+            [1.0, 2.0, 4.0],
+        ),
+        (
+            "spacings: 1 2 4\naxis mins: 10 20 -30\ncenters: node node cell",
+            [10.0, 20.0, -28.0],
+            [1.0, 2.0, 4.0],
+        ),
+        (
+            "spacings: 1 2 4\naxis maxs: 14 26 -22\naxis mins: nan nan nan",
+            [10.5, 21.0, -28.0],
+            [1.0, 2.0, 4.0],
+        ),
+        (
+            "axis mins: 10 20 -30\naxis maxs: 14 26 -22",
+            [10.5, 21.0, -28.0],
+            [1.0, 2.0, 4.0],
+        ),
+        (
+            "axis mins: 10 20 -30\naxis maxs: 13 24 -26\ncenterings: node node node",
+            [10.0, 20.0, -30.0],
+            [1.0, 2.0, 4.0],
+        ),
+    ] {
+        let scene = load_with(place).unwrap();
+        for (i, value) in values().enumerate() {
+            let at = DVec3::new((i % 4) as f64, (i / 4 % 3) as f64, (i / 12) as f64);
+            let world = DVec3::from(first) + at * DVec3::from(step);
+            let found = sample(&scene, world);
+            assert!(
+                (found - f32::from(value)).abs() < 1e-3,
+                "{place}: {world} {found}"
+            );
+        }
+    }
+    for (place, part) in [
+        ("axis mins: 1 2 3", "does not say where"),
+        ("space origin: (1,2,3)", "does not say where"),
+        ("axis mins: 1 2\nspacings: 1 1 1", "`axis mins: 1 2`"),
+        ("axis mins: 1 2 3\naxis maxs: 1 3 4", "other than 0"),
+        (
+            "spacings: 1 1 1\ncenters: cell edge cell",
+            "`cell` or `node`",
+        ),
+    ] {
+        let message = load_with(place).unwrap_err().to_string();
+        assert!(message.contains(part), "{place}: {message}");
+    }
+}
+
+#[test]
 fn raw_volumes_take_every_placement() {
     let raw: Vec<u8> = values().collect();
     let head =

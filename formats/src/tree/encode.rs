@@ -382,7 +382,7 @@ fn degrees(a: [f32; 3], b: [f32; 3]) -> f64 {
         .map(|i| (f64::from(a[i]) / length - f64::from(b[i])).powi(2))
         .sum::<f64>()
         .sqrt();
-    (2.0 * (chord / 2.0).min(1.0).asin()).to_degrees()
+    (2.0 * libm::asin((chord / 2.0).min(1.0))).to_degrees()
 }
 
 /// Numbers for the header.

@@ -38,11 +38,11 @@ pub(super) fn mesh(name: &str) -> Result<Part> {
         "cube" => cube(),
         // Fine enough that a facet is below a pixel in the demo, seams excepted.
         "sphere" => revolve(128, 64, |v| {
-            let (sin, cos) = (0.5 * TAU * v).sin_cos();
+            let (sin, cos) = libm::sincos(0.5 * TAU * v);
             [0.5 * sin, -0.5 * cos]
         }),
         "torus" => revolve(160, 64, |v| {
-            let (sin, cos) = (TAU * v).sin_cos();
+            let (sin, cos) = libm::sincos(TAU * v);
             [0.32 + 0.18 * cos, 0.18 * sin]
         }),
         _ => return Err(unknown("mesh", name, &MESHES)),
@@ -132,7 +132,7 @@ fn revolve(around: u32, along: u32, profile: impl Fn(f64) -> [f64; 2]) -> Part {
             let u = f64::from(i) / f64::from(around);
             let (sin, cos) = match i == around {
                 true => (0.0, 1.0),
-                false => (TAU * u).sin_cos(),
+                false => libm::sincos(TAU * u),
             };
             part.positions
                 .push(DVec3::new(radius * cos, height, -radius * sin));

@@ -217,7 +217,7 @@ fn light(table: &Table<'_>) -> Result<DraftLight> {
                 Some(inner) => inner.number_within(0.0, 180.0)?,
                 None => 0.0,
             };
-            let cos = |degrees: f64| degrees.to_radians().cos() as f32;
+            let cos = |degrees: f64| libm::cos(degrees.to_radians()) as f32;
             if cos(inner_deg) <= cos(outer_deg) {
                 return Err(outer.error(format_args!(
                     "expected more than the {inner_deg} of `inner_deg`, found {outer_deg}"

@@ -135,14 +135,7 @@ impl Draft {
         let scene_from_world = DAffine3::from_translation(-world_from_scene);
         let volumes = self.volumes.into_iter().map(|v| {
             let scene_from_index = scene_from_world * v.world_from_index;
-            let mut volume = Volume {
-                name: v.name,
-                sigma_t: v.sigma_t,
-                albedo: v.albedo,
-                scene_from_index,
-                index_from_scene: affine_f32(&scene_from_index.inverse()),
-                index_from_scene_f64: scene_from_index.inverse(),
-            };
+            let mut volume = Volume::new(v.name, v.sigma_t, v.albedo, scene_from_index);
             volume.limit_extinction();
             volume
         });
@@ -236,8 +229,8 @@ fn default_camera(bounds: &Bounds, film: &Film) -> DraftCamera {
     let fov_x_rad = 45_f64.to_radians();
     let aspect = f64::from(film.height) / f64::from(film.width);
     let half_x = 0.5 * fov_x_rad;
-    let half_y = (half_x.tan() * aspect).atan();
-    let distance = bounds.radius() / half_x.min(half_y).sin();
+    let half_y = libm::atan(libm::tan(half_x) * aspect);
+    let distance = bounds.radius() / libm::sin(half_x.min(half_y));
     let target = bounds.centre();
     let position = target + DVec3::new(0.3, 0.35, 1.0).normalize() * distance;
     DraftCamera {

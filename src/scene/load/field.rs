@@ -3,11 +3,17 @@
 //! The file's index space has the sample of voxel (i,j,k) at (i,j,k), as NRRD and OpenVDB have it. A grid of ours has
 //! its voxel (i,j,k) from (i,j,k) to (i+1,j+1,k+1).
 
-use super::super::Grid;
+use super::super::grid::{Grid, Layout};
+use crate::run::size;
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Bytes of a grid that a file of any length may ask for.
+const ALLOWANCE: u64 = 2 << 30;
+/// Bytes of a grid for each of the file's: bricks take 6 for a voxel of 1, and files are compressed.
+const MOST_GROWTH: u64 = 64;
 
 /// Samples on a box of voxels.
 pub(super) struct Field {
@@ -26,8 +32,11 @@ pub(super) struct Field {
 pub(super) enum Samples {
     /// One after the other, x fastest.
     Array(Array),
-    /// Anything else that answers for a voxel.
-    Lookup(Box<dyn Fn([usize; 3]) -> f32 + Sync>),
+    /// Anything else that answers for a voxel, with the length of the file it comes from.
+    Lookup {
+        value: Box<dyn Fn([usize; 3]) -> f32 + Sync>,
+        file_bytes: usize,
+    },
 }
 
 /// Numbers of one type in memory, still in the file's bytes.
@@ -135,7 +144,7 @@ impl Field {
             Samples::Array(array) => {
                 array.value((voxel[2] * self.dims[1] + voxel[1]) * self.dims[0] + voxel[0])
             }
-            Samples::Lookup(value) => value(voxel),
+            Samples::Lookup { value, .. } => value(voxel),
         }
     }
 
@@ -152,8 +161,28 @@ impl Field {
         DAffine3::from_scale(size.recip()) * DAffine3::from_translation(DVec3::splat(-pad))
     }
 
-    /// The grid of extinction. Values that are not finite, or negative without a window, are errors.
+    /// Bytes that the grid may take: a few of a file can stand for a large box that is full.
+    fn allowance(&self) -> u64 {
+        let behind = match &self.samples {
+            Samples::Array(array) => array.bytes.len(),
+            Samples::Lookup { file_bytes, .. } => *file_bytes,
+        };
+        ALLOWANCE + MOST_GROWTH * behind as u64
+    }
+
+    /// The grid of extinction. More than the file makes likely is an error before it is allocated. Values that are not finite, or negative without a window, are errors.
     pub(super) fn into_grid(self, scale: Scale) -> Result<Grid> {
+        let sigma_t = |voxel| scale.apply(self.value(voxel));
+        let layout = Layout::of(self.dims, sigma_t);
+        if layout.bytes() > self.allowance() {
+            let [x, y, z] = self.dims;
+            return Err(Error::input(format!(
+                "{x} x {y} x {z} voxels take {} in memory, more than the {} that a file of this length may ask for",
+                size::format(layout.bytes()),
+                size::format(self.allowance())
+            ))
+            .hint("crop or coarsen the grid, or prune tiles that need not be active"));
+        }
         // Row by row, so that the message can name the first bad voxel whatever the order of the threads.
         let rows = self.dims[1] * self.dims[2];
         let bad = AtomicUsize::new(usize::MAX);
@@ -187,9 +216,7 @@ impl Field {
                 error("the extinction leaves the range of f32")
             });
         }
-        Ok(Grid::from_fn(self.dims, |voxel| {
-            scale.apply(self.value(voxel))
-        }))
+        Ok(layout.fill(sigma_t))
     }
 }
 
@@ -245,6 +272,34 @@ mod tests {
             message(&[0.0, f32::NAN, -2.0, 0.0]).contains("[1, 0, 0]: the value is not finite")
         );
         assert!(message(&[f32::MAX; 4]).contains("range of f32"));
+    }
+
+    #[test]
+    fn a_small_file_cannot_ask_for_all_memory() {
+        let full = |dims: [usize; 3], file_bytes| {
+            let field = Field {
+                dims,
+                first: [0; 3],
+                padding: 0,
+                world_from_file: None,
+                samples: Samples::Lookup {
+                    value: Box::new(|_| 1.0),
+                    file_bytes,
+                },
+            };
+            field.into_grid(PLAIN)
+        };
+        let error = full([2000, 1000, 1000], 30_000).unwrap_err();
+        assert_eq!(error.kind(), crate::Kind::Input);
+        let message = error.to_string();
+        assert!(
+            message.contains("2000 x 1000 x 1000 voxels take 10.9 GiB"),
+            "{message}"
+        );
+        assert!(full([64, 64, 64], 0).is_ok());
+        // What a file has bytes for it may have.
+        let layout = Layout::of([2000, 1000, 1000], |_| 1.0);
+        assert!(layout.bytes() < ALLOWANCE + MOST_GROWTH * 300_000_000);
     }
 
     #[test]

@@ -43,7 +43,7 @@ pub(super) fn crease(part: &mut Part, crease_rad: f64) {
         *slot += 1;
     }
 
-    let least_cos = crease_rad.cos();
+    let least_cos = libm::cos(crease_rad);
     let normal = |corner: usize| {
         let own = unit[corner / 3];
         let p = point(corner) as usize;

@@ -1,7 +1,8 @@
 //! NRRD volumes: raw or gzip, attached or detached, any integer to 32 bits and floats, either byte order.
 //!
-//! `space directions` and `space origin` place the file (the origin is the centre of the first voxel); without them
-//! `spacings` scale it, with the first voxel's centre at the origin.
+//! `space directions` and `space origin` place the file (the origin is the centre of the first voxel). Without directions
+//! `spacings` scale it, or what lies between `axis mins` and `axis maxs`; then the first voxel's centre is at `space origin`,
+//! or follows from `axis mins` or `axis maxs` and `centers` (`cell` if not given), or is at the origin.
 
 use super::field::{Array, Field, Number, Samples, byte_length};
 use super::files::{Files, beside};
@@ -20,7 +21,7 @@ pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<F
     let (header, data_at) = Header::parse(&content)?;
     let dims = header.dims()?;
     let number = header.number()?;
-    let world_from_file = header.world_from_index()?;
+    let world_from_file = header.world_from_index(dims)?;
     let big_endian = header.is_big_endian(number)?;
     let expected = byte_length(dims, number)?;
     let data = match header.get(&["data file", "datafile"]) {
@@ -158,11 +159,9 @@ impl Header {
         }
     }
 
-    fn world_from_index(&self) -> Result<Option<DAffine3>> {
-        let origin = match self.get(&["space origin"]) {
-            Some(text) => vector(text, "space origin")?,
-            None => DVec3::ZERO,
-        };
+    fn world_from_index(&self, dims: [usize; 3]) -> Result<Option<DAffine3>> {
+        let origin = self.get(&["space origin"]);
+        let origin = origin.map(|t| vector(t, "space origin")).transpose()?;
         if let Some(text) = self.get(&["space directions"]) {
             let axes: Vec<&str> = text.split(')').map(str::trim).collect();
             if axes.len() != 4 || !axes[3].is_empty() {
@@ -173,7 +172,7 @@ impl Header {
             let axis = |i: usize| vector(&format!("{})", axes[i]), "space directions");
             let map = DAffine3 {
                 matrix3: DMat3::from_cols(axis(0)?, axis(1)?, axis(2)?),
-                translation: origin,
+                translation: origin.unwrap_or(DVec3::ZERO),
             };
             if super::place::is_singular(&map) {
                 return Err(Error::input(format!(
@@ -182,19 +181,67 @@ impl Header {
             }
             return Ok(Some(map));
         }
-        let Some(text) = self.get(&["spacings"]) else {
+        let (low, high) = (self.numbers("axis mins")?, self.numbers("axis maxs")?);
+        // Samples are in the middle of cells, or the first and last lie on the ends of the axis.
+        let (mut first, mut cells) = (DVec3::ZERO, DVec3::ZERO);
+        for (a, is_cell) in self.cell_centred()?.into_iter().enumerate() {
+            first[a] = if is_cell { 0.5 } else { 0.0 };
+            cells[a] = dims[a] as f64 - 1.0 + 2.0 * first[a];
+        }
+        let spacings = match (self.numbers("spacings")?, low, high) {
+            (Some(spacings), ..) => spacings,
+            (None, Some(low), Some(high)) => (high - low) / cells,
+            _ => return Ok(None),
+        };
+        if !spacings.is_finite() || spacings.cmpeq(DVec3::ZERO).any() {
+            return Err(Error::input(format!(
+                "expected three spacings other than 0, found {} {} {} from `spacings`, or from `axis mins` and `axis maxs`",
+                spacings.x, spacings.y, spacings.z
+            )));
+        }
+        let low = low.or(high.map(|high| high - spacings * cells));
+        let from_ends = low.map(|low| low + spacings * first);
+        Ok(Some(DAffine3 {
+            matrix3: DMat3::from_diagonal(spacings),
+            translation: origin.or(from_ends).unwrap_or(DVec3::ZERO),
+        }))
+    }
+
+    /// A number for each axis, if the field is there and knows any.
+    fn numbers(&self, field: &str) -> Result<Option<DVec3>> {
+        let Some(text) = self.get(&[field]) else {
             return Ok(None);
         };
-        let spacings: Vec<f64> = text
+        let wrong = || Error::input(format!("expected three numbers, found `{field}: {text}`"));
+        let numbers: Vec<f64> = text
             .split_whitespace()
-            .filter_map(|s| s.parse().ok())
-            .collect();
-        match spacings[..] {
-            [x, y, z] if spacings.iter().all(|s| s.is_finite() && *s != 0.0) => {
-                Ok(Some(DAffine3::from_scale(DVec3::new(x, y, z))))
+            .map(|t| t.parse().map_err(|_| wrong()))
+            .collect::<Result<_>>()?;
+        let [x, y, z] = numbers[..] else {
+            return Err(wrong());
+        };
+        // NaN stands for what is not known.
+        let numbers = DVec3::new(x, y, z);
+        match [x, y, z].map(f64::is_nan) {
+            [true, true, true] => Ok(None),
+            _ if numbers.is_finite() => Ok(Some(numbers)),
+            _ => Err(wrong()),
+        }
+    }
+
+    /// Whether samples are in the middle of cells, for each axis.
+    fn cell_centred(&self) -> Result<[bool; 3]> {
+        let Some(text) = self.get(&["centers", "centerings"]) else {
+            return Ok([true; 3]);
+        };
+        let words: Vec<&str> = text.split_whitespace().collect();
+        let known = ["cell", "node", "none", "???"];
+        match words[..] {
+            [x, y, z] if words.iter().all(|w| known.contains(w)) => {
+                Ok([x, y, z].map(|w| w != "node"))
             }
             _ => Err(Error::input(format!(
-                "expected three spacings other than 0, found `spacings: {text}`"
+                "expected `cell` or `node` for each of three axes, found `centers: {text}`"
             ))),
         }
     }

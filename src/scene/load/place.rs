@@ -2,7 +2,7 @@
 
 use super::table::Table;
 use crate::Result;
-use glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot};
+use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 /// Keys that [`from_keys`] reads.
 pub(super) const KEYS: [&str; 4] = ["transform", "translate", "rotate_deg", "scale"];
@@ -36,8 +36,7 @@ pub(super) fn from_keys(table: &Table<'_>) -> Result<DAffine3> {
     let mut rotation = DQuat::IDENTITY;
     if let Some(item) = table.get("rotate_deg") {
         let angle = item.vector()?;
-        let [x, y, z] = angle.to_array().map(f64::to_radians);
-        rotation = DQuat::from_euler(EulerRot::ZYX, z, y, x);
+        rotation = rotation_deg(angle);
     }
     let translation = match table.get("translate") {
         Some(item) => item.vector()?,
@@ -47,6 +46,15 @@ pub(super) fn from_keys(table: &Table<'_>) -> Result<DAffine3> {
         matrix3: DMat3::from_quat(rotation) * DMat3::from_diagonal(scale),
         translation,
     })
+}
+
+/// About x, then y, then z. By hand: glam's sines are the platform's, and pixels must not depend on that.
+fn rotation_deg(angle: DVec3) -> DQuat {
+    let about = |axis: DVec3, degrees: f64| {
+        let (sin, cos) = libm::sincos(0.5 * degrees.to_radians());
+        DQuat::from_vec4((axis * sin).extend(cos))
+    };
+    about(DVec3::Z, angle.z) * about(DVec3::Y, angle.y) * about(DVec3::X, angle.x)
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ pub(super) fn linear_from_srgb(encoded: f32) -> f32 {
     if encoded <= 0.04045 {
         encoded / 12.92
     } else {
-        ((encoded + 0.055) / 1.055).powf(2.4)
+        libm::powf((encoded + 0.055) / 1.055, 2.4)
     }
 }
 
@@ -50,6 +50,7 @@ pub(super) fn decode(content: &[u8]) -> Result<Texture> {
         width,
         height,
         texels,
+        wrap: Default::default(),
     })
 }
 

@@ -2,11 +2,12 @@
 //!
 //! Base colour (factor, texture, vertex colours) is the albedo, whatever the metalness; emissive factor times strength
 //! is radiance. Lights are taken as radiometric: candela is intensity, lux is irradiance, 1:1. Skins, morph targets,
-//! animations and transparency are left out; an emissive texture is replaced by its mean.
+//! animations and transparency are left out; an emissive texture is replaced by its mean. Of extensions lights, emissive
+//! strength and texture transforms are read, and those that do not change looks are passed over; others are warned of.
 
 mod buffers;
 
-use super::super::{Film, Light, Material};
+use super::super::{Film, Light, Material, Wrap};
 use super::draft::{DEFAULT_FILM, Draft, DraftCamera, DraftLight};
 use super::files::Files;
 use super::part::Part;
@@ -17,6 +18,7 @@ use ::gltf::khr_lights_punctual::Kind;
 use ::gltf::material::AlphaMode;
 use ::gltf::mesh::{Mode, Primitive, Semantic};
 use ::gltf::scene::Transform;
+use ::gltf::texture::{Info, WrappingMode};
 use ::gltf::{Document, Gltf, Node};
 use buffers::Buffers;
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, Vec2, Vec3};
@@ -25,6 +27,26 @@ use std::path::Path;
 
 /// What exporters multiply by that turn radiometric lights into photometric ones.
 const LUMENS_PER_WATT: f32 = 683.0;
+
+/// Extensions that are read here or by the crate.
+const READ: [&str; 3] = [
+    "KHR_lights_punctual",
+    "KHR_materials_emissive_strength",
+    "KHR_texture_transform",
+];
+
+/// Extensions that do not change what the scene looks like at rest: descriptions, variants to choose from, and motion.
+const NOT_OF_LOOKS: [&str; 9] = [
+    "KHR_animation_pointer",
+    "KHR_materials_variants",
+    "KHR_mesh_quantization",
+    "KHR_physics_rigid_bodies",
+    "KHR_xmp",
+    "KHR_xmp_json_ld",
+    "MSFT_lod",
+    "MSFT_packing_normalRoughnessMetallic",
+    "MSFT_packing_occlusionRoughnessMetallic",
+];
 
 /// What a glTF file holds.
 #[derive(Default)]
@@ -86,7 +108,7 @@ impl ImportedCamera {
         Ok(DraftCamera {
             name: self.name,
             world_from_camera: self.world_from_camera,
-            fov_x_rad: 2.0 * ((0.5 * self.fov_y_rad).tan() * aspect).atan(),
+            fov_x_rad: 2.0 * libm::atan(libm::tan(0.5 * self.fov_y_rad) * aspect),
         })
     }
 }
@@ -113,6 +135,7 @@ pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Imp
         out: Import::default(),
         list: Part::default(),
     };
+    reader.warn_of_extensions();
     reader.nodes()?;
     reader.out.part.materials = reader.list.materials;
     reader.out.part.textures = reader.list.textures;
@@ -189,14 +212,25 @@ struct Reader<'a> {
     buffers: Buffers,
     /// Index in `list` of each material of the file; `None` is the default material.
     materials: HashMap<Option<usize>, u32>,
-    /// Index in `list` of each image of the file.
-    textures: HashMap<usize, u32>,
+    /// Index in `list` of each image of the file, for each way in which it goes on beyond its borders.
+    textures: HashMap<(usize, [Wrap; 2]), u32>,
     out: Import,
     /// Holds the materials and textures, which all meshes share.
     list: Part,
 }
 
 impl Reader<'_> {
+    fn warn_of_extensions(&mut self) {
+        let document = self.document;
+        for name in document.extensions_used() {
+            if !READ.contains(&name) && !NOT_OF_LOOKS.contains(&name) {
+                self.warn(format!(
+                    "the extension {name} is left out: what it adds is not in the picture"
+                ));
+            }
+        }
+    }
+
     fn nodes(&mut self) -> Result<()> {
         let document = self.document;
         let scene = document
@@ -293,7 +327,8 @@ impl Reader<'_> {
                     inner_cone_angle,
                     outer_cone_angle,
                 } => {
-                    let (cos_inner, cos_outer) = (inner_cone_angle.cos(), outer_cone_angle.cos());
+                    let (cos_inner, cos_outer) =
+                        (libm::cosf(inner_cone_angle), libm::cosf(outer_cone_angle));
                     if !(inner_cone_angle >= 0.0 && cos_inner > cos_outer) {
                         return Err(Error::input(format!(
                             "a spot light of cone angles {inner_cone_angle} and {outer_cone_angle}: the inner must be smaller"
@@ -380,14 +415,18 @@ impl Reader<'_> {
             same_count(part.colors.len(), "colours")?;
         }
         let material = primitive.material();
-        let set = material
-            .pbr_metallic_roughness()
-            .base_color_texture()
-            .map_or(0, |t| t.tex_coord());
+        let base_color = material.pbr_metallic_roughness().base_color_texture();
+        let set = base_color.as_ref().map_or(0, |info| {
+            let other = info.texture_transform().and_then(|t| t.tex_coord());
+            other.unwrap_or(info.tex_coord())
+        });
         if let Some(accessor) = primitive.get(&Semantic::TexCoords(set)) {
             let uvs = self.buffers.floats::<2>(&accessor)?;
             same_count(uvs.len(), "texture coordinates")?;
             part.uvs = uvs.into_iter().map(Vec2::from).collect();
+            if let Some(info) = &base_color {
+                transform_uvs(&mut part.uvs, info);
+            }
         }
         let index = self.material(&material)?;
         let textured = self.list.materials[index as usize].texture.is_some();
@@ -432,8 +471,14 @@ impl Reader<'_> {
         }
         if let Some(info) = base.base_color_texture() {
             let image = info.texture().source().index();
+            let sampler = info.texture().sampler();
+            let wrap = [sampler.wrap_s(), sampler.wrap_t()].map(|mode| match mode {
+                WrappingMode::Repeat => Wrap::Repeat,
+                WrappingMode::ClampToEdge => Wrap::Clamp,
+                WrappingMode::MirroredRepeat => Wrap::Mirror,
+            });
             made.texture = Some(
-                self.texture(image)
+                self.texture(image, wrap)
                     .map_err(|e| e.at(format!("image {image}")))?,
             );
         }
@@ -443,16 +488,18 @@ impl Reader<'_> {
         Ok(index)
     }
 
-    fn texture(&mut self, image: usize) -> Result<u32> {
-        if let Some(&index) = self.textures.get(&image) {
+    fn texture(&mut self, image: usize, wrap: [Wrap; 2]) -> Result<u32> {
+        if let Some(&index) = self.textures.get(&(image, wrap)) {
             return Ok(index);
         }
         let content = self
             .buffers
             .image(self.document, image, self.path, self.files)?;
         let index = self.list.textures.len() as u32;
-        self.list.textures.push(texture::decode(&content)?);
-        self.textures.insert(image, index);
+        let mut texture = texture::decode(&content)?;
+        texture.wrap = wrap;
+        self.list.textures.push(texture);
+        self.textures.insert((image, wrap), index);
         Ok(index)
     }
 
@@ -470,6 +517,22 @@ impl Reader<'_> {
         if !self.files.warnings.contains(&message) {
             self.files.warn(message);
         }
+    }
+}
+
+/// Applies KHR_texture_transform: scale, then rotation from u towards -v, then offset.
+fn transform_uvs(uvs: &mut [Vec2], info: &Info<'_>) {
+    let Some(transform) = info.texture_transform() else {
+        return;
+    };
+    let (sin, cos) = libm::sincosf(transform.rotation());
+    let (scale, offset) = (
+        Vec2::from(transform.scale()),
+        Vec2::from(transform.offset()),
+    );
+    for uv in uvs {
+        let p = *uv * scale;
+        *uv = Vec2::new(cos * p.x + sin * p.y, cos * p.y - sin * p.x) + offset;
     }
 }
 

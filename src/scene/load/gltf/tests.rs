@@ -130,6 +130,132 @@ fn strips_fans_sparse_and_packed_attributes_are_read() {
     assert_eq!(part.positions[2], DVec3::new(2.0, 10.0, 0.0));
 }
 
+/// The sample with an image of four colours on its triangle, whose corners have the texture coordinates (0,0), (1,0), (0,1),
+/// and another set in which all are (0.25, 0.25).
+fn textured() -> (Value, Vec<u8>) {
+    let (mut json, mut bin) = sample();
+    let image =
+        image::RgbImage::from_fn(2, 2, |x, y| image::Rgb([255 * x as u8, 255 * y as u8, 0]));
+    let mut png = std::io::Cursor::new(Vec::new());
+    image.write_to(&mut png, image::ImageFormat::Png).unwrap();
+    let uvs = [
+        [0.0_f32, 0.0],
+        [1.0, 0.0],
+        [0.0, 1.0],
+        [0.25; 2],
+        [0.25; 2],
+        [0.25; 2],
+    ];
+    let at = bin.len();
+    bin.extend(uvs.iter().flatten().flat_map(|v| v.to_le_bytes()));
+    bin.extend(png.get_ref());
+    let push = |list: &mut Value, value: Value| list.as_array_mut().unwrap().push(value);
+    push(
+        &mut json["bufferViews"],
+        json!({ "buffer": 0, "byteOffset": at, "byteLength": 48 }),
+    );
+    let png = json!({ "buffer": 0, "byteOffset": at + 48, "byteLength": png.get_ref().len() });
+    push(&mut json["bufferViews"], png);
+    for offset in [0, 24] {
+        let accessor = json!({ "bufferView": 2, "byteOffset": offset, "componentType": 5126,
+            "count": 3, "type": "VEC2" });
+        push(&mut json["accessors"], accessor);
+    }
+    json["buffers"][0]["byteLength"] = json!(bin.len());
+    json["images"] = json!([{ "bufferView": 3, "mimeType": "image/png" }]);
+    json["textures"] = json!([{ "source": 0 }]);
+    json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = json!({ "index": 0 });
+    let attributes = &mut json["meshes"][0]["primitives"][0]["attributes"];
+    attributes["TEXCOORD_0"] = json!(3);
+    attributes["TEXCOORD_1"] = json!(4);
+    (json, bin)
+}
+
+#[test]
+fn texture_transforms_are_applied() {
+    let (mut json, bin) = textured();
+    let uvs = |json: &Value| load(&glb(json, &bin)).unwrap().part.uvs;
+    assert_eq!(uvs(&json), [Vec2::ZERO, Vec2::X, Vec2::Y]);
+    // The lower left quarter of the image, turned clockwise: the example of the extension's description.
+    let transform = |json: &mut Value, transform: Value| {
+        json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["extensions"] =
+            json!({ "KHR_texture_transform": transform });
+    };
+    transform(
+        &mut json,
+        json!({ "offset": [0.0, 1.0], "rotation": std::f32::consts::FRAC_PI_2, "scale": [0.5, 0.5] }),
+    );
+    let expected = [
+        Vec2::new(0.0, 1.0),
+        Vec2::new(0.0, 0.5),
+        Vec2::new(0.5, 1.0),
+    ];
+    for (found, expected) in uvs(&json).into_iter().zip(expected) {
+        assert!((found - expected).length() < 1e-6, "{found} {expected}");
+    }
+    transform(
+        &mut json,
+        json!({ "texCoord": 1, "offset": [0.5, 0.0], "scale": [2.0, 1.0] }),
+    );
+    assert_eq!(uvs(&json), [Vec2::new(1.0, 0.25); 3]);
+}
+
+#[test]
+fn samplers_say_what_is_beyond_the_border() {
+    let (mut json, bin) = textured();
+    let beyond = |json: &Value| {
+        let part = load(&glb(json, &bin)).unwrap().part;
+        let texture = &part.textures[part.materials[0].texture.unwrap() as usize];
+        [Vec2::new(1.25, 0.25), Vec2::new(0.25, 1.25)].map(|uv| {
+            let [r, g, _] = texture.sample(uv);
+            [r, g]
+        })
+    };
+    assert_eq!(beyond(&json), [[0.0, 0.0], [0.0, 0.0]]);
+    json["textures"][0]["sampler"] = json!(0);
+    json["samplers"] = json!([{ "wrapS": 33071, "wrapT": 10497 }]);
+    assert_eq!(beyond(&json), [[1.0, 0.0], [0.0, 0.0]]);
+    json["samplers"] = json!([{ "wrapS": 10497, "wrapT": 33648 }]);
+    assert_eq!(beyond(&json), [[0.0, 0.0], [0.0, 1.0]]);
+    // One image in two ways is two textures.
+    json["samplers"] = json!([{ "wrapS": 33071, "wrapT": 10497 }, {}]);
+    json["textures"] = json!([{ "source": 0, "sampler": 0 }, { "source": 0, "sampler": 1 }]);
+    let mut other = json["materials"][0].clone();
+    other["pbrMetallicRoughness"]["baseColorTexture"]["index"] = json!(1);
+    json["materials"].as_array_mut().unwrap().push(other);
+    let mut primitive = json["meshes"][0]["primitives"][0].clone();
+    primitive["material"] = json!(1);
+    json["meshes"][0]["primitives"]
+        .as_array_mut()
+        .unwrap()
+        .push(primitive);
+    let part = load(&glb(&json, &bin)).unwrap().part;
+    let wraps: Vec<_> = part.textures.iter().map(|t| t.wrap[0]).collect();
+    assert_eq!(wraps, [Wrap::Clamp, Wrap::Repeat]);
+}
+
+#[test]
+fn extensions_of_looks_that_are_not_read_are_named_once() {
+    let (mut json, bin) = sample();
+    let warnings = |json: &Value| {
+        let mut files = Files::default();
+        read(&glb(json, &bin), Path::new("x.glb"), &mut files).unwrap();
+        files.warnings
+    };
+    assert_eq!(warnings(&json), [] as [String; 0]);
+    json["extensionsUsed"] = json!([
+        "KHR_lights_punctual",
+        "KHR_texture_transform",
+        "KHR_materials_transmission",
+        "KHR_xmp_json_ld",
+        "ACME_fur"
+    ]);
+    let said = warnings(&json);
+    assert_eq!(said.len(), 2, "{said:?}");
+    assert!(said[0].starts_with("x.glb: the extension KHR_materials_transmission is left out"));
+    assert!(said[1].contains("ACME_fur"));
+}
+
 #[test]
 fn a_texture_of_no_image_is_wrong_only_where_it_is_used() {
     let (mut json, bin) = sample();

@@ -50,7 +50,7 @@ pub(super) fn read(content: &[u8], wanted: Option<&str>, files: &mut Files) -> R
             grid.tree.background
         ));
     }
-    grid.into_field()
+    grid.into_field(content.len())
         .map_err(|e| e.at(format!("grid `{name}`")))
 }
 
@@ -135,7 +135,7 @@ impl VdbGrid {
         }
     }
 
-    fn into_field(self) -> Result<Field> {
+    fn into_field(self, file_bytes: usize) -> Result<Field> {
         let (low, high) = self
             .tree
             .extent()
@@ -162,9 +162,12 @@ impl VdbGrid {
             first,
             padding: 1,
             world_from_file: Some(self.world_from_index),
-            samples: Samples::Lookup(Box::new(move |voxel| {
-                table.value(std::array::from_fn(|a| first[a] + voxel[a] as i64))
-            })),
+            samples: Samples::Lookup {
+                value: Box::new(move |voxel| {
+                    table.value(std::array::from_fn(|a| first[a] + voxel[a] as i64))
+                }),
+                file_bytes,
+            },
         })
     }
 }
