@@ -59,7 +59,7 @@ impl Seen {
         let first = u.normalize_or_zero();
         let across = (v - first * v.dot(first)).normalize_or_zero();
         let angle = libm::atan2f(self.twice_area, self.along);
-        if !(angle > 1e-4) {
+        if angle <= 1e-4 {
             return light.falloff((0.5 * (u + v)).normalize_or_zero());
         }
         // Along the fan of directions the cosine to the axis is that of the angle to the nearest one, times its own.
@@ -104,8 +104,8 @@ impl Seen {
 
 /// Points of [0,1] and their weights (Gauss-Legendre).
 const GAUSS: [(f32, f32); 4] = [
-    (0.069_431_844, 0.173_927_42),
-    (0.330_009_48, 0.326_072_58),
+    (0.069_431_85, 0.173_927_42),
+    (0.330_009_5, 0.326_072_58),
     (0.669_990_52, 0.326_072_58),
     (0.930_568_16, 0.173_927_42),
 ];
