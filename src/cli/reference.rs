@@ -13,7 +13,8 @@ use std::path::PathBuf;
 ///
 /// Write radiance and, in the layer `variance`, the variance of each pixel's mean, as 32-bit floats. Sums are kept in
 /// FILE.sums: a later run with more samples or time goes on from there, with the same result as one run would have had.
-/// So does the same command after a stop; --force begins anew.
+/// So does the same command after a stop; --force begins anew. Sums of a build whose path tracer had other sources are
+/// refused.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]

@@ -26,6 +26,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use sums::Row;
 
+/// Digest of the sources that samples come from. Samples may go on in any build of the same sources, since compilers
+/// change no more than the last digit; images kept for hours of work would be lost with every build otherwise.
+const CODE: &str = env!("LVOX_PATH_TRACER");
+
 /// How to render.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
@@ -100,10 +104,10 @@ impl Settings {
         .to_string()
     }
 
-    /// Key of the sums of these settings.
-    fn key(&self, scene: &Scene) -> [u8; 32] {
+    /// Key of the sums of these settings, by code of this digest.
+    fn key(&self, scene: &Scene, code: &str) -> [u8; 32] {
         let mut hasher = blake3::Hasher::new();
-        hasher.update(env!("CARGO_PKG_VERSION").as_bytes());
+        hasher.update(code.as_bytes());
         hasher.update(&scene.hash);
         for v in [scene.film.width, scene.film.height] {
             hasher.update(&v.to_le_bytes());
@@ -138,7 +142,11 @@ pub fn begin(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> R
             size::format(limit)
         ))
         .hint("raise --memory-limit, or render a part: --region X0 Y0 X1 Y1")),
-        _ => Ok(Sums::new(region, settings.strands, settings.key(scene))),
+        _ => Ok(Sums::new(
+            region,
+            settings.strands,
+            settings.key(scene, CODE),
+        )),
     }
 }
 

@@ -374,3 +374,11 @@ fn time_ends_a_run_too() {
     let sums = render(&scene, &timed, Region::full(20, 12));
     assert!(sums.counts().0 >= 1);
 }
+
+#[test]
+fn samples_of_other_code_do_not_mix() {
+    let (scene, settings) = (scene(), Settings::default());
+    assert_eq!(CODE.len(), 32);
+    assert_eq!(settings.key(&scene, CODE), settings.key(&scene, CODE));
+    assert_ne!(settings.key(&scene, CODE), settings.key(&scene, "other"));
+}
