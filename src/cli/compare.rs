@@ -30,8 +30,8 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 
-    /// Multiply radiance by this before the tone map [default: that of the reference's scene, named in the JSON file
-    /// beside the reference, else 1]
+    /// Multiply radiance by this before the tone map [default: that of the scene in the JSON file beside the reference;
+    /// else what lvox noted in the reference, else in the image: the exposure of the scene's film; else 1]
     #[arg(long, value_name = "E", value_parser = parse::positive)]
     exposure: Option<f32>,
 
@@ -90,7 +90,10 @@ impl Args {
         }
         let exposure = match self.exposure {
             Some(exposure) => exposure,
-            None => load::exposure_of(&self.reference)?.unwrap_or(1.0),
+            None => match load::exposure_of(&self.reference)? {
+                Some(exposure) => exposure,
+                None => load::noted_exposure(&self.image)?.unwrap_or(1.0),
+            },
         };
         let region = parse::region(&self.region);
         let image = load::picture(&self.image, &self.layer, exposure, region)?;

@@ -215,6 +215,7 @@ pub fn frame(scene: &Scene, settings: &Settings, sums: &Sums) -> Frame {
     };
     for (name, value) in [
         ("version", env!("CARGO_PKG_VERSION").into()),
+        ("exposure", scene.film.exposure.to_string()),
         ("scene", scene_hash),
         ("settings", settings.identity()),
         ("spp", spp),

@@ -61,6 +61,7 @@ pub fn run(
         let mut note =
             |name: &str, value: String| frame.attributes.insert(format!("lvox/{name}"), value);
         note("version", env!("CARGO_PKG_VERSION").into());
+        note("exposure", scene.film.exposure.to_string());
         note("scene", hex(&scene.hash));
         note("tree", hex(&store.tree().content_hash()));
         note(
