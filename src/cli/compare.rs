@@ -103,12 +103,16 @@ impl Args {
         check_memory(image.pixels.len(), job.memory_limit)?;
         let found = metrics::compare_until(&image, &reference, exposure, &job.cancel)
             .map_err(|e| self.place(e))?;
-        if found.scores.non_finite > 0 {
-            job.progress.warn(&format!(
-                "{}: {} pixels are infinite or not a number",
-                self.image.display(),
-                found.scores.non_finite
-            ));
+        for (path, count) in [
+            (&self.image, found.scores.non_finite),
+            (&self.reference, found.scores.reference_non_finite),
+        ] {
+            if count > 0 {
+                job.progress.warn(&format!(
+                    "{}: {count} pixels are infinite or not a number",
+                    path.display()
+                ));
+            }
         }
         if let Some(path) = &self.heatmap {
             png::write(path, &heat::map(&found.error_map, image.width))?;

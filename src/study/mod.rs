@@ -282,6 +282,13 @@ fn obtain_reference(
     let target = frame
         .picture("", &region)
         .map_err(|e| e.at(path.display()))?;
+    let broken = target.non_finite();
+    if broken > 0 {
+        job.progress.warn(&format!(
+            "{}: {broken} pixels are infinite or not a number",
+            path.display()
+        ));
+    }
     study.reference = Reference {
         source,
         relmse: frame

@@ -41,6 +41,8 @@ pub struct Scores {
     pub max_abs: f64,
     /// Pixels of the picture that are infinite or not a number.
     pub non_finite: usize,
+    /// Pixels of the reference that are.
+    pub reference_non_finite: usize,
     /// Factor on radiance before the tone map of the perceptual metrics.
     pub exposure: f32,
 }
@@ -107,6 +109,7 @@ pub fn compare_until(
         pdiff,
         max_abs: linear.max_abs,
         non_finite: picture.non_finite(),
+        reference_non_finite: reference.non_finite(),
         exposure,
     };
     Ok(Comparison { scores, error_map })

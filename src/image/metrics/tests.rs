@@ -146,7 +146,9 @@ fn broken_pixels_are_counted_and_do_not_pass_unseen() {
     picture.pixels[5][1] = f32::NAN;
     picture.pixels[9][0] = f32::INFINITY;
     let scores = compare(&picture, &reference, 1.0).unwrap().scores;
-    assert_eq!(scores.non_finite, 2);
+    assert_eq!((scores.non_finite, scores.reference_non_finite), (2, 0));
+    let turned = compare(&reference, &picture, 1.0).unwrap().scores;
+    assert_eq!((turned.non_finite, turned.reference_non_finite), (0, 2));
     assert!(scores.rmse.is_nan() && scores.max_abs.is_nan());
     assert!(scores.flip.is_finite());
 }
