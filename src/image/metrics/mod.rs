@@ -25,7 +25,7 @@ pub struct Scores {
     pub rmse: f64,
     /// Mean of `(x-r)^2 / (r^2 + 0.01)` over pixels and channels.
     pub relmse: f64,
-    /// The same without the worst 0.1 % of pixels, so that a single firefly does not decide it.
+    /// The same without the worst 0.1 % of pixels (rounded down, none of 999), so that a single firefly does not decide it.
     pub relmse_trimmed: f64,
     /// Mean of the picture over mean of the reference, less 1.
     pub bias: f64,
