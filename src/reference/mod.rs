@@ -15,6 +15,7 @@ pub use sampler::Sampler;
 pub use sums::Sums;
 
 use crate::image::exr::{self, Precision};
+use crate::image::metrics::linear::RELATIVE_FLOOR;
 use crate::image::{Frame, Region};
 use crate::math::{Rgb, sampling};
 use crate::run::{Job, Task, size};
@@ -232,12 +233,12 @@ pub fn relmse(sums: &Sums) -> f64 {
     expected_relmse(&means, &variances)
 }
 
-/// Mean over pixels and channels of variance / (mean^2 + 0.01).
+/// Mean over pixels and channels of variance / (mean^2 + floor), with the floor of the metric, 0.01.
 #[must_use]
 pub fn expected_relmse(means: &[[f32; 3]], variances: &[[f32; 3]]) -> f64 {
     let terms = means.as_flattened().iter().zip(variances.as_flattened());
     let sum: f64 = terms
-        .map(|(&m, &v)| f64::from(v) / (f64::from(m).powi(2) + 0.01))
+        .map(|(&m, &v)| f64::from(v) / (f64::from(m).powi(2) + RELATIVE_FLOOR))
         .sum();
     sum / (3 * means.len()) as f64
 }

@@ -2,7 +2,7 @@
 
 use crate::gather::TreeStore;
 use crate::image::Region;
-use crate::image::metrics::linear;
+use crate::image::metrics::linear::{self, RELATIVE_FLOOR};
 use crate::math::{Rgb, sampling};
 use crate::reference::{PathTracer, Sampler};
 use crate::run::Job;
@@ -25,8 +25,6 @@ const STRANDS: u32 = 4;
 const PATHS: [u32; 2] = [16, 256];
 /// Noise of a measured error that is good enough, over the target.
 const NOISE: f64 = 0.2;
-/// Keeps relative errors finite in the dark, as the metric has it.
-const FLOOR: f64 = 0.01;
 
 /// Blocks of a frame and what is known of their truth.
 pub struct Pilot<'a> {
@@ -215,7 +213,7 @@ impl Point {
             let truth = means.iter().sum::<f64>() / strands;
             let spread: f64 = means.iter().map(|m| (m - truth) * (m - truth)).sum();
             let noise = spread / (strands * (strands - 1.0));
-            let scale = 1.0 / (truth * truth + FLOOR);
+            let scale = 1.0 / (truth * truth + RELATIVE_FLOOR);
             let square = (f64::from(shaded) - truth).powi(2);
             let signal = (square - noise).max(0.0);
             error += scale * (square - noise) / 3.0;
