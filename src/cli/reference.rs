@@ -28,7 +28,7 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     camera: Option<String>,
 
-    /// Stop at this many samples per pixel [default: 64, without --time]
+    /// Stop at this many samples per pixel; more that are kept stay in the image [default: 64, without --time]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     spp: Option<u32>,
 

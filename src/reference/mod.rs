@@ -93,28 +93,22 @@ impl Settings {
         }
     }
 
-    /// What tells samples of different runs apart, as JSON: all that pixels depend on but their number of samples.
-    fn identity(&self) -> String {
-        serde_json::json!({
-            "method": "path tracing",
-            "camera": self.camera,
-            "max_depth": self.max_depth,
-            "strands": self.strands,
-            "seed": self.seed,
+    /// What tells samples of different runs apart: all that pixels depend on but their number of samples.
+    fn origin(&self, scene: &Scene) -> Result<Origin> {
+        let camera = &scene.camera(self.camera.as_deref())?.name;
+        let settings = [
+            ("method", "path tracing".into()),
+            ("camera", camera.as_str().into()),
+            ("max_depth", self.max_depth.into()),
+            ("strands", self.strands.into()),
+            ("seed", self.seed.into()),
+        ];
+        Ok(Origin {
+            code: CODE.into(),
+            scene: scene.hash.iter().map(|b| format!("{b:02x}")).collect(),
+            film: [scene.film.width, scene.film.height],
+            settings: settings.map(|(name, v)| (name.to_owned(), v)).into(),
         })
-        .to_string()
-    }
-
-    /// Key of the sums of these settings, by code of this digest.
-    fn key(&self, scene: &Scene, code: &str) -> [u8; 32] {
-        let mut hasher = blake3::Hasher::new();
-        hasher.update(code.as_bytes());
-        hasher.update(&scene.hash);
-        for v in [scene.film.width, scene.film.height] {
-            hasher.update(&v.to_le_bytes());
-        }
-        hasher.update(self.identity().as_bytes());
-        *hasher.finalize().as_bytes()
     }
 }
 
@@ -169,9 +163,15 @@ pub fn run(
     let kept = sums_path(image);
     if !restart && let Some(found) = Sums::read(&kept, &sums)? {
         sums = found;
-        let (least, _) = sums.counts();
+        let (least, most) = sums.counts();
         job.progress
             .say(&format!("going on from {least} samples per pixel"));
+        if let Some(spp) = settings.spp.filter(|&spp| spp < most) {
+            job.progress.warn(&format!(
+                "{} keeps {most} samples per pixel, more than --spp {spp}, and the image has them all; --force begins anew",
+                kept.display()
+            ));
+        }
     }
     let save = |sums: &Sums| -> Result<()> {
         sums.write(&kept)?;
