@@ -12,7 +12,7 @@ pub mod sums;
 
 pub use path::PathTracer;
 pub use sampler::Sampler;
-pub use sums::Sums;
+pub use sums::{Origin, Sums};
 
 use crate::image::exr::{self, Precision};
 use crate::image::metrics::linear::RELATIVE_FLOOR;
@@ -126,7 +126,7 @@ pub fn sums_path(image: &Path) -> PathBuf {
 /// A setting out of range, a region outside the frame, or sums beyond the memory limit.
 pub fn begin(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> Result<Sums> {
     settings.check()?;
-    scene.camera(settings.camera.as_deref())?;
+    let origin = settings.origin(scene)?;
     region.check(scene.film.width, scene.film.height)?;
     let needed = Sums::bytes(&region, settings.strands);
     match job.memory_limit {
@@ -137,11 +137,7 @@ pub fn begin(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> R
             size::format(limit)
         ))
         .hint("raise --memory-limit, or render a part: --region X0 Y0 X1 Y1")),
-        _ => Ok(Sums::new(
-            region,
-            settings.strands,
-            settings.key(scene, CODE),
-        )),
+        _ => Ok(Sums::new(region, settings.strands, origin)),
     }
 }
 
@@ -175,7 +171,7 @@ pub fn run(
     }
     let save = |sums: &Sums| -> Result<()> {
         sums.write(&kept)?;
-        exr::write(image, &frame(scene, settings, sums), Precision::Float)
+        exr::write(image, &frame(scene, sums), Precision::Float)
     };
     job.report.stage("reference", |counts| {
         let before = sums.samples();
@@ -205,9 +201,8 @@ pub fn run(
 
 /// The image of sums.
 #[must_use]
-pub fn frame(scene: &Scene, settings: &Settings, sums: &Sums) -> Frame {
+pub fn frame(scene: &Scene, sums: &Sums) -> Frame {
     let mut frame = sums.frame(scene.film.width, scene.film.height);
-    let scene_hash: String = scene.hash.iter().map(|b| format!("{b:02x}")).collect();
     let (least, most) = sums.counts();
     let spp = if least == most {
         least.to_string()
@@ -217,8 +212,8 @@ pub fn frame(scene: &Scene, settings: &Settings, sums: &Sums) -> Frame {
     for (name, value) in [
         ("version", env!("CARGO_PKG_VERSION").into()),
         ("exposure", scene.film.exposure.to_string()),
-        ("scene", scene_hash),
-        ("settings", settings.identity()),
+        ("scene", sums.origin.scene.clone()),
+        ("settings", sums.origin.settings_json()),
         ("spp", spp),
     ] {
         frame.attributes.insert(format!("lvox/{name}"), value);
