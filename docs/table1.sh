@@ -3,7 +3,7 @@
 # Needs ../shared beside the repository; run it on a quiet machine. After a stop, the same command goes on.
 #
 # TABLE1_WORK        scenes, trees and studies; a folder for each build of lvox [target/table1]
-# TABLE1_REFERENCES  converged images, kept for every build [references in the former]
+# TABLE1_REFERENCES  converged images, kept for every build of the same path tracer [references in the former]
 # TABLE1_SPP         their samples per pixel; raise it to go on from what is there [512]
 # TABLE1_SCENES      all by default
 # TABLE1_QUALITY     base settings of lvox [good]

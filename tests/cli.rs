@@ -367,6 +367,36 @@ fn the_exposure_comes_from_the_scene_of_the_reference() {
 }
 
 #[test]
+fn the_exposure_is_noted_in_what_lvox_renders() {
+    let dir = tempfile::tempdir().unwrap();
+    fs::write(
+        dir.path().join("s.toml"),
+        "[film]\nwidth = 4\nheight = 3\nexposure = 0.35\n[[camera]]\nname = \"front\"\nposition = [0, 0, 3]\n\
+         target = [0, 0, 0]\n[[mesh]]\nfile = \"builtin:quad\"\nemission = [1, 1, 1]\n",
+    )
+    .unwrap();
+    let reference = ["reference", "s.toml", "--spp", "1", "-o", "r.exr"];
+    let run = lvox(dir.path(), &reference);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let run = lvox(dir.path(), &["render", "s.toml", "-o", "a.exr"]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    // One that tells nothing, as big.
+    let png = ["render", "s.toml", "-o", "a.png"];
+    assert_eq!(lvox(dir.path(), &png).code, 0);
+    // A side-car that names the scene as it was rendered.
+    fs::write(dir.path().join("r.json"), r#"{"scene": "s.toml"}"#).unwrap();
+    for pair in [["a.png", "r.exr"], ["a.exr", "a.png"], ["a.exr", "r.exr"]] {
+        let run = lvox(dir.path(), &["compare", pair[0], pair[1], "--json"]);
+        assert_eq!(run.code, 0, "{pair:?}: {}", run.stderr);
+        let json: serde_json::Value = serde_json::from_str(&run.stdout).unwrap();
+        assert!(
+            (json["exposure"].as_f64().unwrap() - 0.35).abs() < 1e-6,
+            "{pair:?}"
+        );
+    }
+}
+
+#[test]
 fn compare_refuses_what_does_not_fit() {
     let dir = tempfile::tempdir().unwrap();
     write_whole(dir.path(), "a.exr");

@@ -48,6 +48,39 @@ fn wrong_use_is_refused_at_once() {
     }
 }
 
+#[test]
+fn fewer_samples_than_are_kept_are_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = |spp: &str, more: &[&str]| {
+        let args = [&["-o", "a.exr", "--max-depth", "2", "--spp", spp], more].concat();
+        let output = lvox(dir.path(), &args);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stderr)
+    };
+    assert!(!run("3", &[]).contains("warning"));
+    let stderr = run("2", &[]);
+    let told = "warning: a.exr.sums keeps 3 samples per pixel, more than --spp 2";
+    assert!(stderr.contains(told), "{stderr}");
+    assert!(!run("4", &[]).contains("warning"));
+    assert!(!run("2", &["--force"]).contains("warning"));
+}
+
+#[test]
+fn what_differs_is_named_and_a_camera_goes_by_its_name() {
+    let dir = tempfile::tempdir().unwrap();
+    let base = ["-o", "a.exr", "--spp", "1"];
+    assert!(lvox(dir.path(), &base).status.success());
+    let output = lvox(dir.path(), &[&base[..], &["--max-depth", "2"]].concat());
+    assert_eq!(output.status.code(), Some(2));
+    let stderr = text(&output.stderr);
+    assert!(stderr.contains("max_depth 0, here 2"), "{stderr}");
+    let camera = ::lvox::scene::Scene::demo().unwrap().cameras[0]
+        .name
+        .clone();
+    let output = lvox(dir.path(), &[&base[..], &["--camera", &camera]].concat());
+    assert!(output.status.success(), "{}", text(&output.stderr));
+}
+
 #[cfg(unix)]
 #[test]
 fn a_signal_keeps_what_is_finished_and_the_same_command_goes_on() {

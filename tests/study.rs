@@ -264,6 +264,51 @@ fn a_signal_keeps_what_is_finished_and_the_same_command_goes_on() {
 }
 
 #[test]
+fn a_reference_without_variance_is_judged_by_and_another_of_its_name_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = |line: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lvox"));
+        command.current_dir(&dir).args(line.split_whitespace());
+        let child = command
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn();
+        let mut child = child.unwrap();
+        let started = Instant::now();
+        let status = loop {
+            match child.try_wait().unwrap() {
+                Some(status) => break status,
+                None if started.elapsed() > Duration::from_secs(120) => {
+                    child.kill().unwrap();
+                    panic!("{line} takes for ever");
+                }
+                None => std::thread::sleep(Duration::from_millis(10)),
+            }
+        };
+        let stderr = std::io::read_to_string(child.stderr.take().unwrap()).unwrap();
+        (status.code(), stderr)
+    };
+    let reference = |seed: u32| {
+        let line =
+            "reference --demo --resolution 16x12 --spp 1 --max-depth 3 --force -o r.exr --seed";
+        let (code, stderr) = run(&format!("{line} {seed}"));
+        assert_eq!(code, Some(0), "{stderr}");
+    };
+    let study = "study --demo --width 16 --base-only --spp 1,2 --surfels 500 --quality draft --rounds 1 \
+                 --reference r.exr -o s";
+    reference(1);
+    let (code, stderr) = run(study);
+    assert_eq!(code, Some(0), "{stderr}");
+    // The same image again is no other.
+    reference(1);
+    assert_eq!(run(study).0, Some(0));
+    reference(2);
+    let (code, stderr) = run(study);
+    assert_eq!(code, Some(2));
+    assert!(stderr.contains("another scene, reference"), "{stderr}");
+}
+
+#[test]
 fn wrong_use_is_refused_at_once() {
     let dir = tempfile::tempdir().unwrap();
     for (args, part) in [

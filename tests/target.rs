@@ -67,7 +67,7 @@ fn truth(scene: &Scene) -> Picture {
         &mut |_| Ok(()),
     )
     .unwrap();
-    let frame = reference::frame(scene, &settings, &sums);
+    let frame = reference::frame(scene, &sums);
     frame.picture("", &region).unwrap()
 }
 

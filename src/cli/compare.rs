@@ -30,8 +30,8 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 
-    /// Multiply radiance by this before the tone map [default: that of the reference's scene, named in the JSON file
-    /// beside the reference, else 1]
+    /// Multiply radiance by this before the tone map [default: that of the scene in the JSON file beside the reference;
+    /// else what lvox noted in the reference, else in the image: the exposure of the scene's film; else 1]
     #[arg(long, value_name = "E", value_parser = parse::positive)]
     exposure: Option<f32>,
 
@@ -90,7 +90,10 @@ impl Args {
         }
         let exposure = match self.exposure {
             Some(exposure) => exposure,
-            None => load::exposure_of(&self.reference)?.unwrap_or(1.0),
+            None => match load::exposure_of(&self.reference)? {
+                Some(exposure) => exposure,
+                None => load::noted_exposure(&self.image)?.unwrap_or(1.0),
+            },
         };
         let region = parse::region(&self.region);
         let image = load::picture(&self.image, &self.layer, exposure, region)?;
@@ -100,12 +103,16 @@ impl Args {
         check_memory(image.pixels.len(), job.memory_limit)?;
         let found = metrics::compare_until(&image, &reference, exposure, &job.cancel)
             .map_err(|e| self.place(e))?;
-        if found.scores.non_finite > 0 {
-            job.progress.warn(&format!(
-                "{}: {} pixels are infinite or not a number",
-                self.image.display(),
-                found.scores.non_finite
-            ));
+        for (path, count) in [
+            (&self.image, found.scores.non_finite),
+            (&self.reference, found.scores.reference_non_finite),
+        ] {
+            if count > 0 {
+                job.progress.warn(&format!(
+                    "{}: {count} pixels are infinite or not a number",
+                    path.display()
+                ));
+            }
         }
         if let Some(path) = &self.heatmap {
             png::write(path, &heat::map(&found.error_map, image.width))?;

@@ -13,7 +13,8 @@ use std::path::PathBuf;
 ///
 /// Write radiance and, in the layer `variance`, the variance of each pixel's mean, as 32-bit floats. Sums are kept in
 /// FILE.sums: a later run with more samples or time goes on from there, with the same result as one run would have had.
-/// So does the same command after a stop; --force begins anew.
+/// So does the same command after a stop; --force begins anew. Sums of a build whose path tracer had other sources are
+/// refused.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
@@ -27,7 +28,7 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     camera: Option<String>,
 
-    /// Stop at this many samples per pixel [default: 64, without --time]
+    /// Stop at this many samples per pixel; more that are kept stay in the image [default: 64, without --time]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     spp: Option<u32>,
 

@@ -20,6 +20,9 @@ pub struct Frame {
     pub attributes: BTreeMap<String, String>,
 }
 
+/// Attribute with the factor on radiance that the picture is meant to be looked at with, the film's exposure.
+pub const EXPOSURE: &str = "lvox/exposure";
+
 /// Channels that belong together.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layer {

@@ -1,5 +1,6 @@
 //! Pictures from files of either kind, and the exposure that a reference is looked at with.
 
+use super::frame::EXPOSURE;
 use super::{Picture, Region, exr, png, tone};
 use crate::{Error, Result};
 use serde_json::Value;
@@ -14,12 +15,8 @@ use std::path::Path;
 /// # Errors
 /// [`crate::Kind::Input`] if the file cannot be read, has no colour in that layer, or does not cover the region.
 pub fn picture(path: &Path, layer: &str, exposure: f32, region: Option<Region>) -> Result<Picture> {
-    let mut magic = Vec::new();
-    File::open(path)
-        .and_then(|file| file.take(4).read_to_end(&mut magic))
-        .map_err(|e| Error::io("read", path, &e))?;
-    match magic[..] {
-        [0x76, 0x2f, 0x31, 0x01] => {
+    match first_bytes(path)?[..] {
+        ref magic if *magic == EXR => {
             let frame = exr::read(path)?;
             let region = region.unwrap_or(Region::full(frame.width, frame.height));
             let picture = frame.picture(layer, &region);
@@ -44,12 +41,52 @@ pub fn picture(path: &Path, layer: &str, exposure: f32, region: Option<Region>) 
 }
 
 /// The exposure that belongs to a reference image: beside `NAME.exr` a side-car `NAME.json` names, under `scene`, the
-/// scene's JSON file in the same folder, whose `tonemap.exposure` it is. `None` without a side-car or without a tone map
-/// in the scene.
+/// scene's JSON file in the same folder, whose `tonemap.exposure` it is; else what the image [notes](noted_exposure).
+/// `None` if neither tells. A side-car that names a scene of another format tells none.
 ///
 /// # Errors
 /// [`crate::Kind::Input`] if a file of that chain is damaged or not there.
 pub fn exposure_of(reference: &Path) -> Result<Option<f32>> {
+    match side_car_exposure(reference)? {
+        Some(exposure) => Ok(Some(exposure)),
+        None => noted_exposure(reference),
+    }
+}
+
+/// The exposure in the header of an OpenEXR file that lvox wrote: that of the scene's film. `None` for other files.
+///
+/// # Errors
+/// [`crate::Kind::Input`] if the file cannot be read, or what it notes is not a positive number.
+pub fn noted_exposure(image: &Path) -> Result<Option<f32>> {
+    if first_bytes(image)? != EXR {
+        return Ok(None);
+    }
+    let info = exr::info(image)?;
+    let Some(text) = info.attributes.get(EXPOSURE) else {
+        return Ok(None);
+    };
+    match text.parse::<f32>() {
+        Ok(e) if e > 0.0 && e.is_finite() => Ok(Some(e)),
+        _ => Err(Error::input(format!(
+            "{}: {EXPOSURE} is {text}, not a positive number",
+            image.display()
+        ))
+        .hint("give the exposure: --exposure E")),
+    }
+}
+
+/// Magic number of OpenEXR.
+const EXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
+
+fn first_bytes(path: &Path) -> Result<Vec<u8>> {
+    let mut magic = Vec::new();
+    File::open(path)
+        .and_then(|file| file.take(4).read_to_end(&mut magic))
+        .map_err(|e| Error::io("read", path, &e))?;
+    Ok(magic)
+}
+
+fn side_car_exposure(reference: &Path) -> Result<Option<f32>> {
     let side_car = reference.with_extension("json");
     if side_car == reference || !side_car.is_file() {
         return Ok(None);
@@ -59,6 +96,12 @@ pub fn exposure_of(reference: &Path) -> Result<Option<f32>> {
         return Ok(None);
     };
     let scene = side_car.with_file_name(scene);
+    if !scene
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("json"))
+    {
+        return Ok(None);
+    }
     let value = json(&scene).map_err(|e| {
         e.at(format!("the scene of {}", side_car.display()))
             .hint("give the exposure: --exposure E")
@@ -92,7 +135,20 @@ mod tests {
     fn the_side_car_leads_to_the_exposure() {
         let dir = tempfile::tempdir().unwrap();
         let image = dir.path().join("S_d3.exr");
-        assert_eq!(exposure_of(&image).unwrap(), None);
+        let mut frame = Frame::new(1, 1, Region::full(1, 1));
+        frame.layers.push(Layer::rgb("", &[[1.0; 3]]));
+        let mut put = |exposure: &str| {
+            let name = EXPOSURE.to_owned();
+            frame.attributes.insert(name, exposure.into());
+            exr::write(&image, &frame, exr::Precision::Half).unwrap();
+        };
+        put("-1");
+        let error = exposure_of(&image).unwrap_err();
+        assert!(error.hint_text().unwrap().contains("--exposure"));
+        put("0.35");
+        assert_eq!(exposure_of(&image).unwrap(), Some(0.35));
+        write(dir.path().join("S_d3.json"), r#"{"scene": "S.toml"}"#).unwrap();
+        assert_eq!(exposure_of(&image).unwrap(), Some(0.35));
         write(dir.path().join("S_d3.json"), r#"{"scene": "S.json"}"#).unwrap();
         let error = exposure_of(&image).unwrap_err();
         assert!(error.to_string().contains("S_d3.json") && error.to_string().contains("S.json"));
@@ -115,7 +171,7 @@ mod tests {
                 .contains("--exposure")
         );
         write(dir.path().join("S.json"), "{}").unwrap();
-        assert_eq!(exposure_of(&image).unwrap(), None);
+        assert_eq!(exposure_of(&image).unwrap(), Some(0.35));
         write(dir.path().join("S_d3.json"), "{").unwrap();
         assert!(exposure_of(&image).is_err());
     }

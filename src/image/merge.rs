@@ -2,6 +2,7 @@
 
 use super::coverage::faults;
 use super::exr::{self, Info};
+use super::frame::EXPOSURE;
 use super::{Frame, Layer, Region};
 use crate::run::{Job, size};
 use crate::{Error, Result};
@@ -106,12 +107,20 @@ fn channel_mut<'a>(
     &mut channels[at].1
 }
 
-/// What all tiles say. Only attributes that other programs have added can differ here.
+/// What all tiles say. Only attributes that other programs have added can differ here, and the exposure, which pixels do
+/// not depend on: tiles that tell none agree with any.
 fn shared_attributes(infos: &[Info]) -> BTreeMap<String, String> {
     let mut shared = infos
         .first()
         .map_or_else(BTreeMap::new, |i| i.attributes.clone());
     shared.retain(|name, value| infos.iter().all(|i| i.attributes.get(name) == Some(value)));
+    let exposures: BTreeSet<&String> = infos
+        .iter()
+        .filter_map(|i| i.attributes.get(EXPOSURE))
+        .collect();
+    if let (Some(exposure), 1) = (exposures.first(), exposures.len()) {
+        shared.insert(EXPOSURE.into(), (*exposure).clone());
+    }
     shared
 }
 
@@ -144,7 +153,9 @@ fn check_agreement(
         return differ("the list of channels", here, there);
     }
     let names = info.attributes.keys().chain(first.attributes.keys());
-    let ours: BTreeSet<&String> = names.filter(|n| n.starts_with(OURS)).collect();
+    let ours: BTreeSet<&String> = names
+        .filter(|n| n.starts_with(OURS) && *n != EXPOSURE)
+        .collect();
     for name in ours {
         let (here, there) = (info.attributes.get(name), first.attributes.get(name));
         if here != there {
@@ -373,6 +384,31 @@ mod tests {
         merge(&inputs, &output, &Job::default()).unwrap();
         let names: Vec<String> = exr::info(&output).unwrap().attributes.into_keys().collect();
         assert_eq!(names, ["Studio", "lvox/settings", "lvox/tree"]);
+    }
+
+    #[test]
+    fn the_exposure_is_carried_and_never_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let inputs = tiles(dir.path(), 3, Precision::Half);
+        let output = dir.path().join("merged.exr");
+        for (told, expected) in [
+            ([Some("2"), Some("2"), Some("2")], Some("2")),
+            ([None, Some("2"), None], Some("2")),
+            ([Some("1"), Some("2"), None], None),
+            ([None; 3], None),
+        ] {
+            for (path, exposure) in inputs.iter().zip(told) {
+                let mut frame = exr::read(path).unwrap();
+                frame.attributes.remove(EXPOSURE);
+                frame
+                    .attributes
+                    .extend(exposure.map(|e| (EXPOSURE.to_owned(), e.to_owned())));
+                exr::write(path, &frame, Precision::Half).unwrap();
+            }
+            merge(&inputs, &output, &Job::default()).unwrap();
+            let attributes = exr::info(&output).unwrap().attributes;
+            assert_eq!(attributes.get(EXPOSURE).map(String::as_str), expected);
+        }
     }
 
     #[test]

@@ -12,9 +12,10 @@ pub mod sums;
 
 pub use path::PathTracer;
 pub use sampler::Sampler;
-pub use sums::Sums;
+pub use sums::{Origin, Sums};
 
 use crate::image::exr::{self, Precision};
+use crate::image::metrics::linear::RELATIVE_FLOOR;
 use crate::image::{Frame, Region};
 use crate::math::{Rgb, sampling};
 use crate::run::{Job, Task, size};
@@ -25,6 +26,10 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use sums::Row;
+
+/// Digest of the sources that samples come from. Samples may go on in any build of the same sources, since compilers
+/// change no more than the last digit; images kept for hours of work would be lost with every build otherwise.
+const CODE: &str = env!("LVOX_PATH_TRACER");
 
 /// How to render.
 #[derive(Clone, Debug, PartialEq)]
@@ -88,28 +93,22 @@ impl Settings {
         }
     }
 
-    /// What tells samples of different runs apart, as JSON: all that pixels depend on but their number of samples.
-    fn identity(&self) -> String {
-        serde_json::json!({
-            "method": "path tracing",
-            "camera": self.camera,
-            "max_depth": self.max_depth,
-            "strands": self.strands,
-            "seed": self.seed,
+    /// What tells samples of different runs apart: all that pixels depend on but their number of samples.
+    fn origin(&self, scene: &Scene) -> Result<Origin> {
+        let camera = &scene.camera(self.camera.as_deref())?.name;
+        let settings = [
+            ("method", "path tracing".into()),
+            ("camera", camera.as_str().into()),
+            ("max_depth", self.max_depth.into()),
+            ("strands", self.strands.into()),
+            ("seed", self.seed.into()),
+        ];
+        Ok(Origin {
+            code: CODE.into(),
+            scene: scene.hash.iter().map(|b| format!("{b:02x}")).collect(),
+            film: [scene.film.width, scene.film.height],
+            settings: settings.map(|(name, v)| (name.to_owned(), v)).into(),
         })
-        .to_string()
-    }
-
-    /// Key of the sums of these settings.
-    fn key(&self, scene: &Scene) -> [u8; 32] {
-        let mut hasher = blake3::Hasher::new();
-        hasher.update(env!("CARGO_PKG_VERSION").as_bytes());
-        hasher.update(&scene.hash);
-        for v in [scene.film.width, scene.film.height] {
-            hasher.update(&v.to_le_bytes());
-        }
-        hasher.update(self.identity().as_bytes());
-        *hasher.finalize().as_bytes()
     }
 }
 
@@ -127,7 +126,7 @@ pub fn sums_path(image: &Path) -> PathBuf {
 /// A setting out of range, a region outside the frame, or sums beyond the memory limit.
 pub fn begin(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> Result<Sums> {
     settings.check()?;
-    scene.camera(settings.camera.as_deref())?;
+    let origin = settings.origin(scene)?;
     region.check(scene.film.width, scene.film.height)?;
     let needed = Sums::bytes(&region, settings.strands);
     match job.memory_limit {
@@ -138,7 +137,7 @@ pub fn begin(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> R
             size::format(limit)
         ))
         .hint("raise --memory-limit, or render a part: --region X0 Y0 X1 Y1")),
-        _ => Ok(Sums::new(region, settings.strands, settings.key(scene))),
+        _ => Ok(Sums::new(region, settings.strands, origin)),
     }
 }
 
@@ -160,13 +159,19 @@ pub fn run(
     let kept = sums_path(image);
     if !restart && let Some(found) = Sums::read(&kept, &sums)? {
         sums = found;
-        let (least, _) = sums.counts();
+        let (least, most) = sums.counts();
         job.progress
             .say(&format!("going on from {least} samples per pixel"));
+        if let Some(spp) = settings.spp.filter(|&spp| spp < most) {
+            job.progress.warn(&format!(
+                "{} keeps {most} samples per pixel, more than --spp {spp}, and the image has them all; --force begins anew",
+                kept.display()
+            ));
+        }
     }
     let save = |sums: &Sums| -> Result<()> {
         sums.write(&kept)?;
-        exr::write(image, &frame(scene, settings, sums), Precision::Float)
+        exr::write(image, &frame(scene, sums), Precision::Float)
     };
     job.report.stage("reference", |counts| {
         let before = sums.samples();
@@ -196,9 +201,8 @@ pub fn run(
 
 /// The image of sums.
 #[must_use]
-pub fn frame(scene: &Scene, settings: &Settings, sums: &Sums) -> Frame {
+pub fn frame(scene: &Scene, sums: &Sums) -> Frame {
     let mut frame = sums.frame(scene.film.width, scene.film.height);
-    let scene_hash: String = scene.hash.iter().map(|b| format!("{b:02x}")).collect();
     let (least, most) = sums.counts();
     let spp = if least == most {
         least.to_string()
@@ -207,8 +211,9 @@ pub fn frame(scene: &Scene, settings: &Settings, sums: &Sums) -> Frame {
     };
     for (name, value) in [
         ("version", env!("CARGO_PKG_VERSION").into()),
-        ("scene", scene_hash),
-        ("settings", settings.identity()),
+        ("exposure", scene.film.exposure.to_string()),
+        ("scene", sums.origin.scene.clone()),
+        ("settings", sums.origin.settings_json()),
         ("spp", spp),
     ] {
         frame.attributes.insert(format!("lvox/{name}"), value);
@@ -223,12 +228,12 @@ pub fn relmse(sums: &Sums) -> f64 {
     expected_relmse(&means, &variances)
 }
 
-/// Mean over pixels and channels of variance / (mean^2 + 0.01).
+/// Mean over pixels and channels of variance / (mean^2 + floor), with the floor of the metric, 0.01.
 #[must_use]
 pub fn expected_relmse(means: &[[f32; 3]], variances: &[[f32; 3]]) -> f64 {
     let terms = means.as_flattened().iter().zip(variances.as_flattened());
     let sum: f64 = terms
-        .map(|(&m, &v)| f64::from(v) / (f64::from(m).powi(2) + 0.01))
+        .map(|(&m, &v)| f64::from(v) / (f64::from(m).powi(2) + RELATIVE_FLOOR))
         .sum();
     sum / (3 * means.len()) as f64
 }

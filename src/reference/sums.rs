@@ -7,14 +7,67 @@
 use crate::image::{Frame, Layer, Region};
 use crate::run::Output;
 use crate::{Error, Result};
-use std::io::Write;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::File;
+use std::io::{Read, Write};
 use std::path::Path;
 
 const MAGIC: &[u8; 8] = b"\x89lvs\r\n\x1a\n";
-const VERSION: u32 = 1;
-/// Magic, version, strands, region, key.
-const HEADER: usize = 8 + 4 + 4 + 16 + 32;
+const VERSION: u32 = 2;
+/// Magic, version, strands, region, length of the origin.
+const FIXED: usize = 8 + 4 + 4 + 16 + 4;
+/// Most bytes of an origin that are looked at.
+const LONGEST_ORIGIN: usize = 1 << 16;
 const CHECKSUM: usize = 32;
+
+/// What samples were made from.
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Origin {
+    /// Digest of the path tracer's sources.
+    pub code: String,
+    /// Digest of the scene's files.
+    pub scene: String,
+    /// Pixels across and down of the frame.
+    pub film: [u32; 2],
+    /// Settings by name, as JSON.
+    pub settings: BTreeMap<String, serde_json::Value>,
+}
+
+impl Origin {
+    /// The settings as a JSON object.
+    #[must_use]
+    pub fn settings_json(&self) -> String {
+        serde_json::to_string(&self.settings).unwrap_or_default()
+    }
+
+    /// What an origin has that another has not.
+    fn differences(&self, here: &Self) -> Vec<String> {
+        let mut found = Vec::new();
+        if self.scene != here.scene {
+            found.push("another scene".to_owned());
+        }
+        if self.film != here.film {
+            let size = |[w, h]: [u32; 2]| format!("{w}x{h}");
+            let (there, here) = (size(self.film), size(here.film));
+            found.push(format!("another frame ({there} pixels, here {here})"));
+        }
+        let names: BTreeSet<&String> = self.settings.keys().chain(here.settings.keys()).collect();
+        for name in names {
+            let (there, here) = (self.settings.get(name), here.settings.get(name));
+            if there != here {
+                let shown = |v: Option<&serde_json::Value>| {
+                    v.map_or_else(|| "absent".to_owned(), ToString::to_string)
+                };
+                let (there, here) = (shown(there), shown(here));
+                found.push(format!("another setting ({name} {there}, here {here})"));
+            }
+        }
+        if self.code != here.code {
+            found.push("a build whose path tracer has other sources".to_owned());
+        }
+        found
+    }
+}
 
 /// A row of pixels.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,8 +87,8 @@ pub struct Sums {
     pub region: Region,
     /// Independent sequences in each pixel.
     pub strands: u32,
-    /// What the samples were made from: sums of different keys do not mix.
-    pub key: [u8; 32],
+    /// What the samples were made from: sums of different origins do not mix.
+    pub origin: Origin,
     /// From the region's top.
     pub rows: Vec<Row>,
 }
@@ -64,7 +117,7 @@ fn estimate(count: u32, strands: u32, sums: impl Iterator<Item = f64> + Clone) -
 impl Sums {
     /// No samples yet.
     #[must_use]
-    pub fn new(region: Region, strands: u32, key: [u8; 32]) -> Self {
+    pub fn new(region: Region, strands: u32, origin: Origin) -> Self {
         let pixels = region.width() as usize * strands as usize;
         let rows = (region.y0..region.y1)
             .map(|y| Row {
@@ -76,7 +129,7 @@ impl Sums {
         Self {
             region,
             strands,
-            key,
+            origin,
             rows,
         }
     }
@@ -127,8 +180,8 @@ impl Sums {
         frame
     }
 
-    /// Writes all sums. Layout, little-endian: magic, u32 version, u32 strands, u32 x0 y0 x1 y1, 32 bytes of key; for
-    /// each row u32 samples per pixel, then for each pixel and strand three f64; blake3 of all that.
+    /// Writes all sums. Layout, little-endian: magic, u32 version, u32 strands, u32 x0 y0 x1 y1, u32 length of
+    /// the origin and the origin as JSON; for each row u32 samples per pixel, then for each pixel and strand three f64; blake3 of all that.
     ///
     /// # Errors
     /// If the file cannot be written; one that is there stays as it was then.
@@ -155,39 +208,45 @@ impl Sums {
         output.commit()
     }
 
-    /// Reads what [`Sums::write`] wrote of sums like `like`: of the same region, strands and key. `None` if there is no
+    /// Reads what [`Sums::write`] wrote of sums like `like`: of the same region, strands and origin. `None` if there is no
     /// such file.
     ///
     /// # Errors
-    /// [`crate::Kind::Input`] if the file is damaged or holds samples of something else.
+    /// [`crate::Kind::Input`] if the file is damaged or holds samples of something else; the message says of what.
     pub fn read(path: &Path, like: &Self) -> Result<Option<Self>> {
-        let bytes = match std::fs::metadata(path) {
+        let mut file = match File::open(path) {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            Err(e) => return Err(Error::io("read", path, &e)),
-            // Before it is read: a foreign file may be of any length.
-            Ok(meta) if meta.len() != like.file_length() => Vec::new(),
-            Ok(_) => std::fs::read(path).map_err(|e| Error::io("read", path, &e))?,
+            other => other.map_err(|e| Error::io("read", path, &e))?,
         };
         let refused = |what: &str| {
             Error::input(format!("{} {what}", path.display())).hint(
                 "choose another output, or begin anew with --force: the samples in that file are lost then",
             )
         };
-        let foreign = || refused("keeps samples of another scene, region or setting");
-        let Some((body, checksum)) = bytes.split_last_chunk::<CHECKSUM>() else {
-            return Err(foreign());
-        };
-        if !body.starts_with(MAGIC) {
-            return Err(foreign());
+        // A foreign file may be of any length.
+        let mut bytes = Vec::new();
+        (&mut file)
+            .take((FIXED + LONGEST_ORIGIN) as u64)
+            .read_to_end(&mut bytes)
+            .map_err(|e| Error::io("read", path, &e))?;
+        if !bytes.starts_with(&like.header()) {
+            return Err(refused(&like.what_else(&bytes)));
         }
+        let length = file.metadata().map_err(|e| Error::io("read", path, &e))?;
+        if length.len() != like.file_length() {
+            return Err(refused("is damaged: its length is wrong"));
+        }
+        file.read_to_end(&mut bytes)
+            .map_err(|e| Error::io("read", path, &e))?;
+        let cut = || refused("is cut");
+        let (body, checksum) = bytes.split_last_chunk::<CHECKSUM>().ok_or_else(cut)?;
         if blake3::hash(body).as_bytes() != checksum {
             return Err(refused("is damaged: its checksum is wrong"));
         }
-        let Some(mut rest) = body.strip_prefix(like.header().as_slice()) else {
-            return Err(foreign());
-        };
-        let mut sums = Self::new(like.region, like.strands, like.key);
-        let cut = || refused("is cut");
+        let mut rest = body
+            .strip_prefix(like.header().as_slice())
+            .ok_or_else(cut)?;
+        let mut sums = Self::new(like.region, like.strands, like.origin.clone());
         for row in &mut sums.rows {
             let (count, after) = rest.split_first_chunk().ok_or_else(cut)?;
             row.count = u32::from_le_bytes(*count);
@@ -202,19 +261,60 @@ impl Sums {
     }
 
     fn header(&self) -> Vec<u8> {
-        let mut header = Vec::with_capacity(HEADER);
+        let origin = serde_json::to_vec(&self.origin).unwrap_or_default();
+        let mut header = Vec::with_capacity(FIXED + origin.len());
         header.extend_from_slice(MAGIC);
         let r = &self.region;
         for v in [VERSION, self.strands, r.x0, r.y0, r.x1, r.y1] {
             header.extend_from_slice(&v.to_le_bytes());
         }
-        header.extend_from_slice(&self.key);
+        header.extend_from_slice(
+            &u32::try_from(origin.len())
+                .unwrap_or(u32::MAX)
+                .to_le_bytes(),
+        );
+        header.extend_from_slice(&origin);
         header
+    }
+
+    /// What a file keeps whose header is not that of these sums.
+    fn what_else(&self, bytes: &[u8]) -> String {
+        let Some(rest) = bytes.strip_prefix(MAGIC) else {
+            return "is no file of samples".into();
+        };
+        let mut numbers = rest
+            .chunks_exact(4)
+            .map(|b| b.try_into().map_or(0, u32::from_le_bytes));
+        let mut next = || numbers.next().unwrap_or(0);
+        let version = next();
+        if version != VERSION {
+            return format!("is of version {version} of such files, not {VERSION}");
+        }
+        let strands = next();
+        let region = Region {
+            x0: next(),
+            y0: next(),
+            x1: next(),
+            y1: next(),
+        };
+        let length = next() as usize;
+        let origin = bytes.get(FIXED..FIXED.saturating_add(length));
+        let Some(origin) = origin.and_then(|o| serde_json::from_slice::<Origin>(o).ok()) else {
+            return "is damaged or cut: its header cannot be read".into();
+        };
+        let mut found = origin.differences(&self.origin);
+        if region != self.region {
+            found.push(format!("another region ({region}, here {})", self.region));
+        }
+        if found.is_empty() {
+            found.push(format!("{strands} strands, here {}", self.strands));
+        }
+        format!("keeps samples of {}", found.join(", "))
     }
 
     fn file_length(&self) -> u64 {
         let rows = u64::from(self.region.height()) * 4 + Self::bytes(&self.region, self.strands);
-        (HEADER + CHECKSUM) as u64 + rows
+        (self.header().len() + CHECKSUM) as u64 + rows
     }
 }
 
@@ -229,6 +329,15 @@ mod tests {
         x1: 7,
         y1: 8,
     };
+
+    fn origin(max_depth: u32) -> Origin {
+        Origin {
+            code: "c".into(),
+            scene: "s".into(),
+            film: [20, 10],
+            settings: [("max_depth".to_owned(), max_depth.into())].into(),
+        }
+    }
 
     #[test]
     fn the_variance_has_no_bias_for_any_count() {
@@ -262,20 +371,29 @@ mod tests {
     fn sums_survive_a_round_trip_and_do_not_mix() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.sums");
-        let mut sums = Sums::new(REGION, 4, [1; 32]);
+        let mut sums = Sums::new(REGION, 4, origin(1));
         assert!(Sums::read(&path, &sums).unwrap().is_none());
         sums.rows[1].count = 7;
         sums.rows[1].sums[5] = [0.1, 1e30, -2.0];
         sums.write(&path).unwrap();
         assert_eq!(Sums::read(&path, &sums).unwrap().unwrap(), sums);
         let other = Region { x0: 2, ..REGION };
-        for like in [
-            Sums::new(REGION, 4, [2; 32]),
-            Sums::new(other, 4, [1; 32]),
-            Sums::new(REGION, 3, [1; 32]),
+        let change = |change: fn(&mut Origin)| {
+            let mut other = origin(1);
+            change(&mut other);
+            Sums::new(REGION, 4, other)
+        };
+        for (like, part) in [
+            (Sums::new(REGION, 4, origin(2)), "max_depth 1, here 2"),
+            (Sums::new(other, 4, origin(1)), "here 2 5 7 8"),
+            (Sums::new(REGION, 3, origin(1)), "4 strands, here 3"),
+            (change(|o| o.scene.push('x')), "another scene"),
+            (change(|o| o.code.push('x')), "other sources"),
+            (change(|o| o.film[1] = 11), "20x10 pixels, here 20x11"),
         ] {
             let error = Sums::read(&path, &like).unwrap_err();
             assert_eq!(error.kind(), crate::Kind::Input);
+            assert!(error.to_string().contains(part), "{error}");
             assert!(error.hint_text().unwrap().contains("--force"));
         }
     }
@@ -284,7 +402,7 @@ mod tests {
     fn damaged_files_are_refused() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.sums");
-        let sums = Sums::new(REGION, 4, [1; 32]);
+        let sums = Sums::new(REGION, 4, origin(1));
         sums.write(&path).unwrap();
         let whole = std::fs::read(&path).unwrap();
         for at in (0..whole.len()).step_by(7) {

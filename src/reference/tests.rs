@@ -313,14 +313,14 @@ fn tiles_and_threads_do_not_matter() {
     };
     let part = render(&scene, &settings(6), tile);
     let cut = |region: &Region| {
-        let frame = frame(&scene, &settings(6), &whole);
+        let frame = frame(&scene, &whole);
         let mut pictures = Vec::new();
         for layer in ["", "variance"] {
             pictures.push(frame.picture(layer, region).unwrap());
         }
         pictures
     };
-    let own = frame(&scene, &settings(6), &part);
+    let own = frame(&scene, &part);
     assert_eq!(own.picture("", &tile).unwrap(), cut(&tile)[0]);
     assert_eq!(own.picture("variance", &tile).unwrap(), cut(&tile)[1]);
 }
@@ -373,4 +373,23 @@ fn time_ends_a_run_too() {
     };
     let sums = render(&scene, &timed, Region::full(20, 12));
     assert!(sums.counts().0 >= 1);
+}
+
+#[test]
+fn the_first_camera_goes_on_by_its_name() {
+    let (scene, job) = (scene(), Job::default());
+    let by = |camera: Option<&str>| {
+        let settings = Settings {
+            camera: camera.map(Into::into),
+            ..Settings::default()
+        };
+        begin(&scene, &settings, Region::full(20, 12), &job)
+    };
+    let sums = by(None).unwrap();
+    assert_eq!(sums, by(Some("main")).unwrap());
+    assert_eq!(sums.origin.code, CODE);
+    assert_eq!(CODE.len(), 32);
+    let image = frame(&scene, &sums);
+    assert!(image.attributes["lvox/settings"].contains(r#""camera":"main""#));
+    assert!(by(Some("other")).is_err());
 }

@@ -1,5 +1,6 @@
 //! What a run has beside its data: progress, cancellation, a memory limit, and a report of what it took.
 
+pub mod build;
 mod cancel;
 pub mod output;
 mod progress;

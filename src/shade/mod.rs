@@ -43,6 +43,11 @@ pub fn run(
 ) -> Result<Frame> {
     settings.check()?;
     region.check(scene.film.width, scene.film.height)?;
+    // The first camera is the same whether it was named or not.
+    let named = Settings {
+        camera: Some(scene.camera(settings.camera.as_deref())?.name.clone()),
+        ..settings.clone()
+    };
     job.report.stage("shade", |counts| {
         let (pixels, asked) = shade_regions(scene, store, settings, &[region], job)?;
         let pixels = pixels.concat();
@@ -61,11 +66,12 @@ pub fn run(
         let mut note =
             |name: &str, value: String| frame.attributes.insert(format!("lvox/{name}"), value);
         note("version", env!("CARGO_PKG_VERSION").into());
+        note("exposure", scene.film.exposure.to_string());
         note("scene", hex(&scene.hash));
         note("tree", hex(&store.tree().content_hash()));
         note(
             "settings",
-            serde_json::to_string(settings).unwrap_or_default(),
+            serde_json::to_string(&named).unwrap_or_default(),
         );
         Ok(frame)
     })

@@ -46,8 +46,10 @@ pub struct Versus {
     /// CPU seconds in which Monte Carlo reaches the run's error; none if the run is nearer to the reference than the
     /// reference's own noise allows.
     pub equal_error_secs: Option<f64>,
-    /// That over the run's own time of rendering.
+    /// That over the run's own time of rendering: for all images after the first of a tree.
     pub speed_up: Option<f64>,
+    /// That over the run's time with baking and building: for one image.
+    pub total_speed_up: Option<f64>,
     /// The error that Monte Carlo reaches in the run's time of rendering.
     pub equal_time_error: Option<f64>,
     /// Whether that time is outside those of the Monte Carlo runs.
@@ -252,6 +254,7 @@ impl Study {
                     metric: metric.name().into(),
                     equal_error_secs: equal,
                     speed_up: equal.map(|t| t / secs),
+                    total_speed_up: equal.map(|t| t / self.total_secs(run)),
                     equal_time_error: curve.error(secs),
                     extrapolated: equal.is_some_and(|t| !curve.covers(t)),
                 });
@@ -399,6 +402,7 @@ mod tests {
         // 0.01 above the floor takes 100 s, the run took 2.
         assert!((base.equal_error_secs.unwrap() - 100.0).abs() < 1e-6);
         assert!((base.speed_up.unwrap() - 50.0).abs() < 1e-6);
+        assert_eq!(base.total_speed_up, base.speed_up);
         assert!((base.equal_time_error.unwrap() - 0.501).abs() < 1e-6);
         assert!(base.extrapolated);
         let pdiff = of("extended-base-0", Metric::Pdiff);
@@ -410,6 +414,40 @@ mod tests {
         let least = (16.0_f64.ln() + 4.0_f64.ln() * (0.02_f64 / 1e-4).ln() / 10.0_f64.ln()).exp();
         assert!((none.equal_error_secs.unwrap() - least).abs() < 1e-6);
         assert!(none.extrapolated);
+    }
+
+    #[test]
+    fn baking_and_building_count_for_one_image() {
+        let mut study = study();
+        study.runs[3].cloud = Some("c".into());
+        let secs = |cpu_secs| Timing {
+            cpu_secs,
+            ..Timing::default()
+        };
+        study.clouds.push(Cloud {
+            name: "c".into(),
+            bake: secs(5.0),
+            build: secs(1.0),
+            ..Cloud::default()
+        });
+        study.find();
+        let base = study.versus_of(&study.runs[3], Metric::RelMse).unwrap();
+        // 100 s of Monte Carlo over 2 of rendering, and over those with 6 of baking and building.
+        assert!((base.speed_up.unwrap() - 50.0).abs() < 1e-6);
+        assert!((base.total_speed_up.unwrap() - 12.5).abs() < 1e-6);
+        let table = super::super::table::summary(&study);
+        let row = table
+            .rows
+            .iter()
+            .find(|r| r[0] == "extended-base-0")
+            .unwrap();
+        for (column, cell) in [
+            ("rendering faster at equal relMSE", "(50.0 x)"),
+            ("with bake and build, equal relMSE", "(12.5 x)"),
+        ] {
+            let at = table.head.iter().position(|h| *h == column).unwrap();
+            assert_eq!(row[at], cell);
+        }
     }
 
     #[test]

@@ -113,7 +113,7 @@ impl<'a> Bench<'a> {
                     let mut sums = reference::begin(self.scene, &settings, region, &self.job)?;
                     let nothing = &mut |_: &reference::Sums| Ok(());
                     reference::accumulate(self.scene, &settings, &mut sums, &self.job, nothing)?;
-                    Ok(reference::frame(self.scene, &settings, &sums))
+                    Ok(reference::frame(self.scene, &sums))
                 })?
             }
             How::Points(points) => timed(|| {

@@ -16,7 +16,7 @@ pub use plan::Settings;
 pub use record::Study;
 
 use crate::image::{Picture, exr, heat, load, png, tone};
-use crate::run::{Job, Output};
+use crate::run::{Job, Output, build};
 use crate::scene::Scene;
 use crate::{Error, Kind, Result, reference};
 use html::Shown;
@@ -30,7 +30,7 @@ use std::path::{Path, PathBuf};
 /// `restart` forgets what an earlier study measured there.
 ///
 /// # Errors
-/// Settings that make no sense, a folder of another study, whatever rendering and writing can give, or a stop on request;
+/// Settings that make no sense, a folder of another study or of another build of the program, whatever rendering and writing can give, or a stop on request;
 /// after that the reports hold what is finished.
 pub fn run(
     scene: &Scene,
@@ -41,8 +41,8 @@ pub fn run(
 ) -> Result<Study> {
     settings.check()?;
     scene.camera(settings.camera.as_deref())?;
+    let key = key(scene, settings)?;
     let files = Files::new(folder)?;
-    let key = key(scene, settings);
     let mut study = match Study::read(&files.json(), &key) {
         Ok(Some(found)) if !restart => found,
         Err(e) if !restart => return Err(e),
@@ -111,18 +111,34 @@ impl Files {
     }
 }
 
-fn key(scene: &Scene, settings: &Settings) -> String {
+/// What times and errors depend on: the build of the program, the scene, the settings, and of a reference that was given
+/// its content, wherever it lies, and the exposure that it is looked at with.
+fn key(scene: &Scene, settings: &Settings) -> Result<String> {
     let mut hasher = blake3::Hasher::new();
-    hasher.update(env!("CARGO_PKG_VERSION").as_bytes());
+    hasher.update(&build::digest());
     hasher.update(&scene.hash);
     hasher.update(&scene.film.width.to_le_bytes());
     hasher.update(&scene.film.height.to_le_bytes());
-    hasher.update(
-        serde_json::to_string(settings)
-            .unwrap_or_default()
-            .as_bytes(),
-    );
-    hasher.finalize().to_hex().to_string()
+    let named = Settings {
+        camera: Some(scene.camera(settings.camera.as_deref())?.name.clone()),
+        reference: None,
+        ..settings.clone()
+    };
+    hasher.update(serde_json::to_string(&named).unwrap_or_default().as_bytes());
+    if let Some(path) = &settings.reference {
+        let mut content = blake3::Hasher::new();
+        fs::File::open(path)
+            .and_then(|file| content.update_reader(file).map(drop))
+            .map_err(|e| Error::io("read", path, &e))?;
+        hasher.update(content.finalize().as_bytes());
+        hasher.update(&exposure(scene, path)?.to_le_bytes());
+    }
+    Ok(hasher.finalize().to_hex().to_string())
+}
+
+/// What a reference is looked at with.
+fn exposure(scene: &Scene, reference: &Path) -> Result<f32> {
+    Ok(load::exposure_of(reference)?.unwrap_or(scene.film.exposure))
 }
 
 fn begin(scene: &Scene, settings: &Settings, key: String) -> Study {
@@ -266,13 +282,22 @@ fn obtain_reference(
     let target = frame
         .picture("", &region)
         .map_err(|e| e.at(path.display()))?;
+    let broken = target.non_finite();
+    if broken > 0 {
+        job.progress.warn(&format!(
+            "{}: {broken} pixels are infinite or not a number",
+            path.display()
+        ));
+    }
     study.reference = Reference {
         source,
         relmse: frame
             .picture("variance", &region)
             .ok()
-            .map(|v| reference::expected_relmse(&target.pixels, &v.pixels)),
-        exposure: load::exposure_of(&path)?.unwrap_or(scene.film.exposure),
+            .map(|v| reference::expected_relmse(&target.pixels, &v.pixels))
+            // A single sequence of samples tells no variance.
+            .filter(|v| v.is_finite()),
+        exposure: exposure(scene, &path)?,
     };
     Ok(target)
 }
@@ -313,4 +338,52 @@ fn write_reports(study: &Study, files: &Files) -> Result<()> {
 
 fn read(path: &Path) -> Result<Vec<u8>> {
     fs::read(path).map_err(|e| Error::io("read", path, &e))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_key_knows_a_reference_by_content_and_exposure() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut scene = Scene::without_picture();
+        let of = |scene: &Scene, name: &str| {
+            let settings = Settings {
+                reference: Some(dir.path().join(name)),
+                ..Settings::default()
+            };
+            key(scene, &settings)
+        };
+        let put = |name: &str, text: &str| fs::write(dir.path().join(name), text).unwrap();
+        assert!(of(&scene, "a.exr").is_err());
+        put("a.exr", "one");
+        put("b.exr", "one");
+        let one = of(&scene, "a.exr").unwrap();
+        assert_eq!(of(&scene, "b.exr").unwrap(), one);
+        put("a.exr", "two");
+        assert_ne!(of(&scene, "a.exr").unwrap(), one);
+        put("b.json", r#"{"scene": "s.json"}"#);
+        put("s.json", r#"{"tonemap": {"exposure": 2.5}}"#);
+        assert_ne!(of(&scene, "b.exr").unwrap(), one);
+        scene.film.exposure = 3.0;
+        put("a.exr", "one");
+        assert_ne!(of(&scene, "a.exr").unwrap(), one);
+        assert_ne!(key(&scene, &Settings::default()).unwrap(), one);
+    }
+
+    #[test]
+    fn the_first_camera_is_the_same_by_name() {
+        let mut scene = Scene::without_picture();
+        scene.cameras[0].name = "front".into();
+        let of = |camera: Option<&str>| {
+            let settings = Settings {
+                camera: camera.map(Into::into),
+                ..Settings::default()
+            };
+            key(&scene, &settings)
+        };
+        assert_eq!(of(None).unwrap(), of(Some("front")).unwrap());
+        assert!(of(Some("back")).is_err());
+    }
 }

@@ -11,7 +11,7 @@ use std::path::Path;
 pub struct Study {
     /// Version of lvox.
     pub version: String,
-    /// What the measurements belong to: scene and settings, hashed.
+    /// What the measurements belong to: build of the program, scene, settings and reference, hashed.
     pub key: String,
     /// Name of the scene.
     pub scene: String,
@@ -159,7 +159,7 @@ impl Study {
     /// What an earlier study of the same key has measured; `None` if there is none.
     ///
     /// # Errors
-    /// [`crate::Kind::Input`] if the file is damaged or belongs to another scene or other settings.
+    /// [`crate::Kind::Input`] if the file is damaged or belongs to another scene, reference, setting or build.
     pub fn read(path: &Path, key: &str) -> Result<Option<Self>> {
         let bytes = match std::fs::read(path) {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
@@ -175,7 +175,7 @@ impl Study {
             Ok(Some(study))
         } else {
             Err(refused(
-                "belongs to another scene, version or settings".into(),
+                "belongs to another scene, reference, setting or build of lvox".into(),
             ))
         }
     }

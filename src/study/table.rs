@@ -59,10 +59,12 @@ pub fn summary(study: &Study) -> Table {
             figure(run.time().cpu_secs),
             percent(run.errors.pdiff),
             percent(versus(Metric::Pdiff).and_then(|v| v.equal_time_error)),
-            times(versus(Metric::Pdiff)),
+            times(versus(Metric::Pdiff), |v| v.speed_up),
+            times(versus(Metric::Pdiff), |v| v.total_speed_up),
             optional(run.errors.relmse),
             optional(versus(Metric::RelMse).and_then(|v| v.equal_time_error)),
-            times(versus(Metric::RelMse)),
+            times(versus(Metric::RelMse), |v| v.speed_up),
+            times(versus(Metric::RelMse), |v| v.total_speed_up),
             optional(run.errors.flip),
             tree_memory(cloud, run),
             lvoxel_memory(cloud, run),
@@ -76,10 +78,12 @@ pub fn summary(study: &Study) -> Table {
             "render s",
             "pdiff %",
             "Monte Carlo's in that time",
-            "faster at equal pdiff",
+            "rendering faster at equal pdiff",
+            "with bake and build, equal pdiff",
             "relMSE",
             "Monte Carlo's in that time",
-            "faster at equal relMSE",
+            "rendering faster at equal relMSE",
+            "with bake and build, equal relMSE",
             "FLIP",
             "tree MB",
             "of it lvoxels MB",
@@ -89,8 +93,8 @@ pub fn summary(study: &Study) -> Table {
 }
 
 /// A speed-up; in brackets where it needs a time that was not measured.
-fn times(versus: Option<&Versus>) -> String {
-    match versus.and_then(|v| Some((v.speed_up?, v.extrapolated))) {
+fn times(versus: Option<&Versus>, factor: fn(&Versus) -> Option<f64>) -> String {
+    match versus.and_then(|v| Some((factor(v)?, v.extrapolated))) {
         None => "–".into(),
         Some((factor, false)) => format!("{} x", figure(factor)),
         Some((factor, true)) => format!("({} x)", figure(factor)),

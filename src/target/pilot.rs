@@ -2,6 +2,7 @@
 
 use crate::gather::TreeStore;
 use crate::image::Region;
+use crate::image::metrics::linear::{self, RELATIVE_FLOOR};
 use crate::math::{Rgb, sampling};
 use crate::reference::{PathTracer, Sampler};
 use crate::run::Job;
@@ -24,10 +25,6 @@ const STRANDS: u32 = 4;
 const PATHS: [u32; 2] = [16, 256];
 /// Noise of a measured error that is good enough, over the target.
 const NOISE: f64 = 0.2;
-/// Keeps relative errors finite in the dark, as the metric has it.
-const FLOOR: f64 = 0.01;
-/// Share of pixels that the trimmed mean keeps, as the metric has it.
-const KEPT: f64 = 0.999;
 
 /// Blocks of a frame and what is known of their truth.
 pub struct Pilot<'a> {
@@ -176,8 +173,7 @@ impl<'a> Pilot<'a> {
         // By size of the error: as likely to drop what noise made too small as what it made too large.
         terms.sort_unstable_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
         // With nothing to go by the error is not a number, which the caller refuses.
-        let kept = ((terms.len() as f64 * KEPT) as usize).max(1);
-        let kept = kept.min(terms.len());
+        let kept = linear::kept(terms.len());
         let terms = &terms[..kept];
         let count = kept as f64;
         Measured {
@@ -217,7 +213,7 @@ impl Point {
             let truth = means.iter().sum::<f64>() / strands;
             let spread: f64 = means.iter().map(|m| (m - truth) * (m - truth)).sum();
             let noise = spread / (strands * (strands - 1.0));
-            let scale = 1.0 / (truth * truth + FLOOR);
+            let scale = 1.0 / (truth * truth + RELATIVE_FLOOR);
             let square = (f64::from(shaded) - truth).powi(2);
             let signal = (square - noise).max(0.0);
             error += scale * (square - noise) / 3.0;

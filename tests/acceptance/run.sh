@@ -225,7 +225,7 @@ for camera in reference back above; do
     check "camera $camera" run "camera.$camera" "$lvox" shade "$scenes/C.toml" --tree "$out/C.1.4G.lvt" \
         --camera "$camera" -o "$out/C.$camera.exr" --progress none
 done
-# The first camera is the default of `render`, but its name is among the settings in the file.
+# The image of `render` has one more layer.
 "$lvox" compare "$out/C.reference.exr" "$out/C.exr" --json >"$out/C.same.json"
 check 'baking, building and shading apart give the picture of render' within "$out/C.same.json" max_abs 0
 tiles=()

@@ -2,11 +2,17 @@
 
 use crate::image::Picture;
 
-/// Keeps relMSE finite in the dark: errors below about a tenth of a unit of radiance count absolutely.
-const RELATIVE_FLOOR: f64 = 0.01;
+/// Keeps relMSE finite in the dark: errors below about a tenth of a unit of radiance count absolutely. Radiance squared.
+pub const RELATIVE_FLOOR: f64 = 0.01;
 
-/// Share of pixels that the trimmed mean keeps.
-const KEPT: f64 = 0.999;
+/// Of so many pixels the trimmed mean drops one.
+const DROPPED_OF: usize = 1000;
+
+/// How many of so many pixels the trimmed mean keeps: all but the worst 0.1 %, rounded down.
+#[must_use]
+pub fn kept(pixels: usize) -> usize {
+    pixels - pixels / DROPPED_OF
+}
 
 /// Metrics of [`compare`]; see [`super::Scores`] for their meaning.
 #[derive(Clone, Copy, Debug)]
@@ -52,7 +58,7 @@ pub fn compare(picture: &Picture, reference: &Picture) -> Linear {
     let relmse = relative.iter().sum::<f64>() / count;
     // NaN sorts last, so a few broken pixels are trimmed like fireflies.
     relative.sort_unstable_by(f64::total_cmp);
-    let kept = ((count * KEPT) as usize).max(1);
+    let kept = kept(relative.len());
     Linear {
         rmse: (squares / (3.0 * count)).sqrt(),
         relmse,

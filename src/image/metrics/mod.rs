@@ -25,7 +25,7 @@ pub struct Scores {
     pub rmse: f64,
     /// Mean of `(x-r)^2 / (r^2 + 0.01)` over pixels and channels.
     pub relmse: f64,
-    /// The same without the worst 0.1 % of pixels, so that a single firefly does not decide it.
+    /// The same without the worst 0.1 % of pixels (rounded down, none of 999), so that a single firefly does not decide it.
     pub relmse_trimmed: f64,
     /// Mean of the picture over mean of the reference, less 1.
     pub bias: f64,
@@ -41,6 +41,8 @@ pub struct Scores {
     pub max_abs: f64,
     /// Pixels of the picture that are infinite or not a number.
     pub non_finite: usize,
+    /// Pixels of the reference that are.
+    pub reference_non_finite: usize,
     /// Factor on radiance before the tone map of the perceptual metrics.
     pub exposure: f32,
 }
@@ -107,6 +109,7 @@ pub fn compare_until(
         pdiff,
         max_abs: linear.max_abs,
         non_finite: picture.non_finite(),
+        reference_non_finite: reference.non_finite(),
         exposure,
     };
     Ok(Comparison { scores, error_map })

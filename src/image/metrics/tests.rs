@@ -54,7 +54,7 @@ fn agrees_with_the_python_tools() {
             size: (48, 40),
             rmse: 0.06423953028396621,
             relmse: 0.07533871304840617,
-            trimmed: 0.06559050953828993,
+            trimmed: 0.0704460860837578,
             bias: 0.011062923704664662,
             max_abs: 0.55615234375,
             flip: 0.06653503328561783,
@@ -65,7 +65,7 @@ fn agrees_with_the_python_tools() {
             size: (13, 31),
             rmse: 0.07183776492467894,
             relmse: 0.08905509811690242,
-            trimmed: 0.06629819378331679,
+            trimmed: 0.08905509811690242,
             bias: 0.01426232173361619,
             max_abs: 0.55615234375,
             flip: 0.07971405237913132,
@@ -146,9 +146,36 @@ fn broken_pixels_are_counted_and_do_not_pass_unseen() {
     picture.pixels[5][1] = f32::NAN;
     picture.pixels[9][0] = f32::INFINITY;
     let scores = compare(&picture, &reference, 1.0).unwrap().scores;
-    assert_eq!(scores.non_finite, 2);
+    assert_eq!((scores.non_finite, scores.reference_non_finite), (2, 0));
+    let turned = compare(&reference, &picture, 1.0).unwrap().scores;
+    assert_eq!((turned.non_finite, turned.reference_non_finite), (0, 2));
     assert!(scores.rmse.is_nan() && scores.max_abs.is_nan());
     assert!(scores.flip.is_finite());
+}
+
+#[test]
+fn the_trimmed_mean_drops_a_thousandth_rounded_down() {
+    for (pixels, dropped) in [
+        (0, 0),
+        (1, 0),
+        (999, 0),
+        (1000, 1),
+        (1999, 1),
+        (262_144, 262),
+    ] {
+        assert_eq!(pixels - linear::kept(pixels), dropped);
+    }
+    let flat = |pixels: usize| Picture {
+        width: pixels,
+        height: 1,
+        pixels: vec![[1.0; 3]; pixels],
+    };
+    for (pixels, is_dropped) in [(999, false), (1000, true)] {
+        let mut picture = flat(pixels);
+        picture.pixels[7] = [9.0; 3];
+        let trimmed = linear::compare(&picture, &flat(pixels)).relmse_trimmed;
+        assert_eq!(trimmed == 0.0, is_dropped);
+    }
 }
 
 #[test]
