@@ -293,14 +293,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             if place.densest * (1 << level) as f32 <= smooth
                 || are_alike(&values, Self::ALIKE_GATHERED, |v| v.luminance())
             {
-                let light = blend(&values);
-                let [most, depth] =
-                    [place.densest, place.voxel_depth].map(|d| d * (1 << level) as f32);
-                if most <= Self::FLAT {
-                    return light;
-                }
-                let spread = Spread::of(&values, |v| v.luminance());
-                return light * spread.fall(&values, depth, |v| libm::logf(v.luminance()));
+                return blend(&values);
             }
         }
         mean_radiance(place.at, place.point, self.seed_of(place.point))
