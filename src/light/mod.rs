@@ -168,14 +168,14 @@ impl<'a, S: Shadows> Lights<'a, S> {
             normal,
             face_normal,
         };
-        self.sum(origin, rays, receiver)
+        self.sum(origin, rays, receiver, None, |_| true)
     }
 
     /// Mean over the sphere of the direct radiance at a point of a medium: its in-scattered radiance for an isotropic
     /// phase function.
     #[must_use]
     pub fn mean_radiance(&self, point: Vec3, rays: ShadowRays) -> Direct<S::Dimming> {
-        let mut direct = self.sum(point, rays, Medium);
+        let mut direct = self.sum(point, rays, Medium, None, |_| true);
         direct.sharp *= INVERSE_SPHERE;
         direct.open *= INVERSE_SPHERE;
         direct
@@ -185,19 +185,7 @@ impl<'a, S: Shadows> Lights<'a, S> {
     /// are those of `suns`, or the scene's own.
     #[must_use]
     pub fn in_medium(&self, point: Vec3, rays: ShadowRays, suns: Option<&SunDepths>) -> InMedium {
-        let mut rest = Direct::default();
-        for (index, light) in self.tracer.scene.lights.iter().enumerate() {
-            let asking = Asking {
-                origin: point,
-                rays,
-                receiver: Medium,
-                sun_depth: suns.and_then(|s| s.of(index)),
-            };
-            if light.lamp().is_none() {
-                self.add_light(&mut rest, light, index, &asking);
-            }
-        }
-        self.add_emitters(&mut rest, point, rays, Medium);
+        let rest = self.sum(point, rays, Medium, suns, |light| light.lamp().is_none());
         InMedium {
             share: self.share_of_lamps(point),
             rest: rest.light() * INVERSE_SPHERE,
@@ -250,17 +238,27 @@ impl<'a, S: Shadows> Lights<'a, S> {
         (0..rays.count()).map(through).sum::<f32>() / rays.count() as f32
     }
 
-    /// Sums over lights.
-    fn sum(&self, origin: Vec3, rays: ShadowRays, receiver: impl Receiver) -> Direct<S::Dimming> {
+    /// Sums over the lights that are `asked` for and all emissive triangles. Media before suns are those of `suns`, or the scene's
+    /// own.
+    fn sum(
+        &self,
+        origin: Vec3,
+        rays: ShadowRays,
+        receiver: impl Receiver,
+        suns: Option<&SunDepths>,
+        asked: impl Fn(&Light) -> bool,
+    ) -> Direct<S::Dimming> {
         let mut total = Direct::default();
         for (index, light) in self.tracer.scene.lights.iter().enumerate() {
-            let asking = Asking {
-                origin,
-                rays,
-                receiver,
-                sun_depth: None,
-            };
-            self.add_light(&mut total, light, index, &asking);
+            if asked(light) {
+                let asking = Asking {
+                    origin,
+                    rays,
+                    receiver,
+                    sun_depth: suns.and_then(|s| s.of(index)),
+                };
+                self.add_light(&mut total, light, index, &asking);
+            }
         }
         self.add_emitters(&mut total, origin, rays, receiver);
         total

@@ -68,6 +68,15 @@ const QUIET: [&str; 6] = [
     "4",
 ];
 const FEW: [&str; 2] = ["--surfels", "2000"];
+/// Renders, and keeps the tree.
+const RENDER: [&str; 6] = [
+    "render",
+    "scene.toml",
+    "-o",
+    "out.exr",
+    "--keep-tree",
+    "out.lvt",
+];
 
 #[test]
 fn rendering_is_baking_building_and_shading() {
@@ -178,15 +187,7 @@ fn wrong_scenes_and_settings_leave_nothing_behind() {
     ];
     for (text, options, parts) in cases {
         let work = Work::new(text);
-        let render = [
-            "render",
-            "scene.toml",
-            "-o",
-            "out.exr",
-            "--keep-tree",
-            "out.lvt",
-        ];
-        let run = lvox(&work, &[&render[..], options, &FEW, &QUIET].concat());
+        let run = lvox(&work, &[&RENDER[..], options, &FEW, &QUIET].concat());
         let what = format!("{options:?} {}", text.lines().nth(2).unwrap_or_default());
         if run.stderr.contains("Usage") || run.stderr.contains("For more information") {
             // The option parser has its own words.
@@ -413,13 +414,7 @@ mod signals {
     fn stopped_in(stage: &str, options: &[&str]) {
         let work = Work::new(ROOM);
         fs::create_dir(work.path("temporary")).unwrap();
-        let args = [
-            "render",
-            "scene.toml",
-            "-o",
-            "out.exr",
-            "--keep-tree",
-            "out.lvt",
+        let more = [
             "--report",
             "out.json",
             "--temp-dir",
@@ -427,7 +422,7 @@ mod signals {
             "--progress",
             "plain",
         ];
-        let args = [&args[..], options].concat();
+        let args = [&RENDER[..], &more, options].concat();
         stop(&work, &args, stage, Duration::ZERO, Duration::from_secs(20));
         let left: &[&str] = match stage {
             "surfels" => &["out.json", "scene.toml", "smoke.raw", "temporary"],
