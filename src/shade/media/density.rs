@@ -1,6 +1,7 @@
 //! How dense all media together are in the bricks of one volume: light in a haze changes as fast as in the cloud that stands
 //! in it.
 
+use super::bricks::BrickTable;
 use crate::scene::Volume;
 use crate::scene::grid::BRICK_CELLS;
 use glam::Vec3;
@@ -10,46 +11,33 @@ use glam::Vec3;
 /// It is the geometric mean of the extinctions of the volume and of all media together: an error of the light that
 /// one medium scatters matters by its share of all extinction, and goes by the square of the depth between vertices.
 #[derive(Debug)]
-pub struct Densities {
-    bricks: [usize; 3],
-    most: Vec<f32>,
-}
+pub struct Densities(BrickTable<f32>);
 
 impl Densities {
     /// Those of the volume at an index.
     pub fn new(volumes: &[Volume], index: usize) -> Self {
         let volume = &volumes[index];
-        let bricks = volume.sigma_t.brick_dims();
-        let [nx, ny, nz] = bricks;
         let others = || volumes.iter().enumerate().filter(|(i, _)| *i != index);
-        let most = (0..nx * ny * nz)
-            .map(|i| {
-                let b = [i % nx, i / nx % ny, i / nx / ny];
-                let own = volume.sigma_t.brick(b).map_or(0.0, |brick| brick.max);
-                if own > 0.0 {
-                    let rest: f32 = others().map(|(_, o)| most_around(volume, b, o)).sum();
-                    own * (1.0 + rest / own).sqrt()
-                } else {
-                    0.0
-                }
-            })
-            .collect();
-        Self { bricks, most }
+        Self(BrickTable::new(&volume.sigma_t, |b| {
+            let own = volume.sigma_t.brick(b).map_or(0.0, |brick| brick.max);
+            if own > 0.0 {
+                let rest: f32 = others().map(|(_, o)| most_around(volume, b, o)).sum();
+                own * (1.0 + rest / own).sqrt()
+            } else {
+                0.0
+            }
+        }))
     }
 
     /// That of a brick.
-    pub fn of(&self, [x, y, z]: [usize; 3]) -> f32 {
-        let [nx, ny, _] = self.bricks;
-        self.most[(z * ny + y) * nx + x]
+    pub fn of(&self, brick: [usize; 3]) -> f32 {
+        *self.0.of(brick)
     }
 
     /// That of the brick around a point of index space, or of the nearest.
     #[inline]
     pub fn at(&self, point_in_index: Vec3) -> f32 {
-        let p = point_in_index.to_array();
-        self.of(std::array::from_fn(|a| {
-            ((p[a] + 0.5).max(0.0) as usize / BRICK_CELLS).min(self.bricks[a] - 1)
-        }))
+        *self.0.at(point_in_index)
     }
 }
 

@@ -37,7 +37,7 @@ struct Lattices {
 }
 
 /// Spacings of 1, 2 and 4 voxels.
-pub(super) const LEVELS: usize = 3;
+const LEVELS: usize = 3;
 
 /// Voxels that vertices and probes keep from the border of their volume: there may be a floor in its plane, of which they
 /// would see either side.
@@ -117,7 +117,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                         cancel,
                     };
                     Sweep::new(&scope, |brick| {
-                        Self::swept_level(densities.of(brick) * voxel)
+                        let densest = densities.of(brick) * voxel;
+                        (densest <= Self::DEPTH).then_some(densest)
                     })
                 })
                 .transpose()?;
@@ -152,11 +153,6 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             .unwrap_or(0)
     }
 
-    /// The same where a brick is thin enough for light to be interpolated between the rays of a sweep.
-    fn swept_level(densest: f32) -> Option<usize> {
-        (densest <= Self::DEPTH).then(|| Self::level(densest))
-    }
-
     /// Source function of a volume along a stretch of a ray, given its ends in scene space and its optical depth.
     #[must_use]
     pub fn source(&self, volume: usize, ends: [Vec3; 2], depth: f32) -> Rgb {
@@ -175,7 +171,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             point,
             at,
             densest,
-            is_thin: Self::swept_level(densest).is_some(),
+            is_thin: densest <= Self::DEPTH,
             level,
             voxel_depth: depth * voxel / (to - from).length(),
         };
@@ -270,17 +266,17 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                 mean_radiance(p, self.to_scene(place.volume, p), key)
             })
         };
-        // A point may round into a brick of nothing, which is not swept.
-        let is_swept = place.is_thin && place.densest > 0.0;
-        let sweep = lattices.sweep.as_ref().filter(|_| is_swept);
+        let sweep = lattices.sweep.as_ref();
+        let swept_level = sweep.and_then(|sweep| sweep.level_at(place.at));
         // An environment lights media directly, through what is before them.
         let smooth = if self.lights.environment().is_black() {
             2.0 * Self::DEPTH
         } else {
             Self::FLAT
         };
-        for level in (0..=place.level + 1).rev() {
-            let swept = |v| sweep.filter(|_| level > place.level)?.get(place.level, v);
+        let first = swept_level.unwrap_or(place.level + 1);
+        for level in (0..=first).rev() {
+            let swept = |v| sweep.filter(|_| swept_level == Some(level))?.get(level, v);
             let values = lattices.indirect[level]
                 .around(place.at)
                 .map(|(v, weight)| {
@@ -290,7 +286,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                         (Rgb::BLACK, 0.0)
                     }
                 });
-            if place.densest * (1 << level) as f32 <= smooth
+            if swept_level == Some(level)
+                || place.densest * (1 << level) as f32 <= smooth
                 || are_alike(&values, Self::ALIKE_GATHERED, |v| v.luminance())
             {
                 return blend(&values);

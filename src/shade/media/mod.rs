@@ -1,5 +1,6 @@
 //! Light that media scatter towards the camera, looked up on lattices of their own.
 
+mod bricks;
 mod density;
 mod far_field;
 mod inscatter;

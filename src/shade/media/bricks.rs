@@ -1,0 +1,47 @@
+//! A value for each brick of a volume.
+
+use crate::scene::Grid;
+use crate::scene::grid::BRICK_CELLS;
+use glam::Vec3;
+
+/// Values by brick.
+#[derive(Debug)]
+pub struct BrickTable<T> {
+    dims: [usize; 3],
+    values: Vec<T>,
+}
+
+impl<T> BrickTable<T> {
+    /// One for each brick of a grid, empty or not.
+    pub fn new(grid: &Grid, value: impl Fn([usize; 3]) -> T) -> Self {
+        let dims = grid.brick_dims();
+        let [nx, ny, nz] = dims;
+        let bricks = (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]);
+        Self {
+            dims,
+            values: bricks.map(value).collect(),
+        }
+    }
+
+    /// That of a brick.
+    #[inline]
+    pub fn of(&self, [x, y, z]: [usize; 3]) -> &T {
+        let [nx, ny, _] = self.dims;
+        &self.values[(z * ny + y) * nx + x]
+    }
+
+    /// That of a brick, to be changed.
+    pub fn of_mut(&mut self, [x, y, z]: [usize; 3]) -> &mut T {
+        let [nx, ny, _] = self.dims;
+        &mut self.values[(z * ny + y) * nx + x]
+    }
+
+    /// That of the brick around a point of index space, or of the nearest.
+    #[inline]
+    pub fn at(&self, point_in_index: Vec3) -> &T {
+        let p = point_in_index.to_array();
+        // A brick's samples stand half a voxel from its cells' corners.
+        let brick = |a: usize| (p[a] + 0.5).max(0.0) as usize / BRICK_CELLS;
+        self.of(std::array::from_fn(|a| brick(a).min(self.dims[a] - 1)))
+    }
+}

@@ -1,0 +1,239 @@
+//! The rays of one direction of a sweep.
+
+use super::{MediaBox, Scope};
+use crate::Result;
+use crate::gather::{Medium, Pages};
+use crate::math::Rgb;
+use crate::math::dda::leave_box;
+use crate::math::exp::exp_neg_and_rest;
+use crate::math::segment::Segment;
+use crate::math::sheared::Sheared;
+use crate::shade::media::sparse::SparseLattice;
+use crate::trace::offset;
+use glam::Vec3;
+
+/// What arrives at a vertex from one direction: the medium's own light, and the share of light from beyond.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Arriving {
+    pub radiance: Rgb,
+    pub transmittance: f32,
+}
+
+/// Parallel rays through a volume, between which vertices interpolate.
+pub struct Rays<'a, P, M> {
+    scope: &'a Scope<'a, P, M>,
+    set: &'a SparseLattice,
+    /// Unit direction against the light.
+    direction: Vec3,
+    rays: Sheared,
+    media: &'a MediaBox,
+}
+
+impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
+    /// Those along a unit `direction` of scene space, against the light, for vertices `step` voxels apart.
+    pub fn new(
+        scope: &'a Scope<'a, P, M>,
+        set: &'a SparseLattice,
+        step: usize,
+        direction: Vec3,
+        media: &'a MediaBox,
+    ) -> Self {
+        let d = scope.volume.index_from_scene.transform_vector3(direction);
+        Self {
+            scope,
+            set,
+            direction,
+            rays: Sheared::new(d, step as f32),
+            media,
+        }
+    }
+
+    /// Passes all rays that any vertex needs, and returns what arrives at the vertices.
+    ///
+    /// # Errors
+    /// If cancelled.
+    pub fn pass(&self) -> Result<Vec<Arriving>> {
+        let [(u0, nu), (w0, nw)] = self.rays.extent(self.set.bounds());
+        let words = self.layers().div_ceil(64);
+        // By ray, a bit for each layer in which a vertex needs it.
+        let mut needed = vec![0_u64; nu * nw * words];
+        for v in self.set.vertices() {
+            let (_, across) = self.rays.place(v.map(|c| c as f32));
+            let [x, y] = across.map(|c| c.floor() as i32);
+            let ray = (y - w0) as usize * nu + (x - u0) as usize;
+            let layer = v[self.rays.axes[0]];
+            for ray in [ray, ray + 1, ray + nu, ray + nu + 1] {
+                needed[ray * words + layer / 64] |= 1 << (layer % 64);
+            }
+        }
+        let mut at_vertices = vec![Arriving::default(); self.set.len()];
+        let mut stops = Vec::new();
+        for (i, needed) in needed.chunks_exact(words).enumerate() {
+            self.scope.cancel.check()?;
+            stops.clear();
+            for (word, &bits) in needed.iter().enumerate() {
+                let mut bits = bits;
+                while bits != 0 {
+                    stops.push(word * 64 + bits.trailing_zeros() as usize);
+                    bits &= bits - 1;
+                }
+            }
+            if !stops.is_empty() {
+                if self.rays.upwards {
+                    stops.reverse();
+                }
+                let ray = [(i % nu) as i32 + u0, (i / nu) as i32 + w0].map(|c| c as f32);
+                self.pass_one(ray, &stops, |layer, light| {
+                    self.leave(ray, layer, light, &mut at_vertices);
+                });
+            }
+        }
+        Ok(at_vertices)
+    }
+
+    /// Leaves what a ray brings to a layer at the vertices around it there, each of which takes its share from four rays.
+    #[inline]
+    fn leave(&self, ray: [f32; 2], layer: usize, light: Arriving, at_vertices: &mut [Arriving]) {
+        let [main, u, w] = self.rays.axes;
+        let count = self.set.count();
+        let at = self.rays.across(ray, layer as f32);
+        // How far a vertex is from the ray, as all rays around it reckon.
+        let share = |axis: usize, c: f32| {
+            let (_, across) = self.rays.place({
+                let mut p = [0.0; 3];
+                (p[main], p[[u, w][axis]]) = (layer as f32, c);
+                p
+            });
+            (1.0 - (across[axis] - ray[axis]).abs()).max(0.0)
+        };
+        let around = |axis: usize| {
+            let below = at[axis].floor();
+            [below, below + 1.0].map(|c| (c, share(axis, c)))
+        };
+        let columns = around(0);
+        for (y, share_y) in around(1) {
+            for (x, share_x) in columns {
+                let is_inside = x >= 0.0 && y >= 0.0 && x < count[u] as f32 && y < count[w] as f32;
+                if !is_inside {
+                    continue;
+                }
+                let mut v = [layer; 3];
+                (v[u], v[w]) = (x as usize, y as usize);
+                if let Some(i) = self.set.index(v) {
+                    let weight = share_x * share_y;
+                    at_vertices[i].radiance += light.radiance * weight;
+                    at_vertices[i].transmittance += light.transmittance * weight;
+                }
+            }
+        }
+    }
+
+    /// Layers of vertices.
+    fn layers(&self) -> usize {
+        self.set.count()[self.rays.axes[0]]
+    }
+
+    /// Passes one ray, and tells what it brings to some layers, in the order of travel.
+    fn pass_one(&self, at: [f32; 2], stops: &[usize], mut arrive: impl FnMut(usize, Arriving)) {
+        // The whole ray is the same whatever part of it is needed.
+        let first = if self.rays.upwards {
+            self.layers() - 1
+        } else {
+            0
+        };
+        let first_point = self.scope.to_scene(self.rays.point(at, first));
+        let beyond = leave_box(first_point, self.direction, self.media.bounds);
+        let origin = first_point + self.direction * beyond;
+        let stop_at = |i: usize| {
+            let stop = stops.get(i);
+            stop.map_or(f32::INFINITY, |&layer| {
+                beyond + layer.abs_diff(first) as f32 * self.rays.between
+            })
+        };
+        // A layer further than any stop: whether a surface in a layer is met must not depend on which stop is the last.
+        let end = stop_at(stops.len() - 1) + self.rays.between;
+        let mut cuts = if self.media.has_walls {
+            self.walls(origin, end)
+        } else {
+            Vec::new()
+        };
+        cuts.reverse();
+
+        let mut light = Arriving {
+            radiance: Rgb::BLACK,
+            transmittance: 1.0,
+        };
+        let mut next = 0;
+        let mut add = |mut s: Segment| {
+            let mut next_at = stop_at(next);
+            while next < stops.len() {
+                let cut = cuts.last().is_some_and(|&c| c <= next_at);
+                let t = if cut { cuts[cuts.len() - 1] } else { next_at };
+                if t >= s.far {
+                    break;
+                }
+                let share = ((t - s.near) / (s.far - s.near)).max(0.0);
+                if cut {
+                    if share > 0.0 {
+                        s.tau *= 1.0 - share;
+                        s.near = t;
+                    }
+                    cuts.pop();
+                    light = Arriving {
+                        radiance: Rgb::BLACK,
+                        transmittance: 1.0,
+                    };
+                } else {
+                    // Of a copy: what the ray goes on with must not depend on where it is asked.
+                    let mut here = light;
+                    if share > 0.0 {
+                        here.pass(s.tau * share, s.source);
+                    }
+                    arrive(stops[next], here);
+                    next += 1;
+                    next_at = stop_at(next);
+                }
+            }
+            light.pass(s.tau, s.source);
+            next < stops.len()
+        };
+        self.scope
+            .gatherer
+            .media
+            .walk(origin, -self.direction, f32::INFINITY, &mut add);
+        // What is left of the ray is empty.
+        add(Segment {
+            near: f32::INFINITY,
+            far: f32::INFINITY,
+            tau: 0.0,
+            source: Rgb::BLACK,
+        });
+    }
+
+    /// Distances at which a ray passes surfaces.
+    fn walls(&self, origin: Vec3, end: f32) -> Vec<f32> {
+        let tracer = self.scope.view.tracer;
+        let mut walls = Vec::new();
+        let mut t = 0.0;
+        loop {
+            let from = origin - self.direction * t;
+            let Some(hit) = tracer.closest(from, -self.direction, end - t) else {
+                break;
+            };
+            walls.push(t + hit.t);
+            // Rays may meet walls at a slant.
+            t += hit.t + 4.0 * offset(origin).max(offset(from));
+        }
+        walls
+    }
+}
+
+impl Arriving {
+    /// Passes a medium on the way towards the vertex.
+    #[inline]
+    fn pass(&mut self, tau: f32, source: Rgb) {
+        let (through, taken) = exp_neg_and_rest(tau);
+        self.radiance = self.radiance * through + source * taken;
+        self.transmittance *= through;
+    }
+}
