@@ -73,8 +73,8 @@ impl Sheared {
             let corner = std::array::from_fn(|a| [first, last][i >> a & 1][a] as f32);
             let (_, across) = self.place(corner);
             for (extent, across) in extent.iter_mut().zip(across) {
-                extent.0 = extent.0.min(across.floor() as i32 - 1);
-                extent.1 = extent.1.max(across.ceil() as i32 + 1);
+                extent.0 = extent.0.min(across.floor() as i32 - 2);
+                extent.1 = extent.1.max(across.ceil() as i32 + 2);
             }
         }
         extent.map(|(low, high)| (low, (high - low + 1) as usize))

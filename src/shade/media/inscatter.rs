@@ -286,8 +286,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                         (Rgb::BLACK, 0.0)
                     }
                 });
-            if swept_level == Some(level)
-                || place.densest * (1 << level) as f32 <= smooth
+            if place.densest * (1 << level) as f32 <= smooth
                 || are_alike(&values, Self::ALIKE_GATHERED, |v| v.luminance())
             {
                 return blend(&values);

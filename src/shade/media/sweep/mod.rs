@@ -9,12 +9,10 @@ mod rays;
 use super::bricks::BrickTable;
 use super::far_field::{FarField, Surroundings};
 use super::sparse::SparseLattice;
-use super::vertices::Vertices;
 use crate::Result;
 use crate::gather::{Gatherer, Medium, Pages};
 use crate::image::Region;
 use crate::math::Rgb;
-use crate::math::segment::Composite;
 use crate::run::Cancel;
 use crate::scene::Volume;
 use crate::scene::grid::BRICK_CELLS;
@@ -73,11 +71,8 @@ impl Sweep {
     /// Directions that are held in memory together.
     const BATCH: u32 = 8;
 
-    /// Optical depth between vertices in bricks that the camera sees, at most, and in those that it hardly sees: light is not
-    /// linear along an optical depth, and is least so where a medium begins.
-    const SPACING: [f32; 2] = [0.7, 2.0];
-    /// Transmittance to the camera below which a brick is hardly seen.
-    const SEEN: f32 = 0.05;
+    /// Optical depth between vertices, at most.
+    const SPACING: f32 = 1.4;
 
     /// Sweeps the bricks of a volume that the camera may see. `depth_of(brick)` is the optical depth of the densest voxel in one,
     /// if it is to be swept.
@@ -86,27 +81,21 @@ impl Sweep {
     /// If cancelled.
     pub fn new<P: Pages, M: Medium>(
         scope: &Scope<P, M>,
-        depth_of: impl Fn([usize; 3]) -> Option<f32> + Sync,
+        depth_of: impl Fn([usize; 3]) -> Option<f32>,
     ) -> Result<Self> {
         let grid = &scope.volume.sigma_t;
         let [nx, ny, nz] = grid.brick_dims();
-        let corners = Vertices::new(grid.dims(), BRICK_CELLS);
-        let chosen: Vec<([usize; 3], usize)> = (0..nx * ny * nz)
-            .into_par_iter()
-            .filter_map(|i| {
-                let b = [i % nx, i / nx % ny, i / nx / ny];
-                let depth = grid.brick(b).and_then(|_| depth_of(b))?;
-                scope.may_see(b).then(|| {
-                    let is_seen = scope.transmittance_to(b, &corners) > Self::SEEN;
-                    (b, Self::level(depth, is_seen))
-                })
-            })
-            .collect();
         let mut level_of = BrickTable::new(grid, |_| None);
         let mut needed: [Vec<[usize; 3]>; LEVELS] = Default::default();
-        for (brick, level) in chosen {
-            *level_of.of_mut(brick) = Some(level as u8);
-            needed[level].push(brick);
+        for b in (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]) {
+            if grid.brick(b).is_some()
+                && let Some(depth) = depth_of(b)
+                && scope.may_see(b)
+            {
+                let level = Self::level(depth);
+                *level_of.of_mut(b) = Some(level as u8);
+                needed[level].push(b);
+            }
         }
         let bounds = media_bounds(scope.view.tracer.scene);
         let media = MediaBox {
@@ -122,13 +111,10 @@ impl Sweep {
         Ok(Self { levels, level_of })
     }
 
-    /// Log2 of the voxels between the vertices of a brick.
-    fn level(depth_of_voxel: f32, is_seen: bool) -> usize {
-        let [seen, hidden] = Self::SPACING;
-        let most = if is_seen { seen } else { hidden };
-        let levels = (0..LEVELS).rev();
-        let fits = |&l: &usize| depth_of_voxel * (1 << l) as f32 <= most;
-        levels.into_iter().find(fits).unwrap_or(0)
+    /// Log2 of the voxels between the vertices of a brick whose densest voxel has this optical depth.
+    fn level(depth: f32) -> usize {
+        let fits = |&l: &usize| depth * (1 << l) as f32 <= Self::SPACING;
+        (0..LEVELS).rev().find(fits).unwrap_or(0)
     }
 
     /// The level of the brick around a point of index space; `None` if it was not swept.
@@ -154,23 +140,18 @@ impl Level {
     ) -> Result<Self> {
         let step = 1 << level;
         let count = scope.volume.sigma_t.dims().map(|n| n.div_ceil(step) + 1);
+        let cells: Vec<Vec<[usize; 3]>> = bricks
+            .par_iter()
+            .map(|&brick| scope.cells_with_medium(brick, step))
+            .collect();
         let set = SparseLattice::new(count, |choose| {
-            for brick in bricks {
-                // A brick's samples stand half a voxel from its cells' corners.
-                let first = brick.map(|b| (b * BRICK_CELLS).saturating_sub(1) / step);
-                let last: [usize; 3] = std::array::from_fn(|a| {
-                    (((brick[a] + 1) * BRICK_CELLS).div_ceil(step)).min(count[a] - 1)
-                });
-                for z in first[2]..=last[2] {
-                    for y in first[1]..=last[1] {
-                        for x in first[0]..=last[0] {
-                            choose([x, y, z]);
-                        }
-                    }
+            for cell in cells.iter().flatten() {
+                for i in 0..8 {
+                    let v: [usize; 3] = std::array::from_fn(|a| cell[a] + (i >> a & 1));
+                    choose(std::array::from_fn(|a| v[a].min(count[a] - 1)));
                 }
             }
         });
-        eprintln!("level {level} bricks {} vertices {}", bricks.len(), set.len());
         let vertices: Vec<[usize; 3]> = set.vertices().collect();
         let to_index = |v: [usize; 3]| Vec3::from(v.map(|c| (c * step) as f32));
         let surroundings: Vec<Option<Surroundings>> = vertices
@@ -226,25 +207,37 @@ impl<P: Pages, M: Medium> Scope<'_, P, M> {
         self.regions.iter().any(sees)
     }
 
-    /// Share of light that gets through the media from a brick to the camera, from whichever of its corners it sees best.
-    fn transmittance_to(&self, brick: [usize; 3], corners: &Vertices<f32>) -> f32 {
-        let last = self.volume.sigma_t.dims().map(|n| n.div_ceil(BRICK_CELLS));
-        let through = |p: Vec3| {
-            let origin = self.view.camera.origin();
-            let to_corner = self.to_scene(p) - origin;
-            let distance = to_corner.length();
-            let mut passed = Composite::default();
-            if distance > 0.0 {
-                let media = self.gatherer.media;
-                media.pass(origin, to_corner / distance, distance, &[], &mut passed);
+    /// The cells of the lattice, `step` voxels wide, in which a brick of the volume holds any medium.
+    fn cells_with_medium(&self, brick: [usize; 3], step: usize) -> Vec<[usize; 3]> {
+        let Some(cells) = self.volume.sigma_t.brick(brick) else {
+            return Vec::new();
+        };
+        // A cell of the volume begins half a voxel before its number.
+        let first = brick.map(|b| (2 * b * BRICK_CELLS).saturating_sub(1) / (2 * step));
+        let across = BRICK_CELLS / step + 2;
+        let mut filled = vec![false; across * across * across];
+        for i in 0..BRICK_CELLS.pow(3) {
+            let c = [i % 8, i / 8 % 8, i / 64];
+            if cells.cell(c).is_empty() {
+                continue;
             }
-            passed.transmittance
-        };
-        let of_corner = |i: usize| {
-            let v = std::array::from_fn(|a| (brick[a] + (i >> a & 1)).min(last[a]));
-            *corners.get(v, &|p, _| through(p))
-        };
-        (0..8).map(of_corner).fold(0.0, f32::max)
+            let ends: [[usize; 2]; 3] = std::array::from_fn(|a| {
+                let twice = 2 * (brick[a] * BRICK_CELLS + c[a]);
+                [twice.saturating_sub(1), twice + 1].map(|t| t / (2 * step) - first[a])
+            });
+            for i in 0..8 {
+                let [x, y, z]: [usize; 3] = std::array::from_fn(|a| ends[a][i >> a & 1]);
+                filled[(z * across + y) * across + x] = true;
+            }
+        }
+        let at = |i: usize| [i % across, i / across % across, i / across / across];
+        let filled = filled
+            .iter()
+            .enumerate()
+            .filter(|(_, is_filled)| **is_filled);
+        filled
+            .map(|(i, _)| std::array::from_fn(|a| first[a] + at(i)[a]))
+            .collect()
     }
 
     fn to_scene(&self, point_in_index: Vec3) -> Vec3 {
