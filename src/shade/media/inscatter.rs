@@ -116,10 +116,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                         far_field: &far_field,
                         cancel,
                     };
-                    Sweep::new(&scope, |brick| {
-                        let densest = densities.of(brick) * voxel;
-                        (densest <= Self::DEPTH).then_some(densest)
-                    })
+                    Sweep::new(&scope, |brick| densities.of(brick) * voxel)
                 })
                 .transpose()?;
             lattices.push(Lattices {

@@ -74,14 +74,14 @@ impl Sweep {
     /// Optical depth between vertices, at most.
     const SPACING: f32 = 1.4;
 
-    /// Sweeps the bricks of a volume that the camera may see. `depth_of(brick)` is the optical depth of the densest voxel in one,
-    /// if it is to be swept.
+    /// Sweeps the bricks of a volume that the camera may see, but those where a single voxel is too deep; `depth_of(brick)` is
+    /// the optical depth of the densest in one.
     ///
     /// # Errors
     /// If cancelled.
     pub fn new<P: Pages, M: Medium>(
         scope: &Scope<P, M>,
-        depth_of: impl Fn([usize; 3]) -> Option<f32>,
+        depth_of: impl Fn([usize; 3]) -> f32,
     ) -> Result<Self> {
         let grid = &scope.volume.sigma_t;
         let [nx, ny, nz] = grid.brick_dims();
@@ -89,10 +89,9 @@ impl Sweep {
         let mut needed: [Vec<[usize; 3]>; LEVELS] = Default::default();
         for b in (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]) {
             if grid.brick(b).is_some()
-                && let Some(depth) = depth_of(b)
+                && let Some(level) = Self::level(depth_of(b))
                 && scope.may_see(b)
             {
-                let level = Self::level(depth);
                 *level_of.of_mut(b) = Some(level as u8);
                 needed[level].push(b);
             }
@@ -111,10 +110,10 @@ impl Sweep {
         Ok(Self { levels, level_of })
     }
 
-    /// Log2 of the voxels between the vertices of a brick whose densest voxel has this optical depth.
-    fn level(depth: f32) -> usize {
+    /// Log2 of the voxels between the vertices of a brick whose densest voxel has this optical depth; `None` if it is too deep.
+    fn level(depth: f32) -> Option<usize> {
         let fits = |&l: &usize| depth * (1 << l) as f32 <= Self::SPACING;
-        (0..LEVELS).rev().find(fits).unwrap_or(0)
+        (0..LEVELS).rev().find(fits)
     }
 
     /// The level of the brick around a point of index space; `None` if it was not swept.
