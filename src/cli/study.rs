@@ -1,9 +1,9 @@
 //! `lvox study`
 
 use super::options::{Context, Files, Memory, Seed, Temporary};
-use super::output;
 use super::scene_input::SceneInput;
-use super::shade_options::QualityChoice;
+use super::{output, parse};
+use lvox::shade::Quality;
 use lvox::stability::{self, Effort};
 use lvox::study::{self, Settings};
 use lvox::{Error, Result, shade};
@@ -64,8 +64,8 @@ pub struct Args {
     camera: Option<String>,
 
     /// Shade with these base settings
-    #[arg(long, value_name = "PRESET", default_value = "good")]
-    quality: QualityChoice,
+    #[arg(long, value_name = "PRESET", default_value = "good", value_parser = parse::one_of(&Quality::ALL))]
+    quality: Quality,
 
     /// Count paths of at most this many segments in Monte Carlo, as in lvox reference; 3 is what a tree without bounces
     /// holds
@@ -157,7 +157,7 @@ impl Args {
             samples: given(self.samples, preset.samples),
             max_solid_angle: given(self.max_solid_angle, preset.max_solid_angle),
             paper_cloud: self.paper_cloud,
-            shade: shade::Settings::of(self.quality.into()),
+            shade: shade::Settings::of(self.quality),
             rounds: self.rounds.unwrap_or(preset.rounds),
             long_secs: self.long,
             reference: self.reference,
