@@ -185,10 +185,7 @@ impl Study {
     /// # Errors
     /// If the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
-        let mut json = serde_json::to_vec_pretty(self)
-            .map_err(|e| Error::failed(format!("cannot encode the study: {e}")))?;
-        json.push(b'\n');
-        Output::write_all_to(path, &json)
+        Output::write_json_to(path, self)
     }
 }
 
