@@ -43,10 +43,10 @@ impl<S: Shadows> Lights<'_, S> {
         if self.environment().is_black() {
             return 0.0;
         }
-        let asker = self.asker(origin, rays, ());
+        let at = self.shading_point(origin, rays, ());
         let through = |i| {
             let direction = direction(rays.point(i, 62));
-            asker.through(direction, f32::INFINITY, asker.shadows.before_triangles())
+            at.through(direction, f32::INFINITY, at.shadows.before_triangles())
         };
         (0..rays.count()).map(through).sum::<f32>() / rays.count() as f32
     }

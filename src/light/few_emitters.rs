@@ -1,9 +1,9 @@
 //! Light of a few emissive triangles, each by its closed form.
 
-use super::asker::Asker;
 use super::direct::Direct;
 use super::emitters::Emitters;
 use super::receiver::Receiver;
+use super::shading_point::ShadingPoint;
 use super::shadows::Shadows;
 use crate::math::Rgb;
 use smallvec::SmallVec;
@@ -22,17 +22,17 @@ struct Chosen {
 pub fn add<S: Shadows, R: Receiver>(
     total: &mut Direct<S::Dimming>,
     emitters: &Emitters,
-    asker: &Asker<S, R>,
+    at: &ShadingPoint<S, R>,
 ) {
     if emitters.is_empty() {
         return;
     }
-    let &Asker {
+    let &ShadingPoint {
         origin,
         rays,
         receiver,
         ..
-    } = asker;
+    } = at;
     // Not an array, which would be cleared for each point.
     let mut chosen = SmallVec::<[Chosen; Emitters::FEW]>::new();
     let mut unoccluded = Rgb::BLACK;
@@ -74,7 +74,7 @@ pub fn add<S: Shadows, R: Receiver>(
         // What this point sends over what its emitter was expected to: near 1.
         let w = receiver.response(d) / (pdf * chosen[k].response);
         if w > 0.0 {
-            let through = asker.through_from_triangle(d, distance);
+            let through = at.through_from_triangle(d, distance);
             let light = emitter.radiance * (w * sum / emitter.radiance.mean());
             // Emitters of one surface are told apart no further than sharing a bit with another.
             total.note_ray(index as usize, light, through);

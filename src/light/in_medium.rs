@@ -44,7 +44,7 @@ impl<S: Shadows> Lights<'_, S> {
     /// rest. Media before suns are those of `suns`, or the scene's own.
     #[must_use]
     pub fn in_medium(&self, point: Vec3, rays: ShadowRays, suns: Option<&SunDepths>) -> InMedium {
-        let rest = self.sum(&self.asker(point, rays, Medium), suns, |light| {
+        let rest = self.sum(&self.shading_point(point, rays, Medium), suns, |light| {
             light.lamp().is_none()
         });
         InMedium {

@@ -1,11 +1,11 @@
 //! All lights of a scene, and what a point gets of them.
 
-use super::asker::Asker;
 use super::direct::Direct;
 use super::emitters::Emitters;
 use super::many_emitters::Care;
 use super::rays::ShadowRays;
 use super::receiver::{INVERSE_SPHERE, Medium, Receiver, Surface};
+use super::shading_point::ShadingPoint;
 use super::shadows::{OpticalDepth, SceneMedia, Shadows, Vacuum};
 use super::sun::Sun;
 use super::sun_depth::SunDepths;
@@ -113,22 +113,27 @@ impl<'a, S: Shadows> Lights<'a, S> {
             normal,
             face_normal,
         };
-        self.sum(&self.asker(origin, rays, receiver), None, |_| true)
+        self.sum(&self.shading_point(origin, rays, receiver), None, |_| true)
     }
 
     /// Mean over the sphere of the direct radiance at a point of a medium: its in-scattered radiance for an isotropic
     /// phase function.
     #[must_use]
     pub fn mean_radiance(&self, point: Vec3, rays: ShadowRays) -> Direct<S::Dimming> {
-        let mut direct = self.sum(&self.asker(point, rays, Medium), None, |_| true);
+        let mut direct = self.sum(&self.shading_point(point, rays, Medium), None, |_| true);
         direct.sharp *= INVERSE_SPHERE;
         direct.open *= INVERSE_SPHERE;
         direct
     }
 
     /// A point that asks these lights.
-    pub(super) fn asker<R>(&self, origin: Vec3, rays: ShadowRays, receiver: R) -> Asker<'a, S, R> {
-        Asker {
+    pub(super) fn shading_point<R>(
+        &self,
+        origin: Vec3,
+        rays: ShadowRays,
+        receiver: R,
+    ) -> ShadingPoint<'a, S, R> {
+        ShadingPoint {
             tracer: self.tracer,
             shadows: self.shadows,
             origin,
@@ -141,7 +146,7 @@ impl<'a, S: Shadows> Lights<'a, S> {
     /// the scene's own.
     pub(super) fn sum(
         &self,
-        asker: &Asker<S, impl Receiver>,
+        at: &ShadingPoint<S, impl Receiver>,
         suns: Option<&SunDepths>,
         asked: impl Fn(&Light) -> bool,
     ) -> Direct<S::Dimming> {
@@ -152,13 +157,13 @@ impl<'a, S: Shadows> Lights<'a, S> {
             }
             let depth = suns.and_then(|s| s.of(index));
             match Sun::of(light) {
-                Some(sun) => sun.add(&mut total, index, asker, depth),
-                None => sharp::add(&mut total, light, index, asker, depth),
+                Some(sun) => sun.add(&mut total, index, at, depth),
+                None => sharp::add(&mut total, light, index, at, depth),
             }
         }
         match self.emitters.tree() {
-            Some(tree) => many_emitters::add(&mut total, &self.emitters, tree, self.care, asker),
-            None => few_emitters::add(&mut total, &self.emitters, asker),
+            Some(tree) => many_emitters::add(&mut total, &self.emitters, tree, self.care, at),
+            None => few_emitters::add(&mut total, &self.emitters, at),
         }
         total
     }

@@ -1,10 +1,10 @@
 //! Light of many emissive triangles: a tree tells what they send, and each ray goes to a light that it chooses by that.
 
-use super::asker::Asker;
 use super::cut::Cut;
 use super::direct::Direct;
 use super::emitters::Emitters;
 use super::receiver::Receiver;
+use super::shading_point::ShadingPoint;
 use super::shadows::Shadows;
 use super::tree::Tree;
 use crate::math::Rgb;
@@ -41,14 +41,14 @@ pub fn add<S: Shadows, R: Receiver>(
     emitters: &Emitters,
     tree: &Tree,
     care: Care,
-    asker: &Asker<S, R>,
+    at: &ShadingPoint<S, R>,
 ) {
-    let &Asker {
+    let &ShadingPoint {
         origin,
         rays,
         receiver,
         ..
-    } = asker;
+    } = at;
     let cut = Cut::new(tree, emitters, origin, receiver, care.tolerance);
     let count = rays.count() * care.rays;
     let per_ray = 1.0 / care.rays as f32;
@@ -62,7 +62,7 @@ pub fn add<S: Shadows, R: Receiver>(
         let (d, distance, pdf) = emitter.look_at(origin, [choice.within, v]);
         let w = receiver.response(d) / (pdf * choice.chance);
         if w > 0.0 && w.is_finite() {
-            let through = asker.through_from_triangle(d, distance);
+            let through = at.through_from_triangle(d, distance);
             let light = emitter.radiance * w;
             // As much of the light as a ray to any other light with an extent brings of its own.
             total.note_ray(choice.emitter as usize, light * per_ray, through);

@@ -2,8 +2,9 @@
 //!
 //! What a light would send without anything between is computed in closed form; rays measure only the share that
 //! arrives. So a point in full light has no noise at all.
+//!
+//! Points and directions are those of scene space, distances are scene units, light is linear Rec.709.
 
-mod asker;
 mod cut;
 mod direct;
 mod emitters;
@@ -15,6 +16,7 @@ mod lights;
 mod many_emitters;
 mod rays;
 mod receiver;
+mod shading_point;
 mod shadows;
 mod sharp;
 mod sight;

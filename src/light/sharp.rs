@@ -1,8 +1,8 @@
 //! Lights without extent: one ray tells all of each.
 
-use super::asker::Asker;
 use super::direct::Direct;
 use super::receiver::Receiver;
+use super::shading_point::ShadingPoint;
 use super::shadows::{OpticalDepth, Shadows};
 use crate::math::Rgb;
 use crate::scene::Light;
@@ -20,7 +20,7 @@ struct Beam {
 
 impl Beam {
     /// That of a point, spot or parallel light; `None` for others, and at the light itself.
-    fn of<S, R: Receiver>(light: &Light, asker: &Asker<S, R>) -> Option<Self> {
+    fn of<S, R: Receiver>(light: &Light, at: &ShadingPoint<S, R>) -> Option<Self> {
         if let Light::Directional {
             direction,
             irradiance,
@@ -31,14 +31,14 @@ impl Beam {
                 direction: -direction,
                 distance: f32::INFINITY,
                 sent: Rgb(irradiance),
-                response: asker.receiver.response(-direction),
+                response: at.receiver.response(-direction),
             });
         }
         let (position, intensity) = light.lamp()?;
-        let to_light = position - asker.origin;
+        let to_light = position - at.origin;
         let distance = to_light.length();
         let d = to_light / distance;
-        let response = asker.receiver.response(d) / (distance * distance) * light.falloff(-d);
+        let response = at.receiver.response(d) / (distance * distance) * light.falloff(-d);
         (distance > 0.0).then_some(Self {
             direction: d,
             distance,
@@ -53,13 +53,13 @@ pub fn add<S: Shadows, R: Receiver>(
     total: &mut Direct<S::Dimming>,
     light: &Light,
     index: usize,
-    asker: &Asker<S, R>,
+    at: &ShadingPoint<S, R>,
     depth: Option<&dyn OpticalDepth>,
 ) {
-    if let Some(beam) = Beam::of(light, asker)
+    if let Some(beam) = Beam::of(light, at)
         && beam.response > 0.0
     {
-        let through = asker.through(beam.direction, beam.distance, depth);
+        let through = at.through(beam.direction, beam.distance, depth);
         total.sight.note_sharp(index, through);
         total.sharp += beam.sent * (beam.response * through);
     }

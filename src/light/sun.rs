@@ -1,8 +1,8 @@
 //! A sun with an extent.
 
-use super::asker::Asker;
 use super::direct::Direct;
 use super::receiver::Receiver;
+use super::shading_point::ShadingPoint;
 use super::shadows::{OpticalDepth, Shadows};
 use crate::math::Rgb;
 use crate::math::sampling::{disk, tangents};
@@ -42,22 +42,22 @@ impl Sun {
         &self,
         total: &mut Direct<S::Dimming>,
         index: usize,
-        asker: &Asker<S, R>,
+        at: &ShadingPoint<S, R>,
         depth: Option<&dyn OpticalDepth>,
     ) {
         let (x, y) = tangents(-self.direction);
         let radius = libm::sinf(self.angular_radius_rad);
-        let rays = asker.rays;
+        let rays = at.rays;
         for i in 0..rays.count() {
             let [u, v] = disk(rays.point(i, index as u32)).map(|c| c * radius);
             // Points of the disk are spread by their cosine to the sun's axis.
             let cos = (1.0 - u * u - v * v).max(1e-4).sqrt();
             let d = (-self.direction * cos + x * u + y * v).normalize();
-            let w = asker.receiver.response(d) / cos;
+            let w = at.receiver.response(d) / cos;
             if w > 0.0 {
                 let light = self.irradiance * w;
                 total.open += light * (1.0 / rays.count() as f32);
-                let through = asker.through(d, f32::INFINITY, depth);
+                let through = at.through(d, f32::INFINITY, depth);
                 total.note_ray(index, light, through);
             }
         }

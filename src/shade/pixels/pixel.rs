@@ -3,7 +3,7 @@
 use crate::math::Rgb;
 use glam::Vec3;
 
-/// What a pixel came to, box-filtered over its square.
+/// What a pixel came to, box-filtered over its square; its light is radiance towards the camera.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Pixel {
     /// Emitted and directly lit, behind media.
@@ -12,9 +12,9 @@ pub struct Pixel {
     pub indirect: Rgb,
     /// Scattered by media towards the camera.
     pub volume: Rgb,
-    /// Mean distance along the rays that hit, infinite if none did.
+    /// Mean distance along the rays that hit, scene units; infinite if none did.
     pub depth: f32,
-    /// Mean unit normal.
+    /// Mean shading normal in scene space, of unit length; 0 if no ray hit.
     pub normal: Vec3,
     /// Whether the border of an emissive triangle runs through it, so that its light is told in closed form.
     pub has_emitter_border: bool,

@@ -10,19 +10,19 @@ use glam::Vec3;
 pub struct Sample<T: Passed> {
     /// What it hit.
     pub surface: Option<Surface>,
-    /// The triangle that this is on, if any.
+    /// Index of the triangle that this is on; `u32::MAX` for none.
     pub triangle: u32,
-    /// How far away, infinite if nothing.
+    /// How far away, scene units; infinite if nothing.
     pub t: f32,
-    /// Unit direction.
+    /// Unit direction from the camera, scene space.
     pub direction: Vec3,
-    /// Direct light there.
+    /// Direct irradiance there.
     pub direct: Direct<T::Dimming>,
     /// Media on the way.
     pub passed: T,
 }
 
-/// How many there are.
+/// How many samples a pixel has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SampleCounts {
     /// Always taken; 1 for the pixel's corners, which neighbours share.

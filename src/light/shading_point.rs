@@ -7,7 +7,7 @@ use glam::Vec3;
 
 /// A point that asks for light, and what its shadow rays pass.
 #[derive(Clone, Copy, Debug)]
-pub struct Asker<'a, S, R> {
+pub struct ShadingPoint<'a, S, R> {
     /// Surfaces, and the scene's own media.
     pub tracer: &'a Tracer<'a>,
     /// How media stop light.
@@ -20,8 +20,8 @@ pub struct Asker<'a, S, R> {
     pub receiver: R,
 }
 
-impl<S: Shadows, R> Asker<'_, S, R> {
-    /// Share of light that gets here from `t_max` along a unit direction; `depth` tells that of the media, if not the
+impl<S: Shadows, R> ShadingPoint<'_, S, R> {
+    /// Share of light that gets here from `t_max` away along a unit direction; `depth` tells that of the media, if not the
     /// scene's own do.
     pub fn through(&self, direction: Vec3, t_max: f32, depth: Option<&dyn OpticalDepth>) -> f32 {
         self.shadows
