@@ -309,6 +309,61 @@ fn a_reference_without_variance_is_judged_by_and_another_of_its_name_refused() {
 }
 
 #[test]
+fn times_of_other_numbers_of_threads_are_taken_again_and_kept_apart() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path().join("s");
+    let run = |threads: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lvox"));
+        command.args(["study", "--demo", "--base-only", "--quality", "draft", "-o"]);
+        command.arg(&folder).args(["--threads", threads]);
+        for (name, value) in [
+            ("--width", "16"),
+            ("--spp", "1,2"),
+            ("--surfels", "500"),
+            ("--rounds", "1"),
+            ("--reference-spp", "16"),
+        ] {
+            command.args([name, value]);
+        }
+        let output = command.output().unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        (json(&folder), text(&output.stderr))
+    };
+    let of = |study: &Value, key: &str| -> Vec<Value> {
+        let runs = study["runs"].as_array().unwrap().iter();
+        runs.map(|r| r[key].clone()).collect()
+    };
+    let (two, said) = run("2");
+    assert!(!said.contains("kept apart"), "{said}");
+    assert_eq!(two["machine"]["threads"], 2);
+    let (one, said) = run("1");
+    assert!(said.contains("kept apart"), "{said}");
+    assert_eq!(one["machine"]["threads"], 1);
+    assert_eq!(of(&one, "errors"), of(&two, "errors"));
+    for (key, one, two) in [
+        ("rounds", of(&one, "rounds"), of(&two, "rounds")),
+        (
+            "clouds",
+            vec![one["clouds"].clone()],
+            vec![two["clouds"].clone()],
+        ),
+    ] {
+        assert_eq!(one.len(), two.len(), "{key}");
+        assert!(one.iter().zip(&two).all(|(a, b)| a != b), "{key}: {one:?}");
+    }
+    assert!(
+        fs::read_to_string(folder.join("table.md"))
+            .unwrap()
+            .contains("1 threads")
+    );
+    // Nothing that was timed is lost or timed again.
+    let (again, _) = run("2");
+    assert_eq!(again["runs"], two["runs"]);
+    assert_eq!(again["clouds"], two["clouds"]);
+    assert_eq!(again["others"][0]["runs"], one["runs"]);
+}
+
+#[test]
 fn wrong_use_is_refused_at_once() {
     let dir = tempfile::tempdir().unwrap();
     for (args, part) in [

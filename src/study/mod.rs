@@ -1,7 +1,8 @@
 //! Error against run time: Monte Carlo and both point-based methods on one scene, over sweeps of their settings.
 //!
 //! Every run is timed in rounds in which the methods take turns, and compared with one converged image. What is measured
-//! is kept after each run, so a stop loses no more than one, and the same call goes on from there.
+//! is kept after each run, so a stop loses no more than one, and the same call goes on from there. On another machine or
+//! with another number of threads it takes all times anew, and keeps the others apart.
 
 pub mod findings;
 mod html;
@@ -22,7 +23,7 @@ use crate::{Error, Kind, Result, reference};
 use html::Shown;
 use measure::Bench;
 use plan::{How, Variant};
-use record::{Machine, Reference, Run};
+use record::{Errors, Machine, Reference, Run};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -48,6 +49,12 @@ pub fn run(
         Err(e) if !restart => return Err(e),
         _ => begin(scene, settings, key),
     };
+    if study.go_on_with(machine()) {
+        let threads = study.machine.threads;
+        job.progress.say(&format!(
+            "times taken with another number of threads or on another machine are kept apart from those with {threads}"
+        ));
+    }
     study.write(&files.json())?;
     let bench = Bench::new(scene, settings, files.trees(), job);
     let result = measure_all(&mut study, &bench, &files, restart, job);
@@ -141,23 +148,27 @@ fn exposure(scene: &Scene, reference: &Path) -> Result<f32> {
     Ok(load::exposure_of(reference)?.unwrap_or(scene.film.exposure))
 }
 
-fn begin(scene: &Scene, settings: &Settings, key: String) -> Study {
+fn machine() -> Machine {
     let processor = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let processor = processor
         .lines()
         .find(|l| l.starts_with("model name"))
         .and_then(|l| l.split_once(':'))
         .map_or("a processor of unknown name", |(_, name)| name.trim());
+    Machine {
+        system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+        processor: processor.into(),
+        threads: rayon::current_num_threads(),
+    }
+}
+
+fn begin(scene: &Scene, settings: &Settings, key: String) -> Study {
     Study {
         version: env!("CARGO_PKG_VERSION").into(),
         key,
         scene: scene.name.clone(),
         film: [scene.film.width, scene.film.height],
-        machine: Machine {
-            system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
-            processor: processor.into(),
-            threads: rayon::current_num_threads(),
-        },
+        machine: machine(),
         settings: serde_json::to_value(settings).unwrap_or_default(),
         ..Study::default()
     }
@@ -219,13 +230,10 @@ fn measure(
         run.rounds.push(timing);
         return Ok(());
     }
-    let exposure = study.reference.exposure;
-    let (errors, comparison) = bench.judge(&picture, target, exposure)?;
-    png::write(&files.image(&variant.name), &tone::map(&picture, exposure))?;
-    png::write(
-        &files.heat(&variant.name),
-        &heat::map(&comparison.error_map, picture.width),
-    )?;
+    let errors = match study.errors_of(&variant.name) {
+        Some(known) => known,
+        None => judge(study, variant, &picture, target, bench, files)?,
+    };
     study.runs.push(Run {
         name: variant.name.clone(),
         method: variant.method.into(),
@@ -236,6 +244,25 @@ fn measure(
         errors,
     });
     Ok(())
+}
+
+/// Compares the image of a run with the reference, and keeps both for the report.
+fn judge(
+    study: &Study,
+    variant: &Variant,
+    picture: &Picture,
+    target: &Picture,
+    bench: &Bench,
+    files: &Files,
+) -> Result<Errors> {
+    let exposure = study.reference.exposure;
+    let (errors, comparison) = bench.judge(picture, target, exposure)?;
+    png::write(&files.image(&variant.name), &tone::map(picture, exposure))?;
+    png::write(
+        &files.heat(&variant.name),
+        &heat::map(&comparison.error_map, picture.width),
+    )?;
+    Ok(errors)
 }
 
 /// Reads the reference that was given, or renders one.

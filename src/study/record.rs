@@ -4,6 +4,7 @@ use super::findings::Findings;
 use crate::run::Output;
 use crate::{Error, Result};
 use std::collections::BTreeMap;
+use std::mem;
 use std::path::Path;
 
 /// Everything measured so far; the file `study.json`.
@@ -17,7 +18,7 @@ pub struct Study {
     pub scene: String,
     /// Pixels across and down.
     pub film: [u32; 2],
-    /// The machine.
+    /// The machine that the times of `clouds` and `runs` are of.
     pub machine: Machine,
     /// The settings, as JSON.
     pub settings: serde_json::Value,
@@ -27,11 +28,24 @@ pub struct Study {
     pub clouds: Vec<Cloud>,
     /// Runs, in order of the plan.
     pub runs: Vec<Run>,
-    /// What they say.
+    /// What was timed on other machines, or with other numbers of threads.
+    pub others: Vec<Timed>,
+    /// What `runs` say.
     pub findings: Findings,
 }
 
-/// What it ran on.
+/// What was timed on one machine.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Timed {
+    /// The machine.
+    pub machine: Machine,
+    /// Clouds, in order of need.
+    pub clouds: Vec<Cloud>,
+    /// Runs, in order of the plan.
+    pub runs: Vec<Run>,
+}
+
+/// What it ran on; times of different ones do not mix.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Machine {
     /// Operating system and processor family.
@@ -156,6 +170,32 @@ impl Study {
         run.time().cpu_secs + before
     }
 
+    /// Puts what was timed on another machine, or with another number of threads, aside, and what was timed on this one
+    /// before in its place. Whether anything was put aside.
+    pub fn go_on_with(&mut self, machine: Machine) -> bool {
+        if self.machine == machine {
+            return false;
+        }
+        let at = self.others.iter().position(|o| o.machine == machine);
+        let mut timed = at.map_or_else(Timed::default, |i| self.others.remove(i));
+        timed.machine = machine;
+        mem::swap(&mut self.machine, &mut timed.machine);
+        mem::swap(&mut self.clouds, &mut timed.clouds);
+        mem::swap(&mut self.runs, &mut timed.runs);
+        let is_kept = !timed.clouds.is_empty() || !timed.runs.is_empty();
+        if is_kept {
+            self.others.push(timed);
+        }
+        is_kept
+    }
+
+    /// The errors of a run, wherever it was timed: images are the same on all machines, with any number of threads.
+    #[must_use]
+    pub fn errors_of(&self, name: &str) -> Option<Errors> {
+        let mut runs = self.others.iter().flat_map(|o| &o.runs).chain(&self.runs);
+        runs.find(|r| r.name == name).map(|r| r.errors)
+    }
+
     /// What an earlier study of the same key has measured; `None` if there is none.
     ///
     /// # Errors
@@ -185,10 +225,7 @@ impl Study {
     /// # Errors
     /// If the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
-        let mut json = serde_json::to_vec_pretty(self)
-            .map_err(|e| Error::failed(format!("cannot encode the study: {e}")))?;
-        json.push(b'\n');
-        Output::write_all_to(path, &json)
+        Output::write_json_to(path, self)
     }
 }
 
@@ -196,6 +233,44 @@ impl Study {
 mod tests {
     use super::*;
     use crate::math::sampling::hash;
+
+    #[test]
+    fn times_of_other_machines_do_not_mix_and_are_not_lost() {
+        let with = |threads| Machine {
+            threads,
+            ..Machine::default()
+        };
+        let run = |name: &str, relmse| Run {
+            name: name.into(),
+            rounds: vec![Timing::default()],
+            errors: Errors {
+                relmse: Some(relmse),
+                ..Errors::default()
+            },
+            ..Run::default()
+        };
+        let mut study = Study {
+            machine: with(2),
+            ..Study::default()
+        };
+        // Nothing is measured yet.
+        assert!(!study.go_on_with(with(1)) && study.others.is_empty());
+        assert!(!study.go_on_with(with(2)));
+        study.runs.push(run("a", 0.5));
+        study.clouds.push(Cloud::default());
+        let two = study.clone();
+        assert!(!study.go_on_with(with(2)));
+        assert_eq!(study, two);
+        assert!(study.go_on_with(with(1)));
+        assert!(study.runs.is_empty() && study.clouds.is_empty());
+        assert_eq!(study.errors_of("a"), Some(two.runs[0].errors));
+        assert_eq!(study.errors_of("b"), None);
+        study.runs.push(run("a", 0.5));
+        assert!(study.go_on_with(with(2)));
+        assert_eq!((&study.runs, &study.clouds), (&two.runs, &two.clouds));
+        assert_eq!(study.machine, with(2));
+        assert_eq!(study.others.len(), 1);
+    }
 
     #[test]
     fn studies_come_back_with_every_bit_and_do_not_mix() {
