@@ -19,8 +19,9 @@ const SIDE: u32 = 12;
 const CELL: [u32; 2] = [4, 2];
 /// Segments of the longest path that shading from a tree counts.
 const DEPTH: u32 = 3;
-/// Sequences of paths at each pixel, whose spread tells the noise.
-const STRANDS: u32 = 4;
+/// Sequences of paths at each pixel, independent of each other. Fewer leave a noisy scale to relative errors; more leave
+/// sequences too short to be well spread.
+const STRANDS: u32 = 8;
 /// Paths of each pixel at first, and at most.
 const PATHS: [u32; 2] = [16, 256];
 /// Noise of a measured error that is good enough, over the target.
@@ -199,24 +200,35 @@ impl Point {
         }
     }
 
-    /// Squared relative error of a value without what the noise of paths adds, and the variance of that; `None` if a
-    /// sequence has no path.
+    /// Estimate of the squared relative error of a value, to which the noise of paths adds nothing on average, and the
+    /// variance of it; `None` if a sequence has no path.
+    ///
+    /// Two sequences give the square and the others what it is divided by, all pairs in turn: were it divided by the mean
+    /// of all, then noise that makes the truth look darker would count for more than noise that makes it look brighter.
     fn compare(&self, Rgb(shaded): Rgb) -> Option<(f64, f64)> {
+        const COUNT: usize = STRANDS as usize;
         if self.counts.contains(&0) {
             return None;
         }
         let (mut error, mut variance) = (0.0, 0.0);
         for (c, shaded) in shaded.into_iter().enumerate() {
-            let means: [f64; STRANDS as usize] =
+            let shaded = f64::from(shaded);
+            let means: [f64; COUNT] =
                 std::array::from_fn(|i| self.sums[i][c] / f64::from(self.counts[i]));
-            let strands = f64::from(STRANDS);
-            let truth = means.iter().sum::<f64>() / strands;
+            let sum: f64 = means.iter().sum();
+            let mut products = 0.0;
+            for (i, a) in means.iter().enumerate() {
+                for b in &means[..i] {
+                    let others = (sum - a - b) / (COUNT - 2) as f64;
+                    products += (shaded - a) * (shaded - b) / (others * others + RELATIVE_FLOOR);
+                }
+            }
+            error += products / (COUNT * (COUNT - 1) / 2) as f64 / 3.0;
+            let truth = sum / COUNT as f64;
             let spread: f64 = means.iter().map(|m| (m - truth) * (m - truth)).sum();
-            let noise = spread / (strands * (strands - 1.0));
+            let noise = spread / (COUNT * (COUNT - 1)) as f64;
             let scale = 1.0 / (truth * truth + RELATIVE_FLOOR);
-            let square = (f64::from(shaded) - truth).powi(2);
-            let signal = (square - noise).max(0.0);
-            error += scale * (square - noise) / 3.0;
+            let signal = ((shaded - truth).powi(2) - noise).max(0.0);
             // Channels move together: the mean of their variances, not a third of it.
             variance += scale * scale * (2.0 * noise * noise + 4.0 * signal * noise) / 3.0;
         }
@@ -316,8 +328,8 @@ mod tests {
         let region = Region::full(1, 1);
         let mut points = points(0, region, 0);
         let point = &mut points[0];
-        for i in 0..16 {
-            let light = if i < 8 { f32::NAN } else { 2.0 };
+        for i in 0..4 * STRANDS {
+            let light = if i < 2 * STRANDS { f32::NAN } else { 2.0 };
             point.add(i % STRANDS, Rgb([light; 3]));
         }
         assert_eq!(point.counts, [2; STRANDS as usize]);
@@ -325,6 +337,24 @@ mod tests {
         assert_eq!(error, 0.0);
         point.counts[1] = 0;
         assert!(point.compare(Rgb([2.0; 3])).is_none());
+    }
+
+    #[test]
+    fn noise_of_paths_is_not_taken_for_error() {
+        // Light of a skewed distribution with mean 1.
+        let path = |key: &[u64]| 4.0 * sampling::unit(sampling::hash(key)).powi(3);
+        for (shaded, expected) in [(1.0, 0.0), (1.2, 0.04), (0.8, 0.04)] {
+            let count = 20_000;
+            let errors = (0..count).map(|i| {
+                let mut points = points(0, Region::full(1, 1), 0);
+                for k in 0..PATHS[0] {
+                    points[0].add(k % STRANDS, Rgb([path(&[i, k.into()]); 3]));
+                }
+                points[0].compare(Rgb([shaded; 3])).unwrap().0
+            });
+            let mean = errors.sum::<f64>() / count as f64;
+            assert!((mean - expected).abs() < 0.03, "{shaded}: {mean}");
+        }
     }
 
     #[test]

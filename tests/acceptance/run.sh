@@ -173,8 +173,8 @@ if not 0.5 <= ratio <= 2.0:
     print(f"the error is {ratio:.2f} times the target")
 sys.exit(not 0.5 <= ratio <= 2.0)' "$1" "$2"
 }
-for row in A:1e-3 A:3e-4 B:1e-3 B:3e-4 C:3e-3 C:1e-3 C_novol:3e-3 C_novol:1e-3 curved:3e-3 curved:1e-3 lights100:1e-3 \
-    volumes:2e-3 volumes:1e-3 thin:3e-3 thin:1e-3 outdoor:2e-3 outdoor:1e-3; do
+for row in A:1e-3 A:3e-4 B:1e-3 B:3e-4 C:3e-3 C:1e-3 C_novol:3e-3 C_novol:1e-3 curved:3e-3 curved:1e-3 curved:3e-4 lights100:1e-3 \
+    volumes:2e-3 volumes:1e-3 thin:3e-3 thin:1e-3 outdoor:3e-3 outdoor:1e-3; do
     scene=${row%%:*}
     target=${row##*:}
     name=$scene.$target

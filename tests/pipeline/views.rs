@@ -75,7 +75,7 @@ fn the_fast_kernels_agree_with_the_plain_one() {
         let settings = Settings {
             samples: 256,
             volume_samples: 64,
-            lattice: 8,
+            lattice: 2,
             kernel,
             max_solid_angle,
             ..quick()
@@ -92,13 +92,13 @@ fn the_fast_kernels_agree_with_the_plain_one() {
         // Disks of one plane overlap, and rounding decides which of them a ray meets first; and whether a surface is one
         // that the lattice missed.
         let error = relative_rms(&layer(&disks, name), &reference);
-        assert!(error < 0.012, "{name}: {error}");
+        assert!(error < 0.01, "{name}: {error}");
         // Disks bulge over edges and triangles do not.
-        for (frame, limit) in [(&nodes, 0.03), (&exact, 0.03), (&traced, 0.03)] {
+        for (frame, limit) in [(&nodes, 0.018), (&exact, 0.02), (&traced, 0.023)] {
             let error = relative_rms(&layer(frame, name), &reference);
             assert!(error < limit, "{name}: {error}");
             let bias = mean(&layer(frame, name)) / mean(&reference) - 1.0;
-            assert!(bias.abs() < 0.01, "{name}: {bias}");
+            assert!(bias.abs() < 0.005, "{name}: {bias}");
         }
     }
 }
