@@ -283,6 +283,37 @@ fn compare_speaks_json_and_tables() {
 }
 
 #[test]
+fn compare_warns_of_images_that_do_not_show_the_same() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |name: &str, attributes: &[(&str, &str)]| {
+        let mut frame = shade(Region::full(WIDTH, HEIGHT), "00ff");
+        let owned = attributes
+            .iter()
+            .map(|(n, v)| (format!("lvox/{n}"), (*v).into()));
+        frame.attributes.extend(owned);
+        exr::write(&dir.path().join(name), &frame, Precision::Half).unwrap();
+    };
+    write(
+        "a.exr",
+        &[("scene", "aaaa"), ("settings", r#"{"samples":1}"#)],
+    );
+    write(
+        "b.exr",
+        &[("scene", "bbbb"), ("settings", r#"{"max_depth":0}"#)],
+    );
+    write("plain.exr", &[]);
+    let run = lvox(dir.path(), &["compare", "a.exr", "b.exr"]);
+    assert_eq!(run.code, 0);
+    for part in ["warning: a.exr and b.exr", "aaaa… and bbbb…", "any length"] {
+        assert!(run.stderr.contains(part), "{part}: {}", run.stderr);
+    }
+    for other in ["a.exr", "plain.exr"] {
+        let run = lvox(dir.path(), &["compare", "a.exr", other]);
+        assert_eq!((run.code, run.stderr.as_str()), (0, ""));
+    }
+}
+
+#[test]
 fn compare_has_no_number_for_what_has_no_value() {
     let dir = tempfile::tempdir().unwrap();
     let mut black = Frame::new(1, 1, Region::full(1, 1));

@@ -308,6 +308,43 @@ fn a_reference_without_variance_is_judged_by_and_another_of_its_name_refused() {
     assert!(stderr.contains("another scene, reference"), "{stderr}");
 }
 
+/// Runs a line of words in a folder: exit code and stderr.
+fn run(dir: &Path, line: &str) -> (Option<i32>, String) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lvox"));
+    let output = command.current_dir(dir).args(line.split_whitespace());
+    let output = output.output().unwrap();
+    (output.status.code(), text(&output.stderr))
+}
+
+const TINY: &str = "study --demo --width 16 --base-only --spp 1,2 --surfels 500 --quality draft --rounds 1 \
+                    --progress none -o s";
+
+#[test]
+fn a_reference_of_something_else_is_refused_and_leaves_no_folder() {
+    let dir = tempfile::tempdir().unwrap();
+    let reference = |more: &str| {
+        let line = "reference --demo --resolution 16x12 --spp 2 --force --progress none -o r.exr";
+        let (code, stderr) = run(dir.path(), &format!("{line} {more}"));
+        assert_eq!(code, Some(0), "{stderr}");
+    };
+    let study = format!("{TINY} --reference r.exr");
+    reference("");
+    let (code, stderr) = run(dir.path(), &study);
+    assert_eq!(code, Some(2), "{stderr}");
+    for part in ["r.exr", "any length", "up to 3 segments", "--max-depth 3"] {
+        assert!(stderr.contains(part), "{part}: {stderr}");
+    }
+    assert!(!dir.path().join("s").exists());
+    // The corrected command finds nothing in its way, and has nothing to say.
+    reference("--max-depth 3");
+    let (code, stderr) = run(dir.path(), &study);
+    assert_eq!((code, stderr.as_str()), (Some(0), ""));
+    reference("--max-depth 2");
+    let (code, stderr) = run(dir.path(), &format!("{study} --max-depth 2 --force"));
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(stderr.contains("warning: point-based methods"), "{stderr}");
+}
+
 #[test]
 fn wrong_use_is_refused_at_once() {
     let dir = tempfile::tempdir().unwrap();

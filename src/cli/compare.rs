@@ -4,13 +4,13 @@ use super::options::{Context, Files, Memory};
 use super::{output, parse};
 use lvox::image::metrics::blocks::{self, Block};
 use lvox::image::metrics::{self, Scores};
-use lvox::image::{heat, load, png};
+use lvox::image::{Subject, heat, load, png};
 use lvox::run::output::check_writable;
 use lvox::run::size;
 use lvox::{Error, Kind, Result};
 use serde::Serialize;
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Compare an image with a reference by metrics on radiance and on what a viewer sees
 ///
@@ -99,6 +99,15 @@ impl Args {
         let image = load::picture(&self.image, &self.layer, exposure, region)?;
         let reference = load::picture(&self.reference, &self.layer, exposure, region)?;
         let job = &context.job;
+        let differences = self.differences()?;
+        if !differences.is_empty() {
+            job.progress.warn(&format!(
+                "{} and {} do not show the same, in that order: {}",
+                self.image.display(),
+                self.reference.display(),
+                differences.join("; ")
+            ));
+        }
         job.cancel.check()?;
         check_memory(image.pixels.len(), job.memory_limit)?;
         let found = metrics::compare_until(&image, &reference, exposure, &job.cancel)
@@ -138,6 +147,15 @@ impl Args {
         } else {
             output::print(&(table(&found.scores) + &block_table(&worst)))
         }
+    }
+
+    /// In what the images differ that they say of themselves and that should be the same.
+    fn differences(&self) -> Result<Vec<String>> {
+        let subject = |path: &Path| {
+            let header = load::header(path)?;
+            Ok::<_, Error>(header.map_or_else(Subject::default, |h| Subject::of(&h.attributes)))
+        };
+        Ok(subject(&self.image)?.differences(&subject(&self.reference)?))
     }
 
     fn place(&self, error: Error) -> Error {

@@ -15,7 +15,8 @@ mod table;
 pub use plan::Settings;
 pub use record::Study;
 
-use crate::image::{Picture, exr, heat, load, png, tone};
+use crate::image::subject::{SHADED_SEGMENTS, Subject};
+use crate::image::{Picture, Region, exr, heat, load, png, tone};
 use crate::run::{Job, Output, build};
 use crate::scene::Scene;
 use crate::{Error, Kind, Result, reference};
@@ -41,7 +42,19 @@ pub fn run(
 ) -> Result<Study> {
     settings.check()?;
     scene.camera(settings.camera.as_deref())?;
+    if settings.max_depth != SHADED_SEGMENTS {
+        job.progress.warn(&format!(
+            "point-based methods compute direct light and one bounce, which is --max-depth {SHADED_SEGMENTS}: with \
+             --max-depth {} their errors are those of other transport too",
+            settings.max_depth
+        ));
+    }
     let key = key(scene, settings)?;
+    // What is wrong with a reference shows before the folder belongs to it.
+    let given = settings.reference.as_ref();
+    let given = given
+        .map(|path| Target::read(path, scene, settings, job))
+        .transpose()?;
     let files = Files::new(folder)?;
     let mut study = match Study::read(&files.json(), &key) {
         Ok(Some(found)) if !restart => found,
@@ -50,7 +63,7 @@ pub fn run(
     };
     study.write(&files.json())?;
     let bench = Bench::new(scene, settings, files.trees(), job);
-    let result = measure_all(&mut study, &bench, &files, restart, job);
+    let result = measure_all(&mut study, given, &bench, &files, restart, job);
     match result {
         Err(e) if e.kind() != Kind::Cancelled => return Err(e),
         _ => study.find(),
@@ -165,13 +178,19 @@ fn begin(scene: &Scene, settings: &Settings, key: String) -> Study {
 
 fn measure_all(
     study: &mut Study,
+    given: Option<Target>,
     bench: &Bench,
     files: &Files,
     restart: bool,
     job: &Job,
 ) -> Result<()> {
     let settings = bench.settings;
-    let target = obtain_reference(study, bench, files, restart, job)?;
+    let target = match given {
+        Some(target) => target,
+        None => render_reference(bench, files, restart, job)?,
+    };
+    study.reference = target.about;
+    let target = target.picture;
     png::write(
         &files.image("reference"),
         &tone::map(&target, study.reference.exposure),
@@ -238,67 +257,82 @@ fn measure(
     Ok(())
 }
 
-/// Reads the reference that was given, or renders one.
-fn obtain_reference(
-    study: &mut Study,
-    bench: &Bench,
-    files: &Files,
-    restart: bool,
-    job: &Job,
-) -> Result<Picture> {
+/// The image that all are compared with.
+struct Target {
+    picture: Picture,
+    about: Reference,
+}
+
+impl Target {
+    /// Reads it, and refuses an image of something else as far as it tells what it shows.
+    fn read(path: &Path, scene: &Scene, settings: &Settings, job: &Job) -> Result<Self> {
+        let frame = exr::read(path)?;
+        let (width, height) = (scene.film.width, scene.film.height);
+        let refused = |what: String| Error::input(what).at(path.display());
+        if (frame.width, frame.height) != (width, height) {
+            return Err(refused(format!(
+                "the reference has {}x{} pixels, the scene {width}x{height}",
+                frame.width, frame.height
+            )));
+        }
+        let camera = scene.camera(settings.camera.as_deref())?;
+        let here = Subject {
+            scene: Some(scene.hash.iter().map(|b| format!("{b:02x}")).collect()),
+            camera: Some(camera.name.clone()),
+            segments: Some(settings.max_depth),
+        };
+        let differences = Subject::of(&frame.attributes).differences(&here);
+        if !differences.is_empty() {
+            return Err(refused(format!(
+                "the reference shows something else than the study (the former first): {}",
+                differences.join("; ")
+            ))
+            .hint(format!(
+                "render one of this scene and camera: lvox reference --max-depth {}",
+                settings.max_depth
+            )));
+        }
+        let region = Region::full(width, height);
+        let picture = frame
+            .picture("", &region)
+            .map_err(|e| e.at(path.display()))?;
+        let broken = picture.non_finite();
+        if broken > 0 {
+            job.progress.warn(&format!(
+                "{}: {broken} pixels are infinite or not a number",
+                path.display()
+            ));
+        }
+        let name = path.file_name().unwrap_or(path.as_os_str());
+        let about = Reference {
+            source: name.to_string_lossy().into_owned(),
+            relmse: frame
+                .picture("variance", &region)
+                .ok()
+                .map(|v| reference::expected_relmse(&picture.pixels, &v.pixels))
+                // A single sequence of samples tells no variance.
+                .filter(|v| v.is_finite()),
+            exposure: exposure(scene, path)?,
+        };
+        Ok(Self { picture, about })
+    }
+}
+
+/// Renders the reference that was not given, or goes on with it.
+fn render_reference(bench: &Bench, files: &Files, restart: bool, job: &Job) -> Result<Target> {
     let (scene, settings) = (bench.scene, bench.settings);
-    let (path, source) = match &settings.reference {
-        Some(path) => {
-            let name = path.file_name().unwrap_or(path.as_os_str());
-            (path.clone(), name.to_string_lossy().into_owned())
-        }
-        None => {
-            let path = files.0.join(REFERENCE);
-            let monte_carlo = reference::Settings {
-                camera: settings.camera.clone(),
-                max_depth: settings.max_depth,
-                spp: Some(settings.reference_spp),
-                seed: settings.seed,
-                ..reference::Settings::default()
-            };
-            reference::run(scene, &monte_carlo, bench.region(), &path, restart, job)?;
-            let spp = settings.reference_spp;
-            (path, format!("path tracing with {spp} samples per pixel"))
-        }
+    let path = files.0.join(REFERENCE);
+    let monte_carlo = reference::Settings {
+        camera: settings.camera.clone(),
+        max_depth: settings.max_depth,
+        spp: Some(settings.reference_spp),
+        seed: settings.seed,
+        ..reference::Settings::default()
     };
-    let frame = exr::read(&path)?;
-    let region = bench.region();
-    let found = (frame.width, frame.height);
-    if found != (scene.film.width, scene.film.height) {
-        return Err(Error::input(format!(
-            "{}: the reference has {}x{} pixels, the scene {}x{}",
-            path.display(),
-            frame.width,
-            frame.height,
-            scene.film.width,
-            scene.film.height
-        )));
-    }
-    let target = frame
-        .picture("", &region)
-        .map_err(|e| e.at(path.display()))?;
-    let broken = target.non_finite();
-    if broken > 0 {
-        job.progress.warn(&format!(
-            "{}: {broken} pixels are infinite or not a number",
-            path.display()
-        ));
-    }
-    study.reference = Reference {
-        source,
-        relmse: frame
-            .picture("variance", &region)
-            .ok()
-            .map(|v| reference::expected_relmse(&target.pixels, &v.pixels))
-            // A single sequence of samples tells no variance.
-            .filter(|v| v.is_finite()),
-        exposure: exposure(scene, &path)?,
-    };
+    reference::run(scene, &monte_carlo, bench.region(), &path, restart, job)?;
+    let mut target = Target::read(&path, scene, settings, job)?;
+    let spp = settings.reference_spp;
+    target.about.source = format!("path tracing with {spp} samples per pixel");
     Ok(target)
 }
 
