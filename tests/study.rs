@@ -346,6 +346,32 @@ fn a_reference_of_something_else_is_refused_and_leaves_no_folder() {
 }
 
 #[test]
+fn a_scene_without_media_is_spared_what_only_media_need() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = "[film]\nwidth = 16\nheight = 12\n[[camera]]\nposition = [0, 1, 2]\ntarget = [0, 0, 0]\n\
+                 fov_x_deg = 60\n[[mesh]]\nfile = \"builtin:quad\"\nalbedo = [0.5, 0.5, 0.5]\n[[light]]\n\
+                 type = \"point\"\nposition = [0, 1, 0]\nintensity = [1, 1, 1]\n";
+    fs::write(dir.path().join("scene.toml"), scene).unwrap();
+    let line = "study scene.toml --quick --width 16 --spp 1,2 --reference-spp 2 --surfels 200,400 --progress none -o s";
+    let (code, stderr) = run(dir.path(), line);
+    assert_eq!((code, stderr.as_str()), (Some(0), ""));
+    let found = json(&dir.path().join("s"));
+    let runs: Vec<String> = times(&found).into_keys().collect();
+    // One of samples and one of solid angles beside the clouds; none of lvoxels, and none of surfels alone.
+    let expected = [
+        "extended-base",
+        "extended-max-solid-angle-0.04",
+        "extended-samples-16",
+        "extended-surfels-200",
+        "monte-carlo-1",
+        "monte-carlo-2",
+    ];
+    assert_eq!(runs, expected);
+    let table = fs::read_to_string(dir.path().join("s/table.md")).unwrap();
+    assert!(table.contains("no media"), "{table}");
+}
+
+#[test]
 fn wrong_use_is_refused_at_once() {
     let dir = tempfile::tempdir().unwrap();
     for (args, part) in [

@@ -174,7 +174,7 @@ mod tests {
             };
             let job = Job::default();
             let bench = Bench::new(&scene, &settings, PathBuf::new(), &job);
-            let variant = settings.variants().swap_remove(0);
+            let variant = settings.variants(true).swap_remove(0);
             assert_eq!(variant.how, How::MonteCarlo { spp: 1 });
             let (picture, _) = bench.render(&variant).unwrap();
             for seed in (0..4).chain([u64::MAX]) {

@@ -149,6 +149,10 @@ fn key(scene: &Scene, settings: &Settings) -> Result<String> {
     Ok(hasher.finalize().to_hex().to_string())
 }
 
+fn has_media(scene: &Scene) -> bool {
+    !scene.volumes.is_empty()
+}
+
 /// What a reference is looked at with.
 fn exposure(scene: &Scene, reference: &Path) -> Result<f32> {
     Ok(load::exposure_of(reference)?.unwrap_or(scene.film.exposure))
@@ -166,6 +170,7 @@ fn begin(scene: &Scene, settings: &Settings, key: String) -> Study {
         key,
         scene: scene.name.clone(),
         film: [scene.film.width, scene.film.height],
+        has_media: has_media(scene),
         machine: Machine {
             system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
             processor: processor.into(),
@@ -195,7 +200,7 @@ fn measure_all(
         &files.image("reference"),
         &tone::map(&target, study.reference.exposure),
     )?;
-    let variants = settings.variants();
+    let variants = settings.variants(has_media(bench.scene));
     let total = variants.len() as u64 * u64::from(settings.rounds);
     let task = job.progress.task("study", total, "runs");
     for round in 1..=settings.rounds {

@@ -131,7 +131,7 @@ impl Settings {
                 )));
             }
         }
-        for variant in self.variants() {
+        for variant in self.variants(true) {
             if let How::Points(points) = variant.how {
                 points.bake(self.seed).check()?;
                 points.shade.check()?;
@@ -140,13 +140,15 @@ impl Settings {
         Ok(())
     }
 
-    /// All runs, one method after the other in turn, so that whatever else the machine does hits all alike.
+    /// All runs, one method after the other in turn, so that whatever else the machine does hits all alike. Without media
+    /// the traditional method is the extended one, and lvoxels of any size are none: they are left out.
     #[must_use]
-    pub fn variants(&self) -> Vec<Variant> {
+    pub fn variants(&self, has_media: bool) -> Vec<Variant> {
         let mut columns = vec![self.monte_carlo()];
-        for method in [Method::Traditional, Method::Extended] {
-            columns.push(self.points(method));
+        if has_media {
+            columns.push(self.points(Method::Traditional, true));
         }
+        columns.push(self.points(Method::Extended, has_media));
         let longest = columns.iter().map(Vec::len).max().unwrap_or(0);
         (0..longest)
             .flat_map(|i| columns.iter().filter_map(move |c| c.get(i).cloned()))
@@ -165,7 +167,7 @@ impl Settings {
             .collect()
     }
 
-    fn points(&self, method: Method) -> Vec<Variant> {
+    fn points(&self, method: Method, has_media: bool) -> Vec<Variant> {
         let label = match method {
             Method::Extended => "extended",
             Method::Traditional => "traditional",
@@ -217,7 +219,7 @@ impl Settings {
             points.shade.max_solid_angle = max_solid_angle;
             add("max-solid-angle", max_solid_angle.to_string(), points);
         }
-        if method == Method::Extended {
+        if method == Method::Extended && has_media {
             for &block_depth in &self.block_depth {
                 let points = Points {
                     blocks: BlockSize::OpticalDepth(block_depth),
@@ -355,7 +357,7 @@ mod tests {
             paper,
         ] {
             settings.check().unwrap();
-            let variants = settings.variants();
+            let variants = settings.variants(true);
             let names: BTreeSet<_> = variants.iter().map(|v| &v.name).collect();
             assert_eq!(names.len(), variants.len());
             let first: Vec<_> = variants[..3].iter().map(|v| v.method).collect();
@@ -367,12 +369,31 @@ mod tests {
     #[test]
     fn without_sweeps_there_is_one_run_of_each_method_beside_monte_carlo() {
         let settings = Settings::default().base_only();
-        let variants = settings.variants();
+        let variants = settings.variants(true);
         assert_eq!(variants.len(), settings.spp.len() + 2);
         let How::Points(points) = &variants[1].how else {
             panic!("traditional has no points");
         };
         assert_eq!(points.surfels, 500_000);
+    }
+
+    #[test]
+    fn without_media_nothing_is_run_that_only_media_tell_apart() {
+        let settings = Settings::default();
+        let names = |has_media| -> BTreeSet<String> {
+            let variants = settings.variants(has_media);
+            variants.into_iter().map(|v| v.name).collect()
+        };
+        let (with, without) = (names(true), names(false));
+        let left_out: Vec<_> = with.difference(&without).collect();
+        assert!(
+            left_out
+                .iter()
+                .all(|n| n.starts_with("traditional") || n.contains("-block-"))
+        );
+        // The base, 2 clouds, 5 numbers of samples and 5 solid angles; 3 depths and 3 sides of lvoxels.
+        assert_eq!(left_out.len(), 13 + 3 + 3);
+        assert_eq!(without.len(), 4 + 13);
     }
 
     #[test]

@@ -17,6 +17,8 @@ pub struct Study {
     pub scene: String,
     /// Pixels across and down.
     pub film: [u32; 2],
+    /// Whether there are any media in it.
+    pub has_media: bool,
     /// The machine.
     pub machine: Machine,
     /// The settings, as JSON.

@@ -185,8 +185,13 @@ pub fn caption(study: &Study) -> String {
     let noise = study.reference.relmse.map_or(String::new(), |v| {
         format!(", of relMSE {} against the truth", figure(v))
     });
+    let media = if study.has_media {
+        ""
+    } else {
+        "The scene has no media: the traditional method is the extended one then, and is left out. "
+    };
     format!(
-        "{} at {w}x{h} pixels, against {}{noise}. Times are CPU seconds of all threads, medians of up to {} rounds in which \
+        "{} at {w}x{h} pixels, against {}{noise}. {media}Times are CPU seconds of all threads, medians of up to {} rounds in which \
          the methods take turns; loading the scene is left out. Monte Carlo's relMSE falls to the reference's noise as one \
          over its time; its pdiff is read off straight lines in logarithms between its runs; in brackets where that is \
          outside of what was measured. lvox {} on {} ({}), {} threads.",
