@@ -305,7 +305,7 @@ fn a_reference_without_variance_is_judged_by_and_another_of_its_name_refused() {
     reference(2);
     let (code, stderr) = run(study);
     assert_eq!(code, Some(2));
-    assert!(stderr.contains("another scene, reference"), "{stderr}");
+    assert!(stderr.contains("another reference"), "{stderr}");
 }
 
 /// Runs a line of words in a folder: exit code and stderr.
@@ -343,6 +343,52 @@ fn a_reference_of_something_else_is_refused_and_leaves_no_folder() {
     let (code, stderr) = run(dir.path(), &format!("{study} --max-depth 2 --force"));
     assert_eq!(code, Some(0), "{stderr}");
     assert!(stderr.contains("warning: point-based methods"), "{stderr}");
+}
+
+#[test]
+fn a_study_grows_by_rounds_and_by_values_and_keeps_its_runs() {
+    let dir = tempfile::tempdir().unwrap();
+    let tiny = "study --demo --width 16 --reference-spp 4 --quality draft --surfels 500 --block-depth 0.7 --block-voxels 8 \
+                --max-solid-angle 0.04 --progress none -o s --threads";
+    let grown = |more: &str| {
+        let (code, stderr) = run(dir.path(), &format!("{tiny} {more}"));
+        assert_eq!((code, stderr.as_str()), (Some(0), ""), "{more}");
+        times(&json(&dir.path().join("s")))
+    };
+    let first = grown("1 --spp 1,4 --samples 8 --rounds 1");
+    let second = grown("1 --spp 1,2,4 --samples 16 --rounds 2");
+    for (name, rounds) in &first {
+        assert_eq!(second[name][0], rounds[0], "{name}");
+        // What the second call does not ask for stays as it was.
+        let expected = if name.ends_with("samples-8") { 1 } else { 2 };
+        assert_eq!(second[name].len(), expected, "{name}");
+    }
+    let added: Vec<&str> = second
+        .keys()
+        .filter(|name| !first.contains_key(*name))
+        .map(String::as_str)
+        .collect();
+    let expected = [
+        "extended-samples-16",
+        "monte-carlo-2",
+        "traditional-samples-16",
+    ];
+    assert_eq!(added, expected);
+    let csv = fs::read_to_string(dir.path().join("s/study.csv")).unwrap();
+    let at = |name: &str| csv.find(name).unwrap();
+    assert!(at("monte-carlo-1") < at("monte-carlo-2") && at("monte-carlo-2") < at("monte-carlo-4"));
+    for (more, part) in [
+        ("1 --spp 1,2 --samples 8 --seed 3", "another reference"),
+        ("2 --spp 1,2 --samples 8", "1 threads"),
+    ] {
+        let (code, stderr) = run(dir.path(), &format!("{tiny} {more}"));
+        assert_eq!(code, Some(2), "{more}");
+        assert!(stderr.contains(part), "{more}: {stderr}");
+    }
+    let other_base = tiny.replace("draft", "good");
+    let (code, stderr) = run(dir.path(), &format!("{other_base} 1 --spp 1"));
+    assert_eq!(code, Some(2));
+    assert!(stderr.contains("extended-base"), "{stderr}");
 }
 
 #[test]

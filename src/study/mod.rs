@@ -24,15 +24,16 @@ use html::Shown;
 use measure::Bench;
 use plan::{How, Variant};
 use record::{Machine, Reference, Run};
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Runs a study into a folder: `study.json`, `study.csv`, `table.md`, plots, images, and `report.html` with all of them.
-/// `restart` forgets what an earlier study measured there.
+/// Runs that are there are kept: a call with more rounds or with more values of a sweep adds to them. `restart` forgets them.
 ///
 /// # Errors
-/// Settings that make no sense, a folder of another study or of another build of the program, whatever rendering and writing can give, or a stop on request;
-/// after that the reports hold what is finished.
+/// Settings that make no sense, a folder of another study, machine or build of the program, whatever rendering and writing
+/// can give, or a stop on request; after that the reports hold what is finished.
 pub fn run(
     scene: &Scene,
     settings: &Settings,
@@ -49,24 +50,40 @@ pub fn run(
             settings.max_depth
         ));
     }
-    let key = key(scene, settings)?;
+    let origin = origin(scene, settings)?;
+    let variants = settings.variants(has_media(scene));
     // What is wrong with a reference shows before the folder belongs to it.
     let given = settings.reference.as_ref();
     let given = given
         .map(|path| Target::read(path, scene, settings, job))
         .transpose()?;
     let files = Files::new(folder)?;
-    let mut study = match Study::read(&files.json(), &key) {
-        Ok(Some(found)) if !restart => found,
-        Err(e) if !restart => return Err(e),
-        _ => begin(scene, settings, key),
+    let machine = machine();
+    let found = match Study::read(&files.json(), &origin, &machine) {
+        Ok(found) => found.filter(|_| !restart),
+        Err(_) if restart => None,
+        Err(e) => return Err(e),
     };
+    let mut study = found.unwrap_or_else(|| Study {
+        version: env!("CARGO_PKG_VERSION").into(),
+        origin,
+        scene: scene.name.clone(),
+        film: [scene.film.width, scene.film.height],
+        has_media: has_media(scene),
+        machine,
+        ..Study::default()
+    });
+    study.check(&variants, settings, &files.json())?;
+    study.settings = serde_json::to_value(settings).unwrap_or_default();
     study.write(&files.json())?;
     let bench = Bench::new(scene, settings, files.trees(), job);
-    let result = measure_all(&mut study, given, &bench, &files, restart, job);
+    let result = measure_all(&mut study, &variants, given, &bench, &files, restart, job);
     match result {
         Err(e) if e.kind() != Kind::Cancelled => return Err(e),
-        _ => study.find(),
+        _ => {
+            study.arrange(&variants);
+            study.find();
+        }
     }
     study.write(&files.json())?;
     if !study.runs.is_empty() {
@@ -124,29 +141,40 @@ impl Files {
     }
 }
 
-/// What times and errors depend on: the build of the program, the scene, the settings, and of a reference that was given
-/// its content, wherever it lies, and the exposure that it is looked at with.
-fn key(scene: &Scene, settings: &Settings) -> Result<String> {
-    let mut hasher = blake3::Hasher::new();
-    hasher.update(&build::digest());
-    hasher.update(&scene.hash);
-    hasher.update(&scene.film.width.to_le_bytes());
-    hasher.update(&scene.film.height.to_le_bytes());
-    let named = Settings {
-        camera: Some(scene.camera(settings.camera.as_deref())?.name.clone()),
-        reference: None,
-        ..settings.clone()
+/// What all runs of a study have in common and depend on: the build of the program, the scene, its film, the camera, and the
+/// reference: of one that was given its content, wherever it lies, and the exposure that it is looked at with.
+fn origin(scene: &Scene, settings: &Settings) -> Result<BTreeMap<String, String>> {
+    let hex = |bytes: &[u8]| bytes.iter().map(|b| format!("{b:02x}")).collect::<String>();
+    let (reference, exposure) = match &settings.reference {
+        Some(path) => {
+            let mut content = blake3::Hasher::new();
+            fs::File::open(path)
+                .and_then(|file| content.update_reader(file).map(drop))
+                .map_err(|e| Error::io("read", path, &e))?;
+            let digest = content.finalize().to_hex().to_string();
+            (digest, exposure(scene, path)?)
+        }
+        None => (
+            format!(
+                "{} samples per pixel, depth {}, seed {}",
+                settings.reference_spp, settings.max_depth, settings.seed
+            ),
+            scene.film.exposure,
+        ),
     };
-    hasher.update(serde_json::to_string(&named).unwrap_or_default().as_bytes());
-    if let Some(path) = &settings.reference {
-        let mut content = blake3::Hasher::new();
-        fs::File::open(path)
-            .and_then(|file| content.update_reader(file).map(drop))
-            .map_err(|e| Error::io("read", path, &e))?;
-        hasher.update(content.finalize().as_bytes());
-        hasher.update(&exposure(scene, path)?.to_le_bytes());
-    }
-    Ok(hasher.finalize().to_hex().to_string())
+    let camera = scene.camera(settings.camera.as_deref())?.name.clone();
+    let parts = [
+        ("build of lvox", hex(&build::digest())),
+        ("scene", hex(&scene.hash)),
+        (
+            "film",
+            format!("{}x{}", scene.film.width, scene.film.height),
+        ),
+        ("camera", camera),
+        ("reference", reference),
+        ("exposure", exposure.to_string()),
+    ];
+    Ok(parts.map(|(name, part)| (name.to_owned(), part)).into())
 }
 
 fn has_media(scene: &Scene) -> bool {
@@ -158,31 +186,23 @@ fn exposure(scene: &Scene, reference: &Path) -> Result<f32> {
     Ok(load::exposure_of(reference)?.unwrap_or(scene.film.exposure))
 }
 
-fn begin(scene: &Scene, settings: &Settings, key: String) -> Study {
+fn machine() -> Machine {
     let processor = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let processor = processor
         .lines()
         .find(|l| l.starts_with("model name"))
         .and_then(|l| l.split_once(':'))
         .map_or("a processor of unknown name", |(_, name)| name.trim());
-    Study {
-        version: env!("CARGO_PKG_VERSION").into(),
-        key,
-        scene: scene.name.clone(),
-        film: [scene.film.width, scene.film.height],
-        has_media: has_media(scene),
-        machine: Machine {
-            system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
-            processor: processor.into(),
-            threads: rayon::current_num_threads(),
-        },
-        settings: serde_json::to_value(settings).unwrap_or_default(),
-        ..Study::default()
+    Machine {
+        system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+        processor: processor.into(),
+        threads: rayon::current_num_threads(),
     }
 }
 
 fn measure_all(
     study: &mut Study,
+    variants: &[Variant],
     given: Option<Target>,
     bench: &Bench,
     files: &Files,
@@ -200,11 +220,10 @@ fn measure_all(
         &files.image("reference"),
         &tone::map(&target, study.reference.exposure),
     )?;
-    let variants = settings.variants(has_media(bench.scene));
     let total = variants.len() as u64 * u64::from(settings.rounds);
     let task = job.progress.task("study", total, "runs");
     for round in 1..=settings.rounds {
-        for variant in &variants {
+        for variant in variants {
             let at = study.runs.iter().position(|r| r.name == variant.name);
             let rounds = at.map_or(&[][..], |i| &study.runs[i].rounds);
             let long = rounds.iter().any(|t| t.wall_secs > settings.long_secs);
@@ -252,6 +271,7 @@ fn measure(
     )?;
     study.runs.push(Run {
         name: variant.name.clone(),
+        key: variant.key(bench.settings),
         method: variant.method.into(),
         sweep: variant.sweep.into(),
         values: variant.values(),
@@ -384,7 +404,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_key_knows_a_reference_by_content_and_exposure() {
+    fn the_origin_knows_a_reference_by_content_and_exposure() {
         let dir = tempfile::tempdir().unwrap();
         let mut scene = Scene::without_picture();
         let of = |scene: &Scene, name: &str| {
@@ -392,7 +412,7 @@ mod tests {
                 reference: Some(dir.path().join(name)),
                 ..Settings::default()
             };
-            key(scene, &settings)
+            origin(scene, &settings)
         };
         let put = |name: &str, text: &str| fs::write(dir.path().join(name), text).unwrap();
         assert!(of(&scene, "a.exr").is_err());
@@ -408,7 +428,7 @@ mod tests {
         scene.film.exposure = 3.0;
         put("a.exr", "one");
         assert_ne!(of(&scene, "a.exr").unwrap(), one);
-        assert_ne!(key(&scene, &Settings::default()).unwrap(), one);
+        assert_ne!(origin(&scene, &Settings::default()).unwrap(), one);
     }
 
     #[test]
@@ -420,7 +440,7 @@ mod tests {
                 camera: camera.map(Into::into),
                 ..Settings::default()
             };
-            key(&scene, &settings)
+            origin(&scene, &settings)
         };
         assert_eq!(of(None).unwrap(), of(Some("front")).unwrap());
         assert!(of(Some("back")).is_err());

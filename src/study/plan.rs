@@ -253,6 +253,24 @@ pub struct Variant {
 }
 
 impl Variant {
+    /// Digest of all that the run depends on beside what it has in common with all runs of a study.
+    #[must_use]
+    pub fn key(&self, settings: &Settings) -> String {
+        let seed = settings.seed;
+        let text = match &self.how {
+            How::MonteCarlo { spp } => format!("{spp} {} {seed}", settings.max_depth),
+            How::Points(points) => {
+                // The camera is common to all, whether it was named or not.
+                let shade = shade::Settings {
+                    camera: None,
+                    ..points.shade.clone()
+                };
+                format!("{:?} {shade:?}", points.bake(seed))
+            }
+        };
+        blake3::hash(text.as_bytes()).to_hex().to_string()
+    }
+
     /// All settings that any run varies, by the names of their sweeps.
     #[must_use]
     pub fn values(&self) -> BTreeMap<String, f64> {
@@ -394,6 +412,38 @@ mod tests {
         // The base, 2 clouds, 5 numbers of samples and 5 solid angles; 3 depths and 3 sides of lvoxels.
         assert_eq!(left_out.len(), 13 + 3 + 3);
         assert_eq!(without.len(), 4 + 13);
+    }
+
+    #[test]
+    fn keys_know_what_a_run_depends_on_and_no_more() {
+        let base = Settings::default();
+        let key = |settings: &Settings, name: &str| {
+            let variants = settings.variants(true);
+            let found = variants.iter().find(|v| v.name == name);
+            found.unwrap().key(settings)
+        };
+        let more = Settings {
+            rounds: 7,
+            long_secs: 1.0,
+            spp: vec![1, 2],
+            samples: vec![8, 9],
+            camera: Some("front".into()),
+            ..base.clone()
+        };
+        let seeded = Settings {
+            seed: 5,
+            ..base.clone()
+        };
+        for name in ["monte-carlo-1", "extended-base", "traditional-samples-8"] {
+            assert_eq!(key(&more, name), key(&base, name), "{name}");
+            assert_ne!(key(&seeded, name), key(&base, name), "{name}");
+        }
+        let deeper = Settings {
+            max_depth: 4,
+            ..base.clone()
+        };
+        assert_ne!(key(&deeper, "monte-carlo-1"), key(&base, "monte-carlo-1"));
+        assert_eq!(key(&deeper, "extended-base"), key(&base, "extended-base"));
     }
 
     #[test]

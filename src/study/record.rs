@@ -1,9 +1,11 @@
 //! What a study has measured, and the file that keeps it.
 
 use super::findings::Findings;
+use super::plan::{Settings, Variant};
 use crate::run::Output;
 use crate::{Error, Result};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 use std::path::Path;
 
 /// Everything measured so far; the file `study.json`.
@@ -11,8 +13,9 @@ use std::path::Path;
 pub struct Study {
     /// Version of lvox.
     pub version: String,
-    /// What the measurements belong to: build of the program, scene, settings and reference, hashed.
-    pub key: String,
+    /// What all runs have in common and none can be compared without, by words for it: build of the program, scene, film,
+    /// camera, reference and exposure.
+    pub origin: BTreeMap<String, String>,
     /// Name of the scene.
     pub scene: String,
     /// Pixels across and down.
@@ -21,13 +24,13 @@ pub struct Study {
     pub has_media: bool,
     /// The machine.
     pub machine: Machine,
-    /// The settings, as JSON.
+    /// The settings of the last call, as JSON.
     pub settings: serde_json::Value,
     /// The image that all are compared with.
     pub reference: Reference,
     /// Clouds, in order of need.
     pub clouds: Vec<Cloud>,
-    /// Runs, in order of the plan.
+    /// Runs, in order of the plan; those of earlier calls that are not in it last.
     pub runs: Vec<Run>,
     /// What they say.
     pub findings: Findings,
@@ -42,6 +45,17 @@ pub struct Machine {
     pub processor: String,
     /// Threads that were used.
     pub threads: usize,
+}
+
+impl fmt::Display for Machine {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            system,
+            processor,
+            threads,
+        } = self;
+        write!(f, "{threads} threads of {processor} ({system})")
+    }
 }
 
 /// A converged image.
@@ -107,6 +121,8 @@ pub struct Errors {
 pub struct Run {
     /// Name of the variant.
     pub name: String,
+    /// Digest of all settings that it depends on, from [`super::plan::Variant::key`].
+    pub key: String,
     /// `monte carlo`, `traditional` or `extended`.
     pub method: String,
     /// The setting that is varied; `base` for none, `paper` for a cloud like the paper's.
@@ -158,11 +174,15 @@ impl Study {
         run.time().cpu_secs + before
     }
 
-    /// What an earlier study of the same key has measured; `None` if there is none.
+    /// What an earlier study of the same origin has measured on the same machine; `None` if there is none, or nothing in it.
     ///
     /// # Errors
-    /// [`crate::Kind::Input`] if the file is damaged or belongs to another scene, reference, setting or build.
-    pub fn read(path: &Path, key: &str) -> Result<Option<Self>> {
+    /// [`crate::Kind::Input`] if the file is damaged or belongs to something else; the message says in what it differs.
+    pub fn read(
+        path: &Path,
+        origin: &BTreeMap<String, String>,
+        machine: &Machine,
+    ) -> Result<Option<Self>> {
         let bytes = match std::fs::read(path) {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             other => other.map_err(|e| Error::io("read", path, &e))?,
@@ -173,13 +193,62 @@ impl Study {
         };
         let study: Self = serde_json::from_slice(&bytes)
             .map_err(|e| refused(format!("is no study of this version: {e}")))?;
-        if study.key == key {
-            Ok(Some(study))
-        } else {
-            Err(refused(
-                "belongs to another scene, reference, setting or build of lvox".into(),
-            ))
+        // One that has measured nothing binds nobody.
+        if study.runs.is_empty() {
+            return Ok(None);
         }
+        let names = origin.keys().chain(study.origin.keys());
+        let other: BTreeSet<&str> = names
+            .filter(|name| origin.get(*name) != study.origin.get(*name))
+            .map(String::as_str)
+            .collect();
+        if !other.is_empty() {
+            let other: Vec<&str> = other.into_iter().collect();
+            return Err(refused(format!("belongs to another {}", other.join(", "))));
+        }
+        // Times of different machines do not mix.
+        if study.machine != *machine {
+            return Err(refused(format!(
+                "has times of {}, here are {}",
+                study.machine, machine
+            )));
+        }
+        Ok(Some(study))
+    }
+
+    /// Refuses runs of the same names and other settings: a folder has one base, which its sweeps vary.
+    ///
+    /// # Errors
+    /// [`crate::Kind::Input`] with the names.
+    pub fn check(&self, variants: &[Variant], settings: &Settings, path: &Path) -> Result<()> {
+        let other: Vec<&str> = variants
+            .iter()
+            .filter(|v| {
+                let same_name = self.runs.iter().find(|r| r.name == v.name);
+                same_name.is_some_and(|r| r.key != v.key(settings))
+            })
+            .map(|v| v.name.as_str())
+            .collect();
+        if other.is_empty() {
+            return Ok(());
+        }
+        Err(Error::input(format!(
+            "{} has runs of other settings: {}",
+            path.display(),
+            other.join(", ")
+        ))
+        .hint(
+            "more --rounds and more values of sweeps go into the same folder; for another base (--quality, --seed, \
+             --max-depth, the last of --surfels, the first of --block-depth) choose another folder, or begin anew with \
+             --force",
+        ))
+    }
+
+    /// Puts the runs in order of the plan, the others last.
+    pub fn arrange(&mut self, variants: &[Variant]) {
+        let place = |run: &Run| variants.iter().position(|v| v.name == run.name);
+        self.runs
+            .sort_by_key(|run| place(run).unwrap_or(variants.len()));
     }
 
     /// Writes `study.json`.
@@ -203,11 +272,21 @@ mod tests {
     fn studies_come_back_with_every_bit_and_do_not_mix() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("study.json");
-        assert!(Study::read(&path, "k").unwrap().is_none());
+        let origin = |scene: &str| BTreeMap::from([("scene".to_owned(), scene.to_owned())]);
+        let machine = Machine {
+            threads: 2,
+            ..Machine::default()
+        };
+        assert!(
+            Study::read(&path, &origin("k"), &machine)
+                .unwrap()
+                .is_none()
+        );
         // Times as clocks give them: no short decimals.
         let secs = |i: u64| f64::from_bits(0x3ff0_0000_0000_0000 + hash(&[i]) % (1 << 54));
         let mut study = Study {
-            key: "k".into(),
+            origin: origin("k"),
+            machine: machine.clone(),
             runs: vec![Run {
                 name: "a".into(),
                 rounds: (0..1000)
@@ -222,15 +301,22 @@ mod tests {
         };
         study.find();
         study.write(&path).unwrap();
-        assert_eq!(Study::read(&path, "k").unwrap(), Some(study));
-        assert!(Study::read(&path, "other").is_err());
+        let read = |scene: &str, threads| {
+            let machine = Machine {
+                threads,
+                ..machine.clone()
+            };
+            Study::read(&path, &origin(scene), &machine)
+        };
+        assert_eq!(read("k", 2).unwrap(), Some(study));
+        let error = read("other", 2).unwrap_err().to_string();
+        assert!(error.contains("another scene"), "{error}");
+        let error = read("k", 4).unwrap_err().to_string();
+        assert!(error.contains("2 threads") && error.contains("4 threads"));
+        Study::default().write(&path).unwrap();
+        assert_eq!(read("k", 2).unwrap(), None);
         std::fs::write(&path, "{").unwrap();
-        assert!(
-            Study::read(&path, "k")
-                .unwrap_err()
-                .hint_text()
-                .unwrap()
-                .contains("--force")
-        );
+        let error = read("k", 2).unwrap_err();
+        assert!(error.hint_text().unwrap().contains("--force"));
     }
 }
