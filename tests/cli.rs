@@ -137,6 +137,43 @@ fn wrong_usage_is_exit_code_2() {
 }
 
 #[test]
+fn the_time_of_shading_and_the_whole_are_told_at_the_end() {
+    let dir = tempfile::tempdir().unwrap();
+    let small = "--demo --resolution 16x12 --quality draft -o a.png";
+    let run = |line: String| {
+        let run = lvox(dir.path(), &line.split_whitespace().collect::<Vec<_>>());
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        run.stderr
+    };
+    let render = format!("render {small} --surfels 500 --keep-tree t.lvt --force");
+    let told = run(render.clone());
+    let words: Vec<&str> = told.lines().last().unwrap().split(' ').collect();
+    let [
+        "shade",
+        own,
+        "CPU",
+        "s;",
+        "with",
+        "bake",
+        "and",
+        "build",
+        whole,
+    ] = words[..]
+    else {
+        panic!("{told}");
+    };
+    let [own, whole] = [own, whole].map(|v| v.parse::<f64>().unwrap());
+    assert!(own >= 0.0 && whole >= own);
+    assert_eq!(run(format!("{render} --progress none")), "");
+    let told = run(format!("shade {small} -t t.lvt"));
+    let last = told.lines().last().unwrap();
+    assert!(
+        last.starts_with("shade ") && last.ends_with(" CPU s"),
+        "{told}"
+    );
+}
+
+#[test]
 fn merged_tiles_are_the_whole_frame() {
     let dir = tempfile::tempdir().unwrap();
     let whole = write_whole(dir.path(), "whole.exr");
