@@ -85,6 +85,12 @@ fn samples_and_noise_are_told_and_compare_has_the_noise_too() {
         ""
     );
 
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lvox"));
+    let output = command.current_dir(&dir).args(["inspect", "a.exr.sums"]);
+    let output = output.output().unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).contains("300 200 to 340 230"));
+
     let compare = |images: [&str; 2], more: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_lvox"));
         let region = ["--region", "300", "200", "340", "230"];
