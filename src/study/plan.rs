@@ -279,11 +279,11 @@ impl Variant {
             How::Points(points) => vec![
                 ("surfels", points.surfels as f64),
                 match points.blocks {
-                    BlockSize::OpticalDepth(tau) => ("block-depth", f64::from(tau)),
+                    BlockSize::OpticalDepth(tau) => ("block-depth", as_typed(tau)),
                     BlockSize::Fixed { level, .. } => ("block-voxels", f64::from(1_u32 << level)),
                 },
                 ("samples", f64::from(points.shade.samples)),
-                ("max-solid-angle", f64::from(points.shade.max_solid_angle)),
+                ("max-solid-angle", as_typed(points.shade.max_solid_angle)),
             ],
         };
         values.into_iter().map(|(n, v)| (n.into(), v)).collect()
@@ -347,6 +347,11 @@ impl Points {
             shade: self.shade.clone(),
         }
     }
+}
+
+/// The number that a person means by the nearest f32: 0.04, not 0.03999999910593033.
+fn as_typed(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(f64::from(value))
 }
 
 /// Lvoxels of so many voxels a side, with the most samples of the paper.
@@ -444,6 +449,20 @@ mod tests {
         };
         assert_ne!(key(&deeper, "monte-carlo-1"), key(&base, "monte-carlo-1"));
         assert_eq!(key(&deeper, "extended-base"), key(&base, "extended-base"));
+    }
+
+    #[test]
+    fn values_are_as_they_were_typed() {
+        let settings = Settings::default();
+        let of = |name: &str, setting: &str| {
+            let variants = settings.variants(true);
+            let found = variants.iter().find(|v| v.name == name);
+            found.unwrap().values()[setting]
+        };
+        let angle = of("extended-max-solid-angle-0.04", "max-solid-angle");
+        assert_eq!(angle.to_string(), "0.04");
+        assert_eq!(of("extended-block-depth-0.35", "block-depth"), 0.35);
+        assert_eq!(as_typed(0.1_f32), 0.1);
     }
 
     #[test]

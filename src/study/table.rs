@@ -1,6 +1,6 @@
 //! The numbers of a study as text: a table in the form of the paper's Table 1 in Markdown, and all runs as CSV.
 
-use super::findings::{Metric, Versus};
+use super::findings::{FARTHEST, Metric, Versus};
 use super::record::{Cloud, Run, Study};
 use std::fmt::Write;
 
@@ -58,11 +58,11 @@ pub fn summary(study: &Study) -> Table {
             cloud.map_or("–".into(), |c| figure(c.build.cpu_secs)),
             figure(run.time().cpu_secs),
             percent(run.errors.pdiff),
-            percent(versus(Metric::Pdiff).and_then(|v| v.equal_time_error)),
+            equal_time(versus(Metric::Pdiff), 100.0),
             times(versus(Metric::Pdiff), |v| v.speed_up),
             times(versus(Metric::Pdiff), |v| v.total_speed_up),
             optional(run.errors.relmse),
-            optional(versus(Metric::RelMse).and_then(|v| v.equal_time_error)),
+            equal_time(versus(Metric::RelMse), 1.0),
             times(versus(Metric::RelMse), |v| v.speed_up),
             times(versus(Metric::RelMse), |v| v.total_speed_up),
             optional(run.errors.flip),
@@ -92,12 +92,29 @@ pub fn summary(study: &Study) -> Table {
     }
 }
 
-/// A speed-up; in brackets where it needs a time that was not measured.
+/// A speed-up; in brackets where it needs a time that was not measured, and no more than a bound where that is far.
 fn times(versus: Option<&Versus>, factor: fn(&Versus) -> Option<f64>) -> String {
-    match versus.and_then(|v| Some((factor(v)?, v.extrapolated))) {
-        None => "–".into(),
-        Some((factor, false)) => format!("{} x", figure(factor)),
-        Some((factor, true)) => format!("({} x)", figure(factor)),
+    let Some((v, factor)) = versus.and_then(|v| Some((v, factor(v)?))) else {
+        return "–".into();
+    };
+    let factor = figure(factor);
+    match (v.extrapolated, v.capped) {
+        (_, true) => format!("(> {factor} x)"),
+        (true, false) => format!("({factor} x)"),
+        (false, false) => format!("{factor} x"),
+    }
+}
+
+/// What Monte Carlo reaches in the time of a run, in a unit; in brackets where that time was not measured.
+fn equal_time(versus: Option<&Versus>, per_unit: f64) -> String {
+    let Some((v, error)) = versus.and_then(|v| Some((v, v.equal_time_error?))) else {
+        return "–".into();
+    };
+    let error = figure(per_unit * error);
+    if v.time_extrapolated {
+        format!("({error})")
+    } else {
+        error
     }
 }
 
@@ -194,7 +211,7 @@ pub fn caption(study: &Study) -> String {
         "{} at {w}x{h} pixels, against {}{noise}. {media}Times are CPU seconds of all threads, medians of up to {} rounds in which \
          the methods take turns; loading the scene is left out. Monte Carlo's relMSE falls to the reference's noise as one \
          over its time; its pdiff is read off straight lines in logarithms between its runs; in brackets where that is \
-         outside of what was measured. lvox {} on {} ({}), {} threads.",
+         outside of what was measured, and no farther than {FARTHEST} times its longest run. lvox {} on {} ({}), {} threads.",
         study.scene,
         study.reference.source,
         study.runs.iter().map(|r| r.rounds.len()).max().unwrap_or(0),
