@@ -392,6 +392,33 @@ fn a_study_grows_by_rounds_and_by_values_and_keeps_its_runs() {
 }
 
 #[test]
+fn a_cut_tree_is_built_again_and_force_leaves_nothing_of_before() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join("s").join(name);
+    let grown = |line: &str| {
+        let (code, stderr) = run(dir.path(), &format!("{line} --reference-spp 2"));
+        assert_eq!((code, stderr.as_str()), (Some(0), ""), "{line}");
+    };
+    grown(TINY);
+    let tree = at("trees/surfels-500-depth-0.7.lvt");
+    let whole = fs::read(&tree).unwrap();
+    fs::write(&tree, &whole[..whole.len() / 2]).unwrap();
+    let twice = TINY.replace("--rounds 1", "--rounds 2");
+    grown(&format!("{twice} --spp 4"));
+    assert!(fs::read(&tree).unwrap() == whole);
+    let of_four = at("images/monte-carlo-4.png");
+    assert!(of_four.is_file());
+    for name in ["trees/old.lvt", "images/notes.txt", "time-over-surfels.svg"] {
+        fs::write(at(name), "old").unwrap();
+    }
+    grown(&format!("{TINY} --force"));
+    assert!(!of_four.exists() && !at("trees/old.lvt").exists());
+    assert!(!at("time-over-surfels.svg").exists());
+    assert!(tree.is_file() && at("images/extended-base.png").is_file());
+    assert!(at("images/notes.txt").is_file());
+}
+
+#[test]
 fn a_scene_without_media_is_spared_what_only_media_need() {
     let dir = tempfile::tempdir().unwrap();
     let scene = "[film]\nwidth = 16\nheight = 12\n[[camera]]\nposition = [0, 1, 2]\ntarget = [0, 0, 0]\n\

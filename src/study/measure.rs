@@ -69,9 +69,9 @@ impl<'a> Bench<'a> {
         self.trees.join(format!("{cloud}.lvt"))
     }
 
-    /// Whether the tree of a cloud is there.
+    /// Whether the tree of a cloud is there and whole, as far as its header and tables tell.
     pub fn has_tree(&self, cloud: &str) -> bool {
-        self.tree(cloud).is_file()
+        TreeStore::open(&self.tree(cloud), self.job.memory_limit).is_ok()
     }
 
     /// Bakes and builds.

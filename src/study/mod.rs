@@ -64,6 +64,9 @@ pub fn run(
         Err(_) if restart => None,
         Err(e) => return Err(e),
     };
+    if restart {
+        files.clear()?;
+    }
     let mut study = found.unwrap_or_else(|| Study {
         version: env!("CARGO_PKG_VERSION").into(),
         origin,
@@ -118,6 +121,33 @@ impl Files {
             fs::create_dir_all(&dir).map_err(|e| Error::io("create", &dir, &e))?;
         }
         Ok(files)
+    }
+
+    /// Removes what an earlier study has left, its reference and the reports that are written anew excepted; nothing in a
+    /// folder without a study.
+    fn clear(&self) -> Result<()> {
+        if !self.json().is_file() {
+            return Ok(());
+        }
+        let plots = plots::NAMES.map(|name| self.0.join(format!("{name}.svg")));
+        let mut old: Vec<PathBuf> = plots.into_iter().filter(|p| p.is_file()).collect();
+        for (dir, kinds) in [
+            (self.images(), &["png"][..]),
+            (self.trees(), &["lvt", "lvc"]),
+        ] {
+            let entries = fs::read_dir(&dir).map_err(|e| Error::io("read", &dir, &e))?;
+            for entry in entries {
+                let path = entry.map_err(|e| Error::io("read", &dir, &e))?.path();
+                let is_own = |e: &std::ffi::OsStr| kinds.iter().any(|kind| e == *kind);
+                if path.extension().is_some_and(is_own) && path.is_file() {
+                    old.push(path);
+                }
+            }
+        }
+        for path in old {
+            fs::remove_file(&path).map_err(|e| Error::io("remove", &path, &e))?;
+        }
+        Ok(())
     }
 
     fn json(&self) -> PathBuf {

@@ -34,6 +34,16 @@ const COLORS: [(&str, RGBColor); 3] = [
     ("extended", RGBColor(0, 114, 178)),
 ];
 
+/// Names of all plots that there can be.
+pub const NAMES: [&str; 6] = [
+    "error-over-render-time",
+    "error-over-total-time",
+    "error-over-surfels",
+    "time-over-surfels",
+    "error-over-settings",
+    "pareto",
+];
+
 /// Plots of what changes along the sweep of a setting.
 const SWEEPS: [&str; 3] = [
     "error-over-surfels",
@@ -47,7 +57,12 @@ const SWEEPS: [&str; 3] = [
 /// If one cannot be drawn.
 pub fn all(study: &Study) -> Result<Vec<Plot>> {
     let mut plots = Vec::new();
-    let mut add = |name, title, axes: [&str; 2], mut series: Vec<Series>, floor: Option<f64>| {
+    let mut add = |name: &'static str,
+                   title,
+                   axes: [&str; 2],
+                   mut series: Vec<Series>,
+                   floor: Option<f64>| {
+        debug_assert!(NAMES.contains(&name));
         // Along a sweep one point says nothing.
         if SWEEPS.contains(&name) {
             series.retain(|s| s.points.len() > 1);
