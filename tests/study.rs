@@ -357,6 +357,10 @@ fn a_study_grows_by_rounds_and_by_values_and_keeps_its_runs() {
     };
     let first = grown("1 --spp 1,4 --samples 8 --rounds 1");
     let second = grown("1 --spp 1,2,4 --samples 16 --rounds 2");
+    let found = json(&dir.path().join("s"));
+    let clouds = found["clouds"].as_array().unwrap();
+    let rounds = |c: &Value| c["rounds"].as_array().unwrap().len();
+    assert!(clouds.iter().all(|c| rounds(c) == 2), "{clouds:?}");
     for (name, rounds) in &first {
         assert_eq!(second[name][0], rounds[0], "{name}");
         // What the second call does not ask for stays as it was.

@@ -1,10 +1,10 @@
 //! One run of a study: what it takes and what comes out.
 
 use super::plan::{How, Points, Settings, Variant};
-use super::record::{Cloud, Errors, Timing};
+use super::record::{Cloud, Errors, Making, Timing};
 use crate::gather::TreeStore;
 use crate::image::metrics::{self, Comparison};
-use crate::image::{Picture, Region};
+use crate::image::{Frame, Picture, Region};
 use crate::math::sampling;
 use crate::run::{Job, usage};
 use crate::scene::Scene;
@@ -74,7 +74,7 @@ impl<'a> Bench<'a> {
         TreeStore::open(&self.tree(cloud), self.job.memory_limit).is_ok()
     }
 
-    /// Bakes and builds.
+    /// Bakes and builds: a cloud of one round. The files are the same in every round.
     pub fn prepare(&self, points: &Points) -> Result<Cloud> {
         let name = points.cloud();
         let cloud = self.trees.join(format!("{name}.lvc"));
@@ -90,22 +90,29 @@ impl<'a> Bench<'a> {
         let blocks = store.tree().lvoxel_blocks();
         let sums = &outcome.summary.sums;
         let disk = sums.area / (PI * sums.surfels.max(1) as f64);
-        Ok(Cloud {
+        let mut cloud = Cloud {
             name,
             surfels: sums.surfels,
             surfel_radius: f64::from(settings.overlap) * disk.sqrt(),
             lvoxels: sums.lvoxels(),
             tree_bytes: file_bytes(&tree),
             lvoxel_bytes: blocks.iter().map(|b| u64::from(b.stored_bytes)).sum(),
-            bake,
-            build,
-        })
+            ..Cloud::default()
+        };
+        cloud.add(Making { bake, build });
+        Ok(cloud)
     }
 
-    /// Renders.
-    pub fn render(&self, variant: &Variant) -> Result<(Picture, Timing)> {
+    /// Renders, and tells the time and the largest resident memory.
+    pub fn render(&self, variant: &Variant) -> Result<(Picture, Timing, Option<u64>)> {
+        let (rendered, peak) = usage::with_peak_memory(|| self.frame(variant));
+        let (frame, timing) = rendered?;
+        Ok((frame.picture("", &self.region())?, timing, peak))
+    }
+
+    fn frame(&self, variant: &Variant) -> Result<(Frame, Timing)> {
         let region = self.region();
-        let (frame, timing) = match &variant.how {
+        match &variant.how {
             How::MonteCarlo { spp } => {
                 let settings = reference::Settings {
                     camera: self.settings.camera.clone(),
@@ -121,15 +128,14 @@ impl<'a> Bench<'a> {
                     let nothing = &mut |_: &reference::Sums| Ok(());
                     reference::accumulate(self.scene, &settings, &mut sums, &self.job, nothing)?;
                     Ok(reference::frame(self.scene, &sums))
-                })?
+                })
             }
             How::Points(points) => timed(|| {
                 let tree = self.tree(&points.cloud());
                 let store = TreeStore::open(&tree, self.job.memory_limit)?;
                 shade::run(self.scene, &store, &points.shade, region, &[], &self.job)
-            })?,
-        };
-        Ok((frame.picture("", &region)?, timing))
+            }),
+        }
     }
 
     /// Compares.
@@ -176,7 +182,8 @@ mod tests {
             let bench = Bench::new(&scene, &settings, PathBuf::new(), &job);
             let variant = settings.variants(true).swap_remove(0);
             assert_eq!(variant.how, How::MonteCarlo { spp: 1 });
-            let (picture, _) = bench.render(&variant).unwrap();
+            let (frame, _) = bench.frame(&variant).unwrap();
+            let picture = frame.picture("", &region).unwrap();
             for seed in (0..4).chain([u64::MAX]) {
                 let settings = reference::Settings {
                     max_depth: 3,

@@ -23,7 +23,7 @@ use crate::{Error, Kind, Result, reference};
 use html::Shown;
 use measure::Bench;
 use plan::{How, Variant};
-use record::{Machine, Reference, Run};
+use record::{Machine, Making, Reference, Run};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -259,7 +259,7 @@ fn measure_all(
             let long = rounds.iter().any(|t| t.wall_secs > settings.long_secs);
             if rounds.len() < round as usize && !long {
                 job.cancel.check()?;
-                measure(study, variant, &target, bench, files)?;
+                measure(study, variant, round, &target, bench, files)?;
                 study.write(&files.json())?;
             }
             task.add(1);
@@ -272,6 +272,7 @@ fn measure_all(
 fn measure(
     study: &mut Study,
     variant: &Variant,
+    round: u32,
     target: &Picture,
     bench: &Bench,
     files: &Files,
@@ -279,17 +280,26 @@ fn measure(
     let mut cloud_name = None;
     if let How::Points(points) = &variant.how {
         let name = points.cloud();
-        let known = study.clouds.iter().any(|c| c.name == name);
-        if !known || !bench.has_tree(&name) {
+        let at = study.clouds.iter().position(|c| c.name == name);
+        let rounds = at.map_or(&[][..], |i| &study.clouds[i].rounds);
+        let long_secs = bench.settings.long_secs;
+        let long = |m: &Making| m.bake.wall_secs + m.build.wall_secs > long_secs;
+        let is_due = rounds.len() < round as usize && !rounds.iter().any(long);
+        if is_due || !bench.has_tree(&name) {
             let cloud = bench.prepare(points)?;
-            study.clouds.retain(|c| c.name != name);
-            study.clouds.push(cloud);
+            match at {
+                None => study.clouds.push(cloud),
+                Some(i) => cloud
+                    .rounds
+                    .into_iter()
+                    .for_each(|m| study.clouds[i].add(m)),
+            }
         }
         cloud_name = Some(name);
     }
-    let (picture, timing) = bench.render(variant)?;
+    let (picture, timing, peak) = bench.render(variant)?;
     if let Some(run) = study.runs.iter_mut().find(|r| r.name == variant.name) {
-        run.rounds.push(timing);
+        run.add(timing, peak);
         return Ok(());
     }
     let exposure = study.reference.exposure;
@@ -307,6 +317,7 @@ fn measure(
         values: variant.values(),
         cloud: cloud_name,
         rounds: vec![timing],
+        peak_memory_bytes: peak,
         errors,
     });
     Ok(())

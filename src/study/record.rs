@@ -84,10 +84,37 @@ pub struct Cloud {
     pub tree_bytes: u64,
     /// Bytes of the lvoxels in it.
     pub lvoxel_bytes: u64,
+    /// Time of baking, the median over the rounds.
+    pub bake: Timing,
+    /// Time of building, the median over the rounds.
+    pub build: Timing,
+    /// Both, once for each round.
+    pub rounds: Vec<Making>,
+}
+
+/// Times of a cloud and its tree.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Making {
     /// Time of baking.
     pub bake: Timing,
     /// Time of building.
     pub build: Timing,
+}
+
+impl Cloud {
+    /// Adds the times of a round.
+    pub fn add(&mut self, making: Making) {
+        self.rounds.push(making);
+        self.bake = median(self.rounds.iter().map(|r| r.bake));
+        self.build = median(self.rounds.iter().map(|r| r.build));
+    }
+
+    /// Bytes of the lvoxels over those of the tree without them, as the paper counts them.
+    #[must_use]
+    pub fn lvoxel_share(&self) -> f64 {
+        let surfels = self.tree_bytes.saturating_sub(self.lvoxel_bytes);
+        self.lvoxel_bytes as f64 / surfels.max(1) as f64
+    }
 }
 
 /// A time, in seconds.
@@ -133,6 +160,9 @@ pub struct Run {
     pub cloud: Option<String>,
     /// Time of rendering, loading, baking and building excluded, once for each round.
     pub rounds: Vec<Timing>,
+    /// Largest resident memory of the process while it rendered, the least of the rounds: the scene, the reference image and
+    /// what the allocator keeps of earlier runs are in it. None where the system does not tell.
+    pub peak_memory_bytes: Option<u64>,
     /// What came out; the same in every round.
     pub errors: Errors,
 }
@@ -141,19 +171,33 @@ impl Run {
     /// Median over the rounds.
     #[must_use]
     pub fn time(&self) -> Timing {
-        let median = |pick: fn(&Timing) -> f64| {
-            let mut secs: Vec<f64> = self.rounds.iter().map(pick).collect();
-            secs.sort_by(f64::total_cmp);
-            match secs.len() {
-                0 => 0.0,
-                n if n % 2 == 1 => secs[n / 2],
-                n => 0.5 * (secs[n / 2 - 1] + secs[n / 2]),
-            }
+        median(self.rounds.iter().copied())
+    }
+
+    /// Adds a round.
+    pub fn add(&mut self, timing: Timing, peak_memory_bytes: Option<u64>) {
+        self.rounds.push(timing);
+        self.peak_memory_bytes = match (self.peak_memory_bytes, peak_memory_bytes) {
+            (Some(a), Some(b)) => Some(a.min(b)),
+            (a, b) => a.or(b),
         };
-        Timing {
-            wall_secs: median(|t| t.wall_secs),
-            cpu_secs: median(|t| t.cpu_secs),
+    }
+}
+
+/// Medians of both times apart.
+fn median(timings: impl Iterator<Item = Timing> + Clone) -> Timing {
+    let of = |pick: fn(&Timing) -> f64| {
+        let mut secs: Vec<f64> = timings.clone().map(|t| pick(&t)).collect();
+        secs.sort_by(f64::total_cmp);
+        match secs.len() {
+            0 => 0.0,
+            n if n % 2 == 1 => secs[n / 2],
+            n => 0.5 * (secs[n / 2 - 1] + secs[n / 2]),
         }
+    };
+    Timing {
+        wall_secs: of(|t| t.wall_secs),
+        cpu_secs: of(|t| t.cpu_secs),
     }
 }
 
@@ -267,6 +311,33 @@ impl Study {
 mod tests {
     use super::*;
     use crate::math::sampling::hash;
+
+    #[test]
+    fn rounds_give_medians_and_the_least_peak() {
+        let secs = |cpu_secs| Timing {
+            cpu_secs,
+            wall_secs: 1.0,
+        };
+        let mut cloud = Cloud {
+            tree_bytes: 710,
+            lvoxel_bytes: 31,
+            ..Cloud::default()
+        };
+        for bake in [3.0, 9.0, 4.0] {
+            cloud.add(Making {
+                bake: secs(bake),
+                build: secs(10.0 - bake),
+            });
+        }
+        assert_eq!((cloud.bake.cpu_secs, cloud.build.cpu_secs), (4.0, 6.0));
+        assert!((cloud.lvoxel_share() - 31.0 / 679.0).abs() < 1e-12);
+        let mut run = Run::default();
+        for (cpu, peak) in [(1.0, None), (2.0, Some(7)), (4.0, Some(5)), (8.0, Some(6))] {
+            run.add(secs(cpu), peak);
+        }
+        assert_eq!(run.time().cpu_secs, 3.0);
+        assert_eq!(run.peak_memory_bytes, Some(5));
+    }
 
     #[test]
     fn studies_come_back_with_every_bit_and_do_not_mix() {

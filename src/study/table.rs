@@ -68,6 +68,7 @@ pub fn summary(study: &Study) -> Table {
             optional(run.errors.flip),
             tree_memory(cloud, run),
             lvoxel_memory(cloud, run),
+            run.peak_memory_bytes.map_or("–".into(), megabytes),
         ]
     });
     Table {
@@ -85,8 +86,9 @@ pub fn summary(study: &Study) -> Table {
             "rendering faster at equal relMSE",
             "with bake and build, equal relMSE",
             "FLIP",
-            "tree MB",
-            "of it lvoxels MB",
+            "file of the tree MB",
+            "of it lvoxels MB (over the surfels alone)",
+            "resident MB",
         ],
         rows: rows.collect(),
     }
@@ -135,7 +137,7 @@ fn lvoxel_memory(cloud: Option<&Cloud>, run: &Run) -> String {
         Some(c) if run.method != "traditional" => format!(
             "{} ({} %)",
             megabytes(c.lvoxel_bytes),
-            figure(100.0 * c.lvoxel_bytes as f64 / c.tree_bytes.max(1) as f64)
+            figure(100.0 * c.lvoxel_share())
         ),
         _ => "–".into(),
     }
@@ -203,18 +205,25 @@ pub fn caption(study: &Study) -> String {
         format!(", of relMSE {} against the truth", figure(v))
     });
     let media = if study.has_media {
-        ""
+        "The traditional method is given clouds with lvoxels, which it takes no notice of: their baking and building is in \
+         its times, their memory is not."
     } else {
-        "The scene has no media: the traditional method is the extended one then, and is left out. "
+        "The scene has no media: the traditional method is the extended one then, and is left out."
+    };
+    let rounds = match study.runs.iter().map(|r| r.rounds.len()).max().unwrap_or(0) {
+        0 | 1 => "each timed once".to_owned(),
+        n => format!(
+            "medians of up to {n} rounds in which the methods take turns and clouds are baked and built anew"
+        ),
     };
     format!(
-        "{} at {w}x{h} pixels, against {}{noise}. {media}Times are CPU seconds of all threads, medians of up to {} rounds in which \
-         the methods take turns; loading the scene is left out. Monte Carlo's relMSE falls to the reference's noise as one \
+        "{} at {w}x{h} pixels, against {}{noise}. Times are CPU seconds of all threads, {rounds}; loading the scene is left \
+         out. {media} Resident memory is the peak of the process while it renders, with \
+         the scene, the reference and what earlier runs leave. Monte Carlo's relMSE falls to the reference's noise as one \
          over its time; its pdiff is read off straight lines in logarithms between its runs; in brackets where that is \
          outside of what was measured, and no farther than {FARTHEST} times its longest run. lvox {} on {} ({}), {} threads.",
         study.scene,
         study.reference.source,
-        study.runs.iter().map(|r| r.rounds.len()).max().unwrap_or(0),
         study.version,
         study.machine.processor,
         study.machine.system,
@@ -252,7 +261,8 @@ pub fn markdown(study: &Study) -> String {
 pub fn csv(study: &Study) -> String {
     let mut text = String::from(
         "name,method,sweep,value,cloud,surfels,surfel_radius,lvoxels,tree_bytes,lvoxel_bytes,bake_cpu_secs,build_cpu_secs,\
-         render_wall_secs,render_cpu_secs,total_cpu_secs,relmse,relmse_trimmed,flip,ssim,pdiff,bias\n",
+         render_wall_secs,render_cpu_secs,total_cpu_secs,relmse,relmse_trimmed,flip,ssim,pdiff,bias,\
+         lvoxel_share,peak_memory_bytes\n",
     );
     for run in &study.runs {
         let time = run.time();
@@ -291,6 +301,11 @@ pub fn csv(study: &Study) -> String {
         );
         for value in [e.relmse, e.relmse_trimmed, e.flip, e.ssim, e.pdiff, e.bias] {
             let _ = write!(text, ",{}", value.map_or(String::new(), |v| v.to_string()));
+        }
+        let share = study.cloud_of(run).map(|c| c.lvoxel_share().to_string());
+        let peak = run.peak_memory_bytes.map(|b| b.to_string());
+        for value in [share, peak] {
+            let _ = write!(text, ",{}", value.unwrap_or_default());
         }
         text.push('\n');
     }
@@ -332,6 +347,6 @@ mod tests {
         };
         let text = csv(&study);
         let columns: Vec<usize> = text.lines().map(|l| l.split(',').count()).collect();
-        assert_eq!(columns, [21; 3]);
+        assert_eq!(columns, [23; 3]);
     }
 }
