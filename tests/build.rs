@@ -343,13 +343,16 @@ fn a_real_memory_limit_spills_and_changes_nothing() {
 #[test]
 fn surfels_at_one_spot() {
     let one = room(4)[1];
-    for n in [9, 1000, 100_000] {
-        let surfels: Vec<Surfel> = (0..n)
-            .map(|i| Surfel {
-                front: colour(i),
-                ..one
-            })
-            .collect();
+    let crowd = |range: std::ops::Range<_>| {
+        range.map(|i| Surfel {
+            front: colour(i),
+            ..one
+        })
+    };
+    let mut all: Vec<Vec<Surfel>> = [9, 1000, 100_000].map(|n| crowd(0..n).collect()).into();
+    // One in a room, too large for a bucket.
+    all.push(room(5000).into_iter().chain(crowd(5000..10_000)).collect());
+    for surfels in all {
         let case = case(&surfels, &[]);
         built(&case, &Settings::default());
         let plain = std::fs::read(&case.tree).unwrap();
@@ -357,18 +360,6 @@ fn surfels_at_one_spot() {
         assert!(std::fs::read(&case.tree).unwrap() == plain);
         check(&case, &surfels);
     }
-    // A crowd at one spot of a room, too large for a bucket.
-    let mut surfels = room(5000);
-    surfels.extend((5000..10_000).map(|i| Surfel {
-        front: colour(i),
-        ..one
-    }));
-    let case = case(&surfels, &[]);
-    built(&case, &Settings::default());
-    let plain = std::fs::read(&case.tree).unwrap();
-    built(&case, &buckets(700));
-    assert!(std::fs::read(&case.tree).unwrap() == plain);
-    check(&case, &surfels);
 }
 
 #[test]

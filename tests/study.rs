@@ -381,18 +381,16 @@ fn a_study_grows_by_rounds_and_by_values_and_keeps_its_runs() {
     let csv = fs::read_to_string(dir.path().join("s/study.csv")).unwrap();
     let at = |name: &str| csv.find(name).unwrap();
     assert!(at("monte-carlo-1") < at("monte-carlo-2") && at("monte-carlo-2") < at("monte-carlo-4"));
-    for (more, part) in [
-        ("1 --spp 1,2 --samples 8 --seed 3", "another reference"),
-        ("2 --spp 1,2 --samples 8", "1 threads"),
-    ] {
-        let (code, stderr) = run(dir.path(), &format!("{tiny} {more}"));
-        assert_eq!(code, Some(2), "{more}");
-        assert!(stderr.contains(part), "{more}: {stderr}");
-    }
-    let other_base = tiny.replace("draft", "good");
-    let (code, stderr) = run(dir.path(), &format!("{other_base} 1 --spp 1"));
+    let (code, stderr) = run(dir.path(), &format!("{tiny} 1 --spp 1,2 --seed 3"));
     assert_eq!(code, Some(2));
-    assert!(stderr.contains("extended-base"), "{stderr}");
+    assert!(stderr.contains("another reference"), "{stderr}");
+    // Another number of threads has no runs yet, and the same base all the same.
+    let other_base = tiny.replace("draft", "good");
+    for threads in ["1", "2"] {
+        let (code, stderr) = run(dir.path(), &format!("{other_base} {threads} --spp 1"));
+        assert_eq!(code, Some(2));
+        assert!(stderr.contains("extended-base"), "{stderr}");
+    }
 }
 
 #[test]
@@ -446,6 +444,61 @@ fn a_scene_without_media_is_spared_what_only_media_need() {
     assert_eq!(runs, expected);
     let table = fs::read_to_string(dir.path().join("s/table.md")).unwrap();
     assert!(table.contains("no media"), "{table}");
+}
+
+#[test]
+fn times_of_other_numbers_of_threads_are_taken_again_and_kept_apart() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path().join("s");
+    let run = |threads: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lvox"));
+        command.args(["study", "--demo", "--base-only", "--quality", "draft", "-o"]);
+        command.arg(&folder).args(["--threads", threads]);
+        for (name, value) in [
+            ("--width", "16"),
+            ("--spp", "1,2"),
+            ("--surfels", "500"),
+            ("--rounds", "1"),
+            ("--reference-spp", "16"),
+        ] {
+            command.args([name, value]);
+        }
+        let output = command.output().unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        (json(&folder), text(&output.stderr))
+    };
+    let of = |study: &Value, key: &str| -> Vec<Value> {
+        let runs = study["runs"].as_array().unwrap().iter();
+        runs.map(|r| r[key].clone()).collect()
+    };
+    let (two, said) = run("2");
+    assert!(!said.contains("kept apart"), "{said}");
+    assert_eq!(two["machine"]["threads"], 2);
+    let (one, said) = run("1");
+    assert!(said.contains("kept apart"), "{said}");
+    assert_eq!(one["machine"]["threads"], 1);
+    assert_eq!(of(&one, "errors"), of(&two, "errors"));
+    for (key, one, two) in [
+        ("rounds", of(&one, "rounds"), of(&two, "rounds")),
+        (
+            "clouds",
+            vec![one["clouds"].clone()],
+            vec![two["clouds"].clone()],
+        ),
+    ] {
+        assert_eq!(one.len(), two.len(), "{key}");
+        assert!(one.iter().zip(&two).all(|(a, b)| a != b), "{key}: {one:?}");
+    }
+    assert!(
+        fs::read_to_string(folder.join("table.md"))
+            .unwrap()
+            .contains("1 threads")
+    );
+    // Nothing that was timed is lost or timed again.
+    let (again, _) = run("2");
+    assert_eq!(again["runs"], two["runs"]);
+    assert_eq!(again["clouds"], two["clouds"]);
+    assert_eq!(again["others"][0]["runs"], one["runs"]);
 }
 
 #[test]

@@ -183,6 +183,42 @@ fn tiles_of_a_target_merge_into_the_frame() {
 }
 
 #[test]
+fn a_target_out_of_reach_is_warned_of_with_the_error_to_expect() {
+    let dir = tempfile::tempdir().unwrap();
+    tree(dir.path());
+    let size = format!("{WIDTH}x{HEIGHT}");
+    let base = ["shade", "--demo", "-t", "demo.lvt", "--resolution", &size];
+    // The pilot looks at the whole frame; one pixel of it is enough to shade.
+    let options = ["--region", "0", "0", "1", "1", "-o", "x.exr"];
+    let warned = |target: &str| {
+        let args = [&base[..], &options, &["--force", "--target-error", target]].concat();
+        let output = lvox(dir.path(), &args);
+        let talk = String::from_utf8(output.stderr).unwrap();
+        assert!(
+            output.status.success() && output.stdout.is_empty(),
+            "{talk}"
+        );
+        let warning = talk.lines().find(|l| l.starts_with("warning: "));
+        (warning.map(ToOwned::to_owned), talk)
+    };
+    let (warning, talk) = warned("1e-7");
+    let warning = warning.unwrap_or_else(|| panic!("no warning in {talk}"));
+    for part in ["1.0e-7 is out of reach", "--surfels"] {
+        assert!(warning.contains(part), "{warning}");
+    }
+    let expected = warning.split("about ").nth(1).unwrap();
+    let expected = expected.split(' ').next().unwrap();
+    assert!(expected.parse::<f64>().unwrap() > 1e-6, "{warning}");
+    assert!(
+        talk.contains(&format!("expected error {expected}")),
+        "{talk}"
+    );
+    assert!(dir.path().join("x.exr").is_file());
+
+    assert_eq!(warned("9e-3").0, None);
+}
+
+#[test]
 fn targets_that_make_no_sense_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let shade = ["shade", "--demo", "-t", "no.lvt", "-o", "x.exr"];

@@ -1,5 +1,6 @@
 //! Values on the command line.
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use lvox::image::Region;
 use lvox::run::size;
 
@@ -8,6 +9,17 @@ pub fn size(text: &str) -> Result<u64, String> {
     size::parse(text).map_err(|e| match e.hint_text() {
         Some(hint) => format!("{e}: {hint}"),
         None => e.to_string(),
+    })
+}
+
+/// One of a table's values, by the name beside it.
+pub fn one_of<T: Copy + Send + Sync>(
+    table: &'static [(&'static str, T)],
+) -> impl TypedValueParser<Value = T> {
+    let names = PossibleValuesParser::new(table.iter().map(|row| row.0));
+    names.try_map(move |found| {
+        let row = table.iter().find(|row| row.0 == found);
+        row.map(|row| row.1).ok_or("it has to be one of the names")
     })
 }
 

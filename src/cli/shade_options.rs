@@ -2,7 +2,7 @@
 
 use super::options::Files;
 use super::parse;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use lvox::gather::TreeStore;
 use lvox::image::exr::{self, Precision};
 use lvox::image::{Frame, Region, png, tone};
@@ -27,8 +27,8 @@ pub struct ShadeOptions {
     camera: Option<String>,
 
     /// Start from these settings, which the options below override one by one
-    #[arg(long, value_name = "PRESET", default_value = "good")]
-    quality: QualityChoice,
+    #[arg(long, value_name = "PRESET", default_value = "good", value_parser = parse::one_of(&Quality::ALL))]
+    quality: Quality,
 
     /// Pick the cheapest settings whose error is about E: trimmed relMSE against the truth, as `lvox compare` prints it;
     /// those given by options below are kept. Tiles and processes pick the same
@@ -51,12 +51,12 @@ pub struct ShadeOptions {
 
     /// What ends gather rays: the scene's own triangles, which send what the tree says (traced); surfels and nodes of the
     /// tree (cone); or surfels alone, as in the paper (plain)
-    #[arg(long, value_name = "KERNEL", default_value = "traced")]
-    kernel: KernelChoice,
+    #[arg(long, value_name = "KERNEL", default_value = "traced", value_parser = parse::one_of(&Kernel::ALL))]
+    kernel: Kernel,
 
     /// Let all take part in indirect light (extended), or surfels alone, as before media were in the cloud
-    #[arg(long, value_name = "METHOD", default_value = "extended")]
-    method: MethodChoice,
+    #[arg(long, value_name = "METHOD", default_value = "extended", value_parser = parse::one_of(&Method::ALL))]
+    method: Method,
 
     /// Pixels between gathers on surfaces; 1 gathers at every pixel [default: 6, 4, 3 by quality]
     #[arg(long, value_name = "N")]
@@ -88,83 +88,12 @@ pub struct ShadeOptions {
     tile: Option<(u32, u32)>,
 
     /// Add these layers to an .exr image
-    #[arg(long, value_name = "LAYER", value_delimiter = ',')]
-    aov: Vec<AovChoice>,
+    #[arg(long, value_name = "LAYER", value_delimiter = ',', value_parser = parse::one_of(&Aov::ALL))]
+    aov: Vec<Aov>,
 
     /// Store 32-bit instead of 16-bit floats in an .exr image
     #[arg(long)]
     float: bool,
-}
-
-/// [`Quality`] as typed.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum QualityChoice {
-    Draft,
-    Good,
-    Best,
-}
-
-impl From<QualityChoice> for Quality {
-    fn from(choice: QualityChoice) -> Self {
-        match choice {
-            QualityChoice::Draft => Self::Draft,
-            QualityChoice::Good => Self::Good,
-            QualityChoice::Best => Self::Best,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum KernelChoice {
-    Traced,
-    Cone,
-    Plain,
-}
-
-impl From<KernelChoice> for Kernel {
-    fn from(choice: KernelChoice) -> Self {
-        match choice {
-            KernelChoice::Traced => Self::Traced,
-            KernelChoice::Cone => Self::Cone,
-            KernelChoice::Plain => Self::Plain,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum MethodChoice {
-    Extended,
-    Traditional,
-}
-
-impl From<MethodChoice> for Method {
-    fn from(choice: MethodChoice) -> Self {
-        match choice {
-            MethodChoice::Extended => Self::Extended,
-            MethodChoice::Traditional => Self::Traditional,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum AovChoice {
-    Direct,
-    Indirect,
-    Volume,
-    Depth,
-    Normal,
-}
-
-impl From<AovChoice> for Aov {
-    fn from(choice: AovChoice) -> Self {
-        match choice {
-            AovChoice::Direct => Self::Direct,
-            AovChoice::Indirect => Self::Indirect,
-            AovChoice::Volume => Self::Volume,
-            AovChoice::Depth => Self::Depth,
-            AovChoice::Normal => Self::Normal,
-        }
-    }
 }
 
 /// What an output's name asks for.
@@ -217,7 +146,7 @@ impl ShadeOptions {
     }
 
     fn settings(&self, seed: u64) -> Settings {
-        self.over(Settings::of(self.quality.into()), seed)
+        self.over(Settings::of(self.quality), seed)
     }
 
     /// Settings with what was given one by one.
@@ -227,8 +156,8 @@ impl ShadeOptions {
             samples: self.samples.unwrap_or(preset.samples),
             max_solid_angle: self.max_solid_angle.unwrap_or(preset.max_solid_angle),
             max_dist: self.max_dist,
-            kernel: self.kernel.into(),
-            method: self.method.into(),
+            kernel: self.kernel,
+            method: self.method,
             lattice: self.lattice.unwrap_or(preset.lattice),
             volume_samples: self.volume_samples.unwrap_or(preset.volume_samples),
             pixel_samples: self.pixel_samples.unwrap_or(preset.pixel_samples),
@@ -280,8 +209,7 @@ impl ShadeOptions {
             Some(target) => self.pick(target, scene, store, seed, job)?,
             None => self.settings(seed),
         };
-        let aovs: Vec<Aov> = self.aov.iter().map(|&a| a.into()).collect();
-        let frame = shade::run(scene, store, &settings, region, &aovs, job)?;
+        let frame = shade::run(scene, store, &settings, region, &self.aov, job)?;
         job.report
             .stage("write", |_| match image_kind(&self.output)? {
                 ImageKind::Exr => {

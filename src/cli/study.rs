@@ -1,9 +1,9 @@
 //! `lvox study`
 
 use super::options::{Context, Files, Memory, Seed, Temporary};
-use super::output;
 use super::scene_input::SceneInput;
-use super::shade_options::QualityChoice;
+use super::{output, parse};
+use lvox::shade::Quality;
 use lvox::stability::{self, Effort};
 use lvox::study::{self, Settings};
 use lvox::{Error, Result, shade};
@@ -14,7 +14,7 @@ use std::path::PathBuf;
 /// Vary one setting at a time around the defaults, let the methods take turns, compare each image with one converged
 /// reference, and write study.json, study.csv, table.md, plots and report.html. What is measured is kept after each run:
 /// the same command of the same build goes on after a stop, one with more --rounds or more values of a sweep adds to what is
-/// there; --force begins anew.
+/// there; --force begins anew. With other --threads all times are taken anew, and those there are kept apart.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Read this scene: .toml, .gltf or .glb
@@ -65,8 +65,8 @@ pub struct Args {
     camera: Option<String>,
 
     /// Shade with these base settings
-    #[arg(long, value_name = "PRESET", default_value = "good")]
-    quality: QualityChoice,
+    #[arg(long, value_name = "PRESET", default_value = "good", value_parser = parse::one_of(&Quality::ALL))]
+    quality: Quality,
 
     /// Count paths of at most this many segments in Monte Carlo, as in lvox reference; 3 is what a tree without bounces
     /// holds
@@ -158,7 +158,7 @@ impl Args {
             samples: given(self.samples, preset.samples),
             max_solid_angle: given(self.max_solid_angle, preset.max_solid_angle),
             paper_cloud: self.paper_cloud,
-            shade: shade::Settings::of(self.quality.into()),
+            shade: shade::Settings::of(self.quality),
             rounds: self.rounds.unwrap_or(preset.rounds),
             long_secs: self.long,
             reference: self.reference,

@@ -4,6 +4,8 @@
 //! less than the largest solid angle; and, where the scene is at hand, [`outgoing`], whose rays end at its triangles and
 //! which asks the tree what they send. What all meet between surfaces is a [`Medium`], a type that the caller
 //! chooses: [`NoMedia`], or [`Media`] of one channel or three.
+//!
+//! Points and directions are those of scene space, distances are scene units, light is linear Rec.709.
 
 pub mod cone;
 pub mod media;
@@ -56,7 +58,7 @@ pub enum Kernel<'a> {
 pub struct Gathered {
     /// Irradiance for a surface, mean radiance over the sphere for a point in a medium.
     pub light: Rgb,
-    /// Harmonic mean of the distance to what was seen: how far away light changes.
+    /// Harmonic mean of the distance to what was seen: how far away light changes; infinite if nothing was.
     pub harmonic_distance: f32,
 }
 

@@ -2,7 +2,7 @@
 
 use super::sight::{Dimmed, Dimming, Sight};
 use crate::math::Rgb;
-use std::ops::{AddAssign, Mul};
+use std::ops::AddAssign;
 
 /// What direct light a point gets: irradiance of a surface, or mean radiance over the sphere in a medium.
 #[derive(Clone, Copy, Debug, Default)]
@@ -72,32 +72,5 @@ impl<D: Dimming> Direct<D> {
         self.rays.all += light;
         self.rays.arriving += light * through;
         self.sight.note_ray(index, through);
-    }
-}
-
-/// Direct light at a point of a medium, in two parts: that of point and spot lights changes without bound near them, but
-/// the share of it that arrives changes no faster than media and shadows do.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct InMedium {
-    /// What arrives of [`super::Lights::sent`], per channel.
-    pub share: Rgb,
-    /// Mean over the sphere of the radiance of all other lights.
-    pub rest: Rgb,
-}
-
-impl AddAssign for InMedium {
-    fn add_assign(&mut self, o: Self) {
-        self.share += o.share;
-        self.rest += o.rest;
-    }
-}
-
-impl Mul<f32> for InMedium {
-    type Output = Self;
-    fn mul(self, s: f32) -> Self {
-        Self {
-            share: self.share * s,
-            rest: self.rest * s,
-        }
     }
 }

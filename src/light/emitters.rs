@@ -9,13 +9,13 @@ use glam::Vec3;
 /// A triangle that emits.
 #[derive(Clone, Copy, Debug)]
 pub struct Emitter {
-    /// Corners in scene space.
+    /// Corners.
     pub corners: [Vec3; 3],
     /// Unit normal of the side that emits.
     pub normal: Vec3,
     /// Emitted radiance.
     pub radiance: Rgb,
-    /// Area.
+    /// Area, scene units squared.
     pub area: f32,
     /// Whether the other side emits, too.
     pub both_sides: bool,
@@ -106,7 +106,7 @@ impl Emitters {
         self.all.is_empty()
     }
 
-    /// The emitter of an index.
+    /// The emitter of an index, one that [`Self::facing`] or the tree gave.
     pub fn get(&self, index: u32) -> &Emitter {
         &self.all[index as usize]
     }

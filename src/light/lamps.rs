@@ -1,13 +1,11 @@
 //! Point and spot lights near a segment, whose inverse square is integrated in closed form, and a spot's falloff beside it.
 
-use super::{INVERSE_SPHERE, Lights, Shadows};
-use crate::math::Rgb;
 use crate::scene::Light;
 use glam::Vec3;
 use std::f32::consts::TAU;
 
 /// A segment as a lamp sees it.
-struct Seen {
+pub struct Seen {
     /// From the lamp to the ends.
     ends: [Vec3; 2],
     /// Twice the area of the triangle that they make.
@@ -16,7 +14,8 @@ struct Seen {
 }
 
 impl Seen {
-    fn new(lamp: Vec3, [from, to]: [Vec3; 2]) -> Self {
+    /// The segment from the first point to the second, in the space of the lamp's position.
+    pub fn new(lamp: Vec3, [from, to]: [Vec3; 2]) -> Self {
         let (u, v) = (from - lamp, to - lamp);
         Self {
             ends: [u, v],
@@ -27,7 +26,7 @@ impl Seen {
     }
 
     /// Mean of the inverse square over the segment: the angle that it is seen under, over twice the triangle.
-    fn mean_inverse_square(&self) -> f32 {
+    pub fn mean_inverse_square(&self) -> f32 {
         if self.twice_area > 1e-3 * self.along {
             libm::atan2f(self.twice_area, self.along) / self.twice_area
         } else {
@@ -37,7 +36,7 @@ impl Seen {
     }
 
     /// Where half of the light on the segment is on either side, from 0 to 1: where the middle of the angle meets it.
-    fn median(&self) -> f32 {
+    pub fn median(&self) -> f32 {
         let [u, v] = self.ends.map(Vec3::length);
         if u + v > 0.0 { u / (u + v) } else { 0.5 }
     }
@@ -45,7 +44,7 @@ impl Seen {
     /// Mean of a light's falloff over the angle that the segment is seen under, which is its mean over the segment weighted by
     /// the inverse square: the part inside a spot's inner cone counts whole, what is between both cones by four points
     /// (Gauss-Legendre) on either side, and a beam narrower than the segment is not missed.
-    fn falloff(&self, light: &Light) -> f32 {
+    pub fn falloff(&self, light: &Light) -> f32 {
         let Light::Spot {
             direction,
             cos_inner,
@@ -94,7 +93,8 @@ impl Seen {
         (sum / angle).min(1.0)
     }
 
-    fn distance(&self) -> f32 {
+    /// Of the nearest point of the segment from the lamp.
+    pub fn distance(&self) -> f32 {
         let [u, v] = self.ends;
         let way = v - u;
         let t = (-u.dot(way) / way.length_squared()).clamp(0.0, 1.0);
@@ -109,75 +109,6 @@ const GAUSS: [(f32, f32); 4] = [
     (0.669_990_52, 0.326_072_58),
     (0.930_568_16, 0.173_927_42),
 ];
-
-impl<S> Lights<'_, S> {
-    fn lamps(&self) -> impl Iterator<Item = (Vec3, Rgb, &Light)> {
-        let lights = self.tracer.scene.lights.iter();
-        lights.filter_map(|l| l.lamp().map(|(at, intensity)| (at, Rgb(intensity), l)))
-    }
-
-    /// Mean radiance over the sphere that point and spot lights would send with nothing between, averaged over a segment
-    /// in closed form.
-    #[must_use]
-    pub fn sent(&self, from: Vec3, to: Vec3) -> Rgb {
-        let mut total = Rgb::BLACK;
-        for (position, intensity, light) in self.lamps() {
-            let seen = Seen::new(position, [from, to]);
-            let mean = seen.mean_inverse_square();
-            if mean.is_finite() {
-                total += intensity * (mean * INVERSE_SPHERE * seen.falloff(light));
-            }
-        }
-        total
-    }
-
-    /// What arrives at a point of a medium of all that point and spot lights send, per channel.
-    pub(super) fn share_of_lamps(&self, point: Vec3) -> Rgb
-    where
-        S: Shadows,
-    {
-        // What is beside a spot's beam counts little, but tells what arrives in a beam that passes between such points.
-        const BESIDE: f32 = 1e-3;
-        let (mut arriving, mut sent) = (Rgb::BLACK, Rgb::BLACK);
-        for (position, intensity, light) in self.lamps() {
-            let to_light = position - point;
-            let distance = to_light.length();
-            if distance == 0.0 {
-                continue;
-            }
-            let d = to_light / distance;
-            let light = intensity * (light.falloff(-d).max(BESIDE) / (distance * distance));
-            arriving += light * self.through(point, d, distance);
-            sent += light;
-        }
-        Rgb(std::array::from_fn(|c| {
-            if sent.0[c] > 0.0 {
-                arriving.0[c] / sent.0[c]
-            } else {
-                0.0
-            }
-        }))
-    }
-
-    /// Whether no light has an extent, so that [`InMedium::rest`](super::InMedium::rest) has no noise of shadow rays.
-    #[must_use]
-    pub fn rest_is_exact(&self) -> bool {
-        let has_extent = |l: &Light| matches!(l, Light::Directional { angular_radius_rad, .. } if *angular_radius_rad > 0.0);
-        self.emitters.is_empty() && !self.tracer.scene.lights.iter().any(has_extent)
-    }
-
-    /// Whether a point or spot light is nearer to a segment than `distance`; then, for the nearest, the place from 0 to 1 that
-    /// halves its light on the segment.
-    #[must_use]
-    pub fn lamp_near(&self, from: Vec3, to: Vec3, distance: f32) -> Option<f32> {
-        self.lamps()
-            .map(|(position, ..)| Seen::new(position, [from, to]))
-            .map(|seen| (seen.distance(), seen))
-            .filter(|(d, _)| *d < distance)
-            .min_by(|a, b| a.0.total_cmp(&b.0))
-            .map(|(_, seen)| seen.median())
-    }
-}
 
 #[cfg(test)]
 mod tests {

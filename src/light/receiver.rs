@@ -2,6 +2,10 @@
 
 use crate::math::polygon;
 use glam::Vec3;
+use std::f32::consts::PI;
+
+/// Share of the sphere that a unit of solid angle is, per steradian.
+pub const INVERSE_SPHERE: f32 = 1.0 / (4.0 * PI);
 
 /// What light falls on.
 pub trait Receiver: Copy {

@@ -89,6 +89,18 @@ impl Output {
         output.write_all(bytes).map_err(|e| output.failed(&e))?;
         output.commit()
     }
+
+    /// Writes a value as JSON that people can read too.
+    ///
+    /// # Errors
+    /// As [`Output::write_all_to`], and for what JSON cannot hold.
+    pub fn write_json_to(path: &Path, value: &impl serde::Serialize) -> Result<()> {
+        let mut json = serde_json::to_vec_pretty(value).map_err(|e| {
+            Error::failed(format!("cannot encode it as JSON: {e}")).at(path.display())
+        })?;
+        json.push(b'\n');
+        Self::write_all_to(path, &json)
+    }
 }
 
 impl Write for Output {

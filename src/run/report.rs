@@ -89,10 +89,7 @@ impl Report {
             peak_memory_bytes: usage::peak_memory_bytes(),
             stages: self.stages(),
         };
-        let mut json = serde_json::to_vec_pretty(&summary)
-            .map_err(|e| Error::failed(format!("cannot encode the report: {e}")))?;
-        json.push(b'\n');
-        Output::write_all_to(path, &json)
+        Output::write_json_to(path, &summary)
     }
 
     fn lock(&self) -> MutexGuard<'_, Vec<StageReport>> {

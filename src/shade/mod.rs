@@ -1,7 +1,8 @@
 //! tree + scene → image: primary visibility and direct light from the scene, indirect light gathered from the tree.
 //!
 //! Every pixel depends on the scene, the tree, the settings and its own coordinates alone, so any tiling, on any number
-//! of machines, gives the same bits.
+//! of machines, gives the same bits. Points and directions are those of scene space unless they are said to be the
+//! camera's or the film's, distances are scene units, light is linear Rec.709.
 
 mod adapters;
 mod air;
@@ -80,7 +81,7 @@ pub fn run(
 /// A pixel as [`run`] shades it.
 #[derive(Clone, Copy, Debug)]
 pub struct Shaded {
-    /// Its radiance.
+    /// Radiance towards the camera, all layers together.
     pub radiance: Rgb,
     /// Whether the border of an emissive triangle runs through it, which few rays would find.
     pub has_emitter_border: bool,

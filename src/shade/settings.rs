@@ -45,6 +45,15 @@ pub enum Kernel {
     Plain,
 }
 
+impl Kernel {
+    /// All of them, by name.
+    pub const ALL: [(&'static str, Self); 3] = [
+        ("traced", Self::Traced),
+        ("cone", Self::Cone),
+        ("plain", Self::Plain),
+    ];
+}
+
 /// What takes part in indirect light: the two point-based rows of the paper's Table 1 (Gibson & Wood 2011).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -57,6 +66,14 @@ pub enum Method {
     Traditional,
 }
 
+impl Method {
+    /// All of them, by name.
+    pub const ALL: [(&'static str, Self); 2] = [
+        ("extended", Self::Extended),
+        ("traditional", Self::Traditional),
+    ];
+}
+
 /// Settings that go together; the same for all scenes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Quality {
@@ -67,6 +84,15 @@ pub enum Quality {
     Good,
     /// Where only a metric can tell.
     Best,
+}
+
+impl Quality {
+    /// All of them, by name.
+    pub const ALL: [(&'static str, Self); 3] = [
+        ("draft", Self::Draft),
+        ("good", Self::Good),
+        ("best", Self::Best),
+    ];
 }
 
 impl Settings {

@@ -1,10 +1,10 @@
 //! Form factors of disks and plates, in closed form and gathered from surfels, and suns of any size.
 
 use super::row::Row;
-use super::workbench::{Workbench, add_quad, gatherer, stage};
+use super::workbench::{Workbench, add_quad, gatherer, irradiance, stage};
 use crate::Result;
 use crate::formats::{CloudMeta, Surfel};
-use crate::gather::{Kernel, NoMedia, Stretch};
+use crate::gather::{Kernel, NoMedia};
 use crate::light::{Lights, ShadowRays};
 use crate::math::polygon;
 use crate::scene::Light;
@@ -283,12 +283,7 @@ fn disks(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
         for d in [1e-3_f64, 0.1, 1.0, 10.0] {
             let expected = 1.0 / (1.0 + d * d);
             let point = Vec3::new(0.0, d as f32, 0.0);
-            let got = f64::from(
-                gatherer
-                    .irradiance(point, -Vec3::Y, -Vec3::Y, Stretch::first(3))
-                    .light
-                    .0[0],
-            ) / PI;
+            let got = irradiance(&gatherer, point, -Vec3::Y, 3) / PI;
             // So many samples hit: well-spread ones do better than random ones.
             let limit = 1e-5 + 0.5 / (f64::from(SAMPLES) * expected).sqrt();
             rows.push(Row::relative(
@@ -313,11 +308,7 @@ fn disks(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
             ),
             ("receiver behind a disk", Vec3::Y * -0.5, Vec3::Y),
         ] {
-            let got = gatherer
-                .irradiance(point, normal, normal, Stretch::first(5))
-                .light
-                .0[0]
-                .into();
+            let got = irradiance(&gatherer, point, normal, 5);
             rows.push(Row::nothing(
                 format!("{what}, {name} kernel"),
                 "light",
@@ -353,12 +344,7 @@ fn tiled(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
         // Disks reach over the plate's border by up to 1 % of its edge.
         for h in [0.05_f64, 0.5, 2.0] {
             let point = Vec3::new(0.0, h as f32, 0.0);
-            let got = f64::from(
-                gatherer
-                    .irradiance(point, -Vec3::Y, -Vec3::Y, Stretch::first(3))
-                    .light
-                    .0[0],
-            ) / PI;
+            let got = irradiance(&gatherer, point, -Vec3::Y, 3) / PI;
             rows.push(Row::relative(
                 "square of 10,000 surfels above a receiver",
                 format!("height {h}, nodes below {cut} sr whole"),

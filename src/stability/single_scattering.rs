@@ -2,9 +2,10 @@
 
 use super::field::Field;
 use super::row::Row;
-use super::workbench::{Workbench, gatherer, media, pixels, stage, unit_cube, volume};
+use super::workbench::{
+    Workbench, ball, gatherer, irradiance, media, pixels, stage, unit_cube, volume,
+};
 use crate::Result;
-use crate::gather::Stretch;
 use crate::scene::{Grid, Light, Scene};
 use crate::shade::Settings;
 use glam::{DVec3, Vec3};
@@ -76,20 +77,19 @@ fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
         let store = bench.tree(&scene, 16)?;
         let media = media(&store)?;
         let gatherer = gatherer(&store, &media, 4096, 0.0)?;
-        let irradiance = |y: f32, normal: Vec3| {
+        let at_height = |y: f32, normal: Vec3| {
             let point = Vec3::new(0.013, y, 0.021);
-            let got = gatherer.irradiance(point, normal, normal, Stretch::first(1));
-            f64::from(got.light.0[0])
+            irradiance(&gatherer, point, normal, 1)
         };
         let expected = above_slab(tau, [0.013, HEIGHT, 0.021].map(f64::from));
         let at = format!("depth {tau:e}");
         // Lvoxels below 0.7 hold the light of one point.
         let limit = if tau <= 10.0 { 0.1 } else { 0.02 };
-        let above = irradiance(0.5 + HEIGHT, -Vec3::Y);
+        let above = at_height(0.5 + HEIGHT, -Vec3::Y);
         let case = "a surface above a slab of 16 voxels under a sun";
         rows.push(Row::relative(case, at.clone(), expected, above, limit));
         if tau >= 100.0 {
-            let below = irradiance(-0.5 - HEIGHT, Vec3::Y);
+            let below = at_height(-0.5 - HEIGHT, Vec3::Y);
             let case = "a surface below a slab of 16 voxels under a sun";
             rows.push(Row::nothing(case, at, below, 1e-6));
         }
@@ -99,16 +99,10 @@ fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
 
 fn scene(tau: f64, light: Vec3) -> Scene {
     let sigma = (tau / f64::from(2.0 * R)) as f32;
-    let grid = Grid::from_fn([N; 3], |v| {
-        let r2: f32 = v
-            .map(|c| (c as f32 + 0.5) / N as f32 - 0.5)
-            .iter()
-            .map(|c| c * c)
-            .sum();
-        if r2 < R * R { sigma } else { 0.0 }
-    });
     let mut scene = stage(1, Vec3::new(RAY, 0.0, 1.5), Vec3::new(RAY, 0.0, 0.0), 1e-6);
-    scene.volumes.push(volume(grid, 1.0, unit_cube([N; 3])));
+    scene
+        .volumes
+        .push(volume(ball(N, R, sigma), 1.0, unit_cube([N; 3])));
     scene.lights.push(Light::Point {
         position: light,
         intensity: [1.0; 3],

@@ -3,7 +3,7 @@
 use super::field::Field;
 use super::row::Row;
 use super::workbench::{
-    Workbench, add_quad, mean, media, media_with_source, pixels, stage, unit_cube, volume,
+    Workbench, add_quad, ball, mean, media, media_with_source, pixels, stage, unit_cube, volume,
 };
 use crate::Result;
 use crate::gather::Medium;
@@ -217,15 +217,7 @@ fn spheres(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
         let at = format!("tau {tau:e}");
         // A ball of radius 0.45 whose diameter has this depth.
         let sigma = (tau / 0.9) as f32;
-        let grid = Grid::from_fn([N; 3], |v| {
-            let r2: f32 = v
-                .map(|c| (c as f32 + 0.5) / N as f32 - 0.5)
-                .iter()
-                .map(|c| c * c)
-                .sum();
-            if r2 < 0.45 * 0.45 { sigma } else { 0.0 }
-        });
-        let scene = lamp_behind(grid, 0.0);
+        let scene = lamp_behind(ball(N, 0.45, sigma), 0.0);
         let field = Field::of(&scene.volumes[0]);
         let (origin, forward) = (Vec3::new(0.03, 0.02, 2.0), -Vec3::Z);
         let exact = field.optical_depth(origin.as_dvec3(), forward.as_dvec3(), 2.9);

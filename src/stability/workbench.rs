@@ -3,7 +3,7 @@
 use crate::bake::{self, SurfelSampling};
 use crate::formats::{CloudMeta, CloudWriter, Lvoxel, Surfel};
 use crate::gather::store::KeptTree;
-use crate::gather::{self, Gatherer, Kernel, Media, Medium, SurfelStore, TreeStore};
+use crate::gather::{self, Gatherer, Kernel, Media, Medium, Stretch, SurfelStore, TreeStore};
 use crate::image::{Frame, Region};
 use crate::math::Rgb;
 use crate::run::{Cancel, Job};
@@ -187,6 +187,17 @@ pub fn gatherer<M: Medium>(
     })
 }
 
+/// Irradiance, in the first channel, that a flat surface gathers.
+pub fn irradiance<M: Medium>(
+    gatherer: &Gatherer<'_, KeptTree, M>,
+    point: Vec3,
+    normal: Vec3,
+    seed: u64,
+) -> f64 {
+    let got = gatherer.irradiance(point, normal, normal, Stretch::first(seed));
+    f64::from(got.light.0[0])
+}
+
 /// Mean over all pixels and channels.
 pub fn mean(pixels: &[[f32; 3]]) -> f64 {
     let sum: f64 = pixels.iter().flatten().map(|&v| f64::from(v)).sum();
@@ -270,6 +281,18 @@ pub fn add_room(scene: &mut Scene, edge: f32, albedo: f32, emission: f32) {
 /// A medium placed anywhere.
 pub fn volume(sigma_t: Grid, albedo: f32, scene_from_index: DAffine3) -> Volume {
     Volume::new(String::new(), sigma_t, [albedo; 3], scene_from_index)
+}
+
+/// The extinction of a ball in the middle of a grid of `n` voxels a side, whose edge its radius is a share of.
+pub fn ball(n: usize, radius: f32, sigma_t: f32) -> Grid {
+    Grid::from_fn([n; 3], |v| {
+        let r2: f32 = v
+            .map(|c| (c as f32 + 0.5) / n as f32 - 0.5)
+            .iter()
+            .map(|c| c * c)
+            .sum();
+        if r2 < radius * radius { sigma_t } else { 0.0 }
+    })
 }
 
 /// The map that puts a grid's box onto the cube `[-1/2, 1/2]^3`.

@@ -1,7 +1,8 @@
 //! Error against run time: Monte Carlo and both point-based methods on one scene, over sweeps of their settings.
 //!
 //! Every run is timed in rounds in which the methods take turns, and compared with one converged image. What is measured
-//! is kept after each run, so a stop loses no more than one, and the same call goes on from there.
+//! is kept after each run, so a stop loses no more than one, and the same call goes on from there. On another machine or
+//! with another number of threads it takes all times anew, and keeps the others apart.
 
 pub mod findings;
 mod html;
@@ -23,7 +24,7 @@ use crate::{Error, Kind, Result, reference};
 use html::Shown;
 use measure::Bench;
 use plan::{How, Variant};
-use record::{Machine, Making, Reference, Run};
+use record::{Errors, Machine, Making, Reference, Run};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -32,7 +33,7 @@ use std::path::{Path, PathBuf};
 /// Runs that are there are kept: a call with more rounds or with more values of a sweep adds to them. `restart` forgets them.
 ///
 /// # Errors
-/// Settings that make no sense, a folder of another study, machine or build of the program, whatever rendering and writing
+/// Settings that make no sense, a folder of another study or build of the program, whatever rendering and writing
 /// can give, or a stop on request; after that the reports hold what is finished.
 pub fn run(
     scene: &Scene,
@@ -58,8 +59,7 @@ pub fn run(
         .map(|path| Target::read(path, scene, settings, job))
         .transpose()?;
     let files = Files::new(folder)?;
-    let machine = machine();
-    let found = match Study::read(&files.json(), &origin, &machine) {
+    let found = match Study::read(&files.json(), &origin) {
         Ok(found) => found.filter(|_| !restart),
         Err(_) if restart => None,
         Err(e) => return Err(e),
@@ -73,11 +73,17 @@ pub fn run(
         scene: scene.name.clone(),
         film: [scene.film.width, scene.film.height],
         has_media: has_media(scene),
-        machine,
+        machine: machine(),
         ..Study::default()
     });
     study.check(&variants, settings, &files.json())?;
     study.settings = serde_json::to_value(settings).unwrap_or_default();
+    if study.go_on_with(machine()) {
+        let threads = study.machine.threads;
+        job.progress.say(&format!(
+            "times taken with another number of threads or on another machine are kept apart from those with {threads}"
+        ));
+    }
     study.write(&files.json())?;
     let bench = Bench::new(scene, settings, files.trees(), job);
     let result = measure_all(&mut study, &variants, given, &bench, &files, restart, job);
@@ -302,13 +308,10 @@ fn measure(
         run.add(timing, peak);
         return Ok(());
     }
-    let exposure = study.reference.exposure;
-    let (errors, comparison) = bench.judge(&picture, target, exposure)?;
-    png::write(&files.image(&variant.name), &tone::map(&picture, exposure))?;
-    png::write(
-        &files.heat(&variant.name),
-        &heat::map(&comparison.error_map, picture.width),
-    )?;
+    let errors = match study.errors_of(&variant.name) {
+        Some(known) => known,
+        None => judge(study, variant, &picture, target, bench, files)?,
+    };
     study.runs.push(Run {
         name: variant.name.clone(),
         key: variant.key(bench.settings),
@@ -321,6 +324,25 @@ fn measure(
         errors,
     });
     Ok(())
+}
+
+/// Compares the image of a run with the reference, and keeps both for the report.
+fn judge(
+    study: &Study,
+    variant: &Variant,
+    picture: &Picture,
+    target: &Picture,
+    bench: &Bench,
+    files: &Files,
+) -> Result<Errors> {
+    let exposure = study.reference.exposure;
+    let (errors, comparison) = bench.judge(picture, target, exposure)?;
+    png::write(&files.image(&variant.name), &tone::map(picture, exposure))?;
+    png::write(
+        &files.heat(&variant.name),
+        &heat::map(&comparison.error_map, picture.width),
+    )?;
+    Ok(errors)
 }
 
 /// The image that all are compared with.

@@ -81,8 +81,7 @@ pub fn all(study: &Study) -> Result<Vec<Plot>> {
         }
         Ok::<(), Error>(())
     };
-    // What is exact has no place on an axis of logarithms.
-    let noise = study.reference.relmse.filter(|v| *v > 0.0);
+    let noise = study.reference.relmse.filter(|&v| has_place(v));
     let shade = |r: &Run| Some((r.time().cpu_secs, r.errors.relmse?));
     let total = |r: &Run| Some((study.total_secs(r), r.errors.relmse?));
     add(
@@ -146,8 +145,13 @@ fn by_method(study: &Study, point: &dyn Fn(&Run) -> Option<(f64, f64)>) -> Vec<S
         .collect()
 }
 
+/// Whether a value has a place on an axis of logarithms.
+fn has_place(value: f64) -> bool {
+    value.is_finite() && value > 0.0
+}
+
 fn sorted(mut points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
-    points.retain(|p| p.0 > 0.0 && p.1 > 0.0);
+    points.retain(|p| has_place(p.0) && has_place(p.1));
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
     points
 }
@@ -194,6 +198,7 @@ fn error_over_settings(study: &Study) -> Vec<Series> {
             let finest = found
                 .iter()
                 .map(|p| coarse(p.0))
+                .filter(|&v| has_place(v))
                 .fold(f64::INFINITY, f64::min);
             Series {
                 label: setting.into(),
@@ -236,7 +241,7 @@ fn front(study: &Study) -> Vec<Series> {
         .iter()
         .filter_map(|name| study.runs.iter().find(|r| r.name == *name))
         .filter_map(|r| Some(((r.time().cpu_secs, r.errors.relmse?), r.name.clone())))
-        .filter(|((secs, error), _)| *secs > 0.0 && *error > 0.0)
+        .filter(|((secs, error), _)| has_place(*secs) && has_place(*error))
         .unzip();
     vec![Series {
         label: "Pareto front".into(),
@@ -247,11 +252,15 @@ fn front(study: &Study) -> Vec<Series> {
     }]
 }
 
-/// All values with some room around them.
-fn range(values: impl Iterator<Item = f64> + Clone) -> std::ops::Range<f64> {
-    let low = values.clone().fold(f64::INFINITY, f64::min) * 0.7;
-    let high = values.fold(0.0, f64::max) * 1.4;
-    low..high
+/// All values that have a place on an axis, with some room around them; around 1 if none has.
+fn range(values: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
+    let ends = values.filter(|&v| has_place(v)).fold(None, |ends, v| {
+        let (low, high) = ends.unwrap_or((v, v));
+        Some((v.min(low), v.max(high)))
+    });
+    let (low, high) = ends.unwrap_or((1.0, 1.0));
+    // Neither end may leave what a number can hold.
+    (low * 0.7).max(f64::MIN_POSITIVE)..(high * 1.4).min(f64::MAX)
 }
 
 /// Round values inside a range and their names, few enough to stand beside each other.
@@ -464,6 +473,66 @@ mod tests {
         study.runs.push(run("samples", 16.0));
         let found = names(&study);
         assert!(found.contains(&"error-over-settings"), "{found:?}");
+    }
+
+    #[test]
+    fn ranges_are_of_what_has_a_place_on_an_axis() {
+        let none = [0.0, -1.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
+        let of = |values: &[f64]| range(values.iter().copied());
+        assert_eq!(of(&[2.0, 10.0]), 1.4..14.0);
+        for odd in none {
+            assert_eq!(of(&[2.0, odd, 10.0]), 1.4..14.0, "{odd}");
+        }
+        assert_eq!(of(&none), 0.7..1.4);
+        assert_eq!(of(&[]), 0.7..1.4);
+        let widest = of(&[f64::MIN_POSITIVE, f64::MAX]);
+        assert!(widest.start > 0.0 && widest.end.is_finite());
+    }
+
+    #[test]
+    fn settings_of_zero_and_errors_without_end_leave_the_other_points() {
+        let run = |name: &str, solid_angle: f64, relmse: f64| Run {
+            name: name.into(),
+            method: "extended".into(),
+            sweep: "max-solid-angle".into(),
+            values: [("max-solid-angle".into(), solid_angle)].into(),
+            rounds: vec![Timing {
+                wall_secs: 1.0,
+                cpu_secs: 1.0,
+            }],
+            errors: Errors {
+                relmse: Some(relmse),
+                ..Errors::default()
+            },
+            ..Run::default()
+        };
+        let mut study = Study {
+            reference: Reference {
+                relmse: Some(f64::INFINITY),
+                ..Reference::default()
+            },
+            runs: vec![
+                run("all", 0.0, 0.1),
+                run("fine", 0.01, 0.2),
+                run("coarse", 0.02, 0.3),
+                run("broken", 0.04, f64::INFINITY),
+                run("lost", 0.08, f64::NAN),
+            ],
+            ..Study::default()
+        };
+        study.find();
+        let points = &error_over_settings(&study)[1].points;
+        assert_eq!(points[..], [(1.0, 0.2), (2.0, 0.3)]);
+        let plots = all(&study).unwrap();
+        assert!(plots.iter().any(|p| p.name == "error-over-settings"));
+        for plot in plots {
+            let numbers = ["NaN", "inf"];
+            assert!(
+                numbers.iter().all(|n| !plot.svg.contains(n)),
+                "{}",
+                plot.name
+            );
+        }
     }
 
     #[test]

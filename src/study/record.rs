@@ -5,7 +5,7 @@ use super::plan::{Settings, Variant};
 use crate::run::Output;
 use crate::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt;
+use std::mem;
 use std::path::Path;
 
 /// Everything measured so far; the file `study.json`.
@@ -22,7 +22,7 @@ pub struct Study {
     pub film: [u32; 2],
     /// Whether there are any media in it.
     pub has_media: bool,
-    /// The machine.
+    /// The machine that the times of `clouds` and `runs` are of.
     pub machine: Machine,
     /// The settings of the last call, as JSON.
     pub settings: serde_json::Value,
@@ -32,11 +32,24 @@ pub struct Study {
     pub clouds: Vec<Cloud>,
     /// Runs, in order of the plan; those of earlier calls that are not in it last.
     pub runs: Vec<Run>,
-    /// What they say.
+    /// What was timed on other machines, or with other numbers of threads.
+    pub others: Vec<Timed>,
+    /// What `runs` say.
     pub findings: Findings,
 }
 
-/// What it ran on.
+/// What was timed on one machine.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Timed {
+    /// The machine.
+    pub machine: Machine,
+    /// Clouds, in order of need.
+    pub clouds: Vec<Cloud>,
+    /// Runs, in order of the plan.
+    pub runs: Vec<Run>,
+}
+
+/// What it ran on; times of different ones do not mix.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Machine {
     /// Operating system and processor family.
@@ -45,17 +58,6 @@ pub struct Machine {
     pub processor: String,
     /// Threads that were used.
     pub threads: usize,
-}
-
-impl fmt::Display for Machine {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            system,
-            processor,
-            threads,
-        } = self;
-        write!(f, "{threads} threads of {processor} ({system})")
-    }
 }
 
 /// A converged image.
@@ -218,15 +220,37 @@ impl Study {
         run.time().cpu_secs + before
     }
 
-    /// What an earlier study of the same origin has measured on the same machine; `None` if there is none, or nothing in it.
+    /// Puts what was timed on another machine, or with another number of threads, aside, and what was timed on this one
+    /// before in its place. Whether anything was put aside.
+    pub fn go_on_with(&mut self, machine: Machine) -> bool {
+        if self.machine == machine {
+            return false;
+        }
+        let at = self.others.iter().position(|o| o.machine == machine);
+        let mut timed = at.map_or_else(Timed::default, |i| self.others.remove(i));
+        timed.machine = machine;
+        mem::swap(&mut self.machine, &mut timed.machine);
+        mem::swap(&mut self.clouds, &mut timed.clouds);
+        mem::swap(&mut self.runs, &mut timed.runs);
+        let is_kept = !timed.clouds.is_empty() || !timed.runs.is_empty();
+        if is_kept {
+            self.others.push(timed);
+        }
+        is_kept
+    }
+
+    /// The errors of a run, wherever it was timed: images are the same on all machines, with any number of threads.
+    #[must_use]
+    pub fn errors_of(&self, name: &str) -> Option<Errors> {
+        let mut runs = self.others.iter().flat_map(|o| &o.runs).chain(&self.runs);
+        runs.find(|r| r.name == name).map(|r| r.errors)
+    }
+
+    /// What an earlier study of the same origin has measured; `None` if there is none, or nothing in it.
     ///
     /// # Errors
     /// [`crate::Kind::Input`] if the file is damaged or belongs to something else; the message says in what it differs.
-    pub fn read(
-        path: &Path,
-        origin: &BTreeMap<String, String>,
-        machine: &Machine,
-    ) -> Result<Option<Self>> {
+    pub fn read(path: &Path, origin: &BTreeMap<String, String>) -> Result<Option<Self>> {
         let bytes = match std::fs::read(path) {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             other => other.map_err(|e| Error::io("read", path, &e))?,
@@ -238,7 +262,7 @@ impl Study {
         let study: Self = serde_json::from_slice(&bytes)
             .map_err(|e| refused(format!("is no study of this version: {e}")))?;
         // One that has measured nothing binds nobody.
-        if study.runs.is_empty() {
+        if study.runs.is_empty() && study.others.is_empty() {
             return Ok(None);
         }
         let names = origin.keys().chain(study.origin.keys());
@@ -249,13 +273,6 @@ impl Study {
         if !other.is_empty() {
             let other: Vec<&str> = other.into_iter().collect();
             return Err(refused(format!("belongs to another {}", other.join(", "))));
-        }
-        // Times of different machines do not mix.
-        if study.machine != *machine {
-            return Err(refused(format!(
-                "has times of {}, here are {}",
-                study.machine, machine
-            )));
         }
         Ok(Some(study))
     }
@@ -268,8 +285,9 @@ impl Study {
         let other: Vec<&str> = variants
             .iter()
             .filter(|v| {
-                let same_name = self.runs.iter().find(|r| r.name == v.name);
-                same_name.is_some_and(|r| r.key != v.key(settings))
+                let others = self.others.iter().flat_map(|o| &o.runs);
+                let mut same_name = self.runs.iter().chain(others).filter(|r| r.name == v.name);
+                same_name.any(|r| r.key != v.key(settings))
             })
             .map(|v| v.name.as_str())
             .collect();
@@ -300,10 +318,7 @@ impl Study {
     /// # Errors
     /// If the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
-        let mut json = serde_json::to_vec_pretty(self)
-            .map_err(|e| Error::failed(format!("cannot encode the study: {e}")))?;
-        json.push(b'\n');
-        Output::write_all_to(path, &json)
+        Output::write_json_to(path, self)
     }
 }
 
@@ -340,24 +355,54 @@ mod tests {
     }
 
     #[test]
+    fn times_of_other_machines_do_not_mix_and_are_not_lost() {
+        let with = |threads| Machine {
+            threads,
+            ..Machine::default()
+        };
+        let run = |name: &str, relmse| Run {
+            name: name.into(),
+            rounds: vec![Timing::default()],
+            errors: Errors {
+                relmse: Some(relmse),
+                ..Errors::default()
+            },
+            ..Run::default()
+        };
+        let mut study = Study {
+            machine: with(2),
+            ..Study::default()
+        };
+        // Nothing is measured yet.
+        assert!(!study.go_on_with(with(1)) && study.others.is_empty());
+        assert!(!study.go_on_with(with(2)));
+        study.runs.push(run("a", 0.5));
+        study.clouds.push(Cloud::default());
+        let two = study.clone();
+        assert!(!study.go_on_with(with(2)));
+        assert_eq!(study, two);
+        assert!(study.go_on_with(with(1)));
+        assert!(study.runs.is_empty() && study.clouds.is_empty());
+        assert_eq!(study.errors_of("a"), Some(two.runs[0].errors));
+        assert_eq!(study.errors_of("b"), None);
+        study.runs.push(run("a", 0.5));
+        assert!(study.go_on_with(with(2)));
+        assert_eq!((&study.runs, &study.clouds), (&two.runs, &two.clouds));
+        assert_eq!(study.machine, with(2));
+        assert_eq!(study.others.len(), 1);
+    }
+
+    #[test]
     fn studies_come_back_with_every_bit_and_do_not_mix() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("study.json");
         let origin = |scene: &str| BTreeMap::from([("scene".to_owned(), scene.to_owned())]);
-        let machine = Machine {
-            threads: 2,
-            ..Machine::default()
-        };
-        assert!(
-            Study::read(&path, &origin("k"), &machine)
-                .unwrap()
-                .is_none()
-        );
+        let read = |scene: &str| Study::read(&path, &origin(scene));
+        assert!(read("k").unwrap().is_none());
         // Times as clocks give them: no short decimals.
         let secs = |i: u64| f64::from_bits(0x3ff0_0000_0000_0000 + hash(&[i]) % (1 << 54));
         let mut study = Study {
             origin: origin("k"),
-            machine: machine.clone(),
             runs: vec![Run {
                 name: "a".into(),
                 rounds: (0..1000)
@@ -372,22 +417,13 @@ mod tests {
         };
         study.find();
         study.write(&path).unwrap();
-        let read = |scene: &str, threads| {
-            let machine = Machine {
-                threads,
-                ..machine.clone()
-            };
-            Study::read(&path, &origin(scene), &machine)
-        };
-        assert_eq!(read("k", 2).unwrap(), Some(study));
-        let error = read("other", 2).unwrap_err().to_string();
+        assert_eq!(read("k").unwrap(), Some(study));
+        let error = read("other").unwrap_err().to_string();
         assert!(error.contains("another scene"), "{error}");
-        let error = read("k", 4).unwrap_err().to_string();
-        assert!(error.contains("2 threads") && error.contains("4 threads"));
         Study::default().write(&path).unwrap();
-        assert_eq!(read("k", 2).unwrap(), None);
+        assert_eq!(read("k").unwrap(), None);
         std::fs::write(&path, "{").unwrap();
-        let error = read("k", 2).unwrap_err();
+        let error = read("k").unwrap_err();
         assert!(error.hint_text().unwrap().contains("--force"));
     }
 }

@@ -69,6 +69,18 @@ fn files() -> Files {
     }
 }
 
+/// Both a verb and `verify` refuse what is put into `file`, name it and leave nothing behind.
+fn refuses(work: &Work, file: &str, verb: &[&str], damaged: Vec<(String, Vec<u8>, &str)>) {
+    for (name, bytes, says) in damaged {
+        fs::write(work.path(file), bytes).unwrap();
+        for args in [verb, &["verify", file]] {
+            let run = lvox(work, &[args, &["--progress", "none"]].concat());
+            run.refused(2, &[file, says], &name);
+        }
+        assert_eq!(work.names(), [file, "scene.toml", "smoke.raw"], "{name}");
+    }
+}
+
 #[test]
 fn building_refuses_damaged_clouds() {
     let Files { work, cloud, .. } = files();
@@ -84,21 +96,8 @@ fn building_refuses_damaged_clouds() {
         blocks.push((format!("block {i}"), middle));
     }
     assert!(blocks.len() >= 2);
-    for (name, bytes, says) in damaged(&cloud, &blocks) {
-        fs::write(work.path("bad.lvc"), bytes).unwrap();
-        for args in [
-            &["build", "bad.lvc", "-o", "out.lvt"][..],
-            &["verify", "bad.lvc"],
-        ] {
-            let run = lvox(&work, &[args, &["--progress", "none"]].concat());
-            run.refused(2, &["bad.lvc", says], &name);
-        }
-        assert_eq!(
-            work.names(),
-            ["bad.lvc", "scene.toml", "smoke.raw"],
-            "{name}"
-        );
-    }
+    let build = ["build", "bad.lvc", "-o", "out.lvt"];
+    refuses(&work, "bad.lvc", &build, damaged(&cloud, &blocks));
 }
 
 #[test]
@@ -116,21 +115,8 @@ fn shading_refuses_damaged_trees() {
             ((*name).to_string(), middle)
         })
         .collect();
-    for (name, bytes, says) in damaged(&tree, &blocks) {
-        fs::write(work.path("bad.lvt"), bytes).unwrap();
-        for args in [
-            &["shade", "scene.toml", "-t", "bad.lvt", "-o", "out.exr"][..],
-            &["verify", "bad.lvt"],
-        ] {
-            let run = lvox(&work, &[args, &["--progress", "none"]].concat());
-            run.refused(2, &["bad.lvt", says], &name);
-        }
-        assert_eq!(
-            work.names(),
-            ["bad.lvt", "scene.toml", "smoke.raw"],
-            "{name}"
-        );
-    }
+    let shade = ["shade", "scene.toml", "-t", "bad.lvt", "-o", "out.exr"];
+    refuses(&work, "bad.lvt", &shade, damaged(&tree, &blocks));
 }
 
 #[test]

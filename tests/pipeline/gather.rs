@@ -8,7 +8,8 @@ use lvox::formats::{ClipEdge, CloudMeta, CloudWriter, Lvoxel, Surfel};
 use lvox::gather::cone::Scratch;
 use lvox::gather::plain;
 use lvox::gather::{
-    Crossing, Gatherer, Kernel, Media, Medium, NoMedia, Settings, Stretch, SurfelStore, TreeStore,
+    Crossing, Gatherer, Kernel, Media, Medium, NoMedia, Pages, Settings, Stretch, SurfelStore,
+    TreeStore,
 };
 use lvox::math::Rgb;
 use lvox::math::segment::Composite;
@@ -90,6 +91,14 @@ fn store(surfels: &[Surfel]) -> (tempfile::TempDir, TreeStore) {
     (dir, store)
 }
 
+/// The surfels of a tree that was opened without a limit.
+fn pages(store: &TreeStore) -> &impl Pages {
+    let SurfelStore::Kept(pages) = &store.surfels else {
+        panic!("a limit without being asked")
+    };
+    pages
+}
+
 fn settings(kernel: Kernel, max_solid_angle: f32) -> Settings {
     Settings {
         samples: 64,
@@ -114,9 +123,7 @@ fn receivers(n: usize) -> Vec<(Vec3, Vec3)> {
 #[test]
 fn the_fast_kernel_without_aggregates_sees_what_the_plain_one_sees() {
     let (_dir, store) = store(&cloud(40_000));
-    let SurfelStore::Kept(pages) = &store.surfels else {
-        panic!("a limit without being asked")
-    };
+    let pages = pages(&store);
     let gatherer = |kernel| Gatherer {
         pages,
         media: NoMedia,
@@ -142,9 +149,7 @@ fn the_fast_kernel_without_aggregates_sees_what_the_plain_one_sees() {
 #[test]
 fn the_plain_kernel_sees_the_same_in_any_order() {
     let (_dir, store) = store(&cloud(10_000));
-    let SurfelStore::Kept(pages) = &store.surfels else {
-        panic!("a limit without being asked")
-    };
+    let pages = pages(&store);
     let mut scratch = Scratch::default();
     let (mut other, mut met) = (0, 0);
     for (origin, direction) in receivers(10_000) {
@@ -162,9 +167,7 @@ fn the_plain_kernel_sees_the_same_in_any_order() {
 #[test]
 fn aggregates_change_irradiance_by_a_few_percent() {
     let (_dir, store) = store(&cloud(200_000));
-    let SurfelStore::Kept(pages) = &store.surfels else {
-        panic!("a limit without being asked")
-    };
+    let pages = pages(&store);
     let irradiance = |kernel, solid_angle| -> Vec<f32> {
         let gatherer = Gatherer {
             pages,
@@ -190,11 +193,53 @@ fn aggregates_change_irradiance_by_a_few_percent() {
 }
 
 #[test]
+fn nothing_behind_the_facet_of_a_smooth_mesh_reaches_it() {
+    let face = Vec3::Y;
+    // A box that sends light from below its receiver alone.
+    let mut below = cloud(20_000);
+    for s in &mut below {
+        let sent = if s.position[1] < -0.2 { 1.0 } else { 0.0 };
+        (s.front, s.back) = ([sent; 3], [sent; 3]);
+    }
+    // A disk too small to be seen, so that there is a tree.
+    let mut speck = below[0];
+    (speck.position, speck.radius) = ([0.0, 100.0, 0.0], 1e-3);
+    let (_dirs, stores): (Vec<_>, Vec<_>) = [store(&[speck]), store(&below)].into_iter().unzip();
+    for kernel in [Kernel::Cone, Kernel::Plain] {
+        let of = |store, environment, normal, face| {
+            let gatherer = Gatherer {
+                pages: pages(store),
+                media: NoMedia,
+                settings: Settings {
+                    samples: 4096,
+                    environment: Rgb::splat(environment),
+                    ..settings(kernel, 0.0)
+                },
+            };
+            let gathered = gatherer.irradiance(Vec3::ZERO, normal, face, Stretch::first(3));
+            gathered.light.luminance()
+        };
+        for degrees in [0.0_f32, 30.0, 60.0, 85.0] {
+            let normal = Quat::from_rotation_z(degrees.to_radians()) * face;
+            // Half of the disk that directions project to, and half of the ellipse that the facet's rim does.
+            let expected = 0.5 * PI * (1.0 + normal.dot(face));
+            let open = of(&stores[0], 1.0, normal, face);
+            assert!(
+                (open - expected).abs() < 0.01 * expected,
+                "{degrees}: {open}"
+            );
+            assert_eq!(of(&stores[1], 0.0, normal, face), 0.0, "{degrees}");
+            // It is the facet that hides it.
+            let lit = of(&stores[1], 0.0, normal, normal);
+            assert!(degrees < 30.0 || lit > 0.05, "{degrees}: {lit}");
+        }
+    }
+}
+
+#[test]
 fn nothing_beyond_the_largest_distance_sends_light_or_lets_it_through() {
     let (_dir, store) = store(&cloud(20_000));
-    let SurfelStore::Kept(pages) = &store.surfels else {
-        panic!("a limit without being asked")
-    };
+    let pages = pages(&store);
     for kernel in [Kernel::Cone, Kernel::Plain] {
         let gatherer = Gatherer {
             pages,

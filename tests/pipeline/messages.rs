@@ -358,7 +358,7 @@ fn tiles_of_processes_are_the_frame_of_one() {
     for (i, name) in names.iter().enumerate() {
         let tile = format!("{i}/7");
         let threads = if i % 2 == 0 { "1" } else { "2" };
-        let options = [
+        let mut options = vec![
             "--aov",
             "depth,normal",
             "--float",
@@ -367,12 +367,21 @@ fn tiles_of_processes_are_the_frame_of_one() {
             "--threads",
             threads,
         ];
+        // The first camera is the same by name.
+        if i % 3 == 0 {
+            options.extend(["--camera", "front"]);
+        }
         shade(name, &options);
         merge.push(name);
     }
     lvox(&work, &merge).done();
     let read = |name: &str| fs::read(work.path(name)).unwrap();
     assert!(read("merged.exr") == read("whole.exr"));
+
+    let other = ["--aov", "depth,normal", "--float", "--tile", "2/7"];
+    shade("2.exr", &[&other[..], &["--camera", "corner"]].concat());
+    merge.push("--force");
+    lvox(&work, &merge).refused(2, &["2.exr", "camera"], "a tile of another camera");
 }
 
 #[cfg(unix)]

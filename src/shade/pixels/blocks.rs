@@ -1,7 +1,8 @@
 //! Regions of the frame, shaded by many threads.
 
 use super::corners::Corners;
-use super::pixel::{Pixel, PixelShader};
+use super::pixel::Pixel;
+use super::shader::PixelShader;
 use crate::Result;
 use crate::gather::{Medium, Pages};
 use crate::image::Region;

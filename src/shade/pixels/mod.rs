@@ -3,8 +3,14 @@
 mod blocks;
 mod corners;
 mod emitter_borders;
+mod piece;
 mod pixel;
+mod pixel_sum;
+mod sample;
+mod shader;
 
 pub use blocks::shade_region;
 pub use emitter_borders::EmitterBorders;
-pub use pixel::{Pixel, PixelShader, SampleCounts};
+pub use pixel::Pixel;
+pub use sample::SampleCounts;
+pub use shader::PixelShader;

@@ -4,7 +4,7 @@ use super::{Corner, Corners};
 use crate::gather::{Medium, Pages};
 use crate::light::{Arrival, Sight};
 use crate::shade::air::Air;
-use crate::shade::pixels::pixel::Sample;
+use crate::shade::pixels::sample::Sample;
 
 /// What the corners around a pixel say of its lights.
 pub(super) enum Lit {

@@ -5,7 +5,7 @@ use crate::gather::{Medium, Pages};
 use crate::math::Rgb;
 use crate::scene::{Light, Volume};
 use crate::shade::air::{Air, Passed};
-use crate::shade::pixels::pixel::Sample;
+use crate::shade::pixels::sample::Sample;
 use crate::trace::media_bounds;
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;

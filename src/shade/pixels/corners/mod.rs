@@ -7,7 +7,11 @@
 mod light;
 mod media;
 
-use super::pixel::{Piece, Pixel, PixelShader, PixelSum, Sample};
+use super::piece::Piece;
+use super::pixel::Pixel;
+use super::pixel_sum::PixelSum;
+use super::sample::Sample;
+use super::shader::PixelShader;
 use crate::gather::{Medium, Pages};
 use crate::image::Region;
 use crate::light::{ShadowRays, Sight};

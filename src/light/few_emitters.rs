@@ -1,0 +1,83 @@
+//! Light of a few emissive triangles, each by its closed form.
+
+use super::direct::Direct;
+use super::emitters::Emitters;
+use super::receiver::Receiver;
+use super::shading_point::ShadingPoint;
+use super::shadows::Shadows;
+use crate::math::Rgb;
+use smallvec::SmallVec;
+
+/// An emitter that rays of a point may go to.
+#[derive(Clone, Copy)]
+struct Chosen {
+    index: u32,
+    running_power: f32,
+    /// Closed form of the receiver's response to it, per unit radiance.
+    response: f32,
+}
+
+/// Adds the light of all of them. Rays share the emitters out by what each would send; each ray counts by what its point
+/// would send.
+pub fn add<S: Shadows, R: Receiver>(
+    total: &mut Direct<S::Dimming>,
+    emitters: &Emitters,
+    at: &ShadingPoint<S, R>,
+) {
+    if emitters.is_empty() {
+        return;
+    }
+    let &ShadingPoint {
+        origin,
+        rays,
+        receiver,
+        ..
+    } = at;
+    // Not an array, which would be cleared for each point.
+    let mut chosen = SmallVec::<[Chosen; Emitters::FEW]>::new();
+    let mut unoccluded = Rgb::BLACK;
+    let mut sum = 0.0;
+    for (index, emitter) in emitters.facing(origin) {
+        let response = receiver.of_triangle(emitter.corners.map(|c| c - origin));
+        let light = emitter.radiance * response;
+        let power = light.mean();
+        if power > 0.0 {
+            unoccluded += light;
+            sum += power;
+            chosen.push(Chosen {
+                index,
+                running_power: sum,
+                response,
+            });
+        }
+    }
+    if chosen.is_empty() {
+        return;
+    }
+    total.open += unoccluded;
+    for i in 0..rays.count() {
+        let [u, v] = rays.point(i, 63);
+        let target = u * sum;
+        let k = chosen
+            .iter()
+            .position(|c| target < c.running_power)
+            .unwrap_or(chosen.len() - 1);
+        let below = if k == 0 {
+            0.0
+        } else {
+            chosen[k - 1].running_power
+        };
+        let within = ((target - below) / (chosen[k].running_power - below)).clamp(0.0, 1.0);
+        let index = chosen[k].index;
+        let emitter = emitters.get(index);
+        let (d, distance, pdf) = emitter.look_at(origin, [within, v]);
+        // What this point sends over what its emitter was expected to: near 1.
+        let w = receiver.response(d) / (pdf * chosen[k].response);
+        if w > 0.0 {
+            let through = at.through_from_triangle(d, distance);
+            let light = emitter.radiance * (w * sum / emitter.radiance.mean());
+            // Emitters of one surface are told apart no further than sharing a bit with another.
+            total.note_ray(index as usize, light, through);
+        }
+    }
+}

@@ -1,0 +1,121 @@
+//! Direct light in media, so split that it can be interpolated between points.
+
+use super::lamps::Seen;
+use super::lights::Lights;
+use super::rays::ShadowRays;
+use super::receiver::{INVERSE_SPHERE, Medium};
+use super::shadows::Shadows;
+use super::sun::Sun;
+use super::sun_depth::SunDepths;
+use crate::math::Rgb;
+use crate::scene::Light;
+use glam::Vec3;
+use std::ops::{AddAssign, Mul};
+
+/// Direct light at a point of a medium, in two parts: that of point and spot lights changes without bound near them, but
+/// the share of it that arrives changes no faster than media and shadows do.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct InMedium {
+    /// What arrives of [`Lights::sent`], per channel.
+    pub share: Rgb,
+    /// Mean over the sphere of the radiance of all other lights.
+    pub rest: Rgb,
+}
+
+impl AddAssign for InMedium {
+    fn add_assign(&mut self, o: Self) {
+        self.share += o.share;
+        self.rest += o.rest;
+    }
+}
+
+impl Mul<f32> for InMedium {
+    type Output = Self;
+    fn mul(self, s: f32) -> Self {
+        Self {
+            share: self.share * s,
+            rest: self.rest * s,
+        }
+    }
+}
+
+impl<S: Shadows> Lights<'_, S> {
+    /// [`Self::mean_radiance`] in two parts, for what lies between points: [`Self::sent`] times the share, and the
+    /// rest. Media before suns are those of `suns`, or the scene's own.
+    #[must_use]
+    pub fn in_medium(&self, point: Vec3, rays: ShadowRays, suns: Option<&SunDepths>) -> InMedium {
+        let rest = self.sum(&self.shading_point(point, rays, Medium), suns, |light| {
+            light.lamp().is_none()
+        });
+        InMedium {
+            share: self.share_of_lamps(point),
+            rest: rest.light() * INVERSE_SPHERE,
+        }
+    }
+
+    /// What arrives at a point of a medium of all that point and spot lights send, per channel.
+    fn share_of_lamps(&self, point: Vec3) -> Rgb {
+        // What is beside a spot's beam counts little, but tells what arrives in a beam that passes between such points.
+        const BESIDE: f32 = 1e-3;
+        let (mut arriving, mut sent) = (Rgb::BLACK, Rgb::BLACK);
+        for (position, intensity, light) in self.lamps() {
+            let to_light = position - point;
+            let distance = to_light.length();
+            if distance == 0.0 {
+                continue;
+            }
+            let d = to_light / distance;
+            let light = intensity * (light.falloff(-d).max(BESIDE) / (distance * distance));
+            arriving += light * self.through(point, d, distance);
+            sent += light;
+        }
+        Rgb(std::array::from_fn(|c| {
+            if sent.0[c] > 0.0 {
+                arriving.0[c] / sent.0[c]
+            } else {
+                0.0
+            }
+        }))
+    }
+}
+
+impl<S> Lights<'_, S> {
+    fn lamps(&self) -> impl Iterator<Item = (Vec3, Rgb, &Light)> {
+        let lights = self.tracer.scene.lights.iter();
+        lights.filter_map(|l| l.lamp().map(|(at, intensity)| (at, Rgb(intensity), l)))
+    }
+
+    /// Mean radiance over the sphere that point and spot lights would send with nothing between, averaged over a segment
+    /// in closed form.
+    #[must_use]
+    pub fn sent(&self, from: Vec3, to: Vec3) -> Rgb {
+        let mut total = Rgb::BLACK;
+        for (position, intensity, light) in self.lamps() {
+            let seen = Seen::new(position, [from, to]);
+            let mean = seen.mean_inverse_square();
+            if mean.is_finite() {
+                total += intensity * (mean * INVERSE_SPHERE * seen.falloff(light));
+            }
+        }
+        total
+    }
+
+    /// Whether no light has an extent, so that [`InMedium::rest`] has no noise of shadow rays.
+    #[must_use]
+    pub fn rest_is_exact(&self) -> bool {
+        let mut lights = self.tracer.scene.lights.iter();
+        self.emitters.is_empty() && !lights.any(|l| Sun::of(l).is_some())
+    }
+
+    /// Whether a point or spot light is nearer to a segment than `distance`; then, for the nearest, the place from 0 to 1 that
+    /// halves its light on the segment.
+    #[must_use]
+    pub fn lamp_near(&self, from: Vec3, to: Vec3, distance: f32) -> Option<f32> {
+        self.lamps()
+            .map(|(position, ..)| Seen::new(position, [from, to]))
+            .map(|seen| (seen.distance(), seen))
+            .filter(|(d, _)| *d < distance)
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|(_, seen)| seen.median())
+    }
+}

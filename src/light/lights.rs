@@ -1,0 +1,170 @@
+//! All lights of a scene, and what a point gets of them.
+
+use super::direct::Direct;
+use super::emitters::Emitters;
+use super::many_emitters::Care;
+use super::rays::ShadowRays;
+use super::receiver::{INVERSE_SPHERE, Medium, Receiver, Surface};
+use super::shading_point::ShadingPoint;
+use super::shadows::{OpticalDepth, SceneMedia, Shadows, Vacuum};
+use super::sun::Sun;
+use super::sun_depth::SunDepths;
+use super::{few_emitters, many_emitters, sharp};
+use crate::math::Rgb;
+use crate::scene::Light;
+use crate::trace::{self, Tracer};
+use glam::Vec3;
+use std::sync::Arc;
+
+/// All lights of a scene but a constant environment, which gathering takes care of, and what shadow rays to them pass.
+#[derive(Clone, Debug)]
+pub struct Lights<'a, S = SceneMedia<'a>> {
+    pub(super) tracer: &'a Tracer<'a>,
+    shadows: S,
+    pub(super) emitters: Arc<Emitters>,
+    /// How emissive triangles are asked, if they are many.
+    care: Care,
+    environment: Rgb,
+}
+
+impl<'a> Lights<'a> {
+    /// Finds the lights of the traced scene.
+    #[must_use]
+    pub fn new(tracer: &'a Tracer<'a>) -> Self {
+        Self {
+            tracer,
+            shadows: SceneMedia::default(),
+            emitters: Arc::new(Emitters::new(tracer.scene)),
+            care: Care::SHADING,
+            environment: tracer.scene.environment(),
+        }
+    }
+
+    /// The same lights, with other media than the scene's before emissive triangles, whose shadows are soft: coarser ones,
+    /// that are passed faster.
+    #[must_use]
+    pub fn with_soft_shadows_through(mut self, depth: &'a dyn OpticalDepth) -> Self {
+        self.shadows.before_triangles = Some(depth);
+        self
+    }
+
+    /// The same lights, with the scene's own media before all of them.
+    #[must_use]
+    pub fn with_sharp_shadows(&self) -> Self {
+        Self {
+            shadows: SceneMedia::default(),
+            ..self.clone()
+        }
+    }
+
+    /// The same lights in a scene without media.
+    #[must_use]
+    pub fn in_vacuum(&self) -> Lights<'a, Vacuum> {
+        Lights {
+            tracer: self.tracer,
+            shadows: Vacuum,
+            emitters: Arc::clone(&self.emitters),
+            care: self.care,
+            environment: self.environment,
+        }
+    }
+}
+
+impl<'a, S: Shadows> Lights<'a, S> {
+    /// The same lights, asked with less care where they are many: for points of which pictures see means of many only.
+    #[must_use]
+    pub fn for_baking(mut self) -> Self {
+        self.care = Care::BAKING;
+        self
+    }
+
+    /// Share of light that gets from `origin` to `t_max` along a unit direction: 0 behind a surface, else what the scene's
+    /// own media let through.
+    #[must_use]
+    pub fn through(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
+        self.shadows
+            .transmittance(self.tracer, origin, direction, t_max, None)
+    }
+
+    /// What rays meet.
+    #[must_use]
+    pub fn tracer(&self) -> &'a Tracer<'a> {
+        self.tracer
+    }
+
+    /// Radiance from where no surface is.
+    #[must_use]
+    pub fn environment(&self) -> Rgb {
+        self.environment
+    }
+
+    /// Irradiance of a surface point on the side of `normal`; `face_normal` is the geometric one on that side, along
+    /// which rays leave.
+    #[must_use]
+    pub fn irradiance(
+        &self,
+        point: Vec3,
+        normal: Vec3,
+        face_normal: Vec3,
+        rays: ShadowRays,
+    ) -> Direct<S::Dimming> {
+        let origin = point + face_normal * trace::offset(point);
+        let receiver = Surface {
+            normal,
+            face_normal,
+        };
+        self.sum(&self.shading_point(origin, rays, receiver), None, |_| true)
+    }
+
+    /// Mean over the sphere of the direct radiance at a point of a medium: its in-scattered radiance for an isotropic
+    /// phase function.
+    #[must_use]
+    pub fn mean_radiance(&self, point: Vec3, rays: ShadowRays) -> Direct<S::Dimming> {
+        let mut direct = self.sum(&self.shading_point(point, rays, Medium), None, |_| true);
+        direct.sharp *= INVERSE_SPHERE;
+        direct.open *= INVERSE_SPHERE;
+        direct
+    }
+
+    /// A point that asks these lights.
+    pub(super) fn shading_point<R>(
+        &self,
+        origin: Vec3,
+        rays: ShadowRays,
+        receiver: R,
+    ) -> ShadingPoint<'a, S, R> {
+        ShadingPoint {
+            tracer: self.tracer,
+            shadows: self.shadows,
+            origin,
+            rays,
+            receiver,
+        }
+    }
+
+    /// Sums over the lights that are `asked` for and all emissive triangles. Media before suns are those of `suns`, or
+    /// the scene's own.
+    pub(super) fn sum(
+        &self,
+        at: &ShadingPoint<S, impl Receiver>,
+        suns: Option<&SunDepths>,
+        asked: impl Fn(&Light) -> bool,
+    ) -> Direct<S::Dimming> {
+        let mut total = Direct::default();
+        for (index, light) in self.tracer.scene.lights.iter().enumerate() {
+            if !asked(light) {
+                continue;
+            }
+            let depth = suns.and_then(|s| s.of(index));
+            match Sun::of(light) {
+                Some(sun) => sun.add(&mut total, index, at, depth),
+                None => sharp::add(&mut total, light, index, at, depth),
+            }
+        }
+        match self.emitters.tree() {
+            Some(tree) => many_emitters::add(&mut total, &self.emitters, tree, self.care, at),
+            None => few_emitters::add(&mut total, &self.emitters, at),
+        }
+        total
+    }
+}

@@ -1,0 +1,77 @@
+//! Light of many emissive triangles: a tree tells what they send, and each ray goes to a light that it chooses by that.
+
+use super::cut::Cut;
+use super::direct::Direct;
+use super::emitters::Emitters;
+use super::receiver::Receiver;
+use super::shading_point::ShadingPoint;
+use super::shadows::Shadows;
+use super::tree::Tree;
+use crate::math::Rgb;
+
+/// How carefully they are asked.
+#[derive(Clone, Copy, Debug)]
+pub struct Care {
+    /// Share of all light by which one group of them may be wrong.
+    tolerance: f32,
+    /// Whether rays tell what arrives of the groups' light, which has no noise, or all of it, which has no bias.
+    is_share: bool,
+    /// Rays for one to a few.
+    rays: u32,
+}
+
+impl Care {
+    /// For points that pictures show.
+    pub const SHADING: Self = Self {
+        tolerance: 0.03,
+        is_share: true,
+        rays: 4,
+    };
+    /// For points of which pictures show means of many.
+    pub const BAKING: Self = Self {
+        tolerance: 0.2,
+        is_share: false,
+        rays: 1,
+    };
+}
+
+/// Adds the light of all of them.
+pub fn add<S: Shadows, R: Receiver>(
+    total: &mut Direct<S::Dimming>,
+    emitters: &Emitters,
+    tree: &Tree,
+    care: Care,
+    at: &ShadingPoint<S, R>,
+) {
+    let &ShadingPoint {
+        origin,
+        rays,
+        receiver,
+        ..
+    } = at;
+    let cut = Cut::new(tree, emitters, origin, receiver, care.tolerance);
+    let count = rays.count() * care.rays;
+    let per_ray = 1.0 / care.rays as f32;
+    let mut sent = Rgb::BLACK;
+    for i in 0..count {
+        let [u, v] = rays.point_of_many(i, care.rays);
+        let Some(choice) = cut.choose(u) else {
+            continue;
+        };
+        let emitter = emitters.get(choice.emitter);
+        let (d, distance, pdf) = emitter.look_at(origin, [choice.within, v]);
+        let w = receiver.response(d) / (pdf * choice.chance);
+        if w > 0.0 && w.is_finite() {
+            let through = at.through_from_triangle(d, distance);
+            let light = emitter.radiance * w;
+            // As much of the light as a ray to any other light with an extent brings of its own.
+            total.note_ray(choice.emitter as usize, light * per_ray, through);
+            sent += light;
+        }
+    }
+    total.open += if care.is_share {
+        cut.light()
+    } else {
+        sent * (1.0 / count.max(1) as f32)
+    };
+}

@@ -1,0 +1,26 @@
+//! Pieces of surface that a pixel sees.
+
+use crate::light::Arrival;
+use crate::math::Rgb;
+use crate::trace::Surface;
+
+/// A smooth piece of surface in a pixel, whose samples share their indirect light and their shadow rays.
+pub struct Piece {
+    /// A point of it.
+    pub surface: Surface,
+    /// Indirect irradiance.
+    pub irradiance: Rgb,
+    /// What shadow rays from all of its samples brought.
+    pub rays: Arrival,
+}
+
+impl Piece {
+    /// A piece of which no sample is known yet.
+    pub fn new(surface: Surface, irradiance: Rgb) -> Self {
+        Self {
+            surface,
+            irradiance,
+            rays: Arrival::default(),
+        }
+    }
+}

@@ -1,0 +1,273 @@
+//! One pixel from samples of its own: primary visibility, direct light, the media before it, and where indirect light
+//! is looked up.
+
+use super::emitter_borders::EmitterBorders;
+use super::piece::Piece;
+use super::pixel::Pixel;
+use super::pixel_sum::PixelSum;
+use super::sample::{Sample, SampleCounts};
+use crate::gather::{Gatherer, Medium, Pages, Stretch};
+use crate::light::{Direct, Lights, ShadowRays, Sight};
+use crate::math::{Rgb, sampling};
+use crate::shade::air::{Air, Passed};
+use crate::shade::lattice::{Lattice, gather_surface};
+use crate::shade::view::View;
+use crate::trace::Surface;
+use std::f32::consts::FRAC_1_PI;
+
+/// Everything a pixel may look at.
+pub struct PixelShader<'a, P, M, A: Air> {
+    /// Camera and scene.
+    pub view: View<'a>,
+    /// Emissive triangles whose borders are in sight.
+    pub borders: &'a EmitterBorders,
+    /// Lights.
+    pub lights: &'a Lights<'a, A::Shadows>,
+    /// Indirect light on surfaces.
+    pub lattice: &'a Lattice,
+    /// For surfaces that the lattice missed.
+    pub gatherer: &'a Gatherer<'a, P, M>,
+    /// What camera rays pass.
+    pub air: &'a A,
+    /// How many samples.
+    pub counts: SampleCounts,
+}
+
+impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
+    /// Shades pixel (x, y) by samples of its own: few first, and more if they disagree.
+    #[must_use]
+    pub fn shade(&self, x: u32, y: u32) -> Pixel {
+        let mut samples: Vec<Sample<A::Passed>> = Vec::with_capacity(self.counts.pixel as usize);
+        let sample = |i| self.sample_in(x, y, i, self.counts.shadow, i * self.counts.shadow);
+        samples.extend((0..self.counts.pixel).map(sample));
+        if self.counts.edge > self.counts.pixel && self.disagree(&samples) {
+            samples.extend((self.counts.pixel..self.counts.edge).map(sample));
+        }
+        if !A::Passed::IS_VACUUM {
+            let known = samples.len().min(2);
+            let (known, rest) = samples.split_at_mut(known);
+            for s in known.iter_mut() {
+                s.passed = self.march(s);
+            }
+            let smooth = known.iter().all(|s| alike(&known[0].passed, &s.passed));
+            self.pass_media(known.iter(), rest, smooth);
+        }
+        self.resolve(&samples, &mut Vec::new(), x, y)
+    }
+
+    /// Shades pixel (x, y) by the larger number of samples, given what is known of it: samples with their media passed,
+    /// and pieces of surface with their indirect light.
+    #[must_use]
+    pub fn refine(
+        &self,
+        x: u32,
+        y: u32,
+        known: [&Sample<A::Passed>; 4],
+        pieces: &mut Vec<Piece>,
+    ) -> Pixel {
+        let mut samples = Vec::with_capacity(self.counts.edge as usize);
+        for i in 0..self.counts.edge {
+            samples.push(self.sample_in(x, y, i, self.counts.shadow, i * self.counts.shadow));
+        }
+        // Where nothing needs more samples, the corners' own media are good enough, too.
+        self.pass_media(known.into_iter(), &mut samples, true);
+        self.resolve(&samples, pieces, x, y)
+    }
+
+    fn sample_in(&self, x: u32, y: u32, i: u32, per_light: u32, first: u32) -> Sample<A::Passed> {
+        let seed = sampling::hash(&[self.view.seed, u64::from(x), u64::from(y)]);
+        let [u, v] = sampling::sobol2(i, 1, seed as u32);
+        let rays = ShadowRays::Sequence {
+            per_light,
+            first,
+            seed,
+        };
+        self.sample(x as f32 + u, y as f32 + v, rays)
+    }
+
+    /// The sample at a point of the film, pixels from its top left, media not yet passed.
+    pub fn sample(&self, x: f32, y: f32, rays: ShadowRays) -> Sample<A::Passed> {
+        let view = &self.view;
+        let direction = view.camera.direction(&view.film, x, y);
+        let hit = view
+            .tracer
+            .closest(view.camera.origin(), direction, f32::INFINITY);
+        let surface =
+            hit.map(|h| Surface::new(view.tracer.scene, h.triangle, h.uv).facing(-direction));
+        let direct = surface
+            .filter(|s| !s.albedo.is_black())
+            .map_or_else(Direct::default, |s| {
+                self.lights
+                    .irradiance(s.position, s.normal, s.face_normal, rays)
+            });
+        Sample {
+            surface,
+            triangle: hit.map_or(u32::MAX, |h| h.triangle),
+            t: hit.map_or(f32::INFINITY, |h| h.t),
+            direction,
+            direct,
+            passed: A::Passed::default(),
+        }
+    }
+
+    /// Marches the media before some samples. Where `smooth` says so, those take what the known ones on their piece of
+    /// surface passed, on average.
+    fn pass_media<'s>(
+        &self,
+        known: impl Iterator<Item = &'s Sample<A::Passed>> + Clone,
+        samples: &mut [Sample<A::Passed>],
+        smooth: bool,
+    ) {
+        if A::Passed::IS_VACUUM {
+            return;
+        }
+        for s in samples {
+            let (mut radiance, mut transmittance) = (Rgb::BLACK, 0.0);
+            let mut alike = 0;
+            for k in known.clone().filter(|k| smooth && self.same_end(k, s)) {
+                radiance += k.passed.radiance();
+                transmittance += k.passed.transmittance();
+                alike += 1;
+            }
+            s.passed = if alike > 0 {
+                let share = 1.0 / alike as f32;
+                A::Passed::of(transmittance * share, radiance * share)
+            } else {
+                self.march(s)
+            };
+        }
+    }
+
+    /// What the media before a sample take and add.
+    pub fn march(&self, sample: &Sample<A::Passed>) -> A::Passed {
+        self.air.march(&self.view, sample.direction, sample.t)
+    }
+
+    /// Whether more samples would tell more.
+    fn disagree(&self, samples: &[Sample<A::Passed>]) -> bool {
+        let mut sight = Sight::default();
+        samples.iter().for_each(|s| sight += s.direct.sight);
+        sight.has_edge()
+            || sight.has_penumbra()
+            || samples.iter().any(|s| !self.same_end(&samples[0], s))
+    }
+
+    /// Whether two samples end on the same piece of surface, or both on none.
+    pub fn same_end(&self, a: &Sample<A::Passed>, b: &Sample<A::Passed>) -> bool {
+        match (&a.surface, &b.surface) {
+            (None, None) => true,
+            (Some(p), Some(q)) => self.same_piece(p, q, a.t),
+            _ => false,
+        }
+    }
+
+    /// Whether two points, seen from `t` away, lie on one smooth piece of surface.
+    pub fn same_piece(&self, a: &Surface, b: &Surface, t: f32) -> bool {
+        let footprint = t * self.view.pixel_angle;
+        a.material == b.material
+            && a.normal.dot(b.normal) > 0.98
+            && (a.position - b.position).dot(b.face_normal).abs() < 0.5 * footprint
+    }
+
+    fn resolve(
+        &self,
+        samples: &[Sample<A::Passed>],
+        pieces: &mut Vec<Piece>,
+        x: u32,
+        y: u32,
+    ) -> Pixel {
+        let mut piece_of = Vec::with_capacity(samples.len());
+        for sample in samples {
+            let Some(surface) = &sample.surface else {
+                piece_of.push(0);
+                continue;
+            };
+            let known = pieces
+                .iter()
+                .position(|p| self.same_piece(surface, &p.surface, sample.t));
+            let index = known.unwrap_or_else(|| {
+                pieces.push(Piece::new(*surface, self.indirect(surface, x, y)));
+                pieces.len() - 1
+            });
+            pieces[index].rays += sample.direct.rays;
+            piece_of.push(index);
+        }
+        let mut pixel = PixelSum::of(x, y);
+        for (sample, &index) in samples.iter().zip(&piece_of) {
+            match sample.surface {
+                Some(_) => {
+                    let piece = &pieces[index];
+                    let direct = sample.direct.sharp + piece.rays.of(sample.direct.open);
+                    self.add_surface(&mut pixel, sample, &sample.passed, direct, piece.irradiance);
+                }
+                None => self.add_nothing(&mut pixel, &sample.passed),
+            }
+        }
+        self.finish(pixel)
+    }
+
+    /// Mean of what was added, and the emissive triangles whose borders are in the pixel.
+    pub fn finish(&self, pixel: PixelSum) -> Pixel {
+        let [x, y] = pixel.at();
+        let mut pixel = pixel.mean();
+        pixel.has_emitter_border = self.borders.is_border(x, y);
+        if pixel.has_emitter_border {
+            pixel.direct += self.borders.radiance(&self.view, self.lights, x, y);
+        }
+        pixel
+    }
+
+    /// Adds a sample that hit a surface of the given direct and indirect irradiance behind media.
+    pub fn add_surface(
+        &self,
+        pixel: &mut PixelSum,
+        sample: &Sample<A::Passed>,
+        passed: &A::Passed,
+        direct: Rgb,
+        indirect: Rgb,
+    ) {
+        let Some(surface) = &sample.surface else {
+            return;
+        };
+        let through = passed.transmittance();
+        let reflect = surface.albedo * (FRAC_1_PI * through);
+        let [x, y] = pixel.at();
+        let mut emission = surface.emission(self.view.tracer.scene, -sample.direction);
+        if !emission.is_black() && self.borders.has(x, y, sample.triangle) {
+            emission = Rgb::BLACK;
+        }
+        let direct = reflect * direct + emission * through;
+        pixel.add_hit(direct, reflect * indirect, passed, sample.t, surface.normal);
+    }
+
+    /// Adds a sample that hit nothing behind media.
+    pub fn add_nothing(&self, pixel: &mut PixelSum, passed: &A::Passed) {
+        pixel.add_miss(self.lights.environment() * passed.transmittance(), passed);
+    }
+
+    /// Indirect irradiance of a surface that pixel or corner (x, y) sees.
+    pub fn indirect(&self, surface: &Surface, x: u32, y: u32) -> Rgb {
+        self.spread(surface, x, y)
+            .unwrap_or_else(|| self.gathered(surface, x, y))
+    }
+
+    /// The same as the lattice has it, if it does.
+    pub fn spread(&self, surface: &Surface, x: u32, y: u32) -> Option<Rgb> {
+        if surface.albedo.is_black() {
+            return Some(Rgb::BLACK);
+        }
+        self.lattice.irradiance(surface, x, y)
+    }
+
+    /// The same by a gather of its own: few pixels see it.
+    pub fn gathered(&self, surface: &Surface, x: u32, y: u32) -> Rgb {
+        let seed = sampling::hash(&[self.view.seed, u64::from(x), u64::from(y)]);
+        gather_surface(&self.view, self.gatherer, surface, Stretch::first(seed)).light
+    }
+}
+
+/// Whether two rays of a pixel passed media alike, to a fiftieth.
+fn alike(a: &impl Passed, b: &impl Passed) -> bool {
+    let (la, lb) = (a.radiance().luminance(), b.radiance().luminance());
+    (a.transmittance() - b.transmittance()).abs() <= 0.02 && (la - lb).abs() <= 0.02 * (la + lb)
+}
