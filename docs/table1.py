@@ -40,7 +40,21 @@ def times(versus):
     if versus is None or versus["speed_up"] is None:
         return "–"
     text = figure(versus["speed_up"]) + "x"
+    if versus.get("capped"):
+        return f"(> {text})"
     return f"({text})" if versus["extrapolated"] else text
+
+
+def equal_time(versus, show):
+    """What Monte Carlo reaches in the time of a run; in brackets where that time was not measured."""
+    text = show(versus["equal_time_error"])
+    return f"({text})" if versus.get("time_extrapolated") and text != "–" else text
+
+
+def resident(run):
+    """Peak of resident memory, MB."""
+    peak = run.get("peak_memory_bytes")
+    return "–" if peak is None else figure(peak / 1e6)
 
 
 def row(cells):
@@ -71,32 +85,37 @@ class Scene:
         return self.runs[run]["errors"]
 
     def lvoxel_share(self, run):
+        """Of the surfels alone, as in the paper."""
         cloud = self.clouds[self.runs[run]["cloud"]]
-        return cloud["lvoxel_bytes"] / cloud["tree_bytes"]
+        return cloud["lvoxel_bytes"] / (cloud["tree_bytes"] - cloud["lvoxel_bytes"])
 
 
 def main_table(scenes):
     head = ["scene", "method", "bake and build s", "render s", "pdiff %", "relMSE", "FLIP",
-            "Monte Carlo in that time: pdiff %", "relMSE", "rendering faster at equal pdiff", "at equal relMSE", "tree MB", "of it lvoxels MB", "surfels to an lvoxel"]
+            "Monte Carlo in that time: pdiff %", "relMSE", "rendering faster at equal pdiff", "at equal relMSE", "file of the tree MB",
+            "of it lvoxels MB (over the surfels alone)", "surfels to an lvoxel", "resident MB"]
     rows = []
     for scene in scenes:
         carlo = [r for r in scene.study["runs"] if r["method"] == "monte carlo"]
         for run in carlo[-2:]:
             errors = run["errors"]
             rows.append([scene.name, f"Monte Carlo, {run['values']['spp']:.0f} spp", "–", figure(scene.secs(run)),
-                         percent(errors["pdiff"]), figure(errors["relmse"]), figure(errors["flip"])] + ["–"] * 7)
+                         percent(errors["pdiff"]), figure(errors["relmse"]), figure(errors["flip"])] + ["–"] * 7 + [resident(run)])
         for name, label in METHODS.items():
             run, errors = scene.runs[name], scene.errors(name)
             cloud = scene.clouds[run["cloud"]]
             pdiff, relmse = scene.versus(name, "pdiff"), scene.versus(name, "relmse")
             left_out = cloud["lvoxel_bytes"] if name == "traditional-base" else 0
+            # A cloud without lvoxels is not measured apart.
+            before = "–" if left_out else figure(cloud["bake"]["cpu_secs"] + cloud["build"]["cpu_secs"])
             rows.append([
-                scene.name, label, figure(cloud["bake"]["cpu_secs"] + cloud["build"]["cpu_secs"]),
+                scene.name, label, before,
                 figure(scene.secs(run)), percent(errors["pdiff"]), figure(errors["relmse"]), figure(errors["flip"]),
-                percent(pdiff["equal_time_error"]), figure(relmse["equal_time_error"]),
+                equal_time(pdiff, percent), equal_time(relmse, figure),
                 times(pdiff), times(relmse), figure((cloud["tree_bytes"] - left_out) / 1e6),
                 "–" if left_out else f"{cloud['lvoxel_bytes'] / 1e6:.2f} ({100 * scene.lvoxel_share(name):.2f} %)",
                 "–" if left_out else figure(cloud["surfels"] / max(cloud["lvoxels"], 1)),
+                resident(run),
             ])
     return table(head, rows)
 
@@ -137,7 +156,7 @@ def bars(scenes):
     worst = max(s.errors("extended-base")["pdiff"] for s in scenes)
     add("pdiff at most 2.1 %", worst, lambda v: f"{100 * v:.2f} %", lambda v: v <= 0.021)
     share = max(s.lvoxel_share("extended-paper") for s in scenes)
-    add("lvoxels at most 1 % of the tree in a cloud like the paper's", share, lambda v: f"{100 * v:.2f} %", lambda v: v <= 0.01)
+    add("lvoxels at most 1 % of the surfels in a cloud like the paper's", share, lambda v: f"{100 * v:.2f} %", lambda v: v <= 0.01)
     return table(["bar", "our worst", "held"], rows)
 
 
@@ -160,6 +179,29 @@ def order(folder):
     return table(["cloud", "front to back, ns a ray", "as stored, ns a ray", "saved by order"], rows)
 
 
+def how_timed(scenes):
+    """How often runs were timed, as a part of a sentence."""
+    rounds = {len(r["rounds"]) for s in scenes for r in s.study["runs"]}
+    if rounds == {1}:
+        return "of runs that were timed once each"
+    if len(rounds) == 1:
+        return f"medians of {rounds.pop()} rounds in which the methods take turns"
+    return f"medians of {min(rounds)} to {max(rounds)} rounds in which the methods take turns, fewer for runs that take long"
+
+
+def made():
+    """When, from what and with which settings, as far as docs/table1.sh tells."""
+    tells = {name: os.environ[name] for name in os.environ if name.startswith("TABLE1_")}
+    text = "Made by `bash docs/table1.sh`"
+    if "TABLE1_DATE" in tells:
+        text += f" on {tells['TABLE1_DATE']}"
+    if "TABLE1_COMMIT" in tells:
+        text += f" from commit {tells['TABLE1_COMMIT']}"
+    names = ["SPP", "SCENES", "QUALITY", "RUNS", "ROUNDS"]
+    settings = [f"`TABLE1_{n}={tells['TABLE1_' + n]}`" for n in names if "TABLE1_" + n in tells]
+    return text + (" with " + ", ".join(settings) if settings else "")
+
+
 def main():
     folder = Path(sys.argv[1])
     scenes = [Scene(folder, name) for name in sys.argv[2:]]
@@ -174,8 +216,8 @@ The six scenes of Table 1 of Gibson & Wood, *An Approach to Point Based Approxim
 Sponza with a CT bunny and with a CT head as media, at three resolutions each; {width} x {height} pixels, one sun, albedo 0.9.
 Everything is direct light and one bounce, which is what the paper's method computes.
 
-Made by `bash docs/table1.sh`, lvox {first["version"]} on {machine["processor"]} ({machine["system"]}),
-{machine["threads"]} threads. Times are CPU seconds of all threads, medians of rounds in which the methods take turns, without loading the scene.{note}
+{made()}: lvox {first["version"]} on {machine["processor"]} ({machine["system"]}),
+{machine["threads"]} threads. Times are CPU seconds of all threads, {how_timed(scenes)}, without loading the scene.{note}
 
 - **Monte Carlo** is `lvox reference`: path tracing with next-event estimation and Sobol points, multi-threaded, in the same
   program; its longest run and the one before are shown. Measured with {", ".join(map(str, spp))} samples per pixel.
@@ -184,8 +226,12 @@ Made by `bash docs/table1.sh`, lvox {first["version"]} on {machine["processor"]}
 - **Equal relMSE:** Monte Carlo's relMSE is taken as noise of the reference + constant / time, the constant from its
   longest run whose error is at least twice the noise; solved for our relMSE, and for our time.
 - **Faster** is Monte Carlo's time over ours of rendering: baking and building, once for all images of a scene, are not in it.
+  They were measured with lvoxels only: surfels alone, which are rendered from the same tree, have none given.
 - **Equal pdiff:** read off straight lines in logarithms of pdiff over time between its runs, beyond the last run along the
-  last line; no differing pixel counts as half a pixel. In brackets where the time is outside of what was measured.
+  last line; no differing pixel counts as half a pixel. In brackets where the time is outside of what was measured; beyond
+  ten times the longest run only that is told.
+- **Resident** is the peak of the process while it renders: the scene, the reference image and what earlier runs leave are in
+  it.
 - **A cloud like the paper's** has 2.5 million surfels, and lvoxels of 4^3 voxels (8^3 where the grid has 256^3 or more) from 16
   coefficient samples. The paper's lvoxels take at most 1.7 MB beside 466.3 MB of surfels, 0.36 %, which is one lvoxel for
   275 surfels if both take as much. The default has 500,000 surfels, and lvoxels of at most 0.7 optical depths.

@@ -22,12 +22,20 @@ references=$(realpath "$references")
 spp=${TABLE1_SPP:-512}
 scenes=${TABLE1_SCENES:-bunny_64 bunny_128 bunny_512 head_64 head_128 head_256}
 quality=${TABLE1_QUALITY:-good}
+runs=${TABLE1_RUNS:-4,16,64,256}
+rounds=${TABLE1_ROUNDS:-3}
 
 cargo build --release
 lvox=$(realpath "${CARGO_TARGET_DIR:-target}/release/lvox")
 # Times of different builds must not mix.
 build=$work/$quality-$(sha256sum "$lvox" | cut -c 1-12)
 mkdir -p "$build"
+# Of the first run of this build: a later one goes on with it.
+if ! [ -s "$build/made" ]; then
+    changed=$(git status --porcelain --untracked-files=no -- src formats Cargo.toml Cargo.lock .cargo)
+    printf '%s %s\n' "$(date -u +%F)" "$(git rev-parse --short HEAD || echo unknown)${changed:+ and changes}" >"$build/made"
+fi
+read -r made commit <"$build/made"
 
 # Scene C of the acceptance tests with other media. The link keeps paths, and so the scenes' hashes, the same everywhere.
 ln -sfn "$(realpath ../shared)" "$work/shared"
@@ -55,7 +63,7 @@ for scene in $scenes; do
     *) voxels=8 ;;
     esac
     "$lvox" study "$work/$scene.toml" --reference "$references/$scene.exr" --base-only --paper-cloud "$voxels" \
-        --quality "$quality" --spp "${TABLE1_RUNS:-4,16,64,256}" --rounds "${TABLE1_ROUNDS:-3}" --long 8 -o "$build/$scene"
+        --quality "$quality" --spp "$runs" --rounds "$rounds" --long 8 -o "$build/$scene"
 done
 
 # What front-to-back order is worth, on both clouds of bunny_128.
@@ -67,6 +75,8 @@ for cloud in surfels-500000-depth-0.7 surfels-2500000-voxels-4; do
     fi
 done
 
+export TABLE1_DATE="$made" TABLE1_COMMIT="$commit" TABLE1_SPP="$spp" TABLE1_SCENES="$scenes" TABLE1_QUALITY="$quality" \
+    TABLE1_RUNS="$runs" TABLE1_ROUNDS="$rounds"
 # shellcheck disable=SC2086 # a list of names
 python3 docs/table1.py "$build" $scenes >"$work/table1.md"
 cp "$work/table1.md" docs/table1.md

@@ -137,6 +137,43 @@ fn wrong_usage_is_exit_code_2() {
 }
 
 #[test]
+fn the_time_of_shading_and_the_whole_are_told_at_the_end() {
+    let dir = tempfile::tempdir().unwrap();
+    let small = "--demo --resolution 16x12 --quality draft -o a.png";
+    let run = |line: String| {
+        let run = lvox(dir.path(), &line.split_whitespace().collect::<Vec<_>>());
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        run.stderr
+    };
+    let render = format!("render {small} --surfels 500 --keep-tree t.lvt --force");
+    let told = run(render.clone());
+    let words: Vec<&str> = told.lines().last().unwrap().split(' ').collect();
+    let [
+        "shade",
+        own,
+        "CPU",
+        "s;",
+        "with",
+        "bake",
+        "and",
+        "build",
+        whole,
+    ] = words[..]
+    else {
+        panic!("{told}");
+    };
+    let [own, whole] = [own, whole].map(|v| v.parse::<f64>().unwrap());
+    assert!(own >= 0.0 && whole >= own);
+    assert_eq!(run(format!("{render} --progress none")), "");
+    let told = run(format!("shade {small} -t t.lvt"));
+    let last = told.lines().last().unwrap();
+    assert!(
+        last.starts_with("shade ") && last.ends_with(" CPU s"),
+        "{told}"
+    );
+}
+
+#[test]
 fn merged_tiles_are_the_whole_frame() {
     let dir = tempfile::tempdir().unwrap();
     let whole = write_whole(dir.path(), "whole.exr");
@@ -280,6 +317,37 @@ fn compare_speaks_json_and_tables() {
         (value("rmse"), value("flip"), value("ssim")),
         (Some(0.0), Some(0.0), Some(1.0))
     );
+}
+
+#[test]
+fn compare_warns_of_images_that_do_not_show_the_same() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |name: &str, attributes: &[(&str, &str)]| {
+        let mut frame = shade(Region::full(WIDTH, HEIGHT), "00ff");
+        let owned = attributes
+            .iter()
+            .map(|(n, v)| (format!("lvox/{n}"), (*v).into()));
+        frame.attributes.extend(owned);
+        exr::write(&dir.path().join(name), &frame, Precision::Half).unwrap();
+    };
+    write(
+        "a.exr",
+        &[("scene", "aaaa"), ("settings", r#"{"samples":1}"#)],
+    );
+    write(
+        "b.exr",
+        &[("scene", "bbbb"), ("settings", r#"{"max_depth":0}"#)],
+    );
+    write("plain.exr", &[]);
+    let run = lvox(dir.path(), &["compare", "a.exr", "b.exr"]);
+    assert_eq!(run.code, 0);
+    for part in ["warning: a.exr and b.exr", "aaaa… and bbbb…", "any length"] {
+        assert!(run.stderr.contains(part), "{part}: {}", run.stderr);
+    }
+    for other in ["a.exr", "plain.exr"] {
+        let run = lvox(dir.path(), &["compare", "a.exr", other]);
+        assert_eq!((run.code, run.stderr.as_str()), (0, ""));
+    }
 }
 
 #[test]

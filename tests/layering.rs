@@ -35,6 +35,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "error",
             "gather",
             "image",
+            "math",
             "reference",
             "run",
             "scene",

@@ -66,6 +66,53 @@ fn fewer_samples_than_are_kept_are_told() {
 }
 
 #[test]
+fn samples_and_noise_are_told_and_compare_has_the_noise_too() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = |args: &[&str]| {
+        let output = lvox(dir.path(), &[&["--max-depth", "2"], args].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let stderr = text(&output.stderr);
+        stderr.lines().last().unwrap_or_default().to_owned()
+    };
+    let told = run(&["-o", "a.exr", "--spp", "8"]);
+    let (start, noise) = told.rsplit_once(' ').unwrap();
+    assert_eq!(start, "8 samples per pixel; its noise is of relMSE");
+    let noise: f64 = noise.parse().unwrap();
+    let told = run(&["-o", "b.exr", "--spp", "2", "--strands", "1"]);
+    assert!(told.starts_with("2 samples") && told.contains("does not tell"));
+    assert_eq!(
+        run(&["-o", "c.exr", "--spp", "1", "--progress", "none"]),
+        ""
+    );
+
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lvox"));
+    let output = command.current_dir(&dir).args(["inspect", "a.exr.sums"]);
+    let output = output.output().unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).contains("300 200 to 340 230"));
+
+    let compare = |images: [&str; 2], more: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lvox"));
+        let region = ["--region", "300", "200", "340", "230"];
+        command.current_dir(&dir).arg("compare").args(images);
+        let output = command.args(region).args(more).output().unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stdout)
+    };
+    let table = compare(["b.exr", "a.exr"], &[]);
+    let row = table.lines().find(|l| l.starts_with("reference_noise"));
+    let value = row.unwrap().split_whitespace().nth(1).unwrap();
+    let value: f64 = value.parse().unwrap();
+    assert!((value / noise - 1.0).abs() < 0.01, "{value} and {noise}");
+    // A single sequence tells none, and of a layer nobody knows.
+    assert!(!table.contains("image_noise"), "{table}");
+    let json = compare(["a.exr", "b.exr"], &["--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert!((json["image_noise"].as_f64().unwrap() / noise - 1.0).abs() < 0.01);
+    assert!(json.get("reference_noise").is_none());
+}
+
+#[test]
 fn what_differs_is_named_and_a_camera_goes_by_its_name() {
     let dir = tempfile::tempdir().unwrap();
     let base = ["-o", "a.exr", "--spp", "1"];

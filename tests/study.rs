@@ -305,7 +305,145 @@ fn a_reference_without_variance_is_judged_by_and_another_of_its_name_refused() {
     reference(2);
     let (code, stderr) = run(study);
     assert_eq!(code, Some(2));
-    assert!(stderr.contains("another scene, reference"), "{stderr}");
+    assert!(stderr.contains("another reference"), "{stderr}");
+}
+
+/// Runs a line of words in a folder: exit code and stderr.
+fn run(dir: &Path, line: &str) -> (Option<i32>, String) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lvox"));
+    let output = command.current_dir(dir).args(line.split_whitespace());
+    let output = output.output().unwrap();
+    (output.status.code(), text(&output.stderr))
+}
+
+const TINY: &str = "study --demo --width 16 --base-only --spp 1,2 --surfels 500 --quality draft --rounds 1 \
+                    --progress none -o s";
+
+#[test]
+fn a_reference_of_something_else_is_refused_and_leaves_no_folder() {
+    let dir = tempfile::tempdir().unwrap();
+    let reference = |more: &str| {
+        let line = "reference --demo --resolution 16x12 --spp 2 --force --progress none -o r.exr";
+        let (code, stderr) = run(dir.path(), &format!("{line} {more}"));
+        assert_eq!(code, Some(0), "{stderr}");
+    };
+    let study = format!("{TINY} --reference r.exr");
+    reference("");
+    let (code, stderr) = run(dir.path(), &study);
+    assert_eq!(code, Some(2), "{stderr}");
+    for part in ["r.exr", "any length", "up to 3 segments", "--max-depth 3"] {
+        assert!(stderr.contains(part), "{part}: {stderr}");
+    }
+    assert!(!dir.path().join("s").exists());
+    // The corrected command finds nothing in its way, and has nothing to say.
+    reference("--max-depth 3");
+    let (code, stderr) = run(dir.path(), &study);
+    assert_eq!((code, stderr.as_str()), (Some(0), ""));
+    reference("--max-depth 2");
+    let (code, stderr) = run(dir.path(), &format!("{study} --max-depth 2 --force"));
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(stderr.contains("warning: point-based methods"), "{stderr}");
+}
+
+#[test]
+fn a_study_grows_by_rounds_and_by_values_and_keeps_its_runs() {
+    let dir = tempfile::tempdir().unwrap();
+    let tiny = "study --demo --width 16 --reference-spp 4 --quality draft --surfels 500 --block-depth 0.7 --block-voxels 8 \
+                --max-solid-angle 0.04 --progress none -o s --threads";
+    let grown = |more: &str| {
+        let (code, stderr) = run(dir.path(), &format!("{tiny} {more}"));
+        assert_eq!((code, stderr.as_str()), (Some(0), ""), "{more}");
+        times(&json(&dir.path().join("s")))
+    };
+    let first = grown("1 --spp 1,4 --samples 8 --rounds 1");
+    let second = grown("1 --spp 1,2,4 --samples 16 --rounds 2");
+    let found = json(&dir.path().join("s"));
+    let clouds = found["clouds"].as_array().unwrap();
+    let rounds = |c: &Value| c["rounds"].as_array().unwrap().len();
+    assert!(clouds.iter().all(|c| rounds(c) == 2), "{clouds:?}");
+    for (name, rounds) in &first {
+        assert_eq!(second[name][0], rounds[0], "{name}");
+        // What the second call does not ask for stays as it was.
+        let expected = if name.ends_with("samples-8") { 1 } else { 2 };
+        assert_eq!(second[name].len(), expected, "{name}");
+    }
+    let added: Vec<&str> = second
+        .keys()
+        .filter(|name| !first.contains_key(*name))
+        .map(String::as_str)
+        .collect();
+    let expected = [
+        "extended-samples-16",
+        "monte-carlo-2",
+        "traditional-samples-16",
+    ];
+    assert_eq!(added, expected);
+    let csv = fs::read_to_string(dir.path().join("s/study.csv")).unwrap();
+    let at = |name: &str| csv.find(name).unwrap();
+    assert!(at("monte-carlo-1") < at("monte-carlo-2") && at("monte-carlo-2") < at("monte-carlo-4"));
+    let (code, stderr) = run(dir.path(), &format!("{tiny} 1 --spp 1,2 --seed 3"));
+    assert_eq!(code, Some(2));
+    assert!(stderr.contains("another reference"), "{stderr}");
+    // Another number of threads has no runs yet, and the same base all the same.
+    let other_base = tiny.replace("draft", "good");
+    for threads in ["1", "2"] {
+        let (code, stderr) = run(dir.path(), &format!("{other_base} {threads} --spp 1"));
+        assert_eq!(code, Some(2));
+        assert!(stderr.contains("extended-base"), "{stderr}");
+    }
+}
+
+#[test]
+fn a_cut_tree_is_built_again_and_force_leaves_nothing_of_before() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join("s").join(name);
+    let grown = |line: &str| {
+        let (code, stderr) = run(dir.path(), &format!("{line} --reference-spp 2"));
+        assert_eq!((code, stderr.as_str()), (Some(0), ""), "{line}");
+    };
+    grown(TINY);
+    let tree = at("trees/surfels-500-depth-0.7.lvt");
+    let whole = fs::read(&tree).unwrap();
+    fs::write(&tree, &whole[..whole.len() / 2]).unwrap();
+    let twice = TINY.replace("--rounds 1", "--rounds 2");
+    grown(&format!("{twice} --spp 4"));
+    assert!(fs::read(&tree).unwrap() == whole);
+    let of_four = at("images/monte-carlo-4.png");
+    assert!(of_four.is_file());
+    for name in ["trees/old.lvt", "images/notes.txt", "time-over-surfels.svg"] {
+        fs::write(at(name), "old").unwrap();
+    }
+    grown(&format!("{TINY} --force"));
+    assert!(!of_four.exists() && !at("trees/old.lvt").exists());
+    assert!(!at("time-over-surfels.svg").exists());
+    assert!(tree.is_file() && at("images/extended-base.png").is_file());
+    assert!(at("images/notes.txt").is_file());
+}
+
+#[test]
+fn a_scene_without_media_is_spared_what_only_media_need() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = "[film]\nwidth = 16\nheight = 12\n[[camera]]\nposition = [0, 1, 2]\ntarget = [0, 0, 0]\n\
+                 fov_x_deg = 60\n[[mesh]]\nfile = \"builtin:quad\"\nalbedo = [0.5, 0.5, 0.5]\n[[light]]\n\
+                 type = \"point\"\nposition = [0, 1, 0]\nintensity = [1, 1, 1]\n";
+    fs::write(dir.path().join("scene.toml"), scene).unwrap();
+    let line = "study scene.toml --quick --width 16 --spp 1,2 --reference-spp 2 --surfels 200,400 --progress none -o s";
+    let (code, stderr) = run(dir.path(), line);
+    assert_eq!((code, stderr.as_str()), (Some(0), ""));
+    let found = json(&dir.path().join("s"));
+    let runs: Vec<String> = times(&found).into_keys().collect();
+    // One of samples and one of solid angles beside the clouds; none of lvoxels, and none of surfels alone.
+    let expected = [
+        "extended-base",
+        "extended-max-solid-angle-0.04",
+        "extended-samples-16",
+        "extended-surfels-200",
+        "monte-carlo-1",
+        "monte-carlo-2",
+    ];
+    assert_eq!(runs, expected);
+    let table = fs::read_to_string(dir.path().join("s/table.md")).unwrap();
+    assert!(table.contains("no media"), "{table}");
 }
 
 #[test]

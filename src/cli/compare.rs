@@ -4,20 +4,20 @@ use super::options::{Context, Files, Memory};
 use super::{output, parse};
 use lvox::image::metrics::blocks::{self, Block};
 use lvox::image::metrics::{self, Scores};
-use lvox::image::{heat, load, png};
+use lvox::image::{Picture, Region, Subject, heat, load, png};
 use lvox::run::output::check_writable;
 use lvox::run::size;
-use lvox::{Error, Kind, Result};
+use lvox::{Error, Kind, Result, reference};
 use serde::Serialize;
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Compare an image with a reference by metrics on radiance and on what a viewer sees
 ///
 /// Print RMSE, relMSE (whole, and without the worst 0.1 % of pixels), bias, mean absolute and
 /// largest difference of linear radiance, and
 /// LDR-FLIP, SSIM and Yee's perceptual difference (a fraction of the pixels) of the image clip(exposure * x, 0, 1)^(1/2.2)
-/// in eight bits. OpenEXR and PNG files can be compared; PNG pixels are taken through the inverse of that tone map.
+/// in eight bits; and the noise of an image with the layer `variance`, as lvox reference writes it. OpenEXR and PNG files can be compared; PNG pixels are taken through the inverse of that tone map.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Measure this image
@@ -68,6 +68,10 @@ struct Record<'a> {
     height: usize,
     #[serde(flatten)]
     scores: Scores,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    image_noise: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reference_noise: Option<f64>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     worst: Vec<Block>,
 }
@@ -99,6 +103,15 @@ impl Args {
         let image = load::picture(&self.image, &self.layer, exposure, region)?;
         let reference = load::picture(&self.reference, &self.layer, exposure, region)?;
         let job = &context.job;
+        let differences = self.differences()?;
+        if !differences.is_empty() {
+            job.progress.warn(&format!(
+                "{} and {} do not show the same, in that order: {}",
+                self.image.display(),
+                self.reference.display(),
+                differences.join("; ")
+            ));
+        }
         job.cancel.check()?;
         check_memory(image.pixels.len(), job.memory_limit)?;
         let found = metrics::compare_until(&image, &reference, exposure, &job.cancel)
@@ -117,6 +130,8 @@ impl Args {
         if let Some(path) = &self.heatmap {
             png::write(path, &heat::map(&found.error_map, image.width))?;
         }
+        let image_noise = self.noise(&self.image, &image, region)?;
+        let reference_noise = self.noise(&self.reference, &reference, region)?;
         let mut worst = blocks::worst(&image, &reference, self.worst);
         if let Some(region) = region {
             // Blocks are told in pixels of the frame.
@@ -133,11 +148,38 @@ impl Args {
                 width: image.width,
                 height: image.height,
                 scores: found.scores,
+                image_noise,
+                reference_noise,
                 worst,
             })
         } else {
-            output::print(&(table(&found.scores) + &block_table(&worst)))
+            let noises = [
+                ("image_noise", image_noise),
+                ("reference_noise", reference_noise),
+            ];
+            output::print(&(table(&found.scores) + &noise_table(noises) + &block_table(&worst)))
         }
+    }
+
+    /// In what the images differ that they say of themselves and that should be the same.
+    fn differences(&self) -> Result<Vec<String>> {
+        let subject = |path: &Path| {
+            let header = load::header(path)?;
+            Ok::<_, Error>(header.map_or_else(Subject::default, |h| Subject::of(&h.attributes)))
+        };
+        Ok(subject(&self.image)?.differences(&subject(&self.reference)?))
+    }
+
+    /// relMSE against the truth that the layer `variance` of an image tells; `None` if it has none, and of other layers than
+    /// the beauty.
+    fn noise(&self, path: &Path, picture: &Picture, region: Option<Region>) -> Result<Option<f64>> {
+        let header = load::header(path)?.filter(|_| self.layer.is_empty());
+        if !header.is_some_and(|h| h.channels.contains_key("variance.R")) {
+            return Ok(None);
+        }
+        let variance = load::picture(path, "variance", 1.0, region)?;
+        let noise = reference::expected_relmse(&picture.pixels, &variance.pixels);
+        Ok(Some(noise).filter(|v| v.is_finite()))
     }
 
     fn place(&self, error: Error) -> Error {
@@ -194,6 +236,19 @@ fn table(scores: &Scores) -> String {
         let _ = writeln!(text, "{}", line.trim_end());
     }
     text
+}
+
+/// Rows of what is known.
+fn noise_table(noises: [(&str, Option<f64>); 2]) -> String {
+    let known = noises
+        .into_iter()
+        .filter_map(|(name, noise)| Some((name, noise?)));
+    known
+        .map(|(name, noise)| {
+            let noise = significant(noise);
+            format!("{name:<15} {noise:<12} relMSE against the truth, from its samples\n")
+        })
+        .collect()
 }
 
 fn block_table(blocks: &[Block]) -> String {

@@ -3,19 +3,19 @@
 use super::options::{Context, Files};
 use super::output;
 use lvox::image::exr;
-use lvox::inspect::{describe, export_ply, points};
+use lvox::inspect::{describe, export_ply, points, samples};
 use lvox::run::output::check_writable;
 use lvox::{Error, Result};
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Print what a cloud, a tree or an image says of itself, without reading its payload
+/// Print what a cloud, a tree, an image or kept samples say of themselves, without reading the payload
 ///
 /// Of clouds and trees: origin and settings, counts, bytes per point, columns present and left out with the bytes that this
 /// saves, pages, levels, and the worst errors of quantisation.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Read this .lvc, .lvt or .exr file
+    /// Read this .lvc, .lvt, .exr or .exr.sums file
     file: PathBuf,
 
     /// Print one JSON object
@@ -53,6 +53,14 @@ impl Args {
         {
             return self.image();
         }
+        if let Some(samples) = samples(&self.file)? {
+            self.refuse_points("samples have")?;
+            return if self.json {
+                output::print_json(&samples)
+            } else {
+                output::print(&samples.to_string())
+            };
+        }
         if let Some(out) = &self.export {
             check_writable(out, context.force)?;
             let exported = export_ply(&self.file, out, self.level, context.force)?;
@@ -78,13 +86,19 @@ impl Args {
         }
     }
 
-    fn image(&self) -> Result<()> {
+    /// Refuses options of files that have points.
+    fn refuse_points(&self, what_has: &str) -> Result<()> {
         if self.points.is_some() || self.export.is_some() {
             return Err(Error::input(format!(
-                "{}: an image has no points",
+                "{}: {what_has} no points",
                 self.file.display()
             )));
         }
+        Ok(())
+    }
+
+    fn image(&self) -> Result<()> {
+        self.refuse_points("an image has")?;
         let info = exr::info(&self.file)?;
         let channels: Vec<&str> = info.channels.keys().map(String::as_str).collect();
         if self.json {

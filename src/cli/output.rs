@@ -1,5 +1,6 @@
 //! What the program says: data on stdout, errors on stderr.
 
+use lvox::run::Job;
 use lvox::{Error, Result};
 use std::io::{ErrorKind, Write};
 
@@ -19,6 +20,31 @@ pub fn print_json(value: &impl serde::Serialize) -> Result<()> {
     let json = serde_json::to_string_pretty(value)
         .map_err(|e| Error::failed(format!("cannot encode the result: {e}")))?;
     print(&(json + "\n"))
+}
+
+/// Says what the last stage took, and what it took with those before it that are named; nothing of stages that did not run.
+pub fn say_times(job: &Job, last: &str, before: &[&str]) {
+    let stages = job.report.stages();
+    let secs = |name: &str| {
+        let of_name = stages.iter().filter(|s| s.stage == name);
+        of_name.map(|s| s.cpu_secs).reduce(|a, b| a + b)
+    };
+    let Some(own) = secs(last) else { return };
+    let found: Vec<(&str, f64)> = before
+        .iter()
+        .filter_map(|name| Some((*name, secs(name)?)))
+        .collect();
+    let mut text = format!("{last} {own:.1} CPU s");
+    if let Some(((last, _), rest)) = found.split_last() {
+        let rest: Vec<&str> = rest.iter().map(|f| f.0).collect();
+        let names = match &rest[..] {
+            [] => (*last).to_owned(),
+            _ => format!("{} and {last}", rest.join(", ")),
+        };
+        let total = own + found.iter().map(|f| f.1).sum::<f64>();
+        text += &format!("; with {names} {total:.1}");
+    }
+    job.progress.say(&text);
 }
 
 /// Writes an error and its hint to stderr.

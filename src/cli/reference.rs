@@ -5,6 +5,7 @@ use super::parse;
 use super::scene_input::SceneInput;
 use lvox::image::Region;
 use lvox::reference::{self, Settings};
+use lvox::run::StageReport;
 use lvox::run::output::check_writable;
 use lvox::{Error, Result};
 use std::path::PathBuf;
@@ -105,6 +106,26 @@ impl Args {
             &self.output,
             context.force,
             &context.job,
-        )
+        )?;
+        if let Some(text) = reached(&context.job.report.stages()) {
+            context.job.progress.say(&text);
+        }
+        Ok(())
     }
+}
+
+/// What the image is worth as a reference.
+fn reached(stages: &[StageReport]) -> Option<String> {
+    let counts = &stages.iter().rfind(|s| s.stage == "reference")?.counts;
+    let (least, most) = (counts.get("spp_min")?, counts.get("spp_max")?);
+    let samples = if least < most {
+        format!("{least} to {most}")
+    } else {
+        most.to_string()
+    };
+    let noise = match counts.get("relmse_estimate").filter(|v| v.is_finite()) {
+        Some(relmse) => format!("its noise is of relMSE {relmse:.2e}"),
+        None => "one sequence of samples does not tell its noise".into(),
+    };
+    Some(format!("{samples} samples per pixel; {noise}"))
 }

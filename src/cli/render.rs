@@ -2,6 +2,7 @@
 
 use super::bake_options::BakeOptions;
 use super::options::{Context, Files, Memory, Seed, Temporary};
+use super::output;
 use super::scene_input::SceneInput;
 use super::shade_options::ShadeOptions;
 use lvox::gather::TreeStore;
@@ -75,6 +76,8 @@ impl Args {
             job,
         )?;
         let store = TreeStore::open(&tree, job.memory_limit)?;
-        self.shade.run(&scene, &store, self.seed.seed, job)
+        self.shade.run(&scene, &store, self.seed.seed, job)?;
+        output::say_times(job, "shade", &["bake", "build", "pilot"]);
+        Ok(())
     }
 }

@@ -1,6 +1,7 @@
 //! `lvox shade`
 
 use super::options::{Context, Files, Memory, Seed};
+use super::output;
 use super::scene_input::SceneInput;
 use super::shade_options::ShadeOptions;
 use lvox::Result;
@@ -45,7 +46,10 @@ impl Args {
             let place = self.tree.display();
             context.job.progress.warn(&format!("{place}: {warning}"));
         }
-        self.shade.run(&scene, &store, self.seed.seed, &context.job)
+        self.shade
+            .run(&scene, &store, self.seed.seed, &context.job)?;
+        output::say_times(&context.job, "shade", &["pilot"]);
+        Ok(())
     }
 }
 

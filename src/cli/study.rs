@@ -13,8 +13,8 @@ use std::path::PathBuf;
 ///
 /// Vary one setting at a time around the defaults, let the methods take turns, compare each image with one converged
 /// reference, and write study.json, study.csv, table.md, plots and report.html. What is measured is kept after each run:
-/// the same command of the same build goes on after a stop; --force begins anew. With other --threads all times are taken
-/// anew, and those there are kept apart.
+/// the same command of the same build goes on after a stop, one with more --rounds or more values of a sweep adds to what is
+/// there; --force begins anew. With other --threads all times are taken anew, and those there are kept apart.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Read this scene: .toml, .gltf or .glb

@@ -58,10 +58,9 @@ pub fn exposure_of(reference: &Path) -> Result<Option<f32>> {
 /// # Errors
 /// [`crate::Kind::Input`] if the file cannot be read, or what it notes is not a positive number.
 pub fn noted_exposure(image: &Path) -> Result<Option<f32>> {
-    if first_bytes(image)? != EXR {
+    let Some(info) = header(image)? else {
         return Ok(None);
-    }
-    let info = exr::info(image)?;
+    };
     let Some(text) = info.attributes.get(EXPOSURE) else {
         return Ok(None);
     };
@@ -72,6 +71,18 @@ pub fn noted_exposure(image: &Path) -> Result<Option<f32>> {
             image.display()
         ))
         .hint("give the exposure: --exposure E")),
+    }
+}
+
+/// The header of an OpenEXR file; `None` for other files.
+///
+/// # Errors
+/// [`crate::Kind::Input`] if the file cannot be read or is damaged.
+pub fn header(image: &Path) -> Result<Option<exr::Info>> {
+    if first_bytes(image)? == EXR {
+        exr::info(image).map(Some)
+    } else {
+        Ok(None)
     }
 }
 

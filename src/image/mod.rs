@@ -14,8 +14,10 @@ pub mod metrics;
 pub mod picture;
 pub mod png;
 pub mod region;
+pub mod subject;
 pub mod tone;
 
 pub use frame::{Frame, Layer};
 pub use picture::Picture;
 pub use region::Region;
+pub use subject::Subject;

@@ -4,12 +4,14 @@
 mod describe;
 mod ply;
 mod points;
+mod samples;
 mod text;
 mod verify;
 
 pub use describe::{BlockSizes, Description, PointKind, describe};
 pub use ply::{Exported, export_ply};
 pub use points::{Points, points};
+pub use samples::{Samples, samples};
 pub use verify::{Check, Depth, Verification, verify};
 
 use crate::Result;

@@ -1,5 +1,7 @@
 //! What the process has taken from the machine so far.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 /// CPU seconds of all threads; 0 where the system does not tell.
 #[must_use]
 pub fn cpu_secs() -> f64 {
@@ -12,9 +14,26 @@ pub fn cpu_secs() -> f64 {
     0.0
 }
 
+/// The largest resident size that was known when it was last counted anew.
+static EARLIER_PEAK: AtomicU64 = AtomicU64::new(0);
+
 /// Largest resident size in bytes; `None` where the system does not tell.
 #[must_use]
 pub fn peak_memory_bytes() -> Option<u64> {
+    Some(peak_so_far()?.max(EARLIER_PEAK.load(Ordering::Relaxed)))
+}
+
+/// Runs something and tells the largest resident size of the process while it ran, with all that was there before; `None`
+/// where the system does not tell. Runs at the same time mix their peaks.
+pub fn with_peak_memory<T>(run: impl FnOnce() -> T) -> (T, Option<u64>) {
+    EARLIER_PEAK.fetch_max(peak_so_far().unwrap_or(0), Ordering::Relaxed);
+    // Linux counts its peak anew after this; proc(5).
+    let is_anew = std::fs::write("/proc/self/clear_refs", "5").is_ok();
+    let result = run();
+    (result, peak_so_far().filter(|_| is_anew))
+}
+
+fn peak_so_far() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
     let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
@@ -37,5 +56,22 @@ mod tests {
         }
         std::hint::black_box(&ballast);
         assert!(peak_memory_bytes().unwrap() >= 8 << 20);
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn the_peak_of_a_part_is_not_that_of_what_went_before() {
+        let fill = |bytes: usize| {
+            let mut ballast = vec![0_u8; bytes];
+            ballast.iter_mut().step_by(4096).for_each(|b| *b = 1);
+            std::hint::black_box(ballast).len()
+        };
+        let (_, large) = with_peak_memory(|| fill(256 << 20));
+        let (_, small) = with_peak_memory(|| fill(1 << 20));
+        // Other tests of this process may run at the same time, but none fills as much.
+        if let (Some(large), Some(small)) = (large, small) {
+            assert!(large >= 256 << 20 && small < large, "{small} {large}");
+        }
+        assert!(peak_memory_bytes().unwrap() >= 256 << 20);
     }
 }

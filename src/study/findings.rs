@@ -52,9 +52,16 @@ pub struct Versus {
     pub total_speed_up: Option<f64>,
     /// The error that Monte Carlo reaches in the run's time of rendering.
     pub equal_time_error: Option<f64>,
-    /// Whether that time is outside those of the Monte Carlo runs.
+    /// Whether the CPU seconds at equal error are outside those of the Monte Carlo runs.
     pub extrapolated: bool,
+    /// Whether they are [`FARTHEST`] times the longest such run, and no more is known than that they are at least that.
+    pub capped: bool,
+    /// Whether the run's time of rendering is outside those of the Monte Carlo runs.
+    pub time_extrapolated: bool,
 }
+
+/// How many times the longest run of Monte Carlo its curve is followed: beyond that two runs say nothing.
+pub const FARTHEST: f64 = 10.0;
 
 /// What Monte Carlo is compared by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -165,6 +172,10 @@ impl Curve {
         error.is_finite().then_some(error.min(1.0))
     }
 
+    fn farthest(&self) -> f64 {
+        FARTHEST * self.points[self.points.len() - 1].0
+    }
+
     fn covers(&self, secs: f64) -> bool {
         let last = self.points.len() - 1;
         (self.points[0].0..=self.points[last].0).contains(&secs)
@@ -248,7 +259,8 @@ impl Study {
                 let Some(error) = metric.of(&run.errors).filter(|_| secs > 0.0) else {
                     continue;
                 };
-                let equal = curve.secs(error);
+                let found = curve.secs(error);
+                let equal = found.map(|t| t.min(curve.farthest()));
                 all.push(Versus {
                     run: run.name.clone(),
                     metric: metric.name().into(),
@@ -257,6 +269,8 @@ impl Study {
                     total_speed_up: equal.map(|t| t / self.total_secs(run)),
                     equal_time_error: curve.error(secs),
                     extrapolated: equal.is_some_and(|t| !curve.covers(t)),
+                    capped: found.is_some_and(|t| t > curve.farthest()),
+                    time_extrapolated: !curve.covers(secs),
                 });
             }
         }
@@ -404,16 +418,48 @@ mod tests {
         assert!((base.speed_up.unwrap() - 50.0).abs() < 1e-6);
         assert_eq!(base.total_speed_up, base.speed_up);
         assert!((base.equal_time_error.unwrap() - 0.501).abs() < 1e-6);
-        assert!(base.extrapolated);
+        assert!(base.extrapolated && !base.capped && !base.time_extrapolated);
         let pdiff = of("extended-base-0", Metric::Pdiff);
         let expected = (4.0_f64.ln() + 4.0_f64.ln() * 2.0_f64.ln() / 10.0_f64.ln()).exp();
         assert!((pdiff.equal_error_secs.unwrap() - expected).abs() < 1e-6);
         assert!(!pdiff.extrapolated);
-        // None at all counts as half a pixel.
+        // None at all counts as half a pixel, which the line through the last two runs reaches after 388 s: too far.
         let none = of("extended-samples-4", Metric::Pdiff);
-        let least = (16.0_f64.ln() + 4.0_f64.ln() * (0.02_f64 / 1e-4).ln() / 10.0_f64.ln()).exp();
-        assert!((none.equal_error_secs.unwrap() - least).abs() < 1e-6);
-        assert!(none.extrapolated);
+        assert_eq!(none.equal_error_secs, Some(160.0));
+        assert!(none.extrapolated && none.capped);
+        let near = of("extended-samples-16", Metric::Pdiff);
+        let secs = (16.0_f64.ln() + 4.0_f64.ln() * (0.02_f64 / 1e-3).ln() / 10.0_f64.ln()).exp();
+        assert!((near.equal_error_secs.unwrap() - secs).abs() < 1e-6);
+        assert!(near.extrapolated && !near.capped);
+    }
+
+    #[test]
+    fn what_was_not_measured_stands_in_brackets_and_what_is_far_is_a_bound() {
+        let mut study = study();
+        // Faster than any run of Monte Carlo, and almost as good as the reference.
+        let mut fast = run("extended", "paper", 0.0, 0.5, 0.0011, 0.0);
+        fast.rounds.truncate(2);
+        fast.rounds[0] = fast.rounds[1];
+        study.runs.push(fast);
+        study.find();
+        let table = super::super::table::summary(&study);
+        let row = |name: &str| {
+            let found = table.rows.iter().find(|r| r[0] == name).unwrap();
+            found.clone()
+        };
+        let at = |column: &str| table.head.iter().position(|h| *h == column).unwrap();
+        let fast = row("extended-paper-0");
+        for column in ["equal pdiff", "equal relMSE"] {
+            let at = at(&format!("rendering faster at {column}"));
+            assert_eq!(fast[at], "(> 320 x)", "{column}");
+        }
+        // Both metrics have a column of that name.
+        let time_errors = table.head.iter().enumerate();
+        let time_errors = time_errors.filter(|(_, h)| **h == "Monte Carlo's in that time");
+        for (at, _) in time_errors {
+            assert!(fast[at].starts_with('(') && fast[at].ends_with(')'));
+            assert!(!row("extended-base-0")[at].starts_with('('));
+        }
     }
 
     #[test]

@@ -1,10 +1,11 @@
 //! One run of a study: what it takes and what comes out.
 
 use super::plan::{How, Points, Settings, Variant};
-use super::record::{Cloud, Errors, Timing};
+use super::record::{Cloud, Errors, Making, Timing};
 use crate::gather::TreeStore;
 use crate::image::metrics::{self, Comparison};
-use crate::image::{Picture, Region};
+use crate::image::{Frame, Picture, Region};
+use crate::math::sampling;
 use crate::run::{Job, usage};
 use crate::scene::Scene;
 use crate::{Result, reference, shade};
@@ -23,6 +24,13 @@ pub struct Bench<'a> {
     pub trees: PathBuf,
     /// Progress goes to the study's own task; the rest is that of the caller.
     pub job: Job,
+}
+
+/// Seed of the Monte Carlo runs of a study: references have small seeds that people type, often that of the study, and
+/// noise that is shared with a reference would not count as an error.
+fn monte_carlo_seed(seed: u64) -> u64 {
+    const DOMAIN: u64 = u64::from_le_bytes(*b"lv study");
+    sampling::hash(&[DOMAIN, seed])
 }
 
 /// Runs and times it.
@@ -61,12 +69,12 @@ impl<'a> Bench<'a> {
         self.trees.join(format!("{cloud}.lvt"))
     }
 
-    /// Whether the tree of a cloud is there.
+    /// Whether the tree of a cloud is there and whole, as far as its header and tables tell.
     pub fn has_tree(&self, cloud: &str) -> bool {
-        self.tree(cloud).is_file()
+        TreeStore::open(&self.tree(cloud), self.job.memory_limit).is_ok()
     }
 
-    /// Bakes and builds.
+    /// Bakes and builds: a cloud of one round. The files are the same in every round.
     pub fn prepare(&self, points: &Points) -> Result<Cloud> {
         let name = points.cloud();
         let cloud = self.trees.join(format!("{name}.lvc"));
@@ -82,22 +90,29 @@ impl<'a> Bench<'a> {
         let blocks = store.tree().lvoxel_blocks();
         let sums = &outcome.summary.sums;
         let disk = sums.area / (PI * sums.surfels.max(1) as f64);
-        Ok(Cloud {
+        let mut cloud = Cloud {
             name,
             surfels: sums.surfels,
             surfel_radius: f64::from(settings.overlap) * disk.sqrt(),
             lvoxels: sums.lvoxels(),
             tree_bytes: file_bytes(&tree),
             lvoxel_bytes: blocks.iter().map(|b| u64::from(b.stored_bytes)).sum(),
-            bake,
-            build,
-        })
+            ..Cloud::default()
+        };
+        cloud.add(Making { bake, build });
+        Ok(cloud)
     }
 
-    /// Renders.
-    pub fn render(&self, variant: &Variant) -> Result<(Picture, Timing)> {
+    /// Renders, and tells the time and the largest resident memory.
+    pub fn render(&self, variant: &Variant) -> Result<(Picture, Timing, Option<u64>)> {
+        let (rendered, peak) = usage::with_peak_memory(|| self.frame(variant));
+        let (frame, timing) = rendered?;
+        Ok((frame.picture("", &self.region())?, timing, peak))
+    }
+
+    fn frame(&self, variant: &Variant) -> Result<(Frame, Timing)> {
         let region = self.region();
-        let (frame, timing) = match &variant.how {
+        match &variant.how {
             How::MonteCarlo { spp } => {
                 let settings = reference::Settings {
                     camera: self.settings.camera.clone(),
@@ -106,23 +121,21 @@ impl<'a> Bench<'a> {
                     secs: None,
                     // The least noise: nobody asks these for their variance.
                     strands: 1,
-                    // The reference has the study's seed; its noise must not be the same.
-                    seed: self.settings.seed ^ 1,
+                    seed: monte_carlo_seed(self.settings.seed),
                 };
                 timed(|| {
                     let mut sums = reference::begin(self.scene, &settings, region, &self.job)?;
                     let nothing = &mut |_: &reference::Sums| Ok(());
                     reference::accumulate(self.scene, &settings, &mut sums, &self.job, nothing)?;
                     Ok(reference::frame(self.scene, &sums))
-                })?
+                })
             }
             How::Points(points) => timed(|| {
                 let tree = self.tree(&points.cloud());
                 let store = TreeStore::open(&tree, self.job.memory_limit)?;
                 shade::run(self.scene, &store, &points.shade, region, &[], &self.job)
-            })?,
-        };
-        Ok((frame.picture("", &region)?, timing))
+            }),
+        }
     }
 
     /// Compares.
@@ -149,4 +162,43 @@ impl<'a> Bench<'a> {
 
 fn file_bytes(path: &Path) -> u64 {
     std::fs::metadata(path).map_or(0, |m| m.len())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn monte_carlo_never_has_the_samples_of_a_reference() {
+        let mut scene = Scene::demo().unwrap();
+        (scene.film.width, scene.film.height) = (16, 12);
+        let region = Region::full(16, 12);
+        for seed in 0..4 {
+            let settings = Settings {
+                seed,
+                ..Settings::quick()
+            };
+            let job = Job::default();
+            let bench = Bench::new(&scene, &settings, PathBuf::new(), &job);
+            let variant = settings.variants(true).swap_remove(0);
+            assert_eq!(variant.how, How::MonteCarlo { spp: 1 });
+            let (frame, _) = bench.frame(&variant).unwrap();
+            let picture = frame.picture("", &region).unwrap();
+            for seed in (0..4).chain([u64::MAX]) {
+                let settings = reference::Settings {
+                    max_depth: 3,
+                    spp: Some(1),
+                    strands: 1,
+                    seed,
+                    ..reference::Settings::default()
+                };
+                let mut sums = reference::begin(&scene, &settings, region, &job).unwrap();
+                let nothing = &mut |_: &reference::Sums| Ok(());
+                reference::accumulate(&scene, &settings, &mut sums, &job, nothing).unwrap();
+                let target = reference::frame(&scene, &sums).picture("", &region);
+                let (errors, _) = bench.judge(&picture, &target.unwrap(), 1.0).unwrap();
+                assert!(errors.relmse.unwrap() > 1e-3, "{seed}: {errors:?}");
+            }
+        }
+    }
 }

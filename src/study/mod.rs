@@ -16,23 +16,25 @@ mod table;
 pub use plan::Settings;
 pub use record::Study;
 
-use crate::image::{Picture, exr, heat, load, png, tone};
+use crate::image::subject::{SHADED_SEGMENTS, Subject};
+use crate::image::{Picture, Region, exr, heat, load, png, tone};
 use crate::run::{Job, Output, build};
 use crate::scene::Scene;
 use crate::{Error, Kind, Result, reference};
 use html::Shown;
 use measure::Bench;
 use plan::{How, Variant};
-use record::{Errors, Machine, Reference, Run};
+use record::{Errors, Machine, Making, Reference, Run};
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Runs a study into a folder: `study.json`, `study.csv`, `table.md`, plots, images, and `report.html` with all of them.
-/// `restart` forgets what an earlier study measured there.
+/// Runs that are there are kept: a call with more rounds or with more values of a sweep adds to them. `restart` forgets them.
 ///
 /// # Errors
-/// Settings that make no sense, a folder of another study or of another build of the program, whatever rendering and writing can give, or a stop on request;
-/// after that the reports hold what is finished.
+/// Settings that make no sense, a folder of another study or build of the program, whatever rendering and writing
+/// can give, or a stop on request; after that the reports hold what is finished.
 pub fn run(
     scene: &Scene,
     settings: &Settings,
@@ -42,13 +44,40 @@ pub fn run(
 ) -> Result<Study> {
     settings.check()?;
     scene.camera(settings.camera.as_deref())?;
-    let key = key(scene, settings)?;
+    if settings.max_depth != SHADED_SEGMENTS {
+        job.progress.warn(&format!(
+            "point-based methods compute direct light and one bounce, which is --max-depth {SHADED_SEGMENTS}: with \
+             --max-depth {} their errors are those of other transport too",
+            settings.max_depth
+        ));
+    }
+    let origin = origin(scene, settings)?;
+    let variants = settings.variants(has_media(scene));
+    // What is wrong with a reference shows before the folder belongs to it.
+    let given = settings.reference.as_ref();
+    let given = given
+        .map(|path| Target::read(path, scene, settings, job))
+        .transpose()?;
     let files = Files::new(folder)?;
-    let mut study = match Study::read(&files.json(), &key) {
-        Ok(Some(found)) if !restart => found,
-        Err(e) if !restart => return Err(e),
-        _ => begin(scene, settings, key),
+    let found = match Study::read(&files.json(), &origin) {
+        Ok(found) => found.filter(|_| !restart),
+        Err(_) if restart => None,
+        Err(e) => return Err(e),
     };
+    if restart {
+        files.clear()?;
+    }
+    let mut study = found.unwrap_or_else(|| Study {
+        version: env!("CARGO_PKG_VERSION").into(),
+        origin,
+        scene: scene.name.clone(),
+        film: [scene.film.width, scene.film.height],
+        has_media: has_media(scene),
+        machine: machine(),
+        ..Study::default()
+    });
+    study.check(&variants, settings, &files.json())?;
+    study.settings = serde_json::to_value(settings).unwrap_or_default();
     if study.go_on_with(machine()) {
         let threads = study.machine.threads;
         job.progress.say(&format!(
@@ -57,10 +86,13 @@ pub fn run(
     }
     study.write(&files.json())?;
     let bench = Bench::new(scene, settings, files.trees(), job);
-    let result = measure_all(&mut study, &bench, &files, restart, job);
+    let result = measure_all(&mut study, &variants, given, &bench, &files, restart, job);
     match result {
         Err(e) if e.kind() != Kind::Cancelled => return Err(e),
-        _ => study.find(),
+        _ => {
+            study.arrange(&variants);
+            study.find();
+        }
     }
     study.write(&files.json())?;
     if !study.runs.is_empty() {
@@ -97,6 +129,33 @@ impl Files {
         Ok(files)
     }
 
+    /// Removes what an earlier study has left, its reference and the reports that are written anew excepted; nothing in a
+    /// folder without a study.
+    fn clear(&self) -> Result<()> {
+        if !self.json().is_file() {
+            return Ok(());
+        }
+        let plots = plots::NAMES.map(|name| self.0.join(format!("{name}.svg")));
+        let mut old: Vec<PathBuf> = plots.into_iter().filter(|p| p.is_file()).collect();
+        for (dir, kinds) in [
+            (self.images(), &["png"][..]),
+            (self.trees(), &["lvt", "lvc"]),
+        ] {
+            let entries = fs::read_dir(&dir).map_err(|e| Error::io("read", &dir, &e))?;
+            for entry in entries {
+                let path = entry.map_err(|e| Error::io("read", &dir, &e))?.path();
+                let is_own = |e: &std::ffi::OsStr| kinds.iter().any(|kind| e == *kind);
+                if path.extension().is_some_and(is_own) && path.is_file() {
+                    old.push(path);
+                }
+            }
+        }
+        for path in old {
+            fs::remove_file(&path).map_err(|e| Error::io("remove", &path, &e))?;
+        }
+        Ok(())
+    }
+
     fn json(&self) -> PathBuf {
         self.0.join(STUDY)
     }
@@ -118,29 +177,44 @@ impl Files {
     }
 }
 
-/// What times and errors depend on: the build of the program, the scene, the settings, and of a reference that was given
-/// its content, wherever it lies, and the exposure that it is looked at with.
-fn key(scene: &Scene, settings: &Settings) -> Result<String> {
-    let mut hasher = blake3::Hasher::new();
-    hasher.update(&build::digest());
-    hasher.update(&scene.hash);
-    hasher.update(&scene.film.width.to_le_bytes());
-    hasher.update(&scene.film.height.to_le_bytes());
-    let named = Settings {
-        camera: Some(scene.camera(settings.camera.as_deref())?.name.clone()),
-        reference: None,
-        ..settings.clone()
+/// What all runs of a study have in common and depend on: the build of the program, the scene, its film, the camera, and the
+/// reference: of one that was given its content, wherever it lies, and the exposure that it is looked at with.
+fn origin(scene: &Scene, settings: &Settings) -> Result<BTreeMap<String, String>> {
+    let hex = |bytes: &[u8]| bytes.iter().map(|b| format!("{b:02x}")).collect::<String>();
+    let (reference, exposure) = match &settings.reference {
+        Some(path) => {
+            let mut content = blake3::Hasher::new();
+            fs::File::open(path)
+                .and_then(|file| content.update_reader(file).map(drop))
+                .map_err(|e| Error::io("read", path, &e))?;
+            let digest = content.finalize().to_hex().to_string();
+            (digest, exposure(scene, path)?)
+        }
+        None => (
+            format!(
+                "{} samples per pixel, depth {}, seed {}",
+                settings.reference_spp, settings.max_depth, settings.seed
+            ),
+            scene.film.exposure,
+        ),
     };
-    hasher.update(serde_json::to_string(&named).unwrap_or_default().as_bytes());
-    if let Some(path) = &settings.reference {
-        let mut content = blake3::Hasher::new();
-        fs::File::open(path)
-            .and_then(|file| content.update_reader(file).map(drop))
-            .map_err(|e| Error::io("read", path, &e))?;
-        hasher.update(content.finalize().as_bytes());
-        hasher.update(&exposure(scene, path)?.to_le_bytes());
-    }
-    Ok(hasher.finalize().to_hex().to_string())
+    let camera = scene.camera(settings.camera.as_deref())?.name.clone();
+    let parts = [
+        ("build of lvox", hex(&build::digest())),
+        ("scene", hex(&scene.hash)),
+        (
+            "film",
+            format!("{}x{}", scene.film.width, scene.film.height),
+        ),
+        ("camera", camera),
+        ("reference", reference),
+        ("exposure", exposure.to_string()),
+    ];
+    Ok(parts.map(|(name, part)| (name.to_owned(), part)).into())
+}
+
+fn has_media(scene: &Scene) -> bool {
+    !scene.volumes.is_empty()
 }
 
 /// What a reference is looked at with.
@@ -162,42 +236,36 @@ fn machine() -> Machine {
     }
 }
 
-fn begin(scene: &Scene, settings: &Settings, key: String) -> Study {
-    Study {
-        version: env!("CARGO_PKG_VERSION").into(),
-        key,
-        scene: scene.name.clone(),
-        film: [scene.film.width, scene.film.height],
-        machine: machine(),
-        settings: serde_json::to_value(settings).unwrap_or_default(),
-        ..Study::default()
-    }
-}
-
 fn measure_all(
     study: &mut Study,
+    variants: &[Variant],
+    given: Option<Target>,
     bench: &Bench,
     files: &Files,
     restart: bool,
     job: &Job,
 ) -> Result<()> {
     let settings = bench.settings;
-    let target = obtain_reference(study, bench, files, restart, job)?;
+    let target = match given {
+        Some(target) => target,
+        None => render_reference(bench, files, restart, job)?,
+    };
+    study.reference = target.about;
+    let target = target.picture;
     png::write(
         &files.image("reference"),
         &tone::map(&target, study.reference.exposure),
     )?;
-    let variants = settings.variants();
     let total = variants.len() as u64 * u64::from(settings.rounds);
     let task = job.progress.task("study", total, "runs");
     for round in 1..=settings.rounds {
-        for variant in &variants {
+        for variant in variants {
             let at = study.runs.iter().position(|r| r.name == variant.name);
             let rounds = at.map_or(&[][..], |i| &study.runs[i].rounds);
             let long = rounds.iter().any(|t| t.wall_secs > settings.long_secs);
             if rounds.len() < round as usize && !long {
                 job.cancel.check()?;
-                measure(study, variant, &target, bench, files)?;
+                measure(study, variant, round, &target, bench, files)?;
                 study.write(&files.json())?;
             }
             task.add(1);
@@ -210,6 +278,7 @@ fn measure_all(
 fn measure(
     study: &mut Study,
     variant: &Variant,
+    round: u32,
     target: &Picture,
     bench: &Bench,
     files: &Files,
@@ -217,17 +286,26 @@ fn measure(
     let mut cloud_name = None;
     if let How::Points(points) = &variant.how {
         let name = points.cloud();
-        let known = study.clouds.iter().any(|c| c.name == name);
-        if !known || !bench.has_tree(&name) {
+        let at = study.clouds.iter().position(|c| c.name == name);
+        let rounds = at.map_or(&[][..], |i| &study.clouds[i].rounds);
+        let long_secs = bench.settings.long_secs;
+        let long = |m: &Making| m.bake.wall_secs + m.build.wall_secs > long_secs;
+        let is_due = rounds.len() < round as usize && !rounds.iter().any(long);
+        if is_due || !bench.has_tree(&name) {
             let cloud = bench.prepare(points)?;
-            study.clouds.retain(|c| c.name != name);
-            study.clouds.push(cloud);
+            match at {
+                None => study.clouds.push(cloud),
+                Some(i) => cloud
+                    .rounds
+                    .into_iter()
+                    .for_each(|m| study.clouds[i].add(m)),
+            }
         }
         cloud_name = Some(name);
     }
-    let (picture, timing) = bench.render(variant)?;
+    let (picture, timing, peak) = bench.render(variant)?;
     if let Some(run) = study.runs.iter_mut().find(|r| r.name == variant.name) {
-        run.rounds.push(timing);
+        run.add(timing, peak);
         return Ok(());
     }
     let errors = match study.errors_of(&variant.name) {
@@ -236,11 +314,13 @@ fn measure(
     };
     study.runs.push(Run {
         name: variant.name.clone(),
+        key: variant.key(bench.settings),
         method: variant.method.into(),
         sweep: variant.sweep.into(),
         values: variant.values(),
         cloud: cloud_name,
         rounds: vec![timing],
+        peak_memory_bytes: peak,
         errors,
     });
     Ok(())
@@ -265,67 +345,82 @@ fn judge(
     Ok(errors)
 }
 
-/// Reads the reference that was given, or renders one.
-fn obtain_reference(
-    study: &mut Study,
-    bench: &Bench,
-    files: &Files,
-    restart: bool,
-    job: &Job,
-) -> Result<Picture> {
+/// The image that all are compared with.
+struct Target {
+    picture: Picture,
+    about: Reference,
+}
+
+impl Target {
+    /// Reads it, and refuses an image of something else as far as it tells what it shows.
+    fn read(path: &Path, scene: &Scene, settings: &Settings, job: &Job) -> Result<Self> {
+        let frame = exr::read(path)?;
+        let (width, height) = (scene.film.width, scene.film.height);
+        let refused = |what: String| Error::input(what).at(path.display());
+        if (frame.width, frame.height) != (width, height) {
+            return Err(refused(format!(
+                "the reference has {}x{} pixels, the scene {width}x{height}",
+                frame.width, frame.height
+            )));
+        }
+        let camera = scene.camera(settings.camera.as_deref())?;
+        let here = Subject {
+            scene: Some(scene.hash.iter().map(|b| format!("{b:02x}")).collect()),
+            camera: Some(camera.name.clone()),
+            segments: Some(settings.max_depth),
+        };
+        let differences = Subject::of(&frame.attributes).differences(&here);
+        if !differences.is_empty() {
+            return Err(refused(format!(
+                "the reference shows something else than the study (the former first): {}",
+                differences.join("; ")
+            ))
+            .hint(format!(
+                "render one of this scene and camera: lvox reference --max-depth {}",
+                settings.max_depth
+            )));
+        }
+        let region = Region::full(width, height);
+        let picture = frame
+            .picture("", &region)
+            .map_err(|e| e.at(path.display()))?;
+        let broken = picture.non_finite();
+        if broken > 0 {
+            job.progress.warn(&format!(
+                "{}: {broken} pixels are infinite or not a number",
+                path.display()
+            ));
+        }
+        let name = path.file_name().unwrap_or(path.as_os_str());
+        let about = Reference {
+            source: name.to_string_lossy().into_owned(),
+            relmse: frame
+                .picture("variance", &region)
+                .ok()
+                .map(|v| reference::expected_relmse(&picture.pixels, &v.pixels))
+                // A single sequence of samples tells no variance.
+                .filter(|v| v.is_finite()),
+            exposure: exposure(scene, path)?,
+        };
+        Ok(Self { picture, about })
+    }
+}
+
+/// Renders the reference that was not given, or goes on with it.
+fn render_reference(bench: &Bench, files: &Files, restart: bool, job: &Job) -> Result<Target> {
     let (scene, settings) = (bench.scene, bench.settings);
-    let (path, source) = match &settings.reference {
-        Some(path) => {
-            let name = path.file_name().unwrap_or(path.as_os_str());
-            (path.clone(), name.to_string_lossy().into_owned())
-        }
-        None => {
-            let path = files.0.join(REFERENCE);
-            let monte_carlo = reference::Settings {
-                camera: settings.camera.clone(),
-                max_depth: settings.max_depth,
-                spp: Some(settings.reference_spp),
-                seed: settings.seed,
-                ..reference::Settings::default()
-            };
-            reference::run(scene, &monte_carlo, bench.region(), &path, restart, job)?;
-            let spp = settings.reference_spp;
-            (path, format!("path tracing with {spp} samples per pixel"))
-        }
+    let path = files.0.join(REFERENCE);
+    let monte_carlo = reference::Settings {
+        camera: settings.camera.clone(),
+        max_depth: settings.max_depth,
+        spp: Some(settings.reference_spp),
+        seed: settings.seed,
+        ..reference::Settings::default()
     };
-    let frame = exr::read(&path)?;
-    let region = bench.region();
-    let found = (frame.width, frame.height);
-    if found != (scene.film.width, scene.film.height) {
-        return Err(Error::input(format!(
-            "{}: the reference has {}x{} pixels, the scene {}x{}",
-            path.display(),
-            frame.width,
-            frame.height,
-            scene.film.width,
-            scene.film.height
-        )));
-    }
-    let target = frame
-        .picture("", &region)
-        .map_err(|e| e.at(path.display()))?;
-    let broken = target.non_finite();
-    if broken > 0 {
-        job.progress.warn(&format!(
-            "{}: {broken} pixels are infinite or not a number",
-            path.display()
-        ));
-    }
-    study.reference = Reference {
-        source,
-        relmse: frame
-            .picture("variance", &region)
-            .ok()
-            .map(|v| reference::expected_relmse(&target.pixels, &v.pixels))
-            // A single sequence of samples tells no variance.
-            .filter(|v| v.is_finite()),
-        exposure: exposure(scene, &path)?,
-    };
+    reference::run(scene, &monte_carlo, bench.region(), &path, restart, job)?;
+    let mut target = Target::read(&path, scene, settings, job)?;
+    let spp = settings.reference_spp;
+    target.about.source = format!("path tracing with {spp} samples per pixel");
     Ok(target)
 }
 
@@ -372,7 +467,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_key_knows_a_reference_by_content_and_exposure() {
+    fn the_origin_knows_a_reference_by_content_and_exposure() {
         let dir = tempfile::tempdir().unwrap();
         let mut scene = Scene::without_picture();
         let of = |scene: &Scene, name: &str| {
@@ -380,7 +475,7 @@ mod tests {
                 reference: Some(dir.path().join(name)),
                 ..Settings::default()
             };
-            key(scene, &settings)
+            origin(scene, &settings)
         };
         let put = |name: &str, text: &str| fs::write(dir.path().join(name), text).unwrap();
         assert!(of(&scene, "a.exr").is_err());
@@ -396,7 +491,7 @@ mod tests {
         scene.film.exposure = 3.0;
         put("a.exr", "one");
         assert_ne!(of(&scene, "a.exr").unwrap(), one);
-        assert_ne!(key(&scene, &Settings::default()).unwrap(), one);
+        assert_ne!(origin(&scene, &Settings::default()).unwrap(), one);
     }
 
     #[test]
@@ -408,7 +503,7 @@ mod tests {
                 camera: camera.map(Into::into),
                 ..Settings::default()
             };
-            key(&scene, &settings)
+            origin(&scene, &settings)
         };
         assert_eq!(of(None).unwrap(), of(Some("front")).unwrap());
         assert!(of(Some("back")).is_err());

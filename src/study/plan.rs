@@ -131,7 +131,7 @@ impl Settings {
                 )));
             }
         }
-        for variant in self.variants() {
+        for variant in self.variants(true) {
             if let How::Points(points) = variant.how {
                 points.bake(self.seed).check()?;
                 points.shade.check()?;
@@ -140,13 +140,15 @@ impl Settings {
         Ok(())
     }
 
-    /// All runs, one method after the other in turn, so that whatever else the machine does hits all alike.
+    /// All runs, one method after the other in turn, so that whatever else the machine does hits all alike. Without media
+    /// the traditional method is the extended one, and lvoxels of any size are none: they are left out.
     #[must_use]
-    pub fn variants(&self) -> Vec<Variant> {
+    pub fn variants(&self, has_media: bool) -> Vec<Variant> {
         let mut columns = vec![self.monte_carlo()];
-        for method in [Method::Traditional, Method::Extended] {
-            columns.push(self.points(method));
+        if has_media {
+            columns.push(self.points(Method::Traditional, true));
         }
+        columns.push(self.points(Method::Extended, has_media));
         let longest = columns.iter().map(Vec::len).max().unwrap_or(0);
         (0..longest)
             .flat_map(|i| columns.iter().filter_map(move |c| c.get(i).cloned()))
@@ -165,7 +167,7 @@ impl Settings {
             .collect()
     }
 
-    fn points(&self, method: Method) -> Vec<Variant> {
+    fn points(&self, method: Method, has_media: bool) -> Vec<Variant> {
         let label = match method {
             Method::Extended => "extended",
             Method::Traditional => "traditional",
@@ -217,7 +219,7 @@ impl Settings {
             points.shade.max_solid_angle = max_solid_angle;
             add("max-solid-angle", max_solid_angle.to_string(), points);
         }
-        if method == Method::Extended {
+        if method == Method::Extended && has_media {
             for &block_depth in &self.block_depth {
                 let points = Points {
                     blocks: BlockSize::OpticalDepth(block_depth),
@@ -251,6 +253,24 @@ pub struct Variant {
 }
 
 impl Variant {
+    /// Digest of all that the run depends on beside what it has in common with all runs of a study.
+    #[must_use]
+    pub fn key(&self, settings: &Settings) -> String {
+        let seed = settings.seed;
+        let text = match &self.how {
+            How::MonteCarlo { spp } => format!("{spp} {} {seed}", settings.max_depth),
+            How::Points(points) => {
+                // The camera is common to all, whether it was named or not.
+                let shade = shade::Settings {
+                    camera: None,
+                    ..points.shade.clone()
+                };
+                format!("{:?} {shade:?}", points.bake(seed))
+            }
+        };
+        blake3::hash(text.as_bytes()).to_hex().to_string()
+    }
+
     /// All settings that any run varies, by the names of their sweeps.
     #[must_use]
     pub fn values(&self) -> BTreeMap<String, f64> {
@@ -259,11 +279,11 @@ impl Variant {
             How::Points(points) => vec![
                 ("surfels", points.surfels as f64),
                 match points.blocks {
-                    BlockSize::OpticalDepth(tau) => ("block-depth", f64::from(tau)),
+                    BlockSize::OpticalDepth(tau) => ("block-depth", as_typed(tau)),
                     BlockSize::Fixed { level, .. } => ("block-voxels", f64::from(1_u32 << level)),
                 },
                 ("samples", f64::from(points.shade.samples)),
-                ("max-solid-angle", f64::from(points.shade.max_solid_angle)),
+                ("max-solid-angle", as_typed(points.shade.max_solid_angle)),
             ],
         };
         values.into_iter().map(|(n, v)| (n.into(), v)).collect()
@@ -329,6 +349,11 @@ impl Points {
     }
 }
 
+/// The number that a person means by the nearest f32: 0.04, not 0.03999999910593033.
+fn as_typed(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(f64::from(value))
+}
+
 /// Lvoxels of so many voxels a side, with the most samples of the paper.
 fn fixed(voxels: u8) -> BlockSize {
     BlockSize::Fixed {
@@ -355,7 +380,7 @@ mod tests {
             paper,
         ] {
             settings.check().unwrap();
-            let variants = settings.variants();
+            let variants = settings.variants(true);
             let names: BTreeSet<_> = variants.iter().map(|v| &v.name).collect();
             assert_eq!(names.len(), variants.len());
             let first: Vec<_> = variants[..3].iter().map(|v| v.method).collect();
@@ -367,12 +392,77 @@ mod tests {
     #[test]
     fn without_sweeps_there_is_one_run_of_each_method_beside_monte_carlo() {
         let settings = Settings::default().base_only();
-        let variants = settings.variants();
+        let variants = settings.variants(true);
         assert_eq!(variants.len(), settings.spp.len() + 2);
         let How::Points(points) = &variants[1].how else {
             panic!("traditional has no points");
         };
         assert_eq!(points.surfels, 500_000);
+    }
+
+    #[test]
+    fn without_media_nothing_is_run_that_only_media_tell_apart() {
+        let settings = Settings::default();
+        let names = |has_media| -> BTreeSet<String> {
+            let variants = settings.variants(has_media);
+            variants.into_iter().map(|v| v.name).collect()
+        };
+        let (with, without) = (names(true), names(false));
+        let left_out: Vec<_> = with.difference(&without).collect();
+        assert!(
+            left_out
+                .iter()
+                .all(|n| n.starts_with("traditional") || n.contains("-block-"))
+        );
+        // The base, 2 clouds, 5 numbers of samples and 5 solid angles; 3 depths and 3 sides of lvoxels.
+        assert_eq!(left_out.len(), 13 + 3 + 3);
+        assert_eq!(without.len(), 4 + 13);
+    }
+
+    #[test]
+    fn keys_know_what_a_run_depends_on_and_no_more() {
+        let base = Settings::default();
+        let key = |settings: &Settings, name: &str| {
+            let variants = settings.variants(true);
+            let found = variants.iter().find(|v| v.name == name);
+            found.unwrap().key(settings)
+        };
+        let more = Settings {
+            rounds: 7,
+            long_secs: 1.0,
+            spp: vec![1, 2],
+            samples: vec![8, 9],
+            camera: Some("front".into()),
+            ..base.clone()
+        };
+        let seeded = Settings {
+            seed: 5,
+            ..base.clone()
+        };
+        for name in ["monte-carlo-1", "extended-base", "traditional-samples-8"] {
+            assert_eq!(key(&more, name), key(&base, name), "{name}");
+            assert_ne!(key(&seeded, name), key(&base, name), "{name}");
+        }
+        let deeper = Settings {
+            max_depth: 4,
+            ..base.clone()
+        };
+        assert_ne!(key(&deeper, "monte-carlo-1"), key(&base, "monte-carlo-1"));
+        assert_eq!(key(&deeper, "extended-base"), key(&base, "extended-base"));
+    }
+
+    #[test]
+    fn values_are_as_they_were_typed() {
+        let settings = Settings::default();
+        let of = |name: &str, setting: &str| {
+            let variants = settings.variants(true);
+            let found = variants.iter().find(|v| v.name == name);
+            found.unwrap().values()[setting]
+        };
+        let angle = of("extended-max-solid-angle-0.04", "max-solid-angle");
+        assert_eq!(angle.to_string(), "0.04");
+        assert_eq!(of("extended-block-depth-0.35", "block-depth"), 0.35);
+        assert_eq!(as_typed(0.1_f32), 0.1);
     }
 
     #[test]

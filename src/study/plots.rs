@@ -34,13 +34,39 @@ const COLORS: [(&str, RGBColor); 3] = [
     ("extended", RGBColor(0, 114, 178)),
 ];
 
+/// Names of all plots that there can be.
+pub const NAMES: [&str; 6] = [
+    "error-over-render-time",
+    "error-over-total-time",
+    "error-over-surfels",
+    "time-over-surfels",
+    "error-over-settings",
+    "pareto",
+];
+
+/// Plots of what changes along the sweep of a setting.
+const SWEEPS: [&str; 3] = [
+    "error-over-surfels",
+    "time-over-surfels",
+    "error-over-settings",
+];
+
 /// All plots that there are numbers for.
 ///
 /// # Errors
 /// If one cannot be drawn.
 pub fn all(study: &Study) -> Result<Vec<Plot>> {
     let mut plots = Vec::new();
-    let mut add = |name, title, axes: [&str; 2], series: Vec<Series>, floor: Option<f64>| {
+    let mut add = |name: &'static str,
+                   title,
+                   axes: [&str; 2],
+                   mut series: Vec<Series>,
+                   floor: Option<f64>| {
+        debug_assert!(NAMES.contains(&name));
+        // Along a sweep one point says nothing.
+        if SWEEPS.contains(&name) {
+            series.retain(|s| s.points.len() > 1);
+        }
         if series.iter().any(|s| !s.points.is_empty()) {
             // Errors fall from the upper left, times rise to the upper right.
             let legend = match floor {
@@ -415,6 +441,38 @@ mod tests {
         study.find();
         let front = all(&study).unwrap().pop().unwrap();
         assert!(front.svg.contains("near") && !front.svg.contains("exact"));
+    }
+
+    #[test]
+    fn a_sweep_of_one_point_is_not_drawn() {
+        let run = |sweep: &str, samples: f64| Run {
+            method: "extended".into(),
+            sweep: sweep.into(),
+            values: [("samples".to_owned(), samples)].into(),
+            rounds: vec![Timing {
+                wall_secs: 1.0,
+                cpu_secs: samples,
+            }],
+            errors: Errors {
+                relmse: Some(1.0 / samples),
+                ..Errors::default()
+            },
+            ..Run::default()
+        };
+        let mut study = Study {
+            runs: vec![run("base", 8.0)],
+            ..Study::default()
+        };
+        let names = |study: &Study| -> Vec<&str> {
+            let plots = all(study).unwrap();
+            plots.iter().map(|p| p.name).collect()
+        };
+        let found = names(&study);
+        assert!(!found.contains(&"error-over-settings"), "{found:?}");
+        assert!(found.contains(&"error-over-render-time"), "{found:?}");
+        study.runs.push(run("samples", 16.0));
+        let found = names(&study);
+        assert!(found.contains(&"error-over-settings"), "{found:?}");
     }
 
     #[test]

@@ -1,9 +1,10 @@
 //! What a study has measured, and the file that keeps it.
 
 use super::findings::Findings;
+use super::plan::{Settings, Variant};
 use crate::run::Output;
 use crate::{Error, Result};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::mem;
 use std::path::Path;
 
@@ -12,21 +13,24 @@ use std::path::Path;
 pub struct Study {
     /// Version of lvox.
     pub version: String,
-    /// What the measurements belong to: build of the program, scene, settings and reference, hashed.
-    pub key: String,
+    /// What all runs have in common and none can be compared without, by words for it: build of the program, scene, film,
+    /// camera, reference and exposure.
+    pub origin: BTreeMap<String, String>,
     /// Name of the scene.
     pub scene: String,
     /// Pixels across and down.
     pub film: [u32; 2],
+    /// Whether there are any media in it.
+    pub has_media: bool,
     /// The machine that the times of `clouds` and `runs` are of.
     pub machine: Machine,
-    /// The settings, as JSON.
+    /// The settings of the last call, as JSON.
     pub settings: serde_json::Value,
     /// The image that all are compared with.
     pub reference: Reference,
     /// Clouds, in order of need.
     pub clouds: Vec<Cloud>,
-    /// Runs, in order of the plan.
+    /// Runs, in order of the plan; those of earlier calls that are not in it last.
     pub runs: Vec<Run>,
     /// What was timed on other machines, or with other numbers of threads.
     pub others: Vec<Timed>,
@@ -82,10 +86,37 @@ pub struct Cloud {
     pub tree_bytes: u64,
     /// Bytes of the lvoxels in it.
     pub lvoxel_bytes: u64,
+    /// Time of baking, the median over the rounds.
+    pub bake: Timing,
+    /// Time of building, the median over the rounds.
+    pub build: Timing,
+    /// Both, once for each round.
+    pub rounds: Vec<Making>,
+}
+
+/// Times of a cloud and its tree.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Making {
     /// Time of baking.
     pub bake: Timing,
     /// Time of building.
     pub build: Timing,
+}
+
+impl Cloud {
+    /// Adds the times of a round.
+    pub fn add(&mut self, making: Making) {
+        self.rounds.push(making);
+        self.bake = median(self.rounds.iter().map(|r| r.bake));
+        self.build = median(self.rounds.iter().map(|r| r.build));
+    }
+
+    /// Bytes of the lvoxels over those of the tree without them, as the paper counts them.
+    #[must_use]
+    pub fn lvoxel_share(&self) -> f64 {
+        let surfels = self.tree_bytes.saturating_sub(self.lvoxel_bytes);
+        self.lvoxel_bytes as f64 / surfels.max(1) as f64
+    }
 }
 
 /// A time, in seconds.
@@ -119,6 +150,8 @@ pub struct Errors {
 pub struct Run {
     /// Name of the variant.
     pub name: String,
+    /// Digest of all settings that it depends on, from [`super::plan::Variant::key`].
+    pub key: String,
     /// `monte carlo`, `traditional` or `extended`.
     pub method: String,
     /// The setting that is varied; `base` for none, `paper` for a cloud like the paper's.
@@ -129,6 +162,9 @@ pub struct Run {
     pub cloud: Option<String>,
     /// Time of rendering, loading, baking and building excluded, once for each round.
     pub rounds: Vec<Timing>,
+    /// Largest resident memory of the process while it rendered, the least of the rounds: the scene, the reference image and
+    /// what the allocator keeps of earlier runs are in it. None where the system does not tell.
+    pub peak_memory_bytes: Option<u64>,
     /// What came out; the same in every round.
     pub errors: Errors,
 }
@@ -137,19 +173,33 @@ impl Run {
     /// Median over the rounds.
     #[must_use]
     pub fn time(&self) -> Timing {
-        let median = |pick: fn(&Timing) -> f64| {
-            let mut secs: Vec<f64> = self.rounds.iter().map(pick).collect();
-            secs.sort_by(f64::total_cmp);
-            match secs.len() {
-                0 => 0.0,
-                n if n % 2 == 1 => secs[n / 2],
-                n => 0.5 * (secs[n / 2 - 1] + secs[n / 2]),
-            }
+        median(self.rounds.iter().copied())
+    }
+
+    /// Adds a round.
+    pub fn add(&mut self, timing: Timing, peak_memory_bytes: Option<u64>) {
+        self.rounds.push(timing);
+        self.peak_memory_bytes = match (self.peak_memory_bytes, peak_memory_bytes) {
+            (Some(a), Some(b)) => Some(a.min(b)),
+            (a, b) => a.or(b),
         };
-        Timing {
-            wall_secs: median(|t| t.wall_secs),
-            cpu_secs: median(|t| t.cpu_secs),
+    }
+}
+
+/// Medians of both times apart.
+fn median(timings: impl Iterator<Item = Timing> + Clone) -> Timing {
+    let of = |pick: fn(&Timing) -> f64| {
+        let mut secs: Vec<f64> = timings.clone().map(|t| pick(&t)).collect();
+        secs.sort_by(f64::total_cmp);
+        match secs.len() {
+            0 => 0.0,
+            n if n % 2 == 1 => secs[n / 2],
+            n => 0.5 * (secs[n / 2 - 1] + secs[n / 2]),
         }
+    };
+    Timing {
+        wall_secs: of(|t| t.wall_secs),
+        cpu_secs: of(|t| t.cpu_secs),
     }
 }
 
@@ -196,11 +246,11 @@ impl Study {
         runs.find(|r| r.name == name).map(|r| r.errors)
     }
 
-    /// What an earlier study of the same key has measured; `None` if there is none.
+    /// What an earlier study of the same origin has measured; `None` if there is none, or nothing in it.
     ///
     /// # Errors
-    /// [`crate::Kind::Input`] if the file is damaged or belongs to another scene, reference, setting or build.
-    pub fn read(path: &Path, key: &str) -> Result<Option<Self>> {
+    /// [`crate::Kind::Input`] if the file is damaged or belongs to something else; the message says in what it differs.
+    pub fn read(path: &Path, origin: &BTreeMap<String, String>) -> Result<Option<Self>> {
         let bytes = match std::fs::read(path) {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             other => other.map_err(|e| Error::io("read", path, &e))?,
@@ -211,13 +261,56 @@ impl Study {
         };
         let study: Self = serde_json::from_slice(&bytes)
             .map_err(|e| refused(format!("is no study of this version: {e}")))?;
-        if study.key == key {
-            Ok(Some(study))
-        } else {
-            Err(refused(
-                "belongs to another scene, reference, setting or build of lvox".into(),
-            ))
+        // One that has measured nothing binds nobody.
+        if study.runs.is_empty() && study.others.is_empty() {
+            return Ok(None);
         }
+        let names = origin.keys().chain(study.origin.keys());
+        let other: BTreeSet<&str> = names
+            .filter(|name| origin.get(*name) != study.origin.get(*name))
+            .map(String::as_str)
+            .collect();
+        if !other.is_empty() {
+            let other: Vec<&str> = other.into_iter().collect();
+            return Err(refused(format!("belongs to another {}", other.join(", "))));
+        }
+        Ok(Some(study))
+    }
+
+    /// Refuses runs of the same names and other settings: a folder has one base, which its sweeps vary.
+    ///
+    /// # Errors
+    /// [`crate::Kind::Input`] with the names.
+    pub fn check(&self, variants: &[Variant], settings: &Settings, path: &Path) -> Result<()> {
+        let other: Vec<&str> = variants
+            .iter()
+            .filter(|v| {
+                let others = self.others.iter().flat_map(|o| &o.runs);
+                let mut same_name = self.runs.iter().chain(others).filter(|r| r.name == v.name);
+                same_name.any(|r| r.key != v.key(settings))
+            })
+            .map(|v| v.name.as_str())
+            .collect();
+        if other.is_empty() {
+            return Ok(());
+        }
+        Err(Error::input(format!(
+            "{} has runs of other settings: {}",
+            path.display(),
+            other.join(", ")
+        ))
+        .hint(
+            "more --rounds and more values of sweeps go into the same folder; for another base (--quality, --seed, \
+             --max-depth, the last of --surfels, the first of --block-depth) choose another folder, or begin anew with \
+             --force",
+        ))
+    }
+
+    /// Puts the runs in order of the plan, the others last.
+    pub fn arrange(&mut self, variants: &[Variant]) {
+        let place = |run: &Run| variants.iter().position(|v| v.name == run.name);
+        self.runs
+            .sort_by_key(|run| place(run).unwrap_or(variants.len()));
     }
 
     /// Writes `study.json`.
@@ -233,6 +326,33 @@ impl Study {
 mod tests {
     use super::*;
     use crate::math::sampling::hash;
+
+    #[test]
+    fn rounds_give_medians_and_the_least_peak() {
+        let secs = |cpu_secs| Timing {
+            cpu_secs,
+            wall_secs: 1.0,
+        };
+        let mut cloud = Cloud {
+            tree_bytes: 710,
+            lvoxel_bytes: 31,
+            ..Cloud::default()
+        };
+        for bake in [3.0, 9.0, 4.0] {
+            cloud.add(Making {
+                bake: secs(bake),
+                build: secs(10.0 - bake),
+            });
+        }
+        assert_eq!((cloud.bake.cpu_secs, cloud.build.cpu_secs), (4.0, 6.0));
+        assert!((cloud.lvoxel_share() - 31.0 / 679.0).abs() < 1e-12);
+        let mut run = Run::default();
+        for (cpu, peak) in [(1.0, None), (2.0, Some(7)), (4.0, Some(5)), (8.0, Some(6))] {
+            run.add(secs(cpu), peak);
+        }
+        assert_eq!(run.time().cpu_secs, 3.0);
+        assert_eq!(run.peak_memory_bytes, Some(5));
+    }
 
     #[test]
     fn times_of_other_machines_do_not_mix_and_are_not_lost() {
@@ -276,11 +396,13 @@ mod tests {
     fn studies_come_back_with_every_bit_and_do_not_mix() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("study.json");
-        assert!(Study::read(&path, "k").unwrap().is_none());
+        let origin = |scene: &str| BTreeMap::from([("scene".to_owned(), scene.to_owned())]);
+        let read = |scene: &str| Study::read(&path, &origin(scene));
+        assert!(read("k").unwrap().is_none());
         // Times as clocks give them: no short decimals.
         let secs = |i: u64| f64::from_bits(0x3ff0_0000_0000_0000 + hash(&[i]) % (1 << 54));
         let mut study = Study {
-            key: "k".into(),
+            origin: origin("k"),
             runs: vec![Run {
                 name: "a".into(),
                 rounds: (0..1000)
@@ -295,15 +417,13 @@ mod tests {
         };
         study.find();
         study.write(&path).unwrap();
-        assert_eq!(Study::read(&path, "k").unwrap(), Some(study));
-        assert!(Study::read(&path, "other").is_err());
+        assert_eq!(read("k").unwrap(), Some(study));
+        let error = read("other").unwrap_err().to_string();
+        assert!(error.contains("another scene"), "{error}");
+        Study::default().write(&path).unwrap();
+        assert_eq!(read("k").unwrap(), None);
         std::fs::write(&path, "{").unwrap();
-        assert!(
-            Study::read(&path, "k")
-                .unwrap_err()
-                .hint_text()
-                .unwrap()
-                .contains("--force")
-        );
+        let error = read("k").unwrap_err();
+        assert!(error.hint_text().unwrap().contains("--force"));
     }
 }

@@ -1,6 +1,6 @@
 //! The numbers of a study as text: a table in the form of the paper's Table 1 in Markdown, and all runs as CSV.
 
-use super::findings::{Metric, Versus};
+use super::findings::{FARTHEST, Metric, Versus};
 use super::record::{Cloud, Run, Study};
 use std::fmt::Write;
 
@@ -58,16 +58,17 @@ pub fn summary(study: &Study) -> Table {
             cloud.map_or("–".into(), |c| figure(c.build.cpu_secs)),
             figure(run.time().cpu_secs),
             percent(run.errors.pdiff),
-            percent(versus(Metric::Pdiff).and_then(|v| v.equal_time_error)),
+            equal_time(versus(Metric::Pdiff), 100.0),
             times(versus(Metric::Pdiff), |v| v.speed_up),
             times(versus(Metric::Pdiff), |v| v.total_speed_up),
             optional(run.errors.relmse),
-            optional(versus(Metric::RelMse).and_then(|v| v.equal_time_error)),
+            equal_time(versus(Metric::RelMse), 1.0),
             times(versus(Metric::RelMse), |v| v.speed_up),
             times(versus(Metric::RelMse), |v| v.total_speed_up),
             optional(run.errors.flip),
             tree_memory(cloud, run),
             lvoxel_memory(cloud, run),
+            run.peak_memory_bytes.map_or("–".into(), megabytes),
         ]
     });
     Table {
@@ -85,19 +86,37 @@ pub fn summary(study: &Study) -> Table {
             "rendering faster at equal relMSE",
             "with bake and build, equal relMSE",
             "FLIP",
-            "tree MB",
-            "of it lvoxels MB",
+            "file of the tree MB",
+            "of it lvoxels MB (over the surfels alone)",
+            "resident MB",
         ],
         rows: rows.collect(),
     }
 }
 
-/// A speed-up; in brackets where it needs a time that was not measured.
+/// A speed-up; in brackets where it needs a time that was not measured, and no more than a bound where that is far.
 fn times(versus: Option<&Versus>, factor: fn(&Versus) -> Option<f64>) -> String {
-    match versus.and_then(|v| Some((factor(v)?, v.extrapolated))) {
-        None => "–".into(),
-        Some((factor, false)) => format!("{} x", figure(factor)),
-        Some((factor, true)) => format!("({} x)", figure(factor)),
+    let Some((v, factor)) = versus.and_then(|v| Some((v, factor(v)?))) else {
+        return "–".into();
+    };
+    let factor = figure(factor);
+    match (v.extrapolated, v.capped) {
+        (_, true) => format!("(> {factor} x)"),
+        (true, false) => format!("({factor} x)"),
+        (false, false) => format!("{factor} x"),
+    }
+}
+
+/// What Monte Carlo reaches in the time of a run, in a unit; in brackets where that time was not measured.
+fn equal_time(versus: Option<&Versus>, per_unit: f64) -> String {
+    let Some((v, error)) = versus.and_then(|v| Some((v, v.equal_time_error?))) else {
+        return "–".into();
+    };
+    let error = figure(per_unit * error);
+    if v.time_extrapolated {
+        format!("({error})")
+    } else {
+        error
     }
 }
 
@@ -118,7 +137,7 @@ fn lvoxel_memory(cloud: Option<&Cloud>, run: &Run) -> String {
         Some(c) if run.method != "traditional" => format!(
             "{} ({} %)",
             megabytes(c.lvoxel_bytes),
-            figure(100.0 * c.lvoxel_bytes as f64 / c.tree_bytes.max(1) as f64)
+            figure(100.0 * c.lvoxel_share())
         ),
         _ => "–".into(),
     }
@@ -185,14 +204,26 @@ pub fn caption(study: &Study) -> String {
     let noise = study.reference.relmse.map_or(String::new(), |v| {
         format!(", of relMSE {} against the truth", figure(v))
     });
+    let media = if study.has_media {
+        "The traditional method is given clouds with lvoxels, which it takes no notice of: their baking and building is in \
+         its times, their memory is not."
+    } else {
+        "The scene has no media: the traditional method is the extended one then, and is left out."
+    };
+    let rounds = match study.runs.iter().map(|r| r.rounds.len()).max().unwrap_or(0) {
+        0 | 1 => "each timed once".to_owned(),
+        n => format!(
+            "medians of up to {n} rounds in which the methods take turns and clouds are baked and built anew"
+        ),
+    };
     format!(
-        "{} at {w}x{h} pixels, against {}{noise}. Times are CPU seconds of all threads, medians of up to {} rounds in which \
-         the methods take turns; loading the scene is left out. Monte Carlo's relMSE falls to the reference's noise as one \
+        "{} at {w}x{h} pixels, against {}{noise}. Times are CPU seconds of all threads, {rounds}; loading the scene is left \
+         out. {media} Resident memory is the peak of the process while it renders, with \
+         the scene, the reference and what earlier runs leave. Monte Carlo's relMSE falls to the reference's noise as one \
          over its time; its pdiff is read off straight lines in logarithms between its runs; in brackets where that is \
-         outside of what was measured. lvox {} on {} ({}), {} threads.",
+         outside of what was measured, and no farther than {FARTHEST} times its longest run. lvox {} on {} ({}), {} threads.",
         study.scene,
         study.reference.source,
-        study.runs.iter().map(|r| r.rounds.len()).max().unwrap_or(0),
         study.version,
         study.machine.processor,
         study.machine.system,
@@ -230,7 +261,8 @@ pub fn markdown(study: &Study) -> String {
 pub fn csv(study: &Study) -> String {
     let mut text = String::from(
         "name,method,sweep,value,cloud,surfels,surfel_radius,lvoxels,tree_bytes,lvoxel_bytes,bake_cpu_secs,build_cpu_secs,\
-         render_wall_secs,render_cpu_secs,total_cpu_secs,relmse,relmse_trimmed,flip,ssim,pdiff,bias\n",
+         render_wall_secs,render_cpu_secs,total_cpu_secs,relmse,relmse_trimmed,flip,ssim,pdiff,bias,\
+         lvoxel_share,peak_memory_bytes\n",
     );
     for run in &study.runs {
         let time = run.time();
@@ -269,6 +301,11 @@ pub fn csv(study: &Study) -> String {
         );
         for value in [e.relmse, e.relmse_trimmed, e.flip, e.ssim, e.pdiff, e.bias] {
             let _ = write!(text, ",{}", value.map_or(String::new(), |v| v.to_string()));
+        }
+        let share = study.cloud_of(run).map(|c| c.lvoxel_share().to_string());
+        let peak = run.peak_memory_bytes.map(|b| b.to_string());
+        for value in [share, peak] {
+            let _ = write!(text, ",{}", value.unwrap_or_default());
         }
         text.push('\n');
     }
@@ -310,6 +347,6 @@ mod tests {
         };
         let text = csv(&study);
         let columns: Vec<usize> = text.lines().map(|l| l.split(',').count()).collect();
-        assert_eq!(columns, [21; 3]);
+        assert_eq!(columns, [23; 3]);
     }
 }
