@@ -1,4 +1,5 @@
-//! What a ray costs: triangles, cells of a volume, disks and nodes, blocks of medium.
+//! What a ray costs: triangles, cells of a volume, disks and nodes, blocks of medium, light; and what a sweep of a medium
+//! and a path cost.
 
 #[allow(dead_code)]
 mod common;
@@ -9,11 +10,16 @@ use divan::{Bencher, black_box};
 use lvox::gather::cone::Scratch;
 use lvox::gather::plain;
 use lvox::gather::{
-    Gatherer, Kernel, MediaStore, Medium, NoMedia, Settings, SurfelStore, TreeStore,
+    Gatherer, Kernel, MediaStore, Medium, NoMedia, Outgoing, Settings, SurfelStore, TreeStore,
 };
+use lvox::image::Region;
+use lvox::light::{Lights, ShadowRays};
 use lvox::math::Rgb;
 use lvox::math::segment::Composite;
-use lvox::trace::Tracer;
+use lvox::run::Job;
+use lvox::scene::Scene;
+use lvox::trace::{Surface, Tracer};
+use lvox::{reference, shade};
 use std::path::Path;
 use std::sync::LazyLock;
 
@@ -49,9 +55,11 @@ fn cells(bencher: Bencher) {
 }
 
 /// Surfels seen by a gather ray, media left out.
-#[divan::bench(args = ["cone 0.01 sr", "cone 0 sr", "plain"])]
+#[divan::bench(args = ["traced 0.01 sr", "cone 0.01 sr", "cone 0 sr", "plain"])]
 fn surfels(bencher: Bencher, kernel: &str) {
+    let outgoing = Outgoing::new(&*TRACER, STORE.area_per_surfel());
     let (kernel, max_solid_angle) = match kernel {
+        "traced 0.01 sr" => (Kernel::Traced(&outgoing), 0.01),
         "plain" => (Kernel::Plain, 0.0),
         "cone 0 sr" => (Kernel::Cone, 0.0),
         _ => (Kernel::Cone, 0.01),
@@ -127,4 +135,90 @@ fn lvoxels(bencher: Bencher) {
             black_box(light);
         }
     });
+}
+
+/// Where rays in the room end, with the normals there on the side that they come from.
+fn receivers(tracer: &Tracer) -> Vec<Surface> {
+    rays(RAYS)
+        .into_iter()
+        .filter_map(|(origin, direction)| {
+            let hit = tracer.closest(origin, direction, f32::INFINITY)?;
+            Some(Surface::new(tracer.scene, hit.triangle, hit.uv).facing(-direction))
+        })
+        .collect()
+}
+
+/// Direct light of surface points, one shadow ray each.
+fn light(bencher: Bencher, tracer: &Tracer) {
+    let lights = Lights::new(tracer);
+    let receivers = receivers(tracer);
+    let count = ItemsCount::new(receivers.len());
+    bencher.counter(count).bench(|| {
+        for (seed, r) in (0..).zip(&receivers) {
+            let rays = ShadowRays::Sequence {
+                per_light: 1,
+                first: 0,
+                seed,
+            };
+            black_box(lights.irradiance(r.position, r.normal, r.face_normal, rays));
+        }
+    });
+}
+
+/// Shadow rays through triangles and smoke to the lamp.
+#[divan::bench]
+fn shadow_rays(bencher: Bencher) {
+    light(bencher, &TRACER);
+}
+
+/// The tree over many lights: the ring glows, with as many emitters as it has triangles.
+#[divan::bench]
+fn light_tree(bencher: Bencher) {
+    let mut scene = Scene::demo().unwrap();
+    let ring = scene.materials.iter_mut().find(|m| m.name == "ring");
+    ring.expect("the demo has a ring").emission = [2.0, 1.5, 1.0];
+    light(bencher, &Tracer::new(&scene));
+}
+
+/// The four pixels in the midst of the smoke, for which all of it is swept, on all threads; a finite reach has no sweeps.
+#[divan::bench(sample_count = 5, args = ["with sweeps", "without"])]
+fn media(bencher: Bencher, sweeps: &str) {
+    let settings = shade::Settings {
+        max_dist: (sweeps == "without").then_some(1e9),
+        ..shade::Settings::default()
+    };
+    let region = Region {
+        x0: 240,
+        y0: 200,
+        x1: 242,
+        y1: 202,
+    };
+    bencher.bench(|| {
+        shade::run(&DEMO.scene, &STORE, &settings, region, &[], &Job::default()).unwrap()
+    });
+}
+
+/// Paths of the Monte Carlo renderer of at most three segments, around the smoke, on all threads.
+#[divan::bench(sample_count = 5)]
+fn paths(bencher: Bencher) {
+    let settings = reference::Settings {
+        max_depth: 3,
+        spp: Some(4),
+        ..reference::Settings::default()
+    };
+    let region = Region {
+        x0: 196,
+        y0: 136,
+        x1: 260,
+        y1: 200,
+    };
+    let job = Job::default();
+    bencher
+        .counter(ItemsCount::new(4 * region.pixels()))
+        .bench(|| {
+            let mut sums = reference::begin(&DEMO.scene, &settings, region, &job).unwrap();
+            let mut keep = |_: &reference::Sums| Ok(());
+            reference::accumulate(&DEMO.scene, &settings, &mut sums, &job, &mut keep).unwrap();
+            sums
+        });
 }

@@ -1,12 +1,12 @@
-//! Gather rays per second and core into trees of Sponza, beside closest hits of the same rays on its triangles. Needs
-//! `../shared`; says so and ends where it is not there.
+//! Gather rays per second and core into trees of Sponza, beside closest hits of the same rays on its triangles, by the
+//! traversal of lvox and by those of `obvhs`. Needs `../shared`; says so and ends where it is not there.
 //!
 //! Receivers are surface points that the camera sees, on a lattice of the frame; rays are those of a gather, in its order.
 //! One thread; CPU seconds, so that other work on the machine counts as little as it can. The best of the passes.
 
 #![allow(clippy::print_stdout)] // The table is the product.
 
-use glam::Vec3;
+use glam::{Vec3, Vec3A};
 use lvox::bake::{self, SurfelSampling};
 use lvox::build;
 use lvox::gather::cone::Scratch;
@@ -17,6 +17,11 @@ use lvox::math::sampling::{cosine_hemisphere, hash, mix, sobol2, tangents};
 use lvox::run::{Job, usage};
 use lvox::scene::Scene;
 use lvox::trace::{Surface, Tracer, offset};
+use obvhs::BvhBuildParams;
+use obvhs::bvh2::builder::build_bvh2_from_tris;
+use obvhs::cwbvh::builder::build_cwbvh_from_tris;
+use obvhs::ray::{Ray, RayHit};
+use obvhs::triangle::Triangle;
 use std::hint::black_box;
 use std::path::Path;
 
@@ -97,6 +102,9 @@ fn main() {
         );
     };
     print("closest hit, triangles", "", triangles);
+    let [two, eight] = obvhs(&scene, &rays, size.passes);
+    print("closest hit, obvhs, 2 wide", "", two);
+    print("closest hit, obvhs, 8 wide", "", eight);
     let folder = tempfile::tempdir().unwrap();
     for &surfels in size.surfels {
         let store = store(&scene, surfels, folder.path());
@@ -126,6 +134,48 @@ fn main() {
             print(name, &surfels.to_string(), secs);
         }
     }
+}
+
+/// CPU seconds of closest hits by the traversals of `obvhs`: over the hierarchy that lvox takes from it, two wide, and
+/// over its eight-wide one (CWBVH), both with the triangles in the order of their leaves.
+fn obvhs(scene: &Scene, rays: &[(Vec3, Vec3)], passes: u32) -> [f64; 2] {
+    let triangles: Vec<Triangle> = (0..scene.mesh.triangles.len())
+        .map(|i| {
+            let [v0, v1, v2] = scene.mesh.corners(i).map(Vec3A::from);
+            Triangle { v0, v1, v2 }
+        })
+        .collect();
+    let ordered = |indices: &[u32]| -> Vec<Triangle> {
+        indices.iter().map(|&i| triangles[i as usize]).collect()
+    };
+    let rays: Vec<Ray> = rays
+        .iter()
+        // They miss boxes along directions with a negative zero.
+        .map(|&(origin, direction)| Ray::new_inf(origin.into(), (direction + Vec3::ZERO).into()))
+        .collect();
+    let build = BvhBuildParams::medium_build;
+    let two = build_bvh2_from_tris(&triangles, build(), &mut Default::default());
+    let eight = build_cwbvh_from_tris(&triangles, build(), &mut Default::default());
+    let (of_two, of_eight) = (
+        ordered(&two.primitive_indices),
+        ordered(&eight.primitive_indices),
+    );
+    [
+        best(passes, || {
+            for &ray in &rays {
+                let mut hit = RayHit::none();
+                two.ray_traverse(ray, &mut hit, |ray, i| of_two[i].intersect(ray));
+                black_box(hit);
+            }
+        }),
+        best(passes, || {
+            for &ray in &rays {
+                let mut hit = RayHit::none();
+                eight.ray_traverse(ray, &mut hit, |ray, i| of_eight[i].intersect(ray));
+                black_box(hit);
+            }
+        }),
+    ]
 }
 
 /// Least CPU seconds of several runs.
