@@ -168,7 +168,8 @@ fn show(report: &str, dir: &Path) {
         "{found}"
     );
     let rows: usize = parts[4].strip_prefix("rows ").unwrap().parse().unwrap();
-    assert!(rows > 20, "{found}");
+    // How many are in front of all others depends on times.
+    assert!(rows > 12, "{found}");
     assert_eq!(parts[5], "collisions 0: ", "{found}");
 }
 

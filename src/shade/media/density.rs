@@ -34,6 +34,12 @@ impl Densities {
         *self.0.of(brick)
     }
 
+    /// Extinction of all media together in a brick of the volume whose own densest sample is `own`.
+    pub fn of_all(&self, brick: [usize; 3], own: f32) -> f32 {
+        let of_brick = self.of(brick);
+        of_brick * (of_brick / own)
+    }
+
     /// That of the brick around a point of index space, or of the nearest.
     #[inline]
     pub fn at(&self, point_in_index: Vec3) -> f32 {
@@ -119,5 +125,7 @@ mod tests {
         assert!((found / 10.05 - 1.0).abs() < 1e-3, "{found}");
         // Alone, a volume has its own extinction.
         assert_eq!(Densities::new(&volumes[1..], 0).at(Vec3::splat(16.0)), 10.0);
+        let of_all = of_haze.of_all([3; 3], 0.1);
+        assert!((of_all / 10.1 - 1.0).abs() < 1e-5, "{of_all}");
     }
 }

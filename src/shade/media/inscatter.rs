@@ -116,7 +116,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                         far_field: &far_field,
                         cancel,
                     };
-                    Sweep::new(&scope, |brick| densities.of(brick) * voxel)
+                    Sweep::new(&scope, |brick, own| densities.of_all(brick, own) * voxel)
                 })
                 .transpose()?;
             lattices.push(Lattices {

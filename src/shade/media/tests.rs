@@ -283,7 +283,7 @@ fn a_sweep_finds_the_crest_of_light_in_a_medium_that_is_lit_from_one_side() {
             far_field: &far_field,
             cancel: &cancel,
         };
-        let sweep = Sweep::new(&scope, |_| SIGMA_T).unwrap();
+        let sweep = Sweep::new(&scope, |_, own| own).unwrap();
         let level = sweep.level_at(Vec3::splat(8.0)).unwrap();
         assert_eq!(level, 2);
         // From the lit face inwards, along the middle. Straight lines between rays would be 8 % too dark at the face, and 11 %

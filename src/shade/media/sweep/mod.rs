@@ -74,22 +74,22 @@ impl Sweep {
     /// Optical depth between vertices, at most.
     const SPACING: f32 = 1.4;
 
-    /// Sweeps the bricks of a volume that the camera may see, but those where a single voxel is too deep; `depth_of(brick)` is
-    /// the optical depth of the densest in one.
+    /// Sweeps the bricks of a volume that the camera may see, but those where a single voxel is too deep; `depth_of(brick, own)`
+    /// is the optical depth of one in all media together, given the extinction of this one.
     ///
     /// # Errors
     /// If cancelled.
     pub fn new<P: Pages, M: Medium>(
         scope: &Scope<P, M>,
-        depth_of: impl Fn([usize; 3]) -> f32,
+        depth_of: impl Fn([usize; 3], f32) -> f32,
     ) -> Result<Self> {
         let grid = &scope.volume.sigma_t;
         let [nx, ny, nz] = grid.brick_dims();
         let mut level_of = BrickTable::new(grid, |_| None);
         let mut needed: [Vec<[usize; 3]>; LEVELS] = Default::default();
         for b in (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]) {
-            if grid.brick(b).is_some()
-                && let Some(level) = Self::level(depth_of(b))
+            if let Some(brick) = grid.brick(b)
+                && let Some(level) = Self::level(depth_of(b, brick.max))
                 && scope.may_see(b)
             {
                 *level_of.of_mut(b) = Some(level as u8);
