@@ -75,6 +75,9 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     const ALIKE_GATHERED: f32 = 3.0;
     /// Spacings of vertices around a lamp in which its light is looked for on the ray itself.
     const NEAR: f32 = 2.0;
+    /// Vertices of scattered light may be so much further apart, as an optical depth in all media of a place together, than
+    /// they are in one medium.
+    const SHARED: f32 = 0.7;
     /// Shadow rays of a vertex or point to lights with an extent.
     const SHADOW_RAYS: u32 = 4;
     /// Rays to an environment that no gather sees.
@@ -116,7 +119,10 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                         far_field: &far_field,
                         cancel,
                     };
-                    Sweep::new(&scope, |brick, own| densities.of_all(brick, own) * voxel)
+                    Sweep::new(&scope, |brick, own| {
+                        let all = densities.of_all(brick, own);
+                        densities.of(brick).max(Self::SHARED * all) * voxel
+                    })
                 })
                 .transpose()?;
             lattices.push(Lattices {

@@ -75,7 +75,7 @@ impl Sweep {
     const SPACING: f32 = 1.4;
 
     /// Sweeps the bricks of a volume that the camera may see, but those where a single voxel is too deep; `depth_of(brick, own)`
-    /// is the optical depth of one in all media together, given the extinction of this one.
+    /// is the optical depth that counts for one, other media considered, given the largest extinction of this one.
     ///
     /// # Errors
     /// If cancelled.
