@@ -31,6 +31,11 @@ def measured(path):
     return found
 
 
+def short(number):
+    """Two digits, as the rest of these pages write them."""
+    return f"{number:.1e}".replace("e-0", "e-")
+
+
 def main():
     found = measured(sys.argv[1])
     print("| scene | peer: relMSE trimmed, FLIP | CPU s | lvox: preset, relMSE trimmed, FLIP | shade, CPU s | times faster | meant | "
@@ -43,13 +48,13 @@ def main():
             return float(f"{got[0]:.1e}") <= relmse and (flip is None or round(got[1], 3) <= flip)
 
         preset = next((p for p in ("draft", "good", "best") if reaches(p)), None)
-        told = f"{relmse:.1e}" + (f", {flip:.3f}" if flip else "")
+        told = short(relmse) + (f", {flip:.3f}" if flip else "")
         if preset is None:
             best = found[scene, "best"]
-            print(f"| {scene} | {peer}: {told} | {secs:.2f} | not reached: best has {best[0]:.1e} | – | – | {meant} | – | – |")
+            print(f"| {scene} | {peer}: {told} | {secs:.2f} | not reached: best has {short(best[0])} | – | – | {meant} | – | – |")
             continue
         error, our_flip, shade, total = found[scene, preset]
-        print(f"| {scene} | {peer}: {told} | {secs:.2f} | {preset}, {error:.1e}, {our_flip:.3f} | {shade:.2f} | {secs / shade:.1f} | {meant} | "
+        print(f"| {scene} | {peer}: {told} | {secs:.2f} | {preset}, {short(error)}, {our_flip:.3f} | {shade:.2f} | {secs / shade:.1f} | {meant} | "
               f"{total:.2f} | {secs / total:.1f} |")
 
 
