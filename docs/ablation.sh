@@ -16,7 +16,7 @@ scenes=${ABLATION_SCENES:-A B C C_novol}
 # Name, and options: of bake if they begin with "bake", else of shade.
 rows='default|
 --lattice 1: a gather at every pixel|--lattice 1
---samples 128: four times the rays|--samples 128
+--samples 128: three times the rays|--samples 128
 --kernel cone: rays end at nodes and surfels|--kernel cone
 --kernel plain: rays end at surfels, as in the paper|--kernel plain
 --max-solid-angle 0: patches as small as disks, no node whole|--max-solid-angle 0
