@@ -4,7 +4,8 @@
 //! A nearly flat node is met as an opaque patch of its plane inside its box; other nodes are composited by the share
 //! of the box that their surfels cover (Christensen 2008 for aggregates; the patch closes the holes between disks).
 
-use super::page::{ChildKind, DiskBlock, KernelPage, WIDTH, WideNode};
+use super::page::{ChildKind, DiskBlock, PageLeaves, PageNodes, WIDTH, WideNode};
+use super::store::Page;
 use super::{Crossing, Pages};
 use crate::math::Rgb;
 use glam::Vec3;
@@ -81,7 +82,8 @@ pub fn cast<P: Pages>(
             page = pages.page(id);
             page_id = id;
         }
-        let Some(node) = page.nodes.get(node as usize) else {
+        let nodes = page.nodes();
+        let Some(node) = nodes.nodes.get(node as usize) else {
             continue;
         };
         let hits = Hits::new(node, &ray, t_end, max_solid_angle);
@@ -94,7 +96,7 @@ pub fn cast<P: Pages>(
                 break;
             }
             if hits.small >> k & 1 == 1 {
-                let crossing = meet_proxy(&page, node, k, &ray, &hits, t_end);
+                let crossing = meet_proxy(nodes, node, k, &ray, &hits, t_end);
                 match crossing {
                     Some(c) if c.opacity >= 1.0 => {
                         t_end = c.t;
@@ -107,8 +109,9 @@ pub fn cast<P: Pages>(
             }
             match node.kind[k] {
                 ChildKind::Leaf => {
-                    if let Some(c) =
-                        meet_disks(&page, &page.blocks[node.child[k] as usize], &ray, t_end)
+                    let leaves = page.leaves();
+                    if let Some(block) = leaves.blocks.get(node.child[k] as usize)
+                        && let Some(c) = meet_disks(leaves, block, &ray, t_end)
                     {
                         t_end = c.t;
                         end = Some(c);
@@ -189,14 +192,14 @@ impl Hits {
 
 /// What a ray meets of a node taken whole.
 fn meet_proxy(
-    page: &KernelPage,
+    nodes: &PageNodes,
     node: &WideNode,
     k: usize,
     ray: &Ray,
     hits: &Hits,
     t_end: f32,
 ) -> Option<Crossing> {
-    let proxy = &page.proxies[node.first_proxy as usize + k];
+    let proxy = &nodes.proxies[node.first_proxy as usize + k];
     let towards = ray.direction.map(|v| -v);
     let (near, far) = (hits.near[k], hits.far[k]);
     if proxy.is_flat() {
@@ -231,7 +234,7 @@ fn meet_proxy(
 
 /// The nearest disk of a leaf that a ray meets before `t_end`.
 #[inline]
-fn meet_disks(page: &KernelPage, block: &DiskBlock, ray: &Ray, t_end: f32) -> Option<Crossing> {
+fn meet_disks(leaves: &PageLeaves, block: &DiskBlock, ray: &Ray, t_end: f32) -> Option<Crossing> {
     let mut t = [0.0_f32; WIDTH];
     let mut inside = [0.0_f32; WIDTH];
     let [d, o] = [ray.direction, ray.origin];
@@ -268,9 +271,9 @@ fn meet_disks(page: &KernelPage, block: &DiskBlock, ray: &Ray, t_end: f32) -> Op
         if t[k] >= t_best {
             continue;
         }
-        let light = &page.lights[block.first_light as usize + k];
+        let light = &leaves.lights[block.first_light as usize + k];
         let offset = std::array::from_fn(|a| t[k] * d[a] - (block.centre[a][k] - o[a]));
-        if page.is_clipped(light, offset) {
+        if leaves.is_clipped(light, offset) {
             continue;
         }
         t_best = t[k];

@@ -4,7 +4,8 @@
 //! patch, whose size goes by the solid angle that a node may have to be taken whole, and remembered.
 
 use super::cone::OVERHANG;
-use super::page::{ChildKind, DiskBlock, KernelPage, WIDTH, WideNode};
+use super::page::{ChildKind, DiskBlock, PageLeaves, WIDTH, WideNode};
+use super::store::Page;
 use super::{Crossing, Pages};
 use crate::math::{Hit, Rgb};
 use glam::Vec3;
@@ -259,7 +260,8 @@ impl Patch {
                 page = pages.page(id);
                 page_id = id;
             }
-            let Some(node) = page.nodes.get(node as usize) else {
+            let nodes = page.nodes();
+            let Some(node) = nodes.nodes.get(node as usize) else {
                 continue;
             };
             let mut holding = self.within(node);
@@ -267,14 +269,16 @@ impl Patch {
                 let k = holding.trailing_zeros() as usize;
                 holding &= holding - 1;
                 if node.cross_section[k] < Self::WHOLE * self.area {
-                    let proxy = &page.proxies[node.first_proxy as usize + k];
+                    let proxy = &nodes.proxies[node.first_proxy as usize + k];
                     mean.add(proxy.facing(self.normal.to_array()));
                     continue;
                 }
                 match node.kind[k] {
                     ChildKind::Leaf => {
-                        let block = &page.blocks[node.child[k] as usize];
-                        mean.add_disks(&page, block, self);
+                        let leaves = page.leaves();
+                        if let Some(block) = leaves.blocks.get(node.child[k] as usize) {
+                            mean.add_disks(leaves, block, self);
+                        }
                     }
                     ChildKind::Inner => stack.push((0.0, id, node.child[k])),
                     ChildKind::Page => stack.push((0.0, node.child[k], 0)),
@@ -343,7 +347,7 @@ impl Mean {
     }
 
     /// Disks that hold the middle of the patch, the more the nearer theirs is.
-    fn add_disks(&mut self, page: &KernelPage, block: &DiskBlock, patch: &Patch) {
+    fn add_disks(&mut self, leaves: &PageLeaves, block: &DiskBlock, patch: &Patch) {
         let (p, n) = (patch.middle.to_array(), patch.normal.to_array());
         let mut reach = [0.0_f32; WIDTH];
         let mut cos = [0.0_f32; WIDTH];
@@ -361,7 +365,7 @@ impl Mean {
             if cos[k].abs() < Self::ALIKE || reach[k] >= self.nearest.0.max(1.0) {
                 continue;
             }
-            let light = &page.lights[block.first_light as usize + k];
+            let light = &leaves.lights[block.first_light as usize + k];
             let sent = if cos[k] > 0.0 {
                 light.front
             } else {
@@ -371,7 +375,7 @@ impl Mean {
                 self.nearest = (reach[k], sent);
             }
             let offset = std::array::from_fn(|a| p[a] - block.centre[a][k]);
-            if reach[k] < 1.0 && !page.is_clipped(light, offset) {
+            if reach[k] < 1.0 && !leaves.is_clipped(light, offset) {
                 self.add((sent, block.radius2[k].min(patch.own2) * (1.0 - reach[k])));
             }
         }

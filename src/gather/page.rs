@@ -1,4 +1,5 @@
-//! A page of the tree laid out for rays: eight children, eight disks at a time.
+//! A page of the tree laid out for rays: eight children, eight disks at a time. Nodes and leaves are apart, as rays that end
+//! at triangles seldom ask for leaves.
 
 use lvox_formats::record::{Below, Node, Surfel, SurfelAggregate, SurfelPage, tangent_frame};
 use std::f32::consts::PI;
@@ -100,53 +101,65 @@ pub struct Proxy {
     aggregate: SurfelAggregate,
 }
 
-/// A page laid out for rays.
+/// The nodes of a page laid out for rays.
 #[derive(Clone, Debug, Default)]
-pub struct KernelPage {
+pub struct PageNodes {
     /// Nodes; 0 is the root.
     pub nodes: Vec<WideNode>,
-    /// Leaves.
+    /// Stand-ins of nodes.
+    pub proxies: Vec<Proxy>,
+}
+
+/// The leaves of a page laid out for rays.
+#[derive(Clone, Debug, Default)]
+pub struct PageLeaves {
+    /// Disks, in the order of the nodes that they are below.
     pub blocks: Vec<DiskBlock>,
     /// Light of disks.
     pub lights: Vec<DiskLight>,
-    /// Stand-ins of nodes.
-    pub proxies: Vec<Proxy>,
     clips: Vec<ClipPlanes>,
 }
 
-impl KernelPage {
-    /// Lays out a decoded page, which must be valid as the reader promises.
+fn is_leaf(node: &Node) -> bool {
+    matches!(node.below, Below::Surfels { .. })
+}
+
+impl PageNodes {
+    /// Lays out the nodes of a page, which must be valid as the reader promises.
     #[must_use]
-    pub fn new(page: &SurfelPage) -> Self {
-        let Some(root) = page.nodes.first() else {
+    pub fn new(nodes: &[Node]) -> Self {
+        let Some(root) = nodes.first() else {
             return Self::default();
         };
-        let leaves = |node: &&Node| matches!(node.below, Below::Surfels { .. });
-        let leaves = page.nodes.iter().filter(leaves).count();
-        let clipped = page.surfels.iter().filter(|s| s.clips.count > 0).count();
+        // Leaves before each node: the block of a leaf.
+        let mut leaves = 0;
+        let count_leaf = |node| {
+            let before = leaves;
+            leaves += u32::from(is_leaf(node));
+            before
+        };
+        let blocks: Vec<u32> = nodes.iter().map(count_leaf).collect();
         let mut out = Self {
-            nodes: Vec::with_capacity(page.nodes.len() - leaves),
-            blocks: Vec::with_capacity(leaves),
-            lights: Vec::with_capacity(page.surfels.len()),
-            proxies: Vec::with_capacity(page.nodes.len()),
-            clips: Vec::with_capacity(clipped),
+            nodes: Vec::with_capacity(nodes.len() - leaves as usize),
+            proxies: Vec::with_capacity(nodes.len()),
         };
         match root.below {
             Below::Nodes { first, count } => {
-                out.add_group(page, first, count);
+                out.add_group(nodes, &blocks, first, count);
             }
             _ => {
-                out.add_group(page, 0, 1);
+                out.add_group(nodes, &blocks, 0, 1);
             }
         }
         out
     }
 
-    fn add_group(&mut self, page: &SurfelPage, first: u32, count: u8) -> u32 {
+    fn add_group(&mut self, nodes: &[Node], blocks: &[u32], first: u32, count: u8) -> u32 {
         let index = self.nodes.len();
         self.nodes.push(WideNode::default());
         let first_proxy = self.proxies.len() as u32;
-        let children = &page.nodes[first as usize..first as usize + usize::from(count)];
+        let group = first as usize..first as usize + usize::from(count);
+        let children = &nodes[group.clone()];
         self.proxies.extend(children.iter().map(Proxy::new));
         let mut node = WideNode {
             first_proxy,
@@ -167,13 +180,10 @@ impl KernelPage {
             node.cross_section[slot] = 0.25 * PI * diagonal2 * allowance;
             (node.kind[slot], node.child[slot]) = match child.below {
                 Below::Nodes { first, count } => {
-                    (ChildKind::Inner, self.add_group(page, first, count))
+                    let group = self.add_group(nodes, blocks, first, count);
+                    (ChildKind::Inner, group)
                 }
-                Below::Surfels { first, count } => {
-                    let surfels =
-                        &page.surfels[first as usize..first as usize + usize::from(count)];
-                    (ChildKind::Leaf, self.add_block(surfels))
-                }
+                Below::Surfels { .. } => (ChildKind::Leaf, blocks[group.start + slot]),
                 Below::Page(id) => (ChildKind::Page, id),
             };
         }
@@ -181,7 +191,34 @@ impl KernelPage {
         index as u32
     }
 
-    fn add_block(&mut self, surfels: &[Surfel]) -> u32 {
+    /// Bytes held.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        size_of_val(&*self.nodes) + size_of_val(&*self.proxies)
+    }
+}
+
+impl PageLeaves {
+    /// Lays out the surfels of a page, which must be valid as the reader promises.
+    #[must_use]
+    pub fn new(page: &SurfelPage) -> Self {
+        let leaves = page.nodes.iter().filter(|n| is_leaf(n)).count();
+        let clipped = page.surfels.iter().filter(|s| s.clips.count > 0).count();
+        let mut out = Self {
+            blocks: Vec::with_capacity(leaves),
+            lights: Vec::with_capacity(page.surfels.len()),
+            clips: Vec::with_capacity(clipped),
+        };
+        for node in &page.nodes {
+            if let Below::Surfels { first, count } = node.below {
+                let first = first as usize;
+                out.add_block(&page.surfels[first..first + usize::from(count)]);
+            }
+        }
+        out
+    }
+
+    fn add_block(&mut self, surfels: &[Surfel]) {
         let mut block = DiskBlock {
             centre: [[0.0; WIDTH]; 3],
             normal: [[0.0; WIDTH]; 3],
@@ -208,7 +245,6 @@ impl KernelPage {
             });
         }
         self.blocks.push(block);
-        self.blocks.len() as u32 - 1
     }
 
     /// Whether the point of a disk at `offset` from its centre is cut away.
@@ -225,11 +261,7 @@ impl KernelPage {
     /// Bytes held.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        size_of_val(&*self.nodes)
-            + size_of_val(&*self.blocks)
-            + size_of_val(&*self.lights)
-            + size_of_val(&*self.proxies)
-            + size_of_val(&*self.clips)
+        size_of_val(&*self.blocks) + size_of_val(&*self.lights) + size_of_val(&*self.clips)
     }
 }
 

@@ -3,6 +3,7 @@
 
 use super::cone::{OVERHANG, Scratch};
 use super::page::{ChildKind, WIDTH};
+use super::store::Page;
 use super::{Crossing, Pages};
 use crate::math::Rgb;
 use glam::Vec3;
@@ -45,7 +46,7 @@ fn visit<P: Pages, const NEAR_FIRST: bool>(
     best: &mut Option<Crossing>,
 ) {
     let page = pages.page(page_id);
-    let Some(node) = page.nodes.get(node as usize) else {
+    let Some(node) = page.nodes().nodes.get(node as usize) else {
         return;
     };
     let t_end = |best: &Option<Crossing>| best.map_or(t_max, |c| c.t);
@@ -84,7 +85,10 @@ fn visit<P: Pages, const NEAR_FIRST: bool>(
                 visit::<P, NEAR_FIRST>(pages, node.child[k], 0, origin, direction, t_max, best);
             }
             ChildKind::Leaf => {
-                let block = &page.blocks[node.child[k] as usize];
+                let leaves = page.leaves();
+                let Some(block) = leaves.blocks.get(node.child[k] as usize) else {
+                    continue;
+                };
                 for lane in 0..block.count as usize {
                     let normal = corner(&block.normal, lane);
                     let to_centre = corner(&block.centre, lane) - origin;
@@ -93,12 +97,12 @@ fn visit<P: Pages, const NEAR_FIRST: bool>(
                     let own =
                         cos > 0.0 && height * height < OVERHANG * OVERHANG * block.radius2[lane];
                     let offset = direction * t - to_centre;
-                    let light = &page.lights[block.first_light as usize + lane];
+                    let light = &leaves.lights[block.first_light as usize + lane];
                     let hit = t > 0.0
                         && !own
                         && t < t_end(best)
                         && offset.length_squared() <= block.radius2[lane]
-                        && !page.is_clipped(light, offset.to_array());
+                        && !leaves.is_clipped(light, offset.to_array());
                     if hit {
                         let radiance = if normal.dot(direction) < 0.0 {
                             light.front

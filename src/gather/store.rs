@@ -3,23 +3,31 @@
 //! Either way a page that no ray touches is never read.
 
 use super::media::{self, Block, Layout, Media};
-use super::page::KernelPage;
+use super::page::{PageLeaves, PageNodes};
 use crate::math::Rgb;
 use crate::run::size;
 use crate::{Error, Result};
 use lvox_formats::record::Lvoxel;
-use lvox_formats::{MappedFile, Tree};
+use lvox_formats::{FormatError, MappedFile, Tree};
 use quick_cache::sync::Cache;
 use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
-use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
+/// A page in use.
+pub trait Page {
+    /// Its nodes.
+    fn nodes(&self) -> &PageNodes;
+
+    /// Its leaves. Leaves that cannot be read are given as none.
+    fn leaves(&self) -> &PageLeaves;
+}
+
 /// Gives pages to the kernels.
 pub trait Pages: Sync {
-    /// What holds a page while it is used.
-    type Guard<'a>: Deref<Target = KernelPage>
+    /// A page while it is used.
+    type Page<'a>: Page
     where
         Self: 'a;
 
@@ -27,7 +35,7 @@ pub trait Pages: Sync {
     fn root(&self) -> Option<u32>;
 
     /// A page. A page that cannot be read is given as empty; [`Pages::check`] then tells.
-    fn page(&self, id: u32) -> Self::Guard<'_>;
+    fn page(&self, id: u32) -> Self::Page<'_>;
 
     /// An error if any page could not be read so far.
     ///
@@ -41,8 +49,10 @@ pub trait Pages: Sync {
 pub struct PageStats {
     /// Pages in the file.
     pub pages: u64,
-    /// Pages decoded, each time counted.
+    /// Pages of which the nodes were decoded, each time counted.
     pub decoded: u64,
+    /// Those of which the disks were decoded, too.
+    pub decoded_leaves: u64,
     /// Bytes of the file read for them.
     pub bytes_read: u64,
     /// Requests that the cache could answer; 0 where pages are kept for good.
@@ -57,27 +67,55 @@ struct Decoder {
     tree: Tree<MappedFile>,
     path: PathBuf,
     decoded: AtomicU64,
+    decoded_leaves: AtomicU64,
     bytes_read: AtomicU64,
     failed: AtomicU64,
     failure: Mutex<Option<Error>>,
 }
 
 impl Decoder {
-    fn page(&self, id: u32) -> KernelPage {
+    fn count(&self, id: u32) {
         self.decoded.fetch_add(1, Ordering::Relaxed);
         if let Some(block) = self.tree.surfel_blocks().get(id as usize) {
             self.bytes_read
                 .fetch_add(u64::from(block.stored_bytes), Ordering::Relaxed);
         }
-        match self.tree.surfel_page(id as usize) {
-            Ok(page) => KernelPage::new(&page),
-            Err(e) => {
-                let mut failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
-                failure.get_or_insert_with(|| Error::from(e.at(&self.path)));
-                self.failed.store(1, Ordering::Relaxed);
-                KernelPage::default()
-            }
+    }
+
+    fn nodes(&self, id: u32) -> PageNodes {
+        self.count(id);
+        match self.tree.surfel_nodes(id as usize) {
+            Ok(nodes) => PageNodes::new(&nodes),
+            Err(e) => self.fail(e),
         }
+    }
+
+    fn leaves(&self, id: u32) -> PageLeaves {
+        self.decoded_leaves.fetch_add(1, Ordering::Relaxed);
+        match self.tree.surfel_page(id as usize) {
+            Ok(page) => PageLeaves::new(&page),
+            Err(e) => self.fail(e),
+        }
+    }
+
+    fn whole(&self, id: u32) -> WholePage {
+        self.count(id);
+        self.decoded_leaves.fetch_add(1, Ordering::Relaxed);
+        match self.tree.surfel_page(id as usize) {
+            Ok(page) => WholePage {
+                nodes: PageNodes::new(&page.nodes),
+                leaves: PageLeaves::new(&page),
+            },
+            Err(e) => self.fail(e),
+        }
+    }
+
+    /// Notes the first error, and gives something empty.
+    fn fail<T: Default>(&self, e: FormatError) -> T {
+        let mut failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
+        failure.get_or_insert_with(|| Error::from(e.at(&self.path)));
+        self.failed.store(1, Ordering::Relaxed);
+        T::default()
     }
 
     fn check(&self) -> Result<()> {
@@ -102,29 +140,57 @@ impl Decoder {
         PageStats {
             pages: self.tree.surfel_pages() as u64,
             decoded: self.decoded.load(Ordering::Relaxed),
+            decoded_leaves: self.decoded_leaves.load(Ordering::Relaxed),
             bytes_read: self.bytes_read.load(Ordering::Relaxed),
             ..PageStats::default()
         }
     }
 }
 
-/// A tree whose pages stay in memory once decoded.
+/// A tree whose pages stay in memory once decoded; leaves are decoded when they are first asked for.
 #[derive(Debug)]
 pub struct KeptTree {
     decoder: Decoder,
-    pages: Vec<OnceLock<KernelPage>>,
+    pages: Vec<(OnceLock<PageNodes>, OnceLock<PageLeaves>)>,
+}
+
+/// A page of a [`KeptTree`].
+#[derive(Clone, Copy, Debug)]
+pub struct KeptPage<'a> {
+    decoder: &'a Decoder,
+    id: u32,
+    nodes: &'a PageNodes,
+    leaves: &'a OnceLock<PageLeaves>,
+}
+
+impl Page for KeptPage<'_> {
+    #[inline]
+    fn nodes(&self) -> &PageNodes {
+        self.nodes
+    }
+
+    #[inline]
+    fn leaves(&self) -> &PageLeaves {
+        self.leaves.get_or_init(|| self.decoder.leaves(self.id))
+    }
 }
 
 impl Pages for KeptTree {
-    type Guard<'a> = &'a KernelPage;
+    type Page<'a> = KeptPage<'a>;
 
     fn root(&self) -> Option<u32> {
         self.decoder.tree.root_page()
     }
 
     #[inline]
-    fn page(&self, id: u32) -> &KernelPage {
-        self.pages[id as usize].get_or_init(|| self.decoder.page(id))
+    fn page(&self, id: u32) -> KeptPage<'_> {
+        let (nodes, leaves) = &self.pages[id as usize];
+        KeptPage {
+            decoder: &self.decoder,
+            id,
+            nodes: nodes.get_or_init(|| self.decoder.nodes(id)),
+            leaves,
+        }
     }
 
     fn check(&self) -> Result<()> {
@@ -136,31 +202,48 @@ impl Pages for KeptTree {
 #[derive(Debug)]
 pub struct CachedTree {
     decoder: Decoder,
-    cache: Cache<u32, Arc<KernelPage>, PageBytes>,
+    cache: Cache<u32, Arc<WholePage>, PageBytes>,
+}
+
+/// A page with its leaves, so that what it weighs never changes.
+#[derive(Debug, Default)]
+pub struct WholePage {
+    nodes: PageNodes,
+    leaves: PageLeaves,
+}
+
+impl Page for Arc<WholePage> {
+    fn nodes(&self) -> &PageNodes {
+        &self.nodes
+    }
+
+    fn leaves(&self) -> &PageLeaves {
+        &self.leaves
+    }
 }
 
 /// Weighs a page by its bytes.
 #[derive(Clone, Debug)]
 struct PageBytes;
 
-impl Weighter<u32, Arc<KernelPage>> for PageBytes {
-    fn weight(&self, _: &u32, page: &Arc<KernelPage>) -> u64 {
-        page.bytes() as u64 + 64
+impl Weighter<u32, Arc<WholePage>> for PageBytes {
+    fn weight(&self, _: &u32, page: &Arc<WholePage>) -> u64 {
+        (page.nodes.bytes() + page.leaves.bytes()) as u64 + 64
     }
 }
 
 impl Pages for CachedTree {
-    type Guard<'a> = Arc<KernelPage>;
+    type Page<'a> = Arc<WholePage>;
 
     fn root(&self) -> Option<u32> {
         self.decoder.tree.root_page()
     }
 
-    fn page(&self, id: u32) -> Arc<KernelPage> {
+    fn page(&self, id: u32) -> Arc<WholePage> {
         // The closure cannot fail; the cache's error type is ours to choose.
         self.cache
             .get_or_insert_with(&id, || {
-                Ok::<_, std::convert::Infallible>(Arc::new(self.decoder.page(id)))
+                Ok::<_, std::convert::Infallible>(Arc::new(self.decoder.whole(id)))
             })
             .unwrap_or_else(|never| match never {})
     }
@@ -294,13 +377,14 @@ impl TreeStore {
             tree,
             path: path.to_owned(),
             decoded: AtomicU64::new(0),
+            decoded_leaves: AtomicU64::new(0),
             bytes_read: AtomicU64::new(0),
             failed: AtomicU64::new(0),
             failure: Mutex::new(None),
         };
         let surfels = match memory_limit.filter(|&limit| decoded + media.bytes() as u64 > limit) {
             None => {
-                let pages = (0..page_count).map(|_| OnceLock::new()).collect();
+                let pages = (0..page_count).map(|_| Default::default()).collect();
                 SurfelStore::Kept(KeptTree { decoder, pages })
             }
             Some(limit) => {

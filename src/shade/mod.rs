@@ -56,6 +56,7 @@ pub fn run(
         counts.insert("pixels".into(), region.pixels() as f64);
         counts.insert("pages".into(), stats.pages as f64);
         counts.insert("pages_decoded".into(), stats.decoded as f64);
+        counts.insert("leaves_decoded".into(), stats.decoded_leaves as f64);
         counts.insert("page_bytes_read".into(), stats.bytes_read as f64);
         counts.insert("cache_hits".into(), stats.hits as f64);
         counts.insert("cache_misses".into(), stats.misses as f64);

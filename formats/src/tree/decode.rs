@@ -26,6 +26,26 @@ struct Header {
 /// Decodes page `id`. The page is valid: nodes and surfels below each node exist, parents come before their children,
 /// links go to pages before this one, and all numbers are finite.
 pub fn surfel_page(raw: &[u8], block: &Block, id: u32, overlap: f32) -> Result<SurfelPage> {
+    let (header, columns) = open_page(raw, block)?;
+    let nodes = decode_nodes(&header, &columns, id)?;
+    let mut surfels = decode_surfels(&header, &columns, overlap)?;
+    let front = surfels.iter_mut().map(|s| &mut s.front);
+    radiance::decode(&columns, col::FRONT, header.front, front)?;
+    let back = surfels.iter_mut().map(|s| &mut s.back);
+    radiance::decode(&columns, col::BACK, header.back, back)?;
+    for (i, s) in surfels.iter().enumerate() {
+        check::surfel(s, &|| format!("surfel {i} of the page"))?;
+    }
+    Ok(SurfelPage { nodes, surfels })
+}
+
+/// Decodes the nodes of page `id` alone; they are as valid as those of the whole page.
+pub fn surfel_nodes(raw: &[u8], block: &Block, id: u32) -> Result<Vec<Node>> {
+    let (header, columns) = open_page(raw, block)?;
+    decode_nodes(&header, &columns, id)
+}
+
+fn open_page<'a>(raw: &'a [u8], block: &Block) -> Result<(Header, PageColumns<'a>)> {
     let mut cursor = Cursor::new(raw, "page");
     let (header, mask) = read_header(&mut cursor)?;
     if (header.nodes, header.surfels, mask)
@@ -51,15 +71,7 @@ pub fn surfel_page(raw: &[u8], block: &Block, id: u32, overlap: f32) -> Result<S
         Rows::Edges => header.edges,
         Rows::Lvoxels => 0,
     })?;
-    let mut page = SurfelPage {
-        nodes: decode_nodes(&header, &columns, id)?,
-        surfels: decode_surfels(&header, &columns, overlap)?,
-    };
-    decode_light(&header, &columns, &mut page)?;
-    for (i, s) in page.surfels.iter().enumerate() {
-        check::surfel(s, &|| format!("surfel {i} of the page"))?;
-    }
-    Ok(page)
+    Ok((header, columns))
 }
 
 fn read_header(cursor: &mut Cursor<'_>) -> Result<(Header, u32)> {
@@ -201,6 +213,7 @@ fn decode_nodes(header: &Header, columns: &PageColumns<'_>, id: u32) -> Result<V
         a.axis_area =
             std::array::from_fn(|k| (whole * f64::from(axis_area.u16(i, k)) / 65535.0) as f32);
     }
+    decode_light(header, columns, &mut nodes)?;
     Ok(nodes)
 }
 
@@ -366,18 +379,14 @@ fn decode_edges(header: &Header, columns: &PageColumns<'_>, surfels: &mut [Surfe
     Ok(())
 }
 
-fn decode_light(header: &Header, columns: &PageColumns<'_>, page: &mut SurfelPage) -> Result<()> {
-    let front = page.surfels.iter_mut().map(|s| &mut s.front);
-    radiance::decode(columns, col::FRONT, header.front, front)?;
-    let back = page.surfels.iter_mut().map(|s| &mut s.back);
-    radiance::decode(columns, col::BACK, header.back, back)?;
-
+/// What nodes send along axes.
+fn decode_light(header: &Header, columns: &PageColumns<'_>, nodes: &mut [Node]) -> Result<()> {
     let mut lit = vec![[0.0; 3]; header.lit];
     radiance::decode(columns, col::AXIS_RADIANCE, header.axis, lit.iter_mut())?;
     let axis_area = columns.required(col::AXIS_AREA)?;
     let mut next = lit.into_iter();
     let mut used = 0;
-    for (i, node) in page.nodes.iter_mut().enumerate() {
+    for (i, node) in nodes.iter_mut().enumerate() {
         for k in 0..6 {
             if axis_area.u16(i, k) > 0 {
                 used += 1;

@@ -3,7 +3,7 @@
 use super::{MAX_PAGE_BYTES, MAX_PAGE_RECORDS, columns, decode, lvoxels};
 use crate::bytes;
 use crate::frame::{Block, BlockKind, FileKind, Frame};
-use crate::record::{Below, Bounds, Lvoxel, Surfel, SurfelPage};
+use crate::record::{Below, Bounds, Lvoxel, Node, Surfel, SurfelPage};
 use crate::summary::{Sums, TreeSummary, VolumeSums};
 use crate::{FormatError, MappedFile, Result, TreeMeta, check, codec};
 use std::cell::RefCell;
@@ -182,6 +182,17 @@ impl<D: AsRef<[u8]>> Tree<D> {
     pub fn surfel_page(&self, i: usize) -> Result<SurfelPage> {
         self.page(&self.surfel_blocks, i, "surfel page", |raw, block| {
             decode::surfel_page(raw, block, i as u32, self.meta.cloud.disk_overlap)
+        })
+    }
+
+    /// Decodes the nodes of page `i` of surfels alone: what [`Self::surfel_page`] gives, as safe to walk, in less time. Damage
+    /// to surfels goes unseen.
+    ///
+    /// # Errors
+    /// As [`Self::surfel_page`].
+    pub fn surfel_nodes(&self, i: usize) -> Result<Vec<Node>> {
+        self.page(&self.surfel_blocks, i, "surfel page", |raw, block| {
+            decode::surfel_nodes(raw, block, i as u32)
         })
     }
 

@@ -4,7 +4,8 @@ use super::far_field::FarField;
 use super::inscatter::{INSIDE, InScatter};
 use super::sweep::{Scope, Sweep};
 use crate::Kind;
-use crate::gather::page::KernelPage;
+use crate::gather::page::{PageLeaves, PageNodes};
+use crate::gather::store::Page;
 use crate::gather::{self, Gatherer, Geometry, Media, Medium, NoMedia, Outgoing, Pages};
 use crate::image::Region;
 use crate::light::Lights;
@@ -22,15 +23,31 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// A tree without surfels.
 struct NoPages;
 
+#[derive(Default)]
+struct NoPage {
+    nodes: PageNodes,
+    leaves: PageLeaves,
+}
+
+impl Page for NoPage {
+    fn nodes(&self) -> &PageNodes {
+        &self.nodes
+    }
+
+    fn leaves(&self) -> &PageLeaves {
+        &self.leaves
+    }
+}
+
 impl Pages for NoPages {
-    type Guard<'a> = Box<KernelPage>;
+    type Page<'a> = NoPage;
 
     fn root(&self) -> Option<u32> {
         None
     }
 
-    fn page(&self, _: u32) -> Box<KernelPage> {
-        Box::default()
+    fn page(&self, _: u32) -> NoPage {
+        NoPage::default()
     }
 
     fn check(&self) -> crate::Result<()> {
