@@ -8,6 +8,7 @@
 //! Points and directions are those of scene space, distances are scene units, light is linear Rec.709.
 
 pub mod cone;
+mod directions;
 pub mod media;
 pub mod medium;
 pub mod outgoing;
@@ -20,9 +21,10 @@ pub use medium::{Medium, NoMedia};
 pub use outgoing::{Geometry, Outgoing};
 pub use store::{MediaStore, Pages, SurfelStore, TreeStore};
 
-use crate::math::sampling::{cosine_hemisphere, sobol2, sphere, tangents};
+use crate::math::sampling::{sobol2, sphere};
 use crate::math::segment::Composite;
 use crate::math::{Rgb, sampling};
+use directions::Hemisphere;
 use glam::Vec3;
 use std::f32::consts::PI;
 
@@ -133,10 +135,9 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
         face_normal: Vec3,
         stretch: Stretch,
     ) -> Gathered {
-        let (x, y) = tangents(normal);
-        let mut gathered = self.average(point, stretch, |u| {
-            let d = cosine_hemisphere(u);
-            let d = (x * d.x + y * d.y + normal * d.z).normalize();
+        let hemisphere = Hemisphere::new(normal, stretch.seed);
+        let mut gathered = self.average(point, stretch.index, |i| {
+            let d = hemisphere.direction(i);
             (d.dot(face_normal) > 0.0).then_some(d)
         });
         gathered.light *= PI;
@@ -146,22 +147,21 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
     /// Mean over the sphere of the radiance at a point of a medium.
     #[must_use]
     pub fn mean_radiance(&self, point: Vec3, stretch: Stretch) -> Gathered {
-        self.average(point, stretch, |u| Some(sphere(u)))
+        let seed = sampling::mix(stretch.seed) as u32;
+        self.average(point, stretch.index, |i| Some(sphere(sobol2(i, 0, seed))))
     }
 
     fn average(
         &self,
         point: Vec3,
-        stretch: Stretch,
-        direction: impl Fn([f32; 2]) -> Option<Vec3>,
+        stretch: u32,
+        direction: impl Fn(u32) -> Option<Vec3>,
     ) -> Gathered {
-        let seed = sampling::mix(stretch.seed) as u32;
         let (mut light, mut inverse_distance) = (Rgb::BLACK, 0.0);
         let mut scratch = cone::Scratch::default();
         let count = self.settings.samples.max(1);
         for i in 0..count {
-            let u = sobol2(stretch.index * count + i, 0, seed);
-            let Some(direction) = direction(u) else {
+            let Some(direction) = direction(stretch * count + i) else {
                 continue;
             };
             let seen = self.look(point, direction, &mut scratch);

@@ -93,7 +93,9 @@ impl<'a> Outgoing<'a> {
 
     /// What a patch sends, as the tree has it; black where it knows no surface.
     fn ask<P: Pages>(&self, pages: &P, patch: &Patch, stack: &mut Vec<(f32, u32, u32)>) -> Rgb {
-        let found = patch.radiance(pages, stack);
+        let normal = self.geometry.normal(patch.triangle);
+        let normal = if patch.is_back { -normal } else { normal };
+        let found = patch.radiance(normal, pages, stack);
         self.patches.fetch_add(1, Ordering::Relaxed);
         if found.is_none() {
             self.unknown.fetch_add(1, Ordering::Relaxed);
@@ -161,8 +163,7 @@ impl<'a> Outgoing<'a> {
         let is_upper = i + j + 1.0 < parts && (u - i) + (v - j) > 1.0;
         let third = if is_upper { 2.0 / 3.0 } else { 1.0 / 3.0 };
         let middle = a + e * ((i + third) / parts) + f * ((j + third) / parts);
-        let normal = self.geometry.normal(hit.triangle);
-        let is_back = normal.dot(direction) > 0.0;
+        let is_back = e.cross(f).dot(direction) > 0.0;
         // The leading bit of the column tells the level.
         let column = i as u64 | 1 << level;
         Patch {
@@ -172,7 +173,8 @@ impl<'a> Outgoing<'a> {
                 | column << 15
                 | j as u64,
             middle,
-            normal: if is_back { -normal } else { normal },
+            triangle: hit.triangle,
+            is_back,
             area: area.max(least),
             own2: if self.is_even && least > 0.0 {
                 2.0 * least
@@ -234,8 +236,9 @@ struct Patch {
     key: u64,
     /// Where the tree is asked.
     middle: Vec3,
-    /// Unit normal on the side that is seen.
-    normal: Vec3,
+    triangle: u32,
+    /// Whether it is the side from which the corners wind clockwise.
+    is_back: bool,
     /// Square of its longest edge, and at least that of a disk.
     area: f32,
     /// Square of a radius that the disks of its own surface are below. Larger ones are of something else near by, which must
@@ -247,8 +250,14 @@ impl Patch {
     /// Nodes up to this many times the area of a patch are taken whole.
     const WHOLE: f32 = 4.0;
 
-    /// What it sends: a mean over the disks and small nodes that hold its middle. `None` where the tree knows no surface.
-    fn radiance<P: Pages>(&self, pages: &P, stack: &mut Vec<(f32, u32, u32)>) -> Option<Rgb> {
+    /// What it sends on the side of its unit `normal`: a mean over the disks and small nodes that hold its middle. `None` where
+    /// the tree knows no surface.
+    fn radiance<P: Pages>(
+        &self,
+        normal: Vec3,
+        pages: &P,
+        stack: &mut Vec<(f32, u32, u32)>,
+    ) -> Option<Rgb> {
         let root = pages.root()?;
         let mut mean = Mean::default();
         stack.clear();
@@ -270,14 +279,14 @@ impl Patch {
                 holding &= holding - 1;
                 if node.cross_section[k] < Self::WHOLE * self.area {
                     let proxy = &nodes.proxies[node.first_proxy as usize + k];
-                    mean.add(proxy.facing(self.normal.to_array()));
+                    mean.add(proxy.facing(normal.to_array()));
                     continue;
                 }
                 match node.kind[k] {
                     ChildKind::Leaf => {
                         let leaves = page.leaves();
                         if let Some(block) = leaves.blocks.get(node.child[k] as usize) {
-                            mean.add_disks(leaves, block, self);
+                            mean.add_disks(leaves, block, self, normal);
                         }
                     }
                     ChildKind::Inner => stack.push((0.0, id, node.child[k])),
@@ -347,8 +356,8 @@ impl Mean {
     }
 
     /// Disks that hold the middle of the patch, the more the nearer theirs is.
-    fn add_disks(&mut self, leaves: &PageLeaves, block: &DiskBlock, patch: &Patch) {
-        let (p, n) = (patch.middle.to_array(), patch.normal.to_array());
+    fn add_disks(&mut self, leaves: &PageLeaves, block: &DiskBlock, patch: &Patch, normal: Vec3) {
+        let (p, n) = (patch.middle.to_array(), normal.to_array());
         let mut reach = [0.0_f32; WIDTH];
         let mut cos = [0.0_f32; WIDTH];
         for k in 0..WIDTH {
@@ -511,6 +520,6 @@ mod tests {
             0.13,
             0.0,
         );
-        assert!(!keys.contains_key(&below.key) && below.normal == -Vec3::Z);
+        assert!(!keys.contains_key(&below.key) && below.is_back);
     }
 }
