@@ -131,6 +131,12 @@ impl Region {
         self.y1.saturating_sub(self.y0)
     }
 
+    /// Column and row of each pixel, row by row.
+    pub fn coordinates(&self) -> impl Iterator<Item = (u32, u32)> + use<> {
+        let Self { x0, y0, x1, y1 } = *self;
+        (y0..y1).flat_map(move |y| (x0..x1).map(move |x| (x, y)))
+    }
+
     /// Number of pixels.
     #[must_use]
     pub fn pixels(&self) -> usize {

@@ -1,8 +1,7 @@
 //! Layers of the image.
 
-use super::pixels::Pixel;
+use super::pixels::{Part, Planes};
 use crate::image::{Frame, Layer, Region};
-use crate::math::Rgb;
 use crate::scene::Scene;
 
 /// Extra layers of the image beside the beauty.
@@ -31,28 +30,32 @@ impl Aov {
     ];
 }
 
-/// The image of shaded pixels, with the layers asked for.
-pub(super) fn to_frame(scene: &Scene, region: Region, pixels: &[Pixel], aovs: &[Aov]) -> Frame {
+/// What is needed of pixels for an image with these layers, in the image's order.
+pub(super) fn parts(aovs: &[Aov]) -> Vec<Part> {
+    let layers = Aov::ALL.map(|(_, aov)| aov).into_iter();
+    let asked = layers.filter(|aov| aovs.contains(aov)).map(Part::Aov);
+    std::iter::once(Part::Radiance).chain(asked).collect()
+}
+
+/// The image of shaded pixels with these layers, of their [`parts`].
+pub(super) fn to_frame(scene: &Scene, region: Region, aovs: &[Aov], planes: Planes) -> Frame {
     let mut frame = Frame::new(scene.film.width, scene.film.height, region);
-    let rgb = |name: &str, f: &dyn Fn(&Pixel) -> Rgb| {
-        Layer::rgb(name, &pixels.iter().map(|p| f(p).0).collect::<Vec<_>>())
+    let mut planes = planes.into_iter();
+    let mut add = |name: &str, channels: &[&str]| {
+        let named = channels.iter().map(|&c| c.to_owned()).zip(&mut planes);
+        frame.layers.push(Layer {
+            name: name.into(),
+            channels: named.collect(),
+        });
     };
-    frame.layers.push(rgb("", &Pixel::radiance));
+    add("", &["R", "G", "B"]);
     for (name, aov) in Aov::ALL {
         if aovs.contains(&aov) {
-            frame.layers.push(match aov {
-                Aov::Direct => rgb(name, &|p| p.direct),
-                Aov::Indirect => rgb(name, &|p| p.indirect),
-                Aov::Volume => rgb(name, &|p| p.volume),
-                Aov::Depth => Layer::single(name, "Z", pixels.iter().map(|p| p.depth).collect()),
-                Aov::Normal => Layer::xyz(
-                    name,
-                    &pixels
-                        .iter()
-                        .map(|p| p.normal.to_array())
-                        .collect::<Vec<_>>(),
-                ),
-            });
+            match aov {
+                Aov::Direct | Aov::Indirect | Aov::Volume => add(name, &["R", "G", "B"]),
+                Aov::Depth => add(name, &["Z"]),
+                Aov::Normal => add(name, &["X", "Y", "Z"]),
+            }
         }
     }
     frame

@@ -1,15 +1,18 @@
 //! What the buffers of a region take, told before they are made.
 
 use super::lattice::Lattice;
-use super::pixels::Pixel;
+use super::pixels::Part;
 use super::settings::Settings;
 use crate::image::Region;
 use crate::run::size;
 use crate::scene::Scene;
 use crate::{Error, Result};
 
-/// Bytes a pixel: twice while blocks are put together, and the channels of the picture and all its layers.
-const PER_PIXEL: u64 = 2 * size_of::<Pixel>() as u64 + 16 * size_of::<f32>() as u64;
+/// Bytes of a pixel: the planes asked for, twice while blocks are put together.
+fn per_pixel(parts: &[Part]) -> u64 {
+    let planes: usize = parts.iter().map(|p| p.planes()).sum();
+    2 * (planes * size_of::<f32>()) as u64
+}
 
 /// Refuses regions whose pixels and gathers take more than a limit by themselves.
 ///
@@ -19,6 +22,7 @@ pub fn check(
     scene: &Scene,
     settings: &Settings,
     regions: &[Region],
+    parts: &[Part],
     limit: Option<u64>,
 ) -> Result<()> {
     let film = [scene.film.width, scene.film.height];
@@ -27,7 +31,7 @@ pub fn check(
         .iter()
         .map(|&r| Lattice::bytes(r, settings.lattice, film));
     let needed = pixels
-        .saturating_mul(PER_PIXEL)
+        .saturating_mul(per_pixel(parts))
         .saturating_add(lattices.sum());
     match limit {
         Some(limit) if needed > limit => Err(Error::input(format!(

@@ -22,9 +22,8 @@ use crate::image::{Frame, Region};
 use crate::math::Rgb;
 use crate::run::Job;
 use crate::scene::Scene;
-use aov::to_frame;
-use pixels::Pixel;
-use shot::shade_regions;
+use pixels::{Part, Planes};
+use shot::{Request, shade_regions};
 
 pub use aov::Aov;
 pub use settings::{Kernel, Method, Quality, Settings};
@@ -50,8 +49,15 @@ pub fn run(
         ..settings.clone()
     };
     job.report.stage("shade", |counts| {
-        let (pixels, asked) = shade_regions(scene, store, settings, &[region], job)?;
-        let pixels = pixels.concat();
+        let parts = aov::parts(aovs);
+        let request = Request {
+            settings,
+            regions: &[region],
+            parts: &parts,
+            job,
+        };
+        let (mut shaded, asked) = shade_regions(scene, store, &request)?;
+        let planes = shaded.swap_remove(0);
         let stats = store.stats();
         counts.insert("pixels".into(), region.pixels() as f64);
         counts.insert("pages".into(), stats.pages as f64);
@@ -63,7 +69,7 @@ pub fn run(
         counts.insert("patches".into(), asked.patches as f64);
         counts.insert("patches_without_surfels".into(), asked.unknown as f64);
         warn_of_unknown(asked, job);
-        let mut frame = to_frame(scene, region, &pixels, aovs);
+        let mut frame = aov::to_frame(scene, region, aovs, planes);
         let hex = |bytes: &[u8]| bytes.iter().map(|b| format!("{b:02x}")).collect::<String>();
         let mut note =
             |name: &str, value: String| frame.attributes.insert(format!("lvox/{name}"), value);
@@ -103,14 +109,22 @@ pub fn pixels(
     for region in regions {
         region.check(scene.film.width, scene.film.height)?;
     }
-    let (shaded, _) = shade_regions(scene, store, settings, regions, job)?;
-    let told = |p: &Pixel| Shaded {
-        radiance: p.radiance(),
-        has_emitter_border: p.has_emitter_border,
+    let parts = [Part::Radiance, Part::EmitterBorder];
+    let request = Request {
+        settings,
+        regions,
+        parts: &parts,
+        job,
     };
-    Ok(shaded
+    let (shaded, _) = shade_regions(scene, store, &request)?;
+    let told = |planes: &Planes, i: usize| Shaded {
+        radiance: Rgb(std::array::from_fn(|c| planes[c][i])),
+        has_emitter_border: planes[3][i] > 0.0,
+    };
+    Ok(regions
         .iter()
-        .map(|r| r.iter().map(told).collect())
+        .zip(&shaded)
+        .map(|(r, planes)| (0..r.pixels()).map(|i| told(planes, i)).collect())
         .collect())
 }
 

@@ -6,7 +6,7 @@ use super::air::Air;
 use super::lattice::Lattice;
 use super::media::InScatter;
 use super::memory;
-use super::pixels::{EmitterBorders, Pixel, PixelShader, SampleCounts, shade_region};
+use super::pixels::{EmitterBorders, Part, PixelShader, Planes, SampleCounts, shade_region};
 use super::settings::{Kernel, Method, Settings};
 use super::view::View;
 use crate::gather::medium::Source;
@@ -22,25 +22,38 @@ use crate::trace::Tracer;
 use crate::{Error, Result};
 use rayon::prelude::*;
 
-/// Regions by rows of pixels, and what that asked of the tree.
-pub type Regions = (Vec<Vec<Pixel>>, Asked);
+/// What was asked for of the pixels of each region, and what that asked of the tree.
+pub type Regions = (Vec<Planes>, Asked);
+
+/// What is wanted of a frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Request<'a> {
+    /// How to shade.
+    pub settings: &'a Settings,
+    /// Where.
+    pub regions: &'a [Region],
+    /// What is kept of pixels.
+    pub parts: &'a [Part],
+    /// Threads, limits, progress.
+    pub job: &'a Job,
+}
 
 /// Shades regions of the frame.
 ///
 /// # Errors
 /// As [`super::run`].
-pub fn shade_regions(
-    scene: &Scene,
-    store: &TreeStore,
-    settings: &Settings,
-    regions: &[Region],
-    job: &Job,
-) -> Result<Regions> {
+pub fn shade_regions(scene: &Scene, store: &TreeStore, request: &Request) -> Result<Regions> {
     check_frame(scene, store)?;
-    memory::check(scene, settings, regions, job.memory_limit)?;
+    let &Request {
+        settings,
+        regions,
+        parts,
+        job,
+    } = request;
+    memory::check(scene, settings, regions, parts, job.memory_limit)?;
     match &store.surfels {
-        SurfelStore::Kept(p) => shade_with(scene, store, p, settings, regions, job),
-        SurfelStore::Cached(p) => shade_with(scene, store, p, settings, regions, job),
+        SurfelStore::Kept(p) => shade_with(scene, store, p, request),
+        SurfelStore::Cached(p) => shade_with(scene, store, p, request),
     }
 }
 
@@ -75,9 +88,7 @@ fn shade_with<P: Pages>(
     scene: &Scene,
     store: &TreeStore,
     pages: &P,
-    settings: &Settings,
-    regions: &[Region],
-    job: &Job,
+    request: &Request,
 ) -> Result<Regions> {
     let tree = FrameTree {
         pages,
@@ -88,14 +99,12 @@ fn shade_with<P: Pages>(
     };
     match &store.media {
         MediaStore::Absent if scene.volumes.is_empty() => {
-            shade(scene, &tree, settings, regions, job, |shot| {
-                shot.in_vacuum()
-            })
+            shade(scene, &tree, request, |shot| shot.in_vacuum())
         }
         // A tree without lvoxels says nothing of the scene's media.
-        MediaStore::Absent => shade(scene, &tree, settings, regions, job, |shot| shot.in_media()),
-        MediaStore::Grey(media) => shade_through(scene, tree, media, settings, regions, job),
-        MediaStore::Rgb(media) => shade_through(scene, tree, media, settings, regions, job),
+        MediaStore::Absent => shade(scene, &tree, request, |shot| shot.in_media()),
+        MediaStore::Grey(media) => shade_through(scene, tree, media, request),
+        MediaStore::Rgb(media) => shade_through(scene, tree, media, request),
     }
 }
 
@@ -103,16 +112,14 @@ fn shade_through<P: Pages, S: Source>(
     scene: &Scene,
     tree: FrameTree<P, NoMedia>,
     media: &Media<S>,
-    settings: &Settings,
-    regions: &[Region],
-    job: &Job,
+    request: &Request,
 ) -> Result<Regions> {
     let blocks = Blocks(media);
     let tree = FrameTree {
         shadows: Some(&blocks),
         ..tree
     };
-    match settings.method {
+    match request.settings.method {
         Method::Extended => {
             let tree = FrameTree {
                 pages: tree.pages,
@@ -121,9 +128,9 @@ fn shade_through<P: Pages, S: Source>(
                 area_per_surfel: tree.area_per_surfel,
                 is_even: tree.is_even,
             };
-            shade(scene, &tree, settings, regions, job, |shot| shot.in_media())
+            shade(scene, &tree, request, |shot| shot.in_media())
         }
-        Method::Traditional => shade(scene, &tree, settings, regions, job, |shot| shot.in_media()),
+        Method::Traditional => shade(scene, &tree, request, |shot| shot.in_media()),
     }
 }
 
@@ -132,19 +139,16 @@ struct Shot<'a, P, M> {
     view: View<'a>,
     lights: &'a Lights<'a>,
     gatherer: Gatherer<'a, P, M>,
-    settings: &'a Settings,
-    regions: &'a [Region],
-    job: &'a Job,
+    request: &'a Request<'a>,
 }
 
 fn shade<P: Pages, M: Medium>(
     scene: &Scene,
     tree: &FrameTree<P, M>,
-    settings: &Settings,
-    regions: &[Region],
-    job: &Job,
-    finish: impl FnOnce(&Shot<P, M>) -> Result<Vec<Vec<Pixel>>>,
+    request: &Request,
+    finish: impl FnOnce(&Shot<P, M>) -> Result<Vec<Planes>>,
 ) -> Result<Regions> {
+    let settings = request.settings;
     let camera = scene.camera(settings.camera.as_deref())?;
     let tracer = Tracer::new(scene);
     let mut lights = Lights::new(&tracer);
@@ -178,21 +182,24 @@ fn shade<P: Pages, M: Medium>(
                 environment: lights.environment(),
             },
         },
-        settings,
-        regions,
-        job,
+        request,
     })?;
     Ok((shaded, outgoing.map(|o| o.asked()).unwrap_or_default()))
 }
 
 impl<P: Pages, M: Medium> Shot<'_, P, M> {
     /// Shades a scene without media.
-    fn in_vacuum(&self) -> Result<Vec<Vec<Pixel>>> {
+    fn in_vacuum(&self) -> Result<Vec<Planes>> {
         self.shade(&Vacuum, &self.lights.in_vacuum())
     }
 
-    fn in_media(&self) -> Result<Vec<Vec<Pixel>>> {
-        let settings = self.settings;
+    fn in_media(&self) -> Result<Vec<Planes>> {
+        let &Request {
+            settings,
+            regions,
+            job,
+            ..
+        } = self.request;
         let volume_gatherer = Gatherer {
             // A ray over the sphere stands for four times the solid angle that one of a hemisphere does, at half as many.
             settings: gather::Settings {
@@ -204,22 +211,22 @@ impl<P: Pages, M: Medium> Shot<'_, P, M> {
         };
         let in_scatter = InScatter::new(
             &self.view,
-            self.regions,
+            regions,
             self.lights,
             (settings.method == Method::Extended).then_some(&volume_gatherer),
-            &self.job.cancel,
+            &job.cancel,
         )?;
         self.shade(&in_scatter, self.lights)
     }
 
-    fn shade<A: Air>(&self, air: &A, lights: &Lights<A::Shadows>) -> Result<Vec<Vec<Pixel>>> {
-        let &Self {
-            view,
+    fn shade<A: Air>(&self, air: &A, lights: &Lights<A::Shadows>) -> Result<Vec<Planes>> {
+        let view = self.view;
+        let &Request {
             settings,
             regions,
+            parts,
             job,
-            ..
-        } = self;
+        } = self.request;
         let pages = self.gatherer.pages;
         let all: u64 = regions.iter().map(|r| r.pixels() as u64).sum();
         let step = u64::from(settings.lattice);
@@ -268,7 +275,7 @@ impl<P: Pages, M: Medium> Shot<'_, P, M> {
                         shadow: settings.shadow_rays,
                     },
                 };
-                shade_region(&shader, region, job, &task)
+                shade_region(&shader, region, parts, job, &task)
             })
             .collect::<Result<Vec<_>>>()?;
         pages.check()?;

@@ -1,7 +1,7 @@
 //! Regions of the frame, shaded by many threads.
 
 use super::corners::Corners;
-use super::pixel::Pixel;
+use super::planes::{Block, Part, Planes, assemble};
 use super::shader::PixelShader;
 use crate::Result;
 use crate::gather::{Medium, Pages};
@@ -16,41 +16,61 @@ const BLOCK: [u32; 2] = [128, 64];
 /// Blocks for each thread, at least, for them to be large.
 const ENOUGH: usize = 6;
 
-/// The pixels of a region, row by row.
+/// These parts of the pixels of a region.
 ///
 /// # Errors
 /// If cancelled.
 pub fn shade_region<P: Pages, M: Medium, A: Air>(
     shader: &PixelShader<P, M, A>,
     region: Region,
+    parts: &[Part],
     job: &Job,
     task: &Task,
-) -> Result<Vec<Pixel>> {
-    if shader.counts.pixel == 1 {
-        return shade_blocks(shader, region, job, task);
-    }
+) -> Result<Planes> {
+    let blocks = if shader.counts.pixel == 1 {
+        from_corners(shader, region, parts, job, task)
+    } else {
+        from_own_samples(shader, region, parts, job, task)
+    };
+    Ok(assemble(region, parts, &blocks?))
+}
+
+/// Shades a region by samples of each pixel's own, row by row.
+fn from_own_samples<P: Pages, M: Medium, A: Air>(
+    shader: &PixelShader<P, M, A>,
+    region: Region,
+    parts: &[Part],
+    job: &Job,
+    task: &Task,
+) -> Result<Vec<Block>> {
     (region.y0..region.y1)
         .into_par_iter()
         .map(|y| {
-            let row = (region.x0..region.x1).map(|x| {
+            let y1 = y + 1;
+            let row = Region {
+                y0: y,
+                y1,
+                ..region
+            };
+            let mut shaded = Block::new(row, parts);
+            for x in region.x0..region.x1 {
                 job.cancel.check()?;
-                Ok(shader.shade(x, y))
-            });
-            let row: Vec<Pixel> = row.collect::<Result<_>>()?;
+                shaded.push(parts, &shader.shade(x, y));
+            }
             task.add(u64::from(region.width()));
-            Ok(row)
+            Ok(shaded)
         })
-        .collect::<Result<Vec<_>>>()
-        .map(|rows| rows.concat())
+        .collect()
 }
 
 /// Shades a region from the corners of its pixels, block by block.
-fn shade_blocks<P: Pages, M: Medium, A: Air>(
+fn from_corners<P: Pages, M: Medium, A: Air>(
     shader: &PixelShader<P, M, A>,
     region: Region,
+    parts: &[Part],
     job: &Job,
     task: &Task,
-) -> Result<Vec<Pixel>> {
+) -> Result<Vec<Block>> {
     let many = ENOUGH * rayon::current_num_threads();
     let large = region.blocks(BLOCK[0]);
     let blocks = if large.len() >= many {
@@ -58,30 +78,18 @@ fn shade_blocks<P: Pages, M: Medium, A: Air>(
     } else {
         region.blocks(BLOCK[1])
     };
-    let shaded: Vec<Vec<Pixel>> = blocks
+    blocks
         .par_iter()
         .map(|&block| {
             job.cancel.check()?;
             let corners = Corners::new(shader, block);
-            let pixels = (block.y0..block.y1)
-                .flat_map(|y| (block.x0..block.x1).map(move |x| (x, y)))
-                .map(|(x, y)| {
-                    job.cancel.check()?;
-                    Ok(corners.shade(x, y))
-                })
-                .collect::<Result<_>>()?;
+            let mut shaded = Block::new(block, parts);
+            for (x, y) in block.coordinates() {
+                job.cancel.check()?;
+                shaded.push(parts, &corners.shade(x, y));
+            }
             task.add(block.pixels() as u64);
-            Ok(pixels)
+            Ok(shaded)
         })
-        .collect::<Result<_>>()?;
-    let mut pixels = vec![Pixel::default(); region.pixels()];
-    for (block, shaded) in blocks.iter().zip(&shaded) {
-        let width = block.width() as usize;
-        for (row, y) in shaded.chunks_exact(width).zip(block.y0..) {
-            let first = (y - region.y0) as usize * region.width() as usize
-                + (block.x0 - region.x0) as usize;
-            pixels[first..first + width].copy_from_slice(row);
-        }
-    }
-    Ok(pixels)
+        .collect()
 }

@@ -6,11 +6,12 @@ mod emitter_borders;
 mod piece;
 mod pixel;
 mod pixel_sum;
+mod planes;
 mod sample;
 mod shader;
 
 pub use blocks::shade_region;
 pub use emitter_borders::EmitterBorders;
-pub use pixel::Pixel;
+pub use planes::{Part, Planes};
 pub use sample::SampleCounts;
 pub use shader::PixelShader;

@@ -1,0 +1,137 @@
+//! What is kept of shaded pixels: the numbers that were asked for, in planes.
+
+use super::pixel::Pixel;
+use crate::image::Region;
+use crate::shade::aov::Aov;
+
+/// Something about pixels that was asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// All light of the pixel.
+    Radiance,
+    /// A layer of its own.
+    Aov(Aov),
+    /// 1 where the border of an emissive triangle runs through the pixel, else 0.
+    EmitterBorder,
+}
+
+impl Part {
+    /// Planes that it takes.
+    #[must_use]
+    pub fn planes(self) -> usize {
+        match self {
+            Self::Aov(Aov::Depth) | Self::EmitterBorder => 1,
+            _ => 3,
+        }
+    }
+
+    /// The numbers of a pixel, one for each plane.
+    fn of(self, pixel: &Pixel) -> [f32; 3] {
+        match self {
+            Self::Radiance => pixel.radiance().0,
+            Self::Aov(Aov::Direct) => pixel.direct.0,
+            Self::Aov(Aov::Indirect) => pixel.indirect.0,
+            Self::Aov(Aov::Volume) => pixel.volume.0,
+            Self::Aov(Aov::Depth) => [pixel.depth; 3],
+            Self::Aov(Aov::Normal) => pixel.normal.to_array(),
+            Self::EmitterBorder => [f32::from(u8::from(pixel.has_emitter_border)); 3],
+        }
+    }
+}
+
+/// A number of each pixel of a region, row by row, in each plane.
+pub type Planes = Vec<Vec<f32>>;
+
+/// Planes of a part of the frame, filled pixel by pixel.
+#[derive(Debug)]
+pub struct Block {
+    region: Region,
+    planes: Planes,
+}
+
+impl Block {
+    /// No pixels yet.
+    #[must_use]
+    pub fn new(region: Region, parts: &[Part]) -> Self {
+        let count = parts.iter().map(|p| p.planes()).sum();
+        Self {
+            region,
+            planes: (0..count)
+                .map(|_| Vec::with_capacity(region.pixels()))
+                .collect(),
+        }
+    }
+
+    /// The next pixel, row by row.
+    pub fn push(&mut self, parts: &[Part], pixel: &Pixel) {
+        let mut planes = self.planes.iter_mut();
+        for part in parts {
+            let values = part.of(pixel);
+            for (value, plane) in values.into_iter().take(part.planes()).zip(&mut planes) {
+                plane.push(value);
+            }
+        }
+    }
+}
+
+/// Puts blocks that cover a region together.
+#[must_use]
+pub fn assemble(region: Region, parts: &[Part], blocks: &[Block]) -> Planes {
+    let count = parts.iter().map(|p| p.planes()).sum();
+    let width = region.width() as usize;
+    let assemble = |k: usize| {
+        let mut plane = vec![0.0; region.pixels()];
+        for block in blocks {
+            let part = block.region;
+            let rows = block.planes[k].chunks_exact(part.width() as usize);
+            for (row, y) in rows.zip(part.y0..) {
+                let first = (y - region.y0) as usize * width + (part.x0 - region.x0) as usize;
+                plane[first..first + row.len()].copy_from_slice(row);
+            }
+        }
+        plane
+    };
+    (0..count).map(assemble).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Rgb;
+
+    #[test]
+    fn blocks_find_their_places() {
+        let region = Region {
+            x0: 3,
+            y0: 5,
+            x1: 10,
+            y1: 9,
+        };
+        let parts = [Part::Radiance, Part::Aov(Aov::Depth), Part::EmitterBorder];
+        let shaded = |x: u32, y: u32| Pixel {
+            direct: Rgb([x as f32, y as f32, 0.0]),
+            volume: Rgb([0.0, 0.0, 1.0]),
+            depth: (x * y) as f32,
+            has_emitter_border: x == y,
+            ..Pixel::default()
+        };
+        let blocks: Vec<Block> = region
+            .blocks(3)
+            .into_iter()
+            .map(|part| {
+                let mut block = Block::new(part, &parts);
+                for (x, y) in part.coordinates() {
+                    block.push(&parts, &shaded(x, y));
+                }
+                block
+            })
+            .collect();
+        let planes = assemble(region, &parts, &blocks);
+        assert_eq!(planes.len(), 5);
+        for (i, (x, y)) in region.coordinates().enumerate() {
+            let got: Vec<f32> = planes.iter().map(|p| p[i]).collect();
+            let border = f32::from(u8::from(x == y));
+            assert_eq!(got, [x as f32, y as f32, 1.0, (x * y) as f32, border]);
+        }
+    }
+}
