@@ -15,6 +15,7 @@ use crate::trace::{Surface, offset};
 use crate::{Result, math};
 use glam::Vec3;
 use rayon::prelude::*;
+use smallvec::SmallVec;
 
 /// A gather on the lattice.
 #[derive(Clone, Copy, Debug)]
@@ -161,8 +162,8 @@ impl Lattice {
         let step = self.step as f32;
         let [columns, rows] = self.area.near(centre.map(|c| c / step), reach);
         // What the neighbours saw, the nearest above all, tells how far light can be carried to this point.
-        let mut candidates = [(0.0_f32, 0.0_f32, 0_usize); MOST];
-        let mut count = 0;
+        // Not an array, which would be cleared for each point.
+        let mut candidates = SmallVec::<[(f32, f32, &Node); MOST]>::new();
         let (mut closeness, mut nearness) = (0.0_f32, 0.0_f32);
         let reach = reach as f32 * step;
         for j in rows {
@@ -189,14 +190,13 @@ impl Lattice {
                 // Off the plane light changes faster: contact and thin steps are there.
                 let d2 = offset.length_squared() + 8.0 * height * height;
                 let weight = window * window * alike.powi(8);
-                candidates[count] = (weight, d2, at);
-                count += 1;
+                candidates.push((weight, d2, node));
                 let close = weight / (d2 + 0.01 * node.spacing * node.spacing);
                 closeness += close / node.gathered.harmonic_distance;
                 nearness += close;
             }
         }
-        if count == 0 {
+        if candidates.is_empty() {
             return None;
         }
         let mut mean = Mean {
@@ -204,10 +204,7 @@ impl Lattice {
             weight: 0.0,
             harmonic_distance: nearness / closeness,
         };
-        for &(weight, d2, at) in &candidates[..count] {
-            let Some(node) = &self.nodes[at] else {
-                continue;
-            };
+        for (weight, d2, node) in candidates {
             let range = (Self::RANGE * node.gathered.harmonic_distance.min(mean.harmonic_distance))
                 .max(Self::LEAST * node.spacing);
             let weight = weight * math::exp::exp_neg(d2 / (range * range));

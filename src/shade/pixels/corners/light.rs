@@ -26,6 +26,17 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
         if self.shader.lights.rest_is_exact() {
             return;
         }
+        // What the five corners around each in its row tell.
+        let in_row: Vec<_> = (0..self.corners.len())
+            .map(|i| {
+                let mut sight = Sight::default();
+                let around = i.saturating_sub(2)..(i + 3).min(self.corners.len());
+                for c in &self.corners[around] {
+                    sight += c.sample.direct.sight;
+                }
+                sight
+            })
+            .collect();
         let rim = Self::RINGS as usize - 1;
         let mut more = Vec::new();
         for row in rim..height - rim {
@@ -40,11 +51,7 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
                 }
                 let mut sight = Sight::default();
                 for j in row - 2..=row + 2 {
-                    for c in
-                        &self.corners[j * self.width + column - 2..=j * self.width + column + 2]
-                    {
-                        sight += c.sample.direct.sight;
-                    }
+                    sight += in_row[j * self.width + column];
                 }
                 if sight.has_penumbra() {
                     let rays = Self::place(self.region, column, row).rays(
