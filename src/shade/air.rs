@@ -1,7 +1,7 @@
 //! What is between a camera and what it sees, as a type: the pixels of a scene without media are shaded by code that has no
 //! work for them, and a frame chooses once.
 
-use super::media::InScatter;
+use super::media::{InScatter, Known};
 use super::view::View;
 use crate::gather::{Medium, Pages};
 use crate::light::{Dimmed, Dimming, SceneMedia, Shadows, Vacuum};
@@ -9,6 +9,7 @@ use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use crate::math::segment::Composite;
 use glam::Vec3;
+use std::cell::RefCell;
 
 /// What camera rays and shadow rays pass.
 pub trait Air: Sync {
@@ -77,6 +78,7 @@ impl<'a, P: Pages, M: Medium> Air for InScatter<'a, P, M> {
     fn march(&self, view: &View, direction: Vec3, t_max: f32) -> Composite {
         let mut passed = Composite::default();
         let (tracer, origin) = (view.tracer, view.camera.origin());
+        let known = RefCell::new(Known::default());
         tracer.march(
             origin,
             direction,
@@ -84,7 +86,7 @@ impl<'a, P: Pages, M: Medium> Air for InScatter<'a, P, M> {
             |volume, stretch, _| {
                 let at = |t| origin + direction * t;
                 let ends = [at(stretch.near), at(stretch.far)];
-                self.source(volume, ends, stretch.tau)
+                self.source(volume, ends, stretch.tau, &mut known.borrow_mut())
             },
             |s| {
                 passed.medium(s.tau, s.source);

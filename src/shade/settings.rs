@@ -107,7 +107,7 @@ impl Settings {
             kernel: Kernel::Traced,
             method: Method::Extended,
             lattice: 4,
-            volume_samples: 8,
+            volume_samples: 6,
             pixel_samples: 1,
             edge_samples: 16,
             shadow_rays: 1,

@@ -94,7 +94,7 @@ impl FarField {
     /// Probe spacings along a volume, at most.
     const MOST: usize = 16;
     /// Rays of a probe, at least.
-    const RAYS: u32 = 32;
+    const RAYS: u32 = 16;
     /// Probe spacings that surfaces must be away.
     const CLEAR: f32 = 4.0;
 

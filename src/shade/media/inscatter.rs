@@ -11,7 +11,7 @@ use super::density::Densities;
 use super::far_field::FarField;
 use super::stiff;
 use super::sweep::{Scope, Sweep};
-use super::vertices::{Vertices, are_alike, blend};
+use super::vertices::{Cube, Vertices, are_alike, blend};
 use crate::Result;
 use crate::gather::{Gatherer, Medium, Pages, Stretch};
 use crate::image::Region;
@@ -156,9 +156,10 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             .unwrap_or(0)
     }
 
-    /// Source function of a volume along a stretch of a ray, given its ends in scene space and its optical depth.
+    /// Source function of a volume along a stretch of a ray, given its ends in scene space and its optical depth, and what is
+    /// known from stretches before it.
     #[must_use]
-    pub fn source(&self, volume: usize, ends: [Vec3; 2], depth: f32) -> Rgb {
+    pub fn source(&self, volume: usize, ends: [Vec3; 2], depth: f32, known: &mut Known) -> Rgb {
         let medium = &self.volumes[volume];
         let voxel = self.lattices[volume].voxel;
         let [from, to] = ends;
@@ -178,10 +179,10 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             level,
             voxel_depth: depth * voxel / (to - from).length(),
         };
-        Rgb(medium.albedo) * (self.direct(&place) + self.indirect(&place))
+        Rgb(medium.albedo) * (self.direct(&place, known) + self.indirect(&place, known))
     }
 
-    fn direct(&self, place: &Place) -> Rgb {
+    fn direct(&self, place: &Place, known: &mut Known) -> Rgb {
         let (lattices, [from, to]) = (&self.lattices[place.volume], place.ends);
         let spacing = lattices.voxel * (1 << place.level) as f32;
         // What arrives of a lamp's light has a cusp at the lamp.
@@ -195,8 +196,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             let through = exp_neg(place.depth * median) / mean_through;
             return light.share * self.lights.sent(from, to) * through + light.rest;
         }
-        let vertices = |level: usize| {
-            lattices.direct[level].values(place.at, |p, v| {
+        let vertex = |level: usize, v: [usize; 3]| {
+            *lattices.direct[level].get(v, &|p, v| {
                 let key = self.key(place.volume, level, v);
                 let rays = Self::rays(Self::SHADOW_RAYS, key);
                 let point = self.to_scene(place.volume, p);
@@ -211,7 +212,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                 Self::ALIKE
             };
             for level in (0..=place.level).rev() {
-                let values = vertices(level);
+                let around = lattices.direct[level].around(place.at);
+                let values = known.direct[level].values(place.volume, around, |v| vertex(level, v));
                 let between = place.densest * (1 << level) as f32;
                 let is_finest = level == 0 || between <= Self::FLAT;
                 let light = || blend(&values.map(|(v, weight)| (v.light, weight)));
@@ -245,7 +247,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         sum
     }
 
-    fn indirect(&self, place: &Place) -> Rgb {
+    fn indirect(&self, place: &Place, known: &mut Known) -> Rgb {
         let Some(gatherer) = self.gatherer else {
             return Rgb::BLACK;
         };
@@ -279,16 +281,12 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         };
         let first = swept_level.unwrap_or(place.level + 1);
         for level in (0..=first).rev() {
-            let swept = |v| sweep.filter(|_| swept_level == Some(level))?.get(level, v);
-            let values = lattices.indirect[level]
-                .around(place.at)
-                .map(|(v, weight)| {
-                    if weight > 0.0 {
-                        (swept(v).unwrap_or_else(|| vertex(level, v)), weight)
-                    } else {
-                        (Rgb::BLACK, 0.0)
-                    }
-                });
+            let is_swept = swept_level == Some(level);
+            let swept = |v| sweep.filter(|_| is_swept)?.get(level, v);
+            let around = lattices.indirect[level].around(place.at);
+            let values = known.indirect[level].values((place.volume, is_swept), around, |v| {
+                swept(v).unwrap_or_else(|| vertex(level, v))
+            });
             if place.densest * (1 << level) as f32 <= smooth
                 || are_alike(&values, Self::ALIKE_GATHERED, |v| v.luminance())
             {
@@ -355,6 +353,15 @@ impl Place {
         let [from, to] = self.ends;
         from + (to - from) * reach.min(1.0)
     }
+}
+
+/// What one ray found at vertices last, by lattice.
+#[derive(Debug, Default)]
+pub struct Known {
+    /// By volume.
+    direct: [Cube<usize, Vertex>; LEVELS],
+    /// By volume, and whether they are swept.
+    indirect: [Cube<(usize, bool), Rgb>; LEVELS + 1],
 }
 
 /// Direct light at a vertex.

@@ -11,4 +11,4 @@ mod sweep;
 mod tests;
 mod vertices;
 
-pub use inscatter::InScatter;
+pub use inscatter::{InScatter, Known};

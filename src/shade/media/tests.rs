@@ -1,7 +1,7 @@
 //! Where light in media is looked for, and how soon that stops on request.
 
 use super::far_field::FarField;
-use super::inscatter::{INSIDE, InScatter};
+use super::inscatter::{INSIDE, InScatter, Known};
 use super::sweep::{Scope, Sweep};
 use crate::Kind;
 use crate::gather::page::{PageLeaves, PageNodes};
@@ -213,7 +213,7 @@ fn probes_and_vertices_keep_off_the_planes_of_a_volumes_borders() {
         let in_scatter = InScatter::new(view, &regions, lights, Some(gatherer), &cancel).unwrap();
         let probes = near.rays();
         let floor = |x: f32| Vec3::new(x, -7.9, -12.0);
-        let _ = in_scatter.source(0, [floor(0.0), floor(0.1)], 0.002);
+        let _ = in_scatter.source(0, [floor(0.0), floor(0.1)], 0.002, &mut Known::default());
         assert!(near.rays() > probes);
     });
     assert_inside(&near);

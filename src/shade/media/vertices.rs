@@ -68,16 +68,40 @@ impl<T> Vertices<T> {
     }
 }
 
-impl<T: Copy + Default> Vertices<T> {
-    /// The values of the vertices around a point of index space with their trilinear weights; those of weight 0 are not
-    /// made.
-    pub fn values(&self, point: Vec3, evaluate: impl Fn(Vec3, [usize; 3]) -> T) -> [(T, f32); 8] {
-        self.around(point).map(|(v, weight)| {
-            if weight > 0.0 {
-                (*self.get(v, &evaluate), weight)
-            } else {
-                (T::default(), 0.0)
+/// The values at the cube of vertices that was asked for last: points in a row on a ray often lie in one.
+#[derive(Debug, Default)]
+pub struct Cube<K, T> {
+    /// Whose values they are, and the first vertex.
+    of: Option<(K, [usize; 3])>,
+    /// A bit for each value that is known.
+    known: u8,
+    values: [T; 8],
+}
+
+impl<K: PartialEq, T: Copy + Default> Cube<K, T> {
+    /// The values at the vertices [`Vertices::around`] a point, with their weights; `find` finds those that are not known, but
+    /// for those of weight 0. Values that may differ at a vertex have another key.
+    pub fn values(
+        &mut self,
+        key: K,
+        around: [([usize; 3], f32); 8],
+        find: impl Fn([usize; 3]) -> T,
+    ) -> [(T, f32); 8] {
+        let of = Some((key, around[0].0));
+        if self.of != of {
+            self.of = of;
+            self.known = 0;
+        }
+        std::array::from_fn(|i| {
+            let (v, weight) = around[i];
+            if weight <= 0.0 {
+                return (T::default(), 0.0);
             }
+            if self.known >> i & 1 == 0 {
+                self.values[i] = find(v);
+                self.known |= 1 << i;
+            }
+            (self.values[i], weight)
         })
     }
 }
