@@ -84,18 +84,14 @@ impl Sweep {
         depth_of: impl Fn([usize; 3], f32) -> f32,
     ) -> Result<Self> {
         let grid = &scope.volume.sigma_t;
-        let [nx, ny, nz] = grid.brick_dims();
-        let mut level_of = BrickTable::new(grid, |_| None);
         let mut needed: [Vec<[usize; 3]>; LEVELS] = Default::default();
-        for b in (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]) {
-            if let Some(brick) = grid.brick(b)
-                && let Some(level) = Self::level(depth_of(b, brick.max))
-                && scope.may_see(b)
-            {
-                *level_of.of_mut(b) = Some(level as u8);
+        let level_of = BrickTable::new(grid, |b| {
+            let level = Self::level(depth_of(b, grid.brick(b)?.max))?;
+            scope.may_see(b).then(|| {
                 needed[level].push(b);
-            }
-        }
+                level as u8
+            })
+        });
         let bounds = media_bounds(scope.view.tracer.scene);
         let media = MediaBox {
             bounds,
