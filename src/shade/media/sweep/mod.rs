@@ -127,6 +127,9 @@ impl Sweep {
 }
 
 impl Level {
+    /// Bricks whose cells are held in memory together.
+    const PART: usize = 1024;
+
     fn new<P: Pages, M: Medium>(
         scope: &Scope<P, M>,
         level: usize,
@@ -135,15 +138,18 @@ impl Level {
     ) -> Result<Self> {
         let step = 1 << level;
         let count = scope.volume.sigma_t.dims().map(|n| n.div_ceil(step) + 1);
-        let cells: Vec<Vec<[usize; 3]>> = bricks
-            .par_iter()
-            .map(|&brick| scope.cells_with_medium(brick, step))
-            .collect();
         let set = SparseLattice::new(count, |choose| {
-            for cell in cells.iter().flatten() {
-                for i in 0..8 {
-                    let v: [usize; 3] = std::array::from_fn(|a| cell[a] + (i >> a & 1));
-                    choose(std::array::from_fn(|a| v[a].min(count[a] - 1)));
+            // A part at a time: the cells of all take far more memory than their vertices do as bits.
+            for part in bricks.chunks(Self::PART) {
+                let cells: Vec<Vec<[usize; 3]>> = part
+                    .par_iter()
+                    .map(|&brick| scope.cells_with_medium(brick, step))
+                    .collect();
+                for cell in cells.iter().flatten() {
+                    for i in 0..8 {
+                        let v: [usize; 3] = std::array::from_fn(|a| cell[a] + (i >> a & 1));
+                        choose(std::array::from_fn(|a| v[a].min(count[a] - 1)));
+                    }
                 }
             }
         });
