@@ -32,7 +32,7 @@ pub struct Sweep {
 }
 
 /// Spacings of 1 to 8 voxels.
-const LEVELS: usize = 4;
+pub const LEVELS: usize = 4;
 
 /// Vertices of one spacing.
 #[derive(Debug)]
