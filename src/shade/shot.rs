@@ -207,7 +207,7 @@ impl<P: Pages, M: Medium> Shot<'_, P, M> {
             self.regions,
             self.lights,
             (settings.method == Method::Extended).then_some(&volume_gatherer),
-            &self.job.cancel,
+            self.job,
         )?;
         self.shade(&in_scatter, self.lights)
     }

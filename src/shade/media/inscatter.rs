@@ -18,7 +18,7 @@ use crate::image::Region;
 use crate::light::{InMedium, Lights, ShadowRays, SunDepths};
 use crate::math::exp::{exp_neg, mean_reach, one_minus_exp_neg};
 use crate::math::{Rgb, sampling};
-use crate::run::Cancel;
+use crate::run::Job;
 use crate::scene::Volume;
 use crate::shade::view::View;
 use glam::Vec3;
@@ -90,13 +90,13 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     /// direct light only.
     ///
     /// # Errors
-    /// If cancelled.
+    /// If cancelled, or if a sweep takes more than the memory limit by itself.
     pub fn new(
         view: &View<'a>,
         regions: &[Region],
         lights: &'a Lights<'a>,
         gatherer: Option<&'a Gatherer<'a, P, M>>,
-        cancel: &Cancel,
+        job: &Job,
     ) -> Result<Self> {
         let volumes = &view.tracer.scene.volumes;
         let mut lattices = Vec::with_capacity(volumes.len());
@@ -120,7 +120,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                         gatherer,
                         volume,
                         far_field: &far_field,
-                        cancel,
+                        job,
                     };
                     Sweep::new(&scope, |brick, own| {
                         let all = densities.of_all(brick, own);
