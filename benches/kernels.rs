@@ -180,6 +180,16 @@ fn light_tree(bencher: Bencher) {
     light(bencher, &Tracer::new(&scene));
 }
 
+/// Pixels by their left column, top row and number along a side.
+fn square(x0: u32, y0: u32, side: u32) -> Region {
+    Region {
+        x0,
+        y0,
+        x1: x0 + side,
+        y1: y0 + side,
+    }
+}
+
 /// The four pixels in the midst of the smoke, for which all of it is swept, on all threads; a finite reach has no sweeps.
 #[divan::bench(sample_count = 5, args = ["with sweeps", "without"])]
 fn media(bencher: Bencher, sweeps: &str) {
@@ -187,12 +197,7 @@ fn media(bencher: Bencher, sweeps: &str) {
         max_dist: (sweeps == "without").then_some(1e9),
         ..shade::Settings::default()
     };
-    let region = Region {
-        x0: 240,
-        y0: 200,
-        x1: 242,
-        y1: 202,
-    };
+    let region = square(240, 200, 2);
     bencher.bench(|| {
         shade::run(&DEMO.scene, &STORE, &settings, region, &[], &Job::default()).unwrap()
     });
@@ -206,12 +211,7 @@ fn paths(bencher: Bencher) {
         spp: Some(4),
         ..reference::Settings::default()
     };
-    let region = Region {
-        x0: 196,
-        y0: 136,
-        x1: 260,
-        y1: 200,
-    };
+    let region = square(196, 136, 64);
     let job = Job::default();
     bencher
         .counter(ItemsCount::new(4 * region.pixels()))

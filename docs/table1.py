@@ -1,8 +1,7 @@
-"""Writes docs/table1.md from the studies that docs/table1.sh has made: table1.py FOLDER SCENE..."""
+"""Writes docs/table1.md from the studies that docs/table1.sh has made: table1.py FOLDER"""
 
 import json
 import math
-import os
 import re
 import sys
 from pathlib import Path
@@ -189,26 +188,20 @@ def how_timed(scenes):
     return f"medians of {min(rounds)} to {max(rounds)} rounds in which the methods take turns, fewer for runs that take long"
 
 
-def made():
-    """When, from what and with which settings, as far as docs/table1.sh tells."""
-    tells = {name: os.environ[name] for name in os.environ if name.startswith("TABLE1_")}
-    text = "Made by `bash docs/table1.sh`"
-    if "TABLE1_DATE" in tells:
-        text += f" on {tells['TABLE1_DATE']}"
-    if "TABLE1_COMMIT" in tells:
-        text += f" from commit {tells['TABLE1_COMMIT']}"
-    names = ["SPP", "SCENES", "QUALITY", "RUNS", "ROUNDS"]
-    settings = [f"`TABLE1_{n}={tells['TABLE1_' + n]}`" for n in names if "TABLE1_" + n in tells]
-    return text + (" with " + ", ".join(settings) if settings else "")
+def made(tells):
+    """When, from what and with which settings."""
+    settings = [f"`TABLE1_{name.upper()}={value}`" for name, value in tells["settings"].items()]
+    return (f"Made by `bash docs/table1.sh` on {tells['date']} from commit {tells['commit']} with " + ", ".join(settings))
 
 
 def main():
     folder = Path(sys.argv[1])
-    scenes = [Scene(folder, name) for name in sys.argv[2:]]
+    tells = json.loads((folder / "made.json").read_text())
+    scenes = [Scene(folder, name) for name in tells["settings"]["scenes"].split()]
     first = scenes[0].study
     machine, (width, height) = first["machine"], first["film"]
     noise = [s.study["reference"]["relmse"] for s in scenes]
-    note = " " + os.environ["TABLE1_NOTE"] if "TABLE1_NOTE" in os.environ else ""
+    note = " " + tells["note"] if tells.get("note") else ""
     spp = [int(r["values"]["spp"]) for r in first["runs"] if r["method"] == "monte carlo"]
     print(f"""# Table 1: lvox beside Monte Carlo, and beside the paper
 
@@ -216,7 +209,7 @@ The six scenes of Table 1 of Gibson & Wood, *An Approach to Point Based Approxim
 Sponza with a CT bunny and with a CT head as media, at three resolutions each; {width} x {height} pixels, one sun, albedo 0.9.
 Everything is direct light and one bounce, which is what the paper's method computes.
 
-{made()}: lvox {first["version"]} on {machine["processor"]} ({machine["system"]}),
+{made(tells)}: lvox {first["version"]} on {machine["processor"]} ({machine["system"]}),
 {machine["threads"]} threads. Times are CPU seconds of all threads, {how_timed(scenes)}, without loading the scene.{note}
 
 - **Monte Carlo** is `lvox reference`: path tracing with next-event estimation and Sobol points, multi-threaded, in the same

@@ -75,9 +75,21 @@ for cloud in surfels-500000-depth-0.7 surfels-2500000-voxels-4; do
     fi
 done
 
-export TABLE1_DATE="$made" TABLE1_COMMIT="$commit" TABLE1_SPP="$spp" TABLE1_SCENES="$scenes" TABLE1_QUALITY="$quality" \
-    TABLE1_RUNS="$runs" TABLE1_ROUNDS="$rounds"
-# shellcheck disable=SC2086 # a list of names
-python3 docs/table1.py "$build" $scenes >"$work/table1.md"
+# What the page is made of is kept, without the paths of this machine.
+record=benches/results/$made-table1
+rm -rf benches/results/*-table1
+mkdir -p "$record"
+cp "$build"/order.*.txt "$record"
+for scene in $scenes; do
+    mkdir "$record/$scene"
+    sed -E 's|"[^"]*/([^"/]+)\.exr"|"\1.exr"|' "$build/$scene/study.json" >"$record/$scene/study.json"
+done
+python3 -c '
+import json, sys
+date, commit, note, *values = sys.argv[1:]
+settings = dict(zip(("spp", "scenes", "quality", "runs", "rounds"), values))
+print(json.dumps({"date": date, "commit": commit, "note": note, "settings": settings}, indent=2))' \
+    "$made" "$commit" "${TABLE1_NOTE:-}" "$spp" "$scenes" "$quality" "$runs" "$rounds" >"$record/made.json"
+python3 docs/table1.py "$record" >"$work/table1.md"
 cp "$work/table1.md" docs/table1.md
 printf 'see docs/table1.md\n' >&2

@@ -19,7 +19,8 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("image", &["error", "run", "scene::Film"]),
     ("bake", LEAVES),
     ("build", LEAVES),
-    ("inspect", &["error", "formats", "run"]),
+    // Of pictures it knows none but the samples that may be kept beside one.
+    ("inspect", &["error", "formats", "image::samples", "run"]),
     ("shade", LEAVES),
     // What judges the pipeline shares the scene and its tracing with it, and no light.
     (

@@ -14,6 +14,7 @@ pub mod metrics;
 pub mod picture;
 pub mod png;
 pub mod region;
+pub mod samples;
 pub mod subject;
 pub mod tone;
 

@@ -1,19 +1,15 @@
-//! The samples that `lvox reference` keeps beside its image: what they are of and how many there are. The layout is that of
-//! `reference::Sums::write`.
+//! The samples that `lvox reference` keeps beside its image: what they are of and how many there are. What follows the head
+//! of such a file is laid out as `reference::Sums::write` has it.
 
+use crate::image::samples::{Head, Unreadable, VERSION};
 use crate::{Error, Result};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
-const MAGIC: [u8; 8] = *b"\x89lvs\r\n\x1a\n";
-const VERSION: u32 = 2;
-/// Magic and seven numbers, the length of the origin last.
-const FIXED: u64 = 8 + 7 * 4;
-const LONGEST_ORIGIN: u32 = 1 << 16;
 const CHECKSUM: u64 = 32;
 
 /// What a file of samples says of itself.
@@ -47,92 +43,59 @@ pub struct Samples {
     pub settings: BTreeMap<String, Value>,
 }
 
-#[derive(serde::Deserialize)]
-struct Origin {
-    code: String,
-    scene: String,
-    film: [u32; 2],
-    settings: BTreeMap<String, Value>,
-}
-
 /// Reads the header and the counts of a file of samples; `None` if it is another kind of file. The checksum is not looked at.
 ///
 /// # Errors
 /// [`crate::Kind::Input`] if the file cannot be read, is of another version, or is damaged or cut.
 pub fn samples(path: &Path) -> Result<Option<Samples>> {
-    let failed = |e: &std::io::Error| match e.kind() {
-        std::io::ErrorKind::UnexpectedEof => refused(path, "is cut"),
-        _ => Error::io("read", path, e),
+    let failed = |e: Unreadable| match e {
+        Unreadable::Io(e) => Error::io("read", path, &e),
+        other => refused(path, &other.to_string()),
     };
-    let mut file = BufReader::new(File::open(path).map_err(|e| failed(&e))?);
-    let mut magic = Vec::new();
-    (&mut file)
-        .take(8)
-        .read_to_end(&mut magic)
-        .map_err(|e| failed(&e))?;
-    if magic != MAGIC {
-        return Ok(None);
-    }
-    let mut number = || -> std::io::Result<u32> {
-        let mut bytes = [0; 4];
-        file.read_exact(&mut bytes)?;
-        Ok(u32::from_le_bytes(bytes))
+    let io_failed = |e: std::io::Error| failed(e.into());
+    let mut file = BufReader::new(File::open(path).map_err(io_failed)?);
+    let head = match Head::read(&mut file) {
+        Err(Unreadable::Foreign) => return Ok(None),
+        other => other.map_err(failed)?,
     };
-    let mut numbers = [0; 7];
-    for n in &mut numbers {
-        *n = number().map_err(|e| failed(&e))?;
-    }
-    let [version, strands, x0, y0, x1, y1, length] = numbers;
-    if version != VERSION {
-        let what = format!("is of version {version} of such files, not {VERSION}");
-        return Err(refused(path, &what));
-    }
-    let damaged = || refused(path, "is damaged: its header cannot be read");
-    if length > LONGEST_ORIGIN {
-        return Err(damaged());
-    }
-    let mut origin = vec![0; length as usize];
-    file.read_exact(&mut origin).map_err(|e| failed(&e))?;
-    let origin: Origin = serde_json::from_slice(&origin).map_err(|_| damaged())?;
-
-    let width = u64::from(x1.checked_sub(x0).ok_or_else(damaged)?);
-    let height = y1.checked_sub(y0).ok_or_else(damaged)?;
+    let region = head.region;
+    let damaged = || failed(Unreadable::Damaged);
     // A pixel has three sums of eight bytes a strand.
-    let pixels = width
-        .checked_mul(u64::from(strands))
-        .and_then(|n| n.checked_mul(24));
-    let row = pixels
+    let row = u64::from(region.width())
+        .checked_mul(u64::from(head.strands))
+        .and_then(|n| n.checked_mul(24))
         .and_then(|n| i64::try_from(n).ok())
         .ok_or_else(damaged)?;
-    let bytes = file.get_ref().metadata().map_err(|e| failed(&e))?.len();
-    let expected = u64::from(height)
+    let before = file.stream_position().map_err(io_failed)?;
+    let bytes = file.get_ref().metadata().map_err(io_failed)?.len();
+    let expected = u64::from(region.height())
         .checked_mul(row as u64 + 4)
-        .and_then(|rows| rows.checked_add(FIXED + u64::from(length) + CHECKSUM));
+        .and_then(|rows| rows.checked_add(before + CHECKSUM));
     if expected != Some(bytes) {
         return Err(refused(path, "is cut or damaged: its length is wrong"));
     }
     let (mut least, mut most) = (u32::MAX, 0);
-    for _ in 0..height {
+    for _ in 0..region.height() {
         let mut count = [0; 4];
-        file.read_exact(&mut count).map_err(|e| failed(&e))?;
+        file.read_exact(&mut count).map_err(io_failed)?;
         let count = u32::from_le_bytes(count);
         (least, most) = (least.min(count), most.max(count));
-        file.seek(SeekFrom::Current(row)).map_err(|e| failed(&e))?;
+        file.seek_relative(row).map_err(io_failed)?;
     }
     Ok(Some(Samples {
         file: path.to_string_lossy().into_owned(),
         kind: "samples",
-        version,
+        version: VERSION,
         bytes,
-        width: origin.film[0],
-        height: origin.film[1],
-        region: [x0, y0, x1, y1],
-        strands,
+        width: head.origin.film[0],
+        height: head.origin.film[1],
+        region: [region.x0, region.y0, region.x1, region.y1],
+        strands: head.strands,
         spp_min: least.min(most),
         spp_max: most,
-        scene_hash: origin.scene,
-        path_tracer: origin.code,
-        settings: origin.settings,
+        scene_hash: head.origin.scene,
+        path_tracer: head.origin.code,
+        settings: head.origin.settings,
     }))
 }
 
@@ -169,7 +132,8 @@ impl fmt::Display for Samples {
 mod tests {
     use super::*;
     use crate::image::Region;
-    use crate::reference::{Origin, Sums};
+    use crate::image::samples::Origin;
+    use crate::reference::Sums;
 
     #[test]
     fn what_is_kept_is_described_and_what_is_damaged_refused() {

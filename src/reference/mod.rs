@@ -12,10 +12,11 @@ pub mod sums;
 
 pub use path::PathTracer;
 pub use sampler::Sampler;
-pub use sums::{Origin, Sums};
+pub use sums::Sums;
 
 use crate::image::exr::{self, Precision};
 use crate::image::metrics::linear::RELATIVE_FLOOR;
+use crate::image::samples::Origin;
 use crate::image::{Frame, Region};
 use crate::math::{Rgb, sampling};
 use crate::run::{Job, Task, size};

@@ -4,70 +4,15 @@
 //! strands lie apart tells the variance without bias, which the spread of samples inside one low-discrepancy sequence
 //! would not: those are better spread than chance.
 
+use crate::image::samples::{Head, Origin, Unreadable};
 use crate::image::{Frame, Layer, Region};
 use crate::run::Output;
 use crate::{Error, Result};
-use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{Read, Write};
 use std::path::Path;
 
-const MAGIC: &[u8; 8] = b"\x89lvs\r\n\x1a\n";
-const VERSION: u32 = 2;
-/// Magic, version, strands, region, length of the origin.
-const FIXED: usize = 8 + 4 + 4 + 16 + 4;
-/// Most bytes of an origin that are looked at.
-const LONGEST_ORIGIN: usize = 1 << 16;
 const CHECKSUM: usize = 32;
-
-/// What samples were made from.
-#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub struct Origin {
-    /// Digest of the path tracer's sources.
-    pub code: String,
-    /// Digest of the scene's files.
-    pub scene: String,
-    /// Pixels across and down of the frame.
-    pub film: [u32; 2],
-    /// Settings by name, as JSON.
-    pub settings: BTreeMap<String, serde_json::Value>,
-}
-
-impl Origin {
-    /// The settings as a JSON object.
-    #[must_use]
-    pub fn settings_json(&self) -> String {
-        serde_json::to_string(&self.settings).unwrap_or_default()
-    }
-
-    /// What an origin has that another has not.
-    fn differences(&self, here: &Self) -> Vec<String> {
-        let mut found = Vec::new();
-        if self.scene != here.scene {
-            found.push("another scene".to_owned());
-        }
-        if self.film != here.film {
-            let size = |[w, h]: [u32; 2]| format!("{w}x{h}");
-            let (there, here) = (size(self.film), size(here.film));
-            found.push(format!("another frame ({there} pixels, here {here})"));
-        }
-        let names: BTreeSet<&String> = self.settings.keys().chain(here.settings.keys()).collect();
-        for name in names {
-            let (there, here) = (self.settings.get(name), here.settings.get(name));
-            if there != here {
-                let shown = |v: Option<&serde_json::Value>| {
-                    v.map_or_else(|| "absent".to_owned(), ToString::to_string)
-                };
-                let (there, here) = (shown(there), shown(here));
-                found.push(format!("another setting ({name} {there}, here {here})"));
-            }
-        }
-        if self.code != here.code {
-            found.push("a build whose path tracer has other sources".to_owned());
-        }
-        found
-    }
-}
 
 /// A row of pixels.
 #[derive(Clone, Debug, PartialEq)]
@@ -180,8 +125,8 @@ impl Sums {
         frame
     }
 
-    /// Writes all sums. Layout, little-endian: magic, u32 version, u32 strands, u32 x0 y0 x1 y1, u32 length of
-    /// the origin and the origin as JSON; for each row u32 samples per pixel, then for each pixel and strand three f64; blake3 of all that.
+    /// Writes all sums. Layout, little-endian: [`Head`]; for each row u32 samples per pixel, then for each pixel and strand
+    /// three f64; blake3 of all that.
     ///
     /// # Errors
     /// If the file cannot be written; one that is there stays as it was then.
@@ -192,8 +137,7 @@ impl Sums {
             hasher.update(bytes);
             output.write_all(bytes).map_err(|e| output.failed(&e))
         };
-        let header = self.header();
-        put(&mut output, &header)?;
+        put(&mut output, &self.head().bytes())?;
         let mut bytes = Vec::new();
         for row in &self.rows {
             bytes.clear();
@@ -226,14 +170,16 @@ impl Sums {
         // A foreign file may be of any length.
         let mut bytes = Vec::new();
         (&mut file)
-            .take((FIXED + LONGEST_ORIGIN) as u64)
+            .take(Head::LONGEST as u64)
             .read_to_end(&mut bytes)
             .map_err(|e| Error::io("read", path, &e))?;
-        if !bytes.starts_with(&like.header()) {
+        let head = like.head().bytes();
+        if !bytes.starts_with(&head) {
             return Err(refused(&like.what_else(&bytes)));
         }
         let length = file.metadata().map_err(|e| Error::io("read", path, &e))?;
-        if length.len() != like.file_length() {
+        let rows = u64::from(like.region.height()) * 4 + Self::bytes(&like.region, like.strands);
+        if length.len() != (head.len() + CHECKSUM) as u64 + rows {
             return Err(refused("is damaged: its length is wrong"));
         }
         file.read_to_end(&mut bytes)
@@ -243,9 +189,7 @@ impl Sums {
         if blake3::hash(body).as_bytes() != checksum {
             return Err(refused("is damaged: its checksum is wrong"));
         }
-        let mut rest = body
-            .strip_prefix(like.header().as_slice())
-            .ok_or_else(cut)?;
+        let mut rest = body.strip_prefix(head.as_slice()).ok_or_else(cut)?;
         let mut sums = Self::new(like.region, like.strands, like.origin.clone());
         for row in &mut sums.rows {
             let (count, after) = rest.split_first_chunk().ok_or_else(cut)?;
@@ -260,61 +204,32 @@ impl Sums {
         Ok(Some(sums))
     }
 
-    fn header(&self) -> Vec<u8> {
-        let origin = serde_json::to_vec(&self.origin).unwrap_or_default();
-        let mut header = Vec::with_capacity(FIXED + origin.len());
-        header.extend_from_slice(MAGIC);
-        let r = &self.region;
-        for v in [VERSION, self.strands, r.x0, r.y0, r.x1, r.y1] {
-            header.extend_from_slice(&v.to_le_bytes());
+    fn head(&self) -> Head {
+        Head {
+            strands: self.strands,
+            region: self.region,
+            origin: self.origin.clone(),
         }
-        header.extend_from_slice(
-            &u32::try_from(origin.len())
-                .unwrap_or(u32::MAX)
-                .to_le_bytes(),
-        );
-        header.extend_from_slice(&origin);
-        header
     }
 
-    /// What a file keeps whose header is not that of these sums.
-    fn what_else(&self, bytes: &[u8]) -> String {
-        let Some(rest) = bytes.strip_prefix(MAGIC) else {
-            return "is no file of samples".into();
+    /// What a file keeps whose head is not that of these sums.
+    fn what_else(&self, mut bytes: &[u8]) -> String {
+        let there = match Head::read(&mut bytes) {
+            Ok(head) => head,
+            Err(e) => return e.to_string(),
         };
-        let mut numbers = rest
-            .chunks_exact(4)
-            .map(|b| b.try_into().map_or(0, u32::from_le_bytes));
-        let mut next = || numbers.next().unwrap_or(0);
-        let version = next();
-        if version != VERSION {
-            return format!("is of version {version} of such files, not {VERSION}");
+        let mut found = there.origin.differences(&self.origin);
+        if there.region != self.region {
+            let (there, here) = (there.region, self.region);
+            found.push(format!("another region ({there}, here {here})"));
         }
-        let strands = next();
-        let region = Region {
-            x0: next(),
-            y0: next(),
-            x1: next(),
-            y1: next(),
-        };
-        let length = next() as usize;
-        let origin = bytes.get(FIXED..FIXED.saturating_add(length));
-        let Some(origin) = origin.and_then(|o| serde_json::from_slice::<Origin>(o).ok()) else {
-            return "is damaged or cut: its header cannot be read".into();
-        };
-        let mut found = origin.differences(&self.origin);
-        if region != self.region {
-            found.push(format!("another region ({region}, here {})", self.region));
+        if there.strands != self.strands {
+            found.push(format!("{} strands, here {}", there.strands, self.strands));
         }
         if found.is_empty() {
-            found.push(format!("{strands} strands, here {}", self.strands));
+            return Unreadable::Damaged.to_string();
         }
         format!("keeps samples of {}", found.join(", "))
-    }
-
-    fn file_length(&self) -> u64 {
-        let rows = u64::from(self.region.height()) * 4 + Self::bytes(&self.region, self.strands);
-        (self.header().len() + CHECKSUM) as u64 + rows
     }
 }
 

@@ -32,7 +32,7 @@ pub use settings::{Kernel, Method, Quality, Settings};
 ///
 /// # Errors
 /// A setting out of range, an unknown camera, a tree in another frame than the scene ([`Scene::in_frame`]), more
-/// pixels than the memory limit allows, a page that cannot be read, or a stop on request.
+/// pixels or larger media than the memory limit allows, a page that cannot be read, or a stop on request.
 pub fn run(
     scene: &Scene,
     store: &TreeStore,

@@ -214,7 +214,7 @@ impl<P: Pages, M: Medium> Shot<'_, P, M> {
             regions,
             self.lights,
             (settings.method == Method::Extended).then_some(&volume_gatherer),
-            &job.cancel,
+            job,
         )?;
         self.shade(&in_scatter, self.lights)
     }

@@ -410,12 +410,12 @@ mod tests {
     use super::super::record::{Errors, Reference, Timing};
     use super::*;
 
-    #[test]
-    fn errors_of_nothing_are_left_out() {
-        let run = |name: &str, relmse| Run {
+    /// A run of a second.
+    fn run(name: &str, sweep: &str, relmse: f64) -> Run {
+        Run {
             name: name.into(),
             method: "extended".into(),
-            sweep: "base".into(),
+            sweep: sweep.into(),
             rounds: vec![Timing {
                 wall_secs: 1.0,
                 cpu_secs: 1.0,
@@ -425,18 +425,22 @@ mod tests {
                 ..Errors::default()
             },
             ..Run::default()
-        };
+        }
+    }
+
+    #[test]
+    fn errors_of_nothing_are_left_out() {
         let mut study = Study {
             reference: Reference {
                 relmse: Some(0.0),
                 ..Reference::default()
             },
-            runs: vec![run("exact", 0.0)],
+            runs: vec![run("exact", "base", 0.0)],
             ..Study::default()
         };
         study.find();
         assert!(all(&study).unwrap().is_empty());
-        study.runs.push(run("near", 0.1));
+        study.runs.push(run("near", "base", 0.1));
         study.runs[0].rounds[0].cpu_secs = 2.0;
         study.find();
         let front = all(&study).unwrap().pop().unwrap();
@@ -445,22 +449,14 @@ mod tests {
 
     #[test]
     fn a_sweep_of_one_point_is_not_drawn() {
-        let run = |sweep: &str, samples: f64| Run {
-            method: "extended".into(),
-            sweep: sweep.into(),
-            values: [("samples".to_owned(), samples)].into(),
-            rounds: vec![Timing {
-                wall_secs: 1.0,
-                cpu_secs: samples,
-            }],
-            errors: Errors {
-                relmse: Some(1.0 / samples),
-                ..Errors::default()
-            },
-            ..Run::default()
+        let of = |sweep: &str, samples: f64| {
+            let mut run = run("", sweep, 1.0 / samples);
+            run.values.insert("samples".into(), samples);
+            run.rounds[0].cpu_secs = samples;
+            run
         };
         let mut study = Study {
-            runs: vec![run("base", 8.0)],
+            runs: vec![of("base", 8.0)],
             ..Study::default()
         };
         let names = |study: &Study| -> Vec<&str> {
@@ -470,7 +466,7 @@ mod tests {
         let found = names(&study);
         assert!(!found.contains(&"error-over-settings"), "{found:?}");
         assert!(found.contains(&"error-over-render-time"), "{found:?}");
-        study.runs.push(run("samples", 16.0));
+        study.runs.push(of("samples", 16.0));
         let found = names(&study);
         assert!(found.contains(&"error-over-settings"), "{found:?}");
     }
@@ -491,20 +487,10 @@ mod tests {
 
     #[test]
     fn settings_of_zero_and_errors_without_end_leave_the_other_points() {
-        let run = |name: &str, solid_angle: f64, relmse: f64| Run {
-            name: name.into(),
-            method: "extended".into(),
-            sweep: "max-solid-angle".into(),
-            values: [("max-solid-angle".into(), solid_angle)].into(),
-            rounds: vec![Timing {
-                wall_secs: 1.0,
-                cpu_secs: 1.0,
-            }],
-            errors: Errors {
-                relmse: Some(relmse),
-                ..Errors::default()
-            },
-            ..Run::default()
+        let of = |name: &str, solid_angle: f64, relmse: f64| {
+            let mut run = run(name, "max-solid-angle", relmse);
+            run.values.insert("max-solid-angle".into(), solid_angle);
+            run
         };
         let mut study = Study {
             reference: Reference {
@@ -512,11 +498,11 @@ mod tests {
                 ..Reference::default()
             },
             runs: vec![
-                run("all", 0.0, 0.1),
-                run("fine", 0.01, 0.2),
-                run("coarse", 0.02, 0.3),
-                run("broken", 0.04, f64::INFINITY),
-                run("lost", 0.08, f64::NAN),
+                of("all", 0.0, 0.1),
+                of("fine", 0.01, 0.2),
+                of("coarse", 0.02, 0.3),
+                of("broken", 0.04, f64::INFINITY),
+                of("lost", 0.08, f64::NAN),
             ],
             ..Study::default()
         };

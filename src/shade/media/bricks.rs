@@ -13,7 +13,7 @@ pub struct BrickTable<T> {
 
 impl<T> BrickTable<T> {
     /// One for each brick of a grid, empty or not.
-    pub fn new(grid: &Grid, value: impl Fn([usize; 3]) -> T) -> Self {
+    pub fn new(grid: &Grid, value: impl FnMut([usize; 3]) -> T) -> Self {
         let dims = grid.brick_dims();
         let [nx, ny, nz] = dims;
         let bricks = (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]);
@@ -30,18 +30,18 @@ impl<T> BrickTable<T> {
         &self.values[(z * ny + y) * nx + x]
     }
 
-    /// That of a brick, to be changed.
-    pub fn of_mut(&mut self, [x, y, z]: [usize; 3]) -> &mut T {
-        let [nx, ny, _] = self.dims;
-        &mut self.values[(z * ny + y) * nx + x]
-    }
-
     /// That of the brick around a point of index space, or of the nearest.
     #[inline]
     pub fn at(&self, point_in_index: Vec3) -> &T {
-        let p = point_in_index.to_array();
-        // A brick's samples stand half a voxel from its cells' corners.
-        let brick = |a: usize| (p[a] + 0.5).max(0.0) as usize / BRICK_CELLS;
-        self.of(std::array::from_fn(|a| brick(a).min(self.dims[a] - 1)))
+        self.of(brick_around(point_in_index, self.dims))
     }
+}
+
+/// The brick around a point of index space, or the nearest, of so many along each axis.
+#[inline]
+pub fn brick_around(point_in_index: Vec3, dims: [usize; 3]) -> [usize; 3] {
+    let p = point_in_index.to_array();
+    // A brick's samples stand half a voxel from its cells' corners.
+    let brick = |a: usize| (p[a] + 0.5).max(0.0) as usize / BRICK_CELLS;
+    std::array::from_fn(|a| brick(a).min(dims[a] - 1))
 }

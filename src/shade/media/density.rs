@@ -1,7 +1,7 @@
 //! How dense all media together are in the bricks of one volume: light in a haze changes as fast as in the cloud that stands
 //! in it.
 
-use super::bricks::BrickTable;
+use super::bricks::{BrickTable, brick_around};
 use crate::scene::Volume;
 use crate::scene::grid::BRICK_CELLS;
 use glam::Vec3;
@@ -67,11 +67,7 @@ fn most_around(volume: &Volume, brick: [usize; 3], other: &Volume) -> f32 {
         return 0.0;
     }
     let bricks = other.sigma_t.brick_dims();
-    let place = |p: Vec3| -> [usize; 3] {
-        let p = p.to_array();
-        std::array::from_fn(|a| ((p[a] + 0.5).max(0.0) as usize / BRICK_CELLS).min(bricks[a] - 1))
-    };
-    let (first, last) = (place(lower), place(upper));
+    let (first, last) = (brick_around(lower, bricks), brick_around(upper, bricks));
     let mut most = 0.0_f32;
     for z in first[2]..=last[2] {
         for y in first[1]..=last[1] {

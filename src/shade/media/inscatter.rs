@@ -1,16 +1,16 @@
 //! In-scattered light inside media, interpolated from vertices on the volume's own grid.
 //!
 //! A vertex is evaluated when a ray first needs it and depends on its coordinates alone, so it does not matter which
-//! tile or thread asks. Direct light is smooth at the scale of an optical depth, indirect light at twice that, so each
-//! brick of a volume has the spacing that its own density asks for; indirect light of thin bricks is swept beforehand. Where
-//! vertices of a dense brick still differ much, at its rim, finer ones are asked; near a lamp, and where a voxel is deep,
-//! the ray's own points. Vertices in empty space around the medium are evaluated like any other: leaving them dark would
-//! darken its rim.
+//! tile or thread asks. Each brick of a volume has the spacing that its own density asks for: vertices of direct light
+//! stand at most an optical depth apart, those of indirect light 1.4 where it is swept beforehand, in thin bricks, and two
+//! where it is not. Where vertices of a dense brick still differ much, at its rim, finer ones are asked; near a lamp, and
+//! where a voxel is deep, the ray's own points. Vertices in empty space around the medium are evaluated like any other:
+//! leaving them dark would darken its rim.
 
 use super::density::Densities;
 use super::far_field::FarField;
 use super::stiff;
-use super::sweep::{Scope, Sweep};
+use super::sweep::{self, Scope, Sweep};
 use super::vertices::{Cube, Vertices, are_alike, blend};
 use crate::Result;
 use crate::gather::{Gatherer, Medium, Pages, Stretch};
@@ -18,7 +18,7 @@ use crate::image::Region;
 use crate::light::{InMedium, Lights, ShadowRays, SunDepths};
 use crate::math::exp::{exp_neg, mean_reach, one_minus_exp_neg};
 use crate::math::{Rgb, sampling};
-use crate::run::Cancel;
+use crate::run::Job;
 use crate::scene::Volume;
 use crate::shade::view::View;
 use glam::Vec3;
@@ -28,7 +28,7 @@ use glam::Vec3;
 struct Lattices {
     /// By log2 of the voxels between vertices.
     direct: [Vertices<Vertex>; LEVELS],
-    indirect: [Vertices<Rgb>; LEVELS + 1],
+    indirect: [Vertices<Rgb>; sweep::LEVELS],
     far_field: FarField,
     sweep: Option<Sweep>,
     densities: Densities,
@@ -36,8 +36,11 @@ struct Lattices {
     voxel: f32,
 }
 
-/// Spacings of 1, 2 and 4 voxels.
+/// Spacings of 1, 2 and 4 voxels, of direct light.
 const LEVELS: usize = 3;
+
+/// Indirect light that is not swept stands at twice the spacing of direct light.
+const _: () = assert!(sweep::LEVELS > LEVELS);
 
 /// Voxels that vertices and probes keep from the border of their volume: there may be a floor in its plane, of which they
 /// would see either side.
@@ -87,13 +90,13 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     /// direct light only.
     ///
     /// # Errors
-    /// If cancelled.
+    /// If cancelled, or if a sweep takes more than the memory limit by itself.
     pub fn new(
         view: &View<'a>,
         regions: &[Region],
         lights: &'a Lights<'a>,
         gatherer: Option<&'a Gatherer<'a, P, M>>,
-        cancel: &Cancel,
+        job: &Job,
     ) -> Result<Self> {
         let volumes = &view.tracer.scene.volumes;
         let mut lattices = Vec::with_capacity(volumes.len());
@@ -117,7 +120,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                         gatherer,
                         volume,
                         far_field: &far_field,
-                        cancel,
+                        job,
                     };
                     Sweep::new(&scope, |brick, own| {
                         let all = densities.of_all(brick, own);
@@ -361,7 +364,7 @@ pub struct Known {
     /// By volume.
     direct: [Cube<usize, Vertex>; LEVELS],
     /// By volume, and whether they are swept.
-    indirect: [Cube<(usize, bool), Rgb>; LEVELS + 1],
+    indirect: [Cube<(usize, bool), Rgb>; sweep::LEVELS],
 }
 
 /// Direct light at a vertex.

@@ -11,7 +11,7 @@ use crate::image::Region;
 use crate::light::Lights;
 use crate::math::segment::{Composite, Segment};
 use crate::math::{Hit, Rgb, sampling};
-use crate::run::Cancel;
+use crate::run::{Cancel, Job};
 use crate::scene::{Grid, Scene, Volume};
 use crate::shade::view::View;
 use crate::trace::Tracer;
@@ -171,12 +171,16 @@ fn with<M: Medium, T>(
 
 /// Sweeps the haze on one thread.
 fn sweep<M: Medium>(around: &Around, media: M, cancel: &Cancel) -> crate::Result<()> {
+    let job = Job {
+        cancel: cancel.clone(),
+        ..Job::default()
+    };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
     with_haze(around, media, |view, lights, gatherer| {
         let regions = [Region::full(1, 1)];
         let in_scatter = pool
             .unwrap()
-            .install(|| InScatter::new(view, &regions, lights, Some(gatherer), cancel));
+            .install(|| InScatter::new(view, &regions, lights, Some(gatherer), &job));
         in_scatter.map(drop)
     })
 }
@@ -209,8 +213,8 @@ fn probes_and_vertices_keep_off_the_planes_of_a_volumes_borders() {
     // Too near for probes: vertices gather for themselves.
     let near = Around::at(0.5);
     with_haze(&near, NoMedia, |view, lights, gatherer| {
-        let (regions, cancel) = ([Region::full(1, 1)], Cancel::default());
-        let in_scatter = InScatter::new(view, &regions, lights, Some(gatherer), &cancel).unwrap();
+        let (regions, job) = ([Region::full(1, 1)], Job::default());
+        let in_scatter = InScatter::new(view, &regions, lights, Some(gatherer), &job).unwrap();
         let probes = near.rays();
         let floor = |x: f32| Vec3::new(x, -7.9, -12.0);
         let _ = in_scatter.source(0, [floor(0.0), floor(0.1)], 0.002, &mut Known::default());
@@ -264,6 +268,47 @@ fn sweeps_stop_soon_on_request() {
 }
 
 #[test]
+fn sweeps_beyond_the_memory_limit_are_refused_before_they_begin() {
+    // A vertex at each voxel: 17^3 of some hundred bytes.
+    let scene = haze(1.0);
+    for (memory_limit, is_held) in [
+        (None, true),
+        (Some(4 << 20), true),
+        (Some(1 << 20), false),
+        (Some(1), false),
+    ] {
+        let far = Around::at(f32::INFINITY);
+        let job = Job {
+            memory_limit,
+            ..Job::default()
+        };
+        let made = with(&scene, &far, NoMedia, |view, lights, gatherer| {
+            InScatter::new(view, &[Region::full(1, 1)], lights, Some(gatherer), &job).map(drop)
+        });
+        assert_eq!(far.rays() > 0, is_held);
+        if is_held {
+            made.unwrap();
+            continue;
+        }
+        let error = made.unwrap_err();
+        assert_eq!(error.kind(), Kind::Input);
+        assert!(error.to_string().contains("4913 vertices"), "{error}");
+        assert!(error.to_string().contains("\"haze\""), "{error}");
+        assert!(error.hint_text().unwrap().contains("--max-dist"));
+    }
+    // What looks past the volume has no sweep.
+    let far = Around::at(f32::INFINITY);
+    let job = Job {
+        memory_limit: Some(1),
+        ..Job::default()
+    };
+    with(&scene, &far, NoMedia, |view, lights, gatherer| {
+        InScatter::new(view, &[], lights, Some(gatherer), &job).map(drop)
+    })
+    .unwrap();
+}
+
+#[test]
 fn a_sweep_finds_the_crest_of_light_in_a_medium_that_is_lit_from_one_side() {
     const SIGMA_T: f32 = 0.3;
     let scene = haze(SIGMA_T);
@@ -289,7 +334,7 @@ fn a_sweep_finds_the_crest_of_light_in_a_medium_that_is_lit_from_one_side() {
         albedo: volume.albedo,
     };
     let media = Media::<f32>::new(&[info], lvoxels);
-    let (far, cancel) = (Around::at(f32::INFINITY), Cancel::default());
+    let (far, job) = (Around::at(f32::INFINITY), Job::default());
     with(&scene, &far, &media, |view, _, gatherer| {
         let far_field = FarField::new(volume, 64, 1);
         let scope = Scope {
@@ -298,7 +343,7 @@ fn a_sweep_finds_the_crest_of_light_in_a_medium_that_is_lit_from_one_side() {
             gatherer,
             volume,
             far_field: &far_field,
-            cancel: &cancel,
+            job: &job,
         };
         let sweep = Sweep::new(&scope, |_, own| own).unwrap();
         let level = sweep.level_at(Vec3::splat(8.0)).unwrap();

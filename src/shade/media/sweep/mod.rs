@@ -13,9 +13,10 @@ use crate::Result;
 use crate::gather::{Gatherer, Medium, Pages};
 use crate::image::Region;
 use crate::math::Rgb;
-use crate::run::Cancel;
+use crate::run::Job;
 use crate::scene::Volume;
 use crate::scene::grid::BRICK_CELLS;
+use crate::shade::memory;
 use crate::shade::view::View;
 use crate::trace::media_bounds;
 use glam::Vec3;
@@ -32,7 +33,7 @@ pub struct Sweep {
 }
 
 /// Spacings of 1 to 8 voxels.
-const LEVELS: usize = 4;
+pub const LEVELS: usize = 4;
 
 /// Vertices of one spacing.
 #[derive(Debug)]
@@ -61,8 +62,8 @@ pub struct Scope<'a, P, M> {
     pub volume: &'a Volume,
     /// What is around it.
     pub far_field: &'a FarField,
-    /// For cancelling.
-    pub cancel: &'a Cancel,
+    /// For cancelling, and for the memory limit.
+    pub job: &'a Job,
 }
 
 impl Sweep {
@@ -78,33 +79,40 @@ impl Sweep {
     /// is the optical depth that counts for one, other media considered, given the largest extinction of this one.
     ///
     /// # Errors
-    /// If cancelled.
+    /// If cancelled, or if that takes more than the memory limit by itself.
     pub fn new<P: Pages, M: Medium>(
         scope: &Scope<P, M>,
         depth_of: impl Fn([usize; 3], f32) -> f32,
     ) -> Result<Self> {
         let grid = &scope.volume.sigma_t;
-        let [nx, ny, nz] = grid.brick_dims();
-        let mut level_of = BrickTable::new(grid, |_| None);
         let mut needed: [Vec<[usize; 3]>; LEVELS] = Default::default();
-        for b in (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]) {
-            if let Some(brick) = grid.brick(b)
-                && let Some(level) = Self::level(depth_of(b, brick.max))
-                && scope.may_see(b)
-            {
-                *level_of.of_mut(b) = Some(level as u8);
+        let level_of = BrickTable::new(grid, |b| {
+            let level = Self::level(depth_of(b, grid.brick(b)?.max))?;
+            scope.may_see(b).then(|| {
                 needed[level].push(b);
-            }
-        }
+                level as u8
+            })
+        });
+        let sets: [_; LEVELS] = std::array::from_fn(|level| {
+            let bricks = &needed[level];
+            (!bricks.is_empty()).then(|| scope.vertices(bricks, 1 << level))
+        });
+        let counts = || sets.iter().flatten().map(|set| set.len() as u64);
+        memory::check_sweep(
+            scope.volume,
+            counts().sum(),
+            Level::KEPT * counts().sum::<u64>() + Level::SWEPT * counts().max().unwrap_or(0),
+            scope.job.memory_limit,
+        )?;
         let bounds = media_bounds(scope.view.tracer.scene);
         let media = MediaBox {
             bounds,
             has_walls: scope.has_walls(bounds),
         };
         let mut levels = [const { None }; LEVELS];
-        for (level, bricks) in needed.iter().enumerate() {
-            if !bricks.is_empty() {
-                levels[level] = Some(Level::new(scope, level, bricks, &media)?);
+        for (level, set) in sets.into_iter().enumerate() {
+            if let Some(set) = set {
+                levels[level] = Some(Level::new(scope, set, 1 << level, &media)?);
             }
         }
         Ok(Self { levels, level_of })
@@ -131,32 +139,26 @@ impl Sweep {
 }
 
 impl Level {
+    /// Bytes a vertex that are kept, and those that its level takes while it is swept.
+    const KEPT: u64 = size_of::<Option<Rgb>>() as u64;
+    const SWEPT: u64 = (size_of::<[usize; 3]>()
+        + size_of::<Option<Surroundings>>()
+        + size_of::<Rgb>()
+        + Sweep::BATCH as usize * size_of::<Arriving>()) as u64;
+
+    /// Sweeps vertices `step` voxels apart.
     fn new<P: Pages, M: Medium>(
         scope: &Scope<P, M>,
-        level: usize,
-        bricks: &[[usize; 3]],
+        set: SparseLattice,
+        step: usize,
         media: &MediaBox,
     ) -> Result<Self> {
-        let step = 1 << level;
-        let count = scope.volume.sigma_t.dims().map(|n| n.div_ceil(step) + 1);
-        let cells: Vec<Vec<[usize; 3]>> = bricks
-            .par_iter()
-            .map(|&brick| scope.cells_with_medium(brick, step))
-            .collect();
-        let set = SparseLattice::new(count, |choose| {
-            for cell in cells.iter().flatten() {
-                for i in 0..8 {
-                    let v: [usize; 3] = std::array::from_fn(|a| cell[a] + (i >> a & 1));
-                    choose(std::array::from_fn(|a| v[a].min(count[a] - 1)));
-                }
-            }
-        });
         let vertices: Vec<[usize; 3]> = set.vertices().collect();
         let to_index = |v: [usize; 3]| Vec3::from(v.map(|c| (c * step) as f32));
         let surroundings: Vec<Option<Surroundings>> = vertices
             .par_iter()
             .map(|&v| {
-                scope.cancel.check()?;
+                scope.job.cancel.check()?;
                 let field = scope.far_field;
                 Ok(field.around(scope.volume, scope.gatherer, to_index(v)))
             })
@@ -193,6 +195,9 @@ impl Level {
 }
 
 impl<P: Pages, M: Medium> Scope<'_, P, M> {
+    /// Bricks whose cells are held in memory together.
+    const PART: usize = 1024;
+
     /// Whether rays of the regions may pass a brick of the volume.
     fn may_see(&self, brick: [usize; 3]) -> bool {
         let corners = std::array::from_fn(|i| {
@@ -204,6 +209,26 @@ impl<P: Pages, M: Medium> Scope<'_, P, M> {
         });
         let sees = |&region: &Region| self.view.may_see(region, Sweep::MARGIN, corners);
         self.regions.iter().any(sees)
+    }
+
+    /// Vertices around the cells of bricks that hold any medium, `step` voxels apart.
+    fn vertices(&self, bricks: &[[usize; 3]], step: usize) -> SparseLattice {
+        let count = self.volume.sigma_t.dims().map(|n| n.div_ceil(step) + 1);
+        SparseLattice::new(count, |choose| {
+            // A part at a time: the cells of all take far more memory than their vertices do as bits.
+            for part in bricks.chunks(Self::PART) {
+                let cells: Vec<Vec<[usize; 3]>> = part
+                    .par_iter()
+                    .map(|&brick| self.cells_with_medium(brick, step))
+                    .collect();
+                for cell in cells.iter().flatten() {
+                    for i in 0..8 {
+                        let v: [usize; 3] = std::array::from_fn(|a| cell[a] + (i >> a & 1));
+                        choose(std::array::from_fn(|a| v[a].min(count[a] - 1)));
+                    }
+                }
+            }
+        })
     }
 
     /// The cells of the lattice, `step` voxels wide, in which a brick of the volume holds any medium.

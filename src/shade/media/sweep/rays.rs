@@ -76,7 +76,7 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
         let mut at_vertices = vec![Arriving::default(); self.set.len()];
         let mut stops = Vec::new();
         for (i, needed) in needed.chunks_exact(words).enumerate() {
-            self.scope.cancel.check()?;
+            self.scope.job.cancel.check()?;
             stops.clear();
             for (word, &bits) in needed.iter().enumerate() {
                 let mut bits = bits;

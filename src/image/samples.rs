@@ -1,0 +1,217 @@
+//! The head of a file of samples, such as `lvox reference` keeps beside its image: which pixels it has samples of, and what
+//! they were made from. Layout, little-endian: magic, u32 version, u32 strands, u32 x0 y0 x1 y1, u32 length of the origin
+//! and the origin as JSON. What follows is `reference::Sums`.
+
+use super::Region;
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::{self, ErrorKind, Read};
+
+const MAGIC: [u8; 8] = *b"\x89lvs\r\n\x1a\n";
+/// Version of such files.
+pub const VERSION: u32 = 2;
+/// Version, strands, region, length of the origin.
+const NUMBERS: usize = 7;
+/// Most bytes of an origin that are looked at.
+const LONGEST_ORIGIN: u32 = 1 << 16;
+
+/// What samples were made from.
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Origin {
+    /// Digest of the path tracer's sources.
+    pub code: String,
+    /// Digest of the scene's files.
+    pub scene: String,
+    /// Pixels across and down of the frame.
+    pub film: [u32; 2],
+    /// Settings by name, as JSON.
+    pub settings: BTreeMap<String, serde_json::Value>,
+}
+
+impl Origin {
+    /// The settings as a JSON object.
+    #[must_use]
+    pub fn settings_json(&self) -> String {
+        serde_json::to_string(&self.settings).unwrap_or_default()
+    }
+
+    /// What an origin has that another has not.
+    #[must_use]
+    pub fn differences(&self, here: &Self) -> Vec<String> {
+        let mut found = Vec::new();
+        if self.scene != here.scene {
+            found.push("another scene".to_owned());
+        }
+        if self.film != here.film {
+            let size = |[w, h]: [u32; 2]| format!("{w}x{h}");
+            let (there, here) = (size(self.film), size(here.film));
+            found.push(format!("another frame ({there} pixels, here {here})"));
+        }
+        let names: BTreeSet<&String> = self.settings.keys().chain(here.settings.keys()).collect();
+        for name in names {
+            let (there, here) = (self.settings.get(name), here.settings.get(name));
+            if there != here {
+                let shown = |v: Option<&serde_json::Value>| {
+                    v.map_or_else(|| "absent".to_owned(), ToString::to_string)
+                };
+                let (there, here) = (shown(there), shown(here));
+                found.push(format!("another setting ({name} {there}, here {here})"));
+            }
+        }
+        if self.code != here.code {
+            found.push("a build whose path tracer has other sources".to_owned());
+        }
+        found
+    }
+}
+
+/// What a file of samples begins with.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Head {
+    /// Independent sequences in each pixel.
+    pub strands: u32,
+    /// The pixels.
+    pub region: Region,
+    /// What the samples were made from.
+    pub origin: Origin,
+}
+
+/// Why a head cannot be read. The texts follow a file's name.
+#[derive(Debug, thiserror::Error)]
+pub enum Unreadable {
+    /// Another kind of file.
+    #[error("is no file of samples")]
+    Foreign,
+    /// Of another version of the format.
+    #[error("is of version {0} of such files, not {VERSION}")]
+    Version(u32),
+    /// The file ends in its head.
+    #[error("is cut")]
+    Cut,
+    /// The head holds what none would.
+    #[error("is damaged: its header cannot be read")]
+    Damaged,
+    /// The operating system failed.
+    #[error(transparent)]
+    Io(io::Error),
+}
+
+impl From<io::Error> for Unreadable {
+    fn from(error: io::Error) -> Self {
+        match error.kind() {
+            ErrorKind::UnexpectedEof => Self::Cut,
+            _ => Self::Io(error),
+        }
+    }
+}
+
+impl Head {
+    /// Most bytes that one takes.
+    pub const LONGEST: usize = MAGIC.len() + 4 * NUMBERS + LONGEST_ORIGIN as usize;
+
+    /// As it stands in a file.
+    #[must_use]
+    pub fn bytes(&self) -> Vec<u8> {
+        let origin = serde_json::to_vec(&self.origin).unwrap_or_default();
+        let length = u32::try_from(origin.len()).unwrap_or(u32::MAX);
+        let r = &self.region;
+        let numbers = [VERSION, self.strands, r.x0, r.y0, r.x1, r.y1, length];
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend(numbers.into_iter().flat_map(u32::to_le_bytes));
+        bytes.extend(origin);
+        bytes
+    }
+
+    /// Reads one, and leaves the reader behind it.
+    ///
+    /// # Errors
+    /// Says what is wrong with the file.
+    pub fn read(from: &mut impl Read) -> Result<Self, Unreadable> {
+        let mut magic = Vec::new();
+        (&mut *from)
+            .take(MAGIC.len() as u64)
+            .read_to_end(&mut magic)?;
+        if magic != MAGIC {
+            return Err(Unreadable::Foreign);
+        }
+        let mut numbers = [0; NUMBERS];
+        for n in &mut numbers {
+            let mut bytes = [0; 4];
+            from.read_exact(&mut bytes)?;
+            *n = u32::from_le_bytes(bytes);
+        }
+        let [version, strands, x0, y0, x1, y1, length] = numbers;
+        if version != VERSION {
+            return Err(Unreadable::Version(version));
+        }
+        if length > LONGEST_ORIGIN || x0 > x1 || y0 > y1 {
+            return Err(Unreadable::Damaged);
+        }
+        let mut origin = vec![0; length as usize];
+        from.read_exact(&mut origin)?;
+        Ok(Self {
+            strands,
+            region: Region { x0, y0, x1, y1 },
+            origin: serde_json::from_slice(&origin).map_err(|_| Unreadable::Damaged)?,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn head() -> Head {
+        Head {
+            strands: 4,
+            region: Region {
+                x0: 3,
+                y0: 5,
+                x1: 7,
+                y1: 8,
+            },
+            origin: Origin {
+                code: "c".into(),
+                scene: "s".into(),
+                film: [20, 10],
+                settings: [("max_depth".to_owned(), 3.into())].into(),
+            },
+        }
+    }
+
+    /// Of the file with one number of its head changed, counted from the magic.
+    fn with(number: usize, value: u32) -> Result<Head, Unreadable> {
+        let mut bytes = head().bytes();
+        let at = MAGIC.len() + 4 * number;
+        bytes[at..at + 4].copy_from_slice(&value.to_le_bytes());
+        Head::read(&mut bytes.as_slice())
+    }
+
+    #[test]
+    fn heads_survive_a_round_trip() {
+        let mut file = head().bytes();
+        assert!(file.len() < Head::LONGEST);
+        file.extend(b"rest");
+        let mut reader = file.as_slice();
+        assert_eq!(Head::read(&mut reader).unwrap(), head());
+        assert_eq!(reader, b"rest");
+    }
+
+    #[test]
+    fn what_is_wrong_is_told() {
+        let whole = head().bytes();
+        for length in 0..whole.len() {
+            let found = Head::read(&mut &whole[..length]).unwrap_err();
+            match found {
+                Unreadable::Foreign => assert!(length < MAGIC.len(), "{length}"),
+                Unreadable::Cut => assert!(length >= MAGIC.len(), "{length}"),
+                other => panic!("{length}: {other}"),
+            }
+        }
+        assert!(matches!(with(0, 1), Err(Unreadable::Version(1))));
+        // The region's right before its left, its bottom above its top; origins longer than any, and one that ends too soon.
+        for (number, value) in [(4, 2), (5, 4), (6, u32::MAX), (6, 1)] {
+            let found = with(number, value);
+            assert!(matches!(found, Err(Unreadable::Damaged)), "{found:?}");
+        }
+    }
+}
