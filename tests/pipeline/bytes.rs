@@ -210,7 +210,7 @@ fn what_memory_cannot_hold_is_told_before_it_is_made() {
     // The picture alone, whatever the tree takes.
     let store = TreeStore::open(&tree, None).unwrap();
     let job = Job {
-        memory_limit: Some(100_000),
+        memory_limit: Some(70_000),
         ..Job::default()
     };
     let settings = Settings::default();

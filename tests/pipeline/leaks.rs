@@ -126,7 +126,7 @@ fn walls_thinner_than_a_disk_keep_a_room_dark() {
             "3.5 mm, one floor",
             rooms(&wall(0.0035), true),
             1.3e-4,
-            3.5e-3,
+            8e-3,
         ),
         (
             "0.35 mm, own floors",
