@@ -4,7 +4,7 @@
 #
 # LARGE_WORK    trees, images and reports; what is there is not made again [target/large-frame]
 # LARGE_SCENES  scenes [A B C C_novol]
-# LARGE_SPP     samples per pixel of the references at 1920x1080 [256]; the small ones have 14 times as many; 0 for times only
+# LARGE_SPP     samples per pixel of the references at 1920x1080 [1024]; the small ones have twice as many; 0 for times only
 # LARGE_ROUNDS  times that each run is timed; the least counts [2]
 # LARGE_TIMED   a command in front of what is timed, LARGE_HEAVY of what is not: to wait for a quiet machine [none]
 set -eu
@@ -13,7 +13,7 @@ cd "$(dirname "$0")/.."
 work=${LARGE_WORK:-target/large-frame}
 mkdir -p "$work"
 work=$(realpath "$work")
-spp=${LARGE_SPP:-256}
+spp=${LARGE_SPP:-1024}
 rounds=${LARGE_ROUNDS:-2}
 timed=${LARGE_TIMED:-}
 heavy=${LARGE_HEAVY:-}
@@ -50,7 +50,7 @@ for scene in ${LARGE_SCENES:-A B C C_novol}; do
         else
             middle=$((height / 2))
             parts="128 $((middle - 36)) 192 $middle 320 $middle 384 $((middle + 36))"
-            samples=$((14 * spp))
+            samples=$((2 * spp))
         fi
         # shellcheck disable=SC2086 # words
         set -- $parts

@@ -1,34 +1,60 @@
 #!/usr/bin/env python3
-"""peers.py TABLE: what docs/peers.md shows, from what `cargo bench --bench error_time` printed.
+"""peers.py RESULTS: the tables of docs/peers.md, from the runs that docs/peers-measure.py wrote down.
 
 For each peer (a path tracer of few samples with a denoiser behind it) it takes the cheapest preset of lvox that has no
-larger error, and sets times beside times. Prints Markdown."""
+larger error, in trimmed relMSE nor in FLIP, and sets times beside times. Prints Markdown."""
 
-import re
+import csv
+import statistics
 import sys
 
-# Scene, peer, its CPU seconds of one render call, its trimmed relMSE, its FLIP (None where not measured), and how many times
-# faster lvox is meant to be in shading alone. Measured by the scripts of ../shared/peers.
-PEERS = [
-    ("A", "Mitsuba 3, 4 spp + OIDN", 2.42, 2.6e-4, 0.036, 10),
-    ("A", "Mitsuba 3, 16 spp + OIDN", 7.14, 1.5e-4, 0.027, 14),
-    ("B", "Mitsuba 3, 4 spp + OIDN", 1.27, 1.7e-4, None, 4),
-    ("B", "Mitsuba 3, 16 spp + OIDN", 1.9, 6.0e-5, None, 3),
-    ("C", "Cycles 5, 4 spp + OIDN", 9.09, 2.7e-3, 0.052, 10),
-    ("C", "Cycles 5, 16 spp + OIDN", 18.29, 1.6e-3, 0.039, 10),
-    ("C_novol", "Mitsuba 3, 4 spp + OIDN", 2.0, 1.7e-3, None, 4),
-    ("C_novol", "Mitsuba 3, 16 spp + OIDN", 3.6, 8.2e-4, None, 4),
-]
+SCENES = ("A", "B", "C", "C_novol")
+PRESETS = ("draft", "good", "best")
+LARGE = "1920x1080"
+NAMES = {"mitsuba": "Mitsuba 3", "cycles": "Cycles 5"}
+# How many times faster lvox is meant to be than the peer in shading alone, at the film of the reference images.
+MEANT = {
+    ("A", "mitsuba", "4 spp"): 10,
+    ("A", "mitsuba", "16 spp"): 14,
+    ("B", "mitsuba", "4 spp"): 4,
+    ("B", "mitsuba", "16 spp"): 3,
+    ("C", "cycles", "4 spp"): 10,
+    ("C", "cycles", "16 spp"): 10,
+    ("C_novol", "mitsuba", "4 spp"): 4,
+    ("C_novol", "mitsuba", "16 spp"): 4,
+}
+# Part of the machine's cores that other programs may take before a time is not one of a quiet machine.
+DISTURBED = 0.1
 
-def measured(path):
-    """Trimmed relMSE, FLIP, CPU seconds of shading and of all by (scene, preset)."""
-    found = {}
-    for line in open(path):
-        match = re.match(r"(\w+)\s+(draft|good|best)\s+(.*)", line)
-        if match:
-            numbers = [float(n) for n in match[3].split()]
-            found[match[1], match[2]] = (numbers[1], numbers[4], numbers[5], numbers[6])
-    return found
+
+class Run:
+    """The median of equal runs, by what they measure."""
+
+    def __init__(self, rows):
+        def median(key, of):
+            found = [float(row[key]) for row in of if row[key]]
+            return statistics.median(found) if found else None
+
+        least = min(float(row["others"] or 0) for row in rows)
+        quiet = [row for row in rows if float(row["others"] or 0) <= max(DISTURBED, least)]
+        self.others = least
+        self.secs = median("cpu_secs", quiet)
+        self.relmse = median("relmse_trimmed", rows)
+        self.flip = median("flip", rows)
+        self.change = median("change", rows)
+        secs = [float(row["cpu_secs"]) for row in quiet if row["cpu_secs"]]
+        self.spread = (max(secs) - min(secs)) / self.secs if secs else 0
+
+    def reaches(self, peer):
+        """To the digits that are told of the peer."""
+        return float(f"{self.relmse:.1e}") <= float(f"{peer.relmse:.1e}") and round(self.flip, 3) <= round(peer.flip, 3)
+
+    def errors(self):
+        return f"{short(self.relmse)}, {self.flip:.3f}"
+
+    def time(self):
+        """With a star where the machine was never quiet."""
+        return f"{self.secs:.2f}" + ("*" if self.others > DISTURBED else "")
 
 
 def short(number):
@@ -36,26 +62,102 @@ def short(number):
     return f"{number:.1e}".replace("e-0", "e-")
 
 
-def main():
-    found = measured(sys.argv[1])
-    print("| scene | peer: relMSE trimmed, FLIP | CPU s | lvox: preset, relMSE trimmed, FLIP | shade, CPU s | times faster | meant | "
-          "with bake and build, CPU s | times faster |")
-    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
-    for scene, peer, secs, relmse, flip, meant in PEERS:
-        # To the last digit that is told of the peer.
-        def reaches(preset):
-            got = found[scene, preset]
-            return float(f"{got[0]:.1e}") <= relmse and (flip is None or round(got[1], 3) <= flip)
+def percent(number):
+    return f"{100 * number:.2f} %" if number < 0.005 else f"{100 * number:.1f} %"
 
-        preset = next((p for p in ("draft", "good", "best") if reaches(p)), None)
-        told = short(relmse) + (f", {flip:.3f}" if flip else "")
-        if preset is None:
-            best = found[scene, "best"]
-            print(f"| {scene} | {peer}: {told} | {secs:.2f} | not reached: best has {short(best[0])} | – | – | {meant} | – | – |")
+
+def load(path):
+    """Runs by what was measured, scene, film, renderer and setting."""
+    lines = [line for line in open(path) if not line.startswith("#")]
+    groups = {}
+    for row in csv.DictReader(lines):
+        key = tuple(row[k] for k in ("measure", "scene", "film", "renderer", "setting"))
+        groups.setdefault(key, []).append(row)
+    return {key: Run(rows) for key, rows in groups.items()}
+
+
+def films(runs, scene):
+    """The film of the reference image, and the large one where it was measured."""
+    return sorted({key[2] for key in runs if key[:2] == ("frame", scene)}, key=lambda film: film == LARGE)
+
+
+def peers(runs, scene, film):
+    return [(key[3], key[4], run) for key, run in runs.items() if key[:3] == ("frame", scene, film) and key[3] != "lvox"]
+
+
+def title(renderer, setting):
+    return f"{NAMES[renderer]}, {setting} + OIDN"
+
+
+def own(runs):
+    print("| scene | bake and build | draft: CPU s; relMSE trimmed, FLIP | good | best |\n| --- | --- | --- | --- | --- |")
+    for scene in SCENES:
+        film = films(runs, scene)[0]
+        cells = [runs["frame", scene, film, "lvox", preset] for preset in PRESETS]
+        told = " | ".join(f"{run.time()}; {run.errors()}" for run in cells)
+        print(f"| {scene} | {runs['tree', scene, film, 'lvox', 'tree'].time()} | {told} |")
+
+
+def small(runs):
+    print("| scene | peer: relMSE trimmed, FLIP | CPU s | lvox: preset, relMSE trimmed, FLIP | shade, CPU s | times faster | meant | "
+          "with bake and build, CPU s | times faster |")  # fmt: skip
+    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
+    for scene in SCENES:
+        film = films(runs, scene)[0]
+        tree = runs["tree", scene, film, "lvox", "tree"].secs
+        for renderer, setting, peer in peers(runs, scene, film):
+            ours = {preset: runs["frame", scene, film, "lvox", preset] for preset in PRESETS}
+            preset = next((p for p in PRESETS if ours[p].reaches(peer)), None)
+            meant = MEANT.get((scene, renderer, setting), "–")
+            told = f"| {scene} | {title(renderer, setting)}: {peer.errors()} | {peer.time()} |"
+            if preset is None:
+                print(f"{told} not reached: best has {ours['best'].errors()} | – | – | {meant} | – | – |")
+                continue
+            run = ours[preset]
+            total = run.secs + tree
+            print(f"{told} {preset}, {run.errors()} | {run.time()} | {peer.secs / run.secs:.1f} | {meant} | {total:.2f} | {peer.secs / total:.1f} |")
+
+
+def large(runs):
+    print("| scene | peer: relMSE trimmed, FLIP | CPU s | lvox: preset, relMSE trimmed, FLIP | error not above the peer's | shade, CPU s | "
+          "times faster | same two at the smaller film | with bake and build | at the smaller film |")  # fmt: skip
+    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |")
+    for scene in SCENES:
+        film, *rest = films(runs, scene)
+        if not rest:
             continue
-        error, our_flip, shade, total = found[scene, preset]
-        print(f"| {scene} | {peer}: {told} | {secs:.2f} | {preset}, {short(error)}, {our_flip:.3f} | {shade:.2f} | {secs / shade:.1f} | {meant} | "
-              f"{total:.2f} | {secs / total:.1f} |")
+        tree = runs["tree", scene, film, "lvox", "tree"].secs
+        for renderer, setting, peer in peers(runs, scene, LARGE):
+            before = runs["frame", scene, film, renderer, setting]
+            for preset in PRESETS[:2]:
+                run, run_before = runs["frame", scene, LARGE, "lvox", preset], runs["frame", scene, film, "lvox", preset]
+                print(f"| {scene} | {title(renderer, setting)}: {peer.errors()} | {peer.time()} | {preset}, {run.errors()} | "
+                      f"{'yes' if run.reaches(peer) else 'no'} | {run.time()} | {peer.secs / run.secs:.1f} | {before.secs / run_before.secs:.1f} | {peer.secs / (run.secs + tree):.1f} | "
+                      f"{before.secs / (run_before.secs + tree):.1f} |")  # fmt: skip
+
+
+def flicker(runs):
+    print("| scene | of | lvox, camera moved | Mitsuba 3, 4 spp + OIDN, other seed | 16 spp | times less than 4 spp | than 16 spp | "
+          "4 spp, seed kept, camera moved | 16 spp |")  # fmt: skip
+    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
+    for scene in SCENES:
+        film = films(runs, scene)[0]
+        for part in ("indirect", "whole"):
+            common = ("flicker", scene, film)
+            ours = runs[*common, "lvox", f"good, {part}, moved"].change
+            seed = [runs[*common, "mitsuba", f"{samples} spp, {part}, seed"].change for samples in (4, 16)]
+            moved = [runs[*common, "mitsuba", f"{samples} spp, {part}, moved"].change for samples in (4, 16)]
+            cells = [percent(ours), *map(percent, seed), *(f"{s / ours:.0f}" for s in seed), *map(percent, moved)]
+            print(f"| {scene} | {'indirect light' if part == 'indirect' else 'the whole'} | {' | '.join(cells)} |")
+
+
+def main():
+    runs = load(sys.argv[1])
+    for table in (own, small, large, flicker):
+        table(runs)
+        print()
+    spread = sorted(run.spread for key, run in runs.items() if key[0] == "frame")
+    print(f"Largest less least time of equal runs, over their median: {percent(spread[len(spread) // 2])} in the middle, {percent(spread[-1])} at most")
 
 
 main()
