@@ -1,7 +1,6 @@
 //! Lvoxels along a ray: the blocks of each volume on its own index grid, walked front to back.
 
-use super::block::{Block, Most, Source};
-use super::medium::Medium;
+use super::medium::{Medium, Source};
 use crate::math::Rgb;
 use crate::math::dda::{Line, Steps, clip_to_box};
 use crate::math::segment::{Segment, Stretch, flatten_overlaps};
@@ -11,15 +10,15 @@ use lvox_formats::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
 const BRICK: usize = 1 << MAX_LEVEL;
 const EMPTY: u32 = u32::MAX;
 
-/// All lvoxels of a tree, with source functions of the kind `S`.
-#[derive(Debug)]
-pub struct Media<S: Source> {
-    volumes: Vec<BlockGrid<S::Block>>,
+/// All lvoxels of a tree, with the source function of each as `S`.
+#[derive(Debug, Default)]
+pub struct Media<S> {
+    volumes: Vec<BlockGrid<S>>,
 }
 
 /// The lvoxels of one volume: a table of bricks, each empty or a cube of blocks of one size.
 #[derive(Debug)]
-struct BlockGrid<B> {
+struct BlockGrid<S> {
     index_from_scene: Affine3A,
     index_from_scene_f64: DAffine3,
     dims: [f32; 3],
@@ -28,9 +27,8 @@ struct BlockGrid<B> {
     table: Vec<u32>,
     bricks: Vec<Brick>,
     cubes: Vec<Cube>,
-    /// Blocks that are not empty, cube by cube.
-    blocks: Vec<B>,
-    most: Most,
+    /// Blocks that are not empty, cube by cube: rays wait for memory more than for anything else.
+    blocks: Vec<Block<S>>,
 }
 
 /// A brick that is not empty.
@@ -51,6 +49,13 @@ struct Cube {
     filled: u64,
     /// Index of the first of those.
     first: u32,
+}
+
+/// Extinction per scene unit and source function.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Block<S> {
+    sigma_t: f32,
+    source: S,
 }
 
 /// Where a block is in its brick: the cube, and the bit in that.
@@ -101,10 +106,10 @@ impl Layout {
 
     /// Bytes that the media will hold.
     #[must_use]
-    pub fn bytes<S: Source>(&self) -> u64 {
+    pub fn bytes<S>(&self) -> u64 {
         let blocks: u64 = self.volumes.iter().map(BlockGrid::count).sum();
         let rest: usize = self.volumes.iter().map(BlockGrid::bytes).sum();
-        blocks * size_of::<S::Block>() as u64 + rest as u64
+        blocks * size_of::<Block<S>>() as u64 + rest as u64
     }
 
     /// Media whose lvoxels are all empty; [`Media::place`] fills them in.
@@ -230,7 +235,6 @@ impl BlockGrid<()> {
             bricks: Vec::new(),
             cubes: Vec::new(),
             blocks: Vec::new(),
-            most: Most::default(),
         }
     }
 
@@ -238,8 +242,6 @@ impl BlockGrid<()> {
         let Some((at, cube, bit)) = self.find(l) else {
             return;
         };
-        self.most.sigma_t = self.most.sigma_t.max(l.sigma_t);
-        self.most.source = l.source.into_iter().fold(self.most.source, f32::max);
         if self.table[at] == EMPTY {
             self.table[at] = self.bricks.len() as u32;
             self.bricks.push(Brick {
@@ -271,7 +273,7 @@ impl BlockGrid<()> {
     }
 
     /// Gives each block that was noted its place, cube by cube.
-    fn allocate<B: Block>(mut self) -> BlockGrid<B> {
+    fn allocate<S: Source>(mut self) -> BlockGrid<S> {
         let mut first = 0;
         for cube in &mut self.cubes {
             cube.first = first;
@@ -287,13 +289,12 @@ impl BlockGrid<()> {
             table: self.table,
             bricks: self.bricks,
             cubes: self.cubes,
-            blocks: vec![B::default(); first as usize],
-            most: self.most,
+            blocks: vec![Block::default(); first as usize],
         }
     }
 }
 
-impl<B> BlockGrid<B> {
+impl<S> BlockGrid<S> {
     /// Bytes held.
     fn bytes(&self) -> usize {
         size_of_val(&*self.blocks)
@@ -314,7 +315,7 @@ impl<B> BlockGrid<B> {
     }
 }
 
-impl<B: Block> BlockGrid<B> {
+impl<S: Source> BlockGrid<S> {
     fn place(&mut self, l: &Lvoxel) {
         let Some((at, cube, bit)) = self.find(l) else {
             return;
@@ -328,12 +329,15 @@ impl<B: Block> BlockGrid<B> {
         }
         let before = (cube.filled & ((1 << bit) - 1)).count_ones();
         let block = &mut self.blocks[(cube.first + before) as usize];
-        if block.is_empty() {
-            *block = B::new(l.sigma_t, Rgb(l.source), &self.most);
+        if block.sigma_t == 0.0 {
+            *block = Block {
+                sigma_t: l.sigma_t,
+                source: S::of(Rgb(l.source)),
+            };
         }
     }
 
-    fn enter(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Walk<'_, B>> {
+    fn enter(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Walk<'_, S>> {
         let o = self.index_from_scene.transform_point3(origin).to_array();
         let d = self
             .index_from_scene
@@ -370,14 +374,14 @@ impl<B: Block> BlockGrid<B> {
 }
 
 /// A ray inside the box of a volume.
-struct Walk<'a, B> {
-    grid: &'a BlockGrid<B>,
+struct Walk<'a, S> {
+    grid: &'a BlockGrid<S>,
     line: Line,
     start: f32,
     end: f32,
 }
 
-impl<B: Block> Walk<'_, B> {
+impl<S: Source> Walk<'_, S> {
     /// Gives every non-empty stretch to `add` until that says no; returns whether it never did.
     #[inline]
     fn run(&self, add: &mut impl FnMut(Segment) -> bool) -> bool {
@@ -450,13 +454,12 @@ impl<B: Block> Walk<'_, B> {
             };
             if cube.filled >> bit & 1 == 1 && far > near {
                 let before = (cube.filled & ((1 << bit) - 1)).count_ones();
-                let block = self.grid.blocks[(cube.first + before) as usize];
-                let (sigma_t, source) = block.read(&self.grid.most);
+                let block = &self.grid.blocks[(cube.first + before) as usize];
                 let s = Segment {
                     near: self.start + near,
                     far: self.start + far,
-                    tau: sigma_t * (far - near),
-                    source,
+                    tau: block.sigma_t * (far - near),
+                    source: block.source.rgb(),
                 };
                 if !add(s) {
                     return false;

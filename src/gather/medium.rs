@@ -1,6 +1,7 @@
 //! What is between surfaces, as a type: kernels are compiled for each, and a frame chooses one of them once.
 
 use super::Crossing;
+use crate::math::Rgb;
 use crate::math::segment::{Composite, Segment};
 use glam::Vec3;
 
@@ -52,5 +53,38 @@ impl Medium for NoMedia {
     #[inline]
     fn walk(&self, _: Vec3, _: Vec3, _: f32, _: &mut impl FnMut(Segment) -> bool) -> bool {
         true
+    }
+}
+
+/// The source function of an lvoxel as it is held in memory: [`Rgb`], or one channel where all three are equal.
+pub trait Source: Copy + std::fmt::Debug + Default + Send + Sync {
+    /// From all channels.
+    fn of(radiance: Rgb) -> Self;
+
+    /// All channels.
+    fn rgb(self) -> Rgb;
+}
+
+impl Source for Rgb {
+    #[inline]
+    fn of(radiance: Rgb) -> Self {
+        radiance
+    }
+
+    #[inline]
+    fn rgb(self) -> Rgb {
+        self
+    }
+}
+
+impl Source for f32 {
+    #[inline]
+    fn of(radiance: Rgb) -> Self {
+        radiance.0[0]
+    }
+
+    #[inline]
+    fn rgb(self) -> Rgb {
+        Rgb::splat(self)
     }
 }

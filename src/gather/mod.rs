@@ -7,7 +7,6 @@
 //!
 //! Points and directions are those of scene space, distances are scene units, light is linear Rec.709.
 
-pub mod block;
 pub mod cone;
 mod directions;
 pub mod media;

@@ -2,8 +2,7 @@
 //!
 //! Either way a page that no ray touches is never read.
 
-use super::block::Source;
-use super::media::{self, Layout, Media};
+use super::media::{self, Block, Layout, Media};
 use super::page::{PageLeaves, PageNodes};
 use crate::math::Rgb;
 use crate::run::size;
@@ -288,7 +287,7 @@ impl MediaStore {
             .hint("raise --memory-limit")),
             _ => Ok(()),
         };
-        let least = size_of::<<f32 as Source>::Block>() as u64;
+        let least = size_of::<Block<f32>>() as u64;
         allow(tree.summary().sums.lvoxels().saturating_mul(least))?;
         let each = |visit: &mut dyn FnMut(&Lvoxel)| -> Result<()> {
             for i in 0..tree.lvoxel_pages() {

@@ -1,6 +1,6 @@
 //! What gathering and lights see of a scene and a tree that they do not know themselves.
 
-use crate::gather::block::Source;
+use crate::gather::medium::Source;
 use crate::gather::{Geometry, Media};
 use crate::light::OpticalDepth;
 use crate::math::Hit;
@@ -28,7 +28,7 @@ impl Geometry for Tracer<'_> {
 
 /// The tree's lvoxels as shadow rays see them.
 #[derive(Debug)]
-pub(super) struct Blocks<'a, S: Source>(pub &'a Media<S>);
+pub(super) struct Blocks<'a, S>(pub &'a Media<S>);
 
 impl<S: Source> OpticalDepth for Blocks<'_, S> {
     fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {

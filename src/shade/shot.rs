@@ -9,7 +9,7 @@ use super::memory;
 use super::pixels::{EmitterBorders, Part, PixelShader, Planes, SampleCounts, shade_region};
 use super::settings::{Kernel, Method, Settings};
 use super::view::View;
-use crate::gather::block::Source;
+use crate::gather::medium::Source;
 use crate::gather::outgoing::Asked;
 use crate::gather::{
     self, Gatherer, Media, MediaStore, Medium, NoMedia, Outgoing, Pages, SurfelStore, TreeStore,

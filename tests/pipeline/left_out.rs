@@ -108,7 +108,7 @@ fn grey_media_take_few_of_the_bytes_of_coloured_ones() {
             .media
     });
     assert!(matches!(grey, MediaStore::Grey(_)) && matches!(coloured, MediaStore::Rgb(_)));
-    // In memory, four bytes a block.
+    // In memory, two floats a block.
     let count = grey_files[1].lvoxels.count as usize;
-    assert!(coloured.bytes() - grey.bytes() >= 4 * count);
+    assert!(coloured.bytes() - grey.bytes() >= 8 * count);
 }
