@@ -9,10 +9,6 @@ pub const INVERSE_SPHERE: f32 = 1.0 / (4.0 * PI);
 
 /// What light falls on.
 pub trait Receiver: Copy {
-    /// Area of an emitter over squared distance from which directions uniform over its solid angle differ enough from points
-    /// uniform over its area to pay for the former.
-    const NEAR: f32;
-
     /// Response to light from a unit direction.
     fn response(self, d: Vec3) -> f32;
 
@@ -33,8 +29,6 @@ pub struct Surface {
 }
 
 impl Receiver for Surface {
-    const NEAR: f32 = 0.1;
-
     #[inline]
     fn response(self, d: Vec3) -> f32 {
         if d.dot(self.face_normal) > 0.0 {
@@ -64,8 +58,6 @@ impl Receiver for Surface {
 pub struct Medium;
 
 impl Receiver for Medium {
-    const NEAR: f32 = 0.02;
-
     #[inline]
     fn response(self, _: Vec3) -> f32 {
         1.0

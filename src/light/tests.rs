@@ -59,8 +59,6 @@ enum Either {
 }
 
 impl Receiver for Either {
-    const NEAR: f32 = 0.02;
-
     fn response(self, d: Vec3) -> f32 {
         match self {
             Self::Surface(s) => s.response(d),
