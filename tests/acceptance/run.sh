@@ -170,12 +170,13 @@ EOF
 
 heading 'presets elsewhere: other cameras, a CT head, smoke.vdb, beside references of our own made now, 128 x 96'
 # Name, scene, camera, quality, and the limits as above. References have a relMSE of 1e-4 (smoke) to 4e-4 (C.back).
+# A draft of the head gathers so little at this size that its mean differs by 0.002 from seed to seed.
 elsewhere='C.back C back good 7.0e-3 0.0035 0.088 0.010
 C.back C back draft 8.5e-3 0.0045 0.100 0.010
 C.above C above good 3.2e-3 0.0090 0.054 0.003
 C.above C above draft 5.3e-3 0.0145 0.066 0.003
 head head front good 2.0e-3 0.0060 0.069 0.002
-head head front draft 2.9e-3 0.0110 0.086 0.002
+head head front draft 2.9e-3 0.0110 0.086 0.004
 smoke smoke front good 9.5e-4 0.0045 0.039 0.003
 smoke smoke front draft 1.3e-3 0.0062 0.046 0.004'
 small=128x96
