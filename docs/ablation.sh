@@ -22,7 +22,7 @@ rows='default|
 --max-solid-angle 0: patches as small as disks, no node whole|--max-solid-angle 0
 --pixel-samples 4: no corners that neighbours share|--pixel-samples 4
 --edge-samples 4: fewer samples at edges|--edge-samples 4
---volume-samples 32: four times the rays in media|--volume-samples 32
+--volume-samples 32: five times the rays in media|--volume-samples 32
 --max-dist 1e9: no sweeps, a finite reach switches them off|--max-dist 1e9
 --method traditional: no lvoxels in gathers|--method traditional
 bake --surfels 125000|bake --surfels 125000
