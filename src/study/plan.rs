@@ -419,14 +419,15 @@ mod tests {
         assert_eq!(without.len(), 4 + 13);
     }
 
+    fn variant(settings: &Settings, name: &str) -> Variant {
+        let mut variants = settings.variants(true).into_iter();
+        variants.find(|v| v.name == name).unwrap()
+    }
+
     #[test]
     fn keys_know_what_a_run_depends_on_and_no_more() {
         let base = Settings::default();
-        let key = |settings: &Settings, name: &str| {
-            let variants = settings.variants(true);
-            let found = variants.iter().find(|v| v.name == name);
-            found.unwrap().key(settings)
-        };
+        let key = |settings: &Settings, name: &str| variant(settings, name).key(settings);
         let more = Settings {
             rounds: 7,
             long_secs: 1.0,
@@ -454,11 +455,7 @@ mod tests {
     #[test]
     fn values_are_as_they_were_typed() {
         let settings = Settings::default();
-        let of = |name: &str, setting: &str| {
-            let variants = settings.variants(true);
-            let found = variants.iter().find(|v| v.name == name);
-            found.unwrap().values()[setting]
-        };
+        let of = |name: &str, setting: &str| variant(&settings, name).values()[setting];
         let angle = of("extended-max-solid-angle-0.04", "max-solid-angle");
         assert_eq!(angle.to_string(), "0.04");
         assert_eq!(of("extended-block-depth-0.35", "block-depth"), 0.35);

@@ -1,6 +1,7 @@
 //! Regions of the frame, shaded by many threads.
 
 use super::corners::Corners;
+use super::pixel::Pixel;
 use super::planes::{Block, Part, Planes, assemble};
 use super::shader::PixelShader;
 use crate::Result;
@@ -28,65 +29,50 @@ pub fn shade_region<P: Pages, M: Medium, A: Air>(
     task: &Task,
 ) -> Result<Planes> {
     let blocks = if shader.counts.pixel == 1 {
-        from_corners(shader, region, parts, job, task)
+        shade_blocks(&blocks_of(region), parts, job, task, |block| {
+            let corners = Corners::new(shader, block);
+            move |x, y| corners.shade(x, y)
+        })
     } else {
-        from_own_samples(shader, region, parts, job, task)
+        let row = |y| Region {
+            y0: y,
+            y1: y + 1,
+            ..region
+        };
+        let rows: Vec<Region> = (region.y0..region.y1).map(row).collect();
+        shade_blocks(&rows, parts, job, task, |_| |x, y| shader.shade(x, y))
     };
     Ok(assemble(region, parts, &blocks?))
 }
 
-/// Shades a region by samples of each pixel's own, row by row.
-fn from_own_samples<P: Pages, M: Medium, A: Air>(
-    shader: &PixelShader<P, M, A>,
-    region: Region,
-    parts: &[Part],
-    job: &Job,
-    task: &Task,
-) -> Result<Vec<Block>> {
-    (region.y0..region.y1)
-        .into_par_iter()
-        .map(|y| {
-            let y1 = y + 1;
-            let row = Region {
-                y0: y,
-                y1,
-                ..region
-            };
-            let mut shaded = Block::new(row, parts);
-            for x in region.x0..region.x1 {
-                job.cancel.check()?;
-                shaded.push(parts, &shader.shade(x, y));
-            }
-            task.add(u64::from(region.width()));
-            Ok(shaded)
-        })
-        .collect()
-}
-
-/// Shades a region from the corners of its pixels, block by block.
-fn from_corners<P: Pages, M: Medium, A: Air>(
-    shader: &PixelShader<P, M, A>,
-    region: Region,
-    parts: &[Part],
-    job: &Job,
-    task: &Task,
-) -> Result<Vec<Block>> {
+/// The parts of a region that threads take where pixels share their corners.
+fn blocks_of(region: Region) -> Vec<Region> {
     let many = ENOUGH * rayon::current_num_threads();
     let large = region.blocks(BLOCK[0]);
-    let blocks = if large.len() >= many {
+    if large.len() >= many {
         large
     } else {
         region.blocks(BLOCK[1])
-    };
+    }
+}
+
+/// Shades blocks by what `prepare` makes of each.
+fn shade_blocks<S: Fn(u32, u32) -> Pixel>(
+    blocks: &[Region],
+    parts: &[Part],
+    job: &Job,
+    task: &Task,
+    prepare: impl Fn(Region) -> S + Sync,
+) -> Result<Vec<Block>> {
     blocks
         .par_iter()
         .map(|&block| {
             job.cancel.check()?;
-            let corners = Corners::new(shader, block);
+            let shade = prepare(block);
             let mut shaded = Block::new(block, parts);
             for (x, y) in block.coordinates() {
                 job.cancel.check()?;
-                shaded.push(parts, &corners.shade(x, y));
+                shaded.push(parts, &shade(x, y));
             }
             task.add(block.pixels() as u64);
             Ok(shaded)
