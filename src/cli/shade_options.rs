@@ -70,7 +70,8 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "N")]
     pixel_samples: Option<u32>,
 
-    /// Primary rays of pixels where those disagree, if that is more than --pixel-samples [default: 8, 16, 64 by quality]
+    /// Primary rays inside a pixel whose corners disagree; with --pixel-samples, in all where its own do [default: 5, 10, 32 by
+    /// quality]
     #[arg(long, value_name = "N")]
     edge_samples: Option<u32>,
 

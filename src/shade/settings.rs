@@ -23,7 +23,8 @@ pub struct Settings {
     pub volume_samples: u32,
     /// Primary rays a pixel; 1 for rays through the corners of pixels, which neighbours share.
     pub pixel_samples: u32,
-    /// Primary rays inside a pixel where those disagree; none are added if it has as many already.
+    /// Primary rays inside a pixel where those disagree: beside its corners, or in all if it has samples of its own; up to
+    /// 64 beside corners are laid out for edges.
     pub edge_samples: u32,
     /// Shadow rays to lights with an extent from the end of each primary ray inside a pixel; shared corners take one, and
     /// four in penumbrae.
@@ -109,7 +110,7 @@ impl Settings {
             lattice: 4,
             volume_samples: 6,
             pixel_samples: 1,
-            edge_samples: 16,
+            edge_samples: 10,
             shadow_rays: 1,
             seed: 0,
         };
@@ -119,7 +120,7 @@ impl Settings {
                 max_solid_angle: 0.02,
                 lattice: 6,
                 volume_samples: 4,
-                edge_samples: 8,
+                edge_samples: 5,
                 ..good
             },
             Quality::Good => good,
@@ -127,7 +128,7 @@ impl Settings {
                 samples: 64,
                 lattice: 3,
                 volume_samples: 16,
-                edge_samples: 64,
+                edge_samples: 32,
                 ..good
             },
         }

@@ -3,6 +3,7 @@
 mod blocks;
 mod corners;
 mod emitter_borders;
+mod pattern;
 mod piece;
 mod pixel;
 mod pixel_sum;

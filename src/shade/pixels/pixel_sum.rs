@@ -10,8 +10,8 @@ use glam::Vec3;
 pub struct PixelSum {
     at: [u32; 2],
     sum: Pixel,
-    samples: u32,
-    hits: u32,
+    weight: f32,
+    weight_of_hits: f32,
 }
 
 impl PixelSum {
@@ -21,8 +21,8 @@ impl PixelSum {
         Self {
             at: [x, y],
             sum: Pixel::default(),
-            samples: 0,
-            hits: 0,
+            weight: 0.0,
+            weight_of_hits: 0.0,
         }
     }
 
@@ -36,38 +36,38 @@ impl PixelSum {
     /// and theirs.
     pub fn add_hit(
         &mut self,
-        direct: Rgb,
-        indirect: Rgb,
+        weight: f32,
+        [direct, indirect]: [Rgb; 2],
         passed: &impl Passed,
         t: f32,
         normal: Vec3,
     ) {
-        self.sum.indirect += indirect;
-        self.sum.depth += t;
-        self.sum.normal += normal;
-        self.hits += 1;
-        self.add_miss(direct, passed);
+        self.sum.indirect += indirect * weight;
+        self.sum.depth += t * weight;
+        self.sum.normal += normal * weight;
+        self.weight_of_hits += weight;
+        self.add_miss(weight, direct, passed);
     }
 
     /// Adds a sample that hit nothing: the radiance that comes from there through media, and theirs.
-    pub fn add_miss<T: Passed>(&mut self, direct: Rgb, passed: &T) {
-        self.sum.direct += direct;
+    pub fn add_miss<T: Passed>(&mut self, weight: f32, direct: Rgb, passed: &T) {
+        self.sum.direct += direct * weight;
         if !T::IS_VACUUM {
-            self.sum.volume += passed.radiance();
+            self.sum.volume += passed.radiance() * weight;
         }
-        self.samples += 1;
+        self.weight += weight;
     }
 
     /// The mean of what was added.
     #[must_use]
     pub fn mean(self) -> Pixel {
         let mut pixel = self.sum;
-        let scale = 1.0 / self.samples.max(1) as f32;
+        let scale = 1.0 / self.weight;
         pixel.direct *= scale;
         pixel.indirect *= scale;
         pixel.volume *= scale;
-        pixel.depth /= self.hits as f32;
-        if self.hits == 0 {
+        pixel.depth /= self.weight_of_hits;
+        if self.weight_of_hits <= 0.0 {
             pixel.depth = f32::INFINITY;
         }
         pixel.normal = pixel.normal.normalize_or_zero();

@@ -2,6 +2,7 @@
 //! is looked up.
 
 use super::emitter_borders::EmitterBorders;
+use super::pattern::Pattern;
 use super::piece::Piece;
 use super::pixel::Pixel;
 use super::pixel_sum::PixelSum;
@@ -38,7 +39,8 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
     #[must_use]
     pub fn shade(&self, x: u32, y: u32) -> Pixel {
         let mut samples: Vec<Sample<A::Passed>> = Vec::with_capacity(self.counts.pixel as usize);
-        let sample = |i| self.sample_in(x, y, i, self.counts.shadow, i * self.counts.shadow);
+        let seed = self.key(x, y) as u32;
+        let sample = |i| self.sample_in(x, y, i, sampling::sobol2(i, 1, seed));
         samples.extend((0..self.counts.pixel).map(sample));
         if self.counts.edge > self.counts.pixel && self.disagree(&samples) {
             samples.extend((self.counts.pixel..self.counts.edge).map(sample));
@@ -52,35 +54,42 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
             let smooth = known.iter().all(|s| alike(&known[0].passed, &s.passed));
             self.pass_media(known.iter(), rest, smooth);
         }
-        self.resolve(&samples, &mut Vec::new(), x, y)
+        self.resolve(samples.iter().map(|s| (1.0, s)), &mut Vec::new(), x, y)
     }
 
-    /// Shades pixel (x, y) by the larger number of samples, given what is known of it: samples with their media passed,
-    /// and pieces of surface with their indirect light.
+    /// Shades pixel (x, y) by the larger number of samples inside it and by its corners, given what is known of it: the
+    /// samples at those, with their media passed, and pieces of surface with their indirect light.
     #[must_use]
     pub fn refine(
         &self,
         x: u32,
         y: u32,
-        known: [&Sample<A::Passed>; 4],
+        corners: [&Sample<A::Passed>; 4],
         pieces: &mut Vec<Piece>,
     ) -> Pixel {
-        let mut samples = Vec::with_capacity(self.counts.edge as usize);
+        let pattern = Pattern::new(self.counts.edge, self.key(x, y));
+        let mut inside = Vec::with_capacity(self.counts.edge as usize);
         for i in 0..self.counts.edge {
-            samples.push(self.sample_in(x, y, i, self.counts.shadow, i * self.counts.shadow));
+            inside.push(self.sample_in(x, y, i, pattern.point(i)));
         }
         // Where nothing needs more samples, the corners' own media are good enough, too.
-        self.pass_media(known.into_iter(), &mut samples, true);
-        self.resolve(&samples, pieces, x, y)
+        self.pass_media(corners.into_iter(), &mut inside, true);
+        let corners = corners.into_iter().map(|s| (pattern.corner_weight(), s));
+        let inside = inside.iter().map(|s| (1.0, s));
+        self.resolve(corners.chain(inside), pieces, x, y)
     }
 
-    fn sample_in(&self, x: u32, y: u32, i: u32, per_light: u32, first: u32) -> Sample<A::Passed> {
-        let seed = sampling::hash(&[self.view.seed, u64::from(x), u64::from(y)]);
-        let [u, v] = sampling::sobol2(i, 1, seed as u32);
+    /// Key of a pixel's random choices.
+    fn key(&self, x: u32, y: u32) -> u64 {
+        sampling::hash(&[self.view.seed, u64::from(x), u64::from(y)])
+    }
+
+    /// Sample `i` of a pixel, at a point of its unit square.
+    fn sample_in(&self, x: u32, y: u32, i: u32, [u, v]: [f32; 2]) -> Sample<A::Passed> {
         let rays = ShadowRays::Sequence {
-            per_light,
-            first,
-            seed,
+            per_light: self.counts.shadow,
+            first: i * self.counts.shadow,
+            seed: self.key(x, y),
         };
         self.sample(x as f32 + u, y as f32 + v, rays)
     }
@@ -169,15 +178,16 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
             && (a.position - b.position).dot(b.face_normal).abs() < 0.5 * footprint
     }
 
-    fn resolve(
+    /// The pixel of samples and their weights.
+    fn resolve<'s>(
         &self,
-        samples: &[Sample<A::Passed>],
+        samples: impl Iterator<Item = (f32, &'s Sample<A::Passed>)> + Clone,
         pieces: &mut Vec<Piece>,
         x: u32,
         y: u32,
     ) -> Pixel {
-        let mut piece_of = Vec::with_capacity(samples.len());
-        for sample in samples {
+        let mut piece_of = Vec::with_capacity(samples.size_hint().0);
+        for (_, sample) in samples.clone() {
             let Some(surface) = &sample.surface else {
                 piece_of.push(0);
                 continue;
@@ -193,14 +203,15 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
             piece_of.push(index);
         }
         let mut pixel = PixelSum::of(x, y);
-        for (sample, &index) in samples.iter().zip(&piece_of) {
+        for ((weight, sample), &index) in samples.zip(&piece_of) {
             match sample.surface {
                 Some(_) => {
                     let piece = &pieces[index];
                     let direct = sample.direct.sharp + piece.rays.of(sample.direct.open);
-                    self.add_surface(&mut pixel, sample, &sample.passed, direct, piece.irradiance);
+                    let irradiance = [direct, piece.irradiance];
+                    self.add_surface(&mut pixel, weight, sample, &sample.passed, irradiance);
                 }
-                None => self.add_nothing(&mut pixel, &sample.passed),
+                None => self.add_nothing(&mut pixel, weight, &sample.passed),
             }
         }
         self.finish(pixel)
@@ -221,10 +232,10 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
     pub fn add_surface(
         &self,
         pixel: &mut PixelSum,
+        weight: f32,
         sample: &Sample<A::Passed>,
         passed: &A::Passed,
-        direct: Rgb,
-        indirect: Rgb,
+        [direct, indirect]: [Rgb; 2],
     ) {
         let Some(surface) = &sample.surface else {
             return;
@@ -237,12 +248,14 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
             emission = Rgb::BLACK;
         }
         let direct = reflect * direct + emission * through;
-        pixel.add_hit(direct, reflect * indirect, passed, sample.t, surface.normal);
+        let radiance = [direct, reflect * indirect];
+        pixel.add_hit(weight, radiance, passed, sample.t, surface.normal);
     }
 
     /// Adds a sample that hit nothing behind media.
-    pub fn add_nothing(&self, pixel: &mut PixelSum, passed: &A::Passed) {
-        pixel.add_miss(self.lights.environment() * passed.transmittance(), passed);
+    pub fn add_nothing(&self, pixel: &mut PixelSum, weight: f32, passed: &A::Passed) {
+        let light = self.lights.environment() * passed.transmittance();
+        pixel.add_miss(weight, light, passed);
     }
 
     /// Indirect irradiance of a surface that pixel or corner (x, y) sees.

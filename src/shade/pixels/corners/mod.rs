@@ -215,7 +215,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         let passed = self.media_over_pixel(own.map(|c| &c.sample), &at);
         if own[0].sample.surface.is_none() {
             for p in &passed {
-                self.shader.add_nothing(&mut pixel, p);
+                self.shader.add_nothing(&mut pixel, 1.0, p);
             }
             return Some(self.shader.finish(pixel));
         }
@@ -229,8 +229,9 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         };
         for (c, passed) in own.into_iter().zip(&passed) {
             let direct = c.sample.direct.sharp + rays.of(c.sample.direct.open);
+            let irradiance = [direct, c.irradiance];
             self.shader
-                .add_surface(&mut pixel, &c.sample, passed, direct, c.irradiance);
+                .add_surface(&mut pixel, 1.0, &c.sample, passed, irradiance);
         }
         Some(self.shader.finish(pixel))
     }
