@@ -62,7 +62,7 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "N")]
     lattice: Option<u32>,
 
-    /// Rays of each gather inside media [default: 4, 6, 16 by quality]
+    /// Rays of each gather inside media [default: 3, 6, 16 by quality]
     #[arg(long, value_name = "N")]
     volume_samples: Option<u32>,
 

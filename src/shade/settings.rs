@@ -119,7 +119,7 @@ impl Settings {
                 samples: 24,
                 max_solid_angle: 0.02,
                 lattice: 6,
-                volume_samples: 4,
+                volume_samples: 3,
                 edge_samples: 5,
                 ..good
             },
