@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 
 /// Sequences kept. The eight symmetries of a square make each of them eight; turned by any angle they would no longer stand
 /// along the edges of what is seen where scenes are built along axes, for 5 % more error.
-const SEQUENCES: usize = 32;
+pub(super) const SEQUENCES: usize = 32;
 /// Directions kept of each: those of 16 gathers of 64 rays.
 const KEPT: usize = 1024;
 
@@ -41,13 +41,31 @@ impl Hemisphere {
         }
     }
 
-    /// Unit direction `i` of it.
+    /// Which of the sequences it is, below [`SEQUENCES`].
+    pub fn sequence(&self) -> usize {
+        self.sequence
+    }
+
+    /// Unit direction `i` of the sequence, around +z.
+    #[inline]
+    pub fn local_direction(&self, i: u32) -> Vec3 {
+        let kept = self.kept.get(i as usize).copied();
+        kept.unwrap_or_else(|| direction(self.sequence, i))
+    }
+
+    /// Unit direction `i`.
     #[inline]
     pub fn direction(&self, i: u32) -> Vec3 {
-        let kept = self.kept.get(i as usize).copied();
-        let d = kept.unwrap_or_else(|| direction(self.sequence, i));
+        let d = self.local_direction(i);
         let [x, y, z] = self.axes;
         x * d.x + y * d.y + z * d.z
+    }
+
+    /// The same if it is on the side of a facet's unit normal.
+    #[inline]
+    pub fn direction_above(&self, i: u32, face_normal: Vec3) -> Option<Vec3> {
+        let d = self.direction(i);
+        (d.dot(face_normal) > 0.0).then_some(d)
     }
 }
 

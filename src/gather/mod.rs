@@ -11,6 +11,7 @@ pub mod cone;
 mod directions;
 pub mod media;
 pub mod medium;
+mod neighbours;
 pub mod outgoing;
 pub mod page;
 pub mod plain;
@@ -18,6 +19,7 @@ pub mod store;
 
 pub use media::Media;
 pub use medium::{Medium, NoMedia};
+pub use neighbours::{Order, SurfacePoint};
 pub use outgoing::{Geometry, Outgoing};
 pub use store::{MediaStore, Pages, SurfelStore, TreeStore};
 
@@ -114,6 +116,29 @@ impl Stretch {
     }
 }
 
+/// What the rays of a receiver saw, added up.
+#[derive(Clone, Copy, Debug, Default)]
+struct Rays {
+    light: Rgb,
+    inverse_distance: f32,
+}
+
+impl Rays {
+    fn add(&mut self, seen: Seen) {
+        self.light += seen.radiance;
+        self.inverse_distance += 1.0 / seen.distance;
+    }
+
+    /// The mean over so many rays, those that were not added being black and endless.
+    fn mean(self, count: u32) -> Gathered {
+        let n = count as f32;
+        Gathered {
+            light: self.light * (1.0 / n),
+            harmonic_distance: n / self.inverse_distance,
+        }
+    }
+}
+
 impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
     /// The same without what is between surfaces.
     #[must_use]
@@ -137,8 +162,7 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
     ) -> Gathered {
         let hemisphere = Hemisphere::new(normal, stretch.seed);
         let mut gathered = self.average(point, stretch.index, |i| {
-            let d = hemisphere.direction(i);
-            (d.dot(face_normal) > 0.0).then_some(d)
+            hemisphere.direction_above(i, face_normal)
         });
         gathered.light *= PI;
         gathered
@@ -157,22 +181,15 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
         stretch: u32,
         direction: impl Fn(u32) -> Option<Vec3>,
     ) -> Gathered {
-        let (mut light, mut inverse_distance) = (Rgb::BLACK, 0.0);
+        let mut rays = Rays::default();
         let mut scratch = cone::Scratch::default();
         let count = self.settings.samples.max(1);
         for i in 0..count {
-            let Some(direction) = direction(stretch * count + i) else {
-                continue;
-            };
-            let seen = self.look(point, direction, &mut scratch);
-            light += seen.radiance;
-            inverse_distance += 1.0 / seen.distance;
+            if let Some(direction) = direction(stretch * count + i) {
+                rays.add(self.look(point, direction, &mut scratch));
+            }
         }
-        let n = count as f32;
-        Gathered {
-            light: light * (1.0 / n),
-            harmonic_distance: n / inverse_distance,
-        }
+        rays.mean(count)
     }
 
     /// What one ray of unit direction sees.

@@ -7,7 +7,7 @@
 //! fast indirect light can change (Ward & Heckbert 1992 for the measure).
 
 use super::view::View;
-use crate::gather::{Gathered, Gatherer, Medium, Pages, Stretch};
+use crate::gather::{Gathered, Gatherer, Medium, Order, Pages, Stretch, SurfacePoint};
 use crate::image::Region;
 use crate::math::{Rgb, sampling};
 use crate::run::{Cancel, Task};
@@ -73,23 +73,26 @@ impl Lattice {
     ) -> Result<Self> {
         let film = [view.film.width, view.film.height];
         let gathered = Area::around(region, step, Self::REACH + Self::SMOOTH, film);
-        let rows: Vec<Vec<Option<Node>>> = gathered
-            .rows()
+        let order = gatherer.order(Self::SIDE * Self::SIDE);
+        let squares: Vec<Vec<(usize, Node)>> = gathered
+            .squares(Self::SIDE)
             .into_par_iter()
-            .map(|j| {
-                let row = gathered.columns().map(|i| {
-                    cancel.check()?;
-                    Ok(Self::gather_at(view, gatherer, [i, j], step))
-                });
-                let row = row.collect::<Result<_>>()?;
-                task.add(u64::from(gathered.count[0]));
-                Ok(row)
+            .map(|square| {
+                cancel.check()?;
+                task.add(u64::from(Self::SIDE * Self::SIDE));
+                Ok(Self::gather_in(
+                    view, gatherer, &gathered, square, step, &order,
+                ))
             })
             .collect::<Result<_>>()?;
+        let mut nodes = vec![None; (gathered.count[0] * gathered.count[1]) as usize];
+        for (at, node) in squares.into_iter().flatten() {
+            nodes[at] = Some(node);
+        }
         let rough = Self {
             step,
             area: gathered,
-            nodes: rows.into_iter().flatten().collect(),
+            nodes,
         };
         let area = Area::around(region, step, Self::REACH, film);
         let rows: Vec<Vec<Option<Node>>> = area
@@ -104,35 +107,55 @@ impl Lattice {
         })
     }
 
-    fn gather_at<P: Pages, M: Medium>(
+    /// The gathers of a square of the lattice that are in an area, and their places there.
+    fn gather_in<P: Pages, M: Medium>(
         view: &View,
         gatherer: &Gatherer<P, M>,
-        [column, row]: [u32; 2],
+        area: &Area,
+        [i, j]: [u32; 2],
         step: u32,
-    ) -> Option<Node> {
-        let (x, y) = (column * step, row * step);
-        let direction = view
-            .camera
-            .direction(&view.film, x as f32 + 0.5, y as f32 + 0.5);
-        let hit = view
-            .tracer
-            .closest(view.camera.origin(), direction, f32::INFINITY)?;
+        order: &Order,
+    ) -> Vec<(usize, Node)> {
+        let (mut nodes, mut points) = (Vec::new(), Vec::new());
+        for (y, x) in (0..Self::SIDE).flat_map(|y| (0..Self::SIDE).map(move |x| (y, x))) {
+            let at = [i * Self::SIDE + x, j * Self::SIDE + y];
+            let Some(place) = area.index(at) else {
+                continue;
+            };
+            let Some((surface, spacing)) = Self::seen_at(view, at, step) else {
+                continue;
+            };
+            let node = Node {
+                position: surface.position,
+                normal: surface.normal,
+                gathered: Gathered::default(),
+                spacing,
+            };
+            nodes.push((place, node));
+            points.push(SurfacePoint {
+                position: off_surface(view, &surface),
+                normal: surface.normal,
+                face_normal: surface.face_normal,
+                // The stretches of each quarter of a square follow one another.
+                stretch: morton(x, y),
+            });
+        }
+        let seed = sampling::hash(&[view.seed, u64::from(i), u64::from(j)]);
+        let gathered = gatherer.irradiance_of_neighbours(&points, seed, order);
+        for ((_, node), gathered) in nodes.iter_mut().zip(gathered) {
+            node.gathered = gathered;
+        }
+        nodes
+    }
+
+    /// The surface that a place of the lattice sees, and the scene length that one step covers there.
+    fn seen_at(view: &View, at: [u32; 2], step: u32) -> Option<(Surface, f32)> {
+        let [x, y] = at.map(|c| (c * step) as f32 + 0.5);
+        let direction = view.camera.direction(&view.film, x, y);
+        let origin = view.camera.origin();
+        let hit = view.tracer.closest(origin, direction, f32::INFINITY)?;
         let surface = Surface::new(view.tracer.scene, hit.triangle, hit.uv).facing(-direction);
-        // The stretches of each quarter of a square follow one another.
-        let stretch = Stretch {
-            index: morton(column % Self::SIDE, row % Self::SIDE),
-            seed: sampling::hash(&[
-                view.seed,
-                u64::from(column / Self::SIDE),
-                u64::from(row / Self::SIDE),
-            ]),
-        };
-        Some(Node {
-            position: surface.position,
-            normal: surface.normal,
-            gathered: gather_surface(view, gatherer, &surface, stretch),
-            spacing: hit.t * view.pixel_angle * step as f32,
-        })
+        Some((surface, hit.t * view.pixel_angle * step as f32))
     }
 
     /// A gather averaged with those around it.
@@ -246,6 +269,14 @@ impl Area {
         }
     }
 
+    /// The squares of so many by so many places of the whole lattice that the area has a part in.
+    fn squares(&self, side: u32) -> Vec<[u32; 2]> {
+        let [columns, rows] =
+            [0, 1].map(|a| self.first[a] / side..(self.first[a] + self.count[a]).div_ceil(side));
+        rows.flat_map(|j| columns.clone().map(move |i| [i, j]))
+            .collect()
+    }
+
     fn columns(&self) -> std::ops::Range<u32> {
         self.first[0]..self.first[0] + self.count[0]
     }
@@ -281,11 +312,15 @@ pub fn gather_surface<P: Pages, M: Medium>(
     surface: &Surface,
     stretch: Stretch,
 ) -> Gathered {
-    // Off the surfaces that it may meet there, too.
+    let origin = off_surface(view, surface);
+    gatherer.irradiance(origin, surface.normal, surface.face_normal, stretch)
+}
+
+/// Where the rays of a gather start: off the surfaces that the point's own may meet there, too.
+fn off_surface(view: &View, surface: &Surface) -> Vec3 {
     let towards_camera = (view.camera.origin() - surface.position).normalize_or_zero();
     let off = surface.face_normal + towards_camera;
-    let origin = surface.position + off * (ROUNDING * offset(surface.position));
-    gatherer.irradiance(origin, surface.normal, surface.face_normal, stretch)
+    surface.position + off * (ROUNDING * offset(surface.position))
 }
 
 /// Place of a point of a small square along the curve that fills each quarter before the next.

@@ -8,8 +8,8 @@ use lvox::formats::{ClipEdge, CloudMeta, CloudWriter, Lvoxel, Surfel};
 use lvox::gather::cone::Scratch;
 use lvox::gather::plain;
 use lvox::gather::{
-    Crossing, Gatherer, Kernel, Media, Medium, NoMedia, Pages, Settings, Stretch, SurfelStore,
-    TreeStore,
+    Crossing, Gatherer, Kernel, Media, Medium, NoMedia, Pages, Settings, Stretch, SurfacePoint,
+    SurfelStore, TreeStore,
 };
 use lvox::math::Rgb;
 use lvox::math::segment::Composite;
@@ -189,6 +189,37 @@ fn aggregates_change_irradiance_by_a_few_percent() {
         let square: f32 = pairs.map(|(a, b)| (a - b) * (a - b)).sum();
         let rms = (square / plain.len() as f32).sqrt() / mean;
         assert!(rms < limit, "{solid_angle} sr: {rms}");
+    }
+}
+
+#[test]
+fn neighbours_gather_together_what_they_gather_one_by_one() {
+    let (_dir, store) = store(&cloud(40_000));
+    let gatherer = Gatherer {
+        pages: pages(&store),
+        media: NoMedia,
+        settings: settings(Kernel::Cone, 0.01),
+    };
+    let order = gatherer.order(16);
+    for (seed, neighbours) in receivers(96).chunks(12).enumerate() {
+        // Some of the stretches, in no order, and facets that are not quite where normals say.
+        let point = |(k, &(position, normal)): (usize, &(Vec3, Vec3))| SurfacePoint {
+            position,
+            normal,
+            face_normal: (normal + 0.3 * Vec3::Y).normalize(),
+            stretch: (5 * k + 3) as u32 % 16,
+        };
+        let points: Vec<_> = neighbours.iter().enumerate().map(point).collect();
+        let together = gatherer.irradiance_of_neighbours(&points, seed as u64, &order);
+        for (p, got) in points.iter().zip(&together) {
+            let stretch = Stretch {
+                index: p.stretch,
+                seed: seed as u64,
+            };
+            let alone = gatherer.irradiance(p.position, p.normal, p.face_normal, stretch);
+            assert_eq!(*got, alone);
+        }
+        assert!(together.iter().all(|g| g.light.luminance() > 0.0));
     }
 }
 

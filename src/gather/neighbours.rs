@@ -1,0 +1,111 @@
+//! Gathers of surface points near each other, ray by ray in an order in which those after each other meet nearly the same.
+
+use super::directions::{Hemisphere, SEQUENCES};
+use super::{Gathered, Gatherer, Medium, Pages, Rays, Seen, cone};
+use glam::Vec3;
+use std::f32::consts::PI;
+use std::sync::OnceLock;
+
+/// A surface point that gathers.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfacePoint {
+    /// Where, already off its own surface.
+    pub position: Vec3,
+    /// Unit normal about which it gathers.
+    pub normal: Vec3,
+    /// Unit geometric normal: what is behind the facet of a smooth mesh does not reach it.
+    pub face_normal: Vec3,
+    /// Its stretch of the directions that all share.
+    pub stretch: u32,
+}
+
+/// For each sequence of directions, the order of a number of them by where they point.
+#[derive(Debug)]
+pub struct Order {
+    stretches: u32,
+    samples: u32,
+    of: [OnceLock<Vec<u32>>; SEQUENCES],
+}
+
+impl Order {
+    /// Cells along each axis of the disk below the hemisphere, as a power of two.
+    const BITS: u32 = 5;
+
+    fn of(&self, hemisphere: &Hemisphere) -> &[u32] {
+        self.of[hemisphere.sequence()].get_or_init(|| {
+            let cells = (1 << Self::BITS) as f32;
+            let cell = |c: f32| ((0.5 * c + 0.5) * cells).min(cells - 1.0) as u32;
+            // The curve that fills each quarter of the disk's square before the next.
+            let place = |i: &u32| {
+                let d = hemisphere.local_direction(*i);
+                let (x, y) = (cell(d.x), cell(d.y));
+                (0..Self::BITS).fold(0, |m, bit| {
+                    m | (x >> bit & 1) << (2 * bit) | (y >> bit & 1) << (2 * bit + 1)
+                })
+            };
+            let mut order: Vec<u32> = (0..self.stretches * self.samples).collect();
+            order.sort_by_cached_key(place);
+            order
+        })
+    }
+}
+
+impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
+    /// The order for points that share so many stretches.
+    #[must_use]
+    pub fn order(&self, stretches: u32) -> Order {
+        Order {
+            stretches,
+            samples: self.settings.samples.max(1),
+            of: [const { OnceLock::new() }; SEQUENCES],
+        }
+    }
+
+    /// What [`Self::irradiance`] gives for each of some points, which have stretches of their own of the sequence of a key,
+    /// bit for bit: rays that meet the same triangles, patches and lvoxels follow one another, and find those in the cache.
+    ///
+    /// # Panics
+    /// If a point has a stretch beyond those that the order, one of this gatherer, was made for.
+    #[must_use]
+    pub fn irradiance_of_neighbours(
+        &self,
+        points: &[SurfacePoint],
+        seed: u64,
+        order: &Order,
+    ) -> Vec<Gathered> {
+        let hemisphere = |p: &SurfacePoint| Hemisphere::new(p.normal, seed);
+        let hemispheres: Vec<_> = points.iter().map(hemisphere).collect();
+        let Some(any) = hemispheres.first() else {
+            return Vec::new();
+        };
+        let samples = order.samples;
+        let mut with_stretch = vec![None; order.stretches as usize];
+        for (k, p) in points.iter().enumerate() {
+            with_stretch[p.stretch as usize] = Some(k);
+        }
+        let mut scratch = cone::Scratch::default();
+        let mut seen: Vec<Option<Seen>> = vec![None; points.len() * samples as usize];
+        for &i in order.of(any) {
+            let (stretch, ray) = ((i / samples) as usize, (i % samples) as usize);
+            let Some(k) = with_stretch[stretch] else {
+                continue;
+            };
+            let SurfacePoint {
+                position,
+                face_normal,
+                ..
+            } = points[k];
+            if let Some(d) = hemispheres[k].direction_above(i, face_normal) {
+                seen[k * samples as usize + ray] = Some(self.look(position, d, &mut scratch));
+            }
+        }
+        let gathered = |of_point: &[Option<Seen>]| {
+            let mut rays = Rays::default();
+            of_point.iter().flatten().for_each(|s| rays.add(*s));
+            let mut gathered = rays.mean(samples);
+            gathered.light *= PI;
+            gathered
+        };
+        seen.chunks_exact(samples as usize).map(gathered).collect()
+    }
+}
