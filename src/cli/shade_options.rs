@@ -70,7 +70,7 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "N")]
     pixel_samples: Option<u32>,
 
-    /// Primary rays inside a pixel whose corners disagree; with --pixel-samples, in all where its own do [default: 5, 10, 32 by
+    /// Primary rays inside a pixel whose corners disagree; with --pixel-samples, in all where its own do [default: 6, 16, 48 by
     /// quality]
     #[arg(long, value_name = "N")]
     edge_samples: Option<u32>,

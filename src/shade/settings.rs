@@ -110,7 +110,7 @@ impl Settings {
             lattice: 4,
             volume_samples: 6,
             pixel_samples: 1,
-            edge_samples: 10,
+            edge_samples: 16,
             shadow_rays: 1,
             seed: 0,
         };
@@ -120,7 +120,7 @@ impl Settings {
                 max_solid_angle: 0.02,
                 lattice: 6,
                 volume_samples: 3,
-                edge_samples: 5,
+                edge_samples: 6,
                 ..good
             },
             Quality::Good => good,
@@ -128,7 +128,7 @@ impl Settings {
                 samples: 64,
                 lattice: 3,
                 volume_samples: 16,
-                edge_samples: 32,
+                edge_samples: 48,
                 ..good
             },
         }

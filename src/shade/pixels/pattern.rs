@@ -146,9 +146,9 @@ mod tests {
     }
 
     #[test]
-    fn fewer_points_with_the_corners_tell_edges_as_well_as_sobol_points() {
-        // As many Sobol points as presets had, and the fewer that now do for them.
-        for (sobol, pattern, better) in [(8, 5, 0.8), (16, 10, 1.1), (16, 16, 0.85), (64, 64, 0.85)]
+    fn points_with_the_corners_tell_edges_better_than_sobol_points() {
+        // Ten do as well as 16 of a scrambled sequence.
+        for (sobol, pattern, better) in [(6, 6, 0.8), (16, 10, 1.1), (16, 16, 0.85), (64, 64, 0.85)]
         {
             let of_sobol = error_at_edges(|key| {
                 let point = |i| (sampling::sobol2(i, 1, key as u32), 1.0);
