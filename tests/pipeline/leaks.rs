@@ -72,24 +72,32 @@ fn wall(thickness: f64) -> String {
 
 const SHEET: &str = "[[mesh]]\nfile = \"builtin:quad\"\nrotate_deg = [0, 0, 90]\ntranslate = [0, 0.5, 0.5]\n\
                      albedo = [0.8, 0.8, 0.8]\n";
-/// Mean and brightest indirect light of the dark room, over the mean of the bright one.
+/// Mean and brightest indirect light of the dark room, over the mean of the bright one, on average over seeds: which rays find
+/// a slit is chance, and the brightest value of one seed is up to twice that.
 fn leak(text: &str) -> (f64, f64) {
+    const SEEDS: u64 = 8;
     let work = Work::new(text);
     let scene = work.scene();
     let tree = work.bake(&scene, 100_000);
-    let frame = |camera: &str| {
+    let frame = |camera: &str, seed: u64| {
         let settings = Settings {
             camera: Some(camera.into()),
+            seed,
             ..Settings::default()
         };
         shade(&scene, &tree, &settings)
     };
-    let (dark, bright) = (frame("dark"), frame("bright"));
-    assert_eq!(mean(&layer(&dark, "direct")), 0.0);
-    let reference = mean(&layer(&bright, "indirect"));
-    let dark = layer(&dark, "indirect");
-    let brightest = dark.iter().flatten().fold(0.0_f32, |a, &b| a.max(b));
-    (mean(&dark) / reference, f64::from(brightest) / reference)
+    let reference = mean(&layer(&frame("bright", 0), "indirect"));
+    let (mut average, mut brightest) = (0.0, 0.0);
+    for seed in 0..SEEDS {
+        let dark = frame("dark", seed);
+        assert_eq!(mean(&layer(&dark, "direct")), 0.0);
+        let dark = layer(&dark, "indirect");
+        average += mean(&dark);
+        brightest += f64::from(dark.iter().flatten().fold(0.0_f32, |a, &b| a.max(b)));
+    }
+    let scale = 1.0 / (reference * SEEDS as f64);
+    (average * scale, brightest * scale)
 }
 
 #[test]
@@ -100,15 +108,10 @@ fn a_dark_room_beside_a_bright_one_stays_dark() {
     // ends at the sheet. A wall as thick as two radii stops nearly all.
     // Limits are 1.5 to 2 times what is measured; where that is nothing, those of the case before.
     keeps_dark(&[
-        ("sheet, own floors", rooms(SHEET, false), 2.4e-4, 0.014),
-        ("sheet, one floor", rooms(SHEET, true), 7.5e-4, 0.017),
-        (
-            "wall, own floors",
-            rooms(&wall(0.02), false),
-            1.2e-5,
-            6.5e-4,
-        ),
-        ("wall, one floor", rooms(&wall(0.02), true), 1.2e-5, 6.5e-4),
+        ("sheet, own floors", rooms(SHEET, false), 2.4e-4, 0.0125),
+        ("sheet, one floor", rooms(SHEET, true), 3.5e-4, 0.0125),
+        ("wall, own floors", rooms(&wall(0.02), false), 8e-6, 6e-4),
+        ("wall, one floor", rooms(&wall(0.02), true), 8e-6, 6e-4),
     ]);
 }
 
@@ -119,26 +122,21 @@ fn walls_thinner_than_a_disk_keep_a_room_dark() {
         (
             "3.5 mm, own floors",
             rooms(&wall(0.0035), false),
-            8e-5,
-            5.5e-3,
+            5.5e-5,
+            3e-3,
         ),
-        (
-            "3.5 mm, one floor",
-            rooms(&wall(0.0035), true),
-            1.3e-4,
-            8e-3,
-        ),
+        ("3.5 mm, one floor", rooms(&wall(0.0035), true), 7e-5, 7e-3),
         (
             "0.35 mm, own floors",
             rooms(&wall(0.00035), false),
-            2.9e-4,
-            0.0105,
+            2.2e-4,
+            8e-3,
         ),
         (
             "0.35 mm, one floor",
             rooms(&wall(0.00035), true),
-            2.7e-4,
-            6.3e-3,
+            1.7e-4,
+            8e-3,
         ),
     ]);
 }
