@@ -1,7 +1,8 @@
 //! Gather rays per second and core into trees of Sponza, beside closest hits of the same rays on its triangles, by the
 //! traversal of lvox and by those of `obvhs`. Needs `../shared`; says so and ends where it is not there.
 //!
-//! Receivers are surface points that the camera sees, on a lattice of the frame; rays are those of a gather, in its order.
+//! Receivers are surface points that the camera sees, on a lattice of the frame; rays are those of a gather, in its order, and,
+//! "in squares", those of 4 x 4 neighbours in the order of their directions, as frames take them.
 //! One thread; CPU seconds, so that other work on the machine counts as little as it can. The best of the passes.
 
 #![allow(clippy::print_stdout)] // The table is the product.
@@ -11,7 +12,9 @@ use lvox::bake::{self, SurfelSampling};
 use lvox::build;
 use lvox::gather::cone::Scratch;
 use lvox::gather::store::KeptTree;
-use lvox::gather::{Gatherer, Kernel, NoMedia, Outgoing, Settings, SurfelStore, TreeStore};
+use lvox::gather::{
+    Gatherer, Kernel, NoMedia, Outgoing, Settings, SurfacePoint, SurfelStore, TreeStore,
+};
 use lvox::math::Rgb;
 use lvox::math::sampling::{cosine_hemisphere, hash, mix, sobol2, tangents};
 use lvox::run::{Job, usage};
@@ -22,6 +25,7 @@ use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::cwbvh::builder::build_cwbvh_from_tris;
 use obvhs::ray::{Ray, RayHit};
 use obvhs::triangle::Triangle;
+use std::collections::BTreeMap;
 use std::hint::black_box;
 use std::path::Path;
 
@@ -50,10 +54,16 @@ const TRIAL: Size = Size {
 };
 
 struct Receiver {
+    /// Column and row of the lattice.
+    at: [u32; 2],
     origin: Vec3,
     normal: Vec3,
+    face_normal: Vec3,
     seed: u64,
 }
+
+/// Receivers along an edge of a square that gathers together.
+const SIDE: u32 = 4;
 
 fn main() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/acceptance/scenes/C_novol.toml");
@@ -81,8 +91,9 @@ fn main() {
             })
         })
         .collect();
+    let squares = squares(&receivers);
     println!(
-        "{} receivers x {SAMPLES} rays, one thread\n{:<28} {:>9} {:>12} {:>10}",
+        "{} receivers x {SAMPLES} rays, one thread\n{:<40} {:>9} {:>12} {:>10}",
         receivers.len(),
         "",
         "surfels",
@@ -96,7 +107,7 @@ fn main() {
     });
     let print = |name: &str, surfels: &str, secs: f64| {
         println!(
-            "{name:<28} {surfels:>9} {:>12.3} {:>10.2}",
+            "{name:<40} {surfels:>9} {:>12.3} {:>10.2}",
             rays.len() as f64 / secs * 1e-6,
             secs / receivers.len() as f64 * 1e6
         );
@@ -132,6 +143,15 @@ fn main() {
                 }
             });
             print(name, &surfels.to_string(), secs);
+            if matches!(kernel, Kernel::Traced(_)) {
+                let order = gatherer.order(SIDE * SIDE);
+                let secs = best(size.passes, || {
+                    for (key, square) in squares.iter().enumerate() {
+                        black_box(gatherer.irradiance_of_neighbours(square, key as u64, &order));
+                    }
+                });
+                print(&format!("{name}, in squares"), &surfels.to_string(), secs);
+            }
         }
     }
 }
@@ -203,12 +223,30 @@ fn receivers(scene: &Scene, tracer: &Tracer, step: u32) -> Vec<Receiver> {
             let hit = tracer.closest(camera.origin(), direction, f32::INFINITY)?;
             let surface = Surface::new(scene, hit.triangle, hit.uv).facing(-direction);
             Some(Receiver {
+                at: [x / step, y / step],
                 origin: surface.position + surface.face_normal * offset(surface.position),
                 normal: surface.normal,
+                face_normal: surface.face_normal,
                 seed: hash(&[0, u64::from(x), u64::from(y)]),
             })
         })
         .collect()
+}
+
+/// Receivers by the squares of the lattice that they are in.
+fn squares(receivers: &[Receiver]) -> Vec<Vec<SurfacePoint>> {
+    let mut squares = BTreeMap::<[u32; 2], Vec<SurfacePoint>>::new();
+    for r in receivers {
+        let [x, y] = r.at.map(|c| c % SIDE);
+        let square = r.at.map(|c| c / SIDE);
+        squares.entry(square).or_default().push(SurfacePoint {
+            position: r.origin,
+            normal: r.normal,
+            face_normal: r.face_normal,
+            stretch: y * SIDE + x,
+        });
+    }
+    squares.into_values().collect()
 }
 
 /// A tree of so many surfels.

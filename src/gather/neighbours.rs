@@ -1,7 +1,7 @@
 //! Gathers of surface points near each other, ray by ray in an order in which those after each other meet nearly the same.
 
 use super::directions::{Hemisphere, SEQUENCES};
-use super::{Gathered, Gatherer, Medium, Pages, Rays, Seen, cone};
+use super::{Gathered, Gatherer, Medium, Pages, Rays, Seen, Stretch, cone};
 use glam::Vec3;
 use std::f32::consts::PI;
 use std::sync::OnceLock;
@@ -30,9 +30,13 @@ pub struct Order {
 impl Order {
     /// Cells along each axis of the disk below the hemisphere, as a power of two.
     const BITS: u32 = 5;
+    /// Directions of a sequence that are put in order, at most: so many rays of one gather are alike as they are.
+    const MOST: u32 = 1 << 16;
 
-    fn of(&self, hemisphere: &Hemisphere) -> &[u32] {
-        self.of[hemisphere.sequence()].get_or_init(|| {
+    /// That of the directions of a hemisphere, unless they are too many.
+    fn of(&self, hemisphere: &Hemisphere) -> Option<&[u32]> {
+        let count = self.stretches.saturating_mul(self.samples);
+        let make = || {
             let cells = (1 << Self::BITS) as f32;
             let cell = |c: f32| ((0.5 * c + 0.5) * cells).min(cells - 1.0) as u32;
             // The curve that fills each quarter of the disk's square before the next.
@@ -43,10 +47,12 @@ impl Order {
                     m | (x >> bit & 1) << (2 * bit) | (y >> bit & 1) << (2 * bit + 1)
                 })
             };
-            let mut order: Vec<u32> = (0..self.stretches * self.samples).collect();
+            let mut order: Vec<u32> = (0..count).collect();
             order.sort_by_cached_key(place);
             order
-        })
+        };
+        let kept = &self.of[hemisphere.sequence()];
+        (count <= Self::MOST).then(|| kept.get_or_init(make).as_slice())
     }
 }
 
@@ -75,8 +81,12 @@ impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
     ) -> Vec<Gathered> {
         let hemisphere = |p: &SurfacePoint| Hemisphere::new(p.normal, seed);
         let hemispheres: Vec<_> = points.iter().map(hemisphere).collect();
-        let Some(any) = hemispheres.first() else {
-            return Vec::new();
+        let Some(in_order) = hemispheres.first().and_then(|any| order.of(any)) else {
+            let alone = |p: &SurfacePoint| {
+                let index = p.stretch;
+                self.irradiance(p.position, p.normal, p.face_normal, Stretch { index, seed })
+            };
+            return points.iter().map(alone).collect();
         };
         let samples = order.samples;
         let mut with_stretch = vec![None; order.stretches as usize];
@@ -85,7 +95,7 @@ impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
         }
         let mut scratch = cone::Scratch::default();
         let mut seen: Vec<Option<Seen>> = vec![None; points.len() * samples as usize];
-        for &i in order.of(any) {
+        for &i in in_order {
             let (stretch, ray) = ((i / samples) as usize, (i % samples) as usize);
             let Some(k) = with_stretch[stretch] else {
                 continue;

@@ -195,13 +195,19 @@ fn aggregates_change_irradiance_by_a_few_percent() {
 #[test]
 fn neighbours_gather_together_what_they_gather_one_by_one() {
     let (_dir, store) = store(&cloud(40_000));
-    let gatherer = Gatherer {
-        pages: pages(&store),
-        media: NoMedia,
-        settings: settings(Kernel::Cone, 0.01),
+    let few = settings(Kernel::Cone, 0.01);
+    // More than are put in order.
+    let many = Settings {
+        samples: 5000,
+        ..few
     };
-    let order = gatherer.order(16);
     for (seed, neighbours) in receivers(96).chunks(12).enumerate() {
+        let gatherer = Gatherer {
+            pages: pages(&store),
+            media: NoMedia,
+            settings: if seed == 0 { many } else { few },
+        };
+        let order = gatherer.order(16);
         // Some of the stretches, in no order, and facets that are not quite where normals say.
         let point = |(k, &(position, normal)): (usize, &(Vec3, Vec3))| SurfacePoint {
             position,
