@@ -3,6 +3,7 @@
 use super::directions::{Hemisphere, SEQUENCES};
 use super::{Gathered, Gatherer, Medium, Pages, Rays, Seen, Stretch, cone};
 use glam::Vec3;
+use lvox_formats::morton::interleave;
 use std::f32::consts::PI;
 use std::sync::OnceLock;
 
@@ -28,8 +29,8 @@ pub struct Order {
 }
 
 impl Order {
-    /// Cells along each axis of the disk below the hemisphere, as a power of two.
-    const BITS: u32 = 5;
+    /// Cells along each axis of the disk below the hemisphere.
+    const CELLS: f32 = 32.0;
     /// Directions of a sequence that are put in order, at most: so many rays of one gather are alike as they are.
     const MOST: u32 = 1 << 16;
 
@@ -37,15 +38,11 @@ impl Order {
     fn of(&self, hemisphere: &Hemisphere) -> Option<&[u32]> {
         let count = self.stretches.saturating_mul(self.samples);
         let make = || {
-            let cells = (1 << Self::BITS) as f32;
-            let cell = |c: f32| ((0.5 * c + 0.5) * cells).min(cells - 1.0) as u32;
+            let cell = |c: f32| ((0.5 * c + 0.5) * Self::CELLS).min(Self::CELLS - 1.0) as u64;
             // The curve that fills each quarter of the disk's square before the next.
             let place = |i: &u32| {
                 let d = hemisphere.local_direction(*i);
-                let (x, y) = (cell(d.x), cell(d.y));
-                (0..Self::BITS).fold(0, |m, bit| {
-                    m | (x >> bit & 1) << (2 * bit) | (y >> bit & 1) << (2 * bit + 1)
-                })
+                interleave([cell(d.x), cell(d.y), 0])
             };
             let mut order: Vec<u32> = (0..count).collect();
             order.sort_by_cached_key(place);
