@@ -70,8 +70,8 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "N")]
     pixel_samples: Option<u32>,
 
-    /// Primary rays inside a pixel whose corners disagree; with --pixel-samples, in all where its own do [default: 6, 16, 48 by
-    /// quality]
+    /// Primary rays inside a pixel whose corners disagree, beside those; with --pixel-samples above 1, all of a pixel where
+    /// its first ones disagree [default: 6, 16, 48 by quality]
     #[arg(long, value_name = "N")]
     edge_samples: Option<u32>,
 

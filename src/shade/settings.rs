@@ -23,8 +23,8 @@ pub struct Settings {
     pub volume_samples: u32,
     /// Primary rays a pixel; 1 for rays through the corners of pixels, which neighbours share.
     pub pixel_samples: u32,
-    /// Primary rays inside a pixel where those disagree: beside its corners, or in all if it has samples of its own; up to
-    /// 64 beside corners are laid out for edges.
+    /// Primary rays inside a pixel whose corners disagree, beside those, and laid out for it up to 64; where pixels have
+    /// samples of their own, all of a pixel where its first ones disagree.
     pub edge_samples: u32,
     /// Shadow rays to lights with an extent from the end of each primary ray inside a pixel; shared corners take one, and
     /// four in penumbrae.

@@ -274,8 +274,8 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
 
     /// The same by a gather of its own: few pixels see it.
     pub fn gathered(&self, surface: &Surface, x: u32, y: u32) -> Rgb {
-        let seed = sampling::hash(&[self.view.seed, u64::from(x), u64::from(y)]);
-        gather_surface(&self.view, self.gatherer, surface, Stretch::first(seed)).light
+        let stretch = Stretch::first(self.key(x, y));
+        gather_surface(&self.view, self.gatherer, surface, stretch).light
     }
 }
 
