@@ -2,7 +2,7 @@
 
 use super::medium::{Medium, Source};
 use crate::math::Rgb;
-use crate::math::dda::{Line, Steps, clip_to_box};
+use crate::math::dda::{Passage, Steps};
 use crate::math::segment::{Segment, Stretch, flatten_overlaps};
 use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec3};
 use lvox_formats::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
@@ -338,37 +338,11 @@ impl<S: Source> BlockGrid<S> {
     }
 
     fn enter(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Walk<'_, S>> {
-        let o = self.index_from_scene.transform_point3(origin).to_array();
-        let d = self
-            .index_from_scene
-            .transform_vector3(direction)
-            .to_array();
-        // Most rays miss most volumes. Rounding must not make one of them that does not.
-        let size = o
-            .into_iter()
-            .chain(self.dims)
-            .fold(0.0, |m: f32, v| m.max(v.abs()));
-        let margin = 2.0 * f32::EPSILON * size;
-        let wider = self.dims.map(|n| n + 2.0 * margin);
-        clip_to_box(o.map(|v| v + margin), d, wider, t_max)?;
-        // Rounding the ends of a ray in a dense medium would be seen: they are found once more, exactly.
-        let exact = &self.index_from_scene_f64;
-        let o = exact.transform_point3(origin.as_dvec3());
-        let d = exact.transform_vector3(direction.as_dvec3());
-        let dims = self.dims.map(f64::from);
-        let (start, end) = clip_to_box(o.to_array(), d.to_array(), dims, f64::from(t_max))?;
-        let entry = (o + d * start).as_vec3().to_array();
-        let d = d.as_vec3().to_array();
-        let line = Line {
-            origin: std::array::from_fn(|a| entry[a].clamp(0.0, self.dims[a])),
-            direction: d,
-            inverse: d.map(|v| 1.0 / v),
-        };
+        let map = (&self.index_from_scene, &self.index_from_scene_f64);
+        let passage = Passage::new(map, self.dims, origin, direction, t_max)?;
         Some(Walk {
             grid: self,
-            line,
-            start: start as f32,
-            end: (end - start) as f32,
+            passage,
         })
     }
 }
@@ -376,27 +350,20 @@ impl<S: Source> BlockGrid<S> {
 /// A ray inside the box of a volume.
 struct Walk<'a, S> {
     grid: &'a BlockGrid<S>,
-    line: Line,
-    start: f32,
-    end: f32,
+    passage: Passage,
 }
 
 impl<S: Source> Walk<'_, S> {
     /// Gives every non-empty stretch to `add` until that says no; returns whether it never did.
     #[inline]
     fn run(&self, add: &mut impl FnMut(Segment) -> bool) -> bool {
+        let Passage { line, end, .. } = &self.passage;
         let dims = self.grid.table_dims;
-        let mut outer = Steps::new(
-            &self.line,
-            0.0,
-            [0; 3],
-            BRICK as f32,
-            dims.map(|n| n as i32),
-        );
+        let mut outer = Steps::new(line, 0.0, [0; 3], BRICK as f32, dims.map(|n| n as i32));
         let mut t = 0.0;
         loop {
             let at = outer.at;
-            let leave = outer.leave().min(self.end);
+            let leave = outer.leave().min(*end);
             let [x, y, z] = at.map(|v| v as usize);
             let b = self.grid.table[(z * dims[1] + y) * dims[0] + x];
             if let Some(brick) = self.grid.bricks.get(b as usize)
@@ -406,7 +373,7 @@ impl<S: Source> Walk<'_, S> {
                 return false;
             }
             t = leave.max(t);
-            if leave >= self.end || !outer.advance() {
+            if leave >= *end || !outer.advance() {
                 return true;
             }
         }
@@ -421,6 +388,7 @@ impl<S: Source> Walk<'_, S> {
         leave: f32,
         add: &mut impl FnMut(Segment) -> bool,
     ) -> bool {
+        let Passage { line, start, .. } = &self.passage;
         let base = at.map(|v| v * BRICK as i32);
         let edge = (1 << brick.level) as f32;
         let per_axis = (BRICK >> brick.level) as i32;
@@ -434,10 +402,10 @@ impl<S: Source> Walk<'_, S> {
         let [first, end] = brick.filled;
         let lower = corner(first, 0, f32::NEG_INFINITY);
         let upper = corner(end, per_axis, f32::INFINITY);
-        let Some((t, leave)) = self.line.within(lower, upper, t, leave) else {
+        let Some((t, leave)) = line.within(lower, upper, t, leave) else {
             return true;
         };
-        let mut inner = Steps::new(&self.line, t, base, edge, [per_axis; 3]);
+        let mut inner = Steps::new(line, t, base, edge, [per_axis; 3]);
         let mut near = t;
         let cubes = &self.grid.cubes[brick.first_cube as usize..];
         loop {
@@ -456,8 +424,8 @@ impl<S: Source> Walk<'_, S> {
                 let before = (cube.filled & ((1 << bit) - 1)).count_ones();
                 let block = &self.grid.blocks[(cube.first + before) as usize];
                 let s = Segment {
-                    near: self.start + near,
-                    far: self.start + far,
+                    near: start + near,
+                    far: start + far,
                     tau: block.sigma_t * (far - near),
                     source: block.source.rgb(),
                 };

@@ -14,6 +14,7 @@ pub mod medium;
 mod neighbours;
 pub mod outgoing;
 pub mod page;
+mod patch;
 pub mod plain;
 pub mod store;
 

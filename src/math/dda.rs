@@ -1,6 +1,6 @@
 //! Walking a ray through a regular grid of boxes (Amanatides & Woo 1987).
 
-use glam::Vec3;
+use glam::{Affine3A, DAffine3, Vec3};
 
 /// Steps over cells along one ray (Amanatides & Woo 1987), at some scale. Without branches: which axis is next is as good
 /// as random, and a wrong guess of the processor would cost more than a step.
@@ -120,6 +120,66 @@ pub fn clip_to_box<F: Coordinate>(o: [F; 3], d: [F; 3], dims: [F; 3], t_max: F) 
         far = far.smaller(t0.larger(t1));
     }
     (near < far).then_some((near, far))
+}
+
+/// The part of a ray that is inside the box of a grid.
+#[derive(Clone, Copy, Debug)]
+pub struct Passage {
+    /// From where the ray enters, in grid coordinates, by distance in scene units: exact for far-away origins, too.
+    pub line: Line,
+    /// Distance from the ray's origin to that of the line.
+    pub start: f32,
+    /// Distance from there to where the ray leaves.
+    pub end: f32,
+}
+
+impl Passage {
+    /// Where a ray of unit direction, in scene space, is inside the box 0..dims of a grid, before `t_max`. The map from scene
+    /// space to grid coordinates is given in both precisions.
+    #[inline]
+    #[must_use]
+    pub fn new(
+        (map, exact): (&Affine3A, &DAffine3),
+        dims: [f32; 3],
+        origin: Vec3,
+        direction: Vec3,
+        t_max: f32,
+    ) -> Option<Self> {
+        let o = map.transform_point3(origin).to_array();
+        let d = map.transform_vector3(direction).to_array();
+        // Most rays miss most volumes. Rounding must not make one of them that does not.
+        let size = o
+            .into_iter()
+            .chain(dims)
+            .fold(0.0, |m: f32, v| m.max(v.abs()));
+        let margin = 2.0 * f32::EPSILON * size;
+        let wider = dims.map(|n| n + 2.0 * margin);
+        clip_to_box(o.map(|v| v + margin), d, wider, t_max)?;
+        // Rounding the ends of a ray in a dense medium would be seen: they are found once more, exactly.
+        let o = exact.transform_point3(origin.as_dvec3());
+        let d = exact.transform_vector3(direction.as_dvec3());
+        let exact_dims = dims.map(f64::from);
+        let (start, end) = clip_to_box(o.to_array(), d.to_array(), exact_dims, f64::from(t_max))?;
+        let entry = (o + d * start).as_vec3().to_array();
+        let direction = d.as_vec3().to_array();
+        Some(Self {
+            line: Line {
+                origin: std::array::from_fn(|a| entry[a].clamp(0.0, dims[a])),
+                direction,
+                inverse: direction.map(|v| 1.0 / v),
+            },
+            start: start as f32,
+            end: (end - start) as f32,
+        })
+    }
+
+    /// The same in the coordinates of cells, whose corners are the middles of voxels, in a margin of half a cell.
+    #[inline]
+    #[must_use]
+    pub fn in_cells(mut self) -> Self {
+        self.line.origin = self.line.origin.map(|v| v + 0.5);
+        self
+    }
 }
 
 /// Distance along a unit direction at which a point has left a box, 0 if it is already beyond.

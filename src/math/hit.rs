@@ -9,4 +9,6 @@ pub struct Hit {
     pub triangle: u32,
     /// Barycentric weights of the second and third corner.
     pub uv: [f32; 2],
+    /// Whether the ray came from the side from which the corners wind clockwise.
+    pub is_back: bool,
 }

@@ -6,7 +6,7 @@
 //! transmittances multiply.
 
 use super::sampler::Sampler;
-use crate::math::dda::{Line, Steps, clip_to_box};
+use crate::math::dda::{Passage, Steps};
 use crate::scene::Volume;
 use crate::scene::grid::BRICK_CELLS;
 use glam::Vec3;
@@ -112,26 +112,12 @@ fn track(
     mut visit: impl FnMut(f32, f32, &mut Sampler) -> bool,
 ) {
     let grid = &volume.sigma_t;
+    let map = (&volume.index_from_scene, &volume.index_from_scene_f64);
     let dims = grid.dims().map(|n| n as f32);
-    let o = volume.index_from_scene.transform_point3(origin).to_array();
-    let d = volume
-        .index_from_scene
-        .transform_vector3(direction)
-        .to_array();
-    let Some((start, end)) = clip_to_box(o, d, dims, t_max) else {
+    let Some(passage) = Passage::new(map, dims, origin, direction, t_max) else {
         return;
     };
-    let entry = volume
-        .index_from_scene
-        .transform_point3(origin + direction * start)
-        .to_array();
-    // In cell space, from where the ray enters: exact for far-away origins.
-    let line = Line {
-        origin: std::array::from_fn(|a| entry[a].clamp(0.0, dims[a]) + 0.5),
-        direction: d,
-        inverse: d.map(|v| 1.0 / v),
-    };
-    let end = end - start;
+    let Passage { line, start, end } = passage.in_cells();
     let limit = grid.brick_dims().map(|n| n as i32);
     let mut bricks = Steps::new(&line, 0.0, [0; 3], BRICK_CELLS as f32, limit);
     let mut t = 0.0_f32;

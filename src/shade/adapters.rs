@@ -12,6 +12,10 @@ impl Geometry for Tracer<'_> {
         self.closest(origin, direction, t_max)
     }
 
+    fn triangles(&self) -> u32 {
+        self.scene.mesh.triangles.len() as u32
+    }
+
     fn corners(&self, triangle: u32) -> [Vec3; 3] {
         self.scene.mesh.corners(triangle as usize)
     }

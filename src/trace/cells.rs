@@ -3,7 +3,7 @@
 //! Along a ray through one cell a trilinear field is a cubic, which two Gauss points integrate exactly. Empty bricks
 //! are passed in one step, so there is no step size to choose.
 
-use crate::math::dda::{Line, Steps, clip_to_box};
+use crate::math::dda::{Line, Passage, Steps};
 use crate::scene::Volume;
 use crate::scene::grid::{BRICK_CELLS, Brick};
 use glam::Vec3;
@@ -69,33 +69,17 @@ impl<'a> Cells<'a> {
     /// The walk from `origin` along unit `direction` up to `t_max`; `None` if the ray misses the volume's box.
     #[must_use]
     pub fn new(volume: &'a Volume, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Self> {
+        let map = (&volume.index_from_scene, &volume.index_from_scene_f64);
         let dims = volume.sigma_t.dims().map(|n| n as f32);
-        let o = volume.index_from_scene.transform_point3(origin).to_array();
-        let d = volume
-            .index_from_scene
-            .transform_vector3(direction)
-            .to_array();
-        clip_to_box(o, d, dims, t_max)?;
-        // Rounding the ends of a ray in a dense medium would be seen: they are found once more, exactly.
-        let inverse = &volume.index_from_scene_f64;
-        let o = inverse.transform_point3(origin.as_dvec3());
-        let d = inverse.transform_vector3(direction.as_dvec3());
-        let exact_dims = dims.map(f64::from);
-        let (start, end) = clip_to_box(o.to_array(), d.to_array(), exact_dims, f64::from(t_max))?;
-        let entry = (o + d * start).as_vec3().to_array();
-        let d = d.as_vec3().to_array();
-        let line = Line {
-            origin: std::array::from_fn(|a| entry[a].clamp(0.0, dims[a]) + 0.5),
-            direction: d,
-            inverse: d.map(|v| 1.0 / v),
-        };
+        let Passage { line, start, end } =
+            Passage::new(map, dims, origin, direction, t_max)?.in_cells();
         let limit = volume.sigma_t.brick_dims().map(|n| n as i32);
         let bricks = Steps::new(&line, 0.0, [0; 3], BRICK_CELLS as f32, limit);
         Some(Self {
             volume,
             line,
-            start: start as f32,
-            end: (end - start) as f32,
+            start,
+            end,
             bricks,
             inner: None,
             t: 0.0,

@@ -188,6 +188,7 @@ impl TriangleBvh {
                         t,
                         triangle,
                         uv: met.uv.map(|w| w[k]),
+                        is_back: met.backs >> k & 1 == 1,
                     });
                 }
             }

@@ -21,6 +21,8 @@ pub struct Block {
 pub struct Met {
     /// A bit for each triangle met.
     pub lanes: u32,
+    /// A bit for each whose corners wind clockwise as the ray sees them.
+    pub backs: u32,
     /// Distances along the ray.
     pub t: [f32; LANES],
     /// Barycentric weights of second and third corners.
@@ -135,6 +137,7 @@ impl ShearedRay {
         }
         Met {
             lanes: (hit & t.simd_gt(f32x4::ZERO)).to_bitmask(),
+            backs: det.simd_lt(f32x4::ZERO).to_bitmask(),
             t: t.to_array(),
             uv: [v / det, w / det].map(f32x4::to_array),
         }

@@ -86,7 +86,12 @@ impl Geometry for Around {
             t: self.distance,
             triangle: 0,
             uv: [0.3; 2],
+            is_back: false,
         })
+    }
+
+    fn triangles(&self) -> u32 {
+        1
     }
 
     fn corners(&self, _: u32) -> [Vec3; 3] {

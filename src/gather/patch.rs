@@ -1,0 +1,338 @@
+//! Parts of the scene's triangles, and what a tree says that they send.
+
+use super::cone::OVERHANG;
+use super::page::{ChildKind, DiskBlock, PageLeaves, WIDTH, WideNode};
+use super::store::{Page, Pages};
+use crate::math::{Hit, Rgb};
+use glam::Vec3;
+use wide::f32x8;
+
+/// How large a triangle is, and how small its patches may be.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Extent {
+    /// Square of its longest edge.
+    pub edge2: f32,
+    /// Square of the edge below which patches are not divided, about as long as surfels stand apart; [`Self::BLACK`] if the
+    /// triangle reflects nothing.
+    pub least: f32,
+}
+
+impl Extent {
+    /// Of what reflects nothing, so that a tree need not be asked.
+    pub const BLACK: f32 = -1.0;
+
+    /// `least` is none where nothing is reflected.
+    pub fn new([a, b, c]: [Vec3; 3], least: Option<f32>) -> Self {
+        let edges = [b - a, c - a, c - b].map(Vec3::length_squared);
+        Self {
+            edge2: edges.into_iter().fold(0.0, f32::max),
+            least: least.unwrap_or(Self::BLACK),
+        }
+    }
+}
+
+/// Which part of one side of a triangle: its edges are divided by two as often as `level` says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Place {
+    pub triangle: u32,
+    pub is_back: bool,
+    level: u32,
+    /// Along the edges to the second and the third corner.
+    at: [u32; 2],
+    /// Whether it is the half of that parallelogram that is farther from the first corner.
+    is_upper: bool,
+}
+
+impl Place {
+    /// Divisions of a triangle's edges by two, at most.
+    const MOST_LEVELS: u32 = 14;
+
+    /// The part that was met, of a triangle whose longest edge, squared, is `edge2`: that of the part is at most `size`.
+    #[inline]
+    pub fn new(hit: &Hit, edge2: f32, size: f32) -> Self {
+        // The upper end of the binade that the ratio is in, by its exponent: a loop would wait for what the triangle is.
+        let ratio = (edge2 / size).max(1.0);
+        let log2 = ((ratio.to_bits() - 1) >> 23) - 126;
+        let level = log2.div_ceil(2).min(Self::MOST_LEVELS);
+        let parts = (1 << level) as f32;
+        let [u, v] = hit.uv.map(|w| w.clamp(0.0, 1.0) * parts);
+        // Rounding may put a hit beyond the edge across from the first corner.
+        let i = u.floor().min(parts - 1.0);
+        let j = v.floor().min(parts - 1.0 - i);
+        Self {
+            triangle: hit.triangle,
+            is_back: hit.is_back,
+            level,
+            at: [i as u32, j as u32],
+            is_upper: i + j + 1.0 < parts && (u - i) + (v - j) > 1.0,
+        }
+    }
+
+    /// A number that no other place has.
+    #[inline]
+    pub fn key(&self) -> u64 {
+        let [i, j] = self.at;
+        // The leading bit of the column tells the level.
+        let column = i | 1 << self.level;
+        let within =
+            u32::from(self.is_back) << 31 | u32::from(self.is_upper) << 30 | column << 15 | j;
+        u64::from(self.triangle) << 32 | u64::from(within)
+    }
+
+    /// Its middle, in a triangle of these corners.
+    fn middle(&self, [a, b, c]: [Vec3; 3]) -> Vec3 {
+        let parts = (1 << self.level) as f32;
+        let third = if self.is_upper { 2.0 / 3.0 } else { 1.0 / 3.0 };
+        let [u, v] = self.at.map(|i| (i as f32 + third) / parts);
+        a + (b - a) * u + (c - a) * v
+    }
+}
+
+/// A part of one side of a triangle.
+#[derive(Debug)]
+pub(super) struct Patch {
+    /// Where the tree is asked.
+    middle: Vec3,
+    /// Square of its longest edge, and at least that of a disk.
+    area: f32,
+    /// Square of a radius that the disks of its own surface are below. Larger ones are of something else near by, which must
+    /// not drown them.
+    own2: f32,
+}
+
+impl Patch {
+    /// Nodes up to this many times the area of a patch are taken whole.
+    const WHOLE: f32 = 4.0;
+
+    /// Of a triangle of these corners. Surfels of one piece of the scene may have one size.
+    pub fn new(place: &Place, corners: [Vec3; 3], extent: &Extent, is_even: bool) -> Self {
+        // A power of two changes no digit.
+        let edge2 = extent.edge2 * (1.0 / (1_u32 << (2 * place.level)) as f32);
+        Self {
+            middle: place.middle(corners),
+            area: edge2.max(extent.least),
+            own2: if is_even && extent.least > 0.0 {
+                2.0 * extent.least
+            } else {
+                f32::INFINITY
+            },
+        }
+    }
+
+    /// What it sends on the side of its unit `normal`: a mean over the disks and small nodes that hold its middle. `None` where
+    /// the tree knows no surface.
+    pub fn radiance<P: Pages>(
+        &self,
+        normal: Vec3,
+        pages: &P,
+        stack: &mut Vec<(f32, u32, u32)>,
+    ) -> Option<Rgb> {
+        let root = pages.root()?;
+        let mut mean = Mean::default();
+        stack.clear();
+        stack.push((0.0, root, 0));
+        let mut page_id = root;
+        let mut page = pages.page(root);
+        while let Some((_, id, node)) = stack.pop() {
+            if id != page_id {
+                page = pages.page(id);
+                page_id = id;
+            }
+            let nodes = page.nodes();
+            let Some(node) = nodes.nodes.get(node as usize) else {
+                continue;
+            };
+            let mut holding = self.within(node);
+            while holding != 0 {
+                let k = holding.trailing_zeros() as usize;
+                holding &= holding - 1;
+                if node.cross_section[k] < Self::WHOLE * self.area {
+                    let proxy = &nodes.proxies[node.first_proxy as usize + k];
+                    mean.add(proxy.facing(normal.to_array()));
+                    continue;
+                }
+                match node.kind[k] {
+                    ChildKind::Leaf => {
+                        let leaves = page.leaves();
+                        if let Some(block) = leaves.blocks.get(node.child[k] as usize) {
+                            mean.add_disks(leaves, block, self, normal);
+                        }
+                    }
+                    ChildKind::Inner => stack.push((0.0, id, node.child[k])),
+                    ChildKind::Page => stack.push((0.0, node.child[k], 0)),
+                    ChildKind::None => {}
+                }
+            }
+        }
+        mean.radiance()
+    }
+
+    /// A bit for each child whose box holds the middle.
+    #[inline]
+    fn within(&self, node: &WideNode) -> u32 {
+        /// Distance from a box within which a point is taken to be in it, over the size of the box: rounding, and surfels
+        /// that stand a little inside of curved surfaces.
+        const MARGIN: f32 = 0.02;
+        let mut outside2 = f32x8::ZERO;
+        for (a, p) in self.middle.to_array().into_iter().enumerate() {
+            let (min, max, p) = (
+                f32x8::from(node.min[a]),
+                f32x8::from(node.max[a]),
+                f32x8::splat(p),
+            );
+            let outside = (min - p).fast_max(p - max).fast_max(f32x8::ZERO);
+            outside2 += outside * outside;
+        }
+        let margin2 = f32x8::from(node.cross_section) * f32x8::splat(MARGIN * MARGIN);
+        outside2.simd_le(margin2).to_bitmask() & node.used
+    }
+}
+
+/// A mean of what surfaces send, weighted by area: a running one, since areas times radiance leave the range of f32.
+#[derive(Debug)]
+struct Mean {
+    sent: [f32; 3],
+    area: f32,
+    /// The disk that comes nearest to holding the point: how far it is from that, and what it sends.
+    nearest: (f32, [f32; 3]),
+}
+
+impl Default for Mean {
+    fn default() -> Self {
+        Self {
+            sent: [0.0; 3],
+            area: 0.0,
+            nearest: (Self::FARTHEST, [0.0; 3]),
+        }
+    }
+}
+
+impl Mean {
+    /// Cosine between the normals of a disk and of a patch from which on both are one surface.
+    const ALIKE: f32 = 0.7;
+    /// A disk further away than this says nothing: five radii along its plane, half a radius off it.
+    const FARTHEST: f32 = 25.0;
+
+    #[inline]
+    fn add(&mut self, (sent, area): ([f32; 3], f32)) {
+        if area > 0.0 {
+            self.area += area;
+            let share = area / self.area;
+            for (s, v) in self.sent.iter_mut().zip(sent) {
+                *s += (v - *s) * share;
+            }
+        }
+    }
+
+    /// Disks that hold the middle of the patch, the more the nearer theirs is.
+    fn add_disks(&mut self, leaves: &PageLeaves, block: &DiskBlock, patch: &Patch, normal: Vec3) {
+        let (p, n) = (patch.middle.to_array(), normal.to_array());
+        let mut reach = [0.0_f32; WIDTH];
+        let mut cos = [0.0_f32; WIDTH];
+        for k in 0..WIDTH {
+            let [x, y, z] = [0, 1, 2].map(|a| p[a] - block.centre[a][k]);
+            let normal = [0, 1, 2].map(|a| block.normal[a][k]);
+            let height = x * normal[0] + y * normal[1] + z * normal[2];
+            // What is off the plane by more than disks of one surface stand out over each other is of another one.
+            let off = height * height / (OVERHANG * OVERHANG);
+            let larger = (block.radius2[k] / patch.own2).max(1.0);
+            reach[k] = (x * x + y * y + z * z + off * larger) / block.radius2[k];
+            cos[k] = n[0] * normal[0] + n[1] * normal[1] + n[2] * normal[2];
+        }
+        for k in 0..block.count as usize {
+            if cos[k].abs() < Self::ALIKE || reach[k] >= self.nearest.0.max(1.0) {
+                continue;
+            }
+            let light = &leaves.lights[block.first_light as usize + k];
+            let sent = if cos[k] > 0.0 {
+                light.front
+            } else {
+                light.back
+            };
+            if reach[k] < self.nearest.0 {
+                self.nearest = (reach[k], sent);
+            }
+            let offset = std::array::from_fn(|a| p[a] - block.centre[a][k]);
+            if reach[k] < 1.0 && !leaves.is_clipped(light, offset) {
+                self.add((sent, block.radius2[k].min(patch.own2) * (1.0 - reach[k])));
+            }
+        }
+    }
+
+    /// `None` where there was no surface.
+    fn radiance(&self) -> Option<Rgb> {
+        if self.area > 0.0 {
+            Some(Rgb(self.sent))
+        } else {
+            (self.nearest.0 < Self::FARTHEST).then_some(Rgb(self.nearest.1))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patches_hold_their_hits_and_are_as_small_as_asked() {
+        const SIZE: f32 = 0.13;
+        let corners = [Vec3::ZERO, Vec3::X, Vec3::Y];
+        let extent = Extent::new(corners, Some(0.0));
+        assert_eq!(extent.edge2, 2.0);
+        let mut middles = std::collections::BTreeMap::new();
+        for i in 0..2000 {
+            let [a, b] = crate::math::sampling::r2(i, [0.5; 2]);
+            // Some on the edges, some on corners of patches.
+            let uv = match i % 4 {
+                0 => [0.25 * (4.0 * a).floor(), 0.25 * (4.0 * b).floor()],
+                1 => [a, 1.0 - a],
+                _ => [a, b],
+            };
+            if uv[0] + uv[1] > 1.0 + 1e-6 {
+                continue;
+            }
+            let hit = |is_back| Hit {
+                t: 1.0,
+                triangle: 0,
+                uv,
+                is_back,
+            };
+            let place = Place::new(&hit(false), extent.edge2, SIZE);
+            let patch = Patch::new(&place, corners, &extent, true);
+            assert!(patch.area <= SIZE && patch.area > SIZE / 4.0);
+            let m = patch.middle;
+            assert!(m.x > 0.0 && m.y > 0.0 && m.x + m.y < 1.0, "{uv:?}: {m}");
+            let off = Vec3::new(uv[0], uv[1], 0.0) - m;
+            assert!(off.length() < SIZE.sqrt(), "{uv:?}: {m}");
+            assert_eq!(*middles.entry(place.key()).or_insert(m), m);
+            let behind = Place::new(&hit(true), extent.edge2, SIZE);
+            assert_eq!(behind.key(), place.key() | 1 << 31);
+        }
+        // Three halvings of the longest edge, the root of two.
+        assert_eq!(middles.len(), 16);
+    }
+
+    #[test]
+    fn edges_are_divided_until_they_are_small_enough() {
+        let hit = Hit {
+            t: 1.0,
+            triangle: 0,
+            uv: [0.2; 2],
+            is_back: false,
+        };
+        for (edge2, size, level) in [
+            (1.0, 2.0, 0),
+            (1.0, 1.0, 0),
+            (1.0, 0.999, 1),
+            (1.0, 0.25, 1),
+            (1.0, 0.2499, 2),
+            (64.0, 4.0, 2),
+            (0.0, 1.0, 0),
+            (1e-30, 1e-36, 10),
+            (1e30, 1e-30, Place::MOST_LEVELS),
+            (1.0, 0.0, Place::MOST_LEVELS),
+        ] {
+            assert_eq!(Place::new(&hit, edge2, size).level, level, "{edge2} {size}");
+        }
+    }
+}
