@@ -8,7 +8,7 @@ use lvox::image::{Frame, Region, exr, metrics};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade::{self, Kernel};
-use lvox::study::findings::Slope;
+use lvox::study::record::Slope;
 use lvox::study::{self, Settings, Study};
 use std::fs;
 use std::ops::Range;

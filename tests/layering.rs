@@ -2,6 +2,7 @@
 //!
 //! Tests inside a file (from `#[cfg(test)]` to its end, and files named `tests.rs`) may use anything.
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -251,14 +252,11 @@ fn paths(text: &str) -> Vec<String> {
     }
 }
 
-/// All paths from the crate's root that code at this depth of modules names, with their lines.
-fn imports(code: &str, depth: usize) -> Vec<(usize, String)> {
+/// All paths that the code of a module names from the crate's root or by `super`, as paths from the root, with their lines.
+fn imports(code: &str, module: &[String]) -> Vec<(usize, String)> {
     let mut found = Vec::new();
-    let mut starts = vec!["crate::".to_owned(), "lvox_formats".to_owned()];
-    // So many `super` lead to the root.
-    starts.push("super::".repeat(depth));
-    for start in &starts {
-        for (at, _) in code.match_indices(start.as_str()) {
+    for start in ["crate::", "super::", "lvox_formats"] {
+        for (at, _) in code.match_indices(start) {
             let before = &code[..at];
             if before.ends_with(is_word) || before.ends_with("super::") {
                 continue;
@@ -266,13 +264,42 @@ fn imports(code: &str, depth: usize) -> Vec<(usize, String)> {
             let line = before.matches('\n').count() + 1;
             if start == "lvox_formats" {
                 found.push((line, "formats".to_owned()));
-            } else {
-                let rest = &code[at + start.len()..];
-                found.extend(paths(rest).into_iter().map(|p| (line, p)));
+                continue;
             }
+            let mut rest = code[at..].trim_start_matches("crate::");
+            let mut from = if start == "crate::" { &[] } else { module };
+            while let Some(after) = rest.strip_prefix("super::") {
+                rest = after;
+                from = &from[..from.len().saturating_sub(1)];
+            }
+            let absolute = |path: String| [from, &[path]].concat().join("::");
+            found.extend(paths(rest).into_iter().map(|p| (line, absolute(p))));
         }
     }
     found
+}
+
+/// The modules of the library but its root, each by its path, with its file; not those of tests.
+fn modules() -> Vec<(Vec<String>, PathBuf)> {
+    let src = root().join("src");
+    let path = |file: &Path| {
+        let relative = file.strip_prefix(&src).unwrap().with_extension("");
+        let parts = relative.components();
+        let mut module: Vec<String> = parts
+            .map(|c| c.as_os_str().to_str().unwrap().to_owned())
+            .collect();
+        if module.last().is_some_and(|m| m == "mod") {
+            module.pop();
+        }
+        module
+    };
+    let files = sources(&src).into_iter();
+    let is_own =
+        |m: &[String]| m != ["lib"] && m != ["main"] && m.last().is_some_and(|m| m != "tests");
+    files
+        .map(|file| (path(&file), file))
+        .filter(|(module, _)| is_own(module))
+        .collect()
 }
 
 fn allowed(path: &str, own: &str, rules: &[&str]) -> bool {
@@ -288,24 +315,13 @@ fn allowed(path: &str, own: &str, rules: &[&str]) -> bool {
 fn imports_flow_one_way() {
     let src = root().join("src");
     let mut faults = String::new();
-    for file in sources(&src) {
+    for (module, file) in modules() {
         let relative = file.strip_prefix(&src).unwrap();
-        let mut modules: Vec<String> = relative
-            .with_extension("")
-            .components()
-            .map(|c| c.as_os_str().to_str().unwrap().to_owned())
-            .collect();
-        // The program may use all of the library; the root only lists modules.
-        if modules == ["lib"] || modules == ["main"] || modules[0] == "cli" {
+        // The program may use all of the library.
+        if module[0] == "cli" {
             continue;
         }
-        if modules.last().is_some_and(|m| m == "tests") {
-            continue;
-        }
-        if modules.last().is_some_and(|m| m == "mod") {
-            modules.pop();
-        }
-        let own = modules[0].as_str();
+        let own = module[0].as_str();
         let Some((_, rules)) = MAY_USE.iter().find(|(name, _)| *name == own) else {
             let _ = writeln!(
                 faults,
@@ -315,11 +331,54 @@ fn imports_flow_one_way() {
             continue;
         };
         let code = code(&fs::read_to_string(&file).unwrap());
-        for (line, path) in imports(&code, modules.len()) {
+        for (line, path) in imports(&code, &module) {
             if !allowed(&path, own, rules) {
                 let place = format!("src/{}:{line}", relative.display());
                 let _ = writeln!(faults, "{place}: {own} may not use {path}");
             }
+        }
+    }
+    assert!(faults.is_empty(), "\n{faults}");
+}
+
+/// Below one parent no two modules need each other, not by way of others either. What a parent holds itself is for all below it.
+#[test]
+fn modules_of_one_parent_do_not_need_each_other() {
+    let modules = modules();
+    // By parent: who uses whom, and where.
+    let mut uses = BTreeMap::<String, BTreeMap<(String, String), String>>::new();
+    for (module, file) in &modules {
+        let code = code(&fs::read_to_string(file).unwrap());
+        for (line, path) in imports(&code, module) {
+            let path: Vec<&str> = path.split("::").collect();
+            let shared = module.iter().zip(&path).take_while(|(a, b)| a == b).count();
+            if shared == 0 || shared == module.len() || shared == path.len() {
+                continue;
+            }
+            let other = [&module[..shared], &[path[shared].to_owned()]].concat();
+            if modules.iter().any(|(m, _)| *m == other) {
+                let place = format!("{}:{line}", file.strip_prefix(root()).unwrap().display());
+                let pair = (module[shared].clone(), path[shared].to_owned());
+                let parent = module[..shared].join("::");
+                uses.entry(parent).or_default().entry(pair).or_insert(place);
+            }
+        }
+    }
+    let mut faults = String::new();
+    for (parent, mut pairs) in uses {
+        // What nobody uses, or what uses nobody, is in no circle: without those, pair by pair, the circles are left.
+        while let Some(free) = pairs.keys().find_map(|pair| {
+            let goes_on = pairs.keys().any(|(user, _)| *user == pair.1);
+            let is_used = pairs.keys().any(|(_, used)| *used == pair.0);
+            (!goes_on || !is_used).then(|| pair.clone())
+        }) {
+            pairs.remove(&free);
+        }
+        for ((user, used), place) in pairs {
+            let _ = writeln!(
+                faults,
+                "{place}: in {parent}, {user} and {used} need each other"
+            );
         }
     }
     assert!(faults.is_empty(), "\n{faults}");
@@ -420,7 +479,8 @@ use crate::trace::Hit;
 #[cfg(test)]
 mod tests { fn g() { crate::shade; } }
 "##;
-    let mut found = imports(&code(source), 2);
+    let module = ["shade", "media"].map(str::to_owned);
+    let mut found = imports(&code(source), &module);
     found.sort();
     let names: Vec<(usize, &str)> = found.iter().map(|(l, p)| (*l, p.as_str())).collect();
     assert_eq!(
@@ -431,6 +491,7 @@ mod tests { fn g() { crate::shade; } }
             (2, "scene"),
             (4, "light::sun"),
             (5, "math::sum"),
+            (6, "shade::sibling"),
             (7, "formats"),
             (10, "trace::Hit")
         ]

@@ -195,7 +195,7 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
 
     /// What one ray of unit direction sees.
     #[must_use]
-    // Else it is not where it serves several kinds of media.
+    // Not inlined by itself once it is compiled for more than one kind of medium.
     #[inline(always)]
     pub fn look(&self, origin: Vec3, direction: Vec3, scratch: &mut cone::Scratch) -> Seen {
         let Settings {

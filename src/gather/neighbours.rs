@@ -64,8 +64,9 @@ impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
         }
     }
 
-    /// What [`Self::irradiance`] gives for each of some points, which have stretches of their own of the sequence of a key,
-    /// bit for bit: rays that meet the same triangles, patches and lvoxels follow one another, and find those in the cache.
+    /// What [`Self::irradiance`] gives for each of some points, bit for bit. Their rays are cast in the order of their
+    /// directions, not point by point, so that those which meet the same triangles, patches and lvoxels follow one another.
+    /// All points share the sequence of `seed`, each with a stretch of its own.
     ///
     /// # Panics
     /// If a point has a stretch beyond those that the order, one of this gatherer, was made for.

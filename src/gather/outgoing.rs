@@ -112,7 +112,7 @@ impl<'a> Outgoing<'a> {
 
     /// The surface that ends a ray of unit direction before `t_max`, if one does, and what it sends towards its origin.
     #[must_use]
-    // Else it is not where it serves several kinds of media.
+    // Not inlined by itself once it is compiled for more than one kind of medium.
     #[inline(always)]
     pub fn cast<P: Pages>(
         &self,

@@ -17,8 +17,8 @@ pub struct Direct<D = Dimmed> {
     pub sight: Sight<D>,
 }
 
-/// What shadow rays to lights with an extent brought. Of each light they bring, together and with nothing between, as many times
-/// what it sends as there are rays to each light: else the share of one would be taken for that of another.
+/// What shadow rays to lights with an extent brought, added up. Rays are weighted so that with nothing between, those to one light
+/// add up to what it sends times the rays that each light gets: else what hides one light would count for another, too.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Arrival {
     /// With what stands between.
@@ -28,10 +28,11 @@ pub struct Arrival {
 }
 
 impl Arrival {
-    /// What arrives of `open`, for the sum of many rays: all of it without any ray.
+    /// What arrives of `open`, by the sum of many rays; all of it if there was none.
     ///
-    /// Its mean share is told by their mean channel, by which rays choose among lights. How far single rays differ from that share
-    /// tells the colour; where they do not, it has no noise however many colours lights have.
+    /// The share that arrives is that of the mean channel, by which rays choose among lights. What rays brought in each channel
+    /// beyond that share is added: it colours a shadow, and is exactly 0 where rays agree, so that light without shadows
+    /// has no noise whatever colours the lights have.
     #[must_use]
     pub fn of(&self, open: Rgb) -> Rgb {
         let all = self.all.mean();

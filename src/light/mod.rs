@@ -7,6 +7,7 @@
 
 mod cut;
 mod direct;
+mod emitter;
 mod emitters;
 mod environment;
 mod few_emitters;
@@ -25,11 +26,13 @@ mod sun_depth;
 #[cfg(test)]
 mod tests;
 mod tree;
+mod vacuum;
 
 pub use direct::{Arrival, Direct};
 pub use in_medium::InMedium;
 pub use lights::Lights;
 pub use rays::ShadowRays;
-pub use shadows::{OpticalDepth, SceneMedia, Shadows, Vacuum};
+pub use shadows::{OpticalDepth, SceneMedia, Shadows};
 pub use sight::{Dimmed, Dimming, Sight};
 pub use sun_depth::SunDepths;
+pub use vacuum::Vacuum;

@@ -31,35 +31,6 @@ pub trait Shadows: Copy + Sync + std::fmt::Debug {
     fn before_triangles(&self) -> Option<&dyn OpticalDepth>;
 }
 
-/// Nothing.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Vacuum;
-
-impl Shadows for Vacuum {
-    type Dimming = Self;
-
-    #[inline]
-    fn transmittance(
-        &self,
-        tracer: &Tracer,
-        origin: Vec3,
-        direction: Vec3,
-        t_max: f32,
-        _: Option<&dyn OpticalDepth>,
-    ) -> f32 {
-        if tracer.is_occluded(origin, direction, t_max) {
-            0.0
-        } else {
-            1.0
-        }
-    }
-
-    #[inline]
-    fn before_triangles(&self) -> Option<&dyn OpticalDepth> {
-        None
-    }
-}
-
 /// The scene's media.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SceneMedia<'a> {

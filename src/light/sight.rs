@@ -1,6 +1,5 @@
 //! Which lights the rays of some points reach.
 
-use super::shadows::Vacuum;
 use std::fmt::Debug;
 use std::ops::AddAssign;
 
@@ -79,19 +78,6 @@ impl Dimming for Dimmed {
         self.least = self.least.min(other.least);
         self.most = self.most.max(other.most);
     }
-}
-
-impl Dimming for Vacuum {
-    #[inline]
-    fn note(&mut self, _: u64, _: f32) {}
-
-    #[inline]
-    fn differs(&self, _: u64, _: u64) -> bool {
-        false
-    }
-
-    #[inline]
-    fn join(&mut self, _: Self) {}
 }
 
 impl<D: Dimming> Sight<D> {

@@ -1,7 +1,8 @@
 //! What a tree over many lights promises.
 
 use super::cut::Cut;
-use super::emitters::{Emitter, Emitters};
+use super::emitter::Emitter;
+use super::emitters::Emitters;
 use super::receiver::{Medium, Receiver, Surface};
 use super::tree::Tree;
 use super::{Lights, ShadowRays};

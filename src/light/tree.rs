@@ -4,7 +4,7 @@
 //! Groups are small in space and in directions. Each keeps the moments of its light, so that from afar it counts as one: the
 //! flux through its middle, and how light is spread around that.
 
-use super::emitters::Emitter;
+use super::emitter::Emitter;
 use super::receiver::Receiver;
 use crate::math::Rgb;
 use glam::{DVec3, Mat3, Vec3};

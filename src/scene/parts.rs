@@ -26,8 +26,8 @@ impl Scene {
         parts.into_iter().map(name).collect()
     }
 
-    /// Which of the parts of a scene that was baked, given among other settings, are not those of this one; `None` if they
-    /// are not given.
+    /// Names of the parts in which this scene differs from one that was baked, by the digests among the settings that its
+    /// cloud keeps; `None` if those have no digests.
     #[must_use]
     pub fn parts_that_differ(&self, baked: &[(String, String)]) -> Option<Vec<String>> {
         let known = |name: &str| baked.iter().find(|(n, _)| n == name).map(|(_, v)| v);

@@ -1,8 +1,4 @@
-//! Layers of the image.
-
-use super::pixels::{Part, Planes};
-use crate::image::{Frame, Layer, Region};
-use crate::scene::Scene;
+//! What may be asked of pixels.
 
 /// Extra layers of the image beside the beauty.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,33 +26,24 @@ impl Aov {
     ];
 }
 
-/// What is needed of pixels for an image with these layers, in the image's order.
-pub(super) fn parts(aovs: &[Aov]) -> Vec<Part> {
-    let layers = Aov::ALL.map(|(_, aov)| aov).into_iter();
-    let asked = layers.filter(|aov| aovs.contains(aov)).map(Part::Aov);
-    std::iter::once(Part::Radiance).chain(asked).collect()
+/// Something about pixels that was asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// All light of the pixel.
+    Radiance,
+    /// A layer of its own.
+    Aov(Aov),
+    /// 1 where the border of an emissive triangle runs through the pixel, else 0.
+    EmitterBorder,
 }
 
-/// The image of shaded pixels with these layers, of their [`parts`].
-pub(super) fn to_frame(scene: &Scene, region: Region, aovs: &[Aov], planes: Planes) -> Frame {
-    let mut frame = Frame::new(scene.film.width, scene.film.height, region);
-    let mut planes = planes.into_iter();
-    let mut add = |name: &str, channels: &[&str]| {
-        let named = channels.iter().map(|&c| c.to_owned()).zip(&mut planes);
-        frame.layers.push(Layer {
-            name: name.into(),
-            channels: named.collect(),
-        });
-    };
-    add("", &["R", "G", "B"]);
-    for (name, aov) in Aov::ALL {
-        if aovs.contains(&aov) {
-            match aov {
-                Aov::Direct | Aov::Indirect | Aov::Volume => add(name, &["R", "G", "B"]),
-                Aov::Depth => add(name, &["Z"]),
-                Aov::Normal => add(name, &["X", "Y", "Z"]),
-            }
+impl Part {
+    /// Planes that it takes.
+    #[must_use]
+    pub fn planes(self) -> usize {
+        match self {
+            Self::Aov(Aov::Depth) | Self::EmitterBorder => 1,
+            _ => 3,
         }
     }
-    frame
 }

@@ -1,7 +1,7 @@
 //! What the buffers of a region and the sweeps of its media take, told before they are made.
 
+use super::aov::Part;
 use super::lattice::Lattice;
-use super::pixels::Part;
 use super::settings::Settings;
 use crate::image::Region;
 use crate::run::size;

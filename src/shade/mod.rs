@@ -8,6 +8,7 @@ mod adapters;
 mod air;
 mod aov;
 mod lattice;
+mod layers;
 mod media;
 mod memory;
 mod pixels;
@@ -22,7 +23,8 @@ use crate::image::{Frame, Region};
 use crate::math::Rgb;
 use crate::run::Job;
 use crate::scene::Scene;
-use pixels::{Part, Planes};
+use aov::Part;
+use pixels::Planes;
 use shot::{Request, shade_regions};
 
 pub use aov::Aov;
@@ -49,7 +51,7 @@ pub fn run(
         ..settings.clone()
     };
     job.report.stage("shade", |counts| {
-        let parts = aov::parts(aovs);
+        let parts = layers::parts(aovs);
         let request = Request {
             settings,
             regions: &[region],
@@ -69,7 +71,7 @@ pub fn run(
         counts.insert("patches".into(), asked.patches as f64);
         counts.insert("patches_without_surfels".into(), asked.unknown as f64);
         warn_of_unknown(asked, job);
-        let mut frame = aov::to_frame(scene, region, aovs, planes);
+        let mut frame = layers::to_frame(scene, region, aovs, planes);
         let hex = |bytes: &[u8]| bytes.iter().map(|b| format!("{b:02x}")).collect::<String>();
         let mut note =
             |name: &str, value: String| frame.attributes.insert(format!("lvox/{name}"), value);

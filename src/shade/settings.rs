@@ -23,8 +23,8 @@ pub struct Settings {
     pub volume_samples: u32,
     /// Primary rays a pixel; 1 for rays through the corners of pixels, which neighbours share.
     pub pixel_samples: u32,
-    /// Primary rays inside a pixel whose corners disagree, beside those, and laid out for it up to 64; where pixels have
-    /// samples of their own, all of a pixel where its first ones disagree.
+    /// Primary rays inside a pixel whose corners disagree, beside those through the corners; up to 64 lie in a pattern made
+    /// for edges. Where pixels have samples of their own: all rays of a pixel whose first ones disagree.
     pub edge_samples: u32,
     /// Shadow rays to lights with an extent from the end of each primary ray inside a pixel; shared corners take one, and
     /// four in penumbrae.

@@ -3,10 +3,11 @@
 
 use super::adapters::Blocks;
 use super::air::Air;
+use super::aov::Part;
 use super::lattice::Lattice;
 use super::media::InScatter;
 use super::memory;
-use super::pixels::{EmitterBorders, Part, PixelShader, Planes, SampleCounts, shade_region};
+use super::pixels::{EmitterBorders, PixelShader, Planes, SampleCounts, shade_region};
 use super::settings::{Kernel, Method, Settings};
 use super::view::View;
 use crate::gather::medium::Source;
@@ -21,6 +22,10 @@ use crate::scene::Scene;
 use crate::trace::Tracer;
 use crate::{Error, Result};
 use rayon::prelude::*;
+
+/// Solid angle below which nodes are taken whole by rays of media, over that of rays of surfaces: few rays look along the whole
+/// sphere, so that each stands for far more of it, and their light is a mean of all directions.
+const VOLUME_SOLID_ANGLE: f32 = 4.0;
 
 /// What was asked for of the pixels of each region, and what that asked of the tree.
 pub type Regions = (Vec<Planes>, Asked);
@@ -201,10 +206,9 @@ impl<P: Pages, M: Medium> Shot<'_, P, M> {
             ..
         } = self.request;
         let volume_gatherer = Gatherer {
-            // A ray over the sphere stands for four times the solid angle that one of a hemisphere does, at half as many.
             settings: gather::Settings {
                 samples: settings.volume_samples,
-                max_solid_angle: 4.0 * settings.max_solid_angle,
+                max_solid_angle: VOLUME_SOLID_ANGLE * settings.max_solid_angle,
                 ..self.gatherer.settings
             },
             ..self.gatherer

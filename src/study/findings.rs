@@ -1,64 +1,7 @@
 //! What the numbers of a study say: how fast errors fall, how long Monte Carlo takes for the same, and which runs no other
 //! beats.
 
-use super::record::{Errors, Run, Study};
-
-/// What the numbers say.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Findings {
-    /// Error against each setting, by least squares on logarithms.
-    pub slopes: Vec<Slope>,
-    /// Names of the runs that no other beats in both time of rendering and relMSE, fastest first.
-    pub pareto: Vec<String>,
-    /// The point-based runs beside Monte Carlo.
-    pub versus: Vec<Versus>,
-}
-
-/// How the error goes along a sweep. Nothing is subtracted: what other settings and the reference's own noise add stays
-/// in, so the exponent flattens as the error comes near the floor.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Slope {
-    /// Method.
-    pub method: String,
-    /// Setting; `surfel-radius`, in scene units, is the sweep over surfels again.
-    pub setting: String,
-    /// Exponent of relMSE over the setting, by all runs of the sweep.
-    pub exponent: f64,
-    /// The same by the two coarsest alone, where the setting rules the error most.
-    pub coarse_exponent: f64,
-    /// Runs that were used.
-    pub runs: usize,
-    /// The setting where it is coarsest, and relMSE there.
-    pub coarsest: [f64; 2],
-    /// The setting where it is finest, and relMSE there.
-    pub finest: [f64; 2],
-    /// The least relMSE of the sweep.
-    pub floor: f64,
-}
-
-/// A run beside Monte Carlo, by one metric.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Versus {
-    /// Name of the run.
-    pub run: String,
-    /// Name of the metric.
-    pub metric: String,
-    /// CPU seconds in which Monte Carlo reaches the run's error; none if the run is nearer to the reference than the
-    /// reference's own noise allows.
-    pub equal_error_secs: Option<f64>,
-    /// That over the run's own time of rendering: for all images after the first of a tree.
-    pub speed_up: Option<f64>,
-    /// That over the run's time with baking and building: for one image.
-    pub total_speed_up: Option<f64>,
-    /// The error that Monte Carlo reaches in the run's time of rendering.
-    pub equal_time_error: Option<f64>,
-    /// Whether the CPU seconds at equal error are outside those of the Monte Carlo runs.
-    pub extrapolated: bool,
-    /// Whether they are [`FARTHEST`] times the longest such run, and no more is known than that they are at least that.
-    pub capped: bool,
-    /// Whether the run's time of rendering is outside those of the Monte Carlo runs.
-    pub time_extrapolated: bool,
-}
+use super::record::{Errors, Findings, Run, Slope, Study, Versus};
 
 /// How many times the longest run of Monte Carlo its curve is followed: beyond that two runs say nothing.
 pub const FARTHEST: f64 = 10.0;

@@ -1,7 +1,7 @@
 //! The numbers of a study as text: a table in the form of the paper's Table 1 in Markdown, and all runs as CSV.
 
-use super::findings::{FARTHEST, Metric, Versus};
-use super::record::{Cloud, Run, Study};
+use super::findings::{FARTHEST, Metric};
+use super::record::{Cloud, Run, Study, Versus};
 use std::fmt::Write;
 
 /// A header and rows of cells.

@@ -14,11 +14,12 @@ pub struct Pieces {
 }
 
 impl Pieces {
-    /// Largest share of the samples that a piece takes of its own and those of all smaller pieces.
+    /// Pieces get samples from the largest down, and each leaves some for the smaller ones: the largest share it may take of
+    /// the samples that are left.
     const MOST: f64 = 0.9;
     /// The same for one that reflects nothing: it stops rays, and no more is to be known of it.
     const MOST_BLACK: f64 = 0.5;
-    /// Pieces that share less than this of all samples share it by area: most scenes have some that are tiny.
+    /// Once less than this of all samples is left, what remains goes by area alone: most scenes have some tiny pieces.
     const LEAST_SHARED: f64 = 0.05;
 
     /// The pieces of a scene.

@@ -1,8 +1,6 @@
 //! Resources that need no file: simple meshes around the origin, and a plume of smoke.
 
-use super::super::Scene;
 use super::field::{Array, Field, Number, Samples};
-use super::files::Files;
 use super::part::{DEFAULT_ALBEDO, Part};
 use super::table::nearest;
 use crate::scene::Material;
@@ -10,26 +8,12 @@ use crate::{Error, Result};
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
-use std::path::Path;
 
 const MESHES: [&str; 4] = ["quad", "cube", "sphere", "torus"];
 const VOLUMES: [&str; 1] = ["plume"];
 
 /// Voxels of the plume.
 const PLUME_DIMS: [usize; 3] = [96, 128, 96];
-
-impl Scene {
-    /// A room with coloured walls, a few shapes, a plume of smoke and a warm light; needs no files.
-    ///
-    /// # Errors
-    /// None that the caller could cause.
-    pub fn demo() -> Result<Self> {
-        let text = include_str!("demo.toml");
-        let mut files = Files::default();
-        files.add(text.as_bytes());
-        super::description::read(text, Path::new("demo.toml"), &mut files)?.finish(files)
-    }
-}
 
 /// A mesh by name.
 pub(super) fn mesh(name: &str) -> Result<Part> {

@@ -6,7 +6,9 @@ use super::field::{Field, Number, Scale};
 use super::files::{Files, beside, extension};
 use super::part::Part;
 use super::table::{Document, Table};
-use super::{BRIGHTEST, builtin, gltf, normals, nrrd, obj, place, ply, raw, texture, vdb};
+use super::{
+    BRIGHTEST, builtin, gltf, is_singular, normals, nrrd, obj, place, ply, raw, texture, vdb,
+};
 use crate::Result;
 use glam::{DAffine3, DVec3};
 use std::path::{Path, PathBuf};
@@ -441,7 +443,7 @@ fn volume(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<DraftVol
             .hint("give `unitcube_to_world` or `world_from_index`"));
     };
     let world_from_index: DAffine3 = place::from_keys(table)? * world_from_index;
-    if place::is_singular(&world_from_index) {
+    if is_singular(&world_from_index) {
         return Err(table.error("the placement of the volume is singular: it flattens space"));
     }
     Ok(DraftVolume {

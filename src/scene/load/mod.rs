@@ -23,6 +23,7 @@ mod vdb;
 use super::Scene;
 use crate::{Error, Result};
 use files::Files;
+use glam::DAffine3;
 use std::path::Path;
 
 /// Emission, intensity and irradiance beyond this are taken for a mistake.
@@ -60,4 +61,23 @@ impl Scene {
         };
         draft.finish(files).map_err(|e| e.at(path.display()))
     }
+
+    /// A room with coloured walls, a few shapes, a plume of smoke and a warm light; needs no files.
+    ///
+    /// # Errors
+    /// None that the caller could cause.
+    pub fn demo() -> Result<Self> {
+        let text = include_str!("demo.toml");
+        let mut files = Files::default();
+        files.add(text.as_bytes());
+        description::read(text, Path::new("demo.toml"), &mut files)?.finish(files)
+    }
+}
+
+/// Whether a map has no inverse worth the name: its axes are, up to rounding, in one plane.
+fn is_singular(map: &DAffine3) -> bool {
+    let m = map.matrix3;
+    let volume = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
+    let finite = map.to_cols_array().iter().all(|x| x.is_finite());
+    !finite || volume == 0.0 || m.determinant().abs() < 1e-12 * volume
 }

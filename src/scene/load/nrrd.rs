@@ -174,7 +174,7 @@ impl Header {
                 matrix3: DMat3::from_cols(axis(0)?, axis(1)?, axis(2)?),
                 translation: origin.unwrap_or(DVec3::ZERO),
             };
-            if super::place::is_singular(&map) {
+            if super::is_singular(&map) {
                 return Err(Error::input(format!(
                     "`space directions: {text}` are singular: they lie in one plane"
                 )));

@@ -7,14 +7,6 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 /// Keys that [`from_keys`] reads.
 pub(super) const KEYS: [&str; 4] = ["transform", "translate", "rotate_deg", "scale"];
 
-/// Whether a map has no inverse worth the name: its axes are, up to rounding, in one plane.
-pub(super) fn is_singular(map: &DAffine3) -> bool {
-    let m = map.matrix3;
-    let volume = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
-    let finite = map.to_cols_array().iter().all(|x| x.is_finite());
-    !finite || volume == 0.0 || m.determinant().abs() < 1e-12 * volume
-}
-
 /// The map of `transform`, or of `scale`, then `rotate_deg` about x, y and z, then `translate`.
 pub(super) fn from_keys(table: &Table<'_>) -> Result<DAffine3> {
     if let Some(item) = table.get("transform") {

@@ -330,7 +330,7 @@ impl<'a> Item<'a> {
             )));
         }
         let map = DAffine3::from_mat4(DMat4::from_cols_array_2d(&rows).transpose());
-        match super::place::is_singular(&map) {
+        match super::is_singular(&map) {
             false => Ok(map),
             true => Err(self.error("the matrix is singular: it flattens space")),
         }

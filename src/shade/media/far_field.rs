@@ -1,8 +1,7 @@
 //! What the surfaces around a medium send into it, by direction: smooth in space where they are far away, so that a few
 //! probes tell it for all points of the medium, which then look through the medium only.
 
-use super::inscatter::INSIDE;
-use super::vertices::Vertices;
+use super::vertices::{Vertices, inside};
 use crate::gather::{Gatherer, Medium, NoMedia, Pages};
 use crate::math::segment::Composite;
 use crate::math::{Rgb, sampling};
@@ -138,12 +137,7 @@ impl FarField {
     ) -> Option<Surroundings<'_>> {
         let surfaces = gatherer.without_media();
         let make = |p: Vec3, v: [usize; 3]| {
-            let dims = Vec3::from(volume.sigma_t.dims().map(|n| n as f32));
-            let inside = p.clamp(Vec3::splat(INSIDE), dims - INSIDE);
-            let p = volume
-                .scene_from_index
-                .transform_point3(inside.as_dvec3())
-                .as_vec3();
+            let p = inside(volume, p);
             let key = sampling::seeded(self.seed, &v.map(|c| c as u64));
             self.look_around(&surfaces, p, key)
         };

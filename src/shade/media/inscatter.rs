@@ -11,7 +11,7 @@ use super::density::Densities;
 use super::far_field::FarField;
 use super::stiff;
 use super::sweep::{self, Scope, Sweep};
-use super::vertices::{Cube, Vertices, are_alike, blend};
+use super::vertices::{Cube, Vertices, are_alike, blend, inside};
 use crate::Result;
 use crate::gather::{Gatherer, Medium, Pages, Stretch};
 use crate::image::Region;
@@ -41,10 +41,6 @@ const LEVELS: usize = 3;
 
 /// Indirect light that is not swept stands at twice the spacing of direct light.
 const _: () = assert!(sweep::LEVELS > LEVELS);
-
-/// Voxels that vertices and probes keep from the border of their volume: there may be a floor in its plane, of which they
-/// would see either side.
-pub(super) const INSIDE: f32 = 0.1;
 
 /// In-scattered light of all volumes of a scene.
 pub struct InScatter<'a, P, M> {
@@ -299,14 +295,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         mean_radiance(place.at, place.point, self.seed_of(place.point))
     }
 
-    /// A point of index space in the scene. Vertices on the border stand a little inside: there may be a floor or a lamp in
-    /// the border's plane.
     fn to_scene(&self, volume: usize, p: Vec3) -> Vec3 {
-        let medium = &self.volumes[volume];
-        let dims = Vec3::from(medium.sigma_t.dims().map(|n| n as f32));
-        let inside = p.clamp(Vec3::splat(INSIDE), dims - INSIDE);
-        let in_scene = medium.scene_from_index.transform_point3(inside.as_dvec3());
-        in_scene.as_vec3()
+        inside(&self.volumes[volume], p)
     }
 
     fn key(&self, volume: usize, level: usize, v: [usize; 3]) -> u64 {
@@ -414,8 +404,9 @@ impl Spread {
         }
     }
 
-    /// By how much light that falls exponentially between vertices is below their mean; `depth` is that between two of them,
-    /// which does not explain more than so much: the rest is an edge of a shadow, or of another medium.
+    /// Light between vertices, if it falls exponentially, over what it is by linear interpolation: at most 1. Absorption over
+    /// `depth`, the optical depth between two vertices, explains a fall down to a limit; a larger difference between vertices
+    /// is the edge of a shadow or of another medium, which the factor leaves alone.
     fn fall<T>(self, values: &[(T, f32); 8], depth: f32, ln: impl Fn(&T) -> f32) -> f32 {
         if self.ratio <= Self::LINEAR {
             return 1.0;

@@ -1,8 +1,9 @@
 //! Where light in media is looked for, and how soon that stops on request.
 
 use super::far_field::FarField;
-use super::inscatter::{INSIDE, InScatter, Known};
+use super::inscatter::{InScatter, Known};
 use super::sweep::{Scope, Sweep};
+use super::vertices::INSIDE;
 use crate::Kind;
 use crate::gather::page::{PageLeaves, PageNodes};
 use crate::gather::store::Page;

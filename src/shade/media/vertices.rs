@@ -1,10 +1,23 @@
 //! A lattice of values on a volume's own grid, made on demand.
 
+use crate::scene::Volume;
 use glam::Vec3;
 use std::ops::{AddAssign, Mul};
 use std::sync::OnceLock;
 
 const BRICK: usize = 8;
+
+/// Voxels that vertices and probes keep from the border of their volume: there may be a floor or a lamp in its plane, of which
+/// they would see either side.
+pub const INSIDE: f32 = 0.1;
+
+/// A point of a volume's index space in the scene, [`INSIDE`] its border.
+pub fn inside(volume: &Volume, p: Vec3) -> Vec3 {
+    let dims = Vec3::from(volume.sigma_t.dims().map(|n| n as f32));
+    let inside = p.clamp(Vec3::splat(INSIDE), dims - INSIDE);
+    let in_scene = volume.scene_from_index.transform_point3(inside.as_dvec3());
+    in_scene.as_vec3()
+}
 
 /// Values at vertices, each made when first asked for and a function of its coordinates alone.
 #[derive(Debug)]

@@ -2,13 +2,14 @@
 
 use super::corners::Corners;
 use super::pixel::Pixel;
-use super::planes::{Block, Part, Planes, assemble};
+use super::planes::{Block, Planes, assemble};
 use super::shader::PixelShader;
 use crate::Result;
 use crate::gather::{Medium, Pages};
 use crate::image::Region;
 use crate::run::{Job, Task};
 use crate::shade::air::Air;
+use crate::shade::aov::Part;
 use rayon::prelude::*;
 
 /// Pixels along an edge of the blocks that threads take: what blocks need around them is a smaller share of large ones, and

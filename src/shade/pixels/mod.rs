@@ -13,6 +13,6 @@ mod shader;
 
 pub use blocks::shade_region;
 pub use emitter_borders::EmitterBorders;
-pub use planes::{Part, Planes};
+pub use planes::Planes;
 pub use sample::SampleCounts;
 pub use shader::PixelShader;

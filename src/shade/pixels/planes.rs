@@ -2,40 +2,18 @@
 
 use super::pixel::Pixel;
 use crate::image::Region;
-use crate::shade::aov::Aov;
+use crate::shade::aov::{Aov, Part};
 
-/// Something about pixels that was asked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
-    /// All light of the pixel.
-    Radiance,
-    /// A layer of its own.
-    Aov(Aov),
-    /// 1 where the border of an emissive triangle runs through the pixel, else 0.
-    EmitterBorder,
-}
-
-impl Part {
-    /// Planes that it takes.
-    #[must_use]
-    pub fn planes(self) -> usize {
-        match self {
-            Self::Aov(Aov::Depth) | Self::EmitterBorder => 1,
-            _ => 3,
-        }
-    }
-
-    /// The numbers of a pixel, one for each plane.
-    fn of(self, pixel: &Pixel) -> [f32; 3] {
-        match self {
-            Self::Radiance => pixel.radiance().0,
-            Self::Aov(Aov::Direct) => pixel.direct.0,
-            Self::Aov(Aov::Indirect) => pixel.indirect.0,
-            Self::Aov(Aov::Volume) => pixel.volume.0,
-            Self::Aov(Aov::Depth) => [pixel.depth; 3],
-            Self::Aov(Aov::Normal) => pixel.normal.to_array(),
-            Self::EmitterBorder => [f32::from(u8::from(pixel.has_emitter_border)); 3],
-        }
+/// What was asked for of a pixel, one number for each plane.
+fn values(part: Part, pixel: &Pixel) -> [f32; 3] {
+    match part {
+        Part::Radiance => pixel.radiance().0,
+        Part::Aov(Aov::Direct) => pixel.direct.0,
+        Part::Aov(Aov::Indirect) => pixel.indirect.0,
+        Part::Aov(Aov::Volume) => pixel.volume.0,
+        Part::Aov(Aov::Depth) => [pixel.depth; 3],
+        Part::Aov(Aov::Normal) => pixel.normal.to_array(),
+        Part::EmitterBorder => [f32::from(u8::from(pixel.has_emitter_border)); 3],
     }
 }
 
@@ -66,7 +44,7 @@ impl Block {
     pub fn push(&mut self, parts: &[Part], pixel: &Pixel) {
         let mut planes = self.planes.iter_mut();
         for part in parts {
-            let values = part.of(pixel);
+            let values = values(*part, pixel);
             for (value, plane) in values.into_iter().take(part.planes()).zip(&mut planes) {
                 plane.push(value);
             }

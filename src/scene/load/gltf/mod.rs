@@ -11,7 +11,7 @@ use super::super::{Film, Light, Material, Wrap};
 use super::draft::{DEFAULT_FILM, Draft, DraftCamera, DraftLight};
 use super::files::Files;
 use super::part::Part;
-use super::{place, texture};
+use super::{is_singular, texture};
 use crate::{Error, Result};
 use ::gltf::camera::Projection;
 use ::gltf::khr_lights_punctual::Kind;
@@ -266,7 +266,7 @@ impl Reader<'_> {
 
     fn node(&mut self, node: &Node<'_>, world_from_node: &DAffine3) -> Result<()> {
         let is_used = node.mesh().is_some() || node.camera().is_some() || node.light().is_some();
-        if is_used && place::is_singular(world_from_node) {
+        if is_used && is_singular(world_from_node) {
             self.warn(format!(
                 "node {}{} is scaled to nothing and left out",
                 node.index(),

@@ -344,7 +344,7 @@ fn read_map(bytes: &mut Bytes<'_>) -> Result<DAffine3> {
             )));
         }
     };
-    if super::place::is_singular(&map) {
+    if super::is_singular(&map) {
         return Err(Error::input("the transform is singular: it flattens space"));
     }
     Ok(map)

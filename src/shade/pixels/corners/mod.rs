@@ -62,8 +62,9 @@ impl Place {
 }
 
 impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
-    /// Rings of corners around those of a region's own pixels: one takes part in them, two tell whether shadows do,
-    /// and four whether media are alike around those of the first.
+    /// Rings of corners around those of a region's own pixels. The first takes part in its pixels. The next two tell whether
+    /// the first is in a penumbra and may take its indirect light from neighbours. The last, in media, tells whether those
+    /// before the first may be the mean of their neighbours'.
     const RINGS: u32 = if A::Passed::IS_VACUUM { 3 } else { 4 };
 
     /// Samples the corners of a region's pixels and what they need around them.
