@@ -1,7 +1,8 @@
 //! `lvox reference` from outside: what it writes, and that a stop loses nothing.
 
+use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 fn command(dir: &Path, args: &[&str]) -> Command {
@@ -132,33 +133,41 @@ fn what_differs_is_named_and_a_camera_goes_by_its_name() {
 #[test]
 fn a_signal_keeps_what_is_finished_and_the_same_command_goes_on() {
     let dir = tempfile::tempdir().unwrap();
-    let image = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
-    let output = lvox(dir.path(), &["-o", "once.exr", "--spp", "96"]);
-    assert!(output.status.success(), "{}", text(&output.stderr));
-
-    let sums = dir.path().join("twice.exr.sums");
-    let args = ["-o", "twice.exr", "--spp", "96", "--threads", "1"];
-    let mut child = command(dir.path(), &args)
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
-    // Far enough to have begun, whatever the machine's speed; if it has ended, rerunning it is tested still.
-    std::thread::sleep(Duration::from_millis(700));
-    let killed = Command::new("kill")
-        .args(["-TERM", &child.id().to_string()])
-        .status()
-        .unwrap();
+    // Far more than anyone waits for: it is at work when it is asked to stop.
+    let endless = ["-o", "twice.exr", "--spp", "100000000", "--threads", "1"];
+    let mut child = command(
+        dir.path(),
+        &[&endless[..], &["--progress", "plain"]].concat(),
+    )
+    .stderr(Stdio::piped())
+    .spawn()
+    .unwrap();
+    let stderr = child.stderr.take().unwrap();
+    let mut lines = BufReader::new(stderr).lines().map_while(Result::ok);
+    let began = lines.any(|l| l.starts_with("reference: ") && l.contains(" %)"));
+    assert!(began, "no line said how far it was");
     let asked = Instant::now();
-    let status = child.wait().unwrap();
+    let pid = child.id().to_string();
+    let kill = Command::new("kill").args(["-TERM", &pid]).status();
+    assert!(kill.unwrap().success());
+    let told: Vec<String> = lines.collect();
+    assert_eq!(child.wait().unwrap().code(), Some(1), "{told:?}");
     assert!(asked.elapsed() < Duration::from_secs(10));
-    if killed.success() && !status.success() {
-        assert_eq!(status.code(), Some(1));
-        assert!(sums.exists());
-        let output = child.stderr.take().map(std::io::read_to_string);
-        let stderr = output.unwrap().unwrap();
-        assert!(stderr.contains("the same command goes on"), "{stderr}");
-    }
-    let output = lvox(dir.path(), &args);
-    assert!(output.status.success(), "{}", text(&output.stderr));
+    let hint = told.last().unwrap();
+    assert!(
+        hint.ends_with("are kept; the same command goes on"),
+        "{hint}"
+    );
+    assert!(dir.path().join("twice.exr.sums").exists());
+
+    // hint: L to M samples per pixel are kept
+    let most: u32 = hint.split(' ').nth(3).unwrap().parse().unwrap();
+    let spp = (most + 8).to_string();
+    let go_on = lvox(dir.path(), &["-o", "twice.exr", "--spp", &spp]);
+    assert!(go_on.status.success(), "{}", text(&go_on.stderr));
+    assert!(text(&go_on.stderr).starts_with("going on from "));
+    let once = lvox(dir.path(), &["-o", "once.exr", "--spp", &spp]);
+    assert!(once.status.success(), "{}", text(&once.stderr));
+    let image = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
     assert!(image("once.exr") == image("twice.exr"));
 }
