@@ -191,7 +191,7 @@ fn a_target_out_of_reach_is_warned_of_with_the_error_to_expect() {
     // The pilot looks at the whole frame; one pixel of it is enough to shade.
     let options = ["--region", "0", "0", "1", "1", "-o", "x.exr"];
     let warned = |target: &str| {
-        let args = [&base[..], &options, &["--force", "--target-error", target]].concat();
+        let args = [&base[..], &options, &["--target-error", target]].concat();
         let output = lvox(dir.path(), &args);
         let talk = String::from_utf8(output.stderr).unwrap();
         assert!(

@@ -55,6 +55,10 @@ pub struct Args {
     #[arg(long, value_name = "I/N", value_parser = parse::tile, conflicts_with = "region")]
     tile: Option<(u32, u32)>,
 
+    /// Forget the samples that are kept, and begin anew
+    #[arg(long, help_heading = "Shared options")]
+    force: bool,
+
     #[command(flatten)]
     pub memory: Memory,
 
@@ -104,7 +108,7 @@ impl Args {
             &settings,
             region,
             &self.output,
-            context.force,
+            self.force,
             &context.job,
         )?;
         if let Some(text) = reached(&context.job.report.stages()) {

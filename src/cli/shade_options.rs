@@ -121,11 +121,32 @@ impl ShadeOptions {
                 .hint("name the output .exr, or leave the option out"));
             }
         }
+        self.check_use()?;
         check_writable(&self.output, true)?;
         if let Some(target) = self.target_error {
             target::check(target)?;
         }
         self.settings(0).check()
+    }
+
+    /// Refuses options that others leave without use.
+    fn check_use(&self) -> Result<()> {
+        let useless = if self.max_solid_angle.is_some() && !self.uses_nodes() {
+            "--max-solid-angle has no use with --kernel plain, whose rays pass nodes by"
+        } else if self.volume_samples.is_some() && !self.lights_media() {
+            "--volume-samples has no use with --method traditional, where media get direct light only"
+        } else {
+            return Ok(());
+        };
+        Err(Error::input(useless).hint("leave one of the two out"))
+    }
+
+    fn uses_nodes(&self) -> bool {
+        !matches!(self.kernel, Kernel::Plain)
+    }
+
+    fn lights_media(&self) -> bool {
+        matches!(self.method, Method::Extended)
     }
 
     /// The same for what depends on the scene.
@@ -179,16 +200,18 @@ impl ShadeOptions {
     ) -> Result<Settings> {
         let choice = target::choose(scene, store, target, |rung| self.over(rung, seed), job)?;
         let (s, expected) = (choice.settings, choice.expected);
+        let mut options = format!("--samples {}", s.samples);
+        if self.uses_nodes() {
+            options += &format!(" --max-solid-angle {}", s.max_solid_angle);
+        }
+        options += &format!(" --lattice {}", s.lattice);
+        if self.lights_media() {
+            options += &format!(" --volume-samples {}", s.volume_samples);
+        }
         job.progress.say(&format!(
-            "target error {target:.1e}: shading with --samples {} --max-solid-angle {} --lattice {} --volume-samples {} \
-             --pixel-samples {} --edge-samples {} --shadow-rays {}, expected error {expected:.1e}",
-            s.samples,
-            s.max_solid_angle,
-            s.lattice,
-            s.volume_samples,
-            s.pixel_samples,
-            s.edge_samples,
-            s.shadow_rays,
+            "target error {target:.1e}: shading with {options} --pixel-samples {} --edge-samples {} --shadow-rays {}, \
+             expected error {expected:.1e}",
+            s.pixel_samples, s.edge_samples, s.shadow_rays,
         ));
         match choice.outcome {
             Outcome::OutOfReach => job.progress.warn(&format!(

@@ -380,7 +380,6 @@ fn tiles_of_processes_are_the_frame_of_one() {
 
     let other = ["--aov", "depth,normal", "--float", "--tile", "2/7"];
     shade("2.exr", &[&other[..], &["--camera", "corner"]].concat());
-    merge.push("--force");
     lvox(&work, &merge).refused(2, &["2.exr", "camera"], "a tile of another camera");
 }
 
