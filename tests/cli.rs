@@ -486,6 +486,20 @@ fn compare_refuses_what_does_not_fit() {
 }
 
 #[test]
+fn images_go_by_their_first_bytes_and_not_by_their_names() {
+    let dir = tempfile::tempdir().unwrap();
+    write_whole(dir.path(), "image");
+    fs::write(dir.path().join("text.exr"), "no image").unwrap();
+    for verb in ["inspect", "verify"] {
+        let run = lvox(dir.path(), &[verb, "image", "--json"]);
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        let json: serde_json::Value = serde_json::from_str(&run.stdout).unwrap();
+        assert_eq!(json["kind"], "image");
+        lvox(dir.path(), &[verb, "text.exr"]).refused(2, &["text.exr"]);
+    }
+}
+
+#[test]
 fn progress_is_talk() {
     let dir = tempfile::tempdir().unwrap();
     write_tiles(dir.path(), 2);

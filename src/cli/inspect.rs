@@ -2,7 +2,7 @@
 
 use super::options::Files;
 use super::output;
-use lvox::image::exr;
+use lvox::image::{ImageKind, exr};
 use lvox::inspect::{describe, export_ply, points, samples};
 use lvox::run::output::check_writable;
 use lvox::{Error, Result};
@@ -50,11 +50,7 @@ impl Args {
     }
 
     pub fn run(self) -> Result<()> {
-        if self
-            .file
-            .extension()
-            .is_some_and(|e| e.eq_ignore_ascii_case("exr"))
-        {
+        if ImageKind::of(&self.file)? == Some(ImageKind::Exr) {
             return self.image();
         }
         if let Some(samples) = samples(&self.file)? {

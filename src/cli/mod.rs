@@ -13,6 +13,7 @@ mod options;
 pub mod output;
 mod parse;
 mod reference;
+mod region_options;
 mod render;
 mod scene_input;
 mod shade;
