@@ -2,8 +2,7 @@
 //!
 //! Only in release builds: unoptimised, the renders take half an hour.
 
-#[path = "support/skip.rs"]
-mod skip;
+mod support;
 
 use lvox::image::{Region, exr};
 use lvox::reference::{self, Settings, Sums};
@@ -93,7 +92,7 @@ fn agreement(sums: &Sums, reference: &[[f32; 3]], reference_relmse: f64) -> Agre
 
 /// Renders a scene of `tests/acceptance` and compares it with `refs/IMAGE`; `None` without those.
 fn compare(scene: &str, image: &str, max_depth: u32, spp: u32) -> Option<Agreement> {
-    let refs = skip::shared("refs")?;
+    let refs = support::skip::shared("refs")?;
     let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/acceptance/scenes");
     let scene = Scene::load(&scenes.join(format!("{scene}.toml"))).unwrap();
     let text = std::fs::read_to_string(refs.join(format!("{image}.json"))).unwrap();

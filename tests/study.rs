@@ -1,7 +1,6 @@
 //! `lvox study` from outside: what it writes, that a stop loses nothing, and that a browser shows the report.
 
-#[path = "support/skip.rs"]
-mod skip;
+mod support;
 
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -150,7 +149,7 @@ fn a_browser_shows_all_of_the_report() {
     let names = ["chromium", "chromium-browser", "google-chrome"];
     let starts = |name: &&str| Command::new(name).arg("--version").output().is_ok();
     let Some(browser) = names.into_iter().find(starts) else {
-        skip::skip(&format!("needs a browser: one of {}", names.join(", ")));
+        support::skip::skip(&format!("needs a browser: one of {}", names.join(", ")));
         return;
     };
     let dir = tempfile::tempdir().unwrap();

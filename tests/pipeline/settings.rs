@@ -45,11 +45,8 @@ fn what_a_png_cannot_hold_is_refused() {
     let work = Work::new(ROOM);
     for (option, value) in [("--aov", Some("depth")), ("--float", None)] {
         let args = ["render", "none.toml", "-o", "a.png", option];
-        lvox(&work, &[&args[..], value.as_slice()].concat()).refused(
-            2,
-            &[option, "a.png", ".exr", "hint: "],
-            option,
-        );
+        lvox(&work, &[&args[..], value.as_slice()].concat())
+            .refused(2, &[option, "a.png", ".exr", "hint: "]);
     }
 }
 
@@ -207,8 +204,8 @@ fn numbers_out_of_range_are_named_with_what_was_found() {
         let args: Vec<&str> = args.into_iter().chain(options.split(' ')).collect();
         lvox(&work, &args)
     };
-    render("--max-dist -1").refused(2, &["--max-dist must be more than 0, found -1"], "max-dist");
-    render("--region 0 0 65 4").refused(2, &["65", "hint: ", "0 0 64 48"], "region");
+    render("--max-dist -1").refused(2, &["--max-dist must be more than 0, found -1"]);
+    render("--region 0 0 65 4").refused(2, &["65", "hint: ", "0 0 64 48"]);
     for (options, part) in [
         ("--seed -1", "invalid value '-1' for '--seed <N>'"),
         ("--tile 0/0", "one tile at least"),
@@ -225,9 +222,9 @@ fn limits_of_memory_that_are_too_small_are_named() {
     let work = Work::new(ROOM);
     work.bake(&work.scene(), 500);
     let build = ["build", "scene.lvc", "-o", "b.lvt", "--memory-limit", "1K"];
-    lvox(&work, &build).refused(2, &["64.0 MiB", "1.00 KiB"], "build");
+    lvox(&work, &build).refused(2, &["64.0 MiB", "1.00 KiB"]);
     let shade = ["shade", "scene.toml", "-t", "scene.lvt", "-o", "a.exr"];
     let run = lvox(&work, &[&shade[..], &["--memory-limit", "1"]].concat());
-    run.refused(2, &["--memory-limit is 1 B", "hint: raise"], "shade");
+    run.refused(2, &["--memory-limit is 1 B", "hint: raise"]);
     assert!(!run.stderr.contains("verify"), "{}", run.stderr);
 }

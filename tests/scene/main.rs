@@ -3,14 +3,14 @@
 mod damage;
 mod formats;
 mod messages;
-#[path = "../support/skip.rs"]
-mod skip;
+#[path = "../support/mod.rs"]
+mod support;
 
 use glam::{DVec3, Vec3};
 use lvox::scene::{Light, Scene};
-use skip::shared;
 use std::fs;
 use std::path::{Path, PathBuf};
+use support::skip::shared;
 use tempfile::TempDir;
 
 /// A folder of files that goes away with the test.

@@ -1,7 +1,5 @@
 //! Tests that need what is not in the repository, and say so where it is not there.
 
-#![allow(dead_code)] // Not every test binary has both reasons.
-
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
