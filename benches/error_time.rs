@@ -1,5 +1,6 @@
 //! Error against run time in one table: the acceptance scenes at every quality, beside their references; for scenes that
-//! other renderers were measured on, those come after. Scenes that need `../shared` are left out where it is not there.
+//! other renderers were measured on, those come after. Scenes that need `../shared` are skipped where it is not there; all
+//! that goes wrong otherwise is a failure.
 //!
 //! CPU seconds of all threads. `cargo bench --bench error_time -- A thin` measures these scenes only.
 
@@ -9,8 +10,9 @@ use lvox::image::{Picture, Region, load, metrics};
 use lvox::run::{Job, usage};
 use lvox::scene::Scene;
 use lvox::shade::{self, Quality};
-use lvox::{Result, bake, build, gather::TreeStore};
+use lvox::{Error, Result, bake, build, gather::TreeStore};
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 
 /// Scenes whose references an independent renderer made.
 const SHARED: [&str; 4] = ["A", "B", "C", "C_novol"];
@@ -29,7 +31,7 @@ struct Paths {
     reference: PathBuf,
 }
 
-fn main() {
+fn main() -> ExitCode {
     let is_trial = std::env::args().any(|a| a == "--test");
     let wanted: Vec<String> = std::env::args()
         .skip(1)
@@ -53,29 +55,36 @@ fn main() {
         "shade CPU s",
         "all CPU s"
     );
+    let qualities = if is_trial {
+        &QUALITIES[..1]
+    } else {
+        &QUALITIES
+    };
+    let mut code = ExitCode::SUCCESS;
     for name in SHARED.iter().chain(&OWN).filter(is_wanted) {
-        let qualities = if is_trial {
-            &QUALITIES[..1]
-        } else {
-            &QUALITIES
-        };
-        if let Err(e) = measure(name, qualities) {
-            println!("{name:<10} left out: {e}");
+        if SHARED.contains(name) && !shared("refs").exists() {
+            println!("SKIPPED: benches/error_time.rs, {name}: needs ../shared/refs");
             continue;
         }
-        if let Err(e) = peers(name) {
-            println!("{name:<10} no other renderers: {e}");
+        if let Err(e) = measure(name, qualities).and_then(|()| peers(name)) {
+            eprintln!("error: {name}: {e}");
+            code = ExitCode::FAILURE;
         }
     }
+    code
+}
+
+fn shared(path: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared");
+    folder.join(path)
 }
 
 fn paths(name: &str) -> Paths {
     let tests = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/acceptance");
-    let shared = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared");
     if SHARED.contains(&name) {
         Paths {
             scene: tests.join(format!("scenes/{name}.toml")),
-            reference: shared.join(format!("refs/{name}_d3.exr")),
+            reference: shared(&format!("refs/{name}_d3.exr")),
         }
     } else {
         Paths {
@@ -123,18 +132,18 @@ fn shade(scene: &Scene, tree: &Path, quality: Quality, job: &Job) -> Result<Pict
     frame.picture("", &region)
 }
 
-/// Prints what other renderers took for the same image at one indirect bounce, as `../shared/peers` has it.
-fn peers(name: &str) -> Result<(), String> {
-    if !SHARED.contains(&name) {
+/// Prints what other renderers took for the same image at one indirect bounce, as `../shared/peers` has it, if it is there.
+fn peers(name: &str) -> Result<()> {
+    let file = shared("peers/results.csv");
+    if !SHARED.contains(&name) || !file.exists() {
         return Ok(());
     }
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/peers/results.csv");
-    let text = std::fs::read_to_string(&file).map_err(|e| e.to_string())?;
+    let text = std::fs::read_to_string(&file).map_err(|e| Error::io("read", &file, &e))?;
     let mut lines = text.lines();
     let header: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
     let column = |key: &str| {
         let found = header.iter().position(|&h| h == key);
-        found.ok_or_else(|| format!("there is no column {key}"))
+        found.ok_or_else(|| Error::input(format!("{} has no column {key}", file.display())))
     };
     let [scene, depth, peer, variant, spp, oidn] = [
         column("scene")?,

@@ -1,26 +1,13 @@
 //! Trees hold what their clouds hold, whatever the memory and the threads.
 
+mod support;
+
 use lvox::build::{self, Settings};
 use lvox::formats::*;
 use lvox::run::Job;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    fn unit(&mut self) -> f32 {
-        (self.next() >> 40) as f32 / (1u64 << 24) as f32
-    }
-}
+use support::random::Random;
 
 const OVERLAP: f32 = 1.7;
 

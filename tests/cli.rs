@@ -1,56 +1,15 @@
 //! The program from outside: exit codes, what goes to stdout and stderr, what is left on disk.
 
-use assert_cmd::Command;
+mod support;
+
 use lvox::image::exr::{self, Precision};
 use lvox::image::{Frame, Layer, Region};
 use std::fs;
 use std::path::{Path, PathBuf};
+use support::program::lvox;
 
 const WIDTH: u32 = 40;
 const HEIGHT: u32 = 32;
-
-struct Run {
-    code: i32,
-    stdout: String,
-    stderr: String,
-}
-
-impl Run {
-    /// An error is one line and at most one hint, and leaves stdout alone.
-    #[track_caller]
-    fn refused(&self, code: i32, parts: &[&str]) {
-        assert_eq!(self.code, code, "{}", self.stderr);
-        assert_eq!(self.stdout, "");
-        let lines: Vec<&str> = self.stderr.lines().collect();
-        assert!(lines[0].starts_with("error: "), "{}", self.stderr);
-        assert!(lines.len() <= 2, "{}", self.stderr);
-        assert!(
-            lines.iter().skip(1).all(|l| l.starts_with("hint: ")),
-            "{}",
-            self.stderr
-        );
-        for part in parts {
-            assert!(
-                self.stderr.contains(part),
-                "{part:?} is not in {}",
-                self.stderr
-            );
-        }
-    }
-}
-
-fn lvox(dir: &Path, args: &[&str]) -> Run {
-    let output = Command::new(env!("CARGO_BIN_EXE_lvox"))
-        .current_dir(dir)
-        .args(args)
-        .output()
-        .unwrap();
-    Run {
-        code: output.status.code().unwrap(),
-        stdout: String::from_utf8(output.stdout).unwrap(),
-        stderr: String::from_utf8(output.stderr).unwrap(),
-    }
-}
 
 fn shade(region: Region, tree: &str) -> Frame {
     let mut frame = Frame::new(WIDTH, HEIGHT, region);
@@ -483,6 +442,20 @@ fn compare_refuses_what_does_not_fit() {
     let mut args = vec!["compare", "tile1.exr", "a.exr", "--region"];
     args.extend(region.split(' '));
     assert_eq!(lvox(dir.path(), &args).code, 0);
+}
+
+#[test]
+fn images_go_by_their_first_bytes_and_not_by_their_names() {
+    let dir = tempfile::tempdir().unwrap();
+    write_whole(dir.path(), "image");
+    fs::write(dir.path().join("text.exr"), "no image").unwrap();
+    for verb in ["inspect", "verify"] {
+        let run = lvox(dir.path(), &[verb, "image", "--json"]);
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        let json: serde_json::Value = serde_json::from_str(&run.stdout).unwrap();
+        assert_eq!(json["kind"], "image");
+        lvox(dir.path(), &[verb, "text.exr"]).refused(2, &["text.exr"]);
+    }
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! The error falls at known rates as lvoxels, surfels and solid angles shrink and samples rise, on a scene of our own:
 //! a room with coloured walls, a point light in a corner and a lump of smoke, small enough for seconds.
 
-use lvox::bake::{self, SurfelSampling};
-use lvox::build;
+mod support;
+
 use lvox::gather::TreeStore;
 use lvox::image::{Frame, Region, exr, metrics};
 use lvox::run::Job;
@@ -13,6 +13,7 @@ use lvox::study::{self, Settings, Study};
 use std::fs;
 use std::ops::Range;
 use std::path::Path;
+use support::trees;
 
 const ROOM: &str = r#"
 name = "convergence"
@@ -120,14 +121,7 @@ fn measured(scene: &Scene, dir: &Path) -> [Study; 2] {
 
 /// Samples of a pixel of its own, and relMSE beside a study's reference. Edges take no more of them than the rest.
 fn pixel_samples(scene: &Scene, dir: &Path) -> Vec<(f64, f64)> {
-    let (cloud, tree) = (dir.join("own.lvc"), dir.join("own.lvt"));
-    let job = Job::default();
-    let baking = bake::Settings {
-        surfels: SurfelSampling::Area { count: 80_000 },
-        ..bake::Settings::default()
-    };
-    bake::run(scene, &baking, &cloud, true, &job).unwrap();
-    build::run(&cloud, &tree, &build::Settings::default(), true, &job).unwrap();
+    let tree = trees::baked(scene, &trees::of_surfels(80_000), dir, "own");
     let store = TreeStore::open(&tree, None).unwrap();
     let region = Region::full(scene.film.width, scene.film.height);
     let picture = |frame: &Frame| frame.picture("", &region).unwrap();
@@ -140,7 +134,7 @@ fn pixel_samples(scene: &Scene, dir: &Path) -> Vec<(f64, f64)> {
                 shadow_rays: 1,
                 ..fine(Kernel::Traced)
             };
-            let frame = shade::run(scene, &store, &settings, region, &[], &job).unwrap();
+            let frame = shade::run(scene, &store, &settings, region, &[], &Job::default()).unwrap();
             let errors = metrics::linear::compare(&picture(&frame), &reference);
             (f64::from(pixel_samples), errors.relmse)
         })

@@ -2,6 +2,8 @@
 //!
 //! Only in release builds: unoptimised, the renders take half an hour.
 
+mod support;
+
 use lvox::image::{Region, exr};
 use lvox::reference::{self, Settings, Sums};
 use lvox::run::Job;
@@ -88,15 +90,11 @@ fn agreement(sums: &Sums, reference: &[[f32; 3]], reference_relmse: f64) -> Agre
     }
 }
 
-/// Renders a scene of `tests/acceptance` and compares it with `refs/IMAGE`; `None` without the shared data.
+/// Renders a scene of `tests/acceptance` and compares it with `refs/IMAGE`; `None` without those.
 fn compare(scene: &str, image: &str, max_depth: u32, spp: u32) -> Option<Agreement> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let refs = root.join("../shared/refs");
-    if !refs.exists() {
-        eprintln!("skipped: {} is not there", refs.display());
-        return None;
-    }
-    let scene = Scene::load(&root.join(format!("tests/acceptance/scenes/{scene}.toml"))).unwrap();
+    let refs = support::skip::shared("refs")?;
+    let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/acceptance/scenes");
+    let scene = Scene::load(&scenes.join(format!("{scene}.toml"))).unwrap();
     let text = std::fs::read_to_string(refs.join(format!("{image}.json"))).unwrap();
     let side_car: serde_json::Value = serde_json::from_str(&text).unwrap();
     let frame = exr::read(&refs.join(format!("{image}.exr"))).unwrap();

@@ -1,32 +1,18 @@
 //! `lvox reference` from outside: what it writes, and that a stop loses nothing.
 
+mod support;
+
 use std::path::Path;
-use std::process::{Command, Output};
-use std::time::{Duration, Instant};
+use support::program::{self, Run};
 
-fn command(dir: &Path, args: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_lvox"));
-    command
-        .current_dir(dir)
-        .args([
-            "reference",
-            "--demo",
-            "--region",
-            "300",
-            "200",
-            "340",
-            "230",
-        ])
-        .args(args);
-    command
+const REGION: &[&str] = &["--region", "300", "200", "340", "230"];
+
+fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
+    [&["reference", "--demo"], REGION, more].concat()
 }
 
-fn lvox(dir: &Path, args: &[&str]) -> Output {
-    command(dir, args).output().unwrap()
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
+fn lvox(dir: &Path, args: &[&str]) -> Run {
+    program::lvox(dir, &arguments(args))
 }
 
 #[test]
@@ -40,10 +26,9 @@ fn wrong_use_is_refused_at_once() {
         (&["-o", "no/a.exr"], "no"),
         (&["-o", "a.exr", "--camera", "nobody"], "nobody"),
     ] {
-        let output = lvox(dir.path(), args);
-        assert_eq!(output.status.code(), Some(2), "{args:?}");
-        let stderr = text(&output.stderr);
-        assert!(stderr.contains(part), "{args:?}: {stderr}");
+        let run = lvox(dir.path(), args);
+        assert_eq!(run.code, 2, "{args:?}");
+        assert!(run.stderr.contains(part), "{args:?}: {}", run.stderr);
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
     }
 }
@@ -53,9 +38,9 @@ fn fewer_samples_than_are_kept_are_told() {
     let dir = tempfile::tempdir().unwrap();
     let run = |spp: &str, more: &[&str]| {
         let args = [&["-o", "a.exr", "--max-depth", "2", "--spp", spp], more].concat();
-        let output = lvox(dir.path(), &args);
-        assert!(output.status.success(), "{}", text(&output.stderr));
-        text(&output.stderr)
+        let run = lvox(dir.path(), &args);
+        run.done();
+        run.stderr
     };
     assert!(!run("3", &[]).contains("warning"));
     let stderr = run("2", &[]);
@@ -69,10 +54,9 @@ fn fewer_samples_than_are_kept_are_told() {
 fn samples_and_noise_are_told_and_compare_has_the_noise_too() {
     let dir = tempfile::tempdir().unwrap();
     let run = |args: &[&str]| {
-        let output = lvox(dir.path(), &[&["--max-depth", "2"], args].concat());
-        assert!(output.status.success(), "{}", text(&output.stderr));
-        let stderr = text(&output.stderr);
-        stderr.lines().last().unwrap_or_default().to_owned()
+        let run = lvox(dir.path(), &[&["--max-depth", "2"], args].concat());
+        run.done();
+        run.stderr.lines().last().unwrap_or_default().to_owned()
     };
     let told = run(&["-o", "a.exr", "--spp", "8"]);
     let (start, noise) = told.rsplit_once(' ').unwrap();
@@ -85,19 +69,14 @@ fn samples_and_noise_are_told_and_compare_has_the_noise_too() {
         ""
     );
 
-    let mut command = Command::new(env!("CARGO_BIN_EXE_lvox"));
-    let output = command.current_dir(&dir).args(["inspect", "a.exr.sums"]);
-    let output = output.output().unwrap();
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    assert!(text(&output.stdout).contains("300 200 to 340 230"));
+    let inspected = program::lvox(dir.path(), &["inspect", "a.exr.sums"]);
+    assert_eq!(inspected.code, 0, "{}", inspected.stderr);
+    assert!(inspected.stdout.contains("300 200 to 340 230"));
 
     let compare = |images: [&str; 2], more: &[&str]| {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_lvox"));
-        let region = ["--region", "300", "200", "340", "230"];
-        command.current_dir(&dir).arg("compare").args(images);
-        let output = command.args(region).args(more).output().unwrap();
-        assert!(output.status.success(), "{}", text(&output.stderr));
-        text(&output.stdout)
+        let run = program::lvox(dir.path(), &[&["compare"], &images[..], REGION, more].concat());
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        run.stdout
     };
     let table = compare(["b.exr", "a.exr"], &[]);
     let row = table.lines().find(|l| l.starts_with("reference_noise"));
@@ -116,49 +95,35 @@ fn samples_and_noise_are_told_and_compare_has_the_noise_too() {
 fn what_differs_is_named_and_a_camera_goes_by_its_name() {
     let dir = tempfile::tempdir().unwrap();
     let base = ["-o", "a.exr", "--spp", "1"];
-    assert!(lvox(dir.path(), &base).status.success());
-    let output = lvox(dir.path(), &[&base[..], &["--max-depth", "2"]].concat());
-    assert_eq!(output.status.code(), Some(2));
-    let stderr = text(&output.stderr);
-    assert!(stderr.contains("max_depth 0, here 2"), "{stderr}");
+    lvox(dir.path(), &base).done();
+    lvox(dir.path(), &[&base[..], &["--max-depth", "2"]].concat())
+        .refused(2, &["max_depth 0, here 2"]);
     let camera = ::lvox::scene::Scene::demo().unwrap().cameras[0]
         .name
         .clone();
-    let output = lvox(dir.path(), &[&base[..], &["--camera", &camera]].concat());
-    assert!(output.status.success(), "{}", text(&output.stderr));
+    lvox(dir.path(), &[&base[..], &["--camera", &camera]].concat()).done();
 }
 
 #[cfg(unix)]
 #[test]
 fn a_signal_keeps_what_is_finished_and_the_same_command_goes_on() {
     let dir = tempfile::tempdir().unwrap();
-    let image = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
-    let output = lvox(dir.path(), &["-o", "once.exr", "--spp", "96"]);
-    assert!(output.status.success(), "{}", text(&output.stderr));
+    // Far more than anyone waits for: it is at work when it is asked to stop.
+    let endless = ["-o", "twice.exr", "--spp", "100000000", "--threads", "1"];
+    let mut command = program::command(dir.path(), &arguments(&endless));
+    let is_at_work = |line: &str| line.starts_with("reference: ") && line.contains(" %)");
+    let stopped = program::stopped_at(&mut command, is_at_work);
+    assert_eq!(stopped.code, 1, "{}", stopped.stderr);
+    assert!(dir.path().join("twice.exr.sums").exists());
+    let hint = stopped.stderr.lines().last().unwrap();
+    let kept = hint.strip_suffix(" samples per pixel are kept; the same command goes on");
+    let (_, most) = kept.unwrap().rsplit_once(' ').unwrap();
 
-    let sums = dir.path().join("twice.exr.sums");
-    let args = ["-o", "twice.exr", "--spp", "96", "--threads", "1"];
-    let mut child = command(dir.path(), &args)
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
-    // Far enough to have begun, whatever the machine's speed; if it has ended, rerunning it is tested still.
-    std::thread::sleep(Duration::from_millis(700));
-    let killed = Command::new("kill")
-        .args(["-TERM", &child.id().to_string()])
-        .status()
-        .unwrap();
-    let asked = Instant::now();
-    let status = child.wait().unwrap();
-    assert!(asked.elapsed() < Duration::from_secs(10));
-    if killed.success() && !status.success() {
-        assert_eq!(status.code(), Some(1));
-        assert!(sums.exists());
-        let output = child.stderr.take().map(std::io::read_to_string);
-        let stderr = output.unwrap().unwrap();
-        assert!(stderr.contains("the same command goes on"), "{stderr}");
-    }
-    let output = lvox(dir.path(), &args);
-    assert!(output.status.success(), "{}", text(&output.stderr));
+    let spp = (most.parse::<u32>().unwrap() + 8).to_string();
+    let go_on = lvox(dir.path(), &["-o", "twice.exr", "--spp", &spp]);
+    go_on.done();
+    assert!(go_on.stderr.starts_with("going on from "));
+    lvox(dir.path(), &["-o", "once.exr", "--spp", &spp]).done();
+    let image = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
     assert!(image("once.exr") == image("twice.exr"));
 }

@@ -1,5 +1,7 @@
 //! `lvox study` from outside: what it writes, that a stop loses nothing, and that a browser shows the report.
 
+mod support;
+
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
@@ -110,10 +112,8 @@ fn everything_is_written_and_a_second_call_measures_nothing() {
     assert_eq!(output.status.code(), Some(2));
     assert!(text(&output.stderr).contains("--force"));
 
-    show(
-        &fs::read_to_string(folder.join("report.html")).unwrap(),
-        dir.path(),
-    );
+    let report = fs::read_to_string(folder.join("report.html")).unwrap();
+    assert!(!report.contains("src=\"http") && !report.contains("href="));
 }
 
 /// Counts what a browser sees of a report, once all of it is loaded.
@@ -144,16 +144,22 @@ addEventListener("load", () => {
 });
 </script>"#;
 
-/// Opens a report in a browser and checks that all of it is there, if there is a browser.
-fn show(report: &str, dir: &Path) {
-    assert!(!report.contains("src=\"http") && !report.contains("href="));
-    let page = dir.join("probed.html");
-    fs::write(&page, report.replace("</body>", &format!("{PROBE}</body>"))).unwrap();
+#[test]
+fn a_browser_shows_all_of_the_report() {
     let names = ["chromium", "chromium-browser", "google-chrome"];
-    let Some(child) = names.iter().find_map(|name| browse(name, &page, dir)) else {
-        eprintln!("skipped: the report was not opened, for there is none of {names:?}");
+    let starts = |name: &&str| Command::new(name).arg("--version").output().is_ok();
+    let Some(browser) = names.into_iter().find(starts) else {
+        support::skip::skip(&format!("needs a browser: one of {}", names.join(", ")));
         return;
     };
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path().join("study");
+    let output = study(&folder, &["--rounds", "1"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let report = fs::read_to_string(folder.join("report.html")).unwrap();
+    let page = dir.path().join("probed.html");
+    fs::write(&page, report.replace("</body>", &format!("{PROBE}</body>"))).unwrap();
+    let child = browse(browser, &page, dir.path());
     let dom = wait(child, Duration::from_secs(120));
     let found = dom
         .split("data-found=\"")
@@ -173,7 +179,7 @@ fn show(report: &str, dir: &Path) {
     assert_eq!(parts[5], "collisions 0: ", "{found}");
 }
 
-fn browse(name: &str, page: &Path, dir: &Path) -> Option<Child> {
+fn browse(name: &str, page: &Path, dir: &Path) -> Child {
     Command::new(name)
         .args([
             "--headless",
@@ -193,7 +199,7 @@ fn browse(name: &str, page: &Path, dir: &Path) -> Option<Child> {
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()
-        .ok()
+        .unwrap()
 }
 
 /// What a child prints; it is killed if it takes too long.

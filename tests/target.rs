@@ -1,8 +1,7 @@
 //! Settings picked for an error: the error is met, and every tile and process picks the same.
 
-use assert_cmd::Command;
-use lvox::bake::{self, SurfelSampling};
-use lvox::build;
+mod support;
+
 use lvox::gather::TreeStore;
 use lvox::image::{Picture, Region, metrics};
 use lvox::reference::{self, Sums};
@@ -12,8 +11,9 @@ use lvox::shade::{self, Settings};
 use lvox::target::{self, Choice, Outcome};
 use std::fs;
 use std::path::Path;
-use std::process::Output;
 use std::sync::OnceLock;
+use support::program::lvox;
+use support::trees;
 
 const WIDTH: u32 = 96;
 const HEIGHT: u32 = 72;
@@ -34,15 +34,8 @@ fn tree(dir: &Path) -> TreeStore {
 
 fn baked(scene: &Scene) -> Vec<u8> {
     let dir = tempfile::tempdir().unwrap();
-    let (cloud, tree) = (dir.path().join("demo.lvc"), dir.path().join("demo.lvt"));
-    let settings = bake::Settings {
-        surfels: SurfelSampling::Area { count: 100_000 },
-        ..bake::Settings::default()
-    };
-    let job = Job::default();
-    bake::run(scene, &settings, &cloud, true, &job).unwrap();
-    build::run(&cloud, &tree, &build::Settings::default(), true, &job).unwrap();
-    fs::read(&tree).unwrap()
+    let settings = trees::of_surfels(100_000);
+    fs::read(trees::baked(scene, &settings, dir.path(), "demo")).unwrap()
 }
 
 fn choose(scene: &Scene, store: &TreeStore, error: f64) -> Choice {
@@ -130,14 +123,6 @@ fn the_choice_does_not_depend_on_threads_and_keeps_what_is_fixed() {
     assert!(kept.rung >= one.rung, "{kept:?} {one:?}");
 }
 
-fn lvox(dir: &Path, args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_lvox"))
-        .current_dir(dir)
-        .args(args)
-        .output()
-        .unwrap()
-}
-
 #[test]
 fn tiles_of_a_target_merge_into_the_frame() {
     let dir = tempfile::tempdir().unwrap();
@@ -145,10 +130,9 @@ fn tiles_of_a_target_merge_into_the_frame() {
     let size = format!("{WIDTH}x{HEIGHT}");
     let base = ["shade", "--demo", "-t", "demo.lvt", "--resolution", &size];
     let run = |args: &[&str]| {
-        let output = lvox(dir.path(), &[&base, args].concat());
-        let talk = String::from_utf8(output.stderr).unwrap();
-        assert!(output.status.success(), "{talk}");
-        talk
+        let run = lvox(dir.path(), &[&base, args].concat());
+        run.done();
+        run.stderr
     };
     let target = ["--target-error", "4e-3"];
     let report = ["--report", "whole.json"];
@@ -157,11 +141,8 @@ fn tiles_of_a_target_merge_into_the_frame() {
     for (tile, part) in tiles.iter().zip(["0/3", "1/3", "2/3"]) {
         run(&[&["-o", tile, "--tile", part], &target[..]].concat());
     }
-    let merged = lvox(
-        dir.path(),
-        &["merge", "a.exr", "b.exr", "c.exr", "-o", "m.exr"],
-    );
-    assert!(merged.status.success());
+    let merge = ["merge", "a.exr", "b.exr", "c.exr", "-o", "m.exr"];
+    lvox(dir.path(), &merge).done();
     let read = |name: &str| fs::read(dir.path().join(name)).unwrap();
     assert!(read("m.exr") == read("whole.exr"));
 
@@ -191,13 +172,10 @@ fn a_target_out_of_reach_is_warned_of_with_the_error_to_expect() {
     // The pilot looks at the whole frame; one pixel of it is enough to shade.
     let options = ["--region", "0", "0", "1", "1", "-o", "x.exr"];
     let warned = |target: &str| {
-        let args = [&base[..], &options, &["--force", "--target-error", target]].concat();
-        let output = lvox(dir.path(), &args);
-        let talk = String::from_utf8(output.stderr).unwrap();
-        assert!(
-            output.status.success() && output.stdout.is_empty(),
-            "{talk}"
-        );
+        let args = [&base[..], &options, &["--target-error", target]].concat();
+        let run = lvox(dir.path(), &args);
+        run.done();
+        let talk = run.stderr;
         let warning = talk.lines().find(|l| l.starts_with("warning: "));
         (warning.map(ToOwned::to_owned), talk)
     };
@@ -232,9 +210,8 @@ fn targets_that_make_no_sense_are_refused() {
         (&["--resolution=640"], "--resolution"),
         (&["--resolution=0x480"], "--resolution"),
     ] {
-        let output = lvox(dir.path(), &[&shade, args].concat());
-        let talk = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(2), "{args:?}: {talk}");
-        assert!(talk.contains(parts), "{args:?}: {talk}");
+        let run = lvox(dir.path(), &[&shade, args].concat());
+        assert_eq!(run.code, 2, "{args:?}: {}", run.stderr);
+        assert!(run.stderr.contains(parts), "{args:?}: {}", run.stderr);
     }
 }

@@ -15,7 +15,7 @@ pub struct BakeOptions {
 
     /// Take surfels where the rays of a camera meet surfaces instead, as the paper does; what it does not see does not
     /// bleed. Without a name, the first camera
-    #[arg(long, value_name = "CAMERA", num_args = 0..=1, default_missing_value = "")]
+    #[arg(long, value_name = "CAMERA", num_args = 0..=1, default_missing_value = "", conflicts_with = "surfels")]
     surfels_from_camera: Option<String>,
 
     /// Rays per pixel along each axis of such a camera

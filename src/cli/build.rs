@@ -17,6 +17,10 @@ pub struct Args {
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 
+    /// Replace the tree if it is there already
+    #[arg(long, help_heading = "Shared options")]
+    force: bool,
+
     #[command(flatten)]
     pub memory: Memory,
 
@@ -33,12 +37,12 @@ impl Args {
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
-        check_writable(&self.output, context.force)?;
+        check_writable(&self.output, self.force)?;
         lvox::build::run(
             &self.cloud,
             &self.output,
             &Settings::default(),
-            context.force,
+            self.force,
             &context.job,
         )?;
         Ok(())

@@ -1,8 +1,8 @@
 //! `lvox inspect`
 
-use super::options::{Context, Files};
+use super::options::Files;
 use super::output;
-use lvox::image::exr;
+use lvox::image::{ImageKind, exr};
 use lvox::inspect::{describe, export_ply, points, samples};
 use lvox::run::output::check_writable;
 use lvox::{Error, Result};
@@ -33,6 +33,10 @@ pub struct Args {
     /// Export the nodes of a tree so many steps below its root in place of surfels
     #[arg(long, value_name = "N", requires = "export")]
     level: Option<u32>,
+
+    /// Replace the file of --export if it is there already
+    #[arg(long, help_heading = "Shared options", requires = "export")]
+    force: bool,
 }
 
 impl Args {
@@ -45,12 +49,8 @@ impl Args {
         }
     }
 
-    pub fn run(self, context: &Context) -> Result<()> {
-        if self
-            .file
-            .extension()
-            .is_some_and(|e| e.eq_ignore_ascii_case("exr"))
-        {
+    pub fn run(self) -> Result<()> {
+        if ImageKind::of(&self.file)? == Some(ImageKind::Exr) {
             return self.image();
         }
         if let Some(samples) = samples(&self.file)? {
@@ -62,8 +62,8 @@ impl Args {
             };
         }
         if let Some(out) = &self.export {
-            check_writable(out, context.force)?;
-            let exported = export_ply(&self.file, out, self.level, context.force)?;
+            check_writable(out, self.force)?;
+            let exported = export_ply(&self.file, out, self.level, self.force)?;
             return if self.json {
                 output::print_json(&exported)
             } else {

@@ -13,6 +13,7 @@ mod options;
 pub mod output;
 mod parse;
 mod reference;
+mod region_options;
 mod render;
 mod scene_input;
 mod shade;
@@ -93,7 +94,7 @@ impl Verb {
             Self::Build(args) => ("build", args.run(context)),
             Self::Shade(args) => ("shade", args.run(context)),
             Self::Merge(args) => ("merge", args.run(context)),
-            Self::Inspect(args) => ("inspect", args.run(context)),
+            Self::Inspect(args) => ("inspect", args.run()),
             Self::Verify(args) => ("verify", args.run(context)),
             Self::Compare(args) => ("compare", args.run(context)),
             Self::Reference(args) => ("reference", args.run(context)),
@@ -137,9 +138,132 @@ impl Cli {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clap::Arg;
+    use lvox::bake::lvoxels::BlockSize;
+    use lvox::bake::{self, SurfelSampling};
+    use lvox::shade::{self, Kernel, Method, Quality};
+    use lvox::{reference, study};
 
     #[test]
     fn definitions_are_consistent() {
         command().debug_assert();
+    }
+
+    #[test]
+    fn stability_takes_a_scene_and_nothing_of_what_is_measured() {
+        let mut verbs = command();
+        verbs.build();
+        let study = verbs.find_subcommand("study").unwrap();
+        let stability = study.get_arguments().find(|a| a.get_id() == "stability");
+        let refused = study.get_arg_conflicts_with(stability.unwrap());
+        let arguments = study.get_arguments().filter(|a| !refused.contains(a));
+        let mut taken: Vec<&str> = arguments.map(|a| a.get_id().as_str()).collect();
+        taken.sort_unstable();
+        let machine = ["memory_limit", "progress", "report", "temp_dir", "threads"];
+        let mut expected = [&["demo", "help", "scene", "stability"], &machine[..]].concat();
+        expected.sort_unstable();
+        assert_eq!(taken, expected);
+    }
+
+    fn option(verb: &str, name: &str) -> Arg {
+        let verbs = command();
+        let verb = verbs.find_subcommand(verb).unwrap();
+        let mut options = verb.get_arguments();
+        let found = options.find(|o| o.get_long() == Some(name));
+        found.unwrap_or_else(|| panic!("--{name}")).clone()
+    }
+
+    /// What the help says is the default.
+    fn told(verb: &str, name: &str) -> String {
+        let option = option(verb, name);
+        if let [value] = option.get_default_values() {
+            return value.to_str().unwrap().to_owned();
+        }
+        let help = option.get_help().unwrap().to_string();
+        let told = help.split("[default: ").nth(1).unwrap();
+        told.strip_suffix(']').unwrap().to_owned()
+    }
+
+    fn list<T: ToString>(values: &[T], between: &str) -> String {
+        let texts: Vec<String> = values.iter().map(T::to_string).collect();
+        texts.join(between)
+    }
+
+    #[test]
+    fn help_tells_the_defaults_of_baking() {
+        let settings = bake::Settings::default();
+        let SurfelSampling::Area { count } = settings.surfels else {
+            panic!("{settings:?}")
+        };
+        let BlockSize::OpticalDepth(depth) = settings.blocks else {
+            panic!("{settings:?}")
+        };
+        for verb in ["bake", "render"] {
+            assert_eq!(told(verb, "surfels"), count.to_string());
+            assert_eq!(told(verb, "block-depth"), depth.to_string());
+            let rays = settings.shadow_rays.to_string();
+            assert_eq!(told(verb, "bake-shadow-rays"), rays);
+        }
+    }
+
+    #[test]
+    fn help_tells_the_presets_of_shading() {
+        type Read = fn(&shade::Settings) -> String;
+        fn name_of<T: PartialEq>(table: &[(&str, T)], value: &T) -> String {
+            table.iter().find(|row| row.1 == *value).unwrap().0.into()
+        }
+        let presets = Quality::ALL.map(|(_, quality)| shade::Settings::of(quality));
+        let numbers: [(&str, Read); 7] = [
+            ("samples", |s| s.samples.to_string()),
+            ("max-solid-angle", |s| s.max_solid_angle.to_string()),
+            ("lattice", |s| s.lattice.to_string()),
+            ("volume-samples", |s| s.volume_samples.to_string()),
+            ("pixel-samples", |s| s.pixel_samples.to_string()),
+            ("edge-samples", |s| s.edge_samples.to_string()),
+            ("shadow-rays", |s| s.shadow_rays.to_string()),
+        ];
+        for (name, number) in numbers {
+            let values = presets.each_ref().map(number);
+            let expected = if values.iter().all(|v| *v == values[0]) {
+                values[0].clone()
+            } else {
+                list(&values, ", ") + " by quality"
+            };
+            assert_eq!(told("shade", name), expected, "--{name}");
+        }
+        let default = shade::Settings::default();
+        for (name, expected) in [
+            ("quality", name_of(&Quality::ALL, &Quality::default())),
+            ("kernel", name_of(&Kernel::ALL, &default.kernel)),
+            ("method", name_of(&Method::ALL, &default.method)),
+        ] {
+            assert_eq!(told("shade", name), expected, "--{name}");
+        }
+        assert_eq!(default, shade::Settings::of(Quality::default()));
+    }
+
+    #[test]
+    fn help_tells_the_defaults_of_studies_and_references() {
+        let (settings, quick) = (study::Settings::default(), study::Settings::quick());
+        for (name, expected) in [
+            ("spp", list(&settings.spp, ",")),
+            ("surfels", list(&settings.surfels, ",")),
+            ("block-depth", list(&settings.block_depth, ",")),
+            ("block-voxels", list(&settings.block_voxels, ",")),
+            ("samples", list(&settings.samples, ",")),
+            ("max-solid-angle", list(&settings.max_solid_angle, ",")),
+            (
+                "rounds",
+                format!("{}, quick: {}", settings.rounds, quick.rounds),
+            ),
+            (
+                "reference-spp",
+                format!("{}, quick: {}", settings.reference_spp, quick.reference_spp),
+            ),
+        ] {
+            assert_eq!(told("study", name), expected, "--{name}");
+        }
+        let spp = reference::Settings::default().spp.unwrap();
+        assert_eq!(told("reference", "spp"), format!("{spp}, without --time"));
     }
 }

@@ -22,10 +22,6 @@ pub struct Shared {
     #[arg(long, global = true, value_name = "MODE", default_value = "auto")]
     progress: ProgressChoice,
 
-    /// Replace clouds and trees that are there already; images and reports are always replaced
-    #[arg(long, global = true)]
-    force: bool,
-
     /// Write times, peak memory and counts to this file as JSON
     #[arg(long, global = true, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -96,8 +92,6 @@ enum ProgressChoice {
 pub struct Context {
     /// Progress, cancellation, report, limits.
     pub job: Job,
-    /// Whether clouds and trees may be replaced.
-    pub force: bool,
     /// Where the report goes.
     report_path: RefCell<Option<PathBuf>>,
     /// What the verb writes, by the words for it.
@@ -194,7 +188,6 @@ impl Shared {
         .map_err(|e| Error::failed(format!("cannot listen for signals: {e}")))?;
         Ok(Context {
             job,
-            force: self.force,
             report_path: RefCell::new(self.report),
             outputs: Vec::new(),
         })

@@ -1,9 +1,9 @@
 //! `lvox reference`
 
 use super::options::{Context, Files, Memory, Seed};
-use super::parse;
+use super::region_options::RegionOptions;
 use super::scene_input::SceneInput;
-use lvox::image::Region;
+use lvox::image::ImageKind;
 use lvox::reference::{self, Settings};
 use lvox::run::StageReport;
 use lvox::run::output::check_writable;
@@ -47,13 +47,12 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = Settings::default().strands)]
     strands: u32,
 
-    /// Render only these pixels, X1 and Y1 excluded [default: the whole frame]
-    #[arg(long, num_args = 4, value_names = ["X0", "Y0", "X1", "Y1"])]
-    region: Vec<u32>,
+    #[command(flatten)]
+    region: RegionOptions,
 
-    /// Render only tile I of N, counted from 0
-    #[arg(long, value_name = "I/N", value_parser = parse::tile, conflicts_with = "region")]
-    tile: Option<(u32, u32)>,
+    /// Forget the samples that are kept, and begin anew
+    #[arg(long, help_heading = "Shared options")]
+    force: bool,
 
     #[command(flatten)]
     pub memory: Memory,
@@ -72,8 +71,7 @@ impl Args {
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
-        let is_exr = |e: &std::ffi::OsStr| e.eq_ignore_ascii_case("exr");
-        if !self.output.extension().is_some_and(is_exr) {
+        if ImageKind::named(&self.output).ok() != Some(ImageKind::Exr) {
             return Err(Error::input(format!(
                 "{}: a reference has to be named .exr",
                 self.output.display()
@@ -94,17 +92,13 @@ impl Args {
         check_writable(&self.output, true)?;
         check_writable(&reference::sums_path(&self.output), true)?;
         let scene = self.scene.load(context)?;
-        let (w, h) = (scene.film.width, scene.film.height);
-        let region = match self.tile {
-            Some((i, n)) => Region::tile(w, h, i, n)?,
-            None => parse::region(&self.region).unwrap_or_else(|| Region::full(w, h)),
-        };
+        let region = self.region.of(&scene.film)?;
         reference::run(
             &scene,
             &settings,
             region,
             &self.output,
-            context.force,
+            self.force,
             &context.job,
         )?;
         if let Some(text) = reached(&context.job.report.stages()) {

@@ -2,17 +2,18 @@
 
 use super::options::Files;
 use super::parse;
+use super::region_options::RegionOptions;
 use clap::Args;
 use lvox::gather::TreeStore;
 use lvox::image::exr::{self, Precision};
-use lvox::image::{Frame, Region, png, tone};
+use lvox::image::{Frame, ImageKind, png, tone};
 use lvox::run::Job;
 use lvox::run::output::check_writable;
 use lvox::scene::Scene;
 use lvox::shade::{self, Aov, Kernel, Method, Quality, Settings};
 use lvox::target::{self, Outcome};
 use lvox::{Error, Result};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// How to shade, as typed.
 #[derive(Debug, Args)]
@@ -80,13 +81,8 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "N")]
     shadow_rays: Option<u32>,
 
-    /// Shade only these pixels, X1 and Y1 excluded [default: the whole frame]
-    #[arg(long, num_args = 4, value_names = ["X0", "Y0", "X1", "Y1"])]
-    region: Vec<u32>,
-
-    /// Shade only tile I of N, counted from 0
-    #[arg(long, value_name = "I/N", value_parser = parse::tile, conflicts_with = "region")]
-    tile: Option<(u32, u32)>,
+    #[command(flatten)]
+    region: RegionOptions,
 
     /// Add these layers to an .exr image
     #[arg(long, value_name = "LAYER", value_delimiter = ',', value_parser = parse::one_of(&Aov::ALL))]
@@ -97,12 +93,6 @@ pub struct ShadeOptions {
     float: bool,
 }
 
-/// What an output's name asks for.
-enum ImageKind {
-    Exr,
-    Png,
-}
-
 impl ShadeOptions {
     /// Adds what it writes.
     pub fn files(&self, files: Files) -> Files {
@@ -111,7 +101,7 @@ impl ShadeOptions {
 
     /// Fails now rather than after the work.
     pub fn check(&self) -> Result<()> {
-        let is_png = matches!(image_kind(&self.output)?, ImageKind::Png);
+        let is_png = ImageKind::named(&self.output)? == ImageKind::Png;
         for (option, given) in [("--aov", !self.aov.is_empty()), ("--float", self.float)] {
             if is_png && given {
                 return Err(Error::input(format!(
@@ -121,6 +111,7 @@ impl ShadeOptions {
                 .hint("name the output .exr, or leave the option out"));
             }
         }
+        self.check_use()?;
         check_writable(&self.output, true)?;
         if let Some(target) = self.target_error {
             target::check(target)?;
@@ -128,22 +119,30 @@ impl ShadeOptions {
         self.settings(0).check()
     }
 
+    /// Refuses options that others leave without use.
+    fn check_use(&self) -> Result<()> {
+        let useless = if self.max_solid_angle.is_some() && !self.uses_nodes() {
+            "--max-solid-angle has no use with --kernel plain, whose rays pass nodes by"
+        } else if self.volume_samples.is_some() && !self.lights_media() {
+            "--volume-samples has no use with --method traditional, where media get direct light only"
+        } else {
+            return Ok(());
+        };
+        Err(Error::input(useless).hint("leave one of the two out"))
+    }
+
+    fn uses_nodes(&self) -> bool {
+        !matches!(self.kernel, Kernel::Plain)
+    }
+
+    fn lights_media(&self) -> bool {
+        matches!(self.method, Method::Extended)
+    }
+
     /// The same for what depends on the scene.
     pub fn check_with(&self, scene: &Scene) -> Result<()> {
         scene.camera(self.camera.as_deref())?;
-        self.region(scene).map(drop)
-    }
-
-    fn region(&self, scene: &Scene) -> Result<Region> {
-        let (w, h) = (scene.film.width, scene.film.height);
-        match self.tile {
-            Some((i, n)) => Region::tile(w, h, i, n),
-            None => {
-                let region = parse::region(&self.region).unwrap_or_else(|| Region::full(w, h));
-                region.check(w, h)?;
-                Ok(region)
-            }
-        }
+        self.region.of(&scene.film).map(drop)
     }
 
     fn settings(&self, seed: u64) -> Settings {
@@ -179,16 +178,18 @@ impl ShadeOptions {
     ) -> Result<Settings> {
         let choice = target::choose(scene, store, target, |rung| self.over(rung, seed), job)?;
         let (s, expected) = (choice.settings, choice.expected);
+        let mut options = format!("--samples {}", s.samples);
+        if self.uses_nodes() {
+            options += &format!(" --max-solid-angle {}", s.max_solid_angle);
+        }
+        options += &format!(" --lattice {}", s.lattice);
+        if self.lights_media() {
+            options += &format!(" --volume-samples {}", s.volume_samples);
+        }
         job.progress.say(&format!(
-            "target error {target:.1e}: shading with --samples {} --max-solid-angle {} --lattice {} --volume-samples {} \
-             --pixel-samples {} --edge-samples {} --shadow-rays {}, expected error {expected:.1e}",
-            s.samples,
-            s.max_solid_angle,
-            s.lattice,
-            s.volume_samples,
-            s.pixel_samples,
-            s.edge_samples,
-            s.shadow_rays,
+            "target error {target:.1e}: shading with {options} --pixel-samples {} --edge-samples {} --shadow-rays {}, \
+             expected error {expected:.1e}",
+            s.pixel_samples, s.edge_samples, s.shadow_rays,
         ));
         match choice.outcome {
             Outcome::OutOfReach => job.progress.warn(&format!(
@@ -205,14 +206,14 @@ impl ShadeOptions {
 
     /// Shades and writes the image.
     pub fn run(&self, scene: &Scene, store: &TreeStore, seed: u64, job: &Job) -> Result<()> {
-        let region = self.region(scene)?;
+        let region = self.region.of(&scene.film)?;
         let settings = match self.target_error {
             Some(target) => self.pick(target, scene, store, seed, job)?,
             None => self.settings(seed),
         };
         let frame = shade::run(scene, store, &settings, region, &self.aov, job)?;
         job.report
-            .stage("write", |_| match image_kind(&self.output)? {
+            .stage("write", |_| match ImageKind::named(&self.output)? {
                 ImageKind::Exr => {
                     let precision = if self.float {
                         Precision::Float
@@ -243,21 +244,5 @@ impl ShadeOptions {
                 clamped.channels.join(", ")
             ));
         }
-    }
-}
-
-fn image_kind(path: &Path) -> Result<ImageKind> {
-    match path
-        .extension()
-        .and_then(|e| e.to_str())
-        .map(str::to_ascii_lowercase)
-        .as_deref()
-    {
-        Some("exr") => Ok(ImageKind::Exr),
-        Some("png") => Ok(ImageKind::Png),
-        _ => Err(Error::input(format!(
-            "{}: an image has to be named .exr or .png",
-            path.display()
-        ))),
     }
 }

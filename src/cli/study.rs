@@ -31,7 +31,7 @@ pub struct Args {
 
     /// Compare lvox with closed forms and at extremes instead, and print a table; exit with 1 if a case fails. Kernels are
     /// compared with double precision on SCENE [default: the demo]
-    #[arg(long, conflicts_with_all = ["output", "quick", "reference", "camera"])]
+    #[arg(long, conflicts_with_all = MEASURING)]
     stability: bool,
 
     /// Compare with this converged image [default: render one]
@@ -105,6 +105,10 @@ pub struct Args {
     #[arg(long, value_name = "SECS", default_value_t = Settings::default().long_secs)]
     long: f64,
 
+    /// Forget what was measured there, and begin anew
+    #[arg(long, help_heading = "Shared options")]
+    force: bool,
+
     #[command(flatten)]
     pub memory: Memory,
 
@@ -114,6 +118,30 @@ pub struct Args {
     #[command(flatten)]
     seed: Seed,
 }
+
+/// Options that closed forms have no use for: all but the scene and what a verb may take of the machine.
+const MEASURING: [&str; 20] = [
+    "output",
+    "reference",
+    "reference_spp",
+    "quick",
+    "base_only",
+    "paper_cloud",
+    "width",
+    "camera",
+    "quality",
+    "max_depth",
+    "spp",
+    "surfels",
+    "block_depth",
+    "block_voxels",
+    "samples",
+    "max_solid_angle",
+    "rounds",
+    "long",
+    "seed",
+    "force",
+];
 
 impl Args {
     /// What it reads and writes.
@@ -177,7 +205,7 @@ impl Args {
             let height = f64::from(film.height) * f64::from(width) / f64::from(film.width);
             (film.width, film.height) = (width, height.round().max(1.0) as u32);
         }
-        study::run(&scene, &settings, &output, context.force, &context.job)?;
+        study::run(&scene, &settings, &output, self.force, &context.job)?;
         let report = output.join("report.html");
         context
             .job

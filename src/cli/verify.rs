@@ -2,7 +2,7 @@
 
 use super::options::{Context, Files};
 use super::output;
-use lvox::image::exr;
+use lvox::image::{ImageKind, exr};
 use lvox::inspect::verify;
 use lvox::{Error, Result};
 use std::path::PathBuf;
@@ -25,11 +25,7 @@ impl Args {
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
-        if self
-            .file
-            .extension()
-            .is_some_and(|e| e.eq_ignore_ascii_case("exr"))
-        {
+        if ImageKind::of(&self.file)? == Some(ImageKind::Exr) {
             let frame = exr::read(&self.file)?;
             let samples: usize = frame
                 .layers

@@ -1,11 +1,9 @@
 //! Pictures from files of either kind, and the exposure that a reference is looked at with.
 
 use super::frame::EXPOSURE;
-use super::{Picture, Region, exr, png, tone};
+use super::{ImageKind, Picture, Region, exr, png, tone};
 use crate::{Error, Result};
 use serde_json::Value;
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 
 /// Reads linear RGB from an OpenEXR or a PNG file; which one it is, its first bytes say. Eight-bit values are taken
@@ -15,25 +13,25 @@ use std::path::Path;
 /// # Errors
 /// [`crate::Kind::Input`] if the file cannot be read, has no colour in that layer, or does not cover the region.
 pub fn picture(path: &Path, layer: &str, exposure: f32, region: Option<Region>) -> Result<Picture> {
-    match first_bytes(path)?[..] {
-        ref magic if *magic == EXR => {
+    match ImageKind::of(path)? {
+        Some(ImageKind::Exr) => {
             let frame = exr::read(path)?;
             let region = region.unwrap_or(Region::full(frame.width, frame.height));
             let picture = frame.picture(layer, &region);
             picture.map_err(|e| e.at(path.display()))
         }
-        [0x89, b'P', b'N', b'G'] if !layer.is_empty() => Err(Error::input(format!(
+        Some(ImageKind::Png) if !layer.is_empty() => Err(Error::input(format!(
             "{} is a PNG file, which has no layer {layer}",
             path.display()
         ))),
-        [0x89, b'P', b'N', b'G'] => {
+        Some(ImageKind::Png) => {
             let whole = tone::unmap(&png::read(path)?, exposure);
             let Some(region) = region else {
                 return Ok(whole);
             };
             whole.crop(&region).map_err(|e| e.at(path.display()))
         }
-        _ => Err(
+        None => Err(
             Error::input(format!("{} is neither OpenEXR nor PNG", path.display()))
                 .hint("convert it: oiiotool in -o out.exr"),
         ),
@@ -79,22 +77,10 @@ pub fn noted_exposure(image: &Path) -> Result<Option<f32>> {
 /// # Errors
 /// [`crate::Kind::Input`] if the file cannot be read or is damaged.
 pub fn header(image: &Path) -> Result<Option<exr::Info>> {
-    if first_bytes(image)? == EXR {
-        exr::info(image).map(Some)
-    } else {
-        Ok(None)
+    match ImageKind::of(image)? {
+        Some(ImageKind::Exr) => exr::info(image).map(Some),
+        _ => Ok(None),
     }
-}
-
-/// Magic number of OpenEXR.
-const EXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
-
-fn first_bytes(path: &Path) -> Result<Vec<u8>> {
-    let mut magic = Vec::new();
-    File::open(path)
-        .and_then(|file| file.take(4).read_to_end(&mut magic))
-        .map_err(|e| Error::io("read", path, &e))?;
-    Ok(magic)
 }
 
 fn side_car_exposure(reference: &Path) -> Result<Option<f32>> {

@@ -8,6 +8,7 @@ pub mod exr;
 pub mod frame;
 mod header;
 pub mod heat;
+pub mod kind;
 pub mod load;
 pub mod merge;
 pub mod metrics;
@@ -19,6 +20,7 @@ pub mod subject;
 pub mod tone;
 
 pub use frame::{Frame, Layer};
+pub use kind::ImageKind;
 pub use picture::Picture;
 pub use region::Region;
 pub use subject::Subject;

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Renders real scenes and holds them to references, to themselves, and to being pictures at all.
 # Needs ../shared beside the repository. Prints a table of error beside run time and ends with: N passed, N failed.
-# Results stay in $ACCEPTANCE_OUT if that names a folder.
+# Results stay in $ACCEPTANCE_OUT if that names a folder, which has to be new or empty: checks read files that commands write,
+# and those of an earlier run would pass in place of what failed.
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 
@@ -10,7 +11,12 @@ references=../shared/refs
 data=../shared/data
 if [ -n "${ACCEPTANCE_OUT:-}" ]; then
     out=$ACCEPTANCE_OUT
-    mkdir -p "$out"
+    mkdir -p "$out" || exit 2
+    if [ -n "$(ls -A "$out")" ]; then
+        printf 'ACCEPTANCE_OUT has to be a new or empty folder, but there are files in %s: name another, or clear it\n' \
+            "$out" >&2
+        exit 2
+    fi
 else
     out=$(mktemp -d)
     trap 'rm -rf "$out"' EXIT
@@ -95,10 +101,8 @@ heading() {
 judge() {
     local name=$1 image=$2 reference=$3 report=$4 stages=$5 exposure=$6 relmse=$7 pdiff=$8 flip=$9 bias=${10}
     local scores=$out/$name.scores.json
-    rm -f "$scores"
-    [ -s "$image" ] && "$lvox" compare "$image" "$reference" --json --exposure "$exposure" --worst 3 \
-        --heatmap "$out/$name.heat.png" >"$scores"
-    if ! [ -s "$scores" ]; then
+    if ! "$lvox" compare "$image" "$reference" --json --exposure "$exposure" --worst 3 \
+        --heatmap "$out/$name.heat.png" >"$scores"; then
         check "$name against its reference" false
         return
     fi
@@ -124,9 +128,8 @@ heading 'error against run time at the default settings, beside the references o
 while read -r scene relmse flip; do
     image=$out/$scene.exr
     report=$out/$scene.report.json
-    rm -f "$image"
     run "$scene" "$lvox" render "$scenes/$scene.toml" -o "$image" --report "$report" --progress none \
-        --aov indirect --keep-tree "$out/$scene.lvt" --force
+        --aov indirect --keep-tree "$out/$scene.lvt"
     judge "$scene" "$image" "$references/${scene}_d3.exr" "$report" 'bake build shade' \
         "$(exposure "$scenes/$scene.toml")" "$relmse" 0.0065 "$flip" 0.004
 done <<EOF
@@ -152,10 +155,9 @@ while read -r scene quality relmse pdiff flip bias; do
     name=$scene.$quality
     image=$out/$name.exr
     tree=$out/$scene.lvt
-    rm -f "$image"
     if [ "$quality" = good ]; then
         run "$name" "$lvox" render "$scenes/general/$scene.toml" -o "$image" --report "$out/$name.report.json" \
-            --progress none --keep-tree "$tree" --force
+            --progress none --keep-tree "$tree"
         stages='bake build shade'
     else
         run "$name" "$lvox" shade "$scenes/general/$scene.toml" --tree "$tree" -o "$image" --quality "$quality" \
@@ -181,7 +183,6 @@ head head front draft 2.9e-3 0.0110 0.086 0.004
 smoke smoke front good 9.5e-4 0.0045 0.039 0.003
 smoke smoke front draft 1.3e-3 0.0062 0.046 0.004'
 small=128x96
-rm -f "$out"/small.* "$out/head.lvt" "$out/smoke.lvt"
 while read -r place scene camera quality relmse pdiff flip bias; do
     name=$place.$quality
     toml=$scenes/$scene.toml
@@ -249,10 +250,9 @@ for row in A:1e-3 A:3e-4 B:1e-3 B:3e-4 C:3e-3 C:1e-3 C_novol:3e-3 C_novol:1e-3 c
     fi
     report=$out/$name.report.json
     scores=$out/$name.scores.json
-    run "$name" "$lvox" shade "$toml" --tree "$out/$scene.lvt" -o "$out/$name.exr" --target-error "$target" \
-        --report "$report" --progress plain &&
-        "$lvox" compare "$out/$name.exr" "$reference" --json >"$scores"
-    if ! [ -s "$scores" ]; then
+    if ! run "$name" "$lvox" shade "$toml" --tree "$out/$scene.lvt" -o "$out/$name.exr" --target-error "$target" \
+        --report "$report" --progress plain ||
+        ! "$lvox" compare "$out/$name.exr" "$reference" --json >"$scores"; then
         check "$name against its reference" false
         continue
     fi
@@ -275,10 +275,10 @@ for row in A:2.2e-3 B:1.3e-3 C:3.7e-3 C_novol:3.5e-3; do
 done
 
 printf '\n-- one bake: trees, cameras and tiles\n'
-check 'bake' run bake "$lvox" bake "$scenes/C.toml" -o "$out/C.lvc" --force --progress none
+check 'bake' run bake "$lvox" bake "$scenes/C.toml" -o "$out/C.lvc" --progress none
 for variant in 1:4G 2:4G 1:64M 2:64M; do
     tree=$out/C.${variant/:/.}.lvt
-    run "build.$variant" "$lvox" build "$out/C.lvc" -o "$tree" --force --progress none \
+    run "build.$variant" "$lvox" build "$out/C.lvc" -o "$tree" --progress none \
         --threads "${variant%%:*}" --memory-limit "${variant##*:}"
     check "the tree built with threads and memory $variant is the same" cmp "$out/C.1.4G.lvt" "$tree"
 done
@@ -315,8 +315,8 @@ picture() {
     size=$("$lvox" compare "$image" "$image" --json |
         python3 -c 'import json, sys; r = json.load(sys.stdin); print(r["width"], r["height"])')
     # shellcheck disable=SC2086 # two numbers
-    black $size "$out/black.png"
-    "$lvox" compare "$image" "$out/black.png" --json >"$out/$name.scores.json" || return 1
+    black $size "$out/$name.black.png" || return 1
+    "$lvox" compare "$image" "$out/$name.black.png" --json >"$out/$name.scores.json" || return 1
     python3 -c '
 import json, sys
 name, darkest, brightest = sys.argv[2], float(sys.argv[3]), float(sys.argv[4])

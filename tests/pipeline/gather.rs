@@ -1,6 +1,6 @@
 //! The fast kernel against the plain one, and media against a walk over all boxes.
 
-use crate::random::Random;
+use crate::support::random::Random;
 use glam::{Affine3A, Quat, Vec3};
 use lvox::build;
 use lvox::formats::record::{MAX_LEVEL, VolumeInfo};

@@ -9,12 +9,11 @@ mod left_out;
 mod messages;
 mod outputs;
 mod physics;
-mod random;
 mod settings;
+#[path = "../support/mod.rs"]
+mod support;
 mod views;
 
-use lvox::bake::{self, SurfelSampling};
-use lvox::build;
 use lvox::gather::TreeStore;
 use lvox::image::{Frame, Region};
 use lvox::run::Job;
@@ -22,6 +21,7 @@ use lvox::scene::Scene;
 use lvox::shade::{self, Aov, Settings};
 use std::fs;
 use std::path::{Path, PathBuf};
+use support::trees;
 use tempfile::TempDir;
 
 /// A room with a red wall, a block, a lamp and a cube of uneven smoke; needs `smoke.raw`.
@@ -138,15 +138,7 @@ impl Work {
 
     /// Bakes and builds `scene.lvt` with so many surfels.
     fn bake(&self, scene: &Scene, surfels: u64) -> PathBuf {
-        let (cloud, tree) = (self.path("scene.lvc"), self.path("scene.lvt"));
-        let job = Job::default();
-        let settings = bake::Settings {
-            surfels: SurfelSampling::Area { count: surfels },
-            ..bake::Settings::default()
-        };
-        bake::run(scene, &settings, &cloud, true, &job).unwrap();
-        build::run(&cloud, &tree, &build::Settings::default(), true, &job).unwrap();
-        tree
+        trees::baked(scene, &trees::of_surfels(surfels), self.0.path(), "scene")
     }
 
     /// Names in the folder, sorted.

@@ -1,62 +1,12 @@
 //! The program from outside: what it refuses, what it says, what it leaves behind.
 
+use crate::support::program::{self, Run};
 use crate::{ROOM, Work};
-use assert_cmd::Command;
 use std::fs;
-
-/// What a run of the program came to.
-pub struct Run {
-    pub code: i32,
-    pub stdout: String,
-    pub stderr: String,
-}
-
-impl Run {
-    /// An error is one line and at most one hint, says all of `parts`, and leaves stdout alone; warnings may go before.
-    #[track_caller]
-    pub fn refused(&self, code: i32, parts: &[&str], what: &str) {
-        assert_eq!(self.code, code, "{what}: {}", self.stderr);
-        assert_eq!(self.stdout, "", "{what}");
-        let mut lines = self
-            .stderr
-            .lines()
-            .skip_while(|l| l.starts_with("warning: "));
-        let error = lines.next().unwrap_or_default();
-        assert!(error.starts_with("error: "), "{what}: {}", self.stderr);
-        let rest: Vec<&str> = lines.collect();
-        assert!(
-            rest.is_empty() || (rest.len() == 1 && rest[0].starts_with("hint: ")),
-            "{what}: {}",
-            self.stderr
-        );
-        for part in parts {
-            assert!(
-                self.stderr.contains(part),
-                "{what}: {part:?} is not in {}",
-                self.stderr
-            );
-        }
-    }
-
-    #[track_caller]
-    fn done(&self) {
-        assert_eq!(self.code, 0, "{}", self.stderr);
-        assert_eq!(self.stdout, "");
-    }
-}
 
 /// Runs the program in the folder.
 pub fn lvox(work: &Work, args: &[&str]) -> Run {
-    let output = Command::new(env!("CARGO_BIN_EXE_lvox"))
-        .current_dir(work.0.path())
-        .args(args)
-        .output()
-        .unwrap();
-    Run {
-        code: output.status.code().unwrap_or(-1),
-        stdout: String::from_utf8(output.stdout).unwrap(),
-        stderr: String::from_utf8(output.stderr).unwrap(),
-    }
+    program::lvox(work.0.path(), args)
 }
 
 const QUIET: [&str; 6] = [
@@ -107,7 +57,7 @@ fn rendering_is_baking_building_and_shading() {
 
     // Clouds and trees are replaced when told to, images always.
     for args in [&bake[..], &["build", "b.lvc", "-o", "b.lvt"]] {
-        lvox(&work, args).refused(2, &["already there", "--force"], "");
+        lvox(&work, args).refused(2, &["already there", "--force"]);
     }
     lvox(&work, &[&shade[..], &QUIET].concat()).done();
     let force = [
@@ -157,7 +107,7 @@ fn reports_tell_times_counts_and_failures() {
         &work,
         &[&render[..], &["--camera", "nobody"], &FEW, &QUIET].concat(),
     )
-    .refused(2, &["nobody"], "");
+    .refused(2, &["nobody"]);
     let json = report();
     assert_eq!(json["ok"], false);
     assert!(json["error"].as_str().unwrap().contains("nobody"));
@@ -193,19 +143,19 @@ fn wrong_scenes_and_settings_leave_nothing_behind() {
             // The option parser has its own words.
             assert_eq!(run.code, 2, "{what}");
         } else {
-            run.refused(2, parts, &what);
+            run.refused(2, parts);
         }
         assert_eq!(work.names(), ["scene.toml", "smoke.raw"], "{what}");
     }
     let work = Work::new(ROOM);
-    lvox(&work, &["render", "none.toml", "-o", "out.exr"]).refused(2, &["none.toml"], "");
+    lvox(&work, &["render", "none.toml", "-o", "out.exr"]).refused(2, &["none.toml"]);
     lvox(
         &work,
         &["shade", "scene.toml", "-t", "none.lvt", "-o", "out.exr"],
     )
-    .refused(2, &["none.lvt"], "");
-    lvox(&work, &["build", "none.lvc", "-o", "out.lvt"]).refused(2, &["none.lvc"], "");
-    lvox(&work, &["render", "scene.toml", "-o", "out.jpg"]).refused(2, &["out.jpg", ".exr"], "");
+    .refused(2, &["none.lvt"]);
+    lvox(&work, &["build", "none.lvc", "-o", "out.lvt"]).refused(2, &["none.lvc"]);
+    lvox(&work, &["render", "scene.toml", "-o", "out.jpg"]).refused(2, &["out.jpg", ".exr"]);
     assert_eq!(work.names(), ["scene.toml", "smoke.raw"]);
 }
 
@@ -219,9 +169,9 @@ fn volumes_of_more_blocks_than_can_be_numbered_are_refused() {
     fs::write(work.path("smoke.raw"), vec![255; 70_000 * 4]).unwrap();
     let bake = ["bake", "scene.toml", "-o", "a.lvc", "--progress", "none"];
     let parts = ["smoke", "70000 x 2 x 2", "65536", "--block-voxels 2"];
-    lvox(&work, &[&bake[..], &FEW].concat()).refused(2, &parts, "");
+    lvox(&work, &[&bake[..], &FEW].concat()).refused(2, &parts);
     let blocks = |n: &'static str| [&bake[..], &FEW, &["--block-voxels", n]].concat();
-    lvox(&work, &blocks("1")).refused(2, &parts, "");
+    lvox(&work, &blocks("1")).refused(2, &parts);
     assert_eq!(work.names(), ["scene.toml", "smoke.raw"]);
     // What the message offers does.
     lvox(&work, &blocks("2")).done();
@@ -260,16 +210,16 @@ fn outputs_that_cannot_be_written_are_refused_before_any_work() {
     fs::create_dir(work.path("folder.exr")).unwrap();
     // The scene is not there either: outputs are looked at first.
     for output in ["no/such/folder/a.exr", "folder.exr"] {
-        lvox(&work, &["render", "none.toml", "-o", output]).refused(2, &[output], "");
+        lvox(&work, &["render", "none.toml", "-o", output]).refused(2, &[output]);
         lvox(
             &work,
             &["shade", "none.toml", "-t", "none.lvt", "-o", output],
         )
-        .refused(2, &[output], "");
-        lvox(&work, &["bake", "none.toml", "-o", output]).refused(2, &[output], "");
-        lvox(&work, &["build", "none.lvc", "-o", output]).refused(2, &[output], "");
+        .refused(2, &[output]);
+        lvox(&work, &["bake", "none.toml", "-o", output]).refused(2, &[output]);
+        lvox(&work, &["build", "none.lvc", "-o", output]).refused(2, &[output]);
         let keep = ["render", "none.toml", "-o", "a.exr", "--keep-tree", output];
-        lvox(&work, &keep).refused(2, &[output], "");
+        lvox(&work, &keep).refused(2, &[output]);
     }
     assert_eq!(work.names(), ["folder.exr", "scene.toml", "smoke.raw"]);
 }
@@ -380,41 +330,21 @@ fn tiles_of_processes_are_the_frame_of_one() {
 
     let other = ["--aov", "depth,normal", "--float", "--tile", "2/7"];
     shade("2.exr", &[&other[..], &["--camera", "corner"]].concat());
-    merge.push("--force");
-    lvox(&work, &merge).refused(2, &["2.exr", "camera"], "a tile of another camera");
+    lvox(&work, &merge).refused(2, &["2.exr", "camera"]);
 }
 
 #[cfg(unix)]
 mod signals {
     use super::*;
-    use std::io::{BufRead, BufReader};
-    use std::process::Stdio;
-    use std::time::{Duration, Instant};
 
-    /// Starts a verb, waits for a stage to begin and then for a while, and asks it to stop: it says so before `within` is over.
-    fn stop(work: &Work, args: &[&str], stage: &str, after: Duration, within: Duration) {
-        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_lvox"))
-            .current_dir(work.0.path())
-            .args(args)
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut lines = BufReader::new(child.stderr.take().unwrap())
-            .lines()
-            .map_while(Result::ok);
-        assert!(lines.any(|l| l.starts_with(stage)), "{stage} never began");
-        std::thread::sleep(after);
-        let asked = Instant::now();
-        let kill = std::process::Command::new("kill")
-            .args(["-TERM", &child.id().to_string()])
-            .status();
-        assert!(kill.unwrap().success());
-        let last = lines.last().unwrap_or_default();
-        let code = child.wait().unwrap().code();
-        assert!(asked.elapsed() < within, "{stage}");
+    /// Starts a verb, waits for a stage to begin, and asks it to stop.
+    fn stop(work: &Work, args: &[&str], stage: &str) {
+        let mut command = program::command(work.0.path(), args);
+        let run = program::stopped_at(&mut command, |l| l.starts_with(stage));
+        let last = run.stderr.lines().last().unwrap_or_default();
         assert_eq!(
-            (code, last.as_str()),
-            (Some(1), "error: stopped on request"),
+            (run.code, last),
+            (1, "error: stopped on request"),
             "{stage}"
         );
     }
@@ -432,7 +362,7 @@ mod signals {
             "plain",
         ];
         let args = [&RENDER[..], &more, options].concat();
-        stop(&work, &args, stage, Duration::ZERO, Duration::from_secs(20));
+        stop(&work, &args, stage);
         let left: &[&str] = match stage {
             "surfels" => &["out.json", "scene.toml", "smoke.raw", "temporary"],
             // Both are whole: the tree was asked for and was done.
@@ -481,9 +411,7 @@ mod signals {
         fs::write(work.path("dense.raw"), dense).unwrap();
         let args = ["bake", "scene.toml", "-o", "out.lvc", "--progress", "plain"];
         let args = [&args[..], &["--bake-shadow-rays", "16"]].concat();
-        // In the middle of its first bricks.
-        let after = Duration::from_millis(300);
-        stop(&work, &args, "lvoxels", after, Duration::from_secs(10));
+        stop(&work, &args, "lvoxels");
         assert_eq!(work.names(), ["dense.raw", "scene.toml", "smoke.raw"]);
     }
 

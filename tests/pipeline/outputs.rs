@@ -59,7 +59,7 @@ fn no_output_takes_the_place_of_an_input_or_another_output() {
     for (line, part) in inputs {
         fs::create_dir(work.path("out")).unwrap();
         let args: Vec<&str> = line.split(' ').collect();
-        lvox(&work, &args).refused(2, &["would replace", part, "hint: "], line);
+        lvox(&work, &args).refused(2, &["would replace", part, "hint: "]);
         fs::remove_dir(work.path("out")).unwrap();
         assert!(contents(&work) == before, "{line} has changed a file");
     }

@@ -1,7 +1,7 @@
 //! Pictures that are known beforehand: bodies and media that vanish, form factors. Others are cases of
 //! `lvox::stability`.
 
-use crate::random::Random;
+use crate::support::random::Random;
 use crate::{beauty, layer, mean, render};
 use lvox::shade::{Kernel, Method, Settings};
 

@@ -45,11 +45,8 @@ fn what_a_png_cannot_hold_is_refused() {
     let work = Work::new(ROOM);
     for (option, value) in [("--aov", Some("depth")), ("--float", None)] {
         let args = ["render", "none.toml", "-o", "a.png", option];
-        lvox(&work, &[&args[..], value.as_slice()].concat()).refused(
-            2,
-            &[option, "a.png", ".exr", "hint: "],
-            option,
-        );
+        lvox(&work, &[&args[..], value.as_slice()].concat())
+            .refused(2, &[option, "a.png", ".exr", "hint: "]);
     }
 }
 
@@ -70,12 +67,63 @@ fn verbs_take_no_option_that_they_do_not_use() {
         ("merge a -o b", "--temp-dir ."),
         ("compare a b", "--temp-dir ."),
         ("reference a -o b.exr", "--temp-dir ."),
+        ("shade a -t b -o c.exr", "--force"),
+        ("merge a -o b", "--force"),
+        ("compare a b", "--force"),
+        ("verify a", "--force"),
     ] {
         let args: Vec<&str> = verb.split(' ').chain(option.split(' ')).collect();
         let run = lvox(&work, &args);
         assert_eq!(run.code, 2, "{args:?}");
-        let unexpected = format!("unexpected argument '{}'", args[args.len() - 2]);
+        let unexpected = format!(
+            "unexpected argument '{}'",
+            option.split(' ').next().unwrap()
+        );
         assert!(run.stderr.contains(&unexpected), "{args:?}: {}", run.stderr);
+    }
+    // And none that others leave without use.
+    for (verb, first, second) in [
+        ("study", "--stability", "--reference-spp 8"),
+        ("study", "--stability", "--base-only"),
+        ("study", "--stability", "--paper-cloud"),
+        ("study", "--stability", "--width 64"),
+        ("study", "--stability", "--quality good"),
+        ("study", "--stability", "--max-depth 3"),
+        ("study", "--stability", "--spp 1"),
+        ("study", "--stability", "--surfels 9"),
+        ("study", "--stability", "--block-depth 1"),
+        ("study", "--stability", "--block-voxels 2"),
+        ("study", "--stability", "--samples 8"),
+        ("study", "--stability", "--max-solid-angle 0.1"),
+        ("study", "--stability", "--rounds 1"),
+        ("study", "--stability", "--long 9"),
+        ("study", "--stability", "--seed 1"),
+        ("study", "--stability", "--force"),
+        ("bake a -o b", "--surfels-from-camera", "--surfels 9"),
+        (
+            "shade a -t b -o c.exr",
+            "--kernel plain",
+            "--max-solid-angle 0.1",
+        ),
+        (
+            "shade a -t b -o c.exr",
+            "--method traditional",
+            "--volume-samples 8",
+        ),
+    ] {
+        let args = format!("{verb} {first} {second}");
+        let run = lvox(&work, &args.split(' ').collect::<Vec<_>>());
+        assert_eq!((run.code, run.stdout.as_str()), (2, ""), "{args}");
+        let refusal = run.stderr.lines().next().unwrap_or_default();
+        for option in [first, second] {
+            let name = option.split(' ').next().unwrap();
+            assert!(refusal.contains(name), "{args}: {refusal}");
+        }
+    }
+    // Files that could be replaced have to be named.
+    for args in ["render a -o b.png --force", "inspect a --force"] {
+        let run = lvox(&work, &args.split(' ').collect::<Vec<_>>());
+        assert_eq!((run.code, run.stdout.as_str()), (2, ""), "{args}");
     }
 }
 
@@ -156,8 +204,8 @@ fn numbers_out_of_range_are_named_with_what_was_found() {
         let args: Vec<&str> = args.into_iter().chain(options.split(' ')).collect();
         lvox(&work, &args)
     };
-    render("--max-dist -1").refused(2, &["--max-dist must be more than 0, found -1"], "max-dist");
-    render("--region 0 0 65 4").refused(2, &["65", "hint: ", "0 0 64 48"], "region");
+    render("--max-dist -1").refused(2, &["--max-dist must be more than 0, found -1"]);
+    render("--region 0 0 65 4").refused(2, &["65", "hint: ", "0 0 64 48"]);
     for (options, part) in [
         ("--seed -1", "invalid value '-1' for '--seed <N>'"),
         ("--tile 0/0", "one tile at least"),
@@ -174,9 +222,9 @@ fn limits_of_memory_that_are_too_small_are_named() {
     let work = Work::new(ROOM);
     work.bake(&work.scene(), 500);
     let build = ["build", "scene.lvc", "-o", "b.lvt", "--memory-limit", "1K"];
-    lvox(&work, &build).refused(2, &["64.0 MiB", "1.00 KiB"], "build");
+    lvox(&work, &build).refused(2, &["64.0 MiB", "1.00 KiB"]);
     let shade = ["shade", "scene.toml", "-t", "scene.lvt", "-o", "a.exr"];
     let run = lvox(&work, &[&shade[..], &["--memory-limit", "1"]].concat());
-    run.refused(2, &["--memory-limit is 1 B", "hint: raise"], "shade");
+    run.refused(2, &["--memory-limit is 1 B", "hint: raise"]);
     assert!(!run.stderr.contains("verify"), "{}", run.stderr);
 }

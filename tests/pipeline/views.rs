@@ -1,5 +1,6 @@
 //! Cameras, kernels, and scenes of which a part is missing.
 
+use crate::support::trees;
 use crate::{ROOM, Work, beauty, layer, mean, relative_rms, render, shade};
 use lvox::shade::{Kernel, Method, Settings};
 
@@ -144,7 +145,6 @@ fn surfels_from_a_camera_light_what_it_sees() {
     let work = Work::new(ROOM);
     let scene = work.scene();
     let area = shade(&scene, &work.bake(&scene, 30_000), &quick());
-    let (cloud, tree) = (work.path("camera.lvc"), work.path("camera.lvt"));
     let settings = lvox::bake::Settings {
         surfels: lvox::bake::SurfelSampling::Camera {
             name: None,
@@ -153,16 +153,7 @@ fn surfels_from_a_camera_light_what_it_sees() {
         },
         ..lvox::bake::Settings::default()
     };
-    let job = lvox::run::Job::default();
-    lvox::bake::run(&scene, &settings, &cloud, false, &job).unwrap();
-    lvox::build::run(
-        &cloud,
-        &tree,
-        &lvox::build::Settings::default(),
-        false,
-        &job,
-    )
-    .unwrap();
+    let tree = trees::baked(&scene, &settings, work.0.path(), "camera");
     let camera = shade(&scene, &tree, &quick());
     let ratio = mean(&layer(&camera, "indirect")) / mean(&layer(&area, "indirect"));
     // What is outside the frustum or behind the block is missing.

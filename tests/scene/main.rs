@@ -3,11 +3,14 @@
 mod damage;
 mod formats;
 mod messages;
+#[path = "../support/mod.rs"]
+mod support;
 
 use glam::{DVec3, Vec3};
 use lvox::scene::{Light, Scene};
 use std::fs;
 use std::path::{Path, PathBuf};
+use support::skip::shared;
 use tempfile::TempDir;
 
 /// A folder of files that goes away with the test.
@@ -43,16 +46,6 @@ fn acceptance(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("tests/acceptance/scenes")
         .join(name)
-}
-
-/// The shared reference data, or `None` with a word on it.
-fn shared(path: &str) -> Option<PathBuf> {
-    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared")).join(path);
-    if !path.exists() {
-        eprintln!("skipped: {} is not there", path.display());
-        return None;
-    }
-    Some(path)
 }
 
 /// An acceptance scene, if the shared data that it names is there.

@@ -1,5 +1,8 @@
 //! Files written here, byte by byte, in all the ways that are read.
 
+#[path = "../../../../tests/support/skip.rs"]
+mod skip;
+
 use super::super::field::Scale;
 use super::blosc::tests::pack;
 use super::*;
@@ -436,14 +439,10 @@ fn damage_is_an_error_or_harmless_but_never_a_panic() {
     }
 }
 
-/// A file of the shared data, or `None` with a word on it.
+/// A file of the shared data.
 fn shared(name: &str) -> Option<Vec<u8>> {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data");
-    let content = std::fs::read(std::path::Path::new(folder).join(name)).ok();
-    if content.is_none() {
-        eprintln!("skipped: {name} is not there");
-    }
-    content
+    let path = skip::shared(&format!("data/{name}"))?;
+    Some(std::fs::read(path).unwrap())
 }
 
 #[test]
@@ -473,7 +472,8 @@ fn real_smoke_is_read_to_the_last_voxel() {
 
 #[test]
 fn a_real_level_set_is_refused() {
-    if let Some(content) = shared("levelset_particles.vdb") {
-        assert!(message(&content).contains("is a level set"));
-    }
+    let Some(content) = shared("levelset_particles.vdb") else {
+        return;
+    };
+    assert!(message(&content).contains("is a level set"));
 }

@@ -1,0 +1,35 @@
+//! Options of which pixels to make, for the verbs that make images.
+
+use super::parse;
+use clap::Args;
+use lvox::Result;
+use lvox::image::Region;
+use lvox::scene::Film;
+
+/// Which pixels, as typed.
+#[derive(Debug, Args)]
+pub struct RegionOptions {
+    /// Make only these pixels, X1 and Y1 excluded [default: the whole frame]
+    #[arg(long, num_args = 4, value_names = ["X0", "Y0", "X1", "Y1"])]
+    region: Vec<u32>,
+
+    /// Make only tile I of N, counted from 0
+    #[arg(long, value_name = "I/N", value_parser = parse::tile, conflicts_with = "region")]
+    tile: Option<(u32, u32)>,
+}
+
+impl RegionOptions {
+    /// The pixels of a film that they come to.
+    ///
+    /// # Errors
+    /// A region outside the frame.
+    pub fn of(&self, film: &Film) -> Result<Region> {
+        let (w, h) = (film.width, film.height);
+        if let Some((i, n)) = self.tile {
+            return Region::tile(w, h, i, n);
+        }
+        let region = parse::region(&self.region).unwrap_or_else(|| Region::full(w, h));
+        region.check(w, h)?;
+        Ok(region)
+    }
+}

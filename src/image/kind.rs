@@ -1,0 +1,52 @@
+//! Kinds of image files: what a file is, its first bytes say; what one is to be, its name.
+
+use crate::{Error, Result};
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+/// A format that images are kept in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ImageKind {
+    /// OpenEXR: radiance.
+    Exr,
+    /// PNG: eight bits, after the tone map.
+    Png,
+}
+
+impl ImageKind {
+    /// What a file is; `None` if it is neither.
+    ///
+    /// # Errors
+    /// [`crate::Kind::Input`] if the file cannot be read.
+    pub fn of(path: &Path) -> Result<Option<Self>> {
+        let mut magic = Vec::new();
+        File::open(path)
+            .and_then(|file| file.take(4).read_to_end(&mut magic))
+            .map_err(|e| Error::io("read", path, &e))?;
+        Ok(match magic[..] {
+            [0x76, 0x2f, 0x31, 0x01] => Some(Self::Exr),
+            [0x89, b'P', b'N', b'G'] => Some(Self::Png),
+            _ => None,
+        })
+    }
+
+    /// What a file of this name is to be.
+    ///
+    /// # Errors
+    /// [`crate::Kind::Input`] for other names.
+    pub fn named(path: &Path) -> Result<Self> {
+        let ends = |end: &str| {
+            path.extension()
+                .is_some_and(|e| e.eq_ignore_ascii_case(end))
+        };
+        match (ends("exr"), ends("png")) {
+            (true, _) => Ok(Self::Exr),
+            (_, true) => Ok(Self::Png),
+            _ => Err(Error::input(format!(
+                "{}: an image has to be named .exr or .png",
+                path.display()
+            ))),
+        }
+    }
+}

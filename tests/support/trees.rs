@@ -1,0 +1,25 @@
+//! Trees for tests to shade from.
+
+use lvox::bake::{self, SurfelSampling};
+use lvox::build;
+use lvox::run::Job;
+use lvox::scene::Scene;
+use std::path::{Path, PathBuf};
+
+/// Bakes a scene into `NAME.lvc`, builds `NAME.lvt` over it, and names that.
+pub fn baked(scene: &Scene, settings: &bake::Settings, dir: &Path, name: &str) -> PathBuf {
+    let cloud = dir.join(format!("{name}.lvc"));
+    let tree = cloud.with_extension("lvt");
+    let job = Job::default();
+    bake::run(scene, settings, &cloud, true, &job).unwrap();
+    build::run(&cloud, &tree, &build::Settings::default(), true, &job).unwrap();
+    tree
+}
+
+/// Settings for so many surfels.
+pub fn of_surfels(count: u64) -> bake::Settings {
+    bake::Settings {
+        surfels: SurfelSampling::Area { count },
+        ..bake::Settings::default()
+    }
+}
