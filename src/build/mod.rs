@@ -11,7 +11,7 @@ mod morton;
 mod spill;
 mod subtree;
 
-use crate::formats::{Cloud, MappedFile, TreeMeta, TreeSummary, TreeWriter};
+use crate::formats::{CHUNK_RECORDS, Cloud, MappedFile, TreeMeta, TreeSummary, TreeWriter};
 use crate::run::{Job, size};
 use crate::{Error, Result};
 use std::path::Path;
@@ -184,6 +184,6 @@ impl Limits {
 }
 
 /// A chunk of surfels while it is decoded: the records, and its longest columns twice.
-const CHUNK_MEMORY: u64 = 65536 * 116;
+const CHUNK_MEMORY: u64 = CHUNK_RECORDS as u64 * 116;
 
 type MappedCloud = Cloud<MappedFile>;
