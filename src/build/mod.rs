@@ -150,15 +150,7 @@ struct Limits {
 /// # Errors
 /// A limit below [`LEAST_MEMORY`].
 pub fn check_memory(limit: Option<u64>) -> Result<()> {
-    match limit {
-        Some(limit) if limit < LEAST_MEMORY => Err(Error::input(format!(
-            "memory limit: building a tree needs at least {}, found {}",
-            size::format(LEAST_MEMORY),
-            size::format(limit)
-        ))
-        .hint("raise --memory-limit")),
-        _ => Ok(()),
-    }
+    size::within("building a tree", LEAST_MEMORY, limit)
 }
 
 impl Limits {

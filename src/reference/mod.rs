@@ -130,16 +130,10 @@ pub fn begin(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> R
     let origin = settings.origin(scene)?;
     region.check(scene.film.width, scene.film.height)?;
     let needed = Sums::bytes(&region, settings.strands);
-    match job.memory_limit {
-        Some(limit) if needed > limit => Err(Error::input(format!(
-            "sums of {} pixels take {}, the memory limit is {}",
-            region.pixels(),
-            size::format(needed),
-            size::format(limit)
-        ))
-        .hint("raise --memory-limit, or render a part: --region X0 Y0 X1 Y1")),
-        _ => Ok(Sums::new(region, settings.strands, origin)),
-    }
+    let what = format_args!("summing samples of {} pixels", region.pixels());
+    size::within(what, needed, job.memory_limit)
+        .map_err(|e| e.hint("raise --memory-limit, or render a part: --region X0 Y0 X1 Y1"))?;
+    Ok(Sums::new(region, settings.strands, origin))
 }
 
 /// Renders into an OpenEXR file of 32-bit floats, with the variance of each pixel's mean in the layer `variance`. Sums
