@@ -9,6 +9,7 @@ pub mod lvoxels;
 pub mod surfels;
 
 use crate::light::{Lights, Shadows};
+use crate::math::unflatten;
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::trace::Tracer;
@@ -196,14 +197,7 @@ fn bake_volume(maker: &LvoxelMaker, writer: &mut CloudWriter, job: &Job) -> Resu
         let to = (from + 1024).min(count);
         let batch: Vec<Vec<Lvoxel>> = (from..to)
             .into_par_iter()
-            .map(|b| {
-                let brick = [
-                    b % bricks[0],
-                    b / bricks[0] % bricks[1],
-                    b / (bricks[0] * bricks[1]),
-                ];
-                maker.make(brick, &job.cancel)
-            })
+            .map(|b| maker.make(unflatten(b, bricks), &job.cancel))
             .collect::<Result<_>>()?;
         for lvoxels in batch {
             writer.push_lvoxels(&lvoxels)?;

@@ -19,7 +19,7 @@ use crate::image::metrics::linear::RELATIVE_FLOOR;
 use crate::image::samples::Origin;
 use crate::image::{Frame, Region};
 use crate::math::{Rgb, sampling};
-use crate::run::{Job, Task, size};
+use crate::run::{Job, Task, hex, size};
 use crate::scene::Scene;
 use crate::{Error, Kind, Result};
 use rayon::prelude::*;
@@ -106,7 +106,7 @@ impl Settings {
         ];
         Ok(Origin {
             code: CODE.into(),
-            scene: scene.hash.iter().map(|b| format!("{b:02x}")).collect(),
+            scene: hex(&scene.hash),
             film: [scene.film.width, scene.film.height],
             settings: settings.map(|(name, v)| (name.to_owned(), v)).into(),
         })
