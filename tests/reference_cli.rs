@@ -85,11 +85,25 @@ fn samples_and_noise_are_told_and_compare_has_the_noise_too() {
         ""
     );
 
-    let mut command = Command::new(env!("CARGO_BIN_EXE_lvox"));
-    let output = command.current_dir(&dir).args(["inspect", "a.exr.sums"]);
-    let output = output.output().unwrap();
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    assert!(text(&output.stdout).contains("300 200 to 340 230"));
+    let read = |verb: &str, part: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lvox"));
+        let output = command.current_dir(&dir).args([verb, "a.exr.sums"]);
+        let output = output.output().unwrap();
+        let said = text(&output.stdout) + &text(&output.stderr);
+        assert!(said.contains(part), "{verb}: {said}");
+        output.status.code()
+    };
+    assert_eq!(read("inspect", "300 200 to 340 230"), Some(0));
+    assert_eq!(read("verify", "samples undamaged"), Some(0));
+    let kept = dir.path().join("a.exr.sums");
+    let whole = std::fs::read(&kept).unwrap();
+    let mut damaged = whole.clone();
+    damaged[whole.len() / 2] ^= 1;
+    std::fs::write(&kept, damaged).unwrap();
+    for verb in ["inspect", "verify"] {
+        assert_eq!(read(verb, "its checksum is wrong"), Some(2));
+    }
+    std::fs::write(&kept, whole).unwrap();
 
     let compare = |images: [&str; 2], more: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_lvox"));

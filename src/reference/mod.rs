@@ -16,7 +16,7 @@ pub use sums::Sums;
 
 use crate::image::exr::{self, Precision};
 use crate::image::metrics::linear::RELATIVE_FLOOR;
-use crate::image::samples::Origin;
+use crate::image::samples::{Origin, Row};
 use crate::image::{Frame, Region};
 use crate::math::{Rgb, sampling};
 use crate::run::{Job, Task, hex, size};
@@ -26,7 +26,6 @@ use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
-use sums::Row;
 
 /// Digest of the sources that samples come from. Samples may go on in any build of the same sources, since compilers
 /// change no more than the last digit; images kept for hours of work would be lost with every build otherwise.
