@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 const MAY_USE: &[(&str, &[&str])] = &[
     ("error", &["formats"]),
     ("math", &[]),
-    ("run", &["error"]),
+    ("run", &["error", "formats"]),
     ("scene", &["error", "math", "run"]),
     ("trace", &["error", "math", "scene"]),
     ("light", &["error", "math", "scene", "trace"]),

@@ -69,12 +69,29 @@ fn samples_and_noise_are_told_and_compare_has_the_noise_too() {
         ""
     );
 
-    let inspected = program::lvox(dir.path(), &["inspect", "a.exr.sums"]);
-    assert_eq!(inspected.code, 0, "{}", inspected.stderr);
-    assert!(inspected.stdout.contains("300 200 to 340 230"));
+    let read = |verb: &str, part: &str| {
+        let run = program::lvox(dir.path(), &[verb, "a.exr.sums"]);
+        let said = run.stdout + &run.stderr;
+        assert!(said.contains(part), "{verb}: {said}");
+        run.code
+    };
+    assert_eq!(read("inspect", "300 200 to 340 230"), 0);
+    assert_eq!(read("verify", "samples undamaged"), 0);
+    let kept = dir.path().join("a.exr.sums");
+    let whole = std::fs::read(&kept).unwrap();
+    let mut damaged = whole.clone();
+    damaged[whole.len() / 2] ^= 1;
+    std::fs::write(&kept, damaged).unwrap();
+    for verb in ["inspect", "verify"] {
+        assert_eq!(read(verb, "its checksum is wrong"), 2);
+    }
+    std::fs::write(&kept, whole).unwrap();
 
     let compare = |images: [&str; 2], more: &[&str]| {
-        let run = program::lvox(dir.path(), &[&["compare"], &images[..], REGION, more].concat());
+        let run = program::lvox(
+            dir.path(),
+            &[&["compare"], &images[..], REGION, more].concat(),
+        );
         assert_eq!(run.code, 0, "{}", run.stderr);
         run.stdout
     };

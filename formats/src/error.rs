@@ -64,8 +64,19 @@ pub enum FormatError {
         found: String,
     },
     /// The output is there already.
-    #[error("the file exists already")]
+    #[error("the file is already there")]
     Exists,
+    /// The output is a folder, a device or a pipe.
+    #[error("cannot write it: it is not a regular file")]
+    NotAFile,
+    /// The folder of the output is not there or not writable.
+    #[error("cannot write in folder {}: {error}", folder.display())]
+    Folder {
+        /// The folder, links followed.
+        folder: PathBuf,
+        /// What came back.
+        error: io::Error,
+    },
     /// The operating system failed.
     #[error("{doing}: {error}")]
     Io {
@@ -110,7 +121,7 @@ impl FormatError {
     #[must_use]
     pub fn io_error(&self) -> Option<&io::Error> {
         match self.cause() {
-            Self::Io { error, .. } => Some(error),
+            Self::Io { error, .. } | Self::Folder { error, .. } => Some(error),
             _ => None,
         }
     }
@@ -134,7 +145,13 @@ impl FormatError {
             Self::Checksum { .. } => Some(
                 "copy the file again (in binary mode), or make it again; if it recurs, check the disk",
             ),
-            Self::Exists => Some("give another name, or --force to overwrite"),
+            Self::Exists => Some("choose another name, or replace it with --force"),
+            Self::NotAFile => {
+                Some("outputs are written beside their name and renamed; give the name of a file")
+            }
+            Self::Folder { .. } => {
+                Some("create the folder, make it writable, or choose another output")
+            }
             Self::Invalid { .. } | Self::Io { .. } | Self::InFile { .. } => None,
         }
     }

@@ -6,6 +6,7 @@
 
 #![deny(missing_docs, unsafe_code)]
 
+mod atomic;
 mod bytes;
 mod check;
 mod cloud;
@@ -21,6 +22,7 @@ pub mod record;
 mod summary;
 mod tree;
 
+pub use atomic::AtomicFile;
 pub use cloud::{CHUNK_RECORDS, Cloud, CloudWriter};
 pub use error::{FormatError, Result};
 pub use frame::{Block, BlockKind, FileKind, VERSION};

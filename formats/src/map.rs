@@ -5,6 +5,9 @@ use std::fs::File;
 use std::path::Path;
 
 /// A read-only memory map of a whole file.
+///
+/// The map is shared with every process that has the file open: what one of them writes shows here. So the file must not
+/// be written in place or cut while it is mapped; see [`MappedFile::open`].
 #[derive(Debug)]
 pub struct MappedFile {
     // None for an empty file, which cannot be mapped.
@@ -13,6 +16,11 @@ pub struct MappedFile {
 
 impl MappedFile {
     /// Maps a file.
+    ///
+    /// The caller must keep other processes from changing the file in place. What lvox writes is safe to replace at any
+    /// time: a rename leaves the mapped file as it was. If a file is overwritten all the same, readers may take altered
+    /// values for true, as bytes can change after their checksum was found right; and Rust promises nothing of bytes that
+    /// change under a slice. If it is cut, touching what is gone ends the process (SIGBUS on Unix).
     ///
     /// # Errors
     /// [`FormatError::Io`], with the path.
@@ -33,9 +41,13 @@ impl MappedFile {
             if meta.len() == 0 {
                 return Ok(Self { map: None });
             }
-            // SAFETY: the map is private, read-only, and outlives what is borrowed from it. Readers check each number and copy
-            // it, should another process change the file; one that shortens it ends this process (SIGBUS). Ours replace files
-            // by rename only.
+            // SAFETY: the map is read-only and lives as long as what is borrowed from it, but it is MAP_SHARED, so these bytes
+            // stay the same only while no process writes to the file or cuts it. No system that we run on can enforce that
+            // (advisory locks bind only who asks, and a copy takes the memory that mapping saves), so it is a condition on
+            // the caller, stated above. Nothing of ours breaks it: writers rename. Should another process do so, readers do
+            // not build on bytes that stay the same: lengths and offsets are copied out and checked against the slice, whose
+            // own length is fixed, and every access is bounds-checked. What is left is what the compiler may assume of a
+            // slice, zstd's input while it decompresses, and the signal for a file that was cut.
             let map = unsafe { memmap2::Mmap::map(&file) }
                 .map_err(FormatError::io("cannot map into memory"))?;
             Ok(Self { map: Some(map) })

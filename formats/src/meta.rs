@@ -1,6 +1,6 @@
 //! What a file says of its origin.
 
-use crate::record::VolumeInfo;
+use crate::record::{MAX_VOLUMES, VolumeInfo};
 use crate::{FormatError, Result};
 
 /// Where a cloud comes from and how its points are to be placed.
@@ -64,10 +64,10 @@ impl CloudMeta {
                 self.disk_overlap,
             ));
         }
-        if self.volumes.len() > usize::from(u16::MAX) {
+        if self.volumes.len() > MAX_VOLUMES {
             return Err(FormatError::invalid(
                 "table of volumes",
-                "at most 65535 volumes",
+                format!("at most {MAX_VOLUMES} volumes"),
                 self.volumes.len(),
             ));
         }

@@ -120,6 +120,9 @@ pub struct Lvoxel {
 /// The coarsest lvoxel is 2^3 voxels a side, which is also the brick in which the level is one.
 pub const MAX_LEVEL: u8 = 3;
 
+/// Most volumes of a cloud, which lvoxels number in 16 bits.
+pub const MAX_VOLUMES: usize = 65_535;
+
 /// What a reader must know of a volume to place its lvoxels.
 #[derive(
     Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize, bincode::Encode, bincode::Decode,

@@ -6,6 +6,7 @@ use common::*;
 use lvox_formats::quantise::decode_normal;
 use lvox_formats::*;
 use proptest::prelude::*;
+use std::path::Path;
 
 fn degrees_between(a: [f32; 3], b: [f32; 3]) -> f64 {
     let chord = (0..3)
@@ -481,6 +482,22 @@ fn a_page_needs_order() {
     assert!(EncodedPage::new(&SurfelPage::default(), 4, 1.7).is_err());
 }
 
+/// A tree of one page.
+fn write_page(path: &Path, page: &SurfelPage, style: Style) {
+    let meta = TreeMeta {
+        cloud: cloud_meta(style),
+        ..TreeMeta::default()
+    };
+    let mut writer = TreeWriter::create(path, meta, true).unwrap();
+    let encoded = EncodedPage::new(page, 0, style.overlap).unwrap();
+    writer.push_surfel_page(&encoded).unwrap();
+    let sums = Sums {
+        volumes: vec![VolumeSums::default(); 2],
+        ..Sums::default()
+    };
+    writer.finish(Some(0), sums, Vec::new()).unwrap();
+}
+
 #[test]
 fn tiny_disks_in_a_wide_page_keep_their_place() {
     let dir = tempfile::tempdir().unwrap();
@@ -492,17 +509,7 @@ fn tiny_disks_in_a_wide_page_keep_their_place() {
     let mut own = surfels(&mut Random::new(2), 16, style);
     own[15].position = [1e4, -1e4, 1e4];
     let page = page(&mut Random::new(2), &own, &[]);
-    let meta = TreeMeta {
-        cloud: cloud_meta(style),
-        ..TreeMeta::default()
-    };
-    let mut writer = TreeWriter::create(&path, meta, true).unwrap();
-    writer.write_surfel_page(&page).unwrap();
-    let sums = Sums {
-        volumes: vec![VolumeSums::default(); 2],
-        ..Sums::default()
-    };
-    writer.finish(Some(0), sums, Vec::new()).unwrap();
+    write_page(&path, &page, style);
     let tree = Tree::open_path(&path).unwrap();
     tree.verify().unwrap();
     for (a, b) in own.iter().zip(tree.surfel_page(0).unwrap().surfels) {
@@ -524,11 +531,7 @@ proptest! {
             s.position[0] += x * style.scale;
         }
         let page = page(&mut random, &own, &[]);
-        let meta = TreeMeta { cloud: cloud_meta(style), ..TreeMeta::default() };
-        let mut writer = TreeWriter::create(&path, meta, true).unwrap();
-        writer.write_surfel_page(&page).unwrap();
-        let sums = Sums { volumes: vec![VolumeSums::default(); 2], ..Sums::default() };
-        writer.finish(Some(0), sums, Vec::new()).unwrap();
+        write_page(&path, &page, style);
         check_tree(&path, &[page], style);
     }
 
@@ -543,11 +546,7 @@ proptest! {
         let given = page(&mut random, &own, &[]);
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.lvt");
-        let meta = TreeMeta { cloud: cloud_meta(Style::default()), ..TreeMeta::default() };
-        let mut writer = TreeWriter::create(&path, meta, true).unwrap();
-        writer.write_surfel_page(&given).unwrap();
-        let sums = Sums { volumes: vec![VolumeSums::default(); 2], ..Sums::default() };
-        writer.finish(Some(0), sums, Vec::new()).unwrap();
+        write_page(&path, &given, Style::default());
         check_tree(&path, &[given], Style::default());
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::light::{Lights, ShadowRays};
 use crate::math::exp::{exp_neg, one_minus_exp_neg};
-use crate::math::{Rgb, sampling};
+use crate::math::{Rgb, sampling, unflatten};
 use crate::run::Cancel;
 use crate::scene::{Grid, Volume};
 use crate::{Error, Result};
@@ -124,11 +124,7 @@ impl LvoxelMaker<'_> {
         for i in 0..per_axis * per_axis * per_axis {
             // A deep block takes dozens of rays through the whole volume.
             cancel.check()?;
-            let local = [
-                i % per_axis,
-                i / per_axis % per_axis,
-                i / (per_axis * per_axis),
-            ];
+            let local = unflatten(i, [per_axis; 3]);
             let block: [usize; 3] = std::array::from_fn(|a| b[a] * per_axis + local[a]);
             if (0..3).any(|a| block[a] * edge >= dims[a]) {
                 continue;
@@ -273,12 +269,13 @@ impl LvoxelMaker<'_> {
             BlockSize::OpticalDepth(_) => {
                 // Two points a voxel on each axis: between them and the knees at voxel centres and borders the
                 // trilinear field is linear, so their mean is the block's exact mean.
-                let [x, y, z] = inside.map(|n| 2 * n);
-                for i in 0..x * y * z {
-                    let at = [i % x, i / x % y, i / (x * y)].map(|k| (k as f32 + 0.5) * 0.5);
+                let points = inside.map(|n| 2 * n);
+                let count = points.iter().product();
+                for i in 0..count {
+                    let at = unflatten(i, points).map(|k| (k as f32 + 0.5) * 0.5);
                     add(Vec3::from(at));
                 }
-                x * y * z
+                count
             }
             BlockSize::Fixed { samples, .. } => {
                 let key = sampling::hash(&[
@@ -328,7 +325,7 @@ fn near_max(grid: &Grid, b: [usize; 3]) -> f32 {
     let dims = grid.dims();
     (0..N * N * N)
         .map(|i| {
-            let local = [i % N, i / N % N, i / (N * N)];
+            let local = unflatten(i, [N; 3]);
             let voxel: [usize; 3] = std::array::from_fn(|a| {
                 (b[a] * BRICK + local[a]).saturating_sub(1).min(dims[a] - 1)
             });

@@ -9,13 +9,14 @@ pub mod lvoxels;
 pub mod surfels;
 
 use crate::light::{Lights, Shadows};
+use crate::math::unflatten;
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::trace::Tracer;
 use crate::{Error, Result};
 use creases::Creases;
 use glam::DAffine3;
-use lvox_formats::record::{Lvoxel, Surfel, VolumeInfo};
+use lvox_formats::record::{Lvoxel, MAX_VOLUMES, Surfel, VolumeInfo};
 use lvox_formats::{CloudMeta, CloudSummary, CloudWriter};
 use lvoxels::{BlockSize, LvoxelMaker};
 use rayon::prelude::*;
@@ -74,9 +75,6 @@ impl Default for Settings {
 /// Points made between two writes.
 const BATCH: u64 = 65_536;
 
-/// Volumes of a scene: lvoxels name theirs in 16 bits.
-const MOST_VOLUMES: usize = 1 << 16;
-
 /// Bakes a scene into a cloud file.
 ///
 /// # Errors
@@ -90,12 +88,7 @@ pub fn run(
     job: &Job,
 ) -> Result<CloudSummary> {
     settings.check()?;
-    if scene.volumes.len() > MOST_VOLUMES {
-        return Err(Error::input(format!(
-            "the scene has {} volumes, more than the {MOST_VOLUMES} that a cloud can number",
-            scene.volumes.len()
-        )));
-    }
+    check_volume_count(scene.volumes.len())?;
     for volume in &scene.volumes {
         settings.blocks.check(volume)?;
     }
@@ -126,6 +119,16 @@ pub fn run(
         counts.insert("lvoxels".into(), summary.sums.lvoxels() as f64);
         Ok(summary)
     })
+}
+
+fn check_volume_count(count: usize) -> Result<()> {
+    if count > MAX_VOLUMES {
+        return Err(Error::input(format!(
+            "the scene has {count} volumes, more than the {MAX_VOLUMES} that a cloud can number"
+        ))
+        .hint("join volumes, or bake the scene in parts"));
+    }
+    Ok(())
 }
 
 fn bake_surfaces<S: Shadows>(
@@ -194,14 +197,7 @@ fn bake_volume(maker: &LvoxelMaker, writer: &mut CloudWriter, job: &Job) -> Resu
         let to = (from + 1024).min(count);
         let batch: Vec<Vec<Lvoxel>> = (from..to)
             .into_par_iter()
-            .map(|b| {
-                let brick = [
-                    b % bricks[0],
-                    b / bricks[0] % bricks[1],
-                    b / (bricks[0] * bricks[1]),
-                ];
-                maker.make(brick, &job.cancel)
-            })
+            .map(|b| maker.make(unflatten(b, bricks), &job.cancel))
             .collect::<Result<_>>()?;
         for lvoxels in batch {
             writer.push_lvoxels(&lvoxels)?;
@@ -312,6 +308,31 @@ impl Settings {
             BlockSize::Fixed { samples, .. } => {
                 within("--block-samples", f64::from(samples), 1.0, 4096.0)
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn as_many_volumes_are_baked_as_a_cloud_can_hold() {
+        for (count, is_baked) in [(MAX_VOLUMES, true), (MAX_VOLUMES + 1, false)] {
+            let volume = VolumeInfo {
+                name: String::new(),
+                dims: [1; 3],
+                index_from_scene: [[0.0; 3]; 4],
+                albedo: [0.0; 3],
+            };
+            let meta = CloudMeta {
+                volumes: vec![volume; count],
+                ..CloudMeta::default()
+            };
+            let dir = tempfile::tempdir().unwrap();
+            let writer = CloudWriter::create(&dir.path().join("a.lvc"), meta, false);
+            assert_eq!(writer.is_ok(), is_baked, "{count}");
+            assert_eq!(check_volume_count(count).is_ok(), is_baked, "{count}");
         }
     }
 }

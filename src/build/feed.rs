@@ -444,7 +444,7 @@ struct Reader {
 }
 
 fn records(mut bytes: &[u8]) -> Vec<Surfel> {
-    let mut surfels = Vec::with_capacity(bytes.len() / 45);
+    let mut surfels = Vec::with_capacity(bytes.len() / Surfel::LEAST_BYTES);
     while !bytes.is_empty() {
         surfels.push(Surfel::read(&mut bytes));
     }

@@ -10,8 +10,8 @@ use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 
-/// Per lvoxel that is sorted: the record and its key.
-pub const MEMORY: u64 = 28 + 32;
+/// Per lvoxel that is sorted: the record, and its key with some room.
+pub const MEMORY: u64 = size_of::<Lvoxel>() as u64 + 32;
 /// Bytes of an lvoxel in a page before compression, about.
 const PAGE_SHARE: u32 = 16;
 

@@ -11,7 +11,7 @@ mod morton;
 mod spill;
 mod subtree;
 
-use crate::formats::{Cloud, MappedFile, TreeMeta, TreeSummary, TreeWriter};
+use crate::formats::{CHUNK_RECORDS, Cloud, MappedFile, TreeMeta, TreeSummary, TreeWriter};
 use crate::run::{Job, size};
 use crate::{Error, Result};
 use std::path::Path;
@@ -150,15 +150,7 @@ struct Limits {
 /// # Errors
 /// A limit below [`LEAST_MEMORY`].
 pub fn check_memory(limit: Option<u64>) -> Result<()> {
-    match limit {
-        Some(limit) if limit < LEAST_MEMORY => Err(Error::input(format!(
-            "memory limit: building a tree needs at least {}, found {}",
-            size::format(LEAST_MEMORY),
-            size::format(limit)
-        ))
-        .hint("raise --memory-limit")),
-        _ => Ok(()),
-    }
+    size::within("building a tree", LEAST_MEMORY, limit)
 }
 
 impl Limits {
@@ -184,6 +176,6 @@ impl Limits {
 }
 
 /// A chunk of surfels while it is decoded: the records, and its longest columns twice.
-const CHUNK_MEMORY: u64 = 65536 * 116;
+const CHUNK_MEMORY: u64 = CHUNK_RECORDS as u64 * 116;
 
 type MappedCloud = Cloud<MappedFile>;

@@ -68,6 +68,11 @@ impl Spill {
 
 /// A record as bytes, exactly: what comes back is what went in.
 pub trait Record: Sized {
+    /// Bytes of the shortest one.
+    const LEAST_BYTES: usize;
+    /// Bytes of the longest one.
+    const MOST_BYTES: usize;
+
     fn write(&self, out: &mut Vec<u8>);
     /// Takes a record from the front of what [`Self::write`] wrote.
     fn read(bytes: &mut &[u8]) -> Self;
@@ -93,7 +98,14 @@ fn three(bytes: &mut &[u8]) -> [f32; 3] {
 
 const HAS_BACK: u8 = 4;
 
+const FLOAT: usize = size_of::<f32>();
+
 impl Record for Surfel {
+    /// Flags, position, normal, radius, area and front.
+    const LEAST_BYTES: usize = 1 + (3 + 3 + 1 + 1 + 3) * FLOAT;
+    /// And the back, and three edges.
+    const MOST_BYTES: usize = Self::LEAST_BYTES + (3 + 3 * 2) * FLOAT;
+
     fn write(&self, out: &mut Vec<u8>) {
         let has_back = self.back != [0.0; 3];
         out.push(self.clips.count | if has_back { HAS_BACK } else { 0 });
@@ -134,6 +146,10 @@ impl Record for Surfel {
 }
 
 impl Record for Lvoxel {
+    /// Volume, level, block, extinction and source.
+    const LEAST_BYTES: usize = 2 + 1 + 3 * 2 + (1 + 3) * FLOAT;
+    const MOST_BYTES: usize = Self::LEAST_BYTES;
+
     fn write(&self, out: &mut Vec<u8>) {
         out.extend(self.volume.to_le_bytes());
         out.push(self.level);
@@ -171,14 +187,14 @@ impl Dealer {
         }
     }
 
-    pub fn push(&mut self, spill: &mut Spill, bucket: usize, record: &impl Record) -> Result<()> {
+    pub fn push<R: Record>(&mut self, spill: &mut Spill, bucket: usize, record: &R) -> Result<()> {
         let buffer = &mut self.buffers[bucket];
         if buffer.capacity() == 0 {
             buffer.reserve_exact(self.buffer_bytes);
         }
         record.write(buffer);
-        // No record is longer than 128 bytes: the buffer never grows.
-        if buffer.len() + 128 > self.buffer_bytes {
+        // The next record always fits: the buffer never grows.
+        if buffer.len() + R::MOST_BYTES > self.buffer_bytes {
             self.extents[bucket].push(spill.append(buffer)?);
             buffer.clear();
         }

@@ -193,15 +193,8 @@ impl Args {
 
 fn check_memory(pixels: usize, limit: Option<u64>) -> Result<()> {
     let needed = pixels as u64 * metrics::BYTES_PER_PIXEL;
-    match limit {
-        Some(limit) if needed > limit => Err(Error::input(format!(
-            "comparing {pixels} pixels takes about {}, the memory limit is {}",
-            size::format(needed),
-            size::format(limit)
-        ))
-        .hint("raise --memory-limit, or compare a part: --region X0 Y0 X1 Y1")),
-        _ => Ok(()),
-    }
+    size::within(format_args!("comparing {pixels} pixels"), needed, limit)
+        .map_err(|e| e.hint("raise --memory-limit, or compare a part: --region X0 Y0 X1 Y1"))
 }
 
 fn table(scores: &Scores) -> String {

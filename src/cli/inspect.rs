@@ -12,7 +12,7 @@ use std::path::PathBuf;
 /// Print what a cloud, a tree, an image or kept samples say of themselves, without reading the payload
 ///
 /// Of clouds and trees: origin and settings, counts, bytes per point, columns present and left out with the bytes that this
-/// saves, pages, levels, and the worst errors of quantisation.
+/// saves, pages, levels, and the worst errors of quantisation. Kept samples are read and checked as a whole.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Read this .lvc, .lvt, .exr or .exr.sums file

@@ -276,16 +276,9 @@ pub enum MediaStore {
 impl MediaStore {
     /// Reads all lvoxels of a tree, page by page and twice: no more than what is kept is ever in memory.
     fn read(tree: &Tree<MappedFile>, path: &Path, memory_limit: Option<u64>) -> Result<Self> {
-        let allow = |bytes: u64| match memory_limit {
-            Some(limit) if bytes > limit => Err(Error::input(format!(
-                "{}: its {} lvoxels take {}, the memory limit is {}",
-                path.display(),
-                tree.summary().sums.lvoxels(),
-                size::format(bytes),
-                size::format(limit)
-            ))
-            .hint("raise --memory-limit")),
-            _ => Ok(()),
+        let allow = |bytes: u64| {
+            let what = format_args!("holding {} lvoxels", tree.summary().sums.lvoxels());
+            size::within(what, bytes, memory_limit).map_err(|e| e.at(path.display()))
         };
         let least = size_of::<Block<f32>>() as u64;
         allow(tree.summary().sums.lvoxels().saturating_mul(least))?;
@@ -348,22 +341,19 @@ impl TreeStore {
         let tree = Tree::open_path(path)?;
         let volumes = &tree.meta().cloud.volumes;
         let table_bytes: u128 = volumes.iter().map(media::table_bytes).sum();
-        let most = memory_limit.unwrap_or(MOST_TABLE_BYTES);
-        if table_bytes > u128::from(most) {
-            let needed = size::format(u64::try_from(table_bytes).unwrap_or(u64::MAX));
-            let (limit, hint) = match memory_limit {
-                Some(_) => ("--memory-limit", "raise --memory-limit"),
-                None => (
-                    "without --memory-limit the most",
-                    "a larger --memory-limit allows it; `lvox verify` tells whether the file is whole",
-                ),
-            };
+        let table_bytes = u64::try_from(table_bytes).unwrap_or(u64::MAX);
+        let what = "finding the lvoxels of its volumes";
+        size::within(what, table_bytes, memory_limit).map_err(|e| e.at(path.display()))?;
+        if memory_limit.is_none() && table_bytes > MOST_TABLE_BYTES {
             return Err(Error::input(format!(
-                "{}: finding the lvoxels of its volumes takes {needed}, {limit} is {}",
+                "{}: {what} needs {}, without --memory-limit the most is {}",
                 path.display(),
-                size::format(most)
+                size::format(table_bytes),
+                size::format(MOST_TABLE_BYTES)
             ))
-            .hint(hint));
+            .hint(
+                "a larger --memory-limit allows it; `lvox verify` tells whether the file is whole",
+            ));
         }
         let media = MediaStore::read(&tree, path, memory_limit)?;
         let raw: Vec<u64> = tree
@@ -391,15 +381,8 @@ impl TreeStore {
                 let largest = raw.iter().max().copied().unwrap_or(0) * DECODED_OVER_RAW;
                 // A cache shard never keeps what is heavier than nearly all of it.
                 let least = media.bytes() as u64 + 8 * largest;
-                if limit < least {
-                    return Err(Error::input(format!(
-                        "{}: shading from it takes at least {}, --memory-limit is {}",
-                        path.display(),
-                        size::format(least),
-                        size::format(limit)
-                    ))
-                    .hint("raise --memory-limit"));
-                }
+                size::within("shading from it", least, memory_limit)
+                    .map_err(|e| e.at(path.display()))?;
                 let budget = limit - media.bytes() as u64;
                 let shards = (budget / (2 * largest).max(1)).clamp(1, 16) as usize;
                 let options = OptionsBuilder::new()

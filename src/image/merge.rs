@@ -226,18 +226,9 @@ fn check_cover(paths: &[PathBuf], infos: &[Info], first: &Info) -> Result<()> {
 fn check_memory(info: &Info, limit: Option<u64>) -> Result<()> {
     let samples = u64::from(info.width) * u64::from(info.height) * info.channels.len() as u64;
     let needed = samples.saturating_mul(3 * size_of::<f32>() as u64);
-    match limit {
-        Some(limit) if needed > limit => Err(Error::input(format!(
-            "merging {}x{} pixels of {} channels takes about {}, the memory limit is {}",
-            info.width,
-            info.height,
-            info.channels.len(),
-            size::format(needed),
-            size::format(limit)
-        ))
-        .hint("raise --memory-limit")),
-        _ => Ok(()),
-    }
+    let (width, height, channels) = (info.width, info.height, info.channels.len());
+    let what = format_args!("merging {width}x{height} pixels of {channels} channels");
+    size::within(what, needed, limit)
 }
 
 fn more(count: usize) -> String {

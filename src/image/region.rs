@@ -148,12 +148,6 @@ impl Region {
     pub fn contains(&self, other: &Self) -> bool {
         self.x0 <= other.x0 && self.y0 <= other.y0 && self.x1 >= other.x1 && self.y1 >= other.y1
     }
-
-    /// Whether the region is a whole frame of this size.
-    #[must_use]
-    pub fn is_full(&self, full_width: u32, full_height: u32) -> bool {
-        *self == Self::full(full_width, full_height)
-    }
 }
 
 /// As it is written on the command line: `X0 Y0 X1 Y1`.

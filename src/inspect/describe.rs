@@ -1,11 +1,12 @@
 //! Header, counts, columns and levels of a file: nothing here reads a point.
 
+use super::File;
 use super::text::{Table, bytes, count};
-use super::{File, hex};
 use crate::Result;
 use crate::formats::{
     Block, Bounds, CloudMeta, ColumnBytes, LeftOut, Level, Sums, VolumeInfo, WorstError,
 };
+use crate::run::hex;
 use std::fmt;
 use std::path::Path;
 

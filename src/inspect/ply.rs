@@ -1,10 +1,12 @@
 //! Points and nodes as binary PLY, which every viewer opens.
 
 use super::File;
-use crate::formats::{Below, Lvoxel, MappedFile, Node, Sums, Surfel, SurfelPage, Tree, VolumeInfo};
+use crate::formats::{
+    AtomicFile, Below, Lvoxel, MappedFile, Node, Sums, Surfel, SurfelPage, Tree, VolumeInfo,
+};
 use crate::{Error, Result};
 use std::io::{BufWriter, Seek, SeekFrom, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// What was exported.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -158,40 +160,16 @@ const HEADER: usize = 512;
 
 /// A PLY file of vertices, whose count is written last.
 struct Ply {
-    file: BufWriter<tempfile::NamedTempFile>,
-    path: PathBuf,
+    file: BufWriter<AtomicFile>,
     exposure: f32,
-    force: bool,
     vertices: u64,
 }
 
 impl Ply {
     fn create(path: &Path, exposure: f32, force: bool) -> Result<Self> {
-        if !force && path.symlink_metadata().is_ok() {
-            return Err(
-                Error::input(format!("{}: the file exists already", path.display()))
-                    .hint("give another name, or --force to overwrite"),
-            );
-        }
-        let folder = match path.parent() {
-            Some(folder) if !folder.as_os_str().is_empty() => folder,
-            _ => Path::new("."),
-        };
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(".lvox.").suffix(".part");
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            builder.permissions(std::fs::Permissions::from_mode(0o666));
-        }
-        let file = builder
-            .tempfile_in(folder)
-            .map_err(|e| Error::io("create a file beside", path, &e))?;
         let mut ply = Self {
-            file: BufWriter::with_capacity(1 << 20, file),
-            path: path.into(),
+            file: BufWriter::with_capacity(1 << 20, AtomicFile::create(path, force)?),
             exposure,
-            force,
             vertices: 0,
         };
         ply.write(&[b' '; HEADER])?;
@@ -199,9 +177,11 @@ impl Ply {
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<()> {
-        self.file
-            .write_all(bytes)
-            .map_err(|e| Error::io("write", &self.path, &e))
+        self.file.write_all(bytes).map_err(|e| self.failed(&e))
+    }
+
+    fn failed(&self, error: &std::io::Error) -> Error {
+        Error::io("write", self.file.get_ref().path(), error)
     }
 
     fn surfel(&mut self, s: &Surfel) -> Result<()> {
@@ -281,19 +261,13 @@ impl Ply {
         let room = HEADER - end.len() - header.len();
         header += &".".repeat(room);
         header += end;
-        let (path, force) = (self.path, self.force);
-        let failed = |e: std::io::Error| Error::io("write", &path, &e);
-        self.file.seek(SeekFrom::Start(0)).map_err(failed)?;
-        self.file.write_all(header.as_bytes()).map_err(failed)?;
-        let file = self.file.into_inner().map_err(|e| failed(e.into_error()))?;
-        file.as_file().sync_all().map_err(failed)?;
-        let done = if force {
-            file.persist(&path)
-        } else {
-            file.persist_noclobber(&path)
-        };
-        done.map_err(|e| failed(e.error))?;
-        Ok(())
+        self.file
+            .seek(SeekFrom::Start(0))
+            .and_then(|_| self.file.write_all(header.as_bytes()))
+            .and_then(|()| self.file.flush())
+            .map_err(|e| self.failed(&e))?;
+        // Nothing is left in the buffer.
+        Ok(self.file.into_parts().0.commit()?)
     }
 }
 

@@ -1,16 +1,13 @@
-//! The samples that `lvox reference` keeps beside its image: what they are of and how many there are. What follows the head
-//! of such a file is laid out as `reference::Sums::write` has it.
+//! The samples that `lvox reference` keeps beside its image: what they are of and how many there are.
 
-use crate::image::samples::{Head, Unreadable, VERSION};
+use crate::image::samples::{Rows, Unreadable, VERSION, counts};
 use crate::{Error, Result};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::fs::File;
-use std::io::{BufReader, Read, Seek};
+use std::io::BufReader;
 use std::path::Path;
-
-const CHECKSUM: u64 = 32;
 
 /// What a file of samples says of itself.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -43,45 +40,31 @@ pub struct Samples {
     pub settings: BTreeMap<String, Value>,
 }
 
-/// Reads the header and the counts of a file of samples; `None` if it is another kind of file. The checksum is not looked at.
+/// Reads all of a file of samples, and checks it; `None` if it is another kind of file.
 ///
 /// # Errors
 /// [`crate::Kind::Input`] if the file cannot be read, is of another version, or is damaged or cut.
 pub fn samples(path: &Path) -> Result<Option<Samples>> {
     let failed = |e: Unreadable| match e {
         Unreadable::Io(e) => Error::io("read", path, &e),
-        other => refused(path, &other.to_string()),
+        other => Error::input(format!("{} {other}", path.display()))
+            .hint("copy the file again (in binary mode), or make it again"),
     };
     let io_failed = |e: std::io::Error| failed(e.into());
-    let mut file = BufReader::new(File::open(path).map_err(io_failed)?);
-    let head = match Head::read(&mut file) {
+    let file = File::open(path).map_err(io_failed)?;
+    let bytes = file.metadata().map_err(io_failed)?.len();
+    let mut rows = match Rows::open(BufReader::new(file), bytes) {
         Err(Unreadable::Foreign) => return Ok(None),
         other => other.map_err(failed)?,
     };
+    let mut found = Vec::new();
+    while let Some(row) = rows.next_row().map_err(failed)? {
+        found.push(row.count);
+    }
+    let (least, most) = counts(found.into_iter());
+    let head = rows.head().clone();
+    rows.finish().map_err(failed)?;
     let region = head.region;
-    let damaged = || failed(Unreadable::Damaged);
-    // A pixel has three sums of eight bytes a strand.
-    let row = u64::from(region.width())
-        .checked_mul(u64::from(head.strands))
-        .and_then(|n| n.checked_mul(24))
-        .and_then(|n| i64::try_from(n).ok())
-        .ok_or_else(damaged)?;
-    let before = file.stream_position().map_err(io_failed)?;
-    let bytes = file.get_ref().metadata().map_err(io_failed)?.len();
-    let expected = u64::from(region.height())
-        .checked_mul(row as u64 + 4)
-        .and_then(|rows| rows.checked_add(before + CHECKSUM));
-    if expected != Some(bytes) {
-        return Err(refused(path, "is cut or damaged: its length is wrong"));
-    }
-    let (mut least, mut most) = (u32::MAX, 0);
-    for _ in 0..region.height() {
-        let mut count = [0; 4];
-        file.read_exact(&mut count).map_err(io_failed)?;
-        let count = u32::from_le_bytes(count);
-        (least, most) = (least.min(count), most.max(count));
-        file.seek_relative(row).map_err(io_failed)?;
-    }
     Ok(Some(Samples {
         file: path.to_string_lossy().into_owned(),
         kind: "samples",
@@ -91,16 +74,12 @@ pub fn samples(path: &Path) -> Result<Option<Samples>> {
         height: head.origin.film[1],
         region: [region.x0, region.y0, region.x1, region.y1],
         strands: head.strands,
-        spp_min: least.min(most),
+        spp_min: least,
         spp_max: most,
         scene_hash: head.origin.scene,
         path_tracer: head.origin.code,
         settings: head.origin.settings,
     }))
-}
-
-fn refused(path: &Path, what: &str) -> Error {
-    Error::input(format!("{} {what}", path.display()))
 }
 
 impl fmt::Display for Samples {
@@ -174,8 +153,8 @@ mod tests {
             std::fs::write(&path, &whole[..length]).unwrap();
             assert!(samples(&path).is_err(), "{length}");
         }
-        // The header may claim anything.
-        for at in 8..36 {
+        // The header may claim anything, and sums are checked too.
+        for at in (8..36).chain([whole.len() - 40, whole.len() - 1]) {
             let mut bytes = whole.clone();
             bytes[at] ^= 0x80;
             std::fs::write(&path, &bytes).unwrap();

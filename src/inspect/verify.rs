@@ -1,7 +1,7 @@
 //! The complete check of a file: damage, and conservation of what was baked.
 
-use super::File;
 use super::text::{Table, count};
+use super::{File, samples};
 use crate::Result;
 use crate::formats::{Below, MappedFile, Tree};
 use crate::run::{Job, Task};
@@ -13,7 +13,7 @@ use std::path::Path;
 pub struct Verification {
     /// As given.
     pub file: String,
-    /// `cloud` or `tree`.
+    /// `cloud`, `tree` or `samples`.
     pub kind: &'static str,
     /// Whether all checks hold.
     pub passed: bool,
@@ -61,25 +61,29 @@ impl Check {
     }
 }
 
-/// Reads all of a cloud or a tree: every checksum and every value; and for a tree, that count, area, flux and optical
+/// Reads all of a cloud, a tree or kept samples: every checksum and every value; and for a tree, that count, area, flux and optical
 /// depth are those of the cloud within the bounds of the format, at every depth.
 ///
 /// # Errors
 /// Wrong input, for the first damage found; a job that is cancelled. What is not conserved is in the result.
 pub fn verify(path: &Path, job: &Job) -> Result<Verification> {
     let file = path.display().to_string();
+    let undamaged = |file: String, kind: &'static str| Verification {
+        file,
+        kind,
+        passed: true,
+        checks: Vec::new(),
+        depths: Vec::new(),
+    };
+    if samples(path)?.is_some() {
+        return Ok(undamaged(file, "samples"));
+    }
     match File::open(path)? {
         File::Cloud(cloud) => {
             let blocks = cloud.surfel_chunks() + cloud.lvoxel_chunks();
             let task = job.progress.task("verify", blocks as u64, "chunks");
             cloud.verify_with(|| next(&task, job))?;
-            Ok(Verification {
-                file,
-                kind: "cloud",
-                passed: true,
-                checks: Vec::new(),
-                depths: Vec::new(),
-            })
+            Ok(undamaged(file, "cloud"))
         }
         File::Tree(tree) => {
             // Those of surfels are read again for the depths.

@@ -4,6 +4,7 @@ pub mod color;
 pub mod dda;
 pub mod exp;
 mod hit;
+mod index;
 pub mod polygon;
 pub mod sampling;
 pub mod segment;
@@ -11,3 +12,4 @@ pub mod sheared;
 
 pub use color::Rgb;
 pub use hit::Hit;
+pub use index::unflatten;

@@ -16,17 +16,16 @@ pub use sums::Sums;
 
 use crate::image::exr::{self, Precision};
 use crate::image::metrics::linear::RELATIVE_FLOOR;
-use crate::image::samples::Origin;
+use crate::image::samples::{Origin, Row};
 use crate::image::{Frame, Region};
 use crate::math::{Rgb, sampling};
-use crate::run::{Job, Task, size};
+use crate::run::{Job, Task, hex, size};
 use crate::scene::Scene;
 use crate::{Error, Kind, Result};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
-use sums::Row;
 
 /// Digest of the sources that samples come from. Samples may go on in any build of the same sources, since compilers
 /// change no more than the last digit; images kept for hours of work would be lost with every build otherwise.
@@ -106,7 +105,7 @@ impl Settings {
         ];
         Ok(Origin {
             code: CODE.into(),
-            scene: scene.hash.iter().map(|b| format!("{b:02x}")).collect(),
+            scene: hex(&scene.hash),
             film: [scene.film.width, scene.film.height],
             settings: settings.map(|(name, v)| (name.to_owned(), v)).into(),
         })
@@ -130,16 +129,10 @@ pub fn begin(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> R
     let origin = settings.origin(scene)?;
     region.check(scene.film.width, scene.film.height)?;
     let needed = Sums::bytes(&region, settings.strands);
-    match job.memory_limit {
-        Some(limit) if needed > limit => Err(Error::input(format!(
-            "sums of {} pixels take {}, the memory limit is {}",
-            region.pixels(),
-            size::format(needed),
-            size::format(limit)
-        ))
-        .hint("raise --memory-limit, or render a part: --region X0 Y0 X1 Y1")),
-        _ => Ok(Sums::new(region, settings.strands, origin)),
-    }
+    let what = format_args!("summing samples of {} pixels", region.pixels());
+    size::within(what, needed, job.memory_limit)
+        .map_err(|e| e.hint("raise --memory-limit, or render a part: --region X0 Y0 X1 Y1"))?;
+    Ok(Sums::new(region, settings.strands, origin))
 }
 
 /// Renders into an OpenEXR file of 32-bit floats, with the variance of each pixel's mean in the layer `variance`. Sums

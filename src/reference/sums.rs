@@ -4,26 +4,13 @@
 //! strands lie apart tells the variance without bias, which the spread of samples inside one low-discrepancy sequence
 //! would not: those are better spread than chance.
 
-use crate::image::samples::{Head, Origin, Unreadable};
+use crate::image::samples::{self, Head, Origin, Row, Rows, Unreadable};
 use crate::image::{Frame, Layer, Region};
 use crate::run::Output;
 use crate::{Error, Result};
 use std::fs::File;
-use std::io::{Read, Write};
+use std::io::BufReader;
 use std::path::Path;
-
-const CHECKSUM: usize = 32;
-
-/// A row of pixels.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Row {
-    /// Row in the frame.
-    pub y: u32,
-    /// Samples that each pixel has.
-    pub count: u32,
-    /// Sums of each strand of each pixel.
-    pub sums: Vec<[f64; 3]>,
-}
 
 /// Samples of a region, summed.
 #[derive(Clone, Debug, PartialEq)]
@@ -82,14 +69,13 @@ impl Sums {
     /// Bytes that the sums of a region take.
     #[must_use]
     pub fn bytes(region: &Region, strands: u32) -> u64 {
-        region.pixels() as u64 * u64::from(strands) * 24
+        samples::sum_bytes(region.pixels() as u64, strands)
     }
 
     /// Fewest and most samples of a pixel.
     #[must_use]
     pub fn counts(&self) -> (u32, u32) {
-        let counts = self.rows.iter().map(|r| r.count);
-        (counts.clone().min().unwrap_or(0), counts.max().unwrap_or(0))
+        samples::counts(self.rows.iter().map(|r| r.count))
     }
 
     /// Samples of all pixels together.
@@ -125,30 +111,13 @@ impl Sums {
         frame
     }
 
-    /// Writes all sums. Layout, little-endian: [`Head`]; for each row u32 samples per pixel, then for each pixel and strand
-    /// three f64; blake3 of all that.
+    /// Writes all sums, to go on from.
     ///
     /// # Errors
     /// If the file cannot be written; one that is there stays as it was then.
     pub fn write(&self, path: &Path) -> Result<()> {
         let mut output = Output::create(path)?;
-        let mut hasher = blake3::Hasher::new();
-        let mut put = |output: &mut Output, bytes: &[u8]| {
-            hasher.update(bytes);
-            output.write_all(bytes).map_err(|e| output.failed(&e))
-        };
-        put(&mut output, &self.head().bytes())?;
-        let mut bytes = Vec::new();
-        for row in &self.rows {
-            bytes.clear();
-            bytes.extend_from_slice(&row.count.to_le_bytes());
-            for v in row.sums.iter().flatten() {
-                bytes.extend_from_slice(&v.to_le_bytes());
-            }
-            put(&mut output, &bytes)?;
-        }
-        let checksum = *hasher.finalize().as_bytes();
-        output.write_all(&checksum).map_err(|e| output.failed(&e))?;
+        samples::write(&mut output, &self.head(), &self.rows).map_err(|e| output.failed(&e))?;
         output.commit()
     }
 
@@ -158,49 +127,33 @@ impl Sums {
     /// # Errors
     /// [`crate::Kind::Input`] if the file is damaged or holds samples of something else; the message says of what.
     pub fn read(path: &Path, like: &Self) -> Result<Option<Self>> {
-        let mut file = match File::open(path) {
+        let io_failed = |e: std::io::Error| Error::io("read", path, &e);
+        let file = match File::open(path) {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            other => other.map_err(|e| Error::io("read", path, &e))?,
+            other => other.map_err(io_failed)?,
         };
         let refused = |what: &str| {
             Error::input(format!("{} {what}", path.display())).hint(
                 "choose another output, or begin anew with --force: the samples in that file are lost then",
             )
         };
-        // A foreign file may be of any length.
-        let mut bytes = Vec::new();
-        (&mut file)
-            .take(Head::LONGEST as u64)
-            .read_to_end(&mut bytes)
-            .map_err(|e| Error::io("read", path, &e))?;
-        let head = like.head().bytes();
-        if !bytes.starts_with(&head) {
-            return Err(refused(&like.what_else(&bytes)));
+        let failed = |e: Unreadable| match e {
+            Unreadable::Io(e) => io_failed(e),
+            other => refused(&other.to_string()),
+        };
+        let length = file.metadata().map_err(io_failed)?.len();
+        let mut kept = Rows::open(BufReader::new(file), length).map_err(failed)?;
+        if let Some(what_else) = like.what_else(kept.head()) {
+            return Err(refused(&what_else));
         }
-        let length = file.metadata().map_err(|e| Error::io("read", path, &e))?;
-        let rows = u64::from(like.region.height()) * 4 + Self::bytes(&like.region, like.strands);
-        if length.len() != (head.len() + CHECKSUM) as u64 + rows {
-            return Err(refused("is damaged: its length is wrong"));
-        }
-        file.read_to_end(&mut bytes)
-            .map_err(|e| Error::io("read", path, &e))?;
-        let cut = || refused("is cut");
-        let (body, checksum) = bytes.split_last_chunk::<CHECKSUM>().ok_or_else(cut)?;
-        if blake3::hash(body).as_bytes() != checksum {
-            return Err(refused("is damaged: its checksum is wrong"));
-        }
-        let mut rest = body.strip_prefix(head.as_slice()).ok_or_else(cut)?;
         let mut sums = Self::new(like.region, like.strands, like.origin.clone());
         for row in &mut sums.rows {
-            let (count, after) = rest.split_first_chunk().ok_or_else(cut)?;
-            row.count = u32::from_le_bytes(*count);
-            rest = after;
-            for v in row.sums.iter_mut().flatten() {
-                let (value, after) = rest.split_first_chunk().ok_or_else(cut)?;
-                *v = f64::from_le_bytes(*value);
-                rest = after;
-            }
+            *row = kept
+                .next_row()
+                .map_err(failed)?
+                .ok_or_else(|| failed(Unreadable::Cut))?;
         }
+        kept.finish().map_err(failed)?;
         Ok(Some(sums))
     }
 
@@ -212,12 +165,8 @@ impl Sums {
         }
     }
 
-    /// What a file keeps whose head is not that of these sums.
-    fn what_else(&self, mut bytes: &[u8]) -> String {
-        let there = match Head::read(&mut bytes) {
-            Ok(head) => head,
-            Err(e) => return e.to_string(),
-        };
+    /// What a file of this head keeps, if that is not samples of these sums.
+    fn what_else(&self, there: &Head) -> Option<String> {
         let mut found = there.origin.differences(&self.origin);
         if there.region != self.region {
             let (there, here) = (there.region, self.region);
@@ -226,10 +175,7 @@ impl Sums {
         if there.strands != self.strands {
             found.push(format!("{} strands, here {}", there.strands, self.strands));
         }
-        if found.is_empty() {
-            return Unreadable::Damaged.to_string();
-        }
-        format!("keeps samples of {}", found.join(", "))
+        (!found.is_empty()).then(|| format!("keeps samples of {}", found.join(", ")))
     }
 }
 

@@ -2,6 +2,7 @@
 
 pub mod build;
 mod cancel;
+mod hex;
 pub mod output;
 mod progress;
 mod report;
@@ -9,6 +10,7 @@ pub mod size;
 pub mod usage;
 
 pub use cancel::Cancel;
+pub use hex::hex;
 pub use output::Output;
 pub use progress::{Progress, ProgressMode, Task};
 pub use report::{Report, StageReport};

@@ -1,83 +1,36 @@
 //! A file that appears under its name only when it is complete.
 
+use crate::formats::AtomicFile;
 use crate::{Error, Result};
 use std::fs;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
-use tempfile::NamedTempFile;
 
-/// A file being written. Dropped without [`Output::commit`], it leaves nothing behind and what was there untouched.
+/// An [`AtomicFile`] that replaces what is there.
 #[derive(Debug)]
-pub struct Output {
-    path: PathBuf,
-    temporary: NamedTempFile,
-}
+pub struct Output(AtomicFile);
 
 impl Output {
-    /// Opens a temporary file beside `path`, so that the final rename stays inside one file system.
+    /// Opens a temporary file beside `path`.
     ///
     /// # Errors
-    /// If the folder is not there or not writable, or `path` names something that is not a regular file.
+    /// As [`AtomicFile::create`].
     pub fn create(path: &Path) -> Result<Self> {
-        // A link keeps pointing where it points; its target is replaced.
-        let path = match fs::symlink_metadata(path) {
-            Ok(meta) if meta.is_symlink() => {
-                fs::canonicalize(path).map_err(|e| Error::io("write", path, &e))?
-            }
-            _ => path.to_path_buf(),
-        };
-        check_kind(&path)?;
-        let name = path
-            .file_name()
-            .ok_or_else(|| Error::input(format!("{} names no file", path.display())))?;
-        let mut prefix = std::ffi::OsString::from(".");
-        prefix.push(name);
-        prefix.push(".");
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(&prefix).suffix(".part");
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            // As any other new file: what the umask leaves.
-            builder.permissions(fs::Permissions::from_mode(0o666));
-        }
-        let folder = folder(&path);
-        let temporary = builder.tempfile_in(folder).map_err(|e| {
-            // Of a folder that cannot be looked at the system tells why; else only the kind is known.
-            let cause = match fs::read_dir(folder) {
-                Err(cause) => cause,
-                Ok(_) => io::Error::from(e.kind()),
-            };
-            Error::io("write in folder", folder, &cause)
-                .hint("create the folder, make it writable, or choose another output")
-                .at(path.display())
-        })?;
-        Ok(Self { path, temporary })
+        Ok(Self(AtomicFile::create(path, true)?))
     }
 
     /// Makes the bytes durable and gives the file its name.
     ///
     /// # Errors
-    /// On a full disk and the like; then nothing is left behind.
+    /// As [`AtomicFile::commit`].
     pub fn commit(self) -> Result<()> {
-        let failed = |e: &io::Error| Error::io("write", &self.path, e);
-        self.temporary
-            .as_file()
-            .sync_all()
-            .map_err(|e| failed(&e))?;
-        self.temporary
-            .persist(&self.path)
-            .map_err(|e| failed(&e.error))?;
-        // The rename itself; not every file system can sync a folder, and the file is whole either way.
-        #[cfg(unix)]
-        let _ = fs::File::open(folder(&self.path)).and_then(|f| f.sync_all());
-        Ok(())
+        Ok(self.0.commit()?)
     }
 
     /// Turns an error of writing into one that names the file.
     #[must_use]
     pub fn failed(&self, error: &io::Error) -> Error {
-        Error::io("write", &self.path, error)
+        Error::io("write", self.0.path(), error)
     }
 
     /// Writes a whole file at once.
@@ -105,17 +58,17 @@ impl Output {
 
 impl Write for Output {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.temporary.as_file_mut().write(bytes)
+        self.0.write(bytes)
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.temporary.as_file_mut().flush()
+        self.0.flush()
     }
 }
 
 impl Seek for Output {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        self.temporary.as_file_mut().seek(to)
+        self.0.seek(to)
     }
 }
 
@@ -124,14 +77,9 @@ impl Seek for Output {
 /// Clouds and trees, which cost hours, are replaced only with `force`; images and reports pass `true`.
 ///
 /// # Errors
-/// [`crate::Kind::Input`] if the file is there and `force` is not given; else as [`Output::create`].
+/// [`crate::Kind::Input`] if the file is there and `force` is not given; else as [`AtomicFile::create`].
 pub fn check_writable(path: &Path, force: bool) -> Result<()> {
-    if !force && path.try_exists().unwrap_or(false) {
-        check_kind(path)?;
-        return Err(Error::input(format!("{} is already there", path.display()))
-            .hint("choose another name, or replace it with --force"));
-    }
-    Output::create(path).map(drop)
+    Ok(AtomicFile::create(path, force).map(drop)?)
 }
 
 /// A file of a verb, and the word for it in messages.
@@ -176,18 +124,6 @@ fn place(path: &Path) -> PathBuf {
     })
 }
 
-/// Renaming over a device or a folder would destroy it or fail late.
-fn check_kind(path: &Path) -> Result<()> {
-    match fs::metadata(path) {
-        Ok(meta) if !meta.is_file() => Err(Error::input(format!(
-            "cannot write {}: it is not a regular file",
-            path.display()
-        ))
-        .hint("outputs are written beside their name and renamed; give the name of a file")),
-        _ => Ok(()),
-    }
-}
-
 fn folder(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -204,19 +140,6 @@ mod tests {
             .unwrap()
             .map(|e| e.unwrap().file_name().into_string().unwrap())
             .collect()
-    }
-
-    #[test]
-    fn dropped_output_leaves_nothing() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("a.exr");
-        let mut output = Output::create(&path).unwrap();
-        output.write_all(b"half").unwrap();
-        drop(output);
-        assert!(names(dir.path()).is_empty());
-        Output::write_all_to(&path, b"whole").unwrap();
-        assert_eq!(fs::read(&path).unwrap(), b"whole");
-        assert_eq!(names(dir.path()), ["a.exr"]);
     }
 
     #[test]
@@ -274,18 +197,5 @@ mod tests {
             std::os::unix::fs::symlink(&a, at("link")).unwrap();
             apart(&[&at("link")], &[&a]).unwrap_err();
         }
-    }
-
-    #[cfg(unix)]
-    #[test]
-    fn devices_survive_and_links_are_followed() {
-        assert!(check_writable(Path::new("/dev/null"), true).is_err());
-        let dir = tempfile::tempdir().unwrap();
-        let (target, link) = (dir.path().join("target"), dir.path().join("link"));
-        fs::write(&target, b"old").unwrap();
-        std::os::unix::fs::symlink(&target, &link).unwrap();
-        Output::write_all_to(&link, b"new").unwrap();
-        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
-        assert_eq!(fs::read(&target).unwrap(), b"new");
     }
 }

@@ -1,6 +1,7 @@
 //! Sizes of memory as people write them.
 
 use crate::{Error, Result};
+use std::fmt::Display;
 
 const UNITS: [(char, u64); 4] = [
     ('K', 1 << 10),
@@ -65,6 +66,23 @@ pub fn format(bytes: u64) -> String {
     }
 }
 
+/// Refuses what takes more memory than the limit, if there is one, before it is begun. `what` is the deed or the thing,
+/// as in "shading 100 pixels". Callers may replace the hint by one that knows other ways out.
+///
+/// # Errors
+/// [`crate::Kind::Input`] with both sizes.
+pub fn within(what: impl Display, needed: u64, limit: Option<u64>) -> Result<()> {
+    match limit {
+        Some(limit) if needed > limit => Err(Error::input(format!(
+            "{what} needs {}, --memory-limit is {}",
+            format(needed),
+            format(limit)
+        ))
+        .hint("raise --memory-limit")),
+        _ => Ok(()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -91,6 +109,20 @@ mod tests {
             let error = parse(text).unwrap_err();
             assert!(error.hint_text().is_some(), "{text}");
         }
+    }
+
+    #[test]
+    fn only_what_is_above_the_limit_is_refused() {
+        for limit in [None, Some(4096), Some(u64::MAX)] {
+            within("x", 4096, limit).unwrap();
+        }
+        let error = within("shading 9 pixels", 4096, Some(1)).unwrap_err();
+        assert_eq!(error.kind(), crate::Kind::Input);
+        assert_eq!(
+            error.to_string(),
+            "shading 9 pixels needs 4.00 KiB, --memory-limit is 1 B"
+        );
+        assert!(error.hint_text().unwrap().contains("--memory-limit"));
     }
 
     #[test]

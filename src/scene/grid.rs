@@ -7,6 +7,7 @@
 //! integers. A brick holds 8^3 cells with their 9^3 corner samples, so a cell never needs a second brick; bricks whose
 //! samples are all zero are not stored.
 
+use crate::math::unflatten;
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -166,8 +167,8 @@ impl Layout {
 
     /// The voxels at the corners of a brick's cells, x fastest.
     fn voxels(&self, b: usize) -> impl Iterator<Item = [usize; 3]> + use<> {
-        let (dims, [nx, ny, _]) = (self.dims, self.bricks);
-        let base = [b % nx, b / nx % ny, b / (nx * ny)].map(|i| i * BRICK_CELLS);
+        let dims = self.dims;
+        let base = unflatten(b, self.bricks).map(|i| i * BRICK_CELLS);
         let along = move |a: usize| {
             // Corner c of cell space is sample c - 1, clamped to the grid.
             (0..BRICK_EDGE).map(move |i| (base[a] + i).saturating_sub(1).min(dims[a] - 1))

@@ -99,6 +99,21 @@ impl Scene {
         })
     }
 
+    /// Box around all volumes; empty, with its corners in reverse, if there is none.
+    #[must_use]
+    pub fn media_bounds(&self) -> (Vec3, Vec3) {
+        let corners = self.volumes.iter().flat_map(Volume::corners);
+        corners.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), enclose)
+    }
+
+    /// Box around all triangles and volumes.
+    #[must_use]
+    pub fn bounds(&self) -> (Vec3, Vec3) {
+        let vertices = self.mesh.triangles.iter().flatten();
+        let corners = vertices.map(|&v| self.mesh.positions[v as usize]);
+        corners.fold(self.media_bounds(), enclose)
+    }
+
     /// The same scene in the frame of another: positions in scene space become what they are with this
     /// `world_from_scene`. A tree holds places in the frame of the scene that it was baked of, which moves as that grows.
     ///
@@ -123,13 +138,7 @@ impl Scene {
         for volume in &mut self.volumes {
             volume.place(DAffine3::from_translation(shift) * volume.scene_from_index);
         }
-        let (mut min, mut max) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-        let corners = (self.mesh.triangles.iter().flatten())
-            .map(|&v| self.mesh.positions[v as usize])
-            .chain(self.volumes.iter().flat_map(Volume::corners));
-        for p in corners {
-            (min, max) = (min.min(p), max.max(p));
-        }
+        let (min, max) = self.bounds();
         let far = min.abs().max(max.abs()).as_dvec3().max_element();
         let extent = (max.as_dvec3() - min.as_dvec3()).max_element();
         if far > Self::FARTHEST * extent {
@@ -164,4 +173,8 @@ impl Scene {
                 .hint(format!("it has {}", names.join(", ")))
         })
     }
+}
+
+fn enclose((min, max): (Vec3, Vec3), p: Vec3) -> (Vec3, Vec3) {
+    (min.min(p), max.max(p))
 }

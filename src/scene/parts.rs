@@ -2,6 +2,7 @@
 //! from one whose light has changed.
 
 use super::{Camera, Grid, Light, Mesh, Scene, Texture, Volume, Wrap};
+use crate::math::unflatten;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -207,9 +208,9 @@ fn grid(grid: &Grid, digest: &mut Digest) {
     for n in grid.dims() {
         digest.count(n);
     }
-    let [nx, ny, nz] = grid.brick_dims();
-    for i in 0..nx * ny * nz {
-        if let Some(brick) = grid.brick([i % nx, i / nx % ny, i / nx / ny]) {
+    let bricks = grid.brick_dims();
+    for i in 0..bricks.iter().product() {
+        if let Some(brick) = grid.brick(unflatten(i, bricks)) {
             digest.count(i);
             digest.floats(brick.samples());
         }

@@ -3,10 +3,10 @@
 use super::aov::Part;
 use super::lattice::Lattice;
 use super::settings::Settings;
+use crate::Result;
 use crate::image::Region;
 use crate::run::size;
 use crate::scene::{Scene, Volume};
-use crate::{Error, Result};
 
 /// Bytes of a pixel: the planes asked for, twice while blocks are put together.
 fn per_pixel(parts: &[Part]) -> u64 {
@@ -33,8 +33,7 @@ pub fn check(
     let needed = pixels
         .saturating_mul(per_pixel(parts))
         .saturating_add(lattices.sum());
-    let refused = beyond(&format!("shading {pixels} pixels"), needed, limit);
-    refused.map_err(|e| {
+    size::within(format_args!("shading {pixels} pixels"), needed, limit).map_err(|e| {
         e.hint("raise --memory-limit, or shade a part: --region X0 Y0 X1 Y1 or --tile I/N")
     })
 }
@@ -44,25 +43,14 @@ pub fn check(
 /// # Errors
 /// Says what it takes, and how to do with less.
 pub fn check_sweep(volume: &Volume, vertices: u64, needed: u64, limit: Option<u64>) -> Result<()> {
-    let what = format!(
-        "light at {vertices} vertices of volume {:?} that is swept",
+    let what = format_args!(
+        "sweeping light to {vertices} vertices of volume {:?}",
         volume.name
     );
-    beyond(&what, needed, limit).map_err(|e| {
+    size::within(what, needed, limit).map_err(|e| {
         e.hint(
             "raise --memory-limit, shade a part that sees less of the volume: --region X0 Y0 X1 Y1 or --tile I/N, \
              or do without sweeps: any --max-dist, such as 1e9",
         )
     })
-}
-
-fn beyond(what: &str, needed: u64, limit: Option<u64>) -> Result<()> {
-    match limit {
-        Some(limit) if needed > limit => Err(Error::input(format!(
-            "{what} takes {}, the memory limit is {}",
-            size::format(needed),
-            size::format(limit)
-        ))),
-        _ => Ok(()),
-    }
 }

@@ -21,7 +21,7 @@ use crate::gather::TreeStore;
 use crate::gather::outgoing::Asked;
 use crate::image::{Frame, Region};
 use crate::math::Rgb;
-use crate::run::Job;
+use crate::run::{Job, hex};
 use crate::scene::Scene;
 use aov::Part;
 use pixels::Planes;
@@ -72,7 +72,6 @@ pub fn run(
         counts.insert("patches_without_surfels".into(), asked.unknown as f64);
         warn_of_unknown(asked, job);
         let mut frame = layers::to_frame(scene, region, aovs, planes);
-        let hex = |bytes: &[u8]| bytes.iter().map(|b| format!("{b:02x}")).collect::<String>();
         let mut note =
             |name: &str, value: String| frame.attributes.insert(format!("lvox/{name}"), value);
         note("version", env!("CARGO_PKG_VERSION").into());

@@ -1,6 +1,7 @@
 //! Exact integration in f64 of what the kernels integrate in f32: the trilinear field of a grid, and a set of lvoxels.
 
 use crate::formats::{Lvoxel, VolumeInfo};
+use crate::math::unflatten;
 use crate::scene::Volume;
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
@@ -17,8 +18,7 @@ impl Field {
         let dims = volume.sigma_t.dims();
         let samples = (0..dims[0] * dims[1] * dims[2])
             .map(|i| {
-                let v = [i % dims[0], i / dims[0] % dims[1], i / (dims[0] * dims[1])];
-                let centre = Vec3::from(v.map(|c| c as f32 + 0.5));
+                let centre = Vec3::from(unflatten(i, dims).map(|c| c as f32 + 0.5));
                 f64::from(volume.sigma_t.sample(centre))
             })
             .collect();

@@ -3,6 +3,7 @@
 use super::row::Row;
 use super::workbench::{Workbench, mean, pixels, relative_rms};
 use crate::Result;
+use crate::math::unflatten;
 use crate::shade::{Kernel, Settings};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use std::f64::consts::FRAC_PI_2;
@@ -194,7 +195,7 @@ impl View {
 fn smoke() -> Vec<u8> {
     (0..VOXELS * VOXELS * VOXELS)
         .map(|i| {
-            let at = [i % VOXELS, i / VOXELS % VOXELS, i / (VOXELS * VOXELS)];
+            let at = unflatten(i, [VOXELS; 3]);
             let r2: f32 = at
                 .map(|c| (c as f32 - 7.5) / 8.0)
                 .iter()

@@ -16,7 +16,6 @@ use crate::math::exp::exp_neg;
 use crate::math::sampling::{hash, sphere};
 use crate::math::segment::Composite;
 use crate::scene::Scene;
-use crate::trace::scene_bounds;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -99,7 +98,7 @@ fn kernels(bench: &Workbench, scene: &Scene, effort: Effort, rows: &mut Vec<Row>
         Effort::Brief => (2000, 10_000),
     };
     let store = bench.tree(scene, surfels)?;
-    let (min, max) = scene_bounds(scene);
+    let (min, max) = scene.bounds();
     let rays: Vec<(Vec3, Vec3)> = (0..count)
         .map(|i| {
             let at = Vec3::from([31, 32, 33].map(|s| 0.02 + 0.96 * random(s, i)));

@@ -13,7 +13,7 @@ use crate::math::exp::exp_neg;
 use crate::math::sampling::{cosine_hemisphere, disk, sobol2, sphere, tangents};
 use crate::math::segment::Composite;
 use crate::scene::{Grid, Scene};
-use crate::trace::{Cells, scene_bounds};
+use crate::trace::Cells;
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use std::f32::consts::PI;
 
@@ -36,7 +36,7 @@ pub fn rows(bench: &Workbench, scene: &Scene, effort: Effort) -> Result<Vec<Row>
 /// Light from a tree is finite and not negative, and no more than its brightest record.
 fn radiance(scene: &Scene, store: &TreeStore, rows: &mut Vec<Row>) -> Result<()> {
     const RAYS: u64 = 20_000;
-    let (min, max) = scene_bounds(scene);
+    let (min, max) = scene.bounds();
     let tree = store.tree();
     let mut brightest = 0.0_f32;
     for page in 0..tree.surfel_pages() {

@@ -18,7 +18,7 @@ pub use record::Study;
 
 use crate::image::subject::{SHADED_SEGMENTS, Subject};
 use crate::image::{Picture, Region, exr, heat, load, png, tone};
-use crate::run::{Job, Output, build};
+use crate::run::{Job, Output, build, hex};
 use crate::scene::Scene;
 use crate::{Error, Kind, Result, reference};
 use html::Shown;
@@ -180,7 +180,6 @@ impl Files {
 /// What all runs of a study have in common and depend on: the build of the program, the scene, its film, the camera, and the
 /// reference: of one that was given its content, wherever it lies, and the exposure that it is looked at with.
 fn origin(scene: &Scene, settings: &Settings) -> Result<BTreeMap<String, String>> {
-    let hex = |bytes: &[u8]| bytes.iter().map(|b| format!("{b:02x}")).collect::<String>();
     let (reference, exposure) = match &settings.reference {
         Some(path) => {
             let mut content = blake3::Hasher::new();
@@ -365,7 +364,7 @@ impl Target {
         }
         let camera = scene.camera(settings.camera.as_deref())?;
         let here = Subject {
-            scene: Some(scene.hash.iter().map(|b| format!("{b:02x}")).collect()),
+            scene: Some(hex(&scene.hash)),
             camera: Some(camera.name.clone()),
             segments: Some(settings.max_depth),
         };

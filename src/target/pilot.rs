@@ -3,6 +3,7 @@
 use crate::gather::TreeStore;
 use crate::image::Region;
 use crate::image::metrics::linear::{self, RELATIVE_FLOOR};
+use crate::image::subject::SHADED_SEGMENTS;
 use crate::math::{Rgb, sampling};
 use crate::reference::{PathTracer, Sampler};
 use crate::run::Job;
@@ -17,8 +18,6 @@ const BLOCKS: usize = 64;
 const SIDE: u32 = 12;
 /// Pixels of a block whose truth is traced, one in each cell of this size.
 const CELL: [u32; 2] = [4, 2];
-/// Segments of the longest path that shading from a tree counts.
-const DEPTH: u32 = 3;
 /// Sequences of paths at each pixel, independent of each other. Fewer leave a noisy scale to relative errors; more leave
 /// sequences too short to be well spread.
 const STRANDS: u32 = 8;
@@ -66,7 +65,7 @@ impl<'a> Pilot<'a> {
         Ok(Self {
             scene,
             camera,
-            paths: PathTracer::new(scene, DEPTH),
+            paths: PathTracer::new(scene, SHADED_SEGMENTS),
             seed: settings.seed,
             blocks,
             points,

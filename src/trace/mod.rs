@@ -15,7 +15,7 @@ pub use triangles::TriangleBvh;
 
 use crate::math::exp::exp_neg;
 use crate::math::segment::{Segment, Stretch, flatten_overlaps};
-use crate::scene::{Scene, Volume};
+use crate::scene::Scene;
 use glam::Vec3;
 
 /// A scene made ready for rays.
@@ -121,30 +121,4 @@ impl<'a> Tracer<'a> {
         });
         flatten_overlaps(walks, |(v, piece, tau)| source(v, piece, tau), emit);
     }
-}
-
-/// Box around all volumes of a scene; empty, with its corners in reverse, if there is none.
-#[must_use]
-pub fn media_bounds(scene: &Scene) -> (Vec3, Vec3) {
-    let corners = scene.volumes.iter().flat_map(Volume::corners);
-    corners.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(min, max), p| {
-        (min.min(p), max.max(p))
-    })
-}
-
-/// Box around all triangles and volumes of a scene.
-#[must_use]
-pub fn scene_bounds(scene: &Scene) -> (Vec3, Vec3) {
-    let (mut min, mut max) = media_bounds(scene);
-    let mut add = |p: Vec3| {
-        min = min.min(p);
-        max = max.max(p);
-    };
-    scene
-        .mesh
-        .triangles
-        .iter()
-        .flatten()
-        .for_each(|&v| add(scene.mesh.positions[v as usize]));
-    (min, max)
 }

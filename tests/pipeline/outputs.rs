@@ -1,4 +1,4 @@
-//! Outputs that name an input or another output are refused, and everything stays as it was.
+//! Outputs that name an input or another output are refused, and a run that fails leaves everything as it was.
 
 use crate::messages::lvox;
 use crate::{ROOM, Work};
@@ -63,4 +63,49 @@ fn no_output_takes_the_place_of_an_input_or_another_output() {
         fs::remove_dir(work.path("out")).unwrap();
         assert!(contents(&work) == before, "{line} has changed a file");
     }
+}
+
+#[cfg(unix)]
+#[test]
+fn outputs_of_every_kind_follow_links_and_survive_a_failing_run() {
+    use std::os::unix::fs::symlink;
+    let work = Work::new(ROOM);
+    work.bake(&work.scene(), 500);
+    fs::create_dir(work.path("store")).unwrap();
+    for (line, output) in [
+        ("bake scene.toml --surfels 500 -o", "a.lvc"),
+        ("build scene.lvc -o", "a.lvt"),
+        (
+            "shade scene.toml -t scene.lvt --resolution 16x16 -o",
+            "a.exr",
+        ),
+        ("inspect scene.lvc --export", "a.ply"),
+    ] {
+        let stored = work.path("store").join(output);
+        fs::write(&stored, b"old").unwrap();
+        symlink(&stored, work.path(output)).unwrap();
+        let line = format!("{line} {output} --force --progress none");
+        let before = work.names();
+
+        // Of a larger file the system refuses the rest, as on a full disk.
+        let limited = format!("trap '' XFSZ; ulimit -f 1; exec \"$0\" {line}");
+        let run = std::process::Command::new("sh")
+            .args(["-c", &limited, env!("CARGO_BIN_EXE_lvox")])
+            .current_dir(work.0.path())
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&run.stderr);
+        assert_eq!(run.status.code(), Some(1), "{line}: {said}");
+        assert!(said.contains(output) && !said.contains(".part"), "{said}");
+        assert_eq!(fs::read(&stored).unwrap(), b"old", "{line}");
+
+        let args: Vec<&str> = line.split(' ').collect();
+        let run = lvox(&work, &args);
+        assert_eq!(run.code, 0, "{line}: {}", run.stderr);
+        assert!(fs::metadata(&stored).unwrap().len() > 1000, "{line}");
+        let link = fs::symlink_metadata(work.path(output)).unwrap();
+        assert!(link.is_symlink(), "{line}");
+        assert_eq!(work.names(), before, "{line}");
+    }
+    assert_eq!(fs::read_dir(work.path("store")).unwrap().count(), 4);
 }

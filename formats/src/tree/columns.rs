@@ -276,7 +276,7 @@ impl Planes<'_> {
     }
 
     /// The k-th four-byte number of all rows.
-    pub fn u32s(&self, k: usize) -> impl Iterator<Item = u32> {
+    fn u32s(&self, k: usize) -> impl Iterator<Item = u32> {
         let pairs = self.u16s(2 * k).zip(self.u16s(2 * k + 1));
         pairs.map(|(low, high)| u32::from(low) | u32::from(high) << 16)
     }

@@ -5,7 +5,7 @@ use super::lvoxels;
 use super::stats::{self, ColumnStats, Errors};
 use crate::frame::{self, Block, BlockKind, FileKind, HEADER_LEN};
 use crate::output::Output;
-use crate::record::{Bounds, Lvoxel, SurfelPage};
+use crate::record::{Bounds, Lvoxel};
 use crate::summary::{Level, Sums, TreeSummary, VolumeSums};
 use crate::{FormatError, Result, TreeMeta, check, codec};
 use std::path::Path;
@@ -71,17 +71,7 @@ impl TreeWriter {
         &self.sums
     }
 
-    /// Encodes and appends a page of nodes and surfels, and returns its id. Links must go to pages written before.
-    ///
-    /// # Errors
-    /// As [`EncodedPage::new`], and [`FormatError::Io`].
-    pub fn write_surfel_page(&mut self, page: &SurfelPage) -> Result<u32> {
-        let encoded = EncodedPage::new(page, self.surfel_pages, self.meta.cloud.disk_overlap)
-            .map_err(|e| e.at(self.output.path()))?;
-        self.push_surfel_page(&encoded)
-    }
-
-    /// Appends an encoded page, and returns its id.
+    /// Appends an encoded page of nodes and surfels, and returns its id.
     ///
     /// # Errors
     /// [`FormatError::Invalid`] for links that go back beyond the first page, and [`FormatError::Io`].

@@ -33,8 +33,7 @@ pub fn fraction(a: &Display, b: &Display) -> f64 {
 }
 
 /// Whether each pixel differs visibly, row by row.
-#[must_use]
-pub fn failing(a: &Display, b: &Display) -> Vec<bool> {
+fn failing(a: &Display, b: &Display) -> Vec<bool> {
     if a == b {
         return vec![false; a.pixels.len()];
     }

@@ -4,6 +4,7 @@
 //! its voxel (i,j,k) from (i,j,k) to (i+1,j+1,k+1).
 
 use super::super::grid::{Grid, Layout};
+use crate::math::unflatten;
 use crate::run::size;
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
@@ -199,11 +200,7 @@ impl Field {
         });
         let bad = bad.into_inner();
         if bad != usize::MAX {
-            let voxel = [
-                bad % self.dims[0],
-                bad / self.dims[0] % self.dims[1],
-                bad / (self.dims[0] * self.dims[1]),
-            ];
+            let voxel = unflatten(bad, self.dims);
             let value = self.value(voxel);
             let index: [i64; 3] = std::array::from_fn(|a| self.first[a] + voxel[a] as i64);
             let error = |what: &str| Error::input(format!("voxel {index:?}: {what}: {value}"));

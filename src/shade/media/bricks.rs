@@ -1,5 +1,6 @@
 //! A value for each brick of a volume.
 
+use crate::math::unflatten;
 use crate::scene::Grid;
 use crate::scene::grid::BRICK_CELLS;
 use glam::Vec3;
@@ -15,8 +16,7 @@ impl<T> BrickTable<T> {
     /// One for each brick of a grid, empty or not.
     pub fn new(grid: &Grid, value: impl FnMut([usize; 3]) -> T) -> Self {
         let dims = grid.brick_dims();
-        let [nx, ny, nz] = dims;
-        let bricks = (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]);
+        let bricks = (0..dims.iter().product()).map(|i| unflatten(i, dims));
         Self {
             dims,
             values: bricks.map(value).collect(),

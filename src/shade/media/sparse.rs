@@ -1,5 +1,7 @@
 //! Chosen vertices of a lattice, numbered.
 
+use crate::math::unflatten;
+
 /// Vertices along an edge of a cube.
 const EDGE: usize = 4;
 
@@ -76,17 +78,14 @@ impl SparseLattice {
 
     /// All in the set, by their numbers.
     pub fn vertices(&self) -> impl Iterator<Item = [usize; 3]> {
-        let [x, y, _] = self.cubes_along;
+        let cubes_along = self.cubes_along;
         self.cubes.iter().enumerate().flat_map(move |(i, cube)| {
-            let corner = [i % x, i / x % y, i / x / y].map(|c| c * EDGE);
+            let corner = unflatten(i, cubes_along).map(|c| c * EDGE);
             (0..64)
                 .filter(|bit| cube.chosen >> bit & 1 == 1)
                 .map(move |bit| {
-                    [
-                        corner[0] + bit % 4,
-                        corner[1] + bit / 4 % 4,
-                        corner[2] + bit / 16,
-                    ]
+                    let [x, y, z] = unflatten(bit, [EDGE; 3]);
+                    [corner[0] + x, corner[1] + y, corner[2] + z]
                 })
         })
     }

@@ -12,13 +12,12 @@ use super::sparse::SparseLattice;
 use crate::Result;
 use crate::gather::{Gatherer, Medium, Pages};
 use crate::image::Region;
-use crate::math::Rgb;
+use crate::math::{Rgb, unflatten};
 use crate::run::Job;
 use crate::scene::Volume;
 use crate::scene::grid::BRICK_CELLS;
 use crate::shade::memory;
 use crate::shade::view::View;
-use crate::trace::media_bounds;
 use glam::Vec3;
 use rayon::prelude::*;
 use rays::{Arriving, Rays};
@@ -104,7 +103,7 @@ impl Sweep {
             Level::KEPT * counts().sum::<u64>() + Level::SWEPT * counts().max().unwrap_or(0),
             scope.job.memory_limit,
         )?;
-        let bounds = media_bounds(scope.view.tracer.scene);
+        let bounds = scope.view.tracer.scene.media_bounds();
         let media = MediaBox {
             bounds,
             has_walls: scope.has_walls(bounds),
@@ -241,7 +240,7 @@ impl<P: Pages, M: Medium> Scope<'_, P, M> {
         let across = BRICK_CELLS / step + 2;
         let mut filled = vec![false; across * across * across];
         for i in 0..BRICK_CELLS.pow(3) {
-            let c = [i % 8, i / 8 % 8, i / 64];
+            let c = unflatten(i, [BRICK_CELLS; 3]);
             if cells.cell(c).is_empty() {
                 continue;
             }
@@ -254,13 +253,15 @@ impl<P: Pages, M: Medium> Scope<'_, P, M> {
                 filled[(z * across + y) * across + x] = true;
             }
         }
-        let at = |i: usize| [i % across, i / across % across, i / across / across];
         let filled = filled
             .iter()
             .enumerate()
             .filter(|(_, is_filled)| **is_filled);
         filled
-            .map(|(i, _)| std::array::from_fn(|a| first[a] + at(i)[a]))
+            .map(|(i, _)| {
+                let [x, y, z] = unflatten(i, [across; 3]);
+                [first[0] + x, first[1] + y, first[2] + z]
+            })
             .collect()
     }
 

@@ -6,7 +6,6 @@ use crate::math::Rgb;
 use crate::scene::{Light, Volume};
 use crate::shade::air::{Air, Passed};
 use crate::shade::pixels::sample::Sample;
-use crate::trace::media_bounds;
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
 
@@ -54,7 +53,7 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
     fn marched_spacing(&self) -> usize {
         let view = &self.shader.view;
         let scene = view.tracer.scene;
-        let (min, max) = media_bounds(scene);
+        let (min, max) = scene.media_bounds();
         let is_in_media = |p: Vec3| p.cmpge(min).all() && p.cmple(max).all();
         let is_small = |light: &Light| match light {
             // Its beam is as narrow as can be.

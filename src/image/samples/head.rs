@@ -1,8 +1,6 @@
-//! The head of a file of samples, such as `lvox reference` keeps beside its image: which pixels it has samples of, and what
-//! they were made from. Layout, little-endian: magic, u32 version, u32 strands, u32 x0 y0 x1 y1, u32 length of the origin
-//! and the origin as JSON. What follows is `reference::Sums`.
+//! The head of a file of samples: which pixels it has samples of, and what they were made from.
 
-use super::Region;
+use crate::image::Region;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, ErrorKind, Read};
 
@@ -75,7 +73,7 @@ pub struct Head {
     pub origin: Origin,
 }
 
-/// Why a head cannot be read. The texts follow a file's name.
+/// Why a file of samples cannot be read. The texts follow a file's name.
 #[derive(Debug, thiserror::Error)]
 pub enum Unreadable {
     /// Another kind of file.
@@ -90,6 +88,12 @@ pub enum Unreadable {
     /// The head holds what none would.
     #[error("is damaged: its header cannot be read")]
     Damaged,
+    /// Not as long as the head says.
+    #[error("is cut or damaged: its length is wrong")]
+    Length,
+    /// Altered since it was written.
+    #[error("is damaged: its checksum is wrong")]
+    Checksum,
     /// The operating system failed.
     #[error(transparent)]
     Io(io::Error),
@@ -105,9 +109,6 @@ impl From<io::Error> for Unreadable {
 }
 
 impl Head {
-    /// Most bytes that one takes.
-    pub const LONGEST: usize = MAGIC.len() + 4 * NUMBERS + LONGEST_ORIGIN as usize;
-
     /// As it stands in a file.
     #[must_use]
     pub fn bytes(&self) -> Vec<u8> {
@@ -143,7 +144,7 @@ impl Head {
         if version != VERSION {
             return Err(Unreadable::Version(version));
         }
-        if length > LONGEST_ORIGIN || x0 > x1 || y0 > y1 {
+        if strands == 0 || length > LONGEST_ORIGIN || x0 > x1 || y0 > y1 {
             return Err(Unreadable::Damaged);
         }
         let mut origin = vec![0; length as usize];
@@ -189,7 +190,6 @@ mod tests {
     #[test]
     fn heads_survive_a_round_trip() {
         let mut file = head().bytes();
-        assert!(file.len() < Head::LONGEST);
         file.extend(b"rest");
         let mut reader = file.as_slice();
         assert_eq!(Head::read(&mut reader).unwrap(), head());
@@ -208,8 +208,9 @@ mod tests {
             }
         }
         assert!(matches!(with(0, 1), Err(Unreadable::Version(1))));
-        // The region's right before its left, its bottom above its top; origins longer than any, and one that ends too soon.
-        for (number, value) in [(4, 2), (5, 4), (6, u32::MAX), (6, 1)] {
+        // No strands; the region's right before its left, its bottom above its top; origins longer than any, and one that
+        // ends too soon.
+        for (number, value) in [(1, 0), (4, 2), (5, 4), (6, u32::MAX), (6, 1)] {
             let found = with(number, value);
             assert!(matches!(found, Err(Unreadable::Damaged)), "{found:?}");
         }

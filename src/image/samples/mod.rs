@@ -1,0 +1,8 @@
+//! Files of samples, such as `lvox reference` keeps beside its image to go on from: sums for every pixel, and what they
+//! were made from. `formats/SPEC.md` has the layout.
+
+mod head;
+mod rows;
+
+pub use head::{Head, Origin, Unreadable, VERSION};
+pub use rows::{Row, Rows, counts, sum_bytes, write};
