@@ -20,10 +20,6 @@ pub struct Args {
     #[command(flatten)]
     bake: BakeOptions,
 
-    /// Replace the cloud if it is there already
-    #[arg(long, help_heading = "Shared options")]
-    force: bool,
-
     #[command(flatten)]
     seed: Seed,
 }
@@ -35,11 +31,11 @@ impl Args {
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
-        check_writable(&self.output, self.force)?;
+        check_writable(&self.output, context.force)?;
         let settings = self.bake.settings(self.seed.seed);
         settings.check()?;
         let scene = self.scene.load(context)?;
-        lvox::bake::run(&scene, &settings, &self.output, self.force, &context.job)?;
+        lvox::bake::run(&scene, &settings, &self.output, context.force, &context.job)?;
         Ok(())
     }
 }

@@ -8,8 +8,8 @@ use lvox::bake::{Settings, SurfelSampling};
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Baking")]
 pub struct BakeOptions {
-    /// Spread about this many surfels over the area of all surfaces; a material so large that it would take more than nine
-    /// tenths of what it shares with all smaller ones leaves them a tenth
+    /// Spread about this many surfels over the area of all surfaces. A material that would take more than nine tenths of them
+    /// by its size leaves one tenth to the smaller ones
     #[arg(long, value_name = "N", default_value_t = 500_000)]
     surfels: u64,
 

@@ -17,10 +17,6 @@ pub struct Args {
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 
-    /// Replace the tree if it is there already
-    #[arg(long, help_heading = "Shared options")]
-    force: bool,
-
     #[command(flatten)]
     pub memory: Memory,
 
@@ -37,12 +33,12 @@ impl Args {
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
-        check_writable(&self.output, self.force)?;
+        check_writable(&self.output, context.force)?;
         lvox::build::run(
             &self.cloud,
             &self.output,
             &Settings::default(),
-            self.force,
+            context.force,
             &context.job,
         )?;
         Ok(())

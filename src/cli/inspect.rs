@@ -1,6 +1,6 @@
 //! `lvox inspect`
 
-use super::options::Files;
+use super::options::{Context, Files};
 use super::output;
 use lvox::image::{ImageKind, exr};
 use lvox::inspect::{describe, export_ply, points, samples};
@@ -33,10 +33,6 @@ pub struct Args {
     /// Export the nodes of a tree so many steps below its root in place of surfels
     #[arg(long, value_name = "N", requires = "export")]
     level: Option<u32>,
-
-    /// Replace the file of --export if it is there already
-    #[arg(long, help_heading = "Shared options", requires = "export")]
-    force: bool,
 }
 
 impl Args {
@@ -49,7 +45,7 @@ impl Args {
         }
     }
 
-    pub fn run(self) -> Result<()> {
+    pub fn run(self, context: &Context) -> Result<()> {
         if ImageKind::of(&self.file)? == Some(ImageKind::Exr) {
             return self.image();
         }
@@ -62,8 +58,8 @@ impl Args {
             };
         }
         if let Some(out) = &self.export {
-            check_writable(out, self.force)?;
-            let exported = export_ply(&self.file, out, self.level, self.force)?;
+            check_writable(out, context.force)?;
+            let exported = export_ply(&self.file, out, self.level, context.force)?;
             return if self.json {
                 output::print_json(&exported)
             } else {

@@ -94,7 +94,7 @@ impl Verb {
             Self::Build(args) => ("build", args.run(context)),
             Self::Shade(args) => ("shade", args.run(context)),
             Self::Merge(args) => ("merge", args.run(context)),
-            Self::Inspect(args) => ("inspect", args.run()),
+            Self::Inspect(args) => ("inspect", args.run(context)),
             Self::Verify(args) => ("verify", args.run(context)),
             Self::Compare(args) => ("compare", args.run(context)),
             Self::Reference(args) => ("reference", args.run(context)),

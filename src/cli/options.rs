@@ -22,6 +22,11 @@ pub struct Shared {
     #[arg(long, global = true, value_name = "MODE", default_value = "auto")]
     progress: ProgressChoice,
 
+    /// Replace clouds, trees and exports that are there already, or begin a reference or a study anew; images and reports
+    /// are always replaced
+    #[arg(long, global = true)]
+    force: bool,
+
     /// Write times, peak memory and counts to this file as JSON
     #[arg(long, global = true, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -92,6 +97,8 @@ enum ProgressChoice {
 pub struct Context {
     /// Progress, cancellation, report, limits.
     pub job: Job,
+    /// Whether clouds, trees and exports may be replaced, and what was begun is begun anew.
+    pub force: bool,
     /// Where the report goes.
     report_path: RefCell<Option<PathBuf>>,
     /// What the verb writes, by the words for it.
@@ -188,6 +195,7 @@ impl Shared {
         .map_err(|e| Error::failed(format!("cannot listen for signals: {e}")))?;
         Ok(Context {
             job,
+            force: self.force,
             report_path: RefCell::new(self.report),
             outputs: Vec::new(),
         })

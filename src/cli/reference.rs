@@ -50,10 +50,6 @@ pub struct Args {
     #[command(flatten)]
     region: RegionOptions,
 
-    /// Forget the samples that are kept, and begin anew
-    #[arg(long, help_heading = "Shared options")]
-    force: bool,
-
     #[command(flatten)]
     pub memory: Memory,
 
@@ -98,7 +94,7 @@ impl Args {
             &settings,
             region,
             &self.output,
-            self.force,
+            context.force,
             &context.job,
         )?;
         if let Some(text) = reached(&context.job.report.stages()) {

@@ -26,10 +26,6 @@ pub struct Args {
     #[command(flatten)]
     shade: ShadeOptions,
 
-    /// Replace the tree of --keep-tree if it is there already; images are always replaced
-    #[arg(long, help_heading = "Shared options", requires = "keep_tree")]
-    force: bool,
-
     #[command(flatten)]
     pub memory: Memory,
 
@@ -55,7 +51,7 @@ impl Args {
         self.shade.check()?;
         lvox::build::check_memory(job.memory_limit)?;
         if let Some(path) = &self.keep_tree {
-            check_writable(path, self.force)?;
+            check_writable(path, context.force)?;
         }
         let settings = self.bake.settings(self.seed.seed);
         settings.check()?;
@@ -76,7 +72,7 @@ impl Args {
             &cloud,
             &tree,
             &lvox::build::Settings::default(),
-            self.force,
+            context.force,
             job,
         )?;
         let store = TreeStore::open(&tree, job.memory_limit)?;

@@ -111,24 +111,11 @@ impl ShadeOptions {
                 .hint("name the output .exr, or leave the option out"));
             }
         }
-        self.check_use()?;
         check_writable(&self.output, true)?;
         if let Some(target) = self.target_error {
             target::check(target)?;
         }
         self.settings(0).check()
-    }
-
-    /// Refuses options that others leave without use.
-    fn check_use(&self) -> Result<()> {
-        let useless = if self.max_solid_angle.is_some() && !self.uses_nodes() {
-            "--max-solid-angle has no use with --kernel plain, whose rays pass nodes by"
-        } else if self.volume_samples.is_some() && !self.lights_media() {
-            "--volume-samples has no use with --method traditional, where media get direct light only"
-        } else {
-            return Ok(());
-        };
-        Err(Error::input(useless).hint("leave one of the two out"))
     }
 
     fn uses_nodes(&self) -> bool {

@@ -105,10 +105,6 @@ pub struct Args {
     #[arg(long, value_name = "SECS", default_value_t = Settings::default().long_secs)]
     long: f64,
 
-    /// Forget what was measured there, and begin anew
-    #[arg(long, help_heading = "Shared options")]
-    force: bool,
-
     #[command(flatten)]
     pub memory: Memory,
 
@@ -120,7 +116,7 @@ pub struct Args {
 }
 
 /// Options that closed forms have no use for: all but the scene and what a verb may take of the machine.
-const MEASURING: [&str; 20] = [
+const MEASURING: [&str; 19] = [
     "output",
     "reference",
     "reference_spp",
@@ -140,7 +136,6 @@ const MEASURING: [&str; 20] = [
     "rounds",
     "long",
     "seed",
-    "force",
 ];
 
 impl Args {
@@ -205,7 +200,7 @@ impl Args {
             let height = f64::from(film.height) * f64::from(width) / f64::from(film.width);
             (film.width, film.height) = (width, height.round().max(1.0) as u32);
         }
-        study::run(&scene, &settings, &output, self.force, &context.job)?;
+        study::run(&scene, &settings, &output, context.force, &context.job)?;
         let report = output.join("report.html");
         context
             .job

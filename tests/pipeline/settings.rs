@@ -67,10 +67,6 @@ fn verbs_take_no_option_that_they_do_not_use() {
         ("merge a -o b", "--temp-dir ."),
         ("compare a b", "--temp-dir ."),
         ("reference a -o b.exr", "--temp-dir ."),
-        ("shade a -t b -o c.exr", "--force"),
-        ("merge a -o b", "--force"),
-        ("compare a b", "--force"),
-        ("verify a", "--force"),
     ] {
         let args: Vec<&str> = verb.split(' ').chain(option.split(' ')).collect();
         let run = lvox(&work, &args);
@@ -98,18 +94,7 @@ fn verbs_take_no_option_that_they_do_not_use() {
         ("study", "--stability", "--rounds 1"),
         ("study", "--stability", "--long 9"),
         ("study", "--stability", "--seed 1"),
-        ("study", "--stability", "--force"),
         ("bake a -o b", "--surfels-from-camera", "--surfels 9"),
-        (
-            "shade a -t b -o c.exr",
-            "--kernel plain",
-            "--max-solid-angle 0.1",
-        ),
-        (
-            "shade a -t b -o c.exr",
-            "--method traditional",
-            "--volume-samples 8",
-        ),
     ] {
         let args = format!("{verb} {first} {second}");
         let run = lvox(&work, &args.split(' ').collect::<Vec<_>>());
@@ -119,11 +104,6 @@ fn verbs_take_no_option_that_they_do_not_use() {
             let name = option.split(' ').next().unwrap();
             assert!(refusal.contains(name), "{args}: {refusal}");
         }
-    }
-    // Files that could be replaced have to be named.
-    for args in ["render a -o b.png --force", "inspect a --force"] {
-        let run = lvox(&work, &args.split(' ').collect::<Vec<_>>());
-        assert_eq!((run.code, run.stdout.as_str()), (2, ""), "{args}");
     }
 }
 
