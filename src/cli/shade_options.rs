@@ -40,8 +40,8 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "N")]
     samples: Option<u32>,
 
-    /// Take a node whole where it is seen under less than this, steradians; 0 for as fine as surfels are [default: 0.02, 0.01,
-    /// 0.01 by quality]
+    /// Take a node whole where it is seen under less than this, steradians, four times that by rays of media; 0 for as fine as
+    /// surfels are. --kernel plain takes none [default: 0.02, 0.01, 0.01 by quality]
     #[arg(long, value_name = "SR")]
     max_solid_angle: Option<f32>,
 
@@ -63,7 +63,7 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "N")]
     lattice: Option<u32>,
 
-    /// Rays of each gather inside media [default: 3, 6, 16 by quality]
+    /// Rays of each gather inside media; none with --method traditional [default: 3, 6, 16 by quality]
     #[arg(long, value_name = "N")]
     volume_samples: Option<u32>,
 
