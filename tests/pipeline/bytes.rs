@@ -206,7 +206,7 @@ fn what_memory_cannot_hold_is_told_before_it_is_made() {
     let scene = work.scene();
     let tree = work.bake(&scene, 1000);
     let error = TreeStore::open(&tree, Some(1000)).unwrap_err().to_string();
-    assert!(error.contains("lvoxels take"), "{error}");
+    assert!(error.contains("lvoxels needs"), "{error}");
     // The picture alone, whatever the tree takes.
     let store = TreeStore::open(&tree, None).unwrap();
     let job = Job {
