@@ -217,6 +217,42 @@ fn outputs_that_cannot_be_written_are_refused_at_once() {
 }
 
 #[test]
+fn what_is_always_replaced_does_not_replace_files_of_other_kinds() {
+    let dir = tempfile::tempdir().unwrap();
+    write_whole(dir.path(), "whole.exr");
+    let cloud = dir.path().join("a.lvc");
+    fs::write(&cloud, "LVOXCLD and hours of work").unwrap();
+    let compare = ["compare", "whole.exr", "whole.exr"];
+    for (args, part) in [
+        (&["merge", "whole.exr", "-o", "a.lvc"][..], "ends in .exr"),
+        (
+            &[&compare[..], &["--heatmap", "a.lvc"]].concat(),
+            "ends in .png",
+        ),
+        (
+            &[&compare[..], &["--report", "a.lvc"]].concat(),
+            "not a report",
+        ),
+        // Reports of runs that fail are written, too.
+        (
+            &["build", "none.lvc", "-o", "x.lvt", "--report", "a.lvc"],
+            "not a report",
+        ),
+    ] {
+        lvox(dir.path(), args).refused(2, &["a.lvc", part]);
+        assert_eq!(fs::read(&cloud).unwrap(), b"LVOXCLD and hours of work");
+    }
+    // One report takes the place of another.
+    for _ in 0..2 {
+        let run = lvox(
+            dir.path(),
+            &[&compare[..], &["--report", "r.json"]].concat(),
+        );
+        assert_eq!(run.code, 0, "{}", run.stderr);
+    }
+}
+
+#[test]
 fn compare_speaks_json_and_tables() {
     let dir = tempfile::tempdir().unwrap();
     write_whole(dir.path(), "a.exr");

@@ -2,6 +2,11 @@
 
 mod support;
 
+use lvox::Kind;
+use lvox::image::Region;
+use lvox::reference::{self, Settings};
+use lvox::run::Job;
+use lvox::scene::Scene;
 use std::path::Path;
 use support::program::{self, Run};
 
@@ -115,9 +120,7 @@ fn what_differs_is_named_and_a_camera_goes_by_its_name() {
     lvox(dir.path(), &base).done();
     lvox(dir.path(), &[&base[..], &["--max-depth", "2"]].concat())
         .refused(2, &["max_depth 0, here 2"]);
-    let camera = ::lvox::scene::Scene::demo().unwrap().cameras[0]
-        .name
-        .clone();
+    let camera = Scene::demo().unwrap().cameras[0].name.clone();
     lvox(dir.path(), &[&base[..], &["--camera", &camera]].concat()).done();
 }
 
@@ -143,4 +146,34 @@ fn a_signal_keeps_what_is_finished_and_the_same_command_goes_on() {
     lvox(dir.path(), &["-o", "once.exr", "--spp", &spp]).done();
     let image = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
     assert!(image("once.exr") == image("twice.exr"));
+}
+
+#[test]
+fn a_stop_before_the_first_sample_replaces_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let image = dir.path().join("a.exr");
+    let kept = reference::sums_path(&image);
+    let scene = Scene::demo().unwrap();
+    let settings = Settings {
+        spp: Some(4),
+        ..Settings::default()
+    };
+    let region = Region {
+        x0: 0,
+        y0: 0,
+        x1: 4,
+        y1: 4,
+    };
+    let job = Job::default();
+    job.cancel.request();
+    for restart in [false, true] {
+        std::fs::write(&image, "an image").unwrap();
+        if restart {
+            std::fs::write(&kept, "samples of hours").unwrap();
+        }
+        let error = reference::run(&scene, &settings, region, &image, restart, &job).unwrap_err();
+        assert_eq!(error.kind(), Kind::Cancelled);
+        assert_eq!(std::fs::read(&image).unwrap(), b"an image");
+    }
+    assert_eq!(std::fs::read(&kept).unwrap(), b"samples of hours");
 }

@@ -291,7 +291,9 @@ impl Settings {
         match self.surfels {
             SurfelSampling::Area { count } => within("--surfels", count as f64, 1.0, 1e12)?,
             SurfelSampling::Camera { rate, overscan, .. } => {
-                within("--camera-rate", f64::from(rate), 0.01, 64.0)?;
+                // As it was typed: the nearest f32 to 0.01 is below it.
+                let typed = (f64::from(rate) * 1e6).round() / 1e6;
+                within("--camera-rate", typed, 0.01, 64.0)?;
                 within("--overscan", f64::from(overscan), 1.0, 4.0)?;
             }
         }

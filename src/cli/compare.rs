@@ -2,6 +2,7 @@
 
 use super::options::{Context, Files, Memory};
 use super::{output, parse};
+use lvox::image::ImageKind;
 use lvox::image::metrics::blocks::{self, Block};
 use lvox::image::metrics::{self, Scores};
 use lvox::image::{Picture, Region, Subject, heat, load, png};
@@ -91,6 +92,7 @@ impl Args {
     pub fn run(self, context: &Context) -> Result<()> {
         if let Some(path) = &self.heatmap {
             check_writable(path, true)?;
+            ImageKind::Png.check_name("--heatmap", path)?;
         }
         let exposure = match self.exposure {
             Some(exposure) => exposure,

@@ -2,6 +2,7 @@
 
 use super::options::{Context, Files, Memory};
 use lvox::Result;
+use lvox::image::ImageKind;
 use lvox::image::merge::merge;
 use lvox::run::output::check_writable;
 use std::path::PathBuf;
@@ -36,6 +37,7 @@ impl Args {
     pub fn run(self, context: &Context) -> Result<()> {
         let job = &context.job;
         check_writable(&self.output, true)?;
+        ImageKind::Exr.check_name("--output", &self.output)?;
         job.report.stage("merge", |counts| {
             let merged = merge(&self.tiles, &self.output, job)?;
             counts.insert("tiles".into(), merged.tiles as f64);

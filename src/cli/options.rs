@@ -6,7 +6,8 @@ use lvox::run::output::{Named, check_apart, check_writable};
 use lvox::run::{Job, Progress, ProgressMode};
 use lvox::{Error, Result};
 use std::cell::RefCell;
-use std::io::IsTerminal;
+use std::fs::File;
+use std::io::{IsTerminal, Read};
 use std::path::{Path, PathBuf};
 
 /// Options that every verb has, as typed.
@@ -132,7 +133,31 @@ impl Context {
     /// Refuses a verb whose outputs name its inputs or each other, the report included, and remembers its outputs.
     pub fn take_files(&mut self, files: Files) -> Result<()> {
         self.outputs = files.outputs;
-        self.keep_apart(&files.inputs)
+        self.keep_apart(&files.inputs)?;
+        self.check_report()
+    }
+
+    /// Refuses a report in the place of a file that is none: reports are written without being asked for --force, of runs
+    /// that fail, too.
+    fn check_report(&self) -> Result<()> {
+        let Some(path) = self.report_path() else {
+            return Ok(());
+        };
+        let mut first = [0];
+        let is_report = match File::open(&path).and_then(|mut file| file.read(&mut first)) {
+            Ok(1) => first == *b"{",
+            // Nothing to lose.
+            _ => true,
+        };
+        if is_report {
+            return Ok(());
+        }
+        self.report_path.take();
+        Err(Error::input(format!(
+            "--report would replace {}, which is not a report",
+            path.display()
+        ))
+        .hint("choose another name, such as report.json"))
     }
 
     /// Refuses outputs that are among the files that are read. No report is written in their place either.

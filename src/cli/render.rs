@@ -57,9 +57,12 @@ impl Args {
         settings.check()?;
         let scene = self.scene.load(context)?;
         self.shade.check_with(&scene)?;
+        // What is left by a process that was killed says whose it is.
+        let mut folder = tempfile::Builder::new();
+        folder.prefix("lvox-");
         let folder = match &job.temp_dir {
-            Some(dir) => tempfile::tempdir_in(dir),
-            None => tempfile::tempdir(),
+            Some(dir) => folder.tempdir_in(dir),
+            None => folder.tempdir(),
         }
         .map_err(|e| Error::failed(format!("cannot make a temporary folder: {e}")))?;
         let cloud = folder.path().join("scene.lvc");

@@ -21,6 +21,13 @@ impl ImageKind {
     /// [`crate::Kind::Input`] if the file cannot be read.
     pub fn of(path: &Path) -> Result<Option<Self>> {
         let mut magic = Vec::new();
+        // A pipe would keep the reader waiting.
+        if std::fs::metadata(path).is_ok_and(|m| !m.is_file()) {
+            return Err(Error::input(format!(
+                "{}: not a regular file",
+                path.display()
+            )));
+        }
         File::open(path)
             .and_then(|file| file.take(4).read_to_end(&mut magic))
             .map_err(|e| Error::io("read", path, &e))?;
@@ -48,5 +55,23 @@ impl ImageKind {
                 path.display()
             ))),
         }
+    }
+
+    /// Refuses names of other kinds for a file that can only be of this one.
+    ///
+    /// # Errors
+    /// [`crate::Kind::Input`] with the option, and what the name has to end in.
+    pub fn check_name(self, option: &str, path: &Path) -> Result<()> {
+        if Self::named(path).is_ok_and(|kind| kind == self) {
+            return Ok(());
+        }
+        let end = match self {
+            Self::Exr => ".exr",
+            Self::Png => ".png",
+        };
+        Err(Error::input(format!(
+            "{option} {}: expected a name that ends in {end}",
+            path.display()
+        )))
     }
 }

@@ -137,7 +137,8 @@ pub fn begin(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> R
 
 /// Renders into an OpenEXR file of 32-bit floats, with the variance of each pixel's mean in the layer `variance`. Sums
 /// are kept beside it ([`sums_path`]); a later run with more samples or time goes on from there, with the same result as
-/// one run would have had. `restart` forgets them. On a stop what is there is written before the error is returned.
+/// one run would have had. `restart` forgets them. On a stop what is there is written before the error is returned; an image
+/// only if every pixel has a sample.
 ///
 /// # Errors
 /// A setting out of range, kept sums of other settings, an output that cannot be written, or a stop on request.
@@ -163,9 +164,16 @@ pub fn run(
             ));
         }
     }
+    // Before every pixel has a sample there is no image, and what a restart forgets is worth more.
     let save = |sums: &Sums| -> Result<()> {
-        sums.write(&kept)?;
-        exr::write(image, &frame(scene, sums), Precision::Float)
+        let is_whole = sums.counts().0 > 0;
+        if is_whole || !restart {
+            sums.write(&kept)?;
+        }
+        if is_whole {
+            exr::write(image, &frame(scene, sums), Precision::Float)?;
+        }
+        Ok(())
     };
     job.report.stage("reference", |counts| {
         let before = sums.samples();
@@ -183,10 +191,11 @@ pub fn run(
             Err(e) if e.kind() != Kind::Cancelled => Err(e),
             stopped => {
                 save(&sums)?;
-                stopped.map_err(|e| {
-                    e.hint(format!(
+                stopped.map_err(|e| match (least, restart) {
+                    (0, true) => e.hint("nothing was replaced: some pixels have no sample yet"),
+                    _ => e.hint(format!(
                         "{least} to {most} samples per pixel are kept; the same command goes on"
-                    ))
+                    )),
                 })
             }
         }

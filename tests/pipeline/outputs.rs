@@ -31,7 +31,7 @@ fn no_output_takes_the_place_of_an_input_or_another_output() {
         ),
         (
             "bake scene.toml -o new.lvc --report smoke.raw",
-            "file of the scene",
+            "not a report",
         ),
         ("build scene.lvc -o scene.lvc --force", "cloud"),
         (

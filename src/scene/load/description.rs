@@ -9,7 +9,7 @@ use super::table::{Document, Table};
 use super::{
     BRIGHTEST, builtin, gltf, is_singular, normals, nrrd, obj, place, ply, raw, texture, vdb,
 };
-use crate::Result;
+use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 use std::path::{Path, PathBuf};
 
@@ -291,7 +291,12 @@ fn mesh(table: &Table<'_>, scene: &Path, draft: &mut Draft, files: &mut Files) -
                 _ => gltf::read(&content, &path, files)
                     .and_then(|import| take(import, &imports, &world_from_part, draft)),
             };
-            part.map_err(|e| e.at(path.display()))?
+            let part = part.map_err(|e| e.at(path.display()))?;
+            // A glTF file may hold nothing but cameras, lights or a volume.
+            if part.triangles.is_empty() && ["obj", "ply"].contains(&kind.as_str()) {
+                return Err(Error::input("no faces were found").at(path.display()));
+            }
+            part
         }
     };
     part.check().map_err(|e| e.at(path.display()))?;

@@ -18,6 +18,13 @@ pub(super) struct Files {
 impl Files {
     /// The whole content of a file; `what` it is for ("mesh", "texture", ...) is named when it cannot be read.
     pub(super) fn read(&mut self, what: &str, path: &Path) -> Result<Vec<u8>> {
+        // Devices and pipes may have no end.
+        if fs::metadata(path).is_ok_and(|m| !m.is_file()) {
+            return Err(Error::input(format!(
+                "{what} file {} is not a regular file",
+                path.display()
+            )));
+        }
         let content = fs::read(path).map_err(|e| match e.kind() {
             io::ErrorKind::NotFound => {
                 Error::input(format!("{what} file {} is not there", path.display())).hint(format!(
@@ -76,6 +83,13 @@ mod tests {
         assert_eq!(e.to_string(), "mesh file a/../b.ply is not there");
         let hint = e.hint_text().unwrap();
         assert!(hint.ends_with("b.ply") && hint.contains("looked for /"));
+    }
+
+    #[test]
+    fn what_is_no_regular_file_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let e = Files::default().read("mesh", dir.path()).unwrap_err();
+        assert!(e.to_string().ends_with("is not a regular file"), "{e}");
     }
 
     #[test]
