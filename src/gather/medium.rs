@@ -5,6 +5,15 @@ use crate::math::Rgb;
 use crate::math::segment::{Composite, Segment};
 use glam::Vec3;
 
+/// What media stopped of a ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stopped {
+    /// Share of the ray.
+    pub share: f32,
+    /// One over the mean distance at which they did.
+    pub inverse_distance: f32,
+}
+
 /// What a ray passes between surfaces.
 pub trait Medium: Copy + Sync {
     /// Gives every stretch of medium between `origin` and `t_max`, front to back, to `add` until that says no; returns
@@ -17,7 +26,8 @@ pub trait Medium: Copy + Sync {
         add: &mut impl FnMut(Segment) -> bool,
     ) -> bool;
 
-    /// Passes what is between `origin` and `t_max`, and on the way the surfaces in `crossings`, which are sorted.
+    /// Passes what is between `origin` and `t_max`, and on the way the surfaces in `crossings`, which are sorted. Returns what media
+    /// stopped.
     #[inline]
     fn pass(
         &self,
@@ -26,7 +36,8 @@ pub trait Medium: Copy + Sync {
         t_max: f32,
         crossings: &[Crossing],
         light: &mut Composite,
-    ) {
+    ) -> Stopped {
+        let (mut share, mut moment) = (0.0, 0.0);
         let mut crossings = crossings.iter().peekable();
         let mut add = |mut s: Segment| {
             while let Some(c) = crossings.next_if(|c| c.t < s.far) {
@@ -36,11 +47,19 @@ pub trait Medium: Copy + Sync {
                 s.tau *= 1.0 - share;
                 s.near = s.near.max(c.t);
             }
+            let before = light.transmittance;
             light.medium(s.tau, s.source);
+            let taken = before - light.transmittance;
+            share += taken;
+            moment += taken * (0.5 * (s.near + s.far));
             light.transmittance > Composite::NOTHING
         };
         if self.walk(origin, direction, t_max, &mut add) {
             crossings.for_each(|c| light.surface(c.opacity, c.radiance));
+        }
+        Stopped {
+            share,
+            inverse_distance: if moment > 0.0 { share / moment } else { 0.0 },
         }
     }
 }
@@ -86,5 +105,39 @@ impl Source for f32 {
     #[inline]
     fn rgb(self) -> Rgb {
         Rgb::splat(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A thin mist, and a dense cloud behind it.
+    #[derive(Clone, Copy)]
+    struct TwoSlabs;
+
+    impl Medium for TwoSlabs {
+        fn walk(&self, _: Vec3, _: Vec3, _: f32, add: &mut impl FnMut(Segment) -> bool) -> bool {
+            let slab = |near, far, tau| Segment {
+                near,
+                far,
+                tau,
+                source: Rgb::BLACK,
+            };
+            add(slab(1.0, 3.0, 0.5)) && add(slab(5.0, 7.0, 40.0))
+        }
+    }
+
+    #[test]
+    fn media_count_by_what_they_stop_where_they_do() {
+        let mut light = Composite::default();
+        let stopped = TwoSlabs.pass(Vec3::ZERO, Vec3::X, f32::INFINITY, &[], &mut light);
+        let mist = 1.0 - (-0.5_f64).exp();
+        let distance = mist * 2.0 + (1.0 - mist) * 6.0;
+        assert!((f64::from(stopped.share) - 1.0).abs() < 1e-6);
+        assert!((1.0 / f64::from(stopped.inverse_distance) / distance - 1.0).abs() < 1e-6);
+        // What is in no medium is stopped by none.
+        let nothing = NoMedia.pass(Vec3::ZERO, Vec3::X, 1.0, &[], &mut light);
+        assert_eq!((nothing.share, nothing.inverse_distance), (0.0, 0.0));
     }
 }

@@ -75,6 +75,9 @@ pub struct Seen {
     /// Distance to the surface that ended the ray, infinite if none did. One that is too far away to send light may be told
     /// or not.
     pub distance: f32,
+    /// One over the distance of what is seen, in the mean over the surface and the media before it by the share of the ray that
+    /// each stops.
+    pub inverse_distance: f32,
 }
 
 /// A surface or part of one that a ray passed: where, how much of the ray it covers, what it sends.
@@ -127,7 +130,7 @@ struct Rays {
 impl Rays {
     fn add(&mut self, seen: Seen) {
         self.light += seen.radiance;
-        self.inverse_distance += 1.0 / seen.distance;
+        self.inverse_distance += seen.inverse_distance;
     }
 
     /// The mean over so many rays, those that were not added being black and endless.
@@ -223,7 +226,10 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
         let (near, far) = passed.split_at(near);
         let t_max = end.map_or(max_dist, |c| c.t.min(max_dist));
         let mut light = Composite::default();
-        self.media.pass(origin, direction, t_max, near, &mut light);
+        let stopped = self.media.pass(origin, direction, t_max, near, &mut light);
+        let distance = end.map_or(f32::INFINITY, |c| c.t);
+        let inverse_distance =
+            stopped.share * stopped.inverse_distance + (1.0 - stopped.share) / distance;
         match end {
             Some(c) if c.t < max_dist => light.surface(1.0, c.radiance),
             Some(_) => {}
@@ -242,7 +248,8 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
         }
         Seen {
             radiance: light.radiance,
-            distance: end.map_or(f32::INFINITY, |c| c.t),
+            distance,
+            inverse_distance,
         }
     }
 }
