@@ -9,7 +9,7 @@ use crate::light::{Lights, Shadows};
 use crate::math::{Rgb, sampling};
 use crate::run::Cancel;
 use crate::shade::view::View;
-use crate::trace::{offset, unit_normal};
+use crate::trace::{short_of, unit_normal};
 use glam::{DVec2, Vec3};
 
 /// An emissive triangle in a pixel that it covers in part.
@@ -138,7 +138,7 @@ impl EmitterBorders {
                 let at = part.point(sampling::sobol2(i, 0, seed));
                 let d = view.camera.direction(&view.film, at.x as f32, at.y as f32);
                 let t = (corners[0] - origin).dot(normal) / d.dot(normal);
-                let end = t * (1.0 - 1e-4) - offset(origin + d * t);
+                let end = short_of(origin + d * t, t);
                 if t.is_finite() {
                     through += lights.through(origin, d, end);
                 }
