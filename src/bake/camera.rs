@@ -6,6 +6,7 @@ use super::surfels::SurfelMaker;
 use super::{BATCH, Settings};
 use crate::Result;
 use crate::light::Shadows;
+use crate::math::magnitude::to_unit;
 use crate::run::Job;
 use crate::scene::{Camera, Film};
 use glam::Vec3;
@@ -60,12 +61,10 @@ pub fn bake<S: Shadows>(
                 let Some(hit) = hit else {
                     return Ok(None);
                 };
-                let normal = maker
-                    .tracer
-                    .scene
-                    .mesh
-                    .area_vector(hit.triangle as usize)
-                    .normalize_or_zero();
+                let mesh = &maker.tracer.scene.mesh;
+                let across = mesh.area_vector(hit.triangle as usize);
+                // Its square may leave the range of f32.
+                let normal = (across * to_unit(across.abs().max_element())).normalize_or_zero();
                 // The pixel's square on the image plane, cast onto the surface.
                 let cos = normal.dot(direction).abs().max(LEAST_COS);
                 let depth_cos = axis.dot(direction);

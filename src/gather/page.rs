@@ -355,16 +355,21 @@ impl Proxy {
         }
     }
 
-    /// Share of the box, as seen along `d`, that surfels cover.
+    /// Mean squared cosine between the normals of its surfels and a unit direction, weighted by area; none where it has none.
     #[must_use]
-    pub fn opacity(&self, d: [f32; 3], extent: [f32; 3]) -> f32 {
-        let g = &self.aggregate;
-        let [xx, yy, zz, xy, xz, yz] = g.second_moment;
+    pub fn squared_cosine(&self, d: [f32; 3]) -> f32 {
+        let [xx, yy, zz, xy, xz, yz] = self.aggregate.second_moment;
         let quadratic = xx * d[0] * d[0]
             + yy * d[1] * d[1]
             + zz * d[2] * d[2]
             + 2.0 * (xy * d[0] * d[1] + xz * d[0] * d[2] + yz * d[1] * d[2]);
-        let projected = g.area * quadratic.max(0.0).sqrt();
+        quadratic.max(0.0)
+    }
+
+    /// Share of the box, as seen along `d`, that surfels cover.
+    #[must_use]
+    pub fn opacity(&self, d: [f32; 3], extent: [f32; 3]) -> f32 {
+        let projected = self.aggregate.area * self.squared_cosine(d).sqrt();
         let section = d[0].abs() * extent[1] * extent[2]
             + d[1].abs() * extent[2] * extent[0]
             + d[2].abs() * extent[0] * extent[1];

@@ -1,7 +1,7 @@
 //! Parts of the scene's triangles, and what a tree says that they send.
 
 use super::cone::OVERHANG;
-use super::page::{ChildKind, DiskBlock, PageLeaves, WIDTH, WideNode};
+use super::page::{ChildKind, DiskBlock, PageLeaves, Proxy, WIDTH, WideNode};
 use super::store::{Page, Pages};
 use crate::math::{Hit, Rgb};
 use glam::Vec3;
@@ -148,7 +148,7 @@ impl Patch {
                 holding &= holding - 1;
                 if node.cross_section[k] < Self::WHOLE * self.area {
                     let proxy = &nodes.proxies[node.first_proxy as usize + k];
-                    mean.add(proxy.facing(normal.to_array()));
+                    mean.add_node(proxy, normal.to_array());
                     continue;
                 }
                 match node.kind[k] {
@@ -195,6 +195,8 @@ struct Mean {
     area: f32,
     /// The disk that comes nearest to holding the point: how far it is from that, and what it sends.
     nearest: (f32, [f32; 3]),
+    /// Whether a node had surfels that lie as the patch does: what of them nothing leaves is dark, and not unknown.
+    is_known: bool,
 }
 
 impl Default for Mean {
@@ -203,6 +205,7 @@ impl Default for Mean {
             sent: [0.0; 3],
             area: 0.0,
             nearest: (Self::FARTHEST, [0.0; 3]),
+            is_known: false,
         }
     }
 }
@@ -222,6 +225,16 @@ impl Mean {
                 *s += (v - *s) * share;
             }
         }
+    }
+
+    /// A node that holds the middle of a patch.
+    #[inline]
+    fn add_node(&mut self, node: &Proxy, normal: [f32; 3]) {
+        /// Of what stands across and of rounding in files, at most.
+        const ACROSS: f32 = 0.1;
+        let (sent, area) = node.facing(normal);
+        self.add((sent, area));
+        self.is_known |= node.squared_cosine(normal) > ACROSS;
     }
 
     /// Disks that hold the middle of the patch, the more the nearer theirs is.
@@ -264,7 +277,9 @@ impl Mean {
         if self.area > 0.0 {
             Some(Rgb(self.sent))
         } else {
-            (self.nearest.0 < Self::FARTHEST).then_some(Rgb(self.nearest.1))
+            // Without a near disk this is black.
+            let is_known = self.is_known || self.nearest.0 < Self::FARTHEST;
+            is_known.then_some(Rgb(self.nearest.1))
         }
     }
 }

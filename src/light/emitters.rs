@@ -31,7 +31,7 @@ impl Emitters {
                     corners,
                     normal: unit_normal(corners),
                     radiance,
-                    area: scene.mesh.area_vector(t).length(),
+                    area: scene.mesh.area(t),
                     both_sides: material.emits_both_sides,
                 });
             }

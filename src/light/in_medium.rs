@@ -9,6 +9,7 @@ use super::sun::Sun;
 use super::sun_depth::SunDepths;
 use crate::math::Rgb;
 use crate::scene::Light;
+use crate::trace::short_of;
 use glam::Vec3;
 use std::ops::{AddAssign, Mul};
 
@@ -66,7 +67,7 @@ impl<S: Shadows> Lights<'_, S> {
             }
             let d = to_light / distance;
             let light = intensity * (light.falloff(-d).max(BESIDE) / (distance * distance));
-            arriving += light * self.through(point, d, distance);
+            arriving += light * self.through(point, d, short_of(position, distance));
             sent += light;
         }
         Rgb(std::array::from_fn(|c| {

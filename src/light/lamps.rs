@@ -1,11 +1,14 @@
 //! Point and spot lights near a segment, whose inverse square is integrated in closed form, and a spot's falloff beside it.
 
+use crate::math::magnitude::to_unit;
 use crate::scene::Light;
 use glam::Vec3;
 use std::f32::consts::TAU;
 
 /// A segment as a lamp sees it.
 pub struct Seen {
+    /// What lengths here are multiplied with: their fourth powers would leave the range of f32.
+    scale: f32,
     /// From the lamp to the ends.
     ends: [Vec3; 2],
     /// Twice the area of the triangle that they make.
@@ -17,22 +20,29 @@ impl Seen {
     /// The segment from the first point to the second, in the space of the lamp's position.
     pub fn new(lamp: Vec3, [from, to]: [Vec3; 2]) -> Self {
         let (u, v) = (from - lamp, to - lamp);
+        let scale = to_unit(u.abs().max(v.abs()).max_element());
+        let (u, v) = (u * scale, v * scale);
         Self {
+            scale,
             ends: [u, v],
             // A segment through the light would get no end of it: one that passes is a millionth of its length away.
-            twice_area: u.cross(v).length().max(1e-6 * (to - from).length_squared()),
+            twice_area: u
+                .cross(v)
+                .length()
+                .max(1e-6 * ((to - from) * scale).length_squared()),
             along: u.dot(v),
         }
     }
 
     /// Mean of the inverse square over the segment: the angle that it is seen under, over twice the triangle.
     pub fn mean_inverse_square(&self) -> f32 {
-        if self.twice_area > 1e-3 * self.along {
+        let mean = if self.twice_area > 1e-3 * self.along {
             libm::atan2f(self.twice_area, self.along) / self.twice_area
         } else {
             let x = self.twice_area / self.along;
             (1.0 - x * x * (1.0 / 3.0)) / self.along
-        }
+        };
+        mean * self.scale * self.scale
     }
 
     /// Where half of the light on the segment is on either side, from 0 to 1: where the middle of the angle meets it.
@@ -98,7 +108,7 @@ impl Seen {
         let [u, v] = self.ends;
         let way = v - u;
         let t = (-u.dot(way) / way.length_squared()).clamp(0.0, 1.0);
-        (u + way * t).length()
+        (u + way * t).length() / self.scale
     }
 }
 
@@ -126,6 +136,35 @@ mod tests {
             weights += f64::from(1.0 / p.length_squared());
         }
         (sum / weights) as f32
+    }
+
+    #[test]
+    fn segments_of_any_scale_are_seen_alike() {
+        for i in 0..100_u64 {
+            let numbers = |k: u64| unit2(hash(&[i, k]));
+            let light = Light::Spot {
+                position: Vec3::ZERO,
+                direction: sphere(numbers(1)),
+                intensity: [1.0; 3],
+                cos_inner: 0.7,
+                cos_outer: 0.5,
+            };
+            let lamp = sphere(numbers(4)) * 0.3;
+            let ends = [sphere(numbers(2)) * 1.3, sphere(numbers(3)) * 0.8];
+            let seen = |exponent: i32| {
+                let scale = libm::ldexpf(1.0, exponent);
+                let seen = Seen::new(lamp * scale, ends.map(|e| e * scale));
+                (
+                    seen.mean_inverse_square() * scale * scale,
+                    seen.median(),
+                    seen.falloff(&light),
+                    seen.distance() / scale,
+                )
+            };
+            for exponent in [-50, -33, 33, 50] {
+                assert_eq!(seen(exponent), seen(0), "{i}: {exponent}");
+            }
+        }
     }
 
     #[test]

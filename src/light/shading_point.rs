@@ -30,8 +30,7 @@ impl<S: Shadows, R> ShadingPoint<'_, S, R> {
 
     /// Share of the light that gets here from a point of an emissive triangle, `distance` along a unit direction.
     pub fn through_from_triangle(&self, direction: Vec3, distance: f32) -> f32 {
-        // Stop short of the light itself.
-        let end = distance * (1.0 - 1e-4) - trace::offset(self.origin + direction * distance);
+        let end = trace::short_of(self.origin + direction * distance, distance);
         self.through(direction, end, self.shadows.before_triangles())
     }
 }

@@ -6,13 +6,14 @@ use super::shading_point::ShadingPoint;
 use super::shadows::{OpticalDepth, Shadows};
 use crate::math::Rgb;
 use crate::scene::Light;
+use crate::trace::short_of;
 use glam::Vec3;
 
 /// Light towards a point as nothing between would change it.
 struct Beam {
-    /// Unit direction to the light, and the distance to it.
+    /// Unit direction to the light, and how far rays to it go.
     direction: Vec3,
-    distance: f32,
+    end: f32,
     /// What the light sends, and the part of that which the receiver responds to.
     sent: Rgb,
     response: f32,
@@ -29,7 +30,7 @@ impl Beam {
         {
             return Some(Self {
                 direction: -direction,
-                distance: f32::INFINITY,
+                end: f32::INFINITY,
                 sent: Rgb(irradiance),
                 response: at.receiver.response(-direction),
             });
@@ -41,7 +42,7 @@ impl Beam {
         let response = at.receiver.response(d) / (distance * distance) * light.falloff(-d);
         (distance > 0.0).then_some(Self {
             direction: d,
-            distance,
+            end: short_of(position, distance),
             sent: Rgb(intensity),
             response,
         })
@@ -59,7 +60,7 @@ pub fn add<S: Shadows, R: Receiver>(
     if let Some(beam) = Beam::of(light, at)
         && beam.response > 0.0
     {
-        let through = at.through(beam.direction, beam.distance, depth);
+        let through = at.through(beam.direction, beam.end, depth);
         total.sight.note_sharp(index, through);
         total.sharp += beam.sent * (beam.response * through);
     }

@@ -5,6 +5,7 @@ pub mod dda;
 pub mod exp;
 mod hit;
 mod index;
+pub mod magnitude;
 pub mod polygon;
 pub mod sampling;
 pub mod segment;

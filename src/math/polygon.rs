@@ -1,5 +1,6 @@
 //! Closed forms of what a triangle of uniform radiance sends to a point.
 
+use super::magnitude::to_unit;
 use glam::Vec3;
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -8,6 +9,7 @@ use std::f32::consts::{FRAC_PI_2, PI};
 /// the triangle winds, at most pi.
 #[must_use]
 pub fn irradiance(corners: [Vec3; 3], n: Vec3) -> f32 {
+    let corners = near_unit(corners);
     let heights = corners.map(|c| c.dot(n));
     if heights.iter().all(|h| *h <= 0.0) {
         return 0.0;
@@ -31,6 +33,15 @@ pub fn irradiance(corners: [Vec3; 3], n: Vec3) -> f32 {
     let (poly, len) = above(corners, n);
     let sum: f32 = (0..len).map(|i| edge(poly[i], poly[(i + 1) % len])).sum();
     0.5 * sum.abs()
+}
+
+/// A triangle seen from the origin, as another one of the same directions whose farthest coordinate is near 1: fourth
+/// powers of lengths would leave the range of f32.
+#[inline]
+fn near_unit(corners: [Vec3; 3]) -> [Vec3; 3] {
+    let [a, b, c] = corners.map(Vec3::abs);
+    let scale = to_unit(a.max(b).max(c).max_element());
+    corners.map(|c| c * scale)
 }
 
 /// Angle whose sine and cosine are as given but for a common positive factor, within 1e-6 of it; the sine is not negative. 0
@@ -112,7 +123,7 @@ fn is_small([a, b, c]: [Vec3; 3]) -> bool {
 fn small_irradiance([a, b, c]: [Vec3; 3], n: Vec3) -> f32 {
     const NEAR: [f32; 2] = [0.101_286_51, 0.125_939_18];
     const FAR: [f32; 2] = [0.470_142_06, 0.132_394_15];
-    // In units of the distance: fourth powers of lengths would leave the range of f32.
+    // In units of the distance, by which terms of any triangle are near 1.
     let scale = 1.0 / a.length();
     let [a, b, c] = [a, b, c].map(|p| p * scale);
     let cross = (b - a).cross(c - a);
@@ -132,7 +143,7 @@ fn small_irradiance([a, b, c]: [Vec3; 3], n: Vec3) -> f32 {
 /// Solid angle of a triangle seen from the origin (Van Oosterom & Strackee 1983), steradians, not negative.
 #[must_use]
 pub fn solid_angle(corners: [Vec3; 3]) -> f32 {
-    let [a, b, c] = corners;
+    let [a, b, c] = near_unit(corners);
     let (la, lb, lc) = (a.length(), b.length(), c.length());
     // The same as a . (b x c), but small triangles keep their digits.
     let numerator = a.dot((b - a).cross(c - a));
@@ -144,7 +155,7 @@ pub fn solid_angle(corners: [Vec3; 3]) -> f32 {
 /// the triangle that grows with the first, and a point of the arc that cuts it off. `None` for a triangle seen edge-on.
 #[must_use]
 pub fn sample_solid_angle(corners: [Vec3; 3], [u, v]: [f32; 2]) -> Option<Vec3> {
-    let [a, b, c] = corners.map(Vec3::normalize_or_zero);
+    let [a, b, c] = near_unit(corners).map(Vec3::normalize_or_zero);
     let [ab, bc, ca] = [a.cross(b), b.cross(c), c.cross(a)].map(Vec3::normalize_or_zero);
     if ab == Vec3::ZERO || bc == Vec3::ZERO || ca == Vec3::ZERO {
         return None;
@@ -193,6 +204,31 @@ mod tests {
                     (got - expected).abs() <= 1e-6 * expected,
                     "{sin} {cos}: {got}"
                 );
+            }
+        }
+    }
+
+    #[test]
+    fn triangles_of_any_scale_are_seen_alike() {
+        for i in 0..200 {
+            let [p, q, r, n] = [0.1, 0.3, 0.6, 0.8]
+                .map(|start| crate::math::sampling::sphere(r2(i, [start, 1.7 * start])));
+            let face = (n + 0.8 * crate::math::sampling::sphere(r2(i, [0.7; 2]))).normalize();
+            let small = [p, p + 0.01 * q, p + 0.02 * r];
+            for corners in [[p * 2.0, q, r * 1.5], small] {
+                let seen = |exponent: i32| {
+                    let scale = libm::ldexpf(1.0, exponent);
+                    let corners = corners.map(|c| c * scale);
+                    (
+                        irradiance(corners, n),
+                        irradiance_above(corners, n, face),
+                        solid_angle(corners),
+                        sample_solid_angle(corners, [0.3, 0.6]),
+                    )
+                };
+                for exponent in [-80, -50, -33, 33, 50, 62] {
+                    assert_eq!(seen(exponent), seen(0), "{i}: {exponent}");
+                }
             }
         }
     }

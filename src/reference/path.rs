@@ -11,7 +11,7 @@ use super::sampler::Sampler;
 use super::sources::{Sample, Sources};
 use crate::math::{Rgb, sampling};
 use crate::scene::Scene;
-use crate::trace::{Hit, Surface, TriangleBvh, offset};
+use crate::trace::{Hit, Surface, TriangleBvh, offset, short_of};
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -156,11 +156,8 @@ impl<'a> PathTracer<'a> {
         if let Some(way) = self.sources.emitter(vertex.origin, choice, u) {
             let response = lobe.response(way.direction);
             if response > 0.0 {
-                // Short of the light itself.
-                let target = vertex.origin + way.direction * way.distance;
-                let end = way.distance * (1.0 - 1e-4) - offset(target);
                 let weight = weight(way.pdf, response);
-                sum += self.arriving(vertex.origin, &way, end, sampler) * (response * weight);
+                sum += self.arriving(vertex.origin, &way, sampler) * (response * weight);
             }
         }
         if !self.scene.lights.is_empty() {
@@ -170,14 +167,18 @@ impl<'a> PathTracer<'a> {
                 .sources
                 .delta_light(vertex.origin, response, choice, [u, v])
             {
-                sum += self.arriving(vertex.origin, &way, way.distance, sampler)
-                    * response(way.direction);
+                sum += self.arriving(vertex.origin, &way, sampler) * response(way.direction);
             }
         }
         sum
     }
 
-    fn arriving(&self, origin: Vec3, way: &Sample, end: f32, sampler: &mut Sampler) -> Rgb {
+    fn arriving(&self, origin: Vec3, way: &Sample, sampler: &mut Sampler) -> Rgb {
+        let end = if way.distance.is_finite() {
+            short_of(origin + way.direction * way.distance, way.distance)
+        } else {
+            way.distance
+        };
         if self.triangles.is_occluded(origin, way.direction, end) {
             return Rgb::BLACK;
         }

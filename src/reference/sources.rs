@@ -57,7 +57,7 @@ impl<'a> Sources<'a> {
                     normal: unit_normal(corners),
                     material,
                 });
-                sum += strength * f64::from(scene.mesh.area_vector(t).length());
+                sum += strength * f64::from(scene.mesh.area(t));
                 running_power.push(sum);
             }
         }

@@ -1,5 +1,6 @@
 //! All triangles of a scene in one indexed mesh.
 
+use crate::math::magnitude::to_unit;
 use glam::{Vec2, Vec3};
 
 /// Triangles with per-vertex attributes. Optional attributes are empty when no mesh of the scene has them.
@@ -36,5 +37,35 @@ impl Mesh {
     pub fn area_vector(&self, triangle: usize) -> Vec3 {
         let [a, b, c] = self.corners(triangle);
         0.5 * (b - a).cross(c - a)
+    }
+
+    /// Area of a triangle.
+    #[must_use]
+    pub fn area(&self, triangle: usize) -> f32 {
+        let [a, b, c] = self.corners(triangle);
+        let (e, f) = (b - a, c - a);
+        // Squares of areas would leave the range of f32.
+        let scale = to_unit(e.abs().max(f.abs()).max_element());
+        0.5 * (e * scale).cross(f * scale).length() / scale / scale
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn triangles_of_any_scale_have_their_area() {
+        for scale in [1e-18, 1e-10, 1.0, 1e10, 1e15_f32] {
+            let mesh = Mesh {
+                positions: [[0.0; 3], [scale, 0.0, 0.0], [0.0, 0.0, scale]]
+                    .map(Vec3::from)
+                    .to_vec(),
+                triangles: vec![[0, 1, 2], [0, 1, 1]],
+                ..Mesh::default()
+            };
+            assert!((mesh.area(0) / (0.5 * scale * scale) - 1.0).abs() < 1e-6);
+            assert_eq!(mesh.area(1), 0.0);
+        }
     }
 }

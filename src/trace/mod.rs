@@ -10,7 +10,7 @@ mod watertight;
 pub use crate::math::Hit;
 pub use cells::{Cells, RayInVolume};
 pub use pieces::Pieces;
-pub use surface::{Surface, offset, unit_normal};
+pub use surface::{Surface, offset, short_of, unit_normal};
 pub use triangles::TriangleBvh;
 
 use crate::math::exp::exp_neg;

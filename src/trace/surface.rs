@@ -101,13 +101,19 @@ impl Surface {
     }
 }
 
-/// Distance, in scene units, that rays which leave a surface at `point` are moved off it along the normal, and that rays to
-/// a point of a light end before it: more than the rounding of the point, and of other faces in the same place. It does not
-/// depend on what else is in the scene.
+/// Distance, in scene units, that rays which leave a surface at `point` are moved off it along the normal: more than the
+/// rounding of the point, and of other faces in the same place. It does not depend on what else is in the scene.
 #[must_use]
 pub fn offset(point: Vec3) -> f32 {
     const ROUNDING: f32 = 32.0 * f32::EPSILON;
     ROUNDING * point.abs().max_element()
+}
+
+/// How far a ray goes to a light at `target`, which is `distance` away: it ends before the surface that shines, or that
+/// holds a lamp without extent.
+#[must_use]
+pub fn short_of(target: Vec3, distance: f32) -> f32 {
+    distance * (1.0 - 1e-4) - offset(target)
 }
 
 /// Unit normal of a triangle that is not degenerate, whatever its size.

@@ -113,6 +113,36 @@ fn reports_tell_times_counts_and_failures() {
     assert!(json["error"].as_str().unwrap().contains("nobody"));
 }
 
+/// Walls whose backs get no light at all: that they are dark is known.
+#[test]
+fn dark_backs_of_walls_are_not_taken_for_places_without_surfels() {
+    let quad = |scale: f32, rest: &str| {
+        format!(
+            "[[mesh]]\nfile = \"builtin:quad\"\nscale = {scale}\nalbedo = [0.7, 0.7, 0.7]\n{rest}\n"
+        )
+    };
+    let text = String::from(
+        "[film]\nwidth = 32\nheight = 24\n[[camera]]\nposition = [-2.5, 1.5, -2.5]\ntarget = [0, 1, 0]\n\
+         fov_x_deg = 60\n[[light]]\ntype = \"directional\"\ndirection = [-1, -1.5, -1]\nirradiance = [3, 3, 3]\n",
+    ) + &quad(6.0, "")
+        + &quad(2.0, "rotate_deg = [90, 0, 0]\ntranslate = [0, 1, -1]")
+        + &quad(2.0, "rotate_deg = [0, 0, -90]\ntranslate = [-1, 1, 0]");
+    let work = Work::new(&text);
+    let render = ["render", "scene.toml", "-o", "a.exr", "--report", "a.json"];
+    let many = ["--surfels", "100000"];
+    lvox(&work, &[&render[..], &many, &QUIET].concat()).done();
+    let report = fs::read(work.path("a.json")).unwrap();
+    let json: serde_json::Value = serde_json::from_slice(&report).unwrap();
+    let stages = json["stages"].as_array().unwrap();
+    let counts = &stages.iter().find(|s| s["stage"] == "shade").unwrap()["counts"];
+    let [patches, unknown] =
+        ["patches", "patches_without_surfels"].map(|name| counts[name].as_f64().unwrap());
+    assert!(
+        patches > 100.0 && unknown < 0.02 * patches,
+        "{unknown} of {patches}"
+    );
+}
+
 #[test]
 fn wrong_scenes_and_settings_leave_nothing_behind() {
     let textured = "[[mesh]]\nfile = \"builtin:quad\"\ntexture = \"tiles.png\"\n";

@@ -96,6 +96,32 @@ fn lamps_smaller_than_a_pixel_are_seen_by_what_they_cover() {
     }
 }
 
+/// A floor that shines, far wider than the camera is above it: all that is below the horizon is as bright.
+#[test]
+fn a_wide_lamp_below_the_camera_is_even() {
+    for size in [4e4, 4e6] {
+        let text = format!(
+            "[film]\nwidth = 8\nheight = 64\n[[camera]]\nposition = [0, 1, 0]\ntarget = [0, 1, -1]\n\
+             fov_x_deg = 20\n[[mesh]]\nfile = \"builtin:quad\"\nscale = {size}\nalbedo = [0, 0, 0]\n\
+             emission = [5, 5, 5]\n"
+        );
+        for pixel_samples in [8, 1] {
+            let settings = Settings {
+                pixel_samples,
+                ..quick()
+            };
+            let frame = render(&text, 1000, &settings);
+            for (i, pixel) in beauty(&frame)[33 * 8..].iter().enumerate() {
+                let row = 33 + i / 8;
+                assert!(
+                    (pixel[0] / 5.0 - 1.0).abs() < 1e-3,
+                    "{size} {row}: {pixel:?}"
+                );
+            }
+        }
+    }
+}
+
 /// What is further away than light is gathered from sends none, but it still hides the environment.
 #[test]
 fn walls_and_media_beyond_max_dist_hide_the_environment() {

@@ -9,7 +9,7 @@ use crate::light::{Lights, Shadows};
 use crate::math::{Rgb, sampling};
 use crate::run::Cancel;
 use crate::shade::view::View;
-use crate::trace::{offset, unit_normal};
+use crate::trace::{short_of, unit_normal};
 use glam::{DVec2, Vec3};
 
 /// An emissive triangle in a pixel that it covers in part.
@@ -34,6 +34,8 @@ pub struct EmitterBorders {
 struct Polygon {
     corners: [DVec2; Self::MOST],
     len: usize,
+    /// Index of the edge, by its first corner, that is no border of the triangle but where it was cut near the camera's plane.
+    near_edge: Option<usize>,
 }
 
 impl EmitterBorders {
@@ -138,7 +140,7 @@ impl EmitterBorders {
                 let at = part.point(sampling::sobol2(i, 0, seed));
                 let d = view.camera.direction(&view.film, at.x as f32, at.y as f32);
                 let t = (corners[0] - origin).dot(normal) / d.dot(normal);
-                let end = t * (1.0 - 1e-4) - offset(origin + d * t);
+                let end = short_of(origin + d * t, t);
                 if t.is_finite() {
                     through += lights.through(origin, d, end);
                 }
@@ -158,6 +160,7 @@ impl Polygon {
         Self {
             corners: [DVec2::ZERO; Self::MOST],
             len: 0,
+            near_edge: None,
         }
     }
 
@@ -175,8 +178,8 @@ impl Polygon {
     /// A triangle of the scene on the film, pixels from its top left; `None` if all of it is behind the camera.
     fn of(view: &View, corners: [Vec3; 3]) -> Option<Self> {
         let local = corners.map(|c| view.local(c));
-        // Depth in front of the camera, and a small one to cut at.
-        let near = 1e-4 * local.iter().map(|p| p.length()).fold(0.0, f64::max);
+        // Depth in front of the camera, and a small one to cut at: so large that the film's coordinates keep their digits.
+        let near = 1e-6 * local.iter().map(|p| p.length()).fold(0.0, f64::max);
         let mut out = Self::empty();
         for i in 0..3 {
             let (a, b) = (local[i], local[(i + 1) % 3]);
@@ -186,6 +189,9 @@ impl Polygon {
             }
             if (da > 0.0 && db < 0.0) || (da < 0.0 && db > 0.0) {
                 out.push(view.on_film(a + (b - a) * (da / (da - db))));
+            }
+            if da >= 0.0 && db < 0.0 {
+                out.near_edge = Some(out.len - 1);
             }
         }
         (out.len >= 3).then_some(out)
@@ -199,7 +205,8 @@ impl Polygon {
             })
     }
 
-    /// Whether it covers some of a pixel, and not all.
+    /// Whether it covers some of a pixel, and not all. Where it is cut near the camera's plane it says no: what lies beyond the
+    /// cut is for rays to find.
     fn has_border_in(&self, x: u32, y: u32) -> bool {
         let (low, high) = pixel(x, y);
         let middle = 0.5 * (low + high);
@@ -211,7 +218,8 @@ impl Polygon {
             let inward = DVec2::new(-edge.y, edge.x) * turn;
             let height = (middle - a).dot(inward);
             let half = (0.5 + MARGIN) * (inward.x.abs() + inward.y.abs());
-            if height <= -half {
+            let is_cut = self.near_edge == Some(i) && height < half;
+            if height <= -half || is_cut {
                 return false;
             }
             is_inside &= height >= half;
