@@ -7,12 +7,12 @@ use super::page::{PageLeaves, PageNodes};
 use crate::math::Rgb;
 use crate::run::size;
 use crate::{Error, Result};
-use lvox_formats::record::Lvoxel;
+use lvox_formats::record::{Below, Lvoxel, Node};
 use lvox_formats::{FormatError, MappedFile, Tree};
 use quick_cache::sync::Cache;
 use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// A page in use.
@@ -71,6 +71,50 @@ struct Decoder {
     bytes_read: AtomicU64,
     failed: AtomicU64,
     failure: Mutex<Option<Error>>,
+    links: Links,
+}
+
+/// Which page links to each, as far as pages were decoded. A tree in which two do has more paths to a page than a walk can
+/// ever end.
+#[derive(Debug)]
+struct Links(Vec<AtomicU32>);
+
+impl Links {
+    const NONE: u32 = u32::MAX;
+
+    fn new(pages: usize) -> Self {
+        Self((0..pages).map(|_| AtomicU32::new(Self::NONE)).collect())
+    }
+
+    /// Notes the links of a page, each time that it is decoded; an error for a second link to the same page.
+    fn note(&self, id: u32, nodes: &[Node]) -> std::result::Result<(), FormatError> {
+        let mut links: Vec<u32> = (nodes.iter())
+            .filter_map(|n| match n.below {
+                Below::Page(link) => Some(link),
+                _ => None,
+            })
+            .collect();
+        links.sort_unstable();
+        let twice = |link: u32, other: u32| FormatError::Invalid {
+            what: format!("links to page {link}"),
+            expected: "one".into(),
+            found: format!("one in page {other} and another in page {id}"),
+        };
+        if let Some(pair) = links.windows(2).find(|pair| pair[0] == pair[1]) {
+            return Err(twice(pair[0], id));
+        }
+        for link in links {
+            let Some(linker) = self.0.get(link as usize) else {
+                continue;
+            };
+            let order = Ordering::Relaxed;
+            match linker.compare_exchange(Self::NONE, id, order, order) {
+                Err(other) if other != id => return Err(twice(link, other)),
+                _ => {}
+            }
+        }
+        Ok(())
+    }
 }
 
 impl Decoder {
@@ -84,10 +128,11 @@ impl Decoder {
 
     fn nodes(&self, id: u32) -> PageNodes {
         self.count(id);
-        match self.tree.surfel_nodes(id as usize) {
-            Ok(nodes) => PageNodes::new(&nodes),
-            Err(e) => self.fail(e),
-        }
+        let nodes = self.tree.surfel_nodes(id as usize).and_then(|nodes| {
+            self.links.note(id, &nodes)?;
+            Ok(PageNodes::new(&nodes))
+        });
+        nodes.unwrap_or_else(|e| self.fail(e))
     }
 
     fn leaves(&self, id: u32) -> PageLeaves {
@@ -101,13 +146,14 @@ impl Decoder {
     fn whole(&self, id: u32) -> WholePage {
         self.count(id);
         self.decoded_leaves.fetch_add(1, Ordering::Relaxed);
-        match self.tree.surfel_page(id as usize) {
-            Ok(page) => WholePage {
+        let page = self.tree.surfel_page(id as usize).and_then(|page| {
+            self.links.note(id, &page.nodes)?;
+            Ok(WholePage {
                 nodes: PageNodes::new(&page.nodes),
                 leaves: PageLeaves::new(&page),
-            },
-            Err(e) => self.fail(e),
-        }
+            })
+        });
+        page.unwrap_or_else(|e| self.fail(e))
     }
 
     /// Notes the first error, and gives something empty.
@@ -371,6 +417,7 @@ impl TreeStore {
             bytes_read: AtomicU64::new(0),
             failed: AtomicU64::new(0),
             failure: Mutex::new(None),
+            links: Links::new(page_count),
         };
         let surfels = match memory_limit.filter(|&limit| decoded + media.bytes() as u64 > limit) {
             None => {
