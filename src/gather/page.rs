@@ -120,6 +120,25 @@ pub struct PageLeaves {
     clips: Vec<ClipPlanes>,
 }
 
+/// Bytes that the nodes and the leaves of a page take at most, of so many nodes and surfels.
+#[must_use]
+pub fn most_bytes(nodes: u64, surfels: u64, has_clips: bool) -> u64 {
+    // What is below each node is either a group of nodes or a block of disks; a root that is a leaf is a group, too.
+    let below = size_of::<WideNode>().max(size_of::<DiskBlock>());
+    let clips = if has_clips {
+        size_of::<ClipPlanes>()
+    } else {
+        0
+    };
+    let node = (size_of::<Proxy>() + below) as u64;
+    let surfel = (size_of::<DiskLight>() + clips) as u64;
+    let of_nodes = nodes.saturating_mul(node);
+    let of_surfels = surfels.saturating_mul(surfel);
+    of_nodes
+        .saturating_add(of_surfels)
+        .saturating_add(size_of::<WideNode>() as u64)
+}
+
 fn is_leaf(node: &Node) -> bool {
     matches!(node.below, Below::Surfels { .. })
 }
@@ -140,7 +159,7 @@ impl PageNodes {
         };
         let blocks: Vec<u32> = nodes.iter().map(count_leaf).collect();
         let mut out = Self {
-            nodes: Vec::with_capacity(nodes.len() - leaves as usize),
+            nodes: Vec::with_capacity((nodes.len() - leaves as usize).max(1)),
             proxies: Vec::with_capacity(nodes.len()),
         };
         // The groups to come, with the slot that each is below. Not by recursion: a page may be as deep as it has nodes.

@@ -3,7 +3,7 @@
 //! Either way a page that no ray touches is never read.
 
 use super::media::{self, Block, Layout, Media};
-use super::page::{PageLeaves, PageNodes};
+use super::page::{self, PageLeaves, PageNodes};
 use crate::math::Rgb;
 use crate::run::size;
 use crate::{Error, Result};
@@ -197,8 +197,11 @@ impl Decoder {
 #[derive(Debug)]
 pub struct KeptTree {
     decoder: Decoder,
-    pages: Vec<(OnceLock<PageNodes>, OnceLock<PageLeaves>)>,
+    pages: Vec<KeptEntry>,
 }
+
+/// A page that may have been decoded, and its leaves, too.
+type KeptEntry = (OnceLock<PageNodes>, OnceLock<PageLeaves>);
 
 /// A page of a [`KeptTree`].
 #[derive(Clone, Copy, Debug)]
@@ -375,9 +378,6 @@ pub enum SurfelStore {
 /// What the tables that find lvoxels may take where no memory limit is given: volumes of 8192^3 voxels in all.
 const MOST_TABLE_BYTES: u64 = 4 << 30;
 
-/// Decoded pages hold at most this many times the bytes that they have in the file before compression.
-const DECODED_OVER_RAW: u64 = 5;
-
 impl TreeStore {
     /// Opens a tree file. With a memory limit that the decoded tree might pass, pages are cached within it.
     ///
@@ -402,12 +402,18 @@ impl TreeStore {
             ));
         }
         let media = MediaStore::read(&tree, path, memory_limit)?;
-        let raw: Vec<u64> = tree
-            .surfel_blocks()
-            .iter()
-            .map(|b| u64::from(b.raw_bytes))
-            .collect();
-        let decoded = raw.iter().sum::<u64>() * DECODED_OVER_RAW;
+        let most = || {
+            let blocks = tree.surfel_blocks().iter().enumerate();
+            blocks.map(|(i, b)| {
+                let has_clips = tree.has_clips(i);
+                page::most_bytes(u64::from(b.nodes), u64::from(b.records), has_clips)
+            })
+        };
+        let entry = size_of::<KeptEntry>() as u64;
+        let decoded = most().fold(media.bytes() as u64, |sum, bytes| {
+            sum.saturating_add(bytes).saturating_add(entry)
+        });
+        let largest = most().max().unwrap_or(0);
         let page_count = tree.surfel_pages();
         let decoder = Decoder {
             tree,
@@ -419,19 +425,18 @@ impl TreeStore {
             failure: Mutex::new(None),
             links: Links::new(page_count),
         };
-        let surfels = match memory_limit.filter(|&limit| decoded + media.bytes() as u64 > limit) {
+        let surfels = match memory_limit.filter(|&limit| decoded > limit) {
             None => {
                 let pages = (0..page_count).map(|_| Default::default()).collect();
                 SurfelStore::Kept(KeptTree { decoder, pages })
             }
             Some(limit) => {
-                let largest = raw.iter().max().copied().unwrap_or(0) * DECODED_OVER_RAW;
                 // A cache shard never keeps what is heavier than nearly all of it.
-                let least = media.bytes() as u64 + 8 * largest;
+                let least = (media.bytes() as u64).saturating_add(largest.saturating_mul(8));
                 size::within("shading from it", least, memory_limit)
                     .map_err(|e| e.at(path.display()))?;
                 let budget = limit - media.bytes() as u64;
-                let shards = (budget / (2 * largest).max(1)).clamp(1, 16) as usize;
+                let shards = (budget / largest.saturating_mul(2).max(1)).clamp(1, 16) as usize;
                 let options = OptionsBuilder::new()
                     .shards(shards)
                     .estimated_items_capacity(page_count.max(1))

@@ -5,11 +5,12 @@ use glam::{Affine3A, Quat, Vec3};
 use lvox::build;
 use lvox::formats::record::{MAX_LEVEL, VolumeInfo};
 use lvox::formats::{
-    Below, Bounds, ClipEdge, CloudMeta, CloudWriter, EncodedPage, Lvoxel, Node, Sums, Surfel,
-    SurfelAggregate, SurfelPage, TreeMeta, TreeWriter,
+    Below, Bounds, ClipEdge, Clips, CloudMeta, CloudWriter, EncodedPage, Lvoxel, Node, Sums,
+    Surfel, SurfelAggregate, SurfelPage, TreeMeta, TreeWriter,
 };
 use lvox::gather::cone::{self, Scratch};
 use lvox::gather::plain;
+use lvox::gather::store::Page;
 use lvox::gather::{
     Crossing, Gatherer, Kernel, Media, Medium, NoMedia, Pages, Settings, Stretch, SurfacePoint,
     SurfelStore, TreeStore,
@@ -18,6 +19,7 @@ use lvox::math::Rgb;
 use lvox::math::segment::Composite;
 use lvox::run::Job;
 use std::f32::consts::PI;
+use std::path::PathBuf;
 
 const OVERLAP: f32 = 1.8;
 
@@ -73,6 +75,12 @@ fn cloud(n: usize) -> Vec<Surfel> {
 }
 
 fn store(surfels: &[Surfel]) -> (tempfile::TempDir, TreeStore) {
+    let (dir, tree) = tree(surfels);
+    let store = TreeStore::open(&tree, None).unwrap();
+    (dir, store)
+}
+
+fn tree(surfels: &[Surfel]) -> (tempfile::TempDir, PathBuf) {
     let dir = tempfile::tempdir().unwrap();
     let (cloud, tree) = (dir.path().join("a.lvc"), dir.path().join("a.lvt"));
     let meta = CloudMeta {
@@ -90,8 +98,7 @@ fn store(surfels: &[Surfel]) -> (tempfile::TempDir, TreeStore) {
         &Job::default(),
     )
     .unwrap();
-    let store = TreeStore::open(&tree, None).unwrap();
-    (dir, store)
+    (dir, tree)
 }
 
 /// The surfels of a tree that was opened without a limit.
@@ -583,4 +590,32 @@ fn a_tree_may_be_as_deep_as_its_file_is_long() {
     let (met, pages) = cast_in(&stores[0]);
     pages.unwrap();
     assert_eq!(met, [true, false]);
+}
+
+#[test]
+fn trees_are_held_whole_only_if_the_memory_limit_allows_it() {
+    let clipped = cloud(20_000);
+    let grey = cloud(20_000).into_iter().map(|s| Surfel {
+        front: [0.5; 3],
+        back: [0.0; 3],
+        clips: Clips::default(),
+        ..s
+    });
+    let one = &clipped[..1];
+    for surfels in [&clipped, &grey.collect::<Vec<_>>(), one] {
+        let (_dir, path) = tree(surfels);
+        let store = TreeStore::open(&path, None).unwrap();
+        let held: usize = (0..store.tree().surfel_pages() as u32)
+            .map(|id| {
+                let page = pages(&store).page(id);
+                page.nodes().bytes() + page.leaves().bytes()
+            })
+            .sum();
+        let is_kept = |limit: usize| match TreeStore::open(&path, Some(limit as u64)) {
+            Ok(store) => matches!(store.surfels, SurfelStore::Kept(_)),
+            Err(_) => false,
+        };
+        assert!(!is_kept(held - 1), "{held}");
+        assert!(is_kept(held + held / 2 + 1000), "{held}");
+    }
 }
