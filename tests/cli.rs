@@ -84,6 +84,7 @@ fn wrong_usage_is_exit_code_2() {
         &["merge"],
         &["compare", "a.exr"],
         &["compare", "a.exr", "b.exr", "--threads", "0"],
+        &["compare", "a.exr", "b.exr", "--threads", "1025"],
         &["compare", "a.exr", "b.exr", "--memory-limit", "much"],
         &["compare", "a.exr", "b.exr", "--exposure", "-2"],
         &["compare", "a.exr", "b.exr", "--region", "1", "2", "3"],

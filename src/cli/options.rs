@@ -10,13 +10,16 @@ use std::fs::File;
 use std::io::{IsTerminal, Read};
 use std::path::{Path, PathBuf};
 
+/// Threads beyond this only spin for work that there is not.
+const MOST_THREADS: i64 = 1024;
+
 /// Options that every verb has, as typed.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Shared options")]
 pub struct Shared {
     /// Use this many threads; results do not depend on it [default: all cores]
     #[arg(long, global = true, value_name = "N")]
-    #[arg(value_parser = clap::value_parser!(u16).range(1..))]
+    #[arg(value_parser = clap::value_parser!(u16).range(1..=MOST_THREADS))]
     threads: Option<u16>,
 
     /// Show progress on stderr; auto is a bar on a terminal and plain lines elsewhere

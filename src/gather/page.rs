@@ -120,6 +120,25 @@ pub struct PageLeaves {
     clips: Vec<ClipPlanes>,
 }
 
+/// Bytes that the nodes and the leaves of a page take at most, of so many nodes and surfels.
+#[must_use]
+pub fn most_bytes(nodes: u64, surfels: u64, has_clips: bool) -> u64 {
+    // What is below each node is either a group of nodes or a block of disks; a root that is a leaf is a group, too.
+    let below = size_of::<WideNode>().max(size_of::<DiskBlock>());
+    let clips = if has_clips {
+        size_of::<ClipPlanes>()
+    } else {
+        0
+    };
+    let node = (size_of::<Proxy>() + below) as u64;
+    let surfel = (size_of::<DiskLight>() + clips) as u64;
+    let of_nodes = nodes.saturating_mul(node);
+    let of_surfels = surfels.saturating_mul(surfel);
+    of_nodes
+        .saturating_add(of_surfels)
+        .saturating_add(size_of::<WideNode>() as u64)
+}
+
 fn is_leaf(node: &Node) -> bool {
     matches!(node.below, Below::Surfels { .. })
 }
@@ -140,23 +159,34 @@ impl PageNodes {
         };
         let blocks: Vec<u32> = nodes.iter().map(count_leaf).collect();
         let mut out = Self {
-            nodes: Vec::with_capacity(nodes.len() - leaves as usize),
+            nodes: Vec::with_capacity((nodes.len() - leaves as usize).max(1)),
             proxies: Vec::with_capacity(nodes.len()),
         };
-        match root.below {
-            Below::Nodes { first, count } => {
-                out.add_group(nodes, &blocks, first, count);
+        // The groups to come, with the slot that each is below. Not by recursion: a page may be as deep as it has nodes.
+        let mut groups = vec![match root.below {
+            Below::Nodes { first, count } => (first, count, None),
+            _ => (0, 1, None),
+        }];
+        while let Some((first, count, above)) = groups.pop() {
+            let index = out.nodes.len();
+            if let Some((above, slot)) = above {
+                let above: &mut WideNode = &mut out.nodes[above];
+                above.child[slot] = index as u32;
             }
-            _ => {
-                out.add_group(nodes, &blocks, 0, 1);
+            let node = out.group(nodes, &blocks, first, count);
+            // The last comes off first.
+            for slot in (0..usize::from(count)).rev() {
+                if let Below::Nodes { first, count } = nodes[first as usize + slot].below {
+                    groups.push((first, count, Some((index, slot))));
+                }
             }
+            out.nodes.push(node);
         }
         out
     }
 
-    fn add_group(&mut self, nodes: &[Node], blocks: &[u32], first: u32, count: u8) -> u32 {
-        let index = self.nodes.len();
-        self.nodes.push(WideNode::default());
+    /// The node of some siblings, but for where the nodes below it are.
+    fn group(&mut self, nodes: &[Node], blocks: &[u32], first: u32, count: u8) -> WideNode {
         let first_proxy = self.proxies.len() as u32;
         let group = first as usize..first as usize + usize::from(count);
         let children = &nodes[group.clone()];
@@ -179,16 +209,12 @@ impl PageNodes {
             let allowance = if flat { 1.0 } else { 4.0 };
             node.cross_section[slot] = 0.25 * PI * diagonal2 * allowance;
             (node.kind[slot], node.child[slot]) = match child.below {
-                Below::Nodes { first, count } => {
-                    let group = self.add_group(nodes, blocks, first, count);
-                    (ChildKind::Inner, group)
-                }
+                Below::Nodes { .. } => (ChildKind::Inner, 0),
                 Below::Surfels { .. } => (ChildKind::Leaf, blocks[group.start + slot]),
                 Below::Page(id) => (ChildKind::Page, id),
             };
         }
-        self.nodes[index] = node;
-        index as u32
+        node
     }
 
     /// Bytes held.
@@ -378,5 +404,71 @@ impl Proxy {
         } else {
             1.0
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lvox_formats::record::Bounds;
+
+    #[test]
+    fn a_page_may_be_as_deep_as_it_has_nodes() {
+        const DEPTH: u32 = 32_767;
+        let bounds = Bounds {
+            min: [0.0; 3],
+            max: [1.0; 3],
+        };
+        let node = |below| Node {
+            bounds,
+            below,
+            aggregate: SurfelAggregate::default(),
+        };
+        let chain = |first| Below::Nodes { first, count: 1 };
+        let mut nodes: Vec<Node> = (1..=DEPTH).map(|first| node(chain(first))).collect();
+        nodes.push(node(Below::Surfels { first: 0, count: 1 }));
+        let page = PageNodes::new(&nodes);
+        assert_eq!(page.nodes.len(), DEPTH as usize);
+        for (i, node) in page.nodes.iter().enumerate().take(DEPTH as usize - 1) {
+            let below = (node.kind[0], node.child[0]);
+            assert_eq!(below, (ChildKind::Inner, i as u32 + 1));
+        }
+    }
+
+    #[test]
+    fn nodes_are_laid_out_each_before_those_below_it_and_the_first_child_first() {
+        let node = |below| Node {
+            bounds: Bounds {
+                min: [0.0; 3],
+                max: [1.0; 3],
+            },
+            below,
+            aggregate: SurfelAggregate::default(),
+        };
+        let nodes = [
+            node(Below::Nodes { first: 1, count: 3 }),
+            node(Below::Nodes { first: 4, count: 2 }),
+            node(Below::Page(7)),
+            node(Below::Nodes { first: 6, count: 1 }),
+            node(Below::Surfels { first: 0, count: 1 }),
+            node(Below::Nodes { first: 7, count: 1 }),
+            node(Below::Surfels { first: 1, count: 1 }),
+            node(Below::Surfels { first: 2, count: 1 }),
+        ];
+        let page = PageNodes::new(&nodes);
+        use ChildKind::{Inner, Leaf, None, Page};
+        let found: Vec<_> = (page.nodes.iter())
+            .map(|n| (n.first_proxy, [0, 1, 2].map(|k| (n.kind[k], n.child[k]))))
+            .collect();
+        let nothing = (None, 0);
+        assert_eq!(
+            found,
+            [
+                (0, [(Inner, 1), (Page, 7), (Inner, 3)]),
+                (3, [(Leaf, 0), (Inner, 2), nothing]),
+                (5, [(Leaf, 2), nothing, nothing]),
+                (6, [(Leaf, 1), nothing, nothing]),
+            ]
+        );
     }
 }

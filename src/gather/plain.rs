@@ -2,7 +2,7 @@
 //! kept as the reference that the fast kernel is tested against.
 
 use super::cone::{OVERHANG, Scratch};
-use super::page::{ChildKind, WIDTH};
+use super::page::{ChildKind, PageLeaves, WIDTH};
 use super::store::Page;
 use super::{Crossing, Pages};
 use crate::math::Rgb;
@@ -30,94 +30,89 @@ pub fn cast_in_order<P: Pages, const NEAR_FIRST: bool>(
 ) -> Option<Crossing> {
     scratch.crossings.clear();
     let mut best = None;
+    let t_end = |best: &Option<Crossing>| best.map_or(t_max, |c| c.t);
+    // What is still to be seen, the next last. Not by recursion: a tree may be as deep as its file is long.
+    let mut ahead: Vec<(f32, u32, ChildKind, u32)> = Vec::new();
     if let Some(root) = pages.root() {
-        visit::<P, NEAR_FIRST>(pages, root, 0, origin, direction, t_max, &mut best);
+        ahead.push((0.0, root, ChildKind::Page, root));
+    }
+    while let Some((entry, page_id, kind, child)) = ahead.pop() {
+        if entry > t_end(&best) {
+            continue;
+        }
+        let (page_id, node) = match kind {
+            ChildKind::Inner => (page_id, child),
+            ChildKind::Page => (child, 0),
+            ChildKind::Leaf => {
+                let page = pages.page(page_id);
+                meet_leaf(page.leaves(), child, origin, direction, t_max, &mut best);
+                continue;
+            }
+            ChildKind::None => continue,
+        };
+        let page = pages.page(page_id);
+        let Some(node) = page.nodes().nodes.get(node as usize) else {
+            continue;
+        };
+        let mut children = [(0.0, 0); WIDTH];
+        let mut met = 0;
+        for k in (0..WIDTH).filter(|&k| node.kind[k] != ChildKind::None) {
+            let (min, max) = (corner(&node.min, k), corner(&node.max, k));
+            if let Some(entry) = enter_box(min, max, origin, direction) {
+                children[met] = (entry, k);
+                met += 1;
+            }
+        }
+        let children = &mut children[..met];
+        if NEAR_FIRST {
+            children.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        }
+        let below = |&(entry, k): &(f32, usize)| (entry, page_id, node.kind[k], node.child[k]);
+        ahead.extend(children.iter().rev().map(below));
     }
     best
 }
 
-fn visit<P: Pages, const NEAR_FIRST: bool>(
-    pages: &P,
-    page_id: u32,
-    node: u32,
+fn corner(c: &[[f32; WIDTH]; 3], k: usize) -> Vec3 {
+    Vec3::new(c[0][k], c[1][k], c[2][k])
+}
+
+/// Takes the disks of a leaf that a ray meets before what it met so far.
+fn meet_leaf(
+    leaves: &PageLeaves,
+    block: u32,
     origin: Vec3,
     direction: Vec3,
     t_max: f32,
     best: &mut Option<Crossing>,
 ) {
-    let page = pages.page(page_id);
-    let Some(node) = page.nodes().nodes.get(node as usize) else {
+    let Some(block) = leaves.blocks.get(block as usize) else {
         return;
     };
-    let t_end = |best: &Option<Crossing>| best.map_or(t_max, |c| c.t);
-    let corner = |c: &[[f32; 8]; 3], k: usize| Vec3::new(c[0][k], c[1][k], c[2][k]);
-    let mut children = [(0.0, 0); WIDTH];
-    let mut met = 0;
-    for k in (0..WIDTH).filter(|&k| node.kind[k] != ChildKind::None) {
-        let (min, max) = (corner(&node.min, k), corner(&node.max, k));
-        if let Some(entry) = enter_box(min, max, origin, direction) {
-            children[met] = (entry, k);
-            met += 1;
-        }
-    }
-    let children = &mut children[..met];
-    if NEAR_FIRST {
-        children.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-    }
-    for &mut (entry, k) in children {
-        if entry > t_end(best) {
-            if NEAR_FIRST {
-                break;
-            }
-            continue;
-        }
-        match node.kind[k] {
-            ChildKind::Inner => visit::<P, NEAR_FIRST>(
-                pages,
-                page_id,
-                node.child[k],
-                origin,
-                direction,
-                t_max,
-                best,
-            ),
-            ChildKind::Page => {
-                visit::<P, NEAR_FIRST>(pages, node.child[k], 0, origin, direction, t_max, best);
-            }
-            ChildKind::Leaf => {
-                let leaves = page.leaves();
-                let Some(block) = leaves.blocks.get(node.child[k] as usize) else {
-                    continue;
-                };
-                for lane in 0..block.count as usize {
-                    let normal = corner(&block.normal, lane);
-                    let to_centre = corner(&block.centre, lane) - origin;
-                    let (height, cos) = (normal.dot(to_centre), normal.dot(direction));
-                    let t = height / cos;
-                    let own =
-                        cos > 0.0 && height * height < OVERHANG * OVERHANG * block.radius2[lane];
-                    let offset = direction * t - to_centre;
-                    let light = &leaves.lights[block.first_light as usize + lane];
-                    let hit = t > 0.0
-                        && !own
-                        && t < t_end(best)
-                        && offset.length_squared() <= block.radius2[lane]
-                        && !leaves.is_clipped(light, offset.to_array());
-                    if hit {
-                        let radiance = if normal.dot(direction) < 0.0 {
-                            light.front
-                        } else {
-                            light.back
-                        };
-                        *best = Some(Crossing {
-                            t,
-                            opacity: 1.0,
-                            radiance: Rgb(radiance),
-                        });
-                    }
-                }
-            }
-            ChildKind::None => {}
+    for lane in 0..block.count as usize {
+        let normal = corner(&block.normal, lane);
+        let to_centre = corner(&block.centre, lane) - origin;
+        let (height, cos) = (normal.dot(to_centre), normal.dot(direction));
+        let t = height / cos;
+        let own = cos > 0.0 && height * height < OVERHANG * OVERHANG * block.radius2[lane];
+        let offset = direction * t - to_centre;
+        let light = &leaves.lights[block.first_light as usize + lane];
+        let hit = t > 0.0
+            && !own
+            && t < best.map_or(t_max, |c| c.t)
+            && offset.length_squared() <= block.radius2[lane]
+            && !leaves.is_clipped(light, offset.to_array());
+        if hit {
+            let radiance = if normal.dot(direction) < 0.0 {
+                light.front
+            } else {
+                light.back
+            };
+            *best = Some(Crossing {
+                t,
+                opacity: 1.0,
+                radiance: Rgb(radiance),
+            });
         }
     }
 }

@@ -3,16 +3,16 @@
 //! Either way a page that no ray touches is never read.
 
 use super::media::{self, Block, Layout, Media};
-use super::page::{PageLeaves, PageNodes};
+use super::page::{self, PageLeaves, PageNodes};
 use crate::math::Rgb;
 use crate::run::size;
 use crate::{Error, Result};
-use lvox_formats::record::Lvoxel;
+use lvox_formats::record::{Below, Lvoxel, Node};
 use lvox_formats::{FormatError, MappedFile, Tree};
 use quick_cache::sync::Cache;
 use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// A page in use.
@@ -71,6 +71,50 @@ struct Decoder {
     bytes_read: AtomicU64,
     failed: AtomicU64,
     failure: Mutex<Option<Error>>,
+    links: Links,
+}
+
+/// Which page links to each, as far as pages were decoded. A tree in which two do has more paths to a page than a walk can
+/// ever end.
+#[derive(Debug)]
+struct Links(Vec<AtomicU32>);
+
+impl Links {
+    const NONE: u32 = u32::MAX;
+
+    fn new(pages: usize) -> Self {
+        Self((0..pages).map(|_| AtomicU32::new(Self::NONE)).collect())
+    }
+
+    /// Notes the links of a page, each time that it is decoded; an error for a second link to the same page.
+    fn note(&self, id: u32, nodes: &[Node]) -> std::result::Result<(), FormatError> {
+        let mut links: Vec<u32> = (nodes.iter())
+            .filter_map(|n| match n.below {
+                Below::Page(link) => Some(link),
+                _ => None,
+            })
+            .collect();
+        links.sort_unstable();
+        let twice = |link: u32, other: u32| FormatError::Invalid {
+            what: format!("links to page {link}"),
+            expected: "one".into(),
+            found: format!("one in page {other} and another in page {id}"),
+        };
+        if let Some(pair) = links.windows(2).find(|pair| pair[0] == pair[1]) {
+            return Err(twice(pair[0], id));
+        }
+        for link in links {
+            let Some(linker) = self.0.get(link as usize) else {
+                continue;
+            };
+            let order = Ordering::Relaxed;
+            match linker.compare_exchange(Self::NONE, id, order, order) {
+                Err(other) if other != id => return Err(twice(link, other)),
+                _ => {}
+            }
+        }
+        Ok(())
+    }
 }
 
 impl Decoder {
@@ -84,10 +128,11 @@ impl Decoder {
 
     fn nodes(&self, id: u32) -> PageNodes {
         self.count(id);
-        match self.tree.surfel_nodes(id as usize) {
-            Ok(nodes) => PageNodes::new(&nodes),
-            Err(e) => self.fail(e),
-        }
+        let nodes = self.tree.surfel_nodes(id as usize).and_then(|nodes| {
+            self.links.note(id, &nodes)?;
+            Ok(PageNodes::new(&nodes))
+        });
+        nodes.unwrap_or_else(|e| self.fail(e))
     }
 
     fn leaves(&self, id: u32) -> PageLeaves {
@@ -101,13 +146,14 @@ impl Decoder {
     fn whole(&self, id: u32) -> WholePage {
         self.count(id);
         self.decoded_leaves.fetch_add(1, Ordering::Relaxed);
-        match self.tree.surfel_page(id as usize) {
-            Ok(page) => WholePage {
+        let page = self.tree.surfel_page(id as usize).and_then(|page| {
+            self.links.note(id, &page.nodes)?;
+            Ok(WholePage {
                 nodes: PageNodes::new(&page.nodes),
                 leaves: PageLeaves::new(&page),
-            },
-            Err(e) => self.fail(e),
-        }
+            })
+        });
+        page.unwrap_or_else(|e| self.fail(e))
     }
 
     /// Notes the first error, and gives something empty.
@@ -151,8 +197,11 @@ impl Decoder {
 #[derive(Debug)]
 pub struct KeptTree {
     decoder: Decoder,
-    pages: Vec<(OnceLock<PageNodes>, OnceLock<PageLeaves>)>,
+    pages: Vec<KeptEntry>,
 }
+
+/// A page that may have been decoded, and its leaves, too.
+type KeptEntry = (OnceLock<PageNodes>, OnceLock<PageLeaves>);
 
 /// A page of a [`KeptTree`].
 #[derive(Clone, Copy, Debug)]
@@ -329,9 +378,6 @@ pub enum SurfelStore {
 /// What the tables that find lvoxels may take where no memory limit is given: volumes of 8192^3 voxels in all.
 const MOST_TABLE_BYTES: u64 = 4 << 30;
 
-/// Decoded pages hold at most this many times the bytes that they have in the file before compression.
-const DECODED_OVER_RAW: u64 = 5;
-
 impl TreeStore {
     /// Opens a tree file. With a memory limit that the decoded tree might pass, pages are cached within it.
     ///
@@ -356,12 +402,18 @@ impl TreeStore {
             ));
         }
         let media = MediaStore::read(&tree, path, memory_limit)?;
-        let raw: Vec<u64> = tree
-            .surfel_blocks()
-            .iter()
-            .map(|b| u64::from(b.raw_bytes))
-            .collect();
-        let decoded = raw.iter().sum::<u64>() * DECODED_OVER_RAW;
+        let most = || {
+            let blocks = tree.surfel_blocks().iter().enumerate();
+            blocks.map(|(i, b)| {
+                let has_clips = tree.has_clips(i);
+                page::most_bytes(u64::from(b.nodes), u64::from(b.records), has_clips)
+            })
+        };
+        let entry = size_of::<KeptEntry>() as u64;
+        let decoded = most().fold(media.bytes() as u64, |sum, bytes| {
+            sum.saturating_add(bytes).saturating_add(entry)
+        });
+        let largest = most().max().unwrap_or(0);
         let page_count = tree.surfel_pages();
         let decoder = Decoder {
             tree,
@@ -371,20 +423,20 @@ impl TreeStore {
             bytes_read: AtomicU64::new(0),
             failed: AtomicU64::new(0),
             failure: Mutex::new(None),
+            links: Links::new(page_count),
         };
-        let surfels = match memory_limit.filter(|&limit| decoded + media.bytes() as u64 > limit) {
+        let surfels = match memory_limit.filter(|&limit| decoded > limit) {
             None => {
                 let pages = (0..page_count).map(|_| Default::default()).collect();
                 SurfelStore::Kept(KeptTree { decoder, pages })
             }
             Some(limit) => {
-                let largest = raw.iter().max().copied().unwrap_or(0) * DECODED_OVER_RAW;
                 // A cache shard never keeps what is heavier than nearly all of it.
-                let least = media.bytes() as u64 + 8 * largest;
+                let least = (media.bytes() as u64).saturating_add(largest.saturating_mul(8));
                 size::within("shading from it", least, memory_limit)
                     .map_err(|e| e.at(path.display()))?;
                 let budget = limit - media.bytes() as u64;
-                let shards = (budget / (2 * largest).max(1)).clamp(1, 16) as usize;
+                let shards = (budget / largest.saturating_mul(2).max(1)).clamp(1, 16) as usize;
                 let options = OptionsBuilder::new()
                     .shards(shards)
                     .estimated_items_capacity(page_count.max(1))

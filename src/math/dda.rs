@@ -50,11 +50,13 @@ impl Steps {
         if least < z { least } else { z }
     }
 
-    /// To the next cell, across an edge or a corner if the ray meets one; returns whether it is inside the limit.
+    /// To the next cell, across an edge or a corner if the ray meets one; returns whether it is inside the limit. A ray that
+    /// crosses nothing is outside, so that every walk ends.
     #[inline]
     pub fn advance(&mut self) -> bool {
         let leave = self.leave();
-        let mut inside = true;
+        // Not so for NaN, and for no direction at all.
+        let mut inside = leave < f32::INFINITY;
         for a in 0..3 {
             let crosses = self.t_next[a] <= leave;
             self.t_next[a] += if crosses { self.t_step[a] } else { 0.0 };
@@ -239,3 +241,41 @@ macro_rules! coordinate {
     )*};
 }
 coordinate!(f32, f64);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_walk_ends() {
+        let values = [
+            0.0,
+            1.0,
+            -1.0,
+            1e-45,
+            -1e-30,
+            1e30,
+            f32::MAX,
+            f32::INFINITY,
+            f32::NEG_INFINITY,
+            f32::NAN,
+        ];
+        let count = values.len();
+        for i in 0..count.pow(4) {
+            let [a, b, c, d] =
+                [1, count, count.pow(2), count.pow(3)].map(|n| values[i / n % count]);
+            for direction in [[a, b, c], [c, a, b]] {
+                let line = Line {
+                    origin: [d, 0.5, 0.5],
+                    direction,
+                    inverse: direction.map(|v| 1.0 / v),
+                };
+                for edge in [1.0, 8.0] {
+                    let mut steps = Steps::new(&line, 0.0, [0; 3], edge, [4; 3]);
+                    let cells = (0..13).take_while(|_| steps.advance()).count();
+                    assert!(cells <= 9, "{line:?}");
+                }
+            }
+        }
+    }
+}

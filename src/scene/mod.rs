@@ -141,7 +141,9 @@ impl Scene {
         let (min, max) = self.bounds();
         let far = min.abs().max(max.abs()).as_dvec3().max_element();
         let extent = (max.as_dvec3() - min.as_dvec3()).max_element();
-        if far > Self::FARTHEST * extent {
+        // Not so for NaN, either: the difference of two places beyond f32.
+        let is_near = far <= Self::FARTHEST * extent;
+        if !is_near {
             return Err(Error::input(format!(
                 "the scene is {far:.3e} units from where the tree was baked, more than {} times its extent of \
                  {extent:.3e}",

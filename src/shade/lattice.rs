@@ -51,12 +51,18 @@ impl Lattice {
 
     /// Bytes that the lattice of a region takes while it is made.
     pub fn bytes(region: Region, step: u32, film: [u32; 2]) -> u64 {
-        let nodes = |reach| {
-            let [columns, rows] = Area::around(region, step, reach, film).count;
-            u64::from(columns) * u64::from(rows)
-        };
-        let all = nodes(Self::REACH + Self::SMOOTH) + nodes(Self::REACH);
-        all * size_of::<Option<Node>>() as u64
+        let gathered = Area::around(region, step, Self::REACH + Self::SMOOTH, film);
+        let smoothed = Area::around(region, step, Self::REACH, film);
+        // Lists of gathers, of which those at the border of the area have room for as many as the others, and then the
+        // nodes that are made of them.
+        let [columns, rows] = gathered.squares_along(Self::SIDE);
+        let squares = u64::from(columns.end - columns.start) * u64::from(rows.end - rows.start);
+        let gather = u64::from(Self::SIDE * Self::SIDE) * size_of::<(usize, Node)>() as u64;
+        // While the lists are put into one list there are two of them.
+        let lists =
+            squares * (gather + (2 * size_of::<Vec<Node>>() + size_of::<[u32; 2]>()) as u64);
+        let nodes = |area: &Area| (area.len() * size_of::<Option<Node>>()) as u64;
+        nodes(&gathered) + lists.max(nodes(&smoothed))
     }
 
     /// Gathers at the lattice pixels in and around a region.
@@ -85,7 +91,7 @@ impl Lattice {
                 ))
             })
             .collect::<Result<_>>()?;
-        let mut nodes = vec![None; (gathered.count[0] * gathered.count[1]) as usize];
+        let mut nodes = vec![None; gathered.len()];
         for (at, node) in squares.into_iter().flatten() {
             nodes[at] = Some(node);
         }
@@ -95,16 +101,16 @@ impl Lattice {
             nodes,
         };
         let area = Area::around(region, step, Self::REACH, film);
-        let rows: Vec<Vec<Option<Node>>> = area
-            .rows()
-            .into_par_iter()
-            .map(|j| area.columns().map(|i| rough.smoothed([i, j])).collect())
-            .collect();
-        Ok(Self {
-            step,
-            area,
-            nodes: rows.into_iter().flatten().collect(),
-        })
+        let mut nodes = vec![None; area.len()];
+        nodes
+            .par_chunks_exact_mut(area.count[0] as usize)
+            .zip(area.rows())
+            .for_each(|(row, j)| {
+                for (node, i) in row.iter_mut().zip(area.columns()) {
+                    *node = rough.smoothed([i, j]);
+                }
+            });
+        Ok(Self { step, area, nodes })
     }
 
     /// The gathers of a square of the lattice that are in an area, and their places there.
@@ -271,10 +277,18 @@ impl Area {
 
     /// The squares of so many by so many places of the whole lattice that the area has a part in.
     fn squares(&self, side: u32) -> Vec<[u32; 2]> {
-        let [columns, rows] =
-            [0, 1].map(|a| self.first[a] / side..(self.first[a] + self.count[a]).div_ceil(side));
+        let [columns, rows] = self.squares_along(side);
         rows.flat_map(|j| columns.clone().map(move |i| [i, j]))
             .collect()
+    }
+
+    fn squares_along(&self, side: u32) -> [std::ops::Range<u32>; 2] {
+        [0, 1].map(|a| self.first[a] / side..(self.first[a] + self.count[a]).div_ceil(side))
+    }
+
+    /// How many places.
+    fn len(&self) -> usize {
+        self.count[0] as usize * self.count[1] as usize
     }
 
     fn columns(&self) -> std::ops::Range<u32> {
@@ -287,7 +301,8 @@ impl Area {
 
     fn index(&self, at: [u32; 2]) -> Option<usize> {
         let [i, j] = [0, 1].map(|a| at[a].wrapping_sub(self.first[a]));
-        (i < self.count[0] && j < self.count[1]).then(|| (j * self.count[0] + i) as usize)
+        let inside = i < self.count[0] && j < self.count[1];
+        inside.then(|| j as usize * self.count[0] as usize + i as usize)
     }
 
     /// Columns and rows of the area less than `reach` steps from a point of the frame, in steps.
@@ -328,4 +343,40 @@ fn morton(x: u32, y: u32) -> u32 {
     (0..4).fold(0, |m, bit| {
         m | (x >> bit & 1) << (2 * bit) | (y >> bit & 1) << (2 * bit + 1)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_lattice_of_the_largest_film_can_be_counted() {
+        const SIDE: u32 = 65_536;
+        let film = Region::full(SIDE, SIDE);
+        let area = Area::around(film, 1, Lattice::REACH, [SIDE; 2]);
+        assert_eq!(area.len(), 1 << 32);
+        assert_eq!(area.index([SIDE - 1; 2]), Some((1 << 32) - 1));
+        assert_eq!(area.index([SIDE, 0]), None);
+    }
+
+    #[test]
+    fn the_bytes_of_a_lattice_are_those_of_its_lists_and_nodes() {
+        // An area of 14 by 14 places, in 5 by 4 squares of the whole lattice.
+        let region = Region {
+            x0: 36,
+            y0: 28,
+            x1: 38,
+            y1: 29,
+        };
+        let area = Area::around(region, 4, Lattice::REACH + Lattice::SMOOTH, [100, 60]);
+        assert_eq!((area.first, area.count), ([3, 1], [14, 14]));
+        let squares = area.squares(Lattice::SIDE).len();
+        assert_eq!(squares, 5 * 4);
+        let least = squares * 16 * size_of::<(usize, Node)>() + 14 * 14 * size_of::<Option<Node>>();
+        let bytes = Lattice::bytes(region, 4, [100, 60]) as usize;
+        assert!(
+            bytes >= least && bytes < least + least / 10,
+            "{bytes} {least}"
+        );
+    }
 }

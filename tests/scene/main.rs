@@ -55,6 +55,14 @@ fn load_acceptance(name: &str) -> Option<Scene> {
 }
 
 #[test]
+fn frames_beyond_f32_are_refused() {
+    for far in [1e6, 1e30, 1e300] {
+        let error = Scene::demo().unwrap().in_frame(DVec3::splat(far));
+        assert!(error.unwrap_err().to_string().contains("units from where"));
+    }
+}
+
+#[test]
 fn the_demo_loads_and_is_the_same_twice() {
     let scene = Scene::demo().unwrap();
     assert_eq!((scene.film.width, scene.film.height), (640, 480));

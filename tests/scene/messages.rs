@@ -20,6 +20,51 @@ fn refused(text: &str, files: &[(&str, &[u8])]) -> (String, String) {
 }
 
 #[test]
+fn places_and_sizes_beyond_f32() {
+    let raw = [1.0_f32, 2.0].map(f32::to_le_bytes).concat();
+    // Text after a cube; what the message must contain.
+    let volume = |placement: &str| format!("{RAW}{placement}\nname = \"fog\"\n");
+    let camera = "[[camera]]\nname = \"main\"\ntarget = [0, 0, 0]\nposition = ";
+    let light = "[[light]]\ntype = \"point\"\nintensity = [1, 1, 1]\nposition = ";
+    let far = "is farther than 1e15 from the origin";
+    let thin = "expected voxels of at least 1e-15 units in each direction, found 9.99";
+    for (text, says) in [
+        (volume("scale = 1e39"), ["\"fog\": a corner", far]),
+        (volume("scale = 1e200"), ["\"fog\": a corner", far]),
+        (
+            volume("translate = [0, 0, -1e16]"),
+            ["\"fog\": a corner", far],
+        ),
+        (
+            volume("scale = 1e-40"),
+            ["\"fog\": ", "expected voxels of at least 1e-15 units"],
+        ),
+        (volume("scale = [1, 9.995e-16, 1]"), ["\"fog\": ", thin]),
+        (
+            format!("{light}[0, 1e25, 0]"),
+            ["light 1: the position", far],
+        ),
+        (
+            format!("{camera}[0, 0, 1e30]"),
+            ["\"main\": the position", far],
+        ),
+    ] {
+        let (message, hint) = refused(&format!("{CUBE}{text}"), &[("a.raw", &raw)]);
+        assert!(message.contains("scene.toml: "), "{message}");
+        assert!(says.iter().all(|s| message.contains(s)), "{message}");
+        assert!(!hint.is_empty());
+    }
+    for text in [
+        volume("scale = 1e14"),
+        volume("scale = 1.001e-15"),
+        format!("{light}[0, 1e15, 0]"),
+        format!("{camera}[0, 0, -1e15]"),
+    ] {
+        load(&format!("{CUBE}{text}"), &[("a.raw", &raw)]).unwrap();
+    }
+}
+
+#[test]
 fn scene_files() {
     // Text after a cube; what the message must contain; what the hint must contain.
     let cases = [

@@ -164,6 +164,12 @@ impl<D: AsRef<[u8]>> Tree<D> {
         &self.lvoxel_blocks
     }
 
+    /// Whether any surfel of page `i` is clipped.
+    pub fn has_clips(&self, i: usize) -> bool {
+        let block = self.surfel_blocks.get(i);
+        block.is_some_and(|b| b.columns >> columns::CLIP_COUNT & 1 == 1)
+    }
+
     /// Number of pages of surfels.
     pub fn surfel_pages(&self) -> usize {
         self.surfel_blocks.len()

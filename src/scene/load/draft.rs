@@ -3,12 +3,15 @@
 
 use super::super::{Camera, Film, Grid, Light, Mesh, Scene, Volume};
 use super::files::Files;
-use super::part::{Part, merge};
+use super::part::{FARTHEST, Part, merge};
 use crate::{Error, Result};
 use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec2, Vec3};
 
 /// A scene whose centre is farther from the origin than this many times its extent is moved to the origin.
 const FAR: f64 = 16.0;
+
+/// Layers of voxels thinner than this are taken for a mistake: what a ray passes per unit would leave the range of f32.
+const THINNEST: f64 = 1.0 / FARTHEST;
 
 /// Film of a scene that does not state one.
 pub(super) const DEFAULT_FILM: Film = Film {
@@ -48,6 +51,53 @@ pub(super) struct DraftVolume {
     pub(super) sigma_t: Grid,
     pub(super) albedo: [f32; 3],
     pub(super) world_from_index: DAffine3,
+}
+
+impl DraftVolume {
+    /// Corners of its box.
+    fn corners(&self) -> [DVec3; 8] {
+        let size = self.sigma_t.dims().map(|n| n as f64);
+        std::array::from_fn(|corner| {
+            let at = |a: usize| if corner >> a & 1 == 1 { size[a] } else { 0.0 };
+            let p = DVec3::new(at(0), at(1), at(2));
+            self.world_from_index.transform_point3(p)
+        })
+    }
+
+    /// An error unless it is of a size and at a place that f32 can hold.
+    fn check(&self) -> Result<()> {
+        let what = || format!("the volume \"{}\"", self.name);
+        for corner in self.corners() {
+            check_near(|| format!("{}: a corner of its box", what()), corner)?;
+        }
+        // Rows of the inverse stand on the layers of voxels, and are as long as these are thin.
+        let m = self.world_from_index.matrix3.inverse().transpose();
+        let steepest = [m.x_axis, m.y_axis, m.z_axis].map(DVec3::length);
+        let thinnest = 1.0 / steepest.into_iter().fold(0.0, f64::max);
+        // Not the other way round: there may be no number at all.
+        if !(steepest.iter().all(|v| v.is_finite()) && thinnest >= THINNEST) {
+            return Err(Error::input(format!(
+                "{}: expected voxels of at least {THINNEST:e} units in each direction, found {thinnest:e}",
+                what()
+            ))
+            .hint("enlarge the volume by `scale`, or by the matrix that places it"));
+        }
+        Ok(())
+    }
+}
+
+/// An error for what is so far away that it must be a mistake, as for vertices.
+fn check_near(what: impl Fn() -> String, at: DVec3) -> Result<()> {
+    // A comparison with NaN is false.
+    if at.to_array().iter().all(|v| v.abs() <= FARTHEST) {
+        return Ok(());
+    }
+    Err(Error::input(format!(
+        "{}: the position {:?} is farther than {FARTHEST:e} from the origin",
+        what(),
+        at.to_array()
+    ))
+    .hint("bring the scene near the origin, or to a unit in which it is smaller"))
 }
 
 /// A box in world space.
@@ -119,6 +169,7 @@ impl Draft {
             files.warn("the scene has no camera: framing everything from the front");
         }
         self.light_if_dark(&mut files);
+        self.check_places()?;
 
         let centre = bounds.centre();
         let world_from_scene = match centre.length() > FAR * bounds.radius() {
@@ -166,6 +217,21 @@ impl Draft {
         })
     }
 
+    /// An error if anything but a mesh, which is checked as it is read, is out of the range of f32.
+    fn check_places(&self) -> Result<()> {
+        for volume in &self.volumes {
+            volume.check()?;
+        }
+        for (i, light) in self.lights.iter().enumerate() {
+            check_near(|| format!("light {}", i + 1), light.position)?;
+        }
+        for camera in &self.cameras {
+            let at = camera.world_from_camera.translation;
+            check_near(|| format!("the camera \"{}\"", camera.name), at)?;
+        }
+        Ok(())
+    }
+
     fn bounds(&self) -> Bounds {
         let mut bounds = Bounds::EMPTY;
         for part in &self.parts {
@@ -175,11 +241,8 @@ impl Draft {
             }
         }
         for volume in &self.volumes {
-            let size = volume.sigma_t.dims().map(|n| n as f64);
-            for corner in 0..8 {
-                let at = |a: usize| if corner >> a & 1 == 1 { size[a] } else { 0.0 };
-                let p = DVec3::new(at(0), at(1), at(2));
-                bounds.add(volume.world_from_index.transform_point3(p));
+            for corner in volume.corners() {
+                bounds.add(corner);
             }
         }
         bounds
