@@ -71,6 +71,14 @@ impl Volume {
         })
     }
 
+    /// Box around it in the scene, along the axes of that.
+    #[must_use]
+    pub fn bounds(&self) -> (Vec3, Vec3) {
+        let nothing = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        let corners = self.corners().into_iter();
+        corners.fold(nothing, |(min, max), p| (min.min(p), max.max(p)))
+    }
+
     /// Longest edge of a voxel, scene units.
     #[must_use]
     pub fn longest_voxel_edge(&self) -> f32 {

@@ -314,34 +314,46 @@ fn sweeps_beyond_the_memory_limit_are_refused_before_they_begin() {
     .unwrap();
 }
 
-#[test]
-fn a_sweep_finds_the_crest_of_light_in_a_medium_that_is_lit_from_one_side() {
-    const SIGMA_T: f32 = 0.3;
-    let scene = haze(SIGMA_T);
-    let volume = &scene.volumes[0];
-    let lit = |x: u16| (-SIGMA_T * (f32::from(x) + 0.5)).exp();
+/// Extinction of a haze whose left face is lit, and light in it fades to the right.
+const SIGMA_T: f32 = 0.3;
+
+/// The lvoxels of a volume of the haze's size.
+fn lvoxels(volume: u16, source: impl Fn([u16; 3]) -> f32) -> Vec<Lvoxel> {
     let side = 0..SIDE as u16;
     let blocks = side.clone().flat_map(|z| {
         let rows = side.clone().flat_map(|y| side.clone().map(move |x| [x, y]));
         rows.map(move |[x, y]| [x, y, z])
     });
-    let lvoxels = blocks.map(|block| Lvoxel {
+    let lvoxel = |block| Lvoxel {
         block,
         level: 0,
-        volume: 0,
+        volume,
         sigma_t: SIGMA_T,
-        source: [lit(block[0]); 3],
-    });
-    let from_scene = volume.index_from_scene_f64.to_cols_array_2d();
-    let info = VolumeInfo {
-        name: "haze".into(),
-        dims: [SIDE as u32; 3],
-        index_from_scene: from_scene,
-        albedo: volume.albedo,
+        source: [source(block); 3],
     };
-    let media = Media::<f32>::new(&[info], lvoxels);
+    blocks.map(lvoxel).collect()
+}
+
+fn lit([x, ..]: [u16; 3]) -> f32 {
+    (-SIGMA_T * (f32::from(x) + 0.5)).exp()
+}
+
+/// Swept light from the lit face of the haze inwards, along the middle, and the same by many rays.
+fn swept_and_exact(scene: &Scene, lvoxels: Vec<Lvoxel>) -> Vec<[f32; 2]> {
+    let infos: Vec<VolumeInfo> = scene
+        .volumes
+        .iter()
+        .map(|volume| VolumeInfo {
+            name: volume.name.clone(),
+            dims: volume.sigma_t.dims().map(|n| n as u32),
+            index_from_scene: volume.index_from_scene_f64.to_cols_array_2d(),
+            albedo: volume.albedo,
+        })
+        .collect();
+    let volume = &scene.volumes[0];
+    let media = Media::<f32>::new(&infos, lvoxels);
     let (far, job) = (Around::at(f32::INFINITY), Job::default());
-    with(&scene, &far, &media, |view, _, gatherer| {
+    with(scene, &far, &media, |view, _, gatherer| {
         let far_field = FarField::new(volume, 64, 1);
         let scope = Scope {
             view,
@@ -354,10 +366,7 @@ fn a_sweep_finds_the_crest_of_light_in_a_medium_that_is_lit_from_one_side() {
         let sweep = Sweep::new(&scope, |_, own| own).unwrap();
         let level = sweep.level_at(Vec3::splat(8.0)).unwrap();
         assert_eq!(level, 2);
-        // From the lit face inwards, along the middle. Straight lines between rays would be 8 % too dark at the face, and 11 %
-        // off on the whole.
-        let mut squares = 0.0;
-        for x in 0..=4 {
+        let along = |x: usize| {
             let p =
                 Vec3::new(4.0 * x as f32, 8.0, 8.0).clamp(Vec3::splat(0.01), Vec3::splat(15.99));
             let origin = volume.scene_from_index.transform_point3(p.as_dvec3());
@@ -368,10 +377,53 @@ fn a_sweep_finds_the_crest_of_light_in_a_medium_that_is_lit_from_one_side() {
                 (&media).pass(origin.as_vec3(), direction, f32::INFINITY, &[], &mut light);
                 exact += light.radiance.0[0] / 4000.0;
             }
-            let error = sweep.get(level, [x, 2, 2]).unwrap().0[0] / exact - 1.0;
-            assert!(x > 0 || error.abs() < 0.04, "{error}");
-            squares += error * error / 5.0;
-        }
-        assert!(squares.sqrt() < 0.07, "{}", squares.sqrt());
-    });
+            [sweep.get(level, [x, 2, 2]).unwrap().0[0], exact]
+        };
+        (0..=4).map(along).collect()
+    })
+}
+
+#[test]
+fn a_sweep_finds_the_crest_of_light_in_a_medium_that_is_lit_from_one_side() {
+    // Straight lines between rays would be 8 % too dark at the face, and 11 % off on the whole.
+    let mut squares = 0.0;
+    let found = swept_and_exact(&haze(SIGMA_T), lvoxels(0, lit));
+    for (x, [swept, exact]) in found.into_iter().enumerate() {
+        let error = swept / exact - 1.0;
+        assert!(x > 0 || error.abs() < 0.04, "{error}");
+        squares += error * error / 5.0;
+    }
+    assert!(squares.sqrt() < 0.07, "{}", squares.sqrt());
+}
+
+#[test]
+fn a_huge_volume_around_another_moves_no_light_in_it() {
+    let alone = swept_and_exact(&haze(SIGMA_T), lvoxels(0, lit));
+    let mut scene = haze(SIGMA_T);
+    let mut huge = haze(1e-12).volumes.remove(0);
+    huge.place(
+        DAffine3::from_translation(DVec3::splat(-5e7))
+            * DAffine3::from_scale(DVec3::splat(1e8 / SIDE as f64)),
+    );
+    scene.volumes.push(huge);
+    let beside = swept_and_exact(&scene, lvoxels(0, lit));
+    for ([alone, _], [beside, _]) in alone.into_iter().zip(beside) {
+        assert!((beside / alone - 1.0).abs() < 1e-4, "{beside} {alone}");
+    }
+}
+
+#[test]
+fn light_of_a_volume_beside_another_is_swept_into_it() {
+    let mut scene = haze(SIGMA_T);
+    let mut lamp = haze(SIGMA_T).volumes.remove(0);
+    lamp.place(DAffine3::from_translation(DVec3::new(-24.5, -8.0, -20.0)));
+    scene.volumes.push(lamp);
+    let both = [lvoxels(0, |_| 0.0), lvoxels(1, |_| 1.0)].concat();
+    // Where little of it is left, a few directions tell it roughly.
+    let mut sums = [0.0; 2];
+    for [swept, exact] in swept_and_exact(&scene, both) {
+        sums = [sums[0] + swept, sums[1] + exact];
+    }
+    let [swept, exact] = sums;
+    assert!((swept / exact - 1.0).abs() < 0.1, "{swept} {exact}");
 }

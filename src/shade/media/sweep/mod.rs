@@ -42,9 +42,10 @@ struct Level {
     light: Vec<Option<Rgb>>,
 }
 
-/// Box around all media of a scene.
+/// Boxes around all media of a scene, and around the swept volume.
 struct MediaBox {
     bounds: (Vec3, Vec3),
+    own: (Vec3, Vec3),
     /// Whether surfaces may stand in it.
     has_walls: bool,
 }
@@ -106,6 +107,7 @@ impl Sweep {
         let bounds = scope.view.tracer.scene.media_bounds();
         let media = MediaBox {
             bounds,
+            own: scope.volume.bounds(),
             has_walls: scope.has_walls(bounds),
         };
         let mut levels = [const { None }; LEVELS];

@@ -144,7 +144,8 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
             0
         };
         let first_point = self.scope.to_scene(self.rays.point(at, first));
-        let beyond = leave_box(first_point, self.direction, self.media.bounds);
+        // From the box of this volume on, however far others reach: stops far from the origin would lose their digits.
+        let beyond = leave_box(first_point, self.direction, self.media.own);
         let origin = first_point + self.direction * beyond;
         let stop_at = |i: usize| {
             let stop = stops.get(i);
@@ -161,10 +162,7 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
         };
         cuts.reverse();
 
-        let mut light = Arriving {
-            radiance: Rgb::BLACK,
-            transmittance: 1.0,
-        };
+        let mut light = self.light_of_other_media(origin);
         let mut next = 0;
         let mut add = |mut s: Segment| {
             let mut next_at = stop_at(next);
@@ -181,10 +179,7 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
                         s.near = t;
                     }
                     cuts.pop();
-                    light = Arriving {
-                        radiance: Rgb::BLACK,
-                        transmittance: 1.0,
-                    };
+                    light = Arriving::NONE_YET;
                 } else {
                     // Of a copy: what the ray goes on with must not depend on where it is asked.
                     let mut here = light;
@@ -210,6 +205,28 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
             tau: 0.0,
             source: Rgb::BLACK,
         });
+    }
+
+    /// What a ray brings with it from media around this volume, to where it enters its box.
+    fn light_of_other_media(&self, origin: Vec3) -> Arriving {
+        let mut light = Arriving::NONE_YET;
+        if self.media.bounds == self.media.own {
+            return light;
+        }
+        let mut way = leave_box(origin, self.direction, self.media.bounds);
+        if self.media.has_walls
+            && let Some(hit) = self.scope.view.tracer.closest(origin, self.direction, way)
+        {
+            way = hit.t;
+        }
+        // Against the light, so that what is near is as exact as it is far from all ends of the others.
+        let mut add = |s: Segment| {
+            light.pass_behind(s.tau, s.source);
+            true
+        };
+        let media = &self.scope.gatherer.media;
+        media.walk(origin, self.direction, way, &mut add);
+        light
     }
 
     /// Distances at which a ray passes surfaces.
@@ -278,6 +295,20 @@ impl Shares {
 }
 
 impl Arriving {
+    /// Of a ray that has passed nothing.
+    const NONE_YET: Self = Self {
+        radiance: Rgb::BLACK,
+        transmittance: 1.0,
+    };
+
+    /// Adds a medium that the light passed before all that it has passed.
+    #[inline]
+    fn pass_behind(&mut self, tau: f32, source: Rgb) {
+        let (through, taken) = exp_neg_and_rest(tau);
+        self.radiance += source * (self.transmittance * taken);
+        self.transmittance *= through;
+    }
+
     /// Passes a medium on the way towards the vertex.
     #[inline]
     fn pass(&mut self, tau: f32, source: Rgb) {
