@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn stability_takes_a_scene_and_nothing_of_what_is_measured() {
+    fn stability_takes_a_scene_and_what_all_verbs_take() {
         let mut verbs = command();
         verbs.build();
         let study = verbs.find_subcommand("study").unwrap();
@@ -159,7 +159,14 @@ mod tests {
         let arguments = study.get_arguments().filter(|a| !refused.contains(a));
         let mut taken: Vec<&str> = arguments.map(|a| a.get_id().as_str()).collect();
         taken.sort_unstable();
-        let machine = ["memory_limit", "progress", "report", "temp_dir", "threads"];
+        let machine = [
+            "force",
+            "memory_limit",
+            "progress",
+            "report",
+            "temp_dir",
+            "threads",
+        ];
         let mut expected = [&["demo", "help", "scene", "stability"], &machine[..]].concat();
         expected.sort_unstable();
         assert_eq!(taken, expected);
