@@ -314,6 +314,36 @@ fn sweeps_beyond_the_memory_limit_are_refused_before_they_begin() {
     .unwrap();
 }
 
+#[test]
+fn what_a_sweep_takes_is_also_that_of_its_rays() {
+    // Two specks at opposite corners: few vertices, but rays have a bit for each of 257 layers, in eight directions.
+    const FAR: usize = 256;
+    let mut scene = haze(1.0);
+    let is_speck = |v: [usize; 3]| v == [0; 3] || v == [FAR - 1; 3];
+    let volume = &mut scene.volumes[0];
+    volume.sigma_t = Grid::from_fn([FAR; 3], |v| f32::from(is_speck(v)));
+    volume.place(DAffine3::from_translation(DVec3::new(
+        -128.0, -128.0, -600.0,
+    )));
+    let far = Around::at(f32::INFINITY);
+    for (memory_limit, is_held) in [(10 << 20, false), (100 << 20, true)] {
+        let job = Job {
+            memory_limit: Some(memory_limit),
+            ..Job::default()
+        };
+        let made = with(&scene, &far, NoMedia, |view, lights, gatherer| {
+            InScatter::new(view, &[Region::full(1, 1)], lights, Some(gatherer), &job).map(drop)
+        });
+        match made {
+            Ok(()) => assert!(is_held),
+            Err(error) => {
+                assert!(error.to_string().contains("54 vertices"), "{error}");
+                assert!(!is_held, "{error}");
+            }
+        }
+    }
+}
+
 /// Extinction of a haze whose left face is lit, and light in it fades to the right.
 const SIGMA_T: f32 = 0.3;
 

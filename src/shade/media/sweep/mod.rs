@@ -98,10 +98,15 @@ impl Sweep {
             (!bricks.is_empty()).then(|| scope.vertices(bricks, 1 << level))
         });
         let counts = || sets.iter().flatten().map(|set| set.len() as u64);
+        let swept = sets.iter().enumerate().filter_map(|(level, set)| {
+            let set = set.as_ref()?;
+            let rays = Level::bytes_of_rays(scope, set, 1 << level);
+            Some(rays.saturating_add(Level::SWEPT * set.len() as u64))
+        });
         memory::check_sweep(
             scope.volume,
             counts().sum(),
-            Level::KEPT * counts().sum::<u64>() + Level::SWEPT * counts().max().unwrap_or(0),
+            (swept.max().unwrap_or(0)).saturating_add(Level::KEPT * counts().sum::<u64>()),
             scope.job.memory_limit,
         )?;
         let bounds = scope.view.tracer.scene.media_bounds();
@@ -146,6 +151,20 @@ impl Level {
         + size_of::<Option<Surroundings>>()
         + size_of::<Rgb>()
         + Sweep::BATCH as usize * size_of::<Arriving>()) as u64;
+
+    /// Bytes that rays take while a batch of directions is swept, whatever the number of threads: little of a volume may be
+    /// needed, but rays pass all between its ends.
+    fn bytes_of_rays<P: Pages, M: Medium>(
+        scope: &Scope<P, M>,
+        set: &SparseLattice,
+        step: usize,
+    ) -> u64 {
+        let directions = scope.far_field.quarters();
+        let most = (0..directions)
+            .map(|q| Rays::bytes(scope, set, step, scope.far_field.direction(q)))
+            .max();
+        u64::from(Sweep::BATCH.min(directions)).saturating_mul(most.unwrap_or(0))
+    }
 
     /// Sweeps vertices `step` voxels apart.
     fn new<P: Pages, M: Medium>(

@@ -41,14 +41,32 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
         direction: Vec3,
         media: &'a MediaBox,
     ) -> Self {
-        let d = scope.volume.index_from_scene.transform_vector3(direction);
         Self {
             scope,
             set,
             direction,
-            rays: Sheared::new(d, step as f32),
+            rays: Self::along(scope, step, direction),
             media,
         }
+    }
+
+    fn along(scope: &Scope<P, M>, step: usize, direction: Vec3) -> Sheared {
+        let d = scope.volume.index_from_scene.transform_vector3(direction);
+        Sheared::new(d, step as f32)
+    }
+
+    /// Bytes that passing those along a direction takes, but for what arrives at the vertices.
+    pub fn bytes(scope: &Scope<P, M>, set: &SparseLattice, step: usize, direction: Vec3) -> u64 {
+        let rays = Self::along(scope, step, direction);
+        let [(_, nu), (_, nw)] = rays.extent(set.bounds());
+        let layers = set.count()[rays.axes[0]];
+        let words = (nu as u64)
+            .saturating_mul(nw as u64)
+            .saturating_mul(layers.div_ceil(64) as u64);
+        let shares = (layers * size_of::<Shares>()) as u64;
+        words
+            .saturating_mul(size_of::<u64>() as u64)
+            .saturating_add(shares)
     }
 
     /// Passes all rays that any vertex needs, and returns what arrives at the vertices.
