@@ -1,12 +1,12 @@
 //! Points and nodes as binary PLY, which every viewer opens.
 
 use super::File;
-use crate::formats::{
-    AtomicFile, Below, Lvoxel, MappedFile, Node, Sums, Surfel, SurfelPage, Tree, VolumeInfo,
-};
+use crate::formats::{AtomicFile, Below, Lvoxel, MappedFile, Node, Sums, Surfel, Tree, VolumeInfo};
 use crate::{Error, Result};
+use std::collections::HashSet;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::Path;
+use std::rc::Rc;
 
 /// What was exported.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -55,8 +55,7 @@ pub fn export_ply(path: &Path, out: &Path, level: Option<u32>, force: bool) -> R
         }
         (File::Tree(tree), Some(level)) => {
             if let Some(root) = tree.root_page() {
-                let page = tree.surfel_page(root as usize)?;
-                nodes(tree, &page, 0, level, &mut ply)?;
+                nodes(tree, root, level, &mut ply)?;
             }
         }
     }
@@ -99,22 +98,32 @@ fn exposure(sums: &Sums) -> f32 {
     }
 }
 
-fn nodes(
-    tree: &Tree<MappedFile>,
-    page: &SurfelPage,
-    i: u32,
-    below: u32,
-    ply: &mut Ply,
-) -> Result<()> {
-    let node = &page.nodes[i as usize];
-    match node.below {
-        _ if below == 0 => ply.node(node),
-        Below::Nodes { first, count } => (first..first + u32::from(count))
-            .try_for_each(|child| nodes(tree, page, child, below - 1, ply)),
-        Below::Surfels { .. } => ply.node(node),
-        // The link and the page's root are the same node.
-        Below::Page(next) => nodes(tree, &tree.surfel_page(next as usize)?, 0, below, ply),
+/// The nodes that many steps below the root, and leaves above them, in the order of the tree.
+fn nodes(tree: &Tree<MappedFile>, root: u32, level: u32, ply: &mut Ply) -> Result<()> {
+    let page = |id: u32| Ok::<_, Error>(Rc::new(tree.surfel_page(id as usize)?));
+    let mut linked = HashSet::from([root]);
+    let mut todo = vec![(page(root)?, 0, level)];
+    while let Some((of, i, below)) = todo.pop() {
+        let node = &of.nodes[i as usize];
+        match node.below {
+            _ if below == 0 => ply.node(node)?,
+            Below::Nodes { first, count } => {
+                let children = (first..first + u32::from(count)).rev();
+                todo.extend(children.map(|child| (Rc::clone(&of), child, below - 1)));
+            }
+            Below::Surfels { .. } => ply.node(node)?,
+            // The link and the page's root are the same node.
+            Below::Page(next) if linked.insert(next) => todo.push((page(next)?, 0, below)),
+            // Else a damaged tree could have more paths than anyone can walk.
+            Below::Page(next) => {
+                return Err(Error::input(format!(
+                    "links to page {next}: expected one, found a second"
+                ))
+                .hint("the tree is damaged: build it again"));
+            }
+        }
     }
+    Ok(())
 }
 
 /// From index space back to scene space.
