@@ -22,6 +22,10 @@ impl MappedFile {
     /// values for true, as bytes can change after their checksum was found right; and Rust promises nothing of bytes that
     /// change under a slice. If it is cut, touching what is gone ends the process (SIGBUS on Unix).
     ///
+    /// No system that we run on can enforce that (advisory locks bind only who asks, and a copy takes the memory that mapping
+    /// saves). Readers do not build on bytes that stay the same: lengths and offsets are copied out and checked against the
+    /// slice, whose own length is fixed, and every access is bounds-checked.
+    ///
     /// # Errors
     /// [`FormatError::Io`], with the path.
     #[allow(unsafe_code)]
@@ -41,13 +45,9 @@ impl MappedFile {
             if meta.len() == 0 {
                 return Ok(Self { map: None });
             }
-            // SAFETY: the map is read-only and lives as long as what is borrowed from it, but it is MAP_SHARED, so these bytes
-            // stay the same only while no process writes to the file or cuts it. No system that we run on can enforce that
-            // (advisory locks bind only who asks, and a copy takes the memory that mapping saves), so it is a condition on
-            // the caller, stated above. Nothing of ours breaks it: writers rename. Should another process do so, readers do
-            // not build on bytes that stay the same: lengths and offsets are copied out and checked against the slice, whose
-            // own length is fixed, and every access is bounds-checked. What is left is what the compiler may assume of a
-            // slice, zstd's input while it decompresses, and the signal for a file that was cut.
+            // SAFETY: the map is read-only and lives as long as what is borrowed from it. That no process changes or cuts the
+            // file meanwhile is the caller's part, stated above; our own writers rename. What remains if one does: what the
+            // compiler may assume of a slice, zstd's input while it decompresses, and the signal for a file that was cut.
             let map = unsafe { memmap2::Mmap::map(&file) }
                 .map_err(FormatError::io("cannot map into memory"))?;
             Ok(Self { map: Some(map) })

@@ -10,7 +10,7 @@ fn small_cloud() -> Vec<u8> {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.lvc");
     let style = Style::default();
-    let mut random = Random::new(1);
+    let mut random = Random(1);
     let own = surfels(&mut random, 12, style);
     let voxels = lvoxels(&mut random, 5, style);
     write_cloud(&path, &own, &voxels, style);

@@ -19,7 +19,7 @@ fn golden(name: &str) -> PathBuf {
 fn fresh(dir: &Path) -> [PathBuf; 2] {
     let (cloud, tree) = (dir.join("fresh.lvc"), dir.join("fresh.lvt"));
     let style = Style::default();
-    let mut random = Random::new(1);
+    let mut random = Random(1);
     let own = surfels(&mut random, 12, style);
     let voxels = lvoxels(&mut random, 5, style);
     write_cloud(&cloud, &own, &voxels, style);
@@ -50,7 +50,7 @@ fn compare(version: u32, lvoxel_pages: usize) {
         kept.lvoxel_chunk(0).unwrap(),
         fresh.lvoxel_chunk(0).unwrap()
     );
-    let own = surfels(&mut Random::new(1), 12, Style::default());
+    let own = surfels(&mut Random(1), 12, Style::default());
     assert_eq!(kept.surfel_chunk(0).unwrap()[3].position, own[3].position);
 
     let kept = Tree::open_path(&kept_tree).unwrap();

@@ -42,7 +42,7 @@ fn cloud_keeps_records_and_order() {
     let dir = tempfile::tempdir().unwrap();
     for (i, style) in styles().into_iter().enumerate() {
         let path = dir.path().join(format!("{i}.lvc"));
-        let mut random = Random::new(i as u64);
+        let mut random = Random(i as u64);
         let given = surfels(&mut random, 70_000, style);
         let voxels = lvoxels(&mut random, 1000, style);
         let summary = write_cloud(&path, &given, &voxels, style);
@@ -118,7 +118,7 @@ fn columns_that_are_not_needed_are_absent() {
         clips: false,
         ..Style::default()
     };
-    let given = surfels(&mut Random::new(1), 1000, style);
+    let given = surfels(&mut Random(1), 1000, style);
     let summary = write_cloud(&path, &given, &[], style);
     let names: Vec<_> = summary.columns.iter().map(|c| c.name.as_str()).collect();
     assert_eq!(names, ["position", "normal", "radius", "front_grey"]);
@@ -150,7 +150,7 @@ fn columns_that_are_not_needed_are_absent() {
 fn how_surfels_are_pushed_does_not_matter() {
     let dir = tempfile::tempdir().unwrap();
     let style = Style::default();
-    let given = surfels(&mut Random::new(3), 150_000, style);
+    let given = surfels(&mut Random(3), 150_000, style);
     let (one, many) = (dir.path().join("one.lvc"), dir.path().join("many.lvc"));
     write_cloud(&one, &given, &[], style);
     let mut writer = CloudWriter::create(&many, cloud_meta(style), false).unwrap();
@@ -183,7 +183,7 @@ fn nothing_is_left_behind_and_nothing_overwritten() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.lvc");
     let style = Style::default();
-    let given = surfels(&mut Random::new(3), 100, style);
+    let given = surfels(&mut Random(3), 100, style);
     let mut writer = CloudWriter::create(&path, cloud_meta(style), false).unwrap();
     writer.push_surfels(&given).unwrap();
     drop(writer);
@@ -212,7 +212,7 @@ fn nothing_is_left_behind_and_nothing_overwritten() {
 fn values_that_no_reader_accepts_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let style = Style::default();
-    let good = surfels(&mut Random::new(3), 1, style)[0];
+    let good = surfels(&mut Random(3), 1, style)[0];
     let bad = [
         (
             "position",
@@ -265,7 +265,7 @@ fn values_that_no_reader_accepts_are_refused() {
     }
     let mut writer =
         CloudWriter::create(&dir.path().join("a.lvc"), cloud_meta(style), false).unwrap();
-    let voxel = lvoxels(&mut Random::new(1), 1, style)[0];
+    let voxel = lvoxels(&mut Random(1), 1, style)[0];
     for bad in [
         Lvoxel { volume: 2, ..voxel },
         Lvoxel { level: 4, ..voxel },
@@ -361,7 +361,7 @@ fn ordered_lvoxels_take_gaps_and_steps() {
         v.source[0] *= 1.0 + 1e-3 * i as f32;
     }
     let mut noisy = grey.clone();
-    let mut random = Random::new(3);
+    let mut random = Random(3);
     for v in &mut noisy {
         v.sigma_t = 1.0 + random.unit();
         v.source = [1.0 + random.unit(); 3];
@@ -425,7 +425,7 @@ fn tree_lvoxels_within_bounds() {
         (styles()[1], false),
         (styles()[3], true),
     ] {
-        let mut voxels = lvoxels(&mut Random::new(9), 3000, style);
+        let mut voxels = lvoxels(&mut Random(9), 3000, style);
         if same {
             for v in &mut voxels {
                 (v.volume, v.level, v.sigma_t) = (1, 0, 0.25);
@@ -455,7 +455,7 @@ fn tree_lvoxels_within_bounds() {
 
 #[test]
 fn a_page_needs_order() {
-    let mut random = Random::new(2);
+    let mut random = Random(2);
     let own = surfels(&mut random, 40, Style::default());
     let good = page(
         &mut random,
@@ -506,9 +506,9 @@ fn tiny_disks_in_a_wide_page_keep_their_place() {
         scale: 1e-4,
         ..Style::default()
     };
-    let mut own = surfels(&mut Random::new(2), 16, style);
+    let mut own = surfels(&mut Random(2), 16, style);
     own[15].position = [1e4, -1e4, 1e4];
-    let page = page(&mut Random::new(2), &own, &[]);
+    let page = page(&mut Random(2), &own, &[]);
     write_page(&path, &page, style);
     let tree = Tree::open_path(&path).unwrap();
     tree.verify().unwrap();
@@ -525,7 +525,7 @@ proptest! {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.lvt");
         let style = Style { scale: 10f32.powf(scale), light: 10f32.powf(light), free_area, ..Style::default() };
-        let mut random = Random::new(seed);
+        let mut random = Random(seed);
         let mut own = surfels(&mut random, n, style);
         for s in &mut own {
             s.position[0] += x * style.scale;
@@ -537,7 +537,7 @@ proptest! {
 
     #[test]
     fn light_of_all_sizes_in_one_page(seed: u64) {
-        let mut random = Random::new(seed);
+        let mut random = Random(seed);
         let mut own = surfels(&mut random, 100, Style::default());
         for s in &mut own {
             let size = 10f32.powf(random.unit() * 60.0 - 30.0);

@@ -37,7 +37,7 @@ pub trait Medium: Copy + Sync {
         crossings: &[Crossing],
         light: &mut Composite,
     ) -> Stopped {
-        let (mut share, mut moment) = (0.0, 0.0);
+        let (mut stopped, mut moment) = (0.0, 0.0);
         let mut crossings = crossings.iter().peekable();
         let mut add = |mut s: Segment| {
             while let Some(c) = crossings.next_if(|c| c.t < s.far) {
@@ -50,7 +50,7 @@ pub trait Medium: Copy + Sync {
             let before = light.transmittance;
             light.medium(s.tau, s.source);
             let taken = before - light.transmittance;
-            share += taken;
+            stopped += taken;
             moment += taken * (0.5 * (s.near + s.far));
             light.transmittance > Composite::NOTHING
         };
@@ -58,8 +58,8 @@ pub trait Medium: Copy + Sync {
             crossings.for_each(|c| light.surface(c.opacity, c.radiance));
         }
         Stopped {
-            share,
-            inverse_distance: if moment > 0.0 { share / moment } else { 0.0 },
+            share: stopped,
+            inverse_distance: if moment > 0.0 { stopped / moment } else { 0.0 },
         }
     }
 }

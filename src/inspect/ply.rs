@@ -1,7 +1,9 @@
 //! Points and nodes as binary PLY, which every viewer opens.
 
 use super::File;
-use crate::formats::{AtomicFile, Below, Lvoxel, MappedFile, Node, Sums, Surfel, Tree, VolumeInfo};
+use crate::formats::{
+    AtomicFile, Below, FormatError, Lvoxel, MappedFile, Node, Sums, Surfel, Tree, VolumeInfo,
+};
 use crate::{Error, Result};
 use std::collections::HashSet;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
@@ -55,7 +57,7 @@ pub fn export_ply(path: &Path, out: &Path, level: Option<u32>, force: bool) -> R
         }
         (File::Tree(tree), Some(level)) => {
             if let Some(root) = tree.root_page() {
-                nodes(tree, root, level, &mut ply)?;
+                nodes(tree, path, root, level, &mut ply)?;
             }
         }
     }
@@ -99,7 +101,7 @@ fn exposure(sums: &Sums) -> f32 {
 }
 
 /// The nodes that many steps below the root, and leaves above them, in the order of the tree.
-fn nodes(tree: &Tree<MappedFile>, root: u32, level: u32, ply: &mut Ply) -> Result<()> {
+fn nodes(tree: &Tree<MappedFile>, path: &Path, root: u32, level: u32, ply: &mut Ply) -> Result<()> {
     let page = |id: u32| Ok::<_, Error>(Rc::new(tree.surfel_page(id as usize)?));
     let mut linked = HashSet::from([root]);
     let mut todo = vec![(page(root)?, 0, level)];
@@ -116,10 +118,13 @@ fn nodes(tree: &Tree<MappedFile>, root: u32, level: u32, ply: &mut Ply) -> Resul
             Below::Page(next) if linked.insert(next) => todo.push((page(next)?, 0, below)),
             // Else a damaged tree could have more paths than anyone can walk.
             Below::Page(next) => {
-                return Err(Error::input(format!(
-                    "links to page {next}: expected one, found a second"
-                ))
-                .hint("the tree is damaged: build it again"));
+                return Err(FormatError::Invalid {
+                    what: format!("links to page {next}"),
+                    expected: "one".into(),
+                    found: "two".into(),
+                }
+                .at(path)
+                .into());
             }
         }
     }

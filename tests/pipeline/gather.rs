@@ -4,11 +4,8 @@ use crate::support::random::Random;
 use glam::{Affine3A, Quat, Vec3};
 use lvox::build;
 use lvox::formats::record::{MAX_LEVEL, VolumeInfo};
-use lvox::formats::{
-    Below, Bounds, ClipEdge, Clips, CloudMeta, CloudWriter, EncodedPage, Lvoxel, Node, Sums,
-    Surfel, SurfelAggregate, SurfelPage, TreeMeta, TreeWriter,
-};
-use lvox::gather::cone::{self, Scratch};
+use lvox::formats::{ClipEdge, Clips, CloudMeta, CloudWriter, Lvoxel, Surfel};
+use lvox::gather::cone::Scratch;
 use lvox::gather::plain;
 use lvox::gather::store::Page;
 use lvox::gather::{
@@ -467,129 +464,6 @@ fn passing_media_is_passing_every_block() {
         }
     }
     assert!(passed > 1000, "{passed} rays met anything");
-}
-
-/// A tree of these pages, opened with and without a limit that keeps it from being held whole.
-fn stores(pages: &[SurfelPage], limit: Option<u64>) -> (tempfile::TempDir, Vec<TreeStore>) {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("a.lvt");
-    let mut writer = TreeWriter::create(&path, TreeMeta::default(), false).unwrap();
-    for (id, page) in (0..).zip(pages) {
-        let page = EncodedPage::new(page, id, OVERLAP).unwrap();
-        writer.push_surfel_page(&page).unwrap();
-    }
-    let root = pages.len() as u32 - 1;
-    writer.finish(Some(root), Sums::default(), vec![]).unwrap();
-    let limits = [None].into_iter().chain(limit.map(Some));
-    let stores = limits.map(|l| TreeStore::open(&path, l).unwrap());
-    (dir, stores.collect())
-}
-
-/// A node around a disk at the origin.
-fn node(below: Below) -> Node {
-    Node {
-        bounds: Bounds {
-            min: [-1.0; 3],
-            max: [1.0; 3],
-        },
-        below,
-        aggregate: SurfelAggregate {
-            area: 1.0,
-            ..SurfelAggregate::default()
-        },
-    }
-}
-
-fn leaf() -> SurfelPage {
-    SurfelPage {
-        nodes: vec![node(Below::Surfels { first: 0, count: 1 })],
-        surfels: vec![Surfel {
-            normal: [0.0, 0.0, 1.0],
-            radius: 0.1,
-            area: 0.01,
-            ..Surfel::default()
-        }],
-    }
-}
-
-/// A page of a root and its links.
-fn links(to: &[u32]) -> SurfelPage {
-    let count = to.len() as u8;
-    let root = node(Below::Nodes { first: 1, count });
-    let links = to.iter().map(|&id| node(Below::Page(id)));
-    SurfelPage {
-        nodes: [root].into_iter().chain(links).collect(),
-        surfels: vec![],
-    }
-}
-
-/// Whether two rays meet anything by both kernels, one through the disk and one beside it, and what is then said of the pages.
-fn cast<P: Pages>(pages: &P) -> (Vec<bool>, lvox::Result<()>) {
-    let mut scratch = Scratch::default();
-    let mut met = Vec::new();
-    for x in [0.05, 0.5] {
-        let (origin, direction) = (Vec3::new(x, 0.0, 5.0), Vec3::NEG_Z);
-        let a = plain::cast(pages, origin, direction, 9.0, &mut scratch);
-        let b = cone::cast(pages, origin, direction, 9.0, 0.0, &mut scratch);
-        assert_eq!(a.map(|c| c.t), b.map(|c| c.t));
-        met.push(a.is_some());
-    }
-    (met, pages.check())
-}
-
-fn cast_in(store: &TreeStore) -> (Vec<bool>, lvox::Result<()>) {
-    match &store.surfels {
-        SurfelStore::Kept(pages) => cast(pages),
-        SurfelStore::Cached(pages) => cast(pages),
-    }
-}
-
-#[test]
-fn a_tree_in_which_a_page_is_linked_twice_is_refused() {
-    // Eight ways down at each of many pages are more than can ever be gone.
-    let eightfold = (1..41).map(|id| links(&[id - 1; 8]));
-    let eightfold: Vec<_> = [leaf()].into_iter().chain(eightfold).collect();
-    // Each two pages link to the page before them and to the one before that.
-    let crossed = (2..41).map(|id| links(&[id - 1, id - 2]));
-    let crossed: Vec<_> = [leaf(), links(&[0])].into_iter().chain(crossed).collect();
-    for pages in [eightfold, crossed] {
-        let (_dir, stores) = stores(&pages, Some(1 << 16));
-        assert!(matches!(stores[1].surfels, SurfelStore::Cached(_)));
-        for store in &stores {
-            let error = cast_in(store).1.unwrap_err();
-            assert_eq!(error.kind(), lvox::Kind::Input);
-            let message = error.to_string();
-            assert!(message.contains("a.lvt: links to page"), "{message}");
-            assert!(message.contains("expected one, found one in page"));
-        }
-    }
-    // As a page is decoded again and again, its links stay the same.
-    let chain = (1..41).map(|id| links(&[id - 1]));
-    let chain: Vec<_> = [leaf()].into_iter().chain(chain).collect();
-    let (_dir, stores) = stores(&chain, Some(1 << 14));
-    for store in &stores {
-        let (met, pages) = cast_in(store);
-        pages.unwrap();
-        assert_eq!(met, [true, false]);
-    }
-    assert!(stores[1].stats().decoded > 41, "{:?}", stores[1].stats());
-}
-
-#[test]
-fn a_tree_may_be_as_deep_as_its_file_is_long() {
-    const NODES: u32 = 19_000;
-    let mut page = leaf();
-    let chain = (1..NODES).map(|first| node(Below::Nodes { first, count: 1 }));
-    page.nodes.splice(0..0, chain);
-    let linked = (1..5000).map(|id| SurfelPage {
-        nodes: vec![node(Below::Page(id - 1))],
-        surfels: vec![],
-    });
-    let pages: Vec<_> = [page].into_iter().chain(linked).collect();
-    let (_dir, stores) = stores(&pages, None);
-    let (met, pages) = cast_in(&stores[0]);
-    pages.unwrap();
-    assert_eq!(met, [true, false]);
 }
 
 #[test]

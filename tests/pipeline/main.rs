@@ -4,6 +4,7 @@ mod bytes;
 mod damage;
 mod frames;
 mod gather;
+mod hostile_trees;
 mod leaks;
 mod left_out;
 mod messages;

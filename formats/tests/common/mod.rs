@@ -1,43 +1,11 @@
 //! Records made from a seed.
 #![allow(dead_code)]
 
+pub mod random;
+
 use lvox_formats::*;
+pub use random::Random;
 use std::path::Path;
-
-/// A small generator, so that the golden files do not depend on a crate's version.
-pub struct Random(u64);
-
-impl Random {
-    pub fn new(seed: u64) -> Self {
-        Self(seed)
-    }
-
-    pub fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    pub fn unit(&mut self) -> f32 {
-        (self.next() >> 40) as f32 / (1u64 << 24) as f32
-    }
-
-    pub fn below(&mut self, n: u64) -> u64 {
-        self.next() % n
-    }
-
-    pub fn normal(&mut self) -> [f32; 3] {
-        loop {
-            let v: [f32; 3] = std::array::from_fn(|_| self.unit() * 2.0 - 1.0);
-            let len = v.iter().map(|c| c * c).sum::<f32>().sqrt();
-            if len > 0.1 && len < 1.0 {
-                return v.map(|c| c / len);
-            }
-        }
-    }
-}
 
 #[derive(Clone, Copy, Debug)]
 pub struct Style {
@@ -261,7 +229,7 @@ pub fn write_tree(path: &Path, style: Style, pages: usize, per_page: usize) -> V
         cloud_hash: [7; 16],
         settings: vec![("page_bytes".into(), "65536".into())],
     };
-    let mut random = Random::new(5);
+    let mut random = Random(5);
     let mut writer = TreeWriter::create(path, meta, true).unwrap();
     let mut written = Vec::new();
     let mut links = Vec::new();

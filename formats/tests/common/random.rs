@@ -1,6 +1,6 @@
-//! Numbers from a seed.
+//! Numbers from a seed, for the tests of both packages.
 
-/// SplitMix64.
+/// SplitMix64: written out, so that the golden files do not depend on a crate's version.
 pub struct Random(pub u64);
 
 impl Random {
@@ -16,6 +16,22 @@ impl Random {
     /// In [0, 1).
     pub fn unit(&mut self) -> f32 {
         (self.next() >> 40) as f32 / (1u64 << 24) as f32
+    }
+
+    /// A whole number below another.
+    pub fn below(&mut self, n: u64) -> u64 {
+        self.next() % n
+    }
+
+    /// A unit vector.
+    pub fn normal(&mut self) -> [f32; 3] {
+        loop {
+            let v: [f32; 3] = std::array::from_fn(|_| self.unit() * 2.0 - 1.0);
+            let len = v.iter().map(|c| c * c).sum::<f32>().sqrt();
+            if len > 0.1 && len < 1.0 {
+                return v.map(|c| c / len);
+            }
+        }
     }
 
     /// In [-1, 1).
