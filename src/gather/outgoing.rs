@@ -155,10 +155,21 @@ const SCATTER: u64 = 0x9E37_79B9_7F4A_7C15;
 
 /// A key and what belongs to it: the key mixed with the value, then the value, so that halves of two entries written at the
 /// same time do not fit each other (Hyatt & Mann 2002).
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Slot([AtomicU64; 2]);
 
+impl Default for Slot {
+    /// Answers for no key. Not of zeros, though it might be: pages of memory that are read before they are written to are
+    /// mapped twice, the second time in all threads.
+    fn default() -> Self {
+        Self([Self::NO_KEY.into(), 0.into()])
+    }
+}
+
 impl Slot {
+    /// No place's: those have a leading bit.
+    const NO_KEY: u64 = 1;
+
     #[inline]
     fn get(&self, key: u64) -> Option<u64> {
         let [mixed, value] = self.0.each_ref().map(|v| v.load(Ordering::Relaxed));

@@ -3,6 +3,7 @@
 pub mod color;
 pub mod dda;
 pub mod exp;
+mod four;
 mod hit;
 mod index;
 pub mod magnitude;

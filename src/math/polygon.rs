@@ -1,8 +1,10 @@
 //! Closed forms of what a triangle of uniform radiance sends to a point.
 
+use super::four::Four;
 use super::magnitude::to_unit;
 use glam::Vec3;
 use std::f32::consts::{FRAC_PI_2, PI};
+use wide::f32x4;
 
 /// Vector irradiance of a triangle seen from the origin, clipped at the horizon of the unit normal `n`: the cosine
 /// integral over its solid angle, in units of its radiance (Lambert 1760; Baum et al. 1989). Positive whichever way
@@ -14,25 +16,27 @@ pub fn irradiance(corners: [Vec3; 3], n: Vec3) -> f32 {
     if heights.iter().all(|h| *h <= 0.0) {
         return 0.0;
     }
-    let edge = |a: Vec3, b: Vec3| {
-        let cross = a.cross(b);
-        let sin = cross.length();
-        if sin > 0.0 {
-            angle(sin, a.dot(b)) * (cross.dot(n) / sin)
-        } else {
-            0.0
-        }
-    };
     if heights.iter().all(|h| *h >= 0.0) {
         if is_small(corners) {
             return small_irradiance(corners, n);
         }
         let [a, b, c] = corners;
-        return 0.5 * (edge(a, b) + edge(b, c) + edge(c, a)).abs();
+        return of_edges([a, b, c, Vec3::ZERO], [b, c, a, Vec3::ZERO], n);
     }
     let (poly, len) = above(corners, n);
-    let sum: f32 = (0..len).map(|i| edge(poly[i], poly[(i + 1) % len])).sum();
-    0.5 * sum.abs()
+    let ends = std::array::from_fn(|i| poly[(i + 1) % len.max(1)]);
+    of_edges(poly, ends, n)
+}
+
+/// The same of a polygon above the horizon, by its edges; those whose ends are equal add nothing.
+#[inline]
+fn of_edges(from: [Vec3; 4], to: [Vec3; 4], n: Vec3) -> f32 {
+    let (from, to) = (Four::new(from), Four::new(to));
+    let cross = from.cross(&to);
+    let sin = cross.length();
+    let edge = angle(sin, from.dot(&to)) * (cross.dot(&Four::splat(n)) / sin);
+    let [a, b, c, d] = sin.simd_gt(f32x4::ZERO).select(edge, f32x4::ZERO).to_array();
+    0.5 * (a + b + c + d).abs()
 }
 
 /// A triangle seen from the origin, as another one of the same directions whose farthest coordinate is near 1: fourth
@@ -44,10 +48,10 @@ fn near_unit(corners: [Vec3; 3]) -> [Vec3; 3] {
     corners.map(|c| c * scale)
 }
 
-/// Angle whose sine and cosine are as given but for a common positive factor, within 1e-6 of it; the sine is not negative. 0
+/// Angles whose sines and cosines are as given but for a common positive factor, within 1e-6 of them; sines are not negative. 0
 /// where both are 0.
 #[inline]
-fn angle(sin: f32, cos: f32) -> f32 {
+fn angle(sin: f32x4, cos: f32x4) -> f32x4 {
     // Arc tangent of at most 1, within 2e-8 (Abramowitz & Stegun 1964, 4.4.49).
     const TERMS: [f32; 8] = [
         0.002_866_225_7,
@@ -60,16 +64,18 @@ fn angle(sin: f32, cos: f32) -> f32 {
         -0.333_331_45,
     ];
     let size = cos.abs();
-    let most = sin.max(size);
-    if most == 0.0 {
-        return 0.0;
-    }
-    let x = sin.min(size) / most;
+    let is_steep = sin.simd_gt(size);
+    let (less, most) = (sin.fast_min(size), sin.fast_max(size));
+    let x = most.simd_gt(f32x4::ZERO).select(less / most, f32x4::ZERO);
     let x2 = x * x;
-    let series = TERMS.iter().fold(0.0, |sum, c| (sum + c) * x2);
+    let mut series = f32x4::ZERO;
+    for term in TERMS {
+        series = (series + f32x4::splat(term)) * x2;
+    }
     let near = x + x * series;
-    let acute = if sin > size { FRAC_PI_2 - near } else { near };
-    if cos < 0.0 { PI - acute } else { acute }
+    let acute = is_steep.select(f32x4::splat(FRAC_PI_2) - near, near);
+    let angle = cos.simd_lt(f32x4::ZERO).select(f32x4::splat(PI) - acute, acute);
+    most.simd_gt(f32x4::ZERO).select(angle, f32x4::ZERO)
 }
 
 /// The same of the part of the triangle on the side of another plane through the origin, by its normal `face`.
@@ -148,7 +154,7 @@ pub fn solid_angle(corners: [Vec3; 3]) -> f32 {
     // The same as a . (b x c), but small triangles keep their digits.
     let numerator = a.dot((b - a).cross(c - a));
     let denominator = la * lb * lc + a.dot(b) * lc + a.dot(c) * lb + b.dot(c) * la;
-    2.0 * angle(numerator.abs(), denominator)
+    2.0 * angle(f32x4::splat(numerator.abs()), f32x4::splat(denominator)).to_array()[0]
 }
 
 /// Uniform direction of the solid angle of a triangle seen from the origin, for two numbers in [0,1) (Arvo 1995): a part of
@@ -156,19 +162,23 @@ pub fn solid_angle(corners: [Vec3; 3]) -> f32 {
 #[must_use]
 pub fn sample_solid_angle(corners: [Vec3; 3], [u, v]: [f32; 2]) -> Option<Vec3> {
     let [a, b, c] = near_unit(corners).map(Vec3::normalize_or_zero);
-    let [ab, bc, ca] = [a.cross(b), b.cross(c), c.cross(a)].map(Vec3::normalize_or_zero);
-    if ab == Vec3::ZERO || bc == Vec3::ZERO || ca == Vec3::ZERO {
+    // Normals of the edges' planes, and angles between them at the corners.
+    let normals = Four::new([a, b, c, Vec3::ZERO]).cross(&Four::new([b, c, a, Vec3::ZERO]));
+    let lengths = normals.length();
+    let [ab, bc, ca, _] = lengths.to_array();
+    if !(ab > 0.0 && bc > 0.0 && ca > 0.0) {
         return None;
     }
-    let between = |p: Vec3, q: Vec3| angle(p.cross(q).length(), p.dot(q));
-    let (alpha, beta, gamma) = (between(ab, -ca), between(bc, -ab), between(ca, -bc));
-    let (sin_alpha, cos_alpha) = (libm::sinf(alpha), libm::cosf(alpha));
-    // The part's angles add up to its area and a half turn.
-    let part = PI + u * (alpha + beta + gamma - PI);
-    let (sin, cos) = (libm::sinf(part), libm::cosf(part));
+    let normals = normals.over(lengths);
+    let before = normals.map(|[ab, bc, ca, none]| [-ca, -ab, -bc, none]);
+    let (sines, cosines) = (normals.cross(&before).length(), normals.dot(&before));
+    let [alpha, beta, gamma, _] = angle(sines, cosines).to_array();
+    let (sin_alpha, cos_alpha) = (sines.to_array()[0], cosines.to_array()[0]);
+    // The part's angles add up to its area and a half turn, which turns the signs of sine and cosine.
+    let (sin, cos) = libm::sincosf(u * (alpha + beta + gamma - PI));
     let (sin_phi, cos_phi) = (
-        sin * cos_alpha - cos * sin_alpha,
-        cos * cos_alpha + sin * sin_alpha,
+        cos * sin_alpha - sin * cos_alpha,
+        -cos * cos_alpha - sin * sin_alpha,
     );
     let k1 = cos_phi + cos_alpha;
     let k2 = sin_phi - sin_alpha * a.dot(b);
@@ -199,7 +209,8 @@ mod tests {
             for scale in [1e-15, 1.0, 1e15] {
                 let (sin, cos) = (scale * turn.sin().max(0.0), scale * turn.cos());
                 let expected = f64::from(sin).atan2(f64::from(cos));
-                let got = f64::from(angle(sin, cos));
+                let [got, ..] = angle(f32x4::splat(sin), f32x4::splat(cos)).to_array();
+                let got = f64::from(got);
                 assert!(
                     (got - expected).abs() <= 1e-6 * expected,
                     "{sin} {cos}: {got}"
