@@ -20,8 +20,30 @@ fn is_radiance(c: [f32; 3]) -> bool {
     c.iter().all(|v| v.is_finite() && *v >= 0.0)
 }
 
+/// Bits of numbers that are neither negative nor infinite are below this, in the order of the numbers.
+const INFINITY: u32 = f32::INFINITY.to_bits();
+
 /// Checks a surfel; `place` names it in the error.
+#[inline]
 pub fn surfel(s: &Surfel, place: &dyn Fn() -> String) -> Result<()> {
+    // Readers ask this of every surfel: without a branch for each number.
+    let most = |numbers: &[f32]| numbers.iter().map(|v| v.to_bits()).fold(0, u32::max);
+    let at_least_0 = most(&s.front)
+        .max(most(&s.back))
+        .max(most(&[s.area, s.radius]));
+    let size = most(&s.position.map(f32::abs));
+    let [x, y, z] = s.normal;
+    let is_unit = (0.99..=1.01).contains(&(x * x + y * y + z * z));
+    let in_range = (at_least_0 < INFINITY) & (size < INFINITY) & (s.radius > 0.0) & is_unit;
+    if in_range && s.clips.count == 0 {
+        Ok(())
+    } else {
+        rare_surfel(s, place)
+    }
+}
+
+/// Checks a surfel that is clipped, or has something wrong or a negative zero.
+fn rare_surfel(s: &Surfel, place: &dyn Fn() -> String) -> Result<()> {
     if !s.position.iter().all(|v| v.is_finite()) {
         return Err(wrong(place, "position", "finite numbers", s.position));
     }
@@ -59,8 +81,7 @@ pub fn surfel(s: &Surfel, place: &dyn Fn() -> String) -> Result<()> {
 /// Checks an lvoxel; `place` names it in the error.
 #[inline]
 pub fn lvoxel(v: &Lvoxel, volumes: &[VolumeInfo], place: &dyn Fn() -> String) -> Result<()> {
-    // Readers ask this of every lvoxel: without a branch for each number. Bits of those in question are in their order.
-    const INFINITY: u32 = f32::INFINITY.to_bits();
+    // Readers ask this of every lvoxel: without a branch for each number.
     let is_minus_0 = |c: f32| c.to_bits() == (-0.0_f32).to_bits();
     if let Some(volume) = volumes.get(usize::from(v.volume))
         && v.level <= MAX_LEVEL

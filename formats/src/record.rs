@@ -265,6 +265,15 @@ pub struct SurfelPage {
     pub surfels: Vec<Surfel>,
 }
 
+/// The surfels of a [`SurfelPage`] without its nodes.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SurfelLeaves {
+    /// How many each leaf has, in the order of the page's nodes.
+    pub counts: Vec<u8>,
+    /// Surfels, in the same order.
+    pub surfels: Vec<Surfel>,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

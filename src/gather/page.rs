@@ -1,7 +1,7 @@
 //! A page of the tree laid out for rays: eight children, eight disks at a time. Nodes and leaves are apart, as rays that end
 //! at triangles seldom ask for leaves.
 
-use lvox_formats::record::{Below, Node, Surfel, SurfelAggregate, SurfelPage, tangent_frame};
+use lvox_formats::record::{Below, Node, Surfel, tangent_frame};
 use std::f32::consts::PI;
 
 /// Children a node, and disks a leaf.
@@ -96,9 +96,14 @@ pub struct Proxy {
     pub plane: f32,
     /// How much of that plane inside the node's box is covered; negative if the node is not flat.
     pub coverage: f32,
-    /// With the areas that axes see, and the second moment, over the node's own area: areas times radiance would leave the
-    /// range of f32.
-    aggregate: SurfelAggregate,
+    /// Sum of surfel areas.
+    area: f32,
+    /// As in [`SurfelAggregate`], but over the area: areas times radiance would leave the range of f32.
+    second_moment: [f32; 6],
+    /// The same.
+    axis_area: [f32; 6],
+    /// As there.
+    axis_radiance: [[f32; 3]; 6],
 }
 
 /// The nodes of a page laid out for rays.
@@ -225,21 +230,20 @@ impl PageNodes {
 }
 
 impl PageLeaves {
-    /// Lays out the surfels of a page, which must be valid as the reader promises.
+    /// Lays out the surfels of a page, so many in each of its leaves, which must be valid as the reader promises.
     #[must_use]
-    pub fn new(page: &SurfelPage) -> Self {
-        let leaves = page.nodes.iter().filter(|n| is_leaf(n)).count();
-        let clipped = page.surfels.iter().filter(|s| s.clips.count > 0).count();
+    pub fn new(counts: &[u8], surfels: &[Surfel]) -> Self {
+        let clipped = surfels.iter().filter(|s| s.clips.count > 0).count();
         let mut out = Self {
-            blocks: Vec::with_capacity(leaves),
-            lights: Vec::with_capacity(page.surfels.len()),
+            blocks: Vec::with_capacity(counts.len()),
+            lights: Vec::with_capacity(surfels.len()),
             clips: Vec::with_capacity(clipped),
         };
-        for node in &page.nodes {
-            if let Below::Surfels { first, count } = node.below {
-                let first = first as usize;
-                out.add_block(&page.surfels[first..first + usize::from(count)]);
-            }
+        let mut rest = surfels;
+        for &count in counts {
+            let (leaf, others) = rest.split_at(usize::from(count));
+            out.add_block(leaf);
+            rest = others;
         }
         out
     }
@@ -318,10 +322,8 @@ impl Proxy {
     const FLAT: f32 = 0.97;
 
     fn new(node: &Node) -> Self {
-        let mut g = node.aggregate;
+        let g = &node.aggregate;
         let over_area = |v: f32| if g.area > 0.0 { v / g.area } else { 0.0 };
-        g.axis_area = g.axis_area.map(over_area);
-        g.second_moment = g.second_moment.map(over_area);
         let n = g.normal_sum.map(over_area);
         let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
         let normal = if length > 0.0 {
@@ -344,7 +346,10 @@ impl Proxy {
             normal,
             plane,
             coverage,
-            aggregate: g,
+            area: g.area,
+            second_moment: g.second_moment.map(over_area),
+            axis_area: g.axis_area.map(over_area),
+            axis_radiance: g.axis_radiance,
         }
     }
 
@@ -364,18 +369,17 @@ impl Proxy {
     #[must_use]
     #[inline]
     pub fn facing(&self, v: [f32; 3]) -> ([f32; 3], f32) {
-        let g = &self.aggregate;
         let (mut sum, mut weight) = ([0.0; 3], 0.0);
         for (a, &along) in v.iter().enumerate() {
             let side = 2 * a + usize::from(along < 0.0);
-            let w = along.abs() * g.axis_area[side];
+            let w = along.abs() * self.axis_area[side];
             weight += w;
-            for (sum, radiance) in sum.iter_mut().zip(g.axis_radiance[side]) {
+            for (sum, radiance) in sum.iter_mut().zip(self.axis_radiance[side]) {
                 *sum += w * radiance;
             }
         }
         if weight > 0.0 {
-            (sum.map(|s| s / weight), weight * g.area)
+            (sum.map(|s| s / weight), weight * self.area)
         } else {
             ([0.0; 3], 0.0)
         }
@@ -384,7 +388,7 @@ impl Proxy {
     /// Mean squared cosine between the normals of its surfels and a unit direction, weighted by area; none where it has none.
     #[must_use]
     pub fn squared_cosine(&self, d: [f32; 3]) -> f32 {
-        let [xx, yy, zz, xy, xz, yz] = self.aggregate.second_moment;
+        let [xx, yy, zz, xy, xz, yz] = self.second_moment;
         let quadratic = xx * d[0] * d[0]
             + yy * d[1] * d[1]
             + zz * d[2] * d[2]
@@ -395,7 +399,7 @@ impl Proxy {
     /// Share of the box, as seen along `d`, that surfels cover.
     #[must_use]
     pub fn opacity(&self, d: [f32; 3], extent: [f32; 3]) -> f32 {
-        let projected = self.aggregate.area * self.squared_cosine(d).sqrt();
+        let projected = self.area * self.squared_cosine(d).sqrt();
         let section = d[0].abs() * extent[1] * extent[2]
             + d[1].abs() * extent[2] * extent[0]
             + d[2].abs() * extent[0] * extent[1];

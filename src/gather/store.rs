@@ -7,10 +7,11 @@ use super::page::{self, PageLeaves, PageNodes};
 use crate::math::Rgb;
 use crate::run::size;
 use crate::{Error, Result};
-use lvox_formats::record::{Below, Lvoxel, Node};
+use lvox_formats::record::{Below, Lvoxel, Node, SurfelLeaves};
 use lvox_formats::{FormatError, MappedFile, Tree};
 use quick_cache::sync::Cache;
 use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
+use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -117,6 +118,11 @@ impl Links {
     }
 }
 
+thread_local! {
+    /// Records of a page while it is laid out: each thread uses the same memory for all pages.
+    static SCRATCH: RefCell<(Vec<Node>, SurfelLeaves)> = RefCell::default();
+}
+
 impl Decoder {
     fn count(&self, id: u32) {
         self.decoded.fetch_add(1, Ordering::Relaxed);
@@ -128,19 +134,23 @@ impl Decoder {
 
     fn nodes(&self, id: u32) -> PageNodes {
         self.count(id);
-        let nodes = self.tree.surfel_nodes(id as usize).and_then(|nodes| {
-            self.links.note(id, &nodes)?;
-            Ok(PageNodes::new(&nodes))
-        });
-        nodes.unwrap_or_else(|e| self.fail(e))
+        SCRATCH.with_borrow_mut(|(nodes, _)| {
+            let read = self.tree.read_surfel_nodes(id as usize, nodes);
+            match read.and_then(|()| self.links.note(id, nodes)) {
+                Ok(()) => PageNodes::new(nodes),
+                Err(e) => self.fail(e),
+            }
+        })
     }
 
     fn leaves(&self, id: u32) -> PageLeaves {
         self.decoded_leaves.fetch_add(1, Ordering::Relaxed);
-        match self.tree.surfel_page(id as usize) {
-            Ok(page) => PageLeaves::new(&page),
-            Err(e) => self.fail(e),
-        }
+        SCRATCH.with_borrow_mut(|(_, leaves)| {
+            match self.tree.read_surfel_leaves(id as usize, leaves) {
+                Ok(()) => PageLeaves::new(&leaves.counts, &leaves.surfels),
+                Err(e) => self.fail(e),
+            }
+        })
     }
 
     fn whole(&self, id: u32) -> WholePage {
@@ -148,9 +158,14 @@ impl Decoder {
         self.decoded_leaves.fetch_add(1, Ordering::Relaxed);
         let page = self.tree.surfel_page(id as usize).and_then(|page| {
             self.links.note(id, &page.nodes)?;
+            let in_leaf = |node: &Node| match node.below {
+                Below::Surfels { count, .. } => Some(count),
+                _ => None,
+            };
+            let counts: Vec<u8> = page.nodes.iter().filter_map(in_leaf).collect();
             Ok(WholePage {
                 nodes: PageNodes::new(&page.nodes),
-                leaves: PageLeaves::new(&page),
+                leaves: PageLeaves::new(&counts, &page.surfels),
             })
         });
         page.unwrap_or_else(|e| self.fail(e))

@@ -38,11 +38,7 @@ impl Four {
     #[must_use]
     pub fn cross(&self, other: &Self) -> Self {
         let ([ax, ay, az], [bx, by, bz]) = (self.0, other.0);
-        Self([
-            ay * bz - az * by,
-            az * bx - ax * bz,
-            ax * by - ay * bx,
-        ])
+        Self([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
     }
 
     /// Dot products.

@@ -35,7 +35,10 @@ fn of_edges(from: [Vec3; 4], to: [Vec3; 4], n: Vec3) -> f32 {
     let cross = from.cross(&to);
     let sin = cross.length();
     let edge = angle(sin, from.dot(&to)) * (cross.dot(&Four::splat(n)) / sin);
-    let [a, b, c, d] = sin.simd_gt(f32x4::ZERO).select(edge, f32x4::ZERO).to_array();
+    let [a, b, c, d] = sin
+        .simd_gt(f32x4::ZERO)
+        .select(edge, f32x4::ZERO)
+        .to_array();
     0.5 * (a + b + c + d).abs()
 }
 
@@ -74,7 +77,9 @@ fn angle(sin: f32x4, cos: f32x4) -> f32x4 {
     }
     let near = x + x * series;
     let acute = is_steep.select(f32x4::splat(FRAC_PI_2) - near, near);
-    let angle = cos.simd_lt(f32x4::ZERO).select(f32x4::splat(PI) - acute, acute);
+    let angle = cos
+        .simd_lt(f32x4::ZERO)
+        .select(f32x4::splat(PI) - acute, acute);
     most.simd_gt(f32x4::ZERO).select(angle, f32x4::ZERO)
 }
 

@@ -258,11 +258,6 @@ impl Planes<'_> {
         u16::from_le_bytes([self.byte(row, 2 * k), self.byte(row, 2 * k + 1)])
     }
 
-    /// The k-th two-byte number of a row, signed.
-    pub fn i16(&self, row: usize, k: usize) -> i16 {
-        self.u16(row, k) as i16
-    }
-
     /// The k-th four-byte number of a row.
     pub fn u32(&self, row: usize, k: usize) -> u32 {
         u32::from_le_bytes(std::array::from_fn(|i| self.byte(row, 4 * k + i)))

@@ -6,7 +6,7 @@ use super::encode::{NODES_BELOW, PAGE_BELOW, SURFELS_BELOW};
 use crate::bytes::Cursor;
 use crate::frame::Block;
 use crate::quantise::{NORMAL_MAX, Span, Steps, area_of_disk, decode_clips, decode_normal};
-use crate::record::{Below, Bounds, Node, Surfel, SurfelAggregate, SurfelPage};
+use crate::record::{Below, Bounds, Node, Surfel, SurfelAggregate, SurfelLeaves, SurfelPage};
 use crate::{FormatError, Result, check};
 
 struct Header {
@@ -27,22 +27,34 @@ struct Header {
 /// links go to pages before this one, and all numbers are finite.
 pub fn surfel_page(raw: &[u8], block: &Block, id: u32, overlap: f32) -> Result<SurfelPage> {
     let (header, columns) = open_page(raw, block)?;
-    let nodes = decode_nodes(&header, &columns, id)?;
-    let mut surfels = decode_surfels(&header, &columns, overlap)?;
-    let front = surfels.iter_mut().map(|s| &mut s.front);
-    radiance::decode(&columns, col::FRONT, header.front, front)?;
-    let back = surfels.iter_mut().map(|s| &mut s.back);
-    radiance::decode(&columns, col::BACK, header.back, back)?;
-    for (i, s) in surfels.iter().enumerate() {
-        check::surfel(s, &|| format!("surfel {i} of the page"))?;
-    }
-    Ok(SurfelPage { nodes, surfels })
+    let mut page = SurfelPage::default();
+    decode_nodes(&header, &columns, id, &mut page.nodes)?;
+    decode_surfels(&header, &columns, overlap, &mut page.surfels)?;
+    Ok(page)
 }
 
-/// Decodes the nodes of page `id` alone; they are as valid as those of the whole page.
-pub fn surfel_nodes(raw: &[u8], block: &Block, id: u32) -> Result<Vec<Node>> {
+/// Decodes the nodes of page `id` alone, in place of those given; they are as valid as those of the whole page.
+pub fn surfel_nodes(raw: &[u8], block: &Block, id: u32, nodes: &mut Vec<Node>) -> Result<()> {
     let (header, columns) = open_page(raw, block)?;
-    decode_nodes(&header, &columns, id)
+    decode_nodes(&header, &columns, id, nodes)
+}
+
+/// Decodes the surfels of page `id`, leaf by leaf, in place of those given; they are as valid as those of the whole page.
+pub fn surfel_leaves(
+    raw: &[u8],
+    block: &Block,
+    id: u32,
+    overlap: f32,
+    leaves: &mut SurfelLeaves,
+) -> Result<()> {
+    let (header, columns) = open_page(raw, block)?;
+    leaves.counts.clear();
+    decode_order(&header, &columns, id, |below| {
+        if let Below::Surfels { count, .. } = below {
+            leaves.counts.push(count);
+        }
+    })?;
+    decode_surfels(&header, &columns, overlap, &mut leaves.surfels)
 }
 
 fn open_page<'a>(raw: &'a [u8], block: &Block) -> Result<(Header, PageColumns<'a>)> {
@@ -148,22 +160,30 @@ fn spans(b: &Bounds) -> [Span; 3] {
     std::array::from_fn(|k| Span::new(b.min[k], b.max[k]))
 }
 
-fn decode_nodes(header: &Header, columns: &PageColumns<'_>, id: u32) -> Result<Vec<Node>> {
-    let blank = Node {
-        bounds: header.bounds,
-        below: Below::Page(0),
-        aggregate: SurfelAggregate::default(),
-    };
-    let mut nodes = vec![blank; header.nodes];
-    decode_order(header, columns, id, &mut nodes)?;
+fn decode_nodes(
+    header: &Header,
+    columns: &PageColumns<'_>,
+    id: u32,
+    nodes: &mut Vec<Node>,
+) -> Result<()> {
+    nodes.clear();
+    nodes.reserve(header.nodes);
+    decode_order(header, columns, id, |below| {
+        nodes.push(Node {
+            bounds: header.bounds,
+            below,
+            aggregate: SurfelAggregate::default(),
+        });
+    })?;
 
     columns.one_of(&[col::BOX, col::BOX_F32])?;
     let spans = spans(&header.bounds);
     if let Some(rows) = columns.get(col::BOX) {
-        for (i, node) in nodes.iter_mut().enumerate() {
-            for (k, span) in spans.iter().enumerate() {
-                node.bounds.min[k] = span.decode(rows.u16(i, k));
-                node.bounds.max[k] = span.decode(rows.u16(i, k + 3));
+        for (k, span) in spans.iter().enumerate() {
+            let ends = rows.u16s(k).zip(rows.u16s(k + 3));
+            for (node, (min, max)) in nodes.iter_mut().zip(ends) {
+                node.bounds.min[k] = span.decode(min);
+                node.bounds.max[k] = span.decode(max);
             }
         }
     } else if let Some(rows) = columns.get(col::BOX_F32) {
@@ -174,7 +194,7 @@ fn decode_nodes(header: &Header, columns: &PageColumns<'_>, id: u32) -> Result<V
             };
         }
     }
-    for node in &nodes {
+    for node in nodes.iter() {
         check_box(&node.bounds, "box of a node")?;
     }
 
@@ -194,10 +214,7 @@ fn decode_nodes(header: &Header, columns: &PageColumns<'_>, id: u32) -> Result<V
                 a.area,
             ));
         }
-        let whole = f64::from(a.area);
-        if let Some(rows) = centre {
-            a.centre = std::array::from_fn(|k| spans[k].decode(rows.u16(i, k)));
-        } else if let Some(rows) = centre_f32 {
+        if let Some(rows) = centre_f32 {
             a.centre = rows.f32x3(i, 0);
             if !a.centre.iter().all(|c| c.is_finite()) {
                 return Err(FormatError::invalid(
@@ -207,27 +224,45 @@ fn decode_nodes(header: &Header, columns: &PageColumns<'_>, id: u32) -> Result<V
                 ));
             }
         }
-        let signed = |code: i16| (whole * f64::from(code) / 32767.0) as f32;
-        a.normal_sum = std::array::from_fn(|k| signed(normal.i16(i, k)));
-        a.second_moment = std::array::from_fn(|k| signed(moment.i16(i, k)));
-        a.axis_area =
-            std::array::from_fn(|k| (whole * f64::from(axis_area.u16(i, k)) / 65535.0) as f32);
     }
-    decode_light(header, columns, &mut nodes)?;
-    Ok(nodes)
+    if let Some(rows) = centre {
+        for (k, span) in spans.iter().enumerate() {
+            for (node, code) in nodes.iter_mut().zip(rows.u16s(k)) {
+                node.aggregate.centre[k] = span.decode(code);
+            }
+        }
+    }
+    let signed = |area: f32, code: u16| {
+        (f64::from(area) * f64::from(code as i16) / f64::from(i16::MAX)) as f32
+    };
+    for k in 0..3 {
+        for (node, code) in nodes.iter_mut().zip(normal.u16s(k)) {
+            node.aggregate.normal_sum[k] = signed(node.aggregate.area, code);
+        }
+    }
+    for k in 0..6 {
+        let codes = moment.u16s(k).zip(axis_area.u16s(k));
+        for (node, (moment, seen)) in nodes.iter_mut().zip(codes) {
+            let a = &mut node.aggregate;
+            a.second_moment[k] = signed(a.area, moment);
+            a.axis_area[k] = (f64::from(a.area) * f64::from(seen) / f64::from(u16::MAX)) as f32;
+        }
+    }
+    decode_light(header, columns, nodes)
 }
 
-/// Ranges and links: nodes and surfels are handed out in order, so ranges cannot overlap or form a loop.
+/// Ranges and links, given to `add` node by node: nodes and surfels are handed out in order, so ranges cannot overlap or form a
+/// loop.
 fn decode_order(
     header: &Header,
     columns: &PageColumns<'_>,
     id: u32,
-    nodes: &mut [Node],
+    mut add: impl FnMut(Below),
 ) -> Result<()> {
     let below = columns.required(col::BELOW)?;
     let links = columns.get(col::LINK);
     let (mut next_node, mut next_surfel, mut next_link) = (1, 0, 0);
-    for (i, node) in nodes.iter_mut().enumerate() {
+    for i in 0..header.nodes {
         let code = below.u8(i);
         let wrong = |expected: &str, found: String| {
             Err(FormatError::invalid(
@@ -242,17 +277,17 @@ fn decode_order(
         let count = code & 15;
         match code & 0xf0 {
             NODES_BELOW if (1..=8).contains(&count) => {
-                node.below = Below::Nodes {
+                add(Below::Nodes {
                     first: next_node,
                     count,
-                };
+                });
                 next_node += u32::from(count);
             }
             SURFELS_BELOW if (1..=8).contains(&count) => {
-                node.below = Below::Surfels {
+                add(Below::Surfels {
                     first: next_surfel,
                     count,
-                };
+                });
                 next_surfel += u32::from(count);
             }
             PAGE_BELOW if count == 0 => {
@@ -267,7 +302,7 @@ fn decode_order(
                         back.to_string(),
                     );
                 }
-                node.below = Below::Page(id - back);
+                add(Below::Page(id - back));
             }
             _ => return wrong("nodes, surfels or a page", format!("code {code:#04x}")),
         }
@@ -292,16 +327,23 @@ fn decode_order(
     Ok(())
 }
 
-fn decode_surfels(header: &Header, columns: &PageColumns<'_>, overlap: f32) -> Result<Vec<Surfel>> {
-    let mut surfels = vec![Surfel::default(); header.surfels];
+fn decode_surfels(
+    header: &Header,
+    columns: &PageColumns<'_>,
+    overlap: f32,
+    surfels: &mut Vec<Surfel>,
+) -> Result<()> {
+    surfels.clear();
+    surfels.resize(header.surfels, Surfel::default());
     if surfels.is_empty() {
-        return Ok(surfels);
+        return Ok(());
     }
     columns.one_of(&[col::POSITION, col::POSITION_F32])?;
     if let Some(rows) = columns.get(col::POSITION) {
-        let spans = spans(&header.bounds);
-        for (i, s) in surfels.iter_mut().enumerate() {
-            s.position = std::array::from_fn(|k| spans[k].decode(rows.u16(i, k)));
+        for (k, span) in spans(&header.bounds).iter().enumerate() {
+            for (s, code) in surfels.iter_mut().zip(rows.u16s(k)) {
+                s.position[k] = span.decode(code);
+            }
         }
     } else if let Some(rows) = columns.get(col::POSITION_F32) {
         for (i, s) in surfels.iter_mut().enumerate() {
@@ -309,8 +351,8 @@ fn decode_surfels(header: &Header, columns: &PageColumns<'_>, overlap: f32) -> R
         }
     }
     let rows = columns.required(col::NORMAL)?;
-    for (i, s) in surfels.iter_mut().enumerate() {
-        let code = [rows.u16(i, 0), rows.u16(i, 1)];
+    for (s, code) in surfels.iter_mut().zip(rows.u16s(0).zip(rows.u16s(1))) {
+        let code = [code.0, code.1];
         if code.iter().any(|c| *c > NORMAL_MAX) {
             return Err(FormatError::invalid(
                 "normal code",
@@ -344,8 +386,15 @@ fn decode_surfels(header: &Header, columns: &PageColumns<'_>, overlap: f32) -> R
             (None, None) => area_of_disk(s.radius, overlap),
         };
     }
-    decode_edges(header, columns, &mut surfels)?;
-    Ok(surfels)
+    decode_edges(header, columns, surfels)?;
+    let front = surfels.iter_mut().map(|s| &mut s.front);
+    radiance::decode(columns, col::FRONT, header.front, front)?;
+    let back = surfels.iter_mut().map(|s| &mut s.back);
+    radiance::decode(columns, col::BACK, header.back, back)?;
+    for (i, s) in surfels.iter().enumerate() {
+        check::surfel(s, &|| format!("surfel {i} of the page"))?;
+    }
+    Ok(())
 }
 
 fn decode_edges(header: &Header, columns: &PageColumns<'_>, surfels: &mut [Surfel]) -> Result<()> {
