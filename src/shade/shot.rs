@@ -277,6 +277,7 @@ impl<P: Pages, M: Medium> Shot<'_, P, M> {
                         pixel: settings.pixel_samples,
                         edge: settings.edge_samples,
                         shadow: settings.shadow_rays,
+                        volume: settings.volume_samples,
                     },
                 };
                 shade_region(&shader, region, parts, job, &task)

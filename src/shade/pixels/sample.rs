@@ -22,7 +22,7 @@ pub struct Sample<T: Passed> {
     pub passed: T,
 }
 
-/// How many samples a pixel has.
+/// How many samples a pixel has, and what it looks at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SampleCounts {
     /// Always taken; 1 for the pixel's corners, which neighbours share.
@@ -31,4 +31,6 @@ pub struct SampleCounts {
     pub edge: u32,
     /// Shadow rays to lights with an extent, at each of those; shared corners take a number of their own.
     pub shadow: u32,
+    /// Gather rays of each vertex in media.
+    pub volume: u32,
 }

@@ -10,8 +10,9 @@ use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
 
 impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
-    /// By how much, of 1 and of the light seen, media before corners may differ for those between to take their mean.
-    const ALIKE: f32 = 0.1;
+    /// By how much, of 1 and of the light seen, media before corners may differ for those between to take their mean, times the
+    /// root of the gather rays in media, as noise goes that pictures have of them anyway.
+    const ALIKE: f32 = 0.5;
     /// The same for the mean of a pixel's corners to be that of its square.
     const FLAT: f32 = 0.01;
 
@@ -94,7 +95,8 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
         }
         let mean: A::Passed = mix.mean();
         let seen = mean.radiance().luminance() + behind / mix.count;
-        mix.is_within(Self::ALIKE, seen).then_some(mean)
+        let alike = Self::ALIKE / (self.shader.counts.volume as f32).sqrt();
+        mix.is_within(alike, seen).then_some(mean)
     }
 
     /// What the media before the corners of a pixel do on the mean over its square. Where they differ, and the corners around
