@@ -26,13 +26,11 @@ impl Emitter {
     }
 
     /// A direction from `origin` to the emitter, the distance along it, and its density per steradian: uniform over the
-    /// emitter's solid angle where that is large, else uniform over its area.
-    pub fn look_at(&self, origin: Vec3, u: [f32; 2]) -> (Vec3, f32, f32) {
-        /// Area over squared distance from which the two differ enough to pay for the first.
-        const NEAR: f32 = 0.02;
+    /// emitter's solid angle if its area over its squared distance is more than `near`, else uniform over its area.
+    pub fn look_at(&self, origin: Vec3, u: [f32; 2], near: f32) -> (Vec3, f32, f32) {
         let corners = self.corners.map(|c| c - origin);
         let middle = (corners[0] + corners[1] + corners[2]) * (1.0 / 3.0);
-        if self.area > NEAR * middle.length_squared()
+        if self.area > near * middle.length_squared()
             && let Some(d) = polygon::sample_solid_angle(corners, u)
         {
             let distance = corners[0].dot(self.normal) / d.dot(self.normal);

@@ -70,7 +70,7 @@ pub fn add<S: Shadows, R: Receiver>(
         let within = ((target - below) / (chosen[k].running_power - below)).clamp(0.0, 1.0);
         let index = chosen[k].index;
         let emitter = emitters.get(index);
-        let (d, distance, pdf) = emitter.look_at(origin, [within, v]);
+        let (d, distance, pdf) = emitter.look_at(origin, [within, v], rays.near());
         // What this point sends over what its emitter was expected to: near 1.
         let w = receiver.response(d) / (pdf * chosen[k].response);
         if w > 0.0 {

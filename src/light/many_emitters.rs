@@ -59,7 +59,7 @@ pub fn add<S: Shadows, R: Receiver>(
             continue;
         };
         let emitter = emitters.get(choice.emitter);
-        let (d, distance, pdf) = emitter.look_at(origin, [choice.within, v]);
+        let (d, distance, pdf) = emitter.look_at(origin, [choice.within, v], rays.near());
         let w = receiver.response(d) / (pdf * choice.chance);
         if w > 0.0 && w.is_finite() {
             let through = at.through_from_triangle(d, distance);

@@ -27,6 +27,8 @@ pub struct EmitterBorders {
     rays: u32,
     /// By pixel, then by triangle.
     entries: Vec<Entry>,
+    /// A bit for each pixel, row by row, that has any; none at all if no pixel has.
+    has_entries: Vec<u64>,
 }
 
 /// A convex polygon of the film: a triangle cut by the plane of the camera and by the four sides of a pixel.
@@ -36,6 +38,12 @@ struct Polygon {
     len: usize,
     /// Index of the edge, by its first corner, that is no border of the triangle but where it was cut near the camera's plane.
     near_edge: Option<usize>,
+}
+
+/// Place of pixel (x, y) among those of a region, row by row.
+#[inline]
+fn place(region: Region, x: u32, y: u32) -> u32 {
+    (y - region.y0) * region.width() + (x - region.x0)
 }
 
 impl EmitterBorders {
@@ -71,7 +79,7 @@ impl EmitterBorders {
                 for x in range(min.x, max.x, region.x0, region.x1) {
                     if polygon.has_border_in(x, y) {
                         entries.push(Entry {
-                            pixel: (y - region.y0) * region.width() + (x - region.x0),
+                            pixel: place(region, x, y),
                             triangle: t as u32,
                         });
                     }
@@ -79,26 +87,38 @@ impl EmitterBorders {
             }
         }
         entries.sort_unstable_by_key(|e| (e.pixel, e.triangle));
+        let mut has_entries = Vec::new();
+        if !entries.is_empty() {
+            has_entries.resize(region.pixels().div_ceil(64), 0);
+            for e in &entries {
+                has_entries[e.pixel as usize / 64] |= 1 << (e.pixel % 64);
+            }
+        }
         Ok(Self {
             region,
             rays,
             entries,
+            has_entries,
         })
     }
 
+    #[inline]
     fn entries(&self, x: u32, y: u32) -> &[Entry] {
-        if self.entries.is_empty() {
+        if !self.is_border(x, y) {
             return &[];
         }
-        let pixel = (y - self.region.y0) * self.region.width() + (x - self.region.x0);
+        let pixel = place(self.region, x, y);
         let first = self.entries.partition_point(|e| e.pixel < pixel);
         let rest = &self.entries[first..];
         &rest[..rest.partition_point(|e| e.pixel == pixel)]
     }
 
     /// Whether the border of any lamp runs through pixel (x, y).
+    #[inline]
     pub fn is_border(&self, x: u32, y: u32) -> bool {
-        !self.entries(x, y).is_empty()
+        let pixel = place(self.region, x, y);
+        let word = self.has_entries.get(pixel as usize / 64);
+        word.is_some_and(|bits| bits >> (pixel % 64) & 1 == 1)
     }
 
     /// Whether a triangle's light in pixel (x, y) is told here and not by rays that meet it.

@@ -76,12 +76,30 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
         }
     }
 
-    /// The lights with an extent, by the shadow rays of the corners around a pixel that lie on its piece of surface.
+    /// Notes at which corners nothing took anything of any ray to a light with an extent.
+    pub(super) fn note_full_light(&mut self) {
+        let is_full = |c: &Corner<A::Passed>| {
+            let rays = &c.sample.direct.rays;
+            rays.arriving == rays.all
+        };
+        self.is_full_light = self.corners.iter().map(is_full).collect();
+    }
+
+    /// The lights with an extent, by the shadow rays of the corners around a pixel that lie on its piece of surface. `first` is
+    /// the first of them.
     pub(super) fn lit<'c>(
         &self,
+        first: usize,
         like: &Sample<A::Passed>,
         at: impl Fn(usize, usize) -> &'c Corner<A::Passed>,
     ) -> Lit {
+        let is_full_row = |row: usize| {
+            let first = first + row * self.width;
+            self.is_full_light[first..first + 4] == [true; 4]
+        };
+        if (0..4).all(is_full_row) {
+            return Lit::Arrived(Arrival::default());
+        }
         let mut quarters = [Arrival::default(); 4];
         let mut sight = Sight::default();
         for row in 0..4 {

@@ -25,6 +25,8 @@ pub struct Corners<'a, P, M, A: Air> {
     region: Region,
     width: usize,
     corners: Vec<Corner<A::Passed>>,
+    /// By corner; where it is so all around, a pixel need not ask the corners themselves.
+    is_full_light: Vec<bool>,
 }
 
 struct Corner<T: Passed> {
@@ -86,6 +88,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
             region,
             width,
             corners,
+            is_full_light: Vec::new(),
         };
         // Before any corner asks more of the lights: those of the outer rings do not, but they do in blocks of their own,
         // and whether media are alike must not depend on the block.
@@ -93,6 +96,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
             corners.pass_media(height);
         }
         corners.look_into_penumbrae(height);
+        corners.note_full_light();
         corners.look_around(height);
         corners
     }
@@ -181,7 +185,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
             .all(|c| self.shader.same_end(&own[0].sample, &c.sample));
         if whole
             && !self.hides_an_emitter(own[0], x, y)
-            && let Some(pixel) = self.mean_of_corners(PixelSum::of(x, y), own, at)
+            && let Some(pixel) = self.mean_of_corners(PixelSum::of(x, y), first, own, at)
         {
             return pixel;
         }
@@ -210,6 +214,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
     fn mean_of_corners<'c>(
         &self,
         mut pixel: PixelSum,
+        first: usize,
         own: [&Corner<A::Passed>; 4],
         at: impl Fn(usize, usize) -> &'c Corner<A::Passed>,
     ) -> Option<Pixel> {
@@ -225,7 +230,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         if sight.has_edge() {
             return None;
         }
-        let Lit::Arrived(rays) = self.lit(&own[0].sample, at) else {
+        let Lit::Arrived(rays) = self.lit(first, &own[0].sample, at) else {
             return None;
         };
         for (c, passed) in own.into_iter().zip(&passed) {
