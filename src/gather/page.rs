@@ -98,7 +98,7 @@ pub struct Proxy {
     pub coverage: f32,
     /// Sum of surfel areas.
     area: f32,
-    /// As in [`SurfelAggregate`], but over the area: areas times radiance would leave the range of f32.
+    /// As in [`lvox_formats::record::SurfelAggregate`], but over the area: areas times radiance would leave the range of f32.
     second_moment: [f32; 6],
     /// The same.
     axis_area: [f32; 6],
@@ -414,7 +414,7 @@ impl Proxy {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lvox_formats::record::Bounds;
+    use lvox_formats::record::{Bounds, SurfelAggregate};
 
     #[test]
     fn a_page_may_be_as_deep_as_it_has_nodes() {

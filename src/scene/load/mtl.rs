@@ -1,11 +1,12 @@
-//! Wavefront MTL: `Kd`, `map_Kd` and `Ke`, all linear but for the texture.
+//! Wavefront MTL: `Kd`, `map_Kd` and `Ke`, all linear but for the texture. What else changes looks and is left out, `d`,
+//! `map_d` and `map_Ke`, is warned of.
 
 use super::super::{Material, Texture};
 use super::files::{Files, beside};
 use super::part::DEFAULT_ALBEDO;
 use super::texture;
 use crate::{Error, Result};
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
 
 /// Reads the materials of an MTL file and the textures that they refer to.
@@ -19,6 +20,7 @@ pub(super) fn read(
     let mut textures = Vec::new();
     let mut loaded = HashMap::new();
     let mut has_kd = false;
+    let (mut see_through, mut emissive_textures) = (BTreeSet::new(), BTreeSet::new());
     for (number, line) in text.lines().enumerate() {
         let line = line.trim();
         let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
@@ -56,9 +58,33 @@ pub(super) fn read(
                     material.albedo = [1.0; 3];
                 }
             }
+            "d" if color(rest).is_ok_and(|[d, ..]| d < 1.0) => {
+                see_through.insert(material.name.clone());
+            }
+            "map_d" => {
+                see_through.insert(material.name.clone());
+            }
+            "map_Ke" => {
+                emissive_textures.insert(material.name.clone());
+            }
             _ => {}
         }
     }
+    let mut warn = |names: BTreeSet<String>, what: &str| {
+        if !names.is_empty() {
+            let names: Vec<_> = names.iter().map(|n| format!("`{n}`")).collect();
+            let (path, names) = (path.display(), names.join(", "));
+            files.warn(format!("{path}: {what}: {names}"));
+        }
+    };
+    warn(
+        see_through,
+        "materials with `d` below 1 or `map_d` are taken as opaque",
+    );
+    warn(
+        emissive_textures,
+        "emissive textures, `map_Ke`, are left out",
+    );
     Ok((materials, textures))
 }
 
@@ -108,6 +134,25 @@ mod tests {
         assert_eq!(materials[0].albedo, [0.1, 0.2, 0.3]);
         assert_eq!(materials[0].emission, [5.0; 3]);
         assert_eq!(materials[1], Material::diffuse("b b", DEFAULT_ALBEDO));
+    }
+
+    #[test]
+    fn what_changes_looks_and_is_left_out_is_said_once() {
+        let text =
+            "newmtl glass\nd 0.2\nmap_d a.png\nnewmtl leaf\nmap_d b.png\nnewmtl wall\nd 1\nKe 1\n";
+        let mut files = Files::default();
+        read(text.as_bytes(), Path::new("x.mtl"), &mut files).unwrap();
+        assert_eq!(
+            files.warnings,
+            ["x.mtl: materials with `d` below 1 or `map_d` are taken as opaque: `glass`, `leaf`"]
+        );
+        let mut files = Files::default();
+        let text = "newmtl screen\nmap_Ke a.png\n";
+        read(text.as_bytes(), Path::new("x.mtl"), &mut files).unwrap();
+        assert_eq!(
+            files.warnings,
+            ["x.mtl: emissive textures, `map_Ke`, are left out: `screen`"]
+        );
     }
 
     #[test]

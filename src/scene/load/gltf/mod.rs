@@ -2,8 +2,8 @@
 //!
 //! Base colour (factor, texture, vertex colours) is the albedo, whatever the metalness; emissive factor times strength
 //! is radiance. Lights are taken as radiometric: candela is intensity, lux is irradiance, 1:1. Skins, morph targets,
-//! animations and transparency are left out; an emissive texture is replaced by its mean. Of extensions lights, emissive
-//! strength and texture transforms are read, and those that do not change looks are passed over; others are warned of.
+//! animations and transparency are left out, with a warning; an emissive texture is replaced by its mean. Of extensions lights,
+//! emissive strength and texture transforms are read, and those that do not change looks are passed over; others are warned of.
 
 mod buffers;
 
@@ -136,6 +136,7 @@ pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Imp
         list: Part::default(),
     };
     reader.warn_of_extensions();
+    reader.warn_of_motion();
     reader.nodes()?;
     reader.out.part.materials = reader.list.materials;
     reader.out.part.textures = reader.list.textures;
@@ -226,6 +227,27 @@ impl Reader<'_> {
             if !READ.contains(&name) && !NOT_OF_LOOKS.contains(&name) {
                 self.warn(format!(
                     "the extension {name} is left out: what it adds is not in the picture"
+                ));
+            }
+        }
+    }
+
+    /// Files of characters show them as they were made, not as they stand in the first frame.
+    fn warn_of_motion(&mut self) {
+        let document = self.document;
+        let mut primitives = document.meshes().flat_map(|m| m.primitives());
+        let left_out = [
+            ("skins are", document.skins().next().is_some()),
+            (
+                "morph targets are",
+                primitives.any(|p| p.morph_targets().next().is_some()),
+            ),
+            ("animations are", document.animations().next().is_some()),
+        ];
+        for (what, is_there) in left_out {
+            if is_there {
+                self.warn(format!(
+                    "{what} left out: meshes and nodes are where they are without"
                 ));
             }
         }

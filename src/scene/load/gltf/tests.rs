@@ -257,6 +257,21 @@ fn extensions_of_looks_that_are_not_read_are_named_once() {
 }
 
 #[test]
+fn what_moves_meshes_and_is_left_out_is_said() {
+    let (mut json, bin) = sample();
+    json["skins"] = json!([{ "joints": [0] }]);
+    json["animations"] = json!([{ "channels": [], "samplers": [] }]);
+    let position = json["meshes"][0]["primitives"][0]["attributes"]["POSITION"].clone();
+    json["meshes"][0]["primitives"][0]["targets"] = json!([{ "POSITION": position }]);
+    let mut files = Files::default();
+    read(&glb(&json, &bin), Path::new("x.glb"), &mut files).unwrap();
+    let expected = ["skins", "morph targets", "animations"].map(|what| {
+        format!("x.glb: {what} are left out: meshes and nodes are where they are without")
+    });
+    assert_eq!(files.warnings, expected);
+}
+
+#[test]
 fn a_texture_of_no_image_is_wrong_only_where_it_is_used() {
     let (mut json, bin) = sample();
     json["textures"] = json!([{ "source": 3 }]);
