@@ -29,7 +29,8 @@ pub use frame::{Block, BlockKind, FileKind, VERSION};
 pub use map::MappedFile;
 pub use meta::{CloudMeta, TreeMeta};
 pub use record::{
-    Below, Bounds, ClipEdge, Clips, Lvoxel, Node, Surfel, SurfelAggregate, SurfelPage, VolumeInfo,
+    Below, Bounds, ClipEdge, Clips, Lvoxel, Node, Surfel, SurfelAggregate, SurfelLeaves,
+    SurfelPage, VolumeInfo,
 };
 pub use summary::{
     CloudSummary, ColumnBytes, LeftOut, Level, Sums, TreeSummary, VolumeSums, WorstError,
