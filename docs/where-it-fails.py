@@ -98,7 +98,7 @@ CAUSES = {
 
 # What was found to be wrong in a block: scene, corner. Others have to be looked at first.
 BLOCKS = {
-    "A": {(400, 448): "crease", (160, 240): "smoke", (176, 224): "smoke", (224, 256): "smoke"},
+    "A": {(400, 448): "crease", (160, 240): "smoke", (176, 224): "smoke", (224, 256): "smoke", (144, 432): "penumbra"},
     "B": {(400, 448): "crease", (272, 48): "behind", (256, 48): "behind", (224, 48): "behind"},
     "C": {(496, 128): "cross", (400, 48): "mouldings", (352, 144): "mouldings", (368, 144): "mouldings",
           (208, 192): "bunny"},
