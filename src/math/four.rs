@@ -8,7 +8,7 @@ use wide::f32x4;
 pub struct Four([f32x4; 3]);
 
 impl Four {
-    /// These.
+    /// Vectors side by side.
     #[inline]
     #[must_use]
     pub fn new([a, b, c, d]: [Vec3; 4]) -> Self {
@@ -19,7 +19,7 @@ impl Four {
         ])
     }
 
-    /// The same four times.
+    /// One vector in all four places.
     #[inline]
     #[must_use]
     pub fn splat(v: Vec3) -> Self {
@@ -33,7 +33,7 @@ impl Four {
         Self(self.0.map(|axis| f32x4::new(f(axis.to_array()))))
     }
 
-    /// Cross products.
+    /// Cross product of each with its counterpart.
     #[inline]
     #[must_use]
     pub fn cross(&self, other: &Self) -> Self {
@@ -41,7 +41,7 @@ impl Four {
         Self([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
     }
 
-    /// Dot products.
+    /// Dot product of each with its counterpart.
     #[inline]
     #[must_use]
     pub fn dot(&self, other: &Self) -> f32x4 {
@@ -49,7 +49,7 @@ impl Four {
         ax * bx + ay * by + az * bz
     }
 
-    /// Lengths.
+    /// Length of each.
     #[inline]
     #[must_use]
     pub fn length(&self) -> f32x4 {
