@@ -256,6 +256,17 @@ pub enum Below {
     Page(u32),
 }
 
+impl Below {
+    /// How many surfels, if there are any right below.
+    #[must_use]
+    pub fn surfels(&self) -> Option<u8> {
+        match *self {
+            Self::Surfels { count, .. } => Some(count),
+            _ => None,
+        }
+    }
+}
+
 /// A decoded page of the tree over surfels: a self-contained subtree with its root at node 0.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SurfelPage {

@@ -298,7 +298,6 @@ fn check_tree(path: &std::path::Path, given: &[SurfelPage], style: Style) {
         );
     }
     assert_eq!(tree.surfel_pages(), given.len());
-    let (mut nodes, mut leaves) = (Vec::new(), SurfelLeaves::default());
     for (i, given) in given.iter().enumerate() {
         let page = tree.surfel_page(i).unwrap();
         let root = page.nodes[0].bounds;
@@ -307,16 +306,14 @@ fn check_tree(path: &std::path::Path, given: &[SurfelPage], style: Style) {
                 + root.max[k].abs().max(root.min[k].abs()) * 1e-6
         });
         assert_eq!(page.surfels.len(), given.surfels.len());
-        // Parts of a page replace whatever the last one left.
-        tree.read_surfel_nodes(i, &mut nodes).unwrap();
-        assert_eq!(nodes, page.nodes);
-        tree.read_surfel_leaves(i, &mut leaves).unwrap();
+        assert_eq!(tree.surfel_nodes(i).unwrap(), page.nodes);
+        let leaves = tree.surfel_leaves(i).unwrap();
         assert_eq!(leaves.surfels, page.surfels);
-        let in_leaf = |node: &Node| match node.below {
-            Below::Surfels { count, .. } => Some(count),
-            _ => None,
-        };
-        let counts: Vec<u8> = page.nodes.iter().filter_map(in_leaf).collect();
+        let counts: Vec<u8> = page
+            .nodes
+            .iter()
+            .filter_map(|n| n.below.surfels())
+            .collect();
         assert_eq!(leaves.counts, counts);
         for (a, b) in given.surfels.iter().zip(&page.surfels) {
             let near = |k: usize| (a.position[k] - b.position[k]).abs() <= half_step[k] * 1.01;

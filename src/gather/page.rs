@@ -144,10 +144,6 @@ pub fn most_bytes(nodes: u64, surfels: u64, has_clips: bool) -> u64 {
         .saturating_add(size_of::<WideNode>() as u64)
 }
 
-fn is_leaf(node: &Node) -> bool {
-    matches!(node.below, Below::Surfels { .. })
-}
-
 impl PageNodes {
     /// Lays out the nodes of a page, which must be valid as the reader promises.
     #[must_use]
@@ -157,9 +153,9 @@ impl PageNodes {
         };
         // Leaves before each node: the block of a leaf.
         let mut leaves = 0;
-        let count_leaf = |node| {
+        let count_leaf = |node: &Node| {
             let before = leaves;
-            leaves += u32::from(is_leaf(node));
+            leaves += u32::from(node.below.surfels().is_some());
             before
         };
         let blocks: Vec<u32> = nodes.iter().map(count_leaf).collect();

@@ -7,11 +7,10 @@ use super::page::{self, PageLeaves, PageNodes};
 use crate::math::Rgb;
 use crate::run::size;
 use crate::{Error, Result};
-use lvox_formats::record::{Below, Lvoxel, Node, SurfelLeaves};
+use lvox_formats::record::{Below, Lvoxel, Node};
 use lvox_formats::{FormatError, MappedFile, Tree};
 use quick_cache::sync::Cache;
 use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
-use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -118,11 +117,6 @@ impl Links {
     }
 }
 
-thread_local! {
-    /// Records of a page while it is laid out: each thread uses the same memory for all pages.
-    static SCRATCH: RefCell<(Vec<Node>, SurfelLeaves)> = RefCell::default();
-}
-
 impl Decoder {
     fn count(&self, id: u32) {
         self.decoded.fetch_add(1, Ordering::Relaxed);
@@ -134,23 +128,19 @@ impl Decoder {
 
     fn nodes(&self, id: u32) -> PageNodes {
         self.count(id);
-        SCRATCH.with_borrow_mut(|(nodes, _)| {
-            let read = self.tree.read_surfel_nodes(id as usize, nodes);
-            match read.and_then(|()| self.links.note(id, nodes)) {
-                Ok(()) => PageNodes::new(nodes),
-                Err(e) => self.fail(e),
-            }
-        })
+        let nodes = self.tree.surfel_nodes(id as usize).and_then(|nodes| {
+            self.links.note(id, &nodes)?;
+            Ok(PageNodes::new(&nodes))
+        });
+        nodes.unwrap_or_else(|e| self.fail(e))
     }
 
     fn leaves(&self, id: u32) -> PageLeaves {
         self.decoded_leaves.fetch_add(1, Ordering::Relaxed);
-        SCRATCH.with_borrow_mut(|(_, leaves)| {
-            match self.tree.read_surfel_leaves(id as usize, leaves) {
-                Ok(()) => PageLeaves::new(&leaves.counts, &leaves.surfels),
-                Err(e) => self.fail(e),
-            }
-        })
+        match self.tree.surfel_leaves(id as usize) {
+            Ok(leaves) => PageLeaves::new(&leaves.counts, &leaves.surfels),
+            Err(e) => self.fail(e),
+        }
     }
 
     fn whole(&self, id: u32) -> WholePage {
@@ -158,11 +148,11 @@ impl Decoder {
         self.decoded_leaves.fetch_add(1, Ordering::Relaxed);
         let page = self.tree.surfel_page(id as usize).and_then(|page| {
             self.links.note(id, &page.nodes)?;
-            let in_leaf = |node: &Node| match node.below {
-                Below::Surfels { count, .. } => Some(count),
-                _ => None,
-            };
-            let counts: Vec<u8> = page.nodes.iter().filter_map(in_leaf).collect();
+            let counts: Vec<u8> = page
+                .nodes
+                .iter()
+                .filter_map(|n| n.below.surfels())
+                .collect();
             Ok(WholePage {
                 nodes: PageNodes::new(&page.nodes),
                 leaves: PageLeaves::new(&counts, &page.surfels),

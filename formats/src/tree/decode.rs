@@ -27,34 +27,27 @@ struct Header {
 /// links go to pages before this one, and all numbers are finite.
 pub fn surfel_page(raw: &[u8], block: &Block, id: u32, overlap: f32) -> Result<SurfelPage> {
     let (header, columns) = open_page(raw, block)?;
-    let mut page = SurfelPage::default();
-    decode_nodes(&header, &columns, id, &mut page.nodes)?;
-    decode_surfels(&header, &columns, overlap, &mut page.surfels)?;
-    Ok(page)
+    Ok(SurfelPage {
+        nodes: decode_nodes(&header, &columns, id)?,
+        surfels: decode_surfels(&header, &columns, overlap)?,
+    })
 }
 
-/// Decodes the nodes of page `id` alone, in place of those given; they are as valid as those of the whole page.
-pub fn surfel_nodes(raw: &[u8], block: &Block, id: u32, nodes: &mut Vec<Node>) -> Result<()> {
+/// Decodes the nodes of page `id` alone; they are as valid as those of the whole page.
+pub fn surfel_nodes(raw: &[u8], block: &Block, id: u32) -> Result<Vec<Node>> {
     let (header, columns) = open_page(raw, block)?;
-    decode_nodes(&header, &columns, id, nodes)
+    decode_nodes(&header, &columns, id)
 }
 
-/// Decodes the surfels of page `id`, leaf by leaf, in place of those given; they are as valid as those of the whole page.
-pub fn surfel_leaves(
-    raw: &[u8],
-    block: &Block,
-    id: u32,
-    overlap: f32,
-    leaves: &mut SurfelLeaves,
-) -> Result<()> {
+/// Decodes the surfels of page `id`, leaf by leaf; they are as valid as those of the whole page.
+pub fn surfel_leaves(raw: &[u8], block: &Block, id: u32, overlap: f32) -> Result<SurfelLeaves> {
     let (header, columns) = open_page(raw, block)?;
-    leaves.counts.clear();
+    let mut counts = Vec::new();
     decode_order(&header, &columns, id, |below| {
-        if let Below::Surfels { count, .. } = below {
-            leaves.counts.push(count);
-        }
+        counts.extend(below.surfels())
     })?;
-    decode_surfels(&header, &columns, overlap, &mut leaves.surfels)
+    let surfels = decode_surfels(&header, &columns, overlap)?;
+    Ok(SurfelLeaves { counts, surfels })
 }
 
 fn open_page<'a>(raw: &'a [u8], block: &Block) -> Result<(Header, PageColumns<'a>)> {
@@ -160,14 +153,8 @@ fn spans(b: &Bounds) -> [Span; 3] {
     std::array::from_fn(|k| Span::new(b.min[k], b.max[k]))
 }
 
-fn decode_nodes(
-    header: &Header,
-    columns: &PageColumns<'_>,
-    id: u32,
-    nodes: &mut Vec<Node>,
-) -> Result<()> {
-    nodes.clear();
-    nodes.reserve(header.nodes);
+fn decode_nodes(header: &Header, columns: &PageColumns<'_>, id: u32) -> Result<Vec<Node>> {
+    let mut nodes = Vec::with_capacity(header.nodes);
     decode_order(header, columns, id, |below| {
         nodes.push(Node {
             bounds: header.bounds,
@@ -194,7 +181,7 @@ fn decode_nodes(
             };
         }
     }
-    for node in nodes.iter() {
+    for node in &nodes {
         check_box(&node.bounds, "box of a node")?;
     }
 
@@ -248,7 +235,8 @@ fn decode_nodes(
             a.axis_area[k] = (f64::from(a.area) * f64::from(seen) / f64::from(u16::MAX)) as f32;
         }
     }
-    decode_light(header, columns, nodes)
+    decode_light(header, columns, &mut nodes)?;
+    Ok(nodes)
 }
 
 /// Ranges and links, given to `add` node by node: nodes and surfels are handed out in order, so ranges cannot overlap or form a
@@ -327,16 +315,10 @@ fn decode_order(
     Ok(())
 }
 
-fn decode_surfels(
-    header: &Header,
-    columns: &PageColumns<'_>,
-    overlap: f32,
-    surfels: &mut Vec<Surfel>,
-) -> Result<()> {
-    surfels.clear();
-    surfels.resize(header.surfels, Surfel::default());
+fn decode_surfels(header: &Header, columns: &PageColumns<'_>, overlap: f32) -> Result<Vec<Surfel>> {
+    let mut surfels = vec![Surfel::default(); header.surfels];
     if surfels.is_empty() {
-        return Ok(());
+        return Ok(surfels);
     }
     columns.one_of(&[col::POSITION, col::POSITION_F32])?;
     if let Some(rows) = columns.get(col::POSITION) {
@@ -386,7 +368,7 @@ fn decode_surfels(
             (None, None) => area_of_disk(s.radius, overlap),
         };
     }
-    decode_edges(header, columns, surfels)?;
+    decode_edges(header, columns, &mut surfels)?;
     let front = surfels.iter_mut().map(|s| &mut s.front);
     radiance::decode(columns, col::FRONT, header.front, front)?;
     let back = surfels.iter_mut().map(|s| &mut s.back);
@@ -394,7 +376,7 @@ fn decode_surfels(
     for (i, s) in surfels.iter().enumerate() {
         check::surfel(s, &|| format!("surfel {i} of the page"))?;
     }
-    Ok(())
+    Ok(surfels)
 }
 
 fn decode_edges(header: &Header, columns: &PageColumns<'_>, surfels: &mut [Surfel]) -> Result<()> {

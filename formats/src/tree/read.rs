@@ -191,25 +191,25 @@ impl<D: AsRef<[u8]>> Tree<D> {
         })
     }
 
-    /// Decodes the nodes of page `i` of surfels alone, in place of those in `nodes`: what [`Self::surfel_page`] gives, as safe
-    /// to walk, in less time. Damage to surfels goes unseen.
+    /// Decodes the nodes of page `i` of surfels alone: what [`Self::surfel_page`] gives, as safe to walk, in less time. Damage
+    /// to surfels goes unseen.
     ///
     /// # Errors
     /// As [`Self::surfel_page`].
-    pub fn read_surfel_nodes(&self, i: usize, nodes: &mut Vec<Node>) -> Result<()> {
+    pub fn surfel_nodes(&self, i: usize) -> Result<Vec<Node>> {
         self.page(&self.surfel_blocks, i, "surfel page", |raw, block| {
-            decode::surfel_nodes(raw, block, i as u32, nodes)
+            decode::surfel_nodes(raw, block, i as u32)
         })
     }
 
-    /// Decodes the surfels of page `i` alone, in place of those in `leaves`: what [`Self::surfel_page`] gives, in less time.
-    /// Damage to what nodes say of the surfels below them goes unseen.
+    /// Decodes the surfels of page `i` alone: what [`Self::surfel_page`] gives, in less time. Damage to what nodes say of the
+    /// surfels below them goes unseen.
     ///
     /// # Errors
     /// As [`Self::surfel_page`].
-    pub fn read_surfel_leaves(&self, i: usize, leaves: &mut SurfelLeaves) -> Result<()> {
+    pub fn surfel_leaves(&self, i: usize) -> Result<SurfelLeaves> {
         self.page(&self.surfel_blocks, i, "surfel page", |raw, block| {
-            decode::surfel_leaves(raw, block, i as u32, self.meta.cloud.disk_overlap, leaves)
+            decode::surfel_leaves(raw, block, i as u32, self.meta.cloud.disk_overlap)
         })
     }
 

@@ -6,6 +6,7 @@
 //! emissive strength and texture transforms are read, and those that do not change looks are passed over; others are warned of.
 
 mod buffers;
+mod left_out;
 
 use super::super::{Film, Light, Material, Wrap};
 use super::draft::{DEFAULT_FILM, Draft, DraftCamera, DraftLight};
@@ -27,26 +28,6 @@ use std::path::Path;
 
 /// What exporters multiply by that turn radiometric lights into photometric ones.
 const LUMENS_PER_WATT: f32 = 683.0;
-
-/// Extensions that are read here or by the crate.
-const READ: [&str; 3] = [
-    "KHR_lights_punctual",
-    "KHR_materials_emissive_strength",
-    "KHR_texture_transform",
-];
-
-/// Extensions that do not change what the scene looks like at rest: descriptions, variants to choose from, and motion.
-const NOT_OF_LOOKS: [&str; 9] = [
-    "KHR_animation_pointer",
-    "KHR_materials_variants",
-    "KHR_mesh_quantization",
-    "KHR_physics_rigid_bodies",
-    "KHR_xmp",
-    "KHR_xmp_json_ld",
-    "MSFT_lod",
-    "MSFT_packing_normalRoughnessMetallic",
-    "MSFT_packing_occlusionRoughnessMetallic",
-];
 
 /// What a glTF file holds.
 #[derive(Default)]
@@ -135,8 +116,9 @@ pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Imp
         out: Import::default(),
         list: Part::default(),
     };
-    reader.warn_of_extensions();
-    reader.warn_of_motion();
+    for what in left_out::told(reader.document) {
+        reader.warn(what);
+    }
     reader.nodes()?;
     reader.out.part.materials = reader.list.materials;
     reader.out.part.textures = reader.list.textures;
@@ -221,38 +203,6 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    fn warn_of_extensions(&mut self) {
-        let document = self.document;
-        for name in document.extensions_used() {
-            if !READ.contains(&name) && !NOT_OF_LOOKS.contains(&name) {
-                self.warn(format!(
-                    "the extension {name} is left out: what it adds is not in the picture"
-                ));
-            }
-        }
-    }
-
-    /// Files of characters show them as they were made, not as they stand in the first frame.
-    fn warn_of_motion(&mut self) {
-        let document = self.document;
-        let mut primitives = document.meshes().flat_map(|m| m.primitives());
-        let left_out = [
-            ("skins are", document.skins().next().is_some()),
-            (
-                "morph targets are",
-                primitives.any(|p| p.morph_targets().next().is_some()),
-            ),
-            ("animations are", document.animations().next().is_some()),
-        ];
-        for (what, is_there) in left_out {
-            if is_there {
-                self.warn(format!(
-                    "{what} left out: meshes and nodes are where they are without"
-                ));
-            }
-        }
-    }
-
     fn nodes(&mut self) -> Result<()> {
         let document = self.document;
         let scene = document

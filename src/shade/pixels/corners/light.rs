@@ -22,10 +22,6 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
 
     /// More shadow rays at the corners from which, or from near which, some ray reached a light and some did not.
     pub(super) fn look_into_penumbrae(&mut self, height: usize) {
-        // Lights without an extent have none.
-        if self.shader.lights.rest_is_exact() {
-            return;
-        }
         // What the five corners around each in its row tell.
         let in_row: Vec<_> = (0..self.corners.len())
             .map(|i| {
@@ -95,7 +91,8 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
     ) -> Lit {
         let is_full_row = |row: usize| {
             let first = first + row * self.width;
-            self.is_full_light[first..first + 4] == [true; 4]
+            let row = self.is_full_light.get(first..first + 4);
+            row.is_none_or(|row| row == [true; 4])
         };
         if (0..4).all(is_full_row) {
             return Lit::Arrived(Arrival::default());

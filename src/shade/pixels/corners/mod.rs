@@ -25,7 +25,7 @@ pub struct Corners<'a, P, M, A: Air> {
     region: Region,
     width: usize,
     corners: Vec<Corner<A::Passed>>,
-    /// By corner; where it is so all around, a pixel need not ask the corners themselves.
+    /// By corner; where it is so all around, a pixel need not ask the corners themselves. Empty if no light has an extent.
     is_full_light: Vec<bool>,
 }
 
@@ -95,8 +95,11 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         if !A::Passed::IS_VACUUM {
             corners.pass_media(height);
         }
-        corners.look_into_penumbrae(height);
-        corners.note_full_light();
+        // Lights without an extent have no penumbrae.
+        if !shader.lights.rest_is_exact() {
+            corners.look_into_penumbrae(height);
+            corners.note_full_light();
+        }
         corners.look_around(height);
         corners
     }
