@@ -4,7 +4,7 @@ use super::medium::{Medium, Source};
 use crate::math::Rgb;
 use crate::math::dda::{Passage, Steps};
 use crate::math::segment::{Segment, Stretch, flatten_overlaps};
-use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec3};
+use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec3, Vec3A};
 use lvox_formats::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
 
 const BRICK: usize = 1 << MAX_LEVEL;
@@ -394,10 +394,10 @@ impl<S: Source> Walk<'_, S> {
         let per_axis = (BRICK >> brick.level) as i32;
         // Where blocks reach the border of the brick its own ends hold: they leave no gap to the next brick.
         let corner = |filled: [u8; 3], border: i32, beyond: f32| {
-            std::array::from_fn(|a| match i32::from(filled[a]) {
+            Vec3A::from_array(std::array::from_fn(|a| match i32::from(filled[a]) {
                 n if n == border => beyond,
                 n => base[a] as f32 + edge * n as f32,
-            })
+            }))
         };
         let [first, end] = brick.filled;
         let lower = corner(first, 0, f32::NEG_INFINITY);

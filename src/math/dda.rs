@@ -1,6 +1,7 @@
 //! Walking a ray through a regular grid of boxes (Amanatides & Woo 1987).
 
-use glam::{Affine3A, DAffine3, Vec3};
+use glam::{Affine3A, BVec3A, DAffine3, DVec3, Vec3, Vec3A};
+use wide::f32x4;
 
 /// Steps over cells along one ray (Amanatides & Woo 1987), at some scale. Without branches: which axis is next is as good
 /// as random, and a wrong guess of the processor would cost more than a step.
@@ -19,26 +20,28 @@ impl Steps {
     #[inline]
     #[must_use]
     pub fn new(line: &Line, t: f32, base: [i32; 3], edge: f32, limit: [i32; 3]) -> Self {
-        let mut s = Self {
-            at: [0; 3],
-            step: [0; 3],
+        let Line {
+            origin,
+            direction,
+            inverse,
+        } = *line;
+        let base = Vec3A::from_array(base.map(|v| v as f32));
+        let last = Vec3A::from_array(limit.map(|n| (n - 1) as f32));
+        let p = (origin + direction * t - base) * (1.0 / edge);
+        let first = p.floor().max(Vec3A::ZERO).min(last);
+        let stays = line.stays();
+        let is_up = direction.cmpgt(Vec3A::ZERO);
+        let ahead = Vec3A::select(is_up, Vec3A::ONE, Vec3A::ZERO);
+        let step = Vec3A::select(is_up, Vec3A::ONE, Vec3A::NEG_ONE);
+        let border = base + (first + ahead) * edge;
+        let next = (border - origin) * inverse;
+        Self {
+            at: truncated(first),
+            step: truncated(Vec3A::select(stays, Vec3A::ZERO, step)),
             limit: limit.map(|n| n as u32),
-            t_next: [f32::INFINITY; 3],
-            t_step: [f32::INFINITY; 3],
-        };
-        let per_edge = 1.0 / edge;
-        for a in 0..3 {
-            let d = line.direction[a];
-            let p = (line.origin[a] + d * t - base[a] as f32) * per_edge;
-            s.at[a] = (p.floor() as i32).clamp(0, limit[a] - 1);
-            if d != 0.0 {
-                s.step[a] = if d > 0.0 { 1 } else { -1 };
-                s.t_step[a] = edge * line.inverse[a].abs();
-                let border = base[a] as f32 + (s.at[a] + i32::from(d > 0.0)) as f32 * edge;
-                s.t_next[a] = (border - line.origin[a]) * line.inverse[a];
-            }
+            t_next: Vec3A::select(stays, Vec3A::INFINITY, next).to_array(),
+            t_step: Vec3A::select(stays, Vec3A::INFINITY, inverse.abs() * edge).to_array(),
         }
-        s
     }
 
     /// Parameter at which the present cell is left.
@@ -67,59 +70,72 @@ impl Steps {
     }
 }
 
+/// Coordinates as integers, those that are whole numbers already.
+#[inline]
+fn truncated(v: Vec3A) -> [i32; 3] {
+    let [x, y, z, _] = f32x4::new([v.x, v.y, v.z, 0.0]).fast_trunc_int().to_array();
+    [x, y, z]
+}
+
 /// A straight line through a grid.
 #[derive(Clone, Copy, Debug)]
 pub struct Line {
     /// Start, in grid coordinates.
-    pub origin: [f32; 3],
+    pub origin: Vec3A,
     /// Grid coordinates per unit of the parameter.
-    pub direction: [f32; 3],
+    pub direction: Vec3A,
     /// One over `direction`, infinite where that is 0.
-    pub inverse: [f32; 3],
+    inverse: Vec3A,
 }
 
 impl Line {
+    /// From a point along a direction, in grid coordinates.
+    #[inline]
+    #[must_use]
+    pub fn new(origin: Vec3A, direction: Vec3A) -> Self {
+        Self {
+            origin,
+            direction,
+            inverse: direction.recip(),
+        }
+    }
+
+    /// Along which axes it does not move, or less than a number can tell.
+    #[inline]
+    fn stays(&self) -> BVec3A {
+        self.inverse.abs().cmpeq(Vec3A::INFINITY)
+    }
+
     /// Where the line is inside a box, for parameters from `near` to `far`.
     #[inline]
     #[must_use]
-    pub fn within(
-        &self,
-        lower: [f32; 3],
-        upper: [f32; 3],
-        mut near: f32,
-        mut far: f32,
-    ) -> Option<(f32, f32)> {
-        for a in 0..3 {
-            if self.direction[a] == 0.0 {
-                if self.origin[a] < lower[a] || self.origin[a] > upper[a] {
-                    return None;
-                }
-                continue;
-            }
-            let t0 = (lower[a] - self.origin[a]) * self.inverse[a];
-            let t1 = (upper[a] - self.origin[a]) * self.inverse[a];
-            near = near.max(t0.min(t1));
-            far = far.min(t0.max(t1));
-        }
-        (near < far).then_some((near, far))
+    pub fn within(&self, lower: Vec3A, upper: Vec3A, near: f32, far: f32) -> Option<(f32, f32)> {
+        let stays = self.stays();
+        let is_outside = self.origin.cmplt(lower) | self.origin.cmpgt(upper);
+        let t0 = (lower - self.origin) * self.inverse;
+        let t1 = (upper - self.origin) * self.inverse;
+        let enter = Vec3A::select(stays, Vec3A::NEG_INFINITY, t0.min(t1));
+        let leave = Vec3A::select(stays, Vec3A::INFINITY, t0.max(t1));
+        let near = near.max(enter.max_element());
+        let far = far.min(leave.min_element());
+        (near < far && !(stays & is_outside).any()).then_some((near, far))
     }
 }
 
-/// Where the line o + t d is inside the box 0..dims, for t in 0..t_max; in either precision.
-#[must_use]
-pub fn clip_to_box<F: Coordinate>(o: [F; 3], d: [F; 3], dims: [F; 3], t_max: F) -> Option<(F, F)> {
-    let (mut near, mut far) = (F::ZERO, t_max);
+/// Where the line o + t d is inside the box 0..dims, for t in 0..t_max.
+fn clip_to_box(o: DVec3, d: DVec3, dims: DVec3, t_max: f64) -> Option<(f64, f64)> {
+    let (mut near, mut far) = (0.0_f64, t_max);
     for a in 0..3 {
-        if d[a] == F::ZERO {
-            if o[a] < F::ZERO || o[a] > dims[a] {
+        if d[a] == 0.0 {
+            if o[a] < 0.0 || o[a] > dims[a] {
                 return None;
             }
             continue;
         }
-        let inverse = F::ONE / d[a];
+        let inverse = 1.0 / d[a];
         let (t0, t1) = (-o[a] * inverse, (dims[a] - o[a]) * inverse);
-        near = near.larger(t0.smaller(t1));
-        far = far.smaller(t0.larger(t1));
+        near = near.max(t0.min(t1));
+        far = far.min(t0.max(t1));
     }
     (near < far).then_some((near, far))
 }
@@ -147,29 +163,22 @@ impl Passage {
         direction: Vec3,
         t_max: f32,
     ) -> Option<Self> {
-        let o = map.transform_point3(origin).to_array();
-        let d = map.transform_vector3(direction).to_array();
         // Most rays miss most volumes. Rounding must not make one of them that does not.
-        let size = o
-            .into_iter()
-            .chain(dims)
-            .fold(0.0, |m: f32, v| m.max(v.abs()));
-        let margin = 2.0 * f32::EPSILON * size;
-        let wider = dims.map(|n| n + 2.0 * margin);
-        clip_to_box(o.map(|v| v + margin), d, wider, t_max)?;
+        let line = Line::new(
+            map.transform_point3a(origin.into()),
+            map.transform_vector3a(direction.into()),
+        );
+        let dims = Vec3A::from_array(dims);
+        let size = line.origin.abs().max(dims).max_element();
+        let margin = Vec3A::splat(2.0 * f32::EPSILON * size);
+        line.within(-margin, dims + margin, 0.0, t_max)?;
         // Rounding the ends of a ray in a dense medium would be seen: they are found once more, exactly.
         let o = exact.transform_point3(origin.as_dvec3());
         let d = exact.transform_vector3(direction.as_dvec3());
-        let exact_dims = dims.map(f64::from);
-        let (start, end) = clip_to_box(o.to_array(), d.to_array(), exact_dims, f64::from(t_max))?;
-        let entry = (o + d * start).as_vec3().to_array();
-        let direction = d.as_vec3().to_array();
+        let (start, end) = clip_to_box(o, d, dims.as_dvec3(), f64::from(t_max))?;
+        let entry = (o + d * start).as_vec3a();
         Some(Self {
-            line: Line {
-                origin: std::array::from_fn(|a| entry[a].clamp(0.0, dims[a])),
-                direction,
-                inverse: direction.map(|v| 1.0 / v),
-            },
+            line: Line::new(entry.clamp(Vec3A::ZERO, dims), d.as_vec3a()),
             start: start as f32,
             end: (end - start) as f32,
         })
@@ -179,7 +188,7 @@ impl Passage {
     #[inline]
     #[must_use]
     pub fn in_cells(mut self) -> Self {
-        self.line.origin = self.line.origin.map(|v| v + 0.5);
+        self.line.origin += Vec3A::splat(0.5);
         self
     }
 }
@@ -200,47 +209,6 @@ pub fn leave_box(point: Vec3, direction: Vec3, (lower, upper): (Vec3, Vec3)) -> 
     }
     far.max(0.0)
 }
-
-/// A number that coordinates may be.
-pub trait Coordinate:
-    Copy
-    + PartialOrd
-    + std::ops::Neg<Output = Self>
-    + std::ops::Sub<Output = Self>
-    + std::ops::Mul<Output = Self>
-    + std::ops::Div<Output = Self>
-{
-    /// 0.
-    const ZERO: Self;
-    /// 1.
-    const ONE: Self;
-
-    /// The smaller of two; the other one of a number and none.
-    fn smaller(self, other: Self) -> Self;
-
-    /// The larger of two; the other one of a number and none.
-    fn larger(self, other: Self) -> Self;
-}
-
-macro_rules! coordinate {
-    ($($number:ty),*) => {$(
-        impl Coordinate for $number {
-            const ZERO: Self = 0.0;
-            const ONE: Self = 1.0;
-
-            #[inline]
-            fn smaller(self, other: Self) -> Self {
-                self.min(other)
-            }
-
-            #[inline]
-            fn larger(self, other: Self) -> Self {
-                self.max(other)
-            }
-        }
-    )*};
-}
-coordinate!(f32, f64);
 
 #[cfg(test)]
 mod tests {
