@@ -362,7 +362,7 @@ impl<S: Source> Walk<'_, S> {
         let mut outer = Steps::new(line, 0.0, [0; 3], BRICK as f32, dims.map(|n| n as i32));
         let mut t = 0.0;
         loop {
-            let at = outer.at;
+            let at = outer.at();
             let leave = outer.leave().min(*end);
             let [x, y, z] = at.map(|v| v as usize);
             let b = self.grid.table[(z * dims[1] + y) * dims[0] + x];
@@ -409,7 +409,7 @@ impl<S: Source> Walk<'_, S> {
         let mut near = t;
         let cubes = &self.grid.cubes[brick.first_cube as usize..];
         loop {
-            let (cube, bit) = place(inner.at.map(|v| v as usize));
+            let (cube, bit) = place(inner.at().map(|v| v as usize));
             let cube = &cubes[cube];
             let far = inner.leave();
             let out = !inner.advance() | (far >= leave);

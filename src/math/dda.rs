@@ -7,12 +7,12 @@ use wide::f32x4;
 /// as random, and a wrong guess of the processor would cost more than a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Steps {
-    /// Coordinates of the present cell.
-    pub at: [i32; 3],
-    step: [i32; 3],
-    limit: [u32; 3],
-    t_next: [f32; 3],
-    t_step: [f32; 3],
+    /// Coordinates of the present cell: whole numbers.
+    at: Vec3A,
+    step: Vec3A,
+    limit: Vec3A,
+    t_next: Vec3A,
+    t_step: Vec3A,
 }
 
 impl Steps {
@@ -26,9 +26,9 @@ impl Steps {
             inverse,
         } = *line;
         let base = Vec3A::from_array(base.map(|v| v as f32));
-        let last = Vec3A::from_array(limit.map(|n| (n - 1) as f32));
+        let limit = Vec3A::from_array(limit.map(|n| n as f32));
         let p = (origin + direction * t - base) * (1.0 / edge);
-        let first = p.floor().max(Vec3A::ZERO).min(last);
+        let first = p.floor().max(Vec3A::ZERO).min(limit - 1.0);
         let stays = line.stays();
         let is_up = direction.cmpgt(Vec3A::ZERO);
         let ahead = Vec3A::select(is_up, Vec3A::ONE, Vec3A::ZERO);
@@ -36,21 +36,26 @@ impl Steps {
         let border = base + (first + ahead) * edge;
         let next = (border - origin) * inverse;
         Self {
-            at: truncated(first),
-            step: truncated(Vec3A::select(stays, Vec3A::ZERO, step)),
-            limit: limit.map(|n| n as u32),
-            t_next: Vec3A::select(stays, Vec3A::INFINITY, next).to_array(),
-            t_step: Vec3A::select(stays, Vec3A::INFINITY, inverse.abs() * edge).to_array(),
+            at: first,
+            step: Vec3A::select(stays, Vec3A::ZERO, step),
+            limit,
+            t_next: Vec3A::select(stays, Vec3A::INFINITY, next),
+            t_step: Vec3A::select(stays, Vec3A::INFINITY, inverse.abs() * edge),
         }
+    }
+
+    /// Coordinates of the present cell.
+    #[inline]
+    #[must_use]
+    pub fn at(&self) -> [i32; 3] {
+        truncated(self.at)
     }
 
     /// Parameter at which the present cell is left.
     #[inline]
     #[must_use]
     pub fn leave(&self) -> f32 {
-        let [x, y, z] = self.t_next;
-        let least = if x < y { x } else { y };
-        if least < z { least } else { z }
+        self.t_next.min_element()
     }
 
     /// To the next cell, across an edge or a corner if the ray meets one; returns whether it is inside the limit. A ray that
@@ -58,15 +63,12 @@ impl Steps {
     #[inline]
     pub fn advance(&mut self) -> bool {
         let leave = self.leave();
+        let crosses = self.t_next.cmple(Vec3A::splat(leave));
+        self.t_next += Vec3A::select(crosses, self.t_step, Vec3A::ZERO);
+        self.at += Vec3A::select(crosses, self.step, Vec3A::ZERO);
+        let inside = self.at.cmpge(Vec3A::ZERO) & self.at.cmplt(self.limit);
         // Not so for NaN, and for no direction at all.
-        let mut inside = leave < f32::INFINITY;
-        for a in 0..3 {
-            let crosses = self.t_next[a] <= leave;
-            self.t_next[a] += if crosses { self.t_step[a] } else { 0.0 };
-            self.at[a] += if crosses { self.step[a] } else { 0 };
-            inside &= (self.at[a] as u32) < self.limit[a];
-        }
-        inside
+        leave < f32::INFINITY && inside.all()
     }
 }
 

@@ -123,7 +123,7 @@ fn track(
     let mut t = 0.0_f32;
     let mut left = depth(first);
     loop {
-        let at = bricks.at;
+        let at = bricks.at();
         let leave = bricks.leave().min(end);
         let inside = bricks.advance();
         if let Some(brick) = grid.brick(at.map(|v| v as usize)) {

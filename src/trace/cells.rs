@@ -114,7 +114,7 @@ impl<'a> Cells<'a> {
     fn enter_brick(&mut self) -> bool {
         const LIMIT: [i32; 3] = [BRICK_CELLS as i32; 3];
         while !self.done {
-            let b = self.bricks.at;
+            let b = self.bricks.at();
             let leave = self.bricks.leave().min(self.end);
             let entry = self.t;
             let brick = self.volume.sigma_t.brick(b.map(|v| v as usize));
@@ -137,7 +137,7 @@ impl<'a> Cells<'a> {
         loop {
             let near = self.t;
             let far = steps.leave().min(*leave);
-            let at = steps.at;
+            let at = steps.at();
             let out = !steps.advance() | (far >= *leave);
             self.t = if out { *leave } else { near.max(far) };
             let far = self.t;
