@@ -183,8 +183,8 @@ impl<'a> VolumeDepth<'a> {
         let mut depths = vec![0.0; self.layers];
         let mut tau = 0.0_f64;
         let mut layer = 1;
-        if let Some(mut cells) = Cells::new(self.volume, origin, -self.to_sun, f32::INFINITY) {
-            while let Some(cell) = cells.next_cell() {
+        if let Some(cells) = Cells::new(self.volume, origin, -self.to_sun, f32::INFINITY) {
+            cells.each(|cell| {
                 while layer < self.layers {
                     let t = self.rays.between * layer as f32;
                     if t >= cell.far {
@@ -195,7 +195,8 @@ impl<'a> VolumeDepth<'a> {
                     layer += 1;
                 }
                 tau += f64::from(cell.tau);
-            }
+                true
+            });
         }
         depths[layer..].fill(tau as f32);
         let total = tau as f32;

@@ -51,6 +51,13 @@ impl Steps {
         truncated(self.at)
     }
 
+    /// The same as whole numbers.
+    #[inline]
+    #[must_use]
+    pub fn corner(&self) -> Vec3A {
+        self.at
+    }
+
     /// Parameter at which the present cell is left.
     #[inline]
     #[must_use]

@@ -8,7 +8,7 @@
 //! samples are all zero are not stored.
 
 use crate::math::unflatten;
-use glam::Vec3;
+use glam::{Vec3, Vec3A, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 
 /// Cells along an edge of a brick.
@@ -99,8 +99,8 @@ impl Grid {
         match self.brick(cell.map(|c| c / BRICK_CELLS)) {
             None => 0.0,
             Some(brick) => {
-                let f = std::array::from_fn(|a| p[a] + 0.5 - cell[a] as f32);
-                brick.cell(cell.map(|c| c % BRICK_CELLS)).value(f)
+                let f: [f32; 3] = std::array::from_fn(|a| p[a] + 0.5 - cell[a] as f32);
+                brick.cell(cell.map(|c| c % BRICK_CELLS)).value(f.into())
             }
         }
     }
@@ -177,9 +177,9 @@ impl Layout {
     }
 }
 
-/// The eight corner samples of a cell.
+/// The eight corner samples of a cell: those of its lower and its upper face, x fastest.
 #[derive(Clone, Copy, Debug)]
-pub struct Cell([f32; 8]);
+pub struct Cell([Vec4; 2]);
 
 impl Brick<'_> {
     /// Its corner samples, x fastest.
@@ -192,13 +192,13 @@ impl Brick<'_> {
     #[must_use]
     #[inline]
     pub fn cell(&self, c: [usize; 3]) -> Cell {
-        let at = (c[2] * BRICK_EDGE + c[1]) * BRICK_EDGE + c[0];
-        let row = |o: usize| [self.samples[at + o], self.samples[at + o + 1]];
-        let [a, b] = row(0);
-        let [c, d] = row(BRICK_EDGE);
-        let [e, f] = row(BRICK_EDGE * BRICK_EDGE);
-        let [g, h] = row(BRICK_EDGE * BRICK_EDGE + BRICK_EDGE);
-        Cell([a, b, c, d, e, f, g, h])
+        let first = (c[2] * BRICK_EDGE + c[1]) * BRICK_EDGE + c[0];
+        let face = |at: usize| {
+            let row = |at: usize| [self.samples[at], self.samples[at + 1]];
+            let ([a, b], [c, d]) = (row(at), row(at + BRICK_EDGE));
+            Vec4::new(a, b, c, d)
+        };
+        Cell([face(first), face(first + BRICK_EDGE * BRICK_EDGE)])
     }
 }
 
@@ -206,19 +206,19 @@ impl Cell {
     /// Trilinear value at `f`, from 0 to 1 on each axis of the cell.
     #[must_use]
     #[inline]
-    pub fn value(&self, f: [f32; 3]) -> f32 {
-        let s = &self.0;
-        let mix = |a: f32, b: f32, t: f32| a + (b - a) * t;
-        let y0 = mix(mix(s[0], s[1], f[0]), mix(s[2], s[3], f[0]), f[1]);
-        let y1 = mix(mix(s[4], s[5], f[0]), mix(s[6], s[7], f[0]), f[1]);
-        mix(y0, y1, f[2])
+    pub fn value(&self, f: Vec3A) -> f32 {
+        let [lower, upper] = self.0;
+        let face = lower + (upper - lower) * f.z;
+        let row = face.xy() + (face.zw() - face.xy()) * f.y;
+        row.x + (row.y - row.x) * f.x
     }
 
     /// Whether the field is zero all over the cell.
     #[must_use]
     #[inline]
     pub fn is_empty(&self) -> bool {
-        self.0 == [0.0; 8]
+        let [lower, upper] = self.0;
+        (lower.cmpeq(Vec4::ZERO) & upper.cmpeq(Vec4::ZERO)).all()
     }
 }
 

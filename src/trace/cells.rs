@@ -6,7 +6,7 @@
 use crate::math::dda::{Line, Passage, Steps};
 use crate::scene::Volume;
 use crate::scene::grid::{BRICK_CELLS, Brick};
-use glam::Vec3;
+use glam::{Vec3, Vec3A};
 
 /// A stretch of a ray inside one cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,7 +52,7 @@ impl RayInVolume {
     }
 }
 
-/// Iterates over the non-empty cells that a ray meets, front to back.
+/// The non-empty cells that a ray meets, front to back.
 pub struct Cells<'a> {
     volume: &'a Volume,
     line: Line,
@@ -60,8 +60,20 @@ pub struct Cells<'a> {
     start: f32,
     end: f32,
     bricks: Steps,
-    inner: Option<(Brick<'a>, [i32; 3], Steps, f32)>,
+    /// Where the walk is along `line`.
     t: f32,
+    done: bool,
+    inside: Option<InBrick<'a>>,
+}
+
+/// A ray in a stored brick.
+struct InBrick<'a> {
+    brick: Brick<'a>,
+    /// Where its cells begin, cell coordinates.
+    base: Vec3A,
+    cells: Steps,
+    /// Where on the line the ray leaves it.
+    leave: f32,
     done: bool,
 }
 
@@ -81,37 +93,56 @@ impl<'a> Cells<'a> {
             start,
             end,
             bricks,
-            inner: None,
             t: 0.0,
             done: false,
+            inside: None,
         })
     }
 
     /// Optical depth of all cells that are left: in double, since they are many.
     #[must_use]
-    pub fn optical_depth(mut self) -> f64 {
+    pub fn optical_depth(self) -> f64 {
         let mut tau = 0.0;
-        while let Some(cell) = self.next_cell() {
+        self.each(|cell| {
             tau += f64::from(cell.tau);
-        }
+            true
+        });
         tau
+    }
+
+    /// Gives the cells that are left to `add` until that says no: the same as [`Self::next_cell`], faster.
+    #[inline]
+    pub fn each(mut self, mut add: impl FnMut(RayInVolume) -> bool) {
+        while let Some(mut inside) = self.inside.take().or_else(|| self.enter_brick()) {
+            while let Some(cell) = inside.next(&self.line, self.start, &mut self.t) {
+                if !add(cell) {
+                    return;
+                }
+            }
+        }
     }
 
     /// The next non-empty cell.
     #[inline]
     pub fn next_cell(&mut self) -> Option<RayInVolume> {
         loop {
-            if self.inner.is_none() && !self.enter_brick() {
-                return None;
+            if self.inside.is_none() {
+                self.inside = self.enter_brick();
             }
-            if let Some(segment) = self.next_in_brick() {
-                return Some(segment);
+            let cell = self
+                .inside
+                .as_mut()?
+                .next(&self.line, self.start, &mut self.t);
+            if cell.is_some() {
+                return cell;
             }
+            self.inside = None;
         }
     }
 
     /// Moves on to the next stored brick.
-    fn enter_brick(&mut self) -> bool {
+    #[inline]
+    fn enter_brick(&mut self) -> Option<InBrick<'a>> {
         const LIMIT: [i32; 3] = [BRICK_CELLS as i32; 3];
         while !self.done {
             let b = self.bricks.at();
@@ -121,54 +152,51 @@ impl<'a> Cells<'a> {
             self.done = !self.bricks.advance() | (leave >= self.end);
             if let Some(brick) = brick.filter(|_| leave > entry) {
                 let base = b.map(|v| v * BRICK_CELLS as i32);
-                let steps = Steps::new(&self.line, entry, base, 1.0, LIMIT);
-                self.inner = Some((brick, base, steps, leave));
-                return true;
+                return Some(InBrick {
+                    brick,
+                    base: Vec3A::from_array(base.map(|v| v as f32)),
+                    cells: Steps::new(&self.line, entry, base, 1.0, LIMIT),
+                    leave,
+                    done: false,
+                });
             }
             self.t = self.t.max(leave);
         }
-        false
+        None
     }
+}
 
-    /// The next non-empty cell of the present brick; leaves the brick when there is none.
+impl InBrick<'_> {
+    /// The next non-empty cell behind `t` of a line that begins `start` behind its ray's origin.
     #[inline]
-    fn next_in_brick(&mut self) -> Option<RayInVolume> {
-        let (brick, base, steps, leave) = self.inner.as_mut()?;
-        loop {
-            let near = self.t;
-            let far = steps.leave().min(*leave);
-            let at = steps.at();
-            let out = !steps.advance() | (far >= *leave);
-            self.t = if out { *leave } else { near.max(far) };
-            let far = self.t;
-            let mut found = None;
-            if far > near {
-                let cell = brick.cell(at.map(|v| v as usize));
-                if !cell.is_empty() {
-                    const GAUSS: f32 = 0.288_675_13; // 1 / (2 sqrt 3)
-                    let (middle, half) = (0.5 * (near + far), GAUSS * (far - near));
-                    let value = |t: f32| {
-                        cell.value(std::array::from_fn(|a| {
-                            let p = self.line.origin[a] + self.line.direction[a] * t;
-                            (p - (base[a] + at[a]) as f32).clamp(0.0, 1.0)
-                        }))
-                    };
-                    let mean = 0.5 * (value(middle - half) + value(middle + half));
-                    found = Some(RayInVolume {
-                        near: self.start + near,
-                        far: self.start + far,
-                        tau: mean * (far - near),
-                    });
-                }
+    fn next(&mut self, line: &Line, start: f32, t: &mut f32) -> Option<RayInVolume> {
+        while !self.done {
+            let near = *t;
+            let far = self.cells.leave().min(self.leave);
+            let (at, corner) = (self.cells.at(), self.base + self.cells.corner());
+            self.done = !self.cells.advance() | (far >= self.leave);
+            let far = if self.done { self.leave } else { near.max(far) };
+            *t = far;
+            if far <= near {
+                continue;
             }
-            if out {
-                self.inner = None;
-                return found;
-            }
-            if found.is_some() {
-                return found;
+            let cell = self.brick.cell(at.map(|v| v as usize));
+            if !cell.is_empty() {
+                const GAUSS: f32 = 0.288_675_13; // 1 / (2 sqrt 3)
+                let (middle, half) = (0.5 * (near + far), GAUSS * (far - near));
+                let value = |t: f32| {
+                    let p = line.origin + line.direction * t - corner;
+                    cell.value(p.clamp(Vec3A::ZERO, Vec3A::ONE))
+                };
+                let mean = 0.5 * (value(middle - half) + value(middle + half));
+                return Some(RayInVolume {
+                    near: start + near,
+                    far: start + far,
+                    tau: mean * (far - near),
+                });
             }
         }
+        None
     }
 }
 

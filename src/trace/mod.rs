@@ -89,7 +89,7 @@ impl<'a> Tracer<'a> {
             .iter()
             .enumerate()
             .filter_map(|(v, volume)| Some((v, Cells::new(volume, origin, direction, t_max)?)));
-        let Some((first, mut cells)) = walks.next() else {
+        let Some((first, cells)) = walks.next() else {
             return;
         };
         let to_segment = |v: usize, c: RayInVolume, tau: f32| Segment {
@@ -99,13 +99,10 @@ impl<'a> Tracer<'a> {
             source: source(v, c, tau),
         };
         let Some(second) = walks.next() else {
-            while let Some(cell) = cells.next_cell() {
-                for piece in cell.pieces() {
-                    if !emit(to_segment(first, piece, cell.tau)) {
-                        return;
-                    }
-                }
-            }
+            cells.each(|cell| {
+                cell.pieces()
+                    .all(|piece| emit(to_segment(first, piece, cell.tau)))
+            });
             return;
         };
         let walks = [(first, cells), second].into_iter().chain(walks);
