@@ -71,10 +71,12 @@ impl Error {
         self
     }
 
-    /// The same error, its message led by where it happened.
+    /// The same error, its message led by where it happened; where a stop was heard does not matter.
     #[must_use]
     pub fn at(mut self, place: impl fmt::Display) -> Self {
-        self.message = format!("{place}: {}", self.message);
+        if self.kind != Kind::Cancelled {
+            self.message = format!("{place}: {}", self.message);
+        }
         self
     }
 

@@ -13,7 +13,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("math", &[]),
     ("run", &["error", "formats"]),
     ("scene", &["error", "math", "run"]),
-    ("trace", &["error", "math", "scene"]),
+    ("trace", &["error", "math", "run", "scene"]),
     ("light", &["error", "math", "scene", "trace"]),
     // Gathering works on a machine that has the tree but not the scene.
     ("gather", &["error", "formats", "math", "run"]),

@@ -4,7 +4,9 @@
 //! indirect light a fifth too dark. So each disk is cut by the creases within its radius, found by walking from
 //! triangle to triangle over smooth edges.
 
+use crate::Result;
 use crate::math::sampling::tangents;
+use crate::run::Cancel;
 use crate::scene::Mesh;
 use crate::trace::unit_normal;
 use glam::Vec3;
@@ -24,10 +26,12 @@ pub struct Creases<'a> {
 
 impl<'a> Creases<'a> {
     /// Finds the edges at which two facets meet at more than `crease_deg`, and those with one facet, or more than two.
-    #[must_use]
-    pub fn new(mesh: &'a Mesh, crease_deg: f32) -> Self {
+    ///
+    /// # Errors
+    /// If cancelled.
+    pub fn new(mesh: &'a Mesh, crease_deg: f32, cancel: &Cancel) -> Result<Self> {
         let cos_crease = libm::cosf(crease_deg.to_radians());
-        let welded = weld(&mesh.positions);
+        let welded = weld(&mesh.positions, cancel)?;
         let mut edges: HashMap<(u32, u32), (u32, u32, u8)> =
             HashMap::with_capacity(mesh.triangles.len() * 2);
         let key = |t: usize, e: usize| {
@@ -35,6 +39,7 @@ impl<'a> Creases<'a> {
             (a.min(b), a.max(b))
         };
         for t in 0..mesh.triangles.len() {
+            cancel.check()?;
             for e in 0..3 {
                 let entry = edges.entry(key(t, e)).or_insert((t as u32, CREASE, 0));
                 entry.2 = entry.2.saturating_add(1);
@@ -43,24 +48,24 @@ impl<'a> Creases<'a> {
                 }
             }
         }
-        let across = (0..mesh.triangles.len())
-            .map(|t| {
-                std::array::from_fn(|e| match edges.get(&key(t, e)) {
-                    Some(&(a, b, 2)) => {
-                        let other = if a == t as u32 { b } else { a };
-                        let [n, m] = [t, other as usize].map(|t| unit_normal(mesh.corners(t)));
-                        // Neighbours may wind differently: a flat pair is flat either way.
-                        if n.dot(m).abs() >= cos_crease {
-                            other
-                        } else {
-                            CREASE
-                        }
+        let mut across = Vec::with_capacity(mesh.triangles.len());
+        for t in 0..mesh.triangles.len() {
+            cancel.check()?;
+            across.push(std::array::from_fn(|e| match edges.get(&key(t, e)) {
+                Some(&(a, b, 2)) => {
+                    let other = if a == t as u32 { b } else { a };
+                    let [n, m] = [t, other as usize].map(|t| unit_normal(mesh.corners(t)));
+                    // Neighbours may wind differently: a flat pair is flat either way.
+                    if n.dot(m).abs() >= cos_crease {
+                        other
+                    } else {
+                        CREASE
                     }
-                    _ => CREASE,
-                })
-            })
-            .collect();
-        Self { mesh, across }
+                }
+                _ => CREASE,
+            }));
+        }
+        Ok(Self { mesh, across })
     }
 
     /// The nearest creases that cut a disk around a point of a triangle.
@@ -152,18 +157,16 @@ fn distance2_to_segment(a: [f32; 2], b: [f32; 2]) -> f32 {
 }
 
 /// For each vertex the first one at the same place, so that split vertices share edges.
-fn weld(positions: &[Vec3]) -> Vec<u32> {
+fn weld(positions: &[Vec3], cancel: &Cancel) -> Result<Vec<u32>> {
     let mut first = HashMap::with_capacity(positions.len());
-    positions
-        .iter()
-        .enumerate()
+    let mut welded = Vec::with_capacity(positions.len());
+    for (i, p) in positions.iter().enumerate() {
+        cancel.check()?;
         // Adding 0.0 makes -0.0 and 0.0 one.
-        .map(|(i, p)| {
-            *first
-                .entry((*p + Vec3::ZERO).to_array().map(f32::to_bits))
-                .or_insert(i as u32)
-        })
-        .collect()
+        let key = (*p + Vec3::ZERO).to_array().map(f32::to_bits);
+        welded.push(*first.entry(key).or_insert(i as u32));
+    }
+    Ok(welded)
 }
 
 #[cfg(test)]
@@ -189,9 +192,17 @@ mod tests {
     }
 
     #[test]
+    fn finding_them_stops_on_request() {
+        let cancel = Cancel::default();
+        cancel.request();
+        let error = Creases::new(&floor_and_wall(), 20.0, &cancel).unwrap_err();
+        assert_eq!(error.kind(), crate::Kind::Cancelled);
+    }
+
+    #[test]
     fn a_disk_ends_at_borders_and_creases_but_not_at_the_diagonal() {
         let mesh = floor_and_wall();
-        let creases = Creases::new(&mesh, 20.0);
+        let creases = Creases::new(&mesh, 20.0, &Cancel::default()).unwrap();
         let middle = creases.clips(0, Vec3::new(0.5, 0.5, 0.0), Vec3::Z, 0.4);
         assert_eq!(middle.count, 0);
         // From the first triangle across the diagonal to the border y = 1 of the second, and the crease at x = 1.

@@ -94,9 +94,9 @@ pub fn run(
     }
     job.report.stage("bake", |counts| {
         let mut writer = CloudWriter::create(cloud, meta(scene, settings)?, force)?;
-        let tracer = Tracer::new(scene);
+        let tracer = Tracer::new_until(scene, &job.cancel)?;
         let lights = Lights::new(&tracer).for_baking();
-        let creases = Creases::new(&scene.mesh, settings.crease_deg);
+        let creases = Creases::new(&scene.mesh, settings.crease_deg, &job.cancel)?;
         if scene.volumes.is_empty() {
             let lights = lights.in_vacuum();
             bake_surfaces(&tracer, &lights, &creases, settings, &mut writer, job)?;

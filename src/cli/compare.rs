@@ -8,7 +8,7 @@ use lvox::image::metrics::{self, Scores};
 use lvox::image::{Picture, Region, Subject, heat, load, png};
 use lvox::run::output::check_writable;
 use lvox::run::size;
-use lvox::{Error, Kind, Result, reference};
+use lvox::{Error, Result, reference};
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -185,9 +185,6 @@ impl Args {
     }
 
     fn place(&self, error: Error) -> Error {
-        if error.kind() == Kind::Cancelled {
-            return error;
-        }
         let (image, reference) = (self.image.display(), self.reference.display());
         error.at(format!("{image} and {reference}"))
     }

@@ -48,7 +48,7 @@ impl SceneInput {
         let job = &context.job;
         job.report.stage("load", |counts| {
             let mut scene = match &self.scene {
-                Some(path) => Scene::load(path)?,
+                Some(path) => Scene::load_until(path, &job.cancel)?,
                 None if self.demo => Scene::demo()?,
                 None => {
                     return Err(

@@ -257,7 +257,7 @@ pub fn accumulate(
     let deadline = settings
         .secs
         .map(|secs| started + Duration::from_secs_f64(secs));
-    let paths = PathTracer::new(scene, settings.max_depth);
+    let paths = PathTracer::new(scene, settings.max_depth, &job.cancel)?;
     let camera = scene.camera(settings.camera.as_deref())?;
     let strands = sums.strands;
     let target = settings.spp.unwrap_or(u32::MAX);

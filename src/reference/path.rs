@@ -9,7 +9,9 @@
 use super::flight;
 use super::sampler::Sampler;
 use super::sources::{Sample, Sources};
+use crate::Result;
 use crate::math::{Rgb, sampling};
+use crate::run::Cancel;
 use crate::scene::Scene;
 use crate::trace::{Hit, Surface, TriangleBvh, offset, short_of};
 use glam::Vec3;
@@ -79,14 +81,16 @@ fn weight(own: f32, other: f32) -> f32 {
 
 impl<'a> PathTracer<'a> {
     /// Paths of at most `max_depth` segments between camera and light, both included; 0 for no limit.
-    #[must_use]
-    pub fn new(scene: &'a Scene, max_depth: u32) -> Self {
-        Self {
+    ///
+    /// # Errors
+    /// As [`TriangleBvh::new_until`].
+    pub fn new(scene: &'a Scene, max_depth: u32, cancel: &Cancel) -> Result<Self> {
+        Ok(Self {
             scene,
-            triangles: TriangleBvh::new(&scene.mesh),
+            triangles: TriangleBvh::new_until(&scene.mesh, cancel)?,
             sources: Sources::new(scene),
             max_depth: if max_depth == 0 { u32::MAX } else { max_depth },
-        }
+        })
     }
 
     /// One sample of the radiance that arrives at `origin` from a unit direction.

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::math::polygon;
+use crate::run::Cancel;
 use crate::scene::{Camera, Film, Grid, Light, Material, Volume};
 use glam::{Affine3A, DAffine3, DVec3, Vec3};
 use std::f32::consts::PI;
@@ -72,7 +73,7 @@ fn add_medium(scene: &mut Scene, min: DVec3, max: DVec3, sigma_t: f32, albedo: f
 
 /// Mean of many paths, its green channel.
 fn radiance(scene: &Scene, max_depth: u32, origin: Vec3, direction: Vec3) -> f64 {
-    let paths = PathTracer::new(scene, max_depth);
+    let paths = PathTracer::new(scene, max_depth, &Cancel::default()).unwrap();
     let n = 1 << 13;
     let sum: f64 = (0..n)
         .map(|i| {

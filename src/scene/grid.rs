@@ -10,6 +10,7 @@
 use crate::math::unflatten;
 use glam::{Vec3, Vec3A, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
+use std::convert::Infallible;
 
 /// Cells along an edge of a brick.
 pub const BRICK_CELLS: usize = 8;
@@ -39,7 +40,10 @@ impl Grid {
     /// Samples `value([i, j, k])` once or more for every voxel; values must be finite and not negative, and the same every
     /// time.
     pub fn from_fn(dims: [usize; 3], value: impl Fn([usize; 3]) -> f32 + Sync) -> Self {
-        Layout::of(dims, &value).fill(value)
+        let go_on = || Ok::<_, Infallible>(());
+        let Ok(layout) = Layout::of(dims, &value, go_on);
+        let Ok(grid) = layout.fill(value, go_on);
+        grid
     }
 
     /// Voxels per axis.
@@ -115,8 +119,12 @@ pub(super) struct Layout {
 }
 
 impl Layout {
-    /// Finds the bricks in which `value` is not zero everywhere.
-    pub(super) fn of(dims: [usize; 3], value: impl Fn([usize; 3]) -> f32 + Sync) -> Self {
+    /// Finds the bricks in which `value` is not zero everywhere. `go_on` is asked at each brick, and ends it with its error.
+    pub(super) fn of<E: Send>(
+        dims: [usize; 3],
+        value: impl Fn([usize; 3]) -> f32 + Sync,
+        go_on: impl Fn() -> Result<(), E> + Sync,
+    ) -> Result<Self, E> {
         let mut layout = Self {
             dims,
             bricks: dims.map(|n| (n + 1).div_ceil(BRICK_CELLS)),
@@ -124,9 +132,12 @@ impl Layout {
         };
         layout.stored = (0..layout.count())
             .into_par_iter()
-            .filter(|&b| layout.voxels(b).any(|v| value(v) != 0.0))
-            .collect();
-        layout
+            .filter_map(|b| match go_on() {
+                Ok(()) => (layout.voxels(b).any(|v| value(v) != 0.0)).then_some(Ok(b)),
+                Err(e) => Some(Err(e)),
+            })
+            .collect::<Result<_, E>>()?;
+        Ok(layout)
     }
 
     /// Bytes that the grid will hold.
@@ -135,8 +146,12 @@ impl Layout {
         self.stored.len() as u64 * brick as u64 + self.count() as u64 * size_of::<u32>() as u64
     }
 
-    /// The grid. `value` must be as before.
-    pub(super) fn fill(self, value: impl Fn([usize; 3]) -> f32 + Sync) -> Grid {
+    /// The grid. `value` must be as before, and `go_on` is asked as before.
+    pub(super) fn fill<E: Send>(
+        self,
+        value: impl Fn([usize; 3]) -> f32 + Sync,
+        go_on: impl Fn() -> Result<(), E> + Sync,
+    ) -> Result<Grid, E> {
         let mut slots = vec![ABSENT; self.count()];
         for (slot, &b) in self.stored.iter().enumerate() {
             slots[b] = slot as u32;
@@ -146,19 +161,20 @@ impl Layout {
             .par_chunks_mut(BRICK_SAMPLES)
             .zip(&self.stored)
             .map(|(brick, &b)| {
+                go_on()?;
                 for (sample, voxel) in brick.iter_mut().zip(self.voxels(b)) {
                     *sample = value(voxel);
                 }
-                brick.iter().copied().fold(0.0, f32::max)
+                Ok(brick.iter().copied().fold(0.0, f32::max))
             })
-            .collect();
-        Grid {
+            .collect::<Result<_, E>>()?;
+        Ok(Grid {
             dims: self.dims,
             bricks: self.bricks,
             slots,
             samples,
             maxima,
-        }
+        })
     }
 
     fn count(&self) -> usize {

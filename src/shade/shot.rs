@@ -155,7 +155,7 @@ fn shade<P: Pages, M: Medium>(
 ) -> Result<Regions> {
     let settings = request.settings;
     let camera = scene.camera(settings.camera.as_deref())?;
-    let tracer = Tracer::new(scene);
+    let tracer = Tracer::new_until(scene, &request.job.cancel)?;
     let mut lights = Lights::new(&tracer);
     if let Some(shadows) = tree.shadows {
         lights = lights.with_soft_shadows_through(shadows);

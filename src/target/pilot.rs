@@ -65,7 +65,7 @@ impl<'a> Pilot<'a> {
         Ok(Self {
             scene,
             camera,
-            paths: PathTracer::new(scene, SHADED_SEGMENTS),
+            paths: PathTracer::new(scene, SHADED_SEGMENTS, &job.cancel)?,
             seed: settings.seed,
             blocks,
             points,

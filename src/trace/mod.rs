@@ -13,8 +13,10 @@ pub use pieces::Pieces;
 pub use surface::{Surface, offset, short_of, unit_normal};
 pub use triangles::TriangleBvh;
 
+use crate::Result;
 use crate::math::exp::exp_neg;
 use crate::math::segment::{Segment, Stretch, flatten_overlaps};
+use crate::run::Cancel;
 use crate::scene::Scene;
 use glam::Vec3;
 
@@ -37,6 +39,18 @@ impl<'a> Tracer<'a> {
             pieces: Pieces::new(scene),
             triangles: TriangleBvh::new(&scene.mesh),
         }
+    }
+
+    /// As [`Tracer::new`], but stops on request.
+    ///
+    /// # Errors
+    /// As [`TriangleBvh::new_until`].
+    pub fn new_until(scene: &'a Scene, cancel: &Cancel) -> Result<Self> {
+        Ok(Self {
+            scene,
+            pieces: Pieces::new(scene),
+            triangles: TriangleBvh::new_until(&scene.mesh, cancel)?,
+        })
     }
 
     /// Nearest triangle along a ray of unit direction.

@@ -5,14 +5,20 @@
 
 use super::watertight::{Block, LANES, ShearedRay};
 use crate::math::Hit;
+use crate::run::Cancel;
 use crate::scene::Mesh;
+use crate::{Error, Result};
 use glam::{Vec3, Vec3A};
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::triangle::Triangle;
 use smallvec::SmallVec;
+use std::convert::Infallible;
 use std::ops::Range;
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::thread;
+use std::time::Duration;
 use wide::f32x8;
 
 /// All triangles of a mesh, ready for rays.
@@ -24,6 +30,11 @@ pub struct TriangleBvh {
     /// or small that no product of coordinates leaves the range of f32.
     scale: f32,
 }
+
+/// From so many triangles on a hierarchy takes long enough for a stop to be heard meanwhile.
+const MANY: usize = 1 << 17;
+/// Time between two looks at whether to stop.
+const PATIENCE: Duration = Duration::from_millis(50);
 
 /// Children of a node.
 const WIDTH: usize = 8;
@@ -68,6 +79,35 @@ impl Child {
     }
 }
 
+fn two_wide(triangles: &[Triangle]) -> Bvh2 {
+    build_bvh2_from_tris(
+        triangles,
+        BvhBuildParams::medium_build(),
+        &mut Default::default(),
+    )
+}
+
+/// The crate does not stop once it has begun, so a thread of its own is left behind with it.
+fn two_wide_until(triangles: Vec<Triangle>, cancel: &Cancel) -> Result<Bvh2> {
+    let (done, result) = mpsc::channel();
+    let build = move || {
+        // Nobody is left to have it after a stop.
+        let _ = done.send(two_wide(&triangles));
+    };
+    thread::Builder::new()
+        .spawn(build)
+        .map_err(|e| Error::failed(format!("cannot start a thread: {e}")))?;
+    loop {
+        match result.recv_timeout(PATIENCE) {
+            Ok(built) => return Ok(built),
+            Err(RecvTimeoutError::Timeout) => cancel.check()?,
+            Err(RecvTimeoutError::Disconnected) => {
+                return Err(Error::failed("the hierarchy of triangles was not finished"));
+            }
+        }
+    }
+}
+
 /// Children still to be visited, and where the ray enters them.
 type Stack = SmallVec<[(f32, Child); 64]>;
 
@@ -75,9 +115,33 @@ impl TriangleBvh {
     /// Builds the hierarchy.
     #[must_use]
     pub fn new(mesh: &Mesh) -> Self {
+        let go_on = || Ok::<_, Infallible>(());
+        let Ok(bvh) = Self::over(mesh, |triangles| Ok(two_wide(&triangles)), go_on);
+        bvh
+    }
+
+    /// As [`TriangleBvh::new`], but stops on request.
+    ///
+    /// # Errors
+    /// If cancelled; a thread may be busy with what was begun until that is done. If no thread can be had.
+    pub fn new_until(mesh: &Mesh, cancel: &Cancel) -> Result<Self> {
+        // A worker that waits for the thread below may be one that this waits for.
+        if mesh.triangles.len() < MANY || rayon::current_thread_index().is_some() {
+            cancel.check()?;
+            return Ok(Self::new(mesh));
+        }
+        Self::over(mesh, |t| two_wide_until(t, cancel), || cancel.check())
+    }
+
+    /// The hierarchy of what is made of all triangles; `go_on` is asked at each node, and ends it with its error.
+    fn over<E>(
+        mesh: &Mesh,
+        two_wide: impl FnOnce(Vec<Triangle>) -> Result<Bvh2, E>,
+        go_on: impl Fn() -> Result<(), E>,
+    ) -> Result<Self, E> {
         let mut bvh = Self::default();
         if mesh.triangles.is_empty() {
-            return bvh;
+            return Ok(bvh);
         }
         bvh.scale = scale_of(mesh);
         let triangles: Vec<Triangle> = (0..mesh.triangles.len())
@@ -86,20 +150,21 @@ impl TriangleBvh {
                 Triangle { v0, v1, v2 }
             })
             .collect();
-        let two_wide = build_bvh2_from_tris(
-            &triangles,
-            BvhBuildParams::medium_build(),
-            &mut Default::default(),
-        );
-        bvh.add(mesh, &two_wide);
-        bvh
+        bvh.add(mesh, &two_wide(triangles)?, go_on)?;
+        Ok(bvh)
     }
 
     /// Takes over a hierarchy that is two wide.
-    fn add(&mut self, mesh: &Mesh, bvh: &Bvh2) {
+    fn add<E>(
+        &mut self,
+        mesh: &Mesh,
+        bvh: &Bvh2,
+        go_on: impl Fn() -> Result<(), E>,
+    ) -> Result<(), E> {
         let mut todo = vec![(0, 0)];
         self.nodes.push(Node::default());
         while let Some((from, to)) = todo.pop() {
+            go_on()?;
             let mut group: SmallVec<[usize; WIDTH]> = SmallVec::new();
             group.push(from);
             while group.len() < WIDTH {
@@ -146,6 +211,7 @@ impl TriangleBvh {
             let [u, v, w] = upper.map(f32x8::new);
             self.nodes[to].planes = [x, y, z, u, v, w];
         }
+        Ok(())
     }
 
     /// Blocks that follow each other, in one box: a leaf, or a node over as many of them as it takes.
@@ -333,6 +399,34 @@ impl Ray {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_large_mesh_can_be_stopped_and_is_built_the_same() {
+        let side = 300_u32;
+        let at = |i: u32| Vec3::new((i % side) as f32, (i / side) as f32, (i % 7) as f32 * 0.1);
+        let corner = |i: u32| i / (side - 1) * side + i % (side - 1);
+        let squares = (0..(side - 1) * (side - 1)).map(corner);
+        let mesh = Mesh {
+            positions: (0..side * side).map(at).collect(),
+            triangles: squares
+                .flat_map(|i| [[i, i + 1, i + side], [i + 1, i + side + 1, i + side]])
+                .collect(),
+            ..Mesh::default()
+        };
+        assert!(mesh.triangles.len() > MANY);
+        let cancel = Cancel::default();
+        let built = TriangleBvh::new_until(&mesh, &cancel).unwrap();
+        let plain = TriangleBvh::new(&mesh);
+        for i in 0..1000 {
+            let origin = Vec3::new(0.29 * i as f32, 150.3, 9.0);
+            let direction = Vec3::new(0.1, 0.2, -1.0).normalize();
+            let hit = built.closest(origin, direction, f32::INFINITY);
+            assert_eq!(hit, plain.closest(origin, direction, f32::INFINITY));
+        }
+        cancel.request();
+        let error = TriangleBvh::new_until(&mesh, &cancel).unwrap_err();
+        assert_eq!(error.kind(), crate::Kind::Cancelled);
+    }
     use crate::math::sampling;
 
     /// A closed sphere of shared vertices.
@@ -486,7 +580,7 @@ mod tests {
                 scale: 1.0,
                 ..TriangleBvh::default()
             };
-            bvh.add(&mesh, &two_wide);
+            let Ok(()) = bvh.add(&mesh, &two_wide, || Ok::<_, Infallible>(()));
             assert!(bvh.blocks.len() > 4 * Child::MOST_BLOCKS);
             for i in 0..500 {
                 let o = 2.0 * sampling::sphere(sampling::r2(i, [0.3; 2]));
@@ -503,7 +597,7 @@ mod tests {
 
     #[test]
     fn an_empty_mesh_is_never_hit() {
-        let bvh = TriangleBvh::new(&Mesh::default());
+        let bvh = TriangleBvh::new_until(&Mesh::default(), &Cancel::default()).unwrap();
         assert!(bvh.closest(Vec3::ZERO, Vec3::Z, f32::INFINITY).is_none());
         assert!(!bvh.is_occluded(Vec3::ZERO, Vec3::Z, f32::INFINITY));
     }

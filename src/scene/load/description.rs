@@ -9,6 +9,7 @@ use super::table::{Document, Table};
 use super::{
     BRIGHTEST, builtin, gltf, is_singular, normals, nrrd, obj, place, ply, raw, texture, vdb,
 };
+use crate::run::Cancel;
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 use std::path::{Path, PathBuf};
@@ -286,7 +287,7 @@ fn mesh(table: &Table<'_>, scene: &Path, draft: &mut Draft, files: &mut Files) -
             }
             let content = files.read("mesh", &path).map_err(|e| table.locate(e))?;
             let part = match kind.as_str() {
-                "ply" => ply::read(&content, palette.as_deref()),
+                "ply" => ply::read(&content, palette.as_deref(), &files.cancel),
                 "obj" => obj::read(&content, &path, files),
                 _ => gltf::read(&content, &path, files)
                     .and_then(|import| take(import, &imports, &world_from_part, draft)),
@@ -299,6 +300,7 @@ fn mesh(table: &Table<'_>, scene: &Path, draft: &mut Draft, files: &mut Files) -
             part
         }
     };
+    files.cancel.check()?;
     part.check().map_err(|e| e.at(path.display()))?;
     part.transform(&world_from_part);
     if let Some(item) = table.get("albedo") {
@@ -338,7 +340,9 @@ fn mesh(table: &Table<'_>, scene: &Path, draft: &mut Draft, files: &mut Files) -
         let name = item.text()?;
         part.materials.iter_mut().for_each(|m| m.name = name.into());
     }
-    shading_normals(table, &mut part)?;
+    files.cancel.check()?;
+    shading_normals(table, &mut part, &files.cancel)?;
+    files.cancel.check()?;
     // Placement can take finite positions out of range.
     part.check().map_err(|e| table.locate(e))?;
     Ok(part)
@@ -386,15 +390,14 @@ fn take(
     Ok(import.part)
 }
 
-fn shading_normals(table: &Table<'_>, part: &mut Part) -> Result<()> {
+fn shading_normals(table: &Table<'_>, part: &mut Part, cancel: &Cancel) -> Result<()> {
     let Some(item) = table.get("normals") else {
         return Ok(());
     };
     if item.is_table() {
         let inner = item.table("`normals`", &["crease_deg"])?;
         let angle = inner.require("crease_deg")?.number_within(0.0, 180.0)?;
-        normals::crease(part, angle.to_radians());
-        return Ok(());
+        return normals::crease(part, angle.to_radians(), cancel);
     }
     match item.choice(&["face", "given"])? {
         0 => part.normals.clear(),
@@ -460,7 +463,9 @@ fn volume(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<DraftVol
                 .to_string_lossy()
                 .into(),
         },
-        sigma_t: field.into_grid(scale).map_err(|e| e.at(path.display()))?,
+        sigma_t: field
+            .into_grid(scale, &files.cancel)
+            .map_err(|e| e.at(path.display()))?,
         albedo,
         world_from_index,
     })

@@ -176,7 +176,7 @@ impl Draft {
             true => centre,
             false => DVec3::ZERO,
         };
-        let (mesh, materials, textures) = merge_parts(self.parts, world_from_scene)?;
+        let (mesh, materials, textures) = merge_parts(self.parts, world_from_scene, &files.cancel)?;
         if mesh.triangles.is_empty() && self.volumes.is_empty() {
             return Err(Error::input(format!(
                 "all {} triangles of the scene have zero area: there is nothing to render",
@@ -328,7 +328,7 @@ fn check_counts(vertices: usize, triangles: usize) -> Result<()> {
     Ok(())
 }
 
-fn merge_parts(parts: Vec<Part>, world_from_scene: DVec3) -> Result<Merged> {
+fn merge_parts(parts: Vec<Part>, world_from_scene: DVec3, cancel: &Cancel) -> Result<Merged> {
     let mut mesh = Mesh::default();
     let mut materials = Vec::new();
     let mut textures = Vec::new();
@@ -340,6 +340,7 @@ fn merge_parts(parts: Vec<Part>, world_from_scene: DVec3) -> Result<Merged> {
     mesh.material.reserve_exact(count);
     for part in parts {
         let first_vertex = mesh.positions.len();
+        cancel.check()?;
         let first_material = materials.len() as u32;
         let first_texture = textures.len() as u32;
         let moved = part
@@ -360,6 +361,7 @@ fn merge_parts(parts: Vec<Part>, world_from_scene: DVec3) -> Result<Merged> {
         merge(&mut mesh.uvs, uvs, first_vertex, total, Vec2::ZERO);
         for (triangle, material) in part.triangles.iter().zip(&part.material) {
             let triangle = triangle.map(|v| v + first_vertex as u32);
+            cancel.check()?;
             if has_area(triangle.map(|v| mesh.positions[v as usize].as_dvec3())) {
                 mesh.triangles.push(triangle);
                 mesh.material.push(material + first_material);

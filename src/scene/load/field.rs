@@ -172,9 +172,10 @@ impl Field {
     }
 
     /// The grid of extinction. More than the file makes likely is an error before it is allocated. Values that are not finite, or negative without a window, are errors.
-    pub(super) fn into_grid(self, scale: Scale) -> Result<Grid> {
+    pub(super) fn into_grid(self, scale: Scale, cancel: &Cancel) -> Result<Grid> {
         let sigma_t = |voxel| scale.apply(self.value(voxel));
-        let layout = Layout::of(self.dims, sigma_t);
+        let go_on = || cancel.check();
+        let layout = Layout::of(self.dims, sigma_t, go_on)?;
         if layout.bytes() > self.allowance() {
             let [x, y, z] = self.dims;
             return Err(Error::input(format!(
@@ -187,7 +188,8 @@ impl Field {
         // Row by row, so that the message can name the first bad voxel whatever the order of the threads.
         let rows = self.dims[1] * self.dims[2];
         let bad = AtomicUsize::new(usize::MAX);
-        (0..rows).into_par_iter().for_each(|row| {
+        (0..rows).into_par_iter().try_for_each(|row| {
+            go_on()?;
             let [j, k] = [row % self.dims[1], row / self.dims[1]];
             let wrong = |i: &usize| {
                 let value = self.value([*i, j, k]);
@@ -197,7 +199,8 @@ impl Field {
             if let Some(i) = (0..self.dims[0]).find(wrong) {
                 bad.fetch_min(row * self.dims[0] + i, Ordering::Relaxed);
             }
-        });
+            Ok::<_, Error>(())
+        })?;
         let bad = bad.into_inner();
         if bad != usize::MAX {
             let voxel = unflatten(bad, self.dims);
@@ -213,7 +216,7 @@ impl Field {
                 error("the extinction leaves the range of f32")
             });
         }
-        Ok(layout.fill(sigma_t))
+        layout.fill(sigma_t, go_on)
     }
 }
 
@@ -243,7 +246,7 @@ mod tests {
     #[test]
     fn values_are_scaled_and_windowed() {
         let grid = field(&[0.0, 1.0, 2.0, 3.0], [2, 2, 1])
-            .into_grid(PLAIN)
+            .into_grid(PLAIN, &Cancel::default())
             .unwrap();
         assert_eq!(grid.sample(glam::Vec3::new(1.5, 1.5, 0.5)), 6.0);
         let window = Scale {
@@ -257,10 +260,11 @@ mod tests {
 
     #[test]
     fn the_first_bad_voxel_is_named() {
-        let message = |values: &[f32]| match field(values, [2, 2, 1]).into_grid(PLAIN) {
-            Err(e) => e.to_string(),
-            Ok(_) => "none".into(),
-        };
+        let message =
+            |values: &[f32]| match field(values, [2, 2, 1]).into_grid(PLAIN, &Cancel::default()) {
+                Err(e) => e.to_string(),
+                Ok(_) => "none".into(),
+            };
         assert_eq!(
             message(&[0.0, 1.0, -2.0, f32::NAN]),
             "voxel [0, 1, 0]: the density is negative: -2"
@@ -284,7 +288,7 @@ mod tests {
                     file_bytes,
                 },
             };
-            field.into_grid(PLAIN)
+            field.into_grid(PLAIN, &Cancel::default())
         };
         let error = full([2000, 1000, 1000], 30_000).unwrap_err();
         assert_eq!(error.kind(), crate::Kind::Input);
@@ -295,7 +299,7 @@ mod tests {
         );
         assert!(full([64, 64, 64], 0).is_ok());
         // What a file has bytes for it may have.
-        let layout = Layout::of([2000, 1000, 1000], |_| 1.0);
+        let layout = Layout::of([2000, 1000, 1000], |_| 1.0, || Ok::<_, Error>(())).unwrap();
         assert!(layout.bytes() < ALLOWANCE + MOST_GROWTH * 300_000_000);
     }
 

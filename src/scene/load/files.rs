@@ -1,9 +1,13 @@
 //! Reading the files of a scene: each is read once, in the order named, and joins the scene's hash.
 
+use crate::run::Cancel;
 use crate::{Error, Result};
-use std::fs;
-use std::io;
+use std::fs::{self, File};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+
+/// Bytes that are read or hashed between two looks at whether to stop.
+const PIECE: usize = 16 << 20;
 
 /// The files read so far, as a hash, and what the user should know about them.
 #[derive(Default)]
@@ -13,9 +17,19 @@ pub(super) struct Files {
     pub(super) paths: Vec<PathBuf>,
     /// What was odd but not wrong.
     pub(super) warnings: Vec<String>,
+    /// Loops over what a file holds look at it.
+    pub(super) cancel: Cancel,
 }
 
 impl Files {
+    /// No files yet.
+    pub(super) fn until(cancel: &Cancel) -> Self {
+        Self {
+            cancel: cancel.clone(),
+            ..Self::default()
+        }
+    }
+
     /// The whole content of a file; `what` it is for ("mesh", "texture", ...) is named when it cannot be read.
     pub(super) fn read(&mut self, what: &str, path: &Path) -> Result<Vec<u8>> {
         // Devices and pipes may have no end.
@@ -25,7 +39,7 @@ impl Files {
                 path.display()
             )));
         }
-        let content = fs::read(path).map_err(|e| match e.kind() {
+        let content = self.content(path, |e| match e.kind() {
             io::ErrorKind::NotFound => {
                 Error::input(format!("{what} file {} is not there", path.display())).hint(format!(
                     "paths are relative to the file that names them; looked for {}",
@@ -34,18 +48,38 @@ impl Files {
                         .display()
                 ))
             }
-            _ => Error::io(&format!("read {what} file"), path, &e),
+            _ => Error::io(&format!("read {what} file"), path, e),
         })?;
-        self.add(&content);
+        self.add(&content)?;
         self.paths.push(path.to_owned());
         Ok(content)
     }
 
+    fn content(&self, path: &Path, failed: impl Fn(&io::Error) -> Error) -> Result<Vec<u8>> {
+        let mut file = File::open(path).map_err(|e| failed(&e))?;
+        let length = file.metadata().map_err(|e| failed(&e))?.len();
+        let mut content = Vec::new();
+        content
+            .try_reserve_exact(usize::try_from(length).unwrap_or(usize::MAX))
+            .map_err(|_| failed(&io::ErrorKind::OutOfMemory.into()))?;
+        loop {
+            self.cancel.check()?;
+            let mut piece = (&mut file).take(PIECE as u64);
+            if piece.read_to_end(&mut content).map_err(|e| failed(&e))? == 0 {
+                return Ok(content);
+            }
+        }
+    }
+
     /// Lets content that is not a file of its own join the hash.
-    pub(super) fn add(&mut self, content: &[u8]) {
+    pub(super) fn add(&mut self, content: &[u8]) -> Result<()> {
         // The length keeps "ab" + "c" apart from "a" + "bc".
         self.hasher.update(&(content.len() as u64).to_le_bytes());
-        self.hasher.update(content);
+        for piece in content.chunks(PIECE) {
+            self.cancel.check()?;
+            self.hasher.update(piece);
+        }
+        Ok(())
     }
 
     /// blake3 over everything read.
@@ -96,7 +130,7 @@ mod tests {
     fn the_hash_depends_on_where_one_file_ends() {
         let hash = |parts: &[&str]| {
             let mut files = Files::default();
-            parts.iter().for_each(|p| files.add(p.as_bytes()));
+            parts.iter().for_each(|p| files.add(p.as_bytes()).unwrap());
             files.hash()
         };
         assert_ne!(hash(&["ab", "c"]), hash(&["a", "bc"]));

@@ -21,6 +21,7 @@ mod texture;
 mod vdb;
 
 use super::Scene;
+use crate::run::Cancel;
 use crate::{Error, Result};
 use files::Files;
 use glam::DAffine3;
@@ -36,7 +37,15 @@ impl Scene {
     /// Of kind [`crate::Kind::Input`] for anything wrong with the files; the message names the file and the line or
     /// element.
     pub fn load(path: &Path) -> Result<Self> {
-        let mut files = Files::default();
+        Self::load_until(path, &Cancel::default())
+    }
+
+    /// As [`Scene::load`], but stops on request.
+    ///
+    /// # Errors
+    /// As [`Scene::load`], and if cancelled.
+    pub fn load_until(path: &Path, cancel: &Cancel) -> Result<Self> {
+        let mut files = Files::until(cancel);
         let draft = match files::extension(path).as_str() {
             "toml" => {
                 let text = files.read("scene", path)?;
@@ -69,7 +78,7 @@ impl Scene {
     pub fn demo() -> Result<Self> {
         let text = include_str!("demo.toml");
         let mut files = Files::default();
-        files.add(text.as_bytes());
+        files.add(text.as_bytes())?;
         description::read(text, Path::new("demo.toml"), &mut files)?.finish(files)
     }
 }
@@ -80,4 +89,81 @@ fn is_singular(map: &DAffine3) -> bool {
     let volume = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
     let finite = map.to_cols_array().iter().all(|x| x.is_finite());
     !finite || volume == 0.0 || m.determinant().abs() < 1e-12 * volume
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Kind;
+    use field::Scale;
+    use std::io::Write;
+
+    const OBJ: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nelement face 0\n\
+                       property list uchar int vertex_indices\nend_header\n0\n";
+    /// A triangle without area.
+    const GLTF: &str = r#"{"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"componentType": 5126, "type": "VEC3", "count": 3, "bufferView": 0, "min": [0, 0, 0],
+            "max": [0, 0, 0]}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}], "buffers": [{"byteLength": 36,
+            "uri": "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA"}]}"#;
+
+    fn nrrd() -> Vec<u8> {
+        let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 1 1 1\nencoding: gzip\n\n";
+        let mut file = header.as_bytes().to_vec();
+        let mut packed = flate2::write::GzEncoder::new(&mut file, flate2::Compression::fast());
+        packed.write_all(&[7]).unwrap();
+        packed.finish().unwrap();
+        file
+    }
+
+    #[test]
+    fn each_reader_stops_on_request() {
+        let part =
+            |cancel: &Cancel| obj::read(OBJ.as_bytes(), Path::new("x"), &mut Files::until(cancel));
+        let field = |cancel: &Cancel| nrrd::read(nrrd(), Path::new("x"), &mut Files::until(cancel));
+        let going = Cancel::default();
+        let read: [(&str, &dyn Fn(&Cancel) -> Result<()>); 7] = [
+            ("file", &|c| {
+                Files::until(c)
+                    .read("mesh", Path::new("Cargo.toml"))
+                    .map(drop)
+            }),
+            ("obj", &|c| part(c).map(drop)),
+            ("ply", &|c| ply::read(PLY.as_bytes(), None, c).map(drop)),
+            ("gltf", &|c| {
+                gltf::read(GLTF.as_bytes(), Path::new("x"), &mut Files::until(c)).map(drop)
+            }),
+            ("nrrd", &|c| field(c).map(drop)),
+            ("grid", &|c| {
+                let scale = Scale {
+                    sigma_t: 1.0,
+                    window: None,
+                };
+                field(&going)?.into_grid(scale, c).map(drop)
+            }),
+            ("creases", &|c| normals::crease(&mut part(&going)?, 0.5, c)),
+        ];
+        let stopped = Cancel::default();
+        stopped.request();
+        let is_deaf = |read: &dyn Fn(&Cancel) -> Result<()>| {
+            read(&going).unwrap();
+            read(&stopped).err().map(|e| e.kind()) != Some(Kind::Cancelled)
+        };
+        let deaf: Vec<&str> = read
+            .into_iter()
+            .filter(|(_, read)| is_deaf(read))
+            .map(|(name, _)| name)
+            .collect();
+        assert!(deaf.is_empty(), "{deaf:?}");
+    }
+
+    #[test]
+    fn a_scene_stops_as_everything_does() {
+        let stopped = Cancel::default();
+        stopped.request();
+        let error = Scene::load_until(Path::new("src/scene/load/demo.toml"), &stopped).unwrap_err();
+        assert_eq!(error.to_string(), "stopped on request");
+    }
 }

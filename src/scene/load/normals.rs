@@ -1,6 +1,8 @@
 //! Shading normals recomputed at a crease angle: smooth where faces meet gently, split where they meet sharply.
 
 use super::part::Part;
+use crate::Result;
+use crate::run::Cancel;
 use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 
@@ -9,7 +11,10 @@ const MOST_FACES: usize = 4096;
 
 /// Gives `part` normals: at each corner the area-weighted mean over the faces around the point that turn less than
 /// `crease_rad` from the corner's own face. Vertices are split where their corners differ.
-pub(super) fn crease(part: &mut Part, crease_rad: f64) {
+///
+/// # Errors
+/// If cancelled.
+pub(super) fn crease(part: &mut Part, crease_rad: f64, cancel: &Cancel) -> Result<()> {
     let corners = part.triangles.len() * 3;
     let face = |t: usize| {
         let [a, b, c] = part.triangles[t].map(|i| part.positions[i as usize]);
@@ -22,6 +27,7 @@ pub(super) fn crease(part: &mut Part, crease_rad: f64) {
     let mut point_of_vertex: Vec<u32> = Vec::with_capacity(part.positions.len());
     let mut points: HashMap<[u64; 3], u32> = HashMap::with_capacity(part.positions.len());
     for p in &part.positions {
+        cancel.check()?;
         // Adding zero makes -0 equal to 0.
         let key = p.to_array().map(|x| (x + 0.0).to_bits());
         let next = points.len() as u32;
@@ -58,15 +64,20 @@ pub(super) fn crease(part: &mut Part, crease_rad: f64) {
             .sum();
         sum.normalize_or(own).as_vec3()
     };
-    let normals: Vec<Vec3> = (0..corners).map(normal).collect();
-    split(part, &normals);
+    let mut normals = Vec::with_capacity(corners);
+    for corner in 0..corners {
+        cancel.check()?;
+        normals.push(normal(corner));
+    }
+    split(part, &normals, cancel)
 }
 
 /// Makes vertices anew, one for each pair of an old vertex and a normal that its corners have.
-fn split(part: &mut Part, normal_of_corner: &[Vec3]) {
+fn split(part: &mut Part, normal_of_corner: &[Vec3], cancel: &Cancel) -> Result<()> {
     let old = std::mem::take(part);
     let mut made: HashMap<(u32, [u32; 3]), u32> = HashMap::with_capacity(old.positions.len());
     for (t, triangle) in old.triangles.iter().enumerate() {
+        cancel.check()?;
         let vertices = std::array::from_fn(|k| {
             let v = triangle[k];
             let normal = normal_of_corner[t * 3 + k];
@@ -84,6 +95,7 @@ fn split(part: &mut Part, normal_of_corner: &[Vec3]) {
     part.material = old.material;
     part.materials = old.materials;
     part.textures = old.textures;
+    Ok(())
 }
 
 #[cfg(test)]
@@ -114,7 +126,7 @@ mod tests {
     #[test]
     fn a_gentle_fold_is_smooth_and_a_sharp_one_is_split() {
         let mut gentle = fold(30_f64.to_radians());
-        crease(&mut gentle, 40_f64.to_radians());
+        crease(&mut gentle, 40_f64.to_radians(), &Cancel::default()).unwrap();
         let expected = Vec3::new(-(15_f32.to_radians().sin()), 15_f32.to_radians().cos(), 0.0);
         for (p, n) in gentle.positions.iter().zip(&gentle.normals) {
             if p.x == 0.0 {
@@ -123,7 +135,7 @@ mod tests {
             }
         }
         let mut sharp = fold(50_f64.to_radians());
-        crease(&mut sharp, 40_f64.to_radians());
+        crease(&mut sharp, 40_f64.to_radians(), &Cancel::default()).unwrap();
         for t in &sharp.triangles {
             let [a, b, c] = t.map(|i| sharp.positions[i as usize]);
             let face = (b - a).cross(c - a).normalize().as_vec3();

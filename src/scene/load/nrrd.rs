@@ -17,6 +17,9 @@ use std::path::Path;
 const MOST_INFLATION: usize = 1100;
 
 /// Reads a NRRD file; `files` is asked for the data file of a detached header.
+/// Bytes that are unpacked between two looks at whether to stop.
+const PIECE: usize = 16 << 20;
+
 pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<Field> {
     let (header, data_at) = Header::parse(&content)?;
     let dims = header.dims()?;
@@ -25,7 +28,7 @@ pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<F
     let big_endian = header.is_big_endian(number)?;
     let expected = byte_length(dims, number)?;
     let data = match header.get(&["data file", "datafile"]) {
-        None => header.skip(content, data_at, expected)?,
+        None => header.skip(content, data_at, expected, &files.cancel)?,
         Some(name) if name.starts_with("LIST") || name.contains('%') => {
             return Err(Error::input(format!(
                 "data in several files (`data file: {name}`) is not supported"
@@ -36,7 +39,7 @@ pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<F
             let data_path = beside(path, name);
             let data = files.read("volume data", &data_path)?;
             header
-                .skip(data, 0, expected)
+                .skip(data, 0, expected, &files.cancel)
                 .map_err(|e| e.at(data_path.display()))?
         }
     };
@@ -247,7 +250,13 @@ impl Header {
     }
 
     /// The `expected` bytes of samples in `data` from `at`: lines and bytes skipped, decompressed, cut to size.
-    fn skip(&self, mut data: Vec<u8>, mut at: usize, expected: usize) -> Result<Vec<u8>> {
+    fn skip(
+        &self,
+        mut data: Vec<u8>,
+        mut at: usize,
+        expected: usize,
+        cancel: &Cancel,
+    ) -> Result<Vec<u8>> {
         let count = |names: &[&str]| -> Result<i64> {
             let Some(text) = self.get(names) else {
                 return Ok(0);

@@ -23,7 +23,7 @@ use ply_rs_bw::ply::{DefaultElement, ElementDef, Encoding, PropertyType, ScalarT
 use std::collections::HashMap;
 
 /// Reads a PLY file. `palette` holds the albedo of each `material_index`, if the scene file gives one.
-pub(super) fn read(content: &[u8], palette: Option<&[[f32; 3]]>) -> Result<Part> {
+pub(super) fn read(content: &[u8], palette: Option<&[[f32; 3]]>, cancel: &Cancel) -> Result<Part> {
     let mut reader = Reader::new(content);
     let header = Parser::<DefaultElement>::new()
         .read_header(&mut reader)
@@ -55,6 +55,7 @@ pub(super) fn read(content: &[u8], palette: Option<&[[f32; 3]]>) -> Result<Part>
                     added.map_err(|e| e.at(format!("face {i}")))?;
                 }
                 _ => {}
+            cancel.check()?;
             }
         }
     }

@@ -330,6 +330,7 @@ impl Reader<'_> {
 
     fn primitive(&mut self, primitive: &Primitive<'_>) -> Result<Part> {
         let mut part = Part::default();
+        self.files.cancel.check()?;
         let positions = primitive.get(&Semantic::Positions);
         let positions = positions.ok_or_else(|| Error::input("a mesh without positions"))?;
         let positions = self.buffers.floats::<3>(&positions)?;
@@ -338,6 +339,7 @@ impl Reader<'_> {
             .into_iter()
             .map(|p| Vec3::from(p).as_dvec3())
             .collect();
+        self.files.cancel.check()?;
         let indices = match primitive.indices() {
             Some(accessor) => self.buffers.indices(&accessor)?,
             None => (0..count as u32).collect(),
@@ -371,6 +373,7 @@ impl Reader<'_> {
                 "expected {count} {what}, one for each position, found {found}"
             ))),
         };
+        self.files.cancel.check()?;
         if let Some(accessor) = primitive.get(&Semantic::Normals) {
             let normals = self.buffers.floats::<3>(&accessor)?;
             same_count(normals.len(), "normals")?;

@@ -9,6 +9,7 @@ mod tree;
 
 use super::field::{Field, Samples};
 use super::files::Files;
+use crate::run::Cancel;
 use crate::{Error, Result};
 use bytes::Bytes;
 use glam::{DAffine3, DMat3, DVec3};
@@ -42,7 +43,7 @@ struct VdbGrid {
 
 /// Reads the grid named `wanted`, or else "density", or else the only one.
 pub(super) fn read(content: &[u8], wanted: Option<&str>, files: &mut Files) -> Result<Field> {
-    let grid = VdbGrid::read(content, wanted)?;
+    let grid = VdbGrid::read(content, wanted, &files.cancel)?;
     let name = grid.entry.name.clone();
     if grid.tree.background != 0.0 {
         files.warn(format!(
@@ -55,7 +56,7 @@ pub(super) fn read(content: &[u8], wanted: Option<&str>, files: &mut Files) -> R
 }
 
 impl VdbGrid {
-    fn read(content: &[u8], wanted: Option<&str>) -> Result<Self> {
+    fn read(content: &[u8], wanted: Option<&str>, cancel: &Cancel) -> Result<Self> {
         let mut bytes = Bytes::new(content);
         if bytes.i64().ok() != Some(MAGIC) {
             return Err(Error::input(
@@ -111,7 +112,7 @@ impl VdbGrid {
             compression,
             half,
         };
-        let tree = Tree::read(&mut bytes, encoding).map_err(|e| e.at(&place))?;
+        let tree = Tree::read(&mut bytes, encoding, cancel).map_err(|e| e.at(&place))?;
         let grid = Self {
             entry,
             metadata,

@@ -6,6 +6,7 @@ mod skip;
 use super::super::field::Scale;
 use super::blosc::tests::pack;
 use super::*;
+use crate::run::Cancel;
 use flate2::{Compression, write::ZlibEncoder};
 use std::io::Write;
 
@@ -283,7 +284,7 @@ fn the_field_is_zero_around_and_placed_by_voxel_centres() {
     let world_from_grid = field.world_from_file.unwrap() * field.file_from_grid();
     let grid_from_world = world_from_grid.inverse();
     let expected = value(0, 0);
-    let grid = field.into_grid(SCALE).unwrap();
+    let grid = field.into_grid(SCALE, &Cancel::default()).unwrap();
     let at = |p: DVec3| grid.sample(grid_from_world.transform_point3(p).as_vec3());
     assert_eq!(at(DVec3::ZERO), expected, "voxel (0,0,0) is at the origin");
     let edge = at(DVec3::new(-0.25, 0.0, 0.0));
@@ -450,7 +451,7 @@ fn real_smoke_is_read_to_the_last_voxel() {
     let Some(content) = shared("smoke.vdb") else {
         return;
     };
-    let grid = VdbGrid::read(&content, None).unwrap();
+    let grid = VdbGrid::read(&content, None, &Cancel::default()).unwrap();
     assert_eq!(grid.tree.active(), 1_049_275);
     let (low, high) = grid.tree.extent().unwrap();
     assert_eq!((low, high), ([1, 2, 1], [111, 223, 112]));

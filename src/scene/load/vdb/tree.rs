@@ -5,6 +5,7 @@
 
 use super::blosc;
 use super::bytes::Bytes;
+use crate::run::Cancel;
 use crate::{Error, Result};
 use flate2::bufread::ZlibDecoder;
 use half::f16;
@@ -90,7 +91,7 @@ impl Leaf {
 
 impl Tree {
     /// Reads topology and values.
-    pub(super) fn read(bytes: &mut Bytes<'_>, encoding: Encoding) -> Result<Self> {
+    pub(super) fn read(bytes: &mut Bytes<'_>, encoding: Encoding, cancel: &Cancel) -> Result<Self> {
         let buffers = bytes.u32()?;
         if buffers != 1 {
             return Err(Error::input(format!(
@@ -116,10 +117,12 @@ impl Tree {
             }
         }
         for _ in 0..children {
+            cancel.check()?;
             let origin = origin(bytes)?;
             tree.inner(bytes, encoding, origin, 5)?;
         }
         for i in 0..tree.leaves.len() {
+            cancel.check()?;
             tree.leaf_values(bytes, encoding, i)
                 .map_err(|e| e.at(format!("leaf {i} of {}", tree.leaves.len())))?;
         }
