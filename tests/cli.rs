@@ -6,6 +6,7 @@ use lvox::image::exr::{self, Precision};
 use lvox::image::{Frame, Layer, Region};
 use std::fs;
 use std::path::{Path, PathBuf};
+use support::names;
 use support::program::lvox;
 
 const WIDTH: u32 = 40;
@@ -40,15 +41,6 @@ fn write_whole(dir: &Path, name: &str) -> PathBuf {
     let full = Region::full(WIDTH, HEIGHT);
     exr::write(&path, &shade(full, "00ff"), Precision::Half).unwrap();
     path
-}
-
-fn names(dir: &Path) -> Vec<String> {
-    let mut names: Vec<String> = fs::read_dir(dir)
-        .unwrap()
-        .map(|e| e.unwrap().file_name().into_string().unwrap())
-        .collect();
-    names.sort();
-    names
 }
 
 #[test]

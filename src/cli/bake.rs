@@ -35,6 +35,7 @@ impl Args {
         let settings = self.bake.settings(self.seed.seed);
         settings.check()?;
         let scene = self.scene.load(context)?;
+        context.job.heed_warnings()?;
         lvox::bake::run(&scene, &settings, &self.output, context.force, &context.job)?;
         Ok(())
     }

@@ -114,6 +114,7 @@ impl Args {
                 differences.join("; ")
             ));
         }
+        job.heed_warnings()?;
         job.cancel.check()?;
         check_memory(image.pixels.len(), job.memory_limit)?;
         let found = metrics::compare_until(&image, &reference, exposure, &job.cancel)
@@ -129,6 +130,7 @@ impl Args {
                 ));
             }
         }
+        job.heed_warnings()?;
         if let Some(path) = &self.heatmap {
             png::write(path, &heat::map(&found.error_map, image.width))?;
         }

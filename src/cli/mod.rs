@@ -127,6 +127,7 @@ impl Cli {
         let mut context = self.shared.resolve(self.verb.limits())?;
         context.take_files(self.verb.files())?;
         let (verb, result) = self.verb.run(&context);
+        let result = result.and_then(|()| context.job.heed_warnings());
         let Some(path) = context.report_path() else {
             return result;
         };
@@ -164,6 +165,7 @@ mod tests {
             "memory_limit",
             "progress",
             "report",
+            "strict",
             "temp_dir",
             "threads",
         ];

@@ -31,6 +31,12 @@ pub struct Shared {
     #[arg(long, global = true)]
     force: bool,
 
+    /// Take any warning for an error of exit code 2: before the work, and without output. What only the work can show, such as
+    /// surfels that are missing, fails at its end: shade and render write no image then, reference and study keep what
+    /// they have
+    #[arg(long, global = true)]
+    strict: bool,
+
     /// Write times, peak memory and counts to this file as JSON
     #[arg(long, global = true, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -211,6 +217,7 @@ impl Shared {
             progress: Progress::new(mode),
             memory_limit: limits.memory,
             temp_dir: limits.temp_dir,
+            strict: self.strict,
             ..Job::default()
         };
         let cancel = job.cancel.clone();

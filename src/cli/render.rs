@@ -56,7 +56,8 @@ impl Args {
         let settings = self.bake.settings(self.seed.seed);
         settings.check()?;
         let scene = self.scene.load(context)?;
-        self.shade.check_with(&scene)?;
+        self.shade.check_with(&scene, job)?;
+        job.heed_warnings()?;
         // What is left by a process that was killed says whose it is.
         let mut folder = tempfile::Builder::new();
         folder.prefix("lvox-");

@@ -41,11 +41,12 @@ impl Args {
         let store = TreeStore::open(&self.tree, context.job.memory_limit)?;
         let frame = store.tree().meta().cloud.world_from_scene;
         let scene = self.scene.load(context)?.in_frame(frame.into())?;
-        self.shade.check_with(&scene)?;
+        self.shade.check_with(&scene, &context.job)?;
         if let Some(warning) = out_of_date(&scene, &store) {
             let place = self.tree.display();
             context.job.progress.warn(&format!("{place}: {warning}"));
         }
+        context.job.heed_warnings()?;
         self.shade
             .run(&scene, &store, self.seed.seed, &context.job)?;
         output::say_times(&context.job, "shade", &["pilot"]);

@@ -127,9 +127,15 @@ impl ShadeOptions {
     }
 
     /// The same for what depends on the scene.
-    pub fn check_with(&self, scene: &Scene) -> Result<()> {
+    pub fn check_with(&self, scene: &Scene, job: &Job) -> Result<()> {
         scene.camera(self.camera.as_deref())?;
-        self.region.of(&scene.film).map(drop)
+        let region = self.region.of(&scene.film)?;
+        let mut settings = self.settings(0);
+        if self.target_error.is_some() && self.lattice.is_none() {
+            // What will be picked is not known yet.
+            settings.lattice = Settings::COARSEST_LATTICE;
+        }
+        shade::check_memory(scene, &settings, region, &self.aov, job)
     }
 
     fn settings(&self, seed: u64) -> Settings {
@@ -198,6 +204,7 @@ impl ShadeOptions {
             Some(target) => self.pick(target, scene, store, seed, job)?,
             None => self.settings(seed),
         };
+        job.heed_warnings()?;
         let frame = shade::run(scene, store, &settings, region, &self.aov, job)?;
         job.report
             .stage("write", |_| match ImageKind::named(&self.output)? {
@@ -207,9 +214,9 @@ impl ShadeOptions {
                     } else {
                         Precision::Half
                     };
-                    exr::write(&self.output, &frame, precision)?;
                     self.warn_of_clamped(&frame, precision, job);
-                    Ok(())
+                    job.heed_warnings()?;
+                    exr::write(&self.output, &frame, precision)
                 }
                 ImageKind::Png => {
                     let picture = frame.picture("", &frame.region)?;

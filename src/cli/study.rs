@@ -212,6 +212,7 @@ impl Args {
 
 fn check_stability(scene: &SceneInput, context: &Context) -> Result<()> {
     let scene = scene.load(context)?;
+    context.job.heed_warnings()?;
     let families = stability::run(&scene, Effort::Full, &context.job)?;
     output::print(&stability::markdown(&families))?;
     let rows = families.iter().flat_map(|f| &f.rows);

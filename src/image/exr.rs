@@ -4,7 +4,7 @@
 
 use super::frame::{Frame, Layer, channel_name};
 use super::{Region, header};
-use crate::run::Output;
+use crate::run::{Output, memory};
 use crate::{Error, Result};
 use exr::prelude::traits::*;
 use exr::prelude::{
@@ -117,10 +117,15 @@ pub fn encode(frame: &Frame, precision: Precision) -> Result<Vec<u8>> {
     for layer in &frame.layers {
         for (channel, samples) in &layer.channels {
             let name = channel_name(&layer.name, channel);
+            let what = "a channel of the file";
             let samples = if stored_as_half(&name, precision) {
-                FlatSamples::F16(samples.iter().map(|&v| to_half(v)).collect())
+                let mut halves = memory::room(what, samples.len())?;
+                halves.extend(samples.iter().map(|&v| to_half(v)));
+                FlatSamples::F16(halves)
             } else {
-                FlatSamples::F32(samples.clone())
+                let mut floats = memory::room(what, samples.len())?;
+                floats.extend_from_slice(samples);
+                FlatSamples::F32(floats)
             };
             channels.push(AnyChannel::new(text(&name)?, samples));
         }

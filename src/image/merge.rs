@@ -4,7 +4,7 @@ use super::coverage::faults;
 use super::exr::{self, Info};
 use super::frame::EXPOSURE;
 use super::{Frame, Layer, Region};
-use crate::run::{Job, size};
+use crate::run::{Job, memory, size};
 use crate::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -228,7 +228,10 @@ fn check_memory(info: &Info, limit: Option<u64>) -> Result<()> {
     let needed = samples.saturating_mul(3 * size_of::<f32>() as u64);
     let (width, height, channels) = (info.width, info.height, info.channels.len());
     let what = format_args!("merging {width}x{height} pixels of {channels} channels");
-    size::within(what, needed, limit)
+    size::within(what, needed, limit)?;
+    // Samples of the file are halves at least, and compressed they may be next to nothing.
+    let least = samples.saturating_mul((size_of::<f32>() + size_of::<u16>()) as u64);
+    memory::check(what, least)
 }
 
 fn more(count: usize) -> String {

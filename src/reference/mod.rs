@@ -19,7 +19,7 @@ use crate::image::metrics::linear::RELATIVE_FLOOR;
 use crate::image::samples::{Origin, Row};
 use crate::image::{Frame, Region};
 use crate::math::{Rgb, sampling};
-use crate::run::{Job, Task, hex, size};
+use crate::run::{Job, Task, hex, memory, size};
 use crate::scene::Scene;
 use crate::{Error, Kind, Result};
 use rayon::prelude::*;
@@ -123,7 +123,7 @@ pub fn sums_path(image: &Path) -> PathBuf {
 /// No samples yet, for these settings.
 ///
 /// # Errors
-/// A setting out of range, a region outside the frame, or sums beyond the memory limit.
+/// A setting out of range, a region outside the frame, or sums beyond the memory limit or what the machine has.
 pub fn begin(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> Result<Sums> {
     settings.check()?;
     let origin = settings.origin(scene)?;
@@ -132,6 +132,9 @@ pub fn begin(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> R
     let what = format_args!("summing samples of {} pixels", region.pixels());
     size::within(what, needed, job.memory_limit)
         .map_err(|e| e.hint("raise --memory-limit, or render a part: --region X0 Y0 X1 Y1"))?;
+    memory::check(what, needed).map_err(|e| {
+        e.hint("render a part: --region X0 Y0 X1 Y1; or a smaller film: --resolution WxH")
+    })?;
     Ok(Sums::new(region, settings.strands, origin))
 }
 
@@ -164,6 +167,7 @@ pub fn run(
             ));
         }
     }
+    job.heed_warnings()?;
     // Before every pixel has a sample there is no image, and what a restart forgets is worth more.
     let save = |sums: &Sums| -> Result<()> {
         let is_whole = sums.counts().0 > 0;

@@ -3,6 +3,7 @@
 pub mod build;
 mod cancel;
 mod hex;
+pub mod memory;
 pub mod output;
 mod progress;
 mod report;
@@ -15,6 +16,7 @@ pub use output::Output;
 pub use progress::{Progress, ProgressMode, Task};
 pub use report::{Report, StageReport};
 
+use crate::{Error, Result};
 use std::path::PathBuf;
 
 /// Handed to every stage.
@@ -28,6 +30,50 @@ pub struct Job {
     pub report: Report,
     /// Bytes that a stage may hold; `None` for no limit.
     pub memory_limit: Option<u64>,
+    /// Whether warnings are errors.
+    pub strict: bool,
     /// Folder for temporary files; the system's if `None`.
     pub temp_dir: Option<PathBuf>,
+}
+
+impl Job {
+    /// Ends a strict job in which something was warned of. Stages ask before long work and before they write.
+    ///
+    /// # Errors
+    /// [`crate::Kind::Input`] with all warnings so far.
+    pub fn heed_warnings(&self) -> Result<()> {
+        let warnings = self.progress.warnings();
+        if !self.strict || warnings.is_empty() {
+            return Ok(());
+        }
+        let count = match warnings.len() {
+            1 => "a warning".into(),
+            n => format!("{n} warnings"),
+        };
+        let message = format!("{count} with --strict: {}", warnings.join("; "));
+        Err(Error::input(message).hint("mend what is warned of, or do without --strict"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn warnings_end_strict_jobs_alone() {
+        let job = |strict| Job {
+            strict,
+            ..Job::default()
+        };
+        let (strict, lenient) = (job(true), job(false));
+        strict.heed_warnings().unwrap();
+        for job in [&strict, &lenient] {
+            job.progress.warn("one");
+            job.progress.warn("two");
+        }
+        lenient.heed_warnings().unwrap();
+        let error = strict.heed_warnings().unwrap_err();
+        assert_eq!(error.kind(), crate::Kind::Input);
+        assert_eq!(error.to_string(), "2 warnings with --strict: one; two");
+    }
 }

@@ -3,6 +3,7 @@
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use std::io::Write;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Time between two lines about a task.
@@ -27,6 +28,7 @@ pub enum ProgressMode {
 pub struct Progress {
     mode: ProgressMode,
     bars: Option<MultiProgress>,
+    warnings: Mutex<Vec<String>>,
 }
 
 /// A piece of work with a known total; finished when dropped.
@@ -50,6 +52,7 @@ impl Progress {
         Self {
             mode,
             bars: (mode == ProgressMode::Bar).then(MultiProgress::new),
+            ..Self::default()
         }
     }
 
@@ -90,6 +93,15 @@ impl Progress {
     /// Warns, in every mode.
     pub fn warn(&self, message: &str) {
         self.print("warning", message, &format!("warning: {message}"));
+        let mut warnings = self.warnings.lock().unwrap_or_else(PoisonError::into_inner);
+        warnings.push(message.into());
+    }
+
+    /// What was warned of so far.
+    #[must_use]
+    pub fn warnings(&self) -> Vec<String> {
+        let warnings = self.warnings.lock().unwrap_or_else(PoisonError::into_inner);
+        warnings.clone()
     }
 
     fn print(&self, event: &str, message: &str, line: &str) {

@@ -10,7 +10,7 @@ use super::view::View;
 use crate::gather::{Gathered, Gatherer, Medium, Order, Pages, Stretch, SurfacePoint};
 use crate::image::Region;
 use crate::math::{Rgb, sampling};
-use crate::run::{Cancel, Task};
+use crate::run::{Cancel, Task, memory};
 use crate::trace::{Surface, offset};
 use crate::{Result, math};
 use glam::Vec3;
@@ -65,10 +65,18 @@ impl Lattice {
         nodes(&gathered) + lists.max(nodes(&smoothed))
     }
 
+    /// Bytes of it that are surely held: once they are smoothed, gathers and what is made of them.
+    pub fn least_bytes(region: Region, step: u32, film: [u32; 2]) -> [u64; 2] {
+        [Self::REACH + Self::SMOOTH, Self::REACH].map(|reach| {
+            let area = Area::around(region, step, reach, film);
+            (area.len() as u64).saturating_mul(size_of::<Option<Node>>() as u64)
+        })
+    }
+
     /// Gathers at the lattice pixels in and around a region.
     ///
     /// # Errors
-    /// If cancelled.
+    /// If cancelled, or if there is no memory for it.
     pub fn new<P: Pages, M: Medium>(
         view: &View,
         gatherer: &Gatherer<P, M>,
@@ -91,7 +99,7 @@ impl Lattice {
                 ))
             })
             .collect::<Result<_>>()?;
-        let mut nodes = vec![None; gathered.len()];
+        let mut nodes = memory::filled("the lattice", None, gathered.len())?;
         for (at, node) in squares.into_iter().flatten() {
             nodes[at] = Some(node);
         }
@@ -101,7 +109,7 @@ impl Lattice {
             nodes,
         };
         let area = Area::around(region, step, Self::REACH, film);
-        let mut nodes = vec![None; area.len()];
+        let mut nodes = memory::filled("the lattice", None, area.len())?;
         nodes
             .par_chunks_exact_mut(area.count[0] as usize)
             .zip(area.rows())

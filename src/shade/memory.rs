@@ -5,7 +5,7 @@ use super::lattice::Lattice;
 use super::settings::Settings;
 use crate::Result;
 use crate::image::Region;
-use crate::run::size;
+use crate::run::{memory, size};
 use crate::scene::{Scene, Volume};
 
 /// Bytes of a pixel: the planes asked for, twice while blocks are put together.
@@ -14,7 +14,7 @@ fn per_pixel(parts: &[Part]) -> u64 {
     2 * (planes * size_of::<f32>()) as u64
 }
 
-/// Refuses regions whose pixels and gathers take more than a limit by themselves.
+/// Refuses regions whose pixels and gathers take more than a limit by themselves, or surely more than the machine has.
 ///
 /// # Errors
 /// Says what they take, and how to shade in parts.
@@ -35,6 +35,19 @@ pub fn check(
         .saturating_add(lattices.sum());
     size::within(format_args!("shading {pixels} pixels"), needed, limit).map_err(|e| {
         e.hint("raise --memory-limit, or shade a part: --region X0 Y0 X1 Y1 or --tile I/N")
+    })?;
+    // The pixels of all regions are put together when the lists of gathers are gone.
+    let [gathered, smoothed] = regions.iter().fold([0_u64; 2], |sum, &r| {
+        let more = Lattice::least_bytes(r, settings.lattice, film);
+        [0, 1].map(|i| sum[i].saturating_add(more[i]))
+    });
+    let planes = pixels.saturating_mul(per_pixel(parts));
+    let least = smoothed.saturating_add(gathered.max(planes));
+    memory::check(format_args!("shading {pixels} pixels"), least).map_err(|e| {
+        e.hint(
+            "shade a part: --region X0 Y0 X1 Y1 or --tile I/N; or a smaller film: --resolution WxH. --memory-limit holds \
+             down what the tree takes beside pixels",
+        )
     })
 }
 

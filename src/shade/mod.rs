@@ -30,11 +30,26 @@ use shot::{Request, shade_regions};
 pub use aov::Aov;
 pub use settings::{Kernel, Method, Quality, Settings};
 
+/// Refuses a frame that [`run`] would refuse for its memory, before there is a tree.
+///
+/// # Errors
+/// More pixels than the memory limit allows, or than the machine has memory for.
+pub fn check_memory(
+    scene: &Scene,
+    settings: &Settings,
+    region: Region,
+    aovs: &[Aov],
+    job: &Job,
+) -> Result<()> {
+    let parts = layers::parts(aovs);
+    memory::check(scene, settings, &[region], &parts, job.memory_limit)
+}
+
 /// Shades a region of the frame.
 ///
 /// # Errors
 /// A setting out of range, an unknown camera, a tree in another frame than the scene ([`Scene::in_frame`]), more
-/// pixels or larger media than the memory limit allows, a page that cannot be read, or a stop on request.
+/// pixels or larger media than the memory limit allows or the machine has memory for, a page that cannot be read, or a stop on request.
 pub fn run(
     scene: &Scene,
     store: &TreeStore,
@@ -71,6 +86,7 @@ pub fn run(
         counts.insert("patches".into(), asked.patches as f64);
         counts.insert("patches_without_surfels".into(), asked.unknown as f64);
         warn_of_unknown(asked, job);
+        job.heed_warnings()?;
         let mut frame = layers::to_frame(scene, region, aovs, planes);
         let mut note =
             |name: &str, value: String| frame.attributes.insert(format!("lvox/{name}"), value);

@@ -142,6 +142,9 @@ impl Default for Settings {
 }
 
 impl Settings {
+    /// Most pixels between gathers.
+    pub const COARSEST_LATTICE: u32 = 64;
+
     /// Gather rays of a surface that the lattice missed: few pixels see it, and the lattice, which most see, is worth more.
     #[must_use]
     pub fn own_samples(&self) -> u32 {
@@ -167,7 +170,7 @@ impl Settings {
         count("--pixel-samples", self.pixel_samples, 65_536)?;
         count("--edge-samples", self.edge_samples, 65_536)?;
         count("--shadow-rays", self.shadow_rays, 4096)?;
-        count("--lattice", self.lattice, 64)?;
+        count("--lattice", self.lattice, Self::COARSEST_LATTICE)?;
         if !(0.0..=1.0).contains(&self.max_solid_angle) {
             return Err(Error::input(format!(
                 "--max-solid-angle must be 0 to 1 steradian, found {}",

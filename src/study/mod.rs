@@ -58,6 +58,7 @@ pub fn run(
     let given = given
         .map(|path| Target::read(path, scene, settings, job))
         .transpose()?;
+    job.heed_warnings()?;
     let files = Files::new(folder)?;
     let found = match Study::read(&files.json(), &origin) {
         Ok(found) => found.filter(|_| !restart),
@@ -418,6 +419,7 @@ fn render_reference(bench: &Bench, files: &Files, restart: bool, job: &Job) -> R
     };
     reference::run(scene, &monte_carlo, bench.region(), &path, restart, job)?;
     let mut target = Target::read(&path, scene, settings, job)?;
+    job.heed_warnings()?;
     let spp = settings.reference_spp;
     target.about.source = format!("path tracing with {spp} samples per pixel");
     Ok(target)

@@ -1,5 +1,6 @@
 //! The whole way from a scene to an image, on scenes that the tests make themselves.
 
+mod before_work;
 mod bytes;
 mod damage;
 mod frames;
@@ -144,12 +145,7 @@ impl Work {
 
     /// Names in the folder, sorted.
     fn names(&self) -> Vec<String> {
-        let entries = fs::read_dir(self.0.path()).unwrap();
-        let mut names: Vec<String> = entries
-            .map(|e| e.unwrap().file_name().into_string().unwrap())
-            .collect();
-        names.sort();
-        names
+        support::names(self.0.path())
     }
 }
 

@@ -7,3 +7,15 @@ pub mod program;
 pub mod random;
 pub mod skip;
 pub mod trees;
+
+use std::path::Path;
+
+/// Names in a folder, sorted.
+pub fn names(dir: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(dir).unwrap();
+    let mut names: Vec<String> = entries
+        .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    names
+}

@@ -21,12 +21,16 @@ pub fn command(dir: &Path, args: &[&str]) -> Command {
 
 /// Runs the program in a folder.
 pub fn lvox(dir: &Path, args: &[&str]) -> Run {
-    let mut command = command(dir, args);
-    let output = command.output().unwrap();
-    Run::new(&command, output)
+    Run::of(&mut command(dir, args))
 }
 
 impl Run {
+    /// Runs a command to its end.
+    pub fn of(command: &mut Command) -> Self {
+        let output = command.output().unwrap();
+        Self::new(command, output)
+    }
+
     fn new(command: &Command, output: Output) -> Self {
         let args: Vec<_> = command.get_args().map(|a| a.to_string_lossy()).collect();
         Self {

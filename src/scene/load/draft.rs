@@ -4,6 +4,7 @@
 use super::super::{Camera, Film, Grid, Light, Mesh, Scene, Volume};
 use super::files::Files;
 use super::part::{FARTHEST, Part, merge};
+use crate::run::{Cancel, memory};
 use crate::{Error, Result};
 use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec2, Vec3};
 
@@ -335,12 +336,12 @@ fn merge_parts(parts: Vec<Part>, world_from_scene: DVec3, cancel: &Cancel) -> Re
     let vertices: usize = parts.iter().map(|p| p.positions.len()).sum();
     let count: usize = parts.iter().map(|p| p.triangles.len()).sum();
     check_counts(vertices, count)?;
-    mesh.positions.reserve_exact(vertices);
-    mesh.triangles.reserve_exact(count);
-    mesh.material.reserve_exact(count);
+    mesh.positions = memory::room("the mesh", vertices)?;
+    mesh.triangles = memory::room("the mesh", count)?;
+    mesh.material = memory::room("the mesh", count)?;
     for part in parts {
-        let first_vertex = mesh.positions.len();
         cancel.check()?;
+        let first_vertex = mesh.positions.len();
         let first_material = materials.len() as u32;
         let first_texture = textures.len() as u32;
         let moved = part
@@ -360,8 +361,8 @@ fn merge_parts(parts: Vec<Part>, world_from_scene: DVec3, cancel: &Cancel) -> Re
         }
         merge(&mut mesh.uvs, uvs, first_vertex, total, Vec2::ZERO);
         for (triangle, material) in part.triangles.iter().zip(&part.material) {
-            let triangle = triangle.map(|v| v + first_vertex as u32);
             cancel.check()?;
+            let triangle = triangle.map(|v| v + first_vertex as u32);
             if has_area(triangle.map(|v| mesh.positions[v as usize].as_dvec3())) {
                 mesh.triangles.push(triangle);
                 mesh.material.push(material + first_material);

@@ -5,7 +5,7 @@
 
 use super::super::grid::{Grid, Layout};
 use crate::math::unflatten;
-use crate::run::size;
+use crate::run::{Cancel, memory, size};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
@@ -185,6 +185,7 @@ impl Field {
             ))
             .hint("crop or coarsen the grid, or prune tiles that need not be active"));
         }
+        memory::check("the grid of a volume", layout.bytes())?;
         // Row by row, so that the message can name the first bad voxel whatever the order of the threads.
         let rows = self.dims[1] * self.dims[2];
         let bad = AtomicUsize::new(usize::MAX);

@@ -6,6 +6,7 @@
 
 use super::field::{Array, Field, Number, Samples, byte_length};
 use super::files::{Files, beside};
+use crate::run::{Cancel, memory};
 use crate::{Error, Result};
 use flate2::bufread::MultiGzDecoder;
 use glam::{DAffine3, DMat3, DVec3};
@@ -16,10 +17,10 @@ use std::path::Path;
 /// No deflate stream grows by more than this on the way out.
 const MOST_INFLATION: usize = 1100;
 
-/// Reads a NRRD file; `files` is asked for the data file of a detached header.
 /// Bytes that are unpacked between two looks at whether to stop.
 const PIECE: usize = 16 << 20;
 
+/// Reads a NRRD file; `files` is asked for the data file of a detached header.
 pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<Field> {
     let (header, data_at) = Header::parse(&content)?;
     let dims = header.dims()?;
@@ -299,11 +300,20 @@ impl Header {
                         packed.len()
                     )));
                 }
-                let mut samples = Vec::with_capacity(total.min(packed.len().saturating_mul(8)));
-                MultiGzDecoder::new(packed)
-                    .take(total as u64)
-                    .read_to_end(&mut samples)
-                    .map_err(|e| Error::input(format!("the gzip data is damaged: {e}")))?;
+                let mut samples =
+                    memory::room("a volume", total.min(packed.len().saturating_mul(8)))?;
+                let mut unpacked = MultiGzDecoder::new(packed);
+                while samples.len() < total {
+                    cancel.check()?;
+                    let piece = (total - samples.len()).min(PIECE);
+                    let read = (&mut unpacked)
+                        .take(piece as u64)
+                        .read_to_end(&mut samples)
+                        .map_err(|e| Error::input(format!("the gzip data is damaged: {e}")))?;
+                    if read == 0 {
+                        break;
+                    }
+                }
                 if samples.len() < total {
                     return Err(too_short(expected, samples.len().saturating_sub(skip)));
                 }

@@ -15,6 +15,7 @@
 
 use super::part::{DEFAULT_ALBEDO, Part};
 use super::texture::linear_from_srgb;
+use crate::run::{Cancel, memory};
 use crate::scene::Material;
 use crate::{Error, Result};
 use glam::{DVec3, Vec2};
@@ -45,7 +46,16 @@ pub(super) fn read(content: &[u8], palette: Option<&[[f32; 3]]>, cancel: &Cancel
             plan.push((role, definition.data_type.clone()));
         }
         payload.check_count(element)?;
+        match name.as_str() {
+            "vertex" => part.positions = memory::room("the mesh", element.count)?,
+            "face" => {
+                part.triangles = memory::room("the mesh", element.count)?;
+                part.material = memory::room("the mesh", element.count)?;
+            }
+            _ => {}
+        }
         for i in 0..element.count {
+            cancel.check()?;
             let row = payload.row(&plan, &mut faces.polygon);
             let row = row.map_err(|e| e.at(format!("{name} {i} of {}", element.count)))?;
             match name.as_str() {
@@ -55,7 +65,6 @@ pub(super) fn read(content: &[u8], palette: Option<&[[f32; 3]]>, cancel: &Cancel
                     added.map_err(|e| e.at(format!("face {i}")))?;
                 }
                 _ => {}
-            cancel.check()?;
             }
         }
     }

@@ -21,7 +21,7 @@ const ENOUGH: usize = 6;
 /// These parts of the pixels of a region.
 ///
 /// # Errors
-/// If cancelled.
+/// If cancelled, or if there is no memory for the pixels.
 pub fn shade_region<P: Pages, M: Medium, A: Air>(
     shader: &PixelShader<P, M, A>,
     region: Region,
@@ -43,7 +43,7 @@ pub fn shade_region<P: Pages, M: Medium, A: Air>(
         let rows: Vec<Region> = (region.y0..region.y1).map(row).collect();
         shade_blocks(&rows, parts, job, task, |_| |x, y| shader.shade(x, y))
     };
-    Ok(assemble(region, parts, &blocks?))
+    assemble(region, parts, &blocks?)
 }
 
 /// The parts of a region that threads take where pixels share their corners.
@@ -70,7 +70,7 @@ fn shade_blocks<S: Fn(u32, u32) -> Pixel>(
         .map(|&block| {
             job.cancel.check()?;
             let shade = prepare(block);
-            let mut shaded = Block::new(block, parts);
+            let mut shaded = Block::new(block, parts)?;
             for (x, y) in block.coordinates() {
                 job.cancel.check()?;
                 shaded.push(parts, &shade(x, y));

@@ -7,7 +7,7 @@ use crate::Result;
 use crate::image::Region;
 use crate::light::{Lights, Shadows};
 use crate::math::{Rgb, sampling};
-use crate::run::Cancel;
+use crate::run::{Cancel, memory};
 use crate::shade::view::View;
 use crate::trace::{short_of, unit_normal};
 use glam::{DVec2, Vec3};
@@ -51,7 +51,7 @@ impl EmitterBorders {
     /// that is in a pixel.
     ///
     /// # Errors
-    /// If cancelled.
+    /// If cancelled, or if there is no memory for them.
     pub fn new(view: &View, region: Region, rays: u32, cancel: &Cancel) -> Result<Self> {
         let mut entries = Vec::new();
         let scene = view.tracer.scene;
@@ -89,7 +89,8 @@ impl EmitterBorders {
         entries.sort_unstable_by_key(|e| (e.pixel, e.triangle));
         let mut has_entries = Vec::new();
         if !entries.is_empty() {
-            has_entries.resize(region.pixels().div_ceil(64), 0);
+            let words = region.pixels().div_ceil(64);
+            has_entries = memory::filled("borders of lamps", 0, words)?;
             for e in &entries {
                 has_entries[e.pixel as usize / 64] |= 1 << (e.pixel % 64);
             }

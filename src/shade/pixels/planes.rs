@@ -1,7 +1,9 @@
 //! What is kept of shaded pixels: the numbers that were asked for, in planes.
 
 use super::pixel::Pixel;
+use crate::Result;
 use crate::image::Region;
+use crate::run::memory;
 use crate::shade::aov::{Aov, Part};
 
 /// What was asked for of a pixel, one number for each plane.
@@ -29,15 +31,16 @@ pub struct Block {
 
 impl Block {
     /// No pixels yet.
-    #[must_use]
-    pub fn new(region: Region, parts: &[Part]) -> Self {
-        let count = parts.iter().map(|p| p.planes()).sum();
-        Self {
+    ///
+    /// # Errors
+    /// If there is no memory for them.
+    pub fn new(region: Region, parts: &[Part]) -> Result<Self> {
+        let count: usize = parts.iter().map(|p| p.planes()).sum();
+        let planes = (0..count).map(|_| memory::room("a block of pixels", region.pixels()));
+        Ok(Self {
             region,
-            planes: (0..count)
-                .map(|_| Vec::with_capacity(region.pixels()))
-                .collect(),
-        }
+            planes: planes.collect::<Result<_>>()?,
+        })
     }
 
     /// The next pixel, row by row.
@@ -53,12 +56,14 @@ impl Block {
 }
 
 /// Puts blocks that cover a region together.
-#[must_use]
-pub fn assemble(region: Region, parts: &[Part], blocks: &[Block]) -> Planes {
-    let count = parts.iter().map(|p| p.planes()).sum();
+///
+/// # Errors
+/// If there is no memory for the planes.
+pub fn assemble(region: Region, parts: &[Part], blocks: &[Block]) -> Result<Planes> {
+    let count: usize = parts.iter().map(|p| p.planes()).sum();
     let width = region.width() as usize;
     let assemble = |k: usize| {
-        let mut plane = vec![0.0; region.pixels()];
+        let mut plane = memory::filled("a plane of the frame", 0.0, region.pixels())?;
         for block in blocks {
             let part = block.region;
             let rows = block.planes[k].chunks_exact(part.width() as usize);
@@ -67,7 +72,7 @@ pub fn assemble(region: Region, parts: &[Part], blocks: &[Block]) -> Planes {
                 plane[first..first + row.len()].copy_from_slice(row);
             }
         }
-        plane
+        Ok(plane)
     };
     (0..count).map(assemble).collect()
 }
@@ -97,14 +102,14 @@ mod tests {
             .blocks(3)
             .into_iter()
             .map(|part| {
-                let mut block = Block::new(part, &parts);
+                let mut block = Block::new(part, &parts).unwrap();
                 for (x, y) in part.coordinates() {
                     block.push(&parts, &shaded(x, y));
                 }
                 block
             })
             .collect();
-        let planes = assemble(region, &parts, &blocks);
+        let planes = assemble(region, &parts, &blocks).unwrap();
         assert_eq!(planes.len(), 5);
         for (i, (x, y)) in region.coordinates().enumerate() {
             let got: Vec<f32> = planes.iter().map(|p| p[i]).collect();

@@ -1,0 +1,171 @@
+//! What memory the machine has for us, and lists that say so where they do not get theirs.
+
+use super::size;
+use crate::{Error, Result};
+use std::fmt::Display;
+use std::fs;
+use std::path::Path;
+
+const SMALL: u64 = 16 << 20;
+
+/// Refuses what takes more memory than there is, before it is begun. `least` is what is surely held at one time; where the
+/// system does not tell what it has, nothing is refused.
+///
+/// # Errors
+/// [`crate::Kind::Failed`] with both sizes: another machine may have it.
+pub fn check(what: impl Display, least: u64) -> Result<()> {
+    // Every machine has that, and asking takes a while.
+    if least < SMALL {
+        return Ok(());
+    }
+    check_in(what, least, available())
+}
+
+fn check_in(what: impl Display, least: u64, available: Option<u64>) -> Result<()> {
+    match available {
+        Some(available) if least > available => Err(Error::failed(format!(
+            "{what} needs {} of memory, the machine has {}",
+            size::format(least),
+            size::format(available)
+        ))
+        .hint("use a machine or a job with more memory")),
+        _ => Ok(()),
+    }
+}
+
+/// An empty list with room for `count` values.
+///
+/// # Errors
+/// [`crate::Kind::Failed`] if the system does not give it; `what` needs it.
+pub fn room<T>(what: impl Display, count: usize) -> Result<Vec<T>> {
+    let mut list = Vec::new();
+    list.try_reserve_exact(count).map_err(|_| {
+        let bytes = (count as u64).saturating_mul(size_of::<T>() as u64);
+        Error::failed(format!(
+            "{what} needs {} of memory, which the system does not give",
+            size::format(bytes)
+        ))
+        .hint("use a machine or a job with more memory")
+    })?;
+    Ok(list)
+}
+
+/// `count` times the same value; as [`room`].
+///
+/// # Errors
+/// As [`room`].
+pub fn filled<T: Clone>(what: impl Display, value: T, count: usize) -> Result<Vec<T>> {
+    let mut list = room(what, count)?;
+    list.resize(count, value);
+    Ok(list)
+}
+
+/// Bytes that this process may still get, swapped out or not: of the machine, of its control groups, and of its own limit
+/// on addresses. Rather too much than too little.
+fn available() -> Option<u64> {
+    let read = |path: &str| fs::read_to_string(path).ok();
+    let swap = |info: &str| kib(info, "SwapFree:").unwrap_or(0);
+    let status = read("/proc/self/status")?;
+    let info = read("/proc/meminfo")?;
+    // The kernel counts as available less than it could free.
+    let machine = kib(&info, "MemAvailable:").map(|free| free + free / 8 + swap(&info));
+    let held = kib(&status, "RssAnon:").unwrap_or(0);
+    let group = read("/proc/self/cgroup").and_then(|groups| group_limit(&groups));
+    let group = group.map(|limit| limit.saturating_add(swap(&info)).saturating_sub(held));
+    let mapped = kib(&status, "VmSize:").unwrap_or(0);
+    let addresses = read("/proc/self/limits").and_then(|limits| address_limit(&limits));
+    let addresses = addresses.map(|limit| limit.saturating_sub(mapped));
+    [machine, group, addresses].into_iter().flatten().min()
+}
+
+/// Bytes on a line such as `MemAvailable:   1024 kB`.
+fn kib(text: &str, name: &str) -> Option<u64> {
+    let line = text.lines().find_map(|l| l.strip_prefix(name))?;
+    let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    kib.checked_mul(1024)
+}
+
+/// The soft limit on addresses; `None` for no limit.
+fn address_limit(limits: &str) -> Option<u64> {
+    let line = limits
+        .lines()
+        .find_map(|l| l.strip_prefix("Max address space"))?;
+    line.split_whitespace().next()?.parse().ok()
+}
+
+/// The least limit of the control groups that a process is in, by the lines of its `cgroup` file.
+fn group_limit(groups: &str) -> Option<u64> {
+    let limits = groups.lines().filter_map(|line| {
+        let mut parts = line.splitn(3, ':').skip(1);
+        let (kind, group) = (parts.next()?, parts.next()?);
+        let (root, name) = match kind {
+            "" => ("/sys/fs/cgroup", "memory.max"),
+            _ if kind.split(',').any(|k| k == "memory") => {
+                ("/sys/fs/cgroup/memory", "memory.limit_in_bytes")
+            }
+            _ => return None,
+        };
+        // A group is bound by those that it is in. Inside a container paths may be those of the host.
+        let above = Path::new(group.trim_start_matches('/')).ancestors();
+        let limits = above.filter_map(|group| {
+            let text = fs::read_to_string(Path::new(root).join(group).join(name)).ok()?;
+            text.trim().parse().ok()
+        });
+        limits.min()
+    });
+    limits.min()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_does_not_fit_says_what_there_is() {
+        check_in("x", 4096, None).unwrap();
+        check_in("x", 4096, Some(4096)).unwrap();
+        let error = check_in("shading 9 pixels", 4096, Some(1)).unwrap_err();
+        assert_eq!(error.kind(), crate::Kind::Failed);
+        assert_eq!(
+            error.to_string(),
+            "shading 9 pixels needs 4.00 KiB of memory, the machine has 1 B"
+        );
+        assert!(error.hint_text().is_some());
+    }
+
+    #[test]
+    fn a_list_that_is_too_long_is_an_error() {
+        assert_eq!(filled("x", 7_u8, 3).unwrap(), [7; 3]);
+        let error = room::<u64>("the frame", usize::MAX / 16).unwrap_err();
+        assert_eq!(error.kind(), crate::Kind::Failed);
+        let message = error.to_string();
+        assert!(
+            message.starts_with("the frame needs 8388608 TiB"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn what_linux_tells_is_read() {
+        let info = "MemTotal:  24 kB\nMemAvailable:       16 kB\nSwapFree: x kB\n";
+        assert_eq!(kib(info, "MemAvailable:"), Some(16384));
+        assert_eq!(kib(info, "SwapFree:"), None);
+        let limit = |soft: &str| {
+            address_limit(&format!(
+                "Limit  Soft Limit  Hard Limit  Units\nMax address space  {soft}  unlimited  bytes\n"
+            ))
+        };
+        assert_eq!(limit("3000"), Some(3000));
+        assert_eq!(limit("unlimited"), None);
+        assert_eq!(group_limit("5:cpu:/\n"), None);
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_machine_has_memory_but_not_without_end() {
+        let available = available().unwrap();
+        assert!((1 << 20..1 << 50).contains(&available), "{available}");
+        check("a test", 1).unwrap();
+        check("a test", u64::MAX).unwrap_err();
+    }
+}
