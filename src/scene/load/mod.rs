@@ -16,6 +16,7 @@ mod part;
 mod place;
 mod ply;
 mod raw;
+mod surfaces;
 mod table;
 mod texture;
 mod vdb;

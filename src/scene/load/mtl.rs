@@ -1,13 +1,69 @@
 //! Wavefront MTL: `Kd`, `map_Kd` and `Ke`, all linear but for the texture. What else changes looks and is left out, `d`,
-//! `map_d` and `map_Ke`, is warned of.
+//! `map_d` and `map_Ke`, is warned of, and in one line what is not diffuse: `illum` 3 to 10, `Ks` above what exporters write
+//! for plain surfaces, `map_Ks`, `refl`, `Pm`, `Pc`, `Ps` and their maps, and bumps. `Ns`, `Ni`, `Tf` and `Pr` say nothing
+//! by themselves.
 
 use super::super::{Material, Texture};
 use super::files::{Files, beside};
 use super::part::DEFAULT_ALBEDO;
+use super::surfaces::{LeftOut, Look};
 use super::texture;
 use crate::{Error, Result};
 use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
+
+/// Highlights of at most this are those of any plastic; exporters write it for all that is not told apart.
+const PLAIN_HIGHLIGHT: f32 = 0.5;
+
+/// What a material says of itself beyond its diffuse reflection.
+#[derive(Default)]
+struct Beyond {
+    illum: Option<u32>,
+    highlight: Option<[f32; 3]>,
+    exponent: Option<f32>,
+    has_highlight_map: bool,
+    others: Vec<Look>,
+}
+
+impl Beyond {
+    /// Takes a statement in.
+    fn read(&mut self, word: &str, rest: &str) {
+        let is_above_0 = || color(rest).is_ok_and(|c| c.iter().any(|v| *v > 0.0));
+        match word.to_ascii_lowercase().as_str() {
+            "illum" => self.illum = rest.parse().ok(),
+            "ks" => self.highlight = color(rest).ok(),
+            "ns" => self.exponent = rest.parse().ok(),
+            "map_ks" => self.has_highlight_map = true,
+            "pm" if is_above_0() => self.others.push(Look::Metal),
+            "map_pm" => self.others.push(Look::Metal),
+            "pc" if is_above_0() => self.others.push(Look::Coat),
+            "ps" if is_above_0() => self.others.push(Look::Sheen),
+            "map_ps" => self.others.push(Look::Sheen),
+            "refl" | "map_refl" => self.others.push(Look::Mirror),
+            "bump" | "map_bump" | "disp" | "norm" | "map_kn" => self.others.push(Look::Bump),
+            _ => {}
+        }
+    }
+
+    /// What would be seen of it.
+    fn looks(self) -> Vec<Look> {
+        let mut looks = self.others;
+        let brightest = self.highlight.map(|c| c.into_iter().fold(0.0, f32::max));
+        let is_black = brightest == Some(0.0);
+        match self.illum {
+            Some(4 | 6 | 7 | 9 | 10) => looks.push(Look::Glass),
+            Some(3 | 5 | 8) if !is_black => looks.push(Look::Mirror),
+            // These have no highlights, whatever is said of them.
+            Some(0 | 1) => {}
+            // Nor do these, which spread over all directions.
+            _ if self.exponent.is_some_and(|e| e <= 1.0) => {}
+            _ if brightest > Some(PLAIN_HIGHLIGHT) => looks.push(Look::Highlight),
+            _ if self.has_highlight_map && !is_black => looks.push(Look::Highlight),
+            _ => {}
+        }
+        looks
+    }
+}
 
 /// Reads the materials of an MTL file and the textures that they refer to.
 pub(super) fn read(
@@ -21,6 +77,7 @@ pub(super) fn read(
     let mut loaded = HashMap::new();
     let mut has_kd = false;
     let (mut see_through, mut emissive_textures) = (BTreeSet::new(), BTreeSet::new());
+    let mut beyond: Vec<Beyond> = Vec::new();
     for (number, line) in text.lines().enumerate() {
         let line = line.trim();
         let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
@@ -28,12 +85,14 @@ pub(super) fn read(
         let place = || format!("line {}", number + 1);
         if word == "newmtl" {
             materials.push(Material::diffuse(rest, DEFAULT_ALBEDO));
+            beyond.push(Beyond::default());
             has_kd = false;
             continue;
         }
-        let Some(material) = materials.last_mut() else {
+        let (Some(material), Some(beyond)) = (materials.last_mut(), beyond.last_mut()) else {
             continue;
         };
+        beyond.read(word, rest);
         match word {
             "Kd" => {
                 material.albedo = color(rest).map_err(|e| e.at(place()))?;
@@ -85,6 +144,14 @@ pub(super) fn read(
         emissive_textures,
         "emissive textures, `map_Ke`, are left out",
     );
+    let mut left_out = LeftOut::default();
+    for (i, beyond) in beyond.into_iter().enumerate() {
+        let looks = beyond.looks().into_iter();
+        looks.for_each(|look| left_out.add(look, i));
+    }
+    if let Some(what) = left_out.told(materials.len()) {
+        files.warn(format!("{}: {what}", path.display()));
+    }
     Ok((materials, textures))
 }
 
@@ -153,6 +220,50 @@ mod tests {
             files.warnings,
             ["x.mtl: emissive textures, `map_Ke`, are left out: `screen`"]
         );
+    }
+
+    #[test]
+    fn what_is_not_diffuse_is_summed_up_in_a_line() {
+        let warnings = |text: &str| {
+            let mut files = Files::default();
+            read(text.as_bytes(), Path::new("x.mtl"), &mut files).unwrap();
+            files.warnings
+        };
+        let text = "newmtl a\nillum 5\nNi 1.5\nnewmtl b\nillum 7\nTf 1 1 1\nmap_Bump -bm 1 b.png\nbump b.png\n\
+                    newmtl c\nKs 0.9 0.6 0.1\nillum 2\nnewmtl d\nillum 4\nnewmtl e\nPm 1\nPc 0.2\n";
+        assert_eq!(
+            warnings(text),
+            [
+                "x.mtl: all surfaces are taken as diffuse; of 5 materials this leaves out mirrors of 1, glass of 2, metal \
+                 of 1, highlights of 1, clear coats of 1, bumps and normal maps of 1"
+            ]
+        );
+        for seen in [
+            "map_Ks a.png",
+            "refl a.png",
+            "Ks 1 1 1",
+            "illum 10",
+            "illum 3\nKs 0.1",
+            "disp a.png",
+        ] {
+            assert_eq!(warnings(&format!("newmtl a\n{seen}\n")).len(), 1, "{seen}");
+        }
+        // What exporters write for anything.
+        for plain in [
+            "Ns 250\nKa 1 1 1\nKs 0.5 0.5 0.5\nKe 0 0 0\nNi 1.45\nd 1\nillum 2",
+            "Ns 10\nNi 1.5\nd 1\nTr 0\nTf 1 1 1\nillum 2\nKs 0 0 0",
+            "Pr 0.5\nPm 0\nPs 0\nPc 0\nPcr 0.03\naniso 0\nanisor 0",
+            "Ks 0 0 0\nillum 3",
+            "Ks 1 1 1\nmap_Ks a.png\nillum 1",
+            "Ka 0.2 0.2 0.2\nKs 1 1 1\nTr 1\nillum 2\nNs 0",
+            "Ks 0 0 0\nmap_Ks a.png",
+        ] {
+            assert_eq!(
+                warnings(&format!("newmtl a\n{plain}\n")),
+                [] as [String; 0],
+                "{plain}"
+            );
+        }
     }
 
     #[test]

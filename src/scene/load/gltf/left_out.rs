@@ -1,6 +1,7 @@
 //! What a glTF file has that is not read, for the user to know.
 
-use gltf::Document;
+use super::super::surfaces::{LeftOut, Look};
+use gltf::{Document, Material};
 
 /// Extensions that are read here or by the crate.
 const READ: [&str; 3] = [
@@ -40,5 +41,32 @@ pub(super) fn told(document: &Document) -> Vec<String> {
     ];
     let motion = motion.into_iter().filter(|(_, is_there)| *is_there);
     let moved = |(what, _)| format!("{what} left out: meshes and nodes are where they are without");
-    extensions.map(extension).chain(motion.map(moved)).collect()
+    let surfaces = of_surfaces(document);
+    let extensions = extensions.map(extension);
+    extensions
+        .chain(motion.map(moved))
+        .chain(surfaces)
+        .collect()
+}
+
+/// What materials ask for beyond diffuse reflection, extensions apart.
+fn of_surfaces(document: &Document) -> Option<String> {
+    let mut left_out = LeftOut::default();
+    for (i, material) in document.materials().enumerate() {
+        if is_metal(&material) {
+            left_out.add(Look::Metal, i);
+        }
+        if material.normal_texture().is_some() {
+            left_out.add(Look::Bump, i);
+        }
+    }
+    left_out.told(document.materials().len())
+}
+
+/// Whether it would look like metal. One as rough as can be is nearly diffuse; so is one of which nothing is said, for which
+/// the format has full metal, as rough as can be.
+fn is_metal(material: &Material<'_>) -> bool {
+    let base = material.pbr_metallic_roughness();
+    let is_smooth = base.roughness_factor() < 1.0 || base.metallic_roughness_texture().is_some();
+    base.metallic_factor() > 0.0 && is_smooth
 }

@@ -257,6 +257,36 @@ fn extensions_of_looks_that_are_not_read_are_named_once() {
 }
 
 #[test]
+fn metal_and_normal_maps_are_summed_up_in_a_line() {
+    let (json, bin) = sample();
+    let warnings = |material: Value| {
+        let mut json = json.clone();
+        json["images"] = json!([{ "uri": "data:image/png;base64,AAAA" }]);
+        json["textures"] = json!([{ "source": 0 }]);
+        json["materials"].as_array_mut().unwrap().push(material);
+        let mut files = Files::default();
+        read(&glb(&json, &bin), Path::new("x.glb"), &mut files).unwrap();
+        files.warnings
+    };
+    let told = "x.glb: all surfaces are taken as diffuse; of 2 materials this leaves out";
+    let smooth = json!({ "pbrMetallicRoughness": { "roughnessFactor": 0.2 } });
+    assert_eq!(warnings(smooth), [format!("{told} metal of 1")]);
+    let both = json!({
+        "normalTexture": { "index": 0 },
+        "pbrMetallicRoughness": { "metallicRoughnessTexture": { "index": 0 } }
+    });
+    let expected = format!("{told} metal of 1, bumps and normal maps of 1");
+    assert_eq!(warnings(both), [expected]);
+    for plain in [
+        json!({}),
+        json!({ "pbrMetallicRoughness": {} }),
+        json!({ "pbrMetallicRoughness": { "metallicFactor": 0, "roughnessFactor": 0 } }),
+    ] {
+        assert_eq!(warnings(plain), [] as [String; 0]);
+    }
+}
+
+#[test]
 fn what_moves_meshes_and_is_left_out_is_said() {
     let (mut json, bin) = sample();
     json["skins"] = json!([{ "joints": [0] }]);
