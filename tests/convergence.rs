@@ -9,7 +9,7 @@ use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade::{self, Kernel};
 use lvox::study::record::Slope;
-use lvox::study::{self, Settings, Study};
+use lvox::study::{self, Method, Settings, Study};
 use std::fs;
 use std::ops::Range;
 use std::path::Path;
@@ -176,7 +176,7 @@ fn errors_fall_at_their_rates() {
             s.floor
         );
     }
-    let slope = |method: &str, setting: &str| -> &Slope {
+    let slope = |method: Method, setting: &str| -> &Slope {
         let is = |s: &&Slope| s.method == method && s.setting == setting;
         slopes().find(is).unwrap()
     };
@@ -187,7 +187,11 @@ fn errors_fall_at_their_rates() {
         );
     };
     // Variance goes as one over the samples, with Sobol points a little faster.
-    within(slope("monte carlo", "spp").exponent, -1.24..-0.94, "spp");
+    within(
+        slope(Method::MonteCarlo, "spp").exponent,
+        -1.24..-0.94,
+        "spp",
+    );
     // Powers of the whole sweeps, which end on a common floor, and of the coarsest two values, 0.15 around what is measured. What surfels and nodes get
     // wrong lies along edges of light, so the squared error falls as the width of those edges and not as its square.
     for (setting, whole, coarse) in [
@@ -198,7 +202,7 @@ fn errors_fall_at_their_rates() {
         ("block-depth", -0.22..0.08, -0.22..0.08),
         ("block-voxels", 0.41..0.71, 1.38..1.68),
     ] {
-        let slope = slope("extended", setting);
+        let slope = slope(Method::Extended, setting);
         within(slope.exponent, whole, setting);
         within(slope.coarse_exponent, coarse, setting);
         // All sweeps end at the same small error, which is more than what the reference has itself.
@@ -209,7 +213,7 @@ fn errors_fall_at_their_rates() {
     eprintln!("pixel-samples {own:?}");
     within(power(&own), -1.17..-0.87, "pixel-samples");
     // Surfels alone do not get there, however fine.
-    for slope in slopes().filter(|s| s.method == "traditional") {
+    for slope in slopes().filter(|s| s.method == Method::Traditional) {
         assert!(slope.floor > 1e-2, "{slope:?}");
     }
 }

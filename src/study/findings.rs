@@ -1,6 +1,7 @@
 //! What the numbers of a study say: how fast errors fall, how long Monte Carlo takes for the same, and which runs no other
 //! beats.
 
+use super::method::Method;
 use super::record::{Errors, Findings, Run, Slope, Study, Versus};
 
 /// How many times the longest run of Monte Carlo its curve is followed: beyond that two runs say nothing.
@@ -62,7 +63,7 @@ impl Curve {
             Metric::Pdiff => 0.5 / (width * height).max(1.0),
             Metric::RelMse | Metric::Flip => f64::MIN_POSITIVE,
         };
-        let runs = study.runs.iter().filter(|r| r.method == "monte carlo");
+        let runs = study.runs.iter().filter(|r| r.method == Method::MonteCarlo);
         let mut points: Vec<(f64, f64)> = runs
             .filter_map(|r| Some((r.time().cpu_secs, metric.of(&r.errors)?.max(least))))
             .filter(|p| p.0 > 0.0)
@@ -137,7 +138,7 @@ impl Study {
 
     fn slopes(&self) -> Vec<Slope> {
         let mut slopes = Vec::new();
-        for method in ["monte carlo", "traditional", "extended"] {
+        for method in Method::ALL {
             let runs: Vec<&Run> = self.runs.iter().filter(|r| r.method == method).collect();
             let mut sweeps: Vec<&str> = runs.iter().map(|r| r.sweep.as_str()).collect();
             sweeps.retain(|s| *s != "base" && *s != "paper");
@@ -156,7 +157,7 @@ impl Study {
 
     /// Values of a setting and relMSE of the runs that vary it, and of the base. `surfel-radius` is that of the clouds.
     #[must_use]
-    pub fn sweep(&self, method: &str, setting: &str) -> Vec<(f64, f64)> {
+    pub fn sweep(&self, method: Method, setting: &str) -> Vec<(f64, f64)> {
         let of_clouds = setting == "surfel-radius";
         let sweep = if of_clouds { "surfels" } else { setting };
         self.runs
@@ -197,7 +198,7 @@ impl Study {
             let Some(curve) = Curve::new(self, metric) else {
                 continue;
             };
-            for run in self.runs.iter().filter(|r| r.method != "monte carlo") {
+            for run in self.runs.iter().filter(|r| r.method != Method::MonteCarlo) {
                 let secs = run.time().cpu_secs;
                 let Some(error) = metric.of(&run.errors).filter(|_| secs > 0.0) else {
                     continue;
@@ -234,7 +235,7 @@ pub fn rises(setting: &str) -> bool {
     ["spp", "samples", "surfels"].contains(&setting)
 }
 
-fn slope(method: &str, setting: &str, mut points: Vec<(f64, f64)>) -> Option<Slope> {
+fn slope(method: Method, setting: &str, mut points: Vec<(f64, f64)>) -> Option<Slope> {
     points.retain(|(x, y)| *x > 0.0 && *y > 0.0);
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
     if !rises(setting) {
@@ -244,7 +245,7 @@ fn slope(method: &str, setting: &str, mut points: Vec<(f64, f64)>) -> Option<Slo
         return None;
     };
     Some(Slope {
-        method: method.into(),
+        method,
         setting: setting.into(),
         exponent: fit(&points)?,
         coarse_exponent: fit(&points[..2])?,
@@ -271,14 +272,14 @@ mod tests {
     use super::super::record::{Cloud, Reference, Timing};
     use super::*;
 
-    fn run(method: &str, sweep: &str, value: f64, secs: f64, relmse: f64, pdiff: f64) -> Run {
+    fn run(method: Method, sweep: &str, value: f64, secs: f64, relmse: f64, pdiff: f64) -> Run {
         let round = |f: f64| Timing {
             wall_secs: secs * f,
             cpu_secs: secs * f,
         };
         Run {
             name: format!("{method}-{sweep}-{value}"),
-            method: method.into(),
+            method,
             sweep: sweep.into(),
             values: [(sweep.to_owned(), value)].into(),
             rounds: vec![round(9.0), round(1.0), round(0.5)],
@@ -299,13 +300,13 @@ mod tests {
                 ..Reference::default()
             },
             runs: vec![
-                run("monte carlo", "spp", 1.0, 1.0, 1.001, 0.4),
-                run("monte carlo", "spp", 4.0, 4.0, 0.251, 0.2),
-                run("monte carlo", "spp", 16.0, 16.0, 0.0635, 0.02),
-                run("extended", "base", 0.0, 2.0, 0.011, 0.1),
-                run("extended", "samples", 4.0, 1.0, 0.2, 0.0),
-                run("extended", "samples", 8.0, 1.5, 0.05, 0.3),
-                run("extended", "samples", 16.0, 2.5, 0.025, 0.001),
+                run(Method::MonteCarlo, "spp", 1.0, 1.0, 1.001, 0.4),
+                run(Method::MonteCarlo, "spp", 4.0, 4.0, 0.251, 0.2),
+                run(Method::MonteCarlo, "spp", 16.0, 16.0, 0.0635, 0.02),
+                run(Method::Extended, "base", 0.0, 2.0, 0.011, 0.1),
+                run(Method::Extended, "samples", 4.0, 1.0, 0.2, 0.0),
+                run(Method::Extended, "samples", 8.0, 1.5, 0.05, 0.3),
+                run(Method::Extended, "samples", 16.0, 2.5, 0.025, 0.001),
             ],
             ..Study::default()
         };
@@ -332,7 +333,7 @@ mod tests {
     fn radius_is_fitted_from_the_clouds_and_falls_towards_zero() {
         let mut study = Study::default();
         for (name, radius, error) in [("a", 0.4, 0.16), ("b", 0.2, 0.04), ("c", 0.1, 0.01)] {
-            let mut run = run("extended", "surfels", 1.0 / radius, 1.0, error, 0.1);
+            let mut run = run(Method::Extended, "surfels", 1.0 / radius, 1.0, error, 0.1);
             run.cloud = Some(name.into());
             study.runs.push(run);
             study.clouds.push(Cloud {
@@ -380,7 +381,7 @@ mod tests {
     fn what_was_not_measured_stands_in_brackets_and_what_is_far_is_a_bound() {
         let mut study = study();
         // Faster than any run of Monte Carlo, and almost as good as the reference.
-        let mut fast = run("extended", "paper", 0.0, 0.5, 0.0011, 0.0);
+        let mut fast = run(Method::Extended, "paper", 0.0, 0.5, 0.0011, 0.0);
         fast.rounds.truncate(2);
         fast.rounds[0] = fast.rounds[1];
         study.runs.push(fast);

@@ -8,11 +8,13 @@ pub mod findings;
 mod html;
 mod labels;
 mod measure;
+mod method;
 pub mod plan;
 mod plots;
 pub mod record;
 mod table;
 
+pub use method::Method;
 pub use plan::Settings;
 pub use record::Study;
 
@@ -315,7 +317,7 @@ fn measure(
     study.runs.push(Run {
         name: variant.name.clone(),
         key: variant.key(bench.settings),
-        method: variant.method.into(),
+        method: variant.method,
         sweep: variant.sweep.into(),
         values: variant.values(),
         cloud: cloud_name,

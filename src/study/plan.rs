@@ -1,8 +1,9 @@
 //! What a study runs: one setting varied at a time, around the defaults.
 
+use super::method::Method;
 use crate::bake::lvoxels::BlockSize;
 use crate::bake::{self, SurfelSampling};
-use crate::shade::{self, Method};
+use crate::shade;
 use crate::{Error, Result};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -146,9 +147,9 @@ impl Settings {
     pub fn variants(&self, has_media: bool) -> Vec<Variant> {
         let mut columns = vec![self.monte_carlo()];
         if has_media {
-            columns.push(self.points(Method::Traditional, true));
+            columns.push(self.points(shade::Method::Traditional, true));
         }
-        columns.push(self.points(Method::Extended, has_media));
+        columns.push(self.points(shade::Method::Extended, has_media));
         let longest = columns.iter().map(Vec::len).max().unwrap_or(0);
         (0..longest)
             .flat_map(|i| columns.iter().filter_map(move |c| c.get(i).cloned()))
@@ -160,18 +161,15 @@ impl Settings {
             .iter()
             .map(|&spp| Variant {
                 name: format!("monte-carlo-{spp}"),
-                method: "monte carlo",
+                method: Method::MonteCarlo,
                 sweep: "spp",
                 how: How::MonteCarlo { spp },
             })
             .collect()
     }
 
-    fn points(&self, method: Method, has_media: bool) -> Vec<Variant> {
-        let label = match method {
-            Method::Extended => "extended",
-            Method::Traditional => "traditional",
-        };
+    fn points(&self, method: shade::Method, has_media: bool) -> Vec<Variant> {
+        let label = Method::from(method);
         let base = Points {
             surfels: self.surfels.last().copied().unwrap_or(1),
             blocks: BlockSize::OpticalDepth(self.block_depth.first().copied().unwrap_or(0.7)),
@@ -199,7 +197,7 @@ impl Settings {
             }
         };
         add("base", String::new(), base.clone());
-        if let (Some(voxels), Method::Extended) = (self.paper_cloud, method) {
+        if let (Some(voxels), Method::Extended) = (self.paper_cloud, label) {
             add("paper", String::new(), base.of_the_paper(voxels));
         }
         for &surfels in &self.surfels {
@@ -219,7 +217,7 @@ impl Settings {
             points.shade.max_solid_angle = max_solid_angle;
             add("max-solid-angle", max_solid_angle.to_string(), points);
         }
-        if method == Method::Extended && has_media {
+        if label == Method::Extended && has_media {
             for &block_depth in &self.block_depth {
                 let points = Points {
                     blocks: BlockSize::OpticalDepth(block_depth),
@@ -244,8 +242,8 @@ impl Settings {
 pub struct Variant {
     /// Unique name, fit for a file.
     pub name: String,
-    /// `monte carlo`, `traditional` or `extended`.
-    pub method: &'static str,
+    /// How it renders.
+    pub method: Method,
     /// The setting that is varied; `base` for none, `paper` for a cloud like the paper's.
     pub sweep: &'static str,
     /// What to do.
@@ -384,7 +382,7 @@ mod tests {
             let names: BTreeSet<_> = variants.iter().map(|v| &v.name).collect();
             assert_eq!(names.len(), variants.len());
             let first: Vec<_> = variants[..3].iter().map(|v| v.method).collect();
-            assert_eq!(first, ["monte carlo", "traditional", "extended"]);
+            assert_eq!(first, Method::ALL);
             assert_eq!(variants.iter().filter(|v| v.sweep == "base").count(), 2);
         }
     }

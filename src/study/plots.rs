@@ -2,6 +2,7 @@
 
 use super::findings::rises;
 use super::labels::{self, LINE, Rect};
+use super::method::Method;
 use super::record::{Run, Study};
 use crate::{Error, Result};
 use plotters::prelude::*;
@@ -28,10 +29,10 @@ struct Series {
     names: Vec<String>,
 }
 
-const COLORS: [(&str, RGBColor); 3] = [
-    ("monte carlo", RGBColor(86, 86, 86)),
-    ("traditional", RGBColor(213, 94, 0)),
-    ("extended", RGBColor(0, 114, 178)),
+const COLORS: [(Method, RGBColor); 3] = [
+    (Method::MonteCarlo, RGBColor(86, 86, 86)),
+    (Method::Traditional, RGBColor(213, 94, 0)),
+    (Method::Extended, RGBColor(0, 114, 178)),
 ];
 
 /// Names of all plots that there can be.
@@ -135,10 +136,10 @@ fn by_method(study: &Study, point: &dyn Fn(&Run) -> Option<(f64, f64)>) -> Vec<S
         .map(|&(method, color)| {
             let runs = study.runs.iter().filter(|r| r.method == method);
             Series {
-                label: method.into(),
+                label: method.to_string(),
                 color,
                 points: sorted(runs.filter_map(point).collect()),
-                joined: method == "monte carlo",
+                joined: method == Method::MonteCarlo,
                 names: Vec::new(),
             }
         })
@@ -156,7 +157,7 @@ fn sorted(mut points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     points
 }
 
-fn cloud_sweep<'a>(study: &'a Study, method: &'a str) -> impl Iterator<Item = &'a Run> {
+fn cloud_sweep(study: &Study, method: Method) -> impl Iterator<Item = &Run> {
     study
         .runs
         .iter()
@@ -170,7 +171,7 @@ fn error_over_surfels(study: &Study) -> Vec<Series> {
             let points = cloud_sweep(study, method)
                 .filter_map(|r| Some((study.cloud_of(r)?.surfels as f64, r.errors.relmse?)));
             Series {
-                label: method.into(),
+                label: method.to_string(),
                 color,
                 points: sorted(points.collect()),
                 joined: true,
@@ -192,7 +193,7 @@ fn error_over_settings(study: &Study) -> Vec<Series> {
     SETTINGS
         .iter()
         .map(|&(setting, color)| {
-            let found = study.sweep("extended", setting);
+            let found = study.sweep(Method::Extended, setting);
             // All settings are coarser upwards once those that are finer upwards are turned over.
             let coarse = |v: f64| if rises(setting) { 1.0 / v } else { v };
             let finest = found
@@ -213,7 +214,7 @@ fn error_over_settings(study: &Study) -> Vec<Series> {
 
 fn time_over_surfels(study: &Study) -> Vec<Series> {
     let series = |label: &str, color, pick: &dyn Fn(&Run) -> Option<f64>| {
-        let points = cloud_sweep(study, "extended")
+        let points = cloud_sweep(study, Method::Extended)
             .filter_map(|r| Some((study.cloud_of(r)?.surfels as f64, pick(r)?)));
         Series {
             label: label.into(),
@@ -414,7 +415,7 @@ mod tests {
     fn run(name: &str, sweep: &str, relmse: f64) -> Run {
         Run {
             name: name.into(),
-            method: "extended".into(),
+            method: Method::Extended,
             sweep: sweep.into(),
             rounds: vec![Timing {
                 wall_secs: 1.0,

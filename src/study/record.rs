@@ -1,5 +1,6 @@
 //! What a study has measured, and the file that keeps it.
 
+use super::method::Method;
 use super::plan::{Settings, Variant};
 use crate::run::Output;
 use crate::{Error, Result};
@@ -53,7 +54,7 @@ pub struct Findings {
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Slope {
     /// Method.
-    pub method: String,
+    pub method: Method,
     /// Setting; `surfel-radius`, in scene units, is the sweep over surfels again.
     pub setting: String,
     /// Exponent of relMSE over the setting, by all runs of the sweep.
@@ -208,8 +209,8 @@ pub struct Run {
     pub name: String,
     /// Digest of all settings that it depends on, from [`super::plan::Variant::key`].
     pub key: String,
-    /// `monte carlo`, `traditional` or `extended`.
-    pub method: String,
+    /// How it renders.
+    pub method: Method,
     /// The setting that is varied; `base` for none, `paper` for a cloud like the paper's.
     pub sweep: String,
     /// All settings that any run varies, by name.

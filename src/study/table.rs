@@ -1,6 +1,7 @@
 //! The numbers of a study as text: a table in the form of the paper's Table 1 in Markdown, and all runs as CSV.
 
 use super::findings::{FARTHEST, Metric};
+use super::method::Method;
 use super::record::{Cloud, Run, Study, Versus};
 use std::fmt::Write;
 
@@ -123,7 +124,7 @@ fn equal_time(versus: Option<&Versus>, per_unit: f64) -> String {
 /// What a method keeps: surfels alone need no lvoxels.
 fn tree_memory(cloud: Option<&Cloud>, run: &Run) -> String {
     cloud.map_or("–".into(), |c| {
-        let left_out = if run.method == "traditional" {
+        let left_out = if run.method == Method::Traditional {
             c.lvoxel_bytes
         } else {
             0
@@ -134,7 +135,7 @@ fn tree_memory(cloud: Option<&Cloud>, run: &Run) -> String {
 
 fn lvoxel_memory(cloud: Option<&Cloud>, run: &Run) -> String {
     match cloud {
-        Some(c) if run.method != "traditional" => format!(
+        Some(c) if run.method != Method::Traditional => format!(
             "{} ({} %)",
             megabytes(c.lvoxel_bytes),
             figure(100.0 * c.lvoxel_share())
@@ -161,7 +162,7 @@ pub fn slopes(study: &Study) -> Table {
         rows: rows
             .map(|s| {
                 vec![
-                    s.method.clone(),
+                    s.method.to_string(),
                     s.setting.clone(),
                     format!("{:.2}", s.exponent),
                     format!("{:.2}", s.coarse_exponent),
