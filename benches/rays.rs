@@ -7,9 +7,10 @@
 
 #![allow(clippy::print_stdout)] // The table is the product.
 
+#[path = "../tests/support/trees.rs"]
+mod trees;
+
 use glam::{Vec3, Vec3A};
-use lvox::bake::{self, SurfelSampling};
-use lvox::build;
 use lvox::gather::cone::Scratch;
 use lvox::gather::store::KeptTree;
 use lvox::gather::{
@@ -17,7 +18,7 @@ use lvox::gather::{
 };
 use lvox::math::Rgb;
 use lvox::math::sampling::{cosine_hemisphere, hash, mix, sobol2, tangents};
-use lvox::run::{Job, usage};
+use lvox::run::usage;
 use lvox::scene::Scene;
 use lvox::trace::{Surface, Tracer, offset};
 use obvhs::BvhBuildParams;
@@ -250,14 +251,7 @@ fn squares(receivers: &[Receiver]) -> Vec<Vec<SurfacePoint>> {
 
 /// A tree of so many surfels.
 fn store(scene: &Scene, surfels: u64, folder: &Path) -> TreeStore {
-    let (cloud, tree) = (folder.join("c.lvc"), folder.join("c.lvt"));
-    let settings = bake::Settings {
-        surfels: SurfelSampling::Area { count: surfels },
-        ..bake::Settings::default()
-    };
-    let job = Job::default();
-    bake::run(scene, &settings, &cloud, true, &job).unwrap();
-    build::run(&cloud, &tree, &build::Settings::default(), true, &job).unwrap();
+    let tree = trees::baked(scene, &trees::of_surfels(surfels), folder, "c");
     TreeStore::open(&tree, None).unwrap()
 }
 

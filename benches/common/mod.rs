@@ -1,14 +1,15 @@
 //! The demo scene, baked small once and shared by all benchmarks of a process.
 
 use glam::Vec3;
-use lvox::bake::{self, SurfelSampling};
-use lvox::build;
 use lvox::gather::TreeStore;
 use lvox::math::sampling::{cosine_hemisphere, hash, sphere, tangents, unit2};
-use lvox::run::Job;
 use lvox::scene::Scene;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
+
+// Trees of tests and benchmarks are made alike.
+#[path = "../../tests/support/trees.rs"]
+pub mod trees;
 
 /// Surfels of the baked demo.
 pub const SURFELS: u64 = 100_000;
@@ -30,17 +31,10 @@ pub static DEMO: LazyLock<Demo> = LazyLock::new(|| {
     let scene = Scene::demo().unwrap();
     let dir = Path::new(env!("CARGO_TARGET_TMPDIR")).join(env!("CARGO_CRATE_NAME"));
     std::fs::create_dir_all(&dir).unwrap();
-    let (cloud, tree) = (dir.join("demo.lvc"), dir.join("demo.lvt"));
-    let settings = bake::Settings {
-        surfels: SurfelSampling::Area { count: SURFELS },
-        ..bake::Settings::default()
-    };
-    let job = Job::default();
-    bake::run(&scene, &settings, &cloud, true, &job).unwrap();
-    build::run(&cloud, &tree, &build::Settings::default(), true, &job).unwrap();
+    let tree = trees::baked(&scene, &trees::of_surfels(SURFELS), &dir, "demo");
     Demo {
         scene,
-        cloud,
+        cloud: tree.with_extension("lvc"),
         tree,
         dir,
     }

@@ -1,4 +1,4 @@
-//! Trees for tests to shade from.
+//! Trees for tests and benchmarks to shade from.
 
 use lvox::bake::{self, SurfelSampling};
 use lvox::build;
