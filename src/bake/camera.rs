@@ -3,7 +3,7 @@
 //! What the camera does not see does not bleed; kept for comparison with the paper.
 
 use super::surfels::SurfelMaker;
-use super::{BATCH, Settings};
+use super::{BATCH, Settings, check_surfels};
 use crate::Result;
 use crate::light::Shadows;
 use crate::math::magnitude::to_unit;
@@ -74,6 +74,7 @@ pub fn bake<S: Shadows>(
             })
             .collect::<Result<_>>()?;
         let batch: Vec<Surfel> = batch.into_iter().flatten().collect();
+        check_surfels(&batch)?;
         writer.push_surfels(&batch)?;
         task.add(to - from);
         from = to;

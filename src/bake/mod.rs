@@ -181,11 +181,49 @@ fn bake_area<S: Shadows>(
                 Ok(maker.make(triangle, uv, area, settings.overlap, i))
             })
             .collect::<Result<_>>()?;
+        check_surfels(&batch)?;
         writer.push_surfels(&batch)?;
         task.add(to - from);
         from = to;
     }
     Ok(())
+}
+
+/// Refuses surfels that 32-bit floats cannot hold: no file is at fault, least of all the cloud.
+fn check_surfels(surfels: &[Surfel]) -> Result<()> {
+    for s in surfels {
+        let place = || format!("the surfel at {:?}", s.position);
+        if s.radius == 0.0 {
+            return Err(Error::input(format!(
+                "{}: expected an area that 32-bit floats hold, found {:e}",
+                place(),
+                s.area
+            ))
+            .hint("enlarge the meshes by `scale`, or bake fewer --surfels"));
+        }
+        if !s.front.iter().chain(&s.back).all(|v| v.is_finite()) {
+            return Err(too_bright(&place()));
+        }
+    }
+    Ok(())
+}
+
+fn check_lvoxels(lvoxels: &[Lvoxel], volume: &str) -> Result<()> {
+    let is_held = |v: &Lvoxel| v.source.iter().all(|c| c.is_finite());
+    match lvoxels.iter().find(|v| !is_held(v)) {
+        None => Ok(()),
+        Some(v) => Err(too_bright(&format!(
+            "the volume {volume:?}: the lvoxel at {:?}",
+            v.block
+        ))),
+    }
+}
+
+fn too_bright(place: &str) -> Error {
+    Error::input(format!(
+        "{place}: the light that reaches it is more than 32-bit floats hold"
+    ))
+    .hint("make lights darker, or move them away")
 }
 
 fn bake_volume(maker: &LvoxelMaker, writer: &mut CloudWriter, job: &Job) -> Result<()> {
@@ -200,6 +238,7 @@ fn bake_volume(maker: &LvoxelMaker, writer: &mut CloudWriter, job: &Job) -> Resu
             .map(|b| maker.make(unflatten(b, bricks), &job.cancel))
             .collect::<Result<_>>()?;
         for lvoxels in batch {
+            check_lvoxels(&lvoxels, &maker.volume.name)?;
             writer.push_lvoxels(&lvoxels)?;
         }
         task.add((to - from) as u64);

@@ -211,6 +211,33 @@ fn volumes_of_more_blocks_than_can_be_numbered_are_refused() {
 }
 
 #[test]
+fn surfels_that_floats_cannot_hold_are_no_fault_of_a_file() {
+    let quad = |scale: &str, light: &str| {
+        format!(
+            "[[camera]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\n[[mesh]]\nfile = \"builtin:quad\"\nscale = {scale}\n\
+             [[light]]\n{light}\n"
+        )
+    };
+    let sky = "type = \"environment\"\nradiance = [1, 1, 1]";
+    let lamp = "type = \"point\"\nposition = [0, 1e-6, 0]\nintensity = [1e30, 1, 1]";
+    for (scene, part) in [
+        (
+            quad("1e-22", sky),
+            "expected an area that 32-bit floats hold, found",
+        ),
+        (quad("1e-6", lamp), "more than 32-bit floats hold"),
+    ] {
+        let work = Work::new(&scene);
+        let run = lvox(
+            &work,
+            &[&RENDER[..], &FEW, &["--resolution", "8x8"], &QUIET].concat(),
+        );
+        run.refused(2, &["error: the surfel at [", part]);
+        assert!(!run.stderr.contains(".lvc"), "{}", run.stderr);
+    }
+}
+
+#[test]
 fn what_halves_cannot_hold_is_said() {
     let work = Work::new(&ROOM.replace("[10, 9, 7]", "[1e6, 9e5, 7]"));
     let scene = work.scene();

@@ -293,6 +293,11 @@ fn scene_files() {
             "from 0 to 1, found 2",
             "",
         ),
+        (
+            "[[light]]\ntype = \"environment\"\nradiance = [1e38, 0, 0]",
+            "from 0 to 1e30, found 1e38",
+            "",
+        ),
     ];
     for (text, message, hint) in cases {
         let found = refused(&format!("{CUBE}{text}\n"), &[]);

@@ -149,6 +149,17 @@ impl Field {
         }
     }
 
+    /// Whether the file has a finite number there that is none in f32.
+    fn is_beyond_f32(&self, voxel: [usize; 3]) -> bool {
+        let Samples::Array(array) = &self.samples else {
+            return false;
+        };
+        let i = (voxel[2] * self.dims[1] + voxel[1]) * self.dims[0] + voxel[0];
+        array.number == Number::F64
+            && f64::from_le_bytes(array.at(i)).is_finite()
+            && array.value(i).is_infinite()
+    }
+
     /// The map from the space of the grid to the file's index space.
     pub(super) fn file_from_grid(&self) -> DAffine3 {
         let first = DVec3::from(self.first.map(|i| i as f64));
@@ -208,7 +219,9 @@ impl Field {
             let value = self.value(voxel);
             let index: [i64; 3] = std::array::from_fn(|a| self.first[a] + voxel[a] as i64);
             let error = |what: &str| Error::input(format!("voxel {index:?}: {what}: {value}"));
-            return Err(if !value.is_finite() {
+            return Err(if self.is_beyond_f32(voxel) {
+                error("the value leaves the range of f32")
+            } else if !value.is_finite() {
                 error("the value is not finite")
             } else if value < 0.0 {
                 error("the density is negative")
@@ -274,6 +287,25 @@ mod tests {
             message(&[0.0, f32::NAN, -2.0, 0.0]).contains("[1, 0, 0]: the value is not finite")
         );
         assert!(message(&[f32::MAX; 4]).contains("range of f32"));
+    }
+
+    #[test]
+    fn doubles_beyond_floats_are_told_from_what_is_not_finite() {
+        for (value, part) in [
+            (1e39, "range of f32"),
+            (f64::INFINITY, "not finite"),
+            (f64::NAN, "not finite"),
+        ] {
+            let mut field = field(&[0.0; 2], [1, 1, 1]);
+            if let Samples::Array(array) = &mut field.samples {
+                array.bytes = value.to_be_bytes().to_vec();
+                array.number = Number::F64;
+            }
+            let Err(error) = field.into_grid(PLAIN, &Cancel::default()) else {
+                panic!("{value}");
+            };
+            assert!(error.to_string().contains(part), "{error}");
+        }
     }
 
     #[test]

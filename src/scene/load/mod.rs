@@ -119,13 +119,15 @@ mod tests {
         file
     }
 
+    type Read<'a> = dyn Fn(&Cancel) -> Result<()> + 'a;
+
     #[test]
     fn each_reader_stops_on_request() {
         let part =
             |cancel: &Cancel| obj::read(OBJ.as_bytes(), Path::new("x"), &mut Files::until(cancel));
         let field = |cancel: &Cancel| nrrd::read(nrrd(), Path::new("x"), &mut Files::until(cancel));
         let going = Cancel::default();
-        let read: [(&str, &dyn Fn(&Cancel) -> Result<()>); 7] = [
+        let read: [(&str, &Read); 7] = [
             ("file", &|c| {
                 Files::until(c)
                     .read("mesh", Path::new("Cargo.toml"))
@@ -148,7 +150,7 @@ mod tests {
         ];
         let stopped = Cancel::default();
         stopped.request();
-        let is_deaf = |read: &dyn Fn(&Cancel) -> Result<()>| {
+        let is_deaf = |read: &Read| {
             read(&going).unwrap();
             read(&stopped).err().map(|e| e.kind()) != Some(Kind::Cancelled)
         };

@@ -48,12 +48,12 @@ impl Part {
         if let Some(i) = self.normals.iter().position(|n| !n.is_finite()) {
             let n = self.normals[i];
             return Err(Error::input(format!(
-                "vertex {i}: the normal is not finite: {n}"
+                "vertex {i}: the normal is not finite in 32 bits: {n}"
             )));
         }
         if let Some(i) = self.uvs.iter().position(|t| !t.is_finite()) {
             return Err(Error::input(format!(
-                "vertex {i}: the texture coordinates are not finite: {}",
+                "vertex {i}: the texture coordinates are not finite in 32 bits: {}",
                 self.uvs[i]
             )));
         }
@@ -157,8 +157,9 @@ fn check_material(material: &Material) -> Result<()> {
     }
     if !(material.emission.iter()).all(|x| (0.0..=super::BRIGHTEST).contains(x)) {
         return Err(Error::input(format!(
-            "material `{name}`: the emission {:?} is negative or not finite",
-            material.emission
+            "material `{name}`: the emission {:?} is not in 0 to {:e}",
+            material.emission,
+            super::BRIGHTEST
         )));
     }
     Ok(())
@@ -214,11 +215,20 @@ mod tests {
         let far = message(|p| p.positions[1].x = 1e300);
         assert!(far.contains("1e300") && far.len() < 120, "{far}");
         assert!(message(|p| p.positions[2].y = -1e16).contains("farther than 1e15"));
-        assert!(message(|p| p.normals[0].z = f32::INFINITY).contains("the normal is not finite"));
+        assert!(
+            message(|p| p.normals[0].z = f32::INFINITY)
+                .contains("the normal is not finite in 32 bits")
+        );
         assert!(message(|p| p.uvs = vec![Vec2::NAN; 3]).contains("texture coordinates"));
         assert!(message(|p| p.colors = vec![[1.5; 3]; 3]).contains("not in [0,1]"));
         assert!(message(|p| p.triangles[0][2] = 3).starts_with("triangle 0 refers to"));
         assert!(message(|p| p.materials[0].albedo[0] = 1.01).contains("`grey`: the albedo"));
-        assert!(message(|p| p.materials[0].emission[0] = -1.0).contains("emission"));
+        for wrong in [
+            |p: &mut Part| p.materials[0].emission[0] = -1.0,
+            |p: &mut Part| p.materials[0].emission[0] = 1e38,
+        ] {
+            let message = message(wrong);
+            assert!(message.ends_with("is not in 0 to 1e30"), "{message}");
+        }
     }
 }

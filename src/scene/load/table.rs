@@ -2,6 +2,7 @@
 
 use crate::{Error, Result};
 use glam::{DAffine3, DMat4, DVec3};
+use std::fmt::LowerExp;
 use std::path::Path;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -345,7 +346,7 @@ impl<'a> Item<'a> {
         if let Some(i) = (0..3).find(|&i| !color[i].is_finite() || color[i] > high) {
             return Err(self.error(format_args!(
                 "expected three numbers from 0 to {}, found {}",
-                brief(high.into()),
+                brief(high),
                 brief(numbers[i])
             )));
         }
@@ -382,8 +383,9 @@ impl<'a> Item<'a> {
 }
 
 /// A number in few digits, whatever its size.
-fn brief(number: f64) -> String {
-    if number == 0.0 || (1e-5..1e15).contains(&number.abs()) {
+fn brief(number: impl Into<f64> + LowerExp + ToString + Copy) -> String {
+    let size = number.into().abs();
+    if size == 0.0 || (1e-5..1e15).contains(&size) {
         number.to_string()
     } else {
         format!("{number:e}")

@@ -279,7 +279,8 @@ impl Reader<'_> {
             let intensity = light.color().map(|c| c * light.intensity());
             if !(intensity.iter()).all(|x| (0.0..=super::BRIGHTEST).contains(x)) {
                 return Err(Error::input(format!(
-                    "a light of intensity {intensity:?}: negative or not finite"
+                    "a light of intensity {intensity:?}: expected 0 to {:e}",
+                    super::BRIGHTEST
                 )));
             }
             if intensity.iter().any(|x| *x >= LUMENS_PER_WATT) {
