@@ -478,3 +478,15 @@ fn a_real_level_set_is_refused() {
     };
     assert!(message(&content).contains("is a level set"));
 }
+
+#[test]
+fn a_stop_is_heard_and_is_of_no_place() {
+    let stopped = Cancel::default();
+    stopped.request();
+    let content = Spec::default().file();
+    let read = read(&content, None, &mut Files::until(&stopped));
+    let Err(error) = read.map(drop) else {
+        panic!("it was read to its end")
+    };
+    assert_eq!(error.to_string(), "stopped on request");
+}
