@@ -5,6 +5,7 @@ mod cells;
 mod pieces;
 mod surface;
 mod triangles;
+mod two_wide;
 mod watertight;
 
 pub use crate::math::Hit;

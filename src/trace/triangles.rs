@@ -3,22 +3,18 @@
 //! `obvhs` builds the hierarchy. Its own traversal is slower (`cargo bench --bench rays`), leaks at edges that triangles share,
 //! and passes over boxes that end less than 1e-4 units from the ray's origin.
 
+use super::two_wide::{two_wide, two_wide_until};
 use super::watertight::{Block, LANES, ShearedRay};
+use crate::Result;
 use crate::math::Hit;
 use crate::run::Cancel;
 use crate::scene::Mesh;
-use crate::{Error, Result};
 use glam::{Vec3, Vec3A};
-use obvhs::BvhBuildParams;
 use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::triangle::Triangle;
 use smallvec::SmallVec;
 use std::convert::Infallible;
 use std::ops::Range;
-use std::sync::mpsc::{self, RecvTimeoutError};
-use std::thread;
-use std::time::Duration;
 use wide::f32x8;
 
 /// All triangles of a mesh, ready for rays.
@@ -30,11 +26,6 @@ pub struct TriangleBvh {
     /// or small that no product of coordinates leaves the range of f32.
     scale: f32,
 }
-
-/// From so many triangles on a hierarchy takes long enough for a stop to be heard meanwhile.
-const MANY: usize = 1 << 17;
-/// Time between two looks at whether to stop.
-const PATIENCE: Duration = Duration::from_millis(50);
 
 /// Children of a node.
 const WIDTH: usize = 8;
@@ -79,35 +70,6 @@ impl Child {
     }
 }
 
-fn two_wide(triangles: &[Triangle]) -> Bvh2 {
-    build_bvh2_from_tris(
-        triangles,
-        BvhBuildParams::medium_build(),
-        &mut Default::default(),
-    )
-}
-
-/// The crate does not stop once it has begun, so a thread of its own is left behind with it.
-fn two_wide_until(triangles: Vec<Triangle>, cancel: &Cancel) -> Result<Bvh2> {
-    let (done, result) = mpsc::channel();
-    let build = move || {
-        // Nobody is left to have it after a stop.
-        let _ = done.send(two_wide(&triangles));
-    };
-    thread::Builder::new()
-        .spawn(build)
-        .map_err(|e| Error::failed(format!("cannot start a thread: {e}")))?;
-    loop {
-        match result.recv_timeout(PATIENCE) {
-            Ok(built) => return Ok(built),
-            Err(RecvTimeoutError::Timeout) => cancel.check()?,
-            Err(RecvTimeoutError::Disconnected) => {
-                return Err(Error::failed("the hierarchy of triangles was not finished"));
-            }
-        }
-    }
-}
-
 /// Children still to be visited, and where the ray enters them.
 type Stack = SmallVec<[(f32, Child); 64]>;
 
@@ -125,11 +87,6 @@ impl TriangleBvh {
     /// # Errors
     /// If cancelled; a thread may be busy with what was begun until that is done. If no thread can be had.
     pub fn new_until(mesh: &Mesh, cancel: &Cancel) -> Result<Self> {
-        // A worker that waits for the thread below may be one that this waits for.
-        if mesh.triangles.len() < MANY || rayon::current_thread_index().is_some() {
-            cancel.check()?;
-            return Ok(Self::new(mesh));
-        }
         Self::over(mesh, |t| two_wide_until(t, cancel), || cancel.check())
     }
 
@@ -399,6 +356,8 @@ impl Ray {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::sampling;
+    use crate::trace::two_wide::MANY;
 
     #[test]
     fn a_large_mesh_can_be_stopped_and_is_built_the_same() {
@@ -427,7 +386,6 @@ mod tests {
         let error = TriangleBvh::new_until(&mesh, &cancel).unwrap_err();
         assert_eq!(error.kind(), crate::Kind::Cancelled);
     }
-    use crate::math::sampling;
 
     /// A closed sphere of shared vertices.
     fn sphere(rings: u32, segments: u32) -> Mesh {
@@ -568,11 +526,7 @@ mod tests {
             let mut mesh = mesh.clone();
             mesh.triangles = mesh.triangles.repeat(copies);
             // One leaf of all.
-            let mut two_wide = build_bvh2_from_tris(
-                &[Triangle::default()],
-                BvhBuildParams::medium_build(),
-                &mut Default::default(),
-            );
+            let mut two_wide = two_wide(&[Triangle::default()]);
             two_wide.nodes[0].aabb = bounds;
             two_wide.nodes[0].prim_count = count * copies as u32;
             two_wide.primitive_indices = (0..count * copies as u32).collect();
