@@ -242,16 +242,27 @@ mod tests {
             let [a, b, c, d] =
                 [1, count, count.pow(2), count.pow(3)].map(|n| values[i / n % count]);
             for direction in [[a, b, c], [c, a, b]] {
-                let line = Line {
-                    origin: [d, 0.5, 0.5],
-                    direction,
-                    inverse: direction.map(|v| 1.0 / v),
-                };
+                let line = Line::new(Vec3A::new(d, 0.5, 0.5), direction.into());
                 for edge in [1.0, 8.0] {
                     let mut steps = Steps::new(&line, 0.0, [0; 3], edge, [4; 3]);
                     let cells = (0..13).take_while(|_| steps.advance()).count();
                     assert!(cells <= 9, "{line:?}");
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn a_line_along_an_axis_is_inside_a_box_or_beside_it() {
+        let (lower, upper) = (Vec3A::ZERO, Vec3A::new(2.0, 3.0, 4.0));
+        // One over the second is beyond all numbers.
+        for still in [0.0, -0.0, 1e-39] {
+            let along = |y: f32| Line::new(Vec3A::new(-1.0, y, 4.0), Vec3A::new(2.0, still, 0.0));
+            for y in [0.0, 1.5, 3.0] {
+                assert_eq!(along(y).within(lower, upper, 0.0, 9.0), Some((0.5, 1.5)));
+            }
+            for y in [-0.1, 3.1] {
+                assert_eq!(along(y).within(lower, upper, 0.0, 9.0), None);
             }
         }
     }
