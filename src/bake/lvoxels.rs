@@ -12,6 +12,8 @@ use lvox_formats::record::{Lvoxel, MAX_LEVEL};
 /// Edge of the brick in which all blocks have one size, voxels.
 pub const BRICK: usize = 1 << MAX_LEVEL;
 
+/// Blocks deeper than this are not lit at one point, unless larger ones are asked for.
+const DEEP: f32 = 0.7;
 /// Rays into each face of a block that is too deep to be lit at one point.
 const FACE_RAYS: u32 = 8;
 /// Steps in which the depth of such a block is summed.
@@ -152,7 +154,8 @@ impl LvoxelMaker<'_> {
                     (sequence(self.shadow_rays), sequence(4 * self.shadow_rays));
                 let seen = match self.size {
                     BlockSize::OpticalDepth(limit)
-                        if mean * self.volume.longest_voxel_edge() * edge as f32 > limit =>
+                        if mean * self.volume.longest_voxel_edge() * edge as f32
+                            > limit.max(DEEP) =>
                     {
                         self.seen_from_outside(block, edge, sampling::hash(&key))
                     }
