@@ -152,15 +152,12 @@ impl<S: Source> Media<S> {
         self.volumes.iter().map(BlockGrid::bytes).sum()
     }
 
-    /// Optical depth of all media from `origin` to `t_max`.
+    /// Optical depth of one volume from `origin` to `t_max`; 0 of one that has no lvoxels.
     #[must_use]
-    pub fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
+    pub fn optical_depth(&self, volume: usize, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
         let mut tau = 0.0;
-        for walk in self
-            .volumes
-            .iter()
-            .filter_map(|v| v.enter(origin, direction, t_max))
-        {
+        let volume = self.volumes.get(volume);
+        if let Some(walk) = volume.and_then(|v| v.enter(origin, direction, t_max)) {
             walk.run(&mut |s| {
                 tau += s.tau;
                 true

@@ -4,7 +4,8 @@ use crate::gather::medium::Source;
 use crate::gather::{Geometry, Media};
 use crate::light::OpticalDepth;
 use crate::math::Hit;
-use crate::trace::{Tracer, unit_normal};
+use crate::scene::Volume;
+use crate::trace::{Cells, Tracer, unit_normal};
 use glam::Vec3;
 
 impl Geometry for Tracer<'_> {
@@ -30,12 +31,28 @@ impl Geometry for Tracer<'_> {
     }
 }
 
-/// The tree's lvoxels as shadow rays see them.
+/// Media as shadow rays to lamps meet them, whose shadows are soft: volumes of many voxels as the tree's lvoxels. Of small ones
+/// those are few, and their faces would be seen.
 #[derive(Debug)]
-pub(super) struct Blocks<'a, S>(pub &'a Media<S>);
+pub(super) struct SoftShadows<'a, S> {
+    pub volumes: &'a [Volume],
+    pub media: &'a Media<S>,
+}
 
-impl<S: Source> OpticalDepth for Blocks<'_, S> {
+impl<S> SoftShadows<'_, S> {
+    /// Most voxels along an edge of a small volume.
+    const SMALL: usize = 128;
+}
+
+impl<S: Source> OpticalDepth for SoftShadows<'_, S> {
     fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
-        self.0.optical_depth(origin, direction, t_max)
+        let of_volume = |(index, volume): (usize, &Volume)| {
+            if volume.sigma_t.dims().iter().any(|&n| n > Self::SMALL) {
+                return self.media.optical_depth(index, origin, direction, t_max);
+            }
+            let cells = Cells::new(volume, origin, direction, t_max);
+            cells.map_or(0.0, |c| c.optical_depth_by_middles() as f32)
+        };
+        self.volumes.iter().enumerate().map(of_volume).sum()
     }
 }

@@ -1,7 +1,7 @@
 //! Regions of a frame, shaded by code made for what the scene and its tree have: media or none, of one channel or three, pages
 //! in memory or in a cache. A frame chooses once.
 
-use super::adapters::Blocks;
+use super::adapters::SoftShadows;
 use super::air::Air;
 use super::aov::Part;
 use super::lattice::Lattice;
@@ -119,9 +119,12 @@ fn shade_through<P: Pages, S: Source>(
     media: &Media<S>,
     request: &Request,
 ) -> Result<Regions> {
-    let blocks = Blocks(media);
+    let shadows = SoftShadows {
+        volumes: &scene.volumes,
+        media,
+    };
     let tree = FrameTree {
-        shadows: Some(&blocks),
+        shadows: Some(&shadows),
         ..tree
     };
     match request.settings.method {

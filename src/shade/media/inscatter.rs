@@ -221,12 +221,14 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                     return light.share * self.lights.sent(from, to) + light.rest;
                 }
                 let share = Spread::of(&values, |v| v.light.share.luminance());
-                let rest = if self.rest_is_exact {
-                    Spread::of(&values, |v| v.light.rest.luminance())
+                let rest = Spread::of(&values, |v| v.light.rest.luminance());
+                // Finer vertices have the same noise.
+                let ratio = if self.rest_is_exact {
+                    share.ratio.max(rest.ratio)
                 } else {
-                    Spread::default()
+                    share.ratio
                 };
-                if is_finest || share.ratio.max(rest.ratio) <= alike {
+                if is_finest || ratio <= alike {
                     let light = light();
                     let depth = place.voxel_depth * (1 << level) as f32;
                     let share = share.fall(&values, depth, |v| v.ln_share);
