@@ -49,7 +49,8 @@ pub fn check_memory(
 ///
 /// # Errors
 /// A setting out of range, an unknown camera, a tree in another frame than the scene ([`Scene::in_frame`]), more
-/// pixels or larger media than the memory limit allows or the machine has memory for, a page that cannot be read, or a stop on request.
+/// pixels or larger media than the memory limit allows or the machine has memory for, a page that cannot be read, or a stop
+/// on request.
 pub fn run(
     scene: &Scene,
     store: &TreeStore,

@@ -146,7 +146,7 @@ curved draft 1.9e-3 0.009 0.077 0.003
 lights100 good 1.4e-3 0.035 0.068 0.003
 lights100 draft 2.0e-3 0.055 0.083 0.004
 volumes good 7.0e-4 0.009 0.080 0.010
-volumes draft 9.0e-4 0.011 0.075 0.010
+volumes draft 9.0e-4 0.014 0.075 0.010
 thin good 2.1e-3 0.010 0.068 0.004
 thin draft 3.4e-3 0.015 0.085 0.005
 outdoor good 1.4e-3 0.013 0.040 0.003
