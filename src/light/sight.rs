@@ -41,7 +41,8 @@ impl Sight {
         }
     }
 
-    /// Notes what share of one ray to a light with an extent came through.
+    /// Notes what share of one ray to a light with an extent came through. One that media dim says neither: what they let through
+    /// changes slowly, and more rays to tell it take as long as they gain.
     pub(super) fn note_ray(&mut self, index: usize, through: f32) {
         const HIDDEN: f32 = 0.1;
         const SEEN: f32 = 0.9;

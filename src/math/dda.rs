@@ -51,7 +51,7 @@ impl Steps {
         truncated(self.at)
     }
 
-    /// The same as whole numbers.
+    /// The same, as floating-point numbers.
     #[inline]
     #[must_use]
     pub fn corner(&self) -> Vec3A {
