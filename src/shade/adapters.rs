@@ -56,3 +56,45 @@ impl<S: Source> OpticalDepth for SoftShadows<'_, S> {
         self.volumes.iter().enumerate().map(of_volume).sum()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Grid;
+    use glam::DAffine3;
+    use lvox_formats::record::{Lvoxel, VolumeInfo};
+
+    #[test]
+    fn small_volumes_are_passed_by_cells_and_large_ones_by_lvoxels() {
+        const SIGMA_T: f32 = 0.5;
+        let far = SoftShadows::<f32>::SMALL + 1;
+        let volumes = [[8, 1, 1], [far, 1, 1]].map(|dims| {
+            let grid = Grid::from_fn(dims, |_| SIGMA_T);
+            Volume::new("fog".into(), grid, [0.5; 3], DAffine3::IDENTITY)
+        });
+        let infos = volumes.each_ref().map(|volume| VolumeInfo {
+            name: volume.name.clone(),
+            dims: volume.sigma_t.dims().map(|n| n as u32),
+            index_from_scene: volume.index_from_scene_f64.to_cols_array_2d(),
+            albedo: volume.albedo,
+        });
+        // The tree has the first voxel of each alone.
+        let lvoxels = [0, 1].map(|volume| Lvoxel {
+            volume,
+            level: 0,
+            block: [0; 3],
+            sigma_t: SIGMA_T,
+            source: [0.0; 3],
+        });
+        let media = Media::<f32>::new(&infos, lvoxels);
+        let along = |volumes: &[Volume]| {
+            let shadows = SoftShadows {
+                volumes,
+                media: &media,
+            };
+            shadows.optical_depth(Vec3::new(-1.0, 0.5, 0.5), Vec3::X, f32::INFINITY)
+        };
+        assert!((along(&volumes[..1]) - 8.0 * SIGMA_T).abs() < 1e-5);
+        assert!((along(&volumes) - (8.0 + 1.0) * SIGMA_T).abs() < 1e-5);
+    }
+}

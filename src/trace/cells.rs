@@ -312,6 +312,28 @@ mod tests {
     }
 
     #[test]
+    fn middles_of_cells_tell_the_depth_of_linear_fields_and_nearly_that_of_rough_ones() {
+        let linear = |[i, j, k]: [usize; 3]| 1.0 + i as f32 + 0.5 * j as f32 + 0.25 * k as f32;
+        let rough = |[i, j, k]: [usize; 3]| {
+            1.0 + sampling::unit(sampling::hash(&[i as u64, j as u64, k as u64]))
+        };
+        let dims = [20; 3];
+        let fields = [Grid::from_fn(dims, linear), Grid::from_fn(dims, rough)];
+        for (field, tolerance) in fields.into_iter().zip([1e-5, 0.02]) {
+            let v = volume(field, DAffine3::IDENTITY);
+            for i in 0..100 {
+                let middle = Vec3::splat(10.0);
+                let o = middle + 8.0 * sampling::sphere(sampling::r2(i, [0.1; 2]));
+                let d = (middle - o).normalize();
+                // Cells at the border hold samples that are not linear.
+                let cells = || Cells::new(&v, o, d, 16.0).unwrap();
+                let ratio = cells().optical_depth_by_middles() / cells().optical_depth();
+                assert!((ratio - 1.0).abs() < tolerance, "ray {i}: {ratio}");
+            }
+        }
+    }
+
+    #[test]
     fn pieces_add_up() {
         for tau in [1e-9_f32, 0.7, 0.71, 3.0, 1e4, 1e30] {
             let whole = RayInVolume {
