@@ -1,12 +1,12 @@
 //! What a point gets of the lights.
 
-use super::sight::Sight;
+use super::sight::{Dimmed, Dimming, Sight};
 use crate::math::Rgb;
 use std::ops::AddAssign;
 
 /// What direct light a point gets: irradiance of a surface, or mean radiance over the sphere in a medium.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Direct {
+pub struct Direct<D = Dimmed> {
     /// From lights without extent, of which one ray tells all.
     pub sharp: Rgb,
     /// What the lights with an extent would send with nothing between.
@@ -14,7 +14,7 @@ pub struct Direct {
     /// What came of that along shadow rays, added up. Sums of several points near each other tell it better.
     pub rays: Arrival,
     /// Which lights its rays reached.
-    pub sight: Sight,
+    pub sight: Sight<D>,
 }
 
 /// What shadow rays to lights with an extent brought, added up. Rays are weighted so that with nothing between, those to one light
@@ -55,7 +55,7 @@ impl AddAssign for Arrival {
     }
 }
 
-impl Direct {
+impl<D: Dimming> Direct<D> {
     /// The point's own estimate. Rays choose among lights by their mean channel, so a few of them cannot tell the share of each
     /// channel: their colour is what they brought.
     #[must_use]

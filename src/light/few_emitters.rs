@@ -20,7 +20,7 @@ struct Chosen {
 /// Adds the light of all of them. Rays share the emitters out by what each would send; each ray counts by what its point
 /// would send.
 pub fn add<S: Shadows, R: Receiver>(
-    total: &mut Direct,
+    total: &mut Direct<S::Dimming>,
     emitters: &Emitters,
     at: &ShadingPoint<S, R>,
 ) {

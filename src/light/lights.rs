@@ -108,7 +108,7 @@ impl<'a, S: Shadows> Lights<'a, S> {
         normal: Vec3,
         face_normal: Vec3,
         rays: ShadowRays,
-    ) -> Direct {
+    ) -> Direct<S::Dimming> {
         let origin = point + face_normal * trace::offset(point);
         let receiver = Surface {
             normal,
@@ -120,7 +120,7 @@ impl<'a, S: Shadows> Lights<'a, S> {
     /// Mean over the sphere of the direct radiance at a point of a medium: its in-scattered radiance for an isotropic
     /// phase function.
     #[must_use]
-    pub fn mean_radiance(&self, point: Vec3, rays: ShadowRays) -> Direct {
+    pub fn mean_radiance(&self, point: Vec3, rays: ShadowRays) -> Direct<S::Dimming> {
         let mut direct = self.sum(&self.shading_point(point, rays, Medium), None, |_| true);
         direct.sharp *= INVERSE_SPHERE;
         direct.open *= INVERSE_SPHERE;
@@ -150,7 +150,7 @@ impl<'a, S: Shadows> Lights<'a, S> {
         at: &ShadingPoint<S, impl Receiver>,
         suns: Option<&SunDepths>,
         asked: impl Fn(&Light) -> bool,
-    ) -> Direct {
+    ) -> Direct<S::Dimming> {
         let mut total = Direct::default();
         for (index, light) in self.tracer.scene.lights.iter().enumerate() {
             if !asked(light) {

@@ -37,7 +37,7 @@ impl Care {
 
 /// Adds the light of all of them.
 pub fn add<S: Shadows, R: Receiver>(
-    total: &mut Direct,
+    total: &mut Direct<S::Dimming>,
     emitters: &Emitters,
     tree: &Tree,
     care: Care,

@@ -33,6 +33,6 @@ pub use in_medium::InMedium;
 pub use lights::Lights;
 pub use rays::ShadowRays;
 pub use shadows::{OpticalDepth, SceneMedia, Shadows};
-pub use sight::Sight;
+pub use sight::{Dimmed, Dimming, Sight};
 pub use sun_depth::SunDepths;
 pub use vacuum::Vacuum;

@@ -1,5 +1,6 @@
 //! What shadow rays pass, as a type: light is asked for by code of its own where there are no media.
 
+use super::sight::{Dimmed, Dimming};
 use crate::math::exp::exp_neg;
 use crate::trace::Tracer;
 use glam::Vec3;
@@ -12,6 +13,9 @@ pub trait OpticalDepth: Sync + std::fmt::Debug {
 
 /// What shadow rays pass beside surfaces.
 pub trait Shadows: Copy + Sync + std::fmt::Debug {
+    /// What rays note of media that let a part of them through.
+    type Dimming: Dimming;
+
     /// Share of light that gets from `origin` to `t_max` along a unit direction; `depth` tells that of the media, if not
     /// the scene's own do.
     fn transmittance(
@@ -35,6 +39,8 @@ pub struct SceneMedia<'a> {
 }
 
 impl Shadows for SceneMedia<'_> {
+    type Dimming = Dimmed;
+
     fn transmittance(
         &self,
         tracer: &Tracer,

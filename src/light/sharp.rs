@@ -51,7 +51,7 @@ impl Beam {
 
 /// Adds a point, spot or parallel light. Media before it are those of `depth`, or the scene's own.
 pub fn add<S: Shadows, R: Receiver>(
-    total: &mut Direct,
+    total: &mut Direct<S::Dimming>,
     light: &Light,
     index: usize,
     at: &ShadingPoint<S, R>,

@@ -40,7 +40,7 @@ impl Sun {
     /// Adds its light. Media before it are those of `depth`, or the scene's own.
     pub fn add<S: Shadows, R: Receiver>(
         &self,
-        total: &mut Direct,
+        total: &mut Direct<S::Dimming>,
         index: usize,
         at: &ShadingPoint<S, R>,
         depth: Option<&dyn OpticalDepth>,

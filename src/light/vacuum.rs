@@ -1,6 +1,7 @@
 //! A scene without media, as a type: shadow rays have no work for any, and nothing to note of them.
 
 use super::shadows::{OpticalDepth, Shadows};
+use super::sight::Dimming;
 use crate::trace::Tracer;
 use glam::Vec3;
 
@@ -9,6 +10,8 @@ use glam::Vec3;
 pub struct Vacuum;
 
 impl Shadows for Vacuum {
+    type Dimming = Self;
+
     #[inline]
     fn transmittance(
         &self,
@@ -29,4 +32,17 @@ impl Shadows for Vacuum {
     fn before_triangles(&self) -> Option<&dyn OpticalDepth> {
         None
     }
+}
+
+impl Dimming for Vacuum {
+    #[inline]
+    fn note(&mut self, _: u64, _: f32) {}
+
+    #[inline]
+    fn differs(&self, _: u64, _: u64) -> bool {
+        false
+    }
+
+    #[inline]
+    fn join(&mut self, _: Self) {}
 }

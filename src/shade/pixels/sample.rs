@@ -17,7 +17,7 @@ pub struct Sample<T: Passed> {
     /// Unit direction from the camera, scene space.
     pub direction: Vec3,
     /// Direct irradiance there.
-    pub direct: Direct,
+    pub direct: Direct<T::Dimming>,
     /// Media on the way.
     pub passed: T,
 }
