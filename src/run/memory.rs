@@ -67,8 +67,7 @@ fn available() -> Option<u64> {
     let swap = |info: &str| kib(info, "SwapFree:").unwrap_or(0);
     let status = read("/proc/self/status")?;
     let info = read("/proc/meminfo")?;
-    // The kernel counts as available less than it could free.
-    let machine = kib(&info, "MemAvailable:").map(|free| free + free / 8 + swap(&info));
+    let machine = machine_memory(&info).map(|free| free + swap(&info));
     let held = kib(&status, "RssAnon:").unwrap_or(0);
     let group = read("/proc/self/cgroup").and_then(|groups| group_limit(&groups));
     let group = group.map(|limit| limit.saturating_add(swap(&info)).saturating_sub(held));
@@ -76,6 +75,13 @@ fn available() -> Option<u64> {
     let addresses = read("/proc/self/limits").and_then(|limits| address_limit(&limits));
     let addresses = addresses.map(|limit| limit.saturating_sub(mapped));
     [machine, group, addresses].into_iter().flatten().min()
+}
+
+/// Bytes of the machine's memory that are free or could be freed: an eighth more than the kernel, which is careful, counts as
+/// available, but no more than there is.
+fn machine_memory(info: &str) -> Option<u64> {
+    let available = kib(info, "MemAvailable:")?;
+    Some((available + available / 8).min(kib(info, "MemTotal:")?))
 }
 
 /// Bytes on a line such as `MemAvailable:   1024 kB`.
@@ -150,6 +156,9 @@ mod tests {
         let info = "MemTotal:  24 kB\nMemAvailable:       16 kB\nSwapFree: x kB\n";
         assert_eq!(kib(info, "MemAvailable:"), Some(16384));
         assert_eq!(kib(info, "SwapFree:"), None);
+        assert_eq!(machine_memory(info), Some(18432));
+        let empty = "MemTotal:  24 kB\nMemAvailable:       23 kB\n";
+        assert_eq!(machine_memory(empty), Some(24576));
         let limit = |soft: &str| {
             address_limit(&format!(
                 "Limit  Soft Limit  Hard Limit  Units\nMax address space  {soft}  unlimited  bytes\n"

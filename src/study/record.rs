@@ -89,7 +89,8 @@ pub struct Versus {
     pub equal_time_error: Option<f64>,
     /// Whether the CPU seconds at equal error are outside those of the Monte Carlo runs.
     pub extrapolated: bool,
-    /// Whether they are [`super::findings::FARTHEST`] times the longest such run, and no more is known than that they are at least that.
+    /// Whether they are [`super::findings::FARTHEST`] times the longest such run, and no more is known than that they are at
+    /// least that.
     pub capped: bool,
     /// Whether the run's time of rendering is outside those of the Monte Carlo runs.
     pub time_extrapolated: bool,

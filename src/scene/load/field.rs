@@ -182,7 +182,8 @@ impl Field {
         ALLOWANCE + MOST_GROWTH * behind as u64
     }
 
-    /// The grid of extinction. More than the file makes likely is an error before it is allocated. Values that are not finite, or negative without a window, are errors.
+    /// The grid of extinction. More than the file makes likely, or than the machine has memory for, is an error before it is
+    /// allocated. Values that are not finite, or negative without a window, are errors, and so is a stop on request.
     pub(super) fn into_grid(self, scale: Scale, cancel: &Cancel) -> Result<Grid> {
         let sigma_t = |voxel| scale.apply(self.value(voxel));
         let go_on = || cancel.check();

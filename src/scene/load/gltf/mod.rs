@@ -2,8 +2,9 @@
 //!
 //! Base colour (factor, texture, vertex colours) is the albedo, whatever the metalness; emissive factor times strength
 //! is radiance. Lights are taken as radiometric: candela is intensity, lux is irradiance, 1:1. Skins, morph targets,
-//! animations and transparency are left out, with a warning, and so are metal and normal maps; an emissive texture is replaced by its mean. Of extensions lights,
-//! emissive strength and texture transforms are read, and those that do not change looks are passed over; others are warned of.
+//! animations, transparency, metal and normal maps are left out, with a warning; an emissive texture is replaced by its mean.
+//! Of extensions lights, emissive strength and texture transforms are read, and those that do not change looks are passed over;
+//! others are warned of.
 
 mod buffers;
 mod left_out;
