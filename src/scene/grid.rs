@@ -46,6 +46,48 @@ impl Grid {
         grid
     }
 
+    /// The same field on half as many voxels along each axis, which are as much larger. Each has the mean of those that it
+    /// stands for, sharpened by what linear interpolation over voxels of twice the size spreads further.
+    #[must_use]
+    pub fn halved(&self) -> Self {
+        /// Variances along an axis, in squares of the finer edge: 4 of 12 by the mean and 4 of 6 by interpolation where 1 of 6
+        /// were; six neighbours two edges away spread by 4 of 3.
+        const SHARPEN: f32 = (1.0 / 3.0 + 2.0 / 3.0 - 1.0 / 6.0) / (4.0 / 3.0);
+        let dims = self.dims.map(|n| n.div_ceil(2));
+        let ratio = |a: usize| self.dims[a] as f32 / dims[a] as f32;
+        let size = Vec3::new(ratio(0), ratio(1), ratio(2));
+        let middle = |v: [usize; 3]| Vec3::from_array(v.map(|i| i as f32 + 0.5));
+        // Where eight voxels meet, their mean.
+        let means: Vec<f32> = (0..dims.iter().product())
+            .into_par_iter()
+            .map(|i| self.sample(middle(unflatten(i, dims)) * size))
+            .collect();
+        let index = |v: [usize; 3]| (v[2] * dims[1] + v[1]) * dims[0] + v[0];
+        let sharpened = |v: [usize; 3]| {
+            let around = (0..3).map(|a| {
+                let [mut before, mut behind] = [v; 2];
+                before[a] = v[a].saturating_sub(1);
+                behind[a] = (v[a] + 1).min(dims[a] - 1);
+                means[index(before)] + means[index(behind)]
+            });
+            let (mean, around) = (means[index(v)], around.sum::<f32>() / 6.0);
+            (mean + SHARPEN * (mean - around)).max(0.0)
+        };
+        let sharp: Vec<f32> = (0..means.len())
+            .into_par_iter()
+            .map(|i| sharpened(unflatten(i, dims)))
+            .collect();
+        // Values that would be negative left too much of it.
+        let [of_means, of_sharp] =
+            [&means, &sharp].map(|v| v.iter().copied().map(f64::from).sum::<f64>());
+        let scale = if of_sharp > 0.0 {
+            (of_means / of_sharp) as f32
+        } else {
+            1.0
+        };
+        Self::from_fn(dims, |v| scale * sharp[index(v)])
+    }
+
     /// Voxels per axis.
     #[must_use]
     pub fn dims(&self) -> [usize; 3] {
@@ -264,6 +306,36 @@ mod tests {
         }
         assert_eq!(grid.sample(Vec3::new(-0.01, 1.0, 1.0)), 0.0);
         assert_eq!(grid.sample(Vec3::new(1.0, 9.01, 1.0)), 0.0);
+    }
+
+    #[test]
+    fn half_as_many_voxels_hold_the_same_field_and_as_much_of_it() {
+        let linear = |p: Vec3| 1.0 + p.x + 2.0 * p.y + 0.5 * p.z;
+        for dims in [[20, 8, 12], [21, 8, 11]] {
+            let grid = Grid::from_fn(dims, |v| linear(Vec3::from_array(v.map(|i| i as f32))));
+            let halved = grid.halved();
+            let half = halved.dims();
+            assert_eq!(half, dims.map(|n| n.div_ceil(2)));
+            let size = |a: usize| half[a] as f32 / dims[a] as f32;
+            let size = Vec3::new(size(0), size(1), size(2));
+            // Neighbours of the voxels around it are inside.
+            for p in [[8.0, 4.0, 6.0], [10.3, 3.7, 5.2]].map(Vec3::from) {
+                let (got, expected) = (halved.sample(p * size), grid.sample(p));
+                assert!((got - expected).abs() < 1e-4, "{p}: {got} {expected}");
+            }
+        }
+        // A ball with a soft border, away from the box.
+        let ball = Grid::from_fn([32; 3], |v| {
+            let off = Vec3::from_array(v.map(|i| i as f32 - 15.5)).length();
+            ((10.0 - off) / 4.0).clamp(0.0, 1.0)
+        });
+        let sum = |g: &Grid| {
+            let n = g.dims()[0];
+            let voxel = |i| Vec3::from_array(unflatten(i, [n; 3]).map(|v| v as f32 + 0.5));
+            (0..n.pow(3)).map(|i| g.sample(voxel(i))).sum::<f32>()
+        };
+        let ratio = 8.0 * sum(&ball.halved()) / sum(&ball);
+        assert!((ratio - 1.0).abs() < 1e-4, "{ratio}");
     }
 
     #[test]

@@ -14,6 +14,7 @@ mod memory;
 mod pixels;
 mod settings;
 mod shot;
+mod soft_shadows;
 mod view;
 
 use crate::Result;

@@ -1,7 +1,6 @@
 //! Regions of a frame, shaded by code made for what the scene and its tree have: media or none, of one channel or three, pages
 //! in memory or in a cache. A frame chooses once.
 
-use super::adapters::SoftShadows;
 use super::air::Air;
 use super::aov::Part;
 use super::lattice::Lattice;
@@ -9,6 +8,7 @@ use super::media::InScatter;
 use super::memory;
 use super::pixels::{EmitterBorders, PixelShader, Planes, SampleCounts, shade_region};
 use super::settings::{Kernel, Method, Settings};
+use super::soft_shadows::SoftShadows;
 use super::view::View;
 use crate::gather::medium::Source;
 use crate::gather::outgoing::Asked;
@@ -119,12 +119,9 @@ fn shade_through<P: Pages, S: Source>(
     media: &Media<S>,
     request: &Request,
 ) -> Result<Regions> {
-    let shadows = SoftShadows {
-        volumes: &scene.volumes,
-        media,
-    };
+    let shadows = SoftShadows::new(scene, media);
     let tree = FrameTree {
-        shadows: Some(&shadows),
+        shadows: shadows.as_ref().map(|s| s as &dyn OpticalDepth),
         ..tree
     };
     match request.settings.method {
