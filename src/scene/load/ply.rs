@@ -13,7 +13,7 @@
 //! Colours in integers are sRGB encoded (255, or 65535 for 16 bits, is 1); colours in floats are linear. Other elements
 //! and properties are skipped. Where a file colours anything, the albedo is 1 times that colour.
 
-use super::part::{DEFAULT_ALBEDO, Part};
+use super::part::{DEFAULT_ALBEDO, MESH, Part};
 use super::texture::linear_from_srgb;
 use crate::run::{Cancel, memory};
 use crate::scene::Material;
@@ -47,10 +47,10 @@ pub(super) fn read(content: &[u8], palette: Option<&[[f32; 3]]>, cancel: &Cancel
         }
         payload.check_count(element)?;
         match name.as_str() {
-            "vertex" => part.positions = memory::room("the mesh", element.count)?,
+            "vertex" => part.positions = memory::room(MESH, element.count)?,
             "face" => {
-                part.triangles = memory::room("the mesh", element.count)?;
-                part.material = memory::room("the mesh", element.count)?;
+                part.triangles = memory::room(MESH, element.count)?;
+                part.material = memory::room(MESH, element.count)?;
             }
             _ => {}
         }
