@@ -2,6 +2,7 @@
 
 use super::method::Method;
 use super::plan::{Settings, Variant};
+use super::sweep::Sweep;
 use crate::run::Output;
 use crate::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet};
@@ -55,8 +56,8 @@ pub struct Findings {
 pub struct Slope {
     /// Method.
     pub method: Method,
-    /// Setting; `surfel-radius`, in scene units, is the sweep over surfels again.
-    pub setting: String,
+    /// What is varied.
+    pub setting: Sweep,
     /// Exponent of relMSE over the setting, by all runs of the sweep.
     pub exponent: f64,
     /// The same by the two coarsest alone, where the setting rules the error most.
@@ -212,10 +213,10 @@ pub struct Run {
     pub key: String,
     /// How it renders.
     pub method: Method,
-    /// The setting that is varied; `base` for none, `paper` for a cloud like the paper's.
-    pub sweep: String,
-    /// All settings that any run varies, by name.
-    pub values: BTreeMap<String, f64>,
+    /// The setting that is varied.
+    pub sweep: Sweep,
+    /// All settings that any run varies.
+    pub values: BTreeMap<Sweep, f64>,
     /// Name of the cloud, if it needs one.
     pub cloud: Option<String>,
     /// Time of rendering, loading, baking and building excluded, once for each round.
