@@ -12,11 +12,11 @@ use std::path::Path;
 /// What a file of samples says of itself.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Samples {
-    /// As given.
+    /// Path of the file, as given.
     pub file: String,
     /// `samples`.
     pub kind: &'static str,
-    /// Of the format.
+    /// Version of the format that the file has.
     pub version: u32,
     /// Length of the file.
     pub bytes: u64,

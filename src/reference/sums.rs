@@ -15,7 +15,7 @@ use std::path::Path;
 /// Samples of a region, summed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sums {
-    /// The pixels.
+    /// The part of the frame whose pixels have samples.
     pub region: Region,
     /// Independent sequences in each pixel.
     pub strands: u32,

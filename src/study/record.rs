@@ -54,7 +54,7 @@ pub struct Findings {
 /// in, so the exponent flattens as the error comes near the floor.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Slope {
-    /// Method.
+    /// How the runs render.
     pub method: Method,
     /// What is varied.
     pub setting: Sweep,
@@ -100,7 +100,7 @@ pub struct Versus {
 /// What was timed on one machine.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Timed {
-    /// The machine.
+    /// Where all of these times were taken.
     pub machine: Machine,
     /// Clouds, in order of need.
     pub clouds: Vec<Cloud>,
@@ -135,11 +135,11 @@ pub struct Reference {
 pub struct Cloud {
     /// Name, from [`super::plan::Points::cloud`].
     pub name: String,
-    /// Surfels in it.
+    /// Surfels that were baked; about as many as asked for.
     pub surfels: u64,
     /// Radius of a disk of the mean area, clips left out, scene units.
     pub surfel_radius: f64,
-    /// Lvoxels in it.
+    /// Lvoxels that were baked, of all volumes.
     pub lvoxels: u64,
     /// Bytes of the tree's file.
     pub tree_bytes: u64,
@@ -181,7 +181,7 @@ impl Cloud {
 /// A time, in seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Timing {
-    /// By the clock.
+    /// Seconds by the clock.
     pub wall_secs: f64,
     /// Of all threads together.
     pub cpu_secs: f64,
@@ -194,9 +194,9 @@ pub struct Errors {
     pub relmse: Option<f64>,
     /// The same without the worst 0.1 % of pixels.
     pub relmse_trimmed: Option<f64>,
-    /// Mean LDR-FLIP.
+    /// Mean of LDR-FLIP over the pixels, 0 to 1.
     pub flip: Option<f64>,
-    /// Structural similarity.
+    /// Structural similarity; 1 for equal images.
     pub ssim: Option<f64>,
     /// Fraction of pixels that a viewer can tell apart.
     pub pdiff: Option<f64>,

@@ -67,7 +67,7 @@ impl Origin {
 pub struct Head {
     /// Independent sequences in each pixel.
     pub strands: u32,
-    /// The pixels.
+    /// The part of the frame whose pixels have samples.
     pub region: Region,
     /// What the samples were made from.
     pub origin: Origin,
