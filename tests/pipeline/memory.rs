@@ -54,6 +54,18 @@ fn an_obj_of_many_triangles() {
 }
 
 #[test]
+fn a_ply_of_many_triangles() {
+    refused("[[mesh]]\nfile = \"a.ply\"\n", "the mesh", |work| {
+        let head = "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty uchar x\nelement face 1\n\
+                    property list uint uchar vertex_indices\nend_header\n";
+        let corners = 40_u32 << 20;
+        let mut file = [head.as_bytes(), &[0], &corners.to_le_bytes()].concat();
+        file.resize(file.len() + corners as usize, 0);
+        fs::write(work.path("a.ply"), &file).unwrap();
+    });
+}
+
+#[test]
 fn a_vdb_of_many_tiles() {
     let text = |s: &str| [&(s.len() as u32).to_le_bytes(), s.as_bytes()].concat();
     let mut zip = ZlibEncoder::new(Vec::new(), Compression::default());

@@ -6,7 +6,7 @@
 use super::super::Material;
 use super::files::{Files, beside};
 use super::mtl;
-use super::part::{DEFAULT_ALBEDO, MESH, Part, merge};
+use super::part::{DEFAULT_ALBEDO, MESH, Part, merge, push};
 use super::texture;
 use crate::run::memory;
 use crate::{Error, Result};
@@ -275,13 +275,6 @@ impl Reader<'_> {
         }
         self.add(Material::diffuse(name, DEFAULT_ALBEDO))
     }
-}
-
-/// Appends to a list of which the file does not say how long it is.
-fn push<T>(list: &mut Vec<T>, value: T) -> Result<()> {
-    memory::grow(MESH, list, 1)?;
-    list.push(value);
-    Ok(())
 }
 
 fn numbers(text: &str, count: std::ops::RangeInclusive<usize>) -> Result<Vec<f64>> {

@@ -163,6 +163,13 @@ pub(super) fn merge<T: Clone>(
     Ok(())
 }
 
+/// Appends to a list of which the file does not say how long it is.
+pub(super) fn push<T>(list: &mut Vec<T>, value: T) -> Result<()> {
+    memory::grow(MESH, list, 1)?;
+    list.push(value);
+    Ok(())
+}
+
 fn check_material(material: &Material) -> Result<()> {
     let name = &material.name;
     if !material.albedo.iter().all(|x| (0.0..=1.0).contains(x)) {
