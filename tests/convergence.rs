@@ -9,7 +9,7 @@ use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade::{self, Kernel};
 use lvox::study::record::Slope;
-use lvox::study::{self, Method, Settings, Study};
+use lvox::study::{self, Method, Settings, Study, Sweep};
 use std::fs;
 use std::ops::Range;
 use std::path::Path;
@@ -176,7 +176,7 @@ fn errors_fall_at_their_rates() {
             s.floor
         );
     }
-    let slope = |method: Method, setting: &str| -> &Slope {
+    let slope = |method: Method, setting: Sweep| -> &Slope {
         let is = |s: &&Slope| s.method == method && s.setting == setting;
         slopes().find(is).unwrap()
     };
@@ -188,25 +188,25 @@ fn errors_fall_at_their_rates() {
     };
     // Variance goes as one over the samples, with Sobol points a little faster.
     within(
-        slope(Method::MonteCarlo, "spp").exponent,
+        slope(Method::MonteCarlo, Sweep::Spp).exponent,
         -1.24..-0.94,
         "spp",
     );
     // Powers of the whole sweeps, which end on a common floor, and of the coarsest two values, 0.15 around what is measured. What surfels and nodes get
     // wrong lies along edges of light, so the squared error falls as the width of those edges and not as its square.
     for (setting, whole, coarse) in [
-        ("samples", -0.72..-0.42, -0.78..-0.48),
-        ("surfel-radius", 0.8..1.1, 1.01..1.31),
-        ("max-solid-angle", 0.04..0.27, 0.29..0.59),
+        (Sweep::Samples, -0.72..-0.42, -0.78..-0.48),
+        (Sweep::SurfelRadius, 0.8..1.1, 1.01..1.31),
+        (Sweep::MaxSolidAngle, 0.04..0.27, 0.29..0.59),
         // Optical depths of blocks rule nothing here: no error falls with them.
-        ("block-depth", -0.22..0.08, -0.22..0.08),
-        ("block-voxels", 0.41..0.71, 1.38..1.68),
+        (Sweep::BlockDepth, -0.22..0.08, -0.22..0.08),
+        (Sweep::BlockVoxels, 0.41..0.71, 1.38..1.68),
     ] {
         let slope = slope(Method::Extended, setting);
-        within(slope.exponent, whole, setting);
-        within(slope.coarse_exponent, coarse, setting);
+        within(slope.exponent, whole, setting.name());
+        within(slope.coarse_exponent, coarse, setting.name());
         // All sweeps end at the same small error, which is more than what the reference has itself.
-        within(slope.finest[1], noise..7e-4, setting);
+        within(slope.finest[1], noise..7e-4, setting.name());
         assert!(slope.floor < 7e-4, "{setting}: {}", slope.floor);
     }
     let own = pixel_samples(&scene, dir);

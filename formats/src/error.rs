@@ -30,7 +30,7 @@ pub enum FormatError {
     /// A version that this program does not read.
     #[error("format version {found}, this program reads version {supported}")]
     Version {
-        /// In the file.
+        /// The version in the file's header.
         found: u32,
         /// The one that is known.
         supported: u32,
@@ -46,7 +46,7 @@ pub enum FormatError {
     /// Bytes were altered after they were written.
     #[error("damaged: checksum of {what} is {found:016x}, expected {expected:016x}")]
     Checksum {
-        /// Which part.
+        /// The part of the file, such as a section or a page by its number.
         what: String,
         /// The stored checksum.
         expected: u64,
@@ -60,7 +60,7 @@ pub enum FormatError {
         what: String,
         /// What is allowed.
         expected: String,
-        /// What is there.
+        /// The value that is there.
         found: String,
     },
     /// The output is there already.
@@ -80,7 +80,7 @@ pub enum FormatError {
     /// The operating system failed.
     #[error("{doing}: {error}")]
     Io {
-        /// What was tried.
+        /// What was tried, as a verb phrase.
         doing: &'static str,
         /// What came back.
         error: io::Error,

@@ -17,7 +17,7 @@ use crate::{FormatError, Result};
 pub struct CloudMeta {
     /// Identity of the scene that was baked.
     pub scene_hash: [u8; 32],
-    /// Its name.
+    /// Name of the scene, for people: identity is by hash.
     pub scene_name: String,
     /// Add this to a position in scene space to get world space.
     pub world_from_scene: [f64; 3],

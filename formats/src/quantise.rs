@@ -90,7 +90,7 @@ impl Span {
         }
     }
 
-    /// The nearest code.
+    /// The code whose decoded value is nearest.
     #[must_use]
     pub fn nearest(&self, value: f32) -> u16 {
         self.position(value).round() as u16
@@ -154,7 +154,7 @@ impl Steps {
             })
     }
 
-    /// The nearest code.
+    /// The code whose decoded value is nearest.
     #[must_use]
     pub fn encode(&self, value: f32) -> u16 {
         let above = value.to_bits().saturating_sub(self.base);

@@ -9,7 +9,7 @@ pub struct Surfel {
     pub position: [f32; 3],
     /// Unit normal of the front side.
     pub normal: [f32; 3],
-    /// Disk radius.
+    /// Radius of the disk before it is clipped, scene units.
     pub radius: f32,
     /// The surface area that this sample stands for; less than the disk's, so that disks overlap and leave no holes.
     pub area: f32,
@@ -26,7 +26,7 @@ pub struct Surfel {
 pub struct Clips {
     /// How many of `edges` hold.
     pub count: u8,
-    /// The cutting lines.
+    /// The cutting lines; those from `count` on mean nothing.
     pub edges: [ClipEdge; 3],
 }
 
@@ -108,7 +108,7 @@ pub struct Lvoxel {
     pub volume: u16,
     /// The block spans voxels `block * 2^level` to `(block + 1) * 2^level` on each axis; at most [`MAX_LEVEL`].
     pub level: u8,
-    /// Block coordinates.
+    /// Place of the block x, y, z in its volume, in blocks of its own level.
     pub block: [u16; 3],
     /// Mean extinction, per scene unit.
     pub sigma_t: f32,
@@ -130,7 +130,7 @@ pub const MAX_VOLUMES: usize = 65_535;
 pub struct VolumeInfo {
     /// Name from the scene.
     pub name: String,
-    /// Voxels per axis.
+    /// Voxels along x, y, z of index space.
     pub dims: [u32; 3],
     /// Affine map from scene space to index space, column by column: three axes, then the translation. Voxel (i,j,k)
     /// spans (i,j,k) to (i+1,j+1,k+1).
@@ -139,7 +139,7 @@ pub struct VolumeInfo {
     pub albedo: [f32; 3],
 }
 
-/// An axis-aligned box.
+/// An axis-aligned box in scene space.
 #[derive(
     Clone,
     Copy,
@@ -151,9 +151,9 @@ pub struct VolumeInfo {
     bincode::Decode,
 )]
 pub struct Bounds {
-    /// Lower corner.
+    /// The least x, y, z.
     pub min: [f32; 3],
-    /// Upper corner.
+    /// The greatest x, y, z.
     pub max: [f32; 3],
 }
 
@@ -212,7 +212,7 @@ impl Bounds {
 pub struct SurfelAggregate {
     /// Sum of surfel areas.
     pub area: f32,
-    /// Area-weighted mean position.
+    /// Mean of the surfels' centres weighted by their areas, scene space.
     pub centre: [f32; 3],
     /// Sum of area times normal.
     pub normal_sum: [f32; 3],
@@ -229,7 +229,7 @@ pub struct SurfelAggregate {
 pub struct Node {
     /// Tight box of all surfels below, radii included, as decoded: never smaller than the true one.
     pub bounds: Bounds,
-    /// What is below.
+    /// Where its children are: nodes, surfels, or another page.
     pub below: Below,
     /// What stands for it.
     pub aggregate: SurfelAggregate,
@@ -242,14 +242,14 @@ pub enum Below {
     Nodes {
         /// Index in the page.
         first: u32,
-        /// How many.
+        /// Children, 1 to 8.
         count: u8,
     },
     /// Surfels `first..first + count` of the same page; count is 1 to 8.
     Surfels {
         /// Index in the page.
         first: u32,
-        /// How many.
+        /// Children, 1 to 8.
         count: u8,
     },
     /// Another page, whose node 0 this is.

@@ -14,7 +14,7 @@ use crate::record::Bounds;
     bincode::Decode,
 )]
 pub struct Sums {
-    /// Count of surfels.
+    /// Surfels that were summed.
     pub surfels: u64,
     /// Sum of their areas, scene units squared.
     pub area: f64,
@@ -37,7 +37,7 @@ pub struct Sums {
     bincode::Decode,
 )]
 pub struct VolumeSums {
-    /// Count of lvoxels.
+    /// Lvoxels that were summed, of all levels.
     pub lvoxels: u64,
     /// Sum over lvoxels of extinction times size, `sigma_t * 8^level`: per scene unit times voxels. Times the volume of
     /// a voxel it is the integral of extinction over space, where no block sticks out of its volume.
@@ -182,7 +182,7 @@ pub struct Level {
 pub struct WorstError {
     /// Which value, and what it is measured in.
     pub name: String,
-    /// The worst one.
+    /// Largest error of all values, in the unit that the name tells.
     pub worst: f64,
     /// What the format promises.
     pub bound: f64,
@@ -220,6 +220,6 @@ pub struct TreeSummary {
     pub columns: Vec<ColumnBytes>,
     /// Columns that are not, or not everywhere.
     pub left_out: Vec<LeftOut>,
-    /// Worst quantisation errors.
+    /// By kind of value, the largest difference between what was given and what is stored.
     pub errors: Vec<WorstError>,
 }

@@ -73,13 +73,13 @@ impl BlockSize {
 /// Makes the lvoxels of one volume, brick by brick.
 #[derive(Debug)]
 pub struct LvoxelMaker<'a> {
-    /// The medium.
+    /// The volume whose extinction is averaged over blocks.
     pub volume: &'a Volume,
     /// Its index in the scene.
     pub index: u16,
     /// Light at its blocks.
     pub lights: &'a Lights<'a>,
-    /// Size of blocks.
+    /// Voxels a side of blocks: everywhere the same, or by optical depth.
     pub size: BlockSize,
     /// Shadow rays to each area light.
     pub shadow_rays: u32,
@@ -88,7 +88,7 @@ pub struct LvoxelMaker<'a> {
 }
 
 impl LvoxelMaker<'_> {
-    /// Bricks per axis.
+    /// Bricks along x, y, z that cover the volume.
     #[must_use]
     pub fn bricks(&self) -> [usize; 3] {
         self.volume.sigma_t.dims().map(|n| n.div_ceil(BRICK))

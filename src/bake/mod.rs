@@ -32,7 +32,7 @@ pub struct Settings {
     pub overlap: f32,
     /// Facets that meet at more than this end each other's disks, degrees.
     pub crease_deg: f32,
-    /// Size of lvoxels.
+    /// Voxels a side of lvoxels: everywhere the same, or by optical depth.
     pub blocks: BlockSize,
     /// Shadow rays to each area light, at each point and side.
     pub shadow_rays: u32,

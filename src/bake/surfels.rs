@@ -45,7 +45,7 @@ impl<'a> AreaSampler<'a> {
         }
     }
 
-    /// Number of samples.
+    /// Samples over all surfaces; [`Self::sample`] takes numbers below it.
     #[must_use]
     pub fn count(&self) -> u64 {
         self.count
@@ -82,9 +82,9 @@ impl<'a> AreaSampler<'a> {
 /// What surfels are made with.
 #[derive(Debug)]
 pub struct SurfelMaker<'a, S> {
-    /// The scene.
+    /// The scene, for shadow rays and for where samples lie.
     pub tracer: &'a Tracer<'a>,
-    /// Its lights.
+    /// What lights surfels.
     pub lights: &'a Lights<'a, S>,
     /// Where disks end.
     pub creases: &'a Creases<'a>,

@@ -17,7 +17,7 @@ pub struct Sums {
     /// Towards +x, -x, +y, -y, +z, -z.
     axis_area: [f64; 6],
     axis_power: [[f64; 3]; 6],
-    /// Radii included.
+    /// Tight box of all disks as clipped, scene space.
     pub bounds: Bounds,
 }
 
@@ -45,7 +45,7 @@ impl Sums {
         sums
     }
 
-    /// Adds one.
+    /// Adds a surfel; the last bits depend on the order.
     pub fn add_surfel(&mut self, s: &Surfel) {
         let area = f64::from(s.area);
         let n = s.normal.map(f64::from);

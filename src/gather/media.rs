@@ -146,7 +146,7 @@ impl<S: Source> Media<S> {
         self.volumes.iter().all(|v| v.blocks.is_empty())
     }
 
-    /// Bytes held.
+    /// Bytes of memory that all blocks take.
     #[must_use]
     pub fn bytes(&self) -> usize {
         self.volumes.iter().map(BlockGrid::bytes).sum()
@@ -292,7 +292,7 @@ impl BlockGrid<()> {
 }
 
 impl<S> BlockGrid<S> {
-    /// Bytes held.
+    /// Bytes of memory that all blocks take.
     fn bytes(&self) -> usize {
         size_of_val(&*self.blocks)
             + size_of_val(&*self.cubes)

@@ -34,14 +34,14 @@ use std::f32::consts::PI;
 /// How to gather.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings<'a> {
-    /// Rays a receiver.
+    /// Rays from each point that asks for light.
     pub samples: u32,
     /// A node seen under less than this, in steradians, may stand for all below it; 0 for disks only. Sets
     /// the size of patches, too, which are never smaller than a disk or so.
     pub max_solid_angle: f32,
     /// Surfaces and media beyond this distance send nothing, but still hide the environment; infinite for no limit.
     pub max_dist: f32,
-    /// Which kernel.
+    /// How what ends a ray is found.
     pub kernel: Kernel<'a>,
     /// Radiance where a ray meets nothing.
     pub environment: Rgb,
@@ -70,7 +70,7 @@ pub struct Gathered {
 /// One ray's worth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seen {
-    /// Radiance that arrives.
+    /// Radiance that arrives at the ray's origin.
     pub radiance: Rgb,
     /// Distance to the surface that ended the ray, infinite if none did. One that is too far away to send light may be told
     /// or not.
@@ -94,11 +94,11 @@ pub struct Crossing {
 /// Gathers from a tree.
 #[derive(Clone, Copy, Debug)]
 pub struct Gatherer<'a, P, M> {
-    /// Surfels.
+    /// Pages of the tree over surfels.
     pub pages: &'a P,
     /// What is between them.
     pub media: M,
-    /// How.
+    /// Rays, limits and kernel of all gathers.
     pub settings: Settings<'a>,
 }
 
@@ -106,7 +106,7 @@ pub struct Gatherer<'a, P, M> {
 /// one stretch each of the same sequence are, together, as good as one with all their rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stretch {
-    /// Which, from 0.
+    /// Number of the stretch, from 0.
     pub index: u32,
     /// Key of the sequence.
     pub seed: u64,

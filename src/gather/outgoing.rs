@@ -31,7 +31,7 @@ pub trait Geometry: std::fmt::Debug + Sync {
 /// How often a tree was asked what a patch sends. Threads that ask for one patch at the same time are counted each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Asked {
-    /// Patches.
+    /// Patches that it was asked for, each time anew.
     pub patches: u64,
     /// Those where it knows no surface: they are black.
     pub unknown: u64,

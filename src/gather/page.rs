@@ -11,7 +11,7 @@ const NO_CLIPS: u32 = u32::MAX;
 /// What a child slot of a [`WideNode`] holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ChildKind {
-    /// Nothing.
+    /// No child: the slot is not used.
     #[default]
     None,
     /// Another node of the page.
@@ -28,7 +28,7 @@ pub enum ChildKind {
 pub struct WideNode {
     /// Lower corners of the children's boxes, by axis.
     pub min: [[f32; WIDTH]; 3],
-    /// Upper corners.
+    /// Upper corners of the same, scene space.
     pub max: [[f32; WIDTH]; 3],
     /// Cross-section of each child's bounding sphere, four times that if it is not flat: over distance squared, about
     /// its solid angle.
@@ -61,15 +61,15 @@ impl Default for WideNode {
 #[derive(Clone, Debug)]
 #[repr(C, align(32))]
 pub struct DiskBlock {
-    /// Centres, by axis.
+    /// Centres, by axis, scene space.
     pub centre: [[f32; WIDTH]; 3],
     /// Unit normals, by axis.
     pub normal: [[f32; WIDTH]; 3],
-    /// Squared radii.
+    /// Squares of the radii before clipping; negative in lanes without a disk.
     pub radius2: [f32; WIDTH],
     /// Index of the first disk's [`DiskLight`]; the others follow.
     pub first_light: u32,
-    /// How many disks.
+    /// Lanes in use, 1 to 8, from the first.
     pub count: u32,
 }
 
@@ -90,7 +90,7 @@ pub struct ClipPlanes([[f32; 4]; 3]);
 /// What stands for a node.
 #[derive(Clone, Copy, Debug)]
 pub struct Proxy {
-    /// Unit mean normal.
+    /// Mean of the surfels' normals weighted by area, unit length.
     pub normal: [f32; 3],
     /// The plane through the mean position: `normal . x = plane`.
     pub plane: f32,
@@ -111,7 +111,7 @@ pub struct Proxy {
 pub struct PageNodes {
     /// Nodes; 0 is the root.
     pub nodes: Vec<WideNode>,
-    /// Stand-ins of nodes.
+    /// Stand-ins of the children of nodes, from [`WideNode::first_proxy`] on.
     pub proxies: Vec<Proxy>,
 }
 
@@ -120,7 +120,7 @@ pub struct PageNodes {
 pub struct PageLeaves {
     /// Disks, in the order of the nodes that they are below.
     pub blocks: Vec<DiskBlock>,
-    /// Light of disks.
+    /// What disks send, from [`DiskBlock::first_light`] on.
     pub lights: Vec<DiskLight>,
     clips: Vec<ClipPlanes>,
 }

@@ -310,9 +310,9 @@ impl Pages for CachedTree {
 /// An open tree, ready to gather from: surfels in either kind of store, lvoxels in memory.
 #[derive(Debug)]
 pub struct TreeStore {
-    /// Surfels.
+    /// Pages of surfels and of the nodes over them.
     pub surfels: SurfelStore,
-    /// Lvoxels.
+    /// Lvoxels of all volumes.
     pub media: MediaStore,
 }
 
@@ -323,7 +323,7 @@ pub enum MediaStore {
     Absent,
     /// The channels of each source function are equal, and one is held.
     Grey(Media<f32>),
-    /// All channels.
+    /// Red, green and blue of each source function.
     Rgb(Media<Rgb>),
 }
 
@@ -376,7 +376,7 @@ impl MediaStore {
 pub enum SurfelStore {
     /// Everything that was touched.
     Kept(KeptTree),
-    /// What fits.
+    /// What fits the limit on memory; what is needed again after it had to go is read again.
     Cached(CachedTree),
 }
 

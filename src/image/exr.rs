@@ -23,7 +23,7 @@ pub enum Precision {
     /// infinity; [`clamped`] counts them.
     #[default]
     Half,
-    /// 32-bit floats.
+    /// 32-bit floats: every bit of what was computed.
     Float,
 }
 
@@ -41,7 +41,7 @@ pub struct Info {
     pub region: Region,
     /// Names of all channels, and whether each is stored in 32 bits.
     pub channels: BTreeMap<String, bool>,
-    /// Text attributes.
+    /// Attributes of text, by name; those of lvox begin with `lvox/`.
     pub attributes: BTreeMap<String, String>,
 }
 

@@ -16,7 +16,7 @@ pub struct Merged {
     pub width: u32,
     /// Pixels down of the frame.
     pub height: u32,
-    /// Number of tiles.
+    /// Files that were put together.
     pub tiles: usize,
 }
 

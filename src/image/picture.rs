@@ -6,9 +6,9 @@ use crate::Result;
 /// Linear Rec.709 pixels, row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
-    /// Pixels across.
+    /// Pixels in a row.
     pub width: usize,
-    /// Pixels down.
+    /// Rows of pixels.
     pub height: usize,
     /// `width * height` pixels, top row first.
     pub pixels: Vec<[f32; 3]>,

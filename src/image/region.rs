@@ -6,9 +6,9 @@ use std::fmt;
 /// Half-open rectangle of pixels: `x0 <= x < x1`, `y0 <= y < y1`, in the frame's pixels from its top left corner.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Region {
-    /// First column.
+    /// First column, 0 at the left of the frame.
     pub x0: u32,
-    /// First row.
+    /// First row, 0 at the top of the frame.
     pub y0: u32,
     /// One past the last column.
     pub x1: u32,
@@ -119,13 +119,13 @@ impl Region {
             .collect()
     }
 
-    /// Pixels across.
+    /// Columns of pixels; 0 if the last is before the first.
     #[must_use]
     pub fn width(&self) -> u32 {
         self.x1.saturating_sub(self.x0)
     }
 
-    /// Pixels down.
+    /// Rows of pixels; 0 if the last is before the first.
     #[must_use]
     pub fn height(&self) -> u32 {
         self.y1.saturating_sub(self.y0)
@@ -137,7 +137,7 @@ impl Region {
         (y0..y1).flat_map(move |y| (x0..x1).map(move |x| (x, y)))
     }
 
-    /// Number of pixels.
+    /// Pixels in all: columns times rows.
     #[must_use]
     pub fn pixels(&self) -> usize {
         self.width() as usize * self.height() as usize

@@ -6,9 +6,9 @@ use rayon::prelude::*;
 /// Display-referred pixels of eight bits a channel.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Display {
-    /// Pixels across.
+    /// Pixels in a row.
     pub width: usize,
-    /// Pixels down.
+    /// Rows of pixels.
     pub height: usize,
     /// `width * height` RGB pixels, top row first.
     pub pixels: Vec<[u8; 3]>,

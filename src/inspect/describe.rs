@@ -13,11 +13,11 @@ use std::path::Path;
 /// What a file says of itself. The keys of its JSON do not change within a version.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Description {
-    /// As given.
+    /// Path of the file, as given.
     pub file: String,
     /// `cloud` or `tree`.
     pub kind: &'static str,
-    /// Of the format.
+    /// Version of the format that the file has.
     pub version: u32,
     /// Length of the file.
     pub bytes: u64,
@@ -47,7 +47,7 @@ pub struct Description {
     pub cloud_sums: Option<Sums>,
     /// Surfels, with their nodes in a tree.
     pub surfels: PointKind,
-    /// Lvoxels.
+    /// Lvoxels of all volumes.
     pub lvoxels: PointKind,
     /// Nodes of a tree; one that links to a page counts there too.
     pub nodes: u64,
@@ -65,7 +65,7 @@ pub struct Description {
 /// Bytes of one kind of point.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct PointKind {
-    /// How many.
+    /// Points of this kind.
     pub count: u64,
     /// Bytes in the file, nodes included.
     pub stored_bytes: u64,

@@ -12,11 +12,11 @@ use std::path::Path;
 /// What a file of samples says of itself.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Samples {
-    /// As given.
+    /// Path of the file, as given.
     pub file: String,
     /// `samples`.
     pub kind: &'static str,
-    /// Of the format.
+    /// Version of the format that the file has.
     pub version: u32,
     /// Length of the file.
     pub bytes: u64,
@@ -32,6 +32,8 @@ pub struct Samples {
     pub spp_min: u32,
     /// Most samples of a pixel.
     pub spp_max: u32,
+    /// Samples of all pixels that were infinite or not a number, and count as black.
+    pub not_finite: u64,
     /// Identity of the scene.
     pub scene_hash: String,
     /// Digest of the path tracer's sources.
@@ -58,8 +60,10 @@ pub fn samples(path: &Path) -> Result<Option<Samples>> {
         other => other.map_err(failed)?,
     };
     let mut found = Vec::new();
+    let mut not_finite = 0_u64;
     while let Some(row) = rows.next_row().map_err(failed)? {
         found.push(row.count);
+        not_finite = not_finite.saturating_add(row.not_finite);
     }
     let (least, most) = counts(found.into_iter());
     let head = rows.head().clone();
@@ -76,6 +80,7 @@ pub fn samples(path: &Path) -> Result<Option<Samples>> {
         strands: head.strands,
         spp_min: least,
         spp_max: most,
+        not_finite,
         scene_hash: head.origin.scene,
         path_tracer: head.origin.code,
         settings: head.origin.settings,
@@ -97,6 +102,9 @@ impl fmt::Display for Samples {
             format!("{least} to {most}")
         };
         row("spp", format!("{spp}, in {} strands", self.strands))?;
+        if self.not_finite > 0 {
+            row("not finite", super::text::count(self.not_finite))?;
+        }
         row("bytes", super::text::count(self.bytes))?;
         row("scene hash", self.scene_hash.clone())?;
         row("path tracer", self.path_tracer.clone())?;

@@ -11,13 +11,13 @@ use std::path::Path;
 /// The outcome of a check that found no damage.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Verification {
-    /// As given.
+    /// Path of the file, as given.
     pub file: String,
     /// `cloud`, `tree` or `samples`.
     pub kind: &'static str,
     /// Whether all checks hold.
     pub passed: bool,
-    /// Conserved quantities.
+    /// Each quantity that a stage must conserve, as found.
     pub checks: Vec<Check>,
     /// Of a tree, by steps below the root.
     pub depths: Vec<Depth>,
@@ -26,9 +26,9 @@ pub struct Verification {
 /// A quantity that a stage must conserve.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Check {
-    /// What it is.
+    /// Name of the quantity.
     pub name: String,
-    /// Its value before.
+    /// Its value before the stage.
     pub expected: f64,
     /// Its value in this file.
     pub found: f64,

@@ -6,11 +6,11 @@ use glam::Vec3;
 /// A triangle that emits.
 #[derive(Clone, Copy, Debug)]
 pub struct Emitter {
-    /// Corners.
+    /// Corners, scene space.
     pub corners: [Vec3; 3],
     /// Unit normal of the side that emits.
     pub normal: Vec3,
-    /// Emitted radiance.
+    /// Emitted radiance, linear Rec.709, the same in all directions.
     pub radiance: Rgb,
     /// Area, scene units squared.
     pub area: f32,

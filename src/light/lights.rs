@@ -87,7 +87,7 @@ impl<'a, S: Shadows> Lights<'a, S> {
             .transmittance(self.tracer, origin, direction, t_max, None)
     }
 
-    /// What rays meet.
+    /// The scene that shadow rays are traced in.
     #[must_use]
     pub fn tracer(&self) -> &'a Tracer<'a> {
         self.tracer

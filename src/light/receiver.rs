@@ -22,9 +22,9 @@ pub trait Receiver: Copy {
 /// A piece of surface, lit on the side of both normals, by the cosine to the first.
 #[derive(Clone, Copy, Debug)]
 pub struct Surface {
-    /// Unit shading normal.
+    /// Normal for shading, interpolated over the triangle; unit length, scene space.
     pub normal: Vec3,
-    /// Unit geometric normal.
+    /// Normal of the triangle itself; unit length, scene space.
     pub face_normal: Vec3,
 }
 

@@ -14,7 +14,7 @@ pub struct ShadingPoint<'a, S, R> {
     pub shadows: S,
     /// Where rays begin, in scene space: off the surface that asks, if one does.
     pub origin: Vec3,
-    /// Which rays.
+    /// Shadow rays to each light with an extent: which of its samples, and how many.
     pub rays: ShadowRays,
     /// What light falls on there.
     pub receiver: R,

@@ -29,7 +29,7 @@ impl Rgb {
         0.2126 * self.0[0] + 0.7152 * self.0[1] + 0.0722 * self.0[2]
     }
 
-    /// The largest channel.
+    /// The largest of red, green and blue.
     #[must_use]
     pub fn max(self) -> f32 {
         self.0[0].max(self.0[1]).max(self.0[2])

@@ -49,7 +49,7 @@ impl Four {
         ax * bx + ay * by + az * bz
     }
 
-    /// Length of each.
+    /// Euclidean length of each vector.
     #[inline]
     #[must_use]
     pub fn length(&self) -> f32x4 {

@@ -8,7 +8,7 @@ use super::exp::exp_neg_and_rest;
 pub struct Segment {
     /// Where it begins, scene units along the ray.
     pub near: f32,
-    /// Where it ends.
+    /// Where it ends, scene units along the ray; not before `near`.
     pub far: f32,
     /// Optical depth from `near` to `far`.
     pub tau: f32,
@@ -19,9 +19,9 @@ pub struct Segment {
 /// Light gathered so far along a ray, and what share of the light from further on still comes through.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Composite {
-    /// Radiance.
+    /// Radiance that arrives at the ray's origin.
     pub radiance: Rgb,
-    /// Transmittance.
+    /// Share of the light from further on that comes through, 0 to 1.
     pub transmittance: f32,
 }
 
@@ -69,7 +69,7 @@ impl Composite {
 pub struct Stretch<T> {
     /// Where it begins, scene units along the ray.
     pub near: f32,
-    /// Where it ends.
+    /// Where it ends, scene units along the ray; not before `near`.
     pub far: f32,
     /// Optical depth from `near` to `far`.
     pub tau: f32,

@@ -24,7 +24,6 @@ use crate::scene::Scene;
 use crate::{Error, Kind, Result};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// Digest of the sources that samples come from. Samples may go on in any build of the same sources, since compilers
@@ -166,6 +165,7 @@ pub fn run(
                 kept.display()
             ));
         }
+        warn_of_not_finite(&sums, job);
     }
     job.heed_warnings()?;
     // Before every pixel has a sample there is no image, and what a restart forgets is worth more.
@@ -265,7 +265,7 @@ pub fn accumulate(
     let camera = scene.camera(settings.camera.as_deref())?;
     let strands = sums.strands;
     let target = settings.spp.unwrap_or(u32::MAX);
-    let non_finite = AtomicU64::new(0);
+    let not_finite_before = sums.not_finite();
     let region = sums.region;
     let goal = settings.spp.map_or(0, |spp| {
         (region.pixels() as u64 * u64::from(spp)).saturating_sub(sums.samples())
@@ -292,7 +292,7 @@ pub fn accumulate(
                     let sum = &mut pixel[(i % strands) as usize];
                     *sum = [0, 1, 2].map(|c| sum[c] + f64::from(light[c]));
                 } else {
-                    non_finite.fetch_add(1, Ordering::Relaxed);
+                    row.not_finite = row.not_finite.saturating_add(1);
                 }
             }
         }
@@ -327,14 +327,19 @@ pub fn accumulate(
             spp = (spp / 2).max(1);
         }
     }
-    match non_finite.into_inner() {
-        0 => Ok(()),
-        n => {
-            job.progress.warn(&format!(
-                "{n} samples were infinite or not a number and count as black"
-            ));
-            Ok(())
-        }
+    if sums.not_finite() > not_finite_before {
+        warn_of_not_finite(sums, job);
+    }
+    Ok(())
+}
+
+/// Of all samples there are, not of those of this run alone: the image has them all.
+fn warn_of_not_finite(sums: &Sums, job: &Job) {
+    let n = sums.not_finite();
+    if n > 0 {
+        job.progress.warn(&format!(
+            "{n} samples were infinite or not a number and count as black"
+        ));
     }
 }
 

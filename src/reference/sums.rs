@@ -15,7 +15,7 @@ use std::path::Path;
 /// Samples of a region, summed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sums {
-    /// The pixels.
+    /// The part of the frame whose pixels have samples.
     pub region: Region,
     /// Independent sequences in each pixel.
     pub strands: u32,
@@ -55,6 +55,7 @@ impl Sums {
             .map(|y| Row {
                 y,
                 count: 0,
+                not_finite: 0,
                 sums: vec![[0.0; 3]; pixels],
             })
             .collect();
@@ -83,6 +84,13 @@ impl Sums {
     pub fn samples(&self) -> u64 {
         let width = u64::from(self.region.width());
         self.rows.iter().map(|r| width * u64::from(r.count)).sum()
+    }
+
+    /// Samples that were infinite or not a number, and count as black.
+    #[must_use]
+    pub fn not_finite(&self) -> u64 {
+        let counts = self.rows.iter().map(|r| r.not_finite);
+        counts.fold(0, u64::saturating_add)
     }
 
     /// Mean and variance of the mean, pixel by pixel; pixels without samples are black and of infinite variance.
@@ -235,6 +243,7 @@ mod tests {
         let mut sums = Sums::new(REGION, 4, origin(1));
         assert!(Sums::read(&path, &sums).unwrap().is_none());
         sums.rows[1].count = 7;
+        sums.rows[1].not_finite = 9;
         sums.rows[1].sums[5] = [0.1, 1e30, -2.0];
         sums.write(&path).unwrap();
         assert_eq!(Sums::read(&path, &sums).unwrap().unwrap(), sums);

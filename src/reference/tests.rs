@@ -394,3 +394,35 @@ fn the_first_camera_goes_on_by_its_name() {
     assert!(image.attributes["lvox/settings"].contains(r#""camera":"main""#));
     assert!(by(Some("other")).is_err());
 }
+
+#[test]
+fn samples_that_are_not_finite_are_told_by_every_run_that_has_them() {
+    let dir = tempfile::tempdir().unwrap();
+    let image = dir.path().join("a.exr");
+    let mut scene = scene();
+    scene.lights.push(Light::Environment {
+        radiance: [f32::INFINITY; 3],
+    });
+    let region = Region::full(scene.film.width, scene.film.height);
+    let warned = |spp: u32, strict: bool| {
+        let settings = Settings {
+            spp: Some(spp),
+            ..Settings::default()
+        };
+        let job = Job {
+            strict,
+            ..Job::default()
+        };
+        let done = run(&scene, &settings, region, &image, false, &job);
+        (job.progress.warnings(), done.map_err(|e| e.to_string()))
+    };
+    let told = |n: u32| format!("{n} samples were infinite or not a number and count as black");
+    // Warned of as they come and, with nothing left to do, once more.
+    for _ in 0..2 {
+        assert_eq!(warned(2, false), (vec![told(480)], Ok(())));
+    }
+    let (_, refused) = warned(2, true);
+    let message = refused.unwrap_err();
+    assert!(message.ends_with(&told(480)), "{message}");
+    assert_eq!(warned(3, false).0, [told(480), told(720)]);
+}

@@ -39,15 +39,40 @@ fn check_in(what: impl Display, least: u64, available: Option<u64>) -> Result<()
 /// [`crate::Kind::Failed`] if the system does not give it; `what` needs it.
 pub fn room<T>(what: impl Display, count: usize) -> Result<Vec<T>> {
     let mut list = Vec::new();
-    list.try_reserve_exact(count).map_err(|_| {
-        let bytes = (count as u64).saturating_mul(size_of::<T>() as u64);
-        Error::failed(format!(
-            "{what} needs {} of memory, which the system does not give",
-            size::format(bytes)
-        ))
-        .hint("use a machine or a job with more memory")
-    })?;
+    list.try_reserve_exact(count)
+        .map_err(|_| refused::<T>(what, count))?;
     Ok(list)
+}
+
+/// All values of an iterator that knows how many it has; as [`room`].
+///
+/// # Errors
+/// As [`room`].
+pub fn listed<T>(what: impl Display, values: impl ExactSizeIterator<Item = T>) -> Result<Vec<T>> {
+    let mut list = room(what, values.len())?;
+    list.extend(values);
+    Ok(list)
+}
+
+/// Makes room for `more` values behind those of a list whose end nobody knows yet: where it has to move, for as many again as
+/// it has.
+///
+/// # Errors
+/// As [`room`].
+pub fn grow<T>(what: impl Display, list: &mut Vec<T>, more: usize) -> Result<()> {
+    let count = list.len().saturating_add(more);
+    list.try_reserve(more)
+        .map_err(|_| refused::<T>(what, count))
+}
+
+/// The error of a list of `count` values that the system has no room for.
+pub fn refused<T>(what: impl Display, count: usize) -> Error {
+    let bytes = (count as u64).saturating_mul(size_of::<T>() as u64);
+    Error::failed(format!(
+        "{what} needs {} of memory, which the system does not give",
+        size::format(bytes)
+    ))
+    .hint("use a machine or a job with more memory")
 }
 
 /// `count` times the same value; as [`room`].
@@ -149,6 +174,14 @@ mod tests {
             message.starts_with("the frame needs 8388608 TiB"),
             "{message}"
         );
+        assert_eq!(listed("x", 3..5_u8).unwrap(), [3, 4]);
+        listed("x", (0..usize::MAX / 16).map(|i| i as u64)).unwrap_err();
+        let mut list = vec![7_u64];
+        grow("x", &mut list, 1).unwrap();
+        assert!(list.capacity() > 1);
+        let error = grow("the mesh", &mut list, usize::MAX / 16 - 1).unwrap_err();
+        assert_eq!(error.to_string(), message.replace("frame", "mesh"));
+        assert_eq!(list, [7]);
     }
 
     #[test]

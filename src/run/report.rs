@@ -10,9 +10,9 @@ use std::time::Instant;
 /// What one stage took.
 #[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct StageReport {
-    /// Stage name.
+    /// Name of the stage: that of the verb, or of a part of it.
     pub stage: String,
-    /// Wall-clock seconds.
+    /// Seconds by the clock, from its start to its end.
     pub wall_secs: f64,
     /// CPU seconds of the process over the stage, all threads.
     pub cpu_secs: f64,

@@ -16,9 +16,9 @@ pub struct Camera {
 /// The image plane: size in pixels and the tone map of previews and perceptual metrics.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Film {
-    /// Pixels across.
+    /// Pixels in a row of the whole frame.
     pub width: u32,
-    /// Pixels down.
+    /// Rows of pixels of the whole frame.
     pub height: u32,
     /// Factor on linear radiance before clipping to `[0,1]` and the 1/2.2 power.
     pub exposure: f32,

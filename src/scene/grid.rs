@@ -88,13 +88,13 @@ impl Grid {
         Self::from_fn(dims, |v| scale * sharp[index(v)])
     }
 
-    /// Voxels per axis.
+    /// Voxels along x, y, z of index space.
     #[must_use]
     pub fn dims(&self) -> [usize; 3] {
         self.dims
     }
 
-    /// Bricks per axis.
+    /// Bricks along x, y, z, stored or not.
     #[must_use]
     pub fn brick_dims(&self) -> [usize; 3] {
         self.bricks
@@ -128,7 +128,7 @@ impl Grid {
         }
     }
 
-    /// Bytes held.
+    /// Bytes of memory that bricks and their table take.
     #[must_use]
     pub fn bytes(&self) -> usize {
         self.slots.len() * 4 + self.samples.len() * 4 + self.maxima.len() * 4

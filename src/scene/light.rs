@@ -7,14 +7,14 @@ use glam::Vec3;
 pub enum Light {
     /// Isotropic point: irradiance is `intensity cos / r^2`.
     Point {
-        /// Where it is.
+        /// Position in scene space.
         position: Vec3,
         /// Radiant intensity per steradian.
         intensity: [f32; 3],
     },
     /// Point light inside a cone.
     Spot {
-        /// Where it is.
+        /// Position in scene space.
         position: Vec3,
         /// Unit axis of the cone, the way the light travels.
         direction: Vec3,
@@ -36,7 +36,7 @@ pub enum Light {
     },
     /// The same radiance from everywhere that no surface covers.
     Environment {
-        /// Radiance.
+        /// Radiance from every direction, linear Rec.709.
         radiance: [f32; 3],
     },
 }

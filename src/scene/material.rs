@@ -11,7 +11,7 @@ pub struct Material {
     pub albedo: [f32; 3],
     /// Factor on the albedo, index into the scene's textures.
     pub texture: Option<u32>,
-    /// Emitted radiance.
+    /// Emitted radiance, linear Rec.709; 0 for no light.
     pub emission: [f32; 3],
     /// Whether the back emits too.
     pub emits_both_sides: bool,
@@ -71,9 +71,9 @@ impl Wrap {
 /// An image in linear RGB, filtered bilinearly.
 #[derive(Clone, Debug)]
 pub struct Texture {
-    /// Texels across.
+    /// Texels in a row.
     pub width: u32,
-    /// Texels down.
+    /// Rows of texels.
     pub height: u32,
     /// Linear RGB, row by row from the top.
     pub texels: Vec<[f32; 3]>,

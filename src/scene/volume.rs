@@ -14,7 +14,7 @@ pub struct Volume {
     pub albedo: [f32; 3],
     /// Maps the box `0..dims` of the grid into the scene; any invertible affine map.
     pub scene_from_index: DAffine3,
-    /// Inverse of `scene_from_index`.
+    /// Inverse of `scene_from_index`, rounded, for rays.
     pub index_from_scene: Affine3A,
     /// The same, as exact as it is known: where a ray enters decides how deep a dense volume is.
     pub index_from_scene_f64: DAffine3,

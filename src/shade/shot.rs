@@ -35,7 +35,7 @@ pub type Regions = (Vec<Planes>, Asked);
 pub struct Request<'a> {
     /// How to shade.
     pub settings: &'a Settings,
-    /// Where.
+    /// Parts of the frame to shade.
     pub regions: &'a [Region],
     /// What is kept of pixels.
     pub parts: &'a [Part],

@@ -8,11 +8,11 @@ use glam::{DAffine3, DVec2, DVec3, Vec3};
 /// A camera looking at a traced scene.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a> {
-    /// The scene.
+    /// The scene that rays from the camera meet.
     pub tracer: &'a Tracer<'a>,
-    /// Where from.
+    /// The camera, in scene space.
     pub camera: &'a Camera,
-    /// Image size.
+    /// Size of the whole frame in pixels, and its exposure.
     pub film: Film,
     /// Angle that a pixel in the middle covers, radians.
     pub pixel_angle: f32,

@@ -7,11 +7,11 @@ use std::fmt::Write;
 pub struct Row {
     /// What was looked at.
     pub case: String,
-    /// Where.
+    /// The value that the case was tried at, and its name.
     pub parameter: String,
     /// The closed form, quadrature, or bound.
     pub expected: f64,
-    /// What lvox gave.
+    /// The value that lvox gave, in the unit of `expected`.
     pub got: f64,
     /// Relative error of `got`; where 0 was expected, its size.
     pub error: f64,

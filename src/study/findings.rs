@@ -3,6 +3,8 @@
 
 use super::method::Method;
 use super::record::{Errors, Findings, Run, Slope, Study, Versus};
+use super::sweep::Sweep;
+use std::collections::BTreeSet;
 
 /// How many times the longest run of Monte Carlo its curve is followed: beyond that two runs say nothing.
 pub const FARTHEST: f64 = 10.0;
@@ -140,34 +142,30 @@ impl Study {
         let mut slopes = Vec::new();
         for method in Method::ALL {
             let runs: Vec<&Run> = self.runs.iter().filter(|r| r.method == method).collect();
-            let mut sweeps: Vec<&str> = runs.iter().map(|r| r.sweep.as_str()).collect();
-            sweeps.retain(|s| *s != "base" && *s != "paper");
-            sweeps.sort_unstable();
-            sweeps.dedup();
-            for sweep in sweeps {
+            let mut sweeps: BTreeSet<Sweep> = runs.iter().map(|r| r.sweep).collect();
+            if sweeps.contains(&Sweep::Surfels) {
+                sweeps.insert(Sweep::SurfelRadius);
+            }
+            for sweep in sweeps.into_iter().filter(|s| !s.is_alone()) {
                 slopes.extend(slope(method, sweep, self.sweep(method, sweep)));
-                if sweep == "surfels" {
-                    let setting = "surfel-radius";
-                    slopes.extend(slope(method, setting, self.sweep(method, setting)));
-                }
             }
         }
         slopes
     }
 
-    /// Values of a setting and relMSE of the runs that vary it, and of the base. `surfel-radius` is that of the clouds.
+    /// Values of a setting and relMSE of the runs that vary it, and of the base.
     #[must_use]
-    pub fn sweep(&self, method: Method, setting: &str) -> Vec<(f64, f64)> {
-        let of_clouds = setting == "surfel-radius";
-        let sweep = if of_clouds { "surfels" } else { setting };
+    pub fn sweep(&self, method: Method, setting: Sweep) -> Vec<(f64, f64)> {
+        let of_clouds = setting == Sweep::SurfelRadius;
+        let sweep = if of_clouds { Sweep::Surfels } else { setting };
         self.runs
             .iter()
-            .filter(|r| r.method == method && (r.sweep == sweep || r.sweep == "base"))
+            .filter(|r| r.method == method && (r.sweep == sweep || r.sweep == Sweep::Base))
             .filter_map(|r| {
                 let value = if of_clouds {
                     self.cloud_of(r)?.surfel_radius
                 } else {
-                    *r.values.get(sweep)?
+                    *r.values.get(&sweep)?
                 };
                 Some((value, r.errors.relmse?))
             })
@@ -229,16 +227,10 @@ impl Study {
     }
 }
 
-/// Whether more of a setting is finer.
-#[must_use]
-pub fn rises(setting: &str) -> bool {
-    ["spp", "samples", "surfels"].contains(&setting)
-}
-
-fn slope(method: Method, setting: &str, mut points: Vec<(f64, f64)>) -> Option<Slope> {
+fn slope(method: Method, setting: Sweep, mut points: Vec<(f64, f64)>) -> Option<Slope> {
     points.retain(|(x, y)| *x > 0.0 && *y > 0.0);
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    if !rises(setting) {
+    if !setting.rises() {
         points.reverse();
     }
     let [coarsest, .., finest] = points[..] else {
@@ -246,7 +238,7 @@ fn slope(method: Method, setting: &str, mut points: Vec<(f64, f64)>) -> Option<S
     };
     Some(Slope {
         method,
-        setting: setting.into(),
+        setting,
         exponent: fit(&points)?,
         coarse_exponent: fit(&points[..2])?,
         runs: points.len(),
@@ -272,7 +264,7 @@ mod tests {
     use super::super::record::{Cloud, Reference, Timing};
     use super::*;
 
-    fn run(method: Method, sweep: &str, value: f64, secs: f64, relmse: f64, pdiff: f64) -> Run {
+    fn run(method: Method, sweep: Sweep, value: f64, secs: f64, relmse: f64, pdiff: f64) -> Run {
         let round = |f: f64| Timing {
             wall_secs: secs * f,
             cpu_secs: secs * f,
@@ -280,8 +272,8 @@ mod tests {
         Run {
             name: format!("{method}-{sweep}-{value}"),
             method,
-            sweep: sweep.into(),
-            values: [(sweep.to_owned(), value)].into(),
+            sweep,
+            values: [(sweep, value)].into(),
             rounds: vec![round(9.0), round(1.0), round(0.5)],
             errors: Errors {
                 relmse: Some(relmse),
@@ -300,13 +292,13 @@ mod tests {
                 ..Reference::default()
             },
             runs: vec![
-                run(Method::MonteCarlo, "spp", 1.0, 1.0, 1.001, 0.4),
-                run(Method::MonteCarlo, "spp", 4.0, 4.0, 0.251, 0.2),
-                run(Method::MonteCarlo, "spp", 16.0, 16.0, 0.0635, 0.02),
-                run(Method::Extended, "base", 0.0, 2.0, 0.011, 0.1),
-                run(Method::Extended, "samples", 4.0, 1.0, 0.2, 0.0),
-                run(Method::Extended, "samples", 8.0, 1.5, 0.05, 0.3),
-                run(Method::Extended, "samples", 16.0, 2.5, 0.025, 0.001),
+                run(Method::MonteCarlo, Sweep::Spp, 1.0, 1.0, 1.001, 0.4),
+                run(Method::MonteCarlo, Sweep::Spp, 4.0, 4.0, 0.251, 0.2),
+                run(Method::MonteCarlo, Sweep::Spp, 16.0, 16.0, 0.0635, 0.02),
+                run(Method::Extended, Sweep::Base, 0.0, 2.0, 0.011, 0.1),
+                run(Method::Extended, Sweep::Samples, 4.0, 1.0, 0.2, 0.0),
+                run(Method::Extended, Sweep::Samples, 8.0, 1.5, 0.05, 0.3),
+                run(Method::Extended, Sweep::Samples, 16.0, 2.5, 0.025, 0.001),
             ],
             ..Study::default()
         };
@@ -321,7 +313,7 @@ mod tests {
             panic!("{:?}", study.findings.slopes);
         };
         assert!((mc.exponent + 1.0).abs() < 0.01 && mc.runs == 3);
-        assert_eq!(samples.setting, "samples");
+        assert_eq!(samples.setting, Sweep::Samples);
         assert!((samples.coarse_exponent + 2.0).abs() < 1e-9);
         assert!((samples.exponent + 1.5).abs() < 1e-9, "{samples:?}");
         assert_eq!(samples.coarsest, [4.0, 0.2]);
@@ -333,7 +325,14 @@ mod tests {
     fn radius_is_fitted_from_the_clouds_and_falls_towards_zero() {
         let mut study = Study::default();
         for (name, radius, error) in [("a", 0.4, 0.16), ("b", 0.2, 0.04), ("c", 0.1, 0.01)] {
-            let mut run = run(Method::Extended, "surfels", 1.0 / radius, 1.0, error, 0.1);
+            let mut run = run(
+                Method::Extended,
+                Sweep::Surfels,
+                1.0 / radius,
+                1.0,
+                error,
+                0.1,
+            );
             run.cloud = Some(name.into());
             study.runs.push(run);
             study.clouds.push(Cloud {
@@ -344,7 +343,7 @@ mod tests {
         }
         study.find();
         let slope = &study.findings.slopes[1];
-        assert_eq!(slope.setting, "surfel-radius");
+        assert_eq!(slope.setting, Sweep::SurfelRadius);
         assert!((slope.exponent - 2.0).abs() < 1e-9);
         assert_eq!(slope.coarsest, [0.4, 0.16]);
     }
@@ -381,7 +380,7 @@ mod tests {
     fn what_was_not_measured_stands_in_brackets_and_what_is_far_is_a_bound() {
         let mut study = study();
         // Faster than any run of Monte Carlo, and almost as good as the reference.
-        let mut fast = run(Method::Extended, "paper", 0.0, 0.5, 0.0011, 0.0);
+        let mut fast = run(Method::Extended, Sweep::Paper, 0.0, 0.5, 0.0011, 0.0);
         fast.rounds.truncate(2);
         fast.rounds[0] = fast.rounds[1];
         study.runs.push(fast);

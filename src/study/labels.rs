@@ -6,13 +6,13 @@ pub const LINE: i32 = 16;
 /// A rectangle of pixels, right and bottom excluded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rect {
-    /// Left edge.
+    /// Left edge, pixels from the left of the picture.
     pub left: i32,
-    /// Upper edge.
+    /// Upper edge, pixels from the top of the picture.
     pub top: i32,
-    /// Across.
+    /// Pixels from the left edge to the right one.
     pub width: i32,
-    /// Down.
+    /// Pixels from the upper edge to the lower one.
     pub height: i32,
 }
 

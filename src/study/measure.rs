@@ -138,7 +138,7 @@ impl<'a> Bench<'a> {
         }
     }
 
-    /// Compares.
+    /// Errors of a picture by all metrics, and those of its pixels.
     pub fn judge(
         &self,
         picture: &Picture,

@@ -12,11 +12,13 @@ mod method;
 pub mod plan;
 mod plots;
 pub mod record;
+mod sweep;
 mod table;
 
 pub use method::Method;
 pub use plan::Settings;
 pub use record::Study;
+pub use sweep::Sweep;
 
 use crate::image::subject::{SHADED_SEGMENTS, Subject};
 use crate::image::{Picture, Region, exr, heat, load, png, tone};
@@ -318,7 +320,7 @@ fn measure(
         name: variant.name.clone(),
         key: variant.key(bench.settings),
         method: variant.method,
-        sweep: variant.sweep.into(),
+        sweep: variant.sweep,
         values: variant.values(),
         cloud: cloud_name,
         rounds: vec![timing],
@@ -441,7 +443,7 @@ fn write_reports(study: &Study, files: &Files) -> Result<()> {
         heat: None,
     }];
     let mut chosen: Vec<&Run> = study.runs.iter().filter(|r| table::is_chief(r)).collect();
-    chosen.sort_by_key(|r| r.sweep == "spp");
+    chosen.sort_by_key(|r| r.sweep == Sweep::Spp);
     for run in chosen {
         let errors = [("relMSE", run.errors.relmse), ("FLIP", run.errors.flip)];
         let errors = errors.map(|(name, value)| {

@@ -1,6 +1,7 @@
 //! What a study runs: one setting varied at a time, around the defaults.
 
 use super::method::Method;
+use super::sweep::Sweep;
 use crate::bake::lvoxels::BlockSize;
 use crate::bake::{self, SurfelSampling};
 use crate::shade;
@@ -162,7 +163,7 @@ impl Settings {
             .map(|&spp| Variant {
                 name: format!("monte-carlo-{spp}"),
                 method: Method::MonteCarlo,
-                sweep: "spp",
+                sweep: Sweep::Spp,
                 how: How::MonteCarlo { spp },
             })
             .collect()
@@ -181,11 +182,10 @@ impl Settings {
             },
         };
         let mut variants = Vec::new();
-        let mut add = |sweep: &'static str, value: String, points: Points| {
-            let alone = sweep == "base" || sweep == "paper";
-            if alone || points != base {
+        let mut add = |sweep: Sweep, value: String, points: Points| {
+            if sweep.is_alone() || points != base {
                 variants.push(Variant {
-                    name: if alone {
+                    name: if sweep.is_alone() {
                         format!("{label}-{sweep}")
                     } else {
                         format!("{label}-{sweep}-{value}")
@@ -196,26 +196,26 @@ impl Settings {
                 });
             }
         };
-        add("base", String::new(), base.clone());
+        add(Sweep::Base, String::new(), base.clone());
         if let (Some(voxels), Method::Extended) = (self.paper_cloud, label) {
-            add("paper", String::new(), base.of_the_paper(voxels));
+            add(Sweep::Paper, String::new(), base.of_the_paper(voxels));
         }
         for &surfels in &self.surfels {
             let points = Points {
                 surfels,
                 ..base.clone()
             };
-            add("surfels", surfels.to_string(), points);
+            add(Sweep::Surfels, surfels.to_string(), points);
         }
         for &samples in &self.samples {
             let mut points = base.clone();
             points.shade.samples = samples;
-            add("samples", samples.to_string(), points);
+            add(Sweep::Samples, samples.to_string(), points);
         }
         for &max_solid_angle in &self.max_solid_angle {
             let mut points = base.clone();
             points.shade.max_solid_angle = max_solid_angle;
-            add("max-solid-angle", max_solid_angle.to_string(), points);
+            add(Sweep::MaxSolidAngle, max_solid_angle.to_string(), points);
         }
         if label == Method::Extended && has_media {
             for &block_depth in &self.block_depth {
@@ -223,14 +223,14 @@ impl Settings {
                     blocks: BlockSize::OpticalDepth(block_depth),
                     ..base.clone()
                 };
-                add("block-depth", block_depth.to_string(), points);
+                add(Sweep::BlockDepth, block_depth.to_string(), points);
             }
             for &voxels in &self.block_voxels {
                 let points = Points {
                     blocks: fixed(voxels),
                     ..base.clone()
                 };
-                add("block-voxels", voxels.to_string(), points);
+                add(Sweep::BlockVoxels, voxels.to_string(), points);
             }
         }
         variants
@@ -244,8 +244,8 @@ pub struct Variant {
     pub name: String,
     /// How it renders.
     pub method: Method,
-    /// The setting that is varied; `base` for none, `paper` for a cloud like the paper's.
-    pub sweep: &'static str,
+    /// The setting that is varied.
+    pub sweep: Sweep,
     /// What to do.
     pub how: How,
 }
@@ -269,22 +269,24 @@ impl Variant {
         blake3::hash(text.as_bytes()).to_hex().to_string()
     }
 
-    /// All settings that any run varies, by the names of their sweeps.
+    /// All settings that any run varies.
     #[must_use]
-    pub fn values(&self) -> BTreeMap<String, f64> {
+    pub fn values(&self) -> BTreeMap<Sweep, f64> {
         let values = match &self.how {
-            How::MonteCarlo { spp } => vec![("spp", f64::from(*spp))],
+            How::MonteCarlo { spp } => vec![(Sweep::Spp, f64::from(*spp))],
             How::Points(points) => vec![
-                ("surfels", points.surfels as f64),
+                (Sweep::Surfels, points.surfels as f64),
                 match points.blocks {
-                    BlockSize::OpticalDepth(tau) => ("block-depth", as_typed(tau)),
-                    BlockSize::Fixed { level, .. } => ("block-voxels", f64::from(1_u32 << level)),
+                    BlockSize::OpticalDepth(tau) => (Sweep::BlockDepth, as_typed(tau)),
+                    BlockSize::Fixed { level, .. } => {
+                        (Sweep::BlockVoxels, f64::from(1_u32 << level))
+                    }
                 },
-                ("samples", f64::from(points.shade.samples)),
-                ("max-solid-angle", as_typed(points.shade.max_solid_angle)),
+                (Sweep::Samples, f64::from(points.shade.samples)),
+                (Sweep::MaxSolidAngle, as_typed(points.shade.max_solid_angle)),
             ],
         };
-        values.into_iter().map(|(n, v)| (n.into(), v)).collect()
+        values.into_iter().collect()
     }
 }
 
@@ -383,7 +385,10 @@ mod tests {
             assert_eq!(names.len(), variants.len());
             let first: Vec<_> = variants[..3].iter().map(|v| v.method).collect();
             assert_eq!(first, Method::ALL);
-            assert_eq!(variants.iter().filter(|v| v.sweep == "base").count(), 2);
+            assert_eq!(
+                variants.iter().filter(|v| v.sweep == Sweep::Base).count(),
+                2
+            );
         }
     }
 
@@ -453,10 +458,10 @@ mod tests {
     #[test]
     fn values_are_as_they_were_typed() {
         let settings = Settings::default();
-        let of = |name: &str, setting: &str| variant(&settings, name).values()[setting];
-        let angle = of("extended-max-solid-angle-0.04", "max-solid-angle");
+        let of = |name: &str, setting: Sweep| variant(&settings, name).values()[&setting];
+        let angle = of("extended-max-solid-angle-0.04", Sweep::MaxSolidAngle);
         assert_eq!(angle.to_string(), "0.04");
-        assert_eq!(of("extended-block-depth-0.35", "block-depth"), 0.35);
+        assert_eq!(of("extended-block-depth-0.35", Sweep::BlockDepth), 0.35);
         assert_eq!(as_typed(0.1_f32), 0.1);
     }
 

@@ -1,9 +1,9 @@
 //! The curves of a study as SVG, both axes logarithmic.
 
-use super::findings::rises;
 use super::labels::{self, LINE, Rect};
 use super::method::Method;
 use super::record::{Run, Study};
+use super::sweep::Sweep;
 use crate::{Error, Result};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -161,7 +161,7 @@ fn cloud_sweep(study: &Study, method: Method) -> impl Iterator<Item = &Run> {
     study
         .runs
         .iter()
-        .filter(move |r| r.method == method && (r.sweep == "surfels" || r.sweep == "base"))
+        .filter(move |r| r.method == method && [Sweep::Surfels, Sweep::Base].contains(&r.sweep))
 }
 
 fn error_over_surfels(study: &Study) -> Vec<Series> {
@@ -183,26 +183,26 @@ fn error_over_surfels(study: &Study) -> Vec<Series> {
 
 /// The sweeps that the slopes are fitted to.
 fn error_over_settings(study: &Study) -> Vec<Series> {
-    const SETTINGS: [(&str, RGBColor); 5] = [
-        ("samples", COLORS[2].1),
-        ("max-solid-angle", COLORS[1].1),
-        ("surfel-radius", RGBColor(0, 158, 115)),
-        ("block-depth", RGBColor(204, 121, 167)),
-        ("block-voxels", COLORS[0].1),
+    const SETTINGS: [(Sweep, RGBColor); 5] = [
+        (Sweep::Samples, COLORS[2].1),
+        (Sweep::MaxSolidAngle, COLORS[1].1),
+        (Sweep::SurfelRadius, RGBColor(0, 158, 115)),
+        (Sweep::BlockDepth, RGBColor(204, 121, 167)),
+        (Sweep::BlockVoxels, COLORS[0].1),
     ];
     SETTINGS
         .iter()
         .map(|&(setting, color)| {
             let found = study.sweep(Method::Extended, setting);
             // All settings are coarser upwards once those that are finer upwards are turned over.
-            let coarse = |v: f64| if rises(setting) { 1.0 / v } else { v };
+            let coarse = |v: f64| if setting.rises() { 1.0 / v } else { v };
             let finest = found
                 .iter()
                 .map(|p| coarse(p.0))
                 .filter(|&v| has_place(v))
                 .fold(f64::INFINITY, f64::min);
             Series {
-                label: setting.into(),
+                label: setting.to_string(),
                 color,
                 points: sorted(found.iter().map(|p| (coarse(p.0) / finest, p.1)).collect()),
                 joined: true,
@@ -412,11 +412,11 @@ mod tests {
     use super::*;
 
     /// A run of a second.
-    fn run(name: &str, sweep: &str, relmse: f64) -> Run {
+    fn run(name: &str, sweep: Sweep, relmse: f64) -> Run {
         Run {
             name: name.into(),
             method: Method::Extended,
-            sweep: sweep.into(),
+            sweep,
             rounds: vec![Timing {
                 wall_secs: 1.0,
                 cpu_secs: 1.0,
@@ -436,12 +436,12 @@ mod tests {
                 relmse: Some(0.0),
                 ..Reference::default()
             },
-            runs: vec![run("exact", "base", 0.0)],
+            runs: vec![run("exact", Sweep::Base, 0.0)],
             ..Study::default()
         };
         study.find();
         assert!(all(&study).unwrap().is_empty());
-        study.runs.push(run("near", "base", 0.1));
+        study.runs.push(run("near", Sweep::Base, 0.1));
         study.runs[0].rounds[0].cpu_secs = 2.0;
         study.find();
         let front = all(&study).unwrap().pop().unwrap();
@@ -450,14 +450,14 @@ mod tests {
 
     #[test]
     fn a_sweep_of_one_point_is_not_drawn() {
-        let of = |sweep: &str, samples: f64| {
+        let of = |sweep: Sweep, samples: f64| {
             let mut run = run("", sweep, 1.0 / samples);
-            run.values.insert("samples".into(), samples);
+            run.values.insert(Sweep::Samples, samples);
             run.rounds[0].cpu_secs = samples;
             run
         };
         let mut study = Study {
-            runs: vec![of("base", 8.0)],
+            runs: vec![of(Sweep::Base, 8.0)],
             ..Study::default()
         };
         let names = |study: &Study| -> Vec<&str> {
@@ -467,7 +467,7 @@ mod tests {
         let found = names(&study);
         assert!(!found.contains(&"error-over-settings"), "{found:?}");
         assert!(found.contains(&"error-over-render-time"), "{found:?}");
-        study.runs.push(of("samples", 16.0));
+        study.runs.push(of(Sweep::Samples, 16.0));
         let found = names(&study);
         assert!(found.contains(&"error-over-settings"), "{found:?}");
     }
@@ -489,8 +489,8 @@ mod tests {
     #[test]
     fn settings_of_zero_and_errors_without_end_leave_the_other_points() {
         let of = |name: &str, solid_angle: f64, relmse: f64| {
-            let mut run = run(name, "max-solid-angle", relmse);
-            run.values.insert("max-solid-angle".into(), solid_angle);
+            let mut run = run(name, Sweep::MaxSolidAngle, relmse);
+            run.values.insert(Sweep::MaxSolidAngle, solid_angle);
             run
         };
         let mut study = Study {

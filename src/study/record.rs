@@ -2,6 +2,7 @@
 
 use super::method::Method;
 use super::plan::{Settings, Variant};
+use super::sweep::Sweep;
 use crate::run::Output;
 use crate::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet};
@@ -53,10 +54,10 @@ pub struct Findings {
 /// in, so the exponent flattens as the error comes near the floor.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Slope {
-    /// Method.
+    /// How the runs render.
     pub method: Method,
-    /// Setting; `surfel-radius`, in scene units, is the sweep over surfels again.
-    pub setting: String,
+    /// What is varied.
+    pub setting: Sweep,
     /// Exponent of relMSE over the setting, by all runs of the sweep.
     pub exponent: f64,
     /// The same by the two coarsest alone, where the setting rules the error most.
@@ -99,7 +100,7 @@ pub struct Versus {
 /// What was timed on one machine.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Timed {
-    /// The machine.
+    /// Where all of these times were taken.
     pub machine: Machine,
     /// Clouds, in order of need.
     pub clouds: Vec<Cloud>,
@@ -134,11 +135,11 @@ pub struct Reference {
 pub struct Cloud {
     /// Name, from [`super::plan::Points::cloud`].
     pub name: String,
-    /// Surfels in it.
+    /// Surfels that were baked; about as many as asked for.
     pub surfels: u64,
     /// Radius of a disk of the mean area, clips left out, scene units.
     pub surfel_radius: f64,
-    /// Lvoxels in it.
+    /// Lvoxels that were baked, of all volumes.
     pub lvoxels: u64,
     /// Bytes of the tree's file.
     pub tree_bytes: u64,
@@ -180,7 +181,7 @@ impl Cloud {
 /// A time, in seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Timing {
-    /// By the clock.
+    /// Seconds by the clock.
     pub wall_secs: f64,
     /// Of all threads together.
     pub cpu_secs: f64,
@@ -193,9 +194,9 @@ pub struct Errors {
     pub relmse: Option<f64>,
     /// The same without the worst 0.1 % of pixels.
     pub relmse_trimmed: Option<f64>,
-    /// Mean LDR-FLIP.
+    /// Mean of LDR-FLIP over the pixels, 0 to 1.
     pub flip: Option<f64>,
-    /// Structural similarity.
+    /// Structural similarity; 1 for equal images.
     pub ssim: Option<f64>,
     /// Fraction of pixels that a viewer can tell apart.
     pub pdiff: Option<f64>,
@@ -212,10 +213,10 @@ pub struct Run {
     pub key: String,
     /// How it renders.
     pub method: Method,
-    /// The setting that is varied; `base` for none, `paper` for a cloud like the paper's.
-    pub sweep: String,
-    /// All settings that any run varies, by name.
-    pub values: BTreeMap<String, f64>,
+    /// The setting that is varied.
+    pub sweep: Sweep,
+    /// All settings that any run varies.
+    pub values: BTreeMap<Sweep, f64>,
     /// Name of the cloud, if it needs one.
     pub cloud: Option<String>,
     /// Time of rendering, loading, baking and building excluded, once for each round.

@@ -3,6 +3,7 @@
 use super::findings::{FARTHEST, Metric};
 use super::method::Method;
 use super::record::{Cloud, Run, Study, Versus};
+use super::sweep::Sweep;
 use std::fmt::Write;
 
 /// A header and rows of cells.
@@ -42,13 +43,13 @@ fn megabytes(bytes: u64) -> String {
 
 /// Whether a run belongs to the short table and to the images: all of Monte Carlo, and what no sweep varies.
 pub fn is_chief(run: &Run) -> bool {
-    ["spp", "base", "paper"].contains(&run.sweep.as_str())
+    run.sweep == Sweep::Spp || run.sweep.is_alone()
 }
 
 /// Time, difference and memory of the runs that matter most.
 pub fn summary(study: &Study) -> Table {
     let mut chosen: Vec<&Run> = study.runs.iter().filter(|r| is_chief(r)).collect();
-    chosen.sort_by_key(|r| r.sweep != "spp");
+    chosen.sort_by_key(|r| r.sweep != Sweep::Spp);
     let rows = chosen.iter().map(|run| {
         let cloud = study.cloud_of(run);
         let versus = |metric| study.versus_of(run, metric);
@@ -163,7 +164,7 @@ pub fn slopes(study: &Study) -> Table {
             .map(|s| {
                 vec![
                     s.method.to_string(),
-                    s.setting.clone(),
+                    s.setting.to_string(),
                     format!("{:.2}", s.exponent),
                     format!("{:.2}", s.coarse_exponent),
                     at(s.coarsest),

@@ -19,7 +19,7 @@ pub enum Outcome {
 pub struct Found {
     /// Place on the ladder.
     pub rung: f64,
-    /// Error expected there.
+    /// Trimmed relMSE expected there.
     pub expected: f64,
     /// Whether that is the target.
     pub outcome: Outcome,

@@ -13,9 +13,9 @@ use glam::{Vec3, Vec3A};
 pub struct RayInVolume {
     /// Where it begins, scene units from the ray's origin.
     pub near: f32,
-    /// Where it ends.
+    /// Where it ends, scene units from the ray's origin.
     pub far: f32,
-    /// Optical depth.
+    /// Optical depth from `near` to `far`.
     pub tau: f32,
 }
 

@@ -24,7 +24,7 @@ use glam::Vec3;
 /// A scene made ready for rays.
 #[derive(Debug)]
 pub struct Tracer<'a> {
-    /// The scene.
+    /// The scene whose triangles and media rays meet.
     pub scene: &'a Scene,
     /// How densely surfels stand on it.
     pub pieces: Pieces,

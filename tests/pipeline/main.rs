@@ -8,6 +8,8 @@ mod gather;
 mod hostile_trees;
 mod leaks;
 mod left_out;
+#[cfg(target_os = "linux")]
+mod memory;
 mod messages;
 mod outputs;
 mod physics;

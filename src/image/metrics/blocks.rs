@@ -9,9 +9,9 @@ pub const SIDE: usize = 16;
 /// A block of pixels and its errors.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Block {
-    /// First column.
+    /// First column, counted from the left of the picture.
     pub x0: usize,
-    /// First row.
+    /// First row, counted from the top of the picture.
     pub y0: usize,
     /// One past the last column.
     pub x1: usize,

@@ -27,7 +27,7 @@ pub struct Linear {
     pub bias: f64,
     /// Relative mean absolute error.
     pub relmae: f64,
-    /// Largest difference.
+    /// Largest absolute difference of a channel of a pixel, radiance.
     pub max_abs: f64,
 }
 

@@ -50,7 +50,7 @@ pub struct Scores {
 /// Scores and the error at every pixel.
 #[derive(Clone, Debug)]
 pub struct Comparison {
-    /// The metrics.
+    /// One number for each metric, over all pixels.
     pub scores: Scores,
     /// LDR-FLIP error of every pixel, 0 to 1, row by row.
     pub error_map: Vec<f32>,

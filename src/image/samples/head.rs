@@ -6,7 +6,7 @@ use std::io::{self, ErrorKind, Read};
 
 const MAGIC: [u8; 8] = *b"\x89lvs\r\n\x1a\n";
 /// Version of such files.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 /// Version, strands, region, length of the origin.
 const NUMBERS: usize = 7;
 /// Most bytes of an origin that are looked at.
@@ -67,7 +67,7 @@ impl Origin {
 pub struct Head {
     /// Independent sequences in each pixel.
     pub strands: u32,
-    /// The pixels.
+    /// The part of the frame whose pixels have samples.
     pub region: Region,
     /// What the samples were made from.
     pub origin: Origin,

@@ -4,8 +4,8 @@ use super::head::{Head, Unreadable};
 use std::io::{self, Read, Write};
 
 const CHECKSUM: usize = 32;
-/// A row begins with its count.
-const COUNT: u64 = 4;
+/// A row begins with its counts.
+const COUNTS: u64 = 4 + 8;
 
 /// A row of pixels.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,6 +14,8 @@ pub struct Row {
     pub y: u32,
     /// Samples that each pixel has.
     pub count: u32,
+    /// Samples of all its pixels that were infinite or not a number, and count as black.
+    pub not_finite: u64,
     /// Sums of each strand of each pixel.
     pub sums: Vec<[f64; 3]>,
 }
@@ -46,6 +48,7 @@ pub fn write(out: &mut impl Write, head: &Head, rows: &[Row]) -> io::Result<()> 
     for row in rows {
         bytes.clear();
         bytes.extend_from_slice(&row.count.to_le_bytes());
+        bytes.extend_from_slice(&row.not_finite.to_le_bytes());
         for v in row.sums.iter().flatten() {
             bytes.extend_from_slice(&v.to_le_bytes());
         }
@@ -89,7 +92,7 @@ impl<R: Read> Rows<R> {
         let mut file = Hashing { file, hasher };
         let head = Head::read(&mut file)?;
         let (width, height) = (head.region.width(), head.region.height());
-        let row = sum_bytes(width.into(), head.strands).saturating_add(COUNT);
+        let row = sum_bytes(width.into(), head.strands).saturating_add(COUNTS);
         let ends = file.hasher.count() + CHECKSUM as u64;
         let expected = row.saturating_mul(height.into()).saturating_add(ends);
         if length != expected || row > length {
@@ -117,12 +120,14 @@ impl<R: Read> Rows<R> {
             return Ok(None);
         }
         self.file.read_exact(&mut self.row)?;
-        let (count, sums) = self.row.split_first_chunk().ok_or(Unreadable::Cut)?;
+        let (count, rest) = self.row.split_first_chunk().ok_or(Unreadable::Cut)?;
+        let (not_finite, sums) = rest.split_first_chunk().ok_or(Unreadable::Cut)?;
         let (values, _) = sums.as_chunks();
         let (sums, _) = values.as_chunks();
         let row = Row {
             y: self.next,
             count: u32::from_le_bytes(*count),
+            not_finite: u64::from_le_bytes(*not_finite),
             sums: sums
                 .iter()
                 .map(|sum: &[[u8; 8]; 3]| sum.map(f64::from_le_bytes))
@@ -179,6 +184,7 @@ mod tests {
         let row = |y: u32| Row {
             y,
             count: 10 + y,
+            not_finite: u64::from(y) << 40,
             sums: (0..6).map(|i| [f64::from(i), 0.1, -1e300]).collect(),
         };
         (head, vec![row(5), row(6)])

@@ -3,7 +3,7 @@
 
 use super::super::{Camera, Film, Grid, Light, Mesh, Scene, Volume};
 use super::files::Files;
-use super::part::{FARTHEST, Part, merge};
+use super::part::{FARTHEST, MESH, Part, merge};
 use crate::run::{Cancel, memory};
 use crate::{Error, Result};
 use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec2, Vec3};
@@ -336,9 +336,9 @@ fn merge_parts(parts: Vec<Part>, world_from_scene: DVec3, cancel: &Cancel) -> Re
     let vertices: usize = parts.iter().map(|p| p.positions.len()).sum();
     let count: usize = parts.iter().map(|p| p.triangles.len()).sum();
     check_counts(vertices, count)?;
-    mesh.positions = memory::room("the mesh", vertices)?;
-    mesh.triangles = memory::room("the mesh", count)?;
-    mesh.material = memory::room("the mesh", count)?;
+    mesh.positions = memory::room(MESH, vertices)?;
+    mesh.triangles = memory::room(MESH, count)?;
+    mesh.material = memory::room(MESH, count)?;
     for part in parts {
         cancel.check()?;
         let first_vertex = mesh.positions.len();
@@ -350,16 +350,19 @@ fn merge_parts(parts: Vec<Part>, world_from_scene: DVec3, cancel: &Cancel) -> Re
             .map(|p| (p - world_from_scene).as_vec3());
         mesh.positions.extend(moved);
         let total = mesh.positions.len();
-        let normals = part.normals.iter().map(|n| n.normalize_or_zero()).collect();
-        merge(&mut mesh.normals, normals, first_vertex, total, Vec3::ZERO);
-        merge(&mut mesh.colors, part.colors, first_vertex, total, [1.0; 3]);
+        let mut normals = part.normals;
+        normals.iter_mut().for_each(|n| *n = n.normalize_or_zero());
+        merge(&mut mesh.normals, normals, first_vertex, total, Vec3::ZERO)?;
+        merge(&mut mesh.colors, part.colors, first_vertex, total, [1.0; 3])?;
         let textured = part.materials.iter().any(|m| m.texture.is_some());
         let mut uvs = if textured { part.uvs } else { Vec::new() };
         if textured {
             // Whoever sees a texture may count on there being coordinates.
+            let missing = part.positions.len().saturating_sub(uvs.len());
+            memory::grow(MESH, &mut uvs, missing)?;
             uvs.resize(part.positions.len(), Vec2::ZERO);
         }
-        merge(&mut mesh.uvs, uvs, first_vertex, total, Vec2::ZERO);
+        merge(&mut mesh.uvs, uvs, first_vertex, total, Vec2::ZERO)?;
         for (triangle, material) in part.triangles.iter().zip(&part.material) {
             cancel.check()?;
             let triangle = triangle.map(|v| v + first_vertex as u32);

@@ -6,8 +6,9 @@
 use super::super::Material;
 use super::files::{Files, beside};
 use super::mtl;
-use super::part::{DEFAULT_ALBEDO, Part, merge};
+use super::part::{DEFAULT_ALBEDO, MESH, Part, merge, push};
 use super::texture;
+use crate::run::memory;
 use crate::{Error, Result};
 use glam::{DVec3, Vec2, Vec3};
 use std::collections::HashMap;
@@ -51,6 +52,9 @@ pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Par
     Ok(reader.part)
 }
 
+/// Position, texture coordinate and normal of a corner.
+type Corner = [Option<usize>; 3];
+
 struct Reader<'a> {
     path: &'a Path,
     files: &'a mut Files,
@@ -60,8 +64,8 @@ struct Reader<'a> {
     colors: Vec<[f32; 3]>,
     uvs: Vec<Vec2>,
     normals: Vec<Vec3>,
-    /// Vertex of the part for each position, texture coordinate and normal that come together in a corner.
-    vertices: HashMap<[Option<usize>; 3], u32>,
+    /// Vertex of the part for each corner that differs from those before it.
+    vertices: HashMap<Corner, u32>,
     /// Index in the part of each material by name.
     materials: HashMap<String, u32>,
     /// That of the following faces.
@@ -78,15 +82,13 @@ impl Reader<'_> {
                 let numbers = numbers(rest, 1..=3)?;
                 let v = numbers.get(1).copied().unwrap_or(0.0);
                 // Ours run downwards.
-                self.uvs
-                    .push(Vec2::new(numbers[0] as f32, (1.0 - v) as f32));
-                Ok(())
+                let uv = Vec2::new(numbers[0] as f32, (1.0 - v) as f32);
+                push(&mut self.uvs, uv)
             }
             "vn" => {
                 let numbers = numbers(rest, 3..=3)?;
                 let normal = DVec3::from_slice(&numbers);
-                self.normals.push(normal.as_vec3());
-                Ok(())
+                push(&mut self.normals, normal.as_vec3())
             }
             "f" => self.face(rest),
             "mtllib" => self.library(rest.trim()),
@@ -106,7 +108,10 @@ impl Reader<'_> {
             [w] if w != 0.0 => position /= w,
             [_] => return Err(Error::input("a vertex with w = 0 is at infinity")),
             [r, g, b] => {
-                self.colors.resize(self.positions.len(), [1.0; 3]);
+                let before = self.positions.len();
+                let more = before + 1 - self.colors.len();
+                memory::grow(MESH, &mut self.colors, more)?;
+                self.colors.resize(before, [1.0; 3]);
                 self.colors.push([r, g, b].map(|c| c as f32));
             }
             _ => {
@@ -116,8 +121,7 @@ impl Reader<'_> {
                 )));
             }
         }
-        self.positions.push(position);
-        Ok(())
+        push(&mut self.positions, position)
     }
 
     fn face(&mut self, rest: &str) -> Result<()> {
@@ -126,24 +130,22 @@ impl Reader<'_> {
             None => self.named_material(""),
         };
         let mut corners = rest.split_whitespace();
-        let mut next = || corners.next().map(|c| self.corner(c)).transpose();
-        let (first, second) = (next()?, next()?);
-        let (Some(first), Some(mut last)) = (first, second) else {
+        let (Some(first), Some(second)) = (corners.next(), corners.next()) else {
             return Err(Error::input("expected a face of 3 corners or more"));
         };
-        let mut triangles = Vec::new();
-        while let Some(corner) = next()? {
-            triangles.push([first, last, corner]);
+        let (first, mut last) = (self.corner(first)?, self.corner(second)?);
+        let before = self.part.triangles.len();
+        for corner in corners {
+            let corner = self.corner(corner)?;
+            push(&mut self.part.triangles, [first, last, corner])?;
+            push(&mut self.part.material, material)?;
             last = corner;
         }
-        if triangles.is_empty() {
+        if self.part.triangles.len() == before {
             return Err(Error::input(
                 "expected a face of 3 corners or more, found 2",
             ));
         }
-        self.part.triangles.extend(&triangles);
-        let count = self.part.triangles.len();
-        self.part.material.resize(count, material);
         Ok(())
     }
 
@@ -189,15 +191,18 @@ impl Reader<'_> {
         };
         let part = &mut self.part;
         let vertex = part.positions.len();
-        part.positions.push(self.positions[position]);
+        push(&mut part.positions, self.positions[position])?;
         let color = self.colors.get(position).copied().into_iter().collect();
-        merge(&mut part.colors, color, vertex, vertex + 1, [1.0; 3]);
+        merge(&mut part.colors, color, vertex, vertex + 1, [1.0; 3])?;
         let uv: Vec<Vec2> = uv.map(|i| self.uvs[i]).into_iter().collect();
-        merge(&mut part.uvs, uv, vertex, vertex + 1, Vec2::ZERO);
+        merge(&mut part.uvs, uv, vertex, vertex + 1, Vec2::ZERO)?;
         let normal: Vec<Vec3> = normal.map(|i| self.normals[i]).into_iter().collect();
-        merge(&mut part.normals, normal, vertex, vertex + 1, Vec3::ZERO);
+        merge(&mut part.normals, normal, vertex, vertex + 1, Vec3::ZERO)?;
         let vertex = u32::try_from(vertex)
             .map_err(|_| Error::input("more vertices than can be indexed with 32 bits"))?;
+        self.vertices
+            .try_reserve(1)
+            .map_err(|_| memory::refused::<(Corner, u32)>(MESH, self.vertices.len() + 1))?;
         self.vertices.insert(key, vertex);
         Ok(vertex)
     }

@@ -1,6 +1,7 @@
 //! A mesh as it comes out of a file: f64 positions, its own materials and textures, nothing dropped yet.
 
 use super::super::{Material, Texture};
+use crate::run::memory;
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 
@@ -9,6 +10,9 @@ pub(super) const FARTHEST: f64 = 1e15;
 
 /// Albedo of a mesh that does not state any.
 pub(super) const DEFAULT_ALBEDO: [f32; 3] = [0.5; 3];
+
+/// What needs the memory of its lists, as an error says it.
+pub(super) const MESH: &str = "the mesh";
 
 /// Triangles with attributes per vertex; an attribute that the file does not have is an empty list.
 #[derive(Debug, Default)]
@@ -97,7 +101,10 @@ impl Part {
     }
 
     /// Appends another part of the same file.
-    pub(super) fn append(&mut self, other: Part) {
+    ///
+    /// # Errors
+    /// If there is no memory for both.
+    pub(super) fn append(&mut self, other: Part) -> Result<()> {
         let vertex = self.positions.len() as u32;
         let material = self.materials.len() as u32;
         let texture = self.textures.len() as u32;
@@ -108,16 +115,19 @@ impl Part {
             vertex as usize,
             total,
             Vec3::ZERO,
-        );
+        )?;
         merge(
             &mut self.colors,
             other.colors,
             vertex as usize,
             total,
             [1.0; 3],
-        );
-        merge(&mut self.uvs, other.uvs, vertex as usize, total, Vec2::ZERO);
+        )?;
+        merge(&mut self.uvs, other.uvs, vertex as usize, total, Vec2::ZERO)?;
+        memory::grow(MESH, &mut self.positions, other.positions.len())?;
         self.positions.extend(other.positions);
+        memory::grow(MESH, &mut self.triangles, other.triangles.len())?;
+        memory::grow(MESH, &mut self.material, other.triangles.len())?;
         let moved = other.triangles.iter().map(|t| t.map(|v| v + vertex));
         self.triangles.extend(moved);
         self.material
@@ -128,23 +138,36 @@ impl Part {
                 m
             }));
         self.textures.extend(other.textures);
+        Ok(())
     }
 }
 
 /// Appends an optional attribute; a side that lacks what the other has is filled.
+///
+/// # Errors
+/// If there is no memory for both.
 pub(super) fn merge<T: Clone>(
     into: &mut Vec<T>,
     from: Vec<T>,
     before: usize,
     total: usize,
     fill: T,
-) {
+) -> Result<()> {
     if into.is_empty() && from.is_empty() {
-        return;
+        return Ok(());
     }
+    memory::grow(MESH, into, total.saturating_sub(into.len()))?;
     into.resize(before, fill.clone());
     into.extend(from);
     into.resize(total, fill);
+    Ok(())
+}
+
+/// Appends to a list of which the file does not say how long it is.
+pub(super) fn push<T>(list: &mut Vec<T>, value: T) -> Result<()> {
+    memory::grow(MESH, list, 1)?;
+    list.push(value);
+    Ok(())
 }
 
 fn check_material(material: &Material) -> Result<()> {
@@ -195,7 +218,7 @@ mod tests {
         let mut other = triangle();
         other.normals.clear();
         other.colors = vec![[0.25; 3]; 3];
-        part.append(other);
+        part.append(other).unwrap();
         assert_eq!(part.normals[2..4], [Vec3::Z, Vec3::ZERO]);
         assert_eq!(part.colors[2..4], [[1.0; 3], [0.25; 3]]);
         assert_eq!(part.triangles[1], [3, 4, 5]);

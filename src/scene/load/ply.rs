@@ -13,7 +13,7 @@
 //! Colours in integers are sRGB encoded (255, or 65535 for 16 bits, is 1); colours in floats are linear. Other elements
 //! and properties are skipped. Where a file colours anything, the albedo is 1 times that colour.
 
-use super::part::{DEFAULT_ALBEDO, Part};
+use super::part::{DEFAULT_ALBEDO, MESH, Part, push};
 use super::texture::linear_from_srgb;
 use crate::run::{Cancel, memory};
 use crate::scene::Material;
@@ -47,10 +47,10 @@ pub(super) fn read(content: &[u8], palette: Option<&[[f32; 3]]>, cancel: &Cancel
         }
         payload.check_count(element)?;
         match name.as_str() {
-            "vertex" => part.positions = memory::room("the mesh", element.count)?,
+            "vertex" => part.positions = memory::room(MESH, element.count)?,
             "face" => {
-                part.triangles = memory::room("the mesh", element.count)?;
-                part.material = memory::room("the mesh", element.count)?;
+                part.triangles = memory::room(MESH, element.count)?;
+                part.material = memory::room(MESH, element.count)?;
             }
             _ => {}
         }
@@ -59,7 +59,7 @@ pub(super) fn read(content: &[u8], palette: Option<&[[f32; 3]]>, cancel: &Cancel
             let row = payload.row(&plan, &mut faces.polygon);
             let row = row.map_err(|e| e.at(format!("{name} {i} of {}", element.count)))?;
             match name.as_str() {
-                "vertex" => row.into_vertex(&mut part, &plan),
+                "vertex" => row.into_vertex(&mut part, &plan)?,
                 "face" => {
                     let added = faces.add(&row, &plan, palette, &mut part);
                     added.map_err(|e| e.at(format!("face {i}")))?;
@@ -143,19 +143,20 @@ impl Row {
         }
     }
 
-    fn into_vertex(self, part: &mut Part, plan: &[(Role, PropertyType)]) {
+    fn into_vertex(self, part: &mut Part, plan: &[(Role, PropertyType)]) -> Result<()> {
         let has = |role: Role| plan.iter().any(|(r, _)| *r == role);
-        part.positions.push(DVec3::from(self.position));
+        push(&mut part.positions, DVec3::from(self.position))?;
         if has(Role::Normal(0)) {
-            part.normals.push(DVec3::from(self.normal).as_vec3());
+            push(&mut part.normals, DVec3::from(self.normal).as_vec3())?;
         }
         if has(Role::Color(0)) {
-            part.colors.push(self.color);
+            push(&mut part.colors, self.color)?;
         }
         if has(Role::Uv(0)) {
             let [u, v] = self.uv.map(|x| x as f32);
-            part.uvs.push(Vec2::new(u, 1.0 - v));
+            push(&mut part.uvs, Vec2::new(u, 1.0 - v))?;
         }
+        Ok(())
     }
 }
 
@@ -205,8 +206,8 @@ impl Faces {
         });
         if let [first, ref others @ ..] = self.polygon[..] {
             for pair in others.windows(2) {
-                part.triangles.push([first, pair[0], pair[1]]);
-                part.material.push(material);
+                push(&mut part.triangles, [first, pair[0], pair[1]])?;
+                push(&mut part.material, material)?;
             }
         }
         Ok(())
@@ -280,7 +281,7 @@ impl Payload<'_> {
                     for _ in 0..count as u64 {
                         let value = self.scalar(scalar)?;
                         if *role == Role::Polygon {
-                            polygon.push(vertex_index(value)?);
+                            push(polygon, vertex_index(value)?)?;
                         }
                     }
                 }

@@ -8,7 +8,7 @@ use crate::trace::Surface;
 pub struct Piece {
     /// A point of it.
     pub surface: Surface,
-    /// Indirect irradiance.
+    /// Indirect irradiance on the side that the pixel sees.
     pub irradiance: Rgb,
     /// What shadow rays from all of its samples brought.
     pub rays: Arrival,

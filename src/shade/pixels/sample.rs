@@ -8,7 +8,7 @@ use glam::Vec3;
 /// One primary ray.
 #[derive(Clone, Copy)]
 pub struct Sample<T: Passed> {
-    /// What it hit.
+    /// The nearest surface, `None` if it met none.
     pub surface: Option<Surface>,
     /// Index of the triangle that this is on; `u32::MAX` for none.
     pub triangle: u32,

@@ -22,7 +22,7 @@ pub struct PixelShader<'a, P, M, A: Air> {
     pub view: View<'a>,
     /// Emissive triangles whose borders are in sight.
     pub borders: &'a EmitterBorders,
-    /// Lights.
+    /// What lights surfaces directly.
     pub lights: &'a Lights<'a, A::Shadows>,
     /// Indirect light on surfaces.
     pub lattice: &'a Lattice,
@@ -30,7 +30,7 @@ pub struct PixelShader<'a, P, M, A: Air> {
     pub gatherer: &'a Gatherer<'a, P, M>,
     /// What camera rays pass.
     pub air: &'a A,
-    /// How many samples.
+    /// Samples and rays that a pixel may take.
     pub counts: SampleCounts,
 }
 

@@ -3,6 +3,8 @@
 //! Every access is checked against the bytes that are there; the crate's own readers trust the file.
 
 use super::super::files::{Files, beside};
+use super::super::part::MESH;
+use crate::run::{Cancel, memory};
 use crate::{Error, Result};
 use ::gltf::accessor::{Accessor, DataType};
 use ::gltf::buffer::{Source, View};
@@ -77,14 +79,18 @@ impl Buffers {
             })
     }
 
-    /// Elements of `N` floats; integers are brought to [0,1] or [-1,1] if the accessor is normalised.
-    pub(super) fn floats<const N: usize>(&self, accessor: &Accessor<'_>) -> Result<Vec<[f32; N]>> {
+    /// What is made of each element of `N` floats; integers are brought to [0,1] or [-1,1] if the accessor is normalised.
+    pub(super) fn floats<const N: usize, T: Clone>(
+        &self,
+        accessor: &Accessor<'_>,
+        make: impl Fn([f32; N]) -> T,
+    ) -> Result<Vec<T>> {
         self.elements(accessor, N, &|bytes| {
             let size = accessor.data_type().size();
-            std::array::from_fn(|i| {
+            make(std::array::from_fn(|i| {
                 let number = &bytes[i * size..];
                 float(number, accessor.data_type(), accessor.normalized())
-            })
+            }))
         })
     }
 
@@ -117,11 +123,10 @@ impl Buffers {
         let size = numbers * accessor.data_type().size();
         let count = accessor.count();
         let mut elements = match accessor.view() {
-            Some(view) => self
-                .strided(&view, accessor.offset(), count, size)
-                .map_err(place)?
-                .map(decode)
-                .collect(),
+            Some(view) => {
+                let slices = self.strided(&view, accessor.offset(), count, size);
+                memory::listed(MESH, slices.map_err(place)?.map(decode)).map_err(place)?
+            }
             None => {
                 // Nothing but zeros: the only length without bytes behind it, so it is held to those of the file.
                 let bytes: usize = self.content.iter().map(Vec::len).sum();
@@ -130,7 +135,7 @@ impl Buffers {
                         "{count} elements without data, in a file of {bytes} bytes of data"
                     ))));
                 }
-                vec![decode(&vec![0; size]); count]
+                memory::filled(MESH, decode(&vec![0; size]), count).map_err(place)?
             }
         };
         if let Some(sparse) = accessor.sparse() {
@@ -168,7 +173,7 @@ impl Buffers {
         offset: usize,
         count: usize,
         size: usize,
-    ) -> Result<impl Iterator<Item = &'a [u8]> + use<'a>> {
+    ) -> Result<impl ExactSizeIterator<Item = &'a [u8]> + use<'a>> {
         let bytes = self.view(view)?;
         let stride = view.stride().unwrap_or(size);
         let end = count.checked_sub(1).map_or(Some(0), |last| {
@@ -216,7 +221,7 @@ fn read_uri(uri: &str, what: &str, path: &Path, files: &mut Files) -> Result<Vec
         let (_, text) = data
             .split_once(";base64,")
             .ok_or_else(|| Error::input("a data URI that is not base64"))?;
-        return from_base64(text).ok_or_else(|| Error::input("damaged base64 in a data URI"));
+        return from_base64(text, &files.cancel);
     }
     if uri.contains("://") {
         let short: String = uri.chars().take(80).collect();
@@ -247,11 +252,27 @@ fn percent_decoded(text: &str) -> String {
     String::from_utf8_lossy(&out).into_owned()
 }
 
-fn from_base64(text: &str) -> Option<Vec<u8>> {
+/// Characters that are decoded between two looks at whether to stop; a multiple of four.
+const PIECE: usize = 16 << 20;
+
+fn from_base64(text: &str, cancel: &Cancel) -> Result<Vec<u8>> {
+    let damaged = || Error::input("damaged base64 in a data URI");
     let text = text.trim_end_matches('=');
-    let mut out = Vec::with_capacity(text.len() / 4 * 3 + 2);
+    let mut out = memory::room("a buffer", text.len() / 4 * 3 + 2)?;
+    for piece in text.as_bytes().chunks(PIECE) {
+        cancel.check()?;
+        decode_base64(piece, &mut out).ok_or_else(damaged)?;
+    }
+    match text.len() % 4 {
+        1 => Err(damaged()),
+        _ => Ok(out),
+    }
+}
+
+/// Appends the bytes of characters that begin a group of four; `None` if one is none of base64.
+fn decode_base64(text: &[u8], out: &mut Vec<u8>) -> Option<()> {
     let mut bits = 0_u32;
-    for (i, c) in text.bytes().enumerate() {
+    for (i, &c) in text.iter().enumerate() {
         let value = match c {
             b'A'..=b'Z' => c - b'A',
             b'a'..=b'z' => c - b'a' + 26,
@@ -269,7 +290,7 @@ fn from_base64(text: &str) -> Option<Vec<u8>> {
             _ => {}
         }
     }
-    (text.len() % 4 != 1).then_some(out)
+    Some(())
 }
 
 #[cfg(test)]
@@ -278,12 +299,24 @@ mod tests {
 
     #[test]
     fn base64_and_percent_codes() {
-        assert_eq!(from_base64("TWFu").unwrap(), b"Man");
-        assert_eq!(from_base64("TWE=").unwrap(), b"Ma");
-        assert_eq!(from_base64("TQ==").unwrap(), b"M");
-        assert_eq!(from_base64("TQ=x"), None);
-        assert_eq!(from_base64("T"), None);
+        let decoded = |text: &str| from_base64(text, &Cancel::default()).ok();
+        assert_eq!(decoded("TWFu").unwrap(), b"Man");
+        assert_eq!(decoded("TWE=").unwrap(), b"Ma");
+        assert_eq!(decoded("TQ==").unwrap(), b"M");
+        assert_eq!(decoded("TQ=x"), None);
+        assert_eq!(decoded("T"), None);
         assert_eq!(percent_decoded("a%20b%2"), "a b%2");
+    }
+
+    #[test]
+    fn long_base64_goes_on_where_a_piece_ends_and_hears_a_stop() {
+        let text = "TWFu".repeat(PIECE / 4 + 1) + "TQ==";
+        let cancel = Cancel::default();
+        let bytes = from_base64(&text, &cancel).unwrap();
+        assert!(bytes == [&b"Man".repeat(PIECE / 4 + 1)[..], b"M"].concat());
+        cancel.request();
+        let stopped = from_base64(&text, &cancel).unwrap_err();
+        assert_eq!(stopped.kind(), crate::Kind::Cancelled);
     }
 
     #[test]

@@ -12,8 +12,9 @@ mod left_out;
 use super::super::{Film, Light, Material, Wrap};
 use super::draft::{DEFAULT_FILM, Draft, DraftCamera, DraftLight};
 use super::files::Files;
-use super::part::Part;
+use super::part::{MESH, Part};
 use super::{is_singular, texture};
+use crate::run::memory;
 use crate::{Error, Result};
 use ::gltf::camera::Projection;
 use ::gltf::khr_lights_punctual::Kind;
@@ -259,7 +260,7 @@ impl Reader<'_> {
                         "more vertices than can be indexed with 32 bits",
                     ));
                 }
-                self.out.part.append(part);
+                self.out.part.append(part)?;
             }
         }
         if let Some(camera) = node.camera() {
@@ -335,35 +336,32 @@ impl Reader<'_> {
         self.files.cancel.check()?;
         let positions = primitive.get(&Semantic::Positions);
         let positions = positions.ok_or_else(|| Error::input("a mesh without positions"))?;
-        let positions = self.buffers.floats::<3>(&positions)?;
-        let count = positions.len();
-        part.positions = positions
-            .into_iter()
-            .map(|p| Vec3::from(p).as_dvec3())
-            .collect();
+        part.positions = self
+            .buffers
+            .floats(&positions, |p| Vec3::from_array(p).as_dvec3())?;
+        let count = part.positions.len();
         self.files.cancel.check()?;
         let indices = match primitive.indices() {
             Some(accessor) => self.buffers.indices(&accessor)?,
-            None => (0..count as u32).collect(),
+            None => memory::listed(MESH, 0..count as u32)?,
         };
         part.triangles = match primitive.mode() {
-            Mode::Triangles => indices
-                .chunks_exact(3)
-                .map(|t| [t[0], t[1], t[2]])
-                .collect(),
-            Mode::TriangleStrip => indices
-                .windows(3)
-                .enumerate()
-                .map(|(i, t)| match i % 2 {
+            Mode::Triangles => {
+                let triples = indices.chunks_exact(3);
+                memory::listed(MESH, triples.map(|t| [t[0], t[1], t[2]]))?
+            }
+            Mode::TriangleStrip => {
+                let triples = indices.windows(3).enumerate();
+                let turned = triples.map(|(i, t)| match i % 2 {
                     0 => [t[0], t[1], t[2]],
                     _ => [t[0], t[2], t[1]],
-                })
-                .collect(),
-            Mode::TriangleFan => indices
-                .windows(2)
-                .skip(1)
-                .map(|t| [indices[0], t[0], t[1]])
-                .collect(),
+                });
+                memory::listed(MESH, turned)?
+            }
+            Mode::TriangleFan => {
+                let pairs = indices.windows(2).skip(1);
+                memory::listed(MESH, pairs.map(|t| [indices[0], t[0], t[1]]))?
+            }
             _ => {
                 self.warn("points and lines are left out".into());
                 return Ok(Part::default());
@@ -377,17 +375,13 @@ impl Reader<'_> {
         };
         self.files.cancel.check()?;
         if let Some(accessor) = primitive.get(&Semantic::Normals) {
-            let normals = self.buffers.floats::<3>(&accessor)?;
-            same_count(normals.len(), "normals")?;
-            part.normals = normals.into_iter().map(Vec3::from).collect();
+            part.normals = self.buffers.floats(&accessor, Vec3::from_array)?;
+            same_count(part.normals.len(), "normals")?;
         }
         if let Some(accessor) = primitive.get(&Semantic::Colors(0)) {
             part.colors = match accessor.dimensions().multiplicity() {
-                4 => {
-                    let colors = self.buffers.floats::<4>(&accessor)?;
-                    colors.into_iter().map(|[r, g, b, _]| [r, g, b]).collect()
-                }
-                _ => self.buffers.floats::<3>(&accessor)?,
+                4 => (self.buffers).floats(&accessor, |[r, g, b, _]| [r, g, b])?,
+                _ => self.buffers.floats(&accessor, |rgb: [f32; 3]| rgb)?,
             };
             same_count(part.colors.len(), "colours")?;
         }
@@ -398,9 +392,8 @@ impl Reader<'_> {
             other.unwrap_or(info.tex_coord())
         });
         if let Some(accessor) = primitive.get(&Semantic::TexCoords(set)) {
-            let uvs = self.buffers.floats::<2>(&accessor)?;
-            same_count(uvs.len(), "texture coordinates")?;
-            part.uvs = uvs.into_iter().map(Vec2::from).collect();
+            part.uvs = self.buffers.floats(&accessor, Vec2::from_array)?;
+            same_count(part.uvs.len(), "texture coordinates")?;
             if let Some(info) = &base_color {
                 transform_uvs(&mut part.uvs, info);
             }
@@ -413,7 +406,7 @@ impl Reader<'_> {
                 quoted(material.name())
             )));
         }
-        part.material = vec![index; part.triangles.len()];
+        part.material = memory::filled(MESH, index, part.triangles.len())?;
         // Here, while vertices are counted as in the file: joined to others a wrong index may hit one of theirs.
         part.check()?;
         Ok(part)

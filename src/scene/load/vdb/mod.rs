@@ -9,12 +9,12 @@ mod tree;
 
 use super::field::{Field, Samples};
 use super::files::Files;
-use crate::run::Cancel;
+use crate::run::{Cancel, memory};
 use crate::{Error, Result};
 use bytes::Bytes;
 use glam::{DAffine3, DMat3, DVec3};
 use std::collections::HashMap;
-use tree::{Encoding, LEAF, Tree};
+use tree::{Encoding, LEAF, Tree, VOLUME};
 
 const MAGIC: i64 = 0x5644_4220;
 const OLDEST: u32 = 220;
@@ -156,7 +156,7 @@ impl VdbGrid {
             .hint("crop the grid, or prune stray active voxels"));
         }
         let leaves = leaves.map(|n| n as usize);
-        let table = Table::new(self.tree, first_leaf, leaves);
+        let table = Table::new(self.tree, first_leaf, leaves)?;
         let first = low.map(|i| i - 1);
         Ok(Field {
             dims: size.map(|n| n as usize + 2),
@@ -184,8 +184,8 @@ struct Table {
 
 impl Table {
     /// A table over `dims` leaves from `first_leaf`, in units of leaves.
-    fn new(tree: Tree, first_leaf: [i64; 3], dims: [usize; 3]) -> Self {
-        let mut slots = vec![0; dims[0] * dims[1] * dims[2]];
+    fn new(tree: Tree, first_leaf: [i64; 3], dims: [usize; 3]) -> Result<Self> {
+        let mut slots = memory::filled(VOLUME, 0, dims[0] * dims[1] * dims[2])?;
         let clip = |origin: i64, edge: i64, a: usize| {
             let start = origin.div_euclid(LEAF) - first_leaf[a];
             let end = start + edge / LEAF;
@@ -206,12 +206,12 @@ impl Table {
         for (i, leaf) in tree.leaves.iter().enumerate() {
             fill(leaf.origin, LEAF, i + 1);
         }
-        Self {
+        Ok(Self {
             tree,
             first_leaf,
             dims,
             slots,
-        }
+        })
     }
 
     fn value(&self, index: [i64; 3]) -> f32 {

@@ -5,7 +5,7 @@
 
 use super::blosc;
 use super::bytes::Bytes;
-use crate::run::Cancel;
+use crate::run::{Cancel, memory};
 use crate::{Error, Result};
 use flate2::bufread::ZlibDecoder;
 use half::f16;
@@ -17,6 +17,9 @@ const BLOSC: u32 = 4;
 
 /// From this version on compression is per grid and inactive values may be left out.
 const MASK_COMPRESSION_VERSION: u32 = 222;
+
+/// What needs the memory of its lists, as an error says it.
+pub(super) const VOLUME: &str = "a volume";
 
 /// Voxels along an edge of a leaf.
 pub(super) const LEAF: i64 = 8;
@@ -109,11 +112,11 @@ impl Tree {
             let value = bytes.f32()?;
             if bytes.u8()? != 0 {
                 let edge = 4096;
-                tree.tiles.push(Tile {
+                tree.add_tile(Tile {
                     origin,
                     edge,
                     value,
-                });
+                })?;
             }
         }
         for _ in 0..children {
@@ -147,6 +150,12 @@ impl Tree {
                 std::array::from_fn(|i| b[i].max(d[i])),
             )
         })
+    }
+
+    fn add_tile(&mut self, tile: Tile) -> Result<()> {
+        memory::grow(VOLUME, &mut self.tiles, 1)?;
+        self.tiles.push(tile);
+        Ok(())
     }
 
     /// A node of (2^log2)^3 children: 5 above 4 above the leaves.
@@ -183,11 +192,11 @@ impl Tree {
             let is_child = is_on(&child_mask, n);
             let slot = if dense { n } else { next };
             if !is_child && is_on(&value_mask, n) {
-                self.tiles.push(Tile {
+                self.add_tile(Tile {
                     origin: place(n),
                     edge,
                     value: values[slot],
-                });
+                })?;
             }
             next += usize::from(!is_child);
         }
@@ -199,6 +208,7 @@ impl Tree {
                 self.inner(bytes, encoding, place(n), 4)?;
             } else {
                 let mask = bytes.mask(8)?;
+                memory::grow(VOLUME, &mut self.leaves, 1)?;
                 self.leaves.push(Leaf {
                     origin: place(n),
                     mask: std::array::from_fn(|i| mask[i]),
@@ -277,12 +287,11 @@ fn read_values(
     }
     let mut stored = read_array(bytes, encoding, on(active))?.into_iter();
     let is_on = |mask: &[u64], n: usize| mask.get(n / 64).is_some_and(|w| w >> (n % 64) & 1 == 1);
-    Ok((0..count)
-        .map(|n| match is_on(active, n) {
-            true => stored.next().unwrap_or(background),
-            false => inactive[usize::from(is_on(&selection, n))],
-        })
-        .collect())
+    let values = (0..count).map(|n| match is_on(active, n) {
+        true => stored.next().unwrap_or(background),
+        false => inactive[usize::from(is_on(&selection, n))],
+    });
+    memory::listed(VOLUME, values)
 }
 
 fn read_array(bytes: &mut Bytes<'_>, encoding: Encoding, count: usize) -> Result<Vec<f32>> {
@@ -317,16 +326,18 @@ fn read_array(bytes: &mut Bytes<'_>, encoding: Encoding, count: usize) -> Result
             &unpacked
         }
     };
-    Ok(match encoding.half {
-        true => data
-            .chunks_exact(2)
-            .map(|c| f16::from_le_bytes([c[0], c[1]]).to_f32())
-            .collect(),
-        false => data
-            .chunks_exact(4)
-            .map(|c| f32::from_le_bytes([c[0], c[1], c[2], c[3]]))
-            .collect(),
-    })
+    if encoding.half {
+        let halves = data.chunks_exact(2);
+        return memory::listed(
+            VOLUME,
+            halves.map(|c| f16::from_le_bytes([c[0], c[1]]).to_f32()),
+        );
+    }
+    let floats = data.chunks_exact(4);
+    memory::listed(
+        VOLUME,
+        floats.map(|c| f32::from_le_bytes([c[0], c[1], c[2], c[3]])),
+    )
 }
 
 fn wrong_size(expected: usize, found: i64) -> Error {
