@@ -1,5 +1,5 @@
-//! Grain that a viewer sees and errors over a frame do not tell: how far frames of other seeds are from each other, from pixel to
-//! pixel.
+//! Grain that a viewer sees and errors over a frame do not tell: how far frames of other seeds are from each other within
+//! a few pixels.
 
 use crate::support::trees;
 use lvox::gather::TreeStore;
@@ -18,7 +18,7 @@ const WALLS: Region = Region {
     y1: 320,
 };
 
-/// It is 0.55 % by any two seeds; where corners take one shadow ray, not four, it is 1.05 %.
+/// It is 0.85 to 0.88 % by two seeds; where corners take one shadow ray, not four, it is 1.61 to 1.7 %.
 #[test]
 fn walls_behind_smoke_have_little() {
     let dir = tempfile::tempdir().unwrap();
@@ -35,6 +35,6 @@ fn walls_behind_smoke_have_little() {
             frame.picture("", &WALLS).unwrap()
         };
         let of_one = grain::rms(&seen(0), &seen(1)) / SQRT_2;
-        assert!((0.001..0.007).contains(&of_one), "{quality:?}: {of_one}");
+        assert!((0.001..0.0115).contains(&of_one), "{quality:?}: {of_one}");
     }
 }

@@ -32,7 +32,7 @@ pub struct Scores {
     pub bias: f64,
     /// Mean absolute difference over the mean of the reference, both over pixels and channels.
     pub relmae: f64,
-    /// Standard deviation of the error that changes from pixel to pixel on smooth ground, [`grain::rms`].
+    /// Standard deviation of the error that changes within a few pixels on smooth ground, [`grain::rms`].
     pub grain: f64,
     /// Mean LDR-FLIP error at 67 pixels a degree, 0 (same) to 1.
     pub flip: f64,
