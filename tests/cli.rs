@@ -273,6 +273,7 @@ fn compare_speaks_json_and_tables() {
         "relmse",
         "relmse_trimmed",
         "bias",
+        "grain",
         "flip",
         "ssim",
         "pdiff",

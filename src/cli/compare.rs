@@ -16,8 +16,8 @@ use std::path::{Path, PathBuf};
 /// Compare an image with a reference by metrics on radiance and on what a viewer sees
 ///
 /// Print RMSE, relMSE (whole, and without the worst 0.1 % of pixels), bias, mean absolute and
-/// largest difference of linear radiance, and
-/// LDR-FLIP, SSIM and Yee's perceptual difference (a fraction of the pixels) of the image clip(exposure * x, 0, 1)^(1/2.2)
+/// largest difference of linear radiance; grain, the standard deviation of the relative error of luminance that changes within
+/// a few pixels; and LDR-FLIP, SSIM and Yee's perceptual difference (a fraction of the pixels) of the image clip(exposure * x, 0, 1)^(1/2.2)
 /// in eight bits; and the noise of an image with the layer `variance`, as lvox reference writes it. OpenEXR and PNG files can be compared; PNG pixels are taken through the inverse of that tone map.
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -218,6 +218,11 @@ fn table(scores: &Scores) -> String {
             "mean absolute difference over the mean of the reference",
         ),
         ("max_abs", scores.max_abs, "radiance"),
+        (
+            "grain",
+            scores.grain,
+            "relative error that changes within a few pixels, standard deviation",
+        ),
         ("flip", scores.flip, "0 is the same"),
         ("ssim", scores.ssim, "1 is the same"),
         ("pdiff", scores.pdiff, "fraction of pixels"),

@@ -5,6 +5,7 @@ mod bytes;
 mod damage;
 mod frames;
 mod gather;
+mod grain;
 mod hostile_trees;
 mod leaks;
 mod left_out;

@@ -6,6 +6,7 @@
 pub mod blocks;
 mod blur;
 pub mod flip;
+pub mod grain;
 pub mod linear;
 pub mod pdiff;
 pub mod ssim;
@@ -31,6 +32,8 @@ pub struct Scores {
     pub bias: f64,
     /// Mean absolute difference over the mean of the reference, both over pixels and channels.
     pub relmae: f64,
+    /// Standard deviation of the error that changes within a few pixels on smooth ground, [`grain::rms`].
+    pub grain: f64,
     /// Mean LDR-FLIP error at 67 pixels a degree, 0 (same) to 1.
     pub flip: f64,
     /// Mean structural similarity, 1 for the same picture.
@@ -89,6 +92,7 @@ pub fn compare_until(
         )));
     }
     let linear = linear::compare(picture, reference);
+    let grain = grain::rms(picture, reference);
     let (picture_shown, reference_shown) =
         (tone::map(picture, exposure), tone::map(reference, exposure));
     cancel.check()?;
@@ -104,6 +108,7 @@ pub fn compare_until(
         relmse_trimmed: linear.relmse_trimmed,
         bias: linear.bias,
         relmae: linear.relmae,
+        grain,
         flip: flip::mean(&error_map),
         ssim,
         pdiff,
