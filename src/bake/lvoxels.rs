@@ -113,9 +113,10 @@ impl LvoxelMaker<'_> {
                 } else {
                     near_max(grid, b)
                 };
-                (0..=MAX_LEVEL)
+                (1..=MAX_LEVEL)
                     .rev()
-                    .find(|&l| max * voxel * (1 << l) as f32 <= limit)
+                    .filter(|&l| max * voxel * (1 << l) as f32 <= limit)
+                    .find(|&l| !self.is_cut(b, l))
                     .unwrap_or(0)
             }
         };
@@ -133,11 +134,6 @@ impl LvoxelMaker<'_> {
             }
             let (mean, centroid) = self.coefficients(block, edge);
             if mean > 0.0 {
-                let point = self
-                    .volume
-                    .scene_from_index
-                    .transform_point3(centroid)
-                    .as_vec3();
                 let key = [
                     self.seed,
                     u64::from(self.index),
@@ -145,23 +141,20 @@ impl LvoxelMaker<'_> {
                     block[1] as u64,
                     block[2] as u64,
                 ];
-                let sequence = |per_light| ShadowRays::Sequence {
-                    per_light,
-                    first: 0,
-                    seed: sampling::hash(&key),
-                };
-                let (rays, all_round) =
-                    (sequence(self.shadow_rays), sequence(4 * self.shadow_rays));
+                let seed = sampling::hash(&key);
                 let seen = match self.size {
                     BlockSize::OpticalDepth(limit)
                         if mean * self.volume.longest_voxel_edge() * edge as f32
                             > limit.max(DEEP) =>
                     {
-                        self.seen_from_outside(block, edge, sampling::hash(&key))
+                        self.seen_from_outside(block, edge, seed)
                     }
                     _ => None,
                 };
-                let light = seen.unwrap_or_else(|| self.light(point, rays, all_round));
+                let light = seen.unwrap_or_else(|| match self.size {
+                    BlockSize::OpticalDepth(_) if level > 0 => self.light_over(block, edge, seed),
+                    _ => self.light_at(centroid, 0, [1, 4], seed),
+                });
                 out.push(Lvoxel {
                     volume: self.index,
                     level,
@@ -174,9 +167,56 @@ impl LvoxelMaker<'_> {
         Ok(out)
     }
 
-    fn light(&self, point: Vec3, rays: ShadowRays, all_round: ShadowRays) -> Rgb {
+    /// In-scattered light at a point of index space, by the rays of an index in a sequence: so many times those of the bake to
+    /// each area light, and to the environment.
+    fn light_at(&self, at: DVec3, index: u32, times: [u32; 2], seed: u64) -> Rgb {
+        let point = self.volume.scene_from_index.transform_point3(at).as_vec3();
+        let [rays, all_round] = times.map(|n| {
+            let per_light = n * self.shadow_rays;
+            ShadowRays::Sequence {
+                per_light,
+                first: index * per_light,
+                seed,
+            }
+        });
         self.lights.mean_radiance(point, rays).light()
             + self.lights.environment_mean_radiance(point, all_round)
+    }
+
+    /// Mean in-scattered light of a block of several voxels: from four points, of which each two differ along two axes. One
+    /// would tell of a whole block that it is in a shaft of light, or beside it.
+    fn light_over(&self, block: [usize; 3], edge: usize, seed: u64) -> Rgb {
+        const POINTS: [[f64; 3]; 4] = [
+            [0.0, 0.0, 0.0],
+            [0.0, 1.0, 1.0],
+            [1.0, 0.0, 1.0],
+            [1.0, 1.0, 0.0],
+        ];
+        let mut sum = Rgb::BLACK;
+        for (point, i) in POINTS.into_iter().zip(0..) {
+            let local = 0.25 + 0.5 * DVec3::from(point);
+            let at = (DVec3::from(block.map(|v| v as f64)) + local) * edge as f64;
+            sum += self.light_at(at, i, [1, 1], seed);
+        }
+        sum * 0.25
+    }
+
+    /// Whether surfaces are in a block of a brick, if blocks have this level: on their other side there may be other light.
+    fn is_cut(&self, b: [usize; 3], level: u8) -> bool {
+        let (edge, per_axis) = (f64::from(1 << level), BRICK >> level);
+        let to_scene = |p: DVec3| self.volume.scene_from_index.transform_point3(p).as_vec3();
+        let tracer = self.lights.tracer();
+        let blocks = (0..per_axis.pow(3)).map(|i| unflatten(i, [per_axis; 3]));
+        blocks
+            .map(|local| [0, 1, 2].map(|a| ((b[a] * per_axis + local[a]) as f64 + 0.5) * edge))
+            .map(DVec3::from)
+            .any(|centre| {
+                let from = to_scene(centre);
+                (0..8).any(|corner| {
+                    let side = [0, 1, 2].map(|a| f64::from(corner >> a & 1) - 0.5);
+                    tracer.is_between(from, to_scene(centre + edge * DVec3::from(side)))
+                })
+            })
     }
 
     /// Mean in-scattered light of a block that is too deep to be lit at one point, as rays see it that enter through a face
@@ -238,18 +278,7 @@ impl LvoxelMaker<'_> {
                 0.5
             };
             let point = DVec3::from(at((k as f32 + within) * step).map(f64::from));
-            let point = self.volume.scene_from_index.transform_point3(point);
-            let rays = |per_light| ShadowRays::Sequence {
-                per_light,
-                first: i * per_light,
-                seed,
-            };
-            let light = self.light(
-                point.as_vec3(),
-                rays(self.shadow_rays),
-                rays(self.shadow_rays),
-            );
-            sum += light * weight;
+            sum += self.light_at(point, i, [1, 1], seed) * weight;
             weights += weight;
         }
         (weights > 0.0).then(|| sum * (1.0 / weights))

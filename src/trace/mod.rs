@@ -66,6 +66,13 @@ impl<'a> Tracer<'a> {
         self.triangles.is_occluded(origin, direction, t_max)
     }
 
+    /// Whether a surface is between two points.
+    #[must_use]
+    pub fn is_between(&self, from: Vec3, to: Vec3) -> bool {
+        let distance = from.distance(to);
+        distance > 0.0 && self.is_occluded(from, (to - from) / distance, distance)
+    }
+
     /// Share of light that gets from `origin` to `t_max` along a unit direction: 0 behind a surface, else the
     /// transmittance of the media between.
     #[must_use]
