@@ -108,6 +108,13 @@ impl<S> Lights<'_, S> {
         self.emitters.is_empty() && !lights.any(|l| Sun::of(l).is_some())
     }
 
+    /// Whether there are lights whose shadows have sharp edges: points, spots and suns.
+    #[must_use]
+    pub fn any_is_sharp(&self) -> bool {
+        let mut lights = self.tracer.scene.lights.iter();
+        lights.any(|l| !matches!(l, Light::Environment { .. }))
+    }
+
     /// Whether a point or spot light is nearer to a segment than `distance`; then, for the nearest, the place from 0 to 1 that
     /// halves its light on the segment.
     #[must_use]

@@ -3,6 +3,7 @@
 mod before_work;
 mod bytes;
 mod damage;
+mod fog;
 mod frames;
 mod gather;
 mod grain;

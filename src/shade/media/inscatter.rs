@@ -11,7 +11,7 @@ use super::density::Densities;
 use super::far_field::FarField;
 use super::stiff;
 use super::sweep::{self, Scope, Sweep};
-use super::vertices::{Cube, Vertices, are_alike, blend, inside};
+use super::vertices::{Cube, Vertices, are_alike, blend, extremes, inside};
 use crate::Result;
 use crate::gather::{Gatherer, Medium, Pages, Stretch};
 use crate::image::Region;
@@ -21,6 +21,7 @@ use crate::math::{Rgb, sampling};
 use crate::run::Job;
 use crate::scene::Volume;
 use crate::shade::view::View;
+use crate::trace::Tracer;
 use glam::Vec3;
 
 /// In-scattered light of one volume: a lattice for each spacing, of which each brick of the volume uses one.
@@ -50,9 +51,15 @@ pub struct InScatter<'a, P, M> {
     sharp_lights: Lights<'a>,
     /// Whether direct light has no noise of shadow rays.
     rest_is_exact: bool,
+    /// Whether shadows may have sharp edges.
+    any_is_sharp: bool,
     gatherer: Option<&'a Gatherer<'a, P, M>>,
     lattices: Vec<Lattices>,
     suns: SunDepths<'a>,
+    tracer: &'a Tracer<'a>,
+    eye: Vec3,
+    /// Scene length that a pixel covers at distance 1.
+    pixel: f32,
     seed: u64,
 }
 
@@ -72,11 +79,19 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     const ALIKE_EXACT: f32 = 1.3;
     /// The same for gathered light, which has the noise of few rays.
     const ALIKE_GATHERED: f32 = 3.0;
+    /// In thin bricks, where noise is all else that differs, only such a factor tells of a wall between vertices.
+    const LEAK: f32 = 8.0;
     /// Spacings of vertices around a lamp in which its light is looked for on the ray itself.
     const NEAR: f32 = 2.0;
     /// Vertices of scattered light may be so much further apart, as an optical depth in all media of a place together, than
     /// they are in one medium.
     const SHARED: f32 = 0.7;
+    /// Vertices in thin media that are further apart than so many pixels are compared, for walls and edges of shadows that are
+    /// between them.
+    const WIDE: f32 = 4.0;
+    /// Where shadows may have sharp edges, vertices in thin media are no further apart than so many pixels or a voxel: of what is
+    /// between them nothing tells.
+    const FARTHEST: f32 = 16.0;
     /// Shadow rays of a vertex or point to lights with an extent.
     const SHADOW_RAYS: u32 = 4;
     /// Rays to an environment that no gather sees.
@@ -139,9 +154,13 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             sharp_lights: lights.with_sharp_shadows(),
             rest_is_exact: lights.rest_is_exact()
                 && (gatherer.is_some() || lights.environment().is_black()),
+            any_is_sharp: lights.any_is_sharp(),
             gatherer,
             lattices,
             suns: SunDepths::new(view.tracer.scene),
+            tracer: view.tracer,
+            eye: view.camera.origin(),
+            pixel: view.pixel_angle,
             seed: view.seed,
         })
     }
@@ -210,13 +229,16 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             } else {
                 Self::ALIKE
             };
-            for level in (0..=place.level).rev() {
+            for level in (0..=self.first_level(place)).rev() {
                 let around = lattices.direct[level].around(place.at);
                 let values = known.direct[level].values(place.volume, around, |v| vertex(level, v));
                 let between = place.densest * (1 << level) as f32;
                 let is_finest = level == 0 || between <= Self::FLAT;
                 let light = || blend(&values.map(|(v, weight)| (v.light, weight)));
                 if is_finest && (between <= Self::FLAT || place.is_thin && !self.rest_is_exact) {
+                    if self.may_show_edges(place, level) && has_edge(&values) {
+                        continue;
+                    }
                     let light = light();
                     return light.share * self.lights.sent(from, to) + light.rest;
                 }
@@ -236,6 +258,13 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                     return light.share * self.lights.sent(from, to) * share + light.rest * rest;
                 }
             }
+        }
+        if place.densest <= Self::FLAT {
+            // Many such cells are in a row, and one point of each tells enough.
+            let seed = self.seed_of(place.point);
+            let point = place.at_share(sampling::unit(seed));
+            let light = self.lit(self.lights, point, Self::rays(1, seed), Some(&self.suns));
+            return light.share * self.lights.sent(from, to) + light.rest;
         }
         // Two points (Gauss-Legendre) of what the camera sees: light is not linear along a dense stretch.
         let mut sum = Rgb::BLACK;
@@ -288,13 +317,50 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             let values = known.indirect[level].values((place.volume, is_swept), around, |v| {
                 swept(v).unwrap_or_else(|| vertex(level, v))
             });
-            if place.densest * (1 << level) as f32 <= smooth
-                || are_alike(&values, Self::ALIKE_GATHERED, |v| v.luminance())
-            {
+            let is_finest = place.densest * (1 << level) as f32 <= smooth;
+            let alike = if is_finest {
+                Self::LEAK
+            } else {
+                Self::ALIKE_GATHERED
+            };
+            if are_alike(&values, alike, |v| v.luminance()) {
                 return blend(&values);
+            }
+            if is_finest {
+                if self.pixels(place, level) <= Self::WIDE {
+                    return blend(&values);
+                }
+                let is_hidden = |v: [usize; 3]| {
+                    let vertex = Vec3::from(v.map(|c| c as f32)) * (1 << level) as f32;
+                    let vertex = self.to_scene(place.volume, vertex);
+                    self.tracer.is_between(place.point, vertex)
+                };
+                let seen = known.indirect[level].unhidden(values, around, is_hidden);
+                return blend(&seen.unwrap_or(values));
             }
         }
         mean_radiance(place.at, place.point, self.seed_of(place.point))
+    }
+
+    /// How many pixels of the camera are between vertices of a lattice.
+    fn pixels(&self, place: &Place, level: usize) -> f32 {
+        let spacing = self.lattices[place.volume].voxel * (1 << level) as f32;
+        spacing / (self.pixel * place.point.distance(self.eye))
+    }
+
+    /// The coarsest lattice of direct light that is asked.
+    fn first_level(&self, place: &Place) -> usize {
+        if !(self.any_is_sharp && place.is_thin) {
+            return place.level;
+        }
+        let levels = (1..=place.level).rev();
+        let mut near = levels.filter(|&l| self.pixels(place, l) <= Self::FARTHEST);
+        near.next().unwrap_or(0)
+    }
+
+    /// Whether the camera may see edges of shadows between vertices of a lattice.
+    fn may_show_edges(&self, place: &Place, level: usize) -> bool {
+        self.any_is_sharp && self.pixels(place, level) > Self::WIDE
     }
 
     fn to_scene(&self, volume: usize, p: Vec3) -> Vec3 {
@@ -378,6 +444,16 @@ impl Vertex {
     }
 }
 
+/// Whether light differs by more between vertices of a thin brick than anything but a surface explains.
+fn has_edge(values: &[(Vertex, f32); 8]) -> bool {
+    const SHADOW: f32 = 2.0;
+    let differs = |part: fn(&InMedium) -> Rgb| {
+        let (least, most) = extremes(values, |v| part(&v.light).luminance());
+        most > SHADOW * least
+    };
+    differs(|light| light.share) || differs(|light| light.rest)
+}
+
 /// How a value differs between the vertices around a point.
 #[derive(Clone, Copy, Debug, Default)]
 struct Spread {
@@ -391,15 +467,9 @@ impl Spread {
     const LINEAR: f32 = 1.2;
 
     fn of<T>(values: &[(T, f32); 8], value: impl Fn(&T) -> f32) -> Self {
-        let (mut least, mut most) = (f32::INFINITY, 0.0_f32);
-        let mut mean = 0.0;
-        for (v, weight) in values {
-            if *weight > 0.0 {
-                let b = value(v);
-                (least, most) = (least.min(b), most.max(b));
-                mean += b * weight;
-            }
-        }
+        let (least, most) = extremes(values, &value);
+        let lit = values.iter().filter(|(_, weight)| *weight > 0.0);
+        let mean = lit.map(|(v, weight)| value(v) * weight).sum();
         Self {
             ratio: if least > 0.0 { most / least } else { 0.0 },
             mean,

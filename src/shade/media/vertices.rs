@@ -88,6 +88,8 @@ pub struct Cube<K, T> {
     of: Option<(K, [usize; 3])>,
     /// A bit for each value that is known.
     known: u8,
+    /// A bit for each vertex that surfaces hide from the ray, once that was asked.
+    hidden: Option<u8>,
     values: [T; 8],
 }
 
@@ -104,6 +106,7 @@ impl<K: PartialEq, T: Copy + Default> Cube<K, T> {
         if self.of != of {
             self.of = of;
             self.known = 0;
+            self.hidden = None;
         }
         std::array::from_fn(|i| {
             let (v, weight) = around[i];
@@ -119,6 +122,30 @@ impl<K: PartialEq, T: Copy + Default> Cube<K, T> {
     }
 }
 
+impl<K, T> Cube<K, T> {
+    /// The weights that [`Self::values`] gave last, but none of vertices that are hidden, with the same sum; `None` if all are.
+    /// What hides is asked of the vertices once, from where the ray first needs to know.
+    pub fn unhidden(
+        &mut self,
+        mut values: [(T, f32); 8],
+        around: [([usize; 3], f32); 8],
+        is_hidden: impl Fn([usize; 3]) -> bool,
+    ) -> Option<[(T, f32); 8]> {
+        let ask = || (0..8).fold(0, |bits, i| bits | u8::from(is_hidden(around[i].0)) << i);
+        let hidden = *self.hidden.get_or_insert_with(ask);
+        let sum = |values: &[(T, f32); 8]| values.iter().map(|(_, weight)| weight).sum::<f32>();
+        let all = sum(&values);
+        for (i, (_, weight)) in values.iter_mut().enumerate() {
+            if hidden >> i & 1 == 1 {
+                *weight = 0.0;
+            }
+        }
+        let scale = all / sum(&values);
+        values.iter_mut().for_each(|(_, weight)| *weight *= scale);
+        scale.is_finite().then_some(values)
+    }
+}
+
 /// Their weighted sum.
 pub fn blend<T: Copy + Default + AddAssign + Mul<f32, Output = T>>(values: &[(T, f32); 8]) -> T {
     let mut sum = T::default();
@@ -130,8 +157,8 @@ pub fn blend<T: Copy + Default + AddAssign + Mul<f32, Output = T>>(values: &[(T,
     sum
 }
 
-/// Whether the brightest of them, by `brightness`, is no more than `ratio` times as bright as the darkest.
-pub fn are_alike<T>(values: &[(T, f32); 8], ratio: f32, brightness: impl Fn(&T) -> f32) -> bool {
+/// How bright the darkest and the brightest of them are.
+pub fn extremes<T>(values: &[(T, f32); 8], brightness: impl Fn(&T) -> f32) -> (f32, f32) {
     let (mut least, mut most) = (f32::INFINITY, 0.0_f32);
     for (value, weight) in values {
         if *weight > 0.0 {
@@ -139,5 +166,35 @@ pub fn are_alike<T>(values: &[(T, f32); 8], ratio: f32, brightness: impl Fn(&T) 
             (least, most) = (least.min(b), most.max(b));
         }
     }
+    (least, most)
+}
+
+/// Whether the brightest of them, by `brightness`, is no more than `ratio` times as bright as the darkest.
+pub fn are_alike<T>(values: &[(T, f32); 8], ratio: f32, brightness: impl Fn(&T) -> f32) -> bool {
+    let (least, most) = extremes(values, brightness);
     most <= ratio * least || least == 0.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hidden_vertices_leave_their_weight_to_the_others_and_are_asked_for_once() {
+        let lattice = Vertices::<f32>::new([8; 3], 4);
+        let mut cube = Cube::<(), f32>::default();
+        let lit = |[x, _, _]: [usize; 3]| if x > 0 { 1.0 } else { 0.0 };
+        let mut light_at = |x: f32, hidden: &dyn Fn([usize; 3]) -> bool| {
+            let around = lattice.around(Vec3::new(x, 2.0, 2.0));
+            let values = cube.values((), around, lit);
+            cube.unhidden(values, around, hidden).map(|v| blend(&v))
+        };
+        assert_eq!(light_at(1.0, &|_| false), Some(0.25));
+        // The same cube: what hides is known.
+        assert_eq!(light_at(1.0, &|_| true), Some(0.25));
+        assert_eq!(light_at(5.0, &|_| true), None);
+        // Another one, behind a wall.
+        assert_eq!(light_at(3.0, &|[x, _, _]| x > 0), Some(0.0));
+        assert_eq!(light_at(3.9, &|_| panic!("asked again")), Some(0.0));
+    }
 }
