@@ -151,10 +151,12 @@ impl LvoxelMaker<'_> {
                     }
                     _ => None,
                 };
-                let light = seen.unwrap_or_else(|| match self.size {
+                let over = || match self.size {
                     BlockSize::OpticalDepth(_) if level > 0 => self.light_over(block, edge, seed),
-                    _ => self.light_at(centroid, 0, [1, 4], seed),
-                });
+                    _ => None,
+                };
+                let light = seen.or_else(over);
+                let light = light.unwrap_or_else(|| self.light_at(centroid, 0, [1, 4], seed));
                 out.push(Lvoxel {
                     volume: self.index,
                     level,
@@ -183,22 +185,27 @@ impl LvoxelMaker<'_> {
             + self.lights.environment_mean_radiance(point, all_round)
     }
 
-    /// Mean in-scattered light of a block of several voxels: from four points, of which each two differ along two axes. One
-    /// would tell of a whole block that it is in a shaft of light, or beside it.
-    fn light_over(&self, block: [usize; 3], edge: usize, seed: u64) -> Rgb {
+    /// Mean in-scattered light of a block of several voxels: of four points, of which each two differ along two axes, by the
+    /// extinction there. One would tell of a whole block that it is in a shaft of light, or beside it. `None` without extinction
+    /// at any.
+    fn light_over(&self, block: [usize; 3], edge: usize, seed: u64) -> Option<Rgb> {
         const POINTS: [[f64; 3]; 4] = [
             [0.0, 0.0, 0.0],
             [0.0, 1.0, 1.0],
             [1.0, 0.0, 1.0],
             [1.0, 1.0, 0.0],
         ];
-        let mut sum = Rgb::BLACK;
+        let (mut sum, mut weights) = (Rgb::BLACK, 0.0);
         for (point, i) in POINTS.into_iter().zip(0..) {
             let local = 0.25 + 0.5 * DVec3::from(point);
             let at = (DVec3::from(block.map(|v| v as f64)) + local) * edge as f64;
-            sum += self.light_at(at, i, [1, 1], seed);
+            let sigma_t = self.volume.sigma_t.sample(at.as_vec3());
+            if sigma_t > 0.0 {
+                sum += self.light_at(at, i, [1, 1], seed) * sigma_t;
+                weights += sigma_t;
+            }
         }
-        sum * 0.25
+        (weights > 0.0).then(|| sum * (1.0 / weights))
     }
 
     /// Whether surfaces are in a block of a brick, if blocks have this level: on their other side there may be other light.
