@@ -24,8 +24,8 @@ const LEAST_WEIGHT: f32 = 1e-2;
 /// How large blocks are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BlockSize {
-    /// The largest whose optical depth along an edge stays below this: the error of transmittance follows the depth of
-    /// a block, not its size in voxels.
+    /// The largest that no surface cuts and whose optical depth along an edge stays below this: the error of transmittance
+    /// follows the depth of a block, not its size in voxels.
     OpticalDepth(f32),
     /// The paper's: a fixed number of voxels (1, 2, 4 or 8) a side with so many coefficient samples in each block.
     Fixed {

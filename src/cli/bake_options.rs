@@ -44,7 +44,8 @@ pub struct BakeOptions {
     #[arg(long, value_name = "DEG", default_value_t = Settings::default().crease_deg)]
     crease_deg: f32,
 
-    /// Make lvoxels as large as keeps the optical depth along an edge below this
+    /// Make lvoxels as large as keeps the optical depth along an edge below this, smaller where
+    /// surfaces cut them
     #[arg(long, value_name = "TAU", default_value_t = 0.7)]
     block_depth: f32,
 
