@@ -3,6 +3,7 @@
 use crate::gather::Media;
 use crate::gather::medium::Source;
 use crate::light::OpticalDepth;
+use crate::math::exp::exp_neg;
 use crate::math::sampling;
 use crate::scene::{Material, Scene, Volume};
 use crate::trace::Cells;
@@ -94,7 +95,7 @@ fn rms_difference(a: &Volume, b: &Volume) -> f64 {
         let direction = sampling::sphere(sampling::r2(i, [0.5; 2]));
         let [a, b] = [a, b].map(|volume| {
             let depth = depth_of_cells(volume, origin, direction, f32::INFINITY);
-            f64::from(-depth).exp()
+            f64::from(exp_neg(depth))
         });
         (a - b) * (a - b)
     };
