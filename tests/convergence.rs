@@ -203,10 +203,10 @@ fn errors_fall_at_their_rates() {
         (Sweep::BlockVoxels, 0.41..0.71, 1.38..1.68),
     ] {
         let slope = slope(Method::Extended, setting);
-        within(slope.exponent, whole, setting.name());
-        within(slope.coarse_exponent, coarse, setting.name());
+        within(slope.exponent, whole, &setting.to_string());
+        within(slope.coarse_exponent, coarse, &setting.to_string());
         // All sweeps end at the same small error, which is more than what the reference has itself.
-        within(slope.finest[1], noise..7e-4, setting.name());
+        within(slope.finest[1], noise..7e-4, &setting.to_string());
         assert!(slope.floor < 7e-4, "{setting}: {}", slope.floor);
     }
     let own = pixel_samples(&scene, dir);

@@ -470,6 +470,23 @@ fn read(path: &Path) -> Result<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde::Serialize;
+    use serde::de::DeserializeOwned;
+    use std::fmt::{Debug, Display};
+
+    /// Holds values to the names that files and reports have for them.
+    #[track_caller]
+    pub(super) fn assert_names<T, const N: usize>(names: [(T, &str); N])
+    where
+        T: Debug + Display + PartialEq + Serialize + DeserializeOwned,
+    {
+        for (value, name) in names {
+            let json = serde_json::to_value(&value).unwrap();
+            assert_eq!(json, name);
+            assert_eq!(format!("{value:>20}"), format!("{name:>20}"));
+            assert_eq!(serde_json::from_value::<T>(json).unwrap(), value);
+        }
+    }
 
     #[test]
     fn the_origin_knows_a_reference_by_content_and_exposure() {

@@ -1,19 +1,11 @@
 //! The settings that a study varies, one at a time.
 
+use serde::Serialize;
 use std::fmt;
 
 /// What a run varies. In files it goes by its name.
 #[derive(
-    Clone,
-    Copy,
-    Debug,
-    Default,
-    PartialEq,
-    Eq,
-    PartialOrd,
-    Ord,
-    serde::Serialize,
-    serde::Deserialize,
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, serde::Deserialize,
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum Sweep {
@@ -39,35 +31,6 @@ pub enum Sweep {
 }
 
 impl Sweep {
-    /// All, in the order of reports.
-    pub const ALL: [Self; 9] = [
-        Self::Base,
-        Self::Paper,
-        Self::BlockDepth,
-        Self::BlockVoxels,
-        Self::MaxSolidAngle,
-        Self::Samples,
-        Self::Spp,
-        Self::Surfels,
-        Self::SurfelRadius,
-    ];
-
-    /// Its name in files and reports.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Base => "base",
-            Self::Paper => "paper",
-            Self::BlockDepth => "block-depth",
-            Self::BlockVoxels => "block-voxels",
-            Self::MaxSolidAngle => "max-solid-angle",
-            Self::Samples => "samples",
-            Self::Spp => "spp",
-            Self::Surfels => "surfels",
-            Self::SurfelRadius => "surfel-radius",
-        }
-    }
-
     /// Whether no setting is varied.
     #[must_use]
     pub fn is_alone(self) -> bool {
@@ -83,22 +46,29 @@ impl Sweep {
 
 impl fmt::Display for Sweep {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.name())
+        self.serialize(f)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests::assert_names;
     use super::*;
     use std::collections::BTreeMap;
 
     #[test]
     fn files_have_the_names_and_no_others() {
-        for sweep in Sweep::ALL {
-            let json = serde_json::to_value(sweep).unwrap();
-            assert_eq!(json, sweep.name());
-            assert_eq!(serde_json::from_value::<Sweep>(json).unwrap(), sweep);
-        }
+        assert_names([
+            (Sweep::Base, "base"),
+            (Sweep::Paper, "paper"),
+            (Sweep::BlockDepth, "block-depth"),
+            (Sweep::BlockVoxels, "block-voxels"),
+            (Sweep::MaxSolidAngle, "max-solid-angle"),
+            (Sweep::Samples, "samples"),
+            (Sweep::Spp, "spp"),
+            (Sweep::Surfels, "surfels"),
+            (Sweep::SurfelRadius, "surfel-radius"),
+        ]);
         serde_json::from_str::<Sweep>("\"threads\"").unwrap_err();
         let values = BTreeMap::from([(Sweep::MaxSolidAngle, 0.5)]);
         let json = serde_json::to_string(&values).unwrap();
