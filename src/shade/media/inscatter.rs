@@ -21,7 +21,6 @@ use crate::math::{Rgb, sampling};
 use crate::run::Job;
 use crate::scene::Volume;
 use crate::shade::view::View;
-use crate::trace::Tracer;
 use glam::Vec3;
 
 /// In-scattered light of one volume: a lattice for each spacing, of which each brick of the volume uses one.
@@ -56,11 +55,7 @@ pub struct InScatter<'a, P, M> {
     gatherer: Option<&'a Gatherer<'a, P, M>>,
     lattices: Vec<Lattices>,
     suns: SunDepths<'a>,
-    tracer: &'a Tracer<'a>,
-    eye: Vec3,
-    /// Scene length that a pixel covers at distance 1.
-    pixel: f32,
-    seed: u64,
+    view: View<'a>,
 }
 
 impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
@@ -158,10 +153,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             gatherer,
             lattices,
             suns: SunDepths::new(view.tracer.scene),
-            tracer: view.tracer,
-            eye: view.camera.origin(),
-            pixel: view.pixel_angle,
-            seed: view.seed,
+            view: *view,
         })
     }
 
@@ -333,7 +325,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                 let is_hidden = |v: [usize; 3]| {
                     let vertex = Vec3::from(v.map(|c| c as f32)) * (1 << level) as f32;
                     let vertex = self.to_scene(place.volume, vertex);
-                    self.tracer.is_between(place.point, vertex)
+                    self.view.tracer.is_between(place.point, vertex)
                 };
                 let seen = known.indirect[level].unhidden(values, around, is_hidden);
                 return blend(&seen.unwrap_or(values));
@@ -345,7 +337,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     /// How many pixels of the camera are between vertices of a lattice.
     fn pixels(&self, place: &Place, level: usize) -> f32 {
         let spacing = self.lattices[place.volume].voxel * (1 << level) as f32;
-        spacing / (self.pixel * place.point.distance(self.eye))
+        let distance = place.point.distance(self.view.camera.origin());
+        spacing / (self.view.pixel_angle * distance)
     }
 
     /// The coarsest lattice of direct light that is asked.
@@ -369,7 +362,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
 
     fn key(&self, volume: usize, level: usize, v: [usize; 3]) -> u64 {
         let [x, y, z] = v.map(|c| c as u64);
-        sampling::hash(&[self.seed, volume as u64, level as u64, x, y, z])
+        sampling::hash(&[self.view.seed, volume as u64, level as u64, x, y, z])
     }
 
     /// Direct light at a point. Where nothing is gathered, that of the environment, too, which gathers bring else.
@@ -399,7 +392,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
 
     fn seed_of(&self, point: Vec3) -> u64 {
         let [x, y, z] = point.to_array().map(|c| u64::from(c.to_bits()));
-        sampling::hash(&[self.seed, x, y, z])
+        sampling::hash(&[self.view.seed, x, y, z])
     }
 }
 
