@@ -151,20 +151,6 @@ impl<S: Source> Media<S> {
     pub fn bytes(&self) -> usize {
         self.volumes.iter().map(BlockGrid::bytes).sum()
     }
-
-    /// Optical depth of one volume from `origin` to `t_max`; 0 of one that has no lvoxels.
-    #[must_use]
-    pub fn optical_depth(&self, volume: usize, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
-        let mut tau = 0.0;
-        let volume = self.volumes.get(volume);
-        if let Some(walk) = volume.and_then(|v| v.enter(origin, direction, t_max)) {
-            walk.run(&mut |s| {
-                tau += s.tau;
-                true
-            });
-        }
-        tau
-    }
 }
 
 impl<S: Source> Medium for &Media<S> {

@@ -6,7 +6,8 @@ use super::many_emitters::Care;
 use super::rays::ShadowRays;
 use super::receiver::{INVERSE_SPHERE, Medium, Receiver, Surface};
 use super::shading_point::ShadingPoint;
-use super::shadows::{OpticalDepth, SceneMedia, Shadows};
+use super::shadows::{SceneMedia, Shadows};
+use super::soft_shadows::SoftShadows;
 use super::sun::Sun;
 use super::sun_depth::SunDepths;
 use super::vacuum::Vacuum;
@@ -41,11 +42,10 @@ impl<'a> Lights<'a> {
         }
     }
 
-    /// The same lights, with other media than the scene's before emissive triangles, whose shadows are soft: coarser ones,
-    /// that are passed faster.
+    /// The same lights, with these media before emissive triangles instead of the scene's own, if there are any.
     #[must_use]
-    pub fn with_soft_shadows_through(mut self, depth: &'a dyn OpticalDepth) -> Self {
-        self.shadows.before_triangles = Some(depth);
+    pub fn with_soft_shadows_through(mut self, media: Option<&'a SoftShadows>) -> Self {
+        self.shadows.before_triangles = media;
         self
     }
 

@@ -21,6 +21,7 @@ mod shading_point;
 mod shadows;
 mod sharp;
 mod sight;
+mod soft_shadows;
 mod sun;
 mod sun_depth;
 #[cfg(test)]
@@ -34,5 +35,6 @@ pub use lights::Lights;
 pub use rays::ShadowRays;
 pub use shadows::{OpticalDepth, SceneMedia, Shadows};
 pub use sight::{Dimmed, Dimming, Sight};
+pub use soft_shadows::SoftShadows;
 pub use sun_depth::SunDepths;
 pub use vacuum::Vacuum;

@@ -1,6 +1,7 @@
 //! What shadow rays pass, as a type: light is asked for by code of its own where there are no media.
 
 use super::sight::{Dimmed, Dimming};
+use super::soft_shadows::SoftShadows;
 use crate::math::exp::exp_neg;
 use crate::trace::Tracer;
 use glam::Vec3;
@@ -35,7 +36,7 @@ pub trait Shadows: Copy + Sync + std::fmt::Debug {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SceneMedia<'a> {
     /// What rays to emissive triangles meet instead.
-    pub(super) before_triangles: Option<&'a dyn OpticalDepth>,
+    pub(super) before_triangles: Option<&'a SoftShadows>,
 }
 
 impl Shadows for SceneMedia<'_> {
@@ -58,5 +59,6 @@ impl Shadows for SceneMedia<'_> {
 
     fn before_triangles(&self) -> Option<&dyn OpticalDepth> {
         self.before_triangles
+            .map(|media| media as &dyn OpticalDepth)
     }
 }

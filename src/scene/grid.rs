@@ -46,46 +46,58 @@ impl Grid {
         grid
     }
 
-    /// The same field on half as many voxels along each axis, which are as much larger. Each has the mean of those that it
-    /// stands for, sharpened by what linear interpolation over voxels of twice the size spreads further.
+    /// Means over blocks of so many voxels along each axis, x fastest; blocks at the far ends may have fewer.
     #[must_use]
-    pub fn halved(&self) -> Self {
-        /// Variances along an axis, in squares of the finer edge: 4 of 12 by the mean and 4 of 6 by interpolation where 1 of 6
-        /// were; six neighbours two edges away spread by 4 of 3.
-        const SHARPEN: f32 = (1.0 / 3.0 + 2.0 / 3.0 - 1.0 / 6.0) / (4.0 / 3.0);
-        let dims = self.dims.map(|n| n.div_ceil(2));
-        let ratio = |a: usize| self.dims[a] as f32 / dims[a] as f32;
-        let size = Vec3::new(ratio(0), ratio(1), ratio(2));
-        let middle = |v: [usize; 3]| Vec3::from_array(v.map(|i| i as f32 + 0.5));
-        // Where eight voxels meet, their mean.
-        let means: Vec<f32> = (0..dims.iter().product())
-            .into_par_iter()
-            .map(|i| self.sample(middle(unflatten(i, dims)) * size))
-            .collect();
-        let index = |v: [usize; 3]| (v[2] * dims[1] + v[1]) * dims[0] + v[0];
-        let sharpened = |v: [usize; 3]| {
-            let around = (0..3).map(|a| {
-                let [mut before, mut behind] = [v; 2];
-                before[a] = v[a].saturating_sub(1);
-                behind[a] = (v[a] + 1).min(dims[a] - 1);
-                means[index(before)] + means[index(behind)]
-            });
-            let (mean, around) = (means[index(v)], around.sum::<f32>() / 6.0);
-            (mean + SHARPEN * (mean - around)).max(0.0)
+    pub fn means(&self, block: [usize; 3]) -> Vec<f32> {
+        let [nx, ny, nz] = self.blocks(block);
+        let size = |axis: usize, at: usize| {
+            let first = at * block[axis];
+            (first + block[axis]).min(self.dims[axis]) - first
         };
-        let sharp: Vec<f32> = (0..means.len())
-            .into_par_iter()
-            .map(|i| sharpened(unflatten(i, dims)))
-            .collect();
-        // Values that would be negative left too much of it.
-        let [of_means, of_sharp] =
-            [&means, &sharp].map(|v| v.iter().copied().map(f64::from).sum::<f64>());
-        let scale = if of_sharp > 0.0 {
-            (of_means / of_sharp) as f32
-        } else {
-            1.0
-        };
-        Self::from_fn(dims, |v| scale * sharp[index(v)])
+        let mut means = vec![0.0; nx * ny * nz];
+        let layers = means.par_chunks_mut(nx * ny).enumerate();
+        layers.for_each(|(k, layer)| {
+            let first = k * block[2];
+            for z in first..first + size(2, k) {
+                self.each_in_layer(z, |x, y, value| {
+                    layer[y / block[1] * nx + x / block[0]] += value;
+                });
+            }
+            for (i, mean) in layer.iter_mut().enumerate() {
+                *mean /= (size(0, i % nx) * size(1, i / nx) * size(2, k)) as f32;
+            }
+        });
+        means
+    }
+
+    /// Blocks of so many voxels along each axis, the last of which may have fewer.
+    #[must_use]
+    pub fn blocks(&self, block: [usize; 3]) -> [usize; 3] {
+        std::array::from_fn(|a| self.dims[a].div_ceil(block[a]))
+    }
+
+    /// Gives the samples of one layer in stored bricks to `take`, each once.
+    fn each_in_layer(&self, z: usize, mut take: impl FnMut(usize, usize, f32)) {
+        let [width, height, _] = self.dims;
+        let corner = z + 1;
+        let in_brick = corner % BRICK_CELLS * BRICK_EDGE * BRICK_EDGE;
+        for j in 0..self.bricks[1] {
+            for i in 0..self.bricks[0] {
+                let Some(brick) = self.brick([i, j, corner / BRICK_CELLS]) else {
+                    continue;
+                };
+                // Corner c of cell space is sample c - 1; those of the first cell are of the brick before, or are clamped.
+                let samples = |b: usize, n: usize| {
+                    (b * BRICK_CELLS).max(1)..(b * BRICK_CELLS + BRICK_CELLS).min(n + 1)
+                };
+                for y in samples(j, height) {
+                    let row = in_brick + y % BRICK_CELLS * BRICK_EDGE;
+                    for x in samples(i, width) {
+                        take(x - 1, y - 1, brick.samples[row + x % BRICK_CELLS]);
+                    }
+                }
+            }
+        }
     }
 
     /// Voxels along x, y, z of index space.
@@ -309,33 +321,38 @@ mod tests {
     }
 
     #[test]
-    fn half_as_many_voxels_hold_the_same_field_and_as_much_of_it() {
-        let linear = |p: Vec3| 1.0 + p.x + 2.0 * p.y + 0.5 * p.z;
-        for dims in [[20, 8, 12], [21, 8, 11]] {
-            let grid = Grid::from_fn(dims, |v| linear(Vec3::from_array(v.map(|i| i as f32))));
-            let halved = grid.halved();
-            let half = halved.dims();
-            assert_eq!(half, dims.map(|n| n.div_ceil(2)));
-            let size = |a: usize| half[a] as f32 / dims[a] as f32;
-            let size = Vec3::new(size(0), size(1), size(2));
-            // Neighbours of the voxels around it are inside.
-            for p in [[8.0, 4.0, 6.0], [10.3, 3.7, 5.2]].map(Vec3::from) {
-                let (got, expected) = (halved.sample(p * size), grid.sample(p));
-                assert!((got - expected).abs() < 1e-4, "{p}: {got} {expected}");
+    fn means_are_those_of_the_voxels_in_each_block() {
+        let value = |[i, j, k]: [usize; 3]| {
+            let is_empty = i < 16 && j < 16;
+            if is_empty {
+                0.0
+            } else {
+                (1 + i + 100 * j + 7 * k) as f32
+            }
+        };
+        let dims = [37, 19, 10];
+        let grid = Grid::from_fn(dims, value);
+        for block in [[1, 1, 1], [2, 3, 1], [8, 4, 16]] {
+            let blocks = grid.blocks(block);
+            let means = grid.means(block);
+            assert_eq!(means.len(), blocks.iter().product::<usize>());
+            for (i, &mean) in means.iter().enumerate() {
+                let at = unflatten(i, blocks);
+                let along = |a: usize| {
+                    let first = at[a] * block[a];
+                    first..(first + block[a]).min(dims[a])
+                };
+                let mut sum = 0.0;
+                for (x, y) in along(0).flat_map(|x| along(1).map(move |y| (x, y))) {
+                    sum += along(2).map(|z| value([x, y, z])).sum::<f32>();
+                }
+                let expected = sum / (along(0).len() * along(1).len() * along(2).len()) as f32;
+                assert!(
+                    (mean - expected).abs() <= 1e-5 * expected,
+                    "{block:?} {at:?}"
+                );
             }
         }
-        // A ball with a soft border, away from the box.
-        let ball = Grid::from_fn([32; 3], |v| {
-            let off = Vec3::from_array(v.map(|i| i as f32 - 15.5)).length();
-            ((10.0 - off) / 4.0).clamp(0.0, 1.0)
-        });
-        let sum = |g: &Grid| {
-            let n = g.dims()[0];
-            let voxel = |i| Vec3::from_array(unflatten(i, [n; 3]).map(|v| v as f32 + 0.5));
-            (0..n.pow(3)).map(|i| g.sample(voxel(i))).sum::<f32>()
-        };
-        let ratio = 8.0 * sum(&ball.halved()) / sum(&ball);
-        assert!((ratio - 1.0).abs() < 1e-4, "{ratio}");
     }
 
     #[test]

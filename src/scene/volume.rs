@@ -1,7 +1,7 @@
 //! A participating medium: a grid of density in a box placed anywhere.
 
 use super::Grid;
-use glam::{Affine3A, DAffine3, DVec3, Vec3};
+use glam::{Affine3A, DAffine3, Vec3};
 
 /// A scattering and absorbing medium with isotropic phase function. There is no medium outside its box.
 #[derive(Debug)]
@@ -34,16 +34,6 @@ impl Volume {
         };
         volume.place(scene_from_index);
         volume
-    }
-
-    /// The same medium on half as many voxels along each axis; see [`Grid::halved`].
-    #[must_use]
-    pub fn halved(&self) -> Self {
-        let sigma_t = self.sigma_t.halved();
-        let [fine, coarse] = [&self.sigma_t, &sigma_t].map(|g| g.dims().map(|n| n as f64));
-        let size = DVec3::from_array(fine) / DVec3::from_array(coarse);
-        let scene_from_index = self.scene_from_index * DAffine3::from_scale(size);
-        Self::new(self.name.clone(), sigma_t, self.albedo, scene_from_index)
     }
 
     /// Places its box anew; the map must be invertible.

@@ -14,7 +14,6 @@ mod memory;
 mod pixels;
 mod settings;
 mod shot;
-mod soft_shadows;
 mod view;
 
 use crate::Result;

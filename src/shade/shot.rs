@@ -8,7 +8,6 @@ use super::media::InScatter;
 use super::memory;
 use super::pixels::{EmitterBorders, PixelShader, Planes, SampleCounts, shade_region};
 use super::settings::{Kernel, Method, Settings};
-use super::soft_shadows::SoftShadows;
 use super::view::View;
 use crate::gather::medium::Source;
 use crate::gather::outgoing::Asked;
@@ -16,7 +15,7 @@ use crate::gather::{
     self, Gatherer, Media, MediaStore, Medium, NoMedia, Outgoing, Pages, SurfelStore, TreeStore,
 };
 use crate::image::Region;
-use crate::light::{Lights, OpticalDepth, Vacuum};
+use crate::light::{Lights, SoftShadows, Vacuum};
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::trace::Tracer;
@@ -80,8 +79,6 @@ struct FrameTree<'a, P, M> {
     pages: &'a P,
     /// Passed by gathers.
     media: M,
-    /// Passed by shadow rays to emissive triangles instead of the scene's own.
-    shadows: Option<&'a dyn OpticalDepth>,
     /// Mean area that a surfel stands for.
     area_per_surfel: f32,
     /// Whether surfels of one piece of the scene have one size.
@@ -98,7 +95,6 @@ fn shade_with<P: Pages>(
     let tree = FrameTree {
         pages,
         media: NoMedia,
-        shadows: None,
         area_per_surfel: store.area_per_surfel(),
         is_even: store.tree().meta().cloud.disk_overlap > 0.0,
     };
@@ -119,17 +115,11 @@ fn shade_through<P: Pages, S: Source>(
     media: &Media<S>,
     request: &Request,
 ) -> Result<Regions> {
-    let shadows = SoftShadows::new(scene, media);
-    let tree = FrameTree {
-        shadows: shadows.as_ref().map(|s| s as &dyn OpticalDepth),
-        ..tree
-    };
     match request.settings.method {
         Method::Extended => {
             let tree = FrameTree {
                 pages: tree.pages,
                 media,
-                shadows: tree.shadows,
                 area_per_surfel: tree.area_per_surfel,
                 is_even: tree.is_even,
             };
@@ -156,10 +146,8 @@ fn shade<P: Pages, M: Medium>(
     let settings = request.settings;
     let camera = scene.camera(settings.camera.as_deref())?;
     let tracer = Tracer::new_until(scene, &request.job.cancel)?;
-    let mut lights = Lights::new(&tracer);
-    if let Some(shadows) = tree.shadows {
-        lights = lights.with_soft_shadows_through(shadows);
-    }
+    let shadows = SoftShadows::new(scene);
+    let lights = Lights::new(&tracer).with_soft_shadows_through(shadows.as_ref());
     let outgoing = (settings.kernel == Kernel::Traced).then(|| {
         let outgoing = Outgoing::new(&tracer, tree.area_per_surfel);
         if tree.is_even {

@@ -3,6 +3,7 @@
 
 mod cells;
 mod pieces;
+mod stepped;
 mod surface;
 mod triangles;
 mod two_wide;
@@ -11,6 +12,7 @@ mod watertight;
 pub use crate::math::Hit;
 pub use cells::{Cells, RayInVolume};
 pub use pieces::Pieces;
+pub use stepped::SteppedVolume;
 pub use surface::{Surface, offset, short_of, unit_normal};
 pub use triangles::TriangleBvh;
 
