@@ -6,10 +6,11 @@ use super::receiver::Receiver;
 use super::shading_point::ShadingPoint;
 use super::shadows::Shadows;
 use crate::math::Rgb;
+use glam::Vec3;
 use smallvec::SmallVec;
 
 /// An emitter that rays of a point may go to.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Chosen {
     index: u32,
     running_power: f32,
@@ -17,67 +18,79 @@ struct Chosen {
     response: f32,
 }
 
-/// Adds the light of all of them. Rays share the emitters out by what each would send; each ray counts by what its point
-/// would send.
-pub fn add<S: Shadows, R: Receiver>(
-    total: &mut Direct<S::Dimming>,
-    emitters: &Emitters,
-    at: &ShadingPoint<S, R>,
-) {
-    if emitters.is_empty() {
-        return;
-    }
-    let &ShadingPoint {
-        origin,
-        rays,
-        receiver,
-        ..
-    } = at;
-    // Not an array, which would be cleared for each point.
-    let mut chosen = SmallVec::<[Chosen; Emitters::FEW]>::new();
-    let mut unoccluded = Rgb::BLACK;
-    let mut sum = 0.0;
-    for (index, emitter) in emitters.facing(origin) {
-        let response = receiver.of_triangle(emitter.corners.map(|c| c - origin));
-        let light = emitter.radiance * response;
-        let power = light.mean();
-        if power > 0.0 {
-            unoccluded += light;
-            sum += power;
-            chosen.push(Chosen {
-                index,
-                running_power: sum,
-                response,
-            });
+/// Those that send light to a point, and the shares of its rays that they get.
+#[derive(Clone, Debug, Default)]
+pub struct Chances {
+    /// What all send with nothing between.
+    pub light: Rgb,
+    chosen: SmallVec<[Chosen; 4]>,
+}
+
+impl Chances {
+    /// Asks all emitters of a scene that has few.
+    pub fn new(emitters: &Emitters, origin: Vec3, receiver: impl Receiver) -> Self {
+        let mut chances = Self::default();
+        let mut sum = 0.0;
+        for (index, emitter) in emitters.facing(origin) {
+            let response = receiver.of_triangle(emitter.corners.map(|c| c - origin));
+            let light = emitter.radiance * response;
+            let power = light.mean();
+            if power > 0.0 {
+                chances.light += light;
+                sum += power;
+                chances.chosen.push(Chosen {
+                    index,
+                    running_power: sum,
+                    response,
+                });
+            }
         }
+        chances
     }
-    if chosen.is_empty() {
-        return;
-    }
-    total.open += unoccluded;
-    for i in 0..rays.count() {
-        let [u, v] = rays.point(i, 63);
-        let target = u * sum;
-        let k = chosen
-            .iter()
-            .position(|c| target < c.running_power)
-            .unwrap_or(chosen.len() - 1);
-        let below = if k == 0 {
-            0.0
-        } else {
-            chosen[k - 1].running_power
+
+    /// Adds what rays bring. They share the emitters out by what each would send; each ray counts by what its point would
+    /// send.
+    pub fn add<S: Shadows, R: Receiver>(
+        &self,
+        total: &mut Direct<S::Dimming>,
+        emitters: &Emitters,
+        at: &ShadingPoint<S, R>,
+    ) {
+        let &ShadingPoint {
+            origin,
+            rays,
+            receiver,
+            ..
+        } = at;
+        let chosen = &self.chosen;
+        let Some(last) = chosen.last() else {
+            return;
         };
-        let within = ((target - below) / (chosen[k].running_power - below)).clamp(0.0, 1.0);
-        let index = chosen[k].index;
-        let emitter = emitters.get(index);
-        let (d, distance, pdf) = emitter.look_at(origin, [within, v], rays.near());
-        // What this point sends over what its emitter was expected to: near 1.
-        let w = receiver.response(d) / (pdf * chosen[k].response);
-        if w > 0.0 {
-            let through = at.through_from_triangle(d, distance);
-            let light = emitter.radiance * (w * sum / emitter.radiance.mean());
-            // Emitters of one surface are told apart no further than sharing a bit with another.
-            total.note_ray(index as usize, light, through);
+        let sum = last.running_power;
+        for i in 0..rays.count() {
+            let [u, v] = rays.point(i, 63);
+            let target = u * sum;
+            let k = chosen
+                .iter()
+                .position(|c| target < c.running_power)
+                .unwrap_or(chosen.len() - 1);
+            let below = if k == 0 {
+                0.0
+            } else {
+                chosen[k - 1].running_power
+            };
+            let within = ((target - below) / (chosen[k].running_power - below)).clamp(0.0, 1.0);
+            let index = chosen[k].index;
+            let emitter = emitters.get(index);
+            let (d, distance, pdf) = emitter.look_at(origin, [within, v], rays.near());
+            // What this point sends over what its emitter was expected to: near 1.
+            let w = receiver.response(d) / (pdf * chosen[k].response);
+            if w > 0.0 {
+                let through = at.through_from_triangle(d, distance);
+                let light = emitter.radiance * (w * sum / emitter.radiance.mean());
+                // Emitters of one surface are told apart no further than sharing a bit with another.
+                total.note_ray(index as usize, light, through);
+            }
         }
     }
 }

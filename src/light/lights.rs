@@ -3,15 +3,16 @@
 use super::direct::Direct;
 use super::emitters::Emitters;
 use super::many_emitters::Care;
+use super::prospect::Prospect;
 use super::rays::ShadowRays;
 use super::receiver::{INVERSE_SPHERE, Medium, Receiver, Surface};
 use super::shading_point::ShadingPoint;
 use super::shadows::{SceneMedia, Shadows};
+use super::sharp;
 use super::soft_shadows::SoftShadows;
 use super::sun::Sun;
 use super::sun_depth::SunDepths;
 use super::vacuum::Vacuum;
-use super::{few_emitters, many_emitters, sharp};
 use crate::math::Rgb;
 use crate::scene::Light;
 use crate::trace::{self, Tracer};
@@ -99,6 +100,32 @@ impl<'a, S: Shadows> Lights<'a, S> {
         self.environment
     }
 
+    /// What emissive triangles would send to a surface.
+    #[must_use]
+    pub fn prospect(&self, surface: &trace::Surface) -> Prospect<'_> {
+        let at = OnSurface::new(surface.position, surface.normal, surface.face_normal);
+        Prospect::new(&self.emitters, self.care, at.origin, at.receiver)
+    }
+
+    /// Irradiance of a surface by a prospect from it or from beside it, and by what that says of `open` light.
+    #[must_use]
+    pub fn irradiance_by(
+        &self,
+        surface: &trace::Surface,
+        prospect: &Prospect,
+        open: Rgb,
+        rays: ShadowRays,
+    ) -> Direct<S::Dimming> {
+        let at = OnSurface::new(surface.position, surface.normal, surface.face_normal);
+        self.sum_by(
+            prospect,
+            open,
+            &self.shading_point(at.origin, rays, at.receiver),
+            None,
+            |_| true,
+        )
+    }
+
     /// Irradiance of a surface point on the side of `normal`; `face_normal` is the geometric one on that side, along
     /// which rays leave.
     #[must_use]
@@ -109,12 +136,12 @@ impl<'a, S: Shadows> Lights<'a, S> {
         face_normal: Vec3,
         rays: ShadowRays,
     ) -> Direct<S::Dimming> {
-        let origin = point + face_normal * trace::offset(point);
-        let receiver = Surface {
-            normal,
-            face_normal,
-        };
-        self.sum(&self.shading_point(origin, rays, receiver), None, |_| true)
+        let at = OnSurface::new(point, normal, face_normal);
+        self.sum(
+            &self.shading_point(at.origin, rays, at.receiver),
+            None,
+            |_| true,
+        )
     }
 
     /// Mean over the sphere of the direct radiance at a point of a medium: its in-scattered radiance for an isotropic
@@ -151,6 +178,18 @@ impl<'a, S: Shadows> Lights<'a, S> {
         suns: Option<&SunDepths>,
         asked: impl Fn(&Light) -> bool,
     ) -> Direct<S::Dimming> {
+        let prospect = Prospect::new(&self.emitters, self.care, at.origin, at.receiver);
+        self.sum_by(&prospect, prospect.open, at, suns, asked)
+    }
+
+    fn sum_by<R: Receiver>(
+        &self,
+        prospect: &Prospect<R>,
+        open: Rgb,
+        at: &ShadingPoint<S, R>,
+        suns: Option<&SunDepths>,
+        asked: impl Fn(&Light) -> bool,
+    ) -> Direct<S::Dimming> {
         let mut total = Direct::default();
         for (index, light) in self.tracer.scene.lights.iter().enumerate() {
             if !asked(light) {
@@ -162,10 +201,27 @@ impl<'a, S: Shadows> Lights<'a, S> {
                 None => sharp::add(&mut total, light, index, at, depth),
             }
         }
-        match self.emitters.tree() {
-            Some(tree) => many_emitters::add(&mut total, &self.emitters, tree, self.care, at),
-            None => few_emitters::add(&mut total, &self.emitters, at),
-        }
+        total.open += open;
+        prospect.add(&mut total, at);
         total
+    }
+}
+
+/// A point of a surface that asks for light.
+struct OnSurface {
+    /// Where rays begin: off the surface.
+    origin: Vec3,
+    receiver: Surface,
+}
+
+impl OnSurface {
+    fn new(point: Vec3, normal: Vec3, face_normal: Vec3) -> Self {
+        Self {
+            origin: point + face_normal * trace::offset(point),
+            receiver: Surface {
+                normal,
+                face_normal,
+            },
+        }
     }
 }

@@ -8,6 +8,7 @@ use super::shading_point::ShadingPoint;
 use super::shadows::Shadows;
 use super::tree::Tree;
 use crate::math::Rgb;
+use glam::Vec3;
 
 /// How carefully they are asked.
 #[derive(Clone, Copy, Debug)]
@@ -35,43 +36,62 @@ impl Care {
     };
 }
 
-/// Adds the light of all of them.
-pub fn add<S: Shadows, R: Receiver>(
-    total: &mut Direct<S::Dimming>,
-    emitters: &Emitters,
-    tree: &Tree,
-    care: Care,
-    at: &ShadingPoint<S, R>,
-) {
-    let &ShadingPoint {
-        origin,
-        rays,
-        receiver,
-        ..
-    } = at;
-    let cut = Cut::new(tree, emitters, origin, receiver, care.tolerance);
-    let count = rays.count() * care.rays;
-    let per_ray = 1.0 / care.rays as f32;
-    let mut sent = Rgb::BLACK;
-    for i in 0..count {
-        let [u, v] = rays.point_of_many(i, care.rays);
-        let Some(choice) = cut.choose(u) else {
-            continue;
-        };
-        let emitter = emitters.get(choice.emitter);
-        let (d, distance, pdf) = emitter.look_at(origin, [choice.within, v], rays.near());
-        let w = receiver.response(d) / (pdf * choice.chance);
-        if w > 0.0 && w.is_finite() {
-            let through = at.through_from_triangle(d, distance);
-            let light = emitter.radiance * w;
-            // As much of the light as a ray to any other light with an extent brings of its own.
-            total.note_ray(choice.emitter as usize, light * per_ray, through);
-            sent += light;
+impl Care {
+    /// The groups that stand for all emitters at a point.
+    pub fn cut<'a, R: Receiver>(
+        self,
+        tree: &'a Tree,
+        emitters: &Emitters,
+        origin: Vec3,
+        receiver: R,
+    ) -> Cut<'a, R> {
+        Cut::new(tree, emitters, origin, receiver, self.tolerance)
+    }
+
+    /// Adds what rays bring, and, where those tell it, what all emitters send.
+    pub fn add<S: Shadows, R: Receiver>(
+        self,
+        total: &mut Direct<S::Dimming>,
+        emitters: &Emitters,
+        cut: &Cut<R>,
+        at: &ShadingPoint<S, R>,
+    ) {
+        let &ShadingPoint {
+            origin,
+            rays,
+            receiver,
+            ..
+        } = at;
+        let count = rays.count() * self.rays;
+        let per_ray = 1.0 / self.rays as f32;
+        let mut sent = Rgb::BLACK;
+        for i in 0..count {
+            let [u, v] = rays.point_of_many(i, self.rays);
+            let Some(choice) = cut.choose(u) else {
+                continue;
+            };
+            let emitter = emitters.get(choice.emitter);
+            let (d, distance, pdf) = emitter.look_at(origin, [choice.within, v], rays.near());
+            let w = receiver.response(d) / (pdf * choice.chance);
+            if w > 0.0 && w.is_finite() {
+                let through = at.through_from_triangle(d, distance);
+                let light = emitter.radiance * w;
+                // As much of the light as a ray to any other light with an extent brings of its own.
+                total.note_ray(choice.emitter as usize, light * per_ray, through);
+                sent += light;
+            }
+        }
+        if !self.is_share {
+            total.open += sent * (1.0 / count.max(1) as f32);
         }
     }
-    total.open += if care.is_share {
-        cut.light()
-    } else {
-        sent * (1.0 / count.max(1) as f32)
-    };
+
+    /// What all emitters send with nothing between, if it is not for rays to tell.
+    pub fn light<R: Receiver>(self, cut: &Cut<R>) -> Rgb {
+        if self.is_share {
+            cut.light()
+        } else {
+            Rgb::BLACK
+        }
+    }
 }

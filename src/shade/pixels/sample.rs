@@ -22,6 +22,13 @@ pub struct Sample<T: Passed> {
     pub passed: T,
 }
 
+impl<T: Passed> Sample<T> {
+    /// The surface, if light on it is seen.
+    pub fn lit_surface(&self) -> Option<&Surface> {
+        self.surface.as_ref().filter(|s| !s.albedo.is_black())
+    }
+}
+
 /// How many samples a pixel has, and what it looks at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SampleCounts {

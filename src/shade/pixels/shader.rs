@@ -95,7 +95,18 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
     }
 
     /// The sample at a point of the film, pixels from its top left, media not yet passed.
-    pub fn sample(&self, x: f32, y: f32, rays: ShadowRays) -> Sample<A::Passed> {
+    fn sample(&self, x: f32, y: f32, rays: ShadowRays) -> Sample<A::Passed> {
+        let mut sample = self.look(x, y);
+        if let Some(surface) = sample.lit_surface() {
+            sample.direct =
+                self.lights
+                    .irradiance(surface.position, surface.normal, surface.face_normal, rays);
+        }
+        sample
+    }
+
+    /// The same without any light.
+    pub fn look(&self, x: f32, y: f32) -> Sample<A::Passed> {
         let view = &self.view;
         let direction = view.camera.direction(&view.film, x, y);
         let hit = view
@@ -103,18 +114,12 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
             .closest(view.camera.origin(), direction, f32::INFINITY);
         let surface =
             hit.map(|h| Surface::new(view.tracer.scene, h.triangle, h.uv).facing(-direction));
-        let direct = surface
-            .filter(|s| !s.albedo.is_black())
-            .map_or_else(Direct::default, |s| {
-                self.lights
-                    .irradiance(s.position, s.normal, s.face_normal, rays)
-            });
         Sample {
             surface,
             triangle: hit.map_or(u32::MAX, |h| h.triangle),
             t: hit.map_or(f32::INFINITY, |h| h.t),
             direction,
-            direct,
+            direct: Direct::default(),
             passed: A::Passed::default(),
         }
     }
@@ -176,6 +181,12 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
         a.material == b.material
             && a.normal.dot(b.normal) > 0.98
             && (a.position - b.position).dot(b.face_normal).abs() < 0.5 * footprint
+    }
+
+    /// Whether two points on one piece of surface, seen from `t` away, see lights under nearly the same angles.
+    pub fn is_lit_alike(&self, a: &Surface, b: &Surface, t: f32) -> bool {
+        const SAME: f32 = 0.9995;
+        a.normal.dot(b.normal) > SAME && self.same_piece(a, b, t)
     }
 
     /// The pixel of samples and their weights.

@@ -2,7 +2,7 @@
 
 use super::{Corner, Corners};
 use crate::gather::{Medium, Pages};
-use crate::light::{Arrival, Sight};
+use crate::light::{Arrival, Prospect, Sight};
 use crate::shade::air::Air;
 use crate::shade::pixels::sample::Sample;
 
@@ -34,35 +34,45 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
             })
             .collect();
         let rim = Self::RINGS as usize - 1;
+        let lights = self.shader.lights;
         let mut more = Vec::new();
+        // Of the even corner of each four, once it is asked for.
+        let mut prospects: Vec<Option<Prospect>> = Vec::new();
         for row in rim..height - rim {
+            if row % 2 == 0 || prospects.is_empty() {
+                prospects.clear();
+                prospects.resize_with(self.width.div_ceil(2), || None);
+            }
             for column in rim..self.width - rim {
                 let i = row * self.width + column;
                 let sample = &self.corners[i].sample;
-                let Some(surface) = &sample.surface else {
+                let Some(surface) = sample.lit_surface() else {
                     continue;
                 };
-                if surface.albedo.is_black() {
-                    continue;
-                }
                 let mut sight = Sight::default();
                 for j in row - 2..=row + 2 {
                     sight += in_row[j * self.width + column];
                 }
-                if sight.has_penumbra() {
-                    let rays = Self::place(self.region, column, row).rays(
-                        self.shader,
-                        1,
-                        Self::PENUMBRA - 1,
-                    );
-                    let direct = self.shader.lights.irradiance(
-                        surface.position,
-                        surface.normal,
-                        surface.face_normal,
-                        rays,
-                    );
-                    more.push((i, direct));
+                if !sight.has_penumbra() {
+                    continue;
                 }
+                let place = Self::place(self.region, column, row);
+                let rays = place.rays(self.shader, 1, Self::PENUMBRA - 1);
+                let even = &self.corners[(row - row % 2) * self.width + column - column % 2];
+                let own;
+                let prospect = match even.sample.lit_surface() {
+                    Some(even) if self.shader.is_lit_alike(surface, even, sample.t) => {
+                        prospects[column / 2].get_or_insert_with(|| lights.prospect(even))
+                    }
+                    _ => {
+                        own = lights.prospect(surface);
+                        &own
+                    }
+                };
+                more.push((
+                    i,
+                    lights.irradiance_by(surface, prospect, prospect.open, rays),
+                ));
             }
         }
         for (i, direct) in more {

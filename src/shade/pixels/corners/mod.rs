@@ -6,6 +6,7 @@
 
 mod light;
 mod media;
+mod sampler;
 
 use super::piece::Piece;
 use super::pixel::Pixel;
@@ -18,6 +19,7 @@ use crate::light::{ShadowRays, Sight};
 use crate::math::{Rgb, sampling};
 use crate::shade::air::{Air, Passed};
 use light::Lit;
+use sampler::Sampler;
 
 /// Corners of the pixels of a region and around it.
 pub struct Corners<'a, P, M, A: Air> {
@@ -71,18 +73,15 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
 
     /// Samples the corners of a region's pixels and what they need around them.
     pub fn new(shader: &'a PixelShader<'a, P, M, A>, region: Region) -> Self {
+        // Every second corner has more to say than the others, in all regions the same.
+        let region = Region {
+            x0: region.x0 - region.x0 % 2,
+            y0: region.y0 - region.y0 % 2,
+            ..region
+        };
         let width = (region.width() + 1 + 2 * Self::RINGS) as usize;
         let height = (region.height() + 1 + 2 * Self::RINGS) as usize;
-        let corners = (0..width * height)
-            .map(|i| {
-                let at = Self::place(region, i % width, i / width);
-                let sample = shader.sample(at.film[0], at.film[1], at.rays(shader, 0, 1));
-                Corner {
-                    sample,
-                    irradiance: Rgb::BLACK,
-                }
-            })
-            .collect();
+        let corners = Sampler { shader, region }.corners([width, height]);
         let mut corners = Self {
             shader,
             region,

@@ -1,0 +1,139 @@
+//! Camera rays through corners, and direct light where they end.
+
+use super::{Corner, Corners, Place};
+use crate::gather::{Medium, Pages};
+use crate::image::Region;
+use crate::light::{Prospect, ShadowRays};
+use crate::math::Rgb;
+use crate::shade::air::Air;
+use crate::shade::pixels::sample::Sample;
+use crate::shade::pixels::shader::PixelShader;
+use crate::trace::Surface;
+
+/// Samples the corners of a region whose first corner is at even coordinates.
+///
+/// What emissive triangles would send, with nothing between, changes little from one corner to the next. It is found at every
+/// second corner of every second row; those between take the mean where all beside them lie on one piece of surface.
+pub(super) struct Sampler<'a, P, M, A: Air> {
+    pub shader: &'a PixelShader<'a, P, M, A>,
+    pub region: Region,
+}
+
+/// A corner at even coordinates.
+struct Even<'a, A: Air> {
+    sample: Sample<A::Passed>,
+    /// `None` where no light is seen.
+    prospect: Option<Prospect<'a>>,
+}
+
+impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
+    /// Samples so many columns and rows of corners.
+    pub fn corners(&self, [width, height]: [usize; 2]) -> Vec<Corner<A::Passed>> {
+        let mut corners = Vec::with_capacity(width * height);
+        let mut push = |sample| {
+            corners.push(Corner {
+                sample,
+                irradiance: Rgb::BLACK,
+            });
+        };
+        let mut above = self.even_row(width, 0);
+        for row in (0..height).step_by(2) {
+            for column in 0..width {
+                let left = &above[column / 2];
+                if column % 2 == 0 {
+                    push(left.sample);
+                } else {
+                    push(self.between(column, row, [Some(left), above.get(column / 2 + 1)]));
+                }
+            }
+            if row + 1 == height {
+                break;
+            }
+            let below = if row + 2 < height {
+                self.even_row(width, row + 2)
+            } else {
+                Vec::new()
+            };
+            for column in 0..width {
+                let [left, right] = [column / 2, column.div_ceil(2)];
+                let around = [
+                    above.get(left),
+                    above.get(right),
+                    below.get(left),
+                    below.get(right),
+                ];
+                push(self.between(column, row + 1, around));
+            }
+            above = below;
+        }
+        corners
+    }
+
+    fn place(&self, column: usize, row: usize) -> Place {
+        Corners::<P, M, A>::place(self.region, column, row)
+    }
+
+    fn rays(&self, place: &Place) -> ShadowRays {
+        place.rays(self.shader, 0, 1)
+    }
+
+    /// Every second corner of a row.
+    fn even_row(&self, width: usize, row: usize) -> Vec<Even<'a, A>> {
+        let even = |column| {
+            let place = self.place(column, row);
+            let mut sample = self.shader.look(place.film[0], place.film[1]);
+            let prospect = sample.lit_surface().map(|s| self.shader.lights.prospect(s));
+            if let (Some(surface), Some(prospect)) = (sample.surface, &prospect) {
+                let rays = self.rays(&place);
+                let lights = self.shader.lights;
+                sample.direct = lights.irradiance_by(&surface, prospect, prospect.open, rays);
+            }
+            Even { sample, prospect }
+        };
+        (0..width).step_by(2).map(even).collect()
+    }
+
+    /// A corner between some of those.
+    fn between<const N: usize>(
+        &self,
+        column: usize,
+        row: usize,
+        around: [Option<&Even<'a, A>>; N],
+    ) -> Sample<A::Passed> {
+        let place = self.place(column, row);
+        let mut sample = self.shader.look(place.film[0], place.film[1]);
+        if let Some(&surface) = sample.lit_surface() {
+            let rays = self.rays(&place);
+            let lights = self.shader.lights;
+            sample.direct = match self.known(&surface, sample.t, around) {
+                Some((prospect, open)) => lights.irradiance_by(&surface, prospect, open, rays),
+                None => {
+                    let prospect = lights.prospect(&surface);
+                    lights.irradiance_by(&surface, &prospect, prospect.open, rays)
+                }
+            };
+        }
+        sample
+    }
+
+    /// The prospect of the first corner around a surface, and the mean light of all, if all are on its piece.
+    fn known<'e, const N: usize>(
+        &self,
+        surface: &Surface,
+        t: f32,
+        around: [Option<&'e Even<'a, A>>; N],
+    ) -> Option<(&'e Prospect<'a>, Rgb)> {
+        let mut first = None;
+        let mut sum = Rgb::BLACK;
+        for even in around {
+            let even = even?;
+            let (of, prospect) = (even.sample.surface.as_ref()?, even.prospect.as_ref()?);
+            if !self.shader.is_lit_alike(surface, of, t) {
+                return None;
+            }
+            sum += prospect.open;
+            first = first.or(Some(prospect));
+        }
+        first.map(|prospect| (prospect, sum * (1.0 / N as f32)))
+    }
+}
