@@ -51,7 +51,7 @@ fn stepped(volume: &Volume, most: usize) -> SteppedVolume {
     const STEPS: [f32; 3] = [4.0, 3.0, 2.0];
     /// Most by which transmittances may differ, in the root mean square. Shadows differ by far less: a lamp is seen along many
     /// rays.
-    const OFF: f64 = 0.015;
+    const OFF: f64 = 0.0125;
     let mut stepped = SteppedVolume::new(volume, most);
     let does = |&step: &f32| {
         stepped.step = step;

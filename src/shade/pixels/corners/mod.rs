@@ -73,11 +73,12 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
 
     /// Samples the corners of a region's pixels and what they need around them.
     pub fn new(shader: &'a PixelShader<'a, P, M, A>, region: Region) -> Self {
-        // Every second corner has more to say than the others, in all regions the same.
+        // Corners between those at even coordinates ask them on both sides, in all regions the same.
         let region = Region {
             x0: region.x0 - region.x0 % 2,
             y0: region.y0 - region.y0 % 2,
-            ..region
+            x1: region.x1 + region.x1 % 2,
+            y1: region.y1 + region.y1 % 2,
         };
         let width = (region.width() + 1 + 2 * Self::RINGS) as usize;
         let height = (region.height() + 1 + 2 * Self::RINGS) as usize;

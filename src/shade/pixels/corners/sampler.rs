@@ -10,7 +10,7 @@ use crate::shade::pixels::sample::Sample;
 use crate::shade::pixels::shader::PixelShader;
 use crate::trace::Surface;
 
-/// Samples the corners of a region whose first corner is at even coordinates.
+/// Samples the corners of a region whose first and last corners are at even coordinates.
 ///
 /// What emissive triangles would send, with nothing between, changes little from one corner to the next. It is found at every
 /// second corner of every second row; those between take the mean where all beside them lie on one piece of surface.
@@ -43,25 +43,16 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
                 if column % 2 == 0 {
                     push(left.sample);
                 } else {
-                    push(self.between(column, row, [Some(left), above.get(column / 2 + 1)]));
+                    push(self.between(column, row, [left, &above[column / 2 + 1]]));
                 }
             }
-            if row + 1 == height {
+            if row + 2 >= height {
                 break;
             }
-            let below = if row + 2 < height {
-                self.even_row(width, row + 2)
-            } else {
-                Vec::new()
-            };
+            let below = self.even_row(width, row + 2);
             for column in 0..width {
                 let [left, right] = [column / 2, column.div_ceil(2)];
-                let around = [
-                    above.get(left),
-                    above.get(right),
-                    below.get(left),
-                    below.get(right),
-                ];
+                let around = [&above[left], &above[right], &below[left], &below[right]];
                 push(self.between(column, row + 1, around));
             }
             above = below;
@@ -82,10 +73,10 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
         let even = |column| {
             let place = self.place(column, row);
             let mut sample = self.shader.look(place.film[0], place.film[1]);
-            let prospect = sample.lit_surface().map(|s| self.shader.lights.prospect(s));
+            let lights = self.shader.lights;
+            let prospect = sample.lit_surface().map(|s| lights.prospect(s));
             if let (Some(surface), Some(prospect)) = (sample.surface, &prospect) {
                 let rays = self.rays(&place);
-                let lights = self.shader.lights;
                 sample.direct = lights.irradiance_by(&surface, prospect, prospect.open, rays);
             }
             Even { sample, prospect }
@@ -98,7 +89,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
         &self,
         column: usize,
         row: usize,
-        around: [Option<&Even<'a, A>>; N],
+        around: [&Even<'a, A>; N],
     ) -> Sample<A::Passed> {
         let place = self.place(column, row);
         let mut sample = self.shader.look(place.film[0], place.film[1]);
@@ -121,12 +112,11 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
         &self,
         surface: &Surface,
         t: f32,
-        around: [Option<&'e Even<'a, A>>; N],
+        around: [&'e Even<'a, A>; N],
     ) -> Option<(&'e Prospect<'a>, Rgb)> {
         let mut first = None;
         let mut sum = Rgb::BLACK;
         for even in around {
-            let even = even?;
             let (of, prospect) = (even.sample.surface.as_ref()?, even.prospect.as_ref()?);
             if !self.shader.is_lit_alike(surface, of, t) {
                 return None;
