@@ -4,7 +4,7 @@ use super::OpticalDepth;
 use crate::math::exp::exp_neg;
 use crate::math::sampling;
 use crate::scene::{Material, Scene, Volume};
-use crate::trace::{Cells, SteppedVolume};
+use crate::trace::SteppedVolume;
 use glam::{DVec3, Vec3};
 
 /// The scene's media on few voxels, passed in steps as long as leaves rays nearly the same.
@@ -49,49 +49,42 @@ impl OpticalDepth for SoftShadows {
 fn stepped(volume: &Volume, most: usize) -> SteppedVolume {
     /// Voxels.
     const STEPS: [f32; 3] = [4.0, 3.0, 2.0];
-    /// Most by which transmittances may differ, in the root mean square. Shadows differ by far less: a lamp is seen along many
-    /// rays.
-    const OFF: f64 = 0.0125;
+    /// Most by which transmittances may differ from those in steps of one voxel, in the root mean square. Where shadows of dense
+    /// media are all that is seen, twice as much is.
+    const OFF: f64 = 0.005;
     let mut stepped = SteppedVolume::new(volume, most);
+    let rays = rays_through(volume, &stepped);
+    let off = |stepped: &SteppedVolume| {
+        let squared = |&([origin, direction], expected): &([Vec3; 2], f64)| {
+            let depth = stepped.optical_depth(origin, direction, f32::INFINITY);
+            (f64::from(exp_neg(depth)) - expected).powi(2)
+        };
+        let count = rays.len().max(1) as f64;
+        (rays.iter().map(squared).sum::<f64>() / count).sqrt()
+    };
     let does = |&step: &f32| {
         stepped.step = step;
-        rms_difference(volume, &stepped) < OFF
+        off(&stepped) < OFF
     };
     stepped.step = STEPS.into_iter().find(does).unwrap_or(1.0);
     stepped
 }
 
-/// By how much the transmittances of a volume and of what stands for it differ, in the root mean square over rays that start in
-/// its box and meet something.
-fn rms_difference(volume: &Volume, stepped: &SteppedVolume) -> f64 {
-    const RAYS: u32 = 256;
+/// Origins and directions of rays that start in a volume's box and meet something, and what it lets through of each.
+fn rays_through(volume: &Volume, stepped: &SteppedVolume) -> Vec<([Vec3; 2], f64)> {
+    const RAYS: usize = 256;
     /// Most of a volume may be empty.
     const TRIES: u64 = 1 << 14;
     let dims = DVec3::from_array(volume.sigma_t.dims().map(|n| n as f64));
-    let (mut sum, mut count) = (0.0, 0_u32);
-    for i in 0..TRIES {
+    let ray = |i: u64| {
         let along = |axis: u64| f64::from(sampling::unit(sampling::hash(&[i, axis])));
         let in_index = dims * DVec3::new(along(0), along(1), along(2));
         let origin = volume.scene_from_index.transform_point3(in_index).as_vec3();
         let direction = sampling::sphere(sampling::r2(i, [0.5; 2]));
-        let Some(cells) = Cells::new(volume, origin, direction, f32::INFINITY) else {
-            continue;
-        };
-        let depth = cells.optical_depth() as f32;
-        if depth > 0.0 {
-            let [a, b] = [
-                depth,
-                stepped.optical_depth(origin, direction, f32::INFINITY),
-            ]
-            .map(|depth| f64::from(exp_neg(depth)));
-            sum += (a - b) * (a - b);
-            count += 1;
-            if count == RAYS {
-                break;
-            }
-        }
-    }
-    (sum / f64::from(count.max(1))).sqrt()
+        let depth = stepped.optical_depth(origin, direction, f32::INFINITY);
+        (depth > 0.0).then(|| ([origin, direction], f64::from(exp_neg(depth))))
+    };
+    (0..TRIES).filter_map(ray).take(RAYS).collect()
 }
 
 #[cfg(test)]
