@@ -107,7 +107,8 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
         sample
     }
 
-    /// The prospect of the first corner around a surface, and the mean light of all, if all are on its piece.
+    /// The prospect of the first corner around a surface, and the mean light of all, if all are on its piece and see much the
+    /// same of it.
     fn known<'e, const N: usize>(
         &self,
         surface: &Surface,
@@ -116,14 +117,27 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
     ) -> Option<(&'e Prospect<'a>, Rgb)> {
         let mut first = None;
         let mut sum = Rgb::BLACK;
+        let [mut least, mut most] = [f32::INFINITY, 0.0_f32];
         for even in around {
             let (of, prospect) = (even.sample.surface.as_ref()?, even.prospect.as_ref()?);
             if !self.shader.is_lit_alike(surface, of, t) {
                 return None;
             }
             sum += prospect.open;
+            least = least.min(prospect.open.mean());
+            most = most.max(prospect.open.mean());
             first = first.or(Some(prospect));
+        }
+        if !is_alike(least, most) {
+            return None;
         }
         first.map(|prospect| (prospect, sum * (1.0 / N as f32)))
     }
+}
+
+/// Whether two amounts of light differ so little that the chances of rays at one place are good at the other: beside lamps they are
+/// not, and a ray that few were to take would bring all the light.
+pub(super) fn is_alike(least: f32, most: f32) -> bool {
+    const SAME: f32 = 0.9;
+    least >= SAME * most
 }
