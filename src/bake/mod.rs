@@ -96,8 +96,9 @@ pub fn run(
         let mut writer = CloudWriter::create(cloud, meta(scene, settings)?, force)?;
         let tracer = Tracer::new_until(scene, &job.cancel)?;
         let shadows = SoftShadows::new(scene);
-        let lights = Lights::new(&tracer).for_baking();
-        let lights = lights.with_soft_shadows_through(shadows.as_ref());
+        let lights = Lights::new(&tracer)
+            .for_baking()
+            .with_soft_shadows_through(shadows.as_ref());
         let creases = Creases::new(&scene.mesh, settings.crease_deg, &job.cancel)?;
         if scene.volumes.is_empty() {
             let lights = lights.in_vacuum();

@@ -23,7 +23,7 @@ struct Chosen {
 pub struct Chances {
     /// What all send with nothing between.
     pub light: Rgb,
-    chosen: SmallVec<[Chosen; 4]>,
+    chosen: SmallVec<[Chosen; 16]>,
 }
 
 impl Chances {
@@ -56,12 +56,7 @@ impl Chances {
         emitters: &Emitters,
         at: &ShadingPoint<S, R>,
     ) {
-        let &ShadingPoint {
-            origin,
-            rays,
-            receiver,
-            ..
-        } = at;
+        let rays = at.rays;
         let chosen = &self.chosen;
         let Some(last) = chosen.last() else {
             return;
@@ -82,11 +77,8 @@ impl Chances {
             let within = ((target - below) / (chosen[k].running_power - below)).clamp(0.0, 1.0);
             let index = chosen[k].index;
             let emitter = emitters.get(index);
-            let (d, distance, pdf) = emitter.look_at(origin, [within, v], rays.near());
             // What this point sends over what its emitter was expected to: near 1.
-            let w = receiver.response(d) / (pdf * chosen[k].response);
-            if w > 0.0 {
-                let through = at.through_from_triangle(d, distance);
+            if let Some((w, through)) = at.ray_to(emitter, [within, v], chosen[k].response) {
                 let light = emitter.radiance * (w * sum / emitter.radiance.mean());
                 // Emitters of one surface are told apart no further than sharing a bit with another.
                 total.note_ray(index as usize, light, through);

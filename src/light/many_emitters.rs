@@ -56,12 +56,7 @@ impl Care {
         cut: &Cut<R>,
         at: &ShadingPoint<S, R>,
     ) {
-        let &ShadingPoint {
-            origin,
-            rays,
-            receiver,
-            ..
-        } = at;
+        let rays = at.rays;
         let count = rays.count() * self.rays;
         let per_ray = 1.0 / self.rays as f32;
         let mut sent = Rgb::BLACK;
@@ -71,10 +66,7 @@ impl Care {
                 continue;
             };
             let emitter = emitters.get(choice.emitter);
-            let (d, distance, pdf) = emitter.look_at(origin, [choice.within, v], rays.near());
-            let w = receiver.response(d) / (pdf * choice.chance);
-            if w > 0.0 && w.is_finite() {
-                let through = at.through_from_triangle(d, distance);
+            if let Some((w, through)) = at.ray_to(emitter, [choice.within, v], choice.chance) {
                 let light = emitter.radiance * w;
                 // As much of the light as a ray to any other light with an extent brings of its own.
                 total.note_ray(choice.emitter as usize, light * per_ray, through);

@@ -49,8 +49,8 @@ impl OpticalDepth for SoftShadows {
 fn stepped(volume: &Volume, most: usize) -> SteppedVolume {
     /// Voxels.
     const STEPS: [f32; 3] = [4.0, 3.0, 2.0];
-    /// Most by which transmittances may differ from those in steps of one voxel, in the root mean square. Where shadows of dense
-    /// media are all that is seen, twice as much is.
+    /// Most by which transmittances may differ from those in steps of one voxel, in the root mean square: where shadows of dense
+    /// media are all that a picture shows, twice as much can be seen.
     const OFF: f64 = 0.005;
     let mut stepped = SteppedVolume::new(volume, most);
     let rays = rays_through(volume, &stepped);

@@ -60,8 +60,8 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
                 let place = Self::place(self.region, column, row);
                 let rays = place.rays(self.shader, 1, Self::PENUMBRA - 1);
                 let even = &self.corners[(row - row % 2) * self.width + column - column % 2];
-                let open = [sample, &even.sample].map(|s| s.direct.open.mean());
-                let is_alike = is_alike(open[0].min(open[1]), open[0].max(open[1]));
+                let [open, of_even] = [sample, &even.sample].map(|s| s.direct.open.mean());
+                let is_alike = is_alike(open, of_even);
                 let own;
                 let prospect = match even.sample.lit_surface() {
                     Some(even) if is_alike && self.shader.is_lit_alike(surface, even, sample.t) => {

@@ -137,7 +137,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
 
 /// Whether two amounts of light differ so little that the chances of rays at one place are good at the other: beside lamps they are
 /// not, and a ray that few were to take would bring all the light.
-pub(super) fn is_alike(least: f32, most: f32) -> bool {
+pub(super) fn is_alike(a: f32, b: f32) -> bool {
     const SAME: f32 = 0.9;
-    least >= SAME * most
+    a.min(b) >= SAME * a.max(b)
 }
