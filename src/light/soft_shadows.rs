@@ -48,10 +48,10 @@ impl OpticalDepth for SoftShadows {
 /// A volume on at most so many voxels along an edge, passed in the longest steps that do.
 fn stepped(volume: &Volume, most: usize) -> SteppedVolume {
     /// Voxels.
-    const STEPS: [f32; 3] = [4.0, 3.0, 2.0];
+    const STEPS: [f32; 2] = [4.0, 2.0];
     /// Most by which transmittances may differ from those in steps of one voxel, in the root mean square: where shadows of dense
     /// media are all that a picture shows, twice as much can be seen.
-    const OFF: f64 = 0.005;
+    const OFF: f64 = 0.006;
     let mut stepped = SteppedVolume::new(volume, most);
     let rays = rays_through(volume, &stepped);
     let off = |stepped: &SteppedVolume| {
