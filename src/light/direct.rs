@@ -28,6 +28,18 @@ pub struct Arrival {
 }
 
 impl Arrival {
+    /// The share of the light of all rays that arrives, by its mean channel; 1 if there was none.
+    #[must_use]
+    #[inline]
+    pub fn share(&self) -> f32 {
+        let all = self.all.mean();
+        if all > 0.0 {
+            self.arriving.mean() / all
+        } else {
+            1.0
+        }
+    }
+
     /// What arrives of `open`, by the sum of many rays; all of it if there was none.
     ///
     /// The share that arrives is that of the mean channel, by which rays choose among lights. What rays brought in each channel
@@ -39,7 +51,7 @@ impl Arrival {
         if all <= 0.0 {
             return open;
         }
-        let share = self.arriving.mean() / all;
+        let share = self.share();
         let per_ray = open.mean() / all;
         Rgb(std::array::from_fn(|c| {
             let differs = self.arriving.0[c] - share * self.all.0[c];

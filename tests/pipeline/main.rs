@@ -16,6 +16,7 @@ mod messages;
 mod outputs;
 mod physics;
 mod settings;
+mod shadows;
 #[path = "../support/mod.rs"]
 mod support;
 mod views;
