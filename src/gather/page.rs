@@ -218,6 +218,16 @@ impl PageNodes {
         node
     }
 
+    /// The stand-ins of the children of a node; none if there is no such node.
+    #[must_use]
+    #[inline]
+    pub fn below(&self, node: u32) -> &[Proxy] {
+        self.nodes.get(node as usize).map_or(&[], |node| {
+            let first = node.first_proxy as usize;
+            &self.proxies[first..first + node.used.count_ones() as usize]
+        })
+    }
+
     /// Bytes held.
     #[must_use]
     pub fn bytes(&self) -> usize {

@@ -86,10 +86,23 @@ impl Place {
         let [u, v] = self.at.map(|i| (i as f32 + third) / parts);
         a + (b - a) * u + (c - a) * v
     }
+
+    /// The middles of its four quarters, the innermost first; all parts are alike but for which way they point.
+    fn quarters(&self, corners: [Vec3; 3]) -> [Vec3; 4] {
+        let [a, b, c] = corners;
+        let side = 1.0 / (1 << self.level) as f32;
+        let side = if self.is_upper { -side } else { side };
+        let [ab, ac] = [b - a, c - a].map(|edge| edge * side);
+        let middle = self.middle(corners);
+        let from_first = (ab + ac) * (1.0 / 3.0);
+        let to_corners = [-from_first, ab - from_first, ac - from_first];
+        let [p, q, r] = to_corners.map(|to| middle + 0.5 * to);
+        [middle, p, q, r]
+    }
 }
 
 /// A part of one side of a triangle.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Patch {
     /// Where the tree is asked.
     middle: Vec3,
@@ -98,6 +111,8 @@ pub(super) struct Patch {
     /// Square of a radius that the disks of its own surface are below. Larger ones are of something else near by, which must
     /// not drown them.
     own2: f32,
+    /// The middles of its quarters, if surfels stand close enough to tell them apart.
+    quarters: Option<[Vec3; 4]>,
 }
 
 impl Patch {
@@ -116,17 +131,46 @@ impl Patch {
             } else {
                 f32::INFINITY
             },
+            quarters: (edge2 > extent.least).then(|| place.quarters(corners)),
         }
     }
 
-    /// What it sends on the side of its unit `normal`: a mean over the disks and small nodes that hold its middle. `None` where
-    /// the tree knows no surface.
+    /// What it sends on the side of its unit `normal`: a mean over the disks and small nodes that hold its middle, or, where such a
+    /// node is lit in a small part only, over those that hold the middles of its quarters. `None` where the tree knows no surface.
     pub fn radiance<P: Pages>(
         &self,
         normal: Vec3,
         pages: &P,
         stack: &mut Vec<(f32, u32, u32)>,
     ) -> Option<Rgb> {
+        let whole = self.mean(normal, pages, stack)?;
+        let Some(quarters) = self.quarters.filter(|_| whole.is_uneven) else {
+            return whole.radiance();
+        };
+        let quarter = |middle| Self {
+            middle,
+            area: 0.25 * self.area,
+            quarters: None,
+            ..*self
+        };
+        let (mut sum, mut known) = (Rgb::BLACK, 0.0);
+        for middle in quarters {
+            let mean = quarter(middle).mean(normal, pages, stack);
+            if let Some(radiance) = mean.and_then(|m| m.radiance()) {
+                sum += radiance;
+                known += 1.0;
+            }
+        }
+        (known > 0.0).then(|| sum * (1.0 / known))
+    }
+
+    /// The mean over disks and small nodes that hold its middle; `None` of an empty tree.
+    fn mean<P: Pages>(
+        &self,
+        normal: Vec3,
+        pages: &P,
+        stack: &mut Vec<(f32, u32, u32)>,
+    ) -> Option<Mean> {
         let root = pages.root()?;
         let mut mean = Mean::default();
         stack.clear();
@@ -149,6 +193,11 @@ impl Patch {
                 if node.cross_section[k] < Self::WHOLE * self.area {
                     let proxy = &nodes.proxies[node.first_proxy as usize + k];
                     mean.add_node(proxy, normal.to_array());
+                    // What is below in another page is not worth loading that.
+                    if self.quarters.is_some() && node.kind[k] == ChildKind::Inner {
+                        let below = nodes.below(node.child[k]);
+                        mean.is_uneven |= is_uneven(proxy, below, normal.to_array());
+                    }
                     continue;
                 }
                 match node.kind[k] {
@@ -164,7 +213,7 @@ impl Patch {
                 }
             }
         }
-        mean.radiance()
+        Some(mean)
     }
 
     /// A bit for each child whose box holds the middle.
@@ -197,6 +246,8 @@ struct Mean {
     nearest: (f32, [f32; 3]),
     /// Whether a node had surfels that lie as the patch does: what of them nothing leaves is dark, and not unknown.
     is_known: bool,
+    /// Whether a node's surfels differ so much that a smaller one would say something else.
+    is_uneven: bool,
 }
 
 impl Default for Mean {
@@ -206,6 +257,7 @@ impl Default for Mean {
             area: 0.0,
             nearest: (Self::FARTHEST, [0.0; 3]),
             is_known: false,
+            is_uneven: false,
         }
     }
 }
@@ -284,6 +336,18 @@ impl Mean {
     }
 }
 
+/// Whether what the nodes below another send towards a direction differs from its mean by more than that, on average over their
+/// area, as where less than half of it is lit.
+fn is_uneven(node: &Proxy, below: &[Proxy], towards: [f32; 3]) -> bool {
+    let (sent, area) = node.facing(towards);
+    let mean = Rgb(sent).mean();
+    let off = |p: &Proxy| {
+        let (sent, part) = p.facing(towards);
+        part / area * (Rgb(sent).mean() - mean).abs()
+    };
+    area > 0.0 && below.iter().map(off).sum::<f32>() > mean
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -315,6 +379,14 @@ mod tests {
             let place = Place::new(&hit(false), extent.edge2, SIZE);
             let patch = Patch::new(&place, corners, &extent, true);
             assert!(patch.area <= SIZE && patch.area > SIZE / 4.0);
+            let quarters = patch.quarters.expect("it can be divided");
+            let mean = quarters.into_iter().sum::<Vec3>() * 0.25;
+            assert!((mean - patch.middle).length() < 1e-6, "{quarters:?}");
+            for q in &quarters[1..] {
+                assert!(q.x > 0.0 && q.y > 0.0 && q.x + q.y < 1.0, "{uv:?}: {q}");
+                let off = (*q - patch.middle).length();
+                assert!(off > 0.1 * SIZE.sqrt() && off < 0.4 * SIZE.sqrt(), "{off}");
+            }
             let m = patch.middle;
             assert!(m.x > 0.0 && m.y > 0.0 && m.x + m.y < 1.0, "{uv:?}: {m}");
             let off = Vec3::new(uv[0], uv[1], 0.0) - m;
