@@ -161,7 +161,11 @@ impl Patch {
                 known += 1.0;
             }
         }
-        (known > 0.0).then(|| sum * (1.0 / known))
+        if known > 0.0 {
+            Some(sum * (1.0 / known))
+        } else {
+            whole.radiance()
+        }
     }
 
     /// The mean over disks and small nodes that hold its middle; `None` of an empty tree.
@@ -351,6 +355,8 @@ fn is_uneven(node: &Proxy, below: &[Proxy], towards: [f32; 3]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gather::page::PageNodes;
+    use lvox_formats::record::{Below, Bounds, Node, SurfelAggregate};
 
     #[test]
     fn patches_hold_their_hits_and_are_as_small_as_asked() {
@@ -397,6 +403,43 @@ mod tests {
         }
         // Three halvings of the longest edge, the root of two.
         assert_eq!(middles.len(), 16);
+    }
+
+    #[test]
+    fn nodes_are_uneven_where_less_than_half_is_lit() {
+        let node = |below, area: f32, light: f32| {
+            let mut aggregate = SurfelAggregate {
+                area,
+                ..SurfelAggregate::default()
+            };
+            aggregate.axis_area[4] = area;
+            aggregate.axis_radiance[4] = [light; 3];
+            Node {
+                bounds: Bounds {
+                    min: [0.0; 3],
+                    max: [1.0; 3],
+                },
+                below,
+                aggregate,
+            }
+        };
+        for (lit, expected) in [(0, false), (1, true), (3, true), (4, false), (8, false)] {
+            let mean = lit as f32 / 8.0;
+            let mut nodes = vec![
+                node(Below::Nodes { first: 1, count: 1 }, 8.0, mean),
+                node(Below::Nodes { first: 2, count: 8 }, 8.0, mean),
+            ];
+            nodes.extend((0..8).map(|k| {
+                let light = f32::from(u8::from(k < lit));
+                node(Below::Surfels { first: k, count: 1 }, 1.0, light)
+            }));
+            let page = PageNodes::new(&nodes);
+            let below = page.below(page.nodes[0].child[0]);
+            assert_eq!(below.len(), 8);
+            let found = is_uneven(&page.proxies[0], below, [0.0, 0.0, 1.0]);
+            assert_eq!(found, expected, "{lit} of 8");
+        }
+        assert!(PageNodes::default().below(0).is_empty());
     }
 
     #[test]
