@@ -181,7 +181,7 @@ C.above C above good 3.2e-3 0.0090 0.054 0.003
 C.above C above draft 5.3e-3 0.0145 0.066 0.003
 head head front good 2.0e-3 0.0060 0.069 0.002
 head head front draft 2.9e-3 0.0110 0.086 0.004
-smoke smoke front good 9.5e-4 0.0045 0.039 0.003
+smoke smoke front good 9.5e-4 0.0045 0.039 0.0035
 smoke smoke front draft 1.3e-3 0.0062 0.046 0.004
 fog fog inside good 1.3e-1 0.0130 0.150 0.080
 fog fog inside draft 1.7e-1 0.0130 0.175 0.130
