@@ -104,7 +104,7 @@ CAUSES = {
 BLOCKS = {
     "A": {(400, 448): "crease", (160, 240): "smoke", (176, 224): "smoke", (224, 256): "smoke", (144, 432): "penumbra",
           (432, 448): "reference", (240, 48): "reference"},
-    "B": {(400, 448): "crease", (272, 48): "behind", (256, 48): "behind", (224, 48): "behind"},
+    "B": {(400, 448): "crease", (272, 48): "behind", (256, 48): "behind", (240, 48): "behind", (224, 48): "behind"},
     "C": {(496, 128): "cross", (400, 48): "mouldings", (352, 144): "mouldings", (368, 144): "mouldings",
           (208, 192): "bunny"},
     "C_novol": {(496, 128): "cross", (400, 48): "mouldings", (352, 144): "mouldings",
@@ -113,7 +113,7 @@ BLOCKS = {
     "lights100": {(80, 16): "lamp", (112, 112): "lights", (208, 48): "silhouette", (176, 32): "small face"},
     "volumes": {(80, 32): "border", (96, 32): "not noise", (96, 48): "not noise", (64, 48): "smoke",
                 (64, 128): "haze"},
-    "thin": {(80, 112): "slats", (64, 112): "slats", (64, 144): "slats2"},
+    "thin": {(80, 112): "slats", (64, 112): "slats", (64, 144): "slats2", (48, 144): "slats2"},
     "outdoor": {(80, 160): "shadow", (208, 112): "silhouette", (128, 112): "shadow"},
 }
 
