@@ -106,7 +106,7 @@ impl Place {
 pub(super) struct Patch {
     /// Where the tree is asked.
     middle: Vec3,
-    /// Square of its longest edge, and at least that of a disk.
+    /// Square of its longest edge, and at least that of a disk; a quarter of that for a quarter.
     area: f32,
     /// Square of a radius that the disks of its own surface are below. Larger ones are of something else near by, which must
     /// not drown them.
