@@ -3,7 +3,7 @@
 //! Rays tell exactly what a receiver sees, and no disk reaches over an edge. What is seen is asked of the tree once for each
 //! patch, whose size goes by the solid angle that a node may have to be taken whole, and remembered.
 
-use super::patch::{Extent, Patch, Place};
+use super::patch::{Extent, Place, Side};
 use super::{Crossing, Pages};
 use crate::math::{Hit, Rgb};
 use glam::Vec3;
@@ -99,10 +99,13 @@ impl<'a> Outgoing<'a> {
     fn ask<P: Pages>(&self, pages: &P, place: &Place, stack: &mut Vec<(f32, u32, u32)>) -> Rgb {
         let triangle = place.triangle;
         let normal = self.geometry.normal(triangle);
-        let normal = if place.is_back { -normal } else { normal };
-        let extent = &self.extents[triangle as usize];
-        let patch = Patch::new(place, self.geometry.corners(triangle), extent, self.is_even);
-        let found = patch.radiance(normal, pages, stack);
+        let side = Side {
+            corners: self.geometry.corners(triangle),
+            normal: if place.is_back { -normal } else { normal },
+            extent: self.extents[triangle as usize],
+            is_even: self.is_even,
+        };
+        let found = side.radiance(place, pages, stack);
         self.patches.fetch_add(1, Ordering::Relaxed);
         if found.is_none() {
             self.unknown.fetch_add(1, Ordering::Relaxed);

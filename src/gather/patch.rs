@@ -87,76 +87,66 @@ impl Place {
         a + (b - a) * u + (c - a) * v
     }
 
-    /// The middles of its four quarters, the innermost first; all parts are alike but for which way they point.
-    fn quarters(&self, corners: [Vec3; 3]) -> [Vec3; 4] {
-        let [a, b, c] = corners;
-        let side = 1.0 / (1 << self.level) as f32;
-        let side = if self.is_upper { -side } else { side };
-        let [ab, ac] = [b - a, c - a].map(|edge| edge * side);
-        let middle = self.middle(corners);
-        let from_first = (ab + ac) * (1.0 / 3.0);
-        let to_corners = [-from_first, ab - from_first, ac - from_first];
-        let [p, q, r] = to_corners.map(|to| middle + 0.5 * to);
-        [middle, p, q, r]
-    }
-}
-
-/// A part of one side of a triangle.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Patch {
-    /// Where the tree is asked.
-    middle: Vec3,
-    /// Square of its longest edge, and at least that of a disk; a quarter of that for a quarter.
-    area: f32,
-    /// Square of a radius that the disks of its own surface are below. Larger ones are of something else near by, which must
-    /// not drown them.
-    own2: f32,
-    /// The middles of its quarters, if surfels stand close enough to tell them apart.
-    quarters: Option<[Vec3; 4]>,
-}
-
-impl Patch {
-    /// Nodes up to this many times the area of a patch are taken whole.
-    const WHOLE: f32 = 4.0;
-
-    /// Of a triangle of these corners. Surfels of one piece of the scene may have one size.
-    pub fn new(place: &Place, corners: [Vec3; 3], extent: &Extent, is_even: bool) -> Self {
-        // A power of two changes no digit.
-        let edge2 = extent.edge2 * (1.0 / (1_u32 << (2 * place.level)) as f32);
-        Self {
-            middle: place.middle(corners),
-            area: edge2.max(extent.least),
-            own2: if is_even && extent.least > 0.0 {
-                2.0 * extent.least
-            } else {
-                f32::INFINITY
-            },
-            quarters: (edge2 > extent.least).then(|| place.quarters(corners)),
+    /// Its quarters, or itself where a triangle is not divided further: three that point as it does, and the one between them.
+    fn quarters(&self) -> [Self; 4] {
+        if self.level == Self::MOST_LEVELS {
+            return [*self; 4];
         }
+        let [i, j] = self.at.map(|c| 2 * c);
+        let quarter = |at, is_upper| Self {
+            level: self.level + 1,
+            at,
+            is_upper,
+            ..*self
+        };
+        if self.is_upper {
+            let [p, q] = [i + 1, j + 1];
+            [
+                ([p, q], true),
+                ([i, q], true),
+                ([p, j], true),
+                ([p, q], false),
+            ]
+        } else {
+            [
+                ([i, j], false),
+                ([i + 1, j], false),
+                ([i, j + 1], false),
+                ([i, j], true),
+            ]
+        }
+        .map(|(at, is_upper)| quarter(at, is_upper))
     }
+}
 
-    /// What it sends on the side of its unit `normal`: a mean over the disks and small nodes that hold its middle, or, where such a
-    /// node is lit in a small part only, over those that hold the middles of its quarters. `None` where the tree knows no surface.
+/// One side of a triangle.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Side {
+    pub corners: [Vec3; 3],
+    /// Unit normal on the side.
+    pub normal: Vec3,
+    pub extent: Extent,
+    /// Whether surfels of one piece of the scene have one size.
+    pub is_even: bool,
+}
+
+impl Side {
+    /// What a part of it sends: a mean over the disks and small nodes that hold its middle, or, where such a node is lit in a small
+    /// part only, over those that hold the middles of its quarters. `None` where the tree knows no surface.
     pub fn radiance<P: Pages>(
         &self,
-        normal: Vec3,
+        place: &Place,
         pages: &P,
         stack: &mut Vec<(f32, u32, u32)>,
     ) -> Option<Rgb> {
-        let whole = self.mean(normal, pages, stack)?;
-        let Some(quarters) = self.quarters.filter(|_| whole.is_uneven) else {
+        let mut mean = |place: &Place| Patch::new(place, self).mean(self.normal, pages, stack);
+        let whole = mean(place)?;
+        if !whole.is_uneven {
             return whole.radiance();
-        };
-        let quarter = |middle| Self {
-            middle,
-            area: 0.25 * self.area,
-            quarters: None,
-            ..*self
-        };
+        }
         let (mut sum, mut known) = (Rgb::BLACK, 0.0);
-        for middle in quarters {
-            let mean = quarter(middle).mean(normal, pages, stack);
-            if let Some(radiance) = mean.and_then(|m| m.radiance()) {
+        for quarter in place.quarters() {
+            if let Some(radiance) = mean(&quarter).and_then(|m| m.radiance()) {
                 sum += radiance;
                 known += 1.0;
             }
@@ -165,6 +155,41 @@ impl Patch {
             Some(sum * (1.0 / known))
         } else {
             whole.radiance()
+        }
+    }
+}
+
+/// A part of one side of a triangle.
+#[derive(Clone, Copy, Debug)]
+struct Patch {
+    /// Where the tree is asked.
+    middle: Vec3,
+    /// Square of its longest edge, and at least that of a disk.
+    area: f32,
+    /// Square of a radius that the disks of its own surface are below. Larger ones are of something else near by, which must
+    /// not drown them.
+    own2: f32,
+    /// Whether surfels stand close enough to tell its quarters apart.
+    has_quarters: bool,
+}
+
+impl Patch {
+    /// Nodes up to this many times the area of a patch are taken whole.
+    const WHOLE: f32 = 4.0;
+
+    fn new(place: &Place, side: &Side) -> Self {
+        let extent = &side.extent;
+        // A power of two changes no digit.
+        let edge2 = extent.edge2 * (1.0 / (1_u32 << (2 * place.level)) as f32);
+        Self {
+            middle: place.middle(side.corners),
+            area: edge2.max(extent.least),
+            own2: if side.is_even && extent.least > 0.0 {
+                2.0 * extent.least
+            } else {
+                f32::INFINITY
+            },
+            has_quarters: edge2 > extent.least,
         }
     }
 
@@ -198,7 +223,7 @@ impl Patch {
                     let proxy = &nodes.proxies[node.first_proxy as usize + k];
                     mean.add_node(proxy, normal.to_array());
                     // What is below in another page is not worth loading that.
-                    if self.quarters.is_some() && node.kind[k] == ChildKind::Inner {
+                    if self.has_quarters && node.kind[k] == ChildKind::Inner {
                         let below = nodes.below(node.child[k]);
                         mean.is_uneven |= is_uneven(proxy, below, normal.to_array());
                     }
@@ -383,16 +408,26 @@ mod tests {
                 is_back,
             };
             let place = Place::new(&hit(false), extent.edge2, SIZE);
-            let patch = Patch::new(&place, corners, &extent, true);
+            let side = Side {
+                corners,
+                normal: Vec3::Z,
+                extent,
+                is_even: true,
+            };
+            let patch = Patch::new(&place, &side);
             assert!(patch.area <= SIZE && patch.area > SIZE / 4.0);
-            let quarters = patch.quarters.expect("it can be divided");
+            assert!(patch.has_quarters);
+            let quarters = place.quarters().map(|q| q.middle(corners));
             let mean = quarters.into_iter().sum::<Vec3>() * 0.25;
             assert!((mean - patch.middle).length() < 1e-6, "{quarters:?}");
-            for q in &quarters[1..] {
+            assert!((quarters[3] - patch.middle).length() < 1e-6, "{quarters:?}");
+            for q in &quarters[..3] {
                 assert!(q.x > 0.0 && q.y > 0.0 && q.x + q.y < 1.0, "{uv:?}: {q}");
                 let off = (*q - patch.middle).length();
                 assert!(off > 0.1 * SIZE.sqrt() && off < 0.4 * SIZE.sqrt(), "{off}");
             }
+            let finer = Place::new(&hit(false), extent.edge2, SIZE / 4.0);
+            assert!(place.quarters().contains(&finer), "{uv:?}: {finer:?}");
             let m = patch.middle;
             assert!(m.x > 0.0 && m.y > 0.0 && m.x + m.y < 1.0, "{uv:?}: {m}");
             let off = Vec3::new(uv[0], uv[1], 0.0) - m;
