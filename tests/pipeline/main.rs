@@ -2,6 +2,7 @@
 
 mod before_work;
 mod bytes;
+mod contact;
 mod damage;
 mod fog;
 mod frames;
