@@ -1,5 +1,6 @@
 //! Lights with an extent, as the shadow rays of corners near each other tell them.
 
+use super::around::{Around, Lit};
 use super::sampler::is_alike;
 use super::{Corner, Corners};
 use crate::gather::{Medium, Pages};
@@ -7,23 +8,7 @@ use crate::light::{Arrival, Prospect, Sight};
 use crate::shade::air::Air;
 use crate::shade::pixels::sample::Sample;
 
-/// What the corners around a pixel say of its lights.
-pub(super) enum Lit {
-    /// What arrived from lights with an extent along the shadow rays near the pixel.
-    Arrived(Arrival),
-    /// A shadow whose edge is too narrow for the corners.
-    Edge,
-}
-
 impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
-    /// Share of an area light by which two halves of the 16 corners around a pixel may differ.
-    const NARROW: f32 = 0.4;
-    /// Part of the variance of the shadow rays of those 16 that is found within corners, at least: with four rays each it is three
-    /// quarters in wide penumbrae, and nothing where each corner is in full light or none, as at the shadow of a thin bar, both
-    /// sides of which look alike.
-    const WITHIN: f32 = 0.45;
-    /// Variance of all of them up to which it does not matter: one in 20 is hidden, or arrives.
-    const FAINT: f32 = 0.05;
     /// Shadow rays of a corner in a penumbra.
     const PENUMBRA: u8 = 4;
 
@@ -116,51 +101,15 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
         if (0..4).all(is_full_row) {
             return Lit::Arrived(Arrival::default());
         }
-        let mut quarters = [Arrival::default(); 4];
-        let mut own = Arrival::default();
-        let mut sight = Sight::default();
-        let (mut within, mut corners) = (0.0, 0.0);
+        let mut around = Around::default();
         for row in 0..4 {
             for column in 0..4 {
                 let sample = &at(column, row).sample;
                 if self.shader.same_end(like, sample) {
-                    let rays = sample.direct.rays;
-                    quarters[row / 2 * 2 + column / 2] += rays;
-                    sight += sample.direct.sight;
-                    within += variance(rays);
-                    corners += 1.0;
-                    if (1..3).contains(&row) && (1..3).contains(&column) {
-                        own += rays;
-                    }
+                    around.add(row, column, &sample.direct);
                 }
             }
         }
-        let sum = |a: usize, b: usize| {
-            let mut sum = quarters[a];
-            sum += quarters[b];
-            sum
-        };
-        let mut all = sum(0, 1);
-        all += sum(2, 3);
-        if sight.has_penumbra() {
-            let of_all = variance(all);
-            if of_all > Self::FAINT && within < Self::WITHIN * of_all * corners {
-                return match own.share() {
-                    0.0 | 1.0 => Lit::Arrived(own),
-                    _ => Lit::Edge,
-                };
-            }
-            let differ = |a: Arrival, b: Arrival| (a.share() - b.share()).abs() > Self::NARROW;
-            if differ(sum(0, 1), sum(2, 3)) || differ(sum(0, 2), sum(1, 3)) {
-                return Lit::Edge;
-            }
-        }
-        Lit::Arrived(all)
+        around.lit()
     }
-}
-
-/// Variance of what arrives along single rays, of which each brings all or nothing.
-fn variance(rays: Arrival) -> f32 {
-    let share = rays.share();
-    share * (1.0 - share)
 }

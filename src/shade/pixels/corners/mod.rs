@@ -4,6 +4,7 @@
 //! over the frame, and the shadow rays of the 16 corners around it make one well-spread set (interleaved sampling,
 //! Keller & Heidrich 2001). Other pixels take samples of their own.
 
+mod around;
 mod light;
 mod media;
 mod sampler;
@@ -18,7 +19,7 @@ use crate::image::Region;
 use crate::light::{ShadowRays, Sight};
 use crate::math::{Rgb, sampling};
 use crate::shade::air::{Air, Passed};
-use light::Lit;
+use around::Lit;
 use sampler::Sampler;
 
 /// Corners of the pixels of a region and around it.

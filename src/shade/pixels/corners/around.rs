@@ -1,0 +1,83 @@
+//! What the corners around a pixel say of lights with an extent.
+
+use crate::light::{Arrival, Dimming, Direct, Sight};
+
+/// Whether the light at a pixel is that of its corners.
+pub(super) enum Lit {
+    /// What arrived from lights with an extent along the shadow rays near the pixel.
+    Arrived(Arrival),
+    /// A shadow whose edge is too narrow for the corners.
+    Edge,
+}
+
+/// The shadow rays of those of the 16 corners around a pixel that lie on its piece of surface.
+#[derive(Debug, Default)]
+pub(super) struct Around<D> {
+    /// Upper left, upper right, lower left, lower right.
+    quarters: [Arrival; 4],
+    /// Of the pixel's own four corners.
+    own: Arrival,
+    sight: Sight<D>,
+    /// Variances of the rays of each corner, added up, and of how many corners.
+    within: f32,
+    corners: f32,
+}
+
+impl<D: Dimming> Around<D> {
+    /// Share of an area light by which two halves may differ.
+    const NARROW: f32 = 0.4;
+    /// Part of the variance of all rays that is found within corners, at least: with four rays each it is three quarters in wide
+    /// penumbrae, and nothing where each corner is in full light or none, as at the shadow of a thin bar, both sides of which look
+    /// alike.
+    const WITHIN: f32 = 0.45;
+    /// Variance of all of them up to which it does not matter: one in 20 is hidden, or arrives.
+    const FAINT: f32 = 0.05;
+
+    /// Adds a corner of a row and a column, 0 to 3.
+    pub fn add(&mut self, row: usize, column: usize, direct: &Direct<D>) {
+        self.quarters[row / 2 * 2 + column / 2] += direct.rays;
+        self.sight += direct.sight;
+        self.within += variance(direct.rays);
+        self.corners += 1.0;
+        if (1..3).contains(&row) && (1..3).contains(&column) {
+            self.own += direct.rays;
+        }
+    }
+
+    /// What they say.
+    pub fn lit(&self) -> Lit {
+        let mut all = self.half(0, 1);
+        all += self.half(2, 3);
+        if !self.sight.has_penumbra() {
+            return Lit::Arrived(all);
+        }
+        let of_all = variance(all);
+        if of_all > Self::FAINT && self.within < Self::WITHIN * of_all * self.corners {
+            return match self.own.share() {
+                0.0 | 1.0 => Lit::Arrived(self.own),
+                _ => Lit::Edge,
+            };
+        }
+        let differ = |a: Arrival, b: Arrival| (a.share() - b.share()).abs() > Self::NARROW;
+        let is_narrow =
+            differ(self.half(0, 1), self.half(2, 3)) || differ(self.half(0, 2), self.half(1, 3));
+        if is_narrow {
+            Lit::Edge
+        } else {
+            Lit::Arrived(all)
+        }
+    }
+
+    /// Two quarters.
+    fn half(&self, a: usize, b: usize) -> Arrival {
+        let mut sum = self.quarters[a];
+        sum += self.quarters[b];
+        sum
+    }
+}
+
+/// Variance of what arrives along single rays, of which each brings all or nothing.
+fn variance(rays: Arrival) -> f32 {
+    let share = rays.share();
+    share * (1.0 - share)
+}
