@@ -76,6 +76,12 @@ def load(path):
     return {key: Run(rows) for key, rows in groups.items()}
 
 
+def scenes(runs, measure, film=None):
+    """Those of which there are such runs."""
+    keys = [key for key in runs if key[0] == measure and film in (None, key[2])]
+    return [scene for scene in SCENES if any(key[1] == scene for key in keys)]
+
+
 def films(runs, scene):
     """The film of the reference image, and the large one where it was measured."""
     return sorted({key[2] for key in runs if key[:2] == ("frame", scene)}, key=lambda film: film == LARGE)
@@ -91,7 +97,7 @@ def title(renderer, setting):
 
 def own(runs):
     print("| scene | bake and build | draft: CPU s; relMSE trimmed, FLIP | good | best |\n| --- | --- | --- | --- | --- |")
-    for scene in SCENES:
+    for scene in scenes(runs, "frame"):
         film = films(runs, scene)[0]
         cells = [runs["frame", scene, film, "lvox", preset] for preset in PRESETS]
         told = " | ".join(f"{run.time()}; {run.errors()}" for run in cells)
@@ -102,7 +108,7 @@ def small(runs):
     print("| scene | peer: relMSE trimmed, FLIP | CPU s | lvox: preset, relMSE trimmed, FLIP | shade, CPU s | times faster | meant | "
           "with bake and build, CPU s | times faster |")  # fmt: skip
     print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
-    for scene in SCENES:
+    for scene in scenes(runs, "frame"):
         film = films(runs, scene)[0]
         tree = runs["tree", scene, film, "lvox", "tree"].secs
         for renderer, setting, peer in peers(runs, scene, film):
@@ -122,10 +128,8 @@ def large(runs):
     print("| scene | peer: relMSE trimmed, FLIP | CPU s | lvox: preset, relMSE trimmed, FLIP | error not above the peer's | shade, CPU s | "
           "times faster | same two at the smaller film | with bake and build | at the smaller film |")  # fmt: skip
     print("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |")
-    for scene in SCENES:
-        film, *rest = films(runs, scene)
-        if not rest:
-            continue
+    for scene in scenes(runs, "frame", LARGE):
+        film = films(runs, scene)[0]
         tree = runs["tree", scene, film, "lvox", "tree"].secs
         for renderer, setting, peer in peers(runs, scene, LARGE):
             before = runs["frame", scene, film, renderer, setting]
@@ -140,7 +144,7 @@ def flicker(runs):
     print("| scene | of | lvox, camera moved | Mitsuba 3, 4 spp + OIDN, other seed | 16 spp | times less than 4 spp | than 16 spp | "
           "4 spp, seed kept, camera moved | 16 spp |")  # fmt: skip
     print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
-    for scene in SCENES:
+    for scene in scenes(runs, "flicker"):
         film = films(runs, scene)[0]
         for part in ("indirect", "whole"):
             common = ("flicker", scene, film)
@@ -153,9 +157,10 @@ def flicker(runs):
 
 def main():
     runs = load(sys.argv[1])
-    for table in (own, small, large, flicker):
-        table(runs)
-        print()
+    for table, is_there in ((own, True), (small, True), (large, scenes(runs, "frame", LARGE)), (flicker, scenes(runs, "flicker"))):
+        if is_there:
+            table(runs)
+            print()
     spread = sorted(run.spread for key, run in runs.items() if key[0] == "frame")
     print(f"Largest less least time of equal runs, over their median: {percent(spread[len(spread) // 2])} in the middle, {percent(spread[-1])} at most")
 
