@@ -59,7 +59,8 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "METHOD", default_value = "extended", value_parser = parse::one_of(&Method::ALL))]
     method: Method,
 
-    /// Pixels between gathers on surfaces; 1 gathers at every pixel [default: 6, 4, 3 by quality]
+    /// Pixels between gathers on surfaces, with others between those where light may change within that; 1 gathers at every
+    /// pixel [default: 6, 4, 3 by quality]
     #[arg(long, value_name = "N")]
     lattice: Option<u32>,
 

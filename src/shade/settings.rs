@@ -17,7 +17,8 @@ pub struct Settings {
     pub kernel: Kernel,
     /// What takes part in indirect light.
     pub method: Method,
-    /// Pixels between gathers on surfaces; 1 gathers at every pixel.
+    /// Pixels between gathers on surfaces, where others stand between those if light may change within that; 1 gathers at every
+    /// pixel.
     pub lattice: u32,
     /// Gather rays at each vertex inside media.
     pub volume_samples: u32,
