@@ -63,7 +63,7 @@ impl Window {
         /// With one in the middle of each cell there are twice as many, as far apart as half of its diagonal.
         const WITH_MIDDLES: f32 = std::f32::consts::FRAC_1_SQRT_2;
         Self {
-            // What is a little farther makes up for the corners that a diagonal square has not.
+            // So about as many are taken.
             reach: reach as f32 * if is_refined { 0.75 } else { 1.0 },
             spacing: if is_refined { WITH_MIDDLES } else { 1.0 },
             has_middles: is_refined,
