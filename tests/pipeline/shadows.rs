@@ -1,6 +1,6 @@
 //! Shadows of lights with an extent, as corners of pixels tell them.
 
-use crate::{Work, beauty, relative_rms, shade};
+use crate::{beauty, relative_rms, render};
 use lvox::shade::Settings;
 
 /// A sun with a disc stands above bars about as wide as a pixel and four pixels apart: around each pixel as many corners see it on one
@@ -18,15 +18,12 @@ fn shadows_of_thin_bars_are_not_taken_for_penumbrae() {
             "[[mesh]]\nfile = \"builtin:quad\"\nscale = [0.04, 1, 3]\ntranslate = [{x}, 1.2, 0]\nalbedo = [0, 0, 0]\n"
         );
     }
-    let work = Work::new(&text);
-    let scene = work.scene();
-    let tree = work.bake(&scene, 20_000);
     let [shared, own] = [1, 64].map(|pixel_samples| {
         let settings = Settings {
             pixel_samples,
             ..Settings::default()
         };
-        beauty(&shade(&scene, &tree, &settings))
+        beauty(&render(&text, 20_000, &settings))
     });
     let difference = relative_rms(&shared, &own);
     assert!(difference < 0.16, "{difference}");

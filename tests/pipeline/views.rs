@@ -53,7 +53,7 @@ fn one_tree_serves_every_camera() {
 #[test]
 fn red_bleeds_onto_grey() {
     let settings = Settings {
-        samples: 128,
+        samples: 512,
         ..quick()
     };
     let frame = render(ROOM, 20_000, &settings);
@@ -64,7 +64,7 @@ fn red_bleeds_onto_grey() {
         r / g
     };
     let (near, far) = (redness(14), redness(30));
-    assert!(near > 1.25 * far, "{near} {far}");
+    assert!(near > 1.3 * far, "{near} {far}");
 }
 
 #[test]
@@ -91,9 +91,9 @@ fn the_fast_kernels_agree_with_the_plain_one() {
     for name in ["indirect", "volume"] {
         let reference = layer(&plain, name);
         // Disks of one plane overlap, and rounding decides which of them a ray meets first; and whether a surface is one
-        // that the lattice missed, or light there may change within a step of it.
+        // that the lattice missed. With a gather at every pixel, which is averaged least, they differ by 0.0147.
         let error = relative_rms(&layer(&disks, name), &reference);
-        assert!(error < 0.018, "{name}: {error}");
+        assert!(error < 0.015, "{name}: {error}");
         // Disks bulge over edges and triangles do not.
         for (frame, limit) in [(&nodes, 0.018), (&exact, 0.02), (&traced, 0.023)] {
             let error = relative_rms(&layer(frame, name), &reference);
