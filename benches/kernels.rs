@@ -76,6 +76,7 @@ fn surfels(bencher: Bencher, kernel: &str) {
             max_dist: f32::INFINITY,
             kernel,
             environment: Rgb::BLACK,
+            leave_out_bright: false,
         },
     };
     let rays = rays(RAYS);

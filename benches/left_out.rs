@@ -217,6 +217,7 @@ impl Baked {
                     Kernel::Plain => gather::Kernel::Plain,
                 },
                 environment: Rgb::BLACK,
+                leave_out_bright: false,
             },
         };
         let all = rays(receivers);

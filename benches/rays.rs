@@ -269,6 +269,7 @@ fn gatherer<'a>(
             max_dist: f32::INFINITY,
             kernel,
             environment: Rgb::BLACK,
+            leave_out_bright: false,
         },
     }
 }

@@ -16,6 +16,9 @@ pub struct Stopped {
 
 /// What a ray passes between surfaces.
 pub trait Medium: Copy + Sync {
+    /// Whether there is nothing.
+    const IS_NOTHING: bool = false;
+
     /// Gives every stretch of medium between `origin` and `t_max`, front to back, to `add` until that says no; returns
     /// whether it never did.
     fn walk(
@@ -69,6 +72,8 @@ pub trait Medium: Copy + Sync {
 pub struct NoMedia;
 
 impl Medium for NoMedia {
+    const IS_NOTHING: bool = true;
+
     #[inline]
     fn walk(&self, _: Vec3, _: Vec3, _: f32, _: &mut impl FnMut(Segment) -> bool) -> bool {
         true

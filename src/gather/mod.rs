@@ -7,6 +7,7 @@
 //!
 //! Points and directions are those of scene space, distances are scene units, light is linear Rec.709.
 
+pub mod bright;
 pub mod cone;
 mod directions;
 pub mod media;
@@ -18,10 +19,11 @@ mod patch;
 pub mod plain;
 pub mod store;
 
+pub use bright::{BrightPatch, Seed};
 pub use media::Media;
 pub use medium::{Medium, NoMedia};
 pub use neighbours::{Order, SurfacePoint};
-pub use outgoing::{Geometry, Outgoing};
+pub use outgoing::{Geometry, Outgoing, Wanted};
 pub use store::{MediaStore, Pages, SurfelStore, TreeStore};
 
 use crate::math::sampling::{sobol2, sphere};
@@ -45,6 +47,8 @@ pub struct Settings<'a> {
     pub kernel: Kernel<'a>,
     /// Radiance where a ray meets nothing.
     pub environment: Rgb,
+    /// Whether bright patches count nothing, as the caller asks them otherwise; [`Outgoing::find_bright`] finds them.
+    pub leave_out_bright: bool,
 }
 
 /// What ends rays, and how it is found.
@@ -206,6 +210,7 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
             max_dist,
             kernel,
             environment,
+            leave_out_bright,
             ..
         } = self.settings;
         let pages = self.pages;
@@ -216,7 +221,11 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
             Kernel::Traced(outgoing) => {
                 scratch.crossings.clear();
                 let stack = &mut scratch.stack;
-                outgoing.cast(pages, origin, direction, reach, cut, stack)
+                let wanted = Wanted {
+                    max_solid_angle: cut,
+                    leave_out_bright,
+                };
+                outgoing.cast(pages, origin, direction, reach, wanted, stack)
             }
             Kernel::Cone => cone::cast(pages, origin, direction, reach, cut, scratch),
             Kernel::Plain => plain::cast(pages, origin, direction, reach, scratch),

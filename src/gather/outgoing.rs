@@ -3,6 +3,7 @@
 //! Rays tell exactly what a receiver sees, and no disk reaches over an edge. What is seen is asked of the tree once for each
 //! patch, whose size goes by the solid angle that a node may have to be taken whole, and remembered.
 
+use super::bright::{BrightPatch, BrightPlaces, Disk, Search, Seed};
 use super::patch::{Extent, Place, Side};
 use super::{Crossing, Pages};
 use crate::math::{Hit, Rgb};
@@ -35,6 +36,17 @@ pub struct Asked {
     pub patches: u64,
     /// Those where it knows no surface: they are black.
     pub unknown: u64,
+    /// Those that are bright.
+    pub bright: u64,
+}
+
+/// What is asked of the surface that ends a ray.
+#[derive(Clone, Copy, Debug)]
+pub struct Wanted {
+    /// A node seen under less than this may stand for all below it, steradians.
+    pub max_solid_angle: f32,
+    /// Whether bright patches are to be black.
+    pub leave_out_bright: bool,
 }
 
 /// What the surfaces of a scene send, as a tree has it.
@@ -49,6 +61,8 @@ pub struct Outgoing<'a> {
     /// Whether surfels of one piece of the scene have one size.
     is_even: bool,
     slots: Box<[Slot]>,
+    /// What rays may leave out, if anything.
+    bright: Option<BrightPlaces>,
     patches: AtomicU64,
     unknown: AtomicU64,
 }
@@ -72,6 +86,7 @@ impl<'a> Outgoing<'a> {
             extents: (0..geometry.triangles()).map(extent).collect(),
             is_even: true,
             slots: (0..1 << Self::SLOTS).map(|_| Slot::default()).collect(),
+            bright: None,
             patches: AtomicU64::new(0),
             unknown: AtomicU64::new(0),
         }
@@ -90,7 +105,58 @@ impl<'a> Outgoing<'a> {
         Asked {
             patches: self.patches.load(Ordering::Relaxed),
             unknown: self.unknown.load(Ordering::Relaxed),
+            bright: self.bright.as_ref().map_or(0, |b| b.len() as u64),
         }
+    }
+
+    /// Most bright patches of a frame: more, as of a finely divided mesh in the sun, cost more than they bring.
+    const MOST_BRIGHT: usize = 1 << 14;
+
+    /// Finds the patches that send more than `least`, by the mean channel, where at least `support` seeds speak for them. From then on
+    /// rays that are to leave them out meet black there. None where there are too many.
+    pub fn find_bright<P: Pages>(
+        &mut self,
+        pages: &P,
+        seeds: &[Seed],
+        support: usize,
+        least: f32,
+    ) -> Vec<BrightPatch> {
+        let mut places = BrightPlaces::new(self.extents.len());
+        let mut patches = Vec::new();
+        let mut stack = Vec::new();
+        let search = Search {
+            pages,
+            seeds,
+            support,
+            least,
+        };
+        let is_few = search.for_each(|disk| {
+            if let Some((hit, extent)) = self.below(disk)
+                && let Some(place) = places.add(&hit, extent)
+            {
+                let normal = self.geometry.normal(hit.triangle);
+                patches.push(BrightPatch {
+                    corners: place.corners(self.geometry.corners(hit.triangle)),
+                    normal: if hit.is_back { -normal } else { normal },
+                    radiance: self.ask(pages, &place, &mut stack),
+                });
+            }
+            patches.len() <= Self::MOST_BRIGHT
+        });
+        if !is_few || patches.is_empty() {
+            return Vec::new();
+        }
+        self.bright = Some(places);
+        patches
+    }
+
+    /// The triangle that a disk stands on, if that reflects anything.
+    fn below(&self, disk: &Disk) -> Option<(Hit, Extent)> {
+        let height = 0.5 * disk.radius;
+        let above = disk.centre + disk.normal * height;
+        let hit = (self.geometry).closest(above, -disk.normal, 2.0 * height)?;
+        let extent = self.extents[hit.triangle as usize];
+        (extent.least != Extent::BLACK).then_some((hit, extent))
     }
 
     /// What a patch sends, as the tree has it; black where it knows no surface.
@@ -113,7 +179,8 @@ impl<'a> Outgoing<'a> {
         found.unwrap_or(Rgb::BLACK)
     }
 
-    /// The surface that ends a ray of unit direction before `t_max`, if one does, and what it sends towards its origin.
+    /// The surface that ends a ray of unit direction before `t_max`, if one does, and what it sends towards its origin: nothing where
+    /// it is a bright patch and those are left out.
     #[must_use]
     // Not inlined by itself once it is compiled for more than one kind of medium.
     #[inline(always)]
@@ -123,20 +190,32 @@ impl<'a> Outgoing<'a> {
         origin: Vec3,
         direction: Vec3,
         t_max: f32,
-        max_solid_angle: f32,
+        wanted: Wanted,
         stack: &mut Vec<(f32, u32, u32)>,
     ) -> Option<Crossing> {
         let hit = self.geometry.closest(origin, direction, t_max)?;
-        let Extent { edge2, least } = self.extents[hit.triangle as usize];
-        if least == Extent::BLACK {
-            return Some(Crossing {
+        let crossing = |radiance| {
+            Some(Crossing {
                 t: hit.t,
                 opacity: 1.0,
-                radiance: Rgb::BLACK,
-            });
+                radiance,
+            })
+        };
+        let extent = self.extents[hit.triangle as usize];
+        let Extent { edge2, least } = extent;
+        if least == Extent::BLACK {
+            return crossing(Rgb::BLACK);
         }
-        let size = Self::SIZE * max_solid_angle * hit.t * hit.t;
-        let place = Place::new(&hit, edge2, size.max(least));
+        let size = Self::SIZE * wanted.max_solid_angle * hit.t * hit.t;
+        let mut place = Place::new(&hit, edge2, size.max(least));
+        let bright = self.bright.as_ref();
+        if let Some((around, is_bright)) = bright.and_then(|b| b.at(&hit, extent)) {
+            if is_bright && wanted.leave_out_bright {
+                return crossing(Rgb::BLACK);
+            }
+            // One that is not bright holds none that is.
+            place = place.smaller(around);
+        }
         let key = place.key();
         let hash = key.wrapping_mul(SCATTER) >> (64 - Self::SLOTS);
         let slot = &self.slots[hash as usize];
@@ -145,11 +224,7 @@ impl<'a> Outgoing<'a> {
             slot.set(key, packed);
             packed
         });
-        Some(Crossing {
-            t: hit.t,
-            opacity: 1.0,
-            radiance: unpack(radiance),
-        })
+        crossing(unpack(radiance))
     }
 }
 

@@ -87,6 +87,28 @@ impl Place {
         a + (b - a) * u + (c - a) * v
     }
 
+    /// Its corners, in a triangle of these.
+    pub fn corners(&self, [a, b, c]: [Vec3; 3]) -> [Vec3; 3] {
+        let parts = (1 << self.level) as f32;
+        let [i, j] = self.at;
+        let at = |i: u32, j: u32| a + (b - a) * (i as f32 / parts) + (c - a) * (j as f32 / parts);
+        if self.is_upper {
+            [at(i + 1, j + 1), at(i, j + 1), at(i + 1, j)]
+        } else {
+            [at(i, j), at(i + 1, j), at(i, j + 1)]
+        }
+    }
+
+    /// The smaller of two that hold the same point.
+    #[inline]
+    pub fn smaller(self, other: Self) -> Self {
+        if other.level > self.level {
+            other
+        } else {
+            self
+        }
+    }
+
     /// Its quarters, or itself where a triangle is not divided further: three that point as it does, and the one between them.
     fn quarters(&self) -> [Self; 4] {
         if self.level == Self::MOST_LEVELS {

@@ -1,6 +1,7 @@
 //! All lights of a scene, and what a point gets of them.
 
 use super::direct::Direct;
+use super::emitter::Emitter;
 use super::emitters::Emitters;
 use super::many_emitters::Care;
 use super::prospect::Prospect;
@@ -24,6 +25,8 @@ use std::sync::Arc;
 pub struct Lights<'a, S = SceneMedia<'a>> {
     pub(super) tracer: &'a Tracer<'a>,
     shadows: S,
+    /// Those of the scene that are no triangles.
+    lights: &'a [Light],
     pub(super) emitters: Arc<Emitters>,
     /// How emissive triangles are asked, if they are many.
     care: Care,
@@ -37,6 +40,7 @@ impl<'a> Lights<'a> {
         Self {
             tracer,
             shadows: SceneMedia::default(),
+            lights: &tracer.scene.lights,
             emitters: Arc::new(Emitters::new(tracer.scene)),
             care: Care::SHADING,
             environment: tracer.scene.environment(),
@@ -59,12 +63,25 @@ impl<'a> Lights<'a> {
         }
     }
 
+    /// These emissive triangles instead of all lights, for gathers.
+    #[must_use]
+    pub fn of_emitters(&self, emitters: Vec<Emitter>) -> Self {
+        Self {
+            lights: &[],
+            emitters: Arc::new(Emitters::of(emitters)),
+            care: Care::GATHERING,
+            environment: Rgb::BLACK,
+            ..self.clone()
+        }
+    }
+
     /// The same lights in a scene without media.
     #[must_use]
     pub fn in_vacuum(&self) -> Lights<'a, Vacuum> {
         Lights {
             tracer: self.tracer,
             shadows: Vacuum,
+            lights: self.lights,
             emitters: Arc::clone(&self.emitters),
             care: self.care,
             environment: self.environment,
@@ -191,7 +208,7 @@ impl<'a, S: Shadows> Lights<'a, S> {
         asked: impl Fn(&Light) -> bool,
     ) -> Direct<S::Dimming> {
         let mut total = Direct::default();
-        for (index, light) in self.tracer.scene.lights.iter().enumerate() {
+        for (index, light) in self.lights.iter().enumerate() {
             if !asked(light) {
                 continue;
             }

@@ -28,6 +28,12 @@ impl Care {
         is_share: true,
         rays: 4,
     };
+    /// For gathers, of which pictures show means, too: without bias as these do not go far.
+    pub const GATHERING: Self = Self {
+        tolerance: 0.1,
+        is_share: false,
+        rays: 1,
+    };
     /// For points of which pictures show means of many.
     pub const BAKING: Self = Self {
         tolerance: 0.2,

@@ -31,6 +31,7 @@ mod tree;
 mod vacuum;
 
 pub use direct::{Arrival, Direct};
+pub use emitter::Emitter;
 pub use in_medium::InMedium;
 pub use lights::Lights;
 pub use prospect::Prospect;

@@ -7,6 +7,7 @@
 mod adapters;
 mod air;
 mod aov;
+mod bright;
 mod lattice;
 mod layers;
 mod media;
@@ -14,6 +15,7 @@ mod memory;
 mod pixels;
 mod settings;
 mod shot;
+mod surface_gatherer;
 mod view;
 
 use crate::Result;
@@ -86,6 +88,7 @@ pub fn run(
         counts.insert("cache_misses".into(), stats.misses as f64);
         counts.insert("patches".into(), asked.patches as f64);
         counts.insert("patches_without_surfels".into(), asked.unknown as f64);
+        counts.insert("bright_patches".into(), asked.bright as f64);
         warn_of_unknown(asked, job);
         job.heed_warnings()?;
         let mut frame = layers::to_frame(scene, region, aovs, planes);

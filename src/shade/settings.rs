@@ -17,6 +17,8 @@ pub struct Settings {
     pub kernel: Kernel,
     /// What takes part in indirect light.
     pub method: Method,
+    /// Whether gathers ask the few places that send most of a frame's light, if there are such, as they ask lamps.
+    pub bright_patches: bool,
     /// Pixels between gathers on surfaces, where others stand between those if light may change within that; 1 gathers at every
     /// pixel.
     pub lattice: u32,
@@ -108,6 +110,7 @@ impl Settings {
             max_dist: None,
             kernel: Kernel::Traced,
             method: Method::Extended,
+            bright_patches: true,
             lattice: 4,
             volume_samples: 6,
             pixel_samples: 1,

@@ -3,11 +3,13 @@
 
 use super::air::Air;
 use super::aov::Part;
+use super::bright::BrightLamps;
 use super::lattice::Lattice;
 use super::media::InScatter;
 use super::memory;
 use super::pixels::{EmitterBorders, PixelShader, Planes, SampleCounts, shade_region};
 use super::settings::{Kernel, Method, Settings};
+use super::surface_gatherer::SurfaceGatherer;
 use super::view::View;
 use crate::gather::medium::Source;
 use crate::gather::outgoing::Asked;
@@ -134,6 +136,7 @@ struct Shot<'a, P, M> {
     view: View<'a>,
     lights: &'a Lights<'a>,
     gatherer: Gatherer<'a, P, M>,
+    lamps: Option<&'a BrightLamps<'a>>,
     request: &'a Request<'a>,
 }
 
@@ -148,7 +151,7 @@ fn shade<P: Pages, M: Medium>(
     let tracer = Tracer::new_until(scene, &request.job.cancel)?;
     let shadows = SoftShadows::new(scene);
     let lights = Lights::new(&tracer).with_soft_shadows_through(shadows.as_ref());
-    let outgoing = (settings.kernel == Kernel::Traced).then(|| {
+    let mut outgoing = (settings.kernel == Kernel::Traced).then(|| {
         let outgoing = Outgoing::new(&tracer, tree.area_per_surfel);
         if tree.is_even {
             outgoing
@@ -156,13 +159,18 @@ fn shade<P: Pages, M: Medium>(
             outgoing.of_uneven_surfels()
         }
     });
+    let view = View::new(&tracer, camera, scene.film, settings.seed);
+    // In media their light is that of many directions, of which rays meet enough.
+    let lamps = (outgoing.as_mut())
+        .filter(|_| M::IS_NOTHING)
+        .and_then(|outgoing| BrightLamps::find(&view, &lights, outgoing, tree.pages, settings));
     let kernel = match (&outgoing, settings.kernel) {
         (Some(outgoing), _) => gather::Kernel::Traced(outgoing),
         (None, Kernel::Plain) => gather::Kernel::Plain,
         (None, _) => gather::Kernel::Cone,
     };
     let shaded = finish(&Shot {
-        view: View::new(&tracer, camera, scene.film, settings.seed),
+        view,
         lights: &lights,
         gatherer: Gatherer {
             pages: tree.pages,
@@ -173,8 +181,10 @@ fn shade<P: Pages, M: Medium>(
                 max_dist: settings.max_dist.unwrap_or(f32::INFINITY),
                 kernel,
                 environment: lights.environment(),
+                leave_out_bright: lamps.is_some(),
             },
         },
+        lamps: lamps.as_ref(),
         request,
     })?;
     Ok((shaded, outgoing.map(|o| o.asked()).unwrap_or_default()))
@@ -220,34 +230,34 @@ impl<P: Pages, M: Medium> Shot<'_, P, M> {
             job,
         } = self.request;
         let pages = self.gatherer.pages;
+        let with_samples = |samples| SurfaceGatherer {
+            view: &self.view,
+            gatherer: Gatherer {
+                settings: gather::Settings {
+                    samples: match self.lamps {
+                        Some(_) => BrightLamps::other_rays(samples),
+                        None => samples,
+                    },
+                    ..self.gatherer.settings
+                },
+                ..self.gatherer
+            },
+            lamps: self.lamps,
+        };
         let all: u64 = regions.iter().map(|r| r.pixels() as u64).sum();
         let step = u64::from(settings.lattice);
         let gather = job
             .progress
             .task("gather", all / (step * step), "receivers");
+        let gatherer = with_samples(settings.samples);
         let lattices = regions
             .par_iter()
-            .map(|&region| {
-                Lattice::new(
-                    &view,
-                    &self.gatherer,
-                    region,
-                    settings.lattice,
-                    &job.cancel,
-                    &gather,
-                )
-            })
+            .map(|&region| Lattice::new(&gatherer, region, settings.lattice, &job.cancel, &gather))
             .collect::<Result<Vec<_>>>()?;
         drop(gather);
         pages.check()?;
         let task = job.progress.task("shade", all, "pixels");
-        let gatherer = Gatherer {
-            settings: gather::Settings {
-                samples: settings.own_samples(),
-                ..self.gatherer.settings
-            },
-            ..self.gatherer
-        };
+        let gatherer = with_samples(settings.own_samples());
         let shaded = regions
             .par_iter()
             .zip(&lattices)

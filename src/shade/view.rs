@@ -2,7 +2,7 @@
 
 use crate::image::Region;
 use crate::scene::{Camera, Film};
-use crate::trace::Tracer;
+use crate::trace::{Surface, Tracer, offset};
 use glam::{DAffine3, DVec2, DVec3, Vec3};
 
 /// A camera looking at a traced scene.
@@ -37,6 +37,16 @@ impl<'a> View<'a> {
             camera_from_scene: scene_from_camera.inverse(),
             seed,
         }
+    }
+
+    /// Where the rays of a gather at a surface that the camera sees start: off the surfaces that meet its own there, too.
+    pub fn off_surface(&self, surface: &Surface) -> Vec3 {
+        /// Disks stand where their places were rounded to, some of them before the wall that the receiver is on: gathers start so
+        /// many times further off it than rays to triangles need.
+        const ROUNDING: f32 = 8.0;
+        let towards_camera = (self.camera.origin() - surface.position).normalize_or_zero();
+        let off = surface.face_normal + towards_camera;
+        surface.position + off * (ROUNDING * offset(surface.position))
     }
 
     /// A point of scene space as the camera sees it: x to the right, y up, -z ahead.

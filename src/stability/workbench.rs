@@ -183,6 +183,7 @@ pub fn gatherer<M: Medium>(
             max_dist: f32::INFINITY,
             kernel: Kernel::Cone,
             environment: Rgb::BLACK,
+            leave_out_bright: false,
         },
     })
 }

@@ -185,8 +185,8 @@ smoke smoke front good 9.5e-4 0.0045 0.039 0.0035
 smoke smoke front draft 1.3e-3 0.0062 0.046 0.004
 fog fog inside good 1.3e-1 0.0130 0.150 0.080
 fog fog inside draft 1.7e-1 0.0130 0.175 0.130
-ruin ruin inside good 1.4e-1 0.0130 0.190 0.090
-ruin ruin inside draft 2.8e-1 0.0330 0.250 0.150'
+ruin ruin inside good 1.1e-1 0.0095 0.170 0.070
+ruin ruin inside draft 2.0e-1 0.0175 0.225 0.110'
 small=128x96
 while read -r place scene camera quality relmse pdiff flip bias; do
     name=$place.$quality

@@ -113,6 +113,7 @@ fn settings(kernel: Kernel, max_solid_angle: f32) -> Settings {
         max_dist: f32::INFINITY,
         kernel,
         environment: Rgb::splat(0.5),
+        leave_out_bright: false,
     }
 }
 
@@ -257,6 +258,7 @@ fn nothing_behind_the_facet_of_a_smooth_mesh_reaches_it() {
                 settings: Settings {
                     samples: 4096,
                     environment: Rgb::splat(environment),
+                    leave_out_bright: false,
                     ..settings(kernel, 0.0)
                 },
             };

@@ -9,16 +9,15 @@
 mod area;
 mod gathers;
 
-use super::view::View;
+use super::surface_gatherer::SurfaceGatherer;
 use crate::Result;
-use crate::gather::{Gathered, Gatherer, Medium, Order, Pages, Stretch, SurfacePoint};
+use crate::gather::{Gathered, Medium, Order, Pages};
 use crate::image::Region;
 use crate::math::{Rgb, sampling};
 use crate::run::{Cancel, Task, memory};
-use crate::trace::{Surface, offset};
+use crate::trace::Surface;
 use area::Area;
 use gathers::{Gathers, LATTICE, Node};
-use glam::Vec3;
 use rayon::prelude::*;
 
 /// The part of the frame's lattice that a region needs.
@@ -67,18 +66,16 @@ impl Lattice {
     /// # Errors
     /// If cancelled, or if there is no memory for it.
     pub fn new<P: Pages, M: Medium>(
-        view: &View,
-        gatherer: &Gatherer<P, M>,
+        gatherer: &SurfaceGatherer<P, M>,
         region: Region,
         step: u32,
         cancel: &Cancel,
         task: &Task,
     ) -> Result<Self> {
-        let film = [view.film.width, view.film.height];
+        let film = [gatherer.view.film.width, gatherer.view.film.height];
         let receivers = Receivers {
-            view,
             gatherer,
-            order: &gatherer.order(Self::SIDE * Self::SIDE),
+            order: &gatherer.gatherer.order(Self::SIDE * Self::SIDE),
             step,
             cancel,
             task,
@@ -140,8 +137,7 @@ enum Stand {
 
 /// What gathers on a lattice.
 struct Receivers<'a, 'g, P, M> {
-    view: &'a View<'a>,
-    gatherer: &'a Gatherer<'g, P, M>,
+    gatherer: &'a SurfaceGatherer<'g, P, M>,
     order: &'a Order,
     step: u32,
     cancel: &'a Cancel,
@@ -184,7 +180,7 @@ impl<P: Pages, M: Medium> Receivers<'_, '_, P, M> {
         is_wanted: impl Fn([u32; 2]) -> bool,
     ) -> Vec<(usize, Node)> {
         const SIDE: u32 = Lattice::SIDE;
-        let (mut nodes, mut points) = (Vec::new(), Vec::new());
+        let (mut nodes, mut surfaces) = (Vec::new(), Vec::new());
         for (y, x) in (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (y, x))) {
             let at = [i * SIDE + x, j * SIDE + y];
             let Some(index) = area.index(at).filter(|_| is_wanted(at)) else {
@@ -194,24 +190,20 @@ impl<P: Pages, M: Medium> Receivers<'_, '_, P, M> {
                 continue;
             };
             nodes.push((index, node));
-            points.push(SurfacePoint {
-                position: off_surface(self.view, &surface),
-                normal: surface.normal,
-                face_normal: surface.face_normal,
-                // The stretches of each quarter of a square follow one another.
-                stretch: morton(x, y),
-            });
+            // The stretches of each quarter of a square follow one another.
+            surfaces.push((surface, morton(x, y)));
         }
-        let key = [self.view.seed, u64::from(i), u64::from(j), 1];
+        let view = self.gatherer.view;
+        let key = [view.seed, u64::from(i), u64::from(j), 1];
         let seed = sampling::hash(match stand {
             Stand::Place => &key[..3],
             Stand::Middle => &key,
         });
-        let gathered = (self.gatherer).irradiance_of_neighbours(&points, seed, self.order);
-        for (((_, node), point), gathered) in nodes.iter_mut().zip(points).zip(gathered) {
+        let gathered = (self.gatherer).gather_neighbours(&surfaces, seed, self.order);
+        for (((_, node), (surface, _)), gathered) in nodes.iter_mut().zip(surfaces).zip(gathered) {
             node.gathered = gathered;
-            let to_camera = (self.view.camera.origin() - node.position).normalize_or_zero();
-            let cos = point.face_normal.dot(to_camera).max(Self::GRAZING);
+            let to_camera = (view.camera.origin() - node.position).normalize_or_zero();
+            let cos = surface.face_normal.dot(to_camera).max(Self::GRAZING);
             node.is_tight = gathered.harmonic_distance * cos < Self::TIGHT * node.spacing;
         }
         nodes
@@ -219,7 +211,7 @@ impl<P: Pages, M: Medium> Receivers<'_, '_, P, M> {
 
     /// The surface that a place of the lattice sees, or the middle of its cell, and a gather there that has no light yet.
     fn seen_at(&self, place: [u32; 2], stand: Stand) -> Option<(Surface, Node)> {
-        let view = self.view;
+        let view = self.gatherer.view;
         let offset = match stand {
             Stand::Place => 0.0,
             Stand::Middle => 0.5 * self.step as f32,
@@ -238,29 +230,6 @@ impl<P: Pages, M: Medium> Receivers<'_, '_, P, M> {
         };
         Some((surface, node))
     }
-}
-
-/// Disks stand where their places were rounded to, some of them before the wall that the receiver is on: gathers start so
-/// many times further off it than rays to triangles need.
-const ROUNDING: f32 = 8.0;
-
-/// Gathers over the hemisphere of a surface.
-#[must_use]
-pub fn gather_surface<P: Pages, M: Medium>(
-    view: &View,
-    gatherer: &Gatherer<P, M>,
-    surface: &Surface,
-    stretch: Stretch,
-) -> Gathered {
-    let origin = off_surface(view, surface);
-    gatherer.irradiance(origin, surface.normal, surface.face_normal, stretch)
-}
-
-/// Where the rays of a gather start: off the surfaces that the point's own may meet there, too.
-fn off_surface(view: &View, surface: &Surface) -> Vec3 {
-    let towards_camera = (view.camera.origin() - surface.position).normalize_or_zero();
-    let off = surface.face_normal + towards_camera;
-    surface.position + off * (ROUNDING * offset(surface.position))
 }
 
 /// Place of a point of a small square along the curve that fills each quarter before the next.

@@ -170,6 +170,7 @@ fn with<M: Medium, T>(
             max_dist: f32::INFINITY,
             kernel: gather::Kernel::Traced(&outgoing),
             environment: Rgb::BLACK,
+            leave_out_bright: false,
         },
     };
     run(&view, &Lights::new(&tracer), &gatherer)

@@ -7,11 +7,12 @@ use super::piece::Piece;
 use super::pixel::Pixel;
 use super::pixel_sum::PixelSum;
 use super::sample::{Sample, SampleCounts};
-use crate::gather::{Gatherer, Medium, Pages, Stretch};
+use crate::gather::{Medium, Pages, Stretch};
 use crate::light::{Direct, Lights, ShadowRays, Sight};
 use crate::math::{Rgb, sampling};
 use crate::shade::air::{Air, Passed};
-use crate::shade::lattice::{Lattice, gather_surface};
+use crate::shade::lattice::Lattice;
+use crate::shade::surface_gatherer::SurfaceGatherer;
 use crate::shade::view::View;
 use crate::trace::Surface;
 use std::f32::consts::FRAC_1_PI;
@@ -27,7 +28,7 @@ pub struct PixelShader<'a, P, M, A: Air> {
     /// Indirect light on surfaces.
     pub lattice: &'a Lattice,
     /// For surfaces that the lattice missed.
-    pub gatherer: &'a Gatherer<'a, P, M>,
+    pub gatherer: &'a SurfaceGatherer<'a, P, M>,
     /// What camera rays pass.
     pub air: &'a A,
     /// Samples and rays that a pixel may take.
@@ -286,7 +287,7 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
     /// The same by a gather of its own: few pixels see it.
     pub fn gathered(&self, surface: &Surface, x: u32, y: u32) -> Rgb {
         let stretch = Stretch::first(self.key(x, y));
-        gather_surface(&self.view, self.gatherer, surface, stretch).light
+        self.gatherer.gather(surface, stretch).light
     }
 }
 
