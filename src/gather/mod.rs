@@ -10,6 +10,7 @@
 pub mod bright;
 pub mod cone;
 mod directions;
+mod geometry;
 pub mod media;
 pub mod medium;
 mod neighbours;
@@ -20,10 +21,11 @@ pub mod plain;
 pub mod store;
 
 pub use bright::{BrightPatch, Seed};
+pub use geometry::Geometry;
 pub use media::Media;
 pub use medium::{Medium, NoMedia};
 pub use neighbours::{Order, SurfacePoint};
-pub use outgoing::{Geometry, Outgoing, Wanted};
+pub use outgoing::{Outgoing, Wanted};
 pub use store::{MediaStore, Pages, SurfelStore, TreeStore};
 
 use crate::math::sampling::{sobol2, sphere};

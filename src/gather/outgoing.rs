@@ -4,30 +4,12 @@
 //! patch, whose size goes by the solid angle that a node may have to be taken whole, and remembered.
 
 use super::bright::{BrightPatch, BrightPlaces, Disk, Search, Seed};
+use super::geometry::Geometry;
 use super::patch::{Extent, Place, Side};
 use super::{Crossing, Pages};
 use crate::math::{Hit, Rgb};
 use glam::Vec3;
 use std::sync::atomic::{AtomicU64, Ordering};
-
-/// The triangles of a scene, which the gather does not know itself: it works where only a tree is at hand, too.
-pub trait Geometry: std::fmt::Debug + Sync {
-    /// The nearest triangle before `t_max` along a ray of unit direction.
-    fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Hit>;
-
-    /// How many triangles there are.
-    fn triangles(&self) -> u32;
-
-    /// The corners of a triangle.
-    fn corners(&self, triangle: u32) -> [Vec3; 3];
-
-    /// Its unit normal, on the side its corners wind counter-clockwise.
-    fn normal(&self, triangle: u32) -> Vec3;
-
-    /// Area that a surfel on it stands for, over the mean of all surfels; `None` if it reflects nothing, so that a tree need
-    /// not be asked.
-    fn surfel_area_over_mean(&self, triangle: u32) -> Option<f32>;
-}
 
 /// How often a tree was asked what a patch sends. Threads that ask for one patch at the same time are counted each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -170,6 +152,7 @@ impl<'a> Outgoing<'a> {
             normal: if place.is_back { -normal } else { normal },
             extent: self.extents[triangle as usize],
             is_even: self.is_even,
+            geometry: self.geometry,
         };
         let found = side.radiance(place, pages, stack);
         self.patches.fetch_add(1, Ordering::Relaxed);

@@ -1,6 +1,7 @@
 //! Parts of the scene's triangles, and what a tree says that they send.
 
 use super::cone::OVERHANG;
+use super::geometry::Geometry;
 use super::page::{ChildKind, DiskBlock, PageLeaves, Proxy, WIDTH, WideNode};
 use super::store::{Page, Pages};
 use crate::math::{Hit, Rgb};
@@ -143,16 +144,18 @@ impl Place {
 
 /// One side of a triangle.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Side {
+pub(super) struct Side<'a> {
     pub corners: [Vec3; 3],
     /// Unit normal on the side.
     pub normal: Vec3,
     pub extent: Extent,
     /// Whether surfels of one piece of the scene have one size.
     pub is_even: bool,
+    /// What may stand between surfels.
+    pub geometry: &'a dyn Geometry,
 }
 
-impl Side {
+impl Side<'_> {
     /// What a part of it sends: a mean over the disks and small nodes that hold its middle, or, where such a node is lit in a small
     /// part only, over those that hold the middles of its quarters. `None` where the tree knows no surface.
     pub fn radiance<P: Pages>(
@@ -161,7 +164,7 @@ impl Side {
         pages: &P,
         stack: &mut Vec<(f32, u32, u32)>,
     ) -> Option<Rgb> {
-        let mut mean = |place: &Place| Patch::new(place, self).mean(self.normal, pages, stack);
+        let mut mean = |place: &Place| Patch::new(place, self).mean(self, pages, stack);
         let whole = mean(place)?;
         if !whole.is_uneven {
             return whole.radiance();
@@ -178,6 +181,18 @@ impl Side {
         } else {
             whole.radiance()
         }
+    }
+
+    /// Whether something stands between a point of it and the middle of a disk, from which that is so far off: of a floor that goes
+    /// on under a wall, the disks on the wall's other side reach through it.
+    fn is_hidden(&self, point: Vec3, offset: [f32; 3], radius2: f32) -> bool {
+        /// How high above the surface it is looked, over the radius: curved surfaces do not hide their own disks.
+        const HEIGHT: f32 = 0.25;
+        let offset = Vec3::from(offset);
+        let distance = offset.length();
+        let above = point + self.normal * (HEIGHT * radius2.sqrt());
+        let to_disk = offset * (-1.0 / distance);
+        distance > 0.0 && (self.geometry).closest(above, to_disk, distance).is_some()
     }
 }
 
@@ -218,10 +233,11 @@ impl Patch {
     /// The mean over disks and small nodes that hold its middle; `None` of an empty tree.
     fn mean<P: Pages>(
         &self,
-        normal: Vec3,
+        side: &Side,
         pages: &P,
         stack: &mut Vec<(f32, u32, u32)>,
     ) -> Option<Mean> {
+        let normal = side.normal.to_array();
         let root = pages.root()?;
         let mut mean = Mean::default();
         stack.clear();
@@ -243,11 +259,11 @@ impl Patch {
                 holding &= holding - 1;
                 if node.cross_section[k] < Self::WHOLE * self.area {
                     let proxy = &nodes.proxies[node.first_proxy as usize + k];
-                    mean.add_node(proxy, normal.to_array());
+                    mean.add_node(proxy, normal);
                     // What is below in another page is not worth loading that.
                     if self.has_quarters && node.kind[k] == ChildKind::Inner {
                         let below = nodes.below(node.child[k]);
-                        mean.is_uneven |= is_uneven(proxy, below, normal.to_array());
+                        mean.is_uneven |= is_uneven(proxy, below, normal);
                     }
                     continue;
                 }
@@ -255,7 +271,7 @@ impl Patch {
                     ChildKind::Leaf => {
                         let leaves = page.leaves();
                         if let Some(block) = leaves.blocks.get(node.child[k] as usize) {
-                            mean.add_disks(leaves, block, self, normal);
+                            mean.add_disks(leaves, block, self, side);
                         }
                     }
                     ChildKind::Inner => stack.push((0.0, id, node.child[k])),
@@ -340,9 +356,9 @@ impl Mean {
         self.is_known |= node.squared_cosine(normal) > ACROSS;
     }
 
-    /// Disks that hold the middle of the patch, the more the nearer theirs is.
-    fn add_disks(&mut self, leaves: &PageLeaves, block: &DiskBlock, patch: &Patch, normal: Vec3) {
-        let (p, n) = (patch.middle.to_array(), normal.to_array());
+    /// Disks that hold the middle of the patch, the more the nearer theirs is, but for those that something stands before.
+    fn add_disks(&mut self, leaves: &PageLeaves, block: &DiskBlock, patch: &Patch, side: &Side) {
+        let (p, n) = (patch.middle.to_array(), side.normal.to_array());
         let mut reach = [0.0_f32; WIDTH];
         let mut cos = [0.0_f32; WIDTH];
         for k in 0..WIDTH {
@@ -369,7 +385,10 @@ impl Mean {
                 self.nearest = (reach[k], sent);
             }
             let offset = std::array::from_fn(|a| p[a] - block.centre[a][k]);
-            if reach[k] < 1.0 && !leaves.is_clipped(light, offset) {
+            if reach[k] < 1.0
+                && !leaves.is_clipped(light, offset)
+                && !side.is_hidden(patch.middle, offset, block.radius2[k])
+            {
                 self.add((sent, block.radius2[k].min(patch.own2) * (1.0 - reach[k])));
             }
         }
