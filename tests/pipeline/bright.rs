@@ -1,10 +1,10 @@
 //! The few places that send most of a frame's light, asked as lamps are.
 
-use crate::{ROOM, Work, layer, mean, relative_rms, shade, with_threads};
+use crate::{Work, layer, mean, relative_rms, shade, with_threads};
 use lvox::gather::TreeStore;
 use lvox::image::Region;
 use lvox::run::Job;
-use lvox::shade::{self as stage, Aov, Settings};
+use lvox::shade::{self as stage, Settings};
 use std::fmt::Write;
 
 /// A closed grey room with the sun through a hole in its ceiling, a hundredth of that, and a camera that is turned by an angle.
@@ -112,22 +112,23 @@ fn a_camera_that_hardly_moves_finds_the_same_patches() {
 }
 
 #[test]
-fn light_that_comes_from_all_around_is_met_by_rays() {
-    let work = Work::new(ROOM);
-    let scene = work.scene();
-    let tree = work.bake(&scene, 20_000);
-    let store = TreeStore::open(&tree, None).unwrap();
-    let frame = |b| {
-        let region = Region::full(64, 48);
-        let frame = stage::run(
-            &scene,
-            &store,
-            &settings(b),
-            region,
-            &[Aov::Indirect],
-            &Job::default(),
-        );
-        layer(&frame.unwrap(), "")
-    };
-    assert!(frame(true) == frame(false));
+fn light_that_comes_from_all_around_or_through_media_is_met_by_rays() {
+    const SUN: &str =
+        "type = \"directional\"\ndirection = [-0.3, -1, -0.1]\nirradiance = [60, 55, 45]\n";
+    const LAMP: &str = "type = \"point\"\nposition = [0, 1, 0]\nintensity = [1, 1, 1]\n";
+    const MIST: &str = "[[volume]]\nfile = \"smoke.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\nsigma_t_scale = 0.001\nvalue_scale = 0.00392156862745098\n\
+                        unitcube_to_world = [[1, 0, 0, -0.5], [0, 1, 0, 0.3], [0, 0, 1, -0.5], [0, 0, 0, 1]]\n\
+                        albedo = [0.8, 0.8, 0.8]\n";
+    let sun = skylight(0.0);
+    for (text, is_asked) in [
+        (sun.replace(SUN, LAMP), false),
+        (sun.clone() + MIST, false),
+        (sun, true),
+    ] {
+        let work = Work::new(&text);
+        let scene = work.scene();
+        let tree = work.bake(&scene, 50_000);
+        let [with, without] = [true, false].map(|b| layer(&shade(&scene, &tree, &settings(b)), ""));
+        assert_eq!(with != without, is_asked, "{text}");
+    }
 }
