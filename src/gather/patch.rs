@@ -424,11 +424,72 @@ mod tests {
     use crate::gather::page::PageNodes;
     use lvox_formats::record::{Below, Bounds, Node, SurfelAggregate};
 
+    /// A wall at x = 0, up to a height.
+    #[derive(Debug)]
+    struct Wall(f32);
+
+    impl Geometry for Wall {
+        fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Hit> {
+            let t = -origin.x / direction.x;
+            let is_met = t > 0.0 && t < t_max && (origin + direction * t).z < self.0;
+            is_met.then_some(Hit {
+                t,
+                triangle: 0,
+                uv: [0.0; 2],
+                is_back: false,
+            })
+        }
+
+        fn triangles(&self) -> u32 {
+            1
+        }
+
+        fn corners(&self, _: u32) -> [Vec3; 3] {
+            [Vec3::ZERO, Vec3::Y, Vec3::Z]
+        }
+
+        fn normal(&self, _: u32) -> Vec3 {
+            Vec3::X
+        }
+
+        fn surfel_area_over_mean(&self, _: u32) -> Option<f32> {
+            Some(1.0)
+        }
+    }
+
+    /// The upper side of a triangle on the floor.
+    fn floor(wall: &Wall) -> Side<'_> {
+        let corners = [Vec3::ZERO, Vec3::X, Vec3::Y];
+        Side {
+            corners,
+            normal: Vec3::Z,
+            extent: Extent::new(corners, Some(0.0)),
+            is_even: true,
+            geometry: wall,
+        }
+    }
+
+    #[test]
+    fn walls_hide_disks_that_reach_under_them_and_bumps_do_not() {
+        let point = Vec3::new(0.1, 0.0, 0.0);
+        // From the middle of a disk of radius 1 to the point.
+        let [across, beside] = [[0.5, 0.0, 0.0], [-0.3, 0.2, 0.0]];
+        for (height, is_hidden) in [(1.0, true), (0.3, true), (0.2, false)] {
+            let wall = Wall(height);
+            let floor = floor(&wall);
+            assert_eq!(floor.is_hidden(point, across, 1.0), is_hidden, "{height}");
+            assert!(!floor.is_hidden(point, beside, 1.0));
+            assert!(!floor.is_hidden(point, [0.0; 3], 1.0));
+        }
+    }
+
     #[test]
     fn patches_hold_their_hits_and_are_as_small_as_asked() {
         const SIZE: f32 = 0.13;
-        let corners = [Vec3::ZERO, Vec3::X, Vec3::Y];
-        let extent = Extent::new(corners, Some(0.0));
+        let side = floor(&Wall(0.0));
+        let Side {
+            corners, extent, ..
+        } = side;
         assert_eq!(extent.edge2, 2.0);
         let mut middles = std::collections::BTreeMap::new();
         for i in 0..2000 {
@@ -449,12 +510,6 @@ mod tests {
                 is_back,
             };
             let place = Place::new(&hit(false), extent.edge2, SIZE);
-            let side = Side {
-                corners,
-                normal: Vec3::Z,
-                extent,
-                is_even: true,
-            };
             let patch = Patch::new(&place, &side);
             assert!(patch.area <= SIZE && patch.area > SIZE / 4.0);
             assert!(patch.has_quarters);
@@ -467,7 +522,13 @@ mod tests {
                 let off = (*q - patch.middle).length();
                 assert!(off > 0.1 * SIZE.sqrt() && off < 0.4 * SIZE.sqrt(), "{off}");
             }
+            let own = place.corners(corners);
+            let middle = own.into_iter().sum::<Vec3>() * (1.0 / 3.0);
+            assert!((middle - patch.middle).length() < 1e-6, "{own:?}");
+            assert_eq!(Extent::new(own, None).edge2, extent.edge2 / 16.0);
             let finer = Place::new(&hit(false), extent.edge2, SIZE / 4.0);
+            assert_eq!(place.smaller(finer), finer);
+            assert_eq!(finer.smaller(place), finer);
             assert!(place.quarters().contains(&finer), "{uv:?}: {finer:?}");
             let m = patch.middle;
             assert!(m.x > 0.0 && m.y > 0.0 && m.x + m.y < 1.0, "{uv:?}: {m}");
