@@ -222,12 +222,13 @@ mod tests {
             table.iter().find(|row| row.1 == *value).unwrap().0.into()
         }
         let presets = Quality::ALL.map(|(_, quality)| shade::Settings::of(quality));
-        let numbers: [(&str, Read); 7] = [
+        let numbers: [(&str, Read); 8] = [
             ("samples", |s| s.samples.to_string()),
             ("max-solid-angle", |s| s.max_solid_angle.to_string()),
             ("lattice", |s| s.lattice.to_string()),
             ("volume-samples", |s| s.volume_samples.to_string()),
             ("pixel-samples", |s| s.pixel_samples.to_string()),
+            ("corner-spacing", |s| s.corner_spacing.to_string()),
             ("edge-samples", |s| s.edge_samples.to_string()),
             ("shadow-rays", |s| s.shadow_rays.to_string()),
         ];

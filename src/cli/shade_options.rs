@@ -77,6 +77,11 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "N")]
     pixel_samples: Option<u32>,
 
+    /// Corners of pixels from one primary ray to the next where those around end on one triangle, 1 or 2; 2 may miss what is
+    /// thinner than two pixels [default: 2, 1, 1 by quality]
+    #[arg(long, value_name = "N")]
+    corner_spacing: Option<u32>,
+
     /// Primary rays inside a pixel whose corners disagree, beside those; with --pixel-samples above 1, all of a pixel where
     /// its first ones disagree [default: 6, 16, 48 by quality]
     #[arg(long, value_name = "N")]
@@ -161,6 +166,7 @@ impl ShadeOptions {
             lattice: self.lattice.unwrap_or(preset.lattice),
             volume_samples: self.volume_samples.unwrap_or(preset.volume_samples),
             pixel_samples: self.pixel_samples.unwrap_or(preset.pixel_samples),
+            corner_spacing: self.corner_spacing.unwrap_or(preset.corner_spacing),
             edge_samples: self.edge_samples.unwrap_or(preset.edge_samples),
             shadow_rays: self.shadow_rays.unwrap_or(preset.shadow_rays),
             seed,
@@ -187,9 +193,9 @@ impl ShadeOptions {
             options += &format!(" --volume-samples {}", s.volume_samples);
         }
         job.progress.say(&format!(
-            "target error {target:.1e}: shading with {options} --pixel-samples {} --edge-samples {} --shadow-rays {}, \
-             expected error {expected:.1e}",
-            s.pixel_samples, s.edge_samples, s.shadow_rays,
+            "target error {target:.1e}: shading with {options} --pixel-samples {} --corner-spacing {} \
+             --edge-samples {} --shadow-rays {}, expected error {expected:.1e}",
+            s.pixel_samples, s.corner_spacing, s.edge_samples, s.shadow_rays,
         ));
         match choice.outcome {
             Outcome::OutOfReach => job.progress.warn(&format!(

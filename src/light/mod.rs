@@ -30,7 +30,7 @@ mod tests;
 mod tree;
 mod vacuum;
 
-pub use direct::{Arrival, Direct};
+pub use direct::{Arrival, Direct, is_alike};
 pub use emitter::Emitter;
 pub use in_medium::InMedium;
 pub use lights::Lights;

@@ -26,6 +26,9 @@ pub struct Settings {
     pub volume_samples: u32,
     /// Primary rays a pixel; 1 for rays through the corners of pixels, which neighbours share.
     pub pixel_samples: u32,
+    /// Corners of pixels from one primary ray to the next where those around end on one triangle, 1 or 2; elsewhere, and where
+    /// pixels have samples of their own, it does not matter.
+    pub corner_spacing: u32,
     /// Primary rays inside a pixel whose corners disagree, beside those through the corners; up to 64 lie in a pattern made
     /// for edges. Where pixels have samples of their own: all rays of a pixel whose first ones disagree.
     pub edge_samples: u32,
@@ -114,6 +117,7 @@ impl Settings {
             lattice: 4,
             volume_samples: 6,
             pixel_samples: 1,
+            corner_spacing: 1,
             edge_samples: 16,
             shadow_rays: 1,
             seed: 0,
@@ -124,6 +128,7 @@ impl Settings {
                 max_solid_angle: 0.02,
                 lattice: 6,
                 volume_samples: 3,
+                corner_spacing: 2,
                 edge_samples: 6,
                 ..good
             },
@@ -172,6 +177,7 @@ impl Settings {
         count("--samples", self.samples, 65_536)?;
         count("--volume-samples", self.volume_samples, 65_536)?;
         count("--pixel-samples", self.pixel_samples, 65_536)?;
+        count("--corner-spacing", self.corner_spacing, 2)?;
         count("--edge-samples", self.edge_samples, 65_536)?;
         count("--shadow-rays", self.shadow_rays, 4096)?;
         count("--lattice", self.lattice, Self::COARSEST_LATTICE)?;

@@ -273,6 +273,7 @@ impl<P: Pages, M: Medium> Shot<'_, P, M> {
                     air,
                     counts: SampleCounts {
                         pixel: settings.pixel_samples,
+                        corner_spacing: settings.corner_spacing,
                         edge: settings.edge_samples,
                         shadow: settings.shadow_rays,
                         volume: settings.volume_samples,

@@ -89,6 +89,13 @@ impl Surface {
         }
     }
 
+    /// Whether two normals are so close that light comes from nearly the same angles to both.
+    #[must_use]
+    pub fn faces_as(&self, other: &Self) -> bool {
+        const SAME: f32 = 0.9995;
+        self.normal.dot(other.normal) > SAME
+    }
+
     /// The same surface seen from the side that `towards` points to: both normals turned that way.
     #[must_use]
     pub fn facing(mut self, towards: Vec3) -> Self {

@@ -40,6 +40,45 @@ fn shadow_rays_count_at_every_ray_inside_a_pixel() {
     assert!(many < few, "{many} {few}");
 }
 
+/// Rays at every second corner change little where there are edges, and next to nothing elsewhere.
+#[test]
+fn corners_may_stand_apart_where_light_is_even() {
+    let work = Work::new(ROOM);
+    let scene = work.scene();
+    let tree = work.bake(&scene, 2000);
+    let direct = |settings: &Settings| {
+        let settings = Settings {
+            samples: 4,
+            volume_samples: 1,
+            ..settings.clone()
+        };
+        layer(&shade(&scene, &tree, &settings), "direct")
+    };
+    let corners = |corner_spacing| {
+        direct(&Settings {
+            corner_spacing,
+            ..Settings::default()
+        })
+    };
+    let truth = direct(&Settings {
+        pixel_samples: 64,
+        shadow_rays: 16,
+        ..Settings::default()
+    });
+    let [dense, apart] = [1, 2].map(corners);
+    let off = |found: &[[f32; 3]]| -> Vec<f64> {
+        let relative =
+            |(a, b): (&[f32; 3], &[f32; 3])| f64::from(a[1] - b[1]) / f64::from(b[1] + 0.05);
+        found.iter().zip(&truth).map(relative).collect()
+    };
+    let mean = |off: &[f64]| off.iter().map(|d| d * d).sum::<f64>() / off.len() as f64;
+    let (dense_off, apart_off) = (off(&dense), off(&apart));
+    let changed = dense.iter().zip(&apart).filter(|(a, b)| a != b).count();
+    assert!(changed > dense.len() / 12, "{changed} of {}", dense.len());
+    let (dense, apart) = (mean(&dense_off), mean(&apart_off));
+    assert!(apart < 1.1 * dense, "{apart} {dense}");
+}
+
 #[test]
 fn what_a_png_cannot_hold_is_refused() {
     let work = Work::new(ROOM);

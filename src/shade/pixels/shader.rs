@@ -186,8 +186,7 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
 
     /// Whether two points on one piece of surface, seen from `t` away, see lights under nearly the same angles.
     pub fn is_lit_alike(&self, a: &Surface, b: &Surface, t: f32) -> bool {
-        const SAME: f32 = 0.9995;
-        a.normal.dot(b.normal) > SAME && self.same_piece(a, b, t)
+        a.faces_as(b) && self.same_piece(a, b, t)
     }
 
     /// The pixel of samples and their weights.

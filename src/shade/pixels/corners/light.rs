@@ -1,10 +1,9 @@
 //! Lights with an extent, as the shadow rays of corners near each other tell them.
 
 use super::around::{Around, Lit};
-use super::sampler::is_alike;
 use super::{Corner, Corners};
 use crate::gather::{Medium, Pages};
-use crate::light::{Arrival, Prospect, Sight};
+use crate::light::{Arrival, Prospect, Sight, is_alike};
 use crate::shade::air::Air;
 use crate::shade::pixels::sample::Sample;
 

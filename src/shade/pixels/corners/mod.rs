@@ -53,9 +53,9 @@ impl Place {
         first: u8,
         count: u8,
     ) -> ShadowRays {
-        // Every four by four corners ask all cells, and every two by two ask four quarters (the threshold matrix of
-        // Bayer 1973).
-        const ORDER: [u8; 16] = [0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5];
+        // Every four by four corners ask all cells; every two by two ask four quarters, and so do two by two of every
+        // second corner.
+        const ORDER: [u8; 16] = [0, 8, 10, 2, 12, 4, 6, 14, 15, 7, 5, 13, 11, 3, 1, 9];
         let [x, y] = self.moved;
         ShadowRays::Cells {
             cell: ORDER[(y % 4 * 4 + x % 4) as usize],

@@ -3,7 +3,7 @@
 use super::{Corner, Corners, Place};
 use crate::gather::{Medium, Pages};
 use crate::image::Region;
-use crate::light::{Prospect, ShadowRays};
+use crate::light::{Direct, Prospect, ShadowRays, is_alike};
 use crate::math::Rgb;
 use crate::shade::air::Air;
 use crate::shade::pixels::sample::Sample;
@@ -11,6 +11,8 @@ use crate::shade::pixels::shader::PixelShader;
 use crate::trace::Surface;
 
 /// Samples the corners of a region whose first and last corners are at even coordinates.
+///
+/// Where camera rays may be two corners apart, corners between are where the even ones say, if those are on one triangle.
 ///
 /// What emissive triangles would send, with nothing between, changes little from one corner to the next. It is found at every
 /// second corner of every second row; those between take the mean where all beside them lie on one piece of surface.
@@ -92,7 +94,20 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
         around: [&Even<'a, A>; N],
     ) -> Sample<A::Passed> {
         let place = self.place(column, row);
-        let mut sample = self.shader.look(place.film[0], place.film[1]);
+        let amid = if self.shader.counts.corner_spacing > 1 {
+            Sample::amid(around.map(|even| &even.sample))
+        } else {
+            None
+        };
+        // Of every four corners three ask lights themselves: the rims of penumbrae are found by few rays.
+        if let Some(mut sample) = amid
+            && N == 4
+            && let Some(direct) = Direct::amid(around.map(|even| &even.sample.direct))
+        {
+            sample.direct = direct;
+            return sample;
+        }
+        let mut sample = amid.unwrap_or_else(|| self.shader.look(place.film[0], place.film[1]));
         if let Some(&surface) = sample.lit_surface() {
             let rays = self.rays(&place);
             let lights = self.shader.lights;
@@ -133,11 +148,4 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
         }
         first.map(|prospect| (prospect, sum * (1.0 / N as f32)))
     }
-}
-
-/// Whether two amounts of light differ so little that the chances of rays at one place are good at the other: beside lamps they are
-/// not, and a ray that few were to take would bring all the light.
-pub(super) fn is_alike(a: f32, b: f32) -> bool {
-    const SAME: f32 = 0.9;
-    a.min(b) >= SAME * a.max(b)
 }
