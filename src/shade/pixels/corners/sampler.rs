@@ -99,9 +99,9 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
         } else {
             None
         };
-        // Of every four corners three ask lights themselves: the rims of penumbrae are found by few rays.
+        // Every second row asks lights itself at all corners: the rims of penumbrae are found by few rays.
         if let Some(mut sample) = amid
-            && N == 4
+            && row % 2 == 1
             && let Some(direct) = Direct::amid(around.map(|even| &even.sample.direct))
         {
             sample.direct = direct;
