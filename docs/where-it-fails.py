@@ -105,7 +105,7 @@ CAUSES = {
 # What was found to be wrong in a block: scene, corner. Others have to be looked at first.
 BLOCKS = {
     "A": {(400, 448): "crease", (160, 240): "smoke", (176, 224): "smoke", (224, 256): "smoke", (144, 432): "penumbra",
-          (432, 448): "reference", (240, 48): "reference", (288, 48): "behind"},
+          (432, 448): "reference", (448, 464): "reference", (240, 48): "reference", (288, 48): "behind"},
     "B": {(400, 448): "crease", (272, 48): "behind", (256, 48): "behind", (240, 48): "behind", (224, 48): "behind"},
     "C": {(496, 128): "cross", (400, 48): "mouldings", (352, 144): "mouldings", (368, 144): "mouldings",
           (208, 192): "bunny", (160, 224): "bunny", (240, 128): "ear"},
@@ -115,8 +115,10 @@ BLOCKS = {
     "lights100": {(80, 16): "lamp", (112, 112): "lights", (208, 48): "silhouette", (176, 32): "small face"},
     "volumes": {(80, 32): "border", (96, 32): "not noise", (96, 48): "not noise", (64, 48): "smoke",
                 (80, 48): "smoke", (64, 128): "haze"},
-    "thin": {(80, 112): "slats", (64, 112): "slats", (80, 144): "slats", (64, 144): "slats2", (48, 144): "slats2"},
-    "outdoor": {(80, 160): "shadow", (208, 112): "silhouette", (128, 112): "shadow", (112, 112): "shadow"},
+    "thin": {(80, 112): "slats", (64, 112): "slats", (80, 144): "slats", (64, 144): "slats2", (48, 144): "slats2",
+             (32, 144): "slats2"},
+    "outdoor": {(80, 160): "shadow", (208, 112): "silhouette", (128, 112): "shadow", (112, 112): "shadow",
+                (96, 112): "shadow"},
 }
 
 
