@@ -78,7 +78,7 @@ pub struct ShadeOptions {
     pixel_samples: Option<u32>,
 
     /// Corners of pixels from one primary ray to the next where those around end on one triangle, 1 or 2; 2 may miss what is
-    /// thinner than two pixels [default: 2, 1, 1 by quality]
+    /// thinner than two pixels. No matter with --pixel-samples above 1 [default: 2, 1, 1 by quality]
     #[arg(long, value_name = "N")]
     corner_spacing: Option<u32>,
 

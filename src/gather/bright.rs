@@ -4,7 +4,7 @@
 
 use super::Pages;
 use super::page::{ChildKind, WIDTH, WideNode};
-use super::patch::{Extent, Place};
+use super::place::{Extent, Place};
 use super::store::Page;
 use crate::math::{Hit, Rgb};
 use glam::Vec3;

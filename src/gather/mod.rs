@@ -17,6 +17,7 @@ mod neighbours;
 pub mod outgoing;
 pub mod page;
 mod patch;
+mod place;
 pub mod plain;
 pub mod store;
 

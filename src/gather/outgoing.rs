@@ -5,7 +5,8 @@
 
 use super::bright::{BrightPatch, BrightPlaces, Disk, Search, Seed};
 use super::geometry::Geometry;
-use super::patch::{Extent, Place, Side};
+use super::patch::Side;
+use super::place::{Extent, Place};
 use super::{Crossing, Pages};
 use crate::math::{Hit, Rgb};
 use glam::Vec3;

@@ -40,7 +40,7 @@ fn shadow_rays_count_at_every_ray_inside_a_pixel() {
     assert!(many < few, "{many} {few}");
 }
 
-/// Rays at every second corner change little where there are edges, and next to nothing elsewhere.
+/// Rays at every second corner change pixels, but not how far those are off.
 #[test]
 fn corners_may_stand_apart_where_light_is_even() {
     let work = Work::new(ROOM);

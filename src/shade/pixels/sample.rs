@@ -27,9 +27,7 @@ impl<T: Passed> Sample<T> {
     pub fn lit_surface(&self) -> Option<&Surface> {
         self.surface.as_ref().filter(|s| !s.albedo.is_black())
     }
-}
 
-impl<T: Passed> Sample<T> {
     /// Where a ray between some others would end, if all of those end on one smooth triangle of one albedo; light and media not
     /// yet looked for.
     pub fn amid<const N: usize>(around: [&Self; N]) -> Option<Self> {

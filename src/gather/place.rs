@@ -1,0 +1,173 @@
+//! Parts of the scene's triangles.
+
+use crate::math::Hit;
+use glam::Vec3;
+
+/// How large a triangle is, and how small its patches may be.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Extent {
+    /// Square of its longest edge.
+    pub edge2: f32,
+    /// Square of the edge below which patches are not divided, about as long as surfels stand apart; [`Self::BLACK`] if the
+    /// triangle reflects nothing.
+    pub least: f32,
+}
+
+impl Extent {
+    /// Of what reflects nothing, so that a tree need not be asked.
+    pub const BLACK: f32 = -1.0;
+
+    /// `least` is none where nothing is reflected.
+    pub fn new([a, b, c]: [Vec3; 3], least: Option<f32>) -> Self {
+        let edges = [b - a, c - a, c - b].map(Vec3::length_squared);
+        Self {
+            edge2: edges.into_iter().fold(0.0, f32::max),
+            least: least.unwrap_or(Self::BLACK),
+        }
+    }
+}
+
+/// Which part of one side of a triangle: its edges are divided by two as often as `level` says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Place {
+    pub triangle: u32,
+    pub is_back: bool,
+    level: u32,
+    /// Along the edges to the second and the third corner.
+    at: [u32; 2],
+    /// Whether it is the half of that parallelogram that is farther from the first corner.
+    is_upper: bool,
+}
+
+impl Place {
+    /// Divisions of a triangle's edges by two, at most.
+    const MOST_LEVELS: u32 = 14;
+
+    /// The part that was met, of a triangle whose longest edge, squared, is `edge2`: that of the part is at most `size`.
+    #[inline]
+    pub fn new(hit: &Hit, edge2: f32, size: f32) -> Self {
+        // The upper end of the binade that the ratio is in, by its exponent: a loop would wait for what the triangle is.
+        let ratio = (edge2 / size).max(1.0);
+        let log2 = ((ratio.to_bits() - 1) >> 23) - 126;
+        let level = log2.div_ceil(2).min(Self::MOST_LEVELS);
+        let parts = (1 << level) as f32;
+        let [u, v] = hit.uv.map(|w| w.clamp(0.0, 1.0) * parts);
+        // Rounding may put a hit beyond the edge across from the first corner.
+        let i = u.floor().min(parts - 1.0);
+        let j = v.floor().min(parts - 1.0 - i);
+        Self {
+            triangle: hit.triangle,
+            is_back: hit.is_back,
+            level,
+            at: [i as u32, j as u32],
+            is_upper: i + j + 1.0 < parts && (u - i) + (v - j) > 1.0,
+        }
+    }
+
+    /// How often its edges are divided by two.
+    #[inline]
+    pub fn level(&self) -> u32 {
+        self.level
+    }
+
+    /// A number that no other place has.
+    #[inline]
+    pub fn key(&self) -> u64 {
+        let [i, j] = self.at;
+        // The leading bit of the column tells the level.
+        let column = i | 1 << self.level;
+        let within =
+            u32::from(self.is_back) << 31 | u32::from(self.is_upper) << 30 | column << 15 | j;
+        u64::from(self.triangle) << 32 | u64::from(within)
+    }
+
+    /// Its middle, in a triangle of these corners.
+    pub fn middle(&self, [a, b, c]: [Vec3; 3]) -> Vec3 {
+        let parts = (1 << self.level) as f32;
+        let third = if self.is_upper { 2.0 / 3.0 } else { 1.0 / 3.0 };
+        let [u, v] = self.at.map(|i| (i as f32 + third) / parts);
+        a + (b - a) * u + (c - a) * v
+    }
+
+    /// Its corners, in a triangle of these.
+    pub fn corners(&self, [a, b, c]: [Vec3; 3]) -> [Vec3; 3] {
+        let parts = (1 << self.level) as f32;
+        let [i, j] = self.at;
+        let at = |i: u32, j: u32| a + (b - a) * (i as f32 / parts) + (c - a) * (j as f32 / parts);
+        if self.is_upper {
+            [at(i + 1, j + 1), at(i, j + 1), at(i + 1, j)]
+        } else {
+            [at(i, j), at(i + 1, j), at(i, j + 1)]
+        }
+    }
+
+    /// The smaller of two that hold the same point.
+    #[inline]
+    pub fn smaller(self, other: Self) -> Self {
+        if other.level > self.level {
+            other
+        } else {
+            self
+        }
+    }
+
+    /// Its quarters, or itself where a triangle is not divided further: three that point as it does, and the one between them.
+    pub fn quarters(&self) -> [Self; 4] {
+        if self.level == Self::MOST_LEVELS {
+            return [*self; 4];
+        }
+        let [i, j] = self.at.map(|c| 2 * c);
+        let quarter = |at, is_upper| Self {
+            level: self.level + 1,
+            at,
+            is_upper,
+            ..*self
+        };
+        if self.is_upper {
+            let [p, q] = [i + 1, j + 1];
+            [
+                ([p, q], true),
+                ([i, q], true),
+                ([p, j], true),
+                ([p, q], false),
+            ]
+        } else {
+            [
+                ([i, j], false),
+                ([i + 1, j], false),
+                ([i, j + 1], false),
+                ([i, j], true),
+            ]
+        }
+        .map(|(at, is_upper)| quarter(at, is_upper))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn edges_are_divided_until_they_are_small_enough() {
+        let hit = Hit {
+            t: 1.0,
+            triangle: 0,
+            uv: [0.2; 2],
+            is_back: false,
+        };
+        for (edge2, size, level) in [
+            (1.0, 2.0, 0),
+            (1.0, 1.0, 0),
+            (1.0, 0.999, 1),
+            (1.0, 0.25, 1),
+            (1.0, 0.2499, 2),
+            (64.0, 4.0, 2),
+            (0.0, 1.0, 0),
+            (1e-30, 1e-36, 10),
+            (1e30, 1e-30, Place::MOST_LEVELS),
+            (1.0, 0.0, Place::MOST_LEVELS),
+        ] {
+            assert_eq!(Place::new(&hit, edge2, size).level, level, "{edge2} {size}");
+        }
+    }
+}
