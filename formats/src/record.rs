@@ -218,10 +218,14 @@ pub struct SurfelAggregate {
     pub normal_sum: [f32; 3],
     /// Sum of area times n n^T: xx, yy, zz, xy, xz, yz. The area projected along w is about `sqrt(area * w^T M w)`.
     pub second_moment: [f32; 6],
-    /// Area projected towards +x, -x, +y, -y, +z, -z, of the sides that radiate (a back only where it is lit).
+    /// Area of fronts projected towards +x, -x, +y, -y, +z, -z. That of backs towards a direction is that of fronts towards the
+    /// opposite one.
     pub axis_area: [f32; 6],
-    /// Mean radiance towards the same six directions, weighted by that projected area.
+    /// Mean radiance of fronts towards the same six directions, weighted by that projected area.
     pub axis_radiance: [[f32; 3]; 6],
+    /// The same of backs, weighted by theirs. Fronts and backs are apart, as what is seen of one side of a shell has nothing of the
+    /// light of the other.
+    pub back_radiance: [[f32; 3]; 6],
 }
 
 /// A node of the tree over surfels.

@@ -14,9 +14,11 @@ pub struct Sums {
     normals: [f64; 3],
     /// Area times n n^T: xx, yy, zz, xy, xz, yz.
     outer: [f64; 6],
-    /// Towards +x, -x, +y, -y, +z, -z.
+    /// Of fronts, towards +x, -x, +y, -y, +z, -z.
     axis_area: [f64; 6],
     axis_power: [[f64; 3]; 6],
+    /// Of backs, towards the same.
+    back_power: [[f64; 3]; 6],
     /// Tight box of all disks as clipped, scene space.
     pub bounds: Bounds,
 }
@@ -32,6 +34,7 @@ impl Sums {
         outer: [0.0; 6],
         axis_area: [0.0; 6],
         axis_power: [[0.0; 3]; 6],
+        back_power: [[0.0; 3]; 6],
         bounds: Bounds::EMPTY,
     };
 
@@ -57,25 +60,20 @@ impl Sums {
             self.moments[k] += area * p;
             self.normals[k] += area * n;
             self.outer[k] += area * n * n;
-            self.add_side(2 * k, area * n, s.front);
-            // A back that is dark would halve the light of the front it hides behind.
-            if s.back != [0.0; 3] {
-                self.add_side(2 * k, -area * n, s.back);
-            }
+            let (projected, towards) = ((area * n).abs(), 2 * k + usize::from(n < 0.0));
+            self.axis_area[towards] += projected;
+            let add = |power: &mut [f64; 3], radiance: [f32; 3]| {
+                for (power, l) in power.iter_mut().zip(radiance) {
+                    *power += projected * f64::from(l);
+                }
+            };
+            add(&mut self.axis_power[towards], s.front);
+            add(&mut self.back_power[towards ^ 1], s.back);
         }
         for (k, (i, j)) in [(0, 1), (0, 2), (1, 2)].into_iter().enumerate() {
             self.outer[3 + k] += area * n[i] * n[j];
         }
         self.bounds = self.bounds.union(Bounds::of_surfel(s));
-    }
-
-    /// Adds one side of a disk to the direction that it faces, `axis` or the opposite one.
-    fn add_side(&mut self, axis: usize, projected: f64, radiance: [f32; 3]) {
-        let towards = axis + usize::from(projected < 0.0);
-        self.axis_area[towards] += projected.abs();
-        for (power, l) in self.axis_power[towards].iter_mut().zip(radiance) {
-            *power += projected.abs() * f64::from(l);
-        }
     }
 
     /// Adds what others come to.
@@ -96,6 +94,10 @@ impl Sums {
             self.axis_power.as_flattened_mut(),
             other.axis_power.as_flattened(),
         );
+        add(
+            self.back_power.as_flattened_mut(),
+            other.back_power.as_flattened(),
+        );
         self.bounds = self.bounds.union(other.bounds);
     }
 
@@ -107,20 +109,19 @@ impl Sums {
         } else {
             self.positions.map(|p| (p / self.count) as f32)
         };
+        let mean = |power: [f64; 3], area: f64| {
+            let over_area = |p: f64| if area > 0.0 { (p / area) as f32 } else { 0.0 };
+            power.map(over_area)
+        };
         SurfelAggregate {
             area: self.area as f32,
             centre,
             normal_sum: self.normals.map(|n| n as f32),
             second_moment: self.outer.map(|m| m as f32),
             axis_area: self.axis_area.map(|a| a as f32),
-            axis_radiance: std::array::from_fn(|d| {
-                self.axis_power[d].map(|p| {
-                    if self.axis_area[d] > 0.0 {
-                        (p / self.axis_area[d]) as f32
-                    } else {
-                        0.0
-                    }
-                })
+            axis_radiance: std::array::from_fn(|d| mean(self.axis_power[d], self.axis_area[d])),
+            back_radiance: std::array::from_fn(|d| {
+                mean(self.back_power[d], self.axis_area[d ^ 1])
             }),
         }
     }

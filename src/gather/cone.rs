@@ -199,7 +199,8 @@ fn meet_proxy(
     hits: &Hits,
     t_end: f32,
 ) -> Option<Crossing> {
-    let proxy = &nodes.proxies[node.first_proxy as usize + k];
+    let index = node.first_proxy as usize + k;
+    let proxy = &nodes.proxies[index];
     let towards = ray.direction.map(|v| -v);
     let (near, far) = (hits.near[k], hits.far[k]);
     if proxy.is_flat() {
@@ -219,7 +220,7 @@ fn meet_proxy(
         return Some(Crossing {
             t,
             opacity,
-            radiance: Rgb(proxy.radiance(towards)),
+            radiance: Rgb(nodes.sent(index, towards, denominator > 0.0).0),
         });
     }
     let extent = std::array::from_fn(|a| node.max[a][k] - node.min[a][k]);
@@ -228,7 +229,7 @@ fn meet_proxy(
     (opacity > 0.0 && t < t_end).then(|| Crossing {
         t,
         opacity,
-        radiance: Rgb(proxy.radiance(towards)),
+        radiance: Rgb(nodes.radiance(index, towards)),
     })
 }
 

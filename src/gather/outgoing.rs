@@ -151,6 +151,7 @@ impl<'a> Outgoing<'a> {
         let side = Side {
             corners: self.geometry.corners(triangle),
             normal: if place.is_back { -normal } else { normal },
+            is_back: place.is_back,
             extent: self.extents[triangle as usize],
             is_even: self.is_even,
             geometry: self.geometry,

@@ -3,6 +3,7 @@
 
 use lvox_formats::record::{Below, Node, Surfel, tangent_frame};
 use std::f32::consts::PI;
+use std::ops::Range;
 
 /// Children a node, and disks a leaf.
 pub const WIDTH: usize = 8;
@@ -113,6 +114,8 @@ pub struct PageNodes {
     pub nodes: Vec<WideNode>,
     /// Stand-ins of the children of nodes, from [`WideNode::first_proxy`] on.
     pub proxies: Vec<Proxy>,
+    /// Of each stand-in what its backs send, as in [`lvox_formats::record::SurfelAggregate`]; empty if no back of the page is lit.
+    backs: Vec<[[f32; 3]; 6]>,
 }
 
 /// The leaves of a page laid out for rays.
@@ -135,7 +138,7 @@ pub fn most_bytes(nodes: u64, surfels: u64, has_clips: bool) -> u64 {
     } else {
         0
     };
-    let node = (size_of::<Proxy>() + below) as u64;
+    let node = (size_of::<Proxy>() + size_of::<[[f32; 3]; 6]>() + below) as u64;
     let surfel = (size_of::<DiskLight>() + clips) as u64;
     let of_nodes = nodes.saturating_mul(node);
     let of_surfels = surfels.saturating_mul(surfel);
@@ -162,7 +165,10 @@ impl PageNodes {
         let mut out = Self {
             nodes: Vec::with_capacity((nodes.len() - leaves as usize).max(1)),
             proxies: Vec::with_capacity(nodes.len()),
+            backs: Vec::new(),
         };
+        let is_lit = |node: &Node| node.aggregate.back_radiance != [[0.0; 3]; 6];
+        let has_backs = nodes.iter().any(is_lit);
         // The groups to come, with the slot that each is below. Not by recursion: a page may be as deep as it has nodes.
         let mut groups = vec![match root.below {
             Below::Nodes { first, count } => (first, count, None),
@@ -175,6 +181,10 @@ impl PageNodes {
                 above.child[slot] = index as u32;
             }
             let node = out.group(nodes, &blocks, first, count);
+            if has_backs {
+                let group = &nodes[first as usize..first as usize + usize::from(count)];
+                out.backs.extend(group.iter().map(|n| n.aggregate.back_radiance));
+            }
             // The last comes off first.
             for slot in (0..usize::from(count)).rev() {
                 if let Below::Nodes { first, count } = nodes[first as usize + slot].below {
@@ -218,20 +228,57 @@ impl PageNodes {
         node
     }
 
-    /// The stand-ins of the children of a node; none if there is no such node.
+    /// Indices of the stand-ins of the children of a node; none if there is no such node.
     #[must_use]
     #[inline]
-    pub fn below(&self, node: u32) -> &[Proxy] {
-        self.nodes.get(node as usize).map_or(&[], |node| {
+    pub fn below(&self, node: u32) -> Range<usize> {
+        self.nodes.get(node as usize).map_or(0..0, |node| {
             let first = node.first_proxy as usize;
-            &self.proxies[first..first + node.used.count_ones() as usize]
+            first..first + node.used.count_ones() as usize
         })
+    }
+
+    /// What one side of the surfels of a stand-in sends towards `v`: the mean over those of that side that face it, weighted by the area that
+    /// each of the three axes there sees, and that area.
+    #[must_use]
+    #[inline]
+    pub fn sent(&self, proxy: usize, v: [f32; 3], is_back: bool) -> ([f32; 3], f32) {
+        let of = &self.proxies[proxy];
+        let mut mean = Weighted::default();
+        for (a, &along) in v.iter().enumerate() {
+            let side = 2 * a + usize::from(along < 0.0);
+            if !is_back {
+                mean.add(along.abs() * of.axis_area[side], of.axis_radiance[side]);
+            } else {
+                let radiance = self.backs.get(proxy).map_or([0.0; 3], |b| b[side]);
+                mean.add(along.abs() * of.axis_area[side ^ 1], radiance);
+            }
+        }
+        (mean.get(), mean.weight * of.area)
+    }
+
+    /// What a stand-in sends towards `v` from either side. Of sides that face it, backs count where they are lit only: a dark one would
+    /// halve the light of the front that it hides behind.
+    #[must_use]
+    pub fn radiance(&self, proxy: usize, v: [f32; 3]) -> [f32; 3] {
+        let of = &self.proxies[proxy];
+        let mut mean = Weighted::default();
+        for (a, &along) in v.iter().enumerate() {
+            let side = 2 * a + usize::from(along < 0.0);
+            mean.add(along.abs() * of.axis_area[side], of.axis_radiance[side]);
+            if let Some(back) = self.backs.get(proxy).map(|b| b[side])
+                && back != [0.0; 3]
+            {
+                mean.add(along.abs() * of.axis_area[side ^ 1], back);
+            }
+        }
+        mean.get()
     }
 
     /// Bytes held.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        size_of_val(&*self.nodes) + size_of_val(&*self.proxies)
+        size_of_val(&*self.nodes) + size_of_val(&*self.proxies) + size_of_val(&*self.backs)
     }
 }
 
@@ -323,6 +370,32 @@ impl ClipPlanes {
     }
 }
 
+/// A mean of radiance.
+#[derive(Default)]
+struct Weighted {
+    sum: [f32; 3],
+    weight: f32,
+}
+
+impl Weighted {
+    #[inline]
+    fn add(&mut self, weight: f32, radiance: [f32; 3]) {
+        self.weight += weight;
+        for (sum, radiance) in self.sum.iter_mut().zip(radiance) {
+            *sum += weight * radiance;
+        }
+    }
+
+    #[inline]
+    fn get(&self) -> [f32; 3] {
+        if self.weight > 0.0 {
+            self.sum.map(|s| s / self.weight)
+        } else {
+            [0.0; 3]
+        }
+    }
+}
+
 impl Proxy {
     /// A node is flat if its normals agree this well: mean length over area.
     const FLAT: f32 = 0.97;
@@ -363,32 +436,6 @@ impl Proxy {
     #[must_use]
     pub fn is_flat(&self) -> bool {
         self.coverage >= 0.0
-    }
-
-    /// Mean radiance that leaves towards `v`, weighted by the area that each of the three axes on that side sees.
-    #[must_use]
-    pub fn radiance(&self, v: [f32; 3]) -> [f32; 3] {
-        self.facing(v).0
-    }
-
-    /// The same, and the area that radiates on the side of `v`, as the three axes see it weighted by `v`.
-    #[must_use]
-    #[inline]
-    pub fn facing(&self, v: [f32; 3]) -> ([f32; 3], f32) {
-        let (mut sum, mut weight) = ([0.0; 3], 0.0);
-        for (a, &along) in v.iter().enumerate() {
-            let side = 2 * a + usize::from(along < 0.0);
-            let w = along.abs() * self.axis_area[side];
-            weight += w;
-            for (sum, radiance) in sum.iter_mut().zip(self.axis_radiance[side]) {
-                *sum += w * radiance;
-            }
-        }
-        if weight > 0.0 {
-            (sum.map(|s| s / weight), weight * self.area)
-        } else {
-            ([0.0; 3], 0.0)
-        }
     }
 
     /// Mean squared cosine between the normals of its surfels and a unit direction, weighted by area; none where it has none.

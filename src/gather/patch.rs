@@ -2,7 +2,7 @@
 
 use super::cone::OVERHANG;
 use super::geometry::Geometry;
-use super::page::{ChildKind, DiskBlock, PageLeaves, Proxy, WIDTH, WideNode};
+use super::page::{ChildKind, DiskBlock, PageLeaves, PageNodes, WIDTH, WideNode};
 use super::place::{Extent, Place};
 use super::store::{Page, Pages};
 use crate::math::Rgb;
@@ -15,6 +15,7 @@ pub(super) struct Side<'a> {
     pub corners: [Vec3; 3],
     /// Unit normal on the side.
     pub normal: Vec3,
+    pub is_back: bool,
     pub extent: Extent,
     /// Whether surfels of one piece of the scene have one size.
     pub is_even: bool,
@@ -104,7 +105,6 @@ impl Patch {
         pages: &P,
         stack: &mut Vec<(f32, u32, u32)>,
     ) -> Option<Mean> {
-        let normal = side.normal.to_array();
         let root = pages.root()?;
         let mut mean = Mean::default();
         stack.clear();
@@ -125,12 +125,11 @@ impl Patch {
                 let k = holding.trailing_zeros() as usize;
                 holding &= holding - 1;
                 if node.cross_section[k] < Self::WHOLE * self.area {
-                    let proxy = &nodes.proxies[node.first_proxy as usize + k];
-                    mean.add_node(proxy, normal);
+                    let proxy = node.first_proxy as usize + k;
+                    mean.add_node(nodes, proxy, side);
                     // What is below in another page is not worth loading that.
                     if self.has_quarters && node.kind[k] == ChildKind::Inner {
-                        let below = nodes.below(node.child[k]);
-                        mean.is_uneven |= is_uneven(proxy, below, normal);
+                        mean.is_uneven |= is_uneven(nodes, proxy, node.child[k], side);
                     }
                     continue;
                 }
@@ -215,12 +214,12 @@ impl Mean {
 
     /// A node that holds the middle of a patch.
     #[inline]
-    fn add_node(&mut self, node: &Proxy, normal: [f32; 3]) {
+    fn add_node(&mut self, nodes: &PageNodes, proxy: usize, side: &Side) {
         /// Of what stands across and of rounding in files, at most.
         const ACROSS: f32 = 0.1;
-        let (sent, area) = node.facing(normal);
-        self.add((sent, area));
-        self.is_known |= node.squared_cosine(normal) > ACROSS;
+        let normal = side.normal.to_array();
+        self.add(nodes.sent(proxy, normal, side.is_back));
+        self.is_known |= nodes.proxies[proxy].squared_cosine(normal) > ACROSS;
     }
 
     /// Disks that hold the middle of the patch, the more the nearer theirs is, but for those that something stands before.
@@ -273,22 +272,22 @@ impl Mean {
     }
 }
 
-/// Whether what the nodes below another send towards a direction differs from its mean by more than that, on average over their
+/// Whether what the nodes below another send towards where a side faces differs from its mean by more than that, on average over their
 /// area, as where less than half of it is lit.
-fn is_uneven(node: &Proxy, below: &[Proxy], towards: [f32; 3]) -> bool {
-    let (sent, area) = node.facing(towards);
-    let mean = Rgb(sent).mean();
-    let off = |p: &Proxy| {
-        let (sent, part) = p.facing(towards);
-        part / area * (Rgb(sent).mean() - mean).abs()
+fn is_uneven(nodes: &PageNodes, proxy: usize, below: u32, side: &Side) -> bool {
+    let sent = |p| nodes.sent(p, side.normal.to_array(), side.is_back);
+    let (radiance, area) = sent(proxy);
+    let mean = Rgb(radiance).mean();
+    let off = |p| {
+        let (radiance, part) = sent(p);
+        part / area * (Rgb(radiance).mean() - mean).abs()
     };
-    area > 0.0 && below.iter().map(off).sum::<f32>() > mean
+    area > 0.0 && nodes.below(below).map(off).sum::<f32>() > mean
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gather::page::PageNodes;
     use crate::math::Hit;
     use lvox_formats::record::{Below, Bounds, Node, SurfelAggregate};
 
@@ -331,6 +330,7 @@ mod tests {
         Side {
             corners,
             normal: Vec3::Z,
+            is_back: false,
             extent: Extent::new(corners, Some(0.0)),
             is_even: true,
             geometry: wall,
@@ -439,9 +439,9 @@ mod tests {
                 node(Below::Surfels { first: k, count: 1 }, 1.0, light)
             }));
             let page = PageNodes::new(&nodes);
-            let below = page.below(page.nodes[0].child[0]);
-            assert_eq!(below.len(), 8);
-            let found = is_uneven(&page.proxies[0], below, [0.0, 0.0, 1.0]);
+            let below = page.nodes[0].child[0];
+            assert_eq!(page.below(below).len(), 8);
+            let found = is_uneven(&page, 0, below, &floor(&Wall(0.0)));
             assert_eq!(found, expected, "{lit} of 8");
         }
         assert!(PageNodes::default().below(0).is_empty());

@@ -207,9 +207,14 @@ impl Ply {
         let len = a.normal_sum.iter().map(|n| n * n).sum::<f32>().sqrt();
         let normal = a.normal_sum.map(|n| if len > 0.0 { n / len } else { 0.0 });
         let radius = (a.area / std::f32::consts::PI).sqrt();
-        let lit: f32 = a.axis_area.iter().sum();
+        let is_lit = |d: usize| a.back_radiance[d] != [0.0; 3];
+        let back = |d: usize| if is_lit(d) { a.axis_area[d ^ 1] } else { 0.0 };
+        let lit: f32 = (0..6).map(|d| a.axis_area[d] + back(d)).sum();
         let radiance = std::array::from_fn(|c| {
-            let power: f32 = (0..6).map(|d| a.axis_area[d] * a.axis_radiance[d][c]).sum();
+            let power = |d: usize| {
+                a.axis_area[d] * a.axis_radiance[d][c] + back(d) * a.back_radiance[d][c]
+            };
+            let power: f32 = (0..6).map(power).sum();
             if lit > 0.0 { power / lit } else { 0.0 }
         });
         self.vertex(a.centre, normal, radius, radiance, 0.0)

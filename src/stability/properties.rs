@@ -197,7 +197,8 @@ fn aggregates(store: &TreeStore, rows: &mut Vec<Row>) -> Result<()> {
             let away = (0..3).any(|a| c[a] < low[a] - slack[a] || c[a] > high[a] + slack[a]);
             centres += usize::from(away);
             areas += usize::from((f64::from(node.aggregate.area) / below.area - 1.0).abs() > 2e-3);
-            let mean = node.aggregate.axis_radiance.iter().flatten();
+            let a = &node.aggregate;
+            let mean = (a.axis_radiance.iter().chain(&a.back_radiance)).flatten();
             let most = mean.fold(0.0_f32, |a, &b| a.max(b));
             bright += usize::from(most > below.brightest * 1.01 + f32::MIN_POSITIVE);
         }
@@ -249,7 +250,9 @@ impl Children {
         match node.below {
             Below::Nodes { first, count } => {
                 for n in &page.nodes[first as usize..first as usize + usize::from(count)] {
-                    let mut light = n.aggregate.axis_radiance.iter().flatten().copied();
+                    let a = &n.aggregate;
+                    let sides = a.axis_radiance.iter().chain(&a.back_radiance);
+                    let mut light = sides.flatten().copied();
                     add(n.bounds.min, n.bounds.max, n.aggregate.area, &mut light);
                 }
             }

@@ -1,6 +1,7 @@
 //! The columns of pages: names, widths, and how they are put together.
 
 use crate::bytes::{self, Cursor};
+use crate::frame::BlockKind;
 use crate::{FormatError, Result};
 
 /// Name of a column, bytes per row, and what a row belongs to.
@@ -26,7 +27,7 @@ const fn column(name: &'static str, width: usize, rows: Rows) -> Column {
 }
 
 /// By bit in the mask of a page of surfels.
-pub const SURFELS: [Column; 28] = [
+pub const SURFELS: [Column; 29] = [
     column("node_below", 1, Rows::Nodes),
     column("node_link", 4, Rows::Links),
     column("node_box", 12, Rows::Nodes),
@@ -55,6 +56,7 @@ pub const SURFELS: [Column; 28] = [
     column("back_f32", 12, Rows::Surfels),
     column("clip_count", 1, Rows::Surfels),
     column("clip_edge", 2, Rows::Edges),
+    column("back_axes", 1, Rows::Nodes),
 ];
 pub const BELOW: usize = 0;
 pub const LINK: usize = 1;
@@ -78,6 +80,7 @@ pub const FRONT: usize = 20;
 pub const BACK: usize = 23;
 pub const CLIP_COUNT: usize = 26;
 pub const CLIP_EDGE: usize = 27;
+pub const BACK_AXES: usize = 28;
 
 /// By bit in the mask of a page of lvoxels.
 pub const LVOXELS: [Column; 11] = [
@@ -104,8 +107,19 @@ pub const SOURCE_F32: usize = 7;
 pub const BLOCK_GAP: usize = 8;
 pub const SIGMA_T_STEP: usize = 9;
 pub const SOURCE_GREY_STEP: usize = 10;
-/// Columns that version 1 has not.
-pub const SINCE_VERSION_2: u32 = 1 << BLOCK_GAP | 1 << SIGMA_T_STEP | 1 << SOURCE_GREY_STEP;
+/// Columns of lvoxels that version 1 has not.
+const LVOXELS_SINCE_2: u32 = 1 << BLOCK_GAP | 1 << SIGMA_T_STEP | 1 << SOURCE_GREY_STEP;
+/// Columns of surfels that versions 1 and 2 have not.
+const SURFELS_SINCE_3: u32 = 1 << BACK_AXES;
+
+/// Columns of pages that a version has not.
+pub fn unknown_to(version: u32, kind: BlockKind) -> u32 {
+    match kind {
+        BlockKind::Lvoxels if version < 2 => LVOXELS_SINCE_2,
+        BlockKind::Surfels if version < 3 => SURFELS_SINCE_3,
+        _ => 0,
+    }
+}
 
 /// A page before compression: header, then the columns, each in byte planes.
 pub struct PageBuilder {

@@ -25,18 +25,24 @@ struct Header {
 
 /// Decodes page `id`. The page is valid: nodes and surfels below each node exist, parents come before their children,
 /// links go to pages before this one, and all numbers are finite.
-pub fn surfel_page(raw: &[u8], block: &Block, id: u32, overlap: f32) -> Result<SurfelPage> {
+pub fn surfel_page(
+    raw: &[u8],
+    block: &Block,
+    id: u32,
+    overlap: f32,
+    version: u32,
+) -> Result<SurfelPage> {
     let (header, columns) = open_page(raw, block)?;
     Ok(SurfelPage {
-        nodes: decode_nodes(&header, &columns, id)?,
+        nodes: decode_nodes(&header, &columns, id, version)?,
         surfels: decode_surfels(&header, &columns, overlap)?,
     })
 }
 
 /// Decodes the nodes of page `id` alone; they are as valid as those of the whole page.
-pub fn surfel_nodes(raw: &[u8], block: &Block, id: u32) -> Result<Vec<Node>> {
+pub fn surfel_nodes(raw: &[u8], block: &Block, id: u32, version: u32) -> Result<Vec<Node>> {
     let (header, columns) = open_page(raw, block)?;
-    decode_nodes(&header, &columns, id)
+    decode_nodes(&header, &columns, id, version)
 }
 
 /// Decodes the surfels of page `id`, leaf by leaf; they are as valid as those of the whole page.
@@ -96,7 +102,7 @@ fn read_header(cursor: &mut Cursor<'_>) -> Result<(Header, u32)> {
     let surfels = count("surfels", 0, MAX_PAGE_RECORDS)?;
     let links = count("links", 0, nodes)?;
     let edges = count("clip edges", 0, 3 * surfels)?;
-    let lit = count("lit axes", 0, 6 * nodes)?;
+    let lit = count("lit axes", 0, 12 * nodes)?;
     let mask = cursor.u32()?;
     let mut numbers = [0.0; 6];
     for v in &mut numbers {
@@ -153,7 +159,12 @@ fn spans(b: &Bounds) -> [Span; 3] {
     std::array::from_fn(|k| Span::new(b.min[k], b.max[k]))
 }
 
-fn decode_nodes(header: &Header, columns: &PageColumns<'_>, id: u32) -> Result<Vec<Node>> {
+fn decode_nodes(
+    header: &Header,
+    columns: &PageColumns<'_>,
+    id: u32,
+    version: u32,
+) -> Result<Vec<Node>> {
     let mut nodes = Vec::with_capacity(header.nodes);
     decode_order(header, columns, id, |below| {
         nodes.push(Node {
@@ -236,6 +247,9 @@ fn decode_nodes(header: &Header, columns: &PageColumns<'_>, id: u32) -> Result<V
         }
     }
     decode_light(header, columns, &mut nodes)?;
+    if version < BACKS_APART {
+        nodes.iter_mut().for_each(|n| share_sides(&mut n.aggregate));
+    }
     Ok(nodes)
 }
 
@@ -410,19 +424,41 @@ fn decode_edges(header: &Header, columns: &PageColumns<'_>, surfels: &mut [Surfe
     Ok(())
 }
 
-/// What nodes send along axes.
+/// What nodes send along axes: each node's fronts, and then its backs.
 fn decode_light(header: &Header, columns: &PageColumns<'_>, nodes: &mut [Node]) -> Result<()> {
     let mut lit = vec![[0.0; 3]; header.lit];
     radiance::decode(columns, col::AXIS_RADIANCE, header.axis, lit.iter_mut())?;
     let axis_area = columns.required(col::AXIS_AREA)?;
+    let backs = columns.get(col::BACK_AXES);
     let mut next = lit.into_iter();
     let mut used = 0;
     for (i, node) in nodes.iter_mut().enumerate() {
-        for k in 0..6 {
-            if axis_area.u16(i, k) > 0 {
+        let has_fronts: [bool; 6] = std::array::from_fn(|k| axis_area.u16(i, k) > 0);
+        let a = &mut node.aggregate;
+        for (radiance, _) in a.axis_radiance.iter_mut().zip(has_fronts).filter(|r| r.1) {
+            used += 1;
+            *radiance = next.next().unwrap_or_default();
+        }
+        let lit_backs = backs.map_or(0, |rows| rows.u8(i));
+        for (k, radiance) in a.back_radiance.iter_mut().enumerate() {
+            if lit_backs >> k & 1 == 1 {
+                if !has_fronts[k ^ 1] {
+                    return Err(FormatError::invalid(
+                        format!("backs of node {i}"),
+                        "fronts that face the other way",
+                        format!("axes {lit_backs:#04x}"),
+                    ));
+                }
                 used += 1;
-                node.aggregate.axis_radiance[k] = next.next().unwrap_or_default();
+                *radiance = next.next().unwrap_or_default();
             }
+        }
+        if lit_backs >> 6 != 0 {
+            return Err(FormatError::invalid(
+                format!("backs of node {i}"),
+                "six axes",
+                format!("{lit_backs:#04x}"),
+            ));
         }
     }
     if used != header.lit {
@@ -433,4 +469,12 @@ fn decode_light(header: &Header, columns: &PageColumns<'_>, nodes: &mut [Node]) 
         ));
     }
     Ok(())
+}
+
+/// The version from which on fronts and backs of nodes are apart.
+const BACKS_APART: u32 = 3;
+
+/// Before, what radiated towards an axis was one mean of fronts and of backs that are lit: it stands for both.
+fn share_sides(a: &mut SurfelAggregate) {
+    a.back_radiance = a.axis_radiance;
 }

@@ -38,8 +38,9 @@ pub struct EncodedPage {
 /// Bytes that a node takes in a page before compression, unless the page needs floats.
 #[must_use]
 pub fn node_bytes(aggregate: &SurfelAggregate) -> u32 {
-    let lit = aggregate.axis_area.iter().filter(|a| **a > 0.0).count() as u32;
-    1 + 12 + 4 + 6 + 6 + 12 + 12 + 4 * lit
+    let fronts = aggregate.axis_area.iter().filter(|a| **a > 0.0).count() as u32;
+    let backs = lit_backs(aggregate).count_ones();
+    1 + 12 + 4 + 6 + 6 + 12 + 12 + 4 * (fronts + backs) + u32::from(backs > 0)
 }
 
 /// Bytes that a surfel takes in a page before compression, unless the page needs floats.
@@ -47,6 +48,12 @@ pub fn node_bytes(aggregate: &SurfelAggregate) -> u32 {
 pub fn surfel_bytes(surfel: &Surfel) -> u32 {
     let back = if surfel.back == [0.0; 3] { 0 } else { 4 };
     6 + 4 + 2 + 4 + back + 1 + 2 * u32::from(surfel.clips.count)
+}
+
+/// A bit for each axis to which backs radiate.
+fn lit_backs(a: &SurfelAggregate) -> u8 {
+    let is_lit = |d: usize| a.axis_area[d ^ 1] > 0.0 && a.back_radiance[d] != [0.0; 3];
+    (0..6).fold(0, |bits, d| bits | u8::from(is_lit(d)) << d)
 }
 
 impl EncodedPage {
@@ -98,6 +105,14 @@ impl EncodedPage {
                 surfels.iter().map(|s| s.clips.count).collect(),
             );
             builder.push(col::CLIP_EDGE, shapes.edges.concat());
+        }
+        let backs: Vec<u8> = (page.nodes.iter())
+            .map(|n| lit_backs(&n.aggregate))
+            .collect();
+        if backs.iter().any(|bits| *bits != 0) {
+            builder.push(col::BACK_AXES, backs);
+        } else {
+            columns.leave_out(col::BACK_AXES, page.nodes.len() as u64);
         }
 
         let mask = builder.mask();
@@ -261,9 +276,9 @@ fn check_node(node: &Node, i: usize) -> Result<()> {
     if !a.axis_area.iter().all(|v| (0.0..=most).contains(v)) {
         return wrong("axis areas", "from 0 to the node's area", &a.axis_area);
     }
-    let radiance = a.axis_radiance.as_flattened();
+    let radiance = [a.axis_radiance, a.back_radiance].concat().concat();
     if !radiance.iter().all(|v| v.is_finite() && *v >= 0.0) {
-        return wrong("axis radiance", "numbers of at least 0", radiance);
+        return wrong("axis radiance", "numbers of at least 0", &radiance);
     }
     Ok(())
 }
@@ -439,6 +454,8 @@ fn push_aggregates(
                 lit.push(radiance);
             }
         }
+        let backs = lit_backs(a);
+        lit.extend((0..6).filter(|d| backs >> d & 1 == 1).map(|d| a.back_radiance[d]));
     }
     builder.push(col::NODE_AREA, area);
     let column = if place.spans.is_some() {
@@ -455,7 +472,7 @@ fn push_aggregates(
     for (given, decoded) in given.iter().zip(&lit) {
         errors.note_radiance(*given, *decoded);
     }
-    let dark = (6 * nodes.len() - lit.len()) as u64 * 4;
+    let dark = (12 * nodes.len() - lit.len()) as u64 * 4;
     columns.leave_out(col::AXIS_RADIANCE, written.saved + dark);
     Lit {
         count: lit.len(),

@@ -54,13 +54,10 @@ impl<D: AsRef<[u8]>> Tree<D> {
                     format!("{} and {} nodes", block.records, block.nodes),
                 ));
             }
-            if frame.version == 1
-                && block.kind == BlockKind::Lvoxels
-                && block.columns & columns::SINCE_VERSION_2 != 0
-            {
+            if block.columns & columns::unknown_to(frame.version, block.kind) != 0 {
                 return Err(FormatError::invalid(
                     format!("columns of block {i}"),
-                    "those of version 1",
+                    format!("those of version {}", frame.version),
                     format!("{:#x}", block.columns),
                 ));
             }
@@ -187,7 +184,8 @@ impl<D: AsRef<[u8]>> Tree<D> {
     /// [`FormatError::Checksum`] or [`FormatError::Invalid`] for damage, or for an `i` that does not exist.
     pub fn surfel_page(&self, i: usize) -> Result<SurfelPage> {
         self.page(&self.surfel_blocks, i, "surfel page", |raw, block| {
-            decode::surfel_page(raw, block, i as u32, self.meta.cloud.disk_overlap)
+            let overlap = self.meta.cloud.disk_overlap;
+            decode::surfel_page(raw, block, i as u32, overlap, self.version)
         })
     }
 
@@ -198,7 +196,7 @@ impl<D: AsRef<[u8]>> Tree<D> {
     /// As [`Self::surfel_page`].
     pub fn surfel_nodes(&self, i: usize) -> Result<Vec<Node>> {
         self.page(&self.surfel_blocks, i, "surfel page", |raw, block| {
-            decode::surfel_nodes(raw, block, i as u32)
+            decode::surfel_nodes(raw, block, i as u32, self.version)
         })
     }
 

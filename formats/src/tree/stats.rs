@@ -120,6 +120,7 @@ fn reason(column: &str) -> &'static str {
         "volume" => "one volume in a page",
         "clip_count" => "nothing is clipped",
         "axis_radiance" => "nothing radiates that way, or grey",
+        "back_axes" => "no back is lit",
         _ => "dark, or grey",
     }
 }
