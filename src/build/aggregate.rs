@@ -120,9 +120,7 @@ impl Sums {
             second_moment: self.outer.map(|m| m as f32),
             axis_area: self.axis_area.map(|a| a as f32),
             axis_radiance: std::array::from_fn(|d| mean(self.axis_power[d], self.axis_area[d])),
-            back_radiance: std::array::from_fn(|d| {
-                mean(self.back_power[d], self.axis_area[d ^ 1])
-            }),
+            back_radiance: std::array::from_fn(|d| mean(self.back_power[d], self.axis_area[d ^ 1])),
         }
     }
 }

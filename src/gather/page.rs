@@ -183,7 +183,8 @@ impl PageNodes {
             let node = out.group(nodes, &blocks, first, count);
             if has_backs {
                 let group = &nodes[first as usize..first as usize + usize::from(count)];
-                out.backs.extend(group.iter().map(|n| n.aggregate.back_radiance));
+                out.backs
+                    .extend(group.iter().map(|n| n.aggregate.back_radiance));
             }
             // The last comes off first.
             for slot in (0..usize::from(count)).rev() {

@@ -126,12 +126,27 @@ impl Patch {
                 holding &= holding - 1;
                 if node.cross_section[k] < Self::WHOLE * self.area {
                     let proxy = node.first_proxy as usize + k;
-                    mean.add_node(nodes, proxy, side);
-                    // What is below in another page is not worth loading that.
-                    if self.has_quarters && node.kind[k] == ChildKind::Inner {
-                        mean.is_uneven |= is_uneven(nodes, proxy, node.child[k], side);
+                    let misleads = match node.kind[k] {
+                        _ if !self.has_quarters => false,
+                        ChildKind::Inner => {
+                            self.misleads((nodes, proxy), (nodes, node.child[k]), side)
+                        }
+                        // Where nearly all surfels face one way, few others drown those of the patch: not worth loading a page.
+                        ChildKind::Page if !nodes.proxies[proxy].is_flat() => {
+                            let below = pages.page(node.child[k]);
+                            self.misleads((nodes, proxy), (below.nodes(), 0), side)
+                        }
+                        _ => false,
+                    };
+                    mean.is_uneven |= misleads;
+                    if !misleads {
+                        mean.add_node(nodes, proxy, side);
+                        // What is below in another page is not worth loading that.
+                        if self.has_quarters && node.kind[k] == ChildKind::Inner {
+                            mean.is_uneven |= is_uneven(nodes, proxy, node.child[k], side);
+                        }
+                        continue;
                     }
-                    continue;
                 }
                 match node.kind[k] {
                     ChildKind::Leaf => {
@@ -147,6 +162,29 @@ impl Patch {
             }
         }
         Some(mean)
+    }
+
+    /// Whether a node says something else than those right below it that hold the middle: light of the inside of a shell, that is, which
+    /// faces as the outside across does.
+    fn misleads(
+        &self,
+        (nodes, proxy): (&PageNodes, usize),
+        (others, below): (&PageNodes, u32),
+        side: &Side,
+    ) -> bool {
+        /// Of what the node sends.
+        const MUCH: f32 = 0.5;
+        let Some(node) = others.nodes.get(below as usize) else {
+            return false;
+        };
+        let mut mean = Mean::default();
+        let holding = self.within(node);
+        for k in (0..WIDTH).filter(|k| holding >> k & 1 == 1) {
+            mean.add_node(others, node.first_proxy as usize + k, side);
+        }
+        let (sent, _) = nodes.sent(proxy, side.normal.to_array(), side.is_back);
+        let [of_node, nearer] = [sent, mean.sent].map(|c| Rgb(c).mean());
+        holding != 0 && (nearer - of_node).abs() > MUCH * of_node
     }
 
     /// A bit for each child whose box holds the middle.

@@ -211,9 +211,8 @@ impl Ply {
         let back = |d: usize| if is_lit(d) { a.axis_area[d ^ 1] } else { 0.0 };
         let lit: f32 = (0..6).map(|d| a.axis_area[d] + back(d)).sum();
         let radiance = std::array::from_fn(|c| {
-            let power = |d: usize| {
-                a.axis_area[d] * a.axis_radiance[d][c] + back(d) * a.back_radiance[d][c]
-            };
+            let power =
+                |d: usize| a.axis_area[d] * a.axis_radiance[d][c] + back(d) * a.back_radiance[d][c];
             let power: f32 = (0..6).map(power).sum();
             if lit > 0.0 { power / lit } else { 0.0 }
         });

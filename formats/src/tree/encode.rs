@@ -455,7 +455,11 @@ fn push_aggregates(
             }
         }
         let backs = lit_backs(a);
-        lit.extend((0..6).filter(|d| backs >> d & 1 == 1).map(|d| a.back_radiance[d]));
+        lit.extend(
+            (0..6)
+                .filter(|d| backs >> d & 1 == 1)
+                .map(|d| a.back_radiance[d]),
+        );
     }
     builder.push(col::NODE_AREA, area);
     let column = if place.spans.is_some() {
