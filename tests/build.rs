@@ -223,29 +223,25 @@ fn check_node(node: &Node, below: &[Surfel], scale: f32) {
         let normal = sum(&|s| f64::from(s.normal[k]));
         assert!((normal - f64::from(a.normal_sum[k])).abs() <= tolerance);
         for (side, sign) in [1.0, -1.0].into_iter().enumerate() {
-            let front = |s: &Surfel| (sign * f64::from(s.normal[k])).max(0.0);
-            let back = |s: &Surfel| {
-                let is_lit = s.back != [0.0; 3];
-                if is_lit {
-                    (-sign * f64::from(s.normal[k])).max(0.0)
-                } else {
-                    0.0
-                }
-            };
-            let expected = sum(&|s| front(s) + back(s));
-            let found = f64::from(a.axis_area[2 * k + side]);
-            assert!((expected - found).abs() <= tolerance);
-            if expected < 0.01 * area {
-                continue;
-            }
-            for c in 0..3 {
-                let light =
-                    |s: &Surfel| front(s) * f64::from(s.front[c]) + back(s) * f64::from(s.back[c]);
-                let mean = sum(&light) / expected;
-                let found = f64::from(a.axis_radiance[2 * k + side][c]);
-                // Aggregates are rounded by up to 2^-9 of their largest channel, which is below 512.
-                assert!((mean - found).abs() <= 1.1, "{mean} {found}");
-            }
+            // Towards an axis, the fronts that face it and the backs of those that face away.
+            let facing = |s: &Surfel, sign: f64| (sign * f64::from(s.normal[k])).max(0.0);
+            let check_side =
+                |sign: f64, seen: usize, sent: [f32; 3], light: fn(&Surfel) -> [f32; 3]| {
+                    let expected = sum(&|s| facing(s, sign));
+                    let found = f64::from(a.axis_area[seen]);
+                    assert!((expected - found).abs() <= tolerance);
+                    if expected < 0.01 * area {
+                        return;
+                    }
+                    for (c, found) in sent.into_iter().enumerate() {
+                        let mean = sum(&|s| facing(s, sign) * f64::from(light(s)[c])) / expected;
+                        // Aggregates are rounded by up to 2^-9 of their largest channel, which is below 512.
+                        assert!((mean - f64::from(found)).abs() <= 1.1, "{mean} {found}");
+                    }
+                };
+            let d = 2 * k + side;
+            check_side(sign, d, a.axis_radiance[d], |s| s.front);
+            check_side(-sign, d ^ 1, a.back_radiance[d], |s| s.back);
         }
     }
     let pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];

@@ -344,6 +344,11 @@ fn check_tree(path: &std::path::Path, given: &[SurfelPage], style: Style) {
                     b.axis_radiance[k],
                     1.0 / 512.0
                 ));
+                assert!(colours_close(
+                    a.back_radiance[k],
+                    b.back_radiance[k],
+                    1.0 / 512.0
+                ));
             }
         }
     }

@@ -13,7 +13,7 @@ pub use crate::math::Hit;
 pub use cells::{Cells, RayInVolume};
 pub use pieces::Pieces;
 pub use stepped::SteppedVolume;
-pub use surface::{Surface, offset, short_of, unit_normal};
+pub use surface::{Surface, offset, short_of, unit_normal, weights_in_triangle};
 pub use triangles::TriangleBvh;
 
 use crate::Result;

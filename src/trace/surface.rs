@@ -47,34 +47,38 @@ impl Surface {
             }
         }
         let material = mesh.material[triangle as usize];
-        let surface = &scene.materials[material as usize];
-        let mut albedo = Rgb(surface.albedo);
-        if let Some(t) = surface.texture
-            && !mesh.uvs.is_empty()
-        {
-            let uv = index
-                .iter()
-                .zip(weight)
-                .map(|(&i, w)| mesh.uvs[i] * w)
-                .sum();
-            albedo = albedo * Rgb(scene.textures[t as usize].sample(uv));
-        }
-        if !mesh.colors.is_empty() {
-            albedo = albedo
-                * index
-                    .iter()
-                    .zip(weight)
-                    .map(|(&i, w)| Rgb(mesh.colors[i]) * w)
-                    .fold(Rgb::BLACK, |s, c| s + c);
-        }
         Self {
             position,
             face_normal,
             normal,
-            albedo,
+            albedo: Self::albedo_at(scene, triangle, uv),
             material,
             is_back: false,
         }
+    }
+
+    /// Its albedo alone.
+    #[must_use]
+    pub fn albedo_at(scene: &Scene, triangle: u32, uv: [f32; 2]) -> Rgb {
+        let mesh = &scene.mesh;
+        let material = &scene.materials[mesh.material[triangle as usize] as usize];
+        let mut albedo = Rgb(material.albedo);
+        let texture = material.texture.filter(|_| !mesh.uvs.is_empty());
+        if texture.is_none() && mesh.colors.is_empty() {
+            return albedo;
+        }
+        let index = mesh.triangles[triangle as usize].map(|i| i as usize);
+        let weight = [1.0 - uv[0] - uv[1], uv[0], uv[1]];
+        let corners = index.into_iter().zip(weight);
+        if let Some(t) = texture {
+            let uv = corners.clone().map(|(i, w)| mesh.uvs[i] * w).sum();
+            albedo = albedo * Rgb(scene.textures[t as usize].sample(uv));
+        }
+        if !mesh.colors.is_empty() {
+            let mix = |s, (i, w): (usize, f32)| s + Rgb(mesh.colors[i]) * w;
+            albedo = albedo * corners.fold(Rgb::BLACK, mix);
+        }
+        albedo
     }
 
     /// Emitted radiance on the side that `towards` points to.
@@ -123,6 +127,23 @@ pub fn short_of(target: Vec3, distance: f32) -> f32 {
     distance * (1.0 - 1e-4) - offset(target)
 }
 
+/// Weights of the second and third corner of a triangle at a point of its plane; those of its first corner if it has no area.
+#[must_use]
+pub fn weights_in_triangle([a, b, c]: [Vec3; 3], point: Vec3) -> [f32; 2] {
+    // Products of the edges of a triangle of 1e-20 units would underflow.
+    let (e, f) = (b - a, c - a);
+    let scale = 1.0 / e.abs().max(f.abs()).max_element();
+    let [e, f, p] = [e, f, point - a].map(|v| v * scale);
+    let (ee, ef, ff) = (e.dot(e), e.dot(f), f.dot(f));
+    let (pe, pf) = (p.dot(e), p.dot(f));
+    let area2 = ee * ff - ef * ef;
+    if area2 > 0.0 {
+        [(ff * pe - ef * pf) / area2, (ee * pf - ef * pe) / area2]
+    } else {
+        [0.0; 2]
+    }
+}
+
 /// Unit normal of a triangle that is not degenerate, whatever its size.
 #[must_use]
 pub fn unit_normal([a, b, c]: [Vec3; 3]) -> Vec3 {
@@ -137,6 +158,22 @@ mod tests {
     use super::*;
     use crate::math::sampling::{hash, triangle, unit};
     use crate::scene::Material;
+
+    #[test]
+    fn weights_tell_where_a_point_is() {
+        for scale in [1e-20_f32, 1.0, 1e15] {
+            let corners = [[1.0, 2.0, 0.5], [3.0, -1.0, 0.0], [0.0, 2.5, 4.0]];
+            let corners = corners.map(|c| Vec3::from(c) * scale);
+            let [a, b, c] = corners;
+            for [u, v] in [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.3, 0.2], [-0.1, 0.7]] {
+                let point = a + (b - a) * u + (c - a) * v;
+                let [found_u, found_v] = weights_in_triangle(corners, point);
+                assert!((found_u - u).abs() < 1e-5 && (found_v - v).abs() < 1e-5);
+            }
+            assert_eq!(weights_in_triangle([a, b, b], b), [0.0; 2]);
+        }
+        assert_eq!(weights_in_triangle([Vec3::ONE; 3], Vec3::X), [0.0; 2]);
+    }
 
     /// A tilted triangle that is a million times larger than what is looked at near its middle.
     #[test]

@@ -1,6 +1,7 @@
 //! Pages made by a hostile hand: the checksum and the compression are right, the bytes are not.
 
 use super::{decode, lvoxels, stats};
+use crate::VERSION;
 use crate::frame::{Block, BlockKind};
 use crate::record::{
     Below, Bounds, ClipEdge, Clips, Lvoxel, Node, Surfel, SurfelAggregate, SurfelPage,
@@ -45,6 +46,7 @@ fn page() -> SurfelPage {
             second_moment: [1.0; 6],
             axis_area: [0.0, 1.0, 0.0, 2.0, 0.0, 0.5],
             axis_radiance: [[0.5, 1.0, 2.0]; 6],
+            back_radiance: std::array::from_fn(|k| [[0.0; 3], [2.0, 1.0, 0.5]][k / 2 % 2]),
         },
     };
     let leaf = |first, count| node(Below::Surfels { first, count });
@@ -120,6 +122,7 @@ fn is_finite(page: &SurfelPage) -> bool {
         finite(&[n.bounds.min, n.bounds.max, a.centre, a.normal_sum].concat())
             && finite(&[a.second_moment, a.axis_area].concat())
             && finite(a.axis_radiance.as_flattened())
+            && finite(a.back_radiance.as_flattened())
             && a.area.is_finite()
     }) && page
         .surfels
@@ -131,7 +134,7 @@ fn is_finite(page: &SurfelPage) -> bool {
 fn an_honest_page_is_read() {
     let raw = raw_page();
     let block = block(20, 6, number(&raw, 20));
-    let decoded = decode::surfel_page(&raw, &block, ID, 0.0).unwrap();
+    let decoded = decode::surfel_page(&raw, &block, ID, 0.0, VERSION).unwrap();
     assert!(is_safe_to_walk(&decoded) && is_finite(&decoded));
     for (a, b) in page().nodes.iter().zip(&decoded.nodes) {
         assert_eq!(a.below, b.below);
@@ -152,7 +155,7 @@ proptest! {
         }
         if raw.len() >= 24 {
             let block = block(number(&raw, 4), number(&raw, 0), number(&raw, 20));
-            if let Ok(page) = decode::surfel_page(&raw, &block, ID, 1.0) {
+            if let Ok(page) = decode::surfel_page(&raw, &block, ID, 1.0, VERSION) {
                 prop_assert!(is_safe_to_walk(&page) && is_finite(&page));
             }
         }

@@ -179,7 +179,7 @@ pub fn page(random: &mut Random, surfels: &[Surfel], links: &[(u32, Bounds)]) ->
         let bounds = bounds(&tree);
         let area = random.unit() * 10.0;
         let signed = |random: &mut Random| area * (random.unit() * 2.0 - 1.0);
-        let aggregate = SurfelAggregate {
+        let mut aggregate = SurfelAggregate {
             area,
             centre: std::array::from_fn(|k| {
                 bounds.min[k] + random.unit() * (bounds.max[k] - bounds.min[k])
@@ -196,7 +196,12 @@ pub fn page(random: &mut Random, surfels: &[Surfel], links: &[(u32, Bounds)]) ->
             axis_radiance: std::array::from_fn(|k| {
                 std::array::from_fn(|_| if k % 2 == 0 { random.unit() } else { 0.0 })
             }),
+            back_radiance: [[0.0; 3]; 6],
         };
+        // Backs face away from fronts.
+        for k in [1, 5] {
+            aggregate.back_radiance[k] = aggregate.axis_radiance[k - 1].map(|v| 0.5 * v);
+        }
         let below = match tree {
             Tree::Surfels(s) => {
                 let first = page.surfels.len() as u32;

@@ -3,6 +3,7 @@
 mod blocks;
 mod corners;
 mod emitter_borders;
+mod paint;
 mod pattern;
 mod piece;
 mod pixel;

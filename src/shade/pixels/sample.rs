@@ -1,6 +1,7 @@
 //! Samples of a pixel.
 
 use crate::light::Direct;
+use crate::math::Rgb;
 use crate::shade::air::Passed;
 use crate::trace::Surface;
 use glam::Vec3;
@@ -26,6 +27,14 @@ impl<T: Passed> Sample<T> {
     /// The surface, if light on it is seen.
     pub fn lit_surface(&self) -> Option<&Surface> {
         self.surface.as_ref().filter(|s| !s.albedo.is_black())
+    }
+
+    /// The same on a surface of another albedo.
+    pub fn with_albedo(mut self, albedo: Rgb) -> Self {
+        if let Some(surface) = &mut self.surface {
+            surface.albedo = albedo;
+        }
+        self
     }
 
     /// Where a ray between some others would end, if all of those end on one smooth triangle of one albedo; light and media not
@@ -83,7 +92,6 @@ pub struct SampleCounts {
 mod tests {
     use super::*;
     use crate::light::Vacuum;
-    use crate::math::Rgb;
     use crate::scene::{Material, Scene};
 
     /// A sample at a point of one of two triangles of a square.

@@ -81,7 +81,7 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
     }
 
     /// Key of a pixel's random choices.
-    fn key(&self, x: u32, y: u32) -> u64 {
+    pub fn key(&self, x: u32, y: u32) -> u64 {
         sampling::hash(&[self.view.seed, u64::from(x), u64::from(y)])
     }
 

@@ -237,11 +237,19 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         let Lit::Arrived(rays) = self.lit(first, &own[0].sample, at) else {
             return None;
         };
+        let [x, y] = pixel.at();
+        let paint = self.shader.paint(x, y, own.map(|c| &c.sample));
         for (c, passed) in own.into_iter().zip(&passed) {
             let direct = c.sample.direct.sharp + rays.of(c.sample.direct.open);
             let irradiance = [direct, c.irradiance];
-            self.shader
-                .add_surface(&mut pixel, 1.0, &c.sample, passed, irradiance);
+            let mut add = |sample| {
+                self.shader
+                    .add_surface(&mut pixel, 1.0, sample, passed, irradiance);
+            };
+            match paint {
+                Some(albedo) => add(&c.sample.with_albedo(albedo)),
+                None => add(&c.sample),
+            }
         }
         Some(self.shader.finish(pixel))
     }

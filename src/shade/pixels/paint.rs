@@ -1,0 +1,81 @@
+//! What surfaces are painted with, over a pixel: textures change within it, light on one piece of surface hardly does.
+
+use super::pattern::Pattern;
+use super::sample::Sample;
+use super::shader::PixelShader;
+use crate::gather::{Medium, Pages};
+use crate::math::Rgb;
+use crate::shade::air::Air;
+use crate::trace::{Surface, weights_in_triangle};
+use glam::Vec3;
+
+impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
+    /// Mean albedo of pixel (x, y), whose corners (upper left, upper right, lower left, lower right) are on one piece of surface;
+    /// `None` where those corners tell it. As many points inside are looked at as edges take samples, without their light.
+    pub fn paint(&self, x: u32, y: u32, corners: [&Sample<A::Passed>; 4]) -> Option<Rgb> {
+        let scene = self.view.tracer.scene;
+        if scene.textures.is_empty() && scene.mesh.colors.is_empty() {
+            return None;
+        }
+        let surfaces = corners.map(|c| c.surface.as_ref());
+        let like = surfaces[0]?;
+        let albedos = surfaces.map(|s| s.map_or(like.albedo, |s| s.albedo));
+        let has_texture = scene.materials[like.material as usize].texture.is_some();
+        if !has_texture && albedos.iter().all(|a| *a == albedos[0]) {
+            return None;
+        }
+        let pattern = Pattern::new(self.counts.edge, self.key(x, y));
+        let at = |[u, v]: [f32; 2]| self.albedo_within([x, y], [u, v], corners);
+        let middle = at([0.5; 2]).unwrap_or(like.albedo);
+        if is_even(albedos.into_iter().chain([middle])) {
+            return None;
+        }
+        let corner = pattern.corner_weight();
+        let sum = albedos.into_iter().fold(Rgb::BLACK, |s, a| s + a);
+        let (mut sum, mut weight) = (sum * corner, 4.0 * corner);
+        for i in 0..self.counts.edge {
+            if let Some(albedo) = at(pattern.point(i)) {
+                sum += albedo;
+                weight += 1.0;
+            }
+        }
+        (weight > 0.0).then(|| sum * (1.0 / weight))
+    }
+
+    /// Albedo at a point of a pixel's square; `None` where its piece of surface is not there.
+    fn albedo_within(
+        &self,
+        [x, y]: [u32; 2],
+        [u, v]: [f32; 2],
+        corners: [&Sample<A::Passed>; 4],
+    ) -> Option<Rgb> {
+        let scene = self.view.tracer.scene;
+        let [first, ..] = corners;
+        let triangle = first.triangle;
+        if corners[1..].iter().any(|c| c.triangle != triangle) {
+            // Between the triangles of a finely divided mesh only rays tell.
+            let sample = self.look(x as f32 + u, y as f32 + v);
+            let surface = sample.surface.filter(|_| self.same_end(first, &sample))?;
+            return Some(surface.albedo);
+        }
+        let of = |corner: &Sample<A::Passed>| corner.surface.map_or(Vec3::ZERO, |s| s.position);
+        let [a, b, c, d] = corners.map(of);
+        let point = a.lerp(b, u).lerp(c.lerp(d, u), v);
+        let weights = weights_in_triangle(scene.mesh.corners(triangle as usize), point);
+        Some(Surface::albedo_at(scene, triangle, weights))
+    }
+}
+
+/// Whether albedos differ so little that the mean of any is that of all.
+fn is_even(albedos: impl Iterator<Item = Rgb>) -> bool {
+    /// Of the largest.
+    const LITTLE: f32 = 1.0 / 32.0;
+    let (mut least, mut most) = ([f32::INFINITY; 3], [0.0_f32; 3]);
+    for Rgb(albedo) in albedos {
+        for c in 0..3 {
+            least[c] = least[c].min(albedo[c]);
+            most[c] = most[c].max(albedo[c]);
+        }
+    }
+    (0..3).all(|c| most[c] - least[c] <= LITTLE * most[c])
+}
