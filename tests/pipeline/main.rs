@@ -21,6 +21,7 @@ mod settings;
 mod shadows;
 #[path = "../support/mod.rs"]
 mod support;
+mod textures;
 mod views;
 
 use lvox::gather::TreeStore;
