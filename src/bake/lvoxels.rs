@@ -152,8 +152,8 @@ impl LvoxelMaker<'_> {
                     _ => None,
                 };
                 let over = || match self.size {
-                    BlockSize::OpticalDepth(_) if level > 0 => self.light_over(block, edge, seed),
-                    _ => None,
+                    BlockSize::OpticalDepth(_) => self.light_over(block, edge, seed),
+                    BlockSize::Fixed { .. } => None,
                 };
                 let light = seen.or_else(over);
                 let light = light.unwrap_or_else(|| self.light_at(centroid, 0, [1, 4], seed));
@@ -185,19 +185,41 @@ impl LvoxelMaker<'_> {
             + self.lights.environment_mean_radiance(point, all_round)
     }
 
-    /// Mean in-scattered light of a block of several voxels: of four points, of which each two differ along two axes, by the
-    /// extinction there. One would tell of a whole block that it is in a shaft of light, or beside it. `None` without extinction
-    /// at any.
+    /// Mean in-scattered light of a block at several points, by the extinction there. One would tell of a whole block that it is in a
+    /// shaft of light, or beside it. `None` where one is enough, and without extinction at any.
     fn light_over(&self, block: [usize; 3], edge: usize, seed: u64) -> Option<Rgb> {
-        const POINTS: [[f64; 3]; 4] = [
-            [0.0, 0.0, 0.0],
-            [0.0, 1.0, 1.0],
-            [1.0, 0.0, 1.0],
-            [1.0, 1.0, 0.0],
+        /// Points in a volume whose voxels are so few that each is as wide as shafts of light are.
+        const IN_ALL: usize = 1 << 16;
+        const MOST_IN_VOXEL: usize = 64;
+        const MOST: usize = 512;
+        /// Of which each two differ along two axes.
+        const FOUR: [[f64; 3]; 4] = [
+            [0.25, 0.25, 0.25],
+            [0.25, 0.75, 0.75],
+            [0.75, 0.25, 0.75],
+            [0.75, 0.75, 0.25],
         ];
+        let voxels = self.volume.sigma_t.dims().iter().product::<usize>();
+        let in_voxel = if self.lights.any_is_sharp() {
+            (IN_ALL / voxels).min(MOST_IN_VOXEL)
+        } else {
+            1
+        };
+        let count = match (in_voxel, edge) {
+            (0 | 1, 1) => return None,
+            (0 | 1, _) => FOUR.len(),
+            _ => (in_voxel * edge.pow(3)).clamp(FOUR.len(), MOST),
+        };
+        let place = |i: u32| match FOUR.get(i as usize) {
+            Some(&place) if count == FOUR.len() => place,
+            _ => {
+                let [x, y, z, _] = sobol_burley::sample_4d(i, 1, seed as u32);
+                [x, y, z].map(f64::from)
+            }
+        };
         let (mut sum, mut weights) = (Rgb::BLACK, 0.0);
-        for (point, i) in POINTS.into_iter().zip(0..) {
-            let local = 0.25 + 0.5 * DVec3::from(point);
+        for i in 0..count as u32 {
+            let local = DVec3::from(place(i));
             let at = (DVec3::from(block.map(|v| v as f64)) + local) * edge as f64;
             let sigma_t = self.volume.sigma_t.sample(at.as_vec3());
             if sigma_t > 0.0 {

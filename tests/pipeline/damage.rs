@@ -37,7 +37,7 @@ fn damaged(good: &[u8], blocks: &[(String, usize)]) -> Vec<(String, Vec<u8>, &'s
     change("text transfer", "not an lvox file", &|b| {
         b.remove(4);
     });
-    change("newer", "version 3", &|b| b[12] = 3);
+    change("newer", "version 4", &|b| b[12] = 4);
     change("empty", "not an lvox file", &|b| b.clear());
     for part in [10, 60, 104, good.len() / 2, good.len() - 1] {
         change("truncated", "expected a file of", &|b| b.truncate(part));

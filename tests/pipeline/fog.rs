@@ -57,6 +57,21 @@ fn shafts_of_light_do_not_depend_on_voxels() {
     assert!(difference < 0.25, "{difference}");
 }
 
+/// The beam of a spot passes over a floor, which fog alone lights. With voxels three times as large as the beam is wide at its
+/// narrowest the floor has as much light as with small ones, 3 % less; it was 18 % where each voxel had the light of its middle.
+#[test]
+fn beams_light_what_is_around_them_whatever_voxels_are() {
+    let mut text = String::from(
+        "[film]\nwidth = 48\nheight = 36\n[[camera]]\nposition = [0, 1, 3]\ntarget = [0, 0, 0]\nfov_x_deg = 45\n\
+         [[light]]\ntype = \"spot\"\nposition = [-2, 0.44, 0.2]\ndirection = [1, 0, 0]\nintensity = [9, 9, 9]\n\
+         inner_deg = 3\nouter_deg = 5\n",
+    );
+    text += &quad([3.0, 1.0, 2.0], [0; 3], [0.0; 3]);
+    let fog = [DVec3::new(-1.6, -0.12, -1.0), DVec3::new(1.6, 1.0, 1.0)];
+    let [coarse, fine] = [[8, 4, 5], [64, 32, 40]].map(|dims| mean(&seen(&text, None, dims, fog)));
+    assert!((coarse / fine - 1.0).abs() < 0.1, "{coarse} {fine}");
+}
+
 /// Two closed rooms with a sheet between them, and a light in one of them.
 #[test]
 fn walls_keep_light_of_fog_out_of_a_dark_room() {

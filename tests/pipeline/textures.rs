@@ -68,7 +68,6 @@ fn textures_are_averaged_over_pixels() {
             beauty(&shade(&scene, &tree, &settings))
         });
         let difference = relative_rms(&shared, &own);
-        eprintln!("{parts}: {difference}");
         assert!(difference < 0.03, "{parts}: {difference}");
     }
 }
