@@ -67,6 +67,7 @@ fn compare(version: u32, lvoxel_pages: usize) {
             }
         }
         assert_eq!(kept.surfel_page(i).unwrap(), fresh);
+        assert!(kept.has_backs(i));
     }
     assert_eq!(kept.lvoxel_pages(), lvoxel_pages);
     for i in 0..lvoxel_pages {

@@ -130,7 +130,7 @@ pub struct PageLeaves {
 
 /// Bytes that the nodes and the leaves of a page take at most, of so many nodes and surfels.
 #[must_use]
-pub fn most_bytes(nodes: u64, surfels: u64, has_clips: bool) -> u64 {
+pub fn most_bytes(nodes: u64, surfels: u64, has_clips: bool, has_backs: bool) -> u64 {
     // What is below each node is either a group of nodes or a block of disks; a root that is a leaf is a group, too.
     let below = size_of::<WideNode>().max(size_of::<DiskBlock>());
     let clips = if has_clips {
@@ -138,7 +138,12 @@ pub fn most_bytes(nodes: u64, surfels: u64, has_clips: bool) -> u64 {
     } else {
         0
     };
-    let node = (size_of::<Proxy>() + size_of::<[[f32; 3]; 6]>() + below) as u64;
+    let backs = if has_backs {
+        size_of::<[[f32; 3]; 6]>()
+    } else {
+        0
+    };
+    let node = (size_of::<Proxy>() + backs + below) as u64;
     let surfel = (size_of::<DiskLight>() + clips) as u64;
     let of_nodes = nodes.saturating_mul(node);
     let of_surfels = surfels.saturating_mul(surfel);

@@ -410,8 +410,8 @@ impl TreeStore {
         let most = || {
             let blocks = tree.surfel_blocks().iter().enumerate();
             blocks.map(|(i, b)| {
-                let has_clips = tree.has_clips(i);
-                page::most_bytes(u64::from(b.nodes), u64::from(b.records), has_clips)
+                let (clips, backs) = (tree.has_clips(i), tree.has_backs(i));
+                page::most_bytes(u64::from(b.nodes), u64::from(b.records), clips, backs)
             })
         };
         let entry = size_of::<KeptEntry>() as u64;

@@ -472,7 +472,7 @@ fn decode_light(header: &Header, columns: &PageColumns<'_>, nodes: &mut [Node]) 
 }
 
 /// The version from which on fronts and backs of nodes are apart.
-const BACKS_APART: u32 = 3;
+pub const BACKS_APART: u32 = 3;
 
 /// Before, what radiated towards an axis was one mean of fronts and of backs that are lit: it stands for both.
 fn share_sides(a: &mut SurfelAggregate) {

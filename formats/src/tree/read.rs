@@ -167,6 +167,13 @@ impl<D: AsRef<[u8]>> Tree<D> {
         block.is_some_and(|b| b.columns >> columns::CLIP_COUNT & 1 == 1)
     }
 
+    /// Whether backs of any node of page `i` send light. Files of versions before 3 do not tell.
+    pub fn has_backs(&self, i: usize) -> bool {
+        let block = self.surfel_blocks.get(i);
+        let is_lit = |b: &Block| b.columns >> columns::BACK_AXES & 1 == 1;
+        block.is_some_and(|b| self.version < decode::BACKS_APART || is_lit(b))
+    }
+
     /// Number of pages of surfels.
     pub fn surfel_pages(&self) -> usize {
         self.surfel_blocks.len()
