@@ -6,6 +6,7 @@ its reference then (../../references/make.sh)."""
 import math
 import os
 import struct
+import zlib
 from math import cos, pi, sin, sqrt
 
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -362,5 +363,33 @@ def outdoor():
     write_raw("cloud.raw", 40, 20, 40, cloud)
 
 
-for scene in (curved, lights100, volumes, thin, outdoor):
+def lampshade():
+    # Radius at the foot and at the top, 0.35 above it.
+    def ring(u, radius, y):
+        return (radius * sin(2 * pi * u), y, radius * cos(2 * pi * u))
+
+    vertices, _, faces = grid(lambda u, v: ring(u, 0.18 - 0.06 * v, 0.35 * v), 48, 1, normals=False)
+    write_ply("shade_sheet.ply", vertices, None, faces)
+    # Up the outside, over the rim, down the inside and back to the foot: a wall of 6 mm.
+    profile = [(0.18, 0.0), (0.12, 0.35), (0.114, 0.35), (0.174, 0.0), (0.18, 0.0)]
+    vertices, _, faces = grid(lambda u, v: ring(u, *profile[round(4 * v)]), 48, 4, normals=False)
+    write_ply("shade_wall.ply", vertices, None, faces)
+
+
+def tiles():
+    def write_png(name, side, texel):
+        rows = b"".join(b"\0" + bytes(c for x in range(side) for c in texel(x, y)) for y in range(side))
+
+        def chunk(kind, body):
+            return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+        with open(path(name), "wb") as png:
+            png.write(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">2I5B", side, side, 8, 2, 0, 0, 0))
+                      + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
+
+    write_png("tiles.png", 128, lambda x, y: ((230, 60, 40), (30, 60, 210))[(x // 4 + y // 4) % 2])
+    write_png("grain.png", 64, lambda x, y: [int(40 + 200 * noise(x + 0.5, y + 0.5, c, 31)) for c in range(3)])
+
+
+for scene in (curved, lights100, volumes, thin, outdoor, lampshade, tiles):
     scene()
