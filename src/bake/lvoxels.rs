@@ -191,8 +191,7 @@ impl LvoxelMaker<'_> {
         /// Points in a volume whose voxels are so few that each is as wide as shafts of light are.
         const IN_ALL: usize = 1 << 16;
         const MOST_IN_VOXEL: usize = 64;
-        const MOST: usize = 512;
-        /// Of which each two differ along two axes.
+        /// In a block of several voxels, of which each two differ along two axes.
         const FOUR: [[f64; 3]; 4] = [
             [0.25, 0.25, 0.25],
             [0.25, 0.75, 0.75],
@@ -200,18 +199,16 @@ impl LvoxelMaker<'_> {
             [0.75, 0.75, 0.25],
         ];
         let voxels = self.volume.sigma_t.dims().iter().product::<usize>();
-        let in_voxel = if self.lights.any_is_sharp() {
-            (IN_ALL / voxels).min(MOST_IN_VOXEL)
-        } else {
-            1
+        let count = match edge {
+            1 if self.lights.any_is_sharp() => (IN_ALL / voxels).min(MOST_IN_VOXEL),
+            1 => 1,
+            _ => FOUR.len(),
         };
-        let count = match (in_voxel, edge) {
-            (0 | 1, 1) => return None,
-            (0 | 1, _) => FOUR.len(),
-            _ => (in_voxel * edge.pow(3)).clamp(FOUR.len(), MOST),
-        };
+        if count <= 1 {
+            return None;
+        }
         let place = |i: u32| match FOUR.get(i as usize) {
-            Some(&place) if count == FOUR.len() => place,
+            Some(&place) if edge > 1 => place,
             _ => {
                 let [x, y, z, _] = sobol_burley::sample_4d(i, 1, seed as u32);
                 [x, y, z].map(f64::from)
