@@ -108,7 +108,7 @@ BLOCKS = {
           (432, 448): "reference", (448, 464): "reference", (240, 48): "reference", (288, 48): "behind"},
     "B": {(400, 448): "crease", (272, 48): "behind", (256, 48): "behind", (240, 48): "behind", (224, 48): "behind"},
     "C": {(496, 128): "cross", (400, 48): "mouldings", (352, 144): "mouldings", (368, 144): "mouldings",
-          (208, 192): "bunny", (160, 224): "bunny", (240, 128): "ear"},
+          (208, 192): "bunny", (160, 224): "bunny", (160, 240): "bunny", (240, 128): "ear"},
     "C_novol": {(496, 128): "cross", (400, 48): "mouldings", (352, 144): "mouldings",
                 (208, 144): "corner"},
     "curved": {(96, 160): "penumbra", (112, 160): "penumbra", (144, 160): "contact", (32, 144): "contact"},
