@@ -207,12 +207,12 @@ impl LvoxelMaker<'_> {
         if count <= 1 {
             return None;
         }
-        let place = |i: u32| match FOUR.get(i as usize) {
-            Some(&place) if edge > 1 => place,
-            _ => {
-                let [x, y, z, _] = sobol_burley::sample_4d(i, 1, seed as u32);
-                [x, y, z].map(f64::from)
+        let place = |i: u32| {
+            if edge > 1 {
+                return FOUR[i as usize];
             }
+            let [x, y, z, _] = sobol_burley::sample_4d(i, 1, seed as u32);
+            [x, y, z].map(f64::from)
         };
         let (mut sum, mut weights) = (Rgb::BLACK, 0.0);
         for i in 0..count as u32 {

@@ -2,12 +2,15 @@
 
 use super::cone::OVERHANG;
 use super::geometry::Geometry;
-use super::page::{ChildKind, DiskBlock, PageLeaves, PageNodes, WIDTH, WideNode};
+use super::page::{ChildKind, DiskBlock, PageLeaves, PageNodes, Proxy, WIDTH, WideNode};
 use super::place::{Extent, Place};
 use super::store::{Page, Pages};
 use crate::math::Rgb;
 use glam::Vec3;
 use wide::f32x8;
+
+/// Mean radiance, and the area that sends it.
+type Sent = ([f32; 3], f32);
 
 /// One side of a triangle.
 #[derive(Clone, Copy, Debug)]
@@ -49,6 +52,12 @@ impl Side<'_> {
         } else {
             whole.radiance()
         }
+    }
+
+    /// What surfels of a node send that face as it does.
+    #[inline]
+    fn sent(&self, nodes: &PageNodes, proxy: usize) -> Sent {
+        nodes.sent(proxy, self.normal.to_array(), self.is_back)
     }
 
     /// Whether something stands between a point of it and the middle of a disk, from which that is so far off: of a floor that goes
@@ -126,24 +135,23 @@ impl Patch {
                 holding &= holding - 1;
                 if node.cross_section[k] < Self::WHOLE * self.area {
                     let proxy = node.first_proxy as usize + k;
+                    let sent = side.sent(nodes, proxy);
                     let misleads = match node.kind[k] {
                         _ if !self.has_quarters => false,
-                        ChildKind::Inner => {
-                            self.misleads((nodes, proxy), (nodes, node.child[k]), side)
-                        }
+                        ChildKind::Inner => self.misleads(sent, nodes, node.child[k], side),
                         // Where nearly all surfels face one way, few others drown those of the patch: not worth loading a page.
                         ChildKind::Page if !nodes.proxies[proxy].is_flat() => {
                             let below = pages.page(node.child[k]);
-                            self.misleads((nodes, proxy), (below.nodes(), 0), side)
+                            self.misleads(sent, below.nodes(), 0, side)
                         }
                         _ => false,
                     };
                     mean.is_uneven |= misleads;
                     if !misleads {
-                        mean.add_node(nodes, proxy, side);
+                        mean.add_node(sent, &nodes.proxies[proxy], side);
                         // What is below in another page is not worth loading that.
                         if self.has_quarters && node.kind[k] == ChildKind::Inner {
-                            mean.is_uneven |= is_uneven(nodes, proxy, node.child[k], side);
+                            mean.is_uneven |= is_uneven(sent, nodes, node.child[k], side);
                         }
                         continue;
                     }
@@ -164,25 +172,19 @@ impl Patch {
         Some(mean)
     }
 
-    /// Whether a node says something else than those right below it that hold the middle: light of the inside of a shell, that is, which
-    /// faces as the outside across does.
-    fn misleads(
-        &self,
-        (nodes, proxy): (&PageNodes, usize),
-        (others, below): (&PageNodes, u32),
-        side: &Side,
-    ) -> bool {
+    /// Whether a node that sends this says something else than those right below it that hold the middle: light of the inside of a shell,
+    /// that is, which faces as the outside across does.
+    fn misleads(&self, (sent, _): Sent, nodes: &PageNodes, below: u32, side: &Side) -> bool {
         /// Of what the node sends.
         const MUCH: f32 = 0.5;
-        let Some(node) = others.nodes.get(below as usize) else {
+        let Some(node) = nodes.nodes.get(below as usize) else {
             return false;
         };
         let mut mean = Mean::default();
         let holding = self.within(node);
         for k in (0..WIDTH).filter(|k| holding >> k & 1 == 1) {
-            mean.add_node(others, node.first_proxy as usize + k, side);
+            mean.add(side.sent(nodes, node.first_proxy as usize + k));
         }
-        let (sent, _) = nodes.sent(proxy, side.normal.to_array(), side.is_back);
         let [of_node, nearer] = [sent, mean.sent].map(|c| Rgb(c).mean());
         holding != 0 && (nearer - of_node).abs() > MUCH * of_node
     }
@@ -240,7 +242,7 @@ impl Mean {
     const FARTHEST: f32 = 25.0;
 
     #[inline]
-    fn add(&mut self, (sent, area): ([f32; 3], f32)) {
+    fn add(&mut self, (sent, area): Sent) {
         if area > 0.0 {
             self.area += area;
             let share = area / self.area;
@@ -252,12 +254,11 @@ impl Mean {
 
     /// A node that holds the middle of a patch.
     #[inline]
-    fn add_node(&mut self, nodes: &PageNodes, proxy: usize, side: &Side) {
+    fn add_node(&mut self, sent: Sent, node: &Proxy, side: &Side) {
         /// Of what stands across and of rounding in files, at most.
         const ACROSS: f32 = 0.1;
-        let normal = side.normal.to_array();
-        self.add(nodes.sent(proxy, normal, side.is_back));
-        self.is_known |= nodes.proxies[proxy].squared_cosine(normal) > ACROSS;
+        self.add(sent);
+        self.is_known |= node.squared_cosine(side.normal.to_array()) > ACROSS;
     }
 
     /// Disks that hold the middle of the patch, the more the nearer theirs is, but for those that something stands before.
@@ -310,14 +311,12 @@ impl Mean {
     }
 }
 
-/// Whether what the nodes below another send towards where a side faces differs from its mean by more than that, on average over their
-/// area, as where less than half of it is lit.
-fn is_uneven(nodes: &PageNodes, proxy: usize, below: u32, side: &Side) -> bool {
-    let sent = |p| nodes.sent(p, side.normal.to_array(), side.is_back);
-    let (radiance, area) = sent(proxy);
+/// Whether what the nodes below one that sends this send differs from it by more than that, on average over their area, as where less
+/// than half of it is lit.
+fn is_uneven((radiance, area): Sent, nodes: &PageNodes, below: u32, side: &Side) -> bool {
     let mean = Rgb(radiance).mean();
-    let off = |p| {
-        let (radiance, part) = sent(p);
+    let off = |proxy| {
+        let (radiance, part) = side.sent(nodes, proxy);
         part / area * (Rgb(radiance).mean() - mean).abs()
     };
     area > 0.0 && nodes.below(below).map(off).sum::<f32>() > mean
@@ -479,7 +478,9 @@ mod tests {
             let page = PageNodes::new(&nodes);
             let below = page.nodes[0].child[0];
             assert_eq!(page.below(below).len(), 8);
-            let found = is_uneven(&page, 0, below, &floor(&Wall(0.0)));
+            let wall = Wall(0.0);
+            let side = floor(&wall);
+            let found = is_uneven(side.sent(&page, 0), &page, below, &side);
             assert_eq!(found, expected, "{lit} of 8");
         }
         assert!(PageNodes::default().below(0).is_empty());

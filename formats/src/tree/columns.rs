@@ -109,14 +109,16 @@ pub const SIGMA_T_STEP: usize = 9;
 pub const SOURCE_GREY_STEP: usize = 10;
 /// Columns of lvoxels that version 1 has not.
 const LVOXELS_SINCE_2: u32 = 1 << BLOCK_GAP | 1 << SIGMA_T_STEP | 1 << SOURCE_GREY_STEP;
-/// Columns of surfels that versions 1 and 2 have not.
-const SURFELS_SINCE_3: u32 = 1 << BACK_AXES;
+/// The version from which on fronts and backs of nodes are apart.
+pub const BACKS_APART: u32 = 3;
+/// Columns of surfels that versions before have not.
+const BACK_COLUMNS: u32 = 1 << BACK_AXES;
 
 /// Columns of pages that a version has not.
 pub fn unknown_to(version: u32, kind: BlockKind) -> u32 {
     match kind {
         BlockKind::Lvoxels if version < 2 => LVOXELS_SINCE_2,
-        BlockKind::Surfels if version < 3 => SURFELS_SINCE_3,
+        BlockKind::Surfels if version < BACKS_APART => BACK_COLUMNS,
         _ => 0,
     }
 }

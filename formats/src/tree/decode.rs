@@ -247,7 +247,7 @@ fn decode_nodes(
         }
     }
     decode_light(header, columns, &mut nodes)?;
-    if version < BACKS_APART {
+    if version < col::BACKS_APART {
         nodes.iter_mut().for_each(|n| share_sides(&mut n.aggregate));
     }
     Ok(nodes)
@@ -440,6 +440,13 @@ fn decode_light(header: &Header, columns: &PageColumns<'_>, nodes: &mut [Node]) 
             *radiance = next.next().unwrap_or_default();
         }
         let lit_backs = backs.map_or(0, |rows| rows.u8(i));
+        if lit_backs >> 6 != 0 {
+            return Err(FormatError::invalid(
+                format!("backs of node {i}"),
+                "six axes",
+                format!("{lit_backs:#04x}"),
+            ));
+        }
         for (k, radiance) in a.back_radiance.iter_mut().enumerate() {
             if lit_backs >> k & 1 == 1 {
                 if !has_fronts[k ^ 1] {
@@ -453,13 +460,6 @@ fn decode_light(header: &Header, columns: &PageColumns<'_>, nodes: &mut [Node]) 
                 *radiance = next.next().unwrap_or_default();
             }
         }
-        if lit_backs >> 6 != 0 {
-            return Err(FormatError::invalid(
-                format!("backs of node {i}"),
-                "six axes",
-                format!("{lit_backs:#04x}"),
-            ));
-        }
     }
     if used != header.lit {
         return Err(FormatError::invalid(
@@ -470,9 +470,6 @@ fn decode_light(header: &Header, columns: &PageColumns<'_>, nodes: &mut [Node]) 
     }
     Ok(())
 }
-
-/// The version from which on fronts and backs of nodes are apart.
-pub const BACKS_APART: u32 = 3;
 
 /// Before, what radiated towards an axis was one mean of fronts and of backs that are lit: it stands for both.
 fn share_sides(a: &mut SurfelAggregate) {

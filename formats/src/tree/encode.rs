@@ -112,7 +112,8 @@ impl EncodedPage {
         if backs.iter().any(|bits| *bits != 0) {
             builder.push(col::BACK_AXES, backs);
         } else {
-            columns.leave_out(col::BACK_AXES, page.nodes.len() as u64);
+            // Its own byte, and radiance towards six axes.
+            columns.leave_out(col::BACK_AXES, 25 * page.nodes.len() as u64);
         }
 
         let mask = builder.mask();
@@ -476,7 +477,9 @@ fn push_aggregates(
     for (given, decoded) in given.iter().zip(&lit) {
         errors.note_radiance(*given, *decoded);
     }
-    let dark = (12 * nodes.len() - lit.len()) as u64 * 4;
+    let has_backs = nodes.iter().any(|n| lit_backs(&n.aggregate) != 0);
+    let axes = if has_backs { 12 } else { 6 };
+    let dark = (axes * nodes.len() - lit.len()) as u64 * 4;
     columns.leave_out(col::AXIS_RADIANCE, written.saved + dark);
     Lit {
         count: lit.len(),

@@ -171,7 +171,7 @@ impl<D: AsRef<[u8]>> Tree<D> {
     pub fn has_backs(&self, i: usize) -> bool {
         let block = self.surfel_blocks.get(i);
         let is_lit = |b: &Block| b.columns >> columns::BACK_AXES & 1 == 1;
-        block.is_some_and(|b| self.version < decode::BACKS_APART || is_lit(b))
+        block.is_some_and(|b| self.version < columns::BACKS_APART || is_lit(b))
     }
 
     /// Number of pages of surfels.

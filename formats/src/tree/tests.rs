@@ -141,6 +141,25 @@ fn an_honest_page_is_read() {
     }
 }
 
+#[test]
+fn backs_of_axes_that_nothing_faces_are_refused() {
+    let good = raw_page();
+    // The column of backs is the last, a byte for each node: in this page they send towards +y, as fronts face -y.
+    assert_eq!(good.last(), Some(&0b100));
+    for (axes, says) in [
+        (0b110, "fronts that face the other way"),
+        (0x44, "six axes"),
+    ] {
+        let mut raw = good.clone();
+        *raw.last_mut().unwrap() = axes;
+        let block = block(20, 6, number(&raw, 20));
+        let error = decode::surfel_nodes(&raw, &block, ID, VERSION)
+            .err()
+            .unwrap();
+        assert!(error.to_string().contains(says), "{error}");
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(20_000) })]
 
