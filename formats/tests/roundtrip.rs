@@ -298,6 +298,8 @@ fn check_tree(path: &std::path::Path, given: &[SurfelPage], style: Style) {
         );
     }
     assert_eq!(tree.surfel_pages(), given.len());
+    // Used again for each page, as readers do.
+    let (mut nodes, mut leaves) = (Vec::new(), SurfelLeaves::default());
     for (i, given) in given.iter().enumerate() {
         let page = tree.surfel_page(i).unwrap();
         let root = page.nodes[0].bounds;
@@ -306,8 +308,9 @@ fn check_tree(path: &std::path::Path, given: &[SurfelPage], style: Style) {
                 + root.max[k].abs().max(root.min[k].abs()) * 1e-6
         });
         assert_eq!(page.surfels.len(), given.surfels.len());
-        assert_eq!(tree.surfel_nodes(i).unwrap(), page.nodes);
-        let leaves = tree.surfel_leaves(i).unwrap();
+        tree.surfel_nodes(i, &mut nodes).unwrap();
+        assert_eq!(nodes, page.nodes);
+        tree.surfel_leaves(i, &mut leaves).unwrap();
         assert_eq!(leaves.surfels, page.surfels);
         let counts: Vec<u8> = page
             .nodes

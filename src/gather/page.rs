@@ -103,8 +103,14 @@ pub struct Proxy {
     second_moment: [f32; 6],
     /// The same.
     axis_area: [f32; 6],
-    /// As there.
-    axis_radiance: [[f32; 3]; 6],
+    lit: LitAxes,
+}
+
+/// Towards which axes surfels send light, a bit each, and where the first of that is.
+#[derive(Clone, Copy, Debug)]
+struct LitAxes {
+    mask: u32,
+    first: u32,
 }
 
 /// The nodes of a page laid out for rays.
@@ -114,6 +120,8 @@ pub struct PageNodes {
     pub nodes: Vec<WideNode>,
     /// Stand-ins of the children of nodes, from [`WideNode::first_proxy`] on.
     pub proxies: Vec<Proxy>,
+    /// What stand-ins send towards the axes that they do send to, as in [`lvox_formats::record::SurfelAggregate`]: walls, to one of six.
+    lights: Vec<[f32; 3]>,
     /// Of each stand-in what its backs send, as in [`lvox_formats::record::SurfelAggregate`]; empty if no back of the page is lit.
     backs: Vec<[[f32; 3]; 6]>,
 }
@@ -143,7 +151,8 @@ pub fn most_bytes(nodes: u64, surfels: u64, has_clips: bool, has_backs: bool) ->
     } else {
         0
     };
-    let node = (size_of::<Proxy>() + backs + below) as u64;
+    let lights = size_of::<[[f32; 3]; 6]>();
+    let node = (size_of::<Proxy>() + lights + backs + below) as u64;
     let surfel = (size_of::<DiskLight>() + clips) as u64;
     let of_nodes = nodes.saturating_mul(node);
     let of_surfels = surfels.saturating_mul(surfel);
@@ -170,6 +179,7 @@ impl PageNodes {
         let mut out = Self {
             nodes: Vec::with_capacity((nodes.len() - leaves as usize).max(1)),
             proxies: Vec::with_capacity(nodes.len()),
+            lights: Vec::with_capacity(nodes.iter().map(lit_axes).sum()),
             backs: Vec::new(),
         };
         let is_lit = |node: &Node| node.aggregate.back_radiance != [[0.0; 3]; 6];
@@ -207,7 +217,10 @@ impl PageNodes {
         let first_proxy = self.proxies.len() as u32;
         let group = first as usize..first as usize + usize::from(count);
         let children = &nodes[group.clone()];
-        self.proxies.extend(children.iter().map(Proxy::new));
+        for child in children {
+            let lit = self.add_lights(&child.aggregate.axis_radiance);
+            self.proxies.push(Proxy::new(child, lit));
+        }
         let mut node = WideNode {
             first_proxy,
             used: (1 << count) - 1,
@@ -234,6 +247,30 @@ impl PageNodes {
         node
     }
 
+    /// Adds what a stand-in sends towards each axis.
+    fn add_lights(&mut self, towards: &[[f32; 3]; 6]) -> LitAxes {
+        let first = self.lights.len() as u32;
+        let mut mask = 0;
+        for (axis, radiance) in towards.iter().enumerate() {
+            if *radiance != [0.0; 3] {
+                mask |= 1 << axis;
+                self.lights.push(*radiance);
+            }
+        }
+        LitAxes { mask, first }
+    }
+
+    /// What fronts of the surfels of a stand-in send towards an axis.
+    #[inline]
+    fn light(&self, of: &Proxy, axis: usize) -> [f32; 3] {
+        let LitAxes { mask, first } = of.lit;
+        if mask >> axis & 1 == 0 {
+            return [0.0; 3];
+        }
+        let before = (mask & ((1 << axis) - 1)).count_ones();
+        self.lights[(first + before) as usize]
+    }
+
     /// Indices of the stand-ins of the children of a node; none if there is no such node.
     #[must_use]
     #[inline]
@@ -254,7 +291,7 @@ impl PageNodes {
         for (a, &along) in v.iter().enumerate() {
             let side = 2 * a + usize::from(along < 0.0);
             if !is_back {
-                mean.add(along.abs() * of.axis_area[side], of.axis_radiance[side]);
+                mean.add(along.abs() * of.axis_area[side], self.light(of, side));
             } else {
                 let radiance = self.backs.get(proxy).map_or([0.0; 3], |b| b[side]);
                 mean.add(along.abs() * of.axis_area[side ^ 1], radiance);
@@ -271,7 +308,7 @@ impl PageNodes {
         let mut mean = Weighted::default();
         for (a, &along) in v.iter().enumerate() {
             let side = 2 * a + usize::from(along < 0.0);
-            mean.add(along.abs() * of.axis_area[side], of.axis_radiance[side]);
+            mean.add(along.abs() * of.axis_area[side], self.light(of, side));
             if let Some(back) = self.backs.get(proxy).map(|b| b[side])
                 && back != [0.0; 3]
             {
@@ -284,7 +321,10 @@ impl PageNodes {
     /// Bytes held.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        size_of_val(&*self.nodes) + size_of_val(&*self.proxies) + size_of_val(&*self.backs)
+        size_of_val(&*self.nodes)
+            + size_of_val(&*self.proxies)
+            + size_of_val(&*self.lights)
+            + size_of_val(&*self.backs)
     }
 }
 
@@ -402,11 +442,17 @@ impl Weighted {
     }
 }
 
+/// Towards how many axes fronts below a node send light.
+fn lit_axes(node: &Node) -> usize {
+    let is_lit = |c: &&[f32; 3]| **c != [0.0; 3];
+    node.aggregate.axis_radiance.iter().filter(is_lit).count()
+}
+
 impl Proxy {
     /// A node is flat if its normals agree this well: mean length over area.
     const FLAT: f32 = 0.97;
 
-    fn new(node: &Node) -> Self {
+    fn new(node: &Node, lit: LitAxes) -> Self {
         let g = &node.aggregate;
         let over_area = |v: f32| if g.area > 0.0 { v / g.area } else { 0.0 };
         let n = g.normal_sum.map(over_area);
@@ -434,7 +480,7 @@ impl Proxy {
             area: g.area,
             second_moment: g.second_moment.map(over_area),
             axis_area: g.axis_area.map(over_area),
-            axis_radiance: g.axis_radiance,
+            lit,
         }
     }
 

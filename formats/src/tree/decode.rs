@@ -33,27 +33,38 @@ pub fn surfel_page(
     version: u32,
 ) -> Result<SurfelPage> {
     let (header, columns) = open_page(raw, block)?;
-    Ok(SurfelPage {
-        nodes: decode_nodes(&header, &columns, id, version)?,
-        surfels: decode_surfels(&header, &columns, overlap)?,
-    })
+    let mut page = SurfelPage::default();
+    decode_nodes(&header, &columns, id, version, &mut page.nodes)?;
+    decode_surfels(&header, &columns, overlap, &mut page.surfels)?;
+    Ok(page)
 }
 
-/// Decodes the nodes of page `id` alone; they are as valid as those of the whole page.
-pub fn surfel_nodes(raw: &[u8], block: &Block, id: u32, version: u32) -> Result<Vec<Node>> {
+/// Decodes the nodes of page `id` alone, in place of what `nodes` holds; they are as valid as those of the whole page.
+pub fn surfel_nodes(
+    raw: &[u8],
+    block: &Block,
+    id: u32,
+    version: u32,
+    nodes: &mut Vec<Node>,
+) -> Result<()> {
     let (header, columns) = open_page(raw, block)?;
-    decode_nodes(&header, &columns, id, version)
+    decode_nodes(&header, &columns, id, version, nodes)
 }
 
-/// Decodes the surfels of page `id`, leaf by leaf; they are as valid as those of the whole page.
-pub fn surfel_leaves(raw: &[u8], block: &Block, id: u32, overlap: f32) -> Result<SurfelLeaves> {
+/// Decodes the surfels of page `id`, leaf by leaf, in place of what `leaves` holds; they are as valid as those of the whole page.
+pub fn surfel_leaves(
+    raw: &[u8],
+    block: &Block,
+    id: u32,
+    overlap: f32,
+    leaves: &mut SurfelLeaves,
+) -> Result<()> {
     let (header, columns) = open_page(raw, block)?;
-    let mut counts = Vec::new();
+    leaves.counts.clear();
     decode_order(&header, &columns, id, |below| {
-        counts.extend(below.surfels())
+        leaves.counts.extend(below.surfels())
     })?;
-    let surfels = decode_surfels(&header, &columns, overlap)?;
-    Ok(SurfelLeaves { counts, surfels })
+    decode_surfels(&header, &columns, overlap, &mut leaves.surfels)
 }
 
 fn open_page<'a>(raw: &'a [u8], block: &Block) -> Result<(Header, PageColumns<'a>)> {
@@ -164,8 +175,10 @@ fn decode_nodes(
     columns: &PageColumns<'_>,
     id: u32,
     version: u32,
-) -> Result<Vec<Node>> {
-    let mut nodes = Vec::with_capacity(header.nodes);
+    nodes: &mut Vec<Node>,
+) -> Result<()> {
+    nodes.clear();
+    nodes.reserve(header.nodes);
     decode_order(header, columns, id, |below| {
         nodes.push(Node {
             bounds: header.bounds,
@@ -192,7 +205,7 @@ fn decode_nodes(
             };
         }
     }
-    for node in &nodes {
+    for node in nodes.iter() {
         check_box(&node.bounds, "box of a node")?;
     }
 
@@ -246,11 +259,11 @@ fn decode_nodes(
             a.axis_area[k] = (f64::from(a.area) * f64::from(seen) / f64::from(u16::MAX)) as f32;
         }
     }
-    decode_light(header, columns, &mut nodes)?;
+    decode_light(header, columns, nodes)?;
     if version < col::BACKS_APART {
         nodes.iter_mut().for_each(|n| share_sides(&mut n.aggregate));
     }
-    Ok(nodes)
+    Ok(())
 }
 
 /// Ranges and links, given to `add` node by node: nodes and surfels are handed out in order, so ranges cannot overlap or form a
@@ -329,10 +342,16 @@ fn decode_order(
     Ok(())
 }
 
-fn decode_surfels(header: &Header, columns: &PageColumns<'_>, overlap: f32) -> Result<Vec<Surfel>> {
-    let mut surfels = vec![Surfel::default(); header.surfels];
+fn decode_surfels(
+    header: &Header,
+    columns: &PageColumns<'_>,
+    overlap: f32,
+    surfels: &mut Vec<Surfel>,
+) -> Result<()> {
+    surfels.clear();
+    surfels.resize(header.surfels, Surfel::default());
     if surfels.is_empty() {
-        return Ok(surfels);
+        return Ok(());
     }
     columns.one_of(&[col::POSITION, col::POSITION_F32])?;
     if let Some(rows) = columns.get(col::POSITION) {
@@ -382,7 +401,7 @@ fn decode_surfels(header: &Header, columns: &PageColumns<'_>, overlap: f32) -> R
             (None, None) => area_of_disk(s.radius, overlap),
         };
     }
-    decode_edges(header, columns, &mut surfels)?;
+    decode_edges(header, columns, surfels)?;
     let front = surfels.iter_mut().map(|s| &mut s.front);
     radiance::decode(columns, col::FRONT, header.front, front)?;
     let back = surfels.iter_mut().map(|s| &mut s.back);
@@ -390,7 +409,7 @@ fn decode_surfels(header: &Header, columns: &PageColumns<'_>, overlap: f32) -> R
     for (i, s) in surfels.iter().enumerate() {
         check::surfel(s, &|| format!("surfel {i} of the page"))?;
     }
-    Ok(surfels)
+    Ok(())
 }
 
 fn decode_edges(header: &Header, columns: &PageColumns<'_>, surfels: &mut [Surfel]) -> Result<()> {

@@ -196,25 +196,26 @@ impl<D: AsRef<[u8]>> Tree<D> {
         })
     }
 
-    /// Decodes the nodes of page `i` of surfels alone: what [`Self::surfel_page`] gives, as safe to walk, in less time. Damage
-    /// to surfels goes unseen.
+    /// Decodes the nodes of page `i` of surfels alone, in place of what `nodes` holds, whose memory is used again: what
+    /// [`Self::surfel_page`] gives, as safe to walk, in less time. Damage to surfels goes unseen.
     ///
     /// # Errors
-    /// As [`Self::surfel_page`].
-    pub fn surfel_nodes(&self, i: usize) -> Result<Vec<Node>> {
+    /// As [`Self::surfel_page`]; `nodes` then holds nothing of use.
+    pub fn surfel_nodes(&self, i: usize, nodes: &mut Vec<Node>) -> Result<()> {
         self.page(&self.surfel_blocks, i, "surfel page", |raw, block| {
-            decode::surfel_nodes(raw, block, i as u32, self.version)
+            decode::surfel_nodes(raw, block, i as u32, self.version, nodes)
         })
     }
 
-    /// Decodes the surfels of page `i` alone: what [`Self::surfel_page`] gives, in less time. Damage to what nodes say of the
-    /// surfels below them goes unseen.
+    /// Decodes the surfels of page `i` alone, in place of what `leaves` holds, whose memory is used again: what
+    /// [`Self::surfel_page`] gives, in less time. Damage to what nodes say of the surfels below them goes unseen.
     ///
     /// # Errors
-    /// As [`Self::surfel_page`].
-    pub fn surfel_leaves(&self, i: usize) -> Result<SurfelLeaves> {
+    /// As [`Self::surfel_page`]; `leaves` then holds nothing of use.
+    pub fn surfel_leaves(&self, i: usize, leaves: &mut SurfelLeaves) -> Result<()> {
         self.page(&self.surfel_blocks, i, "surfel page", |raw, block| {
-            decode::surfel_leaves(raw, block, i as u32, self.meta.cloud.disk_overlap)
+            let overlap = self.meta.cloud.disk_overlap;
+            decode::surfel_leaves(raw, block, i as u32, overlap, leaves)
         })
     }
 

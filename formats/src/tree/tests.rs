@@ -153,9 +153,7 @@ fn backs_of_axes_that_nothing_faces_are_refused() {
         let mut raw = good.clone();
         *raw.last_mut().unwrap() = axes;
         let block = block(20, 6, number(&raw, 20));
-        let error = decode::surfel_nodes(&raw, &block, ID, VERSION)
-            .err()
-            .unwrap();
+        let error = decode::surfel_nodes(&raw, &block, ID, VERSION, &mut Vec::new()).unwrap_err();
         assert!(error.to_string().contains(says), "{error}");
     }
 }
