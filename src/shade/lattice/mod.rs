@@ -118,6 +118,12 @@ impl Lattice {
         Ok(Self(smooth))
     }
 
+    /// Pixels from one gather to the next.
+    #[must_use]
+    pub fn step(&self) -> u32 {
+        self.0.step
+    }
+
     /// Irradiance at a surface seen by pixel (x, y); `None` if the lattice around it saw nothing like it.
     #[must_use]
     pub fn irradiance(&self, surface: &Surface, x: u32, y: u32) -> Option<Rgb> {

@@ -7,6 +7,7 @@ use super::shader::PixelShader;
 use crate::Result;
 use crate::gather::{Medium, Pages};
 use crate::image::Region;
+use crate::run::spare::Spare;
 use crate::run::{Job, Task};
 use crate::shade::air::Air;
 use crate::shade::aov::Part;
@@ -30,8 +31,9 @@ pub fn shade_region<P: Pages, M: Medium, A: Air>(
     task: &Task,
 ) -> Result<Planes> {
     let blocks = if shader.counts.pixel == 1 {
+        let spare = Spare::default();
         shade_blocks(&blocks_of(region), parts, job, task, |block| {
-            let corners = Corners::new(shader, block);
+            let corners = Corners::new(shader, block, &spare);
             move |x, y| corners.shade(x, y)
         })
     } else {

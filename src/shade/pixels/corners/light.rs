@@ -14,8 +14,8 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
     /// More shadow rays at the corners from which, or from near which, some ray reached a light and some did not.
     pub(super) fn look_into_penumbrae(&mut self, height: usize) {
         // What the five corners around each in its row tell.
-        let in_row: Vec<_> = (0..self.corners.len())
-            .map(|i| {
+        let in_row = |row: usize| {
+            (row * self.width..(row + 1) * self.width).map(|i| {
                 let mut sight = Sight::default();
                 let around = i.saturating_sub(2)..(i + 3).min(self.corners.len());
                 for c in &self.corners[around] {
@@ -23,13 +23,19 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
                 }
                 sight
             })
-            .collect();
+        };
         let rim = Self::RINGS as usize - 1;
         let lights = self.shader.lights;
         let mut more = Vec::new();
         // Of the even corner of each four, once it is asked for.
         let mut prospects: Vec<Option<Prospect>> = Vec::new();
+        // By row, of the five around one.
+        let mut rows: [Vec<_>; 5] = Default::default();
+        (rim - 2..rim + 2).for_each(|row| rows[row % 5].extend(in_row(row)));
         for row in rim..height - rim {
+            let last = &mut rows[(row + 2) % 5];
+            last.clear();
+            last.extend(in_row(row + 2));
             if row % 2 == 0 || prospects.is_empty() {
                 prospects.clear();
                 prospects.resize_with(self.width.div_ceil(2), || None);
@@ -41,9 +47,7 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
                     continue;
                 };
                 let mut sight = Sight::default();
-                for j in row - 2..=row + 2 {
-                    sight += in_row[j * self.width + column];
-                }
+                rows.iter().for_each(|row| sight += row[column]);
                 if !sight.has_penumbra() {
                     continue;
                 }

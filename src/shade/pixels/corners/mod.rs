@@ -18,6 +18,7 @@ use crate::gather::{Medium, Pages};
 use crate::image::Region;
 use crate::light::{ShadowRays, Sight};
 use crate::math::{Rgb, sampling};
+use crate::run::spare::{Lent, Spare};
 use crate::shade::air::{Air, Passed};
 use around::Lit;
 use sampler::Sampler;
@@ -27,12 +28,13 @@ pub struct Corners<'a, P, M, A: Air> {
     shader: &'a PixelShader<'a, P, M, A>,
     region: Region,
     width: usize,
-    corners: Vec<Corner<A::Passed>>,
+    corners: Lent<'a, Corner<A::Passed>>,
     /// By corner; where it is so all around, a pixel need not ask the corners themselves. Empty if no light has an extent.
     is_full_light: Vec<bool>,
 }
 
-struct Corner<T: Passed> {
+/// A corner of a pixel.
+pub struct Corner<T: Passed> {
     sample: Sample<T>,
     irradiance: Rgb,
 }
@@ -72,8 +74,16 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
     /// before the first may be the mean of their neighbours'.
     const RINGS: u32 = if A::Passed::IS_VACUUM { 3 } else { 4 };
 
-    /// Samples the corners of a region's pixels and what they need around them.
-    pub fn new(shader: &'a PixelShader<'a, P, M, A>, region: Region) -> Self {
+    /// Pixels between gathers from which on indirect light is looked up at every fourth corner, not every second: what is smooth over so
+    /// many is smooth over four.
+    const FAR_APART: u32 = 6;
+
+    /// Samples the corners of a region's pixels and what they need around them, in memory that regions use one after the other.
+    pub fn new(
+        shader: &'a PixelShader<'a, P, M, A>,
+        region: Region,
+        spare: &'a Spare<Corner<A::Passed>>,
+    ) -> Self {
         // Corners between those at even coordinates ask them on both sides, in all regions the same.
         let region = Region {
             x0: region.x0 - region.x0 % 2,
@@ -83,7 +93,8 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         };
         let width = (region.width() + 1 + 2 * Self::RINGS) as usize;
         let height = (region.height() + 1 + 2 * Self::RINGS) as usize;
-        let corners = Sampler { shader, region }.corners([width, height]);
+        let mut corners = spare.list();
+        Sampler { shader, region }.add_corners([width, height], &mut corners);
         let mut corners = Self {
             shader,
             region,
@@ -119,36 +130,43 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
 
     /// Indirect light of the corners of the region's own pixels.
     fn look_around(&mut self, height: usize) {
-        let rings = Self::RINGS as usize;
-        // Indirect light is looked up at every second corner, and one ring further out, then at those between which do
-        // not lie on one piece of surface with their neighbours.
-        for own in [false, true] {
-            for row in rings - 1..=height - rings {
-                for column in rings - 1..=self.width - rings {
-                    let [x, y] = Self::place(self.region, column, row).moved;
-                    let i = row * self.width + column;
-                    let is_between = [x % 2 == 1, y % 2 == 1];
-                    if own == (is_between == [false; 2]) {
+        // It is looked up some corners apart, then at those between which do not lie on one piece of surface with their neighbours.
+        let spacing = if self.shader.lattice.step() < Self::FAR_APART {
+            2
+        } else {
+            4
+        };
+        let mut step = spacing;
+        while step > 0 {
+            // Corners between need those up to one step less one away.
+            let rim = Self::RINGS as usize + 1 - step;
+            for row in rim..height - rim {
+                for column in rim..self.width - rim {
+                    let moved = Self::place(self.region, column, row).moved;
+                    let [x, y] = moved.map(|c| c as usize);
+                    if x % step != 0 || y % step != 0 {
                         continue;
                     }
+                    let i = row * self.width + column;
                     let Some(surface) = self.corners[i].sample.surface else {
                         continue;
                     };
-                    let inside = |at: usize, n: usize| (rings..n - rings).contains(&at);
-                    if own && !(inside(row, height) && inside(column, self.width)) {
-                        continue;
-                    }
-                    let between = if own {
-                        self.between(i, is_between)
+                    let between = if step < spacing {
+                        let is_between = [x, y].map(|c| c % (2 * step) != 0);
+                        if is_between == [false; 2] {
+                            continue;
+                        }
+                        self.between(i, is_between, step)
                     } else {
                         None
                     };
                     // Rings before the film's own corners are as good as its first row for a key.
-                    let [x, y] = [x, y].map(|v| v.saturating_sub(Self::RINGS));
+                    let [x, y] = moved.map(|v| v.saturating_sub(Self::RINGS));
                     self.corners[i].irradiance =
                         between.unwrap_or_else(|| self.shader.indirect(&surface, x, y));
                 }
             }
+            step /= 2;
         }
     }
 
@@ -162,9 +180,9 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         }
     }
 
-    /// The mean irradiance of the corners beside or around one, if all lie on its piece of surface.
-    fn between(&self, i: usize, is_between: [bool; 2]) -> Option<Rgb> {
-        let around = self.around(i, is_between, 1);
+    /// The mean irradiance of the corners `step` beside or around one, if all lie on its piece of surface.
+    fn between(&self, i: usize, is_between: [bool; 2], step: usize) -> Option<Rgb> {
+        let around = self.around(i, is_between, step);
         let like = &self.corners[i].sample;
         let mut sum = Rgb::BLACK;
         for j in around {

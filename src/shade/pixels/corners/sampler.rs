@@ -29,9 +29,9 @@ struct Even<'a, A: Air> {
 }
 
 impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
-    /// Samples so many columns and rows of corners.
-    pub fn corners(&self, [width, height]: [usize; 2]) -> Vec<Corner<A::Passed>> {
-        let mut corners = Vec::with_capacity(width * height);
+    /// Adds so many columns and rows of corners.
+    pub fn add_corners(&self, [width, height]: [usize; 2], corners: &mut Vec<Corner<A::Passed>>) {
+        corners.reserve(width * height);
         let mut push = |sample| {
             corners.push(Corner {
                 sample,
@@ -59,7 +59,6 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
             }
             above = below;
         }
-        corners
     }
 
     fn place(&self, column: usize, row: usize) -> Place {
