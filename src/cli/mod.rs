@@ -222,9 +222,10 @@ mod tests {
             table.iter().find(|row| row.1 == *value).unwrap().0.into()
         }
         let presets = Quality::ALL.map(|(_, quality)| shade::Settings::of(quality));
-        let numbers: [(&str, Read); 8] = [
+        let numbers: [(&str, Read); 9] = [
             ("samples", |s| s.samples.to_string()),
             ("max-solid-angle", |s| s.max_solid_angle.to_string()),
+            ("patch-surfels", |s| s.patch_surfels.to_string()),
             ("lattice", |s| s.lattice.to_string()),
             ("volume-samples", |s| s.volume_samples.to_string()),
             ("pixel-samples", |s| s.pixel_samples.to_string()),

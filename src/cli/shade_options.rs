@@ -45,6 +45,11 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "SR")]
     max_solid_angle: Option<f32>,
 
+    /// Tell light that comes from near by apart in patches as large as so many surfels; 32 or more need no more of the tree than its
+    /// nodes, and blur contacts. No matter with --kernel cone and plain [default: 32, 1, 1 by quality]
+    #[arg(long, value_name = "N")]
+    patch_surfels: Option<u32>,
+
     /// Let nothing further away than this send indirect light, scene units; walls and media beyond it still hide the
     /// environment, which is seen where nothing is [default: no limit]
     #[arg(long, value_name = "D")]
@@ -159,6 +164,7 @@ impl ShadeOptions {
             camera: self.camera.clone(),
             samples: self.samples.unwrap_or(preset.samples),
             max_solid_angle: self.max_solid_angle.unwrap_or(preset.max_solid_angle),
+            patch_surfels: self.patch_surfels.unwrap_or(preset.patch_surfels),
             max_dist: self.max_dist,
             kernel: self.kernel,
             method: self.method,

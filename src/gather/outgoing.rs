@@ -43,6 +43,8 @@ pub struct Outgoing<'a> {
     extents: Box<[Extent]>,
     /// Whether surfels of one piece of the scene have one size.
     is_even: bool,
+    /// The square over the longest edge of a patch need not be smaller than the area of so many of them.
+    surfels_per_patch: f32,
     slots: Box<[Slot]>,
     /// What rays may leave out, if anything.
     bright: Option<BrightPlaces>,
@@ -68,6 +70,7 @@ impl<'a> Outgoing<'a> {
             geometry,
             extents: (0..geometry.triangles()).map(extent).collect(),
             is_even: true,
+            surfels_per_patch: 1.0,
             slots: (0..1 << Self::SLOTS).map(|_| Slot::default()).collect(),
             bright: None,
             patches: AtomicU64::new(0),
@@ -79,6 +82,14 @@ impl<'a> Outgoing<'a> {
     #[must_use]
     pub fn of_uneven_surfels(mut self) -> Self {
         self.is_even = false;
+        self
+    }
+
+    /// Divides triangles no further once the square over a patch's longest edge has the area of so many surfels, not of one. What is nearer
+    /// than such a patch is large is blurred; patches larger than the boxes of leaves need none of those.
+    #[must_use]
+    pub fn in_patches_of(mut self, surfels: u32) -> Self {
+        self.surfels_per_patch = surfels.max(1) as f32;
         self
     }
 
@@ -152,7 +163,7 @@ impl<'a> Outgoing<'a> {
             corners: self.geometry.corners(triangle),
             normal: if place.is_back { -normal } else { normal },
             is_back: place.is_back,
-            extent: self.extents[triangle as usize],
+            extent: self.extents[triangle as usize].of_surfels(self.surfels_per_patch),
             is_even: self.is_even,
             geometry: self.geometry,
         };
@@ -187,10 +198,10 @@ impl<'a> Outgoing<'a> {
             })
         };
         let extent = self.extents[hit.triangle as usize];
-        let Extent { edge2, least } = extent;
-        if least == Extent::BLACK {
+        if extent.least == Extent::BLACK {
             return crossing(Rgb::BLACK);
         }
+        let Extent { edge2, least } = extent.of_surfels(self.surfels_per_patch);
         let size = Self::SIZE * wanted.max_solid_angle * hit.t * hit.t;
         let mut place = Place::new(&hit, edge2, size.max(least));
         let bright = self.bright.as_ref();

@@ -25,6 +25,15 @@ impl Extent {
             least: least.unwrap_or(Self::BLACK),
         }
     }
+
+    /// The same where patches are as large as so many surfels. Not for what is black.
+    #[inline]
+    pub fn of_surfels(self, count: f32) -> Self {
+        Self {
+            least: self.least * count,
+            ..self
+        }
+    }
 }
 
 /// Which part of one side of a triangle: its edges are divided by two as often as `level` says.

@@ -11,6 +11,9 @@ pub struct Settings {
     pub samples: u32,
     /// A node seen under less than this, steradians, may stand for all below it.
     pub max_solid_angle: f32,
+    /// How finely gather rays tell apart what is near: in parts of triangles of which the square over the longest edge has the area of
+    /// so many surfels at most. From 32 on nodes of the tree answer for all of them, and its leaves are not decoded.
+    pub patch_surfels: u32,
     /// Nothing further than this, in scene units, sends indirect light; it hides the environment as ever.
     pub max_dist: Option<f32>,
     /// What ends gather rays.
@@ -110,6 +113,7 @@ impl Settings {
             camera: None,
             samples: 40,
             max_solid_angle: 0.01,
+            patch_surfels: 1,
             max_dist: None,
             kernel: Kernel::Traced,
             method: Method::Extended,
@@ -126,6 +130,7 @@ impl Settings {
             Quality::Draft => Self {
                 samples: 24,
                 max_solid_angle: 0.02,
+                patch_surfels: 32,
                 lattice: 6,
                 volume_samples: 3,
                 corner_spacing: 2,
@@ -175,6 +180,7 @@ impl Settings {
             }
         };
         count("--samples", self.samples, 65_536)?;
+        count("--patch-surfels", self.patch_surfels, 65_536)?;
         count("--volume-samples", self.volume_samples, 65_536)?;
         count("--pixel-samples", self.pixel_samples, 65_536)?;
         count("--corner-spacing", self.corner_spacing, 2)?;

@@ -1,7 +1,7 @@
 //! Light stays where walls keep it.
 
 use crate::{Work, layer, mean, shade};
-use lvox::shade::Settings;
+use lvox::shade::{Quality, Settings};
 
 /// A `builtin:quad` of a diffuse grey.
 fn quad(scale: [f64; 3], rotate: [i32; 3], at: [f64; 3]) -> String {
@@ -74,7 +74,7 @@ const SHEET: &str = "[[mesh]]\nfile = \"builtin:quad\"\nrotate_deg = [0, 0, 90]\
                      albedo = [0.8, 0.8, 0.8]\n";
 /// Mean and brightest indirect light of the dark room, over the mean of the bright one, on average over seeds: which rays find
 /// a slit is chance, and the brightest value of one seed is up to twice that.
-fn leak(text: &str) -> (f64, f64) {
+fn leak(text: &str, quality: Quality) -> (f64, f64) {
     const SEEDS: u64 = 8;
     let work = Work::new(text);
     let scene = work.scene();
@@ -83,7 +83,7 @@ fn leak(text: &str) -> (f64, f64) {
         let settings = Settings {
             camera: Some(camera.into()),
             seed,
-            ..Settings::default()
+            ..Settings::of(quality)
         };
         shade(&scene, &tree, &settings)
     };
@@ -107,59 +107,90 @@ fn a_dark_room_beside_a_bright_one_stays_dark() {
     // through is of nodes, whose light is a mean over both sides. They are cut at borders of the mesh, so less comes through where
     // the floor ends at the sheet.
     // Limits are 1.5 to 2 times what is measured; where that is nothing, those of the case before.
-    keeps_dark(&[
-        ("sheet, own floors", rooms(SHEET, false), 5e-5, 0.003),
-        ("sheet, one floor", rooms(SHEET, true), 1.6e-4, 0.011),
-        ("wall, own floors", rooms(&wall(0.02), false), 8e-6, 6e-4),
-        ("wall, one floor", rooms(&wall(0.02), true), 8e-6, 6e-4),
-    ]);
+    keeps_dark(
+        Quality::Good,
+        &[
+            ("sheet, own floors", rooms(SHEET, false), 5e-5, 0.003),
+            ("sheet, one floor", rooms(SHEET, true), 1.6e-4, 0.011),
+            ("wall, own floors", rooms(&wall(0.02), false), 8e-6, 6e-4),
+            ("wall, one floor", rooms(&wall(0.02), true), 8e-6, 6e-4),
+        ],
+    );
 }
 
 #[test]
 fn walls_thinner_than_a_disk_keep_a_room_dark() {
     // A third, and a thirtieth, of the radius of a disk.
-    keeps_dark(&[
-        (
-            "3.5 mm, own floors",
-            rooms(&wall(0.0035), false),
-            4e-5,
-            0.005,
-        ),
-        (
-            "3.5 mm, one floor",
-            rooms(&wall(0.0035), true),
-            1.1e-5,
-            0.0024,
-        ),
-        (
-            "0.35 mm, own floors",
-            rooms(&wall(0.00035), false),
-            1e-4,
-            0.007,
-        ),
-        (
-            "0.35 mm, one floor",
-            rooms(&wall(0.00035), true),
-            3.5e-5,
-            0.003,
-        ),
-    ]);
+    keeps_dark(
+        Quality::Good,
+        &[
+            (
+                "3.5 mm, own floors",
+                rooms(&wall(0.0035), false),
+                4e-5,
+                0.005,
+            ),
+            (
+                "3.5 mm, one floor",
+                rooms(&wall(0.0035), true),
+                1.1e-5,
+                0.0024,
+            ),
+            (
+                "0.35 mm, own floors",
+                rooms(&wall(0.00035), false),
+                1e-4,
+                0.007,
+            ),
+            (
+                "0.35 mm, one floor",
+                rooms(&wall(0.00035), true),
+                3.5e-5,
+                0.003,
+            ),
+        ],
+    );
+}
+
+#[test]
+fn drafts_keep_rooms_dark() {
+    // Of patches as large as 32 surfels nodes tell, which do not know what stands before their disks: with patches of one, the worst of
+    // these is 1.1e-4 on average and 3.6e-3 at the brightest.
+    keeps_dark(
+        Quality::Draft,
+        &[
+            ("sheet, own floors", rooms(SHEET, false), 2e-4, 0.013),
+            ("sheet, one floor", rooms(SHEET, true), 2e-3, 0.1),
+            ("wall, own floors", rooms(&wall(0.02), false), 3e-4, 0.011),
+            ("wall, one floor", rooms(&wall(0.02), true), 3e-4, 0.011),
+            (
+                "3.5 mm, own floors",
+                rooms(&wall(0.0035), false),
+                5e-4,
+                0.022,
+            ),
+            ("sheet around a light", shells(&[0.3]), 1e-6, 1e-5),
+        ],
+    );
 }
 
 #[test]
 fn rooms_that_meet_in_an_edge_or_a_corner_keep_dark() {
     // Their walls lie in the same planes, side by side: what comes through is rounding.
     let edge = [-1.0, 0.0, -1.0];
-    keeps_dark(&[
-        ("edge", boxes(&[edge]), 1e-18, 1e-18),
-        ("corner", boxes(&[[-1.0, -1.0, -1.0]]), 1e-18, 1e-18),
-        (
-            "edge of four rooms",
-            boxes(&[edge, [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),
-            1e-18,
-            1e-18,
-        ),
-    ]);
+    keeps_dark(
+        Quality::Good,
+        &[
+            ("edge", boxes(&[edge]), 1e-18, 1e-18),
+            ("corner", boxes(&[[-1.0, -1.0, -1.0]]), 1e-18, 1e-18),
+            (
+                "edge of four rooms",
+                boxes(&[edge, [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),
+                1e-18,
+                1e-18,
+            ),
+        ],
+    );
 }
 
 /// A closed room of edge 1 around closed spheres of these diameters, a light in their middle. The camera "dark" looks at walls and at
@@ -183,17 +214,20 @@ fn shells(diameters: &[f64]) -> String {
 fn shells_around_a_light_keep_it_in() {
     // What is lit faces every way, and so does what is dark around it. With one mean for fronts and backs of a node the sheet leaks
     // 6.6e-3 on average and 0.066 at the brightest.
-    keeps_dark(&[
-        ("sheet around a light", shells(&[0.3]), 1e-6, 1e-5),
-        ("wall around a light", shells(&[0.28, 0.3]), 1e-6, 1e-5),
-    ]);
+    keeps_dark(
+        Quality::Good,
+        &[
+            ("sheet around a light", shells(&[0.3]), 1e-6, 1e-5),
+            ("wall around a light", shells(&[0.28, 0.3]), 1e-6, 1e-5),
+        ],
+    );
 }
 
 /// Holds leaks of scenes, as [`leak`] has them, to limits of their mean and of their brightest value.
 #[track_caller]
-fn keeps_dark(cases: &[(&str, String, f64, f64)]) {
+fn keeps_dark(quality: Quality, cases: &[(&str, String, f64, f64)]) {
     for (name, text, average_limit, brightest_limit) in cases {
-        let (average, brightest) = leak(text);
+        let (average, brightest) = leak(text, quality);
         eprintln!("{name}: mean {average:.1e}, brightest {brightest:.1e}");
         assert!(average < *average_limit, "{name}: {average:e}");
         assert!(brightest < *brightest_limit, "{name}: {brightest:e}");

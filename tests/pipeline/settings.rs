@@ -5,8 +5,10 @@ use crate::{ROOM, Work, layer, shade};
 use lvox::bake::lvoxels::BlockSize;
 use lvox::bake::{self, SurfelSampling};
 use lvox::formats::Cloud;
+use lvox::gather::TreeStore;
+use lvox::image::Region;
 use lvox::run::Job;
-use lvox::shade::Settings;
+use lvox::shade::{Aov, Settings};
 
 #[test]
 fn shadow_rays_count_at_every_ray_inside_a_pixel() {
@@ -246,4 +248,33 @@ fn limits_of_memory_that_are_too_small_are_named() {
     let run = lvox(&work, &[&shade[..], &["--memory-limit", "1"]].concat());
     run.refused(2, &["--memory-limit is 1 B", "hint: raise"]);
     assert!(!run.stderr.contains("verify"), "{}", run.stderr);
+}
+
+/// Near a gather, patches as large as a few leaves of the tree are told by its nodes: no leaf is decoded, and light hardly changes.
+#[test]
+fn large_patches_need_no_leaves() {
+    let work = Work::new(ROOM);
+    let scene = work.scene();
+    let store = TreeStore::open(&work.bake(&scene, 20_000), None).unwrap();
+    let indirect = |patch_surfels| {
+        let settings = Settings {
+            patch_surfels,
+            ..Settings::default()
+        };
+        let region = Region::full(64, 48);
+        let (aovs, job) = ([Aov::Indirect], Job::default());
+        let frame = lvox::shade::run(&scene, &store, &settings, region, &aovs, &job).unwrap();
+        (layer(&frame, "indirect"), store.stats().decoded_leaves)
+    };
+    let (coarse, leaves) = indirect(64);
+    assert_eq!(leaves, 0);
+    let (fine, leaves) = indirect(1);
+    assert!(leaves > 0);
+    let (mut off, mut sum) = (0.0, 0.0);
+    for (a, b) in coarse.iter().flatten().zip(fine.iter().flatten()) {
+        off += f64::from((a - b).abs());
+        sum += f64::from(*b);
+    }
+    assert!(coarse != fine);
+    assert!(off < 0.02 * sum, "{}", off / sum);
 }
