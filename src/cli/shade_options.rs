@@ -194,6 +194,9 @@ impl ShadeOptions {
         if self.uses_nodes() {
             options += &format!(" --max-solid-angle {}", s.max_solid_angle);
         }
+        if matches!(self.kernel, Kernel::Traced) {
+            options += &format!(" --patch-surfels {}", s.patch_surfels);
+        }
         options += &format!(" --lattice {}", s.lattice);
         if self.lights_media() {
             options += &format!(" --volume-samples {}", s.volume_samples);

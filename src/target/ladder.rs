@@ -9,6 +9,7 @@ pub const FINEST: f64 = (RUNGS.len() - 1) as f64;
 struct Rung {
     samples: u32,
     max_solid_angle: f32,
+    patch_surfels: u32,
     lattice: u32,
     volume_samples: u32,
     edge_samples: u32,
@@ -18,11 +19,12 @@ struct Rung {
 /// From each to the next noise falls by 1.7 to 4 times. All pixels share the samples at their corners: samples of
 /// their own cost more at the same error (`docs/gather.md`).
 const RUNGS: [Rung; 8] = {
-    const fn row(counts: [u32; 5], max_solid_angle: f32) -> Rung {
+    const fn row(counts: [u32; 5], max_solid_angle: f32, patch_surfels: u32) -> Rung {
         let [samples, lattice, volume_samples, edge_samples, shadow_rays] = counts;
         Rung {
             samples,
             max_solid_angle,
+            patch_surfels,
             lattice,
             volume_samples,
             edge_samples,
@@ -30,14 +32,14 @@ const RUNGS: [Rung; 8] = {
         }
     }
     [
-        row([4, 16, 1, 2, 1], 0.04),
-        row([4, 8, 2, 3, 1], 0.04),
-        row([8, 6, 4, 4, 1], 0.03),
-        row([12, 4, 4, 6, 1], 0.02),
-        row([32, 4, 8, 16, 1], 0.01),
-        row([64, 3, 16, 32, 1], 0.01),
-        row([128, 2, 32, 48, 1], 0.005),
-        row([256, 2, 64, 128, 1], 0.0025),
+        row([4, 16, 1, 2, 1], 0.04, 32),
+        row([4, 8, 2, 3, 1], 0.04, 32),
+        row([8, 6, 4, 4, 1], 0.03, 32),
+        row([12, 4, 4, 6, 1], 0.02, 32),
+        row([32, 4, 8, 16, 1], 0.01, 1),
+        row([64, 3, 16, 32, 1], 0.01, 1),
+        row([128, 2, 32, 48, 1], 0.005, 1),
+        row([256, 2, 64, 128, 1], 0.0025, 1),
     ]
 };
 
@@ -53,6 +55,7 @@ pub fn rung(place: f64) -> Settings {
     Settings {
         samples: count(a.samples, b.samples),
         max_solid_angle: mix(a.max_solid_angle.into(), b.max_solid_angle.into()) as f32,
+        patch_surfels: count(a.patch_surfels, b.patch_surfels),
         lattice: count(a.lattice, b.lattice),
         volume_samples: count(a.volume_samples, b.volume_samples),
         pixel_samples: 1,
@@ -78,6 +81,7 @@ mod tests {
             assert!(pair[0].edge_samples <= pair[1].edge_samples);
             assert!(pair[0].shadow_rays <= pair[1].shadow_rays);
             assert!(pair[0].max_solid_angle >= pair[1].max_solid_angle);
+            assert!(pair[0].patch_surfels >= pair[1].patch_surfels);
             pair[1].check().unwrap();
         }
     }
