@@ -20,6 +20,7 @@ use lvox::math::Rgb;
 use lvox::math::sampling::{cosine_hemisphere, hash, mix, sobol2, tangents};
 use lvox::run::usage;
 use lvox::scene::Scene;
+use lvox::shade::{Quality, Settings};
 use lvox::trace::{Surface, Tracer, offset};
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::builder::build_bvh2_from_tris;
@@ -122,14 +123,13 @@ fn main() {
         let SurfelStore::Kept(pages) = &store.surfels else {
             unreachable!("no limit was given")
         };
-        let outgoing = Outgoing::new(&tracer, store.area_per_surfel());
+        let [draft, good] = [Quality::Draft, Quality::Good].map(|quality| {
+            let patch_surfels = Settings::of(quality).patch_surfels;
+            Outgoing::new(&tracer, store.area_per_surfel()).in_patches_of(patch_surfels)
+        });
         for (name, kernel, max_solid_angle) in [
-            ("traced, 0.02 sr (draft)", Kernel::Traced(&outgoing), 0.02),
-            (
-                "traced, 0.01 sr (good, best)",
-                Kernel::Traced(&outgoing),
-                0.01,
-            ),
+            ("traced, 0.02 sr (draft)", Kernel::Traced(&draft), 0.02),
+            ("traced, 0.01 sr (good, best)", Kernel::Traced(&good), 0.01),
             ("cone, 0.02 sr", Kernel::Cone, 0.02),
             ("cone, 0.01 sr", Kernel::Cone, 0.01),
             ("cone, surfels only", Kernel::Cone, 0.0),
