@@ -19,6 +19,7 @@ pub mod page;
 mod patch;
 mod place;
 pub mod plain;
+pub mod proxy;
 pub mod store;
 
 pub use bright::{BrightPatch, Seed};

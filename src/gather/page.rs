@@ -1,7 +1,8 @@
 //! A page of the tree laid out for rays: eight children, eight disks at a time. Nodes and leaves are apart, as rays that end
 //! at triangles seldom ask for leaves.
 
-use lvox_formats::record::{Below, Node, Surfel, tangent_frame};
+use super::proxy::{Axes, Proxy, per_area};
+use lvox_formats::record::{Below, Node, Surfel, SurfelAggregate, tangent_frame};
 use std::f32::consts::PI;
 use std::ops::Range;
 
@@ -88,29 +89,13 @@ pub struct DiskLight {
 #[derive(Clone, Copy, Debug)]
 pub struct ClipPlanes([[f32; 4]; 3]);
 
-/// What stands for a node.
-#[derive(Clone, Copy, Debug)]
-pub struct Proxy {
-    /// Mean of the surfels' normals weighted by area, unit length.
-    pub normal: [f32; 3],
-    /// The plane through the mean position: `normal . x = plane`.
-    pub plane: f32,
-    /// How much of that plane inside the node's box is covered; negative if the node is not flat.
-    pub coverage: f32,
-    /// Sum of surfel areas.
+/// The surfels of a stand-in that face an axis.
+#[derive(Clone, Copy, Debug, Default)]
+struct Facing {
+    /// What the axis sees of their area, over that of all: areas times radiance would leave the range of f32.
     area: f32,
-    /// As in [`lvox_formats::record::SurfelAggregate`], but over the area: areas times radiance would leave the range of f32.
-    second_moment: [f32; 6],
-    /// The same.
-    axis_area: [f32; 6],
-    lit: LitAxes,
-}
-
-/// Towards which axes surfels send light, a bit each, and where the first of that is.
-#[derive(Clone, Copy, Debug)]
-struct LitAxes {
-    mask: u32,
-    first: u32,
+    /// What their fronts send.
+    radiance: [f32; 3],
 }
 
 /// The nodes of a page laid out for rays.
@@ -120,8 +105,8 @@ pub struct PageNodes {
     pub nodes: Vec<WideNode>,
     /// Stand-ins of the children of nodes, from [`WideNode::first_proxy`] on.
     pub proxies: Vec<Proxy>,
-    /// What stand-ins send towards the axes that they do send to, as in [`lvox_formats::record::SurfelAggregate`]: walls, to one of six.
-    lights: Vec<[f32; 3]>,
+    /// What stand-ins send to the axes that they face: walls, one of six.
+    facing: Vec<Facing>,
     /// Of each stand-in what its backs send, as in [`lvox_formats::record::SurfelAggregate`]; empty if no back of the page is lit.
     backs: Vec<[[f32; 3]; 6]>,
 }
@@ -151,8 +136,8 @@ pub fn most_bytes(nodes: u64, surfels: u64, has_clips: bool, has_backs: bool) ->
     } else {
         0
     };
-    let lights = size_of::<[[f32; 3]; 6]>();
-    let node = (size_of::<Proxy>() + lights + backs + below) as u64;
+    let facing = size_of::<[Facing; 6]>();
+    let node = (size_of::<Proxy>() + facing + backs + below) as u64;
     let surfel = (size_of::<DiskLight>() + clips) as u64;
     let of_nodes = nodes.saturating_mul(node);
     let of_surfels = surfels.saturating_mul(surfel);
@@ -179,11 +164,10 @@ impl PageNodes {
         let mut out = Self {
             nodes: Vec::with_capacity((nodes.len() - leaves as usize).max(1)),
             proxies: Vec::with_capacity(nodes.len()),
-            lights: Vec::with_capacity(nodes.iter().map(lit_axes).sum()),
+            // Walls face one axis, and most surfaces are walls.
+            facing: Vec::with_capacity(nodes.len()),
             backs: Vec::new(),
         };
-        let is_lit = |node: &Node| node.aggregate.back_radiance != [[0.0; 3]; 6];
-        let has_backs = nodes.iter().any(is_lit);
         // The groups to come, with the slot that each is below. Not by recursion: a page may be as deep as it has nodes.
         let mut groups = vec![match root.below {
             Below::Nodes { first, count } => (first, count, None),
@@ -196,11 +180,6 @@ impl PageNodes {
                 above.child[slot] = index as u32;
             }
             let node = out.group(nodes, &blocks, first, count);
-            if has_backs {
-                let group = &nodes[first as usize..first as usize + usize::from(count)];
-                out.backs
-                    .extend(group.iter().map(|n| n.aggregate.back_radiance));
-            }
             // The last comes off first.
             for slot in (0..usize::from(count)).rev() {
                 if let Below::Nodes { first, count } = nodes[first as usize + slot].below {
@@ -209,6 +188,8 @@ impl PageNodes {
             }
             out.nodes.push(node);
         }
+        out.facing.shrink_to_fit();
+        out.backs.shrink_to_fit();
         out
     }
 
@@ -218,8 +199,9 @@ impl PageNodes {
         let group = first as usize..first as usize + usize::from(count);
         let children = &nodes[group.clone()];
         for child in children {
-            let lit = self.add_lights(&child.aggregate.axis_radiance);
-            self.proxies.push(Proxy::new(child, lit));
+            let axes = self.add_facing(&child.aggregate);
+            self.add_backs(&child.aggregate.back_radiance);
+            self.proxies.push(Proxy::new(child, axes));
         }
         let mut node = WideNode {
             first_proxy,
@@ -247,28 +229,40 @@ impl PageNodes {
         node
     }
 
-    /// Adds what a stand-in sends towards each axis.
-    fn add_lights(&mut self, towards: &[[f32; 3]; 6]) -> LitAxes {
-        let first = self.lights.len() as u32;
+    /// Adds what the fronts of a stand-in send to each axis that they face.
+    fn add_facing(&mut self, of: &SurfelAggregate) -> Axes {
+        let first = self.facing.len() as u32;
         let mut mask = 0;
-        for (axis, radiance) in towards.iter().enumerate() {
-            if *radiance != [0.0; 3] {
+        for (axis, (&area, &radiance)) in of.axis_area.iter().zip(&of.axis_radiance).enumerate() {
+            let area = per_area(area, of.area);
+            if area > 0.0 {
                 mask |= 1 << axis;
-                self.lights.push(*radiance);
+                self.facing.push(Facing { area, radiance });
             }
         }
-        LitAxes { mask, first }
+        Axes { mask, first }
     }
 
-    /// What fronts of the surfels of a stand-in send towards an axis.
+    /// Adds what backs of the stand-in to come send towards each axis, if that of any so far do.
+    fn add_backs(&mut self, towards: &[[f32; 3]; 6]) {
+        const DARK: [[f32; 3]; 6] = [[0.0; 3]; 6];
+        if *towards != DARK {
+            self.backs.resize(self.proxies.len(), DARK);
+        }
+        if *towards != DARK || !self.backs.is_empty() {
+            self.backs.push(*towards);
+        }
+    }
+
+    /// The surfels of a stand-in that face an axis.
     #[inline]
-    fn light(&self, of: &Proxy, axis: usize) -> [f32; 3] {
-        let LitAxes { mask, first } = of.lit;
+    fn facing(&self, of: &Proxy, axis: usize) -> Facing {
+        let Axes { mask, first } = of.axes;
         if mask >> axis & 1 == 0 {
-            return [0.0; 3];
+            return Facing::default();
         }
         let before = (mask & ((1 << axis) - 1)).count_ones();
-        self.lights[(first + before) as usize]
+        self.facing[(first + before) as usize]
     }
 
     /// Indices of the stand-ins of the children of a node; none if there is no such node.
@@ -291,10 +285,11 @@ impl PageNodes {
         for (a, &along) in v.iter().enumerate() {
             let side = 2 * a + usize::from(along < 0.0);
             if !is_back {
-                mean.add(along.abs() * of.axis_area[side], self.light(of, side));
+                let fronts = self.facing(of, side);
+                mean.add(along.abs() * fronts.area, fronts.radiance);
             } else {
                 let radiance = self.backs.get(proxy).map_or([0.0; 3], |b| b[side]);
-                mean.add(along.abs() * of.axis_area[side ^ 1], radiance);
+                mean.add(along.abs() * self.facing(of, side ^ 1).area, radiance);
             }
         }
         (mean.get(), mean.weight * of.area)
@@ -308,11 +303,12 @@ impl PageNodes {
         let mut mean = Weighted::default();
         for (a, &along) in v.iter().enumerate() {
             let side = 2 * a + usize::from(along < 0.0);
-            mean.add(along.abs() * of.axis_area[side], self.light(of, side));
+            let fronts = self.facing(of, side);
+            mean.add(along.abs() * fronts.area, fronts.radiance);
             if let Some(back) = self.backs.get(proxy).map(|b| b[side])
                 && back != [0.0; 3]
             {
-                mean.add(along.abs() * of.axis_area[side ^ 1], back);
+                mean.add(along.abs() * self.facing(of, side ^ 1).area, back);
             }
         }
         mean.get()
@@ -323,7 +319,7 @@ impl PageNodes {
     pub fn bytes(&self) -> usize {
         size_of_val(&*self.nodes)
             + size_of_val(&*self.proxies)
-            + size_of_val(&*self.lights)
+            + size_of_val(&*self.facing)
             + size_of_val(&*self.backs)
     }
 }
@@ -442,84 +438,10 @@ impl Weighted {
     }
 }
 
-/// Towards how many axes fronts below a node send light.
-fn lit_axes(node: &Node) -> usize {
-    let is_lit = |c: &&[f32; 3]| **c != [0.0; 3];
-    node.aggregate.axis_radiance.iter().filter(is_lit).count()
-}
-
-impl Proxy {
-    /// A node is flat if its normals agree this well: mean length over area.
-    const FLAT: f32 = 0.97;
-
-    fn new(node: &Node, lit: LitAxes) -> Self {
-        let g = &node.aggregate;
-        let over_area = |v: f32| if g.area > 0.0 { v / g.area } else { 0.0 };
-        let n = g.normal_sum.map(over_area);
-        let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
-        let normal = if length > 0.0 {
-            n.map(|v| v / length)
-        } else {
-            [0.0, 0.0, 1.0]
-        };
-        let plane = (0..3).map(|a| normal[a] * g.centre[a]).sum();
-        let coverage = if length > Self::FLAT {
-            let e: [f32; 3] = std::array::from_fn(|a| node.bounds.max[a] - node.bounds.min[a]);
-            // The plane's section of the box is no larger than the box's face over the normal's cosine.
-            let section = (0..3)
-                .map(|a| e[(a + 1) % 3] * e[(a + 2) % 3] / normal[a].abs().max(1e-6))
-                .fold(f32::INFINITY, f32::min);
-            if section > 0.0 { g.area / section } else { 1.0 }
-        } else {
-            -1.0
-        };
-        Self {
-            normal,
-            plane,
-            coverage,
-            area: g.area,
-            second_moment: g.second_moment.map(over_area),
-            axis_area: g.axis_area.map(over_area),
-            lit,
-        }
-    }
-
-    /// Whether the node is met as a patch of its plane.
-    #[must_use]
-    pub fn is_flat(&self) -> bool {
-        self.coverage >= 0.0
-    }
-
-    /// Mean squared cosine between the normals of its surfels and a unit direction, weighted by area; none where it has none.
-    #[must_use]
-    pub fn squared_cosine(&self, d: [f32; 3]) -> f32 {
-        let [xx, yy, zz, xy, xz, yz] = self.second_moment;
-        let quadratic = xx * d[0] * d[0]
-            + yy * d[1] * d[1]
-            + zz * d[2] * d[2]
-            + 2.0 * (xy * d[0] * d[1] + xz * d[0] * d[2] + yz * d[1] * d[2]);
-        quadratic.max(0.0)
-    }
-
-    /// Share of the box, as seen along `d`, that surfels cover.
-    #[must_use]
-    pub fn opacity(&self, d: [f32; 3], extent: [f32; 3]) -> f32 {
-        let projected = self.area * self.squared_cosine(d).sqrt();
-        let section = d[0].abs() * extent[1] * extent[2]
-            + d[1].abs() * extent[2] * extent[0]
-            + d[2].abs() * extent[0] * extent[1];
-        if section > 0.0 {
-            (projected / section).min(1.0)
-        } else {
-            1.0
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lvox_formats::record::{Bounds, SurfelAggregate};
+    use lvox_formats::record::Bounds;
 
     #[test]
     fn a_page_may_be_as_deep_as_it_has_nodes() {

@@ -2,8 +2,9 @@
 
 use super::cone::OVERHANG;
 use super::geometry::Geometry;
-use super::page::{ChildKind, DiskBlock, PageLeaves, PageNodes, Proxy, WIDTH, WideNode};
+use super::page::{ChildKind, DiskBlock, PageLeaves, PageNodes, WIDTH, WideNode};
 use super::place::{Extent, Place};
+use super::proxy::Proxy;
 use super::store::{Page, Pages};
 use crate::math::Rgb;
 use glam::Vec3;
