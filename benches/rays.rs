@@ -124,7 +124,7 @@ fn main() {
             unreachable!("no limit was given")
         };
         let [draft, good] = [Quality::Draft, Quality::Good].map(|quality| {
-            let patch_surfels = Settings::of(quality).patch_surfels;
+            let patch_surfels = Settings::of(quality).patch_surfels as f32;
             Outgoing::new(&tracer, store.area_per_surfel()).in_patches_of(patch_surfels)
         });
         for (name, kernel, max_solid_angle) in [

@@ -46,7 +46,8 @@ pub struct ShadeOptions {
     max_solid_angle: Option<f32>,
 
     /// Tell light that comes from near by apart in patches as large as so many surfels; 32 or more need no more of the tree than its
-    /// nodes, and blur contacts. No matter with --kernel cone and plain [default: 32, 1, 1 by quality]
+    /// nodes, and blur contacts. Fewer in frames of more than 8192 gathers. No matter with --kernel cone and plain [default: 32, 1, 1
+    /// by quality]
     #[arg(long, value_name = "N")]
     patch_surfels: Option<u32>,
 

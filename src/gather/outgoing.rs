@@ -88,8 +88,8 @@ impl<'a> Outgoing<'a> {
     /// Divides triangles no further once the square over a patch's longest edge has the area of so many surfels, not of one. What is nearer
     /// than such a patch is large is blurred; patches larger than the boxes of leaves need none of those.
     #[must_use]
-    pub fn in_patches_of(mut self, surfels: u32) -> Self {
-        self.surfels_per_patch = surfels.max(1) as f32;
+    pub fn in_patches_of(mut self, surfels: f32) -> Self {
+        self.surfels_per_patch = surfels.max(1.0);
         self
     }
 

@@ -12,7 +12,8 @@ pub struct Settings {
     /// A node seen under less than this, steradians, may stand for all below it.
     pub max_solid_angle: f32,
     /// How finely gather rays tell apart what is near: in parts of triangles of which the square over the longest edge has the area of
-    /// so many surfels at most. From 32 on nodes of the tree answer for all of them, and its leaves are not decoded.
+    /// so many surfels at most, in frames of few gathers ([`Self::surfels_per_patch`]). From 32 on nodes of the tree answer for all of
+    /// them, and its leaves are not decoded.
     pub patch_surfels: u32,
     /// Nothing further than this, in scene units, sends indirect light; it hides the environment as ever.
     pub max_dist: Option<f32>,
@@ -165,6 +166,15 @@ impl Settings {
         self.samples.div_ceil(2)
     }
 
+    /// Surfels of a near patch in a frame of so many pixels: `patch_surfels` up to 8192 gathers, and fewer by the square of how many more
+    /// there are. What near patches cost is the same for all frames, and more gathers see more of what they blur.
+    #[must_use]
+    pub fn surfels_per_patch(&self, pixels: usize) -> f32 {
+        const FEW: f32 = 8192.0;
+        let gathers = pixels as f32 / (self.lattice * self.lattice) as f32;
+        (self.patch_surfels as f32 * (FEW / gathers).min(1.0).powi(2)).max(1.0)
+    }
+
     /// Refuses settings that make no sense.
     ///
     /// # Errors
@@ -199,5 +209,23 @@ impl Settings {
             )));
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn near_patches_are_large_where_gathers_are_few() {
+        let draft = Settings::of(Quality::Draft);
+        let surfels = |width: usize, height: usize| draft.surfels_per_patch(width * height);
+        assert_eq!(surfels(64, 48), 32.0);
+        assert_eq!(surfels(512, 512), 32.0);
+        let medium = surfels(1024, 768);
+        assert!((4.0..5.0).contains(&medium), "{medium}");
+        assert_eq!(surfels(1920, 1080), 1.0);
+        let good = Settings::of(Quality::Good);
+        assert_eq!(good.surfels_per_patch(64 * 48), 1.0);
     }
 }

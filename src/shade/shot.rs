@@ -152,8 +152,9 @@ fn shade<P: Pages, M: Medium>(
     let shadows = SoftShadows::new(scene);
     let lights = Lights::new(&tracer).with_soft_shadows_through(shadows.as_ref());
     let mut outgoing = (settings.kernel == Kernel::Traced).then(|| {
-        let outgoing =
-            Outgoing::new(&tracer, tree.area_per_surfel).in_patches_of(settings.patch_surfels);
+        let pixels = scene.film.width as usize * scene.film.height as usize;
+        let outgoing = Outgoing::new(&tracer, tree.area_per_surfel)
+            .in_patches_of(settings.surfels_per_patch(pixels));
         if tree.is_even {
             outgoing
         } else {
