@@ -20,7 +20,7 @@ use lvox::math::Rgb;
 use lvox::math::sampling::{cosine_hemisphere, hash, mix, sobol2, tangents};
 use lvox::run::usage;
 use lvox::scene::Scene;
-use lvox::shade::{Quality, Settings};
+use lvox::shade::{self, Quality};
 use lvox::trace::{Surface, Tracer, offset};
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::builder::build_bvh2_from_tris;
@@ -124,7 +124,7 @@ fn main() {
             unreachable!("no limit was given")
         };
         let [draft, good] = [Quality::Draft, Quality::Good].map(|quality| {
-            let patch_surfels = Settings::of(quality).patch_surfels as f32;
+            let patch_surfels = shade::Settings::of(quality).patch_surfels as f32;
             Outgoing::new(&tracer, store.area_per_surfel()).in_patches_of(patch_surfels)
         });
         for (name, kernel, max_solid_angle) in [
