@@ -107,7 +107,8 @@ impl<'a> Outgoing<'a> {
     const MOST_BRIGHT: usize = 1 << 14;
 
     /// Finds the patches that send more than `least`, by the mean channel, where at least `support` seeds speak for them. From then on
-    /// rays that are to leave them out meet black there. None where there are too many.
+    /// rays that are to leave them out meet black there, and patches may be as small as surfels: large ones would blur the borders of
+    /// bright places. None where there are too many.
     pub fn find_bright<P: Pages>(
         &mut self,
         pages: &P,
@@ -115,6 +116,7 @@ impl<'a> Outgoing<'a> {
         support: usize,
         least: f32,
     ) -> Vec<BrightPatch> {
+        let surfels_per_patch = std::mem::replace(&mut self.surfels_per_patch, 1.0);
         let mut places = BrightPlaces::new(self.extents.len());
         let mut patches = Vec::new();
         let mut stack = Vec::new();
@@ -138,6 +140,7 @@ impl<'a> Outgoing<'a> {
             patches.len() <= Self::MOST_BRIGHT
         });
         if !is_few || patches.is_empty() {
+            self.surfels_per_patch = surfels_per_patch;
             return Vec::new();
         }
         self.bright = Some(places);
@@ -212,7 +215,8 @@ impl<'a> Outgoing<'a> {
             // One that is not bright holds none that is.
             place = place.smaller(around);
         }
-        let key = place.key();
+        // Places answer otherwise where near patches are large, and the table outlives that.
+        let key = place.key() | u64::from(self.surfels_per_patch > 1.0) << 63;
         let hash = key.wrapping_mul(SCATTER) >> (64 - Self::SLOTS);
         let slot = &self.slots[hash as usize];
         let radiance = slot.get(key).unwrap_or_else(|| {

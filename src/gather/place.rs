@@ -79,7 +79,7 @@ impl Place {
         self.level
     }
 
-    /// A number that no other place has.
+    /// A number that no other place has. Its leading bit is free: triangles are fewer than 2^31.
     #[inline]
     pub fn key(&self) -> u64 {
         let [i, j] = self.at;

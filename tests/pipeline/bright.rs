@@ -64,6 +64,26 @@ fn sun_through_a_hole_has_less_noise_and_a_better_mean() {
     assert!((ratio - 1.0).abs() < 0.02, "{ratio}");
 }
 
+/// Large ones would blur the borders of bright places.
+#[test]
+fn near_patches_are_small_beside_bright_ones() {
+    let work = Work::new(&skylight(0.0));
+    let scene = work.scene();
+    let tree = work.bake(&scene, 50_000);
+    let off = |bright_patches| {
+        let [large, small] = [64, 1].map(|patch_surfels| {
+            let settings = Settings {
+                patch_surfels,
+                ..settings(bright_patches)
+            };
+            layer(&shade(&scene, &tree, &settings), "indirect")
+        });
+        relative_rms(&large, &small)
+    };
+    let [beside_bright, alone] = [true, false].map(off);
+    assert!(beside_bright < 0.1 * alone, "{beside_bright} {alone}");
+}
+
 #[test]
 fn frames_with_bright_patches_do_not_depend_on_threads_or_tiles() {
     let work = Work::new(&skylight(0.0));
