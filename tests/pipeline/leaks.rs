@@ -121,33 +121,14 @@ fn a_dark_room_beside_a_bright_one_stays_dark() {
 #[test]
 fn walls_thinner_than_a_disk_keep_a_room_dark() {
     // A third, and a thirtieth, of the radius of a disk.
+    let [third, thirtieth] = [0.0035, 0.00035].map(wall);
     keeps_dark(
         Quality::Good,
         &[
-            (
-                "3.5 mm, own floors",
-                rooms(&wall(0.0035), false),
-                4e-5,
-                0.005,
-            ),
-            (
-                "3.5 mm, one floor",
-                rooms(&wall(0.0035), true),
-                1.1e-5,
-                0.0024,
-            ),
-            (
-                "0.35 mm, own floors",
-                rooms(&wall(0.00035), false),
-                1e-4,
-                0.007,
-            ),
-            (
-                "0.35 mm, one floor",
-                rooms(&wall(0.00035), true),
-                3.5e-5,
-                0.003,
-            ),
+            ("3.5 mm, own floors", rooms(&third, false), 4e-5, 0.005),
+            ("3.5 mm, one floor", rooms(&third, true), 1.1e-5, 0.0024),
+            ("0.35 mm, own floors", rooms(&thirtieth, false), 1e-4, 0.007),
+            ("0.35 mm, one floor", rooms(&thirtieth, true), 3.5e-5, 0.003),
         ],
     );
 }
@@ -163,12 +144,7 @@ fn drafts_keep_rooms_dark() {
             ("sheet, one floor", rooms(SHEET, true), 1.3e-4, 0.012),
             ("wall, own floors", rooms(&wall(0.02), false), 3e-4, 0.011),
             ("wall, one floor", rooms(&wall(0.02), true), 3e-4, 0.011),
-            (
-                "3.5 mm, own floors",
-                rooms(&wall(0.0035), false),
-                5e-6,
-                0.003,
-            ),
+            ("3.5 mm wall", rooms(&wall(0.0035), false), 5e-6, 0.003),
             ("sheet around a light", shells(&[0.3]), 1e-6, 1e-5),
         ],
     );

@@ -18,34 +18,13 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
 
     /// Marches the media before corners some way apart, and before those between where the media of their neighbours differ.
     pub(super) fn pass_media(&mut self, height: usize) {
-        let spacing = self.marched_spacing();
-        let mut step = spacing;
-        while step > 0 {
-            // Corners between need those up to one step less one away, and a pixel those of the ring around its own.
-            let rim = Self::RINGS as usize - step;
-            for row in rim..height - rim {
-                for column in rim..self.width - rim {
-                    let [x, y] = Self::place(self.region, column, row)
-                        .moved
-                        .map(|c| c as usize);
-                    if x % step != 0 || y % step != 0 {
-                        continue;
-                    }
-                    let i = row * self.width + column;
-                    let between = if step < spacing {
-                        let is_between = [x, y].map(|c| c % (2 * step) != 0);
-                        if is_between == [false; 2] {
-                            continue;
-                        }
-                        self.media_between(i, is_between, step)
-                    } else {
-                        None
-                    };
-                    let march = || self.shader.march(&self.corners[i].sample);
-                    self.corners[i].sample.passed = between.unwrap_or_else(march);
-                }
-            }
-            step /= 2;
+        // A pixel needs the ring around its own corners.
+        let rim = Self::RINGS as usize - 1;
+        for visit in self.coarse_to_fine(height, rim, self.marched_spacing()) {
+            let i = visit.index;
+            let between = (visit.between).and_then(|(is, step)| self.media_between(i, is, step));
+            let march = || self.shader.march(&self.corners[i].sample);
+            self.corners[i].sample.passed = between.unwrap_or_else(march);
         }
     }
 

@@ -39,6 +39,15 @@ pub struct Corner<T: Passed> {
     irradiance: Rgb,
 }
 
+/// A corner on the way from coarse to fine.
+struct Visit {
+    index: usize,
+    /// As of [`Place`].
+    moved: [u32; 2],
+    /// Where others came before it: in which of its coordinates it lies between them, and how far away they are.
+    between: Option<([bool; 2], usize)>,
+}
+
 /// Where a corner is.
 struct Place {
     /// Film coordinates moved so far that none is negative.
@@ -136,38 +145,50 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         } else {
             4
         };
-        let mut step = spacing;
-        while step > 0 {
+        for visit in self.coarse_to_fine(height, Self::RINGS as usize, spacing) {
+            let i = visit.index;
+            let Some(surface) = self.corners[i].sample.surface else {
+                continue;
+            };
+            let between = (visit.between).and_then(|(is, step)| self.between(i, is, step));
+            // Rings before the film's own corners are as good as its first row for a key.
+            let [x, y] = visit.moved.map(|v| v.saturating_sub(Self::RINGS));
+            self.corners[i].irradiance =
+                between.unwrap_or_else(|| self.shader.indirect(&surface, x, y));
+        }
+    }
+
+    /// The corners inside a rim, and around them what those between need: first those that are `spacing` apart, a power of two, then
+    /// those half as far apart, down to all.
+    fn coarse_to_fine(
+        &self,
+        height: usize,
+        rim: usize,
+        spacing: usize,
+    ) -> impl Iterator<Item = Visit> + use<'a, P, M, A> {
+        let (region, width) = (self.region, self.width);
+        let steps = std::iter::successors(Some(spacing), |step| (*step > 1).then_some(step / 2));
+        steps.flat_map(move |step| {
             // Corners between need those up to one step less one away.
-            let rim = Self::RINGS as usize + 1 - step;
-            for row in rim..height - rim {
-                for column in rim..self.width - rim {
-                    let moved = Self::place(self.region, column, row).moved;
+            let rim = rim + 1 - step;
+            let in_row = move |row: usize| {
+                (rim..width - rim).filter_map(move |column| {
+                    let moved = Self::place(region, column, row).moved;
                     let [x, y] = moved.map(|c| c as usize);
                     if x % step != 0 || y % step != 0 {
-                        continue;
+                        return None;
                     }
-                    let i = row * self.width + column;
-                    let Some(surface) = self.corners[i].sample.surface else {
-                        continue;
-                    };
-                    let between = if step < spacing {
-                        let is_between = [x, y].map(|c| c % (2 * step) != 0);
-                        if is_between == [false; 2] {
-                            continue;
-                        }
-                        self.between(i, is_between, step)
-                    } else {
-                        None
-                    };
-                    // Rings before the film's own corners are as good as its first row for a key.
-                    let [x, y] = moved.map(|v| v.saturating_sub(Self::RINGS));
-                    self.corners[i].irradiance =
-                        between.unwrap_or_else(|| self.shader.indirect(&surface, x, y));
-                }
-            }
-            step /= 2;
-        }
+                    let is_between = [x, y].map(|c| c % (2 * step) != 0);
+                    let is_first = step == spacing;
+                    (is_first || is_between != [false; 2]).then_some(Visit {
+                        index: row * width + column,
+                        moved,
+                        between: (!is_first).then_some((is_between, step)),
+                    })
+                })
+            };
+            (rim..height - rim).flat_map(in_row)
+        })
     }
 
     /// Four corners, some of them twice, `step` away from one that lies between them in some of its coordinates.
