@@ -202,8 +202,9 @@ impl Baked {
         receivers: u64,
     ) -> f64 {
         let tracer = Tracer::new(&self.scene);
-        let outgoing = Outgoing::new(&tracer, self.store.area_per_surfel());
         let settings = shade::Settings::default();
+        let rays = receivers as usize * settings.samples as usize;
+        let outgoing = Outgoing::new(&tracer, self.store.area_per_surfel(), rays);
         let gatherer = Gatherer {
             pages,
             media,

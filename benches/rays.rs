@@ -125,7 +125,9 @@ fn main() {
         };
         let [draft, good] = [Quality::Draft, Quality::Good].map(|quality| {
             let patch_surfels = shade::Settings::of(quality).patch_surfels as f32;
-            Outgoing::new(&tracer, store.area_per_surfel()).in_patches_of(patch_surfels)
+            // As in a frame, whose gathers stand half as far apart.
+            Outgoing::new(&tracer, store.area_per_surfel(), 4 * rays.len())
+                .in_patches_of(patch_surfels)
         });
         for (name, kernel, max_solid_angle) in [
             ("traced, 0.02 sr (draft)", Kernel::Traced(&draft), 0.02),

@@ -7,6 +7,7 @@
 //!
 //! Points and directions are those of scene space, distances are scene units, light is linear Rec.709.
 
+mod answers;
 pub mod bright;
 pub mod cone;
 mod directions;

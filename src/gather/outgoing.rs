@@ -3,6 +3,7 @@
 //! Rays tell exactly what a receiver sees, and no disk reaches over an edge. What is seen is asked of the tree once for each
 //! patch, whose size goes by the solid angle that a node may have to be taken whole, and remembered.
 
+use super::answers::Answers;
 use super::bright::{BrightPatch, BrightPlaces, Disk, Search, Seed};
 use super::geometry::Geometry;
 use super::patch::Side;
@@ -45,7 +46,7 @@ pub struct Outgoing<'a> {
     is_even: bool,
     /// The square over the longest edge of a patch need not be smaller than the area of so many of them.
     surfels_per_patch: f32,
-    slots: Box<[Slot]>,
+    answers: Answers,
     /// What rays may leave out, if anything.
     bright: Option<BrightPlaces>,
     patches: AtomicU64,
@@ -56,12 +57,11 @@ impl<'a> Outgoing<'a> {
     /// Solid angle of a square over a patch's longest edge, over that under which a node is taken whole. Patches are
     /// triangles, and divided by four: on average they have an eighth of that square.
     const SIZE: f32 = 4.0;
-    /// Binary logarithm of the slots: 4 MiB in all.
-    const SLOTS: u32 = 18;
 
-    /// Nothing is known yet. `area_per_surfel` is that of the tree: patches need not be smaller than surfels tell apart.
+    /// Nothing is known yet. `area_per_surfel` is that of the tree: patches need not be smaller than surfels tell apart. There is room
+    /// to remember the patches that about so many rays end on.
     #[must_use]
-    pub fn new(geometry: &'a dyn Geometry, area_per_surfel: f32) -> Self {
+    pub fn new(geometry: &'a dyn Geometry, area_per_surfel: f32, rays: usize) -> Self {
         let extent = |t| {
             let over_mean = geometry.surfel_area_over_mean(t);
             Extent::new(geometry.corners(t), over_mean.map(|a| a * area_per_surfel))
@@ -71,7 +71,7 @@ impl<'a> Outgoing<'a> {
             extents: (0..geometry.triangles()).map(extent).collect(),
             is_even: true,
             surfels_per_patch: 1.0,
-            slots: (0..1 << Self::SLOTS).map(|_| Slot::default()).collect(),
+            answers: Answers::new(rays),
             bright: None,
             patches: AtomicU64::new(0),
             unknown: AtomicU64::new(0),
@@ -217,120 +217,7 @@ impl<'a> Outgoing<'a> {
         }
         // Places answer otherwise where near patches are large, and the table outlives that.
         let key = place.key() | u64::from(self.surfels_per_patch > 1.0) << 63;
-        let hash = key.wrapping_mul(SCATTER) >> (64 - Self::SLOTS);
-        let slot = &self.slots[hash as usize];
-        let radiance = slot.get(key).unwrap_or_else(|| {
-            let packed = pack(self.ask(pages, &place, stack));
-            slot.set(key, packed);
-            packed
-        });
-        crossing(unpack(radiance))
-    }
-}
-
-/// 2^64 over the golden ratio: the upper bits of a product depend on all bits of the other factor (Fibonacci hashing).
-const SCATTER: u64 = 0x9E37_79B9_7F4A_7C15;
-
-/// A key and what belongs to it: the key mixed with the value, then the value, so that halves of two entries written at the
-/// same time do not fit each other (Hyatt & Mann 2002).
-#[derive(Debug)]
-struct Slot([AtomicU64; 2]);
-
-impl Default for Slot {
-    /// Answers for no key. Not of zeros, though it might be: pages of memory that are read before they are written to are
-    /// mapped twice, the second time in all threads.
-    fn default() -> Self {
-        Self([Self::NO_KEY.into(), 0.into()])
-    }
-}
-
-impl Slot {
-    /// No place's: those have a leading bit.
-    const NO_KEY: u64 = 1;
-
-    #[inline]
-    fn get(&self, key: u64) -> Option<u64> {
-        let [mixed, value] = self.0.each_ref().map(|v| v.load(Ordering::Relaxed));
-        (mixed ^ Self::spread(value) == key).then_some(value)
-    }
-
-    #[inline]
-    fn set(&self, key: u64, value: u64) {
-        self.0[0].store(key ^ Self::spread(value), Ordering::Relaxed);
-        self.0[1].store(value, Ordering::Relaxed);
-    }
-
-    /// Keys and values have a structure, by which one could be taken for another. A product alone spreads bits upwards only:
-    /// light of one channel would leave the lower bits of keys as they are, and halves of two entries could make a
-    /// third key.
-    #[inline]
-    fn spread(value: u64) -> u64 {
-        let upwards = value.wrapping_mul(SCATTER);
-        (upwards ^ upwards >> 32).wrapping_mul(SCATTER)
-    }
-}
-
-/// Three radiances of at least 0 in 21 bits each: an f32 without its sign and its last ten digits, 6e-5 of its value.
-#[inline]
-fn pack(c: Rgb) -> u64 {
-    // Adding 0 turns -0 into 0.
-    let [r, g, b] =
-        c.0.map(|v| u64::from(((v + 0.0).to_bits() + (1 << 9)) >> 10));
-    r << 42 | g << 21 | b
-}
-
-#[inline]
-fn unpack(v: u64) -> Rgb {
-    Rgb([v >> 42, v >> 21, v].map(|v| f32::from_bits((v as u32 & 0x1f_ffff) << 10)))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn radiance_survives_packing() {
-        for v in [0.0, -0.0, 1e-36, 1e-30, 0.3, 1.0, 7e4, 1e30] {
-            let Rgb(got) = unpack(pack(Rgb([v, 2.0 * v, 0.5 * v])));
-            for (got, v) in got.into_iter().zip([v, 2.0 * v, 0.5 * v]) {
-                assert!((got - v).abs() <= 6.2e-5 * v, "{got} {v}");
-            }
-        }
-    }
-
-    #[test]
-    fn a_slot_answers_for_its_key_alone() {
-        let slot = Slot::default();
-        assert_eq!(slot.get(5), None);
-        slot.set(5, 77);
-        assert_eq!((slot.get(5), slot.get(4)), (Some(77), None));
-        // Half of another entry.
-        slot.0[1].store(78, Ordering::Relaxed);
-        assert_eq!(slot.get(5), None);
-    }
-
-    /// Of entries of two triangles whose light has one channel, no half of one with half of the other makes an entry of any
-    /// triangle with the same patch: that is all that a key differs by from others of its table.
-    #[test]
-    fn halves_of_entries_of_light_of_one_channel_do_not_make_a_third() {
-        let sides = [0, 1, 2].map(|c| {
-            (1..200).map(move |i| {
-                let mut light = [0.0; 3];
-                light[c] = 0.37 + 0.01 * i as f32;
-                pack(Rgb(light))
-            })
-        });
-        let values: Vec<u64> = sides.into_iter().flatten().collect();
-        let patch = 0x1234_5678_u64;
-        for (i, &a) in values.iter().enumerate() {
-            for &b in &values[..i] {
-                let slot = Slot::default();
-                slot.set(7 << 32 | patch, a);
-                slot.0[1].store(b, Ordering::Relaxed);
-                let mixed = slot.0[0].load(Ordering::Relaxed);
-                let key = mixed ^ Slot::spread(b);
-                assert_ne!(key & 0xffff_ffff, patch, "{a:x} {b:x}");
-            }
-        }
+        let known = self.answers.get(key);
+        crossing(known.unwrap_or_else(|| self.answers.keep(key, self.ask(pages, &place, stack))))
     }
 }

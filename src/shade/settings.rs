@@ -166,6 +166,12 @@ impl Settings {
         self.samples.div_ceil(2)
     }
 
+    /// Rays of the gathers of a lattice over so many pixels.
+    #[must_use]
+    pub fn lattice_rays(&self, pixels: usize) -> usize {
+        pixels / (self.lattice * self.lattice) as usize * self.samples as usize
+    }
+
     /// Surfels of a near patch in a frame of so many pixels: `patch_surfels` up to 8192 gathers, and fewer by the square of how many more
     /// there are. What near patches cost is the same for all frames, and more gathers see more of what they blur.
     #[must_use]

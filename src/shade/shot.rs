@@ -153,7 +153,8 @@ fn shade<P: Pages, M: Medium>(
     let lights = Lights::new(&tracer).with_soft_shadows_through(shadows.as_ref());
     let mut outgoing = (settings.kernel == Kernel::Traced).then(|| {
         let pixels = scene.film.width as usize * scene.film.height as usize;
-        let outgoing = Outgoing::new(&tracer, tree.area_per_surfel)
+        let rays = settings.lattice_rays(request.regions.iter().map(Region::pixels).sum());
+        let outgoing = Outgoing::new(&tracer, tree.area_per_surfel, rays)
             .in_patches_of(settings.surfels_per_patch(pixels));
         if tree.is_even {
             outgoing

@@ -160,7 +160,7 @@ fn with<M: Medium, T>(
 ) -> T {
     let tracer = Tracer::new(scene);
     let view = View::new(&tracer, scene.camera(None).unwrap(), scene.film, 5);
-    let outgoing = Outgoing::new(around, 0.0);
+    let outgoing = Outgoing::new(around, 0.0, 0);
     let gatherer = Gatherer {
         pages: &NoPages,
         media,

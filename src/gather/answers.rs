@@ -1,0 +1,202 @@
+//! What was asked once is remembered, in a table of fixed size that all threads share without waiting.
+
+use crate::math::Rgb;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Radiances by key. Where there is no room, later ones take the place of earlier ones.
+#[derive(Debug)]
+pub(super) struct Answers(Box<[Line]>);
+
+/// Slots that any of some keys may have: a line of the processor's cache, so that it takes no longer to look at all of them.
+#[derive(Debug, Default)]
+#[repr(align(64))]
+struct Line([Slot; Line::SLOTS]);
+
+impl Line {
+    const SLOTS: usize = 4;
+}
+
+impl Answers {
+    /// For about so many questions. Each slot is written to before the first, and a line that is not in the cache of the processor takes
+    /// longer to read, so that a table has a place for each question only where they are few.
+    pub fn new(questions: usize) -> Self {
+        // 1, 4 or 16 MiB.
+        let slots: usize = match questions {
+            ..200_000 => 1 << 16,
+            ..4_000_000 => 1 << 18,
+            _ => 1 << 20,
+        };
+        Self((0..slots / Line::SLOTS).map(|_| Line::default()).collect())
+    }
+
+    /// The line of a key, and its own slot there.
+    #[inline]
+    fn line(&self, key: u64) -> (&[Slot; Line::SLOTS], usize) {
+        let hash = (key.wrapping_mul(SCATTER) >> 40) as usize;
+        let own = hash % Line::SLOTS;
+        (&self.0[hash / Line::SLOTS & (self.0.len() - 1)].0, own)
+    }
+
+    /// What is kept for a key, which is not 1.
+    #[inline]
+    pub fn get(&self, key: u64) -> Option<Rgb> {
+        let (slots, own) = self.line(key);
+        let value = slots[own].get(key);
+        let value = value.or_else(|| Self::elsewhere(slots, own, key))?;
+        Some(unpack(value))
+    }
+
+    /// The same in the slots that are not its own.
+    #[cold]
+    fn elsewhere(slots: &[Slot; Line::SLOTS], own: usize, key: u64) -> Option<u64> {
+        (1..Line::SLOTS).find_map(|i| slots[own ^ i].get(key))
+    }
+
+    /// Keeps an answer, in the place of another where the line is full; what [`Self::get`] will say.
+    pub fn keep(&self, key: u64, radiance: Rgb) -> Rgb {
+        let (slots, own) = self.line(key);
+        let value = pack(radiance);
+        let free = (0..Line::SLOTS)
+            .map(|i| own ^ i)
+            .find(|&i| slots[i].is_free());
+        slots[free.unwrap_or(own)].set(key, value);
+        unpack(value)
+    }
+}
+
+/// 2^64 over the golden ratio: the upper bits of a product depend on all bits of the other factor (Fibonacci hashing).
+const SCATTER: u64 = 0x9E37_79B9_7F4A_7C15;
+
+/// A key and what belongs to it: the key mixed with the value, then the value, so that halves of two entries written at the
+/// same time do not fit each other (Hyatt & Mann 2002).
+#[derive(Debug)]
+struct Slot([AtomicU64; 2]);
+
+impl Default for Slot {
+    /// Answers for no key. Not of zeros, though it might be: pages of memory that are read before they are written to are
+    /// mapped twice, the second time in all threads.
+    fn default() -> Self {
+        Self([Self::NO_KEY.into(), 0.into()])
+    }
+}
+
+impl Slot {
+    /// No place's: those have a leading bit.
+    const NO_KEY: u64 = 1;
+
+    /// Whether it never held anything.
+    #[inline]
+    fn is_free(&self) -> bool {
+        self.get(Self::NO_KEY) == Some(0)
+    }
+
+    #[inline]
+    fn get(&self, key: u64) -> Option<u64> {
+        let [mixed, value] = self.0.each_ref().map(|v| v.load(Ordering::Relaxed));
+        (mixed ^ Self::spread(value) == key).then_some(value)
+    }
+
+    #[inline]
+    fn set(&self, key: u64, value: u64) {
+        self.0[0].store(key ^ Self::spread(value), Ordering::Relaxed);
+        self.0[1].store(value, Ordering::Relaxed);
+    }
+
+    /// Keys and values have a structure, by which one could be taken for another. A product alone spreads bits upwards only:
+    /// light of one channel would leave the lower bits of keys as they are, and halves of two entries could make a
+    /// third key.
+    #[inline]
+    fn spread(value: u64) -> u64 {
+        let upwards = value.wrapping_mul(SCATTER);
+        (upwards ^ upwards >> 32).wrapping_mul(SCATTER)
+    }
+}
+
+/// Three radiances of at least 0 in 21 bits each: an f32 without its sign and its last ten digits, 6e-5 of its value.
+#[inline]
+fn pack(c: Rgb) -> u64 {
+    // Adding 0 turns -0 into 0.
+    let [r, g, b] =
+        c.0.map(|v| u64::from(((v + 0.0).to_bits() + (1 << 9)) >> 10));
+    r << 42 | g << 21 | b
+}
+
+#[inline]
+fn unpack(v: u64) -> Rgb {
+    Rgb([v >> 42, v >> 21, v].map(|v| f32::from_bits((v as u32 & 0x1f_ffff) << 10)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// If each key had one slot, a fifth of those of a table that is half full would have to give way.
+    #[test]
+    fn a_table_that_is_half_full_keeps_all_but_few() {
+        let answers = Answers::new(0);
+        let slots = (answers.0.len() * Line::SLOTS) as u64;
+        let key = |i: u64| 1 << 33 | i << 32 | 5 * i;
+        let light = |i: u64| Rgb([(i % 1000) as f32, 1.0, 0.0]);
+        (0..slots / 2).for_each(|i| assert_eq!(answers.keep(key(i), light(i)), light(i)));
+        let kept = |i: &u64| match answers.get(key(*i)) {
+            Some(got) => {
+                assert_eq!(got, light(*i));
+                true
+            }
+            None => false,
+        };
+        let count = (0..slots / 2).filter(kept).count() as u64;
+        assert!(count > slots / 2 * 95 / 100, "{count} of {}", slots / 2);
+        // The last of many more is always there.
+        for i in slots / 2..4 * slots {
+            answers.keep(key(i), light(i));
+            assert!(kept(&i), "{i}");
+        }
+    }
+
+    #[test]
+    fn radiance_survives_packing() {
+        for v in [0.0, -0.0, 1e-36, 1e-30, 0.3, 1.0, 7e4, 1e30] {
+            let Rgb(got) = unpack(pack(Rgb([v, 2.0 * v, 0.5 * v])));
+            for (got, v) in got.into_iter().zip([v, 2.0 * v, 0.5 * v]) {
+                assert!((got - v).abs() <= 6.2e-5 * v, "{got} {v}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_slot_answers_for_its_key_alone() {
+        let slot = Slot::default();
+        assert_eq!(slot.get(5), None);
+        slot.set(5, 77);
+        assert_eq!((slot.get(5), slot.get(4)), (Some(77), None));
+        // Half of another entry.
+        slot.0[1].store(78, Ordering::Relaxed);
+        assert_eq!(slot.get(5), None);
+    }
+
+    /// Of entries of two triangles whose light has one channel, no half of one with half of the other makes an entry of any
+    /// triangle with the same patch: that is all that a key differs by from others of its table.
+    #[test]
+    fn halves_of_entries_of_light_of_one_channel_do_not_make_a_third() {
+        let sides = [0, 1, 2].map(|c| {
+            (1..200).map(move |i| {
+                let mut light = [0.0; 3];
+                light[c] = 0.37 + 0.01 * i as f32;
+                pack(Rgb(light))
+            })
+        });
+        let values: Vec<u64> = sides.into_iter().flatten().collect();
+        let patch = 0x1234_5678_u64;
+        for (i, &a) in values.iter().enumerate() {
+            for &b in &values[..i] {
+                let slot = Slot::default();
+                slot.set(7 << 32 | patch, a);
+                slot.0[1].store(b, Ordering::Relaxed);
+                let mixed = slot.0[0].load(Ordering::Relaxed);
+                let key = mixed ^ Slot::spread(b);
+                assert_ne!(key & 0xffff_ffff, patch, "{a:x} {b:x}");
+            }
+        }
+    }
+}
