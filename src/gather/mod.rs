@@ -56,6 +56,30 @@ pub struct Settings<'a> {
     pub leave_out_bright: bool,
 }
 
+impl Settings<'_> {
+    /// Whether surfaces that are too far away to send light matter: before an environment they do.
+    fn is_hiding(&self) -> bool {
+        self.max_dist.is_finite() && !self.environment.is_black()
+    }
+
+    /// How far surfaces matter.
+    fn reach(&self) -> f32 {
+        if self.is_hiding() {
+            f32::INFINITY
+        } else {
+            self.max_dist
+        }
+    }
+
+    /// What is asked of surfaces.
+    fn wanted(&self) -> Wanted {
+        Wanted {
+            max_solid_angle: self.max_solid_angle,
+            leave_out_bright: self.leave_out_bright,
+        }
+    }
+}
+
 /// What ends rays, and how it is found.
 #[derive(Clone, Copy, Debug)]
 pub enum Kernel<'a> {
@@ -194,15 +218,32 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
         stretch: u32,
         direction: impl Fn(u32) -> Option<Vec3>,
     ) -> Gathered {
-        let mut rays = Rays::default();
-        let mut scratch = cone::Scratch::default();
         let count = self.settings.samples.max(1);
-        for i in 0..count {
-            if let Some(direction) = direction(stretch * count + i) {
-                rays.add(self.look(point, direction, &mut scratch));
+        let directions = (0..count).filter_map(|i| direction(stretch * count + i));
+        let rays: Vec<_> = directions.map(|d| (point, d)).collect();
+        let mut seen = Rays::default();
+        self.look_along(&rays, |_, s| seen.add(s));
+        seen.mean(count)
+    }
+
+    /// Tells what each of some rays, origins and unit directions, sees, and which it is, one after the other.
+    fn look_along(&self, rays: &[(Vec3, Vec3)], mut tell: impl FnMut(usize, Seen)) {
+        let mut scratch = cone::Scratch::default();
+        let Kernel::Traced(outgoing) = self.settings.kernel else {
+            for (i, &(origin, direction)) in rays.iter().enumerate() {
+                tell(i, self.look(origin, direction, &mut scratch));
+            }
+            return;
+        };
+        let (reach, wanted) = (self.settings.reach(), self.settings.wanted());
+        let mut ends = [None; outgoing::TOGETHER];
+        for (batch, first) in rays.chunks(ends.len()).zip((0..).step_by(ends.len())) {
+            let stack = &mut scratch.stack;
+            outgoing.cast_together(self.pages, batch, reach, wanted, stack, &mut ends);
+            for ((&(origin, direction), &end), i) in batch.iter().zip(&ends).zip(first..) {
+                tell(i, self.see(origin, direction, end, &mut scratch));
             }
         }
-        rays.mean(count)
     }
 
     /// What one ray of unit direction sees.
@@ -210,31 +251,37 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
     // Not inlined by itself once it is compiled for more than one kind of medium.
     #[inline(always)]
     pub fn look(&self, origin: Vec3, direction: Vec3, scratch: &mut cone::Scratch) -> Seen {
-        let Settings {
-            max_solid_angle: cut,
-            max_dist,
-            kernel,
-            environment,
-            leave_out_bright,
-            ..
-        } = self.settings;
-        let pages = self.pages;
-        // What is too far away to send light matters only before an environment.
-        let is_hiding = max_dist.is_finite() && !environment.is_black();
-        let reach = if is_hiding { f32::INFINITY } else { max_dist };
-        let end = match kernel {
+        let (pages, reach) = (self.pages, self.settings.reach());
+        let end = match self.settings.kernel {
             Kernel::Traced(outgoing) => {
                 scratch.crossings.clear();
-                let stack = &mut scratch.stack;
-                let wanted = Wanted {
-                    max_solid_angle: cut,
-                    leave_out_bright,
-                };
-                outgoing.cast(pages, origin, direction, reach, wanted, stack)
+                let wanted = self.settings.wanted();
+                outgoing.cast(pages, origin, direction, reach, wanted, &mut scratch.stack)
             }
-            Kernel::Cone => cone::cast(pages, origin, direction, reach, cut, scratch),
+            Kernel::Cone => {
+                let cut = self.settings.max_solid_angle;
+                cone::cast(pages, origin, direction, reach, cut, scratch)
+            }
             Kernel::Plain => plain::cast(pages, origin, direction, reach, scratch),
         };
+        self.see(origin, direction, end, scratch)
+    }
+
+    /// What a ray that ends there sees, with the partly covered nodes before.
+    #[inline(always)]
+    fn see(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        end: Option<Crossing>,
+        scratch: &mut cone::Scratch,
+    ) -> Seen {
+        let Settings {
+            max_dist,
+            environment,
+            ..
+        } = self.settings;
+        let is_hiding = self.settings.is_hiding();
         let passed = scratch.crossings_before(end.map_or(f32::INFINITY, |c| c.t));
         let near = passed.partition_point(|c| c.t < max_dist);
         let (near, far) = passed.split_at(near);

@@ -1,7 +1,7 @@
 //! Gathers of surface points near each other, ray by ray in an order in which those after each other meet nearly the same.
 
 use super::directions::{Hemisphere, SEQUENCES};
-use super::{Gathered, Gatherer, Medium, Pages, Rays, Seen, Stretch, cone};
+use super::{Gathered, Gatherer, Medium, Pages, Rays, Seen, Stretch};
 use glam::Vec3;
 use lvox_formats::morton::interleave;
 use std::f32::consts::PI;
@@ -91,22 +91,22 @@ impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
         for (k, p) in points.iter().enumerate() {
             with_stretch[p.stretch as usize] = Some(k);
         }
-        let mut scratch = cone::Scratch::default();
+        let (places, rays): (Vec<_>, Vec<_>) = in_order
+            .iter()
+            .filter_map(|&i| {
+                let (stretch, ray) = ((i / samples) as usize, (i % samples) as usize);
+                let k = with_stretch[stretch]?;
+                let SurfacePoint {
+                    position,
+                    face_normal,
+                    ..
+                } = points[k];
+                let direction = hemispheres[k].direction_above(i, face_normal)?;
+                Some((k * samples as usize + ray, (position, direction)))
+            })
+            .unzip();
         let mut seen: Vec<Option<Seen>> = vec![None; points.len() * samples as usize];
-        for &i in in_order {
-            let (stretch, ray) = ((i / samples) as usize, (i % samples) as usize);
-            let Some(k) = with_stretch[stretch] else {
-                continue;
-            };
-            let SurfacePoint {
-                position,
-                face_normal,
-                ..
-            } = points[k];
-            if let Some(d) = hemispheres[k].direction_above(i, face_normal) {
-                seen[k * samples as usize + ray] = Some(self.look(position, d, &mut scratch));
-            }
-        }
+        self.look_along(&rays, |i, s| seen[places[i]] = Some(s));
         let gathered = |of_point: &[Option<Seen>]| {
             let mut rays = Rays::default();
             of_point.iter().flatten().for_each(|s| rays.add(*s));

@@ -33,6 +33,9 @@ pub struct Wanted {
     pub leave_out_bright: bool,
 }
 
+/// Rays that are cast together, at most.
+pub const TOGETHER: usize = 16;
+
 /// What the surfaces of a scene send, as a tree has it.
 ///
 /// Patches are remembered in a table of fixed size, in which later ones take the place of earlier ones. A patch sends what
@@ -193,31 +196,80 @@ impl<'a> Outgoing<'a> {
         stack: &mut Vec<(f32, u32, u32)>,
     ) -> Option<Crossing> {
         let hit = self.geometry.closest(origin, direction, t_max)?;
-        let crossing = |radiance| {
-            Some(Crossing {
+        let radiance = match self.place(&hit, wanted) {
+            None => Rgb::BLACK,
+            Some(place) => {
+                let known = self.answers.get(self.key(&place));
+                known.unwrap_or_else(|| self.learn(pages, &place, stack))
+            }
+        };
+        Some(Crossing {
+            t: hit.t,
+            opacity: 1.0,
+            radiance,
+        })
+    }
+
+    /// What [`Self::cast`] finds for each of some rays, at most [`TOGETHER`]. The table is in memory that is far away, and those that
+    /// are looked up together wait for it at the same time.
+    pub fn cast_together<P: Pages>(
+        &self,
+        pages: &P,
+        rays: &[(Vec3, Vec3)],
+        t_max: f32,
+        wanted: Wanted,
+        stack: &mut Vec<(f32, u32, u32)>,
+        ends: &mut [Option<Crossing>; TOGETHER],
+    ) {
+        let mut places = [None; TOGETHER];
+        for ((&(origin, direction), end), place) in rays.iter().zip(&mut *ends).zip(&mut places) {
+            let hit = self.geometry.closest(origin, direction, t_max);
+            *place = hit.and_then(|hit| self.place(&hit, wanted));
+            *end = hit.map(|hit| Crossing {
                 t: hit.t,
                 opacity: 1.0,
-                radiance,
-            })
-        };
+                radiance: Rgb::BLACK,
+            });
+        }
+        let known = places.map(|place| place.map(|p| (self.answers.get(self.key(&p)), p)));
+        for (end, known) in ends.iter_mut().zip(known) {
+            if let (Some(end), Some((radiance, place))) = (end, known) {
+                // One before it may have asked.
+                let known = radiance.or_else(|| self.answers.get(self.key(&place)));
+                end.radiance = known.unwrap_or_else(|| self.learn(pages, &place, stack));
+            }
+        }
+    }
+
+    /// The patch that was met, unless it is black.
+    #[inline]
+    fn place(&self, hit: &Hit, wanted: Wanted) -> Option<Place> {
         let extent = self.extents[hit.triangle as usize];
         if extent.least == Extent::BLACK {
-            return crossing(Rgb::BLACK);
+            return None;
         }
         let Extent { edge2, least } = extent.of_surfels(self.surfels_per_patch);
         let size = Self::SIZE * wanted.max_solid_angle * hit.t * hit.t;
-        let mut place = Place::new(&hit, edge2, size.max(least));
+        let place = Place::new(hit, edge2, size.max(least));
         let bright = self.bright.as_ref();
-        if let Some((around, is_bright)) = bright.and_then(|b| b.at(&hit, extent)) {
-            if is_bright && wanted.leave_out_bright {
-                return crossing(Rgb::BLACK);
-            }
+        match bright.and_then(|b| b.at(hit, extent)) {
+            Some((_, true)) if wanted.leave_out_bright => None,
             // One that is not bright holds none that is.
-            place = place.smaller(around);
+            Some((around, _)) => Some(place.smaller(around)),
+            None => Some(place),
         }
-        // Places answer otherwise where near patches are large, and the table outlives that.
-        let key = place.key() | u64::from(self.surfels_per_patch > 1.0) << 63;
-        let known = self.answers.get(key);
-        crossing(known.unwrap_or_else(|| self.answers.keep(key, self.ask(pages, &place, stack))))
+    }
+
+    /// Places answer otherwise where near patches are large, and the table outlives that.
+    #[inline]
+    fn key(&self, place: &Place) -> u64 {
+        place.key() | u64::from(self.surfels_per_patch > 1.0) << 63
+    }
+
+    /// What a patch sends, now and from then on.
+    #[cold]
+    fn learn<P: Pages>(&self, pages: &P, place: &Place, stack: &mut Vec<(f32, u32, u32)>) -> Rgb {
+        let radiance = self.ask(pages, place, stack);
+        self.answers.keep(self.key(place), radiance)
     }
 }
