@@ -6,6 +6,8 @@ use lvox::Kind;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    take_memory_in_large_pieces();
     let result = match cli::parse() {
         Ok(cli) => cli.run(),
         Err(exit) => return exit,
@@ -19,5 +21,16 @@ fn main() -> ExitCode {
                 Kind::Failed | Kind::Cancelled => ExitCode::FAILURE,
             }
         }
+    }
+}
+
+/// Has the C library ask the system for 16 MiB of addresses at a time where it would ask for a few pages, 1,500 times a frame, and stop the
+/// other threads each time. What is not used takes no memory.
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+fn take_memory_in_large_pieces() {
+    // SAFETY: it sets a number that the allocator reads, while this is the only thread. Where that is refused all goes on as before.
+    #[allow(unsafe_code)]
+    unsafe {
+        libc::mallopt(libc::M_TOP_PAD, 16 << 20);
     }
 }
