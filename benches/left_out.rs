@@ -203,8 +203,8 @@ impl Baked {
     ) -> f64 {
         let tracer = Tracer::new(&self.scene);
         let settings = shade::Settings::default();
-        let rays = receivers as usize * settings.samples as usize;
-        let outgoing = Outgoing::new(&tracer, self.store.area_per_surfel(), rays);
+        let samples = receivers as usize * settings.samples as usize;
+        let outgoing = Outgoing::new(&tracer, self.store.area_per_surfel(), samples);
         let gatherer = Gatherer {
             pages,
             media,

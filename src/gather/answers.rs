@@ -22,8 +22,8 @@ impl Answers {
     pub fn new(questions: usize) -> Self {
         // 1, 4 or 16 MiB.
         let slots: usize = match questions {
-            ..200_000 => 1 << 16,
-            ..4_000_000 => 1 << 18,
+            0..200_000 => 1 << 16,
+            200_000..4_000_000 => 1 << 18,
             _ => 1 << 20,
         };
         Self((0..slots / Line::SLOTS).map(|_| Line::default()).collect())
@@ -34,7 +34,7 @@ impl Answers {
     fn line(&self, key: u64) -> (&[Slot; Line::SLOTS], usize) {
         let hash = (key.wrapping_mul(SCATTER) >> 40) as usize;
         let own = hash % Line::SLOTS;
-        (&self.0[hash / Line::SLOTS & (self.0.len() - 1)].0, own)
+        (&self.0[(hash / Line::SLOTS) & (self.0.len() - 1)].0, own)
     }
 
     /// What is kept for a key, which is not 1.
@@ -135,7 +135,7 @@ mod tests {
     fn a_table_that_is_half_full_keeps_all_but_few() {
         let answers = Answers::new(0);
         let slots = (answers.0.len() * Line::SLOTS) as u64;
-        let key = |i: u64| 1 << 33 | i << 32 | 5 * i;
+        let key = |i: u64| (1 << 33) | (i << 32) | (5 * i);
         let light = |i: u64| Rgb([(i % 1000) as f32, 1.0, 0.0]);
         (0..slots / 2).for_each(|i| assert_eq!(answers.keep(key(i), light(i)), light(i)));
         let kept = |i: &u64| match answers.get(key(*i)) {
