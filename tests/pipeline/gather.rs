@@ -1,7 +1,7 @@
 //! The fast kernel against the plain one, and media against a walk over all boxes.
 
+use crate::demo;
 use crate::support::random::Random;
-use crate::support::trees;
 use glam::{Affine3A, Quat, Vec3};
 use lvox::build;
 use lvox::formats::record::{MAX_LEVEL, VolumeInfo};
@@ -18,7 +18,6 @@ use lvox::math::Rgb;
 use lvox::math::sampling::{r2, sphere};
 use lvox::math::segment::Composite;
 use lvox::run::Job;
-use lvox::scene::Scene;
 use lvox::trace::Tracer;
 use std::f32::consts::PI;
 use std::path::PathBuf;
@@ -245,10 +244,7 @@ fn neighbours_gather_together_what_they_gather_one_by_one() {
 /// Whatever was asked before, and of whom.
 #[test]
 fn rays_that_are_looked_up_together_find_what_each_finds_alone() {
-    let scene = Scene::demo().unwrap();
-    let dir = tempfile::tempdir().unwrap();
-    let tree = trees::baked(&scene, &trees::of_surfels(20_000), dir.path(), "demo");
-    let store = TreeStore::open(&tree, None).unwrap();
+    let (_dir, scene, store) = demo(20_000);
     let tracer = Tracer::new(&scene);
     let corners = &scene.mesh.positions;
     let from = corners.iter().sum::<Vec3>() / corners.len() as f32;
@@ -258,7 +254,7 @@ fn rays_that_are_looked_up_together_find_what_each_finds_alone() {
         leave_out_bright: false,
     };
     let outgoing = || Outgoing::new(&tracer, store.area_per_surfel(), rays.len());
-    let (alone, together) = (outgoing(), outgoing());
+    let alone = outgoing();
     let mut stack = Vec::new();
     let cast = |&(origin, direction): &(Vec3, Vec3), stack: &mut Vec<_>| {
         alone.cast(pages(&store), origin, direction, 1e3, wanted, stack)
@@ -266,13 +262,14 @@ fn rays_that_are_looked_up_together_find_what_each_finds_alone() {
     let expected: Vec<_> = rays.iter().map(|ray| cast(ray, &mut stack)).collect();
     assert!(expected.iter().flatten().count() > 500);
     for size in [1, 5, TOGETHER] {
+        let together = outgoing();
         let mut ends = [None; TOGETHER];
         for (rays, expected) in rays.chunks(size).zip(expected.chunks(size)) {
             together.cast_together(pages(&store), rays, 1e3, wanted, &mut stack, &mut ends);
             assert_eq!(&ends[..rays.len()], expected);
         }
+        assert_eq!(alone.asked(), together.asked());
     }
-    assert_eq!(alone.asked(), together.asked());
 }
 
 #[test]

@@ -1,12 +1,10 @@
 //! Grain that a viewer sees and errors over a frame do not tell: how far frames of other seeds are from each other within
 //! a few pixels.
 
-use crate::support::trees;
-use lvox::gather::TreeStore;
+use crate::demo;
 use lvox::image::metrics::grain;
 use lvox::image::{Picture, Region};
 use lvox::run::Job;
-use lvox::scene::Scene;
 use lvox::shade::{self, Quality, Settings};
 use std::f64::consts::SQRT_2;
 
@@ -21,10 +19,7 @@ const WALLS: Region = Region {
 /// It is 0.85 to 0.88 % by two seeds; where corners take one shadow ray, not four, it is 1.61 to 1.7 %.
 #[test]
 fn walls_behind_smoke_have_little() {
-    let dir = tempfile::tempdir().unwrap();
-    let scene = Scene::demo().unwrap();
-    let tree = trees::baked(&scene, &trees::of_surfels(20_000), dir.path(), "demo");
-    let store = TreeStore::open(&tree, None).unwrap();
+    let (_dir, scene, store) = demo(20_000);
     for quality in [Quality::Draft, Quality::Good] {
         let seen = |seed: u64| -> Picture {
             let settings = Settings {

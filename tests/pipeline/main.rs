@@ -157,6 +157,15 @@ impl Work {
     }
 }
 
+/// The scene that the program carries, with its tree of so many surfels, which goes away with the folder.
+fn demo(surfels: u64) -> (TempDir, Scene, TreeStore) {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = Scene::demo().unwrap();
+    let tree = trees::baked(&scene, &trees::of_surfels(surfels), dir.path(), "demo");
+    let store = TreeStore::open(&tree, None).unwrap();
+    (dir, scene, store)
+}
+
 /// The frame of a tree on disk.
 fn shade(scene: &Scene, tree: &Path, settings: &Settings) -> Frame {
     let store = TreeStore::open(tree, None).unwrap();
