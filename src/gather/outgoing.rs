@@ -210,7 +210,7 @@ impl<'a> Outgoing<'a> {
         })
     }
 
-    /// What [`Self::cast`] finds for each of some rays, at most [`TOGETHER`]. The table is in memory that is far away, and those that
+    /// What [`Self::cast`] finds for each of some rays, at most [`TOGETHER`]. They share their way to the triangles. The table is in memory that is far away, and those that
     /// are looked up together wait for it at the same time.
     pub fn cast_together<P: Pages>(
         &self,
@@ -222,8 +222,10 @@ impl<'a> Outgoing<'a> {
         ends: &mut [Option<Crossing>; TOGETHER],
     ) {
         let mut places = [None; TOGETHER];
-        for ((&(origin, direction), end), place) in rays.iter().zip(&mut *ends).zip(&mut places) {
-            let hit = self.geometry.closest(origin, direction, t_max);
+        let mut hits = [None; TOGETHER];
+        self.geometry
+            .closest_together(rays, t_max, &mut hits[..rays.len()]);
+        for ((hit, end), place) in hits.iter().zip(&mut *ends).zip(&mut places) {
             *place = hit.and_then(|hit| self.place(&hit, wanted));
             *end = hit.map(|hit| Crossing {
                 t: hit.t,

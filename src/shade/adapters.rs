@@ -10,6 +10,10 @@ impl Geometry for Tracer<'_> {
         self.closest(origin, direction, t_max)
     }
 
+    fn closest_together(&self, rays: &[(Vec3, Vec3)], t_max: f32, hits: &mut [Option<Hit>]) {
+        self.closest_together(rays, t_max, hits);
+    }
+
     fn triangles(&self) -> u32 {
         self.scene.mesh.triangles.len() as u32
     }

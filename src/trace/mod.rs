@@ -62,6 +62,11 @@ impl<'a> Tracer<'a> {
         self.triangles.closest(origin, direction, t_max)
     }
 
+    /// As [`Tracer::closest`], for each of some rays; faster where they go much the same way.
+    pub fn closest_together(&self, rays: &[(Vec3, Vec3)], t_max: f32, hits: &mut [Option<Hit>]) {
+        self.triangles.closest_together(rays, t_max, hits);
+    }
+
     /// Whether a surface is between `origin` and `t_max` along a unit direction.
     #[must_use]
     pub fn is_occluded(&self, origin: Vec3, direction: Vec3, t_max: f32) -> bool {

@@ -3,6 +3,9 @@
 //! `obvhs` builds the hierarchy. Its own traversal is slower (`cargo bench --bench rays`), leaks at edges that triangles share,
 //! and passes over boxes that end less than 1e-4 units from the ray's origin.
 
+mod packet;
+mod ray;
+
 use super::two_wide::{two_wide, two_wide_until};
 use super::watertight::{Block, LANES, ShearedRay};
 use crate::Result;
@@ -12,6 +15,7 @@ use crate::scene::Mesh;
 use glam::{Vec3, Vec3A};
 use obvhs::bvh2::Bvh2;
 use obvhs::triangle::Triangle;
+use ray::{Ray, Stack};
 use smallvec::SmallVec;
 use std::convert::Infallible;
 use std::ops::Range;
@@ -69,9 +73,6 @@ impl Child {
         first..first + 1 + (self.0 >> Self::COUNT_SHIFT) as usize % Self::MOST_BLOCKS
     }
 }
-
-/// Children still to be visited, and where the ray enters them.
-type Stack = SmallVec<[(f32, Child); 64]>;
 
 impl TriangleBvh {
     /// Builds the hierarchy.
@@ -195,32 +196,18 @@ impl TriangleBvh {
     /// Nearest hit before `t_max`; of triangles at the same distance the first of the mesh.
     #[must_use]
     pub fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Hit> {
-        let (origin, t_max) = (origin * self.scale, t_max * self.scale);
-        let mut best: Option<Hit> = None;
-        self.visit(origin, direction, t_max, |block, sheared, t_end| {
-            let met = sheared.meet(block);
-            let mut lanes = met.lanes;
-            while lanes != 0 {
-                let k = lanes.trailing_zeros() as usize;
-                lanes &= lanes - 1;
-                let (t, triangle) = (met.t[k], block.triangles[k]);
-                let first = best.is_none_or(|b| t < b.t || (t == b.t && triangle < b.triangle));
-                if t < t_max && first {
-                    *t_end = t;
-                    best = Some(Hit {
-                        t,
-                        triangle,
-                        uv: met.uv.map(|w| w[k]),
-                        is_back: met.backs >> k & 1 == 1,
-                    });
-                }
-            }
-            true
-        });
-        best.map(|hit| Hit {
-            t: hit.t / self.scale,
-            ..hit
-        })
+        let mut nearest = Nearest::new(t_max * self.scale);
+        self.visit(
+            origin * self.scale,
+            direction,
+            nearest.t_end,
+            |block, sheared, t_end| {
+                nearest.meet(block, sheared);
+                *t_end = nearest.t_end;
+                true
+            },
+        );
+        nearest.hit(self.scale)
     }
 
     /// Whether any triangle is hit before `t_max`.
@@ -250,13 +237,25 @@ impl TriangleBvh {
         }
         let ray = Ray::new(origin, direction);
         let sheared = ShearedRay::new(origin, direction);
-        let mut t_end = t_max;
+        self.visit_from(Child::node(0), &ray, t_max, |block, t_end| {
+            visit(block, &sheared, t_end)
+        });
+    }
+
+    /// As [`Self::visit`], of what is below a child.
+    #[inline(always)]
+    fn visit_from(
+        &self,
+        mut child: Child,
+        ray: &Ray,
+        mut t_end: f32,
+        mut visit: impl FnMut(&Block, &mut f32) -> bool,
+    ) {
         let mut stack = Stack::new();
-        let mut child = Child::node(0);
         loop {
             if child.is_leaf() {
                 for block in &self.blocks[child.blocks()] {
-                    if !visit(block, &sheared, &mut t_end) {
+                    if !visit(block, &mut t_end) {
                         return;
                     }
                 }
@@ -275,82 +274,62 @@ impl TriangleBvh {
     }
 }
 
+/// The nearest hit of a ray so far, in the scale of the hierarchy.
+struct Nearest {
+    t_max: f32,
+    /// Where the ray ends: at the hit, or at `t_max`.
+    t_end: f32,
+    best: Option<Hit>,
+}
+
+impl Nearest {
+    fn new(t_max: f32) -> Self {
+        Self {
+            t_max,
+            t_end: t_max,
+            best: None,
+        }
+    }
+
+    /// Takes the nearest of a block's hits if it is nearer, or as near and of a triangle that comes before.
+    #[inline(always)]
+    fn meet(&mut self, block: &Block, sheared: &ShearedRay) {
+        let met = sheared.meet(block);
+        let mut lanes = met.lanes;
+        while lanes != 0 {
+            let k = lanes.trailing_zeros() as usize;
+            lanes &= lanes - 1;
+            let (t, triangle) = (met.t[k], block.triangles[k]);
+            let first = self
+                .best
+                .is_none_or(|b| t < b.t || (t == b.t && triangle < b.triangle));
+            if t < self.t_max && first {
+                self.t_end = t;
+                self.best = Some(Hit {
+                    t,
+                    triangle,
+                    uv: met.uv.map(|w| w[k]),
+                    is_back: met.backs >> k & 1 == 1,
+                });
+            }
+        }
+    }
+
+    /// The hit in units of the mesh.
+    fn hit(self, scale: f32) -> Option<Hit> {
+        self.best.map(|hit| Hit {
+            t: hit.t / scale,
+            ..hit
+        })
+    }
+}
+
 /// The power of two that makes the largest coordinate of a mesh about 1.
 fn scale_of(mesh: &Mesh) -> f32 {
     let corners = (0..mesh.triangles.len()).flat_map(|i| mesh.corners(i));
     let largest = corners.fold(0.0_f32, |m, p| m.max(p.abs().max_element()));
     let (_, exponent) = libm::frexpf(largest);
     libm::ldexpf(1.0, (-exponent).clamp(-120, 120))
-}
-
-/// A ray prepared for slab tests.
-struct Ray {
-    origin: [f32; 3],
-    inverse: [f32; 3],
-    /// Planes at which the ray enters and leaves boxes, by axis.
-    first: [usize; 3],
-    last: [usize; 3],
-}
-
-impl Ray {
-    /// More than the rounding of a distance to a plane, twice: no box is missed whose triangle is met.
-    const ROUNDING: f32 = 1.0 + 1e-6;
-
-    fn new(origin: Vec3, direction: Vec3) -> Self {
-        // A zero would make 0 * inf of a plane that the ray lies in.
-        let inverse = direction.to_array().map(|v| {
-            let least = 1e-18_f32.copysign(v);
-            1.0 / if v.abs() < 1e-18 { least } else { v }
-        });
-        let first = std::array::from_fn(|a| if inverse[a] < 0.0 { 3 + a } else { a });
-        let last = std::array::from_fn(|a| if inverse[a] < 0.0 { a } else { 3 + a });
-        Self {
-            origin: origin.to_array(),
-            inverse,
-            first,
-            last,
-        }
-    }
-
-    /// The nearest child whose box the ray enters before `t_end`; the others go on the stack, the next nearest last.
-    // A call for each node would keep the ray out of registers.
-    #[inline(always)]
-    fn enter(&self, node: &Node, t_end: f32, stack: &mut Stack) -> Option<Child> {
-        let (mut near, mut far) = (f32x8::ZERO, f32x8::splat(t_end));
-        for a in 0..3 {
-            let (o, inverse) = (f32x8::splat(self.origin[a]), f32x8::splat(self.inverse[a]));
-            near = near.fast_max((node.planes[self.first[a]] - o) * inverse);
-            far = far.fast_min((node.planes[self.last[a]] - o) * inverse);
-        }
-        let mut met = near
-            .simd_le(far * f32x8::splat(Self::ROUNDING))
-            .to_bitmask();
-        let near = near.to_array();
-        if met == 0 {
-            return None;
-        }
-        let k = met.trailing_zeros() as usize;
-        met &= met - 1;
-        let mut nearest = (near[k], node.children[k]);
-        let below = stack.len();
-        while met != 0 {
-            let k = met.trailing_zeros() as usize;
-            met &= met - 1;
-            let mut other = (near[k], node.children[k]);
-            if other.0 < nearest.0 {
-                std::mem::swap(&mut other, &mut nearest);
-            }
-            // Sorted so that the nearest is popped first.
-            let mut i = stack.len();
-            stack.push(other);
-            while i > below && stack[i - 1].0 < other.0 {
-                stack[i] = stack[i - 1];
-                i -= 1;
-            }
-            stack[i] = other;
-        }
-        Some(nearest.1)
-    }
 }
 
 #[cfg(test)]
@@ -388,7 +367,7 @@ mod tests {
     }
 
     /// A closed sphere of shared vertices.
-    fn sphere(rings: u32, segments: u32) -> Mesh {
+    pub fn sphere(rings: u32, segments: u32) -> Mesh {
         let mut mesh = Mesh::default();
         for r in 0..=rings {
             let (sin, cos) = sampling::sin_cos_turns(0.5 * r as f32 / rings as f32);
@@ -554,5 +533,14 @@ mod tests {
         let bvh = TriangleBvh::new_until(&Mesh::default(), &Cancel::default()).unwrap();
         assert!(bvh.closest(Vec3::ZERO, Vec3::Z, f32::INFINITY).is_none());
         assert!(!bvh.is_occluded(Vec3::ZERO, Vec3::Z, f32::INFINITY));
+        let stale = Hit {
+            t: 1.0,
+            triangle: 0,
+            uv: [0.0; 2],
+            is_back: false,
+        };
+        let mut hits = [Some(stale)];
+        bvh.closest_together(&[(Vec3::ZERO, Vec3::Z)], f32::INFINITY, &mut hits);
+        assert_eq!(hits, [None]);
     }
 }

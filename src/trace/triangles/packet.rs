@@ -1,0 +1,186 @@
+//! Rays that go much the same way, traced together: they share what they visit (Wald, Slusallek, Benthin & Wagner 2001).
+
+use super::ray::Ray;
+use super::{Child, Nearest, TriangleBvh};
+use crate::math::Hit;
+use crate::trace::watertight::ShearedRay;
+use glam::Vec3;
+use smallvec::SmallVec;
+use wide::f32x8;
+
+/// Rays of a packet, at most.
+const PACKET: usize = 16;
+
+/// So many rays of a packet go on by themselves. With one, four or six it is no faster (`cargo bench --bench rays`).
+const FEW: u32 = 2;
+
+/// Rays of a packet by their bits.
+type Mask = u32;
+
+/// A ray of a packet.
+struct Member {
+    ray: Ray,
+    sheared: ShearedRay,
+    nearest: Nearest,
+}
+
+impl TriangleBvh {
+    /// What [`Self::closest`] finds for each of some rays, to the bit. Faster where rays that follow each other are near each other
+    /// and go much the same way.
+    pub fn closest_together(&self, rays: &[(Vec3, Vec3)], t_max: f32, hits: &mut [Option<Hit>]) {
+        if self.nodes.is_empty() {
+            hits.fill(None);
+            return;
+        }
+        for (rays, hits) in rays.chunks(PACKET).zip(hits.chunks_mut(PACKET)) {
+            let mut packet: SmallVec<[Member; PACKET]> = SmallVec::new();
+            packet.extend(rays.iter().map(|&(origin, direction)| Member {
+                ray: Ray::new(origin * self.scale, direction),
+                sheared: ShearedRay::new(origin * self.scale, direction),
+                nearest: Nearest::new(t_max * self.scale),
+            }));
+            self.trace(&mut packet);
+            for (hit, member) in hits.iter_mut().zip(packet) {
+                *hit = member.nearest.hit(self.scale);
+            }
+        }
+    }
+
+    /// Finds the nearest hit of each ray of a packet.
+    fn trace(&self, packet: &mut [Member]) {
+        // With the least distance at which one of the rays enters.
+        let mut stack: SmallVec<[(f32, Child, Mask); 64]> = SmallVec::new();
+        stack.push((0.0, Child::node(0), (1 << packet.len()) - 1));
+        while let Some((near, child, mut active)) = stack.pop() {
+            for k in members(active) {
+                if near > packet[k].nearest.t_end * Ray::ROUNDING {
+                    active &= !(1 << k);
+                }
+            }
+            if active.count_ones() <= FEW {
+                for k in members(active) {
+                    let Member {
+                        ray,
+                        sheared,
+                        nearest,
+                    } = &mut packet[k];
+                    let t_end = nearest.t_end;
+                    self.visit_from(child, ray, t_end, |block, t_end| {
+                        nearest.meet(block, sheared);
+                        *t_end = nearest.t_end;
+                        true
+                    });
+                }
+            } else if child.is_leaf() {
+                for block in &self.blocks[child.blocks()] {
+                    for k in members(active) {
+                        let Member {
+                            sheared, nearest, ..
+                        } = &mut packet[k];
+                        nearest.meet(block, sheared);
+                    }
+                }
+            } else {
+                let node = &self.nodes[child.0 as usize];
+                let mut nears = f32x8::splat(f32::INFINITY);
+                let mut masks = f32x8::ZERO;
+                for k in members(active) {
+                    let Member { ray, nearest, .. } = &packet[k];
+                    let (near, met) = ray.meet(node, nearest.t_end);
+                    nears = nears.fast_min(met.select(near, nears));
+                    masks |= met & f32x8::splat(f32::from_bits(1 << k));
+                }
+                let (nears, masks) = (nears.to_array(), masks.to_array().map(f32::to_bits));
+                let below = stack.len();
+                for (k, &mask) in masks.iter().enumerate() {
+                    if mask == 0 {
+                        continue;
+                    }
+                    // Sorted so that the nearest is popped first.
+                    let mut i = stack.len();
+                    let entry = (nears[k], node.children[k], mask);
+                    stack.push(entry);
+                    while i > below && stack[i - 1].0 < entry.0 {
+                        stack[i] = stack[i - 1];
+                        i -= 1;
+                    }
+                    stack[i] = entry;
+                }
+            }
+        }
+    }
+}
+
+/// Which rays a mask has.
+#[inline(always)]
+fn members(mut mask: Mask) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        (mask != 0).then(|| {
+            let k = mask.trailing_zeros() as usize;
+            mask &= mask - 1;
+            k
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::sphere;
+    use super::*;
+    use crate::math::sampling;
+    use crate::scene::Mesh;
+
+    /// A sphere with each of its triangles twice, so that all hits are met by two.
+    fn doubled() -> Mesh {
+        let mut mesh = sphere(24, 40);
+        mesh.triangles = mesh.triangles.repeat(2);
+        mesh.material = vec![0; mesh.triangles.len()];
+        mesh
+    }
+
+    #[test]
+    fn a_packet_meets_what_its_rays_meet_alone() {
+        let mesh = doubled();
+        let bvh = TriangleBvh::new(&mesh);
+        let mut met = [0, 0];
+        // From rays side by side to rays of all directions; in packets that are full, and in what is left over.
+        for spread in [0.0, 0.01, 0.3, 3.0] {
+            for (case, count) in (0..400).zip([1, 2, 3, 15, 16, 17, 40].into_iter().cycle()) {
+                let origin = 2.0 * sampling::sphere(sampling::r2(case, [0.3; 2]));
+                let toward = 1.3 * sampling::sphere(sampling::r2(case, [0.7; 2])) - origin;
+                let rays: Vec<_> = (0..count)
+                    .map(|i| {
+                        let apart = sampling::sphere(sampling::r2(case * 64 + i, [0.5; 2]));
+                        let direction = (toward.normalize() + spread * apart).normalize();
+                        (origin + 0.1 * spread * apart, direction)
+                    })
+                    .collect();
+                for t_max in [f32::INFINITY, 1.5] {
+                    let mut hits = vec![None; rays.len()];
+                    bvh.closest_together(&rays, t_max, &mut hits);
+                    for (&(origin, direction), &hit) in rays.iter().zip(&hits) {
+                        assert_eq!(hit, bvh.closest(origin, direction, t_max));
+                        met[usize::from(hit.is_some())] += 1;
+                    }
+                }
+            }
+        }
+        assert!(met.into_iter().min() > Some(5000), "{met:?}");
+    }
+
+    #[test]
+    fn a_packet_of_rays_along_axes_and_edges_meets_what_they_meet_alone() {
+        let mesh = doubled();
+        let bvh = TriangleBvh::new(&mesh);
+        let axes = [Vec3::X, Vec3::Y, Vec3::Z];
+        let toward = axes.into_iter().flat_map(|a| [a, -a]);
+        let corners = mesh.positions.iter().map(|p| p.normalize());
+        let rays: Vec<_> = toward.chain(corners).map(|d| (Vec3::ZERO, d)).collect();
+        let mut hits = vec![None; rays.len()];
+        bvh.closest_together(&rays, f32::INFINITY, &mut hits);
+        for (&(origin, direction), &hit) in rays.iter().zip(&hits) {
+            assert!(hit.is_some(), "{direction}");
+            assert_eq!(hit, bvh.closest(origin, direction, f32::INFINITY));
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! A ray and the boxes of the hierarchy.
+
+use super::{Child, Node};
+use glam::Vec3;
+use smallvec::SmallVec;
+use wide::f32x8;
+
+/// Children still to be visited, and where the ray enters them.
+pub(super) type Stack = SmallVec<[(f32, Child); 64]>;
+
+/// A ray prepared for slab tests.
+pub(super) struct Ray {
+    origin: [f32; 3],
+    inverse: [f32; 3],
+    /// Planes at which the ray enters and leaves boxes, by axis.
+    first: [usize; 3],
+    last: [usize; 3],
+}
+
+impl Ray {
+    /// More than the rounding of a distance to a plane, twice: no box is missed whose triangle is met.
+    pub(super) const ROUNDING: f32 = 1.0 + 1e-6;
+
+    pub(super) fn new(origin: Vec3, direction: Vec3) -> Self {
+        // A zero would make 0 * inf of a plane that the ray lies in.
+        let inverse = direction.to_array().map(|v| {
+            let least = 1e-18_f32.copysign(v);
+            1.0 / if v.abs() < 1e-18 { least } else { v }
+        });
+        let first = std::array::from_fn(|a| if inverse[a] < 0.0 { 3 + a } else { a });
+        let last = std::array::from_fn(|a| if inverse[a] < 0.0 { a } else { 3 + a });
+        Self {
+            origin: origin.to_array(),
+            inverse,
+            first,
+            last,
+        }
+    }
+
+    /// Where the ray enters the boxes of a node's children, and which of them it enters before `t_end`.
+    #[inline(always)]
+    pub(super) fn meet(&self, node: &Node, t_end: f32) -> (f32x8, f32x8) {
+        let (mut near, mut far) = (f32x8::ZERO, f32x8::splat(t_end));
+        for a in 0..3 {
+            let (o, inverse) = (f32x8::splat(self.origin[a]), f32x8::splat(self.inverse[a]));
+            near = near.fast_max((node.planes[self.first[a]] - o) * inverse);
+            far = far.fast_min((node.planes[self.last[a]] - o) * inverse);
+        }
+        (near, near.simd_le(far * f32x8::splat(Self::ROUNDING)))
+    }
+
+    /// The nearest child whose box the ray enters before `t_end`; the others go on the stack, the next nearest last.
+    // A call for each node would keep the ray out of registers.
+    #[inline(always)]
+    pub(super) fn enter(&self, node: &Node, t_end: f32, stack: &mut Stack) -> Option<Child> {
+        let (near, met) = self.meet(node, t_end);
+        let mut met = met.to_bitmask();
+        let near = near.to_array();
+        if met == 0 {
+            return None;
+        }
+        let k = met.trailing_zeros() as usize;
+        met &= met - 1;
+        let mut nearest = (near[k], node.children[k]);
+        let below = stack.len();
+        while met != 0 {
+            let k = met.trailing_zeros() as usize;
+            met &= met - 1;
+            let mut other = (near[k], node.children[k]);
+            if other.0 < nearest.0 {
+                std::mem::swap(&mut other, &mut nearest);
+            }
+            // Sorted so that the nearest is popped first.
+            let mut i = stack.len();
+            stack.push(other);
+            while i > below && stack[i - 1].0 < other.0 {
+                stack[i] = stack[i - 1];
+                i -= 1;
+            }
+            stack[i] = other;
+        }
+        Some(nearest.1)
+    }
+}
