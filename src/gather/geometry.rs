@@ -8,7 +8,8 @@ pub trait Geometry: std::fmt::Debug + Sync {
     /// The nearest triangle before `t_max` along a ray of unit direction.
     fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Hit>;
 
-    /// As [`Self::closest`], for each of some rays; faster where they go much the same way.
+    /// As [`Self::closest`], for each of some rays, origins and unit directions, of which `hits` has as many; faster where they
+    /// go much the same way.
     fn closest_together(&self, rays: &[(Vec3, Vec3)], t_max: f32, hits: &mut [Option<Hit>]) {
         for (&(origin, direction), hit) in rays.iter().zip(hits) {
             *hit = self.closest(origin, direction, t_max);

@@ -210,8 +210,8 @@ impl<'a> Outgoing<'a> {
         })
     }
 
-    /// What [`Self::cast`] finds for each of some rays, at most [`TOGETHER`]. They share their way to the triangles. The table is in memory that is far away, and those that
-    /// are looked up together wait for it at the same time.
+    /// What [`Self::cast`] finds for each of some rays, at most [`TOGETHER`]. They share their way to the triangles, and
+    /// those that are looked up together wait at the same time for the table, which is in memory that is far away.
     pub fn cast_together<P: Pages>(
         &self,
         pages: &P,

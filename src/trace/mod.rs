@@ -62,7 +62,8 @@ impl<'a> Tracer<'a> {
         self.triangles.closest(origin, direction, t_max)
     }
 
-    /// As [`Tracer::closest`], for each of some rays; faster where they go much the same way.
+    /// As [`Tracer::closest`], for each of some rays, origins and unit directions, of which `hits` has as many; faster where they
+    /// go much the same way.
     pub fn closest_together(&self, rays: &[(Vec3, Vec3)], t_max: f32, hits: &mut [Option<Hit>]) {
         self.triangles.closest_together(rays, t_max, hits);
     }

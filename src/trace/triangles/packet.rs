@@ -1,6 +1,6 @@
 //! Rays that go much the same way, traced together: they share what they visit (Wald, Slusallek, Benthin & Wagner 2001).
 
-use super::ray::Ray;
+use super::ray::{Ray, Stack, push_sorted};
 use super::{Child, Nearest, TriangleBvh};
 use crate::math::Hit;
 use crate::trace::watertight::ShearedRay;
@@ -25,8 +25,8 @@ struct Member {
 }
 
 impl TriangleBvh {
-    /// What [`Self::closest`] finds for each of some rays, to the bit. Faster where rays that follow each other are near each other
-    /// and go much the same way.
+    /// What [`Self::closest`] finds for each of some rays, of which `hits` has as many, to the bit. Faster where rays that follow each
+    /// other are near each other and go much the same way.
     pub fn closest_together(&self, rays: &[(Vec3, Vec3)], t_max: f32, hits: &mut [Option<Hit>]) {
         if self.nodes.is_empty() {
             hits.fill(None);
@@ -49,9 +49,9 @@ impl TriangleBvh {
     /// Finds the nearest hit of each ray of a packet.
     fn trace(&self, packet: &mut [Member]) {
         // With the least distance at which one of the rays enters.
-        let mut stack: SmallVec<[(f32, Child, Mask); 64]> = SmallVec::new();
-        stack.push((0.0, Child::node(0), (1 << packet.len()) - 1));
-        while let Some((near, child, mut active)) = stack.pop() {
+        let mut stack: Stack<(Child, Mask)> = Stack::new();
+        stack.push((0.0, (Child::node(0), (1 << packet.len()) - 1)));
+        while let Some((near, (child, mut active))) = stack.pop() {
             for k in members(active) {
                 if near > packet[k].nearest.t_end * Ray::ROUNDING {
                     active &= !(1 << k);
@@ -96,15 +96,7 @@ impl TriangleBvh {
                     if mask == 0 {
                         continue;
                     }
-                    // Sorted so that the nearest is popped first.
-                    let mut i = stack.len();
-                    let entry = (nears[k], node.children[k], mask);
-                    stack.push(entry);
-                    while i > below && stack[i - 1].0 < entry.0 {
-                        stack[i] = stack[i - 1];
-                        i -= 1;
-                    }
-                    stack[i] = entry;
+                    push_sorted(&mut stack, below, (nears[k], (node.children[k], mask)));
                 }
             }
         }

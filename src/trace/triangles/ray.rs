@@ -5,8 +5,20 @@ use glam::Vec3;
 use smallvec::SmallVec;
 use wide::f32x8;
 
-/// Children still to be visited, and where the ray enters them.
-pub(super) type Stack = SmallVec<[(f32, Child); 64]>;
+/// What is still to be visited, and where the ray enters it.
+pub(super) type Stack<T> = SmallVec<[(f32, T); 64]>;
+
+/// Pushes an entry so that of those from `below` on the nearest is popped first.
+#[inline(always)]
+pub(super) fn push_sorted<T: Copy>(stack: &mut Stack<T>, below: usize, entry: (f32, T)) {
+    let mut i = stack.len();
+    stack.push(entry);
+    while i > below && stack[i - 1].0 < entry.0 {
+        stack[i] = stack[i - 1];
+        i -= 1;
+    }
+    stack[i] = entry;
+}
 
 /// A ray prepared for slab tests.
 pub(super) struct Ray {
@@ -52,7 +64,7 @@ impl Ray {
     /// The nearest child whose box the ray enters before `t_end`; the others go on the stack, the next nearest last.
     // A call for each node would keep the ray out of registers.
     #[inline(always)]
-    pub(super) fn enter(&self, node: &Node, t_end: f32, stack: &mut Stack) -> Option<Child> {
+    pub(super) fn enter(&self, node: &Node, t_end: f32, stack: &mut Stack<Child>) -> Option<Child> {
         let (near, met) = self.meet(node, t_end);
         let mut met = met.to_bitmask();
         let near = near.to_array();
@@ -70,14 +82,7 @@ impl Ray {
             if other.0 < nearest.0 {
                 std::mem::swap(&mut other, &mut nearest);
             }
-            // Sorted so that the nearest is popped first.
-            let mut i = stack.len();
-            stack.push(other);
-            while i > below && stack[i - 1].0 < other.0 {
-                stack[i] = stack[i - 1];
-                i -= 1;
-            }
-            stack[i] = other;
+            push_sorted(stack, below, other);
         }
         Some(nearest.1)
     }
