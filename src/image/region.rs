@@ -103,18 +103,18 @@ impl Region {
         Ok(())
     }
 
-    /// Squares of at most `side` pixels that together cover the region exactly once, row by row.
+    /// Blocks of at most so many columns and rows of pixels that together cover the region exactly once, row by row.
     #[must_use]
-    pub fn blocks(&self, side: u32) -> Vec<Self> {
-        let side = side.max(1) as usize;
-        let cuts = |from: u32, to: u32| {
+    pub fn blocks(&self, [width, height]: [u32; 2]) -> Vec<Self> {
+        let cuts = |from: u32, to: u32, size: u32| {
+            let size = size.max(1);
             (from..to)
-                .step_by(side)
-                .map(move |a| (a, to.min(a.saturating_add(side as u32))))
+                .step_by(size as usize)
+                .map(move |a| (a, to.min(a.saturating_add(size))))
         };
-        cuts(self.y0, self.y1)
+        cuts(self.y0, self.y1, height)
             .flat_map(|(y0, y1)| {
-                cuts(self.x0, self.x1).map(move |(x0, x1)| Self { x0, y0, x1, y1 })
+                cuts(self.x0, self.x1, width).map(move |(x0, x1)| Self { x0, y0, x1, y1 })
             })
             .collect()
     }

@@ -237,7 +237,7 @@ impl Point {
 
 /// Blocks spread over a film: one in each stretch of a path that winds through all.
 fn blocks(film: &Film, seed: u64) -> Vec<Region> {
-    let all = Region::full(film.width, film.height).blocks(SIDE);
+    let all = Region::full(film.width, film.height).blocks([SIDE; 2]);
     let columns = film.width.div_ceil(SIDE) as usize;
     let rows = all.len() / columns;
     // Back and forth through strips of a few rows, so that a stretch is about as high as wide.

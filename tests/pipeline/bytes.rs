@@ -161,7 +161,7 @@ fn smoke_before_penumbrae_has_no_seams() {
         let radiance =
             |regions: &[Region]| stage::pixels(&scene, &store, &settings, regions, &Job::default());
         let whole = radiance(&[Region::full(96, 72)]).unwrap().concat();
-        let tiles = Region::full(96, 72).blocks(7);
+        let tiles = Region::full(96, 72).blocks([7; 2]);
         let mut differ = 0;
         for (tile, pixels) in tiles.iter().zip(radiance(&tiles).unwrap()) {
             let at = (tile.y0..tile.y1).flat_map(|y| (tile.x0..tile.x1).map(move |x| y * 96 + x));

@@ -13,11 +13,11 @@ use crate::shade::air::Air;
 use crate::shade::aov::Part;
 use rayon::prelude::*;
 
-/// Pixels along an edge of the blocks that threads take: what blocks need around them is a smaller share of large ones, and
-/// small ones share out the work better where there are few.
-const BLOCK: [u32; 2] = [128, 64];
-/// Blocks for each thread, at least, for them to be large.
-const ENOUGH: usize = 6;
+/// Width and height of the blocks that threads take, pixels: what blocks need around them is a smaller share of large ones, and
+/// small ones share out the work better where there are few. Rows of wide ones would not stay in the processor's cache.
+const BLOCKS: [[u32; 2]; 3] = [[128, 256], [128, 128], [64, 64]];
+/// Blocks for each thread, at least, for them to be larger than the smallest.
+const ENOUGH: usize = 4;
 
 /// These parts of the pixels of a region.
 ///
@@ -33,7 +33,7 @@ pub fn shade_region<P: Pages, M: Medium, A: Air>(
     let blocks = if shader.counts.pixel == 1 {
         let spare = Spare::default();
         shade_blocks(&blocks_of(region), parts, job, task, |block| {
-            let corners = Corners::new(shader, block, &spare);
+            let mut corners = Corners::new(shader, block, &spare);
             move |x, y| corners.shade(x, y)
         })
     } else {
@@ -51,16 +51,14 @@ pub fn shade_region<P: Pages, M: Medium, A: Air>(
 /// The parts of a region that threads take where pixels share their corners.
 fn blocks_of(region: Region) -> Vec<Region> {
     let many = ENOUGH * rayon::current_num_threads();
-    let large = region.blocks(BLOCK[0]);
-    if large.len() >= many {
-        large
-    } else {
-        region.blocks(BLOCK[1])
-    }
+    let [rest @ .., smallest] = BLOCKS;
+    let mut larger = rest.into_iter().map(|size| region.blocks(size));
+    let enough = larger.find(|blocks| blocks.len() >= many);
+    enough.unwrap_or_else(|| region.blocks(smallest))
 }
 
 /// Shades blocks by what `prepare` makes of each.
-fn shade_blocks<S: Fn(u32, u32) -> Pixel>(
+fn shade_blocks<S: FnMut(u32, u32) -> Pixel>(
     blocks: &[Region],
     parts: &[Part],
     job: &Job,
@@ -71,7 +69,7 @@ fn shade_blocks<S: Fn(u32, u32) -> Pixel>(
         .par_iter()
         .map(|&block| {
             job.cancel.check()?;
-            let shade = prepare(block);
+            let mut shade = prepare(block);
             let mut shaded = Block::new(block, parts)?;
             for (x, y) in block.coordinates() {
                 job.cancel.check()?;

@@ -99,7 +99,7 @@ mod tests {
             ..Pixel::default()
         };
         let blocks: Vec<Block> = region
-            .blocks(3)
+            .blocks([3; 2])
             .into_iter()
             .map(|part| {
                 let mut block = Block::new(part, &parts).unwrap();

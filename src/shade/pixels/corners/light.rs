@@ -3,89 +3,144 @@
 use super::around::{Around, Lit};
 use super::{Corner, Corners};
 use crate::gather::{Medium, Pages};
-use crate::light::{Arrival, Prospect, Sight, is_alike};
-use crate::shade::air::Air;
+use crate::light::{Arrival, Direct, Prospect, Sight, is_alike};
+use crate::shade::air::{Air, Passed};
 use crate::shade::pixels::sample::Sample;
 
-impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
+/// What tells where penumbrae are, on the way down the rows of a region.
+#[derive(Debug)]
+pub(super) struct Penumbrae<'a, D> {
+    /// The next row that is asked for more rays.
+    row: Option<usize>,
+    /// Of rows around that, one after the other in turn: what the first rays of the five corners around each in its row tell.
+    sights: [Vec<Sight<D>>; 5],
+    /// Of the even corner of each four, once it is asked for.
+    prospects: Vec<Option<Prospect<'a>>>,
+}
+
+impl<D> Default for Penumbrae<'_, D> {
+    fn default() -> Self {
+        Self {
+            row: None,
+            sights: Default::default(),
+            prospects: Vec::new(),
+        }
+    }
+}
+
+impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
     /// Shadow rays of a corner in a penumbra.
     const PENUMBRA: u8 = 4;
+    /// The first row and column of corners that may be in a penumbra: those of the first ring.
+    const FIRST_IN_PENUMBRA: usize = Self::RINGS as usize - 1;
 
-    /// More shadow rays at the corners from which, or from near which, some ray reached a light and some did not.
-    pub(super) fn look_into_penumbrae(&mut self, height: usize) {
-        // What the five corners around each in its row tell.
-        let in_row = |row: usize| {
-            (row * self.width..(row + 1) * self.width).map(|i| {
-                let mut sight = Sight::default();
-                let around = i.saturating_sub(2)..(i + 3).min(self.corners.len());
-                for c in &self.corners[around] {
-                    sight += c.sample.direct.sight;
-                }
-                sight
-            })
+    /// Whether any corner may be in a penumbra: none is of lights without an extent.
+    pub(super) fn has_penumbrae(&self) -> bool {
+        !self.shader.lights.rest_is_exact()
+    }
+
+    /// The first row that penumbrae are not yet looked for in, or the even one before it, which tells what it sees.
+    pub(super) fn first_for_penumbrae(&self) -> usize {
+        let row = self.penumbrae.row.unwrap_or_default();
+        row - row % 2
+    }
+
+    /// More shadow rays at the corners from which, or from near which, some ray reached a light and some did not, in all rows that are
+    /// not yet looked at but have two rows behind them. Returns the first that is left.
+    pub(super) fn look_into_penumbrae(&mut self) -> usize {
+        let rim = Self::FIRST_IN_PENUMBRA;
+        let first = match self.penumbrae.row {
+            Some(row) => row,
+            None => {
+                (rim - 2..rim + 2).for_each(|row| self.note_sights(row));
+                rim
+            }
         };
-        let rim = Self::RINGS as usize - 1;
-        let lights = self.shader.lights;
-        let mut more = Vec::new();
-        // Of the even corner of each four, once it is asked for.
-        let mut prospects: Vec<Option<Prospect>> = Vec::new();
-        // By row, of the five around one.
-        let mut rows: [Vec<_>; 5] = Default::default();
-        (rim - 2..rim + 2).for_each(|row| rows[row % 5].extend(in_row(row)));
-        for row in rim..height - rim {
-            let last = &mut rows[(row + 2) % 5];
-            last.clear();
-            last.extend(in_row(row + 2));
-            if row % 2 == 0 || prospects.is_empty() {
+        let end = (self.sampled() - 2).min(self.height - rim);
+        for row in first..end {
+            self.note_sights(row + 2);
+            if row % 2 == 0 || self.penumbrae.prospects.is_empty() {
+                let prospects = &mut self.penumbrae.prospects;
                 prospects.clear();
                 prospects.resize_with(self.width.div_ceil(2), || None);
             }
             for column in rim..self.width - rim {
-                let i = row * self.width + column;
-                let sample = &self.corners[i].sample;
-                let Some(surface) = sample.lit_surface() else {
-                    continue;
-                };
-                let mut sight = Sight::default();
-                rows.iter().for_each(|row| sight += row[column]);
-                if !sight.has_penumbra() {
-                    continue;
+                if let Some(direct) = self.more_rays(row, column) {
+                    let i = self.index(row, column);
+                    let known = &mut self.corners[i].sample.direct;
+                    known.rays += direct.rays;
+                    known.sight += direct.sight;
                 }
-                let place = Self::place(self.region, column, row);
-                let rays = place.rays(self.shader, 1, Self::PENUMBRA - 1);
-                let even = &self.corners[(row - row % 2) * self.width + column - column % 2];
-                let [open, of_even] = [sample, &even.sample].map(|s| s.direct.open.mean());
-                let is_alike = is_alike(open, of_even);
-                let own;
-                let prospect = match even.sample.lit_surface() {
-                    Some(even) if is_alike && self.shader.is_lit_alike(surface, even, sample.t) => {
-                        prospects[column / 2].get_or_insert_with(|| lights.prospect(even))
-                    }
-                    _ => {
-                        own = lights.prospect(surface);
-                        &own
-                    }
-                };
-                more.push((
-                    i,
-                    lights.irradiance_by(surface, prospect, prospect.open, rays),
-                ));
             }
         }
-        for (i, direct) in more {
-            let known = &mut self.corners[i].sample.direct;
-            known.rays += direct.rays;
-            known.sight += direct.sight;
-        }
+        self.penumbrae.row = Some(end);
+        self.note_full_light(end);
+        end
     }
 
-    /// Notes at which corners nothing took anything of any ray to a light with an extent.
-    pub(super) fn note_full_light(&mut self) {
+    /// Notes what the first rays of a row tell.
+    fn note_sights(&mut self, row: usize) {
+        let sights = &mut self.penumbrae.sights[row % 5];
+        sights.clear();
+        let first = (row - self.first_row) * self.width;
+        let row = &self.corners[first..first + self.width];
+        sights.extend((0..self.width).map(|column| {
+            let mut sight = Sight::default();
+            for c in &row[column.saturating_sub(2)..(column + 3).min(row.len())] {
+                sight += c.sample.direct.sight;
+            }
+            sight
+        }));
+    }
+
+    /// What more shadow rays of a corner bring, if it may be in a penumbra.
+    fn more_rays(
+        &mut self,
+        row: usize,
+        column: usize,
+    ) -> Option<Direct<<A::Passed as Passed>::Dimming>> {
+        let lights = self.shader.lights;
+        let at = |row: usize, column: usize| {
+            let i = (row - self.first_row) * self.width + column;
+            &self.corners[i].sample
+        };
+        let sample = at(row, column);
+        let surface = sample.lit_surface()?;
+        let Penumbrae {
+            sights, prospects, ..
+        } = &mut self.penumbrae;
+        let mut sight = Sight::default();
+        sights.iter().for_each(|row| sight += row[column]);
+        if !sight.has_penumbra() {
+            return None;
+        }
+        let place = Self::place(self.region, column, row);
+        let rays = place.rays(self.shader, 1, Self::PENUMBRA - 1);
+        let even = at(row - row % 2, column - column % 2);
+        let is_alike = is_alike(sample.direct.open.mean(), even.direct.open.mean());
+        let own;
+        let prospect = match even.lit_surface() {
+            Some(even) if is_alike && self.shader.is_lit_alike(surface, even, sample.t) => {
+                prospects[column / 2].get_or_insert_with(|| lights.prospect(even))
+            }
+            _ => {
+                own = lights.prospect(surface);
+                &own
+            }
+        };
+        Some(lights.irradiance_by(surface, prospect, prospect.open, rays))
+    }
+
+    /// Notes at which corners before a row nothing took anything of any ray to a light with an extent.
+    fn note_full_light(&mut self, end: usize) {
         let is_full = |c: &Corner<A::Passed>| {
             let rays = &c.sample.direct.rays;
             rays.arriving == rays.all
         };
-        self.is_full_light = self.corners.iter().map(is_full).collect();
+        let known = self.is_full_light.len();
+        let until = (end - self.first_row) * self.width;
+        let noted = self.corners[known..until].iter().map(is_full);
+        self.is_full_light.extend(noted);
     }
 
     /// The lights with an extent, by the shadow rays of the corners around a pixel that lie on its piece of surface. `first` is

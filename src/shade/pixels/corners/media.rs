@@ -6,8 +6,10 @@ use crate::math::Rgb;
 use crate::scene::{Light, Volume};
 use crate::shade::air::{Air, Passed};
 use crate::shade::pixels::sample::Sample;
+use crate::shade::view::View;
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
+use std::ops::Range;
 
 impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
     /// By how much, of 1 and of the light seen, media before corners may differ for those between to take their mean, times the
@@ -16,11 +18,12 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
     /// The same for the mean of a pixel's corners to be that of its square.
     const FLAT: f32 = 0.01;
 
-    /// Marches the media before corners some way apart, and before those between where the media of their neighbours differ.
-    pub(super) fn pass_media(&mut self, height: usize) {
+    /// Marches the media before corners of some rows that are some way apart, and before those between where the media of their
+    /// neighbours differ.
+    pub(super) fn pass_media(&mut self, rows: Range<usize>) {
         // A pixel needs the ring around its own corners.
         let rim = Self::RINGS as usize - 1;
-        for visit in self.coarse_to_fine(height, rim, self.marched_spacing()) {
+        for visit in self.coarse_to_fine(rows, rim, self.marched_spacing) {
             let i = visit.index;
             let between = (visit.between).and_then(|(is, step)| self.media_between(i, is, step));
             let march = || self.shader.march(&self.corners[i].sample);
@@ -30,8 +33,7 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
 
     /// Corners between those that march whatever their neighbours do: so few that no voxel of a medium fits between them
     /// unseen.
-    fn marched_spacing(&self) -> usize {
-        let view = &self.shader.view;
+    pub(super) fn marched_spacing(view: &View) -> usize {
         let scene = view.tracer.scene;
         let (min, max) = scene.media_bounds();
         let is_in_media = |p: Vec3| p.cmpge(min).all() && p.cmple(max).all();

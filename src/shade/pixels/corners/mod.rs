@@ -8,6 +8,7 @@ mod around;
 mod light;
 mod media;
 mod sampler;
+mod strips;
 
 use super::piece::Piece;
 use super::pixel::Pixel;
@@ -21,16 +22,29 @@ use crate::math::{Rgb, sampling};
 use crate::run::spare::{Lent, Spare};
 use crate::shade::air::{Air, Passed};
 use around::Lit;
+use light::Penumbrae;
 use sampler::Sampler;
+use std::ops::Range;
 
-/// Corners of the pixels of a region and around it.
+/// Corners of the pixels of a region and around it, of some rows at a time: few enough that they stay in the processor's cache from
+/// the first camera ray to the last pixel that needs them.
 pub struct Corners<'a, P, M, A: Air> {
     shader: &'a PixelShader<'a, P, M, A>,
     region: Region,
+    /// Corners in a row, and rows in all.
     width: usize,
+    height: usize,
+    sampler: Sampler<'a, P, M, A>,
+    /// The first row of those in memory.
+    first_row: usize,
     corners: Lent<'a, Corner<A::Passed>>,
+    penumbrae: Penumbrae<'a, <A::Passed as Passed>::Dimming>,
     /// By corner; where it is so all around, a pixel need not ask the corners themselves. Empty if no light has an extent.
     is_full_light: Vec<bool>,
+    /// Corners from one to the next of those that march through media whatever their neighbours do.
+    marched_spacing: usize,
+    /// Rows before this one are as pixels need them.
+    ready: usize,
 }
 
 /// A corner of a pixel.
@@ -87,7 +101,8 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
     /// many is smooth over four.
     const FAR_APART: u32 = 6;
 
-    /// Samples the corners of a region's pixels and what they need around them, in memory that regions use one after the other.
+    /// Corners of a region's pixels, and what they need around them, none of which is looked at yet. Their memory is used by one region
+    /// after the other.
     pub fn new(
         shader: &'a PixelShader<'a, P, M, A>,
         region: Region,
@@ -102,27 +117,19 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         };
         let width = (region.width() + 1 + 2 * Self::RINGS) as usize;
         let height = (region.height() + 1 + 2 * Self::RINGS) as usize;
-        let mut corners = spare.list();
-        Sampler { shader, region }.add_corners([width, height], &mut corners);
-        let mut corners = Self {
+        Self {
             shader,
             region,
             width,
-            corners,
+            height,
+            sampler: Sampler::new(shader, region, width),
+            first_row: 0,
+            corners: spare.list(),
+            penumbrae: Penumbrae::default(),
             is_full_light: Vec::new(),
-        };
-        // Before any corner asks more of the lights: those of the outer rings do not, but they do in blocks of their own,
-        // and whether media are alike must not depend on the block.
-        if !A::Passed::IS_VACUUM {
-            corners.pass_media(height);
+            marched_spacing: Self::marched_spacing(&shader.view),
+            ready: 0,
         }
-        // Lights without an extent have no penumbrae.
-        if !shader.lights.rest_is_exact() {
-            corners.look_into_penumbrae(height);
-            corners.note_full_light();
-        }
-        corners.look_around(height);
-        corners
     }
 
     fn place(region: Region, column: usize, row: usize) -> Place {
@@ -137,15 +144,15 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         }
     }
 
-    /// Indirect light of the corners of the region's own pixels.
-    fn look_around(&mut self, height: usize) {
+    /// Indirect light of the corners of the region's own pixels in some rows.
+    fn look_around(&mut self, rows: Range<usize>) {
         // It is looked up some corners apart, then at those between which do not lie on one piece of surface with their neighbours.
         let spacing = if self.shader.lattice.step() < Self::FAR_APART {
             2
         } else {
             4
         };
-        for visit in self.coarse_to_fine(height, Self::RINGS as usize, spacing) {
+        for visit in self.coarse_to_fine(rows, Self::RINGS as usize, spacing) {
             let i = visit.index;
             let Some(surface) = self.corners[i].sample.surface else {
                 continue;
@@ -156,39 +163,6 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
             self.corners[i].irradiance =
                 between.unwrap_or_else(|| self.shader.indirect(&surface, x, y));
         }
-    }
-
-    /// The corners inside a rim, and around them what those between need: first those that are `spacing` apart, a power of two, then
-    /// those half as far apart, down to all.
-    fn coarse_to_fine(
-        &self,
-        height: usize,
-        rim: usize,
-        spacing: usize,
-    ) -> impl Iterator<Item = Visit> + use<'a, P, M, A> {
-        let (region, width) = (self.region, self.width);
-        let steps = std::iter::successors(Some(spacing), |step| (*step > 1).then_some(step / 2));
-        steps.flat_map(move |step| {
-            // Corners between need those up to one step less one away.
-            let rim = rim + 1 - step;
-            let in_row = move |row: usize| {
-                (rim..width - rim).filter_map(move |column| {
-                    let moved = Self::place(region, column, row).moved;
-                    let [x, y] = moved.map(|c| c as usize);
-                    if x % step != 0 || y % step != 0 {
-                        return None;
-                    }
-                    let is_between = [x, y].map(|c| c % (2 * step) != 0);
-                    let is_first = step == spacing;
-                    (is_first || is_between != [false; 2]).then_some(Visit {
-                        index: row * width + column,
-                        moved,
-                        between: (!is_first).then_some((is_between, step)),
-                    })
-                })
-            };
-            (rim..height - rim).flat_map(in_row)
-        })
     }
 
     /// Four corners, some of them twice, `step` away from one that lies between them in some of its coordinates.
@@ -216,11 +190,20 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         Some(sum * (1.0 / around.len() as f32))
     }
 
-    /// Shades pixel (x, y) of the region.
-    pub fn shade(&self, x: u32, y: u32) -> Pixel {
+    /// Shades pixel (x, y) of the region, of which no row may come before one that was shaded.
+    pub fn shade(&mut self, x: u32, y: u32) -> Pixel {
         // The first of the 16 corners around the pixel.
-        let first = ((y - self.region.y0 + Self::RINGS - 1) as usize) * self.width
-            + (x - self.region.x0 + Self::RINGS - 1) as usize;
+        let row = (y - self.region.y0 + Self::RINGS - 1) as usize;
+        if row + 3 >= self.ready {
+            self.prepare(row);
+        }
+        let first =
+            (row - self.first_row) * self.width + (x - self.region.x0 + Self::RINGS - 1) as usize;
+        self.shade_between(x, y, first)
+    }
+
+    /// Shades pixel (x, y), around which `first` is the first of 16 corners.
+    fn shade_between(&self, x: u32, y: u32, first: usize) -> Pixel {
         let at = |column: usize, row: usize| &self.corners[first + row * self.width + column];
         let own = [at(1, 1), at(2, 1), at(1, 2), at(2, 2)];
         let whole = own[1..]

@@ -9,16 +9,21 @@ use crate::shade::air::Air;
 use crate::shade::pixels::sample::Sample;
 use crate::shade::pixels::shader::PixelShader;
 use crate::trace::Surface;
+use std::ops::Range;
 
-/// Samples the corners of a region whose first and last corners are at even coordinates.
+/// Samples the corners of a region whose first and last corners are at even coordinates, row by row.
 ///
 /// Where camera rays may be two corners apart, corners between are where the even ones say, if those are on one triangle.
 ///
 /// What emissive triangles would send, with nothing between, changes little from one corner to the next. It is found at every
 /// second corner of every second row; those between take the mean where all beside them lie on one piece of surface.
 pub(super) struct Sampler<'a, P, M, A: Air> {
-    pub shader: &'a PixelShader<'a, P, M, A>,
-    pub region: Region,
+    shader: &'a PixelShader<'a, P, M, A>,
+    region: Region,
+    /// Corners in a row.
+    width: usize,
+    /// The last row at an even coordinate that was sampled.
+    even: Vec<Even<'a, A>>,
 }
 
 /// A corner at even coordinates.
@@ -29,35 +34,48 @@ struct Even<'a, A: Air> {
 }
 
 impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
-    /// Adds so many columns and rows of corners.
-    pub fn add_corners(&self, [width, height]: [usize; 2], corners: &mut Vec<Corner<A::Passed>>) {
-        corners.reserve(width * height);
+    /// Before the first row of so many corners.
+    pub fn new(shader: &'a PixelShader<'a, P, M, A>, region: Region, width: usize) -> Self {
+        Self {
+            shader,
+            region,
+            width,
+            even: Vec::new(),
+        }
+    }
+
+    /// Adds rows of corners, of which the last is at an even coordinate; rows before these have been added.
+    pub fn add_rows(&mut self, rows: Range<usize>, corners: &mut Vec<Corner<A::Passed>>) {
+        corners.reserve(self.width * rows.len());
         let mut push = |sample| {
             corners.push(Corner {
                 sample,
                 irradiance: Rgb::BLACK,
             });
         };
-        let mut above = self.even_row(width, 0);
-        for row in (0..height).step_by(2) {
-            for column in 0..width {
-                let left = &above[column / 2];
+        for row in rows {
+            if row % 2 == 1 {
+                let below = self.even_row(row + 1);
+                let above = std::mem::replace(&mut self.even, below);
+                for column in 0..self.width {
+                    let [left, right] = [column / 2, column.div_ceil(2)];
+                    let below = &self.even;
+                    let around = [&above[left], &above[right], &below[left], &below[right]];
+                    push(self.between(column, row, around));
+                }
+                continue;
+            }
+            if row == 0 {
+                self.even = self.even_row(row);
+            }
+            for column in 0..self.width {
+                let left = &self.even[column / 2];
                 if column % 2 == 0 {
                     push(left.sample);
                 } else {
-                    push(self.between(column, row, [left, &above[column / 2 + 1]]));
+                    push(self.between(column, row, [left, &self.even[column / 2 + 1]]));
                 }
             }
-            if row + 2 >= height {
-                break;
-            }
-            let below = self.even_row(width, row + 2);
-            for column in 0..width {
-                let [left, right] = [column / 2, column.div_ceil(2)];
-                let around = [&above[left], &above[right], &below[left], &below[right]];
-                push(self.between(column, row + 1, around));
-            }
-            above = below;
         }
     }
 
@@ -70,7 +88,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
     }
 
     /// Every second corner of a row.
-    fn even_row(&self, width: usize, row: usize) -> Vec<Even<'a, A>> {
+    fn even_row(&self, row: usize) -> Vec<Even<'a, A>> {
         let even = |column| {
             let place = self.place(column, row);
             let mut sample = self.shader.look(place.film[0], place.film[1]);
@@ -82,7 +100,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
             }
             Even { sample, prospect }
         };
-        (0..width).step_by(2).map(even).collect()
+        (0..self.width).step_by(2).map(even).collect()
     }
 
     /// A corner between some of those.

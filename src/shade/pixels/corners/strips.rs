@@ -1,0 +1,104 @@
+//! Rows of corners on their way from camera rays to pixels, a strip at a time.
+//!
+//! Each step needs what the one before made of rows further on: media and indirect light go from corners that are up to four apart
+//! to those between, and penumbrae are told by two rows on either side. Strips end at rows in which the coarsest corners stand, so
+//! that nothing between needs the strip after.
+
+use super::{Corners, Visit};
+use crate::gather::{Medium, Pages};
+use crate::shade::air::{Air, Passed};
+use std::ops::Range;
+
+impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
+    /// Most corners from one to the next where few are looked at first, a power of two.
+    const COARSEST: usize = 4;
+    /// Rows of a strip, a multiple of that.
+    const STRIP: usize = 16;
+
+    /// Makes four rows of corners from `first` on ready for pixels. Those before `first` are not needed any more.
+    pub(super) fn prepare(&mut self, first: usize) {
+        // Corners between those of the last row and of the strip to come look at both.
+        let last = self.sampled().saturating_sub(1);
+        let mut keep = first.min(last);
+        if self.has_penumbrae() {
+            keep = keep.min(self.first_for_penumbrae());
+        }
+        self.forget(keep);
+        while first + 3 >= self.ready && self.sampled() < self.height {
+            let rows = self.sampled()..self.end_of_strip();
+            self.sampler.add_rows(rows.clone(), &mut self.corners);
+            // Before any corner asks more of the lights: those of the outer rings do not, but they do in regions of their own,
+            // and whether media are alike must not depend on the region.
+            if !A::Passed::IS_VACUUM {
+                self.pass_media(rows.clone());
+            }
+            self.look_around(rows.clone());
+            self.ready = rows.end;
+            if self.has_penumbrae() {
+                self.ready = self.look_into_penumbrae();
+            }
+        }
+    }
+
+    /// Rows of which camera rays are known.
+    pub(super) fn sampled(&self) -> usize {
+        self.first_row + self.corners.len() / self.width
+    }
+
+    /// Where a corner is among those in memory.
+    #[inline]
+    pub(super) fn index(&self, row: usize, column: usize) -> usize {
+        (row - self.first_row) * self.width + column
+    }
+
+    /// One past the last row of the strip to come.
+    fn end_of_strip(&self) -> usize {
+        let offset = self.region.y0 as usize % Self::COARSEST;
+        let least = self.sampled() + offset + Self::STRIP - 1;
+        let last = least.next_multiple_of(Self::COARSEST) - offset;
+        (last + 1).min(self.height)
+    }
+
+    /// Gives the memory of rows before one to those to come.
+    fn forget(&mut self, row: usize) {
+        let gone = (row - self.first_row) * self.width;
+        self.corners.drain(..gone);
+        self.is_full_light
+            .drain(..gone.min(self.is_full_light.len()));
+        self.first_row = row;
+    }
+
+    /// Those of some rows that are inside a rim, and around them what those between need: first those that are `spacing` apart, then
+    /// those half as far apart, down to all. Rows before them have been visited, and they end at one of the coarsest, or with the last.
+    pub(super) fn coarse_to_fine(
+        &self,
+        rows: Range<usize>,
+        rim: usize,
+        spacing: usize,
+    ) -> impl Iterator<Item = Visit> + use<'a, P, M, A> {
+        let (region, width, height) = (self.region, self.width, self.height);
+        let first_row = self.first_row;
+        let steps = std::iter::successors(Some(spacing), |step| (*step > 1).then_some(step / 2));
+        steps.flat_map(move |step| {
+            // Corners between need those up to one step less one away.
+            let rim = rim + 1 - step;
+            let in_row = move |row: usize| {
+                (rim..width - rim).filter_map(move |column| {
+                    let moved = Self::place(region, column, row).moved;
+                    let [x, y] = moved.map(|c| c as usize);
+                    if x % step != 0 || y % step != 0 {
+                        return None;
+                    }
+                    let is_between = [x, y].map(|c| c % (2 * step) != 0);
+                    let is_first = step == spacing;
+                    (is_first || is_between != [false; 2]).then_some(Visit {
+                        index: (row - first_row) * width + column,
+                        moved,
+                        between: (!is_first).then_some((is_between, step)),
+                    })
+                })
+            };
+            (rows.start.max(rim)..rows.end.min(height - rim)).flat_map(in_row)
+        })
+    }
+}
