@@ -5,7 +5,7 @@ use crate::math::unflatten;
 use crate::scene::Volume;
 use glam::{Affine3A, DAffine3, DVec3, Vec3, Vec3A, Vec4};
 use rayon::prelude::*;
-use wide::f32x8;
+use wide::{f32x8, i32x8};
 
 /// Extinction on a grid of few voxels, for rays that need not know what is in which cell: for what many rays tell together.
 ///
@@ -106,11 +106,12 @@ impl SteppedVolume {
             let i = number + f32x8::splat(before as f32);
             let p: [f32x8; 3] = std::array::from_fn(|a| along(a, i));
             let cell = p.map(|p| p.floor());
-            let [x, y, z] = cell.map(|c| c.fast_trunc_int().to_array());
+            let [x, y, z] = cell.map(|c| c.fast_trunc_int());
+            let [_, row, plane] = self.strides.map(|n| i32x8::splat(n as i32));
+            let at = (x + y * row + z * plane).to_array();
             let [fx, fy, fz]: [_; 3] = std::array::from_fn(|a| (p[a] - cell[a]).to_array());
             for k in 0..TOGETHER.min((count - before) as usize) {
-                let cell = [x[k], y[k], z[k]].map(|c| c as usize);
-                sum += self.in_corners(cell, [fx[k], fy[k], fz[k]]);
+                sum += self.in_corners(at[k] as usize, [fx[k], fy[k], fz[k]]);
             }
         }
         sum
@@ -118,9 +119,8 @@ impl SteppedVolume {
 
     /// Trilinear value in a cell, as far from its first corner as these shares of it, as the sum of four shares.
     #[inline]
-    fn in_corners(&self, [x, y, z]: [usize; 3], f: [f32; 3]) -> Vec4 {
+    fn in_corners(&self, at: usize, f: [f32; 3]) -> Vec4 {
         let [_, row, plane] = self.strides;
-        let at = x + y * row + z * plane;
         let face = |at: usize| {
             let pair = |at: usize| [self.samples[at], self.samples[at + 1]];
             let ([a, b], [c, d]) = (pair(at), pair(at + row));
