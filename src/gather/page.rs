@@ -164,8 +164,12 @@ impl PageNodes {
         let mut out = Self {
             nodes: Vec::with_capacity((nodes.len() - leaves as usize).max(1)),
             proxies: Vec::with_capacity(nodes.len()),
-            // Walls face one axis, and most surfaces are walls.
-            facing: Vec::with_capacity(nodes.len()),
+            facing: Vec::with_capacity(
+                nodes
+                    .iter()
+                    .map(|n| facing_axes(&n.aggregate).count())
+                    .sum(),
+            ),
             backs: Vec::new(),
         };
         // The groups to come, with the slot that each is below. Not by recursion: a page may be as deep as it has nodes.
@@ -188,7 +192,6 @@ impl PageNodes {
             }
             out.nodes.push(node);
         }
-        out.facing.shrink_to_fit();
         out.backs.shrink_to_fit();
         out
     }
@@ -233,12 +236,10 @@ impl PageNodes {
     fn add_facing(&mut self, of: &SurfelAggregate) -> Axes {
         let first = self.facing.len() as u32;
         let mut mask = 0;
-        for (axis, (&area, &radiance)) in of.axis_area.iter().zip(&of.axis_radiance).enumerate() {
-            let area = per_area(area, of.area);
-            if area > 0.0 {
-                mask |= 1 << axis;
-                self.facing.push(Facing { area, radiance });
-            }
+        for (axis, area) in facing_axes(of) {
+            let radiance = of.axis_radiance[axis];
+            mask |= 1 << axis;
+            self.facing.push(Facing { area, radiance });
         }
         Axes { mask, first }
     }
@@ -322,6 +323,12 @@ impl PageNodes {
             + size_of_val(&*self.facing)
             + size_of_val(&*self.backs)
     }
+}
+
+/// The axes that surfels of a stand-in face, one for walls, and what each sees of their area, over that of all.
+fn facing_axes(of: &SurfelAggregate) -> impl Iterator<Item = (usize, f32)> {
+    let seen = of.axis_area.map(|area| per_area(area, of.area));
+    seen.into_iter().enumerate().filter(|(_, area)| *area > 0.0)
 }
 
 impl PageLeaves {
