@@ -81,12 +81,13 @@ impl SparseLattice {
         let cubes_along = self.cubes_along;
         self.cubes.iter().enumerate().flat_map(move |(i, cube)| {
             let corner = unflatten(i, cubes_along).map(|c| c * EDGE);
-            (0..64)
-                .filter(|bit| cube.chosen >> bit & 1 == 1)
-                .map(move |bit| {
-                    let [x, y, z] = unflatten(bit, [EDGE; 3]);
-                    [corner[0] + x, corner[1] + y, corner[2] + z]
-                })
+            let mut left = cube.chosen;
+            std::iter::from_fn(move || {
+                let bit = (left != 0).then(|| left.trailing_zeros() as usize)?;
+                left &= left - 1;
+                let [x, y, z] = unflatten(bit, [EDGE; 3]);
+                Some([corner[0] + x, corner[1] + y, corner[2] + z])
+            })
         })
     }
 

@@ -317,7 +317,7 @@ fn sweeps_beyond_the_memory_limit_are_refused_before_they_begin() {
 
 #[test]
 fn what_a_sweep_takes_is_also_that_of_its_rays() {
-    // Two specks at opposite corners: few vertices, but rays have a bit for each of 257 layers, in eight directions.
+    // Two specks at opposite corners: few vertices, but four rows of rays are held in 257 layers, in eight directions.
     const FAR: usize = 256;
     let mut scene = haze(1.0);
     let is_speck = |v: [usize; 3]| v == [0; 3] || v == [FAR - 1; 3];

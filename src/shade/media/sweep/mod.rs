@@ -5,6 +5,7 @@
 //! of the far field, at each vertex, so that they keep their parallax.
 
 mod rays;
+mod rows;
 
 use super::bricks::BrickTable;
 use super::far_field::{FarField, Surroundings};
@@ -20,7 +21,8 @@ use crate::shade::memory;
 use crate::shade::view::View;
 use glam::Vec3;
 use rayon::prelude::*;
-use rays::{Arriving, Rays};
+use rays::Rays;
+use rows::Arriving;
 
 /// Indirect light at the vertices of one volume that rays of some regions may ask for.
 #[derive(Debug)]
