@@ -142,9 +142,11 @@ impl FarField {
             self.look_around(&surfaces, p, key)
         };
         let mut near = [(None, 0.0); 8];
-        for (near, (v, weight)) in near.iter_mut().zip(self.probes.around(point_in_index)) {
+        let around = self.probes.around(point_in_index);
+        for (i, near) in near.iter_mut().enumerate() {
+            let weight = around.weights[i];
             if weight > 0.0 {
-                let probe = self.probes.get(v, &make);
+                let probe = self.probes.get(around.vertex(i), &make);
                 if probe.harmonic_distance < self.clear {
                     return None;
                 }

@@ -8,6 +8,7 @@
 //! leaving them dark would darken its rim.
 
 use super::density::Densities;
+use super::direct::{Parts, Spread, Vertex, has_edge};
 use super::far_field::FarField;
 use super::stiff;
 use super::sweep::{self, Scope, Sweep};
@@ -22,6 +23,7 @@ use crate::run::Job;
 use crate::scene::Volume;
 use crate::shade::view::View;
 use glam::Vec3;
+use wide::f32x4;
 
 /// In-scattered light of one volume: a lattice for each spacing, of which each brick of the volume uses one.
 #[derive(Debug)]
@@ -223,19 +225,20 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             };
             for level in (0..=self.first_level(place)).rev() {
                 let around = lattices.direct[level].around(place.at);
-                let values = known.direct[level].values(place.volume, around, |v| vertex(level, v));
+                let weights = &around.weights;
+                let values = known.direct[level]
+                    .values(place.volume, &around, |v| Parts::of(&vertex(level, v)));
                 let between = place.densest * (1 << level) as f32;
                 let is_finest = level == 0 || between <= Self::FLAT;
-                let light = || blend(&values.map(|(v, weight)| (v.light, weight)));
                 if is_finest && (between <= Self::FLAT || place.is_thin && !self.rest_is_exact) {
-                    if self.may_show_edges(place, level) && has_edge(&values) {
+                    if self.may_show_edges(place, level) && has_edge(values, weights) {
                         continue;
                     }
-                    let light = light();
-                    return light.share * self.lights.sent(from, to) + light.rest;
+                    let light = blend(values, weights, |v| v.light);
+                    return Parts::share(light) * self.lights.sent(from, to) + Parts::rest(light);
                 }
-                let share = Spread::of(&values, |v| v.light.share.luminance());
-                let rest = Spread::of(&values, |v| v.light.rest.luminance());
+                let light = blend(values, weights, |v| v.light);
+                let [share, rest] = Spread::of(values, weights, light);
                 // Finer vertices have the same noise.
                 let ratio = if self.rest_is_exact {
                     share.ratio.max(rest.ratio)
@@ -243,11 +246,12 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                     share.ratio
                 };
                 if is_finest || ratio <= alike {
-                    let light = light();
                     let depth = place.voxel_depth * (1 << level) as f32;
-                    let share = share.fall(&values, depth, |v| v.ln_share);
-                    let rest = rest.fall(&values, depth, |v| v.ln_rest);
-                    return light.share * self.lights.sent(from, to) * share + light.rest * rest;
+                    let fall = |spread: Spread, part: usize| {
+                        spread.fall(depth, || blend(values, weights, |v| v.ln[part]))
+                    };
+                    let share = Parts::share(light) * self.lights.sent(from, to) * fall(share, 0);
+                    return share + Parts::rest(light) * fall(rest, 1);
                 }
             }
         }
@@ -306,8 +310,9 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             let is_swept = swept_level == Some(level);
             let swept = |v| sweep.filter(|_| is_swept)?.get(level, v);
             let around = lattices.indirect[level].around(place.at);
-            let values = known.indirect[level].values((place.volume, is_swept), around, |v| {
-                swept(v).unwrap_or_else(|| vertex(level, v))
+            let cube = &mut known.indirect[level];
+            let values = cube.values((place.volume, is_swept), &around, |v| {
+                with_luminance(swept(v).unwrap_or_else(|| vertex(level, v)))
             });
             let is_finest = place.densest * (1 << level) as f32 <= smooth;
             let alike = if is_finest {
@@ -315,20 +320,19 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             } else {
                 Self::ALIKE_GATHERED
             };
-            if are_alike(&values, alike, |v| v.luminance()) {
-                return blend(&values);
+            let (least, most) = extremes(values, &around.weights, |v| *v);
+            let is_alike = are_alike(least.to_array()[3], most.to_array()[3], alike);
+            if is_alike || is_finest && self.pixels(place, level) <= Self::WIDE {
+                return rgb(blend(values, &around.weights, |v| *v));
             }
             if is_finest {
-                if self.pixels(place, level) <= Self::WIDE {
-                    return blend(&values);
-                }
                 let is_hidden = |v: [usize; 3]| {
                     let vertex = Vec3::from(v.map(|c| c as f32)) * (1 << level) as f32;
                     let vertex = self.to_scene(place.volume, vertex);
                     self.view.tracer.is_between(place.point, vertex)
                 };
-                let seen = known.indirect[level].unhidden(values, around, is_hidden);
-                return blend(&seen.unwrap_or(values));
+                let seen = cube.unhidden(&around, is_hidden);
+                return rgb(blend(cube.last(), &seen.unwrap_or(around.weights), |v| *v));
             }
         }
         mean_radiance(place.at, place.point, self.seed_of(place.point))
@@ -413,80 +417,9 @@ impl Place {
 #[derive(Debug, Default)]
 pub struct Known {
     /// By volume.
-    direct: [Cube<usize, Vertex>; LEVELS],
+    direct: [Cube<usize, Parts>; LEVELS],
     /// By volume, and whether they are swept.
-    indirect: [Cube<(usize, bool), Rgb>; sweep::LEVELS],
-}
-
-/// Direct light at a vertex.
-#[derive(Clone, Copy, Debug, Default)]
-struct Vertex {
-    light: InMedium,
-    /// Logarithms of the luminance of both parts.
-    ln_share: f32,
-    ln_rest: f32,
-}
-
-impl Vertex {
-    fn new(light: InMedium) -> Self {
-        Self {
-            light,
-            ln_share: libm::logf(light.share.luminance()),
-            ln_rest: libm::logf(light.rest.luminance()),
-        }
-    }
-}
-
-/// Whether light differs by more between vertices of a thin brick than anything but a surface explains.
-fn has_edge(values: &[(Vertex, f32); 8]) -> bool {
-    const SHADOW: f32 = 2.0;
-    let differs = |part: fn(&InMedium) -> Rgb| {
-        let (least, most) = extremes(values, |v| part(&v.light).luminance());
-        most > SHADOW * least
-    };
-    differs(|light| light.share) || differs(|light| light.rest)
-}
-
-/// How a value differs between the vertices around a point.
-#[derive(Clone, Copy, Debug, Default)]
-struct Spread {
-    /// The largest over the smallest; 0 if there is no light at one of them: that a surface hides it is no matter of depth.
-    ratio: f32,
-    mean: f32,
-}
-
-impl Spread {
-    /// Values that differ by less than this factor are as good as linear between vertices.
-    const LINEAR: f32 = 1.2;
-
-    fn of<T>(values: &[(T, f32); 8], value: impl Fn(&T) -> f32) -> Self {
-        let (least, most) = extremes(values, &value);
-        let lit = values.iter().filter(|(_, weight)| *weight > 0.0);
-        let mean = lit.map(|(v, weight)| value(v) * weight).sum();
-        Self {
-            ratio: if least > 0.0 { most / least } else { 0.0 },
-            mean,
-        }
-    }
-
-    /// Light between vertices, if it falls exponentially, over what it is by linear interpolation: at most 1. Absorption over
-    /// `depth`, the optical depth between two vertices, explains a fall down to a limit; a larger difference between vertices
-    /// is the edge of a shadow or of another medium, which the factor leaves alone.
-    fn fall<T>(self, values: &[(T, f32); 8], depth: f32, ln: impl Fn(&T) -> f32) -> f32 {
-        if self.ratio <= Self::LINEAR {
-            return 1.0;
-        }
-        let mut mean_ln = 0.0;
-        for (v, weight) in values {
-            if *weight > 0.0 {
-                mean_ln += ln(v) * weight;
-            }
-        }
-        // 1 / cosh(depth / 2): that of two vertices, half way between them.
-        let root = exp_neg(0.5 * depth);
-        let most = 2.0 * root / (1.0 + root * root);
-        (libm::expf(mean_ln) / self.mean).max(most).min(1.0)
-    }
+    indirect: [Cube<(usize, bool), f32x4>; sweep::LEVELS],
 }
 
 /// A stretch of a ray in a volume.
@@ -506,49 +439,12 @@ struct Place {
     level: usize,
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+fn with_luminance(light: Rgb) -> f32x4 {
+    let [r, g, b] = light.0;
+    f32x4::new([r, g, b, light.luminance()])
+}
 
-    /// The corners of a cube of this edge with a value for each, and their weights for a point of it.
-    fn around(edge: f32, point: [f32; 3], value: impl Fn(Vec3) -> f32) -> [(f32, f32); 8] {
-        std::array::from_fn(|i| {
-            let corner: [f32; 3] = std::array::from_fn(|a| (i >> a & 1) as f32);
-            let weight = (0..3).map(|a| 1.0 - (corner[a] - point[a]).abs()).product();
-            (value(edge * Vec3::from(corner)), weight)
-        })
-    }
-
-    fn found(values: &[(f32, f32); 8], depth: f32) -> f32 {
-        let spread = Spread::of(values, |v| *v);
-        spread.mean * spread.fall(values, depth, |v| v.ln())
-    }
-
-    #[test]
-    fn light_that_falls_exponentially_is_found_between_vertices() {
-        let depth = 1.0;
-        for direction in [Vec3::X, Vec3::ONE.normalize(), Vec3::new(0.6, 0.8, 0.0)] {
-            let light = |p: Vec3| (-p.dot(direction)).exp();
-            for i in 0..100 {
-                let [x, y] = sampling::r2(i, [0.5; 2]);
-                let point = [x, y, (0.37 * i as f32).fract()];
-                let values = around(depth, point, light);
-                let expected = light(depth * Vec3::from(point));
-                let got = found(&values, depth);
-                assert!((got / expected - 1.0).abs() < 0.01, "{got} {expected}");
-            }
-            // A straight line would be up to an eighth above it.
-            let linear = blend(&around(depth, [0.5; 3], light));
-            assert!(linear > 1.1 * light(Vec3::splat(0.5)));
-        }
-    }
-
-    #[test]
-    fn the_edge_of_a_shadow_in_a_thin_medium_stays_where_it_is() {
-        for dark in [0.0, 1e-3, 0.1] {
-            let values = around(0.1, [0.5; 3], |p| if p.x > 0.0 { 1.0 } else { dark });
-            let (got, linear) = (found(&values, 0.1), 0.5 * (1.0 + dark));
-            assert!(got <= linear && got > 0.998 * linear, "{got} {linear}");
-        }
-    }
+fn rgb(light: f32x4) -> Rgb {
+    let [r, g, b, _] = light.to_array();
+    Rgb([r, g, b])
 }

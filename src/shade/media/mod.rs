@@ -2,6 +2,7 @@
 
 mod bricks;
 mod density;
+mod direct;
 mod far_field;
 mod inscatter;
 mod sparse;

@@ -4,6 +4,7 @@ use crate::scene::Volume;
 use glam::Vec3;
 use std::ops::{AddAssign, Mul};
 use std::sync::OnceLock;
+use wide::{f32x4, f32x8};
 
 const BRICK: usize = 8;
 
@@ -59,29 +60,51 @@ impl<T> Vertices<T> {
             .get_or_init(|| evaluate(Vec3::from(v.map(|c| c as f32)) * self.step, v))
     }
 
-    /// The eight vertices around a point of index space and their trilinear weights, of which some may be 0.
-    pub fn around(&self, point_in_index: Vec3) -> [([usize; 3], f32); 8] {
+    /// The eight vertices around a point of index space.
+    #[inline]
+    pub fn around(&self, point_in_index: Vec3) -> Around {
         let p = (point_in_index / self.step).to_array();
-        let mut base = [0; 3];
+        let mut first = [0; 3];
         let mut f = [0.0; 3];
         for a in 0..3 {
             let at = p[a].clamp(0.0, (self.count[a] - 1) as f32);
-            base[a] = (at as usize).min(self.count[a].saturating_sub(2));
-            f[a] = at - base[a] as f32;
+            first[a] = (at as usize).min(self.count[a].saturating_sub(2));
+            f[a] = at - first[a] as f32;
         }
-        std::array::from_fn(|corner| {
-            let mut weight = 1.0;
-            let v = std::array::from_fn(|a| {
-                let upper = corner >> a & 1;
-                weight *= if upper == 1 { f[a] } else { 1.0 - f[a] };
-                base[a] + upper
-            });
-            (v, weight)
-        })
+        let [[lx, ux], [ly, uy], [lz, uz]] = f.map(|f| [1.0 - f, f]);
+        let along_x = f32x8::new([lx, ux, lx, ux, lx, ux, lx, ux]);
+        let along_y = f32x8::new([ly, ly, uy, uy, ly, ly, uy, uy]);
+        let along_z = f32x8::new([lz, lz, lz, lz, uz, uz, uz, uz]);
+        Around {
+            first,
+            weights: (along_x * along_y * along_z).to_array(),
+        }
     }
 }
 
-/// The values at the cube of vertices that was asked for last: points in a row on a ray often lie in one.
+/// The vertices at the corners of a cell around a point: bit `a` of a corner's number tells its end along axis `a`.
+#[derive(Clone, Copy, Debug)]
+pub struct Around {
+    first: [usize; 3],
+    /// Their trilinear weights, of which some may be 0.
+    pub weights: [f32; 8],
+}
+
+impl Around {
+    /// The vertex at a corner.
+    #[inline]
+    pub fn vertex(&self, corner: usize) -> [usize; 3] {
+        std::array::from_fn(|a| self.first[a] + (corner >> a & 1))
+    }
+
+    /// A bit for each corner whose weight is not 0.
+    #[inline]
+    fn matter(&self) -> u8 {
+        f32x8::new(self.weights).simd_gt(f32x8::ZERO).to_bitmask() as u8
+    }
+}
+
+/// The values at the cube of vertices that was asked for last: points in a row on a ray often lie in one, or in the next.
 #[derive(Debug, Default)]
 pub struct Cube<K, T> {
     /// Whose values they are, and the first vertex.
@@ -93,85 +116,168 @@ pub struct Cube<K, T> {
     values: [T; 8],
 }
 
-impl<K: PartialEq, T: Copy + Default> Cube<K, T> {
-    /// The values at the vertices [`Vertices::around`] a point, with their weights; `find` finds those that are not known, but
-    /// for those of weight 0. Values that may differ at a vertex have another key.
-    pub fn values(
-        &mut self,
-        key: K,
-        around: [([usize; 3], f32); 8],
-        find: impl Fn([usize; 3]) -> T,
-    ) -> [(T, f32); 8] {
-        let of = Some((key, around[0].0));
-        if self.of != of {
-            self.of = of;
-            self.known = 0;
-            self.hidden = None;
+impl<K: Copy + PartialEq, T: Copy> Cube<K, T> {
+    /// The values at vertices; `find` finds those that are not known, but for those of weight 0. Values that may differ at a
+    /// vertex have another key.
+    #[inline]
+    pub fn values(&mut self, key: K, around: &Around, find: impl Fn([usize; 3]) -> T) -> &[T; 8] {
+        if self.of != Some((key, around.first)) {
+            self.move_to(key, around.first);
         }
-        std::array::from_fn(|i| {
-            let (v, weight) = around[i];
-            if weight <= 0.0 {
-                return (T::default(), 0.0);
-            }
-            if self.known >> i & 1 == 0 {
-                self.values[i] = find(v);
-                self.known |= 1 << i;
-            }
-            (self.values[i], weight)
-        })
+        let mut missing = around.matter() & !self.known;
+        self.known |= missing;
+        while missing != 0 {
+            let i = missing.trailing_zeros() as usize;
+            self.values[i] = find(around.vertex(i));
+            missing &= missing - 1;
+        }
+        &self.values
     }
-}
 
-impl<K, T> Cube<K, T> {
-    /// The weights that [`Self::values`] gave last, but none of vertices that are hidden, with the same sum; `None` if all are.
-    /// What hides is asked of the vertices once, from where the ray first needs to know.
+    /// To another cube, which may share vertices with the last.
+    fn move_to(&mut self, key: K, first: [usize; 3]) {
+        self.known = match self.of {
+            Some((of, last)) if of == key => (0..3).fold(self.known, |known, a| {
+                match first[a].wrapping_sub(last[a]) {
+                    0 => known,
+                    1 => self.shift(known, 1 << a, true),
+                    usize::MAX => self.shift(known, 1 << a, false),
+                    _ => 0,
+                }
+            }),
+            _ => 0,
+        };
+        self.of = Some((key, first));
+        self.hidden = None;
+    }
+
+    /// A step along the axis of this bit of a corner's number; returns which values are known then.
+    fn shift(&mut self, known: u8, bit: usize, up: bool) -> u8 {
+        /// Corners at the upper end of an axis, by its bit.
+        const UPPER: [u8; 5] = [0, 0b1010_1010, 0b1100_1100, 0, 0b1111_0000];
+        for lower in (0..8).filter(|i| i & bit == 0) {
+            let (from, to) = if up {
+                (lower | bit, lower)
+            } else {
+                (lower, lower | bit)
+            };
+            self.values[to] = self.values[from];
+        }
+        if up {
+            (known & UPPER[bit]) >> bit
+        } else {
+            (known & !UPPER[bit]) << bit
+        }
+    }
+
+    /// The values that [`Self::values`] gave last.
+    #[inline]
+    pub fn last(&self) -> &[T; 8] {
+        &self.values
+    }
+
+    /// The weights of vertices, but none of those that are hidden, with the same sum; `None` if all are. What hides is asked of
+    /// the vertices once, from where the ray first needs to know.
     pub fn unhidden(
         &mut self,
-        mut values: [(T, f32); 8],
-        around: [([usize; 3], f32); 8],
+        around: &Around,
         is_hidden: impl Fn([usize; 3]) -> bool,
-    ) -> Option<[(T, f32); 8]> {
-        let ask = || (0..8).fold(0, |bits, i| bits | u8::from(is_hidden(around[i].0)) << i);
+    ) -> Option<[f32; 8]> {
+        let ask = || {
+            (0..8).fold(0, |bits, i| {
+                bits | u8::from(is_hidden(around.vertex(i))) << i
+            })
+        };
         let hidden = *self.hidden.get_or_insert_with(ask);
-        let sum = |values: &[(T, f32); 8]| values.iter().map(|(_, weight)| weight).sum::<f32>();
-        let all = sum(&values);
-        for (i, (_, weight)) in values.iter_mut().enumerate() {
+        let mut weights = around.weights;
+        let all: f32 = weights.iter().sum();
+        for (i, weight) in weights.iter_mut().enumerate() {
             if hidden >> i & 1 == 1 {
                 *weight = 0.0;
             }
         }
-        let scale = all / sum(&values);
-        values.iter_mut().for_each(|(_, weight)| *weight *= scale);
-        scale.is_finite().then_some(values)
+        let scale = all / weights.iter().sum::<f32>();
+        weights.iter_mut().for_each(|weight| *weight *= scale);
+        scale.is_finite().then_some(weights)
     }
 }
 
-/// Their weighted sum.
-pub fn blend<T: Copy + Default + AddAssign + Mul<f32, Output = T>>(values: &[(T, f32); 8]) -> T {
-    let mut sum = T::default();
-    for &(value, weight) in values {
+/// The weighted sum of values, or of something that they have.
+#[inline]
+pub fn blend<T, V: Copy + Default + AddAssign + Mul<f32, Output = V>>(
+    values: &[T; 8],
+    weights: &[f32; 8],
+    of: impl Fn(&T) -> V,
+) -> V {
+    let mut sum = V::default();
+    for (value, &weight) in values.iter().zip(weights) {
+        // What is not known, or the logarithm of no light, must not count, even times 0.
         if weight > 0.0 {
-            sum += value * weight;
+            sum += of(value) * weight;
         }
     }
     sum
 }
 
-/// How bright the darkest and the brightest of them are.
-pub fn extremes<T>(values: &[(T, f32); 8], brightness: impl Fn(&T) -> f32) -> (f32, f32) {
-    let (mut least, mut most) = (f32::INFINITY, 0.0_f32);
-    for (value, weight) in values {
-        if *weight > 0.0 {
-            let b = brightness(value);
-            (least, most) = (least.min(b), most.max(b));
+/// Numbers side by side.
+pub trait Lanes: Copy {
+    /// The same number in all places.
+    fn splat(v: f32) -> Self;
+    /// The smaller of each and its counterpart.
+    fn least(self, other: Self) -> Self;
+    /// The larger of each and its counterpart.
+    fn most(self, other: Self) -> Self;
+}
+
+impl Lanes for f32x4 {
+    #[inline]
+    fn splat(v: f32) -> Self {
+        Self::splat(v)
+    }
+
+    #[inline]
+    fn least(self, other: Self) -> Self {
+        self.fast_min(other)
+    }
+
+    #[inline]
+    fn most(self, other: Self) -> Self {
+        self.fast_max(other)
+    }
+}
+
+impl Lanes for f32x8 {
+    #[inline]
+    fn splat(v: f32) -> Self {
+        Self::splat(v)
+    }
+
+    #[inline]
+    fn least(self, other: Self) -> Self {
+        self.fast_min(other)
+    }
+
+    #[inline]
+    fn most(self, other: Self) -> Self {
+        self.fast_max(other)
+    }
+}
+
+/// The smallest and the largest that values of some weight have in each place, which are not below 0.
+#[inline]
+pub fn extremes<T, V: Lanes>(values: &[T; 8], weights: &[f32; 8], of: impl Fn(&T) -> V) -> (V, V) {
+    let (mut least, mut most) = (V::splat(f32::INFINITY), V::splat(0.0));
+    for (value, &weight) in values.iter().zip(weights) {
+        if weight > 0.0 {
+            (least, most) = (of(value).least(least), of(value).most(most));
         }
     }
     (least, most)
 }
 
-/// Whether the brightest of them, by `brightness`, is no more than `ratio` times as bright as the darkest.
-pub fn are_alike<T>(values: &[(T, f32); 8], ratio: f32, brightness: impl Fn(&T) -> f32) -> bool {
-    let (least, most) = extremes(values, brightness);
+/// Whether the brightest of values is no more than `ratio` times as bright as the darkest.
+#[inline]
+pub fn are_alike(least: f32, most: f32, ratio: f32) -> bool {
     most <= ratio * least || least == 0.0
 }
 
@@ -186,8 +292,9 @@ mod tests {
         let lit = |[x, _, _]: [usize; 3]| if x > 0 { 1.0 } else { 0.0 };
         let mut light_at = |x: f32, hidden: &dyn Fn([usize; 3]) -> bool| {
             let around = lattice.around(Vec3::new(x, 2.0, 2.0));
-            let values = cube.values((), around, lit);
-            cube.unhidden(values, around, hidden).map(|v| blend(&v))
+            cube.values((), &around, lit);
+            let weights = cube.unhidden(&around, hidden)?;
+            Some(blend(cube.last(), &weights, |v| *v))
         };
         assert_eq!(light_at(1.0, &|_| false), Some(0.25));
         // The same cube: what hides is known.
@@ -196,5 +303,63 @@ mod tests {
         // Another one, behind a wall.
         assert_eq!(light_at(3.0, &|[x, _, _]| x > 0), Some(0.0));
         assert_eq!(light_at(3.9, &|_| panic!("asked again")), Some(0.0));
+    }
+
+    #[test]
+    fn a_cube_has_the_values_of_its_vertices_and_asks_once_for_those_it_shares_with_the_last() {
+        let lattice = Vertices::<f32>::new([32; 3], 2);
+        let value = |[x, y, z]: [usize; 3]| (x + 20 * y + 400 * z) as f32;
+        let mut cube = Cube::<usize, f32>::default();
+        let asked = std::cell::RefCell::new(Vec::new());
+        let mut look = |key: usize, p: [f32; 3]| {
+            let around = lattice.around(p.into());
+            asked.borrow_mut().clear();
+            let find = |v| {
+                asked.borrow_mut().push(v);
+                value(v) + key as f32 * 1e4
+            };
+            let values = *cube.values(key, &around, find);
+            for (i, &weight) in around.weights.iter().enumerate() {
+                let expected = value(around.vertex(i)) + key as f32 * 1e4;
+                assert!(weight == 0.0 || values[i] == expected, "{p:?} {i}");
+            }
+            let asked = asked.borrow();
+            assert!(asked.iter().all(|v| {
+                let corner = (0..8).find(|i| around.vertex(*i) == *v);
+                corner.is_some_and(|i| around.weights[i] > 0.0)
+            }));
+            asked.len()
+        };
+        assert_eq!(look(0, [1.0; 3]), 8);
+        assert_eq!(look(0, [1.5; 3]), 0);
+        // Across one face, an edge, a corner; and back.
+        for (axes, shared) in [(1, 4), (2, 2), (3, 1)] {
+            let to = std::array::from_fn(|a| if a < axes { 2.5 } else { 1.0 });
+            assert_eq!(look(0, to), 8 - shared);
+            assert_eq!(look(0, [1.0; 3]), 8 - shared);
+        }
+        assert_eq!(look(0, [1.0, 1.0, 5.0]), 8);
+        assert_eq!(look(1, [1.0, 1.0, 5.0]), 8);
+        // In a plane of vertices those beside it do not matter until they do.
+        assert_eq!(look(1, [21.0, 22.0, 23.0]), 4);
+        assert_eq!(look(1, [23.0, 22.0, 23.0]), 2);
+        assert_eq!(look(1, [23.0, 22.5, 23.0]), 4);
+    }
+
+    #[test]
+    fn weights_are_trilinear() {
+        let lattice = Vertices::<f32>::new([7, 9, 1], 2);
+        for p in [[0.3, 5.7, 0.9], [-3.0, 20.0, 0.0], [6.9, 8.0, 1.0]] {
+            let around = lattice.around(p.into());
+            let sums = |a: usize| {
+                let along = (0..8).map(|i| around.weights[i] * around.vertex(i)[a] as f32);
+                along.sum::<f32>()
+            };
+            let last = [4.0, 5.0, 1.0];
+            for a in 0..3 {
+                let expected = (p[a] / 2.0_f32).clamp(0.0, last[a]);
+                assert!((sums(a) - expected).abs() < 1e-6, "{p:?}");
+            }
+        }
     }
 }
