@@ -229,39 +229,28 @@ pub trait Lanes: Copy {
     fn most(self, other: Self) -> Self;
 }
 
-impl Lanes for f32x4 {
-    #[inline]
-    fn splat(v: f32) -> Self {
-        Self::splat(v)
-    }
+macro_rules! lanes {
+    ($($vector:ty),*) => {$(
+        impl Lanes for $vector {
+            #[inline]
+            fn splat(v: f32) -> Self {
+                Self::splat(v)
+            }
 
-    #[inline]
-    fn least(self, other: Self) -> Self {
-        self.fast_min(other)
-    }
+            #[inline]
+            fn least(self, other: Self) -> Self {
+                self.fast_min(other)
+            }
 
-    #[inline]
-    fn most(self, other: Self) -> Self {
-        self.fast_max(other)
-    }
+            #[inline]
+            fn most(self, other: Self) -> Self {
+                self.fast_max(other)
+            }
+        }
+    )*};
 }
 
-impl Lanes for f32x8 {
-    #[inline]
-    fn splat(v: f32) -> Self {
-        Self::splat(v)
-    }
-
-    #[inline]
-    fn least(self, other: Self) -> Self {
-        self.fast_min(other)
-    }
-
-    #[inline]
-    fn most(self, other: Self) -> Self {
-        self.fast_max(other)
-    }
-}
+lanes!(f32x4, f32x8);
 
 /// The smallest and the largest that values of some weight have in each place, which are not below 0.
 #[inline]
