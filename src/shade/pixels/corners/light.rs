@@ -80,10 +80,10 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
 
     /// Notes what the first rays of a row tell.
     fn note_sights(&mut self, row: usize) {
+        let ends = self.index(row, 0)..self.index(row + 1, 0);
         let sights = &mut self.penumbrae.sights[row % 5];
         sights.clear();
-        let first = (row - self.first_row) * self.width;
-        let row = &self.corners[first..first + self.width];
+        let row = &self.corners[ends];
         sights.extend((0..self.width).map(|column| {
             let mut sight = Sight::default();
             for c in &row[column.saturating_sub(2)..(column + 3).min(row.len())] {
@@ -138,8 +138,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
             rays.arriving == rays.all
         };
         let known = self.is_full_light.len();
-        let until = (end - self.first_row) * self.width;
-        let noted = self.corners[known..until].iter().map(is_full);
+        let noted = self.corners[known..self.index(end, 0)].iter().map(is_full);
         self.is_full_light.extend(noted);
     }
 

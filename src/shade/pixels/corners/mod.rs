@@ -197,9 +197,8 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         if row + 3 >= self.ready {
             self.prepare(row);
         }
-        let first =
-            (row - self.first_row) * self.width + (x - self.region.x0 + Self::RINGS - 1) as usize;
-        self.shade_between(x, y, first)
+        let column = (x - self.region.x0 + Self::RINGS - 1) as usize;
+        self.shade_between(x, y, self.index(row, column))
     }
 
     /// Shades pixel (x, y), around which `first` is the first of 16 corners.

@@ -61,7 +61,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
 
     /// Gives the memory of rows before one to those to come.
     fn forget(&mut self, row: usize) {
-        let gone = (row - self.first_row) * self.width;
+        let gone = self.index(row, 0);
         self.corners.drain(..gone);
         self.is_full_light
             .drain(..gone.min(self.is_full_light.len()));
