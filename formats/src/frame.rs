@@ -1,4 +1,4 @@
-//! What both files have in common: header, blocks, then metadata, summary and block table, without a gap.
+//! What all files have in common: header, blocks, then metadata, summary and block table, without a gap.
 
 use crate::bytes::{self, Cursor};
 use crate::output::Output;
@@ -18,13 +18,15 @@ pub const MAGIC: [u8; 8] = *b"\x89LVX\r\n\x1a\n";
 pub const HEADER_LEN: usize = 104;
 const ENTRY_LEN: usize = 40;
 
-/// Which of the two files.
+/// Which of the files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileKind {
     /// Unordered points, `.lvc`.
     Cloud,
     /// Paged octree, `.lvt`.
     Tree,
+    /// Light that media scatter, `.lvs`.
+    Scatter,
 }
 
 impl FileKind {
@@ -32,6 +34,7 @@ impl FileKind {
         match self {
             Self::Cloud => *b"LVC\0",
             Self::Tree => *b"LVT\0",
+            Self::Scatter => *b"LVS\0",
         }
     }
 
@@ -39,6 +42,15 @@ impl FileKind {
         match self {
             Self::Cloud => "cloud (.lvc)",
             Self::Tree => "tree (.lvt)",
+            Self::Scatter => "scattered light (.lvs)",
+        }
+    }
+
+    /// Kinds of its blocks.
+    fn blocks(self) -> [BlockKind; 2] {
+        match self {
+            Self::Cloud | Self::Tree => [BlockKind::Surfels, BlockKind::Lvoxels],
+            Self::Scatter => [BlockKind::Direct, BlockKind::Indirect],
         }
     }
 
@@ -51,13 +63,13 @@ impl FileKind {
         let Some(code) = data.get(8..12) else {
             return Err(truncated(HEADER_LEN as u64, data));
         };
-        [Self::Cloud, Self::Tree]
+        [Self::Cloud, Self::Tree, Self::Scatter]
             .into_iter()
             .find(|kind| kind.code() == code)
             .ok_or_else(|| {
                 FormatError::invalid(
                     "kind of file",
-                    "LVC or LVT",
+                    "LVC, LVT or LVS",
                     format!("'{}'", code.escape_ascii()),
                 )
             })
@@ -71,9 +83,22 @@ pub enum BlockKind {
     Surfels,
     /// A chunk or page of lvoxels.
     Lvoxels,
+    /// Direct light at vertices of a volume.
+    Direct,
+    /// Gathered light at vertices of a volume.
+    Indirect,
 }
 
-/// An entry of the block table: a chunk of a cloud or a page of a tree.
+impl BlockKind {
+    const ALL: [Self; 4] = [Self::Surfels, Self::Lvoxels, Self::Direct, Self::Indirect];
+
+    /// As it is in the block table.
+    fn code(self) -> u32 {
+        self as u32 + 1
+    }
+}
+
+/// An entry of the block table: a chunk of a cloud, a page of a tree or a part of scattered light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Block {
     /// From the start of the file, bytes.
@@ -84,27 +109,23 @@ pub struct Block {
     pub raw_bytes: u32,
     /// What is in it.
     pub kind: BlockKind,
-    /// How many surfels or lvoxels.
+    /// How many surfels, lvoxels or vertices.
     pub records: u32,
-    /// How many nodes; 0 in a cloud.
+    /// How many nodes; 0 but in a tree.
     pub nodes: u32,
     /// Which columns are present, one bit each.
     pub columns: u32,
-    /// xxh3-64 of the stored bytes in a tree, of the column directory in a cloud.
+    /// xxh3-64 of the stored bytes; in a cloud, of the column directory.
     pub checksum: u64,
 }
 
 impl Block {
     fn encode(&self, out: &mut Vec<u8>) {
-        let kind: u32 = match self.kind {
-            BlockKind::Surfels => 1,
-            BlockKind::Lvoxels => 2,
-        };
         out.extend(self.offset.to_le_bytes());
         for value in [
             self.stored_bytes,
             self.raw_bytes,
-            kind,
+            self.kind.code(),
             self.records,
             self.nodes,
             self.columns,
@@ -114,17 +135,18 @@ impl Block {
         out.extend(self.checksum.to_le_bytes());
     }
 
-    fn decode(cursor: &mut Cursor<'_>) -> Result<Self> {
+    fn decode(cursor: &mut Cursor<'_>, kinds: [BlockKind; 2]) -> Result<Self> {
         Ok(Self {
             offset: cursor.u64()?,
             stored_bytes: cursor.u32()?,
             raw_bytes: cursor.u32()?,
-            kind: match cursor.u32()? {
-                1 => BlockKind::Surfels,
-                2 => BlockKind::Lvoxels,
-                other => {
-                    return Err(FormatError::invalid("kind of a block", "1 or 2", other));
-                }
+            kind: {
+                let code = cursor.u32()?;
+                let mut known = BlockKind::ALL.into_iter().filter(|k| kinds.contains(k));
+                known.find(|k| k.code() == code).ok_or_else(|| {
+                    let [a, b] = kinds.map(BlockKind::code);
+                    FormatError::invalid("kind of a block", format!("{a} or {b}"), code)
+                })?
             },
             records: cursor.u32()?,
             nodes: cursor.u32()?,
@@ -259,7 +281,7 @@ impl Frame {
             }
         }
         Ok(Self {
-            blocks: read_table(&data[table], meta.start as u64)?,
+            blocks: read_table(&data[table], meta.start as u64, kind.blocks())?,
             meta,
             summary,
             content_hash: content_hash(&data[..HEADER_LEN]),
@@ -269,12 +291,12 @@ impl Frame {
 }
 
 /// Blocks must lie one after the other from the header to the metadata.
-fn read_table(table: &[u8], blocks_end: u64) -> Result<Vec<Block>> {
+fn read_table(table: &[u8], blocks_end: u64, kinds: [BlockKind; 2]) -> Result<Vec<Block>> {
     let mut cursor = Cursor::new(table, "block table");
     let mut blocks = Vec::with_capacity(table.len() / ENTRY_LEN);
     let mut end = HEADER_LEN as u64;
     for i in 0..table.len() / ENTRY_LEN {
-        let block = Block::decode(&mut cursor)?;
+        let block = Block::decode(&mut cursor, kinds)?;
         if block.offset != end {
             return Err(FormatError::invalid(
                 format!("offset of block {i}"),

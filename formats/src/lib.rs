@@ -1,7 +1,7 @@
-//! Bytes on disk and nothing else: the cloud (`.lvc`) and tree (`.lvt`) files of lvox. `SPEC.md` is the one statement
-//! of both formats.
+//! Bytes on disk and nothing else: the cloud (`.lvc`), tree (`.lvt`) and scattered light (`.lvs`) files of lvox. `SPEC.md` is
+//! the one statement of these formats.
 //!
-//! [`CloudWriter`] and [`TreeWriter`] write, [`Cloud`] and [`Tree`] read. Readers take any bytes; [`MappedFile`] gives
+//! [`CloudWriter`], [`TreeWriter`] and [`ScatterWriter`] write, [`Cloud`], [`Tree`] and [`Scatter`] read. Readers take any bytes; [`MappedFile`] gives
 //! those of a file. `open` is cheap (header and tables), `verify` reads everything.
 
 #![deny(missing_docs, unsafe_code)]
@@ -19,6 +19,7 @@ pub mod morton;
 mod output;
 pub mod quantise;
 pub mod record;
+mod scatter;
 mod summary;
 mod tree;
 
@@ -27,13 +28,15 @@ pub use cloud::{CHUNK_RECORDS, Cloud, CloudWriter};
 pub use error::{FormatError, Result};
 pub use frame::{Block, BlockKind, FileKind, VERSION};
 pub use map::MappedFile;
-pub use meta::{CloudMeta, TreeMeta};
+pub use meta::{CloudMeta, ScatterMeta, TreeMeta};
 pub use record::{
     Below, Bounds, ClipEdge, Clips, Lvoxel, Node, Surfel, SurfelAggregate, SurfelLeaves,
     SurfelPage, VolumeInfo,
 };
+pub use scatter::{PART_CUBES, PART_EDGE, Part, PartPlace, Scatter, ScatterWriter, VERTEX_CUBE};
 pub use summary::{
-    CloudSummary, ColumnBytes, LeftOut, Level, Sums, TreeSummary, VolumeSums, WorstError,
+    CloudSummary, ColumnBytes, LeftOut, Level, ScatterSummary, Sums, TreeSummary, VolumeSums,
+    WorstError,
 };
 pub use tree::{
     EncodedPage, MAX_PAGE_BYTES, MAX_PAGE_RECORDS, Tree, TreeWriter, node_bytes, surfel_bytes,

@@ -49,13 +49,40 @@ pub struct TreeMeta {
     pub settings: Vec<(String, String)>,
 }
 
+/// Where scattered light comes from.
+#[derive(
+    Clone,
+    Debug,
+    Default,
+    PartialEq,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub struct ScatterMeta {
+    /// Identity of the scene that was lit.
+    pub scene_hash: [u8; 32],
+    /// Name of the scene, for people: identity is by hash.
+    pub scene_name: String,
+    /// The volumes whose vertices are lit.
+    pub volumes: Vec<VolumeInfo>,
+    /// Identity of the tree that light was gathered from, [`crate::Tree::content_hash`].
+    pub tree_hash: [u8; 16],
+    /// Names and values of the settings that made it.
+    pub settings: Vec<(String, String)>,
+}
+
+impl ScatterMeta {
+    /// Values that a reader may rely on.
+    pub(crate) fn validate(&self) -> Result<()> {
+        check_volumes(&self.volumes)
+    }
+}
+
 impl CloudMeta {
     /// Values that a reader may rely on.
     pub(crate) fn validate(&self) -> Result<()> {
-        let finite = |what: &str, values: &[f64]| match values.iter().find(|v| !v.is_finite()) {
-            Some(v) => Err(FormatError::invalid(what, "a finite number", v)),
-            None => Ok(()),
-        };
         finite("world_from_scene", &self.world_from_scene)?;
         if !(self.disk_overlap.is_finite() && self.disk_overlap >= 0.0) {
             return Err(FormatError::invalid(
@@ -64,18 +91,29 @@ impl CloudMeta {
                 self.disk_overlap,
             ));
         }
-        if self.volumes.len() > MAX_VOLUMES {
-            return Err(FormatError::invalid(
-                "table of volumes",
-                format!("at most {MAX_VOLUMES} volumes"),
-                self.volumes.len(),
-            ));
-        }
-        for volume in &self.volumes {
-            let what = format!("volume '{}'", volume.name);
-            finite(&what, volume.index_from_scene.as_flattened())?;
-            finite(&what, &volume.albedo.map(f64::from))?;
-        }
-        Ok(())
+        check_volumes(&self.volumes)
     }
+}
+
+fn finite(what: &str, values: &[f64]) -> Result<()> {
+    match values.iter().find(|v| !v.is_finite()) {
+        Some(v) => Err(FormatError::invalid(what, "a finite number", v)),
+        None => Ok(()),
+    }
+}
+
+fn check_volumes(volumes: &[VolumeInfo]) -> Result<()> {
+    if volumes.len() > MAX_VOLUMES {
+        return Err(FormatError::invalid(
+            "table of volumes",
+            format!("at most {MAX_VOLUMES} volumes"),
+            volumes.len(),
+        ));
+    }
+    for volume in volumes {
+        let what = format!("volume '{}'", volume.name);
+        finite(&what, volume.index_from_scene.as_flattened())?;
+        finite(&what, &volume.albedo.map(f64::from))?;
+    }
+    Ok(())
 }

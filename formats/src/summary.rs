@@ -1,6 +1,7 @@
 //! What a writer counted, kept at the end of the file.
 
 use crate::record::Bounds;
+use crate::scatter::PartPlace;
 
 /// Sums that each stage must conserve.
 #[derive(
@@ -222,4 +223,24 @@ pub struct TreeSummary {
     pub left_out: Vec<LeftOut>,
     /// By kind of value, the largest difference between what was given and what is stored.
     pub errors: Vec<WorstError>,
+}
+
+/// What scattered light holds.
+#[derive(
+    Clone,
+    Debug,
+    Default,
+    PartialEq,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub struct ScatterSummary {
+    /// Where the vertices of each block are, in the order of the file.
+    pub parts: Vec<PartPlace>,
+    /// Columns that are there.
+    pub columns: Vec<ColumnBytes>,
+    /// Columns that are not, or not everywhere.
+    pub left_out: Vec<LeftOut>,
 }

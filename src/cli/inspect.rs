@@ -3,19 +3,19 @@
 use super::options::{Context, Files};
 use super::output;
 use lvox::image::{ImageKind, exr};
-use lvox::inspect::{describe, export_ply, points, samples};
+use lvox::inspect::{describe, export_ply, points, samples, scattered};
 use lvox::run::output::check_writable;
 use lvox::{Error, Result};
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Print what a cloud, a tree, an image or kept samples say of themselves, without reading the payload
+/// Print what a cloud, a tree, scattered light, an image or kept samples say of themselves, without reading the payload
 ///
 /// Of clouds and trees: origin and settings, counts, bytes per point, columns present and left out with the bytes that this
 /// saves, pages, levels, and the worst errors of quantisation. Kept samples are read and checked as a whole.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Read this .lvc, .lvt, .exr or .exr.sums file
+    /// Read this .lvc, .lvt, .lvs, .exr or .exr.sums file
     file: PathBuf,
 
     /// Print one JSON object
@@ -55,6 +55,14 @@ impl Args {
                 output::print_json(&samples)
             } else {
                 output::print(&samples.to_string())
+            };
+        }
+        if let Some(scattered) = scattered(&self.file)? {
+            self.refuse_points("scattered light has")?;
+            return if self.json {
+                output::print_json(&scattered)
+            } else {
+                output::print(&scattered.to_string())
             };
         }
         if let Some(out) = &self.export {

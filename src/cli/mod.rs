@@ -15,6 +15,7 @@ mod parse;
 mod reference;
 mod region_options;
 mod render;
+mod scatter;
 mod scene_input;
 mod shade;
 mod shade_options;
@@ -45,6 +46,7 @@ enum Verb {
     Render(render::Args),
     Bake(bake::Args),
     Build(build::Args),
+    Scatter(scatter::Args),
     Shade(shade::Args),
     Merge(merge::Args),
     Inspect(inspect::Args),
@@ -61,6 +63,7 @@ impl Verb {
             Self::Render(args) => args.files(),
             Self::Bake(args) => args.files(),
             Self::Build(args) => args.files(),
+            Self::Scatter(args) => args.files(),
             Self::Shade(args) => args.files(),
             Self::Merge(args) => args.files(),
             Self::Inspect(args) => args.files(),
@@ -78,6 +81,7 @@ impl Verb {
             Self::Render(args) => none.memory(args.memory).temporary(&args.temporary),
             Self::Build(args) => none.memory(args.memory).temporary(&args.temporary),
             Self::Study(args) => none.memory(args.memory).temporary(&args.temporary),
+            Self::Scatter(args) => none.memory(args.memory),
             Self::Shade(args) => none.memory(args.memory),
             Self::Merge(args) => none.memory(args.memory),
             Self::Compare(args) => none.memory(args.memory),
@@ -92,6 +96,7 @@ impl Verb {
             Self::Render(args) => ("render", args.run(context)),
             Self::Bake(args) => ("bake", args.run(context)),
             Self::Build(args) => ("build", args.run(context)),
+            Self::Scatter(args) => ("scatter", args.run(context)),
             Self::Shade(args) => ("shade", args.run(context)),
             Self::Merge(args) => ("merge", args.run(context)),
             Self::Inspect(args) => ("inspect", args.run(context)),

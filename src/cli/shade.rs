@@ -6,8 +6,9 @@ use super::scene_input::SceneInput;
 use super::shade_options::ShadeOptions;
 use lvox::Result;
 use lvox::gather::TreeStore;
+use lvox::run::Job;
 use lvox::scene::Scene;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Shade an image, or a tile of it, from a scene and its tree
 #[derive(Debug, clap::Args)]
@@ -18,6 +19,10 @@ pub struct Args {
     /// Gather indirect light from this tree
     #[arg(short, long, value_name = "FILE")]
     tree: PathBuf,
+
+    /// Take light inside media from this file of `lvox scatter`, which was made from the tree
+    #[arg(long, value_name = "FILE")]
+    scatter: Option<PathBuf>,
 
     #[command(flatten)]
     shade: ShadeOptions,
@@ -32,19 +37,33 @@ pub struct Args {
 impl Args {
     /// What it reads and writes.
     pub fn files(&self) -> Files {
-        self.shade
-            .files(self.scene.files().reads("tree", &self.tree))
+        let files = self.scene.files().reads("tree", &self.tree);
+        self.shade.files(match &self.scatter {
+            Some(scatter) => files.reads("--scatter", scatter),
+            None => files,
+        })
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
         self.shade.check()?;
-        let store = TreeStore::open(&self.tree, context.job.memory_limit)?;
-        let frame = store.tree().meta().cloud.world_from_scene;
+        let job = &context.job;
+        let mut store = TreeStore::open(&self.tree, job.memory_limit)?;
+        if let Some(scatter) = &self.scatter {
+            store = store.with_scatter(scatter)?;
+        }
+        let cloud = &store.tree().meta().cloud;
+        let frame = cloud.world_from_scene;
         let scene = self.scene.load(context)?.in_frame(frame.into())?;
-        self.shade.check_with(&scene, &context.job)?;
-        if let Some(warning) = out_of_date(&scene, &store) {
-            let place = self.tree.display();
-            context.job.progress.warn(&format!("{place}: {warning}"));
+        self.shade.check_with(&scene, job)?;
+        warn_if_out_of_date(
+            &scene,
+            (&cloud.scene_hash, &cloud.settings),
+            &self.tree,
+            job,
+        );
+        if let Some((scatter, path)) = store.scatter.as_ref().zip(self.scatter.as_ref()) {
+            let meta = scatter.meta();
+            warn_if_out_of_date(&scene, (&meta.scene_hash, &meta.settings), path, job);
         }
         context.job.heed_warnings()?;
         self.shade
@@ -54,13 +73,26 @@ impl Args {
     }
 }
 
-/// What to say of a tree that was baked from another scene.
-fn out_of_date(scene: &Scene, store: &TreeStore) -> Option<String> {
-    let cloud = &store.tree().meta().cloud;
-    if cloud.scene_hash == scene.hash {
+/// Warns of a file that was made from another scene, of which it has the hash and, among its settings, digests of the parts.
+pub fn warn_if_out_of_date(
+    scene: &Scene,
+    origin: (&[u8; 32], &[(String, String)]),
+    path: &Path,
+    job: &Job,
+) {
+    if let Some(warning) = out_of_date(scene, origin) {
+        job.progress.warn(&format!("{}: {warning}", path.display()));
+    }
+}
+
+fn out_of_date(
+    scene: &Scene,
+    (hash, settings): (&[u8; 32], &[(String, String)]),
+) -> Option<String> {
+    if *hash == scene.hash {
         return None;
     }
-    let Some(parts) = scene.parts_that_differ(&cloud.settings) else {
+    let Some(parts) = scene.parts_that_differ(settings) else {
         return Some(
             "baked from another version of the scene's files; unless only cameras and film have changed, its indirect \
              light is out of date"

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// Read all of a file and check it: damage, and that a tree conserves count, area, flux and extinction of its cloud
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Read this .lvc, .lvt, .exr or .exr.sums file
+    /// Read this .lvc, .lvt, .lvs, .exr or .exr.sums file
     file: PathBuf,
 
     /// Print one JSON object

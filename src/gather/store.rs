@@ -5,10 +5,10 @@
 use super::media::{self, Block, Layout, Media};
 use super::page::{self, PageLeaves, PageNodes};
 use crate::math::Rgb;
-use crate::run::size;
+use crate::run::{hex, size};
 use crate::{Error, Result};
 use lvox_formats::record::{Below, Lvoxel, Node, SurfelLeaves};
-use lvox_formats::{FormatError, MappedFile, Tree};
+use lvox_formats::{FormatError, MappedFile, Scatter, Tree};
 use quick_cache::sync::Cache;
 use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
 use std::cell::RefCell;
@@ -330,6 +330,8 @@ pub struct TreeStore {
     pub surfels: SurfelStore,
     /// Lvoxels of all volumes.
     pub media: MediaStore,
+    /// Light that they scatter, if it was made beforehand.
+    pub scatter: Option<Scatter<MappedFile>>,
 }
 
 /// The lvoxels of a tree, held as what they are.
@@ -475,7 +477,33 @@ impl TreeStore {
                 SurfelStore::Cached(CachedTree { decoder, cache })
             }
         };
-        Ok(Self { surfels, media })
+        Ok(Self {
+            surfels,
+            media,
+            scatter: None,
+        })
+    }
+
+    /// With light that media scatter, from a file that was made from this tree.
+    ///
+    /// # Errors
+    /// A file that is no whole file of scattered light, or that of another tree.
+    pub fn with_scatter(self, path: &Path) -> Result<Self> {
+        let scatter = Scatter::open_path(path)?;
+        let (expected, found) = (self.tree().content_hash(), scatter.meta().tree_hash);
+        if expected != found {
+            return Err(Error::input(format!(
+                "{}: expected light gathered from the tree {}, found that of {}",
+                path.display(),
+                hex(&expected),
+                hex(&found)
+            ))
+            .hint("make it again from this tree: lvox scatter"));
+        }
+        Ok(Self {
+            scatter: Some(scatter),
+            ..self
+        })
     }
 
     /// What the file says of itself.

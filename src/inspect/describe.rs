@@ -93,7 +93,7 @@ pub struct BlockSizes {
 }
 
 impl BlockSizes {
-    fn of(blocks: &[Block], size: fn(&Block) -> u32) -> Self {
+    pub(super) fn of(blocks: &[Block], size: fn(&Block) -> u32) -> Self {
         let mut sizes: Vec<u32> = blocks.iter().map(size).collect();
         sizes.sort_unstable();
         match sizes[..] {

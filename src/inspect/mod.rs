@@ -1,10 +1,11 @@
-//! What is in a cloud or a tree, for people and for scripts: descriptions, first points, PLY for viewers, and the
+//! What is in a cloud, a tree or scattered light, for people and for scripts: descriptions, first points, PLY for viewers, and the
 //! complete check of a file.
 
 mod describe;
 mod ply;
 mod points;
 mod samples;
+mod scatter;
 mod text;
 mod verify;
 
@@ -12,13 +13,14 @@ pub use describe::{BlockSizes, Description, PointKind, describe};
 pub use ply::{Exported, export_ply};
 pub use points::{Points, points};
 pub use samples::{Samples, samples};
+pub use scatter::{Scattered, scattered};
 pub use verify::{Check, Depth, Verification, verify};
 
-use crate::Result;
 use crate::formats::{Cloud, FileKind, MappedFile, Tree};
+use crate::{Error, Result};
 use std::path::Path;
 
-/// Either file, opened.
+/// Either file that has points, opened.
 enum File {
     Cloud(Cloud<MappedFile>),
     Tree(Tree<MappedFile>),
@@ -30,6 +32,12 @@ impl File {
         Ok(match kind {
             FileKind::Cloud => Self::Cloud(Cloud::open_path(path)?),
             FileKind::Tree => Self::Tree(Tree::open_path(path)?),
+            FileKind::Scatter => {
+                return Err(Error::input(format!(
+                    "{}: expected a cloud or a tree, found scattered light, which has no points",
+                    path.display()
+                )));
+            }
         })
     }
 }

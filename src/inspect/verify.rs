@@ -1,9 +1,9 @@
 //! The complete check of a file: damage, and conservation of what was baked.
 
 use super::text::{Table, count};
-use super::{File, samples};
+use super::{File, samples, scattered};
 use crate::Result;
-use crate::formats::{Below, MappedFile, Tree};
+use crate::formats::{Below, MappedFile, Scatter, Tree};
 use crate::run::{Job, Task};
 use std::fmt;
 use std::path::Path;
@@ -13,7 +13,7 @@ use std::path::Path;
 pub struct Verification {
     /// Path of the file, as given.
     pub file: String,
-    /// `cloud`, `tree` or `samples`.
+    /// `cloud`, `tree`, `scatter` or `samples`.
     pub kind: &'static str,
     /// Whether all checks hold.
     pub passed: bool,
@@ -61,7 +61,7 @@ impl Check {
     }
 }
 
-/// Reads all of a cloud, a tree or kept samples: every checksum and every value; and for a tree, that count, area, flux and optical
+/// Reads all of a cloud, a tree, scattered light or kept samples: every checksum and every value; and for a tree, that count, area, flux and optical
 /// depth are those of the cloud within the bounds of the format, at every depth.
 ///
 /// # Errors
@@ -77,6 +77,12 @@ pub fn verify(path: &Path, job: &Job) -> Result<Verification> {
     };
     if samples(path)?.is_some() {
         return Ok(undamaged(file, "samples"));
+    }
+    if scattered(path)?.is_some() {
+        let scatter = Scatter::open_path(path)?;
+        let task = (job.progress).task("verify", scatter.blocks().len() as u64, "parts");
+        scatter.verify_with(|| next(&task, job))?;
+        return Ok(undamaged(file, "scatter"));
     }
     match File::open(path)? {
         File::Cloud(cloud) => {

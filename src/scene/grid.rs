@@ -112,6 +112,12 @@ impl Grid {
         self.bricks
     }
 
+    /// All bricks, x fastest, empty or not.
+    pub fn bricks(&self) -> impl Iterator<Item = [usize; 3]> + use<> {
+        let dims = self.brick_dims();
+        (0..dims.iter().product()).map(move |i| unflatten(i, dims))
+    }
+
     /// The brick at brick coordinates, if any of its samples is not zero.
     #[must_use]
     pub fn brick(&self, b: [usize; 3]) -> Option<Brick<'_>> {
@@ -281,6 +287,13 @@ impl Cell {
         let face = lower + (upper - lower) * f.z;
         let row = face.xy() + (face.zw() - face.xy()) * f.y;
         row.x + (row.y - row.x) * f.x
+    }
+
+    /// The smallest of its samples.
+    #[must_use]
+    pub fn least(&self) -> f32 {
+        let [lower, upper] = self.0;
+        lower.min(upper).min_element()
     }
 
     /// Whether the field is zero all over the cell.

@@ -3,6 +3,7 @@
 use super::aov::Part;
 use super::lattice::Lattice;
 use super::settings::Settings;
+use super::view::Seen;
 use crate::Result;
 use crate::image::Region;
 use crate::run::{memory, size};
@@ -55,15 +56,45 @@ pub fn check(
 ///
 /// # Errors
 /// Says what it takes, and how to do with less.
-pub fn check_sweep(volume: &Volume, vertices: u64, needed: u64, limit: Option<u64>) -> Result<()> {
+pub fn check_sweep(
+    volume: &Volume,
+    seen: Seen,
+    vertices: u64,
+    needed: u64,
+    limit: Option<u64>,
+) -> Result<()> {
     let what = format_args!(
         "sweeping light to {vertices} vertices of volume {:?}",
         volume.name
     );
     size::within(what, needed, limit).map_err(|e| {
+        e.hint(match seen {
+            Seen::Through(_) => {
+                "raise --memory-limit, shade a part that sees less of the volume: --region X0 Y0 X1 Y1 or --tile I/N, \
+                 or do without sweeps: any --max-dist, such as 1e9"
+            }
+            Seen::All => "raise --memory-limit",
+        })
+    })
+}
+
+/// Refuses light of a volume that was scattered beforehand and takes more than a limit by itself.
+///
+/// # Errors
+/// Says what it takes, and how to do with less.
+pub fn check_scattered(
+    volume: &Volume,
+    vertices: u64,
+    needed: u64,
+    limit: Option<u64>,
+) -> Result<()> {
+    let what = format_args!(
+        "holding scattered light at {vertices} vertices of volume {:?}",
+        volume.name
+    );
+    size::within(what, needed, limit).map_err(|e| {
         e.hint(
-            "raise --memory-limit, shade a part that sees less of the volume: --region X0 Y0 X1 Y1 or --tile I/N, \
-             or do without sweeps: any --max-dist, such as 1e9",
+            "raise --memory-limit, or shade a part that sees less of the volume: --region X0 Y0 X1 Y1 or --tile I/N",
         )
     })
 }

@@ -13,6 +13,7 @@ mod layers;
 mod media;
 mod memory;
 mod pixels;
+pub mod scatter;
 mod settings;
 mod shot;
 mod surface_gatherer;
@@ -98,6 +99,9 @@ pub fn run(
         note("exposure", scene.film.exposure.to_string());
         note("scene", hex(&scene.hash));
         note("tree", hex(&store.tree().content_hash()));
+        if let Some(scatter) = &store.scatter {
+            note("scatter", hex(&scatter.content_hash()));
+        }
         note(
             "settings",
             serde_json::to_string(&named).unwrap_or_default(),

@@ -5,12 +5,13 @@ use super::air::Air;
 use super::aov::Part;
 use super::bright::BrightLamps;
 use super::lattice::Lattice;
-use super::media::InScatter;
+use super::media::{self, InScatter};
 use super::memory;
 use super::pixels::{EmitterBorders, PixelShader, Planes, SampleCounts, shade_region};
+use super::scatter;
 use super::settings::{Kernel, Method, Settings};
 use super::surface_gatherer::SurfaceGatherer;
-use super::view::View;
+use super::view::{Seen, View};
 use crate::gather::medium::Source;
 use crate::gather::outgoing::Asked;
 use crate::gather::{
@@ -22,6 +23,7 @@ use crate::run::Job;
 use crate::scene::Scene;
 use crate::trace::Tracer;
 use crate::{Error, Result};
+use lvox_formats::{MappedFile, Scatter, ScatterWriter};
 use rayon::prelude::*;
 
 /// Solid angle below which nodes are taken whole by rays of media, over that of rays of surfaces: few rays look along the whole
@@ -44,12 +46,21 @@ pub struct Request<'a> {
     pub job: &'a Job,
 }
 
+/// What is made from a tree, by code made for what that has.
+trait Work {
+    type Made;
+
+    /// Of a scene without media.
+    fn in_vacuum<P: Pages>(&self, shot: &Shot<P, NoMedia>) -> Result<Self::Made>;
+
+    fn in_media<P: Pages, M: Medium>(&self, shot: &Shot<P, M>) -> Result<Self::Made>;
+}
+
 /// Shades regions of the frame.
 ///
 /// # Errors
 /// As [`super::run`].
 pub fn shade_regions(scene: &Scene, store: &TreeStore, request: &Request) -> Result<Regions> {
-    check_frame(scene, store)?;
     let &Request {
         settings,
         regions,
@@ -57,9 +68,44 @@ pub fn shade_regions(scene: &Scene, store: &TreeStore, request: &Request) -> Res
         job,
     } = request;
     memory::check(scene, settings, regions, parts, job.memory_limit)?;
+    if let Some(scatter) = &store.scatter {
+        scatter::check(scatter, scene, settings)?;
+    }
+    work(scene, store, request, &Pixels)
+}
+
+/// Lights the media of a scene for any camera, and appends their light to a file.
+///
+/// # Errors
+/// As [`super::scatter::run`].
+pub fn scatter_to(
+    writer: &mut ScatterWriter,
+    scene: &Scene,
+    store: &TreeStore,
+    settings: &scatter::Settings,
+    job: &Job,
+) -> Result<()> {
+    let request = Request {
+        settings: &settings.of_gathers(),
+        regions: &[],
+        parts: &[],
+        job,
+    };
+    let (lit, _) = work(scene, store, &request, &Scattering { settings })?;
+    lit.iter()
+        .try_for_each(|(volume, lit)| media::pack(lit, *volume, writer))
+}
+
+fn work<W: Work>(
+    scene: &Scene,
+    store: &TreeStore,
+    request: &Request,
+    work: &W,
+) -> Result<(W::Made, Asked)> {
+    check_frame(scene, store)?;
     match &store.surfels {
-        SurfelStore::Kept(p) => shade_with(scene, store, p, request),
-        SurfelStore::Cached(p) => shade_with(scene, store, p, request),
+        SurfelStore::Kept(p) => work_with(scene, store, p, request, work),
+        SurfelStore::Cached(p) => work_with(scene, store, p, request, work),
     }
 }
 
@@ -85,38 +131,43 @@ struct FrameTree<'a, P, M> {
     area_per_surfel: f32,
     /// Whether surfels of one piece of the scene have one size.
     is_even: bool,
+    /// Light of media that was made beforehand.
+    scatter: Option<&'a Scatter<MappedFile>>,
 }
 
 /// Chooses the frame's kernels by the media in the tree and in the scene.
-fn shade_with<P: Pages>(
+fn work_with<P: Pages, W: Work>(
     scene: &Scene,
     store: &TreeStore,
     pages: &P,
     request: &Request,
-) -> Result<Regions> {
+    work: &W,
+) -> Result<(W::Made, Asked)> {
     let tree = FrameTree {
         pages,
         media: NoMedia,
         area_per_surfel: store.area_per_surfel(),
         is_even: store.tree().meta().cloud.disk_overlap > 0.0,
+        scatter: store.scatter.as_ref(),
     };
     match &store.media {
         MediaStore::Absent if scene.volumes.is_empty() => {
-            shade(scene, &tree, request, |shot| shot.in_vacuum())
+            with_shot(scene, &tree, request, |shot| work.in_vacuum(shot))
         }
         // A tree without lvoxels says nothing of the scene's media.
-        MediaStore::Absent => shade(scene, &tree, request, |shot| shot.in_media()),
-        MediaStore::Grey(media) => shade_through(scene, tree, media, request),
-        MediaStore::Rgb(media) => shade_through(scene, tree, media, request),
+        MediaStore::Absent => with_shot(scene, &tree, request, |shot| work.in_media(shot)),
+        MediaStore::Grey(media) => work_through(scene, tree, media, request, work),
+        MediaStore::Rgb(media) => work_through(scene, tree, media, request, work),
     }
 }
 
-fn shade_through<P: Pages, S: Source>(
+fn work_through<P: Pages, S: Source, W: Work>(
     scene: &Scene,
     tree: FrameTree<P, NoMedia>,
     media: &Media<S>,
     request: &Request,
-) -> Result<Regions> {
+    work: &W,
+) -> Result<(W::Made, Asked)> {
     match request.settings.method {
         Method::Extended => {
             let tree = FrameTree {
@@ -124,10 +175,11 @@ fn shade_through<P: Pages, S: Source>(
                 media,
                 area_per_surfel: tree.area_per_surfel,
                 is_even: tree.is_even,
+                scatter: tree.scatter,
             };
-            shade(scene, &tree, request, |shot| shot.in_media())
+            with_shot(scene, &tree, request, |shot| work.in_media(shot))
         }
-        Method::Traditional => shade(scene, &tree, request, |shot| shot.in_media()),
+        Method::Traditional => with_shot(scene, &tree, request, |shot| work.in_media(shot)),
     }
 }
 
@@ -137,15 +189,16 @@ struct Shot<'a, P, M> {
     lights: &'a Lights<'a>,
     gatherer: Gatherer<'a, P, M>,
     lamps: Option<&'a BrightLamps<'a>>,
+    scatter: Option<&'a Scatter<MappedFile>>,
     request: &'a Request<'a>,
 }
 
-fn shade<P: Pages, M: Medium>(
+fn with_shot<P: Pages, M: Medium, T>(
     scene: &Scene,
     tree: &FrameTree<P, M>,
     request: &Request,
-    finish: impl FnOnce(&Shot<P, M>) -> Result<Vec<Planes>>,
-) -> Result<Regions> {
+    finish: impl FnOnce(&Shot<P, M>) -> Result<T>,
+) -> Result<(T, Asked)> {
     let settings = request.settings;
     let camera = scene.camera(settings.camera.as_deref())?;
     let tracer = Tracer::new_until(scene, &request.job.cancel)?;
@@ -172,7 +225,7 @@ fn shade<P: Pages, M: Medium>(
         (None, Kernel::Plain) => gather::Kernel::Plain,
         (None, _) => gather::Kernel::Cone,
     };
-    let shaded = finish(&Shot {
+    let made = finish(&Shot {
         view,
         lights: &lights,
         gatherer: Gatherer {
@@ -188,40 +241,76 @@ fn shade<P: Pages, M: Medium>(
             },
         },
         lamps: lamps.as_ref(),
+        scatter: tree.scatter,
         request,
     })?;
-    Ok((shaded, outgoing.map(|o| o.asked()).unwrap_or_default()))
+    Ok((made, outgoing.map(|o| o.asked()).unwrap_or_default()))
+}
+
+/// Shading of the regions of a request.
+struct Pixels;
+
+impl Work for Pixels {
+    type Made = Vec<Planes>;
+
+    fn in_vacuum<P: Pages>(&self, shot: &Shot<P, NoMedia>) -> Result<Vec<Planes>> {
+        shot.shade(&Vacuum, &shot.lights.in_vacuum())
+    }
+
+    fn in_media<P: Pages, M: Medium>(&self, shot: &Shot<P, M>) -> Result<Vec<Planes>> {
+        let gatherer = shot.volume_gatherer();
+        let is_gathered = shot.request.settings.method == Method::Extended;
+        let light = media::Light {
+            lights: shot.lights,
+            gatherer: is_gathered.then_some(&gatherer),
+            beforehand: shot.scatter,
+        };
+        let seen = Seen::Through(shot.request.regions);
+        let in_scatter = InScatter::new(&shot.view, seen, &light, shot.request.job)?;
+        shot.shade(&in_scatter, shot.lights)
+    }
+}
+
+/// Lighting of media for any camera.
+struct Scattering<'a> {
+    settings: &'a scatter::Settings,
+}
+
+impl Work for Scattering<'_> {
+    /// By number of the volume.
+    type Made = Vec<(usize, media::Lit)>;
+
+    fn in_vacuum<P: Pages>(&self, _: &Shot<P, NoMedia>) -> Result<Self::Made> {
+        Ok(Vec::new())
+    }
+
+    fn in_media<P: Pages, M: Medium>(&self, shot: &Shot<P, M>) -> Result<Self::Made> {
+        let (gatherer, job) = (shot.volume_gatherer(), shot.request.job);
+        let light = media::Light {
+            lights: shot.lights,
+            gatherer: Some(&gatherer),
+            beforehand: None,
+        };
+        let in_scatter = InScatter::new(&shot.view, Seen::All, &light, job)?
+            .with_vertex_rays(self.settings.shadow_rays);
+        let lit = in_scatter.light_all(job)?;
+        shot.gatherer.pages.check()?;
+        Ok(lit.into_iter().enumerate().collect())
+    }
 }
 
 impl<P: Pages, M: Medium> Shot<'_, P, M> {
-    /// Shades a scene without media.
-    fn in_vacuum(&self) -> Result<Vec<Planes>> {
-        self.shade(&Vacuum, &self.lights.in_vacuum())
-    }
-
-    fn in_media(&self) -> Result<Vec<Planes>> {
-        let &Request {
-            settings,
-            regions,
-            job,
-            ..
-        } = self.request;
-        let volume_gatherer = Gatherer {
+    /// What gathers inside media.
+    fn volume_gatherer(&self) -> Gatherer<'_, P, M> {
+        let settings = self.request.settings;
+        Gatherer {
             settings: gather::Settings {
                 samples: settings.volume_samples,
                 max_solid_angle: VOLUME_SOLID_ANGLE * settings.max_solid_angle,
                 ..self.gatherer.settings
             },
             ..self.gatherer
-        };
-        let in_scatter = InScatter::new(
-            &self.view,
-            regions,
-            self.lights,
-            (settings.method == Method::Extended).then_some(&volume_gatherer),
-            job,
-        )?;
-        self.shade(&in_scatter, self.lights)
+        }
     }
 
     fn shade<A: Air>(&self, air: &A, lights: &Lights<A::Shadows>) -> Result<Vec<Planes>> {

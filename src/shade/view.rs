@@ -22,6 +22,15 @@ pub struct View<'a> {
     pub seed: u64,
 }
 
+/// What of a scene matters.
+#[derive(Clone, Copy, Debug)]
+pub enum Seen<'a> {
+    /// What rays through these parts of the film may pass.
+    Through(&'a [Region]),
+    /// Everything, whatever camera looks.
+    All,
+}
+
 impl<'a> View<'a> {
     /// A view of the whole film.
     #[must_use]
@@ -60,6 +69,15 @@ impl<'a> View<'a> {
         let scale = 1.0 / (-local.z * f64::from(self.pixel_angle));
         let middle = 0.5 * DVec2::new(self.film.width.into(), self.film.height.into());
         middle + DVec2::new(local.x, -local.y) * scale
+    }
+
+    /// Whether the hull of some points matters: for regions, as [`Self::may_see`] tells.
+    #[must_use]
+    pub fn may_matter(&self, seen: Seen, margin: f32, points: [Vec3; 8]) -> bool {
+        match seen {
+            Seen::Through(regions) => (regions.iter()).any(|&r| self.may_see(r, margin, points)),
+            Seen::All => true,
+        }
     }
 
     /// Whether rays through a region of the film, or up to `margin` pixels beside it, may pass the hull of some points.

@@ -1,6 +1,5 @@
 //! A value for each brick of a volume.
 
-use crate::math::unflatten;
 use crate::scene::Grid;
 use crate::scene::grid::BRICK_CELLS;
 use glam::Vec3;
@@ -15,11 +14,9 @@ pub struct BrickTable<T> {
 impl<T> BrickTable<T> {
     /// One for each brick of a grid, empty or not.
     pub fn new(grid: &Grid, value: impl FnMut([usize; 3]) -> T) -> Self {
-        let dims = grid.brick_dims();
-        let bricks = (0..dims.iter().product()).map(|i| unflatten(i, dims));
         Self {
-            dims,
-            values: bricks.map(value).collect(),
+            dims: grid.brick_dims(),
+            values: grid.bricks().map(value).collect(),
         }
     }
 

@@ -1,4 +1,4 @@
-//! Chosen vertices of a lattice, numbered.
+//! Chosen vertices of a lattice, numbered, and values at them.
 
 use crate::math::unflatten;
 
@@ -50,6 +50,26 @@ impl SparseLattice {
         set
     }
 
+    /// The set of those that cubes of 4 x 4 x 4 vertices name, a bit for each: cubes by their place among cubes.
+    pub fn of_cubes(
+        count: [usize; 3],
+        cubes: impl IntoIterator<Item = ([usize; 3], u64)> + Clone,
+    ) -> Self {
+        Self::new(count, |choose| {
+            for (cube, chosen) in cubes {
+                for [x, y, z] in vertices_of(cube, chosen) {
+                    choose([x, y, z]);
+                }
+            }
+        })
+    }
+
+    /// The cubes that hold any: their place among cubes, a bit for each vertex, and the number of the first.
+    pub fn cubes(&self) -> impl Iterator<Item = ([usize; 3], u64, usize)> {
+        let cubes = self.cubes.iter().enumerate().filter(|(_, c)| c.chosen != 0);
+        cubes.map(|(i, c)| (unflatten(i, self.cubes_along), c.chosen, c.first as usize))
+    }
+
     /// Vertices along each axis, chosen or not.
     pub fn count(&self) -> [usize; 3] {
         self.count
@@ -79,16 +99,8 @@ impl SparseLattice {
     /// All in the set, by their numbers.
     pub fn vertices(&self) -> impl Iterator<Item = [usize; 3]> {
         let cubes_along = self.cubes_along;
-        self.cubes.iter().enumerate().flat_map(move |(i, cube)| {
-            let corner = unflatten(i, cubes_along).map(|c| c * EDGE);
-            let mut left = cube.chosen;
-            std::iter::from_fn(move || {
-                let bit = (left != 0).then(|| left.trailing_zeros() as usize)?;
-                left &= left - 1;
-                let [x, y, z] = unflatten(bit, [EDGE; 3]);
-                Some([corner[0] + x, corner[1] + y, corner[2] + z])
-            })
-        })
+        let cubes = self.cubes.iter().enumerate();
+        cubes.flat_map(move |(i, cube)| vertices_of(unflatten(i, cubes_along), cube.chosen))
     }
 
     #[inline]
@@ -96,6 +108,34 @@ impl SparseLattice {
         let [nx, ny, _] = self.cubes_along;
         let cube = (z / EDGE * ny + y / EDGE) * nx + x / EDGE;
         (cube, (z % EDGE * EDGE + y % EDGE) * EDGE + x % EDGE)
+    }
+}
+
+/// The vertices of a cube whose bits are set.
+fn vertices_of(cube: [usize; 3], chosen: u64) -> impl Iterator<Item = [usize; 3]> {
+    let corner = cube.map(|c| c * EDGE);
+    let mut left = chosen;
+    std::iter::from_fn(move || {
+        let bit = (left != 0).then(|| left.trailing_zeros() as usize)?;
+        left &= left - 1;
+        let [x, y, z] = unflatten(bit, [EDGE; 3]);
+        Some([corner[0] + x, corner[1] + y, corner[2] + z])
+    })
+}
+
+/// A value at each vertex of a set.
+#[derive(Debug)]
+pub struct SparseValues<T> {
+    pub set: SparseLattice,
+    /// By the numbers of the vertices.
+    pub values: Vec<T>,
+}
+
+impl<T> SparseValues<T> {
+    /// That of a vertex, if it is in the set.
+    #[inline]
+    pub fn get(&self, v: [usize; 3]) -> Option<&T> {
+        self.values.get(self.set.index(v)?)
     }
 }
 

@@ -9,40 +9,38 @@ mod rows;
 
 use super::bricks::BrickTable;
 use super::far_field::{FarField, Surroundings};
-use super::sparse::SparseLattice;
+use super::filled;
+use super::sparse::{SparseLattice, SparseValues};
 use crate::Result;
 use crate::gather::{Gatherer, Medium, Pages};
-use crate::image::Region;
-use crate::math::{Rgb, unflatten};
+use crate::math::Rgb;
 use crate::run::Job;
 use crate::scene::Volume;
-use crate::scene::grid::BRICK_CELLS;
+use crate::scene::grid::{BRICK_CELLS, Cell};
 use crate::shade::memory;
-use crate::shade::view::View;
+use crate::shade::view::{Seen, View};
 use glam::Vec3;
 use rayon::prelude::*;
 use rays::Rays;
 use rows::Arriving;
 
-/// Indirect light at the vertices of one volume that rays of some regions may ask for.
+/// Indirect light at the vertices of one volume that rays may ask for.
 #[derive(Debug)]
 pub struct Sweep {
-    /// By log2 of the voxels between vertices.
-    levels: [Option<Level>; LEVELS],
+    levels: Levels,
     /// Which of them serves a brick.
     level_of: BrickTable<Option<u8>>,
 }
 
+/// Means over the sphere of the radiance at vertices, by log2 of the voxels between them; `None` where surfaces are too near for
+/// probes.
+pub type Levels = [Option<SparseValues<Option<Rgb>>>; LEVELS];
+
 /// Spacings of 1 to 8 voxels.
 pub const LEVELS: usize = 4;
 
-/// Vertices of one spacing.
-#[derive(Debug)]
-struct Level {
-    set: SparseLattice,
-    /// Mean over the sphere of the radiance; `None` where surfaces are too near for probes.
-    light: Vec<Option<Rgb>>,
-}
+/// Vertices of one spacing, to be swept.
+struct Level;
 
 /// Boxes around all media of a scene, and around the swept volume.
 struct MediaBox {
@@ -56,8 +54,8 @@ struct MediaBox {
 pub struct Scope<'a, P, M> {
     /// Camera and scene.
     pub view: &'a View<'a>,
-    /// Parts of the film.
-    pub regions: &'a [Region],
+    /// What of the volume matters.
+    pub seen: Seen<'a>,
     /// Media and surfaces.
     pub gatherer: &'a Gatherer<'a, P, M>,
     /// Which of the scene's volumes.
@@ -77,7 +75,16 @@ impl Sweep {
     /// Optical depth between vertices, at most.
     const SPACING: f32 = 1.4;
 
-    /// Sweeps the bricks of a volume that the camera may see, but those where a single voxel is too deep; `depth_of(brick, own)`
+    /// What was swept beforehand. `depth_of` is that of [`Self::new`].
+    pub fn of(levels: Levels, volume: &Volume, depth_of: impl Fn([usize; 3], f32) -> f32) -> Self {
+        let grid = &volume.sigma_t;
+        let level_of = BrickTable::new(grid, |b| {
+            Some(Self::level(depth_of(b, grid.brick(b)?.max))? as u8)
+        });
+        Self { levels, level_of }
+    }
+
+    /// Sweeps the bricks of a volume that matter, but those where a single voxel is too deep; `depth_of(brick, own)`
     /// is the optical depth that counts for one, other media considered, given the largest extinction of this one.
     ///
     /// # Errors
@@ -107,6 +114,7 @@ impl Sweep {
         });
         memory::check_sweep(
             scope.volume,
+            scope.seen,
             counts().sum(),
             (swept.max().unwrap_or(0)).saturating_add(Level::KEPT * counts().sum::<u64>()),
             scope.job.memory_limit,
@@ -141,8 +149,12 @@ impl Sweep {
     /// Mean over the sphere of the indirect radiance at a vertex of a level; `None` if it was not swept.
     #[inline]
     pub fn get(&self, level: usize, v: [usize; 3]) -> Option<Rgb> {
-        let level = self.levels.get(level)?.as_ref()?;
-        level.light[level.set.index(v)?]
+        *self.levels.get(level)?.as_ref()?.get(v)?
+    }
+
+    /// All that was swept.
+    pub fn into_levels(self) -> Levels {
+        self.levels
     }
 }
 
@@ -174,7 +186,7 @@ impl Level {
         set: SparseLattice,
         step: usize,
         media: &MediaBox,
-    ) -> Result<Self> {
+    ) -> Result<SparseValues<Option<Rgb>>> {
         let vertices: Vec<[usize; 3]> = set.vertices().collect();
         let to_index = |v: [usize; 3]| Vec3::from(v.map(|c| (c * step) as f32));
         let surroundings: Vec<Option<Surroundings>> = vertices
@@ -207,12 +219,12 @@ impl Level {
             });
         }
         let scale = 1.0 / directions as f32;
-        let light = sums
+        let values = sums
             .into_iter()
             .zip(surroundings)
             .map(|(sum, around)| around.map(|_| sum * scale))
             .collect();
-        Ok(Self { set, light })
+        Ok(SparseValues { set, values })
     }
 }
 
@@ -220,7 +232,7 @@ impl<P: Pages, M: Medium> Scope<'_, P, M> {
     /// Bricks whose cells are held in memory together.
     const PART: usize = 1024;
 
-    /// Whether rays of the regions may pass a brick of the volume.
+    /// Whether a brick of the volume matters.
     fn may_see(&self, brick: [usize; 3]) -> bool {
         let corners = std::array::from_fn(|i| {
             let p: [f32; 3] = std::array::from_fn(|a| {
@@ -229,63 +241,22 @@ impl<P: Pages, M: Medium> Scope<'_, P, M> {
             });
             self.to_scene(p.into())
         });
-        let sees = |&region: &Region| self.view.may_see(region, Sweep::MARGIN, corners);
-        self.regions.iter().any(sees)
+        self.view.may_matter(self.seen, Sweep::MARGIN, corners)
     }
 
     /// Vertices around the cells of bricks that hold any medium, `step` voxels apart.
     fn vertices(&self, bricks: &[[usize; 3]], step: usize) -> SparseLattice {
-        let count = self.volume.sigma_t.dims().map(|n| n.div_ceil(step) + 1);
+        let grid = &self.volume.sigma_t;
+        let count = filled::vertices_along(grid, step);
         SparseLattice::new(count, |choose| {
             // A part at a time: the cells of all take far more memory than their vertices do as bits.
             for part in bricks.chunks(Self::PART) {
-                let cells: Vec<Vec<[usize; 3]>> = part
-                    .par_iter()
-                    .map(|&brick| self.cells_with_medium(brick, step))
-                    .collect();
-                for cell in cells.iter().flatten() {
-                    for i in 0..8 {
-                        let v: [usize; 3] = std::array::from_fn(|a| cell[a] + (i >> a & 1));
-                        choose(std::array::from_fn(|a| v[a].min(count[a] - 1)));
-                    }
+                let holds_medium = |cell: Cell| !cell.is_empty();
+                for cell in filled::cells(grid, part, step, holds_medium) {
+                    filled::around(cell, count).for_each(&mut *choose);
                 }
             }
         })
-    }
-
-    /// The cells of the lattice, `step` voxels wide, in which a brick of the volume holds any medium.
-    fn cells_with_medium(&self, brick: [usize; 3], step: usize) -> Vec<[usize; 3]> {
-        let Some(cells) = self.volume.sigma_t.brick(brick) else {
-            return Vec::new();
-        };
-        // A cell of the volume begins half a voxel before its number.
-        let first = brick.map(|b| (2 * b * BRICK_CELLS).saturating_sub(1) / (2 * step));
-        let across = BRICK_CELLS / step + 2;
-        let mut filled = vec![false; across * across * across];
-        for i in 0..BRICK_CELLS.pow(3) {
-            let c = unflatten(i, [BRICK_CELLS; 3]);
-            if cells.cell(c).is_empty() {
-                continue;
-            }
-            let ends: [[usize; 2]; 3] = std::array::from_fn(|a| {
-                let twice = 2 * (brick[a] * BRICK_CELLS + c[a]);
-                [twice.saturating_sub(1), twice + 1].map(|t| t / (2 * step) - first[a])
-            });
-            for i in 0..8 {
-                let [x, y, z]: [usize; 3] = std::array::from_fn(|a| ends[a][i >> a & 1]);
-                filled[(z * across + y) * across + x] = true;
-            }
-        }
-        let filled = filled
-            .iter()
-            .enumerate()
-            .filter(|(_, is_filled)| **is_filled);
-        filled
-            .map(|(i, _)| {
-                let [x, y, z] = unflatten(i, [across; 3]);
-                [first[0] + x, first[1] + y, first[2] + z]
-            })
-            .collect()
     }
 
     fn to_scene(&self, point_in_index: Vec3) -> Vec3 {

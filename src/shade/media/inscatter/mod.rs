@@ -4,25 +4,29 @@
 //! tile or thread asks. Each brick of a volume has the spacing that its own density asks for: vertices of direct light
 //! stand at most an optical depth apart, those of indirect light 1.4 where it is swept beforehand, in thin bricks, and two
 //! where it is not. Where vertices of a dense brick still differ much, at its rim, finer ones are asked; near a lamp, and
-//! where a voxel is deep, the ray's own points. Vertices in empty space around the medium are evaluated like any other:
+//! where a voxel is deep, the ray's own points. Vertices that were lit beforehand are not lit again. Vertices in empty space around the medium are evaluated like any other:
 //! leaving them dark would darken its rim.
+
+mod beforehand;
 
 use super::density::Densities;
 use super::direct::{Parts, Spread, Vertex, has_edge};
 use super::far_field::FarField;
+use super::sparse::SparseValues;
 use super::stiff;
+use super::stored::Lit;
 use super::sweep::{self, Scope, Sweep};
 use super::vertices::{Cube, Vertices, are_alike, blend, extremes, inside};
 use crate::Result;
 use crate::gather::{Gatherer, Medium, Pages, Stretch};
-use crate::image::Region;
 use crate::light::{InMedium, Lights, ShadowRays, SunDepths};
 use crate::math::exp::{exp_neg, mean_reach, one_minus_exp_neg};
 use crate::math::{Rgb, sampling};
 use crate::run::Job;
 use crate::scene::Volume;
-use crate::shade::view::View;
+use crate::shade::view::{Seen, View};
 use glam::Vec3;
+use lvox_formats::{MappedFile, Scatter};
 use wide::f32x4;
 
 /// In-scattered light of one volume: a lattice for each spacing, of which each brick of the volume uses one.
@@ -30,6 +34,8 @@ use wide::f32x4;
 struct Lattices {
     /// By log2 of the voxels between vertices.
     direct: [Vertices<Vertex>; LEVELS],
+    /// Those that were lit beforehand.
+    lit: DirectLevels,
     indirect: [Vertices<Rgb>; sweep::LEVELS],
     far_field: FarField,
     sweep: Option<Sweep>,
@@ -40,6 +46,9 @@ struct Lattices {
 
 /// Spacings of 1, 2 and 4 voxels, of direct light.
 const LEVELS: usize = 3;
+
+/// Direct light at vertices, by log2 of the voxels between them.
+pub type DirectLevels = [Option<SparseValues<Vertex>>; LEVELS];
 
 /// Indirect light that is not swept stands at twice the spacing of direct light.
 const _: () = assert!(sweep::LEVELS > LEVELS);
@@ -58,6 +67,19 @@ pub struct InScatter<'a, P, M> {
     lattices: Vec<Lattices>,
     suns: SunDepths<'a>,
     view: View<'a>,
+    /// Shadow rays of a vertex to each light with an extent.
+    vertex_rays: u32,
+}
+
+/// What lights media.
+#[derive(Debug)]
+pub struct Light<'a, P, M> {
+    /// Direct light.
+    pub lights: &'a Lights<'a>,
+    /// Light that is gathered, if any is.
+    pub gatherer: Option<&'a Gatherer<'a, P, M>>,
+    /// Light that is known already.
+    pub beforehand: Option<&'a Scatter<MappedFile>>,
 }
 
 impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
@@ -89,23 +111,22 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     /// Where shadows may have sharp edges, vertices in thin media are no further apart than so many pixels or a voxel: of what is
     /// between them nothing tells.
     const FARTHEST: f32 = 16.0;
-    /// Shadow rays of a vertex or point to lights with an extent.
+    /// Shadow rays of a vertex or point to each light with an extent.
     const SHADOW_RAYS: u32 = 4;
     /// Rays to an environment that no gather sees.
     const ENVIRONMENT_RAYS: u32 = 16;
 
-    /// Lattices that are still empty but for what is swept, for rays of some regions of the film. Without a gatherer there is
-    /// direct light only.
+    /// Lattices that are still empty but for what is swept, or was lit beforehand, where that may matter. Without a gatherer there
+    /// is direct light only.
     ///
     /// # Errors
-    /// If cancelled, or if a sweep takes more than the memory limit by itself.
-    pub fn new(
-        view: &View<'a>,
-        regions: &[Region],
-        lights: &'a Lights<'a>,
-        gatherer: Option<&'a Gatherer<'a, P, M>>,
-        job: &Job,
-    ) -> Result<Self> {
+    /// If cancelled, if a sweep takes more than the memory limit by itself, or for damage to what was lit beforehand.
+    pub fn new(view: &View<'a>, seen: Seen, light: &Light<'a, P, M>, job: &Job) -> Result<Self> {
+        let &Light {
+            lights,
+            gatherer,
+            beforehand,
+        } = light;
         let volumes = &view.tracer.scene.volumes;
         let mut lattices = Vec::with_capacity(volumes.len());
         for (index, volume) in volumes.iter().enumerate() {
@@ -119,25 +140,33 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             let far_field = FarField::new(volume, volume_samples, seed);
             let voxel = volume.longest_voxel_edge();
             let densities = Densities::new(volumes, index);
-            let sweep = gatherer
-                .filter(|g| g.settings.max_dist.is_infinite())
-                .map(|gatherer| {
+            let depth_of = |brick, own| {
+                let all = densities.of_all(brick, own);
+                densities.of(brick).max(Self::SHARED * all) * voxel
+            };
+            let sweeper = gatherer.filter(|g| g.settings.max_dist.is_infinite());
+            let (lit, sweep) = match (beforehand, sweeper) {
+                (Some(scatter), _) => {
+                    let Lit { direct, indirect } = Lit::read(scatter, index, view, seen, job)?;
+                    let swept = sweeper.map(|_| Sweep::of(indirect, volume, depth_of));
+                    (direct, swept)
+                }
+                (None, Some(gatherer)) => {
                     let scope = Scope {
                         view,
-                        regions,
+                        seen,
                         gatherer,
                         volume,
                         far_field: &far_field,
                         job,
                     };
-                    Sweep::new(&scope, |brick, own| {
-                        let all = densities.of_all(brick, own);
-                        densities.of(brick).max(Self::SHARED * all) * voxel
-                    })
-                })
-                .transpose()?;
+                    (Default::default(), Some(Sweep::new(&scope, depth_of)?))
+                }
+                (None, None) => Default::default(),
+            };
             lattices.push(Lattices {
                 direct: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
+                lit,
                 indirect: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
                 far_field,
                 sweep,
@@ -156,7 +185,17 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             lattices,
             suns: SunDepths::new(view.tracer.scene),
             view: *view,
+            vertex_rays: Self::SHADOW_RAYS,
         })
+    }
+
+    /// With so many shadow rays of a vertex to each light with an extent.
+    #[must_use]
+    pub fn with_vertex_rays(self, vertex_rays: u32) -> Self {
+        Self {
+            vertex_rays,
+            ..self
+        }
     }
 
     /// Which lattices serve a brick whose densest voxel has this optical depth: thin parts of a volume are lit from few
@@ -209,20 +248,12 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             return light.share * self.lights.sent(from, to) * through + light.rest;
         }
         let vertex = |level: usize, v: [usize; 3]| {
-            *lattices.direct[level].get(v, &|p, v| {
-                let key = self.key(place.volume, level, v);
-                let rays = Self::rays(Self::SHADOW_RAYS, key);
-                let point = self.to_scene(place.volume, p);
-                Vertex::new(self.lit(self.lights, point, rays, Some(&self.suns)))
+            let lit = lattices.lit[level].as_ref().and_then(|lit| lit.get(v));
+            *lit.unwrap_or_else(|| {
+                lattices.direct[level].get(v, &|p, v| self.vertex(place.volume, level, p, v))
             })
         };
         if place.is_thin || place.voxel_depth <= Self::DEPTH {
-            // Where light has no noise, smaller differences tell.
-            let alike = if self.rest_is_exact {
-                Self::ALIKE_EXACT
-            } else {
-                Self::ALIKE
-            };
             for level in (0..=self.first_level(place)).rev() {
                 let around = lattices.direct[level].around(place.at);
                 let weights = &around.weights;
@@ -238,14 +269,9 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                     return Parts::share(light) * self.lights.sent(from, to) + Parts::rest(light);
                 }
                 let light = blend(values, weights, |v| v.light);
-                let [share, rest] = Spread::of(values, weights, light);
-                // Finer vertices have the same noise.
-                let ratio = if self.rest_is_exact {
-                    share.ratio.max(rest.ratio)
-                } else {
-                    share.ratio
-                };
-                if is_finest || ratio <= alike {
+                let spread = Spread::of(values, weights, light);
+                if is_finest || !self.differs(spread) {
+                    let [share, rest] = spread;
                     let depth = place.voxel_depth * (1 << level) as f32;
                     let fall = |spread: Spread, part: usize| {
                         spread.fall(depth, || blend(values, weights, |v| v.ln[part]))
@@ -273,11 +299,40 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         sum
     }
 
+    /// Whether both parts of direct light differ so much between vertices that finer ones tell more.
+    fn differs(&self, [share, rest]: [Spread; 2]) -> bool {
+        if self.rest_is_exact {
+            // Where light has no noise, smaller differences tell.
+            share.ratio.max(rest.ratio) > Self::ALIKE_EXACT
+        } else {
+            // Finer vertices have the same noise.
+            share.ratio > Self::ALIKE
+        }
+    }
+
+    /// Direct light at a vertex.
+    fn vertex(&self, volume: usize, level: usize, point_in_index: Vec3, v: [usize; 3]) -> Vertex {
+        let rays = Self::rays(self.vertex_rays, self.key(volume, level, v));
+        let point = self.to_scene(volume, point_in_index);
+        Vertex::new(self.lit(self.lights, point, rays, Some(&self.suns)))
+    }
+
+    /// Gathered light at a point of a volume's index space: what a vertex has that is not swept.
+    fn gathered(&self, volume: usize, at: Vec3, point: Vec3, seed: u64) -> Rgb {
+        let Some(gatherer) = self.gatherer else {
+            return Rgb::BLACK;
+        };
+        let far_field = &self.lattices[volume].far_field;
+        far_field
+            .mean_radiance(&self.volumes[volume], gatherer, at, point, seed)
+            .unwrap_or_else(|| gatherer.mean_radiance(point, Stretch::first(seed)).light)
+    }
+
     fn indirect(&self, place: &Place, known: &mut Known) -> Rgb {
         let Some(gatherer) = self.gatherer else {
             return Rgb::BLACK;
         };
-        let (lattices, medium) = (&self.lattices[place.volume], &self.volumes[place.volume]);
+        let lattices = &self.lattices[place.volume];
         if !place.is_thin && place.voxel_depth > Self::STIFF {
             let surfaces = gatherer.without_media();
             // Any point of the stretch, as often as the camera sees it: light is not linear along it.
@@ -285,16 +340,10 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             let point = place.at_share(sampling::unit(seed));
             return stiff::mean_radiance(self.volumes, &self.sharp_lights, &surfaces, point, seed);
         }
-        let mean_radiance = |at: Vec3, point: Vec3, seed: u64| {
-            lattices
-                .far_field
-                .mean_radiance(medium, gatherer, at, point, seed)
-                .unwrap_or_else(|| gatherer.mean_radiance(point, Stretch::first(seed)).light)
-        };
         let vertex = |level: usize, v: [usize; 3]| {
             *lattices.indirect[level].get(v, &|p, v| {
                 let key = self.key(place.volume, level, v);
-                mean_radiance(p, self.to_scene(place.volume, p), key)
+                self.gathered(place.volume, p, self.to_scene(place.volume, p), key)
             })
         };
         let sweep = lattices.sweep.as_ref();
@@ -335,7 +384,12 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                 return rgb(blend(cube.last(), &seen.unwrap_or(around.weights), |v| *v));
             }
         }
-        mean_radiance(place.at, place.point, self.seed_of(place.point))
+        self.gathered(
+            place.volume,
+            place.at,
+            place.point,
+            self.seed_of(place.point),
+        )
     }
 
     /// How many pixels of the camera are between vertices of a lattice.

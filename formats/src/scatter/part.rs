@@ -1,0 +1,299 @@
+//! A part: some of 32 x 32 x 32 vertices, and the light at them.
+
+use crate::bytes::{self, Cursor};
+use crate::frame::BlockKind;
+use crate::record::VolumeInfo;
+use crate::{FormatError, Result};
+
+/// Vertices along an edge of a part.
+pub const PART_EDGE: usize = 32;
+
+/// Vertices along an edge of a cube.
+pub const VERTEX_CUBE: usize = 4;
+
+/// Cubes of a part.
+pub const PART_CUBES: usize = (PART_EDGE / VERTEX_CUBE).pow(3);
+
+/// Log2 of the voxels between vertices, at most.
+const MAX_LEVEL: u8 = 3;
+
+/// Where a part is.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub struct PartPlace {
+    /// The volume, by its number in the metadata.
+    pub volume: u16,
+    /// Log2 of the voxels between vertices.
+    pub level: u8,
+    /// The first vertex along z, y and x, over [`PART_EDGE`].
+    pub zyx: [u16; 3],
+}
+
+impl PartPlace {
+    /// The first vertex along x, y and z.
+    #[must_use]
+    pub fn first(&self) -> [usize; 3] {
+        let [z, y, x] = self.zyx.map(|c| usize::from(c) * PART_EDGE);
+        [x, y, z]
+    }
+
+    /// Vertices of the whole lattice along x, y and z: those of its cells.
+    fn lattice(&self, volumes: &[VolumeInfo]) -> Option<[usize; 3]> {
+        let volume = volumes.get(usize::from(self.volume))?;
+        let level = (self.level <= MAX_LEVEL).then_some(self.level)?;
+        Some(volume.dims.map(|n| n.div_ceil(1 << level) as usize + 1))
+    }
+}
+
+/// Which vertices of a part are lit, and what arrives there.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Part {
+    /// By cube of 4 x 4 x 4 vertices, x first, a bit for each vertex, x first.
+    pub chosen: Vec<u64>,
+    /// For each chosen vertex, cube by cube: the share that arrives of what point and spot lights send, per channel. Empty for
+    /// indirect light, or if nothing arrives.
+    pub share: Vec<[f32; 3]>,
+    /// The same, mean over the sphere of all other radiance: of other lights, or of what is gathered. Empty if there is none.
+    pub light: Vec<[f32; 3]>,
+}
+
+/// Name of a column and bytes in a row.
+pub struct Column {
+    pub name: &'static str,
+    pub width: usize,
+}
+
+const fn column(name: &'static str, width: usize) -> Column {
+    Column { name, width }
+}
+
+/// By bit in the mask of a block.
+pub const COLUMNS: [Column; 5] = [
+    column("chosen", 8),
+    column("share", 12),
+    column("share_grey", 4),
+    column("light", 12),
+    column("light_grey", 4),
+];
+pub const CHOSEN: usize = 0;
+const SHARE: usize = 1;
+const LIGHT: usize = 3;
+
+/// Columns of a part as they go to the file, before compression.
+pub struct Packed {
+    pub planes: Vec<u8>,
+    pub mask: u32,
+    pub records: usize,
+    /// Column, and its planes.
+    pub ranges: Vec<(usize, std::ops::Range<usize>)>,
+    /// Column, and bytes that it would have taken.
+    pub left_out: Vec<(usize, u64)>,
+}
+
+impl Part {
+    /// Chosen vertices.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.chosen.iter().map(|c| c.count_ones() as usize).sum()
+    }
+
+    /// Whether no vertex is chosen.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Refuses what no reader would take.
+    fn check(&self, kind: BlockKind, place: PartPlace, volumes: &[VolumeInfo]) -> Result<()> {
+        let wrong = |what: &str, expected: String, found: String| {
+            let what = format!("{what} of the part at {:?}", place.first());
+            Err(FormatError::invalid(what, expected, found))
+        };
+        let Some(count) = place.lattice(volumes) else {
+            let expected = format!("a volume below {}, at most {MAX_LEVEL}", volumes.len());
+            let found = format!("{}, {}", place.volume, place.level);
+            return wrong("volume or level", expected, found);
+        };
+        if self.chosen.len() != PART_CUBES || self.is_empty() {
+            return wrong(
+                "cubes",
+                format!("{PART_CUBES}, with vertices"),
+                self.chosen.len().to_string(),
+            );
+        }
+        let first = place.first();
+        for (i, &chosen) in self.chosen.iter().enumerate() {
+            if chosen & !inside(std::array::from_fn(|a| first[a] + cube(i)[a]), count) != 0 {
+                return wrong(
+                    "vertices",
+                    format!("inside {count:?}"),
+                    format!("{chosen:#x} in cube {i}"),
+                );
+            }
+        }
+        if kind == BlockKind::Indirect && !self.share.is_empty() {
+            return wrong("columns", "no share of lamps".into(), "one".into());
+        }
+        for (name, values) in [("share", &self.share), ("light", &self.light)] {
+            if !values.is_empty() && values.len() != self.len() {
+                return wrong(
+                    name,
+                    format!("{} values", self.len()),
+                    values.len().to_string(),
+                );
+            }
+            let is_light = |v: &f32| v.is_finite() && *v >= 0.0;
+            if let Some(v) = values.iter().flatten().find(|v| !is_light(v)) {
+                return wrong(name, "finite numbers of at least 0".into(), v.to_string());
+            }
+        }
+        Ok(())
+    }
+
+    /// The columns that it needs.
+    pub fn pack(
+        &self,
+        kind: BlockKind,
+        place: PartPlace,
+        volumes: &[VolumeInfo],
+    ) -> Result<Packed> {
+        self.check(kind, place, volumes)?;
+        let records = self.len();
+        let mut packed = Packed {
+            planes: Vec::new(),
+            mask: 0,
+            records,
+            ranges: Vec::new(),
+            left_out: Vec::new(),
+        };
+        let mut push = |index: usize, rows: Vec<u8>| {
+            let from = packed.planes.len();
+            bytes::to_planes(&rows, COLUMNS[index].width, &mut packed.planes);
+            packed.mask |= 1 << index;
+            packed.ranges.push((index, from..packed.planes.len()));
+        };
+        push(
+            CHOSEN,
+            self.chosen.iter().flat_map(|c| c.to_le_bytes()).collect(),
+        );
+        for (index, values) in [(SHARE, &self.share), (LIGHT, &self.light)] {
+            let bytes_each = COLUMNS[index].width as u64;
+            let saved = if values.iter().all(|c| *c == [0.0; 3]) {
+                bytes_each
+            } else if values.iter().all(|[r, g, b]| r == g && g == b) {
+                push(
+                    index + 1,
+                    values.iter().flat_map(|c| c[0].to_le_bytes()).collect(),
+                );
+                bytes_each - COLUMNS[index + 1].width as u64
+            } else {
+                push(
+                    index,
+                    values
+                        .as_flattened()
+                        .iter()
+                        .flat_map(|c| c.to_le_bytes())
+                        .collect(),
+                );
+                0
+            };
+            // Gathered light never has a share of lamps.
+            if saved > 0 && !(index == SHARE && kind == BlockKind::Indirect) {
+                packed.left_out.push((index, saved * records as u64));
+            }
+        }
+        Ok(packed)
+    }
+
+    /// Reads columns in planes, of so many vertices.
+    pub fn unpack(
+        planes: &[u8],
+        mask: u32,
+        records: usize,
+        kind: BlockKind,
+        place: PartPlace,
+        volumes: &[VolumeInfo],
+    ) -> Result<Self> {
+        let mut cursor = Cursor::new(planes, "columns of a part");
+        let mut rows = |index: usize, count: usize| -> Result<Option<Vec<u8>>> {
+            if mask >> index & 1 == 0 {
+                return Ok(None);
+            }
+            let width = COLUMNS[index].width;
+            Ok(Some(bytes::from_planes(cursor.take(count * width)?, width)))
+        };
+        let chosen = rows(CHOSEN, PART_CUBES)?.unwrap_or_default();
+        let (chosen, _) = chosen.as_chunks::<8>();
+        let mut part = Self {
+            chosen: chosen.iter().map(|c| u64::from_le_bytes(*c)).collect(),
+            ..Self::default()
+        };
+        if part.len() != records {
+            return Err(FormatError::invalid(
+                "chosen vertices",
+                records.to_string(),
+                part.len(),
+            ));
+        }
+        for (index, values) in [(SHARE, &mut part.share), (LIGHT, &mut part.light)] {
+            let float = |b: &[u8; 4]| f32::from_le_bytes(*b);
+            match (rows(index, records)?, rows(index + 1, records)?) {
+                (None, None) => {}
+                (Some(rgb), None) => {
+                    let (floats, _) = rgb.as_chunks::<4>();
+                    let (triples, _) = floats.as_chunks::<3>();
+                    *values = triples.iter().map(|c| c.each_ref().map(float)).collect();
+                }
+                (None, Some(grey)) => {
+                    *values = grey
+                        .as_chunks::<4>()
+                        .0
+                        .iter()
+                        .map(|b| [float(b); 3])
+                        .collect();
+                }
+                (Some(_), Some(_)) => {
+                    return Err(FormatError::invalid(
+                        "columns of a part",
+                        "colour or grey",
+                        "both",
+                    ));
+                }
+            }
+        }
+        cursor.end()?;
+        part.check(kind, place, volumes)?;
+        Ok(part)
+    }
+}
+
+/// The first vertex of a cube, from that of its part.
+fn cube(i: usize) -> [usize; 3] {
+    const ALONG: usize = PART_EDGE / VERTEX_CUBE;
+    [i % ALONG, i / ALONG % ALONG, i / (ALONG * ALONG)].map(|c| c * VERTEX_CUBE)
+}
+
+/// A bit for each vertex of a cube that a lattice of `count` has.
+fn inside(first: [usize; 3], count: [usize; 3]) -> u64 {
+    (0..64).fold(0, |bits, i| {
+        let at = [
+            i % VERTEX_CUBE,
+            i / VERTEX_CUBE % VERTEX_CUBE,
+            i / (VERTEX_CUBE * VERTEX_CUBE),
+        ];
+        let is_inside = (0..3).all(|a| first[a] + at[a] < count[a]);
+        bits | u64::from(is_inside) << i
+    })
+}

@@ -1,0 +1,86 @@
+//! `lvox scatter`
+
+use super::options::{Context, Files, Memory, Seed};
+use super::output;
+use super::scene_input::SceneInput;
+use super::shade::warn_if_out_of_date;
+use lvox::Result;
+use lvox::gather::TreeStore;
+use lvox::run::output::check_writable;
+use lvox::shade::scatter::{self, Settings};
+use std::path::PathBuf;
+
+/// Light the media of a scene for all cameras, so that no frame and no tile has to
+///
+/// What arrives at points inside media does not depend on the camera. `lvox shade --scatter` takes it from this file, and
+/// looks itself where it comes closer than the points stand, or media are too dense for them.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    scene: SceneInput,
+
+    /// Gather indirect light from this tree
+    #[arg(short, long, value_name = "FILE")]
+    tree: PathBuf,
+
+    /// Write the light to this .lvs file
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+
+    /// Rays of each gather inside media [default: 16]
+    #[arg(long, value_name = "N")]
+    volume_samples: Option<u32>,
+
+    /// Take a node whole where it is seen under less than a quarter of this, steradians [default: 0.01]
+    #[arg(long, value_name = "SR")]
+    max_solid_angle: Option<f32>,
+
+    /// Shadow rays to each area light from each point [default: 16]
+    #[arg(long, value_name = "N")]
+    shadow_rays: Option<u32>,
+
+    #[command(flatten)]
+    pub memory: Memory,
+
+    #[command(flatten)]
+    seed: Seed,
+}
+
+impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        self.scene
+            .files()
+            .reads("tree", &self.tree)
+            .writes("--output", &self.output)
+    }
+
+    fn settings(&self) -> Settings {
+        let default = Settings::default();
+        Settings {
+            volume_samples: self.volume_samples.unwrap_or(default.volume_samples),
+            max_solid_angle: self.max_solid_angle.unwrap_or(default.max_solid_angle),
+            shadow_rays: self.shadow_rays.unwrap_or(default.shadow_rays),
+            seed: self.seed.seed,
+        }
+    }
+
+    pub fn run(self, context: &Context) -> Result<()> {
+        check_writable(&self.output, context.force)?;
+        let settings = self.settings();
+        settings.check()?;
+        let job = &context.job;
+        let store = TreeStore::open(&self.tree, job.memory_limit)?;
+        let cloud = &store.tree().meta().cloud;
+        let scene = self
+            .scene
+            .load(context)?
+            .in_frame(cloud.world_from_scene.into())?;
+        let origin = (&cloud.scene_hash, &cloud.settings[..]);
+        warn_if_out_of_date(&scene, origin, &self.tree, job);
+        job.heed_warnings()?;
+        scatter::run(&scene, &store, &self.output, &settings, context.force, job)?;
+        output::say_times(job, "scatter", &[]);
+        Ok(())
+    }
+}
