@@ -24,6 +24,13 @@ fn small_tree() -> Vec<u8> {
     std::fs::read(path).unwrap()
 }
 
+fn small_scatter() -> Vec<u8> {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.lvs");
+    write_scatter(&path, &parts(&mut Random(1)));
+    std::fs::read(path).unwrap()
+}
+
 fn read_cloud(bytes: &[u8]) -> Result<()> {
     Cloud::open(bytes)?.verify()
 }
@@ -32,10 +39,18 @@ fn read_tree(bytes: &[u8]) -> Result<()> {
     Tree::open(bytes)?.verify()
 }
 
+fn read_scatter(bytes: &[u8]) -> Result<()> {
+    Scatter::open(bytes)?.verify()
+}
+
 type Reader = fn(&[u8]) -> Result<()>;
 
-fn files() -> [(Vec<u8>, Reader); 2] {
-    [(small_cloud(), read_cloud), (small_tree(), read_tree)]
+fn files() -> [(Vec<u8>, Reader); 3] {
+    [
+        (small_cloud(), read_cloud),
+        (small_tree(), read_tree),
+        (small_scatter(), read_scatter),
+    ]
 }
 
 #[test]
@@ -129,12 +144,14 @@ fn errors_name_the_file() {
 }
 
 #[test]
-fn chunks_and_pages_that_do_not_exist() {
+fn chunks_pages_and_parts_that_do_not_exist() {
     let (cloud, tree) = (small_cloud(), small_tree());
     let cloud = Cloud::open(cloud).unwrap();
     assert!(cloud.surfel_chunk(1).is_err() && cloud.lvoxel_chunk(9).is_err());
     let tree = Tree::open(tree).unwrap();
     assert!(tree.surfel_page(3).is_err() && tree.lvoxel_page(2).is_err());
+    let scatter = Scatter::open(small_scatter()).unwrap();
+    assert!(scatter.part(2).is_ok() && scatter.part(3).is_err());
 }
 
 /// Puts the checksums right again after a change: what a hostile writer would do.
@@ -149,7 +166,7 @@ fn repair(bytes: &mut [u8]) {
             .le(&bytes.len())
             .then_some(at..at + len)
     };
-    let is_tree = &bytes[8..11] == b"LVT";
+    let is_cloud = &bytes[8..11] == b"LVC";
     // From the inside out: columns, blocks, sections, header.
     for entry in range(bytes, number(bytes, 72), number(bytes, 80))
         .into_iter()
@@ -167,7 +184,7 @@ fn repair(bytes: &mut [u8]) {
         let Some(mut block) = range(bytes, number(bytes, entry), len) else {
             continue;
         };
-        if !is_tree && columns * 16 <= block.len() {
+        if is_cloud && columns * 16 <= block.len() {
             let directory = block.start..block.start + columns * 16;
             let mut start = directory.end;
             for column in directory.clone().step_by(16) {
@@ -199,16 +216,26 @@ proptest! {
     /// Correct checksums over wrong bytes: any result will do, but it must come, and a page that is returned must be
     /// safe to walk.
     #[test]
-    fn hostile_files(tree: bool, changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4)) {
-        static FILES: std::sync::OnceLock<[Vec<u8>; 2]> = std::sync::OnceLock::new();
-        let files = FILES.get_or_init(|| [small_cloud(), small_tree()]);
-        let mut bytes = files[usize::from(tree)].clone();
+    fn hostile_files(file in 0_usize..3, changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4)) {
+        static FILES: std::sync::OnceLock<[Vec<u8>; 3]> = std::sync::OnceLock::new();
+        let files = FILES.get_or_init(|| [small_cloud(), small_tree(), small_scatter()]);
+        let mut bytes = files[file].clone();
         for (at, value) in changes {
             let at = at.index(bytes.len());
             bytes[at] = value;
         }
         repair(&mut bytes);
         let _ = read_cloud(&bytes);
+        if let Ok(scatter) = Scatter::open(&bytes) {
+            let _ = scatter.verify();
+            for (i, block) in scatter.blocks().iter().enumerate() {
+                let Ok(part) = scatter.part(i) else { continue };
+                prop_assert_eq!(part.len(), block.records as usize);
+                for light in [&part.share, &part.light] {
+                    prop_assert!(light.is_empty() || light.len() == part.len());
+                }
+            }
+        }
         let Ok(tree) = Tree::open(&bytes) else { return Ok(()) };
         let _ = tree.verify();
         for i in 0..tree.surfel_pages() {

@@ -97,6 +97,25 @@ fn version_3() {
 }
 
 #[test]
+fn scattered_light_of_version_3() {
+    let dir = tempfile::tempdir().unwrap();
+    let (fresh, kept) = (dir.path().join("fresh.lvs"), golden("v3.lvs"));
+    let given = parts(&mut Random(1));
+    write_scatter(&fresh, &given);
+    if std::env::var_os("LVOX_WRITE_GOLDEN").is_some() {
+        std::fs::copy(&fresh, &kept).unwrap();
+    }
+    let kept = Scatter::open_path(&kept).unwrap();
+    kept.verify().unwrap();
+    assert_eq!((kept.version(), kept.meta()), (3, &scatter_meta()));
+    for (i, (kind, place, part)) in given.iter().enumerate() {
+        assert_eq!(kept.blocks()[i].kind, *kind);
+        assert_eq!(kept.summary().parts[i], *place);
+        assert_eq!(kept.part(i).unwrap(), *part);
+    }
+}
+
+#[test]
 fn columns_of_later_versions_are_refused() {
     for (file, version) in [("v2.lvt", 1), ("v3.lvt", 2)] {
         let mut bytes = std::fs::read(golden(file)).unwrap();

@@ -221,6 +221,18 @@ mod tests {
     }
 
     #[test]
+    fn help_tells_the_defaults_of_scattering() {
+        let settings = shade::scatter::Settings::default();
+        for (name, expected) in [
+            ("volume-samples", settings.volume_samples.to_string()),
+            ("max-solid-angle", settings.max_solid_angle.to_string()),
+            ("shadow-rays", settings.shadow_rays.to_string()),
+        ] {
+            assert_eq!(told("scatter", name), expected, "--{name}");
+        }
+    }
+
+    #[test]
     fn help_tells_the_presets_of_shading() {
         type Read = fn(&shade::Settings) -> String;
         fn name_of<T: PartialEq>(table: &[(&str, T)], value: &T) -> String {

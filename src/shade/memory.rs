@@ -78,12 +78,13 @@ pub fn check_sweep(
     })
 }
 
-/// Refuses light of a volume that was scattered beforehand and takes more than a limit by itself.
+/// Refuses light that a volume scatters, to be made or read beforehand, if it takes more than a limit by itself.
 ///
 /// # Errors
 /// Says what it takes, and how to do with less.
 pub fn check_scattered(
     volume: &Volume,
+    seen: Seen,
     vertices: u64,
     needed: u64,
     limit: Option<u64>,
@@ -93,8 +94,11 @@ pub fn check_scattered(
         volume.name
     );
     size::within(what, needed, limit).map_err(|e| {
-        e.hint(
-            "raise --memory-limit, or shade a part that sees less of the volume: --region X0 Y0 X1 Y1 or --tile I/N",
-        )
+        e.hint(match seen {
+            Seen::Through(_) => {
+                "raise --memory-limit, or shade a part that sees less of the volume: --region X0 Y0 X1 Y1 or --tile I/N"
+            }
+            Seen::All => "raise --memory-limit",
+        })
     })
 }

@@ -62,7 +62,7 @@ pub fn run(
     aovs: &[Aov],
     job: &Job,
 ) -> Result<Frame> {
-    settings.check()?;
+    check(scene, store, settings)?;
     region.check(scene.film.width, scene.film.height)?;
     // The first camera is the same whether it was named or not.
     let named = Settings {
@@ -130,7 +130,7 @@ pub fn pixels(
     regions: &[Region],
     job: &Job,
 ) -> Result<Vec<Vec<Shaded>>> {
-    settings.check()?;
+    check(scene, store, settings)?;
     for region in regions {
         region.check(scene.film.width, scene.film.height)?;
     }
@@ -151,6 +151,11 @@ pub fn pixels(
         .zip(&shaded)
         .map(|(r, planes)| (0..r.pixels()).map(|i| told(planes, i)).collect())
         .collect())
+}
+
+fn check(scene: &Scene, store: &TreeStore, settings: &Settings) -> Result<()> {
+    settings.check()?;
+    (store.scatter.as_ref()).map_or(Ok(()), |scatter| scatter::check(scatter, scene, settings))
 }
 
 /// Says so where an appreciable part of what gathers met is black for want of surfels.

@@ -1,9 +1,12 @@
 //! tree + scene → scattered light: what arrives at vertices inside media, for all cameras, so that no frame and no tile has to find
 //! it again.
 
+use super::media::{self, InScatter, Lit};
 use super::settings::Settings as ShadeSettings;
-use super::{Method, Quality, shot};
-use crate::gather::TreeStore;
+use super::shot::{self, Request, Shot, Work};
+use super::view::Seen;
+use super::{Method, Quality};
+use crate::gather::{Medium, NoMedia, Pages, TreeStore};
 use crate::run::Job;
 use crate::scene::{Scene, Volume};
 use crate::{Error, Result};
@@ -101,12 +104,49 @@ pub fn run(
             settings: listed,
         };
         let mut writer = ScatterWriter::create(output, meta, force)?;
-        shot::scatter_to(&mut writer, scene, store, settings, job)?;
+        let request = Request {
+            settings: &settings.of_gathers(),
+            regions: &[],
+            parts: &[],
+            job,
+        };
+        let (lit, _) = shot::work(scene, store, &request, &Lighting { settings })?;
+        for (volume, lit) in lit.iter().enumerate() {
+            media::pack(lit, volume, &mut writer)?;
+        }
         let blocks = writer.vertices();
         let summary = writer.finish()?;
         counts.insert("vertices".into(), blocks as f64);
         Ok(summary)
     })
+}
+
+/// Lighting of media for any camera.
+struct Lighting<'a> {
+    settings: &'a Settings,
+}
+
+impl Work for Lighting<'_> {
+    /// By volume.
+    type Made = Vec<Lit>;
+
+    fn in_vacuum<P: Pages>(&self, _: &Shot<P, NoMedia>) -> Result<Self::Made> {
+        Ok(Vec::new())
+    }
+
+    fn in_media<P: Pages, M: Medium>(&self, shot: &Shot<P, M>) -> Result<Self::Made> {
+        let (gatherer, job) = (shot.volume_gatherer(), shot.request.job);
+        let light = media::Light {
+            lights: shot.lights,
+            gatherer: Some(&gatherer),
+            beforehand: None,
+        };
+        let in_scatter = InScatter::new(&shot.view, Seen::All, &light, job)?
+            .with_vertex_rays(self.settings.shadow_rays);
+        let lit = in_scatter.light_all(job)?;
+        shot.gatherer.pages.check()?;
+        Ok(lit)
+    }
 }
 
 /// Refuses light that does not fit a scene, or settings that it does not fit.

@@ -8,7 +8,6 @@ use super::lattice::Lattice;
 use super::media::{self, InScatter};
 use super::memory;
 use super::pixels::{EmitterBorders, PixelShader, Planes, SampleCounts, shade_region};
-use super::scatter;
 use super::settings::{Kernel, Method, Settings};
 use super::surface_gatherer::SurfaceGatherer;
 use super::view::{Seen, View};
@@ -23,7 +22,7 @@ use crate::run::Job;
 use crate::scene::Scene;
 use crate::trace::Tracer;
 use crate::{Error, Result};
-use lvox_formats::{MappedFile, Scatter, ScatterWriter};
+use lvox_formats::{MappedFile, Scatter};
 use rayon::prelude::*;
 
 /// Solid angle below which nodes are taken whole by rays of media, over that of rays of surfaces: few rays look along the whole
@@ -47,12 +46,14 @@ pub struct Request<'a> {
 }
 
 /// What is made from a tree, by code made for what that has.
-trait Work {
+pub trait Work {
+    /// What is made.
     type Made;
 
-    /// Of a scene without media.
+    /// Makes it of a scene without media.
     fn in_vacuum<P: Pages>(&self, shot: &Shot<P, NoMedia>) -> Result<Self::Made>;
 
+    /// Makes it of a scene with media.
     fn in_media<P: Pages, M: Medium>(&self, shot: &Shot<P, M>) -> Result<Self::Made>;
 }
 
@@ -68,35 +69,14 @@ pub fn shade_regions(scene: &Scene, store: &TreeStore, request: &Request) -> Res
         job,
     } = request;
     memory::check(scene, settings, regions, parts, job.memory_limit)?;
-    if let Some(scatter) = &store.scatter {
-        scatter::check(scatter, scene, settings)?;
-    }
     work(scene, store, request, &Pixels)
 }
 
-/// Lights the media of a scene for any camera, and appends their light to a file.
+/// Does work on a tree.
 ///
 /// # Errors
-/// As [`super::scatter::run`].
-pub fn scatter_to(
-    writer: &mut ScatterWriter,
-    scene: &Scene,
-    store: &TreeStore,
-    settings: &scatter::Settings,
-    job: &Job,
-) -> Result<()> {
-    let request = Request {
-        settings: &settings.of_gathers(),
-        regions: &[],
-        parts: &[],
-        job,
-    };
-    let (lit, _) = work(scene, store, &request, &Scattering { settings })?;
-    lit.iter()
-        .try_for_each(|(volume, lit)| media::pack(lit, *volume, writer))
-}
-
-fn work<W: Work>(
+/// A tree in another frame than the scene, and those of the work.
+pub fn work<W: Work>(
     scene: &Scene,
     store: &TreeStore,
     request: &Request,
@@ -184,13 +164,13 @@ fn work_through<P: Pages, S: Source, W: Work>(
 }
 
 /// What regions of a frame are shaded from.
-struct Shot<'a, P, M> {
-    view: View<'a>,
-    lights: &'a Lights<'a>,
-    gatherer: Gatherer<'a, P, M>,
+pub struct Shot<'a, P, M> {
+    pub view: View<'a>,
+    pub lights: &'a Lights<'a>,
+    pub gatherer: Gatherer<'a, P, M>,
     lamps: Option<&'a BrightLamps<'a>>,
     scatter: Option<&'a Scatter<MappedFile>>,
-    request: &'a Request<'a>,
+    pub request: &'a Request<'a>,
 }
 
 fn with_shot<P: Pages, M: Medium, T>(
@@ -271,37 +251,9 @@ impl Work for Pixels {
     }
 }
 
-/// Lighting of media for any camera.
-struct Scattering<'a> {
-    settings: &'a scatter::Settings,
-}
-
-impl Work for Scattering<'_> {
-    /// By number of the volume.
-    type Made = Vec<(usize, media::Lit)>;
-
-    fn in_vacuum<P: Pages>(&self, _: &Shot<P, NoMedia>) -> Result<Self::Made> {
-        Ok(Vec::new())
-    }
-
-    fn in_media<P: Pages, M: Medium>(&self, shot: &Shot<P, M>) -> Result<Self::Made> {
-        let (gatherer, job) = (shot.volume_gatherer(), shot.request.job);
-        let light = media::Light {
-            lights: shot.lights,
-            gatherer: Some(&gatherer),
-            beforehand: None,
-        };
-        let in_scatter = InScatter::new(&shot.view, Seen::All, &light, job)?
-            .with_vertex_rays(self.settings.shadow_rays);
-        let lit = in_scatter.light_all(job)?;
-        shot.gatherer.pages.check()?;
-        Ok(lit.into_iter().enumerate().collect())
-    }
-}
-
 impl<P: Pages, M: Medium> Shot<'_, P, M> {
     /// What gathers inside media.
-    fn volume_gatherer(&self) -> Gatherer<'_, P, M> {
+    pub fn volume_gatherer(&self) -> Gatherer<'_, P, M> {
         let settings = self.request.settings;
         Gatherer {
             settings: gather::Settings {

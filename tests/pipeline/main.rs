@@ -17,6 +17,7 @@ mod memory;
 mod messages;
 mod outputs;
 mod physics;
+mod scatter;
 mod settings;
 mod shadows;
 #[path = "../support/mod.rs"]

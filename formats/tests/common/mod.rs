@@ -263,3 +263,60 @@ pub fn write_tree(path: &Path, style: Style, pages: usize, per_page: usize) -> V
         .unwrap();
     written
 }
+
+/// Direct light with and without lamps, and grey indirect light, at some vertices of the second volume.
+pub fn parts(random: &mut Random) -> Vec<(BlockKind, PartPlace, Part)> {
+    let place = |level: u8, x: u16| PartPlace {
+        volume: 1,
+        level,
+        zyx: [0, 0, x],
+    };
+    let kinds = [
+        (BlockKind::Direct, place(0, 1), true, false),
+        (BlockKind::Direct, place(1, 0), false, false),
+        (BlockKind::Indirect, place(1, 0), false, true),
+    ];
+    kinds
+        .into_iter()
+        .map(|(kind, place, has_lamps, is_grey)| {
+            let mut chosen = vec![0; PART_CUBES];
+            for i in [0, 9, 70] {
+                chosen[i] = 1 << random.below(64) | 1 << random.below(64);
+            }
+            let mut part = Part {
+                chosen,
+                ..Part::default()
+            };
+            let mut light = |n: usize| -> Vec<[f32; 3]> {
+                let colour = |_| {
+                    let c: [f32; 3] = std::array::from_fn(|_| random.unit());
+                    if is_grey { [c[0]; 3] } else { c }
+                };
+                (0..n).map(colour).collect()
+            };
+            part.light = light(part.len());
+            if has_lamps {
+                part.share = light(part.len());
+            }
+            (kind, place, part)
+        })
+        .collect()
+}
+
+pub fn scatter_meta() -> ScatterMeta {
+    ScatterMeta {
+        scene_hash: std::array::from_fn(|i| i as u8),
+        scene_name: "a scene".into(),
+        volumes: volumes(),
+        tree_hash: [7; 16],
+        settings: vec![("seed".into(), "1".into())],
+    }
+}
+
+pub fn write_scatter(path: &Path, parts: &[(BlockKind, PartPlace, Part)]) -> ScatterSummary {
+    let mut writer = ScatterWriter::create(path, scatter_meta(), true).unwrap();
+    for (kind, place, part) in parts {
+        writer.push(*kind, *place, part).unwrap();
+    }
+    writer.finish().unwrap()
+}

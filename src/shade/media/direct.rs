@@ -1,10 +1,17 @@
 //! Direct light at vertices, and between them: linear, or exponential as far as depth explains.
 
+use super::sparse::SparseValues;
 use super::vertices::extremes;
 use crate::light::InMedium;
 use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use wide::f32x8;
+
+/// Spacings of 1, 2 and 4 voxels.
+pub const LEVELS: usize = 3;
+
+/// Direct light at vertices, by log2 of the voxels between them.
+pub type Levels = [Option<SparseValues<Vertex>>; LEVELS];
 
 /// Direct light at a vertex.
 #[derive(Clone, Copy, Debug, Default)]

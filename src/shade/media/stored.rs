@@ -1,7 +1,6 @@
 //! Light at vertices that was made beforehand: from and to files of scattered light.
 
-use super::direct::Vertex;
-use super::inscatter::DirectLevels;
+use super::direct::{self, Vertex};
 use super::sparse::{SparseLattice, SparseValues};
 use super::{filled, sweep};
 use crate::Result;
@@ -20,7 +19,7 @@ use std::collections::BTreeMap;
 /// Light at vertices of one volume.
 #[derive(Debug, Default)]
 pub struct Lit {
-    pub direct: DirectLevels,
+    pub direct: direct::Levels,
     pub indirect: sweep::Levels,
 }
 
@@ -61,7 +60,13 @@ impl Lit {
         let [of_direct, of_indirect] = [&direct, &indirect].map(|parts| vertices(parts));
         let bytes =
             of_direct * size_of::<Vertex>() as u64 + of_indirect * size_of::<Option<Rgb>>() as u64;
-        memory::check_scattered(volume, of_direct + of_indirect, bytes, job.memory_limit)?;
+        memory::check_scattered(
+            volume,
+            seen,
+            of_direct + of_indirect,
+            bytes,
+            job.memory_limit,
+        )?;
         let read = Reading {
             scatter,
             volume,
@@ -223,4 +228,60 @@ fn rounded(light: Rgb) -> [f32; 3] {
         let bits = v.to_bits().saturating_add(1 << (DROPPED - 1)) >> DROPPED << DROPPED;
         f32::from_bits(bits).min(f32::MAX)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::sampling;
+
+    #[test]
+    fn rounding_is_small_and_keeps_what_floats_hold() {
+        for i in 0..1000 {
+            let v = f32::from_bits((sampling::hash(&[i]) as u32) >> 1);
+            if v.is_finite() {
+                let [r, ..] = rounded(Rgb::splat(v));
+                let most = (v / 8192.0).max(f32::MIN_POSITIVE / 8192.0);
+                assert!((r - v).abs() <= most, "{v} {r}");
+            }
+        }
+        for v in [0.0, 1.0, 0.5] {
+            assert_eq!(rounded(Rgb::splat(v)), [v; 3]);
+        }
+        assert!(rounded(Rgb::splat(f32::MAX))[0].is_finite());
+    }
+
+    #[test]
+    fn vertices_find_their_values_in_the_parts_of_a_lattice() {
+        let count = [40, 70, 9];
+        let all = || {
+            (0..count[2]).flat_map(move |z| {
+                (0..count[1]).flat_map(move |y| (0..count[0]).map(move |x| [x, y, z]))
+            })
+        };
+        let chosen = |v: &[usize; 3]| (v[0] * 5 + v[1] * 3 + v[2]).is_multiple_of(7);
+        let value = |[x, y, z]: [usize; 3]| Rgb([x as f32, y as f32, 0.5 + z as f32]);
+        let set = SparseLattice::new(count, |choose| all().filter(chosen).for_each(choose));
+        let values = set.vertices().map(value).collect();
+        let parts = parts(&Some(SparseValues { set, values }), 3, 1, |v| {
+            [Rgb::BLACK, *v]
+        });
+        assert_eq!(parts.len(), 2 * 3);
+        let mut found = 0;
+        for (place, part) in &parts {
+            assert_eq!((place.volume, place.level), (3, 1));
+            assert!(part.share.is_empty());
+            let mut light = part.light.iter();
+            for (i, &bits) in part.chosen.iter().enumerate() {
+                let cube = SparseLattice::of_cubes(count, [(cube_of(place, i), bits)]);
+                for v in cube.vertices() {
+                    assert!(chosen(&v));
+                    assert_eq!(light.next(), Some(&value(v).0), "{v:?}");
+                    found += 1;
+                }
+            }
+            assert!(light.next().is_none());
+        }
+        assert_eq!(found, all().filter(chosen).count());
+    }
 }

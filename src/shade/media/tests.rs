@@ -1,7 +1,7 @@
 //! Where light in media is looked for, and how soon that stops on request.
 
 use super::far_field::FarField;
-use super::inscatter::{InScatter, Known};
+use super::inscatter::{InScatter, Known, Light};
 use super::sweep::{Scope, Sweep};
 use super::vertices::INSIDE;
 use crate::Kind;
@@ -14,7 +14,7 @@ use crate::math::segment::{Composite, Segment};
 use crate::math::{Hit, Rgb, sampling};
 use crate::run::{Cancel, Job};
 use crate::scene::{Grid, Scene, Volume};
-use crate::shade::view::View;
+use crate::shade::view::{Seen, View};
 use crate::trace::Tracer;
 use glam::{DAffine3, DVec3, Vec3};
 use lvox_formats::record::{Lvoxel, VolumeInfo};
@@ -176,6 +176,21 @@ fn with<M: Medium, T>(
     run(&view, &Lights::new(&tracer), &gatherer)
 }
 
+fn in_scatter<'a, M: Medium>(
+    view: &View<'a>,
+    regions: &[Region],
+    lights: &'a Lights<'a>,
+    gatherer: &'a Gatherer<'a, NoPages, M>,
+    job: &Job,
+) -> crate::Result<InScatter<'a, NoPages, M>> {
+    let light = Light {
+        lights,
+        gatherer: Some(gatherer),
+        beforehand: None,
+    };
+    InScatter::new(view, Seen::Through(regions), &light, job)
+}
+
 /// Sweeps the haze on one thread.
 fn sweep<M: Medium>(around: &Around, media: M, cancel: &Cancel) -> crate::Result<()> {
     let job = Job {
@@ -187,7 +202,7 @@ fn sweep<M: Medium>(around: &Around, media: M, cancel: &Cancel) -> crate::Result
         let regions = [Region::full(1, 1)];
         let in_scatter = pool
             .unwrap()
-            .install(|| InScatter::new(view, &regions, lights, Some(gatherer), &job));
+            .install(|| in_scatter(view, &regions, lights, gatherer, &job));
         in_scatter.map(drop)
     })
 }
@@ -221,7 +236,7 @@ fn probes_and_vertices_keep_off_the_planes_of_a_volumes_borders() {
     let near = Around::at(0.5);
     with_haze(&near, NoMedia, |view, lights, gatherer| {
         let (regions, job) = ([Region::full(1, 1)], Job::default());
-        let in_scatter = InScatter::new(view, &regions, lights, Some(gatherer), &job).unwrap();
+        let in_scatter = in_scatter(view, &regions, lights, gatherer, &job).unwrap();
         let probes = near.rays();
         let floor = |x: f32| Vec3::new(x, -7.9, -12.0);
         let _ = in_scatter.source(0, [floor(0.0), floor(0.1)], 0.002, &mut Known::default());
@@ -290,7 +305,7 @@ fn sweeps_beyond_the_memory_limit_are_refused_before_they_begin() {
             ..Job::default()
         };
         let made = with(&scene, &far, NoMedia, |view, lights, gatherer| {
-            InScatter::new(view, &[Region::full(1, 1)], lights, Some(gatherer), &job).map(drop)
+            in_scatter(view, &[Region::full(1, 1)], lights, gatherer, &job).map(drop)
         });
         assert_eq!(far.rays() > 0, is_held);
         if is_held {
@@ -310,7 +325,7 @@ fn sweeps_beyond_the_memory_limit_are_refused_before_they_begin() {
         ..Job::default()
     };
     with(&scene, &far, NoMedia, |view, lights, gatherer| {
-        InScatter::new(view, &[], lights, Some(gatherer), &job).map(drop)
+        in_scatter(view, &[], lights, gatherer, &job).map(drop)
     })
     .unwrap();
 }
@@ -333,7 +348,7 @@ fn what_a_sweep_takes_is_also_that_of_its_rays() {
             ..Job::default()
         };
         let made = with(&scene, &far, NoMedia, |view, lights, gatherer| {
-            InScatter::new(view, &[Region::full(1, 1)], lights, Some(gatherer), &job).map(drop)
+            in_scatter(view, &[Region::full(1, 1)], lights, gatherer, &job).map(drop)
         });
         match made {
             Ok(()) => assert!(is_held),
@@ -388,7 +403,7 @@ fn swept_and_exact(scene: &Scene, lvoxels: Vec<Lvoxel>) -> Vec<[f32; 2]> {
         let far_field = FarField::new(volume, 64, 1);
         let scope = Scope {
             view,
-            regions: &[Region::full(1, 1)],
+            seen: Seen::Through(&[Region::full(1, 1)]),
             gatherer,
             volume,
             far_field: &far_field,
@@ -457,4 +472,48 @@ fn light_of_a_volume_beside_another_is_swept_into_it() {
     }
     let [swept, exact] = sums;
     assert!((swept / exact - 1.0).abs() < 0.1, "{swept} {exact}");
+}
+
+/// Lights all of the haze beforehand.
+fn light_all(around: &Around, job: &Job) -> crate::Result<Vec<super::Lit>> {
+    with_haze(around, NoMedia, |view, lights, gatherer| {
+        let light = Light {
+            lights,
+            gatherer: Some(gatherer),
+            beforehand: None,
+        };
+        InScatter::new(view, Seen::All, &light, job)?.light_all(job)
+    })
+}
+
+#[test]
+fn what_is_lit_beforehand_is_what_any_ray_asks_for() {
+    // Near surfaces let no probe stand for them: vertices gather for themselves then, before any ray does.
+    for distance in [f32::INFINITY, 0.5] {
+        let around = Around::at(distance);
+        let lit = light_all(&around, &Job::default()).unwrap().remove(0);
+        let swept: Vec<_> = lit.indirect.iter().flatten().collect();
+        assert!(!swept.is_empty());
+        assert!(swept.iter().all(|l| l.values.iter().all(Option::is_some)));
+        let step = lit.direct.iter().rposition(Option::is_some).unwrap();
+        // The haze fills its box: all vertices are lit.
+        let along = SIDE.div_ceil(1 << step) + 1;
+        let direct = lit.direct[step].as_ref().unwrap();
+        assert_eq!(direct.values.len(), along.pow(3));
+    }
+}
+
+#[test]
+fn lighting_all_is_refused_or_stops_before_it_takes_more_than_it_may() {
+    let around = Around::at(f32::INFINITY);
+    let small = Job {
+        memory_limit: Some(1),
+        ..Job::default()
+    };
+    let error = light_all(&around, &small).unwrap_err();
+    assert_eq!(error.kind(), Kind::Input);
+    assert_eq!(error.hint_text(), Some("raise --memory-limit"));
+    let stopped = Job::default();
+    stopped.cancel.request();
+    assert!(light_all(&around, &stopped).is_err());
 }

@@ -1,17 +1,19 @@
 //! Light at all vertices that any camera may ask for.
 
-use super::{DirectLevels, InScatter, LEVELS, Lattices};
+use super::{InScatter, Lattices};
 use crate::Result;
 use crate::gather::{Medium, Pages};
 use crate::run::Job;
 use crate::scene::Volume;
 use crate::scene::grid::Cell;
-use crate::shade::media::direct::{Parts, Spread, Vertex, has_edge};
+use crate::shade::media::direct::{self, LEVELS, Parts, Spread, Vertex, has_edge};
 use crate::shade::media::filled;
 use crate::shade::media::sparse::{SparseLattice, SparseValues};
 use crate::shade::media::stored::Lit;
 use crate::shade::media::sweep;
 use crate::shade::media::vertices::blend;
+use crate::shade::memory;
+use crate::shade::view::Seen;
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -54,7 +56,7 @@ impl<P: Pages, M: Medium> InScatter<'_, P, M> {
         Ok(())
     }
 
-    fn light_directly(&self, index: usize, job: &Job) -> Result<DirectLevels> {
+    fn light_directly(&self, index: usize, job: &Job) -> Result<direct::Levels> {
         let (volume, lattices) = (&self.volumes[index], &self.lattices[index]);
         let grid = &volume.sigma_t;
         let mut bricks: [Vec<[usize; 3]>; LEVELS] = Default::default();
@@ -68,7 +70,8 @@ impl<P: Pages, M: Medium> InScatter<'_, P, M> {
         let uses_vertices =
             |cell: Cell| !cell.is_empty() && cell.least() * lattices.voxel <= Self::DEPTH;
         let mut finer: Vec<[usize; 3]> = Vec::new();
-        let mut levels = DirectLevels::default();
+        let mut levels = direct::Levels::default();
+        let mut all = 0;
         for level in (0..LEVELS).rev() {
             let mut cells = filled::cells(grid, &bricks[level], 1 << level, uses_vertices);
             cells.append(&mut finer);
@@ -82,6 +85,9 @@ impl<P: Pages, M: Medium> InScatter<'_, P, M> {
                 let vertices = cells.iter().flat_map(|&c| filled::around(c, count));
                 vertices.for_each(choose);
             });
+            all += set.len() as u64;
+            let bytes = all * size_of::<Vertex>() as u64;
+            memory::check_scattered(volume, Seen::All, all, bytes, job.memory_limit)?;
             let vertices: Vec<[usize; 3]> = set.vertices().collect();
             let values = vertices
                 .into_par_iter()

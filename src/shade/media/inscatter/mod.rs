@@ -10,9 +10,8 @@
 mod beforehand;
 
 use super::density::Densities;
-use super::direct::{Parts, Spread, Vertex, has_edge};
+use super::direct::{self, LEVELS, Parts, Spread, Vertex, has_edge};
 use super::far_field::FarField;
-use super::sparse::SparseValues;
 use super::stiff;
 use super::stored::Lit;
 use super::sweep::{self, Scope, Sweep};
@@ -35,7 +34,7 @@ struct Lattices {
     /// By log2 of the voxels between vertices.
     direct: [Vertices<Vertex>; LEVELS],
     /// Those that were lit beforehand.
-    lit: DirectLevels,
+    lit: direct::Levels,
     indirect: [Vertices<Rgb>; sweep::LEVELS],
     far_field: FarField,
     sweep: Option<Sweep>,
@@ -43,12 +42,6 @@ struct Lattices {
     /// Longest edge of a voxel, scene units.
     voxel: f32,
 }
-
-/// Spacings of 1, 2 and 4 voxels, of direct light.
-const LEVELS: usize = 3;
-
-/// Direct light at vertices, by log2 of the voxels between them.
-pub type DirectLevels = [Option<SparseValues<Vertex>>; LEVELS];
 
 /// Indirect light that is not swept stands at twice the spacing of direct light.
 const _: () = assert!(sweep::LEVELS > LEVELS);

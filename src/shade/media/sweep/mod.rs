@@ -128,7 +128,7 @@ impl Sweep {
         let mut levels = [const { None }; LEVELS];
         for (level, set) in sets.into_iter().enumerate() {
             if let Some(set) = set {
-                levels[level] = Some(Level::new(scope, set, 1 << level, &media)?);
+                levels[level] = Some(Level::sweep(scope, set, 1 << level, &media)?);
             }
         }
         Ok(Self { levels, level_of })
@@ -181,7 +181,7 @@ impl Level {
     }
 
     /// Sweeps vertices `step` voxels apart.
-    fn new<P: Pages, M: Medium>(
+    fn sweep<P: Pages, M: Medium>(
         scope: &Scope<P, M>,
         set: SparseLattice,
         step: usize,

@@ -1,0 +1,266 @@
+//! Light of media that is made before any frame.
+
+use crate::messages::lvox;
+use crate::support::trees;
+use crate::{ROOM, Work, beauty, layer, relative_rms, with_threads};
+use lvox::formats::{BlockKind, Scatter};
+use lvox::gather::TreeStore;
+use lvox::image::Region;
+use lvox::run::Job;
+use lvox::scene::Scene;
+use lvox::shade::{self, Aov, Settings, scatter};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Four rays of media; what presets ask for, no more.
+fn few() -> Settings {
+    Settings {
+        samples: 8,
+        volume_samples: 4,
+        ..Settings::default()
+    }
+}
+
+/// What a frame of those settings finds, at all vertices.
+fn like(settings: &Settings) -> scatter::Settings {
+    scatter::Settings {
+        volume_samples: settings.volume_samples,
+        max_solid_angle: settings.max_solid_angle,
+        shadow_rays: 4,
+        seed: settings.seed,
+    }
+}
+
+fn scattered(
+    work: &Work,
+    scene: &Scene,
+    tree: &Path,
+    name: &str,
+    settings: &scatter::Settings,
+) -> PathBuf {
+    let store = TreeStore::open(tree, None).unwrap();
+    let output = work.path(name);
+    scatter::run(scene, &store, &output, settings, true, &Job::default()).unwrap();
+    output
+}
+
+/// All of the light of a region, and what media scatter.
+fn pixels(
+    scene: &Scene,
+    store: &TreeStore,
+    settings: &Settings,
+    region: Region,
+) -> [Vec<[f32; 3]>; 2] {
+    let frame = shade::run(
+        scene,
+        store,
+        settings,
+        region,
+        &[Aov::Volume],
+        &Job::default(),
+    );
+    let frame = frame.unwrap();
+    [beauty(&frame), layer(&frame, "volume")]
+}
+
+/// Lamps of all kinds, whose shadows are soft and sharp.
+fn lit_by_all() -> String {
+    ROOM.to_owned()
+        + r#"
+[[light]]
+type = "point"
+position = [-0.6, 1.7, 0.6]
+intensity = [0.4, 0.5, 0.6]
+
+[[light]]
+type = "directional"
+direction = [0.3, -0.4, -1]
+irradiance = [1, 1, 0.8]
+angular_radius_deg = 1
+"#
+}
+
+#[test]
+fn it_is_the_light_that_frames_find_themselves() {
+    for text in [ROOM.to_owned(), lit_by_all()] {
+        let work = Work::new(&text);
+        let scene = work.scene();
+        let tree = work.bake(&scene, 5000);
+        let settings = few();
+        let file = scattered(&work, &scene, &tree, "a.lvs", &like(&settings));
+        for camera in ["front", "below"] {
+            let settings = Settings {
+                camera: Some(camera.into()),
+                ..settings.clone()
+            };
+            let whole = Region::full(scene.film.width, scene.film.height);
+            let store = TreeStore::open(&tree, None).unwrap();
+            let [_, own] = pixels(&scene, &store, &settings, whole);
+            let store = store.with_scatter(&file).unwrap();
+            let [_, taken] = pixels(&scene, &store, &settings, whole);
+            // But for the rounding of what is stored.
+            let differs = relative_rms(&taken, &own);
+            assert!(differs > 0.0 && differs < 2e-4, "{camera}: {differs}");
+        }
+    }
+}
+
+#[test]
+fn it_does_not_depend_on_threads_and_tiles_of_it_have_no_seams() {
+    let work = Work::new(&lit_by_all());
+    let scene = work.scene();
+    let tree = work.bake(&scene, 5000);
+    let make = |threads, name| {
+        let settings = scatter::Settings::default();
+        let path = with_threads(threads, || scattered(&work, &scene, &tree, name, &settings));
+        (fs::read(&path).unwrap(), path)
+    };
+    let (bytes, path) = make(1, "1.lvs");
+    assert_eq!(make(3, "3.lvs").0, bytes);
+    let kinds = |kind| Scatter::open(&bytes).unwrap().parts(kind, 0).count();
+    assert!(kinds(BlockKind::Direct) > 0 && kinds(BlockKind::Indirect) > 0);
+
+    let open = || {
+        TreeStore::open(&tree, None)
+            .unwrap()
+            .with_scatter(&path)
+            .unwrap()
+    };
+    let film = &scene.film;
+    let whole = Region::full(film.width, film.height);
+    let [all, _] = pixels(&scene, &open(), &few(), whole);
+    let width = film.width as usize;
+    for (x0, x1) in [(0, 20), (20, 33), (33, film.width)] {
+        let region = Region { x0, x1, ..whole };
+        let [part, _] = pixels(&scene, &open(), &few(), region);
+        let columns = x0 as usize..x1 as usize;
+        let expected = all
+            .chunks(width)
+            .flat_map(|row| row[columns.clone()].to_vec());
+        assert!(part.into_iter().eq(expected), "{x0} to {x1}");
+    }
+}
+
+#[test]
+fn more_rays_than_a_frame_would_take_leave_less_noise() {
+    let work = Work::new(ROOM);
+    let scene = work.scene();
+    let tree = work.bake(&scene, 5000);
+    let whole = Region::full(scene.film.width, scene.film.height);
+    let store = TreeStore::open(&tree, None).unwrap();
+    let many = Settings {
+        volume_samples: 256,
+        ..few()
+    };
+    let [_, expected] = pixels(&scene, &store, &many, whole);
+    let [_, own] = pixels(&scene, &store, &few(), whole);
+    let file = scattered(&work, &scene, &tree, "a.lvs", &scatter::Settings::default());
+    let store = store.with_scatter(&file).unwrap();
+    let [_, taken] = pixels(&scene, &store, &few(), whole);
+    let [own, taken] = [own, taken].map(|pixels| relative_rms(&pixels, &expected));
+    assert!(taken < 0.7 * own, "{taken} {own}");
+}
+
+#[test]
+fn what_does_not_go_together_is_refused_and_what_is_out_of_date_is_told() {
+    let work = Work::new(ROOM);
+    let scene = work.scene();
+    work.bake(&scene, 2000);
+    trees::baked(&scene, &trees::of_surfels(1000), work.0.path(), "other");
+    let scatter = |args: &[&str]| {
+        let base = [
+            "scatter",
+            "scene.toml",
+            "--progress",
+            "none",
+            "--volume-samples",
+            "2",
+        ];
+        lvox(&work, &[&base[..], args].concat())
+    };
+    scatter(&["-t", "scene.lvt", "-o", "a.lvs"]).done();
+    let made = fs::read(work.path("a.lvs")).unwrap();
+    scatter(&["-t", "scene.lvt", "-o", "a.lvs"]).refused(2, &["a.lvs", "--force"]);
+    scatter(&["-t", "scene.lvt", "-o", "scene.lvt", "--force"]).refused(2, &["scene.lvt"]);
+    scatter(&["-t", "scene.lvt", "-o", "b.lvs", "--shadow-rays", "0"])
+        .refused(2, &["--shadow-rays"]);
+
+    let shade = |scene: &str, args: &[&str]| {
+        let base = [
+            "shade",
+            scene,
+            "-o",
+            "x.exr",
+            "--progress",
+            "none",
+            "--samples",
+            "4",
+        ];
+        lvox(&work, &[&base[..], args].concat())
+    };
+    let own = ["-t", "scene.lvt", "--scatter", "a.lvs"];
+    shade("scene.toml", &own).done();
+    let with = |args: &[&'static str]| shade("scene.toml", &[&own[..], args].concat());
+    with(&["--method", "traditional"]).refused(2, &["--method", "--scatter"]);
+    with(&["--max-dist", "3"]).refused(2, &["--max-dist", "--scatter"]);
+    let other = ["-t", "other.lvt", "--scatter", "a.lvs"];
+    shade("scene.toml", &other).refused(2, &["a.lvs", "tree", "lvox scatter"]);
+    let wrong = ["-t", "scene.lvt", "--scatter", "scene.lvt"];
+    shade("scene.toml", &wrong).refused(2, &["scattered light (.lvs)", "tree (.lvt)"]);
+
+    let changed = |from: &str, to: &str| {
+        assert!(ROOM.contains(from));
+        fs::write(work.path("changed.toml"), ROOM.replace(from, to)).unwrap();
+    };
+    changed("emission = [10, 9, 7]", "emission = [1, 9, 7]");
+    let told = shade("changed.toml", &own);
+    told.done();
+    for file in ["scene.lvt", "a.lvs"] {
+        let warning = format!("{file}: baked from a scene of other lights");
+        assert!(told.stderr.contains(&warning), "{}", told.stderr);
+    }
+    changed("0.9, -0.2]", "0.9, -0.1]");
+    shade("changed.toml", &own).refused(2, &["\"smoke\"", "lvox scatter"]);
+    let cut = ROOM.find("[[volume]]").unwrap();
+    fs::write(work.path("clear.toml"), &ROOM[..cut]).unwrap();
+    let clear = ["scatter", "clear.toml", "-t", "scene.lvt", "-o", "c.lvs"];
+    lvox(&work, &[&clear[..], &["--progress", "none"]].concat()).refused(2, &["no volumes"]);
+    assert_eq!(fs::read(work.path("a.lvs")).unwrap(), made);
+    assert!(!work.path("b.lvs").exists() && !work.path("c.lvs").exists());
+
+    // Damage is found before it is light.
+    let mut damaged = made;
+    damaged[200] ^= 1;
+    fs::write(work.path("a.lvs"), &damaged).unwrap();
+    fs::remove_file(work.path("x.exr")).unwrap();
+    shade("scene.toml", &own).refused(2, &["a.lvs", "checksum"]);
+    assert!(!work.path("x.exr").exists());
+    lvox(&work, &["verify", "a.lvs", "--progress", "none"]).refused(2, &["a.lvs", "checksum"]);
+}
+
+#[test]
+fn it_can_be_inspected() {
+    let work = Work::new(ROOM);
+    let scene = work.scene();
+    let tree = work.bake(&scene, 2000);
+    scattered(&work, &scene, &tree, "a.lvs", &like(&few()));
+    let told = |args: &[&str]| {
+        let run = lvox(&work, args);
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        run.stdout
+    };
+    let json: serde_json::Value =
+        serde_json::from_str(&told(&["inspect", "a.lvs", "--json"])).unwrap();
+    let scatter = Scatter::open(fs::read(work.path("a.lvs")).unwrap()).unwrap();
+    let vertices: u64 = scatter.blocks().iter().map(|b| u64::from(b.records)).sum();
+    let lattices = json["lattices"].as_array().unwrap().iter();
+    let sum: u64 = lattices.map(|l| l["vertices"].as_u64().unwrap()).sum();
+    assert!(sum == vertices && vertices > 100, "{sum} {vertices}");
+    assert_eq!(json["kind"], "scatter");
+    let text = told(&["inspect", "a.lvs"]);
+    for part in ["scattered light", "volume-samples 4", "indirect", "share"] {
+        assert!(text.contains(part), "{part:?} is not in {text}");
+    }
+    assert!(told(&["verify", "a.lvs", "--progress", "none"]).contains("undamaged"));
+    lvox(&work, &["inspect", "a.lvs", "--points", "1"]).refused(2, &["no points"]);
+}
