@@ -130,6 +130,14 @@ class Bench:
             secs = [secs[0] + stage["cpu_secs"], secs[1] + stage["wall_secs"]]
         return None, secs
 
+    def scatter(self, scene):
+        """CPU and wall seconds of lighting media for all cameras."""
+        at = self.work / scene
+        run([*self.timed, self.lvox, "scatter", self.scene_file(scene), "-t", f"{at}.lvt", "-o", f"{at}.lvs", "--progress", "none",
+             "--force", "--report", f"{at}.json"])  # fmt: skip
+        stage = next(s for s in json.loads(Path(f"{at}.json").read_text())["stages"] if s["stage"] == "scatter")
+        return None, [stage["cpu_secs"], stage["wall_secs"]]
+
     def shade(self, scene, preset, film, *more):
         """An image, and CPU and wall seconds of `shade`."""
         image = self.work / f"{scene}.{film}.{preset}.exr"
@@ -176,8 +184,15 @@ class Bench:
             common = {"scene": scene, "film": film, "round": at}
             if film != LARGE or not (self.work / f"{scene}.lvt").exists():
                 self.undisturbed(lambda: self.tree(scene), measure="tree", **common, renderer="lvox", setting="tree")
+            lit = film != LARGE and "volume" in self.scene(scene)
+            if lit:
+                self.undisturbed(lambda: self.scatter(scene), measure="tree", **common, renderer="lvox", setting="scatter")
             for preset in presets:
                 self.undisturbed(lambda: self.shade(scene, preset, film), measure="frame", **common, renderer="lvox", setting=preset)
+                if lit:
+                    more = ["--scatter", self.work / f"{scene}.lvs"]
+                    self.undisturbed(lambda: self.shade(scene, preset, film, *more), measure="frame", **common, renderer="lvox",
+                                     setting=f"{preset}, scatter")  # fmt: skip
             for renderer, samples in peers:
                 self.undisturbed(lambda: self.peer(renderer, name, samples, at), measure="frame", **common, renderer=renderer,
                                  setting=f"{samples} spp")  # fmt: skip
