@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! scene ──bake──▶ cloud (.lvc) ──build──▶ tree (.lvt) ──shade──▶ tile.exr … ──merge──▶ image.exr
+//!                                             └─scatter─▶ light in media (.lvs) ─┘
 //! ```
 //!
 //! Folders follow that line. Stages (`bake`, `build`, `shade`) share file formats and the leaf modules (`math`,

@@ -89,16 +89,19 @@ pub fn check_scattered(
     needed: u64,
     limit: Option<u64>,
 ) -> Result<()> {
-    let what = format_args!(
-        "holding scattered light at {vertices} vertices of volume {:?}",
-        volume.name
-    );
-    size::within(what, needed, limit).map_err(|e| {
+    let what = || {
+        format!(
+            "holding scattered light at {vertices} vertices of volume {:?}",
+            volume.name
+        )
+    };
+    size::within(what(), needed, limit).map_err(|e| {
         e.hint(match seen {
             Seen::Through(_) => {
                 "raise --memory-limit, or shade a part that sees less of the volume: --region X0 Y0 X1 Y1 or --tile I/N"
             }
             Seen::All => "raise --memory-limit",
         })
-    })
+    })?;
+    memory::check(what(), needed)
 }

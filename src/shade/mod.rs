@@ -1,4 +1,5 @@
-//! tree + scene → image: primary visibility and direct light from the scene, indirect light gathered from the tree.
+//! tree + scene → image: primary visibility and direct light from the scene, indirect light gathered from the tree. What of that no
+//! camera changes can be made beforehand ([`scatter`]).
 //!
 //! Every pixel depends on the scene, the tree, the settings and its own coordinates alone, so any tiling, on any number
 //! of machines, gives the same bits. Points and directions are those of scene space unless they are said to be the

@@ -89,10 +89,12 @@ impl<P: Pages, M: Medium> InScatter<'_, P, M> {
             let bytes = all * size_of::<Vertex>() as u64;
             memory::check_scattered(volume, Seen::All, all, bytes, job.memory_limit)?;
             let vertices: Vec<[usize; 3]> = set.vertices().collect();
+            let task = (job.progress).task("scatter", vertices.len() as u64, "vertices");
             let values = vertices
                 .into_par_iter()
                 .map(|v| {
                     job.cancel.check()?;
+                    task.add(1);
                     Ok(self.vertex(index, level, at(v, level), v))
                 })
                 .collect::<Result<_>>()?;

@@ -1,11 +1,11 @@
 //! In-scattered light inside media, interpolated from vertices on the volume's own grid.
 //!
 //! A vertex is evaluated when a ray first needs it and depends on its coordinates alone, so it does not matter which
-//! tile or thread asks. Each brick of a volume has the spacing that its own density asks for: vertices of direct light
-//! stand at most an optical depth apart, those of indirect light 1.4 where it is swept beforehand, in thin bricks, and two
-//! where it is not. Where vertices of a dense brick still differ much, at its rim, finer ones are asked; near a lamp, and
-//! where a voxel is deep, the ray's own points. Vertices that were lit beforehand are not lit again. Vertices in empty space around the medium are evaluated like any other:
-//! leaving them dark would darken its rim.
+//! tile or thread asks; those that were lit beforehand are not lit again. Each brick of a volume has the spacing that its own
+//! density asks for: vertices of direct light stand at most an optical depth apart, those of indirect light 1.4 where it is
+//! swept, in thin bricks, and two where it is not. Where vertices of a dense brick still differ much, at its rim, finer ones are
+//! asked; near a lamp, and where a voxel is deep, the ray's own points. Vertices in empty space around the medium are evaluated
+//! like any other: leaving them dark would darken its rim.
 
 mod beforehand;
 
