@@ -89,8 +89,8 @@ class Scene:
         return cloud["lvoxel_bytes"] / (cloud["tree_bytes"] - cloud["lvoxel_bytes"])
 
 
-def main_table(scenes):
-    head = ["scene", "method", "bake and build s", "render s", "pdiff %", "relMSE", "FLIP",
+def main_table(scenes, before):
+    head = ["scene", "method", f"{before} s", "render s", "pdiff %", "relMSE", "FLIP",
             "Monte Carlo in that time: pdiff %", "relMSE", "rendering faster at equal pdiff", "at equal relMSE", "file of the tree MB",
             "of it lvoxels MB (over the surfels alone)", "surfels to an lvoxel", "resident MB"]
     rows = []
@@ -106,9 +106,9 @@ def main_table(scenes):
             pdiff, relmse = scene.versus(name, "pdiff"), scene.versus(name, "relmse")
             left_out = cloud["lvoxel_bytes"] if name == "traditional-base" else 0
             # A cloud without lvoxels is not measured apart.
-            before = "–" if left_out else figure(cloud["bake"]["cpu_secs"] + cloud["build"]["cpu_secs"])
+            secs = "–" if left_out else figure(cloud["bake"]["cpu_secs"] + cloud["build"]["cpu_secs"])
             rows.append([
-                scene.name, label, before,
+                scene.name, label, secs,
                 figure(scene.secs(run)), percent(errors["pdiff"]), figure(errors["relmse"]), figure(errors["flip"]),
                 equal_time(pdiff, percent), equal_time(relmse, figure),
                 times(pdiff), times(relmse), figure((cloud["tree_bytes"] - left_out) / 1e6),
@@ -202,6 +202,8 @@ def main():
     machine, (width, height) = first["machine"], first["film"]
     noise = [s.study["reference"]["relmse"] for s in scenes]
     note = " " + tells["note"] if tells.get("note") else ""
+    scatters = tells["settings"].get("scatter") == "yes"
+    made_once = "baking, building and lighting media beforehand (`lvox scatter`)" if scatters else "baking and building"
     spp = [int(r["values"]["spp"]) for r in first["runs"] if r["method"] == "monte carlo"]
     print(f"""# Table 1: lvox beside Monte Carlo, and beside the paper
 
@@ -218,7 +220,7 @@ Everything is direct light and one bounce, which is what the paper's method comp
   from the spread of their samples.
 - **Equal relMSE:** Monte Carlo's relMSE is taken as noise of the reference + constant / time, the constant from its
   longest run whose error is at least twice the noise; solved for our relMSE, and for our time.
-- **Faster** is Monte Carlo's time over ours of rendering: baking and building, once for all images of a scene, are not in it.
+- **Faster** is Monte Carlo's time over ours of rendering: {made_once}, once for all images of a scene, are not in it.
   They were measured with lvoxels only: surfels alone, which are rendered from the same tree, have none given.
 - **Equal pdiff:** read off straight lines in logarithms of pdiff over time between its runs, beyond the last run along the
   last line; no differing pixel counts as half a pixel. In brackets where the time is outside of what was measured; beyond
@@ -229,7 +231,7 @@ Everything is direct light and one bounce, which is what the paper's method comp
   coefficient samples. The paper's lvoxels take at most 1.7 MB beside 466.3 MB of surfels, 0.36 %, which is one lvoxel for
   275 surfels if both take as much. The default has 500,000 surfels, and lvoxels of at most 0.7 optical depths.
 """)
-    print(main_table(scenes))
+    print(main_table(scenes, "bake, build and scatter" if scatters else "bake and build"))
     print("## Bars\n\nOf the default settings, the worst of the scenes.\n")
     print(bars(scenes))
     print("""## Beside the paper

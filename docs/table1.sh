@@ -9,6 +9,7 @@
 # TABLE1_QUALITY     base settings of lvox [good]
 # TABLE1_RUNS        samples per pixel of the Monte Carlo runs [4,16,64,256]
 # TABLE1_ROUNDS      times that each run is timed [3]
+# TABLE1_SCATTER     whether light of media is made beforehand, yes or no [yes]
 # TABLE1_NOTE        a sentence on the state of the machine, for the page
 set -eu
 cd "$(dirname "$0")/.."
@@ -24,11 +25,20 @@ scenes=${TABLE1_SCENES:-bunny_64 bunny_128 bunny_512 head_64 head_128 head_256}
 quality=${TABLE1_QUALITY:-good}
 runs=${TABLE1_RUNS:-4,16,64,256}
 rounds=${TABLE1_ROUNDS:-3}
+scatter=${TABLE1_SCATTER:-yes}
+case $scatter in
+yes) beforehand=--scatter ;;
+no) beforehand= ;;
+*)
+    printf 'TABLE1_SCATTER must be yes or no, found %s\n' "$scatter" >&2
+    exit 2
+    ;;
+esac
 
 cargo build --release
 lvox=$(realpath "${CARGO_TARGET_DIR:-target}/release/lvox")
 # Times of different builds must not mix.
-build=$work/$quality-$(sha256sum "$lvox" | cut -c 1-12)
+build=$work/$quality-$scatter-$(sha256sum "$lvox" | cut -c 1-12)
 mkdir -p "$build"
 # Of the first run of this build: a later one goes on with it.
 if ! [ -s "$build/made" ]; then
@@ -63,7 +73,7 @@ for scene in $scenes; do
     *) voxels=8 ;;
     esac
     "$lvox" study "$work/$scene.toml" --reference "$references/$scene.exr" --base-only --paper-cloud "$voxels" \
-        --quality "$quality" --spp "$runs" --rounds "$rounds" --long 8 -o "$build/$scene"
+        ${beforehand:+"$beforehand"} --quality "$quality" --spp "$runs" --rounds "$rounds" --long 8 -o "$build/$scene"
 done
 
 # What front-to-back order is worth, on both clouds of bunny_128.
@@ -87,9 +97,9 @@ done
 python3 -c '
 import json, sys
 date, commit, note, *values = sys.argv[1:]
-settings = dict(zip(("spp", "scenes", "quality", "runs", "rounds"), values))
+settings = dict(zip(("spp", "scenes", "quality", "runs", "rounds", "scatter"), values))
 print(json.dumps({"date": date, "commit": commit, "note": note, "settings": settings}, indent=2))' \
-    "$made" "$commit" "${TABLE1_NOTE:-}" "$spp" "$scenes" "$quality" "$runs" "$rounds" >"$record/made.json"
+    "$made" "$commit" "${TABLE1_NOTE:-}" "$spp" "$scenes" "$quality" "$runs" "$rounds" "$scatter" >"$record/made.json"
 python3 docs/table1.py "$record" >"$work/table1.md"
 cp "$work/table1.md" docs/table1.md
 printf 'see docs/table1.md\n' >&2

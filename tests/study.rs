@@ -271,6 +271,24 @@ fn a_signal_keeps_what_is_finished_and_the_same_command_goes_on() {
 }
 
 #[test]
+fn light_of_media_is_made_with_each_tree_and_studies_without_it_are_kept_apart() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path().join("study");
+    let args = ["--rounds", "1", "--scatter"];
+    let output = study(&folder, &args);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let found = json(&folder);
+    assert_eq!(found["origin"]["light of media"], "made beforehand");
+    let cloud = found["clouds"][0]["name"].as_str().unwrap();
+    for kind in ["lvt", "lvs"] {
+        assert!(folder.join(format!("trees/{cloud}.{kind}")).is_file());
+    }
+    let output = study(&folder, &args[..2]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("light of media"));
+}
+
+#[test]
 fn a_reference_without_variance_is_judged_by_and_another_of_its_name_refused() {
     let dir = tempfile::tempdir().unwrap();
     let run = |line: &str| {

@@ -55,6 +55,10 @@ pub struct Args {
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "4")]
     paper_cloud: Option<u8>,
 
+    /// Make light of media beforehand, as lvox scatter does; its time counts with that of building
+    #[arg(long)]
+    scatter: bool,
+
     /// Render images of this width, the height in proportion [default: that of the scene; quick: 240 without
     /// --reference]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..=65536))]
@@ -116,13 +120,14 @@ pub struct Args {
 }
 
 /// Options that closed forms have no use for: all but the scene and what a verb may take of the machine.
-const MEASURING: [&str; 19] = [
+const MEASURING: [&str; 20] = [
     "output",
     "reference",
     "reference_spp",
     "quick",
     "base_only",
     "paper_cloud",
+    "scatter",
     "width",
     "camera",
     "quality",
@@ -181,6 +186,7 @@ impl Args {
             samples: given(self.samples, preset.samples),
             max_solid_angle: given(self.max_solid_angle, preset.max_solid_angle),
             paper_cloud: self.paper_cloud,
+            scatter: self.scatter,
             shade: shade::Settings::of(self.quality),
             rounds: self.rounds.unwrap_or(preset.rounds),
             long_secs: self.long,

@@ -8,6 +8,7 @@ use crate::image::{Frame, Picture, Region};
 use crate::math::sampling;
 use crate::run::{Job, usage};
 use crate::scene::Scene;
+use crate::shade::{Method, scatter};
 use crate::{Result, reference, shade};
 use crate::{bake, build};
 use std::f64::consts::PI;
@@ -69,12 +70,27 @@ impl<'a> Bench<'a> {
         self.trees.join(format!("{cloud}.lvt"))
     }
 
-    /// Whether the tree of a cloud is there and whole, as far as its header and tables tell.
-    pub fn has_tree(&self, cloud: &str) -> bool {
-        TreeStore::open(&self.tree(cloud), self.job.memory_limit).is_ok()
+    /// Light of media of that tree, if it is made beforehand.
+    fn scatter(&self, cloud: &str) -> Option<PathBuf> {
+        let is_made = self.settings.scatter && !self.scene.volumes.is_empty();
+        is_made.then(|| self.trees.join(format!("{cloud}.lvs")))
     }
 
-    /// Bakes and builds: a cloud of one round. The files are the same in every round.
+    /// Opens the tree of a cloud, with that light.
+    fn open(&self, cloud: &str) -> Result<TreeStore> {
+        let store = TreeStore::open(&self.tree(cloud), self.job.memory_limit)?;
+        match self.scatter(cloud) {
+            Some(scatter) => store.with_scatter(&scatter),
+            None => Ok(store),
+        }
+    }
+
+    /// Whether what is made of a cloud is there and whole, as far as headers and tables tell.
+    pub fn has_tree(&self, cloud: &str) -> bool {
+        self.open(cloud).is_ok()
+    }
+
+    /// Bakes, builds and makes light of media: a cloud of one round. The files are the same in every round.
     pub fn prepare(&self, points: &Points) -> Result<Cloud> {
         let name = points.cloud();
         let cloud = self.trees.join(format!("{name}.lvc"));
@@ -85,8 +101,16 @@ impl<'a> Bench<'a> {
             timed(|| build::run(&cloud, &tree, &build::Settings::default(), true, &self.job));
         // The tree holds all that is needed from here on; after a stop the cloud is baked anew.
         let _ = std::fs::remove_file(&cloud);
-        let (outcome, build) = built?;
+        let (outcome, mut build) = built?;
         let store = TreeStore::open(&tree, self.job.memory_limit)?;
+        if let Some(output) = self.scatter(&name) {
+            let settings = scatter::Settings {
+                seed: self.settings.seed,
+                ..scatter::Settings::default()
+            };
+            let run = || scatter::run(self.scene, &store, &output, &settings, true, &self.job);
+            build += timed(run)?.1;
+        }
         let blocks = store.tree().lvoxel_blocks();
         let sums = &outcome.summary.sums;
         let disk = sums.area / (PI * sums.surfels.max(1) as f64);
@@ -131,8 +155,12 @@ impl<'a> Bench<'a> {
                 })
             }
             How::Points(points) => timed(|| {
-                let tree = self.tree(&points.cloud());
-                let store = TreeStore::open(&tree, self.job.memory_limit)?;
+                let store = match points.shade.method {
+                    Method::Extended => self.open(&points.cloud())?,
+                    Method::Traditional => {
+                        TreeStore::open(&self.tree(&points.cloud()), self.job.memory_limit)?
+                    }
+                };
                 shade::run(self.scene, &store, &points.shade, region, &[], &self.job)
             }),
         }

@@ -144,7 +144,7 @@ impl Files {
         let mut old: Vec<PathBuf> = plots.into_iter().filter(|p| p.is_file()).collect();
         for (dir, kinds) in [
             (self.images(), &["png"][..]),
-            (self.trees(), &["lvt", "lvc"]),
+            (self.trees(), &["lvt", "lvc", "lvs"]),
         ] {
             let entries = fs::read_dir(&dir).map_err(|e| Error::io("read", &dir, &e))?;
             for entry in entries {
@@ -203,7 +203,7 @@ fn origin(scene: &Scene, settings: &Settings) -> Result<BTreeMap<String, String>
         ),
     };
     let camera = scene.camera(settings.camera.as_deref())?.name.clone();
-    let parts = [
+    let mut parts = vec![
         ("build of lvox", hex(&build::digest())),
         ("scene", hex(&scene.hash)),
         (
@@ -214,7 +214,13 @@ fn origin(scene: &Scene, settings: &Settings) -> Result<BTreeMap<String, String>
         ("reference", reference),
         ("exposure", exposure.to_string()),
     ];
-    Ok(parts.map(|(name, part)| (name.to_owned(), part)).into())
+    if settings.scatter {
+        parts.push(("light of media", "made beforehand".into()));
+    }
+    let named = parts
+        .into_iter()
+        .map(|(name, part)| (name.to_owned(), part));
+    Ok(named.collect())
 }
 
 fn has_media(scene: &Scene) -> bool {

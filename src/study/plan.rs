@@ -32,6 +32,8 @@ pub struct Settings {
     /// Voxels a side of the lvoxels (1, 2, 4 or 8) of a cloud like the paper's to run on as well, see
     /// [`Points::of_the_paper`].
     pub paper_cloud: Option<u8>,
+    /// Whether light of media is made beforehand, with each tree, for the runs that gather it.
+    pub scatter: bool,
     /// The base settings of shading; camera, method and seed are those of the study.
     pub shade: shade::Settings,
     /// Times that every run is timed; the median counts.
@@ -58,6 +60,7 @@ impl Default for Settings {
             samples: vec![8, 16, 64, 128, 256],
             max_solid_angle: vec![0.0025, 0.005, 0.02, 0.04, 0.08],
             paper_cloud: None,
+            scatter: false,
             shade: shade::Settings::default(),
             rounds: 3,
             long_secs: 30.0,

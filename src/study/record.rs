@@ -147,7 +147,7 @@ pub struct Cloud {
     pub lvoxel_bytes: u64,
     /// Time of baking, the median over the rounds.
     pub bake: Timing,
-    /// Time of building, the median over the rounds.
+    /// Time of building, and of making light of media beforehand, the median over the rounds.
     pub build: Timing,
     /// Both, once for each round.
     pub rounds: Vec<Making>,
@@ -158,7 +158,7 @@ pub struct Cloud {
 pub struct Making {
     /// Time of baking.
     pub bake: Timing,
-    /// Time of building.
+    /// Time of building, and of making light of media beforehand.
     pub build: Timing,
 }
 
@@ -185,6 +185,13 @@ pub struct Timing {
     pub wall_secs: f64,
     /// Of all threads together.
     pub cpu_secs: f64,
+}
+
+impl std::ops::AddAssign for Timing {
+    fn add_assign(&mut self, other: Self) {
+        self.wall_secs += other.wall_secs;
+        self.cpu_secs += other.cpu_secs;
+    }
 }
 
 /// Differences from the reference; none where a metric has no value.
