@@ -10,6 +10,7 @@ use crate::gather::{Medium, NoMedia, Pages, TreeStore};
 use crate::run::Job;
 use crate::scene::{Scene, Volume};
 use crate::{Error, Result};
+use glam::{DAffine3, DVec3};
 use lvox_formats::record::VolumeInfo;
 use lvox_formats::{MappedFile, Scatter, ScatterMeta, ScatterSummary, ScatterWriter};
 use std::path::Path;
@@ -167,12 +168,13 @@ pub fn check(scatter: &Scatter<MappedFile>, scene: &Scene, settings: &ShadeSetti
 
 /// Vertices stand on the grids of volumes.
 fn check_volumes(found: &[VolumeInfo], scene: &Scene) -> Result<()> {
-    let of_scene = |v: &Volume| {
-        let dims = v.sigma_t.dims().map(|n| n as u32);
-        (dims, v.index_from_scene_f64.to_cols_array_2d())
-    };
-    let expected = scene.volumes.iter().map(of_scene);
-    if expected.eq(found.iter().map(|v| (v.dims, v.index_from_scene))) {
+    let volumes = &scene.volumes;
+    if volumes.len() == found.len()
+        && volumes
+            .iter()
+            .zip(found)
+            .all(|(v, info)| is_grid_of(info, v))
+    {
         return Ok(());
     }
     let list = |volumes: Vec<String>| match volumes[..] {
@@ -180,14 +182,26 @@ fn check_volumes(found: &[VolumeInfo], scene: &Scene) -> Result<()> {
         _ => volumes.join(", "),
     };
     let text = |name: &str, dims: &dyn std::fmt::Debug| format!("{name:?} of {dims:?} voxels");
-    let expected = scene
-        .volumes
-        .iter()
-        .map(|v| text(&v.name, &v.sigma_t.dims()));
+    let expected = volumes.iter().map(|v| text(&v.name, &v.sigma_t.dims()));
     let found = found.iter().map(|v| text(&v.name, &v.dims));
     Err(Error::input(format!(
         "expected the light of the scene's volumes at their places ({}), found that of others ({})",
         list(expected.collect()),
         list(found.collect())
     )))
+}
+
+/// Whether a volume is a grid of as many voxels in the same place, but for the rounding of a scene whose frame was another.
+fn is_grid_of(info: &VolumeInfo, volume: &Volume) -> bool {
+    /// In voxels.
+    const ROUNDING: f64 = 1e-3;
+    let dims = volume.sigma_t.dims().map(|n| n as u32);
+    let index_from_scene = DAffine3::from_cols_array_2d(&info.index_from_scene);
+    let difference = index_from_scene * volume.scene_from_index;
+    let is_kept = |i: u32| {
+        let corner = DVec3::from(std::array::from_fn(|a| f64::from((i >> a & 1) * dims[a])));
+        let off = difference.transform_point3(corner) - corner;
+        off.abs().max_element() < ROUNDING
+    };
+    info.dims == dims && (0..8).all(is_kept)
 }

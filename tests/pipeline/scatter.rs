@@ -219,6 +219,12 @@ fn what_does_not_go_together_is_refused_and_what_is_out_of_date_is_told() {
         let warning = format!("{file}: baked from a scene of other lights");
         assert!(told.stderr.contains(&warning), "{}", told.stderr);
     }
+    // What is added far away moves the frame of the scene, and no volume.
+    let far = "[[mesh]]\nfile = \"builtin:cube\"\ntranslate = [1000, 5, 0]\n[[volume]]";
+    changed("[[volume]]", far);
+    let told = shade("changed.toml", &own);
+    told.done();
+    assert!(told.stderr.contains("other surfaces"), "{}", told.stderr);
     changed("0.9, -0.2]", "0.9, -0.1]");
     shade("changed.toml", &own).refused(2, &["\"smoke\"", "lvox scatter"]);
     let cut = ROOM.find("[[volume]]").unwrap();

@@ -1,8 +1,9 @@
 //! Light at vertices that was made beforehand: from and to files of scattered light.
 
 use super::direct::{self, Vertex};
+use super::filled;
 use super::sparse::{SparseLattice, SparseValues};
-use super::{filled, sweep};
+use super::sweep::{self, Sweep};
 use crate::Result;
 use crate::light::InMedium;
 use crate::math::Rgb;
@@ -27,10 +28,7 @@ pub struct Lit {
 const CUBES: usize = PART_EDGE / VERTEX_CUBE;
 
 impl Lit {
-    /// Pixels around a region from which corners may look.
-    const MARGIN: f32 = 4.0;
-
-    /// Reads what may matter of a volume, by its number in the scene, which is that of the file ([`super::check`]).
+    /// Reads what may matter of a volume, by its number in the scene, which must be that of the file.
     ///
     /// # Errors
     /// Damage; more vertices than the memory limit allows; if cancelled.
@@ -45,7 +43,7 @@ impl Lit {
         let parts = |kind| {
             let parts = scatter.parts(kind, index);
             let matters =
-                |place: &PartPlace| view.may_matter(seen, Self::MARGIN, hull(volume, place));
+                |place: &PartPlace| view.may_matter(seen, Sweep::MARGIN, hull(volume, place));
             parts
                 .filter(|(_, place)| matters(place))
                 .collect::<Vec<_>>()

@@ -68,7 +68,7 @@ pub struct Scope<'a, P, M> {
 
 impl Sweep {
     /// Pixels around a region from which corners may look.
-    const MARGIN: f32 = 4.0;
+    pub const MARGIN: f32 = 4.0;
     /// Directions that are held in memory together.
     const BATCH: u32 = 8;
 
