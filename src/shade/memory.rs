@@ -78,30 +78,22 @@ pub fn check_sweep(
     })
 }
 
-/// Refuses light that a volume scatters, to be made or read beforehand, if it takes more than a limit by itself.
+/// Refuses light that a volume scatters, to be made beforehand, if it takes more than a limit by itself.
 ///
 /// # Errors
 /// Says what it takes, and how to do with less.
 pub fn check_scattered(
     volume: &Volume,
-    seen: Seen,
     vertices: u64,
     needed: u64,
     limit: Option<u64>,
 ) -> Result<()> {
     let what = || {
         format!(
-            "holding scattered light at {vertices} vertices of volume {:?}",
+            "scattering light at {vertices} vertices of volume {:?}",
             volume.name
         )
     };
-    size::within(what(), needed, limit).map_err(|e| {
-        e.hint(match seen {
-            Seen::Through(_) => {
-                "raise --memory-limit, or shade a part that sees less of the volume: --region X0 Y0 X1 Y1 or --tile I/N"
-            }
-            Seen::All => "raise --memory-limit",
-        })
-    })?;
+    size::within(what(), needed, limit).map_err(|e| e.hint("raise --memory-limit"))?;
     memory::check(what(), needed)
 }

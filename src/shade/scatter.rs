@@ -1,7 +1,7 @@
 //! tree + scene → scattered light: what arrives at vertices inside media, for all cameras, so that no frame and no tile has to find
 //! it again.
 
-use super::media::{self, InScatter, Lit};
+use super::media::{self, InScatter, Made};
 use super::settings::Settings as ShadeSettings;
 use super::shot::{self, Request, Shot, Work};
 use super::view::Seen;
@@ -129,7 +129,7 @@ struct Lighting<'a> {
 
 impl Work for Lighting<'_> {
     /// By volume.
-    type Made = Vec<Lit>;
+    type Made = Vec<Made>;
 
     fn in_vacuum<P: Pages>(&self, _: &Shot<P, NoMedia>) -> Result<Self::Made> {
         Ok(Vec::new())

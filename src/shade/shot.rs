@@ -247,7 +247,9 @@ impl Work for Pixels {
         };
         let seen = Seen::Through(shot.request.regions);
         let in_scatter = InScatter::new(&shot.view, seen, &light, shot.request.job)?;
-        shot.shade(&in_scatter, shot.lights)
+        let shaded = shot.shade(&in_scatter, shot.lights)?;
+        in_scatter.check()?;
+        Ok(shaded)
     }
 }
 

@@ -124,20 +124,21 @@ impl<D: AsRef<[u8]>> Scatter<D> {
             .map(|(i, (_, p))| (i, *p))
     }
 
+    /// Checks the bytes of part `i` without decoding them.
+    ///
+    /// # Errors
+    /// [`FormatError::Checksum`] for damage, [`FormatError::Invalid`] for an `i` that does not exist.
+    pub fn check_part(&self, i: usize) -> Result<()> {
+        self.named(|| self.stored(i).map(drop))
+    }
+
     /// Decodes part `i`.
     ///
     /// # Errors
     /// [`FormatError::Checksum`] or [`FormatError::Invalid`] for damage, or for an `i` that does not exist.
     pub fn part(&self, i: usize) -> Result<Part> {
-        let decode = || {
-            let (Some(block), Some(&place)) = (self.blocks.get(i), self.summary.parts.get(i))
-            else {
-                let expected = format!("below {}", self.blocks.len());
-                return Err(FormatError::invalid("part", expected, i));
-            };
-            let start = block.offset as usize;
-            let stored = &self.data.as_ref()[start..start + block.stored_bytes as usize];
-            bytes::check(stored, block.checksum, || format!("part {i}"))?;
+        self.named(|| {
+            let (block, place, stored) = self.stored(i)?;
             let unpack = |raw: &[u8]| {
                 let records = block.records as usize;
                 let volumes = &self.meta.volumes;
@@ -149,8 +150,23 @@ impl<D: AsRef<[u8]>> Scatter<D> {
             let mut raw = vec![0; block.raw_bytes as usize];
             bytes::decompress(stored, &mut raw, &format!("part {i}"))?;
             unpack(&raw)
+        })
+    }
+
+    /// A part as it is in the file, its checksum found right.
+    fn stored(&self, i: usize) -> Result<(&Block, PartPlace, &[u8])> {
+        let (Some(block), Some(&place)) = (self.blocks.get(i), self.summary.parts.get(i)) else {
+            let expected = format!("below {}", self.blocks.len());
+            return Err(FormatError::invalid("part", expected, i));
         };
-        decode().map_err(|e| match &self.path {
+        let start = block.offset as usize;
+        let stored = &self.data.as_ref()[start..start + block.stored_bytes as usize];
+        bytes::check(stored, block.checksum, || format!("part {i}"))?;
+        Ok((block, place, stored))
+    }
+
+    fn named<T>(&self, run: impl FnOnce() -> Result<T>) -> Result<T> {
+        run().map_err(|e| match &self.path {
             Some(path) => e.at(path),
             None => e,
         })

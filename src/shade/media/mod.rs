@@ -15,4 +15,4 @@ mod tests;
 mod vertices;
 
 pub use inscatter::{InScatter, Known, Light};
-pub use stored::{Lit, pack};
+pub use stored::{Made, pack};

@@ -50,20 +50,6 @@ impl SparseLattice {
         set
     }
 
-    /// The set of those that cubes of 4 x 4 x 4 vertices name, a bit for each: cubes by their place among cubes.
-    pub fn of_cubes(
-        count: [usize; 3],
-        cubes: impl IntoIterator<Item = ([usize; 3], u64)> + Clone,
-    ) -> Self {
-        Self::new(count, |choose| {
-            for (cube, chosen) in cubes {
-                for [x, y, z] in vertices_of(cube, chosen) {
-                    choose([x, y, z]);
-                }
-            }
-        })
-    }
-
     /// The cubes that hold any: their place among cubes, a bit for each vertex, and the number of the first.
     pub fn cubes(&self) -> impl Iterator<Item = ([usize; 3], u64, usize)> {
         let cubes = self.cubes.iter().enumerate().filter(|(_, c)| c.chosen != 0);

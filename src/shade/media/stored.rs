@@ -2,38 +2,64 @@
 
 use super::direct::{self, Vertex};
 use super::filled;
-use super::sparse::{SparseLattice, SparseValues};
+use super::sparse::SparseValues;
 use super::sweep::{self, Sweep};
-use crate::Result;
 use crate::light::InMedium;
 use crate::math::Rgb;
 use crate::run::Job;
-use crate::scene::Volume;
-use crate::shade::memory;
+use crate::scene::{Grid, Volume};
 use crate::shade::view::{Seen, View};
+use crate::{Error, Result};
 use glam::Vec3;
 use lvox_formats::{BlockKind, MappedFile, PART_EDGE, Part, PartPlace, Scatter, ScatterWriter};
-use lvox_formats::{PART_CUBES, VERTEX_CUBE};
+use lvox_formats::{FormatError, PART_CUBES, VERTEX_CUBE};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+use std::sync::OnceLock;
 
-/// Light at vertices of one volume.
+/// Light at vertices of one volume, to be kept.
 #[derive(Debug, Default)]
-pub struct Lit {
+pub struct Made {
     pub direct: direct::Levels,
     pub indirect: sweep::Levels,
+}
+
+/// Light at vertices of one volume, as it was kept. A part is decoded when a ray first asks for one of its vertices.
+#[derive(Debug)]
+pub struct Lit<'a> {
+    scatter: &'a Scatter<MappedFile>,
+    direct: [Option<Level<Vertex>>; direct::LEVELS],
+    indirect: [Option<Level<Rgb>>; sweep::LEVELS],
+    /// The first part that could not be decoded.
+    failure: OnceLock<FormatError>,
+}
+
+/// Parts of one lattice.
+#[derive(Debug)]
+struct Level<T> {
+    parts_along: [usize; 3],
+    /// By place, x first.
+    parts: Vec<Option<(usize, OnceLock<Values<T>>)>>,
+}
+
+/// Values at the vertices of a part.
+#[derive(Debug)]
+struct Values<T> {
+    /// By cube, a bit for each vertex that has a value, and the number of the first.
+    cubes: Vec<(u64, u32)>,
+    values: Vec<T>,
 }
 
 /// Cubes along an edge of a part.
 const CUBES: usize = PART_EDGE / VERTEX_CUBE;
 
-impl Lit {
-    /// Reads what may matter of a volume, by its number in the scene, which must be that of the file.
+impl<'a> Lit<'a> {
+    /// Finds what may matter of a volume, by its number in the scene, which must be that of the file, and checks its bytes.
     ///
     /// # Errors
-    /// Damage; more vertices than the memory limit allows; if cancelled.
-    pub fn read(
-        scatter: &Scatter<MappedFile>,
+    /// Damage; if cancelled.
+    pub fn open(
+        scatter: &'a Scatter<MappedFile>,
         index: usize,
         view: &View,
         seen: Seen,
@@ -41,39 +67,112 @@ impl Lit {
     ) -> Result<Self> {
         let volume = &view.tracer.scene.volumes[index];
         let parts = |kind| {
-            let parts = scatter.parts(kind, index);
             let matters =
                 |place: &PartPlace| view.may_matter(seen, Sweep::MARGIN, hull(volume, place));
-            parts
-                .filter(|(_, place)| matters(place))
-                .collect::<Vec<_>>()
+            let parts = scatter.parts(kind, index).filter(|(_, p)| matters(p));
+            parts.collect::<Vec<_>>()
         };
         let (direct, indirect) = (parts(BlockKind::Direct), parts(BlockKind::Indirect));
-        let vertices = |parts: &[(usize, PartPlace)]| {
-            let records = parts
-                .iter()
-                .map(|(i, _)| u64::from(scatter.blocks()[*i].records));
-            records.sum::<u64>()
-        };
-        let [of_direct, of_indirect] = [&direct, &indirect].map(|parts| vertices(parts));
-        let bytes =
-            of_direct * size_of::<Vertex>() as u64 + of_indirect * size_of::<Option<Rgb>>() as u64;
-        memory::check_scattered(
-            volume,
-            seen,
-            of_direct + of_indirect,
-            bytes,
-            job.memory_limit,
-        )?;
-        let read = Reading {
-            scatter,
-            volume,
-            job,
-        };
+        direct.par_iter().chain(&indirect).try_for_each(|(i, _)| {
+            job.cancel.check()?;
+            Ok::<(), Error>(scatter.check_part(*i)?)
+        })?;
+        let grid = &volume.sigma_t;
         Ok(Self {
-            direct: read.levels(&direct, |share, rest| Vertex::new(InMedium { share, rest }))?,
-            indirect: read.levels(&indirect, |_, light| Some(light))?,
+            scatter,
+            direct: std::array::from_fn(|level| Level::new(&direct, grid, level)),
+            indirect: std::array::from_fn(|level| Level::new(&indirect, grid, level)),
+            failure: OnceLock::new(),
         })
+    }
+
+    /// Direct light at a vertex, if it was kept.
+    #[inline]
+    pub fn direct(&self, level: usize, v: [usize; 3]) -> Option<&Vertex> {
+        let value = |share, rest| Vertex::new(InMedium { share, rest });
+        self.direct[level]
+            .as_ref()?
+            .get(v, |i| self.decode(i, value))
+    }
+
+    /// Mean over the sphere of the gathered radiance at a vertex, if it was kept.
+    #[inline]
+    pub fn indirect(&self, level: usize, v: [usize; 3]) -> Option<Rgb> {
+        let level = self.indirect[level].as_ref()?;
+        level.get(v, |i| self.decode(i, |_, light| light)).copied()
+    }
+
+    /// An error if any part could not be decoded so far; rays found its light themselves.
+    ///
+    /// # Errors
+    /// The first of them.
+    pub fn check(&self) -> Result<()> {
+        let failure = self.failure.get();
+        failure.map_or(Ok(()), |e| Err(Error::input(e.to_string())))
+    }
+
+    /// A part; `value` makes values of the share and of the rest of the light.
+    #[cold]
+    fn decode<T>(&self, i: usize, value: impl Fn(Rgb, Rgb) -> T) -> Values<T> {
+        let part = self.scatter.part(i).unwrap_or_else(|e| {
+            let _ = self.failure.set(e);
+            Part::default()
+        });
+        let mut first = 0;
+        let cube = |&chosen: &u64| {
+            let cube = (chosen, first);
+            first += chosen.count_ones();
+            cube
+        };
+        let of = |values: &[[f32; 3]], i: usize| values.get(i).map_or(Rgb::BLACK, |c| Rgb(*c));
+        let values = (0..part.len()).map(|i| value(of(&part.share, i), of(&part.light, i)));
+        Values {
+            values: values.collect(),
+            cubes: part.chosen.iter().map(cube).collect(),
+        }
+    }
+}
+
+impl<T> Level<T> {
+    /// Those of parts that have a level.
+    fn new(parts: &[(usize, PartPlace)], grid: &Grid, level: usize) -> Option<Self> {
+        let count = filled::vertices_along(grid, 1 << level);
+        let parts_along = count.map(|n| n.div_ceil(PART_EDGE));
+        let mut here = parts
+            .iter()
+            .filter(|(_, p)| usize::from(p.level) == level)
+            .peekable();
+        here.peek()?;
+        let all = parts_along.iter().product();
+        let mut found = Self {
+            parts_along,
+            parts: std::iter::repeat_with(|| None).take(all).collect(),
+        };
+        for (i, place) in here {
+            let at = found.at(place.first());
+            found.parts[at] = Some((*i, OnceLock::new()));
+        }
+        Some(found)
+    }
+
+    /// Where the part of a vertex is among all.
+    #[inline]
+    fn at(&self, v: [usize; 3]) -> usize {
+        let [x, y, z] = v.map(|c| c / PART_EDGE);
+        let [nx, ny, _] = self.parts_along;
+        (z * ny + y) * nx + x
+    }
+
+    #[inline]
+    fn get(&self, v: [usize; 3], decode: impl Fn(usize) -> Values<T>) -> Option<&T> {
+        let (i, values) = self.parts.get(self.at(v))?.as_ref()?;
+        let Values { cubes, values } = values.get_or_init(|| decode(*i));
+        let [cx, cy, cz] = v.map(|c| c % PART_EDGE / VERTEX_CUBE);
+        let [x, y, z] = v.map(|c| c % VERTEX_CUBE);
+        let (chosen, first) = *cubes.get((cz * CUBES + cy) * CUBES + cx)?;
+        let bit = (z * VERTEX_CUBE + y) * VERTEX_CUBE + x;
+        let before = (chosen & ((1 << bit) - 1)).count_ones();
+        (chosen >> bit & 1 == 1).then(|| values.get((first + before) as usize))?
     }
 }
 
@@ -89,79 +188,18 @@ fn hull(volume: &Volume, place: &PartPlace) -> [Vec3; 8] {
     })
 }
 
-/// Parts of one volume, and what to do with them.
-struct Reading<'a> {
-    scatter: &'a Scatter<MappedFile>,
-    volume: &'a Volume,
-    job: &'a Job,
-}
-
-impl Reading<'_> {
-    /// Values at the vertices of parts, by level; `value` makes them of the share and of the rest of the light.
-    fn levels<T: Clone + Send + Sync, const N: usize>(
-        &self,
-        parts: &[(usize, PartPlace)],
-        value: impl Fn(Rgb, Rgb) -> T + Sync,
-    ) -> Result<[Option<SparseValues<T>>; N]> {
-        let decoded = parts
-            .par_iter()
-            .map(|&(i, place)| {
-                self.job.cancel.check()?;
-                let part = self.scatter.part(i)?;
-                let of =
-                    |values: &[[f32; 3]], i: usize| values.get(i).map_or(Rgb::BLACK, |c| Rgb(*c));
-                let values = (0..part.len()).map(|i| value(of(&part.share, i), of(&part.light, i)));
-                Ok((place, values.collect::<Vec<T>>(), part.chosen))
-            })
-            .collect::<Result<Vec<_>>>()?;
-        Ok(std::array::from_fn(|level| {
-            let here = || (decoded.iter()).filter(|(place, ..)| usize::from(place.level) == level);
-            here().next()?;
-            let count = filled::vertices_along(&self.volume.sigma_t, 1 << level);
-            let cubes = here().flat_map(|(place, _, chosen)| {
-                let cubes = chosen.iter().enumerate();
-                cubes.map(|(i, &chosen)| (cube_of(place, i), chosen))
-            });
-            let set = SparseLattice::of_cubes(count, cubes.clone());
-            // Cubes are numbered alike in parts and in the set, but parts are not in the order of all cubes.
-            let mut order: Vec<([usize; 3], &[T])> = Vec::new();
-            for (place, values, chosen) in here() {
-                let mut rest = &values[..];
-                for (i, chosen) in chosen.iter().enumerate().filter(|(_, c)| **c != 0) {
-                    let (own, others) = rest.split_at(chosen.count_ones() as usize);
-                    order.push((cube_of(place, i), own));
-                    rest = others;
-                }
-            }
-            order.sort_unstable_by_key(|([x, y, z], _)| [*z, *y, *x]);
-            let values = order
-                .iter()
-                .flat_map(|(_, own)| own.iter().cloned())
-                .collect();
-            Some(SparseValues { set, values })
-        }))
-    }
-}
-
-/// Where a cube of a part is among the cubes of its lattice.
-fn cube_of(place: &PartPlace, i: usize) -> [usize; 3] {
-    let first = place.first().map(|c| c / VERTEX_CUBE);
-    let at = [i % CUBES, i / CUBES % CUBES, i / (CUBES * CUBES)];
-    std::array::from_fn(|a| first[a] + at[a])
-}
-
 /// Appends the light of a volume to a file.
 ///
 /// # Errors
 /// Light that 32-bit floats cannot hold, or a file that cannot be written.
-pub fn pack(lit: &Lit, volume: usize, writer: &mut ScatterWriter) -> Result<()> {
-    for (level, lit) in lit.direct.iter().enumerate() {
+pub fn pack(made: &Made, volume: usize, writer: &mut ScatterWriter) -> Result<()> {
+    for (level, lit) in made.direct.iter().enumerate() {
         let parts = parts(lit, volume, level, |vertex| {
             [vertex.light.share, vertex.light.rest]
         });
         write(BlockKind::Direct, parts, writer)?;
     }
-    for (level, lit) in lit.indirect.iter().enumerate() {
+    for (level, lit) in made.indirect.iter().enumerate() {
         let parts = parts(lit, volume, level, |light| {
             [Rgb::BLACK, light.unwrap_or_default()]
         });
@@ -232,6 +270,7 @@ fn rounded(light: Rgb) -> [f32; 3] {
 mod tests {
     use super::*;
     use crate::math::sampling;
+    use crate::shade::media::sparse::SparseLattice;
 
     #[test]
     fn rounding_is_small_and_keeps_what_floats_hold() {
@@ -271,8 +310,11 @@ mod tests {
             assert!(part.share.is_empty());
             let mut light = part.light.iter();
             for (i, &bits) in part.chosen.iter().enumerate() {
-                let cube = SparseLattice::of_cubes(count, [(cube_of(place, i), bits)]);
-                for v in cube.vertices() {
+                let corner = [i % CUBES, i / CUBES % CUBES, i / (CUBES * CUBES)];
+                for bit in (0..64).filter(|b| bits >> b & 1 == 1) {
+                    let within = [bit % 4, bit / 4 % 4, bit / 16];
+                    let first = place.first();
+                    let v = std::array::from_fn(|a| first[a] + 4 * corner[a] + within[a]);
                     assert!(chosen(&v));
                     assert_eq!(light.next(), Some(&value(v).0), "{v:?}");
                     found += 1;

@@ -475,7 +475,7 @@ fn light_of_a_volume_beside_another_is_swept_into_it() {
 }
 
 /// Lights all of the haze beforehand.
-fn light_all(around: &Around, job: &Job) -> crate::Result<Vec<super::Lit>> {
+fn light_all(around: &Around, job: &Job) -> crate::Result<Vec<super::Made>> {
     with_haze(around, NoMedia, |view, lights, gatherer| {
         let light = Light {
             lights,

@@ -9,11 +9,10 @@ use crate::scene::grid::Cell;
 use crate::shade::media::direct::{self, LEVELS, Parts, Spread, Vertex, has_edge};
 use crate::shade::media::filled;
 use crate::shade::media::sparse::{SparseLattice, SparseValues};
-use crate::shade::media::stored::Lit;
+use crate::shade::media::stored::Made;
 use crate::shade::media::sweep;
 use crate::shade::media::vertices::blend;
 use crate::shade::memory;
-use crate::shade::view::Seen;
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -24,13 +23,13 @@ impl<P: Pages, M: Medium> InScatter<'_, P, M> {
     ///
     /// # Errors
     /// If cancelled.
-    pub fn light_all(mut self, job: &Job) -> Result<Vec<Lit>> {
+    pub fn light_all(mut self, job: &Job) -> Result<Vec<Made>> {
         let sweeps: Vec<_> = self.lattices.iter_mut().map(|l| l.sweep.take()).collect();
         let light = |(index, sweep): (usize, Option<sweep::Sweep>)| {
             let mut indirect = sweep.map_or_else(Default::default, sweep::Sweep::into_levels);
             self.gather_rest(index, &mut indirect, job)?;
             let direct = self.light_directly(index, job)?;
-            Ok(Lit { direct, indirect })
+            Ok(Made { direct, indirect })
         };
         sweeps.into_iter().enumerate().map(light).collect()
     }
@@ -87,7 +86,7 @@ impl<P: Pages, M: Medium> InScatter<'_, P, M> {
             });
             all += set.len() as u64;
             let bytes = all * size_of::<Vertex>() as u64;
-            memory::check_scattered(volume, Seen::All, all, bytes, job.memory_limit)?;
+            memory::check_scattered(volume, all, bytes, job.memory_limit)?;
             let vertices: Vec<[usize; 3]> = set.vertices().collect();
             let task = (job.progress).task("scatter", vertices.len() as u64, "vertices");
             let values = vertices

@@ -10,7 +10,7 @@
 mod beforehand;
 
 use super::density::Densities;
-use super::direct::{self, LEVELS, Parts, Spread, Vertex, has_edge};
+use super::direct::{LEVELS, Parts, Spread, Vertex, has_edge};
 use super::far_field::FarField;
 use super::stiff;
 use super::stored::Lit;
@@ -30,11 +30,11 @@ use wide::f32x4;
 
 /// In-scattered light of one volume: a lattice for each spacing, of which each brick of the volume uses one.
 #[derive(Debug)]
-struct Lattices {
+struct Lattices<'a> {
     /// By log2 of the voxels between vertices.
     direct: [Vertices<Vertex>; LEVELS],
     /// Those that were lit beforehand.
-    lit: direct::Levels,
+    lit: Option<Lit<'a>>,
     indirect: [Vertices<Rgb>; sweep::LEVELS],
     far_field: FarField,
     sweep: Option<Sweep>,
@@ -57,7 +57,7 @@ pub struct InScatter<'a, P, M> {
     /// Whether shadows may have sharp edges.
     any_is_sharp: bool,
     gatherer: Option<&'a Gatherer<'a, P, M>>,
-    lattices: Vec<Lattices>,
+    lattices: Vec<Lattices<'a>>,
     suns: SunDepths<'a>,
     view: View<'a>,
     /// Shadow rays of a vertex to each light with an extent.
@@ -140,9 +140,11 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             let sweeper = gatherer.filter(|g| g.settings.max_dist.is_infinite());
             let (lit, sweep) = match (beforehand, sweeper) {
                 (Some(scatter), _) => {
-                    let Lit { direct, indirect } = Lit::read(scatter, index, view, seen, job)?;
-                    let swept = sweeper.map(|_| Sweep::of(indirect, volume, depth_of));
-                    (direct, swept)
+                    let lit = Lit::open(scatter, index, view, seen, job)?;
+                    (
+                        Some(lit),
+                        sweeper.map(|_| Sweep::made_beforehand(volume, depth_of)),
+                    )
                 }
                 (None, Some(gatherer)) => {
                     let scope = Scope {
@@ -153,7 +155,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                         far_field: &far_field,
                         job,
                     };
-                    (Default::default(), Some(Sweep::new(&scope, depth_of)?))
+                    (None, Some(Sweep::new(&scope, depth_of)?))
                 }
                 (None, None) => Default::default(),
             };
@@ -180,6 +182,15 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             view: *view,
             vertex_rays: Self::SHADOW_RAYS,
         })
+    }
+
+    /// An error if any of the light that was made beforehand could not be read so far.
+    ///
+    /// # Errors
+    /// Damage.
+    pub fn check(&self) -> Result<()> {
+        let mut lit = self.lattices.iter().filter_map(|l| l.lit.as_ref());
+        lit.try_for_each(Lit::check)
     }
 
     /// With so many shadow rays of a vertex to each light with an extent.
@@ -241,7 +252,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             return light.share * self.lights.sent(from, to) * through + light.rest;
         }
         let vertex = |level: usize, v: [usize; 3]| {
-            let lit = lattices.lit[level].as_ref().and_then(|lit| lit.get(v));
+            let lit = lattices.lit.as_ref().and_then(|lit| lit.direct(level, v));
             *lit.unwrap_or_else(|| {
                 lattices.direct[level].get(v, &|p, v| self.vertex(place.volume, level, p, v))
             })
@@ -350,7 +361,11 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         let first = swept_level.unwrap_or(place.level + 1);
         for level in (0..=first).rev() {
             let is_swept = swept_level == Some(level);
-            let swept = |v| sweep.filter(|_| is_swept)?.get(level, v);
+            let swept = |v| {
+                let sweep = sweep.filter(|_| is_swept)?;
+                let lit = lattices.lit.as_ref();
+                lit.map_or_else(|| sweep.get(level, v), |lit| lit.indirect(level, v))
+            };
             let around = lattices.indirect[level].around(place.at);
             let cube = &mut known.indirect[level];
             let values = cube.values((place.volume, is_swept), &around, |v| {

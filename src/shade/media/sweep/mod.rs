@@ -75,13 +75,17 @@ impl Sweep {
     /// Optical depth between vertices, at most.
     const SPACING: f32 = 1.4;
 
-    /// What was swept beforehand. `depth_of` is that of [`Self::new`].
-    pub fn of(levels: Levels, volume: &Volume, depth_of: impl Fn([usize; 3], f32) -> f32) -> Self {
+    /// Of a volume that was swept beforehand: which vertices serve a brick, without their light. `depth_of` is that of
+    /// [`Self::new`].
+    pub fn made_beforehand(volume: &Volume, depth_of: impl Fn([usize; 3], f32) -> f32) -> Self {
         let grid = &volume.sigma_t;
         let level_of = BrickTable::new(grid, |b| {
             Some(Self::level(depth_of(b, grid.brick(b)?.max))? as u8)
         });
-        Self { levels, level_of }
+        Self {
+            levels: Levels::default(),
+            level_of,
+        }
     }
 
     /// Sweeps the bricks of a volume that matter, but those where a single voxel is too deep; `depth_of(brick, own)`
