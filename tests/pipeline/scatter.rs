@@ -11,6 +11,7 @@ use lvox::scene::Scene;
 use lvox::shade::{self, Aov, Settings, scatter};
 use std::fs;
 use std::path::{Path, PathBuf};
+use xxhash_rust::xxh3::xxh3_64;
 
 /// Four rays of media; what presets ask for, no more.
 fn few() -> Settings {
@@ -242,6 +243,47 @@ fn what_does_not_go_together_is_refused_and_what_is_out_of_date_is_told() {
     shade("scene.toml", &own).refused(2, &["a.lvs", "checksum"]);
     assert!(!work.path("x.exr").exists());
     lvox(&work, &["verify", "a.lvs", "--progress", "none"]).refused(2, &["a.lvs", "checksum"]);
+}
+
+/// Puts checksums right after a change of the first block: what a hostile writer would do.
+fn repair(bytes: &mut [u8]) {
+    let sum = |bytes: &[u8]| xxh3_64(bytes).to_le_bytes();
+    let number = |bytes: &[u8], at: usize| {
+        u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize
+    };
+    let (table, length) = (number(bytes, 72), number(bytes, 80));
+    let block = number(bytes, table)..number(bytes, table + 40);
+    let of_block = sum(&bytes[block]);
+    bytes[table + 32..table + 40].copy_from_slice(&of_block);
+    let of_table = sum(&bytes[table..table + length]);
+    bytes[88..96].copy_from_slice(&of_table);
+    let of_header = sum(&bytes[..96]);
+    bytes[96..104].copy_from_slice(&of_header);
+}
+
+#[test]
+fn what_is_wrong_behind_right_checksums_is_told_and_makes_no_picture() {
+    let work = Work::new(ROOM);
+    let scene = work.scene();
+    let tree = work.bake(&scene, 2000);
+    let file = scattered(&work, &scene, &tree, "a.lvs", &like(&few()));
+    let mut bytes = fs::read(&file).unwrap();
+    repair(&mut bytes);
+    assert_eq!(bytes, fs::read(&file).unwrap());
+    // Where compressed data says what it is.
+    bytes[104] ^= 0xff;
+    repair(&mut bytes);
+    fs::write(&file, &bytes).unwrap();
+    let store = TreeStore::open(&tree, None).unwrap();
+    let store = store.with_scatter(&file).unwrap();
+    let region = Region::full(scene.film.width, scene.film.height);
+    let error = shade::run(&scene, &store, &few(), region, &[], &Job::default()).unwrap_err();
+    assert_eq!(error.kind(), lvox::Kind::Input);
+    let message = error.to_string();
+    assert!(
+        message.contains("a.lvs") && message.contains("part 0"),
+        "{message}"
+    );
 }
 
 #[test]
