@@ -42,7 +42,7 @@ impl FileKind {
         match self {
             Self::Cloud => "cloud (.lvc)",
             Self::Tree => "tree (.lvt)",
-            Self::Scatter => "scattered light (.lvs)",
+            Self::Scatter => "file of scattered light (.lvs)",
         }
     }
 

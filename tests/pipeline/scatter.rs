@@ -207,7 +207,14 @@ fn what_does_not_go_together_is_refused_and_what_is_out_of_date_is_told() {
     let other = ["-t", "other.lvt", "--scatter", "a.lvs"];
     shade("scene.toml", &other).refused(2, &["a.lvs", "tree", "lvox scatter"]);
     let wrong = ["-t", "scene.lvt", "--scatter", "scene.lvt"];
-    shade("scene.toml", &wrong).refused(2, &["scattered light (.lvs)", "tree (.lvt)"]);
+    shade("scene.toml", &wrong).refused(
+        2,
+        &[
+            "file of scattered light (.lvs)",
+            "tree (.lvt)",
+            "lvox scatter",
+        ],
+    );
 
     let changed = |from: &str, to: &str| {
         assert!(ROOM.contains(from));
