@@ -74,6 +74,37 @@ impl<'a> Cursor<'a> {
     }
 }
 
+/// Name of a column and bytes in a row of it.
+pub struct Column {
+    pub name: &'static str,
+    pub width: usize,
+}
+
+pub const fn column(name: &'static str, width: usize) -> Column {
+    Column { name, width }
+}
+
+/// Numbers of all rows.
+pub fn floats<const N: usize>(values: impl Iterator<Item = [f32; N]>) -> Vec<u8> {
+    values.flatten().flat_map(f32::to_le_bytes).collect()
+}
+
+/// Rows of three numbers.
+pub fn triples(rows: &[u8]) -> Vec<[f32; 3]> {
+    let float = |row: &[u8], i: usize| {
+        f32::from_le_bytes([row[4 * i], row[4 * i + 1], row[4 * i + 2], row[4 * i + 3]])
+    };
+    rows.chunks_exact(12)
+        .map(|row| [float(row, 0), float(row, 1), float(row, 2)])
+        .collect()
+}
+
+/// Rows of one number.
+pub fn singles(rows: &[u8]) -> impl Iterator<Item = f32> + '_ {
+    rows.chunks_exact(4)
+        .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+}
+
 /// Splits rows of `width` bytes into `width` planes: all first bytes, then all second bytes, and so on. Neighbouring
 /// numbers share their high bytes, which zstd can only use when they stand together.
 pub fn to_planes(rows: &[u8], width: usize, planes: &mut Vec<u8>) {

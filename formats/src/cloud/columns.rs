@@ -1,19 +1,9 @@
 //! The columns of a chunk, each compressed on its own behind a directory of them.
 
-use crate::bytes::{self, Cursor};
+use crate::bytes::{self, Column, Cursor, column};
 use crate::frame::Block;
 use crate::{FormatError, Result};
 use xxhash_rust::xxh3::xxh3_64;
-
-/// Name of a column and bytes per record (per clip edge for the last).
-pub struct Column {
-    pub name: &'static str,
-    pub width: usize,
-}
-
-const fn column(name: &'static str, width: usize) -> Column {
-    Column { name, width }
-}
 
 /// By bit in the mask of a chunk of surfels.
 pub const SURFELS: [Column; 10] = [

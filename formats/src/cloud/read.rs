@@ -2,7 +2,7 @@
 
 use super::CHUNK_RECORDS;
 use super::columns::{self as col, Chunk};
-use crate::bytes::Cursor;
+use crate::bytes::{Column, Cursor, singles, triples};
 use crate::frame::{Block, BlockKind, FileKind, Frame};
 use crate::quantise::{NORMAL_MAX, area_of_disk, decode_clips, decode_normal};
 use crate::record::{Bounds, Lvoxel, Surfel};
@@ -243,7 +243,7 @@ impl<D: AsRef<[u8]>> Cloud<D> {
         blocks: &[Block],
         i: usize,
         name: &str,
-        table: &'static [col::Column],
+        table: &'static [Column],
     ) -> Result<Chunk<'_>> {
         let block = blocks
             .get(i)
@@ -265,20 +265,6 @@ fn same_box(a: Option<Bounds>, b: Option<Bounds>) -> bool {
         .into_iter()
         .zip(numbers(b))
         .all(|(a, b)| (a - b).abs() <= size * 1e-5)
-}
-
-fn triples(rows: &[u8]) -> Vec<[f32; 3]> {
-    let float = |row: &[u8], i: usize| {
-        f32::from_le_bytes([row[4 * i], row[4 * i + 1], row[4 * i + 2], row[4 * i + 3]])
-    };
-    rows.chunks_exact(12)
-        .map(|row| [float(row, 0), float(row, 1), float(row, 2)])
-        .collect()
-}
-
-fn singles(rows: &[u8]) -> impl Iterator<Item = f32> + '_ {
-    rows.chunks_exact(4)
-        .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
 }
 
 fn shorts(rows: &[u8]) -> impl Iterator<Item = u16> + '_ {

@@ -1,7 +1,8 @@
 //! Writing a cloud: one chunk at a time.
 
 use super::CHUNK_RECORDS;
-use super::columns::{self as col, Column, Packed};
+use super::columns::{self as col, Packed};
+use crate::bytes::{Column, floats};
 use crate::frame::{self, Block, BlockKind, FileKind, HEADER_LEN};
 use crate::output::Output;
 use crate::quantise::{
@@ -198,10 +199,6 @@ fn reason(column: &str) -> &'static str {
         "volume" => "volume 0 alone",
         _ => "not needed",
     }
-}
-
-fn floats<const N: usize>(values: impl Iterator<Item = [f32; N]>) -> Vec<u8> {
-    values.flatten().flat_map(f32::to_le_bytes).collect()
 }
 
 type Columns = Vec<(usize, Vec<u8>)>;

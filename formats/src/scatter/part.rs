@@ -1,6 +1,6 @@
 //! A part: some of 32 x 32 x 32 vertices, and the light at them.
 
-use crate::bytes::{self, Cursor};
+use crate::bytes::{self, Column, Cursor, column, floats, singles, triples};
 use crate::frame::BlockKind;
 use crate::record::VolumeInfo;
 use crate::{FormatError, Result};
@@ -69,16 +69,6 @@ pub struct Part {
     pub light: Vec<[f32; 3]>,
 }
 
-/// Name of a column and bytes in a row.
-pub struct Column {
-    pub name: &'static str,
-    pub width: usize,
-}
-
-const fn column(name: &'static str, width: usize) -> Column {
-    Column { name, width }
-}
-
 /// By bit in the mask of a block.
 pub const COLUMNS: [Column; 5] = [
     column("chosen", 8),
@@ -87,7 +77,7 @@ pub const COLUMNS: [Column; 5] = [
     column("light", 12),
     column("light_grey", 4),
 ];
-pub const CHOSEN: usize = 0;
+const CHOSEN: usize = 0;
 const SHARE: usize = 1;
 const LIGHT: usize = 3;
 
@@ -193,20 +183,10 @@ impl Part {
             let saved = if values.iter().all(|c| *c == [0.0; 3]) {
                 bytes_each
             } else if values.iter().all(|[r, g, b]| r == g && g == b) {
-                push(
-                    index + 1,
-                    values.iter().flat_map(|c| c[0].to_le_bytes()).collect(),
-                );
+                push(index + 1, floats(values.iter().map(|c| [c[0]])));
                 bytes_each - COLUMNS[index + 1].width as u64
             } else {
-                push(
-                    index,
-                    values
-                        .as_flattened()
-                        .iter()
-                        .flat_map(|c| c.to_le_bytes())
-                        .collect(),
-                );
+                push(index, floats(values.iter().copied()));
                 0
             };
             // Gathered light never has a share of lamps.
@@ -248,22 +228,10 @@ impl Part {
             ));
         }
         for (index, values) in [(SHARE, &mut part.share), (LIGHT, &mut part.light)] {
-            let float = |b: &[u8; 4]| f32::from_le_bytes(*b);
             match (rows(index, records)?, rows(index + 1, records)?) {
                 (None, None) => {}
-                (Some(rgb), None) => {
-                    let (floats, _) = rgb.as_chunks::<4>();
-                    let (triples, _) = floats.as_chunks::<3>();
-                    *values = triples.iter().map(|c| c.each_ref().map(float)).collect();
-                }
-                (None, Some(grey)) => {
-                    *values = grey
-                        .as_chunks::<4>()
-                        .0
-                        .iter()
-                        .map(|b| [float(b); 3])
-                        .collect();
-                }
+                (Some(rgb), None) => *values = triples(&rgb),
+                (None, Some(grey)) => *values = singles(&grey).map(|v| [v; 3]).collect(),
                 (Some(_), Some(_)) => {
                     return Err(FormatError::invalid(
                         "columns of a part",
@@ -287,6 +255,9 @@ fn cube(i: usize) -> [usize; 3] {
 
 /// A bit for each vertex of a cube that a lattice of `count` has.
 fn inside(first: [usize; 3], count: [usize; 3]) -> u64 {
+    if (0..3).all(|a| first[a] + VERTEX_CUBE <= count[a]) {
+        return u64::MAX;
+    }
     (0..64).fold(0, |bits, i| {
         let at = [
             i % VERTEX_CUBE,
