@@ -123,12 +123,35 @@ fn main() {
         let SurfelStore::Kept(pages) = &store.surfels else {
             unreachable!("no limit was given")
         };
-        let [draft, good] = [Quality::Draft, Quality::Good].map(|quality| {
+        // As in a frame, whose gathers stand half as far apart. Each row has a table of its own, as the rays of a frame have.
+        let outgoing = |quality| {
             let patch_surfels = shade::Settings::of(quality).patch_surfels as f32;
-            // As in a frame, whose gathers stand half as far apart.
             Outgoing::new(&tracer, store.area_per_surfel(), 4 * rays.len())
                 .in_patches_of(patch_surfels)
-        });
+        };
+        let [draft, draft_in_squares] = [(); 2].map(|()| outgoing(Quality::Draft));
+        let [good, good_in_squares] = [(); 2].map(|()| outgoing(Quality::Good));
+        for (name, outgoing, max_solid_angle) in [
+            (
+                "traced, 0.02 sr (draft), in squares",
+                &draft_in_squares,
+                0.02,
+            ),
+            (
+                "traced, 0.01 sr (good, best), in squares",
+                &good_in_squares,
+                0.01,
+            ),
+        ] {
+            let gatherer = gatherer(pages, Kernel::Traced(outgoing), max_solid_angle);
+            let order = gatherer.order(SIDE * SIDE);
+            let secs = best(size.passes, || {
+                for (key, square) in squares.iter().enumerate() {
+                    black_box(gatherer.irradiance_of_neighbours(square, key as u64, &order));
+                }
+            });
+            print(name, &surfels.to_string(), secs);
+        }
         for (name, kernel, max_solid_angle) in [
             ("traced, 0.02 sr (draft)", Kernel::Traced(&draft), 0.02),
             ("traced, 0.01 sr (good, best)", Kernel::Traced(&good), 0.01),
@@ -145,15 +168,6 @@ fn main() {
                 }
             });
             print(name, &surfels.to_string(), secs);
-            if matches!(kernel, Kernel::Traced(_)) {
-                let order = gatherer.order(SIDE * SIDE);
-                let secs = best(size.passes, || {
-                    for (key, square) in squares.iter().enumerate() {
-                        black_box(gatherer.irradiance_of_neighbours(square, key as u64, &order));
-                    }
-                });
-                print(&format!("{name}, in squares"), &surfels.to_string(), secs);
-            }
         }
     }
 }

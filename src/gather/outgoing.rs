@@ -34,7 +34,7 @@ pub struct Wanted {
 }
 
 /// Rays that are cast together, at most.
-pub const TOGETHER: usize = 16;
+pub const TOGETHER: usize = 64;
 
 /// What the surfaces of a scene send, as a tree has it.
 ///
@@ -227,6 +227,9 @@ impl<'a> Outgoing<'a> {
             .closest_together(rays, t_max, &mut hits[..rays.len()]);
         for ((hit, end), place) in hits.iter().zip(&mut *ends).zip(&mut places) {
             *place = hit.and_then(|hit| self.place(&hit, wanted));
+            if let Some(place) = place {
+                self.answers.fetch(self.key(place));
+            }
             *end = hit.map(|hit| Crossing {
                 t: hit.t,
                 opacity: 1.0,

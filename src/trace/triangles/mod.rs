@@ -3,21 +3,15 @@
 //! `obvhs` builds the hierarchy. Its own traversal is slower (`cargo bench --bench rays`), leaks at edges that triangles share,
 //! and passes over boxes that end less than 1e-4 units from the ray's origin.
 
+mod build;
 mod packet;
 mod ray;
 
-use super::two_wide::{two_wide, two_wide_until};
 use super::watertight::{Block, LANES, ShearedRay};
-use crate::Result;
 use crate::math::Hit;
-use crate::run::Cancel;
 use crate::scene::Mesh;
-use glam::{Vec3, Vec3A};
-use obvhs::bvh2::Bvh2;
-use obvhs::triangle::Triangle;
+use glam::Vec3;
 use ray::{Ray, Stack};
-use smallvec::SmallVec;
-use std::convert::Infallible;
 use std::ops::Range;
 use wide::f32x8;
 
@@ -75,124 +69,6 @@ impl Child {
 }
 
 impl TriangleBvh {
-    /// Builds the hierarchy.
-    #[must_use]
-    pub fn new(mesh: &Mesh) -> Self {
-        let go_on = || Ok::<_, Infallible>(());
-        let Ok(bvh) = Self::over(mesh, |triangles| Ok(two_wide(&triangles)), go_on);
-        bvh
-    }
-
-    /// As [`TriangleBvh::new`], but stops on request.
-    ///
-    /// # Errors
-    /// If cancelled; a thread may be busy with what was begun until that is done. If no thread can be had.
-    pub fn new_until(mesh: &Mesh, cancel: &Cancel) -> Result<Self> {
-        Self::over(mesh, |t| two_wide_until(t, cancel), || cancel.check())
-    }
-
-    /// The hierarchy of what is made of all triangles; `go_on` is asked at each node, and ends it with its error.
-    fn over<E>(
-        mesh: &Mesh,
-        two_wide: impl FnOnce(Vec<Triangle>) -> Result<Bvh2, E>,
-        go_on: impl Fn() -> Result<(), E>,
-    ) -> Result<Self, E> {
-        let mut bvh = Self::default();
-        if mesh.triangles.is_empty() {
-            return Ok(bvh);
-        }
-        bvh.scale = scale_of(mesh);
-        let triangles: Vec<Triangle> = (0..mesh.triangles.len())
-            .map(|i| {
-                let [v0, v1, v2] = mesh.corners(i).map(|p| Vec3A::from(p * bvh.scale));
-                Triangle { v0, v1, v2 }
-            })
-            .collect();
-        bvh.add(mesh, &two_wide(triangles)?, go_on)?;
-        Ok(bvh)
-    }
-
-    /// Takes over a hierarchy that is two wide.
-    fn add<E>(
-        &mut self,
-        mesh: &Mesh,
-        bvh: &Bvh2,
-        go_on: impl Fn() -> Result<(), E>,
-    ) -> Result<(), E> {
-        let mut todo = vec![(0, 0)];
-        self.nodes.push(Node::default());
-        while let Some((from, to)) = todo.pop() {
-            go_on()?;
-            let mut group: SmallVec<[usize; WIDTH]> = SmallVec::new();
-            group.push(from);
-            while group.len() < WIDTH {
-                let area = |i: usize| bvh.nodes[group[i]].aabb.half_area();
-                let largest = (0..group.len())
-                    .filter(|&i| !bvh.nodes[group[i]].is_leaf())
-                    .max_by(|&i, &j| area(i).total_cmp(&area(j)));
-                let Some(i) = largest else { break };
-                let first = bvh.nodes[group[i]].first_index as usize;
-                group[i] = first;
-                group.push(first + 1);
-            }
-            let mut lower = [[f32::INFINITY; WIDTH]; 3];
-            let mut upper = [[f32::NEG_INFINITY; WIDTH]; 3];
-            for (slot, &id) in group.iter().enumerate() {
-                let child = &bvh.nodes[id];
-                let (min, max) = (child.aabb.min, child.aabb.max);
-                // As much as rounding can put a hit beside its triangle.
-                let margin = 1e-6 * (max - min).max_element()
-                    + 2.0 * f32::EPSILON * min.abs().max(max.abs()).max_element();
-                for a in 0..3 {
-                    lower[a][slot] = min[a] - margin;
-                    upper[a][slot] = max[a] + margin;
-                }
-                self.nodes[to].children[slot] = if child.is_leaf() {
-                    let first = child.first_index as usize;
-                    let triangles =
-                        &bvh.primitive_indices[first..first + child.prim_count as usize];
-                    let first = self.blocks.len();
-                    self.blocks.extend(
-                        triangles
-                            .chunks(LANES)
-                            .map(|t| Block::new(mesh, t, self.scale)),
-                    );
-                    self.child_of(first..self.blocks.len(), (min - margin, max + margin))
-                } else {
-                    let index = self.nodes.len();
-                    self.nodes.push(Node::default());
-                    todo.push((id, index));
-                    Child::node(index)
-                };
-            }
-            let [x, y, z] = lower.map(f32x8::new);
-            let [u, v, w] = upper.map(f32x8::new);
-            self.nodes[to].planes = [x, y, z, u, v, w];
-        }
-        Ok(())
-    }
-
-    /// Blocks that follow each other, in one box: a leaf, or a node over as many of them as it takes.
-    fn child_of(&mut self, blocks: Range<usize>, bounds: (Vec3A, Vec3A)) -> Child {
-        if blocks.len() <= Child::MOST_BLOCKS {
-            return Child::leaf(blocks.start, blocks.len());
-        }
-        let (min, max) = bounds;
-        let [x, y, z] = min.to_array().map(f32x8::splat);
-        let [u, v, w] = max.to_array().map(f32x8::splat);
-        let index = self.nodes.len();
-        self.nodes.push(Node {
-            planes: [x, y, z, u, v, w],
-            ..Node::default()
-        });
-        for slot in 0..WIDTH {
-            let at = |slot: usize| blocks.start + blocks.len() * slot / WIDTH;
-            let child = self.child_of(at(slot)..at(slot + 1), bounds);
-            self.nodes[index].children[slot] = child;
-        }
-        Child::node(index)
-    }
-
     /// Nearest hit before `t_max`; of triangles at the same distance the first of the mesh.
     #[must_use]
     pub fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Hit> {
@@ -316,7 +192,7 @@ impl Nearest {
     }
 
     /// The hit in units of the mesh.
-    fn hit(self, scale: f32) -> Option<Hit> {
+    fn hit(&self, scale: f32) -> Option<Hit> {
         self.best.map(|hit| Hit {
             t: hit.t / scale,
             ..hit
@@ -324,47 +200,11 @@ impl Nearest {
     }
 }
 
-/// The power of two that makes the largest coordinate of a mesh about 1.
-fn scale_of(mesh: &Mesh) -> f32 {
-    let corners = (0..mesh.triangles.len()).flat_map(|i| mesh.corners(i));
-    let largest = corners.fold(0.0_f32, |m, p| m.max(p.abs().max_element()));
-    let (_, exponent) = libm::frexpf(largest);
-    libm::ldexpf(1.0, (-exponent).clamp(-120, 120))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::math::sampling;
-    use crate::trace::two_wide::MANY;
-
-    #[test]
-    fn a_large_mesh_can_be_stopped_and_is_built_the_same() {
-        let side = 300_u32;
-        let at = |i: u32| Vec3::new((i % side) as f32, (i / side) as f32, (i % 7) as f32 * 0.1);
-        let corner = |i: u32| i / (side - 1) * side + i % (side - 1);
-        let squares = (0..(side - 1) * (side - 1)).map(corner);
-        let mesh = Mesh {
-            positions: (0..side * side).map(at).collect(),
-            triangles: squares
-                .flat_map(|i| [[i, i + 1, i + side], [i + 1, i + side + 1, i + side]])
-                .collect(),
-            ..Mesh::default()
-        };
-        assert!(mesh.triangles.len() > MANY);
-        let cancel = Cancel::default();
-        let built = TriangleBvh::new_until(&mesh, &cancel).unwrap();
-        let plain = TriangleBvh::new(&mesh);
-        for i in 0..1000 {
-            let origin = Vec3::new(0.29 * i as f32, 150.3, 9.0);
-            let direction = Vec3::new(0.1, 0.2, -1.0).normalize();
-            let hit = built.closest(origin, direction, f32::INFINITY);
-            assert_eq!(hit, plain.closest(origin, direction, f32::INFINITY));
-        }
-        cancel.request();
-        let error = TriangleBvh::new_until(&mesh, &cancel).unwrap_err();
-        assert_eq!(error.kind(), crate::Kind::Cancelled);
-    }
+    use crate::run::Cancel;
 
     /// A closed sphere of shared vertices.
     pub fn sphere(rings: u32, segments: u32) -> Mesh {
@@ -401,7 +241,7 @@ mod tests {
     }
 
     /// Distance to the nearest of all triangles, each on its own.
-    fn scan(mesh: &Mesh, origin: Vec3, direction: Vec3) -> Option<f32> {
+    pub fn scan(mesh: &Mesh, origin: Vec3, direction: Vec3) -> Option<f32> {
         let ray = ShearedRay::new(origin, direction);
         (0..mesh.triangles.len() as u32)
             .map(|t| ray.meet(&Block::new(mesh, &[t], 1.0)))
@@ -488,41 +328,6 @@ mod tests {
                 assert_eq!(
                     scaled.is_occluded(o * scale, d, f32::INFINITY),
                     hit.is_some()
-                );
-            }
-        }
-    }
-
-    #[test]
-    fn a_leaf_of_any_number_of_triangles_is_met_in_all() {
-        let mesh = sphere(12, 20);
-        let count = mesh.triangles.len() as u32;
-        for copies in [1, 3] {
-            let bounds = obvhs::aabb::Aabb {
-                min: Vec3A::NEG_ONE,
-                max: Vec3A::ONE,
-            };
-            let mut mesh = mesh.clone();
-            mesh.triangles = mesh.triangles.repeat(copies);
-            // One leaf of all.
-            let mut two_wide = two_wide(&[Triangle::default()]);
-            two_wide.nodes[0].aabb = bounds;
-            two_wide.nodes[0].prim_count = count * copies as u32;
-            two_wide.primitive_indices = (0..count * copies as u32).collect();
-            let mut bvh = TriangleBvh {
-                scale: 1.0,
-                ..TriangleBvh::default()
-            };
-            let Ok(()) = bvh.add(&mesh, &two_wide, || Ok::<_, Infallible>(()));
-            assert!(bvh.blocks.len() > 4 * Child::MOST_BLOCKS);
-            for i in 0..500 {
-                let o = 2.0 * sampling::sphere(sampling::r2(i, [0.3; 2]));
-                let d = sampling::sphere(sampling::r2(i, [0.7; 2]));
-                let hit = bvh.closest(o, d, f32::INFINITY);
-                assert_eq!(hit.map(|h| h.t), scan(&mesh, o, d));
-                assert!(
-                    hit.is_none_or(|h| h.triangle < count),
-                    "the first of equals"
                 );
             }
         }

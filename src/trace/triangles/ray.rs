@@ -1,12 +1,15 @@
 //! A ray and the boxes of the hierarchy.
 
 use super::{Child, Node};
+use arrayvec::ArrayVec;
 use glam::Vec3;
-use smallvec::SmallVec;
 use wide::f32x8;
 
 /// What is still to be visited, and where the ray enters it.
-pub(super) type Stack<T> = SmallVec<[(f32, T); 64]>;
+pub(super) type Stack<T> = ArrayVec<(f32, T), MOST_ENTRIES>;
+
+/// More than any hierarchy needs: those that would need more are not built.
+pub(super) const MOST_ENTRIES: usize = 256;
 
 /// Pushes an entry so that of those from `below` on the nearest is popped first.
 #[inline(always)]
