@@ -129,47 +129,45 @@ fn main() {
             Outgoing::new(&tracer, store.area_per_surfel(), 4 * rays.len())
                 .in_patches_of(patch_surfels)
         };
-        let [draft, draft_in_squares] = [(); 2].map(|()| outgoing(Quality::Draft));
-        let [good, good_in_squares] = [(); 2].map(|()| outgoing(Quality::Good));
-        for (name, outgoing, max_solid_angle) in [
-            (
-                "traced, 0.02 sr (draft), in squares",
-                &draft_in_squares,
-                0.02,
-            ),
-            (
-                "traced, 0.01 sr (good, best), in squares",
-                &good_in_squares,
-                0.01,
-            ),
+        for (name, quality, max_solid_angle) in [
+            ("traced, 0.02 sr (draft)", Quality::Draft, 0.02),
+            ("traced, 0.01 sr (good, best)", Quality::Good, 0.01),
         ] {
-            let gatherer = gatherer(pages, Kernel::Traced(outgoing), max_solid_angle);
+            let known = outgoing(quality);
+            let alone = gatherer(pages, Kernel::Traced(&known), max_solid_angle);
+            let secs = one_by_one(&alone, &rays, size.passes);
+            print(name, &surfels.to_string(), secs);
+            let known = outgoing(quality);
+            let gatherer = gatherer(pages, Kernel::Traced(&known), max_solid_angle);
             let order = gatherer.order(SIDE * SIDE);
             let secs = best(size.passes, || {
                 for (key, square) in squares.iter().enumerate() {
                     black_box(gatherer.irradiance_of_neighbours(square, key as u64, &order));
                 }
             });
-            print(name, &surfels.to_string(), secs);
+            print(&format!("{name}, in squares"), &surfels.to_string(), secs);
         }
         for (name, kernel, max_solid_angle) in [
-            ("traced, 0.02 sr (draft)", Kernel::Traced(&draft), 0.02),
-            ("traced, 0.01 sr (good, best)", Kernel::Traced(&good), 0.01),
             ("cone, 0.02 sr", Kernel::Cone, 0.02),
             ("cone, 0.01 sr", Kernel::Cone, 0.01),
             ("cone, surfels only", Kernel::Cone, 0.0),
             ("plain", Kernel::Plain, 0.0),
         ] {
             let gatherer = gatherer(pages, kernel, max_solid_angle);
-            let mut scratch = Scratch::default();
-            let secs = best(size.passes, || {
-                for &(origin, direction) in &rays {
-                    black_box(gatherer.look(origin, direction, &mut scratch));
-                }
-            });
+            let secs = one_by_one(&gatherer, &rays, size.passes);
             print(name, &surfels.to_string(), secs);
         }
     }
+}
+
+/// CPU seconds of rays that are cast one after the other.
+fn one_by_one(gatherer: &Gatherer<KeptTree, NoMedia>, rays: &[(Vec3, Vec3)], passes: u32) -> f64 {
+    let mut scratch = Scratch::default();
+    best(passes, || {
+        for &(origin, direction) in rays {
+            black_box(gatherer.look(origin, direction, &mut scratch));
+        }
+    })
 }
 
 /// CPU seconds of closest hits by the traversals of `obvhs`: over the hierarchy that lvox takes from it, two wide, and

@@ -10,13 +10,13 @@ use crate::trace::watertight::{Block, LANES};
 use glam::Vec3A;
 use obvhs::bvh2::Bvh2;
 use obvhs::triangle::Triangle;
-use smallvec::SmallVec;
+use smallvec::{SmallVec, smallvec};
 use std::convert::Infallible;
 use std::ops::Range;
 use wide::f32x8;
 
-/// Levels of nodes that follow the hierarchy of two children a node. What is below them, as in a chain of triangles each of which is
-/// half as large as the one before, gets one box.
+/// Levels of nodes that follow the hierarchy of two children a node. What is below them, as in a long chain of triangles each of which
+/// is half as large as the one before, gets one box.
 const LEVELS: usize = (MOST_ENTRIES - 1) / (WIDTH - 1) - LEVELS_IN_ONE_BOX;
 /// Levels of nodes over all the blocks that a mesh can have.
 const LEVELS_IN_ONE_BOX: usize = 8;
@@ -142,7 +142,8 @@ impl TriangleBvh {
 
 /// The triangles of each leaf that is below a node, or is it.
 fn leaves(bvh: &Bvh2, node: usize) -> impl Iterator<Item = &[u32]> {
-    let mut todo = vec![node];
+    // Mostly it is one.
+    let mut todo: SmallVec<[usize; 16]> = smallvec![node];
     std::iter::from_fn(move || {
         loop {
             let node = &bvh.nodes[todo.pop()?];
