@@ -23,12 +23,12 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
     pub(super) fn pass_media(&mut self, rows: Range<usize>) {
         // A pixel needs the ring around its own corners.
         let rim = Self::RINGS as usize - 1;
-        for visit in self.coarse_to_fine(rows, rim, self.marched_spacing) {
+        self.coarse_to_fine(rows, rim, self.marched_spacing, |corners, visit| {
             let i = visit.index;
-            let between = (visit.between).and_then(|(is, step)| self.media_between(i, is, step));
-            let march = || self.shader.march(&self.corners[i].sample);
-            self.corners[i].sample.passed = between.unwrap_or_else(march);
-        }
+            let between = (visit.between).and_then(|(is, step)| corners.media_between(i, is, step));
+            let march = || corners.shader.march(&corners.corners[i].sample);
+            corners.corners[i].sample.passed = between.unwrap_or_else(march);
+        });
     }
 
     /// Corners between those that march whatever their neighbours do: so few that no voxel of a medium fits between them
@@ -62,22 +62,23 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
     fn media_between(&self, i: usize, is_between: [bool; 2], step: usize) -> Option<A::Passed> {
         let like = &self.corners[i].sample;
         let mut mix = Mix::default();
-        let mut behind = 0.0;
-        for j in self.around(i, is_between, step) {
-            let sample = &self.corners[j].sample;
+        let around = self.around(i, is_between, step);
+        let around = around.map(|j| &self.corners[j].sample);
+        for sample in around {
             if !self.shader.same_end(like, sample) {
                 return None;
             }
             mix.add(&sample.passed);
-            let surface = sample
-                .surface
-                .map_or(Rgb::BLACK, |s| s.albedo * sample.direct.light() * FRAC_1_PI);
-            behind += surface.luminance() * sample.passed.transmittance();
         }
         let mean: A::Passed = mix.mean();
-        let seen = mean.radiance().luminance() + behind / mix.count;
+        let in_media = mean.radiance().luminance();
         let alike = Self::ALIKE / (self.shader.counts.volume as f32).sqrt();
-        mix.is_within(alike, seen).then_some(mean)
+        // What is behind them need not be looked at where they alone tell.
+        let is_alike = mix.is_within(alike, in_media) || {
+            let behind: f32 = around.into_iter().map(light_behind).sum();
+            mix.is_within(alike, in_media + behind / mix.count)
+        };
+        is_alike.then_some(mean)
     }
 
     /// What the media before the corners of a pixel do on the mean over its square. Where they differ, and the corners around
@@ -117,6 +118,14 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
         let scale = transmittance.max(0.0) / mean.transmittance().max(f32::MIN_POSITIVE);
         passed.map(|p| A::Passed::of((p.transmittance() * scale).min(1.0), radiance))
     }
+}
+
+/// Luminance of the direct light that comes from the surface behind the media before a corner, and through them.
+fn light_behind<T: Passed>(sample: &Sample<T>) -> f32 {
+    let surface = sample
+        .surface
+        .map_or(Rgb::BLACK, |s| s.albedo * sample.direct.light() * FRAC_1_PI);
+    surface.luminance() * sample.passed.transmittance()
 }
 
 /// What media do before some corners: sums, and the least and the most of transmittance and luminance.

@@ -152,17 +152,17 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         } else {
             4
         };
-        for visit in self.coarse_to_fine(rows, Self::RINGS as usize, spacing) {
+        self.coarse_to_fine(rows, Self::RINGS as usize, spacing, |corners, visit| {
             let i = visit.index;
-            let Some(surface) = self.corners[i].sample.surface else {
-                continue;
+            let Some(surface) = corners.corners[i].sample.surface else {
+                return;
             };
-            let between = (visit.between).and_then(|(is, step)| self.between(i, is, step));
+            let between = (visit.between).and_then(|(is, step)| corners.between(i, is, step));
             // Rings before the film's own corners are as good as its first row for a key.
             let [x, y] = visit.moved.map(|v| v.saturating_sub(Self::RINGS));
-            self.corners[i].irradiance =
-                between.unwrap_or_else(|| self.shader.indirect(&surface, x, y));
-        }
+            corners.corners[i].irradiance =
+                between.unwrap_or_else(|| corners.shader.indirect(&surface, x, y));
+        });
     }
 
     /// Four corners, some of them twice, `step` away from one that lies between them in some of its coordinates.

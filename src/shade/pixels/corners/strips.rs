@@ -68,37 +68,55 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         self.first_row = row;
     }
 
-    /// Those of some rows that are inside a rim, and around them what those between need: first those that are `spacing` apart, then
-    /// those half as far apart, down to all. Rows before them have been visited, and they end at one of the coarsest, or with the last.
+    /// Visits those of some rows that are inside a rim, and around them what those between need: first those that are `spacing` apart,
+    /// then those half as far apart, down to all. Rows before them have been visited, and they end at one of the coarsest, or with the
+    /// last.
     pub(super) fn coarse_to_fine(
-        &self,
+        &mut self,
         rows: Range<usize>,
         rim: usize,
         spacing: usize,
-    ) -> impl Iterator<Item = Visit> + use<'a, P, M, A> {
-        let (region, width, height) = (self.region, self.width, self.height);
-        let first_row = self.first_row;
-        let steps = std::iter::successors(Some(spacing), |step| (*step > 1).then_some(step / 2));
-        steps.flat_map(move |step| {
+        mut visit: impl FnMut(&mut Self, Visit),
+    ) {
+        let [x0, y0] = [self.region.x0, self.region.y0].map(|c| c as usize);
+        let mut step = spacing;
+        while step > 0 {
+            let is_first = step == spacing;
             // Corners between need those up to one step less one away.
             let rim = rim + 1 - step;
-            let in_row = move |row: usize| {
-                (rim..width - rim).filter_map(move |column| {
-                    let moved = Self::place(region, column, row).moved;
-                    let [x, y] = moved.map(|c| c as usize);
-                    if x % step != 0 || y % step != 0 {
-                        return None;
-                    }
-                    let is_between = [x, y].map(|c| c % (2 * step) != 0);
-                    let is_first = step == spacing;
-                    (is_first || is_between != [false; 2]).then_some(Visit {
-                        index: (row - first_row) * width + column,
-                        moved,
+            let rows = rows.start.max(rim)..rows.end.min(self.height - rim);
+            for row in from_multiple(rows, y0, step, 0) {
+                let row_is_between = (y0 + row) % (2 * step) != 0;
+                // In rows of the steps before, every second was visited then.
+                let (apart, offset) = if is_first || row_is_between {
+                    (step, 0)
+                } else {
+                    (2 * step, step)
+                };
+                for column in from_multiple(rim..self.width - rim, x0, apart, offset) {
+                    let column_is_between = (x0 + column) % (2 * step) != 0;
+                    let is_between = [column_is_between, row_is_between];
+                    let at = Visit {
+                        index: self.index(row, column),
+                        moved: [x0 + column, y0 + row].map(|c| c as u32),
                         between: (!is_first).then_some((is_between, step)),
-                    })
-                })
-            };
-            (rows.start.max(rim)..rows.end.min(height - rim)).flat_map(in_row)
-        })
+                    };
+                    visit(self, at);
+                }
+            }
+            step /= 2;
+        }
     }
+}
+
+/// Those of some places, counted from `origin`, that are `offset` past a multiple of `apart`.
+fn from_multiple(
+    places: Range<usize>,
+    origin: usize,
+    apart: usize,
+    offset: usize,
+) -> impl Iterator<Item = usize> {
+    let past = (origin + places.start + apart - offset) % apart;
+    let first = places.start + (apart - past) % apart;
+    (first..places.end).step_by(apart)
 }
