@@ -40,6 +40,8 @@ struct Brick {
     level: u8,
     /// Box of the blocks that are not empty, in blocks: first and one past the last.
     filled: [[u8; 3]; 2],
+    /// Whether that is all of the brick.
+    is_full: bool,
 }
 
 /// Four by four by four blocks.
@@ -231,6 +233,7 @@ impl BlockGrid<()> {
                 first_cube: self.cubes.len() as u32,
                 level: l.level,
                 filled: [[u8::MAX; 3], [0; 3]],
+                is_full: false,
             });
             let cubes = if l.level == 0 { 8 } else { 1 };
             self.cubes.resize(self.cubes.len() + cubes, Cube::default());
@@ -247,6 +250,7 @@ impl BlockGrid<()> {
             first[a] = first[a].min(at);
             end[a] = end[a].max(at + 1);
         }
+        brick.is_full = brick.filled == [[0; 3], [per_axis as u8; 3]];
     }
 
     /// Blocks that are not empty.
@@ -375,17 +379,21 @@ impl<S: Source> Walk<'_, S> {
         let base = at.map(|v| v * BRICK as i32);
         let edge = (1 << brick.level) as f32;
         let per_axis = (BRICK >> brick.level) as i32;
-        // Where blocks reach the border of the brick its own ends hold: they leave no gap to the next brick.
-        let corner = |filled: [u8; 3], border: i32, beyond: f32| {
-            Vec3A::from_array(std::array::from_fn(|a| match i32::from(filled[a]) {
-                n if n == border => beyond,
-                n => base[a] as f32 + edge * n as f32,
-            }))
-        };
-        let [first, end] = brick.filled;
-        let lower = corner(first, 0, f32::NEG_INFINITY);
-        let upper = corner(end, per_axis, f32::INFINITY);
-        let Some((t, leave)) = line.within(lower, upper, t, leave) else {
+        let mut ends = Some((t, leave));
+        if !brick.is_full {
+            // Where blocks reach the border of the brick its own ends hold: they leave no gap to the next brick.
+            let corner = |filled: [u8; 3], border: i32, beyond: f32| {
+                Vec3A::from_array(std::array::from_fn(|a| match i32::from(filled[a]) {
+                    n if n == border => beyond,
+                    n => base[a] as f32 + edge * n as f32,
+                }))
+            };
+            let [first, end] = brick.filled;
+            let lower = corner(first, 0, f32::NEG_INFINITY);
+            let upper = corner(end, per_axis, f32::INFINITY);
+            ends = line.within(lower, upper, t, leave);
+        }
+        let Some((t, leave)) = ends else {
             return true;
         };
         let mut inner = Steps::new(line, t, base, edge, [per_axis; 3]);

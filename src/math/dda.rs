@@ -1,7 +1,7 @@
 //! Walking a ray through a regular grid of boxes (Amanatides & Woo 1987).
 
 use glam::{Affine3A, BVec3A, DAffine3, DVec3, Vec3, Vec3A};
-use wide::f32x4;
+use wide::{f32x4, f64x4};
 
 /// Steps over cells along one ray (Amanatides & Woo 1987), at some scale. Without branches: which axis is next is as good
 /// as random, and a wrong guess of the processor would cost more than a step.
@@ -132,20 +132,21 @@ impl Line {
 }
 
 /// Where the line o + t d is inside the box 0..dims, for t in 0..t_max.
+#[inline]
 fn clip_to_box(o: DVec3, d: DVec3, dims: DVec3, t_max: f64) -> Option<(f64, f64)> {
-    let (mut near, mut far) = (0.0_f64, t_max);
-    for a in 0..3 {
-        if d[a] == 0.0 {
-            if o[a] < 0.0 || o[a] > dims[a] {
-                return None;
-            }
-            continue;
-        }
-        let inverse = 1.0 / d[a];
-        let (t0, t1) = (-o[a] * inverse, (dims[a] - o[a]) * inverse);
-        near = near.max(t0.min(t1));
-        far = far.min(t0.max(t1));
+    // The fourth axis has neither length nor direction: it stays inside.
+    let [o, d, dims] = [o, d, dims].map(|v| f64x4::new([v.x, v.y, v.z, 0.0]));
+    let stays = d.simd_eq(f64x4::ZERO);
+    let is_outside = o.simd_lt(f64x4::ZERO) | o.simd_gt(dims);
+    if (stays & is_outside).any() {
+        return None;
     }
+    let inverse = f64x4::ONE / d;
+    let (t0, t1) = (-o * inverse, (dims - o) * inverse);
+    let enter = stays.select(f64x4::splat(f64::NEG_INFINITY), t0.min(t1));
+    let leave = stays.select(f64x4::splat(f64::INFINITY), t0.max(t1));
+    let near = enter.to_array().into_iter().fold(0.0, f64::max);
+    let far = leave.to_array().into_iter().fold(t_max, f64::min);
     (near < far).then_some((near, far))
 }
 
