@@ -41,7 +41,7 @@ pub struct ShadeOptions {
     samples: Option<u32>,
 
     /// Take a node whole where it is seen under less than this, steradians, four times that by rays of media; 0 for as fine as
-    /// surfels are. --kernel plain takes none [default: 0.02, 0.01, 0.01 by quality]
+    /// surfels are. --kernel plain takes none [default: 0.02, 0.02, 0.01 by quality]
     #[arg(long, value_name = "SR")]
     max_solid_angle: Option<f32>,
 

@@ -97,7 +97,7 @@ pub struct Args {
     #[arg(long, value_name = "N", value_delimiter = ',')]
     samples: Vec<u32>,
 
-    /// Largest solid angles of nodes, steradians [default: 0.0025,0.005,0.02,0.04,0.08]
+    /// Largest solid angles of nodes, steradians [default: 0.0025,0.005,0.01,0.04,0.08]
     #[arg(long, value_name = "SR", value_delimiter = ',')]
     max_solid_angle: Vec<f32>,
 

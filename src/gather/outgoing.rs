@@ -47,6 +47,8 @@ pub struct Outgoing<'a> {
     extents: Box<[Extent]>,
     /// Whether surfels of one piece of the scene have one size.
     is_even: bool,
+    /// Solid angle of a square over a patch's longest edge, over that under which a node is taken whole.
+    size: f32,
     /// The square over the longest edge of a patch need not be smaller than the area of so many of them.
     surfels_per_patch: f32,
     answers: Answers,
@@ -57,9 +59,10 @@ pub struct Outgoing<'a> {
 }
 
 impl<'a> Outgoing<'a> {
-    /// Solid angle of a square over a patch's longest edge, over that under which a node is taken whole. Patches are
-    /// triangles, and divided by four: on average they have an eighth of that square.
+    /// [`Self::size`] at first. Patches are triangles, and divided by four: on average they have an eighth of that square.
     const SIZE: f32 = 4.0;
+    /// The same where there are bright patches, whose borders large ones would blur.
+    const FINE: f32 = 2.0;
 
     /// Nothing is known yet. `area_per_surfel` is that of the tree: patches need not be smaller than surfels tell apart. There is room
     /// to remember the patches that about so many rays end on.
@@ -73,6 +76,7 @@ impl<'a> Outgoing<'a> {
             geometry,
             extents: (0..geometry.triangles()).map(extent).collect(),
             is_even: true,
+            size: Self::SIZE,
             surfels_per_patch: 1.0,
             answers: Answers::new(rays),
             bright: None,
@@ -110,8 +114,8 @@ impl<'a> Outgoing<'a> {
     const MOST_BRIGHT: usize = 1 << 14;
 
     /// Finds the patches that send more than `least`, by the mean channel, where at least `support` seeds speak for them. From then on
-    /// rays that are to leave them out meet black there, and patches may be as small as surfels: large ones would blur the borders of
-    /// bright places. None where there are too many.
+    /// rays that are to leave them out meet black there, and patches are smaller, near ones as small as surfels may be: large ones would
+    /// blur the borders of bright places. None where there are too many.
     pub fn find_bright<P: Pages>(
         &mut self,
         pages: &P,
@@ -147,6 +151,7 @@ impl<'a> Outgoing<'a> {
             return Vec::new();
         }
         self.bright = Some(places);
+        self.size = Self::FINE;
         patches
     }
 
@@ -254,7 +259,7 @@ impl<'a> Outgoing<'a> {
             return None;
         }
         let Extent { edge2, least } = extent.of_surfels(self.surfels_per_patch);
-        let size = Self::SIZE * wanted.max_solid_angle * hit.t * hit.t;
+        let size = self.size * wanted.max_solid_angle * hit.t * hit.t;
         let place = Place::new(hit, edge2, size.max(least));
         let bright = self.bright.as_ref();
         match bright.and_then(|b| b.at(hit, extent)) {

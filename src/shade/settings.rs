@@ -9,7 +9,7 @@ pub struct Settings {
     pub camera: Option<String>,
     /// Gather rays at each lattice pixel.
     pub samples: u32,
-    /// A node seen under less than this, steradians, may stand for all below it.
+    /// A node seen under less than this, steradians, may stand for all below it; under half of that where there are bright patches.
     pub max_solid_angle: f32,
     /// How finely gather rays tell apart what is near: in parts of triangles of which the square over the longest edge has the area of
     /// so many surfels at most, in frames of few gathers ([`Self::surfels_per_patch`]). From 32 on nodes of the tree answer for all of
@@ -113,7 +113,7 @@ impl Settings {
         let good = Self {
             camera: None,
             samples: 40,
-            max_solid_angle: 0.01,
+            max_solid_angle: 0.02,
             patch_surfels: 1,
             max_dist: None,
             kernel: Kernel::Traced,
@@ -130,7 +130,6 @@ impl Settings {
         match quality {
             Quality::Draft => Self {
                 samples: 24,
-                max_solid_angle: 0.02,
                 patch_surfels: 32,
                 lattice: 6,
                 volume_samples: 3,
@@ -141,6 +140,7 @@ impl Settings {
             Quality::Good => good,
             Quality::Best => Self {
                 samples: 64,
+                max_solid_angle: 0.01,
                 lattice: 3,
                 volume_samples: 16,
                 edge_samples: 48,

@@ -58,7 +58,7 @@ impl Default for Settings {
             block_depth: vec![0.7, 0.35, 1.4, 2.8],
             block_voxels: vec![2, 4, 8],
             samples: vec![8, 16, 64, 128, 256],
-            max_solid_angle: vec![0.0025, 0.005, 0.02, 0.04, 0.08],
+            max_solid_angle: vec![0.0025, 0.005, 0.01, 0.04, 0.08],
             paper_cloud: None,
             scatter: false,
             shade: shade::Settings::default(),
