@@ -120,3 +120,23 @@ fn from_multiple(
     let first = places.start + (apart - past) % apart;
     (first..places.end).step_by(apart)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_are_as_far_apart_as_asked_wherever_they_begin() {
+        for (origin, start, apart) in (0..9)
+            .flat_map(|o| (0..9).map(move |s| (o, s)))
+            .flat_map(|(o, s)| [1, 2, 4, 8].map(|a| (o, s, a)))
+        {
+            for offset in [0, apart / 2] {
+                let is_one = |p: &usize| (origin + p) % apart == offset;
+                let expected: Vec<_> = (start..start + 20).filter(is_one).collect();
+                let found = from_multiple(start..start + 20, origin, apart, offset);
+                assert_eq!(found.collect::<Vec<_>>(), expected);
+            }
+        }
+    }
+}
