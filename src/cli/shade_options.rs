@@ -40,8 +40,8 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "N")]
     samples: Option<u32>,
 
-    /// Take a node whole where it is seen under less than this, steradians, four times that by rays of media; 0 for as fine as
-    /// surfels are. --kernel plain takes none [default: 0.02, 0.02, 0.01 by quality]
+    /// Take a node whole where it is seen under less than this, steradians, half of that in frames with bright patches, four
+    /// times that by rays of media; 0 for as fine as surfels are. --kernel plain takes none [default: 0.02, 0.02, 0.01 by quality]
     #[arg(long, value_name = "SR")]
     max_solid_angle: Option<f32>,
 
