@@ -47,8 +47,6 @@ pub struct Outgoing<'a> {
     extents: Box<[Extent]>,
     /// Whether surfels of one piece of the scene have one size.
     is_even: bool,
-    /// Solid angle of a square over a patch's longest edge, over that under which a node is taken whole.
-    size: f32,
     /// The square over the longest edge of a patch need not be smaller than the area of so many of them.
     surfels_per_patch: f32,
     answers: Answers,
@@ -59,7 +57,8 @@ pub struct Outgoing<'a> {
 }
 
 impl<'a> Outgoing<'a> {
-    /// [`Self::size`] at first. Patches are triangles, and divided by four: on average they have an eighth of that square.
+    /// Solid angle of a square over a patch's longest edge, over that under which a node is taken whole. Patches are
+    /// triangles, and divided by four: on average they have an eighth of that square.
     const SIZE: f32 = 4.0;
     /// The same where there are bright patches, whose borders large ones would blur.
     const FINE: f32 = 2.0;
@@ -76,7 +75,6 @@ impl<'a> Outgoing<'a> {
             geometry,
             extents: (0..geometry.triangles()).map(extent).collect(),
             is_even: true,
-            size: Self::SIZE,
             surfels_per_patch: 1.0,
             answers: Answers::new(rays),
             bright: None,
@@ -151,7 +149,6 @@ impl<'a> Outgoing<'a> {
             return Vec::new();
         }
         self.bright = Some(places);
-        self.size = Self::FINE;
         patches
     }
 
@@ -259,9 +256,14 @@ impl<'a> Outgoing<'a> {
             return None;
         }
         let Extent { edge2, least } = extent.of_surfels(self.surfels_per_patch);
-        let size = self.size * wanted.max_solid_angle * hit.t * hit.t;
-        let place = Place::new(hit, edge2, size.max(least));
         let bright = self.bright.as_ref();
+        let size = if bright.is_some() {
+            Self::FINE
+        } else {
+            Self::SIZE
+        };
+        let size = size * wanted.max_solid_angle * hit.t * hit.t;
+        let place = Place::new(hit, edge2, size.max(least));
         match bright.and_then(|b| b.at(hit, extent)) {
             Some((_, true)) if wanted.leave_out_bright => None,
             // One that is not bright holds none that is.
@@ -281,5 +283,62 @@ impl<'a> Outgoing<'a> {
     fn learn<P: Pages>(&self, pages: &P, place: &Place, stack: &mut Vec<(f32, u32, u32)>) -> Rgb {
         let radiance = self.ask(pages, place, stack);
         self.answers.keep(self.key(place), radiance)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A white triangle with longest edge the root of two.
+    #[derive(Debug)]
+    struct Triangle;
+
+    impl Geometry for Triangle {
+        fn closest(&self, _: Vec3, _: Vec3, _: f32) -> Option<Hit> {
+            None
+        }
+
+        fn triangles(&self) -> u32 {
+            1
+        }
+
+        fn corners(&self, _: u32) -> [Vec3; 3] {
+            [Vec3::ZERO, Vec3::X, Vec3::Y]
+        }
+
+        fn normal(&self, _: u32) -> Vec3 {
+            Vec3::Z
+        }
+
+        fn surfel_area_over_mean(&self, _: u32) -> Option<f32> {
+            Some(1.0)
+        }
+    }
+
+    #[test]
+    fn patches_are_half_as_large_where_there_are_bright_ones() {
+        let mut outgoing = Outgoing::new(&Triangle, 1e-6, 1);
+        let wanted = Wanted {
+            max_solid_angle: 0.02,
+            leave_out_bright: true,
+        };
+        let level = |outgoing: &Outgoing, t: f32| {
+            let hit = Hit {
+                t,
+                triangle: 0,
+                uv: [0.3, 0.2],
+                is_back: false,
+            };
+            outgoing.place(&hit, wanted).unwrap().level()
+        };
+        // Edges of two by two, one, a half and so on, squared, and squares of a little more than those.
+        let squares = [0.51, 0.13, 0.033];
+        let distances = squares.map(|s: f32| (s / (Outgoing::SIZE * 0.02)).sqrt());
+        assert_eq!(distances.map(|t| level(&outgoing, t)), [1, 2, 3]);
+        outgoing.bright = Some(BrightPlaces::new(1));
+        assert_eq!(distances.map(|t| level(&outgoing, t)), [2, 3, 4]);
+        let farther = distances.map(|t| t * 2.0_f32.sqrt());
+        assert_eq!(farther.map(|t| level(&outgoing, t)), [1, 2, 3]);
     }
 }
