@@ -124,20 +124,19 @@ fn main() {
             unreachable!("no limit was given")
         };
         // As in a frame, whose gathers stand half as far apart. Each row has a table of its own, as the rays of a frame have.
-        let outgoing = |quality| {
-            let patch_surfels = shade::Settings::of(quality).patch_surfels as f32;
-            Outgoing::new(&tracer, store.area_per_surfel(), 4 * rays.len())
-                .in_patches_of(patch_surfels)
-        };
-        for (name, quality, max_solid_angle) in [
-            ("traced, 0.02 sr (draft)", Quality::Draft, 0.02),
-            ("traced, 0.01 sr (good, best)", Quality::Good, 0.01),
-        ] {
-            let known = outgoing(quality);
+        for (name, quality) in Quality::ALL {
+            let settings = shade::Settings::of(quality);
+            let max_solid_angle = settings.max_solid_angle;
+            let name = format!("traced, {max_solid_angle} sr ({name})");
+            let outgoing = || {
+                Outgoing::new(&tracer, store.area_per_surfel(), 4 * rays.len())
+                    .in_patches_of(settings.patch_surfels as f32)
+            };
+            let known = outgoing();
             let alone = gatherer(pages, Kernel::Traced(&known), max_solid_angle);
             let secs = one_by_one(&alone, &rays, size.passes);
-            print(name, &surfels.to_string(), secs);
-            let known = outgoing(quality);
+            print(&name, &surfels.to_string(), secs);
+            let known = outgoing();
             let gatherer = gatherer(pages, Kernel::Traced(&known), max_solid_angle);
             let order = gatherer.order(SIDE * SIDE);
             let secs = best(size.passes, || {

@@ -289,36 +289,12 @@ impl<'a> Outgoing<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// A white triangle with longest edge the root of two.
-    #[derive(Debug)]
-    struct Triangle;
-
-    impl Geometry for Triangle {
-        fn closest(&self, _: Vec3, _: Vec3, _: f32) -> Option<Hit> {
-            None
-        }
-
-        fn triangles(&self) -> u32 {
-            1
-        }
-
-        fn corners(&self, _: u32) -> [Vec3; 3] {
-            [Vec3::ZERO, Vec3::X, Vec3::Y]
-        }
-
-        fn normal(&self, _: u32) -> Vec3 {
-            Vec3::Z
-        }
-
-        fn surfel_area_over_mean(&self, _: u32) -> Option<f32> {
-            Some(1.0)
-        }
-    }
+    use crate::gather::patch::tests::Wall;
 
     #[test]
     fn patches_are_half_as_large_where_there_are_bright_ones() {
-        let mut outgoing = Outgoing::new(&Triangle, 1e-6, 1);
+        // One triangle, whose longest edge is the root of two.
+        let mut outgoing = Outgoing::new(&Wall(1.0), 1e-6, 1);
         let wanted = Wanted {
             max_solid_angle: 0.02,
             leave_out_bright: true,

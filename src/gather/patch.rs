@@ -324,14 +324,14 @@ fn is_uneven((radiance, area): Sent, nodes: &PageNodes, below: u32, side: &Side)
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::math::Hit;
     use lvox_formats::record::{Below, Bounds, Node, SurfelAggregate};
 
     /// A wall at x = 0, up to a height.
     #[derive(Debug)]
-    struct Wall(f32);
+    pub struct Wall(pub f32);
 
     impl Geometry for Wall {
         fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Hit> {

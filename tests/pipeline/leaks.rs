@@ -140,11 +140,11 @@ fn drafts_keep_rooms_dark() {
     keeps_dark(
         Quality::Draft,
         &[
-            ("sheet, own floors", rooms(SHEET, false), 3e-5, 0.006),
-            ("sheet, one floor", rooms(SHEET, true), 1.3e-4, 0.016),
+            ("sheet, own floors", rooms(SHEET, false), 2e-5, 0.006),
+            ("sheet, one floor", rooms(SHEET, true), 1.3e-4, 0.012),
             ("wall, own floors", rooms(&wall(0.02), false), 3e-4, 0.011),
             ("wall, one floor", rooms(&wall(0.02), true), 3e-4, 0.011),
-            ("3.5 mm wall", rooms(&wall(0.0035), false), 2e-5, 0.005),
+            ("3.5 mm wall", rooms(&wall(0.0035), false), 2e-5, 0.003),
             ("sheet around a light", shells(&[0.3]), 1e-6, 1e-5),
         ],
     );
