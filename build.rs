@@ -1,5 +1,5 @@
-//! Tells the path tracer what it is made of: `LVOX_PATH_TRACER` is a digest of the sources that its samples come from, by
-//! which kept samples of other code are known.
+//! Tells the path tracer what it is made of: `LVOX_PATH_TRACER` is a digest of the sources that its
+//! samples come from, by which kept samples of other code are known.
 
 use std::io;
 use std::path::{Path, PathBuf};

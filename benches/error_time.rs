@@ -1,8 +1,9 @@
-//! Error against run time in one table: the acceptance scenes at every quality, beside their references; for scenes that
-//! other renderers were measured on, those come after. Scenes that need `../shared` are skipped where it is not there; all
-//! that goes wrong otherwise is a failure.
+//! Error against run time in one table: the acceptance scenes at every quality, beside their
+//! references; for scenes that other renderers were measured on, those come after. Scenes that need
+//! `../shared` are skipped where it is not there; all that goes wrong otherwise is a failure.
 //!
-//! CPU seconds of all threads. `cargo bench --bench error_time -- A thin` measures these scenes only.
+//! CPU seconds of all threads. `cargo bench --bench error_time -- A thin` measures these scenes
+//! only.
 
 #![allow(clippy::print_stdout)] // The table is the product.
 
@@ -132,7 +133,8 @@ fn shade(scene: &Scene, tree: &Path, quality: Quality, job: &Job) -> Result<Pict
     frame.picture("", &region)
 }
 
-/// Prints what other renderers took for the same image at one indirect bounce, as `../shared/peers` has it, if it is there.
+/// Prints what other renderers took for the same image at one indirect bounce, as `../shared/peers`
+/// has it, if it is there.
 fn peers(name: &str) -> Result<()> {
     let file = shared("peers/results.csv");
     if !SHARED.contains(&name) || !file.exists() {

@@ -1,5 +1,5 @@
-//! What a ray costs: triangles, cells of a volume, disks and nodes, blocks of medium, light; and what a sweep of a medium
-//! and a path cost.
+//! What a ray costs: triangles, cells of a volume, disks and nodes, blocks of medium, light; and
+//! what a sweep of a medium and a path cost.
 
 #[allow(dead_code)]
 mod common;
@@ -88,8 +88,8 @@ fn surfels(bencher: Bencher, kernel: &str) {
     });
 }
 
-/// What front-to-back order is worth to the plain kernel: disks seen by the rays of gathers at surfels, media left out.
-/// On the demo, or on the tree that the variable `LVOX_BENCH_TREE` names.
+/// What front-to-back order is worth to the plain kernel: disks seen by the rays of gathers at
+/// surfels, media left out. On the demo, or on the tree that the variable `LVOX_BENCH_TREE` names.
 #[divan::bench(args = ["front to back", "as stored"])]
 fn order(bencher: Bencher, order: &str) {
     let other = std::env::var_os("LVOX_BENCH_TREE")
@@ -191,7 +191,8 @@ fn square(x0: u32, y0: u32, side: u32) -> Region {
     }
 }
 
-/// The four pixels in the midst of the smoke, for which all of it is swept, on all threads; a finite reach has no sweeps.
+/// The four pixels in the midst of the smoke, for which all of it is swept, on all threads; a
+/// finite reach has no sweeps.
 #[divan::bench(sample_count = 5, args = ["with sweeps", "without"])]
 fn media(bencher: Bencher, sweeps: &str) {
     let settings = shade::Settings {

@@ -1,5 +1,6 @@
-//! What features cost that a scene has, does not have, or does not have while the kernel is ready for them: bytes a
-//! point and time a receiver; and what is read for parts of a frame: the tables of `docs/left-out.md`.
+//! What features cost that a scene has, does not have, or does not have while the kernel is ready
+//! for them: bytes a point and time a receiver; and what is read for parts of a frame: the tables
+//! of `docs/left-out.md`.
 
 #![allow(clippy::print_stdout)]
 
@@ -193,7 +194,8 @@ impl Baked {
         }
     }
 
-    /// Microseconds a receiver at the default settings, with other code. Nothing is known of patches at first, as in a frame.
+    /// Microseconds a receiver at the default settings, with other code. Nothing is known of
+    /// patches at first, as in a frame.
     fn time_with<P: Pages, M: Medium>(
         &self,
         pages: &P,
@@ -481,7 +483,8 @@ fn whole(scene: &Scene) -> Region {
     Region::full(scene.film.width, scene.film.height)
 }
 
-/// Bytes of pages that parts of a frame read: of surfels over all surfaces, and of those that the camera sees.
+/// Bytes of pages that parts of a frame read: of surfels over all surfaces, and of those that the
+/// camera sees.
 fn reads(effort: &Effort) {
     let seen = SurfelSampling::Camera {
         name: None,

@@ -1,9 +1,11 @@
-//! Gather rays per second and core into trees of Sponza, beside closest hits of the same rays on its triangles, by the
-//! traversal of lvox and by those of `obvhs`. Skipped where `../shared` is not there.
+//! Gather rays per second and core into trees of Sponza, beside closest hits of the same rays on
+//! its triangles, by the traversal of lvox and by those of `obvhs`. Skipped where `../shared` is
+//! not there.
 //!
-//! Receivers are surface points that the camera sees, on a lattice of the frame; rays are those of a gather, in its order, and,
-//! "in squares", those of 4 x 4 neighbours in the order of their directions, as frames take them.
-//! One thread; CPU seconds, so that other work on the machine counts as little as it can. The best of the passes.
+//! Receivers are surface points that the camera sees, on a lattice of the frame; rays are those of
+//! a gather, in its order, and, "in squares", those of 4 x 4 neighbours in the order of their
+//! directions, as frames take them. One thread; CPU seconds, so that other work on the machine
+//! counts as little as it can. The best of the passes.
 
 #![allow(clippy::print_stdout)] // The table is the product.
 
@@ -123,7 +125,8 @@ fn main() {
         let SurfelStore::Kept(pages) = &store.surfels else {
             unreachable!("no limit was given")
         };
-        // As in a frame, whose gathers stand half as far apart. Each row has a table of its own, as the rays of a frame have.
+        // As in a frame, whose gathers stand half as far apart. Each row has a table of its own, as
+        // the rays of a frame have.
         for (name, quality) in Quality::ALL {
             let settings = shade::Settings::of(quality);
             let max_solid_angle = settings.max_solid_angle;
@@ -169,8 +172,9 @@ fn one_by_one(gatherer: &Gatherer<KeptTree, NoMedia>, rays: &[(Vec3, Vec3)], pas
     })
 }
 
-/// CPU seconds of closest hits by the traversals of `obvhs`: over the hierarchy that lvox takes from it, two wide, and
-/// over its eight-wide one (CWBVH), both with the triangles in the order of their leaves.
+/// CPU seconds of closest hits by the traversals of `obvhs`: over the hierarchy that lvox takes
+/// from it, two wide, and over its eight-wide one (CWBVH), both with the triangles in the order of
+/// their leaves.
 fn obvhs(scene: &Scene, rays: &[(Vec3, Vec3)], passes: u32) -> [f64; 2] {
     let triangles: Vec<Triangle> = (0..scene.mesh.triangles.len())
         .map(|i| {

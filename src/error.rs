@@ -71,7 +71,8 @@ impl Error {
         self
     }
 
-    /// The same error, its message led by where it happened; where a stop was heard does not matter.
+    /// The same error, its message led by where it happened; where a stop was heard does not
+    /// matter.
     #[must_use]
     pub fn at(mut self, place: impl fmt::Display) -> Self {
         if self.kind != Kind::Cancelled {
@@ -102,7 +103,8 @@ impl fmt::Display for Error {
 impl std::error::Error for Error {}
 
 impl From<lvox_formats::FormatError> for Error {
-    /// A damaged or foreign file is wrong input; what the system refused is sorted as any other I/O error.
+    /// A damaged or foreign file is wrong input; what the system refused is sorted as any other I/O
+    /// error.
     fn from(error: lvox_formats::FormatError) -> Self {
         let kind = match error.io_error().map(std::io::Error::kind) {
             None => Kind::Input,

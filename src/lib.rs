@@ -5,8 +5,8 @@
 //!                                             └─scatter─▶ light in media (.lvs) ─┘
 //! ```
 //!
-//! Folders follow that line. Stages (`bake`, `build`, `shade`) share file formats and the leaf modules (`math`,
-//! `scene`, `trace`, `light`, `gather`), never each other's code.
+//! Folders follow that line. Stages (`bake`, `build`, `shade`) share file formats and the leaf
+//! modules (`math`, `scene`, `trace`, `light`, `gather`), never each other's code.
 //!
 //! | what | unit and convention |
 //! | --- | --- |

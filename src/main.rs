@@ -24,11 +24,13 @@ fn main() -> ExitCode {
     }
 }
 
-/// Has the C library ask the system for 16 MiB of addresses at a time where it would ask for a few pages, 1,500 times a frame, and stop the
-/// other threads each time. What is not used takes no memory.
+/// Has the C library ask the system for 16 MiB of addresses at a time where it would ask for a few
+/// pages, 1,500 times a frame, and stop the other threads each time. What is not used takes no
+/// memory.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 fn take_memory_in_large_pieces() {
-    // SAFETY: it sets a number that the allocator reads, while this is the only thread. Where that is refused all goes on as before.
+    // SAFETY: it sets a number that the allocator reads, while this is the only thread. Where that
+    // is refused all goes on as before.
     #[allow(unsafe_code)]
     unsafe {
         libc::mallopt(libc::M_TOP_PAD, 16 << 20);

@@ -21,7 +21,8 @@ fn index(s: &Surfel) -> u32 {
     r - 256 + 256 * g + 131_072 * b
 }
 
-/// Surfels on the six walls of a box and on a small dense ball in it; some are clipped, some lit from behind.
+/// Surfels on the six walls of a box and on a small dense ball in it; some are clipped, some lit
+/// from behind.
 fn room(n: usize) -> Vec<Surfel> {
     let mut random = Random(1);
     let wall_area = 24.0 / n as f32;
@@ -235,7 +236,8 @@ fn check_node(node: &Node, below: &[Surfel], scale: f32) {
                     }
                     for (c, found) in sent.into_iter().enumerate() {
                         let mean = sum(&|s| facing(s, sign) * f64::from(light(s)[c])) / expected;
-                        // Aggregates are rounded by up to 2^-9 of their largest channel, which is below 512.
+                        // Aggregates are rounded by up to 2^-9 of their largest channel, which is
+                        // below 512.
                         assert!((mean - f64::from(found)).abs() <= 1.1, "{mean} {found}");
                     }
                 };

@@ -1,5 +1,6 @@
-//! The error falls at known rates as lvoxels, surfels and solid angles shrink and samples rise, on a scene of our own:
-//! a room with coloured walls, a point light in a corner and a lump of smoke, small enough for seconds.
+//! The error falls at known rates as lvoxels, surfels and solid angles shrink and samples rise, on
+//! a scene of our own: a room with coloured walls, a point light in a corner and a lump of smoke,
+//! small enough for seconds.
 
 mod support;
 
@@ -97,8 +98,8 @@ fn settings(kernel: Kernel) -> Settings {
     }
 }
 
-/// Sweeps of what presets use, and of what only rays that end at surfels and nodes depend on: those that end at triangles
-/// leave so little to surfels that there is no slope to hold.
+/// Sweeps of what presets use, and of what only rays that end at surfels and nodes depend on: those
+/// that end at triangles leave so little to surfels that there is no slope to hold.
 fn measured(scene: &Scene, dir: &Path) -> [Study; 2] {
     let study = |name: &str, settings: Settings| {
         study::run(scene, &settings, &dir.join(name), false, &Job::default()).unwrap()
@@ -119,7 +120,8 @@ fn measured(scene: &Scene, dir: &Path) -> [Study; 2] {
     [study("traced", traced), study("cone", cone)]
 }
 
-/// Samples of a pixel of its own, and relMSE beside a study's reference. Edges take no more of them than the rest.
+/// Samples of a pixel of its own, and relMSE beside a study's reference. Edges take no more of them
+/// than the rest.
 fn pixel_samples(scene: &Scene, dir: &Path) -> Vec<(f64, f64)> {
     let tree = trees::baked(scene, &trees::of_surfels(80_000), dir, "own");
     let store = TreeStore::open(&tree, None).unwrap();
@@ -192,8 +194,9 @@ fn errors_fall_at_their_rates() {
         -1.24..-0.94,
         "spp",
     );
-    // Powers of the whole sweeps, which end on a common floor, and of the coarsest two values, 0.15 around what is measured. What surfels and nodes get
-    // wrong lies along edges of light, so the squared error falls as the width of those edges and not as its square.
+    // Powers of the whole sweeps, which end on a common floor, and of the coarsest two values, 0.15
+    // around what is measured. What surfels and nodes get wrong lies along edges of light, so the
+    // squared error falls as the width of those edges and not as its square.
     for (setting, whole, coarse) in [
         (Sweep::Samples, -0.72..-0.42, -0.78..-0.48),
         (Sweep::SurfelRadius, 0.8..1.1, 1.01..1.31),

@@ -1,13 +1,16 @@
-//! Imports flow one way. Each module of the library may use only what the table below allows; a new module needs a row.
+//! Imports flow one way. Each module of the library may use only what the table below allows; a new
+//! module needs a row.
 //!
-//! Tests inside a file (from `#[cfg(test)]` to its end, and files named `tests.rs`) may use anything.
+//! Tests inside a file (from `#[cfg(test)]` to its end, and files named `tests.rs`) may use
+//! anything.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Module of the library, and the paths below `crate::` that it may name. `error` stands for `Error`, `Kind`, `Result`.
+/// Module of the library, and the paths below `crate::` that it may name. `error` stands for
+/// `Error`, `Kind`, `Result`.
 const MAY_USE: &[(&str, &[&str])] = &[
     ("error", &["formats"]),
     ("math", &[]),
@@ -44,7 +47,8 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "shade",
         ],
     ),
-    // Shades a little and traces paths beside, to pick settings; the stage itself knows neither paths nor errors.
+    // Shades a little and traces paths beside, to pick settings; the stage itself knows neither
+    // paths nor errors.
     (
         "target",
         &[
@@ -73,7 +77,8 @@ const LEAVES: &[&str] = &[
     "error", "formats", "gather", "image", "light", "math", "run", "scene", "trace",
 ];
 
-/// Below these folders results are figures for people and no pixels or files depend on the last bit of them.
+/// Below these folders results are figures for people and no pixels or files depend on the last bit
+/// of them.
 const MAY_USE_PLATFORM_MATHS: &[&str] = &[
     "src/image/metrics",
     "src/inspect",
@@ -81,8 +86,8 @@ const MAY_USE_PLATFORM_MATHS: &[&str] = &[
     "src/study",
 ];
 
-/// Functions of f32 and f64 that the standard library takes from the platform: their last bits differ between systems.
-/// `sqrt` is exact, and `powi` only multiplies.
+/// Functions of f32 and f64 that the standard library takes from the platform: their last bits
+/// differ between systems. `sqrt` is exact, and `powi` only multiplies.
 const PLATFORM_MATHS: &[&str] = &[
     "acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "cbrt", "cos", "cosh", "exp",
     "exp2", "exp_m1", "hypot", "ln", "ln_1p", "log", "log10", "log2", "powf", "sin", "sin_cos",
@@ -222,7 +227,8 @@ fn is_word(c: char) -> bool {
     c.is_alphanumeric() || c == '_'
 }
 
-/// The paths in a use tree or expression that begins here: `a::b` gives one, `{a::b, c::{d, e}}` gives `a::b` and `c`.
+/// The paths in a use tree or expression that begins here: `a::b` gives one, `{a::b, c::{d, e}}`
+/// gives `a::b` and `c`.
 fn paths(text: &str) -> Vec<String> {
     if let Some(group) = text.strip_prefix('{') {
         let mut found = Vec::new();
@@ -252,7 +258,8 @@ fn paths(text: &str) -> Vec<String> {
     }
 }
 
-/// All paths that the code of a module names from the crate's root or by `super`, as paths from the root, with their lines.
+/// All paths that the code of a module names from the crate's root or by `super`, as paths from the
+/// root, with their lines.
 fn imports(code: &str, module: &[String]) -> Vec<(usize, String)> {
     let mut found = Vec::new();
     for start in ["crate::", "super::", "lvox_formats"] {
@@ -341,7 +348,8 @@ fn imports_flow_one_way() {
     assert!(faults.is_empty(), "\n{faults}");
 }
 
-/// Below one parent no two modules need each other, not by way of others either. What a parent holds itself is for all below it.
+/// Below one parent no two modules need each other, not by way of others either. What a parent
+/// holds itself is for all below it.
 #[test]
 fn modules_of_one_parent_do_not_need_each_other() {
     let modules = modules();
@@ -366,7 +374,8 @@ fn modules_of_one_parent_do_not_need_each_other() {
     }
     let mut faults = String::new();
     for (parent, mut pairs) in uses {
-        // What nobody uses, or what uses nobody, is in no circle: without those, pair by pair, the circles are left.
+        // What nobody uses, or what uses nobody, is in no circle: without those, pair by pair, the
+        // circles are left.
         while let Some(free) = pairs.keys().find_map(|pair| {
             let goes_on = pairs.keys().any(|(user, _)| *user == pair.1);
             let is_used = pairs.keys().any(|(_, used)| *used == pair.0);

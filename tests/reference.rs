@@ -1,4 +1,5 @@
-//! The Monte Carlo reference against images of an independent renderer: they may differ by noise alone.
+//! The Monte Carlo reference against images of an independent renderer: they may differ by noise
+//! alone.
 //!
 //! Only in release builds: unoptimised, the renders take half an hour.
 
@@ -13,8 +14,8 @@ use std::path::Path;
 /// Pixels along an edge of the blocks that are compared.
 const BLOCK: usize = 16;
 
-/// Standard deviation of what rounding to half floats does to a value, relative to it. On the lamp, where all pixels
-/// are alike, they are all off by the same: it does not average out.
+/// Standard deviation of what rounding to half floats does to a value, relative to it. On the lamp,
+/// where all pixels are alike, they are all off by the same: it does not average out.
 const HALF: f64 = 2.0e-4;
 
 /// How two images of the same scene differ.
@@ -34,9 +35,10 @@ struct Agreement {
     noise: f64,
 }
 
-/// Compares an image with a reference that states its relMSE against the truth. How that noise is spread over the image
-/// is not known (the number of samples differs between its parts), so the standard error of a block's mean difference is
-/// that of the differences in it: if both images are right, those are independent and of mean zero.
+/// Compares an image with a reference that states its relMSE against the truth. How that noise is
+/// spread over the image is not known (the number of samples differs between its parts), so the
+/// standard error of a block's mean difference is that of the differences in it: if both images are
+/// right, those are independent and of mean zero.
 fn agreement(sums: &Sums, reference: &[[f32; 3]], reference_relmse: f64) -> Agreement {
     let (means, variances) = sums.estimates();
     let width = sums.region.width() as usize;
@@ -57,7 +59,8 @@ fn agreement(sums: &Sums, reference: &[[f32; 3]], reference_relmse: f64) -> Agre
                 let rounding = pairs.iter().map(|(_, r)| r * HALF).sum::<f64>() / count;
                 let variance = spread / (count * (count - 1.0));
                 noise += count * count * variance;
-                // Where hardly a sample found light, differences are as lopsided as the light is rare.
+                // Where hardly a sample found light, differences are as lopsided as the light is
+                // rare.
                 let black = pairs.iter().filter(|(x, _)| *x == 0.0).count();
                 if variance > 0.0 && 2 * black < pairs.len() {
                     let z = mean / (variance + rounding * rounding).sqrt();
@@ -146,7 +149,8 @@ macro_rules! agrees {
 
 agrees!(a_d3, "A", "A_d3", 3, 16);
 agrees!(a_full, "A", "A_full", 0, 8);
-// Few paths find the spot of the ceiling above the lamp: it takes more of them until their mean is normal.
+// Few paths find the spot of the ceiling above the lamp: it takes more of them until their mean is
+// normal.
 agrees!(a_pt_d3, "A_pt", "A_pt_d3", 3, 64);
 agrees!(b_d3, "B", "B_d3", 3, 32);
 agrees!(b_full, "B", "B_full", 0, 16);

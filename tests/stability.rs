@@ -1,4 +1,5 @@
-//! The cases of `lvox study --stability`, with the heavy ones made lighter, and the table in the docs.
+//! The cases of `lvox study --stability`, with the heavy ones made lighter, and the table in the
+//! docs.
 
 use lvox::run::Job;
 use lvox::scene::Scene;

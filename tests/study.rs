@@ -1,4 +1,5 @@
-//! `lvox study` from outside: what it writes, that a stop loses nothing, and that a browser shows the report.
+//! `lvox study` from outside: what it writes, that a stop loses nothing, and that a browser shows
+//! the report.
 
 mod support;
 
@@ -66,7 +67,8 @@ fn everything_is_written_and_a_second_call_measures_nothing() {
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert!(output.stdout.is_empty());
     let found = json(&folder);
-    // 3 of Monte Carlo; base, a cloud, a number of samples and a solid angle of each other; 2 sizes of lvoxels.
+    // 3 of Monte Carlo; base, a cloud, a number of samples and a solid angle of each other; 2 sizes
+    // of lvoxels.
     assert_eq!(times(&found).len(), 3 + 2 * 4 + 2);
     let csv = fs::read_to_string(folder.join("study.csv")).unwrap();
     assert_eq!(csv.lines().count(), 1 + 13);
@@ -457,7 +459,8 @@ fn a_scene_without_media_is_spared_what_only_media_need() {
     assert_eq!((code, stderr.as_str()), (Some(0), ""));
     let found = json(&dir.path().join("s"));
     let runs: Vec<String> = times(&found).into_keys().collect();
-    // One of samples and one of solid angles beside the clouds; none of lvoxels, and none of surfels alone.
+    // One of samples and one of solid angles beside the clouds; none of lvoxels, and none of
+    // surfels alone.
     let expected = [
         "extended-base",
         "extended-max-solid-angle-0.04",

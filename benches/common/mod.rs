@@ -53,7 +53,8 @@ pub fn rays(count: u64) -> Vec<(Vec3, Vec3)> {
         .collect()
 }
 
-/// Rays of gathers at surfels all over a tree: cosine-distributed about the normals, the same every time.
+/// Rays of gathers at surfels all over a tree: cosine-distributed about the normals, the same every
+/// time.
 pub fn gather_rays(store: &TreeStore, count: u64) -> Vec<(Vec3, Vec3)> {
     let tree = store.tree();
     let pages = tree.surfel_pages() as u64;

@@ -6,8 +6,8 @@ use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
-/// A file being written, under a temporary name beside its own. Dropped without [`AtomicFile::commit`], it leaves nothing
-/// behind, and what was there untouched.
+/// A file being written, under a temporary name beside its own. Dropped without
+/// [`AtomicFile::commit`], it leaves nothing behind, and what was there untouched.
 ///
 /// A link stays a link: the file that it leads to is replaced.
 #[derive(Debug)]
@@ -20,11 +20,13 @@ pub struct AtomicFile {
 }
 
 impl AtomicFile {
-    /// Opens a temporary file in the folder of `path`, so that the final rename stays inside one file system.
+    /// Opens a temporary file in the folder of `path`, so that the final rename stays inside one
+    /// file system.
     ///
     /// # Errors
-    /// [`FormatError::Exists`] unless `replace`; [`FormatError::NotAFile`] for a folder, a device or a pipe, which a rename
-    /// would destroy; [`FormatError::Folder`] if the folder is not there or not writable.
+    /// [`FormatError::Exists`] unless `replace`; [`FormatError::NotAFile`] for a folder, a device
+    /// or a pipe, which a rename would destroy; [`FormatError::Folder`] if the folder is not there
+    /// or not writable.
     pub fn create(path: &Path, replace: bool) -> Result<Self> {
         open(path, replace).map_err(|e| e.at(path))
     }
@@ -38,8 +40,8 @@ impl AtomicFile {
     /// Makes the bytes durable and gives the file its name.
     ///
     /// # Errors
-    /// [`FormatError::Io`] on a full disk and the like, and [`FormatError::Exists`] if the name was taken meanwhile and may
-    /// not be replaced; then nothing is left behind.
+    /// [`FormatError::Io`] on a full disk and the like, and [`FormatError::Exists`] if the name was
+    /// taken meanwhile and may not be replaced; then nothing is left behind.
     pub fn commit(self) -> Result<()> {
         let commit = || {
             self.temporary
@@ -55,7 +57,8 @@ impl AtomicFile {
                 io::ErrorKind::AlreadyExists if !self.replace => FormatError::Exists,
                 _ => FormatError::io("cannot write")(e.error),
             })?;
-            // The rename itself; not every file system can sync a folder, and the file is whole either way.
+            // The rename itself; not every file system can sync a folder, and the file is whole
+            // either way.
             #[cfg(unix)]
             let _ = fs::File::open(folder(&self.target)).and_then(|f| f.sync_all());
             Ok(())
@@ -97,8 +100,8 @@ fn open(path: &Path, replace: bool) -> Result<AtomicFile> {
         .tempfile_in(folder)
         .map_err(|e| FormatError::Folder {
             folder: folder.to_path_buf(),
-            // Of a folder that cannot be looked at the system tells why; else only the kind is known, as the text names
-            // the temporary file.
+            // Of a folder that cannot be looked at the system tells why; else only the kind is
+            // known, as the text names the temporary file.
             error: match fs::read_dir(folder) {
                 Err(cause) => cause,
                 Ok(_) => io::Error::from(e.kind()),

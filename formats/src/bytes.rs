@@ -105,8 +105,9 @@ pub fn singles(rows: &[u8]) -> impl Iterator<Item = f32> + '_ {
         .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
 }
 
-/// Splits rows of `width` bytes into `width` planes: all first bytes, then all second bytes, and so on. Neighbouring
-/// numbers share their high bytes, which zstd can only use when they stand together.
+/// Splits rows of `width` bytes into `width` planes: all first bytes, then all second bytes, and so
+/// on. Neighbouring numbers share their high bytes, which zstd can only use when they stand
+/// together.
 pub fn to_planes(rows: &[u8], width: usize, planes: &mut Vec<u8>) {
     debug_assert_eq!(rows.len() % width.max(1), 0);
     planes.reserve(rows.len());

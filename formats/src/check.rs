@@ -20,7 +20,8 @@ fn is_radiance(c: [f32; 3]) -> bool {
     c.iter().all(|v| v.is_finite() && *v >= 0.0)
 }
 
-/// Bits of numbers that are neither negative nor infinite are below this, in the order of the numbers.
+/// Bits of numbers that are neither negative nor infinite are below this, in the order of the
+/// numbers.
 const INFINITY: u32 = f32::INFINITY.to_bits();
 
 /// Checks a surfel; `place` names it in the error.

@@ -1,5 +1,5 @@
-//! The encoding of metadata and summary sections: fixed-width little-endian numbers, u64 lengths, one-byte tags.
-//! Nothing else knows which library does it.
+//! The encoding of metadata and summary sections: fixed-width little-endian numbers, u64 lengths,
+//! one-byte tags. Nothing else knows which library does it.
 
 use crate::{FormatError, Result};
 

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 /// Result with [`FormatError`].
 pub type Result<T, E = FormatError> = std::result::Result<T, E>;
 
-/// Why a file cannot be read or written. The text says what was expected and what was found; [`Self::hint`] says what
-/// to do next.
+/// Why a file cannot be read or written. The text says what was expected and what was found;
+/// [`Self::hint`] says what to do next.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FormatError {

@@ -1,4 +1,5 @@
-//! What all files have in common: header, blocks, then metadata, summary and block table, without a gap.
+//! What all files have in common: header, blocks, then metadata, summary and block table, without a
+//! gap.
 
 use crate::bytes::{self, Cursor};
 use crate::output::Output;
@@ -11,7 +12,8 @@ pub const VERSION: u32 = 3;
 /// The oldest that is read.
 const OLDEST: u32 = 1;
 
-/// A high-bit byte, letters, CR LF, end-of-file, LF: each of the usual damages of a text transfer changes it.
+/// A high-bit byte, letters, CR LF, end-of-file, LF: each of the usual damages of a text transfer
+/// changes it.
 pub const MAGIC: [u8; 8] = *b"\x89LVX\r\n\x1a\n";
 
 /// Bytes of the header; blocks start here.
@@ -57,7 +59,8 @@ impl FileKind {
     /// What a file says it is, from its first bytes; nothing else of it is checked.
     ///
     /// # Errors
-    /// [`FormatError::NotOurs`], [`FormatError::Truncated`], or [`FormatError::Invalid`] for an unknown kind.
+    /// [`FormatError::NotOurs`], [`FormatError::Truncated`], or [`FormatError::Invalid`] for an
+    /// unknown kind.
     pub fn of(data: &[u8]) -> Result<Self> {
         check_magic(data)?;
         let Some(code) = data.get(8..12) else {
@@ -318,8 +321,9 @@ fn read_table(table: &[u8], blocks_end: u64, kinds: [BlockKind; 2]) -> Result<Ve
     Ok(blocks)
 }
 
-/// The header holds the length and the checksums of all that the blocks' checksums do not cover, and those of the
-/// table, which holds the blocks' own: two files with the same header have the same content.
+/// The header holds the length and the checksums of all that the blocks' checksums do not cover,
+/// and those of the table, which holds the blocks' own: two files with the same header have the
+/// same content.
 fn content_hash(header: &[u8]) -> [u8; 16] {
     xxh3_128(header).to_le_bytes()
 }

@@ -1,8 +1,9 @@
-//! Bytes on disk and nothing else: the cloud (`.lvc`), tree (`.lvt`) and scattered light (`.lvs`) files of lvox. `SPEC.md` is
-//! the one statement of these formats.
+//! Bytes on disk and nothing else: the cloud (`.lvc`), tree (`.lvt`) and scattered light (`.lvs`)
+//! files of lvox. `SPEC.md` is the one statement of these formats.
 //!
-//! [`CloudWriter`], [`TreeWriter`] and [`ScatterWriter`] write, [`Cloud`], [`Tree`] and [`Scatter`] read. Readers take any bytes; [`MappedFile`] gives
-//! those of a file. `open` is cheap (header and tables), `verify` reads everything.
+//! [`CloudWriter`], [`TreeWriter`] and [`ScatterWriter`] write, [`Cloud`], [`Tree`] and [`Scatter`]
+//! read. Readers take any bytes; [`MappedFile`] gives those of a file. `open` is cheap (header and
+//! tables), `verify` reads everything.
 
 #![deny(missing_docs, unsafe_code)]
 

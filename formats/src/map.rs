@@ -6,8 +6,8 @@ use std::path::Path;
 
 /// A read-only memory map of a whole file.
 ///
-/// The map is shared with every process that has the file open: what one of them writes shows here. So the file must not
-/// be written in place or cut while it is mapped; see [`MappedFile::open`].
+/// The map is shared with every process that has the file open: what one of them writes shows here.
+/// So the file must not be written in place or cut while it is mapped; see [`MappedFile::open`].
 #[derive(Debug)]
 pub struct MappedFile {
     // None for an empty file, which cannot be mapped.
@@ -17,14 +17,16 @@ pub struct MappedFile {
 impl MappedFile {
     /// Maps a file.
     ///
-    /// The caller must keep other processes from changing the file in place. What lvox writes is safe to replace at any
-    /// time: a rename leaves the mapped file as it was. If a file is overwritten all the same, readers may take altered
-    /// values for true, as bytes can change after their checksum was found right; and Rust promises nothing of bytes that
-    /// change under a slice. If it is cut, touching what is gone ends the process (SIGBUS on Unix).
+    /// The caller must keep other processes from changing the file in place. What lvox writes is
+    /// safe to replace at any time: a rename leaves the mapped file as it was. If a file is
+    /// overwritten all the same, readers may take altered values for true, as bytes can change
+    /// after their checksum was found right; and Rust promises nothing of bytes that change under a
+    /// slice. If it is cut, touching what is gone ends the process (SIGBUS on Unix).
     ///
-    /// No system that we run on can enforce that (advisory locks bind only who asks, and a copy takes the memory that mapping
-    /// saves). Readers do not build on bytes that stay the same: lengths and offsets are copied out and checked against the
-    /// slice, whose own length is fixed, and every access is bounds-checked.
+    /// No system that we run on can enforce that (advisory locks bind only who asks, and a copy
+    /// takes the memory that mapping saves). Readers do not build on bytes that stay the same:
+    /// lengths and offsets are copied out and checked against the slice, whose own length is fixed,
+    /// and every access is bounds-checked.
     ///
     /// # Errors
     /// [`FormatError::Io`], with the path.
@@ -45,9 +47,10 @@ impl MappedFile {
             if meta.len() == 0 {
                 return Ok(Self { map: None });
             }
-            // SAFETY: the map is read-only and lives as long as what is borrowed from it. That no process changes or cuts the
-            // file meanwhile is the caller's part, stated above; our own writers rename. What remains if one does: what the
-            // compiler may assume of a slice, zstd's input while it decompresses, and the signal for a file that was cut.
+            // SAFETY: the map is read-only and lives as long as what is borrowed from it. That no
+            // process changes or cuts the file meanwhile is the caller's part, stated above; our
+            // own writers rename. What remains if one does: what the compiler may assume of a
+            // slice, zstd's input while it decompresses, and the signal for a file that was cut.
             let map = unsafe { memmap2::Mmap::map(&file) }
                 .map_err(FormatError::io("cannot map into memory"))?;
             Ok(Self { map: Some(map) })

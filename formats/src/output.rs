@@ -4,7 +4,8 @@ use crate::{AtomicFile, FormatError, Result};
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::Path;
 
-/// Bytes appended behind room for a header, which is written last. Dropped unfinished, it leaves nothing behind.
+/// Bytes appended behind room for a header, which is written last. Dropped unfinished, it leaves
+/// nothing behind.
 pub struct Output {
     file: BufWriter<AtomicFile>,
     position: u64,

@@ -1,6 +1,6 @@
-//! How values become fewer bits and back. `SPEC.md` states each rule and its bound; the decoders use only exact or
-//! correctly rounded operations, so that every machine decodes the same numbers. Encoders take sines and the like from
-//! `libm`, for the same reason.
+//! How values become fewer bits and back. `SPEC.md` states each rule and its bound; the decoders
+//! use only exact or correctly rounded operations, so that every machine decodes the same numbers.
+//! Encoders take sines and the like from `libm`, for the same reason.
 
 use crate::record::{ClipEdge, Clips, tangent_frame};
 use crate::{FormatError, Result};
@@ -10,7 +10,8 @@ use std::f64::consts::TAU;
 pub const NORMAL_MAX: u16 = 65534;
 const NORMAL_ZERO: i32 = 32767;
 
-/// Octahedral map of a direction to two 16-bit numbers. The axes are exact; the worst error is below 0.005 degree.
+/// Octahedral map of a direction to two 16-bit numbers. The axes are exact; the worst error is
+/// below 0.005 degree.
 #[must_use]
 pub fn encode_normal(n: [f32; 3]) -> [u16; 2] {
     let [x, y, z] = n.map(f64::from);
@@ -37,7 +38,8 @@ pub fn encode_normal(n: [f32; 3]) -> [u16; 2] {
 /// The unit normal of a code; components above [`NORMAL_MAX`] are taken as that.
 #[must_use]
 pub fn decode_normal(code: [u16; 2]) -> [f32; 3] {
-    // In integers up to the division, so that the fold is exact and encoding again gives the same code.
+    // In integers up to the division, so that the fold is exact and encoding again gives the same
+    // code.
     let [u, v] = code.map(|c| i32::from(c.min(NORMAL_MAX)) - NORMAL_ZERO);
     let z = NORMAL_ZERO - u.abs() - v.abs();
     let fold = (-z).max(0);
@@ -117,8 +119,9 @@ impl Span {
     }
 }
 
-/// Positive numbers as 16-bit steps in the bit patterns of f32, which are nearly logarithmic: code c stands for the
-/// f32 whose bits are `base + (c << shift)`. Equal values, and narrow ranges, are exact.
+/// Positive numbers as 16-bit steps in the bit patterns of f32, which are nearly logarithmic: code
+/// c stands for the f32 whose bits are `base + (c << shift)`. Equal values, and narrow ranges, are
+/// exact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Steps {
     /// Bits of the smallest value.
@@ -131,7 +134,8 @@ impl Steps {
     /// Coarser steps would break the bound: relative error at most 2^-11.
     pub const MAX_SHIFT: u8 = 13;
 
-    /// Steps that cover all values; `None` if a value is not a positive normal number, or the range is too great.
+    /// Steps that cover all values; `None` if a value is not a positive normal number, or the range
+    /// is too great.
     #[must_use]
     pub fn fit(values: impl Iterator<Item = f32>) -> Option<Self> {
         let (mut min, mut max) = (f32::INFINITY, 0.0f32);
@@ -172,8 +176,8 @@ impl Steps {
     }
 }
 
-/// Colours with three 9-bit mantissas and a shared 5-bit exponent above a base: `m * 2^(e + base)`. The error of a
-/// channel is at most 2^-9 of the largest channel.
+/// Colours with three 9-bit mantissas and a shared 5-bit exponent above a base: `m * 2^(e + base)`.
+/// The error of a channel is at most 2^-9 of the largest channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SharedExponent {
     /// Exponent of code 0.
@@ -239,7 +243,8 @@ impl SharedExponent {
         }
         let e = exponent(value).max(self.base);
         let scale = power_of_two(-e);
-        // What would round up to 512 becomes 511: less of an error than twice the step for all channels.
+        // What would round up to 512 becomes 511: less of an error than twice the step for all
+        // channels.
         let [r, g, b] = colour.map(|c| ((f64::from(c) * scale).round() as u32).min(511));
         r | g << 9 | b << 18 | ((e - self.base) as u32).min(31) << 27
     }
@@ -266,14 +271,16 @@ impl SharedExponent {
     }
 }
 
-/// Grey codes in the order of their values: of 512 mantissas only the upper 256 are used but with the least exponent.
+/// Grey codes in the order of their values: of 512 mantissas only the upper 256 are used but with
+/// the least exponent.
 pub struct GreyCode;
 
 impl GreyCode {
     /// Rank of the greatest value.
     pub const MAX_RANK: u16 = 32 * 256 + 255;
 
-    /// How many codes in use are below one; `None` for a code that [`SharedExponent::encode_grey`] never gives.
+    /// How many codes in use are below one; `None` for a code that [`SharedExponent::encode_grey`]
+    /// never gives.
     #[must_use]
     pub fn rank(code: u16) -> Option<u16> {
         let (mantissa, e) = (code & 511, code >> 9);
@@ -308,13 +315,15 @@ const OFFSET_STEPS: f64 = 255.0;
 
 /// The bytes of a clip edge: direction in 256ths of a turn, offset in 255ths of the radius.
 ///
-/// The disk that is left contains the one that was meant: the offset is widened by what the direction's rounding would
-/// cut away (at most 1.7 % of the radius, with its own rounding). Codes of decoded edges are stable.
+/// The disk that is left contains the one that was meant: the offset is widened by what the
+/// direction's rounding would cut away (at most 1.7 % of the radius, with its own rounding). Codes
+/// of decoded edges are stable.
 #[must_use]
 pub fn encode_edge(edge: ClipEdge, given_normal: [f32; 3], decoded_normal: [f32; 3]) -> [u8; 2] {
     let mut angle = f64::from(edge.angle);
     if given_normal != decoded_normal {
-        // The frame may jump where the normal crosses the equator, so the line is carried over in space.
+        // The frame may jump where the normal crosses the equator, so the line is carried over in
+        // space.
         let (t, b) = tangent_frame(given_normal);
         let (sin, cos) = libm::sincos(angle);
         let d: [f64; 3] = std::array::from_fn(|i| cos * f64::from(t[i]) + sin * f64::from(b[i]));

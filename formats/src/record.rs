@@ -1,4 +1,5 @@
-//! The records that the files hold, decoded. Lengths are in scene units, radiance is linear Rec.709.
+//! The records that the files hold, decoded. Lengths are in scene units, radiance is linear
+//! Rec.709.
 //!
 //! How each value is stored, and how exactly, is stated in `SPEC.md` alone.
 
@@ -11,7 +12,8 @@ pub struct Surfel {
     pub normal: [f32; 3],
     /// Radius of the disk before it is clipped, scene units.
     pub radius: f32,
-    /// The surface area that this sample stands for; less than the disk's, so that disks overlap and leave no holes.
+    /// The surface area that this sample stands for; less than the disk's, so that disks overlap
+    /// and leave no holes.
     pub area: f32,
     /// Diffuse radiance that leaves the front side.
     pub front: [f32; 3],
@@ -77,8 +79,9 @@ impl Clips {
     }
 }
 
-/// A line in the plane of a disk: points with `x cos(angle) + y sin(angle) > offset * radius` are cut away, where
-/// (x, y) are coordinates from the disk's centre in the tangent frame of [`tangent_frame`].
+/// A line in the plane of a disk: points with `x cos(angle) + y sin(angle) > offset * radius` are
+/// cut away, where (x, y) are coordinates from the disk's centre in the tangent frame of
+/// [`tangent_frame`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ClipEdge {
     /// Direction of the line's outward normal, radians in [0, 2 pi).
@@ -89,7 +92,8 @@ pub struct ClipEdge {
 
 /// The two tangents that belong to a unit normal (Duff et al. 2017), without a branch at the pole.
 ///
-/// Clip edges are stored relative to this frame of the *decoded* normal, so it is part of the format.
+/// Clip edges are stored relative to this frame of the *decoded* normal, so it is part of the
+/// format.
 #[must_use]
 pub fn tangent_frame(n: [f32; 3]) -> ([f32; 3], [f32; 3]) {
     let sign = 1.0f32.copysign(n[2]);
@@ -101,19 +105,21 @@ pub fn tangent_frame(n: [f32; 3]) -> ([f32; 3], [f32; 3]) {
     )
 }
 
-/// A block of participating medium: an axis-aligned cube of 2^level voxels a side in the index space of its volume.
+/// A block of participating medium: an axis-aligned cube of 2^level voxels a side in the index
+/// space of its volume.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Lvoxel {
     /// Index into the file's table of volumes.
     pub volume: u16,
-    /// The block spans voxels `block * 2^level` to `(block + 1) * 2^level` on each axis; at most [`MAX_LEVEL`].
+    /// The block spans voxels `block * 2^level` to `(block + 1) * 2^level` on each axis; at most
+    /// [`MAX_LEVEL`].
     pub level: u8,
     /// Place of the block x, y, z in its volume, in blocks of its own level.
     pub block: [u16; 3],
     /// Mean extinction, per scene unit.
     pub sigma_t: f32,
-    /// Source function: radiance in-scattered per unit optical depth, albedo included; weighted by extinction over
-    /// the block.
+    /// Source function: radiance in-scattered per unit optical depth, albedo included; weighted by
+    /// extinction over the block.
     pub source: [f32; 3],
 }
 
@@ -132,8 +138,8 @@ pub struct VolumeInfo {
     pub name: String,
     /// Voxels along x, y, z of index space.
     pub dims: [u32; 3],
-    /// Affine map from scene space to index space, column by column: three axes, then the translation. Voxel (i,j,k)
-    /// spans (i,j,k) to (i+1,j+1,k+1).
+    /// Affine map from scene space to index space, column by column: three axes, then the
+    /// translation. Voxel (i,j,k) spans (i,j,k) to (i+1,j+1,k+1).
     pub index_from_scene: [[f64; 3]; 4],
     /// Single-scattering albedo, constant over the volume.
     pub albedo: [f32; 3],
@@ -175,8 +181,8 @@ impl Bounds {
 
     /// The tight box of a clipped disk.
     ///
-    /// A linear function over a disk cut by half-planes is largest where the circle is extreme, if that point is not
-    /// cut away, else at a corner: where a line meets the circle or another line.
+    /// A linear function over a disk cut by half-planes is largest where the circle is extreme, if
+    /// that point is not cut away, else at a corner: where a line meets the circle or another line.
     #[must_use]
     pub fn of_surfel(surfel: &Surfel) -> Self {
         let (tangent, bitangent) = tangent_frame(surfel.normal);
@@ -216,15 +222,16 @@ pub struct SurfelAggregate {
     pub centre: [f32; 3],
     /// Sum of area times normal.
     pub normal_sum: [f32; 3],
-    /// Sum of area times n n^T: xx, yy, zz, xy, xz, yz. The area projected along w is about `sqrt(area * w^T M w)`.
+    /// Sum of area times n n^T: xx, yy, zz, xy, xz, yz. The area projected along w is about
+    /// `sqrt(area * w^T M w)`.
     pub second_moment: [f32; 6],
-    /// Area of fronts projected towards +x, -x, +y, -y, +z, -z. That of backs towards a direction is that of fronts towards the
-    /// opposite one.
+    /// Area of fronts projected towards +x, -x, +y, -y, +z, -z. That of backs towards a direction
+    /// is that of fronts towards the opposite one.
     pub axis_area: [f32; 6],
     /// Mean radiance of fronts towards the same six directions, weighted by that projected area.
     pub axis_radiance: [[f32; 3]; 6],
-    /// The same of backs, weighted by theirs. Fronts and backs are apart, as what is seen of one side of a shell has nothing of the
-    /// light of the other.
+    /// The same of backs, weighted by theirs. Fronts and backs are apart, as what is seen of one
+    /// side of a shell has nothing of the light of the other.
     pub back_radiance: [[f32; 3]; 6],
 }
 

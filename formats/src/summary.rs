@@ -40,8 +40,9 @@ pub struct Sums {
 pub struct VolumeSums {
     /// Lvoxels that were summed, of all levels.
     pub lvoxels: u64,
-    /// Sum over lvoxels of extinction times size, `sigma_t * 8^level`: per scene unit times voxels. Times the volume of
-    /// a voxel it is the integral of extinction over space, where no block sticks out of its volume.
+    /// Sum over lvoxels of extinction times size, `sigma_t * 8^level`: per scene unit times voxels.
+    /// Times the volume of a voxel it is the integral of extinction over space, where no block
+    /// sticks out of its volume.
     pub extinction: f64,
 }
 
@@ -98,8 +99,8 @@ pub struct ColumnBytes {
     pub name: String,
     /// Bytes before compression.
     pub raw_bytes: u64,
-    /// Bytes in the file. The columns of a tree's page are compressed together: there, each one's share is that of the
-    /// same columns compressed apart, in a sample of the pages.
+    /// Bytes in the file. The columns of a tree's page are compressed together: there, each one's
+    /// share is that of the same columns compressed apart, in a sample of the pages.
     pub stored_bytes: u64,
 }
 
@@ -209,7 +210,8 @@ pub struct TreeSummary {
     pub root_page: Option<u32>,
     /// Box of all surfels, radii included; `None` without surfels.
     pub bounds: Option<Bounds>,
-    /// Nodes in all pages; one that links to a page and that page's first are the same node, counted twice.
+    /// Nodes in all pages; one that links to a page and that page's first are the same node,
+    /// counted twice.
     pub nodes: u64,
     /// Pages of surfels and nodes.
     pub surfel_pages: u64,

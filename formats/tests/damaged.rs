@@ -213,8 +213,8 @@ fn repair(bytes: &mut [u8]) {
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(3000) })]
 
-    /// Correct checksums over wrong bytes: any result will do, but it must come, and a page that is returned must be
-    /// safe to walk.
+    /// Correct checksums over wrong bytes: any result will do, but it must come, and a page that is
+    /// returned must be safe to walk.
     #[test]
     fn hostile_files(file in 0_usize..3, changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4)) {
         static FILES: std::sync::OnceLock<[Vec<u8>; 3]> = std::sync::OnceLock::new();

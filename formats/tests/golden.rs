@@ -1,7 +1,7 @@
 //! Files of every version that is still read, as they were written when that version was frozen.
 //!
-//! `LVOX_WRITE_GOLDEN=1 cargo test -p lvox-formats --test golden` writes those of the current version anew: only while
-//! it is not released.
+//! `LVOX_WRITE_GOLDEN=1 cargo test -p lvox-formats --test golden` writes those of the current
+//! version anew: only while it is not released.
 
 mod common;
 

@@ -1,4 +1,5 @@
-//! Scattered light is read back as it was written, from the same bytes every time, and what no reader would take is not written.
+//! Scattered light is read back as it was written, from the same bytes every time, and what no
+//! reader would take is not written.
 
 mod common;
 

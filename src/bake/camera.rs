@@ -1,4 +1,5 @@
-//! The paper's sampling: surfels where the rays of a camera meet surfaces, in a frustum a little wider than the image.
+//! The paper's sampling: surfels where the rays of a camera meet surfaces, in a frustum a little
+//! wider than the image.
 //!
 //! What the camera does not see does not bleed; kept for comparison with the paper.
 

@@ -1,8 +1,8 @@
 //! Where a disk must end: the borders and creases of the mesh around it.
 //!
-//! A plain disk sticks out over a convex edge and hides the neighbouring facet from light; on Sponza that alone makes
-//! indirect light a fifth too dark. So each disk is cut by the creases within its radius, found by walking from
-//! triangle to triangle over smooth edges.
+//! A plain disk sticks out over a convex edge and hides the neighbouring facet from light; on
+//! Sponza that alone makes indirect light a fifth too dark. So each disk is cut by the creases
+//! within its radius, found by walking from triangle to triangle over smooth edges.
 
 use crate::Result;
 use crate::math::sampling::tangents;
@@ -25,7 +25,8 @@ pub struct Creases<'a> {
 }
 
 impl<'a> Creases<'a> {
-    /// Finds the edges at which two facets meet at more than `crease_deg`, and those with one facet, or more than two.
+    /// Finds the edges at which two facets meet at more than `crease_deg`, and those with one
+    /// facet, or more than two.
     ///
     /// # Errors
     /// If cancelled.
@@ -103,7 +104,8 @@ impl<'a> Creases<'a> {
     }
 }
 
-/// Outward normal and distance from the origin of the line through a and b; `inside` is on its inner side.
+/// Outward normal and distance from the origin of the line through a and b; `inside` is on its
+/// inner side.
 fn line(a: [f32; 2], b: [f32; 2], inside: [f32; 2]) -> ([f32; 2], f32) {
     let (x, y) = (b[1] - a[1], a[0] - b[0]);
     let length = (x * x + y * y).sqrt().max(f32::MIN_POSITIVE);
@@ -116,7 +118,8 @@ fn line(a: [f32; 2], b: [f32; 2], inside: [f32; 2]) -> ([f32; 2], f32) {
 
 /// Keeps the three nearest lines.
 fn add_clip(clips: &mut Clips, (n, distance): ([f32; 2], f32), radius: f32) {
-    // A crease that the projection turned over lies on the far side of a curved facet: it does not cut here.
+    // A crease that the projection turned over lies on the far side of a curved facet: it does not
+    // cut here.
     if distance < -1e-3 * radius {
         return;
     }
@@ -205,7 +208,8 @@ mod tests {
         let creases = Creases::new(&mesh, 20.0, &Cancel::default()).unwrap();
         let middle = creases.clips(0, Vec3::new(0.5, 0.5, 0.0), Vec3::Z, 0.4);
         assert_eq!(middle.count, 0);
-        // From the first triangle across the diagonal to the border y = 1 of the second, and the crease at x = 1.
+        // From the first triangle across the diagonal to the border y = 1 of the second, and the
+        // crease at x = 1.
         let corner = creases.clips(0, Vec3::new(0.9, 0.8, 0.0), Vec3::Z, 0.25);
         assert_eq!(corner.count, 2);
         let (t, b) = tangents(Vec3::Z);

@@ -1,4 +1,5 @@
-//! Blocks of medium, walked in the volume's own index space, each with its mean extinction and its source function.
+//! Blocks of medium, walked in the volume's own index space, each with its mean extinction and its
+//! source function.
 
 use crate::light::{Lights, ShadowRays};
 use crate::math::exp::{exp_neg, one_minus_exp_neg};
@@ -24,10 +25,11 @@ const LEAST_WEIGHT: f32 = 1e-2;
 /// How large blocks are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BlockSize {
-    /// The largest that no surface cuts and whose optical depth along an edge stays below this: the error of transmittance
-    /// follows the depth of a block, not its size in voxels.
+    /// The largest that no surface cuts and whose optical depth along an edge stays below this: the
+    /// error of transmittance follows the depth of a block, not its size in voxels.
     OpticalDepth(f32),
-    /// The paper's: a fixed number of voxels (1, 2, 4 or 8) a side with so many coefficient samples in each block.
+    /// The paper's: a fixed number of voxels (1, 2, 4 or 8) a side with so many coefficient samples
+    /// in each block.
     Fixed {
         /// log2 of the voxels a side.
         level: u8,
@@ -169,8 +171,8 @@ impl LvoxelMaker<'_> {
         Ok(out)
     }
 
-    /// In-scattered light at a point of index space, by the rays of an index in a sequence: so many times those of the bake to
-    /// each area light, and to the environment.
+    /// In-scattered light at a point of index space, by the rays of an index in a sequence: so many
+    /// times those of the bake to each area light, and to the environment.
     fn light_at(&self, at: DVec3, index: u32, times: [u32; 2], seed: u64) -> Rgb {
         let point = self.volume.scene_from_index.transform_point3(at).as_vec3();
         let [rays, all_round] = times.map(|n| {
@@ -185,8 +187,9 @@ impl LvoxelMaker<'_> {
             + self.lights.environment_mean_radiance(point, all_round)
     }
 
-    /// Mean in-scattered light of a block at several points, by the extinction there. One would tell of a whole block that it is in a
-    /// shaft of light, or beside it. `None` where one is enough, and without extinction at any.
+    /// Mean in-scattered light of a block at several points, by the extinction there. One would
+    /// tell of a whole block that it is in a shaft of light, or beside it. `None` where one is
+    /// enough, and without extinction at any.
     fn light_over(&self, block: [usize; 3], edge: usize, seed: u64) -> Option<Rgb> {
         /// Points in a volume whose voxels are so few that each is as wide as shafts of light are.
         const IN_ALL: usize = 1 << 16;
@@ -227,7 +230,8 @@ impl LvoxelMaker<'_> {
         (weights > 0.0).then(|| sum * (1.0 / weights))
     }
 
-    /// Whether surfaces are in a block of a brick, if blocks have this level: on their other side there may be other light.
+    /// Whether surfaces are in a block of a brick, if blocks have this level: on their other side
+    /// there may be other light.
     fn is_cut(&self, b: [usize; 3], level: u8) -> bool {
         let (edge, per_axis) = (f64::from(1 << level), BRICK >> level);
         let to_scene = |p: DVec3| self.volume.scene_from_index.transform_point3(p).as_vec3();
@@ -245,8 +249,9 @@ impl LvoxelMaker<'_> {
             })
     }
 
-    /// Mean in-scattered light of a block that is too deep to be lit at one point, as rays see it that enter through a face
-    /// from outside at any angle; a face counts by what the medium before it lets through. `None` if that is next to nothing.
+    /// Mean in-scattered light of a block that is too deep to be lit at one point, as rays see it
+    /// that enter through a face from outside at any angle; a face counts by what the medium before
+    /// it lets through. `None` if that is next to nothing.
     fn seen_from_outside(&self, block: [usize; 3], edge: usize, seed: u64) -> Option<Rgb> {
         let axes = self.volume.scene_from_index.matrix3;
         // Of a voxel: the areas of its faces, and its thickness between each two.
@@ -310,8 +315,8 @@ impl LvoxelMaker<'_> {
         (weights > 0.0).then(|| sum * (1.0 / weights))
     }
 
-    /// Mean extinction of the part of a block that is inside the grid, and the extinction-weighted mean of its points in
-    /// index space.
+    /// Mean extinction of the part of a block that is inside the grid, and the extinction-weighted
+    /// mean of its points in index space.
     fn coefficients(&self, block: [usize; 3], edge: usize) -> (f32, DVec3) {
         let base = Vec3::from(block.map(|v| (v * edge) as f32));
         let dims = self.volume.sigma_t.dims();
@@ -325,8 +330,8 @@ impl LvoxelMaker<'_> {
         };
         let count = match self.size {
             BlockSize::OpticalDepth(_) => {
-                // Two points a voxel on each axis: between them and the knees at voxel centres and borders the
-                // trilinear field is linear, so their mean is the block's exact mean.
+                // Two points a voxel on each axis: between them and the knees at voxel centres and
+                // borders the trilinear field is linear, so their mean is the block's exact mean.
                 let points = inside.map(|n| 2 * n);
                 let count = points.iter().product();
                 for i in 0..count {
@@ -363,7 +368,8 @@ impl LvoxelMaker<'_> {
 
 /// No sample that the field inside a brick of voxels depends on is above this.
 fn brick_max(grid: &Grid, b: [usize; 3]) -> f32 {
-    // Voxels 8b..8b+8 lie in cells 8b..=8b+8 of the grid's bricks, which are shifted by half a voxel.
+    // Voxels 8b..8b+8 lie in cells 8b..=8b+8 of the grid's bricks, which are shifted by half a
+    // voxel.
     let bricks = grid.brick_dims();
     let mut max = 0.0_f32;
     for corner in 0..8 {

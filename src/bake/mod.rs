@@ -1,7 +1,7 @@
 //! scene → cloud: samples surfaces into surfels and media into lvoxels, each with its direct light.
 //!
-//! Points are made in batches, in a fixed order, each from its own number alone, and go straight to the file: memory
-//! does not grow with the cloud, and the bytes do not depend on threads.
+//! Points are made in batches, in a fixed order, each from its own number alone, and go straight to
+//! the file: memory does not grow with the cloud, and the bytes do not depend on threads.
 
 mod camera;
 pub mod creases;
@@ -28,7 +28,8 @@ use surfels::{AreaSampler, SurfelMaker};
 pub struct Settings {
     /// Where surfels come from.
     pub surfels: SurfelSampling,
-    /// Disk radius over that of a disk of the surfel's area: more overlap leaves fewer holes and blurs more.
+    /// Disk radius over that of a disk of the surfel's area: more overlap leaves fewer holes and
+    /// blurs more.
     pub overlap: f32,
     /// Facets that meet at more than this end each other's disks, degrees.
     pub crease_deg: f32,
@@ -78,8 +79,8 @@ const BATCH: u64 = 65_536;
 /// Bakes a scene into a cloud file.
 ///
 /// # Errors
-/// A setting out of range, more volumes or blocks than a cloud can number, an output that cannot be written, or a stop on
-/// request; then no file is left.
+/// A setting out of range, more volumes or blocks than a cloud can number, an output that cannot be
+/// written, or a stop on request; then no file is left.
 pub fn run(
     scene: &Scene,
     settings: &Settings,

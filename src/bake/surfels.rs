@@ -1,4 +1,5 @@
-//! Area sampling of every surface: the cloud serves every camera, and what no camera sees bleeds too.
+//! Area sampling of every surface: the cloud serves every camera, and what no camera sees bleeds
+//! too.
 
 use super::creases::Creases;
 use crate::light::{Lights, ShadowRays, Shadows};
@@ -7,8 +8,9 @@ use crate::trace::{Surface, Tracer};
 use lvox_formats::record::Surfel;
 use std::f32::consts::{FRAC_1_PI, PI};
 
-/// Systematic sampling over the running area of a mesh, with that of each piece times its density: sample `i` stands for
-/// one step of that, so counts follow area exactly, tiny triangles included, and any range of samples can be made on its own.
+/// Systematic sampling over the running area of a mesh, with that of each piece times its density:
+/// sample `i` stands for one step of that, so counts follow area exactly, tiny triangles included,
+/// and any range of samples can be made on its own.
 #[derive(Debug)]
 pub struct AreaSampler<'a> {
     tracer: &'a Tracer<'a>,
@@ -95,8 +97,8 @@ pub struct SurfelMaker<'a, S> {
 }
 
 impl<S: Shadows> SurfelMaker<'_, S> {
-    /// The surfel at a point of a triangle that stands for `area`, its disk `overlap` times wider than a disk of that
-    /// area; `key` tells it from others.
+    /// The surfel at a point of a triangle that stands for `area`, its disk `overlap` times wider
+    /// than a disk of that area; `key` tells it from others.
     #[must_use]
     pub fn make(&self, triangle: u32, uv: [f32; 2], area: f32, overlap: f32, key: u64) -> Surfel {
         let surface = Surface::new(self.tracer.scene, triangle, uv);

@@ -2,8 +2,8 @@
 
 use crate::formats::{Bounds, Surfel, SurfelAggregate};
 
-/// Sums over surfels. Adding is not associative in floating point, so the order is part of a build's result: surfels of
-/// a leaf in Morton order, then children in order.
+/// Sums over surfels. Adding is not associative in floating point, so the order is part of a
+/// build's result: surfels of a leaf in Morton order, then children in order.
 #[derive(Clone, Copy, Debug)]
 pub struct Sums {
     count: f64,

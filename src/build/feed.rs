@@ -1,9 +1,10 @@
 //! Surfels in Morton order out of a cloud of any size, and the sweep over them.
 //!
-//! A cloud that fits in memory is sorted there. Otherwise a first pass over the positions counts the surfels of the
-//! octree's cells some levels down, which gives the frontier: cells that fit in memory each. Runs of them are the
-//! buckets, to which a second pass deals the surfels; then one bucket after the other is read and built. A cell that is
-//! too large at the last counted level goes through the same again, further down.
+//! A cloud that fits in memory is sorted there. Otherwise a first pass over the positions counts
+//! the surfels of the octree's cells some levels down, which gives the frontier: cells that fit in
+//! memory each. Runs of them are the buckets, to which a second pass deals the surfels; then one
+//! bucket after the other is read and built. A cell that is too large at the last counted level
+//! goes through the same again, further down.
 
 use super::morton::{self, Cube};
 use super::spill::{Dealer, Extent, Record, Spill};
@@ -58,8 +59,8 @@ pub struct Feed<'a> {
     job: &'a Job,
     cube: Cube,
     spill: Option<Spill>,
-    /// Surfels of the bucket in work and their order. Kept from one to the next: given back and taken again, memory of
-    /// this size would be scattered.
+    /// Surfels of the bucket in work and their order. Kept from one to the next: given back and
+    /// taken again, memory of this size would be scattered.
     surfels: Vec<Surfel>,
     order: Vec<(u64, u32)>,
     built: Task,
@@ -151,7 +152,8 @@ impl<'a> Feed<'a> {
         self.above(&plan, 0, 0, &mut ready, pages, writer)
     }
 
-    /// The part of the octree above the frontier: the cell `at` of `depth` levels below the counted one.
+    /// The part of the octree above the frontier: the cell `at` of `depth` levels below the counted
+    /// one.
     fn above(
         &mut self,
         plan: &Plan<'_>,
@@ -451,7 +453,8 @@ fn records(mut bytes: &[u8]) -> Vec<Surfel> {
     surfels
 }
 
-/// Which of the 8^depth cells of `level` holds a key, counted from the one `depth` levels up that they share.
+/// Which of the 8^depth cells of `level` holds a key, counted from the one `depth` levels up that
+/// they share.
 fn cell_of(key: u64, level: u32, depth: u32) -> u32 {
     (key >> (3 * (morton::LEVELS - level)) & ((1 << (3 * depth)) - 1)) as u32
 }
@@ -496,7 +499,8 @@ impl Plan<'_> {
         depth == self.depth || self.count(depth, at) <= self.most
     }
 
-    /// Frontier cells in order, in runs that fit in memory together; a cell that does not fit is a run of its own.
+    /// Frontier cells in order, in runs that fit in memory together; a cell that does not fit is a
+    /// run of its own.
     fn buckets(&self) -> Vec<Bucket> {
         let mut buckets: Vec<Bucket> = Vec::new();
         let mut held = 0;

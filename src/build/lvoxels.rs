@@ -102,7 +102,8 @@ fn write_run(spill: &mut Spill, run: &[Lvoxel]) -> Result<VecDeque<Extent>> {
     Ok(dealer.finish(spill)?.concat().into())
 }
 
-/// Takes the smallest of all runs' first lvoxels, again and again; of equal ones that of the earlier run.
+/// Takes the smallest of all runs' first lvoxels, again and again; of equal ones that of the
+/// earlier run.
 fn merge(
     spill: &mut Spill,
     mut runs: Vec<VecDeque<Extent>>,

@@ -1,8 +1,9 @@
 //! Cloud to tree: a sort along a Morton curve, then one sweep from the leaves up that writes pages.
 //!
-//! Memory: the surfels of one bucket are decoded at a time, beside the paths from it to the root and one small buffer
-//! per bucket while the cloud is dealt out to them. A bucket is a run of octree cells, so what is written depends on the
-//! octree alone: the same bytes for any memory limit and any number of threads.
+//! Memory: the surfels of one bucket are decoded at a time, beside the paths from it to the root
+//! and one small buffer per bucket while the cloud is dealt out to them. A bucket is a run of
+//! octree cells, so what is written depends on the octree alone: the same bytes for any memory
+//! limit and any number of threads.
 
 pub mod aggregate;
 mod feed;
@@ -55,7 +56,8 @@ const SURFEL_MEMORY: u64 = 192;
 /// Builds the tree of a cloud.
 ///
 /// # Errors
-/// Wrong input for a cloud that cannot be read or a limit that is too low; failed if a disk is full; cancelled.
+/// Wrong input for a cloud that cannot be read or a limit that is too low; failed if a disk is
+/// full; cancelled.
 pub fn run(
     cloud_path: &Path,
     tree_path: &Path,

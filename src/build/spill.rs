@@ -6,8 +6,8 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::PathBuf;
 
-/// One nameless temporary file, whatever the number of buckets: the system's limit on open files does not matter, and
-/// the file is gone when the process is.
+/// One nameless temporary file, whatever the number of buckets: the system's limit on open files
+/// does not matter, and the file is gone when the process is.
 pub struct Spill {
     file: File,
     folder: PathBuf,

@@ -201,8 +201,8 @@ impl Part {
 
 /// Builds the subtree of a cell of `level`; there must be at least one surfel.
 ///
-/// The shape depends on the surfels alone: at most [`LEAF`] are a leaf; a cell with one child that is not empty is that
-/// child; surfels of one last-level cell are divided by their order.
+/// The shape depends on the surfels alone: at most [`LEAF`] are a leaf; a cell with one child that
+/// is not empty is that child; surfels of one last-level cell are divided by their order.
 pub fn build(
     surfels: &Sorted<'_>,
     level: u32,
@@ -239,8 +239,8 @@ pub fn build(
     join(children, pages)
 }
 
-/// Makes a node of its children and cuts off pages until the rest fits in one: the largest first, so that pages are
-/// few and full.
+/// Makes a node of its children and cuts off pages until the rest fits in one: the largest first,
+/// so that pages are few and full.
 pub fn join(mut children: Vec<Pending>, pages: &mut Pages) -> Result<Pending> {
     let steps = count_steps(&mut children);
     let mut sums = Sums::NOTHING;
@@ -318,7 +318,8 @@ fn split<'a>(surfels: &Sorted<'a>, mut level: u32) -> (u32, Vec<Sorted<'a>>) {
     (level, children)
 }
 
-/// How more than [`LEAF`] surfels of one last-level cell are divided: eight runs of nearly the same length.
+/// How more than [`LEAF`] surfels of one last-level cell are divided: eight runs of nearly the same
+/// length.
 pub fn eighths(n: u64) -> impl Iterator<Item = std::ops::Range<u64>> {
     let at = move |k: u64| ((u128::from(n) * u128::from(k)) / 8) as u64;
     (0..8).map(move |k| at(k)..at(k + 1))

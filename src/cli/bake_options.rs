@@ -8,13 +8,13 @@ use lvox::bake::{Settings, SurfelSampling};
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Baking")]
 pub struct BakeOptions {
-    /// Spread about this many surfels over the area of all surfaces. A material that would take more than nine tenths of them
-    /// by its size leaves one tenth to the smaller ones
+    /// Spread about this many surfels over the area of all surfaces. A material that would take
+    /// more than nine tenths of them by its size leaves one tenth to the smaller ones
     #[arg(long, value_name = "N", default_value_t = 500_000)]
     surfels: u64,
 
-    /// Take surfels where the rays of a camera meet surfaces instead, as the paper does; what it does not see does not
-    /// bleed. Without a name, the first camera
+    /// Take surfels where the rays of a camera meet surfaces instead, as the paper does; what it
+    /// does not see does not bleed. Without a name, the first camera
     #[arg(long, value_name = "CAMERA", num_args = 0..=1, default_missing_value = "", conflicts_with = "surfels")]
     surfels_from_camera: Option<String>,
 
@@ -62,8 +62,8 @@ pub struct BakeOptions {
     )]
     block_samples: u32,
 
-    /// Shadow rays to each area light from each surfel and side, and each lvoxel, and four times as many to the
-    /// environment; gathers average over many points
+    /// Shadow rays to each area light from each surfel and side, and each lvoxel, and four times as
+    /// many to the environment; gathers average over many points
     #[arg(long, value_name = "N", default_value_t = 1)]
     bake_shadow_rays: u32,
 }

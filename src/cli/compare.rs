@@ -16,9 +16,11 @@ use std::path::{Path, PathBuf};
 /// Compare an image with a reference by metrics on radiance and on what a viewer sees
 ///
 /// Print RMSE, relMSE (whole, and without the worst 0.1 % of pixels), bias, mean absolute and
-/// largest difference of linear radiance; grain, the standard deviation of the relative error of luminance that changes within
-/// a few pixels; and LDR-FLIP, SSIM and Yee's perceptual difference (a fraction of the pixels) of the image clip(exposure * x, 0, 1)^(1/2.2)
-/// in eight bits; and the noise of an image with the layer `variance`, as lvox reference writes it. OpenEXR and PNG files can be compared; PNG pixels are taken through the inverse of that tone map.
+/// largest difference of linear radiance; grain, the standard deviation of the relative error of
+/// luminance that changes within a few pixels; and LDR-FLIP, SSIM and Yee's perceptual difference
+/// (a fraction of the pixels) of the image clip(exposure * x, 0, 1)^(1/2.2) in eight bits; and the
+/// noise of an image with the layer `variance`, as lvox reference writes it. OpenEXR and PNG files
+/// can be compared; PNG pixels are taken through the inverse of that tone map.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Measure this image
@@ -31,8 +33,9 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 
-    /// Multiply radiance by this before the tone map [default: that of the scene in the JSON file beside the reference;
-    /// else what lvox noted in the reference, else in the image: the exposure of the scene's film; else 1]
+    /// Multiply radiance by this before the tone map [default: that of the scene in the JSON file
+    /// beside the reference; else what lvox noted in the reference, else in the image: the exposure
+    /// of the scene's film; else 1]
     #[arg(long, value_name = "E", value_parser = parse::positive)]
     exposure: Option<f32>,
 
@@ -53,7 +56,8 @@ pub struct Args {
     )]
     layer: String,
 
-    /// List the N blocks of 16 x 16 pixels with the largest relMSE, and their mean signed difference
+    /// List the N blocks of 16 x 16 pixels with the largest relMSE, and their mean signed
+    /// difference
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     worst: usize,
 
@@ -174,8 +178,8 @@ impl Args {
         Ok(subject(&self.image)?.differences(&subject(&self.reference)?))
     }
 
-    /// relMSE against the truth that the layer `variance` of an image tells; `None` if it has none, and of other layers than
-    /// the beauty.
+    /// relMSE against the truth that the layer `variance` of an image tells; `None` if it has none,
+    /// and of other layers than the beauty.
     fn noise(&self, path: &Path, picture: &Picture, region: Option<Region>) -> Result<Option<f64>> {
         let header = load::header(path)?.filter(|_| self.layer.is_empty());
         if !header.is_some_and(|h| h.channels.contains_key("variance.R")) {
@@ -272,7 +276,8 @@ fn block_table(blocks: &[Block]) -> String {
     text
 }
 
-/// A value, or `-` if there is none: a black reference has no bias, a picture of few pixels no SSIM.
+/// A value, or `-` if there is none: a black reference has no bias, a picture of few pixels no
+/// SSIM.
 fn finite(value: f64, write: impl Fn(f64) -> String) -> String {
     if value.is_finite() {
         write(value)

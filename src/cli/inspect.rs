@@ -9,10 +9,12 @@ use lvox::{Error, Result};
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Print what a cloud, a tree, scattered light, an image or kept samples say of themselves, without reading the payload
+/// Print what a cloud, a tree, scattered light, an image or kept samples say of themselves, without
+/// reading the payload
 ///
-/// Of clouds and trees: origin and settings, counts, bytes per point, columns present and left out with the bytes that this
-/// saves, pages, levels, and the worst errors of quantisation. Kept samples are read and checked as a whole.
+/// Of clouds and trees: origin and settings, counts, bytes per point, columns present and left out
+/// with the bytes that this saves, pages, levels, and the worst errors of quantisation. Kept
+/// samples are read and checked as a whole.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Read this .lvc, .lvt, .lvs, .exr or .exr.sums file

@@ -9,8 +9,8 @@ use std::path::PathBuf;
 
 /// Merge tiles into the frame that one process would have written, byte for byte
 ///
-/// Refuse tiles that overlap, that leave pixels uncovered, or that were shaded from different scenes, trees or settings,
-/// and name them.
+/// Refuse tiles that overlap, that leave pixels uncovered, or that were shaded from different
+/// scenes, trees or settings, and name them.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Read these tiles, in any order

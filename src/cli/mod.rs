@@ -1,7 +1,7 @@
 //! The command line: one file per verb, each with its arguments and what it does with them.
 //!
-//! A new verb is a file with `Args`, `files` and `run`, a variant of [`Verb`], and a line in [`Verb::files`] and
-//! [`Verb::run`].
+//! A new verb is a file with `Args`, `files` and `run`, a variant of [`Verb`], and a line in
+//! [`Verb::files`] and [`Verb::run`].
 
 mod bake;
 mod bake_options;
@@ -120,7 +120,8 @@ pub fn parse() -> Result<Cli, ExitCode> {
         })
 }
 
-/// What the command line may be. A number below zero is a value, of which its option says what is wrong with it.
+/// What the command line may be. A number below zero is a value, of which its option says what is
+/// wrong with it.
 fn command() -> clap::Command {
     let verbs = Cli::command();
     verbs.mut_subcommands(|verb| verb.allow_negative_numbers(true))

@@ -26,14 +26,14 @@ pub struct Shared {
     #[arg(long, global = true, value_name = "MODE", default_value = "auto")]
     progress: ProgressChoice,
 
-    /// Replace clouds, trees and exports that are there already, or begin a reference or a study anew; images and reports
-    /// are always replaced
+    /// Replace clouds, trees and exports that are there already, or begin a reference or a study
+    /// anew; images and reports are always replaced
     #[arg(long, global = true)]
     force: bool,
 
-    /// Take any warning for an error of exit code 2: before the work, and without output. What only the work can show, such as
-    /// surfels that are missing, fails at its end: shade and render write no image then, reference and study keep what
-    /// they have
+    /// Take any warning for an error of exit code 2: before the work, and without output. What only
+    /// the work can show, such as surfels that are missing, fails at its end: shade and render
+    /// write no image then, reference and study keep what they have
     #[arg(long, global = true)]
     strict: bool,
 
@@ -46,8 +46,9 @@ pub struct Shared {
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 #[command(next_help_heading = "Shared options")]
 pub struct Memory {
-    /// Hold at most this much: of points, pages, lvoxels, samples and pixels; the scene and what is found of it while
-    /// shading come on top. Bytes, or with K, M, G, T in powers of 1024, as 64M or 4G [default: no limit]
+    /// Hold at most this much: of points, pages, lvoxels, samples and pixels; the scene and what is
+    /// found of it while shading come on top. Bytes, or with K, M, G, T in powers of 1024, as 64M
+    /// or 4G [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = parse::size)]
     memory_limit: Option<u64>,
 }
@@ -65,8 +66,8 @@ pub struct Temporary {
 #[derive(Clone, Copy, Debug, clap::Args)]
 #[command(next_help_heading = "Shared options")]
 pub struct Seed {
-    /// Seed all random choices; the same seed gives the same result. Light that is swept through thin media goes along
-    /// fixed directions
+    /// Seed all random choices; the same seed gives the same result. Light that is swept through
+    /// thin media goes along fixed directions
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
 }
@@ -139,15 +140,16 @@ impl Files {
 }
 
 impl Context {
-    /// Refuses a verb whose outputs name its inputs or each other, the report included, and remembers its outputs.
+    /// Refuses a verb whose outputs name its inputs or each other, the report included, and
+    /// remembers its outputs.
     pub fn take_files(&mut self, files: Files) -> Result<()> {
         self.outputs = files.outputs;
         self.keep_apart(&files.inputs)?;
         self.check_report()
     }
 
-    /// Refuses a report in the place of a file that is none: reports are written without being asked for --force, of runs
-    /// that fail, too.
+    /// Refuses a report in the place of a file that is none: reports are written without being
+    /// asked for --force, of runs that fail, too.
     fn check_report(&self) -> Result<()> {
         let Some(path) = self.report_path() else {
             return Ok(());
@@ -169,7 +171,8 @@ impl Context {
         .hint("choose another name, such as report.json"))
     }
 
-    /// Refuses outputs that are among the files that are read. No report is written in their place either.
+    /// Refuses outputs that are among the files that are read. No report is written in their place
+    /// either.
     pub fn keep_apart(&self, inputs: &[(&'static str, PathBuf)]) -> Result<()> {
         fn named<'a>(files: &'a [(&'static str, PathBuf)]) -> Vec<Named<'a>> {
             files.iter().map(|(what, p)| (*what, p.as_path())).collect()

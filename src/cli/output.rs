@@ -22,7 +22,8 @@ pub fn print_json(value: &impl serde::Serialize) -> Result<()> {
     print(&(json + "\n"))
 }
 
-/// Says what the last stage took, and what it took with those before it that are named; nothing of stages that did not run.
+/// Says what the last stage took, and what it took with those before it that are named; nothing of
+/// stages that did not run.
 pub fn say_times(job: &Job, last: &str, before: &[&str]) {
     let stages = job.report.stages();
     let secs = |name: &str| {

@@ -12,10 +12,10 @@ use std::path::PathBuf;
 
 /// Render a scene by unbiased Monte Carlo path tracing, to judge other images by
 ///
-/// Write radiance and, in the layer `variance`, the variance of each pixel's mean, as 32-bit floats. Sums are kept in
-/// FILE.sums: a later run with more samples or time goes on from there, with the same result as one run would have had.
-/// So does the same command after a stop; --force begins anew. Sums of a build whose path tracer had other sources are
-/// refused.
+/// Write radiance and, in the layer `variance`, the variance of each pixel's mean, as 32-bit
+/// floats. Sums are kept in FILE.sums: a later run with more samples or time goes on from there,
+/// with the same result as one run would have had. So does the same command after a stop; --force
+/// begins anew. Sums of a build whose path tracer had other sources are refused.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
@@ -29,7 +29,8 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     camera: Option<String>,
 
-    /// Stop at this many samples per pixel; more that are kept stay in the image [default: 64, without --time]
+    /// Stop at this many samples per pixel; more that are kept stay in the image [default: 64,
+    /// without --time]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     spp: Option<u32>,
 
@@ -37,13 +38,14 @@ pub struct Args {
     #[arg(long, value_name = "SECS")]
     time: Option<f64>,
 
-    /// Count paths of at most this many segments: 1 for emission seen directly, 2 for direct light, 3 for one bounce of
-    /// indirect light (what shade computes from a tree without bounces), 0 for all
+    /// Count paths of at most this many segments: 1 for emission seen directly, 2 for direct light,
+    /// 3 for one bounce of indirect light (what shade computes from a tree without bounces), 0 for
+    /// all
     #[arg(long, value_name = "N", default_value_t = Settings::default().max_depth)]
     max_depth: u32,
 
-    /// Sample each pixel by this many independent sequences, whose spread tells the variance; 1 has the least noise and
-    /// tells no variance
+    /// Sample each pixel by this many independent sequences, whose spread tells the variance; 1 has
+    /// the least noise and tells no variance
     #[arg(long, value_name = "N", default_value_t = Settings::default().strands)]
     strands: u32,
 

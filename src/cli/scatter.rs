@@ -12,8 +12,9 @@ use std::path::PathBuf;
 
 /// Light the media of a scene for all cameras, so that no frame and no tile has to
 ///
-/// What arrives at points inside media does not depend on the camera. `lvox shade --scatter` takes it from this file, and
-/// looks itself where it comes closer than the points stand, or media are too dense for them.
+/// What arrives at points inside media does not depend on the camera. `lvox shade --scatter` takes
+/// it from this file, and looks itself where it comes closer than the points stand, or media are
+/// too dense for them.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
@@ -31,7 +32,8 @@ pub struct Args {
     #[arg(long, value_name = "N")]
     volume_samples: Option<u32>,
 
-    /// Take a node whole where it is seen under less than a quarter of this, steradians [default: 0.01]
+    /// Take a node whole where it is seen under less than a quarter of this, steradians [default:
+    /// 0.01]
     #[arg(long, value_name = "SR")]
     max_solid_angle: Option<f32>,
 

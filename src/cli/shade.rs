@@ -73,7 +73,8 @@ impl Args {
     }
 }
 
-/// Warns of a file that was made from another scene, of which it has the hash and, among its settings, digests of the parts.
+/// Warns of a file that was made from another scene, of which it has the hash and, among its
+/// settings, digests of the parts.
 pub fn warn_if_out_of_date(
     scene: &Scene,
     origin: (&[u8; 32], &[(String, String)]),

@@ -9,12 +9,14 @@ use lvox::study::{self, Settings};
 use lvox::{Error, Result, shade};
 use std::path::PathBuf;
 
-/// Measure error against run time of Monte Carlo, traditional and extended point-based rendering on a scene
+/// Measure error against run time of Monte Carlo, traditional and extended point-based rendering on
+/// a scene
 ///
-/// Vary one setting at a time around the defaults, let the methods take turns, compare each image with one converged
-/// reference, and write study.json, study.csv, table.md, plots and report.html. What is measured is kept after each run:
-/// the same command of the same build goes on after a stop, one with more --rounds or more values of a sweep adds to what is
-/// there; --force begins anew. With other --threads all times are taken anew, and those there are kept apart.
+/// Vary one setting at a time around the defaults, let the methods take turns, compare each image
+/// with one converged reference, and write study.json, study.csv, table.md, plots and report.html.
+/// What is measured is kept after each run: the same command of the same build goes on after a
+/// stop, one with more --rounds or more values of a sweep adds to what is there; --force begins
+/// anew. With other --threads all times are taken anew, and those there are kept apart.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Read this scene: .toml, .gltf or .glb
@@ -29,8 +31,8 @@ pub struct Args {
     #[arg(short, long, value_name = "DIR", required_unless_present = "stability")]
     output: Option<PathBuf>,
 
-    /// Compare lvox with closed forms and at extremes instead, and print a table; exit with 1 if a case fails. Kernels are
-    /// compared with double precision on SCENE [default: the demo]
+    /// Compare lvox with closed forms and at extremes instead, and print a table; exit with 1 if a
+    /// case fails. Kernels are compared with double precision on SCENE [default: the demo]
     #[arg(long, conflicts_with_all = MEASURING)]
     stability: bool,
 
@@ -50,8 +52,8 @@ pub struct Args {
     #[arg(long, conflicts_with_all = ["block_voxels", "samples", "max_solid_angle"])]
     base_only: bool,
 
-    /// Run on a cloud like the paper's as well: 2.5 million surfels, and lvoxels of this many voxels a side, 4 if none is
-    /// given
+    /// Run on a cloud like the paper's as well: 2.5 million surfels, and lvoxels of this many
+    /// voxels a side, 4 if none is given
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "4")]
     paper_cloud: Option<u8>,
 
@@ -59,8 +61,8 @@ pub struct Args {
     #[arg(long)]
     scatter: bool,
 
-    /// Render images of this width, the height in proportion [default: that of the scene; quick: 240 without
-    /// --reference]
+    /// Render images of this width, the height in proportion [default: that of the scene; quick:
+    /// 240 without --reference]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..=65536))]
     width: Option<u32>,
 
@@ -72,8 +74,8 @@ pub struct Args {
     #[arg(long, value_name = "PRESET", default_value = "good", value_parser = parse::one_of(&Quality::ALL))]
     quality: Quality,
 
-    /// Count paths of at most this many segments in Monte Carlo, as in lvox reference; 3 is what a tree without bounces
-    /// holds
+    /// Count paths of at most this many segments in Monte Carlo, as in lvox reference; 3 is what a
+    /// tree without bounces holds
     #[arg(long, value_name = "N", default_value_t = Settings::default().max_depth)]
     max_depth: u32,
 
@@ -89,7 +91,8 @@ pub struct Args {
     #[arg(long, value_name = "TAU", value_delimiter = ',')]
     block_depth: Vec<f32>,
 
-    /// Voxels a side of lvoxels of one size, as in the paper, beside the base settings [default: 2,4,8]
+    /// Voxels a side of lvoxels of one size, as in the paper, beside the base settings [default:
+    /// 2,4,8]
     #[arg(long, value_name = "N", value_delimiter = ',')]
     block_voxels: Vec<u8>,
 
@@ -119,7 +122,8 @@ pub struct Args {
     seed: Seed,
 }
 
-/// Options that closed forms have no use for: all but the scene and what a verb may take of the machine.
+/// Options that closed forms have no use for: all but the scene and what a verb may take of the
+/// machine.
 const MEASURING: [&str; 20] = [
     "output",
     "reference",

@@ -7,7 +7,8 @@ use lvox::inspect::verify;
 use lvox::{Error, Result};
 use std::path::PathBuf;
 
-/// Read all of a file and check it: damage, and that a tree conserves count, area, flux and extinction of its cloud
+/// Read all of a file and check it: damage, and that a tree conserves count, area, flux and
+/// extinction of its cloud
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Read this .lvc, .lvt, .lvs, .exr or .exr.sums file

@@ -1,4 +1,5 @@
-//! What was asked once is remembered, in a table of fixed size that all threads share without waiting.
+//! What was asked once is remembered, in a table of fixed size that all threads share without
+//! waiting.
 
 use crate::math::Rgb;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -7,7 +8,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 #[derive(Debug)]
 pub(super) struct Answers(Box<[Line]>);
 
-/// Slots that any of some keys may have: a line of the processor's cache, so that it takes no longer to look at all of them.
+/// Slots that any of some keys may have: a line of the processor's cache, so that it takes no
+/// longer to look at all of them.
 #[derive(Debug, Default)]
 #[repr(align(64))]
 struct Line([Slot; Line::SLOTS]);
@@ -17,8 +19,9 @@ impl Line {
 }
 
 impl Answers {
-    /// For about so many questions. Each slot is written to before the first, and a line that is not in the cache of the processor takes
-    /// longer to read, so that a table has a place for each question only where they are few.
+    /// For about so many questions. Each slot is written to before the first, and a line that is
+    /// not in the cache of the processor takes longer to read, so that a table has a place for each
+    /// question only where they are few.
     pub fn new(questions: usize) -> Self {
         // 1, 4 or 16 MiB.
         let slots: usize = match questions {
@@ -44,7 +47,8 @@ impl Answers {
         {
             use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
             let line = std::ptr::from_ref(self.line(key).0).cast();
-            // SAFETY: the address is that of a reference, and a hint changes nothing that a program can see.
+            // SAFETY: the address is that of a reference, and a hint changes nothing that a program
+            // can see.
             #[allow(unsafe_code)]
             unsafe {
                 _mm_prefetch::<_MM_HINT_T0>(line);
@@ -67,7 +71,8 @@ impl Answers {
         (1..Line::SLOTS).find_map(|i| slots[own ^ i].get(key))
     }
 
-    /// Keeps an answer, in the place of another where the line is full; what [`Self::get`] will say.
+    /// Keeps an answer, in the place of another where the line is full; what [`Self::get`] will
+    /// say.
     pub fn keep(&self, key: u64, radiance: Rgb) -> Rgb {
         let (slots, own) = self.line(key);
         let value = pack(radiance);
@@ -79,17 +84,18 @@ impl Answers {
     }
 }
 
-/// 2^64 over the golden ratio: the upper bits of a product depend on all bits of the other factor (Fibonacci hashing).
+/// 2^64 over the golden ratio: the upper bits of a product depend on all bits of the other factor
+/// (Fibonacci hashing).
 const SCATTER: u64 = 0x9E37_79B9_7F4A_7C15;
 
-/// A key and what belongs to it: the key mixed with the value, then the value, so that halves of two entries written at the
-/// same time do not fit each other (Hyatt & Mann 2002).
+/// A key and what belongs to it: the key mixed with the value, then the value, so that halves of
+/// two entries written at the same time do not fit each other (Hyatt & Mann 2002).
 #[derive(Debug)]
 struct Slot([AtomicU64; 2]);
 
 impl Default for Slot {
-    /// Answers for no key. Not of zeros, though it might be: pages of memory that are read before they are written to are
-    /// mapped twice, the second time in all threads.
+    /// Answers for no key. Not of zeros, though it might be: pages of memory that are read before
+    /// they are written to are mapped twice, the second time in all threads.
     fn default() -> Self {
         Self([Self::NO_KEY.into(), 0.into()])
     }
@@ -117,9 +123,9 @@ impl Slot {
         self.0[1].store(value, Ordering::Relaxed);
     }
 
-    /// Keys and values have a structure, by which one could be taken for another. A product alone spreads bits upwards only:
-    /// light of one channel would leave the lower bits of keys as they are, and halves of two entries could make a
-    /// third key.
+    /// Keys and values have a structure, by which one could be taken for another. A product alone
+    /// spreads bits upwards only: light of one channel would leave the lower bits of keys as they
+    /// are, and halves of two entries could make a third key.
     #[inline]
     fn spread(value: u64) -> u64 {
         let upwards = value.wrapping_mul(SCATTER);
@@ -127,7 +133,8 @@ impl Slot {
     }
 }
 
-/// Three radiances of at least 0 in 21 bits each: an f32 without its sign and its last ten digits, 6e-5 of its value.
+/// Three radiances of at least 0 in 21 bits each: an f32 without its sign and its last ten digits,
+/// 6e-5 of its value.
 #[inline]
 fn pack(c: Rgb) -> u64 {
     // Adding 0 turns -0 into 0.
@@ -145,7 +152,8 @@ fn unpack(v: u64) -> Rgb {
 mod tests {
     use super::*;
 
-    /// If each key had one slot, a fifth of those of a table that is half full would have to give way.
+    /// If each key had one slot, a fifth of those of a table that is half full would have to give
+    /// way.
     #[test]
     fn a_table_that_is_half_full_keeps_all_but_few() {
         let answers = Answers::new(0);
@@ -190,8 +198,9 @@ mod tests {
         assert_eq!(slot.get(5), None);
     }
 
-    /// Of entries of two triangles whose light has one channel, no half of one with half of the other makes an entry of any
-    /// triangle with the same patch: that is all that a key differs by from others of its table.
+    /// Of entries of two triangles whose light has one channel, no half of one with half of the
+    /// other makes an entry of any triangle with the same patch: that is all that a key differs by
+    /// from others of its table.
     #[test]
     fn halves_of_entries_of_light_of_one_channel_do_not_make_a_third() {
         let sides = [0, 1, 2].map(|c| {

@@ -1,6 +1,6 @@
-//! Bright patches: the parts of surfaces that send far more than most, as where the sun falls on a small part of a room's floor. Few
-//! gather rays meet them, and those that do bring most of the light. Gathers may leave them out of what rays meet, and ask
-//! them as they ask lamps.
+//! Bright patches: the parts of surfaces that send far more than most, as where the sun falls on a
+//! small part of a room's floor. Few gather rays meet them, and those that do bring most of the
+//! light. Gathers may leave them out of what rays meet, and ask them as they ask lamps.
 
 use super::Pages;
 use super::page::{ChildKind, WIDTH, WideNode};
@@ -31,7 +31,8 @@ pub struct Seed {
     pub radius: f32,
 }
 
-/// Where bright patches are. Any set would do, as light of each place is counted by one of two ways and by no other.
+/// Where bright patches are. Any set would do, as light of each place is counted by one of two ways
+/// and by no other.
 #[derive(Debug)]
 pub(super) struct BrightPlaces {
     keys: HashSet<u64>,
@@ -40,9 +41,9 @@ pub(super) struct BrightPlaces {
 }
 
 impl BrightPlaces {
-    /// Square of the longest edge of a place, over that below which patches are not divided: up to eight surfels along an
-    /// edge. In smaller ones there are some without the middle of a surfel, and larger ones send the light of their bright part from
-    /// all of their area.
+    /// Square of the longest edge of a place, over that below which patches are not divided: up to
+    /// eight surfels along an edge. In smaller ones there are some without the middle of a surfel,
+    /// and larger ones send the light of their bright part from all of their area.
     const SIZE: f32 = 64.0;
 
     /// None yet, of so many triangles.
@@ -101,7 +102,8 @@ pub(super) struct Search<'a, P> {
 type Near = SmallVec<[u32; 32]>;
 
 impl<P: Pages> Search<'_, P> {
-    /// Hands out the sides that send enough near enough seeds, in the order of the tree, until told to stop: then `false`.
+    /// Hands out the sides that send enough near enough seeds, in the order of the tree, until told
+    /// to stop: then `false`.
     pub fn for_each(&self, mut found: impl FnMut(&Disk) -> bool) -> bool {
         let Some(root) = self.pages.root() else {
             return true;

@@ -1,8 +1,9 @@
-//! The fast kernel: a ray through the octree, eight children at a time, that takes a node whole where the receiver
-//! sees it under less than a solid angle.
+//! The fast kernel: a ray through the octree, eight children at a time, that takes a node whole
+//! where the receiver sees it under less than a solid angle.
 //!
-//! A nearly flat node is met as an opaque patch of its plane inside its box; other nodes are composited by the share
-//! of the box that their surfels cover (Christensen 2008 for aggregates; the patch closes the holes between disks).
+//! A nearly flat node is met as an opaque patch of its plane inside its box; other nodes are
+//! composited by the share of the box that their surfels cover (Christensen 2008 for aggregates;
+//! the patch closes the holes between disks).
 
 use super::page::{ChildKind, DiskBlock, PageLeaves, PageNodes, WIDTH, WideNode};
 use super::store::Page;
@@ -10,13 +11,14 @@ use super::{Crossing, Pages};
 use crate::math::Rgb;
 use glam::Vec3;
 
-/// A flat node whose surfels' area is more than this share of its plane's section is opaque: boxes include radii, so a
-/// node in the middle of a wall covers no more than about 0.4, and its neighbours cover the rest. Taking 0.7 for solid
-/// lost 0.6 % of the light of a closed room.
+/// A flat node whose surfels' area is more than this share of its plane's section is opaque: boxes
+/// include radii, so a node in the middle of a wall covers no more than about 0.4, and its
+/// neighbours cover the rest. Taking 0.7 for solid lost 0.6 % of the light of a closed room.
 const SOLID: f32 = 0.25;
 
-/// Disks tangent to a convex surface stand out over their neighbours by less than this share of their radius: a point
-/// that deep behind a disk is not behind a wall but beside it on the same surface.
+/// Disks tangent to a convex surface stand out over their neighbours by less than this share of
+/// their radius: a point that deep behind a disk is not behind a wall but beside it on the same
+/// surface.
 pub(super) const OVERHANG: f32 = 0.1;
 
 /// Buffers that rays of one receiver share.
@@ -42,8 +44,8 @@ struct Ray {
     inverse: [f32; 3],
 }
 
-/// The opaque surface that ends a ray, if one does before `t_max`; partly covered nodes that it passes are left in
-/// `scratch`.
+/// The opaque surface that ends a ray, if one does before `t_max`; partly covered nodes that it
+/// passes are left in `scratch`.
 pub fn cast<P: Pages>(
     pages: &P,
     origin: Vec3,
@@ -251,7 +253,8 @@ fn meet_disks(leaves: &PageLeaves, block: &DiskBlock, ray: &Ray, t_end: f32) -> 
         let tk = height / cos;
         let (x, y, z) = (tk * d[0] - px, tk * d[1] - py, tk * d[2] - pz);
         t[k] = tk;
-        // A ray that leaves through the back of a disk it started just behind is still on its own curved surface.
+        // A ray that leaves through the back of a disk it started just behind is still on its own
+        // curved surface.
         let own = cos > 0.0 && height * height < OVERHANG * OVERHANG * block.radius2[k];
         inside[k] = if own {
             -1.0

@@ -4,8 +4,9 @@ use crate::math::sampling::{self, cosine_hemisphere, sobol2, tangents};
 use glam::Vec3;
 use std::sync::OnceLock;
 
-/// Sequences kept. The eight symmetries of a square make each of them eight; turned by any angle they would no longer stand
-/// along the edges of what is seen where scenes are built along axes, for 5 % more error.
+/// Sequences kept. The eight symmetries of a square make each of them eight; turned by any angle
+/// they would no longer stand along the edges of what is seen where scenes are built along axes,
+/// for 5 % more error.
 pub(super) const SEQUENCES: usize = 32;
 /// Directions kept of each: those of 16 gathers of 64 rays.
 const KEPT: usize = 1024;

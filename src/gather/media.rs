@@ -67,8 +67,8 @@ fn place([x, y, z]: [usize; 3]) -> (usize, usize) {
     (cube, (z & 3) << 4 | (y & 3) << 2 | x & 3)
 }
 
-/// Where the lvoxels of a tree are. What they hold is read in a second pass over them, so that they are never in memory
-/// twice.
+/// Where the lvoxels of a tree are. What they hold is read in a second pass over them, so that they
+/// are never in memory twice.
 #[derive(Debug)]
 pub struct Layout {
     volumes: Vec<BlockGrid<()>>,
@@ -85,8 +85,8 @@ impl Layout {
         }
     }
 
-    /// Notes where one is. They may come in any order; the first in a brick decides on the size of the brick's blocks, and of
-    /// two in one place. One that does not fit in is left out.
+    /// Notes where one is. They may come in any order; the first in a brick decides on the size of
+    /// the brick's blocks, and of two in one place. One that does not fit in is left out.
     pub fn note(&mut self, l: &Lvoxel) {
         if let Some(volume) = self.volumes.get_mut(usize::from(l.volume)) {
             volume.note(l);
@@ -124,7 +124,8 @@ impl Layout {
 }
 
 impl<S: Source> Media<S> {
-    /// Lays out lvoxels, which may come in any order but must lie inside their volumes, as readers promise.
+    /// Lays out lvoxels, which may come in any order but must lie inside their volumes, as readers
+    /// promise.
     #[must_use]
     pub fn new(volumes: &[VolumeInfo], lvoxels: impl IntoIterator<Item = Lvoxel>) -> Self {
         let lvoxels: Vec<Lvoxel> = lvoxels.into_iter().collect();
@@ -290,7 +291,8 @@ impl<S> BlockGrid<S> {
             + size_of_val(&*self.table)
     }
 
-    /// The brick that an lvoxel is in, its cube there, and its bit in that; `None` outside of the volume.
+    /// The brick that an lvoxel is in, its cube there, and its bit in that; `None` outside of the
+    /// volume.
     fn find(&self, l: &Lvoxel) -> Option<(usize, usize, usize)> {
         let per_axis = BRICK >> l.level;
         let block = l.block.map(usize::from);
@@ -381,7 +383,8 @@ impl<S: Source> Walk<'_, S> {
         let per_axis = (BRICK >> brick.level) as i32;
         let mut ends = Some((t, leave));
         if !brick.is_full {
-            // Where blocks reach the border of the brick its own ends hold: they leave no gap to the next brick.
+            // Where blocks reach the border of the brick its own ends hold: they leave no gap to
+            // the next brick.
             let corner = |filled: [u8; 3], border: i32, beyond: f32| {
                 Vec3A::from_array(std::array::from_fn(|a| match i32::from(filled[a]) {
                     n if n == border => beyond,

@@ -1,4 +1,5 @@
-//! What is between surfaces, as a type: kernels are compiled for each, and a frame chooses one of them once.
+//! What is between surfaces, as a type: kernels are compiled for each, and a frame chooses one of
+//! them once.
 
 use super::Crossing;
 use crate::math::Rgb;
@@ -19,8 +20,8 @@ pub trait Medium: Copy + Sync {
     /// Whether there is nothing.
     const IS_NOTHING: bool = false;
 
-    /// Gives every stretch of medium between `origin` and `t_max`, front to back, to `add` until that says no; returns
-    /// whether it never did.
+    /// Gives every stretch of medium between `origin` and `t_max`, front to back, to `add` until
+    /// that says no; returns whether it never did.
     fn walk(
         &self,
         origin: Vec3,
@@ -29,8 +30,8 @@ pub trait Medium: Copy + Sync {
         add: &mut impl FnMut(Segment) -> bool,
     ) -> bool;
 
-    /// Passes what is between `origin` and `t_max`, and on the way the surfaces in `crossings`, which are sorted. Returns what media
-    /// stopped.
+    /// Passes what is between `origin` and `t_max`, and on the way the surfaces in `crossings`,
+    /// which are sorted. Returns what media stopped.
     #[inline]
     fn pass(
         &self,
@@ -80,7 +81,8 @@ impl Medium for NoMedia {
     }
 }
 
-/// The source function of an lvoxel as it is held in memory: [`Rgb`], or one channel where all three are equal.
+/// The source function of an lvoxel as it is held in memory: [`Rgb`], or one channel where all
+/// three are equal.
 pub trait Source: Copy + std::fmt::Debug + Default + Send + Sync {
     /// From all channels.
     fn of(radiance: Rgb) -> Self;

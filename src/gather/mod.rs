@@ -1,11 +1,14 @@
-//! Light that arrives at a point, gathered from the tree: points and normals are all that is needed beside it.
+//! Light that arrives at a point, gathered from the tree: points and normals are all that is needed
+//! beside it.
 //!
-//! Three kernels: [`plain`], the paper's ray cast over all disks; [`cone`], which takes a node whole where it is seen under
-//! less than the largest solid angle; and, where the scene is at hand, [`outgoing`], whose rays end at its triangles and
-//! which asks the tree what they send. What all meet between surfaces is a [`Medium`], a type that the caller
-//! chooses: [`NoMedia`], or [`Media`] of one channel or three.
+//! Three kernels: [`plain`], the paper's ray cast over all disks; [`cone`], which takes a node
+//! whole where it is seen under less than the largest solid angle; and, where the scene is at hand,
+//! [`outgoing`], whose rays end at its triangles and which asks the tree what they send. What all
+//! meet between surfaces is a [`Medium`], a type that the caller chooses: [`NoMedia`], or [`Media`]
+//! of one channel or three.
 //!
-//! Points and directions are those of scene space, distances are scene units, light is linear Rec.709.
+//! Points and directions are those of scene space, distances are scene units, light is linear
+//! Rec.709.
 
 mod answers;
 pub mod bright;
@@ -43,16 +46,18 @@ use std::f32::consts::PI;
 pub struct Settings<'a> {
     /// Rays from each point that asks for light.
     pub samples: u32,
-    /// A node seen under less than this, in steradians, may stand for all below it; 0 for disks only. Sets
-    /// the size of patches, too, which are never smaller than a disk or so.
+    /// A node seen under less than this, in steradians, may stand for all below it; 0 for disks
+    /// only. Sets the size of patches, too, which are never smaller than a disk or so.
     pub max_solid_angle: f32,
-    /// Surfaces and media beyond this distance send nothing, but still hide the environment; infinite for no limit.
+    /// Surfaces and media beyond this distance send nothing, but still hide the environment;
+    /// infinite for no limit.
     pub max_dist: f32,
     /// How what ends a ray is found.
     pub kernel: Kernel<'a>,
     /// Radiance where a ray meets nothing.
     pub environment: Rgb,
-    /// Whether bright patches count nothing, as the caller asks them otherwise; [`Outgoing::find_bright`] finds them.
+    /// Whether bright patches count nothing, as the caller asks them otherwise;
+    /// [`Outgoing::find_bright`] finds them.
     pub leave_out_bright: bool,
 }
 
@@ -96,7 +101,8 @@ pub enum Kernel<'a> {
 pub struct Gathered {
     /// Irradiance for a surface, mean radiance over the sphere for a point in a medium.
     pub light: Rgb,
-    /// Harmonic mean of the distance to what was seen: how far away light changes; infinite if nothing was.
+    /// Harmonic mean of the distance to what was seen: how far away light changes; infinite if
+    /// nothing was.
     pub harmonic_distance: f32,
 }
 
@@ -105,11 +111,11 @@ pub struct Gathered {
 pub struct Seen {
     /// Radiance that arrives at the ray's origin.
     pub radiance: Rgb,
-    /// Distance to the surface that ended the ray, infinite if none did. One that is too far away to send light may be told
-    /// or not.
+    /// Distance to the surface that ended the ray, infinite if none did. One that is too far away
+    /// to send light may be told or not.
     pub distance: f32,
-    /// One over the distance of what is seen, in the mean over the surface and the media before it by the share of the ray that
-    /// each stops.
+    /// One over the distance of what is seen, in the mean over the surface and the media before it
+    /// by the share of the ray that each stops.
     pub inverse_distance: f32,
 }
 
@@ -135,8 +141,9 @@ pub struct Gatherer<'a, P, M> {
     pub settings: Settings<'a>,
 }
 
-/// Which directions a receiver looks along: a stretch of a long well-spread sequence. Receivers near each other that take
-/// one stretch each of the same sequence are, together, as good as one with all their rays.
+/// Which directions a receiver looks along: a stretch of a long well-spread sequence. Receivers
+/// near each other that take one stretch each of the same sequence are, together, as good as one
+/// with all their rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stretch {
     /// Number of the stretch, from 0.
@@ -187,8 +194,9 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
         }
     }
 
-    /// Irradiance at a surface point with the given unit normal, of the light on the side of the geometric one, too: what is
-    /// behind the facet of a smooth mesh does not reach it. The point must already be off its own surface.
+    /// Irradiance at a surface point with the given unit normal, of the light on the side of the
+    /// geometric one, too: what is behind the facet of a smooth mesh does not reach it. The point
+    /// must already be off its own surface.
     #[must_use]
     pub fn irradiance(
         &self,
@@ -226,7 +234,8 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
         seen.mean(count)
     }
 
-    /// Tells what each of some rays, origins and unit directions, sees, and which it is, one after the other.
+    /// Tells what each of some rays, origins and unit directions, sees, and which it is, one after
+    /// the other.
     fn look_along(&self, rays: &[(Vec3, Vec3)], mut tell: impl FnMut(usize, Seen)) {
         let mut scratch = cone::Scratch::default();
         let Kernel::Traced(outgoing) = self.settings.kernel else {

@@ -1,4 +1,5 @@
-//! Gathers of surface points near each other, ray by ray in an order in which those after each other meet nearly the same.
+//! Gathers of surface points near each other, ray by ray in an order in which those after each
+//! other meet nearly the same.
 
 use super::directions::{Hemisphere, SEQUENCES};
 use super::{Gathered, Gatherer, Medium, Pages, Rays, Seen, Stretch};
@@ -31,7 +32,8 @@ pub struct Order {
 impl Order {
     /// Cells along each axis of the disk below the hemisphere.
     const CELLS: f32 = 32.0;
-    /// Directions of a sequence that are put in order, at most: so many rays of one gather are alike as they are.
+    /// Directions of a sequence that are put in order, at most: so many rays of one gather are
+    /// alike as they are.
     const MOST: u32 = 1 << 16;
 
     /// That of the directions of a hemisphere, unless they are too many.
@@ -64,9 +66,10 @@ impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
         }
     }
 
-    /// What [`Self::irradiance`] gives for each of some points, bit for bit. Their rays are cast in the order of their
-    /// directions, not point by point, so that those which meet the same triangles, patches and lvoxels follow one another.
-    /// All points share the sequence of `seed`, each with a stretch of its own.
+    /// What [`Self::irradiance`] gives for each of some points, bit for bit. Their rays are cast in
+    /// the order of their directions, not point by point, so that those which meet the same
+    /// triangles, patches and lvoxels follow one another. All points share the sequence of `seed`,
+    /// each with a stretch of its own.
     ///
     /// # Panics
     /// If a point has a stretch beyond those that the order, one of this gatherer, was made for.

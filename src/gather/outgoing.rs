@@ -1,7 +1,9 @@
-//! The radiance that surfaces send, by patches of the scene's triangles: for rays that end at the geometry itself.
+//! The radiance that surfaces send, by patches of the scene's triangles: for rays that end at the
+//! geometry itself.
 //!
-//! Rays tell exactly what a receiver sees, and no disk reaches over an edge. What is seen is asked of the tree once for each
-//! patch, whose size goes by the solid angle that a node may have to be taken whole, and remembered.
+//! Rays tell exactly what a receiver sees, and no disk reaches over an edge. What is seen is asked
+//! of the tree once for each patch, whose size goes by the solid angle that a node may have to be
+//! taken whole, and remembered.
 
 use super::answers::Answers;
 use super::bright::{BrightPatch, BrightPlaces, Disk, Search, Seed};
@@ -13,7 +15,8 @@ use crate::math::{Hit, Rgb};
 use glam::Vec3;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// How often a tree was asked what a patch sends. Threads that ask for one patch at the same time are counted each.
+/// How often a tree was asked what a patch sends. Threads that ask for one patch at the same time
+/// are counted each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Asked {
     /// Patches that it was asked for, each time anew.
@@ -38,8 +41,9 @@ pub const TOGETHER: usize = 64;
 
 /// What the surfaces of a scene send, as a tree has it.
 ///
-/// Patches are remembered in a table of fixed size, in which later ones take the place of earlier ones. A patch sends what
-/// it sends whoever asks, so that neither threads nor memory change a bit of the result.
+/// Patches are remembered in a table of fixed size, in which later ones take the place of earlier
+/// ones. A patch sends what it sends whoever asks, so that neither threads nor memory change a bit
+/// of the result.
 #[derive(Debug)]
 pub struct Outgoing<'a> {
     geometry: &'a dyn Geometry,
@@ -47,7 +51,8 @@ pub struct Outgoing<'a> {
     extents: Box<[Extent]>,
     /// Whether surfels of one piece of the scene have one size.
     is_even: bool,
-    /// The square over the longest edge of a patch need not be smaller than the area of so many of them.
+    /// The square over the longest edge of a patch need not be smaller than the area of so many of
+    /// them.
     surfels_per_patch: f32,
     answers: Answers,
     /// What rays may leave out, if anything.
@@ -57,14 +62,16 @@ pub struct Outgoing<'a> {
 }
 
 impl<'a> Outgoing<'a> {
-    /// Solid angle of a square over a patch's longest edge, over that under which a node is taken whole. Patches are
-    /// triangles, and divided by four: on average they have an eighth of that square.
+    /// Solid angle of a square over a patch's longest edge, over that under which a node is taken
+    /// whole. Patches are triangles, and divided by four: on average they have an eighth of that
+    /// square.
     const SIZE: f32 = 4.0;
     /// The same where there are bright patches, whose borders large ones would blur.
     const FINE: f32 = 2.0;
 
-    /// Nothing is known yet. `area_per_surfel` is that of the tree: patches need not be smaller than surfels tell apart. There is room
-    /// to remember the patches that about so many rays end on.
+    /// Nothing is known yet. `area_per_surfel` is that of the tree: patches need not be smaller
+    /// than surfels tell apart. There is room to remember the patches that about so many rays end
+    /// on.
     #[must_use]
     pub fn new(geometry: &'a dyn Geometry, area_per_surfel: f32, rays: usize) -> Self {
         let extent = |t| {
@@ -90,8 +97,9 @@ impl<'a> Outgoing<'a> {
         self
     }
 
-    /// Divides triangles no further once the square over a patch's longest edge has the area of so many surfels, not of one. What is nearer
-    /// than such a patch is large is blurred; patches larger than the boxes of leaves need none of those.
+    /// Divides triangles no further once the square over a patch's longest edge has the area of so
+    /// many surfels, not of one. What is nearer than such a patch is large is blurred; patches
+    /// larger than the boxes of leaves need none of those.
     #[must_use]
     pub fn in_patches_of(mut self, surfels: f32) -> Self {
         self.surfels_per_patch = surfels.max(1.0);
@@ -108,12 +116,14 @@ impl<'a> Outgoing<'a> {
         }
     }
 
-    /// Most bright patches of a frame: more, as of a finely divided mesh in the sun, cost more than they bring.
+    /// Most bright patches of a frame: more, as of a finely divided mesh in the sun, cost more than
+    /// they bring.
     const MOST_BRIGHT: usize = 1 << 14;
 
-    /// Finds the patches that send more than `least`, by the mean channel, where at least `support` seeds speak for them. From then on
-    /// rays that are to leave them out meet black there, and patches are smaller, near ones as small as surfels may be: large ones would
-    /// blur the borders of bright places. None where there are too many.
+    /// Finds the patches that send more than `least`, by the mean channel, where at least `support`
+    /// seeds speak for them. From then on rays that are to leave them out meet black there, and
+    /// patches are smaller, near ones as small as surfels may be: large ones would blur the borders
+    /// of bright places. None where there are too many.
     pub fn find_bright<P: Pages>(
         &mut self,
         pages: &P,
@@ -183,8 +193,8 @@ impl<'a> Outgoing<'a> {
         found.unwrap_or(Rgb::BLACK)
     }
 
-    /// The surface that ends a ray of unit direction before `t_max`, if one does, and what it sends towards its origin: nothing where
-    /// it is a bright patch and those are left out.
+    /// The surface that ends a ray of unit direction before `t_max`, if one does, and what it sends
+    /// towards its origin: nothing where it is a bright patch and those are left out.
     #[must_use]
     // Not inlined by itself once it is compiled for more than one kind of medium.
     #[inline(always)]
@@ -212,8 +222,9 @@ impl<'a> Outgoing<'a> {
         })
     }
 
-    /// What [`Self::cast`] finds for each of some rays, at most [`TOGETHER`]. They share their way to the triangles, and
-    /// those that are looked up together wait at the same time for the table, which is in memory that is far away.
+    /// What [`Self::cast`] finds for each of some rays, at most [`TOGETHER`]. They share their way
+    /// to the triangles, and those that are looked up together wait at the same time for the table,
+    /// which is in memory that is far away.
     pub fn cast_together<P: Pages>(
         &self,
         pages: &P,
@@ -308,7 +319,8 @@ mod tests {
             };
             outgoing.place(&hit, wanted).unwrap().level()
         };
-        // Edges of two by two, one, a half and so on, squared, and squares of a little more than those.
+        // Edges of two by two, one, a half and so on, squared, and squares of a little more than
+        // those.
         let squares = [0.51, 0.13, 0.033];
         let distances = squares.map(|s: f32| (s / (Outgoing::SIZE * 0.02)).sqrt());
         assert_eq!(distances.map(|t| level(&outgoing, t)), [1, 2, 3]);

@@ -1,5 +1,5 @@
-//! A page of the tree laid out for rays: eight children, eight disks at a time. Nodes and leaves are apart, as rays that end
-//! at triangles seldom ask for leaves.
+//! A page of the tree laid out for rays: eight children, eight disks at a time. Nodes and leaves
+//! are apart, as rays that end at triangles seldom ask for leaves.
 
 use super::proxy::{Axes, Proxy, per_area};
 use lvox_formats::record::{Below, Node, Surfel, SurfelAggregate, tangent_frame};
@@ -32,8 +32,8 @@ pub struct WideNode {
     pub min: [[f32; WIDTH]; 3],
     /// Upper corners of the same, scene space.
     pub max: [[f32; WIDTH]; 3],
-    /// Cross-section of each child's bounding sphere, four times that if it is not flat: over distance squared, about
-    /// its solid angle.
+    /// Cross-section of each child's bounding sphere, four times that if it is not flat: over
+    /// distance squared, about its solid angle.
     pub cross_section: [f32; WIDTH],
     /// Index of node, block or page, by kind.
     pub child: [u32; WIDTH],
@@ -85,14 +85,16 @@ pub struct DiskLight {
     clips: u32,
 }
 
-/// The half-planes that are left of a clipped disk: offsets from the centre with `normal . x <= offset`.
+/// The half-planes that are left of a clipped disk: offsets from the centre with `normal . x <=
+/// offset`.
 #[derive(Clone, Copy, Debug)]
 pub struct ClipPlanes([[f32; 4]; 3]);
 
 /// The surfels of a stand-in that face an axis.
 #[derive(Clone, Copy, Debug, Default)]
 struct Facing {
-    /// What the axis sees of their area, over that of all: areas times radiance would leave the range of f32.
+    /// What the axis sees of their area, over that of all: areas times radiance would leave the
+    /// range of f32.
     area: f32,
     /// What their fronts send.
     radiance: [f32; 3],
@@ -107,7 +109,8 @@ pub struct PageNodes {
     pub proxies: Vec<Proxy>,
     /// What stand-ins send to the axes that they face: walls, one of six.
     facing: Vec<Facing>,
-    /// Of each stand-in what its backs send, as in [`lvox_formats::record::SurfelAggregate`]; empty if no back of the page is lit.
+    /// Of each stand-in what its backs send, as in [`lvox_formats::record::SurfelAggregate`]; empty
+    /// if no back of the page is lit.
     backs: Vec<[[f32; 3]; 6]>,
 }
 
@@ -124,7 +127,8 @@ pub struct PageLeaves {
 /// Bytes that the nodes and the leaves of a page take at most, of so many nodes and surfels.
 #[must_use]
 pub fn most_bytes(nodes: u64, surfels: u64, has_clips: bool, has_backs: bool) -> u64 {
-    // What is below each node is either a group of nodes or a block of disks; a root that is a leaf is a group, too.
+    // What is below each node is either a group of nodes or a block of disks; a root that is a leaf
+    // is a group, too.
     let below = size_of::<WideNode>().max(size_of::<DiskBlock>());
     let clips = if has_clips {
         size_of::<ClipPlanes>()
@@ -172,7 +176,8 @@ impl PageNodes {
             ),
             backs: Vec::new(),
         };
-        // The groups to come, with the slot that each is below. Not by recursion: a page may be as deep as it has nodes.
+        // The groups to come, with the slot that each is below. Not by recursion: a page may be as
+        // deep as it has nodes.
         let mut groups = vec![match root.below {
             Below::Nodes { first, count } => (first, count, None),
             _ => (0, 1, None),
@@ -219,7 +224,8 @@ impl PageNodes {
                 node.max[a][slot] = max;
                 diagonal2 += (max - min) * (max - min);
             }
-            // A mean normal says little of a node that is not flat: it has to look half as large to be taken whole.
+            // A mean normal says little of a node that is not flat: it has to look half as large to
+            // be taken whole.
             let flat = self.proxies[first_proxy as usize + slot].is_flat();
             let allowance = if flat { 1.0 } else { 4.0 };
             node.cross_section[slot] = 0.25 * PI * diagonal2 * allowance;
@@ -276,8 +282,9 @@ impl PageNodes {
         })
     }
 
-    /// What one side of the surfels of a stand-in sends towards `v`: the mean over those of that side that face it, weighted by the area that
-    /// each of the three axes there sees, and that area.
+    /// What one side of the surfels of a stand-in sends towards `v`: the mean over those of that
+    /// side that face it, weighted by the area that each of the three axes there sees, and that
+    /// area.
     #[must_use]
     #[inline]
     pub fn sent(&self, proxy: usize, v: [f32; 3], is_back: bool) -> ([f32; 3], f32) {
@@ -296,8 +303,8 @@ impl PageNodes {
         (mean.get(), mean.weight * of.area)
     }
 
-    /// What a stand-in sends towards `v` from either side. Of sides that face it, backs count where they are lit only: a dark one would
-    /// halve the light of the front that it hides behind.
+    /// What a stand-in sends towards `v` from either side. Of sides that face it, backs count where
+    /// they are lit only: a dark one would halve the light of the front that it hides behind.
     #[must_use]
     pub fn radiance(&self, proxy: usize, v: [f32; 3]) -> [f32; 3] {
         let of = &self.proxies[proxy];
@@ -325,14 +332,16 @@ impl PageNodes {
     }
 }
 
-/// The axes that surfels of a stand-in face, one for walls, and what each sees of their area, over that of all.
+/// The axes that surfels of a stand-in face, one for walls, and what each sees of their area, over
+/// that of all.
 fn facing_axes(of: &SurfelAggregate) -> impl Iterator<Item = (usize, f32)> {
     let seen = of.axis_area.map(|area| per_area(area, of.area));
     seen.into_iter().enumerate().filter(|(_, area)| *area > 0.0)
 }
 
 impl PageLeaves {
-    /// Lays out the surfels of a page, so many in each of its leaves, which must be valid as the reader promises.
+    /// Lays out the surfels of a page, so many in each of its leaves, which must be valid as the
+    /// reader promises.
     #[must_use]
     pub fn new(counts: &[u8], surfels: &[Surfel]) -> Self {
         let clipped = surfels.iter().filter(|s| s.clips.count > 0).count();

@@ -28,8 +28,9 @@ pub(super) struct Side<'a> {
 }
 
 impl Side<'_> {
-    /// What a part of it sends: a mean over the disks and small nodes that hold its middle, or, where such a node is lit in a small
-    /// part only, over those that hold the middles of its quarters. `None` where the tree knows no surface.
+    /// What a part of it sends: a mean over the disks and small nodes that hold its middle, or,
+    /// where such a node is lit in a small part only, over those that hold the middles of its
+    /// quarters. `None` where the tree knows no surface.
     pub fn radiance<P: Pages>(
         &self,
         place: &Place,
@@ -61,10 +62,12 @@ impl Side<'_> {
         nodes.sent(proxy, self.normal.to_array(), self.is_back)
     }
 
-    /// Whether something stands between a point of it and the middle of a disk, from which that is so far off: of a floor that goes
-    /// on under a wall, the disks on the wall's other side reach through it.
+    /// Whether something stands between a point of it and the middle of a disk, from which that is
+    /// so far off: of a floor that goes on under a wall, the disks on the wall's other side reach
+    /// through it.
     fn is_hidden(&self, point: Vec3, offset: [f32; 3], radius2: f32) -> bool {
-        /// How high above the surface it is looked, over the radius: curved surfaces do not hide their own disks.
+        /// How high above the surface it is looked, over the radius: curved surfaces do not hide
+        /// their own disks.
         const HEIGHT: f32 = 0.25;
         let offset = Vec3::from(offset);
         let distance = offset.length();
@@ -81,8 +84,8 @@ struct Patch {
     middle: Vec3,
     /// Square of its longest edge, and at least that of a disk.
     area: f32,
-    /// Square of a radius that the disks of its own surface are below. Larger ones are of something else near by, which must
-    /// not drown them.
+    /// Square of a radius that the disks of its own surface are below. Larger ones are of something
+    /// else near by, which must not drown them.
     own2: f32,
     /// Whether surfels stand close enough to tell its quarters apart.
     has_quarters: bool,
@@ -140,7 +143,8 @@ impl Patch {
                     let misleads = match node.kind[k] {
                         _ if !self.has_quarters => false,
                         ChildKind::Inner => self.misleads(sent, nodes, node.child[k], side),
-                        // Where nearly all surfels face one way, few others drown those of the patch: not worth loading a page.
+                        // Where nearly all surfels face one way, few others drown those of the
+                        // patch: not worth loading a page.
                         ChildKind::Page if !nodes.proxies[proxy].is_flat() => {
                             let below = pages.page(node.child[k]);
                             self.misleads(sent, below.nodes(), 0, side)
@@ -173,8 +177,8 @@ impl Patch {
         Some(mean)
     }
 
-    /// Whether a node that sends this says something else than those right below it that hold the middle: light of the inside of a shell,
-    /// that is, which faces as the outside across does.
+    /// Whether a node that sends this says something else than those right below it that hold the
+    /// middle: light of the inside of a shell, that is, which faces as the outside across does.
     fn misleads(&self, (sent, _): Sent, nodes: &PageNodes, below: u32, side: &Side) -> bool {
         /// Of what the node sends.
         const MUCH: f32 = 0.5;
@@ -193,8 +197,8 @@ impl Patch {
     /// A bit for each child whose box holds the middle.
     #[inline]
     fn within(&self, node: &WideNode) -> u32 {
-        /// Distance from a box within which a point is taken to be in it, over the size of the box: rounding, and surfels
-        /// that stand a little inside of curved surfaces.
+        /// Distance from a box within which a point is taken to be in it, over the size of the box:
+        /// rounding, and surfels that stand a little inside of curved surfaces.
         const MARGIN: f32 = 0.02;
         let mut outside2 = f32x8::ZERO;
         for (a, p) in self.middle.to_array().into_iter().enumerate() {
@@ -211,14 +215,17 @@ impl Patch {
     }
 }
 
-/// A mean of what surfaces send, weighted by area: a running one, since areas times radiance leave the range of f32.
+/// A mean of what surfaces send, weighted by area: a running one, since areas times radiance leave
+/// the range of f32.
 #[derive(Debug)]
 struct Mean {
     sent: [f32; 3],
     area: f32,
-    /// The disk that comes nearest to holding the point: how far it is from that, and what it sends.
+    /// The disk that comes nearest to holding the point: how far it is from that, and what it
+    /// sends.
     nearest: (f32, [f32; 3]),
-    /// Whether a node had surfels that lie as the patch does: what of them nothing leaves is dark, and not unknown.
+    /// Whether a node had surfels that lie as the patch does: what of them nothing leaves is dark,
+    /// and not unknown.
     is_known: bool,
     /// Whether a node's surfels differ so much that a smaller one would say something else.
     is_uneven: bool,
@@ -239,7 +246,8 @@ impl Default for Mean {
 impl Mean {
     /// Cosine between the normals of a disk and of a patch from which on both are one surface.
     const ALIKE: f32 = 0.7;
-    /// A disk further away than this says nothing: five radii along its plane, half a radius off it.
+    /// A disk further away than this says nothing: five radii along its plane, half a radius off
+    /// it.
     const FARTHEST: f32 = 25.0;
 
     #[inline]
@@ -262,7 +270,8 @@ impl Mean {
         self.is_known |= node.squared_cosine(side.normal.to_array()) > ACROSS;
     }
 
-    /// Disks that hold the middle of the patch, the more the nearer theirs is, but for those that something stands before.
+    /// Disks that hold the middle of the patch, the more the nearer theirs is, but for those that
+    /// something stands before.
     fn add_disks(&mut self, leaves: &PageLeaves, block: &DiskBlock, patch: &Patch, side: &Side) {
         let (p, n) = (patch.middle.to_array(), side.normal.to_array());
         let mut reach = [0.0_f32; WIDTH];
@@ -271,7 +280,8 @@ impl Mean {
             let [x, y, z] = [0, 1, 2].map(|a| p[a] - block.centre[a][k]);
             let normal = [0, 1, 2].map(|a| block.normal[a][k]);
             let height = x * normal[0] + y * normal[1] + z * normal[2];
-            // What is off the plane by more than disks of one surface stand out over each other is of another one.
+            // What is off the plane by more than disks of one surface stand out over each other is
+            // of another one.
             let off = height * height / (OVERHANG * OVERHANG);
             let larger = (block.radius2[k] / patch.own2).max(1.0);
             reach[k] = (x * x + y * y + z * z + off * larger) / block.radius2[k];
@@ -312,8 +322,8 @@ impl Mean {
     }
 }
 
-/// Whether what the nodes below one that sends this send differs from it by more than that, on average over their area, as where less
-/// than half of it is lit.
+/// Whether what the nodes below one that sends this send differs from it by more than that, on
+/// average over their area, as where less than half of it is lit.
 fn is_uneven((radiance, area): Sent, nodes: &PageNodes, below: u32, side: &Side) -> bool {
     let mean = Rgb(radiance).mean();
     let off = |proxy| {

@@ -8,8 +8,8 @@ use glam::Vec3;
 pub(super) struct Extent {
     /// Square of its longest edge.
     pub edge2: f32,
-    /// Square of the edge below which patches are not divided, about as long as surfels stand apart; [`Self::BLACK`] if the
-    /// triangle reflects nothing.
+    /// Square of the edge below which patches are not divided, about as long as surfels stand
+    /// apart; [`Self::BLACK`] if the triangle reflects nothing.
     pub least: f32,
 }
 
@@ -52,10 +52,12 @@ impl Place {
     /// Divisions of a triangle's edges by two, at most.
     const MOST_LEVELS: u32 = 14;
 
-    /// The part that was met, of a triangle whose longest edge, squared, is `edge2`: that of the part is at most `size`.
+    /// The part that was met, of a triangle whose longest edge, squared, is `edge2`: that of the
+    /// part is at most `size`.
     #[inline]
     pub fn new(hit: &Hit, edge2: f32, size: f32) -> Self {
-        // The upper end of the binade that the ratio is in, by its exponent: a loop would wait for what the triangle is.
+        // The upper end of the binade that the ratio is in, by its exponent: a loop would wait for
+        // what the triangle is.
         let ratio = (edge2 / size).max(1.0);
         let log2 = ((ratio.to_bits() - 1) >> 23) - 126;
         let level = log2.div_ceil(2).min(Self::MOST_LEVELS);
@@ -120,7 +122,8 @@ impl Place {
         }
     }
 
-    /// Its quarters, or itself where a triangle is not divided further: three that point as it does, and the one between them.
+    /// Its quarters, or itself where a triangle is not divided further: three that point as it
+    /// does, and the one between them.
     pub fn quarters(&self) -> [Self; 4] {
         if self.level == Self::MOST_LEVELS {
             return [*self; 4];

@@ -1,5 +1,5 @@
-//! The paper's kernel: a ray through the octree, front to back, that ends at the first disk. No aggregates, no lanes;
-//! kept as the reference that the fast kernel is tested against.
+//! The paper's kernel: a ray through the octree, front to back, that ends at the first disk. No
+//! aggregates, no lanes; kept as the reference that the fast kernel is tested against.
 
 use super::cone::{OVERHANG, Scratch};
 use super::page::{ChildKind, PageLeaves, WIDTH};
@@ -19,8 +19,8 @@ pub fn cast<P: Pages>(
     cast_in_order::<P, true>(pages, origin, direction, t_max, scratch)
 }
 
-/// The same with a choice of order: children by the distance at which the ray enters them, or as they are stored, to
-/// measure what the first is worth.
+/// The same with a choice of order: children by the distance at which the ray enters them, or as
+/// they are stored, to measure what the first is worth.
 pub fn cast_in_order<P: Pages, const NEAR_FIRST: bool>(
     pages: &P,
     origin: Vec3,
@@ -31,7 +31,8 @@ pub fn cast_in_order<P: Pages, const NEAR_FIRST: bool>(
     scratch.crossings.clear();
     let mut best = None;
     let t_end = |best: &Option<Crossing>| best.map_or(t_max, |c| c.t);
-    // What is still to be seen, the next last. Not by recursion: a tree may be as deep as its file is long.
+    // What is still to be seen, the next last. Not by recursion: a tree may be as deep as its file
+    // is long.
     let mut ahead: Vec<(f32, u32, ChildKind, u32)> = Vec::new();
     if let Some(root) = pages.root() {
         ahead.push((0.0, root, ChildKind::Page, root));

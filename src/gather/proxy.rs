@@ -44,7 +44,8 @@ impl Proxy {
         let plane = (0..3).map(|a| normal[a] * g.centre[a]).sum();
         let coverage = if length > Self::FLAT {
             let e: [f32; 3] = std::array::from_fn(|a| node.bounds.max[a] - node.bounds.min[a]);
-            // The plane's section of the box is no larger than the box's face over the normal's cosine.
+            // The plane's section of the box is no larger than the box's face over the normal's
+            // cosine.
             let section = (0..3)
                 .map(|a| e[(a + 1) % 3] * e[(a + 2) % 3] / normal[a].abs().max(1e-6))
                 .fold(f32::INFINITY, f32::min);
@@ -68,7 +69,8 @@ impl Proxy {
         self.coverage >= 0.0
     }
 
-    /// Mean squared cosine between the normals of its surfels and a unit direction, weighted by area; none where it has none.
+    /// Mean squared cosine between the normals of its surfels and a unit direction, weighted by
+    /// area; none where it has none.
     #[must_use]
     pub fn squared_cosine(&self, d: [f32; 3]) -> f32 {
         let [xx, yy, zz, xy, xz, yz] = self.second_moment;

@@ -1,4 +1,5 @@
-//! Where pages come from: decoded when a ray first needs them and kept, or kept in a cache of bounded size.
+//! Where pages come from: decoded when a ray first needs them and kept, or kept in a cache of
+//! bounded size.
 //!
 //! Either way a page that no ray touches is never read.
 
@@ -62,7 +63,8 @@ pub struct PageStats {
     pub misses: u64,
 }
 
-/// What a thread decoded last, before it was laid out for rays: memory that is new to a process is a quarter of what decoding costs.
+/// What a thread decoded last, before it was laid out for rays: memory that is new to a process is
+/// a quarter of what decoding costs.
 #[derive(Default)]
 struct Scratch {
     nodes: Vec<Node>,
@@ -86,8 +88,8 @@ struct Decoder {
     links: Links,
 }
 
-/// Which page links to each, as far as pages were decoded. A tree in which two do has more paths to a page than a walk can
-/// ever end.
+/// Which page links to each, as far as pages were decoded. A tree in which two do has more paths to
+/// a page than a walk can ever end.
 #[derive(Debug)]
 struct Links(Vec<AtomicU32>);
 
@@ -98,7 +100,8 @@ impl Links {
         Self((0..pages).map(|_| AtomicU32::new(Self::NONE)).collect())
     }
 
-    /// Notes the links of a page, each time that it is decoded; an error for a second link to the same page.
+    /// Notes the links of a page, each time that it is decoded; an error for a second link to the
+    /// same page.
     fn note(&self, id: u32, nodes: &[Node]) -> std::result::Result<(), FormatError> {
         let mut links: Vec<u32> = (nodes.iter())
             .filter_map(|n| match n.below {
@@ -214,7 +217,8 @@ impl Decoder {
     }
 }
 
-/// A tree whose pages stay in memory once decoded; leaves are decoded when they are first asked for.
+/// A tree whose pages stay in memory once decoded; leaves are decoded when they are first asked
+/// for.
 #[derive(Debug)]
 pub struct KeptTree {
     decoder: Decoder,
@@ -346,7 +350,8 @@ pub enum MediaStore {
 }
 
 impl MediaStore {
-    /// Reads all lvoxels of a tree, page by page and twice: no more than what is kept is ever in memory.
+    /// Reads all lvoxels of a tree, page by page and twice: no more than what is kept is ever in
+    /// memory.
     fn read(tree: &Tree<MappedFile>, path: &Path, memory_limit: Option<u64>) -> Result<Self> {
         let allow = |bytes: u64| {
             let what = format_args!("holding {} lvoxels", tree.summary().sums.lvoxels());
@@ -398,11 +403,13 @@ pub enum SurfelStore {
     Cached(CachedTree),
 }
 
-/// What the tables that find lvoxels may take where no memory limit is given: volumes of 8192^3 voxels in all.
+/// What the tables that find lvoxels may take where no memory limit is given: volumes of 8192^3
+/// voxels in all.
 const MOST_TABLE_BYTES: u64 = 4 << 30;
 
 impl TreeStore {
-    /// Opens a tree file. With a memory limit that the decoded tree might pass, pages are cached within it.
+    /// Opens a tree file. With a memory limit that the decoded tree might pass, pages are cached
+    /// within it.
     ///
     /// # Errors
     /// A file that is not a whole tree, or a limit too small for its media and a few pages.

@@ -16,11 +16,12 @@ use std::fs::File;
 use std::io::{BufReader, Cursor, Write};
 use std::path::Path;
 
-/// How colour and normals are stored. Depth and variance are always 32-bit floats: their range does not fit a half.
+/// How colour and normals are stored. Depth and variance are always 32-bit floats: their range does
+/// not fit a half.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Precision {
-    /// 16-bit floats. Finite values beyond the largest half are stored as that, so a bright light does not turn into
-    /// infinity; [`clamped`] counts them.
+    /// 16-bit floats. Finite values beyond the largest half are stored as that, so a bright light
+    /// does not turn into infinity; [`clamped`] counts them.
     #[default]
     Half,
     /// 32-bit floats: every bit of what was computed.
@@ -88,11 +89,12 @@ pub fn clamped(frame: &Frame, precision: Precision) -> Clamped {
     found
 }
 
-/// Writes a frame or a tile; it appears under its name when it is complete. An image that is there is replaced.
+/// Writes a frame or a tile; it appears under its name when it is complete. An image that is there
+/// is replaced.
 ///
 /// # Errors
-/// [`crate::Kind::Input`] for a frame that fails [`Frame::check`] or an output that cannot be written; on failure nothing
-/// is left behind.
+/// [`crate::Kind::Input`] for a frame that fails [`Frame::check`] or an output that cannot be
+/// written; on failure nothing is left behind.
 pub fn write(path: &Path, frame: &Frame, precision: Precision) -> Result<()> {
     let bytes = encode(frame, precision).map_err(|e| e.at(path.display()))?;
     let mut output = Output::create(path)?;
@@ -184,8 +186,8 @@ pub fn info(path: &Path) -> Result<Info> {
         .iter()
         .find(|h| !h.deep)
         .ok_or_else(|| input("deep images are not supported".into()))?;
-    // A header of a few bytes can claim any size. Deflate shrinks at most 1032 times; the codecs that can beat that do so
-    // on flat pictures only, for which the allowance is large enough.
+    // A header of a few bytes can claim any size. Deflate shrinks at most 1032 times; the codecs
+    // that can beat that do so on flat pictures only, for which the allowance is large enough.
     let data = header.data_window();
     let pixels = data.size.0 as u128 * data.size.1 as u128;
     let sizes = header.channels.list.iter();
@@ -232,11 +234,12 @@ pub fn info(path: &Path) -> Result<Info> {
     })
 }
 
-/// Reads an image, of any flat layout and precision. Of a file of several parts the first is read; pixels outside the
-/// display window are dropped, and coordinates start at its corner.
+/// Reads an image, of any flat layout and precision. Of a file of several parts the first is read;
+/// pixels outside the display window are dropped, and coordinates start at its corner.
 ///
 /// # Errors
-/// [`crate::Kind::Input`] if the file is not there, is no OpenEXR file, is damaged, or holds no flat image.
+/// [`crate::Kind::Input`] if the file is not there, is no OpenEXR file, is damaged, or holds no
+/// flat image.
 pub fn read(path: &Path) -> Result<Frame> {
     let info = info(path)?;
     let file = File::open(path).map_err(|e| Error::io("read", path, &e))?;
@@ -307,7 +310,8 @@ pub fn read(path: &Path) -> Result<Frame> {
     Ok(frame)
 }
 
-/// The part of the data window inside the display window, in coordinates from the display window's corner.
+/// The part of the data window inside the display window, in coordinates from the display window's
+/// corner.
 fn visible(display: IntegerBounds, data: IntegerBounds) -> Option<Region> {
     let along = |display_at: i32, display_size: usize, data_at: i32, data_size: usize| {
         let size = i64::try_from(display_size).ok()?;

@@ -15,12 +15,14 @@ pub struct Frame {
     pub region: Region,
     /// Layers, the beauty first.
     pub layers: Vec<Layer>,
-    /// What the pixels were made from, such as `lvox/tree` and `lvox/settings`. Nothing that differs between tiles of one
-    /// frame belongs here: a merged frame must be the same file as one rendered whole.
+    /// What the pixels were made from, such as `lvox/tree` and `lvox/settings`. Nothing that
+    /// differs between tiles of one frame belongs here: a merged frame must be the same file as one
+    /// rendered whole.
     pub attributes: BTreeMap<String, String>,
 }
 
-/// Attribute with the factor on radiance that the picture is meant to be looked at with, the film's exposure.
+/// Attribute with the factor on radiance that the picture is meant to be looked at with, the film's
+/// exposure.
 pub const EXPOSURE: &str = "lvox/exposure";
 
 /// Channels that belong together.
@@ -93,8 +95,8 @@ impl Frame {
         self.layers.iter().find(|l| l.name == name)
     }
 
-    /// Checks that the region lies inside the frame, that names are unique, and that every channel has a sample for
-    /// every pixel of the region.
+    /// Checks that the region lies inside the frame, that names are unique, and that every channel
+    /// has a sample for every pixel of the region.
     ///
     /// # Errors
     /// [`crate::Kind::Input`] naming the layer and channel.
@@ -125,7 +127,8 @@ impl Frame {
     /// Linear RGB of a layer inside `region`.
     ///
     /// # Errors
-    /// [`crate::Kind::Input`] if the layer or one of R, G, B is not there, or the frame does not cover the region.
+    /// [`crate::Kind::Input`] if the layer or one of R, G, B is not there, or the frame does not
+    /// cover the region.
     pub fn picture(&self, layer: &str, region: &Region) -> Result<Picture> {
         let missing = || {
             let have: Vec<String> = self

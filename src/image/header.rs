@@ -1,7 +1,8 @@
 //! Puts the attributes of an OpenEXR header into a fixed order.
 //!
-//! The encoder keeps user attributes in a hash map whose order changes from run to run. Attributes are self-delimiting
-//! and may stand in any order, and sorting them does not change the header's length, so the chunk table stays valid.
+//! The encoder keeps user attributes in a hash map whose order changes from run to run. Attributes
+//! are self-delimiting and may stand in any order, and sorting them does not change the header's
+//! length, so the chunk table stays valid.
 
 /// Magic number and version field.
 const PREAMBLE: usize = 8;

@@ -1,5 +1,5 @@
-//! Colours for an error between 0 and 1: black, violet, red, orange, pale yellow; lightness rises all the way, so that
-//! the map reads the same without colour.
+//! Colours for an error between 0 and 1: black, violet, red, orange, pale yellow; lightness rises
+//! all the way, so that the map reads the same without colour.
 
 use super::tone::Display;
 

@@ -6,12 +6,13 @@ use crate::{Error, Result};
 use serde_json::Value;
 use std::path::Path;
 
-/// Reads linear RGB from an OpenEXR or a PNG file; which one it is, its first bytes say. Eight-bit values are taken
-/// through the inverse of the tone map at `exposure`. The layer `""` is the beauty, the only one that a PNG file has.
-/// `None` for the region means the whole frame.
+/// Reads linear RGB from an OpenEXR or a PNG file; which one it is, its first bytes say. Eight-bit
+/// values are taken through the inverse of the tone map at `exposure`. The layer `""` is the
+/// beauty, the only one that a PNG file has. `None` for the region means the whole frame.
 ///
 /// # Errors
-/// [`crate::Kind::Input`] if the file cannot be read, has no colour in that layer, or does not cover the region.
+/// [`crate::Kind::Input`] if the file cannot be read, has no colour in that layer, or does not
+/// cover the region.
 pub fn picture(path: &Path, layer: &str, exposure: f32, region: Option<Region>) -> Result<Picture> {
     match ImageKind::of(path)? {
         Some(ImageKind::Exr) => {
@@ -38,9 +39,10 @@ pub fn picture(path: &Path, layer: &str, exposure: f32, region: Option<Region>) 
     }
 }
 
-/// The exposure that belongs to a reference image: beside `NAME.exr` a side-car `NAME.json` names, under `scene`, the
-/// scene's JSON file in the same folder, whose `tonemap.exposure` it is; else what the image [notes](noted_exposure).
-/// `None` if neither tells. A side-car that names a scene of another format tells none.
+/// The exposure that belongs to a reference image: beside `NAME.exr` a side-car `NAME.json` names,
+/// under `scene`, the scene's JSON file in the same folder, whose `tonemap.exposure` it is; else
+/// what the image [notes](noted_exposure). `None` if neither tells. A side-car that names a scene
+/// of another format tells none.
 ///
 /// # Errors
 /// [`crate::Kind::Input`] if a file of that chain is damaged or not there.
@@ -51,7 +53,8 @@ pub fn exposure_of(reference: &Path) -> Result<Option<f32>> {
     }
 }
 
-/// The exposure in the header of an OpenEXR file that lvox wrote: that of the scene's film. `None` for other files.
+/// The exposure in the header of an OpenEXR file that lvox wrote: that of the scene's film. `None`
+/// for other files.
 ///
 /// # Errors
 /// [`crate::Kind::Input`] if the file cannot be read, or what it notes is not a positive number.

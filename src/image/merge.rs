@@ -26,12 +26,13 @@ const OURS: &str = "lvox/";
 /// So many faults are listed in an error.
 const LISTED: usize = 4;
 
-/// Merges tiles of one frame. All headers are checked before the first pixel is read, and the output is not touched
-/// until all tiles are read.
+/// Merges tiles of one frame. All headers are checked before the first pixel is read, and the
+/// output is not touched until all tiles are read.
 ///
 /// # Errors
-/// [`crate::Kind::Input`] if the tiles were made from different trees, scenes or settings (the message names the files
-/// and what differs), if they overlap, or if pixels are missing; else what reading and writing can give.
+/// [`crate::Kind::Input`] if the tiles were made from different trees, scenes or settings (the
+/// message names the files and what differs), if they overlap, or if pixels are missing; else what
+/// reading and writing can give.
 pub fn merge(inputs: &[PathBuf], output: &Path, job: &Job) -> Result<Merged> {
     let infos: Vec<Info> = inputs
         .iter()
@@ -107,8 +108,8 @@ fn channel_mut<'a>(
     &mut channels[at].1
 }
 
-/// What all tiles say. Only attributes that other programs have added can differ here, and the exposure, which pixels do
-/// not depend on: tiles that tell none agree with any.
+/// What all tiles say. Only attributes that other programs have added can differ here, and the
+/// exposure, which pixels do not depend on: tiles that tell none agree with any.
 fn shared_attributes(infos: &[Info]) -> BTreeMap<String, String> {
     let mut shared = infos
         .first()

@@ -1,7 +1,8 @@
 //! Pictures: frames and tiles as OpenEXR files, previews, merging of tiles, and error metrics.
 //!
-//! Radiance is linear Rec.709; pixel (0,0) is top left. A tile is a [`Frame`] whose [`Region`] is smaller than the
-//! frame: in the file the display window is the whole frame and the data window is the region.
+//! Radiance is linear Rec.709; pixel (0,0) is top left. A tile is a [`Frame`] whose [`Region`] is
+//! smaller than the frame: in the file the display window is the whole frame and the data window is
+//! the region.
 
 mod coverage;
 pub mod exr;

@@ -12,7 +12,8 @@ use std::path::Path;
 /// Bytes that a decoded image may take, so that a small hostile file cannot ask for all memory.
 const LARGEST_DECODED: u64 = 4 << 30;
 
-/// Writes a picture; it appears under its name when it is complete. An image that is there is replaced.
+/// Writes a picture; it appears under its name when it is complete. An image that is there is
+/// replaced.
 ///
 /// # Errors
 /// If the output cannot be written; then nothing is left behind.

@@ -3,7 +3,8 @@
 use crate::{Error, Result};
 use std::fmt;
 
-/// Half-open rectangle of pixels: `x0 <= x < x1`, `y0 <= y < y1`, in the frame's pixels from its top left corner.
+/// Half-open rectangle of pixels: `x0 <= x < x1`, `y0 <= y < y1`, in the frame's pixels from its
+/// top left corner.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Region {
     /// First column, 0 at the left of the frame.
@@ -30,11 +31,13 @@ impl Region {
 
     /// Tile `index` (from 0) of `count` tiles that together cover a frame exactly once.
     ///
-    /// The frame is cut across its longer side, in proportion to the tiles that each half will hold, until one tile is
-    /// left; so tiles are compact, their areas differ little, and every count has a split.
+    /// The frame is cut across its longer side, in proportion to the tiles that each half will
+    /// hold, until one tile is left; so tiles are compact, their areas differ little, and every
+    /// count has a split.
     ///
     /// # Errors
-    /// [`crate::Kind::Input`] if `count` is 0 or exceeds the number of pixels, or if `index` is not below `count`.
+    /// [`crate::Kind::Input`] if `count` is 0 or exceeds the number of pixels, or if `index` is not
+    /// below `count`.
     pub fn tile(full_width: u32, full_height: u32, index: u32, count: u32) -> Result<Self> {
         if index >= count {
             return Err(Error::input(format!("there is no tile {index} of {count}"))
@@ -57,7 +60,8 @@ impl Region {
                 (u64::from(tile.height()), u64::from(tile.width()))
             };
             let cut = (long * (count / 2) / count).clamp(1, long - 1);
-            // How many tiles go before the cut: in proportion to its pixels, and no more on either side than pixels.
+            // How many tiles go before the cut: in proportion to its pixels, and no more on either
+            // side than pixels.
             let rest = (long - cut) * short;
             let before = (count * cut + long / 2) / long;
             let before = before.clamp(
@@ -103,7 +107,8 @@ impl Region {
         Ok(())
     }
 
-    /// Blocks of at most so many columns and rows of pixels that together cover the region exactly once, row by row.
+    /// Blocks of at most so many columns and rows of pixels that together cover the region exactly
+    /// once, row by row.
     #[must_use]
     pub fn blocks(&self, [width, height]: [u32; 2]) -> Vec<Self> {
         let cuts = |from: u32, to: u32, size: u32| {

@@ -1,9 +1,11 @@
-//! What a picture shows, as far as its header tells: pictures of different subjects are no measure of each other.
+//! What a picture shows, as far as its header tells: pictures of different subjects are no measure
+//! of each other.
 
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// The scene of a picture, the camera, and how much of the light. Pictures of other programs tell nothing.
+/// The scene of a picture, the camera, and how much of the light. Pictures of other programs tell
+/// nothing.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Subject {
     /// Digest of the scene's files.

@@ -1,4 +1,5 @@
-//! The tone map of previews and perceptual metrics: `clip(exposure * radiance, 0, 1)^(1/2.2)` in eight bits.
+//! The tone map of previews and perceptual metrics: `clip(exposure * radiance, 0, 1)^(1/2.2)` in
+//! eight bits.
 
 use super::Picture;
 use rayon::prelude::*;
@@ -29,7 +30,8 @@ pub fn map(picture: &Picture, exposure: f32) -> Display {
     }
 }
 
-/// Inverts [`map`] where it did not clip: mapping the result again at the same exposure gives the same bytes.
+/// Inverts [`map`] where it did not clip: mapping the result again at the same exposure gives the
+/// same bytes.
 #[must_use]
 pub fn unmap(display: &Display, exposure: f32) -> Picture {
     let table: Vec<f32> = (0..=255u8).map(|v| decode(v, exposure)).collect();

@@ -53,8 +53,9 @@ pub struct Description {
     pub nodes: u64,
     /// Columns that are present.
     pub columns: Vec<ColumnBytes>,
-    /// Columns that were not needed, everywhere or in places, and what that saved before compression; and kinds of points that
-    /// there are none of, with 0 bytes: what they would take depends on how many there would be.
+    /// Columns that were not needed, everywhere or in places, and what that saved before
+    /// compression; and kinds of points that there are none of, with 0 bytes: what they would take
+    /// depends on how many there would be.
     pub left_out: Vec<LeftOut>,
     /// Of a tree, by steps below the root.
     pub levels: Vec<Level>,

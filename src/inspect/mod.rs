@@ -1,5 +1,5 @@
-//! What is in a cloud, a tree or scattered light, for people and for scripts: descriptions, first points, PLY for viewers, and the
-//! complete check of a file.
+//! What is in a cloud, a tree or scattered light, for people and for scripts: descriptions, first
+//! points, PLY for viewers, and the complete check of a file.
 
 mod describe;
 mod ply;

@@ -19,11 +19,13 @@ pub struct Exported {
     pub surfels_or_nodes: u64,
 }
 
-/// Writes the points of a file, in scene space: position, normal, radius, radiance, extinction, and a colour for display.
+/// Writes the points of a file, in scene space: position, normal, radius, radiance, extinction, and
+/// a colour for display.
 ///
-/// With `level`, the nodes of a tree that many steps below the root are written in place of the surfels, and leaves
-/// above them, so that all of the surface is covered: a node's normal is its mean normal, its radius that of a disk of
-/// its area. Lvoxels have no normal; their radius is that of a ball of their volume.
+/// With `level`, the nodes of a tree that many steps below the root are written in place of the
+/// surfels, and leaves above them, so that all of the surface is covered: a node's normal is its
+/// mean normal, its radius that of a disk of its area. Lvoxels have no normal; their radius is that
+/// of a ball of their volume.
 ///
 /// # Errors
 /// Wrong input for a level of a cloud, an output that exists (unless `force`), or a damaged file.

@@ -1,4 +1,5 @@
-//! The samples that `lvox reference` keeps beside its image: what they are of and how many there are.
+//! The samples that `lvox reference` keeps beside its image: what they are of and how many there
+//! are.
 
 use crate::image::samples::{Rows, Unreadable, VERSION, counts};
 use crate::{Error, Result};

@@ -10,7 +10,8 @@ use crate::run::hex;
 use std::fmt;
 use std::path::Path;
 
-/// Header, counts and columns of scattered light. The keys of its JSON do not change within a version.
+/// Header, counts and columns of scattered light. The keys of its JSON do not change within a
+/// version.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Scattered {
     /// Path of the file, as given.
@@ -41,7 +42,8 @@ pub struct Scattered {
     pub stored_part: BlockSizes,
     /// Columns that are present.
     pub columns: Vec<ColumnBytes>,
-    /// Columns that were not needed, everywhere or in places, and what that saved before compression.
+    /// Columns that were not needed, everywhere or in places, and what that saved before
+    /// compression.
     pub left_out: Vec<LeftOut>,
 }
 
@@ -63,7 +65,8 @@ pub struct Lattice {
 /// Describes scattered light, of which no vertex is read; `None` if it is another kind of file.
 ///
 /// # Errors
-/// A file that cannot be read, that is none of ours, or scattered light that is damaged in its tables.
+/// A file that cannot be read, that is none of ours, or scattered light that is damaged in its
+/// tables.
 pub fn scattered(path: &Path) -> Result<Option<Scattered>> {
     let file = MappedFile::open(path)?;
     let length = file.as_ref().len() as u64;

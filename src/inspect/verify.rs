@@ -61,11 +61,13 @@ impl Check {
     }
 }
 
-/// Reads all of a cloud, a tree, scattered light or kept samples: every checksum and every value; and for a tree, that count, area, flux and optical
-/// depth are those of the cloud within the bounds of the format, at every depth.
+/// Reads all of a cloud, a tree, scattered light or kept samples: every checksum and every value;
+/// and for a tree, that count, area, flux and optical depth are those of the cloud within the
+/// bounds of the format, at every depth.
 ///
 /// # Errors
-/// Wrong input, for the first damage found; a job that is cancelled. What is not conserved is in the result.
+/// Wrong input, for the first damage found; a job that is cancelled. What is not conserved is in
+/// the result.
 pub fn verify(path: &Path, job: &Job) -> Result<Verification> {
     let file = path.display().to_string();
     let undamaged = |file: String, kind: &'static str| Verification {
@@ -100,7 +102,8 @@ pub fn verify(path: &Path, job: &Job) -> Result<Verification> {
             let mut checks = conserved(&tree);
             let area = tree.summary().cloud_sums.area;
             for (i, depth) in depths.iter().enumerate() {
-                // Aggregates come from unrounded surfels, so only their own rounding to a float counts.
+                // Aggregates come from unrounded surfels, so only their own rounding to a float
+                // counts.
                 let name = format!("area at depth {i}");
                 checks.push(Check::new(name, area, depth.area, area * 1e-5));
             }

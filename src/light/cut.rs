@@ -1,4 +1,5 @@
-//! The groups of a light tree that stand for all lights at one point (adaptive tree splitting, Conty Estevez & Kulla 2018).
+//! The groups of a light tree that stand for all lights at one point (adaptive tree splitting,
+//! Conty Estevez & Kulla 2018).
 
 use super::emitters::Emitters;
 use super::receiver::Receiver;
@@ -13,7 +14,8 @@ struct Part {
     what: Estimate,
 }
 
-/// Groups that together are all lights that can reach a receiver, none in two, in the order of the tree.
+/// Groups that together are all lights that can reach a receiver, none in two, in the order of the
+/// tree.
 #[derive(Debug)]
 pub struct Cut<'a, R> {
     tree: &'a Tree,
@@ -41,8 +43,8 @@ const MOST_VISITS: usize = 1024;
 const ROOM: usize = 64;
 
 impl<'a, R: Receiver> Cut<'a, R> {
-    /// Splits groups until none may be wrong by more than `tolerance` times what all lights send. After about a
-    /// thousand groups, only those near by are split.
+    /// Splits groups until none may be wrong by more than `tolerance` times what all lights send.
+    /// After about a thousand groups, only those near by are split.
     pub fn new(
         tree: &'a Tree,
         emitters: &Emitters,
@@ -108,8 +110,8 @@ impl<'a, R: Receiver> Cut<'a, R> {
             .fold(Rgb::BLACK, |sum, p| sum + p.what.light)
     }
 
-    /// Chooses a light for a number in [0,1): numbers near each other choose lights near each other. `None` if it leads to a
-    /// group of which nothing can reach the receiver after all.
+    /// Chooses a light for a number in [0,1): numbers near each other choose lights near each
+    /// other. `None` if it leads to a group of which nothing can reach the receiver after all.
     pub fn choose(&self, u: f32) -> Option<Choice> {
         let target = u * self.importance;
         let mut below = 0.0;
@@ -164,7 +166,8 @@ impl<R: Receiver> Cut<'_, R> {
         self.parts.len()
     }
 
-    /// Chance of each emitter, and of none: where the halves of a group tell that nothing of it can reach the receiver.
+    /// Chance of each emitter, and of none: where the halves of a group tell that nothing of it can
+    /// reach the receiver.
     pub fn chances(&self, emitters: usize) -> (Vec<f32>, f32) {
         let (mut chances, mut none) = (vec![0.0; emitters], 0.0);
         let mut open: Vec<(u32, f32)> = self

@@ -4,29 +4,32 @@ use super::sight::{Dimmed, Dimming, Sight};
 use crate::math::Rgb;
 use std::ops::AddAssign;
 
-/// What direct light a point gets: irradiance of a surface, or mean radiance over the sphere in a medium.
+/// What direct light a point gets: irradiance of a surface, or mean radiance over the sphere in a
+/// medium.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Direct<D = Dimmed> {
     /// From lights without extent, of which one ray tells all.
     pub sharp: Rgb,
     /// What the lights with an extent would send with nothing between.
     pub open: Rgb,
-    /// What came of that along shadow rays, added up. Sums of several points near each other tell it better.
+    /// What came of that along shadow rays, added up. Sums of several points near each other tell
+    /// it better.
     pub rays: Arrival,
     /// Which lights its rays reached.
     pub sight: Sight<D>,
 }
 
-/// Whether two amounts of light differ so little that what is known at one place is good at the other: beside lamps it is not,
-/// and a ray that few were to take would bring all the light.
+/// Whether two amounts of light differ so little that what is known at one place is good at the
+/// other: beside lamps it is not, and a ray that few were to take would bring all the light.
 #[must_use]
 pub fn is_alike(a: f32, b: f32) -> bool {
     const SAME: f32 = 0.9;
     a.min(b) >= SAME * a.max(b)
 }
 
-/// What shadow rays to lights with an extent brought, added up. Rays are weighted so that with nothing between, those to one light
-/// add up to what it sends times the rays that each light gets: else what hides one light would count for another, too.
+/// What shadow rays to lights with an extent brought, added up. Rays are weighted so that with
+/// nothing between, those to one light add up to what it sends times the rays that each light gets:
+/// else what hides one light would count for another, too.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Arrival {
     /// With what stands between.
@@ -50,9 +53,10 @@ impl Arrival {
 
     /// What arrives of `open`, by the sum of many rays; all of it if there was none.
     ///
-    /// The share that arrives is that of the mean channel, by which rays choose among lights. What rays brought in each channel
-    /// beyond that share is added: it colours a shadow, and is exactly 0 where rays agree, so that light without shadows
-    /// has no noise whatever colours the lights have.
+    /// The share that arrives is that of the mean channel, by which rays choose among lights. What
+    /// rays brought in each channel beyond that share is added: it colours a shadow, and is exactly
+    /// 0 where rays agree, so that light without shadows has no noise whatever colours the lights
+    /// have.
     #[must_use]
     pub fn of(&self, open: Rgb) -> Rgb {
         let all = self.all.mean();
@@ -76,7 +80,8 @@ impl AddAssign for Arrival {
 }
 
 impl<D: Dimming> Direct<D> {
-    /// What a point between some others gets, if all of those get much the same and no shadow's edge is among them.
+    /// What a point between some others gets, if all of those get much the same and no shadow's
+    /// edge is among them.
     #[must_use]
     pub fn amid<const N: usize>(around: [&Self; N]) -> Option<Self> {
         let mut mean = Self::default();
@@ -101,8 +106,8 @@ impl<D: Dimming> Direct<D> {
         Some(mean)
     }
 
-    /// The point's own estimate. Rays choose among lights by their mean channel, so a few of them cannot tell the share of each
-    /// channel: their colour is what they brought.
+    /// The point's own estimate. Rays choose among lights by their mean channel, so a few of them
+    /// cannot tell the share of each channel: their colour is what they brought.
     #[must_use]
     pub fn light(&self) -> Rgb {
         let all = self.rays.all.mean();

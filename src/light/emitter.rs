@@ -25,8 +25,9 @@ impl Emitter {
         self.corners[0] * w[0] + self.corners[1] * w[1] + self.corners[2] * w[2]
     }
 
-    /// A direction from `origin` to the emitter, the distance along it, and its density per steradian: uniform over the
-    /// emitter's solid angle if its area over its squared distance is more than `near`, else uniform over its area.
+    /// A direction from `origin` to the emitter, the distance along it, and its density per
+    /// steradian: uniform over the emitter's solid angle if its area over its squared distance is
+    /// more than `near`, else uniform over its area.
     pub fn look_at(&self, origin: Vec3, u: [f32; 2], near: f32) -> (Vec3, f32, f32) {
         let corners = self.corners.map(|c| c - origin);
         let middle = (corners[0] + corners[1] + corners[2]) * (1.0 / 3.0);

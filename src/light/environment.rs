@@ -10,7 +10,8 @@ use glam::Vec3;
 use std::f32::consts::PI;
 
 impl<S: Shadows> Lights<'_, S> {
-    /// Irradiance of a surface point from the environment, by as many rays over the hemisphere as `rays` are.
+    /// Irradiance of a surface point from the environment, by as many rays over the hemisphere as
+    /// `rays` are.
     #[must_use]
     pub fn environment_irradiance(
         &self,

@@ -48,8 +48,8 @@ impl Chances {
         chances
     }
 
-    /// Adds what rays bring. They share the emitters out by what each would send; each ray counts by what its point would
-    /// send.
+    /// Adds what rays bring. They share the emitters out by what each would send; each ray counts
+    /// by what its point would send.
     pub fn add<S: Shadows, R: Receiver>(
         &self,
         total: &mut Direct<S::Dimming>,
@@ -80,7 +80,8 @@ impl Chances {
             // What this point sends over what its emitter was expected to: near 1.
             if let Some((w, through)) = at.ray_to(emitter, [within, v], chosen[k].response) {
                 let light = emitter.radiance * (w * sum / emitter.radiance.mean());
-                // Emitters of one surface are told apart no further than sharing a bit with another.
+                // Emitters of one surface are told apart no further than sharing a bit with
+                // another.
                 total.note_ray(index as usize, light, through);
             }
         }

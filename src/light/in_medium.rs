@@ -13,8 +13,8 @@ use crate::trace::short_of;
 use glam::Vec3;
 use std::ops::{AddAssign, Mul};
 
-/// Direct light at a point of a medium, in two parts: that of point and spot lights changes without bound near them, but
-/// the share of it that arrives changes no faster than media and shadows do.
+/// Direct light at a point of a medium, in two parts: that of point and spot lights changes without
+/// bound near them, but the share of it that arrives changes no faster than media and shadows do.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct InMedium {
     /// What arrives of [`Lights::sent`], per channel.
@@ -41,8 +41,8 @@ impl Mul<f32> for InMedium {
 }
 
 impl<S: Shadows> Lights<'_, S> {
-    /// [`Self::mean_radiance`] in two parts, for what lies between points: [`Self::sent`] times the share, and the
-    /// rest. Media before suns are those of `suns`, or the scene's own.
+    /// [`Self::mean_radiance`] in two parts, for what lies between points: [`Self::sent`] times the
+    /// share, and the rest. Media before suns are those of `suns`, or the scene's own.
     #[must_use]
     pub fn in_medium(&self, point: Vec3, rays: ShadowRays, suns: Option<&SunDepths>) -> InMedium {
         let rest = self.sum(&self.shading_point(point, rays, Medium), suns, |light| {
@@ -56,7 +56,8 @@ impl<S: Shadows> Lights<'_, S> {
 
     /// What arrives at a point of a medium of all that point and spot lights send, per channel.
     fn share_of_lamps(&self, point: Vec3) -> Rgb {
-        // What is beside a spot's beam counts little, but tells what arrives in a beam that passes between such points.
+        // What is beside a spot's beam counts little, but tells what arrives in a beam that passes
+        // between such points.
         const BESIDE: f32 = 1e-3;
         let (mut arriving, mut sent) = (Rgb::BLACK, Rgb::BLACK);
         for (position, intensity, light) in self.lamps() {
@@ -86,8 +87,8 @@ impl<S> Lights<'_, S> {
         lights.filter_map(|l| l.lamp().map(|(at, intensity)| (at, Rgb(intensity), l)))
     }
 
-    /// Mean radiance over the sphere that point and spot lights would send with nothing between, averaged over a segment
-    /// in closed form.
+    /// Mean radiance over the sphere that point and spot lights would send with nothing between,
+    /// averaged over a segment in closed form.
     #[must_use]
     pub fn sent(&self, from: Vec3, to: Vec3) -> Rgb {
         let mut total = Rgb::BLACK;
@@ -115,8 +116,8 @@ impl<S> Lights<'_, S> {
         lights.any(|l| !matches!(l, Light::Environment { .. }))
     }
 
-    /// Whether a point or spot light is nearer to a segment than `distance`; then, for the nearest, the place from 0 to 1 that
-    /// halves its light on the segment.
+    /// Whether a point or spot light is nearer to a segment than `distance`; then, for the nearest,
+    /// the place from 0 to 1 that halves its light on the segment.
     #[must_use]
     pub fn lamp_near(&self, from: Vec3, to: Vec3, distance: f32) -> Option<f32> {
         self.lamps()

@@ -1,4 +1,5 @@
-//! Point and spot lights near a segment, whose inverse square is integrated in closed form, and a spot's falloff beside it.
+//! Point and spot lights near a segment, whose inverse square is integrated in closed form, and a
+//! spot's falloff beside it.
 
 use crate::math::magnitude::to_unit;
 use crate::scene::Light;
@@ -25,7 +26,8 @@ impl Seen {
         Self {
             scale,
             ends: [u, v],
-            // A segment through the light would get no end of it: one that passes is a millionth of its length away.
+            // A segment through the light would get no end of it: one that passes is a millionth of
+            // its length away.
             twice_area: u
                 .cross(v)
                 .length()
@@ -34,7 +36,8 @@ impl Seen {
         }
     }
 
-    /// Mean of the inverse square over the segment: the angle that it is seen under, over twice the triangle.
+    /// Mean of the inverse square over the segment: the angle that it is seen under, over twice the
+    /// triangle.
     pub fn mean_inverse_square(&self) -> f32 {
         let mean = if self.twice_area > 1e-3 * self.along {
             libm::atan2f(self.twice_area, self.along) / self.twice_area
@@ -45,15 +48,17 @@ impl Seen {
         mean * self.scale * self.scale
     }
 
-    /// Where half of the light on the segment is on either side, from 0 to 1: where the middle of the angle meets it.
+    /// Where half of the light on the segment is on either side, from 0 to 1: where the middle of
+    /// the angle meets it.
     pub fn median(&self) -> f32 {
         let [u, v] = self.ends.map(Vec3::length);
         if u + v > 0.0 { u / (u + v) } else { 0.5 }
     }
 
-    /// Mean of a light's falloff over the angle that the segment is seen under, which is its mean over the segment weighted by
-    /// the inverse square: the part inside a spot's inner cone counts whole, what is between both cones by four points
-    /// (Gauss-Legendre) on either side, and a beam narrower than the segment is not missed.
+    /// Mean of a light's falloff over the angle that the segment is seen under, which is its mean
+    /// over the segment weighted by the inverse square: the part inside a spot's inner cone counts
+    /// whole, what is between both cones by four points (Gauss-Legendre) on either side, and a beam
+    /// narrower than the segment is not missed.
     pub fn falloff(&self, light: &Light) -> f32 {
         let Light::Spot {
             direction,
@@ -71,7 +76,8 @@ impl Seen {
         if angle <= 1e-4 {
             return light.falloff((0.5 * (u + v)).normalize_or_zero());
         }
-        // Along the fan of directions the cosine to the axis is that of the angle to the nearest one, times its own.
+        // Along the fan of directions the cosine to the axis is that of the angle to the nearest
+        // one, times its own.
         let (x, y) = (first.dot(direction), across.dot(direction));
         let nearest = libm::hypotf(x, y);
         let middle = libm::atan2f(y, x);

@@ -20,7 +20,8 @@ use crate::trace::{self, Tracer};
 use glam::Vec3;
 use std::sync::Arc;
 
-/// All lights of a scene but a constant environment, which gathering takes care of, and what shadow rays to them pass.
+/// All lights of a scene but a constant environment, which gathering takes care of, and what shadow
+/// rays to them pass.
 #[derive(Clone, Debug)]
 pub struct Lights<'a, S = SceneMedia<'a>> {
     pub(super) tracer: &'a Tracer<'a>,
@@ -47,7 +48,8 @@ impl<'a> Lights<'a> {
         }
     }
 
-    /// The same lights, with these media before emissive triangles instead of the scene's own, if there are any.
+    /// The same lights, with these media before emissive triangles instead of the scene's own, if
+    /// there are any.
     #[must_use]
     pub fn with_soft_shadows_through(mut self, media: Option<&'a SoftShadows>) -> Self {
         self.shadows.before_triangles = media;
@@ -90,15 +92,16 @@ impl<'a> Lights<'a> {
 }
 
 impl<'a, S: Shadows> Lights<'a, S> {
-    /// The same lights, asked with less care where they are many: for points of which pictures see means of many only.
+    /// The same lights, asked with less care where they are many: for points of which pictures see
+    /// means of many only.
     #[must_use]
     pub fn for_baking(mut self) -> Self {
         self.care = Care::BAKING;
         self
     }
 
-    /// Share of light that gets from `origin` to `t_max` along a unit direction: 0 behind a surface, else what the scene's
-    /// own media let through.
+    /// Share of light that gets from `origin` to `t_max` along a unit direction: 0 behind a
+    /// surface, else what the scene's own media let through.
     #[must_use]
     pub fn through(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
         self.shadows
@@ -124,7 +127,8 @@ impl<'a, S: Shadows> Lights<'a, S> {
         Prospect::new(&self.emitters, self.care, at.origin, at.receiver)
     }
 
-    /// Irradiance of a surface by a prospect from it or from beside it, and by what that says of `open` light.
+    /// Irradiance of a surface by a prospect from it or from beside it, and by what that says of
+    /// `open` light.
     #[must_use]
     pub fn irradiance_by(
         &self,
@@ -143,8 +147,8 @@ impl<'a, S: Shadows> Lights<'a, S> {
         )
     }
 
-    /// Irradiance of a surface point on the side of `normal`; `face_normal` is the geometric one on that side, along
-    /// which rays leave.
+    /// Irradiance of a surface point on the side of `normal`; `face_normal` is the geometric one on
+    /// that side, along which rays leave.
     #[must_use]
     pub fn irradiance(
         &self,
@@ -161,8 +165,8 @@ impl<'a, S: Shadows> Lights<'a, S> {
         )
     }
 
-    /// Mean over the sphere of the direct radiance at a point of a medium: its in-scattered radiance for an isotropic
-    /// phase function.
+    /// Mean over the sphere of the direct radiance at a point of a medium: its in-scattered
+    /// radiance for an isotropic phase function.
     #[must_use]
     pub fn mean_radiance(&self, point: Vec3, rays: ShadowRays) -> Direct<S::Dimming> {
         let mut direct = self.sum(&self.shading_point(point, rays, Medium), None, |_| true);
@@ -187,8 +191,8 @@ impl<'a, S: Shadows> Lights<'a, S> {
         }
     }
 
-    /// Sums over the lights that are `asked` for and all emissive triangles. Media before suns are those of `suns`, or
-    /// the scene's own.
+    /// Sums over the lights that are `asked` for and all emissive triangles. Media before suns are
+    /// those of `suns`, or the scene's own.
     pub(super) fn sum(
         &self,
         at: &ShadingPoint<S, impl Receiver>,

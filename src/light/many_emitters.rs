@@ -1,4 +1,5 @@
-//! Light of many emissive triangles: a tree tells what they send, and each ray goes to a light that it chooses by that.
+//! Light of many emissive triangles: a tree tells what they send, and each ray goes to a light that
+//! it chooses by that.
 
 use super::cut::Cut;
 use super::direct::Direct;
@@ -15,7 +16,8 @@ use glam::Vec3;
 pub struct Care {
     /// Share of all light by which one group of them may be wrong.
     tolerance: f32,
-    /// Whether rays tell what arrives of the groups' light, which has no noise, or all of it, which has no bias.
+    /// Whether rays tell what arrives of the groups' light, which has no noise, or all of it, which
+    /// has no bias.
     is_share: bool,
     /// Rays for one to a few.
     rays: u32,
@@ -74,7 +76,8 @@ impl Care {
             let emitter = emitters.get(choice.emitter);
             if let Some((w, through)) = at.ray_to(emitter, [choice.within, v], choice.chance) {
                 let light = emitter.radiance * w;
-                // As much of the light as a ray to any other light with an extent brings of its own.
+                // As much of the light as a ray to any other light with an extent brings of its
+                // own.
                 total.note_ray(choice.emitter as usize, light * per_ray, through);
                 sent += light;
             }

@@ -1,9 +1,11 @@
-//! Direct light at a point of a surface or of a medium, with shadow rays that see triangles and media.
+//! Direct light at a point of a surface or of a medium, with shadow rays that see triangles and
+//! media.
 //!
-//! What a light would send without anything between is computed in closed form; rays measure only the share that
-//! arrives. So a point in full light has no noise at all.
+//! What a light would send without anything between is computed in closed form; rays measure only
+//! the share that arrives. So a point in full light has no noise at all.
 //!
-//! Points and directions are those of scene space, distances are scene units, light is linear Rec.709.
+//! Points and directions are those of scene space, distances are scene units, light is linear
+//! Rec.709.
 
 mod cut;
 mod direct;

@@ -1,4 +1,5 @@
-//! What emissive triangles would send to a point with nothing between. Rays to them are chosen by it.
+//! What emissive triangles would send to a point with nothing between. Rays to them are chosen by
+//! it.
 
 use super::cut::Cut;
 use super::direct::Direct;
@@ -11,11 +12,13 @@ use super::shadows::Shadows;
 use crate::math::Rgb;
 use glam::Vec3;
 
-/// What emissive triangles would send to a point with nothing between, and the chances of each to get a ray of the point. It
-/// serves others beside that point as well: chances need not fit exactly.
+/// What emissive triangles would send to a point with nothing between, and the chances of each to
+/// get a ray of the point. It serves others beside that point as well: chances need not fit
+/// exactly.
 #[derive(Debug)]
 pub struct Prospect<'a, R = Surface> {
-    /// Irradiance of a surface, or the integral of radiance over the sphere in a medium; black where rays are to tell.
+    /// Irradiance of a surface, or the integral of radiance over the sphere in a medium; black
+    /// where rays are to tell.
     pub open: Rgb,
     emitters: &'a Emitters,
     from: From<'a, R>,

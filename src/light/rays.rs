@@ -14,8 +14,8 @@ pub enum ShadowRays {
         /// Key of the point.
         seed: u64,
     },
-    /// Rays in one or more of the 16 equal cells of the lights: neighbours that take the 16 cells in turn have, together,
-    /// a well-spread set (Keller & Heidrich 2001).
+    /// Rays in one or more of the 16 equal cells of the lights: neighbours that take the 16 cells
+    /// in turn have, together, a well-spread set (Keller & Heidrich 2001).
     Cells {
         /// That of the first ray, 0 to 15; others are in the quarters after it.
         cell: u8,
@@ -37,9 +37,10 @@ impl ShadowRays {
         }
     }
 
-    /// Area of an emitter over its squared distance from which its rays have to be uniform over its solid angle, which takes
-    /// longer to find. What the shadows of a few rays say is biased if those stand for parts of different size, by a
-    /// hundredth beside the lamps of a scene with media; rays of many points that are added up may differ more.
+    /// Area of an emitter over its squared distance from which its rays have to be uniform over its
+    /// solid angle, which takes longer to find. What the shadows of a few rays say is biased if
+    /// those stand for parts of different size, by a hundredth beside the lamps of a scene with
+    /// media; rays of many points that are added up may differ more.
     pub(super) fn near(&self) -> f32 {
         match self {
             Self::Sequence { .. } => 0.02,
@@ -63,8 +64,9 @@ impl ShadowRays {
         }
     }
 
-    /// The same where each ray to all emissive triangles is `per_ray` rays among many of them: the first number, which
-    /// chooses the light, takes all cells in turn, so that lights have as many strata as there are rays.
+    /// The same where each ray to all emissive triangles is `per_ray` rays among many of them: the
+    /// first number, which chooses the light, takes all cells in turn, so that lights have as many
+    /// strata as there are rays.
     pub(super) fn point_of_many(&self, i: u32, per_ray: u32) -> [f32; 2] {
         match *self {
             Self::Sequence { first, seed, .. } => sobol2(first * per_ray + i, 63, mix(seed) as u32),

@@ -12,10 +12,12 @@ pub trait Receiver: Copy {
     /// Response to light from a unit direction.
     fn response(self, d: Vec3) -> f32;
 
-    /// Its integral over a triangle seen from the receiver at the origin: closed form, in units of the triangle's radiance.
+    /// Its integral over a triangle seen from the receiver at the origin: closed form, in units of
+    /// the triangle's radiance.
     fn of_triangle(self, corners: [Vec3; 3]) -> f32;
 
-    /// Unit normals, that of the response first, on whose side a light must be; `None` if it may be on any.
+    /// Unit normals, that of the response first, on whose side a light must be; `None` if it may be
+    /// on any.
     fn normals(self) -> Option<[Vec3; 2]>;
 }
 

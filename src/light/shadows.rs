@@ -1,4 +1,5 @@
-//! What shadow rays pass, as a type: light is asked for by code of its own where there are no media.
+//! What shadow rays pass, as a type: light is asked for by code of its own where there are no
+//! media.
 
 use super::sight::{Dimmed, Dimming};
 use super::soft_shadows::SoftShadows;
@@ -17,8 +18,8 @@ pub trait Shadows: Copy + Sync + std::fmt::Debug {
     /// What rays note of media that let a part of them through.
     type Dimming: Dimming;
 
-    /// Share of light that gets from `origin` to `t_max` along a unit direction; `depth` tells that of the media, if not
-    /// the scene's own do.
+    /// Share of light that gets from `origin` to `t_max` along a unit direction; `depth` tells that
+    /// of the media, if not the scene's own do.
     fn transmittance(
         &self,
         tracer: &Tracer,

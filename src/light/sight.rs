@@ -6,8 +6,8 @@ use std::ops::AddAssign;
 /// What rays to lights found, of one point or of several near each other.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Sight<D = Dimmed> {
-    /// A bit for each light of which a ray came through; of many lights some share a bit. Those without extent have the
-    /// lower half.
+    /// A bit for each light of which a ray came through; of many lights some share a bit. Those
+    /// without extent have the lower half.
     seen: u64,
     /// A bit for each light of which a ray was stopped.
     hidden: u64,
@@ -15,12 +15,14 @@ pub struct Sight<D = Dimmed> {
     dimmed: D,
 }
 
-/// What media let through of rays to lights with an extent, as a type: without media there is nothing to note.
+/// What media let through of rays to lights with an extent, as a type: without media there is
+/// nothing to note.
 pub trait Dimming: Copy + Debug + Default + Send + Sync + 'static {
     /// Notes the part of a ray that came through, and the light's bit.
     fn note(&mut self, bit: u64, through: f32);
 
-    /// Whether lights that some rays reach or miss, or that are dimmed, are so to much different degrees.
+    /// Whether lights that some rays reach or miss, or that are dimmed, are so to much different
+    /// degrees.
     fn differs(&self, seen: u64, hidden: u64) -> bool;
 
     /// Adds what other rays noted.
@@ -48,7 +50,8 @@ impl Default for Dimmed {
 }
 
 impl Dimmed {
-    /// By how much the shares of rays to a light with an extent may differ before it counts as partly hidden.
+    /// By how much the shares of rays to a light with an extent may differ before it counts as
+    /// partly hidden.
     const ALIKE: f32 = 0.3;
 }
 
@@ -96,8 +99,8 @@ impl<D: Dimming> Sight<D> {
         self.seen & self.hidden & !Self::SHARP != 0 || self.dimmed.differs(self.seen, self.hidden)
     }
 
-    /// Notes what share of a light without extent came through along the ray to it. A medium that stops nearly all of it
-    /// hides the light like a surface.
+    /// Notes what share of a light without extent came through along the ray to it. A medium that
+    /// stops nearly all of it hides the light like a surface.
     pub(super) fn note_sharp(&mut self, index: usize, through: f32) {
         const HIDDEN: f32 = 0.25;
         const SEEN: f32 = 0.35;

@@ -1,4 +1,5 @@
-//! Media as shadow rays to lamps meet them. Shadows of lamps are soft, so that media need not be passed voxel by voxel.
+//! Media as shadow rays to lamps meet them. Shadows of lamps are soft, so that media need not be
+//! passed voxel by voxel.
 
 use super::OpticalDepth;
 use crate::math::exp::exp_neg;
@@ -49,8 +50,9 @@ impl OpticalDepth for SoftShadows {
 fn stepped(volume: &Volume, most: usize) -> SteppedVolume {
     /// Voxels.
     const STEPS: [f32; 2] = [4.0, 2.0];
-    /// Most by which transmittances may differ from those in steps of one voxel, in the root mean square: where shadows of dense
-    /// media are all that a picture shows, twice as much can be seen.
+    /// Most by which transmittances may differ from those in steps of one voxel, in the root mean
+    /// square: where shadows of dense media are all that a picture shows, twice as much can be
+    /// seen.
     const OFF: f64 = 0.006;
     let mut stepped = SteppedVolume::new(volume, most);
     let rays = rays_through(volume, &stepped);
@@ -70,7 +72,8 @@ fn stepped(volume: &Volume, most: usize) -> SteppedVolume {
     stepped
 }
 
-/// Origins and directions of rays that start in a volume's box and meet something, and what it lets through of each.
+/// Origins and directions of rays that start in a volume's box and meet something, and what it lets
+/// through of each.
 fn rays_through(volume: &Volume, stepped: &SteppedVolume) -> Vec<([Vec3; 2], f64)> {
     const RAYS: usize = 256;
     /// Most of a volume may be empty.

@@ -1,5 +1,5 @@
-//! Optical depth of media towards suns: exact for the first few voxels, then from rays that are kept (deep shadow maps,
-//! Lokovic & Veach 2000).
+//! Optical depth of media towards suns: exact for the first few voxels, then from rays that are
+//! kept (deep shadow maps, Lokovic & Veach 2000).
 
 use super::OpticalDepth;
 use crate::math::exp::exp_neg;
@@ -9,7 +9,8 @@ use crate::trace::Cells;
 use glam::Vec3;
 use std::sync::OnceLock;
 
-/// The media's depth towards each sun of a scene. Rays are made when first asked for, and depend on nothing but the scene.
+/// The media's depth towards each sun of a scene. Rays are made when first asked for, and depend on
+/// nothing but the scene.
 #[derive(Debug)]
 pub struct SunDepths<'a>(Vec<Option<SunDepth<'a>>>);
 
@@ -24,7 +25,8 @@ impl<'a> SunDepths<'a> {
     const DEPTH: f32 = 0.7;
     /// Voxels between rays, at most.
     const FAR: u32 = 8;
-    /// Rays' distances from a point up to which its depth is exact: what is nearer has the sharpest shadows.
+    /// Rays' distances from a point up to which its depth is exact: what is nearer has the sharpest
+    /// shadows.
     const EXACT: f32 = 6.0;
 
     /// Nothing is known yet.

@@ -82,7 +82,8 @@ impl Receiver for Either {
     }
 }
 
-/// Lamps of power over a range of 36 and of different colours: half of them anywhere, half on a ceiling.
+/// Lamps of power over a range of 36 and of different colours: half of them anywhere, half on a
+/// ceiling.
 fn lamps(count: usize, key: u64) -> Scene {
     let mut numbers = Numbers::new(key);
     let mut scene = Scene::without_picture();
@@ -119,7 +120,8 @@ fn sends(e: &Emitter, origin: Vec3, receiver: Either) -> Rgb {
     }
 }
 
-/// A few receivers that light can reach, with the sum of what all lights send by their closed forms.
+/// A few receivers that light can reach, with the sum of what all lights send by their closed
+/// forms.
 fn receivers(emitters: &Emitters, count: u32, key: u64) -> Vec<(Vec3, Either, Rgb)> {
     let mut numbers = Numbers::new(key);
     let mut found = Vec::new();
@@ -180,7 +182,8 @@ fn chances_add_up_to_one_and_no_light_that_can_reach_a_point_is_left_out() {
             assert!((total - 1.0).abs() < 1e-4, "{count}: {total}");
             for (i, chance) in chances.iter().enumerate() {
                 let sent = sends(emitters.get(i as u32), origin, receiver).mean();
-                // Within a thousand of its share, no light is asked less than a hundredth as often as it sends.
+                // Within a thousand of its share, no light is asked less than a hundredth as often
+                // as it sends.
                 let share = sent / sum.mean();
                 assert!(share < 1e-3 || *chance > 0.01 * share, "{share} {chance}");
                 assert!(sent == 0.0 || *chance > 0.0, "{i} sends {sent}");

@@ -1,8 +1,8 @@
-//! A tree over many emissive triangles (Conty Estevez & Kulla 2018): what a group of them sends to a point, how far that may
-//! be wrong, and how much it may be at most.
+//! A tree over many emissive triangles (Conty Estevez & Kulla 2018): what a group of them sends to
+//! a point, how far that may be wrong, and how much it may be at most.
 //!
-//! Groups are small in space and in directions. Each keeps the moments of its light, so that from afar it counts as one: the
-//! flux through its middle, and how light is spread around that.
+//! Groups are small in space and in directions. Each keeps the moments of its light, so that from
+//! afar it counts as one: the flux through its middle, and how light is spread around that.
 
 use super::emitter::Emitter;
 use super::receiver::Receiver;
@@ -36,7 +36,8 @@ struct Node {
     both: f32,
     /// Mean squared distance from the middle, weighted by power.
     spread2: f32,
-    /// First moment of the flux around the middle, mean over channels of its size: none where all emit alike.
+    /// First moment of the flux around the middle, mean over channels of its size: none where all
+    /// emit alike.
     lopsided: f32,
     below: Below,
 }
@@ -94,8 +95,8 @@ pub struct Tree {
     units: Units,
 }
 
-/// What nodes count lengths and radiance in: powers of two about as large as the largest, which change no digit and keep
-/// areas times radiance in the range of f32.
+/// What nodes count lengths and radiance in: powers of two about as large as the largest, which
+/// change no digit and keep areas times radiance in the range of f32.
 #[derive(Clone, Copy, Debug)]
 struct Units {
     per_length: f32,
@@ -231,7 +232,8 @@ impl Node {
         let (mut spread2, mut moments) = (0.0_f64, [Mat3::ZERO; 3]);
         for s in sides {
             cos = cos.min(s.normal.dot(axis));
-            // Mean square over a triangle: that of its middle, and a twelfth of those of its corners around that.
+            // Mean square over a triangle: that of its middle, and a twelfth of those of its
+            // corners around that.
             let mut square = (s.middle - middle).length_squared();
             for c in s.corners {
                 radius = radius.max((c - middle).length());
@@ -310,7 +312,8 @@ impl Node {
         }
         let inverse = 1.0 / distance;
         let d = to_middle * inverse;
-        // Angle between the cone's axis and the way to the receiver, against the cone's and that of the group's sphere.
+        // Angle between the cone's axis and the way to the receiver, against the cone's and that of
+        // the group's sphere.
         let (sin_u, cos_u) = {
             let sin = self.radius * inverse;
             (sin, (1.0 - sin * sin).max(0.0).sqrt())
@@ -374,7 +377,8 @@ impl Node {
     }
 }
 
-/// How wrong a group is that faces the receiver in part, or is above its horizon in part, over the most that it can send.
+/// How wrong a group is that faces the receiver in part, or is above its horizon in part, over the
+/// most that it can send.
 const MIXED: f32 = 0.3;
 
 /// Mean of the positive part of what is spread evenly by up to `half` around `middle`.
@@ -392,12 +396,13 @@ fn outer(a: Vec3, b: Vec3) -> Mat3 {
     Mat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
-/// Bounds of the derivatives of `cos cos / r^2`, relative to it: of the first, and half of the second's.
+/// Bounds of the derivatives of `cos cos / r^2`, relative to it: of the first, and half of the
+/// second's.
 const FIRST_ORDER: f32 = 2.0;
 const SECOND_ORDER: f32 = 1.5;
 
-/// Orders a group of two or more so that it falls into two halves, and tells where: by the least sum of power times squared
-/// diagonal times solid angle of what the halves light.
+/// Orders a group of two or more so that it falls into two halves, and tells where: by the least
+/// sum of power times squared diagonal times solid angle of what the halves light.
 fn split(sides: &mut [Side], depth: u32) -> usize {
     /// Deeper than this, halves by number.
     const DEEP: u32 = 60;
@@ -503,8 +508,8 @@ impl Bin {
         self.count += other.count;
     }
 
-    /// Power times squared diagonal times what is lit, over 2 pi: a hemisphere, wider by a cap that has the mean of these
-    /// normals.
+    /// Power times squared diagonal times what is lit, over 2 pi: a hemisphere, wider by a cap that
+    /// has the mean of these normals.
     fn cost(&self) -> f32 {
         let cos_cap = (2.0 * self.normals.length() / self.power - 1.0).clamp(-1.0, 1.0);
         let sin_cap = (1.0 - cos_cap * cos_cap).sqrt();

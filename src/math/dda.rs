@@ -3,8 +3,9 @@
 use glam::{Affine3A, BVec3A, DAffine3, DVec3, Vec3, Vec3A};
 use wide::{f32x4, f64x4};
 
-/// Steps over cells along one ray (Amanatides & Woo 1987), at some scale. Without branches: which axis is next is as good
-/// as random, and a wrong guess of the processor would cost more than a step.
+/// Steps over cells along one ray (Amanatides & Woo 1987), at some scale. Without branches: which
+/// axis is next is as good as random, and a wrong guess of the processor would cost more than a
+/// step.
 #[derive(Clone, Copy, Debug)]
 pub struct Steps {
     /// Coordinates of the present cell: whole numbers.
@@ -65,8 +66,8 @@ impl Steps {
         self.t_next.min_element()
     }
 
-    /// To the next cell, across an edge or a corner if the ray meets one; returns whether it is inside the limit. A ray that
-    /// crosses nothing is outside, so that every walk ends.
+    /// To the next cell, across an edge or a corner if the ray meets one; returns whether it is
+    /// inside the limit. A ray that crosses nothing is outside, so that every walk ends.
     #[inline]
     pub fn advance(&mut self) -> bool {
         let leave = self.leave();
@@ -153,7 +154,8 @@ fn clip_to_box(o: DVec3, d: DVec3, dims: DVec3, t_max: f64) -> Option<(f64, f64)
 /// The part of a ray that is inside the box of a grid.
 #[derive(Clone, Copy, Debug)]
 pub struct Passage {
-    /// From where the ray enters, in grid coordinates, by distance in scene units: exact for far-away origins, too.
+    /// From where the ray enters, in grid coordinates, by distance in scene units: exact for
+    /// far-away origins, too.
     pub line: Line,
     /// Distance from the ray's origin to that of the line.
     pub start: f32,
@@ -162,8 +164,8 @@ pub struct Passage {
 }
 
 impl Passage {
-    /// Where a ray of unit direction, in scene space, is inside the box 0..dims of a grid, before `t_max`. The map from scene
-    /// space to grid coordinates is given in both precisions.
+    /// Where a ray of unit direction, in scene space, is inside the box 0..dims of a grid, before
+    /// `t_max`. The map from scene space to grid coordinates is given in both precisions.
     #[inline]
     #[must_use]
     pub fn new(
@@ -182,7 +184,8 @@ impl Passage {
         let size = line.origin.abs().max(dims).max_element();
         let margin = Vec3A::splat(2.0 * f32::EPSILON * size);
         line.within(-margin, dims + margin, 0.0, t_max)?;
-        // Rounding the ends of a ray in a dense medium would be seen: they are found once more, exactly.
+        // Rounding the ends of a ray in a dense medium would be seen: they are found once more,
+        // exactly.
         let o = exact.transform_point3(origin.as_dvec3());
         let d = exact.transform_vector3(direction.as_dvec3());
         let (start, end) = clip_to_box(o, d, dims.as_dvec3(), f64::from(t_max))?;
@@ -194,7 +197,8 @@ impl Passage {
         })
     }
 
-    /// The same in the coordinates of cells, whose corners are the middles of voxels, in a margin of half a cell.
+    /// The same in the coordinates of cells, whose corners are the middles of voxels, in a margin
+    /// of half a cell.
     #[inline]
     #[must_use]
     pub fn in_cells(mut self) -> Self {

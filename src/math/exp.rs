@@ -1,18 +1,21 @@
-//! exp(-x) and 1 - exp(-x) that are the same on every machine and keep their relative accuracy at both ends.
+//! exp(-x) and 1 - exp(-x) that are the same on every machine and keep their relative accuracy at
+//! both ends.
 //!
 //! The system's exponential differs between C libraries, and pixels must not.
 
 const LN2_HIGH: f32 = 0.693_359_4;
 const LN2_LOW: f32 = -2.121_944_4e-4;
 
-/// exp(-x) for x >= 0, relative error below 4e-7; 0 from x = 87 on, where the result would be denormal.
+/// exp(-x) for x >= 0, relative error below 4e-7; 0 from x = 87 on, where the result would be
+/// denormal.
 #[must_use]
 #[inline]
 pub fn exp_neg(x: f32) -> f32 {
     exp_neg_and_rest(x).0
 }
 
-/// 1 - exp(-x) for x >= 0: the share of light that a segment of optical depth x takes; relative error below 1e-6.
+/// 1 - exp(-x) for x >= 0: the share of light that a segment of optical depth x takes; relative
+/// error below 1e-6.
 #[must_use]
 #[inline]
 pub fn one_minus_exp_neg(x: f32) -> f32 {
@@ -29,7 +32,8 @@ pub fn exp_neg_and_rest(x: f32) -> (f32, f32) {
     let n = (x * std::f32::consts::LOG2_E + 0.5).floor();
     // f in about [-ln2/2, ln2/2], exact in two steps.
     let f = -((x - n * LN2_HIGH) - n * LN2_LOW);
-    // exp(f) - 1 keeps its relative accuracy at 0, and so does the rest: its other term is 0 or at least a half.
+    // exp(f) - 1 keeps its relative accuracy at 0, and so does the rest: its other term is 0 or at
+    // least a half.
     let poly = 1.0 / 5040.0;
     let poly = poly * f + 1.0 / 720.0;
     let poly = poly * f + 1.0 / 120.0;
@@ -42,8 +46,8 @@ pub fn exp_neg_and_rest(x: f32) -> (f32, f32) {
     (scale + scaled, (1.0 - scale) - scaled)
 }
 
-/// Mean depth at which light from a segment of optical depth x leaves its last particle, as a share of the segment:
-/// 1/x - 1/(exp(x) - 1), from 1/2 at 0 towards 0; relative error below 1e-5.
+/// Mean depth at which light from a segment of optical depth x leaves its last particle, as a share
+/// of the segment: 1/x - 1/(exp(x) - 1), from 1/2 at 0 towards 0; relative error below 1e-5.
 #[must_use]
 #[inline]
 pub fn mean_reach(x: f32) -> f32 {

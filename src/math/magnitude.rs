@@ -1,7 +1,8 @@
 //! Lengths of any scale brought near 1: products of several would leave the range of f32.
 
-/// The power of two that brings a length that is not negative to between 1 and 2. It changes no digit of what it multiplies.
-/// At the ends of the range of f32 it brings it nearer to that only, and its own inverse stays finite.
+/// The power of two that brings a length that is not negative to between 1 and 2. It changes no
+/// digit of what it multiplies. At the ends of the range of f32 it brings it nearer to that only,
+/// and its own inverse stays finite.
 #[inline]
 #[must_use]
 pub fn to_unit(length: f32) -> f32 {

@@ -6,9 +6,9 @@ use glam::Vec3;
 use std::f32::consts::{FRAC_PI_2, PI};
 use wide::f32x4;
 
-/// Vector irradiance of a triangle seen from the origin, clipped at the horizon of the unit normal `n`: the cosine
-/// integral over its solid angle, in units of its radiance (Lambert 1760; Baum et al. 1989). Positive whichever way
-/// the triangle winds, at most pi.
+/// Vector irradiance of a triangle seen from the origin, clipped at the horizon of the unit normal
+/// `n`: the cosine integral over its solid angle, in units of its radiance (Lambert 1760; Baum et
+/// al. 1989). Positive whichever way the triangle winds, at most pi.
 #[must_use]
 pub fn irradiance(corners: [Vec3; 3], n: Vec3) -> f32 {
     let corners = near_unit(corners);
@@ -42,8 +42,8 @@ fn of_edges(from: [Vec3; 4], to: [Vec3; 4], n: Vec3) -> f32 {
     0.5 * (a + b + c + d).abs()
 }
 
-/// A triangle seen from the origin, as another one of the same directions whose farthest coordinate is near 1: fourth
-/// powers of lengths would leave the range of f32.
+/// A triangle seen from the origin, as another one of the same directions whose farthest coordinate
+/// is near 1: fourth powers of lengths would leave the range of f32.
 #[inline]
 fn near_unit(corners: [Vec3; 3]) -> [Vec3; 3] {
     let [a, b, c] = corners.map(Vec3::abs);
@@ -51,8 +51,8 @@ fn near_unit(corners: [Vec3; 3]) -> [Vec3; 3] {
     corners.map(|c| c * scale)
 }
 
-/// Angles whose sines and cosines are as given but for a common positive factor, within 1e-6 of them; sines are not negative. 0
-/// where both are 0.
+/// Angles whose sines and cosines are as given but for a common positive factor, within 1e-6 of
+/// them; sines are not negative. 0 where both are 0.
 #[inline]
 fn angle(sin: f32x4, cos: f32x4) -> f32x4 {
     // Arc tangent of at most 1, within 2e-8 (Abramowitz & Stegun 1964, 4.4.49).
@@ -83,7 +83,8 @@ fn angle(sin: f32x4, cos: f32x4) -> f32x4 {
     most.simd_gt(f32x4::ZERO).select(angle, f32x4::ZERO)
 }
 
-/// The same of the part of the triangle on the side of another plane through the origin, by its normal `face`.
+/// The same of the part of the triangle on the side of another plane through the origin, by its
+/// normal `face`.
 #[must_use]
 pub fn irradiance_above(corners: [Vec3; 3], n: Vec3, face: Vec3) -> f32 {
     let below = corners.map(|c| c.dot(face) < 0.0);
@@ -99,7 +100,8 @@ pub fn irradiance_above(corners: [Vec3; 3], n: Vec3, face: Vec3) -> f32 {
     }
 }
 
-/// The part of a triangle on the side of a plane through the origin, by its normal: corners, and how many.
+/// The part of a triangle on the side of a plane through the origin, by its normal: corners, and
+/// how many.
 fn above(corners: [Vec3; 3], n: Vec3) -> ([Vec3; 4], usize) {
     let mut poly = [Vec3::ZERO; 4];
     let mut len = 0;
@@ -118,8 +120,8 @@ fn above(corners: [Vec3; 3], n: Vec3) -> ([Vec3; 4], usize) {
     (poly, len)
 }
 
-/// Whether a triangle is so small, seen from the origin, that the sum over its edges would lose its digits: terms as
-/// large as its edges cancel down to its area.
+/// Whether a triangle is so small, seen from the origin, that the sum over its edges would lose its
+/// digits: terms as large as its edges cancel down to its area.
 fn is_small([a, b, c]: [Vec3; 3]) -> bool {
     const SIZE2: f32 = 0.01;
     let longest2 = (b - a)
@@ -129,8 +131,8 @@ fn is_small([a, b, c]: [Vec3; 3]) -> bool {
     longest2 < SIZE2 * a.length_squared()
 }
 
-/// The cosine integral over a triangle that is small and above the horizon, by seven points that are exact to degree 5
-/// (Radon 1948).
+/// The cosine integral over a triangle that is small and above the horizon, by seven points that
+/// are exact to degree 5 (Radon 1948).
 fn small_irradiance([a, b, c]: [Vec3; 3], n: Vec3) -> f32 {
     const NEAR: [f32; 2] = [0.101_286_51, 0.125_939_18];
     const FAR: [f32; 2] = [0.470_142_06, 0.132_394_15];
@@ -151,7 +153,8 @@ fn small_irradiance([a, b, c]: [Vec3; 3], n: Vec3) -> f32 {
     0.5 * sum
 }
 
-/// Solid angle of a triangle seen from the origin (Van Oosterom & Strackee 1983), steradians, not negative.
+/// Solid angle of a triangle seen from the origin (Van Oosterom & Strackee 1983), steradians, not
+/// negative.
 #[must_use]
 pub fn solid_angle(corners: [Vec3; 3]) -> f32 {
     let [a, b, c] = near_unit(corners);
@@ -162,8 +165,9 @@ pub fn solid_angle(corners: [Vec3; 3]) -> f32 {
     2.0 * angle(f32x4::splat(numerator.abs()), f32x4::splat(denominator)).to_array()[0]
 }
 
-/// Uniform direction of the solid angle of a triangle seen from the origin, for two numbers in [0,1) (Arvo 1995): a part of
-/// the triangle that grows with the first, and a point of the arc that cuts it off. `None` for a triangle seen edge-on.
+/// Uniform direction of the solid angle of a triangle seen from the origin, for two numbers in
+/// [0,1) (Arvo 1995): a part of the triangle that grows with the first, and a point of the arc that
+/// cuts it off. `None` for a triangle seen edge-on.
 #[must_use]
 pub fn sample_solid_angle(corners: [Vec3; 3], [u, v]: [f32; 2]) -> Option<Vec3> {
     let [a, b, c] = near_unit(corners).map(Vec3::normalize_or_zero);
@@ -179,7 +183,8 @@ pub fn sample_solid_angle(corners: [Vec3; 3], [u, v]: [f32; 2]) -> Option<Vec3> 
     let (sines, cosines) = (normals.cross(&before).length(), normals.dot(&before));
     let [alpha, beta, gamma, _] = angle(sines, cosines).to_array();
     let (sin_alpha, cos_alpha) = (sines.to_array()[0], cosines.to_array()[0]);
-    // The part's angles add up to its area and a half turn, which turns the signs of sine and cosine.
+    // The part's angles add up to its area and a half turn, which turns the signs of sine and
+    // cosine.
     let (sin, cos) = libm::sincosf(u * (alpha + beta + gamma - PI));
     let (sin_phi, cos_phi) = (
         cos * sin_alpha - sin * cos_alpha,
@@ -196,7 +201,8 @@ pub fn sample_solid_angle(corners: [Vec3; 3], [u, v]: [f32; 2]) -> Option<Vec3> 
     Some(along(b, cut, 1.0 - v * (1.0 - cut.dot(b))))
 }
 
-/// The unit vector in the plane of `from` and `to` whose cosine to `from` is given, on the side of `to`.
+/// The unit vector in the plane of `from` and `to` whose cosine to `from` is given, on the side of
+/// `to`.
 fn along(from: Vec3, to: Vec3, cos: f32) -> Vec3 {
     let across = (to - from * to.dot(from)).normalize_or_zero();
     (from * cos + across * (1.0 - cos * cos).max(0.0).sqrt()).normalize()

@@ -1,4 +1,5 @@
-//! Hashes, low-discrepancy points and the maps that carry them to disks, hemispheres, spheres and triangles.
+//! Hashes, low-discrepancy points and the maps that carry them to disks, hemispheres, spheres and
+//! triangles.
 //!
 //! Everything is a pure function of its arguments, so that any pixel can be computed anywhere.
 
@@ -62,7 +63,8 @@ pub fn r2(i: u64, offset: [f32; 2]) -> [f32; 2] {
     ]
 }
 
-/// Point `i` of an Owen-scrambled Sobol sequence in two dimensions; `set` picks an independent pair of dimensions.
+/// Point `i` of an Owen-scrambled Sobol sequence in two dimensions; `set` picks an independent pair
+/// of dimensions.
 #[must_use]
 #[inline]
 pub fn sobol2(i: u32, set: u32, seed: u32) -> [f32; 2] {
@@ -113,7 +115,8 @@ pub fn sphere(u: [f32; 2]) -> Vec3 {
     Vec3::new(r * cos, r * sin, z)
 }
 
-/// Uniform barycentric coordinates of a triangle by folding (Heitz 2019): keeps low-discrepancy sets well spread.
+/// Uniform barycentric coordinates of a triangle by folding (Heitz 2019): keeps low-discrepancy
+/// sets well spread.
 #[must_use]
 pub fn triangle(u: [f32; 2]) -> [f32; 3] {
     let (mut a, mut b) = (0.5 * u[0], 0.5 * u[1]);

@@ -16,7 +16,8 @@ pub struct Segment {
     pub source: Rgb,
 }
 
-/// Light gathered so far along a ray, and what share of the light from further on still comes through.
+/// Light gathered so far along a ray, and what share of the light from further on still comes
+/// through.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Composite {
     /// Radiance that arrives at the ray's origin.
@@ -35,13 +36,14 @@ impl Default for Composite {
 }
 
 impl Composite {
-    /// Below this transmittance what follows is left out: it could add no more than this share of its radiance.
+    /// Below this transmittance what follows is left out: it could add no more than this share of
+    /// its radiance.
     pub const OPAQUE: f32 = 1e-4;
     /// Below this transmittance no light that a scene may hold comes through.
     pub const NOTHING: f32 = 1e-30;
 
-    /// Passes a medium of optical depth `tau` and source function `source`: scatter-out and scatter-in with the same
-    /// tau, so that energy is conserved whatever its size.
+    /// Passes a medium of optical depth `tau` and source function `source`: scatter-out and
+    /// scatter-in with the same tau, so that energy is conserved whatever its size.
     #[inline]
     pub fn medium(&mut self, tau: f32, source: Rgb) {
         let (through, taken) = exp_neg_and_rest(tau);
@@ -77,7 +79,8 @@ pub struct Stretch<T> {
     pub of: T,
 }
 
-/// A walk through one medium and the stretch that it has come to, with the source function once that was asked for.
+/// A walk through one medium and the stretch that it has come to, with the source function once
+/// that was asked for.
 struct Head<T, W> {
     walk: W,
     stretch: Option<(Stretch<T>, Option<Rgb>)>,
@@ -96,10 +99,10 @@ impl<T, W: Iterator<Item = Stretch<T>>> Head<T, W> {
     }
 }
 
-/// Merges walks of one ray through media that may overlap, each front to back: what comes out is in order and cut at the
-/// ends of all, so that it does not overlap. There depths add and sources are weighted by depth. Walks are taken no further
-/// than `emit` lets them, and `source` is asked once for each stretch that is reached. Returns whether `emit` always said
-/// yes.
+/// Merges walks of one ray through media that may overlap, each front to back: what comes out is in
+/// order and cut at the ends of all, so that it does not overlap. There depths add and sources are
+/// weighted by depth. Walks are taken no further than `emit` lets them, and `source` is asked once
+/// for each stretch that is reached. Returns whether `emit` always said yes.
 pub fn flatten_overlaps<T: Copy>(
     walks: impl IntoIterator<Item: Iterator<Item = Stretch<T>>>,
     source: impl Fn(T) -> Rgb,

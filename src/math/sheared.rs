@@ -1,5 +1,6 @@
-//! Parallel rays through a regular grid, one lattice step apart across the grid's axis that they run most along: in each
-//! layer of vertices along that axis they stand in a square lattice, so that what they carry is interpolated in it.
+//! Parallel rays through a regular grid, one lattice step apart across the grid's axis that they
+//! run most along: in each layer of vertices along that axis they stand in a square lattice, so
+//! that what they carry is interpolated in it.
 
 use glam::Vec3;
 
@@ -19,7 +20,8 @@ pub struct Sheared {
 }
 
 impl Sheared {
-    /// Rays along `direction`, of any length, in index space, for a lattice with a vertex every `step`.
+    /// Rays along `direction`, of any length, in index space, for a lattice with a vertex every
+    /// `step`.
     #[must_use]
     pub fn new(direction: Vec3, step: f32) -> Self {
         let d = direction.to_array();
@@ -34,7 +36,8 @@ impl Sheared {
         }
     }
 
-    /// Where a point is among the rays: along the first axis, and across it. Rays stand at whole numbers across.
+    /// Where a point is among the rays: along the first axis, and across it. Rays stand at whole
+    /// numbers across.
     #[inline]
     #[must_use]
     pub fn place(&self, point: [f32; 3]) -> (f32, [f32; 2]) {
@@ -64,8 +67,8 @@ impl Sheared {
         p.into()
     }
 
-    /// First ray and number of rays along each axis across, so that all vertices of a box, given by its first and its last,
-    /// have rays on all sides.
+    /// First ray and number of rays along each axis across, so that all vertices of a box, given by
+    /// its first and its last, have rays on all sides.
     #[must_use]
     pub fn extent(&self, [first, last]: [[usize; 3]; 2]) -> [(i32, usize); 2] {
         let mut extent = [(i32::MAX, i32::MIN); 2];

@@ -1,9 +1,9 @@
-//! What media do to a ray: where it collides, by null-collision tracking (Woodcock et al. 1965), and what share of it
-//! gets through, by ratio tracking (Novák, Selle & Jarosz 2014).
+//! What media do to a ray: where it collides, by null-collision tracking (Woodcock et al. 1965),
+//! and what share of it gets through, by ratio tracking (Novák, Selle & Jarosz 2014).
 //!
-//! The majorant is that of each brick of the grid, so empty bricks cost one step and thin ones few. Media that overlap
-//! are tracked one by one: of independent Poisson processes the earliest event is the event of their sum, and
-//! transmittances multiply.
+//! The majorant is that of each brick of the grid, so empty bricks cost one step and thin ones few.
+//! Media that overlap are tracked one by one: of independent Poisson processes the earliest event
+//! is the event of their sum, and transmittances multiply.
 
 use super::sampler::Sampler;
 use crate::math::dda::{Passage, Steps};
@@ -20,7 +20,8 @@ pub struct Collision {
     pub volume: usize,
 }
 
-/// The first collision along a unit direction before `t_max`. `first` in [0,1) decides on the first tentative flight.
+/// The first collision along a unit direction before `t_max`. `first` in [0,1) decides on the first
+/// tentative flight.
 #[must_use]
 pub fn collide(
     volumes: &[Volume],
@@ -53,7 +54,8 @@ pub fn collide(
     found
 }
 
-/// An estimate, without bias, of the share of light that media let through along a unit direction up to `t_max`.
+/// An estimate, without bias, of the share of light that media let through along a unit direction
+/// up to `t_max`.
 #[must_use]
 pub fn transmittance(
     volumes: &[Volume],
@@ -99,8 +101,8 @@ fn depth(u: f32) -> f32 {
     -libm::log1pf(-u)
 }
 
-/// Visits the tentative collisions along a ray, front to back: `visit(t, share, sampler)` with the extinction's share in
-/// the majorant, until that says no.
+/// Visits the tentative collisions along a ray, front to back: `visit(t, share, sampler)` with the
+/// extinction's share in the majorant, until that says no.
 #[inline]
 fn track(
     volume: &Volume,

@@ -1,8 +1,8 @@
 //! scene → image by unbiased Monte Carlo path tracing: what the point-based pipeline is judged by.
 //!
-//! It shares scene and tracing code with the pipeline and nothing else. Every sample is a pure function of the scene,
-//! the settings, the pixel and the sample's number; sums are taken in that order, so images do not depend on tiles,
-//! threads or interruptions.
+//! It shares scene and tracing code with the pipeline and nothing else. Every sample is a pure
+//! function of the scene, the settings, the pixel and the sample's number; sums are taken in that
+//! order, so images do not depend on tiles, threads or interruptions.
 
 mod flight;
 mod path;
@@ -26,8 +26,9 @@ use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Digest of the sources that samples come from. Samples may go on in any build of the same sources, since compilers
-/// change no more than the last digit; images kept for hours of work would be lost with every build otherwise.
+/// Digest of the sources that samples come from. Samples may go on in any build of the same
+/// sources, since compilers change no more than the last digit; images kept for hours of work would
+/// be lost with every build otherwise.
 const CODE: &str = env!("LVOX_PATH_TRACER");
 
 /// How to render.
@@ -35,15 +36,16 @@ const CODE: &str = env!("LVOX_PATH_TRACER");
 pub struct Settings {
     /// Name of the camera; the scene's first if `None`.
     pub camera: Option<String>,
-    /// Most segments of a path from camera to light: 1 is emission seen directly, 2 adds direct light, 3 one bounce of
-    /// indirect light off a surface or inside a medium; 0 has no limit.
+    /// Most segments of a path from camera to light: 1 is emission seen directly, 2 adds direct
+    /// light, 3 one bounce of indirect light off a surface or inside a medium; 0 has no limit.
     pub max_depth: u32,
     /// Samples of each pixel; no limit if `None`.
     pub spp: Option<u32>,
     /// Wall-clock seconds of this run, loading excluded; no limit if `None`.
     pub secs: Option<f64>,
-    /// Independent sequences that the samples of a pixel go to in turn. Their spread tells the variance; with 1 there is
-    /// the least noise (relMSE 1.35 to 1.6 times lower than with 4 at 16 to 64 samples) but no word on how much.
+    /// Independent sequences that the samples of a pixel go to in turn. Their spread tells the
+    /// variance; with 1 there is the least noise (relMSE 1.35 to 1.6 times lower than with 4 at 16
+    /// to 64 samples) but no word on how much.
     pub strands: u32,
     /// Key of all random choices.
     pub seed: u64,
@@ -92,7 +94,8 @@ impl Settings {
         }
     }
 
-    /// What tells samples of different runs apart: all that pixels depend on but their number of samples.
+    /// What tells samples of different runs apart: all that pixels depend on but their number of
+    /// samples.
     fn origin(&self, scene: &Scene) -> Result<Origin> {
         let camera = &scene.camera(self.camera.as_deref())?.name;
         let settings = [
@@ -122,7 +125,8 @@ pub fn sums_path(image: &Path) -> PathBuf {
 /// No samples yet, for these settings.
 ///
 /// # Errors
-/// A setting out of range, a region outside the frame, or sums beyond the memory limit or what the machine has.
+/// A setting out of range, a region outside the frame, or sums beyond the memory limit or what the
+/// machine has.
 pub fn begin(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> Result<Sums> {
     settings.check()?;
     let origin = settings.origin(scene)?;
@@ -137,13 +141,15 @@ pub fn begin(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> R
     Ok(Sums::new(region, settings.strands, origin))
 }
 
-/// Renders into an OpenEXR file of 32-bit floats, with the variance of each pixel's mean in the layer `variance`. Sums
-/// are kept beside it ([`sums_path`]); a later run with more samples or time goes on from there, with the same result as
-/// one run would have had. `restart` forgets them. On a stop what is there is written before the error is returned; an image
-/// only if every pixel has a sample.
+/// Renders into an OpenEXR file of 32-bit floats, with the variance of each pixel's mean in the
+/// layer `variance`. Sums are kept beside it ([`sums_path`]); a later run with more samples or time
+/// goes on from there, with the same result as one run would have had. `restart` forgets them. On a
+/// stop what is there is written before the error is returned; an image only if every pixel has a
+/// sample.
 ///
 /// # Errors
-/// A setting out of range, kept sums of other settings, an output that cannot be written, or a stop on request.
+/// A setting out of range, kept sums of other settings, an output that cannot be written, or a stop
+/// on request.
 pub fn run(
     scene: &Scene,
     settings: &Settings,
@@ -235,7 +241,8 @@ pub fn relmse(sums: &Sums) -> f64 {
     expected_relmse(&means, &variances)
 }
 
-/// Mean over pixels and channels of variance / (mean^2 + floor), with the floor of the metric, 0.01.
+/// Mean over pixels and channels of variance / (mean^2 + floor), with the floor of the metric,
+/// 0.01.
 #[must_use]
 pub fn expected_relmse(means: &[[f32; 3]], variances: &[[f32; 3]]) -> f64 {
     let terms = means.as_flattened().iter().zip(variances.as_flattened());
@@ -245,8 +252,8 @@ pub fn expected_relmse(means: &[[f32; 3]], variances: &[[f32; 3]]) -> f64 {
     sum / (3 * means.len()) as f64
 }
 
-/// Adds samples until there are `settings.spp` in every pixel or `settings.secs` are over; at least one in every pixel.
-/// `save` is called now and then.
+/// Adds samples until there are `settings.spp` in every pixel or `settings.secs` are over; at least
+/// one in every pixel. `save` is called now and then.
 ///
 /// # Errors
 /// A stop on request, or what `save` gives; the sums hold whole rows then as always.

@@ -1,10 +1,12 @@
-//! One path: from the camera through surfaces and media until it is absorbed, leaves the scene, or is long enough.
+//! One path: from the camera through surfaces and media until it is absorbed, leaves the scene, or
+//! is long enough.
 //!
-//! At every vertex lights are asked for (next-event estimation), and emission that the path itself runs into is weighed
-//! against that by the power heuristic (Veach 1997). The environment is constant, for which the lobes of matt surfaces
-//! and of isotropic media are the best distribution there is: only the path looks for it. Shadow rays cross media by
-//! ratio tracking: on the scenes of the tests that has 1.04 to 1.09 times the error of integrating all cells, in 0.69 to
-//! 0.85 of the time.
+//! At every vertex lights are asked for (next-event estimation), and emission that the path itself
+//! runs into is weighed against that by the power heuristic (Veach 1997). The environment is
+//! constant, for which the lobes of matt surfaces and of isotropic media are the best distribution
+//! there is: only the path looks for it. Shadow rays cross media by ratio tracking: on the scenes
+//! of the tests that has 1.04 to 1.09 times the error of integrating all cells, in 0.69 to 0.85 of
+//! the time.
 
 use super::flight;
 use super::sampler::Sampler;
@@ -23,7 +25,8 @@ const ISOTROPIC: f32 = 1.0 / (4.0 * PI);
 /// Vertices after which a path may be ended by chance.
 const SURE_VERTICES: u32 = 4;
 
-/// Vertices after which it may be even if nothing absorbs: in a closed box without absorption no path would end.
+/// Vertices after which it may be even if nothing absorbs: in a closed box without absorption no
+/// path would end.
 const MANY_VERTICES: u32 = 10_000;
 
 /// Estimates radiance along camera rays.
@@ -50,7 +53,8 @@ enum Lobe {
 }
 
 impl Lobe {
-    /// Scattered over incident light per steradian, cosine included; also the density of [`Lobe::sample`].
+    /// Scattered over incident light per steradian, cosine included; also the density of
+    /// [`Lobe::sample`].
     fn response(self, d: Vec3) -> f32 {
         match self {
             Self::Isotropic => ISOTROPIC,
@@ -80,7 +84,8 @@ fn weight(own: f32, other: f32) -> f32 {
 }
 
 impl<'a> PathTracer<'a> {
-    /// Paths of at most `max_depth` segments between camera and light, both included; 0 for no limit.
+    /// Paths of at most `max_depth` segments between camera and light, both included; 0 for no
+    /// limit.
     ///
     /// # Errors
     /// As [`TriangleBvh::new_until`].
@@ -99,7 +104,8 @@ impl<'a> PathTracer<'a> {
         let (mut origin, mut direction) = (origin, direction);
         let mut sum = Rgb::BLACK;
         let mut throughput = Rgb::splat(1.0);
-        // Density with which the path took its direction; the camera's is the only way to what it sees.
+        // Density with which the path took its direction; the camera's is the only way to what it
+        // sees.
         let mut lobe_pdf = f32::INFINITY;
         let mut depth = 1;
         loop {

@@ -1,7 +1,8 @@
-//! The random numbers of one path: well spread where a path makes its few weighty choices, plain elsewhere.
+//! The random numbers of one path: well spread where a path makes its few weighty choices, plain
+//! elsewhere.
 //!
-//! Sets of four dimensions of an Owen-scrambled Sobol sequence are padded with fresh scrambles (Burley 2020), so a path
-//! may be as long as it likes and pixels do not see each other's patterns.
+//! Sets of four dimensions of an Owen-scrambled Sobol sequence are padded with fresh scrambles
+//! (Burley 2020), so a path may be as long as it likes and pixels do not see each other's patterns.
 
 use crate::math::sampling::{hash, mix, unit};
 

@@ -1,4 +1,5 @@
-//! All that shines in a scene, as a path asks for it: emissive triangles, lights without size, the environment.
+//! All that shines in a scene, as a path asks for it: emissive triangles, lights without size, the
+//! environment.
 
 use crate::math::{Rgb, sampling};
 use crate::scene::{Light, Material, Scene};
@@ -12,7 +13,8 @@ pub struct Sample {
     pub direction: Vec3,
     /// Distance, infinite for what is infinitely far.
     pub distance: f32,
-    /// Radiance over density: times the receiver's response it estimates what arrives if nothing is between.
+    /// Radiance over density: times the receiver's response it estimates what arrives if nothing is
+    /// between.
     pub light: Rgb,
     /// Density of the direction, per steradian.
     pub pdf: f32,
@@ -75,7 +77,8 @@ impl<'a> Sources<'a> {
         self.environment
     }
 
-    /// Whether a ray can run into light: without emitters and environment only shadow rays find any.
+    /// Whether a ray can run into light: without emitters and environment only shadow rays find
+    /// any.
     #[must_use]
     pub fn can_be_hit(&self) -> bool {
         !self.emitters.is_empty() || !self.environment.is_black()
@@ -85,16 +88,16 @@ impl<'a> Sources<'a> {
         self.running_power.last().copied().unwrap_or(0.0)
     }
 
-    /// Density per steradian with which [`Sources::emitter`] finds a point of an emissive material that is `distance`
-    /// away and seen under `cos` to its normal.
+    /// Density per steradian with which [`Sources::emitter`] finds a point of an emissive material
+    /// that is `distance` away and seen under `cos` to its normal.
     #[must_use]
     pub fn emitter_pdf(&self, material: u32, distance: f32, cos: f32) -> f32 {
         let per_area = strength(&self.scene.materials[material as usize]) / self.total_power();
         per_area as f32 * distance * distance / cos.abs()
     }
 
-    /// A point on an emissive triangle, by power: `choice` picks the triangle, `u` the point. `None` if that point does
-    /// not shine this way.
+    /// A point on an emissive triangle, by power: `choice` picks the triangle, `u` the point.
+    /// `None` if that point does not shine this way.
     #[must_use]
     pub fn emitter(&self, origin: Vec3, choice: f32, u: [f32; 2]) -> Option<Sample> {
         if self.emitters.is_empty() {
@@ -122,8 +125,9 @@ impl<'a> Sources<'a> {
         })
     }
 
-    /// One of the lights that rays cannot run into (points, spots, suns), chosen by what each would send to a receiver
-    /// of this `response` if nothing were between. `disk` picks the point of a sun.
+    /// One of the lights that rays cannot run into (points, spots, suns), chosen by what each would
+    /// send to a receiver of this `response` if nothing were between. `disk` picks the point of a
+    /// sun.
     #[must_use]
     pub fn delta_light(
         &self,
@@ -162,7 +166,8 @@ impl<'a> Sources<'a> {
     }
 }
 
-/// The way to a light that has no size or is infinitely far, with the irradiance that it sends to a plane facing it.
+/// The way to a light that has no size or is infinitely far, with the irradiance that it sends to a
+/// plane facing it.
 fn way_to(light: &Light, origin: Vec3, disk: [f32; 2]) -> Option<Sample> {
     let near = |position: Vec3, intensity: Rgb| {
         let to_light = position - origin;
@@ -202,7 +207,8 @@ fn way_to(light: &Light, origin: Vec3, disk: [f32; 2]) -> Option<Sample> {
                 pdf: f32::INFINITY,
             };
             if angular_radius_rad > 0.0 {
-                // Uniform in the projection on a plane that faces the light, where every part sends the same irradiance.
+                // Uniform in the projection on a plane that faces the light, where every part sends
+                // the same irradiance.
                 let (x, y) = sampling::tangents(-direction);
                 let radius = libm::sinf(angular_radius_rad);
                 let [u, v] = sampling::disk(disk).map(|c| c * radius);

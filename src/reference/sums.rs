@@ -1,8 +1,8 @@
 //! Sums of samples for every pixel, and the file that keeps them so that a later run goes on.
 //!
-//! Samples of a pixel go in turn to a few strands, each a sequence with a scramble of its own. How far the means of the
-//! strands lie apart tells the variance without bias, which the spread of samples inside one low-discrepancy sequence
-//! would not: those are better spread than chance.
+//! Samples of a pixel go in turn to a few strands, each a sequence with a scramble of its own. How
+//! far the means of the strands lie apart tells the variance without bias, which the spread of
+//! samples inside one low-discrepancy sequence would not: those are better spread than chance.
 
 use crate::image::samples::{self, Head, Origin, Row, Rows, Unreadable};
 use crate::image::{Frame, Layer, Region};
@@ -25,7 +25,8 @@ pub struct Sums {
     pub rows: Vec<Row>,
 }
 
-/// Mean and variance of the mean of one channel over the strands; the variance is infinite while only one has samples.
+/// Mean and variance of the mean of one channel over the strands; the variance is infinite while
+/// only one has samples.
 fn estimate(count: u32, strands: u32, sums: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
     if count == 0 {
         return (0.0, f64::INFINITY);
@@ -93,7 +94,8 @@ impl Sums {
         counts.fold(0, u64::saturating_add)
     }
 
-    /// Mean and variance of the mean, pixel by pixel; pixels without samples are black and of infinite variance.
+    /// Mean and variance of the mean, pixel by pixel; pixels without samples are black and of
+    /// infinite variance.
     #[must_use]
     pub fn estimates(&self) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
         let mut means = Vec::with_capacity(self.region.pixels());
@@ -129,11 +131,12 @@ impl Sums {
         output.commit()
     }
 
-    /// Reads what [`Sums::write`] wrote of sums like `like`: of the same region, strands and origin. `None` if there is no
-    /// such file.
+    /// Reads what [`Sums::write`] wrote of sums like `like`: of the same region, strands and
+    /// origin. `None` if there is no such file.
     ///
     /// # Errors
-    /// [`crate::Kind::Input`] if the file is damaged or holds samples of something else; the message says of what.
+    /// [`crate::Kind::Input`] if the file is damaged or holds samples of something else; the
+    /// message says of what.
     pub fn read(path: &Path, like: &Self) -> Result<Option<Self>> {
         let io_failed = |e: std::io::Error| Error::io("read", path, &e);
         let file = match File::open(path) {

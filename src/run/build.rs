@@ -3,8 +3,8 @@
 use std::fs::File;
 use std::sync::OnceLock;
 
-/// A digest of the executable that runs: times and images of different builds have different ones. Where the system does
-/// not tell which file runs, it is a digest of the version alone.
+/// A digest of the executable that runs: times and images of different builds have different ones.
+/// Where the system does not tell which file runs, it is a digest of the version alone.
 #[must_use]
 pub fn digest() -> [u8; 32] {
     static DIGEST: OnceLock<[u8; 32]> = OnceLock::new();

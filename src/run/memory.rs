@@ -8,8 +8,8 @@ use std::path::Path;
 
 const SMALL: u64 = 16 << 20;
 
-/// Refuses what takes more memory than there is, before it is begun. `least` is what is surely held at one time; where the
-/// system does not tell what it has, nothing is refused.
+/// Refuses what takes more memory than there is, before it is begun. `least` is what is surely held
+/// at one time; where the system does not tell what it has, nothing is refused.
 ///
 /// # Errors
 /// [`crate::Kind::Failed`] with both sizes: another machine may have it.
@@ -54,8 +54,8 @@ pub fn listed<T>(what: impl Display, values: impl ExactSizeIterator<Item = T>) -
     Ok(list)
 }
 
-/// Makes room for `more` values behind those of a list whose end nobody knows yet: where it has to move, for as many again as
-/// it has.
+/// Makes room for `more` values behind those of a list whose end nobody knows yet: where it has to
+/// move, for as many again as it has.
 ///
 /// # Errors
 /// As [`room`].
@@ -85,8 +85,8 @@ pub fn filled<T: Clone>(what: impl Display, value: T, count: usize) -> Result<Ve
     Ok(list)
 }
 
-/// Bytes that this process may still get, swapped out or not: of the machine, of its control groups, and of its own limit
-/// on addresses. Rather too much than too little.
+/// Bytes that this process may still get, swapped out or not: of the machine, of its control
+/// groups, and of its own limit on addresses. Rather too much than too little.
 fn available() -> Option<u64> {
     let read = |path: &str| fs::read_to_string(path).ok();
     let swap = |info: &str| kib(info, "SwapFree:").unwrap_or(0);
@@ -102,8 +102,8 @@ fn available() -> Option<u64> {
     [machine, group, addresses].into_iter().flatten().min()
 }
 
-/// Bytes of the machine's memory that are free or could be freed: an eighth more than the kernel, which is careful, counts as
-/// available, but no more than there is.
+/// Bytes of the machine's memory that are free or could be freed: an eighth more than the kernel,
+/// which is careful, counts as available, but no more than there is.
 fn machine_memory(info: &str) -> Option<u64> {
     let available = kib(info, "MemAvailable:")?;
     Some((available + available / 8).min(kib(info, "MemTotal:")?))
@@ -136,7 +136,8 @@ fn group_limit(groups: &str) -> Option<u64> {
             }
             _ => return None,
         };
-        // A group is bound by those that it is in. Inside a container paths may be those of the host.
+        // A group is bound by those that it is in. Inside a container paths may be those of the
+        // host.
         let above = Path::new(group.trim_start_matches('/')).ancestors();
         let limits = above.filter_map(|group| {
             let text = fs::read_to_string(Path::new(root).join(group).join(name)).ok()?;

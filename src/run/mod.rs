@@ -1,4 +1,5 @@
-//! What a run has beside its data: progress, cancellation, a memory limit, and a report of what it took.
+//! What a run has beside its data: progress, cancellation, a memory limit, and a report of what it
+//! took.
 
 pub mod build;
 mod cancel;
@@ -38,7 +39,8 @@ pub struct Job {
 }
 
 impl Job {
-    /// Ends a strict job in which something was warned of. Stages ask before long work and before they write.
+    /// Ends a strict job in which something was warned of. Stages ask before long work and before
+    /// they write.
     ///
     /// # Errors
     /// [`crate::Kind::Input`] with all warnings so far.

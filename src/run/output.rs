@@ -74,10 +74,12 @@ impl Seek for Output {
 
 /// Finds out in the first second that an output cannot be written.
 ///
-/// Clouds and trees, which cost hours, are replaced only with `force`; images and reports pass `true`.
+/// Clouds and trees, which cost hours, are replaced only with `force`; images and reports pass
+/// `true`.
 ///
 /// # Errors
-/// [`crate::Kind::Input`] if the file is there and `force` is not given; else as [`AtomicFile::create`].
+/// [`crate::Kind::Input`] if the file is there and `force` is not given; else as
+/// [`AtomicFile::create`].
 pub fn check_writable(path: &Path, force: bool) -> Result<()> {
     Ok(AtomicFile::create(path, force).map(drop)?)
 }
@@ -85,7 +87,8 @@ pub fn check_writable(path: &Path, force: bool) -> Result<()> {
 /// A file of a verb, and the word for it in messages.
 pub type Named<'a> = (&'a str, &'a Path);
 
-/// Refuses outputs that would take the place of an input or of each other; whether a file may be replaced does not matter.
+/// Refuses outputs that would take the place of an input or of each other; whether a file may be
+/// replaced does not matter.
 ///
 /// # Errors
 /// [`crate::Kind::Input`] with both words and the path as it was given.

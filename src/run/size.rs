@@ -10,8 +10,8 @@ const UNITS: [(char, u64); 4] = [
     ('T', 1 << 40),
 ];
 
-/// Reads `64M`, `1.5G`, `512MiB` or a plain number of bytes. K, M, G and T stand for powers of 1024, with or without
-/// `B` or `iB` behind them, in either case.
+/// Reads `64M`, `1.5G`, `512MiB` or a plain number of bytes. K, M, G and T stand for powers of
+/// 1024, with or without `B` or `iB` behind them, in either case.
 ///
 /// # Errors
 /// [`crate::Kind::Input`] if the text is no such size, or it is not above zero.
@@ -66,8 +66,9 @@ pub fn format(bytes: u64) -> String {
     }
 }
 
-/// Refuses what takes more memory than the limit, if there is one, before it is begun. `what` is the deed or the thing,
-/// as in "shading 100 pixels". Callers may replace the hint by one that knows other ways out.
+/// Refuses what takes more memory than the limit, if there is one, before it is begun. `what` is
+/// the deed or the thing, as in "shading 100 pixels". Callers may replace the hint by one that
+/// knows other ways out.
 ///
 /// # Errors
 /// [`crate::Kind::Input`] with both sizes.

@@ -23,8 +23,8 @@ pub fn peak_memory_bytes() -> Option<u64> {
     Some(peak_so_far()?.max(EARLIER_PEAK.load(Ordering::Relaxed)))
 }
 
-/// Runs something and tells the largest resident size of the process while it ran, with all that was there before; `None`
-/// where the system does not tell. Runs at the same time mix their peaks.
+/// Runs something and tells the largest resident size of the process while it ran, with all that
+/// was there before; `None` where the system does not tell. Runs at the same time mix their peaks.
 pub fn with_peak_memory<T>(run: impl FnOnce() -> T) -> (T, Option<u64>) {
     EARLIER_PEAK.fetch_max(peak_so_far().unwrap_or(0), Ordering::Relaxed);
     // Linux counts its peak anew after this; proc(5).

@@ -25,7 +25,8 @@ pub struct Film {
 }
 
 impl Camera {
-    /// Ray direction (unit length, scene space) through continuous pixel coordinates; (0,0) is the top left corner.
+    /// Ray direction (unit length, scene space) through continuous pixel coordinates; (0,0) is the
+    /// top left corner.
     #[must_use]
     pub fn direction(&self, film: &Film, x: f32, y: f32) -> Vec3 {
         let half_width = libm::tanf(0.5 * self.fov_x_rad);

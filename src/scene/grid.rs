@@ -1,11 +1,12 @@
 //! Scalar samples on a regular grid, stored in sparse bricks laid out for walking rays.
 //!
-//! Index space: voxel (i,j,k) of `dims` spans (i,j,k) to (i+1,j+1,k+1) and its sample sits at its centre. Between
-//! centres the field is trilinear, in the outer half voxel it is clamped, outside the box it is zero.
+//! Index space: voxel (i,j,k) of `dims` spans (i,j,k) to (i+1,j+1,k+1) and its sample sits at its
+//! centre. Between centres the field is trilinear, in the outer half voxel it is clamped, outside
+//! the box it is zero.
 //!
-//! Cell space is index space plus 1/2: cell c lies between samples c-1 and c, so all knees of the field are at
-//! integers. A brick holds 8^3 cells with their 9^3 corner samples, so a cell never needs a second brick; bricks whose
-//! samples are all zero are not stored.
+//! Cell space is index space plus 1/2: cell c lies between samples c-1 and c, so all knees of the
+//! field are at integers. A brick holds 8^3 cells with their 9^3 corner samples, so a cell never
+//! needs a second brick; bricks whose samples are all zero are not stored.
 
 use crate::math::unflatten;
 use glam::{Vec3, Vec3A, Vec4, Vec4Swizzles};
@@ -37,8 +38,8 @@ pub struct Brick<'a> {
 }
 
 impl Grid {
-    /// Samples `value([i, j, k])` once or more for every voxel; values must be finite and not negative, and the same every
-    /// time.
+    /// Samples `value([i, j, k])` once or more for every voxel; values must be finite and not
+    /// negative, and the same every time.
     pub fn from_fn(dims: [usize; 3], value: impl Fn([usize; 3]) -> f32 + Sync) -> Self {
         let go_on = || Ok::<_, Infallible>(());
         let Ok(layout) = Layout::of(dims, &value, go_on);
@@ -46,7 +47,8 @@ impl Grid {
         grid
     }
 
-    /// Means over blocks of so many voxels along each axis, x fastest; blocks at the far ends may have fewer.
+    /// Means over blocks of so many voxels along each axis, x fastest; blocks at the far ends may
+    /// have fewer.
     #[must_use]
     pub fn means(&self, block: [usize; 3]) -> Vec<f32> {
         let [nx, ny, nz] = self.blocks(block);
@@ -86,7 +88,8 @@ impl Grid {
                 let Some(brick) = self.brick([i, j, corner / BRICK_CELLS]) else {
                     continue;
                 };
-                // Corner c of cell space is sample c - 1; those of the first cell are of the brick before, or are clamped.
+                // Corner c of cell space is sample c - 1; those of the first cell are of the brick
+                // before, or are clamped.
                 let samples = |b: usize, n: usize| {
                     (b * BRICK_CELLS).max(1)..(b * BRICK_CELLS + BRICK_CELLS).min(n + 1)
                 };
@@ -179,7 +182,8 @@ pub(super) struct Layout {
 }
 
 impl Layout {
-    /// Finds the bricks in which `value` is not zero everywhere. `go_on` is asked at each brick, and ends it with its error.
+    /// Finds the bricks in which `value` is not zero everywhere. `go_on` is asked at each brick,
+    /// and ends it with its error.
     pub(super) fn of<E: Send>(
         dims: [usize; 3],
         value: impl Fn([usize; 3]) -> f32 + Sync,

@@ -59,7 +59,8 @@ impl Light {
         }
     }
 
-    /// Share of the intensity that leaves towards a unit direction: less than 1 off the axis of a spot.
+    /// Share of the intensity that leaves towards a unit direction: less than 1 off the axis of a
+    /// spot.
     #[must_use]
     pub fn falloff(&self, towards: Vec3) -> f32 {
         let Self::Spot {

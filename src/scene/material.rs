@@ -57,7 +57,8 @@ impl Wrap {
         at as usize
     }
 
-    /// Texture coordinates brought to where few digits are lost, without a change of what they show.
+    /// Texture coordinates brought to where few digits are lost, without a change of what they
+    /// show.
     fn near(self, t: f32) -> f32 {
         match self {
             Self::Repeat => t - t.floor(),

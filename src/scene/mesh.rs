@@ -3,16 +3,19 @@
 use crate::math::magnitude::to_unit;
 use glam::{Vec2, Vec3};
 
-/// Triangles with per-vertex attributes. Optional attributes are empty when no mesh of the scene has them.
+/// Triangles with per-vertex attributes. Optional attributes are empty when no mesh of the scene
+/// has them.
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
     /// Vertex positions, scene space.
     pub positions: Vec<Vec3>,
-    /// Shading normals, unit length, per vertex; a zero vector means "use the face normal". Empty when no mesh has any.
+    /// Shading normals, unit length, per vertex; a zero vector means "use the face normal". Empty
+    /// when no mesh has any.
     pub normals: Vec<Vec3>,
     /// Linear RGB factors on the base colour, per vertex. Empty when no mesh has any.
     pub colors: Vec<[f32; 3]>,
-    /// Texture coordinates, per vertex, (0,0) top left as in glTF. Empty when no material has a texture.
+    /// Texture coordinates, per vertex, (0,0) top left as in glTF. Empty when no material has a
+    /// texture.
     pub uvs: Vec<Vec2>,
     /// Vertex indices, counter-clockwise seen from the front.
     pub triangles: Vec<[u32; 3]>,

@@ -1,7 +1,9 @@
-//! What is rendered: geometry, materials, lights, volumes, cameras and film, and the readers of the files they come in.
+//! What is rendered: geometry, materials, lights, volumes, cameras and film, and the readers of the
+//! files they come in.
 //!
-//! Scene space is world space less [`Scene::world_from_scene`], a translation that keeps a scene far from the origin
-//! exact in f32. Right-handed, y up, cameras look down their local -z, linear Rec.709.
+//! Scene space is world space less [`Scene::world_from_scene`], a translation that keeps a scene
+//! far from the origin exact in f32. Right-handed, y up, cameras look down their local -z, linear
+//! Rec.709.
 
 pub mod camera;
 pub mod grid;
@@ -114,8 +116,9 @@ impl Scene {
         corners.fold(self.media_bounds(), enclose)
     }
 
-    /// The same scene in the frame of another: positions in scene space become what they are with this
-    /// `world_from_scene`. A tree holds places in the frame of the scene that it was baked of, which moves as that grows.
+    /// The same scene in the frame of another: positions in scene space become what they are with
+    /// this `world_from_scene`. A tree holds places in the frame of the scene that it was baked of,
+    /// which moves as that grows.
     ///
     /// # Errors
     /// A frame so far from the scene that its positions would lose their digits in it.
@@ -154,7 +157,8 @@ impl Scene {
         Ok(self)
     }
 
-    /// Largest coordinate over the extent of a scene in the frame of another: digits enough for its own.
+    /// Largest coordinate over the extent of a scene in the frame of another: digits enough for its
+    /// own.
     const FARTHEST: f64 = 1024.0;
 
     /// The camera of a name, the first if `None`.

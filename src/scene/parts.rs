@@ -1,5 +1,5 @@
-//! What a bake reads of a scene, as one digest for each kind of thing: tells a scene that was moved into another picture
-//! from one whose light has changed.
+//! What a bake reads of a scene, as one digest for each kind of thing: tells a scene that was moved
+//! into another picture from one whose light has changed.
 
 use super::{Camera, Grid, Light, Mesh, Scene, Texture, Volume, Wrap};
 use crate::math::unflatten;
@@ -12,8 +12,9 @@ const PREFIX: &str = "scene/";
 const CAMERA: &str = "camera";
 
 impl Scene {
-    /// Names and digests of what a bake reads: surfaces, materials, lights and volumes. Cameras, film and names do not
-    /// matter to it, but for the camera that surfels are taken from, if there is one.
+    /// Names and digests of what a bake reads: surfaces, materials, lights and volumes. Cameras,
+    /// film and names do not matter to it, but for the camera that surfels are taken from, if there
+    /// is one.
     #[must_use]
     pub fn parts(&self, surfels_from: Option<&Camera>) -> Vec<(String, String)> {
         let mut parts = vec![
@@ -27,8 +28,8 @@ impl Scene {
         parts.into_iter().map(name).collect()
     }
 
-    /// Names of the parts in which this scene differs from one that was baked, by the digests among the settings that its
-    /// cloud keeps; `None` if those have no digests.
+    /// Names of the parts in which this scene differs from one that was baked, by the digests among
+    /// the settings that its cloud keeps; `None` if those have no digests.
     #[must_use]
     pub fn parts_that_differ(&self, baked: &[(String, String)]) -> Option<Vec<String>> {
         let known = |name: &str| baked.iter().find(|(n, _)| n == name).map(|(_, v)| v);

@@ -3,12 +3,14 @@
 use super::Grid;
 use glam::{Affine3A, DAffine3, Vec3};
 
-/// A scattering and absorbing medium with isotropic phase function. There is no medium outside its box.
+/// A scattering and absorbing medium with isotropic phase function. There is no medium outside its
+/// box.
 #[derive(Debug)]
 pub struct Volume {
     /// Name, for messages.
     pub name: String,
-    /// Extinction sigma_t per scene unit, sampled on a grid; scale and value window are already applied.
+    /// Extinction sigma_t per scene unit, sampled on a grid; scale and value window are already
+    /// applied.
     pub sigma_t: Grid,
     /// Single-scattering albedo, sigma_s / sigma_t, each channel in `[0,1]`.
     pub albedo: [f32; 3],
@@ -45,9 +47,9 @@ impl Volume {
         self.index_from_scene_f64 = inverse;
     }
 
-    /// Lowers extinction that is beyond what positions in f32 can tell apart: light gets into such a medium by less than their
-    /// rounding, and whether a point is lit is left to that. A voxel stays opaque whatever its size, and the mean free path
-    /// shorter than anything in a picture.
+    /// Lowers extinction that is beyond what positions in f32 can tell apart: light gets into such
+    /// a medium by less than their rounding, and whether a point is lit is left to that. A voxel
+    /// stays opaque whatever its size, and the mean free path shorter than anything in a picture.
     pub fn limit_extinction(&mut self) {
         /// Mean free paths over the rounding of the largest coordinate.
         const PATH: f32 = 64.0 * f32::EPSILON;

@@ -1,5 +1,5 @@
-//! What is between a camera and what it sees, as a type: the pixels of a scene without media are shaded by code that has no
-//! work for them, and a frame chooses once.
+//! What is between a camera and what it sees, as a type: the pixels of a scene without media are
+//! shaded by code that has no work for them, and a frame chooses once.
 
 use super::media::{InScatter, Known};
 use super::view::View;

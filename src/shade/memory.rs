@@ -15,7 +15,8 @@ fn per_pixel(parts: &[Part]) -> u64 {
     2 * (planes * size_of::<f32>()) as u64
 }
 
-/// Refuses regions whose pixels and gathers take more than a limit by themselves, or surely more than the machine has.
+/// Refuses regions whose pixels and gathers take more than a limit by themselves, or surely more
+/// than the machine has.
 ///
 /// # Errors
 /// Says what they take, and how to shade in parts.
@@ -78,7 +79,8 @@ pub fn check_sweep(
     })
 }
 
-/// Refuses light that a volume scatters, to be made beforehand, if it takes more than a limit by itself.
+/// Refuses light that a volume scatters, to be made beforehand, if it takes more than a limit by
+/// itself.
 ///
 /// # Errors
 /// Says what it takes, and how to do with less.

@@ -1,9 +1,10 @@
-//! tree + scene → image: primary visibility and direct light from the scene, indirect light gathered from the tree. What of that no
-//! camera changes can be made beforehand ([`scatter`]).
+//! tree + scene → image: primary visibility and direct light from the scene, indirect light
+//! gathered from the tree. What of that no camera changes can be made beforehand ([`scatter`]).
 //!
-//! Every pixel depends on the scene, the tree, the settings and its own coordinates alone, so any tiling, on any number
-//! of machines, gives the same bits. Points and directions are those of scene space unless they are said to be the
-//! camera's or the film's, distances are scene units, light is linear Rec.709.
+//! Every pixel depends on the scene, the tree, the settings and its own coordinates alone, so any
+//! tiling, on any number of machines, gives the same bits. Points and directions are those of scene
+//! space unless they are said to be the camera's or the film's, distances are scene units, light is
+//! linear Rec.709.
 
 mod adapters;
 mod air;
@@ -52,9 +53,9 @@ pub fn check_memory(
 /// Shades a region of the frame.
 ///
 /// # Errors
-/// A setting out of range, an unknown camera, a tree in another frame than the scene ([`Scene::in_frame`]), more
-/// pixels or larger media than the memory limit allows or the machine has memory for, a page that cannot be read, or a stop
-/// on request.
+/// A setting out of range, an unknown camera, a tree in another frame than the scene
+/// ([`Scene::in_frame`]), more pixels or larger media than the memory limit allows or the machine
+/// has memory for, a page that cannot be read, or a stop on request.
 pub fn run(
     scene: &Scene,
     store: &TreeStore,

@@ -1,5 +1,5 @@
-//! tree + scene → scattered light: what arrives at vertices inside media, for all cameras, so that no frame and no tile has to find
-//! it again.
+//! tree + scene → scattered light: what arrives at vertices inside media, for all cameras, so that
+//! no frame and no tile has to find it again.
 
 use super::media::{self, InScatter, Made};
 use super::settings::Settings as ShadeSettings;
@@ -20,7 +20,8 @@ use std::path::Path;
 pub struct Settings {
     /// Gather rays at each vertex; four directions of sweeps for each.
     pub volume_samples: u32,
-    /// A node seen under less than this, steradians, may stand for all below it, four times that for rays of media.
+    /// A node seen under less than this, steradians, may stand for all below it, four times that
+    /// for rays of media.
     pub max_solid_angle: f32,
     /// Shadow rays of each vertex to each light with an extent.
     pub shadow_rays: u32,
@@ -77,8 +78,9 @@ impl Settings {
 /// Lights the media of a scene from its tree, and writes their light to a file.
 ///
 /// # Errors
-/// A scene without media, a setting out of range, a tree in another frame than the scene ([`Scene::in_frame`]), more vertices than
-/// the memory limit allows, a page that cannot be read, a file that cannot be written, or a stop on request.
+/// A scene without media, a setting out of range, a tree in another frame than the scene
+/// ([`Scene::in_frame`]), more vertices than the memory limit allows, a page that cannot be read, a
+/// file that cannot be written, or a stop on request.
 pub fn run(
     scene: &Scene,
     store: &TreeStore,
@@ -191,7 +193,8 @@ fn check_volumes(found: &[VolumeInfo], scene: &Scene) -> Result<()> {
     )))
 }
 
-/// Whether a volume is a grid of as many voxels in the same place, but for the rounding of a scene whose frame was another.
+/// Whether a volume is a grid of as many voxels in the same place, but for the rounding of a scene
+/// whose frame was another.
 fn is_grid_of(info: &VolumeInfo, volume: &Volume) -> bool {
     /// In voxels.
     const ROUNDING: f64 = 1e-3;

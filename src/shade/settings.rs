@@ -9,35 +9,40 @@ pub struct Settings {
     pub camera: Option<String>,
     /// Gather rays at each lattice pixel.
     pub samples: u32,
-    /// A node seen under less than this, steradians, may stand for all below it; under half of that where there are bright patches.
+    /// A node seen under less than this, steradians, may stand for all below it; under half of that
+    /// where there are bright patches.
     pub max_solid_angle: f32,
-    /// How finely gather rays tell apart what is near: in parts of triangles of which the square over the longest edge has the area of
-    /// so many surfels at most, in frames of few gathers ([`Self::surfels_per_patch`]). From 32 on nodes of the tree answer for all of
-    /// them, and its leaves are not decoded.
+    /// How finely gather rays tell apart what is near: in parts of triangles of which the square
+    /// over the longest edge has the area of so many surfels at most, in frames of few gathers
+    /// ([`Self::surfels_per_patch`]). From 32 on nodes of the tree answer for all of them, and its
+    /// leaves are not decoded.
     pub patch_surfels: u32,
-    /// Nothing further than this, in scene units, sends indirect light; it hides the environment as ever.
+    /// Nothing further than this, in scene units, sends indirect light; it hides the environment as
+    /// ever.
     pub max_dist: Option<f32>,
     /// What ends gather rays.
     pub kernel: Kernel,
     /// What takes part in indirect light.
     pub method: Method,
-    /// Whether gathers ask the few places that send most of a frame's light, if there are such, as they ask lamps.
+    /// Whether gathers ask the few places that send most of a frame's light, if there are such, as
+    /// they ask lamps.
     pub bright_patches: bool,
-    /// Pixels between gathers on surfaces, where others stand between those if light may change within that; 1 gathers at every
-    /// pixel.
+    /// Pixels between gathers on surfaces, where others stand between those if light may change
+    /// within that; 1 gathers at every pixel.
     pub lattice: u32,
     /// Gather rays at each vertex inside media.
     pub volume_samples: u32,
     /// Primary rays a pixel; 1 for rays through the corners of pixels, which neighbours share.
     pub pixel_samples: u32,
-    /// Corners of pixels from one primary ray to the next where those around end on one triangle, 1 or 2; elsewhere, and where
-    /// pixels have samples of their own, it does not matter.
+    /// Corners of pixels from one primary ray to the next where those around end on one triangle, 1
+    /// or 2; elsewhere, and where pixels have samples of their own, it does not matter.
     pub corner_spacing: u32,
-    /// Primary rays inside a pixel whose corners disagree, beside those through the corners; up to 64 lie in a pattern made
-    /// for edges. Where pixels have samples of their own: all rays of a pixel whose first ones disagree.
+    /// Primary rays inside a pixel whose corners disagree, beside those through the corners; up to
+    /// 64 lie in a pattern made for edges. Where pixels have samples of their own: all rays of a
+    /// pixel whose first ones disagree.
     pub edge_samples: u32,
-    /// Shadow rays to lights with an extent from the end of each primary ray inside a pixel; shared corners take one, and
-    /// four in penumbrae.
+    /// Shadow rays to lights with an extent from the end of each primary ray inside a pixel; shared
+    /// corners take one, and four in penumbrae.
     pub shadow_rays: u32,
     /// Key of all random choices.
     pub seed: u64,
@@ -65,15 +70,18 @@ impl Kernel {
     ];
 }
 
-/// What takes part in indirect light: the two point-based rows of the paper's Table 1 (Gibson & Wood 2011).
+/// What takes part in indirect light: the two point-based rows of the paper's Table 1 (Gibson &
+/// Wood 2011).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
-    /// Surfels and lvoxels: media take from gathers and add to them, and are lit by gathers themselves.
+    /// Surfels and lvoxels: media take from gathers and add to them, and are lit by gathers
+    /// themselves.
     #[default]
     Extended,
-    /// Surfels alone, as Christensen 2008: gathers on surfaces pass media unseen, and media get direct light only. Camera
-    /// and shadow rays see media as ever, so that the two differ in their indirect light and in nothing else.
+    /// Surfels alone, as Christensen 2008: gathers on surfaces pass media unseen, and media get
+    /// direct light only. Camera and shadow rays see media as ever, so that the two differ in their
+    /// indirect light and in nothing else.
     Traditional,
 }
 
@@ -160,7 +168,8 @@ impl Settings {
     /// Most pixels between gathers.
     pub const COARSEST_LATTICE: u32 = 64;
 
-    /// Gather rays of a surface that the lattice missed: few pixels see it, and the lattice, which most see, is worth more.
+    /// Gather rays of a surface that the lattice missed: few pixels see it, and the lattice, which
+    /// most see, is worth more.
     #[must_use]
     pub fn own_samples(&self) -> u32 {
         self.samples.div_ceil(2)
@@ -172,8 +181,9 @@ impl Settings {
         pixels / (self.lattice * self.lattice) as usize * self.samples as usize
     }
 
-    /// Surfels of a near patch in a frame of so many pixels: `patch_surfels` up to 8192 gathers, and fewer by the square of how many more
-    /// there are. What near patches cost is the same for all frames, and more gathers see more of what they blur.
+    /// Surfels of a near patch in a frame of so many pixels: `patch_surfels` up to 8192 gathers,
+    /// and fewer by the square of how many more there are. What near patches cost is the same for
+    /// all frames, and more gathers see more of what they blur.
     #[must_use]
     pub fn surfels_per_patch(&self, pixels: usize) -> f32 {
         const FEW: f32 = 8192.0;

@@ -1,5 +1,5 @@
-//! Regions of a frame, shaded by code made for what the scene and its tree have: media or none, of one channel or three, pages
-//! in memory or in a cache. A frame chooses once.
+//! Regions of a frame, shaded by code made for what the scene and its tree have: media or none, of
+//! one channel or three, pages in memory or in a cache. A frame chooses once.
 
 use super::air::Air;
 use super::aov::Part;
@@ -25,8 +25,9 @@ use crate::{Error, Result};
 use lvox_formats::{MappedFile, Scatter};
 use rayon::prelude::*;
 
-/// Solid angle below which nodes are taken whole by rays of media, over that of rays of surfaces: few rays look along the whole
-/// sphere, so that each stands for far more of it, and their light is a mean of all directions.
+/// Solid angle below which nodes are taken whole by rays of media, over that of rays of surfaces:
+/// few rays look along the whole sphere, so that each stands for far more of it, and their light is
+/// a mean of all directions.
 const VOLUME_SOLID_ANGLE: f32 = 4.0;
 
 /// What was asked for of the pixels of each region, and what that asked of the tree.
@@ -102,7 +103,8 @@ fn check_frame(scene: &Scene, store: &TreeStore) -> Result<()> {
     .hint("bring the scene into the tree's frame, `Scene::in_frame`"))
 }
 
-/// What a frame takes from a tree. Where it has no media, `M` is a type without any, and its kernels have no work for them.
+/// What a frame takes from a tree. Where it has no media, `M` is a type without any, and its
+/// kernels have no work for them.
 struct FrameTree<'a, P, M> {
     pages: &'a P,
     /// Passed by gathers.

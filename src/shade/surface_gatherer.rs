@@ -31,7 +31,8 @@ impl<P: Pages, M: Medium> SurfaceGatherer<'_, P, M> {
         gathered
     }
 
-    /// The same of surfaces near each other, each with its stretch of the directions that belong to a seed.
+    /// The same of surfaces near each other, each with its stretch of the directions that belong to
+    /// a seed.
     #[must_use]
     pub fn gather_neighbours(
         &self,

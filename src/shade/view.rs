@@ -48,10 +48,11 @@ impl<'a> View<'a> {
         }
     }
 
-    /// Where the rays of a gather at a surface that the camera sees start: off the surfaces that meet its own there, too.
+    /// Where the rays of a gather at a surface that the camera sees start: off the surfaces that
+    /// meet its own there, too.
     pub fn off_surface(&self, surface: &Surface) -> Vec3 {
-        /// Disks stand where their places were rounded to, some of them before the wall that the receiver is on: gathers start so
-        /// many times further off it than rays to triangles need.
+        /// Disks stand where their places were rounded to, some of them before the wall that the
+        /// receiver is on: gathers start so many times further off it than rays to triangles need.
         const ROUNDING: f32 = 8.0;
         let towards_camera = (self.camera.origin() - surface.position).normalize_or_zero();
         let off = surface.face_normal + towards_camera;
@@ -63,8 +64,8 @@ impl<'a> View<'a> {
         self.camera_from_scene.transform_point3(point.as_dvec3())
     }
 
-    /// Where on the film a point ahead of the camera is, pixels from its top left: double, since what is beside the camera
-    /// is far outside of the film.
+    /// Where on the film a point ahead of the camera is, pixels from its top left: double, since
+    /// what is beside the camera is far outside of the film.
     pub fn on_film(&self, local: DVec3) -> DVec2 {
         let scale = 1.0 / (-local.z * f64::from(self.pixel_angle));
         let middle = 0.5 * DVec2::new(self.film.width.into(), self.film.height.into());
@@ -80,8 +81,8 @@ impl<'a> View<'a> {
         }
     }
 
-    /// Whether rays through a region of the film, or up to `margin` pixels beside it, may pass the hull of some points.
-    /// May say yes where none does, never no where one does.
+    /// Whether rays through a region of the film, or up to `margin` pixels beside it, may pass the
+    /// hull of some points. May say yes where none does, never no where one does.
     #[must_use]
     pub fn may_see(&self, region: Region, margin: f32, points: [Vec3; 8]) -> bool {
         let (mut lower, mut upper) = (DVec2::INFINITY, DVec2::NEG_INFINITY);

@@ -16,8 +16,8 @@ use glam::{DAffine3, DVec3, Vec3};
 struct Case {
     name: &'static str,
     grid: Grid,
-    /// Allowed error of the mean transmittance through lvoxels, absolute: they are constant over half a voxel where the
-    /// field falls off.
+    /// Allowed error of the mean transmittance through lvoxels, absolute: they are constant over
+    /// half a voxel where the field falls off.
     lvoxels: f64,
 }
 

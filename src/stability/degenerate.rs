@@ -60,8 +60,8 @@ fn area(scene: &Scene) -> f64 {
         .sum()
 }
 
-/// The floor of the room (its third wall) cut into needles: a fan from one corner to points 4e-6 apart at one end of the
-/// opposite edge, and one triangle for the rest.
+/// The floor of the room (its third wall) cut into needles: a fan from one corner to points 4e-6
+/// apart at one end of the opposite edge, and one triangle for the rest.
 fn with_needles() -> Scene {
     const NEEDLES: u32 = 500;
     let mut scene = room();
@@ -378,7 +378,8 @@ fn radii(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     Ok(())
 }
 
-/// Three media on one place against one with the sum of their extinctions, and against parts that overlap.
+/// Three media on one place against one with the sum of their extinctions, and against parts that
+/// overlap.
 fn overlaps(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     let parts = [0.5_f32, 1.5, 3.0];
     for (name, albedo, limit) in [("absorbing", 0.0, 1e-5), ("scattering", 0.8, 0.03)] {

@@ -1,4 +1,5 @@
-//! Exact integration in f64 of what the kernels integrate in f32: the trilinear field of a grid, and a set of lvoxels.
+//! Exact integration in f64 of what the kernels integrate in f32: the trilinear field of a grid,
+//! and a set of lvoxels.
 
 use crate::formats::{Lvoxel, VolumeInfo};
 use crate::math::unflatten;
@@ -57,8 +58,8 @@ impl Field {
         sum
     }
 
-    /// Optical depth from `origin` to `t_max`: between knees the field is a cubic along the ray, which two Gauss points
-    /// integrate exactly.
+    /// Optical depth from `origin` to `t_max`: between knees the field is a cubic along the ray,
+    /// which two Gauss points integrate exactly.
     pub fn optical_depth(&self, origin: DVec3, direction: DVec3, t_max: f64) -> f64 {
         let o = self.index_from_scene.transform_point3(origin);
         let d = self.index_from_scene.transform_vector3(direction);

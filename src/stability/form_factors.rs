@@ -1,4 +1,5 @@
-//! Form factors of disks and plates, in closed form and gathered from surfels, and suns of any size.
+//! Form factors of disks and plates, in closed form and gathered from surfels, and suns of any
+//! size.
 
 use super::row::Row;
 use super::workbench::{Workbench, add_quad, gatherer, irradiance, stage};
@@ -43,8 +44,8 @@ fn parallel_corner(a: f64, b: f64, h: f64) -> f64 {
     (part(x, y) + part(y, x)) / (2.0 * PI)
 }
 
-/// From an element whose normal points along the plane of a rectangle, at distance c of that plane below its corner;
-/// b is the side across, a the side along the normal.
+/// From an element whose normal points along the plane of a rectangle, at distance c of that plane
+/// below its corner; b is the side across, a the side along the normal.
 fn perpendicular_corner(a: f64, b: f64, c: f64) -> f64 {
     let far = (a * a + c * c).sqrt();
     ((b / c).atan() - c / far * (b / far).atan()) / (2.0 * PI)
@@ -151,8 +152,8 @@ fn mean_over_square(power: i32, f: impl Fn(f64, f64) -> f64) -> f64 {
     sum
 }
 
-/// A square of edge `size` at distance 1, seen at an angle from the receiver's normal, all turned some way; against the
-/// closed form in f64 for the same corners.
+/// A square of edge `size` at distance 1, seen at an angle from the receiver's normal, all turned
+/// some way; against the closed form in f64 for the same corners.
 fn grazing(rows: &mut Vec<Row>) {
     let turn = DQuat::from_rotation_y(0.4) * DQuat::from_rotation_x(-1.1);
     for size in [1.0_f64, 1e-1, 1e-2, 1e-3, 1e-4, 1e-6] {
@@ -209,7 +210,8 @@ fn solid_angle([a, b, c]: [DVec3; 3]) -> f64 {
     2.0 * numerator.atan2(la * lb * lc + a.dot(b) * lc + a.dot(c) * lb + b.dot(c) * la)
 }
 
-/// Suns with an angular radius: the irradiance is what was asked for, the mean radiance in a medium follows.
+/// Suns with an angular radius: the irradiance is what was asked for, the mean radiance in a medium
+/// follows.
 fn suns(rows: &mut Vec<Row>) {
     for radius in [0.0_f64, 0.0047, 0.2, 0.6, 1.2] {
         let mut scene = stage(1, Vec3::Y, Vec3::ZERO, 1.0);

@@ -1,8 +1,8 @@
-//! Radiance 1 from everywhere, of an environment or of the walls of a closed box, around a medium that absorbs nothing or
-//! all.
+//! Radiance 1 from everywhere, of an environment or of the walls of a closed box, around a medium
+//! that absorbs nothing or all.
 //!
-//! lvox follows light through at most two scatterings (direct light, and one bounce): what is known is the share of all
-//! paths that reach a wall by then, which a walk in f64 finds.
+//! lvox follows light through at most two scatterings (direct light, and one bounce): what is known
+//! is the share of all paths that reach a wall by then, which a walk in f64 finds.
 
 use super::row::Row;
 use super::workbench::{Workbench, add_room, mean, pixels, stage, unit_cube, volume};
@@ -148,7 +148,8 @@ fn picture(bench: &Workbench, around: Around, tau: f64, albedo: f32) -> Result<V
     pixels(&bench.shade(&scene, &store, &settings())?, "")
 }
 
-/// Share of the paths from the camera that leave a medium of albedo 1 after at most two scatterings, by a walk.
+/// Share of the paths from the camera that leave a medium of albedo 1 after at most two
+/// scatterings, by a walk.
 fn seen(sigma_t: f64) -> f64 {
     let chunks = 64;
     let left: Vec<u64> = (0..chunks)
@@ -208,7 +209,8 @@ impl Random {
     }
 }
 
-/// Whether a path through a random place of the film is out of the medium before its third scattering.
+/// Whether a path through a random place of the film is out of the medium before its third
+/// scattering.
 fn leaves(sigma_t: f64, random: &mut Random) -> bool {
     let mut point = EYE.as_dvec3();
     let mut direction = view(2.0 * random.next() - 1.0, 2.0 * random.next() - 1.0);

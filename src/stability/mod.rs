@@ -1,5 +1,5 @@
-//! Closed forms, extremes and invariances: each case compares lvox with what is known beforehand, or with a stated
-//! limit.
+//! Closed forms, extremes and invariances: each case compares lvox with what is known beforehand,
+//! or with a stated limit.
 //!
 //! `lvox study --stability` prints the table; the tests run the same functions.
 
@@ -121,7 +121,8 @@ const FAMILIES: &[(&str, &str, Cases)] = &[
 /// Runs all cases; kernels are compared with double precision on `scene`.
 ///
 /// # Errors
-/// A temporary folder that cannot be written, or a stop on request. A case that fails is no error: its row says so.
+/// A temporary folder that cannot be written, or a stop on request. A case that fails is no error:
+/// its row says so.
 pub fn run(scene: &Scene, effort: Effort, job: &Job) -> Result<Vec<Family>> {
     let task = job
         .progress

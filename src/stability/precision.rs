@@ -1,4 +1,5 @@
-//! The arithmetic of the kernels, f32, against the same in f64 by brute force, on a real scene; and long sums.
+//! The arithmetic of the kernels, f32, against the same in f64 by brute force, on a real scene; and
+//! long sums.
 
 use super::field::{Blocks, Field};
 use super::row::Row;

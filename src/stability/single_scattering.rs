@@ -1,4 +1,5 @@
-//! Single scattering from a point light in a homogeneous sphere, against quadrature over the same voxels.
+//! Single scattering from a point light in a homogeneous sphere, against quadrature over the same
+//! voxels.
 
 use super::field::Field;
 use super::row::Row;
@@ -123,8 +124,9 @@ fn single(bench: &Workbench, scene: &Scene) -> Result<f64> {
     Ok(f64::from(pixels(&frame, "volume")?[0][0]))
 }
 
-/// The integral along the pixel's ray of sigma_s / (4 pi) T(camera) T(light) / d^2, over the angle at which the light sees
-/// the ray, in which it is smooth however near they are (Kulla & Fajardo 2012).
+/// The integral along the pixel's ray of sigma_s / (4 pi) T(camera) T(light) / d^2, over the angle
+/// at which the light sees the ray, in which it is smooth however near they are (Kulla & Fajardo
+/// 2012).
 fn quadrature(scene: &Scene) -> f64 {
     const STEPS: usize = 4000;
     let field = Field::of(&scene.volumes[0]);
@@ -156,8 +158,9 @@ fn quadrature(scene: &Scene) -> f64 {
     parts.iter().sum::<f64>() * step / distance / (4.0 * PI)
 }
 
-/// Irradiance of a surface at `height` above the cube, which faces down: light that was scattered once on a chord of length
-/// l, at a cosine of mu to the sun's way, is (1 - exp(-sigma l (1 + mu))) / (1 + mu) of its irradiance over 4 pi.
+/// Irradiance of a surface at `height` above the cube, which faces down: light that was scattered
+/// once on a chord of length l, at a cosine of mu to the sun's way, is (1 - exp(-sigma l (1 + mu)))
+/// / (1 + mu) of its irradiance over 4 pi.
 fn above_slab(sigma_t: f64, [x, height, z]: [f64; 3]) -> f64 {
     const STEPS: usize = 500;
     let sum: f64 = (0..STEPS * STEPS)

@@ -171,7 +171,8 @@ fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
             }));
         }
 
-        // Light that a medium of source 0.5 sends: albedo 1 in an environment of 0.5, without what is scattered twice.
+        // Light that a medium of source 0.5 sends: albedo 1 in an environment of 0.5, without what
+        // is scattered twice.
         let media = &media_with_source(&store, [0.5; 3])?;
         let mut light = Composite::default();
         media.pass(origin, forward, 2.9, &[], &mut light);
@@ -187,7 +188,8 @@ fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     Ok(())
 }
 
-/// The worst of many rays in all directions, of which `transmittance_of` tells how much comes through.
+/// The worst of many rays in all directions, of which `transmittance_of` tells how much comes
+/// through.
 fn oblique(
     case: &str,
     at: &str,

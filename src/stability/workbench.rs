@@ -24,7 +24,8 @@ pub struct Workbench {
 }
 
 impl Workbench {
-    /// A folder in that of the job for temporary files. Stages are quiet here, but stop when the job does.
+    /// A folder in that of the job for temporary files. Stages are quiet here, but stop when the
+    /// job does.
     pub fn new(job: &Job) -> Result<Self> {
         let mut builder = tempfile::Builder::new();
         builder.prefix("lvox-stability-");
@@ -167,7 +168,8 @@ pub fn kept(store: &TreeStore) -> Result<&KeptTree> {
     }
 }
 
-/// The surfels of a tree that was opened without a limit, ready to gather; nodes below `cut` steradians are taken whole.
+/// The surfels of a tree that was opened without a limit, ready to gather; nodes below `cut`
+/// steradians are taken whole.
 pub fn gatherer<M: Medium>(
     store: &TreeStore,
     media: M,
@@ -214,7 +216,8 @@ pub fn relative_rms(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
     (sum / (3 * a.len()) as f64).sqrt() / mean(b)
 }
 
-/// A square film of `side` pixels and a camera at `position` that looks at `target`; nothing to see yet.
+/// A square film of `side` pixels and a camera at `position` that looks at `target`; nothing to see
+/// yet.
 pub fn stage(side: u32, position: Vec3, target: Vec3, fov_x_deg: f32) -> Scene {
     let back = (position - target).as_dvec3().normalize();
     let up = if back.y.abs() > 0.9 {
@@ -284,7 +287,8 @@ pub fn volume(sigma_t: Grid, albedo: f32, scene_from_index: DAffine3) -> Volume 
     Volume::new(String::new(), sigma_t, [albedo; 3], scene_from_index)
 }
 
-/// The extinction of a ball in the middle of a grid of `n` voxels a side, whose edge its radius is a share of.
+/// The extinction of a ball in the middle of a grid of `n` voxels a side, whose edge its radius is
+/// a share of.
 pub fn ball(n: usize, radius: f32, sigma_t: f32) -> Grid {
     Grid::from_fn([n; 3], |v| {
         let r2: f32 = v

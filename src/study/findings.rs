@@ -1,22 +1,23 @@
-//! What the numbers of a study say: how fast errors fall, how long Monte Carlo takes for the same, and which runs no other
-//! beats.
+//! What the numbers of a study say: how fast errors fall, how long Monte Carlo takes for the same,
+//! and which runs no other beats.
 
 use super::method::Method;
 use super::record::{Errors, Findings, Run, Slope, Study, Versus};
 use super::sweep::Sweep;
 use std::collections::BTreeSet;
 
-/// How many times the longest run of Monte Carlo its curve is followed: beyond that two runs say nothing.
+/// How many times the longest run of Monte Carlo its curve is followed: beyond that two runs say
+/// nothing.
 pub const FARTHEST: f64 = 10.0;
 
 /// What Monte Carlo is compared by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Metric {
-    /// Falls as one over the samples, down to the noise of the reference. The run with most samples that is well above
-    /// that noise gives the factor.
+    /// Falls as one over the samples, down to the noise of the reference. The run with most samples
+    /// that is well above that noise gives the factor.
     RelMse,
-    /// Falls faster than any law: a straight line in logarithms between neighbouring runs, and beyond the last by the
-    /// line through the last two.
+    /// Falls faster than any law: a straight line in logarithms between neighbouring runs, and
+    /// beyond the last by the line through the last two.
     Pdiff,
     /// As pdiff.
     Flip,
@@ -90,7 +91,8 @@ impl Curve {
         secs * (error - self.floor).max(f64::MIN_POSITIVE)
     }
 
-    /// The two runs between or beyond which a value lies, by `key`, which rises or falls along the runs.
+    /// The two runs between or beyond which a value lies, by `key`, which rises or falls along the
+    /// runs.
     fn neighbours(&self, is_before: impl Fn(&(f64, f64)) -> bool) -> [(f64, f64); 2] {
         let i = self.points.partition_point(is_before);
         let i = i.clamp(1, self.points.len() - 1);
@@ -366,7 +368,8 @@ mod tests {
         let expected = (4.0_f64.ln() + 4.0_f64.ln() * 2.0_f64.ln() / 10.0_f64.ln()).exp();
         assert!((pdiff.equal_error_secs.unwrap() - expected).abs() < 1e-6);
         assert!(!pdiff.extrapolated);
-        // None at all counts as half a pixel, which the line through the last two runs reaches after 388 s: too far.
+        // None at all counts as half a pixel, which the line through the last two runs reaches
+        // after 388 s: too far.
         let none = of("extended-samples-4", Metric::Pdiff);
         assert_eq!(none.equal_error_secs, Some(160.0));
         assert!(none.extrapolated && none.capped);

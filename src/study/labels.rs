@@ -17,7 +17,8 @@ pub struct Rect {
 }
 
 impl Rect {
-    /// The box of a name with its upper left corner at a place; text of this size is at most this wide.
+    /// The box of a name with its upper left corner at a place; text of this size is at most this
+    /// wide.
     fn of_text(name: &str, left: i32, top: i32) -> Self {
         Self {
             left,
@@ -67,7 +68,8 @@ pub fn place(
         .iter()
         .zip(names)
         .map(|(&(x, y), name)| {
-            // A front falls from the left to the right: above at the right and below at the left are off its line.
+            // A front falls from the left to the right: above at the right and below at the left
+            // are off its line.
             let width = Rect::of_text(name, 0, 0).width;
             let (right, left) = (x + 9, x - 9 - width);
             let found = (0..area.height / LINE).find_map(|step| {

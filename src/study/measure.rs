@@ -27,8 +27,8 @@ pub struct Bench<'a> {
     pub job: Job,
 }
 
-/// Seed of the Monte Carlo runs of a study: references have small seeds that people type, often that of the study, and
-/// noise that is shared with a reference would not count as an error.
+/// Seed of the Monte Carlo runs of a study: references have small seeds that people type, often
+/// that of the study, and noise that is shared with a reference would not count as an error.
 fn monte_carlo_seed(seed: u64) -> u64 {
     const DOMAIN: u64 = u64::from_le_bytes(*b"lv study");
     sampling::hash(&[DOMAIN, seed])
@@ -90,7 +90,8 @@ impl<'a> Bench<'a> {
         self.open(cloud).is_ok()
     }
 
-    /// Bakes, builds and makes light of media: a cloud of one round. The files are the same in every round.
+    /// Bakes, builds and makes light of media: a cloud of one round. The files are the same in
+    /// every round.
     pub fn prepare(&self, points: &Points) -> Result<Cloud> {
         let name = points.cloud();
         let cloud = self.trees.join(format!("{name}.lvc"));

@@ -1,8 +1,10 @@
-//! Error against run time: Monte Carlo and both point-based methods on one scene, over sweeps of their settings.
+//! Error against run time: Monte Carlo and both point-based methods on one scene, over sweeps of
+//! their settings.
 //!
-//! Every run is timed in rounds in which the methods take turns, and compared with one converged image. What is measured
-//! is kept after each run, so a stop loses no more than one, and the same call goes on from there. On another machine or
-//! with another number of threads it takes all times anew, and keeps the others apart.
+//! Every run is timed in rounds in which the methods take turns, and compared with one converged
+//! image. What is measured is kept after each run, so a stop loses no more than one, and the same
+//! call goes on from there. On another machine or with another number of threads it takes all times
+//! anew, and keeps the others apart.
 
 pub mod findings;
 mod html;
@@ -33,12 +35,14 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Runs a study into a folder: `study.json`, `study.csv`, `table.md`, plots, images, and `report.html` with all of them.
-/// Runs that are there are kept: a call with more rounds or with more values of a sweep adds to them. `restart` forgets them.
+/// Runs a study into a folder: `study.json`, `study.csv`, `table.md`, plots, images, and
+/// `report.html` with all of them. Runs that are there are kept: a call with more rounds or with
+/// more values of a sweep adds to them. `restart` forgets them.
 ///
 /// # Errors
-/// Settings that make no sense, a folder of another study or build of the program, whatever rendering and writing
-/// can give, or a stop on request; after that the reports hold what is finished.
+/// Settings that make no sense, a folder of another study or build of the program, whatever
+/// rendering and writing can give, or a stop on request; after that the reports hold what is
+/// finished.
 pub fn run(
     scene: &Scene,
     settings: &Settings,
@@ -108,7 +112,8 @@ pub fn run(
     })
 }
 
-/// The files that [`run`] writes into a folder under names that do not depend on settings; the reference if it renders it.
+/// The files that [`run`] writes into a folder under names that do not depend on settings; the
+/// reference if it renders it.
 #[must_use]
 pub fn written(folder: &Path, renders_reference: bool) -> Vec<PathBuf> {
     let reference = renders_reference.then_some(REFERENCE);
@@ -134,8 +139,8 @@ impl Files {
         Ok(files)
     }
 
-    /// Removes what an earlier study has left, its reference and the reports that are written anew excepted; nothing in a
-    /// folder without a study.
+    /// Removes what an earlier study has left, its reference and the reports that are written anew
+    /// excepted; nothing in a folder without a study.
     fn clear(&self) -> Result<()> {
         if !self.json().is_file() {
             return Ok(());
@@ -182,8 +187,9 @@ impl Files {
     }
 }
 
-/// What all runs of a study have in common and depend on: the build of the program, the scene, its film, the camera, and the
-/// reference: of one that was given its content, wherever it lies, and the exposure that it is looked at with.
+/// What all runs of a study have in common and depend on: the build of the program, the scene, its
+/// film, the camera, and the reference: of one that was given its content, wherever it lies, and
+/// the exposure that it is looked at with.
 fn origin(scene: &Scene, settings: &Settings) -> Result<BTreeMap<String, String>> {
     let (reference, exposure) = match &settings.reference {
         Some(path) => {

@@ -14,8 +14,8 @@ use std::path::PathBuf;
 pub struct Settings {
     /// Name of the camera; the scene's first if `None`.
     pub camera: Option<String>,
-    /// Longest paths of Monte Carlo and of the reference, see [`crate::reference::Settings`]. 3 is what is computed from
-    /// a tree without bounces.
+    /// Longest paths of Monte Carlo and of the reference, see [`crate::reference::Settings`]. 3 is
+    /// what is computed from a tree without bounces.
     pub max_depth: u32,
     /// Samples per pixel of the Monte Carlo runs.
     pub spp: Vec<u32>,
@@ -29,8 +29,8 @@ pub struct Settings {
     pub samples: Vec<u32>,
     /// Largest solid angle of a node, steradians, beside the base settings.
     pub max_solid_angle: Vec<f32>,
-    /// Voxels a side of the lvoxels (1, 2, 4 or 8) of a cloud like the paper's to run on as well, see
-    /// [`Points::of_the_paper`].
+    /// Voxels a side of the lvoxels (1, 2, 4 or 8) of a cloud like the paper's to run on as well,
+    /// see [`Points::of_the_paper`].
     pub paper_cloud: Option<u8>,
     /// Whether light of media is made beforehand, with each tree, for the runs that gather it.
     pub scatter: bool,
@@ -145,8 +145,9 @@ impl Settings {
         Ok(())
     }
 
-    /// All runs, one method after the other in turn, so that whatever else the machine does hits all alike. Without media
-    /// the traditional method is the extended one, and lvoxels of any size are none: they are left out.
+    /// All runs, one method after the other in turn, so that whatever else the machine does hits
+    /// all alike. Without media the traditional method is the extended one, and lvoxels of any size
+    /// are none: they are left out.
     #[must_use]
     pub fn variants(&self, has_media: bool) -> Vec<Variant> {
         let mut columns = vec![self.monte_carlo()];
@@ -340,8 +341,8 @@ impl Points {
         }
     }
 
-    /// The same on a cloud in the proportions of the paper's Table 1 (Gibson & Wood 2011): 2.5 million surfels, and
-    /// lvoxels of some voxels a side, each from 16 coefficient samples.
+    /// The same on a cloud in the proportions of the paper's Table 1 (Gibson & Wood 2011): 2.5
+    /// million surfels, and lvoxels of some voxels a side, each from 16 coefficient samples.
     #[must_use]
     pub fn of_the_paper(&self, voxels: u8) -> Self {
         Self {
@@ -420,7 +421,8 @@ mod tests {
                 .iter()
                 .all(|n| n.starts_with("traditional") || n.contains("-block-"))
         );
-        // The base, 2 clouds, 5 numbers of samples and 5 solid angles; 3 depths and 3 sides of lvoxels.
+        // The base, 2 clouds, 5 numbers of samples and 5 solid angles; 3 depths and 3 sides of
+        // lvoxels.
         assert_eq!(left_out.len(), 13 + 3 + 3);
         assert_eq!(without.len(), 4 + 13);
     }

@@ -14,8 +14,8 @@ use std::path::Path;
 pub struct Study {
     /// Version of lvox.
     pub version: String,
-    /// What all runs have in common and none can be compared without, by words for it: build of the program, scene, film,
-    /// camera, reference and exposure.
+    /// What all runs have in common and none can be compared without, by words for it: build of the
+    /// program, scene, film, camera, reference and exposure.
     pub origin: BTreeMap<String, String>,
     /// Name of the scene.
     pub scene: String,
@@ -50,8 +50,8 @@ pub struct Findings {
     pub versus: Vec<Versus>,
 }
 
-/// How the error goes along a sweep. Nothing is subtracted: what other settings and the reference's own noise add stays
-/// in, so the exponent flattens as the error comes near the floor.
+/// How the error goes along a sweep. Nothing is subtracted: what other settings and the reference's
+/// own noise add stays in, so the exponent flattens as the error comes near the floor.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Slope {
     /// How the runs render.
@@ -79,8 +79,8 @@ pub struct Versus {
     pub run: String,
     /// Name of the metric.
     pub metric: String,
-    /// CPU seconds in which Monte Carlo reaches the run's error; none if the run is nearer to the reference than the
-    /// reference's own noise allows.
+    /// CPU seconds in which Monte Carlo reaches the run's error; none if the run is nearer to the
+    /// reference than the reference's own noise allows.
     pub equal_error_secs: Option<f64>,
     /// That over the run's own time of rendering: for all images after the first of a tree.
     pub speed_up: Option<f64>,
@@ -90,8 +90,8 @@ pub struct Versus {
     pub equal_time_error: Option<f64>,
     /// Whether the CPU seconds at equal error are outside those of the Monte Carlo runs.
     pub extrapolated: bool,
-    /// Whether they are [`super::findings::FARTHEST`] times the longest such run, and no more is known than that they are at
-    /// least that.
+    /// Whether they are [`super::findings::FARTHEST`] times the longest such run, and no more is
+    /// known than that they are at least that.
     pub capped: bool,
     /// Whether the run's time of rendering is outside those of the Monte Carlo runs.
     pub time_extrapolated: bool,
@@ -228,8 +228,9 @@ pub struct Run {
     pub cloud: Option<String>,
     /// Time of rendering, loading, baking and building excluded, once for each round.
     pub rounds: Vec<Timing>,
-    /// Largest resident memory of the process while it rendered, the least of the rounds: the scene, the reference image and
-    /// what the allocator keeps of earlier runs are in it. None where the system does not tell.
+    /// Largest resident memory of the process while it rendered, the least of the rounds: the
+    /// scene, the reference image and what the allocator keeps of earlier runs are in it. None
+    /// where the system does not tell.
     pub peak_memory_bytes: Option<u64>,
     /// What came out; the same in every round.
     pub errors: Errors,
@@ -286,8 +287,8 @@ impl Study {
         run.time().cpu_secs + before
     }
 
-    /// Puts what was timed on another machine, or with another number of threads, aside, and what was timed on this one
-    /// before in its place. Whether anything was put aside.
+    /// Puts what was timed on another machine, or with another number of threads, aside, and what
+    /// was timed on this one before in its place. Whether anything was put aside.
     pub fn go_on_with(&mut self, machine: Machine) -> bool {
         if self.machine == machine {
             return false;
@@ -305,17 +306,20 @@ impl Study {
         is_kept
     }
 
-    /// The errors of a run, wherever it was timed: images are the same on all machines, with any number of threads.
+    /// The errors of a run, wherever it was timed: images are the same on all machines, with any
+    /// number of threads.
     #[must_use]
     pub fn errors_of(&self, name: &str) -> Option<Errors> {
         let mut runs = self.others.iter().flat_map(|o| &o.runs).chain(&self.runs);
         runs.find(|r| r.name == name).map(|r| r.errors)
     }
 
-    /// What an earlier study of the same origin has measured; `None` if there is none, or nothing in it.
+    /// What an earlier study of the same origin has measured; `None` if there is none, or nothing
+    /// in it.
     ///
     /// # Errors
-    /// [`crate::Kind::Input`] if the file is damaged or belongs to something else; the message says in what it differs.
+    /// [`crate::Kind::Input`] if the file is damaged or belongs to something else; the message says
+    /// in what it differs.
     pub fn read(path: &Path, origin: &BTreeMap<String, String>) -> Result<Option<Self>> {
         let bytes = match std::fs::read(path) {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
@@ -343,7 +347,8 @@ impl Study {
         Ok(Some(study))
     }
 
-    /// Refuses runs of the same names and other settings: a folder has one base, which its sweeps vary.
+    /// Refuses runs of the same names and other settings: a folder has one base, which its sweeps
+    /// vary.
     ///
     /// # Errors
     /// [`crate::Kind::Input`] with the names.

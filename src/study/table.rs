@@ -1,4 +1,5 @@
-//! The numbers of a study as text: a table in the form of the paper's Table 1 in Markdown, and all runs as CSV.
+//! The numbers of a study as text: a table in the form of the paper's Table 1 in Markdown, and all
+//! runs as CSV.
 
 use super::findings::{FARTHEST, Metric};
 use super::method::Method;
@@ -41,7 +42,8 @@ fn megabytes(bytes: u64) -> String {
     figure(bytes as f64 / 1e6)
 }
 
-/// Whether a run belongs to the short table and to the images: all of Monte Carlo, and what no sweep varies.
+/// Whether a run belongs to the short table and to the images: all of Monte Carlo, and what no
+/// sweep varies.
 pub fn is_chief(run: &Run) -> bool {
     run.sweep == Sweep::Spp || run.sweep.is_alone()
 }
@@ -96,7 +98,8 @@ pub fn summary(study: &Study) -> Table {
     }
 }
 
-/// A speed-up; in brackets where it needs a time that was not measured, and no more than a bound where that is far.
+/// A speed-up; in brackets where it needs a time that was not measured, and no more than a bound
+/// where that is far.
 fn times(versus: Option<&Versus>, factor: fn(&Versus) -> Option<f64>) -> String {
     let Some((v, factor)) = versus.and_then(|v| Some((v, factor(v)?))) else {
         return "–".into();
@@ -109,7 +112,8 @@ fn times(versus: Option<&Versus>, factor: fn(&Versus) -> Option<f64>) -> String 
     }
 }
 
-/// What Monte Carlo reaches in the time of a run, in a unit; in brackets where that time was not measured.
+/// What Monte Carlo reaches in the time of a run, in a unit; in brackets where that time was not
+/// measured.
 fn equal_time(versus: Option<&Versus>, per_unit: f64) -> String {
     let Some((v, error)) = versus.and_then(|v| Some((v, v.equal_time_error?))) else {
         return "–".into();

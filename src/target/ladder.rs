@@ -16,8 +16,8 @@ struct Rung {
     shadow_rays: u32,
 }
 
-/// From each to the next noise falls by 1.7 to 4 times. All pixels share the samples at their corners: samples of
-/// their own cost more at the same error (`docs/gather.md`).
+/// From each to the next noise falls by 1.7 to 4 times. All pixels share the samples at their
+/// corners: samples of their own cost more at the same error (`docs/gather.md`).
 const RUNGS: [Rung; 8] = {
     const fn row(counts: [u32; 5], max_solid_angle: f32, patch_surfels: u32) -> Rung {
         let [samples, lattice, volume_samples, edge_samples, shadow_rays] = counts;

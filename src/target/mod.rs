@@ -1,8 +1,9 @@
 //! Picks shading settings for an error.
 //!
-//! A pilot shades small blocks, spread over the whole frame whatever part of it is asked for, at a few rungs of a ladder
-//! of settings, and measures their error against paths traced at pixels of those blocks. So the choice depends on the
-//! scene, the tree, the seed and the target alone, and is the same in every tile and process.
+//! A pilot shades small blocks, spread over the whole frame whatever part of it is asked for, at a
+//! few rungs of a ladder of settings, and measures their error against paths traced at pixels of
+//! those blocks. So the choice depends on the scene, the tree, the seed and the target alone, and
+//! is the same in every tile and process.
 
 mod ladder;
 mod pilot;
@@ -48,11 +49,12 @@ pub fn check(target: f64) -> Result<()> {
     }
 }
 
-/// Picks the cheapest settings whose trimmed relMSE over the frame is about `target`. `adapt` puts what is fixed, such
-/// as the camera and the seed, into the settings of a rung.
+/// Picks the cheapest settings whose trimmed relMSE over the frame is about `target`. `adapt` puts
+/// what is fixed, such as the camera and the seed, into the settings of a rung.
 ///
 /// # Errors
-/// A target or settings out of range, an unknown camera, a page that cannot be read, or a stop on request.
+/// A target or settings out of range, an unknown camera, a page that cannot be read, or a stop on
+/// request.
 pub fn choose(
     scene: &Scene,
     store: &TreeStore,

@@ -1,4 +1,5 @@
-//! Measures the error of settings on small blocks of the frame, against paths traced at pixels of those blocks.
+//! Measures the error of settings on small blocks of the frame, against paths traced at pixels of
+//! those blocks.
 
 use crate::gather::TreeStore;
 use crate::image::Region;
@@ -18,8 +19,8 @@ const BLOCKS: usize = 100;
 const SIDE: u32 = 12;
 /// Pixels of a block whose truth is traced, one in each cell of this size.
 const CELL: [u32; 2] = [4, 2];
-/// Sequences of paths at each pixel, independent of each other. Fewer leave a noisy scale to relative errors; more leave
-/// sequences too short to be well spread.
+/// Sequences of paths at each pixel, independent of each other. Fewer leave a noisy scale to
+/// relative errors; more leave sequences too short to be well spread.
 const STRANDS: u32 = 8;
 /// Paths of each pixel at first, and at most.
 const PATHS: [u32; 2] = [64, 256];
@@ -109,8 +110,8 @@ impl<'a> Pilot<'a> {
                 )
                 .hint("look for emission, intensities or sizes at the limits of floats, or give settings instead"));
             }
-            // An error above the target need not be known as well as one at the target; but one far above may be that of few
-            // paths, which miss what is bright and rare.
+            // An error above the target need not be known as well as one at the target; but one far
+            // above may be that of few paths, which miss what is bright and rare.
             let enough = NOISE * found.error.clamp(target, 4.0 * target);
             if found.noise <= enough || self.count >= PATHS[1] {
                 return Ok(found.error.max(found.noise));
@@ -163,14 +164,16 @@ impl<'a> Pilot<'a> {
     fn compare(&self, shaded: &[Vec<Shaded>]) -> Measured {
         let known = |p: &Point| shaded[p.block][p.index];
         let has_others = self.points.iter().any(|p| !known(p).has_emitter_border);
-        // At the border of a lamp shading is exact, and paths that miss the lamp look as if they had no noise.
+        // At the border of a lamp shading is exact, and paths that miss the lamp look as if they
+        // had no noise.
         let mut terms: Vec<(f64, f64)> = self
             .points
             .iter()
             .filter(|p| !(has_others && known(p).has_emitter_border))
             .filter_map(|p| p.compare(known(p).radiance))
             .collect();
-        // By size of the error: as likely to drop what noise made too small as what it made too large.
+        // By size of the error: as likely to drop what noise made too small as what it made too
+        // large.
         terms.sort_unstable_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
         // With nothing to go by the error is not a number, which the caller refuses.
         let kept = linear::kept(terms.len());
@@ -199,11 +202,12 @@ impl Point {
         }
     }
 
-    /// Estimate of the squared relative error of a value, to which the noise of paths adds nothing on average, and the
-    /// variance of it; `None` if a sequence has no path.
+    /// Estimate of the squared relative error of a value, to which the noise of paths adds nothing
+    /// on average, and the variance of it; `None` if a sequence has no path.
     ///
-    /// Two sequences give the square and the others what it is divided by, all pairs in turn: were it divided by the mean
-    /// of all, then noise that makes the truth look darker would count for more than noise that makes it look brighter.
+    /// Two sequences give the square and the others what it is divided by, all pairs in turn: were
+    /// it divided by the mean of all, then noise that makes the truth look darker would count for
+    /// more than noise that makes it look brighter.
     fn compare(&self, Rgb(shaded): Rgb) -> Option<(f64, f64)> {
         const COUNT: usize = STRANDS as usize;
         if self.counts.contains(&0) {

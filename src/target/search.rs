@@ -1,4 +1,5 @@
-//! Finds the place on a ladder where an error is met, from few measurements, of which fine ones cost the most.
+//! Finds the place on a ladder where an error is met, from few measurements, of which fine ones
+//! cost the most.
 
 use crate::Result;
 use libm::{exp, log};
@@ -33,7 +34,8 @@ const FIRST: f64 = 2.0;
 const FALL: f64 = 0.85;
 /// The least it has been seen to be: what falls more slowly is taken for bias.
 const SLOW: f64 = 0.5;
-/// Rungs below this do not tell that a target is out of reach: there, noise hides how fast the rest falls.
+/// Rungs below this do not tell that a target is out of reach: there, noise hides how fast the rest
+/// falls.
 const PROOF: f64 = 4.5;
 /// A measured error this close to the target is taken, as a logarithm.
 const CLOSE: f64 = 0.12;
@@ -41,7 +43,8 @@ const CLOSE: f64 = 0.12;
 const STEP: f64 = 1.75;
 /// Rungs beyond the finest measurement that the model is trusted for.
 const TRUST: f64 = 0.8;
-/// Rungs that a measurement stays below the guess: the last stretch is cheaper to trust than to measure.
+/// Rungs that a measurement stays below the guess: the last stretch is cheaper to trust than to
+/// measure.
 const SHORT: f64 = 0.4;
 /// Most measurements.
 const MOST: usize = 5;
@@ -53,7 +56,8 @@ enum Next {
     Take(f64, f64, Outcome),
 }
 
-/// Searches places 0 to `finest` for the coarsest whose error is `target`; `measure` gives the error at a place.
+/// Searches places 0 to `finest` for the coarsest whose error is `target`; `measure` gives the
+/// error at a place.
 pub fn search(
     target: f64,
     finest: f64,
@@ -90,7 +94,8 @@ fn next(tried: &[(f64, f64)], target: f64, finest: f64) -> Next {
             Next::Take(t + f * (fine_t - t), target, Outcome::Met)
         }
         (_, Some(&(t, e))) => {
-            // All that was measured is better than need be, or errors do not fall: go by the coarsest.
+            // All that was measured is better than need be, or errors do not fall: go by the
+            // coarsest.
             if t <= 0.0 {
                 Next::Take(t, e, Outcome::Better)
             } else if tried.len() >= MOST {
@@ -103,7 +108,8 @@ fn next(tried: &[(f64, f64)], target: f64, finest: f64) -> Next {
     }
 }
 
-/// Where to go when all that was measured is too coarse, by a model of noise that falls and bias that stays.
+/// Where to go when all that was measured is too coarse, by a model of noise that falls and bias
+/// that stays.
 fn up(tried: &[(f64, f64)], target: f64, finest: f64) -> Next {
     let (t, e) = tried[tried.len() - 1];
     let Some((t0, e0)) = tried.len().checked_sub(2).map(|i| tried[i]) else {

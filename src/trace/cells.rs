@@ -1,7 +1,7 @@
 //! Walks a ray through the non-empty cells of a volume, with the exact optical depth of each.
 //!
-//! Along a ray through one cell a trilinear field is a cubic, which two Gauss points integrate exactly. Empty bricks
-//! are passed in one step, so there is no step size to choose.
+//! Along a ray through one cell a trilinear field is a cubic, which two Gauss points integrate
+//! exactly. Empty bricks are passed in one step, so there is no step size to choose.
 
 use crate::math::dda::{Line, Passage, Steps};
 use crate::scene::Volume;
@@ -25,8 +25,8 @@ impl RayInVolume {
     /// A stretch up to this depth is one piece.
     const THIN: f32 = 0.7;
 
-    /// The stretch in pieces, front to back: light changes over about one optical depth, so a dense stretch starts with
-    /// thin pieces. The last holds what is too deep to be seen.
+    /// The stretch in pieces, front to back: light changes over about one optical depth, so a dense
+    /// stretch starts with thin pieces. The last holds what is too deep to be seen.
     pub fn pieces(self) -> impl Iterator<Item = Self> {
         let mut done = 0.0;
         let mut depth = if self.tau > Self::THIN {
@@ -56,7 +56,8 @@ impl RayInVolume {
 pub struct Cells<'a> {
     volume: &'a Volume,
     line: Line,
-    /// Distance from the ray's origin to where `line` starts: keeps cell coordinates exact for far-away origins.
+    /// Distance from the ray's origin to where `line` starts: keeps cell coordinates exact for
+    /// far-away origins.
     start: f32,
     end: f32,
     bricks: Steps,
@@ -78,7 +79,8 @@ struct InBrick<'a> {
 }
 
 impl<'a> Cells<'a> {
-    /// The walk from `origin` along unit `direction` up to `t_max`; `None` if the ray misses the volume's box.
+    /// The walk from `origin` along unit `direction` up to `t_max`; `None` if the ray misses the
+    /// volume's box.
     #[must_use]
     pub fn new(volume: &'a Volume, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Self> {
         let map = (&volume.index_from_scene, &volume.index_from_scene_f64);
@@ -110,7 +112,8 @@ impl<'a> Cells<'a> {
         tau
     }
 
-    /// Gives the cells that are left to `add` until that says no: the same as [`Self::next_cell`], faster.
+    /// Gives the cells that are left to `add` until that says no: the same as [`Self::next_cell`],
+    /// faster.
     #[inline]
     pub fn each(mut self, mut add: impl FnMut(RayInVolume) -> bool) {
         while let Some(mut inside) = self.inside.take().or_else(|| self.enter_brick()) {

@@ -1,5 +1,5 @@
-//! What a ray meets: triangles, exactly and watertight, and media, cell by cell. Shared by the stages that have the
-//! scene at hand.
+//! What a ray meets: triangles, exactly and watertight, and media, cell by cell. Shared by the
+//! stages that have the scene at hand.
 
 mod cells;
 mod pieces;
@@ -62,8 +62,8 @@ impl<'a> Tracer<'a> {
         self.triangles.closest(origin, direction, t_max)
     }
 
-    /// As [`Tracer::closest`], for each of some rays, origins and unit directions, of which `hits` has as many; faster where they
-    /// go much the same way.
+    /// As [`Tracer::closest`], for each of some rays, origins and unit directions, of which `hits`
+    /// has as many; faster where they go much the same way.
     pub fn closest_together(&self, rays: &[(Vec3, Vec3)], t_max: f32, hits: &mut [Option<Hit>]) {
         self.triangles.closest_together(rays, t_max, hits);
     }
@@ -81,8 +81,8 @@ impl<'a> Tracer<'a> {
         distance > 0.0 && self.is_occluded(from, (to - from) / distance, distance)
     }
 
-    /// Share of light that gets from `origin` to `t_max` along a unit direction: 0 behind a surface, else the
-    /// transmittance of the media between.
+    /// Share of light that gets from `origin` to `t_max` along a unit direction: 0 behind a
+    /// surface, else the transmittance of the media between.
     #[must_use]
     pub fn transmittance(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
         if self.is_occluded(origin, direction, t_max) {
@@ -94,7 +94,8 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// Optical depth of all media from `origin` to `t_max` along a unit direction, exact, cell by cell.
+    /// Optical depth of all media from `origin` to `t_max` along a unit direction, exact, cell by
+    /// cell.
     #[must_use]
     pub fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
         let volumes = self.scene.volumes.iter();
@@ -102,9 +103,9 @@ impl<'a> Tracer<'a> {
         cells.map(Cells::optical_depth).sum::<f64>() as f32
     }
 
-    /// Passes every stretch of medium from `origin` to `t_max`, front to back, to `emit` until that says no.
-    /// `source(volume, stretch, tau)` gives the source function of a volume in a stretch of the ray, in a cell of that
-    /// optical depth.
+    /// Passes every stretch of medium from `origin` to `t_max`, front to back, to `emit` until that
+    /// says no. `source(volume, stretch, tau)` gives the source function of a volume in a stretch
+    /// of the ray, in a cell of that optical depth.
     pub fn march(
         &self,
         origin: Vec3,

@@ -4,8 +4,8 @@ use crate::scene::{Material, Scene};
 
 /// Samples per area of each piece, over what they would be if samples went by area alone.
 ///
-/// They do, but for pieces so large that they would leave next to nothing for all others together: a ground of any size
-/// leaves a room on it a tenth of the samples.
+/// They do, but for pieces so large that they would leave next to nothing for all others together:
+/// a ground of any size leaves a room on it a tenth of the samples.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pieces {
     density: Vec<f64>,
@@ -14,12 +14,13 @@ pub struct Pieces {
 }
 
 impl Pieces {
-    /// Pieces get samples from the largest down, and each leaves some for the smaller ones: the largest share it may take of
-    /// the samples that are left.
+    /// Pieces get samples from the largest down, and each leaves some for the smaller ones: the
+    /// largest share it may take of the samples that are left.
     const MOST: f64 = 0.9;
     /// The same for one that reflects nothing: it stops rays, and no more is to be known of it.
     const MOST_BLACK: f64 = 0.5;
-    /// Once less than this of all samples is left, what remains goes by area alone: most scenes have some tiny pieces.
+    /// Once less than this of all samples is left, what remains goes by area alone: most scenes
+    /// have some tiny pieces.
     const LEAST_SHARED: f64 = 0.05;
 
     /// The pieces of a scene.
@@ -76,7 +77,8 @@ impl Pieces {
         self.density.get(material as usize).copied().unwrap_or(1.0)
     }
 
-    /// Area that a sample stands for on a material, over the mean of all samples; `None` if it reflects nothing.
+    /// Area that a sample stands for on a material, over the mean of all samples; `None` if it
+    /// reflects nothing.
     #[must_use]
     #[inline]
     pub fn area_over_mean(&self, material: u32) -> Option<f32> {

@@ -7,17 +7,19 @@ use glam::{Affine3A, DAffine3, DVec3, Vec3, Vec3A, Vec4};
 use rayon::prelude::*;
 use wide::{f32x8, i32x8};
 
-/// Extinction on a grid of few voxels, for rays that need not know what is in which cell: for what many rays tell together.
+/// Extinction on a grid of few voxels, for rays that need not know what is in which cell: for what
+/// many rays tell together.
 ///
-/// Points some cells apart tell a smooth field as well as the middle of each cell that a ray crosses. They are fewer, and none
-/// waits for the one before.
+/// Points some cells apart tell a smooth field as well as the middle of each cell that a ray
+/// crosses. They are fewer, and none waits for the one before.
 #[derive(Debug)]
 pub struct SteppedVolume {
     map: Affine3A,
     exact_map: DAffine3,
     /// The volume's box, voxels.
     dims: Vec3A,
-    /// Bounds of the cells that are not empty. Cell coordinates are those of voxels plus a half: samples stand at whole numbers.
+    /// Bounds of the cells that are not empty. Cell coordinates are those of voxels plus a half:
+    /// samples stand at whole numbers.
     lower: Vec3A,
     upper: Vec3A,
     /// Samples with a border of copies around them, x fastest.
@@ -91,8 +93,9 @@ impl SteppedVolume {
         self.sum([first, by], count as u32, most).element_sum() * step
     }
 
-    /// Values at a point and at others each so far from the one before, with none beyond 0 and `most`, in cells: the sum of so many as
-    /// four shares. Where points are is found for some of them side by side.
+    /// Values at a point and at others each so far from the one before, with none beyond 0 and
+    /// `most`, in cells: the sum of so many as four shares. Where points are is found for some of
+    /// them side by side.
     #[inline]
     fn sum(&self, [first, by]: [Vec3A; 2], count: u32, most: Vec3A) -> Vec4 {
         const TOGETHER: usize = 8;
@@ -117,7 +120,8 @@ impl SteppedVolume {
         sum
     }
 
-    /// Trilinear value in a cell, as far from its first corner as these shares of it, as the sum of four shares.
+    /// Trilinear value in a cell, as far from its first corner as these shares of it, as the sum of
+    /// four shares.
     #[inline]
     fn in_corners(&self, at: usize, f: [f32; 3]) -> Vec4 {
         let [_, row, plane] = self.strides;
@@ -133,14 +137,14 @@ impl SteppedVolume {
     }
 }
 
-/// Means over blocks of so many voxels, sharpened by what linear interpolation over blocks spreads further than over voxels. Their
-/// sum stays.
+/// Means over blocks of so many voxels, sharpened by what linear interpolation over blocks spreads
+/// further than over voxels. Their sum stays.
 fn sharpened(means: Vec<f32>, dims: [usize; 3], block: [usize; 3]) -> Vec<f32> {
     if block == [1; 3] {
         return means;
     }
-    // Variances along an axis, in voxels: a mean of n adds (n^2 - 1) / 12, interpolation n^2 / 6 where it was 1 / 6, and the two
-    // neighbours along it spread by n^2.
+    // Variances along an axis, in voxels: a mean of n adds (n^2 - 1) / 12, interpolation n^2 / 6
+    // where it was 1 / 6, and the two neighbours along it spread by n^2.
     let by = block.map(|n| 0.25 * (1.0 - 1.0 / (n * n) as f32));
     let strides = [1, dims[0], dims[0] * dims[1]];
     let sharp = |i: usize| {

@@ -29,7 +29,8 @@ impl Surface {
         let index = mesh.triangles[triangle as usize].map(|i| i as usize);
         let weight = [1.0 - uv[0] - uv[1], uv[0], uv[1]];
         let [a, b, c] = index.map(|i| mesh.positions[i]);
-        // In double, so that the point is off the plane by its own rounding alone, however large the triangle is.
+        // In double, so that the point is off the plane by its own rounding alone, however large
+        // the triangle is.
         let [u, v] = uv.map(f64::from);
         let [p, q, r] = [a, b, c].map(|p| p.as_dvec3());
         let position = (p * (1.0 - u - v) + q * u + r * v).as_vec3();
@@ -112,22 +113,24 @@ impl Surface {
     }
 }
 
-/// Distance, in scene units, that rays which leave a surface at `point` are moved off it along the normal: more than the
-/// rounding of the point, and of other faces in the same place. It does not depend on what else is in the scene.
+/// Distance, in scene units, that rays which leave a surface at `point` are moved off it along the
+/// normal: more than the rounding of the point, and of other faces in the same place. It does not
+/// depend on what else is in the scene.
 #[must_use]
 pub fn offset(point: Vec3) -> f32 {
     const ROUNDING: f32 = 32.0 * f32::EPSILON;
     ROUNDING * point.abs().max_element()
 }
 
-/// How far a ray goes to a light at `target`, which is `distance` away: it ends before the surface that shines, or that
-/// holds a lamp without extent.
+/// How far a ray goes to a light at `target`, which is `distance` away: it ends before the surface
+/// that shines, or that holds a lamp without extent.
 #[must_use]
 pub fn short_of(target: Vec3, distance: f32) -> f32 {
     distance * (1.0 - 1e-4) - offset(target)
 }
 
-/// Weights of the second and third corner of a triangle at a point of its plane; those of its first corner if it has no area.
+/// Weights of the second and third corner of a triangle at a point of its plane; those of its first
+/// corner if it has no area.
 #[must_use]
 pub fn weights_in_triangle([a, b, c]: [Vec3; 3], point: Vec3) -> [f32; 2] {
     // Products of the edges of a triangle of 1e-20 units would underflow.

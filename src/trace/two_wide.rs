@@ -24,8 +24,8 @@ pub fn two_wide(triangles: &[Triangle]) -> Bvh2 {
     )
 }
 
-/// Builds it unless a stop is heard before it is done. The crate does not stop once it has begun, so a thread of its own is
-/// left behind with it.
+/// Builds it unless a stop is heard before it is done. The crate does not stop once it has begun,
+/// so a thread of its own is left behind with it.
 ///
 /// # Errors
 /// If cancelled, or if no thread can be had.

@@ -1,4 +1,5 @@
-//! The watertight test of rays against triangles (Woop, Benthin & Wald 2013), four triangles at a time.
+//! The watertight test of rays against triangles (Woop, Benthin & Wald 2013), four triangles at a
+//! time.
 
 use crate::scene::Mesh;
 use glam::{DVec3, Vec3};
@@ -97,8 +98,8 @@ impl ShearedRay {
         ]
     }
 
-    /// Distance over that of a triangle's farthest corner along the ray, below which it is found once more in double: beyond,
-    /// some 1e-4 is left of the error of single precision.
+    /// Distance over that of a triangle's farthest corner along the ray, below which it is found
+    /// once more in double: beyond, some 1e-4 is left of the error of single precision.
     const NEAR: f32 = 1.0 / 256.0;
     /// The same for what is behind for sure, as the triangle that the ray leaves mostly is.
     const BEHIND: f32 = -16.0 * f32::EPSILON;
@@ -127,7 +128,8 @@ impl ShearedRay {
             return Met::default();
         }
         let mut t = (u * a[2] + v * b[2] + w * c[2]) / det;
-        // Distances are as exact as the farthest corner's: of a triangle's plane near by even the sign is rounding.
+        // Distances are as exact as the farthest corner's: of a triangle's plane near by even the
+        // sign is rounding.
         let reach = a[2].abs().fast_max(b[2].abs()).fast_max(c[2].abs());
         let near = hit
             & t.simd_lt(reach * f32x4::splat(Self::NEAR))

@@ -1,4 +1,5 @@
-//! What ends a run before its work begins: a frame that no memory holds, and warnings where they are errors.
+//! What ends a run before its work begins: a frame that no memory holds, and warnings where they
+//! are errors.
 
 use crate::support::program::Run;
 use crate::{ROOM, Work, messages::lvox};

@@ -7,7 +7,8 @@ use lvox::run::Job;
 use lvox::shade::{self as stage, Settings};
 use std::fmt::Write;
 
-/// A closed grey room with the sun through a hole in its ceiling, a hundredth of that, and a camera that is turned by an angle.
+/// A closed grey room with the sun through a hole in its ceiling, a hundredth of that, and a camera
+/// that is turned by an angle.
 fn skylight(turned: f64) -> String {
     let mut text = format!(
         "[film]\nwidth = 64\nheight = 48\n[[camera]]\nposition = [0, 1, 0.9]\ntarget = [{}, 0.9, -1]\nfov_x_deg = 70\n\
@@ -44,8 +45,8 @@ fn settings(bright_patches: bool) -> Settings {
     }
 }
 
-/// Beside many rays to patches as small as surfels: the root mean square difference is 0.74 of the mean where rays meet the sun's
-/// spot by chance, and 0.20 where gathers ask it.
+/// Beside many rays to patches as small as surfels: the root mean square difference is 0.74 of the
+/// mean where rays meet the sun's spot by chance, and 0.20 where gathers ask it.
 #[test]
 fn sun_through_a_hole_has_less_noise_and_a_better_mean() {
     let work = Work::new(&skylight(0.0));
@@ -118,7 +119,8 @@ fn frames_with_bright_patches_do_not_depend_on_threads_or_tiles() {
     assert!(frame(2, part) == rows.copied().collect::<Vec<_>>());
 }
 
-/// A set of patches that changes makes other noise: that must not happen from one frame to the next.
+/// A set of patches that changes makes other noise: that must not happen from one frame to the
+/// next.
 #[test]
 fn a_camera_that_hardly_moves_finds_the_same_patches() {
     let [still, nudged] = [0.0, 1.2 / 64.0 * 0.01].map(|turned| {

@@ -3,8 +3,9 @@
 use crate::{layer, relative_rms, render};
 use lvox::shade::Settings;
 
-/// Cubes stand just above a floor, their sides a few steps of the lattice apart, and light changes within less than a step between
-/// them. The difference from a gather at each pixel was 0.24 of the mean with none between those of whole steps, and is 0.20.
+/// Cubes stand just above a floor, their sides a few steps of the lattice apart, and light changes
+/// within less than a step between them. The difference from a gather at each pixel was 0.24 of the
+/// mean with none between those of whole steps, and is 0.20.
 #[test]
 fn gathers_stand_closer_where_surfaces_do() {
     let mut text = String::from(

@@ -6,7 +6,8 @@ use lvox::formats::{Cloud, Tree, TreeWriter};
 use lvox::gather::TreeStore;
 use std::fs;
 
-/// Offset of the field that holds a section's offset and, after it, its length; the names are those of the specification.
+/// Offset of the field that holds a section's offset and, after it, its length; the names are those
+/// of the specification.
 const SECTIONS: [(&str, usize); 3] = [("metadata", 24), ("summary", 48), ("block table", 72)];
 
 fn section(file: &[u8], field: usize) -> std::ops::Range<usize> {
@@ -105,7 +106,8 @@ fn shading_refuses_damaged_trees() {
     let Files { work, tree, .. } = files();
     let opened = Tree::open(&tree[..]).unwrap();
     let root = opened.root_page().unwrap() as usize;
-    // A page that no ray needs is not read, and so not missed; the root is needed, and so are all lvoxels.
+    // A page that no ray needs is not read, and so not missed; the root is needed, and so are all
+    // lvoxels.
     let needed = [opened.surfel_blocks()[root], opened.lvoxel_blocks()[0]];
     let blocks: Vec<_> = ["root page", "lvoxel page"]
         .iter()

@@ -1,4 +1,5 @@
-//! Light in fog of which a voxel covers many pixels, as homogeneous fog has: it goes by surfaces, and not by voxels.
+//! Light in fog of which a voxel covers many pixels, as homogeneous fog has: it goes by surfaces,
+//! and not by voxels.
 
 use crate::{Work, beauty, mean, relative_rms, shade};
 use glam::{DAffine3, DVec3};
@@ -25,7 +26,8 @@ fn add_fog(scene: &mut Scene, dims: [usize; 3], [lower, upper]: [DVec3; 2]) {
     ));
 }
 
-/// The picture of a scene of text with fog in it, from the first of its cameras or from one of a name.
+/// The picture of a scene of text with fog in it, from the first of its cameras or from one of a
+/// name.
 fn seen(text: &str, camera: Option<&str>, dims: [usize; 3], fog: [DVec3; 2]) -> Vec<[f32; 3]> {
     let work = Work::new(text);
     let mut scene = work.scene();
@@ -38,8 +40,9 @@ fn seen(text: &str, camera: Option<&str>, dims: [usize; 3], fog: [DVec3; 2]) -> 
     beauty(&shade(&scene, &tree, &settings))
 }
 
-/// Light of a sun falls through slits of a roof. With 20 voxels along the fog, of 10 pixels each, shafts are where they are with
-/// 120: the difference was 0.66 of the mean when vertices of light stood wherever fog alone lets them stand, and is 0.11.
+/// Light of a sun falls through slits of a roof. With 20 voxels along the fog, of 10 pixels each,
+/// shafts are where they are with 120: the difference was 0.66 of the mean when vertices of light
+/// stood wherever fog alone lets them stand, and is 0.11.
 #[test]
 fn shafts_of_light_do_not_depend_on_voxels() {
     let mut text = String::from(
@@ -57,8 +60,9 @@ fn shafts_of_light_do_not_depend_on_voxels() {
     assert!(difference < 0.25, "{difference}");
 }
 
-/// The beam of a spot passes over a floor, which fog alone lights. With voxels three times as large as the beam is wide at its
-/// narrowest the floor has as much light as with small ones, 3 % less; it was 18 % where each voxel had the light of its middle.
+/// The beam of a spot passes over a floor, which fog alone lights. With voxels three times as large
+/// as the beam is wide at its narrowest the floor has as much light as with small ones, 3 % less;
+/// it was 18 % where each voxel had the light of its middle.
 #[test]
 fn beams_light_what_is_around_them_whatever_voxels_are() {
     let mut text = String::from(

@@ -1,4 +1,5 @@
-//! A scene far from the origin is moved to it; what is added to the scene moves it elsewhere, a tree stays where it is.
+//! A scene far from the origin is moved to it; what is added to the scene moves it elsewhere, a
+//! tree stays where it is.
 
 use crate::messages::lvox;
 use crate::{Work, layer, mean, shade};

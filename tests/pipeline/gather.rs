@@ -24,7 +24,8 @@ use std::path::PathBuf;
 
 const OVERLAP: f32 = 1.8;
 
-/// Disks on a box of edge 2 seen from inside, and on thirty balls in it; no two of one plane overlap by chance alone.
+/// Disks on a box of edge 2 seen from inside, and on thirty balls in it; no two of one plane
+/// overlap by chance alone.
 fn cloud(n: usize) -> Vec<Surfel> {
     let mut random = Random(7);
     let balls: Vec<([f32; 3], f32)> = (0..30)
@@ -302,7 +303,8 @@ fn nothing_behind_the_facet_of_a_smooth_mesh_reaches_it() {
         };
         for degrees in [0.0_f32, 30.0, 60.0, 85.0] {
             let normal = Quat::from_rotation_z(degrees.to_radians()) * face;
-            // Half of the disk that directions project to, and half of the ellipse that the facet's rim does.
+            // Half of the disk that directions project to, and half of the ellipse that the facet's
+            // rim does.
             let expected = 0.5 * PI * (1.0 + normal.dot(face));
             let open = of(&stores[0], 1.0, normal, face);
             assert!(
@@ -336,8 +338,8 @@ fn nothing_beyond_the_largest_distance_sends_light_or_lets_it_through() {
             Vec3::Z,
             Stretch::first(1),
         );
-        // All rays end at the box's walls, which are too far away to send light and hide the environment, but for the gaps
-        // that disks at random leave.
+        // All rays end at the box's walls, which are too far away to send light and hide the
+        // environment, but for the gaps that disks at random leave.
         let gaps = (-OVERLAP * OVERLAP).exp();
         let light = gathered.light.luminance();
         assert!(light < 2.0 * gaps * 0.5 * PI, "{light}");
@@ -414,7 +416,8 @@ fn within(volume: &VolumeInfo, l: &Lvoxel, origin: Vec3, direction: Vec3) -> Opt
     (near < far).then_some((near, far))
 }
 
-/// Radiance and transmittance along a ray to `t_max`, by looking at every block and surface for every stretch.
+/// Radiance and transmittance along a ray to `t_max`, by looking at every block and surface for
+/// every stretch.
 fn by_force(
     volumes: &[VolumeInfo],
     lvoxels: &[Lvoxel],

@@ -1,5 +1,5 @@
-//! Grain that a viewer sees and errors over a frame do not tell: how far frames of other seeds are from each other within
-//! a few pixels.
+//! Grain that a viewer sees and errors over a frame do not tell: how far frames of other seeds are
+//! from each other within a few pixels.
 
 use crate::demo;
 use lvox::image::metrics::grain;
@@ -8,7 +8,8 @@ use lvox::run::Job;
 use lvox::shade::{self, Quality, Settings};
 use std::f64::consts::SQRT_2;
 
-/// A corner of the room behind the smoke of the demo, which dims the lamp for each pixel of it differently.
+/// A corner of the room behind the smoke of the demo, which dims the lamp for each pixel of it
+/// differently.
 const WALLS: Region = Region {
     x0: 16,
     y0: 160,
@@ -16,7 +17,8 @@ const WALLS: Region = Region {
     y1: 320,
 };
 
-/// It is 0.85 to 0.88 % by two seeds; where corners take one shadow ray, not four, it is 1.61 to 1.7 %.
+/// It is 0.85 to 0.88 % by two seeds; where corners take one shadow ray, not four, it is 1.61 to
+/// 1.7 %.
 #[test]
 fn walls_behind_smoke_have_little() {
     let (_dir, scene, store) = demo(20_000);

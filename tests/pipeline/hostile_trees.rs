@@ -1,4 +1,5 @@
-//! Trees that no program of ours would write: what shades from them and what exports them ends, and says what is wrong.
+//! Trees that no program of ours would write: what shades from them and what exports them ends, and
+//! says what is wrong.
 
 use glam::Vec3;
 use lvox::formats::{
@@ -65,7 +66,8 @@ fn links(to: &[u32]) -> SurfelPage {
     }
 }
 
-/// Whether two rays meet anything by both kernels, one through the disk and one beside it, and what is then said of the pages.
+/// Whether two rays meet anything by both kernels, one through the disk and one beside it, and what
+/// is then said of the pages.
 fn cast<P: Pages>(pages: &P) -> (Vec<bool>, lvox::Result<()>) {
     let mut scratch = Scratch::default();
     let mut met = Vec::new();

@@ -15,8 +15,8 @@ fn quad(scale: [f64; 3], rotate: [i32; 3], at: [f64; 3]) -> String {
 const LIGHT: &str =
     "[[light]]\ntype = \"point\"\nposition = [0.5, 0.8, 0.5]\nintensity = [1, 1, 1]\n";
 
-/// A dark room, x < 0, and a bright one, both of edge 1; `between` is what divides them. Floor, ceiling and two walls are
-/// one piece for both rooms, or end at what divides them.
+/// A dark room, x < 0, and a bright one, both of edge 1; `between` is what divides them. Floor,
+/// ceiling and two walls are one piece for both rooms, or end at what divides them.
 fn rooms(between: &str, is_floor_shared: bool) -> String {
     let mut text = String::from(
         "[film]\nwidth = 48\nheight = 48\n[[camera]]\nname = \"dark\"\nposition = [-0.95, 0.5, 0.9]\n\
@@ -39,8 +39,9 @@ fn rooms(between: &str, is_floor_shared: bool) -> String {
     text + between + LIGHT
 }
 
-/// Closed rooms of edge 1 whose walls have no thickness: a bright one with its least corner at the origin and dark ones
-/// with theirs at `dark`, which touch it in an edge or a corner. The camera "dark" is in the first of those.
+/// Closed rooms of edge 1 whose walls have no thickness: a bright one with its least corner at the
+/// origin and dark ones with theirs at `dark`, which touch it in an edge or a corner. The camera
+/// "dark" is in the first of those.
 fn boxes(dark: &[[f64; 3]]) -> String {
     let [x, y, z] = dark[0];
     let mut text = format!(
@@ -72,8 +73,9 @@ fn wall(thickness: f64) -> String {
 
 const SHEET: &str = "[[mesh]]\nfile = \"builtin:quad\"\nrotate_deg = [0, 0, 90]\ntranslate = [0, 0.5, 0.5]\n\
                      albedo = [0.8, 0.8, 0.8]\n";
-/// Mean and brightest indirect light of the dark room, over the mean of the bright one, on average over seeds: which rays find
-/// a slit is chance, and the brightest value of one seed is up to twice that.
+/// Mean and brightest indirect light of the dark room, over the mean of the bright one, on average
+/// over seeds: which rays find a slit is chance, and the brightest value of one seed is up to twice
+/// that.
 fn leak(text: &str, quality: Quality) -> (f64, f64) {
     const SEEDS: u64 = 8;
     let work = Work::new(text);
@@ -102,11 +104,12 @@ fn leak(text: &str, quality: Quality) -> (f64, f64) {
 
 #[test]
 fn a_dark_room_beside_a_bright_one_stays_dark() {
-    // Direct light does not leak at all. Disks have a radius of 0.011 here. Those of the bright side's floor, ceiling and walls reach
-    // to the dark side of a sheet that has no thickness, and their light is left out where the sheet stands before them; what comes
-    // through is of nodes, whose light is a mean over both sides. They are cut at borders of the mesh, so less comes through where
-    // the floor ends at the sheet.
-    // Limits are 1.5 to 2 times what is measured; where that is nothing, those of the case before.
+    // Direct light does not leak at all. Disks have a radius of 0.011 here. Those of the bright
+    // side's floor, ceiling and walls reach to the dark side of a sheet that has no thickness, and
+    // their light is left out where the sheet stands before them; what comes through is of nodes,
+    // whose light is a mean over both sides. They are cut at borders of the mesh, so less comes
+    // through where the floor ends at the sheet. Limits are 1.5 to 2 times what is measured; where
+    // that is nothing, those of the case before.
     keeps_dark(
         Quality::Good,
         &[
@@ -135,8 +138,8 @@ fn walls_thinner_than_a_disk_keep_a_room_dark() {
 
 #[test]
 fn drafts_keep_rooms_dark() {
-    // Of patches as large as 32 surfels nodes tell, which do not know what stands before their disks. Where that lets much in, what sends it
-    // is found to be bright, and patches are small.
+    // Of patches as large as 32 surfels nodes tell, which do not know what stands before their
+    // disks. Where that lets much in, what sends it is found to be bright, and patches are small.
     keeps_dark(
         Quality::Draft,
         &[
@@ -169,8 +172,8 @@ fn rooms_that_meet_in_an_edge_or_a_corner_keep_dark() {
     );
 }
 
-/// A closed room of edge 1 around closed spheres of these diameters, a light in their middle. The camera "dark" looks at walls and at
-/// the largest sphere from outside.
+/// A closed room of edge 1 around closed spheres of these diameters, a light in their middle. The
+/// camera "dark" looks at walls and at the largest sphere from outside.
 fn shells(diameters: &[f64]) -> String {
     let mut text = String::from(
         "[film]\nwidth = 48\nheight = 48\n[[camera]]\nname = \"dark\"\nposition = [0.05, 0.4, 0.05]\n\
@@ -188,8 +191,8 @@ fn shells(diameters: &[f64]) -> String {
 
 #[test]
 fn shells_around_a_light_keep_it_in() {
-    // What is lit faces every way, and so does what is dark around it. With one mean for fronts and backs of a node the sheet leaks
-    // 6.6e-3 on average and 0.066 at the brightest.
+    // What is lit faces every way, and so does what is dark around it. With one mean for fronts and
+    // backs of a node the sheet leaks 6.6e-3 on average and 0.066 at the brightest.
     keeps_dark(
         Quality::Good,
         &[
@@ -199,7 +202,8 @@ fn shells_around_a_light_keep_it_in() {
     );
 }
 
-/// Holds leaks of scenes, as [`leak`] has them, to limits of their mean and of their brightest value.
+/// Holds leaks of scenes, as [`leak`] has them, to limits of their mean and of their brightest
+/// value.
 #[track_caller]
 fn keeps_dark(quality: Quality, cases: &[(&str, String, f64, f64)]) {
     for (name, text, average_limit, brightest_limit) in cases {

@@ -158,7 +158,8 @@ impl Work {
     }
 }
 
-/// The scene that the program carries, with its tree of so many surfels, which goes away with the folder.
+/// The scene that the program carries, with its tree of so many surfels, which goes away with the
+/// folder.
 fn demo(surfels: u64) -> (TempDir, Scene, TreeStore) {
     let dir = tempfile::tempdir().unwrap();
     let scene = Scene::demo().unwrap();

@@ -1,4 +1,5 @@
-//! Files that ask for more memory than there is end a run with an error that says so, and not by an abort.
+//! Files that ask for more memory than there is end a run with an error that says so, and not by an
+//! abort.
 
 use crate::Work;
 use crate::support::program::{self, Run};

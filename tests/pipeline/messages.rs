@@ -406,7 +406,8 @@ mod signals {
         );
     }
 
-    /// Starts a render that takes long, waits for a stage to begin, asks it to stop, and looks at what it leaves.
+    /// Starts a render that takes long, waits for a stage to begin, asks it to stop, and looks at
+    /// what it leaves.
     fn stopped_in(stage: &str, options: &[&str]) {
         let work = Work::new(ROOM);
         fs::create_dir(work.path("temporary")).unwrap();
@@ -438,7 +439,8 @@ mod signals {
         assert_eq!(report["error"], "stopped on request");
     }
 
-    /// A cloud so dense that its lvoxels have 192 samples a side: each block looks out of it along dozens of rays.
+    /// A cloud so dense that its lvoxels have 192 samples a side: each block looks out of it along
+    /// dozens of rays.
     #[test]
     fn a_signal_stops_the_bake_of_a_dense_volume() {
         const SIDE: usize = 192;

@@ -1,4 +1,5 @@
-//! Outputs that name an input or another output are refused, and a run that fails leaves everything as it was.
+//! Outputs that name an input or another output are refused, and a run that fails leaves everything
+//! as it was.
 
 use crate::messages::lvox;
 use crate::{ROOM, Work};

@@ -1,5 +1,5 @@
-//! Pictures that are known beforehand: bodies and media that vanish, form factors. Others are cases of
-//! `lvox::stability`.
+//! Pictures that are known beforehand: bodies and media that vanish, form factors. Others are cases
+//! of `lvox::stability`.
 
 use crate::support::random::Random;
 use crate::{beauty, layer, mean, render};
@@ -52,7 +52,8 @@ fn a_lamp_seen_from_behind_is_dark() {
     }
 }
 
-/// Quads that no corner of a pixel sees, some of them behind a board in part: the mean over the film is what they cover.
+/// Quads that no corner of a pixel sees, some of them behind a board in part: the mean over the
+/// film is what they cover.
 #[test]
 fn lamps_smaller_than_a_pixel_are_seen_by_what_they_cover() {
     // The film is 2 x 2 at the distance of the lamps, in 8 x 8 pixels.
@@ -80,7 +81,8 @@ fn lamps_smaller_than_a_pixel_are_seen_by_what_they_cover() {
     let board = text.clone()
         + "[[mesh]]\nfile = \"builtin:quad\"\nscale = 0.5\nrotate_deg = [90, 0, 0]\ntranslate = [-0.39, 0.2225, 0.5]\n\
            albedo = [0, 0, 0]\n";
-    // Over the plane of the lamps it hides what is left of x = -0.28 and above y = -0.055: two lamps.
+    // Over the plane of the lamps it hides what is left of x = -0.28 and above y = -0.055: two
+    // lamps.
     let hidden = open - 2.0 * side * side * 100.0;
     for (text, sent) in [(&text, open), (&board, hidden)] {
         for pixel_samples in [8, 1] {
@@ -96,7 +98,8 @@ fn lamps_smaller_than_a_pixel_are_seen_by_what_they_cover() {
     }
 }
 
-/// A floor that shines, far wider than the camera is above it: all that is below the horizon is as bright.
+/// A floor that shines, far wider than the camera is above it: all that is below the horizon is as
+/// bright.
 #[test]
 fn a_wide_lamp_below_the_camera_is_even() {
     for size in [4e4, 4e6] {
@@ -143,7 +146,8 @@ fn walls_and_media_beyond_max_dist_hide_the_environment() {
         let found = indirect(&format!("{inside}{WHITE}{cube}"), settings);
         assert!(found < 0.01, "{found} by {:?}", settings.kernel);
     }
-    // A floor that sees nothing but the environment, straight and through a medium that is further away.
+    // A floor that sees nothing but the environment, straight and through a medium that is further
+    // away.
     let above = "[film]\nwidth = 8\nheight = 8\n[[camera]]\nposition = [0, 0.4, 0]\ntarget = [0, 0, 0]\n\
                  up = [0, 0, -1]\nfov_x_deg = 20\n[[mesh]]\nfile = \"builtin:quad\"\nscale = 2\n\
                  albedo = [0.5, 0.5, 0.5]\n";
@@ -174,7 +178,8 @@ fn a_lone_convex_body_in_a_constant_environment_reflects_its_albedo_everywhere()
     let albedo = 0.6_f32;
     for (shape, tolerance) in [
         ("cube", 1e-5),
-        // Its facets are small against the disks on them, and those stand out over their neighbours a little.
+        // Its facets are small against the disks on them, and those stand out over their neighbours
+        // a little.
         ("sphere", 0.04),
     ] {
         let mesh = format!(
@@ -188,7 +193,8 @@ fn a_lone_convex_body_in_a_constant_environment_reflects_its_albedo_everywhere()
         let depth = &frame.layer("depth").unwrap().channels[0].1;
         let (mut on_body, mut rim, mut sum) = (0, 0, 0.0);
         for (pixel, depth) in beauty(&frame).iter().zip(depth) {
-            // Radiance over that of the environment: 1 beside the body, the albedo on it, a mixture at its rim.
+            // Radiance over that of the environment: 1 beside the body, the albedo on it, a mixture
+            // at its rim.
             let [r, g, b] = [pixel[0] / 2.0, pixel[1], pixel[2] / 0.5];
             assert!((r - g).abs() < 1e-3 && (g - b).abs() < 1e-3);
             if depth.is_infinite() {
@@ -211,8 +217,8 @@ fn a_lone_convex_body_in_a_constant_environment_reflects_its_albedo_everywhere()
     }
 }
 
-/// Share of the paths from the middle of a side of the unit cube straight inwards that leave it after at most two
-/// scatterings: what direct light and one bounce bring of a constant environment.
+/// Share of the paths from the middle of a side of the unit cube straight inwards that leave it
+/// after at most two scatterings: what direct light and one bounce bring of a constant environment.
 fn leaves_soon(sigma_t: f32) -> f64 {
     const PATHS: u32 = 1_000_000;
     let mut random = Random(1);
@@ -264,8 +270,8 @@ fn a_white_medium_in_a_constant_environment_nearly_vanishes() {
     }
 }
 
-/// Seen from the side, the light of a sun falls exponentially in a medium: a straight line between points where it is
-/// known would lie above that, here by 4 % on average.
+/// Seen from the side, the light of a sun falls exponentially in a medium: a straight line between
+/// points where it is known would lie above that, here by 4 % on average.
 #[test]
 fn sunlight_in_a_medium_falls_exponentially() {
     let sigma_t = 10.9;
@@ -379,8 +385,8 @@ fn an_environment_lights_media_whatever_the_method() {
 
 #[test]
 fn a_floor_under_the_sun_lights_what_faces_it() {
-    // Light of 2 falls at 45 degrees onto a floor of 10 x 10 and albedo 0.5. A small tile above its middle looks down
-    // at it; its shadow is elsewhere and takes away 0.3 %.
+    // Light of 2 falls at 45 degrees onto a floor of 10 x 10 and albedo 0.5. A small tile above its
+    // middle looks down at it; its shadow is elsewhere and takes away 0.3 %.
     let text = "[film]\nwidth = 16\nheight = 16\n[[camera]]\nposition = [0.1, 0.2, 0.1]\ntarget = [0, 1, 0]\n\
                 fov_x_deg = 8\n\
                 [[mesh]]\nfile = \"builtin:quad\"\nscale = 10\nalbedo = [0.5, 0.5, 0.5]\n\

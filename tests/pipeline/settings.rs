@@ -148,8 +148,8 @@ fn verbs_take_no_option_that_they_do_not_use() {
     }
 }
 
-/// A thin cloud alone before the camera, lit by a lamp and by a wall behind the camera: light from the wall is all that is
-/// chosen at random.
+/// A thin cloud alone before the camera, lit by a lamp and by a wall behind the camera: light from
+/// the wall is all that is chosen at random.
 #[test]
 fn the_seed_keys_what_media_see_of_surfaces() {
     let cube = "[[volume]]\nfile = \"smoke.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\nvalue_scale = 0.0039\n\
@@ -250,7 +250,8 @@ fn limits_of_memory_that_are_too_small_are_named() {
     assert!(!run.stderr.contains("verify"), "{}", run.stderr);
 }
 
-/// Near a gather, patches as large as a few leaves of the tree are told by its nodes: no leaf is decoded, and light hardly changes.
+/// Near a gather, patches as large as a few leaves of the tree are told by its nodes: no leaf is
+/// decoded, and light hardly changes.
 #[test]
 fn large_patches_need_no_leaves() {
     let work = Work::new(ROOM);

@@ -3,8 +3,9 @@
 use crate::{beauty, relative_rms, render};
 use lvox::shade::Settings;
 
-/// A sun with a disc stands above bars about as wide as a pixel and four pixels apart: around each pixel as many corners see it on one
-/// side as on the other. The difference from 64 samples a pixel was 0.32 of the mean when all 16 told of a penumbra, and is 0.08.
+/// A sun with a disc stands above bars about as wide as a pixel and four pixels apart: around each
+/// pixel as many corners see it on one side as on the other. The difference from 64 samples a pixel
+/// was 0.32 of the mean when all 16 told of a penumbra, and is 0.08.
 #[test]
 fn shadows_of_thin_bars_are_not_taken_for_penumbrae() {
     let mut text = String::from(

@@ -50,8 +50,9 @@ fn floor(parts: usize) -> String {
     text
 }
 
-/// Corners of pixels share their light, and it was the mean of their four albedos that was lit: 0.28 of the mean beside 256 samples a
-/// pixel, with two triangles or with some that are smaller than pixels. Now it is 0.014.
+/// Corners of pixels share their light, and it was the mean of their four albedos that was lit:
+/// 0.28 of the mean beside 256 samples a pixel, with two triangles or with some that are smaller
+/// than pixels. Now it is 0.014.
 #[test]
 fn textures_are_averaged_over_pixels() {
     for parts in [1, 100] {

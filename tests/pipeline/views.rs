@@ -90,8 +90,9 @@ fn the_fast_kernels_agree_with_the_plain_one() {
     let traced = frame(Kernel::Traced, 0.01);
     for name in ["indirect", "volume"] {
         let reference = layer(&plain, name);
-        // Disks of one plane overlap, and rounding decides which of them a ray meets first; and whether a surface is one
-        // that the lattice missed. With a gather at every pixel, which is averaged least, they differ by 0.0147.
+        // Disks of one plane overlap, and rounding decides which of them a ray meets first; and
+        // whether a surface is one that the lattice missed. With a gather at every pixel, which is
+        // averaged least, they differ by 0.0147.
         let error = relative_rms(&layer(&disks, name), &reference);
         assert!(error < 0.015, "{name}: {error}");
         // Disks bulge over edges and triangles do not.
@@ -111,8 +112,9 @@ fn the_fast_kernels_agree_with_the_plain_one() {
     }
 }
 
-/// All pixels but those at the foot of the block. Disks of the floor lie under it, dark; rays that end at disks meet them, and patches
-/// leave out those that the block stands before: beside a path tracer -0.5 and -0.1 %.
+/// All pixels but those at the foot of the block. Disks of the floor lie under it, dark; rays that
+/// end at disks meet them, and patches leave out those that the block stands before: beside a path
+/// tracer -0.5 and -0.1 %.
 fn beside_the_block(pixels: &[[f32; 3]]) -> Vec<[f32; 3]> {
     let foot = 32..48;
     let is_beside = |i: &usize| !(foot.contains(&(i % 64)) && foot.contains(&(i / 64)));
@@ -176,7 +178,8 @@ fn surfels_from_a_camera_light_what_it_sees() {
     assert!((0.7..1.02).contains(&ratio), "{ratio}");
 }
 
-/// Pixels take media from their corners and those around: the mean of their own four alone would blur them, to 0.13 here.
+/// Pixels take media from their corners and those around: the mean of their own four alone would
+/// blur them, to 0.13 here.
 #[test]
 fn pixels_hold_the_mean_of_media_over_their_square() {
     let (_, volume) = ROOM.split_once("[[volume]]").unwrap();

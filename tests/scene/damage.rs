@@ -1,4 +1,5 @@
-//! Files with bytes cut off or changed: an error or a scene, never a panic, a hang, or all the memory.
+//! Files with bytes cut off or changed: an error or a scene, never a panic, a hang, or all the
+//! memory.
 
 use crate::Folder;
 use flate2::{Compression, write::GzEncoder};

@@ -1,4 +1,5 @@
-//! What goes wrong has a message of its own that names the file and the line or element, and is called wrong input.
+//! What goes wrong has a message of its own that names the file and the line or element, and is
+//! called wrong input.
 
 use crate::{Folder, load};
 use lvox::Kind;

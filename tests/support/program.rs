@@ -48,7 +48,8 @@ impl Run {
         assert_eq!(self.stdout, "", "{}", self.line);
     }
 
-    /// An error is one line and at most one hint, says all of `parts`, and leaves stdout alone; warnings may go before.
+    /// An error is one line and at most one hint, says all of `parts`, and leaves stdout alone;
+    /// warnings may go before.
     #[track_caller]
     pub fn refused(&self, code: i32, parts: &[&str]) {
         let told = format!("{}: {}", self.line, self.stderr);
@@ -71,8 +72,8 @@ impl Run {
     }
 }
 
-/// Starts a command, waits for a line of its talk, asks it to stop, and gives what it says from then on. The work has to
-/// outlast the line.
+/// Starts a command, waits for a line of its talk, asks it to stop, and gives what it says from
+/// then on. The work has to outlast the line.
 #[cfg(unix)]
 pub fn stopped_at(command: &mut Command, is_time: impl Fn(&str) -> bool) -> Run {
     use std::io::{BufRead, BufReader};

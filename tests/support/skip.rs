@@ -14,8 +14,8 @@ pub fn shared(path: &str) -> Option<PathBuf> {
     Some(found)
 }
 
-/// Says that this test ends without having tested. Past the harness, which keeps what a test prints to itself if the test
-/// returns; `.ci/run` counts these lines.
+/// Says that this test ends without having tested. Past the harness, which keeps what a test prints
+/// to itself if the test returns; `.ci/run` counts these lines.
 pub fn skip(why: &str) {
     let thread = std::thread::current();
     let line = format!("SKIPPED: {}: {why}\n", thread.name().unwrap_or("a test"));

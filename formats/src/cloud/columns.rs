@@ -117,8 +117,8 @@ pub struct Chunk<'a> {
 }
 
 impl<'a> Chunk<'a> {
-    /// Reads the directory of the chunk `bytes`; `place` names it in errors. The number of records was checked when
-    /// the file was opened.
+    /// Reads the directory of the chunk `bytes`; `place` names it in errors. The number of records
+    /// was checked when the file was opened.
     pub fn open(
         bytes: &'a [u8],
         block: &Block,
@@ -208,7 +208,8 @@ impl<'a> Chunk<'a> {
         self.table.len() == SURFELS.len() && index == CLIP_EDGES
     }
 
-    /// Rows of a column, or `None` if it is absent. `rows` is at most three times the records of a chunk.
+    /// Rows of a column, or `None` if it is absent. `rows` is at most three times the records of a
+    /// chunk.
     pub fn column(&self, index: usize, rows: usize) -> Result<Option<Vec<u8>>> {
         let Some((codec, stored, checksum)) = self.columns[index] else {
             return Ok(None);

@@ -139,7 +139,8 @@ impl<D: AsRef<[u8]>> Cloud<D> {
     /// Decodes chunk `i` of surfels.
     ///
     /// # Errors
-    /// [`FormatError::Checksum`] or [`FormatError::Invalid`] for damage, or for an `i` that does not exist.
+    /// [`FormatError::Checksum`] or [`FormatError::Invalid`] for damage, or for an `i` that does
+    /// not exist.
     pub fn surfel_chunk(&self, i: usize) -> Result<Vec<Surfel>> {
         self.named(|| {
             let chunk = self.chunk(&self.surfel_blocks, i, "surfel chunk", &col::SURFELS)?;

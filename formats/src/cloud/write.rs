@@ -13,9 +13,11 @@ use crate::summary::{CloudSummary, ColumnBytes, LeftOut, Sums, VolumeSums};
 use crate::{CloudMeta, Result, check, codec};
 use std::path::Path;
 
-/// Writes a cloud file as points come. Memory is that of one chunk and of 40 bytes per chunk written.
+/// Writes a cloud file as points come. Memory is that of one chunk and of 40 bytes per chunk
+/// written.
 ///
-/// The file gets its name in [`Self::finish`]; dropped before that, the writer leaves nothing behind.
+/// The file gets its name in [`Self::finish`]; dropped before that, the writer leaves nothing
+/// behind.
 pub struct CloudWriter {
     output: Output,
     meta: CloudMeta,
@@ -35,8 +37,8 @@ impl CloudWriter {
     /// Opens a temporary file beside `path`.
     ///
     /// # Errors
-    /// [`crate::FormatError::Exists`] unless `force`, [`crate::FormatError::Io`] if the folder cannot be written,
-    /// [`crate::FormatError::Invalid`] for metadata that no reader would accept.
+    /// [`crate::FormatError::Exists`] unless `force`, [`crate::FormatError::Io`] if the folder
+    /// cannot be written, [`crate::FormatError::Invalid`] for metadata that no reader would accept.
     pub fn create(path: &Path, meta: CloudMeta, force: bool) -> Result<Self> {
         meta.validate().map_err(|e| e.at(path))?;
         let sums = Sums {
@@ -58,11 +60,12 @@ impl CloudWriter {
         })
     }
 
-    /// Appends surfels. How they are split over calls does not change the file, but what comes between surfels and
-    /// lvoxels does.
+    /// Appends surfels. How they are split over calls does not change the file, but what comes
+    /// between surfels and lvoxels does.
     ///
     /// # Errors
-    /// [`crate::FormatError::Invalid`] for a surfel that is not finite or out of range, [`crate::FormatError::Io`].
+    /// [`crate::FormatError::Invalid`] for a surfel that is not finite or out of range,
+    /// [`crate::FormatError::Io`].
     pub fn push_surfels(&mut self, surfels: &[Surfel]) -> Result<()> {
         for surfel in surfels {
             let index = self.sums.surfels + self.surfels.len() as u64;

@@ -1,4 +1,5 @@
-//! Light that media scatter, `.lvs`: what arrives at vertices of their grids, in parts of 32 vertices a side.
+//! Light that media scatter, `.lvs`: what arrives at vertices of their grids, in parts of 32
+//! vertices a side.
 
 mod part;
 mod read;

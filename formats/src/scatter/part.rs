@@ -62,10 +62,11 @@ impl PartPlace {
 pub struct Part {
     /// By cube of 4 x 4 x 4 vertices, x first, a bit for each vertex, x first.
     pub chosen: Vec<u64>,
-    /// For each chosen vertex, cube by cube: the share that arrives of what point and spot lights send, per channel. Empty for
-    /// indirect light, or if nothing arrives.
+    /// For each chosen vertex, cube by cube: the share that arrives of what point and spot lights
+    /// send, per channel. Empty for indirect light, or if nothing arrives.
     pub share: Vec<[f32; 3]>,
-    /// The same, mean over the sphere of all other radiance: of other lights, or of what is gathered. Empty if there is none.
+    /// The same, mean over the sphere of all other radiance: of other lights, or of what is
+    /// gathered. Empty if there is none.
     pub light: Vec<[f32; 3]>,
 }
 

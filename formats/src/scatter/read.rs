@@ -127,7 +127,8 @@ impl<D: AsRef<[u8]>> Scatter<D> {
     /// Checks the bytes of part `i` without decoding them.
     ///
     /// # Errors
-    /// [`FormatError::Checksum`] for damage, [`FormatError::Invalid`] for an `i` that does not exist.
+    /// [`FormatError::Checksum`] for damage, [`FormatError::Invalid`] for an `i` that does not
+    /// exist.
     pub fn check_part(&self, i: usize) -> Result<()> {
         self.named(|| self.stored(i).map(drop))
     }
@@ -135,7 +136,8 @@ impl<D: AsRef<[u8]>> Scatter<D> {
     /// Decodes part `i`.
     ///
     /// # Errors
-    /// [`FormatError::Checksum`] or [`FormatError::Invalid`] for damage, or for an `i` that does not exist.
+    /// [`FormatError::Checksum`] or [`FormatError::Invalid`] for damage, or for an `i` that does
+    /// not exist.
     pub fn part(&self, i: usize) -> Result<Part> {
         self.named(|| {
             let (block, place, stored) = self.stored(i)?;

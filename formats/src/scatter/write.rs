@@ -10,9 +10,11 @@ use xxhash_rust::xxh3::xxh3_64;
 
 const ZSTD_LEVEL: i32 = 3;
 
-/// Writes a file of scattered light, part by part. Memory is that of one part and of 50 bytes for each that was written.
+/// Writes a file of scattered light, part by part. Memory is that of one part and of 50 bytes for
+/// each that was written.
 ///
-/// The file gets its name in [`Self::finish`]; dropped before that, the writer leaves nothing behind.
+/// The file gets its name in [`Self::finish`]; dropped before that, the writer leaves nothing
+/// behind.
 pub struct ScatterWriter {
     output: Output,
     meta: ScatterMeta,
@@ -28,8 +30,8 @@ impl ScatterWriter {
     /// Opens a temporary file beside `path`.
     ///
     /// # Errors
-    /// [`FormatError::Exists`] unless `force`, [`FormatError::Io`] if the folder cannot be written, [`FormatError::Invalid`] for
-    /// metadata that no reader would accept.
+    /// [`FormatError::Exists`] unless `force`, [`FormatError::Io`] if the folder cannot be written,
+    /// [`FormatError::Invalid`] for metadata that no reader would accept.
     pub fn create(path: &Path, meta: ScatterMeta, force: bool) -> Result<Self> {
         meta.validate().map_err(|e| e.at(path))?;
         Ok(Self {
@@ -43,12 +45,12 @@ impl ScatterWriter {
         })
     }
 
-    /// Appends a part of direct or indirect light. Parts come volume by volume, those of direct light first, and each kind in
-    /// the order of places.
+    /// Appends a part of direct or indirect light. Parts come volume by volume, those of direct
+    /// light first, and each kind in the order of places.
     ///
     /// # Errors
-    /// [`FormatError::Invalid`] for another order, no vertices, some outside of their volume, or light that is not finite and
-    /// at least 0; [`FormatError::Io`].
+    /// [`FormatError::Invalid`] for another order, no vertices, some outside of their volume, or
+    /// light that is not finite and at least 0; [`FormatError::Io`].
     pub fn push(&mut self, kind: BlockKind, place: PartPlace, part: &Part) -> Result<()> {
         let mut encode = || {
             let last = self.blocks.last().zip(self.parts.last());

@@ -23,8 +23,8 @@ struct Header {
     axis: i16,
 }
 
-/// Decodes page `id`. The page is valid: nodes and surfels below each node exist, parents come before their children,
-/// links go to pages before this one, and all numbers are finite.
+/// Decodes page `id`. The page is valid: nodes and surfels below each node exist, parents come
+/// before their children, links go to pages before this one, and all numbers are finite.
 pub fn surfel_page(
     raw: &[u8],
     block: &Block,
@@ -39,7 +39,8 @@ pub fn surfel_page(
     Ok(page)
 }
 
-/// Decodes the nodes of page `id` alone, in place of what `nodes` holds; they are as valid as those of the whole page.
+/// Decodes the nodes of page `id` alone, in place of what `nodes` holds; they are as valid as those
+/// of the whole page.
 pub fn surfel_nodes(
     raw: &[u8],
     block: &Block,
@@ -51,7 +52,8 @@ pub fn surfel_nodes(
     decode_nodes(&header, &columns, id, version, nodes)
 }
 
-/// Decodes the surfels of page `id`, leaf by leaf, in place of what `leaves` holds; they are as valid as those of the whole page.
+/// Decodes the surfels of page `id`, leaf by leaf, in place of what `leaves` holds; they are as
+/// valid as those of the whole page.
 pub fn surfel_leaves(
     raw: &[u8],
     block: &Block,
@@ -266,8 +268,8 @@ fn decode_nodes(
     Ok(())
 }
 
-/// Ranges and links, given to `add` node by node: nodes and surfels are handed out in order, so ranges cannot overlap or form a
-/// loop.
+/// Ranges and links, given to `add` node by node: nodes and surfels are handed out in order, so
+/// ranges cannot overlap or form a loop.
 fn decode_order(
     header: &Header,
     columns: &PageColumns<'_>,
@@ -490,7 +492,8 @@ fn decode_light(header: &Header, columns: &PageColumns<'_>, nodes: &mut [Node]) 
     Ok(())
 }
 
-/// Before, what radiated towards an axis was one mean of fronts and of backs that are lit: it stands for both.
+/// Before, what radiated towards an axis was one mean of fronts and of backs that are lit: it
+/// stands for both.
 fn share_sides(a: &mut SurfelAggregate) {
     a.back_radiance = a.axis_radiance;
 }

@@ -18,8 +18,8 @@ pub const NODES_BELOW: u8 = 0x00;
 pub const SURFELS_BELOW: u8 = 0x10;
 pub const PAGE_BELOW: u8 = 0x20;
 
-/// A page of nodes and surfels, quantised and compressed, that [`super::TreeWriter`] can append. Pages can be encoded by
-/// many threads.
+/// A page of nodes and surfels, quantised and compressed, that [`super::TreeWriter`] can append.
+/// Pages can be encoded by many threads.
 #[derive(Clone)]
 pub struct EncodedPage {
     pub(super) bytes: Vec<u8>,
@@ -57,15 +57,16 @@ fn lit_backs(a: &SurfelAggregate) -> u8 {
 }
 
 impl EncodedPage {
-    /// Encodes a page. `id` is the page id that links are counted back from: the page's own, or any number that differs
-    /// from it by as much as the links differ from the linked pages' ids. So pages of a part of the tree can be encoded
-    /// before it is known how many pages come before that part.
+    /// Encodes a page. `id` is the page id that links are counted back from: the page's own, or any
+    /// number that differs from it by as much as the links differ from the linked pages' ids. So
+    /// pages of a part of the tree can be encoded before it is known how many pages come before
+    /// that part.
     ///
     /// `disk_overlap` is that of the metadata.
     ///
     /// # Errors
-    /// [`FormatError::Invalid`] for nodes that are not in breadth-first order, links that do not go back, values that
-    /// are out of range, or too many of them.
+    /// [`FormatError::Invalid`] for nodes that are not in breadth-first order, links that do not go
+    /// back, values that are out of range, or too many of them.
     pub fn new(page: &SurfelPage, id: u32, disk_overlap: f32) -> Result<Self> {
         let links = links(page, id)?;
         for (i, surfel) in page.surfels.iter().enumerate() {
@@ -166,7 +167,8 @@ impl EncodedPage {
         })
     }
 
-    /// The box of the page's root as a reader decodes it: a node that links to the page must hold it.
+    /// The box of the page's root as a reader decodes it: a node that links to the page must hold
+    /// it.
     #[must_use]
     pub fn bounds(&self) -> Bounds {
         self.bounds

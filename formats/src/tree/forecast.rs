@@ -6,8 +6,8 @@ use crate::record::MAX_LEVEL;
 /// Voxels in the brick inside which neighbours are looked for.
 const BRICK: usize = 512;
 const LEVELS: usize = MAX_LEVEL as usize + 1;
-/// From a block to the one before it on x, y and z: the blocks of a brick stand in rows, each with one place before it of
-/// which nothing is ever known.
+/// From a block to the one before it on x, y and z: the blocks of a brick stand in rows, each with
+/// one place before it of which nothing is ever known.
 const STEPS: [usize; 3] = [81, 9, 1];
 /// To the furthest neighbour, which is one before on x and on y.
 const REACH: usize = STEPS[0] + STEPS[1];
@@ -16,8 +16,8 @@ const LAST: usize = 8 * (STEPS[0] + STEPS[1] + STEPS[2]) - REACH;
 /// A power of two beyond [`LAST`], so that no index needs a test.
 const FIRSTS: usize = (LAST + 1).next_power_of_two();
 
-/// One or two numbers that have their neighbours in common, or sums of them, in the halves of one word: what is done to one
-/// is done to the other. The highest bit tells that they are known.
+/// One or two numbers that have their neighbours in common, or sums of them, in the halves of one
+/// word: what is done to one is done to the other. The highest bit tells that they are known.
 type Pair = u64;
 const KNOWN: Pair = 1 << 63;
 
@@ -95,8 +95,8 @@ fn mean<const N: usize>(sums: Pair, terms: u64) -> [u16; N] {
 }
 
 impl<const N: usize> Forecast<N> {
-    /// Opens the place of an lvoxel of at most [`crate::record::MAX_LEVEL`], with the Morton code of its first voxel, and
-    /// gives its furthest neighbour.
+    /// Opens the place of an lvoxel of at most [`crate::record::MAX_LEVEL`], with the Morton code
+    /// of its first voxel, and gives its furthest neighbour.
     #[inline]
     fn open(&mut self, first_voxel: u64, level: u8) -> usize {
         let brick = first_voxel / BRICK as u64;

@@ -16,8 +16,8 @@ pub fn first_voxel(v: &Lvoxel) -> u64 {
     interleave(v.block.map(|b| u64::from(b) << v.level))
 }
 
-/// The voxels between the end of each lvoxel and the start of the next in Morton order, the first one's from 0; `None` if
-/// they overlap or are in another order. Levels must be checked before.
+/// The voxels between the end of each lvoxel and the start of the next in Morton order, the first
+/// one's from 0; `None` if they overlap or are in another order. Levels must be checked before.
 pub fn encode(lvoxels: &[Lvoxel]) -> Option<Vec<u64>> {
     let mut end = 0;
     let gap = |v: &Lvoxel| {
@@ -57,8 +57,8 @@ pub struct Walk {
 }
 
 impl Walk {
-    /// Morton code of the first voxel so far behind the last lvoxel, and the block there; `None` if it is outside all
-    /// volumes, or none of that level can start there.
+    /// Morton code of the first voxel so far behind the last lvoxel, and the block there; `None` if
+    /// it is outside all volumes, or none of that level can start there.
     #[inline]
     pub fn next(&mut self, gap: u64, level: u8) -> Option<(u64, [u16; 3])> {
         let start = self.end.checked_add(gap)?;

@@ -111,8 +111,9 @@ pub fn encode(
     Ok(RawPage { raw, mask, decoded })
 }
 
-/// Replaces a column of u16 by steps from what neighbours let expect, if those are shorter once they are compressed.
-/// `rank` gives the numbers that steps are taken of, or nothing for codes that have none.
+/// Replaces a column of u16 by steps from what neighbours let expect, if those are shorter once
+/// they are compressed. `rank` gives the numbers that steps are taken of, or nothing for codes that
+/// have none.
 fn prefer_steps(
     builder: &mut PageBuilder,
     codes: usize,
@@ -220,7 +221,8 @@ pub fn decode(raw: &[u8], block: &Block) -> Result<Vec<Lvoxel>> {
     Ok(lvoxels)
 }
 
-/// Finds the blocks where gaps tell them, and the numbers that are steps from what neighbours let expect.
+/// Finds the blocks where gaps tell them, and the numbers that are steps from what neighbours let
+/// expect.
 fn read_gaps(
     columns: &PageColumns<'_>,
     sigma_t: &Steps,

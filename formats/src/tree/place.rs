@@ -21,7 +21,8 @@ pub struct Placed {
 }
 
 impl Placement {
-    /// Steps of the page's box where they are fine enough, floats otherwise. The surfels become what a reader decodes.
+    /// Steps of the page's box where they are fine enough, floats otherwise. The surfels become
+    /// what a reader decodes.
     pub fn choose(
         page: &SurfelPage,
         surfels: &mut [Surfel],
@@ -158,7 +159,8 @@ pub fn in_steps(difference: f64, value: f32, span: &Span) -> f64 {
     (difference - ulp).max(0.0) / span.step().max(f64::MIN_POSITIVE)
 }
 
-/// Boxes of all nodes, children before parents, each rounded by `round` around all that it must hold.
+/// Boxes of all nodes, children before parents, each rounded by `round` around all that it must
+/// hold.
 fn boxes(
     page: &SurfelPage,
     surfels: &[Surfel],

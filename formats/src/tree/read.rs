@@ -184,11 +184,12 @@ impl<D: AsRef<[u8]>> Tree<D> {
         self.lvoxel_blocks.len()
     }
 
-    /// Decodes page `i` of surfels. A page that is returned is safe to walk: all ranges are inside it, parents come
-    /// before children, and links go to pages of a smaller id.
+    /// Decodes page `i` of surfels. A page that is returned is safe to walk: all ranges are inside
+    /// it, parents come before children, and links go to pages of a smaller id.
     ///
     /// # Errors
-    /// [`FormatError::Checksum`] or [`FormatError::Invalid`] for damage, or for an `i` that does not exist.
+    /// [`FormatError::Checksum`] or [`FormatError::Invalid`] for damage, or for an `i` that does
+    /// not exist.
     pub fn surfel_page(&self, i: usize) -> Result<SurfelPage> {
         self.page(&self.surfel_blocks, i, "surfel page", |raw, block| {
             let overlap = self.meta.cloud.disk_overlap;
@@ -196,8 +197,9 @@ impl<D: AsRef<[u8]>> Tree<D> {
         })
     }
 
-    /// Decodes the nodes of page `i` of surfels alone, in place of what `nodes` holds, whose memory is used again: what
-    /// [`Self::surfel_page`] gives, as safe to walk, in less time. Damage to surfels goes unseen.
+    /// Decodes the nodes of page `i` of surfels alone, in place of what `nodes` holds, whose memory
+    /// is used again: what [`Self::surfel_page`] gives, as safe to walk, in less time. Damage to
+    /// surfels goes unseen.
     ///
     /// # Errors
     /// As [`Self::surfel_page`]; `nodes` then holds nothing of use.
@@ -207,8 +209,9 @@ impl<D: AsRef<[u8]>> Tree<D> {
         })
     }
 
-    /// Decodes the surfels of page `i` alone, in place of what `leaves` holds, whose memory is used again: what
-    /// [`Self::surfel_page`] gives, in less time. Damage to what nodes say of the surfels below them goes unseen.
+    /// Decodes the surfels of page `i` alone, in place of what `leaves` holds, whose memory is used
+    /// again: what [`Self::surfel_page`] gives, in less time. Damage to what nodes say of the
+    /// surfels below them goes unseen.
     ///
     /// # Errors
     /// As [`Self::surfel_page`]; `leaves` then holds nothing of use.
@@ -233,8 +236,9 @@ impl<D: AsRef<[u8]>> Tree<D> {
         })
     }
 
-    /// Reads everything: checksums, the range of every value, that each page but the root has one link to it, that
-    /// linking nodes and nodes above hold the boxes below them, and the sums of the summary.
+    /// Reads everything: checksums, the range of every value, that each page but the root has one
+    /// link to it, that linking nodes and nodes above hold the boxes below them, and the sums of
+    /// the summary.
     ///
     /// # Errors
     /// The first damage found.

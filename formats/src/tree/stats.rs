@@ -52,8 +52,8 @@ impl ColumnStats {
         self.left_out[index] += bytes;
     }
 
-    /// Notes the columns of a page. One page in eight, chosen by its content so that the choice is the same whoever
-    /// writes it, has its columns compressed apart.
+    /// Notes the columns of a page. One page in eight, chosen by its content so that the choice is
+    /// the same whoever writes it, has its columns compressed apart.
     pub fn add_page(
         &mut self,
         raw: &[u8],
@@ -164,7 +164,8 @@ impl Errors {
     }
 }
 
-/// Compresses a page; a page that does not shrink is stored as it is, which a reader sees from equal lengths.
+/// Compresses a page; a page that does not shrink is stored as it is, which a reader sees from
+/// equal lengths.
 pub fn pack_page(raw: Vec<u8>, level: i32) -> Result<(Vec<u8>, u32)> {
     if raw.len() > super::MAX_PAGE_BYTES {
         return Err(FormatError::invalid(

@@ -144,7 +144,8 @@ fn an_honest_page_is_read() {
 #[test]
 fn backs_of_axes_that_nothing_faces_are_refused() {
     let good = raw_page();
-    // The column of backs is the last, a byte for each node: in this page they send towards +y, as fronts face -y.
+    // The column of backs is the last, a byte for each node: in this page they send towards +y, as
+    // fronts face -y.
     assert_eq!(good.last(), Some(&0b100));
     for (axes, says) in [
         (0b110, "fronts that face the other way"),

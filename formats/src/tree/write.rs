@@ -13,7 +13,8 @@ use xxhash_rust::xxh3::xxh3_64;
 
 /// Writes a tree file page by page. Memory is that of one page and of 40 bytes per page written.
 ///
-/// The file gets its name in [`Self::finish`]; dropped before that, the writer leaves nothing behind.
+/// The file gets its name in [`Self::finish`]; dropped before that, the writer leaves nothing
+/// behind.
 pub struct TreeWriter {
     output: Output,
     meta: TreeMeta,
@@ -74,7 +75,8 @@ impl TreeWriter {
     /// Appends an encoded page of nodes and surfels, and returns its id.
     ///
     /// # Errors
-    /// [`FormatError::Invalid`] for links that go back beyond the first page, and [`FormatError::Io`].
+    /// [`FormatError::Invalid`] for links that go back beyond the first page, and
+    /// [`FormatError::Io`].
     pub fn push_surfel_page(&mut self, page: &EncodedPage) -> Result<u32> {
         let id = self.surfel_pages;
         if page.furthest_link > id || id == u32::MAX {
@@ -109,7 +111,8 @@ impl TreeWriter {
     /// Appends a page of lvoxels, and returns its id among those.
     ///
     /// # Errors
-    /// [`FormatError::Invalid`] for values out of range or too many of them, and [`FormatError::Io`].
+    /// [`FormatError::Invalid`] for values out of range or too many of them, and
+    /// [`FormatError::Io`].
     pub fn write_lvoxel_page(&mut self, lvoxels: &[Lvoxel]) -> Result<u32> {
         let mut encode = || {
             for (i, v) in lvoxels.iter().enumerate() {
@@ -142,12 +145,13 @@ impl TreeWriter {
         Ok(self.lvoxel_pages - 1)
     }
 
-    /// Writes the tables, and gives the file its name. The root must be the last page of surfels, or `None` if there is
-    /// no page; `cloud_sums` are those of the cloud's summary. The bytes of `levels` are filled in here.
+    /// Writes the tables, and gives the file its name. The root must be the last page of surfels,
+    /// or `None` if there is no page; `cloud_sums` are those of the cloud's summary. The bytes of
+    /// `levels` are filled in here.
     ///
     /// # Errors
-    /// [`FormatError::Invalid`] for another root, [`FormatError::Io`], [`FormatError::Exists`] if the name was taken
-    /// meanwhile.
+    /// [`FormatError::Invalid`] for another root, [`FormatError::Io`], [`FormatError::Exists`] if
+    /// the name was taken meanwhile.
     pub fn finish(
         self,
         root: Option<u32>,

@@ -100,7 +100,8 @@ pub fn lvoxels(random: &mut Random, n: usize, style: Style) -> Vec<Lvoxel> {
         .collect()
 }
 
-/// A brick of voxels with holes and one of larger blocks, in Morton order: extinction and grey source change little by little.
+/// A brick of voxels with holes and one of larger blocks, in Morton order: extinction and grey
+/// source change little by little.
 pub fn smooth_lvoxels() -> Vec<Lvoxel> {
     let brick = |first: u16, level: u8| {
         (0..512u16 >> (3 * level)).map(move |i| {
@@ -143,7 +144,8 @@ pub fn write_cloud(
     writer.finish().unwrap()
 }
 
-/// A page over the surfels: leaves of up to five, then parents of up to four, and links to pages before it.
+/// A page over the surfels: leaves of up to five, then parents of up to four, and links to pages
+/// before it.
 pub fn page(random: &mut Random, surfels: &[Surfel], links: &[(u32, Bounds)]) -> SurfelPage {
     enum Tree {
         Surfels(Vec<Surfel>),
@@ -264,7 +266,8 @@ pub fn write_tree(path: &Path, style: Style, pages: usize, per_page: usize) -> V
     written
 }
 
-/// Direct light with and without lamps, and grey indirect light, at some vertices of the second volume.
+/// Direct light with and without lamps, and grey indirect light, at some vertices of the second
+/// volume.
 pub fn parts(random: &mut Random) -> Vec<(BlockKind, PartPlace, Part)> {
     let place = |level: u8, x: u16| PartPlace {
         volume: 1,

@@ -25,8 +25,8 @@ pub struct Block {
     pub relmse: f64,
 }
 
-/// The `count` blocks of the largest relMSE, worst first, of two pictures of the same size. Blocks without a value (NaN)
-/// are the worst of all.
+/// The `count` blocks of the largest relMSE, worst first, of two pictures of the same size. Blocks
+/// without a value (NaN) are the worst of all.
 #[must_use]
 pub fn worst(picture: &Picture, reference: &Picture, count: usize) -> Vec<Block> {
     let mut blocks = Vec::new();

@@ -9,7 +9,8 @@ pub(super) enum Border {
     Clamp,
     /// `c b a | a b c d | d c b`
     Reflect,
-    /// `c b | a b c d | d c`: mirrored about the first sample on one side and beyond the last on the other.
+    /// `c b | a b c d | d c`: mirrored about the first sample on one side and beyond the last on
+    /// the other.
     Uneven,
 }
 

@@ -1,9 +1,10 @@
-//! LDR-FLIP (Andersson, Nilsson, Akenine-Moller, Oskarsson, Astrom, Fairchild, "FLIP: A Difference Evaluator for
-//! Alternating Images", 2020), on tone-mapped pictures taken as sRGB.
+//! LDR-FLIP (Andersson, Nilsson, Akenine-Moller, Oskarsson, Astrom, Fairchild, "FLIP: A Difference
+//! Evaluator for Alternating Images", 2020), on tone-mapped pictures taken as sRGB.
 //!
-//! Colour: contrast sensitivity filters in an opponent space, Hunt-adjusted CIELAB, HyAB distance. Features: first and
-//! second Gaussian derivatives of luminance find edges and points. The feature difference is the exponent that
-//! amplifies the colour difference. All sums run in f64 where the authors' program uses f32.
+//! Colour: contrast sensitivity filters in an opponent space, Hunt-adjusted CIELAB, HyAB distance.
+//! Features: first and second Gaussian derivatives of luminance find edges and points. The feature
+//! difference is the exponent that amplifies the colour difference. All sums run in f64 where the
+//! authors' program uses f32.
 
 use super::blur::{Border, columns, rows};
 use crate::image::tone::Display;
@@ -20,7 +21,8 @@ const COLOUR_KNEE_TO: f64 = 0.95;
 const FEATURE_WIDTH_DEG: f64 = 0.082;
 const FEATURE_EXPONENT: f64 = 0.5;
 
-/// Contrast sensitivity by opponent channel, as sums of Gaussians `a sqrt(pi/b) exp(-pi^2 x^2 / b)` over degrees.
+/// Contrast sensitivity by opponent channel, as sums of Gaussians `a sqrt(pi/b) exp(-pi^2 x^2 / b)`
+/// over degrees.
 const LUMINANCE: &[(f64, f64)] = &[(1.0, 0.0047)];
 const RED_GREEN: &[(f64, f64)] = &[(1.0, 0.0053)];
 const BLUE_YELLOW: &[(f64, f64)] = &[(34.1, 0.04), (13.5, 0.025)];

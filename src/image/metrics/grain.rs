@@ -1,8 +1,10 @@
-//! Grain: error that changes within a few pixels on smooth ground, where a viewer sees it long before means over a frame do.
+//! Grain: error that changes within a few pixels on smooth ground, where a viewer sees it long
+//! before means over a frame do.
 //!
-//! The relative error of a pixel's luminance, less its mean over the 7x7 pixels around, has no bias, no gradient and no blotch
-//! much wider than that. The median over a block tells its standard deviation whatever a few pixels on edges do (as Donoho &
-//! Johnstone 1994 estimate the noise of a signal): grain is the root mean square of those of all blocks.
+//! The relative error of a pixel's luminance, less its mean over the 7x7 pixels around, has no
+//! bias, no gradient and no blotch much wider than that. The median over a block tells its standard
+//! deviation whatever a few pixels on edges do (as Donoho & Johnstone 1994 estimate the noise of a
+//! signal): grain is the root mean square of those of all blocks.
 
 use super::blocks::SIDE;
 use super::blur::{Border, columns, rows};
@@ -11,17 +13,19 @@ use crate::image::Picture;
 
 const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
 
-/// Pixels along an edge of the window whose mean is taken off. Neighbours share 12 of the 16 corners around them, and means over
-/// 4x4 show 0.77 of their deviation by seven, 0.5 by three. A line is in seven of the sixteen columns of a whole block, so the
-/// median does not see it, as it would by nine.
+/// Pixels along an edge of the window whose mean is taken off. Neighbours share 12 of the 16
+/// corners around them, and means over 4x4 show 0.77 of their deviation by seven, 0.5 by three. A
+/// line is in seven of the sixteen columns of a whole block, so the median does not see it, as it
+/// would by nine.
 const WINDOW: usize = 7;
 
 /// Median size of a normal deviate.
 const MEDIAN: f64 = 0.674_489_750_196_081_7;
 
-/// Grain of a picture beside a reference of the same size. White noise in luminance has its own standard deviation, relative to
-/// the reference as in relMSE; noise alike over several pixels has less. Noise of the reference counts, too: two frames of
-/// one renderer and two seeds have the square root of 2 times the grain of one. NaN below 7 pixels on a side.
+/// Grain of a picture beside a reference of the same size. White noise in luminance has its own
+/// standard deviation, relative to the reference as in relMSE; noise alike over several pixels has
+/// less. Noise of the reference counts, too: two frames of one renderer and two seeds have the
+/// square root of 2 times the grain of one. NaN below 7 pixels on a side.
 #[must_use]
 pub fn rms(picture: &Picture, reference: &Picture) -> f64 {
     const SHARES: [f64; WINDOW] = [1.0 / WINDOW as f64; WINDOW];

@@ -2,7 +2,8 @@
 
 use crate::image::Picture;
 
-/// Keeps relMSE finite in the dark: errors below about a tenth of a unit of radiance count absolutely. Radiance squared.
+/// Keeps relMSE finite in the dark: errors below about a tenth of a unit of radiance count
+/// absolutely. Radiance squared.
 pub const RELATIVE_FLOOR: f64 = 0.01;
 
 /// Of so many pixels the trimmed mean drops one.

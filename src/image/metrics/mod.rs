@@ -1,7 +1,7 @@
 //! How far a picture is from a reference: one metric a file, and all of them at once.
 //!
-//! Linear metrics look at radiance; FLIP, SSIM and the perceptual difference look at the tone-mapped picture in eight
-//! bits, as a viewer does.
+//! Linear metrics look at radiance; FLIP, SSIM and the perceptual difference look at the
+//! tone-mapped picture in eight bits, as a viewer does.
 
 pub mod blocks;
 mod blur;
@@ -15,24 +15,27 @@ use super::{Picture, tone};
 use crate::run::Cancel;
 use crate::{Error, Result};
 
-/// Memory that a comparison takes, two pictures included; most of it are the pyramids of the perceptual difference.
+/// Memory that a comparison takes, two pictures included; most of it are the pyramids of the
+/// perceptual difference.
 pub const BYTES_PER_PIXEL: u64 = 220;
 
-/// All metrics of one comparison. A metric that has no value (a black reference has no relative bias, an image of ten
-/// pixels no SSIM, a picture with infinities no mean) is NaN, `null` in JSON.
+/// All metrics of one comparison. A metric that has no value (a black reference has no relative
+/// bias, an image of ten pixels no SSIM, a picture with infinities no mean) is NaN, `null` in JSON.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Scores {
     /// Root of the mean squared difference over pixels and channels, radiance.
     pub rmse: f64,
     /// Mean of `(x-r)^2 / (r^2 + 0.01)` over pixels and channels.
     pub relmse: f64,
-    /// The same without the worst 0.1 % of pixels (rounded down, none of 999), so that a single firefly does not decide it.
+    /// The same without the worst 0.1 % of pixels (rounded down, none of 999), so that a single
+    /// firefly does not decide it.
     pub relmse_trimmed: f64,
     /// Mean of the picture over mean of the reference, less 1.
     pub bias: f64,
     /// Mean absolute difference over the mean of the reference, both over pixels and channels.
     pub relmae: f64,
-    /// Standard deviation of the error that changes within a few pixels on smooth ground, [`grain::rms`].
+    /// Standard deviation of the error that changes within a few pixels on smooth ground,
+    /// [`grain::rms`].
     pub grain: f64,
     /// Mean LDR-FLIP error at 67 pixels a degree, 0 (same) to 1.
     pub flip: f64,
@@ -62,7 +65,8 @@ pub struct Comparison {
 /// Compares a picture with a reference of the same size.
 ///
 /// # Errors
-/// [`crate::Kind::Input`] if the sizes differ, there are no pixels, or the exposure is not a positive number.
+/// [`crate::Kind::Input`] if the sizes differ, there are no pixels, or the exposure is not a
+/// positive number.
 pub fn compare(picture: &Picture, reference: &Picture, exposure: f32) -> Result<Comparison> {
     compare_until(picture, reference, exposure, &Cancel::default())
 }

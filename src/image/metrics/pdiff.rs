@@ -1,10 +1,11 @@
-//! Perceptual difference after Yee, "A Perceptual Metric for Production Testing" (2004), with the settings of the
-//! `perceptualdiff` tool: 45 degrees of view, gamma 2.2, white at 100 cd/m2.
+//! Perceptual difference after Yee, "A Perceptual Metric for Production Testing" (2004), with the
+//! settings of the `perceptualdiff` tool: 45 degrees of view, gamma 2.2, white at 100 cd/m2.
 //!
-//! A pyramid of undecimated low-pass images gives contrast by frequency band; Barten's contrast sensitivity and Daly's
-//! masking raise the threshold that Ward's adaptation curve sets for the difference of luminance; a second test looks
-//! at CIELAB chromaticity. The tool takes red for blue and blue for red; published figures come from it, so this does
-//! the same, and counts the same pixels.
+//! A pyramid of undecimated low-pass images gives contrast by frequency band; Barten's contrast
+//! sensitivity and Daly's masking raise the threshold that Ward's adaptation curve sets for the
+//! difference of luminance; a second test looks at CIELAB chromaticity. The tool takes red for blue
+//! and blue for red; published figures come from it, so this does the same, and counts the same
+//! pixels.
 
 use super::blur::{Border, columns, rows};
 use crate::image::tone::Display;

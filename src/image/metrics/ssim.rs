@@ -1,7 +1,8 @@
 //! Structural similarity (Wang, Bovik, Sheikh, Simoncelli 2004) of tone-mapped pictures.
 //!
-//! Gaussian weights of sigma 1.5 over 11x11 pixels, plain (not sample) covariance, range 255, the mean over the three
-//! channels without the five pixels at the border: the numbers of scikit-image's `structural_similarity` so set.
+//! Gaussian weights of sigma 1.5 over 11x11 pixels, plain (not sample) covariance, range 255, the
+//! mean over the three channels without the five pixels at the border: the numbers of
+//! scikit-image's `structural_similarity` so set.
 
 use super::blur::{Border, columns, rows};
 use crate::image::tone::Display;
@@ -11,7 +12,8 @@ const RADIUS: usize = 5;
 const C1: f64 = (0.01 * 255.0) * (0.01 * 255.0);
 const C2: f64 = (0.03 * 255.0) * (0.03 * 255.0);
 
-/// Mean similarity of two pictures of the same size: 1 for the same picture, NaN below 11 pixels on a side.
+/// Mean similarity of two pictures of the same size: 1 for the same picture, NaN below 11 pixels on
+/// a side.
 #[must_use]
 pub fn mean(a: &Display, b: &Display) -> f64 {
     let (width, height) = (a.width, a.height);

@@ -1,9 +1,10 @@
-//! Expected values come from NumPy, scikit-image 0.26.0 `structural_similarity`, flip-evaluator 1.7 and a NumPy version of
-//! the perceptualdiff tool, on the same synthetic pictures.
+//! Expected values come from NumPy, scikit-image 0.26.0 `structural_similarity`, flip-evaluator 1.7
+//! and a NumPy version of the perceptualdiff tool, on the same synthetic pictures.
 
 use super::*;
 
-/// Checks and a ramp against the same with errors everywhere and a firefly in a hundred samples; exact in f32.
+/// Checks and a ramp against the same with errors everywhere and a firefly in a hundred samples;
+/// exact in f32.
 fn pair(width: usize, height: usize) -> (Picture, Picture) {
     let make = |noisy: bool| {
         let mut pixels = Vec::new();

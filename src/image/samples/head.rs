@@ -208,8 +208,8 @@ mod tests {
             }
         }
         assert!(matches!(with(0, 1), Err(Unreadable::Version(1))));
-        // No strands; the region's right before its left, its bottom above its top; origins longer than any, and one that
-        // ends too soon.
+        // No strands; the region's right before its left, its bottom above its top; origins longer
+        // than any, and one that ends too soon.
         for (number, value) in [(1, 0), (4, 2), (5, 4), (6, u32::MAX), (6, 1)] {
             let found = with(number, value);
             assert!(matches!(found, Err(Unreadable::Damaged)), "{found:?}");

@@ -1,5 +1,5 @@
-//! Files of samples, such as `lvox reference` keeps beside its image to go on from: sums for every pixel, and what they
-//! were made from. `formats/SPEC.md` has the layout.
+//! Files of samples, such as `lvox reference` keeps beside its image to go on from: sums for every
+//! pixel, and what they were made from. `formats/SPEC.md` has the layout.
 
 mod head;
 mod rows;

@@ -72,7 +72,8 @@ impl<R: Read> Read for Hashing<R> {
     }
 }
 
-/// A file of samples, read row by row. What it says is known to be true once [`Rows::finish`] has found the checksum right.
+/// A file of samples, read row by row. What it says is known to be true once [`Rows::finish`] has
+/// found the checksum right.
 pub struct Rows<R> {
     file: Hashing<R>,
     head: Head,
@@ -85,8 +86,8 @@ impl<R: Read> Rows<R> {
     /// Reads the head of a file of `length` bytes.
     ///
     /// # Errors
-    /// As [`Head::read`], and for a length that is not what the head says: so no row takes more memory than the file has
-    /// bytes.
+    /// As [`Head::read`], and for a length that is not what the head says: so no row takes more
+    /// memory than the file has bytes.
     pub fn open(file: R, length: u64) -> Result<Self, Unreadable> {
         let hasher = blake3::Hasher::new();
         let mut file = Hashing { file, hasher };

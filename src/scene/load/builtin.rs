@@ -83,7 +83,8 @@ fn cube() -> Part {
         for [s, t] in [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]] {
             let mut p = [0.0; 3];
             p[axis] = out;
-            // On the negative side one coordinate runs backwards, so that corners run counter-clockwise there too.
+            // On the negative side one coordinate runs backwards, so that corners run
+            // counter-clockwise there too.
             p[(axis + 1) % 3] = if out > 0.0 { s } else { -s };
             p[(axis + 2) % 3] = t;
             part.positions.push(DVec3::from(p));
@@ -95,8 +96,8 @@ fn cube() -> Part {
     part
 }
 
-/// A surface of revolution about y. `profile(v)` gives the distance from the axis and the height, v from 0 to 1 with
-/// the outside on its right.
+/// A surface of revolution about y. `profile(v)` gives the distance from the axis and the height, v
+/// from 0 to 1 with the outside on its right.
 fn revolve(around: u32, along: u32, profile: impl Fn(f64) -> [f64; 2]) -> Part {
     let mut part = Part::default();
     for j in 0..=along {
@@ -107,7 +108,8 @@ fn revolve(around: u32, along: u32, profile: impl Fn(f64) -> [f64; 2]) -> Part {
         }
         let [r0, h0] = profile(v - 1e-5);
         let [r1, h1] = profile(v + 1e-5);
-        // The tangent turned to the right; at a pole the distance from the axis changes sign, hence abs.
+        // The tangent turned to the right; at a pole the distance from the axis changes sign, hence
+        // abs.
         let (out, up) = match radius == 0.0 {
             true => (0.0, height.signum()),
             false => (h1 - h0, r0 - r1),
@@ -142,7 +144,8 @@ fn revolve(around: u32, along: u32, profile: impl Fn(f64) -> [f64; 2]) -> Part {
     part
 }
 
-/// Densities in [0,1] of smoke that rises from the middle of the floor of [0,1]^3, bends and spreads.
+/// Densities in [0,1] of smoke that rises from the middle of the floor of [0,1]^3, bends and
+/// spreads.
 fn plume() -> Vec<u8> {
     let [nx, ny, nz] = PLUME_DIMS;
     let at = |i: usize, n: usize| (i as f32 + 0.5) / n as f32;

@@ -359,7 +359,8 @@ fn imports(table: &Table<'_>, kind: &str) -> Result<Vec<usize>> {
     item.choices(&["cameras", "lights"])
 }
 
-/// Moves cameras and lights of a glTF into place and into the draft; the meshes are returned as they are.
+/// Moves cameras and lights of a glTF into place and into the draft; the meshes are returned as
+/// they are.
 fn take(
     import: gltf::Import,
     imports: &[usize],

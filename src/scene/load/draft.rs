@@ -1,5 +1,5 @@
-//! A scene in the making: everything in world space and f64. [`Draft::finish`] checks it as a whole, moves it near the
-//! origin and brings it to f32.
+//! A scene in the making: everything in world space and f64. [`Draft::finish`] checks it as a
+//! whole, moves it near the origin and brings it to f32.
 
 use super::super::{Camera, Film, Grid, Light, Mesh, Scene, Volume};
 use super::files::Files;
@@ -8,10 +8,12 @@ use crate::run::{Cancel, memory};
 use crate::{Error, Result};
 use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec2, Vec3};
 
-/// A scene whose centre is farther from the origin than this many times its extent is moved to the origin.
+/// A scene whose centre is farther from the origin than this many times its extent is moved to the
+/// origin.
 const FAR: f64 = 16.0;
 
-/// Layers of voxels thinner than this are taken for a mistake: what a ray passes per unit would leave the range of f32.
+/// Layers of voxels thinner than this are taken for a mistake: what a ray passes per unit would
+/// leave the range of f32.
 const THINNEST: f64 = 1.0 / FARTHEST;
 
 /// Film of a scene that does not state one.
@@ -128,7 +130,8 @@ impl Bounds {
     }
 }
 
-/// Rotation and position of a camera at `position` that looks at `target`; `None` if `up` does not settle it.
+/// Rotation and position of a camera at `position` that looks at `target`; `None` if `up` does not
+/// settle it.
 pub(super) fn look_at(position: DVec3, target: DVec3, up: DVec3) -> Option<DAffine3> {
     let back = (position - target).try_normalize()?;
     let up = up.try_normalize()?;
@@ -249,8 +252,9 @@ impl Draft {
         bounds
     }
 
-    /// For a file that says nothing of film: the exposure at which a white surface in the middle of the scene that faces
-    /// all its lights is just white, so that lights in lux and in watts make the same picture.
+    /// For a file that says nothing of film: the exposure at which a white surface in the middle of
+    /// the scene that faces all its lights is just white, so that lights in lux and in watts make
+    /// the same picture.
     fn default_exposure(&self, bounds: &Bounds) -> f32 {
         let distance2 = (bounds.radius() * bounds.radius()) as f32;
         let brightest: f32 = self
@@ -288,7 +292,8 @@ fn affine_f32(map: &DAffine3) -> Affine3A {
     Affine3A::from_mat3_translation(map.matrix3.as_mat3(), map.translation.as_vec3())
 }
 
-/// A camera in front of everything, a little above, from where the bounding sphere just fits the film.
+/// A camera in front of everything, a little above, from where the bounding sphere just fits the
+/// film.
 fn default_camera(bounds: &Bounds, film: &Film) -> DraftCamera {
     let fov_x_rad = 45_f64.to_radians();
     let aspect = f64::from(film.height) / f64::from(film.width);
@@ -299,7 +304,8 @@ fn default_camera(bounds: &Bounds, film: &Film) -> DraftCamera {
     let position = target + DVec3::new(0.3, 0.35, 1.0).normalize() * distance;
     DraftCamera {
         name: "default".into(),
-        // The direction is not along y, so this always is a camera unless the scene is a single point.
+        // The direction is not along y, so this always is a camera unless the scene is a single
+        // point.
         world_from_camera: look_at(position, target, DVec3::Y)
             .unwrap_or(DAffine3::from_translation(target)),
         fov_x_rad,

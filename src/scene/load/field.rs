@@ -1,7 +1,7 @@
 //! A scalar field as it comes out of a volume file, and its way into a [`Grid`] of extinction.
 //!
-//! The file's index space has the sample of voxel (i,j,k) at (i,j,k), as NRRD and OpenVDB have it. A grid of ours has
-//! its voxel (i,j,k) from (i,j,k) to (i+1,j+1,k+1).
+//! The file's index space has the sample of voxel (i,j,k) at (i,j,k), as NRRD and OpenVDB have it.
+//! A grid of ours has its voxel (i,j,k) from (i,j,k) to (i+1,j+1,k+1).
 
 use super::super::grid::{Grid, Layout};
 use crate::math::unflatten;
@@ -13,7 +13,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Bytes of a grid that a file of any length may ask for.
 const ALLOWANCE: u64 = 2 << 30;
-/// Bytes of a grid for each of the file's: bricks take 6 for a voxel of 1, and files are compressed.
+/// Bytes of a grid for each of the file's: bricks take 6 for a voxel of 1, and files are
+/// compressed.
 const MOST_GROWTH: u64 = 64;
 
 /// Samples on a box of voxels.
@@ -22,7 +23,8 @@ pub(super) struct Field {
     pub(super) dims: [usize; 3],
     /// Index in the file of the first voxel.
     pub(super) first: [i64; 3],
-    /// Empty voxels around the box on every side; the unit cube of `unitcube_to_world` leaves them out.
+    /// Empty voxels around the box on every side; the unit cube of `unitcube_to_world` leaves them
+    /// out.
     pub(super) padding: usize,
     /// Where the file says it is, from its index space; `None` if it does not say.
     pub(super) world_from_file: Option<DAffine3>,
@@ -182,8 +184,9 @@ impl Field {
         ALLOWANCE + MOST_GROWTH * behind as u64
     }
 
-    /// The grid of extinction. More than the file makes likely, or than the machine has memory for, is an error before it is
-    /// allocated. Values that are not finite, or negative without a window, are errors, and so is a stop on request.
+    /// The grid of extinction. More than the file makes likely, or than the machine has memory for,
+    /// is an error before it is allocated. Values that are not finite, or negative without a
+    /// window, are errors, and so is a stop on request.
     pub(super) fn into_grid(self, scale: Scale, cancel: &Cancel) -> Result<Grid> {
         let sigma_t = |voxel| scale.apply(self.value(voxel));
         let go_on = || cancel.check();
@@ -198,7 +201,8 @@ impl Field {
             .hint("crop or coarsen the grid, or prune tiles that need not be active"));
         }
         memory::check("the grid of a volume", layout.bytes())?;
-        // Row by row, so that the message can name the first bad voxel whatever the order of the threads.
+        // Row by row, so that the message can name the first bad voxel whatever the order of the
+        // threads.
         let rows = self.dims[1] * self.dims[2];
         let bad = AtomicUsize::new(usize::MAX);
         (0..rows).into_par_iter().try_for_each(|row| {

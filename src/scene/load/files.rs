@@ -30,7 +30,8 @@ impl Files {
         }
     }
 
-    /// The whole content of a file; `what` it is for ("mesh", "texture", ...) is named when it cannot be read.
+    /// The whole content of a file; `what` it is for ("mesh", "texture", ...) is named when it
+    /// cannot be read.
     pub(super) fn read(&mut self, what: &str, path: &Path) -> Result<Vec<u8>> {
         // Devices and pipes may have no end.
         if fs::metadata(path).is_ok_and(|m| !m.is_file()) {
@@ -93,7 +94,8 @@ impl Files {
     }
 }
 
-/// `name` as written in the file `by`, resolved against that file's folder. Both kinds of slash separate folders.
+/// `name` as written in the file `by`, resolved against that file's folder. Both kinds of slash
+/// separate folders.
 pub(super) fn beside(by: &Path, name: &str) -> PathBuf {
     let name = name.replace('\\', "/");
     by.parent().unwrap_or(Path::new("")).join(name)

@@ -35,8 +35,8 @@ impl Scene {
     /// Reads and checks a scene: a `.toml` scene file, or a `.gltf` or `.glb` by itself.
     ///
     /// # Errors
-    /// Of kind [`crate::Kind::Input`] for anything wrong with the files; the message names the file and the line or
-    /// element.
+    /// Of kind [`crate::Kind::Input`] for anything wrong with the files; the message names the file
+    /// and the line or element.
     pub fn load(path: &Path) -> Result<Self> {
         Self::load_until(path, &Cancel::default())
     }

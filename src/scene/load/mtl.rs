@@ -1,7 +1,7 @@
-//! Wavefront MTL: `Kd`, `map_Kd` and `Ke`, all linear but for the texture. What else changes looks and is left out, `d`,
-//! `map_d` and `map_Ke`, is warned of, and in one line what is not diffuse: `illum` 3 to 10, `Ks` above what exporters write
-//! for plain surfaces, `map_Ks`, `refl`, `Pm`, `Pc`, `Ps` and their maps, and bumps. `Ns`, `Ni`, `Tf` and `Pr` say nothing
-//! by themselves.
+//! Wavefront MTL: `Kd`, `map_Kd` and `Ke`, all linear but for the texture. What else changes looks
+//! and is left out, `d`, `map_d` and `map_Ke`, is warned of, and in one line what is not diffuse:
+//! `illum` 3 to 10, `Ks` above what exporters write for plain surfaces, `map_Ks`, `refl`, `Pm`,
+//! `Pc`, `Ps` and their maps, and bumps. `Ns`, `Ni`, `Tf` and `Pr` say nothing by themselves.
 
 use super::super::{Material, Texture};
 use super::files::{Files, beside};
@@ -12,7 +12,8 @@ use crate::{Error, Result};
 use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
 
-/// Highlights of at most this are those of any plastic; exporters write it for all that is not told apart.
+/// Highlights of at most this are those of any plastic; exporters write it for all that is not told
+/// apart.
 const PLAIN_HIGHLIGHT: f32 = 0.5;
 
 /// What a material says of itself beyond its diffuse reflection.

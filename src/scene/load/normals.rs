@@ -1,4 +1,5 @@
-//! Shading normals recomputed at a crease angle: smooth where faces meet gently, split where they meet sharply.
+//! Shading normals recomputed at a crease angle: smooth where faces meet gently, split where they
+//! meet sharply.
 
 use super::part::Part;
 use crate::Result;
@@ -6,11 +7,13 @@ use crate::run::Cancel;
 use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 
-/// At a vertex of more faces than this the corners keep their face normals: comparing all pairs would take for ever.
+/// At a vertex of more faces than this the corners keep their face normals: comparing all pairs
+/// would take for ever.
 const MOST_FACES: usize = 4096;
 
-/// Gives `part` normals: at each corner the area-weighted mean over the faces around the point that turn less than
-/// `crease_rad` from the corner's own face. Vertices are split where their corners differ.
+/// Gives `part` normals: at each corner the area-weighted mean over the faces around the point that
+/// turn less than `crease_rad` from the corner's own face. Vertices are split where their corners
+/// differ.
 ///
 /// # Errors
 /// If cancelled.
@@ -23,7 +26,8 @@ pub(super) fn crease(part: &mut Part, crease_rad: f64, cancel: &Cancel) -> Resul
     let area_vectors: Vec<DVec3> = (0..part.triangles.len()).map(face).collect();
     let unit: Vec<DVec3> = area_vectors.iter().map(|n| n.normalize_or_zero()).collect();
 
-    // Files split vertices for reasons of their own, so faces meet where positions are equal, not where indices are.
+    // Files split vertices for reasons of their own, so faces meet where positions are equal, not
+    // where indices are.
     let mut point_of_vertex: Vec<u32> = Vec::with_capacity(part.positions.len());
     let mut points: HashMap<[u64; 3], u32> = HashMap::with_capacity(part.positions.len());
     for p in &part.positions {
@@ -130,7 +134,8 @@ mod tests {
         let expected = Vec3::new(-(15_f32.to_radians().sin()), 15_f32.to_radians().cos(), 0.0);
         for (p, n) in gentle.positions.iter().zip(&gentle.normals) {
             if p.x == 0.0 {
-                // Three triangles meet at one end of the edge, so the weights differ a little from one half each.
+                // Three triangles meet at one end of the edge, so the weights differ a little from
+                // one half each.
                 assert!(n.dot(expected) > 0.98, "{p} {n}");
             }
         }

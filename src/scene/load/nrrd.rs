@@ -1,8 +1,10 @@
-//! NRRD volumes: raw or gzip, attached or detached, any integer to 32 bits and floats, either byte order.
+//! NRRD volumes: raw or gzip, attached or detached, any integer to 32 bits and floats, either byte
+//! order.
 //!
-//! `space directions` and `space origin` place the file (the origin is the centre of the first voxel). Without directions
-//! `spacings` scale it, or what lies between `axis mins` and `axis maxs`; then the first voxel's centre is at `space origin`,
-//! or follows from `axis mins` or `axis maxs` and `centers` (`cell` if not given), or is at the origin.
+//! `space directions` and `space origin` place the file (the origin is the centre of the first
+//! voxel). Without directions `spacings` scale it, or what lies between `axis mins` and `axis
+//! maxs`; then the first voxel's centre is at `space origin`, or follows from `axis mins` or `axis
+//! maxs` and `centers` (`cell` if not given), or is at the origin.
 
 use super::field::{Array, Field, Number, Samples, byte_length};
 use super::files::{Files, beside};
@@ -250,7 +252,8 @@ impl Header {
         }
     }
 
-    /// The `expected` bytes of samples in `data` from `at`: lines and bytes skipped, decompressed, cut to size.
+    /// The `expected` bytes of samples in `data` from `at`: lines and bytes skipped, decompressed,
+    /// cut to size.
     fn skip(
         &self,
         mut data: Vec<u8>,

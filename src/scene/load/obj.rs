@@ -1,7 +1,9 @@
-//! Wavefront OBJ: polygons cut into fans, vertices split where a corner has another normal or texture coordinate.
+//! Wavefront OBJ: polygons cut into fans, vertices split where a corner has another normal or
+//! texture coordinate.
 //!
-//! Read are `v` (with `w`, or with a linear RGB factor on the albedo), `vt`, `vn`, `f`, `usemtl`, `mtllib`; everything
-//! else is skipped, smoothing groups included. A corner without a normal takes that of its face.
+//! Read are `v` (with `w`, or with a linear RGB factor on the albedo), `vt`, `vn`, `f`, `usemtl`,
+//! `mtllib`; everything else is skipped, smoothing groups included. A corner without a normal takes
+//! that of its face.
 
 use super::super::Material;
 use super::files::{Files, beside};

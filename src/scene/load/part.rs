@@ -1,4 +1,5 @@
-//! A mesh as it comes out of a file: f64 positions, its own materials and textures, nothing dropped yet.
+//! A mesh as it comes out of a file: f64 positions, its own materials and textures, nothing dropped
+//! yet.
 
 use super::super::{Material, Texture};
 use crate::run::memory;
@@ -80,7 +81,8 @@ impl Part {
         self.materials.iter().try_for_each(check_material)
     }
 
-    /// Moves the part. A map that mirrors also turns the triangles round, so that fronts stay fronts.
+    /// Moves the part. A map that mirrors also turns the triangles round, so that fronts stay
+    /// fronts.
     pub(super) fn transform(&mut self, world_from_part: &DAffine3) {
         if *world_from_part == DAffine3::IDENTITY {
             return;

@@ -40,7 +40,8 @@ pub(super) fn from_keys(table: &Table<'_>) -> Result<DAffine3> {
     })
 }
 
-/// About x, then y, then z. By hand: glam's sines are the platform's, and pixels must not depend on that.
+/// About x, then y, then z. By hand: glam's sines are the platform's, and pixels must not depend on
+/// that.
 fn rotation_deg(angle: DVec3) -> DQuat {
     let about = |axis: DVec3, degrees: f64| {
         let (sin, cos) = libm::sincos(0.5 * degrees.to_radians());

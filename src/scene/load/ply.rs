@@ -10,8 +10,9 @@
 //! | | `red green blue` | albedo of the face |
 //! | | `material_index` | entry of the `palette` that the scene file gives; ignored if it gives none |
 //!
-//! Colours in integers are sRGB encoded (255, or 65535 for 16 bits, is 1); colours in floats are linear. Other elements
-//! and properties are skipped. Where a file colours anything, the albedo is 1 times that colour.
+//! Colours in integers are sRGB encoded (255, or 65535 for 16 bits, is 1); colours in floats are
+//! linear. Other elements and properties are skipped. Where a file colours anything, the albedo is
+//! 1 times that colour.
 
 use super::part::{DEFAULT_ALBEDO, MESH, Part, push};
 use super::texture::linear_from_srgb;
@@ -23,7 +24,8 @@ use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{DefaultElement, ElementDef, Encoding, PropertyType, ScalarType};
 use std::collections::HashMap;
 
-/// Reads a PLY file. `palette` holds the albedo of each `material_index`, if the scene file gives one.
+/// Reads a PLY file. `palette` holds the albedo of each `material_index`, if the scene file gives
+/// one.
 pub(super) fn read(content: &[u8], palette: Option<&[[f32; 3]]>, cancel: &Cancel) -> Result<Part> {
     let mut reader = Reader::new(content);
     let header = Parser::<DefaultElement>::new()

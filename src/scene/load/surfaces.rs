@@ -1,4 +1,5 @@
-//! What materials ask for beyond diffuse reflection, which is all that surfaces have: one sentence a file.
+//! What materials ask for beyond diffuse reflection, which is all that surfaces have: one sentence
+//! a file.
 
 use std::collections::BTreeSet;
 

@@ -1,4 +1,5 @@
-//! Typed access to a TOML document that remembers where everything stands, so that every message can name the line.
+//! Typed access to a TOML document that remembers where everything stands, so that every message
+//! can name the line.
 
 use crate::{Error, Result};
 use glam::{DAffine3, DMat4, DVec3};
@@ -312,7 +313,8 @@ impl<'a> Item<'a> {
         array.iter().map(|v| self.color_in(v, high)).collect()
     }
 
-    /// An invertible affine map as a 4x4 matrix: four rows, the last of them 0 0 0 1, for column vectors.
+    /// An invertible affine map as a 4x4 matrix: four rows, the last of them 0 0 0 1, for column
+    /// vectors.
     pub(super) fn affine(&self) -> Result<DAffine3> {
         let what = "a 4x4 matrix: four rows of four numbers";
         let array = self.value.get_ref().as_array();

@@ -1,5 +1,5 @@
-//! Bright patches as lamps: where a few places send much of a frame's light, as where the sun falls into a room, gathers ask them by
-//! rays of their own.
+//! Bright patches as lamps: where a few places send much of a frame's light, as where the sun falls
+//! into a room, gathers ask them by rays of their own.
 
 mod scouts;
 
@@ -23,7 +23,8 @@ impl<'a> BrightLamps<'a> {
     /// Of so many rays of a gather one goes to them.
     const ONE_OF: u32 = 5;
 
-    /// Those of a frame, if scouts find that they send much of its light, and if there is nothing between surfaces for gathers.
+    /// Those of a frame, if scouts find that they send much of its light, and if there is nothing
+    /// between surfaces for gathers.
     pub fn find<P: Pages>(
         view: &View,
         lights: &Lights<'a>,
@@ -54,7 +55,8 @@ impl<'a> BrightLamps<'a> {
         })
     }
 
-    /// Of so many rays of a gather those that are left to look around where there are bright lamps: what they meet differs less.
+    /// Of so many rays of a gather those that are left to look around where there are bright lamps:
+    /// what they meet differs less.
     pub fn other_rays(samples: u32) -> u32 {
         (samples * 3).div_ceil(5)
     }

@@ -1,7 +1,9 @@
-//! Scouts: a few gathers all over the frame, before any other, which tell whether few bright places send much of its light.
+//! Scouts: a few gathers all over the frame, before any other, which tell whether few bright places
+//! send much of its light.
 //!
-//! They stand where the frame's pixels tell, not those of a region, so that tiles agree, and not at the points that those see but
-//! at the middle of what lies around them, so that a camera that hardly moves finds the same.
+//! They stand where the frame's pixels tell, not those of a region, so that tiles agree, and not at
+//! the points that those see but at the middle of what lies around them, so that a camera that
+//! hardly moves finds the same.
 
 use crate::gather::{Crossing, Outgoing, Pages, Seed, Wanted};
 use crate::math::sampling::{self, cosine_hemisphere, sobol2, tangents};
@@ -15,7 +17,8 @@ use rayon::prelude::*;
 const SIDE: u32 = 12;
 /// Rays of each.
 const RAYS: u32 = 24;
-/// What is bright sends so many times the mean of what scouts see: less than one ray in as many meets it.
+/// What is bright sends so many times the mean of what scouts see: less than one ray in as many
+/// meets it.
 const BRIGHT: f32 = 16.0;
 /// Share of the light that scouts see which has to come from there.
 const MUCH: f32 = 0.3;
@@ -30,7 +33,8 @@ pub(super) struct Bright {
 }
 
 impl Bright {
-    /// How many seeds speak for a place that is seen: each ray alone reaches as far as to where others of its scout do.
+    /// How many seeds speak for a place that is seen: each ray alone reaches as far as to where
+    /// others of its scout do.
     pub const SUPPORT: usize = 4;
 }
 
@@ -64,7 +68,8 @@ impl<P: Pages> Scouts<'_, P> {
         })
     }
 
-    /// What the rays of a scout bring, by the mean channel, and where they meet surfaces: those that meet anything.
+    /// What the rays of a scout bring, by the mean channel, and where they meet surfaces: those
+    /// that meet anything.
     fn seen_by(&self, scout: u32) -> Vec<(f32, Option<Seed>)> {
         let Some(surface) = self.stand(scout) else {
             return Vec::new();

@@ -23,8 +23,8 @@ pub(super) struct Node {
 /// What there may be no memory for.
 pub(super) const LATTICE: &str = "the lattice";
 
-/// The gathers of a part of the lattice. A cell is what lies between four of them, and belongs to the first; one with a gather in
-/// its middle, too, is refined.
+/// The gathers of a part of the lattice. A cell is what lies between four of them, and belongs to
+/// the first; one with a gather in its middle, too, is refined.
 #[derive(Debug)]
 pub(super) struct Gathers {
     /// Pixels.
@@ -60,7 +60,8 @@ struct Window {
 impl Window {
     /// So many gathers around a point are taken, along both axes.
     fn new(reach: u32, is_refined: bool) -> Self {
-        /// With one in the middle of each cell there are twice as many, as far apart as half of its diagonal.
+        /// With one in the middle of each cell there are twice as many, as far apart as half of its
+        /// diagonal.
         const WITH_MIDDLES: f32 = std::f32::consts::FRAC_1_SQRT_2;
         Self {
             // So about as many are taken.
@@ -93,7 +94,8 @@ impl Gathers {
         })
     }
 
-    /// Refines the cells that `is_refined` says, which hears the gathers at places: makes room for what is in their middle.
+    /// Refines the cells that `is_refined` says, which hears the gathers at places: makes room for
+    /// what is in their middle.
     ///
     /// # Errors
     /// If there is no memory for it.
@@ -170,7 +172,8 @@ impl Gathers {
         })
     }
 
-    /// Weighted sum of up to `reach` gathers around a pixel, of those that lie on a surface like the one given.
+    /// Weighted sum of up to `reach` gathers around a pixel, of those that lie on a surface like
+    /// the one given.
     pub fn around(
         &self,
         position: Vec3,
@@ -226,7 +229,8 @@ struct Candidates<'a> {
     /// Where on the lattice, in steps.
     at: [f32; 2],
     window: &'a Window,
-    /// Weights but for how far light is carried, squared distances, gathers. Not an array, which would be cleared for each point.
+    /// Weights but for how far light is carried, squared distances, gathers. Not an array, which
+    /// would be cleared for each point.
     found: SmallVec<[(f32, f32, &'a Node); MOST]>,
     /// Sums by how near they are: of one over their harmonic distances, and of one.
     closeness: f32,
@@ -239,7 +243,8 @@ impl<'a> Candidates<'a> {
     /// The least such distance, over that between gathers.
     const LEAST: f32 = 0.7;
 
-    /// Adds a gather that stands at a point of the lattice, if it is in the window and on a surface like that of the mean.
+    /// Adds a gather that stands at a point of the lattice, if it is in the window and on a surface
+    /// like that of the mean.
     #[inline(always)]
     fn add(&mut self, node: &'a Node, [x, y]: [f32; 2]) {
         let alike = node.normal.dot(self.normal);
@@ -264,7 +269,8 @@ impl<'a> Candidates<'a> {
         self.nearness += close;
     }
 
-    /// What the neighbours saw, the nearest above all, tells how far light can be carried to the point.
+    /// What the neighbours saw, the nearest above all, tells how far light can be carried to the
+    /// point.
     fn mean(self) -> Option<Mean> {
         if self.found.is_empty() {
             return None;

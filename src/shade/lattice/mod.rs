@@ -1,10 +1,11 @@
 //! Indirect light on surfaces, gathered at few pixels and spread to all.
 //!
-//! Gathers stand at the pixels whose coordinates are multiples of the spacing: a lattice of the whole frame, which no
-//! tile can move, so that merged tiles equal the frame. Where light may change within less than that, by the harmonic distance of
-//! what was seen (Ward & Heckbert 1992), others stand between them. Each gather is averaged with those around it, and a surface
-//! point then averages the lattice around it, weighted by how alike normal and plane are and by distance over that harmonic
-//! distance.
+//! Gathers stand at the pixels whose coordinates are multiples of the spacing: a lattice of the
+//! whole frame, which no tile can move, so that merged tiles equal the frame. Where light may
+//! change within less than that, by the harmonic distance of what was seen (Ward & Heckbert 1992),
+//! others stand between them. Each gather is averaged with those around it, and a surface point
+//! then averages the lattice around it, weighted by how alike normal and plane are and by distance
+//! over that harmonic distance.
 
 mod area;
 mod gathers;
@@ -38,8 +39,8 @@ impl Lattice {
     pub fn bytes(region: Region, step: u32, film: [u32; 2]) -> u64 {
         let gathered = Area::around(region, step, Self::REACH + Self::SMOOTH, film);
         let smoothed = Area::around(region, step, Self::REACH, film);
-        // Lists of gathers, of which those at the border of the area have room for as many as the others, and then the
-        // nodes that are made of them.
+        // Lists of gathers, of which those at the border of the area have room for as many as the
+        // others, and then the nodes that are made of them.
         let [columns, rows] = gathered.squares_along(Self::SIDE);
         let squares = u64::from(columns.end - columns.start) * u64::from(rows.end - rows.start);
         let gather = u64::from(Self::SIDE * Self::SIDE) * size_of::<(usize, Node)>() as u64;
@@ -124,7 +125,8 @@ impl Lattice {
         self.0.step
     }
 
-    /// Irradiance at a surface seen by pixel (x, y); `None` if the lattice around it saw nothing like it.
+    /// Irradiance at a surface seen by pixel (x, y); `None` if the lattice around it saw nothing
+    /// like it.
     #[must_use]
     pub fn irradiance(&self, surface: &Surface, x: u32, y: u32) -> Option<Rgb> {
         let mean = (self.0).around(surface.position, surface.normal, [x, y], Self::REACH)?;
@@ -151,13 +153,16 @@ struct Receivers<'a, 'g, P, M> {
 }
 
 impl<P: Pages, M: Medium> Receivers<'_, '_, P, M> {
-    /// Harmonic distance below which light may change within a step, over the length of that on the surface. Gathers are carried
-    /// a quarter of that distance, and no less than 0.7 steps: half as far as those at which a cell is refined ask for.
+    /// Harmonic distance below which light may change within a step, over the length of that on the
+    /// surface. Gathers are carried a quarter of that distance, and no less than 0.7 steps: half as
+    /// far as those at which a cell is refined ask for.
     const TIGHT: f32 = 1.4;
-    /// The least cosine by which a step is taken to be longer where the camera looks along a surface.
+    /// The least cosine by which a step is taken to be longer where the camera looks along a
+    /// surface.
     const GRAZING: f32 = 0.2;
 
-    /// The gathers of the wanted places of an area, square by square, and the numbers of those places.
+    /// The gathers of the wanted places of an area, square by square, and the numbers of those
+    /// places.
     fn gather(
         &self,
         area: &Area,
@@ -168,7 +173,8 @@ impl<P: Pages, M: Medium> Receivers<'_, '_, P, M> {
             .into_par_iter()
             .map(|square| {
                 self.cancel.check()?;
-                // How many stand in the middle of cells was not known when the task was told its length.
+                // How many stand in the middle of cells was not known when the task was told its
+                // length.
                 if stand == Stand::Place {
                     self.task.add(u64::from(Lattice::SIDE * Lattice::SIDE));
                 }
@@ -215,7 +221,8 @@ impl<P: Pages, M: Medium> Receivers<'_, '_, P, M> {
         nodes
     }
 
-    /// The surface that a place of the lattice sees, or the middle of its cell, and a gather there that has no light yet.
+    /// The surface that a place of the lattice sees, or the middle of its cell, and a gather there
+    /// that has no light yet.
     fn seen_at(&self, place: [u32; 2], stand: Stand) -> Option<(Surface, Node)> {
         let view = self.gatherer.view;
         let offset = match stand {

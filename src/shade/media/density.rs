@@ -1,15 +1,17 @@
-//! How dense all media together are in the bricks of one volume: light in a haze changes as fast as in the cloud that stands
-//! in it.
+//! How dense all media together are in the bricks of one volume: light in a haze changes as fast as
+//! in the cloud that stands in it.
 
 use super::bricks::{BrickTable, brick_around};
 use crate::scene::Volume;
 use crate::scene::grid::BRICK_CELLS;
 use glam::Vec3;
 
-/// How fast light in each brick of a volume may change, as an extinction per scene unit; 0 where the volume is empty.
+/// How fast light in each brick of a volume may change, as an extinction per scene unit; 0 where
+/// the volume is empty.
 ///
-/// It is the geometric mean of the extinctions of the volume and of all media together: an error of the light that
-/// one medium scatters matters by its share of all extinction, and goes by the square of the depth between vertices.
+/// It is the geometric mean of the extinctions of the volume and of all media together: an error of
+/// the light that one medium scatters matters by its share of all extinction, and goes by the
+/// square of the depth between vertices.
 #[derive(Debug)]
 pub struct Densities(BrickTable<f32>);
 

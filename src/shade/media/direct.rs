@@ -68,7 +68,8 @@ impl Parts {
     }
 }
 
-/// Whether light differs by more between vertices of a thin brick than anything but a surface explains.
+/// Whether light differs by more between vertices of a thin brick than anything but a surface
+/// explains.
 pub fn has_edge(values: &[Parts; 8], weights: &[f32; 8]) -> bool {
     const SHADOW: f32 = 2.0;
     let (least, most) = extremes(values, weights, |v| v.light);
@@ -79,7 +80,8 @@ pub fn has_edge(values: &[Parts; 8], weights: &[f32; 8]) -> bool {
 /// How a value differs between the vertices around a point.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Spread {
-    /// The largest over the smallest; 0 if there is no light at one of them: that a surface hides it is no matter of depth.
+    /// The largest over the smallest; 0 if there is no light at one of them: that a surface hides
+    /// it is no matter of depth.
     pub ratio: f32,
     mean: f32,
 }
@@ -102,10 +104,11 @@ impl Spread {
         })
     }
 
-    /// Light between vertices, if it falls exponentially, over what it is by linear interpolation: at most 1. Absorption over
-    /// `depth`, the optical depth between two vertices, explains a fall down to a limit; a larger difference between vertices
-    /// is the edge of a shadow or of another medium, which the factor leaves alone. `mean_ln` is the logarithm of light that
-    /// falls exponentially.
+    /// Light between vertices, if it falls exponentially, over what it is by linear interpolation:
+    /// at most 1. Absorption over `depth`, the optical depth between two vertices, explains a fall
+    /// down to a limit; a larger difference between vertices is the edge of a shadow or of another
+    /// medium, which the factor leaves alone. `mean_ln` is the logarithm of light that falls
+    /// exponentially.
     pub fn fall(self, depth: f32, mean_ln: impl Fn() -> f32) -> f32 {
         if self.ratio <= Self::LINEAR {
             return 1.0;
@@ -124,7 +127,8 @@ mod tests {
     use crate::shade::media::vertices::blend;
     use glam::Vec3;
 
-    /// Light at the corners of a cube of this edge, some of it from lamps, and their weights for a point of it.
+    /// Light at the corners of a cube of this edge, some of it from lamps, and their weights for a
+    /// point of it.
     fn around(edge: f32, point: [f32; 3], light: impl Fn(Vec3) -> f32) -> ([Parts; 8], [f32; 8]) {
         let corner = |i: usize| std::array::from_fn(|a| (i >> a & 1) as f32);
         let values = std::array::from_fn(|i| {

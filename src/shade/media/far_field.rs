@@ -1,5 +1,6 @@
-//! What the surfaces around a medium send into it, by direction: smooth in space where they are far away, so that a few
-//! probes tell it for all points of the medium, which then look through the medium only.
+//! What the surfaces around a medium send into it, by direction: smooth in space where they are far
+//! away, so that a few probes tell it for all points of the medium, which then look through the
+//! medium only.
 
 use super::vertices::{Vertices, inside};
 use crate::gather::{Gatherer, Medium, NoMedia, Pages};
@@ -13,10 +14,12 @@ use std::ops::{AddAssign, Mul};
 #[derive(Debug)]
 pub struct FarField {
     probes: Vertices<Probe>,
-    /// Cells of the sphere, all of one solid angle: rings by the height, and sectors of each. Each is cut into four.
+    /// Cells of the sphere, all of one solid angle: rings by the height, and sectors of each. Each
+    /// is cut into four.
     rings: u32,
     sectors: u32,
-    /// Distance to surfaces, as a harmonic mean over the sphere, from which a probe stands for points near it.
+    /// Distance to surfaces, as a harmonic mean over the sphere, from which a probe stands for
+    /// points near it.
     clear: f32,
     /// Key of the probes' rays.
     seed: u64,
@@ -43,7 +46,8 @@ struct Quarter {
 pub struct Surroundings<'a>([(Option<&'a Probe>, f32); 8]);
 
 impl Surroundings<'_> {
-    /// Sum over quarters in a row, from `first` on, of the radiance of surfaces through what is before them.
+    /// Sum over quarters in a row, from `first` on, of the radiance of surfaces through what is
+    /// before them.
     #[must_use]
     pub fn radiance_through(&self, first: u32, transmittances: &[f32]) -> Rgb {
         let mut sum = Rgb::BLACK;
@@ -100,7 +104,8 @@ impl FarField {
     /// Cells of the sphere, at most: what is far away needs no more.
     const CELLS: u32 = 64;
 
-    /// No probe yet. A point of the medium is to look along about `samples` directions. Volumes differ in their `seed`.
+    /// No probe yet. A point of the medium is to look along about `samples` directions. Volumes
+    /// differ in their `seed`.
     pub fn new(volume: &Volume, samples: u32, seed: u64) -> Self {
         let samples = samples.min(Self::CELLS);
         let rings = 1 << (samples.max(1).ilog2() / 2);
@@ -156,7 +161,8 @@ impl FarField {
         Some(Surroundings(near))
     }
 
-    /// Mean over the sphere of the radiance at a point of the medium; `None` if surfaces are too near for probes.
+    /// Mean over the sphere of the radiance at a point of the medium; `None` if surfaces are too
+    /// near for probes.
     pub fn mean_radiance<P: Pages, M: Medium>(
         &self,
         volume: &Volume,
@@ -261,10 +267,11 @@ impl FarField {
     }
 }
 
-/// Points of which each cell of a grid over the unit square has one, and so has each of as many strips of the square along
-/// either axis: correlated multi-jittered samples (Kensler 2013).
+/// Points of which each cell of a grid over the unit square has one, and so has each of as many
+/// strips of the square along either axis: correlated multi-jittered samples (Kensler 2013).
 struct MultiJitter {
-    /// By row, the part of its cells along the second axis in which its points are; by column, along the first.
+    /// By row, the part of its cells along the second axis in which its points are; by column,
+    /// along the first.
     part_of_row: Vec<f32>,
     part_of_column: Vec<f32>,
 }

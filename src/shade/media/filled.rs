@@ -15,7 +15,8 @@ pub fn around(cell: [usize; 3], count: [usize; 3]) -> impl Iterator<Item = [usiz
     (0..8).map(move |i| std::array::from_fn(|a| (cell[a] + (i >> a & 1)).min(count[a] - 1)))
 }
 
-/// The cells of a lattice, `step` voxels wide, in which bricks of the grid have a cell that matters; some of them twice.
+/// The cells of a lattice, `step` voxels wide, in which bricks of the grid have a cell that
+/// matters; some of them twice.
 pub fn cells(
     grid: &Grid,
     bricks: &[[usize; 3]],

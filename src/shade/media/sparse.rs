@@ -50,7 +50,8 @@ impl SparseLattice {
         set
     }
 
-    /// The cubes that hold any: their place among cubes, a bit for each vertex, and the number of the first.
+    /// The cubes that hold any: their place among cubes, a bit for each vertex, and the number of
+    /// the first.
     pub fn cubes(&self) -> impl Iterator<Item = ([usize; 3], u64, usize)> {
         let cubes = self.cubes.iter().enumerate().filter(|(_, c)| c.chosen != 0);
         cubes.map(|(i, c)| (unflatten(i, self.cubes_along), c.chosen, c.first as usize))

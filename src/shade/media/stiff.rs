@@ -1,5 +1,5 @@
-//! Light around a point in a medium so dense that rays end within a voxel of it, where nothing that is stored by voxels
-//! tells how light changes.
+//! Light around a point in a medium so dense that rays end within a voxel of it, where nothing that
+//! is stored by voxels tells how light changes.
 
 use crate::gather::{Gatherer, NoMedia, Pages, cone};
 use crate::light::{Lights, ShadowRays};
@@ -9,8 +9,9 @@ use crate::math::{Rgb, sampling};
 use crate::scene::Volume;
 use glam::Vec3;
 
-/// Mean over the sphere of the light from surfaces and media: along each ray one point of the media is lit for all of them,
-/// chosen by the share of the ray's light that comes from there, and the surface behind is seen through what they leave.
+/// Mean over the sphere of the light from surfaces and media: along each ray one point of the media
+/// is lit for all of them, chosen by the share of the ray's light that comes from there, and the
+/// surface behind is seen through what they leave.
 pub fn mean_radiance<P: Pages>(
     volumes: &[Volume],
     lights: &Lights,

@@ -24,7 +24,8 @@ pub struct Made {
     pub indirect: sweep::Levels,
 }
 
-/// Light at vertices of one volume, as it was kept. A part is decoded when a ray first asks for one of its vertices.
+/// Light at vertices of one volume, as it was kept. A part is decoded when a ray first asks for one
+/// of its vertices.
 #[derive(Debug)]
 pub struct Lit<'a> {
     scatter: &'a Scatter<MappedFile>,
@@ -54,7 +55,8 @@ struct Values<T> {
 const CUBES: usize = PART_EDGE / VERTEX_CUBE;
 
 impl<'a> Lit<'a> {
-    /// Finds what may matter of a volume, by its number in the scene, which must be that of the file, and checks its bytes.
+    /// Finds what may matter of a volume, by its number in the scene, which must be that of the
+    /// file, and checks its bytes.
     ///
     /// # Errors
     /// Damage; if cancelled.
@@ -257,7 +259,8 @@ fn write(kind: BlockKind, parts: Parts, writer: &mut ScatterWriter) -> Result<()
     Ok(())
 }
 
-/// Light to 12 bits behind the binary point, off by 2^-13 at most: what it has of noise is more, and zeros take no space.
+/// Light to 12 bits behind the binary point, off by 2^-13 at most: what it has of noise is more,
+/// and zeros take no space.
 fn rounded(light: Rgb) -> [f32; 3] {
     const DROPPED: u32 = 23 - 12;
     light.0.map(|v| {

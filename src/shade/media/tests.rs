@@ -332,7 +332,8 @@ fn sweeps_beyond_the_memory_limit_are_refused_before_they_begin() {
 
 #[test]
 fn what_a_sweep_takes_is_also_that_of_its_rays() {
-    // Two specks at opposite corners: few vertices, but four rows of rays are held in 257 layers, in eight directions.
+    // Two specks at opposite corners: few vertices, but four rows of rays are held in 257 layers,
+    // in eight directions.
     const FAR: usize = 256;
     let mut scene = haze(1.0);
     let is_speck = |v: [usize; 3]| v == [0; 3] || v == [FAR - 1; 3];
@@ -488,7 +489,8 @@ fn light_all(around: &Around, job: &Job) -> crate::Result<Vec<super::Made>> {
 
 #[test]
 fn what_is_lit_beforehand_is_what_any_ray_asks_for() {
-    // Near surfaces let no probe stand for them: vertices gather for themselves then, before any ray does.
+    // Near surfaces let no probe stand for them: vertices gather for themselves then, before any
+    // ray does.
     for distance in [f32::INFINITY, 0.5] {
         let around = Around::at(distance);
         let lit = light_all(&around, &Job::default()).unwrap().remove(0);

@@ -8,8 +8,8 @@ use wide::{f32x4, f32x8};
 
 const BRICK: usize = 8;
 
-/// Voxels that vertices and probes keep from the border of their volume: there may be a floor or a lamp in its plane, of which
-/// they would see either side.
+/// Voxels that vertices and probes keep from the border of their volume: there may be a floor or a
+/// lamp in its plane, of which they would see either side.
 pub const INSIDE: f32 = 0.1;
 
 /// A point of a volume's index space in the scene, [`INSIDE`] its border.
@@ -82,7 +82,8 @@ impl<T> Vertices<T> {
     }
 }
 
-/// The vertices at the corners of a cell around a point: bit `a` of a corner's number tells its end along axis `a`.
+/// The vertices at the corners of a cell around a point: bit `a` of a corner's number tells its end
+/// along axis `a`.
 #[derive(Clone, Copy, Debug)]
 pub struct Around {
     first: [usize; 3],
@@ -104,7 +105,8 @@ impl Around {
     }
 }
 
-/// The values at the cube of vertices that was asked for last: points in a row on a ray often lie in one, or in the next.
+/// The values at the cube of vertices that was asked for last: points in a row on a ray often lie
+/// in one, or in the next.
 #[derive(Debug, Default)]
 pub struct Cube<K, T> {
     /// Whose values they are, and the first vertex.
@@ -117,8 +119,8 @@ pub struct Cube<K, T> {
 }
 
 impl<K: Copy + PartialEq, T: Copy> Cube<K, T> {
-    /// The values at vertices; `find` finds those that are not known, but for those of weight 0. Values that may differ at a
-    /// vertex have another key.
+    /// The values at vertices; `find` finds those that are not known, but for those of weight 0.
+    /// Values that may differ at a vertex have another key.
     #[inline]
     pub fn values(&mut self, key: K, around: &Around, find: impl Fn([usize; 3]) -> T) -> &[T; 8] {
         if self.of != Some((key, around.first)) {
@@ -176,8 +178,8 @@ impl<K: Copy + PartialEq, T: Copy> Cube<K, T> {
         &self.values
     }
 
-    /// The weights of vertices, but none of those that are hidden, with the same sum; `None` if all are. What hides is asked of
-    /// the vertices once, from where the ray first needs to know.
+    /// The weights of vertices, but none of those that are hidden, with the same sum; `None` if all
+    /// are. What hides is asked of the vertices once, from where the ray first needs to know.
     pub fn unhidden(
         &mut self,
         around: &Around,
@@ -252,7 +254,8 @@ macro_rules! lanes {
 
 lanes!(f32x4, f32x8);
 
-/// The smallest and the largest that values of some weight have in each place, which are not below 0.
+/// The smallest and the largest that values of some weight have in each place, which are not below
+/// 0.
 #[inline]
 pub fn extremes<T, V: Lanes>(values: &[T; 8], weights: &[f32; 8], of: impl Fn(&T) -> V) -> (V, V) {
     let (mut least, mut most) = (V::splat(f32::INFINITY), V::splat(0.0));

@@ -13,8 +13,9 @@ use crate::shade::air::Air;
 use crate::shade::aov::Part;
 use rayon::prelude::*;
 
-/// Width and height of the blocks that threads take, pixels: what blocks need around them is a smaller share of large ones, and
-/// small ones share out the work better where there are few. Rows of wide ones would not stay in the processor's cache.
+/// Width and height of the blocks that threads take, pixels: what blocks need around them is a
+/// smaller share of large ones, and small ones share out the work better where there are few. Rows
+/// of wide ones would not stay in the processor's cache.
 const BLOCKS: [[u32; 2]; 3] = [[128, 256], [128, 128], [64, 64]];
 /// Blocks for each thread, at least, for them to be larger than the smallest.
 const ENOUGH: usize = 4;

@@ -1,7 +1,7 @@
 //! Emissive triangles as pixels see them: how much of a pixel each covers, in closed form.
 //!
-//! Rays through a pixel miss a lamp that covers little of it, however bright that is. Here lamps are projected onto the film,
-//! and rays only tell what stands before them.
+//! Rays through a pixel miss a lamp that covers little of it, however bright that is. Here lamps
+//! are projected onto the film, and rays only tell what stands before them.
 
 use crate::Result;
 use crate::image::Region;
@@ -31,12 +31,14 @@ pub struct EmitterBorders {
     has_entries: Vec<u64>,
 }
 
-/// A convex polygon of the film: a triangle cut by the plane of the camera and by the four sides of a pixel.
+/// A convex polygon of the film: a triangle cut by the plane of the camera and by the four sides of
+/// a pixel.
 #[derive(Clone, Copy, Debug)]
 struct Polygon {
     corners: [DVec2; Self::MOST],
     len: usize,
-    /// Index of the edge, by its first corner, that is no border of the triangle but where it was cut near the camera's plane.
+    /// Index of the edge, by its first corner, that is no border of the triangle but where it was
+    /// cut near the camera's plane.
     near_edge: Option<usize>,
 }
 
@@ -47,8 +49,8 @@ fn place(region: Region, x: u32, y: u32) -> u32 {
 }
 
 impl EmitterBorders {
-    /// Projects all emissive triangles that shine towards the camera. So many `rays` will tell what is before the part of one
-    /// that is in a pixel.
+    /// Projects all emissive triangles that shine towards the camera. So many `rays` will tell what
+    /// is before the part of one that is in a pixel.
     ///
     /// # Errors
     /// If cancelled, or if there is no memory for them.
@@ -196,10 +198,12 @@ impl Polygon {
         &self.corners[..self.len]
     }
 
-    /// A triangle of the scene on the film, pixels from its top left; `None` if all of it is behind the camera.
+    /// A triangle of the scene on the film, pixels from its top left; `None` if all of it is behind
+    /// the camera.
     fn of(view: &View, corners: [Vec3; 3]) -> Option<Self> {
         let local = corners.map(|c| view.local(c));
-        // Depth in front of the camera, and a small one to cut at: so large that the film's coordinates keep their digits.
+        // Depth in front of the camera, and a small one to cut at: so large that the film's
+        // coordinates keep their digits.
         let near = 1e-6 * local.iter().map(|p| p.length()).fold(0.0, f64::max);
         let mut out = Self::empty();
         for i in 0..3 {
@@ -226,8 +230,8 @@ impl Polygon {
             })
     }
 
-    /// Whether it covers some of a pixel, and not all. Where it is cut near the camera's plane it says no: what lies beyond the
-    /// cut is for rays to find.
+    /// Whether it covers some of a pixel, and not all. Where it is cut near the camera's plane it
+    /// says no: what lies beyond the cut is for rays to find.
     fn has_border_in(&self, x: u32, y: u32) -> bool {
         let (low, high) = pixel(x, y);
         let middle = 0.5 * (low + high);

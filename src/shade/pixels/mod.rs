@@ -1,4 +1,5 @@
-//! From primary rays to pixels: samples at their corners, which neighbours share, and of their own where those disagree.
+//! From primary rays to pixels: samples at their corners, which neighbours share, and of their own
+//! where those disagree.
 
 mod blocks;
 mod corners;

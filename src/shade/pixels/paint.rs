@@ -1,4 +1,5 @@
-//! What surfaces are painted with, over a pixel: textures change within it, light on one piece of surface hardly does.
+//! What surfaces are painted with, over a pixel: textures change within it, light on one piece of
+//! surface hardly does.
 
 use super::pattern::Pattern;
 use super::sample::Sample;
@@ -10,8 +11,9 @@ use crate::trace::{Surface, weights_in_triangle};
 use glam::Vec3;
 
 impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
-    /// Mean albedo of pixel (x, y), whose corners (upper left, upper right, lower left, lower right) are on one piece of surface;
-    /// `None` where those corners tell it. As many points inside are looked at as edges take samples, without their light.
+    /// Mean albedo of pixel (x, y), whose corners (upper left, upper right, lower left, lower
+    /// right) are on one piece of surface; `None` where those corners tell it. As many points
+    /// inside are looked at as edges take samples, without their light.
     pub fn paint(&self, x: u32, y: u32, corners: [&Sample<A::Passed>; 4]) -> Option<Rgb> {
         let scene = self.view.tracer.scene;
         if scene.textures.is_empty() && scene.mesh.colors.is_empty() {

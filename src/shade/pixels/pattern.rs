@@ -2,8 +2,8 @@
 
 use crate::math::sampling;
 
-/// Points of a pixel's square that join its corners: together they tell, with few rays, how much of it lies on either side
-/// of an edge.
+/// Points of a pixel's square that join its corners: together they tell, with few rays, how much of
+/// it lies on either side of an edge.
 #[derive(Clone, Copy, Debug)]
 pub struct Pattern {
     count: u32,
@@ -11,7 +11,8 @@ pub struct Pattern {
 }
 
 impl Pattern {
-    /// Weight of a corner beside a point inside, about what least squares over edges give for any number of points.
+    /// Weight of a corner beside a point inside, about what least squares over edges give for any
+    /// number of points.
     const CORNER: f32 = 0.75;
 
     /// So many points, of a pixel with this key.
@@ -20,7 +21,8 @@ impl Pattern {
         Self { count, key }
     }
 
-    /// Weight of each corner, where that of a point inside is 1. Points that were not made for it do without.
+    /// Weight of each corner, where that of a point inside is 1. Points that were not made for it
+    /// do without.
     #[must_use]
     pub fn corner_weight(&self) -> f32 {
         if self.is_kept() { Self::CORNER } else { 0.0 }
@@ -45,9 +47,10 @@ impl Pattern {
     }
 }
 
-/// Points whose first few, for any number of them, have with the corners a small root mean square error of the share of the
-/// square on one side of a line: found by random descent from the R2 sequence (Roberts 2018), over lines through uniform
-/// points of the square, four in ten of them nearly along its sides, as edges of buildings often are.
+/// Points whose first few, for any number of them, have with the corners a small root mean square
+/// error of the share of the square on one side of a line: found by random descent from the R2
+/// sequence (Roberts 2018), over lines through uniform points of the square, four in ten of them
+/// nearly along its sides, as edges of buildings often are.
 #[rustfmt::skip]
 const POINTS: [[f32; 2]; 64] = [
     [0.7473, 0.7550],
@@ -120,7 +123,8 @@ const POINTS: [[f32; 2]; 64] = [
 mod tests {
     use super::*;
 
-    /// Root mean square error of the share of the square on one side of a line, over lines at all angles.
+    /// Root mean square error of the share of the square on one side of a line, over lines at all
+    /// angles.
     fn error_at_edges(points: impl Fn(u64) -> Vec<([f32; 2], f32)>) -> f32 {
         const LINES: u64 = 2000;
         const GRID: u32 = 64;

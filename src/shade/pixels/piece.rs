@@ -4,7 +4,8 @@ use crate::light::Arrival;
 use crate::math::Rgb;
 use crate::trace::Surface;
 
-/// A smooth piece of surface in a pixel, whose samples share their indirect light and their shadow rays.
+/// A smooth piece of surface in a pixel, whose samples share their indirect light and their shadow
+/// rays.
 pub struct Piece {
     /// A point of it.
     pub surface: Surface,

@@ -16,7 +16,8 @@ pub struct Pixel {
     pub depth: f32,
     /// Mean shading normal in scene space, of unit length; 0 if no ray hit.
     pub normal: Vec3,
-    /// Whether the border of an emissive triangle runs through it, so that its light is told in closed form.
+    /// Whether the border of an emissive triangle runs through it, so that its light is told in
+    /// closed form.
     pub has_emitter_border: bool,
 }
 

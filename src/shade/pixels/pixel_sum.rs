@@ -32,8 +32,8 @@ impl PixelSum {
         self.at
     }
 
-    /// Adds a sample that hit a surface `t` away: the direct and indirect radiance that comes from there through media,
-    /// and theirs.
+    /// Adds a sample that hit a surface `t` away: the direct and indirect radiance that comes from
+    /// there through media, and theirs.
     pub fn add_hit(
         &mut self,
         weight: f32,
@@ -49,7 +49,8 @@ impl PixelSum {
         self.add_miss(weight, direct, passed);
     }
 
-    /// Adds a sample that hit nothing: the radiance that comes from there through media, and theirs.
+    /// Adds a sample that hit nothing: the radiance that comes from there through media, and
+    /// theirs.
     pub fn add_miss<T: Passed>(&mut self, weight: f32, direct: Rgb, passed: &T) {
         self.sum.direct += direct * weight;
         if !T::IS_VACUUM {

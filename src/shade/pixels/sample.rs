@@ -37,8 +37,8 @@ impl<T: Passed> Sample<T> {
         self
     }
 
-    /// Where a ray between some others would end, if all of those end on one smooth triangle of one albedo; light and media not
-    /// yet looked for.
+    /// Where a ray between some others would end, if all of those end on one smooth triangle of one
+    /// albedo; light and media not yet looked for.
     pub fn amid<const N: usize>(around: [&Self; N]) -> Option<Self> {
         let first = around[0];
         let like = first.lit_surface()?;
@@ -82,7 +82,8 @@ pub struct SampleCounts {
     pub corner_spacing: u32,
     /// Taken where those disagree.
     pub edge: u32,
-    /// Shadow rays to lights with an extent, at each of those; shared corners take a number of their own.
+    /// Shadow rays to lights with an extent, at each of those; shared corners take a number of
+    /// their own.
     pub shadow: u32,
     /// Gather rays of each vertex in media.
     pub volume: u32,

@@ -1,5 +1,5 @@
-//! One pixel from samples of its own: primary visibility, direct light, the media before it, and where indirect light
-//! is looked up.
+//! One pixel from samples of its own: primary visibility, direct light, the media before it, and
+//! where indirect light is looked up.
 
 use super::emitter_borders::EmitterBorders;
 use super::pattern::Pattern;
@@ -58,8 +58,9 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
         self.resolve(samples.iter().map(|s| (1.0, s)), &mut Vec::new(), x, y)
     }
 
-    /// Shades pixel (x, y) by the larger number of samples inside it and by its corners, given what is known of it: the
-    /// samples at those, with their media passed, and pieces of surface with their indirect light.
+    /// Shades pixel (x, y) by the larger number of samples inside it and by its corners, given what
+    /// is known of it: the samples at those, with their media passed, and pieces of surface with
+    /// their indirect light.
     #[must_use]
     pub fn refine(
         &self,
@@ -125,8 +126,8 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
         }
     }
 
-    /// Marches the media before some samples. Where `smooth` says so, those take what the known ones on their piece of
-    /// surface passed, on average.
+    /// Marches the media before some samples. Where `smooth` says so, those take what the known
+    /// ones on their piece of surface passed, on average.
     fn pass_media<'s>(
         &self,
         known: impl Iterator<Item = &'s Sample<A::Passed>> + Clone,
@@ -184,7 +185,8 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
             && (a.position - b.position).dot(b.face_normal).abs() < 0.5 * footprint
     }
 
-    /// Whether two points on one piece of surface, seen from `t` away, see lights under nearly the same angles.
+    /// Whether two points on one piece of surface, seen from `t` away, see lights under nearly the
+    /// same angles.
     pub fn is_lit_alike(&self, a: &Surface, b: &Surface, t: f32) -> bool {
         a.faces_as(b) && self.same_piece(a, b, t)
     }

@@ -15,8 +15,8 @@ use std::convert::Infallible;
 use std::ops::Range;
 use wide::f32x8;
 
-/// Levels of nodes that follow the hierarchy of two children a node. What is below them, as in a long chain of triangles each of which
-/// is half as large as the one before, gets one box.
+/// Levels of nodes that follow the hierarchy of two children a node. What is below them, as in a
+/// long chain of triangles each of which is half as large as the one before, gets one box.
 const LEVELS: usize = (MOST_ENTRIES - 1) / (WIDTH - 1) - LEVELS_IN_ONE_BOX;
 /// Levels of nodes over all the blocks that a mesh can have.
 const LEVELS_IN_ONE_BOX: usize = 8;
@@ -33,12 +33,14 @@ impl TriangleBvh {
     /// As [`TriangleBvh::new`], but stops on request.
     ///
     /// # Errors
-    /// If cancelled; a thread may be busy with what was begun until that is done. If no thread can be had.
+    /// If cancelled; a thread may be busy with what was begun until that is done. If no thread can
+    /// be had.
     pub fn new_until(mesh: &Mesh, cancel: &Cancel) -> Result<Self> {
         Self::over(mesh, |t| two_wide_until(t, cancel), || cancel.check())
     }
 
-    /// The hierarchy of what is made of all triangles; `go_on` is asked at each node, and ends it with its error.
+    /// The hierarchy of what is made of all triangles; `go_on` is asked at each node, and ends it
+    /// with its error.
     fn over<E>(
         mesh: &Mesh,
         two_wide: impl FnOnce(Vec<Triangle>) -> Result<Bvh2, E>,
@@ -61,7 +63,8 @@ impl TriangleBvh {
 
     /// Takes over a hierarchy that is two wide.
     ///
-    /// Each level leaves all but one child of a node to be visited later, which is what [`MOST_ENTRIES`] have room for.
+    /// Each level leaves all but one child of a node to be visited later, which is what
+    /// [`MOST_ENTRIES`] have room for.
     fn add<E>(
         &mut self,
         mesh: &Mesh,
@@ -118,7 +121,8 @@ impl TriangleBvh {
         Ok(())
     }
 
-    /// Blocks that follow each other, in one box: a leaf, or a node over as many of them as it takes.
+    /// Blocks that follow each other, in one box: a leaf, or a node over as many of them as it
+    /// takes.
     fn child_of(&mut self, blocks: Range<usize>, bounds: (Vec3A, Vec3A)) -> Child {
         if blocks.len() <= Child::MOST_BLOCKS {
             return Child::leaf(blocks.start, blocks.len());

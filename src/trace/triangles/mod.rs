@@ -1,7 +1,9 @@
-//! Watertight ray casting (Woop, Benthin & Wald 2013): triangles four at a time, in a hierarchy eight wide.
+//! Watertight ray casting (Woop, Benthin & Wald 2013): triangles four at a time, in a hierarchy
+//! eight wide.
 //!
-//! `obvhs` builds the hierarchy. Its own traversal is slower (`cargo bench --bench rays`), leaks at edges that triangles share,
-//! and passes over boxes that end less than 1e-4 units from the ray's origin.
+//! `obvhs` builds the hierarchy. Its own traversal is slower (`cargo bench --bench rays`), leaks at
+//! edges that triangles share, and passes over boxes that end less than 1e-4 units from the ray's
+//! origin.
 
 mod build;
 mod packet;
@@ -20,15 +22,17 @@ use wide::f32x8;
 pub struct TriangleBvh {
     nodes: Vec<Node>,
     blocks: Vec<Block>,
-    /// Boxes and blocks are this many times larger than the mesh: a power of two, so that it changes no digit, and so large
-    /// or small that no product of coordinates leaves the range of f32.
+    /// Boxes and blocks are this many times larger than the mesh: a power of two, so that it
+    /// changes no digit, and so large or small that no product of coordinates leaves the range of
+    /// f32.
     scale: f32,
 }
 
 /// Children of a node.
 const WIDTH: usize = 8;
 
-/// Boxes of up to eight children, by plane: lower x, y, z, upper x, y, z. Those of absent ones end before they begin.
+/// Boxes of up to eight children, by plane: lower x, y, z, upper x, y, z. Those of absent ones end
+/// before they begin.
 #[derive(Clone, Debug, Default)]
 struct Node {
     planes: [f32x8; 6],
@@ -48,8 +52,9 @@ impl Child {
         Self(index as u32)
     }
 
-    /// A leaf of at least one block and at most [`Self::MOST_BLOCKS`]. There are no more blocks than triangles, and of those no
-    /// scene has more than the bits of `first` tell, [`Mesh::MOST_TRIANGLES`].
+    /// A leaf of at least one block and at most [`Self::MOST_BLOCKS`]. There are no more blocks
+    /// than triangles, and of those no scene has more than the bits of `first` tell,
+    /// [`Mesh::MOST_TRIANGLES`].
     fn leaf(first: usize, count: usize) -> Self {
         const { assert!(Mesh::MOST_TRIANGLES <= 1 << Self::COUNT_SHIFT) };
         Self(Self::LEAF | (count as u32 - 1) << Self::COUNT_SHIFT | first as u32)
@@ -99,7 +104,8 @@ impl TriangleBvh {
         hit
     }
 
-    /// Gives `visit` the blocks along a ray, the nearest first, while it says so. It may shorten the ray.
+    /// Gives `visit` the blocks along a ray, the nearest first, while it says so. It may shorten
+    /// the ray.
     #[inline]
     fn visit(
         &self,
@@ -167,7 +173,8 @@ impl Nearest {
         }
     }
 
-    /// Takes the nearest of a block's hits if it is nearer, or as near and of a triangle that comes before.
+    /// Takes the nearest of a block's hits if it is nearer, or as near and of a triangle that comes
+    /// before.
     #[inline(always)]
     fn meet(&mut self, block: &Block, sheared: &ShearedRay) {
         let met = sheared.meet(block);

@@ -1,4 +1,5 @@
-//! Rays that go much the same way, traced together: they share what they visit (Wald, Slusallek, Benthin & Wagner 2001).
+//! Rays that go much the same way, traced together: they share what they visit (Wald, Slusallek,
+//! Benthin & Wagner 2001).
 
 use super::ray::{Ray, Stack, push_sorted};
 use super::{Child, Nearest, TriangleBvh};
@@ -11,7 +12,8 @@ use wide::f32x8;
 /// Rays of a packet, at most.
 const PACKET: usize = 64;
 
-/// So many rays of a packet go on by themselves. With one, four or six it is no faster (`cargo bench --bench rays`).
+/// So many rays of a packet go on by themselves. With one, four or six it is no faster (`cargo
+/// bench --bench rays`).
 const FEW: u32 = 2;
 
 /// Rays of a packet by their bits.
@@ -25,8 +27,8 @@ struct Member {
 }
 
 impl TriangleBvh {
-    /// What [`Self::closest`] finds for each of some rays, of which `hits` has as many, to the bit. Faster where rays that follow each
-    /// other are near each other and go much the same way.
+    /// What [`Self::closest`] finds for each of some rays, of which `hits` has as many, to the bit.
+    /// Faster where rays that follow each other are near each other and go much the same way.
     pub fn closest_together(&self, rays: &[(Vec3, Vec3)], t_max: f32, hits: &mut [Option<Hit>]) {
         if self.nodes.is_empty() {
             hits.fill(None);
@@ -51,8 +53,8 @@ impl TriangleBvh {
         // With the least distance at which one of the rays enters.
         let mut stack: Stack<(Child, Mask)> = Stack::new();
         stack.push((0.0, (Child::node(0), Mask::MAX >> (PACKET - packet.len()))));
-        // Rays that ended before what is visited are not told apart here: boxes and triangles do that for all, and to look costs more
-        // than it saves.
+        // Rays that ended before what is visited are not told apart here: boxes and triangles do
+        // that for all, and to look costs more than it saves.
         while let Some((_, (child, active))) = stack.pop() {
             if active.count_ones() <= FEW {
                 for k in members(active) {
@@ -133,7 +135,8 @@ mod tests {
         let mesh = doubled();
         let bvh = TriangleBvh::new(&mesh);
         let mut met = [0, 0];
-        // From rays side by side to rays of all directions; in packets that are full, and in what is left over.
+        // From rays side by side to rays of all directions; in packets that are full, and in what
+        // is left over.
         for spread in [0.0, 0.01, 0.3, 3.0] {
             for (case, count) in (0..400).zip([1, 2, 3, 16, 63, 64, 65, 200].into_iter().cycle()) {
                 let origin = 2.0 * sampling::sphere(sampling::r2(case, [0.3; 2]));

@@ -33,7 +33,8 @@ pub(super) struct Ray {
 }
 
 impl Ray {
-    /// More than the rounding of a distance to a plane, twice: no box is missed whose triangle is met.
+    /// More than the rounding of a distance to a plane, twice: no box is missed whose triangle is
+    /// met.
     pub(super) const ROUNDING: f32 = 1.0 + 1e-6;
 
     pub(super) fn new(origin: Vec3, direction: Vec3) -> Self {
@@ -52,7 +53,8 @@ impl Ray {
         }
     }
 
-    /// Where the ray enters the boxes of a node's children, and which of them it enters before `t_end`.
+    /// Where the ray enters the boxes of a node's children, and which of them it enters before
+    /// `t_end`.
     #[inline(always)]
     pub(super) fn meet(&self, node: &Node, t_end: f32) -> (f32x8, f32x8) {
         let (mut near, mut far) = (f32x8::ZERO, f32x8::splat(t_end));
@@ -64,7 +66,8 @@ impl Ray {
         (near, near.simd_le(far * f32x8::splat(Self::ROUNDING)))
     }
 
-    /// The nearest child whose box the ray enters before `t_end`; the others go on the stack, the next nearest last.
+    /// The nearest child whose box the ray enters before `t_end`; the others go on the stack, the
+    /// next nearest last.
     // A call for each node would keep the ray out of registers.
     #[inline(always)]
     pub(super) fn enter(&self, node: &Node, t_end: f32, stack: &mut Stack<Child>) -> Option<Child> {

@@ -1,6 +1,8 @@
-//! The bytes of a glTF: buffers inside the file, beside it or in its text, and the accessors into them.
+//! The bytes of a glTF: buffers inside the file, beside it or in its text, and the accessors into
+//! them.
 //!
-//! Every access is checked against the bytes that are there; the crate's own readers trust the file.
+//! Every access is checked against the bytes that are there; the crate's own readers trust the
+//! file.
 
 use super::super::files::{Files, beside};
 use super::super::part::MESH;
@@ -79,7 +81,8 @@ impl Buffers {
             })
     }
 
-    /// What is made of each element of `N` floats; integers are brought to [0,1] or [-1,1] if the accessor is normalised.
+    /// What is made of each element of `N` floats; integers are brought to [0,1] or [-1,1] if the
+    /// accessor is normalised.
     pub(super) fn floats<const N: usize, T: Clone>(
         &self,
         accessor: &Accessor<'_>,
@@ -128,7 +131,8 @@ impl Buffers {
                 memory::listed(MESH, slices.map_err(place)?.map(decode)).map_err(place)?
             }
             None => {
-                // Nothing but zeros: the only length without bytes behind it, so it is held to those of the file.
+                // Nothing but zeros: the only length without bytes behind it, so it is held to
+                // those of the file.
                 let bytes: usize = self.content.iter().map(Vec::len).sum();
                 if count > bytes {
                     return Err(place(Error::input(format!(

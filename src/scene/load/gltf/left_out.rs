@@ -10,7 +10,8 @@ const READ: [&str; 3] = [
     "KHR_texture_transform",
 ];
 
-/// Extensions that do not change what the scene looks like at rest: descriptions, variants to choose from, and motion.
+/// Extensions that do not change what the scene looks like at rest: descriptions, variants to
+/// choose from, and motion.
 const NOT_OF_LOOKS: [&str; 9] = [
     "KHR_animation_pointer",
     "KHR_materials_variants",
@@ -63,8 +64,8 @@ fn of_surfaces(document: &Document) -> Option<String> {
     left_out.told(document.materials().len())
 }
 
-/// Whether it would look like metal. One as rough as can be is nearly diffuse; so is one of which nothing is said, for which
-/// the format has full metal, as rough as can be.
+/// Whether it would look like metal. One as rough as can be is nearly diffuse; so is one of which
+/// nothing is said, for which the format has full metal, as rough as can be.
 fn is_metal(material: &Material<'_>) -> bool {
     let base = material.pbr_metallic_roughness();
     let is_smooth = base.roughness_factor() < 1.0 || base.metallic_roughness_texture().is_some();

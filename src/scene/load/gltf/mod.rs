@@ -1,9 +1,10 @@
 //! glTF 2.0, as text or binary: the default scene's meshes, materials, cameras and punctual lights.
 //!
-//! Base colour (factor, texture, vertex colours) is the albedo, whatever the metalness; emissive factor times strength
-//! is radiance. Lights are taken as radiometric: candela is intensity, lux is irradiance, 1:1. Skins, morph targets,
-//! animations, transparency, metal and normal maps are left out, with a warning; an emissive texture is replaced by its mean.
-//! Of extensions lights, emissive strength and texture transforms are read, and those that do not change looks are passed over;
+//! Base colour (factor, texture, vertex colours) is the albedo, whatever the metalness; emissive
+//! factor times strength is radiance. Lights are taken as radiometric: candela is intensity, lux is
+//! irradiance, 1:1. Skins, morph targets, animations, transparency, metal and normal maps are left
+//! out, with a warning; an emissive texture is replaced by its mean. Of extensions lights, emissive
+//! strength and texture transforms are read, and those that do not change looks are passed over;
 //! others are warned of.
 
 mod buffers;
@@ -79,7 +80,8 @@ impl Import {
 }
 
 impl ImportedCamera {
-    /// The camera for a film: what it sees from top to bottom stays, from side to side goes with the film.
+    /// The camera for a film: what it sees from top to bottom stays, from side to side goes with
+    /// the film.
     pub(super) fn for_film(self, film: &Film) -> Result<DraftCamera> {
         let aspect = f64::from(film.width) / f64::from(film.height);
         if !(self.fov_y_rad > 1e-4 && self.fov_y_rad < 3.13) {
@@ -167,7 +169,8 @@ fn check_attributes(json: &::gltf::json::Root) -> Result<()> {
     Ok(())
 }
 
-/// Some writers list textures of images that are not there; that is wrong only where a material uses one.
+/// Some writers list textures of images that are not there; that is wrong only where a material
+/// uses one.
 fn mend_textures(json: &mut ::gltf::json::Root) {
     let count = json.images.len();
     let nowhere = ::gltf::json::Index::new(count as u32);
@@ -197,7 +200,8 @@ struct Reader<'a> {
     buffers: Buffers,
     /// Index in `list` of each material of the file; `None` is the default material.
     materials: HashMap<Option<usize>, u32>,
-    /// Index in `list` of each image of the file, for each way in which it goes on beyond its borders.
+    /// Index in `list` of each image of the file, for each way in which it goes on beyond its
+    /// borders.
     textures: HashMap<(usize, [Wrap; 2]), u32>,
     out: Import,
     /// Holds the materials and textures, which all meshes share.
@@ -407,7 +411,8 @@ impl Reader<'_> {
             )));
         }
         part.material = memory::filled(MESH, index, part.triangles.len())?;
-        // Here, while vertices are counted as in the file: joined to others a wrong index may hit one of theirs.
+        // Here, while vertices are counted as in the file: joined to others a wrong index may hit
+        // one of theirs.
         part.check()?;
         Ok(part)
     }
@@ -538,7 +543,8 @@ fn local(node: &Node<'_>) -> DAffine3 {
     }
 }
 
-/// The rotation and position that come nearest to a map that is not singular; its z axis keeps its direction.
+/// The rotation and position that come nearest to a map that is not singular; its z axis keeps its
+/// direction.
 pub(super) fn without_scale(map: &DAffine3) -> DAffine3 {
     let m = map.matrix3;
     let back = m.z_axis.normalize();

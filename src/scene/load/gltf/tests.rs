@@ -3,7 +3,8 @@
 use super::*;
 use serde_json::{Value, json};
 
-/// A triangle with a node above it, a camera, and lights of all kinds; one buffer of 36 + 36 + 6 bytes.
+/// A triangle with a node above it, a camera, and lights of all kinds; one buffer of 36 + 36 + 6
+/// bytes.
 fn sample() -> (Value, Vec<u8>) {
     let mut bin: Vec<u8> = Vec::new();
     for x in [[0_f32, 0., 0.], [1., 0., 0.], [0., 1., 0.]] {
@@ -130,8 +131,8 @@ fn strips_fans_sparse_and_packed_attributes_are_read() {
     assert_eq!(part.positions[2], DVec3::new(2.0, 10.0, 0.0));
 }
 
-/// The sample with an image of four colours on its triangle, whose corners have the texture coordinates (0,0), (1,0), (0,1),
-/// and another set in which all are (0.25, 0.25).
+/// The sample with an image of four colours on its triangle, whose corners have the texture
+/// coordinates (0,0), (1,0), (0,1), and another set in which all are (0.25, 0.25).
 fn textured() -> (Value, Vec<u8>) {
     let (mut json, mut bin) = sample();
     let image =
@@ -176,7 +177,8 @@ fn texture_transforms_are_applied() {
     let (mut json, bin) = textured();
     let uvs = |json: &Value| load(&glb(json, &bin)).unwrap().part.uvs;
     assert_eq!(uvs(&json), [Vec2::ZERO, Vec2::X, Vec2::Y]);
-    // The lower left quarter of the image, turned clockwise: the example of the extension's description.
+    // The lower left quarter of the image, turned clockwise: the example of the extension's
+    // description.
     let transform = |json: &mut Value, transform: Value| {
         json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["extensions"] =
             json!({ "KHR_texture_transform": transform });
@@ -353,7 +355,8 @@ fn wrong_files_are_refused_with_the_place() {
     assert!(unknown.contains("not a glTF file"), "{unknown}");
 }
 
-/// Calls `visit` with a copy of the document for each value in it, that value taken out or replaced.
+/// Calls `visit` with a copy of the document for each value in it, that value taken out or
+/// replaced.
 fn each_damage(json: &Value, visit: &mut dyn FnMut(&Value)) {
     fn paths(value: &Value, at: String, out: &mut Vec<String>) {
         match value {

@@ -1,8 +1,9 @@
 //! Unpacking of Blosc 1 buffers: byte and bit shuffles over LZ4, BloscLZ or zlib.
 //!
-//! A buffer is a header of 16 bytes (version, codec version, flags, item size, then three 32-bit numbers: unpacked
-//! size, block size, packed size), the offsets of its blocks, and the blocks. A block is cut into one stream for each
-//! byte of an item, unless it is the short last one or the flags say otherwise; each stream has its length before it.
+//! A buffer is a header of 16 bytes (version, codec version, flags, item size, then three 32-bit
+//! numbers: unpacked size, block size, packed size), the offsets of its blocks, and the blocks. A
+//! block is cut into one stream for each byte of an item, unless it is the short last one or the
+//! flags say otherwise; each stream has its length before it.
 
 use super::bytes::Bytes;
 use crate::{Error, Result};
@@ -127,7 +128,8 @@ fn unshuffle_bytes(bytes: &[u8], item: usize) -> Vec<u8> {
     out
 }
 
-/// Puts items back together from all their first bits, all their second bits, and so on, low bits first.
+/// Puts items back together from all their first bits, all their second bits, and so on, low bits
+/// first.
 fn unshuffle_bits(bytes: &[u8], item: usize) -> Vec<u8> {
     // Items are shuffled in groups of eight; the rest is as it was.
     let count = bytes.len() / item / 8 * 8;
@@ -144,8 +146,9 @@ fn unshuffle_bits(bytes: &[u8], item: usize) -> Vec<u8> {
 
 /// Unpacks a BloscLZ stream; the number of bytes written, or `None` if it is damaged.
 ///
-/// A token is a literal run (below 32: its length less one), or a match: length in the upper three bits, high bits of
-/// the distance in the lower five, longer lengths and the low byte of the distance after it.
+/// A token is a literal run (below 32: its length less one), or a match: length in the upper three
+/// bits, high bits of the distance in the lower five, longer lengths and the low byte of the
+/// distance after it.
 fn blosclz(packed: &[u8], out: &mut [u8]) -> Option<usize> {
     const FAR: usize = 8191;
     let mut source = packed.iter().copied();

@@ -1,7 +1,9 @@
-//! OpenVDB fog volumes: float grids of the usual tree (5-4-3), also stored as half, in file versions 220 to 224; plain,
-//! zip or Blosc, with or without the inactive values; placed by any affine map.
+//! OpenVDB fog volumes: float grids of the usual tree (5-4-3), also stored as half, in file
+//! versions 220 to 224; plain, zip or Blosc, with or without the inactive values; placed by any
+//! affine map.
 //!
-//! Inactive voxels and everything outside the active bounding box are empty, whatever the background.
+//! Inactive voxels and everything outside the active bounding box are empty, whatever the
+//! background.
 
 mod blosc;
 mod bytes;
@@ -22,7 +24,8 @@ const NEWEST: u32 = 224;
 
 /// More voxels in the active bounding box are refused.
 const MOST_VOXELS: i64 = 1 << 31;
-/// More leaves in the active bounding box are refused: a long thin box has more of them for its voxels.
+/// More leaves in the active bounding box are refused: a long thin box has more of them for its
+/// voxels.
 const MOST_LEAVES: i64 = 1 << 24;
 
 /// A grid as listed in the file.

@@ -26,7 +26,8 @@ struct Spec {
     map: Vec<u8>,
     /// Corner of the 4096^3 node of the root.
     origin: [i32; 3],
-    /// Slots of the 16^3 node that hold leaves; voxels where the hash of their offset is even are active.
+    /// Slots of the 16^3 node that hold leaves; voxels where the hash of their offset is even are
+    /// active.
     leaves: Vec<usize>,
     /// Slot of an active tile of 8^3 voxels, and of one of 128^3.
     tile_8: Option<(usize, f32)>,

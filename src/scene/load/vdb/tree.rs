@@ -1,7 +1,7 @@
 //! The tree of a float grid: a root, inner nodes of 32^3 and 16^3 children, leaves of 8^3 voxels.
 //!
-//! First comes the topology (masks, and the values of inner nodes), then in the same order the values of the leaves.
-//! In a node x is the slowest axis and z the fastest.
+//! First comes the topology (masks, and the values of inner nodes), then in the same order the
+//! values of the leaves. In a node x is the slowest axis and z the fastest.
 
 use super::blosc;
 use super::bytes::Bytes;
@@ -249,7 +249,8 @@ fn on(mask: &[u64]) -> usize {
     mask.iter().map(|w| w.count_ones() as usize).sum()
 }
 
-/// The `count` values of a node. Inactive ones may have been left out; they are made up from at most two values.
+/// The `count` values of a node. Inactive ones may have been left out; they are made up from at
+/// most two values.
 fn read_values(
     bytes: &mut Bytes<'_>,
     encoding: Encoding,
@@ -260,8 +261,9 @@ fn read_values(
     if encoding.version < MASK_COMPRESSION_VERSION {
         return read_array(bytes, encoding, count);
     }
-    // 0: inactive values are the background; 1: its negative; 2: one other value; 3 to 5: a mask selects between
-    // background and negative, background and one other, two others; 6: all values are stored.
+    // 0: inactive values are the background; 1: its negative; 2: one other value; 3 to 5: a mask
+    // selects between background and negative, background and one other, two others; 6: all values
+    // are stored.
     let kind = bytes.u8()?;
     if kind > 6 {
         return Err(Error::input(format!(

@@ -17,9 +17,9 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 impl<P: Pages, M: Medium> InScatter<'_, P, M> {
-    /// Lights the vertices of all volumes. Of direct light those of the lattice that each brick uses, and finer ones where light
-    /// changes so much between those that a camera near by would ask for them; of indirect light those that were swept. All
-    /// else is asked for by few rays.
+    /// Lights the vertices of all volumes. Of direct light those of the lattice that each brick
+    /// uses, and finer ones where light changes so much between those that a camera near by would
+    /// ask for them; of indirect light those that were swept. All else is asked for by few rays.
     ///
     /// # Errors
     /// If cancelled.

@@ -1,11 +1,12 @@
 //! In-scattered light inside media, interpolated from vertices on the volume's own grid.
 //!
-//! A vertex is evaluated when a ray first needs it and depends on its coordinates alone, so it does not matter which
-//! tile or thread asks; those that were lit beforehand are not lit again. Each brick of a volume has the spacing that its own
-//! density asks for: vertices of direct light stand at most an optical depth apart, those of indirect light 1.4 where it is
-//! swept, in thin bricks, and two where it is not. Where vertices of a dense brick still differ much, at its rim, finer ones are
-//! asked; near a lamp, and where a voxel is deep, the ray's own points. Vertices in empty space around the medium are evaluated
-//! like any other: leaving them dark would darken its rim.
+//! A vertex is evaluated when a ray first needs it and depends on its coordinates alone, so it does
+//! not matter which tile or thread asks; those that were lit beforehand are not lit again. Each
+//! brick of a volume has the spacing that its own density asks for: vertices of direct light stand
+//! at most an optical depth apart, those of indirect light 1.4 where it is swept, in thin bricks,
+//! and two where it is not. Where vertices of a dense brick still differ much, at its rim, finer
+//! ones are asked; near a lamp, and where a voxel is deep, the ray's own points. Vertices in empty
+//! space around the medium are evaluated like any other: leaving them dark would darken its rim.
 
 mod beforehand;
 
@@ -28,7 +29,8 @@ use glam::Vec3;
 use lvox_formats::{MappedFile, Scatter};
 use wide::f32x4;
 
-/// In-scattered light of one volume: a lattice for each spacing, of which each brick of the volume uses one.
+/// In-scattered light of one volume: a lattice for each spacing, of which each brick of the volume
+/// uses one.
 #[derive(Debug)]
 struct Lattices<'a> {
     /// By log2 of the voxels between vertices.
@@ -80,40 +82,44 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     const SPACING: f32 = 1.0;
     /// Cells deeper than this are lit at their own point.
     const DEPTH: f32 = 0.7;
-    /// In cells deeper than this light of other surfaces and media is looked for at their own point, too: rays end within a
-    /// few of them.
+    /// In cells deeper than this light of other surfaces and media is looked for at their own
+    /// point, too: rays end within a few of them.
     const STIFF: f32 = 2.0;
     /// Vertices nearer than this in optical depth are not compared.
     const FLAT: f32 = 0.35;
-    /// Where direct light at the vertices around a point differs by more than this factor, a finer lattice is asked.
+    /// Where direct light at the vertices around a point differs by more than this factor, a finer
+    /// lattice is asked.
     const ALIKE: f32 = 2.0;
-    /// The same for light without the noise of shadow rays; a ray's own point is asked where no lattice is finer.
+    /// The same for light without the noise of shadow rays; a ray's own point is asked where no
+    /// lattice is finer.
     const ALIKE_EXACT: f32 = 1.3;
     /// The same for gathered light, which has the noise of few rays.
     const ALIKE_GATHERED: f32 = 3.0;
-    /// In thin bricks, where noise is all else that differs, only such a factor tells of a wall between vertices.
+    /// In thin bricks, where noise is all else that differs, only such a factor tells of a wall
+    /// between vertices.
     const LEAK: f32 = 8.0;
     /// Spacings of vertices around a lamp in which its light is looked for on the ray itself.
     const NEAR: f32 = 2.0;
-    /// Vertices of scattered light may be so much further apart, as an optical depth in all media of a place together, than
-    /// they are in one medium.
+    /// Vertices of scattered light may be so much further apart, as an optical depth in all media
+    /// of a place together, than they are in one medium.
     const SHARED: f32 = 0.7;
-    /// Vertices in thin media that are further apart than so many pixels are compared, for walls and edges of shadows that are
-    /// between them.
+    /// Vertices in thin media that are further apart than so many pixels are compared, for walls
+    /// and edges of shadows that are between them.
     const WIDE: f32 = 4.0;
-    /// Where shadows may have sharp edges, vertices in thin media are no further apart than so many pixels or a voxel: of what is
-    /// between them nothing tells.
+    /// Where shadows may have sharp edges, vertices in thin media are no further apart than so many
+    /// pixels or a voxel: of what is between them nothing tells.
     const FARTHEST: f32 = 16.0;
     /// Shadow rays of a vertex or point to each light with an extent.
     const SHADOW_RAYS: u32 = 4;
     /// Rays to an environment that no gather sees.
     const ENVIRONMENT_RAYS: u32 = 16;
 
-    /// Lattices that are still empty but for what is swept, or was lit beforehand, where that may matter. Without a gatherer there
-    /// is direct light only.
+    /// Lattices that are still empty but for what is swept, or was lit beforehand, where that may
+    /// matter. Without a gatherer there is direct light only.
     ///
     /// # Errors
-    /// If cancelled, if a sweep takes more than the memory limit by itself, or for damage to what was lit beforehand.
+    /// If cancelled, if a sweep takes more than the memory limit by itself, or for damage to what
+    /// was lit beforehand.
     pub fn new(view: &View<'a>, seen: Seen, light: &Light<'a, P, M>, job: &Job) -> Result<Self> {
         let &Light {
             lights,
@@ -202,8 +208,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         }
     }
 
-    /// Which lattices serve a brick whose densest voxel has this optical depth: thin parts of a volume are lit from few
-    /// vertices, whatever its densest part needs.
+    /// Which lattices serve a brick whose densest voxel has this optical depth: thin parts of a
+    /// volume are lit from few vertices, whatever its densest part needs.
     fn level(densest: f32) -> usize {
         (0..LEVELS)
             .rev()
@@ -211,8 +217,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             .unwrap_or(0)
     }
 
-    /// Source function of a volume along a stretch of a ray, given its ends in scene space and its optical depth, and what is
-    /// known from stretches before it.
+    /// Source function of a volume along a stretch of a ray, given its ends in scene space and its
+    /// optical depth, and what is known from stretches before it.
     #[must_use]
     pub fn source(&self, volume: usize, ends: [Vec3; 2], depth: f32, known: &mut Known) -> Rgb {
         let medium = &self.volumes[volume];
@@ -246,7 +252,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             let point = from + (to - from) * median;
             let rays = Self::rays(Self::SHADOW_RAYS, self.seed_of(point));
             let light = self.lit(&self.sharp_lights, point, rays, None);
-            // The camera sees that point, and not the stretch as a whole, through what is before it.
+            // The camera sees that point, and not the stretch as a whole, through what is before
+            // it.
             let mean_through = one_minus_exp_neg(place.depth) / place.depth;
             let through = exp_neg(place.depth * median) / mean_through;
             return light.share * self.lights.sent(from, to) * through + light.rest;
@@ -292,7 +299,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             let light = self.lit(self.lights, point, Self::rays(1, seed), Some(&self.suns));
             return light.share * self.lights.sent(from, to) + light.rest;
         }
-        // Two points (Gauss-Legendre) of what the camera sees: light is not linear along a dense stretch.
+        // Two points (Gauss-Legendre) of what the camera sees: light is not linear along a dense
+        // stretch.
         let mut sum = Rgb::BLACK;
         for share in [0.211_324_87, 0.788_675_1] {
             let point = place.at_share(share);
@@ -303,7 +311,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         sum
     }
 
-    /// Whether both parts of direct light differ so much between vertices that finer ones tell more.
+    /// Whether both parts of direct light differ so much between vertices that finer ones tell
+    /// more.
     fn differs(&self, [share, rest]: [Spread; 2]) -> bool {
         if self.rest_is_exact {
             // Where light has no noise, smaller differences tell.
@@ -339,7 +348,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         let lattices = &self.lattices[place.volume];
         if !place.is_thin && place.voxel_depth > Self::STIFF {
             let surfaces = gatherer.without_media();
-            // Any point of the stretch, as often as the camera sees it: light is not linear along it.
+            // Any point of the stretch, as often as the camera sees it: light is not linear along
+            // it.
             let seed = self.seed_of(place.point);
             let point = place.at_share(sampling::unit(seed));
             return stiff::mean_radiance(self.volumes, &self.sharp_lights, &surfaces, point, seed);
@@ -431,7 +441,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         sampling::hash(&[self.view.seed, volume as u64, level as u64, x, y, z])
     }
 
-    /// Direct light at a point. Where nothing is gathered, that of the environment, too, which gathers bring else.
+    /// Direct light at a point. Where nothing is gathered, that of the environment, too, which
+    /// gathers bring else.
     fn lit(
         &self,
         lights: &Lights,
@@ -463,7 +474,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
 }
 
 impl Place {
-    /// The point before which this share of the light comes from that the camera sees of the stretch.
+    /// The point before which this share of the light comes from that the camera sees of the
+    /// stretch.
     fn at_share(&self, share: f32) -> Vec3 {
         let reach = if self.depth > 0.0 {
             -libm::log1pf(-share * one_minus_exp_neg(self.depth)) / self.depth

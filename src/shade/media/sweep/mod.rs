@@ -1,8 +1,9 @@
-//! Indirect light in media by discrete ordinates (Chandrasekhar 1950): along each of a few dozen directions, parallel rays
-//! pass the whole volume once and leave at the vertices beside them what the medium sends and what it lets through.
+//! Indirect light in media by discrete ordinates (Chandrasekhar 1950): along each of a few dozen
+//! directions, parallel rays pass the whole volume once and leave at the vertices beside them what
+//! the medium sends and what it lets through.
 //!
-//! A ray on its own serves one vertex, a swept one serves all on its way. Surfaces beyond the medium come from the probes
-//! of the far field, at each vertex, so that they keep their parallax.
+//! A ray on its own serves one vertex, a swept one serves all on its way. Surfaces beyond the
+//! medium come from the probes of the far field, at each vertex, so that they keep their parallax.
 
 mod rays;
 mod rows;
@@ -32,8 +33,8 @@ pub struct Sweep {
     level_of: BrickTable<Option<u8>>,
 }
 
-/// Means over the sphere of the radiance at vertices, by log2 of the voxels between them; `None` where surfaces are too near for
-/// probes.
+/// Means over the sphere of the radiance at vertices, by log2 of the voxels between them; `None`
+/// where surfaces are too near for probes.
 pub type Levels = [Option<SparseValues<Option<Rgb>>>; LEVELS];
 
 /// Spacings of 1 to 8 voxels.
@@ -75,8 +76,8 @@ impl Sweep {
     /// Optical depth between vertices, at most.
     const SPACING: f32 = 1.4;
 
-    /// Of a volume that was swept beforehand: which vertices serve a brick, without their light. `depth_of` is that of
-    /// [`Self::new`].
+    /// Of a volume that was swept beforehand: which vertices serve a brick, without their light.
+    /// `depth_of` is that of [`Self::new`].
     pub fn made_beforehand(volume: &Volume, depth_of: impl Fn([usize; 3], f32) -> f32) -> Self {
         let grid = &volume.sigma_t;
         let level_of = BrickTable::new(grid, |b| {
@@ -88,8 +89,9 @@ impl Sweep {
         }
     }
 
-    /// Sweeps the bricks of a volume that matter, but those where a single voxel is too deep; `depth_of(brick, own)`
-    /// is the optical depth that counts for one, other media considered, given the largest extinction of this one.
+    /// Sweeps the bricks of a volume that matter, but those where a single voxel is too deep;
+    /// `depth_of(brick, own)` is the optical depth that counts for one, other media considered,
+    /// given the largest extinction of this one.
     ///
     /// # Errors
     /// If cancelled, or if that takes more than the memory limit by itself.
@@ -138,7 +140,8 @@ impl Sweep {
         Ok(Self { levels, level_of })
     }
 
-    /// Log2 of the voxels between the vertices of a brick whose densest voxel has this optical depth; `None` if it is too deep.
+    /// Log2 of the voxels between the vertices of a brick whose densest voxel has this optical
+    /// depth; `None` if it is too deep.
     fn level(depth: f32) -> Option<usize> {
         let fits = |&l: &usize| depth * (1 << l) as f32 <= Self::SPACING;
         (0..LEVELS).rev().find(fits)
@@ -150,7 +153,8 @@ impl Sweep {
         self.level_of.at(point_in_index).map(usize::from)
     }
 
-    /// Mean over the sphere of the indirect radiance at a vertex of a level; `None` if it was not swept.
+    /// Mean over the sphere of the indirect radiance at a vertex of a level; `None` if it was not
+    /// swept.
     #[inline]
     pub fn get(&self, level: usize, v: [usize; 3]) -> Option<Rgb> {
         *self.levels.get(level)?.as_ref()?.get(v)?
@@ -170,8 +174,8 @@ impl Level {
         + size_of::<Rgb>()
         + Sweep::BATCH as usize * size_of::<Arriving>()) as u64;
 
-    /// Bytes that rays take while a batch of directions is swept, whatever the number of threads: little of a volume may be
-    /// needed, but rays pass all between its ends.
+    /// Bytes that rays take while a batch of directions is swept, whatever the number of threads:
+    /// little of a volume may be needed, but rays pass all between its ends.
     fn bytes_of_rays<P: Pages, M: Medium>(
         scope: &Scope<P, M>,
         set: &SparseLattice,
@@ -253,7 +257,8 @@ impl<P: Pages, M: Medium> Scope<'_, P, M> {
         let grid = &self.volume.sigma_t;
         let count = filled::vertices_along(grid, step);
         SparseLattice::new(count, |choose| {
-            // A part at a time: the cells of all take far more memory than their vertices do as bits.
+            // A part at a time: the cells of all take far more memory than their vertices do as
+            // bits.
             for part in bricks.chunks(Self::PART) {
                 let holds_medium = |cell: Cell| !cell.is_empty();
                 for cell in filled::cells(grid, part, step, holds_medium) {

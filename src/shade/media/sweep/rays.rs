@@ -24,7 +24,8 @@ pub struct Rays<'a, P, M> {
 }
 
 impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
-    /// Those along a unit `direction` of scene space, against the light, for vertices `step` voxels apart.
+    /// Those along a unit `direction` of scene space, against the light, for vertices `step` voxels
+    /// apart.
     pub fn new(
         scope: &'a Scope<'a, P, M>,
         set: &'a SparseLattice,
@@ -77,7 +78,8 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
             0
         };
         let first_point = self.scope.to_scene(self.rays.point(at, first));
-        // From the box of this volume on, however far others reach: stops far from the origin would lose their digits.
+        // From the box of this volume on, however far others reach: stops far from the origin would
+        // lose their digits.
         let beyond = leave_box(first_point, self.direction, self.media.own);
         let origin = first_point + self.direction * beyond;
         let stop_at = |i: usize| {
@@ -86,7 +88,8 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
                 beyond + layer.abs_diff(first) as f32 * self.rays.between
             })
         };
-        // A layer further than any stop: whether a surface in a layer is met must not depend on which stop is the last.
+        // A layer further than any stop: whether a surface in a layer is met must not depend on
+        // which stop is the last.
         let end = stop_at(stops.len() - 1) + self.rays.between;
         let mut cuts = if self.media.has_walls {
             self.walls(origin, end)
@@ -152,7 +155,8 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
         {
             way = hit.t;
         }
-        // Against the light, so that what is near is as exact as it is far from all ends of the others.
+        // Against the light, so that what is near is as exact as it is far from all ends of the
+        // others.
         let mut add = |s: Segment| {
             light.pass_behind(s.tau, s.source);
             true

@@ -1,7 +1,8 @@
 //! What arrives at vertices between the rays of one direction, row by row of rays.
 //!
-//! All rays are whole steps apart, so that in a layer all vertices stand between them alike: four by four rays and their
-//! weights are found once a layer, and four rows of rays are all that has to be held.
+//! All rays are whole steps apart, so that in a layer all vertices stand between them alike: four
+//! by four rays and their weights are found once a layer, and four rows of rays are all that has to
+//! be held.
 
 use crate::Result;
 use crate::math::Rgb;
@@ -12,7 +13,8 @@ use wide::f32x4;
 /// Rays in a row from which a vertex takes its light.
 const TAPS: usize = 4;
 
-/// What arrives at a vertex from one direction: the medium's own light, and the share of light from beyond.
+/// What arrives at a vertex from one direction: the medium's own light, and the share of light from
+/// beyond.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Arriving {
     pub radiance: Rgb,
@@ -69,8 +71,8 @@ impl<'a> Rows<'a> {
             + size_of::<Taps>() as u64 * layers
     }
 
-    /// What arrives at the vertices. `pass(ray, layers, arrive)` passes a ray and tells `arrive` what it brings to each of some
-    /// layers, which are in the order of travel.
+    /// What arrives at the vertices. `pass(ray, layers, arrive)` passes a ray and tells `arrive`
+    /// what it brings to each of some layers, which are in the order of travel.
     ///
     /// # Errors
     /// That of `pass`.
@@ -84,7 +86,8 @@ impl<'a> Rows<'a> {
         }
         let [(u0, nu), (w0, nw)] = self.rays.extent(self.set.bounds());
         let width = self.count[1] + TAPS - 1;
-        // Of the last rows, what their rays bring to each layer, from the first that a vertex there needs.
+        // Of the last rows, what their rays bring to each layer, from the first that a vertex there
+        // needs.
         let mut held = vec![f32x4::ZERO; TAPS * self.count[0] * width];
         let place = |row: i32, layer: usize| {
             (row.rem_euclid(TAPS as i32) as usize * self.count[0] + layer) * width
@@ -144,7 +147,8 @@ impl<'a> Rows<'a> {
         Ok(at_vertices)
     }
 
-    /// Notes which rays of a row vertices of a layer need, from the first ray that one there may need; returns whether any.
+    /// Notes which rays of a row vertices of a layer need, from the first ray that one there may
+    /// need; returns whether any.
     fn needed_rays(&self, layer: usize, row: i32, needed: &mut [u64]) -> bool {
         let mut any = 0;
         needed.fill(0);
@@ -211,8 +215,8 @@ fn ones(words: &[u64]) -> impl Iterator<Item = usize> {
 
 /// Which rays serve a vertex of one layer, and by which weights: the same for all vertices there.
 ///
-/// Light between them is a cubic through four rays in a row (Keys 1981): it is brightest a little way into a medium that is
-/// lit from outside, and straight lines would cut off that crest.
+/// Light between them is a cubic through four rays in a row (Keys 1981): it is brightest a little
+/// way into a medium that is lit from outside, and straight lines would cut off that crest.
 #[derive(Debug)]
 struct Taps {
     /// Along both axes across, the first vertex that a ray serves, counted from the ray.

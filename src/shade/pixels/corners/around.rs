@@ -26,9 +26,9 @@ pub(super) struct Around<D> {
 impl<D: Dimming> Around<D> {
     /// Share of an area light by which two halves may differ.
     const NARROW: f32 = 0.4;
-    /// Part of the variance of all rays that is found within corners, at least: with four rays each it is three quarters in wide
-    /// penumbrae, and nothing where each corner is in full light or none, as at the shadow of a thin bar, both sides of which look
-    /// alike.
+    /// Part of the variance of all rays that is found within corners, at least: with four rays each
+    /// it is three quarters in wide penumbrae, and nothing where each corner is in full light or
+    /// none, as at the shadow of a thin bar, both sides of which look alike.
     const WITHIN: f32 = 0.45;
     /// Variance of all of them up to which it does not matter: one in 20 is hidden, or arrives.
     const FAINT: f32 = 0.05;

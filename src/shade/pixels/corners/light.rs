@@ -12,7 +12,8 @@ use crate::shade::pixels::sample::Sample;
 pub(super) struct Penumbrae<'a, D> {
     /// The next row that is asked for more rays.
     row: Option<usize>,
-    /// Of rows around that, one after the other in turn: what the first rays of the five corners around each in its row tell.
+    /// Of rows around that, one after the other in turn: what the first rays of the five corners
+    /// around each in its row tell.
     sights: [Vec<Sight<D>>; 5],
     /// Of the even corner of each four, once it is asked for.
     prospects: Vec<Option<Prospect<'a>>>,
@@ -39,14 +40,16 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         !self.shader.lights.rest_is_exact()
     }
 
-    /// The first row that penumbrae are not yet looked for in, or the even one before it, which tells what it sees.
+    /// The first row that penumbrae are not yet looked for in, or the even one before it, which
+    /// tells what it sees.
     pub(super) fn first_for_penumbrae(&self) -> usize {
         let row = self.penumbrae.row.unwrap_or_default();
         row - row % 2
     }
 
-    /// More shadow rays at the corners from which, or from near which, some ray reached a light and some did not, in all rows that are
-    /// not yet looked at but have two rows behind them. Returns the first that is left.
+    /// More shadow rays at the corners from which, or from near which, some ray reached a light and
+    /// some did not, in all rows that are not yet looked at but have two rows behind them. Returns
+    /// the first that is left.
     pub(super) fn look_into_penumbrae(&mut self) -> usize {
         let rim = Self::FIRST_IN_PENUMBRA;
         let first = match self.penumbrae.row {
@@ -131,7 +134,8 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         Some(lights.irradiance_by(surface, prospect, prospect.open, rays))
     }
 
-    /// Notes at which corners before a row nothing took anything of any ray to a light with an extent.
+    /// Notes at which corners before a row nothing took anything of any ray to a light with an
+    /// extent.
     fn note_full_light(&mut self, end: usize) {
         let is_full = |c: &Corner<A::Passed>| {
             let rays = &c.sample.direct.rays;
@@ -142,8 +146,8 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         self.is_full_light.extend(noted);
     }
 
-    /// The lights with an extent, by the shadow rays of the corners around a pixel that lie on its piece of surface. `first` is
-    /// the first of them.
+    /// The lights with an extent, by the shadow rays of the corners around a pixel that lie on its
+    /// piece of surface. `first` is the first of them.
     pub(super) fn lit<'c>(
         &self,
         first: usize,

@@ -12,14 +12,15 @@ use std::f32::consts::FRAC_1_PI;
 use std::ops::Range;
 
 impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
-    /// By how much, of 1 and of the light seen, media before corners may differ for those between to take their mean, times the
-    /// root of the gather rays in media, as noise goes that pictures have of them anyway.
+    /// By how much, of 1 and of the light seen, media before corners may differ for those between
+    /// to take their mean, times the root of the gather rays in media, as noise goes that pictures
+    /// have of them anyway.
     const ALIKE: f32 = 0.5;
     /// The same for the mean of a pixel's corners to be that of its square.
     const FLAT: f32 = 0.01;
 
-    /// Marches the media before corners of some rows that are some way apart, and before those between where the media of their
-    /// neighbours differ.
+    /// Marches the media before corners of some rows that are some way apart, and before those
+    /// between where the media of their neighbours differ.
     pub(super) fn pass_media(&mut self, rows: Range<usize>) {
         // A pixel needs the ring around its own corners.
         let rim = Self::RINGS as usize - 1;
@@ -31,8 +32,8 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
         });
     }
 
-    /// Corners between those that march whatever their neighbours do: so few that no voxel of a medium fits between them
-    /// unseen.
+    /// Corners between those that march whatever their neighbours do: so few that no voxel of a
+    /// medium fits between them unseen.
     pub(super) fn marched_spacing(view: &View) -> usize {
         let scene = view.tracer.scene;
         let (min, max) = scene.media_bounds();
@@ -58,7 +59,8 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
         [4, 2].into_iter().find(fits).unwrap_or(1)
     }
 
-    /// The mean of what the media do before the corners `step` beside or around one, if they do nearly the same.
+    /// The mean of what the media do before the corners `step` beside or around one, if they do
+    /// nearly the same.
     fn media_between(&self, i: usize, is_between: [bool; 2], step: usize) -> Option<A::Passed> {
         let like = &self.corners[i].sample;
         let mut mix = Mix::default();
@@ -81,9 +83,9 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
         is_alike.then_some(mean)
     }
 
-    /// What the media before the corners of a pixel do on the mean over its square. Where they differ, and the corners around
-    /// end alike, that is the mean of the cubic through four corners in a row: the mean of the pixel's own corners would
-    /// blur media over two pixels.
+    /// What the media before the corners of a pixel do on the mean over its square. Where they
+    /// differ, and the corners around end alike, that is the mean of the cubic through four corners
+    /// in a row: the mean of the pixel's own corners would blur media over two pixels.
     pub(super) fn media_over_pixel<'c>(
         &self,
         own: [&Sample<A::Passed>; 4],
@@ -120,7 +122,8 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
     }
 }
 
-/// Luminance of the direct light that comes from the surface behind the media before a corner, and through them.
+/// Luminance of the direct light that comes from the surface behind the media before a corner, and
+/// through them.
 fn light_behind<T: Passed>(sample: &Sample<T>) -> f32 {
     let surface = sample
         .surface
@@ -128,7 +131,8 @@ fn light_behind<T: Passed>(sample: &Sample<T>) -> f32 {
     surface.luminance() * sample.passed.transmittance()
 }
 
-/// What media do before some corners: sums, and the least and the most of transmittance and luminance.
+/// What media do before some corners: sums, and the least and the most of transmittance and
+/// luminance.
 #[derive(Debug)]
 struct Mix {
     radiance: Rgb,

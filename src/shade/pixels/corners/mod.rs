@@ -1,8 +1,9 @@
 //! Pixels shaded from samples at their corners, which neighbours share.
 //!
-//! Where the four corners of a pixel end on one smooth piece of surface they are its samples, one primary ray a pixel
-//! over the frame, and the shadow rays of the 16 corners around it make one well-spread set (interleaved sampling,
-//! Keller & Heidrich 2001). Other pixels take samples of their own.
+//! Where the four corners of a pixel end on one smooth piece of surface they are its samples, one
+//! primary ray a pixel over the frame, and the shadow rays of the 16 corners around it make one
+//! well-spread set (interleaved sampling, Keller & Heidrich 2001). Other pixels take samples of
+//! their own.
 
 mod around;
 mod light;
@@ -26,8 +27,8 @@ use light::Penumbrae;
 use sampler::Sampler;
 use std::ops::Range;
 
-/// Corners of the pixels of a region and around it, of some rows at a time: few enough that they stay in the processor's cache from
-/// the first camera ray to the last pixel that needs them.
+/// Corners of the pixels of a region and around it, of some rows at a time: few enough that they
+/// stay in the processor's cache from the first camera ray to the last pixel that needs them.
 pub struct Corners<'a, P, M, A: Air> {
     shader: &'a PixelShader<'a, P, M, A>,
     region: Region,
@@ -39,7 +40,8 @@ pub struct Corners<'a, P, M, A: Air> {
     first_row: usize,
     corners: Lent<'a, Corner<A::Passed>>,
     penumbrae: Penumbrae<'a, <A::Passed as Passed>::Dimming>,
-    /// By corner; where it is so all around, a pixel need not ask the corners themselves. Empty if no light has an extent.
+    /// By corner; where it is so all around, a pixel need not ask the corners themselves. Empty if
+    /// no light has an extent.
     is_full_light: Vec<bool>,
     /// Corners from one to the next of those that march through media whatever their neighbours do.
     marched_spacing: usize,
@@ -58,7 +60,8 @@ struct Visit {
     index: usize,
     /// As of [`Place`].
     moved: [u32; 2],
-    /// Where others came before it: in which of its coordinates it lies between them, and how far away they are.
+    /// Where others came before it: in which of its coordinates it lies between them, and how far
+    /// away they are.
     between: Option<([bool; 2], usize)>,
 }
 
@@ -78,8 +81,8 @@ impl Place {
         first: u8,
         count: u8,
     ) -> ShadowRays {
-        // Every four by four corners ask all cells; every two by two ask four quarters, and so do two by two of every
-        // second corner.
+        // Every four by four corners ask all cells; every two by two ask four quarters, and so do
+        // two by two of every second corner.
         const ORDER: [u8; 16] = [0, 8, 10, 2, 12, 4, 6, 14, 15, 7, 5, 13, 11, 3, 1, 9];
         let [x, y] = self.moved;
         ShadowRays::Cells {
@@ -92,23 +95,25 @@ impl Place {
 }
 
 impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
-    /// Rings of corners around those of a region's own pixels. The first takes part in its pixels. The next two tell whether
-    /// the first is in a penumbra and may take its indirect light from neighbours. The last, in media, tells whether those
-    /// before the first may be the mean of their neighbours'.
+    /// Rings of corners around those of a region's own pixels. The first takes part in its pixels.
+    /// The next two tell whether the first is in a penumbra and may take its indirect light from
+    /// neighbours. The last, in media, tells whether those before the first may be the mean of
+    /// their neighbours'.
     const RINGS: u32 = if A::Passed::IS_VACUUM { 3 } else { 4 };
 
-    /// Pixels between gathers from which on indirect light is looked up at every fourth corner, not every second: what is smooth over so
-    /// many is smooth over four.
+    /// Pixels between gathers from which on indirect light is looked up at every fourth corner, not
+    /// every second: what is smooth over so many is smooth over four.
     const FAR_APART: u32 = 6;
 
-    /// Corners of a region's pixels, and what they need around them, none of which is looked at yet. Their memory is used by one region
-    /// after the other.
+    /// Corners of a region's pixels, and what they need around them, none of which is looked at
+    /// yet. Their memory is used by one region after the other.
     pub fn new(
         shader: &'a PixelShader<'a, P, M, A>,
         region: Region,
         spare: &'a Spare<Corner<A::Passed>>,
     ) -> Self {
-        // Corners between those at even coordinates ask them on both sides, in all regions the same.
+        // Corners between those at even coordinates ask them on both sides, in all regions the
+        // same.
         let region = Region {
             x0: region.x0 - region.x0 % 2,
             y0: region.y0 - region.y0 % 2,
@@ -146,7 +151,8 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
 
     /// Indirect light of the corners of the region's own pixels in some rows.
     fn look_around(&mut self, rows: Range<usize>) {
-        // It is looked up some corners apart, then at those between which do not lie on one piece of surface with their neighbours.
+        // It is looked up some corners apart, then at those between which do not lie on one piece
+        // of surface with their neighbours.
         let spacing = if self.shader.lattice.step() < Self::FAR_APART {
             2
         } else {
@@ -165,7 +171,8 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         });
     }
 
-    /// Four corners, some of them twice, `step` away from one that lies between them in some of its coordinates.
+    /// Four corners, some of them twice, `step` away from one that lies between them in some of its
+    /// coordinates.
     fn around(&self, i: usize, [column_is, row_is]: [bool; 2], step: usize) -> [usize; 4] {
         let (a, b) = (step, step * self.width);
         match (column_is, row_is) {
@@ -175,7 +182,8 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         }
     }
 
-    /// The mean irradiance of the corners `step` beside or around one, if all lie on its piece of surface.
+    /// The mean irradiance of the corners `step` beside or around one, if all lie on its piece of
+    /// surface.
     fn between(&self, i: usize, is_between: [bool; 2], step: usize) -> Option<Rgb> {
         let around = self.around(i, is_between, step);
         let like = &self.corners[i].sample;
@@ -235,7 +243,8 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         borders.covered(view, x, y) > MUCH && !borders.has(x, y, corner.sample.triangle)
     }
 
-    /// The mean of four corners on one piece of surface, unless an edge of a shadow runs between them.
+    /// The mean of four corners on one piece of surface, unless an edge of a shadow runs between
+    /// them.
     fn mean_of_corners<'c>(
         &self,
         mut pixel: PixelSum,

@@ -11,12 +11,15 @@ use crate::shade::pixels::shader::PixelShader;
 use crate::trace::Surface;
 use std::ops::Range;
 
-/// Samples the corners of a region whose first and last corners are at even coordinates, row by row.
+/// Samples the corners of a region whose first and last corners are at even coordinates, row by
+/// row.
 ///
-/// Where camera rays may be two corners apart, corners between are where the even ones say, if those are on one triangle.
+/// Where camera rays may be two corners apart, corners between are where the even ones say, if
+/// those are on one triangle.
 ///
-/// What emissive triangles would send, with nothing between, changes little from one corner to the next. It is found at every
-/// second corner of every second row; those between take the mean where all beside them lie on one piece of surface.
+/// What emissive triangles would send, with nothing between, changes little from one corner to the
+/// next. It is found at every second corner of every second row; those between take the mean where
+/// all beside them lie on one piece of surface.
 pub(super) struct Sampler<'a, P, M, A: Air> {
     shader: &'a PixelShader<'a, P, M, A>,
     region: Region,
@@ -44,7 +47,8 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
         }
     }
 
-    /// Adds rows of corners, of which the last is at an even coordinate; rows before these have been added.
+    /// Adds rows of corners, of which the last is at an even coordinate; rows before these have
+    /// been added.
     pub fn add_rows(&mut self, rows: Range<usize>, corners: &mut Vec<Corner<A::Passed>>) {
         corners.reserve(self.width * rows.len());
         let mut push = |sample| {
@@ -116,7 +120,8 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
         } else {
             None
         };
-        // Every second row asks lights itself at all corners: the rims of penumbrae are found by few rays.
+        // Every second row asks lights itself at all corners: the rims of penumbrae are found by
+        // few rays.
         if let Some(mut sample) = amid
             && row % 2 == 1
             && let Some(direct) = Direct::amid(around.map(|even| &even.sample.direct))
@@ -139,8 +144,8 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
         sample
     }
 
-    /// The prospect of the first corner around a surface, and the mean light of all, if all are on its piece and see much the
-    /// same of it.
+    /// The prospect of the first corner around a surface, and the mean light of all, if all are on
+    /// its piece and see much the same of it.
     fn known<'e, const N: usize>(
         &self,
         surface: &Surface,

@@ -1,8 +1,9 @@
 //! Rows of corners on their way from camera rays to pixels, a strip at a time.
 //!
-//! Each step needs what the one before made of rows further on: media and indirect light go from corners that are up to four apart
-//! to those between, and penumbrae are told by two rows on either side. Strips end at rows in which the coarsest corners stand, so
-//! that nothing between needs the strip after.
+//! Each step needs what the one before made of rows further on: media and indirect light go from
+//! corners that are up to four apart to those between, and penumbrae are told by two rows on either
+//! side. Strips end at rows in which the coarsest corners stand, so that nothing between needs the
+//! strip after.
 
 use super::{Corners, Visit};
 use crate::gather::{Medium, Pages};
@@ -15,7 +16,8 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
     /// Rows of a strip, a multiple of that.
     const STRIP: usize = 16;
 
-    /// Makes four rows of corners from `first` on ready for pixels. Those before `first` are not needed any more.
+    /// Makes four rows of corners from `first` on ready for pixels. Those before `first` are not
+    /// needed any more.
     pub(super) fn prepare(&mut self, first: usize) {
         // Corners between those of the last row and of the strip to come look at both.
         let last = self.sampled().saturating_sub(1);
@@ -27,8 +29,9 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         while first + 3 >= self.ready && self.sampled() < self.height {
             let rows = self.sampled()..self.end_of_strip();
             self.sampler.add_rows(rows.clone(), &mut self.corners);
-            // Before any corner asks more of the lights: those of the outer rings do not, but they do in regions of their own,
-            // and whether media are alike must not depend on the region.
+            // Before any corner asks more of the lights: those of the outer rings do not, but they
+            // do in regions of their own, and whether media are alike must not depend on the
+            // region.
             if !A::Passed::IS_VACUUM {
                 self.pass_media(rows.clone());
             }
@@ -68,9 +71,9 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         self.first_row = row;
     }
 
-    /// Visits those of some rows that are inside a rim, and around them what those between need: first those that are `spacing` apart,
-    /// then those half as far apart, down to all. Rows before them have been visited, and they end at one of the coarsest, or with the
-    /// last.
+    /// Visits those of some rows that are inside a rim, and around them what those between need:
+    /// first those that are `spacing` apart, then those half as far apart, down to all. Rows before
+    /// them have been visited, and they end at one of the coarsest, or with the last.
     pub(super) fn coarse_to_fine(
         &mut self,
         rows: Range<usize>,
