@@ -9,7 +9,7 @@ use xxhash_rust::xxh3::Xxh3;
 const SOURCES: &[&str] = &[
     "Cargo.lock",
     "src/math",
-    "src/reference",
+    "src/lab/reference",
     "src/scene",
     "src/trace",
 ];

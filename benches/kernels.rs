@@ -13,13 +13,14 @@ use lvox::gather::{
     Gatherer, Kernel, MediaStore, Medium, NoMedia, Outgoing, Settings, SurfelStore, TreeStore,
 };
 use lvox::image::Region;
+use lvox::lab::reference;
 use lvox::light::{Lights, ShadowRays};
 use lvox::math::Rgb;
 use lvox::math::segment::Composite;
 use lvox::run::Job;
 use lvox::scene::Scene;
+use lvox::shade;
 use lvox::trace::{Surface, Tracer};
-use lvox::{reference, shade};
 use std::path::Path;
 use std::sync::LazyLock;
 

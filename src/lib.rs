@@ -21,15 +21,12 @@ pub mod error;
 pub mod gather;
 pub mod image;
 pub mod inspect;
+pub mod lab;
 pub mod light;
 pub mod math;
-pub mod reference;
 pub mod run;
 pub mod scene;
 pub mod shade;
-pub mod stability;
-pub mod study;
-pub mod target;
 pub mod trace;
 
 pub use error::{Error, Kind, Result};

@@ -6,11 +6,11 @@ mod support;
 
 use lvox::gather::TreeStore;
 use lvox::image::{Frame, Region, exr, metrics};
+use lvox::lab::study::record::Slope;
+use lvox::lab::study::{self, Method, Settings, Study, Sweep};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade::{self, Kernel};
-use lvox::study::record::Slope;
-use lvox::study::{self, Method, Settings, Study, Sweep};
 use std::fs;
 use std::ops::Range;
 use std::path::Path;

@@ -26,45 +26,9 @@ const MAY_USE: &[(&str, &[&str])] = &[
     // Of pictures it knows none but the samples that may be kept beside one.
     ("inspect", &["error", "formats", "image::samples", "run"]),
     ("shade", LEAVES),
-    // What judges the pipeline shares the scene and its tracing with it, and no light.
+    // What judges the pipeline may use all of it; nothing that renders uses the laboratory.
     (
-        "reference",
-        &["error", "image", "math", "run", "scene", "trace"],
-    ),
-    // Drives both sides, and renders nothing itself.
-    (
-        "study",
-        &[
-            "bake",
-            "build",
-            "error",
-            "gather",
-            "image",
-            "math",
-            "reference",
-            "run",
-            "scene",
-            "shade",
-        ],
-    ),
-    // Shades a little and traces paths beside, to pick settings; the stage itself knows neither
-    // paths nor errors.
-    (
-        "target",
-        &[
-            "error",
-            "gather",
-            "image",
-            "math",
-            "reference",
-            "run",
-            "scene",
-            "shade",
-        ],
-    ),
-    // Judges every part, alone and together.
-    (
-        "stability",
+        "lab",
         &[
             "bake", "build", "error", "formats", "gather", "image", "light", "math", "run",
             "scene", "shade", "trace",
@@ -82,8 +46,8 @@ const LEAVES: &[&str] = &[
 const MAY_USE_PLATFORM_MATHS: &[&str] = &[
     "src/image/metrics",
     "src/inspect",
-    "src/stability",
-    "src/study",
+    "src/lab/stability",
+    "src/lab/study",
 ];
 
 /// Functions of f32 and f64 that the standard library takes from the platform: their last bits

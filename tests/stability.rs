@@ -1,9 +1,9 @@
 //! The cases of `lvox study --stability`, with the heavy ones made lighter, and the table in the
 //! docs.
 
+use lvox::lab::stability::{self, Effort};
 use lvox::run::Job;
 use lvox::scene::Scene;
-use lvox::stability::{self, Effort};
 use std::fmt::Write;
 
 #[test]

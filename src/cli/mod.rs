@@ -148,8 +148,8 @@ mod tests {
     use clap::Arg;
     use lvox::bake::lvoxels::BlockSize;
     use lvox::bake::{self, SurfelSampling};
+    use lvox::lab::{reference, study};
     use lvox::shade::{self, Kernel, Method, Quality};
-    use lvox::{reference, study};
 
     #[test]
     fn definitions_are_consistent() {

@@ -4,7 +4,7 @@ use super::options::{Context, Files, Memory, Seed};
 use super::region_options::RegionOptions;
 use super::scene_input::SceneInput;
 use lvox::image::ImageKind;
-use lvox::reference::{self, Settings};
+use lvox::lab::reference::{self, Settings};
 use lvox::run::StageReport;
 use lvox::run::output::check_writable;
 use lvox::{Error, Result};

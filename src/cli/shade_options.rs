@@ -7,11 +7,11 @@ use clap::Args;
 use lvox::gather::TreeStore;
 use lvox::image::exr::{self, Precision};
 use lvox::image::{Frame, ImageKind, png, tone};
+use lvox::lab::tune::{self, Outcome};
 use lvox::run::Job;
 use lvox::run::output::check_writable;
 use lvox::scene::Scene;
 use lvox::shade::{self, Aov, Kernel, Method, Quality, Settings};
-use lvox::target::{self, Outcome};
 use lvox::{Error, Result};
 use std::path::PathBuf;
 
@@ -139,7 +139,7 @@ impl ShadeOptions {
         }
         check_writable(&self.output, true)?;
         if let Some(target) = self.target_error {
-            target::check(target)?;
+            tune::check(target)?;
         }
         self.settings(0).check()
     }
@@ -198,7 +198,7 @@ impl ShadeOptions {
         seed: u64,
         job: &Job,
     ) -> Result<Settings> {
-        let choice = target::choose(scene, store, target, |rung| self.over(rung, seed), job)?;
+        let choice = tune::choose(scene, store, target, |rung| self.over(rung, seed), job)?;
         let (s, expected) = (choice.settings, choice.expected);
         let mut options = format!("--samples {}", s.samples);
         if self.uses_nodes() {

@@ -3,9 +3,9 @@
 use super::options::{Context, Files, Memory, Seed, Temporary};
 use super::scene_input::SceneInput;
 use super::{output, parse};
+use lvox::lab::stability::{self, Effort};
+use lvox::lab::study::{self, Settings};
 use lvox::shade::Quality;
-use lvox::stability::{self, Effort};
-use lvox::study::{self, Settings};
 use lvox::{Error, Result, shade};
 use std::path::PathBuf;
 

@@ -121,7 +121,7 @@ mod tests {
     use super::*;
     use crate::image::Region;
     use crate::image::samples::Origin;
-    use crate::reference::Sums;
+    use crate::lab::reference::Sums;
 
     #[test]
     fn what_is_kept_is_described_and_what_is_damaged_refused() {

@@ -4,11 +4,11 @@ mod support;
 
 use lvox::gather::TreeStore;
 use lvox::image::{Picture, Region, metrics};
-use lvox::reference::{self, Sums};
+use lvox::lab::reference::{self, Sums};
+use lvox::lab::tune::{self, Choice, Outcome};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade::{self, Settings};
-use lvox::target::{self, Choice, Outcome};
 use std::fs;
 use std::path::Path;
 use std::sync::OnceLock;
@@ -39,7 +39,7 @@ fn baked(scene: &Scene) -> Vec<u8> {
 }
 
 fn choose(scene: &Scene, store: &TreeStore, error: f64) -> Choice {
-    target::choose(scene, store, error, |rung| rung, &Job::default()).unwrap()
+    tune::choose(scene, store, error, |rung| rung, &Job::default()).unwrap()
 }
 
 fn truth(scene: &Scene) -> Picture {
@@ -118,7 +118,7 @@ fn the_choice_does_not_depend_on_threads_and_keeps_what_is_fixed() {
     assert_eq!(one.settings, two.settings);
     assert_eq!(one.tried, two.tried);
     let fixed = |rung| Settings { samples: 4, ..rung };
-    let kept = target::choose(&scene, &store, 3e-3, fixed, &Job::default()).unwrap();
+    let kept = tune::choose(&scene, &store, 3e-3, fixed, &Job::default()).unwrap();
     assert_eq!(kept.settings.samples, 4);
     assert!(kept.rung >= one.rung, "{kept:?} {one:?}");
 }

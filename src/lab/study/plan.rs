@@ -14,8 +14,8 @@ use std::path::PathBuf;
 pub struct Settings {
     /// Name of the camera; the scene's first if `None`.
     pub camera: Option<String>,
-    /// Longest paths of Monte Carlo and of the reference, see [`crate::reference::Settings`]. 3 is
-    /// what is computed from a tree without bounces.
+    /// Longest paths of Monte Carlo and of the reference, see [`crate::lab::reference::Settings`].
+    /// 3 is what is computed from a tree without bounces.
     pub max_depth: u32,
     /// Samples per pixel of the Monte Carlo runs.
     pub spp: Vec<u32>,

@@ -24,9 +24,10 @@ pub use sweep::Sweep;
 
 use crate::image::subject::{SHADED_SEGMENTS, Subject};
 use crate::image::{Picture, Region, exr, heat, load, png, tone};
+use crate::lab::reference;
 use crate::run::{Job, Output, build, hex};
 use crate::scene::Scene;
-use crate::{Error, Kind, Result, reference};
+use crate::{Error, Kind, Result};
 use html::Shown;
 use measure::Bench;
 use plan::{How, Variant};
