@@ -8,7 +8,7 @@
 # LARGE_ROUNDS  times that each run is timed; the least counts [2]
 # LARGE_TIMED   a command in front of what is timed, LARGE_HEAVY of what is not: to wait for a quiet machine [none]
 set -eu
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 
 work=${LARGE_WORK:-target/large-frame}
 mkdir -p "$work"

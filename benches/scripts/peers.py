@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""peers.py RESULTS: the tables of docs/peers.md, from the runs that docs/peers-measure.py wrote down.
+"""peers.py RESULTS: the tables of docs/peers.md, from the runs that benches/scripts/peers-measure.py wrote down.
 
 For each peer (a path tracer of few samples with a denoiser behind it) it takes the cheapest preset of lvox that has no
 larger error, in trimmed relMSE nor in FLIP, and sets times beside times. Prints Markdown."""

@@ -12,7 +12,7 @@
 # TABLE1_SCATTER     whether light of media is made beforehand, yes or no [yes]
 # TABLE1_NOTE        a sentence on the state of the machine, for the page
 set -eu
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 
 work=${TABLE1_WORK:-target/table1}
 mkdir -p "$work"
@@ -100,6 +100,6 @@ date, commit, note, *values = sys.argv[1:]
 settings = dict(zip(("spp", "scenes", "quality", "runs", "rounds", "scatter"), values))
 print(json.dumps({"date": date, "commit": commit, "note": note, "settings": settings}, indent=2))' \
     "$made" "$commit" "${TABLE1_NOTE:-}" "$spp" "$scenes" "$quality" "$runs" "$rounds" "$scatter" >"$record/made.json"
-python3 docs/table1.py "$record" >"$work/table1.md"
+python3 benches/scripts/table1.py "$record" >"$work/table1.md"
 cp "$work/table1.md" docs/table1.md
 printf 'see docs/table1.md\n' >&2

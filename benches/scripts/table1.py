@@ -1,4 +1,4 @@
-"""Writes docs/table1.md from the studies that docs/table1.sh has made: table1.py FOLDER"""
+"""Writes docs/table1.md from the studies that benches/scripts/table1.sh has made: table1.py FOLDER"""
 
 import json
 import math
@@ -191,7 +191,7 @@ def how_timed(scenes):
 def made(tells):
     """When, from what and with which settings."""
     settings = [f"`TABLE1_{name.upper()}={value}`" for name, value in tells["settings"].items()]
-    return (f"Made by `bash docs/table1.sh` on {tells['date']} from commit {tells['commit']} with " + ", ".join(settings))
+    return (f"Made by `bash benches/scripts/table1.sh` on {tells['date']} from commit {tells['commit']} with " + ", ".join(settings))
 
 
 def main():

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "../shared/peers"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "../shared/peers"))
 
 import mitsuba
 import pyoidn

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 """peers-measure.py RESULTS: lvox and path tracers with a denoiser, in turn, on scenes A, B, C and C_novol. Adds a line to
-RESULTS for each run, from which docs/peers.py makes tables.
+RESULTS for each run, from which benches/scripts/peers.py makes tables.
 
 Needs ../shared beside the repository, and Mitsuba 3 and Blender as ../shared/peers/README.md sets them up: PEERS_PY,
-PEERS_PY_BPY and DRJIT_LIBLLVM_PATH. For 1920x1080 it needs the references that docs/large-frame.sh makes.
+PEERS_PY_BPY and DRJIT_LIBLLVM_PATH. For 1920x1080 it needs the references that benches/scripts/large-frame.sh makes.
 
 PEERS_WORK    trees and images [target/peers]
-PEERS_LARGE   the folder of docs/large-frame.sh [target/large-frame]
+PEERS_LARGE   the folder of benches/scripts/large-frame.sh [target/large-frame]
 PEERS_WHAT    small (the film of the reference images), large (1920x1080), flicker [all]
 PEERS_SCENES  scenes [A B C C_novol]
 PEERS_OF      peers [mitsuba cycles]
@@ -29,12 +29,12 @@ import time
 import tomllib
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 SHARED = (ROOT / "../shared").resolve()
 COLUMNS = "measure scene film renderer setting round cpu_secs wall_secs others relmse_trimmed flip bias change".split()
 PRESETS = ("draft", "good", "best")
 LARGE = "1920x1080"
-# The two parts of the picture that docs/large-frame.sh has references of.
+# The two parts of the picture that benches/scripts/large-frame.sh has references of.
 PARTS = ((480, 405, 720, 540), (1200, 540, 1440, 675))
 # Renderer and samples per pixel.
 PEERS = {
@@ -86,7 +86,7 @@ class Bench:
         head = [
             f"# lvox beside path tracers with a denoiser, {datetime.date.today()}, of commit {commit}",
             f"# {os.environ.get('PEERS_NOTE', 'CPU seconds of all threads')}",
-            "# python3 docs/peers-measure.py RESULTS; python3 docs/peers.py RESULTS prints the tables of docs/peers.md",
+            "# python3 benches/scripts/peers-measure.py RESULTS; python3 benches/scripts/peers.py RESULTS prints the tables of docs/peers.md",
             ",".join(COLUMNS),
         ]
         self.results.write_text("\n".join(head) + "\n")
@@ -237,7 +237,7 @@ class Bench:
                         images[key], _ = self.peer("mitsuba", name, samples, seed)
                     else:
                         images[key] = self.work / f"{name}.indirect.{samples}.{seed}.exr"
-                        run([*self.timed, self.env["PEERS_PY"], ROOT / "docs/peers-indirect.py", name, samples, seed, images[key]], env=self.env)
+                        run([*self.timed, self.env["PEERS_PY"], ROOT / "benches/scripts/peers-indirect.py", name, samples, seed, images[key]], env=self.env)
                 for key in ("seed", "moved"):
                     self.record(**common, renderer="mitsuba", setting=f"{samples} spp, {part}, {key}", round=1,
                                 change=self.compare(images[key], images["first"])["relmae"])  # fmt: skip

@@ -6,7 +6,7 @@
 # ABLATION_SCENES  these, or curved, lights100, volumes, thin, outdoor [A B C C_novol]
 # ABLATION_TIMED   a command in front of what is timed, ABLATION_HEAVY of the build: to wait for a quiet machine [none]
 set -eu
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 
 work=${ABLATION_WORK:-target/ablation}
 mkdir -p "$work"

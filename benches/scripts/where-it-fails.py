@@ -2,7 +2,7 @@
 """where-it-fails.py FOLDER [LVOX]: what docs/where-it-fails.md shows, from an acceptance run that kept its images:
 
     ACCEPTANCE_OUT=FOLDER bash tests/acceptance/run.sh
-    python3 docs/where-it-fails.py FOLDER
+    python3 benches/scripts/where-it-fails.py FOLDER
 
 Writes docs/fails/*.png and prints the tables of scores, of the worst blocks, and of places with other settings. Needs
 nothing but Python; LVOX is target/release/lvox unless named."""
@@ -15,7 +15,7 @@ import subprocess
 import sys
 import zlib
 
-sys.path.append(os.path.join(os.path.dirname(__file__), os.pardir, "tests", "acceptance", "references"))
+sys.path.append(os.path.join(os.path.dirname(__file__), os.pardir, os.pardir, "tests", "acceptance", "references"))
 import exr  # noqa: E402, beside the references
 
 SHARED = ("A", "B", "C", "C_novol")
@@ -235,7 +235,7 @@ def why(scene, block, told):
 
 def main():
     folder = os.path.realpath(sys.argv[1])
-    os.chdir(os.path.join(os.path.dirname(os.path.realpath(__file__)), ".."))
+    os.chdir(os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", ".."))
     runner = Runner(folder, os.path.realpath(sys.argv[2] if len(sys.argv) > 2 else "target/release/lvox"))
     # A clone without ../shared has the general scenes alone.
     scenes = [s for s in SHARED + GENERAL if os.path.exists(reference_of(s)) and os.path.exists(image_of(folder, s))]
