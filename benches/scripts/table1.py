@@ -16,9 +16,9 @@ PAPER_SECS = {
     "head_256": (31373, 348, 864),
 }
 METHODS = {
-    "traditional-base": "surfels alone (traditional)",
-    "extended-base": "surfels and lvoxels (extended)",
-    "extended-paper": "extended, a cloud like the paper's",
+    "traditional-base": "surfels alone",
+    "extended-base": "with lvoxels",
+    "extended-paper": "with a cloud like the paper's",
 }
 
 
@@ -42,18 +42,6 @@ def times(versus):
     if versus.get("capped"):
         return f"(> {text})"
     return f"({text})" if versus["extrapolated"] else text
-
-
-def equal_time(versus, show):
-    """What Monte Carlo reaches in the time of a run; in brackets where that time was not measured."""
-    text = show(versus["equal_time_error"])
-    return f"({text})" if versus.get("time_extrapolated") and text != "–" else text
-
-
-def resident(run):
-    """Peak of resident memory, MB."""
-    peak = run.get("peak_memory_bytes")
-    return "–" if peak is None else figure(peak / 1e6)
 
 
 def row(cells):
@@ -90,16 +78,13 @@ class Scene:
 
 
 def main_table(scenes, before):
-    head = ["scene", "method", f"{before} s", "render s", "pdiff %", "relMSE", "FLIP",
-            "Monte Carlo in that time: pdiff %", "relMSE", "rendering faster at equal pdiff", "at equal relMSE", "file of the tree MB",
-            "of it lvoxels MB (over the surfels alone)", "surfels to an lvoxel", "resident MB"]
+    head = ["scene", "method", f"{before} s", "render s", "pdiff %", "relMSE", "faster at equal pdiff", "at equal relMSE",
+            "tree MB", "lvoxels over surfels"]
     rows = []
     for scene in scenes:
-        carlo = [r for r in scene.study["runs"] if r["method"] == "monte carlo"]
-        for run in carlo[-2:]:
-            errors = run["errors"]
-            rows.append([scene.name, f"Monte Carlo, {run['values']['spp']:.0f} spp", "–", figure(scene.secs(run)),
-                         percent(errors["pdiff"]), figure(errors["relmse"]), figure(errors["flip"])] + ["–"] * 7 + [resident(run)])
+        run = [r for r in scene.study["runs"] if r["method"] == "monte carlo"][-1]
+        rows.append([scene.name, f"Monte Carlo, {run['values']['spp']:.0f} spp", "–", figure(scene.secs(run)),
+                     percent(run["errors"]["pdiff"]), figure(run["errors"]["relmse"])] + ["–"] * 4)
         for name, label in METHODS.items():
             run, errors = scene.runs[name], scene.errors(name)
             cloud = scene.clouds[run["cloud"]]
@@ -108,27 +93,23 @@ def main_table(scenes, before):
             # A cloud without lvoxels is not measured apart.
             secs = "–" if left_out else figure(cloud["bake"]["cpu_secs"] + cloud["build"]["cpu_secs"])
             rows.append([
-                scene.name, label, secs,
-                figure(scene.secs(run)), percent(errors["pdiff"]), figure(errors["relmse"]), figure(errors["flip"]),
-                equal_time(pdiff, percent), equal_time(relmse, figure),
+                "", label, secs, figure(scene.secs(run)), percent(errors["pdiff"]), figure(errors["relmse"]),
                 times(pdiff), times(relmse), figure((cloud["tree_bytes"] - left_out) / 1e6),
-                "–" if left_out else f"{cloud['lvoxel_bytes'] / 1e6:.2f} ({100 * scene.lvoxel_share(name):.2f} %)",
-                "–" if left_out else figure(cloud["surfels"] / max(cloud["lvoxels"], 1)),
-                resident(run),
+                "–" if left_out else f"{100 * scene.lvoxel_share(name):.2f} %",
             ])
     return table(head, rows)
 
 
 def paper_table(scenes):
-    head = ["scene", "paper: Monte Carlo s", "surfels alone s", "with lvoxels s", "speed-up", "ours, rendering: at equal pdiff",
-            "at equal relMSE", "over Monte Carlo's longest run", "cost of lvoxels in time: paper", "ours"]
+    head = ["scene", "paper: Monte Carlo s", "with lvoxels s", "speed-up", "ours: at equal pdiff", "at equal relMSE",
+            "over the longest run", "time of lvoxels: paper", "ours"]
     rows = []
     for scene in scenes:
         carlo, alone, extended = PAPER_SECS[scene.name]
         ours = scene.secs(scene.runs["extended-base"])
         longest = max(scene.secs(r) for r in scene.study["runs"] if r["method"] == "monte carlo")
         ratio = ours / scene.secs(scene.runs["traditional-base"])
-        rows.append([scene.name, str(carlo), str(alone), str(extended), f"{carlo / extended:.1f}x",
+        rows.append([scene.name, str(carlo), str(extended), f"{carlo / extended:.1f}x",
                      times(scene.versus("extended-base", "pdiff")), times(scene.versus("extended-base", "relmse")),
                      figure(longest / ours) + "x", f"x{extended / alone:.2f}", f"x{ratio:.2f}"])
     return table(head, rows)
@@ -178,19 +159,9 @@ def order(folder):
     return table(["cloud", "front to back, ns a ray", "as stored, ns a ray", "saved by order"], rows)
 
 
-def how_timed(scenes):
-    """How often runs were timed, as a part of a sentence."""
-    rounds = {len(r["rounds"]) for s in scenes for r in s.study["runs"]}
-    if rounds == {1}:
-        return "of runs that were timed once each"
-    if len(rounds) == 1:
-        return f"medians of {rounds.pop()} rounds in which the methods take turns"
-    return f"medians of {min(rounds)} to {max(rounds)} rounds in which the methods take turns, fewer for runs that take long"
-
-
 def made(tells):
     """When, from what and with which settings."""
-    settings = [f"`TABLE1_{name.upper()}={value}`" for name, value in tells["settings"].items()]
+    settings = [f"`TABLE1_{name.upper()}={value}`" for name, value in tells["settings"].items() if name != "scenes"]
     return (f"Made by `bash benches/scripts/table1.sh` on {tells['date']} from commit {tells['commit']} with " + ", ".join(settings))
 
 
@@ -204,49 +175,38 @@ def main():
     note = " " + tells["note"] if tells.get("note") else ""
     scatters = tells["settings"].get("scatter") == "yes"
     made_once = "baking, building and lighting media beforehand (`lvox scatter`)" if scatters else "baking and building"
-    spp = [int(r["values"]["spp"]) for r in first["runs"] if r["method"] == "monte carlo"]
     print(f"""# Table 1: lvox beside Monte Carlo, and beside the paper
 
 The six scenes of Table 1 of Gibson & Wood, *An Approach to Point Based Approximate Color Bleeding with Volumes* (2011):
-Sponza with a CT bunny and with a CT head as media, at three resolutions each; {width} x {height} pixels, one sun, albedo 0.9.
-Everything is direct light and one bounce, which is what the paper's method computes.
+Sponza with a CT bunny and with a CT head as media, at three resolutions each; {width} x {height} pixels, one sun, albedo 0.9,
+direct light and one bounce.
 
-{made(tells)}: lvox {first["version"]} on {machine["processor"]} ({machine["system"]}),
-{machine["threads"]} threads. Times are CPU seconds of all threads, {how_timed(scenes)}, without loading the scene.{note}
+{made(tells)}:
+{machine["processor"]} ({machine["system"]}), {machine["threads"]} threads. Times are CPU seconds, medians of rounds in which the methods
+take turns, without loading the scene.{note}
 
-- **Monte Carlo** is `lvox reference`: path tracing with next-event estimation and Sobol points, multi-threaded, in the same
-  program; its longest run and the one before are shown. Measured with {", ".join(map(str, spp))} samples per pixel.
-- **Errors** are against `lvox reference` images whose own noise is relMSE {figure(min(noise))} to {figure(max(noise))},
-  from the spread of their samples.
-- **Equal relMSE:** Monte Carlo's relMSE is taken as noise of the reference + constant / time, the constant from its
-  longest run whose error is at least twice the noise; solved for our relMSE, and for our time.
-- **Faster** is Monte Carlo's time over ours of rendering: {made_once}, once for all images of a scene, are not in it.
-  They were measured with lvoxels only: surfels alone, which are rendered from the same tree, have none given.
-- **Equal pdiff:** read off straight lines in logarithms of pdiff over time between its runs, beyond the last run along the
-  last line; no differing pixel counts as half a pixel. In brackets where the time is outside of what was measured; beyond
-  ten times the longest run only that is told.
-- **Resident** is the peak of the process while it renders: the scene, the reference image and what earlier runs leave are in
-  it.
-- **A cloud like the paper's** has 2.5 million surfels, and lvoxels of 4^3 voxels (8^3 where the grid has 256^3 or more) from 16
-  coefficient samples. The paper's lvoxels take at most 1.7 MB beside 466.3 MB of surfels, 0.36 %, which is one lvoxel for
-  275 surfels if both take as much. The default has 500,000 surfels, and lvoxels of at most 0.7 optical depths.
+- **Monte Carlo** is `lvox reference`, path tracing with next-event estimation and Sobol points; its longest run is shown.
+- **Errors** are against images of `lvox reference` whose own noise is relMSE {figure(min(noise))} to {figure(max(noise))}.
+- **Faster** is Monte Carlo's time over ours of rendering, without {made_once}, which all
+  images of a scene share. At equal relMSE: Monte Carlo's error is noise of the reference + constant / time. At equal pdiff: by
+  straight lines in logarithms between its runs. In brackets where the time is outside of what was measured.
+- **A cloud like the paper's** has 2.5 million surfels, and lvoxels of 4^3 voxels (8^3 where the grid has 256^3 or more); the
+  default has 500,000 surfels, and lvoxels of at most 0.7 optical depths.
 """)
     print(main_table(scenes, "bake, build and scatter" if scatters else "bake and build"))
     print("## Bars\n\nOf the default settings, the worst of the scenes.\n")
     print(bars(scenes))
     print("""## Beside the paper
 
-The paper's machine (i5, 3 GHz, 2011) and its Monte Carlo renderer were others, and its Monte Carlo was not stopped at equal
-error, so only ratios can be compared; nearest to what it did is the time of our longest Monte Carlo run over ours. Its pdiff
-is 2.1 % to 4.3 % with lvoxels and 5.6 % to 14.4 % with surfels alone; its lvoxels add 0.1 to 1.7 MB to 466.3 MB of
-surfels (0.02 % to 0.36 %).
+The paper's machine and its Monte Carlo renderer were others, and its Monte Carlo was not stopped at equal error, so only
+ratios can be compared. Its pdiff is 2.1 % to 4.3 % with lvoxels and 5.6 % to 14.4 % with surfels alone; its lvoxels
+take 0.02 % to 0.36 % of the bytes of its surfels.
 """)
     print(paper_table(scenes))
     print("""## Front-to-back order
 
-The plain kernel (`src/gather/plain.rs`, the paper's ray cast) on the trees of `bunny_128`, media left out: rays of gathers
-from surfels all over the tree, children sorted by distance or visited as stored. The paper has 18 %.
-`LVOX_BENCH_TREE=FILE.lvt cargo bench --bench kernels -- order`
+The plain kernel (the paper's ray cast) on the trees of `bunny_128`, media left out: children sorted by distance or
+visited as stored. The paper saves 18 %. `LVOX_BENCH_TREE=FILE.lvt cargo bench --bench kernels -- order` measures it.
 """)
     print(order(folder), end="")
 

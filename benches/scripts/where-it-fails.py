@@ -56,73 +56,6 @@ PLACES = (
 )
 
 
-# Why blocks are among the worst, and what was done about that cause: the text of docs/where-it-fails.md.
-CAUSES = {
-    "crease": ("crease between floor and wall: gathers of single corners",
-        "surfaces that the lattice missed gather for themselves; twice the rays there were 35 % slower for 2 to 3 % less error"),
-    "smoke": ("dark side of smoke",
-        "direct light falls as the depth between vertices says, and rays to lamps pass cells of small volumes: a block of A +4.3 to +0.5 %"),
-    "bunny": ("shaded side of the dense bunny",
-        "vertices of sweeps 1.4 optical depths apart, cubics between rays: C 9.8e-4 to 9.2e-4; 0.7 apart is 1.7 times as slow"),
-    "penumbra": ("penumbra",
-        "three rays more where the 16 corners differ, samples of its own where it is narrow: B 8.9e-5 to 7.5e-5"),
-    "contact": ("contact shadow: penumbra",
-        "the same as in penumbrae"),
-    "cross": ("meshes that cross: disks",
-        "nothing by default: cut by short rays, disks left a corner 6 and not 17 % too dark, but mouldings beside it 3 to 12 %; without disks that the other mesh stands before it is -7 %; `bake --surfels 2000000`"),
-    "ear": ("ear of the dense bunny: few rays in media",
-        "nothing by default: with `--volume-samples 64` it is -0.1 %"),
-    "mouldings": ("silhouettes and mouldings",
-        "16 samples of its own where corners of a pixel differ: C_novol 1.1e-3 to 6.3e-4 beside 4"),
-    "corner": ("dark corner: blur of the lattice",
-        "weights end at a quarter of the distance to what is seen; `--lattice 1` takes the rest away, in five times the time"),
-    "behind": ("strip of ceiling behind the lamp, a pixel wide: corners that neighbours share",
-        "nothing by default: with `--pixel-samples 64` it is -0.8 %"),
-    "not noise": ("smoke, not noise",
-        "nothing: more samples of any kind change it by a tenth at most"),
-    "haze": ("haze on a floor: patches, and corners that neighbours share",
-        "nothing by default: `--quality best --lattice 1 --samples 256 --pixel-samples 64 --max-solid-angle 0` leaves a quarter"),
-    "reference": ("noise of the reference",
-        "nothing: settings differ among each other by a tenth of it"),
-    "lamp": ("beside a lamp",
-        "borders of lamps in closed form: `lights100` bias -1.0 % to 0.0 %"),
-    "lights": ("grain of many lights",
-        "a tree over lights in place of 64 chosen by power: 3.5e-3 to 1.0e-3"),
-    "border": ("border of smoke",
-        "media of a pixel from the cubic through corners: C 1.02e-3 to 9.8e-4"),
-    "slats": ("slats",
-        "16 samples of its own where corners of a pixel differ; indirect light at such pixels stays that of few gathers (`--lattice 1`)"),
-    "slats2": ("slats and the penumbra below",
-        "as of slats and penumbrae"),
-    "shadow": ("border of a shadow",
-        "16 samples of its own where some corners of a pixel see the light and some do not"),
-    "small face": ("small face of a capital: few gathers",
-        "nothing by default: a patch of it is 21 % too green, with `--lattice 1` or `--samples 160` at most 1 %"),
-    "silhouette": ("silhouette",
-        "16 samples of its own where corners of a pixel differ"),
-}
-
-# What was found to be wrong in a block: scene, corner. Others have to be looked at first.
-BLOCKS = {
-    "A": {(400, 448): "crease", (160, 240): "smoke", (176, 224): "smoke", (224, 256): "smoke", (144, 432): "penumbra",
-          (432, 448): "reference", (448, 464): "reference", (240, 48): "reference", (288, 48): "behind"},
-    "B": {(400, 448): "crease", (272, 48): "behind", (256, 48): "behind", (240, 48): "behind", (224, 48): "behind"},
-    "C": {(496, 128): "cross", (400, 48): "mouldings", (352, 144): "mouldings", (368, 144): "mouldings",
-          (208, 192): "bunny", (160, 224): "bunny", (160, 240): "bunny", (240, 128): "ear"},
-    "C_novol": {(496, 128): "cross", (400, 48): "mouldings", (352, 144): "mouldings",
-                (208, 144): "corner"},
-    "curved": {(96, 160): "penumbra", (112, 160): "penumbra", (144, 160): "contact", (32, 144): "contact",
-               (96, 144): "contact"},
-    "lights100": {(80, 16): "lamp", (112, 112): "lights", (208, 48): "silhouette", (176, 32): "small face"},
-    "volumes": {(80, 32): "border", (96, 32): "not noise", (96, 48): "not noise", (64, 48): "smoke",
-                (80, 48): "smoke", (64, 128): "haze"},
-    "thin": {(80, 112): "slats", (64, 112): "slats", (80, 144): "slats", (64, 144): "slats2", (48, 144): "slats2",
-             (32, 144): "slats2"},
-    "outdoor": {(80, 160): "shadow", (208, 112): "silhouette", (128, 112): "shadow", (112, 112): "shadow",
-                (96, 112): "shadow"},
-}
-
-
 def read(name):
     """Rows of (r, g, b)."""
     _, rows = exr.read(name)
@@ -222,17 +155,6 @@ def difference(scores):
     return f"{100 * scores['bias']:+.1f} %"
 
 
-def why(scene, block, told):
-    """Cause and what was done, which is said once; causes that were said are added to `told`."""
-    kind = BLOCKS.get(scene, {}).get((block["x0"], block["y0"]))
-    if kind is None:
-        return "not looked at", ""
-    cause, done = CAUSES[kind]
-    is_new = kind not in told
-    told.add(kind)
-    return cause, done if is_new else "as above"
-
-
 def main():
     folder = os.path.realpath(sys.argv[1])
     os.chdir(os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", ".."))
@@ -247,15 +169,13 @@ def main():
         worst[scene] = s["worst"]
         print(f"| {scene} | {short(s['relmse_trimmed'])} | {100 * s['pdiff']:.2f} % | {100 * s['bias']:+.2f} % | {s['flip']:.3f} |")
 
-    print("\n| scene | block | reference | difference | relMSE | cause | what was done |"
-          "\n| --- | --- | --- | --- | --- | --- | --- |")
-    told = set()
+    print("\n| scene | block | reference | difference | relMSE |\n| --- | --- | --- | --- | --- |")
     for scene in scenes:
         for i, b in enumerate(worst[scene]):
             name = scene if i == 0 else ""
             share = b["error"] / b["reference"] if b["reference"] else math.nan
             print(f"| {name} | {b['x0']} {b['y0']} | {b['reference']:.3g} | {b['error']:+.2g} ({100 * share:+.1f} %) "
-                  f"| {short(b['relmse'])} | {' | '.join(why(scene, b, told))} |")
+                  f"| {short(b['relmse'])} |")
 
     print("\n| place | scene, pixels | settings | difference | relMSE | shade, CPU s |\n| --- | --- | --- | --- | --- | --- |")
     for name, scene, region, settings in PLACES:
