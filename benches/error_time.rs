@@ -11,7 +11,7 @@ use lvox::image::{Picture, Region, load, metrics};
 use lvox::run::{Job, usage};
 use lvox::scene::Scene;
 use lvox::shade::{self, Quality};
-use lvox::{Error, Result, bake, build, gather::TreeStore};
+use lvox::{Error, Result, bake, build, tree::OpenTree};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -126,7 +126,7 @@ fn measure(name: &str, qualities: &[(&str, Quality)]) -> Result<()> {
 }
 
 fn shade(scene: &Scene, tree: &Path, quality: Quality, job: &Job) -> Result<Picture> {
-    let store = TreeStore::open(tree, None)?;
+    let store = OpenTree::open(tree, None)?;
     let region = Region::full(scene.film.width, scene.film.height);
     let settings = shade::Settings::of(quality);
     let frame = shade::run(scene, &store, &settings, region, &[], job)?;

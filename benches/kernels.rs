@@ -9,9 +9,7 @@ use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use lvox::gather::cone::Scratch;
 use lvox::gather::plain;
-use lvox::gather::{
-    Gatherer, Kernel, MediaStore, Medium, NoMedia, Outgoing, Settings, SurfelStore, TreeStore,
-};
+use lvox::gather::{Gatherer, Kernel, Medium, NoMedia, PatchRadiance, Settings};
 use lvox::image::Region;
 use lvox::lab::reference;
 use lvox::light::{Lights, ShadowRays};
@@ -21,13 +19,14 @@ use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade;
 use lvox::trace::{Surface, Tracer};
+use lvox::tree::{MediaStore, OpenTree, SurfelStore};
 use std::path::Path;
 use std::sync::LazyLock;
 
 const RAYS: u64 = 4096;
 
 static TRACER: LazyLock<Tracer<'static>> = LazyLock::new(|| Tracer::new(&DEMO.scene));
-static STORE: LazyLock<TreeStore> = LazyLock::new(|| TreeStore::open(&DEMO.tree, None).unwrap());
+static STORE: LazyLock<OpenTree> = LazyLock::new(|| OpenTree::open(&DEMO.tree, None).unwrap());
 
 fn main() {
     divan::main();
@@ -58,14 +57,14 @@ fn cells(bencher: Bencher) {
 /// Surfels seen by a gather ray, media left out.
 #[divan::bench(args = ["traced 0.01 sr", "cone 0.01 sr", "cone 0 sr", "plain"])]
 fn surfels(bencher: Bencher, kernel: &str) {
-    let outgoing = Outgoing::new(&*TRACER, STORE.area_per_surfel(), RAYS as usize);
+    let outgoing = PatchRadiance::new(&*TRACER, STORE.area_per_surfel(), RAYS as usize);
     let (kernel, max_solid_angle) = match kernel {
         "traced 0.01 sr" => (Kernel::Traced(&outgoing), 0.01),
         "plain" => (Kernel::Plain, 0.0),
         "cone 0 sr" => (Kernel::Cone, 0.0),
         _ => (Kernel::Cone, 0.01),
     };
-    let SurfelStore::Kept(pages) = &STORE.surfels else {
+    let SurfelStore::Resident(pages) = &STORE.surfels else {
         unreachable!("no limit was given")
     };
     let gatherer = Gatherer {
@@ -84,7 +83,7 @@ fn surfels(bencher: Bencher, kernel: &str) {
     let mut scratch = Scratch::default();
     bencher.counter(ItemsCount::new(RAYS)).bench_local(|| {
         for &(origin, direction) in &rays {
-            black_box(gatherer.look(origin, direction, &mut scratch));
+            black_box(gatherer.incident(origin, direction, &mut scratch));
         }
     });
 }
@@ -94,9 +93,9 @@ fn surfels(bencher: Bencher, kernel: &str) {
 #[divan::bench(args = ["front to back", "as stored"])]
 fn order(bencher: Bencher, order: &str) {
     let other = std::env::var_os("LVOX_BENCH_TREE")
-        .map(|path| TreeStore::open(Path::new(&path), None).expect("LVOX_BENCH_TREE"));
+        .map(|path| OpenTree::open(Path::new(&path), None).expect("LVOX_BENCH_TREE"));
     let store = other.as_ref().unwrap_or(&STORE);
-    let SurfelStore::Kept(pages) = &store.surfels else {
+    let SurfelStore::Resident(pages) = &store.surfels else {
         unreachable!("no limit was given")
     };
     let rays = gather_rays(store, RAYS);

@@ -10,10 +10,7 @@ mod common;
 use common::rays;
 use lvox::bake::{self, SurfelSampling};
 use lvox::build;
-use lvox::gather::{
-    self, Gatherer, Media, MediaStore, Medium, NoMedia, Outgoing, Pages, Stretch, SurfelStore,
-    TreeStore,
-};
+use lvox::gather::{self, Gatherer, Medium, NoMedia, PatchRadiance, SampleRange};
 use lvox::image::Region;
 use lvox::inspect::{self, Description};
 use lvox::math::Rgb;
@@ -21,6 +18,7 @@ use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade::{self, Kernel};
 use lvox::trace::Tracer;
+use lvox::tree::{Media, MediaStore, OpenTree, Pages, SurfelStore};
 use std::fs;
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
@@ -124,7 +122,7 @@ struct Baked {
     tree: Description,
     path: PathBuf,
     scene: Scene,
-    store: TreeStore,
+    store: OpenTree,
     /// Seconds.
     bake: f64,
 }
@@ -164,7 +162,7 @@ impl Baked {
         Self {
             cloud: inspect::describe(&cloud).unwrap(),
             tree: inspect::describe(&tree).unwrap(),
-            store: TreeStore::open(&tree, None).unwrap(),
+            store: OpenTree::open(&tree, None).unwrap(),
             path: tree,
             scene,
             bake,
@@ -173,7 +171,7 @@ impl Baked {
 
     fn pages(&self) -> &impl Pages {
         match &self.store.surfels {
-            SurfelStore::Kept(pages) => pages,
+            SurfelStore::Resident(pages) => pages,
             SurfelStore::Cached(_) => unreachable!("no limit was given"),
         }
     }
@@ -206,7 +204,7 @@ impl Baked {
         let tracer = Tracer::new(&self.scene);
         let settings = shade::Settings::default();
         let samples = receivers as usize * settings.samples as usize;
-        let outgoing = Outgoing::new(&tracer, self.store.area_per_surfel(), samples);
+        let outgoing = PatchRadiance::new(&tracer, self.store.area_per_surfel(), samples);
         let gatherer = Gatherer {
             pages,
             media,
@@ -226,7 +224,7 @@ impl Baked {
         let all = rays(receivers);
         let start = Instant::now();
         for (i, &(point, normal)) in all.iter().enumerate() {
-            black_box(gatherer.irradiance(point, normal, normal, Stretch::first(i as u64)));
+            black_box(gatherer.irradiance(point, normal, normal, SampleRange::first(i as u64)));
         }
         1e6 * start.elapsed().as_secs_f64() / receivers as f64
     }
@@ -234,7 +232,7 @@ impl Baked {
 
 /// A region of the frame and what is read of the tree for it: milliseconds and bytes.
 fn shade(baked: &Baked, region: Region) -> (f64, u64) {
-    let store = TreeStore::open(&baked.path, None).unwrap();
+    let store = OpenTree::open(&baked.path, None).unwrap();
     let (settings, job) = (shade::Settings::default(), Job::default());
     let start = Instant::now();
     shade::run(&baked.scene, &store, &settings, region, &[], &job).unwrap();
@@ -376,7 +374,7 @@ fn main() {
     let forced_rgb = grey_smoke.rgb();
     // The most memory with which pages are still cached, to 256 KiB.
     let limited = (1..400).rev().find_map(|steps| {
-        let store = TreeStore::open(&plain.path, Some(steps << 18)).ok()?;
+        let store = OpenTree::open(&plain.path, Some(steps << 18)).ok()?;
         matches!(store.surfels, SurfelStore::Cached(_)).then_some(store)
     });
     println!("\n| feature | kernel | without | forced on | with |");
@@ -388,7 +386,7 @@ fn main() {
             Box::new(|n| grey_smoke.time_with(grey_smoke.pages(), &forced_rgb, kernel, n));
         let cached = limited.as_ref().map(|store| -> Timing {
             Box::new(|n| match &store.surfels {
-                SurfelStore::Kept(pages) => plain.time_with(pages, NoMedia, kernel, n),
+                SurfelStore::Resident(pages) => plain.time_with(pages, NoMedia, kernel, n),
                 SurfelStore::Cached(pages) => plain.time_with(pages, NoMedia, kernel, n),
             })
         });

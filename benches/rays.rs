@@ -14,16 +14,15 @@ mod trees;
 
 use glam::{Vec3, Vec3A};
 use lvox::gather::cone::Scratch;
-use lvox::gather::store::KeptTree;
-use lvox::gather::{
-    Gatherer, Kernel, NoMedia, Outgoing, Settings, SurfacePoint, SurfelStore, TreeStore,
-};
+use lvox::gather::{Gatherer, Kernel, NoMedia, PatchRadiance, Settings, SurfacePoint};
 use lvox::math::Rgb;
 use lvox::math::sampling::{cosine_hemisphere, hash, mix, sobol2, tangents};
 use lvox::run::usage;
 use lvox::scene::Scene;
 use lvox::shade::{self, Quality};
 use lvox::trace::{Surface, Tracer, offset};
+use lvox::tree::ResidentTree;
+use lvox::tree::{OpenTree, SurfelStore};
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::cwbvh::builder::build_cwbvh_from_tris;
@@ -122,7 +121,7 @@ fn main() {
     let folder = tempfile::tempdir().unwrap();
     for &surfels in size.surfels {
         let store = store(&scene, surfels, folder.path());
-        let SurfelStore::Kept(pages) = &store.surfels else {
+        let SurfelStore::Resident(pages) = &store.surfels else {
             unreachable!("no limit was given")
         };
         // As in a frame, whose gathers stand half as far apart. Each row has a table of its own, as
@@ -132,7 +131,7 @@ fn main() {
             let max_solid_angle = settings.max_solid_angle;
             let name = format!("traced, {max_solid_angle} sr ({name})");
             let outgoing = || {
-                Outgoing::new(&tracer, store.area_per_surfel(), 4 * rays.len())
+                PatchRadiance::new(&tracer, store.area_per_surfel(), 4 * rays.len())
                     .in_patches_of(settings.patch_surfels as f32)
             };
             let known = outgoing();
@@ -144,7 +143,7 @@ fn main() {
             let order = gatherer.order(SIDE * SIDE);
             let secs = best(size.passes, || {
                 for (key, square) in squares.iter().enumerate() {
-                    black_box(gatherer.irradiance_of_neighbours(square, key as u64, &order));
+                    black_box(gatherer.irradiance_at_neighbours(square, key as u64, &order));
                 }
             });
             print(&format!("{name}, in squares"), &surfels.to_string(), secs);
@@ -163,11 +162,15 @@ fn main() {
 }
 
 /// CPU seconds of rays that are cast one after the other.
-fn one_by_one(gatherer: &Gatherer<KeptTree, NoMedia>, rays: &[(Vec3, Vec3)], passes: u32) -> f64 {
+fn one_by_one(
+    gatherer: &Gatherer<ResidentTree, NoMedia>,
+    rays: &[(Vec3, Vec3)],
+    passes: u32,
+) -> f64 {
     let mut scratch = Scratch::default();
     best(passes, || {
         for &(origin, direction) in rays {
-            black_box(gatherer.look(origin, direction, &mut scratch));
+            black_box(gatherer.incident(origin, direction, &mut scratch));
         }
     })
 }
@@ -260,23 +263,23 @@ fn squares(receivers: &[Receiver]) -> Vec<Vec<SurfacePoint>> {
             position: r.origin,
             normal: r.normal,
             face_normal: r.face_normal,
-            stretch: y * SIDE + x,
+            range: y * SIDE + x,
         });
     }
     squares.into_values().collect()
 }
 
 /// A tree of so many surfels.
-fn store(scene: &Scene, surfels: u64, folder: &Path) -> TreeStore {
+fn store(scene: &Scene, surfels: u64, folder: &Path) -> OpenTree {
     let tree = trees::baked(scene, &trees::of_surfels(surfels), folder, "c");
-    TreeStore::open(&tree, None).unwrap()
+    OpenTree::open(&tree, None).unwrap()
 }
 
 fn gatherer<'a>(
-    pages: &'a KeptTree,
+    pages: &'a ResidentTree,
     kernel: Kernel<'a>,
     max_solid_angle: f32,
-) -> Gatherer<'a, KeptTree, NoMedia> {
+) -> Gatherer<'a, ResidentTree, NoMedia> {
     Gatherer {
         pages,
         media: NoMedia,

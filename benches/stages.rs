@@ -8,10 +8,10 @@ use divan::Bencher;
 use divan::counter::ItemsCount;
 use lvox::bake::{self, SurfelSampling};
 use lvox::build;
-use lvox::gather::TreeStore;
 use lvox::image::Region;
 use lvox::run::Job;
 use lvox::shade;
+use lvox::tree::OpenTree;
 
 fn main() {
     divan::main();
@@ -50,7 +50,7 @@ fn shade_pixels(bencher: Bencher) {
         y1: 216,
     };
     let settings = shade::Settings::default();
-    let store = TreeStore::open(&DEMO.tree, None).unwrap();
+    let store = OpenTree::open(&DEMO.tree, None).unwrap();
     bencher.counter(ItemsCount::new(region.pixels())).bench(|| {
         shade::run(&DEMO.scene, &store, &settings, region, &[], &Job::default()).unwrap();
     });

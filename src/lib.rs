@@ -28,6 +28,7 @@ pub mod run;
 pub mod scene;
 pub mod shade;
 pub mod trace;
+pub mod tree;
 
 pub use error::{Error, Kind, Result};
 pub use lvox_formats as formats;

@@ -4,13 +4,13 @@
 
 mod support;
 
-use lvox::gather::TreeStore;
 use lvox::image::{Frame, Region, exr, metrics};
 use lvox::lab::study::record::Slope;
 use lvox::lab::study::{self, Method, Settings, Study, Sweep};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade::{self, Kernel};
+use lvox::tree::OpenTree;
 use std::fs;
 use std::ops::Range;
 use std::path::Path;
@@ -124,7 +124,7 @@ fn measured(scene: &Scene, dir: &Path) -> [Study; 2] {
 /// than the rest.
 fn pixel_samples(scene: &Scene, dir: &Path) -> Vec<(f64, f64)> {
     let tree = trees::baked(scene, &trees::of_surfels(80_000), dir, "own");
-    let store = TreeStore::open(&tree, None).unwrap();
+    let store = OpenTree::open(&tree, None).unwrap();
     let region = Region::full(scene.film.width, scene.film.height);
     let picture = |frame: &Frame| frame.picture("", &region).unwrap();
     let reference = picture(&exr::read(&dir.join("traced/reference.exr")).unwrap());

@@ -18,8 +18,9 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("scene", &["error", "math", "run"]),
     ("trace", &["error", "math", "run", "scene"]),
     ("light", &["error", "math", "scene", "trace"]),
-    // Gathering works on a machine that has the tree but not the scene.
-    ("gather", &["error", "formats", "math", "run"]),
+    // A tree is opened, and gathered from, on a machine that has no scene.
+    ("tree", &["error", "formats", "math", "run"]),
+    ("gather", &["error", "formats", "math", "run", "tree"]),
     ("image", &["error", "run", "scene::Film"]),
     ("bake", LEAVES),
     ("build", LEAVES),
@@ -31,14 +32,14 @@ const MAY_USE: &[(&str, &[&str])] = &[
         "lab",
         &[
             "bake", "build", "error", "formats", "gather", "image", "light", "math", "run",
-            "scene", "shade", "trace",
+            "scene", "shade", "trace", "tree",
         ],
     ),
 ];
 
 /// What stages share; no stage uses another.
 const LEAVES: &[&str] = &[
-    "error", "formats", "gather", "image", "light", "math", "run", "scene", "trace",
+    "error", "formats", "gather", "image", "light", "math", "run", "scene", "trace", "tree",
 ];
 
 /// Below these folders results are figures for people and no pixels or files depend on the last bit

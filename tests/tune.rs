@@ -2,13 +2,13 @@
 
 mod support;
 
-use lvox::gather::TreeStore;
 use lvox::image::{Picture, Region, metrics};
 use lvox::lab::reference::{self, Sums};
 use lvox::lab::tune::{self, Choice, Outcome};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade::{self, Settings};
+use lvox::tree::OpenTree;
 use std::fs;
 use std::path::Path;
 use std::sync::OnceLock;
@@ -25,11 +25,11 @@ fn demo() -> Scene {
 }
 
 /// The tree of the demo scene, as a file in `dir`; it is baked once for all tests.
-fn tree(dir: &Path) -> TreeStore {
+fn tree(dir: &Path) -> OpenTree {
     static BAKED: OnceLock<Vec<u8>> = OnceLock::new();
     let path = dir.join("demo.lvt");
     fs::write(&path, BAKED.get_or_init(|| baked(&demo()))).unwrap();
-    TreeStore::open(&path, None).unwrap()
+    OpenTree::open(&path, None).unwrap()
 }
 
 fn baked(scene: &Scene) -> Vec<u8> {
@@ -38,7 +38,7 @@ fn baked(scene: &Scene) -> Vec<u8> {
     fs::read(trees::baked(scene, &settings, dir.path(), "demo")).unwrap()
 }
 
-fn choose(scene: &Scene, store: &TreeStore, error: f64) -> Choice {
+fn choose(scene: &Scene, store: &OpenTree, error: f64) -> Choice {
     tune::choose(scene, store, error, |rung| rung, &Job::default()).unwrap()
 }
 

@@ -1,9 +1,9 @@
 //! The demo scene, baked small once and shared by all benchmarks of a process.
 
 use glam::Vec3;
-use lvox::gather::TreeStore;
 use lvox::math::sampling::{cosine_hemisphere, hash, sphere, tangents, unit2};
 use lvox::scene::Scene;
+use lvox::tree::OpenTree;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
@@ -55,7 +55,7 @@ pub fn rays(count: u64) -> Vec<(Vec3, Vec3)> {
 
 /// Rays of gathers at surfels all over a tree: cosine-distributed about the normals, the same every
 /// time.
-pub fn gather_rays(store: &TreeStore, count: u64) -> Vec<(Vec3, Vec3)> {
+pub fn gather_rays(store: &OpenTree, count: u64) -> Vec<(Vec3, Vec3)> {
     let tree = store.tree();
     let pages = tree.surfel_pages() as u64;
     (0..count)

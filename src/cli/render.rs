@@ -5,8 +5,8 @@ use super::options::{Context, Files, Memory, Seed, Temporary};
 use super::output;
 use super::scene_input::SceneInput;
 use super::shade_options::ShadeOptions;
-use lvox::gather::TreeStore;
 use lvox::run::output::check_writable;
+use lvox::tree::OpenTree;
 use lvox::{Error, Result};
 use std::path::PathBuf;
 
@@ -79,7 +79,7 @@ impl Args {
             context.force,
             job,
         )?;
-        let store = TreeStore::open(&tree, job.memory_limit)?;
+        let store = OpenTree::open(&tree, job.memory_limit)?;
         self.shade.run(&scene, &store, self.seed.seed, job)?;
         output::say_times(job, "shade", &["bake", "build", "pilot"]);
         Ok(())

@@ -5,9 +5,9 @@ use super::output;
 use super::scene_input::SceneInput;
 use super::shade::warn_if_out_of_date;
 use lvox::Result;
-use lvox::gather::TreeStore;
 use lvox::run::output::check_writable;
 use lvox::shade::scatter::{self, Settings};
+use lvox::tree::OpenTree;
 use std::path::PathBuf;
 
 /// Light the media of a scene for all cameras, so that no frame and no tile has to
@@ -72,7 +72,7 @@ impl Args {
         let settings = self.settings();
         settings.check()?;
         let job = &context.job;
-        let store = TreeStore::open(&self.tree, job.memory_limit)?;
+        let store = OpenTree::open(&self.tree, job.memory_limit)?;
         let cloud = &store.tree().meta().cloud;
         let scene = self
             .scene

@@ -5,9 +5,9 @@ use super::output;
 use super::scene_input::SceneInput;
 use super::shade_options::ShadeOptions;
 use lvox::Result;
-use lvox::gather::TreeStore;
 use lvox::run::Job;
 use lvox::scene::Scene;
+use lvox::tree::OpenTree;
 use std::path::{Path, PathBuf};
 
 /// Shade an image, or a tile of it, from a scene and its tree
@@ -47,7 +47,7 @@ impl Args {
     pub fn run(self, context: &Context) -> Result<()> {
         self.shade.check()?;
         let job = &context.job;
-        let mut store = TreeStore::open(&self.tree, job.memory_limit)?;
+        let mut store = OpenTree::open(&self.tree, job.memory_limit)?;
         if let Some(scatter) = &self.scatter {
             store = store.with_scatter(scatter)?;
         }

@@ -4,7 +4,6 @@ use super::options::Files;
 use super::parse;
 use super::region_options::RegionOptions;
 use clap::Args;
-use lvox::gather::TreeStore;
 use lvox::image::exr::{self, Precision};
 use lvox::image::{Frame, ImageKind, png, tone};
 use lvox::lab::tune::{self, Outcome};
@@ -12,6 +11,7 @@ use lvox::run::Job;
 use lvox::run::output::check_writable;
 use lvox::scene::Scene;
 use lvox::shade::{self, Aov, Kernel, Method, Quality, Settings};
+use lvox::tree::OpenTree;
 use lvox::{Error, Result};
 use std::path::PathBuf;
 
@@ -194,7 +194,7 @@ impl ShadeOptions {
         &self,
         target: f64,
         scene: &Scene,
-        store: &TreeStore,
+        store: &OpenTree,
         seed: u64,
         job: &Job,
     ) -> Result<Settings> {
@@ -230,7 +230,7 @@ impl ShadeOptions {
     }
 
     /// Shades and writes the image.
-    pub fn run(&self, scene: &Scene, store: &TreeStore, seed: u64, job: &Job) -> Result<()> {
+    pub fn run(&self, scene: &Scene, store: &OpenTree, seed: u64, job: &Job) -> Result<()> {
         let region = self.region.of(&scene.film)?;
         let settings = match self.target_error {
             Some(target) => self.pick(target, scene, store, seed, job)?,

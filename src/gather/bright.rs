@@ -3,10 +3,10 @@
 //! light. Gathers may leave them out of what rays meet, and ask them as they ask lamps.
 
 use super::Pages;
-use super::page::{ChildKind, WIDTH, WideNode};
-use super::place::{Extent, Place};
-use super::store::Page;
+use super::patch_id::{PatchExtent, PatchId};
 use crate::math::{Hit, Rgb};
+use crate::tree::page::{ChildKind, WIDTH, WideNode};
+use crate::tree::store::Page;
 use glam::Vec3;
 use smallvec::SmallVec;
 use std::collections::HashSet;
@@ -24,7 +24,7 @@ pub struct BrightPatch {
 
 /// A place that a ray met, and about as far around it as the ray speaks for.
 #[derive(Clone, Copy, Debug)]
-pub struct Seed {
+pub struct BrightHit {
     /// Scene space.
     pub position: Vec3,
     /// Scene units.
@@ -34,13 +34,13 @@ pub struct Seed {
 /// Where bright patches are. Any set would do, as light of each place is counted by one of two ways
 /// and by no other.
 #[derive(Debug)]
-pub(super) struct BrightPlaces {
+pub(super) struct BrightPatchIndex {
     keys: HashSet<u64>,
     /// Of each triangle whether it has any.
     has_any: Vec<bool>,
 }
 
-impl BrightPlaces {
+impl BrightPatchIndex {
     /// Square of the longest edge of a place, over that below which patches are not divided: up to
     /// eight surfels along an edge. In smaller ones there are some without the middle of a surfel,
     /// and larger ones send the light of their bright part from all of their area.
@@ -55,7 +55,7 @@ impl BrightPlaces {
     }
 
     /// Adds the place of a hit: which that is, unless it is there.
-    pub fn add(&mut self, hit: &Hit, extent: Extent) -> Option<Place> {
+    pub fn add(&mut self, hit: &Hit, extent: PatchExtent) -> Option<PatchId> {
         let place = Self::place(hit, extent);
         self.has_any[hit.triangle as usize] = true;
         self.keys.insert(place.key()).then_some(place)
@@ -66,13 +66,13 @@ impl BrightPlaces {
         self.keys.len()
     }
 
-    fn place(hit: &Hit, extent: Extent) -> Place {
-        Place::new(hit, extent.edge2, Self::SIZE * extent.least)
+    fn place(hit: &Hit, extent: PatchExtent) -> PatchId {
+        PatchId::new(hit, extent.edge2, Self::SIZE * extent.least)
     }
 
     /// The place that a ray met and whether it is bright; `None` on triangles without any that is.
     #[inline]
-    pub fn at(&self, hit: &Hit, extent: Extent) -> Option<(Place, bool)> {
+    pub fn at(&self, hit: &Hit, extent: PatchExtent) -> Option<(PatchId, bool)> {
         self.has_any[hit.triangle as usize].then(|| {
             let place = Self::place(hit, extent);
             (place, self.keys.contains(&place.key()))
@@ -81,7 +81,7 @@ impl BrightPlaces {
 }
 
 /// One side of a disk of the tree.
-pub(super) struct Disk {
+pub(super) struct DiskSide {
     pub centre: Vec3,
     /// On that side.
     pub normal: Vec3,
@@ -89,9 +89,9 @@ pub(super) struct Disk {
 }
 
 /// Looks for disks near seeds.
-pub(super) struct Search<'a, P> {
+pub(super) struct BrightDiskSearch<'a, P> {
     pub pages: &'a P,
-    pub seeds: &'a [Seed],
+    pub seeds: &'a [BrightHit],
     /// Seeds that have to reach a disk.
     pub support: usize,
     /// What a disk has to send, by the mean channel.
@@ -101,10 +101,10 @@ pub(super) struct Search<'a, P> {
 /// Indices of seeds.
 type Near = SmallVec<[u32; 32]>;
 
-impl<P: Pages> Search<'_, P> {
+impl<P: Pages> BrightDiskSearch<'_, P> {
     /// Hands out the sides that send enough near enough seeds, in the order of the tree, until told
     /// to stop: then `false`.
-    pub fn for_each(&self, mut found: impl FnMut(&Disk) -> bool) -> bool {
+    pub fn for_each(&self, mut found: impl FnMut(&DiskSide) -> bool) -> bool {
         let Some(root) = self.pages.root() else {
             return true;
         };
@@ -139,7 +139,7 @@ impl<P: Pages> Search<'_, P> {
     fn near(&self, of_node: &Near, node: &WideNode, k: usize) -> Near {
         let corner = |c: &[[f32; WIDTH]; 3]| Vec3::new(c[0][k], c[1][k], c[2][k]);
         let (min, max) = (corner(&node.min), corner(&node.max));
-        let reaches = |s: &Seed| {
+        let reaches = |s: &BrightHit| {
             let to_box = s.position.clamp(min, max) - s.position;
             to_box.length_squared() < s.radius * s.radius
         };
@@ -149,7 +149,12 @@ impl<P: Pages> Search<'_, P> {
             .collect()
     }
 
-    fn in_leaf(&self, page: &impl Page, block: u32, found: &mut impl FnMut(&Disk) -> bool) -> bool {
+    fn in_leaf(
+        &self,
+        page: &impl Page,
+        block: u32,
+        found: &mut impl FnMut(&DiskSide) -> bool,
+    ) -> bool {
         let leaves = page.leaves();
         let Some(block) = leaves.blocks.get(block as usize) else {
             return true;
@@ -158,7 +163,7 @@ impl<P: Pages> Search<'_, P> {
             let light = &leaves.lights[block.first_light as usize + k];
             let vector = |v: &[[f32; WIDTH]; 3]| Vec3::new(v[0][k], v[1][k], v[2][k]);
             for (sent, side) in [(light.front, 1.0), (light.back, -1.0)] {
-                let disk = Disk {
+                let disk = DiskSide {
                     centre: vector(&block.centre),
                     normal: vector(&block.normal) * side,
                     radius: block.radius2[k].sqrt(),

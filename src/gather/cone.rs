@@ -5,10 +5,10 @@
 //! composited by the share of the box that their surfels cover (Christensen 2008 for aggregates;
 //! the patch closes the holes between disks).
 
-use super::page::{ChildKind, DiskBlock, PageLeaves, PageNodes, WIDTH, WideNode};
-use super::store::Page;
 use super::{Crossing, Pages};
 use crate::math::Rgb;
+use crate::tree::page::{ChildKind, DiskBlock, PageLeaves, PageNodes, WIDTH, WideNode};
+use crate::tree::store::Page;
 use glam::Vec3;
 
 /// A flat node whose surfels' area is more than this share of its plane's section is opaque: boxes
@@ -98,7 +98,7 @@ pub fn cast<P: Pages>(
                 break;
             }
             if hits.small >> k & 1 == 1 {
-                let crossing = meet_proxy(nodes, node, k, &ray, &hits, t_end);
+                let crossing = meet_aggregate(nodes, node, k, &ray, &hits, t_end);
                 match crossing {
                     Some(c) if c.opacity >= 1.0 => {
                         t_end = c.t;
@@ -193,7 +193,7 @@ impl Hits {
 }
 
 /// What a ray meets of a node taken whole.
-fn meet_proxy(
+fn meet_aggregate(
     nodes: &PageNodes,
     node: &WideNode,
     k: usize,
@@ -201,23 +201,23 @@ fn meet_proxy(
     hits: &Hits,
     t_end: f32,
 ) -> Option<Crossing> {
-    let index = node.first_proxy as usize + k;
-    let proxy = &nodes.proxies[index];
+    let index = node.first_aggregate as usize + k;
+    let aggregate = &nodes.aggregates[index];
     let towards = ray.direction.map(|v| -v);
     let (near, far) = (hits.near[k], hits.far[k]);
-    if proxy.is_flat() {
-        let n = proxy.normal;
+    if aggregate.is_flat() {
+        let n = aggregate.normal;
         let denominator = dot(n, ray.direction);
-        let t = (proxy.plane - dot(n, ray.origin)) / denominator;
+        let t = (aggregate.plane - dot(n, ray.origin)) / denominator;
         // A flat box has no thickness to speak of: allow for rounding.
         let slack = 1e-4 * far;
         if !(t >= near - slack && t <= far + slack && t > 0.0 && t < t_end) {
             return None;
         }
-        let opacity = if proxy.coverage >= SOLID {
+        let opacity = if aggregate.coverage >= SOLID {
             1.0
         } else {
-            proxy.coverage / SOLID
+            aggregate.coverage / SOLID
         };
         return Some(Crossing {
             t,
@@ -226,7 +226,7 @@ fn meet_proxy(
         });
     }
     let extent = std::array::from_fn(|a| node.max[a][k] - node.min[a][k]);
-    let opacity = proxy.opacity(ray.direction, extent);
+    let opacity = aggregate.opacity(ray.direction, extent);
     let t = 0.5 * (near + far);
     (opacity > 0.0 && t < t_end).then(|| Crossing {
         t,

@@ -2,13 +2,14 @@
 //! them once.
 
 use super::Crossing;
-use crate::math::Rgb;
 use crate::math::segment::{Composite, Segment};
+use crate::tree::Media;
+use crate::tree::media::Source;
 use glam::Vec3;
 
 /// What media stopped of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stopped {
+pub struct Attenuation {
     /// Share of the ray.
     pub share: f32,
     /// One over the mean distance at which they did.
@@ -40,7 +41,7 @@ pub trait Medium: Copy + Sync {
         t_max: f32,
         crossings: &[Crossing],
         light: &mut Composite,
-    ) -> Stopped {
+    ) -> Attenuation {
         let (mut stopped, mut moment) = (0.0, 0.0);
         let mut crossings = crossings.iter().peekable();
         let mut add = |mut s: Segment| {
@@ -61,7 +62,7 @@ pub trait Medium: Copy + Sync {
         if self.walk(origin, direction, t_max, &mut add) {
             crossings.for_each(|c| light.surface(c.opacity, c.radiance));
         }
-        Stopped {
+        Attenuation {
             share: stopped,
             inverse_distance: if moment > 0.0 { stopped / moment } else { 0.0 },
         }
@@ -81,43 +82,23 @@ impl Medium for NoMedia {
     }
 }
 
-/// The source function of an lvoxel as it is held in memory: [`Rgb`], or one channel where all
-/// three are equal.
-pub trait Source: Copy + std::fmt::Debug + Default + Send + Sync {
-    /// From all channels.
-    fn of(radiance: Rgb) -> Self;
-
-    /// All channels.
-    fn rgb(self) -> Rgb;
-}
-
-impl Source for Rgb {
+impl<S: Source> Medium for &Media<S> {
     #[inline]
-    fn of(radiance: Rgb) -> Self {
-        radiance
-    }
-
-    #[inline]
-    fn rgb(self) -> Rgb {
-        self
-    }
-}
-
-impl Source for f32 {
-    #[inline]
-    fn of(radiance: Rgb) -> Self {
-        radiance.0[0]
-    }
-
-    #[inline]
-    fn rgb(self) -> Rgb {
-        Rgb::splat(self)
+    fn walk(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        t_max: f32,
+        add: &mut impl FnMut(Segment) -> bool,
+    ) -> bool {
+        Media::walk(self, origin, direction, t_max, add)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::Rgb;
 
     /// A thin mist, and a dense cloud behind it.
     #[derive(Clone, Copy)]

@@ -1,42 +1,49 @@
-//! Light that arrives at a point, gathered from the tree: points and normals are all that is needed
-//! beside it.
+//! Gathers: the light that arrives at a point, from an open tree.
 //!
-//! Three kernels: [`plain`], the paper's ray cast over all disks; [`cone`], which takes a node
-//! whole where it is seen under less than the largest solid angle; and, where the scene is at hand,
-//! [`outgoing`], whose rays end at its triangles and which asks the tree what they send. What all
-//! meet between surfaces is a [`Medium`], a type that the caller chooses: [`NoMedia`], or [`Media`]
-//! of one channel or three.
+//! A [`Gatherer`] takes a point and a normal, or a point in a medium, casts rays and returns a
+//! [`Gathered`]. What arrives along one ray is an [`Incident`].
+//!
+//! Three kernels find what ends a ray ([`Kernel`]):
+//! - [`plain`]: the paper's, every disk of the tree (the reference for the others);
+//! - [`cone`]: disks, and nodes whole where they are seen under less than the largest solid angle;
+//! - [`patch_radiance`]: the scene's triangles, where it is at hand, with radiance from the tree.
+//!
+//! | file | what it does |
+//! | --- | --- |
+//! | `medium` | what rays pass between surfaces, as a type that kernels are compiled for |
+//! | `directions` | the sequences of directions of a hemisphere |
+//! | `neighbours` | gathers of points near each other, in an order that keeps memory near |
+//! | `geometry` | the scene's triangles as this module needs them |
+//! | `patch_id` | the parts of triangles that radiance is evaluated for |
+//! | `patch` | what the tree says that one patch sends |
+//! | `radiance_cache` | the table in which the radiance of patches is kept |
+//! | `bright` | patches that send far more than most, which are sampled as lights are |
 //!
 //! Points and directions are those of scene space, distances are scene units, light is linear
 //! Rec.709.
 
-mod answers;
 pub mod bright;
 pub mod cone;
 mod directions;
 mod geometry;
-pub mod media;
 pub mod medium;
 mod neighbours;
-pub mod outgoing;
-pub mod page;
 mod patch;
-mod place;
+mod patch_id;
+pub mod patch_radiance;
 pub mod plain;
-pub mod proxy;
-pub mod store;
+mod radiance_cache;
 
-pub use bright::{BrightPatch, Seed};
+pub use bright::{BrightHit, BrightPatch};
 pub use geometry::Geometry;
-pub use media::Media;
 pub use medium::{Medium, NoMedia};
-pub use neighbours::{Order, SurfacePoint};
-pub use outgoing::{Outgoing, Wanted};
-pub use store::{MediaStore, Pages, SurfelStore, TreeStore};
+pub use neighbours::{DirectionOrder, SurfacePoint};
+pub use patch_radiance::{PatchRadiance, PatchRequest, PatchStats};
 
 use crate::math::sampling::{sobol2, sphere};
 use crate::math::segment::Composite;
 use crate::math::{Rgb, sampling};
+use crate::tree::Pages;
 use directions::Hemisphere;
 use glam::Vec3;
 use std::f32::consts::PI;
@@ -44,7 +51,7 @@ use std::f32::consts::PI;
 /// How to gather.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings<'a> {
-    /// Rays from each point that asks for light.
+    /// Rays of each gather.
     pub samples: u32,
     /// A node seen under less than this, in steradians, may stand for all below it; 0 for disks
     /// only. Sets the size of patches, too, which are never smaller than a disk or so.
@@ -57,7 +64,7 @@ pub struct Settings<'a> {
     /// Radiance where a ray meets nothing.
     pub environment: Rgb,
     /// Whether bright patches count nothing, as the caller asks them otherwise;
-    /// [`Outgoing::find_bright`] finds them.
+    /// [`PatchRadiance::find_bright`] finds them.
     pub leave_out_bright: bool,
 }
 
@@ -77,8 +84,8 @@ impl Settings<'_> {
     }
 
     /// What is asked of surfaces.
-    fn wanted(&self) -> Wanted {
-        Wanted {
+    fn request(&self) -> PatchRequest {
+        PatchRequest {
             max_solid_angle: self.max_solid_angle,
             leave_out_bright: self.leave_out_bright,
         }
@@ -89,7 +96,7 @@ impl Settings<'_> {
 #[derive(Clone, Copy, Debug)]
 pub enum Kernel<'a> {
     /// The scene's triangles; the tree tells what they send.
-    Traced(&'a Outgoing<'a>),
+    Traced(&'a PatchRadiance<'a>),
     /// Surfels, and nodes whole below the solid angle, eight children at a time.
     Cone,
     /// The paper's: every disk, one node at a time.
@@ -108,7 +115,7 @@ pub struct Gathered {
 
 /// One ray's worth.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seen {
+pub struct Incident {
     /// Radiance that arrives at the ray's origin.
     pub radiance: Rgb,
     /// Distance to the surface that ended the ray, infinite if none did. One that is too far away
@@ -145,14 +152,14 @@ pub struct Gatherer<'a, P, M> {
 /// near each other that take one stretch each of the same sequence are, together, as good as one
 /// with all their rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Stretch {
+pub struct SampleRange {
     /// Number of the stretch, from 0.
     pub index: u32,
     /// Key of the sequence.
     pub seed: u64,
 }
 
-impl Stretch {
+impl SampleRange {
     /// The first stretch, for a receiver on its own.
     #[must_use]
     pub fn first(seed: u64) -> Self {
@@ -162,13 +169,13 @@ impl Stretch {
 
 /// What the rays of a receiver saw, added up.
 #[derive(Clone, Copy, Debug, Default)]
-struct Rays {
+struct IncidentSum {
     light: Rgb,
     inverse_distance: f32,
 }
 
-impl Rays {
-    fn add(&mut self, seen: Seen) {
+impl IncidentSum {
+    fn add(&mut self, seen: Incident) {
         self.light += seen.radiance;
         self.inverse_distance += seen.inverse_distance;
     }
@@ -203,10 +210,10 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
         point: Vec3,
         normal: Vec3,
         face_normal: Vec3,
-        stretch: Stretch,
+        range: SampleRange,
     ) -> Gathered {
-        let hemisphere = Hemisphere::new(normal, stretch.seed);
-        let mut gathered = self.average(point, stretch.index, |i| {
+        let hemisphere = Hemisphere::new(normal, range.seed);
+        let mut gathered = self.average(point, range.index, |i| {
             hemisphere.direction_above(i, face_normal)
         });
         gathered.light *= PI;
@@ -215,42 +222,45 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
 
     /// Mean over the sphere of the radiance at a point of a medium.
     #[must_use]
-    pub fn mean_radiance(&self, point: Vec3, stretch: Stretch) -> Gathered {
-        let seed = sampling::mix(stretch.seed) as u32;
-        self.average(point, stretch.index, |i| Some(sphere(sobol2(i, 0, seed))))
+    pub fn mean_radiance(&self, point: Vec3, range: SampleRange) -> Gathered {
+        let seed = sampling::mix(range.seed) as u32;
+        self.average(point, range.index, |i| Some(sphere(sobol2(i, 0, seed))))
     }
 
     fn average(
         &self,
         point: Vec3,
-        stretch: u32,
+        range: u32,
         direction: impl Fn(u32) -> Option<Vec3>,
     ) -> Gathered {
         let count = self.settings.samples.max(1);
-        let directions = (0..count).filter_map(|i| direction(stretch * count + i));
+        let directions = (0..count).filter_map(|i| direction(range * count + i));
         let rays: Vec<_> = directions.map(|d| (point, d)).collect();
-        let mut seen = Rays::default();
-        self.look_along(&rays, |_, s| seen.add(s));
+        let mut seen = IncidentSum::default();
+        self.incident_along(&rays, |_, s| seen.add(s));
         seen.mean(count)
     }
 
     /// Tells what each of some rays, origins and unit directions, sees, and which it is, one after
     /// the other.
-    fn look_along(&self, rays: &[(Vec3, Vec3)], mut tell: impl FnMut(usize, Seen)) {
+    fn incident_along(&self, rays: &[(Vec3, Vec3)], mut tell: impl FnMut(usize, Incident)) {
         let mut scratch = cone::Scratch::default();
-        let Kernel::Traced(outgoing) = self.settings.kernel else {
+        let Kernel::Traced(patches) = self.settings.kernel else {
             for (i, &(origin, direction)) in rays.iter().enumerate() {
-                tell(i, self.look(origin, direction, &mut scratch));
+                tell(i, self.incident(origin, direction, &mut scratch));
             }
             return;
         };
-        let (reach, wanted) = (self.settings.reach(), self.settings.wanted());
-        let mut ends = [None; outgoing::TOGETHER];
+        let (reach, request) = (self.settings.reach(), self.settings.request());
+        let mut ends = [None; patch_radiance::MAX_BATCH];
         for (batch, first) in rays.chunks(ends.len()).zip((0..).step_by(ends.len())) {
             let stack = &mut scratch.stack;
-            outgoing.cast_together(self.pages, batch, reach, wanted, stack, &mut ends);
+            patches.cast_batch(self.pages, batch, reach, request, stack, &mut ends);
             for ((&(origin, direction), &end), i) in batch.iter().zip(&ends).zip(first..) {
-                tell(i, self.see(origin, direction, end, &mut scratch));
+                tell(
+                    i,
+                    self.incident_before(origin, direction, end, &mut scratch),
+                );
             }
         }
     }
@@ -259,13 +269,13 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
     #[must_use]
     // Not inlined by itself once it is compiled for more than one kind of medium.
     #[inline(always)]
-    pub fn look(&self, origin: Vec3, direction: Vec3, scratch: &mut cone::Scratch) -> Seen {
+    pub fn incident(&self, origin: Vec3, direction: Vec3, scratch: &mut cone::Scratch) -> Incident {
         let (pages, reach) = (self.pages, self.settings.reach());
         let end = match self.settings.kernel {
-            Kernel::Traced(outgoing) => {
+            Kernel::Traced(patches) => {
                 scratch.crossings.clear();
-                let wanted = self.settings.wanted();
-                outgoing.cast(pages, origin, direction, reach, wanted, &mut scratch.stack)
+                let request = self.settings.request();
+                patches.cast(pages, origin, direction, reach, request, &mut scratch.stack)
             }
             Kernel::Cone => {
                 let cut = self.settings.max_solid_angle;
@@ -273,18 +283,18 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
             }
             Kernel::Plain => plain::cast(pages, origin, direction, reach, scratch),
         };
-        self.see(origin, direction, end, scratch)
+        self.incident_before(origin, direction, end, scratch)
     }
 
     /// What a ray that ends there sees, with the partly covered nodes before.
     #[inline(always)]
-    fn see(
+    fn incident_before(
         &self,
         origin: Vec3,
         direction: Vec3,
         end: Option<Crossing>,
         scratch: &mut cone::Scratch,
-    ) -> Seen {
+    ) -> Incident {
         let Settings {
             max_dist,
             environment,
@@ -316,7 +326,7 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
                 light.surface(1.0, environment);
             }
         }
-        Seen {
+        Incident {
             radiance: light.radiance,
             distance,
             inverse_distance,

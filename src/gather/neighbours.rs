@@ -2,7 +2,7 @@
 //! other meet nearly the same.
 
 use super::directions::{Hemisphere, SEQUENCES};
-use super::{Gathered, Gatherer, Medium, Pages, Rays, Seen, Stretch};
+use super::{Gathered, Gatherer, Incident, IncidentSum, Medium, Pages, SampleRange};
 use glam::Vec3;
 use lvox_formats::morton::interleave;
 use std::f32::consts::PI;
@@ -17,19 +17,19 @@ pub struct SurfacePoint {
     pub normal: Vec3,
     /// Unit geometric normal: what is behind the facet of a smooth mesh does not reach it.
     pub face_normal: Vec3,
-    /// Its stretch of the directions that all share.
-    pub stretch: u32,
+    /// Its range of the directions that all share.
+    pub range: u32,
 }
 
 /// For each sequence of directions, the order of a number of them by where they point.
 #[derive(Debug)]
-pub struct Order {
-    stretches: u32,
+pub struct DirectionOrder {
+    ranges: u32,
     samples: u32,
     of: [OnceLock<Vec<u32>>; SEQUENCES],
 }
 
-impl Order {
+impl DirectionOrder {
     /// Cells along each axis of the disk below the hemisphere.
     const CELLS: f32 = 32.0;
     /// Directions of a sequence that are put in order, at most: so many rays of one gather are
@@ -38,7 +38,7 @@ impl Order {
 
     /// That of the directions of a hemisphere, unless they are too many.
     fn of(&self, hemisphere: &Hemisphere) -> Option<&[u32]> {
-        let count = self.stretches.saturating_mul(self.samples);
+        let count = self.ranges.saturating_mul(self.samples);
         let make = || {
             let cell = |c: f32| ((0.5 * c + 0.5) * Self::CELLS).min(Self::CELLS - 1.0) as u64;
             // The curve that fills each quarter of the disk's square before the next.
@@ -56,11 +56,11 @@ impl Order {
 }
 
 impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
-    /// The order for points that share so many stretches.
+    /// The order for points that share so many ranges.
     #[must_use]
-    pub fn order(&self, stretches: u32) -> Order {
-        Order {
-            stretches,
+    pub fn order(&self, ranges: u32) -> DirectionOrder {
+        DirectionOrder {
+            ranges,
             samples: self.settings.samples.max(1),
             of: [const { OnceLock::new() }; SEQUENCES],
         }
@@ -69,36 +69,41 @@ impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
     /// What [`Self::irradiance`] gives for each of some points, bit for bit. Their rays are cast in
     /// the order of their directions, not point by point, so that those which meet the same
     /// triangles, patches and lvoxels follow one another. All points share the sequence of `seed`,
-    /// each with a stretch of its own.
+    /// each with a range of its own.
     ///
     /// # Panics
-    /// If a point has a stretch beyond those that the order, one of this gatherer, was made for.
+    /// If a point has a range beyond those that the order, one of this gatherer, was made for.
     #[must_use]
-    pub fn irradiance_of_neighbours(
+    pub fn irradiance_at_neighbours(
         &self,
         points: &[SurfacePoint],
         seed: u64,
-        order: &Order,
+        order: &DirectionOrder,
     ) -> Vec<Gathered> {
         let hemisphere = |p: &SurfacePoint| Hemisphere::new(p.normal, seed);
         let hemispheres: Vec<_> = points.iter().map(hemisphere).collect();
         let Some(in_order) = hemispheres.first().and_then(|any| order.of(any)) else {
             let alone = |p: &SurfacePoint| {
-                let index = p.stretch;
-                self.irradiance(p.position, p.normal, p.face_normal, Stretch { index, seed })
+                let index = p.range;
+                self.irradiance(
+                    p.position,
+                    p.normal,
+                    p.face_normal,
+                    SampleRange { index, seed },
+                )
             };
             return points.iter().map(alone).collect();
         };
         let samples = order.samples;
-        let mut with_stretch = vec![None; order.stretches as usize];
+        let mut with_range = vec![None; order.ranges as usize];
         for (k, p) in points.iter().enumerate() {
-            with_stretch[p.stretch as usize] = Some(k);
+            with_range[p.range as usize] = Some(k);
         }
         let (places, rays): (Vec<_>, Vec<_>) = in_order
             .iter()
             .filter_map(|&i| {
-                let (stretch, ray) = ((i / samples) as usize, (i % samples) as usize);
-                let k = with_stretch[stretch]?;
+                let (range, ray) = ((i / samples) as usize, (i % samples) as usize);
+                let k = with_range[range]?;
                 let SurfacePoint {
                     position,
                     face_normal,
@@ -108,10 +113,10 @@ impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
                 Some((k * samples as usize + ray, (position, direction)))
             })
             .unzip();
-        let mut seen: Vec<Option<Seen>> = vec![None; points.len() * samples as usize];
-        self.look_along(&rays, |i, s| seen[places[i]] = Some(s));
-        let gathered = |of_point: &[Option<Seen>]| {
-            let mut rays = Rays::default();
+        let mut seen: Vec<Option<Incident>> = vec![None; points.len() * samples as usize];
+        self.incident_along(&rays, |i, s| seen[places[i]] = Some(s));
+        let gathered = |of_point: &[Option<Incident>]| {
+            let mut rays = IncidentSum::default();
             of_point.iter().flatten().for_each(|s| rays.add(*s));
             let mut gathered = rays.mean(samples);
             gathered.light *= PI;

@@ -2,11 +2,11 @@
 
 use super::cone::OVERHANG;
 use super::geometry::Geometry;
-use super::page::{ChildKind, DiskBlock, PageLeaves, PageNodes, WIDTH, WideNode};
-use super::place::{Extent, Place};
-use super::proxy::Proxy;
-use super::store::{Page, Pages};
+use super::patch_id::{PatchExtent, PatchId};
 use crate::math::Rgb;
+use crate::tree::node_aggregate::NodeAggregate;
+use crate::tree::page::{ChildKind, DiskBlock, PageLeaves, PageNodes, WIDTH, WideNode};
+use crate::tree::store::{Page, Pages};
 use glam::Vec3;
 use wide::f32x8;
 
@@ -15,35 +15,35 @@ type Sent = ([f32; 3], f32);
 
 /// One side of a triangle.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Side<'a> {
+pub(super) struct TriangleSide<'a> {
     pub corners: [Vec3; 3],
     /// Unit normal on the side.
     pub normal: Vec3,
     pub is_back: bool,
-    pub extent: Extent,
+    pub extent: PatchExtent,
     /// Whether surfels of one piece of the scene have one size.
     pub is_even: bool,
     /// What may stand between surfels.
     pub geometry: &'a dyn Geometry,
 }
 
-impl Side<'_> {
+impl TriangleSide<'_> {
     /// What a part of it sends: a mean over the disks and small nodes that hold its middle, or,
     /// where such a node is lit in a small part only, over those that hold the middles of its
     /// quarters. `None` where the tree knows no surface.
     pub fn radiance<P: Pages>(
         &self,
-        place: &Place,
+        id: &PatchId,
         pages: &P,
         stack: &mut Vec<(f32, u32, u32)>,
     ) -> Option<Rgb> {
-        let mut mean = |place: &Place| Patch::new(place, self).mean(self, pages, stack);
-        let whole = mean(place)?;
+        let mut mean = |id: &PatchId| Patch::new(id, self).mean(self, pages, stack);
+        let whole = mean(id)?;
         if !whole.is_uneven {
             return whole.radiance();
         }
         let (mut sum, mut known) = (Rgb::BLACK, 0.0);
-        for quarter in place.quarters() {
+        for quarter in id.quarters() {
             if let Some(radiance) = mean(&quarter).and_then(|m| m.radiance()) {
                 sum += radiance;
                 known += 1.0;
@@ -58,8 +58,8 @@ impl Side<'_> {
 
     /// What surfels of a node send that face as it does.
     #[inline]
-    fn sent(&self, nodes: &PageNodes, proxy: usize) -> Sent {
-        nodes.sent(proxy, self.normal.to_array(), self.is_back)
+    fn sent(&self, nodes: &PageNodes, aggregate: usize) -> Sent {
+        nodes.sent(aggregate, self.normal.to_array(), self.is_back)
     }
 
     /// Whether something stands between a point of it and the middle of a disk, from which that is
@@ -95,12 +95,12 @@ impl Patch {
     /// Nodes up to this many times the area of a patch are taken whole.
     const WHOLE: f32 = 4.0;
 
-    fn new(place: &Place, side: &Side) -> Self {
+    fn new(id: &PatchId, side: &TriangleSide) -> Self {
         let extent = &side.extent;
         // A power of two changes no digit.
-        let edge2 = extent.edge2 * (1.0 / (1_u32 << (2 * place.level())) as f32);
+        let edge2 = extent.edge2 * (1.0 / (1_u32 << (2 * id.level())) as f32);
         Self {
-            middle: place.middle(side.corners),
+            middle: id.middle(side.corners),
             area: edge2.max(extent.least),
             own2: if side.is_even && extent.least > 0.0 {
                 2.0 * extent.least
@@ -114,7 +114,7 @@ impl Patch {
     /// The mean over disks and small nodes that hold its middle; `None` of an empty tree.
     fn mean<P: Pages>(
         &self,
-        side: &Side,
+        side: &TriangleSide,
         pages: &P,
         stack: &mut Vec<(f32, u32, u32)>,
     ) -> Option<Mean> {
@@ -138,14 +138,14 @@ impl Patch {
                 let k = holding.trailing_zeros() as usize;
                 holding &= holding - 1;
                 if node.cross_section[k] < Self::WHOLE * self.area {
-                    let proxy = node.first_proxy as usize + k;
-                    let sent = side.sent(nodes, proxy);
+                    let aggregate = node.first_aggregate as usize + k;
+                    let sent = side.sent(nodes, aggregate);
                     let misleads = match node.kind[k] {
                         _ if !self.has_quarters => false,
                         ChildKind::Inner => self.misleads(sent, nodes, node.child[k], side),
                         // Where nearly all surfels face one way, few others drown those of the
                         // patch: not worth loading a page.
-                        ChildKind::Page if !nodes.proxies[proxy].is_flat() => {
+                        ChildKind::Page if !nodes.aggregates[aggregate].is_flat() => {
                             let below = pages.page(node.child[k]);
                             self.misleads(sent, below.nodes(), 0, side)
                         }
@@ -153,7 +153,7 @@ impl Patch {
                     };
                     mean.is_uneven |= misleads;
                     if !misleads {
-                        mean.add_node(sent, &nodes.proxies[proxy], side);
+                        mean.add_node(sent, &nodes.aggregates[aggregate], side);
                         // What is below in another page is not worth loading that.
                         if self.has_quarters && node.kind[k] == ChildKind::Inner {
                             mean.is_uneven |= is_uneven(sent, nodes, node.child[k], side);
@@ -179,7 +179,13 @@ impl Patch {
 
     /// Whether a node that sends this says something else than those right below it that hold the
     /// middle: light of the inside of a shell, that is, which faces as the outside across does.
-    fn misleads(&self, (sent, _): Sent, nodes: &PageNodes, below: u32, side: &Side) -> bool {
+    fn misleads(
+        &self,
+        (sent, _): Sent,
+        nodes: &PageNodes,
+        below: u32,
+        side: &TriangleSide,
+    ) -> bool {
         /// Of what the node sends.
         const MUCH: f32 = 0.5;
         let Some(node) = nodes.nodes.get(below as usize) else {
@@ -188,7 +194,7 @@ impl Patch {
         let mut mean = Mean::default();
         let holding = self.within(node);
         for k in (0..WIDTH).filter(|k| holding >> k & 1 == 1) {
-            mean.add(side.sent(nodes, node.first_proxy as usize + k));
+            mean.add(side.sent(nodes, node.first_aggregate as usize + k));
         }
         let [of_node, nearer] = [sent, mean.sent].map(|c| Rgb(c).mean());
         holding != 0 && (nearer - of_node).abs() > MUCH * of_node
@@ -263,7 +269,7 @@ impl Mean {
 
     /// A node that holds the middle of a patch.
     #[inline]
-    fn add_node(&mut self, sent: Sent, node: &Proxy, side: &Side) {
+    fn add_node(&mut self, sent: Sent, node: &NodeAggregate, side: &TriangleSide) {
         /// Of what stands across and of rounding in files, at most.
         const ACROSS: f32 = 0.1;
         self.add(sent);
@@ -272,7 +278,13 @@ impl Mean {
 
     /// Disks that hold the middle of the patch, the more the nearer theirs is, but for those that
     /// something stands before.
-    fn add_disks(&mut self, leaves: &PageLeaves, block: &DiskBlock, patch: &Patch, side: &Side) {
+    fn add_disks(
+        &mut self,
+        leaves: &PageLeaves,
+        block: &DiskBlock,
+        patch: &Patch,
+        side: &TriangleSide,
+    ) {
         let (p, n) = (patch.middle.to_array(), side.normal.to_array());
         let mut reach = [0.0_f32; WIDTH];
         let mut cos = [0.0_f32; WIDTH];
@@ -324,10 +336,10 @@ impl Mean {
 
 /// Whether what the nodes below one that sends this send differs from it by more than that, on
 /// average over their area, as where less than half of it is lit.
-fn is_uneven((radiance, area): Sent, nodes: &PageNodes, below: u32, side: &Side) -> bool {
+fn is_uneven((radiance, area): Sent, nodes: &PageNodes, below: u32, side: &TriangleSide) -> bool {
     let mean = Rgb(radiance).mean();
-    let off = |proxy| {
-        let (radiance, part) = side.sent(nodes, proxy);
+    let off = |aggregate| {
+        let (radiance, part) = side.sent(nodes, aggregate);
         part / area * (Rgb(radiance).mean() - mean).abs()
     };
     area > 0.0 && nodes.below(below).map(off).sum::<f32>() > mean
@@ -373,13 +385,13 @@ pub(super) mod tests {
     }
 
     /// The upper side of a triangle on the floor.
-    fn floor(wall: &Wall) -> Side<'_> {
+    fn floor(wall: &Wall) -> TriangleSide<'_> {
         let corners = [Vec3::ZERO, Vec3::X, Vec3::Y];
-        Side {
+        TriangleSide {
             corners,
             normal: Vec3::Z,
             is_back: false,
-            extent: Extent::new(corners, Some(0.0)),
+            extent: PatchExtent::new(corners, Some(0.0)),
             is_even: true,
             geometry: wall,
         }
@@ -403,7 +415,7 @@ pub(super) mod tests {
     fn patches_hold_their_hits_and_are_as_small_as_asked() {
         const SIZE: f32 = 0.13;
         let side = floor(&Wall(0.0));
-        let Side {
+        let TriangleSide {
             corners, extent, ..
         } = side;
         assert_eq!(extent.edge2, 2.0);
@@ -425,11 +437,11 @@ pub(super) mod tests {
                 uv,
                 is_back,
             };
-            let place = Place::new(&hit(false), extent.edge2, SIZE);
-            let patch = Patch::new(&place, &side);
+            let id = PatchId::new(&hit(false), extent.edge2, SIZE);
+            let patch = Patch::new(&id, &side);
             assert!(patch.area <= SIZE && patch.area > SIZE / 4.0);
             assert!(patch.has_quarters);
-            let quarters = place.quarters().map(|q| q.middle(corners));
+            let quarters = id.quarters().map(|q| q.middle(corners));
             let mean = quarters.into_iter().sum::<Vec3>() * 0.25;
             assert!((mean - patch.middle).length() < 1e-6, "{quarters:?}");
             assert!((quarters[3] - patch.middle).length() < 1e-6, "{quarters:?}");
@@ -438,21 +450,21 @@ pub(super) mod tests {
                 let off = (*q - patch.middle).length();
                 assert!(off > 0.1 * SIZE.sqrt() && off < 0.4 * SIZE.sqrt(), "{off}");
             }
-            let own = place.corners(corners);
+            let own = id.corners(corners);
             let middle = own.into_iter().sum::<Vec3>() * (1.0 / 3.0);
             assert!((middle - patch.middle).length() < 1e-6, "{own:?}");
-            assert_eq!(Extent::new(own, None).edge2, extent.edge2 / 16.0);
-            let finer = Place::new(&hit(false), extent.edge2, SIZE / 4.0);
-            assert_eq!(place.smaller(finer), finer);
-            assert_eq!(finer.smaller(place), finer);
-            assert!(place.quarters().contains(&finer), "{uv:?}: {finer:?}");
+            assert_eq!(PatchExtent::new(own, None).edge2, extent.edge2 / 16.0);
+            let finer = PatchId::new(&hit(false), extent.edge2, SIZE / 4.0);
+            assert_eq!(id.smaller(finer), finer);
+            assert_eq!(finer.smaller(id), finer);
+            assert!(id.quarters().contains(&finer), "{uv:?}: {finer:?}");
             let m = patch.middle;
             assert!(m.x > 0.0 && m.y > 0.0 && m.x + m.y < 1.0, "{uv:?}: {m}");
             let off = Vec3::new(uv[0], uv[1], 0.0) - m;
             assert!(off.length() < SIZE.sqrt(), "{uv:?}: {m}");
-            assert_eq!(*middles.entry(place.key()).or_insert(m), m);
-            let behind = Place::new(&hit(true), extent.edge2, SIZE);
-            assert_eq!(behind.key(), place.key() | 1 << 31);
+            assert_eq!(*middles.entry(id.key()).or_insert(m), m);
+            let behind = PatchId::new(&hit(true), extent.edge2, SIZE);
+            assert_eq!(behind.key(), id.key() | 1 << 31);
         }
         // Three halvings of the longest edge, the root of two.
         assert_eq!(middles.len(), 16);

@@ -2,10 +2,10 @@
 //! aggregates, no lanes; kept as the reference that the fast kernel is tested against.
 
 use super::cone::{OVERHANG, Scratch};
-use super::page::{ChildKind, PageLeaves, WIDTH};
-use super::store::Page;
 use super::{Crossing, Pages};
 use crate::math::Rgb;
+use crate::tree::page::{ChildKind, PageLeaves, WIDTH};
+use crate::tree::store::Page;
 use glam::Vec3;
 
 /// The first disk that a ray meets before `t_max`.

@@ -3,7 +3,7 @@
 
 use super::OpticalDepth;
 use crate::math::exp::exp_neg;
-use crate::math::sheared::Sheared;
+use crate::math::ray_lattice::RayLattice;
 use crate::scene::{Light, Scene, Volume};
 use crate::trace::Cells;
 use glam::Vec3;
@@ -67,7 +67,7 @@ struct VolumeDepth<'a> {
     volume: &'a Volume,
     /// Unit direction to the sun, scene space.
     to_sun: Vec3,
-    rays: Sheared,
+    rays: RayLattice,
     /// Steps of the lattice of rays and layers per voxel.
     per_voxel: f32,
     /// Layers along the rays' first axis.
@@ -104,7 +104,7 @@ impl<'a> VolumeDepth<'a> {
             step *= 2;
         }
         let direction = volume.index_from_scene.transform_vector3(to_sun);
-        let rays = Sheared::new(direction, step as f32);
+        let rays = RayLattice::new(direction, step as f32);
         let count = volume.sigma_t.dims().map(|n| n.div_ceil(step as usize) + 1);
         let extent = rays.extent([[0; 3], count.map(|n| n - 1)]);
         Self {

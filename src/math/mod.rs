@@ -3,14 +3,14 @@
 pub mod color;
 pub mod dda;
 pub mod exp;
-mod four;
 mod hit;
 mod index;
 pub mod magnitude;
 pub mod polygon;
+pub mod ray_lattice;
 pub mod sampling;
 pub mod segment;
-pub mod sheared;
+mod vec3x4;
 
 pub use color::Rgb;
 pub use hit::Hit;

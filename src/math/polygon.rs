@@ -1,7 +1,7 @@
 //! Closed forms of what a triangle of uniform radiance sends to a point.
 
-use super::four::Four;
 use super::magnitude::to_unit;
+use super::vec3x4::Vec3x4;
 use glam::Vec3;
 use std::f32::consts::{FRAC_PI_2, PI};
 use wide::f32x4;
@@ -31,10 +31,10 @@ pub fn irradiance(corners: [Vec3; 3], n: Vec3) -> f32 {
 /// The same of a polygon above the horizon, by its edges; those whose ends are equal add nothing.
 #[inline]
 fn of_edges(from: [Vec3; 4], to: [Vec3; 4], n: Vec3) -> f32 {
-    let (from, to) = (Four::new(from), Four::new(to));
+    let (from, to) = (Vec3x4::new(from), Vec3x4::new(to));
     let cross = from.cross(&to);
     let sin = cross.length();
-    let edge = angle(sin, from.dot(&to)) * (cross.dot(&Four::splat(n)) / sin);
+    let edge = angle(sin, from.dot(&to)) * (cross.dot(&Vec3x4::splat(n)) / sin);
     let [a, b, c, d] = sin
         .simd_gt(f32x4::ZERO)
         .select(edge, f32x4::ZERO)
@@ -172,7 +172,7 @@ pub fn solid_angle(corners: [Vec3; 3]) -> f32 {
 pub fn sample_solid_angle(corners: [Vec3; 3], [u, v]: [f32; 2]) -> Option<Vec3> {
     let [a, b, c] = near_unit(corners).map(Vec3::normalize_or_zero);
     // Normals of the edges' planes, and angles between them at the corners.
-    let normals = Four::new([a, b, c, Vec3::ZERO]).cross(&Four::new([b, c, a, Vec3::ZERO]));
+    let normals = Vec3x4::new([a, b, c, Vec3::ZERO]).cross(&Vec3x4::new([b, c, a, Vec3::ZERO]));
     let lengths = normals.length();
     let [ab, bc, ca, _] = lengths.to_array();
     if !(ab > 0.0 && bc > 0.0 && ca > 0.0) {

@@ -68,7 +68,7 @@ impl Composite {
 
 /// A stretch of a ray in one medium, before anyone asks what light it sends.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stretch<T> {
+pub struct Interval<T> {
     /// Where it begins, scene units along the ray.
     pub near: f32,
     /// Where it ends, scene units along the ray; not before `near`.
@@ -83,10 +83,10 @@ pub struct Stretch<T> {
 /// that was asked for.
 struct Head<T, W> {
     walk: W,
-    stretch: Option<(Stretch<T>, Option<Rgb>)>,
+    stretch: Option<(Interval<T>, Option<Rgb>)>,
 }
 
-impl<T, W: Iterator<Item = Stretch<T>>> Head<T, W> {
+impl<T, W: Iterator<Item = Interval<T>>> Head<T, W> {
     /// Goes on to the first stretch that ends behind `at`.
     fn advance(&mut self, at: f32) {
         while self.stretch.as_ref().is_none_or(|(s, _)| s.far <= at) {
@@ -104,7 +104,7 @@ impl<T, W: Iterator<Item = Stretch<T>>> Head<T, W> {
 /// weighted by depth. Walks are taken no further than `emit` lets them, and `source` is asked once
 /// for each stretch that is reached. Returns whether `emit` always said yes.
 pub fn flatten_overlaps<T: Copy>(
-    walks: impl IntoIterator<Item: Iterator<Item = Stretch<T>>>,
+    walks: impl IntoIterator<Item: Iterator<Item = Interval<T>>>,
     source: impl Fn(T) -> Rgb,
     mut emit: impl FnMut(Segment) -> bool,
 ) -> bool {
@@ -155,8 +155,8 @@ pub fn flatten_overlaps<T: Copy>(
 mod tests {
     use super::*;
 
-    fn stretch(near: f32, far: f32, tau: f32, s: f32) -> Stretch<f32> {
-        Stretch {
+    fn stretch(near: f32, far: f32, tau: f32, s: f32) -> Interval<f32> {
+        Interval {
             near,
             far,
             tau,

@@ -3,11 +3,12 @@
 
 use super::media::{InScatter, Known};
 use super::view::View;
-use crate::gather::{Medium, Pages};
+use crate::gather::Medium;
 use crate::light::{Dimmed, Dimming, SceneMedia, Shadows, Vacuum};
 use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use crate::math::segment::Composite;
+use crate::tree::Pages;
 use glam::Vec3;
 use std::cell::RefCell;
 

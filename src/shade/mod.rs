@@ -22,12 +22,12 @@ mod surface_gatherer;
 mod view;
 
 use crate::Result;
-use crate::gather::TreeStore;
-use crate::gather::outgoing::Asked;
+use crate::gather::PatchStats;
 use crate::image::{Frame, Region};
 use crate::math::Rgb;
 use crate::run::{Job, hex};
 use crate::scene::Scene;
+use crate::tree::OpenTree;
 use aov::Part;
 use pixels::Planes;
 use shot::{Request, shade_regions};
@@ -58,7 +58,7 @@ pub fn check_memory(
 /// has memory for, a page that cannot be read, or a stop on request.
 pub fn run(
     scene: &Scene,
-    store: &TreeStore,
+    store: &OpenTree,
     settings: &Settings,
     region: Region,
     aovs: &[Aov],
@@ -127,7 +127,7 @@ pub struct Shaded {
 /// As [`run`].
 pub fn pixels(
     scene: &Scene,
-    store: &TreeStore,
+    store: &OpenTree,
     settings: &Settings,
     regions: &[Region],
     job: &Job,
@@ -155,13 +155,13 @@ pub fn pixels(
         .collect())
 }
 
-fn check(scene: &Scene, store: &TreeStore, settings: &Settings) -> Result<()> {
+fn check(scene: &Scene, store: &OpenTree, settings: &Settings) -> Result<()> {
     settings.check()?;
     (store.scatter.as_ref()).map_or(Ok(()), |scatter| scatter::check(scatter, scene, settings))
 }
 
 /// Says so where an appreciable part of what gathers met is black for want of surfels.
-fn warn_of_unknown(asked: Asked, job: &Job) {
+fn warn_of_unknown(asked: PatchStats, job: &Job) {
     const SHARE: f64 = 0.05;
     let share = asked.unknown as f64 / asked.patches.max(1) as f64;
     if share > SHARE {

@@ -6,9 +6,10 @@ use super::settings::Settings as ShadeSettings;
 use super::shot::{self, Request, Shot, Work};
 use super::view::Seen;
 use super::{Method, Quality};
-use crate::gather::{Medium, NoMedia, Pages, TreeStore};
+use crate::gather::{Medium, NoMedia};
 use crate::run::Job;
 use crate::scene::{Scene, Volume};
+use crate::tree::{OpenTree, Pages};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 use lvox_formats::record::VolumeInfo;
@@ -83,7 +84,7 @@ impl Settings {
 /// file that cannot be written, or a stop on request.
 pub fn run(
     scene: &Scene,
-    store: &TreeStore,
+    store: &OpenTree,
     output: &Path,
     settings: &Settings,
     force: bool,

@@ -11,16 +11,15 @@ use super::pixels::{EmitterBorders, PixelShader, Planes, SampleCounts, shade_reg
 use super::settings::{Kernel, Method, Settings};
 use super::surface_gatherer::SurfaceGatherer;
 use super::view::{Seen, View};
-use crate::gather::medium::Source;
-use crate::gather::outgoing::Asked;
-use crate::gather::{
-    self, Gatherer, Media, MediaStore, Medium, NoMedia, Outgoing, Pages, SurfelStore, TreeStore,
-};
+use crate::gather::PatchStats;
+use crate::gather::{self, Gatherer, Medium, NoMedia, PatchRadiance};
 use crate::image::Region;
 use crate::light::{Lights, SoftShadows, Vacuum};
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::trace::Tracer;
+use crate::tree::media::Source;
+use crate::tree::{Media, MediaStore, OpenTree, Pages, SurfelStore};
 use crate::{Error, Result};
 use lvox_formats::{MappedFile, Scatter};
 use rayon::prelude::*;
@@ -31,7 +30,7 @@ use rayon::prelude::*;
 const VOLUME_SOLID_ANGLE: f32 = 4.0;
 
 /// What was asked for of the pixels of each region, and what that asked of the tree.
-pub type Regions = (Vec<Planes>, Asked);
+pub type Regions = (Vec<Planes>, PatchStats);
 
 /// What is wanted of a frame.
 #[derive(Clone, Copy, Debug)]
@@ -62,7 +61,7 @@ pub trait Work {
 ///
 /// # Errors
 /// As [`super::run`].
-pub fn shade_regions(scene: &Scene, store: &TreeStore, request: &Request) -> Result<Regions> {
+pub fn shade_regions(scene: &Scene, store: &OpenTree, request: &Request) -> Result<Regions> {
     let &Request {
         settings,
         regions,
@@ -79,19 +78,19 @@ pub fn shade_regions(scene: &Scene, store: &TreeStore, request: &Request) -> Res
 /// A tree in another frame than the scene, and those of the work.
 pub fn work<W: Work>(
     scene: &Scene,
-    store: &TreeStore,
+    store: &OpenTree,
     request: &Request,
     work: &W,
-) -> Result<(W::Made, Asked)> {
+) -> Result<(W::Made, PatchStats)> {
     check_frame(scene, store)?;
     match &store.surfels {
-        SurfelStore::Kept(p) => work_with(scene, store, p, request, work),
+        SurfelStore::Resident(p) => work_with(scene, store, p, request, work),
         SurfelStore::Cached(p) => work_with(scene, store, p, request, work),
     }
 }
 
 /// Places in the tree are in the frame of the scene that it was baked of.
-fn check_frame(scene: &Scene, store: &TreeStore) -> Result<()> {
+fn check_frame(scene: &Scene, store: &OpenTree) -> Result<()> {
     let of_tree = store.tree().meta().cloud.world_from_scene;
     if of_tree == scene.world_from_scene.to_array() {
         return Ok(());
@@ -120,11 +119,11 @@ struct FrameTree<'a, P, M> {
 /// Chooses the frame's kernels by the media in the tree and in the scene.
 fn work_with<P: Pages, W: Work>(
     scene: &Scene,
-    store: &TreeStore,
+    store: &OpenTree,
     pages: &P,
     request: &Request,
     work: &W,
-) -> Result<(W::Made, Asked)> {
+) -> Result<(W::Made, PatchStats)> {
     let tree = FrameTree {
         pages,
         media: NoMedia,
@@ -149,7 +148,7 @@ fn work_through<P: Pages, S: Source, W: Work>(
     media: &Media<S>,
     request: &Request,
     work: &W,
-) -> Result<(W::Made, Asked)> {
+) -> Result<(W::Made, PatchStats)> {
     match request.settings.method {
         Method::Extended => {
             let tree = FrameTree {
@@ -180,7 +179,7 @@ fn with_shot<P: Pages, M: Medium, T>(
     tree: &FrameTree<P, M>,
     request: &Request,
     finish: impl FnOnce(&Shot<P, M>) -> Result<T>,
-) -> Result<(T, Asked)> {
+) -> Result<(T, PatchStats)> {
     let settings = request.settings;
     let camera = scene.camera(settings.camera.as_deref())?;
     let tracer = Tracer::new_until(scene, &request.job.cancel)?;
@@ -189,7 +188,7 @@ fn with_shot<P: Pages, M: Medium, T>(
     let mut outgoing = (settings.kernel == Kernel::Traced).then(|| {
         let pixels = scene.film.width as usize * scene.film.height as usize;
         let rays = settings.lattice_rays(request.regions.iter().map(Region::pixels).sum());
-        let outgoing = Outgoing::new(&tracer, tree.area_per_surfel, rays)
+        let outgoing = PatchRadiance::new(&tracer, tree.area_per_surfel, rays)
             .in_patches_of(settings.surfels_per_patch(pixels));
         if tree.is_even {
             outgoing
@@ -226,7 +225,7 @@ fn with_shot<P: Pages, M: Medium, T>(
         scatter: tree.scatter,
         request,
     })?;
-    Ok((made, outgoing.map(|o| o.asked()).unwrap_or_default()))
+    Ok((made, outgoing.map(|o| o.stats()).unwrap_or_default()))
 }
 
 /// Shading of the regions of a request.

@@ -2,8 +2,9 @@
 
 use super::bright::BrightLamps;
 use super::view::View;
-use crate::gather::{Gathered, Gatherer, Medium, Order, Pages, Stretch, SurfacePoint};
+use crate::gather::{DirectionOrder, Gathered, Gatherer, Medium, SampleRange, SurfacePoint};
 use crate::trace::Surface;
+use crate::tree::Pages;
 
 /// Gathers indirect light of surfaces.
 #[derive(Debug)]
@@ -19,7 +20,7 @@ pub struct SurfaceGatherer<'a, P, M> {
 impl<P: Pages, M: Medium> SurfaceGatherer<'_, P, M> {
     /// Irradiance of a surface.
     #[must_use]
-    pub fn gather(&self, surface: &Surface, stretch: Stretch) -> Gathered {
+    pub fn gather(&self, surface: &Surface, stretch: SampleRange) -> Gathered {
         let SurfacePoint {
             position,
             normal,
@@ -38,14 +39,14 @@ impl<P: Pages, M: Medium> SurfaceGatherer<'_, P, M> {
         &self,
         surfaces: &[(Surface, u32)],
         seed: u64,
-        order: &Order,
+        order: &DirectionOrder,
     ) -> Vec<Gathered> {
         let point = |(surface, stretch): &(Surface, u32)| self.point(surface, *stretch);
         let points: Vec<_> = surfaces.iter().map(point).collect();
-        let mut gathered = (self.gatherer).irradiance_of_neighbours(&points, seed, order);
+        let mut gathered = (self.gatherer).irradiance_at_neighbours(&points, seed, order);
         for (gathered, (surface, index)) in gathered.iter_mut().zip(surfaces) {
             let index = *index;
-            self.add_lamps(gathered, surface, Stretch { index, seed });
+            self.add_lamps(gathered, surface, SampleRange { index, seed });
         }
         gathered
     }
@@ -55,11 +56,11 @@ impl<P: Pages, M: Medium> SurfaceGatherer<'_, P, M> {
             position: self.view.off_surface(surface),
             normal: surface.normal,
             face_normal: surface.face_normal,
-            stretch,
+            range: stretch,
         }
     }
 
-    fn add_lamps(&self, gathered: &mut Gathered, surface: &Surface, stretch: Stretch) {
+    fn add_lamps(&self, gathered: &mut Gathered, surface: &Surface, stretch: SampleRange) {
         if let Some(lamps) = self.lamps {
             gathered.light += lamps.irradiance(surface, stretch);
         }

@@ -18,7 +18,7 @@ pub use triangles::TriangleBvh;
 
 use crate::Result;
 use crate::math::exp::exp_neg;
-use crate::math::segment::{Segment, Stretch, flatten_overlaps};
+use crate::math::segment::{Interval, Segment, flatten_overlaps};
 use crate::run::Cancel;
 use crate::scene::Scene;
 use glam::Vec3;
@@ -139,7 +139,7 @@ impl<'a> Tracer<'a> {
         let walks = [(first, cells), second].into_iter().chain(walks);
         let walks = walks.map(|(v, mut cells)| {
             std::iter::from_fn(move || cells.next_cell()).flat_map(move |cell| {
-                cell.pieces().map(move |piece| Stretch {
+                cell.pieces().map(move |piece| Interval {
                     near: piece.near,
                     far: piece.far,
                     tau: piece.tau,

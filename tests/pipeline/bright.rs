@@ -1,10 +1,10 @@
 //! The few places that send most of a frame's light, asked as lamps are.
 
 use crate::{Work, layer, mean, relative_rms, shade, with_threads};
-use lvox::gather::TreeStore;
 use lvox::image::Region;
 use lvox::run::Job;
 use lvox::shade::{self as stage, Settings};
+use lvox::tree::OpenTree;
 use std::fmt::Write;
 
 /// A closed grey room with the sun through a hole in its ceiling, a hundredth of that, and a camera
@@ -91,7 +91,7 @@ fn frames_with_bright_patches_do_not_depend_on_threads_or_tiles() {
     let scene = work.scene();
     let tree = work.bake(&scene, 50_000);
     let frame = |threads, region| {
-        let store = TreeStore::open(&tree, None).unwrap();
+        let store = OpenTree::open(&tree, None).unwrap();
         let run = || {
             stage::run(
                 &scene,

@@ -3,12 +3,12 @@
 use crate::{ROOM, Work, shade, with_threads};
 use lvox::bake::{self, SurfelSampling};
 use lvox::build;
-use lvox::gather::{SurfelStore, TreeStore};
 use lvox::image::exr::{self, Precision};
 use lvox::image::merge::merge;
 use lvox::image::{Frame, Region};
 use lvox::run::Job;
 use lvox::shade::{self as stage, Aov, Settings};
+use lvox::tree::{OpenTree, SurfelStore};
 use std::fs;
 use std::path::Path;
 
@@ -65,7 +65,7 @@ fn clouds_and_trees_do_not_depend_on_threads_or_memory() {
     assert!(trees.iter().all(|t| *t == trees[0]));
 }
 
-fn tile(work: &Work, store: &TreeStore, region: Region) -> Frame {
+fn tile(work: &Work, store: &OpenTree, region: Region) -> Frame {
     let settings = Settings {
         samples: 16,
         volume_samples: 8,
@@ -92,7 +92,7 @@ fn bytes(frame: &Frame, path: &Path) -> Vec<u8> {
 fn frames_do_not_depend_on_threads_tiles_or_caches() {
     let work = Work::new(ROOM);
     let tree = work.bake(&work.scene(), 100_000);
-    let kept = TreeStore::open(&tree, None).unwrap();
+    let kept = OpenTree::open(&tree, None).unwrap();
     let full = Region::full(64, 48);
     let whole = bytes(&tile(&work, &kept, full), &work.path("whole.exr"));
     for threads in [1, 2] {
@@ -103,9 +103,9 @@ fn frames_do_not_depend_on_threads_tiles_or_caches() {
     // The least memory with which this tree can be used holds some pages, not all.
     let least = (20..)
         .map(|shift| 1 << shift)
-        .find(|&l| TreeStore::open(&tree, Some(l)).is_ok())
+        .find(|&l| OpenTree::open(&tree, Some(l)).is_ok())
         .unwrap();
-    let cached = TreeStore::open(&tree, Some(least)).unwrap();
+    let cached = OpenTree::open(&tree, Some(least)).unwrap();
     assert!(matches!(cached.surfels, SurfelStore::Cached(_)), "{least}");
     let frame = tile(&work, &cached, full);
     assert!(bytes(&frame, &work.path("again.exr")) == whole);
@@ -120,7 +120,7 @@ fn frames_do_not_depend_on_threads_tiles_or_caches() {
         .iter()
         .enumerate()
         .map(|(i, &[x0, y0, x1, y1])| {
-            let store = TreeStore::open(&tree, (i % 2 == 0).then_some(least)).unwrap();
+            let store = OpenTree::open(&tree, (i % 2 == 0).then_some(least)).unwrap();
             let frame = with_threads(1 + i % 2, || tile(&work, &store, Region { x0, y0, x1, y1 }));
             let path = work.path(&format!("tile{i}.exr"));
             exr::write(&path, &frame, Precision::Half).unwrap();
@@ -151,7 +151,7 @@ fn smoke_before_penumbrae_has_no_seams() {
         );
     let work = Work::new(&text);
     let scene = work.scene();
-    let store = TreeStore::open(&work.bake(&scene, 5000), None).unwrap();
+    let store = OpenTree::open(&work.bake(&scene, 5000), None).unwrap();
     for corner_spacing in [1, 2] {
         let settings = Settings {
             samples: 8,
@@ -209,10 +209,10 @@ fn what_memory_cannot_hold_is_told_before_it_is_made() {
     let work = Work::new(ROOM);
     let scene = work.scene();
     let tree = work.bake(&scene, 1000);
-    let error = TreeStore::open(&tree, Some(1000)).unwrap_err().to_string();
+    let error = OpenTree::open(&tree, Some(1000)).unwrap_err().to_string();
     assert!(error.contains("lvoxels needs"), "{error}");
     // The picture alone, whatever the tree takes.
-    let store = TreeStore::open(&tree, None).unwrap();
+    let store = OpenTree::open(&tree, None).unwrap();
     let job = Job {
         memory_limit: Some(70_000),
         ..Job::default()

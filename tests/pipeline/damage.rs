@@ -3,7 +3,7 @@
 use crate::messages::lvox;
 use crate::{ROOM, Work};
 use lvox::formats::{Cloud, Tree, TreeWriter};
-use lvox::gather::TreeStore;
+use lvox::tree::OpenTree;
 use std::fs;
 
 /// Offset of the field that holds a section's offset and, after it, its length; the names are those
@@ -166,7 +166,7 @@ fn volumes_that_memory_cannot_hold_are_refused() {
         let writer = TreeWriter::create(&path, meta.clone(), true).unwrap();
         let sums = good.summary().cloud_sums.clone();
         writer.finish(None, sums, Vec::new()).unwrap();
-        let error = TreeStore::open(&path, None).unwrap_err().to_string();
+        let error = OpenTree::open(&path, None).unwrap_err().to_string();
         assert!(error.contains("voxels"), "{error}");
     }
 }

@@ -3,11 +3,11 @@
 
 use crate::messages::lvox;
 use crate::{Work, layer, mean, shade};
-use lvox::gather::TreeStore;
 use lvox::image::Region;
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade::{Kernel, Settings};
+use lvox::tree::OpenTree;
 use std::fmt::Write;
 use std::fs;
 
@@ -45,7 +45,7 @@ fn a_tree_serves_a_scene_that_grew() {
     let grown = work.scene();
     assert_ne!(old.world_from_scene, grown.world_from_scene);
 
-    let store = TreeStore::open(&tree, None).unwrap();
+    let store = OpenTree::open(&tree, None).unwrap();
     let region = Region::full(48, 36);
     let refused = lvox::shade::run(
         &grown,

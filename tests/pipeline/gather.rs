@@ -7,18 +7,19 @@ use lvox::build;
 use lvox::formats::record::{MAX_LEVEL, VolumeInfo};
 use lvox::formats::{ClipEdge, Clips, CloudMeta, CloudWriter, Lvoxel, Surfel};
 use lvox::gather::cone::Scratch;
-use lvox::gather::outgoing::TOGETHER;
+use lvox::gather::patch_radiance::MAX_BATCH;
 use lvox::gather::plain;
-use lvox::gather::store::Page;
 use lvox::gather::{
-    Crossing, Gatherer, Kernel, Media, Medium, NoMedia, Outgoing, Pages, Settings, Stretch,
-    SurfacePoint, SurfelStore, TreeStore, Wanted,
+    Crossing, Gatherer, Kernel, Medium, NoMedia, PatchRadiance, PatchRequest, SampleRange,
+    Settings, SurfacePoint,
 };
 use lvox::math::Rgb;
 use lvox::math::sampling::{r2, sphere};
 use lvox::math::segment::Composite;
 use lvox::run::Job;
 use lvox::trace::Tracer;
+use lvox::tree::Page;
+use lvox::tree::{Media, OpenTree, Pages, SurfelStore};
 use std::f32::consts::PI;
 use std::path::PathBuf;
 
@@ -76,9 +77,9 @@ fn cloud(n: usize) -> Vec<Surfel> {
         .collect()
 }
 
-fn store(surfels: &[Surfel]) -> (tempfile::TempDir, TreeStore) {
+fn store(surfels: &[Surfel]) -> (tempfile::TempDir, OpenTree) {
     let (dir, tree) = tree(surfels);
-    let store = TreeStore::open(&tree, None).unwrap();
+    let store = OpenTree::open(&tree, None).unwrap();
     (dir, store)
 }
 
@@ -104,8 +105,8 @@ fn tree(surfels: &[Surfel]) -> (tempfile::TempDir, PathBuf) {
 }
 
 /// The surfels of a tree that was opened without a limit.
-fn pages(store: &TreeStore) -> &impl Pages {
-    let SurfelStore::Kept(pages) = &store.surfels else {
+fn pages(store: &OpenTree) -> &impl Pages {
+    let SurfelStore::Resident(pages) = &store.surfels else {
         panic!("a limit without being asked")
     };
     pages
@@ -147,8 +148,8 @@ fn the_fast_kernel_without_aggregates_sees_what_the_plain_one_sees() {
     let rays = receivers(40_000);
     let mut scratch = Scratch::default();
     for &(origin, direction) in &rays {
-        let a = fast.look(origin, direction, &mut scratch);
-        let b = plain.look(origin, direction, &mut scratch);
+        let a = fast.incident(origin, direction, &mut scratch);
+        let b = plain.incident(origin, direction, &mut scratch);
         let same = (a.distance - b.distance).abs() <= 1e-4 * (1.0 + b.distance);
         other_distance += usize::from(!same && a.distance != b.distance);
         let difference = (a.radiance.luminance() - b.radiance.luminance()).abs();
@@ -189,7 +190,7 @@ fn aggregates_change_irradiance_by_a_few_percent() {
         };
         let all = receivers(1000);
         let light = all.iter().enumerate().map(|(i, (p, n))| {
-            let gathered = gatherer.irradiance(*p, *n, *n, Stretch::first(i as u64));
+            let gathered = gatherer.irradiance(*p, *n, *n, SampleRange::first(i as u64));
             gathered.light.luminance()
         });
         light.collect()
@@ -226,13 +227,13 @@ fn neighbours_gather_together_what_they_gather_one_by_one() {
             position,
             normal,
             face_normal: (normal + 0.3 * Vec3::Y).normalize(),
-            stretch: (5 * k + 3) as u32 % 16,
+            range: (5 * k + 3) as u32 % 16,
         };
         let points: Vec<_> = neighbours.iter().enumerate().map(point).collect();
-        let together = gatherer.irradiance_of_neighbours(&points, seed as u64, &order);
+        let together = gatherer.irradiance_at_neighbours(&points, seed as u64, &order);
         for (p, got) in points.iter().zip(&together) {
-            let stretch = Stretch {
-                index: p.stretch,
+            let stretch = SampleRange {
+                index: p.range,
                 seed: seed as u64,
             };
             let alone = gatherer.irradiance(p.position, p.normal, p.face_normal, stretch);
@@ -250,11 +251,11 @@ fn rays_that_are_looked_up_together_find_what_each_finds_alone() {
     let corners = &scene.mesh.positions;
     let from = corners.iter().sum::<Vec3>() / corners.len() as f32;
     let rays: Vec<(Vec3, Vec3)> = (0..2000).map(|i| (from, sphere(r2(i, [0.5; 2])))).collect();
-    let wanted = Wanted {
+    let wanted = PatchRequest {
         max_solid_angle: 0.01,
         leave_out_bright: false,
     };
-    let outgoing = || Outgoing::new(&tracer, store.area_per_surfel(), rays.len());
+    let outgoing = || PatchRadiance::new(&tracer, store.area_per_surfel(), rays.len());
     let alone = outgoing();
     let mut stack = Vec::new();
     let cast = |&(origin, direction): &(Vec3, Vec3), stack: &mut Vec<_>| {
@@ -262,14 +263,14 @@ fn rays_that_are_looked_up_together_find_what_each_finds_alone() {
     };
     let expected: Vec<_> = rays.iter().map(|ray| cast(ray, &mut stack)).collect();
     assert!(expected.iter().flatten().count() > 500);
-    for size in [1, 5, TOGETHER] {
+    for size in [1, 5, MAX_BATCH] {
         let together = outgoing();
-        let mut ends = [None; TOGETHER];
+        let mut ends = [None; MAX_BATCH];
         for (rays, expected) in rays.chunks(size).zip(expected.chunks(size)) {
-            together.cast_together(pages(&store), rays, 1e3, wanted, &mut stack, &mut ends);
+            together.cast_batch(pages(&store), rays, 1e3, wanted, &mut stack, &mut ends);
             assert_eq!(&ends[..rays.len()], expected);
         }
-        assert_eq!(alone.asked(), together.asked());
+        assert_eq!(alone.stats(), together.stats());
     }
 }
 
@@ -298,7 +299,7 @@ fn nothing_behind_the_facet_of_a_smooth_mesh_reaches_it() {
                     ..settings(kernel, 0.0)
                 },
             };
-            let gathered = gatherer.irradiance(Vec3::ZERO, normal, face, Stretch::first(3));
+            let gathered = gatherer.irradiance(Vec3::ZERO, normal, face, SampleRange::first(3));
             gathered.light.luminance()
         };
         for degrees in [0.0_f32, 30.0, 60.0, 85.0] {
@@ -336,7 +337,7 @@ fn nothing_beyond_the_largest_distance_sends_light_or_lets_it_through() {
             Vec3::new(0.0, 0.9, 0.0),
             Vec3::Z,
             Vec3::Z,
-            Stretch::first(1),
+            SampleRange::first(1),
         );
         // All rays end at the box's walls, which are too far away to send light and hide the
         // environment, but for the gaps that disks at random leave.
@@ -518,15 +519,15 @@ fn trees_are_held_whole_only_if_the_memory_limit_allows_it() {
     let one = &clipped[..1];
     for surfels in [&clipped, &grey.collect::<Vec<_>>(), one] {
         let (_dir, path) = tree(surfels);
-        let store = TreeStore::open(&path, None).unwrap();
+        let store = OpenTree::open(&path, None).unwrap();
         let held: usize = (0..store.tree().surfel_pages() as u32)
             .map(|id| {
                 let page = pages(&store).page(id);
                 page.nodes().bytes() + page.leaves().bytes()
             })
             .sum();
-        let is_kept = |limit: usize| match TreeStore::open(&path, Some(limit as u64)) {
-            Ok(store) => matches!(store.surfels, SurfelStore::Kept(_)),
+        let is_kept = |limit: usize| match OpenTree::open(&path, Some(limit as u64)) {
+            Ok(store) => matches!(store.surfels, SurfelStore::Resident(_)),
             Err(_) => false,
         };
         assert!(!is_kept(held - 1), "{held}");

@@ -7,13 +7,14 @@ use lvox::formats::{
     TreeWriter,
 };
 use lvox::gather::cone::{self, Scratch};
-use lvox::gather::{Pages, SurfelStore, TreeStore, plain};
+use lvox::gather::plain;
 use lvox::inspect::export_ply;
+use lvox::tree::{OpenTree, Pages, SurfelStore};
 
 const OVERLAP: f32 = 1.8;
 
 /// A tree of these pages, opened with and without a limit that keeps it from being held whole.
-fn stores(pages: &[SurfelPage], limit: Option<u64>) -> (tempfile::TempDir, Vec<TreeStore>) {
+fn stores(pages: &[SurfelPage], limit: Option<u64>) -> (tempfile::TempDir, Vec<OpenTree>) {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.lvt");
     let mut writer = TreeWriter::create(&path, TreeMeta::default(), false).unwrap();
@@ -24,7 +25,7 @@ fn stores(pages: &[SurfelPage], limit: Option<u64>) -> (tempfile::TempDir, Vec<T
     let root = pages.len() as u32 - 1;
     writer.finish(Some(root), Sums::default(), vec![]).unwrap();
     let limits = [None].into_iter().chain(limit.map(Some));
-    let stores = limits.map(|l| TreeStore::open(&path, l).unwrap());
+    let stores = limits.map(|l| OpenTree::open(&path, l).unwrap());
     (dir, stores.collect())
 }
 
@@ -81,9 +82,9 @@ fn cast<P: Pages>(pages: &P) -> (Vec<bool>, lvox::Result<()>) {
     (met, pages.check())
 }
 
-fn cast_in(store: &TreeStore) -> (Vec<bool>, lvox::Result<()>) {
+fn cast_in(store: &OpenTree) -> (Vec<bool>, lvox::Result<()>) {
     match &store.surfels {
-        SurfelStore::Kept(pages) => cast(pages),
+        SurfelStore::Resident(pages) => cast(pages),
         SurfelStore::Cached(pages) => cast(pages),
     }
 }

@@ -1,8 +1,8 @@
 //! What a scene does not have takes no byte in its files.
 
 use crate::{ROOM, Work};
-use lvox::gather::{MediaStore, TreeStore};
 use lvox::inspect::{self, Description};
+use lvox::tree::{MediaStore, OpenTree};
 use std::fs;
 use std::path::Path;
 
@@ -38,7 +38,7 @@ fn surfaces_alone_have_no_byte_for_media() {
         assert!(!holds(path, "sigma_t") && !holds(path, "source"));
         assert!(file.sums.volumes.is_empty());
     }
-    let store = TreeStore::open(&names[1], None).unwrap();
+    let store = OpenTree::open(&names[1], None).unwrap();
     assert!(matches!(store.media, MediaStore::Absent));
     assert_eq!(store.media.bytes(), 0);
 
@@ -102,11 +102,8 @@ fn grey_media_take_few_of_the_bytes_of_coloured_ones() {
         let share = grey.lvoxels.bytes_each / coloured.lvoxels.bytes_each;
         assert!(share <= 0.6, "{}: {share}", grey.kind);
     }
-    let [grey, coloured] = [&grey, &coloured].map(|work| {
-        TreeStore::open(&work.path("scene.lvt"), None)
-            .unwrap()
-            .media
-    });
+    let [grey, coloured] =
+        [&grey, &coloured].map(|work| OpenTree::open(&work.path("scene.lvt"), None).unwrap().media);
     assert!(matches!(grey, MediaStore::Grey(_)) && matches!(coloured, MediaStore::Rgb(_)));
     // In memory, two floats a block.
     let count = grey_files[1].lvoxels.count as usize;

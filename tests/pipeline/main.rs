@@ -25,11 +25,11 @@ mod support;
 mod textures;
 mod views;
 
-use lvox::gather::TreeStore;
 use lvox::image::{Frame, Region};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade::{self, Aov, Settings};
+use lvox::tree::OpenTree;
 use std::fs;
 use std::path::{Path, PathBuf};
 use support::trees;
@@ -160,17 +160,17 @@ impl Work {
 
 /// The scene that the program carries, with its tree of so many surfels, which goes away with the
 /// folder.
-fn demo(surfels: u64) -> (TempDir, Scene, TreeStore) {
+fn demo(surfels: u64) -> (TempDir, Scene, OpenTree) {
     let dir = tempfile::tempdir().unwrap();
     let scene = Scene::demo().unwrap();
     let tree = trees::baked(&scene, &trees::of_surfels(surfels), dir.path(), "demo");
-    let store = TreeStore::open(&tree, None).unwrap();
+    let store = OpenTree::open(&tree, None).unwrap();
     (dir, scene, store)
 }
 
 /// The frame of a tree on disk.
 fn shade(scene: &Scene, tree: &Path, settings: &Settings) -> Frame {
-    let store = TreeStore::open(tree, None).unwrap();
+    let store = OpenTree::open(tree, None).unwrap();
     let region = Region::full(scene.film.width, scene.film.height);
     let aovs = Aov::ALL.map(|(_, aov)| aov);
     shade::run(scene, &store, settings, region, &aovs, &Job::default()).unwrap()

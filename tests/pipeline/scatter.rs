@@ -4,11 +4,11 @@ use crate::messages::lvox;
 use crate::support::trees;
 use crate::{ROOM, Work, beauty, layer, relative_rms, with_threads};
 use lvox::formats::{BlockKind, Scatter};
-use lvox::gather::TreeStore;
 use lvox::image::Region;
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade::{self, Aov, Settings, scatter};
+use lvox::tree::OpenTree;
 use std::fs;
 use std::path::{Path, PathBuf};
 use xxhash_rust::xxh3::xxh3_64;
@@ -39,7 +39,7 @@ fn scattered(
     name: &str,
     settings: &scatter::Settings,
 ) -> PathBuf {
-    let store = TreeStore::open(tree, None).unwrap();
+    let store = OpenTree::open(tree, None).unwrap();
     let output = work.path(name);
     scatter::run(scene, &store, &output, settings, true, &Job::default()).unwrap();
     output
@@ -48,7 +48,7 @@ fn scattered(
 /// All of the light of a region, and what media scatter.
 fn pixels(
     scene: &Scene,
-    store: &TreeStore,
+    store: &OpenTree,
     settings: &Settings,
     region: Region,
 ) -> [Vec<[f32; 3]>; 2] {
@@ -95,7 +95,7 @@ fn it_is_the_light_that_frames_find_themselves() {
                 ..settings.clone()
             };
             let whole = Region::full(scene.film.width, scene.film.height);
-            let store = TreeStore::open(&tree, None).unwrap();
+            let store = OpenTree::open(&tree, None).unwrap();
             let [_, own] = pixels(&scene, &store, &settings, whole);
             let store = store.with_scatter(&file).unwrap();
             let [_, taken] = pixels(&scene, &store, &settings, whole);
@@ -122,7 +122,7 @@ fn it_does_not_depend_on_threads_and_tiles_of_it_have_no_seams() {
     assert!(kinds(BlockKind::Direct) > 0 && kinds(BlockKind::Indirect) > 0);
 
     let open = || {
-        TreeStore::open(&tree, None)
+        OpenTree::open(&tree, None)
             .unwrap()
             .with_scatter(&path)
             .unwrap()
@@ -148,7 +148,7 @@ fn more_rays_than_a_frame_would_take_leave_less_noise() {
     let scene = work.scene();
     let tree = work.bake(&scene, 5000);
     let whole = Region::full(scene.film.width, scene.film.height);
-    let store = TreeStore::open(&tree, None).unwrap();
+    let store = OpenTree::open(&tree, None).unwrap();
     let many = Settings {
         volume_samples: 256,
         ..few()
@@ -281,7 +281,7 @@ fn what_is_wrong_behind_right_checksums_is_told_and_makes_no_picture() {
     bytes[104] ^= 0xff;
     repair(&mut bytes);
     fs::write(&file, &bytes).unwrap();
-    let store = TreeStore::open(&tree, None).unwrap();
+    let store = OpenTree::open(&tree, None).unwrap();
     let store = store.with_scatter(&file).unwrap();
     let region = Region::full(scene.film.width, scene.film.height);
     let error = shade::run(&scene, &store, &few(), region, &[], &Job::default()).unwrap_err();

@@ -5,10 +5,10 @@ use crate::{ROOM, Work, layer, shade};
 use lvox::bake::lvoxels::BlockSize;
 use lvox::bake::{self, SurfelSampling};
 use lvox::formats::Cloud;
-use lvox::gather::TreeStore;
 use lvox::image::Region;
 use lvox::run::Job;
 use lvox::shade::{Aov, Settings};
+use lvox::tree::OpenTree;
 
 #[test]
 fn shadow_rays_count_at_every_ray_inside_a_pixel() {
@@ -256,7 +256,7 @@ fn limits_of_memory_that_are_too_small_are_named() {
 fn large_patches_need_no_leaves() {
     let work = Work::new(ROOM);
     let scene = work.scene();
-    let store = TreeStore::open(&work.bake(&scene, 20_000), None).unwrap();
+    let store = OpenTree::open(&work.bake(&scene, 20_000), None).unwrap();
     let indirect = |patch_surfels| {
         let settings = Settings {
             patch_surfels,

@@ -166,7 +166,7 @@ fn check(bench: &Workbench, case: Case) -> Result<Vec<Row>> {
 /// Whether a ray's transmittance rises anywhere by more than rounding.
 fn rises_along(
     tracer: &Tracer,
-    media: &crate::gather::Media<Rgb>,
+    media: &crate::tree::Media<Rgb>,
     origin: Vec3,
     direction: Vec3,
 ) -> bool {

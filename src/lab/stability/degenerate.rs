@@ -10,12 +10,13 @@ use crate::Result;
 use crate::formats::record::Below;
 use crate::formats::{CloudMeta, Surfel};
 use crate::gather::Medium;
+use crate::gather::NoMedia;
 use crate::gather::cone::Scratch;
-use crate::gather::{NoMedia, Pages, TreeStore};
 use crate::math::sampling::sphere;
 use crate::scene::{Grid, Light, Scene};
 use crate::shade;
 use crate::trace::Tracer;
+use crate::tree::{OpenTree, Pages};
 use glam::{DAffine3, DVec3, Vec3};
 use std::f32::consts::PI;
 
@@ -253,7 +254,7 @@ fn crowd(bench: &Workbench, effort: Effort, rows: &mut Vec<Row>) -> Result<()> {
     for (cut, d) in [(0.0, 1.0_f32), (0.01, 1.0), (0.01, 100.0)] {
         let origin = Vec3::from(one.position) + Vec3::Y * d;
         let seen =
-            gatherer(&store, NoMedia, 1, cut)?.look(origin, -Vec3::Y, &mut Scratch::default());
+            gatherer(&store, NoMedia, 1, cut)?.incident(origin, -Vec3::Y, &mut Scratch::default());
         let at = format!("{at}, d / R {d}, nodes below {cut} sr whole");
         let case = "surfels on one spot: distance to them";
         rows.push(Row::relative(
@@ -276,7 +277,7 @@ fn crowd(bench: &Workbench, effort: Effort, rows: &mut Vec<Row>) -> Result<()> {
 }
 
 /// Area of the root's aggregate.
-fn root_area(store: &TreeStore) -> Result<f64> {
+fn root_area(store: &OpenTree) -> Result<f64> {
     let Some(root) = kept(store)?.root() else {
         return Ok(0.0);
     };
@@ -363,7 +364,7 @@ fn radii(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     for i in 0..500 {
         let origin = Vec3::from([21, 22, 23].map(|s| random(s, i)));
         let direction = sphere([random(24, i), random(25, i)]);
-        let seen = gatherer.look(origin, direction, &mut scratch).distance;
+        let seen = gatherer.incident(origin, direction, &mut scratch).distance;
         let exact = super::precision::first_disk(&decoded, origin.as_dvec3(), direction.as_dvec3());
         let exact = exact.map_or(f64::INFINITY, |hit| hit.t);
         let same = f64::from(seen) == exact || (f64::from(seen) - exact).abs() <= 1e-4 * exact;

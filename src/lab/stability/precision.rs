@@ -10,13 +10,14 @@ use crate::build::aggregate;
 use crate::formats::Surfel;
 use crate::formats::record::tangent_frame;
 use crate::gather::Medium;
+use crate::gather::NoMedia;
 use crate::gather::cone::Scratch;
-use crate::gather::{Media, NoMedia};
 use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use crate::math::sampling::{hash, sphere};
 use crate::math::segment::Composite;
 use crate::scene::Scene;
+use crate::tree::Media;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -122,7 +123,7 @@ fn kernels(bench: &Workbench, scene: &Scene, effort: Effort, rows: &mut Vec<Row>
     let met: Vec<(f64, bool)> = rays
         .par_iter()
         .map(|&(origin, direction)| {
-            let seen = gatherer.look(origin, direction, &mut Scratch::default());
+            let seen = gatherer.incident(origin, direction, &mut Scratch::default());
             match first_disk(&all, origin.as_dvec3(), direction.as_dvec3()) {
                 None if seen.distance.is_infinite() => (0.0, true),
                 None => (f64::INFINITY, false),

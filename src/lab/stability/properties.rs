@@ -6,14 +6,15 @@ use super::{Effort, random};
 use crate::Result;
 use crate::formats::record::{Below, Node, SurfelPage};
 use crate::formats::{CloudMeta, Surfel};
+use crate::gather::NoMedia;
 use crate::gather::cone::Scratch;
-use crate::gather::{NoMedia, TreeStore};
 use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use crate::math::sampling::{cosine_hemisphere, disk, sobol2, sphere, tangents};
 use crate::math::segment::Composite;
 use crate::scene::{Grid, Scene};
 use crate::trace::Cells;
+use crate::tree::OpenTree;
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use std::f32::consts::PI;
 
@@ -34,7 +35,7 @@ pub fn rows(bench: &Workbench, scene: &Scene, effort: Effort) -> Result<Vec<Row>
 }
 
 /// Light from a tree is finite and not negative, and no more than its brightest record.
-fn radiance(scene: &Scene, store: &TreeStore, rows: &mut Vec<Row>) -> Result<()> {
+fn radiance(scene: &Scene, store: &OpenTree, rows: &mut Vec<Row>) -> Result<()> {
     const RAYS: u64 = 20_000;
     let (min, max) = scene.bounds();
     let tree = store.tree();
@@ -61,7 +62,7 @@ fn radiance(scene: &Scene, store: &TreeStore, rows: &mut Vec<Row>) -> Result<()>
                 1 => -Vec3::Y,
                 _ => sphere([random(44, i), random(45, i)]),
             };
-            let seen = gatherer.look(min + (max - min) * at, direction, &mut scratch);
+            let seen = gatherer.incident(min + (max - min) * at, direction, &mut scratch);
             wrong += usize::from(!seen.radiance.0.iter().all(|v| v.is_finite() && *v >= 0.0));
             most = most.max(seen.radiance.max());
         }
@@ -178,7 +179,7 @@ fn along_rays(rows: &mut Vec<Row>) {
 }
 
 /// Boxes hold boxes, centres lie in boxes, and a node is no brighter than what is below it.
-fn aggregates(store: &TreeStore, rows: &mut Vec<Row>) -> Result<()> {
+fn aggregates(store: &OpenTree, rows: &mut Vec<Row>) -> Result<()> {
     let tree = store.tree();
     let (mut nodes, mut boxes, mut centres, mut areas, mut bright) = (0, 0, 0, 0, 0);
     for id in 0..tree.surfel_pages() {
@@ -308,7 +309,7 @@ fn reciprocity(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
                 let d = cosine_hemisphere(sobol2(i, 1, 9));
                 let way = (x * d.x + y * d.y + n * d.z).normalize();
                 let point = Vec3::from(from.position) + x * u + y * v;
-                sum += f64::from(gatherer.look(point, way, &mut scratch).radiance.0[0]);
+                sum += f64::from(gatherer.incident(point, way, &mut scratch).radiance.0[0]);
             }
             Ok(sum / f64::from(POINTS) * f64::from(from.area))
         };

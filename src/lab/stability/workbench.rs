@@ -2,13 +2,14 @@
 
 use crate::bake::{self, SurfelSampling};
 use crate::formats::{CloudMeta, CloudWriter, Lvoxel, Surfel};
-use crate::gather::store::KeptTree;
-use crate::gather::{self, Gatherer, Kernel, Media, Medium, Stretch, SurfelStore, TreeStore};
+use crate::gather::{self, Gatherer, Kernel, Medium, SampleRange};
 use crate::image::{Frame, Region};
 use crate::math::Rgb;
 use crate::run::{Cancel, Job};
 use crate::scene::{Camera, Film, Grid, Material, Scene, Volume};
 use crate::shade::{self, Settings};
+use crate::tree::ResidentTree;
+use crate::tree::{Media, OpenTree, SurfelStore};
 use crate::{Error, Result, build};
 use glam::{Affine3A, DAffine3, DVec3, Vec3};
 use std::cell::Cell;
@@ -71,7 +72,7 @@ impl Workbench {
     }
 
     /// Bakes and builds with so many surfels.
-    pub fn tree(&self, scene: &Scene, surfels: u64) -> Result<TreeStore> {
+    pub fn tree(&self, scene: &Scene, surfels: u64) -> Result<OpenTree> {
         let cloud = self.new_path("lvc");
         let settings = bake::Settings {
             surfels: SurfelSampling::Area { count: surfels },
@@ -87,7 +88,7 @@ impl Workbench {
         meta: CloudMeta,
         surfels: impl IntoIterator<Item = Surfel>,
         lvoxels: &[Lvoxel],
-    ) -> Result<TreeStore> {
+    ) -> Result<OpenTree> {
         let path = self.new_path("lvc");
         let mut writer = CloudWriter::create(&path, meta, true)?;
         let mut surfels = surfels.into_iter();
@@ -103,16 +104,16 @@ impl Workbench {
         self.build(&path)
     }
 
-    fn build(&self, cloud: &Path) -> Result<TreeStore> {
+    fn build(&self, cloud: &Path) -> Result<OpenTree> {
         let tree = self.new_path("lvt");
         let settings = build::Settings::default();
         build::run(cloud, &tree, &settings, true, &self.job)?;
         fs::remove_file(cloud).map_err(|e| Error::io("remove", cloud, &e))?;
-        TreeStore::open(&tree, None)
+        OpenTree::open(&tree, None)
     }
 
     /// The whole frame.
-    pub fn shade(&self, scene: &Scene, store: &TreeStore, settings: &Settings) -> Result<Frame> {
+    pub fn shade(&self, scene: &Scene, store: &OpenTree, settings: &Settings) -> Result<Frame> {
         let region = Region::full(scene.film.width, scene.film.height);
         let aovs = shade::Aov::ALL.map(|(_, aov)| aov);
         shade::run(scene, store, settings, region, &aovs, &self.job)
@@ -136,7 +137,7 @@ pub fn pixels(frame: &Frame, layer: &str) -> Result<Vec<[f32; 3]>> {
 }
 
 /// The lvoxels of a tree.
-pub fn lvoxels(store: &TreeStore) -> Result<Vec<Lvoxel>> {
+pub fn lvoxels(store: &OpenTree) -> Result<Vec<Lvoxel>> {
     let tree = store.tree();
     let mut all = Vec::new();
     for page in 0..tree.lvoxel_pages() {
@@ -146,7 +147,7 @@ pub fn lvoxels(store: &TreeStore) -> Result<Vec<Lvoxel>> {
 }
 
 /// The lvoxels of a tree.
-pub fn media(store: &TreeStore) -> Result<Media<Rgb>> {
+pub fn media(store: &OpenTree) -> Result<Media<Rgb>> {
     Ok(Media::new(
         &store.tree().meta().cloud.volumes,
         lvoxels(store)?,
@@ -154,16 +155,16 @@ pub fn media(store: &TreeStore) -> Result<Media<Rgb>> {
 }
 
 /// The media of a tree with the same source function everywhere.
-pub fn media_with_source(store: &TreeStore, source: [f32; 3]) -> Result<Media<Rgb>> {
+pub fn media_with_source(store: &OpenTree, source: [f32; 3]) -> Result<Media<Rgb>> {
     let mut lvoxels = lvoxels(store)?;
     lvoxels.iter_mut().for_each(|l| l.source = source);
     Ok(Media::new(&store.tree().meta().cloud.volumes, lvoxels))
 }
 
 /// The surfels of a tree that was opened without a limit.
-pub fn kept(store: &TreeStore) -> Result<&KeptTree> {
+pub fn kept(store: &OpenTree) -> Result<&ResidentTree> {
     match &store.surfels {
-        SurfelStore::Kept(pages) => Ok(pages),
+        SurfelStore::Resident(pages) => Ok(pages),
         SurfelStore::Cached(_) => Err(Error::failed("a tree was opened with a limit of memory")),
     }
 }
@@ -171,11 +172,11 @@ pub fn kept(store: &TreeStore) -> Result<&KeptTree> {
 /// The surfels of a tree that was opened without a limit, ready to gather; nodes below `cut`
 /// steradians are taken whole.
 pub fn gatherer<M: Medium>(
-    store: &TreeStore,
+    store: &OpenTree,
     media: M,
     samples: u32,
     cut: f32,
-) -> Result<Gatherer<'_, KeptTree, M>> {
+) -> Result<Gatherer<'_, ResidentTree, M>> {
     Ok(Gatherer {
         pages: kept(store)?,
         media,
@@ -192,12 +193,12 @@ pub fn gatherer<M: Medium>(
 
 /// Irradiance, in the first channel, that a flat surface gathers.
 pub fn irradiance<M: Medium>(
-    gatherer: &Gatherer<'_, KeptTree, M>,
+    gatherer: &Gatherer<'_, ResidentTree, M>,
     point: Vec3,
     normal: Vec3,
     seed: u64,
 ) -> f64 {
-    let got = gatherer.irradiance(point, normal, normal, Stretch::first(seed));
+    let got = gatherer.irradiance(point, normal, normal, SampleRange::first(seed));
     f64::from(got.light.0[0])
 }
 

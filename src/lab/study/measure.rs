@@ -2,7 +2,6 @@
 
 use super::plan::{How, Points, Settings, Variant};
 use super::record::{Cloud, Errors, Making, Timing};
-use crate::gather::TreeStore;
 use crate::image::metrics::{self, Comparison};
 use crate::image::{Frame, Picture, Region};
 use crate::lab::reference;
@@ -10,6 +9,7 @@ use crate::math::sampling;
 use crate::run::{Job, usage};
 use crate::scene::Scene;
 use crate::shade::{Method, scatter};
+use crate::tree::OpenTree;
 use crate::{Result, shade};
 use crate::{bake, build};
 use std::f64::consts::PI;
@@ -78,8 +78,8 @@ impl<'a> Bench<'a> {
     }
 
     /// Opens the tree of a cloud, with that light.
-    fn open(&self, cloud: &str) -> Result<TreeStore> {
-        let store = TreeStore::open(&self.tree(cloud), self.job.memory_limit)?;
+    fn open(&self, cloud: &str) -> Result<OpenTree> {
+        let store = OpenTree::open(&self.tree(cloud), self.job.memory_limit)?;
         match self.scatter(cloud) {
             Some(scatter) => store.with_scatter(&scatter),
             None => Ok(store),
@@ -104,7 +104,7 @@ impl<'a> Bench<'a> {
         // The tree holds all that is needed from here on; after a stop the cloud is baked anew.
         let _ = std::fs::remove_file(&cloud);
         let (outcome, mut build) = built?;
-        let store = TreeStore::open(&tree, self.job.memory_limit)?;
+        let store = OpenTree::open(&tree, self.job.memory_limit)?;
         if let Some(output) = self.scatter(&name) {
             let settings = scatter::Settings {
                 seed: self.settings.seed,
@@ -160,7 +160,7 @@ impl<'a> Bench<'a> {
                 let store = match points.shade.method {
                     Method::Extended => self.open(&points.cloud())?,
                     Method::Traditional => {
-                        TreeStore::open(&self.tree(&points.cloud()), self.job.memory_limit)?
+                        OpenTree::open(&self.tree(&points.cloud()), self.job.memory_limit)?
                     }
                 };
                 shade::run(self.scene, &store, &points.shade, region, &[], &self.job)

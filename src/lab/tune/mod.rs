@@ -12,10 +12,10 @@ mod search;
 pub use ladder::{FINEST, rung};
 pub use search::Outcome;
 
-use crate::gather::TreeStore;
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::shade::Settings;
+use crate::tree::OpenTree;
 use crate::{Error, Result};
 use pilot::Pilot;
 
@@ -57,7 +57,7 @@ pub fn check(target: f64) -> Result<()> {
 /// request.
 pub fn choose(
     scene: &Scene,
-    store: &TreeStore,
+    store: &OpenTree,
     target: f64,
     adapt: impl Fn(Settings) -> Settings,
     job: &Job,

@@ -1,7 +1,6 @@
 //! Measures the error of settings on small blocks of the frame, against paths traced at pixels of
 //! those blocks.
 
-use crate::gather::TreeStore;
 use crate::image::Region;
 use crate::image::metrics::linear::{self, RELATIVE_FLOOR};
 use crate::image::subject::SHADED_SEGMENTS;
@@ -10,6 +9,7 @@ use crate::math::{Rgb, sampling};
 use crate::run::Job;
 use crate::scene::{Camera, Film, Scene};
 use crate::shade::{self, Settings, Shaded};
+use crate::tree::OpenTree;
 use crate::{Error, Result};
 use rayon::prelude::*;
 
@@ -87,7 +87,7 @@ impl<'a> Pilot<'a> {
     /// The trimmed relMSE of settings, good enough to tell whether it is near the target.
     pub fn error(
         &mut self,
-        store: &TreeStore,
+        store: &OpenTree,
         settings: &Settings,
         target: f64,
         job: &Job,

@@ -5,10 +5,11 @@ mod scouts;
 
 use super::settings::Settings;
 use super::view::View;
-use crate::gather::{BrightPatch, Outgoing, Pages, Stretch};
+use crate::gather::{BrightPatch, PatchRadiance, SampleRange};
 use crate::light::{Emitter, Lights, ShadowRays, Vacuum};
 use crate::math::{Rgb, sampling};
 use crate::trace::Surface;
+use crate::tree::Pages;
 use scouts::{Bright, Scouts};
 
 /// Bright patches of a frame, which gathers leave out of what their rays meet.
@@ -28,7 +29,7 @@ impl<'a> BrightLamps<'a> {
     pub fn find<P: Pages>(
         view: &View,
         lights: &Lights<'a>,
-        outgoing: &mut Outgoing,
+        outgoing: &mut PatchRadiance,
         pages: &P,
         settings: &Settings,
     ) -> Option<Self> {
@@ -62,7 +63,7 @@ impl<'a> BrightLamps<'a> {
     }
 
     /// What they send to a surface, by a stretch of rays.
-    pub fn irradiance(&self, surface: &Surface, stretch: Stretch) -> Rgb {
+    pub fn irradiance(&self, surface: &Surface, stretch: SampleRange) -> Rgb {
         let Surface {
             position,
             normal,

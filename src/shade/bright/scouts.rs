@@ -5,11 +5,12 @@
 //! the points that those see but at the middle of what lies around them, so that a camera that
 //! hardly moves finds the same.
 
-use crate::gather::{Crossing, Outgoing, Pages, Seed, Wanted};
+use crate::gather::{BrightHit, Crossing, PatchRadiance, PatchRequest};
 use crate::math::sampling::{self, cosine_hemisphere, sobol2, tangents};
 use crate::math::{Hit, Rgb};
 use crate::shade::view::View;
 use crate::trace::Surface;
+use crate::tree::Pages;
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -27,7 +28,7 @@ const MUCH: f32 = 0.3;
 #[derive(Debug)]
 pub(super) struct Bright {
     /// Where scouts saw it.
-    pub seeds: Vec<Seed>,
+    pub seeds: Vec<BrightHit>,
     /// What it sends at least, by the mean channel.
     pub least: f32,
 }
@@ -41,7 +42,7 @@ impl Bright {
 /// What is asked by scouts.
 pub(super) struct Scouts<'a, P> {
     pub view: &'a View<'a>,
-    pub outgoing: &'a Outgoing<'a>,
+    pub outgoing: &'a PatchRadiance<'a>,
     pub pages: &'a P,
     pub environment: Rgb,
     /// A node seen under less than this is taken whole, steradians.
@@ -70,14 +71,14 @@ impl<P: Pages> Scouts<'_, P> {
 
     /// What the rays of a scout bring, by the mean channel, and where they meet surfaces: those
     /// that meet anything.
-    fn seen_by(&self, scout: u32) -> Vec<(f32, Option<Seed>)> {
+    fn seen_by(&self, scout: u32) -> Vec<(f32, Option<BrightHit>)> {
         let Some(surface) = self.stand(scout) else {
             return Vec::new();
         };
         let (origin, normal) = (self.view.off_surface(&surface), surface.face_normal);
         let (x, y) = tangents(normal);
         let key = sampling::mix(u64::from(scout)) as u32;
-        let wanted = Wanted {
+        let wanted = PatchRequest {
             max_solid_angle: self.max_solid_angle,
             leave_out_bright: false,
         };
@@ -93,7 +94,7 @@ impl<P: Pages> Scouts<'_, P> {
                     // Of the disk at that distance that a ray stands for, where it falls straight.
                     let radius = t * (2.0 / RAYS as f32).sqrt();
                     let position = origin + d * t;
-                    Some((radiance.mean(), Some(Seed { position, radius })))
+                    Some((radiance.mean(), Some(BrightHit { position, radius })))
                 }
                 // What brings nothing because there is nothing does not make the rest bright.
                 None => sky.map(|light| (light, None)),

@@ -12,11 +12,12 @@ mod gathers;
 
 use super::surface_gatherer::SurfaceGatherer;
 use crate::Result;
-use crate::gather::{Gathered, Medium, Order, Pages};
+use crate::gather::{DirectionOrder, Gathered, Medium};
 use crate::image::Region;
 use crate::math::{Rgb, sampling};
 use crate::run::{Cancel, Task, memory};
 use crate::trace::Surface;
+use crate::tree::Pages;
 use area::Area;
 use gathers::{Gathers, LATTICE, Node};
 use rayon::prelude::*;
@@ -146,7 +147,7 @@ enum Stand {
 /// What gathers on a lattice.
 struct Receivers<'a, 'g, P, M> {
     gatherer: &'a SurfaceGatherer<'g, P, M>,
-    order: &'a Order,
+    order: &'a DirectionOrder,
     step: u32,
     cancel: &'a Cancel,
     task: &'a Task,

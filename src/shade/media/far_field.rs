@@ -3,10 +3,11 @@
 //! medium only.
 
 use super::vertices::{Vertices, inside};
-use crate::gather::{Gatherer, Medium, NoMedia, Pages};
+use crate::gather::{Gatherer, Medium, NoMedia};
 use crate::math::segment::Composite;
 use crate::math::{Rgb, sampling};
 use crate::scene::Volume;
+use crate::tree::Pages;
 use glam::Vec3;
 use std::ops::{AddAssign, Mul};
 
@@ -249,7 +250,7 @@ impl FarField {
                     let key = sampling::hash(&[seed, u64::from(c), i as u64]);
                     let u = pattern.within(row, column, sampling::unit2(key));
                     let direction = sampling::sphere(self.within_quarter(c, u));
-                    let seen = surfaces.look(point, direction, &mut scratch);
+                    let seen = surfaces.incident(point, direction, &mut scratch);
                     quarter.radiance += seen.radiance;
                     quarter.distance += seen.distance;
                     inverse_distance += 1.0 / seen.distance;

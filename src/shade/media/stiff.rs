@@ -1,12 +1,13 @@
 //! Light around a point in a medium so dense that rays end within a voxel of it, where nothing that
 //! is stored by voxels tells how light changes.
 
-use crate::gather::{Gatherer, NoMedia, Pages, cone};
+use crate::gather::{Gatherer, NoMedia, cone};
 use crate::light::{Lights, ShadowRays};
 use crate::math::exp::{exp_neg, exp_neg_and_rest};
 use crate::math::segment::Segment;
 use crate::math::{Rgb, sampling};
 use crate::scene::Volume;
+use crate::tree::Pages;
 use glam::Vec3;
 
 /// Mean over the sphere of the light from surfaces and media: along each ray one point of the media
@@ -75,7 +76,7 @@ pub fn mean_radiance<P: Pages>(
             sum += s.source * light * taken;
         }
         if through > 0.0 {
-            sum += surfaces.look(point, direction, &mut scratch).radiance * through;
+            sum += surfaces.incident(point, direction, &mut scratch).radiance * through;
         }
     }
     sum * (1.0 / count as f32)

@@ -5,9 +5,7 @@ use super::inscatter::{InScatter, Known, Light};
 use super::sweep::{Scope, Sweep};
 use super::vertices::INSIDE;
 use crate::Kind;
-use crate::gather::page::{PageLeaves, PageNodes};
-use crate::gather::store::Page;
-use crate::gather::{self, Gatherer, Geometry, Media, Medium, NoMedia, Outgoing, Pages};
+use crate::gather::{self, Gatherer, Geometry, Medium, NoMedia, PatchRadiance};
 use crate::image::Region;
 use crate::light::Lights;
 use crate::math::segment::{Composite, Segment};
@@ -16,6 +14,9 @@ use crate::run::{Cancel, Job};
 use crate::scene::{Grid, Scene, Volume};
 use crate::shade::view::{Seen, View};
 use crate::trace::Tracer;
+use crate::tree::Page;
+use crate::tree::page::{PageLeaves, PageNodes};
+use crate::tree::{Media, Pages};
 use glam::{DAffine3, DVec3, Vec3};
 use lvox_formats::record::{Lvoxel, VolumeInfo};
 use std::sync::Mutex;
@@ -160,7 +161,7 @@ fn with<M: Medium, T>(
 ) -> T {
     let tracer = Tracer::new(scene);
     let view = View::new(&tracer, scene.camera(None).unwrap(), scene.film, 5);
-    let outgoing = Outgoing::new(around, 0.0, 0);
+    let outgoing = PatchRadiance::new(around, 0.0, 0);
     let gatherer = Gatherer {
         pages: &NoPages,
         media,

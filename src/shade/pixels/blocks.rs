@@ -5,12 +5,13 @@ use super::pixel::Pixel;
 use super::planes::{Block, Planes, assemble};
 use super::shader::PixelShader;
 use crate::Result;
-use crate::gather::{Medium, Pages};
+use crate::gather::Medium;
 use crate::image::Region;
 use crate::run::spare::Spare;
 use crate::run::{Job, Task};
 use crate::shade::air::Air;
 use crate::shade::aov::Part;
+use crate::tree::Pages;
 use rayon::prelude::*;
 
 /// Width and height of the blocks that threads take, pixels: what blocks need around them is a

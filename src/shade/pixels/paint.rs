@@ -4,10 +4,11 @@
 use super::pattern::Pattern;
 use super::sample::Sample;
 use super::shader::PixelShader;
-use crate::gather::{Medium, Pages};
+use crate::gather::Medium;
 use crate::math::Rgb;
 use crate::shade::air::Air;
 use crate::trace::{Surface, weights_in_triangle};
+use crate::tree::Pages;
 use glam::Vec3;
 
 impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {

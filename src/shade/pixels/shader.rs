@@ -7,7 +7,7 @@ use super::piece::Piece;
 use super::pixel::Pixel;
 use super::pixel_sum::PixelSum;
 use super::sample::{Sample, SampleCounts};
-use crate::gather::{Medium, Pages, Stretch};
+use crate::gather::{Medium, SampleRange};
 use crate::light::{Direct, Lights, ShadowRays, Sight};
 use crate::math::{Rgb, sampling};
 use crate::shade::air::{Air, Passed};
@@ -15,6 +15,7 @@ use crate::shade::lattice::Lattice;
 use crate::shade::surface_gatherer::SurfaceGatherer;
 use crate::shade::view::View;
 use crate::trace::Surface;
+use crate::tree::Pages;
 use std::f32::consts::FRAC_1_PI;
 
 /// Everything a pixel may look at.
@@ -287,7 +288,7 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
 
     /// The same by a gather of its own: few pixels see it.
     pub fn gathered(&self, surface: &Surface, x: u32, y: u32) -> Rgb {
-        let stretch = Stretch::first(self.key(x, y));
+        let stretch = SampleRange::first(self.key(x, y));
         self.gatherer.gather(surface, stretch).light
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{InScatter, Lattices};
 use crate::Result;
-use crate::gather::{Medium, Pages};
+use crate::gather::Medium;
 use crate::run::Job;
 use crate::scene::Volume;
 use crate::scene::grid::Cell;
@@ -13,6 +13,7 @@ use crate::shade::media::stored::Made;
 use crate::shade::media::sweep;
 use crate::shade::media::vertices::blend;
 use crate::shade::memory;
+use crate::tree::Pages;
 use glam::Vec3;
 use rayon::prelude::*;
 

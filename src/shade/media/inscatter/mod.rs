@@ -18,13 +18,14 @@ use super::stored::Lit;
 use super::sweep::{self, Scope, Sweep};
 use super::vertices::{Cube, Vertices, are_alike, blend, extremes, inside};
 use crate::Result;
-use crate::gather::{Gatherer, Medium, Pages, Stretch};
+use crate::gather::{Gatherer, Medium, SampleRange};
 use crate::light::{InMedium, Lights, ShadowRays, SunDepths};
 use crate::math::exp::{exp_neg, mean_reach, one_minus_exp_neg};
 use crate::math::{Rgb, sampling};
 use crate::run::Job;
 use crate::scene::Volume;
 use crate::shade::view::{Seen, View};
+use crate::tree::Pages;
 use glam::Vec3;
 use lvox_formats::{MappedFile, Scatter};
 use wide::f32x4;
@@ -338,7 +339,11 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         let far_field = &self.lattices[volume].far_field;
         far_field
             .mean_radiance(&self.volumes[volume], gatherer, at, point, seed)
-            .unwrap_or_else(|| gatherer.mean_radiance(point, Stretch::first(seed)).light)
+            .unwrap_or_else(|| {
+                gatherer
+                    .mean_radiance(point, SampleRange::first(seed))
+                    .light
+            })
     }
 
     fn indirect(&self, place: &Place, known: &mut Known) -> Rgb {

@@ -3,14 +3,15 @@
 use super::rows::{Arriving, Rows};
 use super::{MediaBox, Scope};
 use crate::Result;
-use crate::gather::{Medium, Pages};
+use crate::gather::Medium;
 use crate::math::Rgb;
 use crate::math::dda::leave_box;
 use crate::math::exp::exp_neg_and_rest;
+use crate::math::ray_lattice::RayLattice;
 use crate::math::segment::Segment;
-use crate::math::sheared::Sheared;
 use crate::shade::media::sparse::SparseLattice;
 use crate::trace::offset;
+use crate::tree::Pages;
 use glam::Vec3;
 
 /// Parallel rays through a volume, between which vertices interpolate.
@@ -19,7 +20,7 @@ pub struct Rays<'a, P, M> {
     set: &'a SparseLattice,
     /// Unit direction against the light.
     direction: Vec3,
-    rays: Sheared,
+    rays: RayLattice,
     media: &'a MediaBox,
 }
 
@@ -42,9 +43,9 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
         }
     }
 
-    fn along(scope: &Scope<P, M>, step: usize, direction: Vec3) -> Sheared {
+    fn along(scope: &Scope<P, M>, step: usize, direction: Vec3) -> RayLattice {
         let d = scope.volume.index_from_scene.transform_vector3(direction);
-        Sheared::new(d, step as f32)
+        RayLattice::new(d, step as f32)
     }
 
     /// Bytes that passing those along a direction takes, but for what arrives at the vertices.

@@ -6,7 +6,7 @@
 
 use crate::Result;
 use crate::math::Rgb;
-use crate::math::sheared::Sheared;
+use crate::math::ray_lattice::RayLattice;
 use crate::shade::media::sparse::SparseLattice;
 use wide::f32x4;
 
@@ -24,7 +24,7 @@ pub struct Arriving {
 /// The rows of rays of one direction, and the vertices that they serve.
 pub struct Rows<'a> {
     set: &'a SparseLattice,
-    rays: &'a Sheared,
+    rays: &'a RayLattice,
     /// First vertex and number of vertices by axis of the rays: along them, in a row, across rows.
     first: [usize; 3],
     count: [usize; 3],
@@ -38,7 +38,7 @@ pub struct Rows<'a> {
 
 impl<'a> Rows<'a> {
     /// Rays along a direction, between which the vertices of a set stand.
-    pub fn new(set: &'a SparseLattice, rays: &'a Sheared) -> Self {
+    pub fn new(set: &'a SparseLattice, rays: &'a RayLattice) -> Self {
         let [first, count] = extent(set, rays);
         let words = count[1].div_ceil(64);
         let mut vertices = vec![0; count[0] * count[2] * words];
@@ -60,7 +60,7 @@ impl<'a> Rows<'a> {
     }
 
     /// Bytes that those and [`Self::pass`] take, but for what arrives at the vertices.
-    pub fn bytes(set: &SparseLattice, rays: &Sheared) -> u64 {
+    pub fn bytes(set: &SparseLattice, rays: &RayLattice) -> u64 {
         let [_, [layers, columns, rows]] = extent(set, rays).map(|n| n.map(|n| n as u64));
         let [(_, across), _] = rays.extent(set.bounds());
         let of_vertices = layers * rows * columns.div_ceil(64) + columns / 64 + 1;
@@ -193,7 +193,7 @@ impl<'a> Rows<'a> {
 }
 
 /// First vertex of a set and number of vertices up to the last, by axis of the rays.
-fn extent(set: &SparseLattice, rays: &Sheared) -> [[usize; 3]; 2] {
+fn extent(set: &SparseLattice, rays: &RayLattice) -> [[usize; 3]; 2] {
     let [first, last] = set.bounds().map(|v| rays.axes.map(|a| v[a]));
     let count = std::array::from_fn(|a| (last[a] + 1).saturating_sub(first[a]));
     [first, count]
@@ -226,7 +226,7 @@ struct Taps {
 }
 
 impl Taps {
-    fn new(rays: &Sheared, layer: usize) -> Self {
+    fn new(rays: &RayLattice, layer: usize) -> Self {
         let at = rays.across([0.0; 2], layer as f32);
         let first = at.map(|c| c.floor() as i32 - 1);
         let weight = |d: f32| {
@@ -287,7 +287,7 @@ mod tests {
     }
 
     /// The same as [`Rows::pass`], vertex by vertex.
-    fn plain(set: &SparseLattice, rays: &Sheared) -> Vec<Arriving> {
+    fn plain(set: &SparseLattice, rays: &RayLattice) -> Vec<Arriving> {
         let keys = |d: f64| match d.abs() {
             d if d < 1.0 => 1.5 * d.powi(3) - 2.5 * d.powi(2) + 1.0,
             d if d < 2.0 => -0.5 * d.powi(3) + 2.5 * d.powi(2) - 4.0 * d + 2.0,
@@ -329,7 +329,7 @@ mod tests {
         })
     }
 
-    fn passed(set: &SparseLattice, rays: &Sheared) -> (Vec<Arriving>, usize) {
+    fn passed(set: &SparseLattice, rays: &RayLattice) -> (Vec<Arriving>, usize) {
         let mut asked = 0;
         let found = Rows::new(set, rays).pass(|ray, layers, arrive| {
             asked += layers.len();
@@ -352,7 +352,7 @@ mod tests {
     #[test]
     fn rows_serve_vertices_like_sixteen_rays_each() {
         for direction in DIRECTIONS {
-            let rays = Sheared::new(direction, 1.0);
+            let rays = RayLattice::new(direction, 1.0);
             for (count, every) in [([9, 7, 8], 1), ([5, 70, 6], 3), ([70, 5, 67], 11)] {
                 let set = set(count, |v| {
                     (v[0] * 5 + v[1] * 3 + v[2]).is_multiple_of(every) && v[0] > 1
@@ -376,7 +376,7 @@ mod tests {
         let all = set(count, |_| true);
         let few = set(count, |v| v[0] > 2 && (v[0] + v[1] * v[2]) % 7 == 3);
         for direction in DIRECTIONS {
-            let rays = Sheared::new(direction, 1.0);
+            let rays = RayLattice::new(direction, 1.0);
             let (of_all, of_few) = (passed(&all, &rays).0, passed(&few, &rays).0);
             for (v, light) in few.vertices().zip(of_few) {
                 assert_eq!(all.index(v).map(|i| of_all[i]), Some(light));
@@ -386,7 +386,7 @@ mod tests {
 
     #[test]
     fn nothing_is_passed_for_no_vertices() {
-        let rays = Sheared::new(Vec3::X, 1.0);
+        let rays = RayLattice::new(Vec3::X, 1.0);
         assert_eq!(passed(&set([4; 3], |_| false), &rays), (Vec::new(), 0));
     }
 }

@@ -2,10 +2,11 @@
 
 use super::around::{Around, Lit};
 use super::{Corner, Corners};
-use crate::gather::{Medium, Pages};
+use crate::gather::Medium;
 use crate::light::{Arrival, Direct, Prospect, Sight, is_alike};
 use crate::shade::air::{Air, Passed};
 use crate::shade::pixels::sample::Sample;
+use crate::tree::Pages;
 
 /// What tells where penumbrae are, on the way down the rows of a region.
 #[derive(Debug)]

@@ -1,12 +1,13 @@
 //! The media before corners, marched at some of them where those between are alike.
 
 use super::{Corner, Corners};
-use crate::gather::{Medium, Pages};
+use crate::gather::Medium;
 use crate::math::Rgb;
 use crate::scene::{Light, Volume};
 use crate::shade::air::{Air, Passed};
 use crate::shade::pixels::sample::Sample;
 use crate::shade::view::View;
+use crate::tree::Pages;
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
 use std::ops::Range;

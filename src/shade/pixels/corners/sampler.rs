@@ -1,7 +1,7 @@
 //! Camera rays through corners, and direct light where they end.
 
 use super::{Corner, Corners, Place};
-use crate::gather::{Medium, Pages};
+use crate::gather::Medium;
 use crate::image::Region;
 use crate::light::{Direct, Prospect, ShadowRays, is_alike};
 use crate::math::Rgb;
@@ -9,6 +9,7 @@ use crate::shade::air::Air;
 use crate::shade::pixels::sample::Sample;
 use crate::shade::pixels::shader::PixelShader;
 use crate::trace::Surface;
+use crate::tree::Pages;
 use std::ops::Range;
 
 /// Samples the corners of a region whose first and last corners are at even coordinates, row by

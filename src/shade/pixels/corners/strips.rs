@@ -6,8 +6,9 @@
 //! strip after.
 
 use super::{Corners, Visit};
-use crate::gather::{Medium, Pages};
+use crate::gather::Medium;
 use crate::shade::air::{Air, Passed};
+use crate::tree::Pages;
 use std::ops::Range;
 
 impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {

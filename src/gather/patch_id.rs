@@ -5,7 +5,7 @@ use glam::Vec3;
 
 /// How large a triangle is, and how small its patches may be.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Extent {
+pub(super) struct PatchExtent {
     /// Square of its longest edge.
     pub edge2: f32,
     /// Square of the edge below which patches are not divided, about as long as surfels stand
@@ -13,7 +13,7 @@ pub(super) struct Extent {
     pub least: f32,
 }
 
-impl Extent {
+impl PatchExtent {
     /// Of what reflects nothing, so that a tree need not be asked.
     pub const BLACK: f32 = -1.0;
 
@@ -38,7 +38,7 @@ impl Extent {
 
 /// Which part of one side of a triangle: its edges are divided by two as often as `level` says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Place {
+pub(super) struct PatchId {
     pub triangle: u32,
     pub is_back: bool,
     level: u32,
@@ -48,9 +48,9 @@ pub(super) struct Place {
     is_upper: bool,
 }
 
-impl Place {
+impl PatchId {
     /// Divisions of a triangle's edges by two, at most.
-    const MOST_LEVELS: u32 = 14;
+    const MAX_LEVELS: u32 = 14;
 
     /// The part that was met, of a triangle whose longest edge, squared, is `edge2`: that of the
     /// part is at most `size`.
@@ -60,7 +60,7 @@ impl Place {
         // what the triangle is.
         let ratio = (edge2 / size).max(1.0);
         let log2 = ((ratio.to_bits() - 1) >> 23) - 126;
-        let level = log2.div_ceil(2).min(Self::MOST_LEVELS);
+        let level = log2.div_ceil(2).min(Self::MAX_LEVELS);
         let parts = (1 << level) as f32;
         let [u, v] = hit.uv.map(|w| w.clamp(0.0, 1.0) * parts);
         // Rounding may put a hit beyond the edge across from the first corner.
@@ -125,7 +125,7 @@ impl Place {
     /// Its quarters, or itself where a triangle is not divided further: three that point as it
     /// does, and the one between them.
     pub fn quarters(&self) -> [Self; 4] {
-        if self.level == Self::MOST_LEVELS {
+        if self.level == Self::MAX_LEVELS {
             return [*self; 4];
         }
         let [i, j] = self.at.map(|c| 2 * c);
@@ -176,10 +176,14 @@ mod tests {
             (64.0, 4.0, 2),
             (0.0, 1.0, 0),
             (1e-30, 1e-36, 10),
-            (1e30, 1e-30, Place::MOST_LEVELS),
-            (1.0, 0.0, Place::MOST_LEVELS),
+            (1e30, 1e-30, PatchId::MAX_LEVELS),
+            (1.0, 0.0, PatchId::MAX_LEVELS),
         ] {
-            assert_eq!(Place::new(&hit, edge2, size).level, level, "{edge2} {size}");
+            assert_eq!(
+                PatchId::new(&hit, edge2, size).level,
+                level,
+                "{edge2} {size}"
+            );
         }
     }
 }

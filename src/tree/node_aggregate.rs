@@ -4,7 +4,7 @@ use lvox_formats::record::Node;
 
 /// What stands for a node.
 #[derive(Clone, Copy, Debug)]
-pub struct Proxy {
+pub struct NodeAggregate {
     /// Mean of the surfels' normals weighted by area, unit length.
     pub normal: [f32; 3],
     /// The plane through the mean position: `normal . x = plane`.
@@ -26,7 +26,7 @@ pub(super) struct Axes {
     pub first: u32,
 }
 
-impl Proxy {
+impl NodeAggregate {
     /// A node is flat if its normals agree this well: mean length over area.
     const FLAT: f32 = 0.97;
 

@@ -5,11 +5,11 @@
 //! of the tree once for each patch, whose size goes by the solid angle that a node may have to be
 //! taken whole, and remembered.
 
-use super::answers::Answers;
-use super::bright::{BrightPatch, BrightPlaces, Disk, Search, Seed};
+use super::bright::{BrightDiskSearch, BrightHit, BrightPatch, BrightPatchIndex, DiskSide};
 use super::geometry::Geometry;
-use super::patch::Side;
-use super::place::{Extent, Place};
+use super::patch::TriangleSide;
+use super::patch_id::{PatchExtent, PatchId};
+use super::radiance_cache::RadianceCache;
 use super::{Crossing, Pages};
 use crate::math::{Hit, Rgb};
 use glam::Vec3;
@@ -18,7 +18,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// How often a tree was asked what a patch sends. Threads that ask for one patch at the same time
 /// are counted each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Asked {
+pub struct PatchStats {
     /// Patches that it was asked for, each time anew.
     pub patches: u64,
     /// Those where it knows no surface: they are black.
@@ -29,7 +29,7 @@ pub struct Asked {
 
 /// What is asked of the surface that ends a ray.
 #[derive(Clone, Copy, Debug)]
-pub struct Wanted {
+pub struct PatchRequest {
     /// A node seen under less than this may stand for all below it, steradians.
     pub max_solid_angle: f32,
     /// Whether bright patches are to be black.
@@ -37,7 +37,7 @@ pub struct Wanted {
 }
 
 /// Rays that are cast together, at most.
-pub const TOGETHER: usize = 64;
+pub const MAX_BATCH: usize = 64;
 
 /// What the surfaces of a scene send, as a tree has it.
 ///
@@ -45,23 +45,23 @@ pub const TOGETHER: usize = 64;
 /// ones. A patch sends what it sends whoever asks, so that neither threads nor memory change a bit
 /// of the result.
 #[derive(Debug)]
-pub struct Outgoing<'a> {
+pub struct PatchRadiance<'a> {
     geometry: &'a dyn Geometry,
     /// By triangle: rays wait for memory, and find all that most of them need in one place.
-    extents: Box<[Extent]>,
+    extents: Box<[PatchExtent]>,
     /// Whether surfels of one piece of the scene have one size.
     is_even: bool,
     /// The square over the longest edge of a patch need not be smaller than the area of so many of
     /// them.
     surfels_per_patch: f32,
-    answers: Answers,
+    cache: RadianceCache,
     /// What rays may leave out, if anything.
-    bright: Option<BrightPlaces>,
+    bright: Option<BrightPatchIndex>,
     patches: AtomicU64,
     unknown: AtomicU64,
 }
 
-impl<'a> Outgoing<'a> {
+impl<'a> PatchRadiance<'a> {
     /// Solid angle of a square over a patch's longest edge, over that under which a node is taken
     /// whole. Patches are triangles, and divided by four: on average they have an eighth of that
     /// square.
@@ -76,14 +76,14 @@ impl<'a> Outgoing<'a> {
     pub fn new(geometry: &'a dyn Geometry, area_per_surfel: f32, rays: usize) -> Self {
         let extent = |t| {
             let over_mean = geometry.surfel_area_over_mean(t);
-            Extent::new(geometry.corners(t), over_mean.map(|a| a * area_per_surfel))
+            PatchExtent::new(geometry.corners(t), over_mean.map(|a| a * area_per_surfel))
         };
         Self {
             geometry,
             extents: (0..geometry.triangles()).map(extent).collect(),
             is_even: true,
             surfels_per_patch: 1.0,
-            answers: Answers::new(rays),
+            cache: RadianceCache::new(rays),
             bright: None,
             patches: AtomicU64::new(0),
             unknown: AtomicU64::new(0),
@@ -108,8 +108,8 @@ impl<'a> Outgoing<'a> {
 
     /// How often the tree was asked so far.
     #[must_use]
-    pub fn asked(&self) -> Asked {
-        Asked {
+    pub fn stats(&self) -> PatchStats {
+        PatchStats {
             patches: self.patches.load(Ordering::Relaxed),
             unknown: self.unknown.load(Ordering::Relaxed),
             bright: self.bright.as_ref().map_or(0, |b| b.len() as u64),
@@ -118,7 +118,7 @@ impl<'a> Outgoing<'a> {
 
     /// Most bright patches of a frame: more, as of a finely divided mesh in the sun, cost more than
     /// they bring.
-    const MOST_BRIGHT: usize = 1 << 14;
+    const MAX_BRIGHT_PATCHES: usize = 1 << 14;
 
     /// Finds the patches that send more than `least`, by the mean channel, where at least `support`
     /// seeds speak for them. From then on rays that are to leave them out meet black there, and
@@ -127,15 +127,15 @@ impl<'a> Outgoing<'a> {
     pub fn find_bright<P: Pages>(
         &mut self,
         pages: &P,
-        seeds: &[Seed],
+        seeds: &[BrightHit],
         support: usize,
         least: f32,
     ) -> Vec<BrightPatch> {
         let surfels_per_patch = std::mem::replace(&mut self.surfels_per_patch, 1.0);
-        let mut places = BrightPlaces::new(self.extents.len());
+        let mut ids = BrightPatchIndex::new(self.extents.len());
         let mut patches = Vec::new();
         let mut stack = Vec::new();
-        let search = Search {
+        let search = BrightDiskSearch {
             pages,
             seeds,
             support,
@@ -143,49 +143,49 @@ impl<'a> Outgoing<'a> {
         };
         let is_few = search.for_each(|disk| {
             if let Some((hit, extent)) = self.below(disk)
-                && let Some(place) = places.add(&hit, extent)
+                && let Some(id) = ids.add(&hit, extent)
             {
                 let normal = self.geometry.normal(hit.triangle);
                 patches.push(BrightPatch {
-                    corners: place.corners(self.geometry.corners(hit.triangle)),
+                    corners: id.corners(self.geometry.corners(hit.triangle)),
                     normal: if hit.is_back { -normal } else { normal },
-                    radiance: self.ask(pages, &place, &mut stack),
+                    radiance: self.evaluate(pages, &id, &mut stack),
                 });
             }
-            patches.len() <= Self::MOST_BRIGHT
+            patches.len() <= Self::MAX_BRIGHT_PATCHES
         });
         if !is_few || patches.is_empty() {
             self.surfels_per_patch = surfels_per_patch;
             return Vec::new();
         }
-        self.bright = Some(places);
+        self.bright = Some(ids);
         patches
     }
 
     /// The triangle that a disk stands on, if that reflects anything.
-    fn below(&self, disk: &Disk) -> Option<(Hit, Extent)> {
+    fn below(&self, disk: &DiskSide) -> Option<(Hit, PatchExtent)> {
         let height = 0.5 * disk.radius;
         let above = disk.centre + disk.normal * height;
         let hit = (self.geometry).closest(above, -disk.normal, 2.0 * height)?;
         let extent = self.extents[hit.triangle as usize];
-        (extent.least != Extent::BLACK).then_some((hit, extent))
+        (extent.least != PatchExtent::BLACK).then_some((hit, extent))
     }
 
     /// What a patch sends, as the tree has it; black where it knows no surface.
     // Few rays ask, and the others need not hold what asking takes.
     #[cold]
-    fn ask<P: Pages>(&self, pages: &P, place: &Place, stack: &mut Vec<(f32, u32, u32)>) -> Rgb {
-        let triangle = place.triangle;
+    fn evaluate<P: Pages>(&self, pages: &P, id: &PatchId, stack: &mut Vec<(f32, u32, u32)>) -> Rgb {
+        let triangle = id.triangle;
         let normal = self.geometry.normal(triangle);
-        let side = Side {
+        let side = TriangleSide {
             corners: self.geometry.corners(triangle),
-            normal: if place.is_back { -normal } else { normal },
-            is_back: place.is_back,
+            normal: if id.is_back { -normal } else { normal },
+            is_back: id.is_back,
             extent: self.extents[triangle as usize].of_surfels(self.surfels_per_patch),
             is_even: self.is_even,
             geometry: self.geometry,
         };
-        let found = side.radiance(place, pages, stack);
+        let found = side.radiance(id, pages, stack);
         self.patches.fetch_add(1, Ordering::Relaxed);
         if found.is_none() {
             self.unknown.fetch_add(1, Ordering::Relaxed);
@@ -204,15 +204,15 @@ impl<'a> Outgoing<'a> {
         origin: Vec3,
         direction: Vec3,
         t_max: f32,
-        wanted: Wanted,
+        request: PatchRequest,
         stack: &mut Vec<(f32, u32, u32)>,
     ) -> Option<Crossing> {
         let hit = self.geometry.closest(origin, direction, t_max)?;
-        let radiance = match self.place(&hit, wanted) {
+        let radiance = match self.patch_of(&hit, request) {
             None => Rgb::BLACK,
-            Some(place) => {
-                let known = self.answers.get(self.key(&place));
-                known.unwrap_or_else(|| self.learn(pages, &place, stack))
+            Some(id) => {
+                let known = self.cache.get(self.key(&id));
+                known.unwrap_or_else(|| self.fill(pages, &id, stack))
             }
         };
         Some(Crossing {
@@ -222,26 +222,26 @@ impl<'a> Outgoing<'a> {
         })
     }
 
-    /// What [`Self::cast`] finds for each of some rays, at most [`TOGETHER`]. They share their way
+    /// What [`Self::cast`] finds for each of some rays, at most [`MAX_BATCH`]. They share their way
     /// to the triangles, and those that are looked up together wait at the same time for the table,
     /// which is in memory that is far away.
-    pub fn cast_together<P: Pages>(
+    pub fn cast_batch<P: Pages>(
         &self,
         pages: &P,
         rays: &[(Vec3, Vec3)],
         t_max: f32,
-        wanted: Wanted,
+        request: PatchRequest,
         stack: &mut Vec<(f32, u32, u32)>,
-        ends: &mut [Option<Crossing>; TOGETHER],
+        ends: &mut [Option<Crossing>; MAX_BATCH],
     ) {
-        let mut places = [None; TOGETHER];
-        let mut hits = [None; TOGETHER];
+        let mut ids = [None; MAX_BATCH];
+        let mut hits = [None; MAX_BATCH];
         self.geometry
             .closest_together(rays, t_max, &mut hits[..rays.len()]);
-        for ((hit, end), place) in hits.iter().zip(&mut *ends).zip(&mut places) {
-            *place = hit.and_then(|hit| self.place(&hit, wanted));
-            if let Some(place) = place {
-                self.answers.fetch(self.key(place));
+        for ((hit, end), id) in hits.iter().zip(&mut *ends).zip(&mut ids) {
+            *id = hit.and_then(|hit| self.patch_of(&hit, request));
+            if let Some(id) = id {
+                self.cache.prefetch(self.key(id));
             }
             *end = hit.map(|hit| Crossing {
                 t: hit.t,
@@ -249,51 +249,51 @@ impl<'a> Outgoing<'a> {
                 radiance: Rgb::BLACK,
             });
         }
-        let known = places.map(|place| place.map(|p| (self.answers.get(self.key(&p)), p)));
+        let known = ids.map(|id| id.map(|p| (self.cache.get(self.key(&p)), p)));
         for (end, known) in ends.iter_mut().zip(known) {
-            if let (Some(end), Some((radiance, place))) = (end, known) {
+            if let (Some(end), Some((radiance, id))) = (end, known) {
                 // One before it may have asked.
-                let known = radiance.or_else(|| self.answers.get(self.key(&place)));
-                end.radiance = known.unwrap_or_else(|| self.learn(pages, &place, stack));
+                let known = radiance.or_else(|| self.cache.get(self.key(&id)));
+                end.radiance = known.unwrap_or_else(|| self.fill(pages, &id, stack));
             }
         }
     }
 
     /// The patch that was met, unless it is black.
     #[inline]
-    fn place(&self, hit: &Hit, wanted: Wanted) -> Option<Place> {
+    fn patch_of(&self, hit: &Hit, request: PatchRequest) -> Option<PatchId> {
         let extent = self.extents[hit.triangle as usize];
-        if extent.least == Extent::BLACK {
+        if extent.least == PatchExtent::BLACK {
             return None;
         }
-        let Extent { edge2, least } = extent.of_surfels(self.surfels_per_patch);
+        let PatchExtent { edge2, least } = extent.of_surfels(self.surfels_per_patch);
         let bright = self.bright.as_ref();
         let size = if bright.is_some() {
             Self::FINE
         } else {
             Self::SIZE
         };
-        let size = size * wanted.max_solid_angle * hit.t * hit.t;
-        let place = Place::new(hit, edge2, size.max(least));
+        let size = size * request.max_solid_angle * hit.t * hit.t;
+        let id = PatchId::new(hit, edge2, size.max(least));
         match bright.and_then(|b| b.at(hit, extent)) {
-            Some((_, true)) if wanted.leave_out_bright => None,
+            Some((_, true)) if request.leave_out_bright => None,
             // One that is not bright holds none that is.
-            Some((around, _)) => Some(place.smaller(around)),
-            None => Some(place),
+            Some((around, _)) => Some(id.smaller(around)),
+            None => Some(id),
         }
     }
 
     /// Places answer otherwise where near patches are large, and the table outlives that.
     #[inline]
-    fn key(&self, place: &Place) -> u64 {
-        place.key() | u64::from(self.surfels_per_patch > 1.0) << 63
+    fn key(&self, id: &PatchId) -> u64 {
+        id.key() | u64::from(self.surfels_per_patch > 1.0) << 63
     }
 
     /// What a patch sends, now and from then on.
     #[cold]
-    fn learn<P: Pages>(&self, pages: &P, place: &Place, stack: &mut Vec<(f32, u32, u32)>) -> Rgb {
-        let radiance = self.ask(pages, place, stack);
-        self.answers.keep(self.key(place), radiance)
+    fn fill<P: Pages>(&self, pages: &P, id: &PatchId, stack: &mut Vec<(f32, u32, u32)>) -> Rgb {
+        let radiance = self.evaluate(pages, id, stack);
+        self.cache.insert(self.key(id), radiance)
     }
 }
 
@@ -305,26 +305,26 @@ mod tests {
     #[test]
     fn patches_are_half_as_large_where_there_are_bright_ones() {
         // One triangle, whose longest edge is the root of two.
-        let mut outgoing = Outgoing::new(&Wall(1.0), 1e-6, 1);
-        let wanted = Wanted {
+        let mut outgoing = PatchRadiance::new(&Wall(1.0), 1e-6, 1);
+        let request = PatchRequest {
             max_solid_angle: 0.02,
             leave_out_bright: true,
         };
-        let level = |outgoing: &Outgoing, t: f32| {
+        let level = |outgoing: &PatchRadiance, t: f32| {
             let hit = Hit {
                 t,
                 triangle: 0,
                 uv: [0.3, 0.2],
                 is_back: false,
             };
-            outgoing.place(&hit, wanted).unwrap().level()
+            outgoing.patch_of(&hit, request).unwrap().level()
         };
         // Edges of two by two, one, a half and so on, squared, and squares of a little more than
         // those.
         let squares = [0.51, 0.13, 0.033];
-        let distances = squares.map(|s: f32| (s / (Outgoing::SIZE * 0.02)).sqrt());
+        let distances = squares.map(|s: f32| (s / (PatchRadiance::SIZE * 0.02)).sqrt());
         assert_eq!(distances.map(|t| level(&outgoing, t)), [1, 2, 3]);
-        outgoing.bright = Some(BrightPlaces::new(1));
+        outgoing.bright = Some(BrightPatchIndex::new(1));
         assert_eq!(distances.map(|t| level(&outgoing, t)), [2, 3, 4]);
         let farther = distances.map(|t| t * 2.0_f32.sqrt());
         assert_eq!(farther.map(|t| level(&outgoing, t)), [1, 2, 3]);

@@ -3,11 +3,11 @@
 use glam::Vec3;
 use wide::f32x4;
 
-/// Four vectors, by axis.
+/// Vec3x4 vectors, by axis.
 #[derive(Clone, Copy, Debug)]
-pub struct Four([f32x4; 3]);
+pub struct Vec3x4([f32x4; 3]);
 
-impl Four {
+impl Vec3x4 {
     /// Vectors side by side.
     #[inline]
     #[must_use]

@@ -220,24 +220,24 @@ impl Decoder {
 /// A tree whose pages stay in memory once decoded; leaves are decoded when they are first asked
 /// for.
 #[derive(Debug)]
-pub struct KeptTree {
+pub struct ResidentTree {
     decoder: Decoder,
-    pages: Vec<KeptEntry>,
+    pages: Vec<ResidentEntry>,
 }
 
 /// A page that may have been decoded, and its leaves, too.
-type KeptEntry = (OnceLock<PageNodes>, OnceLock<PageLeaves>);
+type ResidentEntry = (OnceLock<PageNodes>, OnceLock<PageLeaves>);
 
-/// A page of a [`KeptTree`].
+/// A page of a [`ResidentTree`].
 #[derive(Clone, Copy, Debug)]
-pub struct KeptPage<'a> {
+pub struct ResidentPage<'a> {
     decoder: &'a Decoder,
     id: u32,
     nodes: &'a PageNodes,
     leaves: &'a OnceLock<PageLeaves>,
 }
 
-impl Page for KeptPage<'_> {
+impl Page for ResidentPage<'_> {
     #[inline]
     fn nodes(&self) -> &PageNodes {
         self.nodes
@@ -249,17 +249,17 @@ impl Page for KeptPage<'_> {
     }
 }
 
-impl Pages for KeptTree {
-    type Page<'a> = KeptPage<'a>;
+impl Pages for ResidentTree {
+    type Page<'a> = ResidentPage<'a>;
 
     fn root(&self) -> Option<u32> {
         self.decoder.tree.root_page()
     }
 
     #[inline]
-    fn page(&self, id: u32) -> KeptPage<'_> {
+    fn page(&self, id: u32) -> ResidentPage<'_> {
         let (nodes, leaves) = &self.pages[id as usize];
-        KeptPage {
+        ResidentPage {
             decoder: &self.decoder,
             id,
             nodes: nodes.get_or_init(|| self.decoder.nodes(id)),
@@ -329,7 +329,7 @@ impl Pages for CachedTree {
 
 /// An open tree, ready to gather from: surfels in either kind of store, lvoxels in memory.
 #[derive(Debug)]
-pub struct TreeStore {
+pub struct OpenTree {
     /// Pages of surfels and of the nodes over them.
     pub surfels: SurfelStore,
     /// Lvoxels of all volumes.
@@ -398,7 +398,7 @@ impl MediaStore {
 #[derive(Debug)]
 pub enum SurfelStore {
     /// Everything that was touched.
-    Kept(KeptTree),
+    Resident(ResidentTree),
     /// What fits the limit on memory; what is needed again after it had to go is read again.
     Cached(CachedTree),
 }
@@ -407,7 +407,7 @@ pub enum SurfelStore {
 /// voxels in all.
 const MOST_TABLE_BYTES: u64 = 4 << 30;
 
-impl TreeStore {
+impl OpenTree {
     /// Opens a tree file. With a memory limit that the decoded tree might pass, pages are cached
     /// within it.
     ///
@@ -439,7 +439,7 @@ impl TreeStore {
                 page::most_bytes(u64::from(b.nodes), u64::from(b.records), clips, backs)
             })
         };
-        let entry = size_of::<KeptEntry>() as u64;
+        let entry = size_of::<ResidentEntry>() as u64;
         let decoded = most().fold(media.bytes() as u64, |sum, bytes| {
             sum.saturating_add(bytes).saturating_add(entry)
         });
@@ -458,7 +458,7 @@ impl TreeStore {
         let surfels = match memory_limit.filter(|&limit| decoded > limit) {
             None => {
                 let pages = (0..page_count).map(|_| Default::default()).collect();
-                SurfelStore::Kept(KeptTree { decoder, pages })
+                SurfelStore::Resident(ResidentTree { decoder, pages })
             }
             Some(limit) => {
                 // A cache shard never keeps what is heavier than nearly all of it.
@@ -517,7 +517,7 @@ impl TreeStore {
     #[must_use]
     pub fn tree(&self) -> &Tree<MappedFile> {
         match &self.surfels {
-            SurfelStore::Kept(t) => &t.decoder.tree,
+            SurfelStore::Resident(t) => &t.decoder.tree,
             SurfelStore::Cached(t) => &t.decoder.tree,
         }
     }
@@ -533,7 +533,7 @@ impl TreeStore {
     #[must_use]
     pub fn stats(&self) -> PageStats {
         match &self.surfels {
-            SurfelStore::Kept(t) => t.decoder.stats(),
+            SurfelStore::Resident(t) => t.decoder.stats(),
             SurfelStore::Cached(t) => PageStats {
                 hits: t.cache.hits(),
                 misses: t.cache.misses(),

@@ -6,7 +6,7 @@ use glam::Vec3;
 
 /// The rays of one direction. Lengths are in lattice steps unless said otherwise.
 #[derive(Clone, Copy, Debug)]
-pub struct Sheared {
+pub struct RayLattice {
     /// The axis that the rays run most along, and the two across it.
     pub axes: [usize; 3],
     /// Steps along each axis across per step along the first.
@@ -19,7 +19,7 @@ pub struct Sheared {
     pub between: f32,
 }
 
-impl Sheared {
+impl RayLattice {
     /// Rays along `direction`, of any length, in index space, for a lattice with a vertex every
     /// `step`.
     #[must_use]
@@ -95,7 +95,7 @@ mod tests {
             Vec3::new(0.5, -2.0, 0.7),
             Vec3::new(-0.1, 0.4, -3.0),
         ] {
-            let rays = Sheared::new(d, 2.0);
+            let rays = RayLattice::new(d, 2.0);
             let count = [9, 17, 5];
             let extent = rays.extent([[0; 3], count.map(|n| n - 1)]);
             for layer in 0..5 {

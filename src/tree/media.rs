@@ -1,11 +1,44 @@
 //! Lvoxels along a ray: the blocks of each volume on its own index grid, walked front to back.
 
-use super::medium::{Medium, Source};
 use crate::math::Rgb;
 use crate::math::dda::{Passage, Steps};
-use crate::math::segment::{Segment, Stretch, flatten_overlaps};
+use crate::math::segment::{Interval, Segment, flatten_overlaps};
 use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec3, Vec3A};
 use lvox_formats::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
+
+/// The source function of an lvoxel as it is held in memory: [`Rgb`], or one channel where all
+/// three are equal.
+pub trait Source: Copy + std::fmt::Debug + Default + Send + Sync {
+    /// From all channels.
+    fn of(radiance: Rgb) -> Self;
+
+    /// All channels.
+    fn rgb(self) -> Rgb;
+}
+
+impl Source for Rgb {
+    #[inline]
+    fn of(radiance: Rgb) -> Self {
+        radiance
+    }
+
+    #[inline]
+    fn rgb(self) -> Rgb {
+        self
+    }
+}
+
+impl Source for f32 {
+    #[inline]
+    fn of(radiance: Rgb) -> Self {
+        radiance.0[0]
+    }
+
+    #[inline]
+    fn rgb(self) -> Rgb {
+        Rgb::splat(self)
+    }
+}
 
 const BRICK: usize = 1 << MAX_LEVEL;
 const EMPTY: u32 = u32::MAX;
@@ -156,9 +189,11 @@ impl<S: Source> Media<S> {
     }
 }
 
-impl<S: Source> Medium for &Media<S> {
+impl<S: Source> Media<S> {
+    /// Gives every stretch of medium between `origin` and `t_max`, front to back, to `add` until
+    /// that says no; returns whether it never did.
     #[inline]
-    fn walk(
+    pub fn walk(
         &self,
         origin: Vec3,
         direction: Vec3,
@@ -177,7 +212,7 @@ impl<S: Source> Medium for &Media<S> {
                 let walks = [first, second].into_iter().chain(met).map(|walk| {
                     let mut all = Vec::new();
                     walk.run(&mut |s| {
-                        all.push(Stretch {
+                        all.push(Interval {
                             near: s.near,
                             far: s.far,
                             tau: s.tau,

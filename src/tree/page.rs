@@ -1,7 +1,7 @@
 //! A page of the tree laid out for rays: eight children, eight disks at a time. Nodes and leaves
 //! are apart, as rays that end at triangles seldom ask for leaves.
 
-use super::proxy::{Axes, Proxy, per_area};
+use super::node_aggregate::{Axes, NodeAggregate, per_area};
 use lvox_formats::record::{Below, Node, Surfel, SurfelAggregate, tangent_frame};
 use std::f32::consts::PI;
 use std::ops::Range;
@@ -41,8 +41,8 @@ pub struct WideNode {
     pub kind: [ChildKind; WIDTH],
     /// A bit for each slot in use.
     pub used: u32,
-    /// Index of the first child's stand-in; the others follow.
-    pub first_proxy: u32,
+    /// Index of the first child's aggregate; the others follow.
+    pub first_aggregate: u32,
 }
 
 impl Default for WideNode {
@@ -54,7 +54,7 @@ impl Default for WideNode {
             child: [0; WIDTH],
             kind: [ChildKind::None; WIDTH],
             used: 0,
-            first_proxy: 0,
+            first_aggregate: 0,
         }
     }
 }
@@ -90,7 +90,7 @@ pub struct DiskLight {
 #[derive(Clone, Copy, Debug)]
 pub struct ClipPlanes([[f32; 4]; 3]);
 
-/// The surfels of a stand-in that face an axis.
+/// The surfels of a aggregate that face an axis.
 #[derive(Clone, Copy, Debug, Default)]
 struct Facing {
     /// What the axis sees of their area, over that of all: areas times radiance would leave the
@@ -105,12 +105,12 @@ struct Facing {
 pub struct PageNodes {
     /// Nodes; 0 is the root.
     pub nodes: Vec<WideNode>,
-    /// Stand-ins of the children of nodes, from [`WideNode::first_proxy`] on.
-    pub proxies: Vec<Proxy>,
-    /// What stand-ins send to the axes that they face: walls, one of six.
+    /// Aggregates of the children of nodes, from [`WideNode::first_aggregate`] on.
+    pub aggregates: Vec<NodeAggregate>,
+    /// What aggregates send to the axes that they face: walls, one of six.
     facing: Vec<Facing>,
-    /// Of each stand-in what its backs send, as in [`lvox_formats::record::SurfelAggregate`]; empty
-    /// if no back of the page is lit.
+    /// Of each aggregate what its backs send, as in [`lvox_formats::record::SurfelAggregate`];
+    /// empty if no back of the page is lit.
     backs: Vec<[[f32; 3]; 6]>,
 }
 
@@ -141,7 +141,7 @@ pub fn most_bytes(nodes: u64, surfels: u64, has_clips: bool, has_backs: bool) ->
         0
     };
     let facing = size_of::<[Facing; 6]>();
-    let node = (size_of::<Proxy>() + facing + backs + below) as u64;
+    let node = (size_of::<NodeAggregate>() + facing + backs + below) as u64;
     let surfel = (size_of::<DiskLight>() + clips) as u64;
     let of_nodes = nodes.saturating_mul(node);
     let of_surfels = surfels.saturating_mul(surfel);
@@ -167,7 +167,7 @@ impl PageNodes {
         let blocks: Vec<u32> = nodes.iter().map(count_leaf).collect();
         let mut out = Self {
             nodes: Vec::with_capacity((nodes.len() - leaves as usize).max(1)),
-            proxies: Vec::with_capacity(nodes.len()),
+            aggregates: Vec::with_capacity(nodes.len()),
             facing: Vec::with_capacity(
                 nodes
                     .iter()
@@ -203,16 +203,16 @@ impl PageNodes {
 
     /// The node of some siblings, but for where the nodes below it are.
     fn group(&mut self, nodes: &[Node], blocks: &[u32], first: u32, count: u8) -> WideNode {
-        let first_proxy = self.proxies.len() as u32;
+        let first_aggregate = self.aggregates.len() as u32;
         let group = first as usize..first as usize + usize::from(count);
         let children = &nodes[group.clone()];
         for child in children {
             let axes = self.add_facing(&child.aggregate);
             self.add_backs(&child.aggregate.back_radiance);
-            self.proxies.push(Proxy::new(child, axes));
+            self.aggregates.push(NodeAggregate::new(child, axes));
         }
         let mut node = WideNode {
-            first_proxy,
+            first_aggregate,
             used: (1 << count) - 1,
             ..WideNode::default()
         };
@@ -226,7 +226,7 @@ impl PageNodes {
             }
             // A mean normal says little of a node that is not flat: it has to look half as large to
             // be taken whole.
-            let flat = self.proxies[first_proxy as usize + slot].is_flat();
+            let flat = self.aggregates[first_aggregate as usize + slot].is_flat();
             let allowance = if flat { 1.0 } else { 4.0 };
             node.cross_section[slot] = 0.25 * PI * diagonal2 * allowance;
             (node.kind[slot], node.child[slot]) = match child.below {
@@ -238,7 +238,7 @@ impl PageNodes {
         node
     }
 
-    /// Adds what the fronts of a stand-in send to each axis that they face.
+    /// Adds what the fronts of a aggregate send to each axis that they face.
     fn add_facing(&mut self, of: &SurfelAggregate) -> Axes {
         let first = self.facing.len() as u32;
         let mut mask = 0;
@@ -250,20 +250,20 @@ impl PageNodes {
         Axes { mask, first }
     }
 
-    /// Adds what backs of the stand-in to come send towards each axis, if that of any so far do.
+    /// Adds what backs of the aggregate to come send towards each axis, if that of any so far do.
     fn add_backs(&mut self, towards: &[[f32; 3]; 6]) {
         const DARK: [[f32; 3]; 6] = [[0.0; 3]; 6];
         if *towards != DARK {
-            self.backs.resize(self.proxies.len(), DARK);
+            self.backs.resize(self.aggregates.len(), DARK);
         }
         if *towards != DARK || !self.backs.is_empty() {
             self.backs.push(*towards);
         }
     }
 
-    /// The surfels of a stand-in that face an axis.
+    /// The surfels of a aggregate that face an axis.
     #[inline]
-    fn facing(&self, of: &Proxy, axis: usize) -> Facing {
+    fn facing(&self, of: &NodeAggregate, axis: usize) -> Facing {
         let Axes { mask, first } = of.axes;
         if mask >> axis & 1 == 0 {
             return Facing::default();
@@ -272,23 +272,23 @@ impl PageNodes {
         self.facing[(first + before) as usize]
     }
 
-    /// Indices of the stand-ins of the children of a node; none if there is no such node.
+    /// Indices of the aggregates of the children of a node; none if there is no such node.
     #[must_use]
     #[inline]
     pub fn below(&self, node: u32) -> Range<usize> {
         self.nodes.get(node as usize).map_or(0..0, |node| {
-            let first = node.first_proxy as usize;
+            let first = node.first_aggregate as usize;
             first..first + node.used.count_ones() as usize
         })
     }
 
-    /// What one side of the surfels of a stand-in sends towards `v`: the mean over those of that
+    /// What one side of the surfels of a aggregate sends towards `v`: the mean over those of that
     /// side that face it, weighted by the area that each of the three axes there sees, and that
     /// area.
     #[must_use]
     #[inline]
-    pub fn sent(&self, proxy: usize, v: [f32; 3], is_back: bool) -> ([f32; 3], f32) {
-        let of = &self.proxies[proxy];
+    pub fn sent(&self, aggregate: usize, v: [f32; 3], is_back: bool) -> ([f32; 3], f32) {
+        let of = &self.aggregates[aggregate];
         let mut mean = Weighted::default();
         for (a, &along) in v.iter().enumerate() {
             let side = 2 * a + usize::from(along < 0.0);
@@ -296,24 +296,24 @@ impl PageNodes {
                 let fronts = self.facing(of, side);
                 mean.add(along.abs() * fronts.area, fronts.radiance);
             } else {
-                let radiance = self.backs.get(proxy).map_or([0.0; 3], |b| b[side]);
+                let radiance = self.backs.get(aggregate).map_or([0.0; 3], |b| b[side]);
                 mean.add(along.abs() * self.facing(of, side ^ 1).area, radiance);
             }
         }
         (mean.get(), mean.weight * of.area)
     }
 
-    /// What a stand-in sends towards `v` from either side. Of sides that face it, backs count where
-    /// they are lit only: a dark one would halve the light of the front that it hides behind.
+    /// What a aggregate sends towards `v` from either side. Of sides that face it, backs count
+    /// where they are lit only: a dark one would halve the light of the front that it hides behind.
     #[must_use]
-    pub fn radiance(&self, proxy: usize, v: [f32; 3]) -> [f32; 3] {
-        let of = &self.proxies[proxy];
+    pub fn radiance(&self, aggregate: usize, v: [f32; 3]) -> [f32; 3] {
+        let of = &self.aggregates[aggregate];
         let mut mean = Weighted::default();
         for (a, &along) in v.iter().enumerate() {
             let side = 2 * a + usize::from(along < 0.0);
             let fronts = self.facing(of, side);
             mean.add(along.abs() * fronts.area, fronts.radiance);
-            if let Some(back) = self.backs.get(proxy).map(|b| b[side])
+            if let Some(back) = self.backs.get(aggregate).map(|b| b[side])
                 && back != [0.0; 3]
             {
                 mean.add(along.abs() * self.facing(of, side ^ 1).area, back);
@@ -326,13 +326,13 @@ impl PageNodes {
     #[must_use]
     pub fn bytes(&self) -> usize {
         size_of_val(&*self.nodes)
-            + size_of_val(&*self.proxies)
+            + size_of_val(&*self.aggregates)
             + size_of_val(&*self.facing)
             + size_of_val(&*self.backs)
     }
 }
 
-/// The axes that surfels of a stand-in face, one for walls, and what each sees of their area, over
+/// The axes that surfels of a aggregate face, one for walls, and what each sees of their area, over
 /// that of all.
 fn facing_axes(of: &SurfelAggregate) -> impl Iterator<Item = (usize, f32)> {
     let seen = of.axis_area.map(|area| per_area(area, of.area));
@@ -505,7 +505,12 @@ mod tests {
         let page = PageNodes::new(&nodes);
         use ChildKind::{Inner, Leaf, None, Page};
         let found: Vec<_> = (page.nodes.iter())
-            .map(|n| (n.first_proxy, [0, 1, 2].map(|k| (n.kind[k], n.child[k]))))
+            .map(|n| {
+                (
+                    n.first_aggregate,
+                    [0, 1, 2].map(|k| (n.kind[k], n.child[k])),
+                )
+            })
             .collect();
         let nothing = (None, 0);
         assert_eq!(

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Radiances by key. Where there is no room, later ones take the place of earlier ones.
 #[derive(Debug)]
-pub(super) struct Answers(Box<[Line]>);
+pub(super) struct RadianceCache(Box<[Line]>);
 
 /// Slots that any of some keys may have: a line of the processor's cache, so that it takes no
 /// longer to look at all of them.
@@ -18,13 +18,13 @@ impl Line {
     const SLOTS: usize = 4;
 }
 
-impl Answers {
-    /// For about so many questions. Each slot is written to before the first, and a line that is
+impl RadianceCache {
+    /// For about so many entries. Each slot is written to before the first, and a line that is
     /// not in the cache of the processor takes longer to read, so that a table has a place for each
     /// question only where they are few.
-    pub fn new(questions: usize) -> Self {
+    pub fn new(entries: usize) -> Self {
         // 1, 4 or 16 MiB.
-        let slots: usize = match questions {
+        let slots: usize = match entries {
             0..200_000 => 1 << 16,
             200_000..4_000_000 => 1 << 18,
             _ => 1 << 20,
@@ -42,7 +42,7 @@ impl Answers {
 
     /// Asks the processor to have ready what [`Self::get`] will look at.
     #[inline]
-    pub fn fetch(&self, key: u64) {
+    pub fn prefetch(&self, key: u64) {
         #[cfg(target_arch = "x86_64")]
         {
             use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
@@ -73,7 +73,7 @@ impl Answers {
 
     /// Keeps an answer, in the place of another where the line is full; what [`Self::get`] will
     /// say.
-    pub fn keep(&self, key: u64, radiance: Rgb) -> Rgb {
+    pub fn insert(&self, key: u64, radiance: Rgb) -> Rgb {
         let (slots, own) = self.line(key);
         let value = pack(radiance);
         let free = (0..Line::SLOTS)
@@ -94,8 +94,8 @@ const SCATTER: u64 = 0x9E37_79B9_7F4A_7C15;
 struct Slot([AtomicU64; 2]);
 
 impl Default for Slot {
-    /// Answers for no key. Not of zeros, though it might be: pages of memory that are read before
-    /// they are written to are mapped twice, the second time in all threads.
+    /// RadianceCache for no key. Not of zeros, though it might be: pages of memory that are read
+    /// before they are written to are mapped twice, the second time in all threads.
     fn default() -> Self {
         Self([Self::NO_KEY.into(), 0.into()])
     }
@@ -156,12 +156,12 @@ mod tests {
     /// way.
     #[test]
     fn a_table_that_is_half_full_keeps_all_but_few() {
-        let answers = Answers::new(0);
-        let slots = (answers.0.len() * Line::SLOTS) as u64;
+        let cache = RadianceCache::new(0);
+        let slots = (cache.0.len() * Line::SLOTS) as u64;
         let key = |i: u64| (1 << 33) | (i << 32) | (5 * i);
         let light = |i: u64| Rgb([(i % 1000) as f32, 1.0, 0.0]);
-        (0..slots / 2).for_each(|i| assert_eq!(answers.keep(key(i), light(i)), light(i)));
-        let kept = |i: &u64| match answers.get(key(*i)) {
+        (0..slots / 2).for_each(|i| assert_eq!(cache.insert(key(i), light(i)), light(i)));
+        let kept = |i: &u64| match cache.get(key(*i)) {
             Some(got) => {
                 assert_eq!(got, light(*i));
                 true
@@ -172,7 +172,7 @@ mod tests {
         assert!(count > slots / 2 * 95 / 100, "{count} of {}", slots / 2);
         // The last of many more is always there.
         for i in slots / 2..4 * slots {
-            answers.keep(key(i), light(i));
+            cache.insert(key(i), light(i));
             assert!(kept(&i), "{i}");
         }
     }

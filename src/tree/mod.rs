@@ -1,0 +1,23 @@
+//! Trees that are open for use: what a tree file holds, decoded page by page when a ray first
+//! needs it.
+//!
+//! A path enters, an [`OpenTree`] leaves: surfels below the nodes of pages ([`SurfelStore`]), and
+//! lvoxels in memory ([`MediaStore`]). No scene is needed.
+//!
+//! | file | what it does |
+//! | --- | --- |
+//! | `store` | pages that stay resident, or live in a cache of bounded size |
+//! | `page` | the layout of a decoded page: eight children, eight disks at a time |
+//! | `node_aggregate` | what stands for the surfels below a node |
+//! | `media` | lvoxels, and the walk of a ray through them |
+
+pub mod media;
+pub mod node_aggregate;
+pub mod page;
+pub mod store;
+
+pub use media::Media;
+pub use node_aggregate::NodeAggregate;
+pub use store::{
+    CachedTree, MediaStore, OpenTree, Page, PageStats, Pages, ResidentTree, SurfelStore,
+};
