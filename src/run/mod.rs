@@ -9,7 +9,6 @@ pub mod output;
 mod progress;
 mod report;
 pub mod size;
-pub mod spare;
 pub mod usage;
 
 pub use cancel::Cancel;

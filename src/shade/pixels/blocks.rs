@@ -7,7 +7,6 @@ use super::shader::PixelShader;
 use crate::Result;
 use crate::gather::Medium;
 use crate::image::Region;
-use crate::run::spare::Spare;
 use crate::run::{Job, Task};
 use crate::shade::air::Air;
 use crate::shade::aov::Part;
@@ -15,9 +14,8 @@ use crate::tree::Pages;
 use rayon::prelude::*;
 
 /// Width and height of the blocks that threads take, pixels: what blocks need around them is a
-/// smaller share of large ones, and small ones share out the work better where there are few. Rows
-/// of wide ones would not stay in the processor's cache.
-const BLOCKS: [[u32; 2]; 3] = [[128, 256], [128, 128], [64, 64]];
+/// smaller share of large ones, and small ones share out the work better where there are few.
+const BLOCKS: [[u32; 2]; 2] = [[128, 128], [64, 64]];
 /// Blocks for each thread, at least, for them to be larger than the smallest.
 const ENOUGH: usize = 4;
 
@@ -33,9 +31,8 @@ pub fn shade_region<P: Pages, M: Medium, A: Air>(
     task: &Task,
 ) -> Result<Planes> {
     let blocks = if shader.counts.pixel == 1 {
-        let spare = Spare::default();
         shade_blocks(&blocks_of(region), parts, job, task, |block| {
-            let mut corners = Corners::new(shader, block, &spare);
+            let corners = Corners::new(shader, block);
             move |x, y| corners.shade(x, y)
         })
     } else {

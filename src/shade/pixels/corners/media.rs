@@ -10,7 +10,6 @@ use crate::shade::view::View;
 use crate::tree::Pages;
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
-use std::ops::Range;
 
 impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
     /// By how much, of 1 and of the light seen, media before corners may differ for those between
@@ -20,12 +19,13 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
     /// The same for the mean of a pixel's corners to be that of its square.
     const FLAT: f32 = 0.01;
 
-    /// Marches the media before corners of some rows that are some way apart, and before those
-    /// between where the media of their neighbours differ.
-    pub(super) fn pass_media(&mut self, rows: Range<usize>) {
+    /// Marches the media before corners that are some way apart, and before those between where the
+    /// media of their neighbours differ.
+    pub(super) fn pass_media(&mut self) {
         // A pixel needs the ring around its own corners.
         let rim = Self::RINGS as usize - 1;
-        self.coarse_to_fine(rows, rim, self.marched_spacing, |corners, visit| {
+        let spacing = Self::marched_spacing(&self.shader.view);
+        self.coarse_to_fine(rim, spacing, |corners, visit| {
             let i = visit.index;
             let between = (visit.between).and_then(|(is, step)| corners.media_between(i, is, step));
             let march = || corners.shader.march(&corners.corners[i].sample);
@@ -35,7 +35,7 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
 
     /// Corners between those that march whatever their neighbours do: so few that no voxel of a
     /// medium fits between them unseen.
-    pub(super) fn marched_spacing(view: &View) -> usize {
+    fn marched_spacing(view: &View) -> usize {
         let scene = view.tracer.scene;
         let (min, max) = scene.media_bounds();
         let is_in_media = |p: Vec3| p.cmpge(min).all() && p.cmple(max).all();

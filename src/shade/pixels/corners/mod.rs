@@ -6,10 +6,10 @@
 //! their own.
 
 mod around;
+mod coarse_to_fine;
 mod light;
 mod media;
 mod sampler;
-mod strips;
 
 use super::piece::Piece;
 use super::pixel::Pixel;
@@ -20,50 +20,29 @@ use crate::gather::Medium;
 use crate::image::Region;
 use crate::light::{ShadowRays, Sight};
 use crate::math::{Rgb, sampling};
-use crate::run::spare::{Lent, Spare};
 use crate::shade::air::{Air, Passed};
 use crate::tree::Pages;
 use around::Lit;
-use light::Penumbrae;
 use sampler::Sampler;
-use std::ops::Range;
 
-/// Corners of the pixels of a region and around it, of some rows at a time: few enough that they
-/// stay in the processor's cache from the first camera ray to the last pixel that needs them.
+/// Corners of the pixels of a region and around it, as pixels need them.
 pub struct Corners<'a, P, M, A: Air> {
     shader: &'a PixelShader<'a, P, M, A>,
     region: Region,
     /// Corners in a row, and rows in all.
     width: usize,
     height: usize,
-    sampler: Sampler<'a, P, M, A>,
-    /// The first row of those in memory.
-    first_row: usize,
-    corners: Lent<'a, Corner<A::Passed>>,
-    penumbrae: Penumbrae<'a, <A::Passed as Passed>::Dimming>,
+    /// Row by row.
+    corners: Vec<Corner<A::Passed>>,
     /// By corner; where it is so all around, a pixel need not ask the corners themselves. Empty if
     /// no light has an extent.
     is_full_light: Vec<bool>,
-    /// Corners from one to the next of those that march through media whatever their neighbours do.
-    marched_spacing: usize,
-    /// Rows before this one are as pixels need them.
-    ready: usize,
 }
 
 /// A corner of a pixel.
 pub struct Corner<T: Passed> {
     sample: Sample<T>,
     irradiance: Rgb,
-}
-
-/// A corner on the way from coarse to fine.
-struct Visit {
-    index: usize,
-    /// As of [`Place`].
-    moved: [u32; 2],
-    /// Where others came before it: in which of its coordinates it lies between them, and how far
-    /// away they are.
-    between: Option<([bool; 2], usize)>,
 }
 
 /// Where a corner is.
@@ -106,13 +85,8 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
     /// every second: what is smooth over so many is smooth over four.
     const FAR_APART: u32 = 6;
 
-    /// Corners of a region's pixels, and what they need around them, none of which is looked at
-    /// yet. Their memory is used by one region after the other.
-    pub fn new(
-        shader: &'a PixelShader<'a, P, M, A>,
-        region: Region,
-        spare: &'a Spare<Corner<A::Passed>>,
-    ) -> Self {
+    /// Samples the corners of a region's pixels, and what they need around them.
+    pub fn new(shader: &'a PixelShader<'a, P, M, A>, region: Region) -> Self {
         // Corners between those at even coordinates ask them on both sides, in all regions the
         // same.
         let region = Region {
@@ -123,19 +97,31 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         };
         let width = (region.width() + 1 + 2 * Self::RINGS) as usize;
         let height = (region.height() + 1 + 2 * Self::RINGS) as usize;
-        Self {
+        let mut corners = Self {
             shader,
             region,
             width,
             height,
-            sampler: Sampler::new(shader, region, width),
-            first_row: 0,
-            corners: spare.list(),
-            penumbrae: Penumbrae::default(),
+            corners: Sampler::new(shader, region, width).sample(height),
             is_full_light: Vec::new(),
-            marched_spacing: Self::marched_spacing(&shader.view),
-            ready: 0,
+        };
+        // Before any corner asks more of the lights: those of the outer rings do not, but they do
+        // in regions of their own, and whether media are alike must not depend on the region.
+        if !A::Passed::IS_VACUUM {
+            corners.pass_media();
         }
+        corners.look_around();
+        // None is of lights without an extent.
+        if !shader.lights.rest_is_exact() {
+            corners.look_into_penumbrae();
+        }
+        corners
+    }
+
+    /// Which of the corners one is.
+    #[inline]
+    fn index(&self, row: usize, column: usize) -> usize {
+        row * self.width + column
     }
 
     fn place(region: Region, column: usize, row: usize) -> Place {
@@ -150,8 +136,8 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         }
     }
 
-    /// Indirect light of the corners of the region's own pixels in some rows.
-    fn look_around(&mut self, rows: Range<usize>) {
+    /// Indirect light of the corners of the region's own pixels.
+    fn look_around(&mut self) {
         // It is looked up some corners apart, then at those between which do not lie on one piece
         // of surface with their neighbours.
         let spacing = if self.shader.lattice.step() < Self::FAR_APART {
@@ -159,7 +145,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         } else {
             4
         };
-        self.coarse_to_fine(rows, Self::RINGS as usize, spacing, |corners, visit| {
+        self.coarse_to_fine(Self::RINGS as usize, spacing, |corners, visit| {
             let i = visit.index;
             let Some(surface) = corners.corners[i].sample.surface else {
                 return;
@@ -199,13 +185,10 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         Some(sum * (1.0 / around.len() as f32))
     }
 
-    /// Shades pixel (x, y) of the region, of which no row may come before one that was shaded.
-    pub fn shade(&mut self, x: u32, y: u32) -> Pixel {
+    /// Shades pixel (x, y) of the region.
+    pub fn shade(&self, x: u32, y: u32) -> Pixel {
         // The first of the 16 corners around the pixel.
         let row = (y - self.region.y0 + Self::RINGS - 1) as usize;
-        if row + 3 >= self.ready {
-            self.prepare(row);
-        }
         let column = (x - self.region.x0 + Self::RINGS - 1) as usize;
         self.shade_between(x, y, self.index(row, column))
     }

@@ -10,7 +10,6 @@ use crate::shade::pixels::sample::Sample;
 use crate::shade::pixels::shader::PixelShader;
 use crate::trace::Surface;
 use crate::tree::Pages;
-use std::ops::Range;
 
 /// Samples the corners of a region whose first and last corners are at even coordinates, row by
 /// row.
@@ -48,17 +47,16 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
         }
     }
 
-    /// Adds rows of corners, of which the last is at an even coordinate; rows before these have
-    /// been added.
-    pub fn add_rows(&mut self, rows: Range<usize>, corners: &mut Vec<Corner<A::Passed>>) {
-        corners.reserve(self.width * rows.len());
+    /// So many rows of corners, the last at an even coordinate.
+    pub fn sample(mut self, rows: usize) -> Vec<Corner<A::Passed>> {
+        let mut corners = Vec::with_capacity(self.width * rows);
         let mut push = |sample| {
             corners.push(Corner {
                 sample,
                 irradiance: Rgb::BLACK,
             });
         };
-        for row in rows {
+        for row in 0..rows {
             if row % 2 == 1 {
                 let below = self.even_row(row + 1);
                 let above = std::mem::replace(&mut self.even, below);
@@ -82,6 +80,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
                 }
             }
         }
+        corners
     }
 
     fn place(&self, column: usize, row: usize) -> Place {
