@@ -7,10 +7,8 @@ use crate::{FormatError, Result, codec};
 use std::ops::Range;
 use xxhash_rust::xxh3::{xxh3_64, xxh3_128};
 
-/// The version that is written.
-pub const VERSION: u32 = 3;
-/// The oldest that is read.
-const OLDEST: u32 = 1;
+/// Version of the three formats, the one that is written and read.
+pub const VERSION: u32 = 1;
 
 /// A high-bit byte, letters, CR LF, end-of-file, LF: each of the usual damages of a text transfer
 /// changes it.
@@ -204,7 +202,7 @@ impl Frame {
         let short = |_| truncated(HEADER_LEN as u64, data);
         let code = cursor.take(4).map_err(short)?;
         let found = cursor.u32().map_err(short)?;
-        if !(OLDEST..=VERSION).contains(&found) {
+        if found != VERSION {
             return Err(FormatError::Version {
                 found,
                 supported: VERSION,

@@ -271,30 +271,6 @@ impl SharedExponent {
     }
 }
 
-/// Grey codes in the order of their values: of 512 mantissas only the upper 256 are used but with
-/// the least exponent.
-pub struct GreyCode;
-
-impl GreyCode {
-    /// Rank of the greatest value.
-    pub const MAX_RANK: u16 = 32 * 256 + 255;
-
-    /// How many codes in use are below one; `None` for a code that [`SharedExponent::encode_grey`]
-    /// never gives.
-    #[must_use]
-    pub fn rank(code: u16) -> Option<u16> {
-        let (mantissa, e) = (code & 511, code >> 9);
-        (e == 0 || e < 32 && mantissa >= 256).then_some(256 * e + mantissa)
-    }
-
-    /// The inverse; `None` beyond [`Self::MAX_RANK`].
-    #[must_use]
-    pub fn of_rank(rank: u16) -> Option<u16> {
-        let e = (rank >> 8).saturating_sub(1);
-        (rank <= Self::MAX_RANK).then(|| e << 9 | (rank - 256 * e))
-    }
-}
-
 /// The area that a surfel stands for, from its radius: `pi (r / k)^2`.
 #[must_use]
 pub fn area_of_disk(radius: f32, overlap: f32) -> f32 {

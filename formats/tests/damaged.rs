@@ -108,7 +108,7 @@ fn other_files_have_their_own_errors() {
         Err(FormatError::NotOurs { .. })
     ));
 
-    for found in [0u32, 4, 999] {
+    for found in [0u32, 2, 999] {
         let mut other = cloud.clone();
         other[12..16].copy_from_slice(&found.to_le_bytes());
         let error = Cloud::open(&other).err().unwrap();

@@ -369,7 +369,7 @@ fn tree_pages_within_bounds() {
 }
 
 #[test]
-fn ordered_lvoxels_take_gaps_and_steps() {
+fn lvoxels_come_back_in_any_order_and_take_least_room_in_morton_order() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.lvt");
     let grey = smooth_lvoxels();
@@ -377,15 +377,10 @@ fn ordered_lvoxels_take_gaps_and_steps() {
     for (i, v) in coloured.iter_mut().enumerate() {
         v.source[0] *= 1.0 + 1e-3 * i as f32;
     }
-    let mut noisy = grey.clone();
-    let mut random = Random(3);
-    for v in &mut noisy {
-        v.sigma_t = 1.0 + random.unit();
-        v.source = [1.0 + random.unit(); 3];
-    }
     let mut turned = grey.clone();
     turned.reverse();
-    let (gaps, sigma_t, source) = (1 << 8, 1 << 9, 1 << 10);
+    let mut twice = grey.clone();
+    twice.extend(&grey);
     let write = |voxels: &[Lvoxel]| {
         let meta = TreeMeta {
             cloud: cloud_meta(Style::default()),
@@ -394,29 +389,18 @@ fn ordered_lvoxels_take_gaps_and_steps() {
         };
         let mut writer = TreeWriter::create(&path, meta, true).unwrap();
         writer.write_lvoxel_page(voxels).unwrap();
-        writer
-            .finish(
-                None,
-                Sums {
-                    volumes: vec![VolumeSums::default(); 2],
-                    ..Sums::default()
-                },
-                vec![],
-            )
-            .unwrap();
+        let sums = Sums {
+            volumes: vec![VolumeSums::default(); 2],
+            ..Sums::default()
+        };
+        writer.finish(None, sums, vec![]).unwrap();
         let tree = Tree::open_path(&path).unwrap();
         tree.verify().unwrap();
         (tree.lvoxel_page(0).unwrap(), tree.lvoxel_blocks()[0])
     };
-    for (voxels, expected) in [
-        (&grey, gaps | sigma_t | source),
-        (&coloured, gaps | sigma_t),
-        (&noisy, gaps),
-        (&turned, 0),
-    ] {
+    for voxels in [&grey, &coloured, &turned, &twice] {
         let (decoded, block) = write(voxels);
-        assert_eq!(block.columns & (gaps | sigma_t | source), expected);
-        assert_eq!(block.columns & 1 << 2 == 0, expected & gaps != 0);
+        assert_eq!(decoded.len(), voxels.len());
         for (a, b) in voxels.iter().zip(&decoded) {
             assert_eq!((a.volume, a.level, a.block), (b.volume, b.level, b.block));
             assert!(close(a.sigma_t, b.sigma_t, 1.0 / 2048.0));
@@ -430,7 +414,7 @@ fn ordered_lvoxels_take_gaps_and_steps() {
     let mut back = write(&turned).0;
     back.reverse();
     assert_eq!(back, write(&grey).0);
-    assert!(write(&grey).1.stored_bytes * 10 < write(&turned).1.stored_bytes * 8);
+    assert!(write(&grey).1.stored_bytes < write(&turned).1.stored_bytes);
 }
 
 #[test]

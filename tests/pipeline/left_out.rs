@@ -92,15 +92,18 @@ fn grey_media_take_few_of_the_bytes_of_coloured_ones() {
     let warm = Work::new(&room("[10, 9, 7]", SMOKE));
     let coloured = Work::new(&room("[10, 9, 7]", &format!("{SMOKE}\n{LIGHTS}")));
     let [grey_files, warm_files, coloured_files] = [&grey, &warm, &coloured].map(files);
-    let pairs = grey_files.iter().zip(&warm_files);
-    for (grey, coloured) in pairs.chain(grey_files.iter().zip(&coloured_files)) {
+    // Of a cloud and of a tree, whose extinction takes a larger share.
+    let most_shares = [0.6, 0.65];
+    let pairs = grey_files.iter().zip(&warm_files).zip(most_shares);
+    let more = grey_files.iter().zip(&coloured_files).zip(most_shares);
+    for ((grey, coloured), most_share) in pairs.chain(more) {
         assert_eq!(grey.lvoxels.count, coloured.lvoxels.count);
         let has = |file: &Description, name: &str| file.columns.iter().any(|c| c.name == name);
-        let is_grey = |file| has(file, "source_grey") || has(file, "source_grey_step");
+        let is_grey = |file| has(file, "source_grey");
         assert!(is_grey(grey) && !has(grey, "source"));
         assert!(has(coloured, "source") && !is_grey(coloured));
         let share = grey.lvoxels.bytes_each / coloured.lvoxels.bytes_each;
-        assert!(share <= 0.6, "{}: {share}", grey.kind);
+        assert!(share <= most_share, "{}: {share}", grey.kind);
     }
     let [grey, coloured] =
         [&grey, &coloured].map(|work| OpenTree::open(&work.path("scene.lvt"), None).unwrap().media);

@@ -1,7 +1,6 @@
 //! The columns of pages: names, widths, and how they are put together.
 
 use crate::bytes::{self, Cursor};
-use crate::frame::BlockKind;
 use crate::{FormatError, Result};
 
 /// Name of a column, bytes per row, and what a row belongs to.
@@ -83,45 +82,22 @@ pub const CLIP_EDGE: usize = 27;
 pub const BACK_AXES: usize = 28;
 
 /// By bit in the mask of a page of lvoxels.
-pub const LVOXELS: [Column; 11] = [
+pub const LVOXELS: [Column; 8] = [
     column("volume", 2, Rows::Lvoxels),
     column("level", 1, Rows::Lvoxels),
-    column("block", 6, Rows::Lvoxels),
+    column("block_gap", 8, Rows::Lvoxels),
     column("sigma_t", 2, Rows::Lvoxels),
     column("sigma_t_f32", 4, Rows::Lvoxels),
     column("source", 4, Rows::Lvoxels),
     column("source_grey", 2, Rows::Lvoxels),
     column("source_f32", 12, Rows::Lvoxels),
-    column("block_gap", 8, Rows::Lvoxels),
-    column("sigma_t_step", 2, Rows::Lvoxels),
-    column("source_grey_step", 2, Rows::Lvoxels),
 ];
 pub const VOLUME: usize = 0;
 pub const LEVEL: usize = 1;
-pub const BLOCK: usize = 2;
+pub const BLOCK_GAP: usize = 2;
 pub const SIGMA_T: usize = 3;
 pub const SIGMA_T_F32: usize = 4;
 pub const SOURCE: usize = 5;
-pub const SOURCE_GREY: usize = 6;
-pub const SOURCE_F32: usize = 7;
-pub const BLOCK_GAP: usize = 8;
-pub const SIGMA_T_STEP: usize = 9;
-pub const SOURCE_GREY_STEP: usize = 10;
-/// Columns of lvoxels that version 1 has not.
-const LVOXELS_SINCE_2: u32 = 1 << BLOCK_GAP | 1 << SIGMA_T_STEP | 1 << SOURCE_GREY_STEP;
-/// The version from which on fronts and backs of nodes are apart.
-pub const BACKS_APART: u32 = 3;
-/// Columns of surfels that versions before have not.
-const BACK_COLUMNS: u32 = 1 << BACK_AXES;
-
-/// Columns of pages that a version has not.
-pub fn unknown_to(version: u32, kind: BlockKind) -> u32 {
-    match kind {
-        BlockKind::Lvoxels if version < 2 => LVOXELS_SINCE_2,
-        BlockKind::Surfels if version < BACKS_APART => BACK_COLUMNS,
-        _ => 0,
-    }
-}
 
 /// A page before compression: header, then the columns, each in byte planes.
 pub struct PageBuilder {
@@ -142,18 +118,6 @@ impl PageBuilder {
         debug_assert!(self.columns.last().is_none_or(|(last, _)| *last < index));
         debug_assert_eq!(rows.len() % self.table[index].width, 0);
         self.columns.push((index, rows));
-    }
-
-    /// Puts a column where it was taken out.
-    pub fn insert(&mut self, index: usize, rows: Vec<u8>) {
-        let at = self.columns.partition_point(|(i, _)| *i < index);
-        self.columns.insert(at, (index, rows));
-    }
-
-    /// Takes a column out again.
-    pub fn take(&mut self, index: usize) -> Option<Vec<u8>> {
-        let at = self.columns.iter().position(|(i, _)| *i == index)?;
-        Some(self.columns.remove(at).1)
     }
 
     pub fn mask(&self) -> u32 {
@@ -309,11 +273,6 @@ impl Planes<'_> {
     /// The k-th four-byte float of a row.
     pub fn f32(&self, row: usize, k: usize) -> f32 {
         f32::from_bits(self.u32(row, k))
-    }
-
-    /// Three two-byte numbers.
-    pub fn u16x3(&self, row: usize, first: usize) -> [u16; 3] {
-        std::array::from_fn(|k| self.u16(row, first + k))
     }
 
     /// Three floats.

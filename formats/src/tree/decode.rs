@@ -25,31 +25,19 @@ struct Header {
 
 /// Decodes page `id`. The page is valid: nodes and surfels below each node exist, parents come
 /// before their children, links go to pages before this one, and all numbers are finite.
-pub fn surfel_page(
-    raw: &[u8],
-    block: &Block,
-    id: u32,
-    overlap: f32,
-    version: u32,
-) -> Result<SurfelPage> {
+pub fn surfel_page(raw: &[u8], block: &Block, id: u32, overlap: f32) -> Result<SurfelPage> {
     let (header, columns) = open_page(raw, block)?;
     let mut page = SurfelPage::default();
-    decode_nodes(&header, &columns, id, version, &mut page.nodes)?;
+    decode_nodes(&header, &columns, id, &mut page.nodes)?;
     decode_surfels(&header, &columns, overlap, &mut page.surfels)?;
     Ok(page)
 }
 
 /// Decodes the nodes of page `id` alone, in place of what `nodes` holds; they are as valid as those
 /// of the whole page.
-pub fn surfel_nodes(
-    raw: &[u8],
-    block: &Block,
-    id: u32,
-    version: u32,
-    nodes: &mut Vec<Node>,
-) -> Result<()> {
+pub fn surfel_nodes(raw: &[u8], block: &Block, id: u32, nodes: &mut Vec<Node>) -> Result<()> {
     let (header, columns) = open_page(raw, block)?;
-    decode_nodes(&header, &columns, id, version, nodes)
+    decode_nodes(&header, &columns, id, nodes)
 }
 
 /// Decodes the surfels of page `id`, leaf by leaf, in place of what `leaves` holds; they are as
@@ -176,7 +164,6 @@ fn decode_nodes(
     header: &Header,
     columns: &PageColumns<'_>,
     id: u32,
-    version: u32,
     nodes: &mut Vec<Node>,
 ) -> Result<()> {
     nodes.clear();
@@ -261,11 +248,7 @@ fn decode_nodes(
             a.axis_area[k] = (f64::from(a.area) * f64::from(seen) / f64::from(u16::MAX)) as f32;
         }
     }
-    decode_light(header, columns, nodes)?;
-    if version < col::BACKS_APART {
-        nodes.iter_mut().for_each(|n| share_sides(&mut n.aggregate));
-    }
-    Ok(())
+    decode_light(header, columns, nodes)
 }
 
 /// Ranges and links, given to `add` node by node: nodes and surfels are handed out in order, so
@@ -490,10 +473,4 @@ fn decode_light(header: &Header, columns: &PageColumns<'_>, nodes: &mut [Node]) 
         ));
     }
     Ok(())
-}
-
-/// Before, what radiated towards an axis was one mean of fronts and of backs that are lit: it
-/// stands for both.
-fn share_sides(a: &mut SurfelAggregate) {
-    a.back_radiance = a.axis_radiance;
 }

@@ -3,7 +3,6 @@
 mod columns;
 mod decode;
 mod encode;
-mod forecast;
 mod gaps;
 mod lvoxels;
 mod place;

@@ -54,13 +54,6 @@ impl<D: AsRef<[u8]>> Tree<D> {
                     format!("{} and {} nodes", block.records, block.nodes),
                 ));
             }
-            if block.columns & columns::unknown_to(frame.version, block.kind) != 0 {
-                return Err(FormatError::invalid(
-                    format!("columns of block {i}"),
-                    format!("those of version {}", frame.version),
-                    format!("{:#x}", block.columns),
-                ));
-            }
             if block.raw_bytes as usize > MAX_PAGE_BYTES || block.stored_bytes > block.raw_bytes {
                 return Err(FormatError::invalid(
                     format!("bytes of block {i}"),
@@ -167,11 +160,10 @@ impl<D: AsRef<[u8]>> Tree<D> {
         block.is_some_and(|b| b.columns >> columns::CLIP_COUNT & 1 == 1)
     }
 
-    /// Whether backs of any node of page `i` send light. Files of versions before 3 do not tell.
+    /// Whether backs of any node of page `i` send light.
     pub fn has_backs(&self, i: usize) -> bool {
         let block = self.surfel_blocks.get(i);
-        let is_lit = |b: &Block| b.columns >> columns::BACK_AXES & 1 == 1;
-        block.is_some_and(|b| self.version < columns::BACKS_APART || is_lit(b))
+        block.is_some_and(|b| b.columns >> columns::BACK_AXES & 1 == 1)
     }
 
     /// Number of pages of surfels.
@@ -193,7 +185,7 @@ impl<D: AsRef<[u8]>> Tree<D> {
     pub fn surfel_page(&self, i: usize) -> Result<SurfelPage> {
         self.page(&self.surfel_blocks, i, "surfel page", |raw, block| {
             let overlap = self.meta.cloud.disk_overlap;
-            decode::surfel_page(raw, block, i as u32, overlap, self.version)
+            decode::surfel_page(raw, block, i as u32, overlap)
         })
     }
 
@@ -205,7 +197,7 @@ impl<D: AsRef<[u8]>> Tree<D> {
     /// As [`Self::surfel_page`]; `nodes` then holds nothing of use.
     pub fn surfel_nodes(&self, i: usize, nodes: &mut Vec<Node>) -> Result<()> {
         self.page(&self.surfel_blocks, i, "surfel page", |raw, block| {
-            decode::surfel_nodes(raw, block, i as u32, self.version, nodes)
+            decode::surfel_nodes(raw, block, i as u32, nodes)
         })
     }
 

@@ -6,7 +6,7 @@ use std::io::{self, ErrorKind, Read};
 
 const MAGIC: [u8; 8] = *b"\x89lvs\r\n\x1a\n";
 /// Version of such files.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 1;
 /// Version, strands, region, length of the origin.
 const NUMBERS: usize = 7;
 /// Most bytes of an origin that are looked at.
