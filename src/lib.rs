@@ -17,10 +17,14 @@
 
 pub mod bake;
 pub mod build;
+#[cfg(feature = "cli")]
+#[doc(hidden)]
+pub mod cli;
 pub mod error;
 pub mod gather;
 pub mod image;
 pub mod inspect;
+#[cfg(feature = "lab")]
 pub mod lab;
 pub mod light;
 pub mod math;

@@ -1,27 +1,11 @@
 //! The `lvox` program: reads the command line, runs one verb, prints at most one error.
 
-mod cli;
-
-use lvox::Kind;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     take_memory_in_large_pieces();
-    let result = match cli::parse() {
-        Ok(cli) => cli.run(),
-        Err(exit) => return exit,
-    };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            cli::output::print_error(&error);
-            match error.kind() {
-                Kind::Input => ExitCode::from(2),
-                Kind::Failed | Kind::Cancelled => ExitCode::FAILURE,
-            }
-        }
-    }
+    lvox::cli::main()
 }
 
 /// Has the C library ask the system for 16 MiB of addresses at a time where it would ask for a few

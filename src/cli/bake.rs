@@ -1,10 +1,10 @@
 //! `lvox bake`
 
 use super::bake_options::BakeOptions;
-use super::options::{Context, Files, Seed};
+use super::files::{Files, check_writable};
+use super::options::{Context, Seed};
 use super::scene_input::SceneInput;
-use lvox::Result;
-use lvox::run::output::check_writable;
+use crate::Result;
 use std::path::PathBuf;
 
 /// Bake a scene into a cloud of surfels and lvoxels with their direct light
@@ -36,7 +36,7 @@ impl Args {
         settings.check()?;
         let scene = self.scene.load(context)?;
         context.job.heed_warnings()?;
-        lvox::bake::run(&scene, &settings, &self.output, context.force, &context.job)?;
+        crate::bake::run(&scene, &settings, &self.output, context.force, &context.job)?;
         Ok(())
     }
 }

@@ -1,8 +1,8 @@
 //! Options of baking, for the verbs that bake.
 
+use crate::bake::lvoxels::BlockSize;
+use crate::bake::{Settings, SurfelSampling};
 use clap::Args;
-use lvox::bake::lvoxels::BlockSize;
-use lvox::bake::{Settings, SurfelSampling};
 
 /// How to bake, as typed.
 #[derive(Debug, Args)]

@@ -1,9 +1,9 @@
 //! `lvox build`
 
-use super::options::{Context, Files, Memory, Temporary};
-use lvox::Result;
-use lvox::build::Settings;
-use lvox::run::output::check_writable;
+use super::files::{Files, check_writable};
+use super::options::{Context, Memory, Temporary};
+use crate::Result;
+use crate::build::Settings;
 use std::path::PathBuf;
 
 /// Build the tree over a cloud, within --memory-limit whatever the cloud's size
@@ -34,7 +34,7 @@ impl Args {
 
     pub fn run(self, context: &Context) -> Result<()> {
         check_writable(&self.output, context.force)?;
-        lvox::build::run(
+        crate::build::run(
             &self.cloud,
             &self.output,
             &Settings::default(),

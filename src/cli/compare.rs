@@ -1,15 +1,15 @@
 //! `lvox compare`
 
-use super::options::{Context, Files, Memory};
+use super::files::{Files, check_writable};
+use super::options::{Context, Memory};
 use super::{output, parse};
-use lvox::image::ImageKind;
-use lvox::image::metrics::blocks::{self, Block};
-use lvox::image::metrics::{self, Scores};
-use lvox::image::{Picture, Region, Subject, heat, load, png};
-use lvox::lab::reference;
-use lvox::run::output::check_writable;
-use lvox::run::size;
-use lvox::{Error, Result};
+use crate::image::ImageKind;
+use crate::image::metrics::blocks::{self, Block};
+use crate::image::metrics::{self, Scores};
+use crate::image::{Picture, Region, Subject, heat, load, png};
+use crate::lab::reference;
+use crate::run::size;
+use crate::{Error, Result};
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};

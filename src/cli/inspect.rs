@@ -1,11 +1,11 @@
 //! `lvox inspect`
 
-use super::options::{Context, Files};
+use super::files::{Files, check_writable};
+use super::options::Context;
 use super::output;
-use lvox::image::{ImageKind, exr};
-use lvox::inspect::{describe, export_ply, points, samples, scattered};
-use lvox::run::output::check_writable;
-use lvox::{Error, Result};
+use crate::image::{ImageKind, exr};
+use crate::inspect::{describe, export_ply, points, samples, scattered};
+use crate::{Error, Result};
 use std::fmt::Write;
 use std::path::PathBuf;
 

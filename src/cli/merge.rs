@@ -1,10 +1,10 @@
 //! `lvox merge`
 
-use super::options::{Context, Files, Memory};
-use lvox::Result;
-use lvox::image::ImageKind;
-use lvox::image::merge::merge;
-use lvox::run::output::check_writable;
+use super::files::{Files, check_writable};
+use super::options::{Context, Memory};
+use crate::Result;
+use crate::image::ImageKind;
+use crate::image::merge::merge;
 use std::path::PathBuf;
 
 /// Merge tiles into the frame that one process would have written, byte for byte

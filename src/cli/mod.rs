@@ -7,11 +7,13 @@ mod bake;
 mod bake_options;
 mod build;
 mod compare;
+mod files;
 mod inspect;
 mod merge;
 mod options;
-pub mod output;
+mod output;
 mod parse;
+mod progress;
 mod reference;
 mod region_options;
 mod render;
@@ -22,9 +24,10 @@ mod shade_options;
 mod study;
 mod verify;
 
+use crate::{Kind, Result};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
-use lvox::Result;
-use options::{Context, Files, Limits, Shared};
+use files::Files;
+use options::{Context, Limits, Shared};
 use std::process::ExitCode;
 
 /// Render colour bleeding in scenes with smoke, cloud and CT volumes from a point cloud.
@@ -34,7 +37,7 @@ use std::process::ExitCode;
     after_help = "Exit codes: 0 done; 1 failed, a retry may help; 2 wrong usage or input, do not retry.\n\
                         Data goes to stdout, everything else to stderr."
 )]
-pub struct Cli {
+struct Cli {
     #[command(subcommand)]
     verb: Verb,
     #[command(flatten)]
@@ -108,8 +111,26 @@ impl Verb {
     }
 }
 
+/// Runs the verb that the command line names. Of errors one is printed, and they give the exit code.
+pub fn main() -> ExitCode {
+    let result = match parse() {
+        Ok(cli) => cli.run(),
+        Err(exit) => return exit,
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            output::print_error(&error);
+            match error.kind() {
+                Kind::Input => ExitCode::from(2),
+                Kind::Failed | Kind::Cancelled => ExitCode::FAILURE,
+            }
+        }
+    }
+}
+
 /// Reads the command line; help and usage errors are printed and give the exit code.
-pub fn parse() -> Result<Cli, ExitCode> {
+fn parse() -> Result<Cli, ExitCode> {
     let parsed = command().try_get_matches();
     parsed
         .and_then(|m| Cli::from_arg_matches(&m))
@@ -129,7 +150,7 @@ fn command() -> clap::Command {
 
 impl Cli {
     /// Runs the verb and writes the report.
-    pub fn run(self) -> Result<()> {
+    fn run(self) -> Result<()> {
         let mut context = self.shared.resolve(self.verb.limits())?;
         context.take_files(self.verb.files())?;
         let (verb, result) = self.verb.run(&context);
@@ -145,11 +166,11 @@ impl Cli {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bake::lvoxels::BlockSize;
+    use crate::bake::{self, SurfelSampling};
+    use crate::lab::{reference, study};
+    use crate::shade::{self, Kernel, Method, Quality};
     use clap::Arg;
-    use lvox::bake::lvoxels::BlockSize;
-    use lvox::bake::{self, SurfelSampling};
-    use lvox::lab::{reference, study};
-    use lvox::shade::{self, Kernel, Method, Quality};
 
     #[test]
     fn definitions_are_consistent() {

@@ -1,14 +1,13 @@
 //! Options that verbs share: as typed, and as resolved.
 
-use super::parse;
-use clap::ValueEnum;
-use lvox::run::output::{Named, check_apart, check_writable};
-use lvox::run::{Job, Progress, ProgressMode};
-use lvox::{Error, Result};
+use super::files::{Files, Named, check_apart, check_writable};
+use super::{parse, progress};
+use crate::run::{Job, OnWarning};
+use crate::{Error, Result};
 use std::cell::RefCell;
 use std::fs::File;
-use std::io::{IsTerminal, Read};
-use std::path::{Path, PathBuf};
+use std::io::Read;
+use std::path::PathBuf;
 
 /// Threads beyond this only spin for work that there is not.
 const MOST_THREADS: i64 = 1024;
@@ -24,7 +23,7 @@ pub struct Shared {
 
     /// Show progress on stderr; auto is a bar on a terminal and plain lines elsewhere
     #[arg(long, global = true, value_name = "MODE", default_value = "auto")]
-    progress: ProgressChoice,
+    progress: progress::Mode,
 
     /// Replace clouds, trees and exports that are there already, or begin a reference or a study
     /// anew; images and reports are always replaced
@@ -95,14 +94,6 @@ impl Limits {
     }
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum ProgressChoice {
-    Auto,
-    Plain,
-    Json,
-    None,
-}
-
 /// Shared options as resolved; what a verb runs with.
 #[derive(Debug)]
 pub struct Context {
@@ -114,29 +105,6 @@ pub struct Context {
     report_path: RefCell<Option<PathBuf>>,
     /// What the verb writes, by the words for it.
     outputs: Vec<(&'static str, PathBuf)>,
-}
-
-/// The files of a verb as its options name them, each with the word for it in messages.
-#[derive(Debug, Default)]
-pub struct Files {
-    inputs: Vec<(&'static str, PathBuf)>,
-    outputs: Vec<(&'static str, PathBuf)>,
-}
-
-impl Files {
-    /// And this one is read.
-    #[must_use]
-    pub fn reads(mut self, what: &'static str, path: &Path) -> Self {
-        self.inputs.push((what, path.to_owned()));
-        self
-    }
-
-    /// And this one is written.
-    #[must_use]
-    pub fn writes(mut self, what: &'static str, path: &Path) -> Self {
-        self.outputs.push((what, path.to_owned()));
-        self
-    }
 }
 
 impl Context {
@@ -210,17 +178,14 @@ impl Shared {
                 .build_global()
                 .map_err(|e| Error::failed(format!("cannot start {threads} threads: {e}")))?;
         }
-        let mode = match self.progress {
-            ProgressChoice::Auto if std::io::stderr().is_terminal() => ProgressMode::Bar,
-            ProgressChoice::Auto | ProgressChoice::Plain => ProgressMode::Plain,
-            ProgressChoice::Json => ProgressMode::Json,
-            ProgressChoice::None => ProgressMode::None,
-        };
         let job = Job {
-            progress: Progress::new(mode),
+            progress: self.progress.progress(),
             memory_limit: limits.memory,
             temp_dir: limits.temp_dir,
-            strict: self.strict,
+            on_warning: match self.strict {
+                true => OnWarning::Fail,
+                false => OnWarning::GoOn,
+            },
             ..Job::default()
         };
         let cancel = job.cancel.clone();

@@ -1,7 +1,7 @@
 //! What the program says: data on stdout, errors on stderr.
 
-use lvox::run::Job;
-use lvox::{Error, Result};
+use crate::run::Job;
+use crate::{Error, Result};
 use std::io::{ErrorKind, Write};
 
 /// Writes data to stdout. A reader that has gone away has had enough: that is success.
@@ -48,11 +48,43 @@ pub fn say_times(job: &Job, last: &str, before: &[&str]) {
     job.progress.say(&text);
 }
 
+/// What the library calls its settings, with the options that set them, where that is not plain.
+const OPTIONS_OF_SETTINGS: &[(&str, &str)] = &[
+    ("memory limit", "--memory-limit"),
+    ("strict mode", "--strict"),
+];
+
 /// Writes an error and its hint to stderr.
 pub fn print_error(error: &Error) {
     let mut err = std::io::stderr().lock();
-    let _ = writeln!(err, "error: {error}");
+    let _ = writeln!(err, "error: {}", with_options(&error.to_string()));
     if let Some(hint) = error.hint_text() {
-        let _ = writeln!(err, "hint: {hint}");
+        let _ = writeln!(err, "hint: {}", with_options(hint));
+    }
+}
+
+/// A message in which the option stands behind the first mention of its setting.
+fn with_options(message: &str) -> String {
+    let mut text = message.to_owned();
+    for (setting, option) in OPTIONS_OF_SETTINGS {
+        text = text.replacen(setting, &format!("{setting} ({option})"), 1);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_stand_behind_their_settings() {
+        assert_eq!(
+            with_options("raise the memory limit, or the memory limit is passed"),
+            "raise the memory limit (--memory-limit), or the memory limit is passed"
+        );
+        assert_eq!(
+            with_options("samples must be at least 1"),
+            "samples must be at least 1"
+        );
     }
 }

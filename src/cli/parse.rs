@@ -1,8 +1,8 @@
 //! Values on the command line.
 
+use crate::image::Region;
+use crate::run::size;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use lvox::image::Region;
-use lvox::run::size;
 
 /// A size of memory, in bytes.
 pub fn size(text: &str) -> Result<u64, String> {

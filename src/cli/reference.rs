@@ -1,13 +1,13 @@
 //! `lvox reference`
 
-use super::options::{Context, Files, Memory, Seed};
+use super::files::{Files, check_writable};
+use super::options::{Context, Memory, Seed};
 use super::region_options::RegionOptions;
 use super::scene_input::SceneInput;
-use lvox::image::ImageKind;
-use lvox::lab::reference::{self, Settings};
-use lvox::run::StageReport;
-use lvox::run::output::check_writable;
-use lvox::{Error, Result};
+use crate::image::ImageKind;
+use crate::lab::reference::{self, Settings};
+use crate::run::StageReport;
+use crate::{Error, Result};
 use std::path::PathBuf;
 
 /// Render a scene by unbiased Monte Carlo path tracing, to judge other images by

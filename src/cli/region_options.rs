@@ -1,10 +1,10 @@
 //! Options of which pixels to make, for the verbs that make images.
 
 use super::parse;
+use crate::Result;
+use crate::image::Region;
+use crate::scene::Film;
 use clap::Args;
-use lvox::Result;
-use lvox::image::Region;
-use lvox::scene::Film;
 
 /// Which pixels, as typed.
 #[derive(Debug, Args)]

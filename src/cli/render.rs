@@ -1,13 +1,13 @@
 //! `lvox render`
 
 use super::bake_options::BakeOptions;
-use super::options::{Context, Files, Memory, Seed, Temporary};
+use super::files::{Files, check_writable};
+use super::options::{Context, Memory, Seed, Temporary};
 use super::output;
 use super::scene_input::SceneInput;
 use super::shade_options::ShadeOptions;
-use lvox::run::output::check_writable;
-use lvox::tree::OpenTree;
-use lvox::{Error, Result};
+use crate::tree::OpenTree;
+use crate::{Error, Result};
 use std::path::PathBuf;
 
 /// Render a scene: bake, build and shade in one go
@@ -49,7 +49,7 @@ impl Args {
     pub fn run(self, context: &Context) -> Result<()> {
         let job = &context.job;
         self.shade.check()?;
-        lvox::build::check_memory(job.memory_limit)?;
+        crate::build::check_memory(job.memory_limit)?;
         if let Some(path) = &self.keep_tree {
             check_writable(path, context.force)?;
         }
@@ -71,11 +71,11 @@ impl Args {
             .keep_tree
             .clone()
             .unwrap_or_else(|| folder.path().join("scene.lvt"));
-        lvox::bake::run(&scene, &settings, &cloud, false, job)?;
-        lvox::build::run(
+        crate::bake::run(&scene, &settings, &cloud, false, job)?;
+        crate::build::run(
             &cloud,
             &tree,
-            &lvox::build::Settings::default(),
+            &crate::build::Settings::default(),
             context.force,
             job,
         )?;

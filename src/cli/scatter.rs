@@ -1,13 +1,13 @@
 //! `lvox scatter`
 
-use super::options::{Context, Files, Memory, Seed};
+use super::files::{Files, check_writable};
+use super::options::{Context, Memory, Seed};
 use super::output;
 use super::scene_input::SceneInput;
 use super::shade::warn_if_out_of_date;
-use lvox::Result;
-use lvox::run::output::check_writable;
-use lvox::shade::scatter::{self, Settings};
-use lvox::tree::OpenTree;
+use crate::Result;
+use crate::shade::scatter::{self, Settings};
+use crate::tree::OpenTree;
 use std::path::PathBuf;
 
 /// Light the media of a scene for all cameras, so that no frame and no tile has to

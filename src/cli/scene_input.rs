@@ -1,9 +1,10 @@
 //! The scene a verb works on.
 
-use super::options::{Context, Files};
+use super::files::Files;
+use super::options::Context;
 use super::parse;
-use lvox::scene::Scene;
-use lvox::{Error, Result};
+use crate::scene::Scene;
+use crate::{Error, Result};
 use std::path::PathBuf;
 
 /// A scene file, or the scene that is built in.

@@ -1,13 +1,14 @@
 //! `lvox shade`
 
-use super::options::{Context, Files, Memory, Seed};
+use super::files::Files;
+use super::options::{Context, Memory, Seed};
 use super::output;
 use super::scene_input::SceneInput;
 use super::shade_options::ShadeOptions;
-use lvox::Result;
-use lvox::run::Job;
-use lvox::scene::Scene;
-use lvox::tree::OpenTree;
+use crate::Result;
+use crate::run::Job;
+use crate::scene::Scene;
+use crate::tree::OpenTree;
 use std::path::{Path, PathBuf};
 
 /// Shade an image, or a tile of it, from a scene and its tree

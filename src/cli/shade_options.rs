@@ -1,18 +1,17 @@
 //! Options of shading, and of the image it makes, for the verbs that shade.
 
-use super::options::Files;
+use super::files::{Files, check_writable};
 use super::parse;
 use super::region_options::RegionOptions;
+use crate::image::exr::{self, Precision};
+use crate::image::{Frame, ImageKind, png, tone};
+use crate::lab::tune::{self, Outcome};
+use crate::run::Job;
+use crate::scene::Scene;
+use crate::shade::{self, Aov, Kernel, Method, Quality, Settings};
+use crate::tree::OpenTree;
+use crate::{Error, Result};
 use clap::Args;
-use lvox::image::exr::{self, Precision};
-use lvox::image::{Frame, ImageKind, png, tone};
-use lvox::lab::tune::{self, Outcome};
-use lvox::run::Job;
-use lvox::run::output::check_writable;
-use lvox::scene::Scene;
-use lvox::shade::{self, Aov, Kernel, Method, Quality, Settings};
-use lvox::tree::OpenTree;
-use lvox::{Error, Result};
 use std::path::PathBuf;
 
 /// How to shade, as typed.

@@ -1,12 +1,13 @@
 //! `lvox study`
 
-use super::options::{Context, Files, Memory, Seed, Temporary};
+use super::files::Files;
+use super::options::{Context, Memory, Seed, Temporary};
 use super::scene_input::SceneInput;
 use super::{output, parse};
-use lvox::lab::stability::{self, Effort};
-use lvox::lab::study::{self, Settings};
-use lvox::shade::Quality;
-use lvox::{Error, Result, shade};
+use crate::lab::stability::{self, Effort};
+use crate::lab::study::{self, Settings};
+use crate::shade::Quality;
+use crate::{Error, Result, shade};
 use std::path::PathBuf;
 
 /// Measure error against run time of Monte Carlo, traditional and extended point-based rendering on

@@ -1,10 +1,11 @@
 //! `lvox verify`
 
-use super::options::{Context, Files};
+use super::files::Files;
+use super::options::Context;
 use super::output;
-use lvox::image::{ImageKind, exr};
-use lvox::inspect::verify;
-use lvox::{Error, Result};
+use crate::image::{ImageKind, exr};
+use crate::inspect::verify;
+use crate::{Error, Result};
 use std::path::PathBuf;
 
 /// Read all of a file and check it: damage, and that a tree conserves count, area, flux and

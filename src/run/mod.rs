@@ -1,8 +1,8 @@
 //! What a run has beside its data: progress, cancellation, a memory limit, and a report of what it
 //! took.
 
-pub mod build;
 mod cancel;
+pub mod digest;
 mod hex;
 pub mod memory;
 pub mod output;
@@ -14,7 +14,7 @@ pub mod usage;
 pub use cancel::Cancel;
 pub use hex::hex;
 pub use output::Output;
-pub use progress::{Progress, ProgressMode, Task};
+pub use progress::{Observer, Progress, Task, TaskObserver};
 pub use report::{Report, StageReport};
 
 use crate::{Error, Result};
@@ -31,29 +31,39 @@ pub struct Job {
     pub report: Report,
     /// Bytes that a stage may hold; `None` for no limit.
     pub memory_limit: Option<u64>,
-    /// Whether warnings are errors.
-    pub strict: bool,
+    /// Whether work goes on after a warning.
+    pub on_warning: OnWarning,
     /// Folder for temporary files; the system's if `None`.
     pub temp_dir: Option<PathBuf>,
 }
 
+/// Whether work goes on after a warning.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum OnWarning {
+    /// Warnings are told, and the work goes on.
+    #[default]
+    GoOn,
+    /// A warning ends the job as an error.
+    Fail,
+}
+
 impl Job {
-    /// Ends a strict job in which something was warned of. Stages ask before long work and before
-    /// they write.
+    /// Ends a job that fails on warnings if something was warned of. Stages call this before long
+    /// work and before they write.
     ///
     /// # Errors
     /// [`crate::Kind::Input`] with all warnings so far.
     pub fn heed_warnings(&self) -> Result<()> {
         let warnings = self.progress.warnings();
-        if !self.strict || warnings.is_empty() {
+        if self.on_warning == OnWarning::GoOn || warnings.is_empty() {
             return Ok(());
         }
         let count = match warnings.len() {
             1 => "a warning".into(),
             n => format!("{n} warnings"),
         };
-        let message = format!("{count} with --strict: {}", warnings.join("; "));
-        Err(Error::input(message).hint("mend what is warned of, or do without --strict"))
+        let message = format!("{count} in strict mode: {}", warnings.join("; "));
+        Err(Error::input(message).hint("mend what is warned of, or do without strict mode"))
     }
 }
 
@@ -63,11 +73,11 @@ mod tests {
 
     #[test]
     fn warnings_end_strict_jobs_alone() {
-        let job = |strict| Job {
-            strict,
+        let job = |on_warning| Job {
+            on_warning,
             ..Job::default()
         };
-        let (strict, lenient) = (job(true), job(false));
+        let (strict, lenient) = (job(OnWarning::Fail), job(OnWarning::GoOn));
         strict.heed_warnings().unwrap();
         for job in [&strict, &lenient] {
             job.progress.warn("one");
@@ -76,6 +86,6 @@ mod tests {
         lenient.heed_warnings().unwrap();
         let error = strict.heed_warnings().unwrap_err();
         assert_eq!(error.kind(), crate::Kind::Input);
-        assert_eq!(error.to_string(), "2 warnings with --strict: one; two");
+        assert_eq!(error.to_string(), "2 warnings in strict mode: one; two");
     }
 }

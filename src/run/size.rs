@@ -75,11 +75,11 @@ pub fn format(bytes: u64) -> String {
 pub fn within(what: impl Display, needed: u64, limit: Option<u64>) -> Result<()> {
     match limit {
         Some(limit) if needed > limit => Err(Error::input(format!(
-            "{what} needs {}, --memory-limit is {}",
+            "{what} needs {}, the memory limit is {}",
             format(needed),
             format(limit)
         ))
-        .hint("raise --memory-limit")),
+        .hint("raise the memory limit")),
         _ => Ok(()),
     }
 }
@@ -121,9 +121,9 @@ mod tests {
         assert_eq!(error.kind(), crate::Kind::Input);
         assert_eq!(
             error.to_string(),
-            "shading 9 pixels needs 4.00 KiB, --memory-limit is 1 B"
+            "shading 9 pixels needs 4.00 KiB, the memory limit is 1 B"
         );
-        assert!(error.hint_text().unwrap().contains("--memory-limit"));
+        assert!(error.hint_text().unwrap().contains("memory limit"));
     }
 
     #[test]

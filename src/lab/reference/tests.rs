@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::math::polygon;
-use crate::run::Cancel;
+use crate::run::{Cancel, OnWarning};
 use crate::scene::{Camera, Film, Grid, Light, Material, Volume};
 use glam::{Affine3A, DAffine3, DVec3, Vec3};
 use std::f32::consts::PI;
@@ -404,13 +404,13 @@ fn samples_that_are_not_finite_are_told_by_every_run_that_has_them() {
         radiance: [f32::INFINITY; 3],
     });
     let region = Region::full(scene.film.width, scene.film.height);
-    let warned = |spp: u32, strict: bool| {
+    let warned = |spp: u32, on_warning: OnWarning| {
         let settings = Settings {
             spp: Some(spp),
             ..Settings::default()
         };
         let job = Job {
-            strict,
+            on_warning,
             ..Job::default()
         };
         let done = run(&scene, &settings, region, &image, false, &job);
@@ -419,10 +419,10 @@ fn samples_that_are_not_finite_are_told_by_every_run_that_has_them() {
     let told = |n: u32| format!("{n} samples were infinite or not a number and count as black");
     // Warned of as they come and, with nothing left to do, once more.
     for _ in 0..2 {
-        assert_eq!(warned(2, false), (vec![told(480)], Ok(())));
+        assert_eq!(warned(2, OnWarning::GoOn), (vec![told(480)], Ok(())));
     }
-    let (_, refused) = warned(2, true);
+    let (_, refused) = warned(2, OnWarning::Fail);
     let message = refused.unwrap_err();
     assert!(message.ends_with(&told(480)), "{message}");
-    assert_eq!(warned(3, false).0, [told(480), told(720)]);
+    assert_eq!(warned(3, OnWarning::GoOn).0, [told(480), told(720)]);
 }

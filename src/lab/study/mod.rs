@@ -25,7 +25,7 @@ pub use sweep::Sweep;
 use crate::image::subject::{SHADED_SEGMENTS, Subject};
 use crate::image::{Picture, Region, exr, heat, load, png, tone};
 use crate::lab::reference;
-use crate::run::{Job, Output, build, hex};
+use crate::run::{Job, Output, digest, hex};
 use crate::scene::Scene;
 use crate::{Error, Kind, Result};
 use html::Shown;
@@ -211,7 +211,7 @@ fn origin(scene: &Scene, settings: &Settings) -> Result<BTreeMap<String, String>
     };
     let camera = scene.camera(settings.camera.as_deref())?.name.clone();
     let mut parts = vec![
-        ("build of lvox", hex(&build::digest())),
+        ("build of lvox", hex(&digest::of_program())),
         ("scene", hex(&scene.hash)),
         (
             "film",

@@ -403,29 +403,9 @@ fn integer(value: &DeValue<'_>) -> Option<i64> {
 pub(super) fn nearest<'k>(word: &str, known: &[&'k str]) -> Option<&'k str> {
     let (edits, near) = known
         .iter()
-        .map(|k| (edit_distance(word, k), *k))
+        .map(|k| (strsim::osa_distance(word, k), *k))
         .min_by_key(|(edits, _)| *edits)?;
     (edits <= near.len().max(word.len()).div_ceil(3)).then_some(near)
-}
-
-/// Insertions, deletions, substitutions and swaps of neighbours between two words.
-fn edit_distance(a: &str, b: &str) -> usize {
-    let a: Vec<char> = a.chars().take(64).collect();
-    let b: Vec<char> = b.chars().take(64).collect();
-    let mut rows: Vec<Vec<usize>> = vec![(0..=b.len()).collect()];
-    for i in 1..=a.len() {
-        let mut row = vec![i];
-        for j in 1..=b.len() {
-            let change = rows[i - 1][j - 1] + usize::from(a[i - 1] != b[j - 1]);
-            let mut best = change.min(rows[i - 1][j] + 1).min(row[j - 1] + 1);
-            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
-                best = best.min(rows[i - 2][j - 2] + 1);
-            }
-            row.push(best);
-        }
-        rows.push(row);
-    }
-    rows[a.len()][b.len()]
 }
 
 #[cfg(test)]
@@ -516,10 +496,10 @@ mod tests {
     }
 
     #[test]
-    fn edits_are_counted() {
-        assert_eq!(edit_distance("albdo", "albedo"), 1);
-        assert_eq!(edit_distance("flie", "file"), 1);
-        assert_eq!(edit_distance("", "file"), 4);
+    fn words_are_mended_by_the_nearest_known_one() {
+        assert_eq!(nearest("albdo", &["albedo", "file"]), Some("albedo"));
+        assert_eq!(nearest("flie", &["albedo", "file"]), Some("file"));
+        assert_eq!(nearest("", &["file"]), None);
         assert_eq!(nearest("emision", &["file", "emission"]), Some("emission"));
         assert_eq!(nearest("qqq", &["file", "emission"]), None);
     }

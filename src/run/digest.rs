@@ -1,4 +1,4 @@
-//! Which build of the program runs.
+//! The digest of the program that runs.
 
 use std::fs::File;
 use std::sync::OnceLock;
@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 /// A digest of the executable that runs: times and images of different builds have different ones.
 /// Where the system does not tell which file runs, it is a digest of the version alone.
 #[must_use]
-pub fn digest() -> [u8; 32] {
+pub fn of_program() -> [u8; 32] {
     static DIGEST: OnceLock<[u8; 32]> = OnceLock::new();
     *DIGEST.get_or_init(|| {
         let mut hasher = blake3::Hasher::new();
@@ -27,6 +27,6 @@ mod tests {
     #[test]
     fn it_is_that_of_the_running_file() {
         let bytes = std::fs::read(std::env::current_exe().unwrap()).unwrap();
-        assert_eq!(digest(), *blake3::hash(&bytes).as_bytes());
+        assert_eq!(of_program(), *blake3::hash(&bytes).as_bytes());
     }
 }
