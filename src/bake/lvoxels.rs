@@ -203,7 +203,7 @@ impl LvoxelMaker<'_> {
         ];
         let voxels = self.volume.sigma_t.dims().iter().product::<usize>();
         let count = match edge {
-            1 if self.lights.any_is_sharp() => (IN_ALL / voxels).min(MOST_IN_VOXEL),
+            1 if self.lights.has_sharp_shadows() => (IN_ALL / voxels).min(MOST_IN_VOXEL),
             1 => 1,
             _ => FOUR.len(),
         };

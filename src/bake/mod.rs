@@ -8,7 +8,7 @@ pub mod creases;
 pub mod lvoxels;
 pub mod surfels;
 
-use crate::light::{Lights, Shadows, SoftShadows};
+use crate::light::{Lights, Shadows, SoftShadowMedia};
 use crate::math::unflatten;
 use crate::run::Job;
 use crate::scene::Scene;
@@ -96,10 +96,10 @@ pub fn run(
     job.report.stage("bake", |counts| {
         let mut writer = CloudWriter::create(cloud, meta(scene, settings)?, force)?;
         let tracer = Tracer::new_until(scene, &job.cancel)?;
-        let shadows = SoftShadows::new(scene);
+        let shadows = SoftShadowMedia::new(scene);
         let lights = Lights::new(&tracer)
             .for_baking()
-            .with_soft_shadows_through(shadows.as_ref());
+            .with_soft_shadows(shadows.as_ref());
         let creases = Creases::new(&scene.mesh, settings.crease_deg, &job.cancel)?;
         if scene.volumes.is_empty() {
             let lights = lights.in_vacuum();

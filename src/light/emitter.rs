@@ -1,9 +1,9 @@
-//! An emissive triangle.
+//! An emissive triangle, and how its points are chosen.
 
 use crate::math::{Rgb, polygon, sampling};
 use glam::Vec3;
 
-/// A triangle that emits.
+/// An emissive triangle.
 #[derive(Clone, Copy, Debug)]
 pub struct Emitter {
     /// Corners, scene space.
@@ -18,6 +18,17 @@ pub struct Emitter {
     pub both_sides: bool,
 }
 
+/// The way from a point to one of an emitter.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Towards {
+    /// Unit direction.
+    pub direction: Vec3,
+    /// Length of the way, scene units.
+    pub distance: f32,
+    /// Density of the direction, per steradian.
+    pub pdf: f32,
+}
+
 impl Emitter {
     /// Uniform point for two numbers in [0,1).
     fn point(&self, u: [f32; 2]) -> Vec3 {
@@ -25,27 +36,33 @@ impl Emitter {
         self.corners[0] * w[0] + self.corners[1] * w[1] + self.corners[2] * w[2]
     }
 
-    /// A direction from `origin` to the emitter, the distance along it, and its density per
-    /// steradian: uniform over the emitter's solid angle if its area over its squared distance is
-    /// more than `near`, else uniform over its area.
-    pub fn look_at(&self, origin: Vec3, u: [f32; 2], near: f32) -> (Vec3, f32, f32) {
+    /// The way to the point that two numbers in [0,1) choose: uniform over the emitter's solid
+    /// angle if its area over its squared distance is more than `near`, else uniform over its area.
+    pub(super) fn sample(&self, origin: Vec3, u: [f32; 2], near: f32) -> Towards {
         let corners = self.corners.map(|c| c - origin);
         let middle = (corners[0] + corners[1] + corners[2]) * (1.0 / 3.0);
         if self.area > near * middle.length_squared()
             && let Some(d) = polygon::sample_solid_angle(corners, u)
         {
             let distance = corners[0].dot(self.normal) / d.dot(self.normal);
-            return (d, distance, 1.0 / polygon::solid_angle(corners));
+            return Towards {
+                direction: d,
+                distance,
+                pdf: 1.0 / polygon::solid_angle(corners),
+            };
         }
         let to_light = self.point(u) - origin;
         let distance = to_light.length();
         let d = to_light / distance;
-        let pdf = distance * distance / (self.area * self.normal.dot(d).abs());
-        (d, distance, pdf)
+        Towards {
+            direction: d,
+            distance,
+            pdf: distance * distance / (self.area * self.normal.dot(d).abs()),
+        }
     }
 
-    /// Whether it emits towards a point.
-    pub fn lights(&self, point: Vec3) -> bool {
+    /// Whether the emitter shines towards a point.
+    pub(super) fn faces(&self, point: Vec3) -> bool {
         self.both_sides || (point - self.corners[0]).dot(self.normal) > 0.0
     }
 }

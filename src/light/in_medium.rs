@@ -1,12 +1,11 @@
 //! Direct light in media, so split that it can be interpolated between points.
 
-use super::lamps::Seen;
+use super::delta_lights::SegmentFromLight;
 use super::lights::Lights;
-use super::rays::ShadowRays;
-use super::receiver::{INVERSE_SPHERE, Medium};
+use super::shading_point::{INVERSE_SPHERE, MediumReceiver};
+use super::shadow_rays::ShadowRays;
 use super::shadows::Shadows;
-use super::sun::Sun;
-use super::sun_depth::SunDepths;
+use super::suns::{Sun, SunDepths};
 use crate::math::Rgb;
 use crate::scene::Light;
 use crate::trace::short_of;
@@ -16,21 +15,21 @@ use std::ops::{AddAssign, Mul};
 /// Direct light at a point of a medium, in two parts: that of point and spot lights changes without
 /// bound near them, but the share of it that arrives changes no faster than media and shadows do.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct InMedium {
-    /// What arrives of [`Lights::sent`], per channel.
+pub struct MediumLight {
+    /// Share of [`Lights::unshadowed_along`] that arrives, per channel.
     pub share: Rgb,
     /// Mean over the sphere of the radiance of all other lights.
     pub rest: Rgb,
 }
 
-impl AddAssign for InMedium {
+impl AddAssign for MediumLight {
     fn add_assign(&mut self, o: Self) {
         self.share += o.share;
         self.rest += o.rest;
     }
 }
 
-impl Mul<f32> for InMedium {
+impl Mul<f32> for MediumLight {
     type Output = Self;
     fn mul(self, s: f32) -> Self {
         Self {
@@ -41,26 +40,35 @@ impl Mul<f32> for InMedium {
 }
 
 impl<S: Shadows> Lights<'_, S> {
-    /// [`Self::mean_radiance`] in two parts, for what lies between points: [`Self::sent`] times the
-    /// share, and the rest. Media before suns are those of `suns`, or the scene's own.
+    /// [`Self::mean_radiance`] in two parts, for what lies between points:
+    /// [`Self::unshadowed_along`] times the share, and the rest. Media before suns are those of
+    /// `suns`, or the scene's own.
     #[must_use]
-    pub fn in_medium(&self, point: Vec3, rays: ShadowRays, suns: Option<&SunDepths>) -> InMedium {
-        let rest = self.sum(&self.shading_point(point, rays, Medium), suns, |light| {
-            light.lamp().is_none()
-        });
-        InMedium {
-            share: self.share_of_lamps(point),
+    pub fn in_medium(
+        &self,
+        point: Vec3,
+        rays: ShadowRays,
+        suns: Option<&SunDepths>,
+    ) -> MediumLight {
+        let rest = self.sum(
+            &self.shading_point(point, rays, MediumReceiver),
+            suns,
+            |light| light.point_source().is_none(),
+        );
+        MediumLight {
+            share: self.share_of_point_sources(point),
             rest: rest.light() * INVERSE_SPHERE,
         }
     }
 
-    /// What arrives at a point of a medium of all that point and spot lights send, per channel.
-    fn share_of_lamps(&self, point: Vec3) -> Rgb {
+    /// Share of all that point and spot lights send to a point of a medium that arrives, per
+    /// channel.
+    fn share_of_point_sources(&self, point: Vec3) -> Rgb {
         // What is beside a spot's beam counts little, but tells what arrives in a beam that passes
         // between such points.
         const BESIDE: f32 = 1e-3;
         let (mut arriving, mut sent) = (Rgb::BLACK, Rgb::BLACK);
-        for (position, intensity, light) in self.lamps() {
+        for (position, intensity, light) in self.point_sources() {
             let to_light = position - point;
             let distance = to_light.length();
             if distance == 0.0 {
@@ -68,7 +76,7 @@ impl<S: Shadows> Lights<'_, S> {
             }
             let d = to_light / distance;
             let light = intensity * (light.falloff(-d).max(BESIDE) / (distance * distance));
-            arriving += light * self.through(point, d, short_of(position, distance));
+            arriving += light * self.transmittance(point, d, short_of(position, distance));
             sent += light;
         }
         Rgb(std::array::from_fn(|c| {
@@ -82,27 +90,30 @@ impl<S: Shadows> Lights<'_, S> {
 }
 
 impl<S> Lights<'_, S> {
-    fn lamps(&self) -> impl Iterator<Item = (Vec3, Rgb, &Light)> {
+    fn point_sources(&self) -> impl Iterator<Item = (Vec3, Rgb, &Light)> {
         let lights = self.tracer.scene.lights.iter();
-        lights.filter_map(|l| l.lamp().map(|(at, intensity)| (at, Rgb(intensity), l)))
+        lights.filter_map(|l| {
+            l.point_source()
+                .map(|(at, intensity)| (at, Rgb(intensity), l))
+        })
     }
 
-    /// Mean radiance over the sphere that point and spot lights would send with nothing between,
-    /// averaged over a segment in closed form.
+    /// Unshadowed light of point and spot lights in a medium: mean radiance over the sphere, averaged
+    /// over a segment in closed form.
     #[must_use]
-    pub fn sent(&self, from: Vec3, to: Vec3) -> Rgb {
+    pub fn unshadowed_along(&self, from: Vec3, to: Vec3) -> Rgb {
         let mut total = Rgb::BLACK;
-        for (position, intensity, light) in self.lamps() {
-            let seen = Seen::new(position, [from, to]);
-            let mean = seen.mean_inverse_square();
+        for (position, intensity, light) in self.point_sources() {
+            let segment = SegmentFromLight::new(position, [from, to]);
+            let mean = segment.mean_inverse_square();
             if mean.is_finite() {
-                total += intensity * (mean * INVERSE_SPHERE * seen.falloff(light));
+                total += intensity * (mean * INVERSE_SPHERE * segment.falloff(light));
             }
         }
         total
     }
 
-    /// Whether no light has an extent, so that [`InMedium::rest`] has no noise of shadow rays.
+    /// Whether no light has an extent, so that [`MediumLight::rest`] has no noise of shadow rays.
     #[must_use]
     pub fn rest_is_exact(&self) -> bool {
         let mut lights = self.tracer.scene.lights.iter();
@@ -111,7 +122,7 @@ impl<S> Lights<'_, S> {
 
     /// Whether there are lights whose shadows have sharp edges: points, spots and suns.
     #[must_use]
-    pub fn any_is_sharp(&self) -> bool {
+    pub fn has_sharp_shadows(&self) -> bool {
         let mut lights = self.tracer.scene.lights.iter();
         lights.any(|l| !matches!(l, Light::Environment { .. }))
     }
@@ -119,12 +130,12 @@ impl<S> Lights<'_, S> {
     /// Whether a point or spot light is nearer to a segment than `distance`; then, for the nearest,
     /// the place from 0 to 1 that halves its light on the segment.
     #[must_use]
-    pub fn lamp_near(&self, from: Vec3, to: Vec3, distance: f32) -> Option<f32> {
-        self.lamps()
-            .map(|(position, ..)| Seen::new(position, [from, to]))
-            .map(|seen| (seen.distance(), seen))
+    pub fn point_source_near(&self, from: Vec3, to: Vec3, distance: f32) -> Option<f32> {
+        self.point_sources()
+            .map(|(position, ..)| SegmentFromLight::new(position, [from, to]))
+            .map(|segment| (segment.distance(), segment))
             .filter(|(d, _)| *d < distance)
             .min_by(|a, b| a.0.total_cmp(&b.0))
-            .map(|(_, seen)| seen.median())
+            .map(|(_, segment)| segment.median())
     }
 }

@@ -1,36 +1,34 @@
 //! All lights of a scene, and what a point gets of them.
 
-use super::direct::Direct;
+use super::delta_lights;
+use super::direct::DirectLight;
 use super::emitter::Emitter;
-use super::emitters::Emitters;
-use super::many_emitters::Care;
-use super::prospect::Prospect;
-use super::rays::ShadowRays;
-use super::receiver::{INVERSE_SPHERE, Medium, Receiver, Surface};
-use super::shading_point::ShadingPoint;
-use super::shadows::{SceneMedia, Shadows};
-use super::sharp;
-use super::soft_shadows::SoftShadows;
-use super::sun::Sun;
-use super::sun_depth::SunDepths;
-use super::vacuum::Vacuum;
+use super::emitters::{CutTolerance, Emitters, Unshadowed};
+use super::shading_point::{
+    INVERSE_SPHERE, MediumReceiver, Receiver, ShadingPoint, SurfaceReceiver,
+};
+use super::shadow_rays::ShadowRays;
+use super::shadows::{SceneMedia, Shadows, SoftShadowMedia, Vacuum};
+use super::suns::{Sun, SunDepths};
 use crate::math::Rgb;
+use crate::math::sampling::{cosine_hemisphere, sphere, tangents};
 use crate::scene::Light;
 use crate::trace::{self, Tracer};
 use glam::Vec3;
+use std::f32::consts::PI;
 use std::sync::Arc;
 
-/// All lights of a scene but a constant environment, which gathering takes care of, and what shadow
-/// rays to them pass.
+/// All lights of a scene, and what shadow rays to them pass. A constant environment counts only where
+/// it is asked for by name: gathering takes care of it.
 #[derive(Clone, Debug)]
 pub struct Lights<'a, S = SceneMedia<'a>> {
     pub(super) tracer: &'a Tracer<'a>,
     shadows: S,
-    /// Those of the scene that are no triangles.
+    /// Lights of the scene that are no triangles.
     lights: &'a [Light],
     pub(super) emitters: Arc<Emitters>,
-    /// How emissive triangles are asked, if they are many.
-    care: Care,
+    /// How exactly the light of many emitters is known.
+    tolerance: CutTolerance,
     environment: Rgb,
 }
 
@@ -43,20 +41,19 @@ impl<'a> Lights<'a> {
             shadows: SceneMedia::default(),
             lights: &tracer.scene.lights,
             emitters: Arc::new(Emitters::new(tracer.scene)),
-            care: Care::SHADING,
+            tolerance: CutTolerance::SHADING,
             environment: tracer.scene.environment(),
         }
     }
 
-    /// The same lights, with these media before emissive triangles instead of the scene's own, if
-    /// there are any.
+    /// Puts `media`, if any, in the place of the scene's own before emitters.
     #[must_use]
-    pub fn with_soft_shadows_through(mut self, media: Option<&'a SoftShadows>) -> Self {
-        self.shadows.before_triangles = media;
+    pub fn with_soft_shadows(mut self, media: Option<&'a SoftShadowMedia>) -> Self {
+        self.shadows.before_emitters = media;
         self
     }
 
-    /// The same lights, with the scene's own media before all of them.
+    /// Copies the lights, with the scene's own media before all of them.
     #[must_use]
     pub fn with_sharp_shadows(&self) -> Self {
         Self {
@@ -65,19 +62,19 @@ impl<'a> Lights<'a> {
         }
     }
 
-    /// These emissive triangles instead of all lights, for gathers.
+    /// Makes lights of these emitters alone, for gathers in the same scene.
     #[must_use]
     pub fn of_emitters(&self, emitters: Vec<Emitter>) -> Self {
         Self {
             lights: &[],
             emitters: Arc::new(Emitters::of(emitters)),
-            care: Care::GATHERING,
+            tolerance: CutTolerance::GATHERING,
             environment: Rgb::BLACK,
             ..self.clone()
         }
     }
 
-    /// The same lights in a scene without media.
+    /// Copies the lights, in the same scene without its media.
     #[must_use]
     pub fn in_vacuum(&self) -> Lights<'a, Vacuum> {
         Lights {
@@ -85,25 +82,24 @@ impl<'a> Lights<'a> {
             shadows: Vacuum,
             lights: self.lights,
             emitters: Arc::clone(&self.emitters),
-            care: self.care,
+            tolerance: self.tolerance,
             environment: self.environment,
         }
     }
 }
 
 impl<'a, S: Shadows> Lights<'a, S> {
-    /// The same lights, asked with less care where they are many: for points of which pictures see
-    /// means of many only.
+    /// Makes light of many emitters less exact: for points of which pictures show means of many.
     #[must_use]
     pub fn for_baking(mut self) -> Self {
-        self.care = Care::BAKING;
+        self.tolerance = CutTolerance::BAKING;
         self
     }
 
     /// Share of light that gets from `origin` to `t_max` along a unit direction: 0 behind a
     /// surface, else what the scene's own media let through.
     #[must_use]
-    pub fn through(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
+    pub fn transmittance(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
         self.shadows
             .transmittance(self.tracer, origin, direction, t_max, None)
     }
@@ -120,31 +116,26 @@ impl<'a, S: Shadows> Lights<'a, S> {
         self.environment
     }
 
-    /// What emissive triangles would send to a surface.
+    /// Unshadowed light of emitters on a surface.
     #[must_use]
-    pub fn prospect(&self, surface: &trace::Surface) -> Prospect<'_> {
+    pub fn unshadowed(&self, surface: &trace::Surface) -> Unshadowed<'_> {
         let at = OnSurface::new(surface.position, surface.normal, surface.face_normal);
-        Prospect::new(&self.emitters, self.care, at.origin, at.receiver)
+        Unshadowed::new(&self.emitters, self.tolerance, at.origin, at.receiver)
     }
 
-    /// Irradiance of a surface by a prospect from it or from beside it, and by what that says of
-    /// `open` light.
+    /// Irradiance of a surface, where `unshadowed`, of this or a nearby point, chooses rays to
+    /// emitters, and `light` is the unshadowed light that it told, or a mean of several.
     #[must_use]
     pub fn irradiance_by(
         &self,
         surface: &trace::Surface,
-        prospect: &Prospect,
-        open: Rgb,
+        unshadowed: &Unshadowed,
+        light: Rgb,
         rays: ShadowRays,
-    ) -> Direct<S::Dimming> {
+    ) -> DirectLight {
         let at = OnSurface::new(surface.position, surface.normal, surface.face_normal);
-        self.sum_by(
-            prospect,
-            open,
-            &self.shading_point(at.origin, rays, at.receiver),
-            None,
-            |_| true,
-        )
+        let at = self.shading_point(at.origin, rays, at.receiver);
+        self.sum_by(unshadowed, light, &at, None, |_| true)
     }
 
     /// Irradiance of a surface point on the side of `normal`; `face_normal` is the geometric one on
@@ -156,26 +147,66 @@ impl<'a, S: Shadows> Lights<'a, S> {
         normal: Vec3,
         face_normal: Vec3,
         rays: ShadowRays,
-    ) -> Direct<S::Dimming> {
+    ) -> DirectLight {
         let at = OnSurface::new(point, normal, face_normal);
-        self.sum(
-            &self.shading_point(at.origin, rays, at.receiver),
-            None,
-            |_| true,
-        )
+        let at = self.shading_point(at.origin, rays, at.receiver);
+        self.sum(&at, None, |_| true)
     }
 
     /// Mean over the sphere of the direct radiance at a point of a medium: its in-scattered
     /// radiance for an isotropic phase function.
     #[must_use]
-    pub fn mean_radiance(&self, point: Vec3, rays: ShadowRays) -> Direct<S::Dimming> {
-        let mut direct = self.sum(&self.shading_point(point, rays, Medium), None, |_| true);
-        direct.sharp *= INVERSE_SPHERE;
-        direct.open *= INVERSE_SPHERE;
+    pub fn mean_radiance(&self, point: Vec3, rays: ShadowRays) -> DirectLight {
+        let at = self.shading_point(point, rays, MediumReceiver);
+        let mut direct = self.sum(&at, None, |_| true);
+        direct.delta *= INVERSE_SPHERE;
+        direct.unshadowed *= INVERSE_SPHERE;
         direct
     }
 
-    /// A point that asks these lights.
+    /// Irradiance of a surface point from a constant environment, for those who do not gather it: by
+    /// as many rays over the hemisphere as `rays` are.
+    #[must_use]
+    pub fn environment_irradiance(
+        &self,
+        point: Vec3,
+        normal: Vec3,
+        face_normal: Vec3,
+        rays: ShadowRays,
+    ) -> Rgb {
+        let (x, y) = tangents(normal);
+        let origin = point + face_normal * trace::offset(point);
+        let share = self.environment_share(origin, rays, |u| {
+            let d = cosine_hemisphere(u);
+            (x * d.x + y * d.y + normal * d.z).normalize()
+        });
+        self.environment() * (PI * share)
+    }
+
+    /// Mean over the sphere of the radiance of a constant environment at a point of a medium.
+    #[must_use]
+    pub fn environment_mean_radiance(&self, point: Vec3, rays: ShadowRays) -> Rgb {
+        self.environment() * self.environment_share(point, rays, sphere)
+    }
+
+    fn environment_share(
+        &self,
+        origin: Vec3,
+        rays: ShadowRays,
+        direction: impl Fn([f32; 2]) -> Vec3,
+    ) -> f32 {
+        if self.environment().is_black() {
+            return 0.0;
+        }
+        let at = self.shading_point(origin, rays, ());
+        let transmittance = |i| {
+            let direction = direction(rays.point(i, 62));
+            at.transmittance(direction, f32::INFINITY, at.shadows.before_emitters())
+        };
+        (0..rays.count()).map(transmittance).sum::<f32>() / rays.count() as f32
+    }
+
+    /// A point that light falls on, in the scene of these lights.
     pub(super) fn shading_point<R>(
         &self,
         origin: Vec3,
@@ -191,55 +222,55 @@ impl<'a, S: Shadows> Lights<'a, S> {
         }
     }
 
-    /// Sums over the lights that are `asked` for and all emissive triangles. Media before suns are
-    /// those of `suns`, or the scene's own.
+    /// Sums over the lights that `counts` and all emitters. Media before suns are those of `suns`,
+    /// or the scene's own.
     pub(super) fn sum(
         &self,
         at: &ShadingPoint<S, impl Receiver>,
         suns: Option<&SunDepths>,
-        asked: impl Fn(&Light) -> bool,
-    ) -> Direct<S::Dimming> {
-        let prospect = Prospect::new(&self.emitters, self.care, at.origin, at.receiver);
-        self.sum_by(&prospect, prospect.open, at, suns, asked)
+        counts: impl Fn(&Light) -> bool,
+    ) -> DirectLight {
+        let unshadowed = Unshadowed::new(&self.emitters, self.tolerance, at.origin, at.receiver);
+        self.sum_by(&unshadowed, unshadowed.light, at, suns, counts)
     }
 
     fn sum_by<R: Receiver>(
         &self,
-        prospect: &Prospect<R>,
-        open: Rgb,
+        unshadowed: &Unshadowed<R>,
+        light_of_emitters: Rgb,
         at: &ShadingPoint<S, R>,
         suns: Option<&SunDepths>,
-        asked: impl Fn(&Light) -> bool,
-    ) -> Direct<S::Dimming> {
-        let mut total = Direct::default();
+        counts: impl Fn(&Light) -> bool,
+    ) -> DirectLight {
+        let mut total = DirectLight::default();
         for (index, light) in self.lights.iter().enumerate() {
-            if !asked(light) {
+            if !counts(light) {
                 continue;
             }
-            let depth = suns.and_then(|s| s.of(index));
+            let media = suns.and_then(|s| s.of(index));
             match Sun::of(light) {
-                Some(sun) => sun.add(&mut total, index, at, depth),
-                None => sharp::add(&mut total, light, index, at, depth),
+                Some(sun) => sun.trace(&mut total, index, at, media),
+                None => delta_lights::trace(&mut total, light, index, at, media),
             }
         }
-        total.open += open;
-        prospect.add(&mut total, at);
+        total.unshadowed += light_of_emitters;
+        unshadowed.trace(&mut total, at);
         total
     }
 }
 
-/// A point of a surface that asks for light.
+/// A point of a surface that light falls on.
 struct OnSurface {
     /// Where rays begin: off the surface.
     origin: Vec3,
-    receiver: Surface,
+    receiver: SurfaceReceiver,
 }
 
 impl OnSurface {
     fn new(point: Vec3, normal: Vec3, face_normal: Vec3) -> Self {
         Self {
             origin: point + face_normal * trace::offset(point),
-            receiver: Surface {
+            receiver: SurfaceReceiver {
                 normal,
                 face_normal,
             },

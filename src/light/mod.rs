@@ -4,42 +4,44 @@
 //! What a light would send without anything between is computed in closed form; rays measure only
 //! the share that arrives. So a point in full light has no noise at all.
 //!
-//! Points and directions are those of scene space, distances are scene units, light is linear
-//! Rec.709.
+//! A *light* is any source of a scene: a *point light*, a *spot light*, a *sun* (a directional
+//! light, which may have an angular radius) or an *emitter* (an emissive triangle). Those without
+//! extent are *delta lights*. Points and directions are those of scene space, distances are scene
+//! units, light is linear Rec.709.
+//!
+//! | file | holds |
+//! | --- | --- |
+//! | `lights` | [`Lights`]: all of a scene, and what a point gets of them |
+//! | `direct` | [`DirectLight`] at a point, and the [`ShadowRatio`] of it that arrives |
+//! | `visibility` | [`Visibility`]: which lights rays reach, that is, where edges of shadows are |
+//! | `in_medium` | [`MediumLight`]: direct light in media, so split that it can be interpolated |
+//! | `shading_point` | a point that light falls on, on a surface or in a medium |
+//! | `shadow_rays` | [`ShadowRays`]: how many rays go to a light, and to which points of it |
+//! | `shadows` | [`Shadows`]: what rays pass, from a vacuum to media made simple |
+//! | `delta_lights` | point, spot and parallel lights, at a point and along a segment |
+//! | `suns` | suns with an extent, and the optical depth of media towards any |
+//! | `emitter`, `emitters` | emissive triangles, their unshadowed light, and rays chosen by it |
+//! | `tree` | what stands for the emitters of a scene that has many |
 
-mod cut;
+mod delta_lights;
 mod direct;
 mod emitter;
 mod emitters;
-mod environment;
-mod few_emitters;
 mod in_medium;
-mod lamps;
 mod lights;
-mod many_emitters;
-mod prospect;
-mod rays;
-mod receiver;
 mod shading_point;
+mod shadow_rays;
 mod shadows;
-mod sharp;
-mod sight;
-mod soft_shadows;
-mod sun;
-mod sun_depth;
-#[cfg(test)]
-mod tests;
+mod suns;
 mod tree;
-mod vacuum;
+mod visibility;
 
-pub use direct::{Arrival, Direct, is_alike};
+pub use direct::{DirectLight, ShadowRatio, is_similar};
 pub use emitter::Emitter;
-pub use in_medium::InMedium;
+pub use emitters::Unshadowed;
+pub use in_medium::MediumLight;
 pub use lights::Lights;
-pub use prospect::Prospect;
-pub use rays::ShadowRays;
-pub use shadows::{OpticalDepth, SceneMedia, Shadows};
-pub use sight::{Dimmed, Dimming, Sight};
-pub use soft_shadows::SoftShadows;
-pub use sun_depth::SunDepths;
-pub use vacuum::Vacuum;
+pub use shadow_rays::ShadowRays;
+pub use shadows::{SceneMedia, Shadows, SoftShadowMedia, Vacuum};
+pub use suns::SunDepths;
+pub use visibility::Visibility;

@@ -1,50 +1,139 @@
-//! A point that asks for light.
+//! A point that light falls on: what it responds to, and what its shadow rays pass.
 
 use super::emitter::Emitter;
-use super::rays::ShadowRays;
-use super::receiver::Receiver;
-use super::shadows::{OpticalDepth, Shadows};
+use super::shadow_rays::ShadowRays;
+use super::shadows::{ShadowMedia, Shadows};
+use crate::math::polygon;
 use crate::trace::{self, Tracer};
 use glam::Vec3;
+use std::f32::consts::PI;
 
-/// A point that asks for light, and what its shadow rays pass.
+/// A point that light falls on.
 #[derive(Clone, Copy, Debug)]
 pub struct ShadingPoint<'a, S, R> {
     /// Surfaces, and the scene's own media.
     pub tracer: &'a Tracer<'a>,
-    /// How media stop light.
+    /// What shadow rays pass beside surfaces.
     pub shadows: S,
-    /// Where rays begin, in scene space: off the surface that asks, if one does.
+    /// Where shadow rays begin, scene space: off the surface that the point is on, if any.
     pub origin: Vec3,
-    /// Shadow rays to each light with an extent: which of its samples, and how many.
+    /// Shadow rays to each light with an extent.
     pub rays: ShadowRays,
-    /// What light falls on there.
+    /// What light falls on.
     pub receiver: R,
 }
 
 impl<S: Shadows, R> ShadingPoint<'_, S, R> {
-    /// Share of light that gets here from `t_max` away along a unit direction; `depth` tells that
-    /// of the media, if not the scene's own do.
-    pub fn through(&self, direction: Vec3, t_max: f32, depth: Option<&dyn OpticalDepth>) -> f32 {
+    /// Share of light that gets here from `t_max` away along a unit direction, through `media` or
+    /// the scene's own.
+    pub fn transmittance(
+        &self,
+        direction: Vec3,
+        t_max: f32,
+        media: Option<&dyn ShadowMedia>,
+    ) -> f32 {
         self.shadows
-            .transmittance(self.tracer, self.origin, direction, t_max, depth)
+            .transmittance(self.tracer, self.origin, direction, t_max, media)
     }
 
-    /// Share of the light that gets here from a point of an emissive triangle, `distance` along a
-    /// unit direction.
-    fn through_from_triangle(&self, direction: Vec3, distance: f32) -> f32 {
+    /// Share of light that gets here from a point of an emitter, `distance` along a unit direction.
+    fn transmittance_from_emitter(&self, direction: Vec3, distance: f32) -> f32 {
         let end = trace::short_of(self.origin + direction * distance, distance);
-        self.through(direction, end, self.shadows.before_triangles())
+        self.transmittance(direction, end, self.shadows.before_emitters())
     }
 }
 
+/// What a ray to an emitter brings.
+#[derive(Clone, Copy, Debug)]
+pub struct EmitterRay {
+    /// Unshadowed light per unit of the emitter's radiance, over what was expected of it.
+    pub weight: f32,
+    /// Share of that which arrives.
+    pub transmittance: f32,
+}
+
 impl<S: Shadows, R: Receiver> ShadingPoint<'_, S, R> {
-    /// A ray to the point of an emissive triangle that two numbers in [0,1) choose: what a unit of
-    /// radiance from there counts, over `expected` (the chance of the triangle, or its whole
-    /// response), and the share of it that gets here. `None` if it counts for nothing.
-    pub fn ray_to(&self, emitter: &Emitter, u: [f32; 2], expected: f32) -> Option<(f32, f32)> {
-        let (d, distance, pdf) = emitter.look_at(self.origin, u, self.rays.near());
-        let w = self.receiver.response(d) / (pdf * expected);
-        (w > 0.0 && w.is_finite()).then(|| (w, self.through_from_triangle(d, distance)))
+    /// Traces a ray to the point of an emitter that two numbers in [0,1) choose. `expected` is the
+    /// chance of the emitter, or the receiver's whole response to it. `None` if the ray counts for
+    /// nothing.
+    pub fn ray_to(&self, emitter: &Emitter, u: [f32; 2], expected: f32) -> Option<EmitterRay> {
+        let towards = emitter.sample(self.origin, u, self.rays.near());
+        let weight = self.receiver.response(towards.direction) / (towards.pdf * expected);
+        (weight > 0.0 && weight.is_finite()).then(|| EmitterRay {
+            weight,
+            transmittance: self.transmittance_from_emitter(towards.direction, towards.distance),
+        })
+    }
+}
+
+/// Share of the sphere that a unit of solid angle is, per steradian.
+pub const INVERSE_SPHERE: f32 = 1.0 / (4.0 * PI);
+
+/// What light falls on, as a type: light on surfaces is summed by code of its own.
+pub trait Receiver: Copy {
+    /// Response to light from a unit direction.
+    fn response(self, d: Vec3) -> f32;
+
+    /// Integral of the response over a triangle seen from the receiver at the origin: closed form,
+    /// in units of the triangle's radiance.
+    fn response_to_triangle(self, corners: [Vec3; 3]) -> f32;
+
+    /// Unit normals on whose side a light must be, that of the response first; `None` if light may
+    /// come from anywhere.
+    fn normals(self) -> Option<[Vec3; 2]>;
+}
+
+/// A piece of surface, lit on the side of both normals, by the cosine to the first.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfaceReceiver {
+    /// Normal for shading, interpolated over the triangle; unit length, scene space.
+    pub normal: Vec3,
+    /// Normal of the triangle itself; unit length, scene space.
+    pub face_normal: Vec3,
+}
+
+impl Receiver for SurfaceReceiver {
+    #[inline]
+    fn response(self, d: Vec3) -> f32 {
+        if d.dot(self.face_normal) > 0.0 {
+            d.dot(self.normal).max(0.0)
+        } else {
+            0.0
+        }
+    }
+
+    #[inline]
+    fn response_to_triangle(self, corners: [Vec3; 3]) -> f32 {
+        if self.normal == self.face_normal {
+            polygon::irradiance(corners, self.normal)
+        } else {
+            polygon::irradiance_above(corners, self.normal, self.face_normal)
+        }
+    }
+
+    #[inline]
+    fn normals(self) -> Option<[Vec3; 2]> {
+        Some([self.normal, self.face_normal])
+    }
+}
+
+/// A point of a medium with an isotropic phase function.
+#[derive(Clone, Copy, Debug)]
+pub struct MediumReceiver;
+
+impl Receiver for MediumReceiver {
+    #[inline]
+    fn response(self, _: Vec3) -> f32 {
+        1.0
+    }
+
+    #[inline]
+    fn response_to_triangle(self, corners: [Vec3; 3]) -> f32 {
+        polygon::solid_angle(corners)
+    }
+
+    #[inline]
+    fn normals(self) -> Option<[Vec3; 2]> {
+        None
     }
 }

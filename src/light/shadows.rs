@@ -1,65 +1,223 @@
-//! What shadow rays pass, as a type: light is asked for by code of its own where there are no
-//! media.
+//! What shadow rays pass: nothing but surfaces in a vacuum, the scene's media, or simpler media that
+//! stand in for them before lights whose shadows are soft.
 
-use super::sight::{Dimmed, Dimming};
-use super::soft_shadows::SoftShadows;
 use crate::math::exp::exp_neg;
-use crate::trace::Tracer;
-use glam::Vec3;
+use crate::math::sampling;
+use crate::scene::{Material, Scene, Volume};
+use crate::trace::{SteppedVolume, Tracer};
+use glam::{DVec3, Vec3};
 
-/// Media as shadow rays may see them instead of the scene's own.
-pub trait OpticalDepth: Sync + std::fmt::Debug {
-    /// Optical depth from `origin` to `t_max` along a unit direction.
+/// Media that shadow rays pass instead of the scene's own.
+pub trait ShadowMedia: Sync + std::fmt::Debug {
+    /// Optical depth from `origin` to `t_max` along a unit direction, scene space.
     fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32;
 }
 
-/// What shadow rays pass beside surfaces.
+/// What shadow rays pass beside surfaces, as a type: code for scenes without media does no work for
+/// any.
 pub trait Shadows: Copy + Sync + std::fmt::Debug {
-    /// What rays note of media that let a part of them through.
-    type Dimming: Dimming;
-
-    /// Share of light that gets from `origin` to `t_max` along a unit direction; `depth` tells that
-    /// of the media, if not the scene's own do.
+    /// Share of light that gets from `origin` to `t_max` along a unit direction, 0 behind a
+    /// surface. Media on the way are those of `media`, or the scene's own.
     fn transmittance(
         &self,
         tracer: &Tracer,
         origin: Vec3,
         direction: Vec3,
         t_max: f32,
-        depth: Option<&dyn OpticalDepth>,
+        media: Option<&dyn ShadowMedia>,
     ) -> f32;
 
-    /// The media before emissive triangles, if not the scene's own.
-    fn before_triangles(&self) -> Option<&dyn OpticalDepth>;
+    /// Media before emitters, if not the scene's own.
+    fn before_emitters(&self) -> Option<&dyn ShadowMedia>;
 }
 
-/// The scene's media.
+/// A scene without media.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct SceneMedia<'a> {
-    /// What rays to emissive triangles meet instead.
-    pub(super) before_triangles: Option<&'a SoftShadows>,
-}
+pub struct Vacuum;
 
-impl Shadows for SceneMedia<'_> {
-    type Dimming = Dimmed;
-
+impl Shadows for Vacuum {
+    #[inline]
     fn transmittance(
         &self,
         tracer: &Tracer,
         origin: Vec3,
         direction: Vec3,
         t_max: f32,
-        depth: Option<&dyn OpticalDepth>,
+        _: Option<&dyn ShadowMedia>,
     ) -> f32 {
-        match depth {
-            None => tracer.transmittance(origin, direction, t_max),
-            Some(_) if tracer.is_occluded(origin, direction, t_max) => 0.0,
-            Some(depth) => exp_neg(depth.optical_depth(origin, direction, t_max)),
+        if tracer.is_occluded(origin, direction, t_max) {
+            0.0
+        } else {
+            1.0
         }
     }
 
-    fn before_triangles(&self) -> Option<&dyn OpticalDepth> {
-        self.before_triangles
-            .map(|media| media as &dyn OpticalDepth)
+    #[inline]
+    fn before_emitters(&self) -> Option<&dyn ShadowMedia> {
+        None
+    }
+}
+
+/// The media of a scene, voxel by voxel but where others stand in for them.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SceneMedia<'a> {
+    /// Media that rays to emitters pass instead.
+    pub(super) before_emitters: Option<&'a SoftShadowMedia>,
+}
+
+impl Shadows for SceneMedia<'_> {
+    fn transmittance(
+        &self,
+        tracer: &Tracer,
+        origin: Vec3,
+        direction: Vec3,
+        t_max: f32,
+        media: Option<&dyn ShadowMedia>,
+    ) -> f32 {
+        match media {
+            None => tracer.transmittance(origin, direction, t_max),
+            Some(_) if tracer.is_occluded(origin, direction, t_max) => 0.0,
+            Some(media) => exp_neg(media.optical_depth(origin, direction, t_max)),
+        }
+    }
+
+    fn before_emitters(&self) -> Option<&dyn ShadowMedia> {
+        self.before_emitters.map(|media| media as &dyn ShadowMedia)
+    }
+}
+
+/// The media of a scene on few voxels, passed in steps as long as leaves rays nearly alike: shadows
+/// of emitters are soft, so that rays to them need not pass media voxel by voxel.
+#[derive(Debug)]
+pub struct SoftShadowMedia {
+    volumes: Vec<SteppedVolume>,
+}
+
+impl SoftShadowMedia {
+    /// Voxels along an edge of a volume, at most.
+    const MAX_EDGE: usize = 128;
+    /// Voxels of all volumes together, at most: 64 MiB.
+    const MAX_VOXELS: usize = 1 << 24;
+
+    /// Copies a scene's media; `None` if nothing in it emits.
+    #[must_use]
+    pub fn new(scene: &Scene) -> Option<Self> {
+        let emits = |m: &Material| m.emission != [0.0; 3];
+        let max_edge = Self::max_edge(scene.volumes.len());
+        scene.materials.iter().any(emits).then(|| Self {
+            volumes: scene.volumes.iter().map(|v| stepped(v, max_edge)).collect(),
+        })
+    }
+
+    /// Voxels along an edge of each of `volumes` volumes, at most.
+    fn max_edge(volumes: usize) -> usize {
+        let edge = libm::cbrt(Self::MAX_VOXELS as f64 / volumes as f64);
+        (edge as usize).clamp(1, Self::MAX_EDGE)
+    }
+}
+
+impl ShadowMedia for SoftShadowMedia {
+    fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
+        let volumes = self.volumes.iter();
+        volumes
+            .map(|v| v.optical_depth(origin, direction, t_max))
+            .sum()
+    }
+}
+
+/// A volume on at most `max_edge` voxels along an edge, passed in the longest steps that do.
+fn stepped(volume: &Volume, max_edge: usize) -> SteppedVolume {
+    /// Lengths of steps to try, voxels.
+    const STEPS: [f32; 2] = [4.0, 2.0];
+    /// Root mean square by which transmittances may differ from those in steps of one voxel: where
+    /// shadows of dense media are all that a picture shows, twice as much can be seen.
+    const MAX_ERROR: f64 = 0.006;
+    let mut stepped = SteppedVolume::new(volume, max_edge);
+    let rays = rays_through(volume, &stepped);
+    let error = |stepped: &SteppedVolume| {
+        let squared = |&([origin, direction], expected): &([Vec3; 2], f64)| {
+            let depth = stepped.optical_depth(origin, direction, f32::INFINITY);
+            (f64::from(exp_neg(depth)) - expected).powi(2)
+        };
+        let count = rays.len().max(1) as f64;
+        (rays.iter().map(squared).sum::<f64>() / count).sqrt()
+    };
+    let does = |&step: &f32| {
+        stepped.step = step;
+        error(&stepped) < MAX_ERROR
+    };
+    stepped.step = STEPS.into_iter().find(does).unwrap_or(1.0);
+    stepped
+}
+
+/// Origins and directions of rays that start in a volume's box and meet something, and what it lets
+/// through of each.
+fn rays_through(volume: &Volume, stepped: &SteppedVolume) -> Vec<([Vec3; 2], f64)> {
+    const RAYS: usize = 256;
+    /// Far more than rays, as most of a volume may be empty.
+    const TRIES: u64 = 1 << 14;
+    let dims = DVec3::from_array(volume.sigma_t.dims().map(|n| n as f64));
+    let ray = |i: u64| {
+        let along = |axis: u64| f64::from(sampling::unit(sampling::hash(&[i, axis])));
+        let in_index = dims * DVec3::new(along(0), along(1), along(2));
+        let origin = volume.scene_from_index.transform_point3(in_index).as_vec3();
+        let direction = sampling::sphere(sampling::r2(i, [0.5; 2]));
+        let depth = stepped.optical_depth(origin, direction, f32::INFINITY);
+        (depth > 0.0).then(|| ([origin, direction], f64::from(exp_neg(depth))))
+    };
+    (0..TRIES).filter_map(ray).take(RAYS).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Grid;
+    use glam::DAffine3;
+
+    fn volume(dims: [usize; 3], sigma_t: impl Fn([usize; 3]) -> f32 + Sync) -> Volume {
+        let grid = Grid::from_fn(dims, sigma_t);
+        Volume::new("fog".into(), grid, [0.5; 3], DAffine3::IDENTITY)
+    }
+
+    #[test]
+    fn smooth_media_are_passed_in_long_steps_and_rough_ones_are_not() {
+        let cloud = |period: f32| {
+            move |[i, j, k]: [usize; 3]| {
+                let wave = |i: usize| (std::f32::consts::TAU * i as f32 / period).sin();
+                0.03 * (1.0 + wave(i) * wave(j) * wave(k))
+            }
+        };
+        let speckled = |v: [usize; 3]| {
+            let bits = sampling::hash(&v.map(|i| i as u64));
+            if bits.is_multiple_of(16) { 5.0 } else { 0.0 }
+        };
+        // A small ball tells of itself, however large the box is that it is in.
+        let ball = |v: [usize; 3]| {
+            let off = Vec3::from_array(v.map(|i| i as f32 - 40.0)).length();
+            if off < 5.0 { 2.0 } else { 0.0 }
+        };
+        let step = |v: &Volume| stepped(v, SoftShadowMedia::MAX_EDGE).step;
+        assert_eq!(step(&volume([64, 48, 40], cloud(60.0))), 4.0);
+        assert!((2.0..4.0).contains(&step(&volume([64, 48, 40], cloud(6.0)))));
+        assert_eq!(step(&volume([64; 3], speckled)), 1.0);
+        assert_eq!(step(&volume([80; 3], ball)), 1.0);
+    }
+
+    #[test]
+    fn many_volumes_share_the_memory_of_a_few() {
+        assert_eq!(SoftShadowMedia::max_edge(1), SoftShadowMedia::MAX_EDGE);
+        assert_eq!(SoftShadowMedia::max_edge(8), SoftShadowMedia::MAX_EDGE);
+        assert!(SoftShadowMedia::max_edge(1000).pow(3) * 1000 <= SoftShadowMedia::MAX_VOXELS);
+        assert_eq!(SoftShadowMedia::max_edge(usize::MAX), 1);
+    }
+
+    #[test]
+    fn a_scene_without_emitters_has_no_soft_shadows() {
+        let mut scene = Scene::demo().expect("the demo can be read");
+        assert!(SoftShadowMedia::new(&scene).is_some());
+        for material in &mut scene.materials {
+            material.emission = [0.0; 3];
+        }
+        assert!(SoftShadowMedia::new(&scene).is_none());
     }
 }

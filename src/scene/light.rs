@@ -42,9 +42,9 @@ pub enum Light {
 }
 
 impl Light {
-    /// Position and intensity, W/sr, of a light without extent; `None` for others.
+    /// Position and intensity, W/sr, of a point or spot light; `None` for others.
     #[must_use]
-    pub fn lamp(&self) -> Option<(Vec3, [f32; 3])> {
+    pub fn point_source(&self) -> Option<(Vec3, [f32; 3])> {
         match *self {
             Self::Point {
                 position,

@@ -4,7 +4,7 @@
 use super::media::{InScatter, Known};
 use super::view::View;
 use crate::gather::Medium;
-use crate::light::{Dimmed, Dimming, SceneMedia, Shadows, Vacuum};
+use crate::light::{SceneMedia, Shadows, Vacuum};
 use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use crate::math::segment::Composite;
@@ -17,7 +17,7 @@ pub trait Air: Sync {
     /// What a camera ray passed.
     type Passed: Passed;
     /// What shadow rays pass.
-    type Shadows: Shadows<Dimming = <Self::Passed as Passed>::Dimming>;
+    type Shadows: Shadows;
 
     /// Passes what is between the camera and `t_max` along a unit direction.
     fn march(&self, view: &View, direction: Vec3, t_max: f32) -> Self::Passed;
@@ -27,9 +27,6 @@ pub trait Air: Sync {
 pub trait Passed: Copy + Default + Send + Sync + 'static {
     /// Whether there can be media.
     const IS_VACUUM: bool;
-
-    /// What shadow rays note of them.
-    type Dimming: Dimming;
 
     /// What took this share of the light behind it less than all, and added this radiance.
     fn of(transmittance: f32, radiance: Rgb) -> Self;
@@ -53,8 +50,6 @@ impl Air for Vacuum {
 
 impl Passed for Vacuum {
     const IS_VACUUM: bool = true;
-
-    type Dimming = Self;
 
     #[inline]
     fn of(_: f32, _: Rgb) -> Self {
@@ -104,8 +99,6 @@ impl<'a, P: Pages, M: Medium> Air for InScatter<'a, P, M> {
 
 impl Passed for Composite {
     const IS_VACUUM: bool = false;
-
-    type Dimming = Dimmed;
 
     #[inline]
     fn of(transmittance: f32, radiance: Rgb) -> Self {

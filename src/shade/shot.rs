@@ -14,7 +14,7 @@ use super::view::{Seen, View};
 use crate::gather::PatchStats;
 use crate::gather::{self, Gatherer, Medium, NoMedia, PatchRadiance};
 use crate::image::Region;
-use crate::light::{Lights, SoftShadows, Vacuum};
+use crate::light::{Lights, SoftShadowMedia, Vacuum};
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::trace::Tracer;
@@ -183,8 +183,8 @@ fn with_shot<P: Pages, M: Medium, T>(
     let settings = request.settings;
     let camera = scene.camera(settings.camera.as_deref())?;
     let tracer = Tracer::new_until(scene, &request.job.cancel)?;
-    let shadows = SoftShadows::new(scene);
-    let lights = Lights::new(&tracer).with_soft_shadows_through(shadows.as_ref());
+    let shadows = SoftShadowMedia::new(scene);
+    let lights = Lights::new(&tracer).with_soft_shadows(shadows.as_ref());
     let mut outgoing = (settings.kernel == Kernel::Traced).then(|| {
         let pixels = scene.film.width as usize * scene.film.height as usize;
         let rays = settings.lattice_rays(request.regions.iter().map(Region::pixels).sum());

@@ -2,7 +2,7 @@
 
 use super::sparse::SparseValues;
 use super::vertices::extremes;
-use crate::light::InMedium;
+use crate::light::MediumLight;
 use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use wide::f32x8;
@@ -16,14 +16,14 @@ pub type Levels = [Option<SparseValues<Vertex>>; LEVELS];
 /// Direct light at a vertex.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Vertex {
-    pub light: InMedium,
+    pub light: MediumLight,
     /// Logarithms of the luminance of both parts.
     ln_share: f32,
     ln_rest: f32,
 }
 
 impl Vertex {
-    pub fn new(light: InMedium) -> Self {
+    pub fn new(light: MediumLight) -> Self {
         Self {
             light,
             ln_share: libm::logf(light.share.luminance()),
@@ -43,7 +43,7 @@ pub struct Parts {
 
 impl Parts {
     pub fn of(vertex: &Vertex) -> Self {
-        let InMedium { share, rest } = vertex.light;
+        let MediumLight { share, rest } = vertex.light;
         let ([r, g, b], [s, t, u]) = (share.0, rest.0);
         Self {
             light: f32x8::new([r, g, b, share.luminance(), s, t, u, rest.luminance()]),
@@ -133,7 +133,7 @@ mod tests {
         let corner = |i: usize| std::array::from_fn(|a| (i >> a & 1) as f32);
         let values = std::array::from_fn(|i| {
             let light = Rgb::splat(light(edge * Vec3::from(corner(i))));
-            Parts::of(&Vertex::new(InMedium {
+            Parts::of(&Vertex::new(MediumLight {
                 share: light,
                 rest: light * 3.0,
             }))
@@ -187,17 +187,17 @@ mod tests {
     #[test]
     fn parts_are_blended_and_compared_like_each_number_by_itself() {
         let number = |i: usize, c: u64| sampling::unit(sampling::hash(&[i as u64, c]));
-        let lit = |i: usize| InMedium {
+        let lit = |i: usize| MediumLight {
             share: Rgb([0, 1, 2].map(|c| number(i, c))),
             // No light at some of them.
             rest: Rgb([3, 4, 5].map(|c| (number(i, c) - 0.2).max(0.0))),
         };
         for set in 0..20 {
-            let light: [InMedium; 8] = std::array::from_fn(|i| lit(8 * set + i));
+            let light: [MediumLight; 8] = std::array::from_fn(|i| lit(8 * set + i));
             let values = light.map(|l| Parts::of(&Vertex::new(l)));
             let mut weights: [f32; 8] = std::array::from_fn(|i| number(8 * set + i, 6));
             weights[set % 8] = 0.0;
-            let mut sum = InMedium::default();
+            let mut sum = MediumLight::default();
             let (mut least, mut most) = ([f32::INFINITY; 2], [0.0_f32; 2]);
             let mut mean = [0.0; 2];
             for (light, &weight) in light.iter().zip(&weights).filter(|(_, w)| **w > 0.0) {

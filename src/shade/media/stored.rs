@@ -4,7 +4,7 @@ use super::direct::{self, Vertex};
 use super::filled;
 use super::sparse::SparseValues;
 use super::sweep::{self, Sweep};
-use crate::light::InMedium;
+use crate::light::MediumLight;
 use crate::math::Rgb;
 use crate::run::Job;
 use crate::scene::{Grid, Volume};
@@ -91,7 +91,7 @@ impl<'a> Lit<'a> {
     /// Direct light at a vertex, if it was kept.
     #[inline]
     pub fn direct(&self, level: usize, v: [usize; 3]) -> Option<&Vertex> {
-        let value = |share, rest| Vertex::new(InMedium { share, rest });
+        let value = |share, rest| Vertex::new(MediumLight { share, rest });
         self.direct[level]
             .as_ref()?
             .get(v, |i| self.decode(i, value))

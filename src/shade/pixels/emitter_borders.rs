@@ -93,7 +93,7 @@ impl EmitterBorders {
         let mut has_entries = Vec::new();
         if !entries.is_empty() {
             let words = region.pixels().div_ceil(64);
-            has_entries = memory::filled("borders of lamps", 0, words)?;
+            has_entries = memory::filled("borders of emitters", 0, words)?;
             for e in &entries {
                 has_entries[e.pixel as usize / 64] |= 1 << (e.pixel % 64);
             }
@@ -166,7 +166,7 @@ impl EmitterBorders {
                 let t = (corners[0] - origin).dot(normal) / d.dot(normal);
                 let end = short_of(origin + d * t, t);
                 if t.is_finite() {
-                    through += lights.through(origin, d, end);
+                    through += lights.transmittance(origin, d, end);
                 }
             }
             let material = &scene.materials[scene.mesh.material[triangle as usize] as usize];

@@ -1,6 +1,6 @@
 //! Pieces of surface that a pixel sees.
 
-use crate::light::Arrival;
+use crate::light::ShadowRatio;
 use crate::math::Rgb;
 use crate::trace::Surface;
 
@@ -12,7 +12,7 @@ pub struct Piece {
     /// Indirect irradiance on the side that the pixel sees.
     pub irradiance: Rgb,
     /// What shadow rays from all of its samples brought.
-    pub rays: Arrival,
+    pub ratio: ShadowRatio,
 }
 
 impl Piece {
@@ -21,7 +21,7 @@ impl Piece {
         Self {
             surface,
             irradiance,
-            rays: Arrival::default(),
+            ratio: ShadowRatio::default(),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Samples of a pixel.
 
-use crate::light::Direct;
+use crate::light::DirectLight;
 use crate::math::Rgb;
 use crate::shade::air::Passed;
 use crate::trace::Surface;
@@ -18,7 +18,7 @@ pub struct Sample<T: Passed> {
     /// Unit direction from the camera, scene space.
     pub direction: Vec3,
     /// Direct irradiance there.
-    pub direct: Direct<T::Dimming>,
+    pub direct: DirectLight,
     /// Media on the way.
     pub passed: T,
 }
@@ -67,7 +67,7 @@ impl<T: Passed> Sample<T> {
             triangle: first.triangle,
             t: t * share,
             direction: direction.normalize(),
-            direct: Direct::default(),
+            direct: DirectLight::default(),
             passed: T::default(),
         })
     }
@@ -114,7 +114,7 @@ mod tests {
             triangle,
             t: 2.0 + uv[0],
             direction: Vec3::new(uv[0], uv[1], -1.0).normalize(),
-            direct: Direct::default(),
+            direct: DirectLight::default(),
             passed: Vacuum,
         }
     }

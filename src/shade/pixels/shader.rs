@@ -8,7 +8,7 @@ use super::pixel::Pixel;
 use super::pixel_sum::PixelSum;
 use super::sample::{Sample, SampleCounts};
 use crate::gather::{Medium, SampleRange};
-use crate::light::{Direct, Lights, ShadowRays, Sight};
+use crate::light::{DirectLight, Lights, ShadowRays, Visibility};
 use crate::math::{Rgb, sampling};
 use crate::shade::air::{Air, Passed};
 use crate::shade::lattice::Lattice;
@@ -122,7 +122,7 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
             triangle: hit.map_or(u32::MAX, |h| h.triangle),
             t: hit.map_or(f32::INFINITY, |h| h.t),
             direction,
-            direct: Direct::default(),
+            direct: DirectLight::default(),
             passed: A::Passed::default(),
         }
     }
@@ -162,10 +162,12 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
 
     /// Whether more samples would tell more.
     fn disagree(&self, samples: &[Sample<A::Passed>]) -> bool {
-        let mut sight = Sight::default();
-        samples.iter().for_each(|s| sight += s.direct.sight);
-        sight.has_edge()
-            || sight.has_penumbra()
+        let mut visibility = Visibility::default();
+        samples
+            .iter()
+            .for_each(|s| visibility += s.direct.visibility);
+        visibility.has_edge()
+            || visibility.has_penumbra()
             || samples.iter().any(|s| !self.same_end(&samples[0], s))
     }
 
@@ -213,7 +215,7 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
                 pieces.push(Piece::new(*surface, self.indirect(surface, x, y)));
                 pieces.len() - 1
             });
-            pieces[index].rays += sample.direct.rays;
+            pieces[index].ratio += sample.direct.ratio;
             piece_of.push(index);
         }
         let mut pixel = PixelSum::of(x, y);
@@ -221,7 +223,7 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
             match sample.surface {
                 Some(_) => {
                     let piece = &pieces[index];
-                    let direct = sample.direct.sharp + piece.rays.of(sample.direct.open);
+                    let direct = sample.direct.delta + piece.ratio.of(sample.direct.unshadowed);
                     let irradiance = [direct, piece.irradiance];
                     self.add_surface(&mut pixel, weight, sample, &sample.passed, irradiance);
                 }

@@ -19,7 +19,7 @@ use super::sweep::{self, Scope, Sweep};
 use super::vertices::{Cube, Vertices, are_alike, blend, extremes, inside};
 use crate::Result;
 use crate::gather::{Gatherer, Medium, SampleRange};
-use crate::light::{InMedium, Lights, ShadowRays, SunDepths};
+use crate::light::{Lights, MediumLight, ShadowRays, SunDepths};
 use crate::math::exp::{exp_neg, mean_reach, one_minus_exp_neg};
 use crate::math::{Rgb, sampling};
 use crate::run::Job;
@@ -182,7 +182,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             sharp_lights: lights.with_sharp_shadows(),
             rest_is_exact: lights.rest_is_exact()
                 && (gatherer.is_some() || lights.environment().is_black()),
-            any_is_sharp: lights.any_is_sharp(),
+            any_is_sharp: lights.has_sharp_shadows(),
             gatherer,
             lattices,
             suns: SunDepths::new(view.tracer.scene),
@@ -248,7 +248,9 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         let (lattices, [from, to]) = (&self.lattices[place.volume], place.ends);
         let spacing = lattices.voxel * (1 << place.level) as f32;
         // What arrives of a lamp's light has a cusp at the lamp.
-        let near = self.lights.lamp_near(from, to, Self::NEAR * spacing);
+        let near = self
+            .lights
+            .point_source_near(from, to, Self::NEAR * spacing);
         if let Some(median) = near.filter(|_| place.depth > 0.0) {
             let point = from + (to - from) * median;
             let rays = Self::rays(Self::SHADOW_RAYS, self.seed_of(point));
@@ -257,7 +259,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             // it.
             let mean_through = one_minus_exp_neg(place.depth) / place.depth;
             let through = exp_neg(place.depth * median) / mean_through;
-            return light.share * self.lights.sent(from, to) * through + light.rest;
+            return light.share * self.lights.unshadowed_along(from, to) * through + light.rest;
         }
         let vertex = |level: usize, v: [usize; 3]| {
             let lit = lattices.lit.as_ref().and_then(|lit| lit.direct(level, v));
@@ -278,7 +280,8 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                         continue;
                     }
                     let light = blend(values, weights, |v| v.light);
-                    return Parts::share(light) * self.lights.sent(from, to) + Parts::rest(light);
+                    return Parts::share(light) * self.lights.unshadowed_along(from, to)
+                        + Parts::rest(light);
                 }
                 let light = blend(values, weights, |v| v.light);
                 let spread = Spread::of(values, weights, light);
@@ -288,7 +291,9 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
                     let fall = |spread: Spread, part: usize| {
                         spread.fall(depth, || blend(values, weights, |v| v.ln[part]))
                     };
-                    let share = Parts::share(light) * self.lights.sent(from, to) * fall(share, 0);
+                    let share = Parts::share(light)
+                        * self.lights.unshadowed_along(from, to)
+                        * fall(share, 0);
                     return share + Parts::rest(light) * fall(rest, 1);
                 }
             }
@@ -298,7 +303,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             let seed = self.seed_of(place.point);
             let point = place.at_share(sampling::unit(seed));
             let light = self.lit(self.lights, point, Self::rays(1, seed), Some(&self.suns));
-            return light.share * self.lights.sent(from, to) + light.rest;
+            return light.share * self.lights.unshadowed_along(from, to) + light.rest;
         }
         // Two points (Gauss-Legendre) of what the camera sees: light is not linear along a dense
         // stretch.
@@ -307,7 +312,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
             let point = place.at_share(share);
             let rays = Self::rays(Self::SHADOW_RAYS / 2, self.seed_of(point));
             let light = self.lit(&self.sharp_lights, point, rays, None);
-            sum += (light.share * self.lights.sent(point, point) + light.rest) * 0.5;
+            sum += (light.share * self.lights.unshadowed_along(point, point) + light.rest) * 0.5;
         }
         sum
     }
@@ -454,7 +459,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
         point: Vec3,
         rays: ShadowRays,
         suns: Option<&SunDepths>,
-    ) -> InMedium {
+    ) -> MediumLight {
         let mut light = lights.in_medium(point, rays, suns);
         if self.gatherer.is_none() && !lights.environment().is_black() {
             let seed = self.seed_of(point);

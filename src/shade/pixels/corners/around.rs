@@ -1,29 +1,29 @@
 //! What the corners around a pixel say of lights with an extent.
 
-use crate::light::{Arrival, Dimming, Direct, Sight};
+use crate::light::{DirectLight, ShadowRatio, Visibility};
 
 /// Whether the light at a pixel is that of its corners.
 pub(super) enum Lit {
     /// What arrived from lights with an extent along the shadow rays near the pixel.
-    Arrived(Arrival),
+    Arrived(ShadowRatio),
     /// A shadow whose edge is too narrow for the corners.
     Edge,
 }
 
 /// The shadow rays of those of the 16 corners around a pixel that lie on its piece of surface.
 #[derive(Debug, Default)]
-pub(super) struct Around<D> {
+pub(super) struct Around {
     /// Upper left, upper right, lower left, lower right.
-    quarters: [Arrival; 4],
+    quarters: [ShadowRatio; 4],
     /// Of the pixel's own four corners.
-    own: Arrival,
-    sight: Sight<D>,
+    own: ShadowRatio,
+    visibility: Visibility,
     /// Variances of the rays of each corner, added up, and of how many corners.
     within: f32,
     corners: f32,
 }
 
-impl<D: Dimming> Around<D> {
+impl Around {
     /// Share of an area light by which two halves may differ.
     const NARROW: f32 = 0.4;
     /// Part of the variance of all rays that is found within corners, at least: with four rays each
@@ -34,13 +34,13 @@ impl<D: Dimming> Around<D> {
     const FAINT: f32 = 0.05;
 
     /// Adds a corner of a row and a column, 0 to 3.
-    pub fn add(&mut self, row: usize, column: usize, direct: &Direct<D>) {
-        self.quarters[row / 2 * 2 + column / 2] += direct.rays;
-        self.sight += direct.sight;
-        self.within += variance(direct.rays);
+    pub fn add(&mut self, row: usize, column: usize, direct: &DirectLight) {
+        self.quarters[row / 2 * 2 + column / 2] += direct.ratio;
+        self.visibility += direct.visibility;
+        self.within += variance(direct.ratio);
         self.corners += 1.0;
         if (1..3).contains(&row) && (1..3).contains(&column) {
-            self.own += direct.rays;
+            self.own += direct.ratio;
         }
     }
 
@@ -48,7 +48,7 @@ impl<D: Dimming> Around<D> {
     pub fn lit(&self) -> Lit {
         let mut all = self.half(0, 1);
         all += self.half(2, 3);
-        if !self.sight.has_penumbra() {
+        if !self.visibility.has_penumbra() {
             return Lit::Arrived(all);
         }
         let of_all = variance(all);
@@ -58,7 +58,7 @@ impl<D: Dimming> Around<D> {
                 _ => Lit::Edge,
             };
         }
-        let differ = |a: Arrival, b: Arrival| (a.share() - b.share()).abs() > Self::NARROW;
+        let differ = |a: ShadowRatio, b: ShadowRatio| (a.share() - b.share()).abs() > Self::NARROW;
         let is_narrow =
             differ(self.half(0, 1), self.half(2, 3)) || differ(self.half(0, 2), self.half(1, 3));
         if is_narrow {
@@ -69,7 +69,7 @@ impl<D: Dimming> Around<D> {
     }
 
     /// Two quarters.
-    fn half(&self, a: usize, b: usize) -> Arrival {
+    fn half(&self, a: usize, b: usize) -> ShadowRatio {
         let mut sum = self.quarters[a];
         sum += self.quarters[b];
         sum
@@ -77,7 +77,7 @@ impl<D: Dimming> Around<D> {
 }
 
 /// Variance of what arrives along single rays, of which each brings all or nothing.
-fn variance(rays: Arrival) -> f32 {
+fn variance(rays: ShadowRatio) -> f32 {
     let share = rays.share();
     share * (1.0 - share)
 }

@@ -3,13 +3,10 @@
 use super::around::{Around, Lit};
 use super::{Corner, Corners};
 use crate::gather::Medium;
-use crate::light::{Arrival, Direct, Prospect, Sight, is_alike};
-use crate::shade::air::{Air, Passed};
+use crate::light::{DirectLight, ShadowRatio, Unshadowed, Visibility, is_similar};
+use crate::shade::air::Air;
 use crate::shade::pixels::sample::Sample;
 use crate::tree::Pages;
-
-/// What rays of a corner, or of several, tell of lights.
-type SightOf<T> = Sight<<T as Passed>::Dimming>;
 
 /// Corners near one, along both axes, whose rays tell whether it may be in a penumbra.
 const REACH: usize = 2;
@@ -24,47 +21,47 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
     /// some did not.
     pub(super) fn look_into_penumbrae(&mut self) {
         let rim = Self::FIRST_IN_PENUMBRA;
-        let sights = self.sights_in_rows();
+        let visibilities = self.visibility_in_rows();
         // Of the even corner of each four, once it is asked for.
-        let mut prospects = Vec::new();
+        let mut unshadowed = Vec::new();
         for row in rim..self.height - rim {
-            if row % 2 == 0 || prospects.is_empty() {
-                prospects.clear();
-                prospects.resize_with(self.width.div_ceil(2), || None);
+            if row % 2 == 0 || unshadowed.is_empty() {
+                unshadowed.clear();
+                unshadowed.resize_with(self.width.div_ceil(2), || None);
             }
             for column in rim..self.width - rim {
-                let mut sight = Sight::default();
+                let mut visibility = Visibility::default();
                 for near in row - REACH..=row + REACH {
-                    sight += sights[self.index(near, column)];
+                    visibility += visibilities[self.index(near, column)];
                 }
-                if !sight.has_penumbra() {
+                if !visibility.has_penumbra() {
                     continue;
                 }
-                if let Some(direct) = self.more_rays(row, column, &mut prospects) {
+                if let Some(direct) = self.more_rays(row, column, &mut unshadowed) {
                     let i = self.index(row, column);
                     let known = &mut self.corners[i].sample.direct;
-                    known.rays += direct.rays;
-                    known.sight += direct.sight;
+                    known.ratio += direct.ratio;
+                    known.visibility += direct.visibility;
                 }
             }
         }
         let is_full = |c: &Corner<A::Passed>| {
-            let rays = &c.sample.direct.rays;
-            rays.arriving == rays.all
+            let ratio = &c.sample.direct.ratio;
+            ratio.shadowed == ratio.unshadowed
         };
         self.is_full_light = self.corners.iter().map(is_full).collect();
     }
 
     /// What the rays so far of each corner and of those near it in its row tell.
-    fn sights_in_rows(&self) -> Vec<SightOf<A::Passed>> {
+    fn visibility_in_rows(&self) -> Vec<Visibility> {
         let rows = self.corners.chunks_exact(self.width);
         rows.flat_map(|row| {
             (0..row.len()).map(|column| {
-                let mut sight = Sight::default();
+                let mut visibility = Visibility::default();
                 for c in &row[column.saturating_sub(REACH)..(column + REACH + 1).min(row.len())] {
-                    sight += c.sample.direct.sight;
+                    visibility += c.sample.direct.visibility;
                 }
-                sight
+                visibility
             })
         })
         .collect()
@@ -75,8 +72,8 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         &self,
         row: usize,
         column: usize,
-        prospects: &mut [Option<Prospect<'a>>],
-    ) -> Option<Direct<<A::Passed as Passed>::Dimming>> {
+        unshadowed: &mut [Option<Unshadowed<'a>>],
+    ) -> Option<DirectLight> {
         let lights = self.shader.lights;
         let at = |row: usize, column: usize| &self.corners[self.index(row, column)].sample;
         let sample = at(row, column);
@@ -84,18 +81,21 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         let place = Self::place(self.region, column, row);
         let rays = place.rays(self.shader, 1, Self::PENUMBRA - 1);
         let even = at(row - row % 2, column - column % 2);
-        let is_alike = is_alike(sample.direct.open.mean(), even.direct.open.mean());
+        let is_alike = is_similar(
+            sample.direct.unshadowed.mean(),
+            even.direct.unshadowed.mean(),
+        );
         let own;
-        let prospect = match even.lit_surface() {
+        let of = match even.lit_surface() {
             Some(even) if is_alike && self.shader.is_lit_alike(surface, even, sample.t) => {
-                prospects[column / 2].get_or_insert_with(|| lights.prospect(even))
+                unshadowed[column / 2].get_or_insert_with(|| lights.unshadowed(even))
             }
             _ => {
-                own = lights.prospect(surface);
+                own = lights.unshadowed(surface);
                 &own
             }
         };
-        Some(lights.irradiance_by(surface, prospect, prospect.open, rays))
+        Some(lights.irradiance_by(surface, of, of.light, rays))
     }
 
     /// The lights with an extent, by the shadow rays of the corners around a pixel that lie on its
@@ -112,7 +112,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
             row.is_none_or(|row| row == [true; 4])
         };
         if (0..4).all(is_full_row) {
-            return Lit::Arrived(Arrival::default());
+            return Lit::Arrived(ShadowRatio::default());
         }
         let mut around = Around::default();
         for row in 0..4 {

@@ -43,7 +43,7 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
             // Its beam is as narrow as can be.
             Light::Spot { .. } => true,
             // Media glow around it.
-            _ => light.lamp().is_some_and(|(at, _)| is_in_media(at)),
+            _ => light.point_source().is_some_and(|(at, _)| is_in_media(at)),
         };
         if scene.lights.iter().any(is_small) {
             return 1;

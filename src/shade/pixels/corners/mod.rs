@@ -18,7 +18,7 @@ use super::sample::Sample;
 use super::shader::PixelShader;
 use crate::gather::Medium;
 use crate::image::Region;
-use crate::light::{ShadowRays, Sight};
+use crate::light::{ShadowRays, Visibility};
 use crate::math::{Rgb, sampling};
 use crate::shade::air::{Air, Passed};
 use crate::tree::Pages;
@@ -243,9 +243,10 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
             }
             return Some(self.shader.finish(pixel));
         }
-        let mut sight = Sight::default();
-        own.iter().for_each(|c| sight += c.sample.direct.sight);
-        if sight.has_edge() {
+        let mut visibility = Visibility::default();
+        own.iter()
+            .for_each(|c| visibility += c.sample.direct.visibility);
+        if visibility.has_edge() {
             return None;
         }
         let Lit::Arrived(rays) = self.lit(first, &own[0].sample, at) else {
@@ -254,7 +255,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         let [x, y] = pixel.at();
         let paint = self.shader.paint(x, y, own.map(|c| &c.sample));
         for (c, passed) in own.into_iter().zip(&passed) {
-            let direct = c.sample.direct.sharp + rays.of(c.sample.direct.open);
+            let direct = c.sample.direct.delta + rays.of(c.sample.direct.unshadowed);
             let irradiance = [direct, c.irradiance];
             let mut add = |sample| {
                 self.shader

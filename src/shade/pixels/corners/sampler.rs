@@ -3,7 +3,7 @@
 use super::{Corner, Corners, Place};
 use crate::gather::Medium;
 use crate::image::Region;
-use crate::light::{Direct, Prospect, ShadowRays, is_alike};
+use crate::light::{DirectLight, ShadowRays, Unshadowed, is_similar};
 use crate::math::Rgb;
 use crate::shade::air::Air;
 use crate::shade::pixels::sample::Sample;
@@ -33,7 +33,7 @@ pub(super) struct Sampler<'a, P, M, A: Air> {
 struct Even<'a, A: Air> {
     sample: Sample<A::Passed>,
     /// `None` where no light is seen.
-    prospect: Option<Prospect<'a>>,
+    unshadowed: Option<Unshadowed<'a>>,
 }
 
 impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
@@ -97,12 +97,12 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
             let place = self.place(column, row);
             let mut sample = self.shader.look(place.film[0], place.film[1]);
             let lights = self.shader.lights;
-            let prospect = sample.lit_surface().map(|s| lights.prospect(s));
-            if let (Some(surface), Some(prospect)) = (sample.surface, &prospect) {
+            let unshadowed = sample.lit_surface().map(|s| lights.unshadowed(s));
+            if let (Some(surface), Some(unshadowed)) = (sample.surface, &unshadowed) {
                 let rays = self.rays(&place);
-                sample.direct = lights.irradiance_by(&surface, prospect, prospect.open, rays);
+                sample.direct = lights.irradiance_by(&surface, unshadowed, unshadowed.light, rays);
             }
-            Even { sample, prospect }
+            Even { sample, unshadowed }
         };
         (0..self.width).step_by(2).map(even).collect()
     }
@@ -124,7 +124,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
         // few rays.
         if let Some(mut sample) = amid
             && row % 2 == 1
-            && let Some(direct) = Direct::amid(around.map(|even| &even.sample.direct))
+            && let Some(direct) = DirectLight::between(around.map(|even| &even.sample.direct))
         {
             sample.direct = direct;
             return sample;
@@ -134,40 +134,42 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
             let rays = self.rays(&place);
             let lights = self.shader.lights;
             sample.direct = match self.known(&surface, sample.t, around) {
-                Some((prospect, open)) => lights.irradiance_by(&surface, prospect, open, rays),
+                Some((unshadowed, light)) => {
+                    lights.irradiance_by(&surface, unshadowed, light, rays)
+                }
                 None => {
-                    let prospect = lights.prospect(&surface);
-                    lights.irradiance_by(&surface, &prospect, prospect.open, rays)
+                    let unshadowed = lights.unshadowed(&surface);
+                    lights.irradiance_by(&surface, &unshadowed, unshadowed.light, rays)
                 }
             };
         }
         sample
     }
 
-    /// The prospect of the first corner around a surface, and the mean light of all, if all are on
+    /// The unshadowed light of the first corner around a surface, and the mean of all, if all are on
     /// its piece and see much the same of it.
     fn known<'e, const N: usize>(
         &self,
         surface: &Surface,
         t: f32,
         around: [&'e Even<'a, A>; N],
-    ) -> Option<(&'e Prospect<'a>, Rgb)> {
+    ) -> Option<(&'e Unshadowed<'a>, Rgb)> {
         let mut first = None;
         let mut sum = Rgb::BLACK;
         let [mut least, mut most] = [f32::INFINITY, 0.0_f32];
         for even in around {
-            let (of, prospect) = (even.sample.surface.as_ref()?, even.prospect.as_ref()?);
+            let (of, unshadowed) = (even.sample.surface.as_ref()?, even.unshadowed.as_ref()?);
             if !self.shader.is_lit_alike(surface, of, t) {
                 return None;
             }
-            sum += prospect.open;
-            least = least.min(prospect.open.mean());
-            most = most.max(prospect.open.mean());
-            first = first.or(Some(prospect));
+            sum += unshadowed.light;
+            least = least.min(unshadowed.light.mean());
+            most = most.max(unshadowed.light.mean());
+            first = first.or(Some(unshadowed));
         }
-        if !is_alike(least, most) {
+        if !is_similar(least, most) {
             return None;
         }
-        first.map(|prospect| (prospect, sum * (1.0 / N as f32)))
+        first.map(|unshadowed| (unshadowed, sum * (1.0 / N as f32)))
     }
 }

@@ -1,11 +1,10 @@
 //! What a tree over many lights promises.
 
-use super::cut::Cut;
-use super::emitter::Emitter;
-use super::emitters::Emitters;
-use super::receiver::{Medium, Receiver, Surface};
-use super::tree::Tree;
-use super::{Lights, ShadowRays};
+use super::{LightCut, LightTree};
+use crate::light::emitter::Emitter;
+use crate::light::emitters::Emitters;
+use crate::light::shading_point::{MediumReceiver, Receiver, SurfaceReceiver};
+use crate::light::{Lights, ShadowRays};
 use crate::math::{Rgb, sampling};
 use crate::scene::{Light, Material, Scene};
 use crate::trace::Tracer;
@@ -45,7 +44,7 @@ impl Numbers {
             return Either::Medium;
         }
         let normal = self.direction();
-        Either::Surface(Surface {
+        Either::Surface(SurfaceReceiver {
             normal,
             face_normal: normal,
         })
@@ -55,7 +54,7 @@ impl Numbers {
 /// A receiver of any kind.
 #[derive(Clone, Copy)]
 enum Either {
-    Surface(Surface),
+    Surface(SurfaceReceiver),
     Medium,
 }
 
@@ -63,28 +62,28 @@ impl Receiver for Either {
     fn response(self, d: Vec3) -> f32 {
         match self {
             Self::Surface(s) => s.response(d),
-            Self::Medium => Medium.response(d),
+            Self::Medium => MediumReceiver.response(d),
         }
     }
 
-    fn of_triangle(self, corners: [Vec3; 3]) -> f32 {
+    fn response_to_triangle(self, corners: [Vec3; 3]) -> f32 {
         match self {
-            Self::Surface(s) => s.of_triangle(corners),
-            Self::Medium => Medium.of_triangle(corners),
+            Self::Surface(s) => s.response_to_triangle(corners),
+            Self::Medium => MediumReceiver.response_to_triangle(corners),
         }
     }
 
     fn normals(self) -> Option<[Vec3; 2]> {
         match self {
             Self::Surface(s) => s.normals(),
-            Self::Medium => Medium.normals(),
+            Self::Medium => MediumReceiver.normals(),
         }
     }
 }
 
-/// Lamps of power over a range of 36 and of different colours: half of them anywhere, half on a
+/// Emitters of power over a range of 36 and of different colours: half of them anywhere, half on a
 /// ceiling.
-fn lamps(count: usize, key: u64) -> Scene {
+fn scene_of_emitters(count: usize, key: u64) -> Scene {
     let mut numbers = Numbers::new(key);
     let mut scene = Scene::without_picture();
     let size = 0.5 / (count as f32).sqrt();
@@ -114,7 +113,7 @@ fn lamps(count: usize, key: u64) -> Scene {
 fn sends(e: &Emitter, origin: Vec3, receiver: Either) -> Rgb {
     let in_front = (origin - e.corners[0]).dot(e.normal) > 0.0;
     if in_front || e.both_sides {
-        e.radiance * receiver.of_triangle(e.corners.map(|c| c - origin))
+        e.radiance * receiver.response_to_triangle(e.corners.map(|c| c - origin))
     } else {
         Rgb::BLACK
     }
@@ -128,7 +127,7 @@ fn receivers(emitters: &Emitters, count: u32, key: u64) -> Vec<(Vec3, Either, Rg
     while found.len() < 60 {
         let (origin, receiver) = (numbers.place(), numbers.receiver());
         let sum = (0..count)
-            .map(|i| sends(emitters.get(i), origin, receiver))
+            .map(|i| sends(&emitters.all()[i as usize], origin, receiver))
             .fold(Rgb::BLACK, |sum, light| sum + light);
         if sum.mean() > 0.01 {
             found.push((origin, receiver, sum));
@@ -138,12 +137,12 @@ fn receivers(emitters: &Emitters, count: u32, key: u64) -> Vec<(Vec3, Either, Rg
 }
 
 #[test]
-fn many_lamps_of_any_size_and_radiance_send_what_they_do() {
-    let scene = lamps(100, 4);
+fn many_emitters_of_any_size_and_radiance_send_what_they_do() {
+    let scene = scene_of_emitters(100, 4);
     let emitters = Emitters::new(&scene);
     for (length, light) in [(49, 99), (49, -99), (-49, 99), (-49, -99)] {
         let [length, light] = [length, light].map(|exponent| libm::ldexpf(1.0, exponent));
-        let mut other = lamps(100, 4);
+        let mut other = scene_of_emitters(100, 4);
         other.mesh.positions.iter_mut().for_each(|p| *p *= length);
         for material in &mut other.materials {
             material.emission = material.emission.map(|v| v * light);
@@ -151,7 +150,13 @@ fn many_lamps_of_any_size_and_radiance_send_what_they_do() {
         let others = Emitters::new(&other);
         for (origin, receiver, _) in receivers(&emitters, 100, 9) {
             let sent = |emitters: &Emitters, origin| {
-                let cut = Cut::new(emitters.tree().unwrap(), emitters, origin, receiver, 0.03);
+                let cut = LightCut::new(
+                    emitters.tree().unwrap(),
+                    emitters.all(),
+                    origin,
+                    receiver,
+                    0.03,
+                );
                 (cut.light(), cut.choose(0.4).map(|c| (c.emitter, c.chance)))
             };
             let ((a, near), (b, far)) = (sent(&emitters, origin), sent(&others, origin * length));
@@ -162,7 +167,7 @@ fn many_lamps_of_any_size_and_radiance_send_what_they_do() {
                 );
             }
             let (Some(near), Some(far)) = (near, far) else {
-                panic!("a lamp is chosen: {near:?} {far:?}")
+                panic!("an emitter is chosen: {near:?} {far:?}")
             };
             assert!(near.0 == far.0 && (near.1 / far.1 - 1.0).abs() < 1e-3);
         }
@@ -172,16 +177,16 @@ fn many_lamps_of_any_size_and_radiance_send_what_they_do() {
 #[test]
 fn chances_add_up_to_one_and_no_light_that_can_reach_a_point_is_left_out() {
     for (count, tolerance) in [(65, 0.03), (65, 10.0), (400, 0.03), (400, 0.2)] {
-        let scene = lamps(count, 1);
+        let scene = scene_of_emitters(count, 1);
         let emitters = Emitters::new(&scene);
         let tree = emitters.tree().unwrap();
         for (origin, receiver, sum) in receivers(&emitters, count as u32, 2) {
-            let cut = Cut::new(tree, &emitters, origin, receiver, tolerance);
+            let cut = LightCut::new(tree, emitters.all(), origin, receiver, tolerance);
             let (chances, none) = cut.chances(count);
             let total = chances.iter().sum::<f32>() + none;
             assert!((total - 1.0).abs() < 1e-4, "{count}: {total}");
             for (i, chance) in chances.iter().enumerate() {
-                let sent = sends(emitters.get(i as u32), origin, receiver).mean();
+                let sent = sends(&emitters.all()[i], origin, receiver).mean();
                 // Within a thousand of its share, no light is asked less than a hundredth as often
                 // as it sends.
                 let share = sent / sum.mean();
@@ -195,11 +200,11 @@ fn chances_add_up_to_one_and_no_light_that_can_reach_a_point_is_left_out() {
 #[test]
 fn lights_are_chosen_by_their_chances() {
     let count = 150;
-    let scene = lamps(count, 3);
+    let scene = scene_of_emitters(count, 3);
     let emitters = Emitters::new(&scene);
     let tree = emitters.tree().unwrap();
     for (origin, receiver, _) in receivers(&emitters, count as u32, 4).into_iter().take(10) {
-        let cut = Cut::new(tree, &emitters, origin, receiver, 0.2);
+        let cut = LightCut::new(tree, emitters.all(), origin, receiver, 0.2);
         let (chances, _) = cut.chances(count);
         let mut found = vec![0.0_f32; count];
         let draws = 20_000;
@@ -222,13 +227,13 @@ fn lights_are_chosen_by_their_chances() {
 #[test]
 fn a_cut_tells_what_all_lights_send() {
     for (count, limit) in [(100, 0.02), (1000, 0.025), (10_000, 0.04)] {
-        let scene = lamps(count, 5);
+        let scene = scene_of_emitters(count, 5);
         let emitters = Emitters::new(&scene);
         let tree = emitters.tree().unwrap();
         let mut squares = 0.0;
         let all = receivers(&emitters, count as u32, 6);
         for &(origin, receiver, sum) in &all {
-            let cut = Cut::new(tree, &emitters, origin, receiver, 0.03);
+            let cut = LightCut::new(tree, emitters.all(), origin, receiver, 0.03);
             let error = cut.light().mean() / sum.mean() - 1.0;
             squares += error * error;
             // Cuts grow far slower than their number.
@@ -239,11 +244,11 @@ fn a_cut_tells_what_all_lights_send() {
     }
 }
 
-/// Rays of a bake and those of shading, with a wall that hides half of the lamps.
+/// Rays of a bake and those of shading, with a wall that hides half of the emitters.
 #[test]
 fn the_mean_over_rays_is_the_sum_over_all_lights() {
-    let mut scene = lamps(200, 7);
-    let open = lamps(200, 7);
+    let mut scene = scene_of_emitters(200, 7);
+    let open = scene_of_emitters(200, 7);
     // A wall across the box.
     let first = scene.mesh.positions.len() as u32;
     for (y, z) in [(-9.0, -9.0), (9.0, -9.0), (9.0, 9.0), (-9.0, 9.0)] {
@@ -267,12 +272,12 @@ fn the_mean_over_rays_is_the_sum_over_all_lights() {
                 seed: 9,
             };
             let found = match receiver {
-                Either::Surface(Surface { normal, .. }) => {
+                Either::Surface(SurfaceReceiver { normal, .. }) => {
                     lights.irradiance(point, normal, normal, rays)
                 }
                 Either::Medium => {
                     let mut direct = lights.mean_radiance(point, rays);
-                    direct.open *= 4.0 * std::f32::consts::PI;
+                    direct.unshadowed *= 4.0 * std::f32::consts::PI;
                     direct
                 }
             };
@@ -282,9 +287,9 @@ fn the_mean_over_rays_is_the_sum_over_all_lights() {
                 !tracer.is_occluded(point, way.normalize(), end)
             };
             let exact = (0..200).fold(Rgb::BLACK, |sum, i| {
-                sum + arriving(emitters.get(i), point, receiver, is_seen)
+                sum + arriving(&emitters.all()[i as usize], point, receiver, is_seen)
             });
-            let whole = exact.mean().max(1e-2 * found.open.mean());
+            let whole = exact.mean().max(1e-2 * found.unshadowed.mean());
             for c in 0..3 {
                 let error = (found.light().0[c] - exact.0[c]) / whole;
                 assert!(error.abs() < tolerance, "{baking}: {error}");
@@ -327,23 +332,23 @@ fn one_light_or_none_and_lights_without_area_are_no_trouble() {
         both_sides: true,
     };
     let flat = light([Vec3::ZERO; 3], 1.0);
-    assert!(Tree::new(&[]).is_none());
-    assert!(Tree::new(&[flat, flat]).is_none());
+    assert!(LightTree::new(&[]).is_none());
+    assert!(LightTree::new(&[flat, flat]).is_none());
     let one = light([Vec3::ZERO, Vec3::X, Vec3::Y], 2.0);
     // A hundred in one place.
     for all in [vec![flat, one], vec![one; 100]] {
-        let tree = Tree::new(&all).unwrap();
+        let tree = LightTree::new(&all).unwrap();
         let emitters = Emitters::of(all);
         for z in [-1.0, 1e-3, 3.0] {
             let at = Vec3::new(0.2, 0.2, z);
-            let cut = Cut::new(&tree, &emitters, at, Medium, 0.0);
-            let (chances, none) = cut.chances(emitters.len());
+            let cut = LightCut::new(&tree, emitters.all(), at, MediumReceiver, 0.0);
+            let (chances, none) = cut.chances(emitters.all().len());
             assert!((chances.iter().sum::<f32>() - 1.0).abs() < 1e-4 && none == 0.0);
-            assert_eq!(chances[0] > 0.0, emitters.len() == 100);
+            assert_eq!(chances[0] > 0.0, emitters.all().len() == 100);
         }
         // In its plane a light sends nothing.
         let beside = Vec3::new(3.0, 0.0, 0.0);
-        let cut = Cut::new(&tree, &emitters, beside, Medium, 0.0);
+        let cut = LightCut::new(&tree, emitters.all(), beside, MediumReceiver, 0.0);
         assert!(cut.choose(0.5).is_none() && cut.light().is_black());
     }
 }
@@ -369,9 +374,9 @@ fn rays_of_sixteen_cells_take_every_stratum_of_many_lights_once() {
     }
 }
 
-/// A lamp on a tilted ceiling, as exactly as can be told: the ceiling hides it from nothing below.
+/// A point light on a tilted ceiling, as exactly as can be told: the ceiling hides it from nothing below.
 #[test]
-fn a_surface_that_holds_a_lamp_does_not_hide_its_light() {
+fn a_surface_that_holds_a_light_does_not_hide_its_light() {
     let mut scene = Scene::without_picture();
     let corners = [[-9.0, 2.3, -7.7], [8.3, 3.1, -6.1], [0.4, 2.6, 9.3]];
     scene.mesh.positions = corners.map(Vec3::from).to_vec();
@@ -396,18 +401,18 @@ fn a_surface_that_holds_a_lamp_does_not_hide_its_light() {
                 seed: i,
             };
             let on_floor = lights.irradiance(point, Vec3::Y, Vec3::Y, rays);
-            assert!(on_floor.sharp.mean() > 0.0, "{point}");
+            assert!(on_floor.delta.mean() > 0.0, "{point}");
             let in_medium = lights.in_medium(point, rays, None);
             assert_eq!(in_medium.share, Rgb::splat(1.0), "{point}");
         }
     }
 }
 
-/// A sun that a board hides takes nothing from many lamps and adds nothing to them.
+/// A sun that a board hides takes nothing from many emitters and adds nothing to them.
 #[test]
-fn a_hidden_sun_beside_many_lamps_brings_nothing() {
+fn a_hidden_sun_beside_many_emitters_brings_nothing() {
     let irradiance = |suns: usize| {
-        let mut scene = lamps(100, 4);
+        let mut scene = scene_of_emitters(100, 4);
         let first = scene.mesh.positions.len() as u32;
         let board = [[-90.0, 3.0, -60.0], [90.0, 3.0, -60.0], [0.0, 3.0, 90.0]];
         scene.mesh.positions.extend(board.map(Vec3::from));
@@ -431,7 +436,7 @@ fn a_hidden_sun_beside_many_lamps_brings_nothing() {
                 seed: i,
             };
             let direct = lights.irradiance(numbers.place(), Vec3::Y, Vec3::Y, rays);
-            sum += direct.rays.of(direct.open);
+            sum += direct.ratio.of(direct.unshadowed);
         }
         sum.mean()
     };

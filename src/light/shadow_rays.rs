@@ -1,15 +1,15 @@
-//! Shadow rays of a point, by the points of the lights that they go to.
+//! The points of lights that the shadow rays of one point go to.
 
 use crate::math::sampling::{hash, mix, sobol2, unit2};
 
-/// Which points of the lights one point's shadow rays go to.
+/// How many shadow rays go from a point to each light with an extent, and to which points of it.
 #[derive(Clone, Copy, Debug)]
 pub enum ShadowRays {
-    /// A stretch of a sequence.
+    /// A range of a Sobol sequence.
     Sequence {
-        /// Rays to all emissive triangles together, and to each wide light.
+        /// Rays to all emitters together, and to each sun.
         per_light: u32,
-        /// First ray: ask again with the next stretch for more rays.
+        /// First ray; more rays are those of the range that follows.
         first: u32,
         /// Key of the point.
         seed: u64,
@@ -17,7 +17,7 @@ pub enum ShadowRays {
     /// Rays in one or more of the 16 equal cells of the lights: neighbours that take the 16 cells
     /// in turn have, together, a well-spread set (Keller & Heidrich 2001).
     Cells {
-        /// That of the first ray, 0 to 15; others are in the quarters after it.
+        /// Cell of the first ray, 0 to 15; others are in the quarters after it.
         cell: u8,
         /// Rays to skip.
         first: u8,
@@ -29,7 +29,7 @@ pub enum ShadowRays {
 }
 
 impl ShadowRays {
-    /// Rays to all emissive triangles together, and to each wide light.
+    /// Rays to all emitters together, and to each sun.
     pub(super) fn count(&self) -> u32 {
         match *self {
             Self::Sequence { per_light, .. } => per_light.max(1),
@@ -39,8 +39,8 @@ impl ShadowRays {
 
     /// Area of an emitter over its squared distance from which its rays have to be uniform over its
     /// solid angle, which takes longer to find. What the shadows of a few rays say is biased if
-    /// those stand for parts of different size, by a hundredth beside the lamps of a scene with
-    /// media; rays of many points that are added up may differ more.
+    /// those stand for parts of different size, by a hundredth beside the emitters of a scene
+    /// with media; rays of many points that are added up may differ more.
     pub(super) fn near(&self) -> f32 {
         match self {
             Self::Sequence { .. } => 0.02,
@@ -48,7 +48,7 @@ impl ShadowRays {
         }
     }
 
-    /// Two numbers in [0,1) for ray `i`; `set` tells lights apart.
+    /// Two numbers in [0,1) for ray `i` to the light, or to the emitters, that `set` tells.
     pub(super) fn point(&self, i: u32, set: u32) -> [f32; 2] {
         match *self {
             Self::Sequence { first, seed, .. } => sobol2(first + i, set, mix(seed) as u32),
@@ -64,9 +64,9 @@ impl ShadowRays {
         }
     }
 
-    /// The same where each ray to all emissive triangles is `per_ray` rays among many of them: the
-    /// first number, which chooses the light, takes all cells in turn, so that lights have as many
-    /// strata as there are rays.
+    /// Two numbers in [0,1) for ray `i` to one of many emitters, where `per_ray` such rays count as
+    /// one. The first number, which chooses the emitter, takes all cells in turn, so that emitters
+    /// have as many strata as there are rays.
     pub(super) fn point_of_many(&self, i: u32, per_ray: u32) -> [f32; 2] {
         match *self {
             Self::Sequence { first, seed, .. } => sobol2(first * per_ray + i, 63, mix(seed) as u32),

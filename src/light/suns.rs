@@ -1,13 +1,74 @@
-//! Optical depth of media towards suns: exact for the first few voxels, then from rays that are
-//! kept (deep shadow maps, Lokovic & Veach 2000).
+//! Suns: light of directional lights with an angular radius, and the optical depth of media towards
+//! any directional light, exact for the first few voxels, then from rays that are kept (deep shadow
+//! maps, Lokovic & Veach 2000).
 
-use super::OpticalDepth;
+use super::direct::DirectLight;
+use super::shading_point::{Receiver, ShadingPoint};
+use super::shadows::{ShadowMedia, Shadows};
+use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use crate::math::ray_lattice::RayLattice;
+use crate::math::sampling::{disk, tangents};
 use crate::scene::{Light, Scene, Volume};
 use crate::trace::Cells;
 use glam::Vec3;
 use std::sync::OnceLock;
+
+/// A directional light with an extent: a cone of directions of constant radiance.
+#[derive(Clone, Copy, Debug)]
+pub struct Sun {
+    /// Unit direction in which its light travels, on average.
+    direction: Vec3,
+    /// Irradiance of a surface that faces it.
+    irradiance: Rgb,
+    /// Half of the angle that it is seen under.
+    angular_radius_rad: f32,
+}
+
+impl Sun {
+    /// The sun that a light is, if it is directional and has an extent.
+    pub fn of(light: &Light) -> Option<Self> {
+        match *light {
+            Light::Directional {
+                direction,
+                irradiance,
+                angular_radius_rad,
+            } if angular_radius_rad > 0.0 => Some(Self {
+                direction,
+                irradiance: Rgb(irradiance),
+                angular_radius_rad,
+            }),
+            _ => None,
+        }
+    }
+
+    /// Adds unshadowed light, and what rays find of it. Media before the sun are those of `media`,
+    /// or the scene's own.
+    pub fn trace(
+        &self,
+        total: &mut DirectLight,
+        index: usize,
+        at: &ShadingPoint<impl Shadows, impl Receiver>,
+        media: Option<&dyn ShadowMedia>,
+    ) {
+        let (x, y) = tangents(-self.direction);
+        let radius = libm::sinf(self.angular_radius_rad);
+        let rays = at.rays;
+        for i in 0..rays.count() {
+            let [u, v] = disk(rays.point(i, index as u32)).map(|c| c * radius);
+            // Points of the disk are spread by their cosine to the sun's axis.
+            let cos = (1.0 - u * u - v * v).max(1e-4).sqrt();
+            let d = (-self.direction * cos + x * u + y * v).normalize();
+            let w = at.receiver.response(d) / cos;
+            if w > 0.0 {
+                let light = self.irradiance * w;
+                total.unshadowed += light * (1.0 / rays.count() as f32);
+                let transmittance = at.transmittance(d, f32::INFINITY, media);
+                total.note_ray(index, light, transmittance);
+            }
+        }
+    }
+}
 
 /// The media's depth towards each sun of a scene. Rays are made when first asked for, and depend on
 /// nothing but the scene.
@@ -19,12 +80,12 @@ pub struct SunDepths<'a>(Vec<Option<SunDepth<'a>>>);
 struct SunDepth<'a>(Vec<VolumeDepth<'a>>);
 
 impl<'a> SunDepths<'a> {
-    /// Suns wider than this, radians, have shadows too soft for rays along one direction.
-    const SHARP: f32 = 0.02;
+    /// Angular radius, radians, beyond which shadows are too soft for rays along one direction.
+    const MAX_ANGULAR_RADIUS: f32 = 0.02;
     /// Optical depth between rays, and along them between the depths that are kept.
-    const DEPTH: f32 = 0.7;
+    const MAX_DEPTH: f32 = 0.7;
     /// Voxels between rays, at most.
-    const FAR: u32 = 8;
+    const MAX_VOXELS: u32 = 8;
     /// Rays' distances from a point up to which its depth is exact: what is nearer has the sharpest
     /// shadows.
     const EXACT: f32 = 6.0;
@@ -37,7 +98,7 @@ impl<'a> SunDepths<'a> {
                 direction,
                 angular_radius_rad,
                 ..
-            } if angular_radius_rad <= Self::SHARP => {
+            } if angular_radius_rad <= Self::MAX_ANGULAR_RADIUS => {
                 let volumes = scene.volumes.iter();
                 let of_volume = |v| VolumeDepth::new(v, -direction);
                 Some(SunDepth(volumes.map(of_volume).collect()))
@@ -49,13 +110,13 @@ impl<'a> SunDepths<'a> {
 
     /// What is known of a light, by its index; `None` if it is no sun or too wide a one.
     #[must_use]
-    pub fn of(&self, light: usize) -> Option<&dyn OpticalDepth> {
+    pub fn of(&self, light: usize) -> Option<&dyn ShadowMedia> {
         let depth = self.0.get(light)?.as_ref()?;
         Some(depth)
     }
 }
 
-impl OpticalDepth for SunDepth<'_> {
+impl ShadowMedia for SunDepth<'_> {
     fn optical_depth(&self, origin: Vec3, _: Vec3, _: f32) -> f32 {
         self.0.iter().map(|v| v.at(origin)).sum()
     }
@@ -74,19 +135,19 @@ struct VolumeDepth<'a> {
     layers: usize,
     extent: [(i32, usize); 2],
     /// By row of rays, then by ray.
-    rows: Vec<OnceLock<Box<[OnceLock<Ray>]>>>,
+    rows: Vec<OnceLock<Box<[OnceLock<DepthRay>]>>>,
 }
 
 /// Depth between the sun and the layers along one ray, counted from the sun.
 #[derive(Debug)]
-struct Ray {
+struct DepthRay {
     /// The first layer with any medium before it.
     first: usize,
     /// From there on, as far as it grows.
     depths: Box<[f32]>,
 }
 
-impl Ray {
+impl DepthRay {
     fn at(&self, layer: usize) -> f32 {
         let within = layer.checked_sub(self.first);
         within.map_or(0.0, |i| {
@@ -100,7 +161,7 @@ impl<'a> VolumeDepth<'a> {
     fn new(volume: &'a Volume, to_sun: Vec3) -> Self {
         let densest = volume.sigma_t.max() * volume.longest_voxel_edge();
         let mut step = 1;
-        while step < SunDepths::FAR && densest * (2 * step) as f32 <= SunDepths::DEPTH {
+        while step < SunDepths::MAX_VOXELS && densest * (2 * step) as f32 <= SunDepths::MAX_DEPTH {
             step *= 2;
         }
         let direction = volume.index_from_scene.transform_vector3(to_sun);
@@ -161,7 +222,7 @@ impl<'a> VolumeDepth<'a> {
     }
 
     /// A ray; `None` if it passes beside the volume.
-    fn ray(&self, x: f32, y: f32) -> Option<&Ray> {
+    fn ray(&self, x: f32, y: f32) -> Option<&DepthRay> {
         let [(first_x, nx), (first_y, ny)] = self.extent;
         let (i, j) = (x - first_x as f32, y - first_y as f32);
         if !(i >= 0.0 && j >= 0.0 && i < nx as f32 && j < ny as f32) {
@@ -171,7 +232,7 @@ impl<'a> VolumeDepth<'a> {
         Some(row[i as usize].get_or_init(|| self.pass([x, y])))
     }
 
-    fn pass(&self, ray: [f32; 2]) -> Ray {
+    fn pass(&self, ray: [f32; 2]) -> DepthRay {
         let first = if self.rays.upwards {
             self.layers - 1
         } else {
@@ -205,7 +266,7 @@ impl<'a> VolumeDepth<'a> {
         let first = depths.iter().take_while(|&&d| d == 0.0).count();
         let grown = depths.iter().take_while(|&&d| d < total).count();
         let end = (grown + 1).clamp(first, depths.len());
-        Ray {
+        DepthRay {
             first,
             depths: depths[first..end].into(),
         }

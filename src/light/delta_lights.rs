@@ -1,33 +1,96 @@
-//! Point and spot lights near a segment, whose inverse square is integrated in closed form, and a
-//! spot's falloff beside it.
+//! Lights without extent: one ray tells all of each, and the mean over a segment of what point and
+//! spot lights send to it is a closed form.
 
+use super::direct::DirectLight;
+use super::shading_point::{Receiver, ShadingPoint};
+use super::shadows::{ShadowMedia, Shadows};
+use crate::math::Rgb;
 use crate::math::magnitude::to_unit;
 use crate::scene::Light;
+use crate::trace::short_of;
 use glam::Vec3;
 use std::f32::consts::TAU;
 
-/// A segment as a lamp sees it.
-pub struct Seen {
+/// The way from a point to a delta light.
+struct Beam {
+    /// Unit direction to the light, and how far rays to it go.
+    direction: Vec3,
+    end: f32,
+    /// What the light sends, and the part of that which the receiver responds to.
+    sent: Rgb,
+    response: f32,
+}
+
+impl Beam {
+    /// The way to a point, spot or parallel light; `None` for others, and at the light itself.
+    fn of<R: Receiver>(light: &Light, at: &ShadingPoint<impl Shadows, R>) -> Option<Self> {
+        if let Light::Directional {
+            direction,
+            irradiance,
+            ..
+        } = *light
+        {
+            return Some(Self {
+                direction: -direction,
+                end: f32::INFINITY,
+                sent: Rgb(irradiance),
+                response: at.receiver.response(-direction),
+            });
+        }
+        let (position, intensity) = light.point_source()?;
+        let to_light = position - at.origin;
+        let distance = to_light.length();
+        let d = to_light / distance;
+        let response = at.receiver.response(d) / (distance * distance) * light.falloff(-d);
+        (distance > 0.0).then_some(Self {
+            direction: d,
+            end: short_of(position, distance),
+            sent: Rgb(intensity),
+            response,
+        })
+    }
+}
+
+/// Adds what arrives of a point, spot or parallel light. Media before it are those of `media`, or
+/// the scene's own.
+pub fn trace(
+    total: &mut DirectLight,
+    light: &Light,
+    index: usize,
+    at: &ShadingPoint<impl Shadows, impl Receiver>,
+    media: Option<&dyn ShadowMedia>,
+) {
+    if let Some(beam) = Beam::of(light, at)
+        && beam.response > 0.0
+    {
+        let transmittance = at.transmittance(beam.direction, beam.end, media);
+        total.visibility.note_delta(index, transmittance);
+        total.delta += beam.sent * (beam.response * transmittance);
+    }
+}
+
+/// A segment as a point or spot light sees it.
+pub struct SegmentFromLight {
     /// What lengths here are multiplied with: their fourth powers would leave the range of f32.
     scale: f32,
-    /// From the lamp to the ends.
+    /// From the light to the ends.
     ends: [Vec3; 2],
     /// Twice the area of the triangle that they make.
     twice_area: f32,
     along: f32,
 }
 
-impl Seen {
-    /// The segment from the first point to the second, in the space of the lamp's position.
-    pub fn new(lamp: Vec3, [from, to]: [Vec3; 2]) -> Self {
-        let (u, v) = (from - lamp, to - lamp);
+impl SegmentFromLight {
+    /// The segment between two points, in the space of the light's position.
+    pub fn new(light: Vec3, [from, to]: [Vec3; 2]) -> Self {
+        let (u, v) = (from - light, to - light);
         let scale = to_unit(u.abs().max(v.abs()).max_element());
         let (u, v) = (u * scale, v * scale);
         Self {
             scale,
             ends: [u, v],
-            // A segment through the light would get no end of it: one that passes is a millionth of
-            // its length away.
+            // A segment through the light would get infinite light: one that passes is a millionth
+            // of its length away.
             twice_area: u
                 .cross(v)
                 .length()
@@ -36,8 +99,8 @@ impl Seen {
         }
     }
 
-    /// Mean of the inverse square over the segment: the angle that it is seen under, over twice the
-    /// triangle.
+    /// Mean over the segment of one over the squared distance: the angle that it is seen under, over
+    /// twice the area of the triangle.
     pub fn mean_inverse_square(&self) -> f32 {
         let mean = if self.twice_area > 1e-3 * self.along {
             libm::atan2f(self.twice_area, self.along) / self.twice_area
@@ -48,8 +111,8 @@ impl Seen {
         mean * self.scale * self.scale
     }
 
-    /// Where half of the light on the segment is on either side, from 0 to 1: where the middle of
-    /// the angle meets it.
+    /// The place on the segment, from 0 to 1, on either side of which is half of its light: where
+    /// the middle of the angle meets it.
     pub fn median(&self) -> f32 {
         let [u, v] = self.ends.map(Vec3::length);
         if u + v > 0.0 { u / (u + v) } else { 0.5 }
@@ -109,7 +172,7 @@ impl Seen {
         (sum / angle).min(1.0)
     }
 
-    /// Of the nearest point of the segment from the lamp.
+    /// Distance of the nearest point of the segment from the light.
     pub fn distance(&self) -> f32 {
         let [u, v] = self.ends;
         let way = v - u;
@@ -131,7 +194,7 @@ mod tests {
     use super::*;
     use crate::math::sampling::{hash, sphere, unit, unit2};
 
-    /// By many points in angle as the lamp sees them.
+    /// By many points in angle as the light sees them.
     fn sampled(ends: [Vec3; 2], light: &Light) -> f32 {
         let [u, v] = ends;
         let (mut sum, mut weights) = (0.0, 0.0);
@@ -155,11 +218,11 @@ mod tests {
                 cos_inner: 0.7,
                 cos_outer: 0.5,
             };
-            let lamp = sphere(numbers(4)) * 0.3;
+            let position = sphere(numbers(4)) * 0.3;
             let ends = [sphere(numbers(2)) * 1.3, sphere(numbers(3)) * 0.8];
             let seen = |exponent: i32| {
                 let scale = libm::ldexpf(1.0, exponent);
-                let seen = Seen::new(lamp * scale, ends.map(|e| e * scale));
+                let seen = SegmentFromLight::new(position * scale, ends.map(|e| e * scale));
                 (
                     seen.mean_inverse_square() * scale * scale,
                     seen.median(),
@@ -188,7 +251,7 @@ mod tests {
             };
             let ends = [sphere(numbers(2)) * 1.3, sphere(numbers(3)) * 0.8];
             let [got, expected] = [
-                Seen::new(Vec3::ZERO, ends).falloff(&light),
+                SegmentFromLight::new(Vec3::ZERO, ends).falloff(&light),
                 sampled(ends, &light),
             ];
             met += u32::from(expected > 0.0 && expected < 1.0);
