@@ -16,9 +16,9 @@ PAPER_SECS = {
     "head_256": (31373, 348, 864),
 }
 METHODS = {
-    "traditional-base": "surfels alone",
-    "extended-base": "with lvoxels",
-    "extended-paper": "with a cloud like the paper's",
+    "traditional-base": "default, surfels alone",
+    "extended-base": "default",
+    "extended-paper": "like the paper's",
 }
 
 
@@ -78,24 +78,20 @@ class Scene:
 
 
 def main_table(scenes, before):
-    head = ["scene", "method", f"{before} s", "render s", "pdiff %", "relMSE", "faster at equal pdiff", "at equal relMSE",
-            "tree MB", "lvoxels over surfels"]
+    head = ["scene", "cloud", f"{before} s", "render s", "pdiff %", "relMSE", "faster at equal pdiff", "at equal relMSE",
+            "lvoxels over surfels"]
     rows = []
     for scene in scenes:
-        run = [r for r in scene.study["runs"] if r["method"] == "monte carlo"][-1]
-        rows.append([scene.name, f"Monte Carlo, {run['values']['spp']:.0f} spp", "–", figure(scene.secs(run)),
-                     percent(run["errors"]["pdiff"]), figure(run["errors"]["relmse"])] + ["–"] * 4)
-        for name, label in METHODS.items():
+        for i, (name, label) in enumerate(METHODS.items()):
             run, errors = scene.runs[name], scene.errors(name)
             cloud = scene.clouds[run["cloud"]]
-            pdiff, relmse = scene.versus(name, "pdiff"), scene.versus(name, "relmse")
-            left_out = cloud["lvoxel_bytes"] if name == "traditional-base" else 0
             # A cloud without lvoxels is not measured apart.
-            secs = "–" if left_out else figure(cloud["bake"]["cpu_secs"] + cloud["build"]["cpu_secs"])
+            is_alone = name == "traditional-base"
+            secs = "–" if is_alone else figure(cloud["bake"]["cpu_secs"] + cloud["build"]["cpu_secs"])
             rows.append([
-                "", label, secs, figure(scene.secs(run)), percent(errors["pdiff"]), figure(errors["relmse"]),
-                times(pdiff), times(relmse), figure((cloud["tree_bytes"] - left_out) / 1e6),
-                "–" if left_out else f"{100 * scene.lvoxel_share(name):.2f} %",
+                "" if i else scene.name, label, secs, figure(scene.secs(run)), percent(errors["pdiff"]), figure(errors["relmse"]),
+                times(scene.versus(name, "pdiff")), times(scene.versus(name, "relmse")),
+                "–" if is_alone else f"{100 * scene.lvoxel_share(name):.2f} %",
             ])
     return table(head, rows)
 
@@ -174,6 +170,11 @@ def main():
     noise = [s.study["reference"]["relmse"] for s in scenes]
     note = " " + tells["note"] if tells.get("note") else ""
     scatters = tells["settings"].get("scatter") == "yes"
+    carlo = [[r for r in s.study["runs"] if r["method"] == "monte carlo"][-1] for s in scenes]
+    secs = [s.secs(r) for s, r in zip(scenes, carlo)]
+    longest = f"{figure(min(secs))} to {figure(max(secs))} s"
+    errors = [r["errors"]["relmse"] for r in carlo]
+    least = f"{figure(min(errors))} to {figure(max(errors))}"
     made_once = "baking, building and lighting media beforehand (`lvox scatter`)" if scatters else "baking and building"
     print(f"""# Table 1: lvox beside Monte Carlo, and beside the paper
 
@@ -185,12 +186,13 @@ direct light and one bounce.
 {machine["processor"]} ({machine["system"]}), {machine["threads"]} threads. Times are CPU seconds, medians of rounds in which the methods
 take turns, without loading the scene.{note}
 
-- **Monte Carlo** is `lvox reference`, path tracing with next-event estimation and Sobol points; its longest run is shown.
+- **Monte Carlo** is `lvox reference`, path tracing with next-event estimation and Sobol points; its longest run takes {longest}
+  and has relMSE {least}.
 - **Errors** are against images of `lvox reference` whose own noise is relMSE {figure(min(noise))} to {figure(max(noise))}.
-- **Faster** is Monte Carlo's time over ours of rendering, without {made_once}, which all
-  images of a scene share. At equal relMSE: Monte Carlo's error is noise of the reference + constant / time. At equal pdiff: by
+- **Faster** is Monte Carlo's time over ours of rendering, without {made_once},
+  which all images of a scene share. At equal relMSE: Monte Carlo's error is noise of the reference + constant / time. At equal pdiff: by
   straight lines in logarithms between its runs. In brackets where the time is outside of what was measured.
-- **A cloud like the paper's** has 2.5 million surfels, and lvoxels of 4^3 voxels (8^3 where the grid has 256^3 or more); the
+- A cloud **like the paper's** has 2.5 million surfels, and lvoxels of 4^3 voxels (8^3 where the grid has 256^3 or more); the
   default has 500,000 surfels, and lvoxels of at most 0.7 optical depths.
 """)
     print(main_table(scenes, "bake, build and scatter" if scatters else "bake and build"))
