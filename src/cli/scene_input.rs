@@ -41,7 +41,7 @@ impl SceneInput {
         }
     }
 
-    /// Loads it, and passes on what the loader wants the user to know.
+    /// Loads it.
     ///
     /// # Errors
     /// As [`Scene::load`], and if an output would replace a file of the scene.
@@ -49,7 +49,7 @@ impl SceneInput {
         let job = &context.job;
         job.report.stage("load", |counts| {
             let mut scene = match &self.scene {
-                Some(path) => Scene::load_until(path, &job.cancel)?,
+                Some(path) => Scene::load_with(path, job)?,
                 None if self.demo => Scene::demo()?,
                 None => {
                     return Err(
@@ -66,7 +66,6 @@ impl SceneInput {
             if let Some((width, height)) = self.resolution {
                 (scene.film.width, scene.film.height) = (width, height);
             }
-            scene.warnings.iter().for_each(|w| job.progress.warn(w));
             counts.insert("triangles".into(), scene.mesh.triangles.len() as f64);
             counts.insert("degenerate_triangles".into(), scene.mesh.degenerate as f64);
             counts.insert("volumes".into(), scene.volumes.len() as f64);

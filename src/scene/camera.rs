@@ -1,11 +1,12 @@
 //! Where the picture is taken from, and its size.
 
+use crate::{Error, Result};
 use glam::{Affine3A, Vec3};
 
 /// A pinhole camera: looks down its local -z, +x right, +y up.
 #[derive(Clone, Debug)]
 pub struct Camera {
-    /// Name, chosen with `--camera`.
+    /// Name, by which it is chosen.
     pub name: String,
     /// Rotation and position; no scale.
     pub scene_from_camera: Affine3A,
@@ -22,6 +23,33 @@ pub struct Film {
     pub height: u32,
     /// Factor on linear radiance before clipping to `[0,1]` and the 1/2.2 power.
     pub exposure: f32,
+}
+
+impl Film {
+    /// Pixels along a side of the largest film.
+    pub(super) const MAX_SIDE: u32 = 65_536;
+    /// Exposures that are taken for no mistake.
+    pub(super) const EXPOSURES: std::ops::RangeInclusive<f64> = 1e-30..=1e30;
+
+    /// Refuses sizes and exposures out of range.
+    pub(super) fn check(&self) -> Result<()> {
+        let sides = 1..=Self::MAX_SIDE;
+        if !sides.contains(&self.width) || !sides.contains(&self.height) {
+            return Err(Error::input(format!(
+                "expected a film of 1 to {} pixels a side, found {} x {}",
+                Self::MAX_SIDE,
+                self.width,
+                self.height
+            )));
+        }
+        if !Self::EXPOSURES.contains(&self.exposure.into()) {
+            return Err(Error::input(format!(
+                "expected an exposure from 1e-30 to 1e30, found {}",
+                self.exposure
+            )));
+        }
+        Ok(())
+    }
 }
 
 impl Camera {

@@ -9,6 +9,7 @@
 //! needs a second brick; bricks whose samples are all zero are not stored.
 
 use crate::math::unflatten;
+use crate::{Error, Result};
 use glam::{Vec3, Vec3A, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 use std::convert::Infallible;
@@ -38,13 +39,112 @@ pub struct Brick<'a> {
 }
 
 impl Grid {
-    /// Samples `value([i, j, k])` once or more for every voxel; values must be finite and not
-    /// negative, and the same every time.
+    /// A grid of `dims` voxels whose samples are `value([i, j, k])`. The function is called once or
+    /// more for each voxel, from several threads, and must give the same finite number of at least
+    /// 0 every time.
     pub fn from_fn(dims: [usize; 3], value: impl Fn([usize; 3]) -> f32 + Sync) -> Self {
         let go_on = || Ok::<_, Infallible>(());
         let Ok(layout) = Layout::of(dims, &value, go_on);
         let Ok(grid) = layout.fill(value, go_on);
         grid
+    }
+
+    /// A grid of `dims` voxels from all its samples, x fastest.
+    ///
+    /// # Errors
+    /// A number of samples that is not the product of `dims`, dims of 0, or a sample that is not
+    /// finite or is negative.
+    pub fn dense(dims: [usize; 3], samples: &[f32]) -> Result<Self> {
+        let count = voxel_count(dims)?;
+        if samples.len() != count {
+            return Err(Error::input(format!(
+                "expected {count} samples for {dims:?} voxels, found {}",
+                samples.len()
+            )));
+        }
+        let grid = Self::from_fn(dims, |[i, j, k]| samples[(k * dims[1] + j) * dims[0] + i]);
+        grid.checked()
+    }
+
+    /// A grid of `dims` voxels from those whose samples are not 0, in any order; of two samples of
+    /// one voxel the last counts. Memory and time are those of the bricks of 8^3 cells that hold
+    /// samples, and 4 bytes for each brick that does not.
+    ///
+    /// # Errors
+    /// Dims of 0, a voxel outside of them, or a sample that is not finite or is negative.
+    pub fn sparse(
+        dims: [usize; 3],
+        voxels: impl IntoIterator<Item = ([usize; 3], f32)>,
+    ) -> Result<Self> {
+        voxel_count(dims)?;
+        let bricks = brick_dims(dims);
+        let mut grid = Self {
+            dims,
+            bricks,
+            slots: vec![ABSENT; bricks.iter().product()],
+            samples: Vec::new(),
+            maxima: Vec::new(),
+        };
+        for (voxel, sample) in voxels {
+            if (0..3).any(|a| voxel[a] >= dims[a]) {
+                return Err(Error::input(format!(
+                    "the voxel {voxel:?} is not one of {dims:?}"
+                )));
+            }
+            grid.set(voxel, sample);
+        }
+        let maximum = |brick: &[f32]| brick.iter().copied().fold(0.0, f32::max);
+        grid.maxima = grid.samples.chunks(BRICK_SAMPLES).map(maximum).collect();
+        grid.checked()
+    }
+
+    /// Sets the sample of a voxel in all bricks that have it at a corner of their cells, and stores
+    /// those that are not stored.
+    fn set(&mut self, voxel: [usize; 3], sample: f32) {
+        let along: [Vec<(usize, usize)>; 3] = std::array::from_fn(|a| {
+            // Corner c of cell space is sample c - 1, clamped to the grid.
+            let first = if voxel[a] == 0 { 0 } else { voxel[a] + 1 };
+            let last = match voxel[a] + 1 == self.dims[a] {
+                true => self.bricks[a] * BRICK_CELLS,
+                false => voxel[a] + 1,
+            };
+            let bricks = first.saturating_sub(1) / BRICK_CELLS..=last / BRICK_CELLS;
+            let bricks = bricks.take_while(|b| *b < self.bricks[a]);
+            let in_brick = |b: usize| {
+                let base = b * BRICK_CELLS;
+                let corners = first.max(base)..=last.min(base + BRICK_CELLS);
+                corners.map(move |c| (b, c - base))
+            };
+            bricks.flat_map(in_brick).collect()
+        });
+        for &(bz, z) in &along[2] {
+            for &(by, y) in &along[1] {
+                for &(bx, x) in &along[0] {
+                    let slot = &mut self.slots[(bz * self.bricks[1] + by) * self.bricks[0] + bx];
+                    if *slot == ABSENT {
+                        *slot = (self.samples.len() / BRICK_SAMPLES) as u32;
+                        self.samples.resize(self.samples.len() + BRICK_SAMPLES, 0.0);
+                    }
+                    let at = (z * BRICK_EDGE + y) * BRICK_EDGE + x;
+                    self.samples[*slot as usize * BRICK_SAMPLES + at] = sample;
+                }
+            }
+        }
+    }
+
+    fn checked(self) -> Result<Self> {
+        match self.first_invalid() {
+            None => Ok(self),
+            Some(value) => Err(Error::input(format!(
+                "expected finite samples of at least 0, found {value}"
+            ))),
+        }
+    }
+
+    /// A stored sample that is not finite, or negative, if there is any.
+    pub(super) fn first_invalid(&self) -> Option<f32> {
+        let is_wrong = |v: &&f32| !(v.is_finite() && **v >= 0.0);
+        self.samples.iter().find(is_wrong).copied()
     }
 
     /// Means over blocks of so many voxels along each axis, x fastest; blocks at the far ends may
@@ -173,6 +273,22 @@ impl Grid {
     }
 }
 
+/// Bricks along each axis: there is a cell before the first sample and one behind the last.
+fn brick_dims(dims: [usize; 3]) -> [usize; 3] {
+    dims.map(|n| (n + 1).div_ceil(BRICK_CELLS))
+}
+
+fn voxel_count(dims: [usize; 3]) -> Result<usize> {
+    let count = dims.iter().try_fold(1_usize, |n, &d| n.checked_mul(d));
+    count
+        .filter(|&n| n > 0 && n <= isize::MAX as usize)
+        .ok_or_else(|| {
+            Error::input(format!(
+                "expected a grid of at least one voxel that memory can hold, found {dims:?}"
+            ))
+        })
+}
+
 /// Which bricks a grid has to store, before it stores any.
 pub(super) struct Layout {
     dims: [usize; 3],
@@ -191,7 +307,7 @@ impl Layout {
     ) -> Result<Self, E> {
         let mut layout = Self {
             dims,
-            bricks: dims.map(|n| (n + 1).div_ceil(BRICK_CELLS)),
+            bricks: brick_dims(dims),
             stored: Vec::new(),
         };
         layout.stored = (0..layout.count())
@@ -335,6 +451,40 @@ mod tests {
         }
         assert_eq!(grid.sample(Vec3::new(-0.01, 1.0, 1.0)), 0.0);
         assert_eq!(grid.sample(Vec3::new(1.0, 9.01, 1.0)), 0.0);
+    }
+
+    #[test]
+    fn a_sparse_grid_is_the_dense_one_of_its_voxels() {
+        for dims in [[1, 1, 1], [7, 8, 9], [37, 16, 23], [15, 3, 17]] {
+            let voxel = |i: usize| unflatten(i, dims);
+            let value = |i: usize| ((i * 7919) % 97 < 3) as u8 as f32 * (i + 1) as f32;
+            let count = dims.iter().product();
+            let dense = Grid::dense(dims, &(0..count).map(value).collect::<Vec<_>>()).unwrap();
+            let stored = (0..count).rev().filter(|&i| value(i) != 0.0);
+            let sparse = Grid::sparse(dims, stored.map(|i| (voxel(i), value(i)))).unwrap();
+            for b in dense.bricks() {
+                let samples = |grid: &Grid| grid.brick(b).map(|b| b.samples().to_vec());
+                assert_eq!(samples(&dense), samples(&sparse), "{dims:?} {b:?}");
+                assert_eq!(
+                    dense.brick(b).map(|b| b.max),
+                    sparse.brick(b).map(|b| b.max)
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn grids_of_wrong_values_are_refused() {
+        let wrong = |grid: Result<Grid>, says: &str| {
+            let message = grid.unwrap_err().to_string();
+            assert!(message.contains(says), "{message}");
+        };
+        wrong(Grid::dense([2, 1, 1], &[1.0]), "expected 2 samples");
+        wrong(Grid::dense([2, 0, 1], &[]), "at least one voxel");
+        wrong(Grid::dense([2, 1, 1], &[1.0, f32::NAN]), "found NaN");
+        wrong(Grid::sparse([2, 1, 1], [([2, 0, 0], 1.0)]), "[2, 0, 0]");
+        wrong(Grid::sparse([2, 1, 1], [([1, 0, 0], -1.0)]), "found -1");
+        wrong(Grid::sparse([usize::MAX, 2, 1], []), "memory can hold");
     }
 
     #[test]

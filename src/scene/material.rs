@@ -1,5 +1,6 @@
 //! Lambertian materials, two-sided in reflection, with optional emission and base-colour texture.
 
+use crate::{Error, Result};
 use glam::Vec2;
 
 /// How a surface reflects and emits.
@@ -83,6 +84,24 @@ pub struct Texture {
 }
 
 impl Texture {
+    /// Refuses an image without texels, or of a size that is not theirs.
+    pub(super) fn check(&self) -> Result<()> {
+        let count = self.width as usize * self.height as usize;
+        if count == 0 || count != self.texels.len() {
+            return Err(Error::input(format!(
+                "expected {} x {} texels and at least one, found {}",
+                self.width,
+                self.height,
+                self.texels.len()
+            )));
+        }
+        let in_range = |t: &[f32; 3]| t.iter().all(|x| (0.0..=1.0).contains(x));
+        match self.texels.iter().find(|t| !in_range(t)) {
+            Some(texel) => Err(Error::input(format!("the texel {texel:?} is not in [0,1]"))),
+            None => Ok(()),
+        }
+    }
+
     /// Bilinear sample at (u, v); (0,0) is the corner of the first texel, (1,1) that of the last.
     #[must_use]
     pub fn sample(&self, uv: Vec2) -> [f32; 3] {

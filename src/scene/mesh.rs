@@ -26,8 +26,8 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    /// More triangles than this are refused: what finds them has no more places.
-    pub const MOST_TRIANGLES: usize = 1 << 27;
+    /// Triangles of the largest scene: what finds them has places for no more.
+    pub(crate) const MAX_TRIANGLES: usize = 1 << 27;
 
     /// Corner positions of a triangle.
     #[must_use]

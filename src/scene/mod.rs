@@ -1,19 +1,27 @@
-//! What is rendered: geometry, materials, lights, volumes, cameras and film, and the readers of the
-//! files they come in.
+//! What is rendered: geometry, materials, lights, volumes, cameras and film.
+//!
+//! In come files, or what an application makes in memory; out comes a checked [`Scene`].
+//!
+//! - `camera`, `light`, `material`, `mesh`, `grid`, `volume`: what a scene consists of
+//! - `builder`: puts a scene together in world space and f64, and checks it as a whole
+//! - `load`: readers of scene, mesh, volume and texture files, which fill a builder
+//! - `digest`: what of a scene a bake depends on, as hashes
 //!
 //! Scene space is world space less [`Scene::world_from_scene`], a translation that keeps a scene
 //! far from the origin exact in f32. Right-handed, y up, cameras look down their local -z, linear
 //! Rec.709.
 
-pub mod camera;
-pub mod grid;
-pub mod light;
+mod builder;
+mod camera;
+mod digest;
+pub(crate) mod grid;
+mod light;
 pub mod load;
-pub mod material;
-pub mod mesh;
-mod parts;
-pub mod volume;
+mod material;
+mod mesh;
+mod volume;
 
+pub use builder::{CameraInput, LightInput, MeshInput, SceneBuilder, VolumeInput};
 pub use camera::{Camera, Film};
 pub use grid::Grid;
 pub use light::Light;
@@ -47,16 +55,18 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// Participating media; may overlap.
     pub volumes: Vec<Volume>,
-    /// blake3 over the content of the scene file and of all files that it names.
+    /// blake3 over the content of the scene file and of all files that it names, or over what was
+    /// made in memory.
     pub hash: [u8; 32],
-    /// Those files, the scene file first.
+    /// The files that were read, the scene file first.
     pub files: Vec<PathBuf>,
     /// What the user should know: defaults that were chosen, parts of files that were left out.
     pub warnings: Vec<String>,
 }
 
 impl Scene {
-    /// A scene of a camera and nothing to see.
+    /// A scene of a camera and nothing to see, unchecked: [`SceneBuilder`] makes scenes that are
+    /// checked.
     #[must_use]
     pub fn empty(camera: Camera, film: Film) -> Self {
         Self {
@@ -77,7 +87,7 @@ impl Scene {
 
     /// A scene for tests that look at no picture.
     #[cfg(test)]
-    pub fn without_picture() -> Self {
+    pub(crate) fn without_picture() -> Self {
         let camera = Camera {
             name: String::new(),
             scene_from_camera: glam::Affine3A::IDENTITY,

@@ -1,9 +1,9 @@
 //! Resources that need no file: simple meshes around the origin, and a plume of smoke.
 
 use super::field::{Array, Field, Number, Samples};
-use super::part::{DEFAULT_ALBEDO, Part};
 use super::table::nearest;
 use crate::scene::Material;
+use crate::scene::builder::{DEFAULT_ALBEDO, MeshInput};
 use crate::{Error, Result};
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
@@ -16,8 +16,8 @@ const VOLUMES: [&str; 1] = ["plume"];
 const PLUME_DIMS: [usize; 3] = [96, 128, 96];
 
 /// A mesh by name.
-pub(super) fn mesh(name: &str) -> Result<Part> {
-    let mut part = match name {
+pub(super) fn mesh(name: &str) -> Result<MeshInput> {
+    let mut mesh = match name {
         "quad" => quad(),
         "cube" => cube(),
         // Fine enough that a facet is below a pixel in the demo, seams excepted.
@@ -31,9 +31,9 @@ pub(super) fn mesh(name: &str) -> Result<Part> {
         }),
         _ => return Err(unknown("mesh", name, &MESHES)),
     };
-    part.material = vec![0; part.triangles.len()];
-    part.materials = vec![Material::diffuse(name, DEFAULT_ALBEDO)];
-    Ok(part)
+    mesh.material = vec![0; mesh.triangles.len()];
+    mesh.materials = vec![Material::diffuse(name, DEFAULT_ALBEDO)];
+    Ok(mesh)
 }
 
 /// A volume by name.
@@ -62,24 +62,24 @@ fn unknown(kind: &str, name: &str, known: &[&str]) -> Error {
     }
 }
 
-fn quad() -> Part {
+fn quad() -> MeshInput {
     let corners = [[-0.5, -0.5], [-0.5, 0.5], [0.5, 0.5], [0.5, -0.5]];
-    Part {
+    MeshInput {
         positions: corners.map(|[x, z]| DVec3::new(x, 0.0, z)).to_vec(),
         uvs: corners
             .map(|[x, z]| Vec2::new(x as f32 + 0.5, z as f32 + 0.5))
             .to_vec(),
         triangles: vec![[0, 1, 2], [0, 2, 3]],
-        ..Part::default()
+        ..MeshInput::default()
     }
 }
 
-fn cube() -> Part {
-    let mut part = Part::default();
+fn cube() -> MeshInput {
+    let mut mesh = MeshInput::default();
     for side in 0..6 {
         let axis = side / 2;
         let out = if side % 2 == 0 { 0.5 } else { -0.5 };
-        let first = part.positions.len() as u32;
+        let first = mesh.positions.len() as u32;
         for [s, t] in [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]] {
             let mut p = [0.0; 3];
             p[axis] = out;
@@ -87,19 +87,19 @@ fn cube() -> Part {
             // counter-clockwise there too.
             p[(axis + 1) % 3] = if out > 0.0 { s } else { -s };
             p[(axis + 2) % 3] = t;
-            part.positions.push(DVec3::from(p));
-            part.uvs.push(Vec2::new(s as f32 + 0.5, 0.5 - t as f32));
+            mesh.positions.push(DVec3::from(p));
+            mesh.uvs.push(Vec2::new(s as f32 + 0.5, 0.5 - t as f32));
         }
-        part.triangles
+        mesh.triangles
             .extend([[0, 1, 2], [0, 2, 3]].map(|t: [u32; 3]| t.map(|v| v + first)));
     }
-    part
+    mesh
 }
 
 /// A surface of revolution about y. `profile(v)` gives the distance from the axis and the height, v
 /// from 0 to 1 with the outside on its right.
-fn revolve(around: u32, along: u32, profile: impl Fn(f64) -> [f64; 2]) -> Part {
-    let mut part = Part::default();
+fn revolve(around: u32, along: u32, profile: impl Fn(f64) -> [f64; 2]) -> MeshInput {
+    let mut mesh = MeshInput::default();
     for j in 0..=along {
         let v = f64::from(j) / f64::from(along);
         let [mut radius, height] = profile(v);
@@ -120,11 +120,11 @@ fn revolve(around: u32, along: u32, profile: impl Fn(f64) -> [f64; 2]) -> Part {
                 true => (0.0, 1.0),
                 false => libm::sincos(TAU * u),
             };
-            part.positions
+            mesh.positions
                 .push(DVec3::new(radius * cos, height, -radius * sin));
             let normal = DVec3::new(out * cos, up, -out * sin).normalize_or_zero();
-            part.normals.push(normal.as_vec3());
-            part.uvs.push(Vec2::new(u as f32, 1.0 - v as f32));
+            mesh.normals.push(normal.as_vec3());
+            mesh.uvs.push(Vec2::new(u as f32, 1.0 - v as f32));
         }
     }
     let row = around + 1;
@@ -133,15 +133,15 @@ fn revolve(around: u32, along: u32, profile: impl Fn(f64) -> [f64; 2]) -> Part {
             let [a, b] = [j * row + i, j * row + i + 1];
             let [c, d] = [a + row, b + row];
             // Quads at a pole have one side of length zero.
-            if part.positions[a as usize] != part.positions[b as usize] {
-                part.triangles.push([a, b, d]);
+            if mesh.positions[a as usize] != mesh.positions[b as usize] {
+                mesh.triangles.push([a, b, d]);
             }
-            if part.positions[c as usize] != part.positions[d as usize] {
-                part.triangles.push([a, d, c]);
+            if mesh.positions[c as usize] != mesh.positions[d as usize] {
+                mesh.triangles.push([a, d, c]);
             }
         }
     }
-    part
+    mesh
 }
 
 /// Densities in [0,1] of smoke that rises from the middle of the floor of [0,1]^3, bends and
@@ -233,10 +233,10 @@ mod tests {
     use super::*;
 
     /// Surface area, and volume by the divergence theorem: negative if inside out.
-    fn area_and_volume(part: &Part) -> (f64, f64) {
+    fn area_and_volume(mesh: &MeshInput) -> (f64, f64) {
         let sum = |f: &dyn Fn([DVec3; 3]) -> f64| -> f64 {
-            let corners = |t: &[u32; 3]| t.map(|i| part.positions[i as usize]);
-            part.triangles.iter().map(|t| f(corners(t))).sum()
+            let corners = |t: &[u32; 3]| t.map(|i| mesh.positions[i as usize]);
+            mesh.triangles.iter().map(|t| f(corners(t))).sum()
         };
         (
             sum(&|[a, b, c]| 0.5 * (b - a).cross(c - a).length()),
@@ -257,16 +257,16 @@ mod tests {
                 0.5 * TAU * TAU * 0.32 * 0.18 * 0.18,
             ),
         ] {
-            let part = mesh(name).unwrap();
-            part.check().unwrap();
-            let found = area_and_volume(&part);
+            let mesh = mesh(name).unwrap();
+            mesh.check().unwrap();
+            let found = area_and_volume(&mesh);
             assert!(near(found.0, area), "{name}: {found:?}");
             assert!(near(found.1, volume), "{name}: {found:?}");
-            for t in &part.triangles {
-                let [a, b, c] = t.map(|i| part.positions[i as usize]);
+            for t in &mesh.triangles {
+                let [a, b, c] = t.map(|i| mesh.positions[i as usize]);
                 let face = (b - a).cross(c - a).normalize().as_vec3();
                 for i in t {
-                    let Some(n) = part.normals.get(*i as usize) else {
+                    let Some(n) = mesh.normals.get(*i as usize) else {
                         continue;
                     };
                     assert!(n.dot(face) > 0.99, "{name} {n} {face}");

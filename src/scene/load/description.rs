@@ -1,15 +1,15 @@
-//! The scene file: from TOML tables to a [`Draft`]. `docs/scene.md` describes the schema.
+//! The scene file: from TOML tables to a [`SceneBuilder`]. `docs/scene.md` describes the schema.
 
-use super::super::{Film, Light};
-use super::draft::{DEFAULT_FILM, Draft, DraftCamera, DraftLight, DraftVolume, look_at};
 use super::field::{Field, Number, Scale};
 use super::files::{Files, beside, extension};
-use super::part::Part;
 use super::table::{Document, Table};
-use super::{
-    BRIGHTEST, builtin, gltf, is_singular, normals, nrrd, obj, place, ply, raw, texture, vdb,
-};
+use super::{builtin, gltf, normals, nrrd, obj, ply, raw, texture, transform, vdb};
 use crate::run::Cancel;
+use crate::scene::builder::{
+    CameraInput, DEFAULT_FILM, LightInput, MAX_EMISSION, MeshInput, SceneBuilder, VolumeInput,
+    is_singular,
+};
+use crate::scene::{Film, Light};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 use std::path::{Path, PathBuf};
@@ -50,6 +50,15 @@ const LIGHT: [&str; 10] = [
     "angular_radius_deg",
     "radiance",
 ];
+/// Those of [`LIGHT`] that a spot light has.
+const SPOT: [&str; 6] = [
+    "position",
+    "direction",
+    "target",
+    "intensity",
+    "inner_deg",
+    "outer_deg",
+];
 const VOLUME: [&str; 16] = [
     "file",
     "name",
@@ -70,7 +79,7 @@ const VOLUME: [&str; 16] = [
 ];
 
 /// Reads the scene file `path` with the content `text`, and all files that it names.
-pub(super) fn read(text: &str, path: &Path, files: &mut Files) -> Result<Draft> {
+pub(super) fn read(text: &str, path: &Path, files: &mut Files) -> Result<SceneBuilder> {
     let document = Document::new(path, text);
     let parsed = document.parse()?;
     let root = document.root(
@@ -78,38 +87,38 @@ pub(super) fn read(text: &str, path: &Path, files: &mut Files) -> Result<Draft> 
         &["name", "film", "camera", "mesh", "light", "volume"],
     )?;
     let stem = path.file_stem().unwrap_or_default();
-    let mut draft = Draft {
+    let mut builder = SceneBuilder {
         name: match root.get("name") {
             Some(name) => name.text()?.into(),
             None => stem.to_string_lossy().into_owned(),
         },
         film: film(&root)?,
-        ..Draft::default()
+        ..SceneBuilder::default()
     };
     for table in root.tables("camera", &CAMERA)? {
-        let camera = camera(&table, draft.cameras.len())?;
-        if draft.cameras.iter().any(|c| c.name == camera.name) {
+        let camera = camera(&table, builder.cameras.len())?;
+        if builder.cameras.iter().any(|c| c.name == camera.name) {
             return Err(table.error(format_args!(
                 "another camera has the name \"{}\" too",
                 camera.name
             )));
         }
-        draft.cameras.push(camera);
+        builder.cameras.push(camera);
     }
     // The tables are checked before the first large file is read.
     let lights = root.tables("light", &LIGHT)?;
     let volumes = root.tables("volume", &VOLUME)?;
     for table in lights {
-        draft.lights.push(light(&table)?);
+        builder.lights.push(light(&table)?);
     }
     for table in root.tables("mesh", &MESH)? {
-        let part = mesh(&table, path, &mut draft, files)?;
-        draft.parts.push(part);
+        let mesh = mesh(&table, path, &mut builder, files)?;
+        builder.meshes.push(mesh);
     }
     for table in volumes {
-        draft.volumes.push(volume(&table, path, files)?);
+        builder.volumes.push(volume(&table, path, files)?);
     }
-    Ok(draft)
+    Ok(builder)
 }
 
 fn film(root: &Table<'_>) -> Result<Option<Film>> {
@@ -117,65 +126,49 @@ fn film(root: &Table<'_>) -> Result<Option<Film>> {
         return Ok(None);
     };
     let table = item.table("[film]", &FILM)?;
-    let side = |key: &str| -> Result<u32> { Ok(table.require(key)?.whole(1, 65536)? as u32) };
+    let side = |key: &str| -> Result<u32> {
+        Ok(table.require(key)?.whole(1, Film::MAX_SIDE.into())? as u32)
+    };
     Ok(Some(Film {
         width: side("width")?,
         height: side("height")?,
         exposure: match table.get("exposure") {
-            Some(item) => item.number_within(1e-30, 1e30)? as f32,
+            Some(item) => {
+                let (low, high) = (Film::EXPOSURES.start(), Film::EXPOSURES.end());
+                item.number_within(*low, *high)? as f32
+            }
             None => 1.0,
         },
     }))
 }
 
-fn camera(table: &Table<'_>, index: usize) -> Result<DraftCamera> {
+fn camera(table: &Table<'_>, index: usize) -> Result<CameraInput> {
     for key in ["position", "target", "up"] {
         table.exclusive(&["camera_to_world", key])?;
     }
-    let world_from_camera = if let Some(item) = table.get("camera_to_world") {
-        let mut map = item.affine()?;
-        let (x, y, z) = (map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis);
-        let lengths = [x, y, z].map(|a| (a.length() - 1.0).abs());
-        let angles = [x.dot(y), y.dot(z), z.dot(x)].map(f64::abs);
-        let turns = x.cross(y).dot(z) > 0.0;
-        if !turns || lengths.iter().chain(&angles).any(|e| *e > 1e-4) {
-            return Err(
-                item.error("expected a rotation and a position, without scale, shear or mirror")
-            );
-        }
-        // Straightened, so that what six digits in a file leave of a rotation is a rotation to f32.
-        map.matrix3.z_axis = z.normalize();
-        map.matrix3.x_axis = y.cross(map.matrix3.z_axis).normalize();
-        map.matrix3.y_axis = map.matrix3.z_axis.cross(map.matrix3.x_axis);
-        map
-    } else {
-        let position = table.require("position")?.vector()?;
-        let target = table.require("target")?.vector()?;
-        let up = match table.get("up") {
-            Some(up) => up.vector()?,
-            None => DVec3::Y,
-        };
-        look_at(position, target, up).ok_or_else(|| {
-            table.error("the camera is at its own target, or looks along its `up`")
-        })?
+    let name = match table.get("name") {
+        Some(name) => name.text()?.into(),
+        None => format!("camera {}", index + 1),
     };
     let fov_x_deg = match table.get("fov_x_deg") {
         Some(item) => item.number_within(0.01, 179.0)?,
         None => 45.0,
     };
-    Ok(DraftCamera {
-        name: match table.get("name") {
-            Some(name) => name.text()?.into(),
-            None => format!("camera {}", index + 1),
-        },
-        world_from_camera,
-        fov_x_rad: fov_x_deg.to_radians(),
-    })
+    let fov_x_rad = fov_x_deg.to_radians();
+    if let Some(item) = table.get("camera_to_world") {
+        return CameraInput::placed(name, item.affine()?, fov_x_rad).map_err(|e| item.error(e));
+    }
+    let position = table.require("position")?.vector()?;
+    let target = table.require("target")?.vector()?;
+    let up = match table.get("up") {
+        Some(up) => up.vector()?,
+        None => DVec3::Y,
+    };
+    CameraInput::look_at(name, position, target, up, fov_x_rad).map_err(|e| table.error(e))
 }
 
-fn light(table: &Table<'_>) -> Result<DraftLight> {
-    let color = |key: &str| table.require(key)?.color(BRIGHTEST);
-    let position = || table.require("position")?.vector();
+fn light(table: &Table<'_>) -> Result<LightInput> {
+    let color = |key: &str| table.require(key)?.color(MAX_EMISSION);
     let only = |keys: &[&str]| -> Result<()> {
         for key in LIGHT {
             if key != "type" && !keys.contains(&key) && table.get(key).is_some() {
@@ -188,52 +181,15 @@ fn light(table: &Table<'_>) -> Result<DraftLight> {
     };
     let kinds = ["point", "spot", "directional", "environment"];
     let kind = table.require("type")?.choice(&kinds)?;
-    let (light, position) = match kinds[kind] {
+    match kinds[kind] {
         "point" => {
             only(&["position", "intensity"])?;
-            let light = Light::Point {
-                position: glam::Vec3::ZERO,
-                intensity: color("intensity")?,
-            };
-            (light, position()?)
+            let position = table.require("position")?.vector()?;
+            Ok(LightInput::point(position, color("intensity")?))
         }
         "spot" => {
-            only(&[
-                "position",
-                "direction",
-                "target",
-                "intensity",
-                "inner_deg",
-                "outer_deg",
-            ])?;
-            table.exclusive(&["direction", "target"])?;
-            let at = position()?;
-            let direction = match table.get("target") {
-                Some(target) => (target.vector()? - at)
-                    .try_normalize()
-                    .ok_or_else(|| target.error("the light is at its own target"))?,
-                None => table.require("direction")?.direction()?,
-            };
-            let outer = table.require("outer_deg")?;
-            let outer_deg = outer.number_within(0.01, 180.0)?;
-            let inner_deg = match table.get("inner_deg") {
-                Some(inner) => inner.number_within(0.0, 180.0)?,
-                None => 0.0,
-            };
-            let cos = |degrees: f64| libm::cos(degrees.to_radians()) as f32;
-            if cos(inner_deg) <= cos(outer_deg) {
-                return Err(outer.error(format_args!(
-                    "expected more than the {inner_deg} of `inner_deg`, found {outer_deg}"
-                )));
-            }
-            let light = Light::Spot {
-                position: glam::Vec3::ZERO,
-                direction: direction.as_vec3(),
-                intensity: color("intensity")?,
-                cos_inner: cos(inner_deg),
-                cos_outer: cos(outer_deg),
-            };
-            (light, at)
+            only(&SPOT)?;
+            spot(table)
         }
         "directional" => {
             only(&["direction", "irradiance", "angular_radius_deg"])?;
@@ -241,20 +197,39 @@ fn light(table: &Table<'_>) -> Result<DraftLight> {
                 Some(item) => item.number_within(0.0, 89.0)?,
                 None => 0.0,
             };
-            let light = Light::Directional {
-                direction: table.require("direction")?.direction()?.as_vec3(),
-                irradiance: color("irradiance")?,
-                angular_radius_rad: radius_deg.to_radians() as f32,
-            };
-            (light, DVec3::ZERO)
+            let direction = table.require("direction")?.direction()?;
+            LightInput::sun(direction, color("irradiance")?, radius_deg.to_radians())
+                .map_err(|e| table.error(e))
         }
         _ => {
             only(&["radiance"])?;
-            let radiance = color("radiance")?;
-            (Light::Environment { radiance }, DVec3::ZERO)
+            Ok(LightInput::environment(color("radiance")?))
         }
+    }
+}
+
+fn spot(table: &Table<'_>) -> Result<LightInput> {
+    table.exclusive(&["direction", "target"])?;
+    let position = table.require("position")?.vector()?;
+    let direction = match table.get("target") {
+        Some(target) => (target.vector()? - position)
+            .try_normalize()
+            .ok_or_else(|| target.error("the light is at its own target"))?,
+        None => table.require("direction")?.direction()?,
     };
-    Ok(DraftLight { light, position })
+    let outer = table.require("outer_deg")?;
+    let outer_deg = outer.number_within(0.01, 180.0)?;
+    let inner_deg = match table.get("inner_deg") {
+        Some(inner) => inner.number_within(0.0, 180.0)?,
+        None => 0.0,
+    };
+    let intensity = table.require("intensity")?.color(MAX_EMISSION)?;
+    let (inner_rad, outer_rad) = (inner_deg.to_radians(), outer_deg.to_radians());
+    LightInput::spot(position, direction, intensity, inner_rad, outer_rad).map_err(|_| {
+        outer.error(format_args!(
+            "expected more than the {inner_deg} of `inner_deg`, found {outer_deg}"
+        ))
+    })
 }
 
 /// The text of `file`, and its path unless it is built in.
@@ -263,10 +238,42 @@ fn named<'a>(table: &Table<'a>, scene: &Path) -> Result<(&'a str, PathBuf)> {
     Ok((name, beside(scene, name)))
 }
 
-fn mesh(table: &Table<'_>, scene: &Path, draft: &mut Draft, files: &mut Files) -> Result<Part> {
-    let world_from_part = place::from_keys(table)?;
+fn mesh(
+    table: &Table<'_>,
+    scene: &Path,
+    builder: &mut SceneBuilder,
+    files: &mut Files,
+) -> Result<MeshInput> {
+    let world_from_mesh = transform::from_keys(table)?;
     let (name, path) = named(table, scene)?;
-    let kind = extension(&path);
+    let mut mesh = match name.strip_prefix("builtin:") {
+        Some(shape) => {
+            file_keys(table, "")?;
+            builtin::mesh(shape).map_err(|e| table.locate(e))?
+        }
+        None => mesh_file(table, &path, &world_from_mesh, builder, files)?,
+    };
+    files.cancel.check()?;
+    mesh.check().map_err(|e| e.at(path.display()))?;
+    mesh.place(&world_from_mesh);
+    surface(table, scene, &mut mesh, files)?;
+    files.cancel.check()?;
+    shading_normals(table, &mut mesh, &files.cancel)?;
+    files.cancel.check()?;
+    // Placement can take finite positions out of range.
+    mesh.check().map_err(|e| table.locate(e))?;
+    Ok(mesh)
+}
+
+/// Keys that only some kinds of mesh files have.
+struct FileKeys {
+    /// Albedo of each `material_index` of a PLY.
+    palette: Option<Vec<[f32; 3]>>,
+    /// What to take from a glTF beside its meshes.
+    imports: Vec<usize>,
+}
+
+fn file_keys(table: &Table<'_>, kind: &str) -> Result<FileKeys> {
     let palette = match table.get("palette") {
         Some(item) if kind != "ply" => {
             return Err(item.error("only .ply files have this key"));
@@ -274,78 +281,82 @@ fn mesh(table: &Table<'_>, scene: &Path, draft: &mut Draft, files: &mut Files) -
         Some(item) => Some(item.colors(1.0)?),
         None => None,
     };
-    let imports = imports(table, &kind)?;
-    let mut part = match name.strip_prefix("builtin:") {
-        Some(shape) => builtin::mesh(shape).map_err(|e| table.locate(e))?,
-        None => {
-            if !["obj", "ply", "gltf", "glb"].contains(&kind.as_str()) {
-                return Err(table
-                    .error(format_args!(
-                        "a mesh with the extension \"{kind}\" is not supported"
-                    ))
-                    .hint("meshes are .obj, .ply, .gltf or .glb files"));
-            }
-            let content = files.read("mesh", &path).map_err(|e| table.locate(e))?;
-            let part = match kind.as_str() {
-                "ply" => ply::read(&content, palette.as_deref(), &files.cancel),
-                "obj" => obj::read(&content, &path, files),
-                _ => gltf::read(&content, &path, files)
-                    .and_then(|import| take(import, &imports, &world_from_part, draft)),
-            };
-            let part = part.map_err(|e| e.at(path.display()))?;
-            // A glTF file may hold nothing but cameras, lights or a volume.
-            if part.triangles.is_empty() && ["obj", "ply"].contains(&kind.as_str()) {
-                return Err(Error::input("no faces were found").at(path.display()));
-            }
-            part
-        }
+    let imports = imports(table, kind)?;
+    Ok(FileKeys { palette, imports })
+}
+
+/// Reads the file of a mesh; cameras and lights of a glTF go to the builder if the scene file wants
+/// them.
+fn mesh_file(
+    table: &Table<'_>,
+    path: &Path,
+    world_from_mesh: &DAffine3,
+    builder: &mut SceneBuilder,
+    files: &mut Files,
+) -> Result<MeshInput> {
+    let kind = extension(path);
+    let keys = file_keys(table, &kind)?;
+    if !["obj", "ply", "gltf", "glb"].contains(&kind.as_str()) {
+        return Err(table
+            .error(format_args!(
+                "a mesh with the extension \"{kind}\" is not supported"
+            ))
+            .hint("meshes are .obj, .ply, .gltf or .glb files"));
+    }
+    let content = files.read("mesh", path).map_err(|e| table.locate(e))?;
+    let mesh = match kind.as_str() {
+        "ply" => ply::read(&content, keys.palette.as_deref(), &files.cancel),
+        "obj" => obj::read(&content, path, files),
+        _ => gltf::read(&content, path, files)
+            .and_then(|import| take(import, &keys.imports, world_from_mesh, builder)),
     };
-    files.cancel.check()?;
-    part.check().map_err(|e| e.at(path.display()))?;
-    part.transform(&world_from_part);
+    let mesh = mesh.map_err(|e| e.at(path.display()))?;
+    // A glTF file may hold nothing but cameras, lights or a volume.
+    if mesh.triangles.is_empty() && ["obj", "ply"].contains(&kind.as_str()) {
+        return Err(Error::input("no faces were found").at(path.display()));
+    }
+    Ok(mesh)
+}
+
+/// Applies the keys that say what the surface of a mesh looks like.
+fn surface(table: &Table<'_>, scene: &Path, mesh: &mut MeshInput, files: &mut Files) -> Result<()> {
     if let Some(item) = table.get("albedo") {
         let albedo = item.color(1.0)?;
-        part.colors.clear();
-        for material in &mut part.materials {
+        mesh.colors.clear();
+        for material in &mut mesh.materials {
             material.albedo = albedo;
             material.texture = None;
         }
     }
     if let Some(item) = table.get("texture") {
-        if part.uvs.is_empty() {
+        if mesh.uvs.is_empty() {
             return Err(item.error("the mesh has no texture coordinates"));
         }
         let path = beside(scene, item.text()?);
         let content = files.read("texture", &path).map_err(|e| table.locate(e))?;
         let image = texture::decode(&content).map_err(|e| e.at(path.display()))?;
-        part.textures = vec![image];
-        for material in &mut part.materials {
+        mesh.textures = vec![image];
+        for material in &mut mesh.materials {
             material.texture = Some(0);
             if table.get("albedo").is_none() {
                 material.albedo = [1.0; 3];
             }
         }
     }
+    let materials = &mut mesh.materials;
     if let Some(item) = table.get("emission") {
-        let emission = item.color(BRIGHTEST)?;
-        part.materials
-            .iter_mut()
-            .for_each(|m| m.emission = emission);
+        let emission = item.color(MAX_EMISSION)?;
+        materials.iter_mut().for_each(|m| m.emission = emission);
     }
     if let Some(item) = table.get("emits_both_sides") {
         let both = item.flag()?;
-        (part.materials.iter_mut()).for_each(|m| m.emits_both_sides = both);
+        materials.iter_mut().for_each(|m| m.emits_both_sides = both);
     }
     if let Some(item) = table.get("name") {
         let name = item.text()?;
-        part.materials.iter_mut().for_each(|m| m.name = name.into());
+        materials.iter_mut().for_each(|m| m.name = name.into());
     }
-    files.cancel.check()?;
-    shading_normals(table, &mut part, &files.cancel)?;
-    files.cancel.check()?;
-    // Placement can take finite positions out of range.
-    part.check().map_err(|e| table.locate(e))?;
-    Ok(part)
+    Ok(())
 }
 
 /// What to take from a glTF beside its meshes: 0 for cameras, 1 for lights.
@@ -359,21 +370,21 @@ fn imports(table: &Table<'_>, kind: &str) -> Result<Vec<usize>> {
     item.choices(&["cameras", "lights"])
 }
 
-/// Moves cameras and lights of a glTF into place and into the draft; the meshes are returned as
+/// Moves cameras and lights of a glTF into place and into the builder; the meshes are returned as
 /// they are.
 fn take(
     import: gltf::Import,
     imports: &[usize],
     world_from_file: &DAffine3,
-    draft: &mut Draft,
-) -> Result<Part> {
+    builder: &mut SceneBuilder,
+) -> Result<MeshInput> {
     if imports.contains(&0) {
-        let film = draft.film.unwrap_or(DEFAULT_FILM);
+        let film = builder.film.unwrap_or(DEFAULT_FILM);
         for mut camera in import.cameras {
             let moved = *world_from_file * camera.world_from_camera;
             camera.world_from_camera = gltf::without_scale(&moved);
             let camera = camera.for_film(&film)?;
-            draft.add_camera(camera);
+            builder.add_camera(camera);
         }
     }
     if imports.contains(&1) {
@@ -385,24 +396,24 @@ fn take(
                 let moved = world_from_file.transform_vector3(direction.as_dvec3());
                 *direction = moved.normalize().as_vec3();
             }
-            draft.lights.push(light);
+            builder.lights.push(light);
         }
     }
-    Ok(import.part)
+    Ok(import.mesh)
 }
 
-fn shading_normals(table: &Table<'_>, part: &mut Part, cancel: &Cancel) -> Result<()> {
+fn shading_normals(table: &Table<'_>, mesh: &mut MeshInput, cancel: &Cancel) -> Result<()> {
     let Some(item) = table.get("normals") else {
         return Ok(());
     };
     if item.is_table() {
         let inner = item.table("`normals`", &["crease_deg"])?;
         let angle = inner.require("crease_deg")?.number_within(0.0, 180.0)?;
-        return normals::crease(part, angle.to_radians(), cancel);
+        return normals::crease(mesh, angle.to_radians(), cancel);
     }
     match item.choice(&["face", "given"])? {
-        0 => part.normals.clear(),
-        _ if part.normals.is_empty() => {
+        0 => mesh.normals.clear(),
+        _ if mesh.normals.is_empty() => {
             return Err(item
                 .error("the file has no normals")
                 .hint("use \"face\" or { crease_deg = 40 }"));
@@ -412,7 +423,7 @@ fn shading_normals(table: &Table<'_>, part: &mut Part, cancel: &Cancel) -> Resul
     Ok(())
 }
 
-fn volume(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<DraftVolume> {
+fn volume(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<VolumeInput> {
     let (name, path) = named(table, scene)?;
     table.exclusive(&["window", "value_scale"])?;
     table.exclusive(&["unitcube_to_world", "world_from_index"])?;
@@ -440,7 +451,7 @@ fn volume(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<DraftVol
     let albedo = table.require("albedo")?.color(1.0)?;
     let field = field(table, name, &path, files)?;
 
-    let world_from_index = if let Some(item) = table.get("unitcube_to_world") {
+    let world_from_grid = if let Some(item) = table.get("unitcube_to_world") {
         item.affine()? * field.unitcube_from_grid()
     } else if let Some(item) = table.get("world_from_index") {
         item.affine()? * field.file_from_grid()
@@ -451,11 +462,11 @@ fn volume(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<DraftVol
             .error("the file does not say where the volume is")
             .hint("give `unitcube_to_world` or `world_from_index`"));
     };
-    let world_from_index: DAffine3 = place::from_keys(table)? * world_from_index;
-    if is_singular(&world_from_index) {
+    let world_from_grid: DAffine3 = transform::from_keys(table)? * world_from_grid;
+    if is_singular(&world_from_grid) {
         return Err(table.error("the placement of the volume is singular: it flattens space"));
     }
-    Ok(DraftVolume {
+    Ok(VolumeInput {
         name: match table.get("name") {
             Some(item) => item.text()?.into(),
             None => path
@@ -468,7 +479,7 @@ fn volume(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<DraftVol
             .into_grid(scale, &files.cancel)
             .map_err(|e| e.at(path.display()))?,
         albedo,
-        world_from_index,
+        world_from_grid,
     })
 }
 

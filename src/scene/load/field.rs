@@ -3,9 +3,9 @@
 //! The file's index space has the sample of voxel (i,j,k) at (i,j,k), as NRRD and OpenVDB have it.
 //! A grid of ours has its voxel (i,j,k) from (i,j,k) to (i+1,j+1,k+1).
 
-use super::super::grid::{Grid, Layout};
 use crate::math::unflatten;
 use crate::run::{Cancel, memory, size};
+use crate::scene::grid::{Grid, Layout};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;

@@ -1,10 +1,17 @@
-//! From files to a checked [`Scene`].
+//! Scene files, and readers of all files that they name.
 //!
 #![doc = include_str!("../../../docs/scene.md")]
 
+// In come paths; out comes a `SceneBuilder` that is filled, and what the user should know.
+//
+// - `description`: the scene file; with `table` (typed access to TOML) and `transform` (placement)
+// - `obj` with `mtl`, `ply`, `gltf`, `builtin`: meshes, each as a `MeshInput`
+// - `vdb`, `nrrd`, `raw`, `builtin`: volumes, each as a `field::Field`, which becomes a grid
+// - `texture`: images; `normals`: shading normals at a crease angle
+// - `files`: reads and hashes files and collects warnings; `surfaces`: what materials ask for in vain
+
 mod builtin;
 mod description;
-mod draft;
 mod field;
 mod files;
 mod gltf;
@@ -12,27 +19,23 @@ mod mtl;
 mod normals;
 mod nrrd;
 mod obj;
-mod part;
-mod place;
 mod ply;
 mod raw;
 mod surfaces;
 mod table;
 mod texture;
+mod transform;
 mod vdb;
 
-use super::Scene;
-use crate::run::Cancel;
+use super::{Scene, SceneBuilder};
+use crate::run::{Cancel, Job};
 use crate::{Error, Result};
 use files::Files;
-use glam::DAffine3;
 use std::path::Path;
 
-/// Emission, intensity and irradiance beyond this are taken for a mistake.
-const BRIGHTEST: f32 = 1e30;
-
 impl Scene {
-    /// Reads and checks a scene: a `.toml` scene file, or a `.gltf` or `.glb` by itself.
+    /// Reads and checks a scene: a `.toml` scene file, or a `.gltf` or `.glb` by itself. What the
+    /// caller should know is in its `warnings`. [`load`](crate::scene::load) describes scene files.
     ///
     /// # Errors
     /// Of kind [`crate::Kind::Input`] for anything wrong with the files; the message names the file
@@ -41,13 +44,20 @@ impl Scene {
         Self::load_until(path, &Cancel::default())
     }
 
-    /// As [`Scene::load`], but stops on request.
+    /// Reads and checks a scene as [`Scene::load`] does, but stops when the job is cancelled, and
+    /// hands warnings to the job's progress, too.
     ///
     /// # Errors
     /// As [`Scene::load`], and if cancelled.
-    pub fn load_until(path: &Path, cancel: &Cancel) -> Result<Self> {
+    pub fn load_with(path: &Path, job: &Job) -> Result<Self> {
+        let scene = Self::load_until(path, &job.cancel)?;
+        scene.warnings.iter().for_each(|w| job.progress.warn(w));
+        Ok(scene)
+    }
+
+    fn load_until(path: &Path, cancel: &Cancel) -> Result<Self> {
         let mut files = Files::until(cancel);
-        let draft = match files::extension(path).as_str() {
+        let builder = match files::extension(path).as_str() {
             "toml" => {
                 let text = files.read("scene", path)?;
                 let text = String::from_utf8(text).map_err(|e| {
@@ -59,7 +69,7 @@ impl Scene {
                 let content = files.read("scene", path)?;
                 let import =
                     gltf::read(&content, path, &mut files).map_err(|e| e.at(path.display()))?;
-                import.into_draft(path).map_err(|e| e.at(path.display()))?
+                import.into_scene(path).map_err(|e| e.at(path.display()))?
             }
             other => {
                 return Err(Error::input(format!(
@@ -69,7 +79,7 @@ impl Scene {
                 .hint("scenes are .toml, .gltf or .glb files"));
             }
         };
-        draft.finish(files).map_err(|e| e.at(path.display()))
+        finish(builder, files).map_err(|e| e.at(path.display()))
     }
 
     /// A room with coloured walls, a few shapes, a plume of smoke and a warm light; needs no files.
@@ -80,16 +90,18 @@ impl Scene {
         let text = include_str!("demo.toml");
         let mut files = Files::default();
         files.add(text.as_bytes())?;
-        description::read(text, Path::new("demo.toml"), &mut files)?.finish(files)
+        let builder = description::read(text, Path::new("demo.toml"), &mut files)?;
+        finish(builder, files)
     }
 }
 
-/// Whether a map has no inverse worth the name: its axes are, up to rounding, in one plane.
-fn is_singular(map: &DAffine3) -> bool {
-    let m = map.matrix3;
-    let volume = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
-    let finite = map.to_cols_array().iter().all(|x| x.is_finite());
-    !finite || volume == 0.0 || m.determinant().abs() < 1e-12 * volume
+/// The scene of what was read from files.
+fn finish(builder: SceneBuilder, files: Files) -> Result<Scene> {
+    let mut scene = builder.finish(&files.cancel)?;
+    scene.hash = files.hash();
+    scene.files = files.paths;
+    scene.warnings.splice(..0, files.warnings);
+    Ok(scene)
 }
 
 #[cfg(test)]

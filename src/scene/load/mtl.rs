@@ -3,11 +3,11 @@
 //! `illum` 3 to 10, `Ks` above what exporters write for plain surfaces, `map_Ks`, `refl`, `Pm`,
 //! `Pc`, `Ps` and their maps, and bumps. `Ns`, `Ni`, `Tf` and `Pr` say nothing by themselves.
 
-use super::super::{Material, Texture};
 use super::files::{Files, beside};
-use super::part::DEFAULT_ALBEDO;
 use super::surfaces::{LeftOut, Look};
 use super::texture;
+use crate::scene::builder::DEFAULT_ALBEDO;
+use crate::scene::{Material, Texture};
 use crate::{Error, Result};
 use std::collections::{BTreeSet, HashMap};
 use std::path::Path;

@@ -1,9 +1,9 @@
 //! Shading normals recomputed at a crease angle: smooth where faces meet gently, split where they
 //! meet sharply.
 
-use super::part::Part;
 use crate::Result;
 use crate::run::Cancel;
+use crate::scene::builder::MeshInput;
 use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 
@@ -11,33 +11,33 @@ use std::collections::HashMap;
 /// would take for ever.
 const MOST_FACES: usize = 4096;
 
-/// Gives `part` normals: at each corner the area-weighted mean over the faces around the point that
+/// Gives `mesh` normals: at each corner the area-weighted mean over the faces around the point that
 /// turn less than `crease_rad` from the corner's own face. Vertices are split where their corners
 /// differ.
 ///
 /// # Errors
 /// If cancelled.
-pub(super) fn crease(part: &mut Part, crease_rad: f64, cancel: &Cancel) -> Result<()> {
-    let corners = part.triangles.len() * 3;
+pub(super) fn crease(mesh: &mut MeshInput, crease_rad: f64, cancel: &Cancel) -> Result<()> {
+    let corners = mesh.triangles.len() * 3;
     let face = |t: usize| {
-        let [a, b, c] = part.triangles[t].map(|i| part.positions[i as usize]);
+        let [a, b, c] = mesh.triangles[t].map(|i| mesh.positions[i as usize]);
         0.5 * (b - a).cross(c - a)
     };
-    let area_vectors: Vec<DVec3> = (0..part.triangles.len()).map(face).collect();
+    let area_vectors: Vec<DVec3> = (0..mesh.triangles.len()).map(face).collect();
     let unit: Vec<DVec3> = area_vectors.iter().map(|n| n.normalize_or_zero()).collect();
 
     // Files split vertices for reasons of their own, so faces meet where positions are equal, not
     // where indices are.
-    let mut point_of_vertex: Vec<u32> = Vec::with_capacity(part.positions.len());
-    let mut points: HashMap<[u64; 3], u32> = HashMap::with_capacity(part.positions.len());
-    for p in &part.positions {
+    let mut point_of_vertex: Vec<u32> = Vec::with_capacity(mesh.positions.len());
+    let mut points: HashMap<[u64; 3], u32> = HashMap::with_capacity(mesh.positions.len());
+    for p in &mesh.positions {
         cancel.check()?;
         // Adding zero makes -0 equal to 0.
         let key = p.to_array().map(|x| (x + 0.0).to_bits());
         let next = points.len() as u32;
         point_of_vertex.push(*points.entry(key).or_insert(next));
     }
-    let point = |corner: usize| point_of_vertex[part.triangles[corner / 3][corner % 3] as usize];
+    let point = |corner: usize| point_of_vertex[mesh.triangles[corner / 3][corner % 3] as usize];
     let mut first = vec![0_usize; points.len() + 1];
     for corner in 0..corners {
         first[point(corner) as usize + 1] += 1;
@@ -73,12 +73,12 @@ pub(super) fn crease(part: &mut Part, crease_rad: f64, cancel: &Cancel) -> Resul
         cancel.check()?;
         normals.push(normal(corner));
     }
-    split(part, &normals, cancel)
+    split(mesh, &normals, cancel)
 }
 
 /// Makes vertices anew, one for each pair of an old vertex and a normal that its corners have.
-fn split(part: &mut Part, normal_of_corner: &[Vec3], cancel: &Cancel) -> Result<()> {
-    let old = std::mem::take(part);
+fn split(mesh: &mut MeshInput, normal_of_corner: &[Vec3], cancel: &Cancel) -> Result<()> {
+    let old = std::mem::take(mesh);
     let mut made: HashMap<(u32, [u32; 3]), u32> = HashMap::with_capacity(old.positions.len());
     for (t, triangle) in old.triangles.iter().enumerate() {
         cancel.check()?;
@@ -87,18 +87,18 @@ fn split(part: &mut Part, normal_of_corner: &[Vec3], cancel: &Cancel) -> Result<
             let normal = normal_of_corner[t * 3 + k];
             let key = (v, normal.to_array().map(f32::to_bits));
             *made.entry(key).or_insert_with(|| {
-                part.positions.push(old.positions[v as usize]);
-                part.normals.push(normal);
-                part.colors.extend(old.colors.get(v as usize));
-                part.uvs.extend(old.uvs.get(v as usize));
-                part.positions.len() as u32 - 1
+                mesh.positions.push(old.positions[v as usize]);
+                mesh.normals.push(normal);
+                mesh.colors.extend(old.colors.get(v as usize));
+                mesh.uvs.extend(old.uvs.get(v as usize));
+                mesh.positions.len() as u32 - 1
             })
         });
-        part.triangles.push(vertices);
+        mesh.triangles.push(vertices);
     }
-    part.material = old.material;
-    part.materials = old.materials;
-    part.textures = old.textures;
+    mesh.material = old.material;
+    mesh.materials = old.materials;
+    mesh.textures = old.textures;
     Ok(())
 }
 
@@ -107,9 +107,9 @@ mod tests {
     use super::*;
 
     /// Two unit squares that share an edge, the second turned up by `angle` about it.
-    fn fold(angle: f64) -> Part {
+    fn fold(angle: f64) -> MeshInput {
         let up = DVec3::new(angle.cos(), angle.sin(), 0.0);
-        Part {
+        MeshInput {
             positions: vec![
                 DVec3::NEG_X,
                 DVec3::ZERO,
@@ -123,7 +123,7 @@ mod tests {
             ],
             triangles: vec![[0, 3, 2], [0, 2, 1], [6, 7, 5], [6, 5, 4]],
             material: vec![0; 4],
-            ..Part::default()
+            ..MeshInput::default()
         }
     }
 

@@ -9,6 +9,7 @@
 use super::field::{Array, Field, Number, Samples, byte_length};
 use super::files::{Files, beside};
 use crate::run::{Cancel, memory};
+use crate::scene::builder::is_singular;
 use crate::{Error, Result};
 use flate2::bufread::MultiGzDecoder;
 use glam::{DAffine3, DMat3, DVec3};
@@ -180,7 +181,7 @@ impl Header {
                 matrix3: DMat3::from_cols(axis(0)?, axis(1)?, axis(2)?),
                 translation: origin.unwrap_or(DVec3::ZERO),
             };
-            if super::is_singular(&map) {
+            if is_singular(&map) {
                 return Err(Error::input(format!(
                     "`space directions: {text}` are singular: they lie in one plane"
                 )));

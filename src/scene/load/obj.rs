@@ -5,24 +5,24 @@
 //! `mtllib`; everything else is skipped, smoothing groups included. A corner without a normal takes
 //! that of its face.
 
-use super::super::Material;
 use super::files::{Files, beside};
 use super::mtl;
-use super::part::{DEFAULT_ALBEDO, MESH, Part, merge, push};
 use super::texture;
 use crate::run::memory;
+use crate::scene::Material;
+use crate::scene::builder::{DEFAULT_ALBEDO, MESH, MeshInput, extend_attribute, push};
 use crate::{Error, Result};
 use glam::{DVec3, Vec2, Vec3};
 use std::collections::HashMap;
 use std::path::Path;
 
 /// Reads an OBJ file and the material files that it names.
-pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Part> {
+pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<MeshInput> {
     let text = String::from_utf8_lossy(content);
     let mut reader = Reader {
         path,
         files,
-        part: Part::default(),
+        mesh: MeshInput::default(),
         positions: Vec::new(),
         colors: Vec::new(),
         uvs: Vec::new(),
@@ -51,7 +51,7 @@ pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Par
         whole.map_err(|e| e.at(format!("line {}", number + 1)))?;
     }
     reader.without_uvs();
-    Ok(reader.part)
+    Ok(reader.mesh)
 }
 
 /// Position, texture coordinate and normal of a corner.
@@ -60,15 +60,15 @@ type Corner = [Option<usize>; 3];
 struct Reader<'a> {
     path: &'a Path,
     files: &'a mut Files,
-    part: Part,
+    mesh: MeshInput,
     positions: Vec<DVec3>,
     /// As long as `positions`, or empty if no vertex so far has a colour.
     colors: Vec<[f32; 3]>,
     uvs: Vec<Vec2>,
     normals: Vec<Vec3>,
-    /// Vertex of the part for each corner that differs from those before it.
+    /// Vertex of the mesh for each corner that differs from those before it.
     vertices: HashMap<Corner, u32>,
-    /// Index in the part of each material by name.
+    /// Index in the mesh of each material by name.
     materials: HashMap<String, u32>,
     /// That of the following faces.
     material: Option<u32>,
@@ -136,14 +136,14 @@ impl Reader<'_> {
             return Err(Error::input("expected a face of 3 corners or more"));
         };
         let (first, mut last) = (self.corner(first)?, self.corner(second)?);
-        let before = self.part.triangles.len();
+        let before = self.mesh.triangles.len();
         for corner in corners {
             let corner = self.corner(corner)?;
-            push(&mut self.part.triangles, [first, last, corner])?;
-            push(&mut self.part.material, material)?;
+            push(&mut self.mesh.triangles, [first, last, corner])?;
+            push(&mut self.mesh.material, material)?;
             last = corner;
         }
-        if self.part.triangles.len() == before {
+        if self.mesh.triangles.len() == before {
             return Err(Error::input(
                 "expected a face of 3 corners or more, found 2",
             ));
@@ -159,17 +159,17 @@ impl Reader<'_> {
             ("vn", self.normals.len()),
         ];
         let mut key = [None; 3];
-        for (a, part) in text.split('/').enumerate() {
+        for (a, number) in text.split('/').enumerate() {
             let wrong = || {
                 Error::input(format!(
                     "expected a corner such as 1, 1/2, 1//3 or 1/2/3, found \"{text}\""
                 ))
             };
             let (name, count) = *lists.get(a).ok_or_else(wrong)?;
-            if part.is_empty() && a > 0 {
+            if number.is_empty() && a > 0 {
                 continue;
             }
-            let number: i64 = part.parse().map_err(|_| wrong())?;
+            let number: i64 = number.parse().map_err(|_| wrong())?;
             // Counted from 1, or backwards from the last with -1.
             let index = match number {
                 1.. => usize::try_from(number - 1).ok(),
@@ -191,15 +191,15 @@ impl Reader<'_> {
         let [Some(position), uv, normal] = key else {
             return Err(Error::input("a corner without a position"));
         };
-        let part = &mut self.part;
-        let vertex = part.positions.len();
-        push(&mut part.positions, self.positions[position])?;
+        let mesh = &mut self.mesh;
+        let vertex = mesh.positions.len();
+        push(&mut mesh.positions, self.positions[position])?;
         let color = self.colors.get(position).copied().into_iter().collect();
-        merge(&mut part.colors, color, vertex, vertex + 1, [1.0; 3])?;
+        extend_attribute(&mut mesh.colors, color, vertex, vertex + 1, [1.0; 3])?;
         let uv: Vec<Vec2> = uv.map(|i| self.uvs[i]).into_iter().collect();
-        merge(&mut part.uvs, uv, vertex, vertex + 1, Vec2::ZERO)?;
+        extend_attribute(&mut mesh.uvs, uv, vertex, vertex + 1, Vec2::ZERO)?;
         let normal: Vec<Vec3> = normal.map(|i| self.normals[i]).into_iter().collect();
-        merge(&mut part.normals, normal, vertex, vertex + 1, Vec3::ZERO)?;
+        extend_attribute(&mut mesh.normals, normal, vertex, vertex + 1, Vec3::ZERO)?;
         let vertex = u32::try_from(vertex)
             .map_err(|_| Error::input("more vertices than can be indexed with 32 bits"))?;
         self.vertices
@@ -228,10 +228,10 @@ impl Reader<'_> {
                 continue;
             }
             let content = self.files.read("material", &path)?;
-            let first = self.part.textures.len() as u32;
+            let first = self.mesh.textures.len() as u32;
             let (materials, textures) =
                 mtl::read(&content, &path, self.files).map_err(|e| e.at(path.display()))?;
-            self.part.textures.extend(textures);
+            self.mesh.textures.extend(textures);
             for mut material in materials {
                 material.texture = material.texture.map(|t| t + first);
                 self.add(material);
@@ -242,16 +242,16 @@ impl Reader<'_> {
 
     /// Where nothing says which part of a texture is meant, its mean colour stands for it.
     fn without_uvs(&mut self) {
-        if !self.part.uvs.is_empty() || self.part.textures.is_empty() {
+        if !self.mesh.uvs.is_empty() || self.mesh.textures.is_empty() {
             return;
         }
-        for material in &mut self.part.materials {
+        for material in &mut self.mesh.materials {
             if let Some(index) = material.texture.take() {
-                let mean = texture::mean(&self.part.textures[index as usize]);
+                let mean = texture::mean(&self.mesh.textures[index as usize]);
                 material.albedo = std::array::from_fn(|i| material.albedo[i] * mean[i]);
             }
         }
-        self.part.textures.clear();
+        self.mesh.textures.clear();
         self.files.warn(format!(
             "{}: there are no texture coordinates; textures are replaced by their mean colour",
             self.path.display()
@@ -259,9 +259,9 @@ impl Reader<'_> {
     }
 
     fn add(&mut self, material: Material) -> u32 {
-        let index = self.part.materials.len() as u32;
+        let index = self.mesh.materials.len() as u32;
         self.materials.insert(material.name.clone(), index);
-        self.part.materials.push(material);
+        self.mesh.materials.push(material);
         index
     }
 
@@ -304,7 +304,7 @@ fn numbers(text: &str, count: std::ops::RangeInclusive<usize>) -> Result<Vec<f64
 mod tests {
     use super::*;
 
-    fn load(text: &str) -> Result<Part> {
+    fn load(text: &str) -> Result<MeshInput> {
         read(text.as_bytes(), Path::new("x.obj"), &mut Files::default())
     }
 
@@ -313,31 +313,31 @@ mod tests {
     #[test]
     fn a_quad_is_a_fan_and_negative_indices_count_backwards() {
         for face in ["f 1 2 3 4", "f -4 -3 -2 -1", "f 1 2 \\\n 3 4"] {
-            let part = load(&format!("{SQUARE}{face}\n")).unwrap();
-            assert_eq!(part.triangles, [[0, 1, 2], [0, 2, 3]], "{face}");
-            assert_eq!(part.positions[2], DVec3::new(1.0, 1.0, 0.0));
-            assert!(part.normals.is_empty() && part.uvs.is_empty());
-            assert_eq!(part.material, [0, 0]);
-            part.check().unwrap();
+            let mesh = load(&format!("{SQUARE}{face}\n")).unwrap();
+            assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3]], "{face}");
+            assert_eq!(mesh.positions[2], DVec3::new(1.0, 1.0, 0.0));
+            assert!(mesh.normals.is_empty() && mesh.uvs.is_empty());
+            assert_eq!(mesh.material, [0, 0]);
+            mesh.check().unwrap();
         }
     }
 
     #[test]
     fn corners_split_vertices_and_mixed_normals_stay_aligned() {
-        let part = load(&format!("{SQUARE}f 1 2 3\nf 1//1 3//1 4/2/1\n")).unwrap();
-        assert_eq!(part.positions.len(), 6);
-        assert_eq!(part.normals.len(), 6);
-        assert_eq!(part.normals[2], Vec3::ZERO);
-        assert_eq!(part.normals[3], Vec3::new(0.0, 0.0, 2.0));
-        assert_eq!(part.uvs[5], Vec2::new(1.0, 0.75));
-        part.check().unwrap();
+        let mesh = load(&format!("{SQUARE}f 1 2 3\nf 1//1 3//1 4/2/1\n")).unwrap();
+        assert_eq!(mesh.positions.len(), 6);
+        assert_eq!(mesh.normals.len(), 6);
+        assert_eq!(mesh.normals[2], Vec3::ZERO);
+        assert_eq!(mesh.normals[3], Vec3::new(0.0, 0.0, 2.0));
+        assert_eq!(mesh.uvs[5], Vec2::new(1.0, 0.75));
+        mesh.check().unwrap();
     }
 
     #[test]
     fn vertex_colours_are_read_where_given() {
-        let part = load("v 0 0 0\nv 1 0 0 0.25 0.5 1\nv 0 1 0 2\nf 1 2 3").unwrap();
-        assert_eq!(part.colors, [[1.0; 3], [0.25, 0.5, 1.0], [1.0; 3]]);
-        assert_eq!(part.positions[2].y, 0.5);
+        let mesh = load("v 0 0 0\nv 1 0 0 0.25 0.5 1\nv 0 1 0 2\nf 1 2 3").unwrap();
+        assert_eq!(mesh.colors, [[1.0; 3], [0.25, 0.5, 1.0], [1.0; 3]]);
+        assert_eq!(mesh.positions[2].y, 0.5);
     }
 
     #[test]

@@ -14,10 +14,10 @@
 //! linear. Other elements and properties are skipped. Where a file colours anything, the albedo is
 //! 1 times that colour.
 
-use super::part::{DEFAULT_ALBEDO, MESH, Part, push};
 use super::texture::linear_from_srgb;
 use crate::run::{Cancel, memory};
 use crate::scene::Material;
+use crate::scene::builder::{DEFAULT_ALBEDO, MESH, MeshInput, push};
 use crate::{Error, Result};
 use glam::{DVec3, Vec2};
 use ply_rs_bw::parser::{Parser, Reader};
@@ -26,7 +26,11 @@ use std::collections::HashMap;
 
 /// Reads a PLY file. `palette` holds the albedo of each `material_index`, if the scene file gives
 /// one.
-pub(super) fn read(content: &[u8], palette: Option<&[[f32; 3]]>, cancel: &Cancel) -> Result<Part> {
+pub(super) fn read(
+    content: &[u8],
+    palette: Option<&[[f32; 3]]>,
+    cancel: &Cancel,
+) -> Result<MeshInput> {
     let mut reader = Reader::new(content);
     let header = Parser::<DefaultElement>::new()
         .read_header(&mut reader)
@@ -35,7 +39,7 @@ pub(super) fn read(content: &[u8], palette: Option<&[[f32; 3]]>, cancel: &Cancel
         rest: reader.into_inner(),
         encoding: header.encoding,
     };
-    let mut part = Part::default();
+    let mut mesh = MeshInput::default();
     let mut faces = Faces::default();
     for (name, element) in &header.elements {
         let mut plan = Vec::new();
@@ -49,10 +53,10 @@ pub(super) fn read(content: &[u8], palette: Option<&[[f32; 3]]>, cancel: &Cancel
         }
         payload.check_count(element)?;
         match name.as_str() {
-            "vertex" => part.positions = memory::room(MESH, element.count)?,
+            "vertex" => mesh.positions = memory::room(MESH, element.count)?,
             "face" => {
-                part.triangles = memory::room(MESH, element.count)?;
-                part.material = memory::room(MESH, element.count)?;
+                mesh.triangles = memory::room(MESH, element.count)?;
+                mesh.material = memory::room(MESH, element.count)?;
             }
             _ => {}
         }
@@ -61,9 +65,9 @@ pub(super) fn read(content: &[u8], palette: Option<&[[f32; 3]]>, cancel: &Cancel
             let row = payload.row(&plan, &mut faces.polygon);
             let row = row.map_err(|e| e.at(format!("{name} {i} of {}", element.count)))?;
             match name.as_str() {
-                "vertex" => row.into_vertex(&mut part, &plan)?,
+                "vertex" => row.into_vertex(&mut mesh, &plan)?,
                 "face" => {
-                    let added = faces.add(&row, &plan, palette, &mut part);
+                    let added = faces.add(&row, &plan, palette, &mut mesh);
                     added.map_err(|e| e.at(format!("face {i}")))?;
                 }
                 _ => {}
@@ -75,9 +79,9 @@ pub(super) fn read(content: &[u8], palette: Option<&[[f32; 3]]>, cancel: &Cancel
             "expected the elements `vertex` and `face`, found a file without one of them",
         ));
     }
-    let colored = !part.colors.is_empty();
-    faces.name_materials(&mut part, colored);
-    Ok(part)
+    let colored = !mesh.colors.is_empty();
+    faces.name_materials(&mut mesh, colored);
+    Ok(mesh)
 }
 
 /// What a property of an element means.
@@ -145,18 +149,18 @@ impl Row {
         }
     }
 
-    fn into_vertex(self, part: &mut Part, plan: &[(Role, PropertyType)]) -> Result<()> {
+    fn into_vertex(self, mesh: &mut MeshInput, plan: &[(Role, PropertyType)]) -> Result<()> {
         let has = |role: Role| plan.iter().any(|(r, _)| *r == role);
-        push(&mut part.positions, DVec3::from(self.position))?;
+        push(&mut mesh.positions, DVec3::from(self.position))?;
         if has(Role::Normal(0)) {
-            push(&mut part.normals, DVec3::from(self.normal).as_vec3())?;
+            push(&mut mesh.normals, DVec3::from(self.normal).as_vec3())?;
         }
         if has(Role::Color(0)) {
-            push(&mut part.colors, self.color)?;
+            push(&mut mesh.colors, self.color)?;
         }
         if has(Role::Uv(0)) {
             let [u, v] = self.uv.map(|x| x as f32);
-            push(&mut part.uvs, Vec2::new(u, 1.0 - v))?;
+            push(&mut mesh.uvs, Vec2::new(u, 1.0 - v))?;
         }
         Ok(())
     }
@@ -185,7 +189,7 @@ impl Faces {
         row: &Row,
         plan: &[(Role, PropertyType)],
         palette: Option<&[[f32; 3]]>,
-        part: &mut Part,
+        mesh: &mut MeshInput,
     ) -> Result<()> {
         let has = |role: Role| plan.iter().any(|(r, _)| *r == role);
         let color = match palette {
@@ -208,14 +212,14 @@ impl Faces {
         });
         if let [first, ref others @ ..] = self.polygon[..] {
             for pair in others.windows(2) {
-                push(&mut part.triangles, [first, pair[0], pair[1]])?;
-                push(&mut part.material, material)?;
+                push(&mut mesh.triangles, [first, pair[0], pair[1]])?;
+                push(&mut mesh.material, material)?;
             }
         }
         Ok(())
     }
 
-    fn name_materials(self, part: &mut Part, vertices_colored: bool) {
+    fn name_materials(self, mesh: &mut MeshInput, vertices_colored: bool) {
         let default = match vertices_colored {
             true => [1.0; 3],
             false => DEFAULT_ALBEDO,
@@ -229,7 +233,7 @@ impl Faces {
             };
             Material::diffuse(&name, color.unwrap_or(default))
         });
-        part.materials = named.collect();
+        mesh.materials = named.collect();
     }
 }
 

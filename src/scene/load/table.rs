@@ -1,6 +1,7 @@
 //! Typed access to a TOML document that remembers where everything stands, so that every message
 //! can name the line.
 
+use crate::scene::builder::is_singular;
 use crate::{Error, Result};
 use glam::{DAffine3, DMat4, DVec3};
 use std::fmt::LowerExp;
@@ -333,7 +334,7 @@ impl<'a> Item<'a> {
             )));
         }
         let map = DAffine3::from_mat4(DMat4::from_cols_array_2d(&rows).transpose());
-        match super::is_singular(&map) {
+        match is_singular(&map) {
             false => Ok(map),
             true => Err(self.error("the matrix is singular: it flattens space")),
         }

@@ -1,6 +1,6 @@
 //! PNG and JPEG textures, decoded from sRGB to linear RGB.
 
-use super::super::Texture;
+use crate::scene::Texture;
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
 use image::ImageReader;

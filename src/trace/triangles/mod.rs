@@ -54,9 +54,9 @@ impl Child {
 
     /// A leaf of at least one block and at most [`Self::MOST_BLOCKS`]. There are no more blocks
     /// than triangles, and of those no scene has more than the bits of `first` tell,
-    /// [`Mesh::MOST_TRIANGLES`].
+    /// [`Mesh::MAX_TRIANGLES`].
     fn leaf(first: usize, count: usize) -> Self {
-        const { assert!(Mesh::MOST_TRIANGLES <= 1 << Self::COUNT_SHIFT) };
+        const { assert!(Mesh::MAX_TRIANGLES <= 1 << Self::COUNT_SHIFT) };
         Self(Self::LEAF | (count as u32 - 1) << Self::COUNT_SHIFT | first as u32)
     }
 

@@ -5,8 +5,8 @@
 //! file.
 
 use super::super::files::{Files, beside};
-use super::super::part::MESH;
 use crate::run::{Cancel, memory};
+use crate::scene::builder::MESH;
 use crate::{Error, Result};
 use ::gltf::accessor::{Accessor, DataType};
 use ::gltf::buffer::{Source, View};

@@ -10,12 +10,13 @@
 mod buffers;
 mod left_out;
 
-use super::super::{Film, Light, Material, Wrap};
-use super::draft::{DEFAULT_FILM, Draft, DraftCamera, DraftLight};
 use super::files::Files;
-use super::part::{MESH, Part};
-use super::{is_singular, texture};
+use super::texture;
 use crate::run::memory;
+use crate::scene::builder::{
+    CameraInput, DEFAULT_FILM, LightInput, MAX_EMISSION, MESH, MeshInput, SceneBuilder, is_singular,
+};
+use crate::scene::{Film, Light, Material, Wrap};
 use crate::{Error, Result};
 use ::gltf::camera::Projection;
 use ::gltf::khr_lights_punctual::Kind;
@@ -36,9 +37,9 @@ const LUMENS_PER_WATT: f32 = 683.0;
 #[derive(Default)]
 pub(super) struct Import {
     /// All meshes, in place.
-    pub(super) part: Part,
+    pub(super) mesh: MeshInput,
     pub(super) cameras: Vec<ImportedCamera>,
-    pub(super) lights: Vec<DraftLight>,
+    pub(super) lights: Vec<LightInput>,
 }
 
 /// A perspective camera.
@@ -53,13 +54,13 @@ pub(super) struct ImportedCamera {
 
 impl Import {
     /// The file as a whole scene, the film as wide as its first camera sees.
-    pub(super) fn into_draft(self, path: &Path) -> Result<Draft> {
-        self.part.check()?;
+    pub(super) fn into_scene(self, path: &Path) -> Result<SceneBuilder> {
+        self.mesh.check()?;
         let mut film = DEFAULT_FILM;
         if let Some(aspect) = self.cameras.first().and_then(|c| c.aspect) {
             film.height = (f64::from(film.width) / aspect).round().clamp(1.0, 65536.0) as u32;
         }
-        let mut draft = Draft {
+        let mut scene = SceneBuilder {
             name: path
                 .file_stem()
                 .unwrap_or_default()
@@ -68,21 +69,21 @@ impl Import {
             film: Some(film),
             automatic_exposure: true,
             lights: self.lights,
-            ..Draft::default()
+            ..SceneBuilder::default()
         };
         for camera in self.cameras {
             let camera = camera.for_film(&film)?;
-            draft.add_camera(camera);
+            scene.add_camera(camera);
         }
-        draft.parts.push(self.part);
-        Ok(draft)
+        scene.meshes.push(self.mesh);
+        Ok(scene)
     }
 }
 
 impl ImportedCamera {
     /// The camera for a film: what it sees from top to bottom stays, from side to side goes with
     /// the film.
-    pub(super) fn for_film(self, film: &Film) -> Result<DraftCamera> {
+    pub(super) fn for_film(self, film: &Film) -> Result<CameraInput> {
         let aspect = f64::from(film.width) / f64::from(film.height);
         if !(self.fov_y_rad > 1e-4 && self.fov_y_rad < 3.13) {
             return Err(Error::input(format!(
@@ -90,7 +91,7 @@ impl ImportedCamera {
                 self.name, self.fov_y_rad
             )));
         }
-        Ok(DraftCamera {
+        Ok(CameraInput {
             name: self.name,
             world_from_camera: self.world_from_camera,
             fov_x_rad: 2.0 * libm::atan(libm::tan(0.5 * self.fov_y_rad) * aspect),
@@ -118,14 +119,14 @@ pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Imp
         materials: HashMap::new(),
         textures: HashMap::new(),
         out: Import::default(),
-        list: Part::default(),
+        list: MeshInput::default(),
     };
     for what in left_out::told(reader.document) {
         reader.warn(what);
     }
     reader.nodes()?;
-    reader.out.part.materials = reader.list.materials;
-    reader.out.part.textures = reader.list.textures;
+    reader.out.mesh.materials = reader.list.materials;
+    reader.out.mesh.textures = reader.list.textures;
     Ok(reader.out)
 }
 
@@ -205,7 +206,7 @@ struct Reader<'a> {
     textures: HashMap<(usize, [Wrap; 2]), u32>,
     out: Import,
     /// Holds the materials and textures, which all meshes share.
-    list: Part,
+    list: MeshInput,
 }
 
 impl Reader<'_> {
@@ -254,17 +255,17 @@ impl Reader<'_> {
         }
         if let Some(mesh) = node.mesh() {
             for primitive in mesh.primitives() {
-                let mut part = self
+                let mut mesh = self
                     .primitive(&primitive)
                     .map_err(|e| e.at(format!("primitive {}", primitive.index())))?;
-                part.transform(world_from_node);
-                let total = self.out.part.positions.len() + part.positions.len();
+                mesh.place(world_from_node);
+                let total = self.out.mesh.positions.len() + mesh.positions.len();
                 if total > u32::MAX as usize {
                     return Err(Error::input(
                         "more vertices than can be indexed with 32 bits",
                     ));
                 }
-                self.out.part.append(part)?;
+                self.out.mesh.append(mesh)?;
             }
         }
         if let Some(camera) = node.camera() {
@@ -283,10 +284,10 @@ impl Reader<'_> {
         }
         if let Some(light) = node.light() {
             let intensity = light.color().map(|c| c * light.intensity());
-            if !(intensity.iter()).all(|x| (0.0..=super::BRIGHTEST).contains(x)) {
+            if !(intensity.iter()).all(|x| (0.0..=MAX_EMISSION).contains(x)) {
                 return Err(Error::input(format!(
                     "a light of intensity {intensity:?}: expected 0 to {:e}",
-                    super::BRIGHTEST
+                    MAX_EMISSION
                 )));
             }
             if intensity.iter().any(|x| *x >= LUMENS_PER_WATT) {
@@ -327,7 +328,7 @@ impl Reader<'_> {
                     angular_radius_rad: 0.0,
                 },
             };
-            self.out.lights.push(DraftLight {
+            self.out.lights.push(LightInput {
                 light,
                 position: world_from_node.translation,
             });
@@ -335,21 +336,21 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn primitive(&mut self, primitive: &Primitive<'_>) -> Result<Part> {
-        let mut part = Part::default();
+    fn primitive(&mut self, primitive: &Primitive<'_>) -> Result<MeshInput> {
+        let mut mesh = MeshInput::default();
         self.files.cancel.check()?;
         let positions = primitive.get(&Semantic::Positions);
         let positions = positions.ok_or_else(|| Error::input("a mesh without positions"))?;
-        part.positions = self
+        mesh.positions = self
             .buffers
             .floats(&positions, |p| Vec3::from_array(p).as_dvec3())?;
-        let count = part.positions.len();
+        let count = mesh.positions.len();
         self.files.cancel.check()?;
         let indices = match primitive.indices() {
             Some(accessor) => self.buffers.indices(&accessor)?,
             None => memory::listed(MESH, 0..count as u32)?,
         };
-        part.triangles = match primitive.mode() {
+        mesh.triangles = match primitive.mode() {
             Mode::Triangles => {
                 let triples = indices.chunks_exact(3);
                 memory::listed(MESH, triples.map(|t| [t[0], t[1], t[2]]))?
@@ -368,7 +369,7 @@ impl Reader<'_> {
             }
             _ => {
                 self.warn("points and lines are left out".into());
-                return Ok(Part::default());
+                return Ok(MeshInput::default());
             }
         };
         let same_count = |found: usize, what: &str| match found == count {
@@ -379,15 +380,15 @@ impl Reader<'_> {
         };
         self.files.cancel.check()?;
         if let Some(accessor) = primitive.get(&Semantic::Normals) {
-            part.normals = self.buffers.floats(&accessor, Vec3::from_array)?;
-            same_count(part.normals.len(), "normals")?;
+            mesh.normals = self.buffers.floats(&accessor, Vec3::from_array)?;
+            same_count(mesh.normals.len(), "normals")?;
         }
         if let Some(accessor) = primitive.get(&Semantic::Colors(0)) {
-            part.colors = match accessor.dimensions().multiplicity() {
+            mesh.colors = match accessor.dimensions().multiplicity() {
                 4 => (self.buffers).floats(&accessor, |[r, g, b, _]| [r, g, b])?,
                 _ => self.buffers.floats(&accessor, |rgb: [f32; 3]| rgb)?,
             };
-            same_count(part.colors.len(), "colours")?;
+            same_count(mesh.colors.len(), "colours")?;
         }
         let material = primitive.material();
         let base_color = material.pbr_metallic_roughness().base_color_texture();
@@ -396,25 +397,25 @@ impl Reader<'_> {
             other.unwrap_or(info.tex_coord())
         });
         if let Some(accessor) = primitive.get(&Semantic::TexCoords(set)) {
-            part.uvs = self.buffers.floats(&accessor, Vec2::from_array)?;
-            same_count(part.uvs.len(), "texture coordinates")?;
+            mesh.uvs = self.buffers.floats(&accessor, Vec2::from_array)?;
+            same_count(mesh.uvs.len(), "texture coordinates")?;
             if let Some(info) = &base_color {
-                transform_uvs(&mut part.uvs, info);
+                transform_uvs(&mut mesh.uvs, info);
             }
         }
         let index = self.material(&material)?;
         let textured = self.list.materials[index as usize].texture.is_some();
-        if textured && part.uvs.is_empty() {
+        if textured && mesh.uvs.is_empty() {
             return Err(Error::input(format!(
                 "the material{} has a texture, but there are no texture coordinates (set {set})",
                 quoted(material.name())
             )));
         }
-        part.material = memory::filled(MESH, index, part.triangles.len())?;
+        mesh.material = memory::filled(MESH, index, mesh.triangles.len())?;
         // Here, while vertices are counted as in the file: joined to others a wrong index may hit
         // one of theirs.
-        part.check()?;
-        Ok(part)
+        mesh.check()?;
+        Ok(mesh)
     }
 
     fn material(&mut self, material: &::gltf::Material<'_>) -> Result<u32> {

@@ -81,12 +81,12 @@ fn load(content: &[u8]) -> Result<Import> {
 fn nodes_materials_cameras_and_lights_arrive_in_place() {
     let (json, bin) = sample();
     let import = load(&glb(&json, &bin)).unwrap();
-    let part = &import.part;
-    part.check().unwrap();
-    assert_eq!(part.positions[2], DVec3::new(0.0, 12.0, 0.0));
-    assert_eq!(part.normals[0], Vec3::Z);
-    assert_eq!(part.triangles, [[0, 1, 2]]);
-    let material = &part.materials[0];
+    let mesh = &import.mesh;
+    mesh.check().unwrap();
+    assert_eq!(mesh.positions[2], DVec3::new(0.0, 12.0, 0.0));
+    assert_eq!(mesh.normals[0], Vec3::Z);
+    assert_eq!(mesh.triangles, [[0, 1, 2]]);
+    let material = &mesh.materials[0];
     assert_eq!(material.albedo, [0.1, 0.2, 0.3]);
     assert_eq!(material.emission, [3.0, 6.0, 0.0]);
     assert!(material.emits_both_sides);
@@ -108,9 +108,9 @@ fn nodes_materials_cameras_and_lights_arrive_in_place() {
     };
     assert!((direction - Vec3::NEG_Y).length() < 1e-6, "{direction}");
     assert_eq!(cos_outer, 0.5_f32.cos());
-    let draft = import.into_draft(Path::new("a/x.glb")).unwrap();
-    assert_eq!(draft.film.unwrap().height, 320);
-    let camera = &draft.cameras[0];
+    let scene = import.into_scene(Path::new("a/x.glb")).unwrap();
+    assert_eq!(scene.film.unwrap().height, 320);
+    let camera = &scene.cameras[0];
     assert_eq!(camera.world_from_camera.matrix3, DMat3::IDENTITY);
     let expected = 2.0 * (0.4_f64.tan() * 2.0).atan();
     assert!((camera.fov_x_rad - expected).abs() < 1e-6);
@@ -120,15 +120,15 @@ fn nodes_materials_cameras_and_lights_arrive_in_place() {
 fn strips_fans_sparse_and_packed_attributes_are_read() {
     let (mut json, bin) = sample();
     json["meshes"][0]["primitives"][0]["mode"] = json!(5);
-    assert_eq!(load(&glb(&json, &bin)).unwrap().part.triangles.len(), 1);
+    assert_eq!(load(&glb(&json, &bin)).unwrap().mesh.triangles.len(), 1);
     json["meshes"][0]["primitives"][0]["mode"] = json!(6);
-    assert_eq!(load(&glb(&json, &bin)).unwrap().part.triangles, [[0, 1, 2]]);
+    assert_eq!(load(&glb(&json, &bin)).unwrap().mesh.triangles, [[0, 1, 2]]);
     // Vertex 2 is moved to where vertex 1 is.
     json["accessors"][0]["sparse"] = json!({ "count": 1,
         "indices": { "bufferView": 1, "byteOffset": 4, "componentType": 5123 },
         "values": { "bufferView": 0, "byteOffset": 12 } });
-    let part = load(&glb(&json, &bin)).unwrap().part;
-    assert_eq!(part.positions[2], DVec3::new(2.0, 10.0, 0.0));
+    let mesh = load(&glb(&json, &bin)).unwrap().mesh;
+    assert_eq!(mesh.positions[2], DVec3::new(2.0, 10.0, 0.0));
 }
 
 /// The sample with an image of four colours on its triangle, whose corners have the texture
@@ -175,7 +175,7 @@ fn textured() -> (Value, Vec<u8>) {
 #[test]
 fn texture_transforms_are_applied() {
     let (mut json, bin) = textured();
-    let uvs = |json: &Value| load(&glb(json, &bin)).unwrap().part.uvs;
+    let uvs = |json: &Value| load(&glb(json, &bin)).unwrap().mesh.uvs;
     assert_eq!(uvs(&json), [Vec2::ZERO, Vec2::X, Vec2::Y]);
     // The lower left quarter of the image, turned clockwise: the example of the extension's
     // description.
@@ -206,8 +206,8 @@ fn texture_transforms_are_applied() {
 fn samplers_say_what_is_beyond_the_border() {
     let (mut json, bin) = textured();
     let beyond = |json: &Value| {
-        let part = load(&glb(json, &bin)).unwrap().part;
-        let texture = &part.textures[part.materials[0].texture.unwrap() as usize];
+        let mesh = load(&glb(json, &bin)).unwrap().mesh;
+        let texture = &mesh.textures[mesh.materials[0].texture.unwrap() as usize];
         [Vec2::new(1.25, 0.25), Vec2::new(0.25, 1.25)].map(|uv| {
             let [r, g, _] = texture.sample(uv);
             [r, g]
@@ -231,8 +231,8 @@ fn samplers_say_what_is_beyond_the_border() {
         .as_array_mut()
         .unwrap()
         .push(primitive);
-    let part = load(&glb(&json, &bin)).unwrap().part;
-    let wraps: Vec<_> = part.textures.iter().map(|t| t.wrap[0]).collect();
+    let mesh = load(&glb(&json, &bin)).unwrap().mesh;
+    let wraps: Vec<_> = mesh.textures.iter().map(|t| t.wrap[0]).collect();
     assert_eq!(wraps, [Wrap::Clamp, Wrap::Repeat]);
 }
 
@@ -413,9 +413,9 @@ fn damage_is_an_error_or_harmless_but_never_a_panic() {
     let (json, bin) = sample();
     let finish = |import: Result<Import>| {
         if let Ok(import) = import
-            && let Ok(draft) = import.into_draft(Path::new("x.glb"))
+            && let Ok(scene) = import.into_scene(Path::new("x.glb"))
         {
-            let _ = draft.finish(Files::default());
+            let _ = scene.finish(&crate::run::Cancel::default());
         }
     };
     each_damage(&json, &mut |damaged| finish(load(&glb(damaged, &bin))));

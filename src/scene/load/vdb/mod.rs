@@ -12,6 +12,7 @@ mod tree;
 use super::field::{Field, Samples};
 use super::files::Files;
 use crate::run::{Cancel, memory};
+use crate::scene::builder::is_singular;
 use crate::{Error, Result};
 use bytes::Bytes;
 use glam::{DAffine3, DMat3, DVec3};
@@ -348,7 +349,7 @@ fn read_map(bytes: &mut Bytes<'_>) -> Result<DAffine3> {
             )));
         }
     };
-    if super::is_singular(&map) {
+    if is_singular(&map) {
         return Err(Error::input("the transform is singular: it flattens space"));
     }
     Ok(map)

@@ -1,52 +1,139 @@
-//! A mesh as it comes out of a file: f64 positions, its own materials and textures, nothing dropped
-//! yet.
+//! Meshes as they are handed to a builder: f64 positions, materials and textures of their own,
+//! nothing dropped yet.
 
-use super::super::{Material, Texture};
+use super::{MAX_COORDINATE, MAX_EMISSION};
 use crate::run::memory;
+use crate::scene::{Material, Texture};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 
-/// Coordinates beyond this are taken for a mistake: their squares would leave the range of f32.
-pub(super) const FARTHEST: f64 = 1e15;
-
 /// Albedo of a mesh that does not state any.
-pub(super) const DEFAULT_ALBEDO: [f32; 3] = [0.5; 3];
+pub(in crate::scene) const DEFAULT_ALBEDO: [f32; 3] = [0.5; 3];
 
 /// What needs the memory of its lists, as an error says it.
-pub(super) const MESH: &str = "the mesh";
+pub(in crate::scene) const MESH: &str = "the mesh";
 
-/// Triangles with attributes per vertex; an attribute that the file does not have is an empty list.
+/// An indexed triangle mesh with materials, in a space of its own until it is placed in the world by
+/// [`MeshInput::transform`].
 #[derive(Debug, Default)]
-pub(super) struct Part {
-    pub(super) positions: Vec<DVec3>,
-    /// Not yet of unit length.
-    pub(super) normals: Vec<Vec3>,
-    /// Linear RGB factors.
-    pub(super) colors: Vec<[f32; 3]>,
-    /// (0,0) top left.
-    pub(super) uvs: Vec<Vec2>,
-    pub(super) triangles: Vec<[u32; 3]>,
+pub struct MeshInput {
+    pub(in crate::scene) positions: Vec<DVec3>,
+    /// Shading normals per vertex, of any length; none, or one for each position. So are the next
+    /// two.
+    pub(in crate::scene) normals: Vec<Vec3>,
+    /// Linear RGB factors on the albedo.
+    pub(in crate::scene) colors: Vec<[f32; 3]>,
+    /// Texture coordinates, (0,0) top left.
+    pub(in crate::scene) uvs: Vec<Vec2>,
+    pub(in crate::scene) triangles: Vec<[u32; 3]>,
     /// Index into `materials`, per triangle.
-    pub(super) material: Vec<u32>,
-    pub(super) materials: Vec<Material>,
+    pub(in crate::scene) material: Vec<u32>,
+    pub(in crate::scene) materials: Vec<Material>,
     /// Textures that `materials` refer to.
-    pub(super) textures: Vec<Texture>,
+    pub(in crate::scene) textures: Vec<Texture>,
 }
 
-impl Part {
-    /// An error if a value is not finite or out of its range, or an index refers to nothing.
-    pub(super) fn check(&self) -> Result<()> {
+impl MeshInput {
+    /// A mesh of one material with an albedo of one half. `triangles` index `positions`, their
+    /// corners counter-clockwise seen from the front; the name is for messages.
+    #[must_use]
+    pub fn new(
+        name: &str,
+        positions: impl IntoIterator<Item = impl Into<DVec3>>,
+        triangles: Vec<[u32; 3]>,
+    ) -> Self {
+        Self {
+            positions: positions.into_iter().map(Into::into).collect(),
+            material: vec![0; triangles.len()],
+            materials: vec![Material::diffuse(name, DEFAULT_ALBEDO)],
+            triangles,
+            ..Self::default()
+        }
+    }
+
+    /// Gives all its materials this albedo, each channel in `[0,1]`.
+    #[must_use]
+    pub fn albedo(mut self, albedo: [f32; 3]) -> Self {
+        self.materials.iter_mut().for_each(|m| m.albedo = albedo);
+        self
+    }
+
+    /// Lets all its materials emit this radiance, at their front.
+    #[must_use]
+    pub fn emission(mut self, radiance: [f32; 3]) -> Self {
+        self.materials
+            .iter_mut()
+            .for_each(|m| m.emission = radiance);
+        self
+    }
+
+    /// Lets all its materials emit at their back, too.
+    #[must_use]
+    pub fn emitting_both_sides(mut self) -> Self {
+        self.materials
+            .iter_mut()
+            .for_each(|m| m.emits_both_sides = true);
+        self
+    }
+
+    /// Gives it materials of its own in place of the one: `of_triangle` holds an index into
+    /// `materials` for each triangle, and `materials` index `textures`.
+    #[must_use]
+    pub fn materials(
+        mut self,
+        materials: Vec<Material>,
+        of_triangle: Vec<u32>,
+        textures: Vec<Texture>,
+    ) -> Self {
+        self.materials = materials;
+        self.material = of_triangle;
+        self.textures = textures;
+        self
+    }
+
+    /// Sets shading normals, one for each position, of any length; a zero vector means that of the
+    /// face.
+    #[must_use]
+    pub fn normals(mut self, normals: Vec<Vec3>) -> Self {
+        self.normals = normals;
+        self
+    }
+
+    /// Sets factors on the albedo, one for each position, linear Rec.709 in `[0,1]`.
+    #[must_use]
+    pub fn colors(mut self, colors: Vec<[f32; 3]>) -> Self {
+        self.colors = colors;
+        self
+    }
+
+    /// Sets texture coordinates, one for each position; (0,0) is the top left of a texture.
+    #[must_use]
+    pub fn uvs(mut self, uvs: Vec<Vec2>) -> Self {
+        self.uvs = uvs;
+        self
+    }
+
+    /// Places the mesh by an invertible map to the world, after the maps before it.
+    #[must_use]
+    pub fn transform(mut self, world_from_mesh: &DAffine3) -> Self {
+        self.place(world_from_mesh);
+        self
+    }
+
+    /// Refuses values that are not finite or out of their range, and triangles of vertices that
+    /// are not there.
+    pub(in crate::scene) fn check(&self) -> Result<()> {
         if let Some(i) = self.positions.iter().position(|p| !p.is_finite()) {
             let p = self.positions[i];
             return Err(Error::input(format!(
                 "vertex {i}: the position is not finite: {p}"
             )));
         }
-        let far = |p: &DVec3| p.abs().max_element() > FARTHEST;
+        let far = |p: &DVec3| p.abs().max_element() > MAX_COORDINATE;
         if let Some(i) = self.positions.iter().position(far) {
             let p = self.positions[i];
             return Err(Error::input(format!(
-                "vertex {i}: the position {:?} is farther than {FARTHEST:e} from the origin",
+                "vertex {i}: the position {:?} is farther than {MAX_COORDINATE:e} from the origin",
                 p.to_array()
             )));
         }
@@ -81,51 +168,93 @@ impl Part {
         self.materials.iter().try_for_each(check_material)
     }
 
-    /// Moves the part. A map that mirrors also turns the triangles round, so that fronts stay
+    /// Refuses lists that do not fit each other; readers of files make none.
+    pub(super) fn check_lists(&self) -> Result<()> {
+        let attributes = [
+            ("normals", self.normals.len()),
+            ("colours", self.colors.len()),
+            ("texture coordinates", self.uvs.len()),
+        ];
+        let count = self.positions.len();
+        if let Some((what, n)) = attributes.iter().find(|(_, n)| ![0, count].contains(n)) {
+            return Err(Error::input(format!(
+                "expected {count} {what}, one for each position, found {n}"
+            )));
+        }
+        if self.material.len() != self.triangles.len() {
+            return Err(Error::input(format!(
+                "expected a material for each of {} triangles, found {}",
+                self.triangles.len(),
+                self.material.len()
+            )));
+        }
+        let materials = self.materials.len();
+        if let Some(&m) = self.material.iter().find(|m| **m as usize >= materials) {
+            return Err(Error::input(format!(
+                "a triangle refers to material {m}, but there are {materials}"
+            )));
+        }
+        for material in &self.materials {
+            let Some(index) = material.texture else {
+                continue;
+            };
+            let texture = self.textures.get(index as usize).ok_or_else(|| {
+                Error::input(format!(
+                    "material `{}` refers to texture {index}, but there are {}",
+                    material.name,
+                    self.textures.len()
+                ))
+            })?;
+            texture.check()?;
+        }
+        Ok(())
+    }
+
+    /// Moves the mesh. A map that mirrors also turns the triangles round, so that fronts stay
     /// fronts.
-    pub(super) fn transform(&mut self, world_from_part: &DAffine3) {
-        if *world_from_part == DAffine3::IDENTITY {
+    pub(in crate::scene) fn place(&mut self, world_from_mesh: &DAffine3) {
+        if *world_from_mesh == DAffine3::IDENTITY {
             return;
         }
         for p in &mut self.positions {
-            *p = world_from_part.transform_point3(*p);
+            *p = world_from_mesh.transform_point3(*p);
         }
-        let normals_from = world_from_part.matrix3.inverse().transpose();
+        let normals_from = world_from_mesh.matrix3.inverse().transpose();
         for n in &mut self.normals {
             // Unit length first: a scale of 1e-30 must not take the normal out of the range of f32.
             *n = (normals_from * n.as_dvec3()).normalize_or_zero().as_vec3();
         }
-        if world_from_part.matrix3.determinant() < 0.0 {
+        if world_from_mesh.matrix3.determinant() < 0.0 {
             for t in &mut self.triangles {
                 t.swap(1, 2);
             }
         }
     }
 
-    /// Appends another part of the same file.
+    /// Appends another mesh of the same file.
     ///
     /// # Errors
     /// If there is no memory for both.
-    pub(super) fn append(&mut self, other: Part) -> Result<()> {
+    pub(in crate::scene) fn append(&mut self, other: MeshInput) -> Result<()> {
         let vertex = self.positions.len() as u32;
         let material = self.materials.len() as u32;
         let texture = self.textures.len() as u32;
         let total = self.positions.len() + other.positions.len();
-        merge(
+        extend_attribute(
             &mut self.normals,
             other.normals,
             vertex as usize,
             total,
             Vec3::ZERO,
         )?;
-        merge(
+        extend_attribute(
             &mut self.colors,
             other.colors,
             vertex as usize,
             total,
             [1.0; 3],
         )?;
-        merge(&mut self.uvs, other.uvs, vertex as usize, total, Vec2::ZERO)?;
+        extend_attribute(&mut self.uvs, other.uvs, vertex as usize, total, Vec2::ZERO)?;
         memory::grow(MESH, &mut self.positions, other.positions.len())?;
         self.positions.extend(other.positions);
         memory::grow(MESH, &mut self.triangles, other.triangles.len())?;
@@ -148,7 +277,7 @@ impl Part {
 ///
 /// # Errors
 /// If there is no memory for both.
-pub(super) fn merge<T: Clone>(
+pub(in crate::scene) fn extend_attribute<T: Clone>(
     into: &mut Vec<T>,
     from: Vec<T>,
     before: usize,
@@ -166,7 +295,7 @@ pub(super) fn merge<T: Clone>(
 }
 
 /// Appends to a list of which the file does not say how long it is.
-pub(super) fn push<T>(list: &mut Vec<T>, value: T) -> Result<()> {
+pub(in crate::scene) fn push<T>(list: &mut Vec<T>, value: T) -> Result<()> {
     memory::grow(MESH, list, 1)?;
     list.push(value);
     Ok(())
@@ -180,11 +309,10 @@ fn check_material(material: &Material) -> Result<()> {
             material.albedo
         )));
     }
-    if !(material.emission.iter()).all(|x| (0.0..=super::BRIGHTEST).contains(x)) {
+    if !(material.emission.iter()).all(|x| (0.0..=MAX_EMISSION).contains(x)) {
         return Err(Error::input(format!(
             "material `{name}`: the emission {:?} is not in 0 to {:e}",
-            material.emission,
-            super::BRIGHTEST
+            material.emission, MAX_EMISSION
         )));
     }
     Ok(())
@@ -194,21 +322,21 @@ fn check_material(material: &Material) -> Result<()> {
 mod tests {
     use super::*;
 
-    pub(super) fn triangle() -> Part {
-        Part {
+    pub(in crate::scene) fn triangle() -> MeshInput {
+        MeshInput {
             positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y],
             normals: vec![Vec3::Z; 3],
             triangles: vec![[0, 1, 2]],
             material: vec![0],
             materials: vec![Material::diffuse("grey", DEFAULT_ALBEDO)],
-            ..Part::default()
+            ..MeshInput::default()
         }
     }
 
     #[test]
     fn a_mirror_keeps_fronts_in_front() {
         let mut part = triangle();
-        part.transform(&DAffine3::from_scale(DVec3::new(1.0, 1.0, -2.0)));
+        part.place(&DAffine3::from_scale(DVec3::new(1.0, 1.0, -2.0)));
         let [a, b, c] = part.triangles[0].map(|i| part.positions[i as usize]);
         assert_eq!((b - a).cross(c - a).normalize(), DVec3::NEG_Z);
         assert_eq!(part.normals[0], Vec3::NEG_Z);
@@ -231,7 +359,7 @@ mod tests {
 
     #[test]
     fn each_damage_has_its_message() {
-        let message = |damage: fn(&mut Part)| {
+        let message = |damage: fn(&mut MeshInput)| {
             let mut part = triangle();
             damage(&mut part);
             part.check().unwrap_err().to_string()
@@ -249,8 +377,8 @@ mod tests {
         assert!(message(|p| p.triangles[0][2] = 3).starts_with("triangle 0 refers to"));
         assert!(message(|p| p.materials[0].albedo[0] = 1.01).contains("`grey`: the albedo"));
         for wrong in [
-            |p: &mut Part| p.materials[0].emission[0] = -1.0,
-            |p: &mut Part| p.materials[0].emission[0] = 1e38,
+            |p: &mut MeshInput| p.materials[0].emission[0] = -1.0,
+            |p: &mut MeshInput| p.materials[0].emission[0] = 1e38,
         ] {
             let message = message(wrong);
             assert!(message.ends_with("is not in 0 to 1e30"), "{message}");

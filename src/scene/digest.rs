@@ -1,5 +1,5 @@
-//! What a bake reads of a scene, as one digest for each kind of thing: tells a scene that was moved
-//! into another picture from one whose light has changed.
+//! Digests of what a bake reads of a scene, one for each kind of thing: they tell a scene that only
+//! has another picture from one whose light has changed.
 
 use super::{Camera, Grid, Light, Mesh, Scene, Texture, Volume, Wrap};
 use crate::math::unflatten;
@@ -26,6 +26,15 @@ impl Scene {
         parts.extend(surfels_from.map(|c| (CAMERA, camera(c))));
         let name = |(name, digest): (&str, Digest)| (format!("{PREFIX}{name}"), digest.hex());
         parts.into_iter().map(name).collect()
+    }
+
+    /// One digest over meshes, materials, lights and volumes, for a scene that has no files.
+    pub(super) fn content_hash(&self) -> [u8; 32] {
+        let mut hasher = blake3::Hasher::new();
+        for (_, digest) in self.parts(None) {
+            hasher.update(digest.as_bytes());
+        }
+        hasher.finalize().into()
     }
 
     /// Names of the parts in which this scene differs from one that was baked, by the digests among

@@ -1,0 +1,118 @@
+//! Cameras as they are handed to a builder.
+
+use super::{Bounds, check_near};
+use crate::scene::Film;
+use crate::{Error, Result};
+use glam::{DAffine3, DMat3, DVec3};
+
+/// A pinhole camera in world space.
+#[derive(Clone, Debug)]
+pub struct CameraInput {
+    pub(in crate::scene) name: String,
+    /// Rotation and position.
+    pub(in crate::scene) world_from_camera: DAffine3,
+    /// Full horizontal field of view, radians.
+    pub(in crate::scene) fov_x_rad: f64,
+}
+
+impl CameraInput {
+    /// A camera that stands at `position` and has `target` in the middle of its picture; `up` is
+    /// the direction that its upper border points to, `fov_x_rad` its full horizontal field of
+    /// view in radians.
+    ///
+    /// # Errors
+    /// A camera at its own target, or one that looks along `up`.
+    pub fn look_at(
+        name: impl Into<String>,
+        position: impl Into<DVec3>,
+        target: impl Into<DVec3>,
+        up: impl Into<DVec3>,
+        fov_x_rad: f64,
+    ) -> Result<Self> {
+        let world_from_camera = look_at(position.into(), target.into(), up.into());
+        Ok(Self {
+            name: name.into(),
+            world_from_camera: world_from_camera.ok_or_else(|| {
+                Error::input("the camera is at its own target, or looks along its `up`")
+            })?,
+            fov_x_rad,
+        })
+    }
+
+    /// A camera that is placed by a map from its space, in which it looks along -z with +y up, to
+    /// world space. What six digits in a file leave of a rotation is made a rotation again.
+    ///
+    /// # Errors
+    /// A map that scales, shears or mirrors.
+    pub fn placed(
+        name: impl Into<String>,
+        world_from_camera: DAffine3,
+        fov_x_rad: f64,
+    ) -> Result<Self> {
+        let mut map = world_from_camera;
+        let (x, y, z) = (map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis);
+        let lengths = [x, y, z].map(|a| (a.length() - 1.0).abs());
+        let angles = [x.dot(y), y.dot(z), z.dot(x)].map(f64::abs);
+        let turns = x.cross(y).dot(z) > 0.0;
+        if !turns || !lengths.iter().chain(&angles).all(|e| *e <= 1e-4) {
+            return Err(Error::input(
+                "expected a rotation and a position, without scale, shear or mirror",
+            ));
+        }
+        map.matrix3.z_axis = z.normalize();
+        map.matrix3.x_axis = y.cross(map.matrix3.z_axis).normalize();
+        map.matrix3.y_axis = map.matrix3.z_axis.cross(map.matrix3.x_axis);
+        Ok(Self {
+            name: name.into(),
+            world_from_camera: map,
+            fov_x_rad,
+        })
+    }
+
+    /// A camera in front of everything, a little above, from where the bounding sphere just fits
+    /// the film.
+    pub(super) fn framing(bounds: &Bounds, film: &Film) -> Self {
+        let fov_x_rad = 45_f64.to_radians();
+        let aspect = f64::from(film.height) / f64::from(film.width);
+        let half_x = 0.5 * fov_x_rad;
+        let half_y = libm::atan(libm::tan(half_x) * aspect);
+        let distance = bounds.radius() / libm::sin(half_x.min(half_y));
+        let target = bounds.centre();
+        let position = target + DVec3::new(0.3, 0.35, 1.0).normalize() * distance;
+        Self {
+            name: "default".into(),
+            // The direction is not along y, so this always is a camera unless the scene is a
+            // single point.
+            world_from_camera: look_at(position, target, DVec3::Y)
+                .unwrap_or(DAffine3::from_translation(target)),
+            fov_x_rad,
+        }
+    }
+
+    /// Refuses a camera whose position is out of range, or whose field of view is none.
+    pub(super) fn check(&self) -> Result<()> {
+        let what = || format!("the camera \"{}\"", self.name);
+        check_near(what, self.world_from_camera.translation)?;
+        if !(self.fov_x_rad > 1e-4 && self.fov_x_rad < 3.13) {
+            return Err(Error::input(format!(
+                "{}: expected a field of view above 0 and below pi, found {}",
+                what(),
+                self.fov_x_rad
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// Rotation and position of a camera at `position` that looks at `target`; `None` if `up` does not
+/// settle it.
+fn look_at(position: DVec3, target: DVec3, up: DVec3) -> Option<DAffine3> {
+    let back = (position - target).try_normalize()?;
+    let up = up.try_normalize()?;
+    let across = up.cross(back);
+    let right = (across.length() > 1e-9).then(|| across.normalize())?;
+    Some(DAffine3 {
+        matrix3: DMat3::from_cols(right, back.cross(right), back),
+        translation: position,
+    })
+}

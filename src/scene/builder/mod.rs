@@ -1,0 +1,463 @@
+//! A scene in the making: everything in world space and f64.
+//!
+//! In comes what readers of files or applications hand over ([`CameraInput`], [`MeshInput`],
+//! [`LightInput`], [`VolumeInput`]); out comes a checked [`Scene`] near the origin, in f32.
+//!
+//! - `camera`, `light`, `mesh`, `volume`: what is handed over, and the checks of each
+//! - `merge`: all meshes joined to the one of the scene, triangles without area dropped
+//! - here: what is checked and made up of the scene as a whole
+
+mod camera;
+mod light;
+mod merge;
+mod mesh;
+mod volume;
+
+pub use camera::CameraInput;
+pub use light::LightInput;
+pub use mesh::MeshInput;
+pub(super) use mesh::{DEFAULT_ALBEDO, MESH, extend_attribute, push};
+pub use volume::VolumeInput;
+
+use super::{Camera, Film, Light, Scene, Volume};
+use crate::run::Cancel;
+use crate::{Error, Result};
+use glam::{Affine3A, DAffine3, DVec3};
+
+/// A scene whose centre is farther from the origin than this many times its extent is moved to the
+/// origin.
+const FAR: f64 = 16.0;
+
+/// Coordinates beyond this are taken for a mistake: their squares would leave the range of f32.
+const MAX_COORDINATE: f64 = 1e15;
+
+/// Emission, intensity and irradiance beyond this are taken for a mistake.
+pub(super) const MAX_EMISSION: f32 = 1e30;
+
+/// Film of a scene that does not state one.
+pub(super) const DEFAULT_FILM: Film = Film {
+    width: 640,
+    height: 480,
+    exposure: 1.0,
+};
+
+/// Puts a [`Scene`] together in memory, with the checks and normalisation that scenes from files
+/// get. Everything is in world space: right-handed, y up, any unit of length, colours linear
+/// Rec.709.
+///
+/// ```
+/// use lvox::scene::{CameraInput, Film, Grid, LightInput, MeshInput, SceneBuilder, VolumeInput};
+///
+/// let floor = MeshInput::new(
+///     "floor",
+///     [[-1.0, 0.0, -1.0], [-1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 0.0, -1.0]],
+///     vec![[0, 1, 2], [0, 2, 3]],
+/// );
+/// // A ball of fog, of 8^3 voxels with an edge of 1/8.
+/// let fog = Grid::from_fn([8; 3], |voxel| {
+///     let from_centre = voxel.map(|i| (i as f32 - 3.5) / 4.0);
+///     let r2: f32 = from_centre.iter().map(|x| x * x).sum();
+///     if r2 < 1.0 { 3.0 } else { 0.0 }
+/// });
+/// let world_from_grid = glam::DAffine3::from_scale(glam::DVec3::splat(0.125));
+///
+/// let scene = SceneBuilder::new("a floor in fog")
+///     .film(Film { width: 64, height: 48, exposure: 1.0 })
+///     .camera(CameraInput::look_at("front", [0.0, 1.0, 4.0], [0.0; 3], [0.0, 1.0, 0.0], 0.7)?)
+///     .mesh(floor.albedo([0.8, 0.2, 0.2]))
+///     .light(LightInput::point([0.0, 2.0, 0.0], [5.0; 3]))
+///     .volume(VolumeInput::new("fog", fog, [0.9; 3], world_from_grid))
+///     .build()?;
+/// assert_eq!(scene.mesh.triangles.len(), 2);
+/// assert!(scene.warnings.is_empty());
+/// # Ok::<(), lvox::Error>(())
+/// ```
+#[derive(Debug, Default)]
+pub struct SceneBuilder {
+    pub(super) name: String,
+    pub(super) film: Option<Film>,
+    /// Whether the exposure follows from the lights.
+    pub(super) automatic_exposure: bool,
+    pub(super) cameras: Vec<CameraInput>,
+    pub(super) meshes: Vec<MeshInput>,
+    pub(super) lights: Vec<LightInput>,
+    pub(super) volumes: Vec<VolumeInput>,
+}
+
+/// A box in world space.
+#[derive(Clone, Copy)]
+struct Bounds {
+    low: DVec3,
+    high: DVec3,
+}
+
+impl Bounds {
+    const EMPTY: Self = Self {
+        low: DVec3::INFINITY,
+        high: DVec3::NEG_INFINITY,
+    };
+
+    fn add(&mut self, p: DVec3) {
+        self.low = self.low.min(p);
+        self.high = self.high.max(p);
+    }
+
+    fn centre(&self) -> DVec3 {
+        0.5 * (self.low + self.high)
+    }
+
+    fn radius(&self) -> f64 {
+        0.5 * (self.high - self.low).length()
+    }
+}
+
+impl SceneBuilder {
+    /// A builder of an empty scene; the name is for reports.
+    #[must_use]
+    pub fn new(name: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            ..Self::default()
+        }
+    }
+
+    /// Sets image size and exposure; without it the film is 640 x 480 with an exposure of 1.
+    #[must_use]
+    pub fn film(mut self, film: Film) -> Self {
+        self.film = Some(film);
+        self
+    }
+
+    /// Adds a camera; the first is the default. Without any, one frames the whole scene.
+    #[must_use]
+    pub fn camera(mut self, camera: CameraInput) -> Self {
+        self.cameras.push(camera);
+        self
+    }
+
+    /// Adds a mesh.
+    #[must_use]
+    pub fn mesh(mut self, mesh: MeshInput) -> Self {
+        self.meshes.push(mesh);
+        self
+    }
+
+    /// Adds a light. Without any, and without a mesh that emits, the scene gets an environment of
+    /// radiance 1.
+    #[must_use]
+    pub fn light(mut self, light: LightInput) -> Self {
+        self.lights.push(light);
+        self
+    }
+
+    /// Adds a volume; volumes may overlap, their extinctions add.
+    #[must_use]
+    pub fn volume(mut self, volume: VolumeInput) -> Self {
+        self.volumes.push(volume);
+        self
+    }
+
+    /// Checks everything and makes the scene. What had to be made up is in its `warnings`; its
+    /// `hash` is over the content of meshes, materials, lights and volumes.
+    ///
+    /// # Errors
+    /// Of kind [`crate::Kind::Input`] for anything that is out of range, not finite or refers to
+    /// nothing, and for a scene of nothing; of kind [`crate::Kind::Failed`] if there is no memory.
+    pub fn build(self) -> Result<Scene> {
+        self.check_values()?;
+        let mut scene = self.finish(&Cancel::default())?;
+        scene.hash = scene.content_hash();
+        Ok(scene)
+    }
+
+    /// Refuses what readers of files refuse before they hand it over.
+    fn check_values(&self) -> Result<()> {
+        if let Some(film) = &self.film {
+            film.check()?;
+        }
+        for (i, camera) in self.cameras.iter().enumerate() {
+            camera.check()?;
+            if self.cameras[..i].iter().any(|c| c.name == camera.name) {
+                return Err(Error::input(format!(
+                    "two cameras have the name \"{}\"",
+                    camera.name
+                )));
+            }
+        }
+        for (i, mesh) in self.meshes.iter().enumerate() {
+            let checked = mesh.check().and_then(|()| mesh.check_lists());
+            checked.map_err(|e| e.at(format!("mesh {}", i + 1)))?;
+        }
+        self.volumes.iter().try_for_each(VolumeInput::check_values)
+    }
+
+    /// Adds a camera from a file that may give several the same name.
+    pub(super) fn add_camera(&mut self, mut camera: CameraInput) {
+        let taken = |name: &str| self.cameras.iter().any(|c| c.name == name);
+        let plain = camera.name.clone();
+        let mut number = 2;
+        while taken(&camera.name) {
+            camera.name = format!("{plain} {number}");
+            number += 1;
+        }
+        self.cameras.push(camera);
+    }
+
+    /// Makes the scene of values that are checked, but for its hash and files.
+    pub(super) fn finish(mut self, cancel: &Cancel) -> Result<Scene> {
+        let bounds = self.bounds();
+        let mut warnings = Vec::new();
+        if self.meshes.iter().all(|p| p.triangles.is_empty()) && self.volumes.is_empty() {
+            return Err(Error::input(
+                "the scene has neither triangles nor volumes: there is nothing to render",
+            ));
+        }
+        let mut film = self.film.unwrap_or(DEFAULT_FILM);
+        if self.automatic_exposure {
+            film.exposure = self.default_exposure(&bounds);
+        }
+        if self.cameras.is_empty() {
+            self.cameras.push(CameraInput::framing(&bounds, &film));
+            warnings.push("the scene has no camera: framing everything from the front".into());
+        }
+        if self.is_dark() {
+            self.lights.push(LightInput::environment([1.0; 3]));
+            warnings.push("the scene has no light: adding an environment of radiance 1".into());
+        }
+        self.check_places()?;
+
+        let centre = bounds.centre();
+        let world_from_scene = match centre.length() > FAR * bounds.radius() {
+            true => centre,
+            false => DVec3::ZERO,
+        };
+        let (mesh, materials, textures) = merge::merge(self.meshes, world_from_scene, cancel)?;
+        if mesh.triangles.is_empty() && self.volumes.is_empty() {
+            return Err(Error::input(format!(
+                "all {} triangles of the scene have zero area: there is nothing to render",
+                mesh.degenerate
+            )));
+        }
+        let scene_from_world = DAffine3::from_translation(-world_from_scene);
+        let volumes = self.volumes.into_iter().map(|v| {
+            let scene_from_index = scene_from_world * v.world_from_grid;
+            let mut volume = Volume::new(v.name, v.sigma_t, v.albedo, scene_from_index);
+            volume.limit_extinction();
+            volume
+        });
+        let cameras = self.cameras.into_iter().map(|c| Camera {
+            name: c.name,
+            scene_from_camera: affine_f32(&(scene_from_world * c.world_from_camera)),
+            fov_x_rad: c.fov_x_rad as f32,
+        });
+        let lights = self.lights.into_iter().map(|mut l| {
+            if let Light::Point { position, .. } | Light::Spot { position, .. } = &mut l.light {
+                *position = (l.position - world_from_scene).as_vec3();
+            }
+            l.light
+        });
+        Ok(Scene {
+            name: self.name,
+            world_from_scene,
+            cameras: cameras.collect(),
+            film,
+            mesh,
+            materials,
+            textures,
+            lights: lights.collect(),
+            volumes: volumes.collect(),
+            hash: [0; 32],
+            files: Vec::new(),
+            warnings,
+        })
+    }
+
+    /// Refuses what is out of the range of f32; meshes are checked as they are read.
+    fn check_places(&self) -> Result<()> {
+        for volume in &self.volumes {
+            volume.check_place()?;
+        }
+        for (i, light) in self.lights.iter().enumerate() {
+            light.check(|| format!("light {}", i + 1))?;
+        }
+        self.cameras.iter().try_for_each(CameraInput::check)
+    }
+
+    fn bounds(&self) -> Bounds {
+        let mut bounds = Bounds::EMPTY;
+        for mesh in &self.meshes {
+            // Vertices that no triangle uses are not part of the picture.
+            for v in mesh.triangles.iter().flatten() {
+                bounds.add(mesh.positions[*v as usize]);
+            }
+        }
+        for volume in &self.volumes {
+            for corner in volume.corners() {
+                bounds.add(corner);
+            }
+        }
+        bounds
+    }
+
+    /// For a file that says nothing of film: the exposure at which a white surface in the middle of
+    /// the scene that faces all its lights is just white, so that lights in lux and in watts make
+    /// the same picture.
+    fn default_exposure(&self, bounds: &Bounds) -> f32 {
+        let distance2 = (bounds.radius() * bounds.radius()) as f32;
+        let brightest: f32 = self
+            .lights
+            .iter()
+            .map(|l| match l.light {
+                Light::Directional { irradiance, .. } => irradiance,
+                Light::Point { intensity, .. } | Light::Spot { intensity, .. } => {
+                    intensity.map(|v| v / distance2)
+                }
+                Light::Environment { radiance } => radiance.map(|v| v * std::f32::consts::PI),
+            })
+            .map(|irradiance| irradiance.into_iter().fold(0.0, f32::max) / std::f32::consts::PI)
+            .sum();
+        if brightest.is_finite() && brightest > 0.0 {
+            1.0 / brightest
+        } else {
+            DEFAULT_FILM.exposure
+        }
+    }
+
+    fn is_dark(&self) -> bool {
+        let mut materials = self.meshes.iter().flat_map(|m| &m.materials);
+        self.lights.is_empty() && materials.all(|m| m.emission == [0.0; 3])
+    }
+}
+
+fn affine_f32(map: &DAffine3) -> Affine3A {
+    Affine3A::from_mat3_translation(map.matrix3.as_mat3(), map.translation.as_vec3())
+}
+
+/// An error for what is so far away that it must be a mistake, as for vertices.
+fn check_near(what: impl Fn() -> String, at: DVec3) -> Result<()> {
+    // A comparison with NaN is false.
+    if at.to_array().iter().all(|v| v.abs() <= MAX_COORDINATE) {
+        return Ok(());
+    }
+    Err(Error::input(format!(
+        "{}: the position {:?} is farther than {MAX_COORDINATE:e} from the origin",
+        what(),
+        at.to_array()
+    ))
+    .hint("bring the scene near the origin, or to a unit in which it is smaller"))
+}
+
+/// Whether a map has no inverse worth the name: its axes are, up to rounding, in one plane.
+pub(super) fn is_singular(map: &DAffine3) -> bool {
+    let m = map.matrix3;
+    let volume = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
+    let finite = map.to_cols_array().iter().all(|x| x.is_finite());
+    !finite || volume == 0.0 || m.determinant().abs() < 1e-12 * volume
+}
+
+#[cfg(test)]
+mod tests {
+    use super::merge::{check_counts, has_area};
+    use super::*;
+    use crate::scene::{Material, Mesh};
+    use glam::Vec3;
+
+    fn square(centre: DVec3) -> MeshInput {
+        let corner = |x, y| centre + DVec3::new(x, y, 0.0);
+        MeshInput {
+            positions: vec![
+                corner(-1.0, -1.0),
+                corner(1.0, -1.0),
+                corner(1.0, 1.0),
+                corner(-1.0, 1.0),
+            ],
+            triangles: vec![[0, 1, 2], [0, 2, 3], [0, 1, 1]],
+            material: vec![0; 3],
+            materials: vec![Material::diffuse("grey", DEFAULT_ALBEDO)],
+            ..MeshInput::default()
+        }
+    }
+
+    #[test]
+    fn meshes_that_cannot_be_indexed_are_refused() {
+        let (vertices, triangles) = (u32::MAX as usize, Mesh::MAX_TRIANGLES);
+        check_counts(vertices, triangles).unwrap();
+        for (vertices, triangles, part) in [
+            (vertices + 1, triangles, "4294967296 vertices"),
+            (vertices, triangles + 1, "134217729 triangles"),
+        ] {
+            let error = check_counts(vertices, triangles).unwrap_err();
+            assert_eq!(error.kind(), crate::Kind::Input);
+            assert!(error.to_string().contains(part), "{error}");
+        }
+    }
+
+    #[test]
+    fn zero_area_is_dropped_and_counted() {
+        assert!(!has_area([DVec3::ZERO, DVec3::ONE, DVec3::splat(3.0)]));
+        assert!(has_area([DVec3::ZERO, DVec3::X * 1e-20, DVec3::Y * 1e-20]));
+        let builder = SceneBuilder {
+            meshes: vec![square(DVec3::ZERO)],
+            ..SceneBuilder::default()
+        };
+        let scene = builder.finish(&Cancel::default()).unwrap();
+        assert_eq!(scene.mesh.triangles.len(), 2);
+        assert_eq!(scene.mesh.material, [0, 0]);
+        assert_eq!(scene.mesh.degenerate, 1);
+        assert_eq!(scene.world_from_scene, DVec3::ZERO);
+        assert_eq!(scene.warnings.len(), 2, "{:?}", scene.warnings);
+    }
+
+    #[test]
+    fn a_scene_far_away_is_brought_home_exactly() {
+        let far = DVec3::new(1e6, -3e6, 2e6);
+        let builder = SceneBuilder {
+            meshes: vec![square(far + 0.125)],
+            lights: vec![LightInput {
+                light: Light::Point {
+                    position: Vec3::ZERO,
+                    intensity: [1.0; 3],
+                },
+                position: far + DVec3::new(0.125, 0.375, 0.125),
+            }],
+            ..SceneBuilder::default()
+        };
+        let scene = builder.finish(&Cancel::default()).unwrap();
+        assert_eq!(scene.world_from_scene, far + 0.125);
+        assert_eq!(scene.mesh.positions[2], Vec3::new(1.0, 1.0, 0.0));
+        let Light::Point { position, .. } = scene.lights[0] else {
+            unreachable!()
+        };
+        assert_eq!(position, Vec3::new(0.0, 0.25, 0.0));
+    }
+
+    #[test]
+    fn the_default_camera_sees_everything() {
+        let builder = SceneBuilder {
+            meshes: vec![square(DVec3::new(5.0, 0.0, 0.0))],
+            ..SceneBuilder::default()
+        };
+        let scene = builder.finish(&Cancel::default()).unwrap();
+        let camera = &scene.cameras[0];
+        let half = (0.5 * camera.fov_x_rad).tan();
+        for p in &scene.mesh.positions {
+            let q = camera.scene_from_camera.inverse().transform_point3(*p);
+            assert!(q.z < 0.0 && q.x.abs() < -q.z * half && q.y.abs() < -q.z * half * 0.75);
+        }
+    }
+
+    #[test]
+    fn nothing_to_render_is_an_error() {
+        let message = |meshes| {
+            let builder = SceneBuilder {
+                meshes,
+                ..SceneBuilder::default()
+            };
+            builder.finish(&Cancel::default()).unwrap_err().to_string()
+        };
+        assert!(message(vec![]).contains("neither triangles nor volumes"));
+        let mut flat = square(DVec3::ZERO);
+        flat.positions = vec![DVec3::ONE; 4];
+        assert!(message(vec![flat]).contains("zero area"));
+    }
+}

@@ -1,0 +1,91 @@
+//! Volumes as they are handed to a builder.
+
+use super::{MAX_COORDINATE, check_near, is_singular};
+use crate::scene::Grid;
+use crate::{Error, Result};
+use glam::{DAffine3, DVec3};
+
+/// Layers of voxels thinner than this are taken for a mistake: what a ray passes per unit would
+/// leave the range of f32.
+const MIN_VOXEL_EDGE: f64 = 1.0 / MAX_COORDINATE;
+
+/// A participating medium in world space.
+#[derive(Debug)]
+pub struct VolumeInput {
+    pub(in crate::scene) name: String,
+    /// Extinction per world unit.
+    pub(in crate::scene) sigma_t: Grid,
+    /// Single-scattering albedo.
+    pub(in crate::scene) albedo: [f32; 3],
+    /// Maps the box `0..dims` of the grid into the world.
+    pub(in crate::scene) world_from_grid: DAffine3,
+}
+
+impl VolumeInput {
+    /// A medium with the extinction `sigma_t` per world unit and the single-scattering albedo
+    /// `albedo`, each channel in `[0,1]`. `world_from_grid` maps the box `0..dims` of the grid, in
+    /// which voxel (i,j,k) is the cube from (i,j,k) to (i+1,j+1,k+1), into the world.
+    #[must_use]
+    pub fn new(
+        name: impl Into<String>,
+        sigma_t: Grid,
+        albedo: [f32; 3],
+        world_from_grid: DAffine3,
+    ) -> Self {
+        Self {
+            name: name.into(),
+            sigma_t,
+            albedo,
+            world_from_grid,
+        }
+    }
+
+    /// Corners of its box in the world.
+    pub(super) fn corners(&self) -> [DVec3; 8] {
+        let size = self.sigma_t.dims().map(|n| n as f64);
+        std::array::from_fn(|corner| {
+            let at = |a: usize| if corner >> a & 1 == 1 { size[a] } else { 0.0 };
+            let p = DVec3::new(at(0), at(1), at(2));
+            self.world_from_grid.transform_point3(p)
+        })
+    }
+
+    /// Refuses a volume of a size or at a place that f32 cannot hold.
+    pub(super) fn check_place(&self) -> Result<()> {
+        let what = || format!("the volume \"{}\"", self.name);
+        for corner in self.corners() {
+            check_near(|| format!("{}: a corner of its box", what()), corner)?;
+        }
+        // Rows of the inverse stand on the layers of voxels, and are as long as these are thin.
+        let m = self.world_from_grid.matrix3.inverse().transpose();
+        let steepest = [m.x_axis, m.y_axis, m.z_axis].map(DVec3::length);
+        let thinnest = 1.0 / steepest.into_iter().fold(0.0, f64::max);
+        // Not the other way round: there may be no number at all.
+        if !(steepest.iter().all(|v| v.is_finite()) && thinnest >= MIN_VOXEL_EDGE) {
+            return Err(Error::input(format!(
+                "{}: expected voxels of at least {MIN_VOXEL_EDGE:e} units in each direction, \
+                 found {thinnest:e}",
+                what()
+            ))
+            .hint("enlarge the volume by `scale`, or by the matrix that places it"));
+        }
+        Ok(())
+    }
+
+    /// Refuses values and maps that readers of files refuse before they make a volume.
+    pub(super) fn check_values(&self) -> Result<()> {
+        let wrong = |what: String| Err(Error::input(format!("volume `{}`: {what}", self.name)));
+        if !self.albedo.iter().all(|x| (0.0..=1.0).contains(x)) {
+            return wrong(format!("the albedo {:?} is not in [0,1]", self.albedo));
+        }
+        if is_singular(&self.world_from_grid) {
+            return wrong("its placement is singular: it flattens space".into());
+        }
+        match self.sigma_t.first_invalid() {
+            Some(value) => wrong(format!(
+                "an extinction of {value}: expected finite numbers of at least 0"
+            )),
+            None => Ok(()),
+        }
+    }
+}
