@@ -542,16 +542,8 @@ fn a_closed_pipe_is_success_and_a_full_disk_is_not() {
 }
 
 #[test]
-fn stability_needs_no_folder_and_takes_none() {
+fn stability_loads_its_scene_first_and_leaves_nothing_behind() {
     let dir = tempfile::tempdir().unwrap();
-    let help = lvox(dir.path(), &["study", "--help"]);
-    assert_eq!(help.code, 0);
-    assert!(help.stdout.contains("--stability"));
-    lvox(dir.path(), &["study", "--stability", "no such scene.toml"])
-        .refused(2, &["no such scene.toml"]);
-    for args in [&["-o", "somewhere"][..], &["--quick"]] {
-        let both = lvox(dir.path(), &[&["study", "--stability"], args].concat());
-        assert_eq!((both.code, both.stdout.as_str()), (2, ""));
-    }
+    lvox(dir.path(), &["stability", "no such scene.toml"]).refused(2, &["no such scene.toml"]);
     assert!(names(dir.path()).is_empty());
 }

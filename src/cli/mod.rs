@@ -21,6 +21,7 @@ mod scatter;
 mod scene_input;
 mod shade;
 mod shade_options;
+mod stability;
 mod study;
 mod verify;
 
@@ -57,6 +58,7 @@ enum Verb {
     Compare(compare::Args),
     Reference(reference::Args),
     Study(study::Args),
+    Stability(stability::Args),
 }
 
 impl Verb {
@@ -74,6 +76,7 @@ impl Verb {
             Self::Compare(args) => args.files(),
             Self::Reference(args) => args.files(),
             Self::Study(args) => args.files(),
+            Self::Stability(args) => args.files(),
         }
     }
 
@@ -89,7 +92,7 @@ impl Verb {
             Self::Merge(args) => none.memory(args.memory),
             Self::Compare(args) => none.memory(args.memory),
             Self::Reference(args) => none.memory(args.memory),
-            Self::Bake(_) | Self::Inspect(_) | Self::Verify(_) => none,
+            Self::Bake(_) | Self::Inspect(_) | Self::Verify(_) | Self::Stability(_) => none,
         }
     }
 
@@ -107,6 +110,7 @@ impl Verb {
             Self::Compare(args) => ("compare", args.run(context)),
             Self::Reference(args) => ("reference", args.run(context)),
             Self::Study(args) => ("study", args.run(context)),
+            Self::Stability(args) => ("stability", args.run(context)),
         }
     }
 }
@@ -175,30 +179,6 @@ mod tests {
     #[test]
     fn definitions_are_consistent() {
         command().debug_assert();
-    }
-
-    #[test]
-    fn stability_takes_a_scene_and_what_all_verbs_take() {
-        let mut verbs = command();
-        verbs.build();
-        let study = verbs.find_subcommand("study").unwrap();
-        let stability = study.get_arguments().find(|a| a.get_id() == "stability");
-        let refused = study.get_arg_conflicts_with(stability.unwrap());
-        let arguments = study.get_arguments().filter(|a| !refused.contains(a));
-        let mut taken: Vec<&str> = arguments.map(|a| a.get_id().as_str()).collect();
-        taken.sort_unstable();
-        let machine = [
-            "force",
-            "memory_limit",
-            "progress",
-            "report",
-            "strict",
-            "temp_dir",
-            "threads",
-        ];
-        let mut expected = [&["demo", "help", "scene", "stability"], &machine[..]].concat();
-        expected.sort_unstable();
-        assert_eq!(taken, expected);
     }
 
     fn option(verb: &str, name: &str) -> Arg {

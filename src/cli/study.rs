@@ -2,12 +2,11 @@
 
 use super::files::Files;
 use super::options::{Context, Memory, Seed, Temporary};
+use super::parse;
 use super::scene_input::SceneInput;
-use super::{output, parse};
-use crate::lab::stability::{self, Effort};
 use crate::lab::study::{self, Settings};
 use crate::shade::Quality;
-use crate::{Error, Result, shade};
+use crate::{Result, shade};
 use std::path::PathBuf;
 
 /// Measure error against run time of Monte Carlo, traditional and extended point-based rendering on
@@ -21,7 +20,7 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Read this scene: .toml, .gltf or .glb
-    #[arg(value_name = "SCENE", required_unless_present_any = ["demo", "stability"])]
+    #[arg(value_name = "SCENE", required_unless_present = "demo")]
     scene: Option<PathBuf>,
 
     /// Use the scene that is built in: coloured walls, a torus, smoke
@@ -29,13 +28,8 @@ pub struct Args {
     demo: bool,
 
     /// Write everything into this folder
-    #[arg(short, long, value_name = "DIR", required_unless_present = "stability")]
-    output: Option<PathBuf>,
-
-    /// Compare lvox with closed forms and at extremes instead, and print a table; exit with 1 if a
-    /// case fails. Kernels are compared with double precision on SCENE [default: the demo]
-    #[arg(long, conflicts_with_all = MEASURING)]
-    stability: bool,
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
 
     /// Compare with this converged image [default: render one]
     #[arg(long, value_name = "FILE")]
@@ -123,31 +117,6 @@ pub struct Args {
     seed: Seed,
 }
 
-/// Options that closed forms have no use for: all but the scene and what a verb may take of the
-/// machine.
-const MEASURING: [&str; 20] = [
-    "output",
-    "reference",
-    "reference_spp",
-    "quick",
-    "base_only",
-    "paper_cloud",
-    "scatter",
-    "width",
-    "camera",
-    "quality",
-    "max_depth",
-    "spp",
-    "surfels",
-    "block_depth",
-    "block_voxels",
-    "samples",
-    "max_solid_angle",
-    "rounds",
-    "long",
-    "seed",
-];
-
 impl Args {
     /// What it reads and writes.
     pub fn files(&self) -> Files {
@@ -157,21 +126,12 @@ impl Args {
                 .iter()
                 .fold(files, |files, path| files.reads(what, path));
         }
-        let written = self.output.iter().flat_map(|folder| {
-            let is_rendered = self.reference.is_none();
-            study::written(folder, is_rendered)
-        });
-        written.fold(files, |files, path| files.writes("--output", &path))
+        let written = study::written(&self.output, self.reference.is_none());
+        written.iter().fold(files, |files, path| files.writes("--output", path))
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
-        let scene = SceneInput::new(self.scene, self.demo || self.stability);
-        if self.stability {
-            return check_stability(&scene, context);
-        }
-        let Some(output) = self.output else {
-            return Err(Error::input("no folder was given").hint("name one with --output"));
-        };
+        let scene = SceneInput::new(self.scene, self.demo);
         let preset = if self.quick {
             Settings::quick()
         } else {
@@ -211,27 +171,14 @@ impl Args {
             let height = f64::from(film.height) * f64::from(width) / f64::from(film.width);
             (film.width, film.height) = (width, height.round().max(1.0) as u32);
         }
-        study::run(&scene, &settings, &output, context.force, &context.job)?;
-        let report = output.join("report.html");
+        study::run(&scene, &settings, &self.output, context.force, &context.job)?;
+        let report = self.output.join("report.html");
         context
             .job
             .progress
             .say(&format!("see {}", report.display()));
         Ok(())
     }
-}
-
-fn check_stability(scene: &SceneInput, context: &Context) -> Result<()> {
-    let scene = scene.load(context)?;
-    context.job.heed_warnings()?;
-    let families = stability::run(&scene, Effort::Full, &context.job)?;
-    output::print(&stability::markdown(&families))?;
-    let rows = families.iter().flat_map(|f| &f.rows);
-    let (total, failed) = (rows.clone().count(), rows.filter(|r| !r.passed()).count());
-    if failed > 0 {
-        return Err(Error::failed(format!("{failed} of {total} cases failed")));
-    }
-    Ok(())
 }
 
 fn given<T>(values: Vec<T>, preset: Vec<T>) -> Vec<T> {

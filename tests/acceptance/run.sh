@@ -335,7 +335,7 @@ check 'merge' run merge "$lvox" merge "${tiles[@]}" -o "$out/C.merged.exr" --pro
 check '7 tiles of 7 processes are the whole frame' cmp "$out/C.merged.exr" "$out/C.back.exr"
 
 printf '\n-- stability\n'
-check 'closed forms and extremes' run stability "$lvox" study --stability --progress none
+check 'closed forms and extremes' run stability "$lvox" stability --progress none
 
 printf '\n-- pictures\n'
 # picture NAME SCENE DARKEST BRIGHTEST: the root mean square of its radiance has to be between the two.

@@ -8,7 +8,6 @@
 
 pub mod findings;
 mod html;
-mod labels;
 mod measure;
 mod method;
 pub mod plan;

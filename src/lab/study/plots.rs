@@ -1,12 +1,13 @@
 //! The curves of a study as SVG, both axes logarithmic.
 
-use super::labels::{self, LINE, Rect};
 use super::method::Method;
 use super::record::{Run, Study};
 use super::sweep::Sweep;
 use crate::{Error, Result};
+use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
+use std::ops::Range;
 
 /// A picture by name.
 pub struct Plot {
@@ -25,7 +26,7 @@ struct Series {
     points: Vec<(f64, f64)>,
     /// Whether a line joins them.
     joined: bool,
-    /// Written beside each point; empty for none.
+    /// Name of each point, told in the legend by its number; empty for none.
     names: Vec<String>,
 }
 
@@ -254,7 +255,7 @@ fn front(study: &Study) -> Vec<Series> {
 }
 
 /// All values that have a place on an axis, with some room around them; around 1 if none has.
-fn range(values: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
+fn range(values: impl Iterator<Item = f64>) -> Range<f64> {
     let ends = values.filter(|&v| has_place(v)).fold(None, |ends, v| {
         let (low, high) = ends.unwrap_or((v, v));
         Some((v.min(low), v.max(high)))
@@ -265,7 +266,7 @@ fn range(values: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
 }
 
 /// Round values inside a range and their names, few enough to stand beside each other.
-fn ticks(range: &std::ops::Range<f64>) -> Vec<(f64, String)> {
+fn ticks(range: &Range<f64>) -> Vec<(f64, String)> {
     let decades = range.start.log10().floor() as i32..=range.end.log10().floor() as i32;
     let among = |digits: &[u8]| -> Vec<(f64, String)> {
         let all = decades.clone().flat_map(|k| {
@@ -297,12 +298,18 @@ fn mark(name: String, at: (i32, i32), h: HPos, v: VPos) -> Text<'static, (i32, i
     Text::new(name, at, style.pos(Pos::new(h, v)))
 }
 
+type Failure = Box<dyn std::error::Error>;
+type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+type Chart<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<LogCoord<f64>, LogCoord<f64>>>;
+
+const GREY: RGBColor = RGBColor(170, 170, 170);
+
 fn draw(
     axes: [&str; 2],
     series: &[Series],
     floor: Option<f64>,
     legend: SeriesLabelPosition,
-) -> std::result::Result<String, Box<dyn std::error::Error>> {
+) -> std::result::Result<String, Failure> {
     let points = series.iter().flat_map(|s| &s.points);
     let x = range(points.clone().map(|p| p.0));
     let y = range(points.map(|p| p.1).chain(floor));
@@ -325,40 +332,16 @@ fn draw(
             .y_desc(axes[1])
             .label_style(("sans-serif", 14))
             .draw()?;
-        let (across, down) = chart.plotting_area().get_pixel_range();
-        for (value, name) in ticks(&x) {
-            let (at, _) = chart.plotting_area().map_coordinate(&(value, y.start));
-            area.draw(&grid([(at, down.start), (at, down.end)]))?;
-            let below = (at, down.end + 6);
-            area.draw(&mark(name, below, HPos::Center, VPos::Top))?;
-        }
-        for (value, name) in ticks(&y) {
-            let (_, at) = chart.plotting_area().map_coordinate(&(x.start, value));
-            area.draw(&grid([(across.start, at), (across.end, at)]))?;
-            let beside = (across.start - 6, at);
-            area.draw(&mark(name, beside, HPos::Right, VPos::Center))?;
-        }
+        draw_grid(&area, &chart, &x, &y)?;
         if let Some(level) = floor {
-            let line = PathElement::new(
-                vec![(x.start, level), (x.end, level)],
-                RGBColor(170, 170, 170),
-            );
+            let line = PathElement::new(vec![(x.start, level), (x.end, level)], GREY);
             chart
                 .draw_series([line])?
                 .label("noise of the reference")
-                .legend(|(x, y)| {
-                    PathElement::new(vec![(x, y), (x + 16, y)], RGBColor(170, 170, 170))
-                });
+                .legend(|(x, y)| PathElement::new(vec![(x, y), (x + 16, y)], GREY));
         }
         for s in series.iter().filter(|s| !s.points.is_empty()) {
-            let color = s.color;
-            if s.joined {
-                chart.draw_series([PathElement::new(s.points.clone(), color.stroke_width(2))])?;
-            }
-            chart
-                .draw_series(s.points.iter().map(|&p| Circle::new(p, 4, color.filled())))?
-                .label(s.label.as_str())
-                .legend(move |(x, y)| Circle::new((x + 8, y), 4, color.filled()));
+            draw_series(&mut chart, s)?;
         }
         chart
             .configure_series_labels()
@@ -367,43 +350,58 @@ fn draw(
             .border_style(RGBColor(200, 200, 200))
             .label_font(("sans-serif", 14))
             .draw()?;
-        let inside = Rect {
-            left: across.start,
-            top: down.start,
-            width: across.end - across.start,
-            height: down.end - down.start,
-        };
-        // Names keep clear of the legend at the upper right, which is no larger than this.
-        let legend = Rect {
-            left: inside.left + inside.width - 230,
-            width: 230,
-            height: LINE * (series.len() as i32 + 2),
-            ..inside
-        };
-        let plane = chart.plotting_area();
-        for s in series {
-            let at: Vec<(i32, i32)> = s.points.iter().map(|p| plane.map_coordinate(p)).collect();
-            let boxes = labels::place(&at, &s.names, inside, &[legend]);
-            for ((&(x, y), name), found) in at.iter().zip(&s.names).zip(boxes) {
-                let Some(r) = found else { continue };
-                let middle = r.top + LINE / 2;
-                let (edge, side) = if r.left > x {
-                    (r.left, HPos::Left)
-                } else {
-                    (r.left + r.width, HPos::Right)
-                };
-                if (middle - y).abs() > LINE {
-                    let line = vec![(x, y), (edge, middle)];
-                    area.draw(&PathElement::new(line, RGBColor(170, 170, 170)))?;
-                }
-                let style = ("sans-serif", 13).into_font().color(&s.color);
-                let style = style.pos(Pos::new(side, VPos::Center));
-                area.draw(&Text::new(name.clone(), (edge, middle), style))?;
-            }
-        }
         area.present()?;
     }
     Ok(svg)
+}
+
+/// Draws lines at round values across the plot, and the values beside the axes.
+fn draw_grid(
+    area: &Area<'_>,
+    chart: &Chart<'_>,
+    x: &Range<f64>,
+    y: &Range<f64>,
+) -> std::result::Result<(), Failure> {
+    let (across, down) = chart.plotting_area().get_pixel_range();
+    for (value, name) in ticks(x) {
+        let (at, _) = chart.plotting_area().map_coordinate(&(value, y.start));
+        area.draw(&grid([(at, down.start), (at, down.end)]))?;
+        let below = (at, down.end + 6);
+        area.draw(&mark(name, below, HPos::Center, VPos::Top))?;
+    }
+    for (value, name) in ticks(y) {
+        let (_, at) = chart.plotting_area().map_coordinate(&(x.start, value));
+        area.draw(&grid([(across.start, at), (across.end, at)]))?;
+        let beside = (across.start - 6, at);
+        area.draw(&mark(name, beside, HPos::Right, VPos::Center))?;
+    }
+    Ok(())
+}
+
+/// Draws a series with its entry in the legend. Points that have names are numbered, and the legend
+/// tells the names.
+fn draw_series(chart: &mut Chart<'_>, series: &Series) -> std::result::Result<(), Failure> {
+    let color = series.color;
+    let points = &series.points;
+    if series.joined {
+        chart.draw_series([PathElement::new(points.clone(), color.stroke_width(2))])?;
+    }
+    chart
+        .draw_series(points.iter().map(|&p| Circle::new(p, 4, color.filled())))?
+        .label(series.label.as_str())
+        .legend(move |(x, y)| Circle::new((x + 8, y), 4, color.filled()));
+    for (i, (point, name)) in points.iter().zip(&series.names).enumerate() {
+        let number = move |x: i32, y: i32| {
+            let style = ("sans-serif", 13).into_font().color(&color);
+            Text::new((i + 1).to_string(), (x, y), style)
+        };
+        let beside = EmptyElement::at(*point) + number(6, -16);
+        chart
+            .draw_series([beside])?
+            .label(name.as_str())
+            .legend(move |(x, y)| EmptyElement::at((x, y)) + number(2, -7));
+    }
+    Ok(())
 }
 
 #[cfg(test)]
