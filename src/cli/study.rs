@@ -127,7 +127,9 @@ impl Args {
                 .fold(files, |files, path| files.reads(what, path));
         }
         let written = study::written(&self.output, self.reference.is_none());
-        written.iter().fold(files, |files, path| files.writes("--output", path))
+        written
+            .iter()
+            .fold(files, |files, path| files.writes("--output", path))
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
