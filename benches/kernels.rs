@@ -126,7 +126,7 @@ fn order(bencher: Bencher, order: &str) {
 #[divan::bench]
 fn lvoxels(bencher: Bencher) {
     let MediaStore::Rgb(media) = &STORE.media else {
-        unreachable!("the demo's lamp is not white")
+        unreachable!("the demo's emitter is not white")
     };
     let rays = rays(RAYS);
     bencher.counter(ItemsCount::new(RAYS)).bench(|| {
@@ -166,7 +166,7 @@ fn light(bencher: Bencher, tracer: &Tracer) {
     });
 }
 
-/// Shadow rays through triangles and smoke to the lamp.
+/// Shadow rays through triangles and smoke to the emitter.
 #[divan::bench]
 fn shadow_rays(bencher: Bencher) {
     light(bencher, &TRACER);

@@ -24,7 +24,7 @@ use std::hint::black_box;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// A room with a block and a panel under a lamp; `WALL` and `LAMP` are to be filled in.
+/// A room with a block and a panel under an emitter; `WALL` and `EMISSION` are to be filled in.
 const ROOM: &str = r#"
 [film]
 width = 256
@@ -88,7 +88,7 @@ scale = [0.7, 1, 0.5]
 rotate_deg = [180, 0, 0]
 translate = [-0.1, 1.985, 0]
 albedo = [0, 0, 0]
-emission = LAMP
+emission = EMISSION
 "#;
 
 const SMOKE: &str = include_str!("../tests/pipeline/left_out/smoke.toml");
@@ -128,7 +128,7 @@ struct Baked {
 }
 
 impl Baked {
-    /// Bakes the room with walls and lamp of the given colours, and what else there is.
+    /// Bakes the room with walls and emitter of the given colours, and what else there is.
     fn new(effort: &Effort, name: &str, colours: [&str; 2], more: &str, crease: f32) -> Self {
         let surfels = SurfelSampling::Area {
             count: effort.surfels,
@@ -138,7 +138,7 @@ impl Baked {
 
     fn sampled(
         name: &str,
-        [wall, lamp]: [&str; 2],
+        [wall, emission]: [&str; 2],
         more: &str,
         crease: f32,
         surfels: SurfelSampling,
@@ -146,7 +146,7 @@ impl Baked {
         let dir = Path::new(env!("CARGO_TARGET_TMPDIR")).join("left_out");
         fs::create_dir_all(&dir).unwrap();
         let file = |extension: &str| dir.join(format!("{name}.{extension}"));
-        let text = ROOM.replace("WALL", wall).replace("LAMP", lamp) + more;
+        let text = ROOM.replace("WALL", wall).replace("EMISSION", emission) + more;
         fs::write(file("toml"), text).unwrap();
         let scene = Scene::load(&file("toml")).unwrap();
         let settings = bake::Settings {
@@ -346,7 +346,7 @@ fn main() {
     }
     for (name, with) in [
         ("colour in media, lights of several hues", &rgb_smoke),
-        ("colour in media, one warm lamp", &smoke),
+        ("colour in media, one warm emitter", &smoke),
     ] {
         let without = &grey_smoke;
         row(&[
@@ -426,9 +426,9 @@ fn main() {
     reads(&effort);
 }
 
-/// Rooms without light, with a lamp, and with many lamps.
+/// Rooms without light, with an emitter, and with many point lights.
 fn lights(effort: &Effort, one: &Baked) {
-    let lamps: String = (0..100)
+    let points: String = (0..100)
         .map(|i| {
             let (x, z) = (
                 0.24 * f64::from(i % 10) - 1.08,
@@ -443,7 +443,7 @@ fn lights(effort: &Effort, one: &Baked) {
         })
         .collect();
     let none = Baked::new(effort, "unlit", UNLIT, "", 8.0);
-    let many = Baked::new(effort, "many_lights", UNLIT, &lamps, 8.0);
+    let many = Baked::new(effort, "many_lights", UNLIT, &points, 8.0);
     let all = [&none, one, &many];
     let timings: Vec<Timing> = all.into_iter().map(|b| of(b, Kernel::Traced)).collect();
     let receivers = times(effort, &timings);

@@ -14,7 +14,7 @@ use std::path::Path;
 /// Pixels along an edge of the blocks that are compared.
 const BLOCK: usize = 16;
 
-/// Standard deviation of what rounding to half floats does to a value, relative to it. On the lamp,
+/// Standard deviation of what rounding to half floats does to a value, relative to it. On the emitter,
 /// where all pixels are alike, they are all off by the same: it does not average out.
 const HALF: f64 = 2.0e-4;
 
@@ -149,7 +149,7 @@ macro_rules! agrees {
 
 agrees!(a_d3, "A", "A_d3", 3, 16);
 agrees!(a_full, "A", "A_full", 0, 8);
-// Few paths find the spot of the ceiling above the lamp: it takes more of them until their mean is
+// Few paths find the spot of the ceiling above the emitter: it takes more of them until their mean is
 // normal.
 agrees!(a_pt_d3, "A_pt", "A_pt_d3", 3, 64);
 agrees!(b_d3, "B", "B_d3", 3, 32);

@@ -48,7 +48,7 @@ fn parts_that_no_reader_would_take_are_not_written() {
     let [first, second, third]: [_; 3] = parts(&mut Random(1)).try_into().unwrap();
     let (kind, place, part) = second;
     refused(first.0, first.1, &first.2, "order of parts");
-    refused(third.0, third.1, &first.2, "no share of lamps");
+    refused(third.0, third.1, &first.2, "no share of point lights");
     let with = |change: &dyn Fn(&mut PartPlace, &mut Part), expected: &str| {
         let (mut place, mut part) = (place, part.clone());
         change(&mut place, &mut part);

@@ -1,6 +1,6 @@
 //! Bright patches: the parts of surfaces that send far more than most, as where the sun falls on a
 //! small part of a room's floor. Few gather rays meet them, and those that do bring most of the
-//! light. Gathers may leave them out of what rays meet, and ask them as they ask lamps.
+//! light. Gathers may leave them out of what rays meet, and ask them as they ask lights.
 
 use super::Pages;
 use super::patch_id::{PatchExtent, PatchId};

@@ -25,7 +25,7 @@ pub struct Settings {
     /// What takes part in indirect light.
     pub method: Method,
     /// Whether gathers ask the few places that send most of a frame's light, if there are such, as
-    /// they ask lamps.
+    /// they ask emitters.
     pub bright_patches: bool,
     /// Pixels between gathers on surfaces, where others stand between those if light may change
     /// within that; 1 gathers at every pixel.

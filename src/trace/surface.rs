@@ -123,7 +123,7 @@ pub fn offset(point: Vec3) -> f32 {
 }
 
 /// How far a ray goes to a light at `target`, which is `distance` away: it ends before the surface
-/// that shines, or that holds a lamp without extent.
+/// that shines, or that holds a delta light.
 #[must_use]
 pub fn short_of(target: Vec3, distance: f32) -> f32 {
     distance * (1.0 - 1e-4) - offset(target)

@@ -1,4 +1,4 @@
-//! The few places that send most of a frame's light, asked as lamps are.
+//! The few places that send most of a frame's light, asked as lights are.
 
 use crate::{Work, layer, mean, relative_rms, shade, with_threads};
 use lvox::image::Region;
@@ -137,13 +137,13 @@ fn a_camera_that_hardly_moves_finds_the_same_patches() {
 fn light_that_comes_from_all_around_or_through_media_is_met_by_rays() {
     const SUN: &str =
         "type = \"directional\"\ndirection = [-0.3, -1, -0.1]\nirradiance = [60, 55, 45]\n";
-    const LAMP: &str = "type = \"point\"\nposition = [0, 1, 0]\nintensity = [1, 1, 1]\n";
+    const POINT: &str = "type = \"point\"\nposition = [0, 1, 0]\nintensity = [1, 1, 1]\n";
     const MIST: &str = "[[volume]]\nfile = \"smoke.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\nsigma_t_scale = 0.001\nvalue_scale = 0.00392156862745098\n\
                         unitcube_to_world = [[1, 0, 0, -0.5], [0, 1, 0, 0.3], [0, 0, 1, -0.5], [0, 0, 0, 1]]\n\
                         albedo = [0.8, 0.8, 0.8]\n";
     let sun = skylight(0.0);
     for (text, is_asked) in [
-        (sun.replace(SUN, LAMP), false),
+        (sun.replace(SUN, POINT), false),
         (sun.clone() + MIST, false),
         (sun, true),
     ] {

@@ -137,7 +137,7 @@ fn frames_do_not_depend_on_threads_tiles_or_caches() {
 #[test]
 fn smoke_before_penumbrae_has_no_seams() {
     // Thin smoke in all of the room, of voxels so large that most corners take what their
-    // neighbours have, before the shadow of the block in the light of a large lamp.
+    // neighbours have, before the shadow of the block in the light of a large emitter.
     let text = ROOM
         .replace("width = 64\nheight = 48", "width = 96\nheight = 72")
         .replace(

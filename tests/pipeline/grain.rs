@@ -8,7 +8,7 @@ use lvox::run::Job;
 use lvox::shade::{self, Quality, Settings};
 use std::f64::consts::SQRT_2;
 
-/// A corner of the room behind the smoke of the demo, which dims the lamp for each pixel of it
+/// A corner of the room behind the smoke of the demo, which dims the emitter for each pixel of it
 /// differently.
 const WALLS: Region = Region {
     x0: 16,

@@ -6,10 +6,10 @@ use lvox::tree::{MediaStore, OpenTree};
 use std::fs;
 use std::path::Path;
 
-/// The room without its lamp's colour and its smoke.
-fn room(lamp: &str, more: &str) -> String {
+/// The room without its light's colour and its smoke.
+fn room(emission: &str, more: &str) -> String {
     let (surfaces, _) = ROOM.split_once("[[volume]]").unwrap();
-    surfaces.replace("[10, 9, 7]", lamp) + more
+    surfaces.replace("[10, 9, 7]", emission) + more
 }
 
 const SMOKE: &str = include_str!("left_out/smoke.toml");

@@ -35,7 +35,7 @@ use std::path::{Path, PathBuf};
 use support::trees;
 use tempfile::TempDir;
 
-/// A room with a red wall, a block, a lamp and a cube of uneven smoke; needs `smoke.raw`.
+/// A room with a red wall, a block, an emitter and a cube of uneven smoke; needs `smoke.raw`.
 const ROOM: &str = r#"
 name = "room"
 

@@ -219,13 +219,13 @@ fn surfels_that_floats_cannot_hold_are_no_fault_of_a_file() {
         )
     };
     let sky = "type = \"environment\"\nradiance = [1, 1, 1]";
-    let lamp = "type = \"point\"\nposition = [0, 1e-6, 0]\nintensity = [1e30, 1, 1]";
+    let point = "type = \"point\"\nposition = [0, 1e-6, 0]\nintensity = [1e30, 1, 1]";
     for (scene, part) in [
         (
             quad("1e-22", sky),
             "expected an area that 32-bit floats hold, found",
         ),
-        (quad("1e-6", lamp), "more than 32-bit floats hold"),
+        (quad("1e-6", point), "more than 32-bit floats hold"),
     ] {
         let work = Work::new(&scene);
         let run = lvox(

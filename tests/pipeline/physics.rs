@@ -32,7 +32,7 @@ fn fog(sigma_t: f64, albedo: f64) -> String {
 const ENVIRONMENT: &str = "[[light]]\ntype = \"environment\"\nradiance = [2, 1, 0.5]\n";
 
 #[test]
-fn a_lamp_seen_from_behind_is_dark() {
+fn an_emitter_seen_from_behind_is_dark() {
     for (rotate, expected) in [(90, 3.0), (-90, 0.0)] {
         let text = format!(
             "[film]\nwidth = 8\nheight = 8\n[[camera]]\nposition = [0, 0, 3]\ntarget = [0, 0, 0]\nfov_x_deg = 10\n\
@@ -55,8 +55,8 @@ fn a_lamp_seen_from_behind_is_dark() {
 /// Quads that no corner of a pixel sees, some of them behind a board in part: the mean over the
 /// film is what they cover.
 #[test]
-fn lamps_smaller_than_a_pixel_are_seen_by_what_they_cover() {
-    // The film is 2 x 2 at the distance of the lamps, in 8 x 8 pixels.
+fn emitters_smaller_than_a_pixel_are_seen_by_what_they_cover() {
+    // The film is 2 x 2 at the distance of the emitters, in 8 x 8 pixels.
     let mut text = String::from(
         "[film]\nwidth = 8\nheight = 8\n[[camera]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\nfov_x_deg = 90\n",
     );
@@ -81,8 +81,8 @@ fn lamps_smaller_than_a_pixel_are_seen_by_what_they_cover() {
     let board = text.clone()
         + "[[mesh]]\nfile = \"builtin:quad\"\nscale = 0.5\nrotate_deg = [90, 0, 0]\ntranslate = [-0.39, 0.2225, 0.5]\n\
            albedo = [0, 0, 0]\n";
-    // Over the plane of the lamps it hides what is left of x = -0.28 and above y = -0.055: two
-    // lamps.
+    // Over the plane of the emitters it hides what is left of x = -0.28 and above y = -0.055: two
+    // emitters.
     let hidden = open - 2.0 * side * side * 100.0;
     for (text, sent) in [(&text, open), (&board, hidden)] {
         for pixel_samples in [8, 1] {
@@ -101,7 +101,7 @@ fn lamps_smaller_than_a_pixel_are_seen_by_what_they_cover() {
 /// A floor that shines, far wider than the camera is above it: all that is below the horizon is as
 /// bright.
 #[test]
-fn a_wide_lamp_below_the_camera_is_even() {
+fn a_wide_emitter_below_the_camera_is_even() {
     for size in [4e4, 4e6] {
         let text = format!(
             "[film]\nwidth = 8\nheight = 64\n[[camera]]\nposition = [0, 1, 0]\ntarget = [0, 1, -1]\n\

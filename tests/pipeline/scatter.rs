@@ -64,7 +64,7 @@ fn pixels(
     [beauty(&frame), layer(&frame, "volume")]
 }
 
-/// Lamps of all kinds, whose shadows are soft and sharp.
+/// Lights of all kinds, whose shadows are soft and sharp.
 fn lit_by_all() -> String {
     ROOM.to_owned()
         + r#"

@@ -135,7 +135,7 @@ fn verbs_take_no_option_that_they_do_not_use() {
     }
 }
 
-/// A thin cloud alone before the camera, lit by a lamp and by a wall behind the camera: light from
+/// A thin cloud alone before the camera, lit by an emitter and by a wall behind the camera: light from
 /// the wall is all that is chosen at random.
 #[test]
 fn the_seed_keys_what_media_see_of_surfaces() {

@@ -94,7 +94,7 @@ fn the_cornell_box_with_smoke_is_that_of_the_reference() {
         .unwrap();
     for t in 0..scene.mesh.triangles.len() {
         if scene.mesh.material[t] as usize == light {
-            assert!(scene.mesh.area_vector(t).y < 0.0, "the lamp shines down");
+            assert!(scene.mesh.area_vector(t).y < 0.0, "the emitter shines down");
         }
     }
     let volume = &scene.volumes[0];

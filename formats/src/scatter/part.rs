@@ -135,7 +135,7 @@ impl Part {
             }
         }
         if kind == BlockKind::Indirect && !self.share.is_empty() {
-            return wrong("columns", "no share of lamps".into(), "one".into());
+            return wrong("columns", "no share of point lights".into(), "one".into());
         }
         for (name, values) in [("share", &self.share), ("light", &self.light)] {
             if !values.is_empty() && values.len() != self.len() {
@@ -190,7 +190,7 @@ impl Part {
                 push(index, floats(values.iter().copied()));
                 0
             };
-            // Gathered light never has a share of lamps.
+            // Gathered light never has a share of point lights.
             if saved > 0 && !(index == SHARE && kind == BlockKind::Indirect) {
                 packed.left_out.push((index, saved * records as u64));
             }

@@ -266,7 +266,7 @@ pub fn write_tree(path: &Path, style: Style, pages: usize, per_page: usize) -> V
     written
 }
 
-/// Direct light with and without lamps, and grey indirect light, at some vertices of the second
+/// Direct light with and without point lights, and grey indirect light, at some vertices of the second
 /// volume.
 pub fn parts(random: &mut Random) -> Vec<(BlockKind, PartPlace, Part)> {
     let place = |level: u8, x: u16| PartPlace {
@@ -281,7 +281,7 @@ pub fn parts(random: &mut Random) -> Vec<(BlockKind, PartPlace, Part)> {
     ];
     kinds
         .into_iter()
-        .map(|(kind, place, has_lamps, is_grey)| {
+        .map(|(kind, place, has_points, is_grey)| {
             let mut chosen = vec![0; PART_CUBES];
             for i in [0, 9, 70] {
                 chosen[i] = 1 << random.below(64) | 1 << random.below(64);
@@ -298,7 +298,7 @@ pub fn parts(random: &mut Random) -> Vec<(BlockKind, PartPlace, Part)> {
                 (0..n).map(colour).collect()
             };
             part.light = light(part.len());
-            if has_lamps {
+            if has_points {
                 part.share = light(part.len());
             }
             (kind, place, part)

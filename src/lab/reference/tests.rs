@@ -198,12 +198,12 @@ fn a_rectangle_lights_a_floor_as_its_form_factor_says() {
             floor(-9.0, -9.0),
         ];
         add_quad(&mut scene, corners, 0.5, 0.0, false);
-        let lamp = |x: f32, z: f32| Vec3::new(x, height, z);
+        let corner = |x: f32, z: f32| Vec3::new(x, height, z);
         let corners = [
-            lamp(-0.5, -0.5),
-            lamp(1.0, -0.5),
-            lamp(1.0, 0.5),
-            lamp(-0.5, 0.5),
+            corner(-0.5, -0.5),
+            corner(1.0, -0.5),
+            corner(1.0, 0.5),
+            corner(-0.5, 0.5),
         ];
         add_quad(&mut scene, corners, 0.0, 4.0, both);
         let point = Vec3::new(0.2, 0.0, 0.1);
@@ -214,7 +214,7 @@ fn a_rectangle_lights_a_floor_as_its_form_factor_says() {
         let origin = Vec3::new(point.x, 0.5 * height, point.z);
         near(radiance(&scene, 2, origin, -Vec3::Y), expected, 6e-3);
         if !both {
-            // The lamp's back is dark.
+            // The emitter's back is dark.
             let above = Vec3::new(0.2, 3.0 * height, 0.1);
             assert_eq!(radiance(&scene, 1, above, -Vec3::Y), 0.0);
         }

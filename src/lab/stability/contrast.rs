@@ -68,7 +68,7 @@ pub fn rows(bench: &Workbench) -> Result<Vec<Row>> {
     Ok(rows)
 }
 
-/// Voxels of 1/16 around the origin, lit from everywhere and by a near lamp.
+/// Voxels of 1/16 around the origin, lit from everywhere and by a near light.
 fn scene(grid: Grid) -> Scene {
     let dims = grid.dims();
     let mut scene = stage(12, Vec3::new(0.9, 0.7, 1.5), Vec3::ZERO, 45.0);

@@ -1,7 +1,7 @@
 //! Needles, nothing, doubles and crowds: geometry and media at their extremes.
 
 use super::row::Row;
-use super::transmittance::{brief, lamp_behind};
+use super::transmittance::{brief, emitter_behind};
 use super::workbench::{
     Workbench, add_quad, add_room, gatherer, kept, mean, media, pixels, relative_rms, stage, volume,
 };
@@ -30,7 +30,7 @@ pub fn rows(bench: &Workbench, effort: Effort) -> Result<Vec<Row>> {
     Ok(rows)
 }
 
-/// A floor between two walls under a lamp.
+/// A floor between two walls under an emitter.
 pub(super) fn room() -> Scene {
     let mut scene = stage(
         24,
@@ -39,8 +39,8 @@ pub(super) fn room() -> Scene {
         70.0,
     );
     add_room(&mut scene, 2.0, 0.5, 0.0);
-    let lamp = [Vec3::new(-0.3, 0.95, -0.3), 0.6 * Vec3::X, 0.6 * Vec3::Z];
-    add_quad(&mut scene, lamp, 0.0, 5.0);
+    let emitter = [Vec3::new(-0.3, 0.95, -0.3), 0.6 * Vec3::X, 0.6 * Vec3::Z];
+    add_quad(&mut scene, emitter, 0.0, 5.0);
     scene
 }
 
@@ -178,7 +178,7 @@ fn doubles(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
         doubled.mesh.triangles.clone(),
         doubled.mesh.material.clone(),
     );
-    // All but the lamp, whose light would double.
+    // All but the emitter, whose light would double.
     doubled.mesh.triangles.extend(&triangles[..12]);
     doubled.mesh.material.extend(&material[..12]);
     let mut turned = room();
@@ -385,7 +385,7 @@ fn overlaps(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     let parts = [0.5_f32, 1.5, 3.0];
     for (name, albedo, limit) in [("absorbing", 0.0, 1e-5), ("scattering", 0.8, 0.03)] {
         let picture = |densities: &[f32]| -> Result<Vec<[f32; 3]>> {
-            let mut scene = lamp_behind(Grid::from_fn([16; 3], |_| densities[0]), albedo);
+            let mut scene = emitter_behind(Grid::from_fn([16; 3], |_| densities[0]), albedo);
             for &sigma in &densities[1..] {
                 let grid = Grid::from_fn([16; 3], |_| sigma);
                 let placed = scene.volumes[0].scene_from_index;

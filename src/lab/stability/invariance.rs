@@ -206,7 +206,7 @@ fn smoke() -> Vec<u8> {
         .collect()
 }
 
-/// A room with a red and a green wall, a lamp, a window that the sun shines through, a block, and
+/// A room with a red and a green wall, an emitter, a window that the sun shines through, a block, and
 /// smoke.
 fn room(change: &Change) -> String {
     let map = change.world_from_room;

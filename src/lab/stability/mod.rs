@@ -69,7 +69,7 @@ const FAMILIES: &[(&str, &str, Cases)] = &[
         "Single scattering",
         "A point light and a sphere of voxels of radius R, one pixel whose ray passes the middle at 0.22 R, against quadrature over\n\
          the same voxels. The inverse square is integrated in closed form along the ray and only the share that arrives is\n\
-         interpolated, exponentially where it differs, so thin media are right to 1e-3 as near as coordinates tell. Near a lamp\n\
+         interpolated, exponentially where it differs, so thin media are right to 1e-3 as near as coordinates tell. Near the light\n\
          the share is that of the ray's own points. What is left is the spacing of 0.7 optical depths between vertices at a rim\n\
          that is lit from behind. Slabs under a sun say what surfaces gather: an lvoxel deeper than 0.7 holds the light that rays\n\
          from outside see, as a mean over the faces that are not buried; so a sheet of one such voxel sends as much from its dark\n\
@@ -86,7 +86,7 @@ const FAMILIES: &[(&str, &str, Cases)] = &[
     ),
     (
         "Invariance",
-        "A room with a lamp, a sun of 2 degrees and uneven smoke, changed as a whole; its picture is changed back and compared with\n\
+        "A room with an emitter, a sun of 2 degrees and uneven smoke, changed as a whole; its picture is changed back and compared with\n\
          the first. Moved and scaled pictures differ by rays that fall on the other side of an edge. Turned ones have other\n\
          tangents, so their noise is another. Light from 1e-30 to 1e30 leaves the rounding of stored radiance.",
         |bench, _, _| invariance::rows(bench),

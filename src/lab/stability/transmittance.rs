@@ -96,8 +96,8 @@ fn kernels(rows: &mut Vec<Row>) {
     }
 }
 
-/// A lamp of radiance 4 behind a cube of fog around the origin, looked at along -z by one pixel.
-pub fn lamp_behind(grid: Grid, albedo: f32) -> Scene {
+/// An emitter of radiance 4 behind a cube of fog around the origin, looked at along -z by one pixel.
+pub fn emitter_behind(grid: Grid, albedo: f32) -> Scene {
     let dims = grid.dims();
     let mut scene = stage(
         1,
@@ -124,7 +124,7 @@ pub fn brief() -> Settings {
 fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     for tau in TAUS {
         let at = format!("tau {tau:e}");
-        let scene = lamp_behind(Grid::from_fn([32; 3], |_| tau as f32), 0.0);
+        let scene = emitter_behind(Grid::from_fn([32; 3], |_| tau as f32), 0.0);
         let tau = f64::from(tau as f32);
         let tracer = Tracer::new(&scene);
         let (origin, forward) = (Vec3::new(0.03, 0.02, 2.0), -Vec3::Z);
@@ -151,7 +151,7 @@ fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
 
         let picture = pixels(&bench.shade(&scene, &store, &brief())?, "")?;
         rows.push(transmittance(
-            "lamp behind a slab, whole pipeline",
+            "emitter behind a slab, whole pipeline",
             at.clone(),
             tau,
             mean(&picture) / 4.0,
@@ -219,14 +219,14 @@ fn spheres(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
         let at = format!("tau {tau:e}");
         // A ball of radius 0.45 whose diameter has this depth.
         let sigma = (tau / 0.9) as f32;
-        let scene = lamp_behind(ball(N, 0.45, sigma), 0.0);
+        let scene = emitter_behind(ball(N, 0.45, sigma), 0.0);
         let field = Field::of(&scene.volumes[0]);
         let (origin, forward) = (Vec3::new(0.03, 0.02, 2.0), -Vec3::Z);
         let exact = field.optical_depth(origin.as_dvec3(), forward.as_dvec3(), 2.9);
         let store = bench.tree(&scene, 16)?;
         let picture = pixels(&bench.shade(&scene, &store, &brief())?, "")?;
         rows.push(transmittance(
-            "lamp behind a sphere of voxels, whole pipeline",
+            "emitter behind a sphere of voxels, whole pipeline",
             at.clone(),
             exact,
             mean(&picture) / 4.0,

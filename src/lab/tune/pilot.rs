@@ -164,7 +164,7 @@ impl<'a> Pilot<'a> {
     fn compare(&self, shaded: &[Vec<Shaded>]) -> Measured {
         let known = |p: &Point| shaded[p.block][p.index];
         let has_others = self.points.iter().any(|p| !known(p).has_emitter_border);
-        // At the border of a lamp shading is exact, and paths that miss the lamp look as if they
+        // At the border of an emitter shading is exact, and paths that miss it look as if they
         // had no noise.
         let mut terms: Vec<(f64, f64)> = self
             .points

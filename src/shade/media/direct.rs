@@ -127,7 +127,7 @@ mod tests {
     use crate::shade::media::vertices::blend;
     use glam::Vec3;
 
-    /// Light at the corners of a cube of this edge, some of it from lamps, and their weights for a
+    /// Light at the corners of a cube of this edge, some of it from point lights, and their weights for a
     /// point of it.
     fn around(edge: f32, point: [f32; 3], light: impl Fn(Vec3) -> f32) -> ([Parts; 8], [f32; 8]) {
         let corner = |i: usize| std::array::from_fn(|a| (i >> a & 1) as f32);

@@ -463,9 +463,9 @@ fn a_huge_volume_around_another_moves_no_light_in_it() {
 #[test]
 fn light_of_a_volume_beside_another_is_swept_into_it() {
     let mut scene = haze(SIGMA_T);
-    let mut lamp = haze(SIGMA_T).volumes.remove(0);
-    lamp.place(DAffine3::from_translation(DVec3::new(-24.5, -8.0, -20.0)));
-    scene.volumes.push(lamp);
+    let mut bright = haze(SIGMA_T).volumes.remove(0);
+    bright.place(DAffine3::from_translation(DVec3::new(-24.5, -8.0, -20.0)));
+    scene.volumes.push(bright);
     let both = [lvoxels(0, |_| 0.0), lvoxels(1, |_| 1.0)].concat();
     // Where little of it is left, a few directions tell it roughly.
     let mut sums = [0.0; 2];

@@ -9,7 +9,7 @@ use wide::{f32x4, f32x8};
 const BRICK: usize = 8;
 
 /// Voxels that vertices and probes keep from the border of their volume: there may be a floor or a
-/// lamp in its plane, of which they would see either side.
+/// emitter in its plane, of which they would see either side.
 pub const INSIDE: f32 = 0.1;
 
 /// A point of a volume's index space in the scene, [`INSIDE`] its border.

@@ -117,7 +117,7 @@ impl EmitterBorders {
         &rest[..rest.partition_point(|e| e.pixel == pixel)]
     }
 
-    /// Whether the border of any lamp runs through pixel (x, y).
+    /// Whether the border of any emitter runs through pixel (x, y).
     #[inline]
     pub fn is_border(&self, x: u32, y: u32) -> bool {
         let pixel = place(self.region, x, y);
@@ -130,7 +130,7 @@ impl EmitterBorders {
         self.entries(x, y).iter().any(|e| e.triangle == triangle)
     }
 
-    /// The lamps whose borders run through pixel (x, y), with their parts in it.
+    /// The emitters whose borders run through pixel (x, y), with their parts in it.
     fn parts(&self, view: &View, x: u32, y: u32) -> impl Iterator<Item = (u32, Polygon)> {
         let mesh = &view.tracer.scene.mesh;
         self.entries(x, y).iter().filter_map(move |e| {
@@ -139,7 +139,7 @@ impl EmitterBorders {
         })
     }
 
-    /// Share of pixel (x, y) that those lamps cover if nothing is before them.
+    /// Share of pixel (x, y) that those emitters cover if nothing is before them.
     pub fn covered(&self, view: &View, x: u32, y: u32) -> f32 {
         let parts = self.parts(view, x, y);
         parts.map(|(_, part)| part.area() as f32).sum()

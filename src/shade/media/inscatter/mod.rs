@@ -5,7 +5,7 @@
 //! brick of a volume has the spacing that its own density asks for: vertices of direct light stand
 //! at most an optical depth apart, those of indirect light 1.4 where it is swept, in thin bricks,
 //! and two where it is not. Where vertices of a dense brick still differ much, at its rim, finer
-//! ones are asked; near a lamp, and where a voxel is deep, the ray's own points. Vertices in empty
+//! ones are asked; near a point light, and where a voxel is deep, the ray's own points. Vertices in empty
 //! space around the medium are evaluated like any other: leaving them dark would darken its rim.
 
 mod beforehand;
@@ -99,7 +99,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     /// In thin bricks, where noise is all else that differs, only such a factor tells of a wall
     /// between vertices.
     const LEAK: f32 = 8.0;
-    /// Spacings of vertices around a lamp in which its light is looked for on the ray itself.
+    /// Spacings of vertices around a point light in which its light is looked for on the ray itself.
     const NEAR: f32 = 2.0;
     /// Vertices of scattered light may be so much further apart, as an optical depth in all media
     /// of a place together, than they are in one medium.
@@ -247,7 +247,7 @@ impl<'a, P: Pages, M: Medium> InScatter<'a, P, M> {
     fn direct(&self, place: &Place, known: &mut Known) -> Rgb {
         let (lattices, [from, to]) = (&self.lattices[place.volume], place.ends);
         let spacing = lattices.voxel * (1 << place.level) as f32;
-        // What arrives of a lamp's light has a cusp at the lamp.
+        // What arrives of a point light has a cusp at the light.
         let near = self
             .lights
             .point_source_near(from, to, Self::NEAR * spacing);
