@@ -13,8 +13,8 @@ use lvox::gather::{Gatherer, Kernel, Medium, NoMedia, PatchRadiance, Settings};
 use lvox::image::Region;
 use lvox::lab::reference;
 use lvox::light::{Lights, ShadowRays};
-use lvox::math::Rgb;
 use lvox::math::segment::Composite;
+use lvox::math::{Ray, Rgb};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade;
@@ -38,7 +38,7 @@ fn triangles(bencher: Bencher) {
     let (tracer, rays) = (&*TRACER, rays(RAYS));
     bencher.counter(ItemsCount::new(RAYS)).bench(|| {
         for &(origin, direction) in &rays {
-            black_box(tracer.closest(origin, direction, f32::INFINITY));
+            black_box(tracer.closest(&Ray::endless(origin, direction)));
         }
     });
 }
@@ -49,7 +49,7 @@ fn cells(bencher: Bencher) {
     let (tracer, rays) = (&*TRACER, rays(RAYS));
     bencher.counter(ItemsCount::new(RAYS)).bench(|| {
         for &(origin, direction) in &rays {
-            black_box(tracer.optical_depth(origin, direction, f32::INFINITY));
+            black_box(tracer.optical_depth(&Ray::endless(origin, direction)));
         }
     });
 }
@@ -83,7 +83,7 @@ fn surfels(bencher: Bencher, kernel: &str) {
     let mut scratch = Scratch::default();
     bencher.counter(ItemsCount::new(RAYS)).bench_local(|| {
         for &(origin, direction) in &rays {
-            black_box(gatherer.incident(origin, direction, &mut scratch));
+            black_box(gatherer.incident(&Ray::endless(origin, direction), &mut scratch));
         }
     });
 }
@@ -106,9 +106,7 @@ fn order(bencher: Bencher, order: &str) {
             for &(o, d) in &rays {
                 black_box(plain::cast_in_order::<_, false>(
                     pages,
-                    o,
-                    d,
-                    f32::INFINITY,
+                    &Ray::endless(o, d),
                     &mut scratch,
                 ));
             }
@@ -116,7 +114,7 @@ fn order(bencher: Bencher, order: &str) {
     } else {
         bencher.bench_local(|| {
             for &(o, d) in &rays {
-                black_box(plain::cast(pages, o, d, f32::INFINITY, &mut scratch));
+                black_box(plain::cast(pages, &Ray::endless(o, d), &mut scratch));
             }
         });
     }
@@ -132,7 +130,7 @@ fn lvoxels(bencher: Bencher) {
     bencher.counter(ItemsCount::new(RAYS)).bench(|| {
         for &(origin, direction) in &rays {
             let mut light = Composite::default();
-            media.pass(origin, direction, 2.0, &[], &mut light);
+            media.pass(&Ray::new(origin, direction, 2.0), &[], &mut light);
             black_box(light);
         }
     });
@@ -143,7 +141,7 @@ fn receivers(tracer: &Tracer) -> Vec<Surface> {
     rays(RAYS)
         .into_iter()
         .filter_map(|(origin, direction)| {
-            let hit = tracer.closest(origin, direction, f32::INFINITY)?;
+            let hit = tracer.closest(&Ray::endless(origin, direction))?;
             Some(Surface::new(tracer.scene, hit.triangle, hit.uv).facing(-direction))
         })
         .collect()

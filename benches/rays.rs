@@ -15,8 +15,8 @@ mod trees;
 use glam::{Vec3, Vec3A};
 use lvox::gather::cone::Scratch;
 use lvox::gather::{Gatherer, Kernel, NoMedia, PatchRadiance, Settings, SurfacePoint};
-use lvox::math::Rgb;
 use lvox::math::sampling::{cosine_hemisphere, hash, mix, sobol2, tangents};
+use lvox::math::{Ray, Rgb};
 use lvox::run::usage;
 use lvox::scene::Scene;
 use lvox::shade::{self, Quality};
@@ -26,7 +26,7 @@ use lvox::tree::{OpenTree, SurfelStore};
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::cwbvh::builder::build_cwbvh_from_tris;
-use obvhs::ray::{Ray, RayHit};
+use obvhs::ray::RayHit;
 use obvhs::triangle::Triangle;
 use std::collections::BTreeMap;
 use std::hint::black_box;
@@ -104,7 +104,7 @@ fn main() {
     );
     let triangles = best(size.passes, || {
         for &(origin, direction) in &rays {
-            black_box(tracer.closest(origin, direction, f32::INFINITY));
+            black_box(tracer.closest(&Ray::endless(origin, direction)));
         }
     });
     let print = |name: &str, surfels: &str, secs: f64| {
@@ -170,7 +170,7 @@ fn one_by_one(
     let mut scratch = Scratch::default();
     best(passes, || {
         for &(origin, direction) in rays {
-            black_box(gatherer.incident(origin, direction, &mut scratch));
+            black_box(gatherer.incident(&Ray::endless(origin, direction), &mut scratch));
         }
     })
 }
@@ -188,10 +188,12 @@ fn obvhs(scene: &Scene, rays: &[(Vec3, Vec3)], passes: u32) -> [f64; 2] {
     let ordered = |indices: &[u32]| -> Vec<Triangle> {
         indices.iter().map(|&i| triangles[i as usize]).collect()
     };
-    let rays: Vec<Ray> = rays
+    let rays: Vec<obvhs::ray::Ray> = rays
         .iter()
         // They miss boxes along directions with a negative zero.
-        .map(|&(origin, direction)| Ray::new_inf(origin.into(), (direction + Vec3::ZERO).into()))
+        .map(|&(origin, direction)| {
+            obvhs::ray::Ray::new_inf(origin.into(), (direction + Vec3::ZERO).into())
+        })
         .collect();
     let build = BvhBuildParams::medium_build;
     let two = build_bvh2_from_tris(&triangles, build(), &mut Default::default());
@@ -240,7 +242,7 @@ fn receivers(scene: &Scene, tracer: &Tracer, step: u32) -> Vec<Receiver> {
     pixels
         .filter_map(|(x, y)| {
             let direction = camera.direction(&scene.film, x as f32 + 0.5, y as f32 + 0.5);
-            let hit = tracer.closest(camera.origin(), direction, f32::INFINITY)?;
+            let hit = tracer.closest(&Ray::endless(camera.origin(), direction))?;
             let surface = Surface::new(scene, hit.triangle, hit.uv).facing(-direction);
             Some(Receiver {
                 at: [x / step, y / step],

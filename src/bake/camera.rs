@@ -7,6 +7,7 @@ use super::surfels::SurfelMaker;
 use super::{BATCH, Settings, check_surfels};
 use crate::Result;
 use crate::light::Shadows;
+use crate::math::Ray;
 use crate::math::magnitude::to_unit;
 use crate::run::Job;
 use crate::scene::{Camera, Film};
@@ -58,7 +59,7 @@ pub fn bake<S: Shadows>(
                 let direction = camera.direction(&wide, x + 0.5, y + 0.5);
                 let hit = maker
                     .tracer
-                    .closest(camera.origin(), direction, f32::INFINITY);
+                    .closest(&Ray::endless(camera.origin(), direction));
                 let Some(hit) = hit else {
                     return Ok(None);
                 };

@@ -4,7 +4,7 @@
 
 use super::Pages;
 use super::patch_id::{PatchExtent, PatchId};
-use crate::math::{Hit, Rgb};
+use crate::math::{Aabb, Hit, Rgb};
 use crate::tree::page::{ChildKind, WIDTH, WideNode};
 use crate::tree::store::Page;
 use glam::Vec3;
@@ -137,8 +137,7 @@ impl<P: Pages> BrightDiskSearch<'_, P> {
 
     /// Those of some seeds that reach the box of a node's child.
     fn near(&self, of_node: &Near, node: &WideNode, k: usize) -> Near {
-        let corner = |c: &[[f32; WIDTH]; 3]| Vec3::new(c[0][k], c[1][k], c[2][k]);
-        let (min, max) = (corner(&node.min), corner(&node.max));
+        let Aabb { min, max } = node.bounds(k);
         let reaches = |s: &BrightHit| {
             let to_box = s.position.clamp(min, max) - s.position;
             to_box.length_squared() < s.radius * s.radius

@@ -6,10 +6,9 @@
 //! the patch closes the holes between disks).
 
 use super::{Crossing, Pages};
-use crate::math::Rgb;
+use crate::math::{Ray, Rgb};
 use crate::tree::page::{ChildKind, DiskBlock, PageLeaves, PageNodes, WIDTH, WideNode};
 use crate::tree::store::Page;
-use glam::Vec3;
 
 /// A flat node whose surfels' area is more than this share of its plane's section is opaque: boxes
 /// include radii, so a node in the middle of a wall covers no more than about 0.4, and its
@@ -38,34 +37,32 @@ impl Scratch {
 }
 
 /// A ray prepared for slab tests.
-struct Ray {
+struct SlabRay {
     origin: [f32; 3],
     direction: [f32; 3],
     inverse: [f32; 3],
 }
 
-/// The opaque surface that ends a ray, if one does before `t_max`; partly covered nodes that it
+/// Returns the opaque surface that ends a ray, if one does; partly covered nodes that it
 /// passes are left in `scratch`.
 pub fn cast<P: Pages>(
     pages: &P,
-    origin: Vec3,
-    direction: Vec3,
-    t_max: f32,
+    ray: &Ray,
     max_solid_angle: f32,
     scratch: &mut Scratch,
 ) -> Option<Crossing> {
     scratch.crossings.clear();
     let root = pages.root()?;
     // A zero component would make 0 * inf of a box's face that the ray lies in.
-    let safe = direction.to_array().map(|v| {
+    let safe = ray.direction.to_array().map(|v| {
         if v.abs() < 1e-12 {
             1e-12_f32.copysign(v)
         } else {
             v
         }
     });
-    let ray = Ray {
-        origin: origin.to_array(),
+    let slabs = SlabRay {
+        origin: ray.origin.to_array(),
         direction: safe,
         inverse: safe.map(|v| 1.0 / v),
     };
@@ -75,7 +72,7 @@ pub fn cast<P: Pages>(
     let mut page_id = root;
     let mut page = pages.page(root);
     let mut end: Option<Crossing> = None;
-    let mut t_end = t_max;
+    let mut t_end = ray.t_max;
     while let Some((entry, id, node)) = stack.pop() {
         if entry > t_end {
             continue;
@@ -88,7 +85,7 @@ pub fn cast<P: Pages>(
         let Some(node) = nodes.nodes.get(node as usize) else {
             continue;
         };
-        let hits = Hits::new(node, &ray, t_end, max_solid_angle);
+        let hits = Hits::new(node, &slabs, t_end, max_solid_angle);
         let mut order = [0_u8; WIDTH];
         let count = hits.nearest_first(&mut order);
         let below = stack.len();
@@ -98,7 +95,7 @@ pub fn cast<P: Pages>(
                 break;
             }
             if hits.small >> k & 1 == 1 {
-                let crossing = meet_aggregate(nodes, node, k, &ray, &hits, t_end);
+                let crossing = meet_aggregate(nodes, node, k, &slabs, &hits, t_end);
                 match crossing {
                     Some(c) if c.opacity >= 1.0 => {
                         t_end = c.t;
@@ -113,7 +110,7 @@ pub fn cast<P: Pages>(
                 ChildKind::Leaf => {
                     let leaves = page.leaves();
                     if let Some(block) = leaves.blocks.get(node.child[k] as usize)
-                        && let Some(c) = meet_disks(leaves, block, &ray, t_end)
+                        && let Some(c) = meet_disks(leaves, block, &slabs, t_end)
                     {
                         t_end = c.t;
                         end = Some(c);
@@ -142,7 +139,7 @@ struct Hits {
 
 impl Hits {
     #[inline]
-    fn new(node: &WideNode, ray: &Ray, t_end: f32, max_solid_angle: f32) -> Self {
+    fn new(node: &WideNode, ray: &SlabRay, t_end: f32, max_solid_angle: f32) -> Self {
         let mut near = [0.0_f32; WIDTH];
         let mut far = [t_end; WIDTH];
         let mut distance2 = [0.0_f32; WIDTH];
@@ -197,7 +194,7 @@ fn meet_aggregate(
     nodes: &PageNodes,
     node: &WideNode,
     k: usize,
-    ray: &Ray,
+    ray: &SlabRay,
     hits: &Hits,
     t_end: f32,
 ) -> Option<Crossing> {
@@ -237,7 +234,12 @@ fn meet_aggregate(
 
 /// The nearest disk of a leaf that a ray meets before `t_end`.
 #[inline]
-fn meet_disks(leaves: &PageLeaves, block: &DiskBlock, ray: &Ray, t_end: f32) -> Option<Crossing> {
+fn meet_disks(
+    leaves: &PageLeaves,
+    block: &DiskBlock,
+    ray: &SlabRay,
+    t_end: f32,
+) -> Option<Crossing> {
     let mut t = [0.0_f32; WIDTH];
     let mut inside = [0.0_f32; WIDTH];
     let [d, o] = [ray.direction, ray.origin];

@@ -1,32 +1,32 @@
 //! The scene's triangles, as gathers see them.
 
-use crate::math::Hit;
+use crate::math::{Hit, Ray};
 use glam::Vec3;
 
 /// The triangles of a scene, which the gather does not know itself: it works where only a tree is
 /// at hand, too.
 pub trait Geometry: std::fmt::Debug + Sync {
-    /// The nearest triangle before `t_max` along a ray of unit direction.
-    fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Hit>;
+    /// Returns the nearest triangle along a ray.
+    fn closest(&self, ray: &Ray) -> Option<Hit>;
 
-    /// As [`Self::closest`], for each of some rays, origins and unit directions, of which `hits`
-    /// has as many; faster where they go much the same way.
-    fn closest_together(&self, rays: &[(Vec3, Vec3)], t_max: f32, hits: &mut [Option<Hit>]) {
-        for (&(origin, direction), hit) in rays.iter().zip(hits) {
-            *hit = self.closest(origin, direction, t_max);
+    /// Finds the nearest triangle along each ray of a packet, as [`Self::closest`] does, for `hits`,
+    /// which has as many; faster where the rays go much the same way.
+    fn closest_of_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        for (ray, hit) in rays.iter().zip(hits) {
+            *hit = self.closest(ray);
         }
     }
 
-    /// How many triangles there are.
+    /// Returns the number of triangles.
     fn triangles(&self) -> u32;
 
-    /// The corners of a triangle.
+    /// Returns the corners of a triangle, scene space.
     fn corners(&self, triangle: u32) -> [Vec3; 3];
 
-    /// Its unit normal, on the side its corners wind counter-clockwise.
+    /// Returns a triangle's unit normal, on the side from which its corners wind counter-clockwise.
     fn normal(&self, triangle: u32) -> Vec3;
 
-    /// Area that a surfel on it stands for, over the mean of all surfels; `None` if it reflects
-    /// nothing, so that a tree need not be asked.
+    /// Returns the area that a surfel on a triangle stands for, over the mean of all surfels;
+    /// `None` if the triangle reflects nothing, so that no tree need be asked.
     fn surfel_area_over_mean(&self, triangle: u32) -> Option<f32>;
 }

@@ -2,10 +2,10 @@
 //! them once.
 
 use super::Crossing;
+use crate::math::Ray;
 use crate::math::segment::{Composite, Segment};
 use crate::tree::Media;
 use crate::tree::media::Source;
-use glam::Vec3;
 
 /// What media stopped of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,27 +21,14 @@ pub trait Medium: Copy + Sync {
     /// Whether there is nothing.
     const IS_NOTHING: bool = false;
 
-    /// Gives every stretch of medium between `origin` and `t_max`, front to back, to `add` until
-    /// that says no; returns whether it never did.
-    fn walk(
-        &self,
-        origin: Vec3,
-        direction: Vec3,
-        t_max: f32,
-        add: &mut impl FnMut(Segment) -> bool,
-    ) -> bool;
+    /// Gives every segment of a ray in a medium, front to back, to `add` until that says no; returns
+    /// whether it never did.
+    fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool;
 
-    /// Passes what is between `origin` and `t_max`, and on the way the surfaces in `crossings`,
-    /// which are sorted. Returns what media stopped.
+    /// Adds to `light` what media along a ray send, and the surfaces in `crossings`, which are
+    /// sorted by distance. Returns what media stopped.
     #[inline]
-    fn pass(
-        &self,
-        origin: Vec3,
-        direction: Vec3,
-        t_max: f32,
-        crossings: &[Crossing],
-        light: &mut Composite,
-    ) -> Attenuation {
+    fn pass(&self, ray: &Ray, crossings: &[Crossing], light: &mut Composite) -> Attenuation {
         let (mut stopped, mut moment) = (0.0, 0.0);
         let mut crossings = crossings.iter().peekable();
         let mut add = |mut s: Segment| {
@@ -59,7 +46,7 @@ pub trait Medium: Copy + Sync {
             moment += taken * (0.5 * (s.near + s.far));
             light.transmittance > Composite::NOTHING
         };
-        if self.walk(origin, direction, t_max, &mut add) {
+        if self.walk(ray, &mut add) {
             crossings.for_each(|c| light.surface(c.opacity, c.radiance));
         }
         Attenuation {
@@ -77,21 +64,15 @@ impl Medium for NoMedia {
     const IS_NOTHING: bool = true;
 
     #[inline]
-    fn walk(&self, _: Vec3, _: Vec3, _: f32, _: &mut impl FnMut(Segment) -> bool) -> bool {
+    fn walk(&self, _: &Ray, _: &mut impl FnMut(Segment) -> bool) -> bool {
         true
     }
 }
 
 impl<S: Source> Medium for &Media<S> {
     #[inline]
-    fn walk(
-        &self,
-        origin: Vec3,
-        direction: Vec3,
-        t_max: f32,
-        add: &mut impl FnMut(Segment) -> bool,
-    ) -> bool {
-        Media::walk(self, origin, direction, t_max, add)
+    fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
+        Media::walk(self, ray, add)
     }
 }
 
@@ -99,13 +80,14 @@ impl<S: Source> Medium for &Media<S> {
 mod tests {
     use super::*;
     use crate::math::Rgb;
+    use glam::Vec3;
 
     /// A thin mist, and a dense cloud behind it.
     #[derive(Clone, Copy)]
     struct TwoSlabs;
 
     impl Medium for TwoSlabs {
-        fn walk(&self, _: Vec3, _: Vec3, _: f32, add: &mut impl FnMut(Segment) -> bool) -> bool {
+        fn walk(&self, _: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
             let slab = |near, far, tau| Segment {
                 near,
                 far,
@@ -119,13 +101,13 @@ mod tests {
     #[test]
     fn media_count_by_what_they_stop_where_they_do() {
         let mut light = Composite::default();
-        let stopped = TwoSlabs.pass(Vec3::ZERO, Vec3::X, f32::INFINITY, &[], &mut light);
+        let stopped = TwoSlabs.pass(&Ray::endless(Vec3::ZERO, Vec3::X), &[], &mut light);
         let mist = 1.0 - (-0.5_f64).exp();
         let distance = mist * 2.0 + (1.0 - mist) * 6.0;
         assert!((f64::from(stopped.share) - 1.0).abs() < 1e-6);
         assert!((1.0 / f64::from(stopped.inverse_distance) / distance - 1.0).abs() < 1e-6);
         // What is in no medium is stopped by none.
-        let nothing = NoMedia.pass(Vec3::ZERO, Vec3::X, 1.0, &[], &mut light);
+        let nothing = NoMedia.pass(&Ray::new(Vec3::ZERO, Vec3::X, 1.0), &[], &mut light);
         assert_eq!((nothing.share, nothing.inverse_distance), (0.0, 0.0));
     }
 }

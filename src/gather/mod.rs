@@ -42,7 +42,7 @@ pub use patch_radiance::{PatchRadiance, PatchRequest, PatchStats};
 
 use crate::math::sampling::{sobol2, sphere};
 use crate::math::segment::Composite;
-use crate::math::{Rgb, sampling};
+use crate::math::{Ray, Rgb, sampling};
 use crate::tree::Pages;
 use directions::Hemisphere;
 use glam::Vec3;
@@ -235,63 +235,62 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
     ) -> Gathered {
         let count = self.settings.samples.max(1);
         let directions = (0..count).filter_map(|i| direction(range * count + i));
-        let rays: Vec<_> = directions.map(|d| (point, d)).collect();
+        let reach = self.settings.reach();
+        let rays: Vec<_> = directions.map(|d| Ray::new(point, d, reach)).collect();
         let mut seen = IncidentSum::default();
         self.incident_along(&rays, |_, s| seen.add(s));
         seen.mean(count)
     }
 
-    /// Tells what each of some rays, origins and unit directions, sees, and which it is, one after
-    /// the other.
-    fn incident_along(&self, rays: &[(Vec3, Vec3)], mut tell: impl FnMut(usize, Incident)) {
+    /// Tells what arrives along each of some rays, which end where surfaces no longer matter, and
+    /// which ray that is, one after the other.
+    fn incident_along(&self, rays: &[Ray], mut tell: impl FnMut(usize, Incident)) {
         let mut scratch = cone::Scratch::default();
         let Kernel::Traced(patches) = self.settings.kernel else {
-            for (i, &(origin, direction)) in rays.iter().enumerate() {
-                tell(i, self.incident(origin, direction, &mut scratch));
+            for (i, ray) in rays.iter().enumerate() {
+                tell(i, self.incident(ray, &mut scratch));
             }
             return;
         };
-        let (reach, request) = (self.settings.reach(), self.settings.request());
-        let mut ends = [None; patch_radiance::MAX_BATCH];
-        for (batch, first) in rays.chunks(ends.len()).zip((0..).step_by(ends.len())) {
+        let request = self.settings.request();
+        let mut ends = [None; patch_radiance::MAX_PACKET];
+        for (packet, first) in rays.chunks(ends.len()).zip((0..).step_by(ends.len())) {
             let stack = &mut scratch.stack;
-            patches.cast_batch(self.pages, batch, reach, request, stack, &mut ends);
-            for ((&(origin, direction), &end), i) in batch.iter().zip(&ends).zip(first..) {
-                tell(
-                    i,
-                    self.incident_before(origin, direction, end, &mut scratch),
-                );
+            patches.cast_packet(self.pages, packet, request, stack, &mut ends);
+            for ((ray, &end), i) in packet.iter().zip(&ends).zip(first..) {
+                tell(i, self.incident_before(ray, end, &mut scratch));
             }
         }
     }
 
-    /// What one ray of unit direction sees.
+    /// Returns what arrives along a ray, as far as the settings say: what is beyond its own end
+    /// neither sends nor hides.
     #[must_use]
     // Not inlined by itself once it is compiled for more than one kind of medium.
     #[inline(always)]
-    pub fn incident(&self, origin: Vec3, direction: Vec3, scratch: &mut cone::Scratch) -> Incident {
-        let (pages, reach) = (self.pages, self.settings.reach());
+    pub fn incident(&self, ray: &Ray, scratch: &mut cone::Scratch) -> Incident {
+        let ray = &ray.up_to(self.settings.reach());
         let end = match self.settings.kernel {
             Kernel::Traced(patches) => {
                 scratch.crossings.clear();
                 let request = self.settings.request();
-                patches.cast(pages, origin, direction, reach, request, &mut scratch.stack)
+                patches.cast(self.pages, ray, request, &mut scratch.stack)
             }
             Kernel::Cone => {
                 let cut = self.settings.max_solid_angle;
-                cone::cast(pages, origin, direction, reach, cut, scratch)
+                cone::cast(self.pages, ray, cut, scratch)
             }
-            Kernel::Plain => plain::cast(pages, origin, direction, reach, scratch),
+            Kernel::Plain => plain::cast(self.pages, ray, scratch),
         };
-        self.incident_before(origin, direction, end, scratch)
+        self.incident_before(ray, end, scratch)
     }
 
-    /// What a ray that ends there sees, with the partly covered nodes before.
+    /// Returns what arrives along a ray that such a surface ends, with the partly covered nodes
+    /// before it in `scratch`.
     #[inline(always)]
     fn incident_before(
         &self,
-        origin: Vec3,
-        direction: Vec3,
+        ray: &Ray,
         end: Option<Crossing>,
         scratch: &mut cone::Scratch,
     ) -> Incident {
@@ -304,9 +303,9 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
         let passed = scratch.crossings_before(end.map_or(f32::INFINITY, |c| c.t));
         let near = passed.partition_point(|c| c.t < max_dist);
         let (near, far) = passed.split_at(near);
-        let t_max = end.map_or(max_dist, |c| c.t.min(max_dist));
+        let to_end = ray.up_to(end.map_or(max_dist, |c| c.t.min(max_dist)));
         let mut light = Composite::default();
-        let stopped = self.media.pass(origin, direction, t_max, near, &mut light);
+        let stopped = self.media.pass(&to_end, near, &mut light);
         let distance = end.map_or(f32::INFINITY, |c| c.t);
         let inverse_distance =
             stopped.share * stopped.inverse_distance + (1.0 - stopped.share) / distance;
@@ -316,9 +315,8 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
             None => {
                 if is_hiding {
                     let mut hidden = Composite::default();
-                    let from = origin + direction * max_dist;
-                    self.media
-                        .pass(from, direction, f32::INFINITY, &[], &mut hidden);
+                    let beyond = Ray::endless(ray.at(max_dist), ray.direction);
+                    self.media.pass(&beyond, &[], &mut hidden);
                     light.transmittance *= hidden.transmittance;
                     far.iter()
                         .for_each(|c| light.surface(c.opacity, Rgb::BLACK));

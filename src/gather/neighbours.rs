@@ -3,6 +3,7 @@
 
 use super::directions::{Hemisphere, SEQUENCES};
 use super::{Gathered, Gatherer, Incident, IncidentSum, Medium, Pages, SampleRange};
+use crate::math::Ray;
 use glam::Vec3;
 use lvox_formats::morton::interleave;
 use std::f32::consts::PI;
@@ -99,7 +100,8 @@ impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
         for (k, p) in points.iter().enumerate() {
             with_range[p.range as usize] = Some(k);
         }
-        let (places, rays): (Vec<_>, Vec<_>) = in_order
+        let reach = self.settings.reach();
+        let (slots, rays): (Vec<_>, Vec<_>) = in_order
             .iter()
             .filter_map(|&i| {
                 let (range, ray) = ((i / samples) as usize, (i % samples) as usize);
@@ -110,11 +112,14 @@ impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
                     ..
                 } = points[k];
                 let direction = hemispheres[k].direction_above(i, face_normal)?;
-                Some((k * samples as usize + ray, (position, direction)))
+                Some((
+                    k * samples as usize + ray,
+                    Ray::new(position, direction, reach),
+                ))
             })
             .unzip();
         let mut seen: Vec<Option<Incident>> = vec![None; points.len() * samples as usize];
-        self.incident_along(&rays, |i, s| seen[places[i]] = Some(s));
+        self.incident_along(&rays, |i, s| seen[slots[i]] = Some(s));
         let gathered = |of_point: &[Option<Incident>]| {
             let mut rays = IncidentSum::default();
             of_point.iter().flatten().for_each(|s| rays.add(*s));

@@ -3,7 +3,7 @@
 use super::cone::OVERHANG;
 use super::geometry::Geometry;
 use super::patch_id::{PatchExtent, PatchId};
-use crate::math::Rgb;
+use crate::math::{Ray, Rgb};
 use crate::tree::node_aggregate::NodeAggregate;
 use crate::tree::page::{ChildKind, DiskBlock, PageLeaves, PageNodes, WIDTH, WideNode};
 use crate::tree::store::{Page, Pages};
@@ -73,7 +73,10 @@ impl TriangleSide<'_> {
         let distance = offset.length();
         let above = point + self.normal * (HEIGHT * radius2.sqrt());
         let to_disk = offset * (-1.0 / distance);
-        distance > 0.0 && (self.geometry).closest(above, to_disk, distance).is_some()
+        distance > 0.0
+            && (self.geometry)
+                .closest(&Ray::new(above, to_disk, distance))
+                .is_some()
     }
 }
 
@@ -356,7 +359,12 @@ pub(super) mod tests {
     pub struct Wall(pub f32);
 
     impl Geometry for Wall {
-        fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Hit> {
+        fn closest(&self, ray: &Ray) -> Option<Hit> {
+            let &Ray {
+                origin,
+                direction,
+                t_max,
+            } = ray;
             let t = -origin.x / direction.x;
             let is_met = t > 0.0 && t < t_max && (origin + direction * t).z < self.0;
             is_met.then_some(Hit {

@@ -11,8 +11,7 @@ use super::patch::TriangleSide;
 use super::patch_id::{PatchExtent, PatchId};
 use super::radiance_cache::RadianceCache;
 use super::{Crossing, Pages};
-use crate::math::{Hit, Rgb};
-use glam::Vec3;
+use crate::math::{Hit, Ray, Rgb};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// How often a tree was asked what a patch sends. Threads that ask for one patch at the same time
@@ -37,7 +36,7 @@ pub struct PatchRequest {
 }
 
 /// Rays that are cast together, at most.
-pub const MAX_BATCH: usize = 64;
+pub const MAX_PACKET: usize = 64;
 
 /// What the surfaces of a scene send, as a tree has it.
 ///
@@ -166,7 +165,7 @@ impl<'a> PatchRadiance<'a> {
     fn below(&self, disk: &DiskSide) -> Option<(Hit, PatchExtent)> {
         let height = 0.5 * disk.radius;
         let above = disk.centre + disk.normal * height;
-        let hit = (self.geometry).closest(above, -disk.normal, 2.0 * height)?;
+        let hit = (self.geometry).closest(&Ray::new(above, -disk.normal, 2.0 * height))?;
         let extent = self.extents[hit.triangle as usize];
         (extent.least != PatchExtent::BLACK).then_some((hit, extent))
     }
@@ -193,21 +192,19 @@ impl<'a> PatchRadiance<'a> {
         found.unwrap_or(Rgb::BLACK)
     }
 
-    /// The surface that ends a ray of unit direction before `t_max`, if one does, and what it sends
-    /// towards its origin: nothing where it is a bright patch and those are left out.
+    /// Returns the surface that ends a ray, if one does, and what it sends towards the ray's origin:
+    /// nothing where it is a bright patch and those are left out.
     #[must_use]
     // Not inlined by itself once it is compiled for more than one kind of medium.
     #[inline(always)]
     pub fn cast<P: Pages>(
         &self,
         pages: &P,
-        origin: Vec3,
-        direction: Vec3,
-        t_max: f32,
+        ray: &Ray,
         request: PatchRequest,
         stack: &mut Vec<(f32, u32, u32)>,
     ) -> Option<Crossing> {
-        let hit = self.geometry.closest(origin, direction, t_max)?;
+        let hit = self.geometry.closest(ray)?;
         let radiance = match self.patch_of(&hit, request) {
             None => Rgb::BLACK,
             Some(id) => {
@@ -222,22 +219,21 @@ impl<'a> PatchRadiance<'a> {
         })
     }
 
-    /// What [`Self::cast`] finds for each of some rays, at most [`MAX_BATCH`]. They share their way
+    /// What [`Self::cast`] finds for each of some rays, at most [`MAX_PACKET`]. They share their way
     /// to the triangles, and those that are looked up together wait at the same time for the table,
     /// which is in memory that is far away.
-    pub fn cast_batch<P: Pages>(
+    pub fn cast_packet<P: Pages>(
         &self,
         pages: &P,
-        rays: &[(Vec3, Vec3)],
-        t_max: f32,
+        rays: &[Ray],
         request: PatchRequest,
         stack: &mut Vec<(f32, u32, u32)>,
-        ends: &mut [Option<Crossing>; MAX_BATCH],
+        ends: &mut [Option<Crossing>; MAX_PACKET],
     ) {
-        let mut ids = [None; MAX_BATCH];
-        let mut hits = [None; MAX_BATCH];
+        let mut ids = [None; MAX_PACKET];
+        let mut hits = [None; MAX_PACKET];
         self.geometry
-            .closest_together(rays, t_max, &mut hits[..rays.len()]);
+            .closest_of_packet(rays, &mut hits[..rays.len()]);
         for ((hit, end), id) in hits.iter().zip(&mut *ends).zip(&mut ids) {
             *id = hit.and_then(|hit| self.patch_of(&hit, request));
             if let Some(id) = id {

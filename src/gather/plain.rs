@@ -3,34 +3,26 @@
 
 use super::cone::{OVERHANG, Scratch};
 use super::{Crossing, Pages};
-use crate::math::Rgb;
+use crate::math::{Ray, Rgb};
 use crate::tree::page::{ChildKind, PageLeaves, WIDTH};
 use crate::tree::store::Page;
 use glam::Vec3;
 
-/// The first disk that a ray meets before `t_max`.
-pub fn cast<P: Pages>(
-    pages: &P,
-    origin: Vec3,
-    direction: Vec3,
-    t_max: f32,
-    scratch: &mut Scratch,
-) -> Option<Crossing> {
-    cast_in_order::<P, true>(pages, origin, direction, t_max, scratch)
+/// Returns the first disk that a ray meets.
+pub fn cast<P: Pages>(pages: &P, ray: &Ray, scratch: &mut Scratch) -> Option<Crossing> {
+    cast_in_order::<P, true>(pages, ray, scratch)
 }
 
 /// The same with a choice of order: children by the distance at which the ray enters them, or as
 /// they are stored, to measure what the first is worth.
 pub fn cast_in_order<P: Pages, const NEAR_FIRST: bool>(
     pages: &P,
-    origin: Vec3,
-    direction: Vec3,
-    t_max: f32,
+    ray: &Ray,
     scratch: &mut Scratch,
 ) -> Option<Crossing> {
     scratch.crossings.clear();
     let mut best = None;
-    let t_end = |best: &Option<Crossing>| best.map_or(t_max, |c| c.t);
+    let t_end = |best: &Option<Crossing>| best.map_or(ray.t_max, |c| c.t);
     // What is still to be seen, the next last. Not by recursion: a tree may be as deep as its file
     // is long.
     let mut ahead: Vec<(f32, u32, ChildKind, u32)> = Vec::new();
@@ -46,7 +38,7 @@ pub fn cast_in_order<P: Pages, const NEAR_FIRST: bool>(
             ChildKind::Page => (child, 0),
             ChildKind::Leaf => {
                 let page = pages.page(page_id);
-                meet_leaf(page.leaves(), child, origin, direction, t_max, &mut best);
+                meet_leaf(page.leaves(), child, ray, &mut best);
                 continue;
             }
             ChildKind::None => continue,
@@ -58,8 +50,7 @@ pub fn cast_in_order<P: Pages, const NEAR_FIRST: bool>(
         let mut children = [(0.0, 0); WIDTH];
         let mut met = 0;
         for k in (0..WIDTH).filter(|&k| node.kind[k] != ChildKind::None) {
-            let (min, max) = (corner(&node.min, k), corner(&node.max, k));
-            if let Some(entry) = enter_box(min, max, origin, direction) {
+            if let Some(entry) = node.bounds(k).enter(ray.origin, ray.direction) {
                 children[met] = (entry, k);
                 met += 1;
             }
@@ -79,32 +70,25 @@ fn corner(c: &[[f32; WIDTH]; 3], k: usize) -> Vec3 {
 }
 
 /// Takes the disks of a leaf that a ray meets before what it met so far.
-fn meet_leaf(
-    leaves: &PageLeaves,
-    block: u32,
-    origin: Vec3,
-    direction: Vec3,
-    t_max: f32,
-    best: &mut Option<Crossing>,
-) {
+fn meet_leaf(leaves: &PageLeaves, block: u32, ray: &Ray, best: &mut Option<Crossing>) {
     let Some(block) = leaves.blocks.get(block as usize) else {
         return;
     };
     for lane in 0..block.count as usize {
         let normal = corner(&block.normal, lane);
-        let to_centre = corner(&block.centre, lane) - origin;
-        let (height, cos) = (normal.dot(to_centre), normal.dot(direction));
+        let to_centre = corner(&block.centre, lane) - ray.origin;
+        let (height, cos) = (normal.dot(to_centre), normal.dot(ray.direction));
         let t = height / cos;
         let own = cos > 0.0 && height * height < OVERHANG * OVERHANG * block.radius2[lane];
-        let offset = direction * t - to_centre;
+        let offset = ray.direction * t - to_centre;
         let light = &leaves.lights[block.first_light as usize + lane];
         let hit = t > 0.0
             && !own
-            && t < best.map_or(t_max, |c| c.t)
+            && t < best.map_or(ray.t_max, |c| c.t)
             && offset.length_squared() <= block.radius2[lane]
             && !leaves.is_clipped(light, offset.to_array());
         if hit {
-            let radiance = if normal.dot(direction) < 0.0 {
+            let radiance = if normal.dot(ray.direction) < 0.0 {
                 light.front
             } else {
                 light.back
@@ -116,24 +100,4 @@ fn meet_leaf(
             });
         }
     }
-}
-
-/// Distance at which a ray enters a box; 0 from inside.
-fn enter_box(min: Vec3, max: Vec3, origin: Vec3, direction: Vec3) -> Option<f32> {
-    let (mut near, mut far) = (0.0_f32, f32::INFINITY);
-    for a in 0..3 {
-        if direction[a] == 0.0 {
-            if origin[a] < min[a] || origin[a] > max[a] {
-                return None;
-            }
-            continue;
-        }
-        let (t0, t1) = (
-            (min[a] - origin[a]) / direction[a],
-            (max[a] - origin[a]) / direction[a],
-        );
-        near = near.max(t0.min(t1));
-        far = far.min(t0.max(t1));
-    }
-    (near <= far).then_some(near)
 }

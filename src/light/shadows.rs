@@ -2,7 +2,7 @@
 //! stand in for them before lights whose shadows are soft.
 
 use crate::math::exp::exp_neg;
-use crate::math::sampling;
+use crate::math::{Ray, sampling};
 use crate::scene::{Material, Scene, Volume};
 use crate::trace::{SteppedVolume, Tracer};
 use glam::{DVec3, Vec3};
@@ -45,7 +45,7 @@ impl Shadows for Vacuum {
         t_max: f32,
         _: Option<&dyn ShadowMedia>,
     ) -> f32 {
-        if tracer.is_occluded(origin, direction, t_max) {
+        if tracer.is_occluded(&Ray::new(origin, direction, t_max)) {
             0.0
         } else {
             1.0
@@ -75,8 +75,8 @@ impl Shadows for SceneMedia<'_> {
         media: Option<&dyn ShadowMedia>,
     ) -> f32 {
         match media {
-            None => tracer.transmittance(origin, direction, t_max),
-            Some(_) if tracer.is_occluded(origin, direction, t_max) => 0.0,
+            None => tracer.transmittance(&Ray::new(origin, direction, t_max)),
+            Some(_) if tracer.is_occluded(&Ray::new(origin, direction, t_max)) => 0.0,
             Some(media) => exp_neg(media.optical_depth(origin, direction, t_max)),
         }
     }
@@ -120,7 +120,7 @@ impl ShadowMedia for SoftShadowMedia {
     fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
         let volumes = self.volumes.iter();
         volumes
-            .map(|v| v.optical_depth(origin, direction, t_max))
+            .map(|v| v.optical_depth(&Ray::new(origin, direction, t_max)))
             .sum()
     }
 }
@@ -136,7 +136,7 @@ fn stepped(volume: &Volume, max_edge: usize) -> SteppedVolume {
     let rays = rays_through(volume, &stepped);
     let error = |stepped: &SteppedVolume| {
         let squared = |&([origin, direction], expected): &([Vec3; 2], f64)| {
-            let depth = stepped.optical_depth(origin, direction, f32::INFINITY);
+            let depth = stepped.optical_depth(&Ray::endless(origin, direction));
             (f64::from(exp_neg(depth)) - expected).powi(2)
         };
         let count = rays.len().max(1) as f64;
@@ -162,7 +162,7 @@ fn rays_through(volume: &Volume, stepped: &SteppedVolume) -> Vec<([Vec3; 2], f64
         let in_index = dims * DVec3::new(along(0), along(1), along(2));
         let origin = volume.scene_from_index.transform_point3(in_index).as_vec3();
         let direction = sampling::sphere(sampling::r2(i, [0.5; 2]));
-        let depth = stepped.optical_depth(origin, direction, f32::INFINITY);
+        let depth = stepped.optical_depth(&Ray::endless(origin, direction));
         (depth > 0.0).then(|| ([origin, direction], f64::from(exp_neg(depth))))
     };
     (0..TRIES).filter_map(ray).take(RAYS).collect()

@@ -5,6 +5,7 @@
 use super::direct::DirectLight;
 use super::shading_point::{Receiver, ShadingPoint};
 use super::shadows::{ShadowMedia, Shadows};
+use crate::math::Ray;
 use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use crate::math::ray_lattice::RayLattice;
@@ -246,7 +247,7 @@ impl<'a> VolumeDepth<'a> {
         let mut depths = vec![0.0; self.layers];
         let mut tau = 0.0_f64;
         let mut layer = 1;
-        if let Some(cells) = Cells::new(self.volume, origin, -self.to_sun, f32::INFINITY) {
+        if let Some(cells) = Cells::new(self.volume, &Ray::endless(origin, -self.to_sun)) {
             cells.each(|cell| {
                 while layer < self.layers {
                     let t = self.rays.between * layer as f32;
@@ -274,7 +275,8 @@ impl<'a> VolumeDepth<'a> {
 }
 
 fn depth_of(volume: &Volume, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
-    Cells::new(volume, origin, direction, t_max).map_or(0.0, |c| c.optical_depth() as f32)
+    Cells::new(volume, &Ray::new(origin, direction, t_max))
+        .map_or(0.0, |c| c.optical_depth() as f32)
 }
 
 #[cfg(test)]

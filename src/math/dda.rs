@@ -1,6 +1,7 @@
 //! Walking a ray through a regular grid of boxes (Amanatides & Woo 1987).
 
-use glam::{Affine3A, BVec3A, DAffine3, DVec3, Vec3, Vec3A};
+use super::Ray;
+use glam::{Affine3A, BVec3A, DAffine3, DVec3, Vec3A};
 use wide::{f32x4, f64x4};
 
 /// Steps over cells along one ray (Amanatides & Woo 1987), at some scale. Without branches: which
@@ -164,17 +165,16 @@ pub struct Passage {
 }
 
 impl Passage {
-    /// Where a ray of unit direction, in scene space, is inside the box 0..dims of a grid, before
-    /// `t_max`. The map from scene space to grid coordinates is given in both precisions.
+    /// Where a ray is inside the box 0..dims of a grid; `None` if it misses that. The map from scene
+    /// space to grid coordinates is given in both precisions.
     #[inline]
     #[must_use]
-    pub fn new(
-        (map, exact): (&Affine3A, &DAffine3),
-        dims: [f32; 3],
-        origin: Vec3,
-        direction: Vec3,
-        t_max: f32,
-    ) -> Option<Self> {
+    pub fn new((map, exact): (&Affine3A, &DAffine3), dims: [f32; 3], ray: &Ray) -> Option<Self> {
+        let &Ray {
+            origin,
+            direction,
+            t_max,
+        } = ray;
         // Most rays miss most volumes. Rounding must not make one of them that does not.
         let line = Line::new(
             map.transform_point3a(origin.into()),
@@ -205,23 +205,6 @@ impl Passage {
         self.line.origin += Vec3A::splat(0.5);
         self
     }
-}
-
-/// Distance along a unit direction at which a point has left a box, 0 if it is already beyond.
-#[must_use]
-pub fn leave_box(point: Vec3, direction: Vec3, (lower, upper): (Vec3, Vec3)) -> f32 {
-    let mut far = f32::INFINITY;
-    for a in 0..3 {
-        if direction[a] != 0.0 {
-            let border = if direction[a] > 0.0 {
-                upper[a]
-            } else {
-                lower[a]
-            };
-            far = far.min((border - point[a]) / direction[a]);
-        }
-    }
-    far.max(0.0)
 }
 
 #[cfg(test)]

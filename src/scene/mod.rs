@@ -29,7 +29,7 @@ pub use material::{Material, Texture, Wrap};
 pub use mesh::Mesh;
 pub use volume::Volume;
 
-use crate::math::Rgb;
+use crate::math::{Aabb, Rgb};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3, Vec3};
 use std::path::PathBuf;
@@ -111,19 +111,19 @@ impl Scene {
         })
     }
 
-    /// Box around all volumes; empty, with its corners in reverse, if there is none.
+    /// Box around all volumes; empty if there is none.
     #[must_use]
-    pub fn media_bounds(&self) -> (Vec3, Vec3) {
+    pub fn media_bounds(&self) -> Aabb {
         let corners = self.volumes.iter().flat_map(Volume::corners);
-        corners.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), enclose)
+        corners.fold(Aabb::EMPTY, Aabb::with)
     }
 
     /// Box around all triangles and volumes.
     #[must_use]
-    pub fn bounds(&self) -> (Vec3, Vec3) {
+    pub fn bounds(&self) -> Aabb {
         let vertices = self.mesh.triangles.iter().flatten();
         let corners = vertices.map(|&v| self.mesh.positions[v as usize]);
-        corners.fold(self.media_bounds(), enclose)
+        corners.fold(self.media_bounds(), Aabb::with)
     }
 
     /// The same scene in the frame of another: positions in scene space become what they are with
@@ -151,7 +151,7 @@ impl Scene {
         for volume in &mut self.volumes {
             volume.place(DAffine3::from_translation(shift) * volume.scene_from_index);
         }
-        let (min, max) = self.bounds();
+        let Aabb { min, max } = self.bounds();
         let far = min.abs().max(max.abs()).as_dvec3().max_element();
         let extent = (max.as_dvec3() - min.as_dvec3()).max_element();
         // Not so for NaN, either: the difference of two places beyond f32.
@@ -189,8 +189,4 @@ impl Scene {
                 .hint(format!("it has {}", names.join(", ")))
         })
     }
-}
-
-fn enclose((min, max): (Vec3, Vec3), p: Vec3) -> (Vec3, Vec3) {
-    (min.min(p), max.max(p))
 }

@@ -1,6 +1,7 @@
 //! A participating medium: a grid of density in a box placed anywhere.
 
 use super::Grid;
+use crate::math::Aabb;
 use glam::{Affine3A, DAffine3, Vec3};
 
 /// A scattering and absorbing medium with isotropic phase function. There is no medium outside its
@@ -75,10 +76,8 @@ impl Volume {
 
     /// Box around it in the scene, along the axes of that.
     #[must_use]
-    pub fn bounds(&self) -> (Vec3, Vec3) {
-        let nothing = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-        let corners = self.corners().into_iter();
-        corners.fold(nothing, |(min, max), p| (min.min(p), max.max(p)))
+    pub fn bounds(&self) -> Aabb {
+        self.corners().into_iter().fold(Aabb::EMPTY, Aabb::with)
     }
 
     /// Longest edge of a voxel, scene units.

@@ -1,17 +1,17 @@
 //! What gathering and lights see of a scene and a tree that they do not know themselves.
 
 use crate::gather::Geometry;
-use crate::math::Hit;
+use crate::math::{Hit, Ray};
 use crate::trace::{Tracer, unit_normal};
 use glam::Vec3;
 
 impl Geometry for Tracer<'_> {
-    fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Hit> {
-        self.closest(origin, direction, t_max)
+    fn closest(&self, ray: &Ray) -> Option<Hit> {
+        self.closest(ray)
     }
 
-    fn closest_together(&self, rays: &[(Vec3, Vec3)], t_max: f32, hits: &mut [Option<Hit>]) {
-        self.closest_together(rays, t_max, hits);
+    fn closest_of_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        self.closest_of_packet(rays, hits);
     }
 
     fn triangles(&self) -> u32 {

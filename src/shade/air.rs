@@ -5,9 +5,9 @@ use super::media::{InScatter, Known};
 use super::view::View;
 use crate::gather::Medium;
 use crate::light::{SceneMedia, Shadows, Vacuum};
-use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use crate::math::segment::Composite;
+use crate::math::{Ray, Rgb};
 use crate::tree::Pages;
 use glam::Vec3;
 use std::cell::RefCell;
@@ -76,9 +76,7 @@ impl<'a, P: Pages, M: Medium> Air for InScatter<'a, P, M> {
         let (tracer, origin) = (view.tracer, view.camera.origin());
         let known = RefCell::new(Known::default());
         tracer.march(
-            origin,
-            direction,
-            t_max,
+            &Ray::new(origin, direction, t_max),
             |volume, stretch, _| {
                 let at = |t| origin + direction * t;
                 let ends = [at(stretch.near), at(stretch.far)];
@@ -91,7 +89,8 @@ impl<'a, P: Pages, M: Medium> Air for InScatter<'a, P, M> {
         );
         if passed.is_opaque() {
             // What the march left out still hides what is behind, however bright that is.
-            passed.transmittance = exp_neg(tracer.optical_depth(origin, direction, t_max));
+            passed.transmittance =
+                exp_neg(tracer.optical_depth(&Ray::new(origin, direction, t_max)));
         }
         passed
     }

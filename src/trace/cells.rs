@@ -3,10 +3,11 @@
 //! Along a ray through one cell a trilinear field is a cubic, which two Gauss points integrate
 //! exactly. Empty bricks are passed in one step, so there is no step size to choose.
 
+use crate::math::Ray;
 use crate::math::dda::{Line, Passage, Steps};
 use crate::scene::Volume;
 use crate::scene::grid::{BRICK_CELLS, Brick};
-use glam::{Vec3, Vec3A};
+use glam::Vec3A;
 
 /// A stretch of a ray inside one cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,14 +80,12 @@ struct InBrick<'a> {
 }
 
 impl<'a> Cells<'a> {
-    /// The walk from `origin` along unit `direction` up to `t_max`; `None` if the ray misses the
-    /// volume's box.
+    /// The walk of a ray; `None` if it misses the volume's box.
     #[must_use]
-    pub fn new(volume: &'a Volume, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Self> {
+    pub fn new(volume: &'a Volume, ray: &Ray) -> Option<Self> {
         let map = (&volume.index_from_scene, &volume.index_from_scene_f64);
         let dims = volume.sigma_t.dims().map(|n| n as f32);
-        let Passage { line, start, end } =
-            Passage::new(map, dims, origin, direction, t_max)?.in_cells();
+        let Passage { line, start, end } = Passage::new(map, dims, ray)?.in_cells();
         let limit = volume.sigma_t.brick_dims().map(|n| n as i32);
         let bricks = Steps::new(&line, 0.0, [0; 3], BRICK_CELLS as f32, limit);
         Some(Self {
@@ -213,7 +212,7 @@ mod tests {
     use super::*;
     use crate::math::sampling;
     use crate::scene::Grid;
-    use glam::{DAffine3, DQuat, DVec3};
+    use glam::{DAffine3, DQuat, DVec3, Vec3};
 
     fn volume(grid: Grid, scene_from_index: DAffine3) -> Volume {
         Volume::new("test".into(), grid, [0.5; 3], scene_from_index)
@@ -222,7 +221,7 @@ mod tests {
     fn tau(v: &Volume, o: Vec3, d: Vec3, t_max: f32) -> f64 {
         let mut sum = 0.0;
         let mut last = 0.0;
-        if let Some(mut cells) = Cells::new(v, o, d, t_max) {
+        if let Some(mut cells) = Cells::new(v, &Ray::new(o, d, t_max)) {
             while let Some(c) = cells.next_cell() {
                 assert!(
                     c.near >= last && c.far > c.near && c.far <= t_max,

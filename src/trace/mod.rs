@@ -17,6 +17,7 @@ pub use surface::{Surface, offset, short_of, unit_normal, weights_in_triangle};
 pub use triangles::TriangleBvh;
 
 use crate::Result;
+use crate::math::Ray;
 use crate::math::exp::exp_neg;
 use crate::math::segment::{Interval, Segment, flatten_overlaps};
 use crate::run::Cancel;
@@ -56,61 +57,58 @@ impl<'a> Tracer<'a> {
         })
     }
 
-    /// Nearest triangle along a ray of unit direction.
+    /// The nearest triangle along a ray.
     #[must_use]
-    pub fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Hit> {
-        self.triangles.closest(origin, direction, t_max)
+    pub fn closest(&self, ray: &Ray) -> Option<Hit> {
+        self.triangles.closest(ray)
     }
 
-    /// As [`Tracer::closest`], for each of some rays, origins and unit directions, of which `hits`
-    /// has as many; faster where they go much the same way.
-    pub fn closest_together(&self, rays: &[(Vec3, Vec3)], t_max: f32, hits: &mut [Option<Hit>]) {
-        self.triangles.closest_together(rays, t_max, hits);
+    /// The nearest triangle along each ray of a packet, as [`Tracer::closest`] finds it, in `hits`,
+    /// which has as many; faster where the rays go much the same way.
+    pub fn closest_of_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        self.triangles.closest_of_packet(rays, hits);
     }
 
-    /// Whether a surface is between `origin` and `t_max` along a unit direction.
+    /// Whether a ray meets any surface.
     #[must_use]
-    pub fn is_occluded(&self, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
-        self.triangles.is_occluded(origin, direction, t_max)
+    pub fn is_occluded(&self, ray: &Ray) -> bool {
+        self.triangles.is_occluded(ray)
     }
 
     /// Whether a surface is between two points.
     #[must_use]
     pub fn is_between(&self, from: Vec3, to: Vec3) -> bool {
         let distance = from.distance(to);
-        distance > 0.0 && self.is_occluded(from, (to - from) / distance, distance)
+        distance > 0.0 && self.is_occluded(&Ray::new(from, (to - from) / distance, distance))
     }
 
-    /// Share of light that gets from `origin` to `t_max` along a unit direction: 0 behind a
-    /// surface, else the transmittance of the media between.
+    /// The share of light that gets from the end of a ray to its origin: 0 behind a surface, else
+    /// the transmittance of the media between.
     #[must_use]
-    pub fn transmittance(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
-        if self.is_occluded(origin, direction, t_max) {
+    pub fn transmittance(&self, ray: &Ray) -> f32 {
+        if self.is_occluded(ray) {
             0.0
         } else if self.scene.volumes.is_empty() {
             1.0
         } else {
-            exp_neg(self.optical_depth(origin, direction, t_max))
+            exp_neg(self.optical_depth(ray))
         }
     }
 
-    /// Optical depth of all media from `origin` to `t_max` along a unit direction, exact, cell by
-    /// cell.
+    /// The optical depth of all media along a ray, exact, cell by cell.
     #[must_use]
-    pub fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
+    pub fn optical_depth(&self, ray: &Ray) -> f32 {
         let volumes = self.scene.volumes.iter();
-        let cells = volumes.filter_map(|v| Cells::new(v, origin, direction, t_max));
+        let cells = volumes.filter_map(|v| Cells::new(v, ray));
         cells.map(Cells::optical_depth).sum::<f64>() as f32
     }
 
-    /// Passes every stretch of medium from `origin` to `t_max`, front to back, to `emit` until that
-    /// says no. `source(volume, stretch, tau)` gives the source function of a volume in a stretch
-    /// of the ray, in a cell of that optical depth.
+    /// Passes every segment of a ray in a medium, front to back, to `emit` until that says no.
+    /// `source(volume, cell, tau)` gives the source function of a volume in a part of the ray, in a
+    /// cell of the optical depth `tau`.
     pub fn march(
         &self,
-        origin: Vec3,
-        direction: Vec3,
-        t_max: f32,
+        ray: &Ray,
         source: impl Fn(usize, RayInVolume, f32) -> crate::math::Rgb,
         mut emit: impl FnMut(Segment) -> bool,
     ) {
@@ -119,7 +117,7 @@ impl<'a> Tracer<'a> {
             .volumes
             .iter()
             .enumerate()
-            .filter_map(|(v, volume)| Some((v, Cells::new(volume, origin, direction, t_max)?)));
+            .filter_map(|(v, volume)| Some((v, Cells::new(volume, ray)?)));
         let Some((first, cells)) = walks.next() else {
             return;
         };

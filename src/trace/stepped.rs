@@ -1,9 +1,9 @@
 //! A volume on few voxels, packed for rays that pass it in even steps.
 
 use crate::math::dda::Passage;
-use crate::math::unflatten;
+use crate::math::{Ray, unflatten};
 use crate::scene::Volume;
-use glam::{Affine3A, DAffine3, DVec3, Vec3, Vec3A, Vec4};
+use glam::{Affine3A, DAffine3, DVec3, Vec3A, Vec4};
 use rayon::prelude::*;
 use wide::{f32x8, i32x8};
 
@@ -71,12 +71,11 @@ impl SteppedVolume {
         }
     }
 
-    /// Optical depth from `origin` to `t_max` along a unit direction.
+    /// The optical depth along a ray.
     #[must_use]
-    pub fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
+    pub fn optical_depth(&self, ray: &Ray) -> f32 {
         let map = (&self.map, &self.exact_map);
-        let Some(passage) = Passage::new(map, self.dims.to_array(), origin, direction, t_max)
-        else {
+        let Some(passage) = Passage::new(map, self.dims.to_array(), ray) else {
             return 0.0;
         };
         let Passage { line, end, .. } = passage.in_cells();
@@ -170,7 +169,7 @@ mod tests {
     use crate::math::sampling;
     use crate::scene::Grid;
     use crate::trace::Cells;
-    use glam::DQuat;
+    use glam::{DQuat, Vec3};
 
     fn tilted() -> DAffine3 {
         DAffine3::from_scale_rotation_translation(
@@ -186,7 +185,7 @@ mod tests {
     }
 
     /// Rays from outside of the volume and from inside through its middle, some of them short.
-    fn rays(v: &Volume) -> impl Iterator<Item = (Vec3, Vec3, f32)> {
+    fn rays(v: &Volume) -> impl Iterator<Item = Ray> {
         let dims = DVec3::from_array(v.sigma_t.dims().map(|n| n as f64));
         let map = v.scene_from_index;
         (0..200).map(move |i| {
@@ -195,16 +194,13 @@ mod tests {
             let from = map.transform_point3(dims * (0.5 + reach * way));
             let through = map.transform_point3(dims * 0.5);
             let t_max = if i % 3 == 0 { 1.5 } else { f32::INFINITY };
-            (
-                from.as_vec3(),
-                (through - from).normalize().as_vec3(),
-                t_max,
-            )
+            let direction = (through - from).normalize().as_vec3();
+            Ray::new(from.as_vec3(), direction, t_max)
         })
     }
 
-    fn exact(v: &Volume, (origin, direction, t_max): (Vec3, Vec3, f32)) -> f32 {
-        Cells::new(v, origin, direction, t_max).map_or(0.0, |c| c.optical_depth() as f32)
+    fn exact(v: &Volume, ray: &Ray) -> f32 {
+        Cells::new(v, ray).map_or(0.0, |c| c.optical_depth() as f32)
     }
 
     #[test]
@@ -214,9 +210,9 @@ mod tests {
         for (step, tolerance) in [(1.0, 0.002), (2.0, 0.01), (4.0, 0.04)] {
             let mut stepped = SteppedVolume::new(&v, 64);
             stepped.step = step;
-            for ray @ (origin, direction, t_max) in rays(&v) {
-                let expected = exact(&v, ray);
-                let got = stepped.optical_depth(origin, direction, t_max);
+            for ray in rays(&v) {
+                let expected = exact(&v, &ray);
+                let got = stepped.optical_depth(&ray);
                 assert!(
                     (got - expected).abs() <= tolerance * expected.max(0.1),
                     "{ray:?} in steps of {step}: {got} beside {expected}"
@@ -236,9 +232,9 @@ mod tests {
             let v = volume(dims, |_| 0.7);
             let mut stepped = SteppedVolume::new(&v, most);
             stepped.step = 3.0;
-            for ray @ (origin, direction, t_max) in rays(&v) {
-                let expected = exact(&v, ray);
-                let got = stepped.optical_depth(origin, direction, t_max);
+            for ray in rays(&v) {
+                let expected = exact(&v, &ray);
+                let got = stepped.optical_depth(&ray);
                 assert!(
                     (got - expected).abs() <= 1e-5,
                     "{ray:?}: {got} beside {expected}"
@@ -277,8 +273,8 @@ mod tests {
     fn nothing_is_passed_in_no_time() {
         let v = volume([9; 3], |_| 0.0);
         let stepped = SteppedVolume::new(&v, 64);
-        for (origin, direction, t_max) in rays(&v) {
-            assert_eq!(stepped.optical_depth(origin, direction, t_max), 0.0);
+        for ray in rays(&v) {
+            assert_eq!(stepped.optical_depth(&ray), 0.0);
         }
     }
 }

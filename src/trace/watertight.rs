@@ -1,6 +1,7 @@
 //! The watertight test of rays against triangles (Woop, Benthin & Wald 2013), four triangles at a
 //! time.
 
+use crate::math::Ray;
 use crate::scene::Mesh;
 use glam::{DVec3, Vec3};
 use wide::f32x4;
@@ -64,9 +65,12 @@ pub struct ShearedRay {
 }
 
 impl ShearedRay {
-    /// A ray of unit direction.
+    /// Shears a ray; where it ends does not matter.
     #[must_use]
-    pub fn new(origin: Vec3, direction: Vec3) -> Self {
+    pub fn new(ray: &Ray) -> Self {
+        let &Ray {
+            origin, direction, ..
+        } = ray;
         let d = direction.to_array();
         let z = if d[0].abs() > d[1].abs() {
             if d[0].abs() > d[2].abs() { 0 } else { 2 }
@@ -205,7 +209,8 @@ mod tests {
             let origin = 0.5 * Vec3::from([10, 11, 12].map(|a| number(first, a)));
             let direction = sampling::sphere([13, 14].map(|a| number(first, a) + 0.5));
             let lanes: Vec<u32> = (first..first + 4).collect();
-            let got = ShearedRay::new(origin, direction).meet(&Block::new(&mesh, &lanes, 1.0));
+            let got = ShearedRay::new(&Ray::endless(origin, direction))
+                .meet(&Block::new(&mesh, &lanes, 1.0));
             for (k, &triangle) in lanes.iter().enumerate() {
                 let expected = plain(mesh.corners(triangle as usize), origin, direction);
                 assert_eq!(got.lanes >> k & 1 == 1, expected.is_some(), "{triangle}");
@@ -239,7 +244,12 @@ mod tests {
                 let mut way = sampling::sphere([u, v]);
                 way.y = way.y.abs() + 1e-3;
                 let way = way.normalize();
-                assert_eq!(ShearedRay::new(origin, turned(way)).meet(&block).lanes, 0);
+                assert_eq!(
+                    ShearedRay::new(&Ray::endless(origin, turned(way)))
+                        .meet(&block)
+                        .lanes,
+                    0
+                );
                 way_down(
                     &block,
                     origin,
@@ -251,7 +261,7 @@ mod tests {
     }
 
     fn way_down(block: &Block, origin: Vec3, way: Vec3, t: f32) {
-        let met = ShearedRay::new(origin, way).meet(block);
+        let met = ShearedRay::new(&Ray::endless(origin, way)).meet(block);
         assert!(
             met.lanes == 1 && (met.t[0] / t - 1.0).abs() < 1e-5,
             "{met:?} {t}"
@@ -269,7 +279,8 @@ mod tests {
             triangles: vec![[0, 1, 2]],
             ..Mesh::default()
         };
-        let met = ShearedRay::new(Vec3::ZERO, Vec3::Z).meet(&Block::new(&mesh, &[0], 1.0));
+        let met =
+            ShearedRay::new(&Ray::endless(Vec3::ZERO, Vec3::Z)).meet(&Block::new(&mesh, &[0], 1.0));
         assert_eq!((met.lanes, met.t[0]), (1, 1.0));
     }
 }

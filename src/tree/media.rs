@@ -1,9 +1,9 @@
 //! Lvoxels along a ray: the blocks of each volume on its own index grid, walked front to back.
 
-use crate::math::Rgb;
 use crate::math::dda::{Passage, Steps};
 use crate::math::segment::{Interval, Segment, flatten_overlaps};
-use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec3, Vec3A};
+use crate::math::{Ray, Rgb};
+use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec3A};
 use lvox_formats::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
 
 /// The source function of an lvoxel as it is held in memory: [`Rgb`], or one channel where all
@@ -190,20 +190,11 @@ impl<S: Source> Media<S> {
 }
 
 impl<S: Source> Media<S> {
-    /// Gives every stretch of medium between `origin` and `t_max`, front to back, to `add` until
-    /// that says no; returns whether it never did.
+    /// Gives every segment of a ray in an lvoxel, front to back, to `add` until that says no;
+    /// returns whether it never did.
     #[inline]
-    pub fn walk(
-        &self,
-        origin: Vec3,
-        direction: Vec3,
-        t_max: f32,
-        add: &mut impl FnMut(Segment) -> bool,
-    ) -> bool {
-        let mut met = self
-            .volumes
-            .iter()
-            .filter_map(|v| v.enter(origin, direction, t_max));
+    pub fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
+        let mut met = self.volumes.iter().filter_map(|v| v.enter(ray));
         match (met.next(), met.next()) {
             (None, _) => true,
             (Some(walk), None) => walk.run(add),
@@ -361,9 +352,9 @@ impl<S: Source> BlockGrid<S> {
         }
     }
 
-    fn enter(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Walk<'_, S>> {
+    fn enter(&self, ray: &Ray) -> Option<Walk<'_, S>> {
         let map = (&self.index_from_scene, &self.index_from_scene_f64);
-        let passage = Passage::new(map, self.dims, origin, direction, t_max)?;
+        let passage = Passage::new(map, self.dims, ray)?;
         Some(Walk {
             grid: self,
             passage,

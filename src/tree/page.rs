@@ -2,6 +2,8 @@
 //! are apart, as rays that end at triangles seldom ask for leaves.
 
 use super::node_aggregate::{Axes, NodeAggregate, per_area};
+use crate::math::Aabb;
+use glam::Vec3;
 use lvox_formats::record::{Below, Node, Surfel, SurfelAggregate, tangent_frame};
 use std::f32::consts::PI;
 use std::ops::Range;
@@ -55,6 +57,19 @@ impl Default for WideNode {
             kind: [ChildKind::None; WIDTH],
             used: 0,
             first_aggregate: 0,
+        }
+    }
+}
+
+impl WideNode {
+    /// The box of a child.
+    #[inline]
+    #[must_use]
+    pub fn bounds(&self, child: usize) -> Aabb {
+        let corner = |c: &[[f32; WIDTH]; 3]| Vec3::from(c.map(|axis| axis[child]));
+        Aabb {
+            min: corner(&self.min),
+            max: corner(&self.max),
         }
     }
 }

@@ -7,15 +7,15 @@ use lvox::build;
 use lvox::formats::record::{MAX_LEVEL, VolumeInfo};
 use lvox::formats::{ClipEdge, Clips, CloudMeta, CloudWriter, Lvoxel, Surfel};
 use lvox::gather::cone::Scratch;
-use lvox::gather::patch_radiance::MAX_BATCH;
+use lvox::gather::patch_radiance::MAX_PACKET;
 use lvox::gather::plain;
 use lvox::gather::{
     Crossing, Gatherer, Kernel, Medium, NoMedia, PatchRadiance, PatchRequest, SampleRange,
     Settings, SurfacePoint,
 };
-use lvox::math::Rgb;
 use lvox::math::sampling::{r2, sphere};
 use lvox::math::segment::Composite;
+use lvox::math::{Ray, Rgb};
 use lvox::run::Job;
 use lvox::trace::Tracer;
 use lvox::tree::Page;
@@ -148,8 +148,8 @@ fn the_fast_kernel_without_aggregates_sees_what_the_plain_one_sees() {
     let rays = receivers(40_000);
     let mut scratch = Scratch::default();
     for &(origin, direction) in &rays {
-        let a = fast.incident(origin, direction, &mut scratch);
-        let b = plain.incident(origin, direction, &mut scratch);
+        let a = fast.incident(&Ray::endless(origin, direction), &mut scratch);
+        let b = plain.incident(&Ray::endless(origin, direction), &mut scratch);
         let same = (a.distance - b.distance).abs() <= 1e-4 * (1.0 + b.distance);
         other_distance += usize::from(!same && a.distance != b.distance);
         let difference = (a.radiance.luminance() - b.radiance.luminance()).abs();
@@ -168,9 +168,12 @@ fn the_plain_kernel_sees_the_same_in_any_order() {
     let (mut other, mut met) = (0, 0);
     for (origin, direction) in receivers(10_000) {
         let far = f32::INFINITY;
-        let near_first = plain::cast(pages, origin, direction, far, &mut scratch);
-        let as_stored =
-            plain::cast_in_order::<_, false>(pages, origin, direction, far, &mut scratch);
+        let near_first = plain::cast(pages, &Ray::new(origin, direction, far), &mut scratch);
+        let as_stored = plain::cast_in_order::<_, false>(
+            pages,
+            &Ray::new(origin, direction, far),
+            &mut scratch,
+        );
         other += usize::from(near_first.map(|c| c.t) != as_stored.map(|c| c.t));
         met += usize::from(near_first.is_some());
     }
@@ -250,7 +253,8 @@ fn rays_that_are_looked_up_together_find_what_each_finds_alone() {
     let tracer = Tracer::new(&scene);
     let corners = &scene.mesh.positions;
     let from = corners.iter().sum::<Vec3>() / corners.len() as f32;
-    let rays: Vec<(Vec3, Vec3)> = (0..2000).map(|i| (from, sphere(r2(i, [0.5; 2])))).collect();
+    let ray = |i| Ray::new(from, sphere(r2(i, [0.5; 2])), 1e3);
+    let rays: Vec<Ray> = (0..2000).map(ray).collect();
     let wanted = PatchRequest {
         max_solid_angle: 0.01,
         leave_out_bright: false,
@@ -258,16 +262,14 @@ fn rays_that_are_looked_up_together_find_what_each_finds_alone() {
     let outgoing = || PatchRadiance::new(&tracer, store.area_per_surfel(), rays.len());
     let alone = outgoing();
     let mut stack = Vec::new();
-    let cast = |&(origin, direction): &(Vec3, Vec3), stack: &mut Vec<_>| {
-        alone.cast(pages(&store), origin, direction, 1e3, wanted, stack)
-    };
-    let expected: Vec<_> = rays.iter().map(|ray| cast(ray, &mut stack)).collect();
+    let cast = |ray: &Ray| alone.cast(pages(&store), ray, wanted, &mut stack);
+    let expected: Vec<_> = rays.iter().map(cast).collect();
     assert!(expected.iter().flatten().count() > 500);
-    for size in [1, 5, MAX_BATCH] {
+    for size in [1, 5, MAX_PACKET] {
         let together = outgoing();
-        let mut ends = [None; MAX_BATCH];
+        let mut ends = [None; MAX_PACKET];
         for (rays, expected) in rays.chunks(size).zip(expected.chunks(size)) {
-            together.cast_batch(pages(&store), rays, 1e3, wanted, &mut stack, &mut ends);
+            together.cast_packet(pages(&store), rays, wanted, &mut stack, &mut ends);
             assert_eq!(&ends[..rays.len()], expected);
         }
         assert_eq!(alone.stats(), together.stats());
@@ -488,7 +490,7 @@ fn passing_media_is_passing_every_block() {
             .collect();
         crossings.sort_by(|a, b| a.t.total_cmp(&b.t));
         let mut light = Composite::default();
-        all.pass(origin, direction, t_max, &crossings, &mut light);
+        all.pass(&Ray::new(origin, direction, t_max), &crossings, &mut light);
         let (radiance, through) = by_force(
             &volumes,
             &lvoxels,

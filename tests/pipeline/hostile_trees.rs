@@ -9,6 +9,7 @@ use lvox::formats::{
 use lvox::gather::cone::{self, Scratch};
 use lvox::gather::plain;
 use lvox::inspect::export_ply;
+use lvox::math::Ray;
 use lvox::tree::{OpenTree, Pages, SurfelStore};
 
 const OVERLAP: f32 = 1.8;
@@ -74,8 +75,8 @@ fn cast<P: Pages>(pages: &P) -> (Vec<bool>, lvox::Result<()>) {
     let mut met = Vec::new();
     for x in [0.05, 0.5] {
         let (origin, direction) = (Vec3::new(x, 0.0, 5.0), Vec3::NEG_Z);
-        let a = plain::cast(pages, origin, direction, 9.0, &mut scratch);
-        let b = cone::cast(pages, origin, direction, 9.0, 0.0, &mut scratch);
+        let a = plain::cast(pages, &Ray::new(origin, direction, 9.0), &mut scratch);
+        let b = cone::cast(pages, &Ray::new(origin, direction, 9.0), 0.0, &mut scratch);
         assert_eq!(a.map(|c| c.t), b.map(|c| c.t));
         met.push(a.is_some());
     }

@@ -6,6 +6,7 @@
 //! is the event of their sum, and transmittances multiply.
 
 use super::sampler::Sampler;
+use crate::math::Ray;
 use crate::math::dda::{Passage, Steps};
 use crate::scene::Volume;
 use crate::scene::grid::BRICK_CELLS;
@@ -116,7 +117,7 @@ fn track(
     let grid = &volume.sigma_t;
     let map = (&volume.index_from_scene, &volume.index_from_scene_f64);
     let dims = grid.dims().map(|n| n as f32);
-    let Some(passage) = Passage::new(map, dims, origin, direction, t_max) else {
+    let Some(passage) = Passage::new(map, dims, &Ray::new(origin, direction, t_max)) else {
         return;
     };
     let Passage { line, start, end } = passage.in_cells();

@@ -12,7 +12,7 @@ use super::flight;
 use super::sampler::Sampler;
 use super::sources::{Sample, Sources};
 use crate::Result;
-use crate::math::{Rgb, sampling};
+use crate::math::{Ray, Rgb, sampling};
 use crate::run::Cancel;
 use crate::scene::Scene;
 use crate::trace::{Hit, Surface, TriangleBvh, offset, short_of};
@@ -113,7 +113,7 @@ impl<'a> PathTracer<'a> {
                 return sum + throughput * self.end(origin, direction, lobe_pdf, sampler);
             }
             let [flight, choice, u, v] = sampler.next4();
-            let hit = self.triangles.closest(origin, direction, f32::INFINITY);
+            let hit = self.triangles.closest(&Ray::endless(origin, direction));
             let t_max = hit.map_or(f32::INFINITY, |h| h.t);
             let volumes = &self.scene.volumes;
             let collision = flight::collide(volumes, origin, direction, t_max, flight, sampler);
@@ -189,7 +189,10 @@ impl<'a> PathTracer<'a> {
         } else {
             way.distance
         };
-        if self.triangles.is_occluded(origin, way.direction, end) {
+        if self
+            .triangles
+            .is_occluded(&Ray::new(origin, way.direction, end))
+        {
             return Rgb::BLACK;
         }
         let volumes = &self.scene.volumes;
@@ -212,7 +215,7 @@ impl<'a> PathTracer<'a> {
         if !self.sources.can_be_hit() {
             return Rgb::BLACK;
         }
-        let hit = self.triangles.closest(origin, direction, f32::INFINITY);
+        let hit = self.triangles.closest(&Ray::endless(origin, direction));
         let light = match &hit {
             None => self.sources.environment(),
             Some(hit) => {

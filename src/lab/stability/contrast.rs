@@ -6,9 +6,9 @@ use super::transmittance::brief;
 use super::workbench::{Workbench, media_with_source, pixels, stage, volume};
 use crate::Result;
 use crate::gather::Medium;
-use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use crate::math::segment::Composite;
+use crate::math::{Ray, Rgb};
 use crate::scene::{Grid, Light, Scene};
 use crate::trace::Tracer;
 use glam::{DAffine3, DVec3, Vec3};
@@ -107,7 +107,7 @@ fn check(bench: &Workbench, case: Case) -> Result<Vec<Row>> {
             direction = (direction * Vec3::from(extent).map(|e| e * e)).normalize();
         }
         let exact = field.optical_depth(origin.as_dvec3(), direction.as_dvec3(), 4.0);
-        let got = exp_neg(tracer.optical_depth(origin, direction, 4.0));
+        let got = exp_neg(tracer.optical_depth(&Ray::new(origin, direction, 4.0)));
         let row = super::transmittance::transmittance(
             &cells.case,
             cells.parameter.clone(),
@@ -119,7 +119,7 @@ fn check(bench: &Workbench, case: Case) -> Result<Vec<Row>> {
             cells = row;
         }
         let mut light = Composite::default();
-        media.pass(origin, direction, 4.0, &[], &mut light);
+        media.pass(&Ray::new(origin, direction, 4.0), &[], &mut light);
         exact_sum += (-exact).exp();
         lvoxel_sum += f64::from(light.transmittance);
         // Twice the depth that hides a light altogether.
@@ -175,9 +175,9 @@ fn rises_along(
     (0..=STEPS).any(|k| {
         let t = 1.2 + 1.2 * k as f32 / STEPS as f32;
         let mut light = Composite::default();
-        media.pass(origin, direction, t, &[], &mut light);
+        media.pass(&Ray::new(origin, direction, t), &[], &mut light);
         let now = [
-            exp_neg(tracer.optical_depth(origin, direction, t)),
+            exp_neg(tracer.optical_depth(&Ray::new(origin, direction, t))),
             light.transmittance,
         ];
         let rises =

@@ -12,6 +12,7 @@ use crate::formats::{CloudMeta, Surfel};
 use crate::gather::Medium;
 use crate::gather::NoMedia;
 use crate::gather::cone::Scratch;
+use crate::math::Ray;
 use crate::math::sampling::sphere;
 use crate::scene::{Grid, Light, Scene};
 use crate::shade;
@@ -108,7 +109,7 @@ fn needles(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
                 target + (end - target) * random(5, i) + aside
             };
             let way = way.normalize();
-            tracer.closest(Vec3::ZERO, way, f32::INFINITY).is_none()
+            tracer.closest(&Ray::endless(Vec3::ZERO, way)).is_none()
         })
         .count();
     rows.push(Row::count(
@@ -253,8 +254,8 @@ fn crowd(bench: &Workbench, effort: Effort, rows: &mut Vec<Row>) -> Result<()> {
     // Near by, one ray looks at every disk; far away none of them is looked at.
     for (cut, d) in [(0.0, 1.0_f32), (0.01, 1.0), (0.01, 100.0)] {
         let origin = Vec3::from(one.position) + Vec3::Y * d;
-        let seen =
-            gatherer(&store, NoMedia, 1, cut)?.incident(origin, -Vec3::Y, &mut Scratch::default());
+        let seen = gatherer(&store, NoMedia, 1, cut)?
+            .incident(&Ray::endless(origin, -Vec3::Y), &mut Scratch::default());
         let at = format!("{at}, d / R {d}, nodes below {cut} sr whole");
         let case = "surfels on one spot: distance to them";
         rows.push(Row::relative(
@@ -364,7 +365,9 @@ fn radii(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     for i in 0..500 {
         let origin = Vec3::from([21, 22, 23].map(|s| random(s, i)));
         let direction = sphere([random(24, i), random(25, i)]);
-        let seen = gatherer.incident(origin, direction, &mut scratch).distance;
+        let seen = gatherer
+            .incident(&Ray::endless(origin, direction), &mut scratch)
+            .distance;
         let exact = super::precision::first_disk(&decoded, origin.as_dvec3(), direction.as_dvec3());
         let exact = exact.map_or(f64::INFINITY, |hit| hit.t);
         let same = f64::from(seen) == exact || (f64::from(seen) - exact).abs() <= 1e-4 * exact;
@@ -431,10 +434,10 @@ fn overlaps(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     let store = bench.tree(&scene, 1)?;
     let (origin, way) = (Vec3::new(3.0, 0.03, 0.02), -Vec3::X);
     let mut light = crate::math::segment::Composite::default();
-    (&media(&store)?).pass(origin, way, 10.0, &[], &mut light);
+    (&media(&store)?).pass(&Ray::new(origin, way, 10.0), &[], &mut light);
     let tau: f64 = 4.0 + 4.0 + 0.5;
     for (name, got) in [
-        ("cells", tracer.transmittance(origin, way, 10.0)),
+        ("cells", tracer.transmittance(&Ray::new(origin, way, 10.0))),
         ("lvoxels of a tree", light.transmittance),
     ] {
         rows.push(Row::relative(

@@ -12,10 +12,10 @@ use crate::formats::record::tangent_frame;
 use crate::gather::Medium;
 use crate::gather::NoMedia;
 use crate::gather::cone::Scratch;
-use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use crate::math::sampling::{hash, sphere};
 use crate::math::segment::Composite;
+use crate::math::{Aabb, Ray, Rgb};
 use crate::scene::Scene;
 use crate::tree::Media;
 use glam::{DVec3, Vec3};
@@ -100,7 +100,7 @@ fn kernels(bench: &Workbench, scene: &Scene, effort: Effort, rows: &mut Vec<Row>
         Effort::Brief => (2000, 10_000),
     };
     let store = bench.tree(scene, surfels)?;
-    let (min, max) = scene.bounds();
+    let Aabb { min, max } = scene.bounds();
     let rays: Vec<(Vec3, Vec3)> = (0..count)
         .map(|i| {
             let at = Vec3::from([31, 32, 33].map(|s| 0.02 + 0.96 * random(s, i)));
@@ -123,7 +123,7 @@ fn kernels(bench: &Workbench, scene: &Scene, effort: Effort, rows: &mut Vec<Row>
     let met: Vec<(f64, bool)> = rays
         .par_iter()
         .map(|&(origin, direction)| {
-            let seen = gatherer.incident(origin, direction, &mut Scratch::default());
+            let seen = gatherer.incident(&Ray::endless(origin, direction), &mut Scratch::default());
             match first_disk(&all, origin.as_dvec3(), direction.as_dvec3()) {
                 None if seen.distance.is_infinite() => (0.0, true),
                 None => (f64::INFINITY, false),
@@ -185,7 +185,7 @@ fn kernels(bench: &Workbench, scene: &Scene, effort: Effort, rows: &mut Vec<Row>
                 let direction = (target - origin).normalize();
                 let (o, d) = (origin.as_dvec3(), direction.as_dvec3());
                 let mut light = Composite::default();
-                media.pass(origin, direction, length, &[], &mut light);
+                media.pass(&Ray::new(origin, direction, length), &[], &mut light);
                 let (radiance, through) = blocks.pass(o, d, reach);
                 let relative = |got: f32, exact: f64| {
                     if exact == 0.0 {
@@ -246,7 +246,7 @@ fn kernels(bench: &Workbench, scene: &Scene, effort: Effort, rows: &mut Vec<Row>
 fn cells_of(scene: &Scene, index: usize, origin: Vec3, direction: Vec3, length: f32) -> f32 {
     let mut tau = 0.0_f64;
     if let Some(mut cells) =
-        crate::trace::Cells::new(&scene.volumes[index], origin, direction, length)
+        crate::trace::Cells::new(&scene.volumes[index], &Ray::new(origin, direction, length))
     {
         while let Some(cell) = cells.next_cell() {
             tau += f64::from(cell.tau);

@@ -8,10 +8,10 @@ use crate::formats::record::{Below, Node, SurfelPage};
 use crate::formats::{CloudMeta, Surfel};
 use crate::gather::NoMedia;
 use crate::gather::cone::Scratch;
-use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use crate::math::sampling::{cosine_hemisphere, disk, sobol2, sphere, tangents};
 use crate::math::segment::Composite;
+use crate::math::{Aabb, Ray, Rgb};
 use crate::scene::{Grid, Scene};
 use crate::trace::Cells;
 use crate::tree::OpenTree;
@@ -37,7 +37,7 @@ pub fn rows(bench: &Workbench, scene: &Scene, effort: Effort) -> Result<Vec<Row>
 /// Light from a tree is finite and not negative, and no more than its brightest record.
 fn radiance(scene: &Scene, store: &OpenTree, rows: &mut Vec<Row>) -> Result<()> {
     const RAYS: u64 = 20_000;
-    let (min, max) = scene.bounds();
+    let Aabb { min, max } = scene.bounds();
     let tree = store.tree();
     let mut brightest = 0.0_f32;
     for page in 0..tree.surfel_pages() {
@@ -62,7 +62,10 @@ fn radiance(scene: &Scene, store: &OpenTree, rows: &mut Vec<Row>) -> Result<()> 
                 1 => -Vec3::Y,
                 _ => sphere([random(44, i), random(45, i)]),
             };
-            let seen = gatherer.incident(min + (max - min) * at, direction, &mut scratch);
+            let seen = gatherer.incident(
+                &Ray::endless(min + (max - min) * at, direction),
+                &mut scratch,
+            );
             wrong += usize::from(!seen.radiance.0.iter().all(|v| v.is_finite() && *v >= 0.0));
             most = most.max(seen.radiance.max());
         }
@@ -135,7 +138,7 @@ fn along_rays(rows: &mut Vec<Row>) {
         let medium = volume(grid, 0.5, placed);
         let depth = |origin: Vec3, direction: Vec3, t: f32| {
             let mut tau = 0.0_f64;
-            if let Some(mut cells) = Cells::new(&medium, origin, direction, t) {
+            if let Some(mut cells) = Cells::new(&medium, &Ray::new(origin, direction, t)) {
                 while let Some(cell) = cells.next_cell() {
                     tau += f64::from(cell.tau);
                 }
@@ -309,7 +312,12 @@ fn reciprocity(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
                 let d = cosine_hemisphere(sobol2(i, 1, 9));
                 let way = (x * d.x + y * d.y + n * d.z).normalize();
                 let point = Vec3::from(from.position) + x * u + y * v;
-                sum += f64::from(gatherer.incident(point, way, &mut scratch).radiance.0[0]);
+                sum += f64::from(
+                    gatherer
+                        .incident(&Ray::endless(point, way), &mut scratch)
+                        .radiance
+                        .0[0],
+                );
             }
             Ok(sum / f64::from(POINTS) * f64::from(from.area))
         };

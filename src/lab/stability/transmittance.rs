@@ -7,9 +7,9 @@ use super::workbench::{
 };
 use crate::Result;
 use crate::gather::Medium;
-use crate::math::Rgb;
 use crate::math::exp::{exp_neg, one_minus_exp_neg};
 use crate::math::segment::Composite;
+use crate::math::{Ray, Rgb};
 use crate::scene::{Grid, Scene};
 use crate::shade::Settings;
 use crate::trace::Tracer;
@@ -128,7 +128,7 @@ fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
         let tau = f64::from(tau as f32);
         let tracer = Tracer::new(&scene);
         let (origin, forward) = (Vec3::new(0.03, 0.02, 2.0), -Vec3::Z);
-        let got = exp_neg(tracer.optical_depth(origin, forward, 2.9));
+        let got = exp_neg(tracer.optical_depth(&Ray::new(origin, forward, 2.9)));
         rows.push(transmittance(
             "slab of 32^3 voxels, cells",
             at.clone(),
@@ -139,7 +139,7 @@ fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
 
         let store = bench.tree(&scene, 16)?;
         let mut light = Composite::default();
-        (&media(&store)?).pass(origin, forward, 2.9, &[], &mut light);
+        (&media(&store)?).pass(&Ray::new(origin, forward, 2.9), &[], &mut light);
         let got = light.transmittance.into();
         rows.push(transmittance(
             "slab of 32^3 voxels, lvoxels of a tree",
@@ -160,13 +160,13 @@ fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
         if tau <= 69.0 {
             let case = "slab of 32^3 voxels, cells, worst of 500 oblique rays";
             rows.push(oblique(case, &at, &scene, |origin, direction| {
-                exp_neg(tracer.optical_depth(origin, direction, 10.0))
+                exp_neg(tracer.optical_depth(&Ray::new(origin, direction, 10.0)))
             }));
             let media = media(&store)?;
             let case = "slab of 32^3 voxels, lvoxels of a tree, worst of 500 oblique rays";
             rows.push(oblique(case, &at, &scene, |origin, direction| {
                 let mut light = Composite::default();
-                (&media).pass(origin, direction, 10.0, &[], &mut light);
+                (&media).pass(&Ray::new(origin, direction, 10.0), &[], &mut light);
                 light.transmittance
             }));
         }
@@ -175,7 +175,7 @@ fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
         // is scattered twice.
         let media = &media_with_source(&store, [0.5; 3])?;
         let mut light = Composite::default();
-        media.pass(origin, forward, 2.9, &[], &mut light);
+        media.pass(&Ray::new(origin, forward, 2.9), &[], &mut light);
         rows.push(Row::relative(
             "emission-absorption of a slab, lvoxels of a tree",
             at,
@@ -233,7 +233,7 @@ fn spheres(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
             LIMIT,
         ));
         let mut light = Composite::default();
-        (&media(&store)?).pass(origin, forward, 2.9, &[], &mut light);
+        (&media(&store)?).pass(&Ray::new(origin, forward, 2.9), &[], &mut light);
         if tau <= 10.0 {
             // The rim of a ball is averaged over blocks.
             rows.push(transmittance(

@@ -5,7 +5,7 @@ use crate::light::emitter::Emitter;
 use crate::light::emitters::Emitters;
 use crate::light::shading_point::{MediumReceiver, Receiver, SurfaceReceiver};
 use crate::light::{Lights, ShadowRays};
-use crate::math::{Rgb, sampling};
+use crate::math::{Ray, Rgb, sampling};
 use crate::scene::{Light, Material, Scene};
 use crate::trace::Tracer;
 use glam::Vec3;
@@ -284,7 +284,7 @@ fn the_mean_over_rays_is_the_sum_over_all_lights() {
             let is_seen = |p: Vec3| {
                 let way = p - point;
                 let end = crate::trace::short_of(p, way.length());
-                !tracer.is_occluded(point, way.normalize(), end)
+                !tracer.is_occluded(&Ray::new(point, way.normalize(), end))
             };
             let exact = (0..200).fold(Rgb::BLACK, |sum, i| {
                 sum + arriving(&emitters.all()[i as usize], point, receiver, is_seen)

@@ -7,7 +7,7 @@
 
 use crate::gather::{BrightHit, Crossing, PatchRadiance, PatchRequest};
 use crate::math::sampling::{self, cosine_hemisphere, sobol2, tangents};
-use crate::math::{Hit, Rgb};
+use crate::math::{Hit, Ray, Rgb};
 use crate::shade::view::View;
 use crate::trace::Surface;
 use crate::tree::Pages;
@@ -88,7 +88,7 @@ impl<P: Pages> Scouts<'_, P> {
             let d = cosine_hemisphere(sobol2(i, 0, key));
             let d = (x * d.x + y * d.y + normal * d.z).normalize();
             let end =
-                (self.outgoing).cast(self.pages, origin, d, f32::INFINITY, wanted, &mut stack);
+                (self.outgoing).cast(self.pages, &Ray::endless(origin, d), wanted, &mut stack);
             match end {
                 Some(Crossing { t, radiance, .. }) => {
                     // Of the disk at that distance that a ray stands for, where it falls straight.
@@ -112,7 +112,7 @@ impl<P: Pages> Scouts<'_, P> {
             .camera
             .direction(&view.film, at[0] * size[0], at[1] * size[1]);
         let origin = view.camera.origin();
-        let hit = view.tracer.closest(origin, to_surface, f32::INFINITY)?;
+        let hit = view.tracer.closest(&Ray::endless(origin, to_surface))?;
         let around = 0.25 * size[0] / SIDE as f32 * view.pixel_angle * hit.t;
         let corners = view.tracer.scene.mesh.corners(hit.triangle as usize);
         let uv = middle_around(&hit, corners, around);

@@ -14,7 +14,7 @@ use super::surface_gatherer::SurfaceGatherer;
 use crate::Result;
 use crate::gather::{DirectionOrder, Gathered, Medium};
 use crate::image::Region;
-use crate::math::{Rgb, sampling};
+use crate::math::{Ray, Rgb, sampling};
 use crate::run::{Cancel, Task, memory};
 use crate::trace::Surface;
 use crate::tree::Pages;
@@ -233,7 +233,7 @@ impl<P: Pages, M: Medium> Receivers<'_, '_, P, M> {
         let [x, y] = place.map(|c| (c * self.step) as f32 + offset + 0.5);
         let direction = view.camera.direction(&view.film, x, y);
         let origin = view.camera.origin();
-        let hit = view.tracer.closest(origin, direction, f32::INFINITY)?;
+        let hit = view.tracer.closest(&Ray::endless(origin, direction))?;
         let surface = Surface::new(view.tracer.scene, hit.triangle, hit.uv).facing(-direction);
         let node = Node {
             position: surface.position,

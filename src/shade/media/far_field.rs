@@ -5,7 +5,7 @@
 use super::vertices::{Vertices, inside};
 use crate::gather::{Gatherer, Medium, NoMedia};
 use crate::math::segment::Composite;
-use crate::math::{Rgb, sampling};
+use crate::math::{Ray, Rgb, sampling};
 use crate::scene::Volume;
 use crate::tree::Pages;
 use glam::Vec3;
@@ -186,14 +186,18 @@ impl FarField {
             let mut light = Composite::default();
             let max_dist = gatherer.settings.max_dist;
             let end = cell.distance.min(max_dist);
-            gatherer.media.pass(point, direction, end, &[], &mut light);
+            gatherer
+                .media
+                .pass(&Ray::new(point, direction, end), &[], &mut light);
             if cell.distance > max_dist {
                 // The environment is behind the media that are too far away to send light.
                 let mut hidden = Composite::default();
                 let from = point + direction * max_dist;
-                gatherer
-                    .media
-                    .pass(from, direction, cell.distance - max_dist, &[], &mut hidden);
+                gatherer.media.pass(
+                    &Ray::new(from, direction, cell.distance - max_dist),
+                    &[],
+                    &mut hidden,
+                );
                 light.transmittance *= hidden.transmittance;
             }
             light.surface(1.0, cell.radiance);
@@ -250,7 +254,7 @@ impl FarField {
                     let key = sampling::hash(&[seed, u64::from(c), i as u64]);
                     let u = pattern.within(row, column, sampling::unit2(key));
                     let direction = sampling::sphere(self.within_quarter(c, u));
-                    let seen = surfaces.incident(point, direction, &mut scratch);
+                    let seen = surfaces.incident(&Ray::endless(point, direction), &mut scratch);
                     quarter.radiance += seen.radiance;
                     quarter.distance += seen.distance;
                     inverse_distance += 1.0 / seen.distance;

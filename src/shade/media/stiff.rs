@@ -5,7 +5,7 @@ use crate::gather::{Gatherer, NoMedia, cone};
 use crate::light::{Lights, ShadowRays};
 use crate::math::exp::{exp_neg, exp_neg_and_rest};
 use crate::math::segment::Segment;
-use crate::math::{Rgb, sampling};
+use crate::math::{Ray, Rgb, sampling};
 use crate::scene::Volume;
 use crate::tree::Pages;
 use glam::Vec3;
@@ -30,14 +30,12 @@ pub fn mean_radiance<P: Pages>(
         let direction = sampling::sphere([u, v]);
         let max_dist = surfaces.settings.max_dist;
         let reach = tracer
-            .closest(point, direction, max_dist)
+            .closest(&Ray::new(point, direction, max_dist))
             .map_or(max_dist, |hit| hit.t);
         passed.clear();
         let mut depth = 0.0;
         tracer.march(
-            point,
-            direction,
-            reach,
+            &Ray::new(point, direction, reach),
             |volume, _, _| Rgb(volumes[volume].albedo),
             |s| {
                 depth += s.tau;
@@ -53,7 +51,7 @@ pub fn mean_radiance<P: Pages>(
         if through > 0.0 && max_dist.is_finite() && reach >= max_dist {
             // Media that are too far away to send light still hide the environment.
             let from = point + direction * max_dist;
-            through *= exp_neg(tracer.optical_depth(from, direction, f32::INFINITY));
+            through *= exp_neg(tracer.optical_depth(&Ray::endless(from, direction)));
         }
         let mut target = -libm::log1pf(-w * taken);
         let source = passed.iter().find(|s| {
@@ -76,7 +74,10 @@ pub fn mean_radiance<P: Pages>(
             sum += s.source * light * taken;
         }
         if through > 0.0 {
-            sum += surfaces.incident(point, direction, &mut scratch).radiance * through;
+            sum += surfaces
+                .incident(&Ray::endless(point, direction), &mut scratch)
+                .radiance
+                * through;
         }
     }
     sum * (1.0 / count as f32)

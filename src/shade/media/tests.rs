@@ -9,7 +9,7 @@ use crate::gather::{self, Gatherer, Geometry, Medium, NoMedia, PatchRadiance};
 use crate::image::Region;
 use crate::light::Lights;
 use crate::math::segment::{Composite, Segment};
-use crate::math::{Hit, Rgb, sampling};
+use crate::math::{Hit, Ray, Rgb, sampling};
 use crate::run::{Cancel, Job};
 use crate::scene::{Grid, Scene, Volume};
 use crate::shade::view::{Seen, View};
@@ -81,8 +81,8 @@ impl Around {
 }
 
 impl Geometry for Around {
-    fn closest(&self, origin: Vec3, _: Vec3, _: f32) -> Option<Hit> {
-        self.origins.lock().unwrap().push(origin);
+    fn closest(&self, ray: &Ray) -> Option<Hit> {
+        self.origins.lock().unwrap().push(ray.origin);
         self.cancel.as_ref().map(Cancel::request);
         self.distance.is_finite().then_some(Hit {
             t: self.distance,
@@ -117,7 +117,7 @@ struct Counted<'a> {
 }
 
 impl Medium for Counted<'_> {
-    fn walk(&self, _: Vec3, _: Vec3, _: f32, _: &mut impl FnMut(Segment) -> bool) -> bool {
+    fn walk(&self, _: &Ray, _: &mut impl FnMut(Segment) -> bool) -> bool {
         self.rays.fetch_add(1, Ordering::Relaxed);
         self.cancel.map(Cancel::request);
         true
@@ -422,7 +422,7 @@ fn swept_and_exact(scene: &Scene, lvoxels: Vec<Lvoxel>) -> Vec<[f32; 2]> {
             for i in 0..4000 {
                 let direction = sampling::sphere(sampling::r2(i, [0.5; 2]));
                 let mut light = Composite::default();
-                (&media).pass(origin.as_vec3(), direction, f32::INFINITY, &[], &mut light);
+                (&media).pass(&Ray::endless(origin.as_vec3(), direction), &[], &mut light);
                 exact += light.radiance.0[0] / 4000.0;
             }
             [sweep.get(level, [x, 2, 2]).unwrap().0[0], exact]

@@ -9,7 +9,7 @@ use super::pixel_sum::PixelSum;
 use super::sample::{Sample, SampleCounts};
 use crate::gather::{Medium, SampleRange};
 use crate::light::{DirectLight, Lights, ShadowRays, Visibility};
-use crate::math::{Rgb, sampling};
+use crate::math::{Ray, Rgb, sampling};
 use crate::shade::air::{Air, Passed};
 use crate::shade::lattice::Lattice;
 use crate::shade::surface_gatherer::SurfaceGatherer;
@@ -114,7 +114,7 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
         let direction = view.camera.direction(&view.film, x, y);
         let hit = view
             .tracer
-            .closest(view.camera.origin(), direction, f32::INFINITY);
+            .closest(&Ray::endless(view.camera.origin(), direction));
         let surface =
             hit.map(|h| Surface::new(view.tracer.scene, h.triangle, h.uv).facing(-direction));
         Sample {

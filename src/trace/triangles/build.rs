@@ -1,6 +1,6 @@
 //! The hierarchy over the triangles of a mesh, of the one that `obvhs` makes.
 
-use super::ray::MOST_ENTRIES;
+use super::slab_ray::MOST_ENTRIES;
 use super::{Child, Node, TriangleBvh, WIDTH};
 use crate::Result;
 use crate::run::Cancel;
@@ -172,7 +172,7 @@ fn scale_of(mesh: &Mesh) -> f32 {
 mod tests {
     use super::super::tests::{scan, sphere};
     use super::*;
-    use crate::math::sampling;
+    use crate::math::{Ray, sampling};
     use crate::trace::two_wide::MANY;
     use glam::Vec3;
 
@@ -196,8 +196,8 @@ mod tests {
         for i in 0..1000 {
             let origin = Vec3::new(0.29 * i as f32, 150.3, 9.0);
             let direction = Vec3::new(0.1, 0.2, -1.0).normalize();
-            let hit = built.closest(origin, direction, f32::INFINITY);
-            assert_eq!(hit, plain.closest(origin, direction, f32::INFINITY));
+            let hit = built.closest(&Ray::endless(origin, direction));
+            assert_eq!(hit, plain.closest(&Ray::endless(origin, direction)));
         }
         cancel.request();
         let error = TriangleBvh::new_until(&mesh, &cancel).unwrap_err();
@@ -229,7 +229,7 @@ mod tests {
             for i in 0..500 {
                 let o = 2.0 * sampling::sphere(sampling::r2(i, [0.3; 2]));
                 let d = sampling::sphere(sampling::r2(i, [0.7; 2]));
-                let hit = bvh.closest(o, d, f32::INFINITY);
+                let hit = bvh.closest(&Ray::endless(o, d));
                 assert_eq!(hit.map(|h| h.t), scan(&mesh, o, d));
                 assert!(
                     hit.is_none_or(|h| h.triangle < count),
@@ -269,14 +269,15 @@ mod tests {
         let rays: Vec<_> = (0..500)
             .map(|i| {
                 let o = 2.0 * sampling::sphere(sampling::r2(i, [0.3; 2]));
-                (o, sampling::sphere(sampling::r2(i, [0.7; 2])))
+                Ray::endless(o, sampling::sphere(sampling::r2(i, [0.7; 2])))
             })
             .collect();
         let mut hits = vec![None; rays.len()];
-        bvh.closest_together(&rays, f32::INFINITY, &mut hits);
-        for (&(o, d), hit) in rays.iter().zip(hits) {
-            assert_eq!(hit.map(|h| h.t), scan(&mesh, o, d));
-            assert_eq!(hit, bvh.closest(o, d, f32::INFINITY));
+        bvh.closest_of_packet(&rays, &mut hits);
+        for (ray, hit) in rays.iter().zip(hits) {
+            let expected = scan(&mesh, ray.origin, ray.direction);
+            assert_eq!(hit.map(|h| h.t), expected);
+            assert_eq!(hit, bvh.closest(ray));
         }
     }
 }

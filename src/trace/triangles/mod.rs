@@ -7,13 +7,12 @@
 
 mod build;
 mod packet;
-mod ray;
+mod slab_ray;
 
 use super::watertight::{Block, LANES, ShearedRay};
-use crate::math::Hit;
+use crate::math::{Hit, Ray};
 use crate::scene::Mesh;
-use glam::Vec3;
-use ray::{Ray, Stack};
+use slab_ray::{SlabRay, Stack};
 use std::ops::Range;
 use wide::f32x8;
 
@@ -74,52 +73,52 @@ impl Child {
 }
 
 impl TriangleBvh {
-    /// Nearest hit before `t_max`; of triangles at the same distance the first of the mesh.
+    /// The nearest hit along a ray; of triangles at the same distance the first of the mesh.
     #[must_use]
-    pub fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Hit> {
-        let mut nearest = Nearest::new(t_max * self.scale);
-        self.visit(
-            origin * self.scale,
-            direction,
-            nearest.t_end,
-            |block, sheared, t_end| {
-                nearest.meet(block, sheared);
-                *t_end = nearest.t_end;
-                true
-            },
-        );
+    pub fn closest(&self, ray: &Ray) -> Option<Hit> {
+        let ray = self.scaled(ray);
+        let mut nearest = Nearest::new(ray.t_max);
+        self.visit(&ray, |block, sheared, t_end| {
+            nearest.meet(block, sheared);
+            *t_end = nearest.t_end;
+            true
+        });
         nearest.hit(self.scale)
     }
 
-    /// Whether any triangle is hit before `t_max`.
+    /// Whether a ray meets any triangle.
     #[must_use]
-    pub fn is_occluded(&self, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
-        let (origin, t_max) = (origin * self.scale, t_max * self.scale);
+    pub fn is_occluded(&self, ray: &Ray) -> bool {
+        let ray = self.scaled(ray);
         let mut hit = false;
-        self.visit(origin, direction, t_max, |block, sheared, _| {
+        self.visit(&ray, |block, sheared, _| {
             let met = sheared.meet(block);
-            hit = (0..LANES).any(|k| met.lanes >> k & 1 == 1 && met.t[k] < t_max);
+            hit = (0..LANES).any(|k| met.lanes >> k & 1 == 1 && met.t[k] < ray.t_max);
             !hit
         });
         hit
     }
 
-    /// Gives `visit` the blocks along a ray, the nearest first, while it says so. It may shorten
-    /// the ray.
+    /// A ray in the scale of the hierarchy.
+    #[inline(always)]
+    fn scaled(&self, ray: &Ray) -> Ray {
+        Ray {
+            origin: ray.origin * self.scale,
+            direction: ray.direction,
+            t_max: ray.t_max * self.scale,
+        }
+    }
+
+    /// Gives `visit` the blocks along a ray in the scale of the hierarchy, the nearest first, while
+    /// it says so. It may shorten the ray.
     #[inline]
-    fn visit(
-        &self,
-        origin: Vec3,
-        direction: Vec3,
-        t_max: f32,
-        mut visit: impl FnMut(&Block, &ShearedRay, &mut f32) -> bool,
-    ) {
+    fn visit(&self, ray: &Ray, mut visit: impl FnMut(&Block, &ShearedRay, &mut f32) -> bool) {
         if self.nodes.is_empty() {
             return;
         }
-        let ray = Ray::new(origin, direction);
-        let sheared = ShearedRay::new(origin, direction);
-        self.visit_from(Child::node(0), &ray, t_max, |block, t_end| {
+        let slabs = SlabRay::new(ray);
+        let sheared = ShearedRay::new(ray);
+        self.visit_from(Child::node(0), &slabs, ray.t_max, |block, t_end| {
             visit(block, &sheared, t_end)
         });
     }
@@ -129,7 +128,7 @@ impl TriangleBvh {
     fn visit_from(
         &self,
         mut child: Child,
-        ray: &Ray,
+        ray: &SlabRay,
         mut t_end: f32,
         mut visit: impl FnMut(&Block, &mut f32) -> bool,
     ) {
@@ -147,7 +146,7 @@ impl TriangleBvh {
             }
             child = loop {
                 match stack.pop() {
-                    Some((near, child)) if near <= t_end * Ray::ROUNDING => break child,
+                    Some((near, child)) if near <= t_end * SlabRay::ROUNDING => break child,
                     Some(_) => {}
                     None => return,
                 }
@@ -212,6 +211,7 @@ mod tests {
     use super::*;
     use crate::math::sampling;
     use crate::run::Cancel;
+    use glam::Vec3;
 
     /// A closed sphere of shared vertices.
     pub fn sphere(rings: u32, segments: u32) -> Mesh {
@@ -249,7 +249,7 @@ mod tests {
 
     /// Distance to the nearest of all triangles, each on its own.
     pub fn scan(mesh: &Mesh, origin: Vec3, direction: Vec3) -> Option<f32> {
-        let ray = ShearedRay::new(origin, direction);
+        let ray = ShearedRay::new(&Ray::endless(origin, direction));
         (0..mesh.triangles.len() as u32)
             .map(|t| ray.meet(&Block::new(mesh, &[t], 1.0)))
             .filter(|met| met.lanes == 1)
@@ -264,8 +264,8 @@ mod tests {
         let origin = Vec3::new(0.1, 0.03, -0.2);
         for i in 0..100_000 {
             let d = sampling::sphere(sampling::r2(i, [0.0; 2]));
-            assert!(bvh.closest(origin, d, f32::INFINITY).is_some());
-            assert!(bvh.is_occluded(origin, d, 10.0));
+            assert!(bvh.closest(&Ray::endless(origin, d)).is_some());
+            assert!(bvh.is_occluded(&Ray::new(origin, d, 10.0)));
         }
         for (i, t) in mesh.triangles.iter().enumerate() {
             for e in 0..3 {
@@ -277,7 +277,7 @@ mod tests {
                     let u = sampling::unit(sampling::hash(&[i as u64, e as u64, k]));
                     let d = (a + (b - a) * u - origin).normalize();
                     assert!(
-                        bvh.closest(origin, d, f32::INFINITY).is_some(),
+                        bvh.closest(&Ray::endless(origin, d)).is_some(),
                         "edge of triangle {i}"
                     );
                 }
@@ -293,7 +293,7 @@ mod tests {
             let o = 2.0 * sampling::sphere(sampling::r2(i, [0.3; 2]));
             let d = sampling::sphere(sampling::r2(i, [0.7; 2]));
             let scan = scan(&mesh, o, d);
-            assert_eq!(bvh.closest(o, d, f32::INFINITY).map(|h| h.t), scan);
+            assert_eq!(bvh.closest(&Ray::endless(o, d)).map(|h| h.t), scan);
         }
         for d in [
             Vec3::new(-0.0, -1.0, -0.0),
@@ -301,7 +301,7 @@ mod tests {
             Vec3::new(-1.0, -0.0, 0.0),
         ] {
             assert!(
-                bvh.closest(Vec3::new(0.01, 0.02, 0.03), d, f32::INFINITY)
+                bvh.closest(&Ray::endless(Vec3::new(0.01, 0.02, 0.03), d))
                     .is_some(),
                 "{d}"
             );
@@ -322,18 +322,18 @@ mod tests {
                 let mut o = 2.0 * sampling::sphere(sampling::r2(i, [0.3; 2]));
                 let d = sampling::sphere(sampling::r2(i, [0.7; 2]));
                 if i % 2 == 0 {
-                    let Some(hit) = bvh.closest(o, -o.normalize(), f32::INFINITY) else {
+                    let Some(hit) = bvh.closest(&Ray::endless(o, -o.normalize())) else {
                         panic!("the middle is inside")
                     };
                     o -= o.normalize() * (hit.t - 1e-5 * (i % 5) as f32 + 2e-5);
                 }
-                let hit = bvh.closest(o, d, f32::INFINITY);
+                let hit = bvh.closest(&Ray::endless(o, d));
                 let scan = scan(&mesh, o, d);
                 assert_eq!(hit.map(|h| h.t), scan);
-                let far = scaled.closest(o * scale, d, f32::INFINITY);
+                let far = scaled.closest(&Ray::endless(o * scale, d));
                 assert_eq!(far.map(|h| h.t), hit.map(|h| h.t * scale));
                 assert_eq!(
-                    scaled.is_occluded(o * scale, d, f32::INFINITY),
+                    scaled.is_occluded(&Ray::endless(o * scale, d)),
                     hit.is_some()
                 );
             }
@@ -343,8 +343,8 @@ mod tests {
     #[test]
     fn an_empty_mesh_is_never_hit() {
         let bvh = TriangleBvh::new_until(&Mesh::default(), &Cancel::default()).unwrap();
-        assert!(bvh.closest(Vec3::ZERO, Vec3::Z, f32::INFINITY).is_none());
-        assert!(!bvh.is_occluded(Vec3::ZERO, Vec3::Z, f32::INFINITY));
+        assert!(bvh.closest(&Ray::endless(Vec3::ZERO, Vec3::Z)).is_none());
+        assert!(!bvh.is_occluded(&Ray::endless(Vec3::ZERO, Vec3::Z)));
         let stale = Hit {
             t: 1.0,
             triangle: 0,
@@ -352,7 +352,7 @@ mod tests {
             is_back: false,
         };
         let mut hits = [Some(stale)];
-        bvh.closest_together(&[(Vec3::ZERO, Vec3::Z)], f32::INFINITY, &mut hits);
+        bvh.closest_of_packet(&[Ray::endless(Vec3::ZERO, Vec3::Z)], &mut hits);
         assert_eq!(hits, [None]);
     }
 }

@@ -1,12 +1,11 @@
 //! Rays that go much the same way, traced together: they share what they visit (Wald, Slusallek,
 //! Benthin & Wagner 2001).
 
-use super::ray::{Ray, Stack, push_sorted};
+use super::slab_ray::{SlabRay, Stack, push_sorted};
 use super::{Child, Nearest, TriangleBvh};
-use crate::math::Hit;
+use crate::math::{Hit, Ray};
 use crate::trace::watertight::ShearedRay;
 use arrayvec::ArrayVec;
-use glam::Vec3;
 use wide::f32x8;
 
 /// Rays of a packet, at most.
@@ -21,7 +20,7 @@ type Mask = u64;
 
 /// A ray of a packet.
 struct Member {
-    ray: Ray,
+    slabs: SlabRay,
     sheared: ShearedRay,
     nearest: Nearest,
 }
@@ -29,17 +28,20 @@ struct Member {
 impl TriangleBvh {
     /// What [`Self::closest`] finds for each of some rays, of which `hits` has as many, to the bit.
     /// Faster where rays that follow each other are near each other and go much the same way.
-    pub fn closest_together(&self, rays: &[(Vec3, Vec3)], t_max: f32, hits: &mut [Option<Hit>]) {
+    pub fn closest_of_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
         if self.nodes.is_empty() {
             hits.fill(None);
             return;
         }
         for (rays, hits) in rays.chunks(PACKET).zip(hits.chunks_mut(PACKET)) {
             let mut packet: ArrayVec<Member, PACKET> = ArrayVec::new();
-            packet.extend(rays.iter().map(|&(origin, direction)| Member {
-                ray: Ray::new(origin * self.scale, direction),
-                sheared: ShearedRay::new(origin * self.scale, direction),
-                nearest: Nearest::new(t_max * self.scale),
+            packet.extend(rays.iter().map(|ray| {
+                let ray = self.scaled(ray);
+                Member {
+                    slabs: SlabRay::new(&ray),
+                    sheared: ShearedRay::new(&ray),
+                    nearest: Nearest::new(ray.t_max),
+                }
             }));
             self.trace(&mut packet);
             for (hit, member) in hits.iter_mut().zip(&packet) {
@@ -59,12 +61,12 @@ impl TriangleBvh {
             if active.count_ones() <= FEW {
                 for k in members(active) {
                     let Member {
-                        ray,
+                        slabs,
                         sheared,
                         nearest,
                     } = &mut packet[k];
                     let t_end = nearest.t_end;
-                    self.visit_from(child, ray, t_end, |block, t_end| {
+                    self.visit_from(child, slabs, t_end, |block, t_end| {
                         nearest.meet(block, sheared);
                         *t_end = nearest.t_end;
                         true
@@ -85,8 +87,8 @@ impl TriangleBvh {
                 let mut any = f32x8::ZERO;
                 let mut masks = [f32x8::ZERO; 2];
                 for k in members(active) {
-                    let Member { ray, nearest, .. } = &packet[k];
-                    let (near, met) = ray.meet(node, nearest.t_end);
+                    let Member { slabs, nearest, .. } = &packet[k];
+                    let (near, met) = slabs.meet(node, nearest.t_end);
                     any |= met;
                     nears = nears.fast_min(met.select(near, nears));
                     masks[k / 32] |= met & f32x8::splat(f32::from_bits(1 << (k % 32)));
@@ -121,6 +123,7 @@ mod tests {
     use super::*;
     use crate::math::sampling;
     use crate::scene::Mesh;
+    use glam::Vec3;
 
     /// A sphere with each of its triangles twice, so that all hits are met by two.
     fn doubled() -> Mesh {
@@ -145,14 +148,15 @@ mod tests {
                     .map(|i| {
                         let apart = sampling::sphere(sampling::r2(case * 256 + i, [0.5; 2]));
                         let direction = (toward.normalize() + spread * apart).normalize();
-                        (origin + 0.1 * spread * apart, direction)
+                        Ray::endless(origin + 0.1 * spread * apart, direction)
                     })
                     .collect();
                 for t_max in [f32::INFINITY, 1.5] {
+                    let rays: Vec<_> = rays.iter().map(|r| r.up_to(t_max)).collect();
                     let mut hits = vec![None; rays.len()];
-                    bvh.closest_together(&rays, t_max, &mut hits);
-                    for (&(origin, direction), &hit) in rays.iter().zip(&hits) {
-                        assert_eq!(hit, bvh.closest(origin, direction, t_max));
+                    bvh.closest_of_packet(&rays, &mut hits);
+                    for (ray, &hit) in rays.iter().zip(&hits) {
+                        assert_eq!(hit, bvh.closest(ray));
                         met[usize::from(hit.is_some())] += 1;
                     }
                 }
@@ -168,12 +172,15 @@ mod tests {
         let axes = [Vec3::X, Vec3::Y, Vec3::Z];
         let toward = axes.into_iter().flat_map(|a| [a, -a]);
         let corners = mesh.positions.iter().map(|p| p.normalize());
-        let rays: Vec<_> = toward.chain(corners).map(|d| (Vec3::ZERO, d)).collect();
+        let rays: Vec<_> = toward
+            .chain(corners)
+            .map(|d| Ray::endless(Vec3::ZERO, d))
+            .collect();
         let mut hits = vec![None; rays.len()];
-        bvh.closest_together(&rays, f32::INFINITY, &mut hits);
-        for (&(origin, direction), &hit) in rays.iter().zip(&hits) {
-            assert!(hit.is_some(), "{direction}");
-            assert_eq!(hit, bvh.closest(origin, direction, f32::INFINITY));
+        bvh.closest_of_packet(&rays, &mut hits);
+        for (ray, &hit) in rays.iter().zip(&hits) {
+            assert!(hit.is_some(), "{}", ray.direction);
+            assert_eq!(hit, bvh.closest(ray));
         }
     }
 }

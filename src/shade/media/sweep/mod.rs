@@ -14,7 +14,7 @@ use super::filled;
 use super::sparse::{SparseLattice, SparseValues};
 use crate::Result;
 use crate::gather::{Gatherer, Medium};
-use crate::math::Rgb;
+use crate::math::{Aabb, Rgb};
 use crate::run::Job;
 use crate::scene::Volume;
 use crate::scene::grid::{BRICK_CELLS, Cell};
@@ -46,8 +46,8 @@ struct Level;
 
 /// Boxes around all media of a scene, and around the swept volume.
 struct MediaBox {
-    bounds: (Vec3, Vec3),
-    own: (Vec3, Vec3),
+    bounds: Aabb,
+    own: Aabb,
     /// Whether surfaces may stand in it.
     has_walls: bool,
 }
@@ -277,7 +277,13 @@ impl<P: Pages, M: Medium> Scope<'_, P, M> {
     }
 
     /// Whether any surface may stand among the media.
-    fn has_walls(&self, (lower, upper): (Vec3, Vec3)) -> bool {
+    fn has_walls(
+        &self,
+        Aabb {
+            min: lower,
+            max: upper,
+        }: Aabb,
+    ) -> bool {
         let mesh = &self.view.tracer.scene.mesh;
         (0..mesh.triangles.len()).into_par_iter().any(|i| {
             let [a, b, c] = mesh.corners(i);

@@ -4,11 +4,10 @@ use super::rows::{Arriving, Rows};
 use super::{MediaBox, Scope};
 use crate::Result;
 use crate::gather::Medium;
-use crate::math::Rgb;
-use crate::math::dda::leave_box;
 use crate::math::exp::exp_neg_and_rest;
 use crate::math::ray_lattice::RayLattice;
 use crate::math::segment::Segment;
+use crate::math::{Ray, Rgb};
 use crate::shade::media::sparse::SparseLattice;
 use crate::trace::offset;
 use crate::tree::Pages;
@@ -81,7 +80,7 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
         let first_point = self.scope.to_scene(self.rays.point(at, first));
         // From the box of this volume on, however far others reach: stops far from the origin would
         // lose their digits.
-        let beyond = leave_box(first_point, self.direction, self.media.own);
+        let beyond = self.media.own.leave(first_point, self.direction);
         let origin = first_point + self.direction * beyond;
         let stop_at = |i: usize| {
             let stop = stops.get(i);
@@ -134,7 +133,7 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
         self.scope
             .gatherer
             .media
-            .walk(origin, -self.direction, f32::INFINITY, &mut add);
+            .walk(&Ray::endless(origin, -self.direction), &mut add);
         // What is left of the ray is empty.
         add(Segment {
             near: f32::INFINITY,
@@ -150,9 +149,13 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
         if self.media.bounds == self.media.own {
             return light;
         }
-        let mut way = leave_box(origin, self.direction, self.media.bounds);
+        let mut way = self.media.bounds.leave(origin, self.direction);
         if self.media.has_walls
-            && let Some(hit) = self.scope.view.tracer.closest(origin, self.direction, way)
+            && let Some(hit) =
+                self.scope
+                    .view
+                    .tracer
+                    .closest(&Ray::new(origin, self.direction, way))
         {
             way = hit.t;
         }
@@ -163,7 +166,7 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
             true
         };
         let media = &self.scope.gatherer.media;
-        media.walk(origin, self.direction, way, &mut add);
+        media.walk(&Ray::new(origin, self.direction, way), &mut add);
         light
     }
 
@@ -174,7 +177,7 @@ impl<'a, P: Pages, M: Medium> Rays<'a, P, M> {
         let mut t = 0.0;
         loop {
             let from = origin - self.direction * t;
-            let Some(hit) = tracer.closest(from, -self.direction, end - t) else {
+            let Some(hit) = tracer.closest(&Ray::new(from, -self.direction, end - t)) else {
                 break;
             };
             walls.push(t + hit.t);

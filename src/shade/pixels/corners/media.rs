@@ -2,7 +2,7 @@
 
 use super::{Corner, Corners};
 use crate::gather::Medium;
-use crate::math::Rgb;
+use crate::math::{Aabb, Rgb};
 use crate::scene::{Light, Volume};
 use crate::shade::air::{Air, Passed};
 use crate::shade::pixels::sample::Sample;
@@ -37,7 +37,7 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
     /// medium fits between them unseen.
     fn marched_spacing(view: &View) -> usize {
         let scene = view.tracer.scene;
-        let (min, max) = scene.media_bounds();
+        let Aabb { min, max } = scene.media_bounds();
         let is_in_media = |p: Vec3| p.cmpge(min).all() && p.cmple(max).all();
         let is_small = |light: &Light| match light {
             // Its beam is as narrow as can be.

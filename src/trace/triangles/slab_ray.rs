@@ -1,8 +1,8 @@
 //! A ray and the boxes of the hierarchy.
 
 use super::{Child, Node};
+use crate::math::Ray;
 use arrayvec::ArrayVec;
-use glam::Vec3;
 use wide::f32x8;
 
 /// What is still to be visited, and where the ray enters it.
@@ -24,7 +24,7 @@ pub(super) fn push_sorted<T: Copy>(stack: &mut Stack<T>, below: usize, entry: (f
 }
 
 /// A ray prepared for slab tests.
-pub(super) struct Ray {
+pub(super) struct SlabRay {
     origin: [f32; 3],
     inverse: [f32; 3],
     /// Planes at which the ray enters and leaves boxes, by axis.
@@ -32,21 +32,21 @@ pub(super) struct Ray {
     last: [usize; 3],
 }
 
-impl Ray {
+impl SlabRay {
     /// More than the rounding of a distance to a plane, twice: no box is missed whose triangle is
     /// met.
     pub(super) const ROUNDING: f32 = 1.0 + 1e-6;
 
-    pub(super) fn new(origin: Vec3, direction: Vec3) -> Self {
+    pub(super) fn new(ray: &Ray) -> Self {
         // A zero would make 0 * inf of a plane that the ray lies in.
-        let inverse = direction.to_array().map(|v| {
+        let inverse = ray.direction.to_array().map(|v| {
             let least = 1e-18_f32.copysign(v);
             1.0 / if v.abs() < 1e-18 { least } else { v }
         });
         let first = std::array::from_fn(|a| if inverse[a] < 0.0 { 3 + a } else { a });
         let last = std::array::from_fn(|a| if inverse[a] < 0.0 { a } else { 3 + a });
         Self {
-            origin: origin.to_array(),
+            origin: ray.origin.to_array(),
             inverse,
             first,
             last,
