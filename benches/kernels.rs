@@ -19,7 +19,7 @@ use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade;
 use lvox::trace::{Surface, Tracer};
-use lvox::tree::{MediaStore, OpenTree, SurfelStore};
+use lvox::tree::{OpenTree, SurfelStore};
 use std::path::Path;
 use std::sync::LazyLock;
 
@@ -123,9 +123,7 @@ fn order(bencher: Bencher, order: &str) {
 /// Lvoxels passed by a gather ray.
 #[divan::bench]
 fn lvoxels(bencher: Bencher) {
-    let MediaStore::Rgb(media) = &STORE.media else {
-        unreachable!("the demo's emitter is not white")
-    };
+    let media = &STORE.media;
     let rays = rays(RAYS);
     bencher.counter(ItemsCount::new(RAYS)).bench(|| {
         for &(origin, direction) in &rays {

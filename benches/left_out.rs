@@ -18,7 +18,7 @@ use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade::{self, Kernel};
 use lvox::trace::Tracer;
-use lvox::tree::{Media, MediaStore, OpenTree, Pages, SurfelStore};
+use lvox::tree::{Media, OpenTree, Pages, SurfelStore};
 use std::fs;
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
@@ -176,19 +176,12 @@ impl Baked {
         }
     }
 
-    /// Three channels for each lvoxel, whatever it needs.
-    fn rgb(&self) -> Media<Rgb> {
-        let tree = self.store.tree();
-        let pages = (0..tree.lvoxel_pages()).map(|i| tree.lvoxel_page(i).unwrap());
-        Media::new(&tree.meta().cloud.volumes, pages.flatten())
-    }
-
     /// Microseconds a receiver, with the code that a frame of this tree would choose.
     fn time(&self, kernel: Kernel, receivers: u64) -> f64 {
-        match &self.store.media {
-            MediaStore::Absent => self.time_with(self.pages(), NoMedia, kernel, receivers),
-            MediaStore::Grey(media) => self.time_with(self.pages(), media, kernel, receivers),
-            MediaStore::Rgb(media) => self.time_with(self.pages(), media, kernel, receivers),
+        if self.store.media.is_empty() {
+            self.time_with(self.pages(), NoMedia, kernel, receivers)
+        } else {
+            self.time_with(self.pages(), &self.store.media, kernel, receivers)
         }
     }
 
@@ -370,8 +363,7 @@ fn main() {
         String::new(),
     ]);
 
-    let nothing = Media::<Rgb>::new(&[], []);
-    let forced_rgb = grey_smoke.rgb();
+    let nothing = Media::new(&[], []);
     // The most memory with which pages are still cached, to 256 KiB.
     let limited = (1..400).rev().find_map(|steps| {
         let store = OpenTree::open(&plain.path, Some(steps << 18)).ok()?;
@@ -382,8 +374,6 @@ fn main() {
     for (kernel_name, kernel) in [("traced", Kernel::Traced), ("cone", Kernel::Cone)] {
         let of = |baked| of(baked, kernel);
         let media: Timing = Box::new(|n| plain.time_with(plain.pages(), &nothing, kernel, n));
-        let rgb: Timing =
-            Box::new(|n| grey_smoke.time_with(grey_smoke.pages(), &forced_rgb, kernel, n));
         let cached = limited.as_ref().map(|store| -> Timing {
             Box::new(|n| match &store.surfels {
                 SurfelStore::Resident(pages) => plain.time_with(pages, NoMedia, kernel, n),
@@ -392,10 +382,7 @@ fn main() {
         });
         for (name, timings) in [
             ("media", vec![of(&plain), media, of(&smoke)]),
-            (
-                "colour in media",
-                vec![of(&grey_smoke), rgb, of(&rgb_smoke)],
-            ),
+            ("colour in media", vec![of(&grey_smoke), of(&rgb_smoke)]),
             (
                 "pages in a cache",
                 [of(&plain)].into_iter().chain(cached).collect(),

@@ -5,7 +5,6 @@ use super::Crossing;
 use crate::math::Ray;
 use crate::math::segment::{Composite, Segment};
 use crate::tree::Media;
-use crate::tree::media::Source;
 
 /// What media stopped of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -69,7 +68,7 @@ impl Medium for NoMedia {
     }
 }
 
-impl<S: Source> Medium for &Media<S> {
+impl Medium for &Media {
     #[inline]
     fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
         Media::walk(self, ray, add)

@@ -10,6 +10,7 @@
 //!
 //! | file | what it does |
 //! | --- | --- |
+//! | `points` | gathers at points from a tree alone, for applications |
 //! | `medium` | what rays pass between surfaces, as a type that kernels are compiled for |
 //! | `directions` | the sequences of directions of a hemisphere |
 //! | `neighbours` | gathers of points near each other, in an order that keeps memory near |
@@ -32,6 +33,7 @@ mod patch;
 mod patch_id;
 pub mod patch_radiance;
 pub mod plain;
+mod points;
 mod radiance_cache;
 
 pub use bright::{BrightHit, BrightPatch};
@@ -39,6 +41,7 @@ pub use geometry::Geometry;
 pub use medium::{Medium, NoMedia};
 pub use neighbours::{DirectionOrder, SurfacePoint};
 pub use patch_radiance::{PatchRadiance, PatchRequest, PatchStats};
+pub use points::PointGatherer;
 
 use crate::math::sampling::{sobol2, sphere};
 use crate::math::segment::Composite;
@@ -66,6 +69,20 @@ pub struct Settings<'a> {
     /// Whether bright patches count nothing, as the caller asks them otherwise;
     /// [`PatchRadiance::find_bright`] finds them.
     pub leave_out_bright: bool,
+}
+
+impl Default for Settings<'_> {
+    /// Cones of 256 rays with a cut of 0.01 steradians, however far, in the dark.
+    fn default() -> Self {
+        Self {
+            samples: 256,
+            max_solid_angle: 0.01,
+            max_dist: f32::INFINITY,
+            kernel: Kernel::Cone,
+            environment: Rgb::BLACK,
+            leave_out_bright: false,
+        }
+    }
 }
 
 impl Settings<'_> {

@@ -18,8 +18,7 @@ use crate::light::{Lights, SoftShadowMedia, Vacuum};
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::trace::Tracer;
-use crate::tree::media::Source;
-use crate::tree::{Media, MediaStore, OpenTree, Pages, SurfelStore};
+use crate::tree::{Media, OpenTree, Pages, SurfelStore};
 use crate::{Error, Result};
 use lvox_formats::{MappedFile, Scatter};
 use rayon::prelude::*;
@@ -131,21 +130,20 @@ fn work_with<P: Pages, W: Work>(
         is_even: store.tree().meta().cloud.disk_overlap > 0.0,
         scatter: store.scatter.as_ref(),
     };
-    match &store.media {
-        MediaStore::Absent if scene.volumes.is_empty() => {
-            with_shot(scene, &tree, request, |shot| work.in_vacuum(shot))
-        }
+    if !store.media.is_empty() {
+        work_through(scene, tree, &store.media, request, work)
+    } else if scene.volumes.is_empty() {
+        with_shot(scene, &tree, request, |shot| work.in_vacuum(shot))
+    } else {
         // A tree without lvoxels says nothing of the scene's media.
-        MediaStore::Absent => with_shot(scene, &tree, request, |shot| work.in_media(shot)),
-        MediaStore::Grey(media) => work_through(scene, tree, media, request, work),
-        MediaStore::Rgb(media) => work_through(scene, tree, media, request, work),
+        with_shot(scene, &tree, request, |shot| work.in_media(shot))
     }
 }
 
-fn work_through<P: Pages, S: Source, W: Work>(
+fn work_through<P: Pages, W: Work>(
     scene: &Scene,
     tree: FrameTree<P, NoMedia>,
-    media: &Media<S>,
+    media: &Media,
     request: &Request,
     work: &W,
 ) -> Result<(W::Made, PatchStats)> {

@@ -6,52 +6,18 @@ use crate::math::{Ray, Rgb};
 use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec3A};
 use lvox_formats::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
 
-/// The source function of an lvoxel as it is held in memory: [`Rgb`], or one channel where all
-/// three are equal.
-pub trait Source: Copy + std::fmt::Debug + Default + Send + Sync {
-    /// From all channels.
-    fn of(radiance: Rgb) -> Self;
-
-    /// All channels.
-    fn rgb(self) -> Rgb;
-}
-
-impl Source for Rgb {
-    #[inline]
-    fn of(radiance: Rgb) -> Self {
-        radiance
-    }
-
-    #[inline]
-    fn rgb(self) -> Rgb {
-        self
-    }
-}
-
-impl Source for f32 {
-    #[inline]
-    fn of(radiance: Rgb) -> Self {
-        radiance.0[0]
-    }
-
-    #[inline]
-    fn rgb(self) -> Rgb {
-        Rgb::splat(self)
-    }
-}
-
 const BRICK: usize = 1 << MAX_LEVEL;
 const EMPTY: u32 = u32::MAX;
 
-/// All lvoxels of a tree, with the source function of each as `S`.
+/// All lvoxels of a tree.
 #[derive(Debug, Default)]
-pub struct Media<S> {
-    volumes: Vec<BlockGrid<S>>,
+pub struct Media {
+    volumes: Vec<BlockGrid<Block>>,
 }
 
 /// The lvoxels of one volume: a table of bricks, each empty or a cube of blocks of one size.
 #[derive(Debug)]
-struct BlockGrid<S> {
+struct BlockGrid<B> {
     index_from_scene: Affine3A,
     index_from_scene_f64: DAffine3,
     dims: [f32; 3],
@@ -61,7 +27,7 @@ struct BlockGrid<S> {
     bricks: Vec<Brick>,
     cubes: Vec<Cube>,
     /// Blocks that are not empty, cube by cube: rays wait for memory more than for anything else.
-    blocks: Vec<Block<S>>,
+    blocks: Vec<B>,
 }
 
 /// A brick that is not empty.
@@ -88,9 +54,9 @@ struct Cube {
 
 /// Extinction per scene unit and source function.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Block<S> {
+pub(super) struct Block {
     sigma_t: f32,
-    source: S,
+    source: Rgb,
 }
 
 /// Where a block is in its brick: the cube, and the bit in that.
@@ -103,66 +69,51 @@ fn place([x, y, z]: [usize; 3]) -> (usize, usize) {
 /// Where the lvoxels of a tree are. What they hold is read in a second pass over them, so that they
 /// are never in memory twice.
 #[derive(Debug)]
-pub struct Layout {
+pub struct MediaLayout {
     volumes: Vec<BlockGrid<()>>,
-    is_grey: bool,
 }
 
-impl Layout {
+impl MediaLayout {
     /// No lvoxels yet, in these volumes.
     #[must_use]
     pub fn new(volumes: &[VolumeInfo]) -> Self {
         Self {
             volumes: volumes.iter().map(BlockGrid::new).collect(),
-            is_grey: true,
         }
     }
 
-    /// Notes where one is. They may come in any order; the first in a brick decides on the size of
-    /// the brick's blocks, and of two in one place. One that does not fit in is left out.
+    /// Notes where an lvoxel is. They may come in any order; the first in a brick decides on the
+    /// size of the brick's blocks, and of two in one place. One that does not fit in is left out.
     pub fn note(&mut self, l: &Lvoxel) {
         if let Some(volume) = self.volumes.get_mut(usize::from(l.volume)) {
             volume.note(l);
         }
-        self.is_grey &= l.source[1..] == [l.source[0]; 2];
-    }
-
-    /// Whether the channels of each source function are equal.
-    #[must_use]
-    pub fn is_grey(&self) -> bool {
-        self.is_grey
-    }
-
-    /// Whether none was noted.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.volumes.iter().all(|v| v.cubes.is_empty())
     }
 
     /// Bytes that the media will hold.
     #[must_use]
-    pub fn bytes<S>(&self) -> u64 {
+    pub fn bytes(&self) -> u64 {
         let blocks: u64 = self.volumes.iter().map(BlockGrid::count).sum();
         let rest: usize = self.volumes.iter().map(BlockGrid::bytes).sum();
-        blocks * size_of::<Block<S>>() as u64 + rest as u64
+        blocks * size_of::<Block>() as u64 + rest as u64
     }
 
     /// Media whose lvoxels are all empty; [`Media::place`] fills them in.
     #[must_use]
-    pub fn allocate<S: Source>(self) -> Media<S> {
+    pub fn allocate(self) -> Media {
         Media {
             volumes: self.volumes.into_iter().map(BlockGrid::allocate).collect(),
         }
     }
 }
 
-impl<S: Source> Media<S> {
+impl Media {
     /// Lays out lvoxels, which may come in any order but must lie inside their volumes, as readers
     /// promise.
     #[must_use]
     pub fn new(volumes: &[VolumeInfo], lvoxels: impl IntoIterator<Item = Lvoxel>) -> Self {
         let lvoxels: Vec<Lvoxel> = lvoxels.into_iter().collect();
-        let mut layout = Layout::new(volumes);
+        let mut layout = MediaLayout::new(volumes);
         lvoxels.iter().for_each(|l| layout.note(l));
         let mut media = layout.allocate();
         lvoxels.iter().for_each(|l| media.place(l));
@@ -176,20 +127,18 @@ impl<S: Source> Media<S> {
         }
     }
 
-    /// Whether there is no medium at all.
+    /// Whether there is no lvoxel at all.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.volumes.iter().all(|v| v.blocks.is_empty())
     }
 
-    /// Bytes of memory that all blocks take.
+    /// Bytes of memory that all lvoxels take.
     #[must_use]
     pub fn bytes(&self) -> usize {
         self.volumes.iter().map(BlockGrid::bytes).sum()
     }
-}
 
-impl<S: Source> Media<S> {
     /// Gives every segment of a ray in an lvoxel, front to back, to `add` until that says no;
     /// returns whether it never did.
     #[inline]
@@ -287,7 +236,7 @@ impl BlockGrid<()> {
     }
 
     /// Gives each block that was noted its place, cube by cube.
-    fn allocate<S: Source>(mut self) -> BlockGrid<S> {
+    fn allocate(mut self) -> BlockGrid<Block> {
         let mut first = 0;
         for cube in &mut self.cubes {
             cube.first = first;
@@ -308,7 +257,7 @@ impl BlockGrid<()> {
     }
 }
 
-impl<S> BlockGrid<S> {
+impl<B> BlockGrid<B> {
     /// Bytes of memory that all blocks take.
     fn bytes(&self) -> usize {
         size_of_val(&*self.blocks)
@@ -330,7 +279,7 @@ impl<S> BlockGrid<S> {
     }
 }
 
-impl<S: Source> BlockGrid<S> {
+impl BlockGrid<Block> {
     fn place(&mut self, l: &Lvoxel) {
         let Some((at, cube, bit)) = self.find(l) else {
             return;
@@ -347,12 +296,12 @@ impl<S: Source> BlockGrid<S> {
         if block.sigma_t == 0.0 {
             *block = Block {
                 sigma_t: l.sigma_t,
-                source: S::of(Rgb(l.source)),
+                source: Rgb(l.source),
             };
         }
     }
 
-    fn enter(&self, ray: &Ray) -> Option<Walk<'_, S>> {
+    fn enter(&self, ray: &Ray) -> Option<Walk<'_>> {
         let map = (&self.index_from_scene, &self.index_from_scene_f64);
         let passage = Passage::new(map, self.dims, ray)?;
         Some(Walk {
@@ -363,12 +312,12 @@ impl<S: Source> BlockGrid<S> {
 }
 
 /// A ray inside the box of a volume.
-struct Walk<'a, S> {
-    grid: &'a BlockGrid<S>,
+struct Walk<'a> {
+    grid: &'a BlockGrid<Block>,
     passage: Passage,
 }
 
-impl<S: Source> Walk<'_, S> {
+impl Walk<'_> {
     /// Gives every non-empty stretch to `add` until that says no; returns whether it never did.
     #[inline]
     fn run(&self, add: &mut impl FnMut(Segment) -> bool) -> bool {
@@ -447,7 +396,7 @@ impl<S: Source> Walk<'_, S> {
                     near: start + near,
                     far: start + far,
                     tau: block.sigma_t * (far - near),
-                    source: block.source.rgb(),
+                    source: block.source,
                 };
                 if !add(s) {
                     return false;

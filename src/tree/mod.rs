@@ -2,7 +2,7 @@
 //! needs it.
 //!
 //! A path enters, an [`OpenTree`] leaves: surfels below the nodes of pages ([`SurfelStore`]), and
-//! lvoxels in memory ([`MediaStore`]). No scene is needed.
+//! lvoxels in memory ([`Media`]). No scene is needed.
 //!
 //! | file | what it does |
 //! | --- | --- |
@@ -18,6 +18,4 @@ pub mod store;
 
 pub use media::Media;
 pub use node_aggregate::NodeAggregate;
-pub use store::{
-    CachedTree, MediaStore, OpenTree, Page, PageStats, Pages, ResidentTree, SurfelStore,
-};
+pub use store::{CachedTree, OpenTree, Page, PageStats, Pages, ResidentTree, SurfelStore};

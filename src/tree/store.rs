@@ -3,11 +3,11 @@
 //!
 //! Either way a page that no ray touches is never read.
 
-use super::media::{self, Block, Layout, Media};
+use super::media::{self, Block, Media, MediaLayout};
 use super::page::{self, PageLeaves, PageNodes};
-use crate::math::Rgb;
 use crate::run::{hex, size};
 use crate::{Error, Result};
+use glam::DVec3;
 use lvox_formats::record::{Below, Lvoxel, Node, SurfelLeaves};
 use lvox_formats::{FormatError, MappedFile, Scatter, Tree};
 use quick_cache::sync::Cache;
@@ -333,65 +333,32 @@ pub struct OpenTree {
     /// Pages of surfels and of the nodes over them.
     pub surfels: SurfelStore,
     /// Lvoxels of all volumes.
-    pub media: MediaStore,
+    pub media: Media,
     /// Light that they scatter, if it was made beforehand.
     pub scatter: Option<Scatter<MappedFile>>,
 }
 
-/// The lvoxels of a tree, held as what they are.
-#[derive(Debug)]
-pub enum MediaStore {
-    /// The tree has none.
-    Absent,
-    /// The channels of each source function are equal, and one is held.
-    Grey(Media<f32>),
-    /// Red, green and blue of each source function.
-    Rgb(Media<Rgb>),
-}
-
-impl MediaStore {
-    /// Reads all lvoxels of a tree, page by page and twice: no more than what is kept is ever in
-    /// memory.
-    fn read(tree: &Tree<MappedFile>, path: &Path, memory_limit: Option<u64>) -> Result<Self> {
-        let allow = |bytes: u64| {
-            let what = format_args!("holding {} lvoxels", tree.summary().sums.lvoxels());
-            size::within(what, bytes, memory_limit).map_err(|e| e.at(path.display()))
-        };
-        let least = size_of::<Block<f32>>() as u64;
-        allow(tree.summary().sums.lvoxels().saturating_mul(least))?;
-        let each = |visit: &mut dyn FnMut(&Lvoxel)| -> Result<()> {
-            for i in 0..tree.lvoxel_pages() {
-                let page = tree.lvoxel_page(i).map_err(|e| e.at(path))?;
-                page.iter().for_each(&mut *visit);
-            }
-            Ok(())
-        };
-        let mut layout = Layout::new(&tree.meta().cloud.volumes);
-        each(&mut |l| layout.note(l))?;
-        if layout.is_empty() {
-            Ok(Self::Absent)
-        } else if layout.is_grey() {
-            allow(layout.bytes::<f32>())?;
-            let mut media = layout.allocate();
-            each(&mut |l| media.place(l))?;
-            Ok(Self::Grey(media))
-        } else {
-            allow(layout.bytes::<Rgb>())?;
-            let mut media = layout.allocate();
-            each(&mut |l| media.place(l))?;
-            Ok(Self::Rgb(media))
+/// Reads all lvoxels of a tree, page by page and twice: no more than what is kept is ever in memory.
+fn read_media(tree: &Tree<MappedFile>, path: &Path, memory_limit: Option<u64>) -> Result<Media> {
+    let allow = |bytes: u64| {
+        let what = format_args!("holding {} lvoxels", tree.summary().sums.lvoxels());
+        size::within(what, bytes, memory_limit).map_err(|e| e.at(path.display()))
+    };
+    let least = size_of::<Block>() as u64;
+    allow(tree.summary().sums.lvoxels().saturating_mul(least))?;
+    let each = |visit: &mut dyn FnMut(&Lvoxel)| -> Result<()> {
+        for i in 0..tree.lvoxel_pages() {
+            let page = tree.lvoxel_page(i).map_err(|e| e.at(path))?;
+            page.iter().for_each(&mut *visit);
         }
-    }
-
-    /// Bytes held.
-    #[must_use]
-    pub fn bytes(&self) -> usize {
-        match self {
-            Self::Absent => 0,
-            Self::Grey(media) => media.bytes(),
-            Self::Rgb(media) => media.bytes(),
-        }
-    }
+        Ok(())
+    };
+    let mut layout = MediaLayout::new(&tree.meta().cloud.volumes);
+    each(&mut |l| layout.note(l))?;
+    allow(layout.bytes())?;
+    let mut media = layout.allocate();
+    each(&mut |l| media.place(l))?;
+    Ok(media)
 }
 
 /// Where the pages of surfels are kept.
@@ -431,7 +398,7 @@ impl OpenTree {
                 "a larger --memory-limit allows it; `lvox verify` tells whether the file is whole",
             ));
         }
-        let media = MediaStore::read(&tree, path, memory_limit)?;
+        let media = read_media(&tree, path, memory_limit)?;
         let most = || {
             let blocks = tree.surfel_blocks().iter().enumerate();
             blocks.map(|(i, b)| {
@@ -520,6 +487,13 @@ impl OpenTree {
             SurfelStore::Resident(t) => &t.decoder.tree,
             SurfelStore::Cached(t) => &t.decoder.tree,
         }
+    }
+
+    /// The place of the origin of the tree's scene space in the world: what is added to a position of
+    /// scene space makes one of the world.
+    #[must_use]
+    pub fn world_from_scene(&self) -> DVec3 {
+        self.tree().meta().cloud.world_from_scene.into()
     }
 
     /// Mean area that a surfel stands for, scene units squared; 0 without surfels.

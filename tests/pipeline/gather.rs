@@ -470,7 +470,7 @@ fn by_force(
 #[test]
 fn passing_media_is_passing_every_block() {
     let (volumes, lvoxels) = media();
-    let all = &Media::<Rgb>::new(&volumes, lvoxels.iter().copied());
+    let all = &Media::new(&volumes, lvoxels.iter().copied());
     let mut random = Random(5);
     let mut passed = 0;
     for i in 0..2000 {

@@ -6,9 +6,9 @@ use super::transmittance::brief;
 use super::workbench::{Workbench, media_with_source, pixels, stage, volume};
 use crate::Result;
 use crate::gather::Medium;
+use crate::math::Ray;
 use crate::math::exp::exp_neg;
 use crate::math::segment::Composite;
-use crate::math::{Ray, Rgb};
 use crate::scene::{Grid, Light, Scene};
 use crate::trace::Tracer;
 use glam::{DAffine3, DVec3, Vec3};
@@ -164,12 +164,7 @@ fn check(bench: &Workbench, case: Case) -> Result<Vec<Row>> {
 }
 
 /// Whether a ray's transmittance rises anywhere by more than rounding.
-fn rises_along(
-    tracer: &Tracer,
-    media: &crate::tree::Media<Rgb>,
-    origin: Vec3,
-    direction: Vec3,
-) -> bool {
+fn rises_along(tracer: &Tracer, media: &crate::tree::Media, origin: Vec3, direction: Vec3) -> bool {
     const STEPS: u32 = 64;
     let mut last = [1.0_f32; 2];
     (0..=STEPS).any(|k| {

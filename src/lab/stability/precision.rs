@@ -15,7 +15,7 @@ use crate::gather::cone::Scratch;
 use crate::math::exp::exp_neg;
 use crate::math::sampling::{hash, sphere};
 use crate::math::segment::Composite;
-use crate::math::{Aabb, Ray, Rgb};
+use crate::math::{Aabb, Ray};
 use crate::scene::Scene;
 use crate::tree::Media;
 use glam::{DVec3, Vec3};
@@ -171,7 +171,7 @@ fn kernels(bench: &Workbench, scene: &Scene, effort: Effort, rows: &mut Vec<Row>
     for (index, info) in volumes.iter().enumerate() {
         let blocks = Blocks::of(index, info, &all);
         let own = all.iter().filter(|l| usize::from(l.volume) == index);
-        let media = &Media::<Rgb>::new(volumes, own.copied());
+        let media = &Media::new(volumes, own.copied());
         let field = Field::of(&scene.volumes[index]);
         let volume = &scene.volumes[index];
         let differences: Vec<Option<[f64; 3]>> = rays

@@ -147,7 +147,7 @@ pub fn lvoxels(store: &OpenTree) -> Result<Vec<Lvoxel>> {
 }
 
 /// The lvoxels of a tree.
-pub fn media(store: &OpenTree) -> Result<Media<Rgb>> {
+pub fn media(store: &OpenTree) -> Result<Media> {
     Ok(Media::new(
         &store.tree().meta().cloud.volumes,
         lvoxels(store)?,
@@ -155,7 +155,7 @@ pub fn media(store: &OpenTree) -> Result<Media<Rgb>> {
 }
 
 /// The media of a tree with the same source function everywhere.
-pub fn media_with_source(store: &OpenTree, source: [f32; 3]) -> Result<Media<Rgb>> {
+pub fn media_with_source(store: &OpenTree, source: [f32; 3]) -> Result<Media> {
     let mut lvoxels = lvoxels(store)?;
     lvoxels.iter_mut().for_each(|l| l.source = source);
     Ok(Media::new(&store.tree().meta().cloud.volumes, lvoxels))

@@ -399,7 +399,7 @@ fn swept_and_exact(scene: &Scene, lvoxels: Vec<Lvoxel>) -> Vec<[f32; 2]> {
         })
         .collect();
     let volume = &scene.volumes[0];
-    let media = Media::<f32>::new(&infos, lvoxels);
+    let media = Media::new(&infos, lvoxels);
     let (far, job) = (Around::at(f32::INFINITY), Job::default());
     with(scene, &far, &media, |view, _, gatherer| {
         let far_field = FarField::new(volume, 64, 1);
