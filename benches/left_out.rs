@@ -8,16 +8,16 @@
 mod common;
 
 use common::rays;
+use lvox::Rgb;
 use lvox::bake::{self, SurfelSampling};
 use lvox::build;
 use lvox::gather::{self, Gatherer, Medium, NoMedia, PatchRadiance, SampleRange};
 use lvox::image::Region;
 use lvox::inspect::{self, Description};
-use lvox::math::Rgb;
+use lvox::internals::Tracer;
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade::{self, Kernel};
-use lvox::trace::Tracer;
 use lvox::tree::{Media, OpenTree, Pages, SurfelStore};
 use std::fs;
 use std::hint::black_box;

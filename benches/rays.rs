@@ -13,14 +13,15 @@
 mod trees;
 
 use glam::{Vec3, Vec3A};
+use lvox::Rgb;
 use lvox::gather::cone::Scratch;
 use lvox::gather::{Gatherer, Kernel, NoMedia, PatchRadiance, Settings, SurfacePoint};
-use lvox::math::sampling::{cosine_hemisphere, hash, mix, sobol2, tangents};
-use lvox::math::{Ray, Rgb};
+use lvox::internals::{
+    Ray, Surface, Tracer, cosine_hemisphere, hash, mix, offset, sobol2, tangents,
+};
 use lvox::run::usage;
 use lvox::scene::Scene;
 use lvox::shade::{self, Quality};
-use lvox::trace::{Surface, Tracer, offset};
 use lvox::tree::ResidentTree;
 use lvox::tree::{OpenTree, SurfelStore};
 use obvhs::BvhBuildParams;

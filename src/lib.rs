@@ -20,19 +20,61 @@ pub mod build;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;
-pub mod error;
+mod error;
 pub mod gather;
 pub mod image;
 pub mod inspect;
 #[cfg(feature = "lab")]
-pub mod lab;
-pub mod light;
-pub mod math;
+mod lab;
+mod light;
+mod math;
 pub mod run;
 pub mod scene;
 pub mod shade;
-pub mod trace;
+mod trace;
 pub mod tree;
 
 pub use error::{Error, Kind, Result};
 pub use lvox_formats as formats;
+pub use math::Rgb;
+
+/// What the benchmarks and tests of lvox need beside the public surface. It promises nothing:
+/// names here come, change and go with any version.
+#[doc(hidden)]
+pub mod internals {
+    pub use crate::light::{Lights, ShadowRays};
+    pub use crate::math::Ray;
+    pub use crate::math::sampling::{
+        cosine_hemisphere, hash, mix, r2, sobol2, sphere, tangents, unit2,
+    };
+    pub use crate::math::segment::Composite;
+    pub use crate::trace::{Surface, Tracer, offset};
+
+    /// The path tracer.
+    #[cfg(feature = "lab")]
+    pub mod reference {
+        pub use crate::lab::reference::{
+            PathTracer, Sampler, Settings, Sums, accumulate, begin, frame, relmse, run, sums,
+            sums_path,
+        };
+    }
+
+    /// Checks against closed forms.
+    #[cfg(feature = "lab")]
+    pub mod stability {
+        pub use crate::lab::stability::{Effort, Family, Row, markdown, run};
+    }
+
+    /// Error against run time.
+    #[cfg(feature = "lab")]
+    pub mod study {
+        pub use crate::lab::study::record::Slope;
+        pub use crate::lab::study::{Method, Settings, Study, Sweep, run};
+    }
+
+    /// Settings for an error.
+    #[cfg(feature = "lab")]
+    pub mod tune {
+        pub use crate::lab::tune::{Choice, Outcome, choose};
+    }
+}

@@ -5,8 +5,8 @@
 mod support;
 
 use lvox::image::{Frame, Region, exr, metrics};
-use lvox::lab::study::record::Slope;
-use lvox::lab::study::{self, Method, Settings, Study, Sweep};
+use lvox::internals::study::Slope;
+use lvox::internals::study::{self, Method, Settings, Study, Sweep};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade::{self, Kernel};

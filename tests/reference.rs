@@ -6,7 +6,7 @@
 mod support;
 
 use lvox::image::{Region, exr};
-use lvox::lab::reference::{self, Settings, Sums};
+use lvox::internals::reference::{self, Settings, Sums};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use std::path::Path;

@@ -4,7 +4,7 @@ mod support;
 
 use lvox::Kind;
 use lvox::image::Region;
-use lvox::lab::reference::{self, Settings};
+use lvox::internals::reference::{self, Settings};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use std::path::Path;

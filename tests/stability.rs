@@ -1,6 +1,6 @@
 //! The cases of `lvox stability`, with the heavy ones made lighter.
 
-use lvox::lab::stability::{self, Effort};
+use lvox::internals::stability::{self, Effort};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use std::fmt::Write;

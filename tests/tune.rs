@@ -3,8 +3,8 @@
 mod support;
 
 use lvox::image::{Picture, Region, metrics};
-use lvox::lab::reference::{self, Sums};
-use lvox::lab::tune::{self, Choice, Outcome};
+use lvox::internals::reference::{self, Sums};
+use lvox::internals::tune::{self, Choice, Outcome};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade::{self, Settings};

@@ -1,7 +1,7 @@
 //! The demo scene, baked small once and shared by all benchmarks of a process.
 
 use glam::Vec3;
-use lvox::math::sampling::{cosine_hemisphere, hash, sphere, tangents, unit2};
+use lvox::internals::{cosine_hemisphere, hash, sphere, tangents, unit2};
 use lvox::scene::Scene;
 use lvox::tree::OpenTree;
 use std::path::{Path, PathBuf};

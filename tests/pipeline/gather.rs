@@ -3,6 +3,7 @@
 use crate::demo;
 use crate::support::random::Random;
 use glam::{Affine3A, Quat, Vec3};
+use lvox::Rgb;
 use lvox::build;
 use lvox::formats::record::{MAX_LEVEL, VolumeInfo};
 use lvox::formats::{ClipEdge, Clips, CloudMeta, CloudWriter, Lvoxel, Surfel};
@@ -13,11 +14,8 @@ use lvox::gather::{
     Crossing, Gatherer, Kernel, Medium, NoMedia, PatchRadiance, PatchRequest, SampleRange,
     Settings, SurfacePoint,
 };
-use lvox::math::sampling::{r2, sphere};
-use lvox::math::segment::Composite;
-use lvox::math::{Ray, Rgb};
+use lvox::internals::{Composite, Ray, Tracer, r2, sphere};
 use lvox::run::Job;
-use lvox::trace::Tracer;
 use lvox::tree::Page;
 use lvox::tree::{Media, OpenTree, Pages, SurfelStore};
 use std::f32::consts::PI;

@@ -9,7 +9,7 @@ use lvox::formats::{
 use lvox::gather::cone::{self, Scratch};
 use lvox::gather::plain;
 use lvox::inspect::export_ply;
-use lvox::math::Ray;
+use lvox::internals::Ray;
 use lvox::tree::{OpenTree, Pages, SurfelStore};
 
 const OVERLAP: f32 = 1.8;

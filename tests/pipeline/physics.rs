@@ -1,5 +1,5 @@
 //! Pictures that are known beforehand: bodies and media that vanish, form factors. Others are cases
-//! of `lvox::lab::stability`.
+//! of `lvox::internals::stability`.
 
 use crate::support::random::Random;
 use crate::{beauty, layer, mean, render};
