@@ -7,6 +7,7 @@
 
 #![allow(clippy::print_stdout)] // The table is the product.
 
+use lvox::formats::Overwrite;
 use lvox::image::{Picture, Region, load, metrics};
 use lvox::run::{Job, usage};
 use lvox::scene::Scene;
@@ -104,8 +105,20 @@ fn measure(name: &str, qualities: &[(&str, Quality)]) -> Result<()> {
     let (cloud, tree) = (folder.path().join("t.lvc"), folder.path().join("t.lvt"));
     let job = Job::default();
     let before = usage::cpu_secs();
-    bake::run(&scene, &bake::Settings::default(), &cloud, true, &job)?;
-    build::run(&cloud, &tree, &build::Settings::default(), true, &job)?;
+    bake::run(
+        &scene,
+        &bake::Settings::default(),
+        &cloud,
+        Overwrite::Replace,
+        &job,
+    )?;
+    build::run(
+        &cloud,
+        &tree,
+        &build::Settings::default(),
+        Overwrite::Replace,
+        &job,
+    )?;
     let prepare = usage::cpu_secs() - before;
     for &(quality_name, quality) in qualities {
         let before = usage::cpu_secs();

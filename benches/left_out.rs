@@ -11,6 +11,7 @@ use common::rays;
 use lvox::Rgb;
 use lvox::bake::{self, SurfelSampling};
 use lvox::build;
+use lvox::formats::Overwrite;
 use lvox::gather::{self, Gatherer, Medium, NoMedia, PatchRadiance, SampleRange};
 use lvox::image::Region;
 use lvox::inspect::{self, Description};
@@ -156,9 +157,16 @@ impl Baked {
         };
         let (cloud, tree, job) = (file("lvc"), file("lvt"), Job::default());
         let start = Instant::now();
-        bake::run(&scene, &settings, &cloud, true, &job).unwrap();
+        bake::run(&scene, &settings, &cloud, Overwrite::Replace, &job).unwrap();
         let bake = start.elapsed().as_secs_f64();
-        build::run(&cloud, &tree, &build::Settings::default(), true, &job).unwrap();
+        build::run(
+            &cloud,
+            &tree,
+            &build::Settings::default(),
+            Overwrite::Replace,
+            &job,
+        )
+        .unwrap();
         Self {
             cloud: inspect::describe(&cloud).unwrap(),
             tree: inspect::describe(&tree).unwrap(),

@@ -8,6 +8,7 @@ use divan::Bencher;
 use divan::counter::ItemsCount;
 use lvox::bake::{self, SurfelSampling};
 use lvox::build;
+use lvox::formats::Overwrite;
 use lvox::image::Region;
 use lvox::run::Job;
 use lvox::shade;
@@ -26,7 +27,14 @@ fn bake_surfels(bencher: Bencher) {
         ..bake::Settings::default()
     };
     bencher.counter(ItemsCount::new(SURFELS)).bench(|| {
-        bake::run(&DEMO.scene, &settings, &out, true, &Job::default()).unwrap();
+        bake::run(
+            &DEMO.scene,
+            &settings,
+            &out,
+            Overwrite::Replace,
+            &Job::default(),
+        )
+        .unwrap();
     });
 }
 
@@ -36,7 +44,14 @@ fn build_surfels(bencher: Bencher) {
     let out = DEMO.dir.join("bench.lvt");
     let settings = build::Settings::default();
     bencher.counter(ItemsCount::new(SURFELS)).bench(|| {
-        build::run(&DEMO.cloud, &out, &settings, true, &Job::default()).unwrap();
+        build::run(
+            &DEMO.cloud,
+            &out,
+            &settings,
+            Overwrite::Replace,
+            &Job::default(),
+        )
+        .unwrap();
     });
 }
 

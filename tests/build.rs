@@ -109,7 +109,7 @@ fn case(surfels: &[Surfel], lvoxels: &[Lvoxel]) -> Case {
         disk_overlap: OVERLAP,
         ..CloudMeta::default()
     };
-    let mut writer = CloudWriter::create(&case.cloud, meta, true).unwrap();
+    let mut writer = CloudWriter::create(&case.cloud, meta, Overwrite::Replace).unwrap();
     writer.push_surfels(surfels).unwrap();
     writer.push_lvoxels(lvoxels).unwrap();
     writer.finish().unwrap();
@@ -117,7 +117,14 @@ fn case(surfels: &[Surfel], lvoxels: &[Lvoxel]) -> Case {
 }
 
 fn built(case: &Case, settings: &Settings) -> build::Outcome {
-    let outcome = build::run(&case.cloud, &case.tree, settings, true, &Job::default()).unwrap();
+    let outcome = build::run(
+        &case.cloud,
+        &case.tree,
+        settings,
+        Overwrite::Replace,
+        &Job::default(),
+    )
+    .unwrap();
     Tree::open_path(&case.tree).unwrap().verify().unwrap();
     outcome
 }
@@ -318,7 +325,8 @@ fn a_real_memory_limit_spills_and_changes_nothing() {
             ..Job::default()
         };
         let settings = Settings::default();
-        let outcome = build::run(&case.cloud, &case.tree, &settings, true, &job).unwrap();
+        let outcome =
+            build::run(&case.cloud, &case.tree, &settings, Overwrite::Replace, &job).unwrap();
         assert_eq!(outcome.spilled_bytes > 0, spills);
         files.push(std::fs::read(&case.tree).unwrap());
     }
@@ -396,31 +404,31 @@ fn lvoxels_by_volume_and_brick() {
 #[test]
 fn wrong_input_is_refused() {
     let case = case(&room(100), &[]);
-    let run = |cloud: &Path, settings: &Settings, memory_limit, force| {
+    let run = |cloud: &Path, settings: &Settings, memory_limit, overwrite| {
         let job = Job {
             memory_limit,
             ..Job::default()
         };
-        build::run(cloud, &case.tree, settings, force, &job).map(drop)
+        build::run(cloud, &case.tree, settings, overwrite, &job).map(drop)
     };
     let plain = Settings::default();
-    let error = run(&case.cloud, &plain, Some(1 << 20), false).unwrap_err();
+    let error = run(&case.cloud, &plain, Some(1 << 20), Overwrite::Refuse).unwrap_err();
     assert_eq!(error.kind(), lvox::Kind::Input);
     assert!(error.to_string().contains("64.0 MiB"), "{error}");
     let tiny = Settings {
         page_bytes: 1,
         ..plain.clone()
     };
-    assert!(run(&case.cloud, &tiny, None, false).is_err());
-    let error = run(Path::new("nowhere.lvc"), &plain, None, false).unwrap_err();
+    assert!(run(&case.cloud, &tiny, None, Overwrite::Refuse).is_err());
+    let error = run(Path::new("nowhere.lvc"), &plain, None, Overwrite::Refuse).unwrap_err();
     assert!(error.to_string().contains("nowhere.lvc"));
-    run(&case.cloud, &plain, None, false).unwrap();
-    let error = run(&case.cloud, &plain, None, false).unwrap_err();
+    run(&case.cloud, &plain, None, Overwrite::Refuse).unwrap();
+    let error = run(&case.cloud, &plain, None, Overwrite::Refuse).unwrap_err();
     assert!(error.hint_text().unwrap().contains("--force"));
-    let error = run(&case.tree, &plain, None, true).unwrap_err();
+    let error = run(&case.tree, &plain, None, Overwrite::Replace).unwrap_err();
     assert!(error.to_string().contains("expected a cloud"), "{error}");
     let job = Job::default();
     job.cancel.request();
-    let error = build::run(&case.cloud, &case.tree, &plain, true, &job).unwrap_err();
+    let error = build::run(&case.cloud, &case.tree, &plain, Overwrite::Replace, &job).unwrap_err();
     assert_eq!(error.kind(), lvox::Kind::Cancelled);
 }

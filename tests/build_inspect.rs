@@ -49,7 +49,7 @@ fn files(dir: &Path) -> (PathBuf, PathBuf) {
         disk_overlap: 2.0,
         ..CloudMeta::default()
     };
-    let mut writer = CloudWriter::create(&cloud, meta, true).unwrap();
+    let mut writer = CloudWriter::create(&cloud, meta, Overwrite::Replace).unwrap();
     writer.push_surfels(&surfels).unwrap();
     writer.push_lvoxels(&lvoxels).unwrap();
     writer.finish().unwrap();
@@ -57,7 +57,14 @@ fn files(dir: &Path) -> (PathBuf, PathBuf) {
         page_bytes: 8192,
         ..Settings::default()
     };
-    build::run(&cloud, &tree, &settings, true, &Job::default()).unwrap();
+    build::run(
+        &cloud,
+        &tree,
+        &settings,
+        Overwrite::Replace,
+        &Job::default(),
+    )
+    .unwrap();
     (cloud, tree)
 }
 
@@ -173,7 +180,7 @@ fn ply_files() {
     let (cloud, tree) = files(dir.path());
     let out = dir.path().join("out.ply");
     for file in [&cloud, &tree] {
-        let exported = inspect::export_ply(file, &out, None, true).unwrap();
+        let exported = inspect::export_ply(file, &out, None, Overwrite::Replace).unwrap();
         assert_eq!(
             (exported.vertices, exported.surfels_or_nodes),
             (N as u64 + 64, N as u64)
@@ -188,7 +195,7 @@ fn ply_files() {
     }
     // Nodes of any level cover the ball.
     for level in [0, 1, 2, 4, 9] {
-        let exported = inspect::export_ply(&tree, &out, Some(level), true).unwrap();
+        let exported = inspect::export_ply(&tree, &out, Some(level), Overwrite::Replace).unwrap();
         let n = exported.surfels_or_nodes as usize;
         assert_eq!(level == 0, n == 1);
         let area: f32 = vertices(&out)[..n]
@@ -197,8 +204,8 @@ fn ply_files() {
             .sum();
         assert!((area / (4.0 * std::f32::consts::PI) - 1.0).abs() < 1e-3);
     }
-    assert!(inspect::export_ply(&cloud, &out, Some(1), true).is_err());
-    let error = inspect::export_ply(&cloud, &out, None, false).unwrap_err();
+    assert!(inspect::export_ply(&cloud, &out, Some(1), Overwrite::Replace).is_err());
+    let error = inspect::export_ply(&cloud, &out, None, Overwrite::Refuse).unwrap_err();
     assert!(error.hint_text().unwrap().contains("--force"));
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 3);
 }

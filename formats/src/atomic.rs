@@ -6,6 +6,16 @@ use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
+/// What to do with an output that is already there.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Overwrite {
+    /// The file stays, and writing fails with [`FormatError::Exists`].
+    #[default]
+    Refuse,
+    /// The complete new file takes its place.
+    Replace,
+}
+
 /// A file being written, under a temporary name beside its own. Dropped without
 /// [`AtomicFile::commit`], it leaves nothing behind, and what was there untouched.
 ///
@@ -16,7 +26,7 @@ pub struct AtomicFile {
     /// Where `path` leads.
     target: PathBuf,
     temporary: NamedTempFile,
-    replace: bool,
+    overwrite: Overwrite,
 }
 
 impl AtomicFile {
@@ -24,11 +34,11 @@ impl AtomicFile {
     /// file system.
     ///
     /// # Errors
-    /// [`FormatError::Exists`] unless `replace`; [`FormatError::NotAFile`] for a folder, a device
+    /// [`FormatError::Exists`] if a file is there that may not be replaced; [`FormatError::NotAFile`] for a folder, a device
     /// or a pipe, which a rename would destroy; [`FormatError::Folder`] if the folder is not there
     /// or not writable.
-    pub fn create(path: &Path, replace: bool) -> Result<Self> {
-        open(path, replace).map_err(|e| e.at(path))
+    pub fn create(path: &Path, overwrite: Overwrite) -> Result<Self> {
+        open(path, overwrite).map_err(|e| e.at(path))
     }
 
     /// The final name, as it was given.
@@ -48,13 +58,15 @@ impl AtomicFile {
                 .as_file()
                 .sync_all()
                 .map_err(FormatError::io("cannot write"))?;
-            let done = if self.replace {
+            let done = if self.overwrite == Overwrite::Replace {
                 self.temporary.persist(&self.target)
             } else {
                 self.temporary.persist_noclobber(&self.target)
             };
             done.map_err(|e| match e.error.kind() {
-                io::ErrorKind::AlreadyExists if !self.replace => FormatError::Exists,
+                io::ErrorKind::AlreadyExists if self.overwrite == Overwrite::Refuse => {
+                    FormatError::Exists
+                }
                 _ => FormatError::io("cannot write")(e.error),
             })?;
             // The rename itself; not every file system can sync a folder, and the file is whole
@@ -67,7 +79,7 @@ impl AtomicFile {
     }
 }
 
-fn open(path: &Path, replace: bool) -> Result<AtomicFile> {
+fn open(path: &Path, overwrite: Overwrite) -> Result<AtomicFile> {
     let there = fs::symlink_metadata(path);
     let target = match &there {
         Ok(meta) if meta.is_symlink() => {
@@ -78,7 +90,7 @@ fn open(path: &Path, replace: bool) -> Result<AtomicFile> {
     if fs::metadata(&target).is_ok_and(|meta| !meta.is_file()) {
         return Err(FormatError::NotAFile);
     }
-    if there.is_ok() && !replace {
+    if there.is_ok() && overwrite == Overwrite::Refuse {
         return Err(FormatError::Exists);
     }
     let name = target
@@ -111,7 +123,7 @@ fn open(path: &Path, replace: bool) -> Result<AtomicFile> {
         path: path.to_path_buf(),
         target,
         temporary,
-        replace,
+        overwrite,
     })
 }
 
@@ -141,10 +153,11 @@ impl Seek for AtomicFile {
 
 #[cfg(test)]
 mod tests {
+    use super::Overwrite::{Refuse, Replace};
     use super::*;
 
-    fn write(path: &Path, replace: bool, bytes: &[u8]) -> Result<()> {
-        let mut file = AtomicFile::create(path, replace)?;
+    fn write(path: &Path, overwrite: Overwrite, bytes: &[u8]) -> Result<()> {
+        let mut file = AtomicFile::create(path, overwrite)?;
         file.write_all(bytes).unwrap();
         file.commit()
     }
@@ -162,14 +175,14 @@ mod tests {
     fn dropped_file_leaves_nothing_and_what_was_there() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a");
-        let half = |replace| {
-            let mut file = AtomicFile::create(&path, replace).unwrap();
+        let half = |overwrite| {
+            let mut file = AtomicFile::create(&path, overwrite).unwrap();
             file.write_all(b"half").unwrap();
         };
-        half(false);
+        half(Refuse);
         assert!(names(dir.path()).is_empty());
-        write(&path, false, b"whole").unwrap();
-        half(true);
+        write(&path, Refuse, b"whole").unwrap();
+        half(Replace);
         assert_eq!(fs::read(&path).unwrap(), b"whole");
         assert_eq!(names(dir.path()), ["a"]);
     }
@@ -178,16 +191,16 @@ mod tests {
     fn only_what_may_be_replaced_is() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a");
-        let late = AtomicFile::create(&path, false).unwrap();
+        let late = AtomicFile::create(&path, Refuse).unwrap();
         fs::write(&path, b"old").unwrap();
         for error in [
             late.commit().unwrap_err(),
-            write(&path, false, b"new").unwrap_err(),
+            write(&path, Refuse, b"new").unwrap_err(),
         ] {
             assert!(matches!(error.cause(), FormatError::Exists), "{error}");
         }
         assert_eq!(fs::read(&path).unwrap(), b"old");
-        write(&path, true, b"new").unwrap();
+        write(&path, Replace, b"new").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"new");
         assert_eq!(names(dir.path()), ["a"]);
     }
@@ -196,7 +209,7 @@ mod tests {
     fn a_failed_rename_leaves_nothing() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a");
-        let file = AtomicFile::create(&path, true).unwrap();
+        let file = AtomicFile::create(&path, Replace).unwrap();
         fs::create_dir(&path).unwrap();
         let error = file.commit().unwrap_err();
         assert!(!error.to_string().contains(".part"), "{error}");
@@ -206,11 +219,11 @@ mod tests {
     #[test]
     fn missing_folders_and_folders_are_refused() {
         let dir = tempfile::tempdir().unwrap();
-        let error = AtomicFile::create(&dir.path().join("no/such/a"), true).unwrap_err();
+        let error = AtomicFile::create(&dir.path().join("no/such/a"), Replace).unwrap_err();
         assert!(matches!(error.cause(), FormatError::Folder { .. }));
         assert_eq!(error.io_error().unwrap().kind(), io::ErrorKind::NotFound);
         assert!(!error.to_string().contains(".part"), "{error}");
-        let error = AtomicFile::create(dir.path(), true).unwrap_err();
+        let error = AtomicFile::create(dir.path(), Replace).unwrap_err();
         assert!(matches!(error.cause(), FormatError::NotAFile));
     }
 
@@ -218,22 +231,22 @@ mod tests {
     #[test]
     fn devices_are_refused_and_links_stay() {
         use std::os::unix::fs::symlink;
-        let error = AtomicFile::create(Path::new("/dev/null"), true).unwrap_err();
+        let error = AtomicFile::create(Path::new("/dev/null"), Replace).unwrap_err();
         assert!(matches!(error.cause(), FormatError::NotAFile));
         let dir = tempfile::tempdir().unwrap();
         let at = |name: &str| dir.path().join(name);
         fs::create_dir(at("store")).unwrap();
         fs::write(at("store/target"), b"old").unwrap();
         symlink("store/target", at("link")).unwrap();
-        let error = AtomicFile::create(&at("link"), false).unwrap_err();
+        let error = AtomicFile::create(&at("link"), Refuse).unwrap_err();
         assert!(matches!(error.cause(), FormatError::Exists));
-        write(&at("link"), true, b"new").unwrap();
+        write(&at("link"), Replace, b"new").unwrap();
         assert!(fs::symlink_metadata(at("link")).unwrap().is_symlink());
         assert_eq!(fs::read(at("store/target")).unwrap(), b"new");
         assert_eq!(names(&at("store")), ["target"]);
         // A link that leads nowhere has no folder to write in.
         symlink("no/such", at("loose")).unwrap();
-        let error = AtomicFile::create(&at("loose"), true).unwrap_err();
+        let error = AtomicFile::create(&at("loose"), Replace).unwrap_err();
         assert_eq!(error.io_error().unwrap().kind(), io::ErrorKind::NotFound);
         assert_eq!(names(dir.path()), ["link", "loose", "store"]);
     }

@@ -108,6 +108,22 @@ impl FormatError {
         }
     }
 
+    /// An invalid value told to be in a part of the file; other errors stay as they are.
+    pub(crate) fn within(self, part: &str) -> Self {
+        match self {
+            Self::Invalid {
+                what,
+                expected,
+                found,
+            } => Self::Invalid {
+                what: format!("{part}: {what}"),
+                expected,
+                found,
+            },
+            other => other,
+        }
+    }
+
     /// The error without the file's name.
     #[must_use]
     pub fn cause(&self) -> &Self {

@@ -2,7 +2,6 @@
 //! gap.
 
 use crate::bytes::{self, Cursor};
-use crate::output::Output;
 use crate::{FormatError, Result, codec};
 use std::ops::Range;
 use xxhash_rust::xxh3::{xxh3_64, xxh3_128};
@@ -166,6 +165,7 @@ pub struct Frame {
     pub content_hash: [u8; 16],
 }
 
+/// An entry of the header.
 struct Section {
     offset: u64,
     len: u64,
@@ -193,18 +193,24 @@ fn check_magic(data: &[u8]) -> Result<()> {
     Ok(())
 }
 
-impl Frame {
-    /// Reads and checks header, block table and the checksums of both small sections.
-    pub fn read(data: &[u8], kind: FileKind) -> Result<Self> {
+/// The header's numbers. Nothing but its own checksum and the length of the file is checked.
+struct Header {
+    version: u32,
+    /// Metadata, summary and block table.
+    sections: [Section; 3],
+}
+
+impl Header {
+    fn read(data: &[u8], kind: FileKind) -> Result<Self> {
         check_magic(data)?;
         // The version comes before all else: another version may differ in everything that follows.
         let mut cursor = Cursor::new(&data[MAGIC.len()..], "header");
         let short = |_| truncated(HEADER_LEN as u64, data);
         let code = cursor.take(4).map_err(short)?;
-        let found = cursor.u32().map_err(short)?;
-        if found != VERSION {
+        let version = cursor.u32().map_err(short)?;
+        if version != VERSION {
             return Err(FormatError::Version {
-                found,
+                found: version,
                 supported: VERSION,
             });
         }
@@ -222,25 +228,25 @@ impl Frame {
                 checksum: cursor.u64()?,
             })
         };
-        let (meta, summary, table) = (section()?, section()?, section()?);
-        let stored = cursor.u64()?;
-        bytes::check(&data[..HEADER_LEN - 8], stored, || "the header".into())?;
+        let sections = [section()?, section()?, section()?];
+        let checksum = cursor.u64()?;
+        bytes::check(&data[..HEADER_LEN - 8], checksum, || "the header".into())?;
         if code != kind.code() {
             return Err(FormatError::WrongKind {
                 expected: kind.name().into(),
                 found: FileKind::of(data)?.name().into(),
             });
         }
+        Ok(Self { version, sections })
+    }
 
-        // The three sections end the file, one after the other.
-        let mut end = meta.offset;
+    /// Where the sections are: they end the file, one after the other. Their checksums are checked.
+    fn ranges(&self, data: &[u8]) -> Result<[Range<usize>; 3]> {
+        let file_len = data.len() as u64;
+        let names = ["metadata", "summary", "block table"];
+        let mut end = self.sections[0].offset;
         let mut ranges = [0..0, 0..0, 0..0];
-        let named = [
-            (&meta, "metadata"),
-            (&summary, "summary"),
-            (&table, "block table"),
-        ];
-        for (range, (section, name)) in ranges.iter_mut().zip(named) {
+        for ((range, section), name) in ranges.iter_mut().zip(&self.sections).zip(names) {
             if section.offset != end {
                 return Err(FormatError::invalid(
                     format!("offset of the {name}"),
@@ -271,7 +277,15 @@ impl Frame {
                 end,
             ));
         }
-        let [meta, summary, table] = ranges;
+        Ok(ranges)
+    }
+}
+
+impl Frame {
+    /// Reads and checks header, block table and the checksums of both small sections.
+    pub fn read(data: &[u8], kind: FileKind) -> Result<Self> {
+        let header = Header::read(data, kind)?;
+        let [meta, summary, table] = header.ranges(data)?;
         for (range, name) in [(&meta, "metadata"), (&summary, "summary")] {
             if range.len() > codec::MAX_SECTION_BYTES {
                 return Err(FormatError::invalid(
@@ -286,7 +300,7 @@ impl Frame {
             meta,
             summary,
             content_hash: content_hash(&data[..HEADER_LEN]),
-            version: found,
+            version: header.version,
         })
     }
 }
@@ -326,33 +340,31 @@ fn content_hash(header: &[u8]) -> [u8; 16] {
     xxh3_128(header).to_le_bytes()
 }
 
-/// Writes the sections behind the blocks, then the header; returns the content hash.
-pub fn finish(
-    mut output: Output,
-    kind: FileKind,
-    blocks: &[Block],
-    meta: &[u8],
-    summary: &[u8],
-) -> Result<[u8; 16]> {
+/// The block table as it is in the file.
+pub fn encode_table(blocks: &[Block]) -> Vec<u8> {
     let mut table = Vec::with_capacity(blocks.len() * ENTRY_LEN);
     for block in blocks {
         block.encode(&mut table);
     }
+    table
+}
+
+/// The header of a file whose blocks end at `blocks_end`, where the sections follow.
+pub fn header(kind: FileKind, blocks_end: u64, sections: [&[u8]; 3]) -> Vec<u8> {
     let mut header = Vec::with_capacity(HEADER_LEN);
     header.extend(MAGIC);
     header.extend(kind.code());
     header.extend(VERSION.to_le_bytes());
-    let sections = [meta, summary, &table];
-    let len = output.position() + sections.iter().map(|s| s.len() as u64).sum::<u64>();
+    let len = blocks_end + sections.iter().map(|s| s.len() as u64).sum::<u64>();
     header.extend(len.to_le_bytes());
+    let mut offset = blocks_end;
     for section in sections {
-        header.extend(output.position().to_le_bytes());
+        header.extend(offset.to_le_bytes());
         header.extend((section.len() as u64).to_le_bytes());
         header.extend(xxh3_64(section).to_le_bytes());
-        output.append(section)?;
+        offset += section.len() as u64;
     }
     header.extend(xxh3_64(&header).to_le_bytes());
     debug_assert_eq!(header.len(), HEADER_LEN);
-    output.finish(&header)?;
-    Ok(content_hash(&header))
+    header
 }

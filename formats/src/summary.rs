@@ -1,7 +1,7 @@
 //! What a writer counted, kept at the end of the file.
 
 use crate::record::Bounds;
-use crate::scatter::PartPlace;
+use crate::scatter::ClusterId;
 
 /// Sums that each stage must conserve.
 #[derive(
@@ -47,6 +47,15 @@ pub struct VolumeSums {
 }
 
 impl Sums {
+    /// Sums over no points, of so many volumes.
+    #[must_use]
+    pub fn of_nothing(volumes: usize) -> Self {
+        Self {
+            volumes: vec![VolumeSums::default(); volumes],
+            ..Self::default()
+        }
+    }
+
     /// Count of lvoxels in all volumes.
     #[must_use]
     pub fn lvoxels(&self) -> u64 {
@@ -239,8 +248,8 @@ pub struct TreeSummary {
     bincode::Decode,
 )]
 pub struct ScatterSummary {
-    /// Where the vertices of each block are, in the order of the file.
-    pub parts: Vec<PartPlace>,
+    /// Which cluster each block holds, in the order of the file.
+    pub clusters: Vec<ClusterId>,
     /// Columns that are there.
     pub columns: Vec<ColumnBytes>,
     /// Columns that are not, or not everywhere.

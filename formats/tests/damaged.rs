@@ -27,7 +27,7 @@ fn small_tree() -> Vec<u8> {
 fn small_scatter() -> Vec<u8> {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.lvs");
-    write_scatter(&path, &parts(&mut Random(1)));
+    write_scatter(&path, &clusters(&mut Random(1)));
     std::fs::read(path).unwrap()
 }
 
@@ -151,7 +151,7 @@ fn chunks_pages_and_parts_that_do_not_exist() {
     let tree = Tree::open(tree).unwrap();
     assert!(tree.surfel_page(3).is_err() && tree.lvoxel_page(2).is_err());
     let scatter = Scatter::open(small_scatter()).unwrap();
-    assert!(scatter.part(2).is_ok() && scatter.part(3).is_err());
+    assert!(scatter.cluster(2).is_ok() && scatter.cluster(3).is_err());
 }
 
 /// Puts the checksums right again after a change: what a hostile writer would do.
@@ -229,10 +229,10 @@ proptest! {
         if let Ok(scatter) = Scatter::open(&bytes) {
             let _ = scatter.verify();
             for (i, block) in scatter.blocks().iter().enumerate() {
-                let Ok(part) = scatter.part(i) else { continue };
-                prop_assert_eq!(part.len(), block.records as usize);
-                for light in [&part.share, &part.light] {
-                    prop_assert!(light.is_empty() || light.len() == part.len());
+                let Ok(cluster) = scatter.cluster(i) else { continue };
+                prop_assert_eq!(cluster.len(), block.records as usize);
+                for light in [&cluster.share, &cluster.light] {
+                    prop_assert!(light.is_empty() || light.len() == cluster.len());
                 }
             }
         }

@@ -64,14 +64,14 @@ fn tree() {
 fn scattered_light() {
     let dir = tempfile::tempdir().unwrap();
     let fresh = dir.path().join("fresh.lvs");
-    let given = parts(&mut Random(1));
+    let given = clusters(&mut Random(1));
     write_scatter(&fresh, &given);
     let kept = Scatter::open_path(&golden("lvs", &fresh)).unwrap();
     kept.verify().unwrap();
     assert_eq!((kept.version(), kept.meta()), (VERSION, &scatter_meta()));
-    for (i, (kind, place, part)) in given.iter().enumerate() {
+    for (i, (kind, id, cluster)) in given.iter().enumerate() {
         assert_eq!(kept.blocks()[i].kind, *kind);
-        assert_eq!(kept.summary().parts[i], *place);
-        assert_eq!(kept.part(i).unwrap(), *part);
+        assert_eq!(kept.summary().clusters[i], *id);
+        assert_eq!(kept.cluster(i).unwrap(), *cluster);
     }
 }

@@ -153,9 +153,9 @@ fn how_surfels_are_pushed_does_not_matter() {
     let given = surfels(&mut Random(3), 150_000, style);
     let (one, many) = (dir.path().join("one.lvc"), dir.path().join("many.lvc"));
     write_cloud(&one, &given, &[], style);
-    let mut writer = CloudWriter::create(&many, cloud_meta(style), false).unwrap();
-    for part in given.chunks(777) {
-        writer.push_surfels(part).unwrap();
+    let mut writer = CloudWriter::create(&many, cloud_meta(style), Overwrite::Refuse).unwrap();
+    for some in given.chunks(777) {
+        writer.push_surfels(some).unwrap();
     }
     writer.finish().unwrap();
     assert!(std::fs::read(one).unwrap() == std::fs::read(many).unwrap());
@@ -184,13 +184,13 @@ fn nothing_is_left_behind_and_nothing_overwritten() {
     let path = dir.path().join("a.lvc");
     let style = Style::default();
     let given = surfels(&mut Random(3), 100, style);
-    let mut writer = CloudWriter::create(&path, cloud_meta(style), false).unwrap();
+    let mut writer = CloudWriter::create(&path, cloud_meta(style), Overwrite::Refuse).unwrap();
     writer.push_surfels(&given).unwrap();
     drop(writer);
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
 
     write_cloud(&path, &given, &[], style);
-    let error = CloudWriter::create(&path, cloud_meta(style), false)
+    let error = CloudWriter::create(&path, cloud_meta(style), Overwrite::Refuse)
         .err()
         .unwrap();
     assert!(matches!(error.cause(), FormatError::Exists));
@@ -198,7 +198,7 @@ fn nothing_is_left_behind_and_nothing_overwritten() {
 
     // A name that was taken between create and finish is not overwritten either.
     let other = dir.path().join("b.lvc");
-    let writer = CloudWriter::create(&other, cloud_meta(style), false).unwrap();
+    let writer = CloudWriter::create(&other, cloud_meta(style), Overwrite::Refuse).unwrap();
     std::fs::write(&other, "mine").unwrap();
     assert!(matches!(
         writer.finish().err().unwrap().cause(),
@@ -253,7 +253,7 @@ fn values_that_no_reader_accepts_are_refused() {
     ];
     for (what, surfel) in bad {
         let path = dir.path().join("a.lvc");
-        let mut writer = CloudWriter::create(&path, cloud_meta(style), false).unwrap();
+        let mut writer = CloudWriter::create(&path, cloud_meta(style), Overwrite::Refuse).unwrap();
         let error = writer
             .push_surfels(&[good, surfel])
             .unwrap_err()
@@ -263,8 +263,12 @@ fn values_that_no_reader_accepts_are_refused() {
             "{error}"
         );
     }
-    let mut writer =
-        CloudWriter::create(&dir.path().join("a.lvc"), cloud_meta(style), false).unwrap();
+    let mut writer = CloudWriter::create(
+        &dir.path().join("a.lvc"),
+        cloud_meta(style),
+        Overwrite::Refuse,
+    )
+    .unwrap();
     let voxel = lvoxels(&mut Random(1), 1, style)[0];
     for bad in [
         Lvoxel { volume: 2, ..voxel },
@@ -387,12 +391,9 @@ fn lvoxels_come_back_in_any_order_and_take_least_room_in_morton_order() {
             cloud_hash: [0; 16],
             settings: vec![],
         };
-        let mut writer = TreeWriter::create(&path, meta, true).unwrap();
+        let mut writer = TreeWriter::create(&path, meta, Overwrite::Replace).unwrap();
         writer.write_lvoxel_page(voxels).unwrap();
-        let sums = Sums {
-            volumes: vec![VolumeSums::default(); 2],
-            ..Sums::default()
-        };
+        let sums = Sums::of_nothing(2);
         writer.finish(None, sums, vec![]).unwrap();
         let tree = Tree::open_path(&path).unwrap();
         tree.verify().unwrap();
@@ -436,12 +437,9 @@ fn tree_lvoxels_within_bounds() {
             cloud: cloud_meta(style),
             ..TreeMeta::default()
         };
-        let mut writer = TreeWriter::create(&path, meta, true).unwrap();
+        let mut writer = TreeWriter::create(&path, meta, Overwrite::Replace).unwrap();
         writer.write_lvoxel_page(&voxels).unwrap();
-        let sums = Sums {
-            volumes: vec![VolumeSums::default(); 2],
-            ..Sums::default()
-        };
+        let sums = Sums::of_nothing(2);
         let summary = writer.finish(None, sums, Vec::new()).unwrap();
         assert_eq!(summary.columns.iter().any(|c| c.name == "sigma_t"), !same);
         let tree = Tree::open_path(&path).unwrap();
@@ -489,13 +487,10 @@ fn write_page(path: &Path, page: &SurfelPage, style: Style) {
         cloud: cloud_meta(style),
         ..TreeMeta::default()
     };
-    let mut writer = TreeWriter::create(path, meta, true).unwrap();
+    let mut writer = TreeWriter::create(path, meta, Overwrite::Replace).unwrap();
     let encoded = EncodedPage::new(page, 0, style.overlap).unwrap();
     writer.push_surfel_page(&encoded).unwrap();
-    let sums = Sums {
-        volumes: vec![VolumeSums::default(); 2],
-        ..Sums::default()
-    };
+    let sums = Sums::of_nothing(2);
     writer.finish(Some(0), sums, Vec::new()).unwrap();
 }
 

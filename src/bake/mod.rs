@@ -17,7 +17,7 @@ use crate::{Error, Result};
 use creases::Creases;
 use glam::DAffine3;
 use lvox_formats::record::{Lvoxel, MAX_VOLUMES, Surfel, VolumeInfo};
-use lvox_formats::{CloudMeta, CloudSummary, CloudWriter};
+use lvox_formats::{CloudMeta, CloudSummary, CloudWriter, Overwrite};
 use lvoxels::{BlockSize, LvoxelMaker};
 use rayon::prelude::*;
 use std::path::Path;
@@ -85,7 +85,7 @@ pub fn run(
     scene: &Scene,
     settings: &Settings,
     cloud: &Path,
-    force: bool,
+    overwrite: Overwrite,
     job: &Job,
 ) -> Result<CloudSummary> {
     settings.check()?;
@@ -94,7 +94,7 @@ pub fn run(
         settings.blocks.check(volume)?;
     }
     job.report.stage("bake", |counts| {
-        let mut writer = CloudWriter::create(cloud, meta(scene, settings)?, force)?;
+        let mut writer = CloudWriter::create(cloud, meta(scene, settings)?, overwrite)?;
         let tracer = Tracer::new_until(scene, &job.cancel)?;
         let shadows = SoftShadowMedia::new(scene);
         let lights = Lights::new(&tracer)
@@ -375,7 +375,7 @@ mod tests {
                 ..CloudMeta::default()
             };
             let dir = tempfile::tempdir().unwrap();
-            let writer = CloudWriter::create(&dir.path().join("a.lvc"), meta, false);
+            let writer = CloudWriter::create(&dir.path().join("a.lvc"), meta, Overwrite::Refuse);
             assert_eq!(writer.is_ok(), is_baked, "{count}");
             assert_eq!(check_volume_count(count).is_ok(), is_baked, "{count}");
         }

@@ -12,7 +12,9 @@ mod morton;
 mod spill;
 mod subtree;
 
-use crate::formats::{CHUNK_RECORDS, Cloud, MappedFile, TreeMeta, TreeSummary, TreeWriter};
+use crate::formats::{
+    CHUNK_RECORDS, Cloud, MappedFile, Overwrite, TreeMeta, TreeSummary, TreeWriter,
+};
 use crate::run::{Job, size};
 use crate::{Error, Result};
 use std::path::Path;
@@ -62,11 +64,11 @@ pub fn run(
     cloud_path: &Path,
     tree_path: &Path,
     settings: &Settings,
-    force: bool,
+    overwrite: Overwrite,
     job: &Job,
 ) -> Result<Outcome> {
     job.report.stage("build", |counts| {
-        let outcome = build(cloud_path, tree_path, settings, force, job)?;
+        let outcome = build(cloud_path, tree_path, settings, overwrite, job)?;
         let sums = &outcome.summary.sums;
         for (name, count) in [
             ("surfels", sums.surfels),
@@ -86,7 +88,7 @@ fn build(
     cloud_path: &Path,
     tree_path: &Path,
     settings: &Settings,
-    force: bool,
+    overwrite: Overwrite,
     job: &Job,
 ) -> Result<Outcome> {
     let limits = Limits::new(settings, job)?;
@@ -97,7 +99,7 @@ fn build(
         settings: vec![("page_bytes".into(), settings.page_bytes.to_string())],
     };
     let overlap = meta.cloud.disk_overlap;
-    let mut writer = TreeWriter::create(tree_path, meta, force)?;
+    let mut writer = TreeWriter::create(tree_path, meta, overwrite)?;
     let mut spilled_bytes = 0;
     let mut root = None;
     let mut levels = Vec::new();

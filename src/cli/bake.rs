@@ -31,12 +31,18 @@ impl Args {
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
-        check_writable(&self.output, context.force)?;
+        check_writable(&self.output, context.overwrite)?;
         let settings = self.bake.settings(self.seed.seed);
         settings.check()?;
         let scene = self.scene.load(context)?;
         context.job.heed_warnings()?;
-        crate::bake::run(&scene, &settings, &self.output, context.force, &context.job)?;
+        crate::bake::run(
+            &scene,
+            &settings,
+            &self.output,
+            context.overwrite,
+            &context.job,
+        )?;
         Ok(())
     }
 }

@@ -33,12 +33,12 @@ impl Args {
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
-        check_writable(&self.output, context.force)?;
+        check_writable(&self.output, context.overwrite)?;
         crate::build::run(
             &self.cloud,
             &self.output,
             &Settings::default(),
-            context.force,
+            context.overwrite,
             &context.job,
         )?;
         Ok(())

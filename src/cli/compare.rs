@@ -3,6 +3,7 @@
 use super::files::{Files, check_writable};
 use super::options::{Context, Memory};
 use super::{output, parse};
+use crate::formats::Overwrite;
 use crate::image::ImageKind;
 use crate::image::metrics::blocks::{self, Block};
 use crate::image::metrics::{self, Scores};
@@ -96,7 +97,7 @@ impl Args {
 
     pub fn run(self, context: &Context) -> Result<()> {
         if let Some(path) = &self.heatmap {
-            check_writable(path, true)?;
+            check_writable(path, Overwrite::Replace)?;
             ImageKind::Png.check_name("--heatmap", path)?;
         }
         let exposure = match self.exposure {

@@ -1,6 +1,6 @@
 //! The files of a verb: checked before its work, and its outputs kept apart from what it reads.
 
-use crate::formats::AtomicFile;
+use crate::formats::{AtomicFile, Overwrite};
 use crate::{Error, Result};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -30,14 +30,14 @@ impl Files {
 
 /// Finds out in the first second that an output cannot be written.
 ///
-/// Clouds and trees, which cost hours, are replaced only with `force`; images and reports pass
+/// Clouds and trees, which cost hours, are replaced only on request; images and reports pass
 /// `true`.
 ///
 /// # Errors
-/// [`crate::Kind::Input`] if the file is there and `force` is not given; else as
+/// [`crate::Kind::Input`] if the file is there and may not be replaced; else as
 /// [`AtomicFile::create`].
-pub fn check_writable(path: &Path, force: bool) -> Result<()> {
-    Ok(AtomicFile::create(path, force).map(drop)?)
+pub fn check_writable(path: &Path, overwrite: Overwrite) -> Result<()> {
+    Ok(AtomicFile::create(path, overwrite).map(drop)?)
 }
 
 /// A file of a verb, and the word for it in messages.
@@ -105,11 +105,11 @@ mod tests {
     fn existing_file_needs_force() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.lvc");
-        check_writable(&path, false).unwrap();
+        check_writable(&path, Overwrite::Refuse).unwrap();
         fs::write(&path, b"old").unwrap();
-        let error = check_writable(&path, false).unwrap_err();
+        let error = check_writable(&path, Overwrite::Refuse).unwrap_err();
         assert!(error.hint_text().unwrap().contains("--force"));
-        check_writable(&path, true).unwrap();
+        check_writable(&path, Overwrite::Replace).unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"old");
         assert_eq!(names(dir.path()), ["a.lvc"]);
     }
@@ -117,13 +117,14 @@ mod tests {
     #[test]
     fn missing_folder_and_folders_are_refused() {
         let dir = tempfile::tempdir().unwrap();
-        let error = check_writable(&dir.path().join("no/such/a.exr"), true).unwrap_err();
+        let error =
+            check_writable(&dir.path().join("no/such/a.exr"), Overwrite::Replace).unwrap_err();
         assert_eq!(error.kind(), crate::Kind::Input);
         assert!(!error.to_string().contains('\n'));
         // Not the name of the temporary file.
         assert!(!error.to_string().contains(".part"), "{error}");
         assert!(error.hint_text().is_some());
-        let error = check_writable(dir.path(), true).unwrap_err();
+        let error = check_writable(dir.path(), Overwrite::Replace).unwrap_err();
         assert!(error.to_string().contains("not a regular file"));
     }
 

@@ -68,8 +68,8 @@ impl Args {
             };
         }
         if let Some(out) = &self.export {
-            check_writable(out, context.force)?;
-            let exported = export_ply(&self.file, out, self.level, context.force)?;
+            check_writable(out, context.overwrite)?;
+            let exported = export_ply(&self.file, out, self.level, context.overwrite)?;
             return if self.json {
                 output::print_json(&exported)
             } else {

@@ -3,6 +3,7 @@
 use super::files::{Files, check_writable};
 use super::options::{Context, Memory};
 use crate::Result;
+use crate::formats::Overwrite;
 use crate::image::ImageKind;
 use crate::image::merge::merge;
 use std::path::PathBuf;
@@ -36,7 +37,7 @@ impl Args {
 
     pub fn run(self, context: &Context) -> Result<()> {
         let job = &context.job;
-        check_writable(&self.output, true)?;
+        check_writable(&self.output, Overwrite::Replace)?;
         ImageKind::Exr.check_name("--output", &self.output)?;
         job.report.stage("merge", |counts| {
             let merged = merge(&self.tiles, &self.output, job)?;

@@ -2,6 +2,7 @@
 
 use super::files::{Files, Named, check_apart, check_writable};
 use super::{parse, progress};
+use crate::formats::Overwrite;
 use crate::run::{Job, OnWarning};
 use crate::{Error, Result};
 use std::cell::RefCell;
@@ -100,7 +101,7 @@ pub struct Context {
     /// Progress, cancellation, report, limits.
     pub job: Job,
     /// Whether clouds, trees and exports may be replaced, and what was begun is begun anew.
-    pub force: bool,
+    pub overwrite: Overwrite,
     /// Where the report goes.
     report_path: RefCell<Option<PathBuf>>,
     /// What the verb writes, by the words for it.
@@ -164,7 +165,7 @@ impl Shared {
     /// Checks the options, sizes the thread pool, and hooks up the signals.
     pub fn resolve(self, limits: Limits) -> Result<Context> {
         if let Some(path) = &self.report {
-            check_writable(path, true)?;
+            check_writable(path, Overwrite::Replace)?;
         }
         if let Some(dir) = limits.temp_dir.as_ref().filter(|d| !d.is_dir()) {
             return Err(
@@ -198,7 +199,11 @@ impl Shared {
         .map_err(|e| Error::failed(format!("cannot listen for signals: {e}")))?;
         Ok(Context {
             job,
-            force: self.force,
+            overwrite: if self.force {
+                Overwrite::Replace
+            } else {
+                Overwrite::Refuse
+            },
             report_path: RefCell::new(self.report),
             outputs: Vec::new(),
         })

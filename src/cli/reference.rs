@@ -4,6 +4,7 @@ use super::files::{Files, check_writable};
 use super::options::{Context, Memory, Seed};
 use super::region_options::RegionOptions;
 use super::scene_input::SceneInput;
+use crate::formats::Overwrite;
 use crate::image::ImageKind;
 use crate::lab::reference::{self, Settings};
 use crate::run::StageReport;
@@ -87,8 +88,8 @@ impl Args {
             seed: self.seed.seed,
         };
         settings.check()?;
-        check_writable(&self.output, true)?;
-        check_writable(&reference::sums_path(&self.output), true)?;
+        check_writable(&self.output, Overwrite::Replace)?;
+        check_writable(&reference::sums_path(&self.output), Overwrite::Replace)?;
         let scene = self.scene.load(context)?;
         let region = self.region.of(&scene.film)?;
         reference::run(
@@ -96,7 +97,7 @@ impl Args {
             &settings,
             region,
             &self.output,
-            context.force,
+            context.overwrite == Overwrite::Replace,
             &context.job,
         )?;
         if let Some(text) = reached(&context.job.report.stages()) {

@@ -6,6 +6,7 @@ use super::options::{Context, Memory, Seed, Temporary};
 use super::output;
 use super::scene_input::SceneInput;
 use super::shade_options::ShadeOptions;
+use crate::formats::Overwrite;
 use crate::tree::OpenTree;
 use crate::{Error, Result};
 use std::path::PathBuf;
@@ -51,7 +52,7 @@ impl Args {
         self.shade.check()?;
         crate::build::check_memory(job.memory_limit)?;
         if let Some(path) = &self.keep_tree {
-            check_writable(path, context.force)?;
+            check_writable(path, context.overwrite)?;
         }
         let settings = self.bake.settings(self.seed.seed);
         settings.check()?;
@@ -71,12 +72,12 @@ impl Args {
             .keep_tree
             .clone()
             .unwrap_or_else(|| folder.path().join("scene.lvt"));
-        crate::bake::run(&scene, &settings, &cloud, false, job)?;
+        crate::bake::run(&scene, &settings, &cloud, Overwrite::Refuse, job)?;
         crate::build::run(
             &cloud,
             &tree,
             &crate::build::Settings::default(),
-            context.force,
+            context.overwrite,
             job,
         )?;
         let store = OpenTree::open(&tree, job.memory_limit)?;

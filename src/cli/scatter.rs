@@ -68,7 +68,7 @@ impl Args {
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
-        check_writable(&self.output, context.force)?;
+        check_writable(&self.output, context.overwrite)?;
         let settings = self.settings();
         settings.check()?;
         let job = &context.job;
@@ -81,7 +81,14 @@ impl Args {
         let origin = (&cloud.scene_hash, &cloud.settings[..]);
         warn_if_out_of_date(&scene, origin, &self.tree, job);
         job.heed_warnings()?;
-        scatter::run(&scene, &store, &self.output, &settings, context.force, job)?;
+        scatter::run(
+            &scene,
+            &store,
+            &self.output,
+            &settings,
+            context.overwrite,
+            job,
+        )?;
         output::say_times(job, "scatter", &[]);
         Ok(())
     }

@@ -3,6 +3,7 @@
 use super::files::{Files, check_writable};
 use super::parse;
 use super::region_options::RegionOptions;
+use crate::formats::Overwrite;
 use crate::image::exr::{self, Precision};
 use crate::image::{Frame, ImageKind, png, tone};
 use crate::lab::tune::{self, Outcome};
@@ -136,7 +137,7 @@ impl ShadeOptions {
                 .hint("name the output .exr, or leave the option out"));
             }
         }
-        check_writable(&self.output, true)?;
+        check_writable(&self.output, Overwrite::Replace)?;
         if let Some(target) = self.target_error {
             tune::check(target)?;
         }

@@ -4,6 +4,7 @@ use super::files::Files;
 use super::options::{Context, Memory, Seed, Temporary};
 use super::parse;
 use super::scene_input::SceneInput;
+use crate::formats::Overwrite;
 use crate::lab::study::{self, Settings};
 use crate::shade::Quality;
 use crate::{Result, shade};
@@ -173,7 +174,13 @@ impl Args {
             let height = f64::from(film.height) * f64::from(width) / f64::from(film.width);
             (film.width, film.height) = (width, height.round().max(1.0) as u32);
         }
-        study::run(&scene, &settings, &self.output, context.force, &context.job)?;
+        study::run(
+            &scene,
+            &settings,
+            &self.output,
+            context.overwrite == Overwrite::Replace,
+            &context.job,
+        )?;
         let report = self.output.join("report.html");
         context
             .job

@@ -2,7 +2,8 @@
 
 use super::File;
 use crate::formats::{
-    AtomicFile, Below, FormatError, Lvoxel, MappedFile, Node, Sums, Surfel, Tree, VolumeInfo,
+    AtomicFile, Below, FormatError, Lvoxel, MappedFile, Node, Overwrite, Sums, Surfel, Tree,
+    VolumeInfo,
 };
 use crate::{Error, Result};
 use std::collections::HashSet;
@@ -28,8 +29,13 @@ pub struct Exported {
 /// of a ball of their volume.
 ///
 /// # Errors
-/// Wrong input for a level of a cloud, an output that exists (unless `force`), or a damaged file.
-pub fn export_ply(path: &Path, out: &Path, level: Option<u32>, force: bool) -> Result<Exported> {
+/// Wrong input for a level of a cloud, an output that exists and may not be replaced, or a damaged file.
+pub fn export_ply(
+    path: &Path,
+    out: &Path,
+    level: Option<u32>,
+    overwrite: Overwrite,
+) -> Result<Exported> {
     let file = File::open(path)?;
     if let (File::Cloud(_), Some(_)) = (&file, level) {
         return Err(
@@ -41,7 +47,7 @@ pub fn export_ply(path: &Path, out: &Path, level: Option<u32>, force: bool) -> R
         File::Cloud(cloud) => (&cloud.summary().sums, &cloud.meta().volumes),
         File::Tree(tree) => (&tree.summary().sums, &tree.meta().cloud.volumes),
     };
-    let mut ply = Ply::create(out, exposure(sums), force)?;
+    let mut ply = Ply::create(out, exposure(sums), overwrite)?;
     match (&file, level) {
         (File::Cloud(cloud), _) => {
             for i in 0..cloud.surfel_chunks() {
@@ -182,9 +188,9 @@ struct Ply {
 }
 
 impl Ply {
-    fn create(path: &Path, exposure: f32, force: bool) -> Result<Self> {
+    fn create(path: &Path, exposure: f32, overwrite: Overwrite) -> Result<Self> {
         let mut ply = Self {
-            file: BufWriter::with_capacity(1 << 20, AtomicFile::create(path, force)?),
+            file: BufWriter::with_capacity(1 << 20, AtomicFile::create(path, overwrite)?),
             exposure,
             vertices: 0,
         };

@@ -4,7 +4,7 @@ use super::describe::BlockSizes;
 use super::text::{Table, bytes, count};
 use crate::Result;
 use crate::formats::{
-    BlockKind, ColumnBytes, FileKind, LeftOut, MappedFile, PartPlace, Scatter, VolumeInfo,
+    BlockKind, ClusterId, ColumnBytes, FileKind, LeftOut, MappedFile, Scatter, VolumeInfo,
 };
 use crate::run::hex;
 use std::fmt;
@@ -30,16 +30,16 @@ pub struct Scattered {
     pub scene_name: String,
     /// Identity of the scene.
     pub scene_hash: String,
-    /// Volumes, in the order that parts refer to.
+    /// Volumes, in the order that clusters refer to.
     pub volumes: Vec<VolumeInfo>,
     /// What it was made with.
     pub settings: Vec<(String, String)>,
     /// Vertices, by volume, light and spacing.
     pub lattices: Vec<Lattice>,
-    /// Parts of all lattices.
-    pub parts: u64,
-    /// Stored bytes of a part.
-    pub stored_part: BlockSizes,
+    /// Clusters of all lattices.
+    pub clusters: u64,
+    /// Stored bytes of a cluster.
+    pub stored_cluster: BlockSizes,
     /// Columns that are present.
     pub columns: Vec<ColumnBytes>,
     /// Columns that were not needed, everywhere or in places, and what that saved before
@@ -76,7 +76,8 @@ pub fn scattered(path: &Path) -> Result<Option<Scattered>> {
     let scatter = Scatter::open_path(path)?;
     let (meta, summary) = (scatter.meta(), scatter.summary());
     let mut lattices: Vec<Lattice> = Vec::new();
-    for (block, &PartPlace { volume, level, .. }) in scatter.blocks().iter().zip(&summary.parts) {
+    for (block, &ClusterId { volume, level, .. }) in scatter.blocks().iter().zip(&summary.clusters)
+    {
         let light = match block.kind {
             BlockKind::Direct => "direct",
             _ => "indirect",
@@ -109,8 +110,8 @@ pub fn scattered(path: &Path) -> Result<Option<Scattered>> {
         volumes: meta.volumes.clone(),
         settings: meta.settings.clone(),
         lattices,
-        parts: scatter.blocks().len() as u64,
-        stored_part: BlockSizes::of(scatter.blocks(), |b| b.stored_bytes),
+        clusters: scatter.blocks().len() as u64,
+        stored_cluster: BlockSizes::of(scatter.blocks(), |b| b.stored_bytes),
         columns: summary.columns.clone(),
         left_out: summary.left_out.clone(),
     }))
@@ -133,11 +134,11 @@ impl fmt::Display for Scattered {
             .iter()
             .map(|(name, value)| format!("{name} {value}"));
         writeln!(f, "made with {}", settings.collect::<Vec<_>>().join(", "))?;
-        let sizes = self.stored_part;
+        let sizes = self.stored_cluster;
         writeln!(
             f,
-            "{} parts of {} to {}, half of them at most {}",
-            count(self.parts),
+            "{} clusters of {} to {}, half of them at most {}",
+            count(self.clusters),
             bytes(sizes.min.into()),
             bytes(sizes.max.into()),
             bytes(sizes.median.into())

@@ -82,7 +82,7 @@ pub fn verify(path: &Path, job: &Job) -> Result<Verification> {
     }
     if scattered(path)?.is_some() {
         let scatter = Scatter::open_path(path)?;
-        let task = (job.progress).task("verify", scatter.blocks().len() as u64, "parts");
+        let task = (job.progress).task("verify", scatter.blocks().len() as u64, "clusters");
         scatter.verify_with(|| next(&task, job))?;
         return Ok(undamaged(file, "scatter"));
     }

@@ -1,6 +1,6 @@
 //! A file that appears under its name only when it is complete.
 
-use crate::formats::AtomicFile;
+use crate::formats::{AtomicFile, Overwrite};
 use crate::{Error, Result};
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::Path;
@@ -15,7 +15,7 @@ impl Output {
     /// # Errors
     /// As [`AtomicFile::create`].
     pub fn create(path: &Path) -> Result<Self> {
-        Ok(Self(AtomicFile::create(path, true)?))
+        Ok(Self(AtomicFile::create(path, Overwrite::Replace)?))
     }
 
     /// Makes the bytes durable and gives the file its name.

@@ -13,7 +13,7 @@ use crate::tree::{OpenTree, Pages};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 use lvox_formats::record::VolumeInfo;
-use lvox_formats::{MappedFile, Scatter, ScatterMeta, ScatterSummary, ScatterWriter};
+use lvox_formats::{MappedFile, Overwrite, Scatter, ScatterMeta, ScatterSummary, ScatterWriter};
 use std::path::Path;
 
 /// How to light media.
@@ -87,7 +87,7 @@ pub fn run(
     store: &OpenTree,
     output: &Path,
     settings: &Settings,
-    force: bool,
+    overwrite: Overwrite,
     job: &Job,
 ) -> Result<ScatterSummary> {
     settings.check()?;
@@ -107,7 +107,7 @@ pub fn run(
             tree_hash: store.tree().content_hash(),
             settings: listed,
         };
-        let mut writer = ScatterWriter::create(output, meta, force)?;
+        let mut writer = ScatterWriter::create(output, meta, overwrite)?;
         let request = Request {
             settings: &settings.of_gathers(),
             regions: &[],

@@ -3,6 +3,7 @@
 use crate::{ROOM, Work, shade, with_threads};
 use lvox::bake::{self, SurfelSampling};
 use lvox::build;
+use lvox::formats::Overwrite;
 use lvox::image::exr::{self, Precision};
 use lvox::image::merge::merge;
 use lvox::image::{Frame, Region};
@@ -42,7 +43,14 @@ fn clouds_and_trees_do_not_depend_on_threads_or_memory() {
     let clouds = [1, 2].map(|threads| {
         let cloud = work.path(&format!("{threads}.lvc"));
         with_threads(threads, || {
-            bake::run(&scene, &settings, &cloud, false, &Job::default()).unwrap();
+            bake::run(
+                &scene,
+                &settings,
+                &cloud,
+                Overwrite::Refuse,
+                &Job::default(),
+            )
+            .unwrap();
         });
         cloud
     });
@@ -55,7 +63,14 @@ fn clouds_and_trees_do_not_depend_on_threads_or_memory() {
             let tree = work.path("a.lvt");
             let outcome = with_threads(threads, || {
                 let settings = build::Settings::default();
-                build::run(&clouds[0], &tree, &settings, true, &limited(limit)).unwrap()
+                build::run(
+                    &clouds[0],
+                    &tree,
+                    &settings,
+                    Overwrite::Replace,
+                    &limited(limit),
+                )
+                .unwrap()
             });
             spilled.push(outcome.spilled_bytes > 0);
             trees.push(fs::read(&tree).unwrap());

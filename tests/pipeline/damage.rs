@@ -2,7 +2,7 @@
 
 use crate::messages::lvox;
 use crate::{ROOM, Work};
-use lvox::formats::{Cloud, Tree, TreeWriter};
+use lvox::formats::{Cloud, Overwrite, Tree, TreeWriter};
 use lvox::tree::OpenTree;
 use std::fs;
 
@@ -163,7 +163,7 @@ fn volumes_that_memory_cannot_hold_are_refused() {
     for dims in [[u32::MAX; 3], [1 << 20, 1 << 20, 8]] {
         meta.cloud.volumes[0].dims = dims;
         let path = work.path("bad.lvt");
-        let writer = TreeWriter::create(&path, meta.clone(), true).unwrap();
+        let writer = TreeWriter::create(&path, meta.clone(), Overwrite::Replace).unwrap();
         let sums = good.summary().cloud_sums.clone();
         writer.finish(None, sums, Vec::new()).unwrap();
         let error = OpenTree::open(&path, None).unwrap_err().to_string();

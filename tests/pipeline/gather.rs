@@ -6,7 +6,7 @@ use glam::{Affine3A, Quat, Vec3};
 use lvox::Rgb;
 use lvox::build;
 use lvox::formats::record::{MAX_LEVEL, VolumeInfo};
-use lvox::formats::{ClipEdge, Clips, CloudMeta, CloudWriter, Lvoxel, Surfel};
+use lvox::formats::{ClipEdge, Clips, CloudMeta, CloudWriter, Lvoxel, Overwrite, Surfel};
 use lvox::gather::cone::Scratch;
 use lvox::gather::patch_radiance::MAX_PACKET;
 use lvox::gather::plain;
@@ -88,14 +88,14 @@ fn tree(surfels: &[Surfel]) -> (tempfile::TempDir, PathBuf) {
         disk_overlap: OVERLAP,
         ..CloudMeta::default()
     };
-    let mut writer = CloudWriter::create(&cloud, meta, false).unwrap();
+    let mut writer = CloudWriter::create(&cloud, meta, Overwrite::Refuse).unwrap();
     writer.push_surfels(surfels).unwrap();
     writer.finish().unwrap();
     build::run(
         &cloud,
         &tree,
         &build::Settings::default(),
-        false,
+        Overwrite::Refuse,
         &Job::default(),
     )
     .unwrap();

@@ -3,8 +3,8 @@
 
 use glam::Vec3;
 use lvox::formats::{
-    Below, Bounds, EncodedPage, Node, Sums, Surfel, SurfelAggregate, SurfelPage, TreeMeta,
-    TreeWriter,
+    Below, Bounds, EncodedPage, Node, Overwrite, Sums, Surfel, SurfelAggregate, SurfelPage,
+    TreeMeta, TreeWriter,
 };
 use lvox::gather::cone::{self, Scratch};
 use lvox::gather::plain;
@@ -18,7 +18,7 @@ const OVERLAP: f32 = 1.8;
 fn stores(pages: &[SurfelPage], limit: Option<u64>) -> (tempfile::TempDir, Vec<OpenTree>) {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.lvt");
-    let mut writer = TreeWriter::create(&path, TreeMeta::default(), false).unwrap();
+    let mut writer = TreeWriter::create(&path, TreeMeta::default(), Overwrite::Refuse).unwrap();
     for (id, page) in (0..).zip(pages) {
         let page = EncodedPage::new(page, id, OVERLAP).unwrap();
         writer.push_surfel_page(&page).unwrap();
@@ -109,7 +109,7 @@ fn a_tree_in_which_a_page_is_linked_twice_is_refused() {
             assert!(message.contains("expected one, found one in page"));
         }
         let (tree, out) = (dir.path().join("a.lvt"), dir.path().join("a.ply"));
-        let error = export_ply(&tree, &out, Some(1000), false).unwrap_err();
+        let error = export_ply(&tree, &out, Some(1000), Overwrite::Refuse).unwrap_err();
         assert_eq!(error.kind(), lvox::Kind::Input);
         let message = error.to_string();
         assert!(message.contains("a.lvt: links to page"), "{message}");
@@ -143,6 +143,6 @@ fn a_tree_may_be_as_deep_as_its_file_is_long() {
     pages.unwrap();
     assert_eq!(met, [true, false]);
     let (tree, out) = (dir.path().join("a.lvt"), dir.path().join("a.ply"));
-    let exported = export_ply(&tree, &out, Some(u32::MAX), false).unwrap();
+    let exported = export_ply(&tree, &out, Some(u32::MAX), Overwrite::Refuse).unwrap();
     assert_eq!(exported.surfels_or_nodes, 1);
 }

@@ -3,7 +3,7 @@
 use crate::messages::lvox;
 use crate::support::trees;
 use crate::{ROOM, Work, beauty, layer, relative_rms, with_threads};
-use lvox::formats::{BlockKind, Scatter};
+use lvox::formats::{BlockKind, Overwrite, Scatter};
 use lvox::image::Region;
 use lvox::run::Job;
 use lvox::scene::Scene;
@@ -41,7 +41,15 @@ fn scattered(
 ) -> PathBuf {
     let store = OpenTree::open(tree, None).unwrap();
     let output = work.path(name);
-    scatter::run(scene, &store, &output, settings, true, &Job::default()).unwrap();
+    scatter::run(
+        scene,
+        &store,
+        &output,
+        settings,
+        Overwrite::Replace,
+        &Job::default(),
+    )
+    .unwrap();
     output
 }
 
@@ -118,7 +126,7 @@ fn it_does_not_depend_on_threads_and_tiles_of_it_have_no_seams() {
     };
     let (bytes, path) = make(1, "1.lvs");
     assert_eq!(make(3, "3.lvs").0, bytes);
-    let kinds = |kind| Scatter::open(&bytes).unwrap().parts(kind, 0).count();
+    let kinds = |kind| Scatter::open(&bytes).unwrap().clusters(kind, 0).count();
     assert!(kinds(BlockKind::Direct) > 0 && kinds(BlockKind::Indirect) > 0);
 
     let open = || {

@@ -5,6 +5,7 @@ use crate::{ROOM, Work, layer, shade};
 use lvox::bake::lvoxels::BlockSize;
 use lvox::bake::{self, SurfelSampling};
 use lvox::formats::Cloud;
+use lvox::formats::Overwrite;
 use lvox::image::Region;
 use lvox::run::Job;
 use lvox::shade::{Aov, Settings};
@@ -192,7 +193,14 @@ fn volumes_that_are_alike_do_not_share_their_samples() {
         ..bake::Settings::default()
     };
     let path = work.path("two.lvc");
-    bake::run(&work.scene(), &settings, &path, false, &Job::default()).unwrap();
+    bake::run(
+        &work.scene(),
+        &settings,
+        &path,
+        Overwrite::Refuse,
+        &Job::default(),
+    )
+    .unwrap();
     let cloud = Cloud::open_path(&path).unwrap();
     let mut sigma_t = [Vec::new(), Vec::new()];
     for i in 0..cloud.lvoxel_chunks() {

@@ -2,6 +2,7 @@
 
 use lvox::bake::{self, SurfelSampling};
 use lvox::build;
+use lvox::formats::Overwrite;
 use lvox::run::Job;
 use lvox::scene::Scene;
 use std::path::{Path, PathBuf};
@@ -11,8 +12,15 @@ pub fn baked(scene: &Scene, settings: &bake::Settings, dir: &Path, name: &str) -
     let cloud = dir.join(format!("{name}.lvc"));
     let tree = cloud.with_extension("lvt");
     let job = Job::default();
-    bake::run(scene, settings, &cloud, true, &job).unwrap();
-    build::run(&cloud, &tree, &build::Settings::default(), true, &job).unwrap();
+    bake::run(scene, settings, &cloud, Overwrite::Replace, &job).unwrap();
+    build::run(
+        &cloud,
+        &tree,
+        &build::Settings::default(),
+        Overwrite::Replace,
+        &job,
+    )
+    .unwrap();
     tree
 }
 

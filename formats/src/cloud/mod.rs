@@ -1,11 +1,15 @@
-//! The cloud file: surfels and lvoxels in the order they came.
+//! The cloud file, `.lvc`: surfels and lvoxels in the order they came, in chunks.
+//!
+//! - `columns`: the columns of a chunk, each compressed apart behind a directory of them.
+//! - `write`: points to chunks.
+//! - `read`: chunks to points.
 
 mod columns;
 mod read;
 mod write;
 
-pub use read::Cloud;
+pub use read::{Cloud, CloudFormat};
 pub use write::CloudWriter;
 
-/// A chunk has at most this many records.
+/// The most records in a chunk.
 pub const CHUNK_RECORDS: usize = 65536;

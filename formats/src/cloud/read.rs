@@ -3,49 +3,37 @@
 use super::CHUNK_RECORDS;
 use super::columns::{self as col, Chunk};
 use crate::bytes::{Column, Cursor, singles, triples};
-use crate::frame::{Block, BlockKind, FileKind, Frame};
+use crate::format::{Format, PointBlocks, expect_count};
+use crate::frame::{Block, FileKind};
+use crate::opened::{Opened, nth};
 use crate::quantise::{NORMAL_MAX, area_of_disk, decode_clips, decode_normal};
 use crate::record::{Bounds, Lvoxel, Surfel};
-use crate::summary::{CloudSummary, Sums, VolumeSums};
-use crate::{CloudMeta, FormatError, MappedFile, Result, check, codec};
-use std::path::{Path, PathBuf};
+use crate::summary::{CloudSummary, Sums};
+use crate::{CloudMeta, FormatError, Result, check};
 
-/// A cloud file, opened. Chunks are decoded when asked for, by any number of threads.
+/// The format of a cloud file.
 #[derive(Debug)]
-pub struct Cloud<D> {
-    data: D,
-    path: Option<PathBuf>,
-    surfel_blocks: Vec<Block>,
-    lvoxel_blocks: Vec<Block>,
-    meta: CloudMeta,
-    summary: CloudSummary,
-    content_hash: [u8; 16],
-    version: u32,
-}
+pub enum CloudFormat {}
 
-impl Cloud<MappedFile> {
-    /// Maps and opens a file; all errors name it.
-    ///
-    /// # Errors
-    /// As [`Cloud::open`], and [`FormatError::Io`].
-    pub fn open_path(path: &Path) -> Result<Self> {
-        let mut cloud = Self::open(MappedFile::open(path)?).map_err(|e| e.at(path))?;
-        cloud.path = Some(path.into());
-        Ok(cloud)
+/// A cloud file that was opened: surfels and lvoxels in the order they came, in chunks.
+pub type Cloud<D> = Opened<D, CloudFormat>;
+
+impl Format for CloudFormat {
+    type Meta = CloudMeta;
+    type Summary = CloudSummary;
+    type Blocks = PointBlocks;
+    const KIND: FileKind = FileKind::Cloud;
+
+    fn check_meta(meta: &CloudMeta) -> Result<()> {
+        meta.validate()
     }
-}
 
-impl<D: AsRef<[u8]>> Cloud<D> {
-    /// Reads header, metadata, summary and block table, and checks them; no chunk is touched.
-    ///
-    /// # Errors
-    /// Any [`FormatError`] but `Io`, `Exists` and `InFile`.
-    pub fn open(data: D) -> Result<Self> {
-        let bytes = data.as_ref();
-        let frame = Frame::read(bytes, FileKind::Cloud)?;
-        let meta: CloudMeta = codec::decode(&bytes[frame.meta.clone()], "metadata")?;
-        meta.validate()?;
-        for (i, block) in frame.blocks.iter().enumerate() {
+    fn arrange(
+        blocks: Vec<Block>,
+        meta: &CloudMeta,
+        summary: &CloudSummary,
+    ) -> Result<PointBlocks> {
+        for (i, block) in blocks.iter().enumerate() {
             if !(1..=CHUNK_RECORDS).contains(&(block.records as usize)) || block.nodes != 0 {
                 return Err(FormatError::invalid(
                     format!("records of block {i}"),
@@ -54,86 +42,65 @@ impl<D: AsRef<[u8]>> Cloud<D> {
                 ));
             }
         }
-        let summary: CloudSummary = codec::decode(&bytes[frame.summary.clone()], "summary")?;
-        let (surfel_blocks, lvoxel_blocks): (Vec<_>, Vec<_>) = frame
-            .blocks
-            .into_iter()
-            .partition(|b| b.kind == BlockKind::Surfels);
-        let cloud = Self {
-            path: None,
-            surfel_blocks,
-            lvoxel_blocks,
-            meta,
-            summary,
-            content_hash: frame.content_hash,
-            version: frame.version,
-            data,
-        };
-        for (what, blocks, expected) in [
-            (
-                "surfels in the summary",
-                &cloud.surfel_blocks,
-                cloud.summary.sums.surfels,
-            ),
-            (
-                "lvoxels in the summary",
-                &cloud.lvoxel_blocks,
-                cloud.summary.sums.lvoxels(),
-            ),
-        ] {
-            let sum: u64 = blocks.iter().map(|b| u64::from(b.records)).sum();
-            if sum != expected {
-                return Err(FormatError::invalid(what, sum.to_string(), expected));
+        let volumes = summary.sums.volumes.len() as u64;
+        expect_count("volumes", meta.volumes.len() as u64, volumes)?;
+        PointBlocks::new(blocks, &summary.sums)
+    }
+
+    fn verify<D: AsRef<[u8]>, E: From<FormatError>>(
+        cloud: &Cloud<D>,
+        mut after_block: impl FnMut() -> Result<(), E>,
+    ) -> Result<(), E> {
+        let mut sums = Sums::of_nothing(cloud.meta().volumes.len());
+        let mut bounds = Bounds::EMPTY;
+        for i in 0..cloud.surfel_chunks() {
+            for surfel in cloud.surfel_chunk(i)? {
+                sums.add_surfel(&surfel);
+                bounds = bounds.union(Bounds::of_surfel(&surfel));
             }
+            after_block()?;
         }
-        if cloud.summary.sums.volumes.len() != cloud.meta.volumes.len() {
-            return Err(FormatError::invalid(
-                "volumes in the summary",
-                cloud.meta.volumes.len().to_string(),
-                cloud.summary.sums.volumes.len(),
-            ));
+        for i in 0..cloud.lvoxel_chunks() {
+            for lvoxel in cloud.lvoxel_chunk(i)? {
+                sums.add_lvoxel(&lvoxel);
+            }
+            after_block()?;
         }
-        Ok(cloud)
+        let bounds = (sums.surfels > 0).then_some(bounds);
+        let summary = cloud.summary();
+        cloud.named(|| {
+            if sums != summary.sums || !same_box(bounds, summary.bounds) {
+                return Err(FormatError::invalid(
+                    "summary",
+                    format!("the sums of the points, {sums:?} in {bounds:?}"),
+                    format!("{:?} in {:?}", summary.sums, summary.bounds),
+                ));
+            }
+            Ok(())
+        })?;
+        Ok(())
     }
+}
 
-    /// Where the cloud comes from.
-    pub fn meta(&self) -> &CloudMeta {
-        &self.meta
-    }
-
-    /// What was counted while it was written.
-    pub fn summary(&self) -> &CloudSummary {
-        &self.summary
-    }
-
-    /// Version of the format that the file was written in.
-    pub fn version(&self) -> u32 {
-        self.version
-    }
-
-    /// Identity of everything in the file.
-    pub fn content_hash(&self) -> [u8; 16] {
-        self.content_hash
-    }
-
+impl<D: AsRef<[u8]>> Cloud<D> {
     /// Chunks of surfels, in file order.
     pub fn surfel_blocks(&self) -> &[Block] {
-        &self.surfel_blocks
+        &self.table().surfels
     }
 
     /// Chunks of lvoxels, in file order.
     pub fn lvoxel_blocks(&self) -> &[Block] {
-        &self.lvoxel_blocks
+        &self.table().lvoxels
     }
 
     /// Number of chunks of surfels.
     pub fn surfel_chunks(&self) -> usize {
-        self.surfel_blocks.len()
+        self.surfel_blocks().len()
     }
 
     /// Number of chunks of lvoxels.
     pub fn lvoxel_chunks(&self) -> usize {
-        self.lvoxel_blocks.len()
+        self.lvoxel_blocks().len()
     }
 
     /// Decodes chunk `i` of surfels.
@@ -143,8 +110,8 @@ impl<D: AsRef<[u8]>> Cloud<D> {
     /// not exist.
     pub fn surfel_chunk(&self, i: usize) -> Result<Vec<Surfel>> {
         self.named(|| {
-            let chunk = self.chunk(&self.surfel_blocks, i, "surfel chunk", &col::SURFELS)?;
-            decode_surfels(&chunk, self.meta.disk_overlap)
+            let chunk = self.chunk(self.surfel_blocks(), i, "surfel chunk", &col::SURFELS)?;
+            decode_surfels(&chunk, self.meta().disk_overlap)
         })
     }
 
@@ -154,7 +121,7 @@ impl<D: AsRef<[u8]>> Cloud<D> {
     /// As [`Self::surfel_chunk`].
     pub fn surfel_positions(&self, i: usize) -> Result<Vec<[f32; 3]>> {
         self.named(|| {
-            let chunk = self.chunk(&self.surfel_blocks, i, "surfel chunk", &col::SURFELS)?;
+            let chunk = self.chunk(self.surfel_blocks(), i, "surfel chunk", &col::SURFELS)?;
             let positions = triples(&chunk.required(col::POSITION)?);
             match positions.iter().flatten().find(|v| !v.is_finite()) {
                 Some(v) => Err(FormatError::invalid(
@@ -173,69 +140,14 @@ impl<D: AsRef<[u8]>> Cloud<D> {
     /// As [`Self::surfel_chunk`].
     pub fn lvoxel_chunk(&self, i: usize) -> Result<Vec<Lvoxel>> {
         self.named(|| {
-            let chunk = self.chunk(&self.lvoxel_blocks, i, "lvoxel chunk", &col::LVOXELS)?;
+            let chunk = self.chunk(self.lvoxel_blocks(), i, "lvoxel chunk", &col::LVOXELS)?;
             let lvoxels = decode_lvoxels(&chunk)?;
             for (k, v) in lvoxels.iter().enumerate() {
-                check::lvoxel(v, &self.meta.volumes, &|| {
+                check::lvoxel(v, &self.meta().volumes, &|| {
                     format!("lvoxel {k} of {}", chunk.place())
                 })?;
             }
             Ok(lvoxels)
-        })
-    }
-
-    /// Reads everything: checksums, the range of every value, and the sums of the summary.
-    ///
-    /// # Errors
-    /// The first damage found.
-    pub fn verify(&self) -> Result<()> {
-        self.verify_with(|| Ok(()))
-    }
-
-    /// As [`Self::verify`], and calls `read` after each block.
-    ///
-    /// # Errors
-    /// The first damage found, or what `read` returns, which ends the check.
-    pub fn verify_with<E: From<FormatError>>(
-        &self,
-        mut read: impl FnMut() -> std::result::Result<(), E>,
-    ) -> std::result::Result<(), E> {
-        let mut sums = Sums {
-            volumes: vec![VolumeSums::default(); self.meta.volumes.len()],
-            ..Sums::default()
-        };
-        let mut bounds = Bounds::EMPTY;
-        for i in 0..self.surfel_chunks() {
-            for surfel in self.surfel_chunk(i)? {
-                sums.add_surfel(&surfel);
-                bounds = bounds.union(Bounds::of_surfel(&surfel));
-            }
-            read()?;
-        }
-        for i in 0..self.lvoxel_chunks() {
-            for lvoxel in self.lvoxel_chunk(i)? {
-                sums.add_lvoxel(&lvoxel);
-            }
-            read()?;
-        }
-        let bounds = (sums.surfels > 0).then_some(bounds);
-        self.named(|| {
-            if sums != self.summary.sums || !same_box(bounds, self.summary.bounds) {
-                return Err(FormatError::invalid(
-                    "summary",
-                    format!("the sums of the points, {sums:?} in {bounds:?}"),
-                    format!("{:?} in {:?}", self.summary.sums, self.summary.bounds),
-                ));
-            }
-            Ok(())
-        })?;
-        Ok(())
-    }
-
-    fn named<T>(&self, run: impl FnOnce() -> Result<T>) -> Result<T> {
-        run().map_err(|e| match &self.path {
-            Some(path) => e.at(path),
-            None => e,
         })
     }
 
@@ -246,12 +158,8 @@ impl<D: AsRef<[u8]>> Cloud<D> {
         name: &str,
         table: &'static [Column],
     ) -> Result<Chunk<'_>> {
-        let block = blocks
-            .get(i)
-            .ok_or_else(|| FormatError::invalid(name, format!("below {}", blocks.len()), i))?;
-        let start = block.offset as usize;
-        let bytes = &self.data.as_ref()[start..start + block.stored_bytes as usize];
-        Chunk::open(bytes, block, table, format!("{name} {i}"))
+        let block = nth(blocks, i, name)?;
+        Chunk::open(self.stored(block), block, table, format!("{name} {i}"))
     }
 }
 

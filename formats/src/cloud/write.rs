@@ -1,16 +1,16 @@
 //! Writing a cloud: one chunk at a time.
 
-use super::CHUNK_RECORDS;
 use super::columns::{self as col, Packed};
+use super::{CHUNK_RECORDS, CloudFormat};
 use crate::bytes::{Column, floats};
-use crate::frame::{self, Block, BlockKind, FileKind, HEADER_LEN};
-use crate::output::Output;
+use crate::frame::BlockKind;
+use crate::output::{BlockContent, BlockWriter};
 use crate::quantise::{
     area_of_disk, decode_edge, decode_normal, encode_edge, encode_normal, is_area_of_disk,
 };
 use crate::record::{Bounds, Lvoxel, Surfel};
-use crate::summary::{CloudSummary, ColumnBytes, LeftOut, Sums, VolumeSums};
-use crate::{CloudMeta, Result, check, codec};
+use crate::summary::{CloudSummary, ColumnBytes, LeftOut, Sums};
+use crate::{CloudMeta, Overwrite, Result, check};
 use std::path::Path;
 
 /// Writes a cloud file as points come. Memory is that of one chunk and of 40 bytes per chunk
@@ -19,11 +19,9 @@ use std::path::Path;
 /// The file gets its name in [`Self::finish`]; dropped before that, the writer leaves nothing
 /// behind.
 pub struct CloudWriter {
-    output: Output,
-    meta: CloudMeta,
+    file: BlockWriter<CloudFormat>,
     surfels: Vec<Surfel>,
     lvoxels: Vec<Lvoxel>,
-    blocks: Vec<Block>,
     sums: Sums,
     bounds: Bounds,
     /// Raw and stored bytes by column.
@@ -37,20 +35,15 @@ impl CloudWriter {
     /// Opens a temporary file beside `path`.
     ///
     /// # Errors
-    /// [`crate::FormatError::Exists`] unless `force`, [`crate::FormatError::Io`] if the folder
-    /// cannot be written, [`crate::FormatError::Invalid`] for metadata that no reader would accept.
-    pub fn create(path: &Path, meta: CloudMeta, force: bool) -> Result<Self> {
-        meta.validate().map_err(|e| e.at(path))?;
-        let sums = Sums {
-            volumes: vec![VolumeSums::default(); meta.volumes.len()],
-            ..Sums::default()
-        };
+    /// [`crate::FormatError::Exists`] if the file may not be replaced,
+    /// [`crate::FormatError::Folder`] if the folder cannot be written,
+    /// [`crate::FormatError::Invalid`] for metadata that no reader would accept.
+    pub fn create(path: &Path, meta: CloudMeta, overwrite: Overwrite) -> Result<Self> {
+        let sums = Sums::of_nothing(meta.volumes.len());
         Ok(Self {
-            output: Output::create(path, force, HEADER_LEN)?,
-            meta,
+            file: BlockWriter::create(path, meta, overwrite)?,
             surfels: Vec::new(),
             lvoxels: Vec::new(),
-            blocks: Vec::new(),
             sums,
             bounds: Bounds::EMPTY,
             surfel_bytes: Default::default(),
@@ -70,7 +63,7 @@ impl CloudWriter {
         for surfel in surfels {
             let index = self.sums.surfels + self.surfels.len() as u64;
             check::surfel(surfel, &|| format!("surfel {index}"))
-                .map_err(|e| e.at(self.output.path()))?;
+                .map_err(|e| e.at(self.file.path()))?;
             self.surfels.push(*surfel);
             if self.surfels.len() == CHUNK_RECORDS {
                 self.flush_surfels()?;
@@ -86,8 +79,10 @@ impl CloudWriter {
     pub fn push_lvoxels(&mut self, lvoxels: &[Lvoxel]) -> Result<()> {
         for lvoxel in lvoxels {
             let index = self.sums.lvoxels() + self.lvoxels.len() as u64;
-            check::lvoxel(lvoxel, &self.meta.volumes, &|| format!("lvoxel {index}"))
-                .map_err(|e| e.at(self.output.path()))?;
+            check::lvoxel(lvoxel, &self.file.meta.volumes, &|| {
+                format!("lvoxel {index}")
+            })
+            .map_err(|e| e.at(self.file.path()))?;
             self.lvoxels.push(*lvoxel);
             if self.lvoxels.len() == CHUNK_RECORDS {
                 self.flush_lvoxels()?;
@@ -130,9 +125,7 @@ impl CloudWriter {
             columns,
             left_out,
         };
-        let meta = codec::encode(&self.meta, "metadata")?;
-        let encoded = codec::encode(&summary, "summary")?;
-        frame::finish(self.output, FileKind::Cloud, &self.blocks, &meta, &encoded)?;
+        self.file.finish(&summary)?;
         Ok(summary)
     }
 
@@ -140,7 +133,7 @@ impl CloudWriter {
         if self.surfels.is_empty() {
             return Ok(());
         }
-        let (columns, left_out) = surfel_columns(&mut self.surfels, self.meta.disk_overlap);
+        let (columns, left_out) = surfel_columns(&mut self.surfels, self.file.meta.disk_overlap);
         for surfel in &self.surfels {
             self.sums.add_surfel(surfel);
             self.bounds = self.bounds.union(Bounds::of_surfel(surfel));
@@ -180,17 +173,15 @@ impl CloudWriter {
     }
 
     fn write(&mut self, kind: BlockKind, records: usize, packed: &Packed) -> Result<()> {
-        self.blocks.push(Block {
-            offset: self.output.position(),
-            stored_bytes: packed.bytes.len() as u32,
-            raw_bytes: packed.raw_bytes,
+        self.file.push(&BlockContent {
             kind,
+            stored: &packed.bytes,
+            raw_bytes: packed.raw_bytes,
             records: records as u32,
             nodes: 0,
             columns: packed.mask,
             checksum: packed.checksum,
-        });
-        self.output.append(&packed.bytes)
+        })
     }
 }
 

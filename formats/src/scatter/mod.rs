@@ -1,10 +1,13 @@
-//! Light that media scatter, `.lvs`: what arrives at vertices of their grids, in parts of 32
-//! vertices a side.
+//! The file of scattered light, `.lvs`: light that arrives at vertices inside media.
+//!
+//! - `cluster`: some of 32 x 32 x 32 vertices and their light, to columns and back.
+//! - `write`: clusters to a file.
+//! - `read`: a file to clusters.
 
-mod part;
+mod cluster;
 mod read;
 mod write;
 
-pub use part::{PART_CUBES, PART_EDGE, Part, PartPlace, VERTEX_CUBE};
-pub use read::Scatter;
+pub use cluster::{CLUSTER_CUBES, CLUSTER_EDGE, CUBE_EDGE, ClusterId, VertexCluster};
+pub use read::{Scatter, ScatterFormat};
 pub use write::ScatterWriter;

@@ -1,4 +1,10 @@
-//! The tree file: pages of nodes and surfels, and pages of lvoxels.
+//! The tree file, `.lvt`: pages of nodes and surfels, and pages of lvoxels.
+//!
+//! - `columns`: the columns of pages, and how they are put together and taken apart.
+//! - `encode`, `place`: a page of nodes and surfels to bytes; `decode`: back.
+//! - `lvoxels`, `gaps`: a page of lvoxels to bytes and back.
+//! - `stats`: what a writer counts for the summary.
+//! - `write`: pages to a file; `read`: a file to pages.
 
 mod columns;
 mod decode;
@@ -13,7 +19,7 @@ mod tests;
 mod write;
 
 pub use encode::{EncodedPage, node_bytes, surfel_bytes};
-pub use read::Tree;
+pub use read::{Tree, TreeFormat};
 pub use write::TreeWriter;
 
 /// A page has at most this many bytes before compression; readers refuse more.

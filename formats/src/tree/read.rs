@@ -1,51 +1,32 @@
 //! Reading a tree.
 
 use super::{MAX_PAGE_BYTES, MAX_PAGE_RECORDS, columns, decode, lvoxels};
-use crate::bytes;
-use crate::frame::{Block, BlockKind, FileKind, Frame};
+use crate::format::{Format, PointBlocks, expect_count};
+use crate::frame::{Block, FileKind};
+use crate::opened::{Opened, check_sizes};
 use crate::record::{Below, Bounds, Lvoxel, Node, Surfel, SurfelLeaves, SurfelPage};
-use crate::summary::{Sums, TreeSummary, VolumeSums};
-use crate::{FormatError, MappedFile, Result, TreeMeta, check, codec};
-use std::cell::RefCell;
-use std::path::{Path, PathBuf};
+use crate::summary::{Sums, TreeSummary};
+use crate::{FormatError, Result, TreeMeta, check};
 
-/// A tree file, opened. Pages are decoded when asked for, by any number of threads.
+/// The format of a tree file.
 #[derive(Debug)]
-pub struct Tree<D> {
-    data: D,
-    path: Option<PathBuf>,
-    surfel_blocks: Vec<Block>,
-    lvoxel_blocks: Vec<Block>,
-    meta: TreeMeta,
-    summary: TreeSummary,
-    content_hash: [u8; 16],
-    version: u32,
-}
+pub enum TreeFormat {}
 
-impl Tree<MappedFile> {
-    /// Maps and opens a file; all errors name it.
-    ///
-    /// # Errors
-    /// As [`Tree::open`], and [`FormatError::Io`].
-    pub fn open_path(path: &Path) -> Result<Self> {
-        let mut tree = Self::open(MappedFile::open(path)?).map_err(|e| e.at(path))?;
-        tree.path = Some(path.into());
-        Ok(tree)
+/// A tree file that was opened: an octree over surfels in pages, and lvoxels in pages.
+pub type Tree<D> = Opened<D, TreeFormat>;
+
+impl Format for TreeFormat {
+    type Meta = TreeMeta;
+    type Summary = TreeSummary;
+    type Blocks = PointBlocks;
+    const KIND: FileKind = FileKind::Tree;
+
+    fn check_meta(meta: &TreeMeta) -> Result<()> {
+        meta.cloud.validate()
     }
-}
 
-impl<D: AsRef<[u8]>> Tree<D> {
-    /// Reads header, metadata, summary and block table, and checks them; no page is touched.
-    ///
-    /// # Errors
-    /// Any [`FormatError`] but `Io`, `Exists` and `InFile`.
-    pub fn open(data: D) -> Result<Self> {
-        let all = data.as_ref();
-        let frame = Frame::read(all, FileKind::Tree)?;
-        let meta: TreeMeta = codec::decode(&all[frame.meta.clone()], "metadata")?;
-        meta.cloud.validate()?;
-        let summary: TreeSummary = codec::decode(&all[frame.summary.clone()], "summary")?;
-        for (i, block) in frame.blocks.iter().enumerate() {
+    fn arrange(blocks: Vec<Block>, meta: &TreeMeta, summary: &TreeSummary) -> Result<PointBlocks> {
+        for (i, block) in blocks.iter().enumerate() {
             let most = MAX_PAGE_RECORDS as u32;
             if block.records > most || block.nodes > most {
                 return Err(FormatError::invalid(
@@ -54,52 +35,20 @@ impl<D: AsRef<[u8]>> Tree<D> {
                     format!("{} and {} nodes", block.records, block.nodes),
                 ));
             }
-            if block.raw_bytes as usize > MAX_PAGE_BYTES || block.stored_bytes > block.raw_bytes {
-                return Err(FormatError::invalid(
-                    format!("bytes of block {i}"),
-                    format!("at most {MAX_PAGE_BYTES}, and no more stored than raw"),
-                    format!("{} stored, {} raw", block.stored_bytes, block.raw_bytes),
-                ));
-            }
+            check_sizes(block, i, MAX_PAGE_BYTES)?;
         }
-        let (surfel_blocks, lvoxel_blocks): (Vec<_>, Vec<_>) = frame
-            .blocks
-            .into_iter()
-            .partition(|b| b.kind == BlockKind::Surfels);
-        let records = |blocks: &[Block]| blocks.iter().map(|b| u64::from(b.records)).sum::<u64>();
-        let expect = |what: &str, expected: u64, found: u64| {
-            if expected == found {
-                Ok(())
-            } else {
-                Err(FormatError::invalid(
-                    format!("{what} in the summary"),
-                    expected.to_string(),
-                    found,
-                ))
-            }
-        };
-        expect(
-            "surfel pages",
-            surfel_blocks.len() as u64,
-            summary.surfel_pages,
-        )?;
-        expect(
-            "lvoxel pages",
-            lvoxel_blocks.len() as u64,
-            summary.lvoxel_pages,
-        )?;
-        expect("surfels", records(&surfel_blocks), summary.sums.surfels)?;
-        expect("lvoxels", records(&lvoxel_blocks), summary.sums.lvoxels())?;
-        let nodes = surfel_blocks.iter().map(|b| u64::from(b.nodes)).sum();
-        expect("nodes", nodes, summary.nodes)?;
+        let blocks = PointBlocks::new(blocks, &summary.sums)?;
+        let pages = blocks.surfels.len() as u64;
+        expect_count("surfel pages", pages, summary.surfel_pages)?;
+        let lvoxel_pages = blocks.lvoxels.len() as u64;
+        expect_count("lvoxel pages", lvoxel_pages, summary.lvoxel_pages)?;
+        let nodes = blocks.surfels.iter().map(|b| u64::from(b.nodes)).sum();
+        expect_count("nodes", nodes, summary.nodes)?;
         for sums in [&summary.sums, &summary.cloud_sums] {
-            expect(
-                "volumes",
-                meta.cloud.volumes.len() as u64,
-                sums.volumes.len() as u64,
-            )?;
+            let volumes = sums.volumes.len() as u64;
+            expect_count("volumes", meta.cloud.volumes.len() as u64, volumes)?;
         }
-        let last = (surfel_blocks.len() as u64).checked_sub(1);
+        let last = pages.checked_sub(1);
         if summary.root_page.map(u64::from) != last || summary.bounds.is_some() != last.is_some() {
             return Err(FormatError::invalid(
                 "root page",
@@ -107,73 +56,91 @@ impl<D: AsRef<[u8]>> Tree<D> {
                 format!("{:?}", summary.root_page),
             ));
         }
-        Ok(Self {
-            path: None,
-            surfel_blocks,
-            lvoxel_blocks,
-            meta,
-            summary,
-            content_hash: frame.content_hash,
-            version: frame.version,
-            data,
-        })
+        Ok(blocks)
     }
 
-    /// Where the tree comes from.
-    pub fn meta(&self) -> &TreeMeta {
-        &self.meta
+    /// Beyond the values of each page: each page but the root has one link to it, linking nodes and
+    /// nodes above hold the boxes below them, and the summary has the sums of all points.
+    fn verify<D: AsRef<[u8]>, E: From<FormatError>>(
+        tree: &Tree<D>,
+        mut after_block: impl FnMut() -> Result<(), E>,
+    ) -> Result<(), E> {
+        let summary = tree.summary();
+        // Box that the linking node gives to each page; pages are read from the root down.
+        let mut held: Vec<Option<Bounds>> = vec![None; tree.surfel_pages()];
+        if let Some(last) = held.last_mut() {
+            *last = summary.bounds;
+        }
+        let mut page_sums = vec![Sums::default(); tree.surfel_pages()];
+        for i in (0..tree.surfel_pages()).rev() {
+            let page = tree.surfel_page(i)?;
+            tree.named(|| check_page(&page, i, &mut held))?;
+            for surfel in &page.surfels {
+                page_sums[i].add_surfel(surfel);
+            }
+            after_block()?;
+        }
+        // In the writer's order, which fixes the rounding.
+        let mut sums = Sums::of_nothing(tree.meta().cloud.volumes.len());
+        for page in &page_sums {
+            sums.add(page);
+        }
+        for i in 0..tree.lvoxel_pages() {
+            for lvoxel in tree.lvoxel_page(i)? {
+                sums.add_lvoxel(&lvoxel);
+            }
+            after_block()?;
+        }
+        tree.named(|| {
+            if sums != summary.sums {
+                return Err(FormatError::invalid(
+                    "summary",
+                    format!("the sums of the points, {sums:?}"),
+                    format!("{:?}", summary.sums),
+                ));
+            }
+            Ok(())
+        })?;
+        Ok(())
     }
+}
 
-    /// What was counted while it was written.
-    pub fn summary(&self) -> &TreeSummary {
-        &self.summary
-    }
-
-    /// Version of the format that the file was written in.
-    pub fn version(&self) -> u32 {
-        self.version
-    }
-
-    /// Identity of everything in the file.
-    pub fn content_hash(&self) -> [u8; 16] {
-        self.content_hash
-    }
-
+impl<D: AsRef<[u8]>> Tree<D> {
     /// Where traversal starts; `None` without surfels.
     pub fn root_page(&self) -> Option<u32> {
-        self.summary.root_page
+        self.summary().root_page
     }
 
     /// Pages of surfels, by id.
     pub fn surfel_blocks(&self) -> &[Block] {
-        &self.surfel_blocks
+        &self.table().surfels
     }
 
     /// Pages of lvoxels, by id.
     pub fn lvoxel_blocks(&self) -> &[Block] {
-        &self.lvoxel_blocks
+        &self.table().lvoxels
     }
 
     /// Whether any surfel of page `i` is clipped.
     pub fn has_clips(&self, i: usize) -> bool {
-        let block = self.surfel_blocks.get(i);
+        let block = self.surfel_blocks().get(i);
         block.is_some_and(|b| b.columns >> columns::CLIP_COUNT & 1 == 1)
     }
 
     /// Whether backs of any node of page `i` send light.
     pub fn has_backs(&self, i: usize) -> bool {
-        let block = self.surfel_blocks.get(i);
+        let block = self.surfel_blocks().get(i);
         block.is_some_and(|b| b.columns >> columns::BACK_AXES & 1 == 1)
     }
 
     /// Number of pages of surfels.
     pub fn surfel_pages(&self) -> usize {
-        self.surfel_blocks.len()
+        self.surfel_blocks().len()
     }
 
     /// Number of pages of lvoxels.
     pub fn lvoxel_pages(&self) -> usize {
-        self.lvoxel_blocks.len()
+        self.lvoxel_blocks().len()
     }
 
     /// Decodes page `i` of surfels. A page that is returned is safe to walk: all ranges are inside
@@ -183,8 +150,8 @@ impl<D: AsRef<[u8]>> Tree<D> {
     /// [`FormatError::Checksum`] or [`FormatError::Invalid`] for damage, or for an `i` that does
     /// not exist.
     pub fn surfel_page(&self, i: usize) -> Result<SurfelPage> {
-        self.page(&self.surfel_blocks, i, "surfel page", |raw, block| {
-            let overlap = self.meta.cloud.disk_overlap;
+        self.unpacked(self.surfel_blocks(), i, "surfel page", |raw, block| {
+            let overlap = self.meta().cloud.disk_overlap;
             decode::surfel_page(raw, block, i as u32, overlap)
         })
     }
@@ -196,7 +163,7 @@ impl<D: AsRef<[u8]>> Tree<D> {
     /// # Errors
     /// As [`Self::surfel_page`]; `nodes` then holds nothing of use.
     pub fn surfel_nodes(&self, i: usize, nodes: &mut Vec<Node>) -> Result<()> {
-        self.page(&self.surfel_blocks, i, "surfel page", |raw, block| {
+        self.unpacked(self.surfel_blocks(), i, "surfel page", |raw, block| {
             decode::surfel_nodes(raw, block, i as u32, nodes)
         })
     }
@@ -208,8 +175,8 @@ impl<D: AsRef<[u8]>> Tree<D> {
     /// # Errors
     /// As [`Self::surfel_page`]; `leaves` then holds nothing of use.
     pub fn surfel_leaves(&self, i: usize, leaves: &mut SurfelLeaves) -> Result<()> {
-        self.page(&self.surfel_blocks, i, "surfel page", |raw, block| {
-            let overlap = self.meta.cloud.disk_overlap;
+        self.unpacked(self.surfel_blocks(), i, "surfel page", |raw, block| {
+            let overlap = self.meta().cloud.disk_overlap;
             decode::surfel_leaves(raw, block, i as u32, overlap, leaves)
         })
     }
@@ -219,119 +186,12 @@ impl<D: AsRef<[u8]>> Tree<D> {
     /// # Errors
     /// As [`Self::surfel_page`].
     pub fn lvoxel_page(&self, i: usize) -> Result<Vec<Lvoxel>> {
-        self.page(&self.lvoxel_blocks, i, "lvoxel page", |raw, block| {
+        self.unpacked(self.lvoxel_blocks(), i, "lvoxel page", |raw, block| {
             let lvoxels = lvoxels::decode(raw, block)?;
             for (k, v) in lvoxels.iter().enumerate() {
-                check::lvoxel(v, &self.meta.cloud.volumes, &|| format!("lvoxel {k}"))?;
+                check::lvoxel(v, &self.meta().cloud.volumes, &|| format!("lvoxel {k}"))?;
             }
             Ok(lvoxels)
-        })
-    }
-
-    /// Reads everything: checksums, the range of every value, that each page but the root has one
-    /// link to it, that linking nodes and nodes above hold the boxes below them, and the sums of
-    /// the summary.
-    ///
-    /// # Errors
-    /// The first damage found.
-    pub fn verify(&self) -> Result<()> {
-        self.verify_with(|| Ok(()))
-    }
-
-    /// As [`Self::verify`], and calls `read` after each block.
-    ///
-    /// # Errors
-    /// The first damage found, or what `read` returns, which ends the check.
-    pub fn verify_with<E: From<FormatError>>(
-        &self,
-        mut read: impl FnMut() -> std::result::Result<(), E>,
-    ) -> std::result::Result<(), E> {
-        let mut sums = Sums {
-            volumes: vec![VolumeSums::default(); self.meta.cloud.volumes.len()],
-            ..Sums::default()
-        };
-        // Box that the linking node gives to each page; pages are read from the root down.
-        let mut held: Vec<Option<Bounds>> = vec![None; self.surfel_pages()];
-        if let Some(last) = held.last_mut() {
-            *last = self.summary.bounds;
-        }
-        let mut page_sums = vec![Sums::default(); self.surfel_pages()];
-        for i in (0..self.surfel_pages()).rev() {
-            let page = self.surfel_page(i)?;
-            self.named(|| check_page(&page, i, &mut held))?;
-            for surfel in &page.surfels {
-                page_sums[i].add_surfel(surfel);
-            }
-            read()?;
-        }
-        // In the writer's order, which fixes the rounding.
-        for page in &page_sums {
-            sums.add(page);
-        }
-        for i in 0..self.lvoxel_pages() {
-            for lvoxel in self.lvoxel_page(i)? {
-                sums.add_lvoxel(&lvoxel);
-            }
-            read()?;
-        }
-        self.named(|| {
-            if sums != self.summary.sums {
-                return Err(FormatError::invalid(
-                    "summary",
-                    format!("the sums of the points, {sums:?}"),
-                    format!("{:?}", self.summary.sums),
-                ));
-            }
-            Ok(())
-        })?;
-        Ok(())
-    }
-
-    fn named<T>(&self, run: impl FnOnce() -> Result<T>) -> Result<T> {
-        run().map_err(|e| match &self.path {
-            Some(path) => e.at(path),
-            None => e,
-        })
-    }
-
-    fn page<T>(
-        &self,
-        blocks: &[Block],
-        i: usize,
-        name: &str,
-        decode: impl FnOnce(&[u8], &Block) -> Result<T>,
-    ) -> Result<T> {
-        thread_local! {
-            static RAW: RefCell<Vec<u8>> = const { RefCell::new(Vec::new()) };
-        }
-        self.named(|| {
-            let block = blocks
-                .get(i)
-                .ok_or_else(|| FormatError::invalid(name, format!("below {}", blocks.len()), i))?;
-            let start = block.offset as usize;
-            let stored = &self.data.as_ref()[start..start + block.stored_bytes as usize];
-            bytes::check(stored, block.checksum, || format!("{name} {i}"))?;
-            let decoded = if block.stored_bytes == block.raw_bytes {
-                decode(stored, block)
-            } else {
-                RAW.with_borrow_mut(|raw| {
-                    raw.resize(block.raw_bytes as usize, 0);
-                    bytes::decompress(stored, raw, name)?;
-                    decode(raw, block)
-                })
-            };
-            decoded.map_err(|e| match e {
-                FormatError::Invalid {
-                    what,
-                    expected,
-                    found,
-                } => FormatError::Invalid {
-                    what: format!("{name} {i}: {what}"),
-                    expected,
-                    found,
-                },
-                other => other,
-            })
         })
     }
 }

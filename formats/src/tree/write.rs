@@ -1,13 +1,13 @@
 //! Writing a tree: pages from the leaves up.
 
 use super::encode::EncodedPage;
-use super::lvoxels;
 use super::stats::{self, ColumnStats, Errors};
-use crate::frame::{self, Block, BlockKind, FileKind, HEADER_LEN};
-use crate::output::Output;
+use super::{TreeFormat, lvoxels};
+use crate::frame::BlockKind;
+use crate::output::{BlockContent, BlockWriter};
 use crate::record::{Bounds, Lvoxel};
-use crate::summary::{Level, Sums, TreeSummary, VolumeSums};
-use crate::{FormatError, Result, TreeMeta, check, codec};
+use crate::summary::{Level, Sums, TreeSummary};
+use crate::{FormatError, Overwrite, Result, TreeMeta, check};
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -16,9 +16,7 @@ use xxhash_rust::xxh3::xxh3_64;
 /// The file gets its name in [`Self::finish`]; dropped before that, the writer leaves nothing
 /// behind.
 pub struct TreeWriter {
-    output: Output,
-    meta: TreeMeta,
-    blocks: Vec<Block>,
+    file: BlockWriter<TreeFormat>,
     surfel_pages: u32,
     lvoxel_pages: u32,
     nodes: u64,
@@ -35,18 +33,12 @@ impl TreeWriter {
     /// Opens a temporary file beside `path`.
     ///
     /// # Errors
-    /// [`FormatError::Exists`] unless `force`, [`FormatError::Io`] if the folder cannot be written,
-    /// [`FormatError::Invalid`] for metadata that no reader would accept.
-    pub fn create(path: &Path, meta: TreeMeta, force: bool) -> Result<Self> {
-        meta.cloud.validate().map_err(|e| e.at(path))?;
-        let sums = Sums {
-            volumes: vec![VolumeSums::default(); meta.cloud.volumes.len()],
-            ..Sums::default()
-        };
+    /// [`FormatError::Exists`] if the file may not be replaced, [`FormatError::Folder`] if the
+    /// folder cannot be written, [`FormatError::Invalid`] for metadata that no reader would accept.
+    pub fn create(path: &Path, meta: TreeMeta, overwrite: Overwrite) -> Result<Self> {
+        let sums = Sums::of_nothing(meta.cloud.volumes.len());
         Ok(Self {
-            output: Output::create(path, force, HEADER_LEN)?,
-            meta,
-            blocks: Vec::new(),
+            file: BlockWriter::create(path, meta, overwrite)?,
             surfel_pages: 0,
             lvoxel_pages: 0,
             nodes: 0,
@@ -85,19 +77,17 @@ impl TreeWriter {
                 "at most as many pages back as there are",
                 page.furthest_link,
             )
-            .at(self.output.path()));
+            .at(self.file.path()));
         }
-        self.blocks.push(Block {
-            offset: self.output.position(),
-            stored_bytes: page.bytes.len() as u32,
-            raw_bytes: page.raw_bytes,
+        self.file.push(&BlockContent {
             kind: BlockKind::Surfels,
+            stored: &page.bytes,
+            raw_bytes: page.raw_bytes,
             records: page.records,
             nodes: page.nodes,
             columns: page.mask,
             checksum: page.checksum,
-        });
-        self.output.append(&page.bytes)?;
+        })?;
         self.surfel_pages += 1;
         self.nodes += u64::from(page.nodes);
         self.sums.add(&page.sums);
@@ -116,7 +106,7 @@ impl TreeWriter {
     pub fn write_lvoxel_page(&mut self, lvoxels: &[Lvoxel]) -> Result<u32> {
         let mut encode = || {
             for (i, v) in lvoxels.iter().enumerate() {
-                check::lvoxel(v, &self.meta.cloud.volumes, &|| {
+                check::lvoxel(v, &self.file.meta.cloud.volumes, &|| {
                     format!("lvoxel {i} of the page")
                 })?;
             }
@@ -125,18 +115,16 @@ impl TreeWriter {
             Ok((bytes, raw_bytes, page.mask, page.decoded))
         };
         let (bytes, raw_bytes, mask, decoded) =
-            encode().map_err(|e: FormatError| e.at(self.output.path()))?;
-        self.blocks.push(Block {
-            offset: self.output.position(),
-            stored_bytes: bytes.len() as u32,
-            raw_bytes,
+            encode().map_err(|e: FormatError| e.at(self.file.path()))?;
+        self.file.push(&BlockContent {
             kind: BlockKind::Lvoxels,
+            stored: &bytes,
+            raw_bytes,
             records: lvoxels.len() as u32,
             nodes: 0,
             columns: mask,
             checksum: xxh3_64(&bytes),
-        });
-        self.output.append(&bytes)?;
+        })?;
         for v in &decoded {
             self.sums.add_lvoxel(v);
         }
@@ -164,7 +152,7 @@ impl TreeWriter {
                 format!("the last of {}", self.surfel_pages),
                 format!("{root:?}"),
             )
-            .at(self.output.path()));
+            .at(self.file.path()));
         }
         let mut columns = self.surfel_columns.columns(self.surfel_stored);
         share_out(&mut levels, &columns, self.surfel_stored);
@@ -184,9 +172,7 @@ impl TreeWriter {
             left_out,
             errors: self.errors.list(),
         };
-        let meta = codec::encode(&self.meta, "metadata")?;
-        let encoded = codec::encode(&summary, "summary")?;
-        frame::finish(self.output, FileKind::Tree, &self.blocks, &meta, &encoded)?;
+        self.file.finish(&summary)?;
         Ok(summary)
     }
 }

@@ -138,7 +138,7 @@ pub fn write_cloud(
     lvoxels: &[Lvoxel],
     style: Style,
 ) -> CloudSummary {
-    let mut writer = CloudWriter::create(path, cloud_meta(style), true).unwrap();
+    let mut writer = CloudWriter::create(path, cloud_meta(style), Overwrite::Replace).unwrap();
     writer.push_surfels(surfels).unwrap();
     writer.push_lvoxels(lvoxels).unwrap();
     writer.finish().unwrap()
@@ -237,7 +237,7 @@ pub fn write_tree(path: &Path, style: Style, pages: usize, per_page: usize) -> V
         settings: vec![("page_bytes".into(), "65536".into())],
     };
     let mut random = Random(5);
-    let mut writer = TreeWriter::create(path, meta, true).unwrap();
+    let mut writer = TreeWriter::create(path, meta, Overwrite::Replace).unwrap();
     let mut written = Vec::new();
     let mut links = Vec::new();
     for i in 0..pages {
@@ -255,10 +255,7 @@ pub fn write_tree(path: &Path, style: Style, pages: usize, per_page: usize) -> V
         writer.write_lvoxel_page(&voxels).unwrap();
         writer.write_lvoxel_page(&smooth_lvoxels()).unwrap();
     }
-    let sums = Sums {
-        volumes: vec![VolumeSums::default(); 2],
-        ..Sums::default()
-    };
+    let sums = Sums::of_nothing(2);
     let root = (pages > 0).then(|| pages as u32 - 1);
     writer
         .finish(root, sums, vec![Level::default(); 3])
@@ -268,27 +265,27 @@ pub fn write_tree(path: &Path, style: Style, pages: usize, per_page: usize) -> V
 
 /// Direct light with and without point lights, and grey indirect light, at some vertices of the second
 /// volume.
-pub fn parts(random: &mut Random) -> Vec<(BlockKind, PartPlace, Part)> {
-    let place = |level: u8, x: u16| PartPlace {
+pub fn clusters(random: &mut Random) -> Vec<(BlockKind, ClusterId, VertexCluster)> {
+    let id = |level: u8, x: u16| ClusterId {
         volume: 1,
         level,
         zyx: [0, 0, x],
     };
     let kinds = [
-        (BlockKind::Direct, place(0, 1), true, false),
-        (BlockKind::Direct, place(1, 0), false, false),
-        (BlockKind::Indirect, place(1, 0), false, true),
+        (BlockKind::Direct, id(0, 1), true, false),
+        (BlockKind::Direct, id(1, 0), false, false),
+        (BlockKind::Indirect, id(1, 0), false, true),
     ];
     kinds
         .into_iter()
-        .map(|(kind, place, has_points, is_grey)| {
-            let mut chosen = vec![0; PART_CUBES];
+        .map(|(kind, id, has_point_lights, is_grey)| {
+            let mut chosen = vec![0; CLUSTER_CUBES];
             for i in [0, 9, 70] {
                 chosen[i] = 1 << random.below(64) | 1 << random.below(64);
             }
-            let mut part = Part {
+            let mut cluster = VertexCluster {
                 chosen,
-                ..Part::default()
+                ..VertexCluster::default()
             };
             let mut light = |n: usize| -> Vec<[f32; 3]> {
                 let colour = |_| {
@@ -297,11 +294,11 @@ pub fn parts(random: &mut Random) -> Vec<(BlockKind, PartPlace, Part)> {
                 };
                 (0..n).map(colour).collect()
             };
-            part.light = light(part.len());
-            if has_points {
-                part.share = light(part.len());
+            cluster.light = light(cluster.len());
+            if has_point_lights {
+                cluster.share = light(cluster.len());
             }
-            (kind, place, part)
+            (kind, id, cluster)
         })
         .collect()
 }
@@ -316,10 +313,13 @@ pub fn scatter_meta() -> ScatterMeta {
     }
 }
 
-pub fn write_scatter(path: &Path, parts: &[(BlockKind, PartPlace, Part)]) -> ScatterSummary {
-    let mut writer = ScatterWriter::create(path, scatter_meta(), true).unwrap();
-    for (kind, place, part) in parts {
-        writer.push(*kind, *place, part).unwrap();
+pub fn write_scatter(
+    path: &Path,
+    clusters: &[(BlockKind, ClusterId, VertexCluster)],
+) -> ScatterSummary {
+    let mut writer = ScatterWriter::create(path, scatter_meta(), Overwrite::Replace).unwrap();
+    for (kind, id, cluster) in clusters {
+        writer.push(*kind, *id, cluster).unwrap();
     }
     writer.finish().unwrap()
 }

@@ -1,7 +1,7 @@
 //! The whole pipeline on scenes that are made in memory, in a folder that goes away.
 
 use crate::bake::{self, SurfelSampling};
-use crate::formats::{CloudMeta, CloudWriter, Lvoxel, Surfel};
+use crate::formats::{CloudMeta, CloudWriter, Lvoxel, Overwrite, Surfel};
 use crate::gather::{self, Gatherer, Kernel, Medium, SampleRange};
 use crate::image::{Frame, Region};
 use crate::math::Rgb;
@@ -78,7 +78,7 @@ impl Workbench {
             surfels: SurfelSampling::Area { count: surfels },
             ..bake::Settings::default()
         };
-        bake::run(scene, &settings, &cloud, true, &self.job)?;
+        bake::run(scene, &settings, &cloud, Overwrite::Replace, &self.job)?;
         self.build(&cloud)
     }
 
@@ -90,7 +90,7 @@ impl Workbench {
         lvoxels: &[Lvoxel],
     ) -> Result<OpenTree> {
         let path = self.new_path("lvc");
-        let mut writer = CloudWriter::create(&path, meta, true)?;
+        let mut writer = CloudWriter::create(&path, meta, Overwrite::Replace)?;
         let mut surfels = surfels.into_iter();
         loop {
             let chunk: Vec<Surfel> = surfels.by_ref().take(65_536).collect();
@@ -107,7 +107,7 @@ impl Workbench {
     fn build(&self, cloud: &Path) -> Result<OpenTree> {
         let tree = self.new_path("lvt");
         let settings = build::Settings::default();
-        build::run(cloud, &tree, &settings, true, &self.job)?;
+        build::run(cloud, &tree, &settings, Overwrite::Replace, &self.job)?;
         fs::remove_file(cloud).map_err(|e| Error::io("remove", cloud, &e))?;
         OpenTree::open(&tree, None)
     }

@@ -2,6 +2,7 @@
 
 use super::plan::{How, Points, Settings, Variant};
 use super::record::{Cloud, Errors, Making, Timing};
+use crate::formats::Overwrite;
 use crate::image::metrics::{self, Comparison};
 use crate::image::{Frame, Picture, Region};
 use crate::lab::reference;
@@ -98,9 +99,17 @@ impl<'a> Bench<'a> {
         let cloud = self.trees.join(format!("{name}.lvc"));
         let tree = self.tree(&name);
         let settings = points.bake(self.settings.seed);
-        let (_, bake) = timed(|| bake::run(self.scene, &settings, &cloud, true, &self.job))?;
-        let built =
-            timed(|| build::run(&cloud, &tree, &build::Settings::default(), true, &self.job));
+        let (_, bake) =
+            timed(|| bake::run(self.scene, &settings, &cloud, Overwrite::Replace, &self.job))?;
+        let built = timed(|| {
+            build::run(
+                &cloud,
+                &tree,
+                &build::Settings::default(),
+                Overwrite::Replace,
+                &self.job,
+            )
+        });
         // The tree holds all that is needed from here on; after a stop the cloud is baked anew.
         let _ = std::fs::remove_file(&cloud);
         let (outcome, mut build) = built?;
@@ -110,7 +119,16 @@ impl<'a> Bench<'a> {
                 seed: self.settings.seed,
                 ..scatter::Settings::default()
             };
-            let run = || scatter::run(self.scene, &store, &output, &settings, true, &self.job);
+            let run = || {
+                scatter::run(
+                    self.scene,
+                    &store,
+                    &output,
+                    &settings,
+                    Overwrite::Replace,
+                    &self.job,
+                )
+            };
             build += timed(run)?.1;
         }
         let blocks = store.tree().lvoxel_blocks();

@@ -11,8 +11,10 @@ use crate::scene::{Grid, Volume};
 use crate::shade::view::{Seen, View};
 use crate::{Error, Result};
 use glam::Vec3;
-use lvox_formats::{BlockKind, MappedFile, PART_EDGE, Part, PartPlace, Scatter, ScatterWriter};
-use lvox_formats::{FormatError, PART_CUBES, VERTEX_CUBE};
+use lvox_formats::{
+    BlockKind, CLUSTER_EDGE, ClusterId, MappedFile, Scatter, ScatterWriter, VertexCluster,
+};
+use lvox_formats::{CLUSTER_CUBES, CUBE_EDGE, FormatError};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
@@ -52,7 +54,7 @@ struct Values<T> {
 }
 
 /// Cubes along an edge of a part.
-const CUBES: usize = PART_EDGE / VERTEX_CUBE;
+const CUBES: usize = CLUSTER_EDGE / CUBE_EDGE;
 
 impl<'a> Lit<'a> {
     /// Finds what may matter of a volume, by its number in the scene, which must be that of the
@@ -70,14 +72,14 @@ impl<'a> Lit<'a> {
         let volume = &view.tracer.scene.volumes[index];
         let parts = |kind| {
             let matters =
-                |place: &PartPlace| view.may_matter(seen, Sweep::MARGIN, hull(volume, place));
-            let parts = scatter.parts(kind, index).filter(|(_, p)| matters(p));
+                |place: &ClusterId| view.may_matter(seen, Sweep::MARGIN, hull(volume, place));
+            let parts = scatter.clusters(kind, index).filter(|(_, p)| matters(p));
             parts.collect::<Vec<_>>()
         };
         let (direct, indirect) = (parts(BlockKind::Direct), parts(BlockKind::Indirect));
         direct.par_iter().chain(&indirect).try_for_each(|(i, _)| {
             job.cancel.check()?;
-            Ok::<(), Error>(scatter.check_part(*i)?)
+            Ok::<(), Error>(scatter.check_cluster(*i)?)
         })?;
         let grid = &volume.sigma_t;
         Ok(Self {
@@ -116,9 +118,9 @@ impl<'a> Lit<'a> {
     /// A part; `value` makes values of the share and of the rest of the light.
     #[cold]
     fn decode<T>(&self, i: usize, value: impl Fn(Rgb, Rgb) -> T) -> Values<T> {
-        let part = self.scatter.part(i).unwrap_or_else(|e| {
+        let part = self.scatter.cluster(i).unwrap_or_else(|e| {
             let _ = self.failure.set(e);
-            Part::default()
+            VertexCluster::default()
         });
         let mut first = 0;
         let cube = |&chosen: &u64| {
@@ -137,9 +139,9 @@ impl<'a> Lit<'a> {
 
 impl<T> Level<T> {
     /// Those of parts that have a level.
-    fn new(parts: &[(usize, PartPlace)], grid: &Grid, level: usize) -> Option<Self> {
+    fn new(parts: &[(usize, ClusterId)], grid: &Grid, level: usize) -> Option<Self> {
         let count = filled::vertices_along(grid, 1 << level);
-        let parts_along = count.map(|n| n.div_ceil(PART_EDGE));
+        let parts_along = count.map(|n| n.div_ceil(CLUSTER_EDGE));
         let mut here = parts
             .iter()
             .filter(|(_, p)| usize::from(p.level) == level)
@@ -160,7 +162,7 @@ impl<T> Level<T> {
     /// Where the part of a vertex is among all.
     #[inline]
     fn at(&self, v: [usize; 3]) -> usize {
-        let [x, y, z] = v.map(|c| c / PART_EDGE);
+        let [x, y, z] = v.map(|c| c / CLUSTER_EDGE);
         let [nx, ny, _] = self.parts_along;
         (z * ny + y) * nx + x
     }
@@ -169,22 +171,22 @@ impl<T> Level<T> {
     fn get(&self, v: [usize; 3], decode: impl Fn(usize) -> Values<T>) -> Option<&T> {
         let (i, values) = self.parts.get(self.at(v))?.as_ref()?;
         let Values { cubes, values } = values.get_or_init(|| decode(*i));
-        let [cx, cy, cz] = v.map(|c| c % PART_EDGE / VERTEX_CUBE);
-        let [x, y, z] = v.map(|c| c % VERTEX_CUBE);
+        let [cx, cy, cz] = v.map(|c| c % CLUSTER_EDGE / CUBE_EDGE);
+        let [x, y, z] = v.map(|c| c % CUBE_EDGE);
         let (chosen, first) = *cubes.get((cz * CUBES + cy) * CUBES + cx)?;
-        let bit = (z * VERTEX_CUBE + y) * VERTEX_CUBE + x;
+        let bit = (z * CUBE_EDGE + y) * CUBE_EDGE + x;
         let before = (chosen & ((1 << bit) - 1)).count_ones();
         (chosen >> bit & 1 == 1).then(|| values.get((first + before) as usize))?
     }
 }
 
 /// The corners of the cells around the vertices of a part, in scene space.
-fn hull(volume: &Volume, place: &PartPlace) -> [Vec3; 8] {
+fn hull(volume: &Volume, place: &ClusterId) -> [Vec3; 8] {
     let step = (1 << place.level) as f32;
     let first = Vec3::from(place.first().map(|c| c as f32)) - 1.0;
     std::array::from_fn(|i| {
         let end = Vec3::from(std::array::from_fn(|a| (i >> a & 1) as f32));
-        let at = (first + end * (PART_EDGE as f32 + 1.0)) * step;
+        let at = (first + end * (CLUSTER_EDGE as f32 + 1.0)) * step;
         let in_scene = volume.scene_from_index.transform_point3(at.as_dvec3());
         in_scene.as_vec3()
     })
@@ -210,7 +212,7 @@ pub fn pack(made: &Made, volume: usize, writer: &mut ScatterWriter) -> Result<()
     Ok(())
 }
 
-type Parts = BTreeMap<PartPlace, Part>;
+type Parts = BTreeMap<ClusterId, VertexCluster>;
 
 /// Vertices in parts; `light` gives share and rest of their light.
 fn parts<T>(
@@ -225,14 +227,14 @@ fn parts<T>(
     };
     for (cube, chosen, first) in set.cubes() {
         let [x, y, z] = cube.map(|c| (c / CUBES) as u16);
-        let place = PartPlace {
+        let place = ClusterId {
             volume: volume as u16,
             level: level as u8,
             zyx: [z, y, x],
         };
-        let part = parts.entry(place).or_insert_with(|| Part {
-            chosen: vec![0; PART_CUBES],
-            ..Part::default()
+        let part = parts.entry(place).or_insert_with(|| VertexCluster {
+            chosen: vec![0; CLUSTER_CUBES],
+            ..VertexCluster::default()
         });
         let [x, y, z] = cube.map(|c| c % CUBES);
         part.chosen[(z * CUBES + y) * CUBES + x] = chosen;

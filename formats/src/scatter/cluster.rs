@@ -1,23 +1,23 @@
-//! A part: some of 32 x 32 x 32 vertices, and the light at them.
+//! A cluster: some of 32 x 32 x 32 vertices, and the light at them.
 
 use crate::bytes::{self, Column, Cursor, column, floats, singles, triples};
 use crate::frame::BlockKind;
 use crate::record::VolumeInfo;
 use crate::{FormatError, Result};
 
-/// Vertices along an edge of a part.
-pub const PART_EDGE: usize = 32;
+/// Vertices along an edge of a cluster.
+pub const CLUSTER_EDGE: usize = 32;
 
-/// Vertices along an edge of a cube.
-pub const VERTEX_CUBE: usize = 4;
+/// Vertices along an edge of the cubes that a cluster is divided into.
+pub const CUBE_EDGE: usize = 4;
 
-/// Cubes of a part.
-pub const PART_CUBES: usize = (PART_EDGE / VERTEX_CUBE).pow(3);
+/// Cubes of a cluster.
+pub const CLUSTER_CUBES: usize = (CLUSTER_EDGE / CUBE_EDGE).pow(3);
 
 /// Log2 of the voxels between vertices, at most.
-const MAX_LEVEL: u8 = 3;
+const MAX_SPACING_LEVEL: u8 = 3;
 
-/// Where a part is.
+/// Which cluster: its volume, the spacing of its vertices and its place among the clusters.
 #[derive(
     Clone,
     Copy,
@@ -32,41 +32,41 @@ const MAX_LEVEL: u8 = 3;
     bincode::Encode,
     bincode::Decode,
 )]
-pub struct PartPlace {
+pub struct ClusterId {
     /// The volume, by its number in the metadata.
     pub volume: u16,
     /// Log2 of the voxels between vertices.
     pub level: u8,
-    /// The first vertex along z, y and x, over [`PART_EDGE`].
+    /// The first vertex along z, y and x, over [`CLUSTER_EDGE`].
     pub zyx: [u16; 3],
 }
 
-impl PartPlace {
+impl ClusterId {
     /// The first vertex along x, y and z.
     #[must_use]
     pub fn first(&self) -> [usize; 3] {
-        let [z, y, x] = self.zyx.map(|c| usize::from(c) * PART_EDGE);
+        let [z, y, x] = self.zyx.map(|c| usize::from(c) * CLUSTER_EDGE);
         [x, y, z]
     }
 
     /// Vertices of the whole lattice along x, y and z: those of its cells.
     fn lattice(&self, volumes: &[VolumeInfo]) -> Option<[usize; 3]> {
         let volume = volumes.get(usize::from(self.volume))?;
-        let level = (self.level <= MAX_LEVEL).then_some(self.level)?;
+        let level = (self.level <= MAX_SPACING_LEVEL).then_some(self.level)?;
         Some(volume.dims.map(|n| n.div_ceil(1 << level) as usize + 1))
     }
 }
 
-/// Which vertices of a part are lit, and what arrives there.
+/// The vertices of a cluster that are lit, and what arrives there.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Part {
+pub struct VertexCluster {
     /// By cube of 4 x 4 x 4 vertices, x first, a bit for each vertex, x first.
     pub chosen: Vec<u64>,
     /// For each chosen vertex, cube by cube: the share that arrives of what point and spot lights
     /// send, per channel. Empty for indirect light, or if nothing arrives.
     pub share: Vec<[f32; 3]>,
-    /// The same, mean over the sphere of all other radiance: of other lights, or of what is
-    /// gathered. Empty if there is none.
+    /// For each chosen vertex, in that order: the mean over the sphere of all other radiance, of
+    /// other lights or of what is gathered. Empty if there is none.
     pub light: Vec<[f32; 3]>,
 }
 
@@ -82,7 +82,7 @@ const CHOSEN: usize = 0;
 const SHARE: usize = 1;
 const LIGHT: usize = 3;
 
-/// Columns of a part as they go to the file, before compression.
+/// Columns of a cluster as they go to the file, before compression.
 pub struct Packed {
     pub planes: Vec<u8>,
     pub mask: u32,
@@ -93,7 +93,7 @@ pub struct Packed {
     pub left_out: Vec<(usize, u64)>,
 }
 
-impl Part {
+impl VertexCluster {
     /// Chosen vertices.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -107,24 +107,27 @@ impl Part {
     }
 
     /// Refuses what no reader would take.
-    fn check(&self, kind: BlockKind, place: PartPlace, volumes: &[VolumeInfo]) -> Result<()> {
+    fn check(&self, kind: BlockKind, id: ClusterId, volumes: &[VolumeInfo]) -> Result<()> {
         let wrong = |what: &str, expected: String, found: String| {
-            let what = format!("{what} of the part at {:?}", place.first());
+            let what = format!("{what} of the cluster at {:?}", id.first());
             Err(FormatError::invalid(what, expected, found))
         };
-        let Some(count) = place.lattice(volumes) else {
-            let expected = format!("a volume below {}, at most {MAX_LEVEL}", volumes.len());
-            let found = format!("{}, {}", place.volume, place.level);
+        let Some(count) = id.lattice(volumes) else {
+            let expected = format!(
+                "a volume below {}, at most {MAX_SPACING_LEVEL}",
+                volumes.len()
+            );
+            let found = format!("{}, {}", id.volume, id.level);
             return wrong("volume or level", expected, found);
         };
-        if self.chosen.len() != PART_CUBES || self.is_empty() {
+        if self.chosen.len() != CLUSTER_CUBES || self.is_empty() {
             return wrong(
                 "cubes",
-                format!("{PART_CUBES}, with vertices"),
+                format!("{CLUSTER_CUBES}, with vertices"),
                 self.chosen.len().to_string(),
             );
         }
-        let first = place.first();
+        let first = id.first();
         for (i, &chosen) in self.chosen.iter().enumerate() {
             if chosen & !inside(std::array::from_fn(|a| first[a] + cube(i)[a]), count) != 0 {
                 return wrong(
@@ -154,13 +157,8 @@ impl Part {
     }
 
     /// The columns that it needs.
-    pub fn pack(
-        &self,
-        kind: BlockKind,
-        place: PartPlace,
-        volumes: &[VolumeInfo],
-    ) -> Result<Packed> {
-        self.check(kind, place, volumes)?;
+    pub fn pack(&self, kind: BlockKind, id: ClusterId, volumes: &[VolumeInfo]) -> Result<Packed> {
+        self.check(kind, id, volumes)?;
         let records = self.len();
         let mut packed = Packed {
             planes: Vec::new(),
@@ -190,7 +188,7 @@ impl Part {
                 push(index, floats(values.iter().copied()));
                 0
             };
-            // Gathered light never has a share of point lights.
+            // Gathered light never has a share of point and spot lights.
             if saved > 0 && !(index == SHARE && kind == BlockKind::Indirect) {
                 packed.left_out.push((index, saved * records as u64));
             }
@@ -204,10 +202,10 @@ impl Part {
         mask: u32,
         records: usize,
         kind: BlockKind,
-        place: PartPlace,
+        id: ClusterId,
         volumes: &[VolumeInfo],
     ) -> Result<Self> {
-        let mut cursor = Cursor::new(planes, "columns of a part");
+        let mut cursor = Cursor::new(planes, "columns of a cluster");
         let mut rows = |index: usize, count: usize| -> Result<Option<Vec<u8>>> {
             if mask >> index & 1 == 0 {
                 return Ok(None);
@@ -215,27 +213,27 @@ impl Part {
             let width = COLUMNS[index].width;
             Ok(Some(bytes::from_planes(cursor.take(count * width)?, width)))
         };
-        let chosen = rows(CHOSEN, PART_CUBES)?.unwrap_or_default();
+        let chosen = rows(CHOSEN, CLUSTER_CUBES)?.unwrap_or_default();
         let (chosen, _) = chosen.as_chunks::<8>();
-        let mut part = Self {
+        let mut cluster = Self {
             chosen: chosen.iter().map(|c| u64::from_le_bytes(*c)).collect(),
             ..Self::default()
         };
-        if part.len() != records {
+        if cluster.len() != records {
             return Err(FormatError::invalid(
                 "chosen vertices",
                 records.to_string(),
-                part.len(),
+                cluster.len(),
             ));
         }
-        for (index, values) in [(SHARE, &mut part.share), (LIGHT, &mut part.light)] {
+        for (index, values) in [(SHARE, &mut cluster.share), (LIGHT, &mut cluster.light)] {
             match (rows(index, records)?, rows(index + 1, records)?) {
                 (None, None) => {}
                 (Some(rgb), None) => *values = triples(&rgb),
                 (None, Some(grey)) => *values = singles(&grey).map(|v| [v; 3]).collect(),
                 (Some(_), Some(_)) => {
                     return Err(FormatError::invalid(
-                        "columns of a part",
+                        "columns of a cluster",
                         "colour or grey",
                         "both",
                     ));
@@ -243,27 +241,27 @@ impl Part {
             }
         }
         cursor.end()?;
-        part.check(kind, place, volumes)?;
-        Ok(part)
+        cluster.check(kind, id, volumes)?;
+        Ok(cluster)
     }
 }
 
-/// The first vertex of a cube, from that of its part.
+/// The first vertex of a cube, from that of its cluster.
 fn cube(i: usize) -> [usize; 3] {
-    const ALONG: usize = PART_EDGE / VERTEX_CUBE;
-    [i % ALONG, i / ALONG % ALONG, i / (ALONG * ALONG)].map(|c| c * VERTEX_CUBE)
+    const ALONG: usize = CLUSTER_EDGE / CUBE_EDGE;
+    [i % ALONG, i / ALONG % ALONG, i / (ALONG * ALONG)].map(|c| c * CUBE_EDGE)
 }
 
 /// A bit for each vertex of a cube that a lattice of `count` has.
 fn inside(first: [usize; 3], count: [usize; 3]) -> u64 {
-    if (0..3).all(|a| first[a] + VERTEX_CUBE <= count[a]) {
+    if (0..3).all(|a| first[a] + CUBE_EDGE <= count[a]) {
         return u64::MAX;
     }
     (0..64).fold(0, |bits, i| {
         let at = [
-            i % VERTEX_CUBE,
-            i / VERTEX_CUBE % VERTEX_CUBE,
-            i / (VERTEX_CUBE * VERTEX_CUBE),
+            i % CUBE_EDGE,
+            i / CUBE_EDGE % CUBE_EDGE,
+            i / (CUBE_EDGE * CUBE_EDGE),
         ];
         let is_inside = (0..3).all(|a| first[a] + at[a] < count[a]);
         bits | u64::from(is_inside) << i

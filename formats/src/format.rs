@@ -1,0 +1,75 @@
+//! What tells the three kinds of file apart, for the one reader and the one writer of their frame.
+
+use crate::frame::{Block, FileKind};
+use crate::opened::Opened;
+use crate::summary::Sums;
+use crate::{FormatError, Result};
+
+/// A kind of file: its metadata, its summary and the rules that they and the block table keep.
+///
+/// [`crate::CloudFormat`], [`crate::TreeFormat`] and [`crate::ScatterFormat`] implement it; there
+/// are no others.
+pub trait Format: Sized {
+    /// Metadata: where the file comes from.
+    type Meta: bincode::Encode + bincode::Decode<()> + std::fmt::Debug;
+    /// Summary: what was counted while the file was written.
+    type Summary: bincode::Encode + bincode::Decode<()> + std::fmt::Debug;
+    /// Entries of the block table, as readers look them up.
+    type Blocks: std::fmt::Debug;
+    /// The kind that the header states.
+    const KIND: FileKind;
+
+    /// Refuses metadata that readers cannot rely on.
+    ///
+    /// # Errors
+    /// [`FormatError::Invalid`].
+    fn check_meta(meta: &Self::Meta) -> Result<()>;
+
+    /// Checks the block table against metadata and summary, and arranges it.
+    ///
+    /// # Errors
+    /// [`FormatError::Invalid`].
+    fn arrange(
+        blocks: Vec<Block>,
+        meta: &Self::Meta,
+        summary: &Self::Summary,
+    ) -> Result<Self::Blocks>;
+
+    /// Reads every block and checks every value; calls `after_block` after each block.
+    ///
+    /// # Errors
+    /// The first damage found, or what `after_block` returns.
+    fn verify<D: AsRef<[u8]>, E: From<FormatError>>(
+        file: &Opened<D, Self>,
+        after_block: impl FnMut() -> Result<(), E>,
+    ) -> Result<(), E>;
+}
+
+/// The block table of a cloud or a tree: entries of surfels and of lvoxels, each in file order.
+#[derive(Clone, Debug)]
+pub struct PointBlocks {
+    pub(crate) surfels: Vec<Block>,
+    pub(crate) lvoxels: Vec<Block>,
+}
+
+impl PointBlocks {
+    /// Sorts entries by kind and checks the counts that the summary gives.
+    pub(crate) fn new(blocks: Vec<Block>, sums: &Sums) -> Result<Self> {
+        let is_surfels = |b: &Block| b.kind == crate::BlockKind::Surfels;
+        let (surfels, lvoxels) = blocks.into_iter().partition(is_surfels);
+        let blocks = Self { surfels, lvoxels };
+        let records = |blocks: &[Block]| blocks.iter().map(|b| u64::from(b.records)).sum();
+        expect_count("surfels", records(&blocks.surfels), sums.surfels)?;
+        expect_count("lvoxels", records(&blocks.lvoxels), sums.lvoxels())?;
+        Ok(blocks)
+    }
+}
+
+/// Checks a count of the summary against that of the rest of the file.
+pub fn expect_count(what: &str, expected: u64, found: u64) -> Result<()> {
+    if expected == found {
+        return Ok(());
+    }
+    let what = format!("{what} in the summary");
+    Err(FormatError::invalid(what, expected.to_string(), found))
+}

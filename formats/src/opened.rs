@@ -1,0 +1,163 @@
+//! The opening that all three readers share.
+
+use crate::format::Format;
+use crate::frame::{Block, Frame};
+use crate::{FormatError, MappedFile, Result, bytes, codec};
+use std::cell::RefCell;
+use std::path::{Path, PathBuf};
+
+/// A file whose header, metadata, summary and block table were read and checked. Its blocks are
+/// decoded on request, by any number of threads.
+///
+/// [`crate::Cloud`], [`crate::Tree`] and [`crate::Scatter`] are the three kinds. `D` holds the bytes
+/// of the file: a [`MappedFile`], a vector or a slice.
+#[derive(Debug)]
+pub struct Opened<D, F: Format> {
+    data: D,
+    path: Option<PathBuf>,
+    meta: F::Meta,
+    summary: F::Summary,
+    blocks: F::Blocks,
+    content_hash: [u8; 16],
+    version: u32,
+}
+
+impl<F: Format> Opened<MappedFile, F> {
+    /// Maps a file into memory and opens it; all errors name the file.
+    ///
+    /// # Errors
+    /// As [`Opened::open`], and [`FormatError::Io`].
+    pub fn open_path(path: &Path) -> Result<Self> {
+        let mut opened = Self::open(MappedFile::open(path)?).map_err(|e| e.at(path))?;
+        opened.path = Some(path.into());
+        Ok(opened)
+    }
+}
+
+impl<D: AsRef<[u8]>, F: Format> Opened<D, F> {
+    /// Reads header, metadata, summary and block table, and checks them; no block is touched.
+    ///
+    /// # Errors
+    /// Any [`FormatError`] but `Io`, `Exists` and `InFile`.
+    pub fn open(data: D) -> Result<Self> {
+        let all = data.as_ref();
+        let frame = Frame::read(all, F::KIND)?;
+        let meta: F::Meta = codec::decode(&all[frame.meta], "metadata")?;
+        F::check_meta(&meta)?;
+        let summary: F::Summary = codec::decode(&all[frame.summary], "summary")?;
+        Ok(Self {
+            path: None,
+            blocks: F::arrange(frame.blocks, &meta, &summary)?,
+            meta,
+            summary,
+            content_hash: frame.content_hash,
+            version: frame.version,
+            data,
+        })
+    }
+
+    /// The metadata: where the file comes from.
+    pub fn meta(&self) -> &F::Meta {
+        &self.meta
+    }
+
+    /// The summary: what was counted while the file was written.
+    pub fn summary(&self) -> &F::Summary {
+        &self.summary
+    }
+
+    /// Version of the format that the file was written in.
+    pub fn version(&self) -> u32 {
+        self.version
+    }
+
+    /// Identity of everything in the file.
+    pub fn content_hash(&self) -> [u8; 16] {
+        self.content_hash
+    }
+
+    /// Reads the whole file and checks it: checksums, the range of every value, and what its parts
+    /// say of each other.
+    ///
+    /// # Errors
+    /// The first damage found.
+    pub fn verify(&self) -> Result<()> {
+        self.verify_with(|| Ok(()))
+    }
+
+    /// Does what [`Self::verify`] does, and calls `after_block` after each block.
+    ///
+    /// # Errors
+    /// The first damage found, or what `after_block` returns, which ends the check.
+    pub fn verify_with<E: From<FormatError>>(
+        &self,
+        after_block: impl FnMut() -> Result<(), E>,
+    ) -> Result<(), E> {
+        F::verify(self, after_block)
+    }
+
+    /// The block table.
+    pub(crate) fn table(&self) -> &F::Blocks {
+        &self.blocks
+    }
+
+    /// Runs something whose errors are to name the file.
+    pub(crate) fn named<T>(&self, run: impl FnOnce() -> Result<T>) -> Result<T> {
+        run().map_err(|e| match &self.path {
+            Some(path) => e.at(path),
+            None => e,
+        })
+    }
+
+    /// The bytes of a block as they are in the file. Its checksum is not looked at.
+    pub(crate) fn stored(&self, block: &Block) -> &[u8] {
+        let start = block.offset as usize;
+        &self.data.as_ref()[start..start + block.stored_bytes as usize]
+    }
+
+    /// Checks and decompresses block `i` of a list, and decodes it; `name` is that of such a block.
+    pub(crate) fn unpacked<T>(
+        &self,
+        blocks: &[Block],
+        i: usize,
+        name: &str,
+        decode: impl FnOnce(&[u8], &Block) -> Result<T>,
+    ) -> Result<T> {
+        thread_local! {
+            static RAW: RefCell<Vec<u8>> = const { RefCell::new(Vec::new()) };
+        }
+        self.named(|| {
+            let block = nth(blocks, i, name)?;
+            let stored = self.stored(block);
+            bytes::check(stored, block.checksum, || format!("{name} {i}"))?;
+            let decoded = if block.stored_bytes == block.raw_bytes {
+                decode(stored, block)
+            } else {
+                RAW.with_borrow_mut(|raw| {
+                    raw.resize(block.raw_bytes as usize, 0);
+                    bytes::decompress(stored, raw, name)?;
+                    decode(raw, block)
+                })
+            };
+            decoded.map_err(|e| e.within(&format!("{name} {i}")))
+        })
+    }
+}
+
+/// Entry `i` of a list of blocks.
+pub fn nth<'a>(blocks: &'a [Block], i: usize, name: &str) -> Result<&'a Block> {
+    let below = || FormatError::invalid(name, format!("below {}", blocks.len()), i);
+    blocks.get(i).ok_or_else(below)
+}
+
+/// Checks the sizes of block `i` of a file whose blocks are compressed whole.
+pub fn check_sizes(block: &Block, i: usize, max_raw_bytes: usize) -> Result<()> {
+    if block.raw_bytes as usize <= max_raw_bytes && block.stored_bytes <= block.raw_bytes {
+        return Ok(());
+    }
+    Err(FormatError::invalid(
+        format!("bytes of block {i}"),
+        format!("at most {max_raw_bytes}, and no more stored than raw"),
+        format!("{} stored, {} raw", block.stored_bytes, block.raw_bytes),
+    ))
+}
