@@ -5,8 +5,58 @@
 //!                                             └─scatter─▶ light in media (.lvs) ─┘
 //! ```
 //!
-//! Folders follow that line. Stages (`bake`, `build`, `shade`) share file formats and the leaf
-//! modules (`math`, `scene`, `trace`, `light`, `gather`), never each other's code.
+//! A scene is baked and its tree built once; any number of frames and tiles are then shaded from
+//! the tree, on any number of machines. Light can be gathered from a tree alone, too, at points of
+//! the caller's choice:
+//!
+//! ```
+//! use glam::{DAffine3, DVec3, Vec3};
+//! use lvox::gather::{self, PointGatherer};
+//! use lvox::image::Region;
+//! use lvox::scene::{CameraInput, Film, Grid, LightInput, MeshInput, SceneBuilder, VolumeInput};
+//! use lvox::{bake, build, run::Job, shade, tree::OpenTree};
+//!
+//! // A red floor, a light over it, and a cube of fog between them.
+//! let corners = [[-1.0, 0.0, -1.0], [-1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 0.0, -1.0]];
+//! let floor = MeshInput::new("floor", corners, vec![[0, 1, 2], [0, 2, 3]]);
+//! let fog = Grid::from_fn([4; 3], |_| 1.0);
+//! let world_from_fog =
+//!     DAffine3::from_translation(DVec3::new(-0.5, 0.2, -0.5)) * DAffine3::from_scale(DVec3::splat(0.25));
+//! let scene = SceneBuilder::new("floor and fog")
+//!     .film(Film { width: 16, height: 12, exposure: 1.0 })
+//!     .camera(CameraInput::look_at("front", [0.0, 1.0, 4.0], [0.0, 0.5, 0.0], [0.0, 1.0, 0.0], 0.7)?)
+//!     .mesh(floor.albedo([0.8, 0.1, 0.1]))
+//!     .light(LightInput::point([0.0, 3.0, 0.0], [8.0; 3]))
+//!     .volume(VolumeInput::new("fog", fog, [0.9; 3], world_from_fog))
+//!     .build()?;
+//!
+//! let folder = tempfile::tempdir()?;
+//! let (cloud, tree) = (folder.path().join("scene.lvc"), folder.path().join("scene.lvt"));
+//! // A job carries limits, progress and cancellation; this one is silent and has no limits.
+//! let job = Job::default();
+//! let settings = bake::Settings {
+//!     surfels: bake::SurfelSampling::Area { count: 1000 },
+//!     ..bake::Settings::default()
+//! };
+//! bake::run(&scene, &settings, &cloud, false, &job)?;
+//! build::run(&cloud, &tree, &build::Settings::default(), false, &job)?;
+//!
+//! let tree = OpenTree::open(&tree, job.memory_limit)?;
+//! let frame = Region::full(scene.film.width, scene.film.height);
+//! let image = shade::run(&scene, &tree, &shade::Settings::default(), frame, &[], &job)?;
+//! assert_eq!((image.width, image.height), (16, 12));
+//!
+//! // What the floor and the fog send to a point beside them, that faces them: it is reddish.
+//! let gatherer = PointGatherer::new(&tree, gather::Settings::default());
+//! let [red, green, _] = gatherer.irradiance(Vec3::new(0.0, 0.5, 2.0), Vec3::NEG_Z, 0)?.light.0;
+//! assert!(red > 2.0 * green && green > 0.0);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! The modules are the stages and what passes between them: [`scene`] (load or make one), [`bake`],
+//! [`build`], [`shade`], [`tree`] and [`gather`] (open trees, light at points), [`image`] (read,
+//! write, merge and compare pictures), [`inspect`] (what files hold, and whether they are whole),
+//! [`formats`] (the files themselves), and [`run`] (what each stage gets beside its data).
 //!
 //! | what | unit and convention |
 //! | --- | --- |
