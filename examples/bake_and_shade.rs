@@ -2,6 +2,7 @@
 //! tree: `cargo run --release --example bake_and_shade [FOLDER]`.
 
 use glam::{DAffine3, DVec3};
+use lvox::formats::Overwrite;
 use lvox::image::exr::{self, Precision};
 use lvox::image::{Region, png, tone};
 use lvox::run::Job;
@@ -47,8 +48,14 @@ fn main() -> lvox::Result<()> {
         surfels: bake::SurfelSampling::Area { count: 20_000 },
         ..bake::Settings::default()
     };
-    bake::run(&scene, &settings, &cloud, true, &job)?;
-    build::run(&cloud, &tree, &build::Settings::default(), true, &job)?;
+    bake::run(&scene, &settings, &cloud, Overwrite::Replace, &job)?;
+    build::run(
+        &cloud,
+        &tree,
+        &build::Settings::default(),
+        Overwrite::Replace,
+        &job,
+    )?;
     let tree = OpenTree::open(&tree, job.memory_limit)?;
     let whole = Region::full(scene.film.width, scene.film.height);
     let frame = shade::run(&scene, &tree, &shade::Settings::default(), whole, &[], &job)?;

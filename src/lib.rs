@@ -11,6 +11,7 @@
 //!
 //! ```
 //! use glam::{DAffine3, DVec3, Vec3};
+//! use lvox::formats::Overwrite;
 //! use lvox::gather::{self, PointGatherer};
 //! use lvox::image::Region;
 //! use lvox::scene::{CameraInput, Film, Grid, LightInput, MeshInput, SceneBuilder, VolumeInput};
@@ -38,8 +39,8 @@
 //!     surfels: bake::SurfelSampling::Area { count: 1000 },
 //!     ..bake::Settings::default()
 //! };
-//! bake::run(&scene, &settings, &cloud, false, &job)?;
-//! build::run(&cloud, &tree, &build::Settings::default(), false, &job)?;
+//! bake::run(&scene, &settings, &cloud, Overwrite::Refuse, &job)?;
+//! build::run(&cloud, &tree, &build::Settings::default(), Overwrite::Refuse, &job)?;
 //!
 //! let tree = OpenTree::open(&tree, job.memory_limit)?;
 //! let frame = Region::full(scene.film.width, scene.film.height);
@@ -104,8 +105,8 @@ pub mod internals {
     #[cfg(feature = "lab")]
     pub mod reference {
         pub use crate::lab::reference::{
-            PathTracer, Sampler, Settings, Sums, accumulate, begin, frame, relmse, run, sums,
-            sums_path,
+            PathTracer, Sampler, Settings, Start, Sums, accumulate, begin, frame, relmse, run,
+            sums, sums_path,
         };
     }
 

@@ -5,8 +5,8 @@
 mod support;
 
 use lvox::image::{Frame, Region, exr, metrics};
-use lvox::internals::study::Slope;
-use lvox::internals::study::{self, Method, Settings, Study, Sweep};
+use lvox::internals::reference::Start;
+use lvox::internals::study::{self, Method, Settings, Slope, Study, Sweep};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade::{self, Kernel};
@@ -102,7 +102,14 @@ fn settings(kernel: Kernel) -> Settings {
 /// that end at triangles leave so little to surfels that there is no slope to hold.
 fn measured(scene: &Scene, dir: &Path) -> [Study; 2] {
     let study = |name: &str, settings: Settings| {
-        study::run(scene, &settings, &dir.join(name), false, &Job::default()).unwrap()
+        study::run(
+            scene,
+            &settings,
+            &dir.join(name),
+            Start::Resume,
+            &Job::default(),
+        )
+        .unwrap()
     };
     let traced = Settings {
         spp: vec![1, 4, 16, 64],

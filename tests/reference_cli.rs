@@ -4,7 +4,7 @@ mod support;
 
 use lvox::Kind;
 use lvox::image::Region;
-use lvox::internals::reference::{self, Settings};
+use lvox::internals::reference::{self, Settings, Start};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use std::path::Path;
@@ -166,12 +166,12 @@ fn a_stop_before_the_first_sample_replaces_nothing() {
     };
     let job = Job::default();
     job.cancel.request();
-    for restart in [false, true] {
+    for start in [Start::Resume, Start::Afresh] {
         std::fs::write(&image, "an image").unwrap();
-        if restart {
+        if start == Start::Afresh {
             std::fs::write(&kept, "samples of hours").unwrap();
         }
-        let error = reference::run(&scene, &settings, region, &image, restart, &job).unwrap_err();
+        let error = reference::run(&scene, &settings, region, &image, start, &job).unwrap_err();
         assert_eq!(error.kind(), Kind::Cancelled);
         assert_eq!(std::fs::read(&image).unwrap(), b"an image");
     }

@@ -3,6 +3,7 @@
 use super::files::{Files, Named, check_apart, check_writable};
 use super::{parse, progress};
 use crate::formats::Overwrite;
+use crate::lab::reference::Start;
 use crate::run::{Job, OnWarning};
 use crate::{Error, Result};
 use std::cell::RefCell;
@@ -153,6 +154,14 @@ impl Context {
             self.report_path.take();
         })?;
         check_apart(&[outputs, report].concat(), &inputs)
+    }
+
+    /// Whether references and studies go on from what is there.
+    pub fn start(&self) -> Start {
+        match self.overwrite {
+            Overwrite::Refuse => Start::Resume,
+            Overwrite::Replace => Start::Afresh,
+        }
     }
 
     /// Where the report goes.

@@ -97,7 +97,7 @@ impl Args {
             &settings,
             region,
             &self.output,
-            context.overwrite == Overwrite::Replace,
+            context.start(),
             &context.job,
         )?;
         if let Some(text) = reached(&context.job.report.stages()) {

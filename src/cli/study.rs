@@ -4,7 +4,6 @@ use super::files::Files;
 use super::options::{Context, Memory, Seed, Temporary};
 use super::parse;
 use super::scene_input::SceneInput;
-use crate::formats::Overwrite;
 use crate::lab::study::{self, Settings};
 use crate::shade::Quality;
 use crate::{Result, shade};
@@ -178,7 +177,7 @@ impl Args {
             &scene,
             &settings,
             &self.output,
-            context.overwrite == Overwrite::Replace,
+            context.start(),
             &context.job,
         )?;
         let report = self.output.join("report.html");

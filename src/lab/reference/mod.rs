@@ -64,6 +64,15 @@ impl Default for Settings {
     }
 }
 
+/// Whether a run goes on from what earlier ones have kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Start {
+    /// It does, and adds to that.
+    Resume,
+    /// What is kept is replaced.
+    Afresh,
+}
+
 /// Time after which sums are saved, against the loss of the machine.
 const SAVE_EVERY: Duration = Duration::from_secs(300);
 
@@ -143,7 +152,7 @@ pub fn begin(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> R
 
 /// Renders into an OpenEXR file of 32-bit floats, with the variance of each pixel's mean in the
 /// layer `variance`. Sums are kept beside it ([`sums_path`]); a later run with more samples or time
-/// goes on from there, with the same result as one run would have had. `restart` forgets them. On a
+/// goes on from there, with the same result as one run would have had; [`Start::Afresh`] replaces them. On a
 /// stop what is there is written before the error is returned; an image only if every pixel has a
 /// sample.
 ///
@@ -155,12 +164,14 @@ pub fn run(
     settings: &Settings,
     region: Region,
     image: &Path,
-    restart: bool,
+    start: Start,
     job: &Job,
 ) -> Result<()> {
     let mut sums = begin(scene, settings, region, job)?;
     let kept = sums_path(image);
-    if !restart && let Some(found) = Sums::read(&kept, &sums)? {
+    if start == Start::Resume
+        && let Some(found) = Sums::read(&kept, &sums)?
+    {
         sums = found;
         let (least, most) = sums.counts();
         job.progress
@@ -174,10 +185,10 @@ pub fn run(
         warn_of_not_finite(&sums, job);
     }
     job.heed_warnings()?;
-    // Before every pixel has a sample there is no image, and what a restart forgets is worth more.
+    // Before every pixel has a sample there is no image, and what is kept of earlier runs is worth more.
     let save = |sums: &Sums| -> Result<()> {
         let is_whole = sums.counts().0 > 0;
-        if is_whole || !restart {
+        if is_whole || start == Start::Resume {
             sums.write(&kept)?;
         }
         if is_whole {
@@ -201,8 +212,10 @@ pub fn run(
             Err(e) if e.kind() != Kind::Cancelled => Err(e),
             stopped => {
                 save(&sums)?;
-                stopped.map_err(|e| match (least, restart) {
-                    (0, true) => e.hint("nothing was replaced: some pixels have no sample yet"),
+                stopped.map_err(|e| match (least, start) {
+                    (0, Start::Afresh) => {
+                        e.hint("nothing was replaced: some pixels have no sample yet")
+                    }
                     _ => e.hint(format!(
                         "{least} to {most} samples per pixel are kept; the same command goes on"
                     )),

@@ -333,9 +333,9 @@ fn a_later_run_goes_on_with_the_same_bits() {
     let dir = tempfile::tempdir().unwrap();
     let (once, twice) = (dir.path().join("once.exr"), dir.path().join("twice.exr"));
     let job = Job::default();
-    run(&scene, &settings(9), full, &once, false, &job).unwrap();
-    run(&scene, &settings(2), full, &twice, false, &job).unwrap();
-    run(&scene, &settings(9), full, &twice, false, &job).unwrap();
+    run(&scene, &settings(9), full, &once, Start::Resume, &job).unwrap();
+    run(&scene, &settings(2), full, &twice, Start::Resume, &job).unwrap();
+    run(&scene, &settings(9), full, &twice, Start::Resume, &job).unwrap();
     let bytes = |path: &Path| std::fs::read(path).unwrap();
     assert!(bytes(&once) == bytes(&twice));
     assert!(bytes(&sums_path(&once)) == bytes(&sums_path(&twice)));
@@ -343,9 +343,9 @@ fn a_later_run_goes_on_with_the_same_bits() {
         max_depth: 2,
         ..settings(9)
     };
-    let error = run(&scene, &other, full, &twice, false, &job).unwrap_err();
+    let error = run(&scene, &other, full, &twice, Start::Resume, &job).unwrap_err();
     assert_eq!(error.kind(), crate::Kind::Input);
-    run(&scene, &other, full, &twice, true, &job).unwrap();
+    run(&scene, &other, full, &twice, Start::Afresh, &job).unwrap();
 }
 
 #[test]
@@ -355,10 +355,10 @@ fn a_stop_keeps_what_is_there() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.exr");
     let job = Job::default();
-    run(&scene, &settings(3), full, &path, false, &job).unwrap();
+    run(&scene, &settings(3), full, &path, Start::Resume, &job).unwrap();
     let before = std::fs::read(&path).unwrap();
     job.cancel.request();
-    let error = run(&scene, &settings(30), full, &path, false, &job).unwrap_err();
+    let error = run(&scene, &settings(30), full, &path, Start::Resume, &job).unwrap_err();
     assert_eq!(error.kind(), crate::Kind::Cancelled);
     assert!(error.hint_text().unwrap().contains("3 to 3 samples"));
     assert!(std::fs::read(&path).unwrap() == before);
@@ -413,7 +413,7 @@ fn samples_that_are_not_finite_are_told_by_every_run_that_has_them() {
             on_warning,
             ..Job::default()
         };
-        let done = run(&scene, &settings, region, &image, false, &job);
+        let done = run(&scene, &settings, region, &image, Start::Resume, &job);
         (job.progress.warnings(), done.map_err(|e| e.to_string()))
     };
     let told = |n: u32| format!("{n} samples were infinite or not a number and count as black");

@@ -23,7 +23,7 @@ pub use sweep::Sweep;
 
 use crate::image::subject::{SHADED_SEGMENTS, Subject};
 use crate::image::{Picture, Region, exr, heat, load, png, tone};
-use crate::lab::reference;
+use crate::lab::reference::{self, Start};
 use crate::run::{Job, Output, digest, hex};
 use crate::scene::Scene;
 use crate::{Error, Kind, Result};
@@ -37,7 +37,7 @@ use std::path::{Path, PathBuf};
 
 /// Runs a study into a folder: `study.json`, `study.csv`, `table.md`, plots, images, and
 /// `report.html` with all of them. Runs that are there are kept: a call with more rounds or with
-/// more values of a sweep adds to them. `restart` forgets them.
+/// more values of a sweep adds to them. [`Start::Afresh`] replaces them.
 ///
 /// # Errors
 /// Settings that make no sense, a folder of another study or build of the program, whatever
@@ -47,7 +47,7 @@ pub fn run(
     scene: &Scene,
     settings: &Settings,
     folder: &Path,
-    restart: bool,
+    start: Start,
     job: &Job,
 ) -> Result<Study> {
     settings.check()?;
@@ -69,11 +69,11 @@ pub fn run(
     job.heed_warnings()?;
     let files = Files::new(folder)?;
     let found = match Study::read(&files.json(), &origin) {
-        Ok(found) => found.filter(|_| !restart),
-        Err(_) if restart => None,
+        Ok(found) => found.filter(|_| start == Start::Resume),
+        Err(_) if start == Start::Afresh => None,
         Err(e) => return Err(e),
     };
-    if restart {
+    if start == Start::Afresh {
         files.clear()?;
     }
     let mut study = found.unwrap_or_else(|| Study {
@@ -95,7 +95,7 @@ pub fn run(
     }
     study.write(&files.json())?;
     let bench = Bench::new(scene, settings, files.trees(), job);
-    let result = measure_all(&mut study, &variants, given, &bench, &files, restart, job);
+    let result = measure_all(&mut study, &variants, given, &bench, &files, start, job);
     match result {
         Err(e) if e.kind() != Kind::Cancelled => return Err(e),
         _ => {
@@ -258,13 +258,13 @@ fn measure_all(
     given: Option<Target>,
     bench: &Bench,
     files: &Files,
-    restart: bool,
+    start: Start,
     job: &Job,
 ) -> Result<()> {
     let settings = bench.settings;
     let target = match given {
         Some(target) => target,
-        None => render_reference(bench, files, restart, job)?,
+        None => render_reference(bench, files, start, job)?,
     };
     study.reference = target.about;
     let target = target.picture;
@@ -423,7 +423,7 @@ impl Target {
 }
 
 /// Renders the reference that was not given, or goes on with it.
-fn render_reference(bench: &Bench, files: &Files, restart: bool, job: &Job) -> Result<Target> {
+fn render_reference(bench: &Bench, files: &Files, start: Start, job: &Job) -> Result<Target> {
     let (scene, settings) = (bench.scene, bench.settings);
     let path = files.0.join(REFERENCE);
     let monte_carlo = reference::Settings {
@@ -433,7 +433,7 @@ fn render_reference(bench: &Bench, files: &Files, restart: bool, job: &Job) -> R
         seed: settings.seed,
         ..reference::Settings::default()
     };
-    reference::run(scene, &monte_carlo, bench.region(), &path, restart, job)?;
+    reference::run(scene, &monte_carlo, bench.region(), &path, start, job)?;
     let mut target = Target::read(&path, scene, settings, job)?;
     job.heed_warnings()?;
     let spp = settings.reference_spp;
