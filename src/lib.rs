@@ -55,7 +55,7 @@
 //! ```
 //!
 //! The modules are the stages and what passes between them: [`scene`] (load or make one), [`bake`],
-//! [`build`], [`shade`], [`tree`] and [`gather`] (open trees, light at points), [`image`] (read,
+//! [`build`], [`scatter`], [`shade`], [`tree`] and [`gather`] (open trees, light at points), [`image`] (read,
 //! write, merge and compare pictures), [`inspect`] (what files hold, and whether they are whole),
 //! [`formats`] (the files themselves), and [`run`] (what each stage gets beside its data).
 //!
@@ -74,16 +74,19 @@ pub mod cli;
 mod error;
 pub mod gather;
 pub mod image;
+mod inscatter;
 pub mod inspect;
 #[cfg(feature = "lab")]
 mod lab;
 mod light;
 mod math;
 pub mod run;
+pub mod scatter;
 pub mod scene;
 pub mod shade;
 mod trace;
 pub mod tree;
+mod view;
 
 pub use error::{Error, Kind, Result};
 pub use lvox_formats as formats;

@@ -22,10 +22,20 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("tree", &["error", "formats", "math", "run"]),
     ("gather", &["error", "formats", "math", "run", "tree"]),
     ("image", &["error", "run", "scene::Film"]),
+    (
+        "view",
+        &["error", "gather", "image::Region", "math", "scene", "trace"],
+    ),
+    (
+        "inscatter",
+        &[
+            "error", "formats", "gather", "light", "math", "run", "scene", "trace", "tree", "view",
+        ],
+    ),
     ("bake", LEAVES),
     ("build", LEAVES),
-    ("scatter", LEAVES),
-    ("shade", LEAVES),
+    ("scatter", LIT_BY_MEDIA),
+    ("shade", LIT_BY_MEDIA),
     // Of pictures it knows none but the samples that may be kept beside one.
     ("inspect", &["error", "formats", "image::samples", "run"]),
     // What judges the pipeline may use all of it; nothing that renders uses the laboratory.
@@ -53,6 +63,22 @@ const LEAVES: &[&str] = &[
 const LABORATORY: &[&str] = &[
     "bake", "build", "error", "formats", "gather", "image", "light", "math", "run", "scatter",
     "scene", "shade", "trace", "tree",
+];
+
+/// What stages share that light media.
+const LIT_BY_MEDIA: &[&str] = &[
+    "error",
+    "formats",
+    "gather",
+    "image",
+    "inscatter",
+    "light",
+    "math",
+    "run",
+    "scene",
+    "trace",
+    "tree",
+    "view",
 ];
 
 /// Below these folders results are figures for people and no pixels or files depend on the last bit

@@ -224,7 +224,7 @@ mod tests {
 
     #[test]
     fn help_tells_the_defaults_of_scattering() {
-        let settings = shade::scatter::Settings::default();
+        let settings = crate::scatter::Settings::default();
         for (name, expected) in [
             ("volume-samples", settings.volume_samples.to_string()),
             ("max-solid-angle", settings.max_solid_angle.to_string()),

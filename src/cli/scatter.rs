@@ -6,7 +6,7 @@ use super::output;
 use super::scene_input::SceneInput;
 use super::shade::warn_if_out_of_date;
 use crate::Result;
-use crate::shade::scatter::{self, Settings};
+use crate::scatter::{self, Settings};
 use crate::tree::OpenTree;
 use std::path::PathBuf;
 

@@ -26,6 +26,7 @@
 pub mod bright;
 pub mod cone;
 mod directions;
+mod dispatch;
 mod geometry;
 pub mod medium;
 mod neighbours;
@@ -37,6 +38,7 @@ mod points;
 mod radiance_cache;
 
 pub use bright::{BrightHit, BrightPatch};
+pub use dispatch::{TreeTask, with_surfels, with_tree};
 pub use geometry::Geometry;
 pub use medium::{Medium, NoMedia};
 pub use neighbours::{DirectionOrder, SurfacePoint};

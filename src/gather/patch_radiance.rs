@@ -12,6 +12,7 @@ use super::patch_id::{PatchExtent, PatchId};
 use super::radiance_cache::RadianceCache;
 use super::{Crossing, Pages};
 use crate::math::{Hit, Ray, Rgb};
+use crate::tree::OpenTree;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// How often a tree was asked what a patch sends. Threads that ask for one patch at the same time
@@ -86,6 +87,19 @@ impl<'a> PatchRadiance<'a> {
             bright: None,
             patches: AtomicU64::new(0),
             unknown: AtomicU64::new(0),
+        }
+    }
+
+    /// Radiance that leaves the scene's surfaces by what a tree says of them, with room to remember
+    /// the patches that about so many rays end on.
+    #[must_use]
+    pub fn of_tree(geometry: &'a dyn Geometry, tree: &OpenTree, rays: usize) -> Self {
+        let patches = Self::new(geometry, tree.area_per_surfel(), rays);
+        // Surfels of one piece of the scene have one size where disks are made to overlap.
+        if tree.tree().meta().cloud.disk_overlap > 0.0 {
+            patches
+        } else {
+            patches.of_uneven_surfels()
         }
     }
 

@@ -1,17 +1,16 @@
-//! What the buffers of a region and the sweeps of its media take, told before they are made.
+//! What the buffers of a region take, told before they are made.
 
-use super::aov::Part;
-use super::lattice::Lattice;
+use super::pixels::Quantity;
 use super::settings::Settings;
-use super::view::Seen;
+use super::surfaces::Lattice;
 use crate::Result;
 use crate::image::Region;
 use crate::run::{memory, size};
-use crate::scene::{Scene, Volume};
+use crate::scene::Scene;
 
 /// Bytes of a pixel: the planes asked for, twice while blocks are put together.
-fn per_pixel(parts: &[Part]) -> u64 {
-    let planes: usize = parts.iter().map(|p| p.planes()).sum();
+fn per_pixel(quantities: &[Quantity]) -> u64 {
+    let planes: usize = quantities.iter().map(|p| p.planes()).sum();
     2 * (planes * size_of::<f32>()) as u64
 }
 
@@ -24,7 +23,7 @@ pub fn check(
     scene: &Scene,
     settings: &Settings,
     regions: &[Region],
-    parts: &[Part],
+    quantities: &[Quantity],
     limit: Option<u64>,
 ) -> Result<()> {
     let film = [scene.film.width, scene.film.height];
@@ -33,7 +32,7 @@ pub fn check(
         .iter()
         .map(|&r| Lattice::bytes(r, settings.lattice, film));
     let needed = pixels
-        .saturating_mul(per_pixel(parts))
+        .saturating_mul(per_pixel(quantities))
         .saturating_add(lattices.sum());
     size::within(format_args!("shading {pixels} pixels"), needed, limit).map_err(|e| {
         e.hint("raise --memory-limit, or shade a part: --region X0 Y0 X1 Y1 or --tile I/N")
@@ -43,7 +42,7 @@ pub fn check(
         let more = Lattice::least_bytes(r, settings.lattice, film);
         [0, 1].map(|i| sum[i].saturating_add(more[i]))
     });
-    let planes = pixels.saturating_mul(per_pixel(parts));
+    let planes = pixels.saturating_mul(per_pixel(quantities));
     let least = smoothed.saturating_add(gathered.max(planes));
     memory::check(format_args!("shading {pixels} pixels"), least).map_err(|e| {
         e.hint(
@@ -51,51 +50,4 @@ pub fn check(
              down what the tree takes beside pixels",
         )
     })
-}
-
-/// Refuses a sweep of a volume that takes more than a limit by itself.
-///
-/// # Errors
-/// Says what it takes, and how to do with less.
-pub fn check_sweep(
-    volume: &Volume,
-    seen: Seen,
-    vertices: u64,
-    needed: u64,
-    limit: Option<u64>,
-) -> Result<()> {
-    let what = format_args!(
-        "sweeping light to {vertices} vertices of volume {:?}",
-        volume.name
-    );
-    size::within(what, needed, limit).map_err(|e| {
-        e.hint(match seen {
-            Seen::Through(_) => {
-                "raise --memory-limit, shade a part that sees less of the volume: --region X0 Y0 X1 Y1 or --tile I/N, \
-                 or do without sweeps: any --max-dist, such as 1e9"
-            }
-            Seen::All => "raise --memory-limit",
-        })
-    })
-}
-
-/// Refuses light that a volume scatters, to be made beforehand, if it takes more than a limit by
-/// itself.
-///
-/// # Errors
-/// Says what it takes, and how to do with less.
-pub fn check_scattered(
-    volume: &Volume,
-    vertices: u64,
-    needed: u64,
-    limit: Option<u64>,
-) -> Result<()> {
-    let what = || {
-        format!(
-            "scattering light at {vertices} vertices of volume {:?}",
-            volume.name
-        )
-    };
-    size::within(what(), needed, limit).map_err(|e| e.hint("raise --memory-limit"))?;
-    memory::check(what(), needed)
 }

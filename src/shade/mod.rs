@@ -1,38 +1,40 @@
 //! tree + scene → image: primary visibility and direct light from the scene, indirect light
-//! gathered from the tree. What of that no camera changes can be made beforehand ([`scatter`]).
+//! gathered from the tree.
+//!
+//! A scene, an open tree, [`Settings`] and a region of the film enter; a [`Frame`] with its layers
+//! leaves.
+//!
+//! | folder or file | what it does |
+//! | --- | --- |
+//! | `frame` | what all pixels share: lights, gatherer, light in media; chooses compiled code once |
+//! | `surfaces/` | indirect light on surfaces: gathers at few pixels, spread to all |
+//! | `pixels/` | camera rays, direct light, media before them, means over pixels, layers |
+//! | `settings`, `memory` | how to shade; limits on memory, told before the work |
+//!
+//! Light inside media comes from [`crate::inscatter`].
 //!
 //! Every pixel depends on the scene, the tree, the settings and its own coordinates alone, so any
 //! tiling, on any number of machines, gives the same bits. Points and directions are those of scene
 //! space unless they are said to be the camera's or the film's, distances are scene units, light is
 //! linear Rec.709.
 
-mod adapters;
-mod air;
-mod aov;
-mod bright;
-mod lattice;
-mod layers;
-mod media;
+mod frame;
 mod memory;
 mod pixels;
-pub mod scatter;
 mod settings;
-mod shot;
-mod surface_gatherer;
-mod view;
+mod surfaces;
 
-use crate::Result;
 use crate::gather::PatchStats;
 use crate::image::{Frame, Region};
 use crate::math::Rgb;
 use crate::run::{Job, hex};
 use crate::scene::Scene;
 use crate::tree::OpenTree;
-use aov::Part;
-use pixels::Planes;
-use shot::{Request, shade_regions};
+use crate::{Error, Result, inscatter};
+use frame::{Request, shade_regions};
+use pixels::{Planes, Quantity};
 
-pub use aov::Aov;
+pub use pixels::Aov;
 pub use settings::{Kernel, Method, Quality, Settings};
 
 /// Refuses a frame that [`run`] would refuse for its memory, before there is a tree.
@@ -46,8 +48,8 @@ pub fn check_memory(
     aovs: &[Aov],
     job: &Job,
 ) -> Result<()> {
-    let parts = layers::parts(aovs);
-    memory::check(scene, settings, &[region], &parts, job.memory_limit)
+    let quantities = pixels::quantities(aovs);
+    memory::check(scene, settings, &[region], &quantities, job.memory_limit)
 }
 
 /// Shades a region of the frame.
@@ -58,13 +60,13 @@ pub fn check_memory(
 /// has memory for, a page that cannot be read, or a stop on request.
 pub fn run(
     scene: &Scene,
-    store: &OpenTree,
+    tree: &OpenTree,
     settings: &Settings,
     region: Region,
     aovs: &[Aov],
     job: &Job,
 ) -> Result<Frame> {
-    check(scene, store, settings)?;
+    check(scene, tree, settings)?;
     region.check(scene.film.width, scene.film.height)?;
     // The first camera is the same whether it was named or not.
     let named = Settings {
@@ -72,16 +74,18 @@ pub fn run(
         ..settings.clone()
     };
     job.report.stage("shade", |counts| {
-        let parts = layers::parts(aovs);
+        let quantities = pixels::quantities(aovs);
         let request = Request {
+            scene,
+            tree,
             settings,
             regions: &[region],
-            parts: &parts,
+            quantities: &quantities,
             job,
         };
-        let (mut shaded, asked) = shade_regions(scene, store, &request)?;
+        let (mut shaded, asked) = shade_regions(&request)?;
         let planes = shaded.swap_remove(0);
-        let stats = store.stats();
+        let stats = tree.stats();
         counts.insert("pixels".into(), region.pixels() as f64);
         counts.insert("pages".into(), stats.pages as f64);
         counts.insert("pages_decoded".into(), stats.decoded as f64);
@@ -94,14 +98,14 @@ pub fn run(
         counts.insert("bright_patches".into(), asked.bright as f64);
         warn_of_unknown(asked, job);
         job.heed_warnings()?;
-        let mut frame = layers::to_frame(scene, region, aovs, planes);
+        let mut frame = pixels::to_frame(scene, region, aovs, planes);
         let mut note =
             |name: &str, value: String| frame.attributes.insert(format!("lvox/{name}"), value);
         note("version", env!("CARGO_PKG_VERSION").into());
         note("exposure", scene.film.exposure.to_string());
         note("scene", hex(&scene.hash));
-        note("tree", hex(&store.tree().content_hash()));
-        if let Some(scatter) = &store.scatter {
+        note("tree", hex(&tree.tree().content_hash()));
+        if let Some(scatter) = &tree.scatter {
             note("scatter", hex(&scatter.content_hash()));
         }
         note(
@@ -127,23 +131,25 @@ pub struct Shaded {
 /// As [`run`].
 pub fn pixels(
     scene: &Scene,
-    store: &OpenTree,
+    tree: &OpenTree,
     settings: &Settings,
     regions: &[Region],
     job: &Job,
 ) -> Result<Vec<Vec<Shaded>>> {
-    check(scene, store, settings)?;
+    check(scene, tree, settings)?;
     for region in regions {
         region.check(scene.film.width, scene.film.height)?;
     }
-    let parts = [Part::Radiance, Part::EmitterBorder];
+    let quantities = [Quantity::Radiance, Quantity::EmitterBorder];
     let request = Request {
+        scene,
+        tree,
         settings,
         regions,
-        parts: &parts,
+        quantities: &quantities,
         job,
     };
-    let (shaded, _) = shade_regions(scene, store, &request)?;
+    let (shaded, _) = shade_regions(&request)?;
     let told = |planes: &Planes, i: usize| Shaded {
         radiance: Rgb(std::array::from_fn(|c| planes[c][i])),
         has_emitter_border: planes[3][i] > 0.0,
@@ -155,9 +161,22 @@ pub fn pixels(
         .collect())
 }
 
-fn check(scene: &Scene, store: &OpenTree, settings: &Settings) -> Result<()> {
+/// Refuses settings that make no sense, and scattered light that does not go with them or with the
+/// scene.
+fn check(scene: &Scene, tree: &OpenTree, settings: &Settings) -> Result<()> {
     settings.check()?;
-    (store.scatter.as_ref()).map_or(Ok(()), |scatter| scatter::check(scatter, scene, settings))
+    let Some(scatter) = &tree.scatter else {
+        return Ok(());
+    };
+    if settings.method != Method::Extended || settings.max_dist.is_some_and(f32::is_finite) {
+        return Err(Error::input(
+            "scattered light is that of all surfaces and media, however far: it does not go with --method traditional and \
+             --max-dist",
+        )
+        .hint("leave out --scatter, or those"));
+    }
+    inscatter::check_volumes(&scatter.meta().volumes, scene)
+        .map_err(|e| e.hint("make the scattered light again: lvox scatter"))
 }
 
 /// Says so where an appreciable part of what gathers met is black for want of surfels.

@@ -1,16 +1,14 @@
 //! Regions of the frame, shaded by many threads.
 
 use super::corners::Corners;
+use super::layers::{Planes, Quantity};
 use super::pixel::Pixel;
-use super::planes::{Block, Planes, assemble};
+use super::planes::{Block, assemble};
 use super::shader::PixelShader;
 use crate::Result;
-use crate::gather::Medium;
 use crate::image::Region;
 use crate::run::{Job, Task};
-use crate::shade::air::Air;
-use crate::shade::aov::Part;
-use crate::tree::Pages;
+use crate::shade::pixels::camera_media::CameraMedia;
 use rayon::prelude::*;
 
 /// Width and height of the blocks that threads take, pixels: what blocks need around them is a
@@ -19,19 +17,19 @@ const BLOCKS: [[u32; 2]; 2] = [[128, 128], [64, 64]];
 /// Blocks for each thread, at least, for them to be larger than the smallest.
 const ENOUGH: usize = 4;
 
-/// These parts of the pixels of a region.
+/// These quantities of the pixels of a region.
 ///
 /// # Errors
 /// If cancelled, or if there is no memory for the pixels.
-pub fn shade_region<P: Pages, M: Medium, A: Air>(
-    shader: &PixelShader<P, M, A>,
+pub fn shade_region<A: CameraMedia>(
+    shader: &PixelShader<A>,
     region: Region,
-    parts: &[Part],
+    quantities: &[Quantity],
     job: &Job,
     task: &Task,
 ) -> Result<Planes> {
     let blocks = if shader.counts.pixel == 1 {
-        shade_blocks(&blocks_of(region), parts, job, task, |block| {
+        shade_blocks(&blocks_of(region), quantities, job, task, |block| {
             let corners = Corners::new(shader, block);
             move |x, y| corners.shade(x, y)
         })
@@ -42,9 +40,9 @@ pub fn shade_region<P: Pages, M: Medium, A: Air>(
             ..region
         };
         let rows: Vec<Region> = (region.y0..region.y1).map(row).collect();
-        shade_blocks(&rows, parts, job, task, |_| |x, y| shader.shade(x, y))
+        shade_blocks(&rows, quantities, job, task, |_| |x, y| shader.shade(x, y))
     };
-    assemble(region, parts, &blocks?)
+    assemble(region, quantities, &blocks?)
 }
 
 /// The parts of a region that threads take where pixels share their corners.
@@ -59,7 +57,7 @@ fn blocks_of(region: Region) -> Vec<Region> {
 /// Shades blocks by what `prepare` makes of each.
 fn shade_blocks<S: FnMut(u32, u32) -> Pixel>(
     blocks: &[Region],
-    parts: &[Part],
+    quantities: &[Quantity],
     job: &Job,
     task: &Task,
     prepare: impl Fn(Region) -> S + Sync,
@@ -69,10 +67,10 @@ fn shade_blocks<S: FnMut(u32, u32) -> Pixel>(
         .map(|&block| {
             job.cancel.check()?;
             let mut shade = prepare(block);
-            let mut shaded = Block::new(block, parts)?;
+            let mut shaded = Block::new(block, quantities)?;
             for (x, y) in block.coordinates() {
                 job.cancel.check()?;
-                shaded.push(parts, &shade(x, y));
+                shaded.push(quantities, &shade(x, y));
             }
             task.add(block.pixels() as u64);
             Ok(shaded)

@@ -9,8 +9,8 @@ use crate::image::Region;
 use crate::light::{Lights, Shadows};
 use crate::math::{Rgb, sampling};
 use crate::run::{Cancel, memory};
-use crate::shade::view::View;
 use crate::trace::{short_of, unit_normal};
+use crate::view::View;
 use glam::{DVec2, Vec3};
 
 /// An emissive triangle in a pixel that it covers in part.

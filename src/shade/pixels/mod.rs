@@ -1,9 +1,26 @@
 //! From primary rays to pixels: samples at their corners, which neighbours share, and of their own
 //! where those disagree.
+//!
+//! A region and what a [`PixelShader`] may look at enter; planes of numbers leave, of which images
+//! are made.
+//!
+//! | file | what it does |
+//! | --- | --- |
+//! | `blocks` | shares a region out to threads |
+//! | `corners/` | samples at the corners of a block, and pixels as their means |
+//! | `shader` | pixels by samples of their own |
+//! | `sample`, `piece` | a primary ray; a smooth piece of surface in a pixel |
+//! | `pattern`, `paint` | where samples lie inside a pixel; means of textures over it |
+//! | `emitter_borders` | the share of a pixel that emitters cover, in closed form |
+//! | `camera_media` | what camera rays pass, as a type |
+//! | `pixel`, `pixel_sum` | a shaded pixel, and one in the making |
+//! | `planes`, `layers` | what is kept of pixels, and the layers of the image |
 
 mod blocks;
+mod camera_media;
 mod corners;
 mod emitter_borders;
+mod layers;
 mod paint;
 mod pattern;
 mod piece;
@@ -14,7 +31,8 @@ mod sample;
 mod shader;
 
 pub use blocks::shade_region;
+pub use camera_media::{CameraMedia, ScatteringMedia};
 pub use emitter_borders::EmitterBorders;
-pub use planes::Planes;
+pub use layers::{Aov, Planes, Quantity, quantities, to_frame};
 pub use sample::SampleCounts;
 pub use shader::PixelShader;

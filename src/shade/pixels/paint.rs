@@ -4,14 +4,12 @@
 use super::pattern::Pattern;
 use super::sample::Sample;
 use super::shader::PixelShader;
-use crate::gather::Medium;
 use crate::math::Rgb;
-use crate::shade::air::Air;
+use crate::shade::pixels::camera_media::CameraMedia;
 use crate::trace::{Surface, weights_in_triangle};
-use crate::tree::Pages;
 use glam::Vec3;
 
-impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
+impl<A: CameraMedia> PixelShader<'_, A> {
     /// Mean albedo of pixel (x, y), whose corners (upper left, upper right, lower left, lower
     /// right) are on one piece of surface; `None` where those corners tell it. As many points
     /// inside are looked at as edges take samples, without their light.

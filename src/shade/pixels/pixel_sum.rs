@@ -2,7 +2,7 @@
 
 use super::pixel::Pixel;
 use crate::math::Rgb;
-use crate::shade::air::Passed;
+use crate::shade::pixels::camera_media::PassedMedia;
 use glam::Vec3;
 
 /// A pixel as the sum of its samples so far.
@@ -38,7 +38,7 @@ impl PixelSum {
         &mut self,
         weight: f32,
         [direct, indirect]: [Rgb; 2],
-        passed: &impl Passed,
+        passed: &impl PassedMedia,
         t: f32,
         normal: Vec3,
     ) {
@@ -51,7 +51,7 @@ impl PixelSum {
 
     /// Adds a sample that hit nothing: the radiance that comes from there through media, and
     /// theirs.
-    pub fn add_miss<T: Passed>(&mut self, weight: f32, direct: Rgb, passed: &T) {
+    pub fn add_miss<T: PassedMedia>(&mut self, weight: f32, direct: Rgb, passed: &T) {
         self.sum.direct += direct * weight;
         if !T::IS_VACUUM {
             self.sum.volume += passed.radiance() * weight;

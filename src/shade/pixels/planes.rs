@@ -1,26 +1,23 @@
 //! What is kept of shaded pixels: the numbers that were asked for, in planes.
 
+use super::layers::{Aov, Planes, Quantity};
 use super::pixel::Pixel;
 use crate::Result;
 use crate::image::Region;
 use crate::run::memory;
-use crate::shade::aov::{Aov, Part};
 
 /// What was asked for of a pixel, one number for each plane.
-fn values(part: Part, pixel: &Pixel) -> [f32; 3] {
-    match part {
-        Part::Radiance => pixel.radiance().0,
-        Part::Aov(Aov::Direct) => pixel.direct.0,
-        Part::Aov(Aov::Indirect) => pixel.indirect.0,
-        Part::Aov(Aov::Volume) => pixel.volume.0,
-        Part::Aov(Aov::Depth) => [pixel.depth; 3],
-        Part::Aov(Aov::Normal) => pixel.normal.to_array(),
-        Part::EmitterBorder => [f32::from(u8::from(pixel.has_emitter_border)); 3],
+fn values(quantity: Quantity, pixel: &Pixel) -> [f32; 3] {
+    match quantity {
+        Quantity::Radiance => pixel.radiance().0,
+        Quantity::Aov(Aov::Direct) => pixel.direct.0,
+        Quantity::Aov(Aov::Indirect) => pixel.indirect.0,
+        Quantity::Aov(Aov::Volume) => pixel.volume.0,
+        Quantity::Aov(Aov::Depth) => [pixel.depth; 3],
+        Quantity::Aov(Aov::Normal) => pixel.normal.to_array(),
+        Quantity::EmitterBorder => [f32::from(u8::from(pixel.has_emitter_border)); 3],
     }
 }
-
-/// A number of each pixel of a region, row by row, in each plane.
-pub type Planes = Vec<Vec<f32>>;
 
 /// Planes of a part of the frame, filled pixel by pixel.
 #[derive(Debug)]
@@ -34,8 +31,8 @@ impl Block {
     ///
     /// # Errors
     /// If there is no memory for them.
-    pub fn new(region: Region, parts: &[Part]) -> Result<Self> {
-        let count: usize = parts.iter().map(|p| p.planes()).sum();
+    pub fn new(region: Region, quantities: &[Quantity]) -> Result<Self> {
+        let count: usize = quantities.iter().map(|p| p.planes()).sum();
         let planes = (0..count).map(|_| memory::room("a block of pixels", region.pixels()));
         Ok(Self {
             region,
@@ -44,11 +41,11 @@ impl Block {
     }
 
     /// The next pixel, row by row.
-    pub fn push(&mut self, parts: &[Part], pixel: &Pixel) {
+    pub fn push(&mut self, quantities: &[Quantity], pixel: &Pixel) {
         let mut planes = self.planes.iter_mut();
-        for part in parts {
-            let values = values(*part, pixel);
-            for (value, plane) in values.into_iter().take(part.planes()).zip(&mut planes) {
+        for quantity in quantities {
+            let values = values(*quantity, pixel);
+            for (value, plane) in values.into_iter().take(quantity.planes()).zip(&mut planes) {
                 plane.push(value);
             }
         }
@@ -59,8 +56,8 @@ impl Block {
 ///
 /// # Errors
 /// If there is no memory for the planes.
-pub fn assemble(region: Region, parts: &[Part], blocks: &[Block]) -> Result<Planes> {
-    let count: usize = parts.iter().map(|p| p.planes()).sum();
+pub fn assemble(region: Region, quantities: &[Quantity], blocks: &[Block]) -> Result<Planes> {
+    let count: usize = quantities.iter().map(|p| p.planes()).sum();
     let width = region.width() as usize;
     let assemble = |k: usize| {
         let mut plane = memory::filled("a plane of the frame", 0.0, region.pixels())?;
@@ -90,7 +87,11 @@ mod tests {
             x1: 10,
             y1: 9,
         };
-        let parts = [Part::Radiance, Part::Aov(Aov::Depth), Part::EmitterBorder];
+        let quantities = [
+            Quantity::Radiance,
+            Quantity::Aov(Aov::Depth),
+            Quantity::EmitterBorder,
+        ];
         let shaded = |x: u32, y: u32| Pixel {
             direct: Rgb([x as f32, y as f32, 0.0]),
             volume: Rgb([0.0, 0.0, 1.0]),
@@ -102,14 +103,14 @@ mod tests {
             .blocks([3; 2])
             .into_iter()
             .map(|part| {
-                let mut block = Block::new(part, &parts).unwrap();
+                let mut block = Block::new(part, &quantities).unwrap();
                 for (x, y) in part.coordinates() {
-                    block.push(&parts, &shaded(x, y));
+                    block.push(&quantities, &shaded(x, y));
                 }
                 block
             })
             .collect();
-        let planes = assemble(region, &parts, &blocks).unwrap();
+        let planes = assemble(region, &quantities, &blocks).unwrap();
         assert_eq!(planes.len(), 5);
         for (i, (x, y)) in region.coordinates().enumerate() {
             let got: Vec<f32> = planes.iter().map(|p| p[i]).collect();

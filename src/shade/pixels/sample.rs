@@ -2,13 +2,14 @@
 
 use crate::light::DirectLight;
 use crate::math::Rgb;
-use crate::shade::air::Passed;
+use crate::shade::pixels::camera_media::PassedMedia;
+use crate::shade::settings::Settings;
 use crate::trace::Surface;
 use glam::Vec3;
 
 /// One primary ray.
 #[derive(Clone, Copy)]
-pub struct Sample<T: Passed> {
+pub struct Sample<T: PassedMedia> {
     /// The nearest surface, `None` if it met none.
     pub surface: Option<Surface>,
     /// Index of the triangle that this is on; `u32::MAX` for none.
@@ -23,7 +24,7 @@ pub struct Sample<T: Passed> {
     pub passed: T,
 }
 
-impl<T: Passed> Sample<T> {
+impl<T: PassedMedia> Sample<T> {
     /// The surface, if light on it is seen.
     pub fn lit_surface(&self) -> Option<&Surface> {
         self.surface.as_ref().filter(|s| !s.albedo.is_black())
@@ -87,6 +88,19 @@ pub struct SampleCounts {
     pub shadow: u32,
     /// Gather rays of each vertex in media.
     pub volume: u32,
+}
+
+impl SampleCounts {
+    /// As settings ask.
+    pub fn of(settings: &Settings) -> Self {
+        Self {
+            pixel: settings.pixel_samples,
+            corner_spacing: settings.corner_spacing,
+            edge: settings.edge_samples,
+            shadow: settings.shadow_rays,
+            volume: settings.volume_samples,
+        }
+    }
 }
 
 #[cfg(test)]

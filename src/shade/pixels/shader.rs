@@ -7,19 +7,17 @@ use super::piece::Piece;
 use super::pixel::Pixel;
 use super::pixel_sum::PixelSum;
 use super::sample::{Sample, SampleCounts};
-use crate::gather::{Medium, SampleRange};
+use crate::gather::SampleRange;
 use crate::light::{DirectLight, Lights, ShadowRays, Visibility};
 use crate::math::{Ray, Rgb, sampling};
-use crate::shade::air::{Air, Passed};
-use crate::shade::lattice::Lattice;
-use crate::shade::surface_gatherer::SurfaceGatherer;
-use crate::shade::view::View;
+use crate::shade::pixels::camera_media::{CameraMedia, PassedMedia};
+use crate::shade::surfaces::{GatherAtSurfaces, Lattice};
 use crate::trace::Surface;
-use crate::tree::Pages;
+use crate::view::View;
 use std::f32::consts::FRAC_1_PI;
 
 /// Everything a pixel may look at.
-pub struct PixelShader<'a, P, M, A: Air> {
+pub struct PixelShader<'a, A: CameraMedia> {
     /// Camera and scene.
     pub view: View<'a>,
     /// Emissive triangles whose borders are in sight.
@@ -29,14 +27,14 @@ pub struct PixelShader<'a, P, M, A: Air> {
     /// Indirect light on surfaces.
     pub lattice: &'a Lattice,
     /// For surfaces that the lattice missed.
-    pub gatherer: &'a SurfaceGatherer<'a, P, M>,
+    pub gatherer: &'a dyn GatherAtSurfaces,
     /// What camera rays pass.
-    pub air: &'a A,
+    pub media: &'a A,
     /// Samples and rays that a pixel may take.
     pub counts: SampleCounts,
 }
 
-impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
+impl<A: CameraMedia> PixelShader<'_, A> {
     /// Shades pixel (x, y) by samples of its own: few first, and more if they disagree.
     #[must_use]
     pub fn shade(&self, x: u32, y: u32) -> Pixel {
@@ -157,7 +155,7 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
 
     /// What the media before a sample take and add.
     pub fn march(&self, sample: &Sample<A::Passed>) -> A::Passed {
-        self.air.march(&self.view, sample.direction, sample.t)
+        self.media.march(&self.view, sample.direction, sample.t)
     }
 
     /// Whether more samples would tell more.
@@ -296,7 +294,7 @@ impl<P: Pages, M: Medium, A: Air> PixelShader<'_, P, M, A> {
 }
 
 /// Whether two rays of a pixel passed media alike, to a fiftieth.
-fn alike(a: &impl Passed, b: &impl Passed) -> bool {
+fn alike(a: &impl PassedMedia, b: &impl PassedMedia) -> bool {
     let (la, lb) = (a.radiance().luminance(), b.radiance().luminance());
     (a.transmittance() - b.transmittance()).abs() <= 0.02 && (la - lb).abs() <= 0.02 * (la + lb)
 }

@@ -1,13 +1,11 @@
 //! The order in which corners are visited: first some that are far apart, then those between.
 
 use super::Corners;
-use crate::gather::Medium;
-use crate::shade::air::Air;
-use crate::tree::Pages;
+use crate::shade::pixels::camera_media::CameraMedia;
 use std::ops::Range;
 
 /// A corner on the way from coarse to fine.
-pub(super) struct Visit {
+pub(super) struct CornerVisit {
     /// Which of the block's corners it is.
     pub index: usize,
     /// Film coordinates moved so far that none is negative.
@@ -17,14 +15,14 @@ pub(super) struct Visit {
     pub between: Option<([bool; 2], usize)>,
 }
 
-impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
+impl<A: CameraMedia> Corners<'_, A> {
     /// Visits the corners inside a rim, and around them what those between need: first those that
     /// are `spacing` apart, a power of two, then those half as far apart, down to all.
     pub(super) fn coarse_to_fine(
         &mut self,
         rim: usize,
         spacing: usize,
-        mut visit: impl FnMut(&mut Self, Visit),
+        mut visit: impl FnMut(&mut Self, CornerVisit),
     ) {
         let [x0, y0] = [self.region.x0, self.region.y0].map(|c| c as usize);
         let mut step = spacing;
@@ -43,7 +41,7 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
                 for column in from_multiple(rim..self.width - rim, x0, apart, offset) {
                     let column_is_between = (x0 + column) % (2 * step) != 0;
                     let is_between = [column_is_between, row_is_between];
-                    let at = Visit {
+                    let at = CornerVisit {
                         index: self.index(row, column),
                         moved: [x0 + column, y0 + row].map(|c| c as u32),
                         between: (!is_first).then_some((is_between, step)),

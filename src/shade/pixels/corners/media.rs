@@ -1,23 +1,21 @@
 //! The media before corners, marched at some of them where those between are alike.
 
 use super::{Corner, Corners};
-use crate::gather::Medium;
 use crate::math::{Aabb, Rgb};
 use crate::scene::{Light, Volume};
-use crate::shade::air::{Air, Passed};
+use crate::shade::pixels::camera_media::{CameraMedia, PassedMedia};
 use crate::shade::pixels::sample::Sample;
-use crate::shade::view::View;
-use crate::tree::Pages;
+use crate::view::View;
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
 
-impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
+impl<A: CameraMedia> Corners<'_, A> {
     /// By how much, of 1 and of the light seen, media before corners may differ for those between
     /// to take their mean, times the root of the gather rays in media, as noise goes that pictures
     /// have of them anyway.
-    const ALIKE: f32 = 0.5;
+    const MAX_MEDIA_DIFFERENCE: f32 = 0.5;
     /// The same for the mean of a pixel's corners to be that of its square.
-    const FLAT: f32 = 0.01;
+    const MAX_FLAT_DIFFERENCE: f32 = 0.01;
 
     /// Marches the media before corners that are some way apart, and before those between where the
     /// media of their neighbours differ.
@@ -64,7 +62,7 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
     /// nearly the same.
     fn media_between(&self, i: usize, is_between: [bool; 2], step: usize) -> Option<A::Passed> {
         let like = &self.corners[i].sample;
-        let mut mix = Mix::default();
+        let mut mix = MediaMix::default();
         let around = self.around(i, is_between, step);
         let around = around.map(|j| &self.corners[j].sample);
         for sample in around {
@@ -75,7 +73,7 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
         }
         let mean: A::Passed = mix.mean();
         let in_media = mean.radiance().luminance();
-        let alike = Self::ALIKE / (self.shader.counts.volume as f32).sqrt();
+        let alike = Self::MAX_MEDIA_DIFFERENCE / (self.shader.counts.volume as f32).sqrt();
         // What is behind them need not be looked at where they alone tell.
         let is_alike = mix.is_within(alike, in_media) || {
             let behind: f32 = around.into_iter().map(light_behind).sum();
@@ -100,10 +98,10 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
         if A::Passed::IS_VACUUM {
             return passed;
         }
-        let mut mix = Mix::default();
+        let mut mix = MediaMix::default();
         passed.iter().for_each(|p| mix.add(p));
         let mean: A::Passed = mix.mean();
-        if mix.is_within(Self::FLAT, mean.radiance().luminance()) {
+        if mix.is_within(Self::MAX_FLAT_DIFFERENCE, mean.radiance().luminance()) {
             return passed;
         }
         let (mut radiance, mut transmittance) = (Rgb::BLACK, 0.0);
@@ -125,7 +123,7 @@ impl<P: Pages, M: Medium, A: Air> Corners<'_, P, M, A> {
 
 /// Luminance of the direct light that comes from the surface behind the media before a corner, and
 /// through them.
-fn light_behind<T: Passed>(sample: &Sample<T>) -> f32 {
+fn light_behind<T: PassedMedia>(sample: &Sample<T>) -> f32 {
     let surface = sample
         .surface
         .map_or(Rgb::BLACK, |s| s.albedo * sample.direct.light() * FRAC_1_PI);
@@ -135,7 +133,7 @@ fn light_behind<T: Passed>(sample: &Sample<T>) -> f32 {
 /// What media do before some corners: sums, and the least and the most of transmittance and
 /// luminance.
 #[derive(Debug)]
-struct Mix {
+struct MediaMix {
     radiance: Rgb,
     transmittance: f32,
     count: f32,
@@ -143,7 +141,7 @@ struct Mix {
     most: [f32; 2],
 }
 
-impl Default for Mix {
+impl Default for MediaMix {
     fn default() -> Self {
         Self {
             radiance: Rgb::BLACK,
@@ -155,8 +153,8 @@ impl Default for Mix {
     }
 }
 
-impl Mix {
-    fn add(&mut self, passed: &impl Passed) {
+impl MediaMix {
+    fn add(&mut self, passed: &impl PassedMedia) {
         self.radiance += passed.radiance();
         self.transmittance += passed.transmittance();
         self.count += 1.0;
@@ -167,7 +165,7 @@ impl Mix {
         }
     }
 
-    fn mean<T: Passed>(&self) -> T {
+    fn mean<T: PassedMedia>(&self) -> T {
         let share = 1.0 / self.count;
         T::of(self.transmittance * share, self.radiance * share)
     }

@@ -5,29 +5,27 @@
 //! well-spread set (interleaved sampling, Keller & Heidrich 2001). Other pixels take samples of
 //! their own.
 
-mod around;
 mod coarse_to_fine;
-mod light;
 mod media;
+mod penumbra;
 mod sampler;
+mod shadow_rays;
 
 use super::piece::Piece;
 use super::pixel::Pixel;
 use super::pixel_sum::PixelSum;
 use super::sample::Sample;
 use super::shader::PixelShader;
-use crate::gather::Medium;
 use crate::image::Region;
 use crate::light::{ShadowRays, Visibility};
 use crate::math::{Rgb, sampling};
-use crate::shade::air::{Air, Passed};
-use crate::tree::Pages;
-use around::Lit;
+use crate::shade::pixels::camera_media::{CameraMedia, PassedMedia};
+use penumbra::LightAtPixel;
 use sampler::Sampler;
 
 /// Corners of the pixels of a region and around it, as pixels need them.
-pub struct Corners<'a, P, M, A: Air> {
-    shader: &'a PixelShader<'a, P, M, A>,
+pub struct Corners<'a, A: CameraMedia> {
+    shader: &'a PixelShader<'a, A>,
     region: Region,
     /// Corners in a row, and rows in all.
     width: usize,
@@ -40,33 +38,28 @@ pub struct Corners<'a, P, M, A: Air> {
 }
 
 /// A corner of a pixel.
-pub struct Corner<T: Passed> {
+pub struct Corner<T: PassedMedia> {
     sample: Sample<T>,
     irradiance: Rgb,
 }
 
 /// Where a corner is.
-struct Place {
+struct CornerPosition {
     /// Film coordinates moved so far that none is negative.
     moved: [u32; 2],
     /// Pixels from the film's top left.
     film: [f32; 2],
 }
 
-impl Place {
+impl CornerPosition {
     /// Its shadow rays after the first few.
-    fn rays<P, M, A: Air>(
-        &self,
-        shader: &PixelShader<P, M, A>,
-        first: u8,
-        count: u8,
-    ) -> ShadowRays {
+    fn rays<A: CameraMedia>(&self, shader: &PixelShader<A>, first: u8, count: u8) -> ShadowRays {
         // Every four by four corners ask all cells; every two by two ask four quarters, and so do
         // two by two of every second corner.
-        const ORDER: [u8; 16] = [0, 8, 10, 2, 12, 4, 6, 14, 15, 7, 5, 13, 11, 3, 1, 9];
+        const CELL_ORDER: [u8; 16] = [0, 8, 10, 2, 12, 4, 6, 14, 15, 7, 5, 13, 11, 3, 1, 9];
         let [x, y] = self.moved;
         ShadowRays::Cells {
-            cell: ORDER[(y % 4 * 4 + x % 4) as usize],
+            cell: CELL_ORDER[(y % 4 * 4 + x % 4) as usize],
             first,
             count,
             seed: sampling::hash(&[shader.view.seed, 1, u64::from(x), u64::from(y)]),
@@ -74,7 +67,7 @@ impl Place {
     }
 }
 
-impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
+impl<'a, A: CameraMedia> Corners<'a, A> {
     /// Rings of corners around those of a region's own pixels. The first takes part in its pixels.
     /// The next two tell whether the first is in a penumbra and may take its indirect light from
     /// neighbours. The last, in media, tells whether those before the first may be the mean of
@@ -83,10 +76,10 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
 
     /// Pixels between gathers from which on indirect light is looked up at every fourth corner, not
     /// every second: what is smooth over so many is smooth over four.
-    const FAR_APART: u32 = 6;
+    const COARSE_LATTICE_STEP: u32 = 6;
 
     /// Samples the corners of a region's pixels, and what they need around them.
-    pub fn new(shader: &'a PixelShader<'a, P, M, A>, region: Region) -> Self {
+    pub fn new(shader: &'a PixelShader<'a, A>, region: Region) -> Self {
         // Corners between those at even coordinates ask them on both sides, in all regions the
         // same.
         let region = Region {
@@ -124,13 +117,13 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         row * self.width + column
     }
 
-    fn place(region: Region, column: usize, row: usize) -> Place {
+    fn place(region: Region, column: usize, row: usize) -> CornerPosition {
         let of = |first: u32, step: usize| {
             let moved = first + step as u32;
             (moved, moved as f32 - Self::RINGS as f32)
         };
         let (x, y) = (of(region.x0, column), of(region.y0, row));
-        Place {
+        CornerPosition {
             moved: [x.0, y.0],
             film: [x.1, y.1],
         }
@@ -140,7 +133,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
     fn look_around(&mut self) {
         // It is looked up some corners apart, then at those between which do not lie on one piece
         // of surface with their neighbours.
-        let spacing = if self.shader.lattice.step() < Self::FAR_APART {
+        let spacing = if self.shader.lattice.step() < Self::COARSE_LATTICE_STEP {
             2
         } else {
             4
@@ -249,7 +242,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Corners<'a, P, M, A> {
         if visibility.has_edge() {
             return None;
         }
-        let Lit::Arrived(rays) = self.lit(first, &own[0].sample, at) else {
+        let LightAtPixel::Arrived(rays) = self.lit(first, &own[0].sample, at) else {
             return None;
         };
         let [x, y] = pixel.at();

@@ -1,15 +1,13 @@
 //! Camera rays through corners, and direct light where they end.
 
-use super::{Corner, Corners, Place};
-use crate::gather::Medium;
+use super::{Corner, CornerPosition, Corners};
 use crate::image::Region;
 use crate::light::{DirectLight, ShadowRays, Unshadowed, is_similar};
 use crate::math::Rgb;
-use crate::shade::air::Air;
+use crate::shade::pixels::camera_media::CameraMedia;
 use crate::shade::pixels::sample::Sample;
 use crate::shade::pixels::shader::PixelShader;
 use crate::trace::Surface;
-use crate::tree::Pages;
 
 /// Samples the corners of a region whose first and last corners are at even coordinates, row by
 /// row.
@@ -20,25 +18,25 @@ use crate::tree::Pages;
 /// What emissive triangles would send, with nothing between, changes little from one corner to the
 /// next. It is found at every second corner of every second row; those between take the mean where
 /// all beside them lie on one piece of surface.
-pub(super) struct Sampler<'a, P, M, A: Air> {
-    shader: &'a PixelShader<'a, P, M, A>,
+pub(super) struct Sampler<'a, A: CameraMedia> {
+    shader: &'a PixelShader<'a, A>,
     region: Region,
     /// Corners in a row.
     width: usize,
     /// The last row at an even coordinate that was sampled.
-    even: Vec<Even<'a, A>>,
+    even: Vec<EvenCorner<'a, A>>,
 }
 
 /// A corner at even coordinates.
-struct Even<'a, A: Air> {
+struct EvenCorner<'a, A: CameraMedia> {
     sample: Sample<A::Passed>,
     /// `None` where no light is seen.
     unshadowed: Option<Unshadowed<'a>>,
 }
 
-impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
+impl<'a, A: CameraMedia> Sampler<'a, A> {
     /// Before the first row of so many corners.
-    pub fn new(shader: &'a PixelShader<'a, P, M, A>, region: Region, width: usize) -> Self {
+    pub fn new(shader: &'a PixelShader<'a, A>, region: Region, width: usize) -> Self {
         Self {
             shader,
             region,
@@ -83,16 +81,16 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
         corners
     }
 
-    fn place(&self, column: usize, row: usize) -> Place {
-        Corners::<P, M, A>::place(self.region, column, row)
+    fn place(&self, column: usize, row: usize) -> CornerPosition {
+        Corners::<A>::place(self.region, column, row)
     }
 
-    fn rays(&self, place: &Place) -> ShadowRays {
+    fn rays(&self, place: &CornerPosition) -> ShadowRays {
         place.rays(self.shader, 0, 1)
     }
 
     /// Every second corner of a row.
-    fn even_row(&self, row: usize) -> Vec<Even<'a, A>> {
+    fn even_row(&self, row: usize) -> Vec<EvenCorner<'a, A>> {
         let even = |column| {
             let place = self.place(column, row);
             let mut sample = self.shader.look(place.film[0], place.film[1]);
@@ -102,7 +100,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
                 let rays = self.rays(&place);
                 sample.direct = lights.irradiance_by(&surface, unshadowed, unshadowed.light, rays);
             }
-            Even { sample, unshadowed }
+            EvenCorner { sample, unshadowed }
         };
         (0..self.width).step_by(2).map(even).collect()
     }
@@ -112,7 +110,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
         &self,
         column: usize,
         row: usize,
-        around: [&Even<'a, A>; N],
+        around: [&EvenCorner<'a, A>; N],
     ) -> Sample<A::Passed> {
         let place = self.place(column, row);
         let amid = if self.shader.counts.corner_spacing > 1 {
@@ -152,7 +150,7 @@ impl<'a, P: Pages, M: Medium, A: Air> Sampler<'a, P, M, A> {
         &self,
         surface: &Surface,
         t: f32,
-        around: [&'e Even<'a, A>; N],
+        around: [&'e EvenCorner<'a, A>; N],
     ) -> Option<(&'e Unshadowed<'a>, Rgb)> {
         let mut first = None;
         let mut sum = Rgb::BLACK;

@@ -1,0 +1,49 @@
+//! What a point inside media asks of a gatherer, for whichever pages and media that was compiled.
+
+use crate::gather::{Gathered, Gatherer, Incident, Medium, SampleRange, Settings, cone};
+use crate::math::Ray;
+use crate::math::segment::{Composite, Segment};
+use crate::tree::Pages;
+use glam::Vec3;
+
+/// Gathers of light inside media.
+pub trait GatherInMedia: Sync {
+    /// Rays, limits and kernel of the gathers.
+    fn settings(&self) -> &Settings<'_>;
+
+    /// Mean over the sphere of the radiance at a point of a medium.
+    fn mean_radiance(&self, point: Vec3, range: SampleRange) -> Gathered;
+
+    /// Radiance that surfaces alone send along a ray, as if there were no media.
+    fn incident_from_surfaces(&self, ray: &Ray, scratch: &mut cone::Scratch) -> Incident;
+
+    /// Gives every segment of medium along a ray, front to back, to `add` until
+    /// that says no; returns whether it never did.
+    fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool;
+
+    /// Adds to `light` what media along a ray send, and takes what they stop.
+    fn pass(&self, ray: &Ray, light: &mut Composite);
+}
+
+impl<P: Pages, M: Medium> GatherInMedia for Gatherer<'_, P, M> {
+    fn settings(&self) -> &Settings<'_> {
+        &self.settings
+    }
+
+    fn mean_radiance(&self, point: Vec3, range: SampleRange) -> Gathered {
+        self.mean_radiance(point, range)
+    }
+
+    fn incident_from_surfaces(&self, ray: &Ray, scratch: &mut cone::Scratch) -> Incident {
+        self.without_media().incident(ray, scratch)
+    }
+
+    #[inline]
+    fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
+        self.media.walk(ray, add)
+    }
+
+    fn pass(&self, ray: &Ray, light: &mut Composite) {
+        self.media.pass(ray, &[], light);
+    }
+}

@@ -1,0 +1,57 @@
+//! Light that media scatter, at any point of a ray: what frames look up and `scatter` makes for all
+//! cameras.
+//!
+//! A scene with its lights, and gathers from a tree, enter ([`MediaLights`]); the source function
+//! along segments of camera rays leaves ([`InScatter::source`]), or the light of all vertices that
+//! any camera may ask for ([`InScatter::light_all`]).
+//!
+//! | file | what it does |
+//! | --- | --- |
+//! | `source/` | the source function between vertices; lattices of a volume; light of every vertex |
+//! | `vertices` | lattices of values made on demand, and interpolation between eight of them |
+//! | `sparse`, `occupied` | chosen vertices of a lattice: those around cells that hold any medium |
+//! | `bricks`, `density` | a value for each brick of a volume; how fast light changes there |
+//! | `direct` | direct light at vertices, and how it falls between them |
+//! | `sweep/` | indirect light at the vertices of thin bricks, by discrete ordinates |
+//! | `far_field` | probes of the surfaces around a medium |
+//! | `dense` | light in voxels so deep that no vertex tells |
+//! | `scattered` | light that was made beforehand, read from a file |
+//! | `gatherer`, `memory` | what is asked of a gatherer; limits on memory |
+
+mod bricks;
+mod dense;
+mod density;
+mod direct;
+mod far_field;
+mod gatherer;
+mod memory;
+mod occupied;
+mod scattered;
+mod source;
+pub mod sparse;
+mod sweep;
+#[cfg(test)]
+mod tests;
+mod vertices;
+
+pub use gatherer::GatherInMedia;
+pub use scattered::check_volumes;
+pub use source::{InScatter, MediaLights, RayMemo, VolumeLight};
+pub use sparse::SparseValues;
+
+use crate::gather::Settings;
+
+/// Solid angle below which nodes are taken whole by rays of media, over that of rays of surfaces:
+/// few rays look along the whole sphere, so that each stands for far more of it, and their light is
+/// a mean of all directions.
+const SOLID_ANGLE_OVER_SURFACES: f32 = 4.0;
+
+/// Settings of gathers inside media, of so many samples, given those on surfaces.
+#[must_use]
+pub fn gather_settings(on_surfaces: Settings<'_>, samples: u32) -> Settings<'_> {
+    Settings {
+        samples,
+        max_solid_angle: SOLID_ANGLE_OVER_SURFACES * on_surfaces.max_solid_angle,
+        ..on_surfaces
+    }
+}

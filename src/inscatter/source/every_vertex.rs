@@ -1,0 +1,156 @@
+//! Light at all vertices that any camera may ask for.
+
+use super::InScatter;
+use super::lattices::VolumeLattices;
+use crate::Result;
+use crate::inscatter::direct::{
+    DIRECT_LEVELS, DirectLevels, LightVectors, Spread, Vertex, has_edge,
+};
+use crate::inscatter::gatherer::GatherInMedia;
+use crate::inscatter::sparse::{SparseLattice, SparseValues};
+use crate::inscatter::sweep::{Sweep, SweptLevels};
+use crate::inscatter::vertices::blend;
+use crate::inscatter::{memory, occupied};
+use crate::run::Job;
+use crate::scene::Volume;
+use crate::scene::grid::Cell;
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// Light at the vertices of one volume.
+#[derive(Debug, Default)]
+pub struct VolumeLight {
+    /// Direct light.
+    pub direct: DirectLevels,
+    /// Light of other surfaces and media.
+    pub indirect: SweptLevels,
+}
+
+impl<G: GatherInMedia> InScatter<'_, G> {
+    /// Lights the vertices of all volumes. Of direct light those of the lattice that each brick
+    /// uses, and finer ones where light changes so much between those that a camera near by would
+    /// ask for them; of indirect light those that were swept. All else is asked for by few rays.
+    ///
+    /// # Errors
+    /// If cancelled.
+    pub fn light_all(mut self, job: &Job) -> Result<Vec<VolumeLight>> {
+        let sweeps: Vec<_> = self.lattices.iter_mut().map(|l| l.sweep.take()).collect();
+        let light = |(index, sweep): (usize, Option<Sweep>)| {
+            let mut indirect = sweep.map_or_else(Default::default, Sweep::into_levels);
+            self.gather_rest(index, &mut indirect, job)?;
+            let direct = self.light_directly(index, job)?;
+            Ok(VolumeLight { direct, indirect })
+        };
+        sweeps.into_iter().enumerate().map(light).collect()
+    }
+
+    /// Gathers at vertices that surfaces are too near to for a sweep.
+    fn gather_rest(&self, index: usize, levels: &mut SweptLevels, job: &Job) -> Result<()> {
+        for (level, swept) in levels.iter_mut().enumerate() {
+            let Some(SparseValues { set, values }) = swept else {
+                continue;
+            };
+            let vertices: Vec<[usize; 3]> = set.vertices().collect();
+            (vertices.par_iter().zip(values)).try_for_each(|(&v, value)| {
+                if value.is_none() {
+                    job.cancel.check()?;
+                    let at = at(v, level);
+                    let point = self.to_scene(index, at);
+                    let key = self.key(index, level, v);
+                    *value = Some(self.gathered(index, at, point, key));
+                }
+                Ok::<(), crate::Error>(())
+            })?;
+        }
+        Ok(())
+    }
+
+    fn light_directly(&self, index: usize, job: &Job) -> Result<DirectLevels> {
+        let (volume, lattices) = (&self.volumes[index], &self.lattices[index]);
+        let grid = &volume.sigma_t;
+        let mut bricks: [Vec<[usize; 3]>; DIRECT_LEVELS] = Default::default();
+        for brick in grid.bricks() {
+            let depth = lattices.densities.of(brick) * lattices.voxel;
+            if depth > 0.0 {
+                bricks[Self::level(depth)].push(brick);
+            }
+        }
+        // Deeper cells are lit at their own points.
+        let uses_vertices =
+            |cell: Cell| !cell.is_empty() && cell.least() * lattices.voxel <= Self::MAX_CELL_DEPTH;
+        let mut finer: Vec<[usize; 3]> = Vec::new();
+        let mut levels = DirectLevels::default();
+        let mut all = 0;
+        for level in (0..DIRECT_LEVELS).rev() {
+            let mut cells = occupied::cells(grid, &bricks[level], 1 << level, uses_vertices);
+            cells.append(&mut finer);
+            if cells.is_empty() {
+                continue;
+            }
+            cells.par_sort_unstable_by_key(|&[x, y, z]| [z, y, x]);
+            cells.dedup();
+            let count = occupied::vertices_along(grid, 1 << level);
+            let set = SparseLattice::new(count, |choose| {
+                let vertices = cells.iter().flat_map(|&c| occupied::around(c, count));
+                vertices.for_each(choose);
+            });
+            all += set.len() as u64;
+            let bytes = all * size_of::<Vertex>() as u64;
+            memory::check_scattered(volume, all, bytes, job.memory_limit)?;
+            let vertices: Vec<[usize; 3]> = set.vertices().collect();
+            let task = (job.progress).task("scatter", vertices.len() as u64, "vertices");
+            let values = vertices
+                .into_par_iter()
+                .map(|v| {
+                    job.cancel.check()?;
+                    task.add(1);
+                    Ok(self.vertex(index, level, at(v, level), v))
+                })
+                .collect::<Result<_>>()?;
+            let lit = SparseValues { set, values };
+            if level > 0 {
+                let changes =
+                    |cell: &&[usize; 3]| self.changes(volume, lattices, &lit, **cell, level);
+                let changing: Vec<_> = cells.par_iter().filter(changes).collect();
+                let below = changing
+                    .into_iter()
+                    .flat_map(|&c| occupied::around(c.map(|c| 2 * c), [usize::MAX; 3]));
+                let count = occupied::vertices_along(grid, 1 << (level - 1));
+                let is_cell = |c: &[usize; 3]| (0..3).all(|a| c[a] + 1 < count[a]);
+                finer.extend(below.filter(is_cell));
+            }
+            levels[level] = Some(lit);
+        }
+        Ok(levels)
+    }
+
+    /// Whether rays may ask for vertices between those of a cell.
+    fn changes(
+        &self,
+        volume: &Volume,
+        lattices: &VolumeLattices,
+        lit: &SparseValues<Vertex>,
+        cell: [usize; 3],
+        level: usize,
+    ) -> bool {
+        let dims = Vec3::from(volume.sigma_t.dims().map(|n| n as f32));
+        let middle = (Vec3::from(cell.map(|c| c as f32)) + 0.5) * (1 << level) as f32;
+        let densest = lattices.densities.at(middle.min(dims)) * lattices.voxel;
+        let count = lit.set.count();
+        let mut values = [LightVectors::default(); 8];
+        for (value, v) in values.iter_mut().zip(occupied::around(cell, count)) {
+            *value = lit.get(v).map(LightVectors::of).unwrap_or_default();
+        }
+        let weights = [0.125; 8];
+        if densest * (1 << level) as f32 <= Self::FLAT_DEPTH {
+            return self.any_is_sharp && has_edge(&values, &weights);
+        }
+        let mean = blend(&values, &weights, |v| v.light);
+        self.differs(Spread::of(&values, &weights, mean))
+    }
+}
+
+/// A vertex in index space.
+fn at(v: [usize; 3], level: usize) -> Vec3 {
+    Vec3::from(v.map(|c| c as f32)) * (1 << level) as f32
+}

@@ -1,0 +1,109 @@
+//! The lattices of one volume, before any ray asks for their light.
+
+use crate::Result;
+use crate::inscatter::density::Densities;
+use crate::inscatter::direct::{DIRECT_LEVELS, Vertex};
+use crate::inscatter::far_field::FarField;
+use crate::inscatter::gatherer::GatherInMedia;
+use crate::inscatter::scattered::ScatteredLight;
+use crate::inscatter::sweep::{SWEPT_LEVELS, Sweep, SweepScope};
+use crate::inscatter::vertices::Vertices;
+use crate::light::Lights;
+use crate::math::{Rgb, sampling};
+use crate::run::Job;
+use crate::view::{View, VisibleMedia};
+use lvox_formats::{MappedFile, Scatter};
+
+/// In-scattered light of one volume: a lattice for each spacing, of which each brick of the volume
+/// uses one.
+#[derive(Debug)]
+pub(super) struct VolumeLattices<'a> {
+    /// By log2 of the voxels between vertices.
+    pub direct: [Vertices<Vertex>; DIRECT_LEVELS],
+    /// Vertices that were lit beforehand.
+    pub scattered: Option<ScatteredLight<'a>>,
+    /// By log2 of the voxels between vertices.
+    pub indirect: [Vertices<Rgb>; SWEPT_LEVELS],
+    pub far_field: FarField,
+    pub sweep: Option<Sweep>,
+    pub densities: Densities,
+    /// Longest edge of a voxel, scene units.
+    pub voxel: f32,
+}
+
+/// Indirect light that is not swept stands at twice the spacing of direct light.
+const _: () = assert!(SWEPT_LEVELS > DIRECT_LEVELS);
+
+/// Vertices of scattered light may be so much further apart, as an optical depth in all media of a
+/// place together, than they are in one medium.
+const SHARED_DEPTH: f32 = 0.7;
+
+/// The light that media scatter.
+#[derive(Debug)]
+pub struct MediaLights<'a, G> {
+    /// Direct light.
+    pub lights: &'a Lights<'a>,
+    /// MediaLights that is gathered, if any is.
+    pub gatherer: Option<&'a G>,
+    /// MediaLights that is memo already.
+    pub scattered: Option<&'a Scatter<MappedFile>>,
+}
+
+impl<'a> VolumeLattices<'a> {
+    /// The lattices of the volume at an index.
+    ///
+    /// # Errors
+    /// As [`super::InScatter::new`].
+    pub fn new<G: GatherInMedia>(
+        index: usize,
+        view: &View<'a>,
+        visible: VisibleMedia,
+        light: &MediaLights<'a, G>,
+        job: &Job,
+    ) -> Result<Self> {
+        let volume = &view.tracer.scene.volumes[index];
+        let volume_samples = light.gatherer.map_or(1, |g| g.settings().samples);
+        let dims = volume.sigma_t.dims();
+        // Where volumes overlap, or are alike, their probes must not have the same noise.
+        let seed = match index {
+            0 => view.seed,
+            _ => sampling::hash(&[view.seed, index as u64]),
+        };
+        let far_field = FarField::new(volume, volume_samples, seed);
+        let voxel = volume.longest_voxel_edge();
+        let densities = Densities::new(&view.tracer.scene.volumes, index);
+        let depth_of = |brick, own| {
+            let all = densities.of_all(brick, own);
+            densities.of(brick).max(SHARED_DEPTH * all) * voxel
+        };
+        let sweeper = (light.gatherer).filter(|g| g.settings().max_dist.is_infinite());
+        let (scattered, sweep) = match (light.scattered, sweeper) {
+            (Some(file), _) => {
+                let scattered = ScatteredLight::open(file, index, view, visible, job)?;
+                let sweep = sweeper.map(|_| Sweep::made_beforehand(volume, depth_of));
+                (Some(scattered), sweep)
+            }
+            (None, Some(gatherer)) => {
+                let scope = SweepScope {
+                    view,
+                    visible,
+                    gatherer,
+                    volume,
+                    far_field: &far_field,
+                    job,
+                };
+                (None, Some(Sweep::new(&scope, depth_of)?))
+            }
+            (None, None) => Default::default(),
+        };
+        Ok(Self {
+            direct: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
+            scattered,
+            indirect: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
+            far_field,
+            sweep,
+            densities,
+            voxel,
+        })
+    }
+}

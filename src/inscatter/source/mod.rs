@@ -1,0 +1,467 @@
+//! In-scattered light inside media, interpolated from vertices on the volume's own grid.
+//!
+//! A vertex is evaluated when a ray first needs it and depends on its coordinates alone, so it does
+//! not matter which tile or thread asks; those that were lit beforehand are not lit again. Each
+//! brick of a volume has the spacing that its own density asks for: vertices of direct light stand
+//! at most an optical depth apart, those of indirect light 1.4 where it is swept, in thin bricks,
+//! and two where it is not. Where vertices of a dense brick still differ much, at its rim, finer
+//! ones are asked; near a point light, and where a voxel is deep, the ray's own points. Vertices in empty
+//! space around the medium are evaluated like any other: leaving them dark would darken its rim.
+
+mod every_vertex;
+mod lattices;
+
+pub use every_vertex::VolumeLight;
+pub use lattices::MediaLights;
+
+use super::dense;
+use super::direct::{DIRECT_LEVELS, LightVectors, Spread, Vertex, has_edge};
+use super::gatherer::GatherInMedia;
+use super::scattered::ScatteredLight;
+use super::sweep::SWEPT_LEVELS;
+use super::vertices::{CellCache, are_alike, blend, extremes, inside};
+use crate::Result;
+use crate::gather::SampleRange;
+use crate::light::{Lights, MediumLight, ShadowRays, SunDepths};
+use crate::math::exp::{exp_neg, mean_reach, one_minus_exp_neg};
+use crate::math::{Rgb, sampling};
+use crate::run::Job;
+use crate::scene::Volume;
+use crate::view::{View, VisibleMedia};
+use glam::Vec3;
+use lattices::VolumeLattices;
+use wide::f32x4;
+
+/// In-scattered light of all volumes of a scene.
+pub struct InScatter<'a, G> {
+    volumes: &'a [Volume],
+    lights: &'a Lights<'a>,
+    /// The same lights, whose shadows are those of the scene's own media.
+    sharp_lights: Lights<'a>,
+    /// Whether direct light has no noise of shadow rays.
+    rest_is_exact: bool,
+    /// Whether shadows may have sharp edges.
+    any_is_sharp: bool,
+    gatherer: Option<&'a G>,
+    lattices: Vec<VolumeLattices<'a>>,
+    suns: SunDepths<'a>,
+    view: View<'a>,
+    /// Shadow rays of a vertex to each light with an extent.
+    vertex_rays: u32,
+}
+
+impl<'a, G: GatherInMedia> InScatter<'a, G> {
+    /// Optical depth between vertices of the direct lattice, at most.
+    const MAX_VERTEX_DEPTH: f32 = 1.0;
+    /// Cells deeper than this are lit at their own point.
+    const MAX_CELL_DEPTH: f32 = 0.7;
+    /// In cells deeper than this light of other surfaces and media is looked for at their own
+    /// point, too: rays end within a few of them.
+    const DENSE_CELL_DEPTH: f32 = 2.0;
+    /// Vertices nearer than this in optical depth are not compared.
+    const FLAT_DEPTH: f32 = 0.35;
+    /// Where direct light at the vertices around a point differs by more than this factor, a finer
+    /// lattice is asked.
+    const MAX_DIRECT_RATIO: f32 = 2.0;
+    /// The same for light without the noise of shadow rays; a ray's own point is asked where no
+    /// lattice is finer.
+    const MAX_EXACT_RATIO: f32 = 1.3;
+    /// The same for gathered light, which has the noise of few rays.
+    const MAX_GATHERED_RATIO: f32 = 3.0;
+    /// In thin bricks, where noise is all else that differs, only such a factor tells of a wall
+    /// between vertices.
+    const MAX_THIN_RATIO: f32 = 8.0;
+    /// Spacings of vertices around a point light in which its light is looked for on the ray itself.
+    const NEAR_LIGHT_SPACINGS: f32 = 2.0;
+    /// Vertices in thin media that are further apart than so many pixels are compared, for walls
+    /// and edges of shadows that are between them.
+    const WIDE_SPACING_PIXELS: f32 = 4.0;
+    /// Where shadows may have sharp edges, vertices in thin media are no further apart than so many
+    /// pixels or a voxel: of what is between them nothing tells.
+    const MAX_SHARP_SPACING_PIXELS: f32 = 16.0;
+    /// Shadow rays of a vertex or point to each light with an extent.
+    const SHADOW_RAYS: u32 = 4;
+    /// Rays to an environment that no gather sees.
+    const ENVIRONMENT_RAYS: u32 = 16;
+
+    /// Prepares the lattices of all volumes, empty but for what is swept or was lit beforehand where
+    /// that may be visible. Without a gatherer there is direct light only.
+    ///
+    /// # Errors
+    /// If cancelled, if a sweep takes more than the memory limit by itself, or for damage to what
+    /// was lit beforehand.
+    pub fn new(
+        view: &View<'a>,
+        visible: VisibleMedia,
+        light: &MediaLights<'a, G>,
+        job: &Job,
+    ) -> Result<Self> {
+        let volumes = &view.tracer.scene.volumes;
+        let lattices = (0..volumes.len())
+            .map(|index| VolumeLattices::new(index, view, visible, light, job))
+            .collect::<Result<Vec<_>>>()?;
+        let &MediaLights {
+            lights, gatherer, ..
+        } = light;
+        Ok(Self {
+            volumes,
+            lights,
+            sharp_lights: lights.with_sharp_shadows(),
+            rest_is_exact: lights.rest_is_exact()
+                && (gatherer.is_some() || lights.environment().is_black()),
+            any_is_sharp: lights.has_sharp_shadows(),
+            gatherer,
+            lattices,
+            suns: SunDepths::new(view.tracer.scene),
+            view: *view,
+            vertex_rays: Self::SHADOW_RAYS,
+        })
+    }
+
+    /// An error if any of the light that was made beforehand could not be read so far.
+    ///
+    /// # Errors
+    /// Damage.
+    pub fn check(&self) -> Result<()> {
+        let mut lit = self.lattices.iter().filter_map(|l| l.scattered.as_ref());
+        lit.try_for_each(ScatteredLight::check)
+    }
+
+    /// With so many shadow rays of a vertex to each light with an extent.
+    #[must_use]
+    pub fn with_vertex_rays(self, vertex_rays: u32) -> Self {
+        Self {
+            vertex_rays,
+            ..self
+        }
+    }
+
+    /// Which lattices serve a brick whose densest voxel has this optical depth: thin parts of a
+    /// volume are lit from few vertices, whatever its densest part needs.
+    fn level(densest: f32) -> usize {
+        (0..DIRECT_LEVELS)
+            .rev()
+            .find(|&l| densest * (1 << l) as f32 <= Self::MAX_VERTEX_DEPTH)
+            .unwrap_or(0)
+    }
+
+    /// Source function of a volume along a segment of a ray, given its ends in scene space and its
+    /// optical depth, and what is known from segments before it.
+    #[must_use]
+    pub fn source(&self, volume: usize, ends: [Vec3; 2], depth: f32, memo: &mut RayMemo) -> Rgb {
+        let medium = &self.volumes[volume];
+        let voxel = self.lattices[volume].voxel;
+        let [from, to] = ends;
+        // Where its light comes from on average: near its front if it is dense.
+        let point = from + (to - from) * mean_reach(depth);
+        let at = medium.index_from_scene.transform_point3(point);
+        let densest = self.lattices[volume].densities.at(at) * voxel;
+        let level = Self::level(densest);
+        let segment = RaySegment {
+            volume,
+            ends,
+            depth,
+            point,
+            at,
+            densest,
+            is_thin: densest <= Self::MAX_CELL_DEPTH,
+            level,
+            voxel_depth: depth * voxel / (to - from).length(),
+        };
+        Rgb(medium.albedo) * (self.direct(&segment, memo) + self.indirect(&segment, memo))
+    }
+
+    fn direct(&self, segment: &RaySegment, memo: &mut RayMemo) -> Rgb {
+        let (lattices, [from, to]) = (&self.lattices[segment.volume], segment.ends);
+        let spacing = lattices.voxel * (1 << segment.level) as f32;
+        // What arrives of a point light has a cusp at the light.
+        let near = self
+            .lights
+            .point_source_near(from, to, Self::NEAR_LIGHT_SPACINGS * spacing);
+        if let Some(median) = near.filter(|_| segment.depth > 0.0) {
+            let point = from + (to - from) * median;
+            let rays = Self::rays(Self::SHADOW_RAYS, self.seed_of(point));
+            let light = self.lit(&self.sharp_lights, point, rays, None);
+            // The camera sees that point, and not the segment as a whole, through what is before
+            // it.
+            let mean_through = one_minus_exp_neg(segment.depth) / segment.depth;
+            let through = exp_neg(segment.depth * median) / mean_through;
+            return light.share * self.lights.unshadowed_along(from, to) * through + light.rest;
+        }
+        let vertex = |level: usize, v: [usize; 3]| {
+            let lit = lattices
+                .scattered
+                .as_ref()
+                .and_then(|lit| lit.direct(level, v));
+            *lit.unwrap_or_else(|| {
+                lattices.direct[level].get(v, &|p, v| self.vertex(segment.volume, level, p, v))
+            })
+        };
+        if segment.is_thin || segment.voxel_depth <= Self::MAX_CELL_DEPTH {
+            for level in (0..=self.first_level(segment)).rev() {
+                let around = lattices.direct[level].around(segment.at);
+                let weights = &around.weights;
+                let values = memo.direct[level].values(segment.volume, &around, |v| {
+                    LightVectors::of(&vertex(level, v))
+                });
+                let between = segment.densest * (1 << level) as f32;
+                let is_finest = level == 0 || between <= Self::FLAT_DEPTH;
+                if is_finest
+                    && (between <= Self::FLAT_DEPTH || segment.is_thin && !self.rest_is_exact)
+                {
+                    if self.may_show_edges(segment, level) && has_edge(values, weights) {
+                        continue;
+                    }
+                    let light = blend(values, weights, |v| v.light);
+                    return LightVectors::share(light) * self.lights.unshadowed_along(from, to)
+                        + LightVectors::rest(light);
+                }
+                let light = blend(values, weights, |v| v.light);
+                let spread = Spread::of(values, weights, light);
+                if is_finest || !self.differs(spread) {
+                    let [share, rest] = spread;
+                    let depth = segment.voxel_depth * (1 << level) as f32;
+                    let fall = |spread: Spread, part: usize| {
+                        spread.fall(depth, || blend(values, weights, |v| v.ln[part]))
+                    };
+                    let share = LightVectors::share(light)
+                        * self.lights.unshadowed_along(from, to)
+                        * fall(share, 0);
+                    return share + LightVectors::rest(light) * fall(rest, 1);
+                }
+            }
+        }
+        if segment.densest <= Self::FLAT_DEPTH {
+            // Many such cells are in a row, and one point of each tells enough.
+            let seed = self.seed_of(segment.point);
+            let point = segment.at_share(sampling::unit(seed));
+            let light = self.lit(self.lights, point, Self::rays(1, seed), Some(&self.suns));
+            return light.share * self.lights.unshadowed_along(from, to) + light.rest;
+        }
+        // Two points (Gauss-Legendre) of what the camera sees: light is not linear along a dense
+        // segment.
+        let mut sum = Rgb::BLACK;
+        for share in [0.211_324_87, 0.788_675_1] {
+            let point = segment.at_share(share);
+            let rays = Self::rays(Self::SHADOW_RAYS / 2, self.seed_of(point));
+            let light = self.lit(&self.sharp_lights, point, rays, None);
+            sum += (light.share * self.lights.unshadowed_along(point, point) + light.rest) * 0.5;
+        }
+        sum
+    }
+
+    /// Whether both parts of direct light differ so much between vertices that finer ones tell
+    /// more.
+    fn differs(&self, [share, rest]: [Spread; 2]) -> bool {
+        if self.rest_is_exact {
+            // Where light has no noise, smaller differences tell.
+            share.ratio.max(rest.ratio) > Self::MAX_EXACT_RATIO
+        } else {
+            // Finer vertices have the same noise.
+            share.ratio > Self::MAX_DIRECT_RATIO
+        }
+    }
+
+    /// Direct light at a vertex.
+    fn vertex(&self, volume: usize, level: usize, point_in_index: Vec3, v: [usize; 3]) -> Vertex {
+        let rays = Self::rays(self.vertex_rays, self.key(volume, level, v));
+        let point = self.to_scene(volume, point_in_index);
+        Vertex::new(self.lit(self.lights, point, rays, Some(&self.suns)))
+    }
+
+    /// Gathered light at a point of a volume's index space: what a vertex has that is not swept.
+    fn gathered(&self, volume: usize, at: Vec3, point: Vec3, seed: u64) -> Rgb {
+        let Some(gatherer) = self.gatherer else {
+            return Rgb::BLACK;
+        };
+        let far_field = &self.lattices[volume].far_field;
+        far_field
+            .mean_radiance(&self.volumes[volume], gatherer, at, point, seed)
+            .unwrap_or_else(|| {
+                gatherer
+                    .mean_radiance(point, SampleRange::first(seed))
+                    .light
+            })
+    }
+
+    fn indirect(&self, segment: &RaySegment, memo: &mut RayMemo) -> Rgb {
+        let Some(gatherer) = self.gatherer else {
+            return Rgb::BLACK;
+        };
+        let lattices = &self.lattices[segment.volume];
+        if !segment.is_thin && segment.voxel_depth > Self::DENSE_CELL_DEPTH {
+            // Any point of the segment, as often as the camera sees it: light is not linear along
+            // it.
+            let seed = self.seed_of(segment.point);
+            let point = segment.at_share(sampling::unit(seed));
+            return dense::mean_radiance(self.volumes, &self.sharp_lights, gatherer, point, seed);
+        }
+        let vertex = |level: usize, v: [usize; 3]| {
+            *lattices.indirect[level].get(v, &|p, v| {
+                let key = self.key(segment.volume, level, v);
+                self.gathered(segment.volume, p, self.to_scene(segment.volume, p), key)
+            })
+        };
+        let sweep = lattices.sweep.as_ref();
+        let swept_level = sweep.and_then(|sweep| sweep.level_at(segment.at));
+        // An environment lights media directly, through what is before them.
+        let smooth = if self.lights.environment().is_black() {
+            2.0 * Self::MAX_CELL_DEPTH
+        } else {
+            Self::FLAT_DEPTH
+        };
+        let first = swept_level.unwrap_or(segment.level + 1);
+        for level in (0..=first).rev() {
+            let is_swept = swept_level == Some(level);
+            let swept = |v| {
+                let sweep = sweep.filter(|_| is_swept)?;
+                let lit = lattices.scattered.as_ref();
+                lit.map_or_else(|| sweep.get(level, v), |lit| lit.indirect(level, v))
+            };
+            let around = lattices.indirect[level].around(segment.at);
+            let cube = &mut memo.indirect[level];
+            let values = cube.values((segment.volume, is_swept), &around, |v| {
+                with_luminance(swept(v).unwrap_or_else(|| vertex(level, v)))
+            });
+            let is_finest = segment.densest * (1 << level) as f32 <= smooth;
+            let alike = if is_finest {
+                Self::MAX_THIN_RATIO
+            } else {
+                Self::MAX_GATHERED_RATIO
+            };
+            let (least, most) = extremes(values, &around.weights, |v| *v);
+            let is_alike = are_alike(least.to_array()[3], most.to_array()[3], alike);
+            if is_alike || is_finest && self.pixels(segment, level) <= Self::WIDE_SPACING_PIXELS {
+                return rgb(blend(values, &around.weights, |v| *v));
+            }
+            if is_finest {
+                let is_hidden = |v: [usize; 3]| {
+                    let vertex = Vec3::from(v.map(|c| c as f32)) * (1 << level) as f32;
+                    let vertex = self.to_scene(segment.volume, vertex);
+                    self.view.tracer.is_between(segment.point, vertex)
+                };
+                let seen = cube.unhidden(&around, is_hidden);
+                return rgb(blend(cube.last(), &seen.unwrap_or(around.weights), |v| *v));
+            }
+        }
+        self.gathered(
+            segment.volume,
+            segment.at,
+            segment.point,
+            self.seed_of(segment.point),
+        )
+    }
+
+    /// How many pixels of the camera are between vertices of a lattice.
+    fn pixels(&self, segment: &RaySegment, level: usize) -> f32 {
+        let spacing = self.lattices[segment.volume].voxel * (1 << level) as f32;
+        let distance = segment.point.distance(self.view.camera.origin());
+        spacing / (self.view.pixel_angle * distance)
+    }
+
+    /// The coarsest lattice of direct light that is asked.
+    fn first_level(&self, segment: &RaySegment) -> usize {
+        if !(self.any_is_sharp && segment.is_thin) {
+            return segment.level;
+        }
+        let levels = (1..=segment.level).rev();
+        let mut near =
+            levels.filter(|&l| self.pixels(segment, l) <= Self::MAX_SHARP_SPACING_PIXELS);
+        near.next().unwrap_or(0)
+    }
+
+    /// Whether the camera may see edges of shadows between vertices of a lattice.
+    fn may_show_edges(&self, segment: &RaySegment, level: usize) -> bool {
+        self.any_is_sharp && self.pixels(segment, level) > Self::WIDE_SPACING_PIXELS
+    }
+
+    fn to_scene(&self, volume: usize, p: Vec3) -> Vec3 {
+        inside(&self.volumes[volume], p)
+    }
+
+    fn key(&self, volume: usize, level: usize, v: [usize; 3]) -> u64 {
+        let [x, y, z] = v.map(|c| c as u64);
+        sampling::hash(&[self.view.seed, volume as u64, level as u64, x, y, z])
+    }
+
+    /// Direct light at a point. Where nothing is gathered, that of the environment, too, which
+    /// gathers bring else.
+    fn lit(
+        &self,
+        lights: &Lights,
+        point: Vec3,
+        rays: ShadowRays,
+        suns: Option<&SunDepths>,
+    ) -> MediumLight {
+        let mut light = lights.in_medium(point, rays, suns);
+        if self.gatherer.is_none() && !lights.environment().is_black() {
+            let seed = self.seed_of(point);
+            let rays = Self::rays(Self::ENVIRONMENT_RAYS, seed);
+            light.rest += lights.environment_mean_radiance(point, rays);
+        }
+        light
+    }
+
+    fn rays(per_light: u32, seed: u64) -> ShadowRays {
+        ShadowRays::Sequence {
+            per_light,
+            first: 0,
+            seed,
+        }
+    }
+
+    fn seed_of(&self, point: Vec3) -> u64 {
+        let [x, y, z] = point.to_array().map(|c| u64::from(c.to_bits()));
+        sampling::hash(&[self.view.seed, x, y, z])
+    }
+}
+
+impl RaySegment {
+    /// The point before which this share of the light comes from that the camera sees of the
+    /// segment.
+    fn at_share(&self, share: f32) -> Vec3 {
+        let reach = if self.depth > 0.0 {
+            -libm::log1pf(-share * one_minus_exp_neg(self.depth)) / self.depth
+        } else {
+            share
+        };
+        let [from, to] = self.ends;
+        from + (to - from) * reach.min(1.0)
+    }
+}
+
+/// What one ray found at vertices last, by lattice.
+#[derive(Debug, Default)]
+pub struct RayMemo {
+    /// By volume.
+    direct: [CellCache<usize, LightVectors>; DIRECT_LEVELS],
+    /// By volume, and whether they are swept.
+    indirect: [CellCache<(usize, bool), f32x4>; SWEPT_LEVELS],
+}
+
+/// A segment of a ray in a volume.
+struct RaySegment {
+    volume: usize,
+    ends: [Vec3; 2],
+    depth: f32,
+    /// What stands for it, in scene space and in the volume's index space.
+    point: Vec3,
+    at: Vec3,
+    /// Depth of a voxel of the densest medium in the brick, and of one as dense as on the segment.
+    densest: f32,
+    voxel_depth: f32,
+    /// Whether light between the vertices of the brick is as good as linear.
+    is_thin: bool,
+    /// The coarsest lattice that its brick allows.
+    level: usize,
+}
+
+fn with_luminance(light: Rgb) -> f32x4 {
+    let [r, g, b] = light.0;
+    f32x4::new([r, g, b, light.luminance()])
+}
+
+fn rgb(light: f32x4) -> Rgb {
+    let [r, g, b, _] = light.to_array();
+    Rgb([r, g, b])
+}

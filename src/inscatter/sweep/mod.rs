@@ -1,0 +1,288 @@
+//! Indirect light in media by discrete ordinates (Chandrasekhar 1950): along each of a few dozen
+//! directions, parallel rays pass the whole volume once and leave at the vertices beside them what
+//! the medium sends and what it lets through.
+//!
+//! A ray on its own serves one vertex, a swept one serves all on its way. Surfaces beyond the
+//! medium come from the probes of the far field, at each vertex, so that they keep their parallax.
+
+mod rays;
+mod rows;
+
+use super::bricks::BrickTable;
+use super::far_field::{FarField, Surroundings};
+use super::gatherer::GatherInMedia;
+use super::sparse::{SparseLattice, SparseValues};
+use super::{memory, occupied};
+use crate::Result;
+use crate::math::{Aabb, Rgb};
+use crate::run::Job;
+use crate::scene::Volume;
+use crate::scene::grid::{BRICK_CELLS, Cell};
+use crate::view::{View, VisibleMedia};
+use glam::Vec3;
+use rayon::prelude::*;
+use rays::SweepRays;
+use rows::Arriving;
+
+/// Indirect light at the vertices of one volume that rays may ask for.
+#[derive(Debug)]
+pub struct Sweep {
+    levels: SweptLevels,
+    /// Which of them serves a brick.
+    level_of: BrickTable<Option<u8>>,
+}
+
+/// Means over the sphere of the radiance at vertices, by log2 of the voxels between them; `None`
+/// where surfaces are too near for probes.
+pub type SweptLevels = [Option<SparseValues<Option<Rgb>>>; SWEPT_LEVELS];
+
+/// Spacings of 1 to 8 voxels.
+pub const SWEPT_LEVELS: usize = 4;
+
+/// Vertices of one spacing, to be swept.
+struct LevelSweep;
+
+/// Boxes around all media of a scene, and around the swept volume.
+struct MediaBox {
+    bounds: Aabb,
+    own: Aabb,
+    /// Whether surfaces may stand in it.
+    has_walls: bool,
+}
+
+/// What a sweep looks at.
+pub struct SweepScope<'a, G> {
+    /// Camera and scene.
+    pub view: &'a View<'a>,
+    /// What of the volume matters.
+    pub visible: VisibleMedia<'a>,
+    /// Media and surfaces.
+    pub gatherer: &'a G,
+    /// Which of the scene's volumes.
+    pub volume: &'a Volume,
+    /// What is around it.
+    pub far_field: &'a FarField,
+    /// For cancelling, and for the memory limit.
+    pub job: &'a Job,
+}
+
+impl Sweep {
+    /// Pixels around a region from which corners may look.
+    pub const MARGIN_PIXELS: f32 = 4.0;
+    /// Directions that are held in memory together.
+    const BATCH: u32 = 8;
+
+    /// Optical depth between vertices, at most.
+    const MAX_VERTEX_DEPTH: f32 = 1.4;
+
+    /// Of a volume that was swept beforehand: which vertices serve a brick, without their light.
+    /// `depth_of` is that of [`Self::new`].
+    pub fn made_beforehand(volume: &Volume, depth_of: impl Fn([usize; 3], f32) -> f32) -> Self {
+        let grid = &volume.sigma_t;
+        let level_of = BrickTable::new(grid, |b| {
+            Some(Self::level(depth_of(b, grid.brick(b)?.max))? as u8)
+        });
+        Self {
+            levels: SweptLevels::default(),
+            level_of,
+        }
+    }
+
+    /// Sweeps the bricks of a volume that matter, but those where a single voxel is too deep;
+    /// `depth_of(brick, own)` is the optical depth that counts for one, other media considered,
+    /// given the largest extinction of this one.
+    ///
+    /// # Errors
+    /// If cancelled, or if that takes more than the memory limit by itself.
+    pub fn new<G: GatherInMedia>(
+        scope: &SweepScope<G>,
+        depth_of: impl Fn([usize; 3], f32) -> f32,
+    ) -> Result<Self> {
+        let grid = &scope.volume.sigma_t;
+        let mut needed: [Vec<[usize; 3]>; SWEPT_LEVELS] = Default::default();
+        let level_of = BrickTable::new(grid, |b| {
+            let level = Self::level(depth_of(b, grid.brick(b)?.max))?;
+            scope.may_see(b).then(|| {
+                needed[level].push(b);
+                level as u8
+            })
+        });
+        let sets: [_; SWEPT_LEVELS] = std::array::from_fn(|level| {
+            let bricks = &needed[level];
+            (!bricks.is_empty()).then(|| scope.vertices(bricks, 1 << level))
+        });
+        let counts = || sets.iter().flatten().map(|set| set.len() as u64);
+        let swept = sets.iter().enumerate().filter_map(|(level, set)| {
+            let set = set.as_ref()?;
+            let rays = LevelSweep::bytes_of_rays(scope, set, 1 << level);
+            Some(rays.saturating_add(LevelSweep::SWEPT * set.len() as u64))
+        });
+        memory::check_sweep(
+            scope.volume,
+            scope.visible,
+            counts().sum(),
+            (swept.max().unwrap_or(0)).saturating_add(LevelSweep::KEPT * counts().sum::<u64>()),
+            scope.job.memory_limit,
+        )?;
+        let bounds = scope.view.tracer.scene.media_bounds();
+        let media = MediaBox {
+            bounds,
+            own: scope.volume.bounds(),
+            has_walls: scope.has_walls(bounds),
+        };
+        let mut levels = [const { None }; SWEPT_LEVELS];
+        for (level, set) in sets.into_iter().enumerate() {
+            if let Some(set) = set {
+                levels[level] = Some(LevelSweep::sweep(scope, set, 1 << level, &media)?);
+            }
+        }
+        Ok(Self { levels, level_of })
+    }
+
+    /// Log2 of the voxels between the vertices of a brick whose densest voxel has this optical
+    /// depth; `None` if it is too deep.
+    fn level(depth: f32) -> Option<usize> {
+        let fits = |&l: &usize| depth * (1 << l) as f32 <= Self::MAX_VERTEX_DEPTH;
+        (0..SWEPT_LEVELS).rev().find(fits)
+    }
+
+    /// The level of the brick around a point of index space; `None` if it was not swept.
+    #[inline]
+    pub fn level_at(&self, point_in_index: Vec3) -> Option<usize> {
+        self.level_of.at(point_in_index).map(usize::from)
+    }
+
+    /// Mean over the sphere of the indirect radiance at a vertex of a level; `None` if it was not
+    /// swept.
+    #[inline]
+    pub fn get(&self, level: usize, v: [usize; 3]) -> Option<Rgb> {
+        *self.levels.get(level)?.as_ref()?.get(v)?
+    }
+
+    /// All that was swept.
+    pub fn into_levels(self) -> SweptLevels {
+        self.levels
+    }
+}
+
+impl LevelSweep {
+    /// Bytes a vertex that are kept, and those that its level takes while it is swept.
+    const KEPT: u64 = size_of::<Option<Rgb>>() as u64;
+    const SWEPT: u64 = (size_of::<[usize; 3]>()
+        + size_of::<Option<Surroundings>>()
+        + size_of::<Rgb>()
+        + Sweep::BATCH as usize * size_of::<Arriving>()) as u64;
+
+    /// Bytes that rays take while a batch of directions is swept, whatever the number of threads:
+    /// little of a volume may be needed, but rays pass all between its ends.
+    fn bytes_of_rays<G: GatherInMedia>(
+        scope: &SweepScope<G>,
+        set: &SparseLattice,
+        step: usize,
+    ) -> u64 {
+        let directions = scope.far_field.quarters();
+        let most = (0..directions)
+            .map(|q| SweepRays::bytes(scope, set, step, scope.far_field.direction(q)))
+            .max();
+        u64::from(Sweep::BATCH.min(directions)).saturating_mul(most.unwrap_or(0))
+    }
+
+    /// Sweeps vertices `step` voxels apart.
+    fn sweep<G: GatherInMedia>(
+        scope: &SweepScope<G>,
+        set: SparseLattice,
+        step: usize,
+        media: &MediaBox,
+    ) -> Result<SparseValues<Option<Rgb>>> {
+        let vertices: Vec<[usize; 3]> = set.vertices().collect();
+        let to_index = |v: [usize; 3]| Vec3::from(v.map(|c| (c * step) as f32));
+        let surroundings: Vec<Option<Surroundings>> = vertices
+            .par_iter()
+            .map(|&v| {
+                scope.job.cancel.check()?;
+                let field = scope.far_field;
+                Ok(field.around(scope.volume, scope.gatherer, to_index(v)))
+            })
+            .collect::<Result<_>>()?;
+        let mut sums = vec![Rgb::BLACK; vertices.len()];
+        let directions = scope.far_field.quarters();
+        for first in (0..directions).step_by(Sweep::BATCH as usize) {
+            let batch = first..(first + Sweep::BATCH).min(directions);
+            let arriving: Vec<Vec<Arriving>> = batch
+                .clone()
+                .into_par_iter()
+                .map(|q| {
+                    SweepRays::new(scope, &set, step, scope.far_field.direction(q), media).pass()
+                })
+                .collect::<Result<_>>()?;
+            sums.par_iter_mut().enumerate().for_each(|(i, sum)| {
+                if let Some(around) = &surroundings[i] {
+                    let mut through = [0.0; Sweep::BATCH as usize];
+                    for (through, arriving) in through.iter_mut().zip(&arriving) {
+                        let a = &arriving[i];
+                        *sum += a.radiance;
+                        *through = a.transmittance;
+                    }
+                    *sum += around.radiance_through(first, &through[..arriving.len()]);
+                }
+            });
+        }
+        let scale = 1.0 / directions as f32;
+        let values = sums
+            .into_iter()
+            .zip(surroundings)
+            .map(|(sum, around)| around.map(|_| sum * scale))
+            .collect();
+        Ok(SparseValues { set, values })
+    }
+}
+
+impl<G: GatherInMedia> SweepScope<'_, G> {
+    /// Bricks whose cells are held in memory together.
+    const PART: usize = 1024;
+
+    /// Whether a brick of the volume matters.
+    fn may_see(&self, brick: [usize; 3]) -> bool {
+        let corners = std::array::from_fn(|i| {
+            let p: [f32; 3] = std::array::from_fn(|a| {
+                let voxel = ((brick[a] + (i >> a & 1)) * BRICK_CELLS) as f32;
+                voxel + if i >> a & 1 == 1 { 1.0 } else { -1.5 }
+            });
+            self.to_scene(p.into())
+        });
+        self.view
+            .may_matter(self.visible, Sweep::MARGIN_PIXELS, corners)
+    }
+
+    /// Vertices around the cells of bricks that hold any medium, `step` voxels apart.
+    fn vertices(&self, bricks: &[[usize; 3]], step: usize) -> SparseLattice {
+        let grid = &self.volume.sigma_t;
+        let count = occupied::vertices_along(grid, step);
+        SparseLattice::new(count, |choose| {
+            // A part at a time: the cells of all take far more memory than their vertices do as
+            // bits.
+            for part in bricks.chunks(Self::PART) {
+                let holds_medium = |cell: Cell| !cell.is_empty();
+                for cell in occupied::cells(grid, part, step, holds_medium) {
+                    occupied::around(cell, count).for_each(&mut *choose);
+                }
+            }
+        })
+    }
+
+    fn to_scene(&self, point_in_index: Vec3) -> Vec3 {
+        self.volume
+            .scene_from_index
+            .transform_point3(point_in_index.as_dvec3())
+            .as_vec3()
+    }
+
+    /// Whether any surface may stand among the media.
+    fn has_walls(&self, bounds: Aabb) -> bool {
+        let mesh = &self.view.tracer.scene.mesh;
+        (0..mesh.triangles.len()).into_par_iter().any(|i| {
+            let [a, b, c] = mesh.corners(i);
+            a.min(b).min(c).cmple(bounds.max).all() && a.max(b).max(c).cmpge(bounds.min).all()
+        })
+    }
+}

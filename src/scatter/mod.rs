@@ -1,0 +1,126 @@
+//! tree + scene → scattered light: what arrives at vertices inside media, for all cameras, so that
+//! no frame and no tile has to find it again.
+//!
+//! A scene with volumes and the open tree of its cloud enter; a file of scattered light leaves,
+//! which `shade` reads. `settings` says how, `pack` turns the light of vertices into parts of the
+//! file; how media are lit is for `inscatter`.
+
+mod pack;
+mod settings;
+
+use crate::gather::{self, Gatherer, Kernel, Medium, PatchRadiance, TreeTask};
+use crate::inscatter::{self, InScatter, MediaLights, VolumeLight};
+use crate::light::{Lights, SoftShadowMedia};
+use crate::run::Job;
+use crate::scene::Scene;
+use crate::trace::Tracer;
+use crate::tree::{OpenTree, Pages};
+use crate::view::{self, View, VisibleMedia};
+use crate::{Error, Result};
+use lvox_formats::{Overwrite, ScatterMeta, ScatterSummary, ScatterWriter};
+use std::path::Path;
+
+pub use settings::Settings;
+
+/// Lights the media of a scene from its tree, and writes their light to a file.
+///
+/// # Errors
+/// A scene without media, a setting out of range, a tree in another frame than the scene
+/// ([`Scene::in_frame`]), more vertices than the memory limit allows, a page that cannot be read, a
+/// file that cannot be written, or a stop on request.
+pub fn run(
+    scene: &Scene,
+    tree: &OpenTree,
+    output: &Path,
+    settings: &Settings,
+    overwrite: Overwrite,
+    job: &Job,
+) -> Result<ScatterSummary> {
+    settings.check()?;
+    if scene.volumes.is_empty() {
+        return Err(Error::input("the scene has no volumes to light")
+            .hint("shade it from its tree: there is nothing to scatter"));
+    }
+    let of_tree = &tree.tree().meta().cloud.volumes;
+    inscatter::check_volumes(of_tree, scene)
+        .map_err(|e| e.hint("bake the scene and build its tree again"))?;
+    view::check_frame(scene, tree.tree().meta().cloud.world_from_scene)?;
+    job.report.stage("scatter", |counts| {
+        let mut listed = settings.listed();
+        listed.extend(scene.parts(None));
+        let meta = ScatterMeta {
+            scene_hash: scene.hash,
+            scene_name: scene.name.clone(),
+            volumes: of_tree.clone(),
+            tree_hash: tree.tree().content_hash(),
+            settings: listed,
+        };
+        let mut writer = ScatterWriter::create(output, meta, overwrite)?;
+        let lighting = Lighting {
+            scene,
+            tree,
+            settings,
+            job,
+        };
+        let lit = gather::with_tree(tree, lighting)?;
+        for (volume, light) in lit.iter().enumerate() {
+            pack::pack(light, volume, &mut writer)?;
+        }
+        let vertices = writer.vertices();
+        let summary = writer.finish()?;
+        counts.insert("vertices".into(), vertices as f64);
+        Ok(summary)
+    })
+}
+
+/// Lighting of the media of a scene for any camera.
+struct Lighting<'a> {
+    scene: &'a Scene,
+    tree: &'a OpenTree,
+    settings: &'a Settings,
+    job: &'a Job,
+}
+
+impl TreeTask for Lighting<'_> {
+    /// By volume.
+    type Output = Result<Vec<VolumeLight>>;
+
+    fn run<P: Pages, M: Medium>(self, pages: &P, media: M) -> Self::Output {
+        let Self {
+            scene,
+            tree,
+            settings,
+            job,
+        } = self;
+        let tracer = Tracer::new_until(scene, &job.cancel)?;
+        let shadows = SoftShadowMedia::new(scene);
+        let lights = Lights::new(&tracer).with_soft_shadows(shadows.as_ref());
+        let patches = PatchRadiance::of_tree(&tracer, tree, 0);
+        let on_surfaces = gather::Settings {
+            samples: settings.volume_samples,
+            max_solid_angle: settings.max_solid_angle,
+            max_dist: f32::INFINITY,
+            kernel: Kernel::Traced(&patches),
+            environment: lights.environment(),
+            // Which patches are bright depends on what a camera sees.
+            leave_out_bright: false,
+        };
+        let gatherer = Gatherer {
+            pages,
+            media,
+            settings: inscatter::gather_settings(on_surfaces, settings.volume_samples),
+        };
+        let light = MediaLights {
+            lights: &lights,
+            gatherer: Some(&gatherer),
+            scattered: None,
+        };
+        // Any camera will do: all media count as visible.
+        let view = View::new(&tracer, scene.camera(None)?, scene.film, settings.seed);
+        let in_scatter = InScatter::new(&view, VisibleMedia::All, &light, job)?
+            .with_vertex_rays(settings.shadow_rays);
+        let lit = in_scatter.light_all(job)?;
+        pages.check()?;
+        Ok(lit)
+    }
+}

@@ -1,0 +1,204 @@
+//! Regions of a frame: what all their pixels share is made once, then gathers, then pixels.
+
+use super::memory;
+use super::pixels::{
+    CameraMedia, EmitterBorders, PixelShader, Planes, Quantity, SampleCounts, ScatteringMedia,
+    shade_region,
+};
+use super::settings::{Kernel, Method, Settings};
+use super::surfaces::{BrightPatchLights, GatherAtSurfaces, Lattice, SurfaceGatherer};
+use crate::Result;
+use crate::gather::{self, Gatherer, Medium, PatchRadiance, PatchStats, TreeTask};
+use crate::image::Region;
+use crate::inscatter::{self, InScatter, MediaLights};
+use crate::light::{Lights, SoftShadowMedia, Vacuum};
+use crate::run::Job;
+use crate::scene::Scene;
+use crate::trace::Tracer;
+use crate::tree::{OpenTree, Pages};
+use crate::view::{self, View, VisibleMedia};
+use rayon::prelude::*;
+
+/// What is wanted of a frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Request<'a> {
+    /// What the camera sees.
+    pub scene: &'a Scene,
+    /// What lights it indirectly.
+    pub tree: &'a OpenTree,
+    /// How to shade.
+    pub settings: &'a Settings,
+    /// Parts of the frame to shade.
+    pub regions: &'a [Region],
+    /// What is kept of pixels.
+    pub quantities: &'a [Quantity],
+    /// Threads, limits, progress.
+    pub job: &'a Job,
+}
+
+/// The quantities of the pixels of each region, and what they asked of the tree.
+pub type ShadedRegions = (Vec<Planes>, PatchStats);
+
+/// Shades regions of the frame.
+///
+/// # Errors
+/// As [`super::run`].
+pub fn shade_regions(request: &Request) -> Result<ShadedRegions> {
+    let &Request {
+        scene,
+        tree,
+        settings,
+        job,
+        ..
+    } = request;
+    let (regions, quantities) = (request.regions, request.quantities);
+    memory::check(scene, settings, regions, quantities, job.memory_limit)?;
+    view::check_frame(scene, tree.tree().meta().cloud.world_from_scene)?;
+    match settings.method {
+        Method::Extended => gather::with_tree(tree, FrameTask { request }),
+        Method::Traditional => gather::with_surfels(tree, FrameTask { request }),
+    }
+}
+
+/// Shading of a request, compiled for each kind of pages and media.
+struct FrameTask<'a> {
+    request: &'a Request<'a>,
+}
+
+impl TreeTask for FrameTask<'_> {
+    type Output = Result<ShadedRegions>;
+
+    fn run<P: Pages, M: Medium>(self, pages: &P, media: M) -> Result<ShadedRegions> {
+        let request = self.request;
+        let &Request {
+            scene,
+            tree,
+            settings,
+            regions,
+            job,
+            ..
+        } = request;
+        let camera = scene.camera(settings.camera.as_deref())?;
+        let tracer = Tracer::new_until(scene, &job.cancel)?;
+        let shadows = SoftShadowMedia::new(scene);
+        let lights = Lights::new(&tracer).with_soft_shadows(shadows.as_ref());
+        let view = View::new(&tracer, camera, scene.film, settings.seed);
+        let mut patches = (settings.kernel == Kernel::Traced).then(|| {
+            let pixels = scene.film.width as usize * scene.film.height as usize;
+            let rays = settings.lattice_rays(regions.iter().map(Region::pixels).sum());
+            PatchRadiance::of_tree(&tracer, tree, rays)
+                .in_patches_of(settings.surfels_per_patch(pixels))
+        });
+        // In media their light is that of many directions, of which rays meet enough.
+        let bright_patches = (patches.as_mut())
+            .filter(|_| M::IS_NOTHING)
+            .and_then(|patches| BrightPatchLights::find(&view, &lights, patches, pages, settings));
+        let kernel = match (&patches, settings.kernel) {
+            (Some(patches), _) => gather::Kernel::Traced(patches),
+            (None, Kernel::Plain) => gather::Kernel::Plain,
+            (None, _) => gather::Kernel::Cone,
+        };
+        let gathers = gather::Settings {
+            samples: settings.samples,
+            max_solid_angle: settings.max_solid_angle,
+            max_dist: settings.max_dist.unwrap_or(f32::INFINITY),
+            kernel,
+            environment: lights.environment(),
+            leave_out_bright: bright_patches.is_some(),
+        };
+        let with_settings = |settings| Gatherer {
+            pages,
+            media,
+            settings,
+        };
+        let on_surfaces = |samples| SurfaceGatherer {
+            view: &view,
+            gatherer: with_settings(gather::Settings {
+                samples: match bright_patches {
+                    Some(_) => BrightPatchLights::other_rays(samples),
+                    None => samples,
+                },
+                ..gathers
+            }),
+            bright_patches: bright_patches.as_ref(),
+        };
+        let shader = FrameShader {
+            request,
+            view,
+            lattice_gatherer: &on_surfaces(settings.samples),
+            own_gatherer: &on_surfaces(settings.own_samples()),
+        };
+        let planes = if scene.volumes.is_empty() && tree.media.is_empty() {
+            shader.shade(&Vacuum, &lights.in_vacuum())?
+        } else {
+            let in_media = inscatter::gather_settings(gathers, settings.volume_samples);
+            let gatherer = with_settings(in_media);
+            let light = MediaLights {
+                lights: &lights,
+                gatherer: (settings.method == Method::Extended).then_some(&gatherer),
+                scattered: tree.scatter.as_ref(),
+            };
+            let visible = VisibleMedia::ThroughRegions(regions);
+            let in_scatter = InScatter::new(&view, visible, &light, job)?;
+            let planes = shader.shade(&ScatteringMedia(&in_scatter), &lights)?;
+            in_scatter.check()?;
+            planes
+        };
+        Ok((planes, patches.map(|p| p.stats()).unwrap_or_default()))
+    }
+}
+
+/// What the regions of a frame are shaded by.
+struct FrameShader<'a> {
+    request: &'a Request<'a>,
+    view: View<'a>,
+    /// Gathers of the lattice.
+    lattice_gatherer: &'a dyn GatherAtSurfaces,
+    /// Gathers of surfaces that the lattice missed.
+    own_gatherer: &'a dyn GatherAtSurfaces,
+}
+
+impl FrameShader<'_> {
+    /// Shades all regions behind media, by lights whose shadow rays pass those.
+    fn shade<A: CameraMedia>(&self, media: &A, lights: &Lights<A::Shadows>) -> Result<Vec<Planes>> {
+        let view = self.view;
+        let &Request {
+            settings,
+            regions,
+            quantities,
+            job,
+            ..
+        } = self.request;
+        let all: u64 = regions.iter().map(|r| r.pixels() as u64).sum();
+        let step = u64::from(settings.lattice);
+        let task = (job.progress).task("gather", all / (step * step), "receivers");
+        let gatherer = self.lattice_gatherer;
+        let lattices = regions
+            .par_iter()
+            .map(|&region| Lattice::new(gatherer, region, settings.lattice, &job.cancel, &task))
+            .collect::<Result<Vec<_>>>()?;
+        drop(task);
+        gatherer.check()?;
+        let task = job.progress.task("shade", all, "pixels");
+        let shaded = regions
+            .par_iter()
+            .zip(&lattices)
+            .map(|(&region, lattice)| {
+                let borders =
+                    EmitterBorders::new(&view, region, settings.edge_samples, &job.cancel)?;
+                let shader = PixelShader {
+                    view,
+                    borders: &borders,
+                    lights,
+                    lattice,
+                    gatherer: self.own_gatherer,
+                    media,
+                    counts: SampleCounts::of(settings),
+                };
+                shade_region(&shader, region, quantities, job, &task)
+            })
+            .collect::<Result<Vec<_>>>()?;
+        self.own_gatherer.check()?;
+        Ok(shaded)
+    }
+}

@@ -1,0 +1,132 @@
+//! What is between a camera and what it sees, as a type: the pixels of a scene without media are
+//! shaded by code that has no work for them, and a frame chooses once.
+
+use crate::inscatter::{GatherInMedia, InScatter, RayMemo};
+use crate::light::{SceneMedia, Shadows, Vacuum};
+use crate::math::exp::exp_neg;
+use crate::math::segment::Composite;
+use crate::math::{Ray, Rgb};
+use crate::view::View;
+use glam::Vec3;
+use std::cell::RefCell;
+
+/// What camera rays and shadow rays pass.
+pub trait CameraMedia: Sync {
+    /// What a camera ray passed.
+    type Passed: PassedMedia;
+    /// What shadow rays pass.
+    type Shadows: Shadows;
+
+    /// Passes what is between the camera and `t_max` along a unit direction.
+    fn march(&self, view: &View, direction: Vec3, t_max: f32) -> Self::Passed;
+}
+
+/// What the media before a sample took and added.
+pub trait PassedMedia: Copy + Default + Send + Sync + 'static {
+    /// Whether there can be media.
+    const IS_VACUUM: bool;
+
+    /// What took this share of the light behind it less than all, and added this radiance.
+    fn of(transmittance: f32, radiance: Rgb) -> Self;
+
+    /// Share of the light behind that comes through.
+    fn transmittance(&self) -> f32;
+
+    /// Radiance scattered towards the camera.
+    fn radiance(&self) -> Rgb;
+}
+
+impl CameraMedia for Vacuum {
+    type Passed = Self;
+    type Shadows = Self;
+
+    #[inline]
+    fn march(&self, _: &View, _: Vec3, _: f32) -> Self {
+        Self
+    }
+}
+
+impl PassedMedia for Vacuum {
+    const IS_VACUUM: bool = true;
+
+    #[inline]
+    fn of(_: f32, _: Rgb) -> Self {
+        Self
+    }
+
+    #[inline]
+    fn transmittance(&self) -> f32 {
+        1.0
+    }
+
+    #[inline]
+    fn radiance(&self) -> Rgb {
+        Rgb::BLACK
+    }
+}
+
+/// Media before a camera ray, marched by code for whichever pages and media there are.
+pub struct ScatteringMedia<'a>(pub &'a (dyn March + 'a));
+
+/// Marches of camera rays through media.
+pub trait March: Sync {
+    /// Passes what is between the camera and `t_max` along a unit direction.
+    fn march(&self, view: &View, direction: Vec3, t_max: f32) -> Composite;
+}
+
+impl<'a> CameraMedia for ScatteringMedia<'a> {
+    type Passed = Composite;
+    type Shadows = SceneMedia<'a>;
+
+    fn march(&self, view: &View, direction: Vec3, t_max: f32) -> Composite {
+        self.0.march(view, direction, t_max)
+    }
+}
+
+impl<G: GatherInMedia> March for InScatter<'_, G> {
+    fn march(&self, view: &View, direction: Vec3, t_max: f32) -> Composite {
+        let mut passed = Composite::default();
+        let (tracer, origin) = (view.tracer, view.camera.origin());
+        let memo = RefCell::new(RayMemo::default());
+        tracer.march(
+            &Ray::new(origin, direction, t_max),
+            |volume, stretch, _| {
+                let at = |t| origin + direction * t;
+                let ends = [at(stretch.near), at(stretch.far)];
+                self.source(volume, ends, stretch.tau, &mut memo.borrow_mut())
+            },
+            |s| {
+                passed.medium(s.tau, s.source);
+                !passed.is_opaque()
+            },
+        );
+        if passed.is_opaque() {
+            // What the march left out still hides what is behind, however bright that is.
+            passed.transmittance =
+                exp_neg(tracer.optical_depth(&Ray::new(origin, direction, t_max)));
+        }
+        passed
+    }
+}
+
+impl PassedMedia for Composite {
+    const IS_VACUUM: bool = false;
+
+    #[inline]
+    fn of(transmittance: f32, radiance: Rgb) -> Self {
+        Self {
+            radiance,
+            transmittance,
+        }
+    }
+
+    #[inline]
+    fn transmittance(&self) -> f32 {
+        self.transmittance
+    }
+
+    #[inline]
+    fn radiance(&self) -> Rgb {
+        self.radiance
+    }
+}
