@@ -2,8 +2,9 @@
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
-use lvox::image::metrics::{compare, flip, linear, pdiff, ssim};
+use lvox::image::metrics::compare;
 use lvox::image::{Picture, tone};
+use lvox::internals::metric;
 
 const SIDE: usize = 256;
 
@@ -34,28 +35,28 @@ fn pictures() -> [Picture; 2] {
 fn relmse(bencher: Bencher) {
     let [a, b] = pictures();
     let pixels = ItemsCount::new(SIDE * SIDE);
-    bencher.counter(pixels).bench(|| linear::compare(&a, &b));
+    bencher.counter(pixels).bench(|| metric::linear(&a, &b));
 }
 
 #[divan::bench(sample_count = 20)]
 fn flip_map(bencher: Bencher) {
     let [a, b] = pictures().map(|p| tone::map(&p, 1.0));
     let pixels = ItemsCount::new(SIDE * SIDE);
-    bencher.counter(pixels).bench(|| flip::error_map(&a, &b));
+    bencher.counter(pixels).bench(|| metric::flip_map(&a, &b));
 }
 
 #[divan::bench(sample_count = 20)]
 fn ssim_mean(bencher: Bencher) {
     let [a, b] = pictures().map(|p| tone::map(&p, 1.0));
     let pixels = ItemsCount::new(SIDE * SIDE);
-    bencher.counter(pixels).bench(|| ssim::mean(&a, &b));
+    bencher.counter(pixels).bench(|| metric::ssim(&a, &b));
 }
 
 #[divan::bench(sample_count = 20)]
 fn pdiff_fraction(bencher: Bencher) {
     let [a, b] = pictures().map(|p| tone::map(&p, 1.0));
     let pixels = ItemsCount::new(SIDE * SIDE);
-    bencher.counter(pixels).bench(|| pdiff::fraction(&a, &b));
+    bencher.counter(pixels).bench(|| metric::pdiff(&a, &b));
 }
 
 #[divan::bench(sample_count = 20)]

@@ -9,7 +9,8 @@
 
 use lvox::formats::Overwrite;
 use lvox::image::{Picture, Region, load, metrics};
-use lvox::run::{Job, usage};
+use lvox::internals::usage;
+use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade::{self, Quality};
 use lvox::{Error, Result, bake, build, tree::OpenTree};

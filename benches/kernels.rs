@@ -8,11 +8,11 @@ use common::{DEMO, gather_rays, rays};
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use lvox::Rgb;
-use lvox::gather::cone::Scratch;
-use lvox::gather::plain;
 use lvox::gather::{Gatherer, Kernel, Medium, NoMedia, PatchRadiance, Settings};
 use lvox::image::Region;
-use lvox::internals::{Composite, Lights, Ray, ShadowRays, Surface, Tracer, reference};
+use lvox::internals::{
+    Composite, Lights, Ray, Scratch, ShadowRays, Surface, Tracer, plain, reference,
+};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade;

@@ -14,12 +14,10 @@ mod trees;
 
 use glam::{Vec3, Vec3A};
 use lvox::Rgb;
-use lvox::gather::cone::Scratch;
 use lvox::gather::{Gatherer, Kernel, NoMedia, PatchRadiance, Settings, SurfacePoint};
 use lvox::internals::{
-    Ray, Surface, Tracer, cosine_hemisphere, hash, mix, offset, sobol2, tangents,
+    Ray, Scratch, Surface, Tracer, cosine_hemisphere, hash, mix, offset, sobol2, tangents, usage,
 };
-use lvox::run::usage;
 use lvox::scene::Scene;
 use lvox::shade::{self, Quality};
 use lvox::tree::ResidentTree;

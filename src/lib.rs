@@ -96,6 +96,8 @@ pub use math::Rgb;
 /// names here come, change and go with any version.
 #[doc(hidden)]
 pub mod internals {
+    pub use crate::gather::cone::Scratch;
+    pub use crate::gather::patch_radiance::MAX_PACKET;
     pub use crate::light::{Lights, ShadowRays};
     pub use crate::math::Ray;
     pub use crate::math::sampling::{
@@ -103,6 +105,30 @@ pub mod internals {
     };
     pub use crate::math::segment::Composite;
     pub use crate::trace::{Surface, Tracer, offset};
+
+    /// What a process has taken from the machine.
+    pub mod usage {
+        pub use crate::run::usage::{cpu_secs, peak_memory_bytes, with_peak_memory};
+    }
+
+    /// The kernel that takes nodes whole.
+    pub mod cone {
+        pub use crate::gather::cone::cast;
+    }
+
+    /// The kernel of the paper.
+    pub mod plain {
+        pub use crate::gather::plain::{cast, cast_in_order};
+    }
+
+    /// Metrics of images, one by one.
+    pub mod metric {
+        pub use crate::image::metrics::flip::error_map as flip_map;
+        pub use crate::image::metrics::grain::rms as grain;
+        pub use crate::image::metrics::linear::compare as linear;
+        pub use crate::image::metrics::pdiff::fraction as pdiff;
+        pub use crate::image::metrics::ssim::mean as ssim;
+    }
 
     /// The path tracer.
     #[cfg(feature = "lab")]

@@ -4,7 +4,8 @@
 
 mod support;
 
-use lvox::image::{Frame, Region, exr, metrics};
+use lvox::image::{Frame, Region, exr};
+use lvox::internals::metric;
 use lvox::internals::reference::Start;
 use lvox::internals::study::{self, Method, Settings, Slope, Study, Sweep};
 use lvox::run::Job;
@@ -144,7 +145,7 @@ fn pixel_samples(scene: &Scene, dir: &Path) -> Vec<(f64, f64)> {
                 ..fine(Kernel::Traced)
             };
             let frame = shade::run(scene, &store, &settings, region, &[], &Job::default()).unwrap();
-            let errors = metrics::linear::compare(&picture(&frame), &reference);
+            let errors = metric::linear(&picture(&frame), &reference);
             (f64::from(pixel_samples), errors.relmse)
         })
         .into()

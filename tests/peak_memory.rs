@@ -1,7 +1,7 @@
 //! The peak of memory, which the system counts for a whole process: the one test of its process.
 #![cfg(target_os = "linux")]
 
-use lvox::run::usage::{peak_memory_bytes, with_peak_memory};
+use lvox::internals::usage::{peak_memory_bytes, with_peak_memory};
 
 #[test]
 fn the_peak_of_a_part_is_not_that_of_what_went_before() {

@@ -4,9 +4,9 @@
 //! the file: memory does not grow with the cloud, and the bytes do not depend on threads.
 
 mod camera;
-pub mod creases;
-pub mod lvoxels;
-pub mod surfels;
+pub(crate) mod creases;
+pub(crate) mod lvoxels;
+pub(crate) mod surfels;
 
 use crate::light::{Lights, Shadows, SoftShadowMedia};
 use crate::math::unflatten;
@@ -18,10 +18,12 @@ use creases::Creases;
 use glam::DAffine3;
 use lvox_formats::record::{Lvoxel, MAX_VOLUMES, Surfel, VolumeInfo};
 use lvox_formats::{CloudMeta, CloudSummary, CloudWriter, Overwrite};
-use lvoxels::{BlockSize, LvoxelMaker};
+use lvoxels::LvoxelMaker;
 use rayon::prelude::*;
 use std::path::Path;
 use surfels::{AreaSampler, SurfelMaker};
+
+pub use lvoxels::BlockSize;
 
 /// How to bake.
 #[derive(Clone, Debug, PartialEq)]

@@ -5,7 +5,7 @@
 //! octree cells, so what is written depends on the octree alone: the same bytes for any memory
 //! limit and any number of threads.
 
-pub mod aggregate;
+pub(crate) mod aggregate;
 mod feed;
 mod lvoxels;
 mod morton;

@@ -1,6 +1,6 @@
 //! Options of baking, for the verbs that bake.
 
-use crate::bake::lvoxels::BlockSize;
+use crate::bake::BlockSize;
 use crate::bake::{Settings, SurfelSampling};
 use clap::Args;
 

@@ -170,7 +170,7 @@ impl Cli {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bake::lvoxels::BlockSize;
+    use crate::bake::BlockSize;
     use crate::bake::{self, SurfelSampling};
     use crate::lab::{reference, study};
     use crate::shade::{self, Kernel, Method, Quality};

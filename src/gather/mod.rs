@@ -23,17 +23,17 @@
 //! Points and directions are those of scene space, distances are scene units, light is linear
 //! Rec.709.
 
-pub mod bright;
-pub mod cone;
+pub(crate) mod bright;
+pub(crate) mod cone;
 mod directions;
 mod dispatch;
 mod geometry;
-pub mod medium;
+pub(crate) mod medium;
 mod neighbours;
 mod patch;
 mod patch_id;
-pub mod patch_radiance;
-pub mod plain;
+pub(crate) mod patch_radiance;
+pub(crate) mod plain;
 mod points;
 mod radiance_cache;
 

@@ -6,18 +6,20 @@
 
 mod coverage;
 pub mod exr;
-pub mod frame;
+pub(crate) mod frame;
 mod header;
 pub mod heat;
-pub mod kind;
+pub(crate) mod kind;
 pub mod load;
 pub mod merge;
 pub mod metrics;
-pub mod picture;
+pub(crate) mod picture;
 pub mod png;
-pub mod region;
-pub mod samples;
-pub mod subject;
+pub(crate) mod region;
+// The path tracer of the laboratory writes samples; everybody may inspect them.
+#[cfg_attr(not(feature = "lab"), allow(dead_code, unused_imports))]
+pub(crate) mod samples;
+pub(crate) mod subject;
 pub mod tone;
 
 pub use frame::{Frame, Layer};

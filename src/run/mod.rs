@@ -2,18 +2,19 @@
 //! took.
 
 mod cancel;
-pub mod digest;
+#[cfg(feature = "lab")]
+pub(crate) mod digest;
 mod hex;
-pub mod memory;
-pub mod output;
+pub(crate) mod memory;
+pub(crate) mod output;
 mod progress;
 mod report;
-pub mod size;
-pub mod usage;
+pub(crate) mod size;
+pub(crate) mod usage;
 
 pub use cancel::Cancel;
-pub use hex::hex;
-pub use output::Output;
+pub(crate) use hex::hex;
+pub(crate) use output::Output;
 pub use progress::{Observer, Progress, Task, TaskObserver};
 pub use report::{Report, StageReport};
 

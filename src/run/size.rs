@@ -15,6 +15,7 @@ const UNITS: [(char, u64); 4] = [
 ///
 /// # Errors
 /// [`crate::Kind::Input`] if the text is no such size, or it is not above zero.
+#[cfg(feature = "cli")]
 pub fn parse(text: &str) -> Result<u64> {
     let wrong = || {
         Error::input(format!("{text:?} is not a size of memory"))

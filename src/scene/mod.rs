@@ -16,7 +16,7 @@ mod camera;
 mod digest;
 pub(crate) mod grid;
 mod light;
-pub mod load;
+pub(crate) mod load;
 mod material;
 mod mesh;
 mod volume;

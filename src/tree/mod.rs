@@ -11,10 +11,10 @@
 //! | `node_aggregate` | what stands for the surfels below a node |
 //! | `media` | lvoxels, and the walk of a ray through them |
 
-pub mod media;
-pub mod node_aggregate;
-pub mod page;
-pub mod store;
+pub(crate) mod media;
+pub(crate) mod node_aggregate;
+pub(crate) mod page;
+pub(crate) mod store;
 
 pub use media::Media;
 pub use node_aggregate::NodeAggregate;

@@ -7,14 +7,11 @@ use lvox::Rgb;
 use lvox::build;
 use lvox::formats::record::{MAX_LEVEL, VolumeInfo};
 use lvox::formats::{ClipEdge, Clips, CloudMeta, CloudWriter, Lvoxel, Overwrite, Surfel};
-use lvox::gather::cone::Scratch;
-use lvox::gather::patch_radiance::MAX_PACKET;
-use lvox::gather::plain;
 use lvox::gather::{
     Crossing, Gatherer, Kernel, Medium, NoMedia, PatchRadiance, PatchRequest, SampleRange,
     Settings, SurfacePoint,
 };
-use lvox::internals::{Composite, Ray, Tracer, r2, sphere};
+use lvox::internals::{Composite, MAX_PACKET, Ray, Scratch, Tracer, plain, r2, sphere};
 use lvox::run::Job;
 use lvox::tree::Page;
 use lvox::tree::{Media, OpenTree, Pages, SurfelStore};

@@ -2,8 +2,8 @@
 //! from each other within a few pixels.
 
 use crate::demo;
-use lvox::image::metrics::grain;
 use lvox::image::{Picture, Region};
+use lvox::internals::metric;
 use lvox::run::Job;
 use lvox::shade::{self, Quality, Settings};
 use std::f64::consts::SQRT_2;
@@ -31,7 +31,7 @@ fn walls_behind_smoke_have_little() {
             let frame = shade::run(&scene, &store, &settings, WALLS, &[], &Job::default()).unwrap();
             frame.picture("", &WALLS).unwrap()
         };
-        let of_one = grain::rms(&seen(0), &seen(1)) / SQRT_2;
+        let of_one = metric::grain(&seen(0), &seen(1)) / SQRT_2;
         assert!((0.001..0.0115).contains(&of_one), "{quality:?}: {of_one}");
     }
 }

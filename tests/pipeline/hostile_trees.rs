@@ -6,10 +6,8 @@ use lvox::formats::{
     Below, Bounds, EncodedPage, Node, Overwrite, Sums, Surfel, SurfelAggregate, SurfelPage,
     TreeMeta, TreeWriter,
 };
-use lvox::gather::cone::{self, Scratch};
-use lvox::gather::plain;
 use lvox::inspect::export_ply;
-use lvox::internals::Ray;
+use lvox::internals::{Ray, Scratch, cone, plain};
 use lvox::tree::{OpenTree, Pages, SurfelStore};
 
 const OVERLAP: f32 = 1.8;

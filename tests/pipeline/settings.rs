@@ -2,7 +2,7 @@
 
 use crate::messages::lvox;
 use crate::{ROOM, Work, layer, shade};
-use lvox::bake::lvoxels::BlockSize;
+use lvox::bake::BlockSize;
 use lvox::bake::{self, SurfelSampling};
 use lvox::formats::Cloud;
 use lvox::formats::Overwrite;

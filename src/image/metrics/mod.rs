@@ -5,11 +5,11 @@
 
 pub mod blocks;
 mod blur;
-pub mod flip;
-pub mod grain;
-pub mod linear;
-pub mod pdiff;
-pub mod ssim;
+pub(crate) mod flip;
+pub(crate) mod grain;
+pub(crate) mod linear;
+pub(crate) mod pdiff;
+pub(crate) mod ssim;
 
 use super::{Picture, tone};
 use crate::run::Cancel;

@@ -2,7 +2,7 @@
 
 use super::method::Method;
 use super::sweep::Sweep;
-use crate::bake::lvoxels::BlockSize;
+use crate::bake::BlockSize;
 use crate::bake::{self, SurfelSampling};
 use crate::shade;
 use crate::{Error, Result};
