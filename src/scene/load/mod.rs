@@ -7,7 +7,7 @@
 // - `description`: the scene file; with `table` (typed access to TOML) and `transform` (placement)
 // - `obj` with `mtl`, `ply`, `gltf`, `builtin`: meshes, each as a `MeshInput`
 // - `vdb`, `nrrd`, `raw`, `builtin`: volumes, each as a `field::Field`, which becomes a grid
-// - `texture`: images; `normals`: shading normals at a crease angle
+// - `polygon`: cuts the faces of OBJ and PLY; `texture`: images; `normals`: shading normals at a crease angle
 // - `files`: reads and hashes files and collects warnings; `surfaces`: what materials ask for in vain
 
 mod builtin;
@@ -20,6 +20,7 @@ mod normals;
 mod nrrd;
 mod obj;
 mod ply;
+mod polygon;
 mod raw;
 mod surfaces;
 mod table;

@@ -1,4 +1,4 @@
-//! Wavefront OBJ: polygons cut into fans, vertices split where a corner has another normal or
+//! Wavefront OBJ: polygons cut into triangles, vertices split where a corner has another normal or
 //! texture coordinate.
 //!
 //! Read are `v` (with `w`, or with a linear RGB factor on the albedo), `vt`, `vn`, `f`, `usemtl`,
@@ -7,6 +7,7 @@
 
 use super::files::{Files, beside};
 use super::mtl;
+use super::polygon::Cutter;
 use super::texture;
 use crate::run::memory;
 use crate::scene::Material;
@@ -28,6 +29,8 @@ pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Mes
         uvs: Vec::new(),
         normals: Vec::new(),
         vertices: HashMap::new(),
+        polygon: Vec::new(),
+        cutter: Cutter::default(),
         materials: HashMap::new(),
         material: None,
     };
@@ -68,6 +71,9 @@ struct Reader<'a> {
     normals: Vec<Vec3>,
     /// Vertex of the mesh for each corner that differs from those before it.
     vertices: HashMap<Corner, u32>,
+    /// Vertices of the face that is read.
+    polygon: Vec<u32>,
+    cutter: Cutter,
     /// Index in the mesh of each material by name.
     materials: HashMap<String, u32>,
     /// That of the following faces.
@@ -131,22 +137,22 @@ impl Reader<'_> {
             Some(material) => material,
             None => self.named_material(""),
         };
-        let mut corners = rest.split_whitespace();
-        let (Some(first), Some(second)) = (corners.next(), corners.next()) else {
-            return Err(Error::input("expected a face of 3 corners or more"));
-        };
-        let (first, mut last) = (self.corner(first)?, self.corner(second)?);
-        let before = self.mesh.triangles.len();
-        for corner in corners {
-            let corner = self.corner(corner)?;
-            push(&mut self.mesh.triangles, [first, last, corner])?;
-            push(&mut self.mesh.material, material)?;
-            last = corner;
+        self.polygon.clear();
+        for corner in rest.split_whitespace() {
+            let vertex = self.corner(corner)?;
+            push(&mut self.polygon, vertex)?;
         }
-        if self.mesh.triangles.len() == before {
-            return Err(Error::input(
-                "expected a face of 3 corners or more, found 2",
-            ));
+        if self.polygon.len() < 3 {
+            return Err(Error::input(format!(
+                "expected a face of 3 corners or more, found {}",
+                self.polygon.len()
+            )));
+        }
+        let mesh = &mut self.mesh;
+        let position = |v: u32| mesh.positions.get(v as usize).copied();
+        for triangle in self.cutter.cut(&self.polygon, position)? {
+            push(&mut mesh.triangles, triangle)?;
+            push(&mut mesh.material, material)?;
         }
         Ok(())
     }

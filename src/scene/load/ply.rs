@@ -6,7 +6,7 @@
 //! | | `nx ny nz` | normal |
 //! | | `red green blue` (or `r g b`) | factor on the albedo |
 //! | | `u v`, `s t`, `texture_u texture_v` | texture coordinates, v upwards |
-//! | `face` | `vertex_indices` (or `vertex_index`) | polygon, cut into a fan of triangles |
+//! | `face` | `vertex_indices` (or `vertex_index`) | polygon, cut into triangles |
 //! | | `red green blue` | albedo of the face |
 //! | | `material_index` | entry of the `palette` that the scene file gives; ignored if it gives none |
 //!
@@ -14,6 +14,7 @@
 //! linear. Other elements and properties are skipped. Where a file colours anything, the albedo is
 //! 1 times that colour.
 
+use super::polygon::Cutter;
 use super::texture::linear_from_srgb;
 use crate::run::{Cancel, memory};
 use crate::scene::Material;
@@ -40,7 +41,9 @@ pub(super) fn read(
         encoding: header.encoding,
     };
     let mut mesh = MeshInput::default();
-    let mut faces = Faces::default();
+    let mut names = header.elements.keys();
+    let first = names.find(|n| ["vertex", "face"].contains(&n.as_str()));
+    let mut faces = Faces::new(first.is_some_and(|n| n == "face"));
     for (name, element) in &header.elements {
         let mut plan = Vec::new();
         for (property, definition) in &element.properties {
@@ -79,6 +82,7 @@ pub(super) fn read(
             "expected the elements `vertex` and `face`, found a file without one of them",
         ));
     }
+    faces.cut_kept(&mut mesh)?;
     let colored = !mesh.colors.is_empty();
     faces.name_materials(&mut mesh, colored);
     Ok(mesh)
@@ -175,15 +179,33 @@ fn linear_color(value: f64, scalar: &ScalarType) -> f32 {
 }
 
 /// Triangles and the materials that their faces call for.
-#[derive(Default)]
 struct Faces {
     polygon: Vec<u32>,
+    cutter: Cutter,
+    /// Whether the vertices come after the faces, which then are kept until they are there.
+    before_vertices: bool,
+    /// Corners of all faces that are kept.
+    kept: Vec<u32>,
+    /// Number of corners and material of each face that is kept.
+    kept_faces: Vec<(usize, u32)>,
     /// Material of each distinct colour or palette entry, in the order of first use.
     by_color: HashMap<[u32; 3], u32>,
     colors: Vec<Option<[f32; 3]>>,
 }
 
 impl Faces {
+    fn new(before_vertices: bool) -> Self {
+        Self {
+            polygon: Vec::new(),
+            cutter: Cutter::default(),
+            before_vertices,
+            kept: Vec::new(),
+            kept_faces: Vec::new(),
+            by_color: HashMap::new(),
+            colors: Vec::new(),
+        }
+    }
+
     fn add(
         &mut self,
         row: &Row,
@@ -210,11 +232,21 @@ impl Faces {
             self.colors.push(color);
             self.colors.len() as u32 - 1
         });
-        if let [first, ref others @ ..] = self.polygon[..] {
-            for pair in others.windows(2) {
-                push(&mut mesh.triangles, [first, pair[0], pair[1]])?;
-                push(&mut mesh.material, material)?;
-            }
+        if self.before_vertices {
+            memory::grow(MESH, &mut self.kept, self.polygon.len())?;
+            self.kept.extend(&self.polygon);
+            return push(&mut self.kept_faces, (self.polygon.len(), material));
+        }
+        cut(&mut self.cutter, &self.polygon, material, mesh)
+    }
+
+    /// Cuts the faces that had to wait for vertices.
+    fn cut_kept(&mut self, mesh: &mut MeshInput) -> Result<()> {
+        let mut rest = &self.kept[..];
+        for &(count, material) in &self.kept_faces {
+            let (polygon, others) = rest.split_at(count);
+            cut(&mut self.cutter, polygon, material, mesh)?;
+            rest = others;
         }
         Ok(())
     }
@@ -235,6 +267,15 @@ impl Faces {
         });
         mesh.materials = named.collect();
     }
+}
+
+fn cut(cutter: &mut Cutter, polygon: &[u32], material: u32, mesh: &mut MeshInput) -> Result<()> {
+    let position = |v: u32| mesh.positions.get(v as usize).copied();
+    for triangle in cutter.cut(polygon, position)? {
+        push(&mut mesh.triangles, triangle)?;
+        push(&mut mesh.material, material)?;
+    }
+    Ok(())
 }
 
 /// What is left of the file after the header.
