@@ -201,7 +201,7 @@ fn check(case: &Case, given: &[Surfel]) {
         let largest = summary.cloud_sums.flux.into_iter().fold(0.0, f64::max);
         assert!((a - b).abs() <= largest / 512.0);
     }
-    let of_levels = |f: fn(&Level) -> u64| summary.levels.iter().map(f).sum::<u64>();
+    let of_levels = |f: fn(&TreeLevel) -> u64| summary.levels.iter().map(f).sum::<u64>();
     assert_eq!(of_levels(|l| l.surfels), given.len() as u64);
     let links = tree.surfel_pages().saturating_sub(1) as u64;
     assert_eq!(of_levels(|l| l.nodes) + links, summary.nodes);
@@ -319,7 +319,7 @@ fn same_bytes_for_any_memory_and_threads() {
 fn a_real_memory_limit_spills_and_changes_nothing() {
     let case = case(&room(600_000), &[]);
     let mut files = Vec::new();
-    for (limit, spills) in [(build::LEAST_MEMORY, true), (4 << 30, false)] {
+    for (limit, spills) in [(build::MIN_MEMORY, true), (4 << 30, false)] {
         let job = Job {
             memory_limit: Some(limit),
             ..Job::default()
@@ -424,7 +424,7 @@ fn wrong_input_is_refused() {
     assert!(error.to_string().contains("nowhere.lvc"));
     run(&case.cloud, &plain, None, Overwrite::Refuse).unwrap();
     let error = run(&case.cloud, &plain, None, Overwrite::Refuse).unwrap_err();
-    assert!(error.hint_text().unwrap().contains("--force"));
+    assert!(error.hint_text().unwrap().contains("allow overwriting"));
     let error = run(&case.tree, &plain, None, Overwrite::Replace).unwrap_err();
     assert!(error.to_string().contains("expected a cloud"), "{error}");
     let job = Job::default();

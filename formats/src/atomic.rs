@@ -34,9 +34,9 @@ impl AtomicFile {
     /// file system.
     ///
     /// # Errors
-    /// [`FormatError::Exists`] if a file is there that may not be replaced; [`FormatError::NotAFile`] for a folder, a device
-    /// or a pipe, which a rename would destroy; [`FormatError::Folder`] if the folder is not there
-    /// or not writable.
+    /// [`FormatError::Exists`] if a file is there that may not be replaced;
+    /// [`FormatError::NotAFile`] for a folder, a device or a pipe, which a rename would destroy;
+    /// [`FormatError::Folder`] if the folder is not there or not writable.
     pub fn create(path: &Path, overwrite: Overwrite) -> Result<Self> {
         open(path, overwrite).map_err(|e| e.at(path))
     }

@@ -19,7 +19,7 @@ pub enum FormatError {
         /// As many bytes as the file has of them.
         found: Vec<u8>,
     },
-    /// An lvox file, of the other kind.
+    /// An lvox file of another kind.
     #[error("expected a {expected}, found a {found}")]
     WrongKind {
         /// What the caller wanted.
@@ -96,7 +96,7 @@ pub enum FormatError {
 }
 
 impl FormatError {
-    /// The same error with the file's name; an error that names its file already stays as it is.
+    /// This error with the file's name; an error that names its file already stays as it is.
     #[must_use]
     pub fn at(self, path: &Path) -> Self {
         match self {
@@ -164,7 +164,7 @@ impl FormatError {
             Self::Checksum { .. } => Some(
                 "copy the file again (in binary mode), or make it again; if it recurs, check the disk",
             ),
-            Self::Exists => Some("choose another name, or replace it with --force"),
+            Self::Exists => Some("choose another name, or allow overwriting"),
             Self::NotAFile => {
                 Some("outputs are written beside their name and renamed; give the name of a file")
             }

@@ -1,9 +1,41 @@
-//! Bytes on disk and nothing else: the cloud (`.lvc`), tree (`.lvt`) and scattered light (`.lvs`)
-//! files of lvox. `SPEC.md` is the one statement of these formats.
+//! The files of lvox: clouds (`.lvc`), trees (`.lvt`) and scattered light (`.lvs`). `SPEC.md` is
+//! the one statement of these formats.
 //!
 //! [`CloudWriter`], [`TreeWriter`] and [`ScatterWriter`] write, [`Cloud`], [`Tree`] and [`Scatter`]
-//! read. Readers take any bytes; [`MappedFile`] gives those of a file. `open` is cheap (header and
-//! tables), `verify` reads everything.
+//! read. Readers take any bytes; [`MappedFile`] gives those of a file. Opening is cheap (header and
+//! tables), [`Opened::verify`] reads everything.
+//!
+//! ```
+//! use lvox_formats::{Cloud, CloudMeta, CloudWriter, Overwrite, Surfel};
+//!
+//! let folder = tempfile::tempdir()?;
+//! let path = folder.path().join("one.lvc");
+//! let surfel = Surfel {
+//!     position: [1.0, 2.0, 3.0],
+//!     normal: [0.0, 1.0, 0.0],
+//!     radius: 0.5,
+//!     area: 0.25,
+//!     front: [0.1, 0.2, 0.4],
+//!     ..Surfel::default()
+//! };
+//! let mut writer = CloudWriter::create(&path, CloudMeta::default(), Overwrite::Refuse)?;
+//! writer.push_surfels(&[surfel])?;
+//! writer.finish()?;
+//!
+//! let cloud = Cloud::open_path(&path)?;
+//! cloud.verify()?;
+//! assert_eq!(cloud.surfel_chunk(0)?, [surfel]);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! Which file does what:
+//!
+//! - `record`, `meta`, `summary`: what files hold, decoded. `check`: what every record must be.
+//! - `frame`: header and block table. `format`: what tells the kinds of file apart. `opened`,
+//!   `output`: the one reader and the one writer of the frame.
+//! - `cloud`, `tree`, `scatter`: the blocks of each kind.
+//! - `quantise`: values to codes and back. `morton`, `bytes`, `codec`: tools.
+//! - `atomic`, `map`, `error`: files that appear complete, mapped files, and errors.
 
 #![deny(missing_docs, unsafe_code)]
 
@@ -20,7 +52,7 @@ mod meta;
 pub mod morton;
 mod opened;
 mod output;
-pub mod quantise;
+mod quantise;
 pub mod record;
 mod scatter;
 mod summary;
@@ -43,7 +75,7 @@ pub use scatter::{
     VertexCluster,
 };
 pub use summary::{
-    CloudSummary, ColumnBytes, LeftOut, Level, ScatterSummary, Sums, TreeSummary, VolumeSums,
+    CloudSummary, ColumnBytes, LeftOut, ScatterSummary, Sums, TreeLevel, TreeSummary, VolumeSums,
     WorstError,
 };
 pub use tree::{

@@ -41,7 +41,7 @@ pub struct CloudMeta {
     bincode::Decode,
 )]
 pub struct TreeMeta {
-    /// That of the cloud.
+    /// Metadata of the cloud that the tree was built from.
     pub cloud: CloudMeta,
     /// Identity of the cloud's content, [`crate::Cloud::content_hash`].
     pub cloud_hash: [u8; 16],

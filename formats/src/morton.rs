@@ -18,7 +18,7 @@ fn spread(bits: u64) -> u64 {
 
 /// Coordinate z of a Morton code; y and x are those of the code shifted right by 1 and 2.
 #[must_use]
-pub const fn gather(code: u64) -> u64 {
+pub(crate) const fn gather(code: u64) -> u64 {
     let mut x = code & 0x1249_2492_4924_9249;
     x = (x | x >> 2) & 0x10c3_0c30_c30c_30c3;
     x = (x | x >> 4) & 0x100f_00f0_0f00_f00f;

@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 /// A file whose header, metadata, summary and block table were read and checked. Its blocks are
 /// decoded on request, by any number of threads.
 ///
-/// [`crate::Cloud`], [`crate::Tree`] and [`crate::Scatter`] are the three kinds. `D` holds the bytes
-/// of the file: a [`MappedFile`], a vector or a slice.
+/// [`crate::Cloud`], [`crate::Tree`] and [`crate::Scatter`] are the three kinds. `D` holds the
+/// bytes of the file: a [`MappedFile`], a vector or a slice.
 #[derive(Debug)]
 pub struct Opened<D, F: Format> {
     data: D,

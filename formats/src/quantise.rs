@@ -368,6 +368,14 @@ mod tests {
         }
     }
 
+    #[test]
+    fn decoded_normals_are_part_of_the_format() {
+        assert_eq!(decode_normal([32767, 32767]), [0.0, 0.0, 1.0]);
+        assert_eq!(decode_normal([65534, 32767]), [1.0, 0.0, 0.0]);
+        assert_eq!(decode_normal([32767, 0]), [0.0, -1.0, 0.0]);
+        assert_eq!(decode_normal([65534, 65534]), [0.0, 0.0, -1.0]);
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(2000) })]
 

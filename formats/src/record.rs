@@ -213,7 +213,7 @@ impl Bounds {
     }
 }
 
-/// What lets a node stand for all surfels below it.
+/// Sums and means over all surfels below a node, by which the node can stand for them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SurfelAggregate {
     /// Sum of surfel areas.
@@ -230,8 +230,8 @@ pub struct SurfelAggregate {
     pub axis_area: [f32; 6],
     /// Mean radiance of fronts towards the same six directions, weighted by that projected area.
     pub axis_radiance: [[f32; 3]; 6],
-    /// The same of backs, weighted by theirs. Fronts and backs are apart, as what is seen of one
-    /// side of a shell has nothing of the light of the other.
+    /// Mean radiance of backs towards the same six directions, weighted by their projected area.
+    /// Fronts and backs are apart, as one side of a shell has nothing of the light of the other.
     pub back_radiance: [[f32; 3]; 6],
 }
 
@@ -242,7 +242,7 @@ pub struct Node {
     pub bounds: Bounds,
     /// Where its children are: nodes, surfels, or another page.
     pub below: Below,
-    /// What stands for it.
+    /// Sums and means over all surfels below.
     pub aggregate: SurfelAggregate,
 }
 
@@ -268,7 +268,7 @@ pub enum Below {
 }
 
 impl Below {
-    /// How many surfels, if there are any right below.
+    /// Number of surfels right below; `None` if nodes or a page are below.
     #[must_use]
     pub fn surfels(&self) -> Option<u8> {
         match *self {

@@ -3,7 +3,7 @@
 use crate::record::Bounds;
 use crate::scatter::ClusterId;
 
-/// Sums that each stage must conserve.
+/// Counts and sums over points, which each stage must conserve.
 #[derive(
     Clone,
     Debug,
@@ -133,7 +133,7 @@ pub struct LeftOut {
     pub raw_bytes: u64,
 }
 
-/// What a cloud holds.
+/// Summary of a cloud.
 #[derive(
     Clone,
     Debug,
@@ -155,7 +155,7 @@ pub struct CloudSummary {
     pub left_out: Vec<LeftOut>,
 }
 
-/// The nodes so many steps below the root.
+/// Counts of the nodes that are equally many steps below the root.
 #[derive(
     Clone,
     Copy,
@@ -168,10 +168,10 @@ pub struct CloudSummary {
     bincode::Encode,
     bincode::Decode,
 )]
-pub struct Level {
-    /// How many there are; one that links to a page and that page's root count once.
+pub struct TreeLevel {
+    /// Nodes; one that links to a page and that page's root count once.
     pub nodes: u64,
-    /// Those of them that hold surfels.
+    /// Nodes that hold surfels.
     pub leaves: u64,
     /// Surfels in these leaves.
     pub surfels: u64,
@@ -199,7 +199,7 @@ pub struct WorstError {
     pub bound: f64,
 }
 
-/// What a tree holds.
+/// Summary of a tree.
 #[derive(
     Clone,
     Debug,
@@ -213,7 +213,7 @@ pub struct WorstError {
 pub struct TreeSummary {
     /// Counts and sums of the values as a reader decodes them.
     pub sums: Sums,
-    /// The same of the cloud.
+    /// Counts and sums of the cloud that the tree was built from.
     pub cloud_sums: Sums,
     /// Where traversal starts; `None` without surfels.
     pub root_page: Option<u32>,
@@ -227,7 +227,7 @@ pub struct TreeSummary {
     /// Pages of lvoxels.
     pub lvoxel_pages: u64,
     /// By steps below the root.
-    pub levels: Vec<Level>,
+    pub levels: Vec<TreeLevel>,
     /// Columns that are there.
     pub columns: Vec<ColumnBytes>,
     /// Columns that are not, or not everywhere.
@@ -236,7 +236,7 @@ pub struct TreeSummary {
     pub errors: Vec<WorstError>,
 }
 
-/// What scattered light holds.
+/// Summary of scattered light.
 #[derive(
     Clone,
     Debug,

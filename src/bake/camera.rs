@@ -1,10 +1,11 @@
-//! The paper's sampling: surfels where the rays of a camera meet surfaces, in a frustum a little
+//! Surfels where the rays of a camera meet surfaces, in a frustum a little
 //! wider than the image.
 //!
-//! What the camera does not see does not bleed; kept for comparison with the paper.
+//! What the camera does not see does not bleed. Area sampling serves better; this is for
+//! comparison.
 
 use super::surfels::SurfelMaker;
-use super::{BATCH, Settings, check_surfels};
+use super::{BATCH_SURFELS, Settings, check_surfels};
 use crate::Result;
 use crate::light::Shadows;
 use crate::math::Ray;
@@ -17,7 +18,7 @@ use lvox_formats::record::Surfel;
 use rayon::prelude::*;
 
 /// A ray that grazes a surface this flatly stands for no more area than one at this cosine.
-const LEAST_COS: f32 = 0.05;
+const MIN_COS: f32 = 0.05;
 
 /// Bakes one surfel for each ray that hits.
 pub fn bake<S: Shadows>(
@@ -47,7 +48,7 @@ pub fn bake<S: Shadows>(
     let mut from = 0;
     while from < count {
         job.cancel.check()?;
-        let to = (from + BATCH).min(count);
+        let to = (from + BATCH_SURFELS).min(count);
         let batch: Vec<Option<Surfel>> = (from..to)
             .into_par_iter()
             .map(|i| {
@@ -68,7 +69,7 @@ pub fn bake<S: Shadows>(
                 // Its square may leave the range of f32.
                 let normal = (across * to_unit(across.abs().max_element())).normalize_or_zero();
                 // The pixel's square on the image plane, cast onto the surface.
-                let cos = normal.dot(direction).abs().max(LEAST_COS);
+                let cos = normal.dot(direction).abs().max(MIN_COS);
                 let depth_cos = axis.dot(direction);
                 let area = hit.t * hit.t * pixel * pixel * depth_cos.powi(3) / cos;
                 let surfel = maker.make(hit.triangle, hit.uv, area, settings.overlap, i);

@@ -72,13 +72,13 @@ impl<'a> Creases<'a> {
     /// The nearest creases that cut a disk around a point of a triangle.
     #[must_use]
     pub fn clips(&self, triangle: u32, point: Vec3, normal: Vec3, radius: f32) -> Clips {
-        const MOST_TRIANGLES: usize = 32;
+        const MAX_TRIANGLES: usize = 32;
         let (tangent, bitangent) = tangents(normal);
-        let mut seen = [triangle; MOST_TRIANGLES];
-        let (mut seen_count, mut next) = (1, 0);
+        let mut visited = [triangle; MAX_TRIANGLES];
+        let (mut visited_count, mut next) = (1, 0);
         let mut clips = Clips::default();
-        while next < seen_count {
-            let t = seen[next] as usize;
+        while next < visited_count {
+            let t = visited[next] as usize;
             next += 1;
             let corners = self.mesh.corners(t).map(|c| {
                 let d = c - point;
@@ -91,9 +91,9 @@ impl<'a> Creases<'a> {
                 }
                 let other = self.across[t][e];
                 if other != CREASE {
-                    if seen_count < MOST_TRIANGLES && !seen[..seen_count].contains(&other) {
-                        seen[seen_count] = other;
-                        seen_count += 1;
+                    if visited_count < MAX_TRIANGLES && !visited[..visited_count].contains(&other) {
+                        visited[visited_count] = other;
+                        visited_count += 1;
                     }
                 } else {
                     add_clip(&mut clips, line(a, b, corners[(e + 2) % 3]), radius);

@@ -11,16 +11,17 @@ use glam::{DVec3, Vec3};
 use lvox_formats::record::{Lvoxel, MAX_LEVEL};
 
 /// Edge of the brick in which all blocks have one size, voxels.
-pub const BRICK: usize = 1 << MAX_LEVEL;
+pub const BRICK_EDGE: usize = 1 << MAX_LEVEL;
 
-/// Blocks deeper than this are not lit at one point, unless larger ones are asked for.
-const DEEP: f32 = 0.7;
+/// Optical depth of an edge above which a block is not lit at one point, unless the block depth
+/// allows more.
+const MAX_DEPTH_LIT_AT_ONE_POINT: f32 = 0.7;
 /// Rays into each face of a block that is too deep to be lit at one point.
 const FACE_RAYS: u32 = 8;
 /// Steps in which the depth of such a block is summed.
 const DEPTH_STEPS: usize = 8;
 /// Share of a ray's light from a block below which it is left out.
-const LEAST_WEIGHT: f32 = 1e-2;
+const MIN_RAY_WEIGHT: f32 = 1e-2;
 
 /// How large blocks are.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,32 +40,35 @@ pub enum BlockSize {
 }
 
 /// Blocks on each axis that files can number: their coordinates have 16 bits.
-const MOST_BLOCKS: usize = 1 << 16;
+const MAX_BLOCKS_ALONG: usize = 1 << 16;
 
 impl BlockSize {
-    /// Refuses a volume of more blocks along an axis than files can number.
+    /// Refuses a volume that has more blocks along an axis than files can number.
     ///
     /// # Errors
     /// [`crate::Kind::Input`], with the volume, its size, the limit and blocks that would do.
     pub fn check(self, volume: &Volume) -> Result<()> {
         let dims = volume.sigma_t.dims();
-        let fits = |level: u8| dims.iter().all(|n| n.div_ceil(1 << level) <= MOST_BLOCKS);
+        let fits = |level: u8| {
+            dims.iter()
+                .all(|n| n.div_ceil(1 << level) <= MAX_BLOCKS_ALONG)
+        };
         let (least, blocks) = match self {
             // Depth may ask for single voxels anywhere.
-            Self::OpticalDepth(_) => (0, "--block-depth may make blocks of 1 voxel".into()),
-            Self::Fixed { level, .. } => (level, format!("--block-voxels is {}", 1 << level)),
+            Self::OpticalDepth(_) => (0, "block depth may make blocks of 1 voxel".into()),
+            Self::Fixed { level, .. } => (level, format!("block voxels is {}", 1 << level)),
         };
         if fits(least) {
             return Ok(());
         }
         let error = Error::input(format!(
-            "the volume `{}` of {} x {} x {} voxels has more than {MOST_BLOCKS} blocks along an axis, the most that a cloud \
+            "the volume `{}` of {} x {} x {} voxels has more than {MAX_BLOCKS_ALONG} blocks along an axis, the most that a cloud \
              can number ({blocks})",
             volume.name, dims[0], dims[1], dims[2]
         ));
         Err(match (least..=MAX_LEVEL).find(|&level| fits(level)) {
             Some(level) => error.hint(format!(
-                "use --block-voxels {}, resample the volume, or cut it in two",
+                "set block voxels to {}, resample the volume, or cut it in two",
                 1 << level
             )),
             None => error.hint("resample the volume, or cut it into parts"),
@@ -93,10 +97,10 @@ impl LvoxelMaker<'_> {
     /// Bricks along x, y, z that cover the volume.
     #[must_use]
     pub fn bricks(&self) -> [usize; 3] {
-        self.volume.sigma_t.dims().map(|n| n.div_ceil(BRICK))
+        self.volume.sigma_t.dims().map(|n| n.div_ceil(BRICK_EDGE))
     }
 
-    /// All non-empty blocks of the brick at brick coordinates `b`.
+    /// Makes the lvoxels of the non-empty blocks of the brick at brick coordinates `b`.
     ///
     /// # Errors
     /// If cancelled.
@@ -110,7 +114,7 @@ impl LvoxelMaker<'_> {
             BlockSize::Fixed { level, .. } => level,
             BlockSize::OpticalDepth(limit) => {
                 let voxel = self.volume.longest_voxel_edge();
-                let max = if max * voxel * BRICK as f32 <= limit {
+                let max = if max * voxel * BRICK_EDGE as f32 <= limit {
                     max
                 } else {
                     near_max(grid, b)
@@ -123,7 +127,7 @@ impl LvoxelMaker<'_> {
             }
         };
         let edge = 1_usize << level;
-        let per_axis = BRICK / edge;
+        let per_axis = BRICK_EDGE / edge;
         let dims = grid.dims();
         let mut out = Vec::new();
         for i in 0..per_axis * per_axis * per_axis {
@@ -144,12 +148,12 @@ impl LvoxelMaker<'_> {
                     block[2] as u64,
                 ];
                 let seed = sampling::hash(&key);
-                let seen = match self.size {
+                let from_outside = match self.size {
                     BlockSize::OpticalDepth(limit)
                         if mean * self.volume.longest_voxel_edge() * edge as f32
-                            > limit.max(DEEP) =>
+                            > limit.max(MAX_DEPTH_LIT_AT_ONE_POINT) =>
                     {
-                        self.seen_from_outside(block, edge, seed)
+                        self.light_from_outside(block, edge, seed)
                     }
                     _ => None,
                 };
@@ -157,7 +161,7 @@ impl LvoxelMaker<'_> {
                     BlockSize::OpticalDepth(_) => self.light_over(block, edge, seed),
                     BlockSize::Fixed { .. } => None,
                 };
-                let light = seen.or_else(over);
+                let light = from_outside.or_else(over);
                 let light = light.unwrap_or_else(|| self.light_at(centroid, 0, [1, 4], seed));
                 out.push(Lvoxel {
                     volume: self.index,
@@ -192,10 +196,10 @@ impl LvoxelMaker<'_> {
     /// enough, and without extinction at any.
     fn light_over(&self, block: [usize; 3], edge: usize, seed: u64) -> Option<Rgb> {
         /// Points in a volume whose voxels are so few that each is as wide as shafts of light are.
-        const IN_ALL: usize = 1 << 16;
-        const MOST_IN_VOXEL: usize = 64;
+        const POINTS_IN_ALL: usize = 1 << 16;
+        const MAX_POINTS_IN_VOXEL: usize = 64;
         /// In a block of several voxels, of which each two differ along two axes.
-        const FOUR: [[f64; 3]; 4] = [
+        const POINTS_IN_BLOCK: [[f64; 3]; 4] = [
             [0.25, 0.25, 0.25],
             [0.25, 0.75, 0.75],
             [0.75, 0.25, 0.75],
@@ -203,16 +207,18 @@ impl LvoxelMaker<'_> {
         ];
         let voxels = self.volume.sigma_t.dims().iter().product::<usize>();
         let count = match edge {
-            1 if self.lights.has_sharp_shadows() => (IN_ALL / voxels).min(MOST_IN_VOXEL),
+            1 if self.lights.has_sharp_shadows() => {
+                (POINTS_IN_ALL / voxels).min(MAX_POINTS_IN_VOXEL)
+            }
             1 => 1,
-            _ => FOUR.len(),
+            _ => POINTS_IN_BLOCK.len(),
         };
         if count <= 1 {
             return None;
         }
         let place = |i: u32| {
             if edge > 1 {
-                return FOUR[i as usize];
+                return POINTS_IN_BLOCK[i as usize];
             }
             let [x, y, z, _] = sobol_burley::sample_4d(i, 1, seed as u32);
             [x, y, z].map(f64::from)
@@ -233,7 +239,7 @@ impl LvoxelMaker<'_> {
     /// Whether surfaces are in a block of a brick, if blocks have this level: on their other side
     /// there may be other light.
     fn is_cut(&self, b: [usize; 3], level: u8) -> bool {
-        let (edge, per_axis) = (f64::from(1 << level), BRICK >> level);
+        let (edge, per_axis) = (f64::from(1 << level), BRICK_EDGE >> level);
         let to_scene = |p: DVec3| self.volume.scene_from_index.transform_point3(p).as_vec3();
         let tracer = self.lights.tracer();
         let blocks = (0..per_axis.pow(3)).map(|i| unflatten(i, [per_axis; 3]));
@@ -252,7 +258,7 @@ impl LvoxelMaker<'_> {
     /// Mean in-scattered light of a block that is too deep to be lit at one point, as rays see it
     /// that enter through a face from outside at any angle; a face counts by what the medium before
     /// it lets through. `None` if that is next to nothing.
-    fn seen_from_outside(&self, block: [usize; 3], edge: usize, seed: u64) -> Option<Rgb> {
+    fn light_from_outside(&self, block: [usize; 3], edge: usize, seed: u64) -> Option<Rgb> {
         let axes = self.volume.scene_from_index.matrix3;
         // Of a voxel: the areas of its faces, and its thickness between each two.
         let areas: [f64; 3] = std::array::from_fn(|a| {
@@ -289,7 +295,7 @@ impl LvoxelMaker<'_> {
                 std::array::from_fn(|k| sigma_t(at(middle(k))) * length * step);
             let taken = one_minus_exp_neg(depths.iter().sum());
             let seen = exp_neg(before) * taken;
-            if seen < LEAST_WEIGHT {
+            if seen < MIN_RAY_WEIGHT {
                 continue;
             }
             let weight = seen * (areas[a] / areas.iter().sum::<f64>()) as f32;
@@ -385,13 +391,15 @@ fn brick_max(grid: &Grid, b: [usize; 3]) -> f32 {
 
 /// The largest sample that the field inside a brick of voxels depends on.
 fn near_max(grid: &Grid, b: [usize; 3]) -> f32 {
-    const N: usize = BRICK + 2;
+    const N: usize = BRICK_EDGE + 2;
     let dims = grid.dims();
     (0..N * N * N)
         .map(|i| {
             let local = unflatten(i, [N; 3]);
             let voxel: [usize; 3] = std::array::from_fn(|a| {
-                (b[a] * BRICK + local[a]).saturating_sub(1).min(dims[a] - 1)
+                (b[a] * BRICK_EDGE + local[a])
+                    .saturating_sub(1)
+                    .min(dims[a] - 1)
             });
             grid.sample(Vec3::from(voxel.map(|v| v as f32 + 0.5)))
         })

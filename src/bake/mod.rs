@@ -1,12 +1,19 @@
 //! scene → cloud: samples surfaces into surfels and media into lvoxels, each with its direct light.
 //!
+//! In: a scene and [`Settings`]. Out: a cloud file.
+//!
+//! - `surfels`: where surfels are on all surfaces, and the light that leaves them; `camera`: where
+//!   the rays of a camera meet surfaces, instead.
+//! - `creases`: where the disks of surfels end.
+//! - `lvoxels`: blocks of media, their extinction and their light.
+//!
 //! Points are made in batches, in a fixed order, each from its own number alone, and go straight to
 //! the file: memory does not grow with the cloud, and the bytes do not depend on threads.
 
 mod camera;
-pub(crate) mod creases;
-pub(crate) mod lvoxels;
-pub(crate) mod surfels;
+mod creases;
+mod lvoxels;
+mod surfels;
 
 use crate::light::{Lights, Shadows, SoftShadowMedia};
 use crate::math::unflatten;
@@ -18,12 +25,11 @@ use creases::Creases;
 use glam::DAffine3;
 use lvox_formats::record::{Lvoxel, MAX_VOLUMES, Surfel, VolumeInfo};
 use lvox_formats::{CloudMeta, CloudSummary, CloudWriter, Overwrite};
+pub use lvoxels::BlockSize;
 use lvoxels::LvoxelMaker;
 use rayon::prelude::*;
 use std::path::Path;
 use surfels::{AreaSampler, SurfelMaker};
-
-pub use lvoxels::BlockSize;
 
 /// How to bake.
 #[derive(Clone, Debug, PartialEq)]
@@ -46,12 +52,13 @@ pub struct Settings {
 /// Where surfels come from.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SurfelSampling {
-    /// About so many over the area of all surfaces.
+    /// About `count` surfels, spread over the area of all surfaces.
     Area {
-        /// How many. A piece so large that it would take nearly all leaves a tenth for the others.
+        /// Number of surfels. A piece so large that it would take nearly all leaves a tenth for the
+        /// others.
         count: u64,
     },
-    /// The paper's: where the rays of a camera meet surfaces.
+    /// One where each ray of a camera meets a surface: what the camera does not see does not bleed.
     Camera {
         /// Name of the camera; the scene's first if `None`.
         name: Option<String>,
@@ -75,8 +82,10 @@ impl Default for Settings {
     }
 }
 
-/// Points made between two writes.
-const BATCH: u64 = 65_536;
+/// Bricks whose lvoxels are made between two writes.
+const BATCH_BRICKS: usize = 1024;
+/// Surfels that are made between two writes.
+const BATCH_SURFELS: u64 = 65_536;
 
 /// Bakes a scene into a cloud file.
 ///
@@ -177,7 +186,7 @@ fn bake_area<S: Shadows>(
     let mut from = 0;
     while from < sampler.count() {
         job.cancel.check()?;
-        let to = (from + BATCH).min(sampler.count());
+        let to = (from + BATCH_SURFELS).min(sampler.count());
         let batch: Vec<Surfel> = (from..to)
             .into_par_iter()
             .map(|i| {
@@ -205,7 +214,7 @@ fn check_surfels(surfels: &[Surfel]) -> Result<()> {
                 place(),
                 s.area
             ))
-            .hint("enlarge the meshes by `scale`, or bake fewer --surfels"));
+            .hint("enlarge the meshes by `scale`, or bake fewer surfels"));
         }
         if !s.front.iter().chain(&s.back).all(|v| v.is_finite()) {
             return Err(too_bright(&place()));
@@ -236,9 +245,9 @@ fn bake_volume(maker: &LvoxelMaker, writer: &mut CloudWriter, job: &Job) -> Resu
     let bricks = maker.bricks();
     let count = bricks[0] * bricks[1] * bricks[2];
     let task = job.progress.task("lvoxels", count as u64, "bricks");
-    for from in (0..count).step_by(1024) {
+    for from in (0..count).step_by(BATCH_BRICKS) {
         job.cancel.check()?;
-        let to = (from + 1024).min(count);
+        let to = (from + BATCH_BRICKS).min(count);
         let batch: Vec<Vec<Lvoxel>> = (from..to)
             .into_par_iter()
             .map(|b| maker.make(unflatten(b, bricks), &job.cancel))
@@ -334,26 +343,21 @@ impl Settings {
             }
         };
         match self.surfels {
-            SurfelSampling::Area { count } => within("--surfels", count as f64, 1.0, 1e12)?,
+            SurfelSampling::Area { count } => within("surfels", count as f64, 1.0, 1e12)?,
             SurfelSampling::Camera { rate, overscan, .. } => {
                 // As it was typed: the nearest f32 to 0.01 is below it.
                 let typed = (f64::from(rate) * 1e6).round() / 1e6;
-                within("--camera-rate", typed, 0.01, 64.0)?;
-                within("--overscan", f64::from(overscan), 1.0, 4.0)?;
+                within("camera rate", typed, 0.01, 64.0)?;
+                within("overscan", f64::from(overscan), 1.0, 4.0)?;
             }
         }
-        within("--overlap", f64::from(self.overlap), 0.1, 10.0)?;
-        within("--crease-deg", f64::from(self.crease_deg), 0.0, 180.0)?;
-        within(
-            "--bake-shadow-rays",
-            f64::from(self.shadow_rays),
-            1.0,
-            4096.0,
-        )?;
+        within("overlap", f64::from(self.overlap), 0.1, 10.0)?;
+        within("crease angle", f64::from(self.crease_deg), 0.0, 180.0)?;
+        within("bake shadow rays", f64::from(self.shadow_rays), 1.0, 4096.0)?;
         match self.blocks {
-            BlockSize::OpticalDepth(tau) => within("--block-depth", f64::from(tau), 1e-3, 1e6),
+            BlockSize::OpticalDepth(tau) => within("block depth", f64::from(tau), 1e-3, 1e6),
             BlockSize::Fixed { samples, .. } => {
-                within("--block-samples", f64::from(samples), 1.0, 4096.0)
+                within("block samples", f64::from(samples), 1.0, 4096.0)
             }
         }
     }

@@ -81,12 +81,12 @@ impl<'a> AreaSampler<'a> {
     }
 }
 
-/// What surfels are made with.
+/// Makes surfels: what they are lit by, and where their disks end.
 #[derive(Debug)]
 pub struct SurfelMaker<'a, S> {
     /// The scene, for shadow rays and for where samples lie.
     pub tracer: &'a Tracer<'a>,
-    /// What lights surfels.
+    /// The lights of the scene.
     pub lights: &'a Lights<'a, S>,
     /// Where disks end.
     pub creases: &'a Creases<'a>,

@@ -1,11 +1,11 @@
-//! What stands for many surfels, summed in f64.
+//! The sums over surfels that nodes are made of, in f64.
 
 use crate::formats::{Bounds, Surfel, SurfelAggregate};
 
 /// Sums over surfels. Adding is not associative in floating point, so the order is part of a
 /// build's result: surfels of a leaf in Morton order, then children in order.
 #[derive(Clone, Copy, Debug)]
-pub struct Sums {
+pub struct AggregateSums {
     count: f64,
     area: f64,
     /// Of positions, and of area times position.
@@ -23,7 +23,7 @@ pub struct Sums {
     pub bounds: Bounds,
 }
 
-impl Sums {
+impl AggregateSums {
     /// No surfels.
     pub const NOTHING: Self = Self {
         count: 0.0,
@@ -76,7 +76,7 @@ impl Sums {
         self.bounds = self.bounds.union(Bounds::of_surfel(s));
     }
 
-    /// Adds what others come to.
+    /// Adds the sums over other surfels.
     pub fn add(&mut self, other: &Self) {
         let add = |a: &mut [f64], b: &[f64]| {
             for (a, b) in a.iter_mut().zip(b) {
@@ -101,7 +101,7 @@ impl Sums {
         self.bounds = self.bounds.union(other.bounds);
     }
 
-    /// What stands for all of them; there must be at least one.
+    /// The aggregate of a node over all of them; there must be at least one.
     #[must_use]
     pub fn aggregate(&self) -> SurfelAggregate {
         let centre = if self.area > 0.0 {

@@ -7,10 +7,10 @@
 //! goes through the same again, further down.
 
 use super::morton::{self, Cube};
-use super::spill::{Dealer, Extent, Record, Spill};
+use super::spill::{Dealer, Record, Spill, SpillRange};
 use super::subtree::{self, PageSettings, Pages, Pending, Sorted};
 use super::{Limits, MappedCloud};
-use crate::formats::{Bounds, Level, Surfel, TreeWriter};
+use crate::formats::{Bounds, Surfel, TreeLevel, TreeWriter};
 use crate::run::{Job, Task};
 use crate::{Error, Result};
 use rayon::prelude::*;
@@ -19,13 +19,13 @@ use std::collections::VecDeque;
 /// Levels that a counting pass looks down: 8^6 counts of 8 bytes.
 const COUNTED_LEVELS: u32 = 6;
 /// Buckets that surfels are dealt to at a time.
-const FAN: usize = 256;
+const MAX_BUCKETS_DEALT: usize = 256;
 
 /// Where surfels are, in the order of the cloud.
 #[derive(Clone)]
-enum Source {
+enum SurfelSource {
     Cloud,
-    Spilled(Vec<Extent>),
+    Spilled(Vec<SpillRange>),
 }
 
 /// A cell that is built in one go, or, if it is too large for that, gone through again.
@@ -69,7 +69,7 @@ pub struct Feed<'a> {
 /// The frontier's cells in Morton order, each as it is built.
 struct Ready {
     /// What is still to be dealt out or built, the next last.
-    waiting: Vec<(Source, Vec<Bucket>)>,
+    waiting: Vec<(SurfelSource, Vec<Bucket>)>,
     built: VecDeque<(Pending, Pages)>,
     /// The last counted level, and how far that is below the first.
     level: u32,
@@ -104,10 +104,10 @@ impl<'a> Feed<'a> {
     }
 
     /// Writes all pages; returns the root's id and the counts by steps below it.
-    pub fn sweep(&mut self, writer: &mut TreeWriter) -> Result<(u32, Vec<Level>)> {
+    pub fn sweep(&mut self, writer: &mut TreeWriter) -> Result<(u32, Vec<TreeLevel>)> {
         let count = self.cloud.summary().sums.surfels;
         let mut pages = Pages::new(0, self.settings);
-        let root = self.cell(&Source::Cloud, 0, count, &mut pages, writer)?;
+        let root = self.cell(&SurfelSource::Cloud, 0, count, &mut pages, writer)?;
         let root = pages.cut(root)?;
         write_done(&mut pages, writer)?;
         Ok((writer.surfel_pages() - 1, root.levels()))
@@ -116,7 +116,7 @@ impl<'a> Feed<'a> {
     /// Builds a cell of any size.
     fn cell(
         &mut self,
-        source: &Source,
+        source: &SurfelSource,
         level: u32,
         count: u64,
         pages: &mut Pages,
@@ -193,14 +193,14 @@ impl<'a> Feed<'a> {
             };
             if buckets.len() > 1 {
                 // Many buckets are dealt out in two goes, so that their buffers stay large.
-                let per_group = buckets.len().div_ceil(FAN);
+                let per_group = buckets.len().div_ceil(MAX_BUCKETS_DEALT);
                 let mut groups: Vec<Vec<Bucket>> = Vec::new();
                 while !buckets.is_empty() {
                     let rest = buckets.split_off(per_group.min(buckets.len()));
                     groups.push(std::mem::replace(&mut buckets, rest));
                 }
-                let extents = self.deal(&source, &groups, ready.level, ready.depth)?;
-                let dealt = extents.into_iter().map(Source::Spilled).zip(groups);
+                let ranges = self.deal(&source, &groups, ready.level, ready.depth)?;
+                let dealt = ranges.into_iter().map(SurfelSource::Spilled).zip(groups);
                 ready.waiting.extend(dealt.rev());
                 continue;
             }
@@ -269,7 +269,7 @@ impl<'a> Feed<'a> {
     }
 
     /// Counts surfels by cell, `depth` levels below `level`.
-    fn count(&mut self, source: &Source, level: u32, depth: u32) -> Result<Vec<u64>> {
+    fn count(&mut self, source: &SurfelSource, level: u32, depth: u32) -> Result<Vec<u64>> {
         let mut counts = vec![0u64; 1 << (3 * depth)];
         let cube = self.cube;
         let mut note = |positions: &[[f32; 3]]| {
@@ -278,7 +278,7 @@ impl<'a> Feed<'a> {
             }
         };
         match source {
-            Source::Cloud => {
+            SurfelSource::Cloud => {
                 let chunks = self.cloud.surfel_chunks();
                 let total = self.cloud.summary().sums.surfels;
                 let task = self.job.progress.task("count", total, "surfels");
@@ -296,10 +296,10 @@ impl<'a> Feed<'a> {
                     }
                 }
             }
-            Source::Spilled(extents) => {
-                for extent in extents {
+            SurfelSource::Spilled(ranges) => {
+                for range in ranges {
                     self.job.cancel.check()?;
-                    let surfels = self.read_extent(*extent)?;
+                    let surfels = self.read_range(*range)?;
                     let positions: Vec<_> = surfels.iter().map(|s| s.position).collect();
                     note(&positions);
                 }
@@ -311,11 +311,11 @@ impl<'a> Feed<'a> {
     /// Deals surfels out to groups of buckets.
     fn deal(
         &mut self,
-        source: &Source,
+        source: &SurfelSource,
         groups: &[Vec<Bucket>],
         level: u32,
         depth: u32,
-    ) -> Result<Vec<Vec<Extent>>> {
+    ) -> Result<Vec<Vec<SpillRange>>> {
         let ends: Vec<u32> = groups
             .iter()
             .filter_map(|g| Some(g.last()?.last()?.end))
@@ -338,7 +338,7 @@ impl<'a> Feed<'a> {
             Ok(())
         };
         match source {
-            Source::Cloud => {
+            SurfelSource::Cloud => {
                 let chunks = self.cloud.surfel_chunks();
                 let total = self.cloud.summary().sums.surfels;
                 let task = self.job.progress.task("sort", total, "surfels");
@@ -352,18 +352,18 @@ impl<'a> Feed<'a> {
                     }
                 }
             }
-            Source::Spilled(extents) => {
+            SurfelSource::Spilled(ranges) => {
                 let mut bytes = Vec::new();
-                for extent in extents {
+                for range in ranges {
                     self.job.cancel.check()?;
-                    spill.read(*extent, &mut bytes)?;
+                    spill.read(*range, &mut bytes)?;
                     deal(&mut spill, &records(&bytes))?;
                 }
             }
         }
-        let extents = dealer.finish(&mut spill)?;
+        let ranges = dealer.finish(&mut spill)?;
         self.spill = Some(spill);
-        Ok(extents)
+        Ok(ranges)
     }
 
     fn chunks(&self, range: std::ops::Range<usize>) -> Vec<Result<Vec<Surfel>>> {
@@ -374,10 +374,10 @@ impl<'a> Feed<'a> {
     }
 
     /// Takes all surfels of a source that fits in memory into work.
-    fn load(&mut self, source: &Source, count: u64) -> Result<()> {
+    fn load(&mut self, source: &SurfelSource, count: u64) -> Result<()> {
         self.start(count);
         match source {
-            Source::Cloud => {
+            SurfelSource::Cloud => {
                 let chunks = self.cloud.surfel_chunks();
                 for start in (0..chunks).step_by(self.limits.chunks) {
                     self.job.cancel.check()?;
@@ -387,10 +387,10 @@ impl<'a> Feed<'a> {
                     }
                 }
             }
-            Source::Spilled(extents) => {
-                for extent in extents {
+            SurfelSource::Spilled(ranges) => {
+                for range in ranges {
                     self.job.cancel.check()?;
-                    let more = self.read_extent(*extent)?;
+                    let more = self.read_range(*range)?;
                     self.surfels.extend(more);
                 }
             }
@@ -408,10 +408,10 @@ impl<'a> Feed<'a> {
         self.order.reserve_exact(room);
     }
 
-    fn read_extent(&mut self, extent: Extent) -> Result<Vec<Surfel>> {
+    fn read_range(&mut self, range: SpillRange) -> Result<Vec<Surfel>> {
         let mut bytes = Vec::new();
         match &mut self.spill {
-            Some(spill) => spill.read(extent, &mut bytes)?,
+            Some(spill) => spill.read(range, &mut bytes)?,
             None => return Err(Error::failed("the temporary file is gone")),
         }
         Ok(records(&bytes))
@@ -423,9 +423,9 @@ impl<'a> Feed<'a> {
         while (reader.surfels.len() as u64) < count {
             self.job.cancel.check()?;
             let more = match &reader.source {
-                Source::Cloud => self.cloud.surfel_chunk(reader.next)?,
-                Source::Spilled(extents) => match extents.get(reader.next) {
-                    Some(extent) => self.read_extent(*extent)?,
+                SurfelSource::Cloud => self.cloud.surfel_chunk(reader.next)?,
+                SurfelSource::Spilled(ranges) => match ranges.get(reader.next) {
+                    Some(range) => self.read_range(*range)?,
                     None => return Err(Error::failed("the temporary file is too short")),
                 },
             };
@@ -439,14 +439,14 @@ impl<'a> Feed<'a> {
 
 /// Surfels of a source, in order.
 struct Reader {
-    source: Source,
-    /// The next chunk or extent.
+    source: SurfelSource,
+    /// The next chunk or range.
     next: usize,
     surfels: VecDeque<Surfel>,
 }
 
 fn records(mut bytes: &[u8]) -> Vec<Surfel> {
-    let mut surfels = Vec::with_capacity(bytes.len() / Surfel::LEAST_BYTES);
+    let mut surfels = Vec::with_capacity(bytes.len() / Surfel::MIN_BYTES);
     while !bytes.is_empty() {
         surfels.push(Surfel::read(&mut bytes));
     }

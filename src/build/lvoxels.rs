@@ -1,6 +1,6 @@
 //! Lvoxels by volume and brick, in pages of whole bricks.
 
-use super::spill::{Dealer, Extent, Record, Spill};
+use super::spill::{Dealer, Record, Spill, SpillRange};
 use super::{Limits, MappedCloud};
 use crate::formats::morton::interleave;
 use crate::formats::{Lvoxel, TreeWriter};
@@ -11,9 +11,9 @@ use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 
 /// Per lvoxel that is sorted: the record, and its key with some room.
-pub const MEMORY: u64 = size_of::<Lvoxel>() as u64 + 32;
+pub const LVOXEL_MEMORY: u64 = size_of::<Lvoxel>() as u64 + 32;
 /// Bytes of an lvoxel in a page before compression, about.
-const PAGE_SHARE: u32 = 16;
+const LVOXEL_PAGE_BYTES: u32 = 16;
 
 /// Volume and Morton code of the 8^3-voxel brick; then Morton code in the brick and level.
 type Key = (u64, u16);
@@ -40,7 +40,7 @@ pub fn write(
     let count = cloud.summary().sums.lvoxels();
     let mut pages = PageCutter {
         writer,
-        most: (page_bytes / PAGE_SHARE) as usize,
+        most: (page_bytes / LVOXEL_PAGE_BYTES) as usize,
         page: Vec::new(),
         brick: Vec::new(),
         task: job.progress.task("lvoxels", count, "lvoxels"),
@@ -92,10 +92,10 @@ fn sorted(lvoxels: &[Lvoxel]) -> impl Iterator<Item = Lvoxel> + '_ {
     order.into_iter().map(|(_, i)| lvoxels[i as usize])
 }
 
-const RUN_BUFFER: u64 = 1 << 16;
+const RUN_BUFFER_BYTES: u64 = 1 << 16;
 
-fn write_run(spill: &mut Spill, run: &[Lvoxel]) -> Result<VecDeque<Extent>> {
-    let mut dealer = Dealer::new(1, RUN_BUFFER);
+fn write_run(spill: &mut Spill, run: &[Lvoxel]) -> Result<VecDeque<SpillRange>> {
+    let mut dealer = Dealer::new(1, RUN_BUFFER_BYTES);
     for lvoxel in sorted(run) {
         dealer.push(spill, 0, &lvoxel)?;
     }
@@ -106,7 +106,7 @@ fn write_run(spill: &mut Spill, run: &[Lvoxel]) -> Result<VecDeque<Extent>> {
 /// earlier run.
 fn merge(
     spill: &mut Spill,
-    mut runs: Vec<VecDeque<Extent>>,
+    mut runs: Vec<VecDeque<SpillRange>>,
     pages: &mut PageCutter<'_>,
     job: &Job,
 ) -> Result<()> {
@@ -116,9 +116,9 @@ fn merge(
         if !head.is_empty() {
             return Ok(());
         }
-        if let Some(extent) = runs[run].pop_front() {
+        if let Some(range) = runs[run].pop_front() {
             job.cancel.check()?;
-            spill.read(extent, &mut bytes)?;
+            spill.read(range, &mut bytes)?;
             let mut rest = bytes.as_slice();
             while !rest.is_empty() {
                 head.push_back(Lvoxel::read(&mut rest));

@@ -1,11 +1,20 @@
 //! Cloud to tree: a sort along a Morton curve, then one sweep from the leaves up that writes pages.
 //!
+//! In: a cloud file and [`Settings`]. Out: a tree file.
+//!
+//! - `morton`: cells of the octree and their keys.
+//! - `feed`: surfels in Morton order out of a cloud of any size, by way of `spill`, a temporary
+//!   file, if they do not fit in memory.
+//! - `subtree`: nodes from the leaves up, and pages of them; `aggregate`: the sums they are made
+//!   of.
+//! - `lvoxels`: lvoxels by volume and brick, in pages.
+//!
 //! Memory: the surfels of one bucket are decoded at a time, beside the paths from it to the root
 //! and one small buffer per bucket while the cloud is dealt out to them. A bucket is a run of
 //! octree cells, so what is written depends on the octree alone: the same bytes for any memory
 //! limit and any number of threads.
 
-pub(crate) mod aggregate;
+mod aggregate;
 mod feed;
 mod lvoxels;
 mod morton;
@@ -17,6 +26,7 @@ use crate::formats::{
 };
 use crate::run::{Job, size};
 use crate::{Error, Result};
+pub use aggregate::AggregateSums;
 use std::path::Path;
 
 /// How to build a tree.
@@ -37,17 +47,17 @@ impl Default for Settings {
     }
 }
 
-/// What a build did.
+/// The outcome of a build.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// That of the tree file.
+    /// Summary of the tree file.
     pub summary: TreeSummary,
     /// Bytes written to temporary files; 0 if the cloud fitted in memory.
     pub spilled_bytes: u64,
 }
 
 /// The least memory limit: below this, chunks and pages in work would not fit.
-pub const LEAST_MEMORY: u64 = 64 << 20;
+pub const MIN_MEMORY: u64 = 64 << 20;
 /// The limit where none is given.
 pub const DEFAULT_MEMORY: u64 = 4 << 30;
 /// What is needed whatever the size of the cloud.
@@ -137,7 +147,7 @@ fn build(
     })
 }
 
-/// What may be held in memory.
+/// How much a build may hold in memory.
 struct Limits {
     /// Surfels of a bucket.
     surfels: u64,
@@ -149,12 +159,12 @@ struct Limits {
     lvoxels: u64,
 }
 
-/// Whether a tree can be built within a limit of memory, before work is done for one.
+/// Checks that a tree can be built within a limit of memory, before any work for it.
 ///
 /// # Errors
-/// A limit below [`LEAST_MEMORY`].
+/// A limit below [`MIN_MEMORY`].
 pub fn check_memory(limit: Option<u64>) -> Result<()> {
-    size::within("building a tree", LEAST_MEMORY, limit)
+    size::within("building a tree", MIN_MEMORY, limit)
 }
 
 impl Limits {
@@ -174,7 +184,7 @@ impl Limits {
             surfels: (free / SURFEL_MEMORY).min(most).min(1 << 31),
             buffers: free / 8,
             chunks: ((free / 3 / CHUNK_MEMORY) as usize).clamp(1, rayon::current_num_threads()),
-            lvoxels: (free / lvoxels::MEMORY).min(most).min(1 << 31),
+            lvoxels: (free / lvoxels::LVOXEL_MEMORY).min(most).min(1 << 31),
         })
     }
 }

@@ -16,7 +16,7 @@ pub struct Spill {
 
 /// Bytes of whole records in the file.
 #[derive(Clone, Copy, Debug)]
-pub struct Extent {
+pub struct SpillRange {
     offset: u64,
     len: u32,
 }
@@ -26,7 +26,7 @@ impl Spill {
         let folder = folder.cloned().unwrap_or_else(std::env::temp_dir);
         let file = tempfile::tempfile_in(&folder).map_err(|e| {
             Error::io("create a temporary file in", &folder, &e)
-                .hint("choose another folder with --temp-dir")
+                .hint("choose another temporary folder")
         })?;
         Ok(Self {
             file,
@@ -40,8 +40,8 @@ impl Spill {
         self.len
     }
 
-    pub fn append(&mut self, bytes: &[u8]) -> Result<Extent> {
-        let extent = Extent {
+    pub fn append(&mut self, bytes: &[u8]) -> Result<SpillRange> {
+        let range = SpillRange {
             offset: self.len,
             len: bytes.len() as u32,
         };
@@ -50,17 +50,17 @@ impl Spill {
             .and_then(|_| self.file.write_all(bytes))
             .map_err(|e| {
                 Error::io("write a temporary file in", &self.folder, &e)
-                    .hint("choose a folder with more room with --temp-dir")
+                    .hint("choose a temporary folder with more room")
             })?;
         self.len += bytes.len() as u64;
-        Ok(extent)
+        Ok(range)
     }
 
-    /// Reads an extent into `bytes`.
-    pub fn read(&mut self, extent: Extent, bytes: &mut Vec<u8>) -> Result<()> {
-        bytes.resize(extent.len as usize, 0);
+    /// Reads an range into `bytes`.
+    pub fn read(&mut self, range: SpillRange, bytes: &mut Vec<u8>) -> Result<()> {
+        bytes.resize(range.len as usize, 0);
         self.file
-            .seek(SeekFrom::Start(extent.offset))
+            .seek(SeekFrom::Start(range.offset))
             .and_then(|_| self.file.read_exact(bytes))
             .map_err(|e| Error::io("read a temporary file in", &self.folder, &e))
     }
@@ -69,9 +69,9 @@ impl Spill {
 /// A record as bytes, exactly: what comes back is what went in.
 pub trait Record: Sized {
     /// Bytes of the shortest one.
-    const LEAST_BYTES: usize;
+    const MIN_BYTES: usize;
     /// Bytes of the longest one.
-    const MOST_BYTES: usize;
+    const MAX_BYTES: usize;
 
     fn write(&self, out: &mut Vec<u8>);
     /// Takes a record from the front of what [`Self::write`] wrote.
@@ -102,9 +102,9 @@ const FLOAT: usize = size_of::<f32>();
 
 impl Record for Surfel {
     /// Flags, position, normal, radius, area and front.
-    const LEAST_BYTES: usize = 1 + (3 + 3 + 1 + 1 + 3) * FLOAT;
+    const MIN_BYTES: usize = 1 + (3 + 3 + 1 + 1 + 3) * FLOAT;
     /// And the back, and three edges.
-    const MOST_BYTES: usize = Self::LEAST_BYTES + (3 + 3 * 2) * FLOAT;
+    const MAX_BYTES: usize = Self::MIN_BYTES + (3 + 3 * 2) * FLOAT;
 
     fn write(&self, out: &mut Vec<u8>) {
         let has_back = self.back != [0.0; 3];
@@ -147,8 +147,8 @@ impl Record for Surfel {
 
 impl Record for Lvoxel {
     /// Volume, level, block, extinction and source.
-    const LEAST_BYTES: usize = 2 + 1 + 3 * 2 + (1 + 3) * FLOAT;
-    const MOST_BYTES: usize = Self::LEAST_BYTES;
+    const MIN_BYTES: usize = 2 + 1 + 3 * 2 + (1 + 3) * FLOAT;
+    const MAX_BYTES: usize = Self::MIN_BYTES;
 
     fn write(&self, out: &mut Vec<u8>) {
         out.extend(self.volume.to_le_bytes());
@@ -172,7 +172,7 @@ impl Record for Lvoxel {
 /// Deals records out to buckets through a buffer for each.
 pub struct Dealer {
     buffers: Vec<Vec<u8>>,
-    extents: Vec<Vec<Extent>>,
+    ranges: Vec<Vec<SpillRange>>,
     buffer_bytes: usize,
 }
 
@@ -182,7 +182,7 @@ impl Dealer {
         let share = bytes / buckets.max(1) as u64;
         Self {
             buffers: vec![Vec::new(); buckets],
-            extents: vec![Vec::new(); buckets],
+            ranges: vec![Vec::new(); buckets],
             buffer_bytes: share.clamp(1 << 12, 1 << 18) as usize,
         }
     }
@@ -194,20 +194,20 @@ impl Dealer {
         }
         record.write(buffer);
         // The next record always fits: the buffer never grows.
-        if buffer.len() + R::MOST_BYTES > self.buffer_bytes {
-            self.extents[bucket].push(spill.append(buffer)?);
+        if buffer.len() + R::MAX_BYTES > self.buffer_bytes {
+            self.ranges[bucket].push(spill.append(buffer)?);
             buffer.clear();
         }
         Ok(())
     }
 
     /// What each bucket got, in the order of pushing.
-    pub fn finish(mut self, spill: &mut Spill) -> Result<Vec<Vec<Extent>>> {
-        for (buffer, extents) in self.buffers.iter().zip(&mut self.extents) {
+    pub fn finish(mut self, spill: &mut Spill) -> Result<Vec<Vec<SpillRange>>> {
+        for (buffer, ranges) in self.buffers.iter().zip(&mut self.ranges) {
             if !buffer.is_empty() {
-                extents.push(spill.append(buffer)?);
+                ranges.push(spill.append(buffer)?);
             }
         }
-        Ok(self.extents)
+        Ok(self.ranges)
     }
 }

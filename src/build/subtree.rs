@@ -1,9 +1,9 @@
 //! The octree over surfels in Morton order, from the leaves up, and its cutting into pages.
 
-use super::aggregate::Sums;
+use super::aggregate::AggregateSums;
 use super::morton;
 use crate::formats::{
-    Below, Bounds, EncodedPage, FormatError, Level, Node, Surfel, SurfelAggregate, SurfelPage,
+    Below, Bounds, EncodedPage, FormatError, Node, Surfel, SurfelAggregate, SurfelPage, TreeLevel,
     node_bytes, surfel_bytes,
 };
 use crate::run::Cancel;
@@ -12,18 +12,18 @@ use rayon::prelude::*;
 use std::cmp::Reverse;
 
 /// A leaf holds at most this many surfels.
-pub const LEAF: usize = 8;
+pub const MAX_LEAF_SURFELS: usize = 8;
 /// Below this many surfels a subtree is built by one thread.
-const ALONE: usize = 8192;
+const SERIAL_SURFELS: usize = 8192;
 /// Bytes of a link, beside those of its node.
-const LINK: u32 = 4;
+const LINK_BYTES: u32 = 4;
 
-/// What decides about pages.
+/// Settings of pages.
 #[derive(Clone, Copy, Debug)]
 pub struct PageSettings {
     /// Most bytes of a page before compression.
     pub bytes: u32,
-    /// That of the cloud.
+    /// Disk overlap of the cloud.
     pub overlap: f32,
 }
 
@@ -36,23 +36,23 @@ pub struct Sorted<'a> {
 /// A part of the tree that is not written yet: small enough for one page.
 pub struct Pending {
     /// Over all that is below, in pages or not.
-    sums: Sums,
+    sums: AggregateSums,
     /// Counts by steps below this node, the most steps first.
-    steps: Vec<Level>,
-    node: Part,
+    steps: Vec<TreeLevel>,
+    node: PendingNode,
 }
 
-/// A node of such a part. There are many of them, so they do without the sums.
-struct Part {
+/// A node that is not written yet. There are many of them, so they do without the sums.
+struct PendingNode {
     aggregate: SurfelAggregate,
     bounds: Bounds,
-    below: PartBelow,
+    below: PendingBelow,
     /// Bytes in a page, of the node and all that is below it in the same page.
     bytes: u32,
 }
 
-enum PartBelow {
-    Nodes(Vec<Part>),
+enum PendingBelow {
+    Nodes(Vec<PendingNode>),
     Surfels(Box<[Surfel]>),
     Page(u32),
 }
@@ -88,26 +88,26 @@ impl Pages {
         Ok(Pending {
             sums: pending.sums,
             steps: pending.steps,
-            node: self.cut_part(pending.node)?,
+            node: self.cut_node(pending.node)?,
         })
     }
 
-    fn cut_part(&mut self, part: Part) -> Result<Part> {
-        if matches!(part.below, PartBelow::Page(_)) {
-            return Ok(part);
+    fn cut_node(&mut self, node: PendingNode) -> Result<PendingNode> {
+        if matches!(node.below, PendingBelow::Page(_)) {
+            return Ok(node);
         }
-        let aggregate = part.aggregate;
+        let aggregate = node.aggregate;
         let id = self.next_id();
         let encoded =
-            EncodedPage::new(&part.into_page(), id, self.settings.overlap).map_err(too_large)?;
+            EncodedPage::new(&node.into_page(), id, self.settings.overlap).map_err(too_large)?;
         // What readers decode may be a little larger than what was given.
         let bounds = encoded.bounds();
         self.done.push(encoded);
-        Ok(Part {
-            bytes: node_bytes(&aggregate) + LINK,
+        Ok(PendingNode {
+            bytes: node_bytes(&aggregate) + LINK_BYTES,
             aggregate,
             bounds,
-            below: PartBelow::Page(id),
+            below: PendingBelow::Page(id),
         })
     }
 }
@@ -119,10 +119,15 @@ fn too_large(error: FormatError) -> Error {
 }
 
 impl Pending {
-    fn new(sums: Sums, steps: Vec<Level>, below: PartBelow, bytes_below: u32) -> Self {
+    fn new(
+        sums: AggregateSums,
+        steps: Vec<TreeLevel>,
+        below: PendingBelow,
+        bytes_below: u32,
+    ) -> Self {
         let aggregate = sums.aggregate();
         Self {
-            node: Part {
+            node: PendingNode {
                 bytes: node_bytes(&aggregate) + bytes_below,
                 aggregate,
                 bounds: sums.bounds,
@@ -134,13 +139,13 @@ impl Pending {
     }
 
     /// Counts of nodes by steps below this one.
-    pub fn levels(self) -> Vec<Level> {
+    pub fn levels(self) -> Vec<TreeLevel> {
         self.steps.into_iter().rev().collect()
     }
 }
 
 /// Counts of a node over those of its children, which may be of different heights.
-fn count_steps(children: &mut [Pending]) -> Vec<Level> {
+fn count_steps(children: &mut [Pending]) -> Vec<TreeLevel> {
     let highest = children.iter_mut().max_by_key(|c| c.steps.len());
     let mut steps = highest.map_or_else(Vec::new, |c| std::mem::take(&mut c.steps));
     for child in children {
@@ -151,19 +156,19 @@ fn count_steps(children: &mut [Pending]) -> Vec<Level> {
             a.surfels += b.surfels;
         }
     }
-    steps.push(Level {
+    steps.push(TreeLevel {
         nodes: 1,
-        ..Level::default()
+        ..TreeLevel::default()
     });
     steps
 }
 
-impl Part {
+impl PendingNode {
     fn shift_links(&mut self, by: u32) {
         match &mut self.below {
-            PartBelow::Nodes(nodes) => nodes.iter_mut().for_each(|n| n.shift_links(by)),
-            PartBelow::Surfels(_) => {}
-            PartBelow::Page(id) => *id += by,
+            PendingBelow::Nodes(nodes) => nodes.iter_mut().for_each(|n| n.shift_links(by)),
+            PendingBelow::Surfels(_) => {}
+            PendingBelow::Page(id) => *id += by,
         }
     }
 
@@ -172,27 +177,27 @@ impl Part {
         let mut page = SurfelPage::default();
         let mut next = 1;
         let mut queue = std::collections::VecDeque::from([self]);
-        while let Some(part) = queue.pop_front() {
-            let below = match part.below {
-                PartBelow::Nodes(nodes) => {
+        while let Some(node) = queue.pop_front() {
+            let below = match node.below {
+                PendingBelow::Nodes(nodes) => {
                     let first = next;
                     let count = nodes.len() as u8;
                     next += u32::from(count);
                     queue.extend(nodes);
                     Below::Nodes { first, count }
                 }
-                PartBelow::Surfels(surfels) => {
+                PendingBelow::Surfels(surfels) => {
                     let first = page.surfels.len() as u32;
                     let count = surfels.len() as u8;
                     page.surfels.extend(surfels);
                     Below::Surfels { first, count }
                 }
-                PartBelow::Page(id) => Below::Page(id),
+                PendingBelow::Page(id) => Below::Page(id),
             };
             page.nodes.push(Node {
-                bounds: part.bounds,
+                bounds: node.bounds,
                 below,
-                aggregate: part.aggregate,
+                aggregate: node.aggregate,
             });
         }
         page
@@ -201,8 +206,9 @@ impl Part {
 
 /// Builds the subtree of a cell of `level`; there must be at least one surfel.
 ///
-/// The shape depends on the surfels alone: at most [`LEAF`] are a leaf; a cell with one child that
-/// is not empty is that child; surfels of one last-level cell are divided by their order.
+/// The shape depends on the surfels alone: at most [`MAX_LEAF_SURFELS`] are a leaf; a cell with one
+/// child that is not empty is that child; surfels of one last-level cell are divided by their
+/// order.
 pub fn build(
     surfels: &Sorted<'_>,
     level: u32,
@@ -210,11 +216,11 @@ pub fn build(
     cancel: &Cancel,
 ) -> Result<Pending> {
     let n = surfels.order.len();
-    if n <= LEAF {
+    if n <= MAX_LEAF_SURFELS {
         return Ok(leaf(surfels));
     }
     let (level, children) = split(surfels, level);
-    if n <= ALONE {
+    if n <= SERIAL_SURFELS {
         let children = children
             .iter()
             .map(|c| build(c, (level + 1).min(morton::LEVELS), pages, cancel))
@@ -243,7 +249,7 @@ pub fn build(
 /// so that pages are few and full.
 pub fn join(mut children: Vec<Pending>, pages: &mut Pages) -> Result<Pending> {
     let steps = count_steps(&mut children);
-    let mut sums = Sums::NOTHING;
+    let mut sums = AggregateSums::NOTHING;
     for child in &children {
         sums.add(&child.sums);
     }
@@ -257,7 +263,7 @@ pub fn join(mut children: Vec<Pending>, pages: &mut Pages) -> Result<Pending> {
             break;
         }
         let child = &children[i].node;
-        bytes = bytes - child.bytes + node_bytes(&child.aggregate) + LINK;
+        bytes = bytes - child.bytes + node_bytes(&child.aggregate) + LINK_BYTES;
         is_cut[i] = true;
     }
     let nodes = children
@@ -265,13 +271,13 @@ pub fn join(mut children: Vec<Pending>, pages: &mut Pages) -> Result<Pending> {
         .zip(is_cut)
         .map(|(child, cut)| {
             if cut {
-                pages.cut_part(child.node)
+                pages.cut_node(child.node)
             } else {
                 Ok(child.node)
             }
         })
         .collect::<Result<_>>()?;
-    Ok(Pending::new(sums, steps, PartBelow::Nodes(nodes), bytes))
+    Ok(Pending::new(sums, steps, PendingBelow::Nodes(nodes), bytes))
 }
 
 fn leaf(surfels: &Sorted<'_>) -> Pending {
@@ -280,19 +286,24 @@ fn leaf(surfels: &Sorted<'_>) -> Pending {
         .iter()
         .map(|(_, i)| surfels.surfels[*i as usize])
         .collect();
-    let count = Level {
+    let count = TreeLevel {
         nodes: 1,
         leaves: 1,
         surfels: own.len() as u64,
         bytes: 0,
     };
     let bytes = own.iter().map(surfel_bytes).sum();
-    Pending::new(Sums::of(&own), vec![count], PartBelow::Surfels(own), bytes)
+    Pending::new(
+        AggregateSums::of(&own),
+        vec![count],
+        PendingBelow::Surfels(own),
+        bytes,
+    )
 }
 
 /// The first level at which the surfels divide, and its cell's children that are not empty.
 fn split<'a>(surfels: &Sorted<'a>, mut level: u32) -> (u32, Vec<Sorted<'a>>) {
-    let part = |order| Sorted {
+    let sorted = |order| Sorted {
         surfels: surfels.surfels,
         order,
     };
@@ -303,8 +314,8 @@ fn split<'a>(surfels: &Sorted<'a>, mut level: u32) -> (u32, Vec<Sorted<'a>>) {
     }
     if level == morton::LEVELS {
         let n = order.len();
-        let parts = eighths(n as u64).map(|r| part(&order[r.start as usize..r.end as usize]));
-        return (level, parts.collect());
+        let runs = eighths(n as u64).map(|r| sorted(&order[r.start as usize..r.end as usize]));
+        return (level, runs.collect());
     }
     let mut rest = order;
     let mut children = Vec::with_capacity(8);
@@ -312,14 +323,14 @@ fn split<'a>(surfels: &Sorted<'a>, mut level: u32) -> (u32, Vec<Sorted<'a>>) {
         let child = morton::child(*key, level);
         let end = rest.partition_point(|(key, _)| morton::child(*key, level) <= child);
         let (own, others) = rest.split_at(end);
-        children.push(part(own));
+        children.push(sorted(own));
         rest = others;
     }
     (level, children)
 }
 
-/// How more than [`LEAF`] surfels of one last-level cell are divided: eight runs of nearly the same
-/// length.
+/// How more than [`MAX_LEAF_SURFELS`] surfels of one last-level cell are divided: eight runs of
+/// nearly the same length.
 pub fn eighths(n: u64) -> impl Iterator<Item = std::ops::Range<u64>> {
     let at = move |k: u64| ((u128::from(n) * u128::from(k)) / 8) as u64;
     (0..8).map(move |k| at(k)..at(k + 1))

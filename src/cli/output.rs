@@ -51,6 +51,14 @@ pub fn say_times(job: &Job, last: &str, before: &[&str]) {
 /// What the library calls its settings, with the options that set them, where that is not plain.
 const OPTIONS_OF_SETTINGS: &[(&str, &str)] = &[
     ("memory limit", "--memory-limit"),
+    ("allow overwriting", "--force"),
+    ("temporary folder", "--temp-dir"),
+    ("block depth", "--block-depth"),
+    ("block voxels", "--block-voxels"),
+    ("block samples", "--block-samples"),
+    ("bake shadow rays", "--bake-shadow-rays"),
+    ("crease angle", "--crease-deg"),
+    ("camera rate", "--camera-rate"),
     ("strict mode", "--strict"),
 ];
 

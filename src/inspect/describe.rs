@@ -4,7 +4,7 @@ use super::File;
 use super::text::{Table, bytes, count};
 use crate::Result;
 use crate::formats::{
-    Block, Bounds, CloudMeta, ColumnBytes, LeftOut, Level, Sums, VolumeInfo, WorstError,
+    Block, Bounds, CloudMeta, ColumnBytes, LeftOut, Sums, TreeLevel, VolumeInfo, WorstError,
 };
 use crate::run::hex;
 use std::fmt;
@@ -58,7 +58,7 @@ pub struct Description {
     /// depends on how many there would be.
     pub left_out: Vec<LeftOut>,
     /// Of a tree, by steps below the root.
-    pub levels: Vec<Level>,
+    pub levels: Vec<TreeLevel>,
     /// Of a tree: the worst differences between stored and given values.
     pub errors: Vec<WorstError>,
 }

@@ -29,7 +29,8 @@ pub struct Exported {
 /// of a ball of their volume.
 ///
 /// # Errors
-/// Wrong input for a level of a cloud, an output that exists and may not be replaced, or a damaged file.
+/// Wrong input for a level of a cloud, an output that exists and may not be replaced, or a damaged
+/// file.
 pub fn export_ply(
     path: &Path,
     out: &Path,
@@ -178,7 +179,7 @@ impl SceneFromIndex {
 }
 
 /// Room for a header; what it does not need is a comment.
-const HEADER: usize = 512;
+const PLY_HEADER_BYTES: usize = 512;
 
 /// A PLY file of vertices, whose count is written last.
 struct Ply {
@@ -194,7 +195,7 @@ impl Ply {
             exposure,
             vertices: 0,
         };
-        ply.write(&[b' '; HEADER])?;
+        ply.write(&[b' '; PLY_HEADER_BYTES])?;
         Ok(ply)
     }
 
@@ -284,7 +285,7 @@ impl Ply {
         }
         header += "property uchar red\nproperty uchar green\nproperty uchar blue\ncomment ";
         let end = "\nend_header\n";
-        let room = HEADER - end.len() - header.len();
+        let room = PLY_HEADER_BYTES - end.len() - header.len();
         header += &".".repeat(room);
         header += end;
         self.file

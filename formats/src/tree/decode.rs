@@ -176,8 +176,14 @@ fn decode_nodes(
         });
     })?;
 
-    columns.one_of(&[col::BOX, col::BOX_F32])?;
     let spans = spans(&header.bounds);
+    decode_boxes(columns, &spans, nodes)?;
+    decode_aggregates(columns, &spans, nodes)?;
+    decode_light(header, columns, nodes)
+}
+
+fn decode_boxes(columns: &PageColumns<'_>, spans: &[Span; 3], nodes: &mut [Node]) -> Result<()> {
+    columns.one_of(&[col::BOX, col::BOX_F32])?;
     if let Some(rows) = columns.get(col::BOX) {
         for (k, span) in spans.iter().enumerate() {
             let ends = rows.u16s(k).zip(rows.u16s(k + 3));
@@ -194,10 +200,18 @@ fn decode_nodes(
             };
         }
     }
-    for node in nodes.iter() {
+    for node in nodes {
         check_box(&node.bounds, "box of a node")?;
     }
+    Ok(())
+}
 
+/// Areas, centres, normals and moments; the light of nodes is a column of its own.
+fn decode_aggregates(
+    columns: &PageColumns<'_>,
+    spans: &[Span; 3],
+    nodes: &mut [Node],
+) -> Result<()> {
     columns.one_of(&[col::CENTRE, col::CENTRE_F32])?;
     let area = columns.required(col::NODE_AREA)?;
     let normal = columns.required(col::NODE_NORMAL)?;
@@ -242,13 +256,13 @@ fn decode_nodes(
     }
     for k in 0..6 {
         let codes = moment.u16s(k).zip(axis_area.u16s(k));
-        for (node, (moment, seen)) in nodes.iter_mut().zip(codes) {
+        for (node, (moment, facing)) in nodes.iter_mut().zip(codes) {
             let a = &mut node.aggregate;
             a.second_moment[k] = signed(a.area, moment);
-            a.axis_area[k] = (f64::from(a.area) * f64::from(seen) / f64::from(u16::MAX)) as f32;
+            a.axis_area[k] = (f64::from(a.area) * f64::from(facing) / f64::from(u16::MAX)) as f32;
         }
     }
-    decode_light(header, columns, nodes)
+    Ok(())
 }
 
 /// Ranges and links, given to `add` node by node: nodes and surfels are handed out in order, so

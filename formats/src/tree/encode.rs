@@ -13,7 +13,7 @@ use crate::{FormatError, Result, check};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Bytes of the header of a page of surfels.
-pub const HEADER: usize = 64;
+pub const PAGE_HEADER_BYTES: usize = 64;
 pub const NODES_BELOW: u8 = 0x00;
 pub const SURFELS_BELOW: u8 = 0x10;
 pub const PAGE_BELOW: u8 = 0x20;
@@ -97,54 +97,19 @@ impl EncodedPage {
 
         let colours =
             push_surfel_radiance(&mut builder, &mut surfels, page, &mut errors, &mut columns);
-        let edges: usize = shapes.edges.len();
-        if edges == 0 {
-            columns.leave_out(col::CLIP_COUNT, surfels.len() as u64);
-        } else {
-            builder.push(
-                col::CLIP_COUNT,
-                surfels.iter().map(|s| s.clips.count).collect(),
-            );
-            builder.push(col::CLIP_EDGE, shapes.edges.concat());
-        }
-        let backs: Vec<u8> = (page.nodes.iter())
-            .map(|n| lit_backs(&n.aggregate))
-            .collect();
-        if backs.iter().any(|bits| *bits != 0) {
-            builder.push(col::BACK_AXES, backs);
-        } else {
-            // Its own byte, and radiance towards six axes.
-            columns.leave_out(col::BACK_AXES, 25 * page.nodes.len() as u64);
-        }
+        push_clips(&mut builder, &surfels, &shapes.edges, &mut columns);
+        push_back_axes(&mut builder, &page.nodes, &mut columns);
 
         let mask = builder.mask();
-        let mut header = Vec::with_capacity(HEADER);
-        for value in [
+        let counts = [
             page.nodes.len(),
             surfels.len(),
             links.len(),
-            edges,
+            shapes.edges.len(),
             lit.count,
-        ] {
-            header.extend((value as u32).to_le_bytes());
-        }
-        header.extend(mask.to_le_bytes());
-        let bounds = place.bounds;
-        header.extend(
-            bounds
-                .min
-                .iter()
-                .chain(&bounds.max)
-                .flat_map(|v| v.to_le_bytes()),
-        );
-        header.extend(params.radius.base.to_le_bytes());
-        header.extend(params.area.base.to_le_bytes());
-        for base in [colours[0], colours[1], lit.base] {
-            header.extend(base.to_le_bytes());
-        }
-        header.extend([params.radius.shift, params.area.shift]);
-        debug_assert_eq!(header.len(), HEADER);
-
+        ];
+        let bases = [colours[0], colours[1], lit.base];
+        let header = header(counts, mask, &place.bounds, &params, bases);
         let (raw, ranges) = builder.build(&header);
         columns.add_page(&raw, &ranges, stats::SURFEL_ZSTD_LEVEL)?;
         let (bytes, raw_bytes) = stats::pack_page(raw, stats::SURFEL_ZSTD_LEVEL)?;
@@ -178,6 +143,57 @@ impl EncodedPage {
     #[must_use]
     pub fn stored_bytes(&self) -> usize {
         self.bytes.len()
+    }
+}
+
+/// The header of a page. Counts are of nodes, surfels, links, clip edges and lit axes; bases are
+/// the exponents of front, back and axis radiance.
+fn header(
+    counts: [usize; 5],
+    mask: u32,
+    bounds: &Bounds,
+    params: &ShapeParams,
+    bases: [i16; 3],
+) -> Vec<u8> {
+    let mut header = Vec::with_capacity(PAGE_HEADER_BYTES);
+    for count in counts {
+        header.extend((count as u32).to_le_bytes());
+    }
+    header.extend(mask.to_le_bytes());
+    let corners = bounds.min.iter().chain(&bounds.max);
+    header.extend(corners.flat_map(|v| v.to_le_bytes()));
+    header.extend(params.radius.base.to_le_bytes());
+    header.extend(params.area.base.to_le_bytes());
+    for base in bases {
+        header.extend(base.to_le_bytes());
+    }
+    header.extend([params.radius.shift, params.area.shift]);
+    debug_assert_eq!(header.len(), PAGE_HEADER_BYTES);
+    header
+}
+
+fn push_clips(
+    builder: &mut PageBuilder,
+    surfels: &[Surfel],
+    edges: &[[u8; 2]],
+    columns: &mut ColumnStats,
+) {
+    if edges.is_empty() {
+        columns.leave_out(col::CLIP_COUNT, surfels.len() as u64);
+    } else {
+        let counts = surfels.iter().map(|s| s.clips.count);
+        builder.push(col::CLIP_COUNT, counts.collect());
+        builder.push(col::CLIP_EDGE, edges.concat());
+    }
+}
+
+fn push_back_axes(builder: &mut PageBuilder, nodes: &[Node], columns: &mut ColumnStats) {
+    let backs: Vec<u8> = nodes.iter().map(|n| lit_backs(&n.aggregate)).collect();
+    if backs.iter().any(|bits| *bits != 0) {
+        builder.push(col::BACK_AXES, backs);
+    } else {
+        // Its own byte, and radiance towards six axes.
+        columns.leave_out(col::BACK_AXES, 25 * nodes.len() as u64);
     }
 }
 

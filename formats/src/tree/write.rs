@@ -6,7 +6,7 @@ use super::{TreeFormat, lvoxels};
 use crate::frame::BlockKind;
 use crate::output::{BlockContent, BlockWriter};
 use crate::record::{Bounds, Lvoxel};
-use crate::summary::{Level, Sums, TreeSummary};
+use crate::summary::{Sums, TreeLevel, TreeSummary};
 use crate::{FormatError, Overwrite, Result, TreeMeta, check};
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
@@ -144,7 +144,7 @@ impl TreeWriter {
         self,
         root: Option<u32>,
         cloud_sums: Sums,
-        mut levels: Vec<Level>,
+        mut levels: Vec<TreeLevel>,
     ) -> Result<TreeSummary> {
         if root != self.surfel_pages.checked_sub(1) {
             return Err(FormatError::invalid(
@@ -178,7 +178,7 @@ impl TreeWriter {
 }
 
 /// Gives each level its share of the stored bytes, by its nodes and surfels.
-fn share_out(levels: &mut [Level], columns: &[crate::ColumnBytes], stored: u64) {
+fn share_out(levels: &mut [TreeLevel], columns: &[crate::ColumnBytes], stored: u64) {
     let of_nodes: u64 = columns
         .iter()
         .filter(|c| c.name.starts_with("node_") || c.name.starts_with("axis_"))

@@ -258,7 +258,7 @@ pub fn write_tree(path: &Path, style: Style, pages: usize, per_page: usize) -> V
     let sums = Sums::of_nothing(2);
     let root = (pages > 0).then(|| pages as u32 - 1);
     writer
-        .finish(root, sums, vec![Level::default(); 3])
+        .finish(root, sums, vec![TreeLevel::default(); 3])
         .unwrap();
     written
 }

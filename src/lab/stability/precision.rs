@@ -6,7 +6,7 @@ use super::row::Row;
 use super::workbench::{Workbench, gatherer, lvoxels};
 use super::{Effort, random};
 use crate::Result;
-use crate::build::aggregate;
+use crate::build::AggregateSums;
 use crate::formats::Surfel;
 use crate::formats::record::tangent_frame;
 use crate::gather::Medium;
@@ -264,10 +264,10 @@ fn sums(effort: Effort, rows: &mut Vec<Row>) {
     };
     const UNIT: f32 = 1.0 / 1024.0;
     let chunks = 4;
-    let parts: Vec<(aggregate::Sums, u64, u64)> = (0..chunks)
+    let parts: Vec<(AggregateSums, u64, u64)> = (0..chunks)
         .into_par_iter()
         .map(|chunk| {
-            let mut sums = aggregate::Sums::NOTHING;
+            let mut sums = AggregateSums::NOTHING;
             let (mut area, mut power) = (0, 0);
             for i in chunk * count / chunks..(chunk + 1) * count / chunks {
                 let bits = hash(&[i]);
@@ -288,7 +288,7 @@ fn sums(effort: Effort, rows: &mut Vec<Row>) {
             (sums, area, power)
         })
         .collect();
-    let mut all = aggregate::Sums::NOTHING;
+    let mut all = AggregateSums::NOTHING;
     let (mut area, mut power) = (0, 0);
     for (sums, a, p) in &parts {
         all.add(sums);
