@@ -1,7 +1,7 @@
 //! The command line: one file per verb, each with its arguments and what it does with them.
 //!
-//! A new verb is a file with `Args`, `files` and `run`, a variant of [`Verb`], and a line in
-//! [`Verb::files`] and [`Verb::run`].
+//! A new verb is a file with `Args`, `files` and `run`, a variant of `Verb`, and a line in
+//! `Verb::files` and `Verb::run`.
 
 mod bake;
 mod bake_options;

@@ -4,9 +4,9 @@
 //! [`Gathered`]. What arrives along one ray is an [`Incident`].
 //!
 //! Three kernels find what ends a ray ([`Kernel`]):
-//! - [`plain`]: the paper's, every disk of the tree (the reference for the others);
-//! - [`cone`]: disks, and nodes whole where they are seen under less than the largest solid angle;
-//! - [`patch_radiance`]: the scene's triangles, where it is at hand, with radiance from the tree.
+//! - `plain`: the paper's, every disk of the tree (the reference for the others);
+//! - `cone`: disks, and nodes whole where they are seen under less than the largest solid angle;
+//! - `patch_radiance`: the scene's triangles, where it is at hand, with radiance from the tree.
 //!
 //! | file | what it does |
 //! | --- | --- |

@@ -16,7 +16,7 @@ mod camera;
 mod digest;
 pub(crate) mod grid;
 mod light;
-pub(crate) mod load;
+pub mod load;
 mod material;
 mod mesh;
 mod volume;

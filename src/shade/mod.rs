@@ -11,7 +11,7 @@
 //! | `pixels/` | camera rays, direct light, media before them, means over pixels, layers |
 //! | `settings`, `memory` | how to shade; limits on memory, told before the work |
 //!
-//! Light inside media comes from [`crate::inscatter`].
+//! Light inside media comes from `inscatter`.
 //!
 //! Every pixel depends on the scene, the tree, the settings and its own coordinates alone, so any
 //! tiling, on any number of machines, gives the same bits. Points and directions are those of scene

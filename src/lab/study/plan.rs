@@ -30,7 +30,7 @@ pub struct Settings {
     /// Largest solid angle of a node, steradians, beside the base settings.
     pub max_solid_angle: Vec<f32>,
     /// Voxels a side of the lvoxels (1, 2, 4 or 8) of a cloud like the paper's to run on as well,
-    /// see [`Points::of_the_paper`].
+    /// see `Points::of_the_paper`.
     pub paper_cloud: Option<u8>,
     /// Whether light of media is made beforehand, with each tree, for the runs that gather it.
     pub scatter: bool,

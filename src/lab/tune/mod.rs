@@ -24,7 +24,7 @@ use pilot::Pilot;
 pub struct Choice {
     /// What to shade with.
     pub settings: Settings,
-    /// Its place on the ladder, 0 to [`FINEST`].
+    /// Its place on the ladder, 0 to `FINEST`.
     pub rung: f64,
     /// The error that the pilot lets expect: trimmed relMSE against the truth.
     pub expected: f64,
