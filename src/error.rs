@@ -1,4 +1,5 @@
-//! The one error of the library: what went wrong, where, and what to do next.
+//! The one error of the library: what went wrong, where, and what to do next. Settings are named in
+//! backquotes, as in `max_dist`, and whoever tells the user may put another spelling there.
 
 use std::fmt;
 use std::path::Path;

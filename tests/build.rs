@@ -424,7 +424,7 @@ fn wrong_input_is_refused() {
     assert!(error.to_string().contains("nowhere.lvc"));
     run(&case.cloud, &plain, None, Overwrite::Refuse).unwrap();
     let error = run(&case.cloud, &plain, None, Overwrite::Refuse).unwrap_err();
-    assert!(error.hint_text().unwrap().contains("allow overwriting"));
+    assert!(error.hint_text().unwrap().contains("`overwrite`"));
     let error = run(&case.tree, &plain, None, Overwrite::Replace).unwrap_err();
     assert!(error.to_string().contains("expected a cloud"), "{error}");
     let job = Job::default();

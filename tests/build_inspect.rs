@@ -206,6 +206,6 @@ fn ply_files() {
     }
     assert!(inspect::export_ply(&cloud, &out, Some(1), Overwrite::Replace).is_err());
     let error = inspect::export_ply(&cloud, &out, None, Overwrite::Refuse).unwrap_err();
-    assert!(error.hint_text().unwrap().contains("allow overwriting"));
+    assert!(error.hint_text().unwrap().contains("`overwrite`"));
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 3);
 }

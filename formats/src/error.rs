@@ -164,7 +164,7 @@ impl FormatError {
             Self::Checksum { .. } => Some(
                 "copy the file again (in binary mode), or make it again; if it recurs, check the disk",
             ),
-            Self::Exists => Some("choose another name, or allow overwriting"),
+            Self::Exists => Some("choose another name, or replace it with `overwrite`"),
             Self::NotAFile => {
                 Some("outputs are written beside their name and renamed; give the name of a file")
             }

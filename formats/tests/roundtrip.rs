@@ -193,7 +193,7 @@ fn nothing_is_left_behind_and_nothing_overwritten() {
         .err()
         .unwrap();
     assert!(matches!(error.cause(), FormatError::Exists));
-    assert!(error.to_string().contains("a.lvc") && error.hint().unwrap().contains("overwriting"));
+    assert!(error.to_string().contains("a.lvc") && error.hint().unwrap().contains("`overwrite`"));
 
     // A name that was taken between create and finish is not overwritten either.
     let other = dir.path().join("b.lvc");

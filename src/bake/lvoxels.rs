@@ -55,8 +55,8 @@ impl BlockSize {
         };
         let (least, blocks) = match self {
             // Depth may ask for single voxels anywhere.
-            Self::OpticalDepth(_) => (0, "block depth may make blocks of 1 voxel".into()),
-            Self::Fixed { level, .. } => (level, format!("block voxels is {}", 1 << level)),
+            Self::OpticalDepth(_) => (0, "`block_depth` may make blocks of 1 voxel".into()),
+            Self::Fixed { level, .. } => (level, format!("`block_voxels` is {}", 1 << level)),
         };
         if fits(least) {
             return Ok(());
@@ -68,7 +68,7 @@ impl BlockSize {
         ));
         Err(match (least..=MAX_LEVEL).find(|&level| fits(level)) {
             Some(level) => error.hint(format!(
-                "set block voxels to {}, resample the volume, or cut it in two",
+                "use `block_voxels` {}, resample the volume, or cut it in two",
                 1 << level
             )),
             None => error.hint("resample the volume, or cut it into parts"),

@@ -214,7 +214,7 @@ fn check_surfels(surfels: &[Surfel]) -> Result<()> {
                 place(),
                 s.area
             ))
-            .hint("enlarge the meshes by `scale`, or bake fewer surfels"));
+            .hint("enlarge the meshes by `scale`, or bake fewer `surfels`"));
         }
         if !s.front.iter().chain(&s.back).all(|v| v.is_finite()) {
             return Err(too_bright(&place()));
@@ -343,21 +343,26 @@ impl Settings {
             }
         };
         match self.surfels {
-            SurfelSampling::Area { count } => within("surfels", count as f64, 1.0, 1e12)?,
+            SurfelSampling::Area { count } => within("`surfels`", count as f64, 1.0, 1e12)?,
             SurfelSampling::Camera { rate, overscan, .. } => {
                 // As it was typed: the nearest f32 to 0.01 is below it.
                 let typed = (f64::from(rate) * 1e6).round() / 1e6;
-                within("camera rate", typed, 0.01, 64.0)?;
-                within("overscan", f64::from(overscan), 1.0, 4.0)?;
+                within("`camera_rate`", typed, 0.01, 64.0)?;
+                within("`overscan`", f64::from(overscan), 1.0, 4.0)?;
             }
         }
-        within("overlap", f64::from(self.overlap), 0.1, 10.0)?;
-        within("crease angle", f64::from(self.crease_deg), 0.0, 180.0)?;
-        within("bake shadow rays", f64::from(self.shadow_rays), 1.0, 4096.0)?;
+        within("`overlap`", f64::from(self.overlap), 0.1, 10.0)?;
+        within("`crease_deg`", f64::from(self.crease_deg), 0.0, 180.0)?;
+        within(
+            "`bake_shadow_rays`",
+            f64::from(self.shadow_rays),
+            1.0,
+            4096.0,
+        )?;
         match self.blocks {
-            BlockSize::OpticalDepth(tau) => within("block depth", f64::from(tau), 1e-3, 1e6),
+            BlockSize::OpticalDepth(tau) => within("`block_depth`", f64::from(tau), 1e-3, 1e6),
             BlockSize::Fixed { samples, .. } => {
-                within("block samples", f64::from(samples), 1.0, 4096.0)
+                within("`block_samples`", f64::from(samples), 1.0, 4096.0)
             }
         }
     }

@@ -26,7 +26,7 @@ impl Spill {
         let folder = folder.cloned().unwrap_or_else(std::env::temp_dir);
         let file = tempfile::tempfile_in(&folder).map_err(|e| {
             Error::io("create a temporary file in", &folder, &e)
-                .hint("choose another temporary folder")
+                .hint("choose another folder for temporary files (`temp_dir`)")
         })?;
         Ok(Self {
             file,
@@ -50,7 +50,7 @@ impl Spill {
             .and_then(|_| self.file.write_all(bytes))
             .map_err(|e| {
                 Error::io("write a temporary file in", &self.folder, &e)
-                    .hint("choose a temporary folder with more room")
+                    .hint("choose a folder with more room for temporary files (`temp_dir`)")
             })?;
         self.len += bytes.len() as u64;
         Ok(range)

@@ -108,7 +108,7 @@ mod tests {
         check_writable(&path, Overwrite::Refuse).unwrap();
         fs::write(&path, b"old").unwrap();
         let error = check_writable(&path, Overwrite::Refuse).unwrap_err();
-        assert!(error.hint_text().unwrap().contains("allow overwriting"));
+        assert!(error.hint_text().unwrap().contains("`overwrite`"));
         check_writable(&path, Overwrite::Replace).unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"old");
         assert_eq!(names(dir.path()), ["a.lvc"]);

@@ -152,6 +152,16 @@ fn command() -> clap::Command {
     verbs.mut_subcommands(|verb| verb.allow_negative_numbers(true))
 }
 
+/// Whether any verb has an option of this long name.
+fn has_option(name: &str) -> bool {
+    let verbs = command();
+    let mut options = verbs
+        .get_subcommands()
+        .flat_map(clap::Command::get_arguments);
+    options.any(|o| o.get_long() == Some(name))
+        || verbs.get_arguments().any(|o| o.get_long() == Some(name))
+}
+
 impl Cli {
     /// Runs the verb and writes the report.
     fn run(self) -> Result<()> {

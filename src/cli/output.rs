@@ -48,34 +48,41 @@ pub fn say_times(job: &Job, last: &str, before: &[&str]) {
     job.progress.say(&text);
 }
 
-/// What the library calls its settings, with the options that set them, where that is not plain.
-const OPTIONS_OF_SETTINGS: &[(&str, &str)] = &[
-    ("memory limit", "--memory-limit"),
-    ("allow overwriting", "--force"),
-    ("temporary folder", "--temp-dir"),
-    ("block depth", "--block-depth"),
-    ("block voxels", "--block-voxels"),
-    ("block samples", "--block-samples"),
-    ("bake shadow rays", "--bake-shadow-rays"),
-    ("crease angle", "--crease-deg"),
-    ("camera rate", "--camera-rate"),
-    ("strict mode", "--strict"),
-];
-
 /// Writes an error and its hint to stderr.
 pub fn print_error(error: &Error) {
+    let message = error.to_string();
+    // What stands in backquotes in a message about a scene file is a key of it.
+    let is_of_scene = message.contains(".toml:");
+    let told = |text: &str| match is_of_scene {
+        true => text.to_owned(),
+        false => with_options(text),
+    };
     let mut err = std::io::stderr().lock();
-    let _ = writeln!(err, "error: {}", with_options(&error.to_string()));
+    let _ = writeln!(err, "error: {}", told(&message));
     if let Some(hint) = error.hint_text() {
-        let _ = writeln!(err, "hint: {}", with_options(hint));
+        let _ = writeln!(err, "hint: {}", told(hint));
     }
 }
 
-/// A message in which the option stands behind the first mention of its setting.
-fn with_options(message: &str) -> String {
-    let mut text = message.to_owned();
-    for (setting, option) in OPTIONS_OF_SETTINGS {
-        text = text.replacen(setting, &format!("{setting} ({option})"), 1);
+/// A message of the library with the options that set what it names in backquotes.
+pub fn with_options(message: &str) -> String {
+    let mut text = String::with_capacity(message.len());
+    for (i, piece) in message.split('`').enumerate() {
+        let option = match piece {
+            "overwrite" => "force".into(),
+            _ => piece.replace('_', "-"),
+        };
+        let is_quoted = i % 2 == 1;
+        if is_quoted && super::has_option(&option) {
+            text += "--";
+            text += &option;
+        } else if is_quoted {
+            text += "`";
+            text += piece;
+            text += "`";
+        } else {
+            text += piece;
+        }
     }
     text
 }
@@ -85,14 +92,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn options_stand_behind_their_settings() {
-        assert_eq!(
-            with_options("raise the memory limit, or the memory limit is passed"),
-            "raise the memory limit (--memory-limit), or the memory limit is passed"
-        );
-        assert_eq!(
-            with_options("samples must be at least 1"),
-            "samples must be at least 1"
-        );
+    fn settings_are_told_as_their_options() {
+        for (message, told) in [
+            (
+                "`max_dist` must be more than 0",
+                "--max-dist must be more than 0",
+            ),
+            ("replace it with `overwrite`", "replace it with --force"),
+            (
+                "make one with `lvox scatter`",
+                "make one with `lvox scatter`",
+            ),
+            (
+                "raise `memory_limit`, or enlarge by `scale`",
+                "raise --memory-limit, or enlarge by `scale`",
+            ),
+            ("nothing is named", "nothing is named"),
+        ] {
+            assert_eq!(with_options(message), told);
+        }
     }
 }

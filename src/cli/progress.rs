@@ -1,5 +1,6 @@
 //! Progress on stderr: a bar on a terminal, lines otherwise.
 
+use super::output::with_options;
 use crate::run::{Observer, Progress, TaskObserver};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use std::io::{IsTerminal, Write};
@@ -45,7 +46,7 @@ impl Observer for WarningsOnly {
     fn message(&self, _: &str) {}
 
     fn warning(&self, text: &str) {
-        stderr_line(&format!("warning: {text}"));
+        stderr_line(&format!("warning: {}", with_options(text)));
     }
 }
 
@@ -91,7 +92,7 @@ impl Observer for Bars {
     }
 
     fn warning(&self, text: &str) {
-        self.print(&format!("warning: {text}"));
+        self.print(&format!("warning: {}", with_options(text)));
     }
 }
 
@@ -172,7 +173,8 @@ impl Observer for Lines {
     }
 
     fn warning(&self, text: &str) {
-        self.print("warning", text, &format!("warning: {text}"));
+        let text = with_options(text);
+        self.print("warning", &text, &format!("warning: {text}"));
     }
 }
 

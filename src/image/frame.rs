@@ -153,7 +153,7 @@ impl Frame {
                 "the image covers only the region {} of its {}x{} pixels",
                 self.region, self.width, self.height
             ))
-            .hint(format!("compare that part alone: --region {}", self.region)));
+            .hint(format!("compare that part alone: `region` {}", self.region)));
         }
         let mut pixels = Vec::with_capacity(region.pixels());
         for y in region.y0..region.y1 {
@@ -223,7 +223,7 @@ mod tests {
         let error = frame.picture("", &Region::full(8, 8)).unwrap_err();
         assert_eq!(
             error.hint_text(),
-            Some("compare that part alone: --region 2 1 6 4")
+            Some("compare that part alone: `region` 2 1 6 4")
         );
         assert!(
             frame

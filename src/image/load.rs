@@ -71,7 +71,7 @@ pub fn noted_exposure(image: &Path) -> Result<Option<f32>> {
             "{}: {EXPOSURE} is {text}, not a positive number",
             image.display()
         ))
-        .hint("give the exposure: --exposure E")),
+        .hint("give the exposure: `exposure` E")),
     }
 }
 
@@ -104,7 +104,7 @@ fn side_car_exposure(reference: &Path) -> Result<Option<f32>> {
     }
     let value = json(&scene).map_err(|e| {
         e.at(format!("the scene of {}", side_car.display()))
-            .hint("give the exposure: --exposure E")
+            .hint("give the exposure: `exposure` E")
     })?;
     let Some(exposure) = value.pointer("/tonemap/exposure") else {
         return Ok(None);
@@ -115,7 +115,7 @@ fn side_car_exposure(reference: &Path) -> Result<Option<f32>> {
             "{}: tonemap.exposure is {exposure}, not a positive number",
             scene.display()
         ))
-        .hint("give the exposure: --exposure E")),
+        .hint("give the exposure: `exposure` E")),
     }
 }
 
@@ -144,7 +144,7 @@ mod tests {
         };
         put("-1");
         let error = exposure_of(&image).unwrap_err();
-        assert!(error.hint_text().unwrap().contains("--exposure"));
+        assert!(error.hint_text().unwrap().contains("`exposure`"));
         put("0.35");
         assert_eq!(exposure_of(&image).unwrap(), Some(0.35));
         write(dir.path().join("S_d3.json"), r#"{"scene": "S.toml"}"#).unwrap();
@@ -168,7 +168,7 @@ mod tests {
                 .unwrap_err()
                 .hint_text()
                 .unwrap()
-                .contains("--exposure")
+                .contains("`exposure`")
         );
         write(dir.path().join("S.json"), "{}").unwrap();
         assert_eq!(exposure_of(&image).unwrap(), Some(0.35));

@@ -217,7 +217,7 @@ fn check_cover(paths: &[PathBuf], infos: &[Info], first: &Info) -> Result<()> {
             more(found.missing.len())
         ))
         .hint(format!(
-            "add the missing tiles, or shade the parts: --region {gap}"
+            "add the missing tiles, or shade the parts: `region` {gap}"
         )));
     }
     Ok(())
@@ -325,7 +325,7 @@ mod tests {
         let inputs = tiles(dir.path(), 4, Precision::Half);
         let gap = Region::tile(WIDTH, HEIGHT, 2, 4).unwrap().to_string();
         let three = [inputs[0].clone(), inputs[1].clone(), inputs[3].clone()];
-        refused(&three, dir.path(), &["uncovered", &gap, "--region"]);
+        refused(&three, dir.path(), &["uncovered", &gap, "`region`"]);
         let mut five = inputs.clone();
         five.push(inputs[1].clone());
         refused(&five, dir.path(), &["overlap", "tile1.exr"]);

@@ -41,7 +41,7 @@ impl Region {
     pub fn tile(full_width: u32, full_height: u32, index: u32, count: u32) -> Result<Self> {
         if index >= count {
             return Err(Error::input(format!("there is no tile {index} of {count}"))
-                .hint("tiles are numbered from 0: --tile 0/4 is the first of four"));
+                .hint("tiles are numbered from 0: `tile` 0/4 is the first of four"));
         }
         let pixels = u64::from(full_width) * u64::from(full_height);
         if u64::from(count) > pixels {

@@ -23,10 +23,10 @@ pub fn check_sweep(
     size::within(what, needed, limit).map_err(|e| {
         e.hint(match visible {
             VisibleMedia::ThroughRegions(_) => {
-                "raise --memory-limit, shade a part that sees less of the volume: --region X0 Y0 X1 Y1 or --tile I/N, \
-                 or do without sweeps: any --max-dist, such as 1e9"
+                "raise `memory_limit`, shade a part that sees less of the volume: `region` X0 Y0 X1 Y1 or `tile` I/N, \
+                 or do without sweeps: any `max_dist`, such as 1e9"
             }
-            VisibleMedia::All => "raise --memory-limit",
+            VisibleMedia::All => "raise `memory_limit`",
         })
     })
 }
@@ -48,6 +48,6 @@ pub fn check_scattered(
             volume.name
         )
     };
-    size::within(what(), needed, limit).map_err(|e| e.hint("raise --memory-limit"))?;
+    size::within(what(), needed, limit).map_err(|e| e.hint("raise `memory_limit`"))?;
     memory::check(what(), needed)
 }

@@ -317,7 +317,7 @@ fn sweeps_beyond_the_memory_limit_are_refused_before_they_begin() {
         assert_eq!(error.kind(), Kind::Input);
         assert!(error.to_string().contains("4913 vertices"), "{error}");
         assert!(error.to_string().contains("\"haze\""), "{error}");
-        assert!(error.hint_text().unwrap().contains("--max-dist"));
+        assert!(error.hint_text().unwrap().contains("`max_dist`"));
     }
     // What looks past the volume has no sweep.
     let far = Shell::at(f32::INFINITY);
@@ -515,7 +515,7 @@ fn lighting_all_is_refused_or_stops_before_it_takes_more_than_it_may() {
     };
     let error = light_all(&around, &small).unwrap_err();
     assert_eq!(error.kind(), Kind::Input);
-    assert_eq!(error.hint_text(), Some("raise --memory-limit"));
+    assert_eq!(error.hint_text(), Some("raise `memory_limit`"));
     let stopped = Job::default();
     stopped.cancel.request();
     assert!(light_all(&around, &stopped).is_err());

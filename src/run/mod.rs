@@ -63,8 +63,8 @@ impl Job {
             1 => "a warning".into(),
             n => format!("{n} warnings"),
         };
-        let message = format!("{count} in strict mode: {}", warnings.join("; "));
-        Err(Error::input(message).hint("mend what is warned of, or do without strict mode"))
+        let message = format!("{count} with `strict`: {}", warnings.join("; "));
+        Err(Error::input(message).hint("mend what is warned of, or do without `strict`"))
     }
 }
 
@@ -87,6 +87,6 @@ mod tests {
         lenient.heed_warnings().unwrap();
         let error = strict.heed_warnings().unwrap_err();
         assert_eq!(error.kind(), crate::Kind::Input);
-        assert_eq!(error.to_string(), "2 warnings in strict mode: one; two");
+        assert_eq!(error.to_string(), "2 warnings with `strict`: one; two");
     }
 }

@@ -76,11 +76,11 @@ pub fn format(bytes: u64) -> String {
 pub fn within(what: impl Display, needed: u64, limit: Option<u64>) -> Result<()> {
     match limit {
         Some(limit) if needed > limit => Err(Error::input(format!(
-            "{what} needs {}, the memory limit is {}",
+            "{what} needs {}, `memory_limit` is {}",
             format(needed),
             format(limit)
         ))
-        .hint("raise the memory limit")),
+        .hint("raise `memory_limit`")),
         _ => Ok(()),
     }
 }
@@ -122,9 +122,9 @@ mod tests {
         assert_eq!(error.kind(), crate::Kind::Input);
         assert_eq!(
             error.to_string(),
-            "shading 9 pixels needs 4.00 KiB, the memory limit is 1 B"
+            "shading 9 pixels needs 4.00 KiB, `memory_limit` is 1 B"
         );
-        assert!(error.hint_text().unwrap().contains("memory limit"));
+        assert!(error.hint_text().unwrap().contains("`memory_limit`"));
     }
 
     #[test]

@@ -35,7 +35,7 @@ pub fn check(
         .saturating_mul(per_pixel(quantities))
         .saturating_add(lattices.sum());
     size::within(format_args!("shading {pixels} pixels"), needed, limit).map_err(|e| {
-        e.hint("raise --memory-limit, or shade a part: --region X0 Y0 X1 Y1 or --tile I/N")
+        e.hint("raise `memory_limit`, or shade a part: `region` X0 Y0 X1 Y1 or `tile` I/N")
     })?;
     // The pixels of all regions are put together when the lists of gathers are gone.
     let [gathered, smoothed] = regions.iter().fold([0_u64; 2], |sum, &r| {
@@ -46,7 +46,7 @@ pub fn check(
     let least = smoothed.saturating_add(gathered.max(planes));
     memory::check(format_args!("shading {pixels} pixels"), least).map_err(|e| {
         e.hint(
-            "shade a part: --region X0 Y0 X1 Y1 or --tile I/N; or a smaller film: --resolution WxH. --memory-limit holds \
+            "shade a part: `region` X0 Y0 X1 Y1 or `tile` I/N; or a smaller film: `resolution` WxH. `memory_limit` holds \
              down what the tree takes beside pixels",
         )
     })

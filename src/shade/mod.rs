@@ -170,10 +170,10 @@ fn check(scene: &Scene, tree: &OpenTree, settings: &Settings) -> Result<()> {
     };
     if settings.method != Method::Extended || settings.max_dist.is_some_and(f32::is_finite) {
         return Err(Error::input(
-            "scattered light is that of all surfaces and media, however far: it does not go with --method traditional and \
-             --max-dist",
+            "scattered light is that of all surfaces and media, however far: it does not go with `method` traditional and \
+             `max_dist`",
         )
-        .hint("leave out --scatter, or those"));
+        .hint("leave out `scatter`, or those"));
     }
     inscatter::check_volumes(&scatter.meta().volumes, scene)
         .map_err(|e| e.hint("make the scattered light again: lvox scatter"))
@@ -186,7 +186,7 @@ fn warn_of_unknown(asked: PatchStats, job: &Job) {
     if share > SHARE {
         job.progress.warn(&format!(
             "the tree has no surfels on {:.0} % of what gather rays met, which is taken for black; bake with more \
-             --surfels, or from the scene as it is",
+             `surfels`, or from the scene as it is",
             100.0 * share
         ));
     }

@@ -205,23 +205,23 @@ impl Settings {
                 )))
             }
         };
-        count("--samples", self.samples, 65_536)?;
-        count("--patch-surfels", self.patch_surfels, 65_536)?;
-        count("--volume-samples", self.volume_samples, 65_536)?;
-        count("--pixel-samples", self.pixel_samples, 65_536)?;
-        count("--corner-spacing", self.corner_spacing, 2)?;
-        count("--edge-samples", self.edge_samples, 65_536)?;
-        count("--shadow-rays", self.shadow_rays, 4096)?;
-        count("--lattice", self.lattice, Self::COARSEST_LATTICE)?;
+        count("`samples`", self.samples, 65_536)?;
+        count("`patch_surfels`", self.patch_surfels, 65_536)?;
+        count("`volume_samples`", self.volume_samples, 65_536)?;
+        count("`pixel_samples`", self.pixel_samples, 65_536)?;
+        count("`corner_spacing`", self.corner_spacing, 2)?;
+        count("`edge_samples`", self.edge_samples, 65_536)?;
+        count("`shadow_rays`", self.shadow_rays, 4096)?;
+        count("`lattice`", self.lattice, Self::COARSEST_LATTICE)?;
         if !(0.0..=1.0).contains(&self.max_solid_angle) {
             return Err(Error::input(format!(
-                "--max-solid-angle must be 0 to 1 steradian, found {}",
+                "`max_solid_angle` must be 0 to 1 steradian, found {}",
                 self.max_solid_angle
             )));
         }
         if let Some(d) = self.max_dist.filter(|d| d.is_nan() || *d <= 0.0) {
             return Err(Error::input(format!(
-                "--max-dist must be more than 0, found {d}"
+                "`max_dist` must be more than 0, found {d}"
             )));
         }
         Ok(())

@@ -389,13 +389,13 @@ impl OpenTree {
         size::within(what, table_bytes, memory_limit).map_err(|e| e.at(path.display()))?;
         if memory_limit.is_none() && table_bytes > MOST_TABLE_BYTES {
             return Err(Error::input(format!(
-                "{}: {what} needs {}, without --memory-limit the most is {}",
+                "{}: {what} needs {}, without `memory_limit` the most is {}",
                 path.display(),
                 size::format(table_bytes),
                 size::format(MOST_TABLE_BYTES)
             ))
             .hint(
-                "a larger --memory-limit allows it; `lvox verify` tells whether the file is whole",
+                "a larger `memory_limit` allows it; `lvox verify` tells whether the file is whole",
             ));
         }
         let media = read_media(&tree, path, memory_limit)?;

@@ -62,7 +62,7 @@ fn strict_verbs_end_at_a_warning_before_they_write() {
     let refused = [
         (
             "bake dark.toml -o a.lvc",
-            "a warning in strict mode (--strict): the scene has no light",
+            "a warning with --strict: the scene has no light",
         ),
         (
             "render dark.toml -o a.exr --keep-tree a.lvt",
@@ -92,7 +92,7 @@ fn strict_verbs_end_at_a_warning_before_they_write() {
     two.refused(
         2,
         &[
-            "error: 2 warnings in strict mode (--strict): the scene has no light",
+            "error: 2 warnings with --strict: the scene has no light",
             "; scene.lvt: baked from",
         ],
     );

@@ -241,7 +241,7 @@ fn limits_of_memory_that_are_too_small_are_named() {
     lvox(&work, &build).refused(2, &["64.0 MiB", "1.00 KiB"]);
     let shade = ["shade", "scene.toml", "-t", "scene.lvt", "-o", "a.exr"];
     let run = lvox(&work, &[&shade[..], &["--memory-limit", "1"]].concat());
-    run.refused(2, &["memory limit (--memory-limit) is 1 B", "hint: raise"]);
+    run.refused(2, &["--memory-limit is 1 B", "hint: raise"]);
     assert!(!run.stderr.contains("verify"), "{}", run.stderr);
 }
 

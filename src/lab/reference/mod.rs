@@ -86,19 +86,19 @@ impl Settings {
     /// Names the setting, what it may be and what it was.
     pub fn check(&self) -> Result<()> {
         if self.spp == Some(0) {
-            return Err(Error::input("--spp must be at least 1"));
+            return Err(Error::input("`spp` must be at least 1"));
         }
         if !(1..=64).contains(&self.strands) {
             return Err(Error::input(format!(
-                "--strands must be 1 to 64, found {}",
+                "`strands` must be 1 to 64, found {}",
                 self.strands
             )));
         }
         match self.secs {
             Some(s) if !(s > 0.0 && s <= 1e9) => Err(Error::input(format!(
-                "--time must be more than 0 and at most 1e9 seconds, found {s}"
+                "`time` must be more than 0 and at most 1e9 seconds, found {s}"
             ))),
-            None if self.spp.is_none() => Err(Error::input("neither --spp nor --time was given")),
+            None if self.spp.is_none() => Err(Error::input("neither `spp` nor `time` was given")),
             _ => Ok(()),
         }
     }
@@ -143,9 +143,9 @@ pub fn begin(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> R
     let needed = Sums::bytes(&region, settings.strands);
     let what = format_args!("summing samples of {} pixels", region.pixels());
     size::within(what, needed, job.memory_limit)
-        .map_err(|e| e.hint("raise --memory-limit, or render a part: --region X0 Y0 X1 Y1"))?;
+        .map_err(|e| e.hint("raise `memory_limit`, or render a part: `region` X0 Y0 X1 Y1"))?;
     memory::check(what, needed).map_err(|e| {
-        e.hint("render a part: --region X0 Y0 X1 Y1; or a smaller film: --resolution WxH")
+        e.hint("render a part: `region` X0 Y0 X1 Y1; or a smaller film: `resolution` WxH")
     })?;
     Ok(Sums::new(region, settings.strands, origin))
 }
@@ -178,7 +178,7 @@ pub fn run(
             .say(&format!("going on from {least} samples per pixel"));
         if let Some(spp) = settings.spp.filter(|&spp| spp < most) {
             job.progress.warn(&format!(
-                "{} keeps {most} samples per pixel, more than --spp {spp}, and the image has them all; --force begins anew",
+                "{} keeps {most} samples per pixel, more than `spp` {spp}, and the image has them all; `overwrite` begins anew",
                 kept.display()
             ));
         }

@@ -145,7 +145,7 @@ impl Sums {
         };
         let refused = |what: &str| {
             Error::input(format!("{} {what}", path.display())).hint(
-                "choose another output, or begin anew with --force: the samples in that file are lost then",
+                "choose another output, or begin anew with `overwrite`: the samples in that file are lost then",
             )
         };
         let failed = |e: Unreadable| match e {
@@ -267,7 +267,7 @@ mod tests {
             let error = Sums::read(&path, &like).unwrap_err();
             assert_eq!(error.kind(), crate::Kind::Input);
             assert!(error.to_string().contains(part), "{error}");
-            assert!(error.hint_text().unwrap().contains("--force"));
+            assert!(error.hint_text().unwrap().contains("`overwrite`"));
         }
     }
 

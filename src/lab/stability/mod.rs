@@ -1,7 +1,7 @@
 //! Closed forms, extremes and invariances: each case compares lvox with what is known beforehand,
 //! or with a stated limit.
 //!
-//! `lvox study --stability` prints the table; the tests run the same functions.
+//! `lvox stability` prints the table; the tests run the same functions.
 
 mod contrast;
 mod degenerate;

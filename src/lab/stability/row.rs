@@ -124,10 +124,10 @@ pub fn markdown(families: &[Family]) -> String {
 
 const HEAD: &str = "# Stability
 
-What `lvox study --stability` prints: lvox beside closed forms, quadrature and stated limits, at parameters from one end of
+What `lvox stability` prints: lvox beside closed forms, quadrature and stated limits, at parameters from one end of
 their range to the other. It takes about a minute and exits with 1 if a row fails. Errors are relative to what was expected;
 where that is 0 they are absolute. `tests/stability.rs` runs the same cases, the heavy ones with fewer points. Rows of the part
-Precision are of the built-in scene; `lvox study --stability SCENE` takes any other.
+Precision are of the built-in scene; `lvox stability SCENE` takes any other.
 ";
 
 /// Six digits.

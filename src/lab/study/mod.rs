@@ -54,8 +54,8 @@ pub fn run(
     scene.camera(settings.camera.as_deref())?;
     if settings.max_depth != SHADED_SEGMENTS {
         job.progress.warn(&format!(
-            "point-based methods compute direct light and one bounce, which is --max-depth {SHADED_SEGMENTS}: with \
-             --max-depth {} their errors are those of other transport too",
+            "point-based methods compute direct light and one bounce, which is `max_depth` {SHADED_SEGMENTS}: with \
+             `max_depth` {} their errors are those of other transport too",
             settings.max_depth
         ));
     }
@@ -392,7 +392,7 @@ impl Target {
                 differences.join("; ")
             ))
             .hint(format!(
-                "render one of this scene and camera: lvox reference --max-depth {}",
+                "render one of this scene and camera: lvox reference `max_depth` {}",
                 settings.max_depth
             )));
         }

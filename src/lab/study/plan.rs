@@ -108,28 +108,28 @@ impl Settings {
     /// Names the setting and what it may be.
     pub fn check(&self) -> Result<()> {
         let counts = [
-            ("--spp", self.spp.iter().all(|&n| n > 0)),
-            ("--surfels", self.surfels.iter().all(|&n| n > 0)),
-            ("--samples", self.samples.iter().all(|&n| n > 0)),
-            ("--rounds", self.rounds > 0),
-            ("--reference-spp", self.reference_spp > 0),
+            ("`spp`", self.spp.iter().all(|&n| n > 0)),
+            ("`surfels`", self.surfels.iter().all(|&n| n > 0)),
+            ("`samples`", self.samples.iter().all(|&n| n > 0)),
+            ("`rounds`", self.rounds > 0),
+            ("`reference_spp`", self.reference_spp > 0),
         ];
         if let Some((name, _)) = counts.iter().find(|(_, good)| !good) {
             return Err(Error::input(format!("{name} must be at least 1")));
         }
         if self.spp.is_empty() || self.surfels.is_empty() || self.block_depth.is_empty() {
             return Err(Error::input(
-                "--spp, --surfels and --block-depth need one value at least",
+                "`spp`, `surfels` and `block_depth` need one value at least",
             ));
         }
         if self.long_secs.is_nan() || self.long_secs < 0.0 {
             return Err(Error::input(format!(
-                "--long must not be negative, found {}",
+                "`long` must not be negative, found {}",
                 self.long_secs
             )));
         }
-        let sides = self.block_voxels.iter().map(|n| ("--block-voxels", n));
-        for (name, n) in sides.chain(self.paper_cloud.iter().map(|n| ("--paper-cloud", n))) {
+        let sides = self.block_voxels.iter().map(|n| ("`block_voxels`", n));
+        for (name, n) in sides.chain(self.paper_cloud.iter().map(|n| ("`paper_cloud`", n))) {
             if ![1, 2, 4, 8].contains(n) {
                 return Err(Error::input(format!(
                     "{name} has to be 1, 2, 4 or 8, found {n}"
@@ -477,7 +477,7 @@ mod tests {
             ..Settings::default()
         };
         let message = voxels.check().unwrap_err().to_string();
-        assert!(message.contains("--block-voxels"), "{message}");
+        assert!(message.contains("`block_voxels`"), "{message}");
         let settings = Settings {
             samples: vec![0],
             ..Settings::default()
@@ -487,7 +487,7 @@ mod tests {
                 .check()
                 .unwrap_err()
                 .to_string()
-                .contains("--samples")
+                .contains("`samples`")
         );
     }
 }

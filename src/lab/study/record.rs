@@ -327,7 +327,7 @@ impl Study {
         };
         let refused = |what: String| {
             Error::input(format!("{} {what}", path.display()))
-                .hint("choose another folder, or begin anew with --force")
+                .hint("choose another folder, or begin anew with `overwrite`")
         };
         let study: Self = serde_json::from_slice(&bytes)
             .map_err(|e| refused(format!("is no study of this version: {e}")))?;
@@ -371,9 +371,9 @@ impl Study {
             other.join(", ")
         ))
         .hint(
-            "more --rounds and more values of sweeps go into the same folder; for another base (--quality, --seed, \
-             --max-depth, the last of --surfels, the first of --block-depth) choose another folder, or begin anew with \
-             --force",
+            "more `rounds` and more values of sweeps go into the same folder; for another base (`quality`, `seed`, \
+             `max_depth`, the last of `surfels`, the first of `block_depth`) choose another folder, or begin anew with \
+             `overwrite`",
         ))
     }
 
@@ -495,6 +495,6 @@ mod tests {
         assert_eq!(read("k").unwrap(), None);
         std::fs::write(&path, "{").unwrap();
         let error = read("k").unwrap_err();
-        assert!(error.hint_text().unwrap().contains("--force"));
+        assert!(error.hint_text().unwrap().contains("`overwrite`"));
     }
 }

@@ -43,7 +43,7 @@ pub fn check(target: f64) -> Result<()> {
         Ok(())
     } else {
         Err(Error::input(format!(
-            "--target-error must be more than 0 and less than 1, found {target}"
+            "`target_error` must be more than 0 and less than 1, found {target}"
         ))
         .hint("it is a trimmed relMSE as `lvox compare` prints it: 1e-2 is coarse, 1e-3 fair, 1e-4 fine"))
     }
@@ -71,7 +71,7 @@ pub fn choose(
         let settings = adapt(rung(found.rung));
         if pilot.lost() > 0 {
             job.progress.warn(&format!(
-                "the pilot of --target-error left out {} of {} paths whose light is infinite or not a number",
+                "the pilot of `target_error` left out {} of {} paths whose light is infinite or not a number",
                 pilot.lost(),
                 pilot.paths()
             ));

@@ -106,7 +106,7 @@ impl<'a> Pilot<'a> {
             let found = self.compare(&shaded);
             if !found.error.is_finite() {
                 return Err(Error::failed(
-                    "the pilot of --target-error shaded pixels, or traced paths, that are infinite or not a number",
+                    "the pilot of `target_error` shaded pixels, or traced paths, that are infinite or not a number",
                 )
                 .hint("look for emission, intensities or sizes at the limits of floats, or give settings instead"));
             }
