@@ -35,8 +35,8 @@ impl Settings {
     /// Names the setting, what it may be and what it was.
     pub fn check(&self) -> Result<()> {
         for (name, value, most) in [
-            ("volume samples", self.volume_samples, 65_536),
-            ("shadow rays", self.shadow_rays, 4096),
+            ("`volume_samples`", self.volume_samples, 65_536),
+            ("`shadow_rays`", self.shadow_rays, 4096),
         ] {
             if !(1..=most).contains(&value) {
                 return Err(Error::input(format!(
@@ -46,7 +46,7 @@ impl Settings {
         }
         if !(0.0..=1.0).contains(&self.max_solid_angle) {
             return Err(Error::input(format!(
-                "the maximal solid angle must be 0 to 1 steradian, found {}",
+                "`max_solid_angle` must be 0 to 1 steradian, found {}",
                 self.max_solid_angle
             )));
         }

@@ -207,7 +207,7 @@ mod tests {
                 other => panic!("{length}: {other}"),
             }
         }
-        assert!(matches!(with(0, 1), Err(Unreadable::Version(1))));
+        assert!(matches!(with(0, 2), Err(Unreadable::Version(2))));
         // No strands; the region's right before its left, its bottom above its top; origins longer
         // than any, and one that ends too soon.
         for (number, value) in [(1, 0), (4, 2), (5, 4), (6, u32::MAX), (6, 1)] {
