@@ -6,7 +6,7 @@ use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
-/// What to do with an output that is already there.
+/// The fate of an output that is already there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Overwrite {
     /// The file stays, and writing fails with [`FormatError::Exists`].
@@ -23,7 +23,7 @@ pub enum Overwrite {
 #[derive(Debug)]
 pub struct AtomicFile {
     path: PathBuf,
-    /// Where `path` leads.
+    /// The file that `path` leads to, links followed.
     target: PathBuf,
     temporary: NamedTempFile,
     overwrite: Overwrite,

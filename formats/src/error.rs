@@ -16,15 +16,15 @@ pub enum FormatError {
     NotOurs {
         /// The magic bytes.
         expected: [u8; 8],
-        /// As many bytes as the file has of them.
+        /// The first bytes of the file, at most eight.
         found: Vec<u8>,
     },
     /// An lvox file of another kind.
     #[error("expected a {expected}, found a {found}")]
     WrongKind {
-        /// What the caller wanted.
+        /// The kind that the caller wanted.
         expected: String,
-        /// What the header says.
+        /// The kind in the header.
         found: String,
     },
     /// A version that this program does not read.
@@ -58,7 +58,7 @@ pub enum FormatError {
     Invalid {
         /// Which value, and where.
         what: String,
-        /// What is allowed.
+        /// The values that are allowed.
         expected: String,
         /// The value that is there.
         found: String,
@@ -74,15 +74,15 @@ pub enum FormatError {
     Folder {
         /// The folder, links followed.
         folder: PathBuf,
-        /// What came back.
+        /// The error of the operating system.
         error: io::Error,
     },
     /// The operating system failed.
     #[error("{doing}: {error}")]
     Io {
-        /// What was tried, as a verb phrase.
+        /// The operation that failed, as a verb phrase.
         doing: &'static str,
-        /// What came back.
+        /// The error of the operating system.
         error: io::Error,
     },
     /// Any of these, with the file it happened in.
@@ -90,7 +90,7 @@ pub enum FormatError {
     InFile {
         /// The file.
         path: PathBuf,
-        /// What happened.
+        /// The error itself.
         error: Box<FormatError>,
     },
 }
@@ -142,7 +142,7 @@ impl FormatError {
         }
     }
 
-    /// What to do next, where that is known.
+    /// Advice on what to do next, where there is any.
     #[must_use]
     pub fn hint(&self) -> Option<&'static str> {
         match self.cause() {

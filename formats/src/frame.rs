@@ -17,7 +17,7 @@ pub const MAGIC: [u8; 8] = *b"\x89LVX\r\n\x1a\n";
 pub const HEADER_LEN: usize = 104;
 const ENTRY_LEN: usize = 40;
 
-/// Which of the files.
+/// The three kinds of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileKind {
     /// Unordered points, `.lvc`.
@@ -53,7 +53,7 @@ impl FileKind {
         }
     }
 
-    /// What a file says it is, from its first bytes; nothing else of it is checked.
+    /// The kind that the first bytes of a file state; nothing else of it is checked.
     ///
     /// # Errors
     /// [`FormatError::NotOurs`], [`FormatError::Truncated`], or [`FormatError::Invalid`] for an
@@ -76,7 +76,7 @@ impl FileKind {
     }
 }
 
-/// What a block holds.
+/// The content of a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BlockKind {
     /// A chunk of surfels in a cloud, a page of surfels and nodes in a tree.
@@ -92,7 +92,7 @@ pub enum BlockKind {
 impl BlockKind {
     const ALL: [Self; 4] = [Self::Surfels, Self::Lvoxels, Self::Direct, Self::Indirect];
 
-    /// As it is in the block table.
+    /// The number of this kind in the block table.
     fn code(self) -> u32 {
         self as u32 + 1
     }
@@ -101,17 +101,17 @@ impl BlockKind {
 /// An entry of the block table: a chunk of a cloud, a page of a tree or a part of scattered light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Block {
-    /// From the start of the file, bytes.
+    /// Bytes from the start of the file.
     pub offset: u64,
     /// Bytes in the file.
     pub stored_bytes: u32,
     /// Bytes once decompressed.
     pub raw_bytes: u32,
-    /// What is in it.
+    /// Content of the block.
     pub kind: BlockKind,
-    /// How many surfels, lvoxels or vertices.
+    /// Number of surfels, lvoxels or vertices.
     pub records: u32,
-    /// How many nodes; 0 but in a tree.
+    /// Number of nodes; 0 but in a tree.
     pub nodes: u32,
     /// Which columns are present, one bit each.
     pub columns: u32,

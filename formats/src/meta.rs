@@ -3,7 +3,7 @@
 use crate::record::{MAX_VOLUMES, VolumeInfo};
 use crate::{FormatError, Result};
 
-/// Where a cloud comes from and how its points are to be placed.
+/// Metadata of a cloud: the scene it comes from, and how its points are to be placed.
 #[derive(
     Clone,
     Debug,
@@ -29,7 +29,7 @@ pub struct CloudMeta {
     pub disk_overlap: f32,
 }
 
-/// Where a tree comes from.
+/// Metadata of a tree: the cloud it comes from.
 #[derive(
     Clone,
     Debug,
@@ -49,7 +49,7 @@ pub struct TreeMeta {
     pub settings: Vec<(String, String)>,
 }
 
-/// Where scattered light comes from.
+/// Metadata of scattered light: the scene and the tree it comes from.
 #[derive(
     Clone,
     Debug,

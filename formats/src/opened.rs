@@ -26,7 +26,7 @@ impl<F: Format> Opened<MappedFile, F> {
     /// Maps a file into memory and opens it; all errors name the file.
     ///
     /// # Errors
-    /// As [`Opened::open`], and [`FormatError::Io`].
+    /// Those of [`Opened::open`], and [`FormatError::Io`].
     pub fn open_path(path: &Path) -> Result<Self> {
         let mut opened = Self::open(MappedFile::open(path)?).map_err(|e| e.at(path))?;
         opened.path = Some(path.into());

@@ -19,14 +19,14 @@ pub struct Surfel {
     pub front: [f32; 3],
     /// Diffuse radiance that leaves the back side.
     pub back: [f32; 3],
-    /// Where the disk ends before its radius does.
+    /// Lines at which the disk ends before its radius does.
     pub clips: Clips,
 }
 
 /// Up to three half-planes through which a disk is cut, each a line in the disk's plane.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Clips {
-    /// How many of `edges` hold.
+    /// Number of `edges` that hold.
     pub count: u8,
     /// The cutting lines; those from `count` on mean nothing.
     pub edges: [ClipEdge; 3],
@@ -129,7 +129,7 @@ pub const MAX_LEVEL: u8 = 3;
 /// Most volumes of a cloud, which lvoxels number in 16 bits.
 pub const MAX_VOLUMES: usize = 65_535;
 
-/// What a reader must know of a volume to place its lvoxels.
+/// A volume, as far as readers must know it to place its lvoxels.
 #[derive(
     Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize, bincode::Encode, bincode::Decode,
 )]
@@ -240,13 +240,13 @@ pub struct SurfelAggregate {
 pub struct Node {
     /// Tight box of all surfels below, radii included, as decoded: never smaller than the true one.
     pub bounds: Bounds,
-    /// Where its children are: nodes, surfels, or another page.
+    /// The children: nodes, surfels, or another page.
     pub below: Below,
     /// Sums and means over all surfels below.
     pub aggregate: SurfelAggregate,
 }
 
-/// What lies below a node.
+/// The children of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Below {
     /// Nodes `first..first + count` of the same page; count is 1 to 8.
@@ -290,7 +290,7 @@ pub struct SurfelPage {
 /// The surfels of a [`SurfelPage`] without its nodes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SurfelLeaves {
-    /// How many each leaf has, in the order of the page's nodes.
+    /// Number of surfels of each leaf, in the order of the page's nodes.
     pub counts: Vec<u8>,
     /// Surfels, in the same order.
     pub surfels: Vec<Surfel>,

@@ -195,7 +195,7 @@ pub struct WorstError {
     pub name: String,
     /// Largest error of all values, in the unit that the name tells.
     pub worst: f64,
-    /// What the format promises.
+    /// The largest error that the format allows.
     pub bound: f64,
 }
 
@@ -215,7 +215,7 @@ pub struct TreeSummary {
     pub sums: Sums,
     /// Counts and sums of the cloud that the tree was built from.
     pub cloud_sums: Sums,
-    /// Where traversal starts; `None` without surfels.
+    /// The page where traversal starts; `None` without surfels.
     pub root_page: Option<u32>,
     /// Box of all surfels, radii included; `None` without surfels.
     pub bounds: Option<Bounds>,

@@ -23,7 +23,7 @@ const DEPTH_STEPS: usize = 8;
 /// Share of a ray's light from a block below which it is left out.
 const MIN_RAY_WEIGHT: f32 = 1e-2;
 
-/// How large blocks are.
+/// The size of the blocks that media are divided into.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BlockSize {
     /// The largest that no surface cuts and whose optical depth along an edge stays below this: the

@@ -31,10 +31,10 @@ use rayon::prelude::*;
 use std::path::Path;
 use surfels::{AreaSampler, SurfelMaker};
 
-/// How to bake.
+/// Settings of a bake.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// Where surfels come from.
+    /// Sampling of surfaces.
     pub surfels: SurfelSampling,
     /// Disk radius over that of a disk of the surfel's area: more overlap leaves fewer holes and
     /// blurs more.
@@ -49,7 +49,7 @@ pub struct Settings {
     pub seed: u64,
 }
 
-/// Where surfels come from.
+/// The sampling of surfaces by surfels.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SurfelSampling {
     /// About `count` surfels, spread over the area of all surfaces.

@@ -88,7 +88,7 @@ pub struct SurfelMaker<'a, S> {
     pub tracer: &'a Tracer<'a>,
     /// The lights of the scene.
     pub lights: &'a Lights<'a, S>,
-    /// Where disks end.
+    /// Creases at which disks end.
     pub creases: &'a Creases<'a>,
     /// Shadow rays to each area light, a side.
     pub shadow_rays: u32,

@@ -21,7 +21,7 @@ const COUNTED_LEVELS: u32 = 6;
 /// Buckets that surfels are dealt to at a time.
 const MAX_BUCKETS_DEALT: usize = 256;
 
-/// Where surfels are, in the order of the cloud.
+/// The place of surfels, in the order of the cloud.
 #[derive(Clone)]
 enum SurfelSource {
     Cloud,
@@ -68,7 +68,7 @@ pub struct Feed<'a> {
 
 /// The frontier's cells in Morton order, each as it is built.
 struct Ready {
-    /// What is still to be dealt out or built, the next last.
+    /// Buckets that are still to be dealt out or built, the next one last.
     waiting: Vec<(SurfelSource, Vec<Bucket>)>,
     built: VecDeque<(Pending, Pages)>,
     /// The last counted level, and how far that is below the first.

@@ -29,7 +29,7 @@ use crate::{Error, Result};
 pub use aggregate::AggregateSums;
 use std::path::Path;
 
-/// How to build a tree.
+/// Settings of a build.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Settings {
     /// Size that pages should have before compression, bytes.
@@ -60,7 +60,7 @@ pub struct Outcome {
 pub const MIN_MEMORY: u64 = 64 << 20;
 /// The limit where none is given.
 pub const DEFAULT_MEMORY: u64 = 4 << 30;
-/// What is needed whatever the size of the cloud.
+/// Memory that is needed whatever the size of the cloud.
 const FIXED_MEMORY: u64 = 28 << 20;
 /// Per surfel of a bucket: the record, its sort key, its share of pages and nodes in work.
 const SURFEL_MEMORY: u64 = 192;

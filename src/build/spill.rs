@@ -103,7 +103,7 @@ const FLOAT: usize = size_of::<f32>();
 impl Record for Surfel {
     /// Flags, position, normal, radius, area and front.
     const MIN_BYTES: usize = 1 + (3 + 3 + 1 + 1 + 3) * FLOAT;
-    /// And the back, and three edges.
+    /// The same, the back, and three edges.
     const MAX_BYTES: usize = Self::MIN_BYTES + (3 + 3 * 2) * FLOAT;
 
     fn write(&self, out: &mut Vec<u8>) {
@@ -201,7 +201,7 @@ impl Dealer {
         Ok(())
     }
 
-    /// What each bucket got, in the order of pushing.
+    /// The ranges of each bucket, in the order of pushing.
     pub fn finish(mut self, spill: &mut Spill) -> Result<Vec<Vec<SpillRange>>> {
         for (buffer, ranges) in self.buffers.iter().zip(&mut self.ranges) {
             if !buffer.is_empty() {

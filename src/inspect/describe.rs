@@ -10,7 +10,7 @@ use crate::run::hex;
 use std::fmt;
 use std::path::Path;
 
-/// What a file says of itself. The keys of its JSON do not change within a version.
+/// Description of a cloud or a tree. The keys of its JSON do not change within a version.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Description {
     /// Path of the file, as given.
@@ -23,7 +23,7 @@ pub struct Description {
     pub bytes: u64,
     /// Identity of the content.
     pub content_hash: String,
-    /// Of a tree: identity of the cloud that it was built from.
+    /// Identity of the cloud that a tree was built from.
     pub cloud_hash: Option<String>,
     /// Name of the scene.
     pub scene_name: String,
@@ -35,15 +35,15 @@ pub struct Description {
     pub disk_overlap: f32,
     /// Volumes, in the order that lvoxels refer to.
     pub volumes: Vec<VolumeInfo>,
-    /// What the cloud was baked with.
+    /// Settings that the cloud was baked with.
     pub bake_settings: Vec<(String, String)>,
-    /// What the tree was built with.
+    /// Settings that the tree was built with.
     pub build_settings: Vec<(String, String)>,
     /// Box of the surfels, in scene space.
     pub bounds: Option<Bounds>,
     /// Counts and sums of the points.
     pub sums: Sums,
-    /// Of a tree: those of the cloud.
+    /// Counts and sums of the cloud that a tree was built from.
     pub cloud_sums: Option<Sums>,
     /// Surfels, with their nodes in a tree.
     pub surfels: PointKind,
@@ -57,9 +57,9 @@ pub struct Description {
     /// compression; and kinds of points that there are none of, with 0 bytes: what they would take
     /// depends on how many there would be.
     pub left_out: Vec<LeftOut>,
-    /// Of a tree, by steps below the root.
+    /// Levels of a tree, by steps below the root.
     pub levels: Vec<TreeLevel>,
-    /// Of a tree: the worst differences between stored and given values.
+    /// The worst differences between stored and given values of a tree.
     pub errors: Vec<WorstError>,
 }
 

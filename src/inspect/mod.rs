@@ -1,5 +1,11 @@
 //! What is in a cloud, a tree or scattered light, for people and for scripts: descriptions, first
 //! points, PLY for viewers, and the complete check of a file.
+//!
+//! In: the path of a file. Out: values that print as text and serialise as JSON.
+//!
+//! - `describe`: a cloud or a tree; `scatter`: scattered light; `samples`: samples of a reference.
+//! - `points`: the first points; `ply`: all points, for viewers.
+//! - `verify`: the complete check. `text`: tables.
 
 mod describe;
 mod ply;
@@ -20,7 +26,7 @@ use crate::formats::{Cloud, FileKind, MappedFile, Tree};
 use crate::{Error, Result};
 use std::path::Path;
 
-/// Either file that has points, opened.
+/// A file that has points, opened: a cloud or a tree.
 enum File {
     Cloud(Cloud<MappedFile>),
     Tree(Tree<MappedFile>),

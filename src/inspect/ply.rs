@@ -11,12 +11,12 @@ use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::Path;
 use std::rc::Rc;
 
-/// What was exported.
+/// Counts of an export.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Exported {
     /// Vertices in the file.
     pub vertices: u64,
-    /// Those of them that are surfels or nodes; the others are lvoxels.
+    /// Vertices that are surfels or nodes; the others are lvoxels.
     pub surfels_or_nodes: u64,
 }
 
@@ -99,7 +99,7 @@ pub fn export_ply(
     })
 }
 
-/// What makes the mean radiance a middle grey.
+/// The factor that makes the mean radiance a middle grey.
 fn exposure(sums: &Sums) -> f32 {
     let mean = sums.flux.iter().sum::<f64>() / 3.0 / std::f64::consts::PI / sums.area;
     if mean.is_finite() && mean > 0.0 {

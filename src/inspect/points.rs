@@ -11,9 +11,9 @@ use std::path::Path;
 /// The first surfels and lvoxels of a file, as decoded.
 #[derive(Clone, Debug, Default)]
 pub struct Points {
-    /// In the order of the file.
+    /// Surfels, in the order of the file.
     pub surfels: Vec<Surfel>,
-    /// In the order of the file.
+    /// Lvoxels, in the order of the file.
     pub lvoxels: Vec<Lvoxel>,
 }
 
@@ -57,7 +57,7 @@ fn fill<T>(
 }
 
 impl Points {
-    /// As JSON, with stable keys.
+    /// The points as JSON, with stable keys.
     #[must_use]
     pub fn to_json(&self) -> Value {
         let surfel = |s: &Surfel| {

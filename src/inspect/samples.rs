@@ -10,7 +10,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-/// What a file of samples says of itself.
+/// Description of a file of samples.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Samples {
     /// Path of the file, as given.
@@ -39,7 +39,7 @@ pub struct Samples {
     pub scene_hash: String,
     /// Digest of the path tracer's sources.
     pub path_tracer: String,
-    /// What they were made with.
+    /// Settings that the samples were made with.
     pub settings: BTreeMap<String, Value>,
 }
 

@@ -32,7 +32,7 @@ pub struct Scattered {
     pub scene_hash: String,
     /// Volumes, in the order that clusters refer to.
     pub volumes: Vec<VolumeInfo>,
-    /// What it was made with.
+    /// Settings that the light was made with.
     pub settings: Vec<(String, String)>,
     /// Vertices, by volume, light and spacing.
     pub lattices: Vec<Lattice>,
@@ -56,7 +56,7 @@ pub struct Lattice {
     pub light: &'static str,
     /// Voxels between vertices.
     pub spacing: u32,
-    /// How many there are.
+    /// Number of vertices.
     pub vertices: u64,
     /// Bytes in the file.
     pub stored_bytes: u64,

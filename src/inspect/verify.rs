@@ -19,7 +19,7 @@ pub struct Verification {
     pub passed: bool,
     /// Each quantity that a stage must conserve, as found.
     pub checks: Vec<Check>,
-    /// Of a tree, by steps below the root.
+    /// Depths of a tree, by steps below the root.
     pub depths: Vec<Depth>,
 }
 

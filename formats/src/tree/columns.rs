@@ -10,7 +10,7 @@ pub struct Column {
     pub rows: Rows,
 }
 
-/// What has a row in a column.
+/// The things that have a row in a column.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Rows {
     Nodes,

@@ -442,7 +442,7 @@ fn decode_edges(header: &Header, columns: &PageColumns<'_>, surfels: &mut [Surfe
     Ok(())
 }
 
-/// What nodes send along axes: each node's fronts, and then its backs.
+/// Radiance of nodes along axes: that of each node's fronts, then that of its backs.
 fn decode_light(header: &Header, columns: &PageColumns<'_>, nodes: &mut [Node]) -> Result<()> {
     let mut lit = vec![[0.0; 3]; header.lit];
     radiance::decode(columns, col::AXIS_RADIANCE, header.axis, lit.iter_mut())?;

@@ -106,7 +106,7 @@ impl Format for TreeFormat {
 }
 
 impl<D: AsRef<[u8]>> Tree<D> {
-    /// Where traversal starts; `None` without surfels.
+    /// The page where traversal starts; `None` without surfels.
     pub fn root_page(&self) -> Option<u32> {
         self.summary().root_page
     }

@@ -181,7 +181,7 @@ pub fn pack_page(raw: Vec<u8>, level: i32) -> Result<(Vec<u8>, u32)> {
 /// zstd's level for pages of surfels.
 pub const SURFEL_ZSTD_LEVEL: i32 = 3;
 
-/// And for those of lvoxels, which are few: 3 to 4 % smaller than at 3, where surfels gain little.
+/// zstd's level for pages of lvoxels, which gain more by it than those of surfels.
 pub const LVOXEL_ZSTD_LEVEL: i32 = 6;
 
 pub fn surfel_columns() -> ColumnStats {
