@@ -198,7 +198,7 @@ fn volumes_of_more_blocks_than_can_be_numbered_are_refused() {
     let work = Work::new(&long);
     fs::write(work.path("smoke.raw"), vec![255; 70_000 * 4]).unwrap();
     let bake = ["bake", "scene.toml", "-o", "a.lvc", "--progress", "none"];
-    let parts = ["smoke", "70000 x 2 x 2", "65536", "--block-voxels", "to 2"];
+    let parts = ["smoke", "70000 x 2 x 2", "65536", "--block-voxels 2"];
     lvox(&work, &[&bake[..], &FEW].concat()).refused(2, &parts);
     let blocks = |n: &'static str| [&bake[..], &FEW, &["--block-voxels", n]].concat();
     lvox(&work, &blocks("1")).refused(2, &parts);
