@@ -20,14 +20,14 @@ impl<T> BrickTable<T> {
         }
     }
 
-    /// That of a brick.
+    /// The value of a brick.
     #[inline]
     pub fn of(&self, [x, y, z]: [usize; 3]) -> &T {
         let [nx, ny, _] = self.dims;
         &self.values[(z * ny + y) * nx + x]
     }
 
-    /// That of the brick around a point of index space, or of the nearest.
+    /// The value of the brick around a point of index space, or of the nearest.
     #[inline]
     pub fn at(&self, point_in_index: Vec3) -> &T {
         self.of(brick_around(point_in_index, self.dims))

@@ -16,7 +16,7 @@ use glam::Vec3;
 pub struct Densities(BrickTable<f32>);
 
 impl Densities {
-    /// Those of the volume at an index.
+    /// Densities of the bricks of the volume at an index.
     pub fn new(volumes: &[Volume], index: usize) -> Self {
         let volume = &volumes[index];
         let others = || volumes.iter().enumerate().filter(|(i, _)| *i != index);
@@ -31,7 +31,7 @@ impl Densities {
         }))
     }
 
-    /// That of a brick.
+    /// The density of a brick.
     pub fn of(&self, brick: [usize; 3]) -> f32 {
         *self.0.of(brick)
     }
@@ -42,7 +42,7 @@ impl Densities {
         of_brick * (of_brick / own)
     }
 
-    /// That of the brick around a point of index space, or of the nearest.
+    /// The density of the brick around a point of index space, or of the nearest.
     #[inline]
     pub fn at(&self, point_in_index: Vec3) -> f32 {
         *self.0.at(point_in_index)

@@ -32,7 +32,7 @@ impl Vertex {
     }
 }
 
-/// The same as vectors, as points between vertices need it.
+/// Direct light at a vertex as vectors, as points between vertices need it.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LightVectors {
     /// The channels of the share, its luminance, and those of the rest.
@@ -90,7 +90,7 @@ impl Spread {
     /// Values that differ by less than this factor are as good as linear between vertices.
     const LINEAR: f32 = 1.2;
 
-    /// Those of the luminances of both parts of the light, given the light between the vertices.
+    /// Spreads of the luminances of both parts of the light, given the light between the vertices.
     pub fn of(values: &[LightVectors; 8], weights: &[f32; 8], light: f32x8) -> [Self; 2] {
         let (least, most) = extremes(values, weights, |v| v.light);
         let [least, most, mean] = [least, most, light].map(LightVectors::luminances);
@@ -127,8 +127,8 @@ mod tests {
     use crate::math::sampling;
     use glam::Vec3;
 
-    /// Light at the corners of a cube of this edge, some of it from point lights, and their weights for a
-    /// point of it.
+    /// Light at the corners of a cube of this edge, some of it from point lights, and their weights
+    /// for a point of it.
     fn around(
         edge: f32,
         point: [f32; 3],

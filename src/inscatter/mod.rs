@@ -7,7 +7,7 @@
 //!
 //! | file | what it does |
 //! | --- | --- |
-//! | `source/` | the source function between vertices; lattices of a volume; light of every vertex |
+//! | `source/` | the source function between vertices; light of every vertex |
 //! | `vertices` | lattices of values made on demand, and interpolation between eight of them |
 //! | `sparse`, `occupied` | chosen vertices of a lattice: those around cells that hold any medium |
 //! | `bricks`, `density` | a value for each brick of a volume; how fast light changes there |

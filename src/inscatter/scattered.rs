@@ -17,8 +17,8 @@ use lvox_formats::{
 use rayon::prelude::*;
 use std::sync::OnceLock;
 
-/// Light at vertices of one volume, as it was kept. A cluster is decoded when a ray first asks for one
-/// of its vertices.
+/// Light at vertices of one volume, as it was kept. A cluster is decoded when a ray first asks for
+/// one of its vertices.
 #[derive(Debug)]
 pub struct ScatteredLight<'a> {
     scatter: &'a Scatter<MappedFile>,
@@ -131,7 +131,7 @@ impl<'a> ScatteredLight<'a> {
 }
 
 impl<T> ScatteredLevel<T> {
-    /// Those of clusters that have a level.
+    /// The clusters of a level, if there are any.
     fn new(clusters: &[(usize, ClusterId)], grid: &Grid, level: usize) -> Option<Self> {
         let count = occupied::vertices_along(grid, 1 << level);
         let clusters_along = count.map(|n| n.div_ceil(CLUSTER_EDGE));

@@ -122,7 +122,7 @@ pub struct SparseValues<T> {
 }
 
 impl<T> SparseValues<T> {
-    /// That of a vertex, if it is in the set.
+    /// The value at a vertex, if it is in the set.
     #[inline]
     pub fn get(&self, v: [usize; 3]) -> Option<&T> {
         self.values.get(self.set.index(v)?)

@@ -6,7 +6,7 @@
 //!
 //! | folder or file | what it does |
 //! | --- | --- |
-//! | `frame` | what all pixels share: lights, gatherer, light in media; chooses compiled code once |
+//! | `frame` | what all pixels share: lights, gathers, light in media |
 //! | `surfaces/` | indirect light on surfaces: gathers at few pixels, spread to all |
 //! | `pixels/` | camera rays, direct light, media before them, means over pixels, layers |
 //! | `settings`, `memory` | how to shade; limits on memory, told before the work |
@@ -117,25 +117,28 @@ pub fn run(
 }
 
 /// A pixel as [`run`] shades it.
+#[doc(hidden)]
 #[derive(Clone, Copy, Debug)]
-pub struct Shaded {
+pub struct ShadedPixel {
     /// Radiance towards the camera, all layers together.
     pub radiance: Rgb,
     /// Whether the border of an emissive triangle runs through it, which few rays would find.
     pub has_emitter_border: bool,
 }
 
-/// The pixels of some regions of the frame, each row by row: what [`run`] gives there, bit for bit.
+/// Shades the pixels of some regions of the frame, each row by row, to what [`run`] gives there,
+/// bit for bit. For the laboratory.
 ///
 /// # Errors
 /// As [`run`].
+#[doc(hidden)]
 pub fn pixels(
     scene: &Scene,
     tree: &OpenTree,
     settings: &Settings,
     regions: &[Region],
     job: &Job,
-) -> Result<Vec<Vec<Shaded>>> {
+) -> Result<Vec<Vec<ShadedPixel>>> {
     check(scene, tree, settings)?;
     for region in regions {
         region.check(scene.film.width, scene.film.height)?;
@@ -150,7 +153,7 @@ pub fn pixels(
         job,
     };
     let (shaded, _) = shade_regions(&request)?;
-    let told = |planes: &Planes, i: usize| Shaded {
+    let told = |planes: &Planes, i: usize| ShadedPixel {
         radiance: Rgb(std::array::from_fn(|c| planes[c][i])),
         has_emitter_border: planes[3][i] > 0.0,
     };
@@ -170,8 +173,8 @@ fn check(scene: &Scene, tree: &OpenTree, settings: &Settings) -> Result<()> {
     };
     if settings.method != Method::Extended || settings.max_dist.is_some_and(f32::is_finite) {
         return Err(Error::input(
-            "scattered light is that of all surfaces and media, however far: it does not go with `method` traditional and \
-             `max_dist`",
+            "scattered light is that of all surfaces and media, however far: it does not \
+             go with `method` traditional and `max_dist`",
         )
         .hint("leave out `scatter`, or those"));
     }
@@ -185,8 +188,8 @@ fn warn_of_unknown(asked: PatchStats, job: &Job) {
     let share = asked.unknown as f64 / asked.patches.max(1) as f64;
     if share > SHARE {
         job.progress.warn(&format!(
-            "the tree has no surfels on {:.0} % of what gather rays met, which is taken for black; bake with more \
-             `surfels`, or from the scene as it is",
+            "the tree has no surfels on {:.0} % of what gather rays met, which is taken for black; \
+             bake with more `surfels`, or from the scene as it is",
             100.0 * share
         ));
     }

@@ -5,8 +5,9 @@
 //! brick of a volume has the spacing that its own density asks for: vertices of direct light stand
 //! at most an optical depth apart, those of indirect light 1.4 where it is swept, in thin bricks,
 //! and two where it is not. Where vertices of a dense brick still differ much, at its rim, finer
-//! ones are asked; near a point light, and where a voxel is deep, the ray's own points. Vertices in empty
-//! space around the medium are evaluated like any other: leaving them dark would darken its rim.
+//! ones are asked; near a point light, and where a voxel is deep, the ray's own points. Vertices in
+//! empty space around the medium are evaluated like any other: leaving them dark would darken its
+//! rim.
 
 mod every_vertex;
 mod lattices;
@@ -63,15 +64,16 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     /// Where direct light at the vertices around a point differs by more than this factor, a finer
     /// lattice is asked.
     const MAX_DIRECT_RATIO: f32 = 2.0;
-    /// The same for light without the noise of shadow rays; a ray's own point is asked where no
+    /// The factor for light without the noise of shadow rays; a ray's own point is asked where no
     /// lattice is finer.
     const MAX_EXACT_RATIO: f32 = 1.3;
-    /// The same for gathered light, which has the noise of few rays.
+    /// The factor for gathered light, which has the noise of few rays.
     const MAX_GATHERED_RATIO: f32 = 3.0;
     /// In thin bricks, where noise is all else that differs, only such a factor tells of a wall
     /// between vertices.
     const MAX_THIN_RATIO: f32 = 8.0;
-    /// Spacings of vertices around a point light in which its light is looked for on the ray itself.
+    /// Spacings of vertices around a point light in which its light is looked for on the ray
+    /// itself.
     const NEAR_LIGHT_SPACINGS: f32 = 2.0;
     /// Vertices in thin media that are further apart than so many pixels are compared, for walls
     /// and edges of shadows that are between them.
@@ -84,8 +86,8 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     /// Rays to an environment that no gather sees.
     const ENVIRONMENT_RAYS: u32 = 16;
 
-    /// Prepares the lattices of all volumes, empty but for what is swept or was lit beforehand where
-    /// that may be visible. Without a gatherer there is direct light only.
+    /// Prepares the lattices of all volumes, empty but for what is swept or was lit beforehand
+    /// where that may be visible. Without a gatherer there is direct light only.
     ///
     /// # Errors
     /// If cancelled, if a sweep takes more than the memory limit by itself, or for damage to what

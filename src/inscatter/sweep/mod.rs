@@ -54,7 +54,7 @@ struct MediaBox {
 pub struct SweepScope<'a, G> {
     /// Camera and scene.
     pub view: &'a View<'a>,
-    /// What of the volume matters.
+    /// The part of the volume that has to be lit.
     pub visible: VisibleMedia<'a>,
     /// Media and surfaces.
     pub gatherer: &'a G,
@@ -75,8 +75,8 @@ impl Sweep {
     /// Optical depth between vertices, at most.
     const MAX_VERTEX_DEPTH: f32 = 1.4;
 
-    /// Of a volume that was swept beforehand: which vertices serve a brick, without their light.
-    /// `depth_of` is that of [`Self::new`].
+    /// Tells of a volume that was swept beforehand which vertices serve a brick, without their
+    /// light. `depth_of` is that of [`Self::new`].
     pub fn made_beforehand(volume: &Volume, depth_of: impl Fn([usize; 3], f32) -> f32) -> Self {
         let grid = &volume.sigma_t;
         let level_of = BrickTable::new(grid, |b| {

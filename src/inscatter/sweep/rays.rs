@@ -23,7 +23,7 @@ pub struct SweepRays<'a, G> {
 }
 
 impl<'a, G: GatherInMedia> SweepRays<'a, G> {
-    /// Those along a unit `direction` of scene space, against the light, for vertices `step` voxels
+    /// Rays along a unit `direction` of scene space, against the light, for vertices `step` voxels
     /// apart.
     pub fn new(
         scope: &'a SweepScope<'a, G>,
@@ -188,7 +188,7 @@ impl<'a, G: GatherInMedia> SweepRays<'a, G> {
 }
 
 impl Arriving {
-    /// Of a ray that has passed nothing.
+    /// What arrives along a ray that has passed nothing.
     const NONE_YET: Self = Self {
         radiance: Rgb::BLACK,
         transmittance: 1.0,

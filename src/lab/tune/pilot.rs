@@ -8,7 +8,7 @@ use crate::lab::reference::{PathTracer, Sampler};
 use crate::math::{Rgb, sampling};
 use crate::run::Job;
 use crate::scene::{Camera, Film, Scene};
-use crate::shade::{self, Settings, Shaded};
+use crate::shade::{self, Settings, ShadedPixel};
 use crate::tree::OpenTree;
 use crate::{Error, Result};
 use rayon::prelude::*;
@@ -161,7 +161,7 @@ impl<'a> Pilot<'a> {
         Ok(())
     }
 
-    fn compare(&self, shaded: &[Vec<Shaded>]) -> Measured {
+    fn compare(&self, shaded: &[Vec<ShadedPixel>]) -> Measured {
         let known = |p: &Point| shaded[p.block][p.index];
         let has_others = self.points.iter().any(|p| !known(p).has_emitter_border);
         // At the border of an emitter shading is exact, and paths that miss it look as if they

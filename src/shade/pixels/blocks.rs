@@ -13,11 +13,11 @@ use rayon::prelude::*;
 
 /// Width and height of the blocks that threads take, pixels: what blocks need around them is a
 /// smaller share of large ones, and small ones share out the work better where there are few.
-const BLOCKS: [[u32; 2]; 2] = [[128, 128], [64, 64]];
+const BLOCK_SIZES: [[u32; 2]; 2] = [[128, 128], [64, 64]];
 /// Blocks for each thread, at least, for them to be larger than the smallest.
-const ENOUGH: usize = 4;
+const BLOCKS_PER_THREAD: usize = 4;
 
-/// These quantities of the pixels of a region.
+/// Shades the pixels of a region, and keeps some quantities of them.
 ///
 /// # Errors
 /// If cancelled, or if there is no memory for the pixels.
@@ -47,8 +47,8 @@ pub fn shade_region<A: CameraMedia>(
 
 /// The parts of a region that threads take where pixels share their corners.
 fn blocks_of(region: Region) -> Vec<Region> {
-    let many = ENOUGH * rayon::current_num_threads();
-    let [rest @ .., smallest] = BLOCKS;
+    let many = BLOCKS_PER_THREAD * rayon::current_num_threads();
+    let [rest @ .., smallest] = BLOCK_SIZES;
     let mut larger = rest.into_iter().map(|size| region.blocks(size));
     let enough = larger.find(|blocks| blocks.len() >= many);
     enough.unwrap_or_else(|| region.blocks(smallest))

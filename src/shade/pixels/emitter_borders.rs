@@ -15,7 +15,7 @@ use glam::{DVec2, Vec3};
 
 /// An emissive triangle in a pixel that it covers in part.
 #[derive(Clone, Copy, Debug)]
-struct Entry {
+struct BorderEntry {
     pixel: u32,
     triangle: u32,
 }
@@ -27,7 +27,7 @@ pub struct EmitterBorders {
     /// To the part of a triangle that is in a pixel.
     rays: u32,
     /// By pixel, then by triangle.
-    entries: Vec<Entry>,
+    entries: Vec<BorderEntry>,
     /// A bit for each pixel, row by row, that has any; none at all if no pixel has.
     has_entries: Vec<u64>,
 }
@@ -35,8 +35,8 @@ pub struct EmitterBorders {
 /// A convex polygon of the film: a triangle cut by the plane of the camera and by the four sides of
 /// a pixel.
 #[derive(Clone, Copy, Debug)]
-struct Polygon {
-    corners: [DVec2; Self::MOST],
+struct FilmPolygon {
+    corners: [DVec2; Self::MAX_CORNERS],
     len: usize,
     /// Index of the edge, by its first corner, that is no border of the triangle but where it was
     /// cut near the camera's plane.
@@ -45,7 +45,7 @@ struct Polygon {
 
 /// Place of pixel (x, y) among those of a region, row by row.
 #[inline]
-fn place(region: Region, x: u32, y: u32) -> u32 {
+fn pixel_index(region: Region, x: u32, y: u32) -> u32 {
     (y - region.y0) * region.width() + (x - region.x0)
 }
 
@@ -68,11 +68,11 @@ impl EmitterBorders {
             if !faces && !material.emits_both_sides {
                 continue;
             }
-            let Some(polygon) = Polygon::of(view, corners) else {
+            let Some(polygon) = FilmPolygon::of(view, corners) else {
                 continue;
             };
             let (min, max) = polygon.bounds();
-            let (min, max) = (min - MARGIN, max + MARGIN);
+            let (min, max) = (min - PIXEL_MARGIN, max + PIXEL_MARGIN);
             let range = |low: f64, high: f64, first: u32, end: u32| {
                 let low = (low.floor().max(first.into()) as u32).max(first);
                 low..((high.ceil().min(end.into())) as u32).min(end)
@@ -81,8 +81,8 @@ impl EmitterBorders {
                 cancel.check()?;
                 for x in range(min.x, max.x, region.x0, region.x1) {
                     if polygon.has_border_in(x, y) {
-                        entries.push(Entry {
-                            pixel: place(region, x, y),
+                        entries.push(BorderEntry {
+                            pixel: pixel_index(region, x, y),
                             triangle: t as u32,
                         });
                     }
@@ -107,11 +107,11 @@ impl EmitterBorders {
     }
 
     #[inline]
-    fn entries(&self, x: u32, y: u32) -> &[Entry] {
+    fn entries(&self, x: u32, y: u32) -> &[BorderEntry] {
         if !self.is_border(x, y) {
             return &[];
         }
-        let pixel = place(self.region, x, y);
+        let pixel = pixel_index(self.region, x, y);
         let first = self.entries.partition_point(|e| e.pixel < pixel);
         let rest = &self.entries[first..];
         &rest[..rest.partition_point(|e| e.pixel == pixel)]
@@ -120,7 +120,7 @@ impl EmitterBorders {
     /// Whether the border of any emitter runs through pixel (x, y).
     #[inline]
     pub fn is_border(&self, x: u32, y: u32) -> bool {
-        let pixel = place(self.region, x, y);
+        let pixel = pixel_index(self.region, x, y);
         let word = self.has_entries.get(pixel as usize / 64);
         word.is_some_and(|bits| bits >> (pixel % 64) & 1 == 1)
     }
@@ -131,10 +131,10 @@ impl EmitterBorders {
     }
 
     /// The emitters whose borders run through pixel (x, y), with their parts in it.
-    fn parts(&self, view: &View, x: u32, y: u32) -> impl Iterator<Item = (u32, Polygon)> {
+    fn parts(&self, view: &View, x: u32, y: u32) -> impl Iterator<Item = (u32, FilmPolygon)> {
         let mesh = &view.tracer.scene.mesh;
         self.entries(x, y).iter().filter_map(move |e| {
-            let polygon = Polygon::of(view, mesh.corners(e.triangle as usize))?;
+            let polygon = FilmPolygon::of(view, mesh.corners(e.triangle as usize))?;
             Some((e.triangle, polygon.in_pixel(x, y)))
         })
     }
@@ -145,7 +145,8 @@ impl EmitterBorders {
         parts.map(|(_, part)| part.area() as f32).sum()
     }
 
-    /// Their mean radiance over the pixel, as it comes through what is before them.
+    /// Mean radiance over a pixel of the emitters whose borders run through it, as it comes through
+    /// what is before them.
     pub fn radiance<S: Shadows>(&self, view: &View, lights: &Lights<S>, x: u32, y: u32) -> Rgb {
         let scene = view.tracer.scene;
         let origin = view.camera.origin();
@@ -176,20 +177,20 @@ impl EmitterBorders {
     }
 }
 
-impl Polygon {
+impl FilmPolygon {
     /// Corners of a triangle after one cut by the camera's plane and four by a pixel's sides.
-    const MOST: usize = 8;
+    const MAX_CORNERS: usize = 8;
 
     fn empty() -> Self {
         Self {
-            corners: [DVec2::ZERO; Self::MOST],
+            corners: [DVec2::ZERO; Self::MAX_CORNERS],
             len: 0,
             near_edge: None,
         }
     }
 
     fn push(&mut self, p: DVec2) {
-        if self.len < Self::MOST {
+        if self.len < Self::MAX_CORNERS {
             self.corners[self.len] = p;
             self.len += 1;
         }
@@ -243,7 +244,7 @@ impl Polygon {
             // Inward, and how far a pixel reaches along it.
             let inward = DVec2::new(-edge.y, edge.x) * turn;
             let height = (middle - a).dot(inward);
-            let half = (0.5 + MARGIN) * (inward.x.abs() + inward.y.abs());
+            let half = (0.5 + PIXEL_MARGIN) * (inward.x.abs() + inward.y.abs());
             let is_cut = self.near_edge == Some(i) && height < half;
             if height <= -half || is_cut {
                 return false;
@@ -314,8 +315,9 @@ impl Polygon {
     }
 }
 
-/// Of a pixel: rays through its corners may meet what touches it there.
-const MARGIN: f64 = 1e-3;
+/// Share of a pixel by which emitters count as wider: rays through its corners may meet what
+/// touches it there.
+const PIXEL_MARGIN: f64 = 1e-3;
 
 /// Lower and upper corner of a pixel.
 fn pixel(x: u32, y: u32) -> (DVec2, DVec2) {

@@ -16,7 +16,7 @@ impl Pattern {
     /// number of points.
     const CORNER: f32 = 0.75;
 
-    /// So many points, of a pixel with this key.
+    /// The pattern of `count` points, for a pixel with this key.
     #[must_use]
     pub fn new(count: u32, key: u64) -> Self {
         Self { count, key }

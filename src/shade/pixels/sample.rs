@@ -30,7 +30,7 @@ impl<T: PassedMedia> Sample<T> {
         self.surface.as_ref().filter(|s| !s.albedo.is_black())
     }
 
-    /// The same on a surface of another albedo.
+    /// This sample on a surface of another albedo.
     pub fn with_albedo(mut self, albedo: Rgb) -> Self {
         if let Some(surface) = &mut self.surface {
             surface.albedo = albedo;

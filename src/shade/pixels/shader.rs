@@ -106,7 +106,7 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         sample
     }
 
-    /// The same without any light.
+    /// The sample at a point of the film, without any light and with media not yet passed.
     pub fn look(&self, x: f32, y: f32) -> Sample<A::Passed> {
         let view = &self.view;
         let direction = view.camera.direction(&view.film, x, y);
@@ -278,7 +278,7 @@ impl<A: CameraMedia> PixelShader<'_, A> {
             .unwrap_or_else(|| self.gathered(surface, x, y))
     }
 
-    /// The same as the lattice has it, if it does.
+    /// Indirect irradiance of a surface as the lattice has it, if it does.
     pub fn spread(&self, surface: &Surface, x: u32, y: u32) -> Option<Rgb> {
         if surface.albedo.is_black() {
             return Some(Rgb::BLACK);
@@ -286,7 +286,7 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         self.lattice.irradiance(surface, x, y)
     }
 
-    /// The same by a gather of its own: few pixels see it.
+    /// Indirect irradiance of a surface by a gather of its own: few pixels see it.
     pub fn gathered(&self, surface: &Surface, x: u32, y: u32) -> Rgb {
         let stretch = SampleRange::first(self.key(x, y));
         self.gatherer.gather(surface, stretch).light

@@ -14,7 +14,8 @@ impl<A: CameraMedia> Corners<'_, A> {
     /// to take their mean, times the root of the gather rays in media, as noise goes that pictures
     /// have of them anyway.
     const MAX_MEDIA_DIFFERENCE: f32 = 0.5;
-    /// The same for the mean of a pixel's corners to be that of its square.
+    /// By how much media before a pixel's corners may differ for the mean of those to be that of
+    /// its square.
     const MAX_FLAT_DIFFERENCE: f32 = 0.01;
 
     /// Marches the media before corners that are some way apart, and before those between where the

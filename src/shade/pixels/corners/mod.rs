@@ -52,7 +52,7 @@ struct CornerPosition {
 }
 
 impl CornerPosition {
-    /// Its shadow rays after the first few.
+    /// Shadow rays of the corner after the first few.
     fn rays<A: CameraMedia>(&self, shader: &PixelShader<A>, first: u8, count: u8) -> ShadowRays {
         // Every four by four corners ask all cells; every two by two ask four quarters, and so do
         // two by two of every second corner.

@@ -1,5 +1,5 @@
-//! PilotGathers: a few gathers all over the frame, before any other, which tell whether few bright places
-//! send much of its light.
+//! Pilot gathers: a few gathers all over the frame, before any other, which tell whether few bright
+//! places send much of its light.
 //!
 //! They stand where the frame's pixels tell, not those of a region, so that tiles agree, and not at
 //! the points that those see but at the middle of what lies around them, so that a camera that
@@ -14,35 +14,35 @@ use crate::view::View;
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// PilotGathers along each axis of the frame.
-const SIDE: u32 = 12;
+/// Pilot gathers along each axis of the frame.
+const PILOTS_ALONG_AXIS: u32 = 12;
 /// Rays of each.
-const RAYS: u32 = 24;
-/// What is bright sends so many times the mean of what scouts see: less than one ray in as many
-/// meets it.
-const BRIGHT: f32 = 16.0;
-/// Share of the light that scouts see which has to come from there.
-const MUCH: f32 = 0.3;
+const RAYS_PER_PILOT: u32 = 24;
+/// What is bright sends so many times the mean of what pilot gathers see: less than one ray in as
+/// many meets it.
+const BRIGHT_OVER_MEAN: f32 = 16.0;
+/// Share of the light that pilot gathers see which has to come from there.
+const MIN_BRIGHT_SHARE: f32 = 0.3;
 
-/// What is bright in a frame.
+/// Where pilot gathers met what is bright in a frame.
 #[derive(Debug)]
-pub(super) struct Bright {
-    /// Where scouts saw it.
-    pub seeds: Vec<BrightHit>,
+pub(super) struct BrightHits {
+    /// Where pilot gathers saw it.
+    pub hits: Vec<BrightHit>,
     /// What it sends at least, by the mean channel.
     pub least: f32,
 }
 
-impl Bright {
-    /// How many seeds speak for a place that is seen: each ray alone reaches as far as to where
-    /// others of its scout do.
-    pub const SUPPORT: usize = 4;
+impl BrightHits {
+    /// How many hits speak for a place that is seen: each ray alone reaches as far as to where
+    /// others of its gather do.
+    pub const MIN_SUPPORT: usize = 4;
 }
 
-/// What is asked by scouts.
+/// Gathers before any other of a frame, and what they ask.
 pub(super) struct PilotGathers<'a, P> {
     pub view: &'a View<'a>,
-    pub outgoing: &'a PatchRadiance<'a>,
+    pub patches: &'a PatchRadiance<'a>,
     pub pages: &'a P,
     pub environment: Rgb,
     /// A node seen under less than this is taken whole, steradians.
@@ -50,34 +50,34 @@ pub(super) struct PilotGathers<'a, P> {
 }
 
 impl<P: Pages> PilotGathers<'_, P> {
-    /// What is bright, if that sends much of what scouts see.
-    pub fn bright(&self) -> Option<Bright> {
-        let seen: Vec<_> = (0..SIDE * SIDE)
+    /// What is bright, if that sends much of what pilot gathers see.
+    pub fn bright(&self) -> Option<BrightHits> {
+        let seen: Vec<_> = (0..PILOTS_ALONG_AXIS * PILOTS_ALONG_AXIS)
             .into_par_iter()
-            .flat_map_iter(|scout| self.seen_by(scout))
+            .flat_map_iter(|pilot| self.seen_by(pilot))
             .collect();
         let mean = seen.iter().map(|(light, _)| light).sum::<f32>() / seen.len().max(1) as f32;
-        let least = BRIGHT * mean;
+        let least = BRIGHT_OVER_MEAN * mean;
         let bright: Vec<_> = (seen.iter())
             .filter(|(light, _)| *light > least)
             .copied()
             .collect();
         let light: f32 = bright.iter().map(|(light, _)| light).sum();
-        (light > MUCH * mean * seen.len() as f32).then(|| Bright {
-            seeds: bright.iter().filter_map(|(_, seed)| *seed).collect(),
+        (light > MIN_BRIGHT_SHARE * mean * seen.len() as f32).then(|| BrightHits {
+            hits: bright.iter().filter_map(|(_, seed)| *seed).collect(),
             least,
         })
     }
 
-    /// What the rays of a scout bring, by the mean channel, and where they meet surfaces: those
-    /// that meet anything.
-    fn seen_by(&self, scout: u32) -> Vec<(f32, Option<BrightHit>)> {
-        let Some(surface) = self.stand(scout) else {
+    /// What the rays of a pilot gather bring, by the mean channel, and where they meet surfaces:
+    /// those that meet anything.
+    fn seen_by(&self, pilot: u32) -> Vec<(f32, Option<BrightHit>)> {
+        let Some(surface) = self.stand(pilot) else {
             return Vec::new();
         };
         let (origin, normal) = (self.view.off_surface(&surface), surface.face_normal);
         let (x, y) = tangents(normal);
-        let key = sampling::mix(u64::from(scout)) as u32;
+        let key = sampling::mix(u64::from(pilot)) as u32;
         let wanted = PatchRequest {
             max_solid_angle: self.max_solid_angle,
             leave_out_bright: false,
@@ -87,12 +87,11 @@ impl<P: Pages> PilotGathers<'_, P> {
         let ray = |i| {
             let d = cosine_hemisphere(sobol2(i, 0, key));
             let d = (x * d.x + y * d.y + normal * d.z).normalize();
-            let end =
-                (self.outgoing).cast(self.pages, &Ray::endless(origin, d), wanted, &mut stack);
+            let end = (self.patches).cast(self.pages, &Ray::endless(origin, d), wanted, &mut stack);
             match end {
                 Some(Crossing { t, radiance, .. }) => {
                     // Of the disk at that distance that a ray stands for, where it falls straight.
-                    let radius = t * (2.0 / RAYS as f32).sqrt();
+                    let radius = t * (2.0 / RAYS_PER_PILOT as f32).sqrt();
                     let position = origin + d * t;
                     Some((radiance.mean(), Some(BrightHit { position, radius })))
                 }
@@ -100,20 +99,21 @@ impl<P: Pages> PilotGathers<'_, P> {
                 None => sky.map(|light| (light, None)),
             }
         };
-        (0..RAYS).filter_map(ray).collect()
+        (0..RAYS_PER_PILOT).filter_map(ray).collect()
     }
 
-    /// Where a scout stands: on what its pixel sees.
-    fn stand(&self, scout: u32) -> Option<Surface> {
+    /// The surface on which a pilot gather stands: on what its pixel sees.
+    fn stand(&self, pilot: u32) -> Option<Surface> {
         let view = self.view;
-        let at = [scout % SIDE, scout / SIDE].map(|c| (c as f32 + 0.5) / SIDE as f32);
+        let at = [pilot % PILOTS_ALONG_AXIS, pilot / PILOTS_ALONG_AXIS]
+            .map(|c| (c as f32 + 0.5) / PILOTS_ALONG_AXIS as f32);
         let size = [view.film.width, view.film.height].map(|c| c as f32);
         let to_surface = view
             .camera
             .direction(&view.film, at[0] * size[0], at[1] * size[1]);
         let origin = view.camera.origin();
         let hit = view.tracer.closest(&Ray::endless(origin, to_surface))?;
-        let around = 0.25 * size[0] / SIDE as f32 * view.pixel_angle * hit.t;
+        let around = 0.25 * size[0] / PILOTS_ALONG_AXIS as f32 * view.pixel_angle * hit.t;
         let corners = view.tracer.scene.mesh.corners(hit.triangle as usize);
         let uv = middle_around(&hit, corners, around);
         Some(Surface::new(view.tracer.scene, hit.triangle, uv).facing(-to_surface))
@@ -122,10 +122,10 @@ impl<P: Pages> PilotGathers<'_, P> {
 
 /// The middle of that part of a triangle, about so long, in which a hit is.
 fn middle_around(hit: &Hit, [a, b, c]: [Vec3; 3], length: f32) -> [f32; 2] {
-    const MOST_LEVELS: u32 = 12;
+    const MAX_LEVELS: u32 = 12;
     let longest = (b - a).length().max((c - a).length());
     let mut parts = 1.0;
-    for _ in 0..MOST_LEVELS {
+    for _ in 0..MAX_LEVELS {
         if longest <= length * parts {
             break;
         }

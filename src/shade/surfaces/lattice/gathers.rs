@@ -10,7 +10,7 @@ use smallvec::SmallVec;
 
 /// A gather on the lattice.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Node {
+pub(super) struct LatticeGather {
     pub position: Vec3,
     pub normal: Vec3,
     pub gathered: Gathered,
@@ -31,8 +31,8 @@ pub(super) struct Gathers {
     pub step: u32,
     pub area: Area,
     /// By place.
-    pub nodes: Vec<Option<Node>>,
-    /// Which of `middles` is in the cell of each place, or [`Self::NONE`].
+    pub nodes: Vec<Option<LatticeGather>>,
+    /// Which of `middles` is in the cell of each place, or [`Self::NO_MIDDLE`].
     middle_of: Vec<u32>,
     /// Row by row.
     pub middles: Vec<Middle>,
@@ -44,7 +44,7 @@ pub(super) struct Middle {
     /// The place that the cell belongs to.
     pub cell: [u32; 2],
     /// What gathers there, if anything is seen.
-    pub node: Option<Node>,
+    pub node: Option<LatticeGather>,
 }
 
 /// Which gathers a mean takes.
@@ -58,7 +58,7 @@ struct Window {
 }
 
 impl Window {
-    /// So many gathers around a point are taken, along both axes.
+    /// A window of `reach` gathers around a point, along both axes.
     fn new(reach: u32, is_refined: bool) -> Self {
         /// With one in the middle of each cell there are twice as many, as far apart as half of its
         /// diagonal.
@@ -74,21 +74,21 @@ impl Window {
 
 impl Gathers {
     /// No gather is in the middle.
-    const NONE: u32 = u32::MAX;
+    const NO_MIDDLE: u32 = u32::MAX;
     /// Bytes of a place, without the middle of its cell.
-    pub const PLACE_BYTES: usize = size_of::<Option<Node>>() + size_of::<u32>();
-    /// Bytes of that.
+    pub const PLACE_BYTES: usize = size_of::<Option<LatticeGather>>() + size_of::<u32>();
+    /// Bytes of the middle of a cell.
     pub const MIDDLE_BYTES: usize = size_of::<Middle>();
 
     /// Gathers at places of the lattice, and none between them.
     ///
     /// # Errors
     /// If there is no memory for it.
-    pub fn new(step: u32, area: Area, nodes: Vec<Option<Node>>) -> Result<Self> {
+    pub fn new(step: u32, area: Area, nodes: Vec<Option<LatticeGather>>) -> Result<Self> {
         Ok(Self {
             step,
             area,
-            middle_of: memory::filled(LATTICE, Self::NONE, nodes.len())?,
+            middle_of: memory::filled(LATTICE, Self::NO_MIDDLE, nodes.len())?,
             nodes,
             middles: Vec::new(),
         })
@@ -109,7 +109,7 @@ impl Gathers {
         }
         self.middles = memory::room(LATTICE, count as usize)?;
         let cells = self.area.places().zip(&self.middle_of);
-        let refined = cells.filter(|(_, middle)| **middle != Self::NONE);
+        let refined = cells.filter(|(_, middle)| **middle != Self::NO_MIDDLE);
         self.middles
             .extend(refined.map(|(cell, _)| Middle { cell, node: None }));
         Ok(())
@@ -125,27 +125,27 @@ impl Gathers {
     /// Whether the cell of a place is refined.
     pub fn is_refined(&self, at: [u32; 2]) -> bool {
         let index = self.area.index(at);
-        index.is_some_and(|index| self.middle_of[index] != Self::NONE)
+        index.is_some_and(|index| self.middle_of[index] != Self::NO_MIDDLE)
     }
 
     /// Puts a gather in the middle of a refined cell, by the number of its place.
-    pub fn put_middle(&mut self, place: usize, node: Node) {
+    pub fn put_middle(&mut self, place: usize, node: LatticeGather) {
         self.middles[self.middle_of[place] as usize].node = Some(node);
     }
 
     #[inline]
-    fn node(&self, at: [u32; 2]) -> Option<&Node> {
+    fn node(&self, at: [u32; 2]) -> Option<&LatticeGather> {
         self.nodes[self.area.index(at)?].as_ref()
     }
 
     #[inline]
-    fn middle(&self, at: [u32; 2]) -> Option<&Node> {
+    fn middle(&self, at: [u32; 2]) -> Option<&LatticeGather> {
         let middle = self.middle_of[self.area.index(at)?];
         self.middles.get(middle as usize)?.node.as_ref()
     }
 
     /// The gather at a place averaged with those up to `reach` gathers around it.
-    pub fn smoothed(&self, at: [u32; 2], reach: u32) -> Option<Node> {
+    pub fn smoothed(&self, at: [u32; 2], reach: u32) -> Option<LatticeGather> {
         let [i, j] = at;
         let is_refined = [[0, 0], [1, 0], [0, 1], [1, 1]].into_iter().any(|[x, y]| {
             let before = i.checked_sub(x).zip(j.checked_sub(y));
@@ -155,15 +155,15 @@ impl Gathers {
         self.smooth(self.node(at)?, at.map(|c| c as f32), &window)
     }
 
-    /// The same for that in the middle of a cell.
-    pub fn smoothed_middle(&self, at: [u32; 2], reach: u32) -> Option<Node> {
+    /// The gather in the middle of a cell averaged with those up to `reach` gathers around it.
+    pub fn smoothed_middle(&self, at: [u32; 2], reach: u32) -> Option<LatticeGather> {
         let window = Window::new(reach, true);
         self.smooth(self.middle(at)?, at.map(|c| c as f32 + 0.5), &window)
     }
 
-    fn smooth(&self, node: &Node, at: [f32; 2], window: &Window) -> Option<Node> {
+    fn smooth(&self, node: &LatticeGather, at: [f32; 2], window: &Window) -> Option<LatticeGather> {
         let mean = self.mean(node.position, node.normal, at, window)?;
-        Some(Node {
+        Some(LatticeGather {
             gathered: Gathered {
                 light: mean.light * (1.0 / mean.weight),
                 harmonic_distance: mean.harmonic_distance,
@@ -186,7 +186,7 @@ impl Gathers {
         self.mean(position, normal, at, &window)
     }
 
-    /// The same around a point, in steps.
+    /// Weighted sum of the gathers in a window around a point, in steps.
     fn mean(&self, position: Vec3, normal: Vec3, at: [f32; 2], window: &Window) -> Option<Mean> {
         let mut candidates = Candidates {
             position,
@@ -220,7 +220,7 @@ impl Gathers {
 }
 
 /// Gathers that a mean takes without asking for memory: more than the windows of today hold.
-const MOST: usize = 84;
+const MAX_INLINE_CANDIDATES: usize = 84;
 
 /// Gathers that a mean around a point takes.
 struct Candidates<'a> {
@@ -231,7 +231,7 @@ struct Candidates<'a> {
     window: &'a Window,
     /// Weights but for how far light is carried, squared distances, gathers. Not an array, which
     /// would be cleared for each point.
-    found: SmallVec<[(f32, f32, &'a Node); MOST]>,
+    found: SmallVec<[(f32, f32, &'a LatticeGather); MAX_INLINE_CANDIDATES]>,
     /// Sums by how near they are: of one over their harmonic distances, and of one.
     closeness: f32,
     nearness: f32,
@@ -239,14 +239,14 @@ struct Candidates<'a> {
 
 impl<'a> Candidates<'a> {
     /// Distance at which a gather's weight falls to 1/e, over the harmonic distance at both ends.
-    const RANGE: f32 = 0.25;
+    const RANGE_OVER_HARMONIC: f32 = 0.25;
     /// The least such distance, over that between gathers.
-    const LEAST: f32 = 0.7;
+    const MIN_RANGE_STEPS: f32 = 0.7;
 
     /// Adds a gather that stands at a point of the lattice, if it is in the window and on a surface
     /// like that of the mean.
     #[inline(always)]
-    fn add(&mut self, node: &'a Node, [x, y]: [f32; 2]) {
+    fn add(&mut self, node: &'a LatticeGather, [x, y]: [f32; 2]) {
         let alike = node.normal.dot(self.normal);
         if alike <= 0.7 {
             return;
@@ -281,8 +281,9 @@ impl<'a> Candidates<'a> {
             harmonic_distance: self.nearness / self.closeness,
         };
         for (weight, d2, node) in self.found {
-            let range = (Self::RANGE * node.gathered.harmonic_distance.min(mean.harmonic_distance))
-                .max(Self::LEAST * self.window.spacing * node.spacing);
+            let range = (Self::RANGE_OVER_HARMONIC
+                * node.gathered.harmonic_distance.min(mean.harmonic_distance))
+            .max(Self::MIN_RANGE_STEPS * self.window.spacing * node.spacing);
             let weight = weight * math::exp::exp_neg(d2 / (range * range));
             mean.light += node.gathered.light * weight;
             mean.weight += weight;
@@ -304,7 +305,7 @@ mod tests {
 
     /// Gathers on a plane, a step of 4 pixels and one unit apart, of light that the place tells.
     fn on_plane(count: u32, harmonic_distance: f32, light: impl Fn(f32) -> f32) -> Gathers {
-        let node = |[x, y]: [f32; 2]| Node {
+        let node = |[x, y]: [f32; 2]| LatticeGather {
             position: Vec3::new(x, 0.0, y),
             normal: Vec3::Y,
             gathered: Gathered {

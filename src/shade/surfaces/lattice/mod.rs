@@ -18,7 +18,7 @@ use crate::math::{Ray, Rgb, sampling};
 use crate::run::{Cancel, Task, memory};
 use crate::trace::Surface;
 use area::Area;
-use gathers::{Gathers, LATTICE, Node};
+use gathers::{Gathers, LATTICE, LatticeGather};
 use rayon::prelude::*;
 
 /// The part of the frame's lattice that a region needs.
@@ -27,26 +27,32 @@ pub struct Lattice(Gathers);
 
 impl Lattice {
     /// Gathers around a surface point, along both axes, from which its light is taken.
-    const REACH: u32 = 2;
-    /// Those around a gather with which it is averaged first.
-    const SMOOTH: u32 = 4;
+    const LOOKUP_REACH: u32 = 2;
+    /// Gathers around one, along both axes, with which it is averaged first.
+    const SMOOTHING_REACH: u32 = 4;
     /// Below this sum of weights a surface gathers for itself.
-    const TOO_FEW: f32 = 0.1;
+    const MIN_WEIGHT: f32 = 0.1;
     /// Squares of this many by this many gathers share one sequence of directions.
-    const SIDE: u32 = 4;
+    const SQUARE_EDGE: u32 = 4;
 
     /// Bytes that the lattice of a region takes at most while it is made.
     pub fn bytes(region: Region, step: u32, film: [u32; 2]) -> u64 {
-        let gathered = Area::around(region, step, Self::REACH + Self::SMOOTH, film);
-        let smoothed = Area::around(region, step, Self::REACH, film);
+        let gathered = Area::around(
+            region,
+            step,
+            Self::LOOKUP_REACH + Self::SMOOTHING_REACH,
+            film,
+        );
+        let smoothed = Area::around(region, step, Self::LOOKUP_REACH, film);
         // Lists of gathers, of which those at the border of the area have room for as many as the
         // others, and then the nodes that are made of them.
-        let [columns, rows] = gathered.squares_along(Self::SIDE);
+        let [columns, rows] = gathered.squares_along(Self::SQUARE_EDGE);
         let squares = u64::from(columns.end - columns.start) * u64::from(rows.end - rows.start);
-        let gather = u64::from(Self::SIDE * Self::SIDE) * size_of::<(usize, Node)>() as u64;
+        let gather = u64::from(Self::SQUARE_EDGE * Self::SQUARE_EDGE)
+            * size_of::<(usize, LatticeGather)>() as u64;
         // While the lists are put into one list there are two of them.
-        let lists =
-            squares * (gather + (2 * size_of::<Vec<Node>>() + size_of::<[u32; 2]>()) as u64);
+        let lists = squares
+            * (gather + (2 * size_of::<Vec<LatticeGather>>() + size_of::<[u32; 2]>()) as u64);
         // All cells may be refined.
         let middle = if step > 1 { Gathers::MIDDLE_BYTES } else { 0 };
         let place = Gathers::PLACE_BYTES + middle;
@@ -54,9 +60,13 @@ impl Lattice {
         nodes(&gathered) + lists.max(nodes(&smoothed))
     }
 
-    /// Bytes of it that are surely held: once they are smoothed, gathers and what is made of them.
+    /// Bytes that the lattice of a region surely takes: of gathers, and of their smoothed copies.
     pub fn least_bytes(region: Region, step: u32, film: [u32; 2]) -> [u64; 2] {
-        [Self::REACH + Self::SMOOTH, Self::REACH].map(|reach| {
+        [
+            Self::LOOKUP_REACH + Self::SMOOTHING_REACH,
+            Self::LOOKUP_REACH,
+        ]
+        .map(|reach| {
             let area = Area::around(region, step, reach, film);
             (area.len() as u64).saturating_mul(Gathers::PLACE_BYTES as u64)
         })
@@ -77,28 +87,39 @@ impl Lattice {
         let film = [film.width, film.height];
         let receivers = Receivers {
             gatherer,
-            order: &gatherer.order(Self::SIDE * Self::SIDE),
+            order: &gatherer.order(Self::SQUARE_EDGE * Self::SQUARE_EDGE),
             step,
             cancel,
             task,
         };
-        let area = Area::around(region, step, Self::REACH + Self::SMOOTH, film);
+        let area = Area::around(
+            region,
+            step,
+            Self::LOOKUP_REACH + Self::SMOOTHING_REACH,
+            film,
+        );
         let mut nodes = memory::filled(LATTICE, None, area.len())?;
-        let squares = receivers.gather(&area, Stand::Place, |_| true)?;
+        let squares = receivers.gather(&area, LatticeSite::Place, |_| true)?;
         for (index, node) in squares.into_iter().flatten() {
             nodes[index] = Some(node);
         }
         let mut rough = Gathers::new(step, area, nodes)?;
         if step > 1 {
             // Those farther away are in no mean that the region takes.
-            let near = Area::around(region, step, Self::REACH + Self::SMOOTH - 1, film);
+            let near = Area::around(
+                region,
+                step,
+                Self::LOOKUP_REACH + Self::SMOOTHING_REACH - 1,
+                film,
+            );
             rough.refine(|g, at| near.index(at).is_some() && g.is_tight(at))?;
-            let squares = receivers.gather(&area, Stand::Middle, |at| rough.is_refined(at))?;
+            let squares =
+                receivers.gather(&area, LatticeSite::Middle, |at| rough.is_refined(at))?;
             for (index, node) in squares.into_iter().flatten() {
                 rough.put_middle(index, node);
             }
         }
-        Self::smooth(&rough, Area::around(region, step, Self::REACH, film))
+        Self::smooth(&rough, Area::around(region, step, Self::LOOKUP_REACH, film))
     }
 
     /// Each gather of an area averaged with those around it.
@@ -109,13 +130,13 @@ impl Lattice {
             .zip(area.rows())
             .for_each(|(row, j)| {
                 for (node, i) in row.iter_mut().zip(area.columns()) {
-                    *node = rough.smoothed([i, j], Self::SMOOTH);
+                    *node = rough.smoothed([i, j], Self::SMOOTHING_REACH);
                 }
             });
         let mut smooth = Gathers::new(rough.step, area, nodes)?;
         smooth.refine(|_, at| rough.is_refined(at))?;
         smooth.middles.par_iter_mut().for_each(|middle| {
-            middle.node = rough.smoothed_middle(middle.cell, Self::SMOOTH);
+            middle.node = rough.smoothed_middle(middle.cell, Self::SMOOTHING_REACH);
         });
         Ok(Self(smooth))
     }
@@ -130,14 +151,14 @@ impl Lattice {
     /// like it.
     #[must_use]
     pub fn irradiance(&self, surface: &Surface, x: u32, y: u32) -> Option<Rgb> {
-        let mean = (self.0).around(surface.position, surface.normal, [x, y], Self::REACH)?;
-        (mean.weight > Self::TOO_FEW).then(|| mean.light * (1.0 / mean.weight))
+        let mean = (self.0).around(surface.position, surface.normal, [x, y], Self::LOOKUP_REACH)?;
+        (mean.weight > Self::MIN_WEIGHT).then(|| mean.light * (1.0 / mean.weight))
     }
 }
 
 /// Where gathers stand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Stand {
+enum LatticeSite {
     /// At places of the lattice.
     Place,
     /// In the middle of their cells.
@@ -157,49 +178,51 @@ impl Receivers<'_> {
     /// Harmonic distance below which light may change within a step, over the length of that on the
     /// surface. Gathers are carried a quarter of that distance, and no less than 0.7 steps: half as
     /// far as those at which a cell is refined ask for.
-    const TIGHT: f32 = 1.4;
+    const TIGHT_STEPS: f32 = 1.4;
     /// The least cosine by which a step is taken to be longer where the camera looks along a
     /// surface.
-    const GRAZING: f32 = 0.2;
+    const MIN_GRAZING_COSINE: f32 = 0.2;
 
     /// The gathers of the wanted places of an area, square by square, and the numbers of those
     /// places.
     fn gather(
         &self,
         area: &Area,
-        stand: Stand,
+        site: LatticeSite,
         is_wanted: impl Fn([u32; 2]) -> bool + Sync,
-    ) -> Result<Vec<Vec<(usize, Node)>>> {
-        area.squares(Lattice::SIDE)
+    ) -> Result<Vec<Vec<(usize, LatticeGather)>>> {
+        area.squares(Lattice::SQUARE_EDGE)
             .into_par_iter()
             .map(|square| {
                 self.cancel.check()?;
                 // How many stand in the middle of cells was not known when the task was told its
                 // length.
-                if stand == Stand::Place {
-                    self.task.add(u64::from(Lattice::SIDE * Lattice::SIDE));
+                if site == LatticeSite::Place {
+                    self.task
+                        .add(u64::from(Lattice::SQUARE_EDGE * Lattice::SQUARE_EDGE));
                 }
-                Ok(self.gather_in(area, square, stand, &is_wanted))
+                Ok(self.gather_in(area, square, site, &is_wanted))
             })
             .collect()
     }
 
-    /// The same of a square of the lattice.
+    /// The gathers of the wanted places of a square of the lattice, and the numbers of those
+    /// places.
     fn gather_in(
         &self,
         area: &Area,
         [i, j]: [u32; 2],
-        stand: Stand,
+        site: LatticeSite,
         is_wanted: impl Fn([u32; 2]) -> bool,
-    ) -> Vec<(usize, Node)> {
-        const SIDE: u32 = Lattice::SIDE;
+    ) -> Vec<(usize, LatticeGather)> {
+        const SQUARE_EDGE: u32 = Lattice::SQUARE_EDGE;
         let (mut nodes, mut surfaces) = (Vec::new(), Vec::new());
-        for (y, x) in (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (y, x))) {
-            let at = [i * SIDE + x, j * SIDE + y];
+        for (y, x) in (0..SQUARE_EDGE).flat_map(|y| (0..SQUARE_EDGE).map(move |x| (y, x))) {
+            let at = [i * SQUARE_EDGE + x, j * SQUARE_EDGE + y];
             let Some(index) = area.index(at).filter(|_| is_wanted(at)) else {
                 continue;
             };
-            let Some((surface, node)) = self.seen_at(at, stand) else {
+            let Some((surface, node)) = self.seen_at(at, site) else {
                 continue;
             };
             nodes.push((index, node));
@@ -208,34 +231,37 @@ impl Receivers<'_> {
         }
         let view = self.gatherer.view();
         let key = [view.seed, u64::from(i), u64::from(j), 1];
-        let seed = sampling::hash(match stand {
-            Stand::Place => &key[..3],
-            Stand::Middle => &key,
+        let seed = sampling::hash(match site {
+            LatticeSite::Place => &key[..3],
+            LatticeSite::Middle => &key,
         });
         let gathered = (self.gatherer).gather_neighbours(&surfaces, seed, self.order);
         for (((_, node), (surface, _)), gathered) in nodes.iter_mut().zip(surfaces).zip(gathered) {
             node.gathered = gathered;
             let to_camera = (view.camera.origin() - node.position).normalize_or_zero();
-            let cos = surface.face_normal.dot(to_camera).max(Self::GRAZING);
-            node.is_tight = gathered.harmonic_distance * cos < Self::TIGHT * node.spacing;
+            let cos = surface
+                .face_normal
+                .dot(to_camera)
+                .max(Self::MIN_GRAZING_COSINE);
+            node.is_tight = gathered.harmonic_distance * cos < Self::TIGHT_STEPS * node.spacing;
         }
         nodes
     }
 
     /// The surface that a place of the lattice sees, or the middle of its cell, and a gather there
     /// that has no light yet.
-    fn seen_at(&self, place: [u32; 2], stand: Stand) -> Option<(Surface, Node)> {
+    fn seen_at(&self, place: [u32; 2], site: LatticeSite) -> Option<(Surface, LatticeGather)> {
         let view = self.gatherer.view();
-        let offset = match stand {
-            Stand::Place => 0.0,
-            Stand::Middle => 0.5 * self.step as f32,
+        let offset = match site {
+            LatticeSite::Place => 0.0,
+            LatticeSite::Middle => 0.5 * self.step as f32,
         };
         let [x, y] = place.map(|c| (c * self.step) as f32 + offset + 0.5);
         let direction = view.camera.direction(&view.film, x, y);
         let origin = view.camera.origin();
         let hit = view.tracer.closest(&Ray::endless(origin, direction))?;
         let surface = Surface::new(view.tracer.scene, hit.triangle, hit.uv).facing(-direction);
-        let node = Node {
+        let node = LatticeGather {
             position: surface.position,
             normal: surface.normal,
             gathered: Gathered::default(),
@@ -266,16 +292,26 @@ mod tests {
             x1: 38,
             y1: 29,
         };
-        let area = Area::around(region, 4, Lattice::REACH + Lattice::SMOOTH, [100, 60]);
+        let area = Area::around(
+            region,
+            4,
+            Lattice::LOOKUP_REACH + Lattice::SMOOTHING_REACH,
+            [100, 60],
+        );
         assert_eq!((area.first, area.count), ([3, 1], [14, 14]));
-        let squares = area.squares(Lattice::SIDE).len();
+        let squares = area.squares(Lattice::SQUARE_EDGE).len();
         assert_eq!(squares, 5 * 4);
         // All cells may be refined, but for those of a pixel.
         for (step, per_place) in [(4, 2), (1, 1)] {
-            let area = Area::around(region, step, Lattice::REACH + Lattice::SMOOTH, [100, 60]);
-            let squares = area.squares(Lattice::SIDE).len();
-            let lists = squares * 16 * size_of::<(usize, Node)>();
-            let least = lists + area.len() * per_place * size_of::<Option<Node>>();
+            let area = Area::around(
+                region,
+                step,
+                Lattice::LOOKUP_REACH + Lattice::SMOOTHING_REACH,
+                [100, 60],
+            );
+            let squares = area.squares(Lattice::SQUARE_EDGE).len();
+            let lists = squares * 16 * size_of::<(usize, LatticeGather)>();
+            let least = lists + area.len() * per_place * size_of::<Option<LatticeGather>>();
             let bytes = Lattice::bytes(region, step, [100, 60]) as usize;
             assert!(
                 bytes >= least && bytes < least + least / 6,
