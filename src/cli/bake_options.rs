@@ -8,17 +8,17 @@ use clap::Args;
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Baking")]
 pub struct BakeOptions {
-    /// Spread about this many surfels over the area of all surfaces. A material that would take
-    /// more than nine tenths of them by its size leaves one tenth to the smaller ones
+    /// Place about this many surfels over all surfaces. A material so large that it would take more
+    /// than nine tenths of them leaves one tenth to the others
     #[arg(long, value_name = "N", default_value_t = 500_000)]
     surfels: u64,
 
-    /// Take surfels where the rays of a camera meet surfaces instead, as the paper does; what it
-    /// does not see does not bleed. Without a name, the first camera
+    /// Place surfels where the rays of a camera meet surfaces, as the paper does; surfaces that
+    /// this camera does not see send no indirect light. Without a name, use the first camera
     #[arg(long, value_name = "CAMERA", num_args = 0..=1, default_missing_value = "", conflicts_with = "surfels")]
     surfels_from_camera: Option<String>,
 
-    /// Rays per pixel along each axis of such a camera
+    /// Cast this many rays per pixel of that camera along each axis
     #[arg(
         long,
         value_name = "F",
@@ -27,7 +27,7 @@ pub struct BakeOptions {
     )]
     camera_rate: f32,
 
-    /// Width of such a camera's frustum over the image's
+    /// Widen that camera's view by this factor, for surfaces just outside the image
     #[arg(
         long,
         value_name = "F",
@@ -36,24 +36,24 @@ pub struct BakeOptions {
     )]
     overscan: f32,
 
-    /// Radius of disks over that of a disk of the surfel's area
+    /// Draw the disks of surfels larger by this factor, so that they leave no gaps
     #[arg(long, value_name = "K", default_value_t = Settings::default().overlap)]
     overlap: f32,
 
-    /// End disks where facets meet at more than this angle
+    /// Cut disks off where neighbouring triangles meet at more than this angle, in degrees
     #[arg(long, value_name = "DEG", default_value_t = Settings::default().crease_deg)]
     crease_deg: f32,
 
-    /// Make lvoxels as large as keeps the optical depth along an edge below this, smaller where
-    /// surfaces cut them
+    /// Make lvoxels (blocks of a medium that hold its light) as large as this optical depth along
+    /// an edge allows, and smaller where surfaces cut them
     #[arg(long, value_name = "TAU", default_value_t = 0.7)]
     block_depth: f32,
 
-    /// Make lvoxels of this many voxels a side instead, as the paper does
+    /// Make all lvoxels this many voxels wide instead, 1, 2, 4 or 8, as the paper does
     #[arg(long, value_name = "N", value_parser = block_level, conflicts_with = "block_depth")]
     block_voxels: Option<u8>,
 
-    /// Coefficient samples in each such lvoxel
+    /// Sample the medium this often in each such lvoxel
     #[arg(
         long,
         value_name = "N",
@@ -62,8 +62,9 @@ pub struct BakeOptions {
     )]
     block_samples: u32,
 
-    /// Shadow rays to each area light from each surfel and side, and each lvoxel, and four times as
-    /// many to the environment; gathers average over many points
+    /// Cast this many shadow rays to each area light from each side of a surfel and from each
+    /// lvoxel, and four times as many to the environment. One is enough, as gathers average over
+    /// many points
     #[arg(long, value_name = "N", default_value_t = 1)]
     bake_shadow_rays: u32,
 }

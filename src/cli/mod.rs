@@ -1,5 +1,9 @@
 //! The command line: one file per verb, each with its arguments and what it does with them.
 //!
+//! What several verbs take stands in `*_options` and `scene_input`; `options` resolves what all of
+//! them take into a `Context`, `files` checks what they read and write before the work, `parse`
+//! reads values, `progress` and `output` talk.
+//!
 //! A new verb is a file with `Args`, `files` and `run`, a variant of `Verb`, and a line in
 //! `Verb::files` and `Verb::run`.
 

@@ -27,14 +27,14 @@ pub struct Shared {
     #[arg(long, global = true, value_name = "MODE", default_value = "auto")]
     progress: progress::Mode,
 
-    /// Replace clouds, trees and exports that are there already, or begin a reference or a study
-    /// anew; images and reports are always replaced
+    /// Replace clouds, trees and exports that exist, and begin references and studies anew; images
+    /// and reports are always replaced
     #[arg(long, global = true)]
     force: bool,
 
-    /// Take any warning for an error of exit code 2: before the work, and without output. What only
-    /// the work can show, such as surfels that are missing, fails at its end: shade and render
-    /// write no image then, reference and study keep what they have
+    /// Treat every warning as an error with exit code 2, before the work and without output where
+    /// possible. What only the work itself can show, such as missing surfels, fails at its end:
+    /// shade and render then write no image, reference and study keep what they have
     #[arg(long, global = true)]
     strict: bool,
 
@@ -47,9 +47,9 @@ pub struct Shared {
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 #[command(next_help_heading = "Shared options")]
 pub struct Memory {
-    /// Hold at most this much: of points, pages, lvoxels, samples and pixels; the scene and what is
-    /// found of it while shading come on top. Bytes, or with K, M, G, T in powers of 1024, as 64M
-    /// or 4G [default: no limit]
+    /// Hold at most this much of points, pages, lvoxels, samples and pixels in memory; the scene,
+    /// and caches that grow while shading, come on top. In bytes, or with K, M, G, T (powers of
+    /// 1024), as 64M or 4G [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = parse::size)]
     memory_limit: Option<u64>,
 }
@@ -67,8 +67,7 @@ pub struct Temporary {
 #[derive(Clone, Copy, Debug, clap::Args)]
 #[command(next_help_heading = "Shared options")]
 pub struct Seed {
-    /// Seed all random choices; the same seed gives the same result. Light that is swept through
-    /// thin media goes along fixed directions
+    /// Seed all random choices; the same seed gives the same result
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
 }

@@ -37,73 +37,74 @@ pub struct ShadeOptions {
     #[arg(long, value_name = "E", conflicts_with = "quality")]
     target_error: Option<f64>,
 
-    /// Rays of each gather on a surface; half as many where the lattice had none to spread
-    /// [default: 24, 40, 64 by quality]
+    /// Cast this many rays in each gather of indirect light on a surface, and half as many in the
+    /// gathers that fill gaps between others [default: 24, 40, 64 by quality]
     #[arg(long, value_name = "N")]
     samples: Option<u32>,
 
-    /// Take a node whole where it is seen under less than this, steradians, half of that in frames
-    /// with bright patches, four times that by rays of media; 0 for as fine as surfels are.
-    /// --kernel plain takes none [default: 0.02, 0.02, 0.01 by quality]
+    /// Let a node of the tree stand for all surfels below it where it is seen under less than this
+    /// solid angle, in steradians. Smaller is slower and sharper; 0 uses single surfels. Frames
+    /// with bright patches use half of it, rays of media four times [default: 0.02, 0.02, 0.01 by
+    /// quality]
     #[arg(long, value_name = "SR")]
     max_solid_angle: Option<f32>,
 
-    /// Tell light that comes from near by apart in patches as large as so many surfels; 32 or more
-    /// need no more of the tree than its nodes, and blur contacts. Fewer in frames of more than
-    /// 8192 gathers. No matter with --kernel cone and plain [default: 32, 1, 1 by quality]
+    /// Average the light that surfaces send over patches as large as this many surfels. Fewer keep
+    /// contacts between surfaces sharper; 32 or more are fastest, as they need the nodes of the
+    /// tree alone. Only with --kernel traced [default: 32, 1, 1 by quality]
     #[arg(long, value_name = "N")]
     patch_surfels: Option<u32>,
 
-    /// Let nothing further away than this send indirect light, scene units; walls and media beyond
-    /// it still hide the environment, which is seen where nothing is [default: no limit]
+    /// Ignore indirect light from farther away than this, in scene units. What is farther still
+    /// hides the environment [default: no limit]
     #[arg(long, value_name = "D")]
     max_dist: Option<f32>,
 
-    /// What ends gather rays: the scene's own triangles, which send what the tree says (traced);
-    /// surfels and nodes of the tree (cone); or surfels alone, as in the paper (plain)
+    /// How the surface at the end of a gather ray is found: by the scene's own triangles, with the
+    /// light that the tree holds for them (traced); by surfels and nodes of the tree (cone); or by
+    /// surfels alone, as in the paper (plain)
     #[arg(long, value_name = "KERNEL", default_value = "traced", value_parser = parse::one_of(&Kernel::ALL))]
     kernel: Kernel,
 
-    /// Let all take part in indirect light (extended), or surfels alone, as before media were in
-    /// the cloud
+    /// Take indirect light from surfaces and media (extended), or from surfaces alone, as before
+    /// media were in the cloud (traditional)
     #[arg(long, value_name = "METHOD", default_value = "extended", value_parser = parse::one_of(&Method::ALL))]
     method: Method,
 
-    /// Leave it to chance which gather rays meet the few places that send most of a frame's light,
-    /// as where the sun falls into a room; else, if there are such, a fifth as many rays go to
-    /// them, and two fifths fewer elsewhere
+    /// Do not send extra gather rays to the few places that send most of a frame's light, such as
+    /// where the sun falls into a room. Without them such light is found by chance, with more noise
     #[arg(long)]
     no_bright_patches: bool,
 
-    /// Pixels between gathers on surfaces, with others between those where light may change within
-    /// that; 1 gathers at every pixel [default: 6, 4, 3 by quality]
+    /// Gather on surfaces at every Nth pixel across and down, with more gathers where light may
+    /// change between those; 1 gathers at every pixel [default: 6, 4, 3 by quality]
     #[arg(long, value_name = "N")]
     lattice: Option<u32>,
 
-    /// Rays of each gather inside media; none with --method traditional [default: 3, 6, 16 by
-    /// quality]
+    /// Cast this many rays in each gather inside media; none are cast with --method traditional
+    /// [default: 3, 6, 16 by quality]
     #[arg(long, value_name = "N")]
     volume_samples: Option<u32>,
 
-    /// Primary rays a pixel; 1 for rays through the corners of pixels, which neighbours share
-    /// [default: 1]
+    /// Cast this many camera rays through each pixel; 1 casts them through the corners of pixels,
+    /// which neighbours share [default: 1]
     #[arg(long, value_name = "N")]
     pixel_samples: Option<u32>,
 
-    /// Corners of pixels from one primary ray to the next where those around end on one triangle, 1
-    /// or 2; 2 may miss what is thinner than two pixels. No matter with --pixel-samples above 1
-    /// [default: 2, 1, 1 by quality]
+    /// Cast a camera ray at every corner of a pixel (1), or at every second one where those around
+    /// see the same triangle (2); 2 may miss what is thinner than two pixels. Only without
+    /// --pixel-samples above 1 [default: 2, 1, 1 by quality]
     #[arg(long, value_name = "N")]
     corner_spacing: Option<u32>,
 
-    /// Primary rays inside a pixel whose corners disagree, beside those; with --pixel-samples above
-    /// 1, all of a pixel where its first ones disagree [default: 6, 16, 48 by quality]
+    /// Cast this many camera rays more in pixels whose corners differ. With --pixel-samples above
+    /// 1, cast this many in all where the first ones differ [default: 6, 16, 48 by quality]
     #[arg(long, value_name = "N")]
     edge_samples: Option<u32>,
 
-    /// Shadow rays to each area light from the end of each primary ray inside a pixel, those of
-    /// --edge-samples and of --pixel-samples above 1; corners that pixels share take one, and four
-    /// in penumbrae [default: 1]
+    /// Cast this many shadow rays to each area light for every camera ray inside a pixel (those of
+    /// --edge-samples, and of --pixel-samples above 1). Corners of pixels cast one, and four in
+    /// penumbrae [default: 1]
     #[arg(long, value_name = "N")]
     shadow_rays: Option<u32>,
 

@@ -1,5 +1,9 @@
 //! What a run has beside its data: progress, cancellation, a memory limit, and a report of what it
 //! took.
+//!
+//! Every stage gets a [`Job`]. Of the files, `progress`, `cancel` and `report` are its parts;
+//! `memory`, `size` and `usage` know what the machine has and what is taken of it; `output` writes
+//! files that appear whole; `digest` and `hex` name the program and what it read.
 
 mod cancel;
 #[cfg(feature = "lab")]

@@ -341,16 +341,23 @@ pub fn accumulate(
             save(sums)?;
             saved = Instant::now();
         }
-        if pass.elapsed() < PASS / 2 {
-            spp *= 2;
-        } else if pass.elapsed() > PASS * 2 {
-            spp = (spp / 2).max(1);
-        }
+        spp = spp_of_next_pass(spp, pass.elapsed());
     }
     if sums.not_finite() > not_finite_before {
         warn_of_not_finite(sums, job);
     }
     Ok(())
+}
+
+/// More samples where a pass was short, fewer where it was long.
+fn spp_of_next_pass(spp: u32, took: Duration) -> u32 {
+    if took < PASS / 2 {
+        spp * 2
+    } else if took > PASS * 2 {
+        (spp / 2).max(1)
+    } else {
+        spp
+    }
 }
 
 /// Of all samples there are, not of those of this run alone: the image has them all.

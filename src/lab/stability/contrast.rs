@@ -147,20 +147,28 @@ fn check(bench: &Workbench, case: Case) -> Result<Vec<Row>> {
         ),
     ];
     let picture = pixels(&bench.shade(&scene, &store, &brief())?, "")?;
+    rows.extend(of_picture(case.name, &picture));
+    Ok(rows)
+}
+
+/// Rows about a picture of a medium before an environment of radiance 1.
+fn of_picture(case: &str, picture: &[[f32; 3]]) -> [Row; 2] {
+    let name = |what: &str| format!("{case}: {what}");
     let wrong = |v: &&f32| !(v.is_finite() && **v >= 0.0);
     let brightest = picture.iter().flatten().fold(0.0_f32, |a, &b| a.max(b));
-    rows.push(Row::count(
-        name("not finite, or negative"),
-        "values of a picture",
-        picture.iter().flatten().filter(wrong).count(),
-    ));
-    rows.push(Row::nothing(
-        name("brighter than the environment"),
-        "brightest pixel",
-        (f64::from(brightest) - 1.0).max(0.0),
-        0.02,
-    ));
-    Ok(rows)
+    [
+        Row::count(
+            name("not finite, or negative"),
+            "values of a picture",
+            picture.iter().flatten().filter(wrong).count(),
+        ),
+        Row::nothing(
+            name("brighter than the environment"),
+            "brightest pixel",
+            (f64::from(brightest) - 1.0).max(0.0),
+            0.02,
+        ),
+    ]
 }
 
 /// Whether a ray's transmittance rises anywhere by more than rounding.

@@ -289,10 +289,9 @@ fn root_area(store: &OpenTree) -> Result<f64> {
         .map_or(0.0, |n| f64::from(n.aggregate.area)))
 }
 
-/// Disks whose radii span twelve decades, in one cloud.
-fn radii(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
-    const COUNT: u64 = 20_000;
-    let surfels: Vec<Surfel> = (0..COUNT)
+/// Surfels of a unit cube with radii from 1e-6 to 1e6.
+fn surfels_of_all_sizes(count: u64) -> Vec<Surfel> {
+    (0..count)
         .map(|i| {
             let n = sphere([random(11, i), random(12, i)]);
             // Few are larger than their distance, else those alone would be seen.
@@ -310,7 +309,13 @@ fn radii(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
                 ..Surfel::default()
             }
         })
-        .collect();
+        .collect()
+}
+
+/// Disks whose radii span twelve decades, in one cloud.
+fn radii(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
+    const COUNT: u64 = 20_000;
+    let surfels = surfels_of_all_sizes(COUNT);
     let meta = CloudMeta {
         disk_overlap: 1.0,
         ..CloudMeta::default()

@@ -35,43 +35,7 @@ pub fn rows(bench: &Workbench) -> Result<Vec<Row>> {
             .into_iter()
             .zip(limits)
         {
-            let picture = picture(bench, around, tau, 1.0)?;
-            let at = format!("tau {tau:e}");
-            let brightest = picture.iter().flatten().fold(0.0_f32, |a, &b| a.max(b));
-            let darkest = picture
-                .iter()
-                .flatten()
-                .fold(f32::INFINITY, |a, &b| a.min(b));
-            rows.push(Row::relative(
-                format!("{name}, albedo 1: mean of all pixels, against two scatterings"),
-                at.clone(),
-                seen(tau),
-                mean(&picture),
-                limit,
-            ));
-            if tau <= 0.1 {
-                // What is scattered three times or more is of the order of tau^3.
-                rows.push(Row::relative(
-                    format!("{name}, albedo 1: darkest pixel"),
-                    at.clone(),
-                    1.0,
-                    darkest.into(),
-                    0.1 * tau + 1e-5,
-                ));
-            }
-            // Rays find what arrives through the medium, with noise of the order of what it takes.
-            rows.push(Row::nothing(
-                format!("{name}, albedo 1: energy that the brightest pixel gains"),
-                at.clone(),
-                (f64::from(brightest) - 1.0).max(0.0),
-                0.05 * tau.min(0.1) + 1e-5,
-            ));
-            rows.push(Row::nothing(
-                format!("{name}, albedo 1: energy that all pixels gain together"),
-                at,
-                (mean(&picture) - 1.0).max(0.0),
-                1e-6,
-            ));
+            white(bench, around, tau, limit, &mut rows)?;
         }
         for tau in [1e-3, 0.1, 1.0] {
             let at = format!("tau {tau:e}");
@@ -105,6 +69,55 @@ pub fn rows(bench: &Workbench) -> Result<Vec<Row>> {
         ));
     }
     Ok(rows)
+}
+
+/// Adds rows about a medium that absorbs nothing.
+fn white(
+    bench: &Workbench,
+    around: Around,
+    tau: f64,
+    limit: f64,
+    rows: &mut Vec<Row>,
+) -> Result<()> {
+    let name = around.name();
+    let picture = picture(bench, around, tau, 1.0)?;
+    let at = format!("tau {tau:e}");
+    let brightest = picture.iter().flatten().fold(0.0_f32, |a, &b| a.max(b));
+    let darkest = picture
+        .iter()
+        .flatten()
+        .fold(f32::INFINITY, |a, &b| a.min(b));
+    rows.push(Row::relative(
+        format!("{name}, albedo 1: mean of all pixels, against two scatterings"),
+        at.clone(),
+        seen(tau),
+        mean(&picture),
+        limit,
+    ));
+    if tau <= 0.1 {
+        // What is scattered three times or more is of the order of tau^3.
+        rows.push(Row::relative(
+            format!("{name}, albedo 1: darkest pixel"),
+            at.clone(),
+            1.0,
+            darkest.into(),
+            0.1 * tau + 1e-5,
+        ));
+    }
+    // Rays find what arrives through the medium, with noise of the order of what it takes.
+    rows.push(Row::nothing(
+        format!("{name}, albedo 1: energy that the brightest pixel gains"),
+        at.clone(),
+        (f64::from(brightest) - 1.0).max(0.0),
+        0.05 * tau.min(0.1) + 1e-5,
+    ));
+    rows.push(Row::nothing(
+        format!("{name}, albedo 1: energy that all pixels gain together"),
+        at,
+        (mean(&picture) - 1.0).max(0.0),
+        1e-6,
+    ));
+    Ok(())
 }
 
 /// Many shadow rays: lights this near make few of them dark.

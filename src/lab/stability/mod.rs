@@ -2,6 +2,21 @@
 //! or with a stated limit.
 //!
 //! `lvox stability` prints the table; the tests run the same functions.
+//!
+//! A scene enters (kernels are compared with double precision on it), a [`Family`] of [`Row`]s
+//! leaves for each kind of case.
+//!
+//! | file | what it does |
+//! | --- | --- |
+//! | `row` | one checked number with its limit, and the table of all |
+//! | `workbench` | the whole pipeline on scenes made in memory |
+//! | `field` | exact integrals of a grid in f64 |
+//! | `transmittance`, `single_scattering`, `furnace` | media with closed forms or quadratures |
+//! | `contrast` | media with steep steps, sheets, single voxels |
+//! | `form_factors` | light between plates and disks, and of suns |
+//! | `invariance`, `extremes`, `degenerate` | scenes moved, scaled, huge, empty, crowded |
+//! | `precision` | the kernels in f32 beside the same in f64 |
+//! | `properties` | what holds for any input, tried on many |
 
 mod contrast;
 mod degenerate;

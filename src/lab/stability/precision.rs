@@ -7,17 +7,16 @@ use super::workbench::{Workbench, gatherer, lvoxels};
 use super::{Effort, random};
 use crate::Result;
 use crate::build::AggregateSums;
-use crate::formats::Surfel;
 use crate::formats::record::tangent_frame;
-use crate::gather::Medium;
-use crate::gather::NoMedia;
+use crate::formats::{Lvoxel, Surfel};
 use crate::gather::cone::Scratch;
+use crate::gather::{Medium, NoMedia};
 use crate::math::exp::exp_neg;
 use crate::math::sampling::{hash, sphere};
 use crate::math::segment::Composite;
 use crate::math::{Aabb, Ray};
 use crate::scene::Scene;
-use crate::tree::Media;
+use crate::tree::{Media, OpenTree};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -110,15 +109,33 @@ fn kernels(bench: &Workbench, scene: &Scene, effort: Effort, rows: &mut Vec<Row>
             )
         })
         .collect();
+    compare_disks(bench, &store, &rays, rows)?;
+    if scene.volumes.is_empty() {
+        return Ok(());
+    }
+    let all = lvoxels(&store)?;
     let length = (max - min).length();
-    let parameter = format!("{count} rays");
+    for index in 0..scene.volumes.len() {
+        let lvoxels = LvoxelsOf::new(index, &store, &all);
+        compare_lvoxels(bench, scene, &lvoxels, &rays, length, rows)?;
+    }
+    Ok(())
+}
 
+/// Adds rows about the disks that rays meet first.
+fn compare_disks(
+    bench: &Workbench,
+    store: &OpenTree,
+    rays: &[(Vec3, Vec3)],
+    rows: &mut Vec<Row>,
+) -> Result<()> {
+    let parameter = format!("{} rays", rays.len());
     let tree = store.tree();
     let mut all = Vec::new();
     for page in 0..tree.surfel_pages() {
         all.extend(tree.surfel_page(page)?.surfels);
     }
-    let gatherer = gatherer(&store, NoMedia, 1, 0.0)?;
+    let gatherer = gatherer(store, NoMedia, 1, 0.0)?;
     // Difference of distance, and whether the same disk was met.
     let met: Vec<(f64, bool)> = rays
         .par_iter()
@@ -160,87 +177,114 @@ fn kernels(bench: &Workbench, scene: &Scene, effort: Effort, rows: &mut Vec<Row>
         [1e-6, 1e-5, 1e-4, 1e-2],
         rows,
     );
-    if scene.volumes.is_empty() {
-        return Ok(());
-    }
-
-    let all = lvoxels(&store)?;
-    let volumes = &tree.meta().cloud.volumes;
-    let reach = f64::from(length);
-    // One volume at a time: where several overlap, order decides.
-    for (index, info) in volumes.iter().enumerate() {
-        let blocks = Blocks::of(index, info, &all);
-        let own = all.iter().filter(|l| usize::from(l.volume) == index);
-        let media = &Media::new(volumes, own.copied());
-        let field = Field::of(&scene.volumes[index]);
-        let volume = &scene.volumes[index];
-        let differences: Vec<Option<[f64; 3]>> = rays
-            .par_iter()
-            .enumerate()
-            .map(|(i, &(origin, _))| {
-                // From anywhere in the scene to a point of the volume's box.
-                let at = [36, 37, 38].map(|s| f64::from(random(s, i as u64)));
-                let target = DVec3::from(at) * DVec3::from(volume.sigma_t.dims().map(|n| n as f64));
-                let target = volume.scene_from_index.transform_point3(target).as_vec3();
-                let direction = (target - origin).normalize();
-                let (o, d) = (origin.as_dvec3(), direction.as_dvec3());
-                let mut light = Composite::default();
-                media.pass(&Ray::new(origin, direction, length), &[], &mut light);
-                let (radiance, through) = blocks.pass(o, d, reach);
-                let relative = |got: f32, exact: f64| {
-                    if exact == 0.0 {
-                        f64::from(got).abs()
-                    } else {
-                        (f64::from(got) - exact).abs() / exact
-                    }
-                };
-                let tau = field.optical_depth(o, d, reach);
-                (through < 1.0 || tau > 0.0).then(|| {
-                    let cells = cells_of(scene, index, origin, direction, length);
-                    [
-                        if through > 1e-30 {
-                            relative(light.transmittance, through)
-                        } else {
-                            0.0
-                        },
-                        relative(light.radiance.0[1], radiance[1]),
-                        if tau < 69.0 {
-                            relative(exp_neg(cells), (-tau).exp())
-                        } else {
-                            0.0
-                        },
-                    ]
-                })
-            })
-            .collect();
-        bench.cancel().check()?;
-        let met: Vec<[f64; 3]> = differences.into_iter().flatten().collect();
-        let parameter = format!("{} rays that meet volume {index}", met.len());
-        let column = |k: usize| met.iter().map(|m| m[k]).collect::<Vec<_>>();
-        let limits = [5e-6, 1e-4, 1e-3, 1e-2];
-        distribution(
-            "lvoxels: transmittance, f32 against f64",
-            &parameter,
-            column(0),
-            limits,
-            rows,
-        );
-        distribution(
-            "lvoxels: radiance, f32 against f64",
-            &parameter,
-            column(1),
-            limits,
-            rows,
-        );
-        distribution(
-            "cells: transmittance, f32 against f64",
-            &parameter,
-            column(2),
-            limits,
-            rows,
-        );
-    }
     Ok(())
+}
+
+/// The lvoxels of one volume, as the kernels take them and one by one in f64. One volume at a time:
+/// where several overlap, order decides.
+struct LvoxelsOf<'a> {
+    index: usize,
+    media: Media,
+    blocks: Blocks<'a>,
+}
+
+impl<'a> LvoxelsOf<'a> {
+    fn new(index: usize, store: &'a OpenTree, all: &'a [Lvoxel]) -> Self {
+        let volumes = &store.tree().meta().cloud.volumes;
+        let own = all.iter().filter(|l| usize::from(l.volume) == index);
+        Self {
+            index,
+            media: Media::new(volumes, own.copied()),
+            blocks: Blocks::of(index, &volumes[index], all),
+        }
+    }
+}
+
+/// Adds rows about what rays collect in the lvoxels and in the cells of one volume.
+fn compare_lvoxels(
+    bench: &Workbench,
+    scene: &Scene,
+    lvoxels: &LvoxelsOf<'_>,
+    rays: &[(Vec3, Vec3)],
+    length: f32,
+    rows: &mut Vec<Row>,
+) -> Result<()> {
+    let LvoxelsOf {
+        index,
+        ref media,
+        ref blocks,
+    } = *lvoxels;
+    let reach = f64::from(length);
+    let volume = &scene.volumes[index];
+    let field = Field::of(volume);
+    let differences: Vec<Option<[f64; 3]>> = rays
+        .par_iter()
+        .enumerate()
+        .map(|(i, &(origin, _))| {
+            // From anywhere in the scene to a point of the volume's box.
+            let at = [36, 37, 38].map(|s| f64::from(random(s, i as u64)));
+            let target = DVec3::from(at) * DVec3::from(volume.sigma_t.dims().map(|n| n as f64));
+            let target = volume.scene_from_index.transform_point3(target).as_vec3();
+            let direction = (target - origin).normalize();
+            let (o, d) = (origin.as_dvec3(), direction.as_dvec3());
+            let mut light = Composite::default();
+            media.pass(&Ray::new(origin, direction, length), &[], &mut light);
+            let (radiance, through) = blocks.pass(o, d, reach);
+            let tau = field.optical_depth(o, d, reach);
+            (through < 1.0 || tau > 0.0).then(|| {
+                let cells = cells_of(scene, index, origin, direction, length);
+                [
+                    if through > 1e-30 {
+                        relative(light.transmittance, through)
+                    } else {
+                        0.0
+                    },
+                    relative(light.radiance.0[1], radiance[1]),
+                    if tau < 69.0 {
+                        relative(exp_neg(cells), (-tau).exp())
+                    } else {
+                        0.0
+                    },
+                ]
+            })
+        })
+        .collect();
+    bench.cancel().check()?;
+    let met: Vec<[f64; 3]> = differences.into_iter().flatten().collect();
+    let parameter = format!("{} rays that meet volume {index}", met.len());
+    let column = |k: usize| met.iter().map(|m| m[k]).collect::<Vec<_>>();
+    let limits = [5e-6, 1e-4, 1e-3, 1e-2];
+    distribution(
+        "lvoxels: transmittance, f32 against f64",
+        &parameter,
+        column(0),
+        limits,
+        rows,
+    );
+    distribution(
+        "lvoxels: radiance, f32 against f64",
+        &parameter,
+        column(1),
+        limits,
+        rows,
+    );
+    distribution(
+        "cells: transmittance, f32 against f64",
+        &parameter,
+        column(2),
+        limits,
+        rows,
+    );
+    Ok(())
+}
+
+/// The difference from an exact value, relative to that where it is not 0.
+fn relative(got: f32, exact: f64) -> f64 {
+    if exact == 0.0 {
+        f64::from(got).abs()
+    } else {
+        (f64::from(got) - exact).abs() / exact
+    }
 }
 
 fn cells_of(scene: &Scene, index: usize, origin: Vec3, direction: Vec3, length: f32) -> f32 {

@@ -5,6 +5,15 @@
 //! image. What is measured is kept after each run, so a stop loses no more than one, and the same
 //! call goes on from there. On another machine or with another number of threads it takes all times
 //! anew, and keeps the others apart.
+//!
+//! | file | what it does |
+//! | --- | --- |
+//! | `method`, `sweep` | the ways to render, and the settings that are varied |
+//! | `plan` | all runs of a study, from its settings |
+//! | `measure` | one run: bake, build, shade, compare |
+//! | `record` | what was measured, and the file that keeps it |
+//! | `findings` | slopes, speed-ups, the Pareto front |
+//! | `table`, `plots`, `html` | the same as text, curves and a report |
 
 pub mod findings;
 mod html;

@@ -1,5 +1,9 @@
 //! Picks shading settings for an error.
 //!
+//! A scene, its tree and an error enter, a [`Choice`] leaves: `ladder` orders settings from coarse
+//! to fine, `pilot` measures the error of a rung on a few blocks of the frame against traced paths,
+//! and `search` finds the coarsest rung that will do from few measurements.
+//!
 //! A pilot shades small blocks, spread over the whole frame whatever part of it is asked for, at a
 //! few rungs of a ladder of settings, and measures their error against paths traced at pixels of
 //! those blocks. So the choice depends on the scene, the tree, the seed and the target alone, and
