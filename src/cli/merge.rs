@@ -5,7 +5,7 @@ use super::options::{Context, Memory};
 use crate::Result;
 use crate::formats::Overwrite;
 use crate::image::ImageKind;
-use crate::image::merge::merge;
+use crate::image::merge;
 use std::path::PathBuf;
 
 /// Merge tiles into the frame that one process would have written, byte for byte

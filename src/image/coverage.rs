@@ -2,7 +2,7 @@
 
 use super::Region;
 
-/// What is wrong with a set of tiles.
+/// Faults of a set of tiles that should cover a frame exactly once.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(super) struct Faults {
     /// Rectangles that no tile covers.
@@ -11,7 +11,7 @@ pub(super) struct Faults {
     pub overlaps: Vec<(usize, usize)>,
 }
 
-/// Sweeps down the frame. Between two neighbouring tile edges every row looks the same, so the work
+/// Finds what tiles leave out or cover twice, by a sweep down the frame. Between two neighbouring tile edges every row looks the same, so the work
 /// is bounded by the tiles and not by the pixels.
 pub(super) fn faults(width: u32, height: u32, tiles: &[Region]) -> Faults {
     let mut edges: Vec<u32> = tiles.iter().flat_map(|t| [t.y0, t.y1]).collect();

@@ -28,10 +28,21 @@ pub enum Precision {
     Float,
 }
 
-/// Bytes of pixels that any file may claim to hold.
-const ALLOWANCE: u64 = 256 << 20;
+impl Precision {
+    /// Bits of a sample.
+    #[must_use]
+    pub fn bits(self) -> u32 {
+        match self {
+            Self::Half => 16,
+            Self::Float => 32,
+        }
+    }
+}
 
-/// What a file says about itself before its pixels are read.
+/// Bytes of pixels that any file may claim to hold, however short it is.
+const ALLOWED_BYTES: u64 = 256 << 20;
+
+/// The header of an OpenEXR file: what it says about itself before its pixels are read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Info {
     /// Pixels across of the whole frame.
@@ -40,18 +51,20 @@ pub struct Info {
     pub height: u32,
     /// The part of the frame that the file holds.
     pub region: Region,
-    /// Names of all channels, and whether each is stored in 32 bits.
-    pub channels: BTreeMap<String, bool>,
+    /// Names of all channels, and how each is stored; integers count as 32 bits.
+    pub channels: BTreeMap<String, Precision>,
     /// Attributes of text, by name; those of lvox begin with `lvox/`.
     pub attributes: BTreeMap<String, String>,
 }
 
 impl Info {
-    /// The precision that [`write()`] was given, as far as the channels tell.
+    /// Tells the precision that [`write()`] was given, as far as the channels show it.
     #[must_use]
     pub fn precision(&self) -> Precision {
-        let half = |(name, float): (&String, &bool)| !float && !always_float(name);
-        if self.channels.iter().any(half) {
+        let is_half = |(name, &stored): (&String, &Precision)| {
+            stored == Precision::Half && !always_float(name)
+        };
+        if self.channels.iter().any(is_half) {
             Precision::Half
         } else {
             Precision::Float
@@ -59,7 +72,7 @@ impl Info {
     }
 }
 
-/// What does not fit 16-bit floats.
+/// The samples of a frame that do not fit 16-bit floats.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Clamped {
     /// Samples that are stored as the largest half.
@@ -68,7 +81,7 @@ pub struct Clamped {
     pub channels: Vec<String>,
 }
 
-/// What [`write()`] stores as less than it is: finite values beyond the largest half.
+/// Counts what [`write()`] stores as less than it is: finite values beyond the largest half.
 #[must_use]
 pub fn clamped(frame: &Frame, precision: Precision) -> Clamped {
     let mut found = Clamped::default();
@@ -102,7 +115,7 @@ pub fn write(path: &Path, frame: &Frame, precision: Precision) -> Result<()> {
     output.commit()
 }
 
-/// The bytes of the file that [`write()`] writes.
+/// Encodes a frame or a tile as the bytes of an OpenEXR file, those that [`write()`] writes.
 ///
 /// # Errors
 /// As [`write()`].
@@ -168,7 +181,7 @@ pub fn encode(frame: &Frame, precision: Precision) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Reads the header alone.
+/// Reads the header of an OpenEXR file alone.
 ///
 /// # Errors
 /// [`crate::Kind::Input`] if the file is not there, is no OpenEXR file, or holds no flat image.
@@ -194,7 +207,7 @@ pub fn info(path: &Path) -> Result<Info> {
     let claimed: u128 = sizes
         .map(|c| c.sample_type.bytes_per_sample() as u128 * pixels)
         .sum();
-    if claimed > u128::from(length) * 1032 + u128::from(ALLOWANCE) {
+    if claimed > u128::from(length) * 1032 + u128::from(ALLOWED_BYTES) {
         return Err(input(format!(
             "{claimed} bytes of pixels cannot come out of {length}: the file is damaged or cut"
         )));
@@ -219,10 +232,11 @@ pub fn info(path: &Path) -> Result<Info> {
         .list
         .iter()
         .map(|c| {
-            (
-                string(&c.name),
-                c.sample_type != exr::prelude::SampleType::F16,
-            )
+            let stored = match c.sample_type {
+                exr::prelude::SampleType::F16 => Precision::Half,
+                _ => Precision::Float,
+            };
+            (string(&c.name), stored)
         })
         .collect();
     Ok(Info {
@@ -234,7 +248,7 @@ pub fn info(path: &Path) -> Result<Info> {
     })
 }
 
-/// Reads an image, of any flat layout and precision. Of a file of several parts the first is read;
+/// Reads an OpenEXR image of any flat layout and precision. Of a file of several parts the first is read;
 /// pixels outside the display window are dropped, and coordinates start at its corner.
 ///
 /// # Errors

@@ -15,39 +15,40 @@ pub struct Frame {
     pub region: Region,
     /// Layers, the beauty first.
     pub layers: Vec<Layer>,
-    /// What the pixels were made from, such as `lvox/tree` and `lvox/settings`. Nothing that
+    /// Text attributes that say what the pixels were made from, such as `lvox/tree`. Nothing that
     /// differs between tiles of one frame belongs here: a merged frame must be the same file as one
     /// rendered whole.
     pub attributes: BTreeMap<String, String>,
 }
 
-/// Attribute with the factor on radiance that the picture is meant to be looked at with, the film's
-/// exposure.
+/// Name of the attribute that holds the film's exposure: the factor on radiance that a picture is
+/// meant to be looked at with.
 pub const EXPOSURE: &str = "lvox/exposure";
 
 /// Channels that belong together.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layer {
-    /// `""` for the beauty, else `direct`, `indirect`, `volume`, `depth`, `normal`, `variance`.
+    /// Name: `""` for the beauty, else `direct`, `indirect`, `volume`, `depth`, `normal`, `variance`.
     pub name: String,
-    /// Name (`R`, `G`, `B`; `Z`; or `X`, `Y`, `Z`) and samples, row by row inside the region.
+    /// Name of each channel (`R`, `G`, `B`; `Z`; or `X`, `Y`, `Z`) and its samples, row by row
+    /// inside the region.
     pub channels: Vec<(String, Vec<f32>)>,
 }
 
 impl Layer {
-    /// A colour layer from pixels that lie row by row.
+    /// Makes a colour layer from pixels that lie row by row.
     #[must_use]
     pub fn rgb(name: &str, pixels: &[[f32; 3]]) -> Self {
         Self::from_triples(name, ["R", "G", "B"], pixels)
     }
 
-    /// A vector layer (normals) from pixels that lie row by row.
+    /// Makes a vector layer (normals) from pixels that lie row by row.
     #[must_use]
     pub fn xyz(name: &str, pixels: &[[f32; 3]]) -> Self {
         Self::from_triples(name, ["X", "Y", "Z"], pixels)
     }
 
-    /// A layer of one channel.
+    /// Makes a layer of one channel.
     #[must_use]
     pub fn single(name: &str, channel: &str, samples: Vec<f32>) -> Self {
         Self {
@@ -77,7 +78,7 @@ impl Layer {
 }
 
 impl Frame {
-    /// An empty frame, without layers.
+    /// Makes an empty frame, without layers.
     #[must_use]
     pub fn new(width: u32, height: u32, region: Region) -> Self {
         Self {
@@ -124,7 +125,7 @@ impl Frame {
         Ok(())
     }
 
-    /// Linear RGB of a layer inside `region`.
+    /// Copies the linear RGB of a layer inside `region`.
     ///
     /// # Errors
     /// [`crate::Kind::Input`] if the layer or one of R, G, B is not there, or the frame does not

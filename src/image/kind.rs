@@ -15,7 +15,7 @@ pub enum ImageKind {
 }
 
 impl ImageKind {
-    /// What a file is; `None` if it is neither.
+    /// Tells the kind of a file by its first bytes; `None` if it is neither.
     ///
     /// # Errors
     /// [`crate::Kind::Input`] if the file cannot be read.
@@ -38,7 +38,7 @@ impl ImageKind {
         })
     }
 
-    /// What a file of this name is to be.
+    /// Tells the kind of a file that is to be written by how its name ends.
     ///
     /// # Errors
     /// [`crate::Kind::Input`] for other names.
@@ -57,11 +57,11 @@ impl ImageKind {
         }
     }
 
-    /// Refuses names of other kinds for a file that can only be of this one.
+    /// Checks that a file of this kind has a name that says so; `role` tells what the file is for.
     ///
     /// # Errors
-    /// [`crate::Kind::Input`] with the option, and what the name has to end in.
-    pub fn check_name(self, option: &str, path: &Path) -> Result<()> {
+    /// [`crate::Kind::Input`] with the role, and what the name has to end in.
+    pub fn check_name(self, role: &str, path: &Path) -> Result<()> {
         if Self::named(path).is_ok_and(|kind| kind == self) {
             return Ok(());
         }
@@ -70,7 +70,7 @@ impl ImageKind {
             Self::Png => ".png",
         };
         Err(Error::input(format!(
-            "{option} {}: expected a name that ends in {end}",
+            "{role} {}: expected a name that ends in {end}",
             path.display()
         )))
     }

@@ -39,7 +39,7 @@ pub fn picture(path: &Path, layer: &str, exposure: f32, region: Option<Region>) 
     }
 }
 
-/// The exposure that belongs to a reference image: beside `NAME.exr` a side-car `NAME.json` names,
+/// Finds the exposure that belongs to a reference image: beside `NAME.exr` a side-car `NAME.json` names,
 /// under `scene`, the scene's JSON file in the same folder, whose `tonemap.exposure` it is; else
 /// what the image [notes](noted_exposure). `None` if neither tells. A side-car that names a scene
 /// of another format tells none.
@@ -53,7 +53,7 @@ pub fn exposure_of(reference: &Path) -> Result<Option<f32>> {
     }
 }
 
-/// The exposure in the header of an OpenEXR file that lvox wrote: that of the scene's film. `None`
+/// Reads the exposure of the scene's film from the header of an OpenEXR file that lvox wrote; `None`
 /// for other files.
 ///
 /// # Errors
@@ -75,7 +75,7 @@ pub fn noted_exposure(image: &Path) -> Result<Option<f32>> {
     }
 }
 
-/// The header of an OpenEXR file; `None` for other files.
+/// Reads the header of an OpenEXR file; `None` for other files.
 ///
 /// # Errors
 /// [`crate::Kind::Input`] if the file cannot be read or is damaged.

@@ -9,7 +9,7 @@ use crate::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// What was merged.
+/// A frame that was put together from tiles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Merged {
     /// Pixels across of the frame.
@@ -20,11 +20,11 @@ pub struct Merged {
     pub tiles: usize,
 }
 
-/// Attributes that say what the pixels were made from begin with this.
-const OURS: &str = "lvox/";
+/// Beginning of the names of attributes that say what the pixels were made from.
+const PREFIX: &str = "lvox/";
 
-/// So many faults are listed in an error.
-const LISTED: usize = 4;
+/// Faults that are listed in an error, at most.
+const MAX_LISTED: usize = 4;
 
 /// Merges tiles of one frame. All headers are checked before the first pixel is read, and the
 /// output is not touched until all tiles are read.
@@ -147,7 +147,7 @@ fn check_agreement(
             let names = i
                 .channels
                 .iter()
-                .map(|(n, float)| format!("{n}:{}", if *float { 32 } else { 16 }));
+                .map(|(n, precision)| format!("{n}:{}", precision.bits()));
             names.collect::<Vec<_>>().join(" ")
         };
         let (here, there) = clip(&list(info), &list(first));
@@ -155,7 +155,7 @@ fn check_agreement(
     }
     let names = info.attributes.keys().chain(first.attributes.keys());
     let ours: BTreeSet<&String> = names
-        .filter(|n| n.starts_with(OURS) && *n != EXPOSURE)
+        .filter(|n| n.starts_with(PREFIX) && *n != EXPOSURE)
         .collect();
     for name in ours {
         let (here, there) = (info.attributes.get(name), first.attributes.get(name));
@@ -195,7 +195,7 @@ fn check_cover(paths: &[PathBuf], infos: &[Info], first: &Info) -> Result<()> {
     let regions: Vec<Region> = infos.iter().map(|i| i.region).collect();
     let found = faults(first.width, first.height, &regions);
     if !found.overlaps.is_empty() {
-        let shown = found.overlaps.iter().take(LISTED).map(|&(a, b)| {
+        let shown = found.overlaps.iter().take(MAX_LISTED).map(|&(a, b)| {
             let name = |i: usize| format!("{} ({})", paths[i].display(), regions[i]);
             format!("{} and {}", name(a), name(b))
         });
@@ -207,7 +207,7 @@ fn check_cover(paths: &[PathBuf], infos: &[Info], first: &Info) -> Result<()> {
         .hint("give each part of the frame once"));
     }
     if let Some(gap) = found.missing.first() {
-        let shown = found.missing.iter().take(LISTED).map(Region::to_string);
+        let shown = found.missing.iter().take(MAX_LISTED).map(Region::to_string);
         return Err(Error::input(format!(
             "{} tiles leave parts of the {}x{} frame uncovered: {}{}",
             paths.len(),
@@ -236,8 +236,8 @@ fn check_memory(info: &Info, limit: Option<u64>) -> Result<()> {
 }
 
 fn more(count: usize) -> String {
-    if count > LISTED {
-        format!("; and {} more", count - LISTED)
+    if count > MAX_LISTED {
+        format!("; and {} more", count - MAX_LISTED)
     } else {
         String::new()
     }

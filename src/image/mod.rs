@@ -2,28 +2,42 @@
 //!
 //! Radiance is linear Rec.709; pixel (0,0) is top left. A tile is a [`Frame`] whose [`Region`] is
 //! smaller than the frame: in the file the display window is the whole frame and the data window is
-//! the region.
+//! the region. Shaded pixels enter as layers of a [`Frame`] and leave as a file; a picture that is
+//! to be compared enters as a file and becomes a [`Picture`], one layer of linear RGB.
+//!
+//! | file | holds |
+//! | --- | --- |
+//! | `frame`, `region` | [`Frame`], its [`Layer`]s, and the [`Region`] of a tile |
+//! | `picture`, `load` | [`Picture`], and how one is read from a file of either [`ImageKind`] |
+//! | `exr`, `header` | frames in OpenEXR files, with the same bytes from any number of threads |
+//! | `png`, `tone`, `heat` | eight bits: the tone map, its inverse, and colours of errors |
+//! | `merge`, `coverage` | tiles made one frame, once they are known to cover it |
+//! | `metrics` | how far a picture is from a reference |
+//! | `samples` | files of samples that a path tracer goes on from |
+//! | `subject` | whether two pictures show the same |
 
 mod coverage;
 pub mod exr;
-pub(crate) mod frame;
+mod frame;
 mod header;
-pub mod heat;
-pub(crate) mod kind;
+#[cfg(feature = "lab")]
+pub(crate) mod heat;
+mod kind;
 pub mod load;
-pub mod merge;
+mod merge;
 pub mod metrics;
-pub(crate) mod picture;
+mod picture;
 pub mod png;
-pub(crate) mod region;
-// The path tracer of the laboratory writes samples; everybody may inspect them.
+mod region;
+// The laboratory alone writes samples; what is left without it inspects them.
 #[cfg_attr(not(feature = "lab"), allow(dead_code, unused_imports))]
 pub(crate) mod samples;
+#[cfg(feature = "lab")]
 pub(crate) mod subject;
 pub mod tone;
 
-pub use frame::{Frame, Layer};
+pub use frame::{EXPOSURE, Frame, Layer};
 pub use kind::ImageKind;
+pub use merge::{Merged, merge};
 pub use picture::Picture;
 pub use region::Region;
-pub use subject::Subject;

@@ -15,7 +15,7 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// The part inside a region.
+    /// Copies the part of the picture inside a region.
     ///
     /// # Errors
     /// [`crate::Kind::Input`] if the region is empty or reaches outside.
@@ -35,7 +35,7 @@ impl Picture {
         })
     }
 
-    /// How many pixels have a channel that is infinite or not a number.
+    /// Counts the pixels of which a channel is infinite or not a number.
     #[must_use]
     pub fn non_finite(&self) -> usize {
         let bad = |p: &&[f32; 3]| !p.iter().all(|v| v.is_finite());

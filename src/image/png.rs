@@ -10,9 +10,9 @@ use std::io::BufReader;
 use std::path::Path;
 
 /// Bytes that a decoded image may take, so that a small hostile file cannot ask for all memory.
-const LARGEST_DECODED: u64 = 4 << 30;
+const MAX_DECODED_BYTES: u64 = 4 << 30;
 
-/// Writes a picture; it appears under its name when it is complete. An image that is there is
+/// Writes a PNG file of eight bits a channel; it appears under its name when it is complete. An image that is there is
 /// replaced.
 ///
 /// # Errors
@@ -40,7 +40,7 @@ pub fn read(path: &Path) -> Result<Display> {
     let file = File::open(path).map_err(|e| Error::io("read", path, &e))?;
     let mut reader = ImageReader::with_format(BufReader::new(file), ImageFormat::Png);
     let mut limits = Limits::default();
-    limits.max_alloc = Some(LARGEST_DECODED);
+    limits.max_alloc = Some(MAX_DECODED_BYTES);
     reader.limits(limits);
     let image = reader
         .decode()

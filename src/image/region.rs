@@ -18,7 +18,7 @@ pub struct Region {
 }
 
 impl Region {
-    /// The whole of a frame.
+    /// The region that is the whole of a frame.
     #[must_use]
     pub fn full(width: u32, height: u32) -> Self {
         Self {
@@ -29,7 +29,7 @@ impl Region {
         }
     }
 
-    /// Tile `index` (from 0) of `count` tiles that together cover a frame exactly once.
+    /// Finds tile `index` (from 0) of `count` tiles that together cover a frame exactly once.
     ///
     /// The frame is cut across its longer side, in proportion to the tiles that each half will
     /// hold, until one tile is left; so tiles are compact, their areas differ little, and every
@@ -107,8 +107,8 @@ impl Region {
         Ok(())
     }
 
-    /// Blocks of at most so many columns and rows of pixels that together cover the region exactly
-    /// once, row by row.
+    /// Splits the region into blocks of at most so many columns and rows of pixels that together
+    /// cover it exactly once, row by row.
     #[must_use]
     pub fn blocks(&self, [width, height]: [u32; 2]) -> Vec<Self> {
         let cuts = |from: u32, to: u32, size: u32| {

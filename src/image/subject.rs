@@ -1,5 +1,5 @@
-//! What a picture shows, as far as its header tells: pictures of different subjects are no measure
-//! of each other.
+//! The subject of a picture, as far as its header tells it: pictures of different subjects are no
+//! measure of each other.
 
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -20,7 +20,7 @@ pub struct Subject {
 pub const SHADED_SEGMENTS: u32 = 3;
 
 impl Subject {
-    /// From the text attributes of an OpenEXR file.
+    /// Finds the subject in the text attributes of an OpenEXR file.
     #[must_use]
     pub fn of(attributes: &BTreeMap<String, String>) -> Self {
         let text = |name: &str| attributes.get(name).map(String::as_str);
@@ -39,7 +39,7 @@ impl Subject {
         }
     }
 
-    /// In what two differ that both tell, in words.
+    /// Tells in words where two subjects differ, of what both tell.
     #[must_use]
     pub fn differences(&self, other: &Self) -> Vec<String> {
         let mut found = Vec::new();

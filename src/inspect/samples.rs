@@ -1,7 +1,7 @@
 //! The samples that `lvox reference` keeps beside its image: what they are of and how many there
 //! are.
 
-use crate::image::samples::{Rows, Unreadable, VERSION, counts};
+use crate::image::samples::{Rows, Unreadable, VERSION, count_range};
 use crate::{Error, Result};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -66,7 +66,7 @@ pub fn samples(path: &Path) -> Result<Option<Samples>> {
         found.push(row.count);
         not_finite = not_finite.saturating_add(row.not_finite);
     }
-    let (least, most) = counts(found.into_iter());
+    let (least, most) = count_range(found.into_iter());
     let head = rows.head().clone();
     rows.finish().map_err(failed)?;
     let region = head.region;

@@ -5,7 +5,7 @@ use lvox::bake::{self, SurfelSampling};
 use lvox::build;
 use lvox::formats::Overwrite;
 use lvox::image::exr::{self, Precision};
-use lvox::image::merge::merge;
+use lvox::image::merge;
 use lvox::image::{Frame, Region};
 use lvox::run::Job;
 use lvox::shade::{self as stage, Aov, Settings};

@@ -3,8 +3,8 @@
 use super::linear;
 use crate::image::Picture;
 
-/// Pixels along an edge of a block; those at the right and lower border may be smaller.
-pub const SIDE: usize = 16;
+/// Pixels along an edge of a block; blocks at the right and lower border may be smaller.
+pub const BLOCK_EDGE: usize = 16;
 
 /// A block of pixels and its errors.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -19,19 +19,19 @@ pub struct Block {
     pub y1: usize,
     /// Mean of the reference over pixels and channels, radiance.
     pub reference: f64,
-    /// Mean signed difference from it, radiance.
+    /// Mean signed difference from the reference, radiance.
     pub error: f64,
     /// Mean of `(x-r)^2 / (r^2 + 0.01)`.
     pub relmse: f64,
 }
 
-/// The `count` blocks of the largest relMSE, worst first, of two pictures of the same size. Blocks
-/// without a value (NaN) are the worst of all.
+/// Finds the `count` blocks of the largest relMSE, worst first, of two pictures of the same size.
+/// Blocks without a value (NaN) are the worst of all.
 #[must_use]
 pub fn worst(picture: &Picture, reference: &Picture, count: usize) -> Vec<Block> {
     let mut blocks = Vec::new();
-    for y0 in (0..reference.height).step_by(SIDE) {
-        for x0 in (0..reference.width).step_by(SIDE) {
+    for y0 in (0..reference.height).step_by(BLOCK_EDGE) {
+        for x0 in (0..reference.width).step_by(BLOCK_EDGE) {
             blocks.push(block(picture, reference, x0, y0));
         }
     }
@@ -42,8 +42,8 @@ pub fn worst(picture: &Picture, reference: &Picture, count: usize) -> Vec<Block>
 }
 
 fn block(picture: &Picture, reference: &Picture, x0: usize, y0: usize) -> Block {
-    let x1 = (x0 + SIDE).min(reference.width);
-    let y1 = (y0 + SIDE).min(reference.height);
+    let x1 = (x0 + BLOCK_EDGE).min(reference.width);
+    let y1 = (y0 + BLOCK_EDGE).min(reference.height);
     let (mut sum, mut error, mut relative) = (0.0, 0.0, 0.0);
     for y in y0..y1 {
         let row = y * reference.width;

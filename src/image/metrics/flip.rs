@@ -55,7 +55,7 @@ const RGB_FROM_XYZ: [[f64; 3]; 3] = [
 
 type Plane = Vec<f64>;
 
-/// Error of every pixel, 0 (same) to 1, row by row.
+/// Computes the LDR-FLIP error of every pixel, 0 (same) to 1, row by row.
 #[must_use]
 pub fn error_map(picture: &Display, reference: &Display) -> Vec<f32> {
     let width = picture.width;
@@ -88,7 +88,7 @@ pub fn error_map(picture: &Display, reference: &Display) -> Vec<f32> {
         .collect()
 }
 
-/// Mean of an error map.
+/// Averages an error map.
 #[must_use]
 pub fn mean(error_map: &[f32]) -> f64 {
     error_map.iter().map(|&e| f64::from(e)).sum::<f64>() / error_map.len() as f64

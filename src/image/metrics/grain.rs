@@ -6,7 +6,7 @@
 //! deviation whatever a few pixels on edges do (as Donoho & Johnstone 1994 estimate the noise of a
 //! signal): grain is the root mean square of those of all blocks.
 
-use super::blocks::SIDE;
+use super::blocks::BLOCK_EDGE;
 use super::blur::{Border, columns, rows};
 use super::linear::RELATIVE_FLOOR;
 use crate::image::Picture;
@@ -22,7 +22,7 @@ const WINDOW: usize = 7;
 /// Median size of a normal deviate.
 const MEDIAN: f64 = 0.674_489_750_196_081_7;
 
-/// Grain of a picture beside a reference of the same size. White noise in luminance has its own
+/// Measures the grain of a picture beside a reference of the same size. White noise in luminance has its own
 /// standard deviation, relative to the reference as in relMSE; noise alike over several pixels has
 /// less. Noise of the reference counts, too: two frames of one renderer and two seeds have the
 /// square root of 2 times the grain of one. NaN below 7 pixels on a side.
@@ -41,12 +41,12 @@ pub fn rms(picture: &Picture, reference: &Picture) -> f64 {
     // Pixels at the border have no mean around them.
     let (right, bottom) = (width.saturating_sub(RIM), height.saturating_sub(RIM));
     let (mut squares, mut count) = (0.0, 0);
-    let mut block = Vec::with_capacity(SIDE * SIDE);
-    for y0 in (RIM..bottom).step_by(SIDE) {
-        for x0 in (RIM..right).step_by(SIDE) {
+    let mut block = Vec::with_capacity(BLOCK_EDGE * BLOCK_EDGE);
+    for y0 in (RIM..bottom).step_by(BLOCK_EDGE) {
+        for x0 in (RIM..right).step_by(BLOCK_EDGE) {
             block.clear();
-            for y in y0..bottom.min(y0 + SIDE) {
-                let pixels = y * width + x0..y * width + right.min(x0 + SIDE);
+            for y in y0..bottom.min(y0 + BLOCK_EDGE) {
+                let pixels = y * width + x0..y * width + right.min(x0 + BLOCK_EDGE);
                 block.extend(pixels.map(|i| (error[i] - mean[i]).abs()));
             }
             let deviation = scale * median(&mut block);

@@ -6,13 +6,13 @@ use crate::image::Picture;
 /// absolutely. Radiance squared.
 pub const RELATIVE_FLOOR: f64 = 0.01;
 
-/// Of so many pixels the trimmed mean drops one.
-const DROPPED_OF: usize = 1000;
+/// Pixels of which the trimmed mean drops one.
+const PIXELS_PER_DROPPED: usize = 1000;
 
-/// How many of so many pixels the trimmed mean keeps: all but the worst 0.1 %, rounded down.
+/// Number of pixels that the trimmed mean keeps: all but the worst 0.1 %, rounded down.
 #[must_use]
 pub fn kept(pixels: usize) -> usize {
-    pixels - pixels / DROPPED_OF
+    pixels - pixels / PIXELS_PER_DROPPED
 }
 
 /// Metrics of [`compare`]; see [`super::Scores`] for their meaning.
@@ -22,7 +22,7 @@ pub struct Linear {
     pub rmse: f64,
     /// Relative mean squared error.
     pub relmse: f64,
-    /// The same without the worst pixels.
+    /// Relative mean squared error without the worst 0.1 % of pixels.
     pub relmse_trimmed: f64,
     /// Relative bias of the mean.
     pub bias: f64,
@@ -32,7 +32,7 @@ pub struct Linear {
     pub max_abs: f64,
 }
 
-/// Compares two pictures of the same size.
+/// Compares the radiance of two pictures of the same size.
 #[must_use]
 pub fn compare(picture: &Picture, reference: &Picture) -> Linear {
     let (mut squares, mut absolute) = (0.0, 0.0);

@@ -1,4 +1,4 @@
-//! How far a picture is from a reference: one metric a file, and all of them at once.
+//! How far a picture is from a reference: one metric a file, and all of them at once by [`compare`].
 //!
 //! Linear metrics look at radiance; FLIP, SSIM and the perceptual difference look at the
 //! tone-mapped picture in eight bits, as a viewer does.
@@ -27,8 +27,8 @@ pub struct Scores {
     pub rmse: f64,
     /// Mean of `(x-r)^2 / (r^2 + 0.01)` over pixels and channels.
     pub relmse: f64,
-    /// The same without the worst 0.1 % of pixels (rounded down, none of 999), so that a single
-    /// firefly does not decide it.
+    /// [`Self::relmse`] without the worst 0.1 % of pixels (rounded down, none of 999), so that a
+    /// single firefly does not decide it.
     pub relmse_trimmed: f64,
     /// Mean of the picture over mean of the reference, less 1.
     pub bias: f64,
@@ -47,7 +47,7 @@ pub struct Scores {
     pub max_abs: f64,
     /// Pixels of the picture that are infinite or not a number.
     pub non_finite: usize,
-    /// Pixels of the reference that are.
+    /// Pixels of the reference that are infinite or not a number.
     pub reference_non_finite: usize,
     /// Factor on radiance before the tone map of the perceptual metrics.
     pub exposure: f32,
@@ -71,7 +71,8 @@ pub fn compare(picture: &Picture, reference: &Picture, exposure: f32) -> Result<
     compare_until(picture, reference, exposure, &Cancel::default())
 }
 
-/// As [`compare`], but stops between two metrics on request.
+/// Compares a picture with a reference as [`compare`] does, but stops between two metrics on
+/// request.
 ///
 /// # Errors
 /// As [`compare`], and [`crate::Kind::Cancelled`].

@@ -24,22 +24,22 @@ const XYZ_FROM_RGB: [[f64; 3]; 3] = [
     [0.0270328, 0.0706879, 0.991248],
 ];
 /// Below this adaptation luminance colour is not seen.
-const COLOUR_CD_PER_M2: f64 = 10.0;
+const MIN_COLOUR_CD_PER_M2: f64 = 10.0;
 
-/// Fraction of pixels that differ visibly, 0 to 1.
+/// Computes the fraction of pixels that differ visibly, 0 to 1.
 #[must_use]
 pub fn fraction(a: &Display, b: &Display) -> f64 {
-    let failing = failing(a, b);
-    failing.iter().filter(|&&f| f).count() as f64 / failing.len() as f64
+    let differing = differing(a, b);
+    differing.iter().filter(|&&f| f).count() as f64 / differing.len() as f64
 }
 
 /// Whether each pixel differs visibly, row by row.
-fn failing(a: &Display, b: &Display) -> Vec<bool> {
+fn differing(a: &Display, b: &Display) -> Vec<bool> {
     if a == b {
         return vec![false; a.pixels.len()];
     }
-    let (seen_a, seen_b) = (Seen::new(a), Seen::new(b));
-    let (levels_a, levels_b) = (pyramid(&seen_a, a.width), pyramid(&seen_b, b.width));
+    let (viewed_a, viewed_b) = (Viewed::new(a), Viewed::new(b));
+    let (levels_a, levels_b) = (pyramid(&viewed_a, a.width), pyramid(&viewed_b, b.width));
 
     let degrees = (2.0 * (FIELD_OF_VIEW_DEG / 2.0).to_radians().tan()).to_degrees();
     let pixels_per_degree = a.width as f64 / degrees;
@@ -79,22 +79,22 @@ fn failing(a: &Display, b: &Display) -> Vec<bool> {
                 return true;
             }
             let (da, db) = (
-                seen_a.lab_a[i] - seen_b.lab_a[i],
-                seen_a.lab_b[i] - seen_b.lab_b[i],
+                viewed_a.lab_a[i] - viewed_b.lab_a[i],
+                viewed_a.lab_b[i] - viewed_b.lab_b[i],
             );
-            adapted >= COLOUR_CD_PER_M2 && da * da + db * db > factor
+            adapted >= MIN_COLOUR_CD_PER_M2 && da * da + db * db > factor
         })
         .collect()
 }
 
-/// Luminance (cd/m2) and chromaticity of every pixel.
-struct Seen {
+/// A picture on the screen: luminance (cd/m2) and CIELAB chromaticity of every pixel.
+struct Viewed {
     luminance: Vec<f64>,
     lab_a: Vec<f64>,
     lab_b: Vec<f64>,
 }
 
-impl Seen {
+impl Viewed {
     fn new(display: &Display) -> Self {
         let linear: Vec<f64> = (0..=255u8)
             .map(|v| (f64::from(v) / 255.0).powf(GAMMA))
@@ -129,8 +129,8 @@ fn lab_curve(ratio: f64) -> f64 {
     }
 }
 
-fn pyramid(seen: &Seen, width: usize) -> Vec<Vec<f64>> {
-    let mut levels = vec![seen.luminance.clone()];
+fn pyramid(viewed: &Viewed, width: usize) -> Vec<Vec<f64>> {
+    let mut levels = vec![viewed.luminance.clone()];
     for level in 1..LEVELS {
         let across = rows(&levels[level - 1], width, &FILTER, Border::Uneven);
         levels.push(columns(&across, width, &FILTER, Border::Uneven));

@@ -5,14 +5,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, ErrorKind, Read};
 
 const MAGIC: [u8; 8] = *b"\x89lvs\r\n\x1a\n";
-/// Version of such files.
+/// Version of the format of files of samples.
 pub const VERSION: u32 = 1;
-/// Version, strands, region, length of the origin.
+/// Numbers in a head: version, strands, four of the region, length of the origin.
 const NUMBERS: usize = 7;
-/// Most bytes of an origin that are looked at.
-const LONGEST_ORIGIN: u32 = 1 << 16;
+/// Bytes of an origin that are read, at most.
+const MAX_ORIGIN_BYTES: u32 = 1 << 16;
 
-/// What samples were made from.
+/// The origin of samples: what they were made from.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Origin {
     /// Digest of the path tracer's sources.
@@ -32,7 +32,7 @@ impl Origin {
         serde_json::to_string(&self.settings).unwrap_or_default()
     }
 
-    /// What an origin has that another has not.
+    /// Tells in words where an origin differs from that of samples to be made here.
     #[must_use]
     pub fn differences(&self, here: &Self) -> Vec<String> {
         let mut found = Vec::new();
@@ -62,7 +62,7 @@ impl Origin {
     }
 }
 
-/// What a file of samples begins with.
+/// The head of a file of samples.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Head {
     /// Independent sequences in each pixel.
@@ -109,7 +109,7 @@ impl From<io::Error> for Unreadable {
 }
 
 impl Head {
-    /// As it stands in a file.
+    /// Encodes the head as it stands in a file.
     #[must_use]
     pub fn bytes(&self) -> Vec<u8> {
         let origin = serde_json::to_vec(&self.origin).unwrap_or_default();
@@ -122,7 +122,7 @@ impl Head {
         bytes
     }
 
-    /// Reads one, and leaves the reader behind it.
+    /// Reads a head, and leaves the reader behind it.
     ///
     /// # Errors
     /// Says what is wrong with the file.
@@ -144,7 +144,7 @@ impl Head {
         if version != VERSION {
             return Err(Unreadable::Version(version));
         }
-        if strands == 0 || length > LONGEST_ORIGIN || x0 > x1 || y0 > y1 {
+        if strands == 0 || length > MAX_ORIGIN_BYTES || x0 > x1 || y0 > y1 {
             return Err(Unreadable::Damaged);
         }
         let mut origin = vec![0; length as usize];

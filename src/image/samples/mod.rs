@@ -5,4 +5,4 @@ mod head;
 mod rows;
 
 pub use head::{Head, Origin, Unreadable, VERSION};
-pub use rows::{Row, Rows, counts, sum_bytes, write};
+pub use rows::{Row, Rows, count_range, sum_bytes, write};

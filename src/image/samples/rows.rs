@@ -3,9 +3,9 @@
 use super::head::{Head, Unreadable};
 use std::io::{self, Read, Write};
 
-const CHECKSUM: usize = 32;
-/// A row begins with its counts.
-const COUNTS: u64 = 4 + 8;
+const CHECKSUM_BYTES: usize = 32;
+/// Bytes of the counts that a row begins with.
+const COUNT_BYTES: u64 = 4 + 8;
 
 /// A row of pixels.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,20 +20,20 @@ pub struct Row {
     pub sums: Vec<[f64; 3]>,
 }
 
-/// Bytes that the sums of so many pixels take; the largest number if that is beyond all.
+/// Bytes that the sums of `pixels` pixels take; the largest number if that is beyond all.
 #[must_use]
 pub fn sum_bytes(pixels: u64, strands: u32) -> u64 {
     let sum = size_of::<[f64; 3]>() as u64;
     pixels.saturating_mul(u64::from(strands).saturating_mul(sum))
 }
 
-/// Fewest and most of the counts of rows; none if there are no rows.
+/// Finds the fewest and the most samples of rows; zeros if there are no rows.
 #[must_use]
-pub fn counts(counts: impl Iterator<Item = u32> + Clone) -> (u32, u32) {
+pub fn count_range(counts: impl Iterator<Item = u32> + Clone) -> (u32, u32) {
     (counts.clone().min().unwrap_or(0), counts.max().unwrap_or(0))
 }
 
-/// Writes a whole file.
+/// Writes a whole file of samples.
 ///
 /// # Errors
 /// Those of `out`.
@@ -93,8 +93,8 @@ impl<R: Read> Rows<R> {
         let mut file = Hashing { file, hasher };
         let head = Head::read(&mut file)?;
         let (width, height) = (head.region.width(), head.region.height());
-        let row = sum_bytes(width.into(), head.strands).saturating_add(COUNTS);
-        let ends = file.hasher.count() + CHECKSUM as u64;
+        let row = sum_bytes(width.into(), head.strands).saturating_add(COUNT_BYTES);
+        let ends = file.hasher.count() + CHECKSUM_BYTES as u64;
         let expected = row.saturating_mul(height.into()).saturating_add(ends);
         if length != expected || row > length {
             return Err(Unreadable::Length);
@@ -107,12 +107,12 @@ impl<R: Read> Rows<R> {
         })
     }
 
-    /// What the file begins with.
+    /// The head of the file.
     pub fn head(&self) -> &Head {
         &self.head
     }
 
-    /// The next row from the top, if there is one.
+    /// Reads the next row from the top, if there is one.
     ///
     /// # Errors
     /// Those of the file.
@@ -144,7 +144,7 @@ impl<R: Read> Rows<R> {
     /// [`Unreadable::Checksum`], and those of the file.
     pub fn finish(mut self) -> Result<(), Unreadable> {
         while self.next_row()?.is_some() {}
-        let mut checksum = [0; CHECKSUM];
+        let mut checksum = [0; CHECKSUM_BYTES];
         self.file.file.read_exact(&mut checksum)?;
         if self.file.hasher.finalize() == checksum {
             Ok(())
@@ -231,7 +231,7 @@ mod tests {
 
     #[test]
     fn counts_are_those_of_rows() {
-        assert_eq!(counts([].into_iter()), (0, 0));
-        assert_eq!(counts([7, 9, 8].into_iter()), (7, 9));
+        assert_eq!(count_range([].into_iter()), (0, 0));
+        assert_eq!(count_range([7, 9, 8].into_iter()), (7, 9));
     }
 }

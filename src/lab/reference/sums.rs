@@ -77,7 +77,7 @@ impl Sums {
     /// Fewest and most samples of a pixel.
     #[must_use]
     pub fn counts(&self) -> (u32, u32) {
-        samples::counts(self.rows.iter().map(|r| r.count))
+        samples::count_range(self.rows.iter().map(|r| r.count))
     }
 
     /// Samples of all pixels together.
