@@ -7,16 +7,14 @@ mod common;
 use common::{DEMO, gather_rays, rays};
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
-use lvox::Rgb;
 use lvox::gather::{Gatherer, Kernel, Medium, NoMedia, PatchRadiance, Settings};
 use lvox::image::Region;
-use lvox::internals::{
-    Composite, Lights, Ray, Scratch, ShadowRays, Surface, Tracer, plain, reference,
-};
+use lvox::internals::{Composite, Lights, Scratch, ShadowRays, Surface, Tracer, plain, reference};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade;
 use lvox::tree::{OpenTree, SurfelStore};
+use lvox::{Ray, Rgb};
 use std::path::Path;
 use std::sync::LazyLock;
 

@@ -13,15 +13,15 @@
 mod trees;
 
 use glam::{Vec3, Vec3A};
-use lvox::Rgb;
 use lvox::gather::{Gatherer, Kernel, NoMedia, PatchRadiance, Settings, SurfacePoint};
 use lvox::internals::{
-    Ray, Scratch, Surface, Tracer, cosine_hemisphere, hash, mix, offset, sobol2, tangents, usage,
+    Scratch, Surface, Tracer, cosine_hemisphere, hash, mix, offset, sobol2, tangents, usage,
 };
 use lvox::scene::Scene;
 use lvox::shade::{self, Quality};
 use lvox::tree::ResidentTree;
 use lvox::tree::{OpenTree, SurfelStore};
+use lvox::{Ray, Rgb};
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::cwbvh::builder::build_cwbvh_from_tris;

@@ -55,9 +55,10 @@
 //! ```
 //!
 //! The modules are the stages and what passes between them: [`scene`] (load or make one), [`bake`],
-//! [`build`], [`scatter`], [`shade`], [`tree`] and [`gather`] (open trees, light at points), [`image`] (read,
-//! write, merge and compare pictures), [`inspect`] (what files hold, and whether they are whole),
-//! [`formats`] (the files themselves), and [`run`] (what each stage gets beside its data).
+//! [`build`], [`scatter`] (light of media for all cameras), [`shade`], [`tree`] and [`gather`] (open
+//! trees, light at points), [`image`] (read, write, merge and compare pictures), [`inspect`] (what
+//! files hold, and whether they are whole), [`formats`] (the files themselves), and [`run`] (what
+//! each stage gets beside its data).
 //!
 //! | what | unit and convention |
 //! | --- | --- |
@@ -90,7 +91,7 @@ mod view;
 
 pub use error::{Error, Kind, Result};
 pub use lvox_formats as formats;
-pub use math::Rgb;
+pub use math::{Aabb, Ray, Rgb};
 
 /// What the benchmarks and tests of lvox need beside the public surface. It promises nothing:
 /// names here come, change and go with any version.
@@ -99,7 +100,6 @@ pub mod internals {
     pub use crate::gather::cone::Scratch;
     pub use crate::gather::patch_radiance::MAX_PACKET;
     pub use crate::light::{Lights, ShadowRays};
-    pub use crate::math::Ray;
     pub use crate::math::sampling::{
         cosine_hemisphere, hash, mix, r2, sobol2, sphere, tangents, unit2,
     };

@@ -3,7 +3,6 @@
 use crate::demo;
 use crate::support::random::Random;
 use glam::{Affine3A, Quat, Vec3};
-use lvox::Rgb;
 use lvox::build;
 use lvox::formats::record::{MAX_LEVEL, VolumeInfo};
 use lvox::formats::{ClipEdge, Clips, CloudMeta, CloudWriter, Lvoxel, Overwrite, Surfel};
@@ -11,10 +10,11 @@ use lvox::gather::{
     Crossing, Gatherer, Kernel, Medium, NoMedia, PatchRadiance, PatchRequest, SampleRange,
     Settings, SurfacePoint,
 };
-use lvox::internals::{Composite, MAX_PACKET, Ray, Scratch, Tracer, plain, r2, sphere};
+use lvox::internals::{Composite, MAX_PACKET, Scratch, Tracer, plain, r2, sphere};
 use lvox::run::Job;
 use lvox::tree::Page;
 use lvox::tree::{Media, OpenTree, Pages, SurfelStore};
+use lvox::{Ray, Rgb};
 use std::f32::consts::PI;
 use std::path::PathBuf;
 

@@ -2,12 +2,13 @@
 //! says what is wrong.
 
 use glam::Vec3;
+use lvox::Ray;
 use lvox::formats::{
     Below, Bounds, EncodedPage, Node, Overwrite, Sums, Surfel, SurfelAggregate, SurfelPage,
     TreeMeta, TreeWriter,
 };
 use lvox::inspect::export_ply;
-use lvox::internals::{Ray, Scratch, cone, plain};
+use lvox::internals::{Scratch, cone, plain};
 use lvox::tree::{OpenTree, Pages, SurfelStore};
 
 const OVERLAP: f32 = 1.8;
