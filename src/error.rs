@@ -4,7 +4,7 @@
 use std::fmt;
 use std::path::Path;
 
-/// What an error means for the caller, and for the exit code of the program.
+/// The meaning of an error for the caller, and for the exit code of the program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// The input or a setting is wrong; the same call will fail again. Exit code 2.
@@ -27,7 +27,7 @@ pub struct Error {
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 impl Error {
-    /// Wrong input: names what was expected and what was found.
+    /// Makes an error of wrong input; the message names what was expected and what was found.
     pub fn input(message: impl Into<String>) -> Self {
         Self {
             kind: Kind::Input,
@@ -36,7 +36,7 @@ impl Error {
         }
     }
 
-    /// The machine failed.
+    /// Makes an error of a machine that failed.
     pub fn failed(message: impl Into<String>) -> Self {
         Self {
             kind: Kind::Failed,
@@ -45,7 +45,7 @@ impl Error {
         }
     }
 
-    /// Stopped by a signal.
+    /// Makes the error of work that was stopped on request.
     #[must_use]
     pub fn cancelled() -> Self {
         Self {
@@ -55,7 +55,7 @@ impl Error {
         }
     }
 
-    /// An I/O error on a file: a file that is not there is wrong input, a full disk is a failure.
+    /// Makes an error of input or output on a file: a file that is not there is wrong input, a full disk is a failure.
     pub fn io(doing: &str, path: &Path, error: &std::io::Error) -> Self {
         let kind = kind_of(error.kind());
         Self {
@@ -65,15 +65,14 @@ impl Error {
         }
     }
 
-    /// The same error with a hint at what to do next.
+    /// Adds a hint at what to do next.
     #[must_use]
     pub fn hint(mut self, hint: impl Into<String>) -> Self {
         self.hint = Some(hint.into());
         self
     }
 
-    /// The same error, its message led by where it happened; where a stop was heard does not
-    /// matter.
+    /// Leads the message by the place where the error happened; a stop on request has none.
     #[must_use]
     pub fn at(mut self, place: impl fmt::Display) -> Self {
         if self.kind != Kind::Cancelled {
@@ -82,13 +81,13 @@ impl Error {
         self
     }
 
-    /// What the error means for the caller.
+    /// Returns the meaning of the error for the caller.
     #[must_use]
     pub fn kind(&self) -> Kind {
         self.kind
     }
 
-    /// What to do next, where that is known.
+    /// Returns the hint at what to do next, where there is one.
     #[must_use]
     pub fn hint_text(&self) -> Option<&str> {
         self.hint.as_deref()

@@ -25,16 +25,16 @@ pub use report::{Report, StageReport};
 use crate::{Error, Result};
 use std::path::PathBuf;
 
-/// Handed to every stage.
+/// The means of a run that every stage gets beside its data.
 #[derive(Debug, Default)]
 pub struct Job {
-    /// Where progress goes.
+    /// Passes on progress, messages and warnings to the caller.
     pub progress: Progress,
-    /// Set by a signal; stages look at it often and stop with [`crate::Error::cancelled`].
+    /// Stops the job: stages look at it often and end with [`crate::Error::cancelled`].
     pub cancel: Cancel,
-    /// What stages note about themselves.
+    /// Collects times, memory and counts of the stages.
     pub report: Report,
-    /// Bytes that a stage may hold; `None` for no limit.
+    /// Most bytes that a stage may hold; `None` for no limit.
     pub memory_limit: Option<u64>,
     /// Whether work goes on after a warning.
     pub on_warning: OnWarning,
@@ -42,7 +42,7 @@ pub struct Job {
     pub temp_dir: Option<PathBuf>,
 }
 
-/// Whether work goes on after a warning.
+/// The course of a job after a warning.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum OnWarning {
     /// Warnings are told, and the work goes on.

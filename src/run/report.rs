@@ -1,4 +1,4 @@
-//! What a run took: seconds, memory, counts; written by `--report`.
+//! Seconds, memory and counts of a run, and the file that tells them.
 
 use super::{Output, usage};
 use crate::{Error, Result};
@@ -7,7 +7,7 @@ use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// What one stage took.
+/// Seconds, memory and counts of one stage.
 #[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct StageReport {
     /// Name of the stage: that of the verb, or of a part of it.
@@ -22,7 +22,7 @@ pub struct StageReport {
     pub counts: BTreeMap<String, f64>,
 }
 
-/// Collects what stages note.
+/// Collects the seconds, memory and counts of stages.
 #[derive(Debug)]
 pub struct Report {
     started: Instant,
@@ -38,7 +38,7 @@ impl Default for Report {
     }
 }
 
-/// The file that `--report` writes.
+/// The file that a report is written to.
 #[derive(serde::Serialize)]
 struct Summary<'a> {
     version: &'a str,
@@ -68,7 +68,7 @@ impl Report {
         result
     }
 
-    /// What was noted so far, in order of completion.
+    /// Returns what was noted so far, in order of completion.
     #[must_use]
     pub fn stages(&self) -> Vec<StageReport> {
         self.lock().clone()
