@@ -148,7 +148,8 @@ pub fn check(bytes: &[u8], expected: u64, what: impl FnOnce() -> String) -> Resu
 /// One zstd frame of `raw`, or `None` if that is not shorter.
 pub fn compress(raw: &[u8], level: i32) -> Result<Option<Vec<u8>>> {
     thread_local! {
-        static CONTEXT: RefCell<Option<(i32, zstd::bulk::Compressor<'static>)>> = const { RefCell::new(None) };
+        static CONTEXT: RefCell<Option<(i32, zstd::bulk::Compressor<'static>)>> =
+            const { RefCell::new(None) };
     }
     CONTEXT.with_borrow_mut(|slot| {
         if slot.as_ref().is_none_or(|(l, _)| *l != level) {
@@ -169,7 +170,8 @@ pub fn compress(raw: &[u8], level: i32) -> Result<Option<Vec<u8>>> {
 /// Decompresses one zstd frame, which must fill `raw` exactly.
 pub fn decompress(packed: &[u8], raw: &mut [u8], what: &str) -> Result<()> {
     thread_local! {
-        static CONTEXT: RefCell<Option<zstd::bulk::Decompressor<'static>>> = const { RefCell::new(None) };
+        static CONTEXT: RefCell<Option<zstd::bulk::Decompressor<'static>>> =
+            const { RefCell::new(None) };
     }
     CONTEXT.with_borrow_mut(|slot| {
         if slot.is_none() {

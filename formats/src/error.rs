@@ -162,7 +162,8 @@ impl FormatError {
                 Some("the file was cut off or appended to: copy it again, or make it again")
             }
             Self::Checksum { .. } => Some(
-                "copy the file again (in binary mode), or make it again; if it recurs, check the disk",
+                "copy the file again (in binary mode), or make it again; if it recurs, check \
+                 the disk",
             ),
             Self::Exists => Some("choose another name, or replace it with `overwrite`"),
             Self::NotAFile => {

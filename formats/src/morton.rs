@@ -33,7 +33,10 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(500) })]
+        #![proptest_config(ProptestConfig {
+            failure_persistence: None,
+            ..ProptestConfig::with_cases(500)
+        })]
 
         #[test]
         fn bits_are_interleaved_and_gathered(c in prop::array::uniform3(0u64..1 << 21)) {

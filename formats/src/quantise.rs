@@ -377,7 +377,10 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(2000) })]
+        #![proptest_config(ProptestConfig {
+            failure_persistence: None,
+            ..ProptestConfig::with_cases(2000)
+        })]
 
         #[test]
         fn normals(x in -1f32..1.0, y in -1f32..1.0, z in -1f32..1.0, flat in 0..4) {
@@ -407,14 +410,20 @@ mod tests {
             prop_assert!(off <= span.step() * 0.5 + ulp);
             prop_assert!(span.decode(span.below(value)) <= value);
             prop_assert!(span.decode(span.above(value)) >= value);
-            prop_assert!(f64::from(value) - f64::from(span.decode(span.below(value))) <= span.step() + 2.0 * ulp);
+            let below = f64::from(span.decode(span.below(value)));
+            prop_assert!(f64::from(value) - below <= span.step() + 2.0 * ulp);
             prop_assert_eq!(span.decode(0), min);
             prop_assert_eq!(span.decode(65535), max);
         }
 
         #[test]
-        fn steps(e in -30f32..30.0, range in 0f32..15.0, t in prop::collection::vec(0f32..=1.0, 1..50)) {
-            let values: Vec<f32> = t.iter().map(|t| 10f32.powf((e + t * range).min(38.0))).collect();
+        fn steps(
+            e in -30f32..30.0,
+            range in 0f32..15.0,
+            t in prop::collection::vec(0f32..=1.0, 1..50),
+        ) {
+            let power = |t: &f32| 10f32.powf((e + t * range).min(38.0));
+            let values: Vec<f32> = t.iter().map(power).collect();
             let steps = Steps::fit(values.iter().copied()).unwrap();
             for v in values {
                 let off = (f64::from(steps.decode(steps.encode(v))) / f64::from(v) - 1.0).abs();
@@ -423,7 +432,11 @@ mod tests {
         }
 
         #[test]
-        fn colours(e in -36f32..30.0, range in 0f32..8.0, c in prop::collection::vec(prop::array::uniform3(0f32..=1.0), 1..50)) {
+        fn colours(
+            e in -36f32..30.0,
+            range in 0f32..8.0,
+            c in prop::collection::vec(prop::array::uniform3(0f32..=1.0), 1..50),
+        ) {
             let colours: Vec<[f32; 3]> = c
                 .iter()
                 .enumerate()
@@ -442,7 +455,15 @@ mod tests {
         }
 
         #[test]
-        fn edges_cut_away_no_more_than_meant(angle in 0f32..6.25, offset in 0f32..=1.0, x in -1f32..1.0, y in -1f32..1.0, z in -1f32..1.0, phi in 0f64..6.25, rho in 0f64..=1.0) {
+        fn edges_cut_away_no_more_than_meant(
+            angle in 0f32..6.25,
+            offset in 0f32..=1.0,
+            x in -1f32..1.0,
+            y in -1f32..1.0,
+            z in -1f32..1.0,
+            phi in 0f64..6.25,
+            rho in 0f64..=1.0,
+        ) {
             let Some(n) = unit(x, y, z) else { return Ok(()) };
             let decoded_n = decode_normal(encode_normal(n));
             let code = encode_edge(ClipEdge { angle, offset }, n, decoded_n);
@@ -450,7 +471,9 @@ mod tests {
             prop_assert_eq!(encode_edge(edge, decoded_n, decoded_n), code);
             // A point of the disk that the given edge keeps is kept by the stored one.
             let (t, b) = tangent_frame(n);
-            let p: [f64; 3] = std::array::from_fn(|i| rho * (phi.cos() * f64::from(t[i]) + phi.sin() * f64::from(b[i])));
+            let p: [f64; 3] = std::array::from_fn(|i| {
+                rho * (phi.cos() * f64::from(t[i]) + phi.sin() * f64::from(b[i]))
+            });
             let along = |a: [f32; 3], e: ClipEdge, n: [f32; 3]| {
                 let (t, b) = tangent_frame(n);
                 let dot = |v: [f32; 3]| (0..3).map(|i| f64::from(v[i]) * a[i] as f64).sum::<f64>();

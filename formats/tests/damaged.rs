@@ -211,12 +211,18 @@ fn repair(bytes: &mut [u8]) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(3000) })]
+    #![proptest_config(ProptestConfig {
+        failure_persistence: None,
+        ..ProptestConfig::with_cases(3000)
+    })]
 
     /// Correct checksums over wrong bytes: any result will do, but it must come, and a page that is
     /// returned must be safe to walk.
     #[test]
-    fn hostile_files(file in 0_usize..3, changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4)) {
+    fn hostile_files(
+        file in 0_usize..3,
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
+    ) {
         static FILES: std::sync::OnceLock<[Vec<u8>; 3]> = std::sync::OnceLock::new();
         let files = FILES.get_or_init(|| [small_cloud(), small_tree(), small_scatter()]);
         let mut bytes = files[file].clone();
@@ -247,7 +253,8 @@ proptest! {
                         prop_assert!(first as usize + usize::from(count) <= page.nodes.len());
                     }
                     Below::Surfels { first, count } => {
-                        prop_assert!(count > 0 && first as usize + usize::from(count) <= page.surfels.len());
+                        let end = first as usize + usize::from(count);
+                        prop_assert!(count > 0 && end <= page.surfels.len());
                     }
                     Below::Page(link) => prop_assert!((link as usize) < i),
                 }

@@ -513,13 +513,28 @@ fn tiny_disks_in_a_wide_page_keep_their_place() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(60) })]
+    #![proptest_config(ProptestConfig {
+        failure_persistence: None,
+        ..ProptestConfig::with_cases(60)
+    })]
 
     #[test]
-    fn pages_of_any_scale(seed: u64, scale in -15f32..15.0, light in -30f32..30.0, n in 1usize..200, free_area: bool, x in -1e3f32..1e3) {
+    fn pages_of_any_scale(
+        seed: u64,
+        scale in -15f32..15.0,
+        light in -30f32..30.0,
+        n in 1usize..200,
+        free_area: bool,
+        x in -1e3f32..1e3,
+    ) {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.lvt");
-        let style = Style { scale: 10f32.powf(scale), light: 10f32.powf(light), free_area, ..Style::default() };
+        let style = Style {
+            scale: 10f32.powf(scale),
+            light: 10f32.powf(light),
+            free_area,
+            ..Style::default()
+        };
         let mut random = Random(seed);
         let mut own = surfels(&mut random, n, style);
         for s in &mut own {

@@ -62,8 +62,8 @@ impl BlockSize {
             return Ok(());
         }
         let error = Error::input(format!(
-            "the volume `{}` of {} x {} x {} voxels has more than {MAX_BLOCKS_ALONG} blocks along an axis, the most that a cloud \
-             can number ({blocks})",
+            "the volume `{}` of {} x {} x {} voxels has more than {MAX_BLOCKS_ALONG} blocks along \
+             an axis, the most that a cloud can number ({blocks})",
             volume.name, dims[0], dims[1], dims[2]
         ));
         Err(match (least..=MAX_LEVEL).find(|&level| fits(level)) {

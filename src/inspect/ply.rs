@@ -265,7 +265,8 @@ impl Ply {
 
     fn finish(mut self) -> Result<()> {
         let mut header = format!(
-            "ply\nformat binary_little_endian 1.0\ncomment scene space; radiance times {:e} is the colour\nelement vertex {}\n",
+            "ply\nformat binary_little_endian 1.0\n\
+             comment scene space; radiance times {:e} is the colour\nelement vertex {}\n",
             self.exposure, self.vertices
         );
         for name in [

@@ -3,7 +3,7 @@
 use super::File;
 use super::text::Table;
 use crate::Result;
-use crate::formats::{FormatError, Lvoxel, Surfel};
+use crate::formats::{ClipEdge, FormatError, Lvoxel, Surfel};
 use serde_json::{Value, json};
 use std::fmt;
 use std::path::Path;
@@ -62,6 +62,7 @@ impl Points {
     pub fn to_json(&self) -> Value {
         let surfel = |s: &Surfel| {
             let edges = &s.clips.edges[..usize::from(s.clips.count)];
+            let clip = |e: &ClipEdge| json!({"angle": e.angle, "offset": e.offset});
             json!({
                 "position": s.position,
                 "normal": s.normal,
@@ -69,7 +70,7 @@ impl Points {
                 "area": s.area,
                 "front": s.front,
                 "back": s.back,
-                "clips": edges.iter().map(|e| json!({"angle": e.angle, "offset": e.offset})).collect::<Vec<_>>(),
+                "clips": edges.iter().map(clip).collect::<Vec<_>>(),
             })
         };
         let lvoxel = |v: &Lvoxel| {

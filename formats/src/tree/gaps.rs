@@ -126,14 +126,22 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(500) })]
+        #![proptest_config(ProptestConfig {
+            failure_persistence: None,
+            ..ProptestConfig::with_cases(500)
+        })]
 
         #[test]
-        fn blocks_in_any_order_come_back(given in prop::collection::vec((0..=MAX_LEVEL, any::<[u16; 3]>(), 1u16..64), 1..50)) {
+        fn blocks_in_any_order_come_back(
+            given in prop::collection::vec((0..=MAX_LEVEL, any::<[u16; 3]>(), 1u16..64), 1..50),
+        ) {
             // Small coordinates crowd, so that some touch and some overlap.
             let all: Vec<Lvoxel> = given
                 .iter()
-                .map(|(level, block, most)| at(*level, block.map(|b| if *most < 32 { b } else { b % most })))
+                .map(|(level, block, most)| {
+                    let crowd = |b: u16| if *most < 32 { b } else { b % most };
+                    at(*level, block.map(crowd))
+                })
                 .collect();
             let mut decoder = Decoder::default();
             for (v, gap) in all.iter().zip(encode(&all)) {
@@ -142,12 +150,15 @@ mod tests {
         }
 
         #[test]
-        fn any_gap_gives_a_block_or_none(gaps in prop::collection::vec((any::<u64>(), 0u32..64, any::<u8>()), 1..20)) {
+        fn any_gap_gives_a_block_or_none(
+            gaps in prop::collection::vec((any::<u64>(), 0u32..64, any::<u8>()), 1..20),
+        ) {
             let mut decoder = Decoder::default();
             for (gap, shift, level) in gaps {
                 let (before, level) = (decoder.end, level % 6);
                 if let Some(block) = decoder.next(gap >> shift, level) {
-                    prop_assert_eq!(first_voxel(&at(level, block)), before.wrapping_add(gap >> shift));
+                    let start = before.wrapping_add(gap >> shift);
+                    prop_assert_eq!(first_voxel(&at(level, block)), start);
                 }
             }
         }

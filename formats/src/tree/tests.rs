@@ -160,10 +160,17 @@ fn backs_of_axes_that_nothing_faces_are_refused() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(20_000) })]
+    #![proptest_config(ProptestConfig {
+        failure_persistence: None,
+        ..ProptestConfig::with_cases(20_000)
+    })]
 
     #[test]
-    fn surfel_pages(changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..4), header in prop::collection::vec((0usize..64, any::<u8>()), 0..2), cut in prop::sample::select(vec![0usize, 0, 0, 1, 100])) {
+    fn surfel_pages(
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..4),
+        header in prop::collection::vec((0usize..64, any::<u8>()), 0..2),
+        cut in prop::sample::select(vec![0usize, 0, 0, 1, 100]),
+    ) {
         let mut raw = raw_page();
         change(&mut raw, &changes, cut);
         for (at, value) in header {
@@ -180,7 +187,12 @@ proptest! {
     }
 
     #[test]
-    fn lvoxel_pages(smooth: bool, changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..4), header in prop::collection::vec((0usize..20, any::<u8>()), 0..2), cut in prop::sample::select(vec![0usize, 0, 0, 0, 1, 100])) {
+    fn lvoxel_pages(
+        smooth: bool,
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..4),
+        header in prop::collection::vec((0usize..20, any::<u8>()), 0..2),
+        cut in prop::sample::select(vec![0usize, 0, 0, 0, 1, 100]),
+    ) {
         static PAGES: std::sync::OnceLock<[Vec<u8>; 2]> = std::sync::OnceLock::new();
         let pages = PAGES.get_or_init(|| [any_lvoxels(), smooth_lvoxels()].map(|given| {
             let mut columns = stats::lvoxel_columns();
@@ -204,7 +216,12 @@ proptest! {
 
     /// Gaps and codes that no writer would give.
     #[test]
-    fn hostile_gaps(gaps in prop::collection::vec((any::<u64>(), 0u32..64), 1..100), level in any::<u8>(), codes in any::<u16>(), sparse: bool) {
+    fn hostile_gaps(
+        gaps in prop::collection::vec((any::<u64>(), 0u32..64), 1..100),
+        level in any::<u8>(),
+        codes in any::<u16>(),
+        sparse: bool,
+    ) {
         let n = gaps.len();
         let mask = 1u32 << col::BLOCK_GAP | 1 << col::SIGMA_T | 1 << (col::SOURCE + 1);
         let mut raw = Vec::new();
@@ -215,7 +232,8 @@ proptest! {
         let rows: Vec<u8> = gaps.flat_map(u64::to_le_bytes).collect();
         bytes::to_planes(&rows, 8, &mut raw);
         for _ in 0..2 {
-            let rows: Vec<u8> = (0..n as u16).flat_map(|i| (codes.wrapping_mul(i) >> 5).to_le_bytes()).collect();
+            let code = |i: u16| (codes.wrapping_mul(i) >> 5).to_le_bytes();
+            let rows: Vec<u8> = (0..n as u16).flat_map(code).collect();
             bytes::to_planes(&rows, 2, &mut raw);
         }
         let block = block(n as u32, 0, mask);
