@@ -135,7 +135,7 @@ impl<D: AsRef<[u8]>, F: Format> Opened<D, F> {
             } else {
                 RAW.with_borrow_mut(|raw| {
                     raw.resize(block.raw_bytes as usize, 0);
-                    bytes::decompress(stored, raw, name)?;
+                    bytes::decompress(stored, raw, "compressed data")?;
                     decode(raw, block)
                 })
             };

@@ -297,7 +297,7 @@ fn what_is_wrong_behind_right_checksums_is_told_and_makes_no_picture() {
     assert_eq!(error.kind(), lvox::Kind::Input);
     let message = error.to_string();
     assert!(
-        message.contains("a.lvs") && message.contains("part 0"),
+        message.contains("a.lvs") && message.contains("cluster 0"),
         "{message}"
     );
 }
