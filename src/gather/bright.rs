@@ -5,11 +5,13 @@
 use super::Pages;
 use super::patch_id::{PatchExtent, PatchId};
 use crate::math::{Aabb, Hit, Rgb};
+use crate::tree::Page;
 use crate::tree::page::{ChildKind, WIDTH, WideNode};
-use crate::tree::store::Page;
+use crate::tree::traversal::{OpenNodes, Query, Visited, traverse};
 use glam::Vec3;
 use smallvec::SmallVec;
 use std::collections::HashSet;
+use std::ops::ControlFlow;
 
 /// A part of one side of a triangle.
 #[derive(Clone, Copy, Debug)]
@@ -18,35 +20,35 @@ pub struct BrightPatch {
     pub corners: [Vec3; 3],
     /// Unit normal of the side that sends.
     pub normal: Vec3,
-    /// What it sends.
+    /// Radiance that the side sends, the same in all directions.
     pub radiance: Rgb,
 }
 
-/// A place that a ray met, and about as far around it as the ray speaks for.
+/// A point that a bright ray of a pilot gather met, which speaks for the surface around it.
 #[derive(Clone, Copy, Debug)]
 pub struct BrightHit {
-    /// Scene space.
+    /// The point, scene space.
     pub position: Vec3,
-    /// Scene units.
+    /// The distance up to which it speaks for what is around it, scene units.
     pub radius: f32,
 }
 
-/// Where bright patches are. Any set would do, as light of each place is counted by one of two ways
-/// and by no other.
+/// The set of bright patches of a frame. Any set would do, as light of each patch is counted in one
+/// of two ways and in no other.
 #[derive(Debug)]
 pub(super) struct BrightPatchIndex {
     keys: HashSet<u64>,
-    /// Of each triangle whether it has any.
+    /// Whether a triangle has any bright patch, by triangle.
     has_any: Vec<bool>,
 }
 
 impl BrightPatchIndex {
-    /// Square of the longest edge of a place, over that below which patches are not divided: up to
-    /// eight surfels along an edge. In smaller ones there are some without the middle of a surfel,
-    /// and larger ones send the light of their bright part from all of their area.
-    const SIZE: f32 = 64.0;
+    /// Ratio of the square of a bright patch's longest edge to that below which patches are not
+    /// divided: up to eight surfels along an edge. Of smaller ones some are without the middle of a
+    /// surfel, and larger ones send the light of their bright part from all of their area.
+    const MAX_EDGE2_OVER_LEAST: f32 = 64.0;
 
-    /// None yet, of so many triangles.
+    /// An empty set, of a scene of so many triangles.
     pub fn new(triangles: usize) -> Self {
         Self {
             keys: HashSet::new(),
@@ -54,23 +56,24 @@ impl BrightPatchIndex {
         }
     }
 
-    /// Adds the place of a hit: which that is, unless it is there.
+    /// Adds the patch of a hit, and returns it unless it was there before.
     pub fn add(&mut self, hit: &Hit, extent: PatchExtent) -> Option<PatchId> {
         let place = Self::place(hit, extent);
         self.has_any[hit.triangle as usize] = true;
         self.keys.insert(place.key()).then_some(place)
     }
 
-    /// How many there are.
+    /// Number of bright patches.
     pub fn len(&self) -> usize {
         self.keys.len()
     }
 
     fn place(hit: &Hit, extent: PatchExtent) -> PatchId {
-        PatchId::new(hit, extent.edge2, Self::SIZE * extent.least)
+        PatchId::new(hit, extent.edge2, Self::MAX_EDGE2_OVER_LEAST * extent.least)
     }
 
-    /// The place that a ray met and whether it is bright; `None` on triangles without any that is.
+    /// Returns the patch that a ray met, and whether it is bright; `None` on triangles without any
+    /// that is.
     #[inline]
     pub fn at(&self, hit: &Hit, extent: PatchExtent) -> Option<(PatchId, bool)> {
         self.has_any[hit.triangle as usize].then(|| {
@@ -88,75 +91,55 @@ pub(super) struct DiskSide {
     pub radius: f32,
 }
 
-/// Looks for disks near seeds.
+/// A search for disks near hits.
 pub(super) struct BrightDiskSearch<'a, P> {
     pub pages: &'a P,
-    pub seeds: &'a [BrightHit],
-    /// Seeds that have to reach a disk.
+    pub hits: &'a [BrightHit],
+    /// Number of hits that have to reach a disk.
     pub support: usize,
-    /// What a disk has to send, by the mean channel.
+    /// Radiance that a disk has to send more than, by the mean channel.
     pub least: f32,
 }
 
-/// Indices of seeds.
+/// Indices of hits.
 type Near = SmallVec<[u32; 32]>;
 
 impl<P: Pages> BrightDiskSearch<'_, P> {
-    /// Hands out the sides that send enough near enough seeds, in the order of the tree, until told
-    /// to stop: then `false`.
-    pub fn for_each(&self, mut found: impl FnMut(&DiskSide) -> bool) -> bool {
-        let Some(root) = self.pages.root() else {
-            return true;
+    /// Gives every side of a disk that sends enough near enough hits to `found`, in the order of
+    /// the tree, until that says no; returns whether it never did.
+    pub fn for_each(&self, found: impl FnMut(&DiskSide) -> bool) -> bool {
+        let all: Near = (0..self.hits.len() as u32).collect();
+        let mut query = BrightQuery {
+            search: self,
+            found,
         };
-        let all: Near = (0..self.seeds.len() as u32).collect();
-        let mut open = vec![(root, 0, all)];
-        while let Some((id, index, of_node)) = open.pop() {
-            let page = self.pages.page(id);
-            let Some(node) = page.nodes().nodes.get(index as usize) else {
-                continue;
-            };
-            for k in (0..WIDTH).filter(|k| node.used >> k & 1 == 1) {
-                let near = self.near(&of_node, node, k);
-                if near.len() < self.support {
-                    continue;
-                }
-                match node.kind[k] {
-                    ChildKind::Inner => open.push((id, node.child[k], near)),
-                    ChildKind::Page => open.push((node.child[k], 0, near)),
-                    ChildKind::Leaf => {
-                        if !self.in_leaf(&page, node.child[k], &mut found) {
-                            return false;
-                        }
-                    }
-                    ChildKind::None => {}
-                }
-            }
-        }
-        true
+        traverse(self.pages, &mut query, all, &mut OpenNodes::default()).is_continue()
     }
 
-    /// Those of some seeds that reach the box of a node's child.
+    /// Returns those of some hits that reach the box of a node's child.
     fn near(&self, of_node: &Near, node: &WideNode, k: usize) -> Near {
         let Aabb { min, max } = node.bounds(k);
         let reaches = |s: &BrightHit| {
             let to_box = s.position.clamp(min, max) - s.position;
             to_box.length_squared() < s.radius * s.radius
         };
-        let seeds = of_node.iter().copied();
-        seeds
-            .filter(|&s| reaches(&self.seeds[s as usize]))
-            .collect()
+        let hits = of_node.iter().copied();
+        hits.filter(|&s| reaches(&self.hits[s as usize])).collect()
     }
+}
 
-    fn in_leaf(
-        &self,
-        page: &impl Page,
-        block: u32,
-        found: &mut impl FnMut(&DiskSide) -> bool,
-    ) -> bool {
+/// A search on its way through the tree. What it knows of an open node is the hits that reach that.
+struct BrightQuery<'a, P, F> {
+    search: &'a BrightDiskSearch<'a, P>,
+    found: F,
+}
+
+impl<P, F: FnMut(&DiskSide) -> bool> BrightQuery<'_, P, F> {
+    /// Gives the sides of a leaf's disks that send enough to `found`.
+    fn in_leaf(&mut self, page: &impl Page, block: u32) -> ControlFlow<()> {
         let leaves = page.leaves();
         let Some(block) = leaves.blocks.get(block as usize) else {
-            return true;
+            return ControlFlow::Continue(());
         };
         for k in 0..block.count as usize {
             let light = &leaves.lights[block.first_light as usize + k];
@@ -167,11 +150,35 @@ impl<P: Pages> BrightDiskSearch<'_, P> {
                     normal: vector(&block.normal) * side,
                     radius: block.radius2[k].sqrt(),
                 };
-                if Rgb(sent).mean() > self.least && !found(&disk) {
-                    return false;
+                if Rgb(sent).mean() > self.search.least && !(self.found)(&disk) {
+                    return ControlFlow::Break(());
                 }
             }
         }
-        true
+        ControlFlow::Continue(())
+    }
+}
+
+impl<P: Pages, F: FnMut(&DiskSide) -> bool> Query for BrightQuery<'_, P, F> {
+    type State = Near;
+
+    fn visit<G: Page>(
+        &mut self,
+        node: &Visited<'_, G>,
+        of_node: &Near,
+        open: &mut OpenNodes<Near>,
+    ) -> ControlFlow<()> {
+        for k in (0..WIDTH).filter(|k| node.children.used >> k & 1 == 1) {
+            let near = self.search.near(of_node, node.children, k);
+            if near.len() < self.search.support {
+                continue;
+            }
+            if node.children.kind[k] == ChildKind::Leaf {
+                self.in_leaf(node.page, node.children.child[k])?;
+            } else {
+                open.open(node, k, near);
+            }
+        }
+        ControlFlow::Continue(())
     }
 }

@@ -7,13 +7,15 @@
 
 use super::{Crossing, Pages};
 use crate::math::{Ray, Rgb};
+use crate::tree::Page;
 use crate::tree::page::{ChildKind, DiskBlock, PageLeaves, PageNodes, WIDTH, WideNode};
-use crate::tree::store::Page;
+use crate::tree::traversal::{OpenNodes, Query, Visited, traverse};
+use std::ops::ControlFlow;
 
 /// A flat node whose surfels' area is more than this share of its plane's section is opaque: boxes
 /// include radii, so a node in the middle of a wall covers no more than about 0.4, and its
 /// neighbours cover the rest. Taking 0.7 for solid lost 0.6 % of the light of a closed room.
-const SOLID: f32 = 0.25;
+const MIN_OPAQUE_COVERAGE: f32 = 0.25;
 
 /// Disks tangent to a convex surface stand out over their neighbours by less than this share of
 /// their radius: a point that deep behind a disk is not behind a wall but beside it on the same
@@ -23,12 +25,13 @@ pub(super) const OVERHANG: f32 = 0.1;
 /// Buffers that rays of one receiver share.
 #[derive(Debug, Default)]
 pub struct Scratch {
-    pub(super) stack: Vec<(f32, u32, u32)>,
+    pub(super) open: OpenNodes<f32>,
+    pub(super) open_by_patch: OpenNodes<()>,
     pub(super) crossings: Vec<Crossing>,
 }
 
 impl Scratch {
-    /// The partly covered nodes passed before `t`, nearest first.
+    /// Returns the partly covered nodes passed before a distance, nearest first.
     pub(super) fn crossings_before(&mut self, t: f32) -> &[Crossing] {
         self.crossings.retain(|c| c.t < t);
         self.crossings.sort_by(|a, b| a.t.total_cmp(&b.t));
@@ -43,8 +46,27 @@ struct SlabRay {
     inverse: [f32; 3],
 }
 
-/// Returns the opaque surface that ends a ray, if one does; partly covered nodes that it
-/// passes are left in `scratch`.
+impl SlabRay {
+    fn new(ray: &Ray) -> Self {
+        // A zero component would make 0 * inf of a box's face that the ray lies in.
+        let safe = ray.direction.to_array().map(|v| {
+            if v.abs() < 1e-12 {
+                1e-12_f32.copysign(v)
+            } else {
+                v
+            }
+        });
+        Self {
+            origin: ray.origin.to_array(),
+            direction: safe,
+            inverse: safe.map(|v| 1.0 / v),
+        }
+    }
+}
+
+/// Returns the opaque surface that ends a ray, if one does; partly covered nodes that the ray
+/// passes are left in `scratch`. A node that the ray's origin sees under less than
+/// `max_solid_angle`, in steradians, is taken whole.
 pub fn cast<P: Pages>(
     pages: &P,
     ray: &Ray,
@@ -52,82 +74,84 @@ pub fn cast<P: Pages>(
     scratch: &mut Scratch,
 ) -> Option<Crossing> {
     scratch.crossings.clear();
-    let root = pages.root()?;
-    // A zero component would make 0 * inf of a box's face that the ray lies in.
-    let safe = ray.direction.to_array().map(|v| {
-        if v.abs() < 1e-12 {
-            1e-12_f32.copysign(v)
-        } else {
-            v
-        }
-    });
-    let slabs = SlabRay {
-        origin: ray.origin.to_array(),
-        direction: safe,
-        inverse: safe.map(|v| 1.0 / v),
+    let mut query = ConeQuery {
+        ray: SlabRay::new(ray),
+        max_solid_angle,
+        t_end: ray.t_max,
+        end: None,
+        crossings: &mut scratch.crossings,
     };
-    let stack = &mut scratch.stack;
-    stack.clear();
-    stack.push((0.0, root, 0));
-    let mut page_id = root;
-    let mut page = pages.page(root);
-    let mut end: Option<Crossing> = None;
-    let mut t_end = ray.t_max;
-    while let Some((entry, id, node)) = stack.pop() {
-        if entry > t_end {
-            continue;
-        }
-        if id != page_id {
-            page = pages.page(id);
-            page_id = id;
-        }
-        let nodes = page.nodes();
-        let Some(node) = nodes.nodes.get(node as usize) else {
-            continue;
-        };
-        let hits = Hits::new(node, &slabs, t_end, max_solid_angle);
+    // It never breaks.
+    let _ = traverse(pages, &mut query, 0.0, &mut scratch.open);
+    query.end
+}
+
+/// A ray on its way to the surface that ends it. What it knows of an open node is the distance at
+/// which it enters that.
+struct ConeQuery<'a> {
+    ray: SlabRay,
+    max_solid_angle: f32,
+    /// Distance at which the ray ends, as far as is known.
+    t_end: f32,
+    end: Option<Crossing>,
+    /// Partly covered nodes.
+    crossings: &'a mut Vec<Crossing>,
+}
+
+impl Query for ConeQuery<'_> {
+    type State = f32;
+
+    #[inline(always)]
+    fn skips(&self, entry: &f32) -> bool {
+        *entry > self.t_end
+    }
+
+    #[inline(always)]
+    fn visit<G: Page>(
+        &mut self,
+        node: &Visited<'_, G>,
+        _: &f32,
+        open: &mut OpenNodes<f32>,
+    ) -> ControlFlow<()> {
+        let (page, children) = (node.page, node.children);
+        let hits = Hits::new(children, &self.ray, self.t_end, self.max_solid_angle);
         let mut order = [0_u8; WIDTH];
         let count = hits.nearest_first(&mut order);
-        let below = stack.len();
+        let before = open.len();
         for &slot in &order[..count] {
             let k = usize::from(slot);
-            if hits.near[k] > t_end {
+            if hits.near[k] > self.t_end {
                 break;
             }
             if hits.small >> k & 1 == 1 {
-                let crossing = meet_aggregate(nodes, node, k, &slabs, &hits, t_end);
-                match crossing {
+                let nodes = page.nodes();
+                match meet_aggregate(nodes, children, k, &self.ray, &hits, self.t_end) {
                     Some(c) if c.opacity >= 1.0 => {
-                        t_end = c.t;
-                        end = Some(c);
+                        self.t_end = c.t;
+                        self.end = Some(c);
                     }
-                    Some(c) => scratch.crossings.push(c),
+                    Some(c) => self.crossings.push(c),
                     None => {}
                 }
-                continue;
-            }
-            match node.kind[k] {
-                ChildKind::Leaf => {
-                    let leaves = page.leaves();
-                    if let Some(block) = leaves.blocks.get(node.child[k] as usize)
-                        && let Some(c) = meet_disks(leaves, block, &slabs, t_end)
-                    {
-                        t_end = c.t;
-                        end = Some(c);
-                    }
+            } else if children.kind[k] == ChildKind::Leaf {
+                let leaves = page.leaves();
+                if let Some(block) = leaves.blocks.get(children.child[k] as usize)
+                    && let Some(c) = meet_disks(leaves, block, &self.ray, self.t_end)
+                {
+                    self.t_end = c.t;
+                    self.end = Some(c);
                 }
-                ChildKind::Inner => stack.push((hits.near[k], id, node.child[k])),
-                ChildKind::Page => stack.push((hits.near[k], node.child[k], 0)),
-                ChildKind::None => {}
+            } else {
+                open.open(node, k, hits.near[k]);
             }
         }
-        // The nearest was pushed first and must be popped first.
-        stack[below..].reverse();
+        // The nearest was opened first and must be visited first.
+        open.reverse_from(before);
+        ControlFlow::Continue(())
     }
-    end
 }
 
-/// Which children of a node a ray meets.
+/// The children of a node that a ray meets.
 struct Hits {
     near: [f32; WIDTH],
     far: [f32; WIDTH],
@@ -169,7 +193,8 @@ impl Hits {
         }
     }
 
-    /// Slots of the children met, sorted by distance; returns how many.
+    /// Fills `order` with the slots of the children met, the nearest first; returns how many they
+    /// are.
     #[inline]
     fn nearest_first(&self, order: &mut [u8; WIDTH]) -> usize {
         let mut count = 0;
@@ -189,7 +214,7 @@ impl Hits {
     }
 }
 
-/// What a ray meets of a node taken whole.
+/// Returns what a ray meets of a node that is taken whole.
 fn meet_aggregate(
     nodes: &PageNodes,
     node: &WideNode,
@@ -211,10 +236,10 @@ fn meet_aggregate(
         if !(t >= near - slack && t <= far + slack && t > 0.0 && t < t_end) {
             return None;
         }
-        let opacity = if aggregate.coverage >= SOLID {
+        let opacity = if aggregate.coverage >= MIN_OPAQUE_COVERAGE {
             1.0
         } else {
-            aggregate.coverage / SOLID
+            aggregate.coverage / MIN_OPAQUE_COVERAGE
         };
         return Some(Crossing {
             t,
@@ -232,7 +257,7 @@ fn meet_aggregate(
     })
 }
 
-/// The nearest disk of a leaf that a ray meets before `t_end`.
+/// Returns the nearest disk of a leaf that a ray meets before `t_end`.
 #[inline]
 fn meet_disks(
     leaves: &PageLeaves,

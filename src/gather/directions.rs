@@ -42,7 +42,7 @@ impl Hemisphere {
         }
     }
 
-    /// Which of the sequences it is, below [`SEQUENCES`].
+    /// Index of the sequence, below [`SEQUENCES`].
     pub fn sequence(&self) -> usize {
         self.sequence
     }
@@ -62,7 +62,7 @@ impl Hemisphere {
         x * d.x + y * d.y + z * d.z
     }
 
-    /// The same if it is on the side of a facet's unit normal.
+    /// Unit direction `i` if it is on the side of a facet's unit normal, else `None`.
     #[inline]
     pub fn direction_above(&self, i: u32, face_normal: Vec3) -> Option<Vec3> {
         let d = self.direction(i);

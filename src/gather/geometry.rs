@@ -9,8 +9,8 @@ pub trait Geometry: std::fmt::Debug + Sync {
     /// Returns the nearest triangle along a ray.
     fn closest(&self, ray: &Ray) -> Option<Hit>;
 
-    /// Finds the nearest triangle along each ray of a packet, as [`Self::closest`] does, for `hits`,
-    /// which has as many; faster where the rays go much the same way.
+    /// Finds the nearest triangle along each ray of a packet, as [`Self::closest`] does, for
+    /// `hits`, which has as many; faster where the rays go much the same way.
     fn closest_of_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
         for (ray, hit) in rays.iter().zip(hits) {
             *hit = self.closest(ray);

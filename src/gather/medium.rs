@@ -6,22 +6,22 @@ use crate::math::Ray;
 use crate::math::segment::{Composite, Segment};
 use crate::tree::Media;
 
-/// What media stopped of a ray.
+/// The share of a ray's light that media stopped, and where.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Attenuation {
-    /// Share of the ray.
+    /// Share of the light, 0 to 1.
     pub share: f32,
-    /// One over the mean distance at which they did.
+    /// One over the mean distance at which it was stopped, per scene unit; 0 if nothing was.
     pub inverse_distance: f32,
 }
 
-/// What a ray passes between surfaces.
+/// The media between surfaces, as a type that gather kernels are compiled for.
 pub trait Medium: Copy + Sync {
-    /// Whether there is nothing.
+    /// Whether the type stands for no medium at all.
     const IS_NOTHING: bool = false;
 
-    /// Gives every segment of a ray in a medium, front to back, to `add` until that says no; returns
-    /// whether it never did.
+    /// Gives every segment of a ray in a medium, front to back, to `add` until that says no;
+    /// returns whether it never did.
     fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool;
 
     /// Adds to `light` what media along a ray send, and the surfaces in `crossings`, which are
@@ -55,7 +55,7 @@ pub trait Medium: Copy + Sync {
     }
 }
 
-/// Nothing between surfaces.
+/// A scene without media: rays pass nothing between surfaces.
 #[derive(Clone, Copy, Debug)]
 pub struct NoMedia;
 

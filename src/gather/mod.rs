@@ -53,7 +53,7 @@ use directions::Hemisphere;
 use glam::Vec3;
 use std::f32::consts::PI;
 
-/// How to gather.
+/// Settings that all gathers of a [`Gatherer`] share.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings<'a> {
     /// Rays of each gather.
@@ -64,11 +64,11 @@ pub struct Settings<'a> {
     /// Surfaces and media beyond this distance send nothing, but still hide the environment;
     /// infinite for no limit.
     pub max_dist: f32,
-    /// How what ends a ray is found.
+    /// The way in which the surface that ends a ray is found.
     pub kernel: Kernel<'a>,
     /// Radiance where a ray meets nothing.
     pub environment: Rgb,
-    /// Whether bright patches count nothing, as the caller asks them otherwise;
+    /// Whether bright patches count as black, because the caller samples them itself;
     /// [`PatchRadiance::find_bright`] finds them.
     pub leave_out_bright: bool,
 }
@@ -93,7 +93,7 @@ impl Settings<'_> {
         self.max_dist.is_finite() && !self.environment.is_black()
     }
 
-    /// How far surfaces matter.
+    /// Distance up to which surfaces matter, scene units.
     fn reach(&self) -> f32 {
         if self.is_hiding() {
             f32::INFINITY
@@ -102,7 +102,7 @@ impl Settings<'_> {
         }
     }
 
-    /// What is asked of surfaces.
+    /// The request that rays make of patches.
     fn request(&self) -> PatchRequest {
         PatchRequest {
             max_solid_angle: self.max_solid_angle,
@@ -111,7 +111,7 @@ impl Settings<'_> {
     }
 }
 
-/// What ends rays, and how it is found.
+/// The surfaces that end rays, and how they are found.
 #[derive(Clone, Copy, Debug)]
 pub enum Kernel<'a> {
     /// The scene's triangles; the tree tells what they send.
@@ -122,7 +122,7 @@ pub enum Kernel<'a> {
     Plain,
 }
 
-/// What a receiver got.
+/// The light that arrives at a point.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Gathered {
     /// Irradiance for a surface, mean radiance over the sphere for a point in a medium.
@@ -132,7 +132,7 @@ pub struct Gathered {
     pub harmonic_distance: f32,
 }
 
-/// One ray's worth.
+/// The light that arrives along one ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Incident {
     /// Radiance that arrives at the ray's origin.
@@ -145,7 +145,7 @@ pub struct Incident {
     pub inverse_distance: f32,
 }
 
-/// A surface or part of one that a ray passed: where, how much of the ray it covers, what it sends.
+/// A surface that a ray meets: where, how much of the ray it covers, and what it sends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Crossing {
     /// Distance along the ray.
@@ -156,37 +156,38 @@ pub struct Crossing {
     pub radiance: Rgb,
 }
 
-/// Gathers from a tree.
+/// Gathers from the pages of a tree, of one type, with one type of media; [`PointGatherer`] hides
+/// both.
 #[derive(Clone, Copy, Debug)]
 pub struct Gatherer<'a, P, M> {
     /// Pages of the tree over surfels.
     pub pages: &'a P,
-    /// What is between them.
+    /// The media that rays pass.
     pub media: M,
     /// Rays, limits and kernel of all gathers.
     pub settings: Settings<'a>,
 }
 
-/// Which directions a receiver looks along: a stretch of a long well-spread sequence. Receivers
-/// near each other that take one stretch each of the same sequence are, together, as good as one
-/// with all their rays.
+/// The directions of a gather: a range of a long well-spread sequence. Receivers near each other
+/// that take one range each of one sequence are, together, as good as one receiver with all their
+/// rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SampleRange {
-    /// Number of the stretch, from 0.
+    /// Number of the range in the sequence, from 0.
     pub index: u32,
     /// Key of the sequence.
     pub seed: u64,
 }
 
 impl SampleRange {
-    /// The first stretch, for a receiver on its own.
+    /// The first range of a sequence, for a receiver on its own.
     #[must_use]
     pub fn first(seed: u64) -> Self {
         Self { index: 0, seed }
     }
 }
 
-/// What the rays of a receiver saw, added up.
+/// The sum over the rays of one receiver.
 #[derive(Clone, Copy, Debug, Default)]
 struct IncidentSum {
     light: Rgb,
@@ -199,7 +200,7 @@ impl IncidentSum {
         self.inverse_distance += seen.inverse_distance;
     }
 
-    /// The mean over so many rays, those that were not added being black and endless.
+    /// Returns the mean over `count` rays, those that were not added being black and endless.
     fn mean(self, count: u32) -> Gathered {
         let n = count as f32;
         Gathered {
@@ -210,7 +211,7 @@ impl IncidentSum {
 }
 
 impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
-    /// The same without what is between surfaces.
+    /// This gatherer without its media.
     #[must_use]
     pub fn without_media(&self) -> Gatherer<'a, P, NoMedia> {
         Gatherer {
@@ -220,9 +221,9 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
         }
     }
 
-    /// Irradiance at a surface point with the given unit normal, of the light on the side of the
-    /// geometric one, too: what is behind the facet of a smooth mesh does not reach it. The point
-    /// must already be off its own surface.
+    /// Gathers the irradiance at a surface point with the given unit normal, of the light on the
+    /// side of the geometric one, too: what is behind the facet of a smooth mesh does not reach it.
+    /// The point must already be off its own surface.
     #[must_use]
     pub fn irradiance(
         &self,
@@ -239,7 +240,7 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
         gathered
     }
 
-    /// Mean over the sphere of the radiance at a point of a medium.
+    /// Gathers the mean over the sphere of the radiance at a point of a medium.
     #[must_use]
     pub fn mean_radiance(&self, point: Vec3, range: SampleRange) -> Gathered {
         let seed = sampling::mix(range.seed) as u32;
@@ -274,8 +275,8 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
         let request = self.settings.request();
         let mut ends = [None; patch_radiance::MAX_PACKET];
         for (packet, first) in rays.chunks(ends.len()).zip((0..).step_by(ends.len())) {
-            let stack = &mut scratch.stack;
-            patches.cast_packet(self.pages, packet, request, stack, &mut ends);
+            let open = &mut scratch.open_by_patch;
+            patches.cast_packet(self.pages, packet, request, open, &mut ends);
             for ((ray, &end), i) in packet.iter().zip(&ends).zip(first..) {
                 tell(i, self.incident_before(ray, end, &mut scratch));
             }
@@ -293,7 +294,7 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
             Kernel::Traced(patches) => {
                 scratch.crossings.clear();
                 let request = self.settings.request();
-                patches.cast(self.pages, ray, request, &mut scratch.stack)
+                patches.cast(self.pages, ray, request, &mut scratch.open_by_patch)
             }
             Kernel::Cone => {
                 let cut = self.settings.max_solid_angle;

@@ -12,17 +12,17 @@ use std::sync::OnceLock;
 /// A surface point that gathers.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfacePoint {
-    /// Where, already off its own surface.
+    /// Position in scene space, already off its own surface.
     pub position: Vec3,
     /// Unit normal about which it gathers.
     pub normal: Vec3,
     /// Unit geometric normal: what is behind the facet of a smooth mesh does not reach it.
     pub face_normal: Vec3,
-    /// Its range of the directions that all share.
+    /// Number of its range of the directions that all points share.
     pub range: u32,
 }
 
-/// For each sequence of directions, the order of a number of them by where they point.
+/// The order of the directions of each sequence by where they point.
 #[derive(Debug)]
 pub struct DirectionOrder {
     ranges: u32,
@@ -33,11 +33,11 @@ pub struct DirectionOrder {
 impl DirectionOrder {
     /// Cells along each axis of the disk below the hemisphere.
     const CELLS: f32 = 32.0;
-    /// Directions of a sequence that are put in order, at most: so many rays of one gather are
-    /// alike as they are.
-    const MOST: u32 = 1 << 16;
+    /// Most directions of a sequence that are put in order: more rays of one gather are alike as
+    /// they are.
+    const MAX_ORDERED: u32 = 1 << 16;
 
-    /// That of the directions of a hemisphere, unless they are too many.
+    /// Returns the order of a hemisphere's directions, unless they are too many.
     fn of(&self, hemisphere: &Hemisphere) -> Option<&[u32]> {
         let count = self.ranges.saturating_mul(self.samples);
         let make = || {
@@ -52,12 +52,12 @@ impl DirectionOrder {
             order
         };
         let kept = &self.of[hemisphere.sequence()];
-        (count <= Self::MOST).then(|| kept.get_or_init(make).as_slice())
+        (count <= Self::MAX_ORDERED).then(|| kept.get_or_init(make).as_slice())
     }
 }
 
 impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
-    /// The order for points that share so many ranges.
+    /// Prepares the order for points that share a number of ranges.
     #[must_use]
     pub fn order(&self, ranges: u32) -> DirectionOrder {
         DirectionOrder {
@@ -67,8 +67,8 @@ impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
         }
     }
 
-    /// What [`Self::irradiance`] gives for each of some points, bit for bit. Their rays are cast in
-    /// the order of their directions, not point by point, so that those which meet the same
+    /// Gathers what [`Self::irradiance`] does for each of some points, bit for bit. Their rays are
+    /// cast in the order of their directions, not point by point, so that those which meet the same
     /// triangles, patches and lvoxels follow one another. All points share the sequence of `seed`,
     /// each with a range of its own.
     ///

@@ -6,8 +6,10 @@ use super::patch_id::{PatchExtent, PatchId};
 use crate::math::{Ray, Rgb};
 use crate::tree::node_aggregate::NodeAggregate;
 use crate::tree::page::{ChildKind, DiskBlock, PageLeaves, PageNodes, WIDTH, WideNode};
-use crate::tree::store::{Page, Pages};
+use crate::tree::traversal::{OpenNodes, Query, Visited, traverse};
+use crate::tree::{Page, Pages};
 use glam::Vec3;
+use std::ops::ControlFlow;
 use wide::f32x8;
 
 /// Mean radiance, and the area that sends it.
@@ -23,21 +25,21 @@ pub(super) struct TriangleSide<'a> {
     pub extent: PatchExtent,
     /// Whether surfels of one piece of the scene have one size.
     pub is_even: bool,
-    /// What may stand between surfels.
+    /// The triangles that may stand between surfels.
     pub geometry: &'a dyn Geometry,
 }
 
 impl TriangleSide<'_> {
-    /// What a part of it sends: a mean over the disks and small nodes that hold its middle, or,
-    /// where such a node is lit in a small part only, over those that hold the middles of its
-    /// quarters. `None` where the tree knows no surface.
+    /// Returns the radiance that a patch of the side sends: a mean over the disks and small nodes
+    /// that hold its middle, or, where such a node is lit in a small part only, over those that
+    /// hold the middles of its quarters. `None` where the tree knows no surface.
     pub fn radiance<P: Pages>(
         &self,
         id: &PatchId,
         pages: &P,
-        stack: &mut Vec<(f32, u32, u32)>,
+        open: &mut OpenNodes<()>,
     ) -> Option<Rgb> {
-        let mut mean = |id: &PatchId| Patch::new(id, self).mean(self, pages, stack);
+        let mut mean = |id: &PatchId| Patch::new(id, self).mean(self, pages, open);
         let whole = mean(id)?;
         if !whole.is_uneven {
             return whole.radiance();
@@ -56,7 +58,7 @@ impl TriangleSide<'_> {
         }
     }
 
-    /// What surfels of a node send that face as it does.
+    /// Returns what the surfels of a node send that face as the side does.
     #[inline]
     fn sent(&self, nodes: &PageNodes, aggregate: usize) -> Sent {
         nodes.sent(aggregate, self.normal.to_array(), self.is_back)
@@ -66,8 +68,8 @@ impl TriangleSide<'_> {
     /// so far off: of a floor that goes on under a wall, the disks on the wall's other side reach
     /// through it.
     fn is_hidden(&self, point: Vec3, offset: [f32; 3], radius2: f32) -> bool {
-        /// How high above the surface it is looked, over the radius: curved surfaces do not hide
-        /// their own disks.
+        /// Height above the surface at which hidden disks are looked for, over the radius: curved
+        /// surfaces do not hide their own disks.
         const HEIGHT: f32 = 0.25;
         let offset = Vec3::from(offset);
         let distance = offset.length();
@@ -83,7 +85,7 @@ impl TriangleSide<'_> {
 /// A part of one side of a triangle.
 #[derive(Clone, Copy, Debug)]
 struct Patch {
-    /// Where the tree is asked.
+    /// The point at which the tree is evaluated.
     middle: Vec3,
     /// Square of its longest edge, and at least that of a disk.
     area: f32,
@@ -96,7 +98,7 @@ struct Patch {
 
 impl Patch {
     /// Nodes up to this many times the area of a patch are taken whole.
-    const WHOLE: f32 = 4.0;
+    const MAX_WHOLE_NODE: f32 = 4.0;
 
     fn new(id: &PatchId, side: &TriangleSide) -> Self {
         let extent = &side.extent;
@@ -119,65 +121,18 @@ impl Patch {
         &self,
         side: &TriangleSide,
         pages: &P,
-        stack: &mut Vec<(f32, u32, u32)>,
+        open: &mut OpenNodes<()>,
     ) -> Option<Mean> {
-        let root = pages.root()?;
-        let mut mean = Mean::default();
-        stack.clear();
-        stack.push((0.0, root, 0));
-        let mut page_id = root;
-        let mut page = pages.page(root);
-        while let Some((_, id, node)) = stack.pop() {
-            if id != page_id {
-                page = pages.page(id);
-                page_id = id;
-            }
-            let nodes = page.nodes();
-            let Some(node) = nodes.nodes.get(node as usize) else {
-                continue;
-            };
-            let mut holding = self.within(node);
-            while holding != 0 {
-                let k = holding.trailing_zeros() as usize;
-                holding &= holding - 1;
-                if node.cross_section[k] < Self::WHOLE * self.area {
-                    let aggregate = node.first_aggregate as usize + k;
-                    let sent = side.sent(nodes, aggregate);
-                    let misleads = match node.kind[k] {
-                        _ if !self.has_quarters => false,
-                        ChildKind::Inner => self.misleads(sent, nodes, node.child[k], side),
-                        // Where nearly all surfels face one way, few others drown those of the
-                        // patch: not worth loading a page.
-                        ChildKind::Page if !nodes.aggregates[aggregate].is_flat() => {
-                            let below = pages.page(node.child[k]);
-                            self.misleads(sent, below.nodes(), 0, side)
-                        }
-                        _ => false,
-                    };
-                    mean.is_uneven |= misleads;
-                    if !misleads {
-                        mean.add_node(sent, &nodes.aggregates[aggregate], side);
-                        // What is below in another page is not worth loading that.
-                        if self.has_quarters && node.kind[k] == ChildKind::Inner {
-                            mean.is_uneven |= is_uneven(sent, nodes, node.child[k], side);
-                        }
-                        continue;
-                    }
-                }
-                match node.kind[k] {
-                    ChildKind::Leaf => {
-                        let leaves = page.leaves();
-                        if let Some(block) = leaves.blocks.get(node.child[k] as usize) {
-                            mean.add_disks(leaves, block, self, side);
-                        }
-                    }
-                    ChildKind::Inner => stack.push((0.0, id, node.child[k])),
-                    ChildKind::Page => stack.push((0.0, node.child[k], 0)),
-                    ChildKind::None => {}
-                }
-            }
-        }
-        Some(mean)
+        pages.root()?;
+        let mut query = PatchQuery {
+            patch: self,
+            side,
+            pages,
+            mean: Mean::default(),
+        };
+        // It never breaks.
+        let _ = traverse(pages, &mut query, (), open);
+        Some(query.mean)
     }
 
     /// Whether a node that sends this says something else than those right below it that hold the
@@ -189,7 +144,7 @@ impl Patch {
         below: u32,
         side: &TriangleSide,
     ) -> bool {
-        /// Of what the node sends.
+        /// Share of what the node sends.
         const MUCH: f32 = 0.5;
         let Some(node) = nodes.nodes.get(below as usize) else {
             return false;
@@ -224,6 +179,75 @@ impl Patch {
     }
 }
 
+/// A patch that gathers what the nodes and disks say which hold its middle.
+struct PatchQuery<'a, P> {
+    patch: &'a Patch,
+    side: &'a TriangleSide<'a>,
+    pages: &'a P,
+    mean: Mean,
+}
+
+impl<P: Pages> PatchQuery<'_, P> {
+    /// Takes a node whole, unless what is below it says something else.
+    fn takes_whole(&mut self, nodes: &PageNodes, node: &WideNode, k: usize) -> bool {
+        let (patch, side) = (self.patch, self.side);
+        let aggregate = node.first_aggregate as usize + k;
+        let sent = side.sent(nodes, aggregate);
+        let misleads = match node.kind[k] {
+            _ if !patch.has_quarters => false,
+            ChildKind::Inner => patch.misleads(sent, nodes, node.child[k], side),
+            // Where nearly all surfels face one way, few others drown those of the patch: not worth
+            // loading a page.
+            ChildKind::Page if !nodes.aggregates[aggregate].is_flat() => {
+                let below = self.pages.page(node.child[k]);
+                patch.misleads(sent, below.nodes(), 0, side)
+            }
+            _ => false,
+        };
+        self.mean.is_uneven |= misleads;
+        if !misleads {
+            self.mean.add_node(sent, &nodes.aggregates[aggregate], side);
+            // What is below in another page is not worth loading that.
+            if patch.has_quarters && node.kind[k] == ChildKind::Inner {
+                self.mean.is_uneven |= is_uneven(sent, nodes, node.child[k], side);
+            }
+        }
+        !misleads
+    }
+}
+
+impl<P: Pages> Query for PatchQuery<'_, P> {
+    type State = ();
+
+    #[inline(always)]
+    fn visit<G: Page>(
+        &mut self,
+        node: &Visited<'_, G>,
+        (): &(),
+        open: &mut OpenNodes<()>,
+    ) -> ControlFlow<()> {
+        let (page, children) = (node.page, node.children);
+        let mut holding = self.patch.within(children);
+        while holding != 0 {
+            let k = holding.trailing_zeros() as usize;
+            holding &= holding - 1;
+            let is_small = children.cross_section[k] < Patch::MAX_WHOLE_NODE * self.patch.area;
+            if is_small && self.takes_whole(page.nodes(), children, k) {
+                continue;
+            }
+            if children.kind[k] == ChildKind::Leaf {
+                let leaves = page.leaves();
+                if let Some(block) = leaves.blocks.get(children.child[k] as usize) {
+                    self.mean.add_disks(leaves, block, self.patch, self.side);
+                }
+            } else {
+                open.open(node, k, ());
+            }
+        }
+        ControlFlow::Continue(())
+    }
+}
+
 /// A mean of what surfaces send, weighted by area: a running one, since areas times radiance leave
 /// the range of f32.
 #[derive(Debug)]
@@ -245,7 +269,7 @@ impl Default for Mean {
         Self {
             sent: [0.0; 3],
             area: 0.0,
-            nearest: (Self::FARTHEST, [0.0; 3]),
+            nearest: (Self::MAX_REACH, [0.0; 3]),
             is_known: false,
             is_uneven: false,
         }
@@ -254,10 +278,10 @@ impl Default for Mean {
 
 impl Mean {
     /// Cosine between the normals of a disk and of a patch from which on both are one surface.
-    const ALIKE: f32 = 0.7;
+    const MIN_COS_OF_ONE_SURFACE: f32 = 0.7;
     /// A disk further away than this says nothing: five radii along its plane, half a radius off
     /// it.
-    const FARTHEST: f32 = 25.0;
+    const MAX_REACH: f32 = 25.0;
 
     #[inline]
     fn add(&mut self, (sent, area): Sent) {
@@ -273,7 +297,7 @@ impl Mean {
     /// A node that holds the middle of a patch.
     #[inline]
     fn add_node(&mut self, sent: Sent, node: &NodeAggregate, side: &TriangleSide) {
-        /// Of what stands across and of rounding in files, at most.
+        /// Most of what stands across, and of rounding in files.
         const ACROSS: f32 = 0.1;
         self.add(sent);
         self.is_known |= node.squared_cosine(side.normal.to_array()) > ACROSS;
@@ -303,7 +327,7 @@ impl Mean {
             cos[k] = n[0] * normal[0] + n[1] * normal[1] + n[2] * normal[2];
         }
         for k in 0..block.count as usize {
-            if cos[k].abs() < Self::ALIKE || reach[k] >= self.nearest.0.max(1.0) {
+            if cos[k].abs() < Self::MIN_COS_OF_ONE_SURFACE || reach[k] >= self.nearest.0.max(1.0) {
                 continue;
             }
             let light = &leaves.lights[block.first_light as usize + k];
@@ -331,7 +355,7 @@ impl Mean {
             Some(Rgb(self.sent))
         } else {
             // Without a near disk this is black.
-            let is_known = self.is_known || self.nearest.0 < Self::FARTHEST;
+            let is_known = self.is_known || self.nearest.0 < Self::MAX_REACH;
             is_known.then_some(Rgb(self.nearest.1))
         }
     }

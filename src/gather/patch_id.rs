@@ -3,7 +3,7 @@
 use crate::math::Hit;
 use glam::Vec3;
 
-/// How large a triangle is, and how small its patches may be.
+/// The size of a triangle, and the least size of its patches.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PatchExtent {
     /// Square of its longest edge.
@@ -14,10 +14,10 @@ pub(super) struct PatchExtent {
 }
 
 impl PatchExtent {
-    /// Of what reflects nothing, so that a tree need not be asked.
+    /// The value of `least` for what reflects nothing, so that no tree need be asked.
     pub const BLACK: f32 = -1.0;
 
-    /// `least` is none where nothing is reflected.
+    /// The extent of a triangle; `least` is `None` where nothing is reflected.
     pub fn new([a, b, c]: [Vec3; 3], least: Option<f32>) -> Self {
         let edges = [b - a, c - a, c - b].map(Vec3::length_squared);
         Self {
@@ -26,7 +26,7 @@ impl PatchExtent {
         }
     }
 
-    /// The same where patches are as large as so many surfels. Not for what is black.
+    /// The extent where patches are as large as `count` surfels. Not for what is black.
     #[inline]
     pub fn of_surfels(self, count: f32) -> Self {
         Self {
@@ -36,7 +36,7 @@ impl PatchExtent {
     }
 }
 
-/// Which part of one side of a triangle: its edges are divided by two as often as `level` says.
+/// A patch: one part of one side of a triangle, whose edges are divided by two `level` times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct PatchId {
     pub triangle: u32,
@@ -44,16 +44,16 @@ pub(super) struct PatchId {
     level: u32,
     /// Along the edges to the second and the third corner.
     at: [u32; 2],
-    /// Whether it is the half of that parallelogram that is farther from the first corner.
+    /// Whether the patch is the half of that parallelogram that is farther from the first corner.
     is_upper: bool,
 }
 
 impl PatchId {
-    /// Divisions of a triangle's edges by two, at most.
+    /// Most divisions of a triangle's edges by two.
     const MAX_LEVELS: u32 = 14;
 
-    /// The part that was met, of a triangle whose longest edge, squared, is `edge2`: that of the
-    /// part is at most `size`.
+    /// The patch that a ray met, of a triangle whose longest edge, squared, is `edge2`: that of the
+    /// patch is at most `size`.
     #[inline]
     pub fn new(hit: &Hit, edge2: f32, size: f32) -> Self {
         // The upper end of the binade that the ratio is in, by its exponent: a loop would wait for
@@ -75,13 +75,13 @@ impl PatchId {
         }
     }
 
-    /// How often its edges are divided by two.
+    /// Number of times that the triangle's edges are divided by two.
     #[inline]
     pub fn level(&self) -> u32 {
         self.level
     }
 
-    /// A number that no other place has. Its leading bit is free: triangles are fewer than 2^31.
+    /// A number that no other patch has. Its leading bit is free: triangles are fewer than 2^31.
     #[inline]
     pub fn key(&self) -> u64 {
         let [i, j] = self.at;
@@ -92,7 +92,7 @@ impl PatchId {
         u64::from(self.triangle) << 32 | u64::from(within)
     }
 
-    /// Its middle, in a triangle of these corners.
+    /// Middle of the patch, in a triangle of these corners.
     pub fn middle(&self, [a, b, c]: [Vec3; 3]) -> Vec3 {
         let parts = (1 << self.level) as f32;
         let third = if self.is_upper { 2.0 / 3.0 } else { 1.0 / 3.0 };
@@ -100,7 +100,7 @@ impl PatchId {
         a + (b - a) * u + (c - a) * v
     }
 
-    /// Its corners, in a triangle of these.
+    /// Corners of the patch, in a triangle of these.
     pub fn corners(&self, [a, b, c]: [Vec3; 3]) -> [Vec3; 3] {
         let parts = (1 << self.level) as f32;
         let [i, j] = self.at;
@@ -112,7 +112,7 @@ impl PatchId {
         }
     }
 
-    /// The smaller of two that hold the same point.
+    /// Returns the smaller of two patches that hold the same point.
     #[inline]
     pub fn smaller(self, other: Self) -> Self {
         if other.level > self.level {
@@ -122,8 +122,8 @@ impl PatchId {
         }
     }
 
-    /// Its quarters, or itself where a triangle is not divided further: three that point as it
-    /// does, and the one between them.
+    /// Quarters of the patch, or itself where a triangle is not divided further: three that point
+    /// as it does, and the one between them.
     pub fn quarters(&self) -> [Self; 4] {
         if self.level == Self::MAX_LEVELS {
             return [*self; 4];

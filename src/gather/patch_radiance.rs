@@ -13,21 +13,22 @@ use super::radiance_cache::RadianceCache;
 use super::{Crossing, Pages};
 use crate::math::{Hit, Ray, Rgb};
 use crate::tree::OpenTree;
+use crate::tree::traversal::OpenNodes;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// How often a tree was asked what a patch sends. Threads that ask for one patch at the same time
-/// are counted each.
+/// Counts of the patches that were evaluated. Threads that evaluate one patch at the same time are
+/// counted each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PatchStats {
-    /// Patches that it was asked for, each time anew.
+    /// Patches that were evaluated, each time anew.
     pub patches: u64,
-    /// Those where it knows no surface: they are black.
+    /// Patches at which the tree knows no surface: they are black.
     pub unknown: u64,
-    /// Those that are bright.
+    /// Bright patches.
     pub bright: u64,
 }
 
-/// What is asked of the surface that ends a ray.
+/// The request that a ray makes of the patch that ends it.
 #[derive(Clone, Copy, Debug)]
 pub struct PatchRequest {
     /// A node seen under less than this may stand for all below it, steradians.
@@ -36,10 +37,10 @@ pub struct PatchRequest {
     pub leave_out_bright: bool,
 }
 
-/// Rays that are cast together, at most.
+/// Most rays of a packet.
 pub const MAX_PACKET: usize = 64;
 
-/// What the surfaces of a scene send, as a tree has it.
+/// The radiance that leaves the scene's surfaces, evaluated from a tree patch by patch, and cached.
 ///
 /// Patches are remembered in a table of fixed size, in which later ones take the place of earlier
 /// ones. A patch sends what it sends whoever asks, so that neither threads nor memory change a bit
@@ -55,23 +56,23 @@ pub struct PatchRadiance<'a> {
     /// them.
     surfels_per_patch: f32,
     cache: RadianceCache,
-    /// What rays may leave out, if anything.
+    /// The bright patches that rays may leave out, if any were found.
     bright: Option<BrightPatchIndex>,
     patches: AtomicU64,
     unknown: AtomicU64,
 }
 
 impl<'a> PatchRadiance<'a> {
-    /// Solid angle of a square over a patch's longest edge, over that under which a node is taken
-    /// whole. Patches are triangles, and divided by four: on average they have an eighth of that
-    /// square.
-    const SIZE: f32 = 4.0;
-    /// The same where there are bright patches, whose borders large ones would blur.
-    const FINE: f32 = 2.0;
+    /// Ratio of the solid angle of a square over a patch's longest edge to that under which a node
+    /// is taken whole. Patches are triangles, and divided by four: on average they have an eighth
+    /// of that square.
+    const PATCH_TO_CUT: f32 = 4.0;
+    /// The ratio where there are bright patches, whose borders large ones would blur.
+    const FINE_PATCH_TO_CUT: f32 = 2.0;
 
-    /// Nothing is known yet. `area_per_surfel` is that of the tree: patches need not be smaller
-    /// than surfels tell apart. There is room to remember the patches that about so many rays end
-    /// on.
+    /// Prepares patches of which none is evaluated yet. `area_per_surfel` is that of the tree,
+    /// scene units squared: patches need not be smaller than surfels tell apart. The cache has room
+    /// for the patches that about `rays` rays end on.
     #[must_use]
     pub fn new(geometry: &'a dyn Geometry, area_per_surfel: f32, rays: usize) -> Self {
         let extent = |t| {
@@ -103,7 +104,7 @@ impl<'a> PatchRadiance<'a> {
         }
     }
 
-    /// For a tree whose surfels are of any size, as those that a camera saw are.
+    /// The same patches for a tree whose surfels are of any size, as those that a camera saw are.
     #[must_use]
     pub fn of_uneven_surfels(mut self) -> Self {
         self.is_even = false;
@@ -119,7 +120,7 @@ impl<'a> PatchRadiance<'a> {
         self
     }
 
-    /// How often the tree was asked so far.
+    /// Returns the counts so far.
     #[must_use]
     pub fn stats(&self) -> PatchStats {
         PatchStats {
@@ -134,23 +135,23 @@ impl<'a> PatchRadiance<'a> {
     const MAX_BRIGHT_PATCHES: usize = 1 << 14;
 
     /// Finds the patches that send more than `least`, by the mean channel, where at least `support`
-    /// seeds speak for them. From then on rays that are to leave them out meet black there, and
+    /// hits speak for them. From then on rays that are to leave them out meet black there, and
     /// patches are smaller, near ones as small as surfels may be: large ones would blur the borders
     /// of bright places. None where there are too many.
     pub fn find_bright<P: Pages>(
         &mut self,
         pages: &P,
-        seeds: &[BrightHit],
+        hits: &[BrightHit],
         support: usize,
         least: f32,
     ) -> Vec<BrightPatch> {
         let surfels_per_patch = std::mem::replace(&mut self.surfels_per_patch, 1.0);
         let mut ids = BrightPatchIndex::new(self.extents.len());
         let mut patches = Vec::new();
-        let mut stack = Vec::new();
+        let mut open = OpenNodes::default();
         let search = BrightDiskSearch {
             pages,
-            seeds,
+            hits,
             support,
             least,
         };
@@ -162,7 +163,7 @@ impl<'a> PatchRadiance<'a> {
                 patches.push(BrightPatch {
                     corners: id.corners(self.geometry.corners(hit.triangle)),
                     normal: if hit.is_back { -normal } else { normal },
-                    radiance: self.evaluate(pages, &id, &mut stack),
+                    radiance: self.evaluate(pages, &id, &mut open),
                 });
             }
             patches.len() <= Self::MAX_BRIGHT_PATCHES
@@ -175,7 +176,7 @@ impl<'a> PatchRadiance<'a> {
         patches
     }
 
-    /// The triangle that a disk stands on, if that reflects anything.
+    /// Finds the triangle that a disk stands on, if that reflects anything.
     fn below(&self, disk: &DiskSide) -> Option<(Hit, PatchExtent)> {
         let height = 0.5 * disk.radius;
         let above = disk.centre + disk.normal * height;
@@ -184,10 +185,10 @@ impl<'a> PatchRadiance<'a> {
         (extent.least != PatchExtent::BLACK).then_some((hit, extent))
     }
 
-    /// What a patch sends, as the tree has it; black where it knows no surface.
+    /// Evaluates the radiance that a patch sends; black where the tree knows no surface.
     // Few rays ask, and the others need not hold what asking takes.
     #[cold]
-    fn evaluate<P: Pages>(&self, pages: &P, id: &PatchId, stack: &mut Vec<(f32, u32, u32)>) -> Rgb {
+    fn evaluate<P: Pages>(&self, pages: &P, id: &PatchId, open: &mut OpenNodes<()>) -> Rgb {
         let triangle = id.triangle;
         let normal = self.geometry.normal(triangle);
         let side = TriangleSide {
@@ -198,7 +199,7 @@ impl<'a> PatchRadiance<'a> {
             is_even: self.is_even,
             geometry: self.geometry,
         };
-        let found = side.radiance(id, pages, stack);
+        let found = side.radiance(id, pages, open);
         self.patches.fetch_add(1, Ordering::Relaxed);
         if found.is_none() {
             self.unknown.fetch_add(1, Ordering::Relaxed);
@@ -206,8 +207,8 @@ impl<'a> PatchRadiance<'a> {
         found.unwrap_or(Rgb::BLACK)
     }
 
-    /// Returns the surface that ends a ray, if one does, and what it sends towards the ray's origin:
-    /// nothing where it is a bright patch and those are left out.
+    /// Returns the surface that ends a ray, if one does, and what it sends towards the ray's
+    /// origin: nothing where it is a bright patch and those are left out.
     #[must_use]
     // Not inlined by itself once it is compiled for more than one kind of medium.
     #[inline(always)]
@@ -216,14 +217,14 @@ impl<'a> PatchRadiance<'a> {
         pages: &P,
         ray: &Ray,
         request: PatchRequest,
-        stack: &mut Vec<(f32, u32, u32)>,
+        open: &mut OpenNodes<()>,
     ) -> Option<Crossing> {
         let hit = self.geometry.closest(ray)?;
         let radiance = match self.patch_of(&hit, request) {
             None => Rgb::BLACK,
             Some(id) => {
                 let known = self.cache.get(self.key(&id));
-                known.unwrap_or_else(|| self.fill(pages, &id, stack))
+                known.unwrap_or_else(|| self.fill(pages, &id, open))
             }
         };
         Some(Crossing {
@@ -233,15 +234,15 @@ impl<'a> PatchRadiance<'a> {
         })
     }
 
-    /// What [`Self::cast`] finds for each of some rays, at most [`MAX_PACKET`]. They share their way
-    /// to the triangles, and those that are looked up together wait at the same time for the table,
-    /// which is in memory that is far away.
+    /// Finds what [`Self::cast`] does for each ray of a packet, at most [`MAX_PACKET`], in `ends`.
+    /// They share their way to the triangles, and those that are looked up together wait at the
+    /// same time for the cache, which is in memory that is far away.
     pub fn cast_packet<P: Pages>(
         &self,
         pages: &P,
         rays: &[Ray],
         request: PatchRequest,
-        stack: &mut Vec<(f32, u32, u32)>,
+        open: &mut OpenNodes<()>,
         ends: &mut [Option<Crossing>; MAX_PACKET],
     ) {
         let mut ids = [None; MAX_PACKET];
@@ -264,12 +265,12 @@ impl<'a> PatchRadiance<'a> {
             if let (Some(end), Some((radiance, id))) = (end, known) {
                 // One before it may have asked.
                 let known = radiance.or_else(|| self.cache.get(self.key(&id)));
-                end.radiance = known.unwrap_or_else(|| self.fill(pages, &id, stack));
+                end.radiance = known.unwrap_or_else(|| self.fill(pages, &id, open));
             }
         }
     }
 
-    /// The patch that was met, unless it is black.
+    /// Returns the patch that was met, unless it is black.
     #[inline]
     fn patch_of(&self, hit: &Hit, request: PatchRequest) -> Option<PatchId> {
         let extent = self.extents[hit.triangle as usize];
@@ -279,9 +280,9 @@ impl<'a> PatchRadiance<'a> {
         let PatchExtent { edge2, least } = extent.of_surfels(self.surfels_per_patch);
         let bright = self.bright.as_ref();
         let size = if bright.is_some() {
-            Self::FINE
+            Self::FINE_PATCH_TO_CUT
         } else {
-            Self::SIZE
+            Self::PATCH_TO_CUT
         };
         let size = size * request.max_solid_angle * hit.t * hit.t;
         let id = PatchId::new(hit, edge2, size.max(least));
@@ -293,16 +294,17 @@ impl<'a> PatchRadiance<'a> {
         }
     }
 
-    /// Places answer otherwise where near patches are large, and the table outlives that.
+    /// Key of a patch in the cache. Patches have other radiance where near ones are large, and the
+    /// cache outlives that.
     #[inline]
     fn key(&self, id: &PatchId) -> u64 {
         id.key() | u64::from(self.surfels_per_patch > 1.0) << 63
     }
 
-    /// What a patch sends, now and from then on.
+    /// Evaluates a patch and fills the cache with its radiance.
     #[cold]
-    fn fill<P: Pages>(&self, pages: &P, id: &PatchId, stack: &mut Vec<(f32, u32, u32)>) -> Rgb {
-        let radiance = self.evaluate(pages, id, stack);
+    fn fill<P: Pages>(&self, pages: &P, id: &PatchId, open: &mut OpenNodes<()>) -> Rgb {
+        let radiance = self.evaluate(pages, id, open);
         self.cache.insert(self.key(id), radiance)
     }
 }
@@ -332,7 +334,7 @@ mod tests {
         // Edges of two by two, one, a half and so on, squared, and squares of a little more than
         // those.
         let squares = [0.51, 0.13, 0.033];
-        let distances = squares.map(|s: f32| (s / (PatchRadiance::SIZE * 0.02)).sqrt());
+        let distances = squares.map(|s: f32| (s / (PatchRadiance::PATCH_TO_CUT * 0.02)).sqrt());
         assert_eq!(distances.map(|t| level(&outgoing, t)), [1, 2, 3]);
         outgoing.bright = Some(BrightPatchIndex::new(1));
         assert_eq!(distances.map(|t| level(&outgoing, t)), [2, 3, 4]);

@@ -4,65 +4,86 @@
 use super::cone::{OVERHANG, Scratch};
 use super::{Crossing, Pages};
 use crate::math::{Ray, Rgb};
+use crate::tree::Page;
 use crate::tree::page::{ChildKind, PageLeaves, WIDTH};
-use crate::tree::store::Page;
+use crate::tree::traversal::{OpenNodes, Query, Visited, traverse};
 use glam::Vec3;
+use std::ops::ControlFlow;
 
 /// Returns the first disk that a ray meets.
 pub fn cast<P: Pages>(pages: &P, ray: &Ray, scratch: &mut Scratch) -> Option<Crossing> {
     cast_in_order::<P, true>(pages, ray, scratch)
 }
 
-/// The same with a choice of order: children by the distance at which the ray enters them, or as
-/// they are stored, to measure what the first is worth.
+/// Returns what [`cast`] does, with a choice of order: children by the distance at which the ray
+/// enters them, or as they are stored, to measure what the former is worth.
 pub fn cast_in_order<P: Pages, const NEAR_FIRST: bool>(
     pages: &P,
     ray: &Ray,
     scratch: &mut Scratch,
 ) -> Option<Crossing> {
     scratch.crossings.clear();
-    let mut best = None;
-    let t_end = |best: &Option<Crossing>| best.map_or(ray.t_max, |c| c.t);
-    // What is still to be seen, the next last. Not by recursion: a tree may be as deep as its file
-    // is long.
-    let mut ahead: Vec<(f32, u32, ChildKind, u32)> = Vec::new();
-    if let Some(root) = pages.root() {
-        ahead.push((0.0, root, ChildKind::Page, root));
+    let mut query = PlainQuery::<NEAR_FIRST> {
+        ray: *ray,
+        nearest: None,
+    };
+    // It never breaks.
+    let _ = traverse(pages, &mut query, 0.0, &mut scratch.open);
+    query.nearest
+}
+
+/// A ray on its way to the first disk. What it knows of an open node is the distance at which it
+/// enters that.
+struct PlainQuery<const NEAR_FIRST: bool> {
+    ray: Ray,
+    nearest: Option<Crossing>,
+}
+
+impl<const NEAR_FIRST: bool> PlainQuery<NEAR_FIRST> {
+    fn t_end(&self) -> f32 {
+        self.nearest.map_or(self.ray.t_max, |c| c.t)
     }
-    while let Some((entry, page_id, kind, child)) = ahead.pop() {
-        if entry > t_end(&best) {
-            continue;
-        }
-        let (page_id, node) = match kind {
-            ChildKind::Inner => (page_id, child),
-            ChildKind::Page => (child, 0),
-            ChildKind::Leaf => {
-                let page = pages.page(page_id);
-                meet_leaf(page.leaves(), child, ray, &mut best);
-                continue;
+}
+
+impl<const NEAR_FIRST: bool> Query for PlainQuery<NEAR_FIRST> {
+    type State = f32;
+
+    fn skips(&self, entry: &f32) -> bool {
+        *entry > self.t_end()
+    }
+
+    fn visit<G: Page>(
+        &mut self,
+        node: &Visited<'_, G>,
+        _: &f32,
+        open: &mut OpenNodes<f32>,
+    ) -> ControlFlow<()> {
+        let mut met = [(0.0, 0); WIDTH];
+        let mut count = 0;
+        let used = (0..WIDTH).filter(|&k| node.children.kind[k] != ChildKind::None);
+        for k in used {
+            if let Some(entry) =
+                (node.children.bounds(k)).enter(self.ray.origin, self.ray.direction)
+            {
+                met[count] = (entry, k);
+                count += 1;
             }
-            ChildKind::None => continue,
-        };
-        let page = pages.page(page_id);
-        let Some(node) = page.nodes().nodes.get(node as usize) else {
-            continue;
-        };
-        let mut children = [(0.0, 0); WIDTH];
-        let mut met = 0;
-        for k in (0..WIDTH).filter(|&k| node.kind[k] != ChildKind::None) {
-            if let Some(entry) = node.bounds(k).enter(ray.origin, ray.direction) {
-                children[met] = (entry, k);
-                met += 1;
-            }
         }
-        let children = &mut children[..met];
+        let met = &mut met[..count];
         if NEAR_FIRST {
-            children.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+            met.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         }
-        let below = |&(entry, k): &(f32, usize)| (entry, page_id, node.kind[k], node.child[k]);
-        ahead.extend(children.iter().rev().map(below));
+        for &(entry, k) in met.iter() {
+            if node.children.kind[k] == ChildKind::Leaf && entry <= self.t_end() {
+                let block = node.children.child[k];
+                meet_leaf(node.page.leaves(), block, &self.ray, &mut self.nearest);
+            }
+        }
+        for &(entry, k) in met.iter().rev() {
+            open.open(node, k, entry);
+        }
+        ControlFlow::Continue(())
     }
-    best
 }
 
 fn corner(c: &[[f32; WIDTH]; 3], k: usize) -> Vec3 {

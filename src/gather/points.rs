@@ -77,7 +77,7 @@ impl<'a> PointGatherer<'a> {
     }
 }
 
-/// What light is gathered for.
+/// The point that light is gathered for.
 #[derive(Clone, Copy, Debug)]
 enum Receiver {
     Surface { point: Vec3, normal: Vec3 },

@@ -4,7 +4,7 @@
 use crate::math::Rgb;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Radiances by key. Where there is no room, later ones take the place of earlier ones.
+/// Radiance by key. Where there is no room, later entries take the place of earlier ones.
 #[derive(Debug)]
 pub(super) struct RadianceCache(Box<[Line]>);
 
@@ -19,9 +19,9 @@ impl Line {
 }
 
 impl RadianceCache {
-    /// For about so many entries. Each slot is written to before the first, and a line that is
-    /// not in the cache of the processor takes longer to read, so that a table has a place for each
-    /// question only where they are few.
+    /// A table for about so many entries. Each slot is written to before the first look-up, and a
+    /// line that is not in the cache of the processor takes longer to read, so that a table has a
+    /// slot for each entry only where they are few.
     pub fn new(entries: usize) -> Self {
         // 1, 4 or 16 MiB.
         let slots: usize = match entries {
@@ -40,7 +40,7 @@ impl RadianceCache {
         (&self.0[(hash / Line::SLOTS) & (self.0.len() - 1)].0, own)
     }
 
-    /// Asks the processor to have ready what [`Self::get`] will look at.
+    /// Tells the processor to have ready what [`Self::get`] will look at.
     #[inline]
     pub fn prefetch(&self, key: u64) {
         #[cfg(target_arch = "x86_64")]
@@ -56,7 +56,7 @@ impl RadianceCache {
         }
     }
 
-    /// What is kept for a key, which is not 1.
+    /// Returns what is kept for a key, which is not 1.
     #[inline]
     pub fn get(&self, key: u64) -> Option<Rgb> {
         let (slots, own) = self.line(key);
@@ -65,14 +65,14 @@ impl RadianceCache {
         Some(unpack(value))
     }
 
-    /// The same in the slots that are not its own.
+    /// Looks for a key in the slots that are not its own.
     #[cold]
     fn elsewhere(slots: &[Slot; Line::SLOTS], own: usize, key: u64) -> Option<u64> {
         (1..Line::SLOTS).find_map(|i| slots[own ^ i].get(key))
     }
 
-    /// Keeps an answer, in the place of another where the line is full; what [`Self::get`] will
-    /// say.
+    /// Inserts the radiance of a key, in the place of another where the line is full. Returns what
+    /// [`Self::get`] will say, which is rounded.
     pub fn insert(&self, key: u64, radiance: Rgb) -> Rgb {
         let (slots, own) = self.line(key);
         let value = pack(radiance);
@@ -102,10 +102,10 @@ impl Default for Slot {
 }
 
 impl Slot {
-    /// No place's: those have a leading bit.
+    /// A key that no patch has: theirs have a leading bit.
     const NO_KEY: u64 = 1;
 
-    /// Whether it never held anything.
+    /// Whether the slot never held anything.
     #[inline]
     fn is_free(&self) -> bool {
         self.get(Self::NO_KEY) == Some(0)

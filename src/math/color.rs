@@ -10,7 +10,7 @@ impl Rgb {
     /// No light.
     pub const BLACK: Self = Self([0.0; 3]);
 
-    /// The same value in all channels.
+    /// A colour of one value in all channels.
     #[must_use]
     pub const fn splat(v: f32) -> Self {
         Self([v; 3])

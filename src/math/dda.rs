@@ -53,7 +53,7 @@ impl Steps {
         truncated(self.at)
     }
 
-    /// The same, as floating-point numbers.
+    /// Coordinates of the present cell, as floating-point numbers.
     #[inline]
     #[must_use]
     pub fn corner(&self) -> Vec3A {
@@ -67,8 +67,8 @@ impl Steps {
         self.t_next.min_element()
     }
 
-    /// To the next cell, across an edge or a corner if the ray meets one; returns whether it is
-    /// inside the limit. A ray that crosses nothing is outside, so that every walk ends.
+    /// Moves to the next cell, across an edge or a corner if the ray meets one; returns whether it
+    /// is inside the limit. A ray that crosses nothing is outside, so that every walk ends.
     #[inline]
     pub fn advance(&mut self) -> bool {
         let leave = self.leave();
@@ -100,7 +100,7 @@ pub struct Line {
 }
 
 impl Line {
-    /// From a point along a direction, in grid coordinates.
+    /// A line from a point along a direction, in grid coordinates.
     #[inline]
     #[must_use]
     pub fn new(origin: Vec3A, direction: Vec3A) -> Self {
@@ -117,7 +117,7 @@ impl Line {
         self.inverse.abs().cmpeq(Vec3A::INFINITY)
     }
 
-    /// Where the line is inside a box, for parameters from `near` to `far`.
+    /// Returns the part of the line from `near` to `far` that is inside a box, by its parameters.
     #[inline]
     #[must_use]
     pub fn within(&self, lower: Vec3A, upper: Vec3A, near: f32, far: f32) -> Option<(f32, f32)> {
@@ -133,7 +133,7 @@ impl Line {
     }
 }
 
-/// Where the line o + t d is inside the box 0..dims, for t in 0..t_max.
+/// Returns the part of the line o + t d that is inside the box 0..dims, for t in 0..t_max.
 #[inline]
 fn clip_to_box(o: DVec3, d: DVec3, dims: DVec3, t_max: f64) -> Option<(f64, f64)> {
     // The fourth axis has neither length nor direction: it stays inside.
@@ -155,8 +155,8 @@ fn clip_to_box(o: DVec3, d: DVec3, dims: DVec3, t_max: f64) -> Option<(f64, f64)
 /// The part of a ray that is inside the box of a grid.
 #[derive(Clone, Copy, Debug)]
 pub struct Passage {
-    /// From where the ray enters, in grid coordinates, by distance in scene units: exact for
-    /// far-away origins, too.
+    /// The line from where the ray enters, in grid coordinates, by distance in scene units: exact
+    /// for far-away origins, too.
     pub line: Line,
     /// Distance from the ray's origin to that of the line.
     pub start: f32,
@@ -165,8 +165,8 @@ pub struct Passage {
 }
 
 impl Passage {
-    /// Where a ray is inside the box 0..dims of a grid; `None` if it misses that. The map from scene
-    /// space to grid coordinates is given in both precisions.
+    /// Finds the part of a ray that is inside the box 0..dims of a grid; `None` if it misses that.
+    /// The map from scene space to grid coordinates is given in both precisions.
     #[inline]
     #[must_use]
     pub fn new((map, exact): (&Affine3A, &DAffine3), dims: [f32; 3], ray: &Ray) -> Option<Self> {
@@ -197,8 +197,8 @@ impl Passage {
         })
     }
 
-    /// The same in the coordinates of cells, whose corners are the middles of voxels, in a margin
-    /// of half a cell.
+    /// The passage in the coordinates of cells, whose corners are the middles of voxels, in a
+    /// margin of half a cell.
     #[inline]
     #[must_use]
     pub fn in_cells(mut self) -> Self {

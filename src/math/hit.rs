@@ -1,6 +1,6 @@
 //! Where rays meet triangles.
 
-/// Where a ray met a triangle.
+/// The point at which a ray met a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// Distance along the ray.

@@ -7,7 +7,7 @@ use glam::Vec3;
 pub struct Ray {
     /// The point at which it starts.
     pub origin: Vec3,
-    /// Its direction, of unit length.
+    /// The direction, of unit length.
     pub direction: Vec3,
     /// The distance from the origin at which it ends, scene units; may be infinite.
     pub t_max: f32,

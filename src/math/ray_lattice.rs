@@ -36,7 +36,7 @@ impl RayLattice {
         }
     }
 
-    /// Where a point is among the rays: along the first axis, and across it. Rays stand at whole
+    /// Place of a point among the rays: along the first axis, and across it. Rays stand at whole
     /// numbers across.
     #[inline]
     #[must_use]
@@ -46,7 +46,7 @@ impl RayLattice {
         (main, across)
     }
 
-    /// Where a ray is in a layer, along the two axes across.
+    /// Position of a ray in a layer, along the two axes across.
     #[inline]
     #[must_use]
     pub fn across(&self, ray: [f32; 2], layer: f32) -> [f32; 2] {

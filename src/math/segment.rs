@@ -3,7 +3,7 @@
 use super::Rgb;
 use super::exp::exp_neg_and_rest;
 
-/// A stretch of a ray inside one medium, of constant extinction and source function.
+/// A part of a ray inside one medium, of constant extinction and source function.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Segment {
     /// Where it begins, scene units along the ray.
@@ -66,7 +66,7 @@ impl Composite {
     }
 }
 
-/// A stretch of a ray in one medium, before anyone asks what light it sends.
+/// A part of a ray in one medium, before its source function is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interval<T> {
     /// Where it begins, scene units along the ray.
@@ -75,12 +75,12 @@ pub struct Interval<T> {
     pub far: f32,
     /// Optical depth from `near` to `far`.
     pub tau: f32,
-    /// What tells its source function.
+    /// The value that tells its source function.
     pub of: T,
 }
 
-/// A walk through one medium and the stretch that it has come to, with the source function once
-/// that was asked for.
+/// A walk through one medium and the interval that it has come to, with the source function once
+/// that is known.
 struct Head<T, W> {
     walk: W,
     stretch: Option<(Interval<T>, Option<Rgb>)>,

@@ -26,7 +26,7 @@ impl Vec3x4 {
         Self(v.to_array().map(f32x4::splat))
     }
 
-    /// What `f` makes of the four, axis by axis.
+    /// Applies `f` to the four components of each axis.
     #[inline]
     #[must_use]
     pub fn map(&self, f: impl Fn([f32; 4]) -> [f32; 4]) -> Self {

@@ -9,7 +9,7 @@ use crate::scene::Volume;
 use crate::scene::grid::{BRICK_CELLS, Brick};
 use glam::Vec3A;
 
-/// A stretch of a ray inside one cell.
+/// The part of a ray inside one cell of a volume.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayInVolume {
     /// Where it begins, scene units from the ray's origin.

@@ -29,13 +29,13 @@ use glam::Vec3;
 pub struct Tracer<'a> {
     /// The scene whose triangles and media rays meet.
     pub scene: &'a Scene,
-    /// How densely surfels stand on it.
+    /// The density of surfels on the pieces of the scene.
     pub pieces: Pieces,
     triangles: TriangleBvh,
 }
 
 impl<'a> Tracer<'a> {
-    /// Builds what rays need.
+    /// Builds what rays need of a scene.
     #[must_use]
     pub fn new(scene: &'a Scene) -> Self {
         Self {
@@ -45,7 +45,7 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// As [`Tracer::new`], but stops on request.
+    /// Builds what [`Tracer::new`] does, but stops on request.
     ///
     /// # Errors
     /// As [`TriangleBvh::new_until`].

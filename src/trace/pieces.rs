@@ -14,14 +14,15 @@ pub struct Pieces {
 }
 
 impl Pieces {
-    /// Pieces get samples from the largest down, and each leaves some for the smaller ones: the
-    /// largest share it may take of the samples that are left.
-    const MOST: f64 = 0.9;
-    /// The same for one that reflects nothing: it stops rays, and no more is to be known of it.
-    const MOST_BLACK: f64 = 0.5;
-    /// Once less than this of all samples is left, what remains goes by area alone: most scenes
-    /// have some tiny pieces.
-    const LEAST_SHARED: f64 = 0.05;
+    /// Largest share of the samples that are left that a piece may take. Pieces get samples from
+    /// the largest down, and each leaves some for the smaller ones.
+    const MAX_SHARE: f64 = 0.9;
+    /// Largest share of a piece that reflects nothing: it stops rays, and no more is to be known of
+    /// it.
+    const MAX_BLACK_SHARE: f64 = 0.5;
+    /// Share of all samples below which what remains goes by area alone: most scenes have some tiny
+    /// pieces.
+    const MIN_SHARED: f64 = 0.05;
 
     /// The pieces of a scene.
     #[must_use]
@@ -46,14 +47,14 @@ impl Pieces {
         for (i, &m) in order.iter().enumerate() {
             density[m] = factor;
             let (left, rest) = (of_rest[i], of_rest[i + 1]);
-            if left * factor < Self::LEAST_SHARED * area {
+            if left * factor < Self::MIN_SHARED * area {
                 continue;
             }
             let is_black = scene.materials[m].albedo == [0.0; 3];
             let most = if is_black {
-                Self::MOST_BLACK
+                Self::MAX_BLACK_SHARE
             } else {
-                Self::MOST
+                Self::MAX_SHARE
             };
             if areas[m] > most * left && rest > 0.0 {
                 density[m] = factor * most * left / areas[m];

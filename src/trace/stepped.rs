@@ -31,7 +31,8 @@ pub struct SteppedVolume {
 }
 
 impl SteppedVolume {
-    /// The same medium on at most `most` voxels along each axis, passed in steps of one cell.
+    /// The medium of a volume on at most `most` voxels along each axis, passed in steps of one
+    /// cell.
     #[must_use]
     pub fn new(volume: &Volume, most: usize) -> Self {
         let grid = &volume.sigma_t;

@@ -4,7 +4,7 @@ use crate::math::Rgb;
 use crate::scene::Scene;
 use glam::Vec3;
 
-/// What shading needs of a point on a triangle.
+/// The surface at a point of a triangle, as shading needs it.
 #[derive(Clone, Copy, Debug)]
 pub struct Surface {
     /// Point in scene space.
@@ -58,7 +58,7 @@ impl Surface {
         }
     }
 
-    /// Its albedo alone.
+    /// Diffuse albedo at barycentric weights `uv` of the second and third corner.
     #[must_use]
     pub fn albedo_at(scene: &Scene, triangle: u32, uv: [f32; 2]) -> Rgb {
         let mesh = &scene.mesh;
@@ -101,7 +101,7 @@ impl Surface {
         self.normal.dot(other.normal) > SAME
     }
 
-    /// The same surface seen from the side that `towards` points to: both normals turned that way.
+    /// This surface as seen from the side that `towards` points to: both normals turned that way.
     #[must_use]
     pub fn facing(mut self, towards: Vec3) -> Self {
         if self.face_normal.dot(towards) < 0.0 {
@@ -122,8 +122,8 @@ pub fn offset(point: Vec3) -> f32 {
     ROUNDING * point.abs().max_element()
 }
 
-/// How far a ray goes to a light at `target`, which is `distance` away: it ends before the surface
-/// that shines, or that holds a delta light.
+/// Length of a ray to a light at `target`, which is `distance` away: it ends before the surface
+/// that shines, or that holds a point light.
 #[must_use]
 pub fn short_of(target: Vec3, distance: f32) -> f32 {
     distance * (1.0 - 1e-4) - offset(target)

@@ -10,7 +10,8 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::Duration;
 
-/// From so many triangles on a hierarchy takes long enough for a stop to be heard meanwhile.
+/// Number of triangles from which on a hierarchy takes long enough for a stop to be heard
+/// meanwhile.
 pub const MANY: usize = 1 << 17;
 /// Time between two looks at whether to stop.
 const PATIENCE: Duration = Duration::from_millis(50);

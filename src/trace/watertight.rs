@@ -9,7 +9,7 @@ use wide::f32x4;
 /// Triangles of a block.
 pub const LANES: usize = 4;
 
-/// Up to four triangles. Corners of absent ones are not numbers, which no comparison holds for.
+/// Four triangles, or fewer: corners of absent ones are not numbers, for which no comparison holds.
 #[derive(Clone, Debug)]
 pub struct Block {
     /// By corner and axis.
@@ -18,7 +18,7 @@ pub struct Block {
     pub triangles: [u32; LANES],
 }
 
-/// Where the line of a ray meets the triangles of a block.
+/// The triangles of a block that the line of a ray meets, and where.
 #[derive(Debug, Default)]
 pub struct Met {
     /// A bit for each triangle met.
@@ -105,7 +105,8 @@ impl ShearedRay {
     /// Distance over that of a triangle's farthest corner along the ray, below which it is found
     /// once more in double: beyond, some 1e-4 is left of the error of single precision.
     const NEAR: f32 = 1.0 / 256.0;
-    /// The same for what is behind for sure, as the triangle that the ray leaves mostly is.
+    /// The ratio below which a triangle is behind for sure, as the one that the ray leaves mostly
+    /// is.
     const BEHIND: f32 = -16.0 * f32::EPSILON;
 
     /// The triangles of a block that the ray meets in front of its origin.

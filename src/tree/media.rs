@@ -33,7 +33,7 @@ struct BlockGrid<B> {
 /// A brick that is not empty.
 #[derive(Debug)]
 struct Brick {
-    /// Its first in `cubes`: one, or eight if its blocks are single voxels.
+    /// The first of its cubes: one, or eight if its blocks are single voxels.
     first_cube: u32,
     /// Log2 of the voxels along an edge of its blocks.
     level: u8,
@@ -59,14 +59,14 @@ pub(super) struct Block {
     source: Rgb,
 }
 
-/// Where a block is in its brick: the cube, and the bit in that.
+/// Finds a block in its brick: the index of the cube, and the bit in that.
 #[inline]
 fn place([x, y, z]: [usize; 3]) -> (usize, usize) {
     let cube = (z >> 2) << 2 | (y >> 2) << 1 | x >> 2;
     (cube, (z & 3) << 4 | (y & 3) << 2 | x & 3)
 }
 
-/// Where the lvoxels of a tree are. What they hold is read in a second pass over them, so that they
+/// The places of a tree's lvoxels. What they hold is read in a second pass over them, so that they
 /// are never in memory twice.
 #[derive(Debug)]
 pub struct MediaLayout {
@@ -318,7 +318,7 @@ struct Walk<'a> {
 }
 
 impl Walk<'_> {
-    /// Gives every non-empty stretch to `add` until that says no; returns whether it never did.
+    /// Gives every segment in a block to `add` until that says no; returns whether it never did.
     #[inline]
     fn run(&self, add: &mut impl FnMut(Segment) -> bool) -> bool {
         let Passage { line, end, .. } = &self.passage;

@@ -6,16 +6,24 @@
 //!
 //! | file | what it does |
 //! | --- | --- |
-//! | `store` | pages that stay resident, or live in a cache of bounded size |
+//! | `open_tree` | opens a file, within a limit on memory |
+//! | `pages` | pages that stay resident, or live in a cache of bounded size |
+//! | `decoder` | decodes pages, and counts them |
 //! | `page` | the layout of a decoded page: eight children, eight disks at a time |
 //! | `node_aggregate` | what stands for the surfels below a node |
+//! | `traversal` | the way of all queries through the nodes |
 //! | `media` | lvoxels, and the walk of a ray through them |
 
+mod decoder;
 pub(crate) mod media;
 pub(crate) mod node_aggregate;
+mod open_tree;
 pub(crate) mod page;
-pub(crate) mod store;
+mod pages;
+pub(crate) mod traversal;
 
+pub use decoder::PageStats;
 pub use media::Media;
 pub use node_aggregate::NodeAggregate;
-pub use store::{CachedTree, OpenTree, Page, PageStats, Pages, ResidentTree, SurfelStore};
+pub use open_tree::OpenTree;
+pub use pages::{CachedTree, Page, Pages, ResidentTree, SurfelStore};

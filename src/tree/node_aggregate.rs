@@ -2,24 +2,24 @@
 
 use lvox_formats::record::Node;
 
-/// What stands for a node.
+/// The surfels below a node as one: what stands for them where a node is taken whole.
 #[derive(Clone, Copy, Debug)]
 pub struct NodeAggregate {
     /// Mean of the surfels' normals weighted by area, unit length.
     pub normal: [f32; 3],
     /// The plane through the mean position: `normal . x = plane`.
     pub plane: f32,
-    /// How much of that plane inside the node's box is covered; negative if the node is not flat.
+    /// Share of that plane inside the node's box that is covered; negative if the node is not flat.
     pub coverage: f32,
     /// Sum of surfel areas, scene units squared.
     pub(super) area: f32,
-    /// As in [`lvox_formats::record::SurfelAggregate`], but over the area.
+    /// Second moment as in [`lvox_formats::record::SurfelAggregate`], but over the area.
     second_moment: [f32; 6],
-    /// What its surfels send to these is in its page.
+    /// The axes that its surfels face; what they send to those is in its page.
     pub(super) axes: Axes,
 }
 
-/// Which axes surfels face, a bit each, and where the first of what they send to those is.
+/// The axes that surfels face, a bit each, and the index of the first of what they send to those.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Axes {
     pub mask: u32,
@@ -30,7 +30,7 @@ impl NodeAggregate {
     /// A node is flat if its normals agree this well: mean length over area.
     const FLAT: f32 = 0.97;
 
-    /// Stands for a node whose surfels face these axes.
+    /// The aggregate of a node whose surfels face these axes.
     pub(super) fn new(node: &Node, axes: Axes) -> Self {
         let g = &node.aggregate;
         let over_area = |v: f32| per_area(v, g.area);

@@ -12,7 +12,7 @@ use std::ops::Range;
 pub const WIDTH: usize = 8;
 const NO_CLIPS: u32 = u32::MAX;
 
-/// What a child slot of a [`WideNode`] holds.
+/// The kind of what a child slot of a [`WideNode`] holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ChildKind {
     /// No child: the slot is not used.
@@ -32,14 +32,14 @@ pub enum ChildKind {
 pub struct WideNode {
     /// Lower corners of the children's boxes, by axis.
     pub min: [[f32; WIDTH]; 3],
-    /// Upper corners of the same, scene space.
+    /// Upper corners of the children's boxes, by axis, scene space.
     pub max: [[f32; WIDTH]; 3],
     /// Cross-section of each child's bounding sphere, four times that if it is not flat: over
     /// distance squared, about its solid angle.
     pub cross_section: [f32; WIDTH],
     /// Index of node, block or page, by kind.
     pub child: [u32; WIDTH],
-    /// What each slot holds.
+    /// Kind of what each slot holds.
     pub kind: [ChildKind; WIDTH],
     /// A bit for each slot in use.
     pub used: u32,
@@ -74,7 +74,7 @@ impl WideNode {
     }
 }
 
-/// Up to eight disks of a leaf; unused lanes have a negative squared radius.
+/// The disks of a leaf, at most eight; unused lanes have a negative squared radius.
 #[derive(Clone, Debug)]
 #[repr(C, align(32))]
 pub struct DiskBlock {
@@ -90,7 +90,7 @@ pub struct DiskBlock {
     pub count: u32,
 }
 
-/// What a disk sends to either side.
+/// Radiance that a disk sends to either side.
 #[derive(Clone, Copy, Debug)]
 pub struct DiskLight {
     /// Radiance from the front.
@@ -105,13 +105,13 @@ pub struct DiskLight {
 #[derive(Clone, Copy, Debug)]
 pub struct ClipPlanes([[f32; 4]; 3]);
 
-/// The surfels of a aggregate that face an axis.
+/// The surfels of an aggregate that face an axis.
 #[derive(Clone, Copy, Debug, Default)]
 struct Facing {
-    /// What the axis sees of their area, over that of all: areas times radiance would leave the
-    /// range of f32.
+    /// Area that the axis sees of them, over that of all surfels: areas times radiance would leave
+    /// the range of f32.
     area: f32,
-    /// What their fronts send.
+    /// Radiance that their fronts send.
     radiance: [f32; 3],
 }
 
@@ -122,9 +122,9 @@ pub struct PageNodes {
     pub nodes: Vec<WideNode>,
     /// Aggregates of the children of nodes, from [`WideNode::first_aggregate`] on.
     pub aggregates: Vec<NodeAggregate>,
-    /// What aggregates send to the axes that they face: walls, one of six.
+    /// Radiance that aggregates send to the axes that they face: walls, one of six.
     facing: Vec<Facing>,
-    /// Of each aggregate what its backs send, as in [`lvox_formats::record::SurfelAggregate`];
+    /// Radiance of the backs of each aggregate, as in [`lvox_formats::record::SurfelAggregate`];
     /// empty if no back of the page is lit.
     backs: Vec<[[f32; 3]; 6]>,
 }
@@ -134,7 +134,7 @@ pub struct PageNodes {
 pub struct PageLeaves {
     /// Disks, in the order of the nodes that they are below.
     pub blocks: Vec<DiskBlock>,
-    /// What disks send, from [`DiskBlock::first_light`] on.
+    /// Radiance that disks send, from [`DiskBlock::first_light`] on.
     pub lights: Vec<DiskLight>,
     clips: Vec<ClipPlanes>,
 }
@@ -253,7 +253,7 @@ impl PageNodes {
         node
     }
 
-    /// Adds what the fronts of a aggregate send to each axis that they face.
+    /// Adds what the fronts of an aggregate send to each axis that they face.
     fn add_facing(&mut self, of: &SurfelAggregate) -> Axes {
         let first = self.facing.len() as u32;
         let mut mask = 0;
@@ -276,7 +276,7 @@ impl PageNodes {
         }
     }
 
-    /// The surfels of a aggregate that face an axis.
+    /// The surfels of an aggregate that face an axis.
     #[inline]
     fn facing(&self, of: &NodeAggregate, axis: usize) -> Facing {
         let Axes { mask, first } = of.axes;
@@ -297,9 +297,9 @@ impl PageNodes {
         })
     }
 
-    /// What one side of the surfels of a aggregate sends towards `v`: the mean over those of that
-    /// side that face it, weighted by the area that each of the three axes there sees, and that
-    /// area.
+    /// Returns the radiance that one side of an aggregate's surfels sends towards `v`: the mean
+    /// over those of that side that face it, weighted by the area that each of the three axes there
+    /// sees; and that area.
     #[must_use]
     #[inline]
     pub fn sent(&self, aggregate: usize, v: [f32; 3], is_back: bool) -> ([f32; 3], f32) {
@@ -318,8 +318,9 @@ impl PageNodes {
         (mean.get(), mean.weight * of.area)
     }
 
-    /// What a aggregate sends towards `v` from either side. Of sides that face it, backs count
-    /// where they are lit only: a dark one would halve the light of the front that it hides behind.
+    /// Returns the radiance that an aggregate sends towards `v` from either side. Of sides that
+    /// face it, backs count where they are lit only: a dark one would halve the light of the front
+    /// that it hides behind.
     #[must_use]
     pub fn radiance(&self, aggregate: usize, v: [f32; 3]) -> [f32; 3] {
         let of = &self.aggregates[aggregate];
@@ -347,8 +348,8 @@ impl PageNodes {
     }
 }
 
-/// The axes that surfels of a aggregate face, one for walls, and what each sees of their area, over
-/// that of all.
+/// The axes that surfels of an aggregate face, one for walls, and what each sees of their area,
+/// over that of all.
 fn facing_axes(of: &SurfelAggregate) -> impl Iterator<Item = (usize, f32)> {
     let seen = of.axis_area.map(|area| per_area(area, of.area));
     seen.into_iter().enumerate().filter(|(_, area)| *area > 0.0)

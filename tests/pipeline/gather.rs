@@ -256,7 +256,7 @@ fn rays_that_are_looked_up_together_find_what_each_finds_alone() {
     };
     let outgoing = || PatchRadiance::new(&tracer, store.area_per_surfel(), rays.len());
     let alone = outgoing();
-    let mut stack = Vec::new();
+    let mut stack = Default::default();
     let cast = |ray: &Ray| alone.cast(pages(&store), ray, wanted, &mut stack);
     let expected: Vec<_> = rays.iter().map(cast).collect();
     assert!(expected.iter().flatten().count() > 500);

@@ -1,6 +1,6 @@
 //! The hierarchy over the triangles of a mesh, of the one that `obvhs` makes.
 
-use super::slab_ray::MOST_ENTRIES;
+use super::slab_ray::MAX_ENTRIES;
 use super::{Child, Node, TriangleBvh, WIDTH};
 use crate::Result;
 use crate::run::Cancel;
@@ -17,7 +17,7 @@ use wide::f32x8;
 
 /// Levels of nodes that follow the hierarchy of two children a node. What is below them, as in a
 /// long chain of triangles each of which is half as large as the one before, gets one box.
-const LEVELS: usize = (MOST_ENTRIES - 1) / (WIDTH - 1) - LEVELS_IN_ONE_BOX;
+const LEVELS: usize = (MAX_ENTRIES - 1) / (WIDTH - 1) - LEVELS_IN_ONE_BOX;
 /// Levels of nodes over all the blocks that a mesh can have.
 const LEVELS_IN_ONE_BOX: usize = 8;
 
@@ -30,7 +30,7 @@ impl TriangleBvh {
         bvh
     }
 
-    /// As [`TriangleBvh::new`], but stops on request.
+    /// Builds the hierarchy as [`TriangleBvh::new`] does, but stops on request.
     ///
     /// # Errors
     /// If cancelled; a thread may be busy with what was begun until that is done. If no thread can
@@ -64,7 +64,7 @@ impl TriangleBvh {
     /// Takes over a hierarchy that is two wide.
     ///
     /// Each level leaves all but one child of a node to be visited later, which is what
-    /// [`MOST_ENTRIES`] have room for.
+    /// [`MAX_ENTRIES`] have room for.
     fn add<E>(
         &mut self,
         mesh: &Mesh,
@@ -124,7 +124,7 @@ impl TriangleBvh {
     /// Blocks that follow each other, in one box: a leaf, or a node over as many of them as it
     /// takes.
     fn child_of(&mut self, blocks: Range<usize>, bounds: (Vec3A, Vec3A)) -> Child {
-        if blocks.len() <= Child::MOST_BLOCKS {
+        if blocks.len() <= Child::MAX_BLOCKS {
             return Child::leaf(blocks.start, blocks.len());
         }
         let (min, max) = bounds;
@@ -225,7 +225,7 @@ mod tests {
                 ..TriangleBvh::default()
             };
             let Ok(()) = bvh.add(&mesh, &two_wide, || Ok::<_, Infallible>(()));
-            assert!(bvh.blocks.len() > 4 * Child::MOST_BLOCKS);
+            assert!(bvh.blocks.len() > 4 * Child::MAX_BLOCKS);
             for i in 0..500 {
                 let o = 2.0 * sampling::sphere(sampling::r2(i, [0.3; 2]));
                 let d = sampling::sphere(sampling::r2(i, [0.7; 2]));
@@ -243,7 +243,7 @@ mod tests {
     fn a_chain_of_any_depth_is_met_in_all() {
         let mesh = sphere(12, 20);
         let count = mesh.triangles.len() as u32;
-        assert!(count as usize > (WIDTH - 1) * LEVELS + WIDTH * Child::MOST_BLOCKS);
+        assert!(count as usize > (WIDTH - 1) * LEVELS + WIDTH * Child::MAX_BLOCKS);
         // A node with a leaf of one triangle and a node with the rest, and so on.
         let node = |prim_count, first_index| {
             let mut node = two_wide(&[Triangle::default()]).nodes[0];

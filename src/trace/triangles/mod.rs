@@ -45,13 +45,13 @@ struct Child(u32);
 impl Child {
     const LEAF: u32 = 1 << 31;
     const COUNT_SHIFT: u32 = 27;
-    const MOST_BLOCKS: usize = 16;
+    const MAX_BLOCKS: usize = 16;
 
     fn node(index: usize) -> Self {
         Self(index as u32)
     }
 
-    /// A leaf of at least one block and at most [`Self::MOST_BLOCKS`]. There are no more blocks
+    /// A leaf of at least one block and at most [`Self::MAX_BLOCKS`]. There are no more blocks
     /// than triangles, and of those no scene has more than the bits of `first` tell,
     /// [`Mesh::MAX_TRIANGLES`].
     fn leaf(first: usize, count: usize) -> Self {
@@ -68,7 +68,7 @@ impl Child {
     #[inline]
     fn blocks(self) -> Range<usize> {
         let first = self.0 as usize & ((1 << Self::COUNT_SHIFT) - 1);
-        first..first + 1 + (self.0 >> Self::COUNT_SHIFT) as usize % Self::MOST_BLOCKS
+        first..first + 1 + (self.0 >> Self::COUNT_SHIFT) as usize % Self::MAX_BLOCKS
     }
 }
 
@@ -123,7 +123,7 @@ impl TriangleBvh {
         });
     }
 
-    /// As [`Self::visit`], of what is below a child.
+    /// Gives `visit` the blocks along a ray that are below a child, as [`Self::visit`] does.
     #[inline(always)]
     fn visit_from(
         &self,
@@ -158,7 +158,7 @@ impl TriangleBvh {
 /// The nearest hit of a ray so far, in the scale of the hierarchy.
 struct Nearest {
     t_max: f32,
-    /// Where the ray ends: at the hit, or at `t_max`.
+    /// Distance at which the ray ends: at the hit, or at `t_max`.
     t_end: f32,
     best: Option<Hit>,
 }

@@ -11,11 +11,10 @@ use wide::f32x8;
 /// Rays of a packet, at most.
 const PACKET: usize = 64;
 
-/// So many rays of a packet go on by themselves. With one, four or six it is no faster (`cargo
-/// bench --bench rays`).
+/// Number of active rays of a packet at or below which they go on by themselves.
 const FEW: u32 = 2;
 
-/// Rays of a packet by their bits.
+/// The rays of a packet, one bit each.
 type Mask = u64;
 
 /// A ray of a packet.
@@ -26,7 +25,7 @@ struct Member {
 }
 
 impl TriangleBvh {
-    /// What [`Self::closest`] finds for each of some rays, of which `hits` has as many, to the bit.
+    /// Finds what [`Self::closest`] does for each ray of a packet, to the bit; `hits` has as many.
     /// Faster where rays that follow each other are near each other and go much the same way.
     pub fn closest_of_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
         if self.nodes.is_empty() {
@@ -105,7 +104,7 @@ impl TriangleBvh {
     }
 }
 
-/// Which rays a mask has.
+/// Iterates over the rays that a mask has.
 #[inline(always)]
 fn members(mut mask: Mask) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {

@@ -5,11 +5,11 @@ use crate::math::Ray;
 use arrayvec::ArrayVec;
 use wide::f32x8;
 
-/// What is still to be visited, and where the ray enters it.
-pub(super) type Stack<T> = ArrayVec<(f32, T), MOST_ENTRIES>;
+/// Children that are still to be visited, each with the distance at which the ray enters it.
+pub(super) type Stack<T> = ArrayVec<(f32, T), MAX_ENTRIES>;
 
 /// More than any hierarchy needs: those that would need more are not built.
-pub(super) const MOST_ENTRIES: usize = 256;
+pub(super) const MAX_ENTRIES: usize = 256;
 
 /// Pushes an entry so that of those from `below` on the nearest is popped first.
 #[inline(always)]
@@ -53,8 +53,8 @@ impl SlabRay {
         }
     }
 
-    /// Where the ray enters the boxes of a node's children, and which of them it enters before
-    /// `t_end`.
+    /// Returns the distances at which the ray enters the boxes of a node's children, and which of
+    /// them it enters before `t_end`.
     #[inline(always)]
     pub(super) fn meet(&self, node: &Node, t_end: f32) -> (f32x8, f32x8) {
         let (mut near, mut far) = (f32x8::ZERO, f32x8::splat(t_end));

@@ -83,7 +83,7 @@ impl<P: Pages> PilotGathers<'_, P> {
             leave_out_bright: false,
         };
         let sky = Some(self.environment.mean()).filter(|light| *light > 0.0);
-        let mut stack = Vec::new();
+        let mut stack = Default::default();
         let ray = |i| {
             let d = cosine_hemisphere(sobol2(i, 0, key));
             let d = (x * d.x + y * d.y + normal * d.z).normalize();

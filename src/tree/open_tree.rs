@@ -1,0 +1,132 @@
+//! A tree file that is open for use.
+
+use super::decoder::PageStats;
+use super::media::{self, Block, Media, MediaLayout};
+use super::pages::SurfelStore;
+use crate::run::{hex, size};
+use crate::{Error, Result};
+use glam::DVec3;
+use lvox_formats::record::Lvoxel;
+use lvox_formats::{MappedFile, Scatter, Tree};
+use std::path::Path;
+
+/// A tree file that is open for use: surfels in either kind of store, lvoxels in memory.
+#[derive(Debug)]
+pub struct OpenTree {
+    /// Pages of surfels and of the nodes over them.
+    pub surfels: SurfelStore,
+    /// Lvoxels of all volumes.
+    pub media: Media,
+    /// Light that they scatter, if it was made beforehand.
+    pub scatter: Option<Scatter<MappedFile>>,
+}
+
+/// Reads all lvoxels of a tree, page by page and twice: no more than what is kept is ever in
+/// memory.
+fn read_media(tree: &Tree<MappedFile>, path: &Path, memory_limit: Option<u64>) -> Result<Media> {
+    let allow = |bytes: u64| {
+        let what = format_args!("holding {} lvoxels", tree.summary().sums.lvoxels());
+        size::within(what, bytes, memory_limit).map_err(|e| e.at(path.display()))
+    };
+    let least = size_of::<Block>() as u64;
+    allow(tree.summary().sums.lvoxels().saturating_mul(least))?;
+    let each = |visit: &mut dyn FnMut(&Lvoxel)| -> Result<()> {
+        for i in 0..tree.lvoxel_pages() {
+            let page = tree.lvoxel_page(i).map_err(|e| e.at(path))?;
+            page.iter().for_each(&mut *visit);
+        }
+        Ok(())
+    };
+    let mut layout = MediaLayout::new(&tree.meta().cloud.volumes);
+    each(&mut |l| layout.note(l))?;
+    allow(layout.bytes())?;
+    let mut media = layout.allocate();
+    each(&mut |l| media.place(l))?;
+    Ok(media)
+}
+
+/// Most bytes of the tables that find lvoxels, where no memory limit is given: volumes of 8192^3
+/// voxels in all.
+const MAX_TABLE_BYTES: u64 = 4 << 30;
+
+impl OpenTree {
+    /// Opens a tree file. With a memory limit that the decoded tree might pass, pages are cached
+    /// within it.
+    ///
+    /// # Errors
+    /// A file that is not a whole tree, or a limit too small for its media and a few pages.
+    pub fn open(path: &Path, memory_limit: Option<u64>) -> Result<Self> {
+        let tree = Tree::open_path(path)?;
+        let volumes = &tree.meta().cloud.volumes;
+        let table_bytes: u128 = volumes.iter().map(media::table_bytes).sum();
+        let table_bytes = u64::try_from(table_bytes).unwrap_or(u64::MAX);
+        let what = "finding the lvoxels of its volumes";
+        size::within(what, table_bytes, memory_limit).map_err(|e| e.at(path.display()))?;
+        if memory_limit.is_none() && table_bytes > MAX_TABLE_BYTES {
+            return Err(Error::input(format!(
+                "{}: {what} needs {}, without `memory_limit` the most is {}",
+                path.display(),
+                size::format(table_bytes),
+                size::format(MAX_TABLE_BYTES)
+            ))
+            .hint(
+                "a larger `memory_limit` allows it; `lvox verify` tells whether the file is whole",
+            ));
+        }
+        let media = read_media(&tree, path, memory_limit)?;
+        let surfels = SurfelStore::new(tree, path, media.bytes() as u64, memory_limit)?;
+        Ok(Self {
+            surfels,
+            media,
+            scatter: None,
+        })
+    }
+
+    /// Adds light that media scatter, from a file that was made from this tree.
+    ///
+    /// # Errors
+    /// A file that is no whole file of scattered light, or that of another tree.
+    pub fn with_scatter(self, path: &Path) -> Result<Self> {
+        let scatter = Scatter::open_path(path)?;
+        let (expected, found) = (self.tree().content_hash(), scatter.meta().tree_hash);
+        if expected != found {
+            return Err(Error::input(format!(
+                "{}: expected light gathered from the tree {}, found that of {}",
+                path.display(),
+                hex(&expected),
+                hex(&found)
+            ))
+            .hint("make it again from this tree: lvox scatter"));
+        }
+        Ok(Self {
+            scatter: Some(scatter),
+            ..self
+        })
+    }
+
+    /// The tree file itself: its description, and its pages as they are stored.
+    #[must_use]
+    pub fn tree(&self) -> &Tree<MappedFile> {
+        self.surfels.file()
+    }
+
+    /// The place of the origin of the tree's scene space in the world: what is added to a position
+    /// of scene space makes one of the world.
+    #[must_use]
+    pub fn world_from_scene(&self) -> DVec3 {
+        self.tree().meta().cloud.world_from_scene.into()
+    }
+
+    /// Mean area that a surfel stands for, scene units squared; 0 without surfels.
+    #[must_use]
+    pub fn area_per_surfel(&self) -> f32 {
+        let sums = &self.tree().summary().sums;
+        (sums.area / sums.surfels.max(1) as f64) as f32
+    }
+
+    /// Returns counts of the pages used so far.
+    #[must_use]
+    pub fn stats(&self) -> PageStats {
+        self.surfels.stats()
+    }
+}
