@@ -74,8 +74,9 @@ pub fn cast<P: Pages>(
     scratch: &mut Scratch,
 ) -> Option<Crossing> {
     scratch.crossings.clear();
+    let slabs = SlabRay::new(ray);
     let mut query = ConeQuery {
-        ray: SlabRay::new(ray),
+        ray: &slabs,
         max_solid_angle,
         t_end: ray.t_max,
         end: None,
@@ -89,7 +90,8 @@ pub fn cast<P: Pages>(
 /// A ray on its way to the surface that ends it. What it knows of an open node is the distance at
 /// which it enters that.
 struct ConeQuery<'a> {
-    ray: SlabRay,
+    /// By reference, so that nothing but it has to stay in memory for calls.
+    ray: &'a SlabRay,
     max_solid_angle: f32,
     /// Distance at which the ray ends, as far as is known.
     t_end: f32,
@@ -114,7 +116,7 @@ impl Query for ConeQuery<'_> {
         open: &mut OpenNodes<f32>,
     ) -> ControlFlow<()> {
         let (page, children) = (node.page, node.children);
-        let hits = Hits::new(children, &self.ray, self.t_end, self.max_solid_angle);
+        let hits = Hits::new(children, self.ray, self.t_end, self.max_solid_angle);
         let mut order = [0_u8; WIDTH];
         let count = hits.nearest_first(&mut order);
         let before = open.len();
@@ -125,7 +127,7 @@ impl Query for ConeQuery<'_> {
             }
             if hits.small >> k & 1 == 1 {
                 let nodes = page.nodes();
-                match meet_aggregate(nodes, children, k, &self.ray, &hits, self.t_end) {
+                match meet_aggregate(nodes, children, k, self.ray, &hits, self.t_end) {
                     Some(c) if c.opacity >= 1.0 => {
                         self.t_end = c.t;
                         self.end = Some(c);
@@ -136,7 +138,7 @@ impl Query for ConeQuery<'_> {
             } else if children.kind[k] == ChildKind::Leaf {
                 let leaves = page.leaves();
                 if let Some(block) = leaves.blocks.get(children.child[k] as usize)
-                    && let Some(c) = meet_disks(leaves, block, &self.ray, self.t_end)
+                    && let Some(c) = meet_disks(leaves, block, self.ray, self.t_end)
                 {
                     self.t_end = c.t;
                     self.end = Some(c);

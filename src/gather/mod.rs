@@ -1,7 +1,7 @@
 //! Gathers: the light that arrives at a point, from an open tree.
 //!
-//! A [`Gatherer`] takes a point and a normal, or a point in a medium, casts rays and returns a
-//! [`Gathered`]. What arrives along one ray is an [`Incident`].
+//! A [`PointGatherer`] takes a point and a normal, or a point in a medium, casts rays and returns a
+//! [`Gathered`]. No scene is needed.
 //!
 //! Three kernels find what ends a ray ([`Kernel`]):
 //! - `plain`: the paper's, every disk of the tree (the reference for the others);
@@ -53,7 +53,7 @@ use directions::Hemisphere;
 use glam::Vec3;
 use std::f32::consts::PI;
 
-/// Settings that all gathers of a [`Gatherer`] share.
+/// Settings that all gathers of a [`PointGatherer`] share.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings<'a> {
     /// Rays of each gather.

@@ -6,7 +6,7 @@ use super::shading_point::{INVERSE_SPHERE, MediumReceiver};
 use super::shadow_rays::ShadowRays;
 use super::shadows::Shadows;
 use super::suns::{Sun, SunDepths};
-use crate::math::Rgb;
+use crate::math::{Ray, Rgb};
 use crate::scene::Light;
 use crate::trace::short_of;
 use glam::Vec3;
@@ -76,7 +76,8 @@ impl<S: Shadows> Lights<'_, S> {
             }
             let d = to_light / distance;
             let light = intensity * (light.falloff(-d).max(BESIDE) / (distance * distance));
-            arriving += light * self.transmittance(point, d, short_of(position, distance));
+            arriving +=
+                light * self.transmittance(&Ray::new(point, d, short_of(position, distance)));
             sent += light;
         }
         Rgb(std::array::from_fn(|c| {

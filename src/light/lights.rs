@@ -10,8 +10,8 @@ use super::shading_point::{
 use super::shadow_rays::ShadowRays;
 use super::shadows::{SceneMedia, Shadows, SoftShadowMedia, Vacuum};
 use super::suns::{Sun, SunDepths};
-use crate::math::Rgb;
 use crate::math::sampling::{cosine_hemisphere, sphere, tangents};
+use crate::math::{Ray, Rgb};
 use crate::scene::Light;
 use crate::trace::{self, Tracer};
 use glam::Vec3;
@@ -96,12 +96,11 @@ impl<'a, S: Shadows> Lights<'a, S> {
         self
     }
 
-    /// Share of light that gets from `origin` to `t_max` along a unit direction: 0 behind a
-    /// surface, else what the scene's own media let through.
+    /// Share of light that gets from the end of a ray to its origin: 0 behind a surface, else what
+    /// the scene's own media let through.
     #[must_use]
-    pub fn transmittance(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
-        self.shadows
-            .transmittance(self.tracer, origin, direction, t_max, None)
+    pub fn transmittance(&self, ray: &Ray) -> f32 {
+        self.shadows.transmittance(self.tracer, ray, None)
     }
 
     /// The scene that shadow rays are traced in.

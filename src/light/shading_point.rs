@@ -3,7 +3,7 @@
 use super::emitter::Emitter;
 use super::shadow_rays::ShadowRays;
 use super::shadows::{ShadowMedia, Shadows};
-use crate::math::polygon;
+use crate::math::{Ray, polygon};
 use crate::trace::{self, Tracer};
 use glam::Vec3;
 use std::f32::consts::PI;
@@ -33,7 +33,7 @@ impl<S: Shadows, R> ShadingPoint<'_, S, R> {
         media: Option<&dyn ShadowMedia>,
     ) -> f32 {
         self.shadows
-            .transmittance(self.tracer, self.origin, direction, t_max, media)
+            .transmittance(self.tracer, &Ray::new(self.origin, direction, t_max), media)
     }
 
     /// Share of light that gets here from a point of an emitter, `distance` along a unit direction.

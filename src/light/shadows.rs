@@ -9,23 +9,15 @@ use glam::{DVec3, Vec3};
 
 /// Media that shadow rays pass instead of the scene's own.
 pub trait ShadowMedia: Sync + std::fmt::Debug {
-    /// Optical depth from `origin` to `t_max` along a unit direction, scene space.
-    fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32;
+    /// Optical depth along a ray.
+    fn optical_depth(&self, ray: &Ray) -> f32;
 }
 
 /// What shadow rays pass beside surfaces, as a type: code for scenes without media does no work for
 /// any.
 pub trait Shadows: Copy + Sync + std::fmt::Debug {
-    /// Share of light that gets from `origin` to `t_max` along a unit direction, 0 behind a
-    /// surface. Media on the way are those of `media`, or the scene's own.
-    fn transmittance(
-        &self,
-        tracer: &Tracer,
-        origin: Vec3,
-        direction: Vec3,
-        t_max: f32,
-        media: Option<&dyn ShadowMedia>,
-    ) -> f32;
+    /// Share of light that gets from the end of a ray to its origin, 0 behind a surface. Media on the way are those of `media`, or the scene's own.
+    fn transmittance(&self, tracer: &Tracer, ray: &Ray, media: Option<&dyn ShadowMedia>) -> f32;
 
     /// Media before emitters, if not the scene's own.
     fn before_emitters(&self) -> Option<&dyn ShadowMedia>;
@@ -37,19 +29,8 @@ pub struct Vacuum;
 
 impl Shadows for Vacuum {
     #[inline]
-    fn transmittance(
-        &self,
-        tracer: &Tracer,
-        origin: Vec3,
-        direction: Vec3,
-        t_max: f32,
-        _: Option<&dyn ShadowMedia>,
-    ) -> f32 {
-        if tracer.is_occluded(&Ray::new(origin, direction, t_max)) {
-            0.0
-        } else {
-            1.0
-        }
+    fn transmittance(&self, tracer: &Tracer, ray: &Ray, _: Option<&dyn ShadowMedia>) -> f32 {
+        if tracer.is_occluded(ray) { 0.0 } else { 1.0 }
     }
 
     #[inline]
@@ -66,18 +47,11 @@ pub struct SceneMedia<'a> {
 }
 
 impl Shadows for SceneMedia<'_> {
-    fn transmittance(
-        &self,
-        tracer: &Tracer,
-        origin: Vec3,
-        direction: Vec3,
-        t_max: f32,
-        media: Option<&dyn ShadowMedia>,
-    ) -> f32 {
+    fn transmittance(&self, tracer: &Tracer, ray: &Ray, media: Option<&dyn ShadowMedia>) -> f32 {
         match media {
-            None => tracer.transmittance(&Ray::new(origin, direction, t_max)),
-            Some(_) if tracer.is_occluded(&Ray::new(origin, direction, t_max)) => 0.0,
-            Some(media) => exp_neg(media.optical_depth(origin, direction, t_max)),
+            None => tracer.transmittance(ray),
+            Some(_) if tracer.is_occluded(ray) => 0.0,
+            Some(media) => exp_neg(media.optical_depth(ray)),
         }
     }
 
@@ -117,11 +91,9 @@ impl SoftShadowMedia {
 }
 
 impl ShadowMedia for SoftShadowMedia {
-    fn optical_depth(&self, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
+    fn optical_depth(&self, ray: &Ray) -> f32 {
         let volumes = self.volumes.iter();
-        volumes
-            .map(|v| v.optical_depth(&Ray::new(origin, direction, t_max)))
-            .sum()
+        volumes.map(|v| v.optical_depth(ray)).sum()
     }
 }
 

@@ -5,11 +5,10 @@
 use super::direct::DirectLight;
 use super::shading_point::{Receiver, ShadingPoint};
 use super::shadows::{ShadowMedia, Shadows};
-use crate::math::Ray;
-use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use crate::math::ray_lattice::RayLattice;
 use crate::math::sampling::{disk, tangents};
+use crate::math::{Ray, Rgb};
 use crate::scene::{Light, Scene, Volume};
 use crate::trace::Cells;
 use glam::Vec3;
@@ -118,8 +117,8 @@ impl<'a> SunDepths<'a> {
 }
 
 impl ShadowMedia for SunDepth<'_> {
-    fn optical_depth(&self, origin: Vec3, _: Vec3, _: f32) -> f32 {
-        self.0.iter().map(|v| v.at(origin)).sum()
+    fn optical_depth(&self, ray: &Ray) -> f32 {
+        self.0.iter().map(|v| v.at(ray.origin)).sum()
     }
 }
 
@@ -183,7 +182,7 @@ impl<'a> VolumeDepth<'a> {
     /// Optical depth from a point to the sun.
     fn at(&self, point: Vec3) -> f32 {
         let exact = SunDepths::EXACT * self.rays.between;
-        let near = depth_of(self.volume, point, self.to_sun, exact);
+        let near = depth_of(self.volume, &Ray::new(point, self.to_sun, exact));
         near + self.kept(point + self.to_sun * exact)
     }
 
@@ -274,9 +273,8 @@ impl<'a> VolumeDepth<'a> {
     }
 }
 
-fn depth_of(volume: &Volume, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
-    Cells::new(volume, &Ray::new(origin, direction, t_max))
-        .map_or(0.0, |c| c.optical_depth() as f32)
+fn depth_of(volume: &Volume, ray: &Ray) -> f32 {
+    Cells::new(volume, ray).map_or(0.0, |c| c.optical_depth() as f32)
 }
 
 #[cfg(test)]
@@ -317,7 +315,7 @@ mod tests {
                 let at = DVec3::new(f64::from(u[0]), f64::from(u[1]), f64::from(w)) * 1.4 - 0.2;
                 let p = scene_from_index.transform_point3(at * DVec3::new(40.0, 28.0, 33.0));
                 let p = p.as_vec3();
-                let exact = depth_of(&volume, p, to_sun, f32::INFINITY);
+                let exact = depth_of(&volume, &Ray::endless(p, to_sun));
                 for (square, got) in squares.iter_mut().zip([map.at(p), map.kept(p)]) {
                     let error = exp_neg(got) - exp_neg(exact);
                     assert!(error.abs() < 0.04, "{got} for {exact} at {at}");

@@ -14,10 +14,13 @@ use std::path::Path;
 #[derive(Debug)]
 pub struct OpenTree {
     /// Pages of surfels and of the nodes over them.
+    #[doc(hidden)]
     pub surfels: SurfelStore,
     /// Lvoxels of all volumes.
+    #[doc(hidden)]
     pub media: Media,
     /// Light that they scatter, if it was made beforehand.
+    #[doc(hidden)]
     pub scatter: Option<Scatter<MappedFile>>,
 }
 

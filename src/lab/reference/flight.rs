@@ -10,7 +10,6 @@ use crate::math::Ray;
 use crate::math::dda::{Passage, Steps};
 use crate::scene::Volume;
 use crate::scene::grid::BRICK_CELLS;
-use glam::Vec3;
 
 /// A collision with a medium.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,75 +20,50 @@ pub struct Collision {
     pub volume: usize,
 }
 
-/// The first collision along a unit direction before `t_max`. `first` in [0,1) decides on the first
+/// The first collision along a ray. `first` in [0,1) decides on the first
 /// tentative flight.
 #[must_use]
 pub fn collide(
     volumes: &[Volume],
-    origin: Vec3,
-    direction: Vec3,
-    t_max: f32,
+    ray: &Ray,
     first: f32,
     sampler: &mut Sampler,
 ) -> Option<Collision> {
     let mut found: Option<Collision> = None;
     for (i, volume) in volumes.iter().enumerate() {
-        let limit = found.map_or(t_max, |c| c.t);
+        let limit = found.map_or(ray.t_max, |c| c.t);
         let u = if i == 0 { first } else { sampler.uniform() };
-        track(
-            volume,
-            origin,
-            direction,
-            limit,
-            u,
-            sampler,
-            |t, share, s| {
-                let collides = s.uniform() < share;
-                if collides {
-                    found = Some(Collision { t, volume: i });
-                }
-                !collides
-            },
-        );
+        track(volume, &ray.up_to(limit), u, sampler, |t, share, s| {
+            let collides = s.uniform() < share;
+            if collides {
+                found = Some(Collision { t, volume: i });
+            }
+            !collides
+        });
     }
     found
 }
 
-/// An estimate, without bias, of the share of light that media let through along a unit direction
-/// up to `t_max`.
+/// An estimate, without bias, of the share of light that media let through along a ray.
 #[must_use]
-pub fn transmittance(
-    volumes: &[Volume],
-    origin: Vec3,
-    direction: Vec3,
-    t_max: f32,
-    sampler: &mut Sampler,
-) -> f32 {
+pub fn transmittance(volumes: &[Volume], ray: &Ray, sampler: &mut Sampler) -> f32 {
     /// Below this a walk goes on by chance only, with the next value if it does.
     const LOW: f32 = 0.1;
     const RAISED: f32 = 0.2;
     let mut through = 1.0_f32;
     for volume in volumes {
         let u = sampler.uniform();
-        track(
-            volume,
-            origin,
-            direction,
-            t_max,
-            u,
-            sampler,
-            |_, share, s| {
-                through *= 1.0 - share;
-                if through < LOW {
-                    through = if s.uniform() * RAISED < through {
-                        RAISED
-                    } else {
-                        0.0
-                    };
-                }
-                through > 0.0
-            },
-        );
+        track(volume, ray, u, sampler, |_, share, s| {
+            through *= 1.0 - share;
+            if through < LOW {
+                through = if s.uniform() * RAISED < through {
+                    RAISED
+                } else {
+                    0.0
+                };
+            }
+            through > 0.0
+        });
         if through <= 0.0 {
             break;
         }
@@ -107,9 +81,7 @@ fn depth(u: f32) -> f32 {
 #[inline]
 fn track(
     volume: &Volume,
-    origin: Vec3,
-    direction: Vec3,
-    t_max: f32,
+    ray: &Ray,
     first: f32,
     sampler: &mut Sampler,
     mut visit: impl FnMut(f32, f32, &mut Sampler) -> bool,
@@ -117,7 +89,7 @@ fn track(
     let grid = &volume.sigma_t;
     let map = (&volume.index_from_scene, &volume.index_from_scene_f64);
     let dims = grid.dims().map(|n| n as f32);
-    let Some(passage) = Passage::new(map, dims, &Ray::new(origin, direction, t_max)) else {
+    let Some(passage) = Passage::new(map, dims, ray) else {
         return;
     };
     let Passage { line, start, end } = passage.in_cells();
@@ -165,7 +137,7 @@ mod tests {
     use super::*;
     use crate::math::sampling;
     use crate::scene::{Grid, Volume};
-    use glam::{Affine3A, DAffine3, DQuat, DVec3};
+    use glam::{Affine3A, DAffine3, DQuat, DVec3, Vec3};
 
     fn volume(grid: Grid, scene_from_index: DAffine3) -> Volume {
         let inverse = scene_from_index.inverse();
@@ -229,11 +201,15 @@ mod tests {
                 for k in 0..n {
                     let mut sampler = Sampler::new(i, k);
                     let first = sampler.next4()[0];
-                    match collide(&volumes, o, d, t_max, first, &mut sampler) {
+                    match collide(&volumes, &Ray::new(o, d, t_max), first, &mut sampler) {
                         None => passed += 1,
                         Some(c) => assert!(c.t >= 0.0 && c.t <= t_max),
                     }
-                    through += f64::from(transmittance(&volumes, o, d, t_max, &mut sampler));
+                    through += f64::from(transmittance(
+                        &volumes,
+                        &Ray::new(o, d, t_max),
+                        &mut sampler,
+                    ));
                 }
                 let through = through / f64::from(n);
                 let got = f64::from(passed) / f64::from(n);
@@ -263,7 +239,7 @@ mod tests {
             let mut sampler = Sampler::new(9, k);
             let first = sampler.next4()[0];
             let o = Vec3::new(0.5, 0.5, -1.0);
-            let c = collide(&v, o, Vec3::Z, f32::INFINITY, first, &mut sampler).unwrap();
+            let c = collide(&v, &Ray::endless(o, Vec3::Z), first, &mut sampler).unwrap();
             let t = f64::from(c.t - 1.0);
             sum += t;
             squares += t * t;

@@ -116,7 +116,12 @@ impl<'a> PathTracer<'a> {
             let hit = self.triangles.closest(&Ray::endless(origin, direction));
             let t_max = hit.map_or(f32::INFINITY, |h| h.t);
             let volumes = &self.scene.volumes;
-            let collision = flight::collide(volumes, origin, direction, t_max, flight, sampler);
+            let collision = flight::collide(
+                volumes,
+                &Ray::new(origin, direction, t_max),
+                flight,
+                sampler,
+            );
             let (vertex, albedo) = if let Some(c) = collision {
                 let vertex = Vertex {
                     origin: origin + direction * c.t,
@@ -196,7 +201,7 @@ impl<'a> PathTracer<'a> {
             return Rgb::BLACK;
         }
         let volumes = &self.scene.volumes;
-        way.light * flight::transmittance(volumes, origin, way.direction, end, sampler)
+        way.light * flight::transmittance(volumes, &Ray::new(origin, way.direction, end), sampler)
     }
 
     /// Emission of a surface that the path ran into, weighed against having asked for it.
@@ -227,6 +232,11 @@ impl<'a> PathTracer<'a> {
             return light;
         }
         let t_max = hit.map_or(f32::INFINITY, |h| h.t);
-        light * flight::transmittance(&self.scene.volumes, origin, direction, t_max, sampler)
+        light
+            * flight::transmittance(
+                &self.scene.volumes,
+                &Ray::new(origin, direction, t_max),
+                sampler,
+            )
     }
 }

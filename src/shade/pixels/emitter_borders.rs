@@ -7,7 +7,7 @@
 use crate::Result;
 use crate::image::Region;
 use crate::light::{Lights, Shadows};
-use crate::math::{Rgb, sampling};
+use crate::math::{Ray, Rgb, sampling};
 use crate::run::{Cancel, memory};
 use crate::trace::{short_of, unit_normal};
 use crate::view::View;
@@ -167,7 +167,7 @@ impl EmitterBorders {
                 let t = (corners[0] - origin).dot(normal) / d.dot(normal);
                 let end = short_of(origin + d * t, t);
                 if t.is_finite() {
-                    through += lights.transmittance(origin, d, end);
+                    through += lights.transmittance(&Ray::new(origin, d, end));
                 }
             }
             let material = &scene.materials[scene.mesh.material[triangle as usize] as usize];
