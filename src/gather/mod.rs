@@ -11,6 +11,7 @@
 //! | file | what it does |
 //! | --- | --- |
 //! | `points` | gathers at points from a tree alone, for applications |
+//! | `dispatch` | the choice of compiled code by the kinds of pages and media |
 //! | `medium` | what rays pass between surfaces, as a type that kernels are compiled for |
 //! | `directions` | the sequences of directions of a hemisphere |
 //! | `neighbours` | gathers of points near each other, in an order that keeps memory near |

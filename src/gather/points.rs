@@ -1,8 +1,9 @@
 //! Gathers at points from an open tree alone, whatever store its pages are in.
 
-use super::{Gathered, Gatherer, Medium, NoMedia, SampleRange, Settings};
+use super::dispatch::{TreeTask, with_tree};
+use super::{Gathered, Gatherer, Medium, SampleRange, Settings};
 use crate::Result;
-use crate::tree::{OpenTree, Pages, SurfelStore};
+use crate::tree::{OpenTree, Pages};
 use glam::Vec3;
 
 /// Gathers light at any points from a tree, for which no scene is needed.
@@ -43,37 +44,13 @@ impl<'a> PointGatherer<'a> {
     }
 
     fn gather(&self, receiver: Receiver, seed: u64) -> Result<Gathered> {
-        match &self.tree.surfels {
-            SurfelStore::Resident(pages) => self.gather_from(pages, receiver, seed),
-            SurfelStore::Cached(pages) => self.gather_from(pages, receiver, seed),
-        }
-    }
-
-    fn gather_from(&self, pages: &impl Pages, receiver: Receiver, seed: u64) -> Result<Gathered> {
         let settings = self.settings;
-        let gathered = if self.tree.media.is_empty() {
-            let media = NoMedia;
-            receiver.gather(
-                &Gatherer {
-                    pages,
-                    media,
-                    settings,
-                },
-                seed,
-            )
-        } else {
-            let media = &self.tree.media;
-            receiver.gather(
-                &Gatherer {
-                    pages,
-                    media,
-                    settings,
-                },
-                seed,
-            )
+        let task = PointGather {
+            settings,
+            receiver,
+            seed,
         };
-        pages.check()?;
-        Ok(gathered)
+        with_tree(self.tree, task)
     }
 }
 
@@ -84,12 +61,31 @@ enum Receiver {
     Medium { point: Vec3 },
 }
 
-impl Receiver {
-    fn gather<P: Pages, M: Medium>(self, gatherer: &Gatherer<'_, P, M>, seed: u64) -> Gathered {
-        let range = SampleRange::first(seed);
-        match self {
-            Self::Surface { point, normal } => gatherer.irradiance(point, normal, normal, range),
-            Self::Medium { point } => gatherer.mean_radiance(point, range),
-        }
+/// One gather.
+struct PointGather<'a> {
+    settings: Settings<'a>,
+    receiver: Receiver,
+    seed: u64,
+}
+
+impl TreeTask for PointGather<'_> {
+    type Output = Result<Gathered>;
+
+    fn run<P: Pages, M: Medium>(self, pages: &P, media: M) -> Result<Gathered> {
+        let settings = self.settings;
+        let gatherer = Gatherer {
+            pages,
+            media,
+            settings,
+        };
+        let range = SampleRange::first(self.seed);
+        let gathered = match self.receiver {
+            Receiver::Surface { point, normal } => {
+                gatherer.irradiance(point, normal, normal, range)
+            }
+            Receiver::Medium { point } => gatherer.mean_radiance(point, range),
+        };
+        pages.check()?;
+        Ok(gathered)
     }
 }
