@@ -48,6 +48,8 @@ impl<const NEAR_FIRST: bool> PlainQuery<NEAR_FIRST> {
 impl<const NEAR_FIRST: bool> Query for PlainQuery<NEAR_FIRST> {
     type State = f32;
 
+    const OPENS_LEAVES: bool = true;
+
     fn skips(&self, entry: &f32) -> bool {
         *entry > self.t_end()
     }
@@ -73,16 +75,18 @@ impl<const NEAR_FIRST: bool> Query for PlainQuery<NEAR_FIRST> {
         if NEAR_FIRST {
             met.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         }
-        for &(entry, k) in met.iter() {
-            if node.children.kind[k] == ChildKind::Leaf && entry <= self.t_end() {
-                let block = node.children.child[k];
-                meet_leaf(node.page.leaves(), block, &self.ray, &mut self.nearest);
+        for &(entry, k) in met.iter().rev() {
+            if node.children.kind[k] == ChildKind::Leaf {
+                open.open_leaf(node, k, entry);
+            } else {
+                open.open(node, k, entry);
             }
         }
-        for &(entry, k) in met.iter().rev() {
-            open.open(node, k, entry);
-        }
         ControlFlow::Continue(())
+    }
+
+    fn visit_leaf(&mut self, page: &impl Page, block: u32) {
+        meet_leaf(page.leaves(), block, &self.ray, &mut self.nearest);
     }
 }
 

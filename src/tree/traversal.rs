@@ -12,6 +12,9 @@ pub struct OpenNode<T> {
     state: T,
 }
 
+/// The bit that tells an open leaf from an open node; pages have fewer of either.
+const LEAF: u32 = 1 << 31;
+
 /// The nodes that are still to be visited, the next last. Not by recursion: a tree may be as deep
 /// as its file is long.
 #[derive(Debug)]
@@ -34,6 +37,16 @@ impl<T> OpenNodes<T> {
             ChildKind::Leaf | ChildKind::None => return,
         };
         self.0.push(OpenNode { page, node, state });
+    }
+
+    /// Opens a child of a node that is a leaf, for queries that open leaves.
+    #[inline(always)]
+    pub fn open_leaf(&mut self, node: &Visited<'_, impl Page>, child: usize, state: T) {
+        self.0.push(OpenNode {
+            page: node.page_id,
+            node: LEAF | node.children.child[child],
+            state,
+        });
     }
 
     /// How many nodes are open.
@@ -66,6 +79,9 @@ pub trait Query {
     /// What it knows of an open node, such as the distance at which a ray enters that.
     type State;
 
+    /// Whether it opens leaves, too, so that they are visited in order among nodes.
+    const OPENS_LEAVES: bool = false;
+
     /// Whether an open node need not be visited any more.
     #[inline(always)]
     fn skips(&self, _: &Self::State) -> bool {
@@ -79,6 +95,9 @@ pub trait Query {
         state: &Self::State,
         open: &mut OpenNodes<Self::State>,
     ) -> ControlFlow<()>;
+
+    /// Looks at a leaf that was opened, a block of disks of a page.
+    fn visit_leaf(&mut self, _: &impl Page, _block: u32) {}
 }
 
 /// Leads a query through a tree, from the root on, until it breaks or no node is open. `open` is
@@ -109,7 +128,9 @@ pub fn traverse<P: Pages, Q: Query>(
             page = pages.page(next.page);
             page_id = next.page;
         }
-        if let Some(children) = page.nodes().nodes.get(next.node as usize) {
+        if Q::OPENS_LEAVES && next.node & LEAF != 0 {
+            query.visit_leaf(&page, next.node & !LEAF);
+        } else if let Some(children) = page.nodes().nodes.get(next.node as usize) {
             let node = Visited {
                 page: &page,
                 children,
