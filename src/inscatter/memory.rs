@@ -23,8 +23,9 @@ pub fn check_sweep(
     size::within(what, needed, limit).map_err(|e| {
         e.hint(match visible {
             VisibleMedia::ThroughRegions(_) => {
-                "raise `memory_limit`, shade a part that sees less of the volume: `region` X0 Y0 X1 Y1 \
-                 or `tile` I/N, or do without sweeps: any `max_dist`, such as 1e9"
+                "raise `memory_limit`, shade a part that sees less of the volume: \
+                 `region` X0 Y0 X1 Y1 or `tile` I/N, or do without \
+                 sweeps: any `max_dist`, such as 1e9"
             }
             VisibleMedia::All => "raise `memory_limit`",
         })

@@ -1,5 +1,5 @@
-//! tree + scene → scattered light: what arrives at vertices inside media, for all cameras, so that
-//! no frame and no tile has to find it again.
+//! tree + scene → scattered light: what arrives at vertices inside media, for all cameras, so
+//! that no frame and no tile has to find it again.
 //!
 //! A scene with volumes and the open tree of its cloud enter; a file of scattered light leaves,
 //! which `shade` reads. `settings` says how, `pack` turns the light of vertices into parts of the

@@ -46,8 +46,8 @@ pub fn check(
     let least = smoothed.saturating_add(gathered.max(planes));
     memory::check(format_args!("shading {pixels} pixels"), least).map_err(|e| {
         e.hint(
-            "shade a part: `region` X0 Y0 X1 Y1 or `tile` I/N; or a smaller film: `resolution` WxH. \
-             `memory_limit` holds down what the tree takes beside pixels",
+            "shade a part: `region` X0 Y0 X1 Y1 or `tile` I/N; or a smaller film: \
+             `resolution` WxH. `memory_limit` holds down what the tree takes beside pixels",
         )
     })
 }

@@ -144,8 +144,8 @@ impl<'a, A: CameraMedia> Sampler<'a, A> {
         sample
     }
 
-    /// The unshadowed light of the first corner around a surface, and the mean of all, if all are on
-    /// its piece and see much the same of it.
+    /// The unshadowed light of the first corner around a surface, and the mean of all, if all are
+    /// on its piece and see much the same of it.
     fn known<'e, const N: usize>(
         &self,
         surface: &Surface,
