@@ -1,5 +1,5 @@
-//! What documents name is there: links, the headings that they lead to, and files of this
-//! repository in backticks.
+//! What documents name is there: links, the headings that they lead to, and files and constants of
+//! this repository in backticks.
 
 use std::collections::HashSet;
 use std::fmt::Write;
@@ -34,6 +34,18 @@ fn documents() -> Vec<PathBuf> {
     }
     found.sort();
     found
+}
+
+/// The sources below a folder.
+fn sources(folder: &Path) -> String {
+    let entries = fs::read_dir(folder).unwrap().map(|e| e.unwrap().path());
+    entries
+        .map(|path| match path.extension() {
+            _ if path.is_dir() => sources(&path),
+            Some(extension) if extension == "rs" => fs::read_to_string(&path).unwrap(),
+            _ => String::new(),
+        })
+        .collect()
 }
 
 /// A document without its blocks of code.
@@ -104,4 +116,19 @@ fn files_in_backticks_exist() {
     }
     assert!(faults.is_empty(), "files that are not there:\n{faults}");
     assert!(found > 10, "{found} files named");
+}
+
+#[test]
+fn constants_in_backticks_exist() {
+    let code = sources(&root().join("src"));
+    let mut faults = String::new();
+    let text = fs::read_to_string(root().join("docs/gather.md")).unwrap();
+    for name in prose(&text).split('`').skip(1).step_by(2) {
+        let is_constant =
+            name.len() > 1 && name.chars().all(|c| c.is_ascii_uppercase() || c == '_');
+        if is_constant && !code.contains(&format!("const {name}:")) {
+            let _ = writeln!(faults, "{name}");
+        }
+    }
+    assert!(faults.is_empty(), "constants that are not there:\n{faults}");
 }
