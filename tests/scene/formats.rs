@@ -57,7 +57,8 @@ fn binary_ply_in_both_byte_orders_is_cut_into_fans_and_coloured_by_face() {
             ply.extend([red, 0.0, 1.0].iter().flat_map(|c| order(c.to_le_bytes())));
             ply.push(material);
         }
-        let scene = load(&mesh("a.ply", ""), &[("a.ply", &ply)]).unwrap();
+        let linear = "color_encoding = \"linear\"";
+        let scene = load(&mesh("a.ply", linear), &[("a.ply", &ply)]).unwrap();
         assert_eq!(scene.mesh.triangles, [[0, 1, 2], [0, 2, 3], [0, 1, 2]]);
         assert_eq!(scene.mesh.material, [0, 0, 1]);
         assert_eq!(scene.materials[0].albedo, [0.25, 0.0, 1.0]);
@@ -70,6 +71,103 @@ fn binary_ply_in_both_byte_orders_is_cut_into_fans_and_coloured_by_face() {
         let e = load(&mesh("a.ply", "palette = [[0, 0, 0]]"), &[("a.ply", &ply)]).unwrap_err();
         assert!(e.to_string().contains("beyond the palette of 1"), "{e}");
     }
+}
+
+#[test]
+fn a_colour_is_the_same_in_every_format() {
+    let obj = b"v 0 0 0 0.2 0.6 1\nv 1 0 0 0.2 0.6 1\nv 0 1 0 0.2 0.6 1\nf 1 2 3\n";
+    let ply = |kind: &str, color: &str| {
+        let corners = ["0 0 0", "1 0 0", "0 1 0"].map(|p| format!("{p} {color}\n"));
+        format!(
+            "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+             property {kind} red\nproperty {kind} green\nproperty {kind} blue\nelement face 1\n\
+             property list uchar int vertex_indices\nend_header\n{}3 0 1 2\n",
+            corners.concat()
+        )
+    };
+    let (bytes, doubles) = (ply("uchar", "51 153 255"), ply("double", "0.2 0.6 1"));
+    let files: [(&str, &[u8]); 3] = [
+        ("a.obj", obj),
+        ("b.ply", bytes.as_bytes()),
+        ("d.ply", doubles.as_bytes()),
+    ];
+    for (name, content) in files {
+        let scene = load(&mesh(name, ""), &[(name, content)]).unwrap();
+        assert_eq!(scene.materials[0].albedo, [1.0; 3], "{name}");
+        let [r, g, b] = scene.mesh.colors[0];
+        assert!((r - 0.033_104_8).abs() < 1e-5, "{name}: {r}");
+        assert!(
+            (g - 0.318_546_8).abs() < 1e-5 && b == 1.0,
+            "{name}: {g} {b}"
+        );
+    }
+}
+
+#[test]
+fn textures_that_a_ply_names_are_drawn() {
+    let head = "ply\nformat ascii 1.0\ncomment TextureFile t.png\nelement vertex 3\nproperty float x\n\
+                property float y\nproperty float z\n";
+    let of_vertices = format!(
+        "{head}property float texture_u\nproperty float texture_v\nelement face 1\n\
+         property list uchar int vertex_indices\nend_header\n0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n"
+    );
+    let of_corners = format!(
+        "{head}element face 2\nproperty list uchar int vertex_indices\nproperty list uchar float texcoord\n\
+         property int texnumber\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2 6 0 0 1 0 0 1 0\n\
+         3 2 1 0 6 0.5 0 1 0 0 0 0\n"
+    );
+    for ply in [of_vertices, of_corners] {
+        let files: [(&str, &[u8]); 2] = [("a.ply", ply.as_bytes()), ("t.png", &png())];
+        let scene = load(&mesh("a.ply", ""), &files).unwrap();
+        assert_eq!(scene.materials[0].texture, Some(0));
+        assert_eq!(scene.materials[0].albedo, [1.0; 3]);
+        assert_eq!(scene.mesh.uvs[2], Vec2::new(0.0, 0.0));
+        let told = scene.warnings.iter().any(|w| w.contains("texture"));
+        assert!(!told, "{:?}", scene.warnings);
+        // A vertex with other coordinates in another face is split.
+        if scene.mesh.triangles.len() == 2 {
+            assert_eq!(scene.mesh.triangles[1], [3, 1, 0]);
+            assert_eq!(scene.mesh.uvs[3], Vec2::new(0.5, 1.0));
+        }
+    }
+}
+
+#[test]
+fn what_a_texture_is_lacking_is_no_reason_to_draw_nothing() {
+    let obj = b"mtllib x.mtl b c.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nusemtl a\nf 1/1 2/2 3/1\n";
+    let mtl = b"newmtl a\nKd 0.25 0.5 1\nmap_Kd no.png\n";
+    let files: [(&str, &[u8]); 2] = [("a.obj", obj), ("b c.mtl", mtl)];
+    let scene = load(&mesh("a.obj", ""), &files).unwrap();
+    assert_eq!(scene.materials[0].albedo, [0.25, 0.5, 1.0]);
+    assert_eq!(scene.materials[0].texture, None);
+    let told = |what: &str| scene.warnings.iter().any(|w| w.contains(what));
+    assert!(
+        told("x.mtl is not there") && told("`no.png`"),
+        "{:?}",
+        scene.warnings
+    );
+
+    let mtl = b"newmtl a\nmap_Kd -s 2 1 -o 0.5 0 T.PNG\n";
+    let files: [(&str, &[u8]); 3] = [("a.obj", obj), ("b c.mtl", mtl), ("t.png", &png())];
+    let scene = load(&mesh("a.obj", ""), &files).unwrap();
+    assert_eq!(scene.materials[0].texture, Some(0));
+    assert_eq!(scene.mesh.uvs[1], Vec2::new(2.5, 1.0));
+}
+
+#[test]
+fn an_empty_part_is_left_out_and_an_empty_scene_refused() {
+    let part = mesh("a.obj", "");
+    let cube = "[[mesh]]\nfile = \"builtin:cube\"\n";
+    let files: [(&str, &[u8]); 1] = [("a.obj", b"v 0 0 0\n")];
+    let scene = load(&format!("{cube}{part}"), &files).unwrap();
+    assert_eq!(scene.mesh.triangles.len(), 12);
+    assert!(
+        scene
+            .warnings
+            .iter()
+            .any(|w| w.contains("no faces were found"))
+    );
+    assert!(load(&part, &files).is_err());
 }
 
 fn png() -> Vec<u8> {

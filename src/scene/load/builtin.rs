@@ -40,6 +40,7 @@ pub(super) fn mesh(name: &str) -> Result<MeshInput> {
 pub(super) fn volume(name: &str) -> Result<Field> {
     match name {
         "plume" => Ok(Field {
+            name: None,
             dims: PLUME_DIMS,
             first: [0; 3],
             padding: 0,

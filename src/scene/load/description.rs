@@ -1,16 +1,17 @@
 //! The scene file: from TOML tables to a [`SceneBuilder`]. `docs/scene.md` describes the schema.
 
+use super::colors::ColorEncoding;
 use super::field::{Field, Number, Scale};
 use super::files::{Files, beside, extension};
 use super::table::{Document, Table};
 use super::{builtin, gltf, normals, nrrd, obj, ply, raw, texture, transform, vdb};
+use crate::Result;
 use crate::run::Cancel;
 use crate::scene::builder::{
     CameraInput, DEFAULT_FILM, LightInput, MAX_EMISSION, MeshInput, SceneBuilder, VolumeInput,
     is_singular,
 };
 use crate::scene::{Film, Light};
-use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 use std::path::{Path, PathBuf};
 
@@ -23,7 +24,7 @@ const CAMERA: [&str; 6] = [
     "camera_to_world",
     "fov_x_deg",
 ];
-const MESH: [&str; 13] = [
+const MESH: [&str; 14] = [
     "file",
     "name",
     "transform",
@@ -33,6 +34,7 @@ const MESH: [&str; 13] = [
     "albedo",
     "texture",
     "palette",
+    "color_encoding",
     "emission",
     "emits_both_sides",
     "normals",
@@ -116,7 +118,7 @@ pub(super) fn read(text: &str, path: &Path, files: &mut Files) -> Result<SceneBu
         builder.meshes.push(mesh);
     }
     for table in volumes {
-        builder.volumes.push(volume(&table, path, files)?);
+        builder.volumes.extend(self::volumes(&table, path, files)?);
     }
     Ok(builder)
 }
@@ -269,6 +271,8 @@ fn mesh(
 struct FileKeys {
     /// Albedo of each `material_index` of a PLY.
     palette: Option<Vec<[f32; 3]>>,
+    /// How colours of an OBJ or PLY are encoded.
+    encoding: ColorEncoding,
     /// What to take from a glTF beside its meshes.
     imports: Vec<usize>,
 }
@@ -281,8 +285,18 @@ fn file_keys(table: &Table<'_>, kind: &str) -> Result<FileKeys> {
         Some(item) => Some(item.colors(1.0)?),
         None => None,
     };
-    let imports = imports(table, kind)?;
-    Ok(FileKeys { palette, imports })
+    let encoding = match table.get("color_encoding") {
+        Some(item) if !["obj", "ply"].contains(&kind) => {
+            return Err(item.error("only .obj and .ply files have this key"));
+        }
+        Some(item) => ColorEncoding::ALL[item.choice(&ColorEncoding::NAMES)?],
+        None => ColorEncoding::default(),
+    };
+    Ok(FileKeys {
+        palette,
+        encoding,
+        imports: imports(table, kind)?,
+    })
 }
 
 /// Reads the file of a mesh; cameras and lights of a glTF go to the builder if the scene file wants
@@ -305,15 +319,24 @@ fn mesh_file(
     }
     let content = files.read("mesh", path).map_err(|e| table.locate(e))?;
     let mesh = match kind.as_str() {
-        "ply" => ply::read(&content, keys.palette.as_deref(), &files.cancel),
-        "obj" => obj::read(&content, path, files),
+        "ply" => {
+            let coloring = ply::Coloring {
+                palette: keys.palette.as_deref(),
+                encoding: keys.encoding,
+            };
+            ply::read(&content, path, &coloring, files)
+        }
+        "obj" => obj::read(&content, path, keys.encoding, files),
         _ => gltf::read(&content, path, files)
             .and_then(|import| take(import, &keys.imports, world_from_mesh, builder)),
     };
     let mesh = mesh.map_err(|e| e.at(path.display()))?;
     // A glTF file may hold nothing but cameras, lights or a volume.
     if mesh.triangles.is_empty() && ["obj", "ply"].contains(&kind.as_str()) {
-        return Err(Error::input("no faces were found").at(path.display()));
+        files.warn(format!(
+            "{}: no faces were found; it is left out",
+            path.display()
+        ));
     }
     Ok(mesh)
 }
@@ -334,7 +357,7 @@ fn surface(table: &Table<'_>, scene: &Path, mesh: &mut MeshInput, files: &mut Fi
         }
         let path = beside(scene, item.text()?);
         let content = files.read("texture", &path).map_err(|e| table.locate(e))?;
-        let image = texture::decode(&content).map_err(|e| e.at(path.display()))?;
+        let image = texture::decode(&content, &path).map_err(|e| e.at(path.display()))?;
         mesh.textures = vec![image];
         for material in &mut mesh.materials {
             material.texture = Some(0);
@@ -423,7 +446,8 @@ fn shading_normals(table: &Table<'_>, mesh: &mut MeshInput, cancel: &Cancel) -> 
     Ok(())
 }
 
-fn volume(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<VolumeInput> {
+/// The volumes of a table: a file may have several grids of the name, or none with anything in it.
+fn volumes(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<Vec<VolumeInput>> {
     let (name, path) = named(table, scene)?;
     table.exclusive(&["window", "value_scale"])?;
     table.exclusive(&["unitcube_to_world", "world_from_index"])?;
@@ -449,9 +473,48 @@ fn volume(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<VolumeIn
         window,
     };
     let albedo = table.require("albedo")?.color(1.0)?;
-    let field = field(table, name, &path, files)?;
+    let fields = fields(table, name, &path, files)?;
+    if fields.is_empty() {
+        let path = path.display();
+        files.warn(format!(
+            "{path}: no voxel is active; the volume is left out"
+        ));
+    }
+    let of_one = ["unitcube_to_world", "world_from_index"];
+    if fields.len() > 1
+        && let Some(item) = of_one.iter().find_map(|key| table.get(key))
+    {
+        let names: Vec<&str> = fields.iter().filter_map(|f| f.name.as_deref()).collect();
+        return Err(item
+            .error(format_args!(
+                "the file has several such grids: {}",
+                names.join(", ")
+            ))
+            .hint("choose one with `grid`, or leave their places to the file"));
+    }
+    let plain = match table.get("name") {
+        Some(item) => item.text()?.into(),
+        None => path.file_stem().unwrap_or_default().to_string_lossy(),
+    };
+    let volume = |(i, field): (usize, Field)| {
+        let world_from_grid = placement(table, &field)?;
+        let sigma_t = field.into_grid(scale, &path, files);
+        Ok(VolumeInput {
+            name: match i {
+                0 => plain.to_string(),
+                _ => format!("{plain} {}", i + 1),
+            },
+            sigma_t: sigma_t.map_err(|e| e.at(path.display()))?,
+            albedo,
+            world_from_grid,
+        })
+    };
+    fields.into_iter().enumerate().map(volume).collect()
+}
 
-    let world_from_grid = if let Some(item) = table.get("unitcube_to_world") {
+/// The map from the space of the grid to the world, by the table or else by the file.
+fn placement(table: &Table<'_>, field: &Field) -> Result<DAffine3> {
+    let placed = if let Some(item) = table.get("unitcube_to_world") {
         item.affine()? * field.unitcube_from_grid()
     } else if let Some(item) = table.get("world_from_index") {
         item.affine()? * field.file_from_grid()
@@ -462,28 +525,15 @@ fn volume(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<VolumeIn
             .error("the file does not say where the volume is")
             .hint("give `unitcube_to_world` or `world_from_index`"));
     };
-    let world_from_grid: DAffine3 = transform::from_keys(table)? * world_from_grid;
-    if is_singular(&world_from_grid) {
-        return Err(table.error("the placement of the volume is singular: it flattens space"));
+    let world_from_grid: DAffine3 = transform::from_keys(table)? * placed;
+    match is_singular(&world_from_grid) {
+        false => Ok(world_from_grid),
+        true => Err(table.error("the placement of the volume is singular: it flattens space")),
     }
-    Ok(VolumeInput {
-        name: match table.get("name") {
-            Some(item) => item.text()?.into(),
-            None => path
-                .file_stem()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .into(),
-        },
-        sigma_t: field
-            .into_grid(scale, &files.cancel)
-            .map_err(|e| e.at(path.display()))?,
-        albedo,
-        world_from_grid,
-    })
 }
 
-fn field(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Result<Field> {
+/// The samples of the grids of a volume file; none if it has no active voxel.
+fn fields(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Result<Vec<Field>> {
     let kind = extension(path);
     let keys: [(&str, &[&str]); 2] = [("raw", &["dims", "dtype", "endian"]), ("vdb", &["grid"])];
     for (extension, keys) in keys {
@@ -496,7 +546,8 @@ fn field(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Resul
         }
     }
     if let Some(shape) = name.strip_prefix("builtin:") {
-        return builtin::volume(shape).map_err(|e| table.locate(e));
+        let one = |field| vec![field];
+        return builtin::volume(shape).map(one).map_err(|e| table.locate(e));
     }
     // The layout is checked before the file is read.
     let layout = match kind.as_str() {
@@ -520,12 +571,13 @@ fn field(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Resul
     };
     let grid = table.get("grid").map(|i| i.text()).transpose()?;
     let content = files.read("volume", path).map_err(|e| table.locate(e))?;
-    let field = match layout {
-        Some((dims, number, big_endian)) => raw::read(content, dims, number, big_endian),
-        None if kind == "vdb" => vdb::read(&content, grid, files),
-        None => nrrd::read(content, path, files),
+    let one = |field| vec![field];
+    let fields = match layout {
+        Some((dims, number, big_endian)) => raw::read(content, dims, number, big_endian).map(one),
+        None if kind == "vdb" => vdb::read(&content, path, grid, files),
+        None => nrrd::read(content, path, files).map(one),
     };
-    field.map_err(|e| e.at(path.display()))
+    fields.map_err(|e| e.at(path.display()))
 }
 
 #[cfg(test)]

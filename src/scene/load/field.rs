@@ -3,13 +3,14 @@
 //! The file's index space has the sample of voxel (i,j,k) at (i,j,k), as NRRD and OpenVDB have it.
 //! A grid of ours has its voxel (i,j,k) from (i,j,k) to (i+1,j+1,k+1).
 
+use super::files::Files;
 use crate::math::unflatten;
-use crate::run::{Cancel, memory, size};
+use crate::run::{memory, size};
 use crate::scene::grid::{Grid, Layout};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::path::Path;
 
 /// Bytes of a grid that a file of any length may ask for.
 const ALLOWANCE: u64 = 2 << 30;
@@ -19,6 +20,8 @@ const MOST_GROWTH: u64 = 64;
 
 /// Samples on a box of voxels.
 pub(super) struct Field {
+    /// Name in a file of several.
+    pub(super) name: Option<String>,
     /// Voxels per axis, padding included; none is zero.
     pub(super) dims: [usize; 3],
     /// Index in the file of the first voxel.
@@ -186,10 +189,11 @@ impl Field {
 
     /// The grid of extinction. More than the file makes likely, or than the machine has memory for,
     /// is an error before it is allocated. Values that are not finite, or negative without a
-    /// window, are errors, and so is a stop on request.
-    pub(super) fn into_grid(self, scale: Scale, cancel: &Cancel) -> Result<Grid> {
-        let sigma_t = |voxel| scale.apply(self.value(voxel));
-        let go_on = || cancel.check();
+    /// window, are errors, and so is a stop on request; a few that are hardly below zero are taken
+    /// as zero with a warning.
+    pub(super) fn into_grid(self, scale: Scale, path: &Path, files: &mut Files) -> Result<Grid> {
+        let sigma_t = |voxel| scale.apply(self.value(voxel)).max(0.0);
+        let go_on = || files.cancel.check();
         let layout = Layout::of(self.dims, sigma_t, go_on)?;
         if layout.bytes() > self.allowance() {
             let [x, y, z] = self.dims;
@@ -201,41 +205,121 @@ impl Field {
             .hint("crop or coarsen the grid, or prune tiles that need not be active"));
         }
         memory::check("the grid of a volume", layout.bytes())?;
-        // Row by row, so that the message can name the first bad voxel whatever the order of the
-        // threads.
+        let survey = self.survey(scale, &go_on)?;
+        if let Some(bad) = survey.first_bad(self.dims.iter().product()) {
+            return Err(self.bad_voxel(bad));
+        }
+        let grid = layout.fill(sigma_t, go_on)?;
+        if survey.negative > 0 {
+            files.warn(format!(
+                "{}: {} voxels below 0 are taken as 0, the lowest is {}",
+                path.display(),
+                survey.negative,
+                survey.lowest
+            ));
+        }
+        Ok(grid)
+    }
+
+    /// Looks at all values, row by row, so that a message can name the first bad voxel whatever the
+    /// order of the threads.
+    fn survey(&self, scale: Scale, go_on: &(impl Fn() -> Result<()> + Sync)) -> Result<Survey> {
         let rows = self.dims[1] * self.dims[2];
-        let bad = AtomicUsize::new(usize::MAX);
-        (0..rows).into_par_iter().try_for_each(|row| {
+        let rows = (0..rows).into_par_iter().map(|row| {
             go_on()?;
             let [j, k] = [row % self.dims[1], row / self.dims[1]];
-            let wrong = |i: &usize| {
-                let value = self.value([*i, j, k]);
+            let mut survey = Survey::default();
+            for i in 0..self.dims[0] {
+                let value = self.value([i, j, k]);
                 let sigma_t = scale.apply(value);
-                !(value.is_finite() && sigma_t.is_finite() && sigma_t >= 0.0)
-            };
-            if let Some(i) = (0..self.dims[0]).find(wrong) {
-                bad.fetch_min(row * self.dims[0] + i, Ordering::Relaxed);
+                survey.add(row * self.dims[0] + i, value, sigma_t);
             }
-            Ok::<_, Error>(())
-        })?;
-        let bad = bad.into_inner();
-        if bad != usize::MAX {
-            let voxel = unflatten(bad, self.dims);
-            let value = self.value(voxel);
-            let index: [i64; 3] = std::array::from_fn(|a| self.first[a] + voxel[a] as i64);
-            let error = |what: &str| Error::input(format!("voxel {index:?}: {what}: {value}"));
-            return Err(if self.is_beyond_f32(voxel) {
-                error("the value leaves the range of f32")
-            } else if !value.is_finite() {
-                error("the value is not finite")
-            } else if value < 0.0 {
-                error("the density is negative")
-                    .hint("give the values that mean 0 and 1 as `window = [low, high]`")
-            } else {
-                error("the extinction leaves the range of f32")
-            });
+            Ok(survey)
+        });
+        rows.try_reduce(Survey::default, |a, b| Ok(a.and(b)))
+    }
+
+    fn bad_voxel(&self, bad: usize) -> Error {
+        let voxel = unflatten(bad, self.dims);
+        let value = self.value(voxel);
+        let index: [i64; 3] = std::array::from_fn(|a| self.first[a] + voxel[a] as i64);
+        let error = |what: &str| Error::input(format!("voxel {index:?}: {what}: {value}"));
+        if self.is_beyond_f32(voxel) {
+            error("the value leaves the range of f32")
+        } else if !value.is_finite() {
+            error("the value is not finite")
+        } else if value < 0.0 {
+            error("the density is negative")
+                .hint("give the values that mean 0 and 1 as `window = [low, high]`")
+        } else {
+            error("the extinction leaves the range of f32")
         }
-        layout.fill(sigma_t, go_on)
+    }
+}
+
+/// What there is among the values of a field.
+#[derive(Clone, Copy)]
+struct Survey {
+    /// The first voxel whose value is of no use.
+    first_useless: usize,
+    /// The first voxel whose extinction is negative, and the number of such voxels.
+    first_negative: usize,
+    negative: usize,
+    lowest: f32,
+    highest: f32,
+}
+
+impl Default for Survey {
+    fn default() -> Self {
+        Self {
+            first_useless: usize::MAX,
+            first_negative: usize::MAX,
+            negative: 0,
+            lowest: 0.0,
+            highest: 0.0,
+        }
+    }
+}
+
+impl Survey {
+    fn add(&mut self, voxel: usize, value: f32, sigma_t: f32) {
+        if !value.is_finite() || !sigma_t.is_finite() {
+            self.first_useless = self.first_useless.min(voxel);
+            return;
+        }
+        self.highest = self.highest.max(value);
+        if sigma_t < 0.0 {
+            self.first_negative = self.first_negative.min(voxel);
+            self.negative += 1;
+            self.lowest = self.lowest.min(value);
+        }
+    }
+
+    fn and(self, other: Self) -> Self {
+        Self {
+            first_useless: self.first_useless.min(other.first_useless),
+            first_negative: self.first_negative.min(other.first_negative),
+            negative: self.negative + other.negative,
+            lowest: self.lowest.min(other.lowest),
+            highest: self.highest.max(other.highest),
+        }
+    }
+
+    /// The first voxel of so many that is an error, if there is one.
+    fn first_bad(&self, voxels: usize) -> Option<usize> {
+        /// Shares of the voxels, and of the highest value, up to which what is negative is taken
+        /// for noise of a filter.
+        const FEW: f64 = 0.01;
+        const SLIGHT: f32 = 0.01;
+        let is_noise =
+            self.negative as f64 <= FEW * voxels as f64 && -self.lowest <= SLIGHT * self.highest;
+        let negative = if is_noise {
+            usize::MAX
+        } else {
+            self.first_negative
+        };
+        let first = self.first_useless.min(negative);
+        (first != usize::MAX).then_some(first)
     }
 }
 
@@ -245,6 +329,7 @@ mod tests {
 
     fn field(values: &[f32], dims: [usize; 3]) -> Field {
         Field {
+            name: None,
             dims,
             first: [0; 3],
             padding: 0,
@@ -265,7 +350,7 @@ mod tests {
     #[test]
     fn values_are_scaled_and_windowed() {
         let grid = field(&[0.0, 1.0, 2.0, 3.0], [2, 2, 1])
-            .into_grid(PLAIN, &Cancel::default())
+            .into_grid(PLAIN, Path::new("a"), &mut Files::default())
             .unwrap();
         assert_eq!(grid.sample(glam::Vec3::new(1.5, 1.5, 0.5)), 6.0);
         let window = Scale {
@@ -279,11 +364,14 @@ mod tests {
 
     #[test]
     fn the_first_bad_voxel_is_named() {
-        let message =
-            |values: &[f32]| match field(values, [2, 2, 1]).into_grid(PLAIN, &Cancel::default()) {
-                Err(e) => e.to_string(),
-                Ok(_) => "none".into(),
-            };
+        let message = |values: &[f32]| match field(values, [2, 2, 1]).into_grid(
+            PLAIN,
+            Path::new("a"),
+            &mut Files::default(),
+        ) {
+            Err(e) => e.to_string(),
+            Ok(_) => "none".into(),
+        };
         assert_eq!(
             message(&[0.0, 1.0, -2.0, f32::NAN]),
             "voxel [0, 1, 0]: the density is negative: -2"
@@ -292,6 +380,30 @@ mod tests {
             message(&[0.0, f32::NAN, -2.0, 0.0]).contains("[1, 0, 0]: the value is not finite")
         );
         assert!(message(&[f32::MAX; 4]).contains("range of f32"));
+    }
+
+    #[test]
+    fn a_little_noise_below_zero_is_cut_off_and_told() {
+        let mut values = vec![1.0; 1000];
+        values[7] = -1e-6;
+        values[9] = -2e-6;
+        let mut files = Files::default();
+        let grid = field(&values, [10, 10, 10]).into_grid(PLAIN, Path::new("a.raw"), &mut files);
+        assert_eq!(grid.unwrap().sample(glam::Vec3::new(7.5, 0.5, 0.5)), 0.0);
+        assert_eq!(
+            files.warnings,
+            ["a.raw: 2 voxels below 0 are taken as 0, the lowest is -0.000002"]
+        );
+        values[8] = -0.5;
+        let error = field(&values, [10, 10, 10]).into_grid(PLAIN, Path::new("a"), &mut files);
+        assert!(
+            error
+                .unwrap_err()
+                .to_string()
+                .contains("negative: -0.000001")
+        );
+        let many = field(&vec![-1e-6; 1000], [10, 10, 10]);
+        assert!(many.into_grid(PLAIN, Path::new("a"), &mut files).is_err());
     }
 
     #[test]
@@ -306,7 +418,7 @@ mod tests {
                 array.bytes = value.to_be_bytes().to_vec();
                 array.number = Number::F64;
             }
-            let Err(error) = field.into_grid(PLAIN, &Cancel::default()) else {
+            let Err(error) = field.into_grid(PLAIN, Path::new("a"), &mut Files::default()) else {
                 panic!("{value}");
             };
             assert!(error.to_string().contains(part), "{error}");
@@ -317,6 +429,7 @@ mod tests {
     fn a_small_file_cannot_ask_for_all_memory() {
         let full = |dims: [usize; 3], file_bytes| {
             let field = Field {
+                name: None,
                 dims,
                 first: [0; 3],
                 padding: 0,
@@ -326,7 +439,7 @@ mod tests {
                     file_bytes,
                 },
             };
-            field.into_grid(PLAIN, &Cancel::default())
+            field.into_grid(PLAIN, Path::new("a"), &mut Files::default())
         };
         let error = full([2000, 1000, 1000], 30_000).unwrap_err();
         assert_eq!(error.kind(), crate::Kind::Input);

@@ -101,6 +101,83 @@ pub(super) fn beside(by: &Path, name: &str) -> PathBuf {
     by.parent().unwrap_or(Path::new("")).join(name)
 }
 
+/// The file that `name`, as written in the file `by`, is meant to be, as far as can be told. Names
+/// come with quotes, with a comment behind them, in the wrong letter case, and with folders of
+/// another machine; then the file of that name beside `by` is taken.
+pub(super) fn find(by: &Path, name: &str) -> Option<PathBuf> {
+    let quotes = ['"', '\''];
+    let uncommented = name.find(" #").map_or(name, |at| &name[..at]);
+    let names = [name, uncommented].map(|n| n.trim().trim_matches(quotes).trim());
+    let is_there = |path: PathBuf| path.is_file().then_some(path);
+    let whole = is_there(beside(by, name.trim()));
+    let whole = whole.or_else(|| names.iter().find_map(|n| is_there(beside(by, n))));
+    whole.or_else(|| {
+        names.iter().find_map(|name| {
+            let last = name.rsplit(['/', '\\']).next().unwrap_or(name);
+            let paths = [*name, last].map(|n| beside(by, n));
+            let last_is_there = is_there(paths[1].clone());
+            let any_case = || paths.iter().find_map(|p| is_there(in_any_case(p)?));
+            last_is_there.or_else(any_case)
+        })
+    })
+}
+
+/// The path of a file whose name differs at most in letter case.
+fn in_any_case(path: &Path) -> Option<PathBuf> {
+    let wanted = path.file_name()?.to_str()?.to_lowercase();
+    let folder = match path.parent()? {
+        folder if folder.as_os_str().is_empty() => Path::new("."),
+        folder => folder,
+    };
+    let folder = match folder.is_dir() {
+        true => folder.to_path_buf(),
+        false => folder_in_any_case(folder)?,
+    };
+    entry(&folder, &wanted)
+}
+
+fn folder_in_any_case(folder: &Path) -> Option<PathBuf> {
+    let parent = folder.parent()?;
+    let parent = match parent.as_os_str().is_empty() || parent.is_dir() {
+        true => parent.to_path_buf(),
+        false => folder_in_any_case(parent)?,
+    };
+    entry(&parent, &folder.file_name()?.to_str()?.to_lowercase())
+}
+
+/// The first entry of a folder whose name in lower case is this.
+fn entry(folder: &Path, wanted: &str) -> Option<PathBuf> {
+    let folder = match folder.as_os_str().is_empty() {
+        true => Path::new("."),
+        false => folder,
+    };
+    let names = fs::read_dir(folder)
+        .ok()?
+        .filter_map(|e| Some(e.ok()?.file_name()));
+    let is_wanted = |n: &std::ffi::OsString| n.to_str().is_some_and(|n| n.to_lowercase() == wanted);
+    // Sorted, so that the choice does not depend on the file system.
+    let name = names.filter(is_wanted).min()?;
+    Some(folder.join(name))
+}
+
+/// The content of a text file without the byte order mark of UTF-8.
+///
+/// # Errors
+/// UTF-16 or UTF-32, with a mark or without.
+pub(super) fn text_start(content: &[u8]) -> Result<&[u8]> {
+    let name = match content {
+        [0xff, 0xfe, 0, 0, ..] | [0, 0, 0xfe, 0xff, ..] => "UTF-32",
+        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => "UTF-16",
+        // Two characters of ASCII.
+        [0, 1..=0x7f, 0, 1..=0x7f, ..] | [1..=0x7f, 0, 1..=0x7f, 0, ..] => "UTF-16",
+        _ => return Ok(content.strip_prefix(b"\xef\xbb\xbf").unwrap_or(content)),
+    };
+    Err(
+        Error::input(format!("expected text in UTF-8, found {name}"))
+            .hint("save the file as UTF-8, or as ASCII"),
+    )
+}
+
 /// The extension in lower case, or an empty string.
 pub(super) fn extension(path: &Path) -> String {
     let extension = path.extension().unwrap_or_default();
@@ -119,6 +196,46 @@ mod tests {
         assert_eq!(e.to_string(), "mesh file a/../b.ply is not there");
         let hint = e.hint_text().unwrap();
         assert!(hint.ends_with("b.ply") && hint.contains("looked for /"));
+    }
+
+    #[test]
+    fn files_are_found_by_what_is_meant() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::create_dir(dir.path().join("Maps")).unwrap();
+        for name in ["Case.PNG", "q.png", "Maps/a b.png"] {
+            fs::write(dir.path().join(name), "").unwrap();
+        }
+        let by = dir.path().join("a.mtl");
+        for (name, found) in [
+            ("q.png", "q.png"),
+            ("\"q.png\"", "q.png"),
+            ("q.png  # the wall", "q.png"),
+            ("case.png", "Case.PNG"),
+            ("maps/A B.png", "Maps/a b.png"),
+            ("C:\\tex\\q.png", "q.png"),
+            ("/home/me/Q.PNG", "q.png"),
+        ] {
+            let path = find(&by, name);
+            assert_eq!(path, Some(dir.path().join(found)), "{name}");
+        }
+        assert_eq!(find(&by, "x.png"), None);
+        assert_eq!(find(&by, "Maps"), None);
+        assert_eq!(find(&by, ""), None);
+    }
+
+    #[test]
+    fn text_starts_behind_its_mark() {
+        assert_eq!(text_start(b"\xef\xbb\xbfv 0").unwrap(), b"v 0");
+        assert_eq!(text_start(b"v").unwrap(), b"v");
+        for (content, name) in [
+            (&b"\xff\xfev\0 \0"[..], "UTF-16"),
+            (b"\xfe\xff\0v", "UTF-16"),
+            (b"v\0 \x000\0", "UTF-16"),
+            (b"\xff\xfe\0\0v\0\0\0", "UTF-32"),
+        ] {
+            let message = text_start(content).unwrap_err().to_string();
+            assert!(message.ends_with(&format!("found {name}")), "{message}");
+        }
     }
 
     #[test]

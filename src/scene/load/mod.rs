@@ -8,21 +8,23 @@
 // - `obj` with `mtl`, `ply`, `gltf`, `builtin`: meshes, each as a `MeshInput`
 // - `vdb`, `nrrd`, `raw`, `builtin`: volumes, each as a `field::Field`, which becomes a grid
 // - `polygon`: cuts the faces of OBJ and PLY; `texture`: images; `normals`: shading normals at a crease angle
-// - `files`: reads and hashes files and collects warnings; `surfaces`: what materials ask for in vain
+// - `files`: reads and hashes files and collects warnings; `left_out`: what to tell of them
 
 mod builtin;
+mod colors;
 mod description;
 mod field;
 mod files;
 mod gltf;
+mod left_out;
 mod mtl;
 mod normals;
 mod nrrd;
+mod numbers;
 mod obj;
 mod ply;
 mod polygon;
 mod raw;
-mod surfaces;
 mod table;
 mod texture;
 mod transform;
@@ -61,10 +63,11 @@ impl Scene {
         let builder = match files::extension(path).as_str() {
             "toml" => {
                 let text = files.read("scene", path)?;
-                let text = String::from_utf8(text).map_err(|e| {
+                let text = files::text_start(&text).map_err(|e| e.at(path.display()))?;
+                let text = std::str::from_utf8(text).map_err(|e| {
                     Error::input(format!("{}: not UTF-8 text: {e}", path.display()))
                 })?;
-                description::read(&text, path, &mut files)?
+                description::read(text, path, &mut files)?
             }
             "gltf" | "glb" => {
                 let content = files.read("scene", path)?;
@@ -109,6 +112,7 @@ fn finish(builder: SceneBuilder, files: Files) -> Result<Scene> {
 mod tests {
     use super::*;
     use crate::Kind;
+    use colors::ColorEncoding;
     use field::Scale;
     use std::io::Write;
 
@@ -136,8 +140,15 @@ mod tests {
 
     #[test]
     fn each_reader_stops_on_request() {
-        let part =
-            |cancel: &Cancel| obj::read(OBJ.as_bytes(), Path::new("x"), &mut Files::until(cancel));
+        let path = Path::new("x");
+        let coloring = ply::Coloring {
+            palette: None,
+            encoding: ColorEncoding::Srgb,
+        };
+        let mesh = |cancel: &Cancel| {
+            let encoding = ColorEncoding::Srgb;
+            obj::read(OBJ.as_bytes(), path, encoding, &mut Files::until(cancel))
+        };
         let field = |cancel: &Cancel| nrrd::read(nrrd(), Path::new("x"), &mut Files::until(cancel));
         let going = Cancel::default();
         let read: [(&str, &Read); 7] = [
@@ -146,8 +157,10 @@ mod tests {
                     .read("mesh", Path::new("Cargo.toml"))
                     .map(drop)
             }),
-            ("obj", &|c| part(c).map(drop)),
-            ("ply", &|c| ply::read(PLY.as_bytes(), None, c).map(drop)),
+            ("obj", &|c| mesh(c).map(drop)),
+            ("ply", &|c| {
+                ply::read(PLY.as_bytes(), path, &coloring, &mut Files::until(c)).map(drop)
+            }),
             ("gltf", &|c| {
                 gltf::read(GLTF.as_bytes(), Path::new("x"), &mut Files::until(c)).map(drop)
             }),
@@ -157,9 +170,11 @@ mod tests {
                     sigma_t: 1.0,
                     window: None,
                 };
-                field(&going)?.into_grid(scale, c).map(drop)
+                field(&going)?
+                    .into_grid(scale, path, &mut Files::until(c))
+                    .map(drop)
             }),
-            ("creases", &|c| normals::crease(&mut part(&going)?, 0.5, c)),
+            ("creases", &|c| normals::crease(&mut mesh(&going)?, 0.5, c)),
         ];
         let stopped = Cancel::default();
         stopped.request();

@@ -1,159 +1,343 @@
-//! Wavefront MTL: `Kd`, `map_Kd` and `Ke`, all linear but for the texture. What else changes looks
-//! and is left out, `d`, `map_d` and `map_Ke`, is warned of, and in one line what is not diffuse:
-//! `illum` 3 to 10, `Ks` above what exporters write for plain surfaces, `map_Ks`, `refl`, `Pm`,
-//! `Pc`, `Ps` and their maps, and bumps. `Ns`, `Ni`, `Tf` and `Pr` say nothing by themselves.
+//! Wavefront MTL: `Kd`, `map_Kd` with its options, and `Ke`, all linear but for textures. Keywords
+//! may be in any letter case.
+//!
+//! What else changes looks and is left out, `d`, `map_d` and `map_Ke`, is warned of, and in one line
+//! what is not diffuse: `illum` 3 to 10, `Ks` above what exporters write for plain surfaces,
+//! `map_Ks`, `refl`, `Pm`, `Pc`, `Ps` and their maps, and bumps. `Ns`, `Ni`, `Tf` and `Pr` say
+//! nothing by themselves.
 
-use super::files::{Files, beside};
-use super::surfaces::{LeftOut, Look};
-use super::texture;
-use crate::scene::builder::DEFAULT_ALBEDO;
-use crate::scene::{Material, Texture};
+use super::colors::ColorEncoding;
+use super::files::{Files, text_start};
+use super::left_out::{LeftOut, SurfaceFeature};
+use super::texture::{self, Decoding};
+use crate::scene::builder::{DEFAULT_ALBEDO, MAX_EMISSION};
+use crate::scene::{Material, Texture, Wrap};
 use crate::{Error, Result};
-use std::collections::{BTreeSet, HashMap};
+use glam::Vec2;
+use std::collections::HashMap;
 use std::path::Path;
 
 /// Highlights of at most this are those of any plastic; exporters write it for all that is not told
 /// apart.
 const PLAIN_HIGHLIGHT: f32 = 0.5;
 
+/// What an MTL file holds.
+#[derive(Debug, Default)]
+pub(super) struct Library {
+    pub(super) materials: Vec<Material>,
+    /// Where the texture of each material is on its surface.
+    pub(super) uv_maps: Vec<UvMap>,
+    pub(super) textures: Vec<Texture>,
+}
+
+/// A map of texture coordinates with v upwards: scale, then offset.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct UvMap {
+    pub(super) scale: Vec2,
+    pub(super) offset: Vec2,
+}
+
+impl UvMap {
+    pub(super) const IDENTITY: Self = Self {
+        scale: Vec2::ONE,
+        offset: Vec2::ZERO,
+    };
+}
+
 /// What a material says of itself beyond its diffuse reflection.
 #[derive(Default)]
-struct Beyond {
+struct NonDiffuse {
     illum: Option<u32>,
     highlight: Option<[f32; 3]>,
     exponent: Option<f32>,
     has_highlight_map: bool,
-    others: Vec<Look>,
+    others: Vec<SurfaceFeature>,
 }
 
-impl Beyond {
-    /// Takes a statement in.
+impl NonDiffuse {
+    /// Takes a statement in; its keyword is in lower case.
     fn read(&mut self, word: &str, rest: &str) {
         let is_above_0 = || color(rest).is_ok_and(|c| c.iter().any(|v| *v > 0.0));
-        match word.to_ascii_lowercase().as_str() {
+        match word {
             "illum" => self.illum = rest.parse().ok(),
             "ks" => self.highlight = color(rest).ok(),
             "ns" => self.exponent = rest.parse().ok(),
             "map_ks" => self.has_highlight_map = true,
-            "pm" if is_above_0() => self.others.push(Look::Metal),
-            "map_pm" => self.others.push(Look::Metal),
-            "pc" if is_above_0() => self.others.push(Look::Coat),
-            "ps" if is_above_0() => self.others.push(Look::Sheen),
-            "map_ps" => self.others.push(Look::Sheen),
-            "refl" | "map_refl" => self.others.push(Look::Mirror),
-            "bump" | "map_bump" | "disp" | "norm" | "map_kn" => self.others.push(Look::Bump),
+            "pm" if is_above_0() => self.others.push(SurfaceFeature::Metal),
+            "map_pm" => self.others.push(SurfaceFeature::Metal),
+            "pc" if is_above_0() => self.others.push(SurfaceFeature::Coat),
+            "ps" if is_above_0() => self.others.push(SurfaceFeature::Sheen),
+            "map_ps" => self.others.push(SurfaceFeature::Sheen),
+            "refl" | "map_refl" => self.others.push(SurfaceFeature::Mirror),
+            "bump" | "map_bump" | "disp" | "norm" | "map_kn" => {
+                self.others.push(SurfaceFeature::Bump);
+            }
             _ => {}
         }
     }
 
     /// What would be seen of it.
-    fn looks(self) -> Vec<Look> {
-        let mut looks = self.others;
+    fn features(self) -> Vec<SurfaceFeature> {
+        let mut features = self.others;
         let brightest = self.highlight.map(|c| c.into_iter().fold(0.0, f32::max));
         let is_black = brightest == Some(0.0);
         match self.illum {
-            Some(4 | 6 | 7 | 9 | 10) => looks.push(Look::Glass),
-            Some(3 | 5 | 8) if !is_black => looks.push(Look::Mirror),
+            Some(4 | 6 | 7 | 9 | 10) => features.push(SurfaceFeature::Glass),
+            Some(3 | 5 | 8) if !is_black => features.push(SurfaceFeature::Mirror),
             // These have no highlights, whatever is said of them.
             Some(0 | 1) => {}
             // Nor do these, which spread over all directions.
             _ if self.exponent.is_some_and(|e| e <= 1.0) => {}
-            _ if brightest > Some(PLAIN_HIGHLIGHT) => looks.push(Look::Highlight),
-            _ if self.has_highlight_map && !is_black => looks.push(Look::Highlight),
+            _ if brightest > Some(PLAIN_HIGHLIGHT) => features.push(SurfaceFeature::Highlight),
+            _ if self.has_highlight_map && !is_black => features.push(SurfaceFeature::Highlight),
             _ => {}
         }
-        looks
+        features
     }
 }
 
 /// Reads the materials of an MTL file and the textures that they refer to.
-pub(super) fn read(
-    content: &[u8],
-    path: &Path,
-    files: &mut Files,
-) -> Result<(Vec<Material>, Vec<Texture>)> {
-    let text = String::from_utf8_lossy(content);
-    let mut materials: Vec<Material> = Vec::new();
-    let mut textures = Vec::new();
-    let mut loaded = HashMap::new();
-    let mut has_kd = false;
-    let (mut see_through, mut emissive_textures) = (BTreeSet::new(), BTreeSet::new());
-    let mut beyond: Vec<Beyond> = Vec::new();
+pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Library> {
+    let text = String::from_utf8_lossy(text_start(content)?);
+    let mut reader = Reader {
+        path,
+        files,
+        out: Library::default(),
+        has_kd: false,
+        loaded: HashMap::new(),
+        non_diffuse: Vec::new(),
+        left_out: LeftOut::default(),
+    };
     for (number, line) in text.lines().enumerate() {
-        let line = line.trim();
-        let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
-        let rest = rest.trim();
-        let place = || format!("line {}", number + 1);
-        if word == "newmtl" {
-            materials.push(Material::diffuse(rest, DEFAULT_ALBEDO));
-            beyond.push(Beyond::default());
-            has_kd = false;
-            continue;
+        reader.files.cancel.check()?;
+        let statement = reader.statement(line.trim(), number + 1);
+        statement.map_err(|e| e.at(format!("line {}", number + 1)))?;
+    }
+    for (i, non_diffuse) in reader.non_diffuse.into_iter().enumerate() {
+        for feature in non_diffuse.features() {
+            reader.left_out.feature(feature, i);
         }
-        let (Some(material), Some(beyond)) = (materials.last_mut(), beyond.last_mut()) else {
-            continue;
+    }
+    let materials = reader.out.materials.len();
+    reader.left_out.tell(path, materials, reader.files);
+    Ok(reader.out)
+}
+
+struct Reader<'a> {
+    path: &'a Path,
+    files: &'a mut Files,
+    out: Library,
+    /// Whether the last material has a `Kd`.
+    has_kd: bool,
+    /// Index of each texture by what it was made of; `None` if it cannot be read.
+    loaded: HashMap<String, Option<u32>>,
+    non_diffuse: Vec<NonDiffuse>,
+    left_out: LeftOut,
+}
+
+impl Reader<'_> {
+    fn statement(&mut self, line: &str, number: usize) -> Result<()> {
+        let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
+        let (word, rest) = (word.to_ascii_lowercase(), rest.trim());
+        if word == "newmtl" {
+            self.out
+                .materials
+                .push(Material::diffuse(rest, DEFAULT_ALBEDO));
+            self.out.uv_maps.push(UvMap::IDENTITY);
+            self.non_diffuse.push(NonDiffuse::default());
+            self.has_kd = false;
+            return Ok(());
+        }
+        let (Some(material), Some(non_diffuse)) =
+            (self.out.materials.last_mut(), self.non_diffuse.last_mut())
+        else {
+            return Ok(());
         };
-        beyond.read(word, rest);
-        match word {
-            "Kd" => {
-                material.albedo = color(rest).map_err(|e| e.at(place()))?;
-                has_kd = true;
+        non_diffuse.read(&word, rest);
+        let name = format!("`{}`", material.name);
+        match word.as_str() {
+            "kd" | "ke" if rest.starts_with("spectral") || rest.starts_with("xyz") => {
+                let what = "colours as spectra or XYZ are left out";
+                self.left_out.note(what, format_args!("line {number}"));
             }
-            "Ke" => material.emission = color(rest).map_err(|e| e.at(place()))?,
-            "map_Kd" => {
-                let name = without_options(rest);
-                let index = match loaded.get(name) {
-                    Some(&index) => index,
-                    None => {
-                        let file = beside(path, name);
-                        let content = files.read("texture", &file).map_err(|e| e.at(place()))?;
-                        let image = texture::decode(&content).map_err(|e| e.at(file.display()))?;
-                        textures.push(image);
-                        loaded.insert(name.to_string(), textures.len() as u32 - 1);
-                        textures.len() as u32 - 1
-                    }
-                };
-                material.texture = Some(index);
-                if !has_kd {
-                    material.albedo = [1.0; 3];
-                }
+            "kd" => {
+                let what = "`Kd` outside of [0,1] is brought into it";
+                material.albedo = self.left_out.within(color(rest)?, 1.0, what, number);
+                self.has_kd = true;
             }
-            "d" if color(rest).is_ok_and(|[d, ..]| d < 1.0) => {
-                see_through.insert(material.name.clone());
+            "ke" => {
+                let what = "`Ke` below 0 or beyond any light is brought into range";
+                material.emission = self
+                    .left_out
+                    .within(color(rest)?, MAX_EMISSION, what, number);
             }
-            "map_d" => {
-                see_through.insert(material.name.clone());
-            }
-            "map_Ke" => {
-                emissive_textures.insert(material.name.clone());
-            }
+            "map_kd" => self.texture(rest)?,
+            "d" if color(rest).is_ok_and(|[d, ..]| d < 1.0) => self.see_through(&name),
+            "map_d" => self.see_through(&name),
+            "map_ke" => self
+                .left_out
+                .note("emissive textures, `map_Ke`, are left out", name),
             _ => {}
         }
+        Ok(())
     }
-    let mut warn = |names: BTreeSet<String>, what: &str| {
-        if !names.is_empty() {
-            let names: Vec<_> = names.iter().map(|n| format!("`{n}`")).collect();
-            let (path, names) = (path.display(), names.join(", "));
-            files.warn(format!("{path}: {what}: {names}"));
+
+    fn see_through(&mut self, name: &str) {
+        let what = "materials with `d` below 1 or `map_d` are taken as opaque";
+        self.left_out.note(what, name);
+    }
+
+    /// Gives the last material the texture of a `map_Kd`.
+    fn texture(&mut self, text: &str) -> Result<()> {
+        let map = TextureMap::parse(text, &mut self.left_out);
+        let key = format!("{:?} {:?} {}", map.decoding, map.wrap, map.name);
+        let index = match self.loaded.get(&key) {
+            Some(&index) => index,
+            None => {
+                let (left_out, files) = (&mut self.left_out, &mut *self.files);
+                let image = texture::load(self.path, map.name, map.decoding, left_out, files)?;
+                let index = image.map(|mut image| {
+                    image.wrap = map.wrap;
+                    self.out.textures.push(image);
+                    self.out.textures.len() as u32 - 1
+                });
+                self.loaded.insert(key, index);
+                index
+            }
+        };
+        if let (Some(material), Some(uv_map)) =
+            (self.out.materials.last_mut(), self.out.uv_maps.last_mut())
+            && index.is_some()
+        {
+            material.texture = index;
+            *uv_map = map.uv_map;
+            if !self.has_kd {
+                material.albedo = [1.0; 3];
+            }
         }
-    };
-    warn(
-        see_through,
-        "materials with `d` below 1 or `map_d` are taken as opaque",
-    );
-    warn(
-        emissive_textures,
-        "emissive textures, `map_Ke`, are left out",
-    );
-    let mut left_out = LeftOut::default();
-    for (i, beyond) in beyond.into_iter().enumerate() {
-        let looks = beyond.looks().into_iter();
-        looks.for_each(|look| left_out.add(look, i));
+        Ok(())
     }
-    if let Some(what) = left_out.told(materials.len()) {
-        files.warn(format!("{}: {what}", path.display()));
+}
+
+impl LeftOut {
+    /// The colour with each channel brought to 0 to `high`, and a note of it if that changes it;
+    /// what is no number becomes 0.
+    fn within(&mut self, color: [f32; 3], high: f32, what: &str, line: usize) -> [f32; 3] {
+        if color.iter().all(|c| (0.0..=high).contains(c)) {
+            return color;
+        }
+        self.note(what, format_args!("line {line}"));
+        color.map(|c| c.max(0.0).min(high))
     }
-    Ok((materials, textures))
+}
+
+/// A `map_Kd`: a file name behind options.
+#[derive(Debug, PartialEq)]
+struct TextureMap<'a> {
+    name: &'a str,
+    uv_map: UvMap,
+    wrap: [Wrap; 2],
+    decoding: Decoding,
+}
+
+impl<'a> TextureMap<'a> {
+    fn parse(text: &'a str, left_out: &mut LeftOut) -> Self {
+        let mut map = Self {
+            name: text,
+            uv_map: UvMap::IDENTITY,
+            wrap: Default::default(),
+            decoding: Decoding::default(),
+        };
+        while map.name.starts_with('-') {
+            let (option, rest) = first_word(map.name);
+            let option = option.to_ascii_lowercase();
+            let mut values = Values { rest };
+            match option.as_str() {
+                "-s" => map.uv_map.scale = values.point(1.0),
+                "-o" => map.uv_map.offset = values.point(0.0),
+                "-t" => {
+                    if values.point(0.0) != Vec2::ZERO {
+                        left_out.note("turbulence of textures is left out", "`-t`");
+                    }
+                }
+                "-mm" => {
+                    map.decoding.base = values.number().unwrap_or(0.0);
+                    map.decoding.gain = values.number().unwrap_or(1.0);
+                }
+                // What is filtered, and how fine, changes no looks.
+                "-bm" | "-boost" | "-texres" => {
+                    values.number();
+                }
+                "-blendu" | "-blendv" | "-cc" | "-type" => {
+                    values.word();
+                }
+                "-clamp" => {
+                    if values.word().eq_ignore_ascii_case("on") {
+                        map.wrap = [Wrap::Clamp; 2];
+                    }
+                }
+                "-imfchan" => {
+                    let channel = values.word();
+                    left_out.note(
+                        "the choice of a channel is left out",
+                        format_args!("`{channel}`"),
+                    );
+                }
+                "-colorspace" => {
+                    let space = values.word().to_ascii_lowercase();
+                    if ["linear", "raw", "non-color", "none"].contains(&space.as_str()) {
+                        map.decoding.encoding = ColorEncoding::Linear;
+                    } else if space != "srgb" {
+                        left_out.note("colour spaces are taken as sRGB", format_args!("`{space}`"));
+                    }
+                }
+                // No option: a name that begins so.
+                _ => break,
+            }
+            map.name = values.rest;
+        }
+        map
+    }
+}
+
+/// What follows an option; the last word is the name of the file and none of them.
+struct Values<'a> {
+    rest: &'a str,
+}
+
+impl<'a> Values<'a> {
+    fn word(&mut self) -> &'a str {
+        let (word, rest) = first_word(self.rest);
+        self.rest = rest;
+        word
+    }
+
+    fn number(&mut self) -> Option<f32> {
+        let (word, rest) = first_word(self.rest);
+        let number = word
+            .parse()
+            .ok()
+            .filter(|n: &f32| n.is_finite() && !rest.is_empty());
+        if number.is_some() {
+            self.rest = rest;
+        }
+        number
+    }
+
+    /// One to three numbers, of which the third is for solid textures; the others are `missing`
+    /// where they are not given.
+    fn point(&mut self, missing: f32) -> Vec2 {
+        let u = self.number();
+        let v = u.and_then(|_| self.number());
+        v.and_then(|_| self.number());
+        Vec2::new(u.unwrap_or(missing), v.unwrap_or(missing))
+    }
+}
+
+fn first_word(text: &str) -> (&str, &str) {
+    let text = text.trim_start();
+    let (word, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
+    (word, rest.trim_start())
 }
 
 /// One number stands for three.
@@ -171,24 +355,6 @@ fn color(text: &str) -> Result<[f32; 3]> {
     }
 }
 
-/// The file name after options such as `-s 1 1 1`.
-fn without_options(text: &str) -> &str {
-    if !text.starts_with('-') {
-        return text;
-    }
-    let is_value = |word: &str| {
-        word.starts_with('-') || word.parse::<f32>().is_ok() || word == "on" || word == "off"
-    };
-    let mut rest = text;
-    loop {
-        let word = rest.split_whitespace().next().unwrap_or("");
-        if word.is_empty() || !is_value(word) {
-            return rest;
-        }
-        rest = rest[word.len()..].trim_start();
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -196,8 +362,8 @@ mod tests {
     #[test]
     fn materials_are_read_in_order() {
         let text = "# c\nKd 1 1 1\nnewmtl a\n Kd 0.1 0.2 0.3\nKe 5\nNs 10\nnewmtl b b\n";
-        let (materials, _) =
-            read(text.as_bytes(), Path::new("x.mtl"), &mut Files::default()).unwrap();
+        let library = read(text.as_bytes(), Path::new("x.mtl"), &mut Files::default());
+        let materials = library.unwrap().materials;
         assert_eq!(materials.len(), 2);
         assert_eq!(materials[0].albedo, [0.1, 0.2, 0.3]);
         assert_eq!(materials[0].emission, [5.0; 3]);
@@ -268,22 +434,71 @@ mod tests {
     }
 
     #[test]
-    fn wrong_colours_and_missing_textures_name_their_line() {
-        let message = |text: &str| {
-            let read = read(text.as_bytes(), Path::new("m/x.mtl"), &mut Files::default());
-            read.unwrap_err().to_string()
+    fn a_wrong_colour_names_its_line() {
+        let library = read(
+            b"newmtl a\nKd 1 2",
+            Path::new("x.mtl"),
+            &mut Files::default(),
+        );
+        let message = library.unwrap_err().to_string();
+        assert!(message.starts_with("line 2: expected one or three"));
+    }
+
+    #[test]
+    fn what_is_out_of_range_or_not_there_is_mended_and_told() {
+        let text = "\u{feff}NEWMTL a\nKD 1.5 0.5 -1\nMAP_KD -s 1 1 1 my tile.png\nKe nan 1 1\nnewmtl b\n\
+                    map_Kd x.png\nmap_Kd -imfchan r x.png\nKd xyz 1 1 1\n";
+        let mut files = Files::default();
+        let library = read(text.as_bytes(), Path::new("m/x.mtl"), &mut files).unwrap();
+        let [a, b] = &library.materials[..] else {
+            panic!()
         };
-        assert!(message("newmtl a\nKd 1 2").starts_with("line 2: expected one or three"));
+        assert_eq!((a.albedo, a.emission), ([1.0, 0.5, 0.0], [0.0, 1.0, 1.0]));
         assert_eq!(
-            message("newmtl a\nmap_Kd -s 1 1 1 my tile.png"),
-            "line 2: texture file m/my tile.png is not there"
+            (a.texture, b.texture, b.albedo),
+            (None, None, DEFAULT_ALBEDO)
+        );
+        assert_eq!(
+            files.warnings,
+            [
+                "m/x.mtl: `Kd` outside of [0,1] is brought into it: line 2",
+                "m/x.mtl: textures that are not there are left out: `my tile.png`, `x.png`",
+                "m/x.mtl: `Ke` below 0 or beyond any light is brought into range: line 4",
+                "m/x.mtl: the choice of a channel is left out: `r`",
+                "m/x.mtl: colours as spectra or XYZ are left out: line 8",
+            ]
         );
     }
 
     #[test]
-    fn options_before_a_file_name_are_skipped() {
-        assert_eq!(without_options("-clamp on -o 0.5 1 a b.png"), "a b.png");
-        assert_eq!(without_options("a b.png"), "a b.png");
-        assert_eq!(without_options("-s 1"), "");
+    fn options_of_a_texture_are_read() {
+        let map = |text| TextureMap::parse(text, &mut LeftOut::default());
+        let plain = |name| TextureMap {
+            name,
+            uv_map: UvMap::IDENTITY,
+            wrap: [Wrap::Repeat; 2],
+            decoding: Decoding::default(),
+        };
+        for text in [
+            "a b.png",
+            "-bm 2 a b.png",
+            "-colorspace sRGB -cc on a b.png",
+        ] {
+            assert_eq!(map(text), plain("a b.png"), "{text}");
+        }
+        assert_eq!(map("-1.png"), plain("-1.png"));
+        assert_eq!(map("-s"), plain(""));
+        let moved = map("-s 2 3 1 -o 0.5 1.png");
+        assert_eq!(moved.uv_map.scale, Vec2::new(2.0, 3.0));
+        assert_eq!(moved.uv_map.offset, Vec2::new(0.5, 0.0));
+        assert_eq!(moved.name, "1.png");
+        let map = map("-CLAMP on -mm 0.25 0.5 -colorspace linear a.png");
+        assert_eq!(map.wrap, [Wrap::Clamp; 2]);
+        let expected = Decoding {
+            encoding: ColorEncoding::Linear,
+            base: 0.25,
+            gain: 0.5,
+        };
+        assert_eq!(map.decoding, expected);
     }
 }

@@ -7,7 +7,7 @@
 //! maxs` and `centers` (`cell` if not given), or is at the origin.
 
 use super::field::{Array, Field, Number, Samples, byte_length};
-use super::files::{Files, beside};
+use super::files::{Files, beside, text_start};
 use crate::run::{Cancel, memory};
 use crate::scene::builder::is_singular;
 use crate::{Error, Result};
@@ -48,6 +48,7 @@ pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<F
         }
     };
     Ok(Field {
+        name: None,
         dims,
         first: [0; 3],
         padding: 0,
@@ -68,7 +69,8 @@ struct Header {
 impl Header {
     /// The header and the offset of what follows it.
     fn parse(content: &[u8]) -> Result<(Self, usize)> {
-        let mut lines = Lines { content, at: 0 };
+        let at = content.len() - text_start(content)?.len();
+        let mut lines = Lines { content, at };
         let magic = lines.next().unwrap_or_default();
         if !(magic.starts_with("NRRD000") && matches!(magic.as_bytes().get(7), Some(b'1'..=b'5'))) {
             let found: String = magic.chars().take(20).collect();

@@ -1,5 +1,6 @@
 //! Polygons cut into triangles.
 
+use super::left_out::LeftOut;
 use crate::run::memory;
 use crate::scene::builder::MESH;
 use crate::{Error, Result};
@@ -26,6 +27,8 @@ pub(super) struct Cutter {
     corners: Vec<DVec3>,
     /// Triangles of the last polygon, as numbers of its corners.
     triangles: Vec<[u32; 3]>,
+    /// Polygons so far that cross themselves.
+    crossed: u64,
 }
 
 impl Cutter {
@@ -54,6 +57,14 @@ impl Cutter {
         }
         let triangles = self.triangles.iter();
         Ok(triangles.map(|t| t.map(|corner| polygon[corner as usize])))
+    }
+
+    /// Notes how many polygons crossed themselves.
+    pub(super) fn note_crossed(&self, left_out: &mut LeftOut) {
+        if self.crossed > 0 {
+            let what = "faces that cross themselves are filled from their first corner";
+            left_out.note(what, format_args!("{} of them", self.crossed));
+        }
     }
 
     fn fan(&mut self, first: usize, count: usize) -> Result<()> {
@@ -114,6 +125,9 @@ impl Cutter {
             .iter()
             .map(|p| [p.dot(x), p.dot(y)].map(|c| tidy(c * scale)));
         let triangles = inside(flat, count, 0.5 * area * scale * scale);
+        if triangles.is_none() {
+            self.crossed += 1;
+        }
         Ok(match triangles {
             Some(triangles) => {
                 self.triangles = triangles;

@@ -23,6 +23,7 @@ pub(super) fn read(
         .hint("check `dims` and `dtype`"));
     }
     Ok(Field {
+        name: None,
         dims,
         first: [0; 3],
         padding: 0,

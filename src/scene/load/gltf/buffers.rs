@@ -62,7 +62,7 @@ impl Buffers {
             .buffer_view
             .and_then(|v| document.views().nth(v.value()));
         let view =
-            view.ok_or_else(|| Error::input("an image with neither a URI nor a buffer view"))?;
+            view.ok_or_else(|| Error::input("it has no source that is read, PNG, JPEG or WebP"))?;
         Ok(self.view(&view)?.to_vec())
     }
 

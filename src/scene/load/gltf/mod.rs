@@ -6,25 +6,31 @@
 //! out, with a warning; an emissive texture is replaced by its mean. Of extensions lights, emissive
 //! strength and texture transforms are read, and those that do not change looks are passed over;
 //! others are warned of.
+//!
+//! - `document`: parses a file and mends what others write; `extensions`: which are read
+//! - `buffers`: the bytes of a document; here: nodes, meshes, materials, cameras and lights
 
 mod buffers;
-mod left_out;
+mod document;
+mod extensions;
 
+use super::colors::ColorEncoding;
 use super::files::Files;
+use super::left_out::LeftOut;
 use super::texture;
 use crate::run::memory;
 use crate::scene::builder::{
     CameraInput, DEFAULT_FILM, LightInput, MAX_EMISSION, MESH, MeshInput, SceneBuilder, is_singular,
 };
-use crate::scene::{Film, Light, Material, Wrap};
+use crate::scene::{Film, Light, Material, Texture, Wrap};
 use crate::{Error, Result};
 use ::gltf::camera::Projection;
-use ::gltf::khr_lights_punctual::Kind;
+use ::gltf::khr_lights_punctual::{Kind, Light as PunctualLight};
 use ::gltf::material::AlphaMode;
 use ::gltf::mesh::{Mode, Primitive, Semantic};
 use ::gltf::scene::Transform;
 use ::gltf::texture::{Info, WrappingMode};
-use ::gltf::{Document, Gltf, Node};
+use ::gltf::{Document, Node};
 use buffers::Buffers;
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, Vec2, Vec3};
 use std::collections::HashMap;
@@ -101,15 +107,8 @@ impl ImportedCamera {
 
 /// Reads a `.gltf` or `.glb` file and the files that it names.
 pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Import> {
-    check_length(content)?;
-    let gltf = Gltf::from_slice_without_validation(content).map_err(unreadable)?;
-    let mut json = gltf.document.into_json();
-    check_attributes(&json)?;
-    mend_textures(&mut json);
-    let mut gltf = Gltf {
-        document: Document::from_json(json).map_err(unreadable)?,
-        blob: gltf.blob,
-    };
+    let opened = document::open(content)?;
+    let mut gltf = opened.gltf;
     let buffers = Buffers::read(&mut gltf, path, files)?;
     let mut reader = Reader {
         path,
@@ -118,80 +117,18 @@ pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Imp
         buffers,
         materials: HashMap::new(),
         textures: HashMap::new(),
+        is_hidden: opened.is_hidden,
         out: Import::default(),
         list: MeshInput::default(),
+        left_out: LeftOut::default(),
     };
-    for what in left_out::told(reader.document) {
-        reader.warn(what);
-    }
+    extensions::note(reader.document, &mut reader.left_out);
     reader.nodes()?;
+    let materials = reader.document.materials().len();
+    reader.left_out.tell(path, materials, reader.files);
     reader.out.mesh.materials = reader.list.materials;
     reader.out.mesh.textures = reader.list.textures;
     Ok(reader.out)
-}
-
-/// The crate takes the length in the header on trust.
-fn check_length(content: &[u8]) -> Result<()> {
-    if !content.starts_with(b"glTF") {
-        return Ok(());
-    }
-    let stated = content
-        .get(8..12)
-        .map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
-    match stated {
-        Some(n) if n >= 20 && n as usize <= content.len() => Ok(()),
-        _ => Err(Error::input(format!(
-            "expected {} bytes as the header says, found {}; the file is truncated or damaged",
-            stated.unwrap_or(20),
-            content.len()
-        ))),
-    }
-}
-
-fn unreadable(e: ::gltf::Error) -> Error {
-    Error::input(format!("not a glTF file that can be read: {e}"))
-}
-
-/// The crate's own validation takes it on trust that positions have an accessor.
-fn check_attributes(json: &::gltf::json::Root) -> Result<()> {
-    for (m, mesh) in json.meshes.iter().enumerate() {
-        for (p, primitive) in mesh.primitives.iter().enumerate() {
-            for accessor in primitive.attributes.values() {
-                let count = json.accessors.len();
-                if accessor.value() >= count {
-                    return Err(Error::input(format!(
-                        "mesh {m}, primitive {p}: refers to accessor {}, but there are {count}",
-                        accessor.value()
-                    )));
-                }
-            }
-        }
-    }
-    Ok(())
-}
-
-/// Some writers list textures of images that are not there; that is wrong only where a material
-/// uses one.
-fn mend_textures(json: &mut ::gltf::json::Root) {
-    let count = json.images.len();
-    let nowhere = ::gltf::json::Index::new(count as u32);
-    let mut mended = false;
-    for texture in &mut json.textures {
-        if texture.source.value() >= count {
-            texture.source = nowhere;
-            mended = true;
-        }
-    }
-    if mended {
-        json.images.push(::gltf::json::Image {
-            buffer_view: None,
-            mime_type: None,
-            name: None,
-            uri: None,
-            extensions: None,
-            extras: None,
-        });
-    }
 }
 
 struct Reader<'a> {
@@ -199,12 +136,16 @@ struct Reader<'a> {
     files: &'a mut Files,
     document: &'a Document,
     buffers: Buffers,
-    /// Index in `list` of each material of the file; `None` is the default material.
-    materials: HashMap<Option<usize>, u32>,
+    /// Index in `list` of each material of the file, for meshes with texture coordinates and for
+    /// those without; `None` is the default material.
+    materials: HashMap<(Option<usize>, bool), u32>,
     /// Index in `list` of each image of the file, for each way in which it goes on beyond its
     /// borders.
-    textures: HashMap<(usize, [Wrap; 2]), u32>,
+    textures: HashMap<(usize, [Wrap; 2]), Option<u32>>,
+    /// Whether each node is hidden, and what is below it.
+    is_hidden: Vec<bool>,
     out: Import,
+    left_out: LeftOut,
     /// Holds the materials and textures, which all meshes share.
     list: MeshInput,
 }
@@ -233,6 +174,9 @@ impl Reader<'_> {
                     "node {index} has two parents, or is among its own descendants"
                 )));
             }
+            if self.is_hidden.get(index) == Some(&true) {
+                continue;
+            }
             let world_from_node = world_from_parent * local(&node);
             self.node(&node, &world_from_node)
                 .map_err(|e| e.at(format!("node {index}{}", quoted(node.name()))))?;
@@ -246,26 +190,24 @@ impl Reader<'_> {
     fn node(&mut self, node: &Node<'_>, world_from_node: &DAffine3) -> Result<()> {
         let is_used = node.mesh().is_some() || node.camera().is_some() || node.light().is_some();
         if is_used && is_singular(world_from_node) {
-            self.warn(format!(
-                "node {}{} is scaled to nothing and left out",
-                node.index(),
-                quoted(node.name())
-            ));
+            let what = "nodes that are scaled to nothing are left out";
+            let (index, name) = (node.index(), quoted(node.name()));
+            self.left_out.note(what, format_args!("node {index}{name}"));
             return Ok(());
         }
         if let Some(mesh) = node.mesh() {
             for primitive in mesh.primitives() {
-                let mut mesh = self
+                let mut part = self
                     .primitive(&primitive)
                     .map_err(|e| e.at(format!("primitive {}", primitive.index())))?;
-                mesh.place(world_from_node);
-                let total = self.out.mesh.positions.len() + mesh.positions.len();
+                part.place(world_from_node);
+                let total = self.out.mesh.positions.len() + part.positions.len();
                 if total > u32::MAX as usize {
                     return Err(Error::input(
                         "more vertices than can be indexed with 32 bits",
                     ));
                 }
-                self.out.mesh.append(mesh)?;
+                self.out.mesh.append(part)?;
             }
         }
         if let Some(camera) = node.camera() {
@@ -277,62 +219,67 @@ impl Reader<'_> {
                     fov_y_rad: lens.yfov().into(),
                     aspect: lens.aspect_ratio().map(f64::from),
                 }),
-                Projection::Orthographic(_) => self.warn(format!(
-                    "camera `{name}` is orthographic and left out: only perspective is supported"
-                )),
-            }
-        }
-        if let Some(light) = node.light() {
-            let intensity = light.color().map(|c| c * light.intensity());
-            if !(intensity.iter()).all(|x| (0.0..=MAX_EMISSION).contains(x)) {
-                return Err(Error::input(format!(
-                    "a light of intensity {intensity:?}: expected 0 to {:e}",
-                    MAX_EMISSION
-                )));
-            }
-            if intensity.iter().any(|x| *x >= LUMENS_PER_WATT) {
-                self.warn(format!(
-                    "a light of intensity {intensity:?} is taken as radiometric; if it is in candela or lux, \
-                     radiance comes out {LUMENS_PER_WATT} times as high"
-                ));
-            }
-            let direction = -without_scale(world_from_node).matrix3.z_axis.as_vec3();
-            let position = Vec3::ZERO;
-            let light = match light.kind() {
-                Kind::Point => Light::Point {
-                    position,
-                    intensity,
-                },
-                Kind::Spot {
-                    inner_cone_angle,
-                    outer_cone_angle,
-                } => {
-                    let (cos_inner, cos_outer) =
-                        (libm::cosf(inner_cone_angle), libm::cosf(outer_cone_angle));
-                    if !(inner_cone_angle >= 0.0 && cos_inner > cos_outer) {
-                        return Err(Error::input(format!(
-                            "a spot light of cone angles {inner_cone_angle} and {outer_cone_angle}: the inner must be smaller"
-                        )));
-                    }
-                    Light::Spot {
-                        position,
-                        direction,
-                        intensity,
-                        cos_inner,
-                        cos_outer,
-                    }
+                Projection::Orthographic(_) => {
+                    let what = "orthographic cameras are left out: only perspective is supported";
+                    self.left_out.note(what, format_args!("`{name}`"));
                 }
-                Kind::Directional => Light::Directional {
-                    direction,
-                    irradiance: intensity,
-                    angular_radius_rad: 0.0,
-                },
-            };
-            self.out.lights.push(LightInput {
-                light,
-                position: world_from_node.translation,
-            });
+            }
         }
+        match node.light() {
+            Some(light) => self.light(&light, world_from_node),
+            None => Ok(()),
+        }
+    }
+
+    fn light(&mut self, light: &PunctualLight<'_>, world_from_node: &DAffine3) -> Result<()> {
+        let intensity = light.color().map(|c| c * light.intensity());
+        if !(intensity.iter()).all(|x| (0.0..=MAX_EMISSION).contains(x)) {
+            return Err(Error::input(format!(
+                "a light of intensity {intensity:?}: expected 0 to {MAX_EMISSION:e}"
+            )));
+        }
+        if intensity.iter().any(|x| *x >= LUMENS_PER_WATT) {
+            self.warn(format!(
+                "a light of intensity {intensity:?} is taken as radiometric; if it is in candela or lux, \
+                 radiance comes out {LUMENS_PER_WATT} times as high"
+            ));
+        }
+        let direction = -without_scale(world_from_node).matrix3.z_axis.as_vec3();
+        let position = Vec3::ZERO;
+        let light = match light.kind() {
+            Kind::Point => Light::Point {
+                position,
+                intensity,
+            },
+            Kind::Spot {
+                inner_cone_angle,
+                outer_cone_angle,
+            } => {
+                let (cos_inner, cos_outer) =
+                    (libm::cosf(inner_cone_angle), libm::cosf(outer_cone_angle));
+                if !(inner_cone_angle >= 0.0 && cos_inner > cos_outer) {
+                    return Err(Error::input(format!(
+                        "a spot light of cone angles {inner_cone_angle} and {outer_cone_angle}: the inner must be smaller"
+                    )));
+                }
+                Light::Spot {
+                    position,
+                    direction,
+                    intensity,
+                    cos_inner,
+                    cos_outer,
+                }
+            }
+            Kind::Directional => Light::Directional {
+                direction,
+                irradiance: intensity,
+                angular_radius_rad: 0.0,
+            },
+        };
+        self.out.lights.push(LightInput {
+            light,
+            position: world_from_node.translation,
+        });
         Ok(())
     }
 
@@ -350,25 +297,11 @@ impl Reader<'_> {
             Some(accessor) => self.buffers.indices(&accessor)?,
             None => memory::listed(MESH, 0..count as u32)?,
         };
-        mesh.triangles = match primitive.mode() {
-            Mode::Triangles => {
-                let triples = indices.chunks_exact(3);
-                memory::listed(MESH, triples.map(|t| [t[0], t[1], t[2]]))?
-            }
-            Mode::TriangleStrip => {
-                let triples = indices.windows(3).enumerate();
-                let turned = triples.map(|(i, t)| match i % 2 {
-                    0 => [t[0], t[1], t[2]],
-                    _ => [t[0], t[2], t[1]],
-                });
-                memory::listed(MESH, turned)?
-            }
-            Mode::TriangleFan => {
-                let pairs = indices.windows(2).skip(1);
-                memory::listed(MESH, pairs.map(|t| [indices[0], t[0], t[1]]))?
-            }
-            _ => {
-                self.warn("points and lines are left out".into());
+        mesh.triangles = match triangles(primitive.mode(), &indices)? {
+            Some(triangles) => triangles,
+            None => {
+                self.left_out
+                    .note("points and lines are left out", "primitives of meshes");
                 return Ok(MeshInput::default());
             }
         };
@@ -382,6 +315,13 @@ impl Reader<'_> {
         if let Some(accessor) = primitive.get(&Semantic::Normals) {
             mesh.normals = self.buffers.floats(&accessor, Vec3::from_array)?;
             same_count(mesh.normals.len(), "normals")?;
+            let what = "normals that are no numbers give way to those of faces";
+            for (i, normal) in mesh.normals.iter_mut().enumerate() {
+                if !normal.is_finite() {
+                    self.left_out.note(what, format_args!("vertex {i}"));
+                    *normal = Vec3::ZERO;
+                }
+            }
         }
         if let Some(accessor) = primitive.get(&Semantic::Colors(0)) {
             mesh.colors = match accessor.dimensions().multiplicity() {
@@ -389,6 +329,7 @@ impl Reader<'_> {
                 _ => self.buffers.floats(&accessor, |rgb: [f32; 3]| rgb)?,
             };
             same_count(mesh.colors.len(), "colours")?;
+            ColorEncoding::Linear.decode(&mut mesh.colors, &mut self.left_out);
         }
         let material = primitive.material();
         let base_color = material.pbr_metallic_roughness().base_color_texture();
@@ -402,15 +343,15 @@ impl Reader<'_> {
             if let Some(info) = &base_color {
                 transform_uvs(&mut mesh.uvs, info);
             }
+            let what = "texture coordinates that are no numbers are taken as 0";
+            for (i, uv) in mesh.uvs.iter_mut().enumerate() {
+                if !uv.is_finite() {
+                    self.left_out.note(what, format_args!("vertex {i}"));
+                    *uv = Vec2::ZERO;
+                }
+            }
         }
-        let index = self.material(&material)?;
-        let textured = self.list.materials[index as usize].texture.is_some();
-        if textured && mesh.uvs.is_empty() {
-            return Err(Error::input(format!(
-                "the material{} has a texture, but there are no texture coordinates (set {set})",
-                quoted(material.name())
-            )));
-        }
+        let index = self.material(&material, mesh.uvs.is_empty())?;
         mesh.material = memory::filled(MESH, index, mesh.triangles.len())?;
         // Here, while vertices are counted as in the file: joined to others a wrong index may hit
         // one of theirs.
@@ -418,8 +359,11 @@ impl Reader<'_> {
         Ok(mesh)
     }
 
-    fn material(&mut self, material: &::gltf::Material<'_>) -> Result<u32> {
-        if let Some(&index) = self.materials.get(&material.index()) {
+    /// The index of a material for a mesh with texture coordinates or `without_uvs`: there the mean
+    /// of a texture stands for it.
+    fn material(&mut self, material: &::gltf::Material<'_>, without_uvs: bool) -> Result<u32> {
+        let key = (material.index(), without_uvs);
+        if let Some(&index) = self.materials.get(&key) {
             return Ok(index);
         }
         let name = material.name().unwrap_or("gltf");
@@ -428,22 +372,39 @@ impl Reader<'_> {
         let mut made: Material = Material::diffuse(name, [r, g, b]);
         let strength = material.emissive_strength().unwrap_or(1.0);
         made.emission = material.emissive_factor().map(|e| e * strength);
+        for (values, highest, what) in [
+            (
+                &mut made.albedo,
+                1.0,
+                "base colours outside of [0,1] are brought into it",
+            ),
+            (
+                &mut made.emission,
+                MAX_EMISSION,
+                "emission out of range is brought into it",
+            ),
+        ] {
+            if !values.iter().all(|v| (0.0..=highest).contains(v)) {
+                self.left_out.note(what, format_args!("`{name}`"));
+                *values = values.map(|v| v.max(0.0).min(highest));
+            }
+        }
         // Both sides are drawn, so both shine.
         made.emits_both_sides = material.double_sided();
         if let Some(info) = material.emissive_texture()
             && made.emission != [0.0; 3]
         {
             let image = info.texture().source().index();
-            let mean = self
-                .mean(image)
-                .map_err(|e| e.at(format!("image {image}")))?;
-            made.emission = std::array::from_fn(|i| made.emission[i] * mean[i]);
-            self.warn(format!(
-                "material `{name}` shines evenly, with the mean of its emissive texture"
-            ));
+            if let Some(image) = self.image(image)? {
+                let mean = texture::mean(&image);
+                made.emission = std::array::from_fn(|i| made.emission[i] * mean[i]);
+                let what = "materials shine evenly, with the mean of their emissive texture";
+                self.left_out.note(what, format_args!("`{name}`"));
+            }
         }
         if material.alpha_mode() != AlphaMode::Opaque {
-            self.warn(format!("material `{name}` is taken as opaque"));
+            self.left_out
+                .note("materials are taken as opaque", format_args!("`{name}`"));
         }
         if let Some(info) = base.base_color_texture() {
             let image = info.texture().source().index();
@@ -453,38 +414,49 @@ impl Reader<'_> {
                 WrappingMode::ClampToEdge => Wrap::Clamp,
                 WrappingMode::MirroredRepeat => Wrap::Mirror,
             });
-            made.texture = Some(
-                self.texture(image, wrap)
-                    .map_err(|e| e.at(format!("image {image}")))?,
-            );
+            made.texture = self.texture(image, wrap)?;
+        }
+        if without_uvs && let Some(index) = made.texture.take() {
+            let mean = texture::mean(&self.list.textures[index as usize]);
+            made.albedo = std::array::from_fn(|i| made.albedo[i] * mean[i]);
+            let what = "textures without texture coordinates are replaced by their mean colour";
+            self.left_out.note(what, format_args!("that of `{name}`"));
         }
         let index = self.list.materials.len() as u32;
         self.list.materials.push(made);
-        self.materials.insert(material.index(), index);
+        self.materials.insert(key, index);
         Ok(index)
     }
 
-    fn texture(&mut self, image: usize, wrap: [Wrap; 2]) -> Result<u32> {
+    fn texture(&mut self, image: usize, wrap: [Wrap; 2]) -> Result<Option<u32>> {
         if let Some(&index) = self.textures.get(&(image, wrap)) {
             return Ok(index);
         }
-        let content = self
-            .buffers
-            .image(self.document, image, self.path, self.files)?;
-        let index = self.list.textures.len() as u32;
-        let mut texture = texture::decode(&content)?;
-        texture.wrap = wrap;
-        self.list.textures.push(texture);
+        let texture = self.image(image)?;
+        let index = texture.map(|mut texture| {
+            texture.wrap = wrap;
+            self.list.textures.push(texture);
+            self.list.textures.len() as u32 - 1
+        });
         self.textures.insert((image, wrap), index);
         Ok(index)
     }
 
-    /// The mean colour of an image.
-    fn mean(&mut self, image: usize) -> Result<[f32; 3]> {
+    /// An image of the file; one that is not there or cannot be read is noted, and is none.
+    fn image(&mut self, index: usize) -> Result<Option<Texture>> {
         let content = self
             .buffers
-            .image(self.document, image, self.path, self.files)?;
-        Ok(texture::mean(&texture::decode(&content)?))
+            .image(self.document, index, self.path, self.files);
+        match content.and_then(|content| texture::decode(&content, Path::new(""))) {
+            Ok(texture) => Ok(Some(texture)),
+            Err(e) if e.kind() == crate::Kind::Input => {
+                let what = "textures that cannot be read are left out";
+                self.left_out
+                    .note(what, format_args!("image {index} ({e})"));
+                Ok(None)
+            }
+            Err(e) => Err(e),
+        }
     }
 
     fn warn(&mut self, message: String) {
@@ -494,6 +466,30 @@ impl Reader<'_> {
             self.files.warn(message);
         }
     }
+}
+
+/// The triangles of a list of vertices; `None` if the mode makes points or lines of them.
+fn triangles(mode: Mode, indices: &[u32]) -> Result<Option<Vec<[u32; 3]>>> {
+    let triangles = match mode {
+        Mode::Triangles => {
+            let triples = indices.chunks_exact(3);
+            memory::listed(MESH, triples.map(|t| [t[0], t[1], t[2]]))?
+        }
+        Mode::TriangleStrip => {
+            let triples = indices.windows(3).enumerate();
+            let turned = triples.map(|(i, t)| match i % 2 {
+                0 => [t[0], t[1], t[2]],
+                _ => [t[0], t[2], t[1]],
+            });
+            memory::listed(MESH, turned)?
+        }
+        Mode::TriangleFan => {
+            let pairs = indices.windows(2).skip(1);
+            memory::listed(MESH, pairs.map(|t| [indices[0], t[0], t[1]]))?
+        }
+        _ => return Ok(None),
+    };
+    Ok(Some(triangles))
 }
 
 /// Applies KHR_texture_transform: scale, then rotation from u towards -v, then offset.

@@ -73,6 +73,11 @@ impl<'a> Bytes<'a> {
         self.array().map(f32::from_le_bytes)
     }
 
+    pub(super) fn f16(&mut self) -> Result<f32> {
+        self.array()
+            .map(|bytes| half::f16::from_le_bytes(bytes).to_f32())
+    }
+
     pub(super) fn f64(&mut self) -> Result<f64> {
         self.array().map(f64::from_le_bytes)
     }

@@ -1,6 +1,9 @@
-//! OpenVDB fog volumes: float grids of the usual tree (5-4-3), also stored as half, in file
-//! versions 220 to 224; plain, zip or Blosc, with or without the inactive values; placed by any
+//! OpenVDB fog volumes: float and half grids of the usual tree (5-4-3), floats also stored as half, in file
+//! versions 220 to 225; plain, zip or Blosc, with or without the inactive values; placed by any
 //! affine map.
+//!
+//! - `bytes`: numbers off the front of a slice; `blosc`: unpacks compressed values
+//! - `tree`: the tree of a grid; here: the list of grids, and from a tree to a [`Field`]
 //!
 //! Inactive voxels and everything outside the active bounding box are empty, whatever the
 //! background.
@@ -11,17 +14,19 @@ mod tree;
 
 use super::field::{Field, Samples};
 use super::files::Files;
+use super::left_out::LeftOut;
 use crate::run::{Cancel, memory};
 use crate::scene::builder::is_singular;
 use crate::{Error, Result};
 use bytes::Bytes;
 use glam::{DAffine3, DMat3, DVec3};
 use std::collections::HashMap;
-use tree::{Encoding, LEAF, Tree, VOLUME};
+use std::path::Path;
+use tree::{Encoding, LEAF, Number, Tree, VOLUME};
 
 const MAGIC: i64 = 0x5644_4220;
 const OLDEST: u32 = 220;
-const NEWEST: u32 = 224;
+const NEWEST: u32 = 225;
 
 /// More voxels in the active bounding box are refused.
 const MOST_VOXELS: i64 = 1 << 31;
@@ -30,37 +35,87 @@ const MOST_VOXELS: i64 = 1 << 31;
 const MOST_LEAVES: i64 = 1 << 24;
 
 /// A grid as listed in the file.
+#[derive(Clone)]
 struct Entry {
     name: String,
+    /// Number that tells it from others of the same name, if the file gives one.
+    suffix: Option<String>,
     kind: String,
+    /// The grid whose tree it shares, as the file calls it.
+    parent: String,
+    /// Its own name as the file calls it.
+    unique: String,
     /// Offset of its data.
     at: i64,
 }
 
+impl Entry {
+    /// How the scene file may call it.
+    fn label(&self) -> String {
+        match &self.suffix {
+            Some(suffix) => format!("{}[{suffix}]", self.name),
+            None => self.name.clone(),
+        }
+    }
+}
+
 /// Everything of one grid.
 struct VdbGrid {
-    entry: Entry,
+    label: String,
     metadata: HashMap<String, Vec<u8>>,
     world_from_index: DAffine3,
     tree: Tree,
 }
 
-/// Reads the grid named `wanted`, or else "density", or else the only one.
-pub(super) fn read(content: &[u8], wanted: Option<&str>, files: &mut Files) -> Result<Field> {
-    let grid = VdbGrid::read(content, wanted, &files.cancel)?;
-    let name = grid.entry.name.clone();
-    if grid.tree.background != 0.0 {
-        files.warn(format!(
-            "grid `{name}` has the background {}; it is taken as 0",
-            grid.tree.background
-        ));
+/// Reads all grids named `wanted`, or else "density", or else the only one; those that have no
+/// active voxel are left out. The file is told what else it has.
+pub(super) fn read(
+    content: &[u8],
+    path: &Path,
+    wanted: Option<&str>,
+    files: &mut Files,
+) -> Result<Vec<Field>> {
+    let mut left_out = LeftOut::default();
+    let file = File::open(content, &mut left_out)?;
+    let chosen = choose(&file.entries, wanted)?;
+    for (i, entry) in file.entries.iter().enumerate() {
+        if !chosen.contains(&i) {
+            left_out.note("grids are left out", format_args!("`{}`", entry.label()));
+        }
     }
-    grid.into_field(content.len())
-        .map_err(|e| e.at(format!("grid `{name}`")))
+    let mut fields = Vec::new();
+    for entry in chosen.into_iter().map(|i| &file.entries[i]) {
+        let place = format!("grid `{}`", entry.label());
+        let grid = file.grid(entry, &files.cancel).map_err(|e| e.at(&place))?;
+        if grid.tree.background != 0.0 {
+            files.warn(format!(
+                "{place} has the background {}; it is taken as 0",
+                grid.tree.background
+            ));
+        }
+        match grid.into_field(content.len()).map_err(|e| e.at(&place))? {
+            Some(field) => fields.push(field),
+            None => {
+                let what = "grids without active voxels are left out";
+                left_out.note(what, format_args!("`{}`", entry.label()));
+            }
+        }
+    }
+    left_out.tell(path, 0, files);
+    Ok(fields)
 }
 
-impl VdbGrid {
-    fn read(content: &[u8], wanted: Option<&str>, cancel: &Cancel) -> Result<Self> {
+/// A file whose list of grids has been read.
+struct File<'a> {
+    content: &'a [u8],
+    version: u32,
+    /// Compression of all grids in old files.
+    compression: u32,
+    entries: Vec<Entry>,
+}
+
+impl<'a> File<'a> {
+    fn open(content: &'a [u8], left_out: &mut LeftOut) -> Result<Self> {
         let mut bytes = Bytes::new(content);
         if bytes.i64().ok() != Some(MAGIC) {
             return Err(Error::input(
@@ -68,65 +123,101 @@ impl VdbGrid {
             ));
         }
         let version = bytes.u32()?;
-        if !(OLDEST..=NEWEST).contains(&version) {
+        if version < OLDEST {
             return Err(Error::input(format!(
                 "expected an OpenVDB file of version {OLDEST} to {NEWEST}, found {version}"
             ))
             .hint("write it again with a current version of OpenVDB"));
         }
+        if version > NEWEST {
+            let what = "the file is of a version that may have more than is read";
+            left_out.note(what, format_args!("{version}, after {NEWEST}"));
+        }
         let _library = bytes.take(8)?;
         let has_offsets = bytes.u8()? != 0;
-        let mut compression = match version < 222 {
+        let compression = match version < 222 {
             true => u32::from(bytes.u8()? != 0),
             false => 0,
         };
         let _uuid = bytes.take(36)?;
         read_metadata(&mut bytes)?;
-        let entries = read_entries(&mut bytes, has_offsets)?;
-        let entry = choose(entries, wanted)?;
+        let entries = read_entries(&mut bytes, has_offsets, left_out)?;
+        Ok(Self {
+            content,
+            version,
+            compression,
+            entries,
+        })
+    }
 
-        let place = format!("grid `{}`", entry.name);
+    /// Reads what leads the tree of a grid: compression, metadata and place.
+    fn head(&self, entry: &Entry) -> Result<(Bytes<'a>, u32, HashMap<String, Vec<u8>>, DAffine3)> {
+        let mut bytes = Bytes::new(self.content);
         bytes.seek(entry.at)?;
-        if version >= 222 {
-            compression = bytes.u32()?;
-        }
-        let metadata = read_metadata(&mut bytes).map_err(|e| e.at(&place))?;
+        let compression = match self.version < 222 {
+            true => self.compression,
+            false => bytes.u32()?,
+        };
+        let metadata = read_metadata(&mut bytes)?;
         // The class comes before the type: a vector grid that is a level set exists nowhere.
         if text(&metadata, "class").as_deref() == Some("level set") {
-            return Err(Error::input(format!(
-                "{place} is a level set, not a fog volume: its values are distances"
-            ))
+            return Err(Error::input(
+                "it is a level set, not a fog volume: its values are distances",
+            )
             .hint(
                 "convert it, for example with vdb_tool or Houdini's Convert VDB, to a fog volume",
             ));
         }
-        let half = match entry.kind.as_str() {
-            "Tree_float_5_4_3" => false,
-            "Tree_float_5_4_3_HalfFloat" => true,
-            other => {
-                return Err(Error::input(format!(
-                    "{place} has the type {other}; only Tree_float_5_4_3 is supported, also stored as half"
-                ))
-                .hint("convert it to a float grid"));
+        number_of(&entry.kind)?;
+        let world_from_index = read_map(&mut bytes)?;
+        Ok((bytes, compression, metadata, world_from_index))
+    }
+
+    fn grid(&self, entry: &Entry, cancel: &Cancel) -> Result<VdbGrid> {
+        let (bytes, compression, metadata, world_from_index) = self.head(entry)?;
+        // An instance has a place of its own and the tree of another grid.
+        let (mut bytes, compression) = match entry.parent.is_empty() {
+            true => (bytes, compression),
+            false => {
+                let parent = self.entries.iter().find(|e| e.unique == entry.parent);
+                let parent = parent.filter(|p| p.parent.is_empty()).ok_or_else(|| {
+                    Error::input("it shares the tree of a grid that is not there")
+                })?;
+                let (bytes, compression, ..) = self.head(parent)?;
+                (bytes, compression)
             }
         };
-        let world_from_index = read_map(&mut bytes).map_err(|e| e.at(&place))?;
         let encoding = Encoding {
-            version,
+            version: self.version,
             compression,
-            half,
+            number: number_of(&entry.kind)?,
         };
-        let tree = Tree::read(&mut bytes, encoding, cancel).map_err(|e| e.at(&place))?;
-        let grid = Self {
-            entry,
+        let tree = Tree::read(&mut bytes, encoding, cancel)?;
+        let grid = VdbGrid {
+            label: entry.label(),
             metadata,
             world_from_index,
             tree,
         };
-        grid.check_count().map_err(|e| e.at(&place))?;
+        grid.check_count()?;
         Ok(grid)
     }
+}
 
+/// How a tree of this type has its values.
+fn number_of(kind: &str) -> Result<Number> {
+    match kind {
+        "Tree_float_5_4_3" => Ok(Number::Float),
+        "Tree_float_5_4_3_HalfFloat" => Ok(Number::FloatAsHalf),
+        "Tree_half_5_4_3" => Ok(Number::Half),
+        other => Err(Error::input(format!(
+            "it has the type {other}; only Tree_float_5_4_3, also stored as half, and Tree_half_5_4_3 are supported"
+        ))
+        .hint("convert it to a float grid")),
+    }
+}
+
+impl VdbGrid {
     /// The file says how many voxels are active; a reader that loses its way gets another number.
     fn check_count(&self) -> Result<()> {
         let stated = self.metadata.get("file_voxel_count");
@@ -140,11 +231,11 @@ impl VdbGrid {
         }
     }
 
-    fn into_field(self, file_bytes: usize) -> Result<Field> {
-        let (low, high) = self
-            .tree
-            .extent()
-            .ok_or_else(|| Error::input("no voxel is active: the volume is empty"))?;
+    /// The samples in the box of active voxels; none if there are no such voxels.
+    fn into_field(self, file_bytes: usize) -> Result<Option<Field>> {
+        let Some((low, high)) = self.tree.extent() else {
+            return Ok(None);
+        };
         let size: [i64; 3] = std::array::from_fn(|a| high[a] - low[a] + 1);
         // Leaves under the box and its padding of one voxel.
         let first_leaf = low.map(|i| (i - 1).div_euclid(LEAF));
@@ -162,7 +253,8 @@ impl VdbGrid {
         let leaves = leaves.map(|n| n as usize);
         let table = Table::new(self.tree, first_leaf, leaves)?;
         let first = low.map(|i| i - 1);
-        Ok(Field {
+        Ok(Some(Field {
+            name: Some(self.label),
             dims: size.map(|n| n as usize + 2),
             first,
             padding: 1,
@@ -173,7 +265,7 @@ impl VdbGrid {
                 }),
                 file_bytes,
             },
-        })
+        }))
     }
 }
 
@@ -250,13 +342,18 @@ fn text(metadata: &HashMap<String, Vec<u8>>, name: &str) -> Option<String> {
     Some(String::from_utf8_lossy(value).into_owned())
 }
 
-fn read_entries(bytes: &mut Bytes<'_>, has_offsets: bool) -> Result<Vec<Entry>> {
+fn read_entries(
+    bytes: &mut Bytes<'_>,
+    has_offsets: bool,
+    left_out: &mut LeftOut,
+) -> Result<Vec<Entry>> {
     let count = bytes.i32()?;
     let mut entries = Vec::new();
     for _ in 0..count {
         let unique = bytes.text()?;
         // Grids of the same name are told apart by a number after a separator.
-        let name = unique.split('\x1e').next().unwrap_or_default().to_string();
+        let mut parts = unique.split('\x1e').map(str::to_string);
+        let (name, suffix) = (parts.next().unwrap_or_default(), parts.next());
         let kind = bytes.text()?;
         let parent = bytes.text()?;
         let (grid_at, _blocks_at, end) = (bytes.i64()?, bytes.i64()?, bytes.i64()?);
@@ -265,49 +362,82 @@ fn read_entries(bytes: &mut Bytes<'_>, has_offsets: bool) -> Result<Vec<Entry>> 
         } else {
             bytes.at() as i64
         };
-        if parent.is_empty() {
-            entries.push(Entry { name, kind, at });
+        if has_offsets && end <= bytes.at() as i64 {
+            return Err(Error::input(format!(
+                "the grid `{name}` ends at offset {end}, before it starts; the file is damaged"
+            )));
         }
+        entries.push(Entry {
+            name,
+            suffix,
+            kind,
+            parent,
+            unique,
+            at,
+        });
         if !has_offsets {
             // Written to a pipe: where the next grid starts is only known after reading this one.
+            if count > 1 {
+                let what = "grids behind the first of a file without offsets are left out";
+                left_out.note(what, format_args!("{} of them", count - 1));
+            }
             break;
-        }
-        if end <= bytes.at() as i64 {
-            return Err(Error::input(format!(
-                "the grid `{unique}` ends at offset {end}, before it starts; the file is damaged"
-            )));
         }
         bytes.seek(end)?;
     }
     Ok(entries)
 }
 
-fn choose(mut entries: Vec<Entry>, wanted: Option<&str>) -> Result<Entry> {
-    let names = |entries: &[Entry]| {
-        let names: Vec<_> = entries.iter().map(|e| format!("`{}`", e.name)).collect();
-        names.join(", ")
+/// The numbers of the grids to read.
+fn choose(entries: &[Entry], wanted: Option<&str>) -> Result<Vec<usize>> {
+    let labels = |entries: &[Entry]| {
+        let labels: Vec<_> = entries.iter().map(|e| format!("`{}`", e.label())).collect();
+        labels.join(", ")
     };
-    let of_float = |e: &Entry| e.kind.starts_with("Tree_float_");
+    let of_name = |name: &str| -> Vec<usize> {
+        let numbers = entries.iter().enumerate();
+        let named = numbers.filter(|(_, e)| e.name == name);
+        named.map(|(i, _)| i).collect()
+    };
+    if entries.is_empty() {
+        return Err(Error::input("the file has no grids"));
+    }
     if let Some(wanted) = wanted {
-        let found = entries.iter().position(|e| e.name == wanted);
-        return found.map(|i| entries.swap_remove(i)).ok_or_else(|| {
+        if let Some(i) = entries
+            .iter()
+            .position(|e| e.suffix.is_some() && e.label() == wanted)
+        {
+            return Ok(vec![i]);
+        }
+        let all = of_name(wanted);
+        if !all.is_empty() {
+            return Ok(all);
+        }
+        // One of a name by its number in the file.
+        let numbered = wanted.strip_suffix(']').and_then(|w| w.rsplit_once('['));
+        let one =
+            numbered.and_then(|(name, n)| of_name(name).get(n.parse::<usize>().ok()?).copied());
+        return one.map(|i| vec![i]).ok_or_else(|| {
             Error::input(format!(
                 "there is no grid `{wanted}`; the file has {}",
-                names(&entries)
+                labels(entries)
             ))
         });
     }
-    if let Some(i) = entries.iter().position(|e| e.name == "density") {
-        return Ok(entries.swap_remove(i));
+    let density = of_name("density");
+    if !density.is_empty() {
+        return Ok(density);
     }
-    if entries.iter().filter(|e| of_float(e)).count() == 1 {
-        entries.retain(of_float);
-    }
-    match entries.len() {
-        0 => Err(Error::input("the file has no grids")),
-        1 => Ok(entries.swap_remove(0)),
+    let mut readable: Vec<&str> = entries
+        .iter()
+        .filter(|e| number_of(&e.kind).is_ok() || entries.len() == 1)
+        .map(|e| e.name.as_str())
+        .collect();
+    readable.dedup();
+    match readable[..] {
+        [name] => Ok(of_name(name)),
         _ => Err(
-            Error::input(format!("the file has several grids: {}", names(&entries)))
+            Error::input(format!("the file has several grids: {}", labels(entries)))
                 .hint("choose one with `grid = \"name\"`"),
         ),
     }

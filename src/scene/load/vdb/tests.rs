@@ -84,7 +84,7 @@ fn mask(words: usize, is_on: impl Fn(usize) -> bool) -> Vec<u8> {
 
 impl Spec {
     fn array(&self, values: &[f32]) -> Vec<u8> {
-        if self.half && values.is_empty() {
+        if self.half && !self.is_half_tree() && values.is_empty() {
             return Vec::new();
         }
         let data: Vec<u8> = match self.half {
@@ -153,9 +153,14 @@ impl Spec {
             + self.root_tile.map_or(0, |_| 1 << 36)
     }
 
+    fn is_half_tree(&self) -> bool {
+        self.kind.starts_with("Tree_half")
+    }
+
     fn tree(&self) -> Vec<u8> {
         let mut out = 1_u32.to_le_bytes().to_vec();
-        out.extend(0_f32.to_le_bytes());
+        let size = if self.is_half_tree() { 2 } else { 4 };
+        out.extend(&0_f32.to_le_bytes()[..size]);
         out.extend(u32::from(self.root_tile.is_some()).to_le_bytes());
         out.extend(1_u32.to_le_bytes());
         if let Some((origin, value)) = self.root_tile {
@@ -204,7 +209,13 @@ impl Spec {
 }
 
 fn file(grids: &[(&str, &Spec)]) -> Vec<u8> {
-    let spec = grids[0].1;
+    let grids: Vec<_> = grids.iter().map(|&(name, spec)| (name, "", spec)).collect();
+    file_with_instances(&grids)
+}
+
+/// A file of grids by name, name of the grid whose tree they share, and content.
+fn file_with_instances(grids: &[(&str, &str, &Spec)]) -> Vec<u8> {
+    let spec = grids[0].2;
     let mut out = MAGIC.to_le_bytes().to_vec();
     out.extend(spec.version.to_le_bytes());
     out.extend([10, 0, 0, 0, 1, 0, 0, 0, 1]);
@@ -215,13 +226,20 @@ fn file(grids: &[(&str, &Spec)]) -> Vec<u8> {
     out.extend(1_u32.to_le_bytes());
     out.extend([text("creator"), text("string"), text("a test")].concat());
     out.extend((grids.len() as i32).to_le_bytes());
-    for (name, spec) in grids {
+    for (name, parent, spec) in grids {
         out.extend(text(name));
-        let suffix = if spec.half { "_HalfFloat" } else { "" };
+        let suffix = if spec.half && !spec.is_half_tree() {
+            "_HalfFloat"
+        } else {
+            ""
+        };
         out.extend(text(&format!("{}{suffix}", spec.kind)));
-        out.extend(text(""));
+        out.extend(text(parent));
         let at = out.len() + 24;
-        let grid = spec.grid();
+        let mut grid = spec.grid();
+        if !parent.is_empty() {
+            grid.truncate(grid.len() - spec.tree().len());
+        }
         for offset in [at, at, at + grid.len()] {
             out.extend((offset as i64).to_le_bytes());
         }
@@ -231,7 +249,15 @@ fn file(grids: &[(&str, &Spec)]) -> Vec<u8> {
 }
 
 fn load(content: &[u8]) -> Result<Field> {
-    read(content, None, &mut Files::default())
+    let mut fields = read(content, Path::new("x.vdb"), None, &mut Files::default())?;
+    fields.pop().ok_or_else(|| Error::input("nothing in it"))
+}
+
+/// The same with warnings.
+fn load_all(content: &[u8], wanted: Option<&str>) -> (Vec<Field>, Vec<String>) {
+    let mut files = Files::default();
+    let fields = read(content, Path::new("x.vdb"), wanted, &mut files).unwrap();
+    (fields, files.warnings)
 }
 
 fn message(content: &[u8]) -> String {
@@ -243,16 +269,22 @@ fn message(content: &[u8]) -> String {
 
 #[test]
 fn every_encoding_gives_the_same_voxels() {
-    for version in [220, 222, 223, 224] {
+    for version in [220, 222, 223, 224, 225, 226] {
         for compression in [0, 1, 2, 3, 4, 6] {
             if version < 222 && compression > 1 {
                 continue;
             }
-            for half in [false, true] {
+            let kinds = [
+                (false, "Tree_float_5_4_3"),
+                (true, "Tree_float_5_4_3"),
+                (true, "Tree_half_5_4_3"),
+            ];
+            for (half, kind) in kinds {
                 let spec = Spec {
                     version,
                     compression,
                     half,
+                    kind: kind.into(),
                     ..Spec::default()
                 };
                 let field = load(&spec.file()).unwrap();
@@ -285,7 +317,9 @@ fn the_field_is_zero_around_and_placed_by_voxel_centres() {
     let world_from_grid = field.world_from_file.unwrap() * field.file_from_grid();
     let grid_from_world = world_from_grid.inverse();
     let expected = value(0, 0);
-    let grid = field.into_grid(SCALE, &Cancel::default()).unwrap();
+    let grid = field
+        .into_grid(SCALE, Path::new("x"), &mut Files::default())
+        .unwrap();
     let at = |p: DVec3| grid.sample(grid_from_world.transform_point3(p).as_vec3());
     assert_eq!(at(DVec3::ZERO), expected, "voxel (0,0,0) is at the origin");
     let edge = at(DVec3::new(-0.25, 0.0, 0.0));
@@ -379,16 +413,72 @@ fn grids_are_chosen_by_name() {
         ("heat\x1e1", &other),
         ("flame", &other),
     ]);
-    let pick = |name| read(&content, name, &mut Files::default());
-    assert_eq!(pick(Some("flame")).unwrap().dims[2], 10);
-    assert_eq!(pick(Some("heat")).unwrap().dims[2], 130);
+    let sizes = |name| -> Vec<usize> {
+        let (fields, _) = load_all(&content, Some(name));
+        fields.iter().map(|f| f.dims[2]).collect()
+    };
+    assert_eq!(sizes("flame"), [10]);
+    assert_eq!(sizes("heat"), [130, 10]);
+    assert_eq!(sizes("heat[1]"), [10]);
+    assert_eq!(sizes("heat[0]"), [130]);
+    let (_, warnings) = load_all(&content, Some("heat[1]"));
+    assert_eq!(warnings, ["x.vdb: grids are left out: `heat[0]`, `flame`"]);
+    let pick = |name| read(&content, Path::new("x"), name, &mut Files::default());
     let e = pick(None).err().unwrap();
     assert!(
         e.to_string()
-            .ends_with("several grids: `heat`, `heat`, `flame`")
+            .ends_with("several grids: `heat[0]`, `heat[1]`, `flame`")
     );
     let e = pick(Some("x")).err().unwrap();
     assert!(e.to_string().contains("no grid `x`"));
+}
+
+#[test]
+fn all_grids_of_a_name_are_read_and_instances_have_places_of_their_own() {
+    let spec = Spec::default();
+    let moved = Spec {
+        map: [text("TranslationMap"), doubles(&[9.0, 0.0, 0.0])].concat(),
+        ..Spec::default()
+    };
+    let color = Spec {
+        kind: "Tree_vec3s_5_4_3".into(),
+        ..Spec::default()
+    };
+    let content = file_with_instances(&[
+        ("density", "", &spec),
+        ("density\x1e1", "density", &moved),
+        ("Cd", "", &color),
+    ]);
+    let (fields, warnings) = load_all(&content, None);
+    assert_eq!(warnings, ["x.vdb: grids are left out: `Cd`"]);
+    let origins = fields
+        .iter()
+        .map(|f| f.world_from_file.unwrap().translation.x);
+    assert_eq!(origins.collect::<Vec<_>>(), [0.0, 9.0]);
+    assert_eq!(fields[0].value([1; 3]), fields[1].value([1; 3]));
+    let (one, _) = load_all(&content, Some("density[1]"));
+    assert_eq!(one.len(), 1);
+    assert_eq!(one[0].world_from_file.unwrap().translation.x, 9.0);
+    let orphan = file_with_instances(&[("density", "smoke", &moved)]);
+    assert!(message(&orphan).contains("a grid that is not there"));
+}
+
+#[test]
+fn newer_files_and_empty_grids_are_told() {
+    let newer = Spec {
+        version: 226,
+        leaves: vec![],
+        ..Spec::default()
+    };
+    let (fields, warnings) = load_all(&newer.file(), None);
+    assert!(fields.is_empty());
+    assert_eq!(
+        warnings,
+        [
+            "x.vdb: the file is of a version that may have more than is read: 226, after 225",
+            "x.vdb: grids without active voxels are left out: `density`"
+        ]
+    );
 }
 
 #[test]
@@ -398,15 +488,13 @@ fn what_is_not_supported_says_so() {
         change(&mut spec);
         message(&spec.file())
     };
-    assert!(with(|s| s.class = "level set").contains("`density` is a level set"));
+    assert!(with(|s| s.class = "level set").contains("`density`: it is a level set"));
     assert!(with(|s| s.kind = "Tree_double_5_4_3".into()).contains("Tree_double_5_4_3"));
     assert!(with(|s| s.kind = "Tree_vec3s_5_4_3".into()).contains("Tree_vec3s_5_4_3"));
-    assert!(with(|s| s.version = 219).contains("version 220 to 224, found 219"));
-    assert!(with(|s| s.version = 225).contains("found 225"));
+    assert!(with(|s| s.version = 219).contains("version 220 to 225, found 219"));
     assert!(with(|s| s.map = text("NonlinearFrustumMap")).contains("NonlinearFrustumMap"));
     assert!(with(|s| s.map = uniform_scale(0.0)).contains("singular"));
     assert!(with(|s| s.count = Some(7)).contains("expected 7 active voxels"));
-    assert!(with(|s| s.leaves.clear()).contains("volume is empty"));
     let far = with(|s| s.root_tile = Some(([4096, 0, 0], 1.0)));
     assert!(far.contains("[0, 0, 0] to [8191, 4095, 4095]"), "{far}");
     assert!(message(b"not a vdb").contains("magic"));
@@ -452,11 +540,12 @@ fn real_smoke_is_read_to_the_last_voxel() {
     let Some(content) = shared("smoke.vdb") else {
         return;
     };
-    let grid = VdbGrid::read(&content, None, &Cancel::default()).unwrap();
+    let file = File::open(&content, &mut LeftOut::default()).unwrap();
+    let grid = file.grid(&file.entries[0], &Cancel::default()).unwrap();
     assert_eq!(grid.tree.active(), 1_049_275);
     let (low, high) = grid.tree.extent().unwrap();
     assert_eq!((low, high), ([1, 2, 1], [111, 223, 112]));
-    let field = grid.into_field(1000).unwrap();
+    let field = grid.into_field(1000).unwrap().unwrap();
     assert_eq!(field.dims, [113, 224, 114]);
     let mut sum = 0.0;
     for k in 0..field.dims[2] {
@@ -485,7 +574,7 @@ fn a_stop_is_heard_and_is_of_no_place() {
     let stopped = Cancel::default();
     stopped.request();
     let content = Spec::default().file();
-    let read = read(&content, None, &mut Files::until(&stopped));
+    let read = read(&content, Path::new("x"), None, &mut Files::until(&stopped));
     let Err(error) = read.map(drop) else {
         panic!("it was read to its end")
     };

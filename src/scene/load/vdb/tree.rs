@@ -30,7 +30,34 @@ const LEAF_VOXELS: usize = 512;
 pub(super) struct Encoding {
     pub(super) version: u32,
     pub(super) compression: u32,
-    pub(super) half: bool,
+    pub(super) number: Number,
+}
+
+/// What the values of a grid are, and as what they are stored.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Number {
+    Float,
+    /// Floats, those of nodes stored as half.
+    FloatAsHalf,
+    Half,
+}
+
+impl Encoding {
+    /// Bytes of a value in a node.
+    fn size(self) -> usize {
+        match self.number {
+            Number::Float => 4,
+            Number::FloatAsHalf | Number::Half => 2,
+        }
+    }
+
+    /// A value that stands alone.
+    fn value(self, bytes: &mut Bytes<'_>) -> Result<f32> {
+        match self.number {
+            Number::Float | Number::FloatAsHalf => bytes.f32(),
+            Number::Half => bytes.f16(),
+        }
+    }
 }
 
 /// The active voxels of a grid.
@@ -102,14 +129,14 @@ impl Tree {
             )));
         }
         let mut tree = Tree {
-            background: bytes.f32()?,
+            background: encoding.value(bytes)?,
             ..Tree::default()
         };
         let tiles = bytes.u32()?;
         let children = bytes.u32()?;
         for _ in 0..tiles {
             let origin = origin(bytes)?;
-            let value = bytes.f32()?;
+            let value = encoding.value(bytes)?;
             if bytes.u8()? != 0 {
                 let edge = 4096;
                 tree.add_tile(Tile {
@@ -275,10 +302,10 @@ fn read_values(
         _ => [-background, background],
     };
     if matches!(kind, 2 | 4 | 5) {
-        inactive[0] = bytes.f32()?;
+        inactive[0] = encoding.value(bytes)?;
     }
     if kind == 5 {
-        inactive[1] = bytes.f32()?;
+        inactive[1] = encoding.value(bytes)?;
     }
     let selection = match kind {
         3..=5 => bytes.mask(count / 64)?,
@@ -298,10 +325,10 @@ fn read_values(
 
 fn read_array(bytes: &mut Bytes<'_>, encoding: Encoding, count: usize) -> Result<Vec<f32>> {
     // Where no half is stored not even their length is, unlike floats.
-    if encoding.half && count == 0 {
+    if encoding.number == Number::FloatAsHalf && count == 0 {
         return Ok(Vec::new());
     }
-    let size = count * if encoding.half { 2 } else { 4 };
+    let size = count * encoding.size();
     let unpacked;
     let data = if encoding.compression & (ZIP | BLOSC) == 0 {
         bytes.take(size)?
@@ -328,7 +355,7 @@ fn read_array(bytes: &mut Bytes<'_>, encoding: Encoding, count: usize) -> Result
             &unpacked
         }
     };
-    if encoding.half {
+    if encoding.size() == 2 {
         let halves = data.chunks_exact(2);
         return memory::listed(
             VOLUME,
