@@ -352,7 +352,7 @@ fn volumes() {
     assert!(nrrd(&head.replace("dimension: 3", "dimension: 4")).contains("found 4"));
     assert!(nrrd(&head.replace("2 1 1", "2 0 1")).contains("sizes: 2 0 1"));
     assert!(nrrd(&head.replace("uint8", "block")).contains("`type: block` is not supported"));
-    assert!(nrrd(&head.replace("raw", "hex")).contains("`encoding: hex` is not supported"));
+    assert!(nrrd(&head.replace("raw", "jpeg")).contains("`encoding: jpeg` is not supported"));
     assert!(nrrd(&head.replace("uint8", "float")).contains("no `endian`"));
     assert!(nrrd(&format!("{head}\nx")).contains("expected 2 bytes of samples, found 1"));
     assert!(
@@ -364,7 +364,7 @@ fn volumes() {
         .replace("raw", "gzip");
     assert!(nrrd(&format!("{huge}\nxxx")).contains("more than 3 compressed bytes can hold"));
     assert!(nrrd(&format!("{head}data file: no.raw\n")).contains("no.raw is not there"));
-    assert!(nrrd(&format!("{head}data file: LIST\n")).contains("several files"));
+    assert!(nrrd(&format!("{head}data file: LIST\n")).contains("expected names of files"));
     assert!(nrrd(&format!("{head}\nxx")).contains("does not say where"));
     let flat = "space directions: (1,0,0) (1,0,0) (0,0,1)\n\nxx";
     assert!(nrrd(&format!("{head}{flat}")).contains("singular"));

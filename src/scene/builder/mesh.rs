@@ -13,8 +13,8 @@ pub(in crate::scene) const DEFAULT_ALBEDO: [f32; 3] = [0.5; 3];
 /// What needs the memory of its lists, as an error says it.
 pub(in crate::scene) const MESH: &str = "the mesh";
 
-/// An indexed triangle mesh with materials, in a space of its own until it is placed in the world by
-/// [`MeshInput::transform`].
+/// An indexed triangle mesh with materials, in a space of its own until it is placed in the world
+/// by [`MeshInput::transform`].
 #[derive(Debug, Default)]
 pub struct MeshInput {
     pub(in crate::scene) positions: Vec<DVec3>,

@@ -61,6 +61,8 @@ pub(super) enum Number {
     I16,
     U32,
     I32,
+    U64,
+    I64,
     F32,
     F64,
 }
@@ -75,14 +77,18 @@ pub(super) struct Scale {
 }
 
 impl Number {
-    pub(super) const NAMES: [&str; 8] = ["u8", "i8", "u16", "i16", "u32", "i32", "f32", "f64"];
-    pub(super) const ALL: [Number; 8] = [
+    pub(super) const NAMES: [&str; 10] = [
+        "u8", "i8", "u16", "i16", "u32", "i32", "u64", "i64", "f32", "f64",
+    ];
+    pub(super) const ALL: [Number; 10] = [
         Number::U8,
         Number::I8,
         Number::U16,
         Number::I16,
         Number::U32,
         Number::I32,
+        Number::U64,
+        Number::I64,
         Number::F32,
         Number::F64,
     ];
@@ -93,7 +99,7 @@ impl Number {
             Number::U8 | Number::I8 => 1,
             Number::U16 | Number::I16 => 2,
             Number::U32 | Number::I32 | Number::F32 => 4,
-            Number::F64 => 8,
+            Number::U64 | Number::I64 | Number::F64 => 8,
         }
     }
 }
@@ -117,6 +123,8 @@ impl Array {
             Number::I16 => f32::from(i16::from_le_bytes(self.at(i))),
             Number::U32 => u32::from_le_bytes(self.at(i)) as f32,
             Number::I32 => i32::from_le_bytes(self.at(i)) as f32,
+            Number::U64 => u64::from_le_bytes(self.at(i)) as f32,
+            Number::I64 => i64::from_le_bytes(self.at(i)) as f32,
             Number::F32 => f32::from_le_bytes(self.at(i)),
             Number::F64 => f64::from_le_bytes(self.at(i)) as f32,
         }

@@ -7,7 +7,8 @@
 // - `description`: the scene file; with `table` (typed access to TOML) and `transform` (placement)
 // - `obj` with `mtl`, `ply`, `gltf`, `builtin`: meshes, each as a `MeshInput`
 // - `vdb`, `nrrd`, `raw`, `builtin`: volumes, each as a `field::Field`, which becomes a grid
-// - `polygon`: cuts the faces of OBJ and PLY; `texture`: images; `normals`: shading normals at a crease angle
+// - `polygon`: cuts the faces of OBJ and PLY; `texture`: images; `normals`: shading normals at a
+//   crease angle
 // - `files`: reads and hashes files and collects warnings; `left_out`: what to tell of them
 
 mod builtin;

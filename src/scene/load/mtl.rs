@@ -1,8 +1,8 @@
 //! Wavefront MTL: `Kd`, `map_Kd` with its options, and `Ke`, all linear but for textures. Keywords
 //! may be in any letter case.
 //!
-//! What else changes looks and is left out, `d`, `map_d` and `map_Ke`, is warned of, and in one line
-//! what is not diffuse: `illum` 3 to 10, `Ks` above what exporters write for plain surfaces,
+//! What else changes looks and is left out, `d`, `map_d` and `map_Ke`, is warned of, and in one
+//! line what is not diffuse: `illum` 3 to 10, `Ks` above what exporters write for plain surfaces,
 //! `map_Ks`, `refl`, `Pm`, `Pc`, `Ps` and their maps, and bumps. `Ns`, `Ni`, `Tf` and `Pr` say
 //! nothing by themselves.
 

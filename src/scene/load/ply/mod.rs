@@ -12,8 +12,8 @@
 //! | | `red green blue` | albedo of the face |
 //! | | `material_index` | entry of the `palette` that the scene file gives; ignored if it gives none |
 //!
-//! Textures are those of comments `TextureFile name`, beside the file. Other elements and properties
-//! are skipped. Where a file colours anything, the albedo is 1 times that colour.
+//! Textures are those of comments `TextureFile name`, beside the file. Other elements and
+//! properties are skipped. Where a file colours anything, the albedo is 1 times that colour.
 //!
 //! - `header`: what elements there are; here: their content
 //! - `faces`: triangles, and the materials that faces call for

@@ -1,6 +1,6 @@
-//! OpenVDB fog volumes: float and half grids of the usual tree (5-4-3), floats also stored as half, in file
-//! versions 220 to 225; plain, zip or Blosc, with or without the inactive values; placed by any
-//! affine map.
+//! OpenVDB fog volumes: float and half grids of the usual tree (5-4-3), floats also stored as half,
+//! in file versions 220 to 225; plain, zip or Blosc, with or without the inactive values; placed by
+//! any affine map.
 //!
 //! - `bytes`: numbers off the front of a slice; `blosc`: unpacks compressed values
 //! - `tree`: the tree of a grid; here: the list of grids, and from a tree to a [`Field`]

@@ -1,52 +1,59 @@
-//! NRRD volumes: raw or gzip, attached or detached, any integer to 32 bits and floats, either byte
-//! order.
+//! NRRD volumes: attached or detached, in one file or in one for each slice; raw, gzip, bzip2, text
+//! or hex; any integer to 64 bits and floats, either byte order.
 //!
 //! `space directions` and `space origin` place the file (the origin is the centre of the first
 //! voxel). Without directions `spacings` scale it, or what lies between `axis mins` and `axis
 //! maxs`; then the first voxel's centre is at `space origin`, or follows from `axis mins` or `axis
 //! maxs` and `centers` (`cell` if not given), or is at the origin.
+//!
+//! - `data`: from files to samples; here: the header
+
+mod data;
 
 use super::field::{Array, Field, Number, Samples, byte_length};
 use super::files::{Files, beside, text_start};
-use crate::run::{Cancel, memory};
 use crate::scene::builder::is_singular;
 use crate::{Error, Result};
-use flate2::bufread::MultiGzDecoder;
+use data::Data;
 use glam::{DAffine3, DMat3, DVec3};
 use std::collections::HashMap;
-use std::io::Read;
 use std::path::Path;
 
-/// No deflate stream grows by more than this on the way out.
-const MOST_INFLATION: usize = 1100;
-
-/// Bytes that are unpacked between two looks at whether to stop.
-const PIECE: usize = 16 << 20;
-
-/// Reads a NRRD file; `files` is asked for the data file of a detached header.
+/// Reads a NRRD file; `files` is asked for the data files of a detached header.
 pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<Field> {
     let (header, data_at) = Header::parse(&content)?;
-    let dims = header.dims()?;
+    let (dims, skipped_axis) = header.dims()?;
+    header.check_kinds()?;
     let number = header.number()?;
-    let world_from_file = header.world_from_index(dims)?;
+    let world_from_file = header.world_from_index(dims, skipped_axis)?;
     let big_endian = header.is_big_endian(number)?;
     let expected = byte_length(dims, number)?;
-    let data = match header.get(&["data file", "datafile"]) {
-        None => header.skip(content, data_at, expected, &files.cancel)?,
-        Some(name) if name.starts_with("LIST") || name.contains('%') => {
-            return Err(Error::input(format!(
-                "data in several files (`data file: {name}`) is not supported"
-            ))
-            .hint("join them into one NRRD file"));
-        }
-        Some(name) => {
-            let data_path = beside(path, name);
-            let data = files.read("volume data", &data_path)?;
-            header
-                .skip(data, 0, expected, &files.cancel)
-                .map_err(|e| e.at(data_path.display()))?
+    let data = match header.data_files()? {
+        None => Data::of(&header, content, data_at, expected, number, &files.cancel)?,
+        Some(names) => {
+            if expected % names.len() != 0 {
+                return Err(Error::input(format!(
+                    "expected {expected} bytes of samples in {} files, which is no equal share",
+                    names.len()
+                )));
+            }
+            let share = expected / names.len();
+            let mut all = Data::default();
+            for name in &names {
+                let data_path = beside(path, name);
+                let content = files.read("volume data", &data_path)?;
+                let data = Data::of(&header, content, 0, share, number, &files.cancel);
+                all.append(data.map_err(|e| e.at(data_path.display()))?)?;
+            }
+            all
         }
     };
+    if data.is_longer {
+        files.warn(format!(
+            "{}: there is more data than `sizes` says; the rest is left out",
+            path.display()
+        ));
+    }
     Ok(Field {
         name: None,
         dims,
@@ -54,9 +61,9 @@ pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<F
         padding: 0,
         world_from_file,
         samples: Samples::Array(Array {
-            bytes: data,
-            number,
-            big_endian,
+            bytes: data.bytes,
+            number: if data.is_f64 { Number::F64 } else { number },
+            big_endian: big_endian && !data.is_f64,
         }),
     })
 }
@@ -64,6 +71,8 @@ pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<F
 /// The fields of the header, names in lower case.
 struct Header {
     fields: HashMap<String, String>,
+    /// Names of data files that stand in the lines after `data file: LIST`.
+    list: Vec<String>,
 }
 
 impl Header {
@@ -79,10 +88,16 @@ impl Header {
             )));
         }
         let mut fields = HashMap::new();
+        let mut list = Vec::new();
+        let mut is_list = false;
         // A detached header may end with the file, an attached one ends with an empty line.
         for (number, line) in (2..).zip(lines.by_ref()) {
             if line.is_empty() {
                 break;
+            }
+            if is_list {
+                list.push(line.trim().to_owned());
+                continue;
             }
             if line.starts_with('#') || line.contains(":=") {
                 continue;
@@ -93,9 +108,13 @@ impl Header {
                     "line {number}: expected `field: value`, found \"{found}\""
                 ))
             })?;
-            fields.insert(name.trim().to_lowercase(), value.trim().to_string());
+            let (name, value) = (name.trim().to_lowercase(), value.trim().to_string());
+            // What follows a list of files is nothing but their names.
+            is_list =
+                ["data file", "datafile"].contains(&name.as_str()) && value.starts_with("LIST");
+            fields.insert(name, value);
         }
-        Ok((Self { fields }, lines.at))
+        Ok((Self { fields, list }, lines.at))
     }
 
     fn get(&self, names: &[&str]) -> Option<&str> {
@@ -109,24 +128,93 @@ impl Header {
             .ok_or_else(|| Error::input(format!("the header has no `{name}`")))
     }
 
-    fn dims(&self) -> Result<[usize; 3]> {
+    /// Voxels along three axes; of four axes one may have a length of one, and its number is given.
+    fn dims(&self) -> Result<([usize; 3], Option<usize>)> {
         let dimension = self.require("dimension")?;
-        if dimension != "3" {
-            return Err(Error::input(format!(
-                "expected `dimension: 3`, found {dimension}; only scalar volumes are supported"
-            )));
-        }
         let text = self.require("sizes")?;
-        let sizes: Vec<usize> = text
+        let mut sizes: Vec<usize> = text
             .split_whitespace()
             .filter_map(|s| s.parse().ok())
             .collect();
+        let skipped = match (dimension, sizes.iter().position(|&n| n == 1)) {
+            ("4", Some(axis)) if sizes.len() == 4 => {
+                sizes.remove(axis);
+                Some(axis)
+            }
+            ("3", _) => None,
+            _ => {
+                return Err(Error::input(format!(
+                    "expected `dimension: 3`, found {dimension}; only scalar volumes are supported"
+                )));
+            }
+        };
         match sizes[..] {
-            [x, y, z] if x > 0 && y > 0 && z > 0 => Ok([x, y, z]),
+            [x, y, z] if x > 0 && y > 0 && z > 0 => Ok(([x, y, z], skipped)),
             _ => Err(Error::input(format!(
                 "expected three sizes of at least 1, found `sizes: {text}`"
             ))),
         }
+    }
+
+    /// Refuses files whose axes are not all of space.
+    fn check_kinds(&self) -> Result<()> {
+        let Some(text) = self.get(&["kinds"]) else {
+            return Ok(());
+        };
+        let sizes = self.require("sizes")?.split_whitespace();
+        for (kind, size) in text.split_whitespace().zip(sizes) {
+            if size != "1" && !["domain", "space", "none", "???"].contains(&kind) {
+                return Err(Error::input(format!(
+                    "expected axes of space, found one of the kind {kind} in `kinds: {text}`; \
+                     only scalar volumes are supported"
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// Names of the data files, `None` if the data follows the header.
+    fn data_files(&self) -> Result<Option<Vec<String>>> {
+        let Some(text) = self.get(&["data file", "datafile"]) else {
+            return Ok(None);
+        };
+        if text.starts_with("LIST") {
+            if self.list.is_empty() {
+                return Err(Error::input(
+                    "expected names of files after `data file: LIST`",
+                ));
+            }
+            return Ok(Some(self.list.clone()));
+        }
+        if !text.contains('%') {
+            return Ok(Some(vec![text.into()]));
+        }
+        let wrong = || {
+            Error::input(format!(
+                "expected a name such as a%03d.raw, a first and a last number and a step, \
+                 found `data file: {text}`"
+            ))
+        };
+        let words: Vec<&str> = text.split_whitespace().collect();
+        let number = |i: usize| {
+            words
+                .get(i)
+                .and_then(|w| w.parse::<i64>().ok())
+                .ok_or_else(wrong)
+        };
+        let (first, last, step) = (number(1)?, number(2)?, number(3)?);
+        let (before, rest) = words[0].split_once('%').ok_or_else(wrong)?;
+        let (width, after) = rest.split_once('d').ok_or_else(wrong)?;
+        let places: usize = match width {
+            "" => 0,
+            width => width.parse().map_err(|_| wrong())?,
+        };
+        let count = (last - first)
+            .checked_div(step)
+            .filter(|n| (0..1 << 20).contains(n));
+        let count = count.filter(|_| places < 32).ok_or_else(wrong)?;
+        let name = |i: i64| format!("{before}{:0places$}{after}", first + i * step);
+        Ok(Some((0..=count).map(name).collect()))
     }
 
     fn number(&self) -> Result<Number> {
@@ -142,14 +230,23 @@ impl Header {
             }
             "uint32" | "uint32_t" | "uint" | "unsigned int" => Number::U32,
             "int32" | "int32_t" | "int" | "signed int" => Number::I32,
+            "uint64"
+            | "uint64_t"
+            | "ulonglong"
+            | "unsigned long long"
+            | "unsigned long long int" => Number::U64,
+            "int64"
+            | "int64_t"
+            | "longlong"
+            | "long long"
+            | "long long int"
+            | "signed long long"
+            | "signed long long int" => Number::I64,
             "float" => Number::F32,
             "double" => Number::F64,
             _ => {
-                return Err(
-                    Error::input(format!("`type: {name}` is not supported")).hint(
-                        "supported are int8, uint8, int16, uint16, int32, uint32, float, double",
-                    ),
-                );
+                return Err(Error::input(format!("`type: {name}` is not supported"))
+                    .hint("supported are int8 to int64, uint8 to uint64, float and double"));
             }
         })
     }
@@ -158,7 +255,7 @@ impl Header {
         match self.get(&["endian"]) {
             Some("little") => Ok(false),
             Some("big") => Ok(true),
-            None if number.size() == 1 => Ok(false),
+            None if number.size() == 1 || self.is_text() => Ok(false),
             None => Err(Error::input(
                 "the header has no `endian`, which numbers of more than one byte need",
             )),
@@ -168,10 +265,25 @@ impl Header {
         }
     }
 
-    fn world_from_index(&self, dims: [usize; 3]) -> Result<Option<DAffine3>> {
+    /// Whether samples are written as text.
+    fn is_text(&self) -> bool {
+        let encoding = self.get(&["encoding"]).unwrap_or_default().to_lowercase();
+        ["ascii", "text", "txt"].contains(&encoding.as_str())
+    }
+
+    fn world_from_index(
+        &self,
+        dims: [usize; 3],
+        skipped_axis: Option<usize>,
+    ) -> Result<Option<DAffine3>> {
         let origin = self.get(&["space origin"]);
         let origin = origin.map(|t| vector(t, "space origin")).transpose()?;
         if let Some(text) = self.get(&["space directions"]) {
+            // An axis that is none of space has no direction.
+            let text = match skipped_axis {
+                Some(_) => &text.replace("none", ""),
+                None => text,
+            };
             let axes: Vec<&str> = text.split(')').map(str::trim).collect();
             if axes.len() != 4 || !axes[3].is_empty() {
                 return Err(Error::input(format!(
@@ -190,14 +302,17 @@ impl Header {
             }
             return Ok(Some(map));
         }
-        let (low, high) = (self.numbers("axis mins")?, self.numbers("axis maxs")?);
+        let (low, high) = (
+            self.numbers("axis mins", skipped_axis)?,
+            self.numbers("axis maxs", skipped_axis)?,
+        );
         // Samples are in the middle of cells, or the first and last lie on the ends of the axis.
         let (mut first, mut cells) = (DVec3::ZERO, DVec3::ZERO);
-        for (a, is_cell) in self.cell_centred()?.into_iter().enumerate() {
+        for (a, is_cell) in self.cell_centred(skipped_axis)?.into_iter().enumerate() {
             first[a] = if is_cell { 0.5 } else { 0.0 };
             cells[a] = dims[a] as f64 - 1.0 + 2.0 * first[a];
         }
-        let spacings = match (self.numbers("spacings")?, low, high) {
+        let spacings = match (self.numbers("spacings", skipped_axis)?, low, high) {
             (Some(spacings), ..) => spacings,
             (None, Some(low), Some(high)) => (high - low) / cells,
             _ => return Ok(None),
@@ -217,15 +332,16 @@ impl Header {
     }
 
     /// A number for each axis, if the field is there and knows any.
-    fn numbers(&self, field: &str) -> Result<Option<DVec3>> {
+    fn numbers(&self, field: &str, skipped_axis: Option<usize>) -> Result<Option<DVec3>> {
         let Some(text) = self.get(&[field]) else {
             return Ok(None);
         };
         let wrong = || Error::input(format!("expected three numbers, found `{field}: {text}`"));
-        let numbers: Vec<f64> = text
+        let mut numbers: Vec<f64> = text
             .split_whitespace()
             .map(|t| t.parse().map_err(|_| wrong()))
             .collect::<Result<_>>()?;
+        skip_axis(&mut numbers, skipped_axis);
         let [x, y, z] = numbers[..] else {
             return Err(wrong());
         };
@@ -239,11 +355,12 @@ impl Header {
     }
 
     /// Whether samples are in the middle of cells, for each axis.
-    fn cell_centred(&self) -> Result<[bool; 3]> {
+    fn cell_centred(&self, skipped_axis: Option<usize>) -> Result<[bool; 3]> {
         let Some(text) = self.get(&["centers", "centerings"]) else {
             return Ok([true; 3]);
         };
-        let words: Vec<&str> = text.split_whitespace().collect();
+        let mut words: Vec<&str> = text.split_whitespace().collect();
+        skip_axis(&mut words, skipped_axis);
         let known = ["cell", "node", "none", "???"];
         match words[..] {
             [x, y, z] if words.iter().all(|w| known.contains(w)) => {
@@ -254,90 +371,15 @@ impl Header {
             ))),
         }
     }
-
-    /// The `expected` bytes of samples in `data` from `at`: lines and bytes skipped, decompressed,
-    /// cut to size.
-    fn skip(
-        &self,
-        mut data: Vec<u8>,
-        mut at: usize,
-        expected: usize,
-        cancel: &Cancel,
-    ) -> Result<Vec<u8>> {
-        let count = |names: &[&str]| -> Result<i64> {
-            let Some(text) = self.get(names) else {
-                return Ok(0);
-            };
-            text.parse().map_err(|_| {
-                Error::input(format!("expected a number, found `{}: {text}`", names[0]))
-            })
-        };
-        let mut lines = Lines { content: &data, at };
-        for _ in 0..count(&["line skip", "lineskip"])? {
-            if lines.next().is_none() {
-                return Err(Error::input("`line skip` goes beyond the end of the file"));
-            }
-        }
-        at = lines.at;
-        let skip = count(&["byte skip", "byteskip"])?;
-        let encoding = self.require("encoding")?.to_lowercase();
-        match encoding.as_str() {
-            "raw" => {
-                // -1 means that the samples are at the very end of the file.
-                at = match usize::try_from(skip) {
-                    Ok(skip) => at.saturating_add(skip),
-                    Err(_) => at.max(data.len().saturating_sub(expected)),
-                };
-                let found = data.len().saturating_sub(at);
-                if found < expected {
-                    return Err(too_short(expected, found));
-                }
-                data.drain(..at);
-                data.truncate(expected);
-                Ok(data)
-            }
-            "gzip" | "gz" => {
-                let packed = &data[at..];
-                let skip = usize::try_from(skip).unwrap_or(0);
-                let total = expected.saturating_add(skip);
-                if total > packed.len().saturating_mul(MOST_INFLATION) {
-                    return Err(Error::input(format!(
-                        "the header promises {expected} bytes of samples, more than {} compressed bytes can hold",
-                        packed.len()
-                    )));
-                }
-                let mut samples =
-                    memory::room("a volume", total.min(packed.len().saturating_mul(8)))?;
-                let mut unpacked = MultiGzDecoder::new(packed);
-                while samples.len() < total {
-                    cancel.check()?;
-                    let piece = (total - samples.len()).min(PIECE);
-                    let read = (&mut unpacked)
-                        .take(piece as u64)
-                        .read_to_end(&mut samples)
-                        .map_err(|e| Error::input(format!("the gzip data is damaged: {e}")))?;
-                    if read == 0 {
-                        break;
-                    }
-                }
-                if samples.len() < total {
-                    return Err(too_short(expected, samples.len().saturating_sub(skip)));
-                }
-                samples.drain(..skip);
-                Ok(samples)
-            }
-            other => Err(
-                Error::input(format!("`encoding: {other}` is not supported"))
-                    .hint("supported are raw and gzip"),
-            ),
-        }
-    }
 }
 
-fn too_short(expected: usize, found: usize) -> Error {
-    Error::input(format!(
-        "expected {expected} bytes of samples, found {found}; the file is truncated or its header is wrong"
-    ))
+/// Takes the entry of the axis that is not read out of those of all four axes.
+fn skip_axis<T>(entries: &mut Vec<T>, skipped_axis: Option<usize>) {
+    if let Some(axis) = skipped_axis
+        && entries.len() == 4
+    {
+        entries.remove(axis);
+    }
 }
 
 fn vector(text: &str, field: &str) -> Result<DVec3> {
@@ -379,3 +421,6 @@ impl<'a> Iterator for Lines<'a> {
         Some(String::from_utf8_lossy(line))
     }
 }
+
+#[cfg(test)]
+mod tests;
