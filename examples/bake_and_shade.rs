@@ -1,6 +1,8 @@
 //! Makes a scene in memory, bakes it, builds its tree, shades a picture, and writes that beside the
 //! tree: `cargo run --release --example bake_and_shade [FOLDER]`.
 
+#![allow(clippy::print_stdout)] // What it prints is the point.
+
 use glam::{DAffine3, DVec3};
 use lvox::formats::Overwrite;
 use lvox::image::exr::{self, Precision};

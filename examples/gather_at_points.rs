@@ -1,6 +1,8 @@
 //! Gathers light at the surfels of a tree that say where surfaces are, from the tree alone, as a
 //! light map or another renderer would: `cargo run --release --example gather_at_points TREE`.
 
+#![allow(clippy::print_stdout)] // What it prints is the point.
+
 use glam::Vec3;
 use lvox::gather::{PointGatherer, Settings};
 use lvox::tree::OpenTree;

@@ -1,6 +1,8 @@
 //! Walks the nodes of a tree from its root and prints the largest, with nothing but the crate of
 //! the file formats: `cargo run --release --example read_a_tree TREE [DEPTH]`.
 
+#![allow(clippy::print_stdout)] // What it prints is the point.
+
 use lvox::formats::{Below, Node, SurfelPage, Tree};
 use std::path::Path;
 

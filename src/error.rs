@@ -55,7 +55,8 @@ impl Error {
         }
     }
 
-    /// Makes an error of input or output on a file: a file that is not there is wrong input, a full disk is a failure.
+    /// Makes an error of input or output on a file: a file that is not there is wrong input, a full
+    /// disk is a failure.
     pub fn io(doing: &str, path: &Path, error: &std::io::Error) -> Self {
         let kind = kind_of(error.kind());
         Self {

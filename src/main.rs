@@ -9,14 +9,17 @@ fn main() -> ExitCode {
 }
 
 /// Has the C library ask the system for 16 MiB of addresses at a time where it would ask for a few
-/// pages, 1,500 times a frame, and stop the other threads each time. What is not used takes no
-/// memory.
+/// pages and stop the other threads each time, and keep freed memory of up to 32 MiB for what comes
+/// next: blocks of a frame each take some MiB, and pages that are new to a process cost as much as
+/// filling them. What is not used takes no memory.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 fn take_memory_in_large_pieces() {
-    // SAFETY: it sets a number that the allocator reads, while this is the only thread. Where that
+    // SAFETY: these set numbers that the allocator reads, while this is the only thread. Where one
     // is refused all goes on as before.
     #[allow(unsafe_code)]
     unsafe {
         libc::mallopt(libc::M_TOP_PAD, 16 << 20);
+        libc::mallopt(libc::M_MMAP_THRESHOLD, 32 << 20);
+        libc::mallopt(libc::M_TRIM_THRESHOLD, 32 << 20);
     }
 }

@@ -14,8 +14,8 @@ use std::path::Path;
 /// Pixels along an edge of the blocks that are compared.
 const BLOCK: usize = 16;
 
-/// Standard deviation of what rounding to half floats does to a value, relative to it. On the emitter,
-/// where all pixels are alike, they are all off by the same: it does not average out.
+/// Standard deviation of what rounding to half floats does to a value, relative to it. On the
+/// emitter, where all pixels are alike, they are all off by the same: it does not average out.
 const HALF: f64 = 2.0e-4;
 
 /// How two images of the same scene differ.
@@ -149,8 +149,8 @@ macro_rules! agrees {
 
 agrees!(a_d3, "A", "A_d3", 3, 16);
 agrees!(a_full, "A", "A_full", 0, 8);
-// Few paths find the spot of the ceiling above the emitter: it takes more of them until their mean is
-// normal.
+// Few paths find the spot of the ceiling above the emitter: it takes more of them until their mean
+// is normal.
 agrees!(a_pt_d3, "A_pt", "A_pt_d3", 3, 64);
 agrees!(b_d3, "B", "B_d3", 3, 32);
 agrees!(b_full, "B", "B_full", 0, 16);

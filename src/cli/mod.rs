@@ -119,7 +119,8 @@ impl Verb {
     }
 }
 
-/// Runs the verb that the command line names. Of errors one is printed, and they give the exit code.
+/// Runs the verb that the command line names. Of errors one is printed, and they give the exit
+/// code.
 pub fn main() -> ExitCode {
     let result = match parse() {
         Ok(cli) => cli.run(),

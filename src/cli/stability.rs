@@ -10,8 +10,8 @@ use std::path::PathBuf;
 
 /// Check lvox against closed forms and at extremes
 ///
-/// Print a table in which each case has its result, its expected value and its limit; exit with 1 if
-/// a case fails. It takes about a minute.
+/// Print a table in which each case has its result, its expected value and its limit; exit with 1
+/// if a case fails. It takes about a minute.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Compare the kernels with double precision on this scene: .toml, .gltf or .glb [default: the

@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 /// for 5 % more error.
 pub(super) const SEQUENCES: usize = 32;
 /// Directions kept of each: those of 16 gathers of 64 rays.
-const KEPT: usize = 1024;
+const DIRECTIONS_KEPT: usize = 1024;
 
 /// Well-spread directions around +z with density cos / pi, which take longer to make than to turn.
 static SEQUENCE: [OnceLock<Vec<Vec3>>; SEQUENCES] = [const { OnceLock::new() }; SEQUENCES];
@@ -31,7 +31,11 @@ impl Hemisphere {
     pub fn new(normal: Vec3, key: u64) -> Self {
         let bits = sampling::mix(key);
         let sequence = bits as usize % SEQUENCES;
-        let make = || (0..KEPT as u32).map(|i| direction(sequence, i)).collect();
+        let make = || {
+            (0..DIRECTIONS_KEPT as u32)
+                .map(|i| direction(sequence, i))
+                .collect()
+        };
         let (x, y) = tangents(normal);
         let (x, y) = if bits >> 32 & 1 == 1 { (y, x) } else { (x, y) };
         let side = |v: Vec3, bit: u32| if bits >> bit & 1 == 1 { -v } else { v };
@@ -79,7 +83,7 @@ mod tests {
         for key in 0..50 {
             let normal = sampling::sphere(sampling::r2(key, [0.3; 2]));
             let hemisphere = Hemisphere::new(normal, key);
-            let count = KEPT as u32 + 512;
+            let count = DIRECTIONS_KEPT as u32 + 512;
             let mut sum = Vec3::ZERO;
             for i in 0..count {
                 let d = hemisphere.direction(i);
@@ -98,7 +102,7 @@ mod tests {
     #[test]
     fn what_is_not_kept_goes_on_where_that_ends() {
         let hemisphere = Hemisphere::new(Vec3::Z, 7);
-        let made = direction(hemisphere.sequence, KEPT as u32 - 1);
-        assert_eq!(hemisphere.kept[KEPT - 1], made);
+        let made = direction(hemisphere.sequence, DIRECTIONS_KEPT as u32 - 1);
+        assert_eq!(hemisphere.kept[DIRECTIONS_KEPT - 1], made);
     }
 }

@@ -1,4 +1,5 @@
-//! One choice of compiled code for a whole frame: where pages are kept, and whether there are media.
+//! One choice of compiled code for a whole frame: where pages are kept, and whether there are
+//! media.
 
 use super::{Medium, NoMedia};
 use crate::tree::{OpenTree, Pages, SurfelStore};

@@ -32,7 +32,7 @@ pub struct DirectionOrder {
 
 impl DirectionOrder {
     /// Cells along each axis of the disk below the hemisphere.
-    const CELLS: f32 = 32.0;
+    const CELLS_ALONG_AXIS: f32 = 32.0;
     /// Most directions of a sequence that are put in order: more rays of one gather are alike as
     /// they are.
     const MAX_ORDERED: u32 = 1 << 16;
@@ -41,7 +41,9 @@ impl DirectionOrder {
     fn of(&self, hemisphere: &Hemisphere) -> Option<&[u32]> {
         let count = self.ranges.saturating_mul(self.samples);
         let make = || {
-            let cell = |c: f32| ((0.5 * c + 0.5) * Self::CELLS).min(Self::CELLS - 1.0) as u64;
+            let cell = |c: f32| {
+                ((0.5 * c + 0.5) * Self::CELLS_ALONG_AXIS).min(Self::CELLS_ALONG_AXIS - 1.0) as u64
+            };
             // The curve that fills each quarter of the disk's square before the next.
             let place = |i: &u32| {
                 let d = hemisphere.local_direction(*i);

@@ -11,8 +11,8 @@ pub(super) struct Faults {
     pub overlaps: Vec<(usize, usize)>,
 }
 
-/// Finds what tiles leave out or cover twice, by a sweep down the frame. Between two neighbouring tile edges every row looks the same, so the work
-/// is bounded by the tiles and not by the pixels.
+/// Finds what tiles leave out or cover twice, by a sweep down the frame. Between two neighbouring
+/// tile edges every row looks the same, so the work is bounded by the tiles and not by the pixels.
 pub(super) fn faults(width: u32, height: u32, tiles: &[Region]) -> Faults {
     let mut edges: Vec<u32> = tiles.iter().flat_map(|t| [t.y0, t.y1]).collect();
     edges.extend([0, height]);

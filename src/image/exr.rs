@@ -248,8 +248,8 @@ pub fn info(path: &Path) -> Result<Info> {
     })
 }
 
-/// Reads an OpenEXR image of any flat layout and precision. Of a file of several parts the first is read;
-/// pixels outside the display window are dropped, and coordinates start at its corner.
+/// Reads an OpenEXR image of any flat layout and precision. Of a file of several parts the first is
+/// read; pixels outside the display window are dropped, and coordinates start at its corner.
 ///
 /// # Errors
 /// [`crate::Kind::Input`] if the file is not there, is no OpenEXR file, is damaged, or holds no

@@ -39,10 +39,10 @@ pub fn picture(path: &Path, layer: &str, exposure: f32, region: Option<Region>) 
     }
 }
 
-/// Finds the exposure that belongs to a reference image: beside `NAME.exr` a side-car `NAME.json` names,
-/// under `scene`, the scene's JSON file in the same folder, whose `tonemap.exposure` it is; else
-/// what the image [notes](noted_exposure). `None` if neither tells. A side-car that names a scene
-/// of another format tells none.
+/// Finds the exposure that belongs to a reference image: beside `NAME.exr` a side-car `NAME.json`
+/// names, under `scene`, the scene's JSON file in the same folder, whose `tonemap.exposure` it is;
+/// else what the image [notes](noted_exposure). `None` if neither tells. A side-car that names a
+/// scene of another format tells none.
 ///
 /// # Errors
 /// [`crate::Kind::Input`] if a file of that chain is damaged or not there.
@@ -53,8 +53,8 @@ pub fn exposure_of(reference: &Path) -> Result<Option<f32>> {
     }
 }
 
-/// Reads the exposure of the scene's film from the header of an OpenEXR file that lvox wrote; `None`
-/// for other files.
+/// Reads the exposure of the scene's film from the header of an OpenEXR file that lvox wrote;
+/// `None` for other files.
 ///
 /// # Errors
 /// [`crate::Kind::Input`] if the file cannot be read, or what it notes is not a positive number.

@@ -12,8 +12,8 @@ use std::path::Path;
 /// Bytes that a decoded image may take, so that a small hostile file cannot ask for all memory.
 const MAX_DECODED_BYTES: u64 = 4 << 30;
 
-/// Writes a PNG file of eight bits a channel; it appears under its name when it is complete. An image that is there is
-/// replaced.
+/// Writes a PNG file of eight bits a channel; it appears under its name when it is complete. An
+/// image that is there is replaced.
 ///
 /// # Errors
 /// If the output cannot be written; then nothing is left behind.

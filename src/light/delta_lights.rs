@@ -99,8 +99,8 @@ impl SegmentFromLight {
         }
     }
 
-    /// Mean over the segment of one over the squared distance: the angle that it is seen under, over
-    /// twice the area of the triangle.
+    /// Mean over the segment of one over the squared distance: the angle that it is seen under,
+    /// over twice the area of the triangle.
     pub fn mean_inverse_square(&self) -> f32 {
         let mean = if self.twice_area > 1e-3 * self.along {
             libm::atan2f(self.twice_area, self.along) / self.twice_area

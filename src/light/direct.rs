@@ -1,5 +1,5 @@
-//! Direct light at a point, kept as a ratio estimator needs it: unshadowed light in closed form, and
-//! the share of it that shadow rays found to arrive.
+//! Direct light at a point, kept as a ratio estimator needs it: unshadowed light in closed form,
+//! and the share of it that shadow rays found to arrive.
 
 use super::visibility::Visibility;
 use crate::math::Rgb;

@@ -99,8 +99,8 @@ impl<S> Lights<'_, S> {
         })
     }
 
-    /// Unshadowed light of point and spot lights in a medium: mean radiance over the sphere, averaged
-    /// over a segment in closed form.
+    /// Unshadowed light of point and spot lights in a medium: mean radiance over the sphere,
+    /// averaged over a segment in closed form.
     #[must_use]
     pub fn unshadowed_along(&self, from: Vec3, to: Vec3) -> Rgb {
         let mut total = Rgb::BLACK;

@@ -18,8 +18,8 @@ use glam::Vec3;
 use std::f32::consts::PI;
 use std::sync::Arc;
 
-/// All lights of a scene, and what shadow rays to them pass. A constant environment counts only where
-/// it is asked for by name: gathering takes care of it.
+/// All lights of a scene, and what shadow rays to them pass. A constant environment counts only
+/// where it is asked for by name: gathering takes care of it.
 #[derive(Clone, Debug)]
 pub struct Lights<'a, S = SceneMedia<'a>> {
     pub(super) tracer: &'a Tracer<'a>,
@@ -163,8 +163,8 @@ impl<'a, S: Shadows> Lights<'a, S> {
         direct
     }
 
-    /// Irradiance of a surface point from a constant environment, for those who do not gather it: by
-    /// as many rays over the hemisphere as `rays` are.
+    /// Irradiance of a surface point from a constant environment, for those who do not gather it:
+    /// by as many rays over the hemisphere as `rays` are.
     #[must_use]
     pub fn environment_irradiance(
         &self,

@@ -1,5 +1,5 @@
-//! What shadow rays pass: nothing but surfaces in a vacuum, the scene's media, or simpler media that
-//! stand in for them before lights whose shadows are soft.
+//! What shadow rays pass: nothing but surfaces in a vacuum, the scene's media, or simpler media
+//! that stand in for them before lights whose shadows are soft.
 
 use crate::math::exp::exp_neg;
 use crate::math::{Ray, sampling};
@@ -16,7 +16,8 @@ pub trait ShadowMedia: Sync + std::fmt::Debug {
 /// What shadow rays pass beside surfaces, as a type: code for scenes without media does no work for
 /// any.
 pub trait Shadows: Copy + Sync + std::fmt::Debug {
-    /// Share of light that gets from the end of a ray to its origin, 0 behind a surface. Media on the way are those of `media`, or the scene's own.
+    /// Share of light that gets from the end of a ray to its origin, 0 behind a surface. Media on
+    /// the way are those of `media`, or the scene's own.
     fn transmittance(&self, tracer: &Tracer, ray: &Ray, media: Option<&dyn ShadowMedia>) -> f32;
 
     /// Media before emitters, if not the scene's own.

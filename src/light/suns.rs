@@ -88,7 +88,7 @@ impl<'a> SunDepths<'a> {
     const MAX_VOXELS: u32 = 8;
     /// Rays' distances from a point up to which its depth is exact: what is nearer has the sharpest
     /// shadows.
-    const EXACT: f32 = 6.0;
+    const EXACT_RAY_SPACINGS: f32 = 6.0;
 
     /// Nothing is known yet.
     #[must_use]
@@ -181,7 +181,7 @@ impl<'a> VolumeDepth<'a> {
 
     /// Optical depth from a point to the sun.
     fn at(&self, point: Vec3) -> f32 {
-        let exact = SunDepths::EXACT * self.rays.between;
+        let exact = SunDepths::EXACT_RAY_SPACINGS * self.rays.between;
         let near = depth_of(self.volume, &Ray::new(point, self.to_sun, exact));
         near + self.kept(point + self.to_sun * exact)
     }

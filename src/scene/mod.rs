@@ -155,12 +155,12 @@ impl Scene {
         let far = min.abs().max(max.abs()).as_dvec3().max_element();
         let extent = (max.as_dvec3() - min.as_dvec3()).max_element();
         // Not so for NaN, either: the difference of two places beyond f32.
-        let is_near = far <= Self::FARTHEST * extent;
+        let is_near = far <= Self::MAX_EXTENTS_FROM_ORIGIN * extent;
         if !is_near {
             return Err(Error::input(format!(
                 "the scene is {far:.3e} units from where the tree was baked, more than {} times its extent of \
                  {extent:.3e}",
-                Self::FARTHEST
+                Self::MAX_EXTENTS_FROM_ORIGIN
             ))
             .hint("the scene has moved: bake it again"));
         }
@@ -169,7 +169,7 @@ impl Scene {
 
     /// Largest coordinate over the extent of a scene in the frame of another: digits enough for its
     /// own.
-    const FARTHEST: f64 = 1024.0;
+    const MAX_EXTENTS_FROM_ORIGIN: f64 = 1024.0;
 
     /// The camera of a name, the first if `None`.
     ///

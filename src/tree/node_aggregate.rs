@@ -28,7 +28,7 @@ pub(super) struct Axes {
 
 impl NodeAggregate {
     /// A node is flat if its normals agree this well: mean length over area.
-    const FLAT: f32 = 0.97;
+    const MIN_FLATNESS: f32 = 0.97;
 
     /// The aggregate of a node whose surfels face these axes.
     pub(super) fn new(node: &Node, axes: Axes) -> Self {
@@ -42,7 +42,7 @@ impl NodeAggregate {
             [0.0, 0.0, 1.0]
         };
         let plane = (0..3).map(|a| normal[a] * g.centre[a]).sum();
-        let coverage = if length > Self::FLAT {
+        let coverage = if length > Self::MIN_FLATNESS {
             let e: [f32; 3] = std::array::from_fn(|a| node.bounds.max[a] - node.bounds.min[a]);
             // The plane's section of the box is no larger than the box's face over the normal's
             // cosine.

@@ -136,8 +136,8 @@ fn verbs_take_no_option_that_they_do_not_use() {
     }
 }
 
-/// A thin cloud alone before the camera, lit by an emitter and by a wall behind the camera: light from
-/// the wall is all that is chosen at random.
+/// A thin cloud alone before the camera, lit by an emitter and by a wall behind the camera: light
+/// from the wall is all that is chosen at random.
 #[test]
 fn the_seed_keys_what_media_see_of_surfaces() {
     let cube = "[[volume]]\nfile = \"smoke.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\nvalue_scale = 0.0039\n\

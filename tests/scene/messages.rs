@@ -65,6 +65,7 @@ fn places_and_sizes_beyond_f32() {
     }
 }
 
+// Long because it is a table: one row a mistake.
 #[test]
 fn scene_files() {
     // Text after a cube; what the message must contain; what the hint must contain.

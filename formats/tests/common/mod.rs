@@ -263,8 +263,8 @@ pub fn write_tree(path: &Path, style: Style, pages: usize, per_page: usize) -> V
     written
 }
 
-/// Direct light with and without point lights, and grey indirect light, at some vertices of the second
-/// volume.
+/// Direct light with and without point lights, and grey indirect light, at some vertices of the
+/// second volume.
 pub fn clusters(random: &mut Random) -> Vec<(BlockKind, ClusterId, VertexCluster)> {
     let id = |level: u8, x: u16| ClusterId {
         volume: 1,

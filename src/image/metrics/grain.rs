@@ -22,10 +22,10 @@ const WINDOW: usize = 7;
 /// Median size of a normal deviate.
 const MEDIAN: f64 = 0.674_489_750_196_081_7;
 
-/// Measures the grain of a picture beside a reference of the same size. White noise in luminance has its own
-/// standard deviation, relative to the reference as in relMSE; noise alike over several pixels has
-/// less. Noise of the reference counts, too: two frames of one renderer and two seeds have the
-/// square root of 2 times the grain of one. NaN below 7 pixels on a side.
+/// Measures the grain of a picture beside a reference of the same size. White noise in luminance
+/// has its own standard deviation, relative to the reference as in relMSE; noise alike over several
+/// pixels has less. Noise of the reference counts, too: two frames of one renderer and two seeds
+/// have the square root of 2 times the grain of one. NaN below 7 pixels on a side.
 #[must_use]
 pub fn rms(picture: &Picture, reference: &Picture) -> f64 {
     const SHARES: [f64; WINDOW] = [1.0 / WINDOW as f64; WINDOW];

@@ -1,4 +1,5 @@
-//! How far a picture is from a reference: one metric a file, and all of them at once by [`compare`].
+//! How far a picture is from a reference: one metric a file, and all of them at once by
+//! [`compare`].
 //!
 //! Linear metrics look at radiance; FLIP, SSIM and the perceptual difference look at the
 //! tone-mapped picture in eight bits, as a viewer does.

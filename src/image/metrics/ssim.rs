@@ -12,8 +12,8 @@ const RADIUS: usize = 5;
 const C1: f64 = (0.01 * 255.0) * (0.01 * 255.0);
 const C2: f64 = (0.03 * 255.0) * (0.03 * 255.0);
 
-/// Measures the mean structural similarity of two pictures of the same size: 1 for the same picture, NaN below 11 pixels on
-/// a side.
+/// Measures the mean structural similarity of two pictures of the same size: 1 for the same
+/// picture, NaN below 11 pixels on a side.
 #[must_use]
 pub fn mean(a: &Display, b: &Display) -> f64 {
     let (width, height) = (a.width, a.height);

@@ -70,10 +70,10 @@ impl Sweep {
     /// Pixels around a region from which corners may look.
     pub const MARGIN_PIXELS: f32 = 4.0;
     /// Directions that are held in memory together.
-    const BATCH: u32 = 8;
+    const DIRECTIONS_TOGETHER: u32 = 8;
 
     /// Optical depth between vertices, at most.
-    const MAX_VERTEX_DEPTH: f32 = 1.4;
+    const MAX_SWEPT_DEPTH: f32 = 1.4;
 
     /// Tells of a volume that was swept beforehand which vertices serve a brick, without their
     /// light. `depth_of` is that of [`Self::new`].
@@ -121,7 +121,8 @@ impl Sweep {
             scope.volume,
             scope.visible,
             counts().sum(),
-            (swept.max().unwrap_or(0)).saturating_add(LevelSweep::KEPT * counts().sum::<u64>()),
+            (swept.max().unwrap_or(0))
+                .saturating_add(LevelSweep::BYTES_A_VERTEX * counts().sum::<u64>()),
             scope.job.memory_limit,
         )?;
         let bounds = scope.view.tracer.scene.media_bounds();
@@ -142,7 +143,7 @@ impl Sweep {
     /// Log2 of the voxels between the vertices of a brick whose densest voxel has this optical
     /// depth; `None` if it is too deep.
     fn level(depth: f32) -> Option<usize> {
-        let fits = |&l: &usize| depth * (1 << l) as f32 <= Self::MAX_VERTEX_DEPTH;
+        let fits = |&l: &usize| depth * (1 << l) as f32 <= Self::MAX_SWEPT_DEPTH;
         (0..SWEPT_LEVELS).rev().find(fits)
     }
 
@@ -167,11 +168,12 @@ impl Sweep {
 
 impl LevelSweep {
     /// Bytes a vertex that are kept, and those that its level takes while it is swept.
-    const KEPT: u64 = size_of::<Option<Rgb>>() as u64;
+    const BYTES_A_VERTEX: u64 = size_of::<Option<Rgb>>() as u64;
     const SWEPT: u64 = (size_of::<[usize; 3]>()
         + size_of::<Option<Surroundings>>()
         + size_of::<Rgb>()
-        + Sweep::BATCH as usize * size_of::<Arriving>()) as u64;
+        + Sweep::DIRECTIONS_TOGETHER as usize * size_of::<Arriving>())
+        as u64;
 
     /// Bytes that rays take while a batch of directions is swept, whatever the number of threads:
     /// little of a volume may be needed, but rays pass all between its ends.
@@ -184,7 +186,7 @@ impl LevelSweep {
         let most = (0..directions)
             .map(|q| SweepRays::bytes(scope, set, step, scope.far_field.direction(q)))
             .max();
-        u64::from(Sweep::BATCH.min(directions)).saturating_mul(most.unwrap_or(0))
+        u64::from(Sweep::DIRECTIONS_TOGETHER.min(directions)).saturating_mul(most.unwrap_or(0))
     }
 
     /// Sweeps vertices `step` voxels apart.
@@ -206,8 +208,8 @@ impl LevelSweep {
             .collect::<Result<_>>()?;
         let mut sums = vec![Rgb::BLACK; vertices.len()];
         let directions = scope.far_field.quarters();
-        for first in (0..directions).step_by(Sweep::BATCH as usize) {
-            let batch = first..(first + Sweep::BATCH).min(directions);
+        for first in (0..directions).step_by(Sweep::DIRECTIONS_TOGETHER as usize) {
+            let batch = first..(first + Sweep::DIRECTIONS_TOGETHER).min(directions);
             let arriving: Vec<Vec<Arriving>> = batch
                 .clone()
                 .into_par_iter()
@@ -217,7 +219,7 @@ impl LevelSweep {
                 .collect::<Result<_>>()?;
             sums.par_iter_mut().enumerate().for_each(|(i, sum)| {
                 if let Some(around) = &surroundings[i] {
-                    let mut through = [0.0; Sweep::BATCH as usize];
+                    let mut through = [0.0; Sweep::DIRECTIONS_TOGETHER as usize];
                     for (through, arriving) in through.iter_mut().zip(&arriving) {
                         let a = &arriving[i];
                         *sum += a.radiance;

@@ -152,9 +152,9 @@ pub fn begin(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> R
 
 /// Renders into an OpenEXR file of 32-bit floats, with the variance of each pixel's mean in the
 /// layer `variance`. Sums are kept beside it ([`sums_path`]); a later run with more samples or time
-/// goes on from there, with the same result as one run would have had; [`Start::Afresh`] replaces them. On a
-/// stop what is there is written before the error is returned; an image only if every pixel has a
-/// sample.
+/// goes on from there, with the same result as one run would have had; [`Start::Afresh`] replaces
+/// them. On a stop what is there is written before the error is returned; an image only if every
+/// pixel has a sample.
 ///
 /// # Errors
 /// A setting out of range, kept sums of other settings, an output that cannot be written, or a stop
@@ -185,7 +185,8 @@ pub fn run(
         warn_of_not_finite(&sums, job);
     }
     job.heed_warnings()?;
-    // Before every pixel has a sample there is no image, and what is kept of earlier runs is worth more.
+    // Before every pixel has a sample there is no image, and what is kept of earlier runs is worth
+    // more.
     let save = |sums: &Sums| -> Result<()> {
         let is_whole = sums.counts().0 > 0;
         if is_whole || start == Start::Resume {

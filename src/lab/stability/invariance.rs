@@ -206,8 +206,8 @@ fn smoke() -> Vec<u8> {
         .collect()
 }
 
-/// A room with a red and a green wall, an emitter, a window that the sun shines through, a block, and
-/// smoke.
+/// A room with a red and a green wall, an emitter, a window that the sun shines through, a block,
+/// and smoke.
 fn room(change: &Change) -> String {
     let map = change.world_from_room;
     let point = |p: [f64; 3]| list(map.transform_point3(DVec3::from(p)).to_array());

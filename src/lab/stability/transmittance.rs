@@ -96,7 +96,8 @@ fn kernels(rows: &mut Vec<Row>) {
     }
 }
 
-/// An emitter of radiance 4 behind a cube of fog around the origin, looked at along -z by one pixel.
+/// An emitter of radiance 4 behind a cube of fog around the origin, looked at along -z by one
+/// pixel.
 pub fn emitter_behind(grid: Grid, albedo: f32) -> Scene {
     let dims = grid.dims();
     let mut scene = stage(

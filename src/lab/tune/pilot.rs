@@ -16,7 +16,7 @@ use rayon::prelude::*;
 /// Most blocks.
 const BLOCKS: usize = 100;
 /// Pixels along the edge of a block.
-const SIDE: u32 = 12;
+const BLOCK_EDGE: u32 = 12;
 /// Pixels of a block whose truth is traced, one in each cell of this size.
 const CELL: [u32; 2] = [4, 2];
 /// Sequences of paths at each pixel, independent of each other. Fewer leave a noisy scale to
@@ -241,8 +241,8 @@ impl Point {
 
 /// Blocks spread over a film: one in each stretch of a path that winds through all.
 fn blocks(film: &Film, seed: u64) -> Vec<Region> {
-    let all = Region::full(film.width, film.height).blocks([SIDE; 2]);
-    let columns = film.width.div_ceil(SIDE) as usize;
+    let all = Region::full(film.width, film.height).blocks([BLOCK_EDGE; 2]);
+    let columns = film.width.div_ceil(BLOCK_EDGE) as usize;
     let rows = all.len() / columns;
     // Back and forth through strips of a few rows, so that a stretch is about as high as wide.
     let strip = ((all.len() as f64 / BLOCKS as f64).sqrt().round() as usize).max(1);

@@ -40,14 +40,14 @@ const PROOF: f64 = 4.5;
 /// A measured error this close to the target is taken, as a logarithm.
 const CLOSE: f64 = 0.12;
 /// The longest step up, in rungs.
-const STEP: f64 = 1.75;
+const MAX_RUNGS_A_STEP: f64 = 1.75;
 /// Rungs beyond the finest measurement that the model is trusted for.
 const TRUST: f64 = 0.8;
 /// Rungs that a measurement stays below the guess: the last stretch is cheaper to trust than to
 /// measure.
 const SHORT: f64 = 0.4;
 /// Most measurements.
-const MOST: usize = 5;
+const MAX_TRIES: usize = 5;
 /// Share of bias that noise may add where bias alone is too much.
 const BESIDE_BIAS: f64 = 0.5;
 
@@ -63,7 +63,7 @@ pub fn search(
     finest: f64,
     mut measure: impl FnMut(f64) -> Result<f64>,
 ) -> Result<Found> {
-    let mut tried: Vec<(f64, f64)> = Vec::with_capacity(MOST);
+    let mut tried: Vec<(f64, f64)> = Vec::with_capacity(MAX_TRIES);
     let mut place = FIRST.min(finest);
     loop {
         let error = measure(place)?;
@@ -98,7 +98,7 @@ fn next(tried: &[(f64, f64)], target: f64, finest: f64) -> Next {
             // coarsest.
             if t <= 0.0 {
                 Next::Take(t, e, Outcome::Better)
-            } else if tried.len() >= MOST {
+            } else if tried.len() >= MAX_TRIES {
                 Next::Take(t, e, Outcome::Met)
             } else {
                 Next::Measure((t - log(target / e) / FALL).max(0.0))
@@ -114,7 +114,7 @@ fn up(tried: &[(f64, f64)], target: f64, finest: f64) -> Next {
     let (t, e) = tried[tried.len() - 1];
     let Some((t0, e0)) = tried.len().checked_sub(2).map(|i| tried[i]) else {
         let place = t + log(e / target) / FALL;
-        return Next::Measure(place.max(t + 1.0).min(t + STEP).min(finest));
+        return Next::Measure(place.max(t + 1.0).min(t + MAX_RUNGS_A_STEP).min(finest));
     };
     let left = exp(-SLOW * (t - t0));
     let noise = (e0 - e) * left / (1.0 - left);
@@ -124,13 +124,13 @@ fn up(tried: &[(f64, f64)], target: f64, finest: f64) -> Next {
         (e, log(e0 / e) / (t - t0))
     };
     let bias = e - noise;
-    if bias > target && t < PROOF.min(finest) && tried.len() < MOST {
+    if bias > target && t < PROOF.min(finest) && tried.len() < MAX_TRIES {
         return Next::Measure(PROOF.min(finest));
     }
     let goal = (target - bias).max(BESIDE_BIAS * bias);
     let place = (t + log(noise / goal) / fall).clamp(t, finest);
-    if place - t > TRUST && tried.len() < MOST {
-        return Next::Measure((place - SHORT).min(t + STEP));
+    if place - t > TRUST && tried.len() < MAX_TRIES {
+        return Next::Measure((place - SHORT).min(t + MAX_RUNGS_A_STEP));
     }
     let place = place.min(t + TRUST);
     let expected = bias + noise * exp(fall * (t - place));
@@ -159,7 +159,7 @@ mod tests {
                 let error = first * fall.powf(-f.rung) + bias;
                 assert_eq!(f.outcome, Outcome::Met, "{first} {fall} {target}");
                 assert!((error / target).ln().abs() < 0.25, "{error} for {target}");
-                assert!(f.tried.len() <= MOST);
+                assert!(f.tried.len() <= MAX_TRIES);
             }
         }
     }
@@ -197,7 +197,7 @@ mod tests {
             for curve in curves {
                 let f = search(target, 7.0, |t| Ok(curve(t))).unwrap();
                 assert!(
-                    f.tried.len() <= MOST && (0.0..=7.0).contains(&f.rung),
+                    f.tried.len() <= MAX_TRIES && (0.0..=7.0).contains(&f.rung),
                     "{f:?}"
                 );
                 assert!(f.expected.is_finite());

@@ -374,7 +374,8 @@ fn rays_of_sixteen_cells_take_every_stratum_of_many_lights_once() {
     }
 }
 
-/// A point light on a tilted ceiling, as exactly as can be told: the ceiling hides it from nothing below.
+/// A point light on a tilted ceiling, as exactly as can be told: the ceiling hides it from nothing
+/// below.
 #[test]
 fn a_surface_that_holds_a_light_does_not_hide_its_light() {
     let mut scene = Scene::without_picture();

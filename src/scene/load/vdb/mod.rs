@@ -59,6 +59,16 @@ impl Entry {
     }
 }
 
+/// What leads the tree of a grid in a file.
+struct GridHead<'a> {
+    /// The file from the tree on.
+    tree_bytes: Bytes<'a>,
+    /// Bits that tell how values are compressed.
+    compression: u32,
+    metadata: HashMap<String, Vec<u8>>,
+    world_from_index: DAffine3,
+}
+
 /// Everything of one grid.
 struct VdbGrid {
     label: String,
@@ -151,7 +161,7 @@ impl<'a> File<'a> {
     }
 
     /// Reads what leads the tree of a grid: compression, metadata and place.
-    fn head(&self, entry: &Entry) -> Result<(Bytes<'a>, u32, HashMap<String, Vec<u8>>, DAffine3)> {
+    fn head(&self, entry: &Entry) -> Result<GridHead<'a>> {
         let mut bytes = Bytes::new(self.content);
         bytes.seek(entry.at)?;
         let compression = match self.version < 222 {
@@ -170,21 +180,26 @@ impl<'a> File<'a> {
         }
         number_of(&entry.kind)?;
         let world_from_index = read_map(&mut bytes)?;
-        Ok((bytes, compression, metadata, world_from_index))
+        Ok(GridHead {
+            tree_bytes: bytes,
+            compression,
+            metadata,
+            world_from_index,
+        })
     }
 
     fn grid(&self, entry: &Entry, cancel: &Cancel) -> Result<VdbGrid> {
-        let (bytes, compression, metadata, world_from_index) = self.head(entry)?;
+        let own = self.head(entry)?;
         // An instance has a place of its own and the tree of another grid.
         let (mut bytes, compression) = match entry.parent.is_empty() {
-            true => (bytes, compression),
+            true => (own.tree_bytes, own.compression),
             false => {
                 let parent = self.entries.iter().find(|e| e.unique == entry.parent);
                 let parent = parent.filter(|p| p.parent.is_empty()).ok_or_else(|| {
                     Error::input("it shares the tree of a grid that is not there")
                 })?;
-                let (bytes, compression, ..) = self.head(parent)?;
-                (bytes, compression)
+                let head = self.head(parent)?;
+                (head.tree_bytes, head.compression)
             }
         };
         let encoding = Encoding {
@@ -195,8 +210,8 @@ impl<'a> File<'a> {
         let tree = Tree::read(&mut bytes, encoding, cancel)?;
         let grid = VdbGrid {
             label: entry.label(),
-            metadata,
-            world_from_index,
+            metadata: own.metadata,
+            world_from_index: own.world_from_index,
             tree,
         };
         grid.check_count()?;
