@@ -49,11 +49,35 @@ impl ClusterId {
         [x, y, z]
     }
 
-    /// Vertices of the whole lattice along x, y and z: those of its cells.
-    fn lattice(&self, volumes: &[VolumeInfo]) -> Option<[usize; 3]> {
-        let volume = volumes.get(usize::from(self.volume))?;
-        let level = (self.level <= MAX_SPACING_LEVEL).then_some(self.level)?;
-        Some(volume.dims.map(|n| n.div_ceil(1 << level) as usize + 1))
+    /// Vertices of the whole lattice along x, y and z, which are those of its cells. Readers index
+    /// by what this returns for: a cluster that begins inside the lattice of a volume.
+    ///
+    /// # Errors
+    /// [`FormatError::Invalid`] for a volume that is not there, a level above the coarsest, or a
+    /// cluster outside the lattice.
+    pub(crate) fn lattice(&self, volumes: &[VolumeInfo]) -> Result<[usize; 3]> {
+        let wrong = |what: &str, expected: String, found: String| {
+            let what = format!("{what} of the cluster at {:?}", self.first());
+            FormatError::invalid(what, expected, found)
+        };
+        let volume = volumes.get(usize::from(self.volume));
+        let Some(volume) = volume.filter(|_| self.level <= MAX_SPACING_LEVEL) else {
+            let expected = format!(
+                "a volume below {}, at most {MAX_SPACING_LEVEL}",
+                volumes.len()
+            );
+            let found = format!("{}, {}", self.volume, self.level);
+            return Err(wrong("volume or level", expected, found));
+        };
+        let count = volume
+            .dims
+            .map(|n| n.div_ceil(1 << self.level) as usize + 1);
+        let first = self.first();
+        if (0..3).any(|a| first[a] >= count[a]) {
+            let found = format!("a cluster at {first:?}");
+            return Err(wrong("vertices", format!("inside {count:?}"), found));
+        }
+        Ok(count)
     }
 }
 
@@ -112,14 +136,7 @@ impl VertexCluster {
             let what = format!("{what} of the cluster at {:?}", id.first());
             Err(FormatError::invalid(what, expected, found))
         };
-        let Some(count) = id.lattice(volumes) else {
-            let expected = format!(
-                "a volume below {}, at most {MAX_SPACING_LEVEL}",
-                volumes.len()
-            );
-            let found = format!("{}, {}", id.volume, id.level);
-            return wrong("volume or level", expected, found);
-        };
+        let count = id.lattice(volumes)?;
         if self.chosen.len() != CLUSTER_CUBES || self.is_empty() {
             return wrong(
                 "cubes",

@@ -27,7 +27,7 @@ impl Format for ScatterFormat {
 
     fn arrange(
         blocks: Vec<Block>,
-        _: &ScatterMeta,
+        meta: &ScatterMeta,
         summary: &ScatterSummary,
     ) -> Result<Vec<Block>> {
         let found = summary.clusters.len() as u64;
@@ -36,6 +36,7 @@ impl Format for ScatterFormat {
         for (i, (block, id)) in blocks.iter().zip(&summary.clusters).enumerate() {
             check_order(last, (block.kind, *id))?;
             last = Some((block.kind, *id));
+            id.lattice(&meta.volumes)?;
             let most = CLUSTER_EDGE.pow(3) as u32;
             if !(1..=most).contains(&block.records) || block.nodes != 0 {
                 return Err(FormatError::invalid(
@@ -113,5 +114,57 @@ impl<D: AsRef<[u8]>> Scatter<D> {
             let volumes = &self.meta().volumes;
             VertexCluster::unpack(raw, block.columns, records, block.kind, id, volumes)
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::VolumeInfo;
+
+    #[test]
+    fn clusters_outside_their_lattice_are_refused_when_a_file_is_opened() {
+        let volume = VolumeInfo {
+            name: "a".into(),
+            dims: [40, 40, 40],
+            index_from_scene: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0; 3]],
+            albedo: [1.0; 3],
+        };
+        let meta = ScatterMeta {
+            scene_hash: [0; 32],
+            scene_name: String::new(),
+            volumes: vec![volume],
+            tree_hash: [0; 16],
+            settings: Vec::new(),
+        };
+        let block = Block {
+            offset: 0,
+            stored_bytes: 1,
+            raw_bytes: 1,
+            kind: BlockKind::Direct,
+            records: 1,
+            nodes: 0,
+            columns: 1,
+            checksum: 0,
+        };
+        let opened = |volume, level, zyx| {
+            let id = ClusterId { volume, level, zyx };
+            let summary = ScatterSummary {
+                clusters: vec![id],
+                ..ScatterSummary::default()
+            };
+            ScatterFormat::arrange(vec![block], &meta, &summary).map_err(|e| e.to_string())
+        };
+        opened(0, 0, [1, 1, 1]).unwrap();
+        for (volume, level, zyx, expected) in [
+            (1, 0, [0; 3], "a volume below 1"),
+            (0, 4, [0; 3], "at most 3"),
+            (0, 0, [0, 2, 0], "inside [41, 41, 41]"),
+            (0, 3, [0, 0, 1], "inside [6, 6, 6]"),
+            (0, 0, [u16::MAX; 3], "inside"),
+        ] {
+            let error = opened(volume, level, zyx).unwrap_err();
+            assert!(error.contains(expected), "{error}");
+        }
     }
 }
