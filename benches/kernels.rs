@@ -7,13 +7,14 @@ mod common;
 use common::{DEMO, gather_rays, rays};
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
-use lvox::gather::{Gatherer, Kernel, Medium, NoMedia, PatchRadiance, Settings};
 use lvox::image::Region;
+use lvox::internals::gather::{Gatherer, Medium, NoMedia, PatchRadiance, RayKernel, RaySettings};
+use lvox::internals::tree::{self, SurfelStore};
 use lvox::internals::{Composite, Lights, Scratch, ShadowRays, Surface, Tracer, plain, reference};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade;
-use lvox::tree::{OpenTree, SurfelStore};
+use lvox::tree::OpenTree;
 use lvox::{Ray, Rgb};
 use std::path::Path;
 use std::sync::LazyLock;
@@ -54,18 +55,18 @@ fn cells(bencher: Bencher) {
 fn surfels(bencher: Bencher, kernel: &str) {
     let outgoing = PatchRadiance::new(&*TRACER, STORE.area_per_surfel(), RAYS as usize);
     let (kernel, max_solid_angle) = match kernel {
-        "traced 0.01 sr" => (Kernel::Traced(&outgoing), 0.01),
-        "plain" => (Kernel::Plain, 0.0),
-        "cone 0 sr" => (Kernel::Cone, 0.0),
-        _ => (Kernel::Cone, 0.01),
+        "traced 0.01 sr" => (RayKernel::Traced(&outgoing), 0.01),
+        "plain" => (RayKernel::Plain, 0.0),
+        "cone 0 sr" => (RayKernel::Cone, 0.0),
+        _ => (RayKernel::Cone, 0.01),
     };
-    let SurfelStore::Resident(pages) = &STORE.surfels else {
+    let SurfelStore::Resident(pages) = tree::surfels(&STORE) else {
         unreachable!("no limit was given")
     };
     let gatherer = Gatherer {
         pages,
         media: NoMedia,
-        settings: Settings {
+        settings: RaySettings {
             samples: 1,
             max_solid_angle,
             max_dist: f32::INFINITY,
@@ -90,7 +91,7 @@ fn order(bencher: Bencher, order: &str) {
     let other = std::env::var_os("LVOX_BENCH_TREE")
         .map(|path| OpenTree::open(Path::new(&path), None).expect("LVOX_BENCH_TREE"));
     let store = other.as_ref().unwrap_or(&STORE);
-    let SurfelStore::Resident(pages) = &store.surfels else {
+    let SurfelStore::Resident(pages) = tree::surfels(store) else {
         unreachable!("no limit was given")
     };
     let rays = gather_rays(store, RAYS);
@@ -118,7 +119,7 @@ fn order(bencher: Bencher, order: &str) {
 /// Lvoxels passed by a gather ray.
 #[divan::bench]
 fn lvoxels(bencher: Bencher) {
-    let media = &STORE.media;
+    let media = tree::media(&STORE);
     let rays = rays(RAYS);
     bencher.counter(ItemsCount::new(RAYS)).bench(|| {
         for &(origin, direction) in &rays {

@@ -12,14 +12,15 @@ use lvox::Rgb;
 use lvox::bake::{self, SurfelSampling};
 use lvox::build;
 use lvox::formats::Overwrite;
-use lvox::gather::{self, Gatherer, Medium, NoMedia, PatchRadiance, SampleRange};
 use lvox::image::Region;
 use lvox::inspect::{self, Description};
 use lvox::internals::Tracer;
+use lvox::internals::gather::{self, Gatherer, Medium, NoMedia, PatchRadiance, SampleRange};
+use lvox::internals::tree::{self, Media, Pages, SurfelStore};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade::{self, Kernel};
-use lvox::tree::{Media, OpenTree, Pages, SurfelStore};
+use lvox::tree::OpenTree;
 use std::fs;
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
@@ -178,7 +179,7 @@ impl Baked {
     }
 
     fn pages(&self) -> &impl Pages {
-        match &self.store.surfels {
+        match tree::surfels(&self.store) {
             SurfelStore::Resident(pages) => pages,
             SurfelStore::Cached(_) => unreachable!("no limit was given"),
         }
@@ -186,10 +187,10 @@ impl Baked {
 
     /// Microseconds a receiver, with the code that a frame of this tree would choose.
     fn time(&self, kernel: Kernel, receivers: u64) -> f64 {
-        if self.store.media.is_empty() {
+        if tree::media(&self.store).is_empty() {
             self.time_with(self.pages(), NoMedia, kernel, receivers)
         } else {
-            self.time_with(self.pages(), &self.store.media, kernel, receivers)
+            self.time_with(self.pages(), tree::media(&self.store), kernel, receivers)
         }
     }
 
@@ -209,14 +210,14 @@ impl Baked {
         let gatherer = Gatherer {
             pages,
             media,
-            settings: gather::Settings {
+            settings: gather::RaySettings {
                 samples: settings.samples,
                 max_solid_angle: settings.max_solid_angle,
                 max_dist: f32::INFINITY,
                 kernel: match kernel {
-                    Kernel::Traced => gather::Kernel::Traced(&outgoing),
-                    Kernel::Cone => gather::Kernel::Cone,
-                    Kernel::Plain => gather::Kernel::Plain,
+                    Kernel::Traced => gather::RayKernel::Traced(&outgoing),
+                    Kernel::Cone => gather::RayKernel::Cone,
+                    Kernel::Plain => gather::RayKernel::Plain,
                 },
                 environment: Rgb::BLACK,
                 leave_out_bright: false,
@@ -375,7 +376,7 @@ fn main() {
     // The most memory with which pages are still cached, to 256 KiB.
     let limited = (1..400).rev().find_map(|steps| {
         let store = OpenTree::open(&plain.path, Some(steps << 18)).ok()?;
-        matches!(store.surfels, SurfelStore::Cached(_)).then_some(store)
+        matches!(tree::surfels(&store), SurfelStore::Cached(_)).then_some(store)
     });
     println!("\n| feature | kernel | without | forced on | with |");
     println!("| --- | --- | --- | --- | --- |");
@@ -383,7 +384,8 @@ fn main() {
         let of = |baked| of(baked, kernel);
         let media: Timing = Box::new(|n| plain.time_with(plain.pages(), &nothing, kernel, n));
         let cached = limited.as_ref().map(|store| -> Timing {
-            Box::new(|n| match &store.surfels {
+            let plain = &plain;
+            Box::new(move |n| match tree::surfels(store) {
                 SurfelStore::Resident(pages) => plain.time_with(pages, NoMedia, kernel, n),
                 SurfelStore::Cached(pages) => plain.time_with(pages, NoMedia, kernel, n),
             })

@@ -13,14 +13,17 @@
 mod trees;
 
 use glam::{Vec3, Vec3A};
-use lvox::gather::{Gatherer, Kernel, NoMedia, PatchRadiance, Settings, SurfacePoint};
+use lvox::internals::gather::{
+    Gatherer, NoMedia, PatchRadiance, RayKernel, RaySettings, SurfacePoint,
+};
+use lvox::internals::tree::ResidentTree;
+use lvox::internals::tree::{self, SurfelStore};
 use lvox::internals::{
     Scratch, Surface, Tracer, cosine_hemisphere, hash, mix, offset, sobol2, tangents, usage,
 };
 use lvox::scene::Scene;
 use lvox::shade::{self, Quality};
-use lvox::tree::ResidentTree;
-use lvox::tree::{OpenTree, SurfelStore};
+use lvox::tree::OpenTree;
 use lvox::{Ray, Rgb};
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::builder::build_bvh2_from_tris;
@@ -120,7 +123,7 @@ fn main() {
     let folder = tempfile::tempdir().unwrap();
     for &surfels in size.surfels {
         let store = store(&scene, surfels, folder.path());
-        let SurfelStore::Resident(pages) = &store.surfels else {
+        let SurfelStore::Resident(pages) = tree::surfels(&store) else {
             unreachable!("no limit was given")
         };
         // As in a frame, whose gathers stand half as far apart. Each row has a table of its own, as
@@ -134,11 +137,11 @@ fn main() {
                     .in_patches_of(settings.patch_surfels as f32)
             };
             let known = outgoing();
-            let alone = gatherer(pages, Kernel::Traced(&known), max_solid_angle);
+            let alone = gatherer(pages, RayKernel::Traced(&known), max_solid_angle);
             let secs = one_by_one(&alone, &rays, size.passes);
             print(&name, &surfels.to_string(), secs);
             let known = outgoing();
-            let gatherer = gatherer(pages, Kernel::Traced(&known), max_solid_angle);
+            let gatherer = gatherer(pages, RayKernel::Traced(&known), max_solid_angle);
             let order = gatherer.order(SIDE * SIDE);
             let secs = best(size.passes, || {
                 for (key, square) in squares.iter().enumerate() {
@@ -148,10 +151,10 @@ fn main() {
             print(&format!("{name}, in squares"), &surfels.to_string(), secs);
         }
         for (name, kernel, max_solid_angle) in [
-            ("cone, 0.02 sr", Kernel::Cone, 0.02),
-            ("cone, 0.01 sr", Kernel::Cone, 0.01),
-            ("cone, surfels only", Kernel::Cone, 0.0),
-            ("plain", Kernel::Plain, 0.0),
+            ("cone, 0.02 sr", RayKernel::Cone, 0.02),
+            ("cone, 0.01 sr", RayKernel::Cone, 0.01),
+            ("cone, surfels only", RayKernel::Cone, 0.0),
+            ("plain", RayKernel::Plain, 0.0),
         ] {
             let gatherer = gatherer(pages, kernel, max_solid_angle);
             let secs = one_by_one(&gatherer, &rays, size.passes);
@@ -278,13 +281,13 @@ fn store(scene: &Scene, surfels: u64, folder: &Path) -> OpenTree {
 
 fn gatherer<'a>(
     pages: &'a ResidentTree,
-    kernel: Kernel<'a>,
+    kernel: RayKernel<'a>,
     max_solid_angle: f32,
 ) -> Gatherer<'a, ResidentTree, NoMedia> {
     Gatherer {
         pages,
         media: NoMedia,
-        settings: Settings {
+        settings: RaySettings {
             samples: SAMPLES,
             max_solid_angle,
             max_dist: f32::INFINITY,

@@ -111,6 +111,34 @@ pub mod internals {
         pub use crate::run::usage::{cpu_secs, peak_memory_bytes, with_peak_memory};
     }
 
+    /// Gathers as stages make them, over any store and with any kernel.
+    pub mod gather {
+        pub use crate::gather::crossing::Crossing;
+        pub use crate::gather::gatherer::{Gatherer, RayKernel, RaySettings, SampleRange};
+        pub use crate::gather::medium::{Medium, NoMedia};
+        pub use crate::gather::neighbours::SurfacePoint;
+        pub use crate::gather::patch_radiance::{PatchRadiance, PatchRequest};
+    }
+
+    /// What an open tree holds.
+    pub mod tree {
+        use crate::tree::OpenTree;
+        pub use crate::tree::media::Media;
+        pub use crate::tree::pages::{Page, Pages, ResidentTree, SurfelStore};
+
+        /// The pages of surfels of a tree.
+        #[must_use]
+        pub fn surfels(tree: &OpenTree) -> &SurfelStore {
+            &tree.surfels
+        }
+
+        /// The lvoxels of a tree.
+        #[must_use]
+        pub fn media(tree: &OpenTree) -> &Media {
+            &tree.media
+        }
+    }
+
     /// The kernel that takes nodes whole.
     pub mod cone {
         pub use crate::gather::cone::cast;

@@ -2,10 +2,10 @@
 //! small part of a room's floor. Few gather rays meet them, and those that do bring most of the
 //! light. Gathers may leave them out of what rays meet, and ask them as they ask lights.
 
-use super::Pages;
 use super::patch_id::{PatchExtent, PatchId};
 use crate::math::{Aabb, Hit, Rgb};
 use crate::tree::Page;
+use crate::tree::Pages;
 use crate::tree::page::{ChildKind, WIDTH, WideNode};
 use crate::tree::traversal::{OpenNodes, Query, Visited, traverse};
 use glam::Vec3;

@@ -5,9 +5,10 @@
 //! composited by the share of the box that their surfels cover (Christensen 2008 for aggregates;
 //! the patch closes the holes between disks).
 
-use super::{Crossing, Pages};
+use super::crossing::Crossing;
 use crate::math::{Ray, Rgb};
 use crate::tree::Page;
+use crate::tree::Pages;
 use crate::tree::page::{ChildKind, DiskBlock, PageLeaves, PageNodes, WIDTH, WideNode};
 use crate::tree::traversal::{OpenNodes, Query, Visited, traverse};
 use std::ops::ControlFlow;

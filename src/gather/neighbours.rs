@@ -2,8 +2,10 @@
 //! other meet nearly the same.
 
 use super::directions::{Hemisphere, SEQUENCES};
-use super::{Gathered, Gatherer, Incident, IncidentSum, Medium, Pages, SampleRange};
+use super::gatherer::{Gathered, Gatherer, Incident, IncidentSum, SampleRange};
+use super::medium::Medium;
 use crate::math::Ray;
+use crate::tree::Pages;
 use glam::Vec3;
 use lvox_formats::morton::interleave;
 use std::f32::consts::PI;

@@ -6,13 +6,14 @@
 //! taken whole, and remembered.
 
 use super::bright::{BrightDiskSearch, BrightHit, BrightPatch, BrightPatchIndex, DiskSide};
+use super::crossing::Crossing;
 use super::geometry::Geometry;
 use super::patch::TriangleSide;
 use super::patch_id::{PatchExtent, PatchId};
 use super::radiance_cache::RadianceCache;
-use super::{Crossing, Pages};
 use crate::math::{Hit, Ray, Rgb};
 use crate::tree::OpenTree;
+use crate::tree::Pages;
 use crate::tree::traversal::OpenNodes;
 use std::sync::atomic::{AtomicU64, Ordering};
 

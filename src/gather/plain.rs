@@ -2,9 +2,10 @@
 //! aggregates, no lanes; kept as the reference that the fast kernel is tested against.
 
 use super::cone::{OVERHANG, Scratch};
-use super::{Crossing, Pages};
+use super::crossing::Crossing;
 use crate::math::{Ray, Rgb};
 use crate::tree::Page;
+use crate::tree::Pages;
 use crate::tree::page::{ChildKind, PageLeaves, WIDTH};
 use crate::tree::traversal::{OpenNodes, Query, Visited, traverse};
 use glam::Vec3;

@@ -1,10 +1,67 @@
 //! Gathers at points from an open tree alone, whatever store its pages are in.
 
 use super::dispatch::{TreeTask, with_tree};
-use super::{Gathered, Gatherer, Medium, SampleRange, Settings};
+use super::{Gathered, Gatherer, Medium, RayKernel, RaySettings, SampleRange};
 use crate::Result;
+use crate::math::Rgb;
 use crate::tree::{OpenTree, Pages};
 use glam::Vec3;
+
+/// How a [`PointGatherer`] gathers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Rays of each gather, at least one.
+    pub samples: u32,
+    /// A node seen under less than this solid angle, in steradians, may stand for all below it; 0
+    /// for disks only.
+    pub max_solid_angle: f32,
+    /// Surfaces and media beyond this distance, in scene units, send nothing, but still hide the
+    /// environment; infinite for no limit.
+    pub max_dist: f32,
+    /// The way in which the surface that ends a ray is found.
+    pub kernel: Kernel,
+    /// Radiance where a ray meets nothing.
+    pub environment: Rgb,
+}
+
+/// How the surface that ends a ray is found in a tree.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Kernel {
+    /// Surfels, and nodes whole below the solid angle.
+    #[default]
+    Cone,
+    /// Every surfel, one node at a time, as in the paper of Gibson & Wood (2011).
+    Plain,
+}
+
+impl Default for Settings {
+    /// Cones of 256 rays with a cut of 0.01 steradians, however far, in the dark.
+    fn default() -> Self {
+        Self {
+            samples: 256,
+            max_solid_angle: 0.01,
+            max_dist: f32::INFINITY,
+            kernel: Kernel::Cone,
+            environment: Rgb::BLACK,
+        }
+    }
+}
+
+impl Settings {
+    fn of_rays(&self) -> RaySettings<'static> {
+        RaySettings {
+            samples: self.samples,
+            max_solid_angle: self.max_solid_angle,
+            max_dist: self.max_dist,
+            kernel: match self.kernel {
+                Kernel::Cone => RayKernel::Cone,
+                Kernel::Plain => RayKernel::Plain,
+            },
+            environment: self.environment,
+            leave_out_bright: false,
+        }
+    }
+}
 
 /// Gathers light at any points from a tree, for which no scene is needed.
 ///
@@ -12,13 +69,13 @@ use glam::Vec3;
 #[derive(Clone, Copy, Debug)]
 pub struct PointGatherer<'a> {
     tree: &'a OpenTree,
-    settings: Settings<'a>,
+    settings: Settings,
 }
 
 impl<'a> PointGatherer<'a> {
     /// Prepares gathers from an open tree.
     #[must_use]
-    pub fn new(tree: &'a OpenTree, settings: Settings<'a>) -> Self {
+    pub fn new(tree: &'a OpenTree, settings: Settings) -> Self {
         Self { tree, settings }
     }
 
@@ -44,9 +101,8 @@ impl<'a> PointGatherer<'a> {
     }
 
     fn gather(&self, receiver: Receiver, seed: u64) -> Result<Gathered> {
-        let settings = self.settings;
         let task = PointGather {
-            settings,
+            settings: self.settings,
             receiver,
             seed,
         };
@@ -62,21 +118,20 @@ enum Receiver {
 }
 
 /// One gather.
-struct PointGather<'a> {
-    settings: Settings<'a>,
+struct PointGather {
+    settings: Settings,
     receiver: Receiver,
     seed: u64,
 }
 
-impl TreeTask for PointGather<'_> {
+impl TreeTask for PointGather {
     type Output = Result<Gathered>;
 
     fn run<P: Pages, M: Medium>(self, pages: &P, media: M) -> Result<Gathered> {
-        let settings = self.settings;
         let gatherer = Gatherer {
             pages,
             media,
-            settings,
+            settings: self.settings.of_rays(),
         };
         let range = SampleRange::first(self.seed);
         let gathered = match self.receiver {

@@ -1,6 +1,6 @@
 //! What a point inside media asks of a gatherer, for whichever pages and media that was compiled.
 
-use crate::gather::{Gathered, Gatherer, Incident, Medium, SampleRange, Settings, cone};
+use crate::gather::{Gathered, Gatherer, Incident, Medium, RaySettings, SampleRange, cone};
 use crate::math::Ray;
 use crate::math::segment::{Composite, Segment};
 use crate::tree::Pages;
@@ -9,7 +9,7 @@ use glam::Vec3;
 /// Gathers of light inside media.
 pub trait GatherInMedia: Sync {
     /// Rays, limits and kernel of the gathers.
-    fn settings(&self) -> &Settings<'_>;
+    fn settings(&self) -> &RaySettings<'_>;
 
     /// Mean over the sphere of the radiance at a point of a medium.
     fn mean_radiance(&self, point: Vec3, range: SampleRange) -> Gathered;
@@ -26,7 +26,7 @@ pub trait GatherInMedia: Sync {
 }
 
 impl<P: Pages, M: Medium> GatherInMedia for Gatherer<'_, P, M> {
-    fn settings(&self) -> &Settings<'_> {
+    fn settings(&self) -> &RaySettings<'_> {
         &self.settings
     }
 

@@ -39,7 +39,7 @@ pub use scattered::check_volumes;
 pub use source::{InScatter, MediaLights, RayMemo, VolumeLight};
 pub use sparse::SparseValues;
 
-use crate::gather::Settings;
+use crate::gather::RaySettings;
 
 /// Solid angle below which nodes are taken whole by rays of media, over that of rays of surfaces:
 /// few rays look along the whole sphere, so that each stands for far more of it, and their light is
@@ -48,8 +48,8 @@ const SOLID_ANGLE_OVER_SURFACES: f32 = 4.0;
 
 /// Settings of gathers inside media, of so many samples, given those on surfaces.
 #[must_use]
-pub fn gather_settings(on_surfaces: Settings<'_>, samples: u32) -> Settings<'_> {
-    Settings {
+pub fn gather_settings(on_surfaces: RaySettings<'_>, samples: u32) -> RaySettings<'_> {
+    RaySettings {
         samples,
         max_solid_angle: SOLID_ANGLE_OVER_SURFACES * on_surfaces.max_solid_angle,
         ..on_surfaces

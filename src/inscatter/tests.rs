@@ -165,11 +165,11 @@ fn with<M: Medium, T>(
     let gatherer = Gatherer {
         pages: &NoPages,
         media,
-        settings: gather::Settings {
+        settings: gather::RaySettings {
             samples: 8,
             max_solid_angle: 0.01,
             max_dist: f32::INFINITY,
-            kernel: gather::Kernel::Traced(&outgoing),
+            kernel: gather::RayKernel::Traced(&outgoing),
             environment: Rgb::BLACK,
             leave_out_bright: false,
         },

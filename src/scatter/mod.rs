@@ -8,7 +8,7 @@
 mod pack;
 mod settings;
 
-use crate::gather::{self, Gatherer, Kernel, Medium, PatchRadiance, TreeTask};
+use crate::gather::{self, Gatherer, Medium, PatchRadiance, RayKernel, TreeTask};
 use crate::inscatter::{self, InScatter, MediaLights, VolumeLight};
 use crate::light::{Lights, SoftShadowMedia};
 use crate::run::Job;
@@ -96,11 +96,11 @@ impl TreeTask for Lighting<'_> {
         let shadows = SoftShadowMedia::new(scene);
         let lights = Lights::new(&tracer).with_soft_shadows(shadows.as_ref());
         let patches = PatchRadiance::of_tree(&tracer, tree, 0);
-        let on_surfaces = gather::Settings {
+        let on_surfaces = gather::RaySettings {
             samples: settings.volume_samples,
             max_solid_angle: settings.max_solid_angle,
             max_dist: f32::INFINITY,
-            kernel: Kernel::Traced(&patches),
+            kernel: RayKernel::Traced(&patches),
             environment: lights.environment(),
             // Which patches are bright depends on what a camera sees.
             leave_out_bright: false,

@@ -94,11 +94,11 @@ impl TreeTask for FrameTask<'_> {
             .filter(|_| M::IS_NOTHING)
             .and_then(|patches| BrightPatchLights::find(&view, &lights, patches, pages, settings));
         let kernel = match (&patches, settings.kernel) {
-            (Some(patches), _) => gather::Kernel::Traced(patches),
-            (None, Kernel::Plain) => gather::Kernel::Plain,
-            (None, _) => gather::Kernel::Cone,
+            (Some(patches), _) => gather::RayKernel::Traced(patches),
+            (None, Kernel::Plain) => gather::RayKernel::Plain,
+            (None, _) => gather::RayKernel::Cone,
         };
-        let gathers = gather::Settings {
+        let gathers = gather::RaySettings {
             samples: settings.samples,
             max_solid_angle: settings.max_solid_angle,
             max_dist: settings.max_dist.unwrap_or(f32::INFINITY),
@@ -113,7 +113,7 @@ impl TreeTask for FrameTask<'_> {
         };
         let on_surfaces = |samples| SurfaceGatherer {
             view: &view,
-            gatherer: with_settings(gather::Settings {
+            gatherer: with_settings(gather::RaySettings {
                 samples: match bright_patches {
                     Some(_) => BrightPatchLights::other_rays(samples),
                     None => samples,

@@ -48,7 +48,7 @@ pub struct Settings {
     pub seed: u64,
 }
 
-/// What ends gather rays, [`crate::gather::Kernel`].
+/// The way in which the surface that ends a gather ray is found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kernel {

@@ -19,11 +19,10 @@ pub(crate) mod media;
 pub(crate) mod node_aggregate;
 mod open_tree;
 pub(crate) mod page;
-mod pages;
+pub(crate) mod pages;
 pub(crate) mod traversal;
 
 pub use decoder::PageStats;
-pub use media::Media;
-pub use node_aggregate::NodeAggregate;
+pub(crate) use media::Media;
 pub use open_tree::OpenTree;
-pub use pages::{CachedTree, Page, Pages, ResidentTree, SurfelStore};
+pub(crate) use pages::{Page, Pages, SurfelStore};

@@ -15,10 +15,10 @@ use std::path::Path;
 pub struct OpenTree {
     /// Pages of surfels and of the nodes over them.
     #[doc(hidden)]
-    pub surfels: SurfelStore,
+    pub(crate) surfels: SurfelStore,
     /// Lvoxels of all volumes.
     #[doc(hidden)]
-    pub media: Media,
+    pub(crate) media: Media,
     /// Light that they scatter, if it was made beforehand.
     #[doc(hidden)]
     pub scatter: Option<Scatter<MappedFile>>,

@@ -7,9 +7,10 @@ use lvox::formats::Overwrite;
 use lvox::image::exr::{self, Precision};
 use lvox::image::merge;
 use lvox::image::{Frame, Region};
+use lvox::internals::tree::{self, SurfelStore};
 use lvox::run::Job;
 use lvox::shade::{self as stage, Aov, Settings};
-use lvox::tree::{OpenTree, SurfelStore};
+use lvox::tree::OpenTree;
 use std::fs;
 use std::path::Path;
 
@@ -121,7 +122,10 @@ fn frames_do_not_depend_on_threads_tiles_or_caches() {
         .find(|&l| OpenTree::open(&tree, Some(l)).is_ok())
         .unwrap();
     let cached = OpenTree::open(&tree, Some(least)).unwrap();
-    assert!(matches!(cached.surfels, SurfelStore::Cached(_)), "{least}");
+    assert!(
+        matches!(tree::surfels(&cached), SurfelStore::Cached(_)),
+        "{least}"
+    );
     let frame = tile(&work, &cached, full);
     assert!(bytes(&frame, &work.path("again.exr")) == whole);
     let stats = cached.stats();

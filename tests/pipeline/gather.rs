@@ -6,14 +6,14 @@ use glam::{Affine3A, Quat, Vec3};
 use lvox::build;
 use lvox::formats::record::{MAX_LEVEL, VolumeInfo};
 use lvox::formats::{ClipEdge, Clips, CloudMeta, CloudWriter, Lvoxel, Overwrite, Surfel};
-use lvox::gather::{
-    Crossing, Gatherer, Kernel, Medium, NoMedia, PatchRadiance, PatchRequest, SampleRange,
-    Settings, SurfacePoint,
+use lvox::internals::gather::{
+    Crossing, Gatherer, Medium, NoMedia, PatchRadiance, PatchRequest, RayKernel, RaySettings,
+    SampleRange, SurfacePoint,
 };
+use lvox::internals::tree::{self, Media, Page, Pages, SurfelStore};
 use lvox::internals::{Composite, MAX_PACKET, Scratch, Tracer, plain, r2, sphere};
 use lvox::run::Job;
-use lvox::tree::Page;
-use lvox::tree::{Media, OpenTree, Pages, SurfelStore};
+use lvox::tree::OpenTree;
 use lvox::{Ray, Rgb};
 use std::f32::consts::PI;
 use std::path::PathBuf;
@@ -101,14 +101,14 @@ fn tree(surfels: &[Surfel]) -> (tempfile::TempDir, PathBuf) {
 
 /// The surfels of a tree that was opened without a limit.
 fn pages(store: &OpenTree) -> &impl Pages {
-    let SurfelStore::Resident(pages) = &store.surfels else {
+    let SurfelStore::Resident(pages) = tree::surfels(store) else {
         panic!("a limit without being asked")
     };
     pages
 }
 
-fn settings(kernel: Kernel, max_solid_angle: f32) -> Settings {
-    Settings {
+fn settings(kernel: RayKernel, max_solid_angle: f32) -> RaySettings {
+    RaySettings {
         samples: 64,
         max_solid_angle,
         max_dist: f32::INFINITY,
@@ -138,7 +138,7 @@ fn the_fast_kernel_without_aggregates_sees_what_the_plain_one_sees() {
         media: NoMedia,
         settings: settings(kernel, 0.0),
     };
-    let (fast, plain) = (gatherer(Kernel::Cone), gatherer(Kernel::Plain));
+    let (fast, plain) = (gatherer(RayKernel::Cone), gatherer(RayKernel::Plain));
     let (mut other_distance, mut other_light) = (0, 0);
     let rays = receivers(40_000);
     let mut scratch = Scratch::default();
@@ -193,10 +193,10 @@ fn aggregates_change_irradiance_by_a_few_percent() {
         });
         light.collect()
     };
-    let plain = irradiance(Kernel::Plain, 0.0);
+    let plain = irradiance(RayKernel::Plain, 0.0);
     let mean: f32 = plain.iter().sum::<f32>() / plain.len() as f32;
     for (solid_angle, limit) in [(0.0, 0.002), (0.001, 0.02), (0.01, 0.03), (0.05, 0.06)] {
-        let fast = irradiance(Kernel::Cone, solid_angle);
+        let fast = irradiance(RayKernel::Cone, solid_angle);
         let pairs = fast.iter().zip(&plain);
         let square: f32 = pairs.map(|(a, b)| (a - b) * (a - b)).sum();
         let rms = (square / plain.len() as f32).sqrt() / mean;
@@ -207,9 +207,9 @@ fn aggregates_change_irradiance_by_a_few_percent() {
 #[test]
 fn neighbours_gather_together_what_they_gather_one_by_one() {
     let (_dir, store) = store(&cloud(40_000));
-    let few = settings(Kernel::Cone, 0.01);
+    let few = settings(RayKernel::Cone, 0.01);
     // More than are put in order.
-    let many = Settings {
+    let many = RaySettings {
         samples: 5000,
         ..few
     };
@@ -284,12 +284,12 @@ fn nothing_behind_the_facet_of_a_smooth_mesh_reaches_it() {
     let mut speck = below[0];
     (speck.position, speck.radius) = ([0.0, 100.0, 0.0], 1e-3);
     let (_dirs, stores): (Vec<_>, Vec<_>) = [store(&[speck]), store(&below)].into_iter().unzip();
-    for kernel in [Kernel::Cone, Kernel::Plain] {
+    for kernel in [RayKernel::Cone, RayKernel::Plain] {
         let of = |store, environment, normal, face| {
             let gatherer = Gatherer {
                 pages: pages(store),
                 media: NoMedia,
-                settings: Settings {
+                settings: RaySettings {
                     samples: 4096,
                     environment: Rgb::splat(environment),
                     leave_out_bright: false,
@@ -321,11 +321,11 @@ fn nothing_behind_the_facet_of_a_smooth_mesh_reaches_it() {
 fn nothing_beyond_the_largest_distance_sends_light_or_lets_it_through() {
     let (_dir, store) = store(&cloud(20_000));
     let pages = pages(&store);
-    for kernel in [Kernel::Cone, Kernel::Plain] {
+    for kernel in [RayKernel::Cone, RayKernel::Plain] {
         let gatherer = Gatherer {
             pages,
             media: NoMedia,
-            settings: Settings {
+            settings: RaySettings {
                 max_dist: 1e-3,
                 ..settings(kernel, 0.01)
             },
@@ -524,7 +524,7 @@ fn trees_are_held_whole_only_if_the_memory_limit_allows_it() {
             })
             .sum();
         let is_kept = |limit: usize| match OpenTree::open(&path, Some(limit as u64)) {
-            Ok(store) => matches!(store.surfels, SurfelStore::Resident(_)),
+            Ok(store) => matches!(tree::surfels(&store), SurfelStore::Resident(_)),
             Err(_) => false,
         };
         assert!(!is_kept(held - 1), "{held}");

@@ -8,8 +8,9 @@ use lvox::formats::{
     TreeMeta, TreeWriter,
 };
 use lvox::inspect::export_ply;
+use lvox::internals::tree::{self, Pages, SurfelStore};
 use lvox::internals::{Scratch, cone, plain};
-use lvox::tree::{OpenTree, Pages, SurfelStore};
+use lvox::tree::OpenTree;
 
 const OVERLAP: f32 = 1.8;
 
@@ -83,7 +84,7 @@ fn cast<P: Pages>(pages: &P) -> (Vec<bool>, lvox::Result<()>) {
 }
 
 fn cast_in(store: &OpenTree) -> (Vec<bool>, lvox::Result<()>) {
-    match &store.surfels {
+    match tree::surfels(store) {
         SurfelStore::Resident(pages) => cast(pages),
         SurfelStore::Cached(pages) => cast(pages),
     }
@@ -99,7 +100,7 @@ fn a_tree_in_which_a_page_is_linked_twice_is_refused() {
     let crossed: Vec<_> = [leaf(), links(&[0])].into_iter().chain(crossed).collect();
     for pages in [eightfold, crossed] {
         let (dir, stores) = stores(&pages, Some(1 << 16));
-        assert!(matches!(stores[1].surfels, SurfelStore::Cached(_)));
+        assert!(matches!(tree::surfels(&stores[1]), SurfelStore::Cached(_)));
         for store in &stores {
             let error = cast_in(store).1.unwrap_err();
             assert_eq!(error.kind(), lvox::Kind::Input);

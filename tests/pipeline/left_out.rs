@@ -2,6 +2,7 @@
 
 use crate::{ROOM, Work};
 use lvox::inspect::{self, Description};
+use lvox::internals::tree::media;
 use lvox::tree::OpenTree;
 use std::fs;
 use std::path::Path;
@@ -39,8 +40,8 @@ fn surfaces_alone_have_no_byte_for_media() {
         assert!(file.sums.volumes.is_empty());
     }
     let store = OpenTree::open(&names[1], None).unwrap();
-    assert!(store.media.is_empty());
-    assert_eq!(store.media.bytes(), 0);
+    assert!(media(&store).is_empty());
+    assert_eq!(media(&store).bytes(), 0);
 
     let smoky = Work::new(&room("[10, 9, 7]", SMOKE));
     for file in files(&smoky) {

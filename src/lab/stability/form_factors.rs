@@ -5,7 +5,7 @@ use super::row::Row;
 use super::workbench::{Workbench, add_quad, gatherer, irradiance, stage};
 use crate::Result;
 use crate::formats::{CloudMeta, Surfel};
-use crate::gather::{Kernel, NoMedia};
+use crate::gather::{NoMedia, RayKernel};
 use crate::light::{Lights, ShadowRays};
 use crate::math::polygon;
 use crate::scene::Light;
@@ -270,7 +270,7 @@ fn disk(radius: f32) -> Surfel {
     }
 }
 
-const KERNELS: [(&str, Kernel); 2] = [("cone", Kernel::Cone), ("plain", Kernel::Plain)];
+const KERNELS: [(&str, RayKernel); 2] = [("cone", RayKernel::Cone), ("plain", RayKernel::Plain)];
 
 fn disks(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     const SAMPLES: u32 = 65_536;

@@ -2,13 +2,13 @@
 
 use crate::bake::{self, SurfelSampling};
 use crate::formats::{CloudMeta, CloudWriter, Lvoxel, Overwrite, Surfel};
-use crate::gather::{self, Gatherer, Kernel, Medium, SampleRange};
+use crate::gather::{self, Gatherer, Medium, RayKernel, SampleRange};
 use crate::image::{Frame, Region};
 use crate::math::Rgb;
 use crate::run::{Cancel, Job};
 use crate::scene::{Camera, Film, Grid, Material, Scene, Volume};
 use crate::shade::{self, Settings};
-use crate::tree::ResidentTree;
+use crate::tree::pages::ResidentTree;
 use crate::tree::{Media, OpenTree, SurfelStore};
 use crate::{Error, Result, build};
 use glam::{Affine3A, DAffine3, DVec3, Vec3};
@@ -180,11 +180,11 @@ pub fn gatherer<M: Medium>(
     Ok(Gatherer {
         pages: kept(store)?,
         media,
-        settings: gather::Settings {
+        settings: gather::RaySettings {
             samples,
             max_solid_angle: cut,
             max_dist: f32::INFINITY,
-            kernel: Kernel::Cone,
+            kernel: RayKernel::Cone,
             environment: Rgb::BLACK,
             leave_out_bright: false,
         },

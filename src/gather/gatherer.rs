@@ -1,0 +1,287 @@
+//! The gather itself: rays from a receiver, and what arrives along them.
+
+use super::crossing::Crossing;
+use super::directions::Hemisphere;
+use super::medium::{Medium, NoMedia};
+use super::patch_radiance::{self, PatchRadiance, PatchRequest};
+use super::{cone, plain};
+use crate::math::sampling::{sobol2, sphere};
+use crate::math::segment::Composite;
+use crate::math::{Ray, Rgb, sampling};
+use crate::tree::Pages;
+use glam::Vec3;
+use std::f32::consts::PI;
+
+/// Settings that all rays of a [`Gatherer`] share.
+#[derive(Clone, Copy, Debug)]
+pub struct RaySettings<'a> {
+    /// Rays of each gather.
+    pub samples: u32,
+    /// A node seen under less than this, in steradians, may stand for all below it; 0 for disks
+    /// only. Sets the size of patches, too, which are never smaller than a disk or so.
+    pub max_solid_angle: f32,
+    /// Surfaces and media beyond this distance send nothing, but still hide the environment;
+    /// infinite for no limit.
+    pub max_dist: f32,
+    /// The way in which the surface that ends a ray is found.
+    pub kernel: RayKernel<'a>,
+    /// Radiance where a ray meets nothing.
+    pub environment: Rgb,
+    /// Whether bright patches count as black, because the caller samples them itself;
+    /// [`PatchRadiance::find_bright`] finds them.
+    pub leave_out_bright: bool,
+}
+
+impl RaySettings<'_> {
+    /// Whether surfaces that are too far away to send light matter: before an environment they do.
+    fn is_hiding(&self) -> bool {
+        self.max_dist.is_finite() && !self.environment.is_black()
+    }
+
+    /// Distance up to which surfaces matter, scene units.
+    pub(super) fn reach(&self) -> f32 {
+        if self.is_hiding() {
+            f32::INFINITY
+        } else {
+            self.max_dist
+        }
+    }
+
+    /// The request that rays make of patches.
+    fn request(&self) -> PatchRequest {
+        PatchRequest {
+            max_solid_angle: self.max_solid_angle,
+            leave_out_bright: self.leave_out_bright,
+        }
+    }
+}
+
+/// The surfaces that end rays, and how they are found.
+#[derive(Clone, Copy, Debug)]
+pub enum RayKernel<'a> {
+    /// The scene's triangles; the tree tells what they send.
+    Traced(&'a PatchRadiance<'a>),
+    /// Surfels, and nodes whole below the solid angle, eight children at a time.
+    Cone,
+    /// The paper's: every disk, one node at a time.
+    Plain,
+}
+
+/// The light that arrives at a point.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Gathered {
+    /// Irradiance for a surface, mean radiance over the sphere for a point in a medium.
+    pub light: Rgb,
+    /// Harmonic mean of the distance to what was seen: how far away light changes; infinite if
+    /// nothing was.
+    pub harmonic_distance: f32,
+}
+
+/// The light that arrives along one ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Incident {
+    /// Radiance that arrives at the ray's origin.
+    pub radiance: Rgb,
+    /// Distance to the surface that ended the ray, infinite if none did. One that is too far away
+    /// to send light may be told or not.
+    pub distance: f32,
+    /// One over the distance of what is seen, in the mean over the surface and the media before it
+    /// by the share of the ray that each stops.
+    pub inverse_distance: f32,
+}
+
+/// Gathers from the pages of a tree, of one type, with one type of media; [`super::PointGatherer`] hides
+/// both.
+#[derive(Clone, Copy, Debug)]
+pub struct Gatherer<'a, P, M> {
+    /// Pages of the tree over surfels.
+    pub pages: &'a P,
+    /// The media that rays pass.
+    pub media: M,
+    /// Rays, limits and kernel of all gathers.
+    pub settings: RaySettings<'a>,
+}
+
+/// The directions of a gather: a range of a long well-spread sequence. Receivers near each other
+/// that take one range each of one sequence are, together, as good as one receiver with all their
+/// rays.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SampleRange {
+    /// Number of the range in the sequence, from 0.
+    pub index: u32,
+    /// Key of the sequence.
+    pub seed: u64,
+}
+
+impl SampleRange {
+    /// The first range of a sequence, for a receiver on its own.
+    #[must_use]
+    pub fn first(seed: u64) -> Self {
+        Self { index: 0, seed }
+    }
+}
+
+/// The sum over the rays of one receiver.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct IncidentSum {
+    light: Rgb,
+    inverse_distance: f32,
+}
+
+impl IncidentSum {
+    pub fn add(&mut self, seen: Incident) {
+        self.light += seen.radiance;
+        self.inverse_distance += seen.inverse_distance;
+    }
+
+    /// Returns the mean over `count` rays, those that were not added being black and endless.
+    pub fn mean(self, count: u32) -> Gathered {
+        let n = count as f32;
+        Gathered {
+            light: self.light * (1.0 / n),
+            harmonic_distance: n / self.inverse_distance,
+        }
+    }
+}
+
+impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
+    /// This gatherer without its media.
+    #[must_use]
+    pub fn without_media(&self) -> Gatherer<'a, P, NoMedia> {
+        Gatherer {
+            pages: self.pages,
+            media: NoMedia,
+            settings: self.settings,
+        }
+    }
+
+    /// Gathers the irradiance at a surface point with the given unit normal, of the light on the
+    /// side of the geometric one, too: what is behind the facet of a smooth mesh does not reach it.
+    /// The point must already be off its own surface.
+    #[must_use]
+    pub fn irradiance(
+        &self,
+        point: Vec3,
+        normal: Vec3,
+        face_normal: Vec3,
+        range: SampleRange,
+    ) -> Gathered {
+        let hemisphere = Hemisphere::new(normal, range.seed);
+        let mut gathered = self.average(point, range.index, |i| {
+            hemisphere.direction_above(i, face_normal)
+        });
+        gathered.light *= PI;
+        gathered
+    }
+
+    /// Gathers the mean over the sphere of the radiance at a point of a medium.
+    #[must_use]
+    pub fn mean_radiance(&self, point: Vec3, range: SampleRange) -> Gathered {
+        let seed = sampling::mix(range.seed) as u32;
+        self.average(point, range.index, |i| Some(sphere(sobol2(i, 0, seed))))
+    }
+
+    fn average(
+        &self,
+        point: Vec3,
+        range: u32,
+        direction: impl Fn(u32) -> Option<Vec3>,
+    ) -> Gathered {
+        let count = self.settings.samples.max(1);
+        let directions = (0..count).filter_map(|i| direction(range * count + i));
+        let reach = self.settings.reach();
+        let rays: Vec<_> = directions.map(|d| Ray::new(point, d, reach)).collect();
+        let mut seen = IncidentSum::default();
+        self.incident_along(&rays, |_, s| seen.add(s));
+        seen.mean(count)
+    }
+
+    /// Tells what arrives along each of some rays, which end where surfaces no longer matter, and
+    /// which ray that is, one after the other.
+    pub(super) fn incident_along(&self, rays: &[Ray], mut tell: impl FnMut(usize, Incident)) {
+        let mut scratch = cone::Scratch::default();
+        let RayKernel::Traced(patches) = self.settings.kernel else {
+            for (i, ray) in rays.iter().enumerate() {
+                tell(i, self.incident(ray, &mut scratch));
+            }
+            return;
+        };
+        let request = self.settings.request();
+        let mut ends = [None; patch_radiance::MAX_PACKET];
+        for (packet, first) in rays.chunks(ends.len()).zip((0..).step_by(ends.len())) {
+            let open = &mut scratch.open_by_patch;
+            patches.cast_packet(self.pages, packet, request, open, &mut ends);
+            for ((ray, &end), i) in packet.iter().zip(&ends).zip(first..) {
+                tell(i, self.incident_before(ray, end, &mut scratch));
+            }
+        }
+    }
+
+    /// Returns what arrives along a ray, as far as the settings say: what is beyond its own end
+    /// neither sends nor hides.
+    #[must_use]
+    // Not inlined by itself once it is compiled for more than one kind of medium.
+    #[inline(always)]
+    pub fn incident(&self, ray: &Ray, scratch: &mut cone::Scratch) -> Incident {
+        let ray = &ray.up_to(self.settings.reach());
+        let end = match self.settings.kernel {
+            RayKernel::Traced(patches) => {
+                scratch.crossings.clear();
+                let request = self.settings.request();
+                patches.cast(self.pages, ray, request, &mut scratch.open_by_patch)
+            }
+            RayKernel::Cone => {
+                let cut = self.settings.max_solid_angle;
+                cone::cast(self.pages, ray, cut, scratch)
+            }
+            RayKernel::Plain => plain::cast(self.pages, ray, scratch),
+        };
+        self.incident_before(ray, end, scratch)
+    }
+
+    /// Returns what arrives along a ray that such a surface ends, with the partly covered nodes
+    /// before it in `scratch`.
+    #[inline(always)]
+    fn incident_before(
+        &self,
+        ray: &Ray,
+        end: Option<Crossing>,
+        scratch: &mut cone::Scratch,
+    ) -> Incident {
+        let RaySettings {
+            max_dist,
+            environment,
+            ..
+        } = self.settings;
+        let is_hiding = self.settings.is_hiding();
+        let passed = scratch.crossings_before(end.map_or(f32::INFINITY, |c| c.t));
+        let near = passed.partition_point(|c| c.t < max_dist);
+        let (near, far) = passed.split_at(near);
+        let to_end = ray.up_to(end.map_or(max_dist, |c| c.t.min(max_dist)));
+        let mut light = Composite::default();
+        let stopped = self.media.pass(&to_end, near, &mut light);
+        let distance = end.map_or(f32::INFINITY, |c| c.t);
+        let inverse_distance =
+            stopped.share * stopped.inverse_distance + (1.0 - stopped.share) / distance;
+        match end {
+            Some(c) if c.t < max_dist => light.surface(1.0, c.radiance),
+            Some(_) => {}
+            None => {
+                if is_hiding {
+                    let mut hidden = Composite::default();
+                    let beyond = Ray::endless(ray.at(max_dist), ray.direction);
+                    self.media.pass(&beyond, &[], &mut hidden);
+                    light.transmittance *= hidden.transmittance;
+                    far.iter()
+                        .for_each(|c| light.surface(c.opacity, Rgb::BLACK));
+                }
+                light.surface(1.0, environment);
+            }
+        }
+        Incident {
+            radiance: light.radiance,
+            distance,
+            inverse_distance,
+        }
+    }
+}
