@@ -291,6 +291,7 @@ fn row(cells: &[String]) {
     println!("| {} |", cells.join(" | "));
 }
 
+// Long because it is the page: one table after another.
 fn main() {
     // Cargo asks for one quick run with `--test`.
     let effort = if std::env::args().any(|a| a == "--test") {

@@ -70,6 +70,7 @@ struct Receiver {
 /// Receivers along an edge of a square that gathers together.
 const SIDE: u32 = 4;
 
+// Long because it is the table: one row after another.
 fn main() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     if !root.join("../shared/refs").exists() {

@@ -171,6 +171,7 @@ fn more_rays_than_a_frame_would_take_leave_less_noise() {
     assert!(taken < 0.7 * own, "{taken} {own}");
 }
 
+// Long because it is a list: one mistake after another.
 #[test]
 fn what_does_not_go_together_is_refused_and_what_is_out_of_date_is_told() {
     let work = Work::new(ROOM);
