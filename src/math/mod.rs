@@ -1,4 +1,19 @@
 //! Leaf mathematics: no I/O, nothing of the rest of the crate.
+//!
+//! | file | what it holds |
+//! | --- | --- |
+//! | `ray` | rays, and boxes along the axes |
+//! | `hit` | where rays meet triangles |
+//! | `color` | linear RGB |
+//! | `segment` | emission and absorption along a ray, front to back |
+//! | `dda` | a ray through a regular grid of boxes |
+//! | `ray_lattice` | parallel rays through a regular grid |
+//! | `polygon` | closed forms of what a triangle sends to a point |
+//! | `sampling` | hashes, low-discrepancy points, and maps to disks and spheres |
+//! | `exp` | exponentials that are the same on every machine |
+//! | `magnitude` | lengths of any scale brought near 1 |
+//! | `index` | numbers of cells in a grid |
+//! | `vec3x4` | four vectors at a time |
 
 pub mod color;
 pub mod dda;

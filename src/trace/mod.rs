@@ -1,5 +1,17 @@
 //! What a ray meets: triangles, exactly and watertight, and media, cell by cell. Shared by the
 //! stages that have the scene at hand.
+//!
+//! A scene enters, a [`Tracer`] leaves, which takes rays.
+//!
+//! | file | what it does |
+//! | --- | --- |
+//! | `triangles` | the hierarchy over triangles, and the way of one ray or a packet through it |
+//! | `watertight` | the test of a ray against four triangles |
+//! | `two_wide` | the hierarchy of two children a node that the wide one is made of |
+//! | `surface` | the surface at a point of a triangle: normals, albedo, emission |
+//! | `pieces` | how densely surfels stand on the pieces of a scene |
+//! | `cells` | a ray through the cells of a volume, each with its exact optical depth |
+//! | `stepped` | a ray through a volume of few voxels, in even steps |
 
 mod cells;
 mod pieces;
