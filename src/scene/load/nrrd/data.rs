@@ -29,6 +29,7 @@ pub(super) struct Data {
 
 impl Data {
     /// The `expected` bytes of samples of type `number` in a file from `at`.
+    // Long because it is a list: one encoding after another.
     pub(super) fn of(
         header: &Header,
         mut content: Vec<u8>,
