@@ -194,6 +194,11 @@ impl Bounds {
         for axis in 0..3 {
             let (t, b) = (tangent[axis], bitangent[axis]);
             let length = (t * t + b * b).sqrt();
+            if surfel.clips.count == 0 {
+                bounds.min[axis] -= length * surfel.radius;
+                bounds.max[axis] += length * surfel.radius;
+                continue;
+            }
             for sign in [-1.0, 1.0] {
                 let extreme = [sign * t / length, sign * b / length];
                 let reach = if length > 0.0 && surfel.clips.keep(extreme) {

@@ -7,7 +7,7 @@
 //! goes through the same again, further down.
 
 use super::morton::{self, Cube};
-use super::spill::{Dealer, Record, Spill, SpillRange};
+use super::spill::{self, Dealer, Spill, SpillRange};
 use super::subtree::{self, PageSettings, Pages, Pending, Sorted};
 use super::{Limits, MappedCloud};
 use crate::formats::{Bounds, Surfel, TreeLevel, TreeWriter};
@@ -137,44 +137,44 @@ impl<'a> Feed<'a> {
         }
         let depth = COUNTED_LEVELS.min(morton::LEVELS - level);
         let counts = self.count(source, level, depth)?;
-        let plan = Plan {
+        let frontier = Frontier {
             counts: &counts,
             depth,
             level,
             most: self.limits.surfels,
         };
         let mut ready = Ready {
-            waiting: vec![(source.clone(), plan.buckets())],
+            waiting: vec![(source.clone(), frontier.buckets())],
             built: VecDeque::new(),
             level: level + depth,
             depth,
         };
-        self.above(&plan, 0, 0, &mut ready, pages, writer)
+        self.above(&frontier, 0, 0, &mut ready, pages, writer)
     }
 
     /// The part of the octree above the frontier: the cell `at` of `depth` levels below the counted
     /// one.
     fn above(
         &mut self,
-        plan: &Plan<'_>,
+        frontier: &Frontier<'_>,
         depth: u32,
         at: u32,
         ready: &mut Ready,
         pages: &mut Pages,
         writer: &mut TreeWriter,
     ) -> Result<Pending> {
-        if plan.is_frontier(depth, at) {
+        if frontier.is_cut(depth, at) {
             return self.next_cell(ready, pages, writer);
         }
         let children: Vec<u32> = (8 * at..8 * at + 8)
-            .filter(|child| plan.count(depth + 1, *child) > 0)
+            .filter(|child| frontier.count(depth + 1, *child) > 0)
             .collect();
         if let [only] = children[..] {
-            return self.above(plan, depth + 1, only, ready, pages, writer);
+            return self.above(frontier, depth + 1, only, ready, pages, writer);
         }
         let children = children
             .into_iter()
-            .map(|child| self.above(plan, depth + 1, child, ready, pages, writer))
+            .map(|child| self.above(frontier, depth + 1, child, ready, pages, writer))
             .collect::<Result<_>>()?;
         let node = subtree::join(children, pages)?;
         write_done(pages, writer)?;
@@ -297,11 +297,11 @@ impl<'a> Feed<'a> {
                 }
             }
             SurfelSource::Spilled(ranges) => {
-                for range in ranges {
-                    self.job.cancel.check()?;
-                    let surfels = self.read_range(*range)?;
-                    let positions: Vec<_> = surfels.iter().map(|s| s.position).collect();
-                    note(&positions);
+                for some in ranges.chunks(self.limits.ranges) {
+                    for surfels in self.read_ranges(some)? {
+                        let positions: Vec<_> = surfels.iter().map(|s| s.position).collect();
+                        note(&positions);
+                    }
                 }
             }
         }
@@ -326,16 +326,25 @@ impl<'a> Feed<'a> {
             None => Spill::new(self.job.temp_dir.as_ref())?,
         };
         let cube = self.cube;
-        let mut deal = |spill: &mut Spill, surfels: &[Surfel]| -> Result<()> {
-            for s in surfels {
-                let cell = cell_of(cube.key(s.position), level, depth);
-                let bucket = ends.partition_point(|end| *end <= cell);
-                if bucket == ends.len() {
-                    return Err(Error::failed("the cloud changed while it was read"));
+        let bucket_of = |s: &Surfel| {
+            let cell = cell_of(cube.key(s.position), level, depth);
+            ends.partition_point(|end| *end <= cell) as u16
+        };
+        let mut deal = |spill: &mut Spill, batch: &[Vec<Surfel>]| -> Result<()> {
+            let buckets: Vec<Vec<u16>> = batch
+                .par_iter()
+                .map(|surfels| surfels.iter().map(bucket_of).collect())
+                .collect();
+            for (surfels, buckets) in batch.iter().zip(&buckets) {
+                for (s, bucket) in surfels.iter().zip(buckets) {
+                    let bucket = usize::from(*bucket);
+                    if bucket == ends.len() {
+                        return Err(Error::failed("the cloud changed while it was read"));
+                    }
+                    dealer.push(bucket, s);
                 }
-                dealer.push(spill, bucket, s)?;
             }
-            Ok(())
+            dealer.flush(spill)
         };
         match source {
             SurfelSource::Cloud => {
@@ -345,19 +354,16 @@ impl<'a> Feed<'a> {
                 for start in (0..chunks).step_by(self.limits.chunks) {
                     self.job.cancel.check()?;
                     let end = (start + self.limits.chunks).min(chunks);
-                    for surfels in self.chunks(start..end) {
-                        let surfels = surfels?;
-                        deal(&mut spill, &surfels)?;
-                        task.add(surfels.len() as u64);
-                    }
+                    let batch = self.chunks(start..end)?;
+                    deal(&mut spill, &batch)?;
+                    task.add(batch.iter().map(|b| b.len() as u64).sum());
                 }
             }
             SurfelSource::Spilled(ranges) => {
-                let mut bytes = Vec::new();
-                for range in ranges {
+                for some in ranges.chunks(self.limits.ranges) {
                     self.job.cancel.check()?;
-                    spill.read(*range, &mut bytes)?;
-                    deal(&mut spill, &records(&bytes))?;
+                    let batch = spill::read_all(&mut spill, some)?;
+                    deal(&mut spill, &batch)?;
                 }
             }
         }
@@ -366,7 +372,7 @@ impl<'a> Feed<'a> {
         Ok(ranges)
     }
 
-    fn chunks(&self, range: std::ops::Range<usize>) -> Vec<Result<Vec<Surfel>>> {
+    fn chunks(&self, range: std::ops::Range<usize>) -> Result<Vec<Vec<Surfel>>> {
         range
             .into_par_iter()
             .map(|i| Ok(self.cloud.surfel_chunk(i)?))
@@ -382,16 +388,16 @@ impl<'a> Feed<'a> {
                 for start in (0..chunks).step_by(self.limits.chunks) {
                     self.job.cancel.check()?;
                     let end = (start + self.limits.chunks).min(chunks);
-                    for chunk in self.chunks(start..end) {
-                        self.surfels.extend(chunk?);
+                    for chunk in self.chunks(start..end)? {
+                        self.surfels.extend(chunk);
                     }
                 }
             }
             SurfelSource::Spilled(ranges) => {
-                for range in ranges {
-                    self.job.cancel.check()?;
-                    let more = self.read_range(*range)?;
-                    self.surfels.extend(more);
+                for some in ranges.chunks(self.limits.ranges) {
+                    for surfels in self.read_ranges(some)? {
+                        self.surfels.extend(surfels);
+                    }
                 }
             }
         }
@@ -408,13 +414,12 @@ impl<'a> Feed<'a> {
         self.order.reserve_exact(room);
     }
 
-    fn read_range(&mut self, range: SpillRange) -> Result<Vec<Surfel>> {
-        let mut bytes = Vec::new();
+    fn read_ranges(&mut self, ranges: &[SpillRange]) -> Result<Vec<Vec<Surfel>>> {
+        self.job.cancel.check()?;
         match &mut self.spill {
-            Some(spill) => spill.read(range, &mut bytes)?,
-            None => return Err(Error::failed("the temporary file is gone")),
+            Some(spill) => spill::read_all(spill, ranges),
+            None => Err(Error::failed("the temporary file is gone")),
         }
-        Ok(records(&bytes))
     }
 
     /// Takes the next `count` surfels into work.
@@ -425,7 +430,7 @@ impl<'a> Feed<'a> {
             let more = match &reader.source {
                 SurfelSource::Cloud => self.cloud.surfel_chunk(reader.next)?,
                 SurfelSource::Spilled(ranges) => match ranges.get(reader.next) {
-                    Some(range) => self.read_range(*range)?,
+                    Some(range) => self.read_ranges(&[*range])?.concat(),
                     None => return Err(Error::failed("the temporary file is too short")),
                 },
             };
@@ -443,14 +448,6 @@ struct Reader {
     /// The next chunk or range.
     next: usize,
     surfels: VecDeque<Surfel>,
-}
-
-fn records(mut bytes: &[u8]) -> Vec<Surfel> {
-    let mut surfels = Vec::with_capacity(bytes.len() / Surfel::MIN_BYTES);
-    while !bytes.is_empty() {
-        surfels.push(Surfel::read(&mut bytes));
-    }
-    surfels
 }
 
 /// Which of the 8^depth cells of `level` holds a key, counted from the one `depth` levels up that
@@ -481,21 +478,21 @@ fn write_done(pages: &mut Pages, writer: &mut TreeWriter) -> Result<()> {
 }
 
 /// Counts of a counting pass, and the frontier that follows from them.
-struct Plan<'a> {
+struct Frontier<'a> {
     counts: &'a [u64],
     depth: u32,
     level: u32,
     most: u64,
 }
 
-impl Plan<'_> {
+impl Frontier<'_> {
     fn count(&self, depth: u32, at: u32) -> u64 {
         let width = 1usize << (3 * (self.depth - depth));
         let start = at as usize * width;
         self.counts[start..start + width].iter().sum()
     }
 
-    fn is_frontier(&self, depth: u32, at: u32) -> bool {
+    fn is_cut(&self, depth: u32, at: u32) -> bool {
         depth == self.depth || self.count(depth, at) <= self.most
     }
 
@@ -522,7 +519,7 @@ impl Plan<'_> {
         if count == 0 {
             return;
         }
-        if self.is_frontier(depth, at) {
+        if self.is_cut(depth, at) {
             found(Cell {
                 level: self.level + depth,
                 count,

@@ -1,6 +1,6 @@
 //! Lvoxels by volume and brick, in pages of whole bricks.
 
-use super::spill::{Dealer, Record, Spill, SpillRange};
+use super::spill::{Dealer, Spill, SpillRange};
 use super::{Limits, MappedCloud};
 use crate::formats::morton::interleave;
 use crate::formats::{Lvoxel, TreeWriter};
@@ -97,7 +97,8 @@ const RUN_BUFFER_BYTES: u64 = 1 << 16;
 fn write_run(spill: &mut Spill, run: &[Lvoxel]) -> Result<VecDeque<SpillRange>> {
     let mut dealer = Dealer::new(1, RUN_BUFFER_BYTES);
     for lvoxel in sorted(run) {
-        dealer.push(spill, 0, &lvoxel)?;
+        dealer.push(0, &lvoxel);
+        dealer.flush(spill)?;
     }
     Ok(dealer.finish(spill)?.concat().into())
 }
@@ -111,18 +112,13 @@ fn merge(
     job: &Job,
 ) -> Result<()> {
     let mut heads: Vec<VecDeque<Lvoxel>> = vec![VecDeque::new(); runs.len()];
-    let mut bytes = Vec::new();
     let mut refill = |run: usize, head: &mut VecDeque<Lvoxel>| -> Result<()> {
         if !head.is_empty() {
             return Ok(());
         }
         if let Some(range) = runs[run].pop_front() {
             job.cancel.check()?;
-            spill.read(range, &mut bytes)?;
-            let mut rest = bytes.as_slice();
-            while !rest.is_empty() {
-                head.push_back(Lvoxel::read(&mut rest));
-            }
+            head.extend(spill.read(range)?.unpack::<Lvoxel>()?);
         }
         Ok(())
     };

@@ -155,6 +155,9 @@ struct Limits {
     buffers: u64,
     /// Chunks of the cloud that are decoded at a time.
     chunks: usize,
+    /// Ranges of the temporary file that are unpacked at a time: together no larger than the
+    /// chunks.
+    ranges: usize,
     /// Lvoxels that are sorted at a time.
     lvoxels: u64,
 }
@@ -179,17 +182,20 @@ impl Limits {
         check_memory(job.memory_limit)?;
         let free = memory - FIXED_MEMORY;
         let most = settings.bucket_surfels.unwrap_or(u64::MAX).max(64);
+        let chunks = ((free / 3 / CHUNK_MEMORY) as usize).clamp(1, rayon::current_num_threads());
         Ok(Self {
             // Indices within a bucket are 32 bits.
             surfels: (free / SURFEL_MEMORY).min(most).min(1 << 31),
             buffers: free / 8,
-            chunks: ((free / 3 / CHUNK_MEMORY) as usize).clamp(1, rayon::current_num_threads()),
+            chunks,
+            ranges: 4 * chunks,
             lvoxels: (free / lvoxels::LVOXEL_MEMORY).min(most).min(1 << 31),
         })
     }
 }
 
-/// A chunk of surfels while it is decoded: the records, and its longest columns twice.
-const CHUNK_MEMORY: u64 = CHUNK_RECORDS as u64 * 116;
+/// A chunk of surfels while it is decoded and dealt out: the records and its longest columns twice,
+/// or the records, their rows and the planes of these.
+const CHUNK_MEMORY: u64 = CHUNK_RECORDS as u64 * 206;
 
 type MappedCloud = Cloud<MappedFile>;
