@@ -334,6 +334,40 @@ fn a_real_memory_limit_spills_and_changes_nothing() {
 }
 
 #[test]
+fn a_plan_is_near_what_a_build_takes() {
+    let case = case(&room(300_000), &smoke(40_000));
+    for (job, spills) in [
+        (Job::default(), false),
+        (
+            Job {
+                memory_limit: Some(build::MIN_MEMORY),
+                ..Job::default()
+            },
+            true,
+        ),
+    ] {
+        let settings = Settings::default();
+        let plan = build::plan(&case.cloud, &settings, &job).unwrap();
+        assert!(!case.tree.exists());
+        let outcome =
+            build::run(&case.cloud, &case.tree, &settings, Overwrite::Replace, &job).unwrap();
+        let tree_bytes = std::fs::metadata(&case.tree).unwrap().len();
+        assert!(
+            near(plan.tree_bytes as f64, tree_bytes as f64, 0.2),
+            "{plan:?}, {tree_bytes}"
+        );
+        assert_eq!(outcome.spilled_bytes > 0, spills);
+        let spilled = outcome.spilled_bytes as f64;
+        assert!(
+            near(plan.temporary_bytes as f64, spilled, 0.2),
+            "{plan:?}, {spilled}"
+        );
+        assert_eq!((plan.surfels, plan.lvoxels), (300_000, 40_000));
+        std::fs::remove_file(&case.tree).unwrap();
+    }
+}
+
+#[test]
 fn surfels_at_one_spot() {
     let one = room(4)[1];
     let crowd = |range: std::ops::Range<_>| {

@@ -79,6 +79,6 @@ pub use summary::{
     WorstError,
 };
 pub use tree::{
-    EncodedPage, MAX_PAGE_BYTES, MAX_PAGE_RECORDS, Tree, TreeFormat, TreeWriter, node_bytes,
-    surfel_bytes,
+    EncodedLvoxels, EncodedPage, MAX_PAGE_BYTES, MAX_PAGE_RECORDS, Tree, TreeFormat, TreeWriter,
+    node_bytes, surfel_bytes,
 };

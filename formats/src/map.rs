@@ -59,6 +59,29 @@ impl MappedFile {
     }
 }
 
+impl MappedFile {
+    /// Gives the memory behind a range of bytes back to the system, where the system has a call for
+    /// it; the bytes stay what they are, and come from the file again when they are next read.
+    #[allow(unsafe_code)]
+    pub fn release(&self, range: std::ops::Range<usize>) {
+        let range = range.start..range.end.min(self.as_ref().len());
+        #[cfg(unix)]
+        if let Some(map) = self.map.as_ref().filter(|_| !range.is_empty()) {
+            // SAFETY: the map is read-only and backed by the file, so pages that are dropped hold
+            // nothing that the file does not. Slices of the map stay valid.
+            let advised = unsafe {
+                map.unchecked_advise_range(
+                    memmap2::UncheckedAdvice::DontNeed,
+                    range.start,
+                    range.len(),
+                )
+            };
+            // Advice that is not taken costs memory and nothing else.
+            drop(advised);
+        }
+    }
+}
+
 impl AsRef<[u8]> for MappedFile {
     fn as_ref(&self) -> &[u8] {
         self.map.as_deref().unwrap_or_default()

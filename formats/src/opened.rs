@@ -32,6 +32,14 @@ impl<F: Format> Opened<MappedFile, F> {
         opened.path = Some(path.into());
         Ok(opened)
     }
+
+    /// Gives the memory of some blocks back to the system.
+    pub(crate) fn release(&self, blocks: &[Block]) {
+        let start = blocks.iter().map(|b| b.offset).min().unwrap_or(0);
+        let end = blocks.iter().map(|b| b.offset + u64::from(b.stored_bytes));
+        self.data
+            .release(start as usize..end.max().unwrap_or(0) as usize);
+    }
 }
 
 impl<D: AsRef<[u8]>, F: Format> Opened<D, F> {

@@ -391,7 +391,7 @@ fn lvoxels_come_back_in_any_order_and_take_least_room_in_morton_order() {
             settings: vec![],
         };
         let mut writer = TreeWriter::create(&path, meta, Overwrite::Replace).unwrap();
-        writer.write_lvoxel_page(voxels).unwrap();
+        push_lvoxels(&mut writer, voxels, Style::default());
         let sums = Sums::of_nothing(2);
         writer.finish(None, sums, vec![]).unwrap();
         let tree = Tree::open_path(&path).unwrap();
@@ -437,7 +437,7 @@ fn tree_lvoxels_within_bounds() {
             ..TreeMeta::default()
         };
         let mut writer = TreeWriter::create(&path, meta, Overwrite::Replace).unwrap();
-        writer.write_lvoxel_page(&voxels).unwrap();
+        push_lvoxels(&mut writer, &voxels, style);
         let sums = Sums::of_nothing(2);
         let summary = writer.finish(None, sums, Vec::new()).unwrap();
         assert_eq!(summary.columns.iter().any(|c| c.name == "sigma_t"), !same);

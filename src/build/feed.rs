@@ -218,13 +218,8 @@ impl<'a> Feed<'a> {
 
     /// Sorts the surfels in work and builds the cells that they make up.
     fn build(&mut self, cells: &[Cell]) -> Result<Vec<(Pending, Pages)>> {
-        let (cube, surfels) = (self.cube, &self.surfels);
-        surfels
-            .par_iter()
-            .enumerate()
-            .map(|(i, s)| (cube.key(s.position), i as u32))
-            .collect_into_vec(&mut self.order);
-        self.order.par_sort_unstable();
+        let surfels = &self.surfels;
+        sort(self.cube, surfels, &mut self.order);
         let mut rest = self.order.as_slice();
         let mut parts = Vec::with_capacity(cells.len());
         for cell in cells {
@@ -289,6 +284,7 @@ impl<'a> Feed<'a> {
                         .into_par_iter()
                         .map(|i| self.cloud.surfel_positions(i))
                         .collect();
+                    self.cloud.release_surfel_chunks(start..end);
                     for positions in batch {
                         let positions = positions?;
                         note(&positions);
@@ -373,10 +369,13 @@ impl<'a> Feed<'a> {
     }
 
     fn chunks(&self, range: std::ops::Range<usize>) -> Result<Vec<Vec<Surfel>>> {
-        range
+        let chunks = range
+            .clone()
             .into_par_iter()
             .map(|i| Ok(self.cloud.surfel_chunk(i)?))
-            .collect()
+            .collect();
+        self.cloud.release_surfel_chunks(range);
+        chunks
     }
 
     /// Takes all surfels of a source that fits in memory into work.
@@ -440,6 +439,16 @@ impl<'a> Feed<'a> {
         self.surfels.extend(reader.surfels.drain(..count as usize));
         Ok(())
     }
+}
+
+/// Puts the indices of surfels in Morton order, with their keys.
+pub fn sort(cube: Cube, surfels: &[Surfel], order: &mut Vec<(u64, u32)>) {
+    surfels
+        .par_iter()
+        .enumerate()
+        .map(|(i, s)| (cube.key(s.position), i as u32))
+        .collect_into_vec(order);
+    order.par_sort_unstable();
 }
 
 /// Surfels of a source, in order.

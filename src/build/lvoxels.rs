@@ -3,7 +3,7 @@
 use super::spill::{Dealer, Spill, SpillRange};
 use super::{Limits, MappedCloud};
 use crate::formats::morton::interleave;
-use crate::formats::{Lvoxel, TreeWriter};
+use crate::formats::{EncodedLvoxels, Lvoxel, TreeWriter, VolumeInfo};
 use crate::run::{Job, Task};
 use crate::{Error, Result};
 use rayon::prelude::*;
@@ -14,6 +14,8 @@ use std::collections::{BinaryHeap, VecDeque};
 pub const LVOXEL_MEMORY: u64 = size_of::<Lvoxel>() as u64 + 32;
 /// Bytes of an lvoxel in a page before compression, about.
 const LVOXEL_PAGE_BYTES: u32 = 16;
+/// Full pages that are encoded together: some for each of many threads, in a few megabytes.
+const PAGES_AT_A_TIME: usize = 32;
 
 /// Volume and Morton code of the 8^3-voxel brick; then Morton code in the brick and level.
 type Key = (u64, u16);
@@ -40,7 +42,9 @@ pub fn write(
     let count = cloud.summary().sums.lvoxels();
     let mut pages = PageCutter {
         writer,
+        volumes: &cloud.meta().volumes,
         most: (page_bytes / LVOXEL_PAGE_BYTES) as usize,
+        full: Vec::new(),
         page: Vec::new(),
         brick: Vec::new(),
         task: job.progress.task("lvoxels", count, "lvoxels"),
@@ -50,6 +54,7 @@ pub fn write(
         for i in 0..cloud.lvoxel_chunks() {
             job.cancel.check()?;
             all.extend(cloud.lvoxel_chunk(i)?);
+            cloud.release_lvoxel_chunks(i..i + 1);
         }
         for lvoxel in sorted(&all) {
             pages.push(lvoxel)?;
@@ -71,6 +76,7 @@ pub fn write(
                 run.clear();
             }
         }
+        cloud.release_lvoxel_chunks(i..i + 1);
     }
     if !run.is_empty() {
         runs.push(write_run(&mut spill, &run)?);
@@ -141,7 +147,10 @@ fn merge(
 /// Puts bricks together to pages. A page has lvoxels of one volume.
 struct PageCutter<'a> {
     writer: &'a mut TreeWriter,
+    volumes: &'a [VolumeInfo],
     most: usize,
+    /// Pages that are full, until there are enough of them for all threads.
+    full: Vec<Vec<Lvoxel>>,
     page: Vec<Lvoxel>,
     brick: Vec<Lvoxel>,
     task: Task,
@@ -177,15 +186,48 @@ impl PageCutter<'_> {
 
     fn end_page(&mut self) -> Result<()> {
         if !self.page.is_empty() {
-            self.writer.write_lvoxel_page(&self.page)?;
-            self.task.add(self.page.len() as u64);
-            self.page.clear();
+            self.full.push(std::mem::take(&mut self.page));
         }
+        if self.full.len() >= PAGES_AT_A_TIME {
+            self.write_full()?;
+        }
+        Ok(())
+    }
+
+    fn write_full(&mut self) -> Result<()> {
+        let encoded: Vec<_> = self
+            .full
+            .par_iter()
+            .map(|page| EncodedLvoxels::new(page, self.volumes))
+            .collect();
+        for page in encoded {
+            self.writer.push_lvoxel_page(&page?)?;
+        }
+        self.task
+            .add(self.full.iter().map(|p| p.len() as u64).sum());
+        self.full.clear();
         Ok(())
     }
 
     fn finish(mut self) -> Result<()> {
         self.end_brick()?;
-        self.end_page()
+        self.end_page()?;
+        self.write_full()
     }
+}
+
+/// The bytes in a tree of some lvoxels of a cloud, sorted and paged by themselves.
+///
+/// # Errors
+/// Values out of range.
+pub fn stored_bytes(lvoxels: &[Lvoxel], page_bytes: u32, volumes: &[VolumeInfo]) -> Result<u64> {
+    let sorted: Vec<Lvoxel> = sorted(lvoxels).collect();
+    let pages = sorted
+        .chunk_by(|a, b| a.volume == b.volume)
+        .flat_map(|own| own.chunks((page_bytes / LVOXEL_PAGE_BYTES) as usize));
+    let mut bytes = 0;
+    for page in pages {
+        bytes += EncodedLvoxels::new(page, volumes)?.stored_bytes() as u64;
+    }
+    Ok(bytes)
 }

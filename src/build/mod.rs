@@ -8,6 +8,7 @@
 //! - `subtree`: nodes from the leaves up, and pages of them; `aggregate`: the sums they are made
 //!   of.
 //! - `lvoxels`: lvoxels by volume and brick, in pages.
+//! - `plan`: what a build will take, from a sample of the cloud.
 //!
 //! Memory: the surfels of one bucket are decoded at a time, beside the paths from it to the root
 //! and one small buffer per bucket while the cloud is dealt out to them. A bucket is a run of
@@ -18,6 +19,7 @@ mod aggregate;
 mod feed;
 mod lvoxels;
 mod morton;
+mod plan;
 mod spill;
 mod subtree;
 
@@ -27,6 +29,7 @@ use crate::formats::{
 use crate::run::{Job, size};
 use crate::{Error, Result};
 pub use aggregate::AggregateSums;
+pub use plan::{Plan, plan};
 use std::path::Path;
 
 /// Settings of a build.
@@ -109,6 +112,7 @@ fn build(
         settings: vec![("page_bytes".into(), settings.page_bytes.to_string())],
     };
     let overlap = meta.cloud.disk_overlap;
+    plan::check_room(&cloud, tree_path, settings, &limits, job)?;
     let mut writer = TreeWriter::create(tree_path, meta, overwrite)?;
     let mut spilled_bytes = 0;
     let mut root = None;

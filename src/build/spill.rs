@@ -90,6 +90,18 @@ impl Spill {
 }
 
 impl Run {
+    /// Packs records.
+    pub fn of<R: Record>(records: &[R]) -> Result<Self> {
+        let mut rows = Vec::with_capacity(records.len() * R::MAX_BYTES);
+        records.iter().for_each(|r| r.write(&mut rows));
+        Self::pack::<R>(&rows)
+    }
+
+    /// Bytes in the file.
+    pub fn stored_bytes(&self) -> u64 {
+        self.bytes.len() as u64
+    }
+
     /// Packs records that stand one behind the other: each byte of their heads, then each byte of
     /// each word, apart. Neighbours share their high bytes, and words of one triangle are the same.
     fn pack<R: Record>(rows: &[u8]) -> Result<Self> {

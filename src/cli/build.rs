@@ -2,6 +2,7 @@
 
 use super::files::{Files, check_writable};
 use super::options::{Context, Memory, Temporary};
+use super::output;
 use crate::Result;
 use crate::build::Settings;
 use std::path::PathBuf;
@@ -14,8 +15,17 @@ pub struct Args {
     cloud: PathBuf,
 
     /// Write the tree to this .lvt file
-    #[arg(short, long, value_name = "FILE")]
-    output: PathBuf,
+    #[arg(short, long, value_name = "FILE", required_unless_present = "plan")]
+    output: Option<PathBuf>,
+
+    /// Only say what it would take: bytes of the tree and of temporary files, memory and time on
+    /// this machine, from a sample of the cloud
+    #[arg(long)]
+    plan: bool,
+
+    /// With --plan: print one JSON object
+    #[arg(long, requires = "plan")]
+    json: bool,
 
     #[command(flatten)]
     pub memory: Memory,
@@ -27,16 +37,26 @@ pub struct Args {
 impl Args {
     /// What it reads and writes.
     pub fn files(&self) -> Files {
-        Files::default()
-            .reads("cloud", &self.cloud)
-            .writes("--output", &self.output)
+        let files = Files::default().reads("cloud", &self.cloud);
+        match &self.output {
+            Some(output) if !self.plan => files.writes("--output", output),
+            _ => files,
+        }
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
-        check_writable(&self.output, context.overwrite)?;
+        let Some(output) = self.output.filter(|_| !self.plan) else {
+            let plan = crate::build::plan(&self.cloud, &Settings::default(), &context.job)?;
+            return if self.json {
+                output::print_json(&plan)
+            } else {
+                output::print(&plan.to_string())
+            };
+        };
+        check_writable(&output, context.overwrite)?;
         crate::build::run(
             &self.cloud,
-            &self.output,
+            &output,
             &Settings::default(),
             context.overwrite,
             &context.job,

@@ -14,6 +14,21 @@ pub fn cpu_secs() -> f64 {
     0.0
 }
 
+/// Bytes that may still be written to the disk of a folder; `None` where the system does not tell.
+#[must_use]
+pub fn free_disk_bytes(folder: &std::path::Path) -> Option<u64> {
+    #[cfg(unix)]
+    {
+        let disk = rustix::fs::statvfs(folder).ok()?;
+        disk.f_bavail.checked_mul(disk.f_frsize)
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = folder;
+        None
+    }
+}
+
 /// The largest resident size that was known when it was last counted anew.
 static EARLIER_PEAK: AtomicU64 = AtomicU64::new(0);
 

@@ -9,7 +9,7 @@ use crate::opened::{Opened, nth};
 use crate::quantise::{NORMAL_MAX, area_of_disk, decode_clips, decode_normal};
 use crate::record::{Bounds, Lvoxel, Surfel};
 use crate::summary::{CloudSummary, Sums};
-use crate::{CloudMeta, FormatError, Result, check};
+use crate::{CloudMeta, FormatError, MappedFile, Result, check};
 
 /// The format of a cloud file.
 #[derive(Debug)]
@@ -79,6 +79,19 @@ impl Format for CloudFormat {
             Ok(())
         })?;
         Ok(())
+    }
+}
+
+impl Cloud<MappedFile> {
+    /// Gives the memory of some chunks of surfels back to the system; what is read of them again is
+    /// read from the file again.
+    pub fn release_surfel_chunks(&self, chunks: std::ops::Range<usize>) {
+        self.release(self.surfel_blocks().get(chunks).unwrap_or_default());
+    }
+
+    /// Gives the memory of some chunks of lvoxels back to the system.
+    pub fn release_lvoxel_chunks(&self, chunks: std::ops::Range<usize>) {
+        self.release(self.lvoxel_blocks().get(chunks).unwrap_or_default());
     }
 }
 

@@ -7,19 +7,64 @@ use super::stats::{self, ColumnStats, Errors};
 use crate::bytes::Cursor;
 use crate::frame::Block;
 use crate::quantise::Steps;
-use crate::record::{Lvoxel, MAX_LEVEL};
-use crate::{FormatError, Result};
+use crate::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
+use crate::{FormatError, Result, check};
+use xxhash_rust::xxh3::xxh3_64;
+
+/// A page of lvoxels, quantised and compressed, that [`super::TreeWriter`] can append. Pages can be
+/// encoded by many threads.
+#[derive(Clone)]
+pub struct EncodedLvoxels {
+    pub(super) bytes: Vec<u8>,
+    pub(super) raw_bytes: u32,
+    pub(super) mask: u32,
+    pub(super) checksum: u64,
+    pub(super) columns: ColumnStats,
+    pub(super) errors: Errors,
+    /// As a reader decodes them.
+    pub(super) decoded: Vec<Lvoxel>,
+}
+
+impl EncodedLvoxels {
+    /// Encodes a page; `volumes` are those of the cloud.
+    ///
+    /// # Errors
+    /// [`FormatError::Invalid`] for values out of range or too many of them.
+    pub fn new(lvoxels: &[Lvoxel], volumes: &[VolumeInfo]) -> Result<Self> {
+        for (i, v) in lvoxels.iter().enumerate() {
+            check::lvoxel(v, volumes, &|| format!("lvoxel {i} of the page"))?;
+        }
+        let mut columns = stats::lvoxel_columns();
+        let mut errors = Errors::default();
+        let page = encode(lvoxels, &mut columns, &mut errors)?;
+        let (bytes, raw_bytes) = stats::pack_page(page.raw, stats::LVOXEL_ZSTD_LEVEL)?;
+        Ok(Self {
+            checksum: xxh3_64(&bytes),
+            bytes,
+            raw_bytes,
+            mask: page.mask,
+            columns,
+            errors,
+            decoded: page.decoded,
+        })
+    }
+
+    /// Bytes in the file.
+    #[must_use]
+    pub fn stored_bytes(&self) -> usize {
+        self.bytes.len()
+    }
+}
 
 /// A page ready to be compressed.
-pub struct RawPage {
-    pub raw: Vec<u8>,
-    pub mask: u32,
-    /// As a reader decodes them.
-    pub decoded: Vec<Lvoxel>,
+pub(super) struct RawPage {
+    pub(super) raw: Vec<u8>,
+    mask: u32,
+    decoded: Vec<Lvoxel>,
 }
 
 /// Lays out a page; the lvoxels must be checked before.
-pub fn encode(
+pub(super) fn encode(
     lvoxels: &[Lvoxel],
     columns: &mut ColumnStats,
     errors: &mut Errors,

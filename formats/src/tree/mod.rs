@@ -19,6 +19,7 @@ mod tests;
 mod write;
 
 pub use encode::{EncodedPage, node_bytes, surfel_bytes};
+pub use lvoxels::EncodedLvoxels;
 pub use read::{Tree, TreeFormat};
 pub use write::TreeWriter;
 

@@ -2,14 +2,13 @@
 
 use super::encode::EncodedPage;
 use super::stats::{self, ColumnStats, Errors};
-use super::{TreeFormat, lvoxels};
+use super::{EncodedLvoxels, TreeFormat};
 use crate::frame::BlockKind;
 use crate::output::{BlockContent, BlockWriter};
-use crate::record::{Bounds, Lvoxel};
+use crate::record::Bounds;
 use crate::summary::{Sums, TreeLevel, TreeSummary};
-use crate::{FormatError, Overwrite, Result, TreeMeta, check};
+use crate::{FormatError, Overwrite, Result, TreeMeta};
 use std::path::Path;
-use xxhash_rust::xxh3::xxh3_64;
 
 /// Writes a tree file page by page. Memory is that of one page and of 40 bytes per page written.
 ///
@@ -98,37 +97,26 @@ impl TreeWriter {
         Ok(id)
     }
 
-    /// Appends a page of lvoxels, and returns its id among those.
+    /// Appends an encoded page of lvoxels, and returns its id among those.
     ///
     /// # Errors
-    /// [`FormatError::Invalid`] for values out of range or too many of them, and
     /// [`FormatError::Io`].
-    pub fn write_lvoxel_page(&mut self, lvoxels: &[Lvoxel]) -> Result<u32> {
-        let mut encode = || {
-            for (i, v) in lvoxels.iter().enumerate() {
-                check::lvoxel(v, &self.file.meta.cloud.volumes, &|| {
-                    format!("lvoxel {i} of the page")
-                })?;
-            }
-            let page = lvoxels::encode(lvoxels, &mut self.lvoxel_columns, &mut self.errors)?;
-            let (bytes, raw_bytes) = stats::pack_page(page.raw, stats::LVOXEL_ZSTD_LEVEL)?;
-            Ok((bytes, raw_bytes, page.mask, page.decoded))
-        };
-        let (bytes, raw_bytes, mask, decoded) =
-            encode().map_err(|e: FormatError| e.at(self.file.path()))?;
+    pub fn push_lvoxel_page(&mut self, page: &EncodedLvoxels) -> Result<u32> {
         self.file.push(&BlockContent {
             kind: BlockKind::Lvoxels,
-            stored: &bytes,
-            raw_bytes,
-            records: lvoxels.len() as u32,
+            stored: &page.bytes,
+            raw_bytes: page.raw_bytes,
+            records: page.decoded.len() as u32,
             nodes: 0,
-            columns: mask,
-            checksum: xxh3_64(&bytes),
+            columns: page.mask,
+            checksum: page.checksum,
         })?;
-        for v in &decoded {
+        for v in &page.decoded {
             self.sums.add_lvoxel(v);
         }
-        self.lvoxel_stored += bytes.len() as u64;
+        self.lvoxel_columns.add(&page.columns);
+        self.errors.add(&page.errors);
+        self.lvoxel_stored += page.bytes.len() as u64;
         self.lvoxel_pages += 1;
         Ok(self.lvoxel_pages - 1)
     }

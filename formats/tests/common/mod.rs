@@ -252,8 +252,8 @@ pub fn write_tree(path: &Path, style: Style, pages: usize, per_page: usize) -> V
     }
     let voxels = lvoxels(&mut random, per_page, style);
     if !voxels.is_empty() {
-        writer.write_lvoxel_page(&voxels).unwrap();
-        writer.write_lvoxel_page(&smooth_lvoxels()).unwrap();
+        push_lvoxels(&mut writer, &voxels, style);
+        push_lvoxels(&mut writer, &smooth_lvoxels(), style);
     }
     let sums = Sums::of_nothing(2);
     let root = (pages > 0).then(|| pages as u32 - 1);
@@ -322,4 +322,10 @@ pub fn write_scatter(
         writer.push(*kind, *id, cluster).unwrap();
     }
     writer.finish().unwrap()
+}
+
+/// Appends a page of lvoxels of a cloud of [`cloud_meta`].
+pub fn push_lvoxels(writer: &mut TreeWriter, lvoxels: &[Lvoxel], style: Style) {
+    let page = EncodedLvoxels::new(lvoxels, &cloud_meta(style).volumes).unwrap();
+    writer.push_lvoxel_page(&page).unwrap();
 }
