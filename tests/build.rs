@@ -347,7 +347,7 @@ fn a_plan_is_near_what_a_build_takes() {
         ),
     ] {
         let settings = Settings::default();
-        let plan = build::plan(&case.cloud, &settings, &job).unwrap();
+        let plan = build::plan(std::slice::from_ref(&case.cloud), &settings, &job).unwrap();
         assert!(!case.tree.exists());
         let outcome =
             build::run(&case.cloud, &case.tree, &settings, Overwrite::Replace, &job).unwrap();

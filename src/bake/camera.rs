@@ -5,7 +5,7 @@
 //! comparison.
 
 use super::surfels::SurfelMaker;
-use super::{BATCH_SURFELS, Settings, check_surfels};
+use super::{BATCH_SURFELS, Settings, check_surfels, share};
 use crate::Result;
 use crate::light::Shadows;
 use crate::math::Ray;
@@ -16,6 +16,7 @@ use glam::Vec3;
 use lvox_formats::CloudWriter;
 use lvox_formats::record::Surfel;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// A ray that grazes a surface this flatly stands for no more area than one at this cosine.
 const MIN_COS: f32 = 0.05;
@@ -44,11 +45,12 @@ pub fn bake<S: Shadows>(
     let axis = camera.scene_from_camera.transform_vector3(-Vec3::Z);
     let pixel = 2.0 * libm::tanf(0.5 * camera.fov_x_rad) / wide.width as f32;
     let count = u64::from(wide.width) * u64::from(wide.height);
-    let task = job.progress.task("surfels", count, "rays");
-    let mut from = 0;
-    while from < count {
+    let Range { start, end } = share(count, settings.part);
+    let task = job.progress.task("surfels", end - start, "rays");
+    let mut from = start;
+    while from < end {
         job.cancel.check()?;
-        let to = (from + BATCH_SURFELS).min(count);
+        let to = (from + BATCH_SURFELS).min(end);
         let batch: Vec<Option<Surfel>> = (from..to)
             .into_par_iter()
             .map(|i| {

@@ -6,6 +6,7 @@
 //!   the rays of a camera meet surfaces, instead.
 //! - `creases`: where the disks of surfels end.
 //! - `lvoxels`: blocks of media, their extinction and their light.
+//! - `part`: which of all that one of several processes makes.
 //!
 //! Points are made in batches, in a fixed order, each from its own number alone, and go straight to
 //! the file: memory does not grow with the cloud, and the bytes do not depend on threads.
@@ -13,6 +14,7 @@
 mod camera;
 mod creases;
 mod lvoxels;
+mod part;
 mod surfels;
 
 use crate::light::{Lights, Shadows, SoftShadowMedia};
@@ -27,7 +29,9 @@ use lvox_formats::record::{Lvoxel, MAX_VOLUMES, Surfel, VolumeInfo};
 use lvox_formats::{CloudMeta, CloudSummary, CloudWriter, Overwrite};
 pub use lvoxels::BlockSize;
 use lvoxels::LvoxelMaker;
+pub use part::Part;
 use rayon::prelude::*;
+use std::ops::Range;
 use std::path::Path;
 use surfels::{AreaSampler, SurfelMaker};
 
@@ -47,6 +51,8 @@ pub struct Settings {
     pub shadow_rays: u32,
     /// Key of all random choices.
     pub seed: u64,
+    /// The part of the bake that is made.
+    pub part: Part,
 }
 
 /// The sampling of surfaces by surfels.
@@ -78,6 +84,7 @@ impl Default for Settings {
             blocks: BlockSize::OpticalDepth(0.7),
             shadow_rays: 1,
             seed: 0,
+            part: Part::WHOLE,
         }
     }
 }
@@ -127,7 +134,7 @@ pub fn run(
                 shadow_rays: settings.shadow_rays,
                 seed: settings.seed,
             };
-            bake_volume(&maker, &mut writer, job)?;
+            bake_volume(&maker, settings.part, &mut writer, job)?;
         }
         let summary = writer.finish()?;
         counts.insert("surfels".into(), summary.sums.surfels as f64);
@@ -182,11 +189,12 @@ fn bake_area<S: Shadows>(
     job: &Job,
 ) -> Result<()> {
     let sampler = AreaSampler::new(maker.tracer, count, settings.seed);
-    let task = job.progress.task("surfels", sampler.count(), "surfels");
-    let mut from = 0;
-    while from < sampler.count() {
+    let Range { start, end } = share(sampler.count(), settings.part);
+    let task = job.progress.task("surfels", end - start, "surfels");
+    let mut from = start;
+    while from < end {
         job.cancel.check()?;
-        let to = (from + BATCH_SURFELS).min(sampler.count());
+        let to = (from + BATCH_SURFELS).min(end);
         let batch: Vec<Surfel> = (from..to)
             .into_par_iter()
             .map(|i| {
@@ -202,6 +210,13 @@ fn bake_area<S: Shadows>(
         from = to;
     }
     Ok(())
+}
+
+/// The samples of a part, in whole batches.
+fn share(samples: u64, part: Part) -> Range<u64> {
+    let batches = part.of(samples.div_ceil(BATCH_SURFELS));
+    let sample = |batch: u64| (batch * BATCH_SURFELS).min(samples);
+    sample(batches.start)..sample(batches.end)
 }
 
 /// Refuses surfels that 32-bit floats cannot hold: no file is at fault, least of all the cloud.
@@ -241,13 +256,14 @@ fn too_bright(place: &str) -> Error {
     .hint("make lights darker, or move them away")
 }
 
-fn bake_volume(maker: &LvoxelMaker, writer: &mut CloudWriter, job: &Job) -> Result<()> {
+fn bake_volume(maker: &LvoxelMaker, part: Part, writer: &mut CloudWriter, job: &Job) -> Result<()> {
     let bricks = maker.bricks();
-    let count = bricks[0] * bricks[1] * bricks[2];
-    let task = job.progress.task("lvoxels", count as u64, "bricks");
-    for from in (0..count).step_by(BATCH_BRICKS) {
+    let own = part.of((bricks[0] * bricks[1] * bricks[2]) as u64);
+    let (start, end) = (own.start as usize, own.end as usize);
+    let task = job.progress.task("lvoxels", (end - start) as u64, "bricks");
+    for from in (start..end).step_by(BATCH_BRICKS) {
         job.cancel.check()?;
-        let to = (from + BATCH_BRICKS).min(count);
+        let to = (from + BATCH_BRICKS).min(end);
         let batch: Vec<Vec<Lvoxel>> = (from..to)
             .into_par_iter()
             .map(|b| maker.make(unflatten(b, bricks), &job.cancel))
@@ -325,6 +341,9 @@ impl Settings {
         }
         add("shadow-rays", self.shadow_rays.to_string());
         add("seed", self.seed.to_string());
+        if self.part != Part::WHOLE {
+            add("part", self.part.to_string());
+        }
         list
     }
 

@@ -7,6 +7,7 @@
 //!   file, if they do not fit in memory.
 //! - `subtree`: nodes from the leaves up, and pages of them; `aggregate`: the sums they are made
 //!   of.
+//! - `join`: the parts of a bake as one cloud.
 //! - `lvoxels`: lvoxels by volume and brick, in pages.
 //! - `plan`: what a build will take, from a sample of the cloud.
 //!
@@ -17,6 +18,7 @@
 
 mod aggregate;
 mod feed;
+mod join;
 mod lvoxels;
 mod morton;
 mod plan;
@@ -29,8 +31,9 @@ use crate::formats::{
 use crate::run::{Job, size};
 use crate::{Error, Result};
 pub use aggregate::AggregateSums;
+pub use join::join;
 pub use plan::{Plan, plan};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Settings of a build.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -97,6 +100,39 @@ pub fn run(
     })
 }
 
+/// Builds the tree over all parts of a bake, to the bytes that [`run`] writes for the undivided
+/// cloud; of a single cloud, that cloud's. Parts are joined in the folder for temporary files.
+///
+/// # Errors
+/// As [`run`] and [`join`].
+pub fn run_parts(
+    clouds: &[PathBuf],
+    tree_path: &Path,
+    settings: &Settings,
+    overwrite: Overwrite,
+    job: &Job,
+) -> Result<Outcome> {
+    if let [cloud] = clouds {
+        return run(cloud, tree_path, settings, overwrite, job);
+    }
+    let temp_dir = job.temp_dir.clone().unwrap_or_else(std::env::temp_dir);
+    let folder = tempfile::Builder::new()
+        .prefix("lvox-")
+        .tempdir_in(&temp_dir)
+        .map_err(|e| {
+            Error::io("create a temporary folder in", &temp_dir, &e)
+                .hint("choose another folder for temporary files (`temp_dir`)")
+        })?;
+    let joined = folder.path().join("joined.lvc");
+    job.report.stage("join", |counts| {
+        let summary = join(clouds, &joined, Overwrite::Replace, job)?;
+        counts.insert("parts".into(), clouds.len() as f64);
+        counts.insert("surfels".into(), summary.sums.surfels as f64);
+        Ok::<_, Error>(())
+    })?;
+    run(&joined, tree_path, settings, overwrite, job)
+}
+
 fn build(
     cloud_path: &Path,
     tree_path: &Path,
@@ -106,6 +142,13 @@ fn build(
 ) -> Result<Outcome> {
     let limits = Limits::new(settings, job)?;
     let cloud = Cloud::open_path(cloud_path)?;
+    if let Some((index, count)) = join::part(cloud.meta())? {
+        return Err(Error::input(format!(
+            "{}: expected a whole cloud, found part {index} of {count}",
+            cloud_path.display()
+        ))
+        .hint("give all parts of the bake"));
+    }
     let meta = TreeMeta {
         cloud: cloud.meta().clone(),
         cloud_hash: cloud.content_hash(),

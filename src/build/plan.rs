@@ -3,13 +3,13 @@
 use super::spill::Run;
 use super::subtree::{self, PageSettings, Pages, Sorted};
 use super::{FIXED_MEMORY, Limits, MappedCloud, Settings, feed, lvoxels, morton::Cube};
-use crate::formats::{Bounds, Cloud, Surfel};
+use crate::formats::{Bounds, Cloud, Sums, Surfel};
 use crate::run::{Job, size, usage};
 use crate::{Error, Result};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Chunks of each kind that a plan looks at, spread over the cloud.
@@ -22,7 +22,7 @@ const SURFEL_BYTES: f64 = 148.0;
 const SURE_SHARE: f64 = 0.8;
 
 /// What a build will take, about.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Plan {
     /// Surfels in the cloud.
     pub surfels: u64,
@@ -49,14 +49,24 @@ impl fmt::Display for Plan {
     }
 }
 
-/// Says what a build of a cloud will take, from some of its chunks; writes nothing.
+/// Says what a build of a cloud, or of the parts of one, will take, from some of its chunks; writes
+/// nothing.
 ///
 /// # Errors
 /// As [`super::run`], but for what concerns the tree's file.
-pub fn plan(cloud_path: &Path, settings: &Settings, job: &Job) -> Result<Plan> {
+pub fn plan(clouds: &[PathBuf], settings: &Settings, job: &Job) -> Result<Plan> {
     let limits = Limits::new(settings, job)?;
-    let cloud = Cloud::open_path(cloud_path)?;
-    of_cloud(&cloud, settings, &limits, job)
+    let opened = clouds
+        .iter()
+        .map(|path| Ok(Cloud::open_path(path)?))
+        .collect::<Result<Vec<_>>>()?;
+    let mut plan = of_clouds(&opened.iter().collect::<Vec<_>>(), settings, &limits, job)?;
+    if clouds.len() > 1 {
+        // Parts are joined in a temporary file.
+        let bytes = |path: &PathBuf| std::fs::metadata(path).map_or(0, |m| m.len());
+        plan.temporary_bytes += clouds.iter().map(bytes).sum::<u64>();
+    }
+    Ok(plan)
 }
 
 /// An error if a disk cannot hold the tree or the temporary files of a large cloud.
@@ -70,7 +80,7 @@ pub fn check_room(
     if cloud.surfel_chunks() + cloud.lvoxel_chunks() < MIN_CHUNKS_TO_CHECK {
         return Ok(());
     }
-    let plan = of_cloud(cloud, settings, limits, job)?;
+    let plan = of_clouds(&[cloud], settings, limits, job)?;
     let tree_folder = tree_path.parent().filter(|p| !p.as_os_str().is_empty());
     let tree_folder = tree_folder.unwrap_or(Path::new("."));
     let temp_folder = job.temp_dir.clone().unwrap_or_else(std::env::temp_dir);
@@ -102,35 +112,41 @@ pub fn check_room(
     Ok(())
 }
 
-fn of_cloud(cloud: &MappedCloud, settings: &Settings, limits: &Limits, job: &Job) -> Result<Plan> {
-    let sums = &cloud.summary().sums;
-    let (surfels, lvoxels) = (sums.surfels, sums.lvoxels());
+fn of_clouds(
+    clouds: &[&MappedCloud],
+    settings: &Settings,
+    limits: &Limits,
+    job: &Job,
+) -> Result<Plan> {
+    let sums = || clouds.iter().map(|c| &c.summary().sums);
     let mut plan = Plan {
-        surfels,
-        lvoxels,
-        tree_bytes: 0,
-        temporary_bytes: 0,
-        memory_bytes: FIXED_MEMORY,
-        secs: 0.0,
+        surfels: sums().map(|s| s.surfels).sum(),
+        lvoxels: sums().map(Sums::lvoxels).sum(),
+        ..Plan::default()
     };
-    let spills = surfels > limits.surfels;
-    let sample = Sample::of_surfels(cloud, settings, spills, job)?;
-    let scale = |sampled: u64, all: u64| all as f64 / sampled.max(1) as f64;
-    let factor = scale(sample.records, surfels);
-    plan.tree_bytes += (sample.tree_bytes as f64 * factor) as u64;
-    plan.temporary_bytes += (sample.temporary_bytes as f64 * factor) as u64;
-    plan.memory_bytes += (surfels.min(limits.surfels) as f64 * SURFEL_BYTES) as u64;
-    plan.secs += sample.secs * factor;
-
-    let spills = lvoxels > limits.lvoxels;
-    let sample = Sample::of_lvoxels(cloud, settings, spills, job)?;
-    let factor = scale(sample.records, lvoxels);
-    plan.tree_bytes += (sample.tree_bytes as f64 * factor) as u64;
-    plan.temporary_bytes += (sample.temporary_bytes as f64 * factor) as u64;
-    let held = lvoxels.min(limits.lvoxels) * lvoxels::LVOXEL_MEMORY;
-    plan.memory_bytes = plan.memory_bytes.max(FIXED_MEMORY + held);
-    plan.secs += sample.secs * factor;
+    for cloud in clouds {
+        let own = &cloud.summary().sums;
+        let spills = plan.surfels > limits.surfels;
+        let sample = Sample::of_surfels(cloud, settings, spills, job)?;
+        plan.add(&sample, own.surfels);
+        let spills = plan.lvoxels > limits.lvoxels;
+        let sample = Sample::of_lvoxels(cloud, settings, spills, job)?;
+        plan.add(&sample, own.lvoxels());
+    }
+    let surfels = plan.surfels.min(limits.surfels) as f64 * SURFEL_BYTES;
+    let lvoxels = plan.lvoxels.min(limits.lvoxels) * lvoxels::LVOXEL_MEMORY;
+    plan.memory_bytes = FIXED_MEMORY + lvoxels.max(surfels as u64);
     Ok(plan)
+}
+
+impl Plan {
+    /// Adds what `records` of a cloud take, by a sample of them.
+    fn add(&mut self, sample: &Sample, records: u64) {
+        let factor = records as f64 / sample.records.max(1) as f64;
+        self.tree_bytes += (sample.tree_bytes as f64 * factor) as u64;
+        self.temporary_bytes += (sample.temporary_bytes as f64 * factor) as u64;
+        self.secs += sample.secs * factor;
+    }
 }
 
 /// What some chunks took.

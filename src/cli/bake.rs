@@ -5,6 +5,7 @@ use super::files::{Files, check_writable};
 use super::options::{Context, Seed};
 use super::scene_input::SceneInput;
 use crate::Result;
+use crate::bake::{Part, Settings};
 use std::path::PathBuf;
 
 /// Bake a scene into a cloud of surfels and lvoxels with their direct light
@@ -20,6 +21,11 @@ pub struct Args {
     #[command(flatten)]
     bake: BakeOptions,
 
+    /// Bake only part I of N, counted from 0, for several processes or machines; `lvox build` takes
+    /// all parts together
+    #[arg(long, value_name = "I/N")]
+    part: Option<Part>,
+
     #[command(flatten)]
     seed: Seed,
 }
@@ -32,7 +38,10 @@ impl Args {
 
     pub fn run(self, context: &Context) -> Result<()> {
         check_writable(&self.output, context.overwrite)?;
-        let settings = self.bake.settings(self.seed.seed);
+        let settings = Settings {
+            part: self.part.unwrap_or(Part::WHOLE),
+            ..self.bake.settings(self.seed.seed)
+        };
         settings.check()?;
         let scene = self.scene.load(context)?;
         context.job.heed_warnings()?;

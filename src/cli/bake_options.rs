@@ -105,6 +105,7 @@ impl BakeOptions {
             },
             shadow_rays: self.bake_shadow_rays,
             seed,
+            ..Settings::default()
         }
     }
 }

@@ -10,9 +10,9 @@ use std::path::PathBuf;
 /// Build the tree over a cloud, within --memory-limit whatever the cloud's size
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Read this cloud
-    #[arg(value_name = "CLOUD")]
-    cloud: PathBuf,
+    /// Read this cloud, or all parts of a bake
+    #[arg(value_name = "CLOUD", required = true)]
+    clouds: Vec<PathBuf>,
 
     /// Write the tree to this .lvt file
     #[arg(short, long, value_name = "FILE", required_unless_present = "plan")]
@@ -37,7 +37,10 @@ pub struct Args {
 impl Args {
     /// What it reads and writes.
     pub fn files(&self) -> Files {
-        let files = Files::default().reads("cloud", &self.cloud);
+        let mut files = Files::default();
+        for cloud in &self.clouds {
+            files = files.reads("cloud", cloud);
+        }
         match &self.output {
             Some(output) if !self.plan => files.writes("--output", output),
             _ => files,
@@ -46,7 +49,7 @@ impl Args {
 
     pub fn run(self, context: &Context) -> Result<()> {
         let Some(output) = self.output.filter(|_| !self.plan) else {
-            let plan = crate::build::plan(&self.cloud, &Settings::default(), &context.job)?;
+            let plan = crate::build::plan(&self.clouds, &Settings::default(), &context.job)?;
             return if self.json {
                 output::print_json(&plan)
             } else {
@@ -54,8 +57,8 @@ impl Args {
             };
         };
         check_writable(&output, context.overwrite)?;
-        crate::build::run(
-            &self.cloud,
+        crate::build::run_parts(
+            &self.clouds,
             &output,
             &Settings::default(),
             context.overwrite,

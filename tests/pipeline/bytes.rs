@@ -1,7 +1,7 @@
 //! The same bytes, however the work is cut up.
 
 use crate::{ROOM, Work, shade, with_threads};
-use lvox::bake::{self, SurfelSampling};
+use lvox::bake::{self, Part, SurfelSampling};
 use lvox::build;
 use lvox::formats::Overwrite;
 use lvox::image::exr::{self, Precision};
@@ -12,7 +12,7 @@ use lvox::run::Job;
 use lvox::shade::{self as stage, Aov, Settings};
 use lvox::tree::OpenTree;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Seven tiles of odd sizes that cover 64 x 48.
 const TILES: [[u32; 4]; 7] = [
@@ -29,6 +29,73 @@ fn limited(bytes: u64) -> Job {
     Job {
         memory_limit: Some(bytes),
         ..Job::default()
+    }
+}
+
+#[test]
+fn parts_of_a_bake_make_the_undivided_cloud_and_tree() {
+    let work = Work::new(ROOM);
+    let scene = work.scene();
+    let from_camera = SurfelSampling::Camera {
+        name: None,
+        rate: 6.0,
+        overscan: 1.1,
+    };
+    for surfels in [SurfelSampling::Area { count: 200_000 }, from_camera] {
+        let bake = |name: &str, part: Part| {
+            let settings = bake::Settings {
+                surfels: surfels.clone(),
+                part,
+                ..bake::Settings::default()
+            };
+            let cloud = work.path(name);
+            bake::run(
+                &scene,
+                &settings,
+                &cloud,
+                Overwrite::Replace,
+                &Job::default(),
+            )
+            .unwrap();
+            cloud
+        };
+        let whole = bake("whole.lvc", Part::WHOLE);
+        for count in [1, 3, 5] {
+            let mut parts: Vec<_> = (0..count)
+                .map(|i| bake(&format!("{i}.lvc"), Part::new(i, count).unwrap()))
+                .collect();
+            parts.reverse();
+            let build = |clouds: &[PathBuf], name: &str| {
+                let tree = work.path(name);
+                let settings = build::Settings::default();
+                build::run_parts(
+                    clouds,
+                    &tree,
+                    &settings,
+                    Overwrite::Replace,
+                    &Job::default(),
+                )
+                .map(|_| fs::read(&tree).unwrap())
+            };
+            let expected = build(std::slice::from_ref(&whole), "whole.lvt").unwrap();
+            assert!(
+                build(&parts, "parts.lvt").unwrap() == expected,
+                "{count} parts"
+            );
+            if count > 1 {
+                let joined = work.path("joined.lvc");
+                build::join(&parts, &joined, Overwrite::Replace, &Job::default()).unwrap();
+                assert!(fs::read(&joined).unwrap() == fs::read(&whole).unwrap());
+                let refused = |clouds: &[PathBuf], words: &str| {
+                    let error = build(clouds, "none.lvt").unwrap_err().to_string();
+                    assert!(error.contains(words), "{error}");
+                };
+                refused(&parts[..1], "expected a whole cloud, found part");
+                refused(&parts[1..], &format!("missing: {}", count - 1));
+                refused(&[&parts[..], &parts[..1]].concat(), "both are part");
+                refused(&[parts[0].clone(), whole.clone()], "found a whole cloud");
+            }
+        }
     }
 }
 
