@@ -378,8 +378,10 @@ mod tests {
 
     fn surfel(i: usize) -> Surfel {
         let x = (i as f32 * 0.37).sin();
-        let mut clips = Clips::default();
-        clips.count = (i % 4) as u8;
+        let mut clips = Clips {
+            count: (i % 4) as u8,
+            ..Clips::default()
+        };
         for edge in &mut clips.edges[..i % 4] {
             *edge = ClipEdge {
                 angle: x,
@@ -392,7 +394,11 @@ mod tests {
             radius: 0.1,
             area: x.abs(),
             front: [x; 3],
-            back: if i % 3 == 0 { [x, 0.0, 1.0] } else { [0.0; 3] },
+            back: if i.is_multiple_of(3) {
+                [x, 0.0, 1.0]
+            } else {
+                [0.0; 3]
+            },
             clips,
         }
     }
