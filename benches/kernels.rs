@@ -53,7 +53,7 @@ fn cells(bencher: Bencher) {
 /// Surfels seen by a gather ray, media left out.
 #[divan::bench(args = ["traced 0.01 sr", "cone 0.01 sr", "cone 0 sr", "plain"])]
 fn surfels(bencher: Bencher, kernel: &str) {
-    let outgoing = PatchRadiance::new(&*TRACER, STORE.area_per_surfel(), RAYS as usize);
+    let outgoing = PatchRadiance::new(&*TRACER, STORE.area_per_surfel(), RAYS as usize).unwrap();
     let (kernel, max_solid_angle) = match kernel {
         "traced 0.01 sr" => (RayKernel::Traced(&outgoing), 0.01),
         "plain" => (RayKernel::Plain, 0.0),

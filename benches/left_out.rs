@@ -206,7 +206,7 @@ impl Baked {
         let tracer = Tracer::new(&self.scene);
         let settings = shade::Settings::default();
         let samples = receivers as usize * settings.samples as usize;
-        let outgoing = PatchRadiance::new(&tracer, self.store.area_per_surfel(), samples);
+        let outgoing = PatchRadiance::new(&tracer, self.store.area_per_surfel(), samples).unwrap();
         let gatherer = Gatherer {
             pages,
             media,

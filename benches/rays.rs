@@ -135,6 +135,7 @@ fn main() {
             let name = format!("traced, {max_solid_angle} sr ({name})");
             let outgoing = || {
                 PatchRadiance::new(&tracer, store.area_per_surfel(), 4 * rays.len())
+                    .unwrap()
                     .in_patches_of(settings.patch_surfels as f32)
             };
             let known = outgoing();

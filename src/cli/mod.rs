@@ -92,7 +92,9 @@ impl Verb {
             Self::Build(args) => none.memory(args.memory).temporary(&args.temporary),
             Self::Study(args) => none.memory(args.memory).temporary(&args.temporary),
             Self::Scatter(args) => none.memory(args.memory),
-            Self::Shade(args) => none.memory(args.memory),
+            Self::Shade(args) => none
+                .memory(args.memory)
+                .radiance_cache(args.radiance_cache.as_ref()),
             Self::Merge(args) => none.memory(args.memory),
             Self::Compare(args) => none.memory(args.memory),
             Self::Reference(args) => none.memory(args.memory),

@@ -77,6 +77,7 @@ pub struct Seed {
 pub struct Limits {
     memory: Option<u64>,
     temp_dir: Option<PathBuf>,
+    radiance_cache: Option<PathBuf>,
 }
 
 impl Limits {
@@ -91,6 +92,13 @@ impl Limits {
     #[must_use]
     pub fn temporary(mut self, temporary: &Temporary) -> Self {
         self.temp_dir.clone_from(&temporary.temp_dir);
+        self
+    }
+
+    /// Radiance of surfaces in this file.
+    #[must_use]
+    pub fn radiance_cache(mut self, file: Option<&PathBuf>) -> Self {
+        self.radiance_cache = file.cloned();
         self
     }
 }
@@ -191,6 +199,7 @@ impl Shared {
             progress: self.progress.progress(),
             memory_limit: limits.memory,
             temp_dir: limits.temp_dir,
+            radiance_cache: limits.radiance_cache,
             on_warning: match self.strict {
                 true => OnWarning::Fail,
                 false => OnWarning::GoOn,

@@ -28,6 +28,12 @@ pub struct Args {
     #[command(flatten)]
     shade: ShadeOptions,
 
+    /// Keep the light of surfaces in this file, and take from it what other frames and tiles of the
+    /// same scene, tree and quality have put there, also while they run. Pictures are the same
+    /// without; on one machine many tiles together are then little slower than their frame
+    #[arg(long, value_name = "FILE")]
+    pub radiance_cache: Option<PathBuf>,
+
     #[command(flatten)]
     pub memory: Memory,
 

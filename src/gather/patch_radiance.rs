@@ -11,10 +11,12 @@ use super::geometry::Geometry;
 use super::patch::TriangleSide;
 use super::patch_id::{PatchExtent, PatchId};
 use super::radiance_cache::RadianceCache;
+use crate::Result;
 use crate::math::{Hit, Ray, Rgb};
 use crate::tree::OpenTree;
 use crate::tree::Pages;
 use crate::tree::traversal::OpenNodes;
+use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Counts of the patches that were evaluated. Threads that evaluate one patch at the same time are
@@ -74,34 +76,54 @@ impl<'a> PatchRadiance<'a> {
     /// Prepares patches of which none is evaluated yet. `area_per_surfel` is that of the tree,
     /// scene units squared: patches need not be smaller than surfels tell apart. The cache has room
     /// for the patches that about `rays` rays end on.
-    #[must_use]
-    pub fn new(geometry: &'a dyn Geometry, area_per_surfel: f32, rays: usize) -> Self {
+    ///
+    /// # Errors
+    /// No memory for the cache.
+    pub fn new(geometry: &'a dyn Geometry, area_per_surfel: f32, rays: usize) -> Result<Self> {
         let extent = |t| {
             let over_mean = geometry.surfel_area_over_mean(t);
             PatchExtent::new(geometry.corners(t), over_mean.map(|a| a * area_per_surfel))
         };
-        Self {
+        Ok(Self {
             geometry,
             extents: (0..geometry.triangles()).map(extent).collect(),
             is_even: true,
             surfels_per_patch: 1.0,
-            cache: RadianceCache::new(rays),
+            cache: RadianceCache::new(rays)?,
             bright: None,
             patches: AtomicU64::new(0),
             unknown: AtomicU64::new(0),
-        }
+        })
+    }
+
+    /// The same patches, with their radiance in a file that other processes add to and take from.
+    /// `scene` is a digest of surfaces and materials; the tree and the size of patches are part of
+    /// the file's identity, too, so that this comes last.
+    ///
+    /// # Errors
+    /// A file that cannot be made or mapped, or that is of another scene, tree or size of patches.
+    pub fn cached_in(mut self, file: &Path, scene: &str, tree: &OpenTree) -> Result<Self> {
+        let mut identity = blake3::Hasher::new();
+        identity.update(env!("CARGO_PKG_VERSION").as_bytes());
+        identity.update(&tree.tree().content_hash());
+        identity.update(&self.surfels_per_patch.to_le_bytes());
+        identity.update(scene.as_bytes());
+        self.cache = RadianceCache::in_file(file, identity.finalize().into())?;
+        Ok(self)
     }
 
     /// Radiance that leaves the scene's surfaces by what a tree says of them, with room to remember
     /// the patches that about so many rays end on.
-    #[must_use]
-    pub fn of_tree(geometry: &'a dyn Geometry, tree: &OpenTree, rays: usize) -> Self {
-        let patches = Self::new(geometry, tree.area_per_surfel(), rays);
+    ///
+    /// # Errors
+    /// No memory for the cache.
+    pub fn of_tree(geometry: &'a dyn Geometry, tree: &OpenTree, rays: usize) -> Result<Self> {
+        let patches = Self::new(geometry, tree.area_per_surfel(), rays)?;
         // Surfels of one piece of the scene have one size where disks are made to overlap.
         if tree.tree().meta().cloud.disk_overlap > 0.0 {
-            patches
+            Ok(patches)
         } else {
-            patches.of_uneven_surfels()
+            Ok(patches.of_uneven_surfels())
         }
     }
 
@@ -318,7 +340,7 @@ mod tests {
     #[test]
     fn patches_are_half_as_large_where_there_are_bright_ones() {
         // One triangle, whose longest edge is the root of two.
-        let mut outgoing = PatchRadiance::new(&Wall(1.0), 1e-6, 1);
+        let mut outgoing = PatchRadiance::new(&Wall(1.0), 1e-6, 1).unwrap();
         let request = PatchRequest {
             max_solid_angle: 0.02,
             leave_out_bright: true,

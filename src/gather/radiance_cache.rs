@@ -1,43 +1,63 @@
 //! What was asked once is remembered, in a table of fixed size that all threads share without
-//! waiting.
+//! waiting, and, if it is in a file, other processes too.
 
+use crate::Result;
 use crate::math::Rgb;
+use crate::run::words::{AtomicLines, Line};
+use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Radiance by key. Where there is no room, later entries take the place of earlier ones.
+///
+/// The slots that any of some keys may have are a line of the processor's cache, so that it takes
+/// no longer to look at all of them.
 #[derive(Debug)]
-pub(super) struct RadianceCache(Box<[Line]>);
+pub(super) struct RadianceCache(AtomicLines);
 
-/// Slots that any of some keys may have: a line of the processor's cache, so that it takes no
-/// longer to look at all of them.
-#[derive(Debug, Default)]
-#[repr(align(64))]
-struct Line([Slot; Line::SLOTS]);
-
-impl Line {
-    const SLOTS: usize = 4;
-}
+/// Slots in a line.
+const SLOTS: usize = 4;
+/// Slots of a table in a file, which frames and tiles of any size may share: 16 MiB.
+const FILE_SLOTS: usize = 1 << 20;
 
 impl RadianceCache {
     /// A table for about so many entries. Each slot is written to before the first look-up, and a
     /// line that is not in the cache of the processor takes longer to read, so that a table has a
     /// slot for each entry only where they are few.
-    pub fn new(entries: usize) -> Self {
+    ///
+    /// # Errors
+    /// As [`AtomicLines::in_memory`].
+    pub fn new(entries: usize) -> Result<Self> {
         // 1, 4 or 16 MiB.
         let slots: usize = match entries {
             0..200_000 => 1 << 16,
             200_000..4_000_000 => 1 << 18,
             _ => 1 << 20,
         };
-        Self((0..slots / Line::SLOTS).map(|_| Line::default()).collect())
+        let lines = AtomicLines::in_memory(slots / SLOTS)?;
+        // Pages of memory that are read before they are written to are mapped twice, the second
+        // time in all threads.
+        for line in lines.lines() {
+            line[0].store(Slot::NO_KEY, Ordering::Relaxed);
+        }
+        Ok(Self(lines))
     }
 
-    /// The line of a key, and its own slot there.
+    /// A table in a file that processes share, which all enter the same radiance under one key;
+    /// `identity` says what that radiance depends on. Entries check themselves: what a torn write or
+    /// a damaged file leaves is no entry of any key.
+    ///
+    /// # Errors
+    /// As [`AtomicLines::in_file`].
+    pub fn in_file(path: &Path, identity: [u8; 32]) -> Result<Self> {
+        AtomicLines::in_file(path, identity, FILE_SLOTS / SLOTS).map(Self)
+    }
+
+    /// The line of a key, and the number of its own slot there.
     #[inline]
-    fn line(&self, key: u64) -> (&[Slot; Line::SLOTS], usize) {
+    fn line(&self, key: u64) -> (&Line, usize) {
         let hash = (key.wrapping_mul(SCATTER) >> 40) as usize;
-        let own = hash % Line::SLOTS;
-        (&self.0[(hash / Line::SLOTS) & (self.0.len() - 1)].0, own)
+        let lines = self.0.lines();
+        (&lines[(hash / SLOTS) & (lines.len() - 1)], hash % SLOTS)
     }
 
     /// Tells the processor to have ready what [`Self::get`] will look at.
@@ -59,27 +79,27 @@ impl RadianceCache {
     /// Returns what is kept for a key, which is not 1.
     #[inline]
     pub fn get(&self, key: u64) -> Option<Rgb> {
-        let (slots, own) = self.line(key);
-        let value = slots[own].get(key);
-        let value = value.or_else(|| Self::elsewhere(slots, own, key))?;
+        let (line, own) = self.line(key);
+        let value = Slot::of(line, own).get(key);
+        let value = value.or_else(|| Self::elsewhere(line, own, key))?;
         Some(unpack(value))
     }
 
     /// Looks for a key in the slots that are not its own.
     #[cold]
-    fn elsewhere(slots: &[Slot; Line::SLOTS], own: usize, key: u64) -> Option<u64> {
-        (1..Line::SLOTS).find_map(|i| slots[own ^ i].get(key))
+    fn elsewhere(line: &Line, own: usize, key: u64) -> Option<u64> {
+        (1..SLOTS).find_map(|i| Slot::of(line, own ^ i).get(key))
     }
 
     /// Inserts the radiance of a key, in the place of another where the line is full. Returns what
     /// [`Self::get`] will say, which is rounded.
     pub fn insert(&self, key: u64, radiance: Rgb) -> Rgb {
-        let (slots, own) = self.line(key);
+        let (line, own) = self.line(key);
         let value = pack(radiance);
-        let free = (0..Line::SLOTS)
+        let free = (0..SLOTS)
             .map(|i| own ^ i)
-            .find(|&i| slots[i].is_free());
-        slots[free.unwrap_or(own)].set(key, value);
+            .find(|&i| Slot::of(line, i).is_free());
+        Slot::of(line, free.unwrap_or(own)).set(key, value);
         unpack(value)
     }
 }
@@ -90,35 +110,34 @@ const SCATTER: u64 = 0x9E37_79B9_7F4A_7C15;
 
 /// A key and what belongs to it: the key mixed with the value, then the value, so that halves of
 /// two entries written at the same time do not fit each other (Hyatt & Mann 2002).
-#[derive(Debug)]
-struct Slot([AtomicU64; 2]);
+#[derive(Clone, Copy, Debug)]
+struct Slot<'a>(&'a [AtomicU64; 2]);
 
-impl Default for Slot {
-    /// RadianceCache for no key. Not of zeros, though it might be: pages of memory that are read
-    /// before they are written to are mapped twice, the second time in all threads.
-    fn default() -> Self {
-        Self([Self::NO_KEY.into(), 0.into()])
-    }
-}
-
-impl Slot {
+impl<'a> Slot<'a> {
     /// A key that no patch has: theirs have a leading bit.
     const NO_KEY: u64 = 1;
 
+    #[inline]
+    fn of(line: &'a Line, index: usize) -> Self {
+        Self(&line.as_chunks::<2>().0[index])
+    }
+
     /// Whether the slot never held anything.
     #[inline]
-    fn is_free(&self) -> bool {
-        self.get(Self::NO_KEY) == Some(0)
+    fn is_free(self) -> bool {
+        [Self::NO_KEY, 0]
+            .iter()
+            .any(|key| self.get(*key) == Some(0))
     }
 
     #[inline]
-    fn get(&self, key: u64) -> Option<u64> {
+    fn get(self, key: u64) -> Option<u64> {
         let [mixed, value] = self.0.each_ref().map(|v| v.load(Ordering::Relaxed));
         (mixed ^ Self::spread(value) == key).then_some(value)
     }
 
     #[inline]
-    fn set(&self, key: u64, value: u64) {
+    fn set(self, key: u64, value: u64) {
         self.0[0].store(key ^ Self::spread(value), Ordering::Relaxed);
         self.0[1].store(value, Ordering::Relaxed);
     }
@@ -156,8 +175,8 @@ mod tests {
     /// way.
     #[test]
     fn a_table_that_is_half_full_keeps_all_but_few() {
-        let cache = RadianceCache::new(0);
-        let slots = (cache.0.len() * Line::SLOTS) as u64;
+        let cache = RadianceCache::new(0).unwrap();
+        let slots = (cache.0.lines().len() * SLOTS) as u64;
         let key = |i: u64| (1 << 33) | (i << 32) | (5 * i);
         let light = |i: u64| Rgb([(i % 1000) as f32, 1.0, 0.0]);
         (0..slots / 2).for_each(|i| assert_eq!(cache.insert(key(i), light(i)), light(i)));
@@ -189,7 +208,8 @@ mod tests {
 
     #[test]
     fn a_slot_answers_for_its_key_alone() {
-        let slot = Slot::default();
+        let words = Default::default();
+        let slot = Slot(&words);
         assert_eq!(slot.get(5), None);
         slot.set(5, 77);
         assert_eq!((slot.get(5), slot.get(4)), (Some(77), None));
@@ -214,7 +234,8 @@ mod tests {
         let patch = 0x1234_5678_u64;
         for (i, &a) in values.iter().enumerate() {
             for &b in &values[..i] {
-                let slot = Slot::default();
+                let words = Default::default();
+                let slot = Slot(&words);
                 slot.set(7 << 32 | patch, a);
                 slot.0[1].store(b, Ordering::Relaxed);
                 let mixed = slot.0[0].load(Ordering::Relaxed);

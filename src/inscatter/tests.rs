@@ -163,7 +163,7 @@ fn with<M: Medium, T>(
 ) -> T {
     let tracer = Tracer::new(scene);
     let view = View::new(&tracer, scene.camera(None).unwrap(), scene.film, 5);
-    let outgoing = PatchRadiance::new(around, 0.0, 0);
+    let outgoing = PatchRadiance::new(around, 0.0, 0).unwrap();
     let gatherer = Gatherer {
         pages: &NoPages,
         media,

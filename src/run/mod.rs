@@ -3,7 +3,7 @@
 //!
 //! Every stage gets a [`Job`]. Of the files, `progress`, `cancel` and `report` are its parts;
 //! `memory`, `size` and `usage` know what the machine has and what is taken of it; `output` writes
-//! files that appear whole; `digest` and `hex` name the program and what it read.
+//! files that appear whole; `words` are shared by threads and processes; `digest` and `hex` name the program and what it read.
 
 mod cancel;
 #[cfg(feature = "lab")]
@@ -15,6 +15,7 @@ mod progress;
 mod report;
 pub(crate) mod size;
 pub(crate) mod usage;
+pub(crate) mod words;
 
 pub use cancel::Cancel;
 pub(crate) use hex::hex;
@@ -40,6 +41,9 @@ pub struct Job {
     pub on_warning: OnWarning,
     /// Folder for temporary files; the system's if `None`.
     pub temp_dir: Option<PathBuf>,
+    /// File in which frames and tiles of one scene and tree keep the radiance of surfaces for each
+    /// other, also while they run; `None` to keep it to one frame.
+    pub radiance_cache: Option<PathBuf>,
 }
 
 /// The course of a job after a warning.

@@ -95,7 +95,7 @@ impl TreeTask for Lighting<'_> {
         let tracer = Tracer::new_until(scene, &job.cancel)?;
         let shadows = SoftShadowMedia::new(scene);
         let lights = Lights::new(&tracer).with_soft_shadows(shadows.as_ref());
-        let patches = PatchRadiance::of_tree(&tracer, tree, 0);
+        let patches = PatchRadiance::of_tree(&tracer, tree, 0)?;
         let on_surfaces = gather::RaySettings {
             samples: settings.volume_samples,
             max_solid_angle: settings.max_solid_angle,

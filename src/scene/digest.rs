@@ -28,6 +28,12 @@ impl Scene {
         parts.into_iter().map(name).collect()
     }
 
+    /// One digest over all that surfaces are and reflect.
+    pub(crate) fn surface_digest(&self) -> String {
+        let (surfaces, materials) = (surfaces(&self.mesh, self.world_from_scene), materials(self));
+        surfaces.hex() + &materials.hex()
+    }
+
     /// One digest over meshes, materials, lights and volumes, for a scene that has no files.
     pub(super) fn content_hash(&self) -> [u8; 32] {
         let mut hasher = blake3::Hasher::new();

@@ -92,12 +92,9 @@ impl TreeTask for FrameTask<'_> {
         let shadows = SoftShadowMedia::new(scene);
         let lights = Lights::new(&tracer).with_soft_shadows(shadows.as_ref());
         let view = View::new(&tracer, camera, scene.film, settings.seed);
-        let mut patches = (settings.kernel == Kernel::Traced).then(|| {
-            let pixels = scene.film.width as usize * scene.film.height as usize;
-            let rays = settings.lattice_rays(regions.iter().map(Region::pixels).sum());
-            PatchRadiance::of_tree(&tracer, tree, rays)
-                .in_patches_of(settings.surfels_per_patch(pixels))
-        });
+        let mut patches = (settings.kernel == Kernel::Traced)
+            .then(|| patch_radiance(request, &tracer))
+            .transpose()?;
         // In media their light is that of many directions, of which rays meet enough.
         let bright_patches = (patches.as_mut())
             .filter(|_| M::IS_NOTHING)
@@ -158,6 +155,24 @@ impl TreeTask for FrameTask<'_> {
         };
         let patches = patches.map(|p| p.stats()).unwrap_or_default();
         Ok((planes, FrameCounts { patches, media }))
+    }
+}
+
+/// The radiance of the scene's surfaces, of which nothing is known yet but what is in a file.
+fn patch_radiance<'a>(request: &Request, tracer: &'a Tracer) -> Result<PatchRadiance<'a>> {
+    let &Request {
+        scene,
+        tree,
+        settings,
+        ..
+    } = request;
+    let pixels = scene.film.width as usize * scene.film.height as usize;
+    let rays = settings.lattice_rays(request.regions.iter().map(Region::pixels).sum());
+    let patches = PatchRadiance::of_tree(tracer, tree, rays)?
+        .in_patches_of(settings.surfels_per_patch(pixels));
+    match &request.job.radiance_cache {
+        Some(file) => patches.cached_in(file, &scene.surface_digest(), tree),
+        None => Ok(patches),
     }
 }
 

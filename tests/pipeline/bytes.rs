@@ -315,3 +315,42 @@ fn what_memory_cannot_hold_is_told_before_it_is_made() {
     };
     shade(part).unwrap();
 }
+
+#[test]
+fn frames_and_tiles_that_share_a_radiance_cache_are_those_that_do_not() {
+    let work = Work::new(ROOM);
+    let scene = work.scene();
+    let store = OpenTree::open(&work.bake(&scene, 20_000), None).unwrap();
+    let settings = Settings::default();
+    let whole = Region::full(64, 48);
+    let evaluated = |job: &Job, region: Region| {
+        let frame = stage::run(&scene, &store, &settings, region, &[], job).unwrap();
+        let counts = &job.report.stages()[0].counts;
+        (frame, counts["patches"])
+    };
+    let (plain, alone) = evaluated(&Job::default(), whole);
+    let sharing = || Job {
+        radiance_cache: Some(work.path("a.cache")),
+        ..Job::default()
+    };
+    let mut sum = 0.0;
+    for i in 0..7 {
+        let tile = Region::tile(64, 48, i, 7).unwrap();
+        let (shared, patches) = evaluated(&sharing(), tile);
+        let (own, _) = evaluated(&Job::default(), tile);
+        assert!(shared == own, "tile {i}");
+        sum += patches;
+    }
+    // Threads may evaluate a patch at the same time.
+    assert!(
+        sum < 1.1 * alone,
+        "{sum} patches by tiles, {alone} by the frame"
+    );
+    let (again, patches) = evaluated(&sharing(), whole);
+    assert!(again == plain);
+    assert!(patches < 0.01 * alone, "{patches} of {alone} again");
+
+    let other = OpenTree::open(&work.bake(&scene, 10_000), None).unwrap();
+    let error = stage::run(&scene, &other, &settings, whole, &[], &sharing()).unwrap_err();
+    assert!(error.to_string().contains("one of others"), "{error}");
+}

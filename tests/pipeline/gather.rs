@@ -254,7 +254,7 @@ fn rays_that_are_looked_up_together_find_what_each_finds_alone() {
         max_solid_angle: 0.01,
         leave_out_bright: false,
     };
-    let outgoing = || PatchRadiance::new(&tracer, store.area_per_surfel(), rays.len());
+    let outgoing = || PatchRadiance::new(&tracer, store.area_per_surfel(), rays.len()).unwrap();
     let alone = outgoing();
     let mut stack = Default::default();
     let cast = |ray: &Ray| alone.cast(pages(&store), ray, wanted, &mut stack);
