@@ -37,7 +37,10 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("scatter", LIT_BY_MEDIA),
     ("shade", LIT_BY_MEDIA),
     // Of pictures it knows none but the samples that may be kept beside one.
-    ("inspect", &["error", "formats", "image::samples", "run"]),
+    (
+        "inspect",
+        &["error", "formats", "image::samples", "run", "scene"],
+    ),
     // What judges the pipeline may use all of it; nothing that renders uses the laboratory.
     ("lab", LABORATORY),
     // The truth that lvox is measured by shares scenes and rays with it, and nothing else.

@@ -3,21 +3,29 @@
 use super::files::{Files, check_writable};
 use super::options::Context;
 use super::output;
+use crate::formats::FileKind;
 use crate::image::{ImageKind, exr};
-use crate::inspect::{describe, export_ply, points, samples, scattered};
+use crate::inspect::{describe, export_ply, points, samples, scattered, scene};
+use crate::run::OnWarning;
 use crate::{Error, Result};
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
 
-/// Print what a cloud, a tree, scattered light, an image or kept samples say of themselves, without
-/// reading the payload
+/// Print what is in a scene or in one of its files, or what a cloud, a tree, scattered light, an
+/// image or kept samples say of themselves
 ///
-/// Of clouds and trees: origin and settings, counts, bytes per point, columns present and left out
-/// with the bytes that this saves, pages, levels, and the worst errors of quantisation. Kept
-/// samples are read and checked as a whole.
+/// A scene, a mesh or a volume is read as for rendering: triangles, area, bounds, materials,
+/// textures, lights, cameras, grids with their ranges and depths, memory, and all that is left out.
+///
+/// The payload of other files is not read. Of clouds and trees: origin and settings, counts, bytes
+/// per point, columns present and left out with the bytes that this saves, pages, levels, and the
+/// worst errors of quantisation. Kept samples are read and checked as a whole.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Read this .lvc, .lvt, .lvs, .exr or .exr.sums file
+    /// Read this file: a scene (.toml .gltf .glb), a mesh (.obj .ply), a volume (.vdb .nrrd .nhdr),
+    /// or .lvc .lvt .lvs .exr .exr.sums
     file: PathBuf,
 
     /// Print one JSON object
@@ -37,6 +45,13 @@ pub struct Args {
     level: Option<u32>,
 }
 
+/// Whether a file is a cloud, a tree or scattered light by its first bytes, whatever its name.
+fn is_ours(path: &Path) -> bool {
+    let mut start = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(12).read_to_end(&mut start));
+    read.is_ok() && FileKind::of(&start).is_ok()
+}
+
 impl Args {
     /// What it reads and writes.
     pub fn files(&self) -> Files {
@@ -50,6 +65,23 @@ impl Args {
     pub fn run(self, context: &Context) -> Result<()> {
         if ImageKind::of(&self.file)? == Some(ImageKind::Exr) {
             return self.image();
+        }
+        if !is_ours(&self.file)
+            && let Some(scene) = scene(&self.file, &context.job)?
+        {
+            self.refuse_points("a scene file has")?;
+            // They are in what is printed; but strict jobs fail on them.
+            if context.job.on_warning == OnWarning::Fail {
+                scene
+                    .warnings
+                    .iter()
+                    .for_each(|w| context.job.progress.warn(w));
+            }
+            return if self.json {
+                output::print_json(&scene)
+            } else {
+                output::print(&scene.to_string())
+            };
         }
         if let Some(samples) = samples(&self.file)? {
             self.refuse_points("samples have")?;

@@ -1,9 +1,10 @@
-//! What is in a cloud, a tree or scattered light, for people and for scripts: descriptions, first
-//! points, PLY for viewers, and the complete check of a file.
+//! What is in a cloud, a tree, scattered light or a scene, for people and for scripts: descriptions,
+//! first points, PLY for viewers, and the complete check of a file.
 //!
 //! In: the path of a file. Out: values that print as text and serialise as JSON.
 //!
 //! - `describe`: a cloud or a tree; `scatter`: scattered light; `samples`: samples of a reference.
+//! - `scene`: scene, mesh and volume files, read as for rendering.
 //! - `points`: the first points; `ply`: all points, for viewers.
 //! - `verify`: the complete check. `text`: tables.
 
@@ -12,6 +13,7 @@ mod ply;
 mod points;
 mod samples;
 mod scatter;
+mod scene;
 mod text;
 mod verify;
 
@@ -20,6 +22,10 @@ pub use ply::{Exported, export_ply};
 pub use points::{Points, points};
 pub use samples::{Samples, samples};
 pub use scatter::{Scattered, scattered};
+pub use scene::{
+    CameraDescription, LightDescription, MaterialDescription, MeshDescription, ReadFile,
+    SceneDescription, TextureDescription, ValueHistogram, VolumeDescription, WorldBox, scene,
+};
 pub use verify::{Check, Depth, Verification, verify};
 
 use crate::formats::{Cloud, FileKind, MappedFile, Tree};

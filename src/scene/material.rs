@@ -102,6 +102,18 @@ impl Texture {
         }
     }
 
+    /// Bits of each channel of a texel in memory.
+    #[must_use]
+    pub fn bits(&self) -> u32 {
+        8 * size_of::<f32>() as u32
+    }
+
+    /// Bytes of memory that its texels take.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        size_of_val(&self.texels[..]) as u64
+    }
+
     /// Bilinear sample at (u, v); (0,0) is the corner of the first texel, (1,1) that of the last.
     #[must_use]
     pub fn sample(&self, uv: Vec2) -> [f32; 3] {

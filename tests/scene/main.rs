@@ -2,6 +2,7 @@
 
 mod damage;
 mod formats;
+mod inspect;
 mod made;
 mod messages;
 #[path = "../support/mod.rs"]

@@ -4,6 +4,7 @@
 //! A grid of ours has its voxel (i,j,k) from (i,j,k) to (i+1,j+1,k+1).
 
 use super::files::Files;
+use super::values::{GridValues, Voxels};
 use crate::math::unflatten;
 use crate::run::{memory, size};
 use crate::scene::grid::{Grid, Layout};
@@ -160,6 +161,25 @@ impl Field {
             }
             Samples::Lookup { value, .. } => value(voxel),
         }
+    }
+
+    /// Keeps what its values are, if anyone wants to know.
+    pub(super) fn note_values(&self, path: &Path, files: &mut Files) -> Result<()> {
+        if let Some(kept) = &mut files.values {
+            let voxels = Voxels {
+                dims: self.dims,
+                first: self.first,
+                padding: self.padding,
+                value: |voxel| self.value(voxel),
+            };
+            kept.push(GridValues::of(
+                &voxels,
+                self.name.clone(),
+                path,
+                &files.cancel,
+            )?);
+        }
+        Ok(())
     }
 
     /// Whether the file has a finite number there that is none in f32.

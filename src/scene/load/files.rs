@@ -1,5 +1,6 @@
 //! Reading the files of a scene: each is read once, in the order named, and joins the scene's hash.
 
+use super::values::GridValues;
 use crate::run::Cancel;
 use crate::{Error, Result};
 use std::fs::{self, File};
@@ -19,6 +20,8 @@ pub(super) struct Files {
     pub(super) warnings: Vec<String>,
     /// Loops over what a file holds look at it.
     pub(super) cancel: Cancel,
+    /// Values of the volumes read so far, if anyone wants to know them.
+    pub(super) values: Option<Vec<GridValues>>,
 }
 
 impl Files {

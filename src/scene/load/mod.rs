@@ -9,10 +9,12 @@
 // - `vdb`, `nrrd`, `raw`, `builtin`: volumes, each as a `field::Field`, which becomes a grid
 // - `polygon`: cuts the faces of OBJ and PLY; `texture`: images; `normals`: shading normals at a
 //   crease angle
+// - `contents`: what a file holds, for those who ask; `values`: what the values of a volume are
 // - `files`: reads and hashes files and collects warnings; `left_out`: what to tell of them
 
 mod builtin;
 mod colors;
+mod contents;
 mod description;
 mod field;
 mod files;
@@ -29,7 +31,11 @@ mod raw;
 mod table;
 mod texture;
 mod transform;
+mod values;
 mod vdb;
+
+pub use contents::{Contents, ContentsKind, EXTENSIONS, contents, has_contents};
+pub use values::{GridValues, Histogram};
 
 use super::{Scene, SceneBuilder};
 use crate::run::{Cancel, Job};
@@ -61,29 +67,7 @@ impl Scene {
 
     fn load_until(path: &Path, cancel: &Cancel) -> Result<Self> {
         let mut files = Files::until(cancel);
-        let builder = match files::extension(path).as_str() {
-            "toml" => {
-                let text = files.read("scene", path)?;
-                let text = files::text_start(&text).map_err(|e| e.at(path.display()))?;
-                let text = std::str::from_utf8(text).map_err(|e| {
-                    Error::input(format!("{}: not UTF-8 text: {e}", path.display()))
-                })?;
-                description::read(text, path, &mut files)?
-            }
-            "gltf" | "glb" => {
-                let content = files.read("scene", path)?;
-                let import =
-                    gltf::read(&content, path, &mut files).map_err(|e| e.at(path.display()))?;
-                import.into_scene(path).map_err(|e| e.at(path.display()))?
-            }
-            other => {
-                return Err(Error::input(format!(
-                    "{}: expected a scene file, found the extension \"{other}\"",
-                    path.display()
-                ))
-                .hint("scenes are .toml, .gltf or .glb files"));
-            }
-        };
+        let builder = read_scene(path, &mut files)?;
         finish(builder, files).map_err(|e| e.at(path.display()))
     }
 
@@ -97,6 +81,29 @@ impl Scene {
         files.add(text.as_bytes())?;
         let builder = description::read(text, Path::new("demo.toml"), &mut files)?;
         finish(builder, files)
+    }
+}
+
+/// Reads a scene file and all files that it names.
+fn read_scene(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
+    match files::extension(path).as_str() {
+        "toml" => {
+            let text = files.read("scene", path)?;
+            let text = files::text_start(&text).map_err(|e| e.at(path.display()))?;
+            let text = std::str::from_utf8(text)
+                .map_err(|e| Error::input(format!("{}: not UTF-8 text: {e}", path.display())))?;
+            description::read(text, path, files)
+        }
+        "gltf" | "glb" => {
+            let content = files.read("scene", path)?;
+            let import = gltf::read(&content, path, files).map_err(|e| e.at(path.display()))?;
+            import.into_scene(path).map_err(|e| e.at(path.display()))
+        }
+        other => Err(Error::input(format!(
+            "{}: expected a scene file, found the extension \"{other}\"",
+            path.display()
+        ))
+        .hint("scenes are .toml, .gltf or .glb files")),
     }
 }
 

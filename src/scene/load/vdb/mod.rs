@@ -77,17 +77,38 @@ struct VdbGrid {
     tree: Tree,
 }
 
-/// Reads all grids named `wanted`, or else "density", or else the only one; those that have no
-/// active voxel are left out. The file is told what else it has.
+/// The grids of a file that are wanted.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Wanted<'a> {
+    /// All grids named "density", or else the only one.
+    Density,
+    /// All grids of a name, or one of them by its label.
+    Named(&'a str),
+    /// All that can be read.
+    All,
+}
+
+impl<'a> From<Option<&'a str>> for Wanted<'a> {
+    fn from(name: Option<&'a str>) -> Self {
+        name.map_or(Self::Density, Self::Named)
+    }
+}
+
+/// Reads the grids that are wanted; those that have no active voxel are left out. The user is told
+/// what else the file has.
 pub(super) fn read(
     content: &[u8],
     path: &Path,
-    wanted: Option<&str>,
+    wanted: Wanted<'_>,
     files: &mut Files,
 ) -> Result<Vec<Field>> {
     let mut left_out = LeftOut::default();
     let file = File::open(content, &mut left_out)?;
-    let chosen = choose(&file.entries, wanted)?;
+    let chosen = match wanted {
+        Wanted::Density => choose(&file.entries, None)?,
+        Wanted::Named(name) => choose(&file.entries, Some(name))?,
+        Wanted::All => file.readable()?,
+    };
     for (i, entry) in file.entries.iter().enumerate() {
         if !chosen.contains(&i) {
             left_out.note("grids are left out", format_args!("`{}`", entry.label()));
@@ -186,6 +207,19 @@ impl<'a> File<'a> {
             metadata,
             world_from_index,
         })
+    }
+
+    /// The numbers of all grids that are fog volumes; that of the first if there is none, so that an
+    /// error says why.
+    fn readable(&self) -> Result<Vec<usize>> {
+        let entries = self.entries.iter().enumerate();
+        let readable = entries.filter(|(_, entry)| self.head(entry).is_ok());
+        let readable: Vec<usize> = readable.map(|(i, _)| i).collect();
+        match (readable.is_empty(), self.entries.is_empty()) {
+            (false, _) => Ok(readable),
+            (true, false) => Ok(vec![0]),
+            (true, true) => choose(&self.entries, None),
+        }
     }
 
     fn grid(&self, entry: &Entry, cancel: &Cancel) -> Result<VdbGrid> {

@@ -249,14 +249,19 @@ fn file_with_instances(grids: &[(&str, &str, &Spec)]) -> Vec<u8> {
 }
 
 fn load(content: &[u8]) -> Result<Field> {
-    let mut fields = read(content, Path::new("x.vdb"), None, &mut Files::default())?;
+    let mut fields = read(
+        content,
+        Path::new("x.vdb"),
+        Wanted::Density,
+        &mut Files::default(),
+    )?;
     fields.pop().ok_or_else(|| Error::input("nothing in it"))
 }
 
 /// The same with warnings.
 fn load_all(content: &[u8], wanted: Option<&str>) -> (Vec<Field>, Vec<String>) {
     let mut files = Files::default();
-    let fields = read(content, Path::new("x.vdb"), wanted, &mut files).unwrap();
+    let fields = read(content, Path::new("x.vdb"), wanted.into(), &mut files).unwrap();
     (fields, files.warnings)
 }
 
@@ -423,7 +428,14 @@ fn grids_are_chosen_by_name() {
     assert_eq!(sizes("heat[0]"), [130]);
     let (_, warnings) = load_all(&content, Some("heat[1]"));
     assert_eq!(warnings, ["x.vdb: grids are left out: `heat[0]`, `flame`"]);
-    let pick = |name| read(&content, Path::new("x"), name, &mut Files::default());
+    let pick = |name| {
+        read(
+            &content,
+            Path::new("x"),
+            Wanted::from(name),
+            &mut Files::default(),
+        )
+    };
     let e = pick(None).err().unwrap();
     assert!(
         e.to_string()
@@ -574,7 +586,12 @@ fn a_stop_is_heard_and_is_of_no_place() {
     let stopped = Cancel::default();
     stopped.request();
     let content = Spec::default().file();
-    let read = read(&content, Path::new("x"), None, &mut Files::until(&stopped));
+    let read = read(
+        &content,
+        Path::new("x"),
+        Wanted::Density,
+        &mut Files::until(&stopped),
+    );
     let Err(error) = read.map(drop) else {
         panic!("it was read to its end")
     };
