@@ -114,8 +114,8 @@ fn create(path: &Path, identity: [u8; 32], lines: usize) -> Result<()> {
         file.commit()
     };
     match write() {
-        // Another process was faster.
-        Err(FormatError::Exists { .. }) => Ok(()),
+        // Another process was faster, and a file that has its name is complete.
+        Err(_) if path.exists() => Ok(()),
         written => Ok(written?),
     }
 }
