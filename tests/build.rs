@@ -367,6 +367,57 @@ fn a_plan_is_near_what_a_build_takes() {
     }
 }
 
+fn disk(i: usize, position: [f32; 3], radius: f32) -> Surfel {
+    Surfel {
+        position,
+        normal: [0.0, 1.0, 0.0],
+        radius,
+        area: std::f32::consts::PI * (radius / OVERLAP).powi(2),
+        front: colour(i),
+        ..Surfel::default()
+    }
+}
+
+/// Every depth of their trees has all surfels' area, and no surfel is lost.
+#[test]
+fn degenerate_clouds_lose_nothing() {
+    let n = 30_000;
+    let along_a_line = |i: usize| disk(i, [i as f32 * 1e-3, 0.0, 0.0], 1e-3);
+    // Ever closer to one point, down to the steps of f32.
+    let ever_closer = |i: usize| disk(i, [1.0 + 0.99_f32.powi(i as i32), 1.0, 1.0], 1e-3);
+    let lattice = |i: usize| {
+        let cell = [i % 31, i / 31 % 31, i / 961].map(|c| c as f32);
+        disk(i, cell, 0.5)
+    };
+    let one_huge = |i: usize| match i {
+        0 => disk(0, [0.5; 3], 1e6),
+        i => disk(i, [i as f32 * 1e-5, 0.5, (i % 173) as f32 * 1e-5], 1e-6),
+    };
+    let two_places = |i: usize| disk(i, [if i < n / 2 { -1e6 } else { 1e6 }, 0.0, 0.0], 1.0);
+    let clouds: [&dyn Fn(usize) -> Surfel; 5] = [
+        &along_a_line,
+        &ever_closer,
+        &lattice,
+        &one_huge,
+        &two_places,
+    ];
+    for (kind, surfel) in clouds.iter().enumerate() {
+        let surfels: Vec<Surfel> = (0..n).map(surfel).collect();
+        let case = case(&surfels, &[]);
+        for bucket_surfels in [None, Some(500)] {
+            let settings = Settings {
+                bucket_surfels,
+                ..Settings::default()
+            };
+            let outcome = built(&case, &settings);
+            assert_eq!(outcome.summary.sums.surfels, n as u64, "cloud {kind}");
+            let found = lvox::inspect::verify(&case.tree, &Job::default()).unwrap();
+            assert!(found.passed, "cloud {kind}: {found}");
+            assert!(found.depths.len() <= 25, "cloud {kind}: {found}");
+        }
+    }
+}
+
 #[test]
 fn surfels_at_one_spot() {
     let one = room(4)[1];
