@@ -4,24 +4,30 @@
 //! Sponza that alone makes indirect light a fifth too dark. So each disk is cut by the creases
 //! within its radius, found by walking from triangle to triangle over smooth edges.
 
-use crate::Result;
-use crate::math::sampling::tangents;
+use crate::math::sampling::{self, tangents};
 use crate::run::Cancel;
 use crate::scene::Mesh;
 use crate::trace::unit_normal;
+use crate::{Error, Result};
 use glam::Vec3;
 use lvox_formats::record::{ClipEdge, Clips};
-use std::collections::HashMap;
+use rayon::prelude::*;
 use std::f32::consts::TAU;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 /// Across this edge there is no surface to go on to, or one at an angle.
 const CREASE: u32 = u32::MAX;
+/// Behind this edge of a chain there is no other.
+const END: u32 = u32::MAX;
+/// Edges or vertices between two looks at whether to stop.
+const PIECE: u32 = 1 << 16;
 
 /// For each triangle, what lies across its three edges.
 #[derive(Debug)]
 pub struct Creases<'a> {
     mesh: &'a Mesh,
-    across: Vec<[u32; 3]>,
+    /// By number of the edge, three for each triangle: a triangle, or [`CREASE`].
+    across: Vec<u32>,
 }
 
 impl<'a> Creases<'a> {
@@ -32,40 +38,52 @@ impl<'a> Creases<'a> {
     /// If cancelled.
     pub fn new(mesh: &'a Mesh, crease_deg: f32, cancel: &Cancel) -> Result<Self> {
         let cos_crease = libm::cosf(crease_deg.to_radians());
+        const { assert!(3 * Mesh::MAX_TRIANGLES < END as usize) };
         let welded = weld(&mesh.positions, cancel)?;
-        let mut edges: HashMap<(u32, u32), (u32, u32, u8)> =
-            HashMap::with_capacity(mesh.triangles.len() * 2);
-        let key = |t: usize, e: usize| {
-            let [a, b] = [e, (e + 1) % 3].map(|k| welded[mesh.triangles[t][k] as usize]);
+        let ends = |edge: u32| {
+            let triangle = mesh.triangles[edge as usize / 3];
+            let [a, b] = [edge % 3, (edge + 1) % 3].map(|k| welded[triangle[k as usize] as usize]);
             (a.min(b), a.max(b))
         };
-        for t in 0..mesh.triangles.len() {
-            cancel.check()?;
-            for e in 0..3 {
-                let entry = edges.entry(key(t, e)).or_insert((t as u32, CREASE, 0));
-                entry.2 = entry.2.saturating_add(1);
-                if entry.2 == 2 {
-                    entry.1 = t as u32;
-                }
+        // Edges hang in a chain at the lower of their ends. A chain has few, and once it is in
+        // hand what lies across takes the place of its links: no list but this one is ever made.
+        let mut first = vec![END; mesh.positions.len()];
+        let mut across = Vec::with_capacity(3 * mesh.triangles.len());
+        for edge in 0..3 * mesh.triangles.len() as u32 {
+            if edge % PIECE == 0 {
+                cancel.check()?;
             }
+            let first = &mut first[ends(edge).0 as usize];
+            across.push(AtomicU32::new(std::mem::replace(first, edge)));
         }
-        let mut across = Vec::with_capacity(mesh.triangles.len());
-        for t in 0..mesh.triangles.len() {
+        let is_smooth = |a: u32, b: u32| {
+            let [n, m] = [a, b].map(|edge| unit_normal(mesh.corners(edge as usize / 3)));
+            // Neighbours may wind differently: a flat pair is flat either way.
+            n.dot(m).abs() >= cos_crease
+        };
+        first.par_chunks(PIECE as usize).try_for_each(|piece| {
             cancel.check()?;
-            across.push(std::array::from_fn(|e| match edges.get(&key(t, e)) {
-                Some(&(a, b, 2)) => {
-                    let other = if a == t as u32 { b } else { a };
-                    let [n, m] = [t, other as usize].map(|t| unit_normal(mesh.corners(t)));
-                    // Neighbours may wind differently: a flat pair is flat either way.
-                    if n.dot(m).abs() >= cos_crease {
-                        other
-                    } else {
-                        CREASE
+            let mut chain = Vec::new();
+            for &first in piece {
+                let mut next = first;
+                while next != END {
+                    chain.push((ends(next).1, next));
+                    next = across[next as usize].swap(CREASE, Relaxed);
+                }
+                chain.sort_unstable();
+                for same in chain.chunk_by(|a, b| a.0 == b.0) {
+                    if let &[(_, a), (_, b)] = same
+                        && is_smooth(a, b)
+                    {
+                        across[a as usize].store(b / 3, Relaxed);
+                        across[b as usize].store(a / 3, Relaxed);
                     }
                 }
-                _ => CREASE,
-            }));
-        }
+                chain.clear();
+            }
+            Ok::<_, Error>(())
+        })?;
+        let across = across.into_iter().map(AtomicU32::into_inner).collect();
         Ok(Self { mesh, across })
     }
 
@@ -89,7 +107,7 @@ impl<'a> Creases<'a> {
                 if distance2_to_segment(a, b) >= radius * radius {
                     continue;
                 }
-                let other = self.across[t][e];
+                let other = self.across[3 * t + e];
                 if other != CREASE {
                     if visited_count < MAX_TRIANGLES && !visited[..visited_count].contains(&other) {
                         visited[visited_count] = other;
@@ -161,13 +179,35 @@ fn distance2_to_segment(a: [f32; 2], b: [f32; 2]) -> f32 {
 
 /// For each vertex the first one at the same place, so that split vertices share edges.
 fn weld(positions: &[Vec3], cancel: &Cancel) -> Result<Vec<u32>> {
-    let mut first = HashMap::with_capacity(positions.len());
-    let mut welded = Vec::with_capacity(positions.len());
-    for (i, p) in positions.iter().enumerate() {
-        cancel.check()?;
-        // Adding 0.0 makes -0.0 and 0.0 one.
-        let key = (*p + Vec3::ZERO).to_array().map(f32::to_bits);
-        welded.push(*first.entry(key).or_insert(i as u32));
+    // Adding 0.0 makes -0.0 and 0.0 one.
+    let place = |i: u32| {
+        (positions[i as usize] + Vec3::ZERO)
+            .to_array()
+            .map(f32::to_bits)
+    };
+    let hashed = |i: u32| {
+        let place = place(i).map(u64::from);
+        sampling::hash(&place) >> 32 << 32 | u64::from(i)
+    };
+    cancel.check()?;
+    let mut order: Vec<u64> = (0..positions.len() as u32)
+        .into_par_iter()
+        .map(hashed)
+        .collect();
+    cancel.check()?;
+    order.par_sort_unstable();
+    cancel.check()?;
+    let mut welded: Vec<u32> = (0..positions.len() as u32).collect();
+    for same_hash in order.chunk_by_mut(|a, b| a >> 32 == b >> 32) {
+        if same_hash.len() == 1 {
+            continue;
+        }
+        same_hash.sort_unstable_by_key(|&key| (place(key as u32), key as u32));
+        for same in same_hash.chunk_by(|&a, &b| place(a as u32) == place(b as u32)) {
+            for &key in same {
+                welded[key as u32 as usize] = same[0] as u32;
+            }
+        }
     }
     Ok(welded)
 }
@@ -175,6 +215,7 @@ fn weld(positions: &[Vec3], cancel: &Cancel) -> Result<Vec<u32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::BTreeMap;
 
     /// A unit square of two triangles in z = 0, and a wall standing on its edge x = 1.
     fn floor_and_wall() -> Mesh {
@@ -220,5 +261,67 @@ mod tests {
         lines.sort_by(|a, b| a.1.total_cmp(&b.1));
         assert!((lines[0].0 - Vec3::X).length() < 1e-5 && (lines[0].1 - 0.1).abs() < 1e-5);
         assert!((lines[1].0 - Vec3::Y).length() < 1e-5 && (lines[1].1 - 0.2).abs() < 1e-5);
+    }
+
+    /// What lies across each edge, by a table of all edges.
+    fn plain(mesh: &Mesh, cos_crease: f32) -> Vec<u32> {
+        let place = |v: u32| {
+            (mesh.positions[v as usize] + Vec3::ZERO)
+                .to_array()
+                .map(f32::to_bits)
+        };
+        let edges = || {
+            let triangles = mesh.triangles.iter().enumerate();
+            triangles.flat_map(|(t, v)| (0..3).map(move |e| (t as u32, [v[e], v[(e + 1) % 3]])))
+        };
+        let key = |ends: [u32; 2]| {
+            let mut key = ends.map(place);
+            key.sort_unstable();
+            key
+        };
+        let mut triangles = BTreeMap::<_, Vec<u32>>::new();
+        for (t, ends) in edges() {
+            triangles.entry(key(ends)).or_default().push(t);
+        }
+        let across = |(t, ends): (u32, [u32; 2])| {
+            let &[a, b] = triangles[&key(ends)].as_slice() else {
+                return CREASE;
+            };
+            let [n, m] = [a, b].map(|t| unit_normal(mesh.corners(t as usize)));
+            let is_smooth = n.dot(m).abs() >= cos_crease;
+            if is_smooth { a ^ b ^ t } else { CREASE }
+        };
+        edges().map(across).collect()
+    }
+
+    #[test]
+    fn chains_find_what_a_table_of_all_edges_finds() {
+        // Vertices that are few and often at one place: edges of one to many facets, facets
+        // without area, and facets that have an edge twice.
+        let mut seed = 1_u64;
+        let mut random = |below: u64| {
+            seed = sampling::hash(&[seed]);
+            seed % below
+        };
+        for _ in 0..50 {
+            let vertices = 4 + random(60);
+            let lattice = 2 + random(3);
+            let mut coordinate = || random(lattice) as f32 * [-1.0, 1.0][random(2) as usize];
+            let position = |_| Vec3::new(coordinate(), coordinate(), 0.1 * coordinate());
+            let positions: Vec<Vec3> = (0..vertices).map(position).collect();
+            let triangle = |_| std::array::from_fn(|_| random(vertices) as u32);
+            let triangles: Vec<[u32; 3]> = (0..2 * vertices).map(triangle).collect();
+            let mesh = Mesh {
+                material: vec![0; triangles.len()],
+                positions,
+                triangles,
+                ..Mesh::default()
+            };
+            let creases = Creases::new(&mesh, 20.0, &Cancel::default()).unwrap();
+            assert_eq!(
+                creases.across,
+                plain(&mesh, libm::cosf(20_f32.to_radians()))
+            );
+        }
     }
 }
