@@ -4,7 +4,10 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
-    take_memory_in_large_pieces();
+    {
+        take_memory_in_large_pieces();
+        fail_where_a_file_may_not_grow();
+    }
     lvox::cli::main()
 }
 
@@ -21,5 +24,17 @@ fn take_memory_in_large_pieces() {
         libc::mallopt(libc::M_TOP_PAD, 16 << 20);
         libc::mallopt(libc::M_MMAP_THRESHOLD, 32 << 20);
         libc::mallopt(libc::M_TRIM_THRESHOLD, 32 << 20);
+    }
+}
+
+/// Has a write beyond `ulimit -f` fail, as on a full disk, in place of a signal that ends the
+/// program without a word.
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+fn fail_where_a_file_may_not_grow() {
+    // SAFETY: the signal is ignored, so no code of ours runs in a handler, and this is the only
+    // thread.
+    #[allow(unsafe_code)]
+    unsafe {
+        libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
     }
 }

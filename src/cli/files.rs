@@ -26,6 +26,24 @@ impl Files {
         self.outputs.push((what, path.to_owned()));
         self
     }
+
+    /// Refuses what can be read but once, and may never have anything to read.
+    ///
+    /// # Errors
+    /// [`crate::Kind::Input`] for a pipe or a device; what is not there is for its reader to tell.
+    pub fn check_inputs(&self) -> Result<()> {
+        for (what, path) in &self.inputs {
+            let is_other = |m: fs::Metadata| !m.is_file() && !m.is_dir();
+            if fs::metadata(path).is_ok_and(is_other) {
+                return Err(Error::input(format!(
+                    "{what} {}: expected a file, found a pipe or a device",
+                    path.display()
+                ))
+                .hint("write it to a file first, and name that"));
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Finds out in the first second that an output cannot be written.

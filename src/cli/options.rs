@@ -120,6 +120,7 @@ impl Context {
     /// Refuses a verb whose outputs name its inputs or each other, the report included, and
     /// remembers its outputs.
     pub fn take_files(&mut self, files: Files) -> Result<()> {
+        files.check_inputs()?;
         self.outputs = files.outputs;
         self.keep_apart(&files.inputs)?;
         self.check_report()

@@ -89,7 +89,7 @@ fn outputs_of_every_kind_follow_links_and_survive_a_failing_run() {
         let before = work.names();
 
         // Of a larger file the system refuses the rest, as on a full disk.
-        let limited = format!("trap '' XFSZ; ulimit -f 1; exec \"$0\" {line}");
+        let limited = format!("ulimit -f 1; exec \"$0\" {line}");
         let run = std::process::Command::new("sh")
             .args(["-c", &limited, env!("CARGO_BIN_EXE_lvox")])
             .current_dir(work.0.path())
@@ -109,4 +109,22 @@ fn outputs_of_every_kind_follow_links_and_survive_a_failing_run() {
         assert_eq!(work.names(), before, "{line}");
     }
     assert_eq!(fs::read_dir(work.path("store")).unwrap().count(), 4);
+}
+
+#[test]
+fn pipes_are_no_inputs_and_nobody_waits_for_them() {
+    let work = Work::new(ROOM);
+    let made = std::process::Command::new("mkfifo")
+        .arg(work.path("a.pipe"))
+        .status();
+    assert!(made.unwrap().success());
+    for args in [
+        &["build", "a.pipe", "-o", "a.lvt"][..],
+        &["merge", "a.pipe", "-o", "a.exr"],
+        &["inspect", "a.pipe"],
+        &["verify", "a.pipe"],
+        &["shade", "scene.toml", "-t", "a.pipe", "-o", "a.exr"],
+    ] {
+        lvox(&work, args).refused(2, &["a.pipe", "expected a file, found a pipe"]);
+    }
 }
