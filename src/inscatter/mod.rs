@@ -16,31 +16,27 @@
 //! | `far_field` | probes of the surfaces around a medium |
 //! | `dense` | light in voxels so deep that no vertex tells |
 //! | `scattered` | light that was made beforehand, read from a file |
-//! | `gatherer`, `memory`, `counts` | what is asked of a gatherer; limits on memory; what it took |
+//! | `gatherer`, `memory` | what is asked of a gatherer; limits on memory |
 
 mod bricks;
-mod counts;
 mod dense;
 mod density;
 mod direct;
 mod far_field;
 mod gatherer;
-mod march;
 mod memory;
 mod occupied;
 mod scattered;
 mod source;
-mod spacing;
 pub mod sparse;
 mod sweep;
 #[cfg(test)]
 mod tests;
 mod vertices;
 
-pub use counts::MediaCounts;
 pub use gatherer::GatherInMedia;
 pub use scattered::check_volumes;
-pub use source::{InScatter, MediaLights, VolumeLight};
+pub use source::{InScatter, MediaLights, RayMemo, VolumeLight};
 pub use sparse::SparseValues;
 
 use crate::gather::RaySettings;

@@ -1,13 +1,11 @@
 //! The lattices of one volume, before any ray asks for their light.
 
 use crate::Result;
-use crate::inscatter::counts::Counters;
 use crate::inscatter::density::Densities;
 use crate::inscatter::direct::{DIRECT_LEVELS, Vertex};
 use crate::inscatter::far_field::FarField;
 use crate::inscatter::gatherer::GatherInMedia;
 use crate::inscatter::scattered::ScatteredLight;
-use crate::inscatter::spacing::LeastSpacing;
 use crate::inscatter::sweep::{SWEPT_LEVELS, Sweep, SweepScope};
 use crate::inscatter::vertices::Vertices;
 use crate::light::Lights;
@@ -29,7 +27,6 @@ pub(super) struct VolumeLattices<'a> {
     pub far_field: FarField,
     pub sweep: Option<Sweep>,
     pub densities: Densities,
-    pub least: LeastSpacing,
     /// Longest edge of a voxel, scene units.
     pub voxel: f32,
 }
@@ -46,9 +43,9 @@ const SHARED_DEPTH: f32 = 0.7;
 pub struct MediaLights<'a, G> {
     /// Direct light.
     pub lights: &'a Lights<'a>,
-    /// Gathers of indirect light, if there are any.
+    /// MediaLights that is gathered, if any is.
     pub gatherer: Option<&'a G>,
-    /// Light that was made beforehand.
+    /// MediaLights that is memo already.
     pub scattered: Option<&'a Scatter<MappedFile>>,
 }
 
@@ -62,7 +59,6 @@ impl<'a> VolumeLattices<'a> {
         view: &View<'a>,
         visible: VisibleMedia,
         light: &MediaLights<'a, G>,
-        counters: &Counters,
         job: &Job,
     ) -> Result<Self> {
         let volume = &view.tracer.scene.volumes[index];
@@ -76,7 +72,6 @@ impl<'a> VolumeLattices<'a> {
         let far_field = FarField::new(volume, volume_samples, seed);
         let voxel = volume.longest_voxel_edge();
         let densities = Densities::new(&view.tracer.scene.volumes, index);
-        let least = LeastSpacing::new(view, visible, volume, &densities, DIRECT_LEVELS - 1);
         let depth_of = |brick, own| {
             let all = densities.of_all(brick, own);
             densities.of(brick).max(SHARED_DEPTH * all) * voxel
@@ -96,9 +91,8 @@ impl<'a> VolumeLattices<'a> {
                     volume,
                     far_field: &far_field,
                     job,
-                    counters,
                 };
-                (None, Some(Sweep::new(&scope, &least, depth_of)?))
+                (None, Some(Sweep::new(&scope, depth_of)?))
             }
             (None, None) => Default::default(),
         };
@@ -109,7 +103,6 @@ impl<'a> VolumeLattices<'a> {
             far_field,
             sweep,
             densities,
-            least,
             voxel,
         })
     }
