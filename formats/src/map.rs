@@ -57,9 +57,7 @@ impl MappedFile {
         };
         open().map_err(|e| e.at(path))
     }
-}
 
-impl MappedFile {
     /// Gives the memory behind a range of bytes back to the system, where the system has a call for
     /// it; the bytes stay what they are, and come from the file again when they are next read.
     #[allow(unsafe_code)]
