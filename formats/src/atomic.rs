@@ -1,5 +1,6 @@
 //! A file that appears under its name only when it is complete.
 
+use crate::leftover::Naming;
 use crate::{FormatError, Result};
 use std::fs;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -18,6 +19,9 @@ pub enum Overwrite {
 
 /// A file being written, under a temporary name beside its own. Dropped without
 /// [`AtomicFile::commit`], it leaves nothing behind, and what was there untouched.
+///
+/// A process that is killed leaves its temporary file. The next one that writes a file of the same
+/// name, as the same user, removes it: a lock that ends with its process says that nobody owns it.
 ///
 /// A link stays a link: the file that it leads to is replaced.
 #[derive(Debug)]
@@ -99,17 +103,25 @@ fn open(path: &Path, overwrite: Overwrite) -> Result<AtomicFile> {
     let mut prefix = std::ffi::OsString::from(".");
     prefix.push(name);
     prefix.push(".");
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(&prefix).suffix(".part");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // As any other new file: what the umask leaves.
-        builder.permissions(fs::Permissions::from_mode(0o666));
-    }
+    let naming = Naming {
+        prefix,
+        suffix: ".part",
+        lock_inside: None,
+    };
     let folder = folder(&target);
-    let temporary = builder
-        .tempfile_in(folder)
+    let temporary = naming
+        .make_locked(
+            |builder| {
+                #[cfg(unix)]
+                {
+                    use std::os::unix::fs::PermissionsExt;
+                    // As any other new file: what the umask leaves.
+                    builder.permissions(fs::Permissions::from_mode(0o666));
+                }
+                builder.tempfile_in(folder)
+            },
+            |made| (made.as_file(), made.path().to_path_buf()),
+        )
         .map_err(|e| FormatError::Folder {
             folder: folder.to_path_buf(),
             // Of a folder that cannot be looked at the system tells why; else only the kind is
@@ -119,6 +131,7 @@ fn open(path: &Path, overwrite: Overwrite) -> Result<AtomicFile> {
                 Ok(_) => io::Error::from(e.kind()),
             },
         })?;
+    naming.sweep(folder, temporary.path());
     Ok(AtomicFile {
         path: path.to_path_buf(),
         target,
@@ -155,6 +168,7 @@ impl Seek for AtomicFile {
 mod tests {
     use super::Overwrite::{Refuse, Replace};
     use super::*;
+    use crate::leftover::tests::{age, name_of};
 
     fn write(path: &Path, overwrite: Overwrite, bytes: &[u8]) -> Result<()> {
         let mut file = AtomicFile::create(path, overwrite)?;
@@ -203,6 +217,40 @@ mod tests {
         write(&path, Replace, b"new").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"new");
         assert_eq!(names(dir.path()), ["a"]);
+    }
+
+    #[test]
+    fn files_without_owner_are_swept() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a");
+        let make = |name: String| {
+            let path = dir.path().join(name);
+            fs::write(&path, b"half").unwrap();
+            path
+        };
+        let living = AtomicFile::create(&path, Refuse).unwrap();
+        let foreign = make(name_of(".a.", true, ".part"));
+        let others = [
+            make(name_of(".b.", false, ".part")),
+            make(".a.Ab12Cd.part".into()),
+        ];
+        #[cfg(target_os = "linux")]
+        let left = make(name_of(".a.", false, ".part"));
+        let next = AtomicFile::create(&path, Refuse).unwrap();
+        #[cfg(target_os = "linux")]
+        assert!(!left.exists());
+        for kept in [living.temporary.path(), next.temporary.path(), &foreign] {
+            assert!(kept.exists(), "{}", kept.display());
+        }
+        for other in [&foreign, &others[0], &others[1]] {
+            age(other);
+        }
+        write(&path, Refuse, b"whole").unwrap();
+        assert!(!foreign.exists() && living.temporary.path().exists());
+        drop((living, next));
+        assert_eq!(fs::read(&path).unwrap(), b"whole");
+        assert!(others.iter().all(|other| other.exists()));
+        assert_eq!(names(dir.path()).len(), 3);
     }
 
     #[test]

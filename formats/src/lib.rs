@@ -35,7 +35,8 @@
 //!   `output`: the one reader and the one writer of the frame.
 //! - `cloud`, `tree`, `scatter`: the blocks of each kind.
 //! - `quantise`: values to codes and back. `morton`, `bytes`, `codec`: tools.
-//! - `atomic`, `map`, `error`: files that appear complete, mapped files, and errors.
+//! - `atomic`, `temporary`, `map`, `error`: files that appear complete, folders that go away, mapped
+//!   files, and errors. `leftover`: what a killed process left of the first two.
 
 #![deny(missing_docs, unsafe_code)]
 
@@ -47,6 +48,7 @@ mod codec;
 mod error;
 mod format;
 mod frame;
+mod leftover;
 mod map;
 mod meta;
 pub mod morton;
@@ -56,6 +58,7 @@ mod quantise;
 pub mod record;
 mod scatter;
 mod summary;
+mod temporary;
 mod tree;
 
 pub use atomic::{AtomicFile, Overwrite};
@@ -78,6 +81,7 @@ pub use summary::{
     CloudSummary, ColumnBytes, LeftOut, ScatterSummary, Sums, TreeLevel, TreeSummary, VolumeSums,
     WorstError,
 };
+pub use temporary::TemporaryFolder;
 pub use tree::{
     EncodedLvoxels, EncodedPage, MAX_PAGE_BYTES, MAX_PAGE_RECORDS, Tree, TreeFormat, TreeWriter,
     node_bytes, surfel_bytes,

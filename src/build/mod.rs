@@ -115,14 +115,7 @@ pub fn run_parts(
     if let [cloud] = clouds {
         return run(cloud, tree_path, settings, overwrite, job);
     }
-    let temp_dir = job.temp_dir.clone().unwrap_or_else(std::env::temp_dir);
-    let folder = tempfile::Builder::new()
-        .prefix("lvox-")
-        .tempdir_in(&temp_dir)
-        .map_err(|e| {
-            Error::io("create a temporary folder in", &temp_dir, &e)
-                .hint("choose another folder for temporary files (`temp_dir`)")
-        })?;
+    let folder = job.temporary_folder()?;
     let joined = folder.path().join("joined.lvc");
     job.report.stage("join", |counts| {
         let summary = join(clouds, &joined, Overwrite::Replace, job)?;

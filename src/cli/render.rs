@@ -6,9 +6,9 @@ use super::options::{Context, Memory, Seed, Temporary};
 use super::output;
 use super::scene_input::SceneInput;
 use super::shade_options::ShadeOptions;
+use crate::Result;
 use crate::formats::Overwrite;
 use crate::tree::OpenTree;
-use crate::{Error, Result};
 use std::path::PathBuf;
 
 /// Render a scene: bake, build and shade in one go
@@ -59,14 +59,7 @@ impl Args {
         let scene = self.scene.load(context)?;
         self.shade.check_with(&scene, job)?;
         job.heed_warnings()?;
-        // What is left by a process that was killed says whose it is.
-        let mut folder = tempfile::Builder::new();
-        folder.prefix("lvox-");
-        let folder = match &job.temp_dir {
-            Some(dir) => folder.tempdir_in(dir),
-            None => folder.tempdir(),
-        }
-        .map_err(|e| Error::failed(format!("cannot make a temporary folder: {e}")))?;
+        let folder = job.temporary_folder()?;
         let cloud = folder.path().join("scene.lvc");
         let tree = self
             .keep_tree

@@ -23,6 +23,7 @@ pub(crate) use output::Output;
 pub use progress::{Observer, Progress, Task, TaskObserver};
 pub use report::{Report, StageReport};
 
+use crate::formats::TemporaryFolder;
 use crate::{Error, Result};
 use std::path::PathBuf;
 
@@ -57,6 +58,18 @@ pub enum OnWarning {
 }
 
 impl Job {
+    /// Makes a folder for temporary files, and removes those that killed processes left beside it.
+    ///
+    /// # Errors
+    /// That of the system, with the folder that it was to be in.
+    pub(crate) fn temporary_folder(&self) -> Result<TemporaryFolder> {
+        let parent = self.temp_dir.clone().unwrap_or_else(std::env::temp_dir);
+        TemporaryFolder::create_in(&parent).map_err(|e| {
+            Error::io("create a temporary folder in", &parent, &e)
+                .hint("choose another folder for temporary files (`temp_dir`)")
+        })
+    }
+
     /// Ends a job that fails on warnings if something was warned of. Stages call this before long
     /// work and before they write.
     ///

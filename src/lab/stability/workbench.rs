@@ -1,7 +1,7 @@
 //! The whole pipeline on scenes that are made in memory, in a folder that goes away.
 
 use crate::bake::{self, SurfelSampling};
-use crate::formats::{CloudMeta, CloudWriter, Lvoxel, Overwrite, Surfel};
+use crate::formats::{CloudMeta, CloudWriter, Lvoxel, Overwrite, Surfel, TemporaryFolder};
 use crate::gather::{self, Gatherer, Medium, RayKernel, SampleRange};
 use crate::image::{Frame, Region};
 use crate::math::Rgb;
@@ -15,11 +15,10 @@ use glam::{Affine3A, DAffine3, DVec3, Vec3};
 use std::cell::Cell;
 use std::fs;
 use std::path::{Path, PathBuf};
-use tempfile::TempDir;
 
 /// A folder for scenes, clouds and trees.
 pub struct Workbench {
-    dir: TempDir,
+    dir: TemporaryFolder,
     files: Cell<u32>,
     job: Job,
 }
@@ -28,14 +27,8 @@ impl Workbench {
     /// A folder in that of the job for temporary files. Stages are quiet here, but stop when the
     /// job does.
     pub fn new(job: &Job) -> Result<Self> {
-        let mut builder = tempfile::Builder::new();
-        builder.prefix("lvox-stability-");
-        let dir = match &job.temp_dir {
-            Some(folder) => builder.tempdir_in(folder),
-            None => builder.tempdir(),
-        };
         Ok(Self {
-            dir: dir.map_err(|e| Error::failed(format!("cannot make a temporary folder: {e}")))?,
+            dir: job.temporary_folder()?,
             files: Cell::new(0),
             job: Job {
                 cancel: job.cancel.clone(),
