@@ -4,6 +4,7 @@
 use crate::{Folder, load};
 use lvox::Kind;
 use lvox::scene::Scene;
+use std::fs;
 
 const CUBE: &str = "[[mesh]]\nfile = \"builtin:cube\"\n";
 const RAW: &str = "[[volume]]\nfile = \"a.raw\"\ndims = [2, 1, 1]\ndtype = \"f32\"\nalbedo = [1, 1, 1]\n\
@@ -321,6 +322,32 @@ fn scenes_as_a_whole() {
     assert!(message("no.toml").contains("is not there"));
     assert!(message("a.txt").contains("expected a scene file"));
     assert!(message("bad.toml").contains("not UTF-8"));
+}
+
+/// Before they take memory.
+#[test]
+fn descriptions_that_are_too_large() {
+    let values = format!("name = [{}]", "0,".repeat(5 << 20));
+    let (message, hint) = refused(&values, &[]);
+    let expected = "scene.toml: expected at most 4194304 values, found 5242880";
+    assert!(message.ends_with(expected), "{message}");
+    assert!(hint.contains("mesh and volume files"));
+    assert!(
+        refused(&"[[a]]\n".repeat(4 << 20), &[])
+            .0
+            .contains("expected at most 16777216 marks")
+    );
+    let folder = Folder::new(&[]);
+    let path = folder.path("scene.toml");
+    let file = fs::File::create(&path).unwrap();
+    file.set_len((64 << 20) + 1).unwrap();
+    let error = Scene::load(&path).unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .contains("of at most 64.0 MiB, found 64.0 MiB"),
+        "{error}"
+    );
 }
 
 #[test]

@@ -88,6 +88,7 @@ impl Scene {
 fn read_scene(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
     match files::extension(path).as_str() {
         "toml" => {
+            table::check_bytes(path)?;
             let text = files.read("scene", path)?;
             let text = files::text_start(&text).map_err(|e| e.at(path.display()))?;
             let text = std::str::from_utf8(text)

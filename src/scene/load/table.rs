@@ -1,13 +1,39 @@
 //! Typed access to a TOML document that remembers where everything stands, so that every message
 //! can name the line.
 
+use crate::run::size;
 use crate::scene::builder::is_singular;
 use crate::{Error, Result};
 use glam::{DAffine3, DMat4, DVec3};
 use std::fmt::LowerExp;
+use std::fs;
 use std::path::Path;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
+
+/// Bytes of a document.
+const MAX_BYTES: u64 = 64 << 20;
+/// Values in all lists of a document, of some 150 bytes each once parsed.
+const MAX_VALUES: usize = 4 << 20;
+/// Marks in a document, each of which is a word to the parser.
+const MAX_MARKS: usize = 16 << 20;
+/// What to do with a larger one.
+const LARGE: &str = "put what is large into mesh and volume files, and name these in the scene";
+
+/// Refuses a document by the size of its file, before it is read; what cannot be found out is for
+/// the reader to tell.
+pub(super) fn check_bytes(path: &Path) -> Result<()> {
+    let found = fs::metadata(path).map_or(0, |m| m.len());
+    if found <= MAX_BYTES {
+        return Ok(());
+    }
+    let (most, found) = (size::format(MAX_BYTES), size::format(found));
+    Err(Error::input(format!(
+        "{}: expected a scene description of at most {most}, found {found}",
+        path.display()
+    ))
+    .hint(LARGE))
+}
 
 /// A TOML document: its text and where it came from.
 pub(super) struct Document<'a> {
@@ -38,10 +64,25 @@ impl<'a> Document<'a> {
 
     /// Parses the text; hand the result to [`Document::root`].
     pub(super) fn parse(&self) -> Result<Spanned<DeTable<'a>>> {
+        self.check_size()?;
         DeTable::parse(self.text).map_err(|e| {
             let line = e.span().map_or(1, |s| self.line(s.start));
             self.error(format!("not valid TOML at line {line}: {}", e.message()))
         })
+    }
+
+    /// Refuses what would take far more memory than a description is worth.
+    fn check_size(&self) -> Result<()> {
+        let count = |is_one: fn(&&u8) -> bool| self.text.as_bytes().iter().filter(is_one).count();
+        let values = count(|&&b| b == b',');
+        let marks = count(|b| b",\n[]{}=.\"'#".contains(b));
+        for (what, found, most) in [("values", values, MAX_VALUES), ("marks", marks, MAX_MARKS)] {
+            if found > most {
+                let message = format!("expected at most {most} {what}, found {found}");
+                return Err(self.error(message).hint(LARGE));
+            }
+        }
+        Ok(())
     }
 
     /// The top of the document; an error if it has a key that is not in `known`.
