@@ -1,6 +1,7 @@
 //! The one error of the library: what went wrong, where, and what to do next. Settings are named in
 //! backquotes, as in `max_dist`, and whoever tells the user may put another spelling there.
 
+use lvox_formats::one_line;
 use std::fmt;
 use std::path::Path;
 
@@ -15,7 +16,8 @@ pub enum Kind {
     Cancelled,
 }
 
-/// An error with a one-line message and, where there is one, a hint at the cure.
+/// An error with a message and, where there is one, a hint at the cure: each one line of at most
+/// 1000 characters, in which control characters of files and their names are escaped.
 #[derive(Debug)]
 pub struct Error {
     kind: Kind,
@@ -69,7 +71,7 @@ impl Error {
     /// Adds a hint at what to do next.
     #[must_use]
     pub fn hint(mut self, hint: impl Into<String>) -> Self {
-        self.hint = Some(hint.into());
+        self.hint = Some(one_line(hint.into()));
         self
     }
 
@@ -97,7 +99,7 @@ impl Error {
 
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.message)
+        f.write_str(&one_line(&self.message))
     }
 }
 

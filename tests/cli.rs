@@ -88,6 +88,44 @@ fn wrong_usage_is_exit_code_2() {
     }
 }
 
+/// What a terminal would obey, in names of files, in their words and on the command line, is shown.
+#[test]
+fn names_are_shown_in_one_line() {
+    let dir = tempfile::tempdir().unwrap();
+    let odd = "a\n\u{1b}[31m\u{202e}b.toml";
+    let shown = "a\\n\\u{1b}[31m\\u{202e}b";
+    lvox(dir.path(), &["inspect", odd]).refused(2, &[shown, "No such file"]);
+    lvox(dir.path(), &["verify", odd]).refused(2, &[shown]);
+    let usage = lvox(dir.path(), &["inspect", "x", &format!("--{odd}")]);
+    assert_eq!(usage.code, 2);
+    assert!(usage.stderr.contains(shown), "{}", usage.stderr);
+    assert!(!usage.stderr.contains('\u{1b}'), "{}", usage.stderr);
+
+    fs::write(
+        dir.path().join(odd),
+        "[[mesh]]\nfile = \"no\\u001b\\nsuch.obj\"\n",
+    )
+    .unwrap();
+    lvox(dir.path(), &["inspect", odd]).refused(2, &[shown, "no\\u{1b}\\nsuch.obj"]);
+    let cube = "name = \"x\\ny\"\n[[mesh]]\nfile = \"builtin:cube\"\nname = \"c\\u001b\\nd\"\n";
+    fs::write(dir.path().join(odd), cube).unwrap();
+    let found = lvox(dir.path(), &["inspect", odd]);
+    assert_eq!(found.code, 0, "{}", found.stderr);
+    for part in [shown, "'x\\ny'", "'c\\u{1b}\\nd'"] {
+        assert!(found.stdout.contains(part), "{part} in {}", found.stdout);
+    }
+    assert!(!found.stdout.contains('\u{1b}'));
+
+    let long = format!("{}.toml", "x/".repeat(1000));
+    let run = lvox(dir.path(), &["inspect", &long]);
+    run.refused(2, &["…"]);
+    assert!(
+        run.stderr.lines().all(|l| l.chars().count() <= 1010),
+        "{}",
+        run.stderr
+    );
+}
+
 #[test]
 fn the_time_of_shading_and_the_whole_are_told_at_the_end() {
     let dir = tempfile::tempdir().unwrap();

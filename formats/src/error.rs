@@ -1,5 +1,6 @@
 //! What can be wrong with a file.
 
+use crate::one_line;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -20,7 +21,7 @@ pub enum FormatError {
         found: Vec<u8>,
     },
     /// An lvox file of another kind.
-    #[error("expected a {expected}, found a {found}")]
+    #[error("expected a {expected}, found a {}", one_line(found))]
     WrongKind {
         /// The kind that the caller wanted.
         expected: String,
@@ -44,7 +45,10 @@ pub enum FormatError {
         found: u64,
     },
     /// Bytes were altered after they were written.
-    #[error("damaged: checksum of {what} is {found:016x}, expected {expected:016x}")]
+    #[error(
+        "damaged: checksum of {} is {found:016x}, expected {expected:016x}",
+        one_line(what)
+    )]
     Checksum {
         /// The part of the file, such as a section or a page by its number.
         what: String,
@@ -54,7 +58,7 @@ pub enum FormatError {
         found: u64,
     },
     /// A value that the format does not allow, in a file or in what was to be written.
-    #[error("{what}: expected {expected}, found {found}")]
+    #[error("{}", one_line(format_args!("{what}: expected {expected}, found {found}")))]
     Invalid {
         /// Which value, and where.
         what: String,
@@ -70,7 +74,7 @@ pub enum FormatError {
     #[error("cannot write it: it is not a regular file")]
     NotAFile,
     /// The folder of the output is not there or not writable.
-    #[error("cannot write in folder {}: {error}", folder.display())]
+    #[error("cannot write in folder {}: {error}", one_line(folder.display()))]
     Folder {
         /// The folder, links followed.
         folder: PathBuf,
@@ -86,7 +90,7 @@ pub enum FormatError {
         error: io::Error,
     },
     /// Any of these, with the file it happened in.
-    #[error("{}: {error}", path.display())]
+    #[error("{}: {error}", one_line(path.display()))]
     InFile {
         /// The file.
         path: PathBuf,

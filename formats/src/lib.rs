@@ -37,6 +37,7 @@
 //! - `quantise`: values to codes and back. `morton`, `bytes`, `codec`: tools.
 //! - `atomic`, `temporary`, `map`, `error`: files that appear complete, folders that go away, mapped
 //!   files, and errors. `leftover`: what a killed process left of the first two.
+//!   `text`: the one line that a message is.
 
 #![deny(missing_docs, unsafe_code)]
 
@@ -59,6 +60,7 @@ pub mod record;
 mod scatter;
 mod summary;
 mod temporary;
+mod text;
 mod tree;
 
 pub use atomic::{AtomicFile, Overwrite};
@@ -82,6 +84,7 @@ pub use summary::{
     WorstError,
 };
 pub use temporary::TemporaryFolder;
+pub use text::one_line;
 pub use tree::{
     EncodedLvoxels, EncodedPage, MAX_PAGE_BYTES, MAX_PAGE_RECORDS, Tree, TreeFormat, TreeWriter,
     node_bytes, surfel_bytes,

@@ -3,7 +3,7 @@
 use super::files::{Files, check_writable};
 use super::options::Context;
 use super::output;
-use crate::formats::FileKind;
+use crate::formats::{FileKind, one_line};
 use crate::image::{ImageKind, exr};
 use crate::inspect::{describe, export_ply, points, samples, scattered, scene};
 use crate::run::OnWarning;
@@ -153,7 +153,7 @@ impl Args {
         let r = info.region;
         let mut text = String::new();
         let mut row = |name: &str, value: &str| {
-            let _ = writeln!(text, "{name:<15} {value}");
+            let _ = writeln!(text, "{:<15} {}", one_line(name), one_line(value));
         };
         row("frame", &format!("{} x {}", info.width, info.height));
         row("region", &format!("{} {} to {} {}", r.x0, r.y0, r.x1, r.y1));

@@ -29,6 +29,7 @@ mod stability;
 mod study;
 mod verify;
 
+use crate::formats::one_line;
 use crate::{Kind, Result};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use files::Files;
@@ -143,6 +144,12 @@ pub fn main() -> ExitCode {
 /// Reads the command line; help and usage errors are printed and give the exit code.
 fn parse() -> Result<Cli, ExitCode> {
     let parsed = command().try_get_matches();
+    // Words of the command line are told as they can be shown.
+    let parsed = parsed.map_err(|error| {
+        let shown = std::env::args_os().map(|word| one_line(word.to_string_lossy()));
+        let again = command().try_get_matches_from(shown).err();
+        again.unwrap_or(error)
+    });
     parsed
         .and_then(|m| Cli::from_arg_matches(&m))
         .map_err(|error| {

@@ -6,7 +6,7 @@ use crate::Result;
 use crate::formats::{
     Block, Bounds, CloudMeta, ColumnBytes, LeftOut, Sums, TreeLevel, VolumeInfo, WorstError,
 };
-use crate::run::hex;
+use crate::run::{hex, one_line};
 use std::fmt;
 use std::path::Path;
 
@@ -209,12 +209,17 @@ impl fmt::Display for Description {
         writeln!(
             f,
             "{}: {} version {}, {}",
-            self.file,
+            one_line(&self.file),
             self.kind,
             self.version,
             bytes(self.bytes)
         )?;
-        writeln!(f, "scene '{}', {}", self.scene_name, self.scene_hash)?;
+        writeln!(
+            f,
+            "scene '{}', {}",
+            one_line(&self.scene_name),
+            self.scene_hash
+        )?;
         writeln!(f, "content {}", self.content_hash)?;
         if let Some(hash) = &self.cloud_hash {
             writeln!(f, "built from cloud {hash}")?;

@@ -6,7 +6,7 @@ use crate::Result;
 use crate::formats::{
     BlockKind, ClusterId, ColumnBytes, FileKind, LeftOut, MappedFile, Scatter, VolumeInfo,
 };
-use crate::run::hex;
+use crate::run::{hex, one_line};
 use std::fmt;
 use std::path::Path;
 
@@ -122,7 +122,7 @@ impl fmt::Display for Scattered {
         writeln!(
             f,
             "{}: scattered light, version {}, {}",
-            self.file,
+            one_line(&self.file),
             self.version,
             bytes(self.bytes)
         )?;
@@ -132,7 +132,7 @@ impl fmt::Display for Scattered {
         let settings = self
             .settings
             .iter()
-            .map(|(name, value)| format!("{name} {value}"));
+            .map(|(name, value)| one_line(format_args!("{name} {value}")));
         writeln!(f, "made with {}", settings.collect::<Vec<_>>().join(", "))?;
         let sizes = self.stored_cluster;
         writeln!(

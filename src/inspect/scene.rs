@@ -2,7 +2,7 @@
 
 use super::text::{Table, bytes, count};
 use crate::Result;
-use crate::run::{Job, hex};
+use crate::run::{Job, hex, one_line};
 use crate::scene::load::{Contents, ContentsKind, GridValues, contents, has_contents};
 use crate::scene::{Camera, Light, Mesh, Scene, Texture, Volume};
 use glam::{DVec3, Vec3};
@@ -439,8 +439,13 @@ impl fmt::Display for WorldBox {
 impl fmt::Display for SceneDescription {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let memory = bytes(self.memory_bytes);
-        writeln!(f, "{}: {}, {memory} in memory", self.file, self.kind)?;
-        writeln!(f, "scene '{}', {}", self.name, self.scene_hash)?;
+        writeln!(
+            f,
+            "{}: {}, {memory} in memory",
+            one_line(&self.file),
+            self.kind
+        )?;
+        writeln!(f, "scene '{}', {}", one_line(&self.name), self.scene_hash)?;
         let m = &self.mesh;
         write!(
             f,
@@ -531,9 +536,10 @@ impl fmt::Display for VolumeDescription {
         let grid = self
             .grid
             .as_ref()
-            .map_or(String::new(), |g| format!(", grid '{g}'"));
+            .map_or(String::new(), |g| format!(", grid '{}'", one_line(g)));
         let memory = bytes(self.memory_bytes);
-        writeln!(f, "volume '{}' of {}{grid}, {memory}", self.name, self.file)?;
+        let (name, file) = (one_line(&self.name), one_line(&self.file));
+        writeln!(f, "volume '{name}' of {file}{grid}, {memory}")?;
         let dims = self.dims.map(|n| n.to_string()).join(" x ");
         let share = 100.0 * self.active_voxels as f64 / self.voxels.max(1) as f64;
         let active = count(self.active_voxels);

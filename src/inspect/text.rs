@@ -1,5 +1,6 @@
 //! Tables in plain text.
 
+use crate::run::one_line;
 use std::fmt;
 
 /// Rows whose columns line up: the first to the left, the others to the right.
@@ -14,8 +15,9 @@ impl Table {
         }
     }
 
+    /// Adds a row; names of files, and in files, are made fit to be shown.
     pub fn row(&mut self, cells: Vec<String>) {
-        self.rows.push(cells);
+        self.rows.push(cells.into_iter().map(one_line).collect());
     }
 
     pub fn is_empty(&self) -> bool {

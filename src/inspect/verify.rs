@@ -4,7 +4,7 @@ use super::text::{Table, count};
 use super::{File, samples, scattered};
 use crate::Result;
 use crate::formats::{Below, MappedFile, Scatter, Tree};
-use crate::run::{Job, Task};
+use crate::run::{Job, Task, one_line};
 use std::fmt;
 use std::path::Path;
 
@@ -199,7 +199,7 @@ impl fmt::Display for Verification {
         writeln!(
             f,
             "{}: {} undamaged{}",
-            self.file,
+            one_line(&self.file),
             self.kind,
             if self.passed {
                 ""

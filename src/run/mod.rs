@@ -17,6 +17,7 @@ pub(crate) mod size;
 pub(crate) mod usage;
 pub(crate) mod words;
 
+pub(crate) use crate::formats::one_line;
 pub use cancel::Cancel;
 pub(crate) use hex::hex;
 pub(crate) use output::Output;

@@ -1,5 +1,6 @@
 //! What a job tells its caller while it works: how far its tasks are, messages, and warnings.
 
+use super::one_line;
 use std::fmt;
 use std::sync::{Mutex, PoisonError};
 
@@ -52,17 +53,18 @@ impl Progress {
     /// Says something that is not progress.
     pub fn say(&self, message: &str) {
         if let Some(observer) = &self.observer {
-            observer.message(message);
+            observer.message(&one_line(message));
         }
     }
 
     /// Warns the observer, and keeps the warning.
     pub fn warn(&self, message: &str) {
+        let message = one_line(message);
         if let Some(observer) = &self.observer {
-            observer.warning(message);
+            observer.warning(&message);
         }
         let mut warnings = self.warnings.lock().unwrap_or_else(PoisonError::into_inner);
-        warnings.push(message.into());
+        warnings.push(message);
     }
 
     /// All warnings so far.

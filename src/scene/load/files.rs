@@ -1,7 +1,7 @@
 //! Reading the files of a scene: each is read once, in the order named, and joins the scene's hash.
 
 use super::values::GridValues;
-use crate::run::Cancel;
+use crate::run::{Cancel, one_line};
 use crate::{Error, Result};
 use std::fs::{self, File};
 use std::io::{self, Read};
@@ -93,7 +93,7 @@ impl Files {
 
     /// Tells the user something that is odd but not wrong.
     pub(super) fn warn(&mut self, message: impl Into<String>) {
-        self.warnings.push(message.into());
+        self.warnings.push(one_line(message.into()));
     }
 }
 
