@@ -1,6 +1,7 @@
 //! Resources that need no file: simple meshes around the origin, and a plume of smoke.
 
-use super::field::{Array, Field, Number, Samples};
+use super::field::Field;
+use super::samples::{Array, Number, Samples};
 use super::table::nearest;
 use crate::scene::Material;
 use crate::scene::builder::{DEFAULT_ALBEDO, MeshInput};
@@ -46,6 +47,7 @@ pub(super) fn volume(name: &str) -> Result<Field> {
             padding: 0,
             world_from_file: None,
             samples: Samples::Array(Array {
+                dims: PLUME_DIMS,
                 bytes: plume(),
                 number: Number::F32,
                 big_endian: false,

@@ -102,7 +102,7 @@ fn mesh(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
 fn volumes(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
     let content = files.read("volume", path)?;
     let fields = match extension(path).as_str() {
-        "vdb" => vdb::read(&content, path, vdb::Wanted::All, files),
+        "vdb" => vdb::read(content, path, vdb::Wanted::All, files),
         _ => nrrd::read(content, path, files).map(|field| vec![field]),
     };
     let fields = fields.map_err(|e| e.at(path.display()))?;

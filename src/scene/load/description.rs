@@ -1,8 +1,9 @@
 //! The scene file: from TOML tables to a [`SceneBuilder`]. `docs/scene.md` describes the schema.
 
 use super::colors::ColorEncoding;
-use super::field::{Field, Number, Scale};
+use super::field::{Field, Scale};
 use super::files::{Files, beside, extension};
+use super::samples::Number;
 use super::table::{Document, Table};
 use super::{builtin, gltf, normals, nrrd, obj, ply, raw, texture, transform, vdb};
 use crate::Result;
@@ -497,7 +498,8 @@ fn volumes(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<Vec<Vol
         None => path.file_stem().unwrap_or_default().to_string_lossy(),
     };
     let volume = |(i, field): (usize, Field)| {
-        field.note_values(&path, files)?;
+        let noted = field.note_values(&path, files);
+        noted.map_err(|e| e.at(path.display()))?;
         let world_from_grid = placement(table, &field)?;
         let sigma_t = field.into_grid(scale, &path, files);
         Ok(VolumeInput {
@@ -575,7 +577,7 @@ fn fields(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Resu
     let one = |field| vec![field];
     let fields = match layout {
         Some((dims, number, big_endian)) => raw::read(content, dims, number, big_endian).map(one),
-        None if kind == "vdb" => vdb::read(&content, path, grid.into(), files),
+        None if kind == "vdb" => vdb::read(content, path, grid.into(), files),
         None => nrrd::read(content, path, files).map(one),
     };
     fields.map_err(|e| e.at(path.display()))

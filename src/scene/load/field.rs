@@ -4,13 +4,14 @@
 //! A grid of ours has its voxel (i,j,k) from (i,j,k) to (i+1,j+1,k+1).
 
 use super::files::Files;
+use super::samples::{Number, Samples};
+use super::survey::Survey;
 use super::values::{GridValues, Voxels};
 use crate::math::unflatten;
 use crate::run::{memory, size};
-use crate::scene::grid::{Grid, Layout};
+use crate::scene::grid::{Grid, Layout, Region, VoxelBox};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
-use rayon::prelude::*;
 use std::path::Path;
 
 /// Bytes of a grid that a file of any length may ask for.
@@ -35,39 +36,6 @@ pub(super) struct Field {
     pub(super) samples: Samples,
 }
 
-/// Where the values of a [`Field`] are.
-pub(super) enum Samples {
-    /// One after the other, x fastest.
-    Array(Array),
-    /// Anything else that answers for a voxel, with the length of the file it comes from.
-    Lookup {
-        value: Box<dyn Fn([usize; 3]) -> f32 + Sync>,
-        file_bytes: usize,
-    },
-}
-
-/// Numbers of one type in memory, still in the file's bytes.
-pub(super) struct Array {
-    pub(super) bytes: Vec<u8>,
-    pub(super) number: Number,
-    pub(super) big_endian: bool,
-}
-
-/// Type of the numbers of an [`Array`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Number {
-    U8,
-    I8,
-    U16,
-    I16,
-    U32,
-    I32,
-    U64,
-    I64,
-    F32,
-    F64,
-}
-
 /// From a value in the file to extinction.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Scale {
@@ -75,69 +43,6 @@ pub(super) struct Scale {
     pub(super) sigma_t: f64,
     /// The values that become 0 and 1.
     pub(super) window: Option<[f64; 2]>,
-}
-
-impl Number {
-    pub(super) const NAMES: [&str; 10] = [
-        "u8", "i8", "u16", "i16", "u32", "i32", "u64", "i64", "f32", "f64",
-    ];
-    pub(super) const ALL: [Number; 10] = [
-        Number::U8,
-        Number::I8,
-        Number::U16,
-        Number::I16,
-        Number::U32,
-        Number::I32,
-        Number::U64,
-        Number::I64,
-        Number::F32,
-        Number::F64,
-    ];
-
-    /// Bytes of one number.
-    pub(super) fn size(self) -> usize {
-        match self {
-            Number::U8 | Number::I8 => 1,
-            Number::U16 | Number::I16 => 2,
-            Number::U32 | Number::I32 | Number::F32 => 4,
-            Number::U64 | Number::I64 | Number::F64 => 8,
-        }
-    }
-}
-
-/// Bytes that `dims` numbers take, unless that is beyond what a machine can address.
-pub(super) fn byte_length(dims: [usize; 3], number: Number) -> Result<usize> {
-    let voxels = dims
-        .iter()
-        .try_fold(number.size(), |n, &d| n.checked_mul(d));
-    voxels
-        .filter(|&n| n <= isize::MAX as usize)
-        .ok_or_else(|| Error::input(format!("{dims:?} voxels are more than a machine can hold")))
-}
-
-impl Array {
-    fn value(&self, i: usize) -> f32 {
-        match self.number {
-            Number::U8 => f32::from(self.bytes[i]),
-            Number::I8 => f32::from(self.bytes[i] as i8),
-            Number::U16 => f32::from(u16::from_le_bytes(self.at(i))),
-            Number::I16 => f32::from(i16::from_le_bytes(self.at(i))),
-            Number::U32 => u32::from_le_bytes(self.at(i)) as f32,
-            Number::I32 => i32::from_le_bytes(self.at(i)) as f32,
-            Number::U64 => u64::from_le_bytes(self.at(i)) as f32,
-            Number::I64 => i64::from_le_bytes(self.at(i)) as f32,
-            Number::F32 => f32::from_le_bytes(self.at(i)),
-            Number::F64 => f64::from_le_bytes(self.at(i)) as f32,
-        }
-    }
-
-    fn at<const N: usize>(&self, i: usize) -> [u8; N] {
-        let mut bytes: [u8; N] = std::array::from_fn(|k| self.bytes[i * N + k]);
-        if self.big_endian {
-            bytes.reverse();
-        }
-        bytes
-    }
 }
 
 impl Scale {
@@ -150,17 +55,20 @@ impl Scale {
             None => (self.sigma_t * f64::from(value)) as f32,
         }
     }
+
+    /// Puts extinctions in the place of values; what would be below 0 is 0.
+    fn apply_to_row(self, row: &mut [f32]) {
+        for value in row {
+            let sigma_t = self.apply(*value);
+            *value = if sigma_t > 0.0 { sigma_t } else { 0.0 };
+        }
+    }
 }
 
 impl Field {
-    /// The value in the file of a voxel, counted from the first of the box.
-    pub(super) fn value(&self, voxel: [usize; 3]) -> f32 {
-        match &self.samples {
-            Samples::Array(array) => {
-                array.value((voxel[2] * self.dims[1] + voxel[1]) * self.dims[0] + voxel[0])
-            }
-            Samples::Lookup { value, .. } => value(voxel),
-        }
+    /// Writes the values in the file of a box of voxels, counted from the first of the field's box.
+    pub(super) fn read(&self, voxels: &VoxelBox, out: &mut [f32]) -> Result<()> {
+        self.samples.source().read(voxels, out)
     }
 
     /// Keeps what its values are, if anyone wants to know.
@@ -170,7 +78,7 @@ impl Field {
                 dims: self.dims,
                 first: self.first,
                 padding: self.padding,
-                value: |voxel| self.value(voxel),
+                read: |voxels: &VoxelBox, out: &mut [f32]| self.read(voxels, out),
             };
             kept.push(GridValues::of(
                 &voxels,
@@ -187,10 +95,8 @@ impl Field {
         let Samples::Array(array) = &self.samples else {
             return false;
         };
-        let i = (voxel[2] * self.dims[1] + voxel[1]) * self.dims[0] + voxel[0];
-        array.number == Number::F64
-            && f64::from_le_bytes(array.at(i)).is_finite()
-            && array.value(i).is_infinite()
+        let is_beyond = |v: f64| v.is_finite() && (v as f32).is_infinite();
+        array.number == Number::F64 && is_beyond(f64::from_le_bytes(array.at(array.place(voxel))))
     }
 
     /// The map from the space of the grid to the file's index space.
@@ -208,11 +114,7 @@ impl Field {
 
     /// Bytes that the grid may take: a few of a file can stand for a large box that is full.
     fn allowance(&self) -> u64 {
-        let behind = match &self.samples {
-            Samples::Array(array) => array.bytes.len(),
-            Samples::Lookup { file_bytes, .. } => *file_bytes,
-        };
-        ALLOWANCE + MOST_GROWTH * behind as u64
+        ALLOWANCE + MOST_GROWTH * self.samples.source().file_bytes() as u64
     }
 
     /// The grid of extinction. More than the file makes likely, or than the machine has memory for,
@@ -220,9 +122,14 @@ impl Field {
     /// window, are errors, and so is a stop on request; a few that are hardly below zero are taken
     /// as zero with a warning.
     pub(super) fn into_grid(self, scale: Scale, path: &Path, files: &mut Files) -> Result<Grid> {
-        let sigma_t = |voxel| scale.apply(self.value(voxel)).max(0.0);
-        let go_on = || files.cancel.check();
-        let layout = Layout::of(self.dims, sigma_t, go_on)?;
+        let source = self.samples.source();
+        let cancel = &files.cancel;
+        // What is no number, or below 0, is held, too, so that it is found.
+        let counts = |value: f32| !value.is_finite() || scale.apply(value) != 0.0;
+        let layout = Layout::of(self.dims, |voxels| {
+            cancel.check()?;
+            Ok::<_, Error>(source.may_hold(voxels, &counts))
+        })?;
         if layout.bytes() > self.allowance() {
             let [x, y, z] = self.dims;
             return Err(Error::input(format!(
@@ -233,11 +140,15 @@ impl Field {
             .hint("crop or coarsen the grid, or prune tiles that need not be active"));
         }
         memory::check("the grid of a volume", layout.bytes())?;
-        let survey = self.survey(scale, &go_on)?;
+        let (grid, surveys) = layout.fill(|region, samples| {
+            cancel.check()?;
+            source.read(&region.voxels, samples)?;
+            Ok::<_, Error>(self.to_extinction(region, samples, scale))
+        })?;
+        let survey = surveys.into_iter().fold(Survey::default(), Survey::and);
         if let Some(bad) = survey.first_bad(self.dims.iter().product()) {
-            return Err(self.bad_voxel(bad));
+            return Err(self.bad_voxel(bad)?);
         }
-        let grid = layout.fill(sigma_t, go_on)?;
         if survey.negative > 0 {
             files.warn(format!(
                 "{}: {} voxels below 0 are taken as 0, the lowest is {}",
@@ -249,30 +160,31 @@ impl Field {
         Ok(grid)
     }
 
-    /// Looks at all values, row by row, so that a message can name the first bad voxel whatever the
-    /// order of the threads.
-    fn survey(&self, scale: Scale, go_on: &(impl Fn() -> Result<()> + Sync)) -> Result<Survey> {
-        let rows = self.dims[1] * self.dims[2];
-        let rows = (0..rows).into_par_iter().map(|row| {
-            go_on()?;
-            let [j, k] = [row % self.dims[1], row / self.dims[1]];
-            let mut survey = Survey::default();
-            for i in 0..self.dims[0] {
-                let value = self.value([i, j, k]);
-                let sigma_t = scale.apply(value);
-                survey.add(row * self.dims[0] + i, value, sigma_t);
+    /// Makes extinctions of the values of a region, and tells what these were.
+    fn to_extinction(&self, region: &Region, samples: &mut [f32], scale: Scale) -> Survey {
+        let mut survey = Survey::default();
+        let [nx, ny, _] = self.dims;
+        let [width, height, depth] = region.own;
+        let first = region.voxels.first;
+        for ([x, y, z], at) in region.voxels.rows() {
+            let row = &mut samples[at..at + region.voxels.dims[0]];
+            if y < first[1] + height && z < first[2] + depth {
+                let number = (z * ny + y) * nx + x;
+                survey.add_row(number, &row[..width], |v| scale.apply(v));
             }
-            Ok(survey)
-        });
-        rows.try_reduce(Survey::default, |a, b| Ok(a.and(b)))
+            scale.apply_to_row(row);
+        }
+        survey
     }
 
-    fn bad_voxel(&self, bad: usize) -> Error {
+    fn bad_voxel(&self, bad: usize) -> Result<Error> {
         let voxel = unflatten(bad, self.dims);
-        let value = self.value(voxel);
+        let mut value = [0.0];
+        self.read(&VoxelBox::one(voxel), &mut value)?;
+        let [value] = value;
         let index: [i64; 3] = std::array::from_fn(|a| self.first[a] + voxel[a] as i64);
         let error = |what: &str| Error::input(format!("voxel {index:?}: {what}: {value}"));
-        if self.is_beyond_f32(voxel) {
+        Ok(if self.is_beyond_f32(voxel) {
             error("the value leaves the range of f32")
         } else if !value.is_finite() {
             error("the value is not finite")
@@ -281,78 +193,23 @@ impl Field {
                 .hint("give the values that mean 0 and 1 as `window = [low, high]`")
         } else {
             error("the extinction leaves the range of f32")
-        }
+        })
     }
 }
 
-/// What there is among the values of a field.
-#[derive(Clone, Copy)]
-struct Survey {
-    /// The first voxel whose value is of no use.
-    first_useless: usize,
-    /// The first voxel whose extinction is negative, and the number of such voxels.
-    first_negative: usize,
-    negative: usize,
-    lowest: f32,
-    highest: f32,
-}
-
-impl Default for Survey {
-    fn default() -> Self {
-        Self {
-            first_useless: usize::MAX,
-            first_negative: usize::MAX,
-            negative: 0,
-            lowest: 0.0,
-            highest: 0.0,
-        }
-    }
-}
-
-impl Survey {
-    fn add(&mut self, voxel: usize, value: f32, sigma_t: f32) {
-        if !value.is_finite() || !sigma_t.is_finite() {
-            self.first_useless = self.first_useless.min(voxel);
-            return;
-        }
-        self.highest = self.highest.max(value);
-        if sigma_t < 0.0 {
-            self.first_negative = self.first_negative.min(voxel);
-            self.negative += 1;
-            self.lowest = self.lowest.min(value);
-        }
-    }
-
-    fn and(self, other: Self) -> Self {
-        Self {
-            first_useless: self.first_useless.min(other.first_useless),
-            first_negative: self.first_negative.min(other.first_negative),
-            negative: self.negative + other.negative,
-            lowest: self.lowest.min(other.lowest),
-            highest: self.highest.max(other.highest),
-        }
-    }
-
-    /// The first voxel of so many that is an error, if there is one.
-    fn first_bad(&self, voxels: usize) -> Option<usize> {
-        /// Shares of the voxels, and of the highest value, up to which what is negative is taken
-        /// for noise of a filter.
-        const FEW: f64 = 0.01;
-        const SLIGHT: f32 = 0.01;
-        let is_noise =
-            self.negative as f64 <= FEW * voxels as f64 && -self.lowest <= SLIGHT * self.highest;
-        let negative = if is_noise {
-            usize::MAX
-        } else {
-            self.first_negative
-        };
-        let first = self.first_useless.min(negative);
-        (first != usize::MAX).then_some(first)
+#[cfg(test)]
+impl Field {
+    /// The value in the file of a voxel, counted from the first of the box.
+    pub(super) fn value(&self, voxel: [usize; 3]) -> f32 {
+        let mut value = [0.0];
+        self.read(&VoxelBox::one(voxel), &mut value).unwrap();
+        value[0]
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::samples::{Array, Source, byte_length};
     use super::*;
 
     fn field(values: &[f32], dims: [usize; 3]) -> Field {
@@ -363,6 +220,7 @@ mod tests {
             padding: 0,
             world_from_file: None,
             samples: Samples::Array(Array {
+                dims,
                 bytes: values.iter().flat_map(|v| v.to_be_bytes()).collect(),
                 number: Number::F32,
                 big_endian: true,
@@ -388,6 +246,66 @@ mod tests {
         assert_eq!(window.apply(-3.0), 0.0);
         assert_eq!(window.apply(1.5), 5.0);
         assert_eq!(window.apply(7.0), 10.0);
+    }
+
+    /// The grid of a field, by as many threads.
+    fn on_threads(threads: usize, field: Field, scale: Scale) -> Grid {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+        let grid = || field.into_grid(scale, Path::new("a"), &mut Files::default());
+        pool.build().unwrap().install(grid).unwrap()
+    }
+
+    #[test]
+    fn regions_on_threads_fill_what_single_voxels_do() {
+        // Several regions, the last of one layer of bricks; empty bricks, and an empty region.
+        let dims = [140, 9, 66];
+        let value = |i: usize| match unflatten(i, dims) {
+            [x, _, z] if x < 80 && z < 50 => 0,
+            _ => (i * 7919 % 251) as u8 / 2,
+        };
+        let count = dims.iter().product();
+        let window = Scale {
+            sigma_t: 3.0,
+            window: Some([20.0, 100.0]),
+        };
+        for scale in [PLAIN, window] {
+            let extinction = |i: usize| scale.apply(f32::from(value(i)));
+            let held = (0..count).filter(|&i| extinction(i) != 0.0);
+            let voxels = held.map(|i| (unflatten(i, dims), extinction(i)));
+            let plain = Grid::sparse(dims, voxels).unwrap();
+            for number in Number::ALL {
+                for big_endian in [false, true] {
+                    let bytes = |i: usize| {
+                        let mut bytes = match number {
+                            Number::F32 => f32::from(value(i)).to_le_bytes().to_vec(),
+                            Number::F64 => f64::from(value(i)).to_le_bytes().to_vec(),
+                            _ => [&[value(i)][..], &[0; 7][..number.size() - 1]].concat(),
+                        };
+                        if big_endian {
+                            bytes.reverse();
+                        }
+                        bytes
+                    };
+                    let array = || Array {
+                        dims,
+                        bytes: (0..count).flat_map(bytes).collect(),
+                        number,
+                        big_endian,
+                    };
+                    let field = || Field {
+                        samples: Samples::Array(array()),
+                        ..field(&[], dims)
+                    };
+                    let grid = on_threads(1, field(), scale);
+                    for b in plain.bricks() {
+                        let brick = |g: &Grid| g.brick(b).map(|b| (b.samples().to_vec(), b.max));
+                        assert_eq!(brick(&grid), brick(&plain), "{number:?} {b:?}");
+                    }
+                    assert_eq!(grid.bytes(), plain.bytes());
+                    assert_eq!(on_threads(7, field(), scale), grid);
+                }
+            }
+        }
     }
 
     #[test]
@@ -455,6 +373,19 @@ mod tests {
 
     #[test]
     fn a_small_file_cannot_ask_for_all_memory() {
+        struct Full(usize);
+        impl Source for Full {
+            fn may_hold(&self, _: &VoxelBox, counts: &dyn Fn(f32) -> bool) -> bool {
+                counts(1.0)
+            }
+            fn read(&self, _: &VoxelBox, out: &mut [f32]) -> Result<()> {
+                out.fill(1.0);
+                Ok(())
+            }
+            fn file_bytes(&self) -> usize {
+                self.0
+            }
+        }
         let full = |dims: [usize; 3], file_bytes| {
             let field = Field {
                 name: None,
@@ -462,10 +393,7 @@ mod tests {
                 first: [0; 3],
                 padding: 0,
                 world_from_file: None,
-                samples: Samples::Lookup {
-                    value: Box::new(|_| 1.0),
-                    file_bytes,
-                },
+                samples: Samples::Other(Box::new(Full(file_bytes))),
             };
             field.into_grid(PLAIN, Path::new("a"), &mut Files::default())
         };
@@ -478,7 +406,7 @@ mod tests {
         );
         assert!(full([64, 64, 64], 0).is_ok());
         // What a file has bytes for it may have.
-        let layout = Layout::of([2000, 1000, 1000], |_| 1.0, || Ok::<_, Error>(())).unwrap();
+        let layout = Layout::of([2000, 1000, 1000], |_| Ok::<_, Error>(true)).unwrap();
         assert!(layout.bytes() < ALLOWANCE + MOST_GROWTH * 300_000_000);
     }
 

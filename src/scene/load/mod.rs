@@ -6,7 +6,8 @@
 //
 // - `description`: the scene file; with `table` (typed access to TOML) and `transform` (placement)
 // - `obj` with `mtl`, `ply`, `gltf`, `builtin`: meshes, each as a `MeshInput`
-// - `vdb`, `nrrd`, `raw`, `builtin`: volumes, each as a `field::Field`, which becomes a grid
+// - `vdb`, `nrrd`, `raw`, `builtin`: volumes, each as a `field::Field`, which becomes a grid; with
+//   `samples` (boxes of values) and `survey` (what is wrong with them)
 // - `polygon`: cuts the faces of OBJ and PLY; `texture`: images; `normals`: shading normals at a
 //   crease angle
 // - `contents`: what a file holds, for those who ask; `values`: what the values of a volume are
@@ -28,6 +29,8 @@ mod obj;
 mod ply;
 mod polygon;
 mod raw;
+mod samples;
+mod survey;
 mod table;
 mod texture;
 mod transform;

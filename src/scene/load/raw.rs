@@ -1,6 +1,7 @@
 //! Raw bricks: nothing but samples, x fastest.
 
-use super::field::{Array, Field, Number, Samples, byte_length};
+use super::field::Field;
+use super::samples::{Array, Number, Samples, byte_length};
 use crate::{Error, Result};
 
 /// Takes the content of a file as samples; its length must be exactly theirs.
@@ -29,6 +30,7 @@ pub(super) fn read(
         padding: 0,
         world_from_file: None,
         samples: Samples::Array(Array {
+            dims,
             bytes: content,
             number,
             big_endian,

@@ -2,8 +2,13 @@
 
 use crate::Result;
 use crate::run::Cancel;
+use crate::scene::grid::VoxelBox;
 use rayon::prelude::*;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
+
+/// Voxels that are looked at at one time, at most, but for what eight rows of eight layers have.
+const MOST_AT_ONCE: usize = 1 << 22;
 
 /// Bins of a [`Histogram`].
 const BINS: usize = 16;
@@ -53,8 +58,8 @@ pub(super) struct Voxels<F> {
     /// Index in the file of the first voxel, that of the padding.
     pub(super) first: [i64; 3],
     pub(super) padding: usize,
-    /// The value of a voxel.
-    pub(super) value: F,
+    /// Writes the values of a box of voxels, x fastest.
+    pub(super) read: F,
 }
 
 /// What there is in some of the rows.
@@ -112,17 +117,14 @@ impl GridValues {
     ///
     /// # Errors
     /// A stop on request.
-    pub(super) fn of<F: Fn([usize; 3]) -> f32 + Sync>(
+    pub(super) fn of<F: Fn(&VoxelBox, &mut [f32]) -> Result<()> + Sync>(
         voxels: &Voxels<F>,
         grid: Option<String>,
         path: &Path,
         cancel: &Cancel,
     ) -> Result<Self> {
-        let layers = layers(voxels, cancel, |rows| {
-            let mut survey = Survey::EMPTY;
-            rows.for_each(|v| survey.add(v));
-            survey
-        })?;
+        let add = |survey: &mut Survey, row: &[f32]| row.iter().for_each(|v| survey.add(*v));
+        let layers = layers(voxels, cancel, &Survey::EMPTY, add)?;
         // One layer after the other, so that the sum does not depend on threads.
         let survey = layers.iter().fold(Survey::EMPTY, Survey::and);
         let any = survey.all[0] <= survey.all[1];
@@ -143,7 +145,7 @@ impl GridValues {
     }
 }
 
-fn histogram<F: Fn([usize; 3]) -> f32 + Sync>(
+fn histogram<F: Fn(&VoxelBox, &mut [f32]) -> Result<()> + Sync>(
     voxels: &Voxels<F>,
     [from, to]: [f32; 2],
     cancel: &Cancel,
@@ -152,15 +154,14 @@ fn histogram<F: Fn([usize; 3]) -> f32 + Sync>(
         return Ok(Histogram::default());
     }
     let width = f64::from(to) - f64::from(from);
-    let layers = layers(voxels, cancel, |values| {
-        let mut counts = [0_u64; BINS];
-        for value in values.filter(|v| v.is_finite() && *v != 0.0) {
+    let count = |counts: &mut [u64; BINS], row: &[f32]| {
+        for &value in row.iter().filter(|v| v.is_finite() && **v != 0.0) {
             let at = (f64::from(value) - f64::from(from)) / width * BINS as f64;
             // A single value is in the first bin: 0 / 0 is cast to 0.
             counts[(at as usize).min(BINS - 1)] += 1;
         }
-        counts
-    })?;
+    };
+    let layers = layers(voxels, cancel, &[0; BINS], count)?;
     let mut counts = vec![0; BINS];
     for layer in layers {
         counts.iter_mut().zip(layer).for_each(|(sum, n)| *sum += n);
@@ -168,17 +169,42 @@ fn histogram<F: Fn([usize; 3]) -> f32 + Sync>(
     Ok(Histogram { from, to, counts })
 }
 
-/// What `look` makes of the values of each layer, without the padding.
-fn layers<F: Fn([usize; 3]) -> f32 + Sync, T: Send>(
+/// What `add` makes of the rows of each layer, without the padding, from `start` on.
+fn layers<F, T>(
     voxels: &Voxels<F>,
     cancel: &Cancel,
-    look: impl Fn(&mut dyn Iterator<Item = f32>) -> T + Sync,
-) -> Result<Vec<T>> {
-    let within = |a: usize| voxels.padding..voxels.dims[a] - voxels.padding;
-    let layer = |z: usize| {
-        cancel.check()?;
-        let rows = within(1).flat_map(|y| within(0).map(move |x| [x, y, z]));
-        Ok(look(&mut rows.map(|voxel| (voxels.value)(voxel))))
+    start: &T,
+    add: impl Fn(&mut T, &[f32]) + Sync,
+) -> Result<Vec<T>>
+where
+    F: Fn(&VoxelBox, &mut [f32]) -> Result<()> + Sync,
+    T: Clone + Send + Sync,
+{
+    let pad = voxels.padding;
+    let [nx, ny, nz] = voxels.dims.map(|n| n - pad);
+    let width = nx - pad;
+    // Files keep voxels in leaves of this edge: none is to be unpacked for one layer after another.
+    let edge = 8;
+    let slabs = (0..nz).step_by(edge).map(|z| z.max(pad)..nz.min(z + edge));
+    let slabs: Vec<_> = slabs.filter(|slab| !slab.is_empty()).collect();
+    let height = (MOST_AT_ONCE / (width * edge)).max(edge);
+    let slab = |slab: &Range<usize>| {
+        let mut layers = vec![start.clone(); slab.len()];
+        for y in (pad..ny).step_by(height) {
+            cancel.check()?;
+            let part = VoxelBox {
+                first: [pad, y, slab.start],
+                dims: [width, height.min(ny - y), slab.len()],
+            };
+            let mut values = vec![0.0; part.count()];
+            (voxels.read)(&part, &mut values)?;
+            for ([_, _, z], at) in part.rows() {
+                add(&mut layers[z - slab.start], &values[at..at + width]);
+            }
+        }
+        Ok(layers)
     };
-    within(2).into_par_iter().map(layer).collect()
+    let slabs: Vec<Result<Vec<T>>> = slabs.par_iter().map(slab).collect();
+    let slabs = slabs.into_iter().collect::<Result<Vec<_>>>()?;
+    Ok(slabs.into_iter().flatten().collect())
 }

@@ -1,7 +1,7 @@
 //! Samples of a NRRD file: lines and bytes skipped, unpacked, cut to size.
 
-use super::super::field::Number;
 use super::super::numbers::number;
+use super::super::samples::Number;
 use super::{Header, Lines};
 use crate::run::{Cancel, memory};
 use crate::{Error, Result};

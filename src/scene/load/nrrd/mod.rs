@@ -10,8 +10,9 @@
 
 mod data;
 
-use super::field::{Array, Field, Number, Samples, byte_length};
+use super::field::Field;
 use super::files::{Files, beside, text_start};
+use super::samples::{Array, Number, Samples, byte_length};
 use crate::scene::builder::is_singular;
 use crate::{Error, Result};
 use data::Data;
@@ -61,6 +62,7 @@ pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<F
         padding: 0,
         world_from_file,
         samples: Samples::Array(Array {
+            dims,
             bytes: data.bytes,
             number: if data.is_f64 { Number::F64 } else { number },
             big_endian: big_endian && !data.is_f64,

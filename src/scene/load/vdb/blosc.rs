@@ -19,8 +19,15 @@ const DONT_SPLIT: u8 = 0x10;
 const LARGEST_SPLIT_ITEM: usize = 16;
 const FEWEST_SPLIT_ITEMS: usize = 128;
 
-/// Unpacks `packed` to exactly `expected` bytes.
-pub(super) fn unpack(packed: &[u8], expected: usize) -> Result<Vec<u8>> {
+/// Unpacks `packed` to exactly `expected` bytes, which replace those in `unpacked`; `streams` is
+/// room for what is on its way.
+pub(super) fn unpack(
+    packed: &[u8],
+    expected: usize,
+    unpacked: &mut Vec<u8>,
+    streams: &mut Vec<u8>,
+) -> Result<()> {
+    unpacked.clear();
     let mut header = Bytes::new(packed);
     let version = header.u8()?;
     let _codec_version = header.u8()?;
@@ -38,15 +45,15 @@ pub(super) fn unpack(packed: &[u8], expected: usize) -> Result<Vec<u8>> {
         )));
     }
     if size == 0 {
-        return Ok(Vec::new());
+        return Ok(());
     }
     if flags & STORED != 0 {
-        return Ok(header.take(size)?.to_vec());
+        unpacked.extend(header.take(size)?);
+        return Ok(());
     }
     if block_size == 0 {
         return Err(damaged("a block size of 0"));
     }
-    let mut unpacked = Vec::with_capacity(size);
     for _ in 0..size.div_ceil(block_size) {
         let block = block_size.min(size - unpacked.len());
         let whole = block == block_size;
@@ -54,25 +61,26 @@ pub(super) fn unpack(packed: &[u8], expected: usize) -> Result<Vec<u8>> {
             && whole
             && item <= LARGEST_SPLIT_ITEM
             && block / item >= FEWEST_SPLIT_ITEMS;
-        let streams = if split { item } else { 1 };
+        let count = if split { item } else { 1 };
         let start = header.i32()?;
         let mut source = Bytes::new(packed);
         source.seek(start.into())?;
-        let mut bytes = Vec::with_capacity(block);
-        for _ in 0..streams {
-            stream(&mut source, flags >> 5, block / streams, &mut bytes)?;
+        streams.clear();
+        for _ in 0..count {
+            stream(&mut source, flags >> 5, block / count, streams)?;
         }
-        if bytes.len() != block {
+        if streams.len() != block {
             return Err(damaged("streams that do not fill their block"));
         }
         if flags & BYTE_SHUFFLE != 0 && item > 1 {
-            bytes = unshuffle_bytes(&bytes, item);
+            unshuffle_bytes(streams, item, unpacked);
         } else if flags & BIT_SHUFFLE != 0 && block >= item {
-            bytes = unshuffle_bits(&bytes, item);
+            unpacked.extend(unshuffle_bits(streams, item));
+        } else {
+            unpacked.extend(&*streams);
         }
-        unpacked.extend(bytes);
     }
-    Ok(unpacked)
+    Ok(())
 }
 
 /// Appends one stream of `size` unpacked bytes to `out`.
@@ -115,17 +123,23 @@ fn damaged(what: &str) -> Error {
 }
 
 /// Puts items back together from all their first bytes, all their second bytes, and so on.
-fn unshuffle_bytes(bytes: &[u8], item: usize) -> Vec<u8> {
+fn unshuffle_bytes(bytes: &[u8], item: usize, out: &mut Vec<u8>) {
     let count = bytes.len() / item;
-    let mut out = vec![0; bytes.len()];
-    for i in 0..count {
-        for b in 0..item {
-            out[i * item + b] = bytes[b * count + i];
+    if item == 4 {
+        let start = out.len();
+        out.resize(start + 4 * count, 0);
+        let (items, _) = out[start..].as_chunks_mut();
+        let [a, b, c, d] = std::array::from_fn(|b| &bytes[b * count..][..count]);
+        let bytes = a.iter().zip(b).zip(c).zip(d);
+        for (item, (((a, b), c), d)) in items.iter_mut().zip(bytes) {
+            *item = [*a, *b, *c, *d];
         }
+    } else {
+        let of_item = |i: usize| (0..item).map(move |b| bytes[b * count + i]);
+        out.extend((0..count).flat_map(of_item));
     }
     // What is left of a last item is not shuffled.
-    out[count * item..].copy_from_slice(&bytes[count * item..]);
-    out
+    out.extend(&bytes[count * item..]);
 }
 
 /// Puts items back together from all their first bits, all their second bits, and so on, low bits
@@ -219,6 +233,12 @@ pub(super) mod tests {
         out
     }
 
+    fn unpacked(packed: &[u8], expected: usize) -> Result<Vec<u8>> {
+        let mut out = vec![7; 3];
+        unpack(packed, expected, &mut out, &mut Vec::new())?;
+        Ok(out)
+    }
+
     fn sample(n: usize) -> Vec<u8> {
         (0..n)
             .flat_map(|i| ((i / 3) as f32 * 0.25).to_le_bytes())
@@ -229,7 +249,7 @@ pub(super) mod tests {
     fn shuffled_lz4_comes_back() {
         for n in [16, 127, 128, 512] {
             let bytes = sample(n);
-            assert_eq!(unpack(&pack(&bytes), bytes.len()).unwrap(), bytes);
+            assert_eq!(unpacked(&pack(&bytes), bytes.len()).unwrap(), bytes);
         }
     }
 
@@ -237,15 +257,15 @@ pub(super) mod tests {
     fn damage_is_an_error() {
         let bytes = sample(512);
         let packed = pack(&bytes);
-        assert!(unpack(&packed, bytes.len() + 4).is_err());
+        assert!(unpacked(&packed, bytes.len() + 4).is_err());
         for cut in 0..packed.len() {
-            assert!(unpack(&packed[..cut], bytes.len()).is_err());
+            assert!(unpacked(&packed[..cut], bytes.len()).is_err());
         }
         for at in 0..packed.len() {
             for flip in [1, 0x80, 0xff] {
                 let mut damaged = packed.clone();
                 damaged[at] ^= flip;
-                let _ = unpack(&damaged, bytes.len());
+                let _ = unpacked(&damaged, bytes.len());
             }
         }
     }

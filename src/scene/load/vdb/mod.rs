@@ -3,26 +3,31 @@
 //! any affine map.
 //!
 //! - `bytes`: numbers off the front of a slice; `blosc`: unpacks compressed values
-//! - `tree`: the tree of a grid; here: the list of grids, and from a tree to a [`Field`]
+//! - `tree`: the tree of a grid; `table`: its voxels by boxes; here: the list of grids, and from a
+//!   tree to a [`Field`]
 //!
 //! Inactive voxels and everything outside the active bounding box are empty, whatever the
 //! background.
 
 mod blosc;
 mod bytes;
+mod table;
 mod tree;
 
-use super::field::{Field, Samples};
+use super::field::Field;
 use super::files::Files;
 use super::left_out::LeftOut;
-use crate::run::{Cancel, memory};
+use super::samples::Samples;
+use crate::run::Cancel;
 use crate::scene::builder::is_singular;
 use crate::{Error, Result};
 use bytes::Bytes;
 use glam::{DAffine3, DMat3, DVec3};
 use std::collections::HashMap;
 use std::path::Path;
-use tree::{Encoding, LEAF, Number, Tree, VOLUME};
+use std::sync::Arc;
+use table::Table;
+use tree::{Encoding, LEAF, Number, Tree};
 
 const MAGIC: i64 = 0x5644_4220;
 const OLDEST: u32 = 220;
@@ -74,6 +79,7 @@ struct VdbGrid {
     label: String,
     metadata: HashMap<String, Vec<u8>>,
     world_from_index: DAffine3,
+    encoding: Encoding,
     tree: Tree,
 }
 
@@ -97,13 +103,14 @@ impl<'a> From<Option<&'a str>> for Wanted<'a> {
 /// Reads the grids that are wanted; those that have no active voxel are left out. The user is told
 /// what else the file has.
 pub(super) fn read(
-    content: &[u8],
+    content: Vec<u8>,
     path: &Path,
     wanted: Wanted<'_>,
     files: &mut Files,
 ) -> Result<Vec<Field>> {
     let mut left_out = LeftOut::default();
-    let file = File::open(content, &mut left_out)?;
+    let content = Arc::new(content);
+    let file = File::open(&content, &mut left_out)?;
     let chosen = match wanted {
         Wanted::Density => choose(&file.entries, None)?,
         Wanted::Named(name) => choose(&file.entries, Some(name))?,
@@ -124,7 +131,7 @@ pub(super) fn read(
                 grid.tree.background
             ));
         }
-        match grid.into_field(content.len()).map_err(|e| e.at(&place))? {
+        match grid.into_field(content.clone()).map_err(|e| e.at(&place))? {
             Some(field) => fields.push(field),
             None => {
                 let what = "grids without active voxels are left out";
@@ -246,6 +253,7 @@ impl<'a> File<'a> {
             label: entry.label(),
             metadata: own.metadata,
             world_from_index: own.world_from_index,
+            encoding,
             tree,
         };
         grid.check_count()?;
@@ -280,8 +288,9 @@ impl VdbGrid {
         }
     }
 
-    /// The samples in the box of active voxels; none if there are no such voxels.
-    fn into_field(self, file_bytes: usize) -> Result<Option<Field>> {
+    /// The samples in the box of active voxels of the file `content`; none if there are no such
+    /// voxels.
+    fn into_field(self, content: Arc<Vec<u8>>) -> Result<Option<Field>> {
         let Some((low, high)) = self.tree.extent() else {
             return Ok(None);
         };
@@ -299,78 +308,18 @@ impl VdbGrid {
             ))
             .hint("crop the grid, or prune stray active voxels"));
         }
-        let leaves = leaves.map(|n| n as usize);
-        let table = Table::new(self.tree, first_leaf, leaves)?;
         let first = low.map(|i| i - 1);
+        let name = Some(self.label.clone());
+        let place = [first_leaf, leaves];
+        let table = Table::new(content, self.encoding, self.label, self.tree, first, place)?;
         Ok(Some(Field {
-            name: Some(self.label),
+            name,
             dims: size.map(|n| n as usize + 2),
             first,
             padding: 1,
             world_from_file: Some(self.world_from_index),
-            samples: Samples::Lookup {
-                value: Box::new(move |voxel| {
-                    table.value(std::array::from_fn(|a| first[a] + voxel[a] as i64))
-                }),
-                file_bytes,
-            },
+            samples: Samples::Other(Box::new(table)),
         }))
-    }
-}
-
-/// Finds the leaf or tile of a voxel.
-struct Table {
-    tree: Tree,
-    first_leaf: [i64; 3],
-    dims: [usize; 3],
-    /// 0: empty; up to the number of leaves: a leaf, counted from 1; above: a tile.
-    slots: Vec<u32>,
-}
-
-impl Table {
-    /// A table over `dims` leaves from `first_leaf`, in units of leaves.
-    fn new(tree: Tree, first_leaf: [i64; 3], dims: [usize; 3]) -> Result<Self> {
-        let mut slots = memory::filled(VOLUME, 0, dims[0] * dims[1] * dims[2])?;
-        let clip = |origin: i64, edge: i64, a: usize| {
-            let start = origin.div_euclid(LEAF) - first_leaf[a];
-            let end = start + edge / LEAF;
-            start.clamp(0, dims[a] as i64) as usize..end.clamp(0, dims[a] as i64) as usize
-        };
-        let mut fill = |origin: [i64; 3], edge: i64, id: usize| {
-            for z in clip(origin[2], edge, 2) {
-                for y in clip(origin[1], edge, 1) {
-                    for x in clip(origin[0], edge, 0) {
-                        slots[(z * dims[1] + y) * dims[0] + x] = id as u32;
-                    }
-                }
-            }
-        };
-        for (i, tile) in tree.tiles.iter().enumerate() {
-            fill(tile.origin, tile.edge, tree.leaves.len() + i + 1);
-        }
-        for (i, leaf) in tree.leaves.iter().enumerate() {
-            fill(leaf.origin, LEAF, i + 1);
-        }
-        Ok(Self {
-            tree,
-            first_leaf,
-            dims,
-            slots,
-        })
-    }
-
-    fn value(&self, index: [i64; 3]) -> f32 {
-        let [x, y, z] =
-            std::array::from_fn(|a| (index[a].div_euclid(LEAF) - self.first_leaf[a]) as usize);
-        let id = self.slots[(z * self.dims[1] + y) * self.dims[0] + x] as usize;
-        let leaves = self.tree.leaves.len();
-        match id {
-            0 => 0.0,
-            _ if id <= leaves => {
-                self.tree.leaves[id - 1].value(index.map(|i| i.rem_euclid(LEAF) as usize))
-            }
-            _ => self.tree.tiles[id - leaves - 1].value,
-        }
     }
 }
 

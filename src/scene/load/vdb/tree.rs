@@ -10,6 +10,7 @@ use crate::{Error, Result};
 use flate2::bufread::ZlibDecoder;
 use half::f16;
 use std::io::Read;
+use std::ops::Range;
 
 const ZIP: u32 = 1;
 const ACTIVE_MASK: u32 = 2;
@@ -22,8 +23,10 @@ const MASK_COMPRESSION_VERSION: u32 = 222;
 pub(super) const VOLUME: &str = "a volume";
 
 /// Voxels along an edge of a leaf.
-pub(super) const LEAF: i64 = 8;
-const LEAF_VOXELS: usize = 512;
+pub(super) const LEAF_EDGE: usize = 8;
+/// The same, of indices.
+pub(super) const LEAF: i64 = LEAF_EDGE as i64;
+pub(super) const LEAF_VOXELS: usize = LEAF_EDGE * LEAF_EDGE * LEAF_EDGE;
 
 /// How the values of a grid are written.
 #[derive(Clone, Copy)]
@@ -74,6 +77,15 @@ pub(super) struct Leaf {
     pub(super) origin: [i64; 3],
     /// A word for each x, in it bit 8 y + z.
     mask: [u64; 8],
+    /// Offset in the file of its values.
+    at: usize,
+}
+
+/// Room for what is unpacked, used for one leaf after another.
+#[derive(Default)]
+pub(super) struct Buffers {
+    bytes: Vec<u8>,
+    streams: Vec<u8>,
     values: Vec<f32>,
 }
 
@@ -87,13 +99,50 @@ pub(super) struct Tile {
 }
 
 impl Leaf {
-    /// The value of a voxel by coordinates below 8; zero if it is not active.
-    pub(super) fn value(&self, [x, y, z]: [usize; 3]) -> f32 {
-        let bit = y << 3 | z;
-        match self.mask[x] >> bit & 1 {
-            0 => 0.0,
-            _ => self.values[x << 6 | bit],
+    /// Whether any voxel is active of a box of coordinates below 8.
+    pub(super) fn has_active(&self, [x, y, z]: &[Range<usize>; 3]) -> bool {
+        let row = z.clone().fold(0_u64, |row, z| row | 1 << z);
+        let plane = y.clone().fold(0, |plane, y| plane | row << (LEAF_EDGE * y));
+        self.mask[x.clone()].iter().any(|word| word & plane != 0)
+    }
+
+    /// Unpacks the values of its voxels, x slowest, from the file that it is in; of voxels that are
+    /// not active they are 0.
+    pub(super) fn unpack(
+        &self,
+        content: &[u8],
+        encoding: Encoding,
+        buffers: &mut Buffers,
+        values: &mut [f32; LEAF_VOXELS],
+    ) -> Result<()> {
+        let mut bytes = Bytes::new(content);
+        bytes.seek(self.at as i64)?;
+        // What the values are of voxels that are not active does not matter.
+        let stored = Stored::read(&mut bytes, encoding, LEAF_VOXELS, &self.mask, 0.0)?;
+        Packed::read(&mut bytes, encoding, stored.count)?.unpack(encoding, buffers)?;
+        let mut rest = buffers.values.as_slice();
+        for (row, &word) in values.chunks_exact_mut(64).zip(&self.mask) {
+            let count = if stored.all {
+                64
+            } else {
+                word.count_ones() as usize
+            };
+            let (of_row, after) = rest.split_at(count);
+            rest = after;
+            if stored.all || word == u64::MAX {
+                row.copy_from_slice(of_row);
+                let off = (0..64).filter(|bit| word >> bit & 1 == 0);
+                off.for_each(|bit| row[bit] = 0.0);
+                continue;
+            }
+            row.fill(0.0);
+            let mut left = word;
+            for value in of_row {
+                row[left.trailing_zeros() as usize] = *value;
+                left &= left - 1;
+            }
         }
+        Ok(())
     }
 
     fn active(&self) -> u64 {
@@ -120,7 +169,7 @@ impl Leaf {
 }
 
 impl Tree {
-    /// Reads topology and values.
+    /// Reads the topology, and finds the values of leaves.
     pub(super) fn read(bytes: &mut Bytes<'_>, encoding: Encoding, cancel: &Cancel) -> Result<Self> {
         let buffers = bytes.u32()?;
         if buffers != 1 {
@@ -153,7 +202,7 @@ impl Tree {
         }
         for i in 0..tree.leaves.len() {
             cancel.check()?;
-            tree.leaf_values(bytes, encoding, i)
+            tree.find_values(bytes, encoding, i)
                 .map_err(|e| e.at(format!("leaf {i} of {}", tree.leaves.len())))?;
         }
         Ok(tree)
@@ -239,14 +288,15 @@ impl Tree {
                 self.leaves.push(Leaf {
                     origin: place(n),
                     mask: std::array::from_fn(|i| mask[i]),
-                    values: Vec::new(),
+                    at: 0,
                 });
             }
         }
         Ok(())
     }
 
-    fn leaf_values(&mut self, bytes: &mut Bytes<'_>, encoding: Encoding, i: usize) -> Result<()> {
+    /// Passes over the values of a leaf.
+    fn find_values(&mut self, bytes: &mut Bytes<'_>, encoding: Encoding, i: usize) -> Result<()> {
         let mask = bytes.mask(8)?;
         let mut buffers = 1;
         if encoding.version < MASK_COMPRESSION_VERSION {
@@ -255,10 +305,12 @@ impl Tree {
         }
         let leaf = &mut self.leaves[i];
         leaf.mask = std::array::from_fn(|i| mask[i]);
-        leaf.values = read_values(bytes, encoding, LEAF_VOXELS, &mask, self.background)?;
+        leaf.at = bytes.at();
+        let stored = Stored::read(bytes, encoding, LEAF_VOXELS, &mask, 0.0)?;
+        Packed::read(bytes, encoding, stored.count)?;
         for _ in 1..buffers {
             // Scratch buffers of old programs.
-            read_array(bytes, encoding, LEAF_VOXELS)?;
+            Packed::read(bytes, encoding, LEAF_VOXELS)?;
         }
         Ok(())
     }
@@ -285,88 +337,139 @@ fn read_values(
     active: &[u64],
     background: f32,
 ) -> Result<Vec<f32>> {
-    if encoding.version < MASK_COMPRESSION_VERSION {
-        return read_array(bytes, encoding, count);
+    let stored = Stored::read(bytes, encoding, count, active, background)?;
+    let mut buffers = Buffers::default();
+    Packed::read(bytes, encoding, stored.count)?.unpack(encoding, &mut buffers)?;
+    if stored.all {
+        return Ok(buffers.values);
     }
-    // 0: inactive values are the background; 1: its negative; 2: one other value; 3 to 5: a mask
-    // selects between background and negative, background and one other, two others; 6: all values
-    // are stored.
-    let kind = bytes.u8()?;
-    if kind > 6 {
-        return Err(Error::input(format!(
-            "expected a kind of node from 0 to 6, found {kind}; the file is damaged"
-        )));
-    }
-    let mut inactive = match kind {
-        0 => [background, background],
-        _ => [-background, background],
-    };
-    if matches!(kind, 2 | 4 | 5) {
-        inactive[0] = encoding.value(bytes)?;
-    }
-    if kind == 5 {
-        inactive[1] = encoding.value(bytes)?;
-    }
-    let selection = match kind {
-        3..=5 => bytes.mask(count / 64)?,
-        _ => Vec::new(),
-    };
-    if encoding.compression & ACTIVE_MASK == 0 || kind == 6 {
-        return read_array(bytes, encoding, count);
-    }
-    let mut stored = read_array(bytes, encoding, on(active))?.into_iter();
+    let mut values = buffers.values.into_iter();
     let is_on = |mask: &[u64], n: usize| mask.get(n / 64).is_some_and(|w| w >> (n % 64) & 1 == 1);
     let values = (0..count).map(|n| match is_on(active, n) {
-        true => stored.next().unwrap_or(background),
-        false => inactive[usize::from(is_on(&selection, n))],
+        true => values.next().unwrap_or(background),
+        false => stored.inactive[usize::from(is_on(&stored.selection, n))],
     });
     memory::listed(VOLUME, values)
 }
 
-fn read_array(bytes: &mut Bytes<'_>, encoding: Encoding, count: usize) -> Result<Vec<f32>> {
-    // Where no half is stored not even their length is, unlike floats.
-    if encoding.number == Number::FloatAsHalf && count == 0 {
-        return Ok(Vec::new());
-    }
-    let size = count * encoding.size();
-    let unpacked;
-    let data = if encoding.compression & (ZIP | BLOSC) == 0 {
-        bytes.take(size)?
-    } else {
-        let length = bytes.i64()?;
-        if length <= 0 {
-            // Data that did not get smaller is stored as it is, its length negative.
-            if length.unsigned_abs() != size as u64 {
-                return Err(wrong_size(size, length));
-            }
-            bytes.take(size)?
-        } else {
-            let length = usize::try_from(length).map_err(|_| wrong_size(size, length))?;
-            let packed = bytes.take(length)?;
-            unpacked = if encoding.compression & BLOSC != 0 {
-                blosc::unpack(packed, size)?
-            } else {
-                let mut out = vec![0; size];
-                ZlibDecoder::new(packed)
-                    .read_exact(&mut out)
-                    .map_err(|e| Error::input(format!("damaged zlib data: {e}")))?;
-                out
-            };
-            &unpacked
+/// Which values of a node are in the file.
+struct Stored {
+    count: usize,
+    /// Whether those that are not active are there, too.
+    all: bool,
+    /// The values of those if they are not, and which of them have the second.
+    inactive: [f32; 2],
+    selection: Vec<u64>,
+}
+
+impl Stored {
+    /// Reads what leads the `count` values of a node.
+    fn read(
+        bytes: &mut Bytes<'_>,
+        encoding: Encoding,
+        count: usize,
+        active: &[u64],
+        background: f32,
+    ) -> Result<Self> {
+        let mut stored = Self {
+            count,
+            all: true,
+            inactive: [background; 2],
+            selection: Vec::new(),
+        };
+        if encoding.version < MASK_COMPRESSION_VERSION {
+            return Ok(stored);
         }
-    };
-    if encoding.size() == 2 {
-        let halves = data.chunks_exact(2);
-        return memory::listed(
-            VOLUME,
-            halves.map(|c| f16::from_le_bytes([c[0], c[1]]).to_f32()),
-        );
+        // 0: inactive values are the background; 1: its negative; 2: one other value; 3 to 5: a mask
+        // selects between background and negative, background and one other, two others; 6: all
+        // values are stored.
+        let kind = bytes.u8()?;
+        if kind > 6 {
+            return Err(Error::input(format!(
+                "expected a kind of node from 0 to 6, found {kind}; the file is damaged"
+            )));
+        }
+        if kind > 0 {
+            stored.inactive[0] = -background;
+        }
+        if matches!(kind, 2 | 4 | 5) {
+            stored.inactive[0] = encoding.value(bytes)?;
+        }
+        if kind == 5 {
+            stored.inactive[1] = encoding.value(bytes)?;
+        }
+        if matches!(kind, 3..=5) {
+            stored.selection = bytes.mask(count / 64)?;
+        }
+        if encoding.compression & ACTIVE_MASK != 0 && kind != 6 {
+            stored.all = false;
+            stored.count = on(active);
+        }
+        Ok(stored)
     }
-    let floats = data.chunks_exact(4);
-    memory::listed(
-        VOLUME,
-        floats.map(|c| f32::from_le_bytes([c[0], c[1], c[2], c[3]])),
-    )
+}
+
+/// Values as the file has them.
+struct Packed<'a> {
+    data: &'a [u8],
+    /// Bytes that they are when unpacked.
+    size: usize,
+    is_packed: bool,
+}
+
+impl<'a> Packed<'a> {
+    /// Reads so many values, without a look at them.
+    fn read(bytes: &mut Bytes<'a>, encoding: Encoding, count: usize) -> Result<Self> {
+        let size = count * encoding.size();
+        // Where no half is stored not even their length is, unlike floats.
+        let is_nothing = encoding.number == Number::FloatAsHalf && count == 0;
+        let mut length = None;
+        if encoding.compression & (ZIP | BLOSC) != 0 && !is_nothing {
+            let found = bytes.i64()?;
+            // Data that did not get smaller is stored as it is, its length negative.
+            if found > 0 {
+                length = Some(usize::try_from(found).map_err(|_| wrong_size(size, found))?);
+            } else if found.unsigned_abs() != size as u64 {
+                return Err(wrong_size(size, found));
+            }
+        }
+        Ok(Self {
+            data: bytes.take(length.unwrap_or(size))?,
+            size,
+            is_packed: length.is_some(),
+        })
+    }
+
+    /// Unpacks them to the values of the buffers.
+    fn unpack(&self, encoding: Encoding, buffers: &mut Buffers) -> Result<()> {
+        let Buffers {
+            bytes,
+            streams,
+            values,
+        } = buffers;
+        let data = if !self.is_packed {
+            self.data
+        } else if encoding.compression & BLOSC != 0 {
+            blosc::unpack(self.data, self.size, bytes, streams)?;
+            bytes
+        } else {
+            bytes.clear();
+            bytes.resize(self.size, 0);
+            ZlibDecoder::new(self.data)
+                .read_exact(bytes)
+                .map_err(|e| Error::input(format!("damaged zlib data: {e}")))?;
+            bytes
+        };
+        values.clear();
+        memory::grow(VOLUME, values, self.size / encoding.size())?;
+        if encoding.size() == 2 {
+            let halves = data.as_chunks().0.iter();
+            values.extend(halves.map(|c| f16::from_le_bytes(*c).to_f32()));
+        } else {
+            values.extend(data.as_chunks().0.iter().map(|c| f32::from_le_bytes(*c)));
+        }
+        Ok(())
+    }
 }
 
 fn wrong_size(expected: usize, found: i64) -> Error {

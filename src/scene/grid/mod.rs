@@ -7,6 +7,12 @@
 //! Cell space is index space plus 1/2: cell c lies between samples c-1 and c, so all knees of the
 //! field are at integers. A brick holds 8^3 cells with their 9^3 corner samples, so a cell never
 //! needs a second brick; bricks whose samples are all zero are not stored.
+//!
+//! - `layout`: which bricks are stored, and how they are filled
+
+mod layout;
+
+pub(super) use layout::{Layout, Region, VoxelBox};
 
 use crate::math::unflatten;
 use crate::{Error, Result};
@@ -22,6 +28,7 @@ const ABSENT: u32 = u32::MAX;
 
 /// A scalar field on a grid; see the module for its spaces.
 #[derive(Debug)]
+#[cfg_attr(test, derive(PartialEq))]
 pub struct Grid {
     dims: [usize; 3],
     bricks: [usize; 3],
@@ -43,9 +50,17 @@ impl Grid {
     /// more for each voxel, from several threads, and must give the same finite number of at least
     /// 0 every time.
     pub fn from_fn(dims: [usize; 3], value: impl Fn([usize; 3]) -> f32 + Sync) -> Self {
-        let go_on = || Ok::<_, Infallible>(());
-        let Ok(layout) = Layout::of(dims, &value, go_on);
-        let Ok(grid) = layout.fill(value, go_on);
+        let may_hold =
+            |voxels: &VoxelBox| Ok::<_, Infallible>(voxels.voxels().any(|v| value(v) != 0.0));
+        let Ok(layout) = Layout::of(dims, may_hold);
+        let Ok((grid, _)) = layout.fill(|region, samples| {
+            let voxels = region.voxels.voxels();
+            samples
+                .iter_mut()
+                .zip(voxels)
+                .for_each(|(s, v)| *s = value(v));
+            Ok::<_, Infallible>(())
+        });
         grid
     }
 
@@ -287,90 +302,6 @@ fn voxel_count(dims: [usize; 3]) -> Result<usize> {
                 "expected a grid of at least one voxel that memory can hold, found {dims:?}"
             ))
         })
-}
-
-/// Which bricks a grid has to store, before it stores any.
-pub(super) struct Layout {
-    dims: [usize; 3],
-    bricks: [usize; 3],
-    /// Numbers of the bricks that are stored, in order.
-    stored: Vec<usize>,
-}
-
-impl Layout {
-    /// Finds the bricks in which `value` is not zero everywhere. `go_on` is asked at each brick,
-    /// and ends it with its error.
-    pub(super) fn of<E: Send>(
-        dims: [usize; 3],
-        value: impl Fn([usize; 3]) -> f32 + Sync,
-        go_on: impl Fn() -> Result<(), E> + Sync,
-    ) -> Result<Self, E> {
-        let mut layout = Self {
-            dims,
-            bricks: brick_dims(dims),
-            stored: Vec::new(),
-        };
-        layout.stored = (0..layout.count())
-            .into_par_iter()
-            .filter_map(|b| match go_on() {
-                Ok(()) => (layout.voxels(b).any(|v| value(v) != 0.0)).then_some(Ok(b)),
-                Err(e) => Some(Err(e)),
-            })
-            .collect::<Result<_, E>>()?;
-        Ok(layout)
-    }
-
-    /// Bytes that the grid will hold.
-    pub(super) fn bytes(&self) -> u64 {
-        let brick = (BRICK_SAMPLES + 1) * size_of::<f32>();
-        self.stored.len() as u64 * brick as u64 + self.count() as u64 * size_of::<u32>() as u64
-    }
-
-    /// The grid. `value` must be as before, and `go_on` is asked as before.
-    pub(super) fn fill<E: Send>(
-        self,
-        value: impl Fn([usize; 3]) -> f32 + Sync,
-        go_on: impl Fn() -> Result<(), E> + Sync,
-    ) -> Result<Grid, E> {
-        let mut slots = vec![ABSENT; self.count()];
-        for (slot, &b) in self.stored.iter().enumerate() {
-            slots[b] = slot as u32;
-        }
-        let mut samples = vec![0.0; self.stored.len() * BRICK_SAMPLES];
-        let maxima = samples
-            .par_chunks_mut(BRICK_SAMPLES)
-            .zip(&self.stored)
-            .map(|(brick, &b)| {
-                go_on()?;
-                for (sample, voxel) in brick.iter_mut().zip(self.voxels(b)) {
-                    *sample = value(voxel);
-                }
-                Ok(brick.iter().copied().fold(0.0, f32::max))
-            })
-            .collect::<Result<_, E>>()?;
-        Ok(Grid {
-            dims: self.dims,
-            bricks: self.bricks,
-            slots,
-            samples,
-            maxima,
-        })
-    }
-
-    fn count(&self) -> usize {
-        self.bricks.iter().product()
-    }
-
-    /// The voxels at the corners of a brick's cells, x fastest.
-    fn voxels(&self, b: usize) -> impl Iterator<Item = [usize; 3]> + use<> {
-        let dims = self.dims;
-        let base = unflatten(b, self.bricks).map(|i| i * BRICK_CELLS);
-        let along = move |a: usize| {
-            // Corner c of cell space is sample c - 1, clamped to the grid.
-            (0..BRICK_EDGE).map(move |i| (base[a] + i).saturating_sub(1).min(dims[a] - 1))
-        };
-        along(2).flat_map(move |k| along(1).flat_map(move |j| along(0).map(move |i| [i, j, k])))
-    }
 }
 
 /// The eight corner samples of a cell: those of its lower and its upper face, x fastest.
