@@ -7,8 +7,11 @@ use crate::math::Rgb;
 use crate::math::exp::exp_neg;
 use wide::f32x8;
 
-/// Spacings of 1, 2 and 4 voxels.
-pub const DIRECT_LEVELS: usize = 3;
+/// Spacings of 1 to 64 voxels.
+pub const DIRECT_LEVELS: usize = 7;
+
+/// Of those, spacings that vertices of thin media have whatever camera looks.
+pub const NEAR_LEVELS: usize = 3;
 
 /// Direct light at vertices, by log2 of the voxels between them.
 pub type DirectLevels = [Option<SparseValues<Vertex>>; DIRECT_LEVELS];

@@ -2,6 +2,7 @@
 //! away, so that a few probes tell it for all points of the medium, which then look through the
 //! medium only.
 
+use super::counts::{self, Counters};
 use super::gatherer::GatherInMedia;
 use super::vertices::{Vertices, inside};
 use crate::math::segment::Composite;
@@ -171,9 +172,10 @@ impl FarField {
         point_in_index: Vec3,
         point: Vec3,
         seed: u64,
+        counters: &Counters,
     ) -> Option<Rgb> {
         let around = self.around(volume, gatherer, point_in_index)?;
-        let mut sum = Rgb::BLACK;
+        let (mut sum, mut passed) = (Rgb::BLACK, 0);
         let count = self.rings * self.sectors;
         for c in 0..count {
             let mut cell = Quarter::default();
@@ -186,18 +188,19 @@ impl FarField {
             let mut light = Composite::default();
             let max_dist = gatherer.settings().max_dist;
             let end = cell.distance.min(max_dist);
-            gatherer.pass(&Ray::new(point, direction, end), &mut light);
+            passed += gatherer.pass(&Ray::new(point, direction, end), &mut light);
             if cell.distance > max_dist {
                 // The environment is behind the media that are too far away to send light.
                 let mut hidden = Composite::default();
                 let from = point + direction * max_dist;
                 let beyond = Ray::new(from, direction, cell.distance - max_dist);
-                gatherer.pass(&beyond, &mut hidden);
+                passed += gatherer.pass(&beyond, &mut hidden);
                 light.transmittance *= hidden.transmittance;
             }
             light.surface(1.0, cell.radiance);
             sum += light.radiance;
         }
+        counts::add(&counters.lvoxels, passed);
         Some(sum * (1.0 / count as f32))
     }
 

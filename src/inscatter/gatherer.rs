@@ -21,8 +21,9 @@ pub trait GatherInMedia: Sync {
     /// that says no; returns whether it never did.
     fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool;
 
-    /// Adds to `light` what media along a ray send, and takes what they stop.
-    fn pass(&self, ray: &Ray, light: &mut Composite);
+    /// Adds to `light` what media along a ray send, and takes what they stop. Returns how many
+    /// lvoxels that took.
+    fn pass(&self, ray: &Ray, light: &mut Composite) -> u64;
 }
 
 impl<P: Pages, M: Medium> GatherInMedia for Gatherer<'_, P, M> {
@@ -43,7 +44,13 @@ impl<P: Pages, M: Medium> GatherInMedia for Gatherer<'_, P, M> {
         self.media.walk(ray, add)
     }
 
-    fn pass(&self, ray: &Ray, light: &mut Composite) {
-        self.media.pass(ray, &[], light);
+    fn pass(&self, ray: &Ray, light: &mut Composite) -> u64 {
+        let mut passed = 0;
+        self.media.walk(ray, &mut |s| {
+            passed += 1;
+            light.medium(s.tau, s.source);
+            light.transmittance > Composite::NOTHING
+        });
+        passed
     }
 }

@@ -7,36 +7,42 @@
 //!
 //! | file | what it does |
 //! | --- | --- |
+//! | `march` | the way of a camera ray through media, in parts that are lit as one |
 //! | `source/` | the source function between vertices; light of every vertex |
 //! | `vertices` | lattices of values made on demand, and interpolation between eight of them |
 //! | `sparse`, `occupied` | chosen vertices of a lattice: those around cells that hold any medium |
 //! | `bricks`, `density` | a value for each brick of a volume; how fast light changes there |
+//! | `spacing` | how close a camera needs vertices to stand |
 //! | `direct` | direct light at vertices, and how it falls between them |
 //! | `sweep/` | indirect light at the vertices of thin bricks, by discrete ordinates |
 //! | `far_field` | probes of the surfaces around a medium |
 //! | `dense` | light in voxels so deep that no vertex tells |
 //! | `scattered` | light that was made beforehand, read from a file |
-//! | `gatherer`, `memory` | what is asked of a gatherer; limits on memory |
+//! | `gatherer`, `memory`, `counts` | what is asked of a gatherer; limits on memory; what it took |
 
 mod bricks;
+mod counts;
 mod dense;
 mod density;
 mod direct;
 mod far_field;
 mod gatherer;
+mod march;
 mod memory;
 mod occupied;
 mod scattered;
 mod source;
+mod spacing;
 pub mod sparse;
 mod sweep;
 #[cfg(test)]
 mod tests;
 mod vertices;
 
+pub use counts::MediaCounts;
 pub use gatherer::GatherInMedia;
 pub use scattered::check_volumes;
-pub use source::{InScatter, MediaLights, RayMemo, VolumeLight};
+pub use source::{InScatter, MediaLights, VolumeLight};
 pub use sparse::SparseValues;
 
 use crate::gather::RaySettings;

@@ -1,7 +1,9 @@
 //! Where light in media is looked for, and how soon that stops on request.
 
+use super::counts::Counters;
 use super::far_field::FarField;
 use super::source::{InScatter, MediaLights, RayMemo};
+use super::spacing::LeastSpacing;
 use super::sweep::{Sweep, SweepScope};
 use super::vertices::BORDER_MARGIN_VOXELS;
 use crate::Kind;
@@ -11,7 +13,7 @@ use crate::light::Lights;
 use crate::math::segment::{Composite, Segment};
 use crate::math::{Hit, Ray, Rgb, sampling};
 use crate::run::{Cancel, Job};
-use crate::scene::{Grid, Scene, Volume};
+use crate::scene::{Film, Grid, Scene, Volume};
 use crate::trace::Tracer;
 use crate::tree::Page;
 use crate::tree::page::{PageLeaves, PageNodes};
@@ -293,7 +295,8 @@ fn sweeps_stop_soon_on_request() {
 #[test]
 fn sweeps_beyond_the_memory_limit_are_refused_before_they_begin() {
     // A vertex at each voxel: 17^3 of some hundred bytes.
-    let scene = haze(1.0);
+    let mut scene = haze(1.0);
+    scene.film = LARGE;
     for (memory_limit, is_held) in [
         (None, true),
         (Some(4 << 20), true),
@@ -306,7 +309,14 @@ fn sweeps_beyond_the_memory_limit_are_refused_before_they_begin() {
             ..Job::default()
         };
         let made = with(&scene, &far, NoMedia, |view, lights, gatherer| {
-            in_scatter(view, &[Region::full(1, 1)], lights, gatherer, &job).map(drop)
+            in_scatter(
+                view,
+                &[Region::full(LARGE.width, LARGE.height)],
+                lights,
+                gatherer,
+                &job,
+            )
+            .map(drop)
         });
         assert_eq!(far.rays() > 0, is_held);
         if is_held {
@@ -337,6 +347,7 @@ fn what_a_sweep_takes_is_also_that_of_its_rays() {
     // in eight directions.
     const FAR: usize = 256;
     let mut scene = haze(1.0);
+    scene.film = LARGE;
     let is_speck = |v: [usize; 3]| v == [0; 3] || v == [FAR - 1; 3];
     let volume = &mut scene.volumes[0];
     volume.sigma_t = Grid::from_fn([FAR; 3], |v| f32::from(is_speck(v)));
@@ -350,7 +361,14 @@ fn what_a_sweep_takes_is_also_that_of_its_rays() {
             ..Job::default()
         };
         let made = with(&scene, &far, NoMedia, |view, lights, gatherer| {
-            in_scatter(view, &[Region::full(1, 1)], lights, gatherer, &job).map(drop)
+            in_scatter(
+                view,
+                &[Region::full(LARGE.width, LARGE.height)],
+                lights,
+                gatherer,
+                &job,
+            )
+            .map(drop)
         });
         match made {
             Ok(()) => assert!(is_held),
@@ -361,6 +379,13 @@ fn what_a_sweep_takes_is_also_that_of_its_rays() {
         }
     }
 }
+
+/// A film of so many pixels that each voxel covers some.
+const LARGE: Film = Film {
+    width: 4096,
+    height: 4096,
+    exposure: 1.0,
+};
 
 /// Extinction of a haze whose left face is lit, and light in it fades to the right.
 const SIGMA_T: f32 = 0.3;
@@ -410,8 +435,9 @@ fn swept_and_exact(scene: &Scene, lvoxels: Vec<Lvoxel>) -> Vec<[f32; 2]> {
             volume,
             far_field: &far_field,
             job: &job,
+            counters: &Counters::default(),
         };
-        let sweep = Sweep::new(&scope, |_, own| own).unwrap();
+        let sweep = Sweep::new(&scope, &LeastSpacing::none(), |_, own| own).unwrap();
         let level = sweep.level_at(Vec3::splat(8.0)).unwrap();
         assert_eq!(level, 2);
         let along = |x: usize| {

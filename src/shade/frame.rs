@@ -10,7 +10,7 @@ use super::surfaces::{BrightPatchLights, GatherAtSurfaces, Lattice, SurfaceGathe
 use crate::Result;
 use crate::gather::{self, Gatherer, Medium, PatchRadiance, PatchStats, TreeTask};
 use crate::image::Region;
-use crate::inscatter::{self, InScatter, MediaLights};
+use crate::inscatter::{self, InScatter, MediaCounts, MediaLights};
 use crate::light::{Lights, SoftShadowMedia, Vacuum};
 use crate::run::Job;
 use crate::scene::Scene;
@@ -36,8 +36,17 @@ pub struct Request<'a> {
     pub job: &'a Job,
 }
 
-/// The quantities of the pixels of each region, and what they asked of the tree.
-pub type ShadedRegions = (Vec<Planes>, PatchStats);
+/// The quantities of the pixels of each region, and what they asked for.
+pub type ShadedRegions = (Vec<Planes>, FrameCounts);
+
+/// What the regions of a frame asked for.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct FrameCounts {
+    /// Of the tree's surfels.
+    pub patches: PatchStats,
+    /// Of light in media.
+    pub media: MediaCounts,
+}
 
 /// Shades regions of the frame.
 ///
@@ -125,8 +134,11 @@ impl TreeTask for FrameTask<'_> {
             lattice_gatherer: &on_surfaces(settings.samples),
             own_gatherer: &on_surfaces(settings.own_samples()),
         };
-        let planes = if scene.volumes.is_empty() && tree.media.is_empty() {
-            shader.shade(&Vacuum, &lights.in_vacuum())?
+        let (planes, media) = if scene.volumes.is_empty() && tree.media.is_empty() {
+            (
+                shader.shade(&Vacuum, &lights.in_vacuum())?,
+                MediaCounts::default(),
+            )
         } else {
             let in_media = inscatter::gather_settings(gathers, settings.volume_samples);
             let gatherer = with_settings(in_media);
@@ -139,9 +151,10 @@ impl TreeTask for FrameTask<'_> {
             let in_scatter = InScatter::new(&view, visible, &light, job)?;
             let planes = shader.shade(&ScatteringMedia(&in_scatter), &lights)?;
             in_scatter.check()?;
-            planes
+            (planes, in_scatter.counts())
         };
-        Ok((planes, patches.map(|p| p.stats()).unwrap_or_default()))
+        let patches = patches.map(|p| p.stats()).unwrap_or_default();
+        Ok((planes, FrameCounts { patches, media }))
     }
 }
 

@@ -93,10 +93,16 @@ pub fn run(
         counts.insert("page_bytes_read".into(), stats.bytes_read as f64);
         counts.insert("cache_hits".into(), stats.hits as f64);
         counts.insert("cache_misses".into(), stats.misses as f64);
-        counts.insert("patches".into(), asked.patches as f64);
-        counts.insert("patches_without_surfels".into(), asked.unknown as f64);
-        counts.insert("bright_patches".into(), asked.bright as f64);
-        warn_of_unknown(asked, job);
+        counts.insert("patches".into(), asked.patches.patches as f64);
+        counts.insert(
+            "patches_without_surfels".into(),
+            asked.patches.unknown as f64,
+        );
+        counts.insert("bright_patches".into(), asked.patches.bright as f64);
+        if !scene.volumes.is_empty() {
+            asked.media.list(counts);
+        }
+        warn_of_unknown(asked.patches, job);
         job.heed_warnings()?;
         let mut frame = pixels::to_frame(scene, region, aovs, planes);
         let mut note =

@@ -1,11 +1,13 @@
 //! The lattices of one volume, before any ray asks for their light.
 
 use crate::Result;
+use crate::inscatter::counts::Counters;
 use crate::inscatter::density::Densities;
 use crate::inscatter::direct::{DIRECT_LEVELS, Vertex};
 use crate::inscatter::far_field::FarField;
 use crate::inscatter::gatherer::GatherInMedia;
 use crate::inscatter::scattered::ScatteredLight;
+use crate::inscatter::spacing::LeastSpacing;
 use crate::inscatter::sweep::{SWEPT_LEVELS, Sweep, SweepScope};
 use crate::inscatter::vertices::Vertices;
 use crate::light::Lights;
@@ -27,6 +29,9 @@ pub(super) struct VolumeLattices<'a> {
     pub far_field: FarField,
     pub sweep: Option<Sweep>,
     pub densities: Densities,
+    /// Spacings that the camera needs, of direct and of indirect light.
+    pub least_direct: LeastSpacing,
+    pub least_indirect: LeastSpacing,
     /// Longest edge of a voxel, scene units.
     pub voxel: f32,
 }
@@ -38,14 +43,20 @@ const _: () = assert!(SWEPT_LEVELS > DIRECT_LEVELS);
 /// place together, than they are in one medium.
 const SHARED_DEPTH: f32 = 0.7;
 
+/// Optical depth between vertices of direct light that no camera makes larger: up to it, light
+/// between them is as good as linear.
+const MAX_DIRECT_DEPTH: f32 = 0.7;
+/// That of indirect light, which comes from all around.
+const MAX_INDIRECT_DEPTH: f32 = 2.0;
+
 /// The light that media scatter.
 #[derive(Debug)]
 pub struct MediaLights<'a, G> {
     /// Direct light.
     pub lights: &'a Lights<'a>,
-    /// MediaLights that is gathered, if any is.
+    /// Gathers of indirect light, if there are any.
     pub gatherer: Option<&'a G>,
-    /// MediaLights that is memo already.
+    /// Light that was made beforehand.
     pub scattered: Option<&'a Scatter<MappedFile>>,
 }
 
@@ -59,6 +70,7 @@ impl<'a> VolumeLattices<'a> {
         view: &View<'a>,
         visible: VisibleMedia,
         light: &MediaLights<'a, G>,
+        counters: &Counters,
         job: &Job,
     ) -> Result<Self> {
         let volume = &view.tracer.scene.volumes[index];
@@ -72,6 +84,10 @@ impl<'a> VolumeLattices<'a> {
         let far_field = FarField::new(volume, volume_samples, seed);
         let voxel = volume.longest_voxel_edge();
         let densities = Densities::new(&view.tracer.scene.volumes, index);
+        let least =
+            |depth| LeastSpacing::new(view, visible, volume, &densities, depth, DIRECT_LEVELS - 1);
+        let least_direct = least(MAX_DIRECT_DEPTH);
+        let least_indirect = least(MAX_INDIRECT_DEPTH);
         let depth_of = |brick, own| {
             let all = densities.of_all(brick, own);
             densities.of(brick).max(SHARED_DEPTH * all) * voxel
@@ -91,8 +107,9 @@ impl<'a> VolumeLattices<'a> {
                     volume,
                     far_field: &far_field,
                     job,
+                    counters,
                 };
-                (None, Some(Sweep::new(&scope, depth_of)?))
+                (None, Some(Sweep::new(&scope, &least_indirect, depth_of)?))
             }
             (None, None) => Default::default(),
         };
@@ -103,6 +120,8 @@ impl<'a> VolumeLattices<'a> {
             far_field,
             sweep,
             densities,
+            least_direct,
+            least_indirect,
             voxel,
         })
     }

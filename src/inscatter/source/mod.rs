@@ -4,10 +4,10 @@
 //! not matter which tile or thread asks; those that were lit beforehand are not lit again. Each
 //! brick of a volume has the spacing that its own density asks for: vertices of direct light stand
 //! at most an optical depth apart, those of indirect light 1.4 where it is swept, in thin bricks,
-//! and two where it is not. Where vertices of a dense brick still differ much, at its rim, finer
-//! ones are asked; near a point light, and where a voxel is deep, the ray's own points. Vertices in
-//! empty space around the medium are evaluated like any other: leaving them dark would darken its
-//! rim.
+//! and two where it is not; a camera whose pixels are wider asks for wider ones. Where vertices of
+//! a dense brick still differ much, at its rim, finer ones are asked; near a point light, and where
+//! a voxel is deep, the ray's own points. Vertices in empty space around the medium are evaluated
+//! like any other: leaving them dark would darken its rim.
 
 mod every_vertex;
 mod lattices;
@@ -15,8 +15,9 @@ mod lattices;
 pub use every_vertex::VolumeLight;
 pub use lattices::MediaLights;
 
+use super::counts::{self, Counters, MediaCounts};
 use super::dense;
-use super::direct::{DIRECT_LEVELS, LightVectors, Spread, Vertex, has_edge};
+use super::direct::{DIRECT_LEVELS, LightVectors, NEAR_LEVELS, Spread, Vertex, has_edge};
 use super::gatherer::GatherInMedia;
 use super::scattered::ScatteredLight;
 use super::sweep::SWEPT_LEVELS;
@@ -46,9 +47,10 @@ pub struct InScatter<'a, G> {
     gatherer: Option<&'a G>,
     lattices: Vec<VolumeLattices<'a>>,
     suns: SunDepths<'a>,
-    view: View<'a>,
+    pub(super) view: View<'a>,
     /// Shadow rays of a vertex to each light with an extent.
     vertex_rays: u32,
+    pub(super) counters: Counters,
 }
 
 impl<'a, G: GatherInMedia> InScatter<'a, G> {
@@ -78,6 +80,9 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     /// Vertices in thin media that are further apart than so many pixels are compared, for walls
     /// and edges of shadows that are between them.
     const WIDE_SPACING_PIXELS: f32 = 4.0;
+    /// Vertices that are swept are never too far apart if that is so few pixels: between them is
+    /// what a camera can hardly tell, and their light has no noise.
+    const SWEPT_SPACING_PIXELS: f32 = 6.0;
     /// Where shadows may have sharp edges, vertices in thin media are no further apart than so many
     /// pixels or a voxel: of what is between them nothing tells.
     const MAX_SHARP_SPACING_PIXELS: f32 = 16.0;
@@ -99,8 +104,9 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
         job: &Job,
     ) -> Result<Self> {
         let volumes = &view.tracer.scene.volumes;
+        let counters = Counters::default();
         let lattices = (0..volumes.len())
-            .map(|index| VolumeLattices::new(index, view, visible, light, job))
+            .map(|index| VolumeLattices::new(index, view, visible, light, &counters, job))
             .collect::<Result<Vec<_>>>()?;
         let &MediaLights {
             lights, gatherer, ..
@@ -117,6 +123,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             suns: SunDepths::new(view.tracer.scene),
             view: *view,
             vertex_rays: Self::SHADOW_RAYS,
+            counters,
         })
     }
 
@@ -127,6 +134,12 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     pub fn check(&self) -> Result<()> {
         let mut lit = self.lattices.iter().filter_map(|l| l.scattered.as_ref());
         lit.try_for_each(ScatteredLight::check)
+    }
+
+    /// What was done so far.
+    #[must_use]
+    pub fn counts(&self) -> MediaCounts {
+        self.counters.counts()
     }
 
     /// With so many shadow rays of a vertex to each light with an extent.
@@ -141,7 +154,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     /// Which lattices serve a brick whose densest voxel has this optical depth: thin parts of a
     /// volume are lit from few vertices, whatever its densest part needs.
     fn level(densest: f32) -> usize {
-        (0..DIRECT_LEVELS)
+        (0..NEAR_LEVELS)
             .rev()
             .find(|&l| densest * (1 << l) as f32 <= Self::MAX_VERTEX_DEPTH)
             .unwrap_or(0)
@@ -159,6 +172,9 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
         let at = medium.index_from_scene.transform_point3(point);
         let densest = self.lattices[volume].densities.at(at) * voxel;
         let level = Self::level(densest);
+        let least = self.lattices[volume].least_direct.at(at);
+        let is_made = self.lattices[volume].scattered.is_some();
+        let level = if is_made { level } else { level.max(least) };
         let segment = RaySegment {
             volume,
             ends,
@@ -168,6 +184,8 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             densest,
             is_thin: densest <= Self::MAX_CELL_DEPTH,
             level,
+            finest: least.min(level),
+            finest_indirect: self.lattices[volume].least_indirect.at(at),
             voxel_depth: depth * voxel / (to - from).length(),
         };
         Rgb(medium.albedo) * (self.direct(&segment, memo) + self.indirect(&segment, memo))
@@ -200,14 +218,14 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             })
         };
         if segment.is_thin || segment.voxel_depth <= Self::MAX_CELL_DEPTH {
-            for level in (0..=self.first_level(segment)).rev() {
+            for level in (segment.finest..=self.first_level(segment)).rev() {
                 let around = lattices.direct[level].around(segment.at);
                 let weights = &around.weights;
                 let values = memo.direct[level].values(segment.volume, &around, |v| {
                     LightVectors::of(&vertex(level, v))
                 });
                 let between = segment.densest * (1 << level) as f32;
-                let is_finest = level == 0 || between <= Self::FLAT_DEPTH;
+                let is_finest = level == segment.finest || between <= Self::FLAT_DEPTH;
                 if is_finest
                     && (between <= Self::FLAT_DEPTH || segment.is_thin && !self.rest_is_exact)
                 {
@@ -276,9 +294,17 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
         let Some(gatherer) = self.gatherer else {
             return Rgb::BLACK;
         };
+        counts::add(&self.counters.gathered, 1);
         let far_field = &self.lattices[volume].far_field;
         far_field
-            .mean_radiance(&self.volumes[volume], gatherer, at, point, seed)
+            .mean_radiance(
+                &self.volumes[volume],
+                gatherer,
+                at,
+                point,
+                seed,
+                &self.counters,
+            )
             .unwrap_or_else(|| {
                 gatherer
                     .mean_radiance(point, SampleRange::first(seed))
@@ -296,6 +322,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             // it.
             let seed = self.seed_of(segment.point);
             let point = segment.at_share(sampling::unit(seed));
+            counts::add(&self.counters.gathered, 1);
             return dense::mean_radiance(self.volumes, &self.sharp_lights, gatherer, point, seed);
         }
         let vertex = |level: usize, v: [usize; 3]| {
@@ -313,7 +340,8 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             Self::FLAT_DEPTH
         };
         let first = swept_level.unwrap_or(segment.level + 1);
-        for level in (0..=first).rev() {
+        let finest = segment.finest_indirect.min(first);
+        for level in (finest..=first).rev() {
             let is_swept = swept_level == Some(level);
             let swept = |v| {
                 let sweep = sweep.filter(|_| is_swept)?;
@@ -325,7 +353,8 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             let values = cube.values((segment.volume, is_swept), &around, |v| {
                 with_luminance(swept(v).unwrap_or_else(|| vertex(level, v)))
             });
-            let is_finest = segment.densest * (1 << level) as f32 <= smooth;
+            let is_finest =
+                level == finest && finest > 0 || segment.densest * (1 << level) as f32 <= smooth;
             let alike = if is_finest {
                 Self::MAX_THIN_RATIO
             } else {
@@ -333,7 +362,10 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             };
             let (least, most) = extremes(values, &around.weights, |v| *v);
             let is_alike = are_alike(least.to_array()[3], most.to_array()[3], alike);
-            if is_alike || is_finest && self.pixels(segment, level) <= Self::WIDE_SPACING_PIXELS {
+            let pixels = self.pixels(segment, level);
+            let is_close = is_swept && pixels <= Self::SWEPT_SPACING_PIXELS
+                || is_finest && pixels <= Self::WIDE_SPACING_PIXELS;
+            if is_alike || is_close {
                 return rgb(blend(values, &around.weights, |v| *v));
             }
             if is_finest {
@@ -366,15 +398,27 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
         if !(self.any_is_sharp && segment.is_thin) {
             return segment.level;
         }
-        let levels = (1..=segment.level).rev();
+        let levels = (segment.finest + 1..=segment.level).rev();
         let mut near =
             levels.filter(|&l| self.pixels(segment, l) <= Self::MAX_SHARP_SPACING_PIXELS);
-        near.next().unwrap_or(0)
+        near.next().unwrap_or(segment.finest)
     }
 
     /// Whether the camera may see edges of shadows between vertices of a lattice.
     fn may_show_edges(&self, segment: &RaySegment, level: usize) -> bool {
         self.any_is_sharp && self.pixels(segment, level) > Self::WIDE_SPACING_PIXELS
+    }
+
+    /// Scene units that vertices around a point are apart at least, whatever the light.
+    pub(super) fn least_spacing(&self, volume: usize, point: Vec3) -> f32 {
+        let lattices = &self.lattices[volume];
+        let at = self.volumes[volume]
+            .index_from_scene
+            .transform_point3(point);
+        match lattices.least_direct.at(at) {
+            0 => 0.0,
+            level => lattices.voxel * (1 << level) as f32,
+        }
     }
 
     fn to_scene(&self, volume: usize, p: Vec3) -> Vec3 {
@@ -395,6 +439,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
         rays: ShadowRays,
         suns: Option<&SunDepths>,
     ) -> MediumLight {
+        counts::add(&self.counters.lit, 1);
         let mut light = lights.in_medium(point, rays, suns);
         if self.gatherer.is_none() && !lights.environment().is_black() {
             let seed = self.seed_of(point);
@@ -456,6 +501,9 @@ struct RaySegment {
     is_thin: bool,
     /// The coarsest lattice that its brick allows.
     level: usize,
+    /// The finest that the camera needs of direct light, and of indirect light.
+    finest: usize,
+    finest_indirect: usize,
 }
 
 fn with_luminance(light: Rgb) -> f32x4 {

@@ -9,8 +9,10 @@ mod rays;
 mod rows;
 
 use super::bricks::BrickTable;
+use super::counts::{self, Counters};
 use super::far_field::{FarField, Surroundings};
 use super::gatherer::GatherInMedia;
+use super::spacing::LeastSpacing;
 use super::sparse::{SparseLattice, SparseValues};
 use super::{memory, occupied};
 use crate::Result;
@@ -36,8 +38,11 @@ pub struct Sweep {
 /// where surfaces are too near for probes.
 pub type SweptLevels = [Option<SparseValues<Option<Rgb>>>; SWEPT_LEVELS];
 
-/// Spacings of 1 to 8 voxels.
-pub const SWEPT_LEVELS: usize = 4;
+/// Spacings of 1 to 128 voxels.
+pub const SWEPT_LEVELS: usize = 8;
+
+/// Of those, spacings that vertices of thin media have whatever camera looks.
+const NEAR_LEVELS: usize = 4;
 
 /// Vertices of one spacing, to be swept.
 struct LevelSweep;
@@ -64,6 +69,8 @@ pub struct SweepScope<'a, G> {
     pub far_field: &'a FarField,
     /// For cancelling, and for the memory limit.
     pub job: &'a Job,
+    /// What it takes.
+    pub counters: &'a Counters,
 }
 
 impl Sweep {
@@ -80,7 +87,7 @@ impl Sweep {
     pub fn made_beforehand(volume: &Volume, depth_of: impl Fn([usize; 3], f32) -> f32) -> Self {
         let grid = &volume.sigma_t;
         let level_of = BrickTable::new(grid, |b| {
-            Some(Self::level(depth_of(b, grid.brick(b)?.max))? as u8)
+            Some(Self::level(depth_of(b, grid.brick(b)?.max), 0)? as u8)
         });
         Self {
             levels: SweptLevels::default(),
@@ -96,12 +103,13 @@ impl Sweep {
     /// If cancelled, or if that takes more than the memory limit by itself.
     pub fn new<G: GatherInMedia>(
         scope: &SweepScope<G>,
+        least: &LeastSpacing,
         depth_of: impl Fn([usize; 3], f32) -> f32,
     ) -> Result<Self> {
         let grid = &scope.volume.sigma_t;
         let mut needed: [Vec<[usize; 3]>; SWEPT_LEVELS] = Default::default();
         let level_of = BrickTable::new(grid, |b| {
-            let level = Self::level(depth_of(b, grid.brick(b)?.max))?;
+            let level = Self::level(depth_of(b, grid.brick(b)?.max), least.of(b))?;
             scope.may_see(b).then(|| {
                 needed[level].push(b);
                 level as u8
@@ -141,10 +149,11 @@ impl Sweep {
     }
 
     /// Log2 of the voxels between the vertices of a brick whose densest voxel has this optical
-    /// depth; `None` if it is too deep.
-    fn level(depth: f32) -> Option<usize> {
+    /// depth, and whose vertices are to be so far apart at least; `None` if it is too deep.
+    fn level(depth: f32, least: usize) -> Option<usize> {
         let fits = |&l: &usize| depth * (1 << l) as f32 <= Self::MAX_SWEPT_DEPTH;
-        (0..SWEPT_LEVELS).rev().find(fits)
+        let near = (0..NEAR_LEVELS).rev().find(fits);
+        near.max((least > 0).then_some(least))
     }
 
     /// The level of the brick around a point of index space; `None` if it was not swept.
@@ -197,6 +206,7 @@ impl LevelSweep {
         media: &MediaBox,
     ) -> Result<SparseValues<Option<Rgb>>> {
         let vertices: Vec<[usize; 3]> = set.vertices().collect();
+        counts::add(&scope.counters.swept, vertices.len() as u64);
         let to_index = |v: [usize; 3]| Vec3::from(v.map(|c| (c * step) as f32));
         let surroundings: Vec<Option<Surroundings>> = vertices
             .par_iter()

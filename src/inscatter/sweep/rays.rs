@@ -3,6 +3,7 @@
 use super::rows::{Arriving, RayRows};
 use super::{MediaBox, SweepScope};
 use crate::Result;
+use crate::inscatter::counts;
 use crate::inscatter::gatherer::GatherInMedia;
 use crate::inscatter::sparse::SparseLattice;
 use crate::math::exp::exp_neg_and_rest;
@@ -99,7 +100,9 @@ impl<'a, G: GatherInMedia> SweepRays<'a, G> {
 
         let mut light = self.light_of_other_media(origin);
         let mut next = 0;
+        let mut passed = 0;
         let mut add = |mut s: Segment| {
+            passed += 1;
             let mut next_at = stop_at(next);
             while next < stops.len() {
                 let cut = cuts.last().is_some_and(|&c| c <= next_at);
@@ -139,6 +142,7 @@ impl<'a, G: GatherInMedia> SweepRays<'a, G> {
             tau: 0.0,
             source: Rgb::BLACK,
         });
+        counts::add(&self.scope.counters.lvoxels, passed);
     }
 
     /// What a ray brings with it from media around this volume, to where it enters its box.

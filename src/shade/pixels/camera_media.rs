@@ -1,14 +1,12 @@
 //! What is between a camera and what it sees, as a type: the pixels of a scene without media are
 //! shaded by code that has no work for them, and a frame chooses once.
 
-use crate::inscatter::{GatherInMedia, InScatter, RayMemo};
+use crate::inscatter::{GatherInMedia, InScatter};
 use crate::light::{SceneMedia, Shadows, Vacuum};
-use crate::math::exp::exp_neg;
 use crate::math::segment::Composite;
 use crate::math::{Ray, Rgb};
 use crate::view::View;
 use glam::Vec3;
-use std::cell::RefCell;
 
 /// What camera rays and shadow rays pass.
 pub trait CameraMedia: Sync {
@@ -85,27 +83,7 @@ impl<'a> CameraMedia for ScatteringMedia<'a> {
 
 impl<G: GatherInMedia> March for InScatter<'_, G> {
     fn march(&self, view: &View, direction: Vec3, t_max: f32) -> Composite {
-        let mut passed = Composite::default();
-        let (tracer, origin) = (view.tracer, view.camera.origin());
-        let memo = RefCell::new(RayMemo::default());
-        tracer.march(
-            &Ray::new(origin, direction, t_max),
-            |volume, stretch, _| {
-                let at = |t| origin + direction * t;
-                let ends = [at(stretch.near), at(stretch.far)];
-                self.source(volume, ends, stretch.tau, &mut memo.borrow_mut())
-            },
-            |s| {
-                passed.medium(s.tau, s.source);
-                !passed.is_opaque()
-            },
-        );
-        if passed.is_opaque() {
-            // What the march left out still hides what is behind, however bright that is.
-            passed.transmittance =
-                exp_neg(tracer.optical_depth(&Ray::new(origin, direction, t_max)));
-        }
-        passed
+        self.march(&Ray::new(view.camera.origin(), direction, t_max))
     }
 }
 

@@ -1,0 +1,173 @@
+//! The way of a camera ray through media: how much of what is behind comes through, and what they
+//! add.
+
+use super::counts;
+use super::gatherer::GatherInMedia;
+use super::source::{InScatter, RayMemo};
+use crate::math::segment::{Composite, Segment};
+use crate::math::{Ray, Rgb};
+use crate::trace::{Cells, RayInVolume};
+use std::cell::{Cell, RefCell};
+
+/// Cells in a row that are lit as one.
+#[derive(Clone, Copy, Debug)]
+struct Stretch {
+    near: f32,
+    far: f32,
+    tau: f32,
+    /// Optical depth times the middle of each cell.
+    moment: f32,
+    cells: u32,
+}
+
+/// A camera ray on its way.
+struct CameraRay<'a, 'b, G> {
+    light: &'a InScatter<'b, G>,
+    ray: &'a Ray,
+    passed: Composite,
+    memo: RayMemo,
+    /// What the last lit part of the ray sends.
+    source: Rgb,
+    /// Parts that were lit.
+    lit: u64,
+}
+
+/// Transmittance below which what follows counts as bright as what was last seen: it sends no more
+/// than this share of its radiance.
+const OPAQUE: f32 = 1e-3;
+/// Optical depth of cells that are lit as one, at most, where all of it is seen; what is seen by a
+/// share may be deeper.
+const STRETCH_DEPTH: f32 = 0.2;
+/// The most that is lit as one.
+const MAX_STRETCH_DEPTH: f32 = 0.7;
+
+impl<G: GatherInMedia> InScatter<'_, G> {
+    /// Passes a ray from the camera.
+    pub fn march(&self, ray: &Ray) -> Composite {
+        let volumes = &self.view.tracer.scene.volumes;
+        match &volumes[..] {
+            [volume] => {
+                let Some(cells) = Cells::new(volume, ray) else {
+                    return Composite::default();
+                };
+                self.march_one(ray, cells)
+            }
+            _ => self.march_all(ray),
+        }
+    }
+
+    /// Passes a single volume.
+    fn march_one(&self, ray: &Ray, cells: Cells) -> Composite {
+        let mut camera_ray = CameraRay {
+            light: self,
+            ray,
+            passed: Composite::default(),
+            memo: RayMemo::default(),
+            source: Rgb::BLACK,
+            lit: 0,
+        };
+        let mut open: Option<Stretch> = None;
+        let mut most = 0.0;
+        cells.each(|cell| {
+            if camera_ray.passed.transmittance < OPAQUE {
+                camera_ray.passed.medium(cell.tau, camera_ray.source);
+                return camera_ray.passed.transmittance > Composite::NOTHING;
+            }
+            if cell.tau > STRETCH_DEPTH {
+                if let Some(stretch) = open.take() {
+                    camera_ray.add_stretch(stretch);
+                }
+                cell.pieces().for_each(|piece| camera_ray.add_piece(piece));
+                return true;
+            }
+            if let Some(stretch) = open.as_mut() {
+                let depth = STRETCH_DEPTH / camera_ray.passed.transmittance;
+                let fits = stretch.tau + cell.tau <= depth.min(MAX_STRETCH_DEPTH)
+                    && cell.far - stretch.near <= most;
+                if fits {
+                    stretch.add(cell);
+                    return true;
+                }
+                camera_ray.add_stretch(*stretch);
+            }
+            most = self.least_spacing(0, ray.at(0.5 * (cell.near + cell.far)));
+            let mut stretch = Stretch {
+                near: cell.near,
+                far: cell.near,
+                tau: 0.0,
+                moment: 0.0,
+                cells: 0,
+            };
+            stretch.add(cell);
+            open = Some(stretch);
+            true
+        });
+        if let Some(stretch) = open.take() {
+            camera_ray.add_stretch(stretch);
+        }
+        counts::add(&self.counters.segments, camera_ray.lit);
+        camera_ray.passed
+    }
+
+    /// Passes volumes that may overlap.
+    fn march_all(&self, ray: &Ray) -> Composite {
+        let mut passed = Composite::default();
+        let memo = RefCell::new(RayMemo::default());
+        // What the ray sees last, once that is all that it sees.
+        let last = Cell::new(None);
+        let lit = Cell::new(0);
+        self.view.tracer.march(
+            ray,
+            |volume, part, _| {
+                last.get().unwrap_or_else(|| {
+                    lit.set(lit.get() + 1);
+                    let ends = [ray.at(part.near), ray.at(part.far)];
+                    self.source(volume, ends, part.tau, &mut memo.borrow_mut())
+                })
+            },
+            |s: Segment| {
+                passed.medium(s.tau, s.source);
+                if passed.transmittance < OPAQUE && last.get().is_none() {
+                    last.set(Some(s.source));
+                }
+                passed.transmittance > Composite::NOTHING
+            },
+        );
+        counts::add(&self.counters.segments, lit.get());
+        passed
+    }
+}
+
+impl Stretch {
+    fn add(&mut self, cell: RayInVolume) {
+        self.far = cell.far;
+        self.tau += cell.tau;
+        self.cells += 1;
+        self.moment += cell.tau * (0.5 * (cell.near + cell.far));
+    }
+}
+
+impl<G: GatherInMedia> CameraRay<'_, '_, G> {
+    /// A part of a cell.
+    fn add_piece(&mut self, piece: RayInVolume) {
+        let ends = [self.ray.at(piece.near), self.ray.at(piece.far)];
+        self.add(ends, piece.tau);
+    }
+
+    /// Cells in a row, lit around the middle of what they hold.
+    fn add_stretch(&mut self, s: Stretch) {
+        let shift = if s.cells > 1 && s.tau > 0.0 {
+            s.moment / s.tau - 0.5 * (s.near + s.far)
+        } else {
+            0.0
+        };
+        let ends = [self.ray.at(s.near + shift), self.ray.at(s.far + shift)];
+        self.add(ends, s.tau);
+    }
+
+    fn add(&mut self, ends: [glam::Vec3; 2], tau: f32) {
+        self.source = self.light.source(0, ends, tau, &mut self.memo);
+        self.passed.medium(tau, self.source);
+        self.lit += 1;
+    }
+}
