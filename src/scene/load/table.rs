@@ -39,6 +39,8 @@ pub(super) fn check_bytes(path: &Path) -> Result<()> {
 pub(super) struct Document<'a> {
     path: &'a Path,
     text: &'a str,
+    /// Where lines end, in bytes: every value asks for its line.
+    line_ends: Vec<usize>,
 }
 
 /// One table of a document. All its keys are known ones.
@@ -59,7 +61,14 @@ pub(super) struct Item<'a> {
 impl<'a> Document<'a> {
     /// Names the text for messages.
     pub(super) fn new(path: &'a Path, text: &'a str) -> Self {
-        Self { path, text }
+        let bytes = text.bytes().enumerate();
+        Self {
+            path,
+            text,
+            line_ends: bytes
+                .filter_map(|(i, b)| (b == b'\n').then_some(i))
+                .collect(),
+        }
     }
 
     /// Parses the text; hand the result to [`Document::root`].
@@ -125,8 +134,7 @@ impl<'a> Document<'a> {
     }
 
     fn line(&self, byte: usize) -> usize {
-        let before = &self.text.as_bytes()[..byte.min(self.text.len())];
-        1 + before.iter().filter(|&&b| b == b'\n').count()
+        1 + self.line_ends.partition_point(|&end| end < byte)
     }
 }
 
