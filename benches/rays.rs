@@ -179,9 +179,8 @@ fn one_by_one(
     })
 }
 
-/// CPU seconds of closest hits by the traversals of `obvhs`: over the hierarchy that lvox takes
-/// from it, two wide, and over its eight-wide one (CWBVH), both with the triangles in the order of
-/// their leaves.
+/// CPU seconds of closest hits by the traversals of `obvhs`: over its hierarchy of two children a
+/// node, and over that of eight (CWBVH), both with the triangles in the order of their leaves.
 fn obvhs(scene: &Scene, rays: &[(Vec3, Vec3)], passes: u32) -> [f64; 2] {
     let triangles: Vec<Triangle> = (0..scene.mesh.triangles.len())
         .map(|i| {

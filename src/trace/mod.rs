@@ -7,7 +7,6 @@
 //! | --- | --- |
 //! | `triangles` | the hierarchy over triangles, and the way of one ray or a packet through it |
 //! | `watertight` | the test of a ray against four triangles |
-//! | `two_wide` | the hierarchy of two children a node that the wide one is made of |
 //! | `surface` | the surface at a point of a triangle: normals, albedo, emission |
 //! | `pieces` | how densely surfels stand on the pieces of a scene |
 //! | `cells` | a ray through the cells of a volume, each with its exact optical depth |
@@ -18,7 +17,6 @@ mod pieces;
 mod stepped;
 mod surface;
 mod triangles;
-mod two_wide;
 mod watertight;
 
 pub use crate::math::Hit;

@@ -1,169 +1,266 @@
-//! The hierarchy over the triangles of a mesh, of the one that `obvhs` makes.
+//! The hierarchy over the triangles of a mesh, from the top down.
 
 use super::slab_ray::MAX_ENTRIES;
+use super::split::{Bounds, Group, Item, Plane};
 use super::{Child, Node, TriangleBvh, WIDTH};
 use crate::Result;
 use crate::run::Cancel;
 use crate::scene::Mesh;
-use crate::trace::two_wide::{two_wide, two_wide_until};
 use crate::trace::watertight::{Block, LANES};
-use glam::Vec3A;
-use obvhs::bvh2::Bvh2;
-use obvhs::triangle::Triangle;
-use smallvec::{SmallVec, smallvec};
+use arrayvec::ArrayVec;
+use rayon::prelude::*;
 use std::convert::Infallible;
-use std::ops::Range;
 use wide::f32x8;
 
-/// Levels of nodes that follow the hierarchy of two children a node. What is below them, as in a
-/// long chain of triangles each of which is half as large as the one before, gets one box.
-const LEVELS: usize = (MAX_ENTRIES - 1) / (WIDTH - 1) - LEVELS_IN_ONE_BOX;
-/// Levels of nodes over all the blocks that a mesh can have.
-const LEVELS_IN_ONE_BOX: usize = 8;
+/// Levels of nodes. Each leaves all but one child of a node to be visited later, which is what
+/// [`MAX_ENTRIES`] have room for.
+const LEVELS: usize = (MAX_ENTRIES - 1) / (WIDTH - 1);
+/// Levels that are parted by halves: enough for all the triangles that a mesh can have.
+const HALVED_LEVELS: usize = 8;
+/// Triangles of a leaf, at most.
+const MAX_LEAF: usize = Child::MAX_BLOCKS;
+/// What the way through a node costs for each of its children, in tests of a block.
+const CHILD_COST: f32 = 0.25;
+/// What the way through a node of its own costs.
+const NODE_COST: f32 = 1.0;
+/// Triangles up to which a part is built by one thread.
+const ONE_THREAD: usize = 1 << 14;
 
 impl TriangleBvh {
     /// Builds the hierarchy.
     #[must_use]
     pub fn new(mesh: &Mesh) -> Self {
-        let go_on = || Ok::<_, Infallible>(());
-        let Ok(bvh) = Self::over(mesh, |triangles| Ok(two_wide(&triangles)), go_on);
+        let Ok(bvh) = Self::over(mesh, || Ok::<_, Infallible>(()));
         bvh
     }
 
     /// Builds the hierarchy as [`TriangleBvh::new`] does, but stops on request.
     ///
     /// # Errors
-    /// If cancelled; a thread may be busy with what was begun until that is done. If no thread can
-    /// be had.
+    /// If cancelled.
     pub fn new_until(mesh: &Mesh, cancel: &Cancel) -> Result<Self> {
-        Self::over(mesh, |t| two_wide_until(t, cancel), || cancel.check())
+        Self::over(mesh, || cancel.check())
     }
 
-    /// The hierarchy of what is made of all triangles; `go_on` is asked at each node, and ends it
-    /// with its error.
-    fn over<E>(
-        mesh: &Mesh,
-        two_wide: impl FnOnce(Vec<Triangle>) -> Result<Bvh2, E>,
-        go_on: impl Fn() -> Result<(), E>,
-    ) -> Result<Self, E> {
-        let mut bvh = Self::default();
-        if mesh.triangles.is_empty() {
-            return Ok(bvh);
+    /// The hierarchy of all triangles, the same for any number of threads; `go_on` is asked at each
+    /// node, and ends it with its error.
+    fn over<E: Send>(mesh: &Mesh, go_on: impl Fn() -> Result<(), E> + Sync) -> Result<Self, E> {
+        let scale = scale_of(mesh);
+        let triangles = 0..mesh.triangles.len() as u32;
+        let items = triangles.into_par_iter();
+        let mut items: Vec<Item> = items.map(|t| Item::new(mesh, t, scale)).collect();
+        // The others are never met, and have no place.
+        items.retain(Item::is_finite);
+        if items.is_empty() {
+            return Ok(Self::default());
         }
-        bvh.scale = scale_of(mesh);
-        let triangles: Vec<Triangle> = (0..mesh.triangles.len())
-            .map(|i| {
-                let [v0, v1, v2] = mesh.corners(i).map(|p| Vec3A::from(p * bvh.scale));
-                Triangle { v0, v1, v2 }
-            })
-            .collect();
-        bvh.add(mesh, &two_wide(triangles)?, go_on)?;
-        Ok(bvh)
-    }
-
-    /// Takes over a hierarchy that is two wide.
-    ///
-    /// Each level leaves all but one child of a node to be visited later, which is what
-    /// [`MAX_ENTRIES`] have room for.
-    fn add<E>(
-        &mut self,
-        mesh: &Mesh,
-        bvh: &Bvh2,
-        go_on: impl Fn() -> Result<(), E>,
-    ) -> Result<(), E> {
-        let mut todo = vec![(0, 0, 1)];
-        self.nodes.push(Node::default());
-        while let Some((from, to, level)) = todo.pop() {
-            go_on()?;
-            let mut group: SmallVec<[usize; WIDTH]> = SmallVec::new();
-            group.push(from);
-            while group.len() < WIDTH {
-                let area = |i: usize| bvh.nodes[group[i]].aabb.half_area();
-                let largest = (0..group.len())
-                    .filter(|&i| !bvh.nodes[group[i]].is_leaf())
-                    .max_by(|&i, &j| area(i).total_cmp(&area(j)));
-                let Some(i) = largest else { break };
-                let first = bvh.nodes[group[i]].first_index as usize;
-                group[i] = first;
-                group.push(first + 1);
+        let mut nodes = Vec::new();
+        let all = Group::new(&items, 0);
+        let maker = Maker { mesh, go_on };
+        maker.add(&mut nodes, &mut items, all, 1)?;
+        let order: Vec<u32> = items.par_iter().map(Item::triangle).collect();
+        drop(items);
+        // The triangles of each block, the blocks of a leaf one after the other.
+        let mut blocks = Vec::new();
+        for child in nodes.iter_mut().flat_map(|node| &mut node.children) {
+            if child.is_leaf() {
+                // Of triangles until here.
+                let leaf = child.blocks();
+                let first = blocks.len();
+                let starts = leaf.clone().step_by(LANES);
+                blocks.extend(starts.map(|start| start..leaf.end.min(start + LANES)));
+                *child = Child::leaf(first, blocks.len() - first);
             }
-            let mut lower = [[f32::INFINITY; WIDTH]; 3];
-            let mut upper = [[f32::NEG_INFINITY; WIDTH]; 3];
-            for (slot, &id) in group.iter().enumerate() {
-                let child = &bvh.nodes[id];
-                let (min, max) = (child.aabb.min, child.aabb.max);
-                // As much as rounding can put a hit beside its triangle.
-                let margin = 1e-6 * (max - min).max_element()
-                    + 2.0 * f32::EPSILON * min.abs().max(max.abs()).max_element();
-                for a in 0..3 {
-                    lower[a][slot] = min[a] - margin;
-                    upper[a][slot] = max[a] + margin;
-                }
-                self.nodes[to].children[slot] = if child.is_leaf() || level == LEVELS {
-                    let first = self.blocks.len();
-                    for triangles in leaves(bvh, id) {
-                        let blocks = triangles.chunks(LANES);
-                        let blocks = blocks.map(|t| Block::new(mesh, t, self.scale));
-                        self.blocks.extend(blocks);
-                    }
-                    self.child_of(first..self.blocks.len(), (min - margin, max + margin))
+        }
+        (maker.go_on)()?;
+        let blocks = blocks.into_par_iter();
+        let blocks = blocks.map(|range| Block::new(mesh, &order[range], scale));
+        Ok(Self {
+            blocks: blocks.collect(),
+            nodes,
+            scale,
+        })
+    }
+}
+
+/// What makes the nodes. Their leaves have triangles in the place of blocks.
+struct Maker<'a, F> {
+    mesh: &'a Mesh,
+    go_on: F,
+}
+
+impl<E: Send, F: Fn() -> Result<(), E> + Sync> Maker<'_, F> {
+    /// Adds the node over a group, whose items these are, and all below it.
+    fn add(
+        &self,
+        nodes: &mut Vec<Node>,
+        items: &mut [Item],
+        group: Group,
+        level: usize,
+    ) -> Result<(), E> {
+        (self.go_on)()?;
+        let start = group.first;
+        let groups = self.children(items, group, level);
+        let to = nodes.len();
+        nodes.push(Node::around(&groups));
+        if items.len() <= ONE_THREAD {
+            for (slot, (group, is_leaf)) in groups.into_iter().enumerate() {
+                nodes[to].children[slot] = if is_leaf {
+                    Child::leaf(group.first, group.len())
                 } else {
-                    let index = self.nodes.len();
-                    self.nodes.push(Node::default());
-                    todo.push((id, index, level + 1));
-                    Child::node(index)
+                    let child = Child::node(nodes.len());
+                    let items = &mut items[group.first - start..group.end - start];
+                    self.add(nodes, items, group, level + 1)?;
+                    child
                 };
             }
-            let [x, y, z] = lower.map(f32x8::new);
-            let [u, v, w] = upper.map(f32x8::new);
-            self.nodes[to].planes = [x, y, z, u, v, w];
+            return Ok(());
+        }
+        let parts = parts(items, start, &groups);
+        let below = groups
+            .par_iter()
+            .zip(parts)
+            .map(|(&(group, is_leaf), items)| {
+                let mut nodes = Vec::new();
+                if !is_leaf {
+                    self.add(&mut nodes, items, group, level + 1)?;
+                }
+                Ok(nodes)
+            });
+        let below: Vec<Vec<Node>> = below.collect::<Result<_, E>>()?;
+        for (slot, ((group, is_leaf), below)) in groups.into_iter().zip(below).enumerate() {
+            let first = nodes.len();
+            nodes[to].children[slot] = if is_leaf {
+                Child::leaf(group.first, group.len())
+            } else {
+                Child::node(first)
+            };
+            nodes.extend(below.into_iter().map(|mut node| {
+                for child in &mut node.children {
+                    *child = child.behind(first);
+                }
+                node
+            }));
         }
         Ok(())
     }
 
-    /// Blocks that follow each other, in one box: a leaf, or a node over as many of them as it
-    /// takes.
-    fn child_of(&mut self, blocks: Range<usize>, bounds: (Vec3A, Vec3A)) -> Child {
-        if blocks.len() <= Child::MAX_BLOCKS {
-            return Child::leaf(blocks.start, blocks.len());
+    /// Parts a group into the children of its node, and tells which of them are leaves.
+    fn children(&self, items: &mut [Item], group: Group, level: usize) -> Children {
+        let start = group.first;
+        let halved = level > LEVELS - HALVED_LEVELS;
+        let is_small = |group: &Group| group.len() <= if halved { MAX_LEAF } else { LANES };
+        let mut groups = Children::new();
+        groups.push((group, is_small(&group)));
+        while !groups.is_full() {
+            let size = |(group, _): &(Group, bool)| match halved {
+                true => (0.0, group.len()),
+                false => (group.half_area(), group.len()),
+            };
+            let open = (0..groups.len()).filter(|&i| !groups[i].1);
+            let largest = open.max_by(|&i, &j| {
+                let (a, b) = (size(&groups[i]), size(&groups[j]));
+                a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))
+            });
+            let Some(i) = largest else { break };
+            let (mut group, _) = groups[i];
+            let items = &mut items[group.first - start..group.end - start];
+            let plane = if halved { None } else { group.plane(items) };
+            let parts = match plane {
+                _ if is_leaf(&group, plane.as_ref(), CHILD_COST) => None,
+                Some(plane) => Some(group.part(items, plane)),
+                None if group.is_distinct() => Some(group.halve(items)),
+                None => {
+                    group.drop_equals(self.mesh, items);
+                    groups[i] = (group, is_small(&group));
+                    continue;
+                }
+            };
+            match parts {
+                None => groups[i].1 = true,
+                Some(parts) => {
+                    let [left, right] = parts.map(|part| (part, is_small(&part)));
+                    groups[i] = left;
+                    groups.push(right);
+                }
+            }
         }
-        let (min, max) = bounds;
-        let [x, y, z] = min.to_array().map(f32x8::splat);
-        let [u, v, w] = max.to_array().map(f32x8::splat);
-        let index = self.nodes.len();
-        self.nodes.push(Node {
-            planes: [x, y, z, u, v, w],
-            ..Node::default()
-        });
-        for slot in 0..WIDTH {
-            let at = |slot: usize| blocks.start + blocks.len() * slot / WIDTH;
-            let child = self.child_of(at(slot)..at(slot + 1), bounds);
-            self.nodes[index].children[slot] = child;
+        for (group, leaf) in groups
+            .iter_mut()
+            .filter(|(group, leaf)| !leaf && group.len() <= MAX_LEAF)
+        {
+            let items = &items[group.first - start..group.end - start];
+            *leaf = is_leaf(group, group.plane(items).as_ref(), NODE_COST);
         }
-        Child::node(index)
+        groups
     }
 }
 
-/// The triangles of each leaf that is below a node, or is it.
-fn leaves(bvh: &Bvh2, node: usize) -> impl Iterator<Item = &[u32]> {
-    // Mostly it is one.
-    let mut todo: SmallVec<[usize; 16]> = smallvec![node];
-    std::iter::from_fn(move || {
-        loop {
-            let node = &bvh.nodes[todo.pop()?];
-            let first = node.first_index as usize;
-            if node.is_leaf() {
-                return Some(&bvh.primitive_indices[first..first + node.prim_count as usize]);
+/// Groups in the order of a node's children, and which of them are leaves.
+type Children = ArrayVec<(Group, bool), WIDTH>;
+
+/// Whether a leaf of a whole group costs a ray no more than the parts on both sides of a plane and
+/// what it takes to choose one of them, in tests of a block.
+fn is_leaf(group: &Group, plane: Option<&Plane>, choice: f32) -> bool {
+    group.len() <= MAX_LEAF
+        && plane.is_none_or(|plane| {
+            let blocks = group.len().div_ceil(LANES) as f32;
+            (blocks - choice) * group.half_area() <= plane.cost
+        })
+}
+
+/// The items of each group that is below a node, by the order of groups. Nothing of what is left
+/// out between them is in any.
+fn parts<'a>(
+    mut items: &'a mut [Item],
+    mut start: usize,
+    groups: &Children,
+) -> Vec<&'a mut [Item]> {
+    let mut order: ArrayVec<usize, WIDTH> = (0..groups.len()).collect();
+    order.sort_unstable_by_key(|&i| groups[i].0.first);
+    let mut parts: Vec<&mut [Item]> = groups.iter().map(|_| &mut [][..]).collect();
+    for i in order {
+        let (group, _) = groups[i];
+        let (_, rest) = items.split_at_mut(group.first - start);
+        let (part, rest) = rest.split_at_mut(group.len());
+        parts[i] = part;
+        (items, start) = (rest, group.end);
+    }
+    parts
+}
+
+impl Node {
+    /// A node over groups, without what they hold.
+    fn around(groups: &Children) -> Self {
+        let mut lower = [[f32::INFINITY; WIDTH]; 3];
+        let mut upper = [[f32::NEG_INFINITY; WIDTH]; 3];
+        for (slot, (group, _)) in groups.iter().enumerate() {
+            let Bounds { min, max } = group.bounds;
+            // As much as rounding can put a hit beside its triangle.
+            let margin = 1e-6 * (max - min).max_element()
+                + 2.0 * f32::EPSILON * min.abs().max(max.abs()).max_element();
+            for a in 0..3 {
+                lower[a][slot] = min[a] - margin;
+                upper[a][slot] = max[a] + margin;
             }
-            todo.extend([first + 1, first]);
         }
-    })
+        let [x, y, z] = lower.map(f32x8::new);
+        let [u, v, w] = upper.map(f32x8::new);
+        Self {
+            planes: [x, y, z, u, v, w],
+            ..Self::default()
+        }
+    }
 }
 
 /// The power of two that makes the largest coordinate of a mesh about 1.
 fn scale_of(mesh: &Mesh) -> f32 {
-    let corners = (0..mesh.triangles.len()).flat_map(|i| mesh.corners(i));
-    let largest = corners.fold(0.0_f32, |m, p| m.max(p.abs().max_element()));
+    let corners = mesh.triangles.par_iter().map(|t| {
+        let corners = t.map(|i| mesh.positions[i as usize].abs().max_element());
+        let finite = corners.into_iter().filter(|v| v.is_finite());
+        finite.fold(0.0, f32::max)
+    });
+    let largest = corners.reduce(|| 0.0, f32::max);
     let (_, exponent) = libm::frexpf(largest);
     libm::ldexpf(1.0, (-exponent).clamp(-120, 120))
 }
@@ -173,111 +270,193 @@ mod tests {
     use super::super::tests::{scan, sphere};
     use super::*;
     use crate::math::{Ray, sampling};
-    use crate::trace::two_wide::MANY;
     use glam::Vec3;
 
-    #[test]
-    fn a_large_mesh_can_be_stopped_and_is_built_the_same() {
-        let side = 300_u32;
-        let at = |i: u32| Vec3::new((i % side) as f32, (i / side) as f32, (i % 7) as f32 * 0.1);
-        let corner = |i: u32| i / (side - 1) * side + i % (side - 1);
-        let squares = (0..(side - 1) * (side - 1)).map(corner);
-        let mesh = Mesh {
-            positions: (0..side * side).map(at).collect(),
-            triangles: squares
-                .flat_map(|i| [[i, i + 1, i + side], [i + 1, i + side + 1, i + side]])
-                .collect(),
+    fn number(i: u64, of: u64) -> f32 {
+        sampling::unit(sampling::hash(&[i, of])) - 0.5
+    }
+
+    fn point(i: u64, of: u64) -> Vec3 {
+        Vec3::from([0, 1, 2].map(|a| number(i, 3 * of + a)))
+    }
+
+    fn mesh_of(triangles: impl IntoIterator<Item = [Vec3; 3]>) -> Mesh {
+        let positions: Vec<Vec3> = triangles.into_iter().flatten().collect();
+        let triangles = (0..positions.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
+        Mesh {
+            triangles: triangles.collect(),
+            positions,
             ..Mesh::default()
-        };
-        assert!(mesh.triangles.len() > MANY);
-        let cancel = Cancel::default();
-        let built = TriangleBvh::new_until(&mesh, &cancel).unwrap();
-        let plain = TriangleBvh::new(&mesh);
-        for i in 0..1000 {
-            let origin = Vec3::new(0.29 * i as f32, 150.3, 9.0);
-            let direction = Vec3::new(0.1, 0.2, -1.0).normalize();
-            let hit = built.closest(&Ray::endless(origin, direction));
-            assert_eq!(hit, plain.closest(&Ray::endless(origin, direction)));
         }
-        cancel.request();
-        let error = TriangleBvh::new_until(&mesh, &cancel).unwrap_err();
-        assert_eq!(error.kind(), crate::Kind::Cancelled);
+    }
+
+    /// Levels of the hierarchy.
+    fn levels(bvh: &TriangleBvh) -> usize {
+        fn below(bvh: &TriangleBvh, child: Child) -> usize {
+            if child.is_leaf() {
+                return 0;
+            }
+            let children = bvh.nodes[child.0 as usize].children;
+            let there = children.into_iter().filter(|c| c.0 != 0);
+            1 + there.map(|c| below(bvh, c)).max().unwrap_or(0)
+        }
+        below(bvh, Child::node(0))
+    }
+
+    /// Holds rays, alone and in packets, to a scan of all triangles, and returns how many met one.
+    fn met_as_by_a_scan(mesh: &Mesh, rays: u64) -> usize {
+        let bvh = TriangleBvh::new(mesh);
+        assert!(levels(&bvh) <= LEVELS);
+        let rays: Vec<_> = (0..rays)
+            .map(|i| {
+                let origin = 2.0 * sampling::sphere(sampling::r2(i, [0.3; 2]));
+                let toward = mesh.positions[sampling::hash(&[i]) as usize % mesh.positions.len()];
+                let toward = if toward.is_finite() {
+                    toward
+                } else {
+                    Vec3::ZERO
+                };
+                let direction = toward + 0.01 * point(i, 3) - origin;
+                Ray::endless(origin, direction.normalize())
+            })
+            .collect();
+        let mut hits = vec![None; rays.len()];
+        bvh.closest_of_packet(&rays, &mut hits);
+        for (ray, &hit) in rays.iter().zip(&hits) {
+            assert_eq!(hit.map(|h| h.t), scan(mesh, ray.origin, ray.direction));
+            assert_eq!(hit, bvh.closest(ray));
+            assert_eq!(hit.is_some(), bvh.is_occluded(ray));
+        }
+        hits.iter().flatten().count()
     }
 
     #[test]
-    fn a_leaf_of_any_number_of_triangles_is_met_in_all() {
-        let mesh = sphere(12, 20);
-        let count = mesh.triangles.len() as u32;
-        for copies in [1, 3] {
-            let bounds = obvhs::aabb::Aabb {
-                min: Vec3A::NEG_ONE,
-                max: Vec3A::ONE,
-            };
-            let mut mesh = mesh.clone();
-            mesh.triangles = mesh.triangles.repeat(copies);
-            // One leaf of all.
-            let mut two_wide = two_wide(&[Triangle::default()]);
-            two_wide.nodes[0].aabb = bounds;
-            two_wide.nodes[0].prim_count = count * copies as u32;
-            two_wide.primitive_indices = (0..count * copies as u32).collect();
-            let mut bvh = TriangleBvh {
-                scale: 1.0,
-                ..TriangleBvh::default()
-            };
-            let Ok(()) = bvh.add(&mesh, &two_wide, || Ok::<_, Infallible>(()));
-            assert!(bvh.blocks.len() > 4 * Child::MAX_BLOCKS);
-            for i in 0..500 {
-                let o = 2.0 * sampling::sphere(sampling::r2(i, [0.3; 2]));
-                let d = sampling::sphere(sampling::r2(i, [0.7; 2]));
-                let hit = bvh.closest(&Ray::endless(o, d));
-                assert_eq!(hit.map(|h| h.t), scan(&mesh, o, d));
-                assert!(
-                    hit.is_none_or(|h| h.triangle < count),
-                    "the first of equals"
-                );
+    fn any_triangles_are_met_as_by_a_scan() {
+        for count in [1, 3, 5, 17, 100, 3000] {
+            for size in [1e-3, 0.1, 1.0] {
+                let mesh = mesh_of((0..count).map(|i| {
+                    let corner = |k| point(i, 0) + size * point(i, k);
+                    [corner(1), corner(2), corner(3)]
+                }));
+                let met = met_as_by_a_scan(&mesh, 300);
+                assert!(met > 0 || size * (count as f32) < 10.0);
             }
         }
     }
 
     #[test]
-    fn a_chain_of_any_depth_is_met_in_all() {
-        let mesh = sphere(12, 20);
+    fn slivers_rows_and_chains_are_met_as_by_a_scan() {
+        let slivers = mesh_of((0..2000).map(|i| {
+            let (a, b) = (point(i, 0), point(i, 1));
+            [a, b, b + 1e-5 * point(i, 2)]
+        }));
+        met_as_by_a_scan(&slivers, 300);
+        // All middles on a line, along an axis and not.
+        for way in [Vec3::X, Vec3::new(0.3, 0.5, -0.4)] {
+            let row = mesh_of((0..2000).map(|i| {
+                let [a, b] = [0, 1].map(|k| 0.02 * point(i, k));
+                let at = way * number(i, 9);
+                [at + a, at + b, at - a - b]
+            }));
+            assert!(met_as_by_a_scan(&row, 300) > 10);
+        }
+        // Each half as large as the one before, to the end of what numbers can tell.
+        let chain = mesh_of((0..140).flat_map(|i| {
+            let size = libm::ldexpf(1.0, -i);
+            let corner = |k| size * (Vec3::ONE + point(i as u64, k));
+            [
+                [corner(1), corner(2), corner(3)],
+                [corner(4), corner(5), corner(6)],
+            ]
+        }));
+        assert!(met_as_by_a_scan(&chain, 300) > 10);
+        // All around one point.
+        let nested = mesh_of((0..2000).map(|i| {
+            let [a, b] = [0, 1].map(|k| number(i, 7) * point(0, k));
+            [a, b, -a - b]
+        }));
+        assert!(met_as_by_a_scan(&nested, 300) > 10);
+    }
+
+    #[test]
+    fn equal_triangles_take_one_place_and_the_first_is_met() {
+        let mut mesh = sphere(12, 20);
+        let count = mesh.triangles.len();
+        // In two orders of corners, of which each is kept once.
+        let [a, b, c] = mesh.triangles[7];
+        for _ in 0..50_000 {
+            mesh.triangles.extend([[a, b, c], [b, c, a]]);
+        }
+        let bvh = TriangleBvh::new(&mesh);
+        assert!(bvh.blocks.len() <= count, "{} blocks", bvh.blocks.len());
+        let middle = mesh.corners(7).iter().sum::<Vec3>() / 3.0;
+        let hit = bvh.closest(&Ray::endless(2.0 * middle, -middle.normalize()));
+        assert_eq!(hit.map(|h| h.triangle), Some(7));
+        met_as_by_a_scan(&mesh, 20);
+    }
+
+    #[test]
+    fn triangles_that_are_not_finite_are_never_met_and_harm_no_others() {
+        let mut mesh = sphere(12, 20);
         let count = mesh.triangles.len() as u32;
-        assert!(count as usize > (WIDTH - 1) * LEVELS + WIDTH * Child::MAX_BLOCKS);
-        // A node with a leaf of one triangle and a node with the rest, and so on.
-        let node = |prim_count, first_index| {
-            let mut node = two_wide(&[Triangle::default()]).nodes[0];
-            node.aabb.min = Vec3A::NEG_ONE;
-            node.aabb.max = Vec3A::ONE;
-            (node.prim_count, node.first_index) = (prim_count, first_index);
-            node
-        };
-        let mut chain = two_wide(&[Triangle::default()]);
-        chain.primitive_indices = (0..count).collect();
-        chain.nodes = vec![node(0, 1)];
-        for triangle in 0..count - 1 {
-            chain.nodes.push(node(1, triangle));
-            chain.nodes.push(node(0, 2 * triangle + 3));
+        let first = mesh.positions.len() as u32;
+        let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -f32::NAN];
+        for (i, bad) in (0..).zip(bad) {
+            mesh.positions.push(Vec3::new(0.0, bad, 0.0));
+            mesh.triangles.insert(40 * i, [first + i as u32, 0, 5]);
         }
-        let last = chain.nodes.len() - 1;
-        chain.nodes[last] = node(1, count - 1);
-        let mut bvh = TriangleBvh {
-            scale: 1.0,
-            ..TriangleBvh::default()
-        };
-        let Ok(()) = bvh.add(&mesh, &chain, || Ok::<_, Infallible>(()));
-        let rays: Vec<_> = (0..500)
-            .map(|i| {
-                let o = 2.0 * sampling::sphere(sampling::r2(i, [0.3; 2]));
-                Ray::endless(o, sampling::sphere(sampling::r2(i, [0.7; 2])))
-            })
-            .collect();
-        let mut hits = vec![None; rays.len()];
-        bvh.closest_of_packet(&rays, &mut hits);
-        for (ray, hit) in rays.iter().zip(hits) {
-            let expected = scan(&mesh, ray.origin, ray.direction);
-            assert_eq!(hit.map(|h| h.t), expected);
-            assert_eq!(hit, bvh.closest(ray));
+        let bvh = TriangleBvh::new(&mesh);
+        assert_eq!(bvh.scale, TriangleBvh::new(&sphere(12, 20)).scale);
+        let planes = bvh.nodes.iter().flat_map(|node| node.planes);
+        assert!(!planes.flat_map(f32x8::to_array).any(f32::is_nan));
+        let lanes = bvh.blocks.iter().flat_map(|block| block.triangles);
+        assert_eq!(lanes.filter(|&t| t != u32::MAX).count() as u32, count);
+        for i in 0..500 {
+            let direction = sampling::sphere(sampling::r2(i, [0.3; 2]));
+            let ray = Ray::endless(Vec3::new(0.1, 0.03, -0.2), direction);
+            assert!(bvh.closest(&ray).is_some());
         }
+        let nothing = Mesh {
+            triangles: vec![[first, 0, 5]],
+            ..mesh
+        };
+        let bvh = TriangleBvh::new(&nothing);
+        assert!(bvh.closest(&Ray::endless(Vec3::ZERO, Vec3::Z)).is_none());
+    }
+
+    /// A height field of 2 x 299 x 299 triangles.
+    fn field() -> Mesh {
+        let side = 300_u32;
+        let at = |i: u32| Vec3::new((i % side) as f32, (i / side) as f32, (i % 7) as f32 * 0.1);
+        let corner = |i: u32| i / (side - 1) * side + i % (side - 1);
+        let squares = (0..(side - 1) * (side - 1)).map(corner);
+        Mesh {
+            positions: (0..side * side).map(at).collect(),
+            triangles: squares
+                .flat_map(|i| [[i, i + 1, i + side], [i + 1, i + side + 1, i + side]])
+                .collect(),
+            ..Mesh::default()
+        }
+    }
+
+    #[test]
+    fn any_number_of_threads_builds_the_same() {
+        let mesh = field();
+        assert!(mesh.triangles.len() > 2 * ONE_THREAD);
+        let built = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+            let bvh = pool.build().unwrap().install(|| TriangleBvh::new(&mesh));
+            format!("{bvh:?}")
+        };
+        assert!(built(1) == built(5));
+    }
+
+    #[test]
+    fn a_build_stops_on_request() {
+        let cancel = Cancel::default();
+        TriangleBvh::new_until(&field(), &cancel).unwrap();
+        cancel.request();
+        let error = TriangleBvh::new_until(&field(), &cancel).unwrap_err();
+        assert_eq!(error.kind(), crate::Kind::Cancelled);
     }
 }

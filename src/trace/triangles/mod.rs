@@ -1,13 +1,15 @@
 //! Watertight ray casting (Woop, Benthin & Wald 2013): triangles four at a time, in a hierarchy
 //! eight wide.
 //!
-//! `obvhs` builds the hierarchy. Its own traversal is slower (`cargo bench --bench rays`), leaks at
-//! edges that triangles share, and passes over boxes that end less than 1e-4 units from the ray's
-//! origin.
+//! `build` makes the nodes from the top down, `split` finds where triangles part; `slab_ray` is the
+//! test of a ray against boxes, and `packet` the way of rays that go much the same way. The crate
+//! `obvhs` builds and walks hierarchies, too, but slower (`cargo bench --bench rays`), leaks at
+//! edges that triangles share, and takes a time that is quadratic in triangles at one place.
 
 mod build;
 mod packet;
 mod slab_ray;
+mod split;
 
 use super::watertight::{Block, LANES, ShearedRay};
 use crate::math::{Hit, Ray};
@@ -39,7 +41,7 @@ struct Node {
 }
 
 /// A node, or up to 16 blocks that follow each other.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Child(u32);
 
 impl Child {
@@ -49,6 +51,16 @@ impl Child {
 
     fn node(index: usize) -> Self {
         Self(index as u32)
+    }
+
+    /// The same child where so many nodes stand before those that it was counted among, of which the
+    /// first is nobody's child.
+    fn behind(self, nodes: usize) -> Self {
+        if self.is_leaf() || self == Self::default() {
+            self
+        } else {
+            Self(self.0 + nodes as u32)
+        }
     }
 
     /// A leaf of at least one block and at most [`Self::MAX_BLOCKS`]. There are no more blocks
