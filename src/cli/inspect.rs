@@ -3,6 +3,7 @@
 use super::files::{Files, check_writable};
 use super::options::Context;
 use super::output;
+use super::scene_input::Reading;
 use crate::formats::{FileKind, one_line};
 use crate::image::{ImageKind, exr};
 use crate::inspect::{describe, export_ply, points, samples, scattered, scene};
@@ -43,6 +44,9 @@ pub struct Args {
     /// Export the nodes of a tree so many steps below its root in place of surfels
     #[arg(long, value_name = "N", requires = "export")]
     level: Option<u32>,
+
+    #[command(flatten)]
+    reading: Reading,
 }
 
 /// Whether a file is a cloud, a tree or scattered light by its first bytes, whatever its name.
@@ -67,7 +71,7 @@ impl Args {
             return self.image();
         }
         if !is_ours(&self.file)
-            && let Some(scene) = scene(&self.file, &context.job)?
+            && let Some(scene) = scene(&self.file, &self.reading.settings(), &context.job)?
         {
             self.refuse_points("a scene file has")?;
             // They are in what is printed; but strict jobs fail on them.

@@ -51,10 +51,10 @@ pub fn say_times(job: &Job, last: &str, before: &[&str]) {
 /// Writes an error and its hint to stderr.
 pub fn print_error(error: &Error) {
     let message = error.to_string();
-    // What stands in backquotes in a message about a scene file is a key of it.
+    // What stands in backquotes in a message about a scene file is a key of it, mostly.
     let is_of_scene = message.contains(".toml:");
     let told = |text: &str| match is_of_scene {
-        true => text.to_owned(),
+        true => with_options_of(text, |setting| OF_READING.contains(&setting)),
         false => with_options(text),
     };
     let mut err = std::io::stderr().lock();
@@ -64,8 +64,15 @@ pub fn print_error(error: &Error) {
     }
 }
 
+/// Settings of how a scene is read, which are no keys of it.
+const OF_READING: [&str; 1] = ["texture_limit"];
+
 /// A message of the library with the options that set what it names in backquotes.
 pub fn with_options(message: &str) -> String {
+    with_options_of(message, |_| true)
+}
+
+fn with_options_of(message: &str, is_setting: impl Fn(&str) -> bool) -> String {
     let mut text = String::with_capacity(message.len());
     for (i, piece) in message.split('`').enumerate() {
         let option = match piece {
@@ -73,7 +80,7 @@ pub fn with_options(message: &str) -> String {
             _ => piece.replace('_', "-"),
         };
         let is_quoted = i % 2 == 1;
-        if is_quoted && super::has_option(&option) {
+        if is_quoted && is_setting(piece) && super::has_option(&option) {
             text += "--";
             text += &option;
         } else if is_quoted {

@@ -4,8 +4,26 @@ use super::files::Files;
 use super::options::Context;
 use super::parse;
 use crate::scene::Scene;
+use crate::scene::load::Settings;
 use crate::{Error, Result};
 use std::path::PathBuf;
+
+/// How a scene is read.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Reading {
+    /// Take at most so much memory for the texels of textures; a scene that needs more is refused
+    #[arg(long, value_name = "SIZE", default_value = "4G", value_parser = parse::size)]
+    texture_limit: u64,
+}
+
+impl Reading {
+    /// The settings that it stands for.
+    pub fn settings(&self) -> Settings {
+        Settings {
+            texture_limit: self.texture_limit,
+        }
+    }
+}
 
 /// A scene file, or the scene that is built in.
 #[derive(Debug, clap::Args)]
@@ -21,14 +39,18 @@ pub struct SceneInput {
     /// Make images of this size instead of the scene's film: pixels across and down
     #[arg(long, value_name = "WxH", value_parser = parse::resolution)]
     resolution: Option<(u32, u32)>,
+
+    #[command(flatten)]
+    reading: Reading,
 }
 
 impl SceneInput {
     /// A scene file, or else the built-in scene.
-    pub fn new(scene: Option<PathBuf>, demo: bool) -> Self {
+    pub fn new(scene: Option<PathBuf>, demo: bool, reading: Reading) -> Self {
         Self {
             scene,
             demo,
+            reading,
             resolution: None,
         }
     }
@@ -49,7 +71,7 @@ impl SceneInput {
         let job = &context.job;
         job.report.stage("load", |counts| {
             let mut scene = match &self.scene {
-                Some(path) => Scene::load_with(path, job)?,
+                Some(path) => Scene::load_with(path, &self.reading.settings(), job)?,
                 None if self.demo => Scene::demo()?,
                 None => {
                     return Err(

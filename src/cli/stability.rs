@@ -3,7 +3,7 @@
 use super::files::Files;
 use super::options::Context;
 use super::output;
-use super::scene_input::SceneInput;
+use super::scene_input::{Reading, SceneInput};
 use crate::lab::stability::{self, Effort};
 use crate::{Error, Result};
 use std::path::PathBuf;
@@ -18,6 +18,9 @@ pub struct Args {
     /// scene that is built in]
     #[arg(value_name = "SCENE")]
     scene: Option<PathBuf>,
+
+    #[command(flatten)]
+    reading: Reading,
 }
 
 impl Args {
@@ -29,7 +32,7 @@ impl Args {
 
     pub fn run(self, context: &Context) -> Result<()> {
         let is_built_in = self.scene.is_none();
-        let scene = SceneInput::new(self.scene, is_built_in).load(context)?;
+        let scene = SceneInput::new(self.scene, is_built_in, self.reading).load(context)?;
         context.job.heed_warnings()?;
         let families = stability::run(&scene, Effort::Full, &context.job)?;
         output::print(&stability::markdown(&families))?;

@@ -3,7 +3,7 @@
 use super::files::Files;
 use super::options::{Context, Memory, Seed, Temporary};
 use super::parse;
-use super::scene_input::SceneInput;
+use super::scene_input::{Reading, SceneInput};
 use crate::lab::study::{self, Settings};
 use crate::shade::Quality;
 use crate::{Result, shade};
@@ -26,6 +26,9 @@ pub struct Args {
     /// Use the scene that is built in: coloured walls, a torus, smoke
     #[arg(long, conflicts_with = "scene")]
     demo: bool,
+
+    #[command(flatten)]
+    reading: Reading,
 
     /// Write everything into this folder
     #[arg(short, long, value_name = "DIR")]
@@ -133,7 +136,7 @@ impl Args {
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
-        let scene = SceneInput::new(self.scene, self.demo);
+        let scene = SceneInput::new(self.scene, self.demo, self.reading);
         let preset = if self.quick {
             Settings::quick()
         } else {

@@ -3,7 +3,7 @@
 use super::text::{Table, bytes, count};
 use crate::Result;
 use crate::run::{Job, hex, one_line};
-use crate::scene::load::{Contents, ContentsKind, GridValues, contents, has_contents};
+use crate::scene::load::{Contents, ContentsKind, GridValues, Settings, contents, has_contents};
 use crate::scene::{Camera, Light, Mesh, Scene, Texture, Volume};
 use glam::{DVec3, Vec3};
 use std::fmt;
@@ -110,7 +110,9 @@ pub struct TextureDescription {
     pub height: u32,
     /// Bits of each channel in memory.
     pub bits: u32,
-    /// Bytes of memory.
+    /// Index of the texture before it whose texels it has, if there is one.
+    pub shared_with: Option<u32>,
+    /// Bytes of memory; 0 if they are those of another texture.
     pub memory_bytes: u64,
 }
 
@@ -197,13 +199,13 @@ pub struct ValueHistogram {
     pub counts: Vec<u64>,
 }
 
-/// Reads a scene, mesh or volume file as rendering does, and describes it; `None` if the name of
+/// Reads a scene, mesh or volume file as rendering does by these settings, and describes it; `None` if the name of
 /// the file is that of another kind. Warnings are in it; those before an error go to the job's
 /// progress.
 ///
 /// # Errors
 /// As [`Scene::load`]: a file that could not be rendered.
-pub fn scene(path: &Path, job: &Job) -> Result<Option<SceneDescription>> {
+pub fn scene(path: &Path, settings: &Settings, job: &Job) -> Result<Option<SceneDescription>> {
     if !has_contents(path) {
         return Ok(None);
     }
@@ -211,10 +213,10 @@ pub fn scene(path: &Path, job: &Job) -> Result<Option<SceneDescription>> {
         kind,
         scene,
         values,
-    } = contents(path, job)?;
+    } = contents(path, settings, job)?;
     let origin = scene.world_from_scene;
     let is_whole = kind == ContentsKind::Scene;
-    let textures: Vec<_> = scene.textures.iter().map(texture).collect();
+    let textures = textures(&scene.textures);
     let mesh = mesh(&scene.mesh, origin);
     let volumes = scene.volumes.iter().zip(values);
     let volumes: Vec<_> = volumes
@@ -308,13 +310,20 @@ fn materials(scene: &Scene) -> Vec<MaterialDescription> {
     found
 }
 
-fn texture(texture: &Texture) -> TextureDescription {
-    TextureDescription {
-        width: texture.width,
-        height: texture.height,
-        bits: texture.bits(),
-        memory_bytes: texture.bytes(),
-    }
+fn textures(textures: &[Texture]) -> Vec<TextureDescription> {
+    let describe = |(i, t): (usize, &Texture)| {
+        let first = textures[..i]
+            .iter()
+            .position(|other| t.shares_texels(other));
+        TextureDescription {
+            width: t.width,
+            height: t.height,
+            bits: t.bits(),
+            shared_with: first.map(|i| i as u32),
+            memory_bytes: if first.is_some() { 0 } else { t.bytes() },
+        }
+    };
+    textures.iter().enumerate().map(describe).collect()
 }
 
 fn light(light: &Light, origin: DVec3) -> LightDescription {
@@ -504,7 +513,10 @@ impl SceneDescription {
                 i.to_string(),
                 texels,
                 t.bits.to_string(),
-                count(t.memory_bytes),
+                match t.shared_with {
+                    Some(other) => format!("those of {other}"),
+                    None => count(t.memory_bytes),
+                },
             ]);
         }
         let mut lights = Table::new(&["light", "colour", "position", "direction"]);

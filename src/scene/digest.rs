@@ -78,6 +78,11 @@ impl Digest {
 
     fn bytes<const N: usize>(&mut self, values: impl ExactSizeIterator<Item = [u8; N]>) {
         self.count(values.len());
+        self.stream(values);
+    }
+
+    /// Values without their number.
+    fn stream<const N: usize>(&mut self, values: impl Iterator<Item = [u8; N]>) {
         // The hash is fast for long pieces only.
         let mut buffer = Vec::with_capacity(1 << 16);
         for value in values {
@@ -146,7 +151,8 @@ fn materials(scene: &Scene) -> Digest {
     let mesh = &scene.mesh;
     let mut digest = all(&scene.textures, |t: &Texture, digest| {
         digest.count(t.width as usize);
-        digest.triples(&t.texels);
+        digest.count(3 * t.texels().len());
+        digest.stream(t.texels().map(bytes12));
         if t.wrap != [Wrap::Repeat; 2] {
             digest.bytes(t.wrap.map(|w| [w as u8]).into_iter());
         }

@@ -2,7 +2,7 @@
 //!
 //! In come files, or what an application makes in memory; out comes a checked [`Scene`].
 //!
-//! - `camera`, `light`, `material`, `mesh`, `grid`, `volume`: what a scene consists of
+//! - `camera`, `light`, `material`, `texture`, `mesh`, `grid`, `volume`: what a scene consists of
 //! - `builder`: puts a scene together in world space and f64, and checks it as a whole
 //! - `load`: readers of scene, mesh, volume and texture files, which fill a builder
 //! - `digest`: what of a scene a bake depends on, as hashes
@@ -19,14 +19,16 @@ mod light;
 pub mod load;
 mod material;
 mod mesh;
+mod texture;
 mod volume;
 
 pub use builder::{CameraInput, LightInput, MeshInput, SceneBuilder, VolumeInput};
 pub use camera::{Camera, Film};
 pub use grid::Grid;
 pub use light::Light;
-pub use material::{Material, Texture, Wrap};
+pub use material::Material;
 pub use mesh::Mesh;
+pub use texture::{Texture, Wrap};
 pub use volume::Volume;
 
 use crate::math::{Aabb, Rgb};

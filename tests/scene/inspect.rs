@@ -85,7 +85,10 @@ fn a_scene_is_listed_as_it_would_be_rendered() {
         "/volumes/0/voxel_depth_max": 8.0, "/volumes/0/voxel_depth_mean": 9.0,
         "/volumes/0/histogram/from": -1000.0, "/volumes/0/histogram/to": 1000.0,
         "/volumes/0/histogram/counts": [1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 2, 0, 0, 1],
-        "/textures/0/width": 3, "/textures/0/height": 5,
+        "/textures/0/width": 3, "/textures/0/height": 5, "/textures/0/bits": 8,
+        "/textures/0/memory_bytes": 3 * 5 * 3 + 4 * 256, "/textures/0/shared_with": null,
+        // Of the same file.
+        "/textures/1/memory_bytes": 0, "/textures/1/shared_with": 0,
     });
     for (key, value) in expected.as_object().unwrap() {
         let pointer = if key.starts_with('/') {
@@ -124,6 +127,21 @@ fn a_scene_is_listed_as_it_would_be_rendered() {
             .map(memory)
             .sum::<u64>();
     assert_eq!(memory(&found), all);
+}
+
+#[test]
+fn textures_beyond_the_limit_are_refused() {
+    let folder = folder();
+    let limited = |limit: &str| {
+        let args = ["inspect", "scene.toml", "--texture-limit", limit];
+        lvox(folder.0.path(), &args)
+    };
+    let told = [
+        "a.png: a texture of 3 x 5 takes 45 B",
+        "raise --texture-limit",
+    ];
+    limited("44").refused(2, &told);
+    assert_eq!(limited("45").code, 0);
 }
 
 #[test]

@@ -5,7 +5,7 @@ use super::colors::ColorEncoding;
 use super::field::{Field, Scale};
 use super::files::{Files, extension};
 use super::values::GridValues;
-use super::{finish, nrrd, obj, ply, read_scene, vdb};
+use super::{Settings, finish, nrrd, obj, ply, read_scene, vdb};
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::scene::builder::{SceneBuilder, VolumeInput};
@@ -50,8 +50,8 @@ pub fn has_contents(path: &Path) -> bool {
 ///
 /// # Errors
 /// As [`Scene::load`], and if cancelled.
-pub fn contents(path: &Path, job: &Job) -> Result<Contents> {
-    let mut files = Files::until(&job.cancel);
+pub fn contents(path: &Path, settings: &Settings, job: &Job) -> Result<Contents> {
+    let mut files = Files::with(settings.clone(), &job.cancel);
     files.values = Some(Vec::new());
     let kind = match extension(path).as_str() {
         "obj" | "ply" => ContentsKind::Mesh,

@@ -5,6 +5,7 @@ use super::field::{Field, Scale};
 use super::files::{Files, beside, extension};
 use super::samples::Number;
 use super::table::{Document, Table};
+use super::texture::Decoding;
 use super::{builtin, gltf, normals, nrrd, obj, ply, raw, texture, transform, vdb};
 use crate::Result;
 use crate::run::Cancel;
@@ -358,7 +359,8 @@ fn surface(table: &Table<'_>, scene: &Path, mesh: &mut MeshInput, files: &mut Fi
         }
         let path = beside(scene, item.text()?);
         let content = files.read("texture", &path).map_err(|e| table.locate(e))?;
-        let image = texture::decode(&content, &path).map_err(|e| e.at(path.display()))?;
+        let image = texture::decode(&content, &path, Decoding::default(), files)?;
+        let image = image.map_err(|e| e.at(path.display()))?;
         mesh.textures = vec![image];
         for material in &mut mesh.materials {
             material.texture = Some(0);

@@ -1,5 +1,7 @@
 //! Reading the files of a scene: each is read once, in the order named, and joins the scene's hash.
 
+use super::Settings;
+use super::images::Images;
 use super::values::GridValues;
 use crate::run::{Cancel, one_line};
 use crate::{Error, Result};
@@ -22,12 +24,23 @@ pub(super) struct Files {
     pub(super) cancel: Cancel,
     /// Values of the volumes read so far, if anyone wants to know them.
     pub(super) values: Option<Vec<GridValues>>,
+    /// What they may be and take.
+    pub(super) settings: Settings,
+    /// Images among them.
+    pub(super) images: Images,
 }
 
 impl Files {
-    /// No files yet.
+    /// No files yet, with default settings.
+    #[cfg(test)]
     pub(super) fn until(cancel: &Cancel) -> Self {
+        Self::with(Settings::default(), cancel)
+    }
+
+    /// No files yet, of a scene that is read so.
+    pub(super) fn with(settings: Settings, cancel: &Cancel) -> Self {
         Self {
+            settings,
             cancel: cancel.clone(),
             ..Self::default()
         }

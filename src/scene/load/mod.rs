@@ -11,7 +11,8 @@
 // - `polygon`: cuts the faces of OBJ and PLY; `texture`: images; `normals`: shading normals at a
 //   crease angle
 // - `contents`: what a file holds, for those who ask; `values`: what the values of a volume are
-// - `files`: reads and hashes files and collects warnings; `left_out`: what to tell of them
+// - `files`: reads and hashes files and collects warnings; `images`: those that were decoded;
+//   `left_out`: what to tell of them
 
 mod builtin;
 mod colors;
@@ -20,6 +21,7 @@ mod description;
 mod field;
 mod files;
 mod gltf;
+mod images;
 mod left_out;
 mod mtl;
 mod normals;
@@ -46,6 +48,22 @@ use crate::{Error, Result};
 use files::Files;
 use std::path::Path;
 
+/// How a scene is read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Settings {
+    /// Most bytes that the texels of all textures may take; more is an error, before they are
+    /// decoded.
+    pub texture_limit: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            texture_limit: 4 << 30,
+        }
+    }
+}
+
 impl Scene {
     /// Reads and checks a scene: a `.toml` scene file, or a `.gltf` or `.glb` by itself. What the
     /// caller should know is in its `warnings`. [`load`](crate::scene::load) describes scene files.
@@ -54,22 +72,22 @@ impl Scene {
     /// Of kind [`crate::Kind::Input`] for anything wrong with the files; the message names the file
     /// and the line or element.
     pub fn load(path: &Path) -> Result<Self> {
-        Self::load_until(path, &Cancel::default())
+        Self::load_until(path, &Settings::default(), &Cancel::default())
     }
 
-    /// Reads and checks a scene as [`Scene::load`] does, but stops when the job is cancelled, and
-    /// hands warnings to the job's progress, too.
+    /// Reads and checks a scene as [`Scene::load`] does, but by these settings, stops when the job is
+    /// cancelled, and hands warnings to the job's progress, too.
     ///
     /// # Errors
     /// As [`Scene::load`], and if cancelled.
-    pub fn load_with(path: &Path, job: &Job) -> Result<Self> {
-        let scene = Self::load_until(path, &job.cancel)?;
+    pub fn load_with(path: &Path, settings: &Settings, job: &Job) -> Result<Self> {
+        let scene = Self::load_until(path, settings, &job.cancel)?;
         scene.warnings.iter().for_each(|w| job.progress.warn(w));
         Ok(scene)
     }
 
-    fn load_until(path: &Path, cancel: &Cancel) -> Result<Self> {
-        let mut files = Files::until(cancel);
+    fn load_until(path: &Path, settings: &Settings, cancel: &Cancel) -> Result<Self> {
+        let mut files = Files::with(settings.clone(), cancel);
         let builder = read_scene(path, &mut files)?;
         finish(builder, files).map_err(|e| e.at(path.display()))
     }
@@ -206,7 +224,8 @@ mod tests {
     fn a_scene_stops_as_everything_does() {
         let stopped = Cancel::default();
         stopped.request();
-        let error = Scene::load_until(Path::new("src/scene/load/demo.toml"), &stopped).unwrap_err();
+        let demo = Path::new("src/scene/load/demo.toml");
+        let error = Scene::load_until(demo, &Settings::default(), &stopped).unwrap_err();
         assert_eq!(error.to_string(), "stopped on request");
     }
 }

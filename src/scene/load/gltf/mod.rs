@@ -17,7 +17,7 @@ mod extensions;
 use super::colors::ColorEncoding;
 use super::files::Files;
 use super::left_out::LeftOut;
-use super::texture;
+use super::texture::{self, Decoding};
 use crate::run::memory;
 use crate::scene::builder::{
     CameraInput, DEFAULT_FILM, LightInput, MAX_EMISSION, MESH, MeshInput, SceneBuilder, is_singular,
@@ -447,16 +447,14 @@ impl Reader<'_> {
         let content = self
             .buffers
             .image(self.document, index, self.path, self.files);
-        match content.and_then(|content| texture::decode(&content, Path::new(""))) {
-            Ok(texture) => Ok(Some(texture)),
-            Err(e) if e.kind() == crate::Kind::Input => {
-                let what = "textures that cannot be read are left out";
-                self.left_out
-                    .note(what, format_args!("image {index} ({e})"));
-                Ok(None)
+        let image = match content {
+            Ok(content) => {
+                let name = self.path.join(format!("image {index}"));
+                texture::decode(&content, &name, Decoding::default(), self.files)?
             }
             Err(e) => Err(e),
-        }
+        };
+        texture::noted(image, format_args!("image {index}"), &mut self.left_out)
     }
 
     fn warn(&mut self, message: String) {
