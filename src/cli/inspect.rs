@@ -71,7 +71,7 @@ impl Args {
             return self.image();
         }
         if !is_ours(&self.file)
-            && let Some(scene) = scene(&self.file, &self.reading.settings(), &context.job)?
+            && let Some(mut scene) = scene(&self.file, &self.reading.settings(), &context.job)?
         {
             self.refuse_points("a scene file has")?;
             // They are in what is printed; but strict jobs fail on them.
@@ -84,6 +84,8 @@ impl Args {
             return if self.json {
                 output::print_json(&scene)
             } else {
+                let warnings = scene.warnings.iter_mut();
+                warnings.for_each(|w| *w = output::with_options(w));
                 output::print(&scene.to_string())
             };
         }

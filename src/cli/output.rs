@@ -65,7 +65,7 @@ pub fn print_error(error: &Error) {
 }
 
 /// Settings of how a scene is read, which are no keys of it.
-const OF_READING: [&str; 1] = ["texture_limit"];
+const OF_READING: [&str; 2] = ["allow_outside", "texture_limit"];
 
 /// A message of the library with the options that set what it names in backquotes.
 pub fn with_options(message: &str) -> String {

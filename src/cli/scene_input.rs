@@ -14,6 +14,11 @@ pub struct Reading {
     /// Take at most so much memory for the texels of textures; a scene that needs more is refused
     #[arg(long, value_name = "SIZE", default_value = "4G", value_parser = parse::size)]
     texture_limit: u64,
+
+    /// Let meshes, materials and volumes name files outside of the folders of the scene and of
+    /// their own; what the scene file itself names may be anywhere
+    #[arg(long)]
+    allow_outside: bool,
 }
 
 impl Reading {
@@ -21,6 +26,7 @@ impl Reading {
     pub fn settings(&self) -> Settings {
         Settings {
             texture_limit: self.texture_limit,
+            allow_outside: self.allow_outside,
         }
     }
 }

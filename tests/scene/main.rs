@@ -5,6 +5,7 @@ mod formats;
 mod inspect;
 mod made;
 mod messages;
+mod outside;
 #[path = "../support/mod.rs"]
 mod support;
 

@@ -53,6 +53,7 @@ pub fn has_contents(path: &Path) -> bool {
 pub fn contents(path: &Path, settings: &Settings, job: &Job) -> Result<Contents> {
     let mut files = Files::with(settings.clone(), &job.cancel);
     files.values = Some(Vec::new());
+    files.enter(path);
     let kind = match extension(path).as_str() {
         "obj" | "ply" => ContentsKind::Mesh,
         "vdb" | "nrrd" | "nhdr" => ContentsKind::Volume,

@@ -319,6 +319,7 @@ fn mesh_file(
             ))
             .hint("meshes are .obj, .ply, .gltf or .glb files"));
     }
+    files.enter(path);
     let content = files.read("mesh", path).map_err(|e| table.locate(e))?;
     let mesh = match kind.as_str() {
         "ply" => {
@@ -575,6 +576,7 @@ fn fields(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Resu
         }
     };
     let grid = table.get("grid").map(|i| i.text()).transpose()?;
+    files.enter(path);
     let content = files.read("volume", path).map_err(|e| table.locate(e))?;
     let one = |field| vec![field];
     let fields = match layout {

@@ -26,6 +26,9 @@ pub(super) struct Files {
     pub(super) values: Option<Vec<GridValues>>,
     /// What they may be and take.
     pub(super) settings: Settings,
+    /// Where files may lie that other files name: the folder of the scene, and that of the file
+    /// which the scene names.
+    folders: Vec<PathBuf>,
     /// Images among them.
     pub(super) images: Images,
 }
@@ -44,6 +47,66 @@ impl Files {
             cancel: cancel.clone(),
             ..Self::default()
         }
+    }
+
+    /// What is read from now on is named by this file: the scene, or one that the scene names.
+    pub(super) fn enter(&mut self, path: &Path) {
+        self.folders.truncate(1);
+        // One that is not there has no files that could be named.
+        self.folders.extend(fs::canonicalize(folder(path)));
+    }
+
+    /// Refuses what another file than the scene names outside of the folders of both, links
+    /// followed: who made a mesh does not choose which files of this machine are read.
+    fn check_inside(&self, what: &str, by: &Path, path: &Path) -> Result<()> {
+        if self.is_inside(by, path) {
+            return Ok(());
+        }
+        Err(Error::input(format!(
+            "{what} file {} lies outside of the folders of the scene and of the file that names it, which \
+             `allow_outside` would allow",
+            path.display()
+        )))
+    }
+
+    fn is_inside(&self, by: &Path, path: &Path) -> bool {
+        let by_itself = [PathBuf::from(folder(by))];
+        let folders = match self.folders.is_empty() {
+            true => &by_itself[..],
+            false => &self.folders,
+        };
+        let is_below = |path: &Path| {
+            let canonical = folders.iter().filter_map(|f| fs::canonicalize(f).ok());
+            canonical.into_iter().any(|f| path.starts_with(f))
+        };
+        // One that is not there is for its reader to tell.
+        self.settings.allow_outside || fs::canonicalize(path).map_or(true, |path| is_below(&path))
+    }
+
+    /// The file that `name`, as written in the file `by`, is meant to be, as far as can be told.
+    /// Names come with quotes, with a comment behind them, in the wrong letter case, and with
+    /// folders of another machine; then the file of that name beside `by` is taken.
+    ///
+    /// # Errors
+    /// If there is none but outside of where it may lie.
+    pub(super) fn find(&self, what: &str, by: &Path, name: &str) -> Result<Option<PathBuf>> {
+        if let Some(path) = find_where(by, name, &|path| self.is_inside(by, path)) {
+            return Ok(Some(path));
+        }
+        match find_where(by, name, &|_| true) {
+            Some(path) => self.check_inside(what, by, &path).map(|()| Some(path)),
+            None => Ok(None),
+        }
+    }
+
+    /// The whole content of the file that `name` is in the file `by`.
+    ///
+    /// # Errors
+    /// As [`Files::read`], and if it lies outside of where it may.
+    pub(super) fn read_beside(&mut self, what: &str, by: &Path, name: &str) -> Result<Vec<u8>> {
+        let path = beside(by, name);
+        self.check_inside(what, by, &path)?;
+        self.read(what, &path)
     }
 
     /// The whole content of a file; `what` it is for ("mesh", "texture", ...) is named when it
@@ -117,14 +180,20 @@ pub(super) fn beside(by: &Path, name: &str) -> PathBuf {
     by.parent().unwrap_or(Path::new("")).join(name)
 }
 
-/// The file that `name`, as written in the file `by`, is meant to be, as far as can be told. Names
-/// come with quotes, with a comment behind them, in the wrong letter case, and with folders of
-/// another machine; then the file of that name beside `by` is taken.
-pub(super) fn find(by: &Path, name: &str) -> Option<PathBuf> {
+/// The folder that a file is in.
+fn folder(path: &Path) -> &Path {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    }
+}
+
+/// As [`Files::find`], of the files that may be taken.
+fn find_where(by: &Path, name: &str, may_be: &dyn Fn(&Path) -> bool) -> Option<PathBuf> {
     let quotes = ['"', '\''];
     let uncommented = name.find(" #").map_or(name, |at| &name[..at]);
     let names = [name, uncommented].map(|n| n.trim().trim_matches(quotes).trim());
-    let is_there = |path: PathBuf| path.is_file().then_some(path);
+    let is_there = |path: PathBuf| (path.is_file() && may_be(&path)).then_some(path);
     let whole = is_there(beside(by, name.trim()));
     let whole = whole.or_else(|| names.iter().find_map(|n| is_there(beside(by, n))));
     whole.or_else(|| {
@@ -141,10 +210,7 @@ pub(super) fn find(by: &Path, name: &str) -> Option<PathBuf> {
 /// The path of a file whose name differs at most in letter case.
 fn in_any_case(path: &Path) -> Option<PathBuf> {
     let wanted = path.file_name()?.to_str()?.to_lowercase();
-    let folder = match path.parent()? {
-        folder if folder.as_os_str().is_empty() => Path::new("."),
-        folder => folder,
-    };
+    let folder = folder(path);
     let folder = match folder.is_dir() {
         true => folder.to_path_buf(),
         false => folder_in_any_case(folder)?,
@@ -222,6 +288,7 @@ mod tests {
             fs::write(dir.path().join(name), "").unwrap();
         }
         let by = dir.path().join("a.mtl");
+        let find = |name: &str| Files::default().find("texture", &by, name).unwrap();
         for (name, found) in [
             ("q.png", "q.png"),
             ("\"q.png\"", "q.png"),
@@ -231,12 +298,12 @@ mod tests {
             ("C:\\tex\\q.png", "q.png"),
             ("/home/me/Q.PNG", "q.png"),
         ] {
-            let path = find(&by, name);
+            let path = find(name);
             assert_eq!(path, Some(dir.path().join(found)), "{name}");
         }
-        assert_eq!(find(&by, "x.png"), None);
-        assert_eq!(find(&by, "Maps"), None);
-        assert_eq!(find(&by, ""), None);
+        for name in ["x.png", "Maps", ""] {
+            assert_eq!(find(name), None);
+        }
     }
 
     #[test]

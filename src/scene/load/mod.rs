@@ -54,12 +54,17 @@ pub struct Settings {
     /// Most bytes that the texels of all textures may take; more is an error, before they are
     /// decoded.
     pub texture_limit: u64,
+    /// Whether meshes, materials and volumes may name files outside of the folder of the scene and
+    /// of their own, links followed. What the scene file names may be anywhere. What may not be
+    /// read is taken as not there: a texture or materials with a warning, data with an error.
+    pub allow_outside: bool,
 }
 
 impl Default for Settings {
     fn default() -> Self {
         Self {
             texture_limit: 4 << 30,
+            allow_outside: false,
         }
     }
 }
@@ -107,6 +112,7 @@ impl Scene {
 
 /// Reads a scene file and all files that it names.
 fn read_scene(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
+    files.enter(path);
     match files::extension(path).as_str() {
         "toml" => {
             table::check_bytes(path)?;

@@ -349,8 +349,10 @@ fn color(text: &str) -> Result<[f32; 3]> {
     match numbers[..] {
         [grey] => Ok([grey; 3]),
         [r, g, b, ..] => Ok([r, g, b]),
+        // Not quoted: the file may be any that is named so.
         _ => Err(Error::input(format!(
-            "expected one or three numbers, found \"{text}\""
+            "expected a colour of one or three numbers, found {} numbers",
+            numbers.len()
         ))),
     }
 }
@@ -441,7 +443,7 @@ mod tests {
             &mut Files::default(),
         );
         let message = library.unwrap_err().to_string();
-        assert!(message.starts_with("line 2: expected one or three"));
+        assert!(message.starts_with("line 2: expected a colour of one or three"));
     }
 
     #[test]

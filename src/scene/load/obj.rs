@@ -6,7 +6,7 @@
 //! a warning. A corner without a normal takes that of its face.
 
 use super::colors::ColorEncoding;
-use super::files::{Files, beside, find, text_start};
+use super::files::{Files, beside, text_start};
 use super::left_out::LeftOut;
 use super::mtl::{self, UvMap};
 use super::numbers::number;
@@ -18,7 +18,7 @@ use crate::scene::builder::{DEFAULT_ALBEDO, MESH, MeshInput, extend_attribute, p
 use crate::{Error, Result};
 use glam::{DVec3, Vec2, Vec3};
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Words of a `mtllib` that may be one name with spaces in it.
 const NAME_WORDS: usize = 8;
@@ -217,8 +217,9 @@ impl Reader<'_> {
         let mut key = [None; 3];
         for (a, number) in text.split('/').enumerate() {
             let wrong = || {
+                let found = short(text);
                 Error::input(format!(
-                    "expected a corner such as 1, 1/2, 1//3 or 1/2/3, found \"{text}\""
+                    "expected a corner such as 1, 1/2, 1//3 or 1/2/3, found \"{found}\""
                 ))
             };
             let (name, count) = *lists.get(a).ok_or_else(wrong)?;
@@ -236,7 +237,8 @@ impl Reader<'_> {
                 self.note("references to `vt` and `vn` that are not there are left out");
             } else if key[a].is_none() {
                 return Err(Error::input(format!(
-                    "the corner {text} refers to `{name}` number {number}, but there are {count} so far"
+                    "the corner {} refers to `{name}` number {number}, but there are {count} so far",
+                    short(text)
                 )));
             }
         }
@@ -278,8 +280,10 @@ impl Reader<'_> {
 
     /// Reads the material files of a `mtllib`: one name with spaces in it, or several names.
     fn libraries(&mut self, names: &str) -> Result<()> {
-        if let Some(path) = find(self.path, names) {
-            return self.library(&path);
+        match self.find(names) {
+            Ok(Some(path)) => return self.library(&path),
+            Err(e) => return self.without_library(&e),
+            Ok(None) => {}
         }
         let names = names.split_once(" #").map_or(names, |(names, _)| names);
         let words: Vec<&str> = names.split_whitespace().collect();
@@ -287,24 +291,31 @@ impl Reader<'_> {
         while at < words.len() {
             let lengths = (1..=NAME_WORDS.min(words.len() - at)).rev();
             let found = lengths.filter_map(|n| {
-                let name = words[at..at + n].join(" ");
-                Some((n, find(self.path, &name)?))
+                let found = self.find(&words[at..at + n].join(" "));
+                Some((n, found.transpose()?))
             });
-            match { found }.next() {
-                Some((n, path)) => {
-                    self.library(&path)?;
-                    at += n;
-                }
-                None => {
-                    self.files.warn(format!(
-                        "{}: material file {} is not there; its materials are grey",
-                        self.path.display(),
-                        beside(self.path, words[at]).display()
-                    ));
-                    at += 1;
-                }
+            let (n, found) = { found }.next().unwrap_or_else(|| {
+                let path = beside(self.path, words[at]);
+                let reason = format!("material file {} is not there", path.display());
+                (1, Err(Error::input(reason)))
+            });
+            match found {
+                Ok(path) => self.library(&path)?,
+                Err(e) => self.without_library(&e)?,
             }
+            at += n;
         }
+        Ok(())
+    }
+
+    fn find(&self, name: &str) -> Result<Option<PathBuf>> {
+        self.files.find("material", self.path, name)
+    }
+
+    fn without_library(&mut self, reason: &Error) -> Result<()> {
+        let path = self.path.display();
+        self.files
+            .warn(format!("{path}: {reason}; its materials are grey"));
         Ok(())
     }
 
@@ -372,6 +383,11 @@ impl Reader<'_> {
     }
 }
 
+/// What of a word a message quotes.
+fn short(word: &str) -> String {
+    word.chars().take(40).collect()
+}
+
 /// Texture coordinates, which run downwards, under a map of those that run upwards.
 fn mapped(uv: Vec2, map: UvMap) -> Vec2 {
     match map == UvMap::IDENTITY {
@@ -390,7 +406,8 @@ fn numbers_of(rest: &str) -> &str {
 
 fn numbers(text: &str, count: std::ops::RangeInclusive<usize>) -> Result<Vec<f64>> {
     let parsed = text.split_whitespace().map(|word| {
-        number(word).ok_or_else(|| Error::input(format!("expected a number, found \"{word}\"")))
+        number(word)
+            .ok_or_else(|| Error::input(format!("expected a number, found \"{}\"", short(word))))
     });
     let numbers = parsed.collect::<Result<Vec<_>>>()?;
     if !count.contains(&numbers.len()) {

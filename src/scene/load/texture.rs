@@ -1,7 +1,7 @@
 //! Textures, decoded to codes of 8 or 16 bits: PNG, JPEG, TGA, BMP, TIFF, GIF and WebP.
 
 use super::colors::ColorEncoding;
-use super::files::{Files, find};
+use super::files::Files;
 use super::images::ImageKey;
 use super::left_out::LeftOut;
 use crate::scene::Texture;
@@ -57,10 +57,14 @@ pub(super) fn load(
     left_out: &mut LeftOut,
     files: &mut Files,
 ) -> Result<Option<Texture>> {
-    let Some(path) = find(by, name) else {
-        let what = "textures that are not there are left out";
-        left_out.note(what, format_args!("`{name}`"));
-        return Ok(None);
+    let path = match files.find("texture", by, name) {
+        Ok(Some(path)) => path,
+        Ok(None) => {
+            let what = "textures that are not there are left out";
+            left_out.note(what, format_args!("`{name}`"));
+            return Ok(None);
+        }
+        Err(e) => return noted(Err(e), format_args!("`{name}`"), left_out),
     };
     let read = files.read("texture", &path);
     let image = match read {

@@ -4,7 +4,7 @@
 //! Every access is checked against the bytes that are there; the crate's own readers trust the
 //! file.
 
-use super::super::files::{Files, beside};
+use super::super::files::Files;
 use crate::run::{Cancel, memory};
 use crate::scene::builder::MESH;
 use crate::{Error, Result};
@@ -233,7 +233,7 @@ fn read_uri(uri: &str, what: &str, path: &Path, files: &mut Files) -> Result<Vec
             "expected a file beside this one, found the URI {short}"
         )));
     }
-    files.read(what, &beside(path, &percent_decoded(uri)))
+    files.read_beside(what, path, &percent_decoded(uri))
 }
 
 fn percent_decoded(text: &str) -> String {

@@ -210,11 +210,11 @@ fn text(content: &[u8], count: usize, cancel: &Cancel) -> Result<Data> {
             ))
         })?;
         let value = std::str::from_utf8(word).ok().and_then(number);
+        // A file of data is any file: what it holds is not quoted.
         let value = value.ok_or_else(|| {
-            let found = String::from_utf8_lossy(&word[..word.len().min(40)]);
+            let length = word.len();
             Error::input(format!(
-                "expected a number, found \"{}\"",
-                found.escape_debug()
+                "number {i} of {count}: expected a number, found a word of {length} characters"
             ))
         })?;
         bytes.extend(value.to_le_bytes());
@@ -231,12 +231,9 @@ fn hex(content: &[u8], expected: usize, cancel: &Cancel) -> Result<Data> {
     let mut digits = content.iter().filter(|b| !b.is_ascii_whitespace());
     let mut bytes = memory::room("a volume", expected.min(content.len()))?;
     let digit = |b: &u8| {
-        char::from(*b).to_digit(16).ok_or_else(|| {
-            Error::input(format!(
-                "expected a hexadecimal digit, found \"{}\"",
-                char::from(*b).escape_debug()
-            ))
-        })
+        char::from(*b)
+            .to_digit(16)
+            .ok_or_else(|| Error::input("expected hexadecimal digits, found another character"))
     };
     while bytes.len() < expected {
         if bytes.len() & 0xffff == 0 {

@@ -41,10 +41,9 @@ pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<F
             let share = expected / names.len();
             let mut all = Data::default();
             for name in &names {
-                let data_path = beside(path, name);
-                let content = files.read("volume data", &data_path)?;
+                let content = files.read_beside("volume data", path, name)?;
                 let data = Data::of(&header, content, 0, share, number, &files.cancel);
-                all.append(data.map_err(|e| e.at(data_path.display()))?)?;
+                all.append(data.map_err(|e| e.at(beside(path, name).display()))?)?;
             }
             all
         }
@@ -84,9 +83,13 @@ impl Header {
         let mut lines = Lines { content, at };
         let magic = lines.next().unwrap_or_default();
         if !(magic.starts_with("NRRD000") && matches!(magic.as_bytes().get(7), Some(b'1'..=b'5'))) {
-            let found: String = magic.chars().take(20).collect();
+            // What is no such file is not quoted.
+            let found = match magic.starts_with("NRRD") {
+                true => format!("\"{}\"", magic.chars().take(8).collect::<String>()),
+                false => String::from("another kind of file"),
+            };
             return Err(Error::input(format!(
-                "expected NRRD0001 to NRRD0005 in the first line, found \"{found}\""
+                "expected NRRD0001 to NRRD0005 in the first line, found {found}"
             )));
         }
         let mut fields = HashMap::new();
