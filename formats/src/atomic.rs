@@ -1,5 +1,6 @@
 //! A file that appears under its name only when it is complete.
 
+use crate::emergency::Temporary;
 use crate::leftover::Naming;
 use crate::{FormatError, Result};
 use std::fs;
@@ -30,6 +31,8 @@ pub struct AtomicFile {
     /// The file that `path` leads to, links followed.
     target: PathBuf,
     temporary: NamedTempFile,
+    /// That it is removed also where the process ends at once.
+    _removal: Temporary,
     overwrite: Overwrite,
 }
 
@@ -131,11 +134,13 @@ fn open(path: &Path, overwrite: Overwrite) -> Result<AtomicFile> {
                 Ok(_) => io::Error::from(e.kind()),
             },
         })?;
+    let removal = Temporary::file(temporary.path());
     naming.sweep(folder, temporary.path());
     Ok(AtomicFile {
         path: path.to_path_buf(),
         target,
         temporary,
+        _removal: removal,
         overwrite,
     })
 }

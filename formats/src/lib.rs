@@ -36,8 +36,8 @@
 //! - `cloud`, `tree`, `scatter`: the blocks of each kind.
 //! - `quantise`: values to codes and back. `morton`, `bytes`, `codec`: tools.
 //! - `atomic`, `temporary`, `map`, `error`: files that appear complete, folders that go away, mapped
-//!   files, and errors. `leftover`: what a killed process left of the first two.
-//!   `text`: the one line that a message is.
+//!   files, and errors. `leftover`: what a killed process left of the first two; `emergency`: what
+//!   one must know that ends at once. `text`: the one line that a message is.
 
 #![deny(missing_docs, unsafe_code)]
 
@@ -46,6 +46,7 @@ mod bytes;
 mod check;
 mod cloud;
 mod codec;
+pub mod emergency;
 mod error;
 mod format;
 mod frame;

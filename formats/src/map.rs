@@ -1,5 +1,6 @@
 //! A file as a slice of bytes, paged in by the operating system.
 
+use crate::emergency::Mapped;
 use crate::{FormatError, Result};
 use std::fs::File;
 use std::path::Path;
@@ -10,6 +11,8 @@ use std::path::Path;
 /// So the file must not be written in place or cut while it is mapped; see [`MappedFile::open`].
 #[derive(Debug)]
 pub struct MappedFile {
+    /// Whose bytes these are, for who handles the signal of a file that was cut; until the map ends.
+    _mapped: Option<Mapped>,
     // None for an empty file, which cannot be mapped.
     map: Option<memmap2::Mmap>,
 }
@@ -21,7 +24,8 @@ impl MappedFile {
     /// safe to replace at any time: a rename leaves the mapped file as it was. If a file is
     /// overwritten all the same, readers may take altered values for true, as bytes can change
     /// after their checksum was found right; and Rust promises nothing of bytes that change under a
-    /// slice. If it is cut, touching what is gone ends the process (SIGBUS on Unix).
+    /// slice. If it is cut, touching what is gone ends the process (SIGBUS on Unix);
+    /// [`crate::emergency`] lets a program say then which file that was.
     ///
     /// No system that we run on can enforce that (advisory locks bind only who asks, and a copy
     /// takes the memory that mapping saves). Readers do not build on bytes that stay the same:
@@ -45,7 +49,10 @@ impl MappedFile {
                 });
             }
             if meta.len() == 0 {
-                return Ok(Self { map: None });
+                return Ok(Self {
+                    map: None,
+                    _mapped: None,
+                });
             }
             // SAFETY: the map is read-only and lives as long as what is borrowed from it. That no
             // process changes or cuts the file meanwhile is the caller's part, stated above; our
@@ -53,7 +60,12 @@ impl MappedFile {
             // slice, zstd's input while it decompresses, and the signal for a file that was cut.
             let map = unsafe { memmap2::Mmap::map(&file) }
                 .map_err(FormatError::io("cannot map into memory"))?;
-            Ok(Self { map: Some(map) })
+            let addresses = map.as_ptr_range();
+            let mapped = Mapped::new(path, addresses.start as usize..addresses.end as usize);
+            Ok(Self {
+                map: Some(map),
+                _mapped: Some(mapped),
+            })
         };
         open().map_err(|e| e.at(path))
     }

@@ -1,5 +1,6 @@
 //! A folder for temporary files.
 
+use crate::emergency::Temporary;
 use crate::leftover::Naming;
 use std::fs::File;
 use std::io;
@@ -19,6 +20,8 @@ pub struct TemporaryFolder {
     // Before the lock: nobody else has to remove what is going away.
     folder: TempDir,
     _lock: File,
+    /// That it is removed also where the process ends at once.
+    _removal: Temporary,
 }
 
 impl TemporaryFolder {
@@ -40,10 +43,12 @@ impl TemporaryFolder {
             },
             |(made, lock)| (lock, made.path().join(LOCK)),
         )?;
+        let removal = Temporary::folder(made.path());
         naming.sweep(folder, made.path());
         Ok(Self {
             folder: made,
             _lock: lock,
+            _removal: removal,
         })
     }
 

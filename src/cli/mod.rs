@@ -2,7 +2,7 @@
 //!
 //! What several verbs take stands in `*_options` and `scene_input`; `options` resolves what all of
 //! them take into a `Context`, `files` checks what they read and write before the work, `parse`
-//! reads values, `progress` and `output` talk.
+//! reads values, `progress` and `output` talk; `last_words` are said where no error can be returned.
 //!
 //! A new verb is a file with `Args`, `files` and `run`, a variant of `Verb`, and a line in
 //! `Verb::files` and `Verb::run`.
@@ -13,6 +13,7 @@ mod build;
 mod compare;
 mod files;
 mod inspect;
+mod last_words;
 mod merge;
 mod options;
 mod output;
@@ -33,6 +34,7 @@ use crate::formats::one_line;
 use crate::{Kind, Result};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use files::Files;
+pub use last_words::memory::Allocator;
 use options::{Context, Limits, Shared};
 use std::process::ExitCode;
 
@@ -125,6 +127,7 @@ impl Verb {
 /// Runs the verb that the command line names. Of errors one is printed, and they give the exit
 /// code.
 pub fn main() -> ExitCode {
+    last_words::install();
     let result = match parse() {
         Ok(cli) => cli.run(),
         Err(exit) => return exit,

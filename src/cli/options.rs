@@ -2,7 +2,7 @@
 
 use super::files::{Files, Named, check_apart, check_writable};
 use super::{parse, progress};
-use crate::formats::Overwrite;
+use crate::formats::{Overwrite, emergency};
 use crate::lab::reference::Start;
 use crate::run::{Job, OnWarning};
 use crate::{Error, Result};
@@ -190,12 +190,20 @@ impl Shared {
                     .hint("create it, or choose another"),
             );
         }
-        if let Some(threads) = self.threads {
-            rayon::ThreadPoolBuilder::new()
-                .num_threads(threads.into())
-                .build_global()
-                .map_err(|e| Error::failed(format!("cannot start {threads} threads: {e}")))?;
-        }
+        // Where they are not asked for, too: later they would start where no error can be returned.
+        let threads = self.threads.map_or(0, usize::from);
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build_global()
+            .map_err(|e| {
+                let count = match threads {
+                    0 => "a thread for each core".into(),
+                    n => format!("{n} threads"),
+                };
+                Error::failed(format!("cannot start {count}: {e}")).hint(
+                    "take fewer `threads`, or raise the limits of processes and memory (ulimit -u and -v)",
+                )
+            })?;
         let job = Job {
             progress: self.progress.progress(),
             memory_limit: limits.memory,
@@ -211,6 +219,7 @@ impl Shared {
         ctrlc::set_handler(move || {
             // The first signal asks for a clean stop, the next one does not wait for it.
             if cancel.request() {
+                emergency::remove_temporaries();
                 std::process::exit(1);
             }
         })

@@ -2,6 +2,7 @@
 
 use super::size;
 use crate::{Error, Result};
+use std::cell::Cell;
 use std::fmt::Display;
 use std::fs;
 use std::path::Path;
@@ -33,14 +34,33 @@ fn check_in(what: impl Display, least: u64, available: Option<u64>) -> Result<()
     }
 }
 
+thread_local! {
+    /// Whether this thread asks for memory and hears it if there is none.
+    static IS_HEARD: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Asks for memory by something like `try_reserve`. The program's allocator takes a refusal for the
+/// end everywhere else, as it cannot see who asks.
+pub fn heard<T>(ask: impl FnOnce() -> T) -> T {
+    let before = IS_HEARD.replace(true);
+    let answer = ask();
+    IS_HEARD.set(before);
+    answer
+}
+
+/// Whether a refusal of memory is heard where this thread is.
+#[cfg(feature = "cli")]
+pub fn is_refusal_heard() -> bool {
+    IS_HEARD.get()
+}
+
 /// An empty list with room for `count` values.
 ///
 /// # Errors
 /// [`crate::Kind::Failed`] if the system does not give it; `what` needs it.
 pub fn room<T>(what: impl Display, count: usize) -> Result<Vec<T>> {
     let mut list = Vec::new();
-    list.try_reserve_exact(count)
-        .map_err(|_| refused::<T>(what, count))?;
+    heard(|| list.try_reserve_exact(count)).map_err(|_| refused::<T>(what, count))?;
     Ok(list)
 }
 
@@ -60,9 +80,11 @@ pub fn listed<T>(what: impl Display, values: impl ExactSizeIterator<Item = T>) -
 /// # Errors
 /// As [`room`].
 pub fn grow<T>(what: impl Display, list: &mut Vec<T>, more: usize) -> Result<()> {
+    if list.capacity() - list.len() >= more {
+        return Ok(());
+    }
     let count = list.len().saturating_add(more);
-    list.try_reserve(more)
-        .map_err(|_| refused::<T>(what, count))
+    heard(|| list.try_reserve(more)).map_err(|_| refused::<T>(what, count))
 }
 
 /// The error of a list of `count` values that the system has no room for.

@@ -1,5 +1,6 @@
 //! Words that threads share without waiting, and, in a mapped file, processes too.
 
+use crate::formats::emergency::Mapped;
 use crate::formats::{AtomicFile, FormatError, Overwrite};
 use crate::run::size;
 use crate::{Error, Result};
@@ -16,6 +17,8 @@ pub type Line = [AtomicU64; 8];
 /// written one at a time; what belongs together is for the user to check.
 #[derive(Debug)]
 pub struct AtomicLines {
+    /// The file, for who handles the signal of one that was cut; `None` for memory.
+    _mapped: Option<Mapped>,
     map: MmapRaw,
     /// Bytes before the first line.
     offset: usize,
@@ -38,6 +41,7 @@ impl AtomicLines {
                 .hint("lower the memory limit, or use a machine with more memory")
         })?;
         Ok(Self {
+            _mapped: None,
             map: map.into(),
             offset: 0,
             lines,
@@ -65,7 +69,9 @@ impl AtomicLines {
             .len(HEADER_BYTES + lines * size_of::<Line>())
             .map_raw(&file)
             .map_err(|e| failed("map into memory", &e))?;
+        let start = map.as_ptr() as usize;
         Ok(Self {
+            _mapped: Some(Mapped::new(path, start..start + map.len())),
             map,
             offset: HEADER_BYTES,
             lines,

@@ -3,7 +3,7 @@
 use super::Settings;
 use super::images::Images;
 use super::values::GridValues;
-use crate::run::{Cancel, one_line};
+use crate::run::{Cancel, memory, one_line};
 use crate::{Error, Result};
 use std::fs::{self, File};
 use std::io::{self, Read};
@@ -139,8 +139,8 @@ impl Files {
         let mut file = File::open(path).map_err(|e| failed(&e))?;
         let length = file.metadata().map_err(|e| failed(&e))?.len();
         let mut content = Vec::new();
-        content
-            .try_reserve_exact(usize::try_from(length).unwrap_or(usize::MAX))
+        let room = usize::try_from(length).unwrap_or(usize::MAX);
+        memory::heard(|| content.try_reserve_exact(room))
             .map_err(|_| failed(&io::ErrorKind::OutOfMemory.into()))?;
         loop {
             self.cancel.check()?;

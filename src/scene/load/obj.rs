@@ -271,8 +271,7 @@ impl Reader<'_> {
         extend_attribute(&mut mesh.normals, normal, vertex, vertex + 1, Vec3::ZERO)?;
         let vertex = u32::try_from(vertex)
             .map_err(|_| Error::input("more vertices than can be indexed with 32 bits"))?;
-        self.vertices
-            .try_reserve(1)
+        memory::heard(|| self.vertices.try_reserve(1))
             .map_err(|_| memory::refused::<(Corner, u32)>(MESH, self.vertices.len() + 1))?;
         self.vertices.insert((corner, uv_map), vertex);
         Ok(vertex)
