@@ -2,7 +2,7 @@
 
 use crate::emergency::Temporary;
 use crate::leftover::Naming;
-use std::fs::File;
+use std::fs::{self, File};
 use std::io;
 use std::path::Path;
 use tempfile::TempDir;
@@ -19,7 +19,7 @@ const LOCK: &str = "lock";
 pub struct TemporaryFolder {
     // Before the lock: nobody else has to remove what is going away.
     folder: TempDir,
-    _lock: File,
+    lock: Option<File>,
     /// That it is removed also where the process ends at once.
     _removal: Temporary,
 }
@@ -47,7 +47,7 @@ impl TemporaryFolder {
         naming.sweep(folder, made.path());
         Ok(Self {
             folder: made,
-            _lock: lock,
+            lock: Some(lock),
             _removal: removal,
         })
     }
@@ -59,11 +59,20 @@ impl TemporaryFolder {
     }
 }
 
+impl Drop for TemporaryFolder {
+    fn drop(&mut self) {
+        // Removing a folder takes a file descriptor. Where none is free there is the one of the
+        // lock; then `folder` tries again as it is dropped.
+        if fs::remove_dir_all(self.path()).is_err() {
+            self.lock = None;
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::leftover::tests::{age, name_of};
-    use std::fs;
 
     #[test]
     fn folders_without_owner_are_swept() {

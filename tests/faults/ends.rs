@@ -77,6 +77,15 @@ fn memory_that_is_refused_is_one_line() {
 }
 
 #[test]
+fn a_render_without_descriptors_leaves_nothing() {
+    for count in 4..10 {
+        let bench = Bench::of(stage("render"));
+        let run = bench.run(&mut bench.shell(&format!("ulimit -n {count}; exec \"$@\"")));
+        bench.ended_well(&run, &[1], &format!("{count} descriptors"));
+    }
+}
+
+#[test]
 fn threads_that_are_refused_are_one_line() {
     let bench = Bench::of(stage("merge"));
     let run = bench.run(&mut bench.shell(
