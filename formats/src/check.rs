@@ -1,6 +1,9 @@
-//! What every record must be, when it is written and when it is read.
+//! What every record must be, when it is written and when it is read: one function for each kind of
+//! record, which readers, writers and the complete check of a file share. Clusters of scattered
+//! light have theirs beside their coding.
 
-use crate::record::{Lvoxel, MAX_LEVEL, Surfel, VolumeInfo};
+use crate::record::{Bounds, Lvoxel, MAX_LEVEL, MAX_VOXELS_ALONG, Node, Surfel, VolumeInfo};
+use crate::summary::Sums;
 use crate::{FormatError, Result};
 
 fn wrong(
@@ -16,7 +19,8 @@ fn wrong(
     )
 }
 
-fn is_radiance(c: [f32; 3]) -> bool {
+/// Whether a colour is one that light can have.
+pub fn is_radiance(c: [f32; 3]) -> bool {
     c.iter().all(|v| v.is_finite() && *v >= 0.0)
 }
 
@@ -119,4 +123,123 @@ fn wrong_lvoxel(v: &Lvoxel, volumes: &[VolumeInfo], place: &dyn Fn() -> String) 
         return wrong(place, "sigma_t", "a number of at least 0", v.sigma_t);
     }
     wrong(place, "source", "numbers of at least 0", v.source)
+}
+
+/// Checks a box; `what` names it in the error.
+pub fn bounds(b: &Bounds, what: &dyn Fn() -> String) -> Result<()> {
+    let is_ordered =
+        (0..3).all(|k| b.min[k].is_finite() && b.max[k].is_finite() && b.min[k] <= b.max[k]);
+    if is_ordered {
+        Ok(())
+    } else {
+        Err(FormatError::invalid(
+            what(),
+            "a finite box",
+            format!("{b:?}"),
+        ))
+    }
+}
+
+/// Checks a node of a tree, all but the radiance of its aggregate, which is checked by columns;
+/// `place` names it in the error.
+#[inline]
+pub fn node(n: &Node, place: &dyn Fn() -> String) -> Result<()> {
+    // Readers ask this of every node: without a branch for each number.
+    let a = &n.aggregate;
+    let most = |numbers: &[f32]| numbers.iter().map(|v| v.to_bits()).fold(0, u32::max);
+    let size = |numbers: &[f32]| numbers.iter().map(|v| v.abs().to_bits()).fold(0, u32::max);
+    let size = size(&n.bounds.min)
+        .max(size(&n.bounds.max))
+        .max(size(&a.centre))
+        .max(size(&a.normal_sum))
+        .max(size(&a.second_moment));
+    let is_ordered = (0..3).all(|k| n.bounds.min[k] <= n.bounds.max[k]);
+    let is_area = a.area.to_bits() < INFINITY;
+    let is_seen = most(&a.axis_area) <= most_axis_area(a.area).to_bits();
+    if (size < INFINITY) & is_ordered & is_area & is_seen {
+        Ok(())
+    } else {
+        rare_node(n, place)
+    }
+}
+
+/// Most area that a node may show to an axis: with room for rounding, and for normals that are not
+/// quite of unit length. Finite.
+fn most_axis_area(area: f32) -> f32 {
+    (area * 1.01).min(f32::MAX)
+}
+
+/// Checks a node that has something wrong or a negative zero.
+#[cold]
+fn rare_node(n: &Node, place: &dyn Fn() -> String) -> Result<()> {
+    let a = &n.aggregate;
+    bounds(&n.bounds, &|| format!("box of {}", place()))?;
+    if !(a.area.is_finite() && a.area >= 0.0) {
+        return Err(wrong(place, "area", "a number of at least 0", a.area));
+    }
+    for (name, values) in [
+        ("centre", &a.centre[..]),
+        ("normal sum", &a.normal_sum),
+        ("second moment", &a.second_moment),
+    ] {
+        if !values.iter().all(|v| v.is_finite()) {
+            return Err(wrong(place, name, "finite numbers", values));
+        }
+    }
+    let most = most_axis_area(a.area);
+    if !a.axis_area.iter().all(|v| (0.0..=most).contains(v)) {
+        let expected = "numbers from 0 to its area";
+        return Err(wrong(place, "axis areas", expected, a.axis_area));
+    }
+    Ok(())
+}
+
+/// Checks a volume of the metadata.
+pub fn volume(v: &VolumeInfo) -> Result<()> {
+    let place = || format!("volume {:?}", v.name);
+    if !(v.dims.iter()).all(|n| (1..=MAX_VOXELS_ALONG).contains(n)) {
+        let expected = format!("1 to {MAX_VOXELS_ALONG} voxels along each axis");
+        return Err(wrong(&place, "size", &expected, v.dims));
+    }
+    let [x, y, z, _] = v.index_from_scene;
+    let cross = [1, 2, 0].map(|i| {
+        let j = (i + 1) % 3;
+        y[i] * z[j] - y[j] * z[i]
+    });
+    // By x's own order: the cross product's first number goes with x's first.
+    let determinant = x[0] * cross[0] + x[1] * cross[1] + x[2] * cross[2];
+    let fits = |v: &f64| v.abs() <= f64::from(f32::MAX);
+    let is_map = v.index_from_scene.as_flattened().iter().all(fits)
+        && determinant.is_finite()
+        && determinant != 0.0;
+    if !is_map {
+        let expected = "a map of finite numbers that can be inverted";
+        return Err(wrong(&place, "place", expected, v.index_from_scene));
+    }
+    if !v.albedo.iter().all(|c| (0.0..=1.0).contains(c)) {
+        return Err(wrong(&place, "albedo", "numbers from 0 to 1", v.albedo));
+    }
+    Ok(())
+}
+
+/// Checks the sums of a summary, of so many volumes.
+pub fn sums(s: &Sums, volumes: usize) -> Result<()> {
+    if s.volumes.len() != volumes {
+        let what = "volumes in the summary";
+        return Err(FormatError::invalid(
+            what,
+            volumes.to_string(),
+            s.volumes.len(),
+        ));
+    }
+    let of_volumes = s.volumes.iter().map(|v| v.extinction);
+    let mut all = [s.area].into_iter().chain(s.flux).chain(of_volumes);
+    match all.find(|v| !(v.is_finite() && *v >= 0.0)) {
+        Some(v) => Err(FormatError::invalid(
+            "sums in the summary",
+            "numbers of at least 0",
+            v,
+        )),
+        None => Ok(()),
+    }
 }

@@ -25,15 +25,18 @@ pub trait Format: Sized {
     /// [`FormatError::Invalid`].
     fn check_meta(meta: &Self::Meta) -> Result<()>;
 
-    /// Checks the block table against metadata and summary, and arranges it.
+    /// Refuses a summary that readers cannot rely on; writers ask this, too, so that they write none
+    /// that no reader takes.
     ///
     /// # Errors
     /// [`FormatError::Invalid`].
-    fn arrange(
-        blocks: Vec<Block>,
-        meta: &Self::Meta,
-        summary: &Self::Summary,
-    ) -> Result<Self::Blocks>;
+    fn check_summary(summary: &Self::Summary, meta: &Self::Meta) -> Result<()>;
+
+    /// Checks the block table against the summary, and arranges it.
+    ///
+    /// # Errors
+    /// [`FormatError::Invalid`].
+    fn arrange(blocks: Vec<Block>, summary: &Self::Summary) -> Result<Self::Blocks>;
 
     /// Reads every block and checks every value; calls `after_block` after each block.
     ///

@@ -1,7 +1,7 @@
 //! What a file says of its origin.
 
 use crate::record::{MAX_VOLUMES, VolumeInfo};
-use crate::{FormatError, Result};
+use crate::{FormatError, Result, check};
 
 /// Metadata of a cloud: the scene it comes from, and how its points are to be placed.
 #[derive(
@@ -110,10 +110,5 @@ fn check_volumes(volumes: &[VolumeInfo]) -> Result<()> {
             volumes.len(),
         ));
     }
-    for volume in volumes {
-        let what = format!("volume '{}'", volume.name);
-        finite(&what, volume.index_from_scene.as_flattened())?;
-        finite(&what, &volume.albedo.map(f64::from))?;
-    }
-    Ok(())
+    volumes.iter().try_for_each(check::volume)
 }

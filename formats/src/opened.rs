@@ -53,9 +53,10 @@ impl<D: AsRef<[u8]>, F: Format> Opened<D, F> {
         let meta: F::Meta = codec::decode(&all[frame.meta], "metadata")?;
         F::check_meta(&meta)?;
         let summary: F::Summary = codec::decode(&all[frame.summary], "summary")?;
+        F::check_summary(&summary, &meta)?;
         Ok(Self {
             path: None,
-            blocks: F::arrange(frame.blocks, &meta, &summary)?,
+            blocks: F::arrange(frame.blocks, &summary)?,
             meta,
             summary,
             content_hash: frame.content_hash,

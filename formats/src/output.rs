@@ -71,6 +71,7 @@ impl<F: Format> BlockWriter<F> {
 
     /// Writes the sections behind the blocks, then the header; syncs, and gives the file its name.
     pub fn finish(mut self, summary: &F::Summary) -> Result<()> {
+        F::check_summary(summary, &self.meta).map_err(|e| e.at(self.path()))?;
         let meta = codec::encode(&self.meta, "metadata")?;
         let summary = codec::encode(summary, "summary")?;
         let table = frame::encode_table(&self.blocks);

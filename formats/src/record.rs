@@ -126,6 +126,9 @@ pub struct Lvoxel {
 /// The coarsest lvoxel is 2^3 voxels a side, which is also the brick in which the level is one.
 pub const MAX_LEVEL: u8 = 3;
 
+/// Most voxels of a volume along an axis: lvoxels number blocks, at the coarsest level, in 16 bits.
+pub const MAX_VOXELS_ALONG: u32 = 65_536 << MAX_LEVEL;
+
 /// Most volumes of a cloud, which lvoxels number in 16 bits.
 pub const MAX_VOLUMES: usize = 65_535;
 
@@ -136,7 +139,7 @@ pub const MAX_VOLUMES: usize = 65_535;
 pub struct VolumeInfo {
     /// Name from the scene.
     pub name: String,
-    /// Voxels along x, y, z of index space.
+    /// Voxels along x, y, z of index space, 1 to [`MAX_VOXELS_ALONG`].
     pub dims: [u32; 3],
     /// Affine map from scene space to index space, column by column: three axes, then the
     /// translation. Voxel (i,j,k) spans (i,j,k) to (i+1,j+1,k+1).

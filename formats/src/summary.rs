@@ -56,10 +56,11 @@ impl Sums {
         }
     }
 
-    /// Count of lvoxels in all volumes.
+    /// Count of lvoxels in all volumes; the largest number if they are more.
     #[must_use]
     pub fn lvoxels(&self) -> u64 {
-        self.volumes.iter().map(|v| v.lvoxels).sum()
+        let counts = self.volumes.iter().map(|v| v.lvoxels);
+        counts.fold(0, u64::saturating_add)
     }
 
     pub(crate) fn add_surfel(&mut self, surfel: &crate::Surfel) {

@@ -2,6 +2,7 @@
 
 mod common;
 
+use common::parts::{Parts, repair};
 use common::*;
 use lvox_formats::*;
 use proptest::prelude::*;
@@ -154,60 +155,231 @@ fn chunks_pages_and_parts_that_do_not_exist() {
     assert!(scatter.cluster(2).is_ok() && scatter.cluster(3).is_err());
 }
 
-/// Puts the checksums right again after a change: what a hostile writer would do.
-fn repair(bytes: &mut [u8]) {
-    use xxhash_rust::xxh3::xxh3_64;
-    let number = |bytes: &[u8], at: usize| {
-        usize::try_from(u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()))
-            .unwrap_or(usize::MAX)
-    };
-    let range = |bytes: &[u8], at: usize, len: usize| {
-        (at.checked_add(len)?)
-            .le(&bytes.len())
-            .then_some(at..at + len)
-    };
-    let is_cloud = &bytes[8..11] == b"LVC";
-    // From the inside out: columns, blocks, sections, header.
-    for entry in range(bytes, number(bytes, 72), number(bytes, 80))
-        .into_iter()
-        .flatten()
-        .step_by(40)
-    {
-        if entry + 40 > bytes.len() {
-            break;
+/// Float numbers that no reader takes where light, an area or an extinction is meant.
+const NOT_LIGHT: [f32; 4] = [f32::NAN, f32::INFINITY, -f32::INFINITY, -1.0];
+
+/// Refused, as invalid and not as damaged, by the complete check and by the reader of each block;
+/// the message says what is wrong.
+#[track_caller]
+fn refused(file: &[u8], read: Reader, says: &str) {
+    let error = read(file).unwrap_err();
+    assert!(
+        matches!(error.cause(), FormatError::Invalid { .. }),
+        "{error}"
+    );
+    assert!(error.to_string().contains(says), "{says}: {error}");
+}
+
+/// The file with one of its parts changed, and right checksums.
+fn changed(file: &[u8], change: impl FnOnce(&mut Parts)) -> Vec<u8> {
+    let mut parts = Parts::of(file);
+    change(&mut parts);
+    parts.file()
+}
+
+#[test]
+fn files_put_together_again_are_whole() {
+    for (bytes, read) in files() {
+        let again = changed(&bytes, |_| {});
+        read(&again).unwrap();
+        let (a, b) = (Parts::of(&bytes), Parts::of(&again));
+        assert!(a.meta == b.meta && a.summary == b.summary);
+        assert!((a.blocks.iter().zip(&b.blocks)).all(|(a, b)| a.data == b.data));
+    }
+}
+
+#[test]
+fn scattered_light_that_is_no_light_is_refused() {
+    let file = small_scatter();
+    // Planes of `chosen`, then of the share and the light of its vertices.
+    let start = 8 * CLUSTER_CUBES;
+    for column in 0..2 {
+        for value in NOT_LIGHT {
+            let bytes = changed(&file, |parts| {
+                let block = &mut parts.blocks[0];
+                let rows = block.records as usize;
+                let start = start + column * 12 * rows;
+                block.set(0, (start, rows), [rows - 1, 8], &value.to_le_bytes());
+            });
+            let name = ["share", "light"][column];
+            refused(&bytes, read_scatter, name);
+            assert!(Scatter::open(&bytes).unwrap().cluster(0).is_err());
         }
-        let u32_at = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
-        let (len, columns) = (
-            u32_at(entry + 8) as usize,
-            u32_at(entry + 28).count_ones() as usize,
-        );
-        let Some(mut block) = range(bytes, number(bytes, entry), len) else {
-            continue;
-        };
-        if is_cloud && columns * 16 <= block.len() {
-            let directory = block.start..block.start + columns * 16;
-            let mut start = directory.end;
-            for column in directory.clone().step_by(16) {
-                let len = u32::from_le_bytes(bytes[column..column + 4].try_into().unwrap());
-                if let Some(stored) = range(bytes, start, len as usize) {
-                    start = stored.end;
-                    let sum = xxh3_64(&bytes[stored]);
-                    bytes[column + 8..column + 16].copy_from_slice(&sum.to_le_bytes());
-                }
+    }
+    // Vertices outside of the lattice, and other ones than the table counts.
+    let bytes = changed(&file, |parts| {
+        let at = CLUSTER_CUBES - 1;
+        let first = parts.blocks[1].data[0]
+            .1
+            .iter()
+            .position(|b| *b != 0)
+            .unwrap();
+        let block = &mut parts.blocks[1].data[0].1;
+        block[at] = block[first];
+        block[first] = 0;
+    });
+    refused(&bytes, read_scatter, "vertices of the cluster");
+}
+
+#[test]
+fn clusters_outside_of_their_lattice_are_refused() {
+    // In the summary: a count, then volume, level and place of each cluster.
+    for (at, value, says) in [
+        (8, 2, "a volume below 2"),
+        (10, 4, "at most 3"),
+        (10, u8::MAX, "at most 3"),
+        (11, 5, "inside"),
+        (12, 1, "inside"),
+        (16, 200, "inside"),
+    ] {
+        let bytes = changed(&small_scatter(), |parts| parts.summary[at] = value);
+        refused(&bytes, read_scatter, says);
+        assert!(Scatter::open(&bytes).is_err(), "no stage gets hold of it");
+    }
+}
+
+#[test]
+fn values_of_clouds_are_checked() {
+    let file = small_cloud();
+    // Column, byte in the row, and what it must be.
+    let columns = [
+        (0, 4, "position"),
+        (2, 0, "radius"),
+        (3, 8, "front"),
+        (4, 0, "back"),
+    ];
+    for (column, byte, says) in columns {
+        for value in NOT_LIGHT
+            .into_iter()
+            .filter(|v| says != "position" || !v.is_finite())
+        {
+            let bytes = changed(&file, |parts| {
+                let rows = parts.blocks[0].records as usize;
+                parts.blocks[0].set(column, (0, rows), [rows - 1, byte], &value.to_le_bytes());
+            });
+            refused(&bytes, read_cloud, says);
+            assert!(Cloud::open(&bytes).unwrap().surfel_chunk(0).is_err());
+        }
+    }
+    // Volume, level, block and extinction of an lvoxel.
+    for (column, value, says) in [
+        (0, &[2, 0][..], "volume"),
+        (1, &[4], "level"),
+        (1, &[255], "level"),
+        (2, &[0, 0, 255, 255], "block"),
+        (3, &f32::NAN.to_le_bytes(), "sigma_t"),
+        (4, &(-1f32).to_le_bytes(), "source"),
+    ] {
+        let bytes = changed(&file, |parts| {
+            let rows = parts.blocks[1].records as usize;
+            parts.blocks[1].set(column, (0, rows), [1, 0], value);
+        });
+        refused(&bytes, read_cloud, says);
+        assert!(Cloud::open(&bytes).unwrap().lvoxel_chunk(0).is_err());
+    }
+}
+
+#[test]
+fn values_of_trees_are_checked() {
+    let file = small_tree();
+    let page = &Parts::of(&file).blocks[0];
+    let nodes = page.nodes as usize;
+    // Areas of nodes are the first four bytes behind kinds and boxes.
+    let areas = (64 + 13 * nodes, nodes);
+    for value in NOT_LIGHT {
+        let bytes = changed(&file, |parts| {
+            parts.blocks[0].set(0, areas, [1, 0], &value.to_le_bytes());
+        });
+        refused(&bytes, read_tree, "area of node 1");
+        let tree = Tree::open(&bytes).unwrap();
+        assert!(tree.surfel_nodes(0, &mut Vec::new()).is_err());
+    }
+    // An area whose sum of normals is infinite, by a code beyond -1.
+    let bytes = changed(&file, |parts| {
+        let page = &mut parts.blocks[0];
+        page.set(0, areas, [1, 0], &f32::MAX.to_le_bytes());
+        let normals = (64 + (13 + 4 + 6) * nodes, nodes);
+        page.set(0, normals, [1, 0], &i16::MIN.to_le_bytes());
+    });
+    refused(&bytes, read_tree, "normal sum of node 1");
+    // The page's box, and a radius base of NaN.
+    for (at, says) in [(24, "box of the page"), (48, "radius")] {
+        let bytes = changed(&file, |parts| {
+            parts.blocks[0].data[0].1[at..at + 4].copy_from_slice(&f32::NAN.to_le_bytes());
+        });
+        refused(&bytes, read_tree, says);
+    }
+    // The volume of a page of lvoxels, and their levels behind its header.
+    for (at, value, says) in [(14, 2, "volume"), (20, 4, "gap"), (20, 255, "gap")] {
+        let bytes = changed(&file, |parts| {
+            parts.blocks.last_mut().unwrap().data[0].1[at] = value;
+        });
+        refused(&bytes, read_tree, says);
+        assert!(Tree::open(&bytes).unwrap().lvoxel_page(1).is_err());
+    }
+}
+
+/// Where `bytes` are in a section, the first time.
+fn find(section: &[u8], bytes: &[u8]) -> usize {
+    let found = section.windows(bytes.len()).position(|w| w == bytes);
+    found.unwrap()
+}
+
+#[test]
+fn values_of_metadata_and_summary_are_checked() {
+    let albedo: Vec<u8> = [0.9f32, 0.8, 0.7]
+        .iter()
+        .flat_map(|v| v.to_le_bytes())
+        .collect();
+    let dims: Vec<u8> = [64u32, 32, 100]
+        .iter()
+        .flat_map(|v| v.to_le_bytes())
+        .collect();
+    let column: Vec<u8> = [10f64, 0.0, 0.0]
+        .iter()
+        .flat_map(|v| v.to_le_bytes())
+        .collect();
+    for (bytes, read) in files() {
+        let meta = Parts::of(&bytes).meta;
+        let [albedo, dims, column] = [&albedo, &dims, &column].map(|b| find(&meta, b));
+        for (at, value, says) in [
+            (albedo, &1.5f32.to_le_bytes()[..], "albedo"),
+            (albedo + 8, &f32::NAN.to_le_bytes(), "albedo"),
+            (albedo, &(-0.1f32).to_le_bytes(), "albedo"),
+            (dims, &[0; 4], "size"),
+            (dims + 4, &[0, 0, 9, 0], "size"),
+            (dims + 8, &[255; 4], "size"),
+            (column, &f64::NAN.to_le_bytes(), "place"),
+            (column, &1e300f64.to_le_bytes(), "place"),
+            (column, &[0; 8], "place"),
+        ] {
+            let changed = changed(&bytes, |parts| {
+                parts.meta[at..at + value.len()].copy_from_slice(value);
+            });
+            refused(&changed, read, says);
+        }
+    }
+    // Sums begin with a count, an area and three fluxes.
+    for (bytes, read) in &files()[..2] {
+        for at in [8, 16, 32] {
+            for value in [f64::NAN, f64::INFINITY, -1.0] {
+                let changed = changed(bytes, |parts| {
+                    parts.summary[at..at + 8].copy_from_slice(&value.to_le_bytes());
+                });
+                refused(&changed, *read, "sums in the summary");
             }
-            block = directory;
         }
-        let sum = xxh3_64(&bytes[block]);
-        bytes[entry + 32..entry + 40].copy_from_slice(&sum.to_le_bytes());
+        // Counts of lvoxels whose sum is right where it may pass the largest number.
+        let changed = changed(bytes, |parts| {
+            let sums = &mut parts.summary[48..];
+            let count =
+                |sums: &[u8], at: usize| u64::from_le_bytes(sums[at..at + 8].try_into().unwrap());
+            let (a, b) = (count(sums, 0), count(sums, 16));
+            sums[..8].copy_from_slice(&a.wrapping_sub(b + 1).to_le_bytes());
+            sums[16..24].copy_from_slice(&(2 * b + 1).to_le_bytes());
+        });
+        read(&changed).unwrap_err();
     }
-    for section in [24, 48, 72] {
-        if let Some(range) = range(bytes, number(bytes, section), number(bytes, section + 8)) {
-            let sum = xxh3_64(&bytes[range]);
-            bytes[section + 16..section + 24].copy_from_slice(&sum.to_le_bytes());
-        }
-    }
-    let sum = xxh3_64(&bytes[..96]);
-    bytes[96..104].copy_from_slice(&sum.to_le_bytes());
 }
 
 proptest! {

@@ -2,6 +2,7 @@
 
 use crate::messages::lvox;
 use crate::{ROOM, Work};
+use lvox::formats::record::MAX_VOXELS_ALONG;
 use lvox::formats::{Cloud, Overwrite, Tree, TreeWriter};
 use lvox::tree::OpenTree;
 use std::fs;
@@ -160,7 +161,7 @@ fn volumes_that_memory_cannot_hold_are_refused() {
     fs::write(work.path("good.lvt"), tree).unwrap();
     let good = Tree::open_path(&work.path("good.lvt")).unwrap();
     let mut meta = good.meta().clone();
-    for dims in [[u32::MAX; 3], [1 << 20, 1 << 20, 8]] {
+    for dims in [[MAX_VOXELS_ALONG; 3], [1 << 19, 1 << 19, 8]] {
         meta.cloud.volumes[0].dims = dims;
         let path = work.path("bad.lvt");
         let writer = TreeWriter::create(&path, meta.clone(), Overwrite::Replace).unwrap();

@@ -1,6 +1,7 @@
 //! Light of media that is made before any frame.
 
 use crate::messages::lvox;
+use crate::support::parts::{Parts, repair};
 use crate::support::trees;
 use crate::{ROOM, Work, beauty, layer, relative_rms, with_threads};
 use lvox::formats::{BlockKind, Overwrite, Scatter};
@@ -12,7 +13,6 @@ use lvox::shade::{self, Aov, Settings};
 use lvox::tree::OpenTree;
 use std::fs;
 use std::path::{Path, PathBuf};
-use xxhash_rust::xxh3::xxh3_64;
 
 /// Four rays of media; what presets ask for, no more.
 fn few() -> Settings {
@@ -262,22 +262,6 @@ fn what_does_not_go_together_is_refused_and_what_is_out_of_date_is_told() {
     lvox(&work, &["verify", "a.lvs", "--progress", "none"]).refused(2, &["a.lvs", "checksum"]);
 }
 
-/// Puts checksums right after a change of the first block: what a hostile writer would do.
-fn repair(bytes: &mut [u8]) {
-    let sum = |bytes: &[u8]| xxh3_64(bytes).to_le_bytes();
-    let number = |bytes: &[u8], at: usize| {
-        u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize
-    };
-    let (table, length) = (number(bytes, 72), number(bytes, 80));
-    let block = number(bytes, table)..number(bytes, table + 40);
-    let of_block = sum(&bytes[block]);
-    bytes[table + 32..table + 40].copy_from_slice(&of_block);
-    let of_table = sum(&bytes[table..table + length]);
-    bytes[88..96].copy_from_slice(&of_table);
-    let of_header = sum(&bytes[..96]);
-    bytes[96..104].copy_from_slice(&of_header);
-}
-
 #[test]
 fn what_is_wrong_behind_right_checksums_is_told_and_makes_no_picture() {
     let work = Work::new(ROOM);
@@ -301,6 +285,50 @@ fn what_is_wrong_behind_right_checksums_is_told_and_makes_no_picture() {
         message.contains("a.lvs") && message.contains("cluster 0"),
         "{message}"
     );
+}
+
+/// Values out of range behind right checksums: what shades, what describes and what checks refuse
+/// them alike, or, of values that only decoding shows, what shades and what checks.
+#[test]
+fn values_out_of_range_are_refused_by_all_that_read_them() {
+    let work = Work::new(ROOM);
+    let scene = work.scene();
+    let tree = work.bake(&scene, 2000);
+    let file = scattered(&work, &scene, &tree, "a.lvs", &like(&few()));
+    let whole = Parts::of(&fs::read(&file).unwrap());
+    let shade = [
+        "shade",
+        "scene.toml",
+        "-t",
+        "scene.lvt",
+        "--scatter",
+        "a.lvs",
+    ];
+    let shade = [&shade[..], &["-o", "out.exr", "--progress", "none"]].concat();
+    let refused = |parts: &Parts, args: &[&str], says: &str| {
+        fs::write(&file, parts.file()).unwrap();
+        lvox(&work, args).refused(2, &["a.lvs", says]);
+        assert!(!work.path("out.exr").exists());
+    };
+    // Clusters begin behind their count: volume, level, then their place.
+    for (at, value, says) in [(8, 9, "volume"), (10, 4, "level"), (12, 3, "vertices")] {
+        let mut parts = whole.clone();
+        parts.summary[at] = value;
+        for args in [&shade[..], &["inspect", "a.lvs"], &["verify", "a.lvs"]] {
+            refused(&parts, args, says);
+        }
+    }
+    for value in [f32::NAN, f32::INFINITY, -1.0] {
+        let mut parts = whole.clone();
+        for block in &mut parts.blocks {
+            let rows = block.records as usize;
+            let start = 8 * lvox::formats::CLUSTER_CUBES;
+            block.set(0, (start, rows), [0, 0], &value.to_le_bytes());
+        }
+        for args in [&shade[..], &["verify", "a.lvs"]] {
+            refused(&parts, args, "finite numbers of at least 0");
+        }
+    }
 }
 
 #[test]

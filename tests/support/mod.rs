@@ -1,6 +1,9 @@
 //! What several test binaries share.
 #![allow(dead_code)] // Each of them uses a part.
 
+// Files of ours with anything changed and right checksums, as the tests of `formats` make them.
+#[path = "../../formats/tests/common/parts.rs"]
+pub mod parts;
 pub mod program;
 // One generator serves both packages: the golden files of `formats` depend on it.
 #[path = "../../formats/tests/common/random.rs"]

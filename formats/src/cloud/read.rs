@@ -3,7 +3,7 @@
 use super::CHUNK_RECORDS;
 use super::columns::{self as col, Chunk};
 use crate::bytes::{Column, Cursor, singles, triples};
-use crate::format::{Format, PointBlocks, expect_count};
+use crate::format::{Format, PointBlocks};
 use crate::frame::{Block, FileKind};
 use crate::opened::{Opened, nth};
 use crate::quantise::{NORMAL_MAX, area_of_disk, decode_clips, decode_normal};
@@ -28,11 +28,7 @@ impl Format for CloudFormat {
         meta.validate()
     }
 
-    fn arrange(
-        blocks: Vec<Block>,
-        meta: &CloudMeta,
-        summary: &CloudSummary,
-    ) -> Result<PointBlocks> {
+    fn arrange(blocks: Vec<Block>, summary: &CloudSummary) -> Result<PointBlocks> {
         for (i, block) in blocks.iter().enumerate() {
             if !(1..=CHUNK_RECORDS).contains(&(block.records as usize)) || block.nodes != 0 {
                 return Err(FormatError::invalid(
@@ -42,9 +38,15 @@ impl Format for CloudFormat {
                 ));
             }
         }
-        let volumes = summary.sums.volumes.len() as u64;
-        expect_count("volumes", meta.volumes.len() as u64, volumes)?;
         PointBlocks::new(blocks, &summary.sums)
+    }
+
+    fn check_summary(summary: &CloudSummary, meta: &CloudMeta) -> Result<()> {
+        check::sums(&summary.sums, meta.volumes.len())?;
+        let bounds = summary.bounds.as_ref();
+        bounds.map_or(Ok(()), |b| {
+            check::bounds(b, &|| "bounds in the summary".into())
+        })
     }
 
     fn verify<D: AsRef<[u8]>, E: From<FormatError>>(

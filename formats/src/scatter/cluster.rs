@@ -3,7 +3,7 @@
 use crate::bytes::{self, Column, Cursor, column, floats, singles, triples};
 use crate::frame::BlockKind;
 use crate::record::VolumeInfo;
-use crate::{FormatError, Result};
+use crate::{FormatError, Result, check};
 
 /// Vertices along an edge of a cluster.
 pub const CLUSTER_EDGE: usize = 32;
@@ -165,9 +165,9 @@ impl VertexCluster {
                     values.len().to_string(),
                 );
             }
-            let is_light = |v: &f32| v.is_finite() && *v >= 0.0;
-            if let Some(v) = values.iter().flatten().find(|v| !is_light(v)) {
-                return wrong(name, "finite numbers of at least 0".into(), v.to_string());
+            if let Some(c) = values.iter().find(|c| !check::is_radiance(**c)) {
+                let expected = "finite numbers of at least 0".into();
+                return wrong(name, expected, format!("{c:?}"));
             }
         }
         Ok(())

@@ -285,7 +285,7 @@ impl Planes<'_> {
 pub mod radiance {
     use super::{PageBuilder, PageColumns};
     use crate::quantise::SharedExponent;
-    use crate::{FormatError, Result};
+    use crate::{FormatError, Result, check};
 
     /// Raw bytes saved by a column that is grey or dark.
     pub struct Written {
@@ -355,7 +355,7 @@ pub mod radiance {
         } else if let Some(rows) = columns.get(first + 2) {
             for (i, v) in values.enumerate() {
                 *v = rows.f32x3(i, 0);
-                if !v.iter().all(|c| c.is_finite() && *c >= 0.0) {
+                if !check::is_radiance(*v) {
                     return Err(FormatError::invalid(
                         "radiance of the page",
                         "numbers of at least 0",

@@ -114,7 +114,7 @@ fn read_header(cursor: &mut Cursor<'_>) -> Result<(Header, u32)> {
         min: [x0, y0, z0],
         max: [x1, y1, z1],
     };
-    check_box(&bounds, "box of the page")?;
+    check::bounds(&bounds, &|| "box of the page".into())?;
     let (radius_base, area_base) = (cursor.u32()?, cursor.u32()?);
     let (front, back, axis) = (cursor.i16()?, cursor.i16()?, cursor.i16()?);
     let mut steps = |base| {
@@ -146,16 +146,6 @@ fn read_header(cursor: &mut Cursor<'_>) -> Result<(Header, u32)> {
     ))
 }
 
-fn check_box(b: &Bounds, what: &str) -> Result<()> {
-    let ordered =
-        (0..3).all(|k| b.min[k].is_finite() && b.max[k].is_finite() && b.min[k] <= b.max[k]);
-    if ordered {
-        Ok(())
-    } else {
-        Err(FormatError::invalid(what, "a finite box", format!("{b:?}")))
-    }
-}
-
 fn spans(b: &Bounds) -> [Span; 3] {
     std::array::from_fn(|k| Span::new(b.min[k], b.max[k]))
 }
@@ -179,6 +169,9 @@ fn decode_nodes(
     let spans = spans(&header.bounds);
     decode_boxes(columns, &spans, nodes)?;
     decode_aggregates(columns, &spans, nodes)?;
+    for (i, node) in nodes.iter().enumerate() {
+        check::node(node, &|| format!("node {i} of the page"))?;
+    }
     decode_light(header, columns, nodes)
 }
 
@@ -200,9 +193,6 @@ fn decode_boxes(columns: &PageColumns<'_>, spans: &[Span; 3], nodes: &mut [Node]
             };
         }
     }
-    for node in nodes {
-        check_box(&node.bounds, "box of a node")?;
-    }
     Ok(())
 }
 
@@ -221,22 +211,8 @@ fn decode_aggregates(
     for (i, node) in nodes.iter_mut().enumerate() {
         let a = &mut node.aggregate;
         a.area = area.f32(i, 0);
-        if !(a.area.is_finite() && a.area >= 0.0) {
-            return Err(FormatError::invalid(
-                "area of a node",
-                "a number of at least 0",
-                a.area,
-            ));
-        }
         if let Some(rows) = centre_f32 {
             a.centre = rows.f32x3(i, 0);
-            if !a.centre.iter().all(|c| c.is_finite()) {
-                return Err(FormatError::invalid(
-                    "centre of a node",
-                    "finite numbers",
-                    format!("{:?}", a.centre),
-                ));
-            }
         }
     }
     if let Some(rows) = centre {

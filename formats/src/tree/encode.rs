@@ -265,41 +265,17 @@ fn below_code(node: &Node) -> u8 {
 }
 
 fn check_node(node: &Node, i: usize) -> Result<()> {
+    check::node(node, &|| format!("node {i} of the page"))?;
     let a = &node.aggregate;
-    let wrong = |what: &str, expected: &str, found: &[f32]| {
-        Err(FormatError::invalid(
-            format!("{what} of node {i}"),
-            expected,
-            format!("{found:?}"),
-        ))
-    };
-    let is_finite = |v: &[f32]| v.iter().all(|v| v.is_finite());
-    let b = &node.bounds;
-    if !(is_finite(&b.min) && is_finite(&b.max) && (0..3).all(|k| b.min[k] <= b.max[k])) {
-        return wrong("bounds", "a finite box", &[b.min, b.max].concat());
+    let mut light = a.axis_radiance.iter().chain(&a.back_radiance);
+    match light.find(|c| !check::is_radiance(**c)) {
+        Some(c) => Err(FormatError::invalid(
+            format!("axis radiance of node {i} of the page"),
+            "numbers of at least 0",
+            format!("{c:?}"),
+        )),
+        None => Ok(()),
     }
-    if !(a.area.is_finite() && a.area >= 0.0) {
-        return wrong("area", "a number of at least 0", &[a.area]);
-    }
-    for (what, values) in [
-        ("centre", &a.centre[..]),
-        ("normal sum", &a.normal_sum),
-        ("second moment", &a.second_moment),
-    ] {
-        if !is_finite(values) {
-            return wrong(what, "finite numbers", values);
-        }
-    }
-    // Room for rounding and for normals that are not quite of unit length.
-    let most = a.area * 1.01;
-    if !a.axis_area.iter().all(|v| (0.0..=most).contains(v)) {
-        return wrong("axis areas", "from 0 to the node's area", &a.axis_area);
-    }
-    let radiance = [a.axis_radiance, a.back_radiance].concat().concat();
-    if !radiance.iter().all(|v| v.is_finite() && *v >= 0.0) {
-        return wrong("axis radiance", "numbers of at least 0", &radiance);
-    }
-    Ok(())
 }
 
 /// Everything of a surfel but its place and its light.

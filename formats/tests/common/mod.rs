@@ -1,6 +1,7 @@
 //! Records made from a seed.
 #![allow(dead_code)]
 
+pub mod parts;
 pub mod random;
 
 use lvox_formats::*;

@@ -91,6 +91,9 @@ pub enum Unreadable {
     /// Not as long as the head says.
     #[error("is cut or damaged: its length is wrong")]
     Length,
+    /// A sum that samples cannot have.
+    #[error("is damaged: a sum of row {0} is infinite or not a number")]
+    Sum(u32),
     /// Altered since it was written.
     #[error("is damaged: its checksum is wrong")]
     Checksum,
@@ -149,10 +152,15 @@ impl Head {
         }
         let mut origin = vec![0; length as usize];
         from.read_exact(&mut origin)?;
+        let origin: Origin = serde_json::from_slice(&origin).map_err(|_| Unreadable::Damaged)?;
+        let [width, height] = origin.film;
+        if x1 > width || y1 > height {
+            return Err(Unreadable::Damaged);
+        }
         Ok(Self {
             strands,
             region: Region { x0, y0, x1, y1 },
-            origin: serde_json::from_slice(&origin).map_err(|_| Unreadable::Damaged)?,
+            origin,
         })
     }
 }
@@ -208,9 +216,10 @@ mod tests {
             }
         }
         assert!(matches!(with(0, 2), Err(Unreadable::Version(2))));
-        // No strands; the region's right before its left, its bottom above its top; origins longer
-        // than any, and one that ends too soon.
-        for (number, value) in [(1, 0), (4, 2), (5, 4), (6, u32::MAX), (6, 1)] {
+        // No strands; the region's right before its left, its bottom above its top, or either
+        // outside of the film; origins longer than any, and one that ends too soon.
+        let region = [(4, 2), (5, 4), (4, 21), (5, 11)];
+        for (number, value) in [(1, 0), (6, u32::MAX), (6, 1)].into_iter().chain(region) {
             let found = with(number, value);
             assert!(matches!(found, Err(Unreadable::Damaged)), "{found:?}");
         }

@@ -115,7 +115,7 @@ impl<R: Read> Rows<R> {
     /// Reads the next row from the top, if there is one.
     ///
     /// # Errors
-    /// Those of the file.
+    /// [`Unreadable::Sum`], and those of the file.
     pub fn next_row(&mut self) -> Result<Option<Row>, Unreadable> {
         if self.next == self.head.region.y1 {
             return Ok(None);
@@ -134,6 +134,9 @@ impl<R: Read> Rows<R> {
                 .map(|sum: &[[u8; 8]; 3]| sum.map(f64::from_le_bytes))
                 .collect(),
         };
+        if !row.sums.iter().flatten().all(|v| v.is_finite()) {
+            return Err(Unreadable::Sum(row.y));
+        }
         self.next += 1;
         Ok(Some(row))
     }
@@ -180,7 +183,10 @@ mod tests {
                 x1: 6,
                 y1: 7,
             },
-            origin: Origin::default(),
+            origin: Origin {
+                film: [20, 10],
+                ..Origin::default()
+            },
         };
         let row = |y: u32| Row {
             y,
@@ -224,9 +230,23 @@ mod tests {
         let vast = Head {
             strands: u32::MAX,
             region: Region::full(u32::MAX, u32::MAX),
-            ..head
+            origin: Origin {
+                film: [u32::MAX; 2],
+                ..Origin::default()
+            },
         };
         assert!(matches!(read(&vast.bytes()), Err(Unreadable::Length)));
+    }
+
+    #[test]
+    fn sums_that_are_not_finite_are_refused() {
+        for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            let (head, mut rows) = given();
+            rows[1].sums[5][2] = value;
+            let mut bytes = Vec::new();
+            write(&mut bytes, &head, &rows).unwrap();
+            assert!(matches!(read(&bytes), Err(Unreadable::Sum(6))), "{value}");
+        }
     }
 
     #[test]
