@@ -3,6 +3,7 @@
 use super::{Picture, Region};
 use crate::{Error, Result};
 use std::collections::BTreeMap;
+use std::fmt;
 
 /// A frame, or the part of it that a tile covers.
 #[derive(Clone, Debug, PartialEq)]
@@ -78,6 +79,37 @@ impl Layer {
     }
 }
 
+/// The pixels of a frame that are infinite or not a number.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NotFinite {
+    /// How many they are.
+    pub pixels: usize,
+    /// The first of them, from the top: its column and row in the whole frame.
+    pub first: [u32; 2],
+    /// Full names of the channels that have any.
+    pub channels: Vec<String>,
+}
+
+impl fmt::Display for NotFinite {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (are, plural) = match self.pixels {
+            1 => ("is", ""),
+            _ => ("are", "s"),
+        };
+        let [x, y] = self.first;
+        write!(
+            f,
+            "{} pixel{plural} {are} infinite or not a number, the first at ({x}, {y}), in the \
+             channels {}",
+            self.pixels,
+            self.channels.join(", ")
+        )
+    }
+}
+
+/// Layers that are infinite by meaning: where a ray meets nothing, and of too few samples.
+const MAY_BE_INFINITE: [&str; 2] = ["depth", "variance"];
+
 impl Frame {
     /// Makes an empty frame, without layers.
     #[must_use]
@@ -124,6 +156,36 @@ impl Frame {
             return Err(Error::input("an image needs at least one channel"));
         }
         Ok(())
+    }
+
+    /// Finds the pixels that no picture can show: those of which a channel is infinite or not a
+    /// number. Depth and variance may be infinite.
+    #[must_use]
+    pub fn not_finite(&self) -> Option<NotFinite> {
+        let (mut found, mut channels) = (Vec::new(), Vec::new());
+        for layer in &self.layers {
+            let may_be_infinite = MAY_BE_INFINITE.contains(&&*layer.name);
+            let is_wrong = |v: f32| !(v.is_finite() || may_be_infinite && v == f32::INFINITY);
+            for (channel, samples) in &layer.channels {
+                let before = found.len();
+                let wrong = samples.iter().enumerate().filter(|(_, v)| is_wrong(**v));
+                found.extend(wrong.map(|(i, _)| i));
+                if found.len() > before {
+                    channels.push(channel_name(&layer.name, channel));
+                }
+            }
+        }
+        found.sort_unstable();
+        found.dedup();
+        let (first, width) = (*found.first()?, self.region.width() as usize);
+        Some(NotFinite {
+            pixels: found.len(),
+            first: [
+                self.region.x0 + (first % width) as u32,
+                self.region.y0 + (first / width) as u32,
+            ],
+            channels,
+        })
     }
 
     /// Copies the linear RGB of a layer inside `region`.
@@ -198,6 +260,36 @@ mod tests {
         assert!(frame.check().unwrap_err().to_string().contains("depth.Z"));
         frame.layers[1] = Layer::rgb("", &[[0.0; 3]; 16]);
         assert!(frame.check().unwrap_err().to_string().contains("twice"));
+    }
+
+    #[test]
+    fn pixels_that_are_not_finite_are_counted_once_each() {
+        let region = Region {
+            x0: 2,
+            y0: 1,
+            x1: 5,
+            y1: 3,
+        };
+        let mut frame = Frame::new(8, 8, region);
+        let mut pixels = [[1.0; 3]; 6];
+        frame.layers.push(Layer::rgb("", &pixels));
+        let depths = vec![f32::INFINITY; 6];
+        frame.layers.push(Layer::single("depth", "Z", depths));
+        assert_eq!(frame.not_finite(), None);
+        pixels[4] = [f32::NAN, 1.0, f32::INFINITY];
+        pixels[5][0] = f32::NEG_INFINITY;
+        frame.layers[0] = Layer::rgb("", &pixels);
+        let found = frame.not_finite().unwrap();
+        assert_eq!((found.pixels, found.first), (2, [3, 2]));
+        assert_eq!(found.channels, ["R", "B"]);
+        assert_eq!(
+            found.to_string(),
+            "2 pixels are infinite or not a number, the first at (3, 2), in the channels R, B"
+        );
+        frame.layers[1].channels[0].1[0] = f32::NAN;
+        let found = frame.not_finite().unwrap();
+        assert_eq!((found.pixels, found.first), (3, [2, 1]));
+        assert_eq!(found.channels, ["R", "B", "depth.Z"]);
     }
 
     #[test]

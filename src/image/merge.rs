@@ -57,6 +57,10 @@ pub fn merge(inputs: &[PathBuf], output: &Path, job: &Job) -> Result<Merged> {
         paste(&mut frame, tile);
         task.add(1);
     }
+    if let Some(found) = frame.not_finite() {
+        job.progress.warn(&format!("{}: {found}", output.display()));
+    }
+    job.heed_warnings()?;
     exr::write(output, &frame, first.precision())?;
     Ok(Merged {
         width: frame.width,

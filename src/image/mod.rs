@@ -36,7 +36,7 @@ pub(crate) mod samples;
 pub(crate) mod subject;
 pub mod tone;
 
-pub use frame::{EXPOSURE, Frame, Layer};
+pub use frame::{EXPOSURE, Frame, Layer, NotFinite};
 pub use kind::ImageKind;
 pub use merge::{Merged, merge};
 pub use picture::Picture;

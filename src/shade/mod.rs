@@ -103,8 +103,14 @@ pub fn run(
             asked.media.list(counts);
         }
         warn_of_unknown(asked.patches, job);
-        job.heed_warnings()?;
         let mut frame = pixels::to_frame(scene, region, aovs, planes);
+        if let Some(found) = frame.not_finite() {
+            job.progress.warn(&format!(
+                "{found}; light there is more than 32-bit floats hold, or a file is not what it \
+                 should be, which `lvox verify` tells"
+            ));
+        }
+        job.heed_warnings()?;
         let mut note =
             |name: &str, value: String| frame.attributes.insert(format!("lvox/{name}"), value);
         note("version", env!("CARGO_PKG_VERSION").into());

@@ -3,6 +3,7 @@
 
 use crate::messages::lvox;
 use crate::{ROOM, Work};
+use lvox::image::{Frame, Layer, Region, exr};
 use std::fs;
 
 /// Every file of the folder with its content.
@@ -127,4 +128,24 @@ fn pipes_are_no_inputs_and_nobody_waits_for_them() {
     ] {
         lvox(&work, args).refused(2, &["a.pipe", "expected a file, found a pipe"]);
     }
+}
+
+/// Tiles of other programs may hold anything.
+#[test]
+fn tiles_with_pixels_that_are_not_finite_are_told_and_end_strict_merges() {
+    let work = Work::new(ROOM);
+    let mut tile = Frame::new(4, 3, Region::full(4, 3));
+    let mut pixels = [[1.0; 3]; 12];
+    pixels[9][1] = f32::NAN;
+    tile.layers.push(Layer::rgb("", &pixels));
+    exr::write(&work.path("tile.exr"), &tile, exr::Precision::Half).unwrap();
+    let merge = ["merge", "tile.exr", "-o", "out.exr", "--progress", "none"];
+    let strict = lvox(&work, &[&merge[..], &["--strict"]].concat());
+    let said = "1 pixel is infinite or not a number, the first at (1, 2), in the channels G";
+    strict.refused(2, &["out.exr", said]);
+    assert!(!work.path("out.exr").exists());
+    let run = lvox(&work, &merge);
+    run.done();
+    assert!(run.stderr.contains(said), "{}", run.stderr);
+    assert_eq!(run.stderr.lines().count(), 1, "{}", run.stderr);
 }

@@ -6,7 +6,7 @@ use crate::support::trees;
 use crate::{ROOM, Work, beauty, layer, relative_rms, with_threads};
 use lvox::formats::{BlockKind, Overwrite, Scatter};
 use lvox::image::Region;
-use lvox::run::Job;
+use lvox::run::{Job, OnWarning};
 use lvox::scatter;
 use lvox::scene::Scene;
 use lvox::shade::{self, Aov, Settings};
@@ -314,7 +314,11 @@ fn values_out_of_range_are_refused_by_all_that_read_them() {
     for (at, value, says) in [(8, 9, "volume"), (10, 4, "level"), (12, 3, "vertices")] {
         let mut parts = whole.clone();
         parts.summary[at] = value;
-        for args in [&shade[..], &["inspect", "a.lvs"], &["verify", "a.lvs"]] {
+        for args in [
+            &shade[..],
+            &["inspect", "a.lvs"],
+            &["verify", "a.lvs", "--progress", "none"],
+        ] {
             refused(&parts, args, says);
         }
     }
@@ -325,10 +329,47 @@ fn values_out_of_range_are_refused_by_all_that_read_them() {
             let start = 8 * lvox::formats::CLUSTER_CUBES;
             block.set(0, (start, rows), [0, 0], &value.to_le_bytes());
         }
-        for args in [&shade[..], &["verify", "a.lvs"]] {
+        for args in [&shade[..], &["verify", "a.lvs", "--progress", "none"]] {
             refused(&parts, args, "finite numbers of at least 0");
         }
     }
+}
+
+/// Each value is one that light can have, and their sum is more than a float holds.
+#[test]
+fn pixels_that_are_not_finite_are_told_and_end_strict_jobs() {
+    let work = Work::new(ROOM);
+    let scene = work.scene();
+    let tree = work.bake(&scene, 2000);
+    let file = scattered(&work, &scene, &tree, "a.lvs", &like(&few()));
+    let mut parts = Parts::of(&fs::read(&file).unwrap());
+    for block in &mut parts.blocks {
+        // Of the columns only `chosen` and `light` are there, as no light is a point or a spot.
+        assert_eq!(block.columns, 0b01001);
+        let rows = block.records as usize;
+        let start = 8 * lvox::formats::CLUSTER_CUBES;
+        for at in (0..rows).flat_map(|row| [0, 4, 8].map(|byte| [row, byte])) {
+            block.set(0, (start, rows), at, &f32::MAX.to_le_bytes());
+        }
+    }
+    fs::write(&file, parts.file()).unwrap();
+    let store = OpenTree::open(&tree, None).unwrap();
+    let store = store.with_scatter(&file).unwrap();
+    let region = Region::full(scene.film.width, scene.film.height);
+    let shade = |on_warning| {
+        let job = Job {
+            on_warning,
+            ..Job::default()
+        };
+        let frame = shade::run(&scene, &store, &few(), region, &[], &job);
+        (frame, job.progress.warnings())
+    };
+    let (frame, warnings) = shade(OnWarning::GoOn);
+    let found = frame.unwrap().not_finite().unwrap().to_string();
+    assert_eq!(warnings.len(), 1, "{warnings:?}");
+    assert!(warnings[0].contains(&found), "{warnings:?}");
+    let error = shade(OnWarning::Fail).0.unwrap_err().to_string();
+    assert!(error.contains(&found), "{error}");
 }
 
 #[test]

@@ -193,7 +193,11 @@ pub fn run(
             sums.write(&kept)?;
         }
         if is_whole {
-            exr::write(image, &frame(scene, sums), Precision::Float)?;
+            let frame = frame(scene, sums);
+            if let Some(found) = frame.not_finite() {
+                job.progress.warn(&format!("{}: {found}", image.display()));
+            }
+            exr::write(image, &frame, Precision::Float)?;
         }
         Ok(())
     };
