@@ -80,6 +80,11 @@ impl<D: AsRef<[u8]>, F: Format> Opened<D, F> {
         self.version
     }
 
+    /// Length of the file.
+    pub fn file_bytes(&self) -> u64 {
+        self.data.as_ref().len() as u64
+    }
+
     /// Identity of everything in the file.
     pub fn content_hash(&self) -> [u8; 16] {
         self.content_hash

@@ -48,9 +48,17 @@ fn read_media(tree: &Tree<MappedFile>, path: &Path, memory_limit: Option<u64>) -
     Ok(media)
 }
 
-/// Most bytes of the tables that find lvoxels, where no memory limit is given: volumes of 8192^3
-/// voxels in all.
-const MAX_TABLE_BYTES: u64 = 4 << 30;
+/// Most bytes of the tables that find lvoxels, where no memory limit is given, of a file of so many
+/// bytes: a header alone may claim volumes of any size. Volumes of 2048^3 voxels in all are free; a
+/// brick that is not empty takes a byte of the file, or several, and pays for those around it.
+fn max_table_bytes(file_bytes: u64) -> u64 {
+    const FREE: u64 = 256 << 20;
+    const MOST: u64 = 4 << 30;
+    file_bytes
+        .saturating_mul(1024)
+        .saturating_add(FREE)
+        .min(MOST)
+}
 
 impl OpenTree {
     /// Opens a tree file. With a memory limit that the decoded tree might pass, pages are cached
@@ -65,12 +73,13 @@ impl OpenTree {
         let table_bytes = u64::try_from(table_bytes).unwrap_or(u64::MAX);
         let what = "finding the lvoxels of its volumes";
         size::within(what, table_bytes, memory_limit).map_err(|e| e.at(path.display()))?;
-        if memory_limit.is_none() && table_bytes > MAX_TABLE_BYTES {
+        let most = max_table_bytes(tree.file_bytes());
+        if memory_limit.is_none() && table_bytes > most {
             return Err(Error::input(format!(
                 "{}: {what} needs {}, without `memory_limit` the most is {}",
                 path.display(),
                 size::format(table_bytes),
-                size::format(MAX_TABLE_BYTES)
+                size::format(most)
             ))
             .hint(
                 "a larger `memory_limit` allows it; `lvox verify` tells whether the file is whole",
