@@ -2,9 +2,10 @@
 //! in the cloud that stands in it.
 
 use super::bricks::{BrickTable, brick_around};
+use crate::math::{Aabb, Boxes};
 use crate::scene::Volume;
 use crate::scene::grid::BRICK_CELLS;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// How fast light in each brick of a volume may change, as an extinction per scene unit; 0 where
 /// the volume is empty.
@@ -16,14 +17,17 @@ use glam::Vec3;
 pub struct Densities(BrickTable<f32>);
 
 impl Densities {
-    /// Densities of the bricks of the volume at an index.
-    pub fn new(volumes: &[Volume], index: usize) -> Self {
+    /// Densities of the bricks of the volume at an index; `boxes` are those of all volumes.
+    pub fn new(volumes: &[Volume], boxes: &Boxes, index: usize) -> Self {
         let volume = &volumes[index];
-        let others = || volumes.iter().enumerate().filter(|(i, _)| *i != index);
         Self(BrickTable::new(&volume.sigma_t, |b| {
             let own = volume.sigma_t.brick(b).map_or(0.0, |brick| brick.max);
             if own > 0.0 {
-                let rest: f32 = others().map(|(_, o)| most_around(volume, b, o)).sum();
+                let corners = corners(volume, b);
+                let around = corners.map(|c| c.as_vec3()).into_iter();
+                let around = boxes.around(&around.fold(Aabb::EMPTY, Aabb::with));
+                let others = around.filter(|&i| i != index).map(|i| &volumes[i]);
+                let rest: f32 = others.map(|other| most_around(corners, other)).sum();
                 own * (1.0 + rest / own).sqrt()
             } else {
                 0.0
@@ -49,15 +53,20 @@ impl Densities {
     }
 }
 
-/// The largest sample of the bricks of another volume that may touch a brick.
-fn most_around(volume: &Volume, brick: [usize; 3], other: &Volume) -> f32 {
-    let (mut lower, mut upper) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-    for i in 0..8 {
+/// Corners of the cells of a brick, in the scene.
+fn corners(volume: &Volume, brick: [usize; 3]) -> [DVec3; 8] {
+    std::array::from_fn(|i| {
         let corner: [f32; 3] =
             std::array::from_fn(|a| ((brick[a] + (i >> a & 1)) * BRICK_CELLS) as f32 - 0.5);
-        let in_scene = volume
-            .scene_from_index
-            .transform_point3(Vec3::from(corner).as_dvec3());
+        let corner = Vec3::from(corner).as_dvec3();
+        volume.scene_from_index.transform_point3(corner)
+    })
+}
+
+/// The largest sample of the bricks of another volume that may touch a box with these corners.
+fn most_around(corners: [DVec3; 8], other: &Volume) -> f32 {
+    let (mut lower, mut upper) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    for in_scene in corners {
         let p = other
             .index_from_scene_f64
             .transform_point3(in_scene)
@@ -106,7 +115,11 @@ mod tests {
         let haze = cube(0.1, 1.0, DVec3::ZERO);
         let cloud = cube(10.0, 0.25, DVec3::new(20.0, 20.0, 20.0));
         let volumes = [haze, cloud];
-        let of_haze = Densities::new(&volumes, 0);
+        let densities = |volumes: &[Volume], index| {
+            let boxes = Boxes::new(volumes.iter().map(Volume::bounds));
+            Densities::new(volumes, &boxes, index)
+        };
+        let of_haze = densities(&volumes, 0);
         let within = (0.1_f32 * 10.1).sqrt();
         for (at, expected) in [
             (Vec3::splat(4.0), 0.1),
@@ -119,10 +132,10 @@ mod tests {
             assert!((found / expected - 1.0).abs() < 1e-5, "{at}: {found}");
         }
         // To the cloud the haze is next to nothing.
-        let found = Densities::new(&volumes, 1).at(Vec3::splat(16.0));
+        let found = densities(&volumes, 1).at(Vec3::splat(16.0));
         assert!((found / 10.05 - 1.0).abs() < 1e-3, "{found}");
         // Alone, a volume has its own extinction.
-        assert_eq!(Densities::new(&volumes[1..], 0).at(Vec3::splat(16.0)), 10.0);
+        assert_eq!(densities(&volumes[1..], 0).at(Vec3::splat(16.0)), 10.0);
         let of_all = of_haze.of_all([3; 3], 0.1);
         assert!((of_all / 10.1 - 1.0).abs() < 1e-5, "{of_all}");
     }

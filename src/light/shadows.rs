@@ -2,7 +2,7 @@
 //! that stand in for them before lights whose shadows are soft.
 
 use crate::math::exp::exp_neg;
-use crate::math::{Ray, sampling};
+use crate::math::{Boxes, Ray, sampling};
 use crate::scene::{Material, Scene, Volume};
 use crate::trace::{SteppedVolume, Tracer};
 use glam::{DVec3, Vec3};
@@ -66,6 +66,7 @@ impl Shadows for SceneMedia<'_> {
 #[derive(Debug)]
 pub struct SoftShadowMedia {
     volumes: Vec<SteppedVolume>,
+    boxes: Boxes,
 }
 
 impl SoftShadowMedia {
@@ -81,6 +82,7 @@ impl SoftShadowMedia {
         let max_edge = Self::max_edge(scene.volumes.len());
         scene.materials.iter().any(emits).then(|| Self {
             volumes: scene.volumes.iter().map(|v| stepped(v, max_edge)).collect(),
+            boxes: scene.volume_boxes(),
         })
     }
 
@@ -93,7 +95,7 @@ impl SoftShadowMedia {
 
 impl ShadowMedia for SoftShadowMedia {
     fn optical_depth(&self, ray: &Ray) -> f32 {
-        let volumes = self.volumes.iter();
+        let volumes = self.boxes.along(ray).map(|v| &self.volumes[v]);
         volumes.map(|v| v.optical_depth(ray)).sum()
     }
 }

@@ -8,7 +8,7 @@ use super::shadows::{ShadowMedia, Shadows};
 use crate::math::exp::exp_neg;
 use crate::math::ray_lattice::RayLattice;
 use crate::math::sampling::{disk, tangents};
-use crate::math::{Ray, Rgb};
+use crate::math::{Aabb, Boxes, Ray, Rgb};
 use crate::scene::{Light, Scene, Volume};
 use crate::trace::Cells;
 use glam::Vec3;
@@ -73,11 +73,19 @@ impl Sun {
 /// The media's depth towards each sun of a scene. Rays are made when first asked for, and depend on
 /// nothing but the scene.
 #[derive(Debug)]
-pub struct SunDepths<'a>(Vec<Option<SunDepth<'a>>>);
+pub struct SunDepths<'a> {
+    scene: &'a Scene,
+    /// By light; of a scene that has many only some are ever asked for.
+    suns: Vec<OnceLock<Option<SunDepth<'a>>>>,
+}
 
 /// Depth towards one sun, whatever direction is asked for.
 #[derive(Debug)]
-struct SunDepth<'a>(Vec<VolumeDepth<'a>>);
+struct SunDepth<'a> {
+    to_sun: Vec3,
+    volumes: Vec<VolumeDepth<'a>>,
+    boxes: Boxes,
+}
 
 impl<'a> SunDepths<'a> {
     /// Angular radius, radians, beyond which shadows are too soft for rays along one direction.
@@ -93,32 +101,48 @@ impl<'a> SunDepths<'a> {
     /// Nothing is known yet.
     #[must_use]
     pub fn new(scene: &'a Scene) -> Self {
-        let of = |light: &Light| match *light {
-            Light::Directional {
-                direction,
-                angular_radius_rad,
-                ..
-            } if angular_radius_rad <= Self::MAX_ANGULAR_RADIUS => {
-                let volumes = scene.volumes.iter();
-                let of_volume = |v| VolumeDepth::new(v, -direction);
-                Some(SunDepth(volumes.map(of_volume).collect()))
-            }
-            _ => None,
-        };
-        Self(scene.lights.iter().map(of).collect())
+        let suns = scene.lights.iter().map(|_| OnceLock::new()).collect();
+        Self { scene, suns }
     }
 
     /// What is known of a light, by its index; `None` if it is no sun or too wide a one.
     #[must_use]
     pub fn of(&self, light: usize) -> Option<&dyn ShadowMedia> {
-        let depth = self.0.get(light)?.as_ref()?;
-        Some(depth)
+        let depth = self.suns.get(light)?.get_or_init(|| {
+            let light = self.scene.lights.get(light)?;
+            SunDepth::new(self.scene, light)
+        });
+        Some(depth.as_ref()?)
+    }
+}
+
+impl<'a> SunDepth<'a> {
+    fn new(scene: &'a Scene, light: &Light) -> Option<Self> {
+        let Light::Directional {
+            direction,
+            angular_radius_rad,
+            ..
+        } = *light
+        else {
+            return None;
+        };
+        if angular_radius_rad > SunDepths::MAX_ANGULAR_RADIUS {
+            return None;
+        }
+        let of_volume = |v| VolumeDepth::new(v, -direction);
+        let volumes: Vec<_> = scene.volumes.iter().map(of_volume).collect();
+        Some(Self {
+            to_sun: -direction,
+            boxes: Boxes::new(volumes.iter().map(VolumeDepth::bounds)),
+            volumes,
+        })
     }
 }
 
 impl ShadowMedia for SunDepth<'_> {
     fn optical_depth(&self, ray: &Ray) -> f32 {
-        self.0.iter().map(|v| v.at(ray.origin)).sum()
+        let met = self.boxes.along(&Ray::endless(ray.origin, self.to_sun));
+        met.map(|v| self.volumes[v].at(ray.origin)).sum()
     }
 }
 
@@ -176,6 +200,16 @@ impl<'a> VolumeDepth<'a> {
             layers: count[rays.axes[0]],
             extent,
             rows: (0..extent[1].1).map(|_| OnceLock::new()).collect(),
+        }
+    }
+
+    /// Box around all that changes the depth: the volume, and what is beside it by a ray.
+    fn bounds(&self) -> Aabb {
+        let Aabb { min, max } = self.volume.bounds();
+        let beside = 2.0 * self.volume.longest_voxel_edge() / self.per_voxel;
+        Aabb {
+            min: min - beside,
+            max: max + beside,
         }
     }
 

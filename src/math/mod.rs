@@ -3,6 +3,7 @@
 //! | file | what it holds |
 //! | --- | --- |
 //! | `ray` | rays, and boxes along the axes |
+//! | `boxes` | which of many boxes a ray meets |
 //! | `hit` | where rays meet triangles |
 //! | `color` | linear RGB |
 //! | `segment` | emission and absorption along a ray, front to back |
@@ -15,6 +16,7 @@
 //! | `index` | numbers of cells in a grid |
 //! | `vec3x4` | four vectors at a time |
 
+mod boxes;
 pub mod color;
 pub mod dda;
 pub mod exp;
@@ -28,6 +30,7 @@ pub mod sampling;
 pub mod segment;
 mod vec3x4;
 
+pub use boxes::Boxes;
 pub use color::Rgb;
 pub use hit::Hit;
 pub use index::unflatten;

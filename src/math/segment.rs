@@ -2,6 +2,8 @@
 
 use super::Rgb;
 use super::exp::exp_neg_and_rest;
+use std::cmp::Reverse;
+use std::collections::{BTreeSet, BinaryHeap};
 
 /// A part of a ray inside one medium, of constant extinction and source function.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -99,6 +101,9 @@ impl<T, W: Iterator<Item = Interval<T>>> Head<T, W> {
     }
 }
 
+/// Walks up to which each cut looks at all of them.
+const MAX_FEW_WALKS: usize = 16;
+
 /// Merges walks of one ray through media that may overlap, each front to back: what comes out is in
 /// order and cut at the ends of all, so that it does not overlap. There depths add and sources are
 /// weighted by depth. Walks are taken no further than `emit` lets them, and `source` is asked once
@@ -106,7 +111,7 @@ impl<T, W: Iterator<Item = Interval<T>>> Head<T, W> {
 pub fn flatten_overlaps<T: Copy>(
     walks: impl IntoIterator<Item: Iterator<Item = Interval<T>>>,
     source: impl Fn(T) -> Rgb,
-    mut emit: impl FnMut(Segment) -> bool,
+    emit: impl FnMut(Segment) -> bool,
 ) -> bool {
     let mut heads: Vec<_> = walks
         .into_iter()
@@ -115,6 +120,19 @@ pub fn flatten_overlaps<T: Copy>(
             stretch: None,
         })
         .collect();
+    if heads.len() > MAX_FEW_WALKS {
+        flatten_many(heads, source, emit)
+    } else {
+        flatten_few(&mut heads, source, emit)
+    }
+}
+
+/// As [`flatten_overlaps`], looking at all walks at each cut.
+fn flatten_few<T: Copy, W: Iterator<Item = Interval<T>>>(
+    heads: &mut Vec<Head<T, W>>,
+    source: impl Fn(T) -> Rgb,
+    mut emit: impl FnMut(Segment) -> bool,
+) -> bool {
     let mut at = f32::NEG_INFINITY;
     loop {
         heads.iter_mut().for_each(|h| h.advance(at));
@@ -149,6 +167,115 @@ pub fn flatten_overlaps<T: Copy>(
         }
         at = end;
     }
+}
+
+/// Where the stretch of a walk begins or ends; ends before beginnings at the same place.
+#[derive(PartialEq, Eq, PartialOrd, Ord)]
+struct Cut {
+    /// Bits of a distance, in the order of distances.
+    at: u32,
+    is_start: bool,
+    walk: u32,
+}
+
+impl Cut {
+    fn new(at: f32, is_start: bool, walk: usize) -> Reverse<Self> {
+        let bits = at.to_bits();
+        let sign = 1 << 31;
+        Reverse(Self {
+            at: if bits & sign == 0 { bits | sign } else { !bits },
+            is_start,
+            walk: walk as u32,
+        })
+    }
+}
+
+/// What is in a stretch: extinction, and source function times that.
+#[derive(Clone, Copy, Default)]
+struct Density {
+    sigma_t: f64,
+    source: [f64; 3],
+}
+
+impl Density {
+    fn add(&mut self, other: Self, sign: f64) {
+        self.sigma_t += sign * other.sigma_t;
+        for (sum, v) in self.source.iter_mut().zip(other.source) {
+            *sum += sign * v;
+        }
+    }
+}
+
+/// As [`flatten_overlaps`], from cut to cut: each costs the logarithm of the number of walks.
+fn flatten_many<T: Copy, W: Iterator<Item = Interval<T>>>(
+    mut heads: Vec<Head<T, W>>,
+    source: impl Fn(T) -> Rgb,
+    mut emit: impl FnMut(Segment) -> bool,
+) -> bool {
+    let mut cuts = BinaryHeap::with_capacity(heads.len());
+    let mut densities = vec![Density::default(); heads.len()];
+    for (i, head) in heads.iter_mut().enumerate() {
+        head.advance(f32::NEG_INFINITY);
+        cuts.extend(
+            head.stretch
+                .as_ref()
+                .map(|(s, _)| Cut::new(s.near, true, i)),
+        );
+    }
+    // Walks that are in a stretch.
+    let mut inside = BTreeSet::new();
+    let mut sum = Density::default();
+    let mut at = f32::NEG_INFINITY;
+    while let Some(Reverse(Cut { is_start, walk, .. })) = cuts.pop() {
+        let i = walk as usize;
+        let Some((stretch, _)) = &heads[i].stretch else {
+            continue;
+        };
+        let (next, stretch) = match is_start {
+            true => (stretch.near.max(at), *stretch),
+            false => (stretch.far, *stretch),
+        };
+        if !inside.is_empty() && next > at {
+            if inside.len() <= MAX_FEW_WALKS {
+                // Nothing is left of the rounding of what was larger.
+                sum = Density::default();
+                inside
+                    .iter()
+                    .for_each(|&i: &usize| sum.add(densities[i], 1.0));
+            }
+            let out = Segment {
+                near: at,
+                far: next,
+                tau: (sum.sigma_t * f64::from(next - at)) as f32,
+                source: Rgb(sum.source.map(|v| (v / sum.sigma_t).max(0.0) as f32)),
+            };
+            if !emit(out) {
+                return false;
+            }
+        }
+        at = at.max(next);
+        if is_start {
+            let sigma_t = f64::from(stretch.tau) / f64::from(stretch.far - stretch.near);
+            densities[i] = Density {
+                sigma_t,
+                source: source(stretch.of).0.map(|v| sigma_t * f64::from(v)),
+            };
+            sum.add(densities[i], 1.0);
+            inside.insert(i);
+            cuts.push(Cut::new(stretch.far, false, i));
+        } else {
+            sum.add(densities[i], -1.0);
+            inside.remove(&i);
+            let head = &mut heads[i];
+            head.advance(stretch.far);
+            cuts.extend(
+                head.stretch
+                    .as_ref()
+                    .map(|(s, _)| Cut::new(s.near, true, i)),
+            );
+        }
+    }
+    true
 }
 
 #[cfg(test)]
@@ -195,6 +322,65 @@ mod tests {
                 "{o:?}"
             );
             assert!((o.source.0[0] - e.source.0[0]).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn many_walks_are_merged_as_few_are() {
+        use crate::math::sampling::{hash, unit};
+        for count in [1, 3, 40] {
+            let walks = |_| {
+                (0..count).map(|w: u64| {
+                    let number = move |i: u64, k: u64| unit(hash(&[w, i, k]));
+                    // With gaps and without, thin and dense, and some that share their ends.
+                    let mut at = if w.is_multiple_of(5) {
+                        1.0
+                    } else {
+                        number(0, 0)
+                    };
+                    (1..60_u64).map(move |i| {
+                        let near = if i.is_multiple_of(3) {
+                            at
+                        } else {
+                            at + 0.1 * number(i, 1)
+                        };
+                        let far = near
+                            + if w.is_multiple_of(7) {
+                                0.125
+                            } else {
+                                number(i, 2)
+                            };
+                        at = far;
+                        let tau = libm::expf(20.0 * number(i, 3) - 15.0);
+                        stretch(near, far, tau, number(i, 4))
+                    })
+                })
+            };
+            let heads = || -> Vec<_> {
+                let head = |walk| Head {
+                    walk,
+                    stretch: None,
+                };
+                walks(()).map(head).collect()
+            };
+            let (mut few, mut many) = (Vec::new(), Vec::new());
+            assert!(flatten_few(&mut heads(), Rgb::splat, |s| {
+                few.push(s);
+                true
+            }));
+            assert!(flatten_many(heads(), Rgb::splat, |s| {
+                many.push(s);
+                true
+            }));
+            // The first gives stretches of nothing between others, too.
+            few.retain(|s| s.tau > 0.0);
+            assert_eq!(few.len(), many.len());
+            for (a, b) in few.iter().zip(&many) {
+                assert_eq!((a.near, a.far), (b.near, b.far));
+                assert!((a.tau - b.tau).abs() <= 1e-5 * a.tau, "{a:?} {b:?}");
+                let apart = (a.source.0[0] - b.source.0[0]).abs();
+                assert!(apart <= 1e-5 * a.source.0[0] + 1e-6, "{a:?} {b:?}");
+            }
         }
     }
 

@@ -31,7 +31,7 @@ pub use mesh::Mesh;
 pub use texture::{Texture, Wrap};
 pub use volume::Volume;
 
-use crate::math::{Aabb, Rgb};
+use crate::math::{Aabb, Boxes, Rgb};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3, Vec3};
 use std::path::PathBuf;
@@ -118,6 +118,11 @@ impl Scene {
     pub fn media_bounds(&self) -> Aabb {
         let corners = self.volumes.iter().flat_map(Volume::corners);
         corners.fold(Aabb::EMPTY, Aabb::with)
+    }
+
+    /// The boxes of all volumes, for what asks which of many a ray meets.
+    pub(crate) fn volume_boxes(&self) -> Boxes {
+        Boxes::new(self.volumes.iter().map(Volume::bounds))
     }
 
     /// Box around all triangles and volumes.

@@ -27,9 +27,9 @@ pub use surface::{Surface, offset, short_of, unit_normal, weights_in_triangle};
 pub use triangles::TriangleBvh;
 
 use crate::Result;
-use crate::math::Ray;
 use crate::math::exp::exp_neg;
 use crate::math::segment::{Interval, Segment, flatten_overlaps};
+use crate::math::{Boxes, Ray};
 use crate::run::Cancel;
 use crate::scene::Scene;
 use glam::Vec3;
@@ -42,6 +42,8 @@ pub struct Tracer<'a> {
     /// The density of surfels on the pieces of the scene.
     pub pieces: Pieces,
     triangles: TriangleBvh,
+    /// Of the scene's volumes.
+    boxes: Boxes,
 }
 
 impl<'a> Tracer<'a> {
@@ -52,6 +54,7 @@ impl<'a> Tracer<'a> {
             scene,
             pieces: Pieces::new(scene),
             triangles: TriangleBvh::new(&scene.mesh),
+            boxes: scene.volume_boxes(),
         }
     }
 
@@ -64,7 +67,14 @@ impl<'a> Tracer<'a> {
             scene,
             pieces: Pieces::new(scene),
             triangles: TriangleBvh::new_until(&scene.mesh, cancel)?,
+            boxes: scene.volume_boxes(),
         })
+    }
+
+    /// The boxes of the scene's volumes.
+    #[must_use]
+    pub fn boxes(&self) -> &Boxes {
+        &self.boxes
     }
 
     /// The nearest triangle along a ray.
@@ -108,7 +118,7 @@ impl<'a> Tracer<'a> {
     /// The optical depth of all media along a ray, exact, cell by cell.
     #[must_use]
     pub fn optical_depth(&self, ray: &Ray) -> f32 {
-        let volumes = self.scene.volumes.iter();
+        let volumes = self.boxes.along(ray).map(|v| &self.scene.volumes[v]);
         let cells = volumes.filter_map(|v| Cells::new(v, ray));
         cells.map(Cells::optical_depth).sum::<f64>() as f32
     }
@@ -122,12 +132,8 @@ impl<'a> Tracer<'a> {
         source: impl Fn(usize, RayInVolume, f32) -> crate::math::Rgb,
         mut emit: impl FnMut(Segment) -> bool,
     ) {
-        let mut walks = self
-            .scene
-            .volumes
-            .iter()
-            .enumerate()
-            .filter_map(|(v, volume)| Some((v, Cells::new(volume, ray)?)));
+        let cells = |v: usize| Some((v, Cells::new(&self.scene.volumes[v], ray)?));
+        let mut walks = self.boxes.along(ray).filter_map(cells);
         let Some((first, cells)) = walks.next() else {
             return;
         };

@@ -2,8 +2,8 @@
 
 use crate::math::dda::{Passage, Steps};
 use crate::math::segment::{Interval, Segment, flatten_overlaps};
-use crate::math::{Ray, Rgb};
-use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec3A};
+use crate::math::{Aabb, Boxes, Ray, Rgb};
+use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec3, Vec3A};
 use lvox_formats::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
 
 const BRICK: usize = 1 << MAX_LEVEL;
@@ -13,6 +13,7 @@ const EMPTY: u32 = u32::MAX;
 #[derive(Debug, Default)]
 pub struct Media {
     volumes: Vec<BlockGrid<Block>>,
+    boxes: Boxes,
 }
 
 /// The lvoxels of one volume: a table of bricks, each empty or a cube of blocks of one size.
@@ -102,6 +103,7 @@ impl MediaLayout {
     #[must_use]
     pub fn allocate(self) -> Media {
         Media {
+            boxes: Boxes::new(self.volumes.iter().map(BlockGrid::bounds)),
             volumes: self.volumes.into_iter().map(BlockGrid::allocate).collect(),
         }
     }
@@ -143,7 +145,8 @@ impl Media {
     /// returns whether it never did.
     #[inline]
     pub fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
-        let mut met = self.volumes.iter().filter_map(|v| v.enter(ray));
+        let boxes = self.boxes.along(ray);
+        let mut met = boxes.filter_map(|v| self.volumes[v].enter(ray));
         match (met.next(), met.next()) {
             (None, _) => true,
             (Some(walk), None) => walk.run(add),
@@ -196,6 +199,24 @@ impl BlockGrid<()> {
             bricks: Vec::new(),
             cubes: Vec::new(),
             blocks: Vec::new(),
+        }
+    }
+
+    /// Box around the volume in the scene; around all where its map has no inverse.
+    fn bounds(&self) -> Aabb {
+        let scene_from_index = self.index_from_scene_f64.inverse();
+        let corners = (0..8).map(|i| {
+            let corner = [0, 1, 2].map(|a| f64::from(self.dims[a]) * f64::from(i >> a & 1));
+            scene_from_index.transform_point3(corner.into()).as_vec3()
+        });
+        let corners: Vec<_> = corners.collect();
+        if corners.iter().all(|c| c.is_finite()) {
+            corners.into_iter().fold(Aabb::EMPTY, Aabb::with)
+        } else {
+            Aabb {
+                min: Vec3::NEG_INFINITY,
+                max: Vec3::INFINITY,
+            }
         }
     }
 

@@ -83,7 +83,8 @@ impl<'a> VolumeLattices<'a> {
         };
         let far_field = FarField::new(volume, volume_samples, seed);
         let voxel = volume.longest_voxel_edge();
-        let densities = Densities::new(&view.tracer.scene.volumes, index);
+        let volumes = &view.tracer.scene.volumes;
+        let densities = Densities::new(volumes, view.tracer.boxes(), index);
         let least =
             |depth| LeastSpacing::new(view, visible, volume, &densities, depth, DIRECT_LEVELS - 1);
         let least_direct = least(MAX_DIRECT_DEPTH);
