@@ -1,11 +1,12 @@
 //! Direct light in media, so split that it can be interpolated between points.
 
 use super::delta_lights::SegmentFromLight;
+use super::groups::Which;
 use super::lights::Lights;
 use super::shading_point::{INVERSE_SPHERE, MediumReceiver};
 use super::shadow_rays::ShadowRays;
 use super::shadows::Shadows;
-use super::suns::{Sun, SunDepths};
+use super::suns::SunDepths;
 use crate::math::{Ray, Rgb};
 use crate::scene::Light;
 use crate::trace::short_of;
@@ -53,7 +54,7 @@ impl<S: Shadows> Lights<'_, S> {
         let rest = self.sum(
             &self.shading_point(point, rays, MediumReceiver),
             suns,
-            |light| light.point_source().is_none(),
+            Which::Directional,
         );
         MediumLight {
             share: self.share_of_point_sources(point),
@@ -68,18 +69,18 @@ impl<S: Shadows> Lights<'_, S> {
         // between such points.
         const BESIDE: f32 = 1e-3;
         let (mut arriving, mut sent) = (Rgb::BLACK, Rgb::BLACK);
-        for (position, intensity, light) in self.point_sources() {
+        self.each_point_source(point, point, |position, intensity, light| {
             let to_light = position - point;
             let distance = to_light.length();
             if distance == 0.0 {
-                continue;
+                return;
             }
             let d = to_light / distance;
             let light = intensity * (light.falloff(-d).max(BESIDE) / (distance * distance));
             arriving +=
                 light * self.transmittance(&Ray::new(point, d, short_of(position, distance)));
             sent += light;
-        }
+        });
         Rgb(std::array::from_fn(|c| {
             if sent.0[c] > 0.0 {
                 arriving.0[c] / sent.0[c]
@@ -91,12 +92,26 @@ impl<S: Shadows> Lights<'_, S> {
 }
 
 impl<S> Lights<'_, S> {
-    fn point_sources(&self) -> impl Iterator<Item = (Vec3, Rgb, &Light)> {
+    /// Gives the point and spot lights to `add`, or those that stand for them along a segment if
+    /// they are many, with their positions and intensities.
+    fn each_point_source(&self, from: Vec3, to: Vec3, mut add: impl FnMut(Vec3, Rgb, &Light)) {
+        let mut add_light = |light: &Light| {
+            if let Some((position, intensity)) = light.point_source() {
+                add(position, Rgb(intensity), light);
+            }
+        };
+        match &self.groups {
+            None => self.tracer.scene.lights.iter().for_each(add_light),
+            Some(groups) => {
+                let lights = groups.along([from, to], self.exactness);
+                lights.for_each(|(_, light)| add_light(light));
+            }
+        }
+    }
+
+    fn point_sources(&self) -> impl Iterator<Item = Vec3> {
         let lights = self.tracer.scene.lights.iter();
-        lights.filter_map(|l| {
-            l.point_source()
-                .map(|(at, intensity)| (at, Rgb(intensity), l))
-        })
+        lights.filter_map(|l| l.point_source().map(|(at, _)| at))
     }
 
     /// Unshadowed light of point and spot lights in a medium: mean radiance over the sphere,
@@ -104,21 +119,20 @@ impl<S> Lights<'_, S> {
     #[must_use]
     pub fn unshadowed_along(&self, from: Vec3, to: Vec3) -> Rgb {
         let mut total = Rgb::BLACK;
-        for (position, intensity, light) in self.point_sources() {
+        self.each_point_source(from, to, |position, intensity, light| {
             let segment = SegmentFromLight::new(position, [from, to]);
             let mean = segment.mean_inverse_square();
             if mean.is_finite() {
                 total += intensity * (mean * INVERSE_SPHERE * segment.falloff(light));
             }
-        }
+        });
         total
     }
 
     /// Whether no light has an extent, so that [`MediumLight::rest`] has no noise of shadow rays.
     #[must_use]
     pub fn rest_is_exact(&self) -> bool {
-        let mut lights = self.tracer.scene.lights.iter();
-        self.emitters.is_empty() && !lights.any(|l| Sun::of(l).is_some())
+        self.emitters.is_empty() && !self.has_wide_sun
     }
 
     /// Whether there are lights whose shadows have sharp edges: points, spots and suns.
@@ -132,8 +146,12 @@ impl<S> Lights<'_, S> {
     /// the place from 0 to 1 that halves its light on the segment.
     #[must_use]
     pub fn point_source_near(&self, from: Vec3, to: Vec3, distance: f32) -> Option<f32> {
+        if let Some(groups) = &self.groups {
+            let nearest = groups.nearest([from, to], distance);
+            return nearest.map(|segment| segment.median());
+        }
         self.point_sources()
-            .map(|(position, ..)| SegmentFromLight::new(position, [from, to]))
+            .map(|position| SegmentFromLight::new(position, [from, to]))
             .map(|segment| (segment.distance(), segment))
             .filter(|(d, _)| *d < distance)
             .min_by(|a, b| a.0.total_cmp(&b.0))

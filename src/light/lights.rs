@@ -4,6 +4,7 @@ use super::delta_lights;
 use super::direct::DirectLight;
 use super::emitter::Emitter;
 use super::emitters::{CutTolerance, Emitters, Unshadowed};
+use super::groups::{Exactness, LightGroups, Which};
 use super::shading_point::{
     INVERSE_SPHERE, MediumReceiver, Receiver, ShadingPoint, SurfaceReceiver,
 };
@@ -26,6 +27,11 @@ pub struct Lights<'a, S = SceneMedia<'a>> {
     shadows: S,
     /// Lights of the scene that are no triangles.
     lights: &'a [Light],
+    /// Groups of those, and how exactly these tell their light, if they are many.
+    pub(super) groups: Option<Arc<LightGroups>>,
+    pub(super) exactness: Exactness,
+    /// Whether one of them is a sun with an extent.
+    pub(super) has_wide_sun: bool,
     pub(super) emitters: Arc<Emitters>,
     /// How exactly the light of many emitters is known.
     tolerance: CutTolerance,
@@ -40,6 +46,9 @@ impl<'a> Lights<'a> {
             tracer,
             shadows: SceneMedia::default(),
             lights: &tracer.scene.lights,
+            groups: LightGroups::new(&tracer.scene.lights).map(Arc::new),
+            exactness: Exactness::SHADING,
+            has_wide_sun: tracer.scene.lights.iter().any(|l| Sun::of(l).is_some()),
             emitters: Arc::new(Emitters::new(tracer.scene)),
             tolerance: CutTolerance::SHADING,
             environment: tracer.scene.environment(),
@@ -67,6 +76,7 @@ impl<'a> Lights<'a> {
     pub fn of_emitters(&self, emitters: Vec<Emitter>) -> Self {
         Self {
             lights: &[],
+            groups: None,
             emitters: Arc::new(Emitters::of(emitters)),
             tolerance: CutTolerance::GATHERING,
             environment: Rgb::BLACK,
@@ -81,6 +91,9 @@ impl<'a> Lights<'a> {
             tracer: self.tracer,
             shadows: Vacuum,
             lights: self.lights,
+            groups: self.groups.clone(),
+            exactness: self.exactness,
+            has_wide_sun: self.has_wide_sun,
             emitters: Arc::clone(&self.emitters),
             tolerance: self.tolerance,
             environment: self.environment,
@@ -89,10 +102,11 @@ impl<'a> Lights<'a> {
 }
 
 impl<'a, S: Shadows> Lights<'a, S> {
-    /// Makes light of many emitters less exact: for points of which pictures show means of many.
+    /// Makes light of many lights less exact: for points of which pictures show means of many.
     #[must_use]
     pub fn for_baking(mut self) -> Self {
         self.tolerance = CutTolerance::BAKING;
+        self.exactness = Exactness::BAKING;
         self
     }
 
@@ -134,7 +148,7 @@ impl<'a, S: Shadows> Lights<'a, S> {
     ) -> DirectLight {
         let at = OnSurface::new(surface.position, surface.normal, surface.face_normal);
         let at = self.shading_point(at.origin, rays, at.receiver);
-        self.sum_by(unshadowed, light, &at, None, |_| true)
+        self.sum_by(unshadowed, light, &at, None, Which::All)
     }
 
     /// Irradiance of a surface point on the side of `normal`; `face_normal` is the geometric one on
@@ -149,7 +163,7 @@ impl<'a, S: Shadows> Lights<'a, S> {
     ) -> DirectLight {
         let at = OnSurface::new(point, normal, face_normal);
         let at = self.shading_point(at.origin, rays, at.receiver);
-        self.sum(&at, None, |_| true)
+        self.sum(&at, None, Which::All)
     }
 
     /// Mean over the sphere of the direct radiance at a point of a medium: its in-scattered
@@ -157,7 +171,7 @@ impl<'a, S: Shadows> Lights<'a, S> {
     #[must_use]
     pub fn mean_radiance(&self, point: Vec3, rays: ShadowRays) -> DirectLight {
         let at = self.shading_point(point, rays, MediumReceiver);
-        let mut direct = self.sum(&at, None, |_| true);
+        let mut direct = self.sum(&at, None, Which::All);
         direct.delta *= INVERSE_SPHERE;
         direct.unshadowed *= INVERSE_SPHERE;
         direct
@@ -221,16 +235,16 @@ impl<'a, S: Shadows> Lights<'a, S> {
         }
     }
 
-    /// Sums over the lights that `counts` and all emitters. Media before suns are those of `suns`,
+    /// Sums over the lights that are asked for and all emitters. Media before suns are those of `suns`,
     /// or the scene's own.
     pub(super) fn sum(
         &self,
         at: &ShadingPoint<S, impl Receiver>,
         suns: Option<&SunDepths>,
-        counts: impl Fn(&Light) -> bool,
+        which: Which,
     ) -> DirectLight {
         let unshadowed = Unshadowed::new(&self.emitters, self.tolerance, at.origin, at.receiver);
-        self.sum_by(&unshadowed, unshadowed.light, at, suns, counts)
+        self.sum_by(&unshadowed, unshadowed.light, at, suns, which)
     }
 
     fn sum_by<R: Receiver>(
@@ -239,17 +253,25 @@ impl<'a, S: Shadows> Lights<'a, S> {
         light_of_emitters: Rgb,
         at: &ShadingPoint<S, R>,
         suns: Option<&SunDepths>,
-        counts: impl Fn(&Light) -> bool,
+        which: Which,
     ) -> DirectLight {
         let mut total = DirectLight::default();
-        for (index, light) in self.lights.iter().enumerate() {
-            if !counts(light) {
-                continue;
-            }
+        let mut add = |index: usize, light: &Light| {
             let media = suns.and_then(|s| s.of(index));
             match Sun::of(light) {
                 Some(sun) => sun.trace(&mut total, index, at, media),
                 None => delta_lights::trace(&mut total, light, index, at, media),
+            }
+        };
+        match &self.groups {
+            None => {
+                let lights = self.lights.iter().enumerate();
+                let asked = lights.filter(|(_, light)| which.counts(light));
+                asked.for_each(|(index, light)| add(index, light));
+            }
+            Some(groups) => {
+                let lights = groups.at_point(which, at.origin, at.receiver, self.exactness);
+                lights.for_each(|(index, light)| add(index, light));
             }
         }
         total.unshadowed += light_of_emitters;

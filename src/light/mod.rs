@@ -19,6 +19,7 @@
 //! | `shadow_rays` | [`ShadowRays`]: how many rays go to a light, and to which points of it |
 //! | `shadows` | [`Shadows`]: what rays pass, from a vacuum to media made simple |
 //! | `delta_lights` | point, spot and parallel lights, at a point and along a segment |
+//! | `groups` | what stands for the lights that are no triangles of a scene that has many |
 //! | `suns` | suns with an extent, and the optical depth of media towards any |
 //! | `emitter`, `emitters` | emissive triangles, their unshadowed light, and rays chosen by it |
 //! | `tree` | what stands for the emitters of a scene that has many |
@@ -27,6 +28,7 @@ mod delta_lights;
 mod direct;
 mod emitter;
 mod emitters;
+mod groups;
 mod in_medium;
 mod lights;
 mod shading_point;
