@@ -23,6 +23,7 @@ use super::{Camera, Film, Light, Scene, Volume};
 use crate::run::Cancel;
 use crate::{Error, Result};
 use glam::{Affine3A, DAffine3, DVec3};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A scene whose centre is farther from the origin than this many times its extent is moved to the
 /// origin.
@@ -175,9 +176,10 @@ impl SceneBuilder {
         if let Some(film) = &self.film {
             film.check()?;
         }
-        for (i, camera) in self.cameras.iter().enumerate() {
+        let mut names = BTreeSet::new();
+        for camera in &self.cameras {
             camera.check()?;
-            if self.cameras[..i].iter().any(|c| c.name == camera.name) {
+            if !names.insert(&camera.name) {
                 return Err(Error::input(format!(
                     "two cameras have the name \"{}\"",
                     camera.name
@@ -191,16 +193,20 @@ impl SceneBuilder {
         self.volumes.iter().try_for_each(VolumeInput::check_values)
     }
 
-    /// Adds a camera from a file that may give several the same name.
-    pub(super) fn add_camera(&mut self, mut camera: CameraInput) {
-        let taken = |name: &str| self.cameras.iter().any(|c| c.name == name);
-        let plain = camera.name.clone();
-        let mut number = 2;
-        while taken(&camera.name) {
-            camera.name = format!("{plain} {number}");
-            number += 1;
+    /// Adds cameras from a file that may give several the same name.
+    pub(super) fn add_cameras(&mut self, cameras: Vec<CameraInput>) {
+        let mut taken: BTreeSet<String> = self.cameras.iter().map(|c| c.name.clone()).collect();
+        // The number to try next, by the name in the file.
+        let mut numbers = BTreeMap::<String, usize>::new();
+        for mut camera in cameras {
+            let number = numbers.entry(camera.name.clone()).or_insert(2);
+            let plain = camera.name.clone();
+            while !taken.insert(camera.name.clone()) {
+                camera.name = format!("{plain} {number}");
+                *number += 1;
+            }
+            self.cameras.push(camera);
         }
-        self.cameras.push(camera);
     }
 
     /// Makes the scene of values that are checked, but for its hash and files.

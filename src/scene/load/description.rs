@@ -15,6 +15,7 @@ use crate::scene::builder::{
 };
 use crate::scene::{Film, Light};
 use glam::{DAffine3, DVec3};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 const FILM: [&str; 3] = ["width", "height", "exposure"];
@@ -99,9 +100,10 @@ pub(super) fn read(text: &str, path: &Path, files: &mut Files) -> Result<SceneBu
         film: film(&root)?,
         ..SceneBuilder::default()
     };
+    let mut names = BTreeSet::new();
     for table in root.tables("camera", &CAMERA)? {
         let camera = camera(&table, builder.cameras.len())?;
-        if builder.cameras.iter().any(|c| c.name == camera.name) {
+        if !names.insert(camera.name.clone()) {
             return Err(table.error(format_args!(
                 "another camera has the name \"{}\" too",
                 camera.name
@@ -407,12 +409,12 @@ fn take(
 ) -> Result<MeshInput> {
     if imports.contains(&0) {
         let film = builder.film.unwrap_or(DEFAULT_FILM);
-        for mut camera in import.cameras {
+        let cameras = import.cameras.into_iter().map(|mut camera| {
             let moved = *world_from_file * camera.world_from_camera;
             camera.world_from_camera = gltf::without_scale(&moved);
-            let camera = camera.for_film(&film)?;
-            builder.add_camera(camera);
-        }
+            camera.for_film(&film)
+        });
+        builder.add_cameras(cameras.collect::<Result<_>>()?);
     }
     if imports.contains(&1) {
         for mut light in import.lights {

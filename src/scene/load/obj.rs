@@ -32,6 +32,7 @@ pub(super) fn read(
     files: &mut Files,
 ) -> Result<MeshInput> {
     let text = String::from_utf8_lossy(text_start(content)?);
+    let cutter = Cutter::until(&files.cancel);
     let mut reader = Reader {
         path,
         files,
@@ -43,7 +44,7 @@ pub(super) fn read(
         normals: Vec::new(),
         vertices: HashMap::new(),
         polygon: Vec::new(),
-        cutter: Cutter::default(),
+        cutter,
         materials: HashMap::new(),
         material: None,
         uv_maps: vec![UvMap::IDENTITY],

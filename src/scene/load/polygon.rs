@@ -1,6 +1,7 @@
 //! Polygons cut into triangles.
 
 use super::left_out::LeftOut;
+use crate::run::Cancel;
 use crate::run::memory;
 use crate::scene::builder::MESH;
 use crate::{Error, Result};
@@ -8,8 +9,12 @@ use glam::DVec3;
 use spade::{ConstrainedDelaunayTriangulation, Point2, Triangulation};
 use std::collections::{HashMap, HashSet};
 
-/// Corners of the largest polygon: what cuts it takes some 500 bytes for each.
-const MAX_CORNERS: usize = 1 << 24;
+/// Corners of the largest polygon that is cut in its plane: that takes some 500 bytes and ten
+/// microseconds for each.
+const MAX_CORNERS: usize = 1 << 20;
+
+/// Corners from which on cutting takes so long that a stop is to be heard meanwhile.
+const MANY_CORNERS: usize = 1 << 13;
 
 /// Corners up to which a corner is looked for from which the whole polygon is seen.
 const FEW_CORNERS: usize = 16;
@@ -29,9 +34,18 @@ pub(super) struct Cutter {
     triangles: Vec<[u32; 3]>,
     /// Polygons so far that cross themselves.
     crossed: u64,
+    cancel: Cancel,
 }
 
 impl Cutter {
+    /// Nothing is cut yet.
+    pub(super) fn until(cancel: &Cancel) -> Self {
+        Self {
+            cancel: cancel.clone(),
+            ..Self::default()
+        }
+    }
+
     /// Triangles of the polygon with the vertices `polygon` that face as it does, none if it has
     /// less than three; `position` is that of a vertex, if there is such a vertex.
     ///
@@ -40,7 +54,7 @@ impl Cutter {
     /// crosses itself, or with a corner that is no point, becomes a fan.
     ///
     /// # Errors
-    /// No memory for them, or far too many corners.
+    /// No memory for them, far too many corners, or a stop on request.
     pub(super) fn cut(
         &mut self,
         polygon: &[u32],
@@ -82,11 +96,6 @@ impl Cutter {
         position: impl Fn(u32) -> Option<DVec3>,
     ) -> Result<Option<usize>> {
         let count = polygon.len();
-        if count > MAX_CORNERS {
-            return Err(Error::input(format!(
-                "a face of {count} corners, more than the {MAX_CORNERS} that it may have"
-            )));
-        }
         let Some(first) = position(polygon[0]) else {
             return Ok(Some(0));
         };
@@ -117,6 +126,12 @@ impl Cutter {
         if let Some(first) = (0..tried).find(sees_all) {
             return Ok(Some(first));
         }
+        if count > MAX_CORNERS {
+            return Err(Error::input(format!(
+                "a face that is not convex has {count} corners, more than the {MAX_CORNERS} that it may have"
+            ))
+            .hint("cut it into triangles"));
+        }
         let x = normal.any_orthonormal_vector();
         let y = normal.cross(x);
         let largest = corners.iter().map(|p| p.abs().max_element());
@@ -124,7 +139,14 @@ impl Cutter {
         let flat = corners
             .iter()
             .map(|p| [p.dot(x), p.dot(y)].map(|c| tidy(c * scale)));
-        let triangles = inside(flat, count, 0.5 * area * scale * scale);
+        let area = 0.5 * area * scale * scale;
+        let triangles = if count < MANY_CORNERS {
+            inside(flat, count, area)
+        } else {
+            let flat: Vec<[f64; 2]> = memory::listed(MESH, flat)?;
+            let inside = move || inside(flat.into_iter(), count, area);
+            self.cancel.while_busy("cut-polygon", inside)?
+        };
         if triangles.is_none() {
             self.crossed += 1;
         }
@@ -349,6 +371,27 @@ mod tests {
         // A pentagram is seen from none of its corners, and crosses itself.
         let star = flat(&[[0., 3.], [-2., -3.], [3., 1.], [-3., 1.], [2., -3.]]);
         assert_eq!(fan(&star), expected);
+    }
+
+    #[test]
+    fn a_polygon_of_too_many_corners_is_refused_unless_it_is_convex() {
+        let polygon: Vec<u32> = (0..=MAX_CORNERS as u32).collect();
+        let cut = |dent: f64| {
+            let position = |i: u32| {
+                let turn = std::f64::consts::TAU * f64::from(i) / polygon.len() as f64;
+                let r = if i.is_multiple_of(2) { 1.0 } else { dent };
+                Some(DVec3::new(r * turn.cos(), r * turn.sin(), 0.0))
+            };
+            let mut cutter = Cutter::default();
+            let triangles = cutter.cut(&polygon, position).map(|t| t.len());
+            triangles.map_err(|e| e.to_string())
+        };
+        assert_eq!(cut(1.0), Ok(MAX_CORNERS - 1));
+        let error = cut(0.9).unwrap_err();
+        assert!(
+            error.contains("1048577 corners, more than the 1048576"),
+            "{error}"
+        );
     }
 
     #[test]

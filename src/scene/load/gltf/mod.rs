@@ -77,10 +77,8 @@ impl Import {
             lights: self.lights,
             ..SceneBuilder::default()
         };
-        for camera in self.cameras {
-            let camera = camera.for_film(&film)?;
-            scene.add_camera(camera);
-        }
+        let cameras = self.cameras.into_iter().map(|c| c.for_film(&film));
+        scene.add_cameras(cameras.collect::<Result<_>>()?);
         scene.meshes.push(self.mesh);
         Ok(scene)
     }

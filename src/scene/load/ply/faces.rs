@@ -2,6 +2,7 @@
 
 use super::super::polygon::Cutter;
 use super::{ColorEncoding, DEFAULT_ALBEDO, LeftOut, Material, Plan, Role, Row};
+use crate::run::Cancel;
 use crate::run::memory;
 use crate::scene::builder::{MESH, MeshInput, push};
 use crate::{Error, Result};
@@ -38,10 +39,14 @@ pub(super) struct Faces<'a> {
 }
 
 impl<'a> Faces<'a> {
-    pub(super) fn new(before_vertices: bool, palette: Option<&'a [[f32; 3]]>) -> Self {
+    pub(super) fn new(
+        before_vertices: bool,
+        palette: Option<&'a [[f32; 3]]>,
+        cancel: &Cancel,
+    ) -> Self {
         Self {
             palette,
-            cutter: Cutter::default(),
+            cutter: Cutter::until(cancel),
             before_vertices,
             kept: Vec::new(),
             kept_faces: Vec::new(),

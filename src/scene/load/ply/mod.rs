@@ -67,7 +67,11 @@ pub(super) fn read(
         .elements
         .iter()
         .find(|e| ["vertex", "face"].contains(&e.name.as_str()));
-    let mut faces = Faces::new(first.is_some_and(|e| e.name == "face"), coloring.palette);
+    let mut faces = Faces::new(
+        first.is_some_and(|e| e.name == "face"),
+        coloring.palette,
+        &files.cancel,
+    );
     let mut left_out = LeftOut::default();
     for element in &header.elements {
         let plan = Plan::of(element, coloring.palette.is_some());
