@@ -292,10 +292,9 @@ impl Bins {
             };
             for item in items {
                 let bounds = item.bounds();
-                let at = scale.bin(item.middle());
-                for a in 0..3 {
-                    bins.bounds[a][at[a]] = bins.bounds[a][at[a]].with(bounds);
-                    bins.counts[a][at[a]] += 1;
+                for (a, k) in scale.bin(item.middle()).into_iter().enumerate() {
+                    bins.bounds[a][k] = bins.bounds[a][k].with(bounds);
+                    bins.counts[a][k] += 1;
                 }
             }
             bins
