@@ -69,11 +69,19 @@ impl Scene {
 
 /// A digest in the making. Lists are led by their lengths, so that one cannot pass for two.
 #[derive(Default)]
-struct Digest(blake3::Hasher);
+struct Digest {
+    hasher: blake3::Hasher,
+    /// What is not hashed yet: the hash is fast for long pieces only.
+    pending: Vec<u8>,
+}
 
 impl Digest {
+    /// Bytes of a long piece.
+    const LONG: usize = 1 << 16;
+
     fn count(&mut self, n: usize) {
-        self.0.update(&(n as u64).to_le_bytes());
+        self.pending.extend((n as u64).to_le_bytes());
+        self.hash_if_long();
     }
 
     fn bytes<const N: usize>(&mut self, values: impl ExactSizeIterator<Item = [u8; N]>) {
@@ -83,16 +91,22 @@ impl Digest {
 
     /// Values without their number.
     fn stream<const N: usize>(&mut self, values: impl Iterator<Item = [u8; N]>) {
-        // The hash is fast for long pieces only.
-        let mut buffer = Vec::with_capacity(1 << 16);
         for value in values {
-            buffer.extend_from_slice(&value);
-            if buffer.len() + N > 1 << 16 {
-                self.0.update(&buffer);
-                buffer.clear();
-            }
+            self.pending.extend_from_slice(&value);
+            self.hash_if_long();
         }
-        self.0.update(&buffer);
+    }
+
+    fn hash_if_long(&mut self) {
+        if self.pending.len() >= Self::LONG {
+            self.hasher.update(&self.pending);
+            self.pending.clear();
+        }
+    }
+
+    fn finish(mut self) -> blake3::Hash {
+        self.hasher.update(&self.pending);
+        self.hasher.finalize()
     }
 
     fn floats(&mut self, values: &[f32]) {
@@ -107,8 +121,8 @@ impl Digest {
         self.bytes(values.iter().map(|v| v.to_le_bytes()));
     }
 
-    fn hex(&self) -> String {
-        self.0.finalize().to_hex()[..32].to_owned()
+    fn hex(self) -> String {
+        self.finish().to_hex()[..32].to_owned()
     }
 }
 
@@ -119,7 +133,7 @@ fn all<T: Sync>(items: &[T], digest: impl Fn(&T, &mut Digest) + Sync) -> Digest 
         .map(|item| {
             let mut one = Digest::default();
             digest(item, &mut one);
-            one.0.finalize().into()
+            one.finish().into()
         })
         .collect();
     let mut sum = Digest::default();
