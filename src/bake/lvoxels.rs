@@ -1,7 +1,7 @@
 //! Blocks of medium, walked in the volume's own index space, each with its mean extinction and its
 //! source function.
 
-use crate::light::{Lights, ShadowRays};
+use crate::light::{KeptLight, Lights, ShadowRays};
 use crate::math::exp::{exp_neg, one_minus_exp_neg};
 use crate::math::{Rgb, sampling, unflatten};
 use crate::run::Cancel;
@@ -85,6 +85,8 @@ pub struct LvoxelMaker<'a> {
     pub index: u16,
     /// Light at its blocks.
     pub lights: &'a Lights<'a>,
+    /// Light of suns and skies that was kept beforehand.
+    pub kept: &'a KeptLight<'a>,
     /// Voxels a side of blocks: everywhere the same, or by optical depth.
     pub size: BlockSize,
     /// Shadow rays to each area light.
@@ -187,8 +189,8 @@ impl LvoxelMaker<'_> {
                 seed,
             }
         });
-        self.lights.mean_radiance(point, rays).light()
-            + self.lights.environment_mean_radiance(point, all_round)
+        self.lights
+            .mean_radiance_by_kept(point, rays, all_round, self.kept)
     }
 
     /// Mean in-scattered light of a block at several points, by the extinction there. One would

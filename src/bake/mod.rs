@@ -17,7 +17,7 @@ mod lvoxels;
 mod part;
 mod surfels;
 
-use crate::light::{Lights, Shadows, SoftShadowMedia};
+use crate::light::{KeptLight, Lights, Shadows, SoftShadowMedia};
 use crate::math::unflatten;
 use crate::run::Job;
 use crate::scene::Scene;
@@ -125,11 +125,13 @@ pub fn run(
         } else {
             bake_surfaces(&tracer, &lights, &creases, settings, &mut writer, job)?;
         }
+        let kept = KeptLight::new(scene, || job.cancel.check())?;
         for (index, volume) in scene.volumes.iter().enumerate() {
             let maker = LvoxelMaker {
                 volume,
                 index: index as u16,
                 lights: &lights,
+                kept: &kept,
                 size: settings.blocks,
                 shadow_rays: settings.shadow_rays,
                 seed: settings.seed,

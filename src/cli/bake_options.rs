@@ -64,7 +64,8 @@ pub struct BakeOptions {
 
     /// Cast this many shadow rays to each area light from each side of a surfel and from each
     /// lvoxel, and four times as many to the environment. One is enough, as gathers average over
-    /// many points
+    /// many points. Where rays to suns and to the environment are kept for all lvoxels of a volume,
+    /// this does not count
     #[arg(long, value_name = "N", default_value_t = 1)]
     bake_shadow_rays: u32,
 }

@@ -170,8 +170,18 @@ impl<'a, S: Shadows> Lights<'a, S> {
     /// radiance for an isotropic phase function.
     #[must_use]
     pub fn mean_radiance(&self, point: Vec3, rays: ShadowRays) -> DirectLight {
+        self.mean_radiance_through(point, rays, None)
+    }
+
+    /// The same, where media before suns are those of `suns`, or the scene's own.
+    pub(super) fn mean_radiance_through(
+        &self,
+        point: Vec3,
+        rays: ShadowRays,
+        suns: Option<&SunDepths>,
+    ) -> DirectLight {
         let at = self.shading_point(point, rays, MediumReceiver);
-        let mut direct = self.sum(&at, None, Which::All);
+        let mut direct = self.sum(&at, suns, Which::All);
         direct.delta *= INVERSE_SPHERE;
         direct.unshadowed *= INVERSE_SPHERE;
         direct

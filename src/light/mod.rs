@@ -21,15 +21,20 @@
 //! | `delta_lights` | point, spot and parallel lights, at a point and along a segment |
 //! | `groups` | what stands for the lights that are no triangles of a scene that has many |
 //! | `suns` | suns with an extent, and the optical depth of media towards any |
+//! | `kept_light` | [`KeptLight`]: suns and skies in media from rays that are kept, for bakes |
+//! | `kept_rays`, `coarse` | such rays, and the coarse cells that they pass |
 //! | `emitter`, `emitters` | emissive triangles, their unshadowed light, and rays chosen by it |
 //! | `tree` | what stands for the emitters of a scene that has many |
 
+mod coarse;
 mod delta_lights;
 mod direct;
 mod emitter;
 mod emitters;
 mod groups;
 mod in_medium;
+mod kept_light;
+mod kept_rays;
 mod lights;
 mod shading_point;
 mod shadow_rays;
@@ -42,6 +47,7 @@ pub use direct::{DirectLight, ShadowRatio, is_similar};
 pub use emitter::Emitter;
 pub use emitters::Unshadowed;
 pub use in_medium::MediumLight;
+pub use kept_light::KeptLight;
 pub use lights::Lights;
 pub use shadow_rays::ShadowRays;
 pub use shadows::{SceneMedia, Shadows, SoftShadowMedia, Vacuum};

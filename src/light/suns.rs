@@ -3,8 +3,10 @@
 //! maps, Lokovic & Veach 2000).
 
 use super::direct::DirectLight;
+use super::kept_rays::KeptRays;
 use super::shading_point::{Receiver, ShadingPoint};
 use super::shadows::{ShadowMedia, Shadows};
+use crate::Result;
 use crate::math::exp::exp_neg;
 use crate::math::ray_lattice::RayLattice;
 use crate::math::sampling::{disk, tangents};
@@ -83,8 +85,19 @@ pub struct SunDepths<'a> {
 #[derive(Debug)]
 struct SunDepth<'a> {
     to_sun: Vec3,
-    volumes: Vec<VolumeDepth<'a>>,
+    volumes: Vec<Towards<'a>>,
     boxes: Boxes,
+}
+
+/// How the depth of one volume towards one sun is known.
+#[derive(Debug)]
+enum Towards<'a> {
+    /// By rays that are made when first asked for.
+    Asked(VolumeDepth<'a>),
+    /// By rays that were made beforehand.
+    Kept(KeptRays),
+    /// By a ray for each point.
+    Exact(&'a Volume, Vec3),
 }
 
 impl<'a> SunDepths<'a> {
@@ -105,6 +118,54 @@ impl<'a> SunDepths<'a> {
         Self { scene, suns }
     }
 
+    /// Knows of no sun.
+    pub(super) fn none(scene: &'a Scene) -> Self {
+        Self {
+            scene,
+            suns: Vec::new(),
+        }
+    }
+
+    /// Has for each volume, by its number, and each sun, by the direction to it, the rays that
+    /// `keep` gives; where that has none, a ray goes from each point.
+    pub(super) fn kept(
+        scene: &'a Scene,
+        keep: impl Fn(usize, Vec3) -> Result<Option<KeptRays>>,
+    ) -> Result<Self> {
+        let of = |light: &Light| {
+            let Some(to_sun) = Self::direction(light) else {
+                return Ok(None);
+            };
+            let volumes = scene.volumes.iter().enumerate();
+            let depths = volumes.map(|(v, volume)| {
+                let kept = keep(v, to_sun)?;
+                Ok(kept.map_or(Towards::Exact(volume, to_sun), Towards::Kept))
+            });
+            Ok(Some(SunDepth {
+                to_sun,
+                volumes: depths.collect::<Result<_>>()?,
+                boxes: Boxes::new(scene.volumes.iter().map(Volume::bounds)),
+            }))
+        };
+        let suns = scene.lights.iter().map(|l| of(l).map(OnceLock::from));
+        Ok(Self {
+            scene,
+            suns: suns.collect::<Result<_>>()?,
+        })
+    }
+
+    /// Unit direction to a light, scene space, if it is a sun that is narrow enough.
+    pub(super) fn direction(light: &Light) -> Option<Vec3> {
+        match *light {
+            Light::Directional {
+                direction,
+                angular_radius_rad,
+                ..
+            } if angular_radius_rad <= Self::MAX_ANGULAR_RADIUS => Some(-direction),
+            _ => None,
+        }
+    }
+
     /// What is known of a light, by its index; `None` if it is no sun or too wide a one.
     #[must_use]
     pub fn of(&self, light: usize) -> Option<&dyn ShadowMedia> {
@@ -118,31 +179,26 @@ impl<'a> SunDepths<'a> {
 
 impl<'a> SunDepth<'a> {
     fn new(scene: &'a Scene, light: &Light) -> Option<Self> {
-        let Light::Directional {
-            direction,
-            angular_radius_rad,
-            ..
-        } = *light
-        else {
-            return None;
-        };
-        if angular_radius_rad > SunDepths::MAX_ANGULAR_RADIUS {
-            return None;
-        }
-        let of_volume = |v| VolumeDepth::new(v, -direction);
+        let to_sun = SunDepths::direction(light)?;
+        let of_volume = |v| VolumeDepth::new(v, to_sun);
         let volumes: Vec<_> = scene.volumes.iter().map(of_volume).collect();
         Some(Self {
-            to_sun: -direction,
+            to_sun,
             boxes: Boxes::new(volumes.iter().map(VolumeDepth::bounds)),
-            volumes,
+            volumes: volumes.into_iter().map(Towards::Asked).collect(),
         })
     }
 }
 
 impl ShadowMedia for SunDepth<'_> {
     fn optical_depth(&self, ray: &Ray) -> f32 {
+        let depth = |v: usize| match &self.volumes[v] {
+            Towards::Asked(depth) => depth.at(ray.origin),
+            Towards::Kept(rays) => rays.depth(ray.origin),
+            Towards::Exact(volume, to_sun) => depth_of(volume, &Ray::endless(ray.origin, *to_sun)),
+        };
         let met = self.boxes.along(&Ray::endless(ray.origin, self.to_sun));
-        met.map(|v| self.volumes[v].at(ray.origin)).sum()
+        met.map(depth).sum()
     }
 }
 

@@ -46,6 +46,28 @@ pub fn exp_neg_and_rest(x: f32) -> (f32, f32) {
     (scale + scaled, (1.0 - scale) - scaled)
 }
 
+/// [`exp_neg`] of each of many values, in their place: the same bits, several at a time.
+pub fn exp_neg_in_place(values: &mut [f32]) {
+    /// Its lowest bits are those of a small integer that is added to it.
+    const INTEGER: f32 = 12_582_912.0;
+    for value in values {
+        let x = *value;
+        let capped = if x < 87.0 { x } else { 87.0 };
+        let n = (capped * std::f32::consts::LOG2_E + 0.5).floor();
+        let f = -((capped - n * LN2_HIGH) - n * LN2_LOW);
+        let poly = 1.0 / 5040.0;
+        let poly = poly * f + 1.0 / 720.0;
+        let poly = poly * f + 1.0 / 120.0;
+        let poly = poly * f + 1.0 / 24.0;
+        let poly = poly * f + 1.0 / 6.0;
+        let poly = poly * f + 0.5;
+        let poly = poly * f + 1.0;
+        let scale = f32::from_bits((INTEGER + (127.0 - n)).to_bits() << 23);
+        let exp = scale + scale * (poly * f);
+        *value = if x < 87.0 { exp } else { 0.0 };
+    }
+}
+
 /// Mean depth at which light from a segment of optical depth x leaves its last particle, as a share
 /// of the segment: 1/x - 1/(exp(x) - 1), from 1/2 at 0 towards 0; relative error below 1e-5.
 #[must_use]
@@ -92,6 +114,9 @@ mod tests {
             let (exp, rest) = exp_neg_and_rest(x);
             assert!((f64::from(exp) / t - 1.0).abs() < 4e-7, "exp(-{x})");
             assert_eq!(rest, one_minus_exp_neg(x));
+            let mut both = [x, 3.0 * x];
+            exp_neg_in_place(&mut both);
+            assert_eq!(both, [exp, exp_neg(3.0 * x)]);
             x *= 1.01;
         }
         assert_eq!(exp_neg(0.0), 1.0);

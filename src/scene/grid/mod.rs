@@ -171,13 +171,17 @@ impl Grid {
             let first = at * block[axis];
             (first + block[axis]).min(self.dims[axis]) - first
         };
+        // Divisions of each voxel's place would take most of the time.
+        let along = |axis: usize| (0..self.dims[axis]).map(move |at| at / block[axis]);
+        let columns: Vec<usize> = along(0).collect();
+        let rows: Vec<usize> = along(1).map(|j| j * nx).collect();
         let mut means = vec![0.0; nx * ny * nz];
         let layers = means.par_chunks_mut(nx * ny).enumerate();
         layers.for_each(|(k, layer)| {
             let first = k * block[2];
             for z in first..first + size(2, k) {
                 self.each_in_layer(z, |x, y, value| {
-                    layer[y / block[1] * nx + x / block[0]] += value;
+                    layer[rows[y] + columns[x]] += value;
                 });
             }
             for (i, mean) in layer.iter_mut().enumerate() {

@@ -1,0 +1,429 @@
+//! Light of suns and of a constant sky in media from rays that are kept: marched once, where a few
+//! hundred exact rays say that this is near enough.
+
+use super::coarse::CoarseVolume;
+use super::kept_rays::{KeptRays, lattice};
+use super::lights::Lights;
+use super::shadow_rays::ShadowRays;
+use super::shadows::Shadows;
+use super::suns::SunDepths;
+use crate::Result;
+use crate::math::exp::exp_neg;
+use crate::math::{Ray, Rgb, sampling, unflatten};
+use crate::scene::grid::BRICK_CELLS;
+use crate::scene::{Scene, Volume};
+use crate::trace::Cells;
+use glam::{Affine3A, DVec3, Vec3};
+use rayon::prelude::*;
+use std::sync::OnceLock;
+
+/// Cells, or voxels, of a brick of a grid.
+const BRICK_VOXELS: usize = BRICK_CELLS * BRICK_CELLS * BRICK_CELLS;
+
+/// Light in media that comes along kept rays.
+#[derive(Debug)]
+pub struct KeptLight<'a> {
+    suns: SunDepths<'a>,
+    sky: Option<Sky>,
+}
+
+impl<'a> KeptLight<'a> {
+    /// Cells that the rays of all suns pass in all volumes, at most.
+    const MOST_CELLS: usize = 1 << 24;
+    /// Cells for each voxel of stored bricks, at most: what stands alone in a large box has few
+    /// points that ask for light.
+    const MOST_CELLS_PER_VOXEL: usize = 16;
+    /// Levels that are tried.
+    const LEVELS: usize = 4;
+    /// Points of all volumes together at which the depths towards all suns are checked.
+    const SUN_CHECKS: usize = 1024;
+    /// Points at which the light of the sky is checked: of that each takes many rays.
+    const SKY_CHECKS: usize = 192;
+
+    /// Keeps what it can of the light in a scene's media. `go_on` is asked at each level.
+    ///
+    /// # Errors
+    /// That of `go_on`.
+    pub fn new(scene: &'a Scene, go_on: impl Fn() -> Result<()>) -> Result<Self> {
+        // Surfaces may hide any part of the sky from any point, and other volumes as well.
+        let has_sky = scene.environment().0 != Rgb::BLACK.0
+            && scene.mesh.triangles.is_empty()
+            && scene.volumes.len() == 1;
+        let suns = scene.lights.iter().filter_map(SunDepths::direction).count();
+        let mut kept = Self {
+            suns: SunDepths::none(scene),
+            sky: None,
+        };
+        if scene.volumes.is_empty() || !(has_sky || suns > 0) {
+            return Ok(kept);
+        }
+        let share = |n: usize| (n / (scene.volumes.len() * suns.max(1))).max(16);
+        let levels = |volume: &'a Volume| {
+            let grid = &volume.sigma_t;
+            let voxels = grid.bricks().filter(|b| grid.brick(*b).is_some()).count() * BRICK_VOXELS;
+            let most = share(Self::MOST_CELLS).min(Self::MOST_CELLS_PER_VOXEL * voxels);
+            Levels {
+                coarse: CoarseVolume::levels(volume, most, Self::LEVELS),
+                halves: OnceLock::new(),
+                most,
+            }
+        };
+        let volumes: Vec<_> = scene.volumes.iter().map(levels).collect();
+        kept.suns = SunDepths::kept(scene, |volume, to_sun| {
+            let checks = Checks::new(&scene.volumes[volume], share(Self::SUN_CHECKS), &[to_sun]);
+            let rays = |coarse: &CoarseVolume| {
+                let lattice = lattice(coarse, to_sun);
+                KeptRays::new(coarse, &coarse.layers(lattice.axes), lattice)
+            };
+            checks.coarsest(&volumes[volume], &go_on, rays, |rays, point| {
+                exp_neg(rays.depth(point))
+            })
+        })?;
+        if let Some(levels) = volumes.first().filter(|_| has_sky) {
+            let checks = Checks::new(&scene.volumes[0], Self::SKY_CHECKS, &Sky::directions());
+            kept.sky = checks.coarsest(levels, &go_on, Sky::new, Sky::share)?;
+        }
+        Ok(kept)
+    }
+}
+
+impl<S: Shadows> Lights<'_, S> {
+    /// Mean over the sphere of the direct radiance at a point of a medium, that of a constant
+    /// environment included, by `rays` and by as many `all_round`. Kept light counts where there is
+    /// any.
+    #[must_use]
+    pub fn mean_radiance_by_kept(
+        &self,
+        point: Vec3,
+        rays: ShadowRays,
+        all_round: ShadowRays,
+        kept: &KeptLight,
+    ) -> Rgb {
+        let direct = self.mean_radiance_through(point, rays, Some(&kept.suns));
+        direct.light()
+            + match &kept.sky {
+                Some(sky) => self.environment() * sky.share(point),
+                None => self.environment_mean_radiance(point, all_round),
+            }
+    }
+}
+
+/// The share of a constant sky's light that gets through one volume to its points.
+#[derive(Debug)]
+struct Sky {
+    index_from_scene: Affine3A,
+    /// Cells per voxel.
+    per_voxel: f32,
+    /// Cells along x, y and z.
+    dims: [usize; 3],
+    /// At the corners of cells, x fastest.
+    shares: Vec<f32>,
+}
+
+impl Sky {
+    /// Directions that stand for the whole sky: on a spiral (Fibonacci's), each for as much of it.
+    const DIRECTIONS: u32 = 64;
+
+    fn directions() -> Vec<Vec3> {
+        let turn = 0.618_034;
+        let direction = |i: u32| {
+            let height = (i as f32 + 0.5) / Self::DIRECTIONS as f32;
+            sampling::sphere([height, (i as f32 * turn).fract()])
+        };
+        (0..Self::DIRECTIONS).map(direction).collect()
+    }
+
+    fn new(coarse: &CoarseVolume) -> Self {
+        let dims = coarse.dims;
+        let corners = dims.map(|n| n + 1);
+        let lattices: Vec<_> = Self::directions()
+            .into_iter()
+            .map(|d| lattice(coarse, d))
+            .collect();
+        let mut shares = vec![0.0; corners.iter().product()];
+        let mut kept: Option<KeptRays> = None;
+        for main in 0..3 {
+            let axes = [main, (main + 1) % 3, (main + 2) % 3];
+            let of_axis: Vec<_> = lattices.iter().filter(|l| l.axes == axes).collect();
+            if of_axis.is_empty() {
+                continue;
+            }
+            let layers = coarse.layers(axes);
+            let mut sums = vec![0.0; shares.len()];
+            for lattice in of_axis {
+                let rays = match kept.take() {
+                    None => KeptRays::new(coarse, &layers, *lattice),
+                    Some(last) => KeptRays::again(last, coarse, &layers, *lattice),
+                };
+                rays.add_to_corners([dims[axes[1]], dims[axes[2]]], &mut sums);
+                kept = Some(rays);
+            }
+            let [_, width, height] = axes.map(|a| corners[a]);
+            shares.par_iter_mut().enumerate().for_each(|(i, share)| {
+                let at = unflatten(i, corners);
+                let [plane, x, y] = axes.map(|a| at[a]);
+                *share += sums[(plane * height + y) * width + x];
+            });
+        }
+        let per_direction = 1.0 / Self::DIRECTIONS as f32;
+        shares.par_iter_mut().for_each(|s| *s *= per_direction);
+        Self {
+            index_from_scene: coarse.volume.index_from_scene,
+            per_voxel: 1.0 / coarse.edge,
+            dims,
+            shares,
+        }
+    }
+
+    /// The share that gets to a point of the scene in the volume.
+    fn share(&self, point: Vec3) -> f32 {
+        let p = self.index_from_scene.transform_point3(point) * self.per_voxel;
+        let p = p.clamp(Vec3::ZERO, Vec3::from(self.dims.map(|n| n as f32)));
+        let at = p.to_array();
+        let cell: [usize; 3] =
+            std::array::from_fn(|a| (at[a] as usize).min(self.dims[a].saturating_sub(1)));
+        let f: [f32; 3] = std::array::from_fn(|a| at[a] - cell[a] as f32);
+        let [width, height] = [self.dims[0] + 1, self.dims[1] + 1];
+        let row = |y: usize, z: usize| {
+            let first = ((cell[2] + z) * height + cell[1] + y) * width + cell[0];
+            self.shares[first] * (1.0 - f[0]) + self.shares[first + 1] * f[0]
+        };
+        let face = |z: usize| row(0, z) * (1.0 - f[1]) + row(1, z) * f[1];
+        face(0) * (1.0 - f[2]) + face(1) * f[2]
+    }
+}
+
+/// A volume on cells of several sizes.
+#[derive(Debug)]
+struct Levels<'a> {
+    /// The finest first.
+    coarse: Vec<CoarseVolume<'a>>,
+    /// Cells of half a voxel, made when first asked for; `None` if they are too many.
+    halves: OnceLock<Option<CoarseVolume<'a>>>,
+    /// Cells, at most.
+    most: usize,
+}
+
+impl<'a> Levels<'a> {
+    fn from_coarse_to_fine(&self) -> impl Iterator<Item = &CoarseVolume<'a>> {
+        let finest = std::iter::once_with(|| {
+            let volume = self.coarse.first()?.volume;
+            let halves = || CoarseVolume::in_halves(volume, self.most);
+            self.halves.get_or_init(halves).as_ref()
+        });
+        self.coarse.iter().rev().chain(finest.flatten())
+    }
+}
+
+/// Points of a volume, and the share of light that gets to each from some directions, exactly.
+struct Checks(Vec<(Vec3, f32)>);
+
+impl Checks {
+    /// Root mean square by which shares may differ at the points that light gets to: far below what
+    /// few rays to a sky would. Pictures show means of many points.
+    const MAX_ERROR: f64 = 0.012;
+    /// Of all light.
+    const MAX_BIAS: f64 = 0.004;
+    /// Shares below count as no light.
+    const LIT: f32 = 0.01;
+
+    /// So many points where there is a medium.
+    fn new(volume: &Volume, count: usize, to_lights: &[Vec3]) -> Self {
+        const EDGE: f64 = BRICK_CELLS as f64;
+        let grid = &volume.sigma_t;
+        let bricks: Vec<_> = grid.bricks().filter(|b| grid.brick(*b).is_some()).collect();
+        if bricks.is_empty() {
+            return Self(Vec::new());
+        }
+        let point = |i: u64| {
+            let unit = |n: u64| f64::from(sampling::unit(sampling::hash(&[i, n])));
+            let brick = bricks[(unit(0) * bricks.len() as f64) as usize];
+            let within = DVec3::new(unit(1), unit(2), unit(3));
+            // Cells begin half a voxel before the voxels.
+            let at = (DVec3::from(brick.map(|b| b as f64)) + within) * EDGE - 0.5;
+            (grid.sample(at.as_vec3()) > 0.0)
+                .then(|| volume.scene_from_index.transform_point3(at).as_vec3())
+        };
+        // Most of a brick may be empty.
+        let points: Vec<_> = (0..64 * count as u64)
+            .filter_map(point)
+            .take(count)
+            .collect();
+        let share = |point: Vec3| {
+            let through = to_lights.iter().map(|&to_light| {
+                let cells = Cells::new(volume, &Ray::endless(point, to_light));
+                exp_neg(cells.map_or(0.0, |c| c.optical_depth() as f32))
+            });
+            through.sum::<f32>() / to_lights.len() as f32
+        };
+        let all = points.into_par_iter().map(|p| (p, share(p)));
+        Self(all.collect())
+    }
+
+    /// What `make` makes of the coarsest level that is near enough by its `share` at the points;
+    /// `None` if none is.
+    fn coarsest<T>(
+        &self,
+        levels: &Levels,
+        go_on: &impl Fn() -> Result<()>,
+        make: impl Fn(&CoarseVolume) -> T,
+        share: impl Fn(&T, Vec3) -> f32,
+    ) -> Result<Option<T>> {
+        for level in levels.from_coarse_to_fine() {
+            go_on()?;
+            let made = make(level);
+            if self.are_met(|point| share(&made, point)) {
+                return Ok(Some(made));
+            }
+        }
+        Ok(None)
+    }
+
+    fn are_met(&self, share: impl Fn(Vec3) -> f32) -> bool {
+        let (mut squares, mut lit) = (0.0, 0_u32);
+        let (mut differences, mut sum) = (0.0, 0.0);
+        for &(point, exact) in &self.0 {
+            let found = share(point);
+            let difference = f64::from(found) - f64::from(exact);
+            if found > Self::LIT || exact > Self::LIT {
+                squares += difference * difference;
+                lit += 1;
+            }
+            differences += difference;
+            sum += f64::from(exact);
+        }
+        let error = (squares / f64::from(lit.max(1))).sqrt();
+        error <= Self::MAX_ERROR && differences.abs() <= Self::MAX_BIAS * sum
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Grid, LightInput, MeshInput, SceneBuilder, VolumeInput};
+    use glam::{DAffine3, DQuat};
+
+    const RADIANCE: [f32; 3] = [0.2, 0.3, 0.5];
+
+    fn scene(
+        dims: [usize; 3],
+        sigma_t: impl Fn([usize; 3]) -> f32 + Sync,
+        direction: [f64; 3],
+        floor: Option<MeshInput>,
+    ) -> Scene {
+        let place = DAffine3::from_scale_rotation_translation(
+            DVec3::new(0.05, 0.07, 0.04),
+            DQuat::from_rotation_y(0.3) * DQuat::from_rotation_x(-0.2),
+            DVec3::new(1.0, -2.0, 0.5),
+        );
+        let volume = VolumeInput::new("cloud", Grid::from_fn(dims, sigma_t), [0.9; 3], place);
+        let sun = LightInput::sun(direction, [5.0; 3], 0.0).unwrap();
+        let scene = SceneBuilder::new("test").volume(volume).light(sun);
+        let scene = scene.light(LightInput::environment(RADIANCE));
+        let scene = floor.into_iter().fold(scene, SceneBuilder::mesh);
+        scene.build().unwrap()
+    }
+
+    /// A cloud of waves of so many voxels, with holes, and empty at its borders.
+    fn cloud(period: f32) -> impl Fn([usize; 3]) -> f32 + Sync {
+        move |v| {
+            let from_centre = Vec3::from(v.map(|i| i as f32)) / 32.0 - 1.0;
+            let wave = |i: usize| libm::sinf(std::f32::consts::TAU * i as f32 / period);
+            let [x, y, z] = v.map(wave);
+            let holes = (0.6 + x * y + y * z + z * x).clamp(0.0, 1.0);
+            8.0 * holes * (1.0 - from_centre.length()).clamp(0.0, 0.3)
+        }
+    }
+
+    fn checks(scene: &Scene, directions: &[Vec3]) -> Checks {
+        Checks::new(&scene.volumes[0], 400, directions)
+    }
+
+    #[test]
+    fn kept_suns_agree_with_rays_of_their_own_along_any_direction() {
+        for direction in [
+            [0.0, -1.0, 0.0],
+            [1.0, 1.0, -1.0],
+            [-0.3, -0.9, 0.2],
+            [0.999, 0.02, 0.01],
+        ] {
+            for period in [10.0, 40.0] {
+                let scene = scene([64; 3], cloud(period), direction, None);
+                let to_sun = SunDepths::direction(&scene.lights[0]).unwrap();
+                let kept = KeptLight::new(&scene, || Ok(())).unwrap();
+                let sun = kept.suns.of(0).unwrap();
+                assert!(
+                    !format!("{sun:?}").contains("Exact"),
+                    "{direction:?} {period}"
+                );
+                // Points that did not choose the level.
+                let exact = checks(&scene, &[to_sun]);
+                let (mut squares, mut bias, mut sum) = (0.0, 0.0, 0.0);
+                for &(point, share) in &exact.0 {
+                    let found = exp_neg(sun.optical_depth(&Ray::endless(point, to_sun)));
+                    squares += (found - share).powi(2) / exact.0.len() as f32;
+                    bias += found - share;
+                    sum += share;
+                }
+                let rms = squares.sqrt();
+                assert!(
+                    rms < 0.015 && bias.abs() < 0.006 * sum,
+                    "{rms} {}",
+                    bias / sum
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_kept_sky_is_that_of_many_directions() {
+        let scene = scene([64; 3], cloud(20.0), [0.0, -1.0, 0.0], None);
+        let kept = KeptLight::new(&scene, || Ok(())).unwrap();
+        let sky = kept.sky.unwrap();
+        let many: Vec<_> = (0..1000)
+            .map(|i| sampling::sphere(sampling::r2(i, [0.3; 2])))
+            .collect();
+        let exact = checks(&scene, &many);
+        let (mut squares, mut bias, mut sum) = (0.0, 0.0, 0.0);
+        for &(point, share) in &exact.0 {
+            let difference = sky.share(point) - share;
+            squares += difference * difference / exact.0.len() as f32;
+            bias += difference;
+            sum += share;
+        }
+        assert!(
+            squares.sqrt() < 0.012 && bias.abs() < 0.005 * sum,
+            "{} {}",
+            squares.sqrt(),
+            bias / sum
+        );
+    }
+
+    #[test]
+    fn what_coarse_rays_cannot_tell_is_left_to_exact_ones() {
+        // Each second voxel is opaque, and a floor hides half of the sky.
+        let speckled = |[i, j, k]: [usize; 3]| if (i + j + k) % 2 == 0 { 80.0 } else { 0.0 };
+        let corners = [[-9.0, -9.0, -9.0], [-9.0, -9.0, 9.0], [9.0, -9.0, 9.0]];
+        let floor = MeshInput::new("floor", corners, vec![[0, 1, 2]]);
+        let scene = scene([24; 3], speckled, [0.4, -1.0, 0.2], Some(floor));
+        let kept = KeptLight::new(&scene, || Ok(())).unwrap();
+        assert!(kept.sky.is_none());
+        let sun = kept.suns.of(0).unwrap();
+        let to_sun = SunDepths::direction(&scene.lights[0]).unwrap();
+        for (point, share) in checks(&scene, &[to_sun]).0 {
+            let found = sun.optical_depth(&Ray::endless(point, to_sun));
+            assert_eq!(exp_neg(found), share);
+        }
+    }
+
+    #[test]
+    fn threads_do_not_change_what_is_kept() {
+        let scene = scene([48, 40, 64], cloud(16.0), [0.3, -0.8, 0.4], None);
+        let on = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+            let kept = || KeptLight::new(&scene, || Ok(())).unwrap();
+            format!("{:?}", pool.build().unwrap().install(kept))
+        };
+        assert!(on(1) == on(5));
+    }
+}

@@ -1,0 +1,184 @@
+//! Parallel rays through one volume that are kept: what it lets through of light from one direction
+//! is marched once, on coarse cells, and interpolated between rays (deep shadow maps, Lokovic &
+//! Veach 2000).
+
+use super::coarse::{CoarseVolume, Layers};
+use crate::math::exp::{exp_neg, exp_neg_in_place};
+use crate::math::ray_lattice::RayLattice;
+use glam::{Affine3A, Vec3};
+use rayon::prelude::*;
+
+/// Optical depths between a light and the points of a volume, along rays one cell apart.
+///
+/// Mean voxels darken and rays that stand apart brighten: at one cell a ray both are nearly even.
+#[derive(Debug)]
+pub struct KeptRays {
+    index_from_scene: Affine3A,
+    /// Cells per voxel.
+    per_voxel: f32,
+    rays: RayLattice,
+    extent: [(i32, usize); 2],
+    /// Layers of cells along the rays' first axis; there is a plane before and behind each.
+    layers: usize,
+    /// Depth between the light and each plane, by row of rays, then by plane, then by ray.
+    depths: Vec<f32>,
+}
+
+/// The lattice of rays to a light in a unit direction of scene space.
+#[must_use]
+pub fn lattice(coarse: &CoarseVolume, to_light: Vec3) -> RayLattice {
+    let direction = coarse.volume.index_from_scene.transform_vector3(to_light);
+    RayLattice::new(direction, coarse.edge)
+}
+
+impl KeptRays {
+    /// Marches rays to a light through the layers of a volume along the lattice's axes.
+    #[must_use]
+    pub fn new(coarse: &CoarseVolume, layers: &Layers, rays: RayLattice) -> Self {
+        Self::in_room_of(Vec::new(), coarse, layers, rays)
+    }
+
+    /// The same in the memory of rays that are no longer needed.
+    #[must_use]
+    pub fn again(self, coarse: &CoarseVolume, layers: &Layers, rays: RayLattice) -> Self {
+        Self::in_room_of(self.depths, coarse, layers, rays)
+    }
+
+    fn in_room_of(
+        mut depths: Vec<f32>,
+        coarse: &CoarseVolume,
+        layers: &Layers,
+        rays: RayLattice,
+    ) -> Self {
+        let count = coarse.dims[rays.axes[0]];
+        let extent = rays.extent([[0; 3], coarse.dims]);
+        let [(_, width), (first_row, rows)] = extent;
+        depths.resize(rows * (count + 1) * width, 0.0);
+        let all = depths.par_chunks_mut((count + 1) * width).enumerate();
+        all.for_each(|(j, row)| {
+            let first = [extent[0].0 as f32, (first_row + j as i32) as f32];
+            march(layers, &rays, count, first, row);
+        });
+        Self {
+            index_from_scene: coarse.volume.index_from_scene,
+            per_voxel: 1.0 / coarse.edge,
+            rays,
+            extent,
+            layers: count,
+            depths,
+        }
+    }
+
+    /// Optical depth from a point of the scene to the light.
+    #[must_use]
+    pub fn depth(&self, point: Vec3) -> f32 {
+        let p = self.index_from_scene.transform_point3(point) * self.per_voxel;
+        let (along, [x, y]) = self.rays.place(p.to_array());
+        let along = along.clamp(0.0, self.layers as f32);
+        let plane = (along as usize).min(self.layers - 1);
+        let f = along - plane as f32;
+        let (x0, y0) = (x.floor(), y.floor());
+        let (fx, fy) = (x - x0, y - y0);
+        // Light is what is averaged: the mean of depths would darken the rims of shadows.
+        let (mut through, mut tau) = (0.0, 0.0);
+        for (cy, wy) in [(y0, 1.0 - fy), (y0 + 1.0, fy)] {
+            for (cx, wx) in [(x0, 1.0 - fx), (x0 + 1.0, fx)] {
+                let [near, far] = [plane, plane + 1].map(|plane| self.at([cx, cy], plane));
+                let depth = near * (1.0 - f) + far * f;
+                through += wx * wy * exp_neg(depth);
+                tau += wx * wy * depth;
+            }
+        }
+        if tau == 0.0 {
+            0.0
+        } else if through > 1e-20 {
+            -libm::logf(through.min(1.0))
+        } else {
+            tau
+        }
+    }
+
+    /// Depth of a ray at a plane; 0 if the ray passes beside the volume.
+    fn at(&self, ray: [f32; 2], plane: usize) -> f32 {
+        let [(first_x, width), (first_y, rows)] = self.extent;
+        let (i, j) = (ray[0] - first_x as f32, ray[1] - first_y as f32);
+        if !(i >= 0.0 && j >= 0.0 && i < width as f32 && j < rows as f32) {
+            return 0.0;
+        }
+        self.depths[(j as usize * (self.layers + 1) + plane) * width + i as usize]
+    }
+
+    /// Adds what comes through to the corners of the volume's cells: plane after plane, in rows
+    /// along the second axis of the lattice. `across` is how many cells there are along both axes.
+    pub fn add_to_corners(&self, across: [usize; 2], sums: &mut [f32]) {
+        let [width, height] = across.map(|n| n + 1);
+        let [(first_x, all), (first_y, _)] = self.extent;
+        let planes = sums.par_chunks_mut(width * height).enumerate();
+        planes.for_each_init(Vec::new, |rays, (plane, sums)| {
+            // The place of the first corner among the rays; the others follow one by one.
+            let mut corner = [0.0; 3];
+            corner[self.rays.axes[0]] = plane as f32;
+            let (_, [x, y]) = self.rays.place(corner);
+            let (x0, y0) = (x.floor(), y.floor());
+            let (fx, fy) = (x - x0, y - y0);
+            let (i, j) = (
+                (x0 as i32 - first_x) as usize,
+                (y0 as i32 - first_y) as usize,
+            );
+            rays.clear();
+            for j in j..=j + height {
+                let first = (j * (self.layers + 1) + plane) * all + i;
+                let depths = &self.depths[first..=first + width];
+                rays.extend(depths);
+            }
+            exp_neg_in_place(rays);
+            let rows = sums.chunks_exact_mut(width).enumerate();
+            for (j, sums) in rows {
+                let [lower, upper] = [j, j + 1].map(|j| &rays[j * (width + 1)..][..=width]);
+                let four = lower.windows(2).zip(upper.windows(2));
+                for (sum, (lower, upper)) in sums.iter_mut().zip(four) {
+                    let lower = lower[0] * (1.0 - fx) + lower[1] * fx;
+                    let upper = upper[0] * (1.0 - fx) + upper[1] * fx;
+                    *sum += lower * (1.0 - fy) + upper * fy;
+                }
+            }
+        });
+    }
+}
+
+/// Sums the depths of a row of rays, plane by plane from the light on; the first ray is at `first`
+/// in the plane 0.
+fn march(layers: &Layers, rays: &RayLattice, count: usize, first: [f32; 2], depths: &mut [f32]) {
+    let width = depths.len() / (count + 1);
+    let plane_of_light = if rays.upwards { count } else { 0 };
+    depths[plane_of_light * width..][..width].fill(0.0);
+    for step in 0..count {
+        let (layer, from, to) = if rays.upwards {
+            (count - 1 - step, count - step, count - 1 - step)
+        } else {
+            (step, step, step + 1)
+        };
+        depths.copy_within(from * width..(from + 1) * width, to * width);
+        // Where rays pass the middle of the layer, from the middles of cells.
+        let [x, y] = rays.across(first, layer as f32 + 0.5).map(|v| v - 0.5);
+        let (x0, y0) = (x.floor(), y.floor());
+        let (fx, fy) = (x - x0, y - y0);
+        // Rays between a cell of the row and the next; the empty ones at its ends count.
+        let start = (-1 - x0 as i32).max(0) as usize;
+        let end = (layers.width() as i32 - x0 as i32).clamp(0, width as i32) as usize;
+        if start >= end {
+            continue;
+        }
+        let cells = (x0 as i32 + 1 + start as i32) as usize;
+        let cells = cells..=cells + (end - start);
+        let [lower, upper] = [0, 1].map(|next| &layers.row(layer, y0 as i32 + next)[cells.clone()]);
+        let weight = [1.0 - fy, fy].map(|w| w * rays.between);
+        let depths = &mut depths[to * width..][start..end];
+        let four = lower.windows(2).zip(upper.windows(2));
+        for (depth, (lower, upper)) in depths.iter_mut().zip(four) {
+            let lower = lower[0] * (1.0 - fx) + lower[1] * fx;
+            let upper = upper[0] * (1.0 - fx) + upper[1] * fx;
+            *depth += lower * weight[0] + upper * weight[1];
+        }
+    }
+}
