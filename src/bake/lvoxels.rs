@@ -1,6 +1,7 @@
 //! Blocks of medium, walked in the volume's own index space, each with its mean extinction and its
 //! source function.
 
+use super::brick::{BRICK_EDGE, Block, BrickField};
 use crate::light::{KeptLight, Lights, ShadowRays};
 use crate::math::exp::{exp_neg, one_minus_exp_neg};
 use crate::math::{Rgb, sampling, unflatten};
@@ -9,9 +10,6 @@ use crate::scene::{Grid, Volume};
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
 use lvox_formats::record::{Lvoxel, MAX_LEVEL};
-
-/// Edge of the brick in which all blocks have one size, voxels.
-pub const BRICK_EDGE: usize = 1 << MAX_LEVEL;
 
 /// Optical depth of an edge above which a block is not lit at one point, unless the block depth
 /// allows more.
@@ -112,6 +110,7 @@ impl LvoxelMaker<'_> {
         if max == 0.0 {
             return Ok(Vec::new());
         }
+        let field = BrickField::new(grid, b);
         let level = match self.size {
             BlockSize::Fixed { level, .. } => level,
             BlockSize::OpticalDepth(limit) => {
@@ -119,7 +118,7 @@ impl LvoxelMaker<'_> {
                 let max = if max * voxel * BRICK_EDGE as f32 <= limit {
                     max
                 } else {
-                    near_max(grid, b)
+                    field.max
                 };
                 (1..=MAX_LEVEL)
                     .rev()
@@ -140,8 +139,19 @@ impl LvoxelMaker<'_> {
             if (0..3).any(|a| block[a] * edge >= dims[a]) {
                 continue;
             }
-            let (mean, centroid) = self.coefficients(block, edge);
+            let part = Block {
+                first: local.map(|n| n * edge),
+                dims: std::array::from_fn(|a| edge.min(dims[a] - block[a] * edge)),
+            };
+            let (mean, sampled) = match self.size {
+                BlockSize::OpticalDepth(_) => (field.mean(&part), None),
+                BlockSize::Fixed { samples, .. } => self.sampled(block, edge, samples),
+            };
             if mean > 0.0 {
+                let centroid = || {
+                    let first = DVec3::from(b.map(|n| (n * BRICK_EDGE) as f64));
+                    sampled.unwrap_or_else(|| first + field.centroid(&part).unwrap_or_default())
+                };
                 let key = [
                     self.seed,
                     u64::from(self.index),
@@ -164,7 +174,7 @@ impl LvoxelMaker<'_> {
                     BlockSize::Fixed { .. } => None,
                 };
                 let light = from_outside.or_else(over);
-                let light = light.unwrap_or_else(|| self.light_at(centroid, 0, [1, 4], seed));
+                let light = light.unwrap_or_else(|| self.light_at(centroid(), 0, [1, 4], seed));
                 out.push(Lvoxel {
                     volume: self.index,
                     level,
@@ -324,53 +334,28 @@ impl LvoxelMaker<'_> {
     }
 
     /// Mean extinction of the part of a block that is inside the grid, and the extinction-weighted
-    /// mean of its points in index space.
-    fn coefficients(&self, block: [usize; 3], edge: usize) -> (f32, DVec3) {
+    /// mean of its points in index space, by so many of them; of no points without extinction.
+    fn sampled(&self, block: [usize; 3], edge: usize, samples: u32) -> (f32, Option<DVec3>) {
         let base = Vec3::from(block.map(|v| (v * edge) as f32));
         let dims = self.volume.sigma_t.dims();
         // Voxels of the block inside the grid, on each axis.
         let inside: [usize; 3] = std::array::from_fn(|a| edge.min(dims[a] - block[a] * edge));
         let (mut sum, mut moment) = (0.0_f64, DVec3::ZERO);
-        let mut add = |offset: Vec3| {
-            let sigma = f64::from(self.volume.sigma_t.sample(base + offset));
+        let key = sampling::hash(&[
+            self.seed ^ u64::from(self.index) << 48,
+            block[0] as u64,
+            block[1] as u64,
+            block[2] as u64,
+        ]);
+        for i in 0..samples {
+            let [x, y, z, _] = sobol_burley::sample_4d(i, 0, key as u32);
+            let at = base + Vec3::new(x, y, z) * Vec3::from(inside.map(|n| n as f32));
+            let sigma = f64::from(self.volume.sigma_t.sample(at));
             sum += sigma;
-            moment += (base + offset).as_dvec3() * sigma;
-        };
-        let count = match self.size {
-            BlockSize::OpticalDepth(_) => {
-                // Two points a voxel on each axis: between them and the knees at voxel centres and
-                // borders the trilinear field is linear, so their mean is the block's exact mean.
-                let points = inside.map(|n| 2 * n);
-                let count = points.iter().product();
-                for i in 0..count {
-                    let at = unflatten(i, points).map(|k| (k as f32 + 0.5) * 0.5);
-                    add(Vec3::from(at));
-                }
-                count
-            }
-            BlockSize::Fixed { samples, .. } => {
-                let key = sampling::hash(&[
-                    self.seed ^ u64::from(self.index) << 48,
-                    block[0] as u64,
-                    block[1] as u64,
-                    block[2] as u64,
-                ]);
-                for i in 0..samples {
-                    let u = sobol_burley::sample_4d(i, 0, key as u32);
-                    add(Vec3::new(u[0], u[1], u[2]) * Vec3::from(inside.map(|n| n as f32)));
-                }
-                samples.max(1) as usize
-            }
-        };
-        let mean = (sum / count as f64) as f32;
-        (
-            mean,
-            if sum > 0.0 {
-                moment / sum
-            } else {
-                base.as_dvec3()
-            },
-        )
+            moment += at.as_dvec3() * sigma;
+        }
+        let mean = (sum / f64::from(samples.max(1))) as f32;
+        (mean, (sum > 0.0).then(|| moment / sum))
     }
 }
 
@@ -389,21 +374,4 @@ fn brick_max(grid: &Grid, b: [usize; 3]) -> f32 {
         }
     }
     max
-}
-
-/// The largest sample that the field inside a brick of voxels depends on.
-fn near_max(grid: &Grid, b: [usize; 3]) -> f32 {
-    const N: usize = BRICK_EDGE + 2;
-    let dims = grid.dims();
-    (0..N * N * N)
-        .map(|i| {
-            let local = unflatten(i, [N; 3]);
-            let voxel: [usize; 3] = std::array::from_fn(|a| {
-                (b[a] * BRICK_EDGE + local[a])
-                    .saturating_sub(1)
-                    .min(dims[a] - 1)
-            });
-            grid.sample(Vec3::from(voxel.map(|v| v as f32 + 0.5)))
-        })
-        .fold(0.0, f32::max)
 }

@@ -5,12 +5,14 @@
 //! - `surfels`: where surfels are on all surfaces, and the light that leaves them; `camera`: where
 //!   the rays of a camera meet surfaces, instead.
 //! - `creases`: where the disks of surfels end.
-//! - `lvoxels`: blocks of media, their extinction and their light.
+//! - `lvoxels`: blocks of media, their extinction and their light; `brick`: the field that they are
+//!   means of.
 //! - `part`: which of all that one of several processes makes.
 //!
 //! Points are made in batches, in a fixed order, each from its own number alone, and go straight to
 //! the file: memory does not grow with the cloud, and the bytes do not depend on threads.
 
+mod brick;
 mod camera;
 mod creases;
 mod lvoxels;

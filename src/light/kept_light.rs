@@ -205,7 +205,7 @@ struct Levels<'a> {
 }
 
 impl<'a> Levels<'a> {
-    fn from_coarse_to_fine(&self) -> impl Iterator<Item = &CoarseVolume<'a>> {
+    fn coarse_to_fine(&self) -> impl Iterator<Item = &CoarseVolume<'a>> {
         let finest = std::iter::once_with(|| {
             let volume = self.coarse.first()?.volume;
             let halves = || CoarseVolume::in_halves(volume, self.most);
@@ -269,7 +269,7 @@ impl Checks {
         make: impl Fn(&CoarseVolume) -> T,
         share: impl Fn(&T, Vec3) -> f32,
     ) -> Result<Option<T>> {
-        for level in levels.from_coarse_to_fine() {
+        for level in levels.coarse_to_fine() {
             go_on()?;
             let made = make(level);
             if self.are_met(|point| share(&made, point)) {
