@@ -43,7 +43,7 @@ impl TriangleBvh {
     }
 
     /// The hierarchy of all triangles, the same for any number of threads; `go_on` is asked at each
-    /// node, and ends it with its error.
+    /// split, and ends it with its error.
     fn over<E: Send>(mesh: &Mesh, go_on: impl Fn() -> Result<(), E> + Sync) -> Result<Self, E> {
         let scale = scale_of(mesh);
         let triangles = 0..mesh.triangles.len() as u32;
@@ -58,6 +58,7 @@ impl TriangleBvh {
         let all = Group::new(&items, 0);
         let maker = Maker { mesh, go_on };
         maker.add(&mut nodes, &mut items, all, 1)?;
+        nodes.shrink_to_fit();
         let order: Vec<u32> = items.par_iter().map(Item::triangle).collect();
         drop(items);
         // The triangles of each block, the blocks of a leaf one after the other.
@@ -98,9 +99,8 @@ impl<E: Send, F: Fn() -> Result<(), E> + Sync> Maker<'_, F> {
         group: Group,
         level: usize,
     ) -> Result<(), E> {
-        (self.go_on)()?;
         let start = group.first;
-        let groups = self.children(items, group, level);
+        let groups = self.children(items, group, level)?;
         let to = nodes.len();
         nodes.push(Node::around(&groups));
         if items.len() <= ONE_THREAD {
@@ -146,13 +146,14 @@ impl<E: Send, F: Fn() -> Result<(), E> + Sync> Maker<'_, F> {
     }
 
     /// Parts a group into the children of its node, and tells which of them are leaves.
-    fn children(&self, items: &mut [Item], group: Group, level: usize) -> Children {
+    fn children(&self, items: &mut [Item], group: Group, level: usize) -> Result<Children, E> {
         let start = group.first;
         let halved = level > LEVELS - HALVED_LEVELS;
         let is_small = |group: &Group| group.len() <= if halved { MAX_LEAF } else { LANES };
         let mut groups = Children::new();
         groups.push((group, is_small(&group)));
         while !groups.is_full() {
+            (self.go_on)()?;
             let size = |(group, _): &(Group, bool)| match halved {
                 true => (0.0, group.len()),
                 false => (group.half_area(), group.len()),
@@ -192,7 +193,7 @@ impl<E: Send, F: Fn() -> Result<(), E> + Sync> Maker<'_, F> {
             let items = &items[group.first - start..group.end - start];
             *leaf = is_leaf(group, group.plane(items).as_ref(), NODE_COST);
         }
-        groups
+        Ok(groups)
     }
 }
 
