@@ -27,8 +27,8 @@ pub struct Exactness {
 impl Exactness {
     /// For points that pictures show.
     pub const SHADING: Self = Self {
-        tolerance: 0.01,
-        groups: 256,
+        tolerance: 0.004,
+        groups: 512,
     };
     /// For points of which pictures show means of many.
     pub const BAKING: Self = Self {
