@@ -1,0 +1,110 @@
+//! The program stops soon when it is asked to, also while it loads what is large.
+
+#![cfg(unix)]
+
+use std::fmt::Write as _;
+use std::path::Path;
+use std::process::{Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+use std::{fs, thread};
+
+/// Time within which every stage hears of it.
+const PROMISED: Duration = Duration::from_secs(5);
+
+/// Runs the program and asks it to stop after a while. How it ended, and how long after that.
+fn stopped(dir: &Path, args: &[&str], after: Duration) -> (ExitStatus, Duration) {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_lvox"))
+        .args(args)
+        .current_dir(dir)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    thread::sleep(after);
+    let pid = child.id().to_string();
+    // It may have ended by then.
+    let _ = Command::new("kill")
+        .args(["-TERM", &pid])
+        .stderr(Stdio::null())
+        .status();
+    let asked = Instant::now();
+    let status = child.wait().unwrap();
+    (status, asked.elapsed())
+}
+
+/// A height field with normals to be made, so that all of loading takes its time.
+fn terrain(side: u32) -> String {
+    let mut text = String::new();
+    for i in 0..side * side {
+        let (x, z) = (i % side, i / side);
+        writeln!(text, "v {x} {} {z}", (x * 7 + z * 13) % 11).unwrap();
+    }
+    for i in 0..(side - 1) * (side - 1) {
+        let a = i / (side - 1) * side + i % (side - 1) + 1;
+        writeln!(text, "f {a} {} {} {}", a + side, a + side + 1, a + 1).unwrap();
+    }
+    text
+}
+
+/// A face that turns in and out at each corner.
+fn gear(corners: u32) -> String {
+    let mut text = String::new();
+    for i in 0..corners {
+        let angle = f64::from(i) / f64::from(corners) * std::f64::consts::TAU;
+        let r = if i % 2 == 0 { 1.0 } else { 0.99 };
+        writeln!(text, "v {} 0 {}", r * angle.cos(), r * angle.sin()).unwrap();
+    }
+    text.push('f');
+    for i in 0..corners {
+        write!(text, " {}", i + 1).unwrap();
+    }
+    text.push('\n');
+    text
+}
+
+fn lights(count: u32) -> String {
+    let mut text = String::new();
+    for i in 0..count {
+        let (x, z) = (i % 300, i / 300);
+        writeln!(
+            text,
+            "[[light]]\ntype = \"point\"\nposition = [{x}, 3, {z}]\nintensity = [1, 1, 1]"
+        )
+        .unwrap();
+    }
+    text
+}
+
+#[test]
+fn a_stop_is_heard_whatever_is_loaded() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| fs::write(dir.path().join(name), text).unwrap();
+    write("terrain.obj", &terrain(600));
+    write("gear.obj", &gear(300_000));
+    let mesh =
+        |file: &str| format!("[[mesh]]\nfile = \"{file}\"\nnormals = {{ crease_deg = 40 }}\n");
+    write("terrain.toml", &mesh("terrain.obj"));
+    write("gear.toml", &mesh("gear.obj"));
+    write("lights.toml", &(mesh("builtin:quad") + &lights(40_000)));
+    let mut stops = 0;
+    for scene in ["terrain.toml", "gear.toml", "lights.toml"] {
+        for millis in [30, 200, 500, 1200] {
+            let args = ["bake", scene, "-o", "c.lvc", "--force"];
+            let (status, took) = stopped(dir.path(), &args, Duration::from_millis(millis));
+            assert!(took < PROMISED, "{scene} after {millis} ms: {took:?}");
+            assert!(
+                status.success() || status.code() == Some(1),
+                "{scene}: {status:?}"
+            );
+            if !status.success() {
+                stops += 1;
+                let left: Vec<_> = fs::read_dir(dir.path()).unwrap().collect();
+                let names = left.into_iter().map(|e| e.unwrap().file_name());
+                let part = names.filter(|n| n.to_string_lossy().contains("c.lvc"));
+                assert_eq!(part.count(), 0, "{scene} after {millis} ms");
+            }
+            let _ = fs::remove_file(dir.path().join("c.lvc"));
+        }
+    }
+    assert!(stops > 3, "{stops}");
+}
