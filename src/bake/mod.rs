@@ -401,7 +401,7 @@ mod tests {
             let volume = VolumeInfo {
                 name: String::new(),
                 dims: [1; 3],
-                index_from_scene: [[0.0; 3]; 4],
+                index_from_scene: glam::DAffine3::IDENTITY.to_cols_array_2d(),
                 albedo: [0.0; 3],
             };
             let meta = CloudMeta {

@@ -92,7 +92,7 @@ fn the_folder_of_a_killed_render_is_swept_by_the_next() {
     let mut killed = Running::start(&bench);
     let left = killed.wait_for(&temporary, "lvox-");
     killed.kill();
-    assert_eq!(names(&temporary), [left.clone()]);
+    assert_eq!(names(&temporary), std::slice::from_ref(&left));
     let mut living = Running::start(&bench);
     // Its own is there, and that of the killed one is swept.
     let own = loop {

@@ -150,7 +150,7 @@ fn of_compression(compression: u32) -> Vec<u8> {
         ];
         parts.concat()
     };
-    let is_on = |i: usize| i % 3 != 0;
+    let is_on = |i: usize| !i.is_multiple_of(3);
     let voxels: Vec<f32> = (0..512)
         .map(|i| if is_on(i) { 0.25 * (i % 7) as f32 } else { 0.0 })
         .collect();

@@ -7,7 +7,7 @@ use std::fmt::Write;
 
 /// The system's allocator. Where it refuses, the program ends with one line and exit code 1, as
 /// nearly no code in Rust asks whether memory came: the standard library would abort. What does
-/// ask, and has a better line, says so by [`crate::run::memory::heard`].
+/// ask, and has a better line, says so by `run::memory::heard`.
 #[derive(Debug)]
 pub struct Allocator;
 
