@@ -53,7 +53,7 @@ SURFELS = (1_000_000, 5_000_000, 20_000_000, 100_000_000)
 # Memory that `build` may take.
 BUILD_LIMIT = "1G"
 # Samples a pixel of the pictures that errors are beside.
-SAMPLES = 64
+SAMPLES = 32
 
 
 def run(lvox, folder, *words):
