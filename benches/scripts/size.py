@@ -99,6 +99,8 @@ def measure(lvox, assets, folder, command, only):
     folder.mkdir(parents=True, exist_ok=True)
     kept = folder / "sizes.json"
     rows = json.loads(kept.read_text()) if kept.exists() else []
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True)
+    (folder / "commit").write_text(commit.stdout)
 
     def add(kind, size, toml, surfels=None, asset=None):
         if any((r["kind"], r["size"]) == (kind, size) for r in rows):
@@ -211,10 +213,11 @@ def page(folder):
     out = ROOT / "docs/size.md"
     plots = ROOT / "docs/size"
     plots.mkdir(exist_ok=True)
-    text = ["""# What grows with assets
+    commit = (Path(folder) / "commit").read_text().strip()
+    text = [f"""# What grows with assets
 
-CPU seconds and peak memory of whole processes on two cores, loading included, at the default
-settings, once each; Cycles with 4 samples a pixel and OIDN in the same session. Errors are trimmed
+CPU seconds and peak memory of whole processes on two cores (commit {commit}), loading included, at
+the default settings, once each; Cycles with 4 samples a pixel and OIDN in the same session. Errors are trimmed
 relMSE and bias beside a path tracer's picture of direct light and one bounce, whose own noise is
 the last column. Peak memory counts mapped files.
 """]
