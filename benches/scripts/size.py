@@ -217,9 +217,9 @@ def page(folder):
     text = [f"""# What grows with assets
 
 CPU seconds and peak memory of whole processes on two cores (commit {commit}), loading included, at
-the default settings, once each; Cycles with 4 samples a pixel and OIDN in the same session. Errors are trimmed
-relMSE and bias beside a path tracer's picture of direct light and one bounce, whose own noise is
-the last column. Peak memory counts mapped files.
+the default settings, once each; Cycles with 4 samples a pixel and OIDN in the same session. Errors
+are trimmed relMSE and bias beside a path tracer's picture of direct light and one bounce, whose own
+noise is the last column. Peak memory counts mapped files.
 """]
     for kind, (title, size, about) in KINDS.items():
         of_kind = sorted((r for r in rows if r["kind"] == kind), key=lambda r: r["size"])
