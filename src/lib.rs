@@ -57,8 +57,8 @@
 //! The modules are the stages and what passes between them: [`scene`] (load or make one), [`bake`],
 //! [`build`], [`scatter`] (light of media for all cameras), [`shade`], [`tree`] and [`gather`]
 //! (open trees, light at points), [`image`] (read, write, merge and compare pictures), [`inspect`]
-//! (what files hold, and whether they are whole), [`formats`] (the files themselves), and [`run`]
-//! (what each stage gets beside its data).
+//! (what files hold, and whether they are whole), [`pack`] (a scene as one file), [`formats`] (the
+//! files themselves), and [`run`] (what each stage gets beside its data).
 //!
 //! | what | unit and convention |
 //! | --- | --- |
@@ -72,6 +72,7 @@ pub mod build;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;
+mod column;
 mod error;
 pub mod gather;
 pub mod image;
@@ -81,6 +82,7 @@ pub mod inspect;
 mod lab;
 mod light;
 mod math;
+pub mod pack;
 pub mod run;
 pub mod scatter;
 pub mod scene;

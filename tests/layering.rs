@@ -15,8 +15,12 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("error", &["formats"]),
     ("math", &[]),
     ("run", &["error", "formats"]),
-    ("scene", &["error", "math", "run"]),
-    ("trace", &["error", "math", "run", "scene"]),
+    ("column", &["formats"]),
+    ("scene", &["column", "error", "formats", "math", "run"]),
+    (
+        "trace",
+        &["column", "error", "formats", "math", "run", "scene"],
+    ),
     ("light", &["error", "math", "scene", "trace"]),
     // A tree is opened, and gathered from, on a machine that has no scene.
     ("tree", &["error", "formats", "math", "run"]),
@@ -34,6 +38,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ),
     ("bake", LEAVES),
     ("build", LEAVES),
+    ("pack", LEAVES),
     ("scatter", LIT_BY_MEDIA),
     ("shade", LIT_BY_MEDIA),
     // Of pictures it knows none but the samples that may be kept beside one.
@@ -52,8 +57,8 @@ const MAY_USE: &[(&str, &[&str])] = &[
     (
         "cli",
         &[
-            "bake", "build", "error", "formats", "gather", "image", "inspect", "lab", "run",
-            "scatter", "scene", "shade", "tree",
+            "bake", "build", "error", "formats", "gather", "image", "inspect", "lab", "pack",
+            "run", "scatter", "scene", "shade", "tree",
         ],
     ),
 ];

@@ -157,6 +157,9 @@ impl FormatError {
             Self::WrongKind { expected, .. } if expected.starts_with("file of scattered light") => {
                 Some("make one from a scene and its tree with `lvox scatter`")
             }
+            Self::WrongKind { expected, .. } if expected.starts_with("packed scene") => {
+                Some("make one from a scene with `lvox pack`")
+            }
             Self::WrongKind { .. } => Some("give the cloud (.lvc) that `lvox bake` wrote"),
             Self::Version { found, supported } if found > supported => {
                 Some("the file was written by a newer lvox: use that one, or make the file again")

@@ -1,4 +1,4 @@
-//! What tells the three kinds of file apart, for the one reader and the one writer of their frame.
+//! What tells the four kinds of file apart, for the one reader and the one writer of their frame.
 
 use crate::frame::{Block, FileKind};
 use crate::opened::Opened;
@@ -7,8 +7,8 @@ use crate::{FormatError, Result};
 
 /// A kind of file: its metadata, its summary and the rules that they and the block table keep.
 ///
-/// [`crate::CloudFormat`], [`crate::TreeFormat`] and [`crate::ScatterFormat`] implement it; there
-/// are no others.
+/// [`crate::CloudFormat`], [`crate::TreeFormat`], [`crate::ScatterFormat`] and
+/// [`crate::PackedFormat`] implement it; there are no others.
 pub trait Format: Sized {
     /// Metadata: where the file comes from.
     type Meta: bincode::Encode + bincode::Decode<()> + std::fmt::Debug;

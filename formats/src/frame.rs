@@ -6,7 +6,7 @@ use crate::{FormatError, Result, codec};
 use std::ops::Range;
 use xxhash_rust::xxh3::{xxh3_64, xxh3_128};
 
-/// Version of the three formats, the one that is written and read.
+/// Version of the four formats, the one that is written and read.
 pub const VERSION: u32 = 1;
 
 /// A high-bit byte, letters, CR LF, end-of-file, LF: each of the usual damages of a text transfer
@@ -17,7 +17,7 @@ pub const MAGIC: [u8; 8] = *b"\x89LVX\r\n\x1a\n";
 pub const HEADER_LEN: usize = 104;
 const ENTRY_LEN: usize = 40;
 
-/// The three kinds of file.
+/// The four kinds of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileKind {
     /// Unordered points, `.lvc`.
@@ -26,6 +26,8 @@ pub enum FileKind {
     Tree,
     /// Light that media scatter, `.lvs`.
     Scatter,
+    /// All that stages need of a scene, `.lvp`.
+    Packed,
 }
 
 impl FileKind {
@@ -34,22 +36,25 @@ impl FileKind {
             Self::Cloud => *b"LVC\0",
             Self::Tree => *b"LVT\0",
             Self::Scatter => *b"LVS\0",
+            Self::Packed => *b"LVP\0",
         }
     }
 
-    fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Cloud => "cloud (.lvc)",
             Self::Tree => "tree (.lvt)",
             Self::Scatter => "file of scattered light (.lvs)",
+            Self::Packed => "packed scene (.lvp)",
         }
     }
 
     /// Kinds of its blocks.
-    fn blocks(self) -> [BlockKind; 2] {
+    fn blocks(self) -> &'static [BlockKind] {
         match self {
-            Self::Cloud | Self::Tree => [BlockKind::Surfels, BlockKind::Lvoxels],
-            Self::Scatter => [BlockKind::Direct, BlockKind::Indirect],
+            Self::Cloud | Self::Tree => &[BlockKind::Surfels, BlockKind::Lvoxels],
+            Self::Scatter => &[BlockKind::Direct, BlockKind::Indirect],
+            Self::Packed => &[BlockKind::Padding, BlockKind::Column, BlockKind::Bricks],
         }
     }
 
@@ -63,13 +68,13 @@ impl FileKind {
         let Some(code) = data.get(8..12) else {
             return Err(truncated(HEADER_LEN as u64, data));
         };
-        [Self::Cloud, Self::Tree, Self::Scatter]
+        [Self::Cloud, Self::Tree, Self::Scatter, Self::Packed]
             .into_iter()
             .find(|kind| kind.code() == code)
             .ok_or_else(|| {
                 FormatError::invalid(
                     "kind of file",
-                    "LVC, LVT or LVS",
+                    "LVC, LVT, LVS or LVP",
                     format!("'{}'", code.escape_ascii()),
                 )
             })
@@ -87,10 +92,24 @@ pub enum BlockKind {
     Direct,
     /// Gathered light at vertices of a volume.
     Indirect,
+    /// Zeros before a column of a packed scene.
+    Padding,
+    /// Rows of a column of a packed scene.
+    Column,
+    /// Samples of bricks of a volume.
+    Bricks,
 }
 
 impl BlockKind {
-    const ALL: [Self; 4] = [Self::Surfels, Self::Lvoxels, Self::Direct, Self::Indirect];
+    const ALL: [Self; 7] = [
+        Self::Surfels,
+        Self::Lvoxels,
+        Self::Direct,
+        Self::Indirect,
+        Self::Padding,
+        Self::Column,
+        Self::Bricks,
+    ];
 
     /// The number of this kind in the block table.
     fn code(self) -> u32 {
@@ -98,7 +117,8 @@ impl BlockKind {
     }
 }
 
-/// An entry of the block table: a chunk of a cloud, a page of a tree or a part of scattered light.
+/// An entry of the block table: a chunk of a cloud, a page of a tree, or a part of scattered light
+/// or of a packed scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Block {
     /// Bytes from the start of the file.
@@ -109,11 +129,11 @@ pub struct Block {
     pub raw_bytes: u32,
     /// Content of the block.
     pub kind: BlockKind,
-    /// Number of surfels, lvoxels or vertices.
+    /// Number of surfels, lvoxels, vertices, rows or bricks.
     pub records: u32,
-    /// Number of nodes; 0 but in a tree.
+    /// Number of nodes, in a tree; in a packed scene, of which image, texture or volume it is.
     pub nodes: u32,
-    /// Which columns are present, one bit each.
+    /// Which columns are present, one bit each; in a packed scene, the number of the column.
     pub columns: u32,
     /// xxh3-64 of the stored bytes; in a cloud, of the column directory.
     pub checksum: u64,
@@ -135,7 +155,7 @@ impl Block {
         out.extend(self.checksum.to_le_bytes());
     }
 
-    fn decode(cursor: &mut Cursor<'_>, kinds: [BlockKind; 2]) -> Result<Self> {
+    fn decode(cursor: &mut Cursor<'_>, kinds: &[BlockKind]) -> Result<Self> {
         Ok(Self {
             offset: cursor.u64()?,
             stored_bytes: cursor.u32()?,
@@ -144,8 +164,8 @@ impl Block {
                 let code = cursor.u32()?;
                 let mut known = BlockKind::ALL.into_iter().filter(|k| kinds.contains(k));
                 known.find(|k| k.code() == code).ok_or_else(|| {
-                    let [a, b] = kinds.map(BlockKind::code);
-                    FormatError::invalid("kind of a block", format!("{a} or {b}"), code)
+                    let codes: Vec<_> = kinds.iter().map(|k| k.code().to_string()).collect();
+                    FormatError::invalid("kind of a block", codes.join(" or "), code)
                 })?
             },
             records: cursor.u32()?,
@@ -306,7 +326,7 @@ impl Frame {
 }
 
 /// Blocks must lie one after the other from the header to the metadata.
-fn read_table(table: &[u8], blocks_end: u64, kinds: [BlockKind; 2]) -> Result<Vec<Block>> {
+fn read_table(table: &[u8], blocks_end: u64, kinds: &[BlockKind]) -> Result<Vec<Block>> {
     let mut cursor = Cursor::new(table, "block table");
     let mut blocks = Vec::with_capacity(table.len() / ENTRY_LEN);
     let mut end = HEADER_LEN as u64;

@@ -1,8 +1,8 @@
-//! The files of lvox: clouds (`.lvc`), trees (`.lvt`) and scattered light (`.lvs`). `SPEC.md` is
-//! the one statement of these formats.
+//! The files of lvox: clouds (`.lvc`), trees (`.lvt`), scattered light (`.lvs`) and packed scenes
+//! (`.lvp`). `SPEC.md` is the one statement of these formats.
 //!
-//! [`CloudWriter`], [`TreeWriter`] and [`ScatterWriter`] write, [`Cloud`], [`Tree`] and [`Scatter`]
-//! read. Readers take any bytes; [`MappedFile`] gives those of a file. Opening is cheap (header and
+//! [`CloudWriter`], [`TreeWriter`], [`ScatterWriter`] and [`PackedWriter`] write, [`Cloud`],
+//! [`Tree`], [`Scatter`] and [`Packed`] read. Readers take any bytes; [`MappedFile`] gives those of a file. Opening is cheap (header and
 //! tables), [`Opened::verify`] reads everything.
 //!
 //! ```
@@ -33,7 +33,7 @@
 //! - `record`, `meta`, `summary`: what files hold, decoded. `check`: what every record must be.
 //! - `frame`: header and block table. `format`: what tells the kinds of file apart. `opened`,
 //!   `output`: the one reader and the one writer of the frame.
-//! - `cloud`, `tree`, `scatter`: the blocks of each kind.
+//! - `cloud`, `tree`, `scatter`, `packed`: the blocks of each kind.
 //! - `quantise`: values to codes and back. `morton`, `bytes`, `codec`: tools.
 //! - `atomic`, `temporary`, `map`, `error`: files that appear complete, folders that go away, mapped
 //!   files, and errors. `leftover`: what a killed process left of the first two; `emergency`: what
@@ -56,6 +56,7 @@ mod meta;
 pub mod morton;
 mod opened;
 mod output;
+mod packed;
 mod quantise;
 pub mod record;
 mod scatter;
@@ -72,6 +73,12 @@ pub use frame::{Block, BlockKind, FileKind, VERSION};
 pub use map::MappedFile;
 pub use meta::{CloudMeta, ScatterMeta, TreeMeta};
 pub use opened::Opened;
+pub use packed::{
+    BRICK_SAMPLES, BRICKS_PER_BLOCK, COLUMN_ALIGNMENT, ColumnRows, MAX_LEVELS, Packed,
+    PackedBlocks, PackedCamera, PackedColumn, PackedFilm, PackedFormat, PackedHierarchy,
+    PackedImage, PackedLight, PackedMaterial, PackedMesh, PackedMeta, PackedSummary, PackedTexture,
+    PackedVolume, PackedWrap, PackedWriter,
+};
 pub use record::{
     Below, Bounds, ClipEdge, Clips, Lvoxel, Node, Surfel, SurfelAggregate, SurfelLeaves,
     SurfelPage, VolumeInfo,

@@ -3,18 +3,27 @@
 use crate::emergency::Mapped;
 use crate::{FormatError, Result};
 use std::fs::File;
+use std::ops::Range;
 use std::path::Path;
+use std::sync::Arc;
 
 /// A read-only memory map of a whole file.
 ///
 /// The map is shared with every process that has the file open: what one of them writes shows here.
 /// So the file must not be written in place or cut while it is mapped; see [`MappedFile::open`].
-#[derive(Debug)]
+///
+/// Clones are the same map, which ends with the last of them.
+#[derive(Clone, Debug)]
 pub struct MappedFile {
-    /// Whose bytes these are, for who handles the signal of a file that was cut; until the map ends.
-    _mapped: Option<Mapped>,
     // None for an empty file, which cannot be mapped.
-    map: Option<memmap2::Mmap>,
+    map: Option<Arc<Map>>,
+}
+
+#[derive(Debug)]
+struct Map {
+    /// Whose bytes these are, for who handles the signal of a file that was cut; until the map ends.
+    _mapped: Mapped,
+    map: memmap2::Mmap,
 }
 
 impl MappedFile {
@@ -34,8 +43,21 @@ impl MappedFile {
     ///
     /// # Errors
     /// [`FormatError::Io`], with the path.
-    #[allow(unsafe_code)]
     pub fn open(path: &Path) -> Result<Self> {
+        Self::map(path, None)
+    }
+
+    /// Maps a range of bytes of a file, as [`Self::open`] maps all; it is the file's whole content
+    /// to whoever reads it.
+    ///
+    /// # Errors
+    /// [`FormatError::Truncated`] if the file ends before, [`FormatError::Io`], with the path.
+    pub fn open_range(path: &Path, range: Range<usize>) -> Result<Self> {
+        Self::map(path, Some(range))
+    }
+
+    #[allow(unsafe_code)]
+    fn map(path: &Path, range: Option<Range<usize>>) -> Result<Self> {
         let open = || {
             let file = File::open(path).map_err(FormatError::io("cannot open"))?;
             let meta = file.metadata().map_err(FormatError::io("cannot read"))?;
@@ -48,23 +70,32 @@ impl MappedFile {
                     ),
                 });
             }
-            if meta.len() == 0 {
-                return Ok(Self {
-                    map: None,
-                    _mapped: None,
+            let range = range.unwrap_or(0..usize::try_from(meta.len()).unwrap_or(usize::MAX));
+            if range.end as u64 > meta.len() {
+                return Err(FormatError::Truncated {
+                    expected: range.end as u64,
+                    found: meta.len(),
                 });
             }
+            if range.is_empty() {
+                return Ok(Self { map: None });
+            }
+            let mut options = memmap2::MmapOptions::new();
+            options.offset(range.start as u64).len(range.len());
             // SAFETY: the map is read-only and lives as long as what is borrowed from it. That no
             // process changes or cuts the file meanwhile is the caller's part, stated above; our
             // own writers rename. What remains if one does: what the compiler may assume of a
             // slice, zstd's input while it decompresses, and the signal for a file that was cut.
-            let map = unsafe { memmap2::Mmap::map(&file) }
-                .map_err(FormatError::io("cannot map into memory"))?;
+            let map =
+                unsafe { options.map(&file) }.map_err(FormatError::io("cannot map into memory"))?;
             let addresses = map.as_ptr_range();
             let mapped = Mapped::new(path, addresses.start as usize..addresses.end as usize);
+            let map = Map {
+                _mapped: mapped,
+                map,
+            };
             Ok(Self {
-                map: Some(map),
-                _mapped: Some(mapped),
+                map: Some(Arc::new(map)),
             })
         };
         open().map_err(|e| e.at(path))
@@ -73,14 +104,14 @@ impl MappedFile {
     /// Gives the memory behind a range of bytes back to the system, where the system has a call for
     /// it; the bytes stay what they are, and come from the file again when they are next read.
     #[allow(unsafe_code)]
-    pub fn release(&self, range: std::ops::Range<usize>) {
+    pub fn release(&self, range: Range<usize>) {
         let range = range.start..range.end.min(self.as_ref().len());
         #[cfg(unix)]
         if let Some(map) = self.map.as_ref().filter(|_| !range.is_empty()) {
             // SAFETY: the map is read-only and backed by the file, so pages that are dropped hold
             // nothing that the file does not. Slices of the map stay valid.
             let advised = unsafe {
-                map.unchecked_advise_range(
+                map.map.unchecked_advise_range(
                     memmap2::UncheckedAdvice::DontNeed,
                     range.start,
                     range.len(),
@@ -94,6 +125,6 @@ impl MappedFile {
 
 impl AsRef<[u8]> for MappedFile {
     fn as_ref(&self) -> &[u8] {
-        self.map.as_deref().unwrap_or_default()
+        self.map.as_ref().map_or(&[], |map| &map.map)
     }
 }

@@ -1,7 +1,8 @@
-//! The opening that all three readers share.
+//! The opening that all readers share.
 
 use crate::format::Format;
-use crate::frame::{Block, Frame};
+use crate::frame::{Block, FileKind, Frame};
+use crate::packed::{Packed, PackedColumn};
 use crate::{FormatError, MappedFile, Result, bytes, codec};
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
@@ -9,8 +10,8 @@ use std::path::{Path, PathBuf};
 /// A file whose header, metadata, summary and block table were read and checked. Its blocks are
 /// decoded on request, by any number of threads.
 ///
-/// [`crate::Cloud`], [`crate::Tree`] and [`crate::Scatter`] are the three kinds. `D` holds the
-/// bytes of the file: a [`MappedFile`], a vector or a slice.
+/// [`crate::Cloud`], [`crate::Tree`], [`crate::Scatter`] and [`crate::Packed`] are the four kinds.
+/// `D` holds the bytes of the file: a [`MappedFile`], a vector or a slice.
 #[derive(Debug)]
 pub struct Opened<D, F: Format> {
     data: D,
@@ -29,6 +30,33 @@ impl<F: Format> Opened<MappedFile, F> {
     /// Those of [`Opened::open`], and [`FormatError::Io`].
     pub fn open_path(path: &Path) -> Result<Self> {
         let mut opened = Self::open(MappedFile::open(path)?).map_err(|e| e.at(path))?;
+        opened.path = Some(path.into());
+        Ok(opened)
+    }
+
+    /// Opens a tree or scattered light: the file itself, or the one that a packed scene holds.
+    ///
+    /// # Errors
+    /// Those of [`Opened::open_path`], and [`FormatError::Invalid`] for a packed scene that holds
+    /// none.
+    pub fn open_within(path: &Path) -> Result<Self> {
+        let column = match F::KIND {
+            FileKind::Tree => PackedColumn::Tree,
+            FileKind::Scatter => PackedColumn::Light,
+            FileKind::Cloud | FileKind::Packed => return Self::open_path(path),
+        };
+        let file = MappedFile::open(path)?;
+        if !FileKind::of(file.as_ref()).is_ok_and(|kind| kind == FileKind::Packed) {
+            return Self::open_path(path);
+        }
+        let range = Packed::open(file).map_err(|e| e.at(path))?.range(column, 0);
+        if range.is_empty() {
+            let expected = format!("one with a {}", F::KIND.name());
+            let error = FormatError::invalid("packed scene", expected, "none in it");
+            return Err(error.at(path));
+        }
+        let file = MappedFile::open_range(path, range)?;
+        let mut opened = Self::open(file).map_err(|e| e.at(path))?;
         opened.path = Some(path.into());
         Ok(opened)
     }
@@ -108,6 +136,11 @@ impl<D: AsRef<[u8]>, F: Format> Opened<D, F> {
         after_block: impl FnMut() -> Result<(), E>,
     ) -> Result<(), E> {
         F::verify(self, after_block)
+    }
+
+    /// What holds the bytes of the file.
+    pub fn data(&self) -> &D {
+        &self.data
     }
 
     /// The block table.

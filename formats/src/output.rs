@@ -1,4 +1,4 @@
-//! The writing that all three writers share: blocks behind room for a header, then the sections.
+//! The writing that all writers share: blocks behind room for a header, then the sections.
 
 use crate::format::Format;
 use crate::frame::{self, Block, BlockKind, HEADER_LEN};
@@ -44,6 +44,11 @@ impl<F: Format> BlockWriter<F> {
     /// The final name.
     pub fn path(&self) -> &Path {
         self.file.get_ref().path()
+    }
+
+    /// Where the next block will be.
+    pub fn position(&self) -> u64 {
+        self.position
     }
 
     fn append(&mut self, bytes: &[u8]) -> Result<()> {

@@ -32,6 +32,17 @@ fn small_scatter() -> Vec<u8> {
     std::fs::read(path).unwrap()
 }
 
+fn small_packed() -> Vec<u8> {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.lvp");
+    write_packed(&path);
+    std::fs::read(path).unwrap()
+}
+
+fn read_packed(bytes: &[u8]) -> Result<()> {
+    Packed::open(bytes)?.verify()
+}
+
 fn read_cloud(bytes: &[u8]) -> Result<()> {
     Cloud::open(bytes)?.verify()
 }
@@ -46,11 +57,12 @@ fn read_scatter(bytes: &[u8]) -> Result<()> {
 
 type Reader = fn(&[u8]) -> Result<()>;
 
-fn files() -> [(Vec<u8>, Reader); 3] {
+fn files() -> [(Vec<u8>, Reader); 4] {
     [
         (small_cloud(), read_cloud),
         (small_tree(), read_tree),
         (small_scatter(), read_scatter),
+        (small_packed(), read_packed),
     ]
 }
 
@@ -221,6 +233,173 @@ fn scattered_light_that_is_no_light_is_refused() {
     refused(&bytes, read_scatter, "vertices of the cluster");
 }
 
+/// Each row of a packed scene that would lead a reader astray is refused.
+#[test]
+fn rows_of_packed_scenes_are_checked() {
+    let file = small_packed();
+    let opened = Packed::open(&file[..]).unwrap();
+    let changed_row = |column: PackedColumn, at: usize, value: [u8; 4]| {
+        let mut columns = opened.columns().iter();
+        let (_, blocks) = columns.find(|(c, _)| c.column == column).unwrap();
+        let block = blocks.start;
+        changed(&file, |parts| {
+            parts.blocks[block].data[0].1[at..at + 4].copy_from_slice(&value)
+        })
+    };
+    let float = |v: f32| v.to_le_bytes();
+    let whole = |v: u32| v.to_le_bytes();
+    let leaf = |first: u32, count: u32| whole(1 << 31 | (count - 1) << 27 | first);
+    let (of_second, children) = (224, 192);
+    for (column, at, value, says) in [
+        (
+            PackedColumn::Positions,
+            4,
+            float(f32::NAN),
+            "row 0 of the positions",
+        ),
+        (
+            PackedColumn::Positions,
+            20,
+            float(2e15),
+            "row 1 of the positions",
+        ),
+        (
+            PackedColumn::Uvs,
+            0,
+            float(f32::INFINITY),
+            "row 0 of the uvs",
+        ),
+        (
+            PackedColumn::Triangles,
+            12,
+            whole(4),
+            "row 1 of the triangles",
+        ),
+        (
+            PackedColumn::Materials,
+            4,
+            whole(2),
+            "row 1 of the materials",
+        ),
+        (
+            PackedColumn::CodeValues,
+            40,
+            float(1.5),
+            "row 10 of the code values",
+        ),
+        (PackedColumn::Bricks, 4, whole(0), "in order"),
+        (PackedColumn::Bricks, 8, whole(6), "below 6"),
+        // A box that is none, and one of a child that is not there.
+        (
+            PackedColumn::Nodes,
+            0,
+            float(f32::NAN),
+            "row 0 of the nodes",
+        ),
+        (PackedColumn::Nodes, 0, float(2.0), "row 0 of the nodes"),
+        (PackedColumn::Nodes, 8, float(0.0), "row 0 of the nodes"),
+        // Children: none with a box, nodes at or before their parent, beyond the end, leaves
+        // beyond the blocks.
+        (
+            PackedColumn::Nodes,
+            children,
+            whole(0),
+            "row 0 of the nodes",
+        ),
+        (
+            PackedColumn::Nodes,
+            of_second + children,
+            whole(1),
+            "row 1 of the nodes",
+        ),
+        (
+            PackedColumn::Nodes,
+            children,
+            whole(2),
+            "row 0 of the nodes",
+        ),
+        (
+            PackedColumn::Nodes,
+            children,
+            leaf(2, 1),
+            "row 0 of the nodes",
+        ),
+        (
+            PackedColumn::Nodes,
+            children,
+            leaf(1, 2),
+            "row 0 of the nodes",
+        ),
+        // A node of two parents, and one of none.
+        (PackedColumn::Nodes, children, whole(1), "one parent"),
+        (PackedColumn::Nodes, children + 4, leaf(1, 1), "one parent"),
+        (PackedColumn::Blocks, 144, whole(2), "row 0 of the blocks"),
+        (
+            PackedColumn::Blocks,
+            0,
+            float(f32::NAN),
+            "row 0 of the blocks",
+        ),
+        (PackedColumn::Blocks, 4, float(1.0), "row 0 of the blocks"),
+    ] {
+        refused(&changed_row(column, at, value), read_packed, says);
+    }
+    // Samples of volumes, compressed or not.
+    let samples = changed(&file, |parts| {
+        let samples = parts.blocks.last_mut().unwrap();
+        samples.set(0, (0, 3 * BRICK_SAMPLES), [5, 0], &float(-1.0));
+    });
+    refused(&samples, read_packed, "extinction");
+}
+
+#[test]
+fn descriptions_of_packed_scenes_are_checked() {
+    type Change = fn(&mut PackedMeta);
+    let changes: [(Change, &str); 19] = [
+        (|m| m.film.width = 0, "film"),
+        (|m| m.film.exposure = f32::NAN, "film"),
+        (|m| m.cameras.clear(), "cameras"),
+        (|m| m.cameras[0].fov_x_rad = 4.0, "camera"),
+        (|m| m.cameras[0].scene_from_camera[1] = [0.0; 3], "camera"),
+        (
+            |m| {
+                m.lights[1] = PackedLight::Environment {
+                    radiance: [-1.0; 3],
+                }
+            },
+            "light 1",
+        ),
+        (|m| m.materials[0].texture = Some(1), "a texture below 1"),
+        (|m| m.materials[1].albedo[2] = 1.5, "albedo"),
+        (|m| m.images[0].bits = 12, "image 0"),
+        (|m| m.textures[0].image = 1, "texture 0"),
+        (|m| m.textures[0].width = 4, "texture 0"),
+        (|m| m.volumes[0].dims[1] = 0, "voxels"),
+        (|m| m.volumes[0].bricks = 7, "at most 6 bricks"),
+        (|m| m.volumes[0].scene_from_index[0] = [0.0; 3], "inverted"),
+        (|m| m.mesh.triangles = 1 << 28, "mesh"),
+        (|m| m.materials.clear(), "mesh"),
+        (|m| m.hierarchy.as_mut().unwrap().scale = 0.3, "hierarchy"),
+        (|m| m.hierarchy.as_mut().unwrap().blocks = 3, "hierarchy"),
+        (|m| (m.tree_bytes, m.light_bytes) = (0, 1), "a tree with it"),
+    ];
+    let dir = tempfile::tempdir().unwrap();
+    for (change, says) in changes {
+        let mut meta = packed_meta();
+        change(&mut meta);
+        let writer = PackedWriter::create(&dir.path().join("a"), meta, Overwrite::Refuse);
+        let error = writer.err().unwrap();
+        assert!(error.to_string().contains(says), "{says}: {error}");
+    }
+    // What the metadata says of columns is what there is of them.
+    let file = small_packed();
+    let texels = find(&Parts::of(&file).meta, &[6, 0, 0, 0, 0, 0, 0, 0, 1, 8]);
+    let bytes = changed(&file, |parts| parts.meta[texels + 8] = 3);
+    refused(&bytes, read_packed, "columns in the summary");
+    let bytes = changed(&file, |parts| parts.blocks.swap(1, 2));
+    refused(&bytes, read_packed, "block");
+}
+
 #[test]
 fn clusters_outside_of_their_lattice_are_refused() {
     // In the summary: a count, then volume, level and place of each cluster.
@@ -339,7 +518,8 @@ fn values_of_metadata_and_summary_are_checked() {
         .iter()
         .flat_map(|v| v.to_le_bytes())
         .collect();
-    for (bytes, read) in files() {
+    // A packed scene has checks of its own.
+    for (bytes, read) in files().into_iter().take(3) {
         let meta = Parts::of(&bytes).meta;
         let [albedo, dims, column] = [&albedo, &dims, &column].map(|b| find(&meta, b));
         for (at, value, says) in [
@@ -392,11 +572,11 @@ proptest! {
     /// returned must be safe to walk.
     #[test]
     fn hostile_files(
-        file in 0_usize..3,
+        file in 0_usize..4,
         changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
     ) {
-        static FILES: std::sync::OnceLock<[Vec<u8>; 3]> = std::sync::OnceLock::new();
-        let files = FILES.get_or_init(|| [small_cloud(), small_tree(), small_scatter()]);
+        static FILES: std::sync::OnceLock<[Vec<u8>; 4]> = std::sync::OnceLock::new();
+        let files = FILES.get_or_init(|| files().map(|(bytes, _)| bytes));
         let mut bytes = files[file].clone();
         for (at, value) in changes {
             let at = at.index(bytes.len());
@@ -404,6 +584,7 @@ proptest! {
         }
         repair(&mut bytes);
         let _ = read_cloud(&bytes);
+        let _ = read_packed(&bytes);
         if let Ok(scatter) = Scatter::open(&bytes) {
             let _ = scatter.verify();
             for (i, block) in scatter.blocks().iter().enumerate() {

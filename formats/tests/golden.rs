@@ -75,3 +75,24 @@ fn scattered_light() {
         assert_eq!(kept.cluster(i).unwrap(), *cluster);
     }
 }
+
+#[test]
+fn packed_scene() {
+    let dir = tempfile::tempdir().unwrap();
+    let fresh = dir.path().join("fresh.lvp");
+    write_packed(&fresh);
+    let kept = Packed::open_path(&golden("lvp", &fresh)).unwrap();
+    kept.verify().unwrap();
+    assert_eq!((kept.version(), kept.meta()), (VERSION, &packed_meta()));
+    for (column, _) in kept.columns() {
+        let range = kept.range(column.column, column.item);
+        assert!((range.start as u64).is_multiple_of(COLUMN_ALIGNMENT));
+        assert_eq!(
+            kept.rows(column.column, column.item),
+            packed_rows(column.column)
+        );
+    }
+    assert_eq!(kept.brick_numbers(0).unwrap(), [0, 2, 5]);
+    let blocks = kept.brick_blocks(0).unwrap();
+    assert_eq!(kept.samples(blocks.start).unwrap().len(), 3 * BRICK_SAMPLES);
+}

@@ -228,9 +228,10 @@ mod tests {
                 p(0., 1., 0.),
                 p(1., 0., 1.),
                 p(1., 1., 1.),
-            ],
-            triangles: vec![[0, 1, 2], [0, 2, 3], [1, 2, 5], [1, 5, 4]],
-            material: vec![0; 4],
+            ]
+            .into(),
+            triangles: vec![[0, 1, 2], [0, 2, 3], [1, 2, 5], [1, 5, 4]].into(),
+            material: vec![0; 4].into(),
             ..Mesh::default()
         }
     }
@@ -312,9 +313,9 @@ mod tests {
             let triangle = |_| std::array::from_fn(|_| random(vertices) as u32);
             let triangles: Vec<[u32; 3]> = (0..2 * vertices).map(triangle).collect();
             let mesh = Mesh {
-                material: vec![0; triangles.len()],
-                positions,
-                triangles,
+                material: vec![0; triangles.len()].into(),
+                positions: positions.into(),
+                triangles: triangles.into(),
                 ..Mesh::default()
             };
             let creases = Creases::new(&mesh, 20.0, &Cancel::default()).unwrap();

@@ -6,7 +6,7 @@ use super::output;
 use super::scene_input::Reading;
 use crate::formats::{FileKind, one_line};
 use crate::image::{ImageKind, exr};
-use crate::inspect::{describe, export_ply, points, samples, scattered, scene};
+use crate::inspect::{describe, export_ply, packed, points, samples, scattered, scene};
 use crate::run::OnWarning;
 use crate::{Error, Result};
 use std::fmt::Write;
@@ -14,8 +14,8 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// Print what is in a scene or in one of its files, or what a cloud, a tree, scattered light, an
-/// image or kept samples say of themselves
+/// Print what is in a scene or in one of its files, or what a cloud, a tree, scattered light, a
+/// packed scene, an image or kept samples say of themselves
 ///
 /// A scene, a mesh or a volume is read as for rendering: triangles, area, bounds, materials,
 /// textures, lights, cameras, grids with their ranges and depths, memory, and all that is left out.
@@ -26,7 +26,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Read this file: a scene (.toml .gltf .glb), a mesh (.obj .ply), a volume (.vdb .nrrd .nhdr),
-    /// or .lvc .lvt .lvs .exr .exr.sums
+    /// or .lvc .lvt .lvs .lvp .exr .exr.sums
     file: PathBuf,
 
     /// Print one JSON object
@@ -49,7 +49,7 @@ pub struct Args {
     reading: Reading,
 }
 
-/// Whether a file is a cloud, a tree or scattered light by its first bytes, whatever its name.
+/// Whether a file is a cloud, a tree, scattered light or a packed scene by its first bytes, whatever its name.
 fn is_ours(path: &Path) -> bool {
     let mut start = Vec::new();
     let read = File::open(path).and_then(|file| file.take(12).read_to_end(&mut start));
@@ -103,6 +103,14 @@ impl Args {
                 output::print_json(&scattered)
             } else {
                 output::print(&scattered.to_string())
+            };
+        }
+        if let Some(packed) = packed(&self.file)? {
+            self.refuse_points("a packed scene has")?;
+            return if self.json {
+                output::print_json(&packed)
+            } else {
+                output::print(&packed.to_string())
             };
         }
         if let Some(out) = &self.export {

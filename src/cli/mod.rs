@@ -17,6 +17,7 @@ mod last_words;
 mod merge;
 mod options;
 mod output;
+mod pack;
 mod parse;
 mod progress;
 mod reference;
@@ -57,6 +58,7 @@ enum Verb {
     Render(render::Args),
     Bake(bake::Args),
     Build(build::Args),
+    Pack(pack::Args),
     Scatter(scatter::Args),
     Shade(shade::Args),
     Merge(merge::Args),
@@ -75,6 +77,7 @@ impl Verb {
             Self::Render(args) => args.files(),
             Self::Bake(args) => args.files(),
             Self::Build(args) => args.files(),
+            Self::Pack(args) => args.files(),
             Self::Scatter(args) => args.files(),
             Self::Shade(args) => args.files(),
             Self::Merge(args) => args.files(),
@@ -101,7 +104,11 @@ impl Verb {
             Self::Merge(args) => none.memory(args.memory),
             Self::Compare(args) => none.memory(args.memory),
             Self::Reference(args) => none.memory(args.memory),
-            Self::Bake(_) | Self::Inspect(_) | Self::Verify(_) | Self::Stability(_) => none,
+            Self::Bake(_)
+            | Self::Pack(_)
+            | Self::Inspect(_)
+            | Self::Verify(_)
+            | Self::Stability(_) => none,
         }
     }
 
@@ -111,6 +118,7 @@ impl Verb {
             Self::Render(args) => ("render", args.run(context)),
             Self::Bake(args) => ("bake", args.run(context)),
             Self::Build(args) => ("build", args.run(context)),
+            Self::Pack(args) => ("pack", args.run(context)),
             Self::Scatter(args) => ("scatter", args.run(context)),
             Self::Shade(args) => ("shade", args.run(context)),
             Self::Merge(args) => ("merge", args.run(context)),

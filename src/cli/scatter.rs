@@ -20,9 +20,9 @@ pub struct Args {
     #[command(flatten)]
     scene: SceneInput,
 
-    /// Gather indirect light from this tree
+    /// Gather indirect light from this tree [default: that of a packed scene]
     #[arg(short, long, value_name = "FILE")]
-    tree: PathBuf,
+    tree: Option<PathBuf>,
 
     /// Write the light to this .lvs file
     #[arg(short, long, value_name = "FILE")]
@@ -51,10 +51,11 @@ pub struct Args {
 impl Args {
     /// What it reads and writes.
     pub fn files(&self) -> Files {
-        self.scene
-            .files()
-            .reads("tree", &self.tree)
-            .writes("--output", &self.output)
+        let files = self.scene.files().writes("--output", &self.output);
+        match &self.tree {
+            Some(tree) => files.reads("tree", tree),
+            None => files,
+        }
     }
 
     fn settings(&self) -> Settings {
@@ -72,14 +73,15 @@ impl Args {
         let settings = self.settings();
         settings.check()?;
         let job = &context.job;
-        let store = OpenTree::open(&self.tree, job.memory_limit)?;
+        let tree = self.scene.tree(self.tree.as_ref())?;
+        let store = OpenTree::open(&tree, job.memory_limit)?;
         let cloud = &store.tree().meta().cloud;
         let scene = self
             .scene
             .load(context)?
             .in_frame(cloud.world_from_scene.into())?;
         let origin = (&cloud.scene_hash, &cloud.settings[..]);
-        warn_if_out_of_date(&scene, origin, &self.tree, job);
+        warn_if_out_of_date(&scene, origin, &tree, job);
         job.heed_warnings()?;
         scatter::run(
             &scene,

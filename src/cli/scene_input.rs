@@ -4,7 +4,7 @@ use super::files::Files;
 use super::options::Context;
 use super::parse;
 use crate::scene::Scene;
-use crate::scene::load::Settings;
+use crate::scene::load::{Settings, is_packed};
 use crate::{Error, Result};
 use std::path::PathBuf;
 
@@ -34,7 +34,7 @@ impl Reading {
 /// A scene file, or the scene that is built in.
 #[derive(Debug, clap::Args)]
 pub struct SceneInput {
-    /// Read this scene: .toml, .gltf or .glb
+    /// Read this scene: .toml, .gltf, .glb, or .lvp of `lvox pack`
     #[arg(value_name = "SCENE", required_unless_present = "demo")]
     scene: Option<PathBuf>,
 
@@ -67,6 +67,35 @@ impl SceneInput {
             Some(path) => Files::default().reads("scene", path),
             None => Files::default(),
         }
+    }
+
+    /// Whether it is a packed scene by its name.
+    fn packed(&self) -> Option<&PathBuf> {
+        self.scene.as_ref().filter(|path| is_packed(path))
+    }
+
+    /// The scene file, if that is a packed one which holds a tree.
+    pub fn packed_tree(&self, scene: &Scene) -> Option<PathBuf> {
+        let held = scene.packed_files();
+        self.packed().filter(|_| held.0).cloned()
+    }
+
+    /// The scene file, if that is a packed one which holds scattered light.
+    pub fn packed_light(&self, scene: &Scene) -> Option<PathBuf> {
+        let held = scene.packed_files();
+        self.packed().filter(|_| held.1).cloned()
+    }
+
+    /// The file of the tree that a verb takes: the one that is named, or the packed scene.
+    ///
+    /// # Errors
+    /// If there is neither.
+    pub fn tree(&self, named: Option<&PathBuf>) -> Result<PathBuf> {
+        let path = named.or(self.packed()).cloned();
+        path.ok_or_else(|| {
+            Error::input("no tree was given")
+                .hint("name one with --tree, or a packed scene that holds one")
+        })
     }
 
     /// Loads it.

@@ -17,11 +17,12 @@ pub struct Args {
     #[command(flatten)]
     scene: SceneInput,
 
-    /// Gather indirect light from this tree
+    /// Gather indirect light from this tree [default: that of a packed scene]
     #[arg(short, long, value_name = "FILE")]
-    tree: PathBuf,
+    tree: Option<PathBuf>,
 
     /// Take light inside media from this file of `lvox scatter`, which was made from the tree
+    /// [default: that of a packed scene, without --tree]
     #[arg(long, value_name = "FILE")]
     scatter: Option<PathBuf>,
 
@@ -44,7 +45,11 @@ pub struct Args {
 impl Args {
     /// What it reads and writes.
     pub fn files(&self) -> Files {
-        let files = self.scene.files().reads("tree", &self.tree);
+        let files = self.scene.files();
+        let files = match &self.tree {
+            Some(tree) => files.reads("tree", tree),
+            None => files,
+        };
         self.shade.files(match &self.scatter {
             Some(scatter) => files.reads("--scatter", scatter),
             None => files,
@@ -54,21 +59,22 @@ impl Args {
     pub fn run(self, context: &Context) -> Result<()> {
         self.shade.check()?;
         let job = &context.job;
-        let mut store = OpenTree::open(&self.tree, job.memory_limit)?;
-        if let Some(scatter) = &self.scatter {
-            store = store.with_scatter(scatter)?;
+        let tree = self.scene.tree(self.tree.as_ref())?;
+        let mut store = OpenTree::open(&tree, job.memory_limit)?;
+        let loaded = self.scene.load(context)?;
+        let packed = || {
+            let is_own = self.tree.is_none();
+            is_own.then(|| self.scene.packed_light(&loaded)).flatten()
+        };
+        let light = self.scatter.clone().or_else(packed);
+        if let Some(light) = &light {
+            store = store.with_scatter(light)?;
         }
         let cloud = &store.tree().meta().cloud;
-        let frame = cloud.world_from_scene;
-        let scene = self.scene.load(context)?.in_frame(frame.into())?;
+        let scene = loaded.in_frame(cloud.world_from_scene.into())?;
         self.shade.check_with(&scene, job)?;
-        warn_if_out_of_date(
-            &scene,
-            (&cloud.scene_hash, &cloud.settings),
-            &self.tree,
-            job,
-        );
-        if let Some((scatter, path)) = store.scatter.as_ref().zip(self.scatter.as_ref()) {
+        warn_if_out_of_date(&scene, (&cloud.scene_hash, &cloud.settings), &tree, job);
+        if let Some((scatter, path)) = store.scatter.as_ref().zip(light.as_ref()) {
             let meta = scatter.meta();
             warn_if_out_of_date(&scene, (&meta.scene_hash, &meta.settings), path, job);
         }

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 /// extinction of its cloud
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Read this .lvc, .lvt, .lvs, .exr or .exr.sums file
+    /// Read this .lvc, .lvt, .lvs, .lvp, .exr or .exr.sums file
     file: PathBuf,
 
     /// Print one JSON object

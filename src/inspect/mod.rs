@@ -1,14 +1,16 @@
-//! What is in a cloud, a tree, scattered light or a scene, for people and for scripts: descriptions,
+//! What is in a cloud, a tree, scattered light, a packed scene or a scene, for people and for scripts: descriptions,
 //! first points, PLY for viewers, and the complete check of a file.
 //!
 //! In: the path of a file. Out: values that print as text and serialise as JSON.
 //!
-//! - `describe`: a cloud or a tree; `scatter`: scattered light; `samples`: samples of a reference.
+//! - `describe`: a cloud or a tree; `scatter`: scattered light; `packed`: a packed scene; `samples`:
+//!   samples of a reference.
 //! - `scene`: scene, mesh and volume files, read as for rendering.
 //! - `points`: the first points; `ply`: all points, for viewers.
 //! - `verify`: the complete check. `text`: tables.
 
 mod describe;
+mod packed;
 mod ply;
 mod points;
 mod samples;
@@ -18,6 +20,7 @@ mod text;
 mod verify;
 
 pub use describe::{BlockSizes, Description, PointKind, describe};
+pub use packed::{PackedDescription, PackedPart, packed};
 pub use ply::{Exported, export_ply};
 pub use points::{Points, points};
 pub use samples::{Samples, samples};
@@ -44,9 +47,13 @@ impl File {
         Ok(match kind {
             FileKind::Cloud => Self::Cloud(Cloud::open_path(path)?),
             FileKind::Tree => Self::Tree(Tree::open_path(path)?),
-            FileKind::Scatter => {
+            kind @ (FileKind::Scatter | FileKind::Packed) => {
+                let found = match kind {
+                    FileKind::Packed => "a packed scene",
+                    _ => "scattered light",
+                };
                 return Err(Error::input(format!(
-                    "{}: expected a cloud or a tree, found scattered light, which has no points",
+                    "{}: expected a cloud or a tree, found {found}, which has no points",
                     path.display()
                 )));
             }

@@ -1,9 +1,9 @@
 //! The complete check of a file: damage, and conservation of what was baked.
 
 use super::text::{Table, count};
-use super::{File, samples, scattered};
+use super::{File, packed, samples, scattered};
 use crate::Result;
-use crate::formats::{Below, MappedFile, Scatter, Tree};
+use crate::formats::{Below, MappedFile, Packed, PackedColumn, Scatter, Tree};
 use crate::run::{Job, Task, one_line};
 use std::fmt;
 use std::path::Path;
@@ -13,7 +13,7 @@ use std::path::Path;
 pub struct Verification {
     /// Path of the file, as given.
     pub file: String,
-    /// `cloud`, `tree`, `scatter` or `samples`.
+    /// `cloud`, `tree`, `scatter`, `packed` or `samples`.
     pub kind: &'static str,
     /// Whether all checks hold.
     pub passed: bool,
@@ -61,7 +61,7 @@ impl Check {
     }
 }
 
-/// Reads all of a cloud, a tree, scattered light or kept samples: every checksum and every value;
+/// Reads all of a cloud, a tree, scattered light, a packed scene or kept samples: every checksum and every value;
 /// and for a tree, that count, area, flux and optical depth are those of the cloud within the
 /// bounds of the format, at every depth.
 ///
@@ -85,6 +85,19 @@ pub fn verify(path: &Path, job: &Job) -> Result<Verification> {
         let task = (job.progress).task("verify", scatter.blocks().len() as u64, "clusters");
         scatter.verify_with(|| next(&task, job))?;
         return Ok(undamaged(file, "scatter"));
+    }
+    if packed(path)?.is_some() {
+        let packed = Packed::open_path(path)?;
+        let task = (job.progress).task("verify", packed.blocks().len() as u64, "blocks");
+        packed.verify_with(|| next(&task, job))?;
+        let has = |column| !packed.range(column, 0).is_empty();
+        if has(PackedColumn::Tree) {
+            Tree::open_within(path)?.verify_with(|| job.cancel.check())?;
+        }
+        if has(PackedColumn::Light) {
+            Scatter::open_within(path)?.verify_with(|| job.cancel.check())?;
+        }
+        return Ok(undamaged(file, "packed"));
     }
     match File::open(path)? {
         File::Cloud(cloud) => {

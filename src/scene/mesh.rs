@@ -1,5 +1,6 @@
 //! All triangles of a scene in one indexed mesh.
 
+use crate::column::Column;
 use crate::math::magnitude::to_unit;
 use glam::{Vec2, Vec3};
 
@@ -8,19 +9,19 @@ use glam::{Vec2, Vec3};
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
     /// Vertex positions, scene space.
-    pub positions: Vec<Vec3>,
+    pub positions: Column<Vec3>,
     /// Shading normals, unit length, per vertex; a zero vector means "use the face normal". Empty
     /// when no mesh has any.
-    pub normals: Vec<Vec3>,
+    pub normals: Column<Vec3>,
     /// Linear RGB factors on the base colour, per vertex. Empty when no mesh has any.
-    pub colors: Vec<[f32; 3]>,
+    pub colors: Column<[f32; 3]>,
     /// Texture coordinates, per vertex, (0,0) top left as in glTF. Empty when no material has a
     /// texture.
-    pub uvs: Vec<Vec2>,
+    pub uvs: Column<Vec2>,
     /// Vertex indices, counter-clockwise seen from the front.
-    pub triangles: Vec<[u32; 3]>,
+    pub triangles: Column<[u32; 3]>,
     /// Index into the scene's materials, per triangle.
-    pub material: Vec<u32>,
+    pub material: Column<u32>,
     /// Triangles of zero area that were dropped on loading.
     pub degenerate: u64,
 }
@@ -63,8 +64,9 @@ mod tests {
             let mesh = Mesh {
                 positions: [[0.0; 3], [scale, 0.0, 0.0], [0.0, 0.0, scale]]
                     .map(Vec3::from)
-                    .to_vec(),
-                triangles: vec![[0, 1, 2], [0, 1, 1]],
+                    .to_vec()
+                    .into(),
+                triangles: vec![[0, 1, 2], [0, 1, 1]].into(),
                 ..Mesh::default()
             };
             assert!((mesh.area(0) / (0.5 * scale * scale) - 1.0).abs() < 1e-6);

@@ -5,6 +5,7 @@
 //! - `camera`, `light`, `material`, `texture`, `mesh`, `grid`, `volume`: what a scene consists of
 //! - `builder`: puts a scene together in world space and f64, and checks it as a whole
 //! - `load`: readers of scene, mesh, volume and texture files, which fill a builder
+//! - `packed`: scenes in one file, which are used as they lie there
 //! - `digest`: what of a scene a bake depends on, as hashes
 //!
 //! Scene space is world space less [`Scene::world_from_scene`], a translation that keeps a scene
@@ -19,9 +20,11 @@ mod light;
 pub mod load;
 mod material;
 mod mesh;
+pub(crate) mod packed;
 mod texture;
 mod volume;
 
+pub use crate::column::Column;
 pub use builder::{CameraInput, LightInput, MeshInput, SceneBuilder, VolumeInput};
 pub use camera::{Camera, Film};
 pub use grid::Grid;
@@ -64,6 +67,8 @@ pub struct Scene {
     pub files: Vec<PathBuf>,
     /// What the user should know: defaults that were chosen, parts of files that were left out.
     pub warnings: Vec<String>,
+    /// The file that it lies in, if that is a packed one.
+    pub(crate) packed: Option<packed::PackedScene>,
 }
 
 impl Scene {
@@ -84,7 +89,15 @@ impl Scene {
             hash: [0; 32],
             files: Vec::new(),
             warnings: Vec::new(),
+            packed: None,
         }
+    }
+
+    /// Whether it lies in a packed file that holds a tree, and scattered light.
+    #[must_use]
+    pub fn packed_files(&self) -> (bool, bool) {
+        let meta = self.packed.as_ref().map(|packed| packed.file().meta());
+        meta.map_or((false, false), |m| (m.tree_bytes > 0, m.light_bytes > 0))
     }
 
     /// A scene for tests that look at no picture.
@@ -146,7 +159,8 @@ impl Scene {
         }
         self.world_from_scene = world_from_scene;
         let moved = |p: Vec3| (p.as_dvec3() + shift).as_vec3();
-        self.mesh.positions.iter_mut().for_each(|p| *p = moved(*p));
+        let positions = self.mesh.positions.to_mut();
+        positions.iter_mut().for_each(|p| *p = moved(*p));
         for camera in &mut self.cameras {
             camera.scene_from_camera.translation = moved(camera.origin()).into();
         }

@@ -1,6 +1,7 @@
 //! Textures: texels as their files have them, in 8 or 16 bits, and the linear light that they stand
 //! for.
 
+use crate::column::Column;
 use crate::{Error, Result};
 use glam::Vec2;
 use std::sync::Arc;
@@ -52,14 +53,14 @@ pub struct Texture {
     pub height: u32,
     /// What is beyond the left and right border, and beyond the upper and lower.
     pub wrap: [Wrap; 2],
-    texels: Texels,
+    pub(in crate::scene) texels: Texels,
 }
 
 /// Row by row from the top.
 #[derive(Clone, Debug)]
-enum Texels {
+pub(in crate::scene) enum Texels {
     /// Linear RGB.
-    Linear(Arc<Vec<[f32; 3]>>),
+    Linear(Arc<Column<[f32; 3]>>),
     /// What files have, and the linear value of each code.
     Coded(Arc<Codes>, Arc<[f32]>),
 }
@@ -75,8 +76,8 @@ pub(in crate::scene) struct Codes {
 /// Codes of all channels of all texels.
 #[derive(Debug)]
 pub(in crate::scene) enum CodeValues {
-    Bytes(Vec<u8>),
-    Words(Vec<u16>),
+    Bytes(Column<u8>),
+    Words(Column<u16>),
 }
 
 impl Codes {
@@ -137,7 +138,7 @@ impl Texture {
             width,
             height,
             wrap: Default::default(),
-            texels: Texels::Linear(Arc::new(texels)),
+            texels: Texels::Linear(Arc::new(texels.into())),
         }
     }
 
@@ -334,9 +335,19 @@ mod tests {
                 values,
             })
         };
-        let wrong = Texture::coded(2, 2, codes(CodeValues::Bytes(vec![0; 3])), curve(256));
+        let wrong = Texture::coded(
+            2,
+            2,
+            codes(CodeValues::Bytes(vec![0; 3].into())),
+            curve(256),
+        );
         wrong.check().unwrap_err();
-        let dark = Texture::coded(1, 1, codes(CodeValues::Bytes(vec![0])), vec![-0.1; 256]);
+        let dark = Texture::coded(
+            1,
+            1,
+            codes(CodeValues::Bytes(vec![0].into())),
+            vec![-0.1; 256],
+        );
         dark.check().unwrap_err();
     }
 }

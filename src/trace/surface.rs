@@ -183,9 +183,9 @@ mod tests {
     fn points_are_off_their_plane_by_less_than_rays_are_moved() {
         let mut scene = Scene::without_picture();
         let corners = [[-1e6, 3e5, -9e5], [-1e6, -2e5, 9e5], [1.1e6, 1e5, 3.0]].map(Vec3::from);
-        scene.mesh.positions = corners.to_vec();
-        scene.mesh.triangles = vec![[0, 1, 2]];
-        scene.mesh.material = vec![0];
+        scene.mesh.positions = corners.to_vec().into();
+        scene.mesh.triangles = vec![[0, 1, 2]].into();
+        scene.mesh.material = vec![0].into();
         scene.materials = vec![Material::diffuse("", [0.5; 3])];
         let [a, b, c] = corners.map(|p| p.as_dvec3());
         let normal = (b - a).cross(c - a).normalize();

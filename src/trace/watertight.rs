@@ -234,8 +234,8 @@ mod tests {
             let turned = |p: Vec3| Vec3::from(std::array::from_fn(|a| p[(a + turn) % 3]));
             let corners = [[-1e6, 0.0, -9e5], [-1e6, 0.0, 9e5], [1.1e6, 0.0, 3.0]];
             let mesh = Mesh {
-                positions: corners.map(|c| turned(Vec3::from(c))).to_vec(),
-                triangles: vec![[0, 1, 2]],
+                positions: corners.map(|c| turned(Vec3::from(c))).to_vec().into(),
+                triangles: vec![[0, 1, 2]].into(),
                 ..Mesh::default()
             };
             let block = Block::new(&mesh, &[0], 1.0);
@@ -276,8 +276,9 @@ mod tests {
                 Vec3::new(-1.0, -1.0, 1.0),
                 Vec3::new(3.0, -1.0, 1.0),
                 Vec3::new(-1.0, 3.0, 1.0),
-            ],
-            triangles: vec![[0, 1, 2]],
+            ]
+            .into(),
+            triangles: vec![[0, 1, 2]].into(),
             ..Mesh::default()
         };
         let met =

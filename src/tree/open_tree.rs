@@ -61,13 +61,13 @@ fn max_table_bytes(file_bytes: u64) -> u64 {
 }
 
 impl OpenTree {
-    /// Opens a tree file. With a memory limit that the decoded tree might pass, pages are cached
+    /// Opens a tree file, or the tree in a packed scene. With a memory limit that the decoded tree might pass, pages are cached
     /// within it.
     ///
     /// # Errors
     /// A file that is not a whole tree, or a limit too small for its media and a few pages.
     pub fn open(path: &Path, memory_limit: Option<u64>) -> Result<Self> {
-        let tree = Tree::open_path(path)?;
+        let tree = Tree::open_within(path)?;
         let volumes = &tree.meta().cloud.volumes;
         let table_bytes: u128 = volumes.iter().map(media::table_bytes).sum();
         let table_bytes = u64::try_from(table_bytes).unwrap_or(u64::MAX);
@@ -99,7 +99,7 @@ impl OpenTree {
     /// # Errors
     /// A file that is no whole file of scattered light, or that of another tree.
     pub fn with_scatter(self, path: &Path) -> Result<Self> {
-        let scatter = Scatter::open_path(path)?;
+        let scatter = Scatter::open_within(path)?;
         let (expected, found) = (self.tree().content_hash(), scatter.meta().tree_hash);
         if expected != found {
             return Err(Error::input(format!(

@@ -13,7 +13,7 @@ use lvox::scene::{
     CameraInput, Film, Grid, LightInput, MeshInput, Scene, SceneBuilder, VolumeInput,
 };
 use lvox::tree::OpenTree;
-use lvox::{Kind, build, inspect, scatter, shade};
+use lvox::{Kind, build, inspect, pack, scatter, shade};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -162,6 +162,7 @@ fn own(work: &Work, path: &Path, cases: u64, read: impl Fn(&Path) -> lvox::Resul
     target.run(damaged, |content| {
         fs::write(&file, content).unwrap();
         let _ = judge(inspect::scattered(&file))?;
+        let _ = judge(inspect::packed(&file).map(|p| p.map(|p| p.to_string())))?;
         let _ = judge(inspect::describe(&file).map(|d| d.to_string()))?;
         let is_whole = judge(inspect::verify(&file, &Job::default()))?;
         // A change without right checksums is found, always.
@@ -201,6 +202,40 @@ fn scattered_light() {
     let work = Work::new("light");
     own(&work, &work.light, 150, |file| {
         work.shade(&OpenTree::open(&work.tree, None)?.with_scatter(file)?)
+    });
+}
+
+#[test]
+fn packed_scenes() {
+    let mut work = Work::new("packed");
+    let packed = work.folder.join("scene.lvp");
+    let files = pack::Files {
+        tree: Some(&work.tree),
+        light: Some(&work.light),
+    };
+    let job = Job::default();
+    pack::run(&work.scene, files, &packed, Overwrite::Replace, &job).unwrap();
+    work.scene = Scene::load(&packed).unwrap();
+    own(&work, &packed, 150, |file| {
+        let scene = Scene::load(file)?;
+        let small = scene.film.width * scene.film.height < 100;
+        let store = OpenTree::open(file, None)?.with_scatter(file)?;
+        let settings = shade::Settings {
+            samples: 4,
+            volume_samples: 2,
+            ..shade::Settings::default()
+        };
+        let full = Region::full(scene.film.width, scene.film.height);
+        let region = if small {
+            full
+        } else {
+            Region {
+                x1: 1,
+                y1: 1,
+                ..full
+            }
+        };
+        shade::run(&scene, &store, &settings, region, &[], &job).map(drop)
     });
 }
 

@@ -16,6 +16,7 @@ mod left_out;
 mod memory;
 mod messages;
 mod outputs;
+mod packed;
 mod physics;
 mod scatter;
 mod settings;

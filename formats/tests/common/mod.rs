@@ -69,6 +69,161 @@ pub fn surfels(random: &mut Random, n: usize, style: Style) -> Vec<Surfel> {
         .collect()
 }
 
+/// The description of two triangles under a node, with a texture and a volume.
+pub fn packed_meta() -> PackedMeta {
+    let axes = |s: f64| {
+        [
+            [s, 0.0, 0.0],
+            [0.0, s, 0.0],
+            [0.0, 0.0, s],
+            [-0.5, 0.0, 0.2],
+        ]
+    };
+    let material = |name: &str, texture| PackedMaterial {
+        name: name.into(),
+        albedo: [0.7, 0.5, 0.2],
+        texture,
+        emission: [0.0, 1.0, 3.0],
+        emits_both_sides: texture.is_none(),
+    };
+    PackedMeta {
+        scene_hash: [9; 32],
+        scene_name: "packed".into(),
+        world_from_scene: [1e6, 0.0, -3.0],
+        film: PackedFilm {
+            width: 64,
+            height: 48,
+            exposure: 1.5,
+        },
+        cameras: vec![PackedCamera {
+            name: "front".into(),
+            scene_from_camera: axes(1.0).map(|c| c.map(|v| v as f32)),
+            fov_x_rad: 0.7,
+        }],
+        lights: vec![
+            PackedLight::Point {
+                position: [0.0, 2.0, 1.0],
+                intensity: [5.0; 3],
+            },
+            PackedLight::Environment { radiance: [0.1; 3] },
+        ],
+        materials: vec![material("a", Some(0)), material("b", None)],
+        images: vec![PackedImage {
+            texels: 6,
+            channels: 1,
+            bits: 8,
+        }],
+        textures: vec![PackedTexture {
+            image: 0,
+            width: 3,
+            height: 2,
+            wrap: [PackedWrap::Clamp, PackedWrap::Repeat],
+        }],
+        volumes: vec![PackedVolume {
+            name: "fog".into(),
+            dims: [9, 5, 20],
+            albedo: [0.9, 0.8, 0.7],
+            scene_from_index: axes(0.1),
+            bricks: 3,
+        }],
+        warnings: vec!["none".into()],
+        mesh: PackedMesh {
+            vertices: 4,
+            triangles: 2,
+            degenerate: 1,
+            has_uvs: true,
+            ..PackedMesh::default()
+        },
+        hierarchy: Some(PackedHierarchy {
+            nodes: 2,
+            blocks: 2,
+            scale: 0.5,
+        }),
+        tree_bytes: 5,
+        light_bytes: 0,
+    }
+}
+
+/// A column of the scene that [`packed_meta`] describes.
+pub fn packed_rows(column: PackedColumn) -> Vec<u8> {
+    let corners = [
+        [-1.0, 0.0, -1.0],
+        [-1.0, 0.0, 1.0],
+        [1.0, 0.0, 1.0],
+        [1.0, 0.0, -1.0_f32],
+    ];
+    let floats = |v: &[f32]| v.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
+    let whole = |v: &[u32]| v.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
+    let triangles = [[0, 1, 2], [0, 2, 3]];
+    let leaf = |block: u32| 1 << 31 | block;
+    match column {
+        PackedColumn::Positions => floats(corners.as_flattened()),
+        PackedColumn::Uvs => floats(&[0.25; 8]),
+        PackedColumn::Triangles => whole(triangles.as_flattened()),
+        PackedColumn::Materials => whole(&[0, 1]),
+        PackedColumn::ByteCodes => vec![0, 1, 2, 3, 254, 255],
+        PackedColumn::CodeValues => floats(&[0.5; 256]),
+        PackedColumn::Bricks => whole(&[0, 2, 5]),
+        PackedColumn::Nodes => {
+            // The first has a leaf and the second, that another leaf.
+            let node = |children: [u32; 2]| {
+                let mut node = Vec::new();
+                for (end, absent) in [(-1.0, f32::INFINITY), (1.0, f32::NEG_INFINITY)] {
+                    for _ in 0..3 {
+                        let of = |k: usize| {
+                            if k < 2 && children[k] != 0 {
+                                end
+                            } else {
+                                absent
+                            }
+                        };
+                        node.extend(floats(&std::array::from_fn::<f32, 8, _>(of)));
+                    }
+                }
+                let child = |k: usize| children.get(k).copied().unwrap_or(0);
+                node.extend(whole(&std::array::from_fn::<u32, 8, _>(child)));
+                node
+            };
+            [node([leaf(0), 1]), node([leaf(1), 0])].concat()
+        }
+        PackedColumn::Blocks => {
+            let block = |t: usize| {
+                let number = |i: usize| {
+                    let (corner, axis, lane) = (i / 12, i / 4 % 3, i % 4);
+                    let vertex = triangles[t][corner] as usize;
+                    if lane == 0 {
+                        0.5 * corners[vertex][axis]
+                    } else {
+                        f32::NAN
+                    }
+                };
+                let corners = floats(&std::array::from_fn::<f32, 36, _>(number));
+                let none = u32::MAX;
+                [corners, whole(&[t as u32, none, none, none])].concat()
+            };
+            [block(0), block(1)].concat()
+        }
+        PackedColumn::Tree => b"a tre".to_vec(),
+        _ => Vec::new(),
+    }
+}
+
+/// Writes the scene that [`packed_meta`] describes.
+pub fn write_packed(path: &Path) {
+    let meta = packed_meta();
+    let mut writer = PackedWriter::create(path, meta.clone(), Overwrite::Refuse).unwrap();
+    for column in meta.columns() {
+        let rows = packed_rows(column.column);
+        let going = || Ok::<_, FormatError>(());
+        writer
+            .column(column.column, column.item, &rows, going)
+            .unwrap();
+    }
+    let samples: Vec<f32> = (0..3 * BRICK_SAMPLES).map(|i| (i % 7) as f32).collect();
+    writer.bricks(0, &samples).unwrap();
+    writer.finish().unwrap();
+}
+
 pub fn volumes() -> Vec<VolumeInfo> {
     (0..2)
         .map(|i| VolumeInfo {

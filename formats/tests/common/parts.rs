@@ -49,6 +49,14 @@ fn is_cloud(head: &[u8]) -> bool {
     &head[8..11] == b"LVC"
 }
 
+/// Kind of the blocks of a packed scene that fill up pages, before columns.
+const PADDING: u32 = 5;
+const ALIGNMENT: usize = 4096;
+
+fn is_packed(head: &[u8]) -> bool {
+    &head[8..11] == b"LVP"
+}
+
 fn unpack(stored: &[u8]) -> Vec<u8> {
     zstd::bulk::decompress(stored, 1 << 21).unwrap()
 }
@@ -105,6 +113,7 @@ impl Parts {
         for part in &self.blocks {
             let (mut stored, mut raw_bytes) = (Vec::new(), part.raw_bytes as usize);
             let mut sum = None;
+            let is_column = is_packed(&self.head) && part.data[0].0 != ZSTD;
             if is_cloud(&self.head) {
                 let mut body = Vec::new();
                 for (coding, raw) in &part.data {
@@ -121,7 +130,15 @@ impl Parts {
                 stored.extend(body);
             } else {
                 let raw = &part.data[0].1;
-                let packed = pack(raw);
+                let missing = file.len().next_multiple_of(ALIGNMENT) - file.len();
+                // Zeros are as many as are missing, after what has changed before them.
+                let filled = match is_column && part.kind == PADDING && raw.iter().all(|b| *b == 0)
+                {
+                    true => vec![0; missing],
+                    false => raw.clone(),
+                };
+                let packed = if is_column { filled.clone() } else { pack(raw) };
+                let raw = &filled;
                 raw_bytes = raw.len();
                 stored = if packed.len() < raw.len() {
                     packed

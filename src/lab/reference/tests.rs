@@ -273,8 +273,8 @@ fn demo() -> Scene {
     add_quad(&mut scene, corners, 0.0, 9.0, true);
     add_medium(&mut scene, DVec3::splat(-0.8), DVec3::splat(0.2), 4.0, 0.7);
     // Through the open front.
-    scene.mesh.triangles.drain(10..12);
-    scene.mesh.material.drain(10..12);
+    scene.mesh.triangles.to_mut().drain(10..12);
+    scene.mesh.material.to_mut().drain(10..12);
     scene
 }
 

@@ -380,9 +380,9 @@ fn rays_of_sixteen_cells_take_every_stratum_of_many_lights_once() {
 fn a_surface_that_holds_a_light_does_not_hide_its_light() {
     let mut scene = Scene::without_picture();
     let corners = [[-9.0, 2.3, -7.7], [8.3, 3.1, -6.1], [0.4, 2.6, 9.3]];
-    scene.mesh.positions = corners.map(Vec3::from).to_vec();
-    scene.mesh.triangles = vec![[0, 1, 2]];
-    scene.mesh.material = vec![0];
+    scene.mesh.positions = corners.map(Vec3::from).to_vec().into();
+    scene.mesh.triangles = vec![[0, 1, 2]].into();
+    scene.mesh.material = vec![0].into();
     scene.materials = vec![Material::diffuse("ceiling", [0.5; 3])];
     let mut numbers = Numbers::new(5);
     for _ in 0..20 {

@@ -35,53 +35,48 @@ pub(super) fn merge(
     world_from_scene: DVec3,
     cancel: &Cancel,
 ) -> Result<Merged> {
-    let mut mesh = Mesh::default();
+    let (mut normals, mut colors, mut uvs) = (Vec::new(), Vec::new(), Vec::new());
+    let mut degenerate = 0;
     let mut materials = Vec::new();
     let mut textures = Vec::new();
     let vertices: usize = meshes.iter().map(|m| m.positions.len()).sum();
     let count: usize = meshes.iter().map(|m| m.triangles.len()).sum();
     check_counts(vertices, count)?;
-    mesh.positions = memory::room(MESH, vertices)?;
-    mesh.triangles = memory::room(MESH, count)?;
-    mesh.material = memory::room(MESH, count)?;
+    let mut positions: Vec<Vec3> = memory::room(MESH, vertices)?;
+    let mut triangles = memory::room(MESH, count)?;
+    let mut material_of = memory::room(MESH, count)?;
     for input in meshes {
         cancel.check()?;
-        let first_vertex = mesh.positions.len();
+        let first_vertex = positions.len();
         let first_material = materials.len() as u32;
         let first_texture = textures.len() as u32;
         let moved = input
             .positions
             .iter()
             .map(|p| (p - world_from_scene).as_vec3());
-        mesh.positions.extend(moved);
-        let total = mesh.positions.len();
-        let mut normals = input.normals;
-        normals.iter_mut().for_each(|n| *n = n.normalize_or_zero());
-        extend_attribute(&mut mesh.normals, normals, first_vertex, total, Vec3::ZERO)?;
-        extend_attribute(
-            &mut mesh.colors,
-            input.colors,
-            first_vertex,
-            total,
-            [1.0; 3],
-        )?;
+        positions.extend(moved);
+        let total = positions.len();
+        let mut own = input.normals;
+        own.iter_mut().for_each(|n| *n = n.normalize_or_zero());
+        extend_attribute(&mut normals, own, first_vertex, total, Vec3::ZERO)?;
+        extend_attribute(&mut colors, input.colors, first_vertex, total, [1.0; 3])?;
         let textured = input.materials.iter().any(|m| m.texture.is_some());
-        let mut uvs = if textured { input.uvs } else { Vec::new() };
+        let mut own = if textured { input.uvs } else { Vec::new() };
         if textured {
             // Whoever sees a texture may count on there being coordinates.
-            let missing = input.positions.len().saturating_sub(uvs.len());
-            memory::grow(MESH, &mut uvs, missing)?;
-            uvs.resize(input.positions.len(), Vec2::ZERO);
+            let missing = input.positions.len().saturating_sub(own.len());
+            memory::grow(MESH, &mut own, missing)?;
+            own.resize(input.positions.len(), Vec2::ZERO);
         }
-        extend_attribute(&mut mesh.uvs, uvs, first_vertex, total, Vec2::ZERO)?;
+        extend_attribute(&mut uvs, own, first_vertex, total, Vec2::ZERO)?;
         for (triangle, material) in input.triangles.iter().zip(&input.material) {
             cancel.check()?;
             let triangle = triangle.map(|v| v + first_vertex as u32);
-            if has_area(triangle.map(|v| mesh.positions[v as usize].as_dvec3())) {
-                mesh.triangles.push(triangle);
-                mesh.material.push(material + first_material);
+            if has_area(triangle.map(|v| positions[v as usize].as_dvec3())) {
+                triangles.push(triangle);
+                material_of.push(material + first_material);
             } else {
-                mesh.degenerate += 1;
+                degenerate += 1;
             }
         }
         materials.extend(input.materials.into_iter().map(|mut m| {
@@ -90,6 +85,15 @@ pub(super) fn merge(
         }));
         textures.extend(input.textures);
     }
+    let mesh = Mesh {
+        positions: positions.into(),
+        normals: normals.into(),
+        colors: colors.into(),
+        uvs: uvs.into(),
+        triangles: triangles.into(),
+        material: material_of.into(),
+        degenerate,
+    };
     Ok((mesh, materials, textures))
 }
 

@@ -275,6 +275,7 @@ impl SceneBuilder {
             hash: [0; 32],
             files: Vec::new(),
             warnings,
+            packed: None,
         })
     }
 

@@ -113,6 +113,28 @@ impl Grid {
         grid.checked()
     }
 
+    /// A grid of bricks whose numbers come in order, from all their samples, which are finite and at
+    /// least 0.
+    pub(in crate::scene) fn of_bricks(
+        dims: [usize; 3],
+        numbers: &[u32],
+        samples: Vec<f32>,
+    ) -> Self {
+        let bricks = brick_dims(dims);
+        let mut slots = vec![ABSENT; bricks.iter().product()];
+        for (slot, &number) in (0..).zip(numbers) {
+            slots[number as usize] = slot;
+        }
+        let maximum = |brick: &[f32]| brick.iter().copied().fold(0.0, f32::max);
+        Self {
+            dims,
+            bricks,
+            slots,
+            maxima: samples.par_chunks(BRICK_SAMPLES).map(maximum).collect(),
+            samples,
+        }
+    }
+
     /// Sets the sample of a voxel in all bricks that have it at a corner of their cells, and stores
     /// those that are not stored.
     fn set(&mut self, voxel: [usize; 3], sample: f32) {

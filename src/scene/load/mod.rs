@@ -42,7 +42,7 @@ mod vdb;
 pub use contents::{Contents, ContentsKind, EXTENSIONS, contents, has_contents};
 pub use values::{GridValues, Histogram};
 
-use super::{Scene, SceneBuilder};
+use super::{Scene, SceneBuilder, packed};
 use crate::run::{Cancel, Job};
 use crate::{Error, Result};
 use files::Files;
@@ -70,8 +70,8 @@ impl Default for Settings {
 }
 
 impl Scene {
-    /// Reads and checks a scene: a `.toml` scene file, or a `.gltf` or `.glb` by itself. What the
-    /// caller should know is in its `warnings`. [`load`](crate::scene::load) describes scene files.
+    /// Reads and checks a scene: a `.toml` scene file, a `.gltf` or `.glb` by itself, or a packed
+    /// scene (`.lvp`). What the caller should know is in its `warnings`. [`load`](crate::scene::load) describes scene files.
     ///
     /// # Errors
     /// Of kind [`crate::Kind::Input`] for anything wrong with the files; the message names the file
@@ -92,6 +92,9 @@ impl Scene {
     }
 
     fn load_until(path: &Path, settings: &Settings, cancel: &Cancel) -> Result<Self> {
+        if is_packed(path) {
+            return packed::read(path, settings.texture_limit, cancel);
+        }
         let mut files = Files::with(settings.clone(), cancel);
         let builder = read_scene(path, &mut files)?;
         finish(builder, files).map_err(|e| e.at(path.display()))
@@ -108,6 +111,12 @@ impl Scene {
         let builder = description::read(text, Path::new("demo.toml"), &mut files)?;
         finish(builder, files)
     }
+}
+
+/// Whether the name of a file is that of a packed scene.
+#[must_use]
+pub fn is_packed(path: &Path) -> bool {
+    files::extension(path) == "lvp"
 }
 
 /// Reads a scene file and all files that it names.
@@ -131,7 +140,7 @@ fn read_scene(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
             "{}: expected a scene file, found the extension \"{other}\"",
             path.display()
         ))
-        .hint("scenes are .toml, .gltf or .glb files")),
+        .hint("scenes are .toml, .gltf, .glb or .lvp files")),
     }
 }
 

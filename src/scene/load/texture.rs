@@ -164,22 +164,26 @@ fn refused(e: &dyn Display) -> Error {
 /// The texels of an image in the memory that it has, or less.
 fn codes(image: DynamicImage) -> Codes {
     let (channels, values) = match image {
-        DynamicImage::ImageLuma8(image) => (1, CodeValues::Bytes(image.into_raw())),
-        DynamicImage::ImageLumaA8(image) => {
-            (1, CodeValues::Bytes(without_alpha(image.into_raw(), 2)))
-        }
-        DynamicImage::ImageRgb8(image) => (3, CodeValues::Bytes(image.into_raw())),
-        DynamicImage::ImageRgba8(image) => {
-            (3, CodeValues::Bytes(without_alpha(image.into_raw(), 4)))
-        }
-        DynamicImage::ImageLuma16(image) => (1, CodeValues::Words(image.into_raw())),
-        DynamicImage::ImageLumaA16(image) => {
-            (1, CodeValues::Words(without_alpha(image.into_raw(), 2)))
-        }
-        DynamicImage::ImageRgba16(image) => {
-            (3, CodeValues::Words(without_alpha(image.into_raw(), 4)))
-        }
-        other => (3, CodeValues::Words(other.into_rgb16().into_raw())),
+        DynamicImage::ImageLuma8(image) => (1, CodeValues::Bytes(image.into_raw().into())),
+        DynamicImage::ImageLumaA8(image) => (
+            1,
+            CodeValues::Bytes(without_alpha(image.into_raw(), 2).into()),
+        ),
+        DynamicImage::ImageRgb8(image) => (3, CodeValues::Bytes(image.into_raw().into())),
+        DynamicImage::ImageRgba8(image) => (
+            3,
+            CodeValues::Bytes(without_alpha(image.into_raw(), 4).into()),
+        ),
+        DynamicImage::ImageLuma16(image) => (1, CodeValues::Words(image.into_raw().into())),
+        DynamicImage::ImageLumaA16(image) => (
+            1,
+            CodeValues::Words(without_alpha(image.into_raw(), 2).into()),
+        ),
+        DynamicImage::ImageRgba16(image) => (
+            3,
+            CodeValues::Words(without_alpha(image.into_raw(), 4).into()),
+        ),
+        other => (3, CodeValues::Words(other.into_rgb16().into_raw().into())),
     };
     Codes { channels, values }
 }

@@ -118,9 +118,9 @@ mod tests {
             [0.0, 1.0, 0.0],
             [1.0, 1.0, 0.0],
         ];
-        scene.mesh.positions = corners.map(Vec3::from).to_vec();
-        scene.mesh.triangles = vec![[0, 1, 2], [2, 1, 3]];
-        scene.mesh.material = vec![0, 0];
+        scene.mesh.positions = corners.map(Vec3::from).to_vec().into();
+        scene.mesh.triangles = vec![[0, 1, 2], [2, 1, 3]].into();
+        scene.mesh.material = vec![0, 0].into();
         scene.materials = vec![Material::diffuse("", [0.5; 3])];
         let surface = Surface::new(&scene, triangle, uv);
         Sample {

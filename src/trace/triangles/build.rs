@@ -286,7 +286,7 @@ mod tests {
         let triangles = (0..positions.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
         Mesh {
             triangles: triangles.collect(),
-            positions,
+            positions: positions.into(),
             ..Mesh::default()
         }
     }
@@ -404,7 +404,9 @@ mod tests {
         let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -f32::NAN];
         for (i, bad) in (0..).zip(bad) {
             mesh.positions.push(Vec3::new(0.0, bad, 0.0));
-            mesh.triangles.insert(40 * i, [first + i as u32, 0, 5]);
+            mesh.triangles
+                .to_mut()
+                .insert(40 * i, [first + i as u32, 0, 5]);
         }
         let bvh = TriangleBvh::new(&mesh);
         assert_eq!(bvh.scale, TriangleBvh::new(&sphere(12, 20)).scale);
@@ -418,7 +420,7 @@ mod tests {
             assert!(bvh.closest(&ray).is_some());
         }
         let nothing = Mesh {
-            triangles: vec![[first, 0, 5]],
+            triangles: vec![[first, 0, 5]].into(),
             ..mesh
         };
         let bvh = TriangleBvh::new(&nothing);

@@ -255,7 +255,7 @@ mod tests {
                 );
             }
         }
-        mesh.material = vec![0; mesh.triangles.len()];
+        mesh.material = vec![0; mesh.triangles.len()].into();
         mesh
     }
 

@@ -127,8 +127,8 @@ mod tests {
     /// A sphere with each of its triangles twice, so that all hits are met by two.
     fn doubled() -> Mesh {
         let mut mesh = sphere(24, 40);
-        mesh.triangles = mesh.triangles.repeat(2);
-        mesh.material = vec![0; mesh.triangles.len()];
+        mesh.triangles = mesh.triangles.repeat(2).into();
+        mesh.material = vec![0; mesh.triangles.len()].into();
         mesh
     }
 

@@ -1,0 +1,186 @@
+//! The columns of a packed scene, and what their rows must be.
+
+use super::meta::PackedMeta;
+use crate::{FormatError, Result};
+
+/// Columns start at multiples of this, so that they can be used where they are mapped.
+pub const COLUMN_ALIGNMENT: u64 = 4096;
+/// Bytes of a piece of a column, at most: each has a checksum of its own.
+const PIECE_BYTES: usize = 1 << 18;
+/// Coordinates of vertices and lights are not beyond this.
+pub const MAX_COORDINATE: f32 = 1e15;
+
+/// What a column of a packed scene holds.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub enum PackedColumn {
+    /// Positions of vertices, 3 f32.
+    Positions,
+    /// Shading normals of vertices, 3 f32: of unit length, or 0 for that of the face.
+    Normals,
+    /// Factors on the albedo at vertices, 3 f32.
+    Colors,
+    /// Texture coordinates of vertices, 2 f32.
+    Uvs,
+    /// Vertices of triangles, 3 u32.
+    Triangles,
+    /// Materials of triangles, u32.
+    Materials,
+    /// Nodes over triangles: boxes of eight children, and which these are.
+    Nodes,
+    /// Corners of triangles, four by four, as leaves have them.
+    Blocks,
+    /// Codes of the texels of an image, u8.
+    ByteCodes,
+    /// Codes of the texels of an image, u16.
+    WordCodes,
+    /// Texels of an image as they are, 3 f32.
+    Texels,
+    /// The value of each code in a texture, f32.
+    CodeValues,
+    /// Numbers of the bricks that a volume stores, u32.
+    Bricks,
+    /// A whole tree file.
+    Tree,
+    /// A whole file of scattered light.
+    Light,
+}
+
+impl PackedColumn {
+    /// Its number in the block table.
+    pub(super) fn code(self) -> u32 {
+        self as u32
+    }
+
+    /// Name, as in `SPEC.md`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Positions => "positions",
+            Self::Normals => "normals",
+            Self::Colors => "colors",
+            Self::Uvs => "uvs",
+            Self::Triangles => "triangles",
+            Self::Materials => "materials",
+            Self::Nodes => "nodes",
+            Self::Blocks => "blocks",
+            Self::ByteCodes => "byte codes",
+            Self::WordCodes => "word codes",
+            Self::Texels => "texels",
+            Self::CodeValues => "code values",
+            Self::Bricks => "bricks",
+            Self::Tree => "tree",
+            Self::Light => "light",
+        }
+    }
+
+    /// Bytes of a row.
+    #[must_use]
+    pub fn width(self) -> usize {
+        match self {
+            Self::Positions | Self::Normals | Self::Colors | Self::Triangles | Self::Texels => 12,
+            Self::Uvs => 8,
+            Self::Materials | Self::CodeValues | Self::Bricks => 4,
+            Self::Nodes => 224,
+            Self::Blocks => 160,
+            Self::WordCodes => 2,
+            Self::ByteCodes | Self::Tree | Self::Light => 1,
+        }
+    }
+
+    /// Rows of each piece but the last, which may have fewer.
+    pub(super) fn piece_rows(self) -> usize {
+        PIECE_BYTES / self.width()
+    }
+}
+
+/// A column that a file has.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub struct ColumnRows {
+    /// What it holds.
+    pub column: PackedColumn,
+    /// Of which image, texture or volume; 0 for those of the whole scene.
+    pub item: u32,
+    /// Its rows.
+    pub rows: u64,
+}
+
+/// The numbers of a row.
+fn floats(row: &[u8]) -> impl Iterator<Item = f32> + '_ {
+    crate::bytes::singles(row)
+}
+
+fn indices(row: &[u8]) -> impl Iterator<Item = u32> + '_ {
+    row.chunks_exact(4)
+        .map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+}
+
+/// Checks every row of a piece of a column; `first` is the number of the first.
+pub fn check_rows(column: PackedColumn, first: u64, piece: &[u8], meta: &PackedMeta) -> Result<()> {
+    let all = |is_right: &dyn Fn(&[u8]) -> bool, expected: &str| match piece
+        .chunks(column.width())
+        .position(|row| !is_right(row))
+    {
+        None => Ok(()),
+        Some(at) => Err(FormatError::invalid(
+            format!("row {} of the {}", first + at as u64, column.name()),
+            expected,
+            "others",
+        )),
+    };
+    let shares = |row: &[u8]| floats(row).all(|v| (0.0..=1.0).contains(&v));
+    let below = |most: u64| move |row: &[u8]| indices(row).all(|i| u64::from(i) < most);
+    let mesh = &meta.mesh;
+    match column {
+        PackedColumn::Positions => all(
+            &|row| floats(row).all(|v| v.abs() <= MAX_COORDINATE),
+            "finite coordinates, at most 1e15",
+        ),
+        PackedColumn::Normals => all(&is_normal, "a vector of length 1, or 0"),
+        PackedColumn::Uvs => all(&|row| floats(row).all(f32::is_finite), "finite numbers"),
+        PackedColumn::Colors | PackedColumn::Texels | PackedColumn::CodeValues => {
+            all(&shares, "numbers from 0 to 1")
+        }
+        PackedColumn::Triangles => all(
+            &below(mesh.vertices),
+            &format!("vertices below {}", mesh.vertices),
+        ),
+        PackedColumn::Materials => {
+            let count = meta.materials.len() as u64;
+            all(&below(count), &format!("a material below {count}"))
+        }
+        PackedColumn::Nodes => super::hierarchy::check_nodes(first, piece, meta),
+        PackedColumn::Blocks => super::hierarchy::check_blocks(first, piece, meta),
+        PackedColumn::ByteCodes
+        | PackedColumn::WordCodes
+        | PackedColumn::Bricks
+        | PackedColumn::Tree
+        | PackedColumn::Light => Ok(()),
+    }
+}
+
+fn is_normal(row: &[u8]) -> bool {
+    let length2: f32 = floats(row).map(|v| v * v).sum();
+    length2 == 0.0 || (0.99..=1.01).contains(&length2)
+}

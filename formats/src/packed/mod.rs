@@ -1,0 +1,25 @@
+//! The packed scene, `.lvp`: all that stages need of a scene, and a tree and scattered light with
+//! it, in columns that are used as they lie.
+//!
+//! - `meta`: what is small: cameras, lights, materials, and what the columns are
+//! - `column`: the columns, and what their rows must be
+//! - `hierarchy`: that nodes over triangles are a tree
+//! - `bricks`: samples of volumes
+//! - `write`: a scene to a file; `read`: a file to columns
+
+mod bricks;
+mod column;
+mod hierarchy;
+mod meta;
+mod read;
+mod write;
+
+pub use bricks::{BRICK_SAMPLES, BRICKS_PER_BLOCK};
+pub use column::{COLUMN_ALIGNMENT, ColumnRows, PackedColumn};
+pub use hierarchy::MAX_LEVELS;
+pub use meta::{
+    PackedCamera, PackedFilm, PackedHierarchy, PackedImage, PackedLight, PackedMaterial,
+    PackedMesh, PackedMeta, PackedSummary, PackedTexture, PackedVolume, PackedWrap,
+};
+pub use read::{Packed, PackedBlocks, PackedFormat};
+pub use write::PackedWriter;

@@ -1,0 +1,69 @@
+//! `lvox pack`
+
+use super::files::{Files, check_writable};
+use super::options::Context;
+use super::scene_input::SceneInput;
+use super::shade::warn_if_out_of_date;
+use crate::Result;
+use crate::pack;
+use crate::tree::OpenTree;
+use std::path::PathBuf;
+
+/// Pack a scene into one file that needs no other: every verb takes it in place of the scene
+///
+/// Triangles, textures and volumes lie in it ready for use, and nothing is read of the files that
+/// the scene was made of. With --tree and --scatter it holds these, too; then `lvox shade` needs no
+/// other file, and another machine none but this one.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    scene: SceneInput,
+
+    /// Write the packed scene to this .lvp file
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+
+    /// Pack this tree with the scene [default: that of a packed scene]
+    #[arg(short, long, value_name = "FILE")]
+    tree: Option<PathBuf>,
+
+    /// Pack this light inside media, which was made from the tree [default: that of a packed scene,
+    /// without --tree]
+    #[arg(long, value_name = "FILE", requires = "tree")]
+    scatter: Option<PathBuf>,
+}
+
+impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        let files = self.scene.files().writes("--output", &self.output);
+        let tree = self.tree.iter().map(|path| ("tree", path));
+        let light = self.scatter.iter().map(|path| ("--scatter", path));
+        let parts = tree.chain(light);
+        parts.fold(files, |files, (what, path)| files.reads(what, path))
+    }
+
+    pub fn run(self, context: &Context) -> Result<()> {
+        check_writable(&self.output, context.overwrite)?;
+        let job = &context.job;
+        let scene = self.scene.load(context)?;
+        let (tree, light) = match self.tree {
+            Some(tree) => (Some(tree), self.scatter),
+            None => (
+                self.scene.packed_tree(&scene),
+                self.scene.packed_light(&scene),
+            ),
+        };
+        if let Some(path) = &tree {
+            let tree = OpenTree::open(path, job.memory_limit)?;
+            let cloud = &tree.tree().meta().cloud;
+            warn_if_out_of_date(&scene, (&cloud.scene_hash, &cloud.settings), path, job);
+        }
+        job.heed_warnings()?;
+        let files = pack::Files {
+            tree: tree.as_deref(),
+            light: light.as_deref(),
+        };
+        pack::run(&scene, files, &self.output, context.overwrite, job)
+    }
+}

@@ -1,0 +1,78 @@
+//! The stage that packs a scene, and with it a tree and scattered light: one file that moves.
+//!
+//! In: a [`Scene`], and the files made from it. Out: a packed scene (`.lvp`), which every stage
+//! takes in place of the scene.
+
+use crate::formats::{
+    MappedFile, Opened, Overwrite, PackedColumn, PackedWriter, Scatter, ScatterFormat, Tree,
+    TreeFormat,
+};
+use crate::run::{Job, hex};
+use crate::scene::{Scene, packed};
+use crate::{Error, Result};
+use std::path::Path;
+
+/// What is packed with a scene.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Files<'a> {
+    /// A tree that was made from the scene, or a packed scene with one.
+    pub tree: Option<&'a Path>,
+    /// Scattered light that was made from the tree, or a packed scene with it.
+    pub light: Option<&'a Path>,
+}
+
+/// Packs a scene. Equal scenes and files give equal bytes.
+///
+/// # Errors
+/// Scattered light without its tree, an output that may not be replaced or cannot be written, or a
+/// stop on request.
+pub fn run(
+    scene: &Scene,
+    files: Files<'_>,
+    output: &Path,
+    overwrite: Overwrite,
+    job: &Job,
+) -> Result<()> {
+    let tree = files
+        .tree
+        .map(Opened::<MappedFile, TreeFormat>::open_within);
+    let tree: Option<Tree<MappedFile>> = tree.transpose()?;
+    let light = files
+        .light
+        .map(Opened::<MappedFile, ScatterFormat>::open_within);
+    let light: Option<Scatter<MappedFile>> = light.transpose()?;
+    if let Some((light, path)) = light.as_ref().zip(files.light) {
+        let expected = tree.as_ref().map(Opened::content_hash);
+        let found = light.meta().tree_hash;
+        if expected != Some(found) {
+            let expected = expected.map_or_else(|| "none".to_owned(), |hash| hex(&hash));
+            return Err(Error::input(format!(
+                "{}: expected light gathered from the tree that is packed, {expected}, found that of {}",
+                path.display(),
+                hex(&found)
+            ))
+            .hint("pack the tree that it was made from, too"));
+        }
+    }
+    job.report.stage("pack", |counts| {
+        let mut meta = packed::description(scene);
+        let bytes = |file: Option<&MappedFile>| file.map_or(0, |f| f.as_ref().len() as u64);
+        meta.tree_bytes = bytes(tree.as_ref().map(Opened::data));
+        meta.light_bytes = bytes(light.as_ref().map(Opened::data));
+        let mut writer = PackedWriter::create(output, meta, overwrite)?;
+        packed::columns(scene, &mut writer, &job.cancel)?;
+        for (column, file) in [
+            (PackedColumn::Tree, tree.as_ref().map(Opened::data)),
+            (PackedColumn::Light, light.as_ref().map(Opened::data)),
+        ] {
+            if let Some(file) = file {
+                writer.column(column, 0, file.as_ref(), || job.cancel.check())?;
+            }
+        }
+        packed::bricks(scene, &mut writer, &job.cancel)?;
+        writer.finish()?;
+        let written = std::fs::metadata(output).map_err(|e| Error::io("read", output, &e))?;
+        counts.insert("bytes".into(), written.len() as f64);
+        Ok(())
+    })
+}

@@ -1,0 +1,55 @@
+//! A scene as a packed file holds it: one file, no assets, columns used as they lie there.
+//!
+//! - `write`: a scene to its description and columns
+//! - `read`: description and columns to a scene
+
+mod read;
+mod write;
+
+pub(super) use read::read;
+pub use write::{bricks, columns, description};
+
+use crate::column::Column;
+use crate::formats::{MappedFile, Packed, PackedColumn};
+use crate::{Error, Result};
+use bytemuck::Pod;
+use std::sync::Arc;
+
+/// The file that a scene lies in.
+#[derive(Clone, Debug)]
+pub struct PackedScene {
+    file: Arc<Packed<MappedFile>>,
+}
+
+impl PackedScene {
+    /// The file itself.
+    #[must_use]
+    pub fn file(&self) -> &Packed<MappedFile> {
+        &self.file
+    }
+
+    /// A column where it lies.
+    ///
+    /// # Errors
+    /// A machine whose numbers are not those of files.
+    pub fn column<T: Pod>(&self, column: PackedColumn, item: u32) -> Result<Column<T>> {
+        check_machine()?;
+        let rows = Column::mapped(self.file.data(), self.file.range(column, item));
+        rows.ok_or_else(|| {
+            Error::input(format!(
+                "the {} of the packed scene are not where a machine could use them",
+                column.name()
+            ))
+        })
+    }
+}
+
+/// Refuses machines whose numbers are not little-endian: rows are used as they lie in the file.
+pub fn check_machine() -> Result<()> {
+    if cfg!(target_endian = "little") {
+        return Ok(());
+    }
+    Err(Error::input(
+        "packed scenes are for machines with little-endian numbers",
+    ))
+}

@@ -1,0 +1,239 @@
+//! A scene from a packed file.
+
+use super::PackedScene;
+use crate::formats::{
+    Packed, PackedCamera, PackedColumn, PackedLight, PackedMaterial, PackedTexture, PackedVolume,
+    PackedWrap,
+};
+use crate::run::{Cancel, memory, size};
+use crate::scene::texture::{CodeValues, Codes, Texels};
+use crate::scene::{Camera, Film, Grid, Light, Material, Mesh, Scene, Texture, Volume, Wrap};
+use crate::{Error, Result};
+use glam::{Affine3A, DAffine3, DMat3, DVec3, Mat3A, Vec3A};
+use rayon::prelude::*;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Opens a packed scene: checks all that is used where it lies, and decodes the rest.
+///
+/// # Errors
+/// A file that is no whole packed scene, no memory for its volumes, or a stop on request.
+pub fn read(path: &Path, texture_limit: u64, cancel: &Cancel) -> Result<Scene> {
+    let file = Arc::new(Packed::open_path(path)?);
+    let packed = PackedScene { file };
+    check(&packed, cancel)?;
+    let scene = scene(&packed, path, texture_limit, cancel);
+    scene.map_err(|e| e.at(path.display()))
+}
+
+/// Checks every column that is used where it lies; a tree and scattered light are checked by whoever
+/// reads them.
+fn check(packed: &PackedScene, cancel: &Cancel) -> Result<()> {
+    let file = packed.file();
+    let is_used =
+        |column: PackedColumn| !matches!(column, PackedColumn::Tree | PackedColumn::Light);
+    let used = file.columns().iter().filter(|(c, _)| is_used(c.column));
+    let blocks: Vec<usize> = used.flat_map(|(_, blocks)| blocks.clone()).collect();
+    blocks.into_par_iter().try_for_each(|i| {
+        cancel.check()?;
+        Ok::<_, Error>(file.check_block(i)?)
+    })?;
+    Ok(file.check_hierarchy()?)
+}
+
+fn scene(packed: &PackedScene, path: &Path, texture_limit: u64, cancel: &Cancel) -> Result<Scene> {
+    let meta = packed.file().meta();
+    let textures = textures(packed, texture_limit)?;
+    let volumes = (0..).zip(&meta.volumes);
+    let volumes = volumes.map(|(i, info)| volume(packed, i, info, cancel));
+    Ok(Scene {
+        name: meta.scene_name.clone(),
+        world_from_scene: DVec3::from(meta.world_from_scene),
+        cameras: meta.cameras.iter().map(camera).collect(),
+        film: Film {
+            width: meta.film.width,
+            height: meta.film.height,
+            exposure: meta.film.exposure,
+        },
+        mesh: Mesh {
+            positions: packed.column(PackedColumn::Positions, 0)?,
+            normals: packed.column(PackedColumn::Normals, 0)?,
+            colors: packed.column(PackedColumn::Colors, 0)?,
+            uvs: packed.column(PackedColumn::Uvs, 0)?,
+            triangles: packed.column(PackedColumn::Triangles, 0)?,
+            material: packed.column(PackedColumn::Materials, 0)?,
+            degenerate: meta.mesh.degenerate,
+        },
+        materials: meta.materials.iter().map(material).collect(),
+        textures,
+        lights: meta.lights.iter().map(light).collect(),
+        volumes: volumes.collect::<Result<_>>()?,
+        hash: meta.scene_hash,
+        files: vec![path.to_owned()],
+        warnings: meta.warnings.clone(),
+        packed: Some(packed.clone()),
+    })
+}
+
+fn camera(camera: &PackedCamera) -> Camera {
+    let [x, y, z, position] = camera.scene_from_camera.map(Vec3A::from);
+    Camera {
+        name: camera.name.clone(),
+        scene_from_camera: Affine3A {
+            matrix3: Mat3A::from_cols(x, y, z),
+            translation: position,
+        },
+        fov_x_rad: camera.fov_x_rad,
+    }
+}
+
+fn light(light: &PackedLight) -> Light {
+    match *light {
+        PackedLight::Point {
+            position,
+            intensity,
+        } => Light::Point {
+            position: position.into(),
+            intensity,
+        },
+        PackedLight::Spot {
+            position,
+            direction,
+            intensity,
+            cos_inner,
+            cos_outer,
+        } => Light::Spot {
+            position: position.into(),
+            direction: direction.into(),
+            intensity,
+            cos_inner,
+            cos_outer,
+        },
+        PackedLight::Directional {
+            direction,
+            irradiance,
+            angular_radius_rad,
+        } => Light::Directional {
+            direction: direction.into(),
+            irradiance,
+            angular_radius_rad,
+        },
+        PackedLight::Environment { radiance } => Light::Environment { radiance },
+    }
+}
+
+fn material(material: &PackedMaterial) -> Material {
+    Material {
+        name: material.name.clone(),
+        albedo: material.albedo,
+        texture: material.texture,
+        emission: material.emission,
+        emits_both_sides: material.emits_both_sides,
+    }
+}
+
+/// The textures, of which those of one image share its texels.
+fn textures(packed: &PackedScene, limit: u64) -> Result<Vec<Texture>> {
+    let meta = packed.file().meta();
+    let bytes = meta.images.iter().map(|image| {
+        let codes = image.texels.saturating_mul(image.channels.into());
+        codes.saturating_mul(u64::from(image.bits / 8))
+    });
+    let bytes = bytes.fold(0, u64::saturating_add);
+    if bytes > limit {
+        return Err(Error::input(format!(
+            "its textures take {}, more than the `texture_limit` of {}",
+            size::format(bytes),
+            size::format(limit)
+        ))
+        .hint("raise `texture_limit`"));
+    }
+    enum Image {
+        Linear(Texels),
+        Coded(Arc<Codes>),
+    }
+    let image = |(i, image): (u32, &crate::formats::PackedImage)| {
+        let values = match image.bits {
+            8 => CodeValues::Bytes(packed.column(PackedColumn::ByteCodes, i)?),
+            16 => CodeValues::Words(packed.column(PackedColumn::WordCodes, i)?),
+            _ => {
+                let texels = packed.column(PackedColumn::Texels, i)?;
+                return Ok(Image::Linear(Texels::Linear(Arc::new(texels))));
+            }
+        };
+        let channels = image.channels.into();
+        Ok(Image::Coded(Arc::new(Codes { channels, values })))
+    };
+    let images = (0..).zip(&meta.images).map(image);
+    let images = images.collect::<Result<Vec<Image>>>()?;
+    let texture = |(i, info): (u32, &PackedTexture)| {
+        let texels = match &images[info.image as usize] {
+            Image::Linear(texels) => texels.clone(),
+            Image::Coded(codes) => {
+                let values = packed.column::<f32>(PackedColumn::CodeValues, i)?;
+                Texels::Coded(codes.clone(), values[..].into())
+            }
+        };
+        let texture = Texture {
+            width: info.width,
+            height: info.height,
+            wrap: info.wrap.map(|wrap| match wrap {
+                PackedWrap::Repeat => Wrap::Repeat,
+                PackedWrap::Clamp => Wrap::Clamp,
+                PackedWrap::Mirror => Wrap::Mirror,
+            }),
+            texels,
+        };
+        Ok(texture)
+    };
+    (0..).zip(&meta.textures).map(texture).collect()
+}
+
+/// Bytes of the table that finds bricks, which a header alone may claim for volumes of any size: so
+/// many are free, and a file that is large pays for more.
+fn max_table_bytes(file_bytes: u64) -> u64 {
+    const FREE: u64 = 256 << 20;
+    file_bytes.saturating_mul(1024).saturating_add(FREE)
+}
+
+fn volume(packed: &PackedScene, i: u32, info: &PackedVolume, cancel: &Cancel) -> Result<Volume> {
+    let file = packed.file();
+    let what = format!("the volume \"{}\"", info.name);
+    let slots = info
+        .brick_dims()
+        .iter()
+        .fold(4, |n: u64, d| n.saturating_mul(*d));
+    let most = max_table_bytes(file.file_bytes());
+    if slots > most {
+        return Err(Error::input(format!(
+            "{what} has a table of {}, of a file of this length the most is {}",
+            size::format(slots),
+            size::format(most)
+        )));
+    }
+    memory::check(&what, slots.saturating_add(info.sample_bytes()))?;
+    let numbers = file.brick_numbers(i)?;
+    let blocks: Vec<usize> = file.brick_blocks(i)?.collect();
+    let decoded = blocks.into_par_iter().map(|block| {
+        cancel.check()?;
+        Ok(file.samples(block)?)
+    });
+    let decoded = decoded.collect::<Result<Vec<Vec<f32>>>>()?;
+    let mut samples = memory::room(&what, decoded.iter().map(Vec::len).sum())?;
+    for block in decoded {
+        samples.extend(block);
+    }
+    let dims = info.dims.map(|n| n as usize);
+    let grid = Grid::of_bricks(dims, &numbers, samples);
+    let [x, y, z, translation] = info.scene_from_index.map(DVec3::from);
+    let scene_from_index = DAffine3 {
+        matrix3: DMat3::from_cols(x, y, z),
+        translation,
+    };
+    Ok(Volume::new(
+        info.name.clone(),
+        grid,
+        info.albedo,
+        scene_from_index,
+    ))
+}

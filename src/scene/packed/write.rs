@@ -1,0 +1,268 @@
+//! A scene to what a packed file holds of it.
+
+use super::check_machine;
+use crate::formats::{
+    BRICKS_PER_BLOCK, PackedCamera, PackedColumn, PackedFilm, PackedImage, PackedLight,
+    PackedMaterial, PackedMesh, PackedMeta, PackedTexture, PackedVolume, PackedWrap, PackedWriter,
+};
+use crate::run::Cancel;
+use crate::scene::texture::{CodeValues, Texels};
+use crate::scene::{Camera, Light, Material, Scene, Texture, Volume, Wrap};
+use crate::{Error, Result};
+
+/// What a packed file says of a scene, without a hierarchy over its triangles, tree and scattered
+/// light.
+#[must_use]
+pub fn description(scene: &Scene) -> PackedMeta {
+    let mesh = &scene.mesh;
+    let film = &scene.film;
+    let (images, numbers) = images(&scene.textures);
+    let textures = scene.textures.iter().zip(numbers);
+    PackedMeta {
+        scene_hash: scene.hash,
+        scene_name: scene.name.clone(),
+        world_from_scene: scene.world_from_scene.to_array(),
+        film: PackedFilm {
+            width: film.width,
+            height: film.height,
+            exposure: film.exposure,
+        },
+        cameras: scene.cameras.iter().map(camera).collect(),
+        lights: scene.lights.iter().map(light).collect(),
+        materials: scene.materials.iter().map(material).collect(),
+        images: images.into_iter().map(image).collect(),
+        textures: textures.map(|(t, image)| texture(t, image)).collect(),
+        volumes: scene.volumes.iter().map(volume).collect(),
+        warnings: scene.warnings.clone(),
+        mesh: PackedMesh {
+            vertices: mesh.positions.len() as u64,
+            triangles: mesh.triangles.len() as u64,
+            degenerate: mesh.degenerate,
+            has_normals: !mesh.normals.is_empty(),
+            has_colors: !mesh.colors.is_empty(),
+            has_uvs: !mesh.uvs.is_empty(),
+        },
+        hierarchy: None,
+        tree_bytes: 0,
+        light_bytes: 0,
+    }
+}
+
+/// A texture of each image, and the number of the image of each texture.
+fn images(textures: &[Texture]) -> (Vec<&Texture>, Vec<u32>) {
+    let mut images: Vec<&Texture> = Vec::new();
+    let numbers = textures.iter().map(|texture| {
+        let known = images.iter().position(|t| t.shares_texels(texture));
+        known.unwrap_or_else(|| {
+            images.push(texture);
+            images.len() - 1
+        }) as u32
+    });
+    let numbers = numbers.collect();
+    (images, numbers)
+}
+
+fn image(texture: &Texture) -> PackedImage {
+    let channels = match &texture.texels {
+        Texels::Linear(_) => 3,
+        Texels::Coded(codes, _) => codes.channels as u8,
+    };
+    PackedImage {
+        texels: texture.texels().len() as u64,
+        channels,
+        bits: texture.bits() as u8,
+    }
+}
+
+fn texture(texture: &Texture, image: u32) -> PackedTexture {
+    let wrap = |wrap: Wrap| match wrap {
+        Wrap::Repeat => PackedWrap::Repeat,
+        Wrap::Clamp => PackedWrap::Clamp,
+        Wrap::Mirror => PackedWrap::Mirror,
+    };
+    PackedTexture {
+        image,
+        width: texture.width,
+        height: texture.height,
+        wrap: texture.wrap.map(wrap),
+    }
+}
+
+fn camera(camera: &Camera) -> PackedCamera {
+    let map = camera.scene_from_camera;
+    let columns = [
+        map.matrix3.x_axis,
+        map.matrix3.y_axis,
+        map.matrix3.z_axis,
+        map.translation,
+    ];
+    PackedCamera {
+        name: camera.name.clone(),
+        scene_from_camera: columns.map(|c| c.to_array()),
+        fov_x_rad: camera.fov_x_rad,
+    }
+}
+
+fn light(light: &Light) -> PackedLight {
+    match *light {
+        Light::Point {
+            position,
+            intensity,
+        } => PackedLight::Point {
+            position: position.to_array(),
+            intensity,
+        },
+        Light::Spot {
+            position,
+            direction,
+            intensity,
+            cos_inner,
+            cos_outer,
+        } => PackedLight::Spot {
+            position: position.to_array(),
+            direction: direction.to_array(),
+            intensity,
+            cos_inner,
+            cos_outer,
+        },
+        Light::Directional {
+            direction,
+            irradiance,
+            angular_radius_rad,
+        } => PackedLight::Directional {
+            direction: direction.to_array(),
+            irradiance,
+            angular_radius_rad,
+        },
+        Light::Environment { radiance } => PackedLight::Environment { radiance },
+    }
+}
+
+fn material(material: &Material) -> PackedMaterial {
+    PackedMaterial {
+        name: material.name.clone(),
+        albedo: material.albedo,
+        texture: material.texture,
+        emission: material.emission,
+        emits_both_sides: material.emits_both_sides,
+    }
+}
+
+fn volume(volume: &Volume) -> PackedVolume {
+    let map = volume.scene_from_index;
+    let columns = [
+        map.matrix3.x_axis,
+        map.matrix3.y_axis,
+        map.matrix3.z_axis,
+        map.translation,
+    ];
+    PackedVolume {
+        name: volume.name.clone(),
+        // More than the format takes is for its check to tell.
+        dims: volume
+            .sigma_t
+            .dims()
+            .map(|n| u32::try_from(n).unwrap_or(u32::MAX)),
+        albedo: volume.albedo,
+        scene_from_index: columns.map(|c| c.to_array()),
+        bricks: volume
+            .sigma_t
+            .bricks()
+            .filter(|b| volume.sigma_t.brick(*b).is_some())
+            .count() as u64,
+    }
+}
+
+/// Writes the columns of a scene, in the order of its description; those of files that a description
+/// adds come next.
+///
+/// # Errors
+/// As [`PackedWriter::column`], and if cancelled.
+pub fn columns(scene: &Scene, writer: &mut PackedWriter, cancel: &Cancel) -> Result<()> {
+    check_machine()?;
+    let mut column = |column: PackedColumn, item: u32, rows: &[u8]| match rows.is_empty() {
+        true => Ok(()),
+        false => writer.column(column, item, rows, || cancel.check()),
+    };
+    let mesh = &scene.mesh;
+    for (kind, rows) in [
+        (
+            PackedColumn::Positions,
+            bytemuck::cast_slice(&mesh.positions),
+        ),
+        (PackedColumn::Normals, bytemuck::cast_slice(&mesh.normals)),
+        (PackedColumn::Colors, bytemuck::cast_slice(&mesh.colors)),
+        (PackedColumn::Uvs, bytemuck::cast_slice(&mesh.uvs)),
+        (
+            PackedColumn::Triangles,
+            bytemuck::cast_slice(&mesh.triangles),
+        ),
+        (
+            PackedColumn::Materials,
+            bytemuck::cast_slice(&mesh.material),
+        ),
+    ] {
+        column(kind, 0, rows)?;
+    }
+    let (images, _) = images(&scene.textures);
+    for (i, image) in (0..).zip(images) {
+        match &image.texels {
+            Texels::Linear(texels) => {
+                column(PackedColumn::Texels, i, bytemuck::cast_slice(texels))?;
+            }
+            Texels::Coded(codes, _) => match &codes.values {
+                CodeValues::Bytes(codes) => column(PackedColumn::ByteCodes, i, codes)?,
+                CodeValues::Words(codes) => {
+                    column(PackedColumn::WordCodes, i, bytemuck::cast_slice(codes))?;
+                }
+            },
+        }
+    }
+    for (i, texture) in (0..).zip(&scene.textures) {
+        if let Texels::Coded(_, values) = &texture.texels {
+            column(PackedColumn::CodeValues, i, bytemuck::cast_slice(values))?;
+        }
+    }
+    for (i, volume) in (0..).zip(&scene.volumes) {
+        let grid = &volume.sigma_t;
+        let all = grid.bricks().enumerate();
+        let stored = all.filter(|(_, b)| grid.brick(*b).is_some());
+        let numbers = stored.map(|(n, _)| {
+            u32::try_from(n).map_err(|_| {
+                let name = &volume.name;
+                Error::input(format!(
+                    "the volume \"{name}\" has more bricks than can be numbered"
+                ))
+            })
+        });
+        let numbers = numbers.collect::<Result<Vec<u32>>>()?;
+        column(PackedColumn::Bricks, i, bytemuck::cast_slice(&numbers))?;
+    }
+    Ok(())
+}
+
+/// Writes the samples of all volumes, which end the file.
+///
+/// # Errors
+/// As [`PackedWriter::bricks`], and if cancelled.
+pub fn bricks(scene: &Scene, writer: &mut PackedWriter, cancel: &Cancel) -> Result<()> {
+    for (i, volume) in (0..).zip(&scene.volumes) {
+        let grid = &volume.sigma_t;
+        let mut samples = Vec::new();
+        let mut held = 0;
+        for brick in grid.bricks().filter_map(|b| grid.brick(b)) {
+            samples.extend_from_slice(brick.samples());
+            held += 1;
+            if held == BRICKS_PER_BLOCK {
+                cancel.check()?;
+                writer.bricks(i, &samples)?;
+                samples.clear();
+                held = 0;
+            }
+        }
+        if held > 0 {
+            writer.bricks(i, &samples)?;
+        }
+    }
+    Ok(())
+}

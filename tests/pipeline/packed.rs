@@ -1,0 +1,181 @@
+//! Packed scenes: every stage makes the same of them as of the files that they were made of.
+
+use crate::support::program::lvox;
+use crate::{ROOM, Work};
+use lvox::scene::Scene;
+use std::fs;
+use std::path::Path;
+
+/// The room with a textured picture on its wall and more lights.
+fn scene() -> String {
+    format!(
+        r#"{ROOM}
+[[mesh]]
+file = "picture.obj"
+texture = "picture.png"
+translate = [0.2, 1, -0.99]
+
+[[light]]
+type = "spot"
+position = [-0.5, 1.8, 0.5]
+direction = [0.3, -1, -0.2]
+intensity = [3, 2, 1]
+inner_angle_deg = 10
+outer_angle_deg = 30
+
+[[light]]
+type = "directional"
+direction = [0.2, -0.4, -1]
+irradiance = [0.5, 0.6, 0.7]
+angular_radius_deg = 2
+"#
+    )
+}
+
+const PICTURE: &str = "v -0.4 -0.3 0\nv 0.4 -0.3 0\nv 0.4 0.3 0\nv -0.4 0.3 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n\
+                       vn 0 0 1\nf 1/1/1 2/2/1 3/3/1\nf 1/1/1 3/3/1 4/4/1\n";
+
+fn work() -> Work {
+    let work = Work::new(&scene());
+    fs::write(work.path("picture.obj"), PICTURE).unwrap();
+    let picture =
+        image::RgbImage::from_fn(16, 8, |x, y| image::Rgb([x as u8 * 16, 90, y as u8 * 30]));
+    picture.save(work.path("picture.png")).unwrap();
+    work
+}
+
+fn bytes(folder: &Path, name: &str) -> Vec<u8> {
+    fs::read(folder.join(name)).unwrap()
+}
+
+#[test]
+fn all_stages_make_the_same_of_a_packed_scene_without_its_assets() {
+    let work = work();
+    let here = work.0.path();
+    let elsewhere = tempfile::tempdir().unwrap();
+    let there = elsewhere.path();
+    let bake = ["--surfels", "20000"];
+    let quick = ["--quality", "draft"];
+    let run = |folder: &Path, args: &[&[&str]]| lvox(folder, &args.concat()).done();
+    run(here, &[&["pack", "scene.toml", "-o", "scene.lvp"]]);
+    fs::copy(here.join("scene.lvp"), there.join("moved.lvp")).unwrap();
+    for (folder, scene) in [(here, "scene.toml"), (there, "moved.lvp")] {
+        run(folder, &[&["bake", scene, "-o", "a.lvc"], &bake]);
+        run(folder, &[&["build", "a.lvc", "-o", "a.lvt"]]);
+        run(folder, &[&["scatter", scene, "-t", "a.lvt", "-o", "a.lvs"]]);
+        run(
+            folder,
+            &[&["shade", scene, "-t", "a.lvt", "-o", "a.exr"], &quick],
+        );
+        let light = ["--scatter", "a.lvs", "-o", "b.exr", "--camera", "corner"];
+        run(folder, &[&["shade", scene, "-t", "a.lvt"], &light, &quick]);
+        run(
+            folder,
+            &[&["reference", scene, "-o", "c.exr", "--spp", "2"]],
+        );
+    }
+    for name in ["a.lvc", "a.lvt", "a.lvs", "a.exr", "b.exr", "c.exr"] {
+        assert!(bytes(here, name) == bytes(there, name), "{name}");
+    }
+    // Tree and light packed, too: one file goes to a third place.
+    let pack = [
+        "pack",
+        "scene.toml",
+        "-t",
+        "a.lvt",
+        "--scatter",
+        "a.lvs",
+        "-o",
+        "all.lvp",
+    ];
+    run(here, &[&pack]);
+    let third = tempfile::tempdir().unwrap();
+    fs::copy(here.join("all.lvp"), third.path().join("all.lvp")).unwrap();
+    run(
+        third.path(),
+        &[
+            &["shade", "all.lvp", "-o", "b.exr", "--camera", "corner"],
+            &quick,
+        ],
+    );
+    assert!(bytes(third.path(), "b.exr") == bytes(here, "b.exr"));
+    run(third.path(), &[&["pack", "all.lvp", "-o", "again.lvp"]]);
+    assert!(bytes(third.path(), "again.lvp") == bytes(here, "all.lvp"));
+    run(there, &[&["pack", "moved.lvp", "-o", "again.lvp"]]);
+    assert!(bytes(there, "again.lvp") == bytes(here, "scene.lvp"));
+    // A tree that is named counts, and light of another is not mixed in.
+    run(third.path(), &[&["bake", "all.lvp", "-o", "a.lvc"], &bake]);
+    run(third.path(), &[&["build", "a.lvc", "-o", "a.lvt"]]);
+    let named = ["shade", "all.lvp", "-t", "a.lvt", "-o", "a.exr"];
+    run(third.path(), &[&named, &quick]);
+    assert!(bytes(third.path(), "a.exr") == bytes(here, "a.exr"));
+    let whole = lvox(third.path(), &["verify", "all.lvp"]);
+    assert_eq!(
+        (whole.code, whole.stdout.as_str()),
+        (0, "all.lvp: packed undamaged\n")
+    );
+    let told = lvox(third.path(), &["inspect", "all.lvp"]).stdout;
+    for part in [
+        "packed scene",
+        "\"room\"",
+        "triangles",
+        "tree",
+        "light",
+        "samples",
+    ] {
+        assert!(told.contains(part), "{part}: {told}");
+    }
+}
+
+#[test]
+fn a_packed_scene_is_the_scene() {
+    let work = work();
+    lvox(work.0.path(), &["pack", "scene.toml", "-o", "scene.lvp"]).done();
+    let (scene, packed) = (work.scene(), Scene::load(&work.path("scene.lvp")).unwrap());
+    assert_eq!(scene.parts(None), packed.parts(None));
+    assert_eq!((scene.hash, &scene.name), (packed.hash, &packed.name));
+    let described = |s: &Scene| {
+        let whole = (&s.cameras, &s.film, &s.lights, &s.materials, &s.warnings);
+        format!("{whole:?} {:?} {:?}", s.world_from_scene, s.mesh)
+    };
+    assert_eq!(described(&scene), described(&packed));
+    assert!(packed.mesh.positions.is_mapped() && !scene.mesh.positions.is_mapped());
+    assert_eq!(packed.files, [work.path("scene.lvp")]);
+}
+
+#[test]
+fn outputs_of_pack_keep_the_rules_of_all_outputs() {
+    let work = work();
+    let here = work.0.path();
+    let pack = ["pack", "scene.toml", "-o", "scene.lvp"];
+    lvox(here, &pack).done();
+    lvox(here, &pack).refused(2, &["scene.lvp", "already there", "--force"]);
+    lvox(here, &[&pack[..], &["--force"]].concat()).done();
+    lvox(here, &["pack", "scene.lvp", "-o", "scene.lvp", "--force"]).refused(2, &["would replace"]);
+    lvox(here, &["pack", "scene.toml", "-o", "smoke.raw", "--force"])
+        .refused(2, &["would replace"]);
+    lvox(here, &["shade", "scene.lvp", "-o", "a.exr"]).refused(2, &["scene.lvp", "tree"]);
+    lvox(here, &["shade", "scene.toml", "-o", "a.exr"])
+        .refused(2, &["no tree was given", "--tree"]);
+    fs::write(here.join("wrong.lvp"), "no scene").unwrap();
+    lvox(here, &["bake", "wrong.lvp", "-o", "a.lvc"])
+        .refused(2, &["wrong.lvp", "not an lvox file"]);
+    assert!(!work.names().iter().any(|n| n == "a.exr" || n == "a.lvc"));
+}
+
+/// What the file says behind right checksums, and what it is cut to, is an error of its name.
+#[test]
+fn damage_is_an_error_before_the_work() {
+    let work = work();
+    let here = work.0.path();
+    lvox(here, &["pack", "scene.toml", "-o", "scene.lvp"]).done();
+    let whole = bytes(here, "scene.lvp");
+    // In the first column.
+    let mut bad = whole.clone();
+    bad[4096 + 20] ^= 0x40;
+    fs::write(here.join("bad.lvp"), bad).unwrap();
+    lvox(here, &["bake", "bad.lvp", "-o", "a.lvc"]).refused(2, &["bad.lvp", "checksum of block 1"]);
+    fs::write(here.join("cut.lvp"), &whole[..whole.len() - 5]).unwrap();
+    lvox(here, &["bake", "cut.lvp", "-o", "a.lvc"]).refused(2, &["cut.lvp", "bytes"]);
+    assert!(!work.names().iter().any(|n| n == "a.lvc"));
+}
