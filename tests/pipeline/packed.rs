@@ -20,8 +20,8 @@ type = "spot"
 position = [-0.5, 1.8, 0.5]
 direction = [0.3, -1, -0.2]
 intensity = [3, 2, 1]
-inner_angle_deg = 10
-outer_angle_deg = 30
+inner_deg = 10
+outer_deg = 30
 
 [[light]]
 type = "directional"
