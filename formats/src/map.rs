@@ -24,6 +24,9 @@ struct Map {
     /// Whose bytes these are, for who handles the signal of a file that was cut; until the map ends.
     _mapped: Mapped,
     map: memmap2::Mmap,
+    /// The file, and where the map ends in it.
+    file: File,
+    end: u64,
 }
 
 impl MappedFile {
@@ -93,12 +96,34 @@ impl MappedFile {
             let map = Map {
                 _mapped: mapped,
                 map,
+                end: range.end as u64,
+                file,
             };
             Ok(Self {
                 map: Some(Arc::new(map)),
             })
         };
         open().map_err(|e| e.at(path))
+    }
+
+    /// Refuses a file that has been cut since it was mapped: bytes behind its new end may have been
+    /// read as zeros, as far as the page goes.
+    ///
+    /// # Errors
+    /// [`FormatError::Truncated`], [`FormatError::Io`].
+    pub fn check_length(&self) -> Result<()> {
+        let Some(map) = &self.map else { return Ok(()) };
+        let meta = map
+            .file
+            .metadata()
+            .map_err(FormatError::io("cannot read"))?;
+        match meta.len() < map.end {
+            false => Ok(()),
+            true => Err(FormatError::Truncated {
+                expected: map.end,
+                found: meta.len(),
+            }),
+        }
     }
 
     /// Gives the memory behind a range of bytes back to the system, where the system has a call for

@@ -344,6 +344,23 @@ fn rows_of_packed_scenes_are_checked() {
     ] {
         refused(&changed_row(column, at, value), read_packed, says);
     }
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("b.lvp");
+    let mut meta = packed_meta();
+    meta.hierarchy.as_mut().unwrap().by_vertex = true;
+    write_packed_as(&path, meta);
+    let by_vertex = std::fs::read(path).unwrap();
+    read_packed(&by_vertex).unwrap();
+    let opened = Packed::open(&by_vertex[..]).unwrap();
+    let mut columns = opened.columns().iter();
+    let blocks = columns.find(|(c, _)| c.column == PackedColumn::VertexBlocks);
+    let block = blocks.unwrap().1.start;
+    for (at, value) in [(0, 4), (20, u32::MAX), (48, 2)] {
+        let bytes = changed(&by_vertex, |parts| {
+            parts.blocks[block].data[0].1[at..at + 4].copy_from_slice(&whole(value));
+        });
+        refused(&bytes, read_packed, "row 0 of the vertex blocks");
+    }
     // Samples of volumes, compressed or not.
     let samples = changed(&file, |parts| {
         let samples = parts.blocks.last_mut().unwrap();
@@ -355,7 +372,7 @@ fn rows_of_packed_scenes_are_checked() {
 #[test]
 fn descriptions_of_packed_scenes_are_checked() {
     type Change = fn(&mut PackedMeta);
-    let changes: [(Change, &str); 19] = [
+    let changes: [(Change, &str); 21] = [
         (|m| m.film.width = 0, "film"),
         (|m| m.film.exposure = f32::NAN, "film"),
         (|m| m.cameras.clear(), "cameras"),
@@ -379,6 +396,8 @@ fn descriptions_of_packed_scenes_are_checked() {
         (|m| m.volumes[0].scene_from_index[0] = [0.0; 3], "inverted"),
         (|m| m.mesh.triangles = 1 << 28, "mesh"),
         (|m| m.materials.clear(), "mesh"),
+        (|m| m.areas.clear(), "areas"),
+        (|m| m.areas[0] = f64::NAN, "areas"),
         (|m| m.hierarchy.as_mut().unwrap().scale = 0.3, "hierarchy"),
         (|m| m.hierarchy.as_mut().unwrap().blocks = 3, "hierarchy"),
         (|m| (m.tree_bytes, m.light_bytes) = (0, 1), "a tree with it"),

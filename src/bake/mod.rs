@@ -140,6 +140,7 @@ pub fn run(
             };
             bake_volume(&maker, settings.part, &mut writer, job)?;
         }
+        scene.check_file()?;
         let summary = writer.finish()?;
         counts.insert("surfels".into(), summary.sums.surfels as f64);
         counts.insert("lvoxels".into(), summary.sums.lvoxels() as f64);

@@ -14,6 +14,7 @@ use std::f32::consts::{FRAC_1_PI, PI};
 #[derive(Debug)]
 pub struct AreaSampler<'a> {
     tracer: &'a Tracer<'a>,
+    /// Of all triangles before each [`PIECE`] of them, and of all.
     running_area: Vec<f64>,
     step: f64,
     count: u64,
@@ -21,20 +22,30 @@ pub struct AreaSampler<'a> {
     seed: u64,
 }
 
+/// Triangles between two running areas that are kept.
+const PIECE: usize = 16;
+
+/// Area of a triangle times the density of its piece.
+fn weighted_area(tracer: &Tracer<'_>, triangle: usize) -> f64 {
+    let mesh = &tracer.scene.mesh;
+    let [a, b, c] = mesh.corners(triangle).map(|p| p.as_dvec3());
+    let density = tracer.pieces.density(mesh.material[triangle]);
+    density * 0.5 * (b - a).cross(c - a).length()
+}
+
 impl<'a> AreaSampler<'a> {
     /// A sampler of about `count` points over the triangles of a scene.
     #[must_use]
     pub fn new(tracer: &'a Tracer<'a>, count: u64, seed: u64) -> Self {
-        let mesh = &tracer.scene.mesh;
         let mut sum = 0.0;
-        let running_area: Vec<f64> = (0..mesh.triangles.len())
-            .map(|t| {
-                let [a, b, c] = mesh.corners(t).map(|p| p.as_dvec3());
-                let density = tracer.pieces.density(mesh.material[t]);
-                sum += density * 0.5 * (b - a).cross(c - a).length();
-                sum
-            })
-            .collect();
+        let mut running_area = Vec::with_capacity(tracer.scene.mesh.triangles.len() / PIECE + 2);
+        for t in 0..tracer.scene.mesh.triangles.len() {
+            if t % PIECE == 0 {
+                running_area.push(sum);
+            }
+            sum += weighted_area(tracer, t);
+        }
+        running_area.push(sum);
         let count = if sum > 0.0 { count.max(1) } else { 0 };
         let offset = f64::from(sampling::unit(sampling::mix(seed)));
         Self {
@@ -64,15 +75,22 @@ impl<'a> AreaSampler<'a> {
     #[must_use]
     pub fn sample(&self, i: u64) -> (u32, [f32; 2]) {
         let target = (i as f64 + self.offset) * self.step;
-        let t = self
-            .running_area
-            .partition_point(|&a| a <= target)
-            .min(self.running_area.len() - 1);
-        let before = if t == 0 {
-            0.0
-        } else {
-            self.running_area[t - 1]
-        };
+        let pieces = self.running_area.len() - 1;
+        let piece = self.running_area[1..].partition_point(|&a| a <= target);
+        let piece = piece.min(pieces - 1);
+        let triangles = self.tracer.scene.mesh.triangles.len();
+        let (first, end) = (piece * PIECE, triangles.min((piece + 1) * PIECE));
+        // The same sum as that over all, from here on.
+        let mut before = self.running_area[piece];
+        let mut t = first;
+        while t + 1 < end {
+            let behind = before + weighted_area(self.tracer, t);
+            if behind > target {
+                break;
+            }
+            before = behind;
+            t += 1;
+        }
         let first = (before / self.step - self.offset).ceil().max(0.0) as u64;
         let bits = sampling::hash(&[self.seed, t as u64]);
         let u = sampling::r2(i.saturating_sub(first), sampling::unit2(bits));

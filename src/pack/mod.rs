@@ -9,6 +9,7 @@ use crate::formats::{
 };
 use crate::run::{Job, hex};
 use crate::scene::{Scene, packed};
+use crate::trace::{Pieces, TriangleBvh};
 use crate::{Error, Result};
 use std::path::Path;
 
@@ -55,12 +56,16 @@ pub fn run(
         }
     }
     job.report.stage("pack", |counts| {
+        let hierarchy = TriangleBvh::of_scene(scene, &job.cancel)?;
         let mut meta = packed::description(scene);
+        meta.hierarchy = hierarchy.description();
+        meta.areas = Pieces::areas(scene);
         let bytes = |file: Option<&MappedFile>| file.map_or(0, |f| f.as_ref().len() as u64);
         meta.tree_bytes = bytes(tree.as_ref().map(Opened::data));
         meta.light_bytes = bytes(light.as_ref().map(Opened::data));
         let mut writer = PackedWriter::create(output, meta, overwrite)?;
         packed::columns(scene, &mut writer, &job.cancel)?;
+        hierarchy.write(&mut writer, &job.cancel)?;
         for (column, file) in [
             (PackedColumn::Tree, tree.as_ref().map(Opened::data)),
             (PackedColumn::Light, light.as_ref().map(Opened::data)),

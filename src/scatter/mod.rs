@@ -121,6 +121,7 @@ impl TreeTask for Lighting<'_> {
             .with_vertex_rays(settings.shadow_rays);
         let lit = in_scatter.light_all(job)?;
         pages.check()?;
+        scene.check_file()?;
         Ok(lit)
     }
 }

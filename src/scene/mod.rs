@@ -100,6 +100,19 @@ impl Scene {
         meta.map_or((false, false), |m| (m.tree_bytes > 0, m.light_bytes > 0))
     }
 
+    /// Refuses results from a packed file that was cut while it was used.
+    pub(crate) fn check_file(&self) -> Result<()> {
+        match &self.packed {
+            Some(packed) => Ok(packed.file().check_length()?),
+            None => Ok(()),
+        }
+    }
+
+    /// The packed file whose triangles are those of the scene, as they lie there.
+    pub(crate) fn as_packed(&self) -> Option<&packed::PackedScene> {
+        self.packed.as_ref().filter(|packed| packed.has(&self.mesh))
+    }
+
     /// A scene for tests that look at no picture.
     #[cfg(test)]
     pub(crate) fn without_picture() -> Self {

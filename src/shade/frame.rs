@@ -63,10 +63,12 @@ pub fn shade_regions(request: &Request) -> Result<ShadedRegions> {
     let (regions, quantities) = (request.regions, request.quantities);
     memory::check(scene, settings, regions, quantities, job.memory_limit)?;
     view::check_frame(scene, tree.tree().meta().cloud.world_from_scene)?;
-    match settings.method {
+    let shaded = match settings.method {
         Method::Extended => gather::with_tree(tree, FrameTask { request }),
         Method::Traditional => gather::with_surfels(tree, FrameTask { request }),
-    }
+    };
+    scene.check_file()?;
+    shaded
 }
 
 /// Shading of a request, compiled for each kind of pages and media.

@@ -41,7 +41,7 @@ pub struct Tracer<'a> {
     pub scene: &'a Scene,
     /// The density of surfels on the pieces of the scene.
     pub pieces: Pieces,
-    triangles: TriangleBvh,
+    triangles: TriangleBvh<'a>,
     /// Of the scene's volumes.
     boxes: Boxes,
 }
@@ -58,7 +58,7 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// Builds what [`Tracer::new`] does, but stops on request.
+    /// Does what [`Tracer::new`] does, but stops on request, and takes what a packed scene has.
     ///
     /// # Errors
     /// As [`TriangleBvh::new_until`].
@@ -66,7 +66,7 @@ impl<'a> Tracer<'a> {
         Ok(Self {
             scene,
             pieces: Pieces::new(scene),
-            triangles: TriangleBvh::new_until(&scene.mesh, cancel)?,
+            triangles: TriangleBvh::of_scene(scene, cancel)?,
             boxes: scene.volume_boxes(),
         })
     }

@@ -27,12 +27,7 @@ impl Pieces {
     /// The pieces of a scene.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
-        let mesh = &scene.mesh;
-        let mut areas = vec![0.0; scene.materials.len()];
-        for (t, &material) in mesh.material.iter().enumerate() {
-            let [a, b, c] = mesh.corners(t).map(|p| p.as_dvec3());
-            areas[material as usize] += 0.5 * (b - a).cross(c - a).length();
-        }
+        let areas = Self::areas(scene);
         let mut order: Vec<usize> = (0..areas.len()).filter(|&m| areas[m] > 0.0).collect();
         order.sort_by(|&a, &b| areas[b].total_cmp(&areas[a]));
         let area: f64 = areas.iter().sum();
@@ -70,6 +65,21 @@ impl Pieces {
             area_over_mean: area_over_mean.collect(),
             density,
         }
+    }
+
+    /// Areas of all pieces; those that a packed scene has are not summed up again.
+    #[must_use]
+    pub fn areas(scene: &Scene) -> Vec<f64> {
+        if let Some(packed) = scene.as_packed() {
+            return packed.file().meta().areas.clone();
+        }
+        let mesh = &scene.mesh;
+        let mut areas = vec![0.0; scene.materials.len()];
+        for (t, &material) in mesh.material.iter().enumerate() {
+            let [a, b, c] = mesh.corners(t).map(|p| p.as_dvec3());
+            areas[material as usize] += 0.5 * (b - a).cross(c - a).length();
+        }
+        areas
     }
 
     /// Samples per area on a material, over those by area alone.

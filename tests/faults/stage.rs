@@ -52,7 +52,7 @@ pub struct Stage {
     pub maps: &'static [&'static str],
 }
 
-pub const STAGES: [Stage; 6] = [
+pub const STAGES: [Stage; 8] = [
     Stage {
         args: "bake scene.toml -o OUT/scene.lvc --surfels 60000",
         output: "scene.lvc",
@@ -72,6 +72,16 @@ pub const STAGES: [Stage; 6] = [
         args: "shade scene.toml -t scene.lvt --scatter scene.lvs --tile 0/2 -o OUT/0.exr --quality draft",
         output: "0.exr",
         maps: &["scene.lvt", "scene.lvs"],
+    },
+    Stage {
+        args: "pack scene.toml -t scene.lvt --scatter scene.lvs -o OUT/scene.lvp",
+        output: "scene.lvp",
+        maps: &["scene.lvt", "scene.lvs"],
+    },
+    Stage {
+        args: "shade scene.lvp -o OUT/packed.exr --quality draft",
+        output: "packed.exr",
+        maps: &["scene.lvp"],
     },
     Stage {
         args: "merge 0.exr 1.exr -o OUT/frame.exr",

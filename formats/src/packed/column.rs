@@ -55,6 +55,8 @@ pub enum PackedColumn {
     Tree,
     /// A whole file of scattered light.
     Light,
+    /// Vertices of triangles, four by four, as leaves of large meshes have them.
+    VertexBlocks,
 }
 
 impl PackedColumn {
@@ -82,6 +84,7 @@ impl PackedColumn {
             Self::Bricks => "bricks",
             Self::Tree => "tree",
             Self::Light => "light",
+            Self::VertexBlocks => "vertex blocks",
         }
     }
 
@@ -94,6 +97,7 @@ impl PackedColumn {
             Self::Materials | Self::CodeValues | Self::Bricks => 4,
             Self::Nodes => 224,
             Self::Blocks => 160,
+            Self::VertexBlocks => 64,
             Self::WordCodes => 2,
             Self::ByteCodes | Self::Tree | Self::Light => 1,
         }
@@ -126,6 +130,12 @@ pub struct ColumnRows {
     pub rows: u64,
 }
 
+/// Numbers of 32 bits, the largest of them: in the order of numbers that are not negative, where
+/// those that are no numbers come last.
+fn most(numbers: &[u8], of: impl Fn(u32) -> u32) -> u32 {
+    indices(numbers).map(of).fold(0, u32::max)
+}
+
 /// The numbers of a row.
 fn floats(row: &[u8]) -> impl Iterator<Item = f32> + '_ {
     crate::bytes::singles(row)
@@ -138,6 +148,8 @@ fn indices(row: &[u8]) -> impl Iterator<Item = u32> + '_ {
 
 /// Checks every row of a piece of a column; `first` is the number of the first.
 pub fn check_rows(column: PackedColumn, first: u64, piece: &[u8], meta: &PackedMeta) -> Result<()> {
+    // A scene has many rows, and hardly ever a wrong one: all at once, before one by one.
+    let are_shares = || most(piece, |bits| bits) <= 1_f32.to_bits();
     let all = |is_right: &dyn Fn(&[u8]) -> bool, expected: &str| match piece
         .chunks(column.width())
         .position(|row| !is_right(row))
@@ -153,6 +165,14 @@ pub fn check_rows(column: PackedColumn, first: u64, piece: &[u8], meta: &PackedM
     let below = |most: u64| move |row: &[u8]| indices(row).all(|i| u64::from(i) < most);
     let mesh = &meta.mesh;
     match column {
+        PackedColumn::Positions if most(piece, |v| v << 1 >> 1) <= MAX_COORDINATE.to_bits() => {
+            Ok(())
+        }
+        PackedColumn::Colors | PackedColumn::Texels | PackedColumn::CodeValues if are_shares() => {
+            Ok(())
+        }
+        PackedColumn::Triangles if u64::from(most(piece, |i| i)) < mesh.vertices => Ok(()),
+        PackedColumn::Materials if (most(piece, |i| i) as usize) < meta.materials.len() => Ok(()),
         PackedColumn::Positions => all(
             &|row| floats(row).all(|v| v.abs() <= MAX_COORDINATE),
             "finite coordinates, at most 1e15",
@@ -172,6 +192,7 @@ pub fn check_rows(column: PackedColumn, first: u64, piece: &[u8], meta: &PackedM
         }
         PackedColumn::Nodes => super::hierarchy::check_nodes(first, piece, meta),
         PackedColumn::Blocks => super::hierarchy::check_blocks(first, piece, meta),
+        PackedColumn::VertexBlocks => super::hierarchy::check_vertex_blocks(first, piece, meta),
         PackedColumn::ByteCodes
         | PackedColumn::WordCodes
         | PackedColumn::Bricks

@@ -112,6 +112,30 @@ pub fn check_blocks(first: u64, piece: &[u8], meta: &PackedMeta) -> Result<()> {
     Ok(())
 }
 
+/// Checks triangles and vertices of blocks.
+pub fn check_vertex_blocks(first: u64, piece: &[u8], meta: &PackedMeta) -> Result<()> {
+    let (vertices, triangles) = (meta.mesh.vertices, meta.mesh.triangles);
+    let column = PackedColumn::VertexBlocks;
+    for (row, at) in piece.chunks_exact(column.width()).zip(first..) {
+        let (corners, lanes) = row.split_at(3 * LANES * 4);
+        let most = |bytes: &[u8], n: usize, of: fn(u32) -> u32| {
+            (0..n).map(|i| of(number(bytes, i))).fold(0, u32::max)
+        };
+        let vertex = most(corners, 3 * LANES, |v| v);
+        // 0 for none.
+        let triangle = most(lanes, LANES, |t| t.wrapping_add(1));
+        if u64::from(vertex) >= vertices || u64::from(triangle) > triangles {
+            return Err(wrong(
+                column,
+                at,
+                format!("vertices below {vertices}, and triangles below {triangles} or none"),
+                "others".into(),
+            ));
+        }
+    }
+    Ok(())
+}
+
 /// Checks that nodes whose rows are right are one tree, and how deep it is.
 pub fn check_tree(nodes: &[u8]) -> Result<()> {
     let width = PackedColumn::Nodes.width();

@@ -49,6 +49,8 @@ pub struct PackedMeta {
     pub warnings: Vec<String>,
     /// Triangles and vertices.
     pub mesh: PackedMesh,
+    /// Area of all triangles of each material.
+    pub areas: Vec<f64>,
     /// The hierarchy over the triangles; `None` without any.
     pub hierarchy: Option<PackedHierarchy>,
     /// Bytes of the tree file that is in it; 0 for none.
@@ -298,7 +300,9 @@ pub struct PackedHierarchy {
     pub nodes: u64,
     /// Number of blocks of four triangles.
     pub blocks: u64,
-    /// Boxes and blocks are this many times larger than the mesh: a power of two.
+    /// Whether blocks have vertices in place of corners.
+    pub by_vertex: bool,
+    /// Boxes and corners are this many times larger than the mesh: a power of two.
     pub scale: f32,
 }
 
@@ -400,9 +404,13 @@ impl PackedMeta {
         let volumes = (0..)
             .zip(&self.volumes)
             .map(|(i, volume)| (PackedColumn::Bricks, i, volume.bricks));
+        let blocks = match hierarchy.by_vertex {
+            true => PackedColumn::VertexBlocks,
+            false => PackedColumn::Blocks,
+        };
         let rest = [
             (PackedColumn::Nodes, 0, hierarchy.nodes),
-            (PackedColumn::Blocks, 0, hierarchy.blocks),
+            (blocks, 0, hierarchy.blocks),
             (PackedColumn::Tree, 0, self.tree_bytes),
             (PackedColumn::Light, 0, self.light_bytes),
         ];
@@ -441,6 +449,15 @@ impl PackedMeta {
         for material in &self.materials {
             material.validate(self.textures.len())?;
         }
+        let areas = &self.areas;
+        let are_right =
+            areas.len() == self.materials.len() && areas.iter().all(|a| a.is_finite() && *a >= 0.0);
+        check(
+            are_right,
+            &|| "areas".into(),
+            "one of at least 0 for each material",
+            areas,
+        )?;
         self.check_images()?;
         let volumes = self.volumes.len();
         let what = || "volumes".to_owned();

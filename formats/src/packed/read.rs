@@ -7,7 +7,7 @@ use super::meta::{PackedMeta, PackedSummary};
 use crate::format::{Format, expect_count};
 use crate::frame::{Block, BlockKind, FileKind};
 use crate::opened::{Opened, nth};
-use crate::{FormatError, Result, bytes};
+use crate::{FormatError, MappedFile, Result, bytes};
 use std::ops::Range;
 
 /// The format of a packed scene.
@@ -147,6 +147,23 @@ fn check_piece(
         format!("{rows} rows of the {} {}{place}", of.column.name(), of.item),
         format!("{block:?}"),
     ))
+}
+
+impl Packed<MappedFile> {
+    /// Refuses a file that has been cut since it was opened, as [`MappedFile::check_length`] does.
+    ///
+    /// # Errors
+    /// [`FormatError::Truncated`], [`FormatError::Io`], with the path.
+    pub fn check_length(&self) -> Result<()> {
+        self.named(|| self.data().check_length())
+    }
+
+    /// Gives the memory of block `i` back to the system, as [`MappedFile::release`] does.
+    pub fn release_block(&self, i: usize) {
+        if let Some(block) = self.blocks().get(i) {
+            self.release(std::slice::from_ref(block));
+        }
+    }
 }
 
 impl<D: AsRef<[u8]>> Packed<D> {

@@ -134,9 +134,11 @@ pub fn packed_meta() -> PackedMeta {
             has_uvs: true,
             ..PackedMesh::default()
         },
+        areas: vec![2.0, 2.0],
         hierarchy: Some(PackedHierarchy {
             nodes: 2,
             blocks: 2,
+            by_vertex: false,
             scale: 0.5,
         }),
         tree_bytes: 5,
@@ -203,6 +205,14 @@ pub fn packed_rows(column: PackedColumn) -> Vec<u8> {
             };
             [block(0), block(1)].concat()
         }
+        PackedColumn::VertexBlocks => {
+            let none = u32::MAX;
+            let block = |t: usize| {
+                let [a, b, c] = triangles[t].map(|v| whole(&[v; 4]));
+                [a, b, c, whole(&[t as u32, none, none, none])].concat()
+            };
+            [block(0), block(1)].concat()
+        }
         PackedColumn::Tree => b"a tre".to_vec(),
         _ => Vec::new(),
     }
@@ -210,7 +220,11 @@ pub fn packed_rows(column: PackedColumn) -> Vec<u8> {
 
 /// Writes the scene that [`packed_meta`] describes.
 pub fn write_packed(path: &Path) {
-    let meta = packed_meta();
+    write_packed_as(path, packed_meta());
+}
+
+/// Writes it with another description of the same columns.
+pub fn write_packed_as(path: &Path, meta: PackedMeta) {
     let mut writer = PackedWriter::create(path, meta.clone(), Overwrite::Refuse).unwrap();
     for column in meta.columns() {
         let rows = packed_rows(column.column);

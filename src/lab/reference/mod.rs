@@ -342,6 +342,7 @@ pub fn accumulate(
             }
             Ok::<(), Error>(())
         })?;
+        scene.check_file()?;
         if saved.elapsed() > SAVE_EVERY {
             save(sums)?;
             saved = Instant::now();

@@ -33,7 +33,7 @@ const MANY_VERTICES: u32 = 10_000;
 #[derive(Debug)]
 pub struct PathTracer<'a> {
     scene: &'a Scene,
-    triangles: TriangleBvh,
+    triangles: TriangleBvh<'a>,
     sources: Sources<'a>,
     max_depth: u32,
 }
@@ -88,11 +88,11 @@ impl<'a> PathTracer<'a> {
     /// limit.
     ///
     /// # Errors
-    /// As [`TriangleBvh::new_until`].
+    /// As [`TriangleBvh::of_scene`].
     pub fn new(scene: &'a Scene, max_depth: u32, cancel: &Cancel) -> Result<Self> {
         Ok(Self {
             scene,
-            triangles: TriangleBvh::new_until(&scene.mesh, cancel)?,
+            triangles: TriangleBvh::of_scene(scene, cancel)?,
             sources: Sources::new(scene),
             max_depth: if max_depth == 0 { u32::MAX } else { max_depth },
         })

@@ -9,6 +9,7 @@ mod write;
 pub(super) use read::read;
 pub use write::{bricks, columns, description};
 
+use super::Mesh;
 use crate::column::Column;
 use crate::formats::{MappedFile, Packed, PackedColumn};
 use crate::{Error, Result};
@@ -26,6 +27,24 @@ impl PackedScene {
     #[must_use]
     pub fn file(&self) -> &Packed<MappedFile> {
         &self.file
+    }
+
+    /// Whether the triangles of a mesh lie in the file, which then has what was made of them.
+    pub(in crate::scene) fn has(&self, mesh: &Mesh) -> bool {
+        let lies = |bytes: &[u8], column: PackedColumn| {
+            let rows = self.file.rows(column, 0);
+            bytes.len() == rows.len() && (rows.is_empty() || bytes.as_ptr() == rows.as_ptr())
+        };
+        lies(
+            bytemuck::cast_slice(&mesh.positions),
+            PackedColumn::Positions,
+        ) && lies(
+            bytemuck::cast_slice(&mesh.triangles),
+            PackedColumn::Triangles,
+        ) && lies(
+            bytemuck::cast_slice(&mesh.material),
+            PackedColumn::Materials,
+        )
     }
 
     /// A column where it lies.

@@ -36,7 +36,10 @@ fn check(packed: &PackedScene, cancel: &Cancel) -> Result<()> {
     let blocks: Vec<usize> = used.flat_map(|(_, blocks)| blocks.clone()).collect();
     blocks.into_par_iter().try_for_each(|i| {
         cancel.check()?;
-        Ok::<_, Error>(file.check_block(i)?)
+        file.check_block(i)?;
+        // Whoever needs it reads it again; much of a large scene is never needed.
+        file.release_block(i);
+        Ok::<_, Error>(())
     })?;
     Ok(file.check_hierarchy()?)
 }

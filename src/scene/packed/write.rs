@@ -10,7 +10,7 @@ use crate::scene::texture::{CodeValues, Texels};
 use crate::scene::{Camera, Light, Material, Scene, Texture, Volume, Wrap};
 use crate::{Error, Result};
 
-/// What a packed file says of a scene, without a hierarchy over its triangles, tree and scattered
+/// What a packed file says of a scene, without what is made of its triangles, a tree and scattered
 /// light.
 #[must_use]
 pub fn description(scene: &Scene) -> PackedMeta {
@@ -42,6 +42,7 @@ pub fn description(scene: &Scene) -> PackedMeta {
             has_colors: !mesh.colors.is_empty(),
             has_uvs: !mesh.uvs.is_empty(),
         },
+        areas: Vec::new(),
         hierarchy: None,
         tree_bytes: 0,
         light_bytes: 0,

@@ -2,11 +2,11 @@
 
 use super::slab_ray::MAX_ENTRIES;
 use super::split::{Bounds, Group, Item, Plane};
-use super::{Child, Node, TriangleBvh, WIDTH};
+use super::{Blocks, Child, Node, TriangleBvh, WIDTH};
 use crate::Result;
 use crate::run::Cancel;
 use crate::scene::Mesh;
-use crate::trace::watertight::{Block, LANES};
+use crate::trace::watertight::{Block, LANES, VertexBlock};
 use arrayvec::ArrayVec;
 use rayon::prelude::*;
 use std::convert::Infallible;
@@ -26,11 +26,11 @@ const NODE_COST: f32 = 1.0;
 /// Triangles up to which a part is built by one thread.
 const ONE_THREAD: usize = 1 << 14;
 
-impl TriangleBvh {
+impl<'a> TriangleBvh<'a> {
     /// Builds the hierarchy.
     #[must_use]
-    pub fn new(mesh: &Mesh) -> Self {
-        let Ok(bvh) = Self::over(mesh, || Ok::<_, Infallible>(()));
+    pub fn new(mesh: &'a Mesh) -> Self {
+        let Ok(bvh) = Self::over(mesh, is_large(mesh), || Ok::<_, Infallible>(()));
         bvh
     }
 
@@ -38,13 +38,17 @@ impl TriangleBvh {
     ///
     /// # Errors
     /// If cancelled.
-    pub fn new_until(mesh: &Mesh, cancel: &Cancel) -> Result<Self> {
-        Self::over(mesh, || cancel.check())
+    pub fn new_until(mesh: &'a Mesh, cancel: &Cancel) -> Result<Self> {
+        Self::over(mesh, is_large(mesh), || cancel.check())
     }
 
-    /// The hierarchy of all triangles, the same for any number of threads; `go_on` is asked at each
-    /// split, and ends it with its error.
-    fn over<E: Send>(mesh: &Mesh, go_on: impl Fn() -> Result<(), E> + Sync) -> Result<Self, E> {
+    /// The hierarchy of all triangles, the same for any number of threads, with blocks that know
+    /// their vertices or their corners; `go_on` is asked at each split, and ends it with its error.
+    pub(super) fn over<E: Send>(
+        mesh: &'a Mesh,
+        by_vertex: bool,
+        go_on: impl Fn() -> Result<(), E> + Sync,
+    ) -> Result<Self, E> {
         let scale = scale_of(mesh);
         let triangles = 0..mesh.triangles.len() as u32;
         let items = triangles.into_par_iter();
@@ -75,13 +79,33 @@ impl TriangleBvh {
         }
         (maker.go_on)()?;
         let blocks = blocks.into_par_iter();
-        let blocks = blocks.map(|range| Block::new(mesh, &order[range], scale));
+        let blocks = match by_vertex {
+            true => {
+                let blocks = blocks.map(|range| VertexBlock::new(mesh, &order[range]));
+                Blocks::Vertices(blocks.collect::<Vec<_>>().into())
+            }
+            false => {
+                let blocks = blocks.map(|range| Block::new(mesh, &order[range], scale));
+                Blocks::Corners(blocks.collect::<Vec<_>>().into())
+            }
+        };
         Ok(Self {
-            blocks: blocks.collect(),
-            nodes,
+            blocks,
+            nodes: nodes.into(),
+            positions: &mesh.positions,
             scale,
         })
     }
+}
+
+/// Triangles from which on blocks know their vertices: corners of fewer are at hand soon enough.
+const LARGE: usize = 1 << 20;
+
+fn is_large(mesh: &Mesh) -> bool {
+    let large = std::env::var("LVOX_LARGE")
+        .ok()
+        .and_then(|v| v.parse().ok());
+    mesh.triangles.len() >= large.unwrap_or(LARGE)
 }
 
 /// What makes the nodes. Their leaves have triangles in the place of blocks.
@@ -412,7 +436,10 @@ mod tests {
         assert_eq!(bvh.scale, TriangleBvh::new(&sphere(12, 20)).scale);
         let planes = bvh.nodes.iter().flat_map(|node| node.planes);
         assert!(!planes.flat_map(f32x8::to_array).any(f32::is_nan));
-        let lanes = bvh.blocks.iter().flat_map(|block| block.triangles);
+        let Blocks::Corners(blocks) = &bvh.blocks else {
+            panic!("a small mesh")
+        };
+        let lanes = blocks.iter().flat_map(|block| block.triangles);
         assert_eq!(lanes.filter(|&t| t != u32::MAX).count() as u32, count);
         for i in 0..500 {
             let direction = sampling::sphere(sampling::r2(i, [0.3; 2]));

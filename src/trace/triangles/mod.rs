@@ -2,31 +2,90 @@
 //! eight wide.
 //!
 //! `build` makes the nodes from the top down, `split` finds where triangles part; `slab_ray` is the
-//! test of a ray against boxes, and `packet` the way of rays that go much the same way. The crate
+//! test of a ray against boxes, `packet` the way of rays that go much the same way, and `packed` is
+//! how the hierarchy lies in a packed scene. The crate
 //! `obvhs` builds and walks hierarchies, too, but slower (`cargo bench --bench rays`), leaks at
 //! edges that triangles share, and takes a time that is quadratic in triangles at one place.
 
 mod build;
+mod packed;
 mod packet;
 mod slab_ray;
 mod split;
 
-use super::watertight::{Block, LANES, ShearedRay};
+use super::watertight::{Block, LANES, ShearedRay, VertexBlock};
+use crate::column::Column;
 use crate::math::{Hit, Ray};
 use crate::scene::Mesh;
+use glam::Vec3;
 use slab_ray::{SlabRay, Stack};
+use std::borrow::Borrow;
 use std::ops::Range;
 use wide::f32x8;
 
 /// All triangles of a mesh, ready for rays.
 #[derive(Debug, Default)]
-pub struct TriangleBvh {
-    nodes: Vec<Node>,
-    blocks: Vec<Block>,
+pub struct TriangleBvh<'a> {
+    nodes: Column<Node>,
+    blocks: Blocks,
+    /// Of the mesh.
+    positions: &'a [Vec3],
     /// Boxes and blocks are this many times larger than the mesh: a power of two, so that it
     /// changes no digit, and so large or small that no product of coordinates leaves the range of
     /// f32.
     scale: f32,
+}
+
+/// The triangles of leaves.
+#[derive(Debug)]
+enum Blocks {
+    Corners(Column<Block>),
+    /// Of large meshes: what takes less memory is met sooner than what is ready.
+    Vertices(Column<VertexBlock>),
+}
+
+impl Default for Blocks {
+    fn default() -> Self {
+        Self::Corners(Column::new())
+    }
+}
+
+impl Blocks {
+    fn len(&self) -> usize {
+        match self {
+            Self::Corners(blocks) => blocks.len(),
+            Self::Vertices(blocks) => blocks.len(),
+        }
+    }
+}
+
+/// Gives blocks with their corners.
+trait Corners {
+    /// The blocks of a leaf.
+    fn of_leaf(&self, leaf: Range<usize>) -> impl Iterator<Item = impl Borrow<Block>>;
+}
+
+impl Corners for &[Block] {
+    #[inline(always)]
+    fn of_leaf(&self, leaf: Range<usize>) -> impl Iterator<Item = impl Borrow<Block>> {
+        self[leaf].iter()
+    }
+}
+
+/// Blocks that know their vertices.
+struct ByVertex<'a> {
+    blocks: &'a [VertexBlock],
+    /// Of all vertices.
+    coordinates: &'a [f32],
+    scale: f32,
+}
+
+impl Corners for ByVertex<'_> {
+    #[inline(always)]
+    fn of_leaf(&self, leaf: Range<usize>) -> impl Iterator<Item = impl Borrow<Block>> {
+        let blocks = self.blocks[leaf].iter();
+        blocks.map(|block| block.with_corners(self.coordinates, self.scale))
+    }
 }
 
 /// Children of a node.
@@ -34,7 +93,8 @@ const WIDTH: usize = 8;
 
 /// Boxes of up to eight children, by plane: lower x, y, z, upper x, y, z. Those of absent ones end
 /// before they begin.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
 struct Node {
     planes: [f32x8; 6],
     children: [Child; WIDTH],
@@ -42,6 +102,7 @@ struct Node {
 
 /// A node, or up to 16 blocks that follow each other.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(transparent)]
 struct Child(u32);
 
 impl Child {
@@ -84,13 +145,49 @@ impl Child {
     }
 }
 
-impl TriangleBvh {
+impl TriangleBvh<'_> {
     /// The nearest hit along a ray; of triangles at the same distance the first of the mesh.
     #[must_use]
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
+        match &self.blocks {
+            Blocks::Corners(blocks) => self.closest_of(&&blocks[..], ray),
+            Blocks::Vertices(blocks) => self.closest_by_vertex(blocks, ray),
+        }
+    }
+
+    /// Whether a ray meets any triangle.
+    #[must_use]
+    pub fn is_occluded(&self, ray: &Ray) -> bool {
+        match &self.blocks {
+            Blocks::Corners(blocks) => self.is_occluded_by(&&blocks[..], ray),
+            Blocks::Vertices(blocks) => self.is_occluded_by_vertex(blocks, ray),
+        }
+    }
+
+    // Apart, so that what small meshes need is compiled as if there were nothing else.
+    #[inline(never)]
+    fn closest_by_vertex(&self, blocks: &[VertexBlock], ray: &Ray) -> Option<Hit> {
+        self.closest_of(&self.by_vertex(blocks), ray)
+    }
+
+    #[inline(never)]
+    fn is_occluded_by_vertex(&self, blocks: &[VertexBlock], ray: &Ray) -> bool {
+        self.is_occluded_by(&self.by_vertex(blocks), ray)
+    }
+
+    fn by_vertex<'b>(&'b self, blocks: &'b [VertexBlock]) -> ByVertex<'b> {
+        ByVertex {
+            blocks,
+            coordinates: bytemuck::cast_slice(self.positions),
+            scale: self.scale,
+        }
+    }
+
+    #[inline(always)]
+    fn closest_of(&self, blocks: &impl Corners, ray: &Ray) -> Option<Hit> {
         let ray = self.scaled(ray);
         let mut nearest = Nearest::new(ray.t_max);
-        self.visit(&ray, |block, sheared, t_end| {
+        self.visit(blocks, &ray, |block, sheared, t_end| {
             nearest.meet(block, sheared);
             *t_end = nearest.t_end;
             true
@@ -98,12 +195,11 @@ impl TriangleBvh {
         nearest.hit(self.scale)
     }
 
-    /// Whether a ray meets any triangle.
-    #[must_use]
-    pub fn is_occluded(&self, ray: &Ray) -> bool {
+    #[inline(always)]
+    fn is_occluded_by(&self, blocks: &impl Corners, ray: &Ray) -> bool {
         let ray = self.scaled(ray);
         let mut hit = false;
-        self.visit(&ray, |block, sheared, _| {
+        self.visit(blocks, &ray, |block, sheared, _| {
             let met = sheared.meet(block);
             hit = (0..LANES).any(|k| met.lanes >> k & 1 == 1 && met.t[k] < ray.t_max);
             !hit
@@ -124,13 +220,18 @@ impl TriangleBvh {
     /// Gives `visit` the blocks along a ray in the scale of the hierarchy, the nearest first, while
     /// it says so. It may shorten the ray.
     #[inline]
-    fn visit(&self, ray: &Ray, mut visit: impl FnMut(&Block, &ShearedRay, &mut f32) -> bool) {
+    fn visit(
+        &self,
+        blocks: &impl Corners,
+        ray: &Ray,
+        mut visit: impl FnMut(&Block, &ShearedRay, &mut f32) -> bool,
+    ) {
         if self.nodes.is_empty() {
             return;
         }
         let slabs = SlabRay::new(ray);
         let sheared = ShearedRay::new(ray);
-        self.visit_from(Child::node(0), &slabs, ray.t_max, |block, t_end| {
+        self.visit_from(blocks, Child::node(0), &slabs, ray.t_max, |block, t_end| {
             visit(block, &sheared, t_end)
         });
     }
@@ -139,20 +240,22 @@ impl TriangleBvh {
     #[inline(always)]
     fn visit_from(
         &self,
+        blocks: &impl Corners,
         mut child: Child,
         ray: &SlabRay,
         mut t_end: f32,
         mut visit: impl FnMut(&Block, &mut f32) -> bool,
     ) {
+        let nodes = &self.nodes[..];
         let mut stack = Stack::new();
         loop {
             if child.is_leaf() {
-                for block in &self.blocks[child.blocks()] {
-                    if !visit(block, &mut t_end) {
+                for block in blocks.of_leaf(child.blocks()) {
+                    if !visit(block.borrow(), &mut t_end) {
                         return;
                     }
                 }
-            } else if let Some(next) = ray.enter(&self.nodes[child.0 as usize], t_end, &mut stack) {
+            } else if let Some(next) = ray.enter(&nodes[child.0 as usize], t_end, &mut stack) {
                 child = next;
                 continue;
             }
@@ -354,7 +457,8 @@ mod tests {
 
     #[test]
     fn an_empty_mesh_is_never_hit() {
-        let bvh = TriangleBvh::new_until(&Mesh::default(), &Cancel::default()).unwrap();
+        let mesh = Mesh::default();
+        let bvh = TriangleBvh::new_until(&mesh, &Cancel::default()).unwrap();
         assert!(bvh.closest(&Ray::endless(Vec3::ZERO, Vec3::Z)).is_none());
         assert!(!bvh.is_occluded(&Ray::endless(Vec3::ZERO, Vec3::Z)));
         let stale = Hit {

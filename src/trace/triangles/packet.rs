@@ -2,10 +2,11 @@
 //! Benthin & Wagner 2001).
 
 use super::slab_ray::{SlabRay, Stack, push_sorted};
-use super::{Child, Nearest, TriangleBvh};
+use super::{Blocks, Child, Corners, Nearest, TriangleBvh};
 use crate::math::{Hit, Ray};
-use crate::trace::watertight::ShearedRay;
+use crate::trace::watertight::{ShearedRay, VertexBlock};
 use arrayvec::ArrayVec;
+use std::borrow::Borrow;
 use wide::f32x8;
 
 /// Rays of a packet, at most.
@@ -24,7 +25,7 @@ struct Member {
     nearest: Nearest,
 }
 
-impl TriangleBvh {
+impl TriangleBvh<'_> {
     /// Finds what [`Self::closest`] does for each ray of a packet, to the bit; `hits` has as many.
     /// Faster where rays that follow each other are near each other and go much the same way.
     pub fn closest_of_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
@@ -42,15 +43,25 @@ impl TriangleBvh {
                     nearest: Nearest::new(ray.t_max),
                 }
             }));
-            self.trace(&mut packet);
+            match &self.blocks {
+                Blocks::Corners(blocks) => self.trace(&&blocks[..], &mut packet),
+                Blocks::Vertices(blocks) => self.trace_by_vertex(blocks, &mut packet),
+            }
             for (hit, member) in hits.iter_mut().zip(&packet) {
                 *hit = member.nearest.hit(self.scale);
             }
         }
     }
 
+    #[inline(never)]
+    fn trace_by_vertex(&self, blocks: &[VertexBlock], packet: &mut [Member]) {
+        self.trace(&self.by_vertex(blocks), packet);
+    }
+
     /// Finds the nearest hit of each ray of a packet.
-    fn trace(&self, packet: &mut [Member]) {
+    #[inline(always)]
+    fn trace(&self, blocks: &impl Corners, packet: &mut [Member]) {
+        let nodes = &self.nodes[..];
         // With the least distance at which one of the rays enters.
         let mut stack: Stack<(Child, Mask)> = Stack::new();
         stack.push((0.0, (Child::node(0), Mask::MAX >> (PACKET - packet.len()))));
@@ -65,23 +76,23 @@ impl TriangleBvh {
                         nearest,
                     } = &mut packet[k];
                     let t_end = nearest.t_end;
-                    self.visit_from(child, slabs, t_end, |block, t_end| {
+                    self.visit_from(blocks, child, slabs, t_end, |block, t_end| {
                         nearest.meet(block, sheared);
                         *t_end = nearest.t_end;
                         true
                     });
                 }
             } else if child.is_leaf() {
-                for block in &self.blocks[child.blocks()] {
+                for block in blocks.of_leaf(child.blocks()) {
                     for k in members(active) {
                         let Member {
                             sheared, nearest, ..
                         } = &mut packet[k];
-                        nearest.meet(block, sheared);
+                        nearest.meet(block.borrow(), sheared);
                     }
                 }
             } else {
-                let node = &self.nodes[child.0 as usize];
+                let node = &nodes[child.0 as usize];
                 let mut nears = f32x8::splat(f32::INFINITY);
                 let mut any = f32x8::ZERO;
                 let mut masks = [f32x8::ZERO; 2];
@@ -162,6 +173,38 @@ mod tests {
             }
         }
         assert!(met.into_iter().min() > Some(5000), "{met:?}");
+    }
+
+    /// To the bit, alone and in packets.
+    #[test]
+    fn blocks_by_vertex_meet_what_blocks_of_corners_meet() {
+        let mut mesh = doubled();
+        mesh.positions.iter_mut().for_each(|p| *p *= 3e4);
+        let built = |by_vertex| TriangleBvh::over(&mesh, by_vertex, || Ok::<_, ()>(())).unwrap();
+        let [corners, vertices] = [false, true].map(built);
+        assert!(matches!(vertices.blocks, Blocks::Vertices(_)));
+        assert_eq!(corners.blocks.len(), vertices.blocks.len());
+        let mut met = 0;
+        for case in 0..200 {
+            let origin = 6e4 * sampling::sphere(sampling::r2(case, [0.3; 2]));
+            let rays: Vec<_> = (0..70)
+                .map(|i| {
+                    let to = 3e4 * sampling::sphere(sampling::r2(case * 70 + i, [0.7; 2]));
+                    let t_max = if i % 3 == 0 { 5e4 } else { f32::INFINITY };
+                    Ray::new(origin, (to - origin).normalize(), t_max)
+                })
+                .collect();
+            let mut hits = [vec![None; rays.len()], vec![None; rays.len()]];
+            corners.closest_of_packet(&rays, &mut hits[0]);
+            vertices.closest_of_packet(&rays, &mut hits[1]);
+            for (i, ray) in rays.iter().enumerate() {
+                let hit = corners.closest(ray);
+                assert_eq!([hit; 3], [vertices.closest(ray), hits[0][i], hits[1][i]]);
+                assert_eq!(hit.is_some(), vertices.is_occluded(ray));
+                met += usize::from(hit.is_some());
+            }
+        }
+        assert!(met > 5000, "{met}");
     }
 
     #[test]
