@@ -102,10 +102,7 @@ impl<'a> TriangleBvh<'a> {
 const LARGE: usize = 1 << 20;
 
 fn is_large(mesh: &Mesh) -> bool {
-    let large = std::env::var("LVOX_LARGE")
-        .ok()
-        .and_then(|v| v.parse().ok());
-    mesh.triangles.len() >= large.unwrap_or(LARGE)
+    mesh.triangles.len() >= LARGE
 }
 
 /// What makes the nodes. Their leaves have triangles in the place of blocks.
