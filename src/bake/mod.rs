@@ -210,6 +210,8 @@ fn bake_area<S: Shadows>(
             })
             .collect::<Result<_>>()?;
         check_surfels(&batch)?;
+        // The next batch is on other triangles.
+        maker.tracer.scene.release_mesh();
         writer.push_surfels(&batch)?;
         task.add(to - from);
         from = to;

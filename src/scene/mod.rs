@@ -108,6 +108,14 @@ impl Scene {
         }
     }
 
+    /// Gives the memory of what lies in a packed file and is read from end to end, a part at a time,
+    /// back to the system.
+    pub(crate) fn release_mesh(&self) {
+        if let Some(packed) = &self.packed {
+            packed.release_mesh();
+        }
+    }
+
     /// The packed file whose triangles are those of the scene, as they lie there.
     pub(crate) fn as_packed(&self) -> Option<&packed::PackedScene> {
         self.packed.as_ref().filter(|packed| packed.has(&self.mesh))

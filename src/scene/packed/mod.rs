@@ -29,6 +29,21 @@ impl PackedScene {
         &self.file
     }
 
+    /// Gives the memory of vertices and triangles back to the system, which reads them again for
+    /// who asks.
+    pub(in crate::scene) fn release_mesh(&self) {
+        for column in [
+            PackedColumn::Positions,
+            PackedColumn::Normals,
+            PackedColumn::Colors,
+            PackedColumn::Uvs,
+            PackedColumn::Triangles,
+            PackedColumn::Materials,
+        ] {
+            self.file.data().release(self.file.range(column, 0));
+        }
+    }
+
     /// Whether the triangles of a mesh lie in the file, which then has what was made of them.
     pub(in crate::scene) fn has(&self, mesh: &Mesh) -> bool {
         let lies = |bytes: &[u8], column: PackedColumn| {
