@@ -74,7 +74,16 @@ def stages(lvox, folder, toml, surfels=None):
     cloud_bytes, tree_bytes = cloud.stat().st_size, tree.stat().st_size
     cloud.unlink()
     shade = run(lvox, folder, "shade", toml, "--tree", tree, "-o", image)
-    return {"bake": bake, "build": build, "shade": shade, "cloud_bytes": cloud_bytes, "tree_bytes": tree_bytes}
+    packed = {}
+    if surfels is None:
+        scene, again = folder / "a.lvp", folder / "b.exr"
+        pack = run(lvox, folder, "pack", toml, "-o", scene)
+        packed = {"pack": pack, "packed_bytes": scene.stat().st_size,
+                  "packed_bake": run(lvox, folder, "bake", scene, "-o", cloud),
+                  "packed_shade": run(lvox, folder, "shade", scene, "--tree", tree, "-o", again)}
+        if image.read_bytes() != again.read_bytes():
+            sys.exit(f"{toml}: the picture of the packed scene is another one")
+    return {**packed, "bake": bake, "build": build, "shade": shade, "cloud_bytes": cloud_bytes, "tree_bytes": tree_bytes}
 
 
 def error(lvox, folder, toml):
@@ -242,6 +251,13 @@ noise is the last column. Peak memory counts mapped files.
                 cells += [f"{e['relmse_trimmed']:.1e}", f"{100 * e['bias']:+.2f} %", f"{e['reference_noise']:.1e}"]
             body.append(cells)
         text.append(f"## {title}\n\n{about}\n\n" + table(head, body))
+        of_packed = [r for r in of_kind if "pack" in r]
+        if of_packed:
+            text.append("From a packed scene, to the same bytes:\n\n" + table(
+                [size, "pack s", "packed MB", "bake s", "shade s", "bake MB", "shade MB"],
+                [[short(r["size"]), figure(r["pack"]["cpu_secs"]), figure(r["packed_bytes"] / 1e6),
+                  *(figure(r[s]["cpu_secs"]) for s in ("packed_bake", "packed_shade")),
+                  *(figure(r[s]["peak_bytes"] / 1e6) for s in ("packed_bake", "packed_shade"))] for r in of_packed]))
         (plots / f"{kind}-time.svg").write_text(plot(of_kind, size, "CPU seconds", cpu_secs))
         (plots / f"{kind}-memory.svg").write_text(plot(of_kind, size, "peak MB", peak_mb))
         text.append(f"![CPU seconds over {size}](size/{kind}-time.svg) ![peak memory over {size}](size/{kind}-memory.svg)\n")

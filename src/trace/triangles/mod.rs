@@ -40,7 +40,7 @@ pub struct TriangleBvh<'a> {
 #[derive(Debug)]
 enum Blocks {
     Corners(Column<Block>),
-    /// Of large meshes: what takes less memory is met sooner than what is ready.
+    /// Of large meshes: less memory, and more time for each ray.
     Vertices(Column<VertexBlock>),
 }
 
