@@ -94,20 +94,13 @@ fn most_around(corners: [DVec3; 8], other: &Volume) -> f32 {
 mod tests {
     use super::*;
     use crate::scene::Grid;
-    use glam::{Affine3A, DAffine3, DVec3};
+    use glam::{DAffine3, DVec3};
 
     /// A homogeneous cube of 32 voxels an edge.
     fn cube(sigma_t: f32, scale: f64, lower: DVec3) -> Volume {
-        let mut volume = Volume {
-            name: String::new(),
-            sigma_t: Grid::from_fn([32; 3], |_| sigma_t),
-            albedo: [0.5; 3],
-            scene_from_index: DAffine3::IDENTITY,
-            index_from_scene: Affine3A::IDENTITY,
-            index_from_scene_f64: DAffine3::IDENTITY,
-        };
-        volume.place(DAffine3::from_translation(lower) * DAffine3::from_scale(DVec3::splat(scale)));
-        volume
+        let grid = Grid::from_fn([32; 3], |_| sigma_t);
+        let place = DAffine3::from_translation(lower) * DAffine3::from_scale(DVec3::splat(scale));
+        Volume::new(String::new(), grid, [0.5; 3], place)
     }
 
     #[test]

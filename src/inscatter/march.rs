@@ -44,8 +44,7 @@ const MAX_STRETCH_DEPTH: f32 = 0.7;
 impl<G: GatherInMedia> InScatter<'_, G> {
     /// Passes a ray from the camera.
     pub fn march(&self, ray: &Ray) -> Composite {
-        let volumes = &self.view.tracer.scene.volumes;
-        match &volumes[..] {
+        match self.view.tracer.volumes {
             [volume] => {
                 let Some(cells) = Cells::new(volume, ray) else {
                     return Composite::default();

@@ -60,7 +60,7 @@ impl<'a> ScatteredLight<'a> {
         visible: VisibleMedia,
         job: &Job,
     ) -> Result<Self> {
-        let volume = &view.tracer.scene.volumes[index];
+        let volume = &view.tracer.volumes[index];
         let clusters = |kind| {
             let matters = |place: &ClusterId| {
                 view.may_matter(visible, Sweep::MARGIN_PIXELS, hull(volume, place))

@@ -21,8 +21,8 @@ use crate::tree::{Media, Pages};
 use crate::view::{View, VisibleMedia};
 use glam::{DAffine3, DVec3, Vec3};
 use lvox_formats::record::{Lvoxel, VolumeInfo};
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 
 /// A tree without surfels.
 struct NoPages;
@@ -132,15 +132,9 @@ const SIDE: usize = 16;
 /// Haze before the camera, of this extinction, its lower border in the plane y = -8.
 fn haze(sigma_t: f32) -> Scene {
     let mut scene = Scene::without_picture();
-    let mut volume = Volume {
-        name: "haze".into(),
-        sigma_t: Grid::from_fn([SIDE; 3], |_| sigma_t),
-        albedo: [0.9; 3],
-        scene_from_index: DAffine3::IDENTITY,
-        index_from_scene: Default::default(),
-        index_from_scene_f64: DAffine3::IDENTITY,
-    };
-    volume.place(DAffine3::from_translation(DVec3::new(-8.0, -8.0, -20.0)));
+    let place = DAffine3::from_translation(DVec3::new(-8.0, -8.0, -20.0));
+    let grid = Grid::from_fn([SIDE; 3], |_| sigma_t);
+    let volume = Volume::new("haze".into(), grid, [0.9; 3], place);
     scene.volumes.push(volume);
     scene
 }
@@ -350,7 +344,7 @@ fn what_a_sweep_takes_is_also_that_of_its_rays() {
     scene.film = LARGE;
     let is_speck = |v: [usize; 3]| v == [0; 3] || v == [FAR - 1; 3];
     let volume = &mut scene.volumes[0];
-    volume.sigma_t = Grid::from_fn([FAR; 3], |v| f32::from(is_speck(v)));
+    volume.sigma_t = Arc::new(Grid::from_fn([FAR; 3], |v| f32::from(is_speck(v))));
     volume.place(DAffine3::from_translation(DVec3::new(
         -128.0, -128.0, -600.0,
     )));

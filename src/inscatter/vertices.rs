@@ -14,7 +14,7 @@ pub const BORDER_MARGIN_VOXELS: f32 = 0.1;
 
 /// A point of a volume's index space in the scene, [`BORDER_MARGIN_VOXELS`] its border.
 pub fn inside(volume: &Volume, p: Vec3) -> Vec3 {
-    let dims = Vec3::from(volume.sigma_t.dims().map(|n| n as f32));
+    let dims = Vec3::from(volume.sigma_t.size());
     let inside = p.clamp(
         Vec3::splat(BORDER_MARGIN_VOXELS),
         dims - BORDER_MARGIN_VOXELS,

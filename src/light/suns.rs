@@ -12,7 +12,7 @@ use crate::math::ray_lattice::RayLattice;
 use crate::math::sampling::{disk, tangents};
 use crate::math::{Aabb, Boxes, Ray, Rgb};
 use crate::scene::{Light, Scene, Volume};
-use crate::trace::Cells;
+use crate::trace::{Cells, Tracer};
 use glam::Vec3;
 use std::sync::OnceLock;
 
@@ -76,7 +76,8 @@ impl Sun {
 /// nothing but the scene.
 #[derive(Debug)]
 pub struct SunDepths<'a> {
-    scene: &'a Scene,
+    lights: &'a [Light],
+    volumes: &'a [Volume],
     /// By light; of a scene that has many only some are ever asked for.
     suns: Vec<OnceLock<Option<SunDepth<'a>>>>,
 }
@@ -113,15 +114,20 @@ impl<'a> SunDepths<'a> {
 
     /// Nothing is known yet.
     #[must_use]
-    pub fn new(scene: &'a Scene) -> Self {
-        let suns = scene.lights.iter().map(|_| OnceLock::new()).collect();
-        Self { scene, suns }
+    pub fn new(tracer: &Tracer<'a>) -> Self {
+        let lights = &tracer.scene.lights;
+        Self {
+            lights,
+            volumes: tracer.volumes,
+            suns: lights.iter().map(|_| OnceLock::new()).collect(),
+        }
     }
 
     /// Knows of no sun.
     pub(super) fn none(scene: &'a Scene) -> Self {
         Self {
-            scene,
+            lights: &scene.lights,
+            volumes: &scene.volumes,
             suns: Vec::new(),
         }
     }
@@ -149,7 +155,8 @@ impl<'a> SunDepths<'a> {
         };
         let suns = scene.lights.iter().map(|l| of(l).map(OnceLock::from));
         Ok(Self {
-            scene,
+            lights: &scene.lights,
+            volumes: &scene.volumes,
             suns: suns.collect::<Result<_>>()?,
         })
     }
@@ -170,18 +177,18 @@ impl<'a> SunDepths<'a> {
     #[must_use]
     pub fn of(&self, light: usize) -> Option<&dyn ShadowMedia> {
         let depth = self.suns.get(light)?.get_or_init(|| {
-            let light = self.scene.lights.get(light)?;
-            SunDepth::new(self.scene, light)
+            let light = self.lights.get(light)?;
+            SunDepth::new(self.volumes, light)
         });
         Some(depth.as_ref()?)
     }
 }
 
 impl<'a> SunDepth<'a> {
-    fn new(scene: &'a Scene, light: &Light) -> Option<Self> {
+    fn new(volumes: &'a [Volume], light: &Light) -> Option<Self> {
         let to_sun = SunDepths::direction(light)?;
         let of_volume = |v| VolumeDepth::new(v, to_sun);
-        let volumes: Vec<_> = scene.volumes.iter().map(of_volume).collect();
+        let volumes: Vec<_> = volumes.iter().map(of_volume).collect();
         Some(Self {
             to_sun,
             boxes: Boxes::new(volumes.iter().map(VolumeDepth::bounds)),
@@ -372,7 +379,7 @@ mod tests {
     use super::*;
     use crate::math::sampling;
     use crate::scene::Grid;
-    use glam::{Affine3A, DAffine3, DQuat, DVec3};
+    use glam::{DAffine3, DQuat, DVec3};
 
     #[test]
     fn depths_towards_a_sun_agree_with_rays_of_their_own() {
@@ -385,15 +392,7 @@ mod tests {
             DQuat::from_rotation_y(0.7) * DQuat::from_rotation_x(-0.4),
             DVec3::new(3.0, -1.0, 2.0),
         );
-        let inverse = scene_from_index.inverse();
-        let volume = Volume {
-            name: "ball".into(),
-            sigma_t,
-            albedo: [0.5; 3],
-            scene_from_index,
-            index_from_scene: Affine3A::from_cols_array(&inverse.to_cols_array().map(|v| v as f32)),
-            index_from_scene_f64: inverse,
-        };
+        let volume = Volume::new("ball".into(), sigma_t, [0.5; 3], scene_from_index);
         let mut squares = [0.0; 2];
         for i in 0..30 {
             let to_sun = sampling::sphere(sampling::r2(i, [0.2; 2]));

@@ -1,8 +1,10 @@
 //! A participating medium: a grid of density in a box placed anywhere.
 
 use super::Grid;
+use super::grid::Pyramid;
 use crate::math::Aabb;
-use glam::{Affine3A, DAffine3, Vec3};
+use glam::{Affine3A, DAffine3, DVec3, Vec3};
+use std::sync::Arc;
 
 /// A scattering and absorbing medium with isotropic phase function. There is no medium outside its
 /// box.
@@ -12,7 +14,7 @@ pub struct Volume {
     pub name: String,
     /// Extinction sigma_t per scene unit, sampled on a grid; scale and value window are already
     /// applied.
-    pub sigma_t: Grid,
+    pub sigma_t: Arc<Grid>,
     /// Single-scattering albedo, sigma_s / sigma_t, each channel in `[0,1]`.
     pub albedo: [f32; 3],
     /// Maps the box `0..dims` of the grid into the scene; any invertible affine map.
@@ -21,12 +23,22 @@ pub struct Volume {
     pub index_from_scene: Affine3A,
     /// The same, as exact as it is known: where a ray enters decides how deep a dense volume is.
     pub index_from_scene_f64: DAffine3,
+    levels: Pyramid,
 }
 
 impl Volume {
     /// A medium whose box is placed by an invertible map.
     #[must_use]
     pub fn new(name: String, sigma_t: Grid, albedo: [f32; 3], scene_from_index: DAffine3) -> Self {
+        Self::of_shared(name, Arc::new(sigma_t), albedo, scene_from_index)
+    }
+
+    fn of_shared(
+        name: String,
+        sigma_t: Arc<Grid>,
+        albedo: [f32; 3],
+        scene_from_index: DAffine3,
+    ) -> Self {
         let mut volume = Self {
             name,
             sigma_t,
@@ -34,9 +46,21 @@ impl Volume {
             scene_from_index: DAffine3::IDENTITY,
             index_from_scene: Affine3A::IDENTITY,
             index_from_scene_f64: DAffine3::IDENTITY,
+            levels: Pyramid::default(),
         };
         volume.place(scene_from_index);
         volume
+    }
+
+    /// The medium on voxels of 2^`level` times the edge, made when first asked for, in the same box.
+    /// Their means darken what is sharper than they are.
+    #[must_use]
+    pub fn at_level(&self, level: usize) -> Self {
+        let grid = self.levels.level(&self.sigma_t, level);
+        let size = |grid: &Grid| DVec3::from(grid.size().map(f64::from));
+        let voxels = DAffine3::from_scale(size(&self.sigma_t) / size(grid));
+        let place = self.scene_from_index * voxels;
+        Self::of_shared(self.name.clone(), Arc::clone(grid), self.albedo, place)
     }
 
     /// Places its box anew; the map must be invertible.
@@ -60,13 +84,17 @@ impl Volume {
         let farthest = corners.iter().map(|p| p.abs().max_element());
         let far = farthest.fold(0.0, f32::max);
         let most = (1.0 / (PATH * far)).max(OPAQUE / self.shortest_voxel_edge());
-        self.sigma_t.limit(most);
+        if self.sigma_t.max() > most
+            && let Some(grid) = Arc::get_mut(&mut self.sigma_t)
+        {
+            grid.limit(most);
+        }
     }
 
     /// Corners of its box in the scene.
     #[must_use]
     pub fn corners(&self) -> [Vec3; 8] {
-        let dims = self.sigma_t.dims().map(|n| n as f64);
+        let dims = self.sigma_t.size().map(f64::from);
         std::array::from_fn(|i| {
             let corner: [f64; 3] = std::array::from_fn(|a| dims[a] * (i >> a & 1) as f64);
             let in_scene = self.scene_from_index.transform_point3(corner.into());

@@ -90,7 +90,12 @@ impl TreeTask for FrameTask<'_> {
             ..
         } = request;
         let camera = scene.camera(settings.camera.as_deref())?;
-        let tracer = Tracer::new_until(scene, &job.cancel)?;
+        // Vertices that were lit beforehand stand on the voxels of the scene's own media.
+        let media_on_pixels = (tree.scatter.is_none())
+            .then(|| view::media_on_pixels(&scene.volumes, camera, scene.film))
+            .flatten();
+        let volumes = media_on_pixels.as_deref().unwrap_or(&scene.volumes);
+        let tracer = Tracer::new_until(scene, &job.cancel)?.with_volumes(volumes);
         let shadows = SoftShadowMedia::new(scene);
         let lights = Lights::new(&tracer).with_soft_shadows(shadows.as_ref());
         let view = View::new(&tracer, camera, scene.film, settings.seed);

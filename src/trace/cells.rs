@@ -84,8 +84,8 @@ impl<'a> Cells<'a> {
     #[must_use]
     pub fn new(volume: &'a Volume, ray: &Ray) -> Option<Self> {
         let map = (&volume.index_from_scene, &volume.index_from_scene_f64);
-        let dims = volume.sigma_t.dims().map(|n| n as f32);
-        let Passage { line, start, end } = Passage::new(map, dims, ray)?.in_cells();
+        let size = volume.sigma_t.size();
+        let Passage { line, start, end } = Passage::new(map, size, ray)?.in_cells();
         let limit = volume.sigma_t.brick_dims().map(|n| n as i32);
         let bricks = Steps::new(&line, 0.0, [0; 3], BRICK_CELLS as f32, limit);
         Some(Self {

@@ -29,16 +29,18 @@ pub use triangles::TriangleBvh;
 use crate::Result;
 use crate::math::exp::exp_neg;
 use crate::math::segment::{Interval, Segment, flatten_overlaps};
-use crate::math::{Boxes, Ray};
+use crate::math::{Aabb, Boxes, Ray};
 use crate::run::Cancel;
-use crate::scene::Scene;
+use crate::scene::{Scene, Volume};
 use glam::Vec3;
 
 /// A scene made ready for rays.
 #[derive(Debug)]
 pub struct Tracer<'a> {
-    /// The scene whose triangles and media rays meet.
+    /// The scene whose triangles rays meet.
     pub scene: &'a Scene,
+    /// The media that rays pass: the scene's own, or the same on larger voxels.
+    pub volumes: &'a [Volume],
     /// The density of surfels on the pieces of the scene.
     pub pieces: Pieces,
     triangles: TriangleBvh<'a>,
@@ -52,6 +54,7 @@ impl<'a> Tracer<'a> {
     pub fn new(scene: &'a Scene) -> Self {
         Self {
             scene,
+            volumes: &scene.volumes,
             pieces: Pieces::new(scene),
             triangles: TriangleBvh::new(&scene.mesh),
             boxes: scene.volume_boxes(),
@@ -65,10 +68,24 @@ impl<'a> Tracer<'a> {
     pub fn new_until(scene: &'a Scene, cancel: &Cancel) -> Result<Self> {
         Ok(Self {
             scene,
+            volumes: &scene.volumes,
             pieces: Pieces::new(scene),
             triangles: TriangleBvh::of_scene(scene, cancel)?,
             boxes: scene.volume_boxes(),
         })
+    }
+
+    /// With media that stand in for the scene's own, one for each and in the same box.
+    #[must_use]
+    pub fn with_volumes(self, volumes: &'a [Volume]) -> Self {
+        Self { volumes, ..self }
+    }
+
+    /// Box around all media; empty if there are none.
+    #[must_use]
+    pub fn media_bounds(&self) -> Aabb {
+        let bounds = self.volumes.iter().map(Volume::bounds);
+        bounds.fold(Aabb::EMPTY, |all, b| all.with(b.min).with(b.max))
     }
 
     /// The boxes of the scene's volumes.
@@ -108,7 +125,7 @@ impl<'a> Tracer<'a> {
     pub fn transmittance(&self, ray: &Ray) -> f32 {
         if self.is_occluded(ray) {
             0.0
-        } else if self.scene.volumes.is_empty() {
+        } else if self.volumes.is_empty() {
             1.0
         } else {
             exp_neg(self.optical_depth(ray))
@@ -118,7 +135,7 @@ impl<'a> Tracer<'a> {
     /// The optical depth of all media along a ray, exact, cell by cell.
     #[must_use]
     pub fn optical_depth(&self, ray: &Ray) -> f32 {
-        let volumes = self.boxes.along(ray).map(|v| &self.scene.volumes[v]);
+        let volumes = self.boxes.along(ray).map(|v| &self.volumes[v]);
         let cells = volumes.filter_map(|v| Cells::new(v, ray));
         cells.map(Cells::optical_depth).sum::<f64>() as f32
     }
@@ -132,7 +149,7 @@ impl<'a> Tracer<'a> {
         source: impl Fn(usize, RayInVolume, f32) -> crate::math::Rgb,
         mut emit: impl FnMut(Segment) -> bool,
     ) {
-        let cells = |v: usize| Some((v, Cells::new(&self.scene.volumes[v], ray)?));
+        let cells = |v: usize| Some((v, Cells::new(&self.volumes[v], ray)?));
         let mut walks = self.boxes.along(ray).filter_map(cells);
         let Some((first, cells)) = walks.next() else {
             return;

@@ -1,8 +1,12 @@
 //! A traced scene as a camera and as gathers see it.
 //!
-//! [`View`] is a camera before a traced scene, `geometry` lets gathers meet its triangles.
+//! [`View`] is a camera before a traced scene, `geometry` lets gathers meet its triangles, `levels`
+//! chooses the voxels of media that its pixels show.
 
 mod geometry;
+mod levels;
+
+pub use levels::media_on_pixels;
 
 use crate::image::Region;
 use crate::scene::{Camera, Film, Scene};
@@ -51,11 +55,16 @@ pub fn check_frame(scene: &Scene, world_from_tree: [f64; 3]) -> Result<()> {
     .hint("bring the scene into the tree's frame, `Scene::in_frame`"))
 }
 
+/// Angle that a pixel in the middle of a film covers, radians.
+fn pixel_angle(camera: &Camera, film: Film) -> f32 {
+    2.0 * libm::tanf(0.5 * camera.fov_x_rad) / film.width as f32
+}
+
 impl<'a> View<'a> {
     /// A view of the whole film.
     #[must_use]
     pub fn new(tracer: &'a Tracer<'a>, camera: &'a Camera, film: Film, seed: u64) -> Self {
-        let pixel_angle = 2.0 * libm::tanf(0.5 * camera.fov_x_rad) / film.width as f32;
+        let pixel_angle = pixel_angle(camera, film);
         let columns = camera.scene_from_camera.to_cols_array().map(f64::from);
         let scene_from_camera = DAffine3::from_cols_array(&columns);
         Self {

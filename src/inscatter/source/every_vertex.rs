@@ -133,7 +133,7 @@ impl<G: GatherInMedia> InScatter<'_, G> {
         cell: [usize; 3],
         level: usize,
     ) -> bool {
-        let dims = Vec3::from(volume.sigma_t.dims().map(|n| n as f32));
+        let dims = Vec3::from(volume.sigma_t.size());
         let middle = (Vec3::from(cell.map(|c| c as f32)) + 0.5) * (1 << level) as f32;
         let densest = lattices.densities.at(middle.min(dims)) * lattices.voxel;
         let count = lit.set.count();

@@ -73,7 +73,7 @@ impl<'a> VolumeLattices<'a> {
         counters: &Counters,
         job: &Job,
     ) -> Result<Self> {
-        let volume = &view.tracer.scene.volumes[index];
+        let volume = &view.tracer.volumes[index];
         let volume_samples = light.gatherer.map_or(1, |g| g.settings().samples);
         let dims = volume.sigma_t.dims();
         // Where volumes overlap, or are alike, their probes must not have the same noise.
@@ -83,7 +83,7 @@ impl<'a> VolumeLattices<'a> {
         };
         let far_field = FarField::new(volume, volume_samples, seed);
         let voxel = volume.longest_voxel_edge();
-        let volumes = &view.tracer.scene.volumes;
+        let volumes = view.tracer.volumes;
         let densities = Densities::new(volumes, view.tracer.boxes(), index);
         let least =
             |depth| LeastSpacing::new(view, visible, volume, &densities, depth, DIRECT_LEVELS - 1);

@@ -103,7 +103,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
         light: &MediaLights<'a, G>,
         job: &Job,
     ) -> Result<Self> {
-        let volumes = &view.tracer.scene.volumes;
+        let volumes = view.tracer.volumes;
         let counters = Counters::default();
         let lattices = (0..volumes.len())
             .map(|index| VolumeLattices::new(index, view, visible, light, &counters, job))
@@ -120,7 +120,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             any_is_sharp: lights.has_sharp_shadows(),
             gatherer,
             lattices,
-            suns: SunDepths::new(view.tracer.scene),
+            suns: SunDepths::new(view.tracer),
             view: *view,
             vertex_rays: Self::SHADOW_RAYS,
             counters,

@@ -133,7 +133,7 @@ impl Sweep {
                 .saturating_add(LevelSweep::BYTES_A_VERTEX * counts().sum::<u64>()),
             scope.job.memory_limit,
         )?;
-        let bounds = scope.view.tracer.scene.media_bounds();
+        let bounds = scope.view.tracer.media_bounds();
         let media = MediaBox {
             bounds,
             own: scope.volume.bounds(),

@@ -137,18 +137,10 @@ mod tests {
     use super::*;
     use crate::math::sampling;
     use crate::scene::{Grid, Volume};
-    use glam::{Affine3A, DAffine3, DQuat, DVec3, Vec3};
+    use glam::{DAffine3, DQuat, DVec3, Vec3};
 
     fn volume(grid: Grid, scene_from_index: DAffine3) -> Volume {
-        let inverse = scene_from_index.inverse();
-        Volume {
-            name: "test".into(),
-            sigma_t: grid,
-            albedo: [0.5; 3],
-            scene_from_index,
-            index_from_scene: Affine3A::from_cols_array(&inverse.to_cols_array().map(|v| v as f32)),
-            index_from_scene_f64: inverse,
-        }
+        Volume::new("test".into(), grid, [0.5; 3], scene_from_index)
     }
 
     fn bumpy(scale: f32) -> Volume {

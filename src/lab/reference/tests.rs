@@ -60,15 +60,9 @@ fn add_medium(scene: &mut Scene, min: DVec3, max: DVec3, sigma_t: f32, albedo: f
     let size = max - min;
     let scene_from_index =
         DAffine3::from_translation(min) * DAffine3::from_scale(size / DVec3::new(3.0, 2.0, 17.0));
-    let inverse = scene_from_index.inverse().to_cols_array();
-    scene.volumes.push(Volume {
-        name: "medium".into(),
-        sigma_t: Grid::from_fn(dims, |_| sigma_t),
-        albedo: [albedo; 3],
-        scene_from_index,
-        index_from_scene: Affine3A::from_cols_array(&inverse.map(|v| v as f32)),
-        index_from_scene_f64: DAffine3::from_cols_array(&inverse),
-    });
+    let grid = Grid::from_fn(dims, |_| sigma_t);
+    let volume = Volume::new("medium".into(), grid, [albedo; 3], scene_from_index);
+    scene.volumes.push(volume);
 }
 
 /// Mean of many paths, its green channel.

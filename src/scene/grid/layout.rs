@@ -156,6 +156,7 @@ impl Layout {
         samples.shrink_to_fit();
         Grid {
             dims: self.dims,
+            size: self.dims.map(|n| n as f32),
             bricks: self.bricks,
             slots,
             samples,

@@ -9,10 +9,13 @@
 //! needs a second brick; bricks whose samples are all zero are not stored.
 //!
 //! - `layout`: which bricks are stored, and how they are filled
+//! - `pyramid`: the same field on larger voxels
 
 mod layout;
+mod pyramid;
 
 pub(super) use layout::{Layout, Region, VoxelBox};
+pub use pyramid::Pyramid;
 
 use crate::math::unflatten;
 use crate::{Error, Result};
@@ -31,6 +34,8 @@ const ABSENT: u32 = u32::MAX;
 #[cfg_attr(test, derive(PartialEq))]
 pub struct Grid {
     dims: [usize; 3],
+    /// Of the box, in voxels.
+    size: [f32; 3],
     bricks: [usize; 3],
     slots: Vec<u32>,
     samples: Vec<f32>,
@@ -95,6 +100,7 @@ impl Grid {
         let bricks = brick_dims(dims);
         let mut grid = Self {
             dims,
+            size: dims.map(|n| n as f32),
             bricks,
             slots: vec![ABSENT; bricks.iter().product()],
             samples: Vec::new(),
@@ -128,6 +134,7 @@ impl Grid {
         let maximum = |brick: &[f32]| brick.iter().copied().fold(0.0, f32::max);
         Self {
             dims,
+            size: dims.map(|n| n as f32),
             bricks,
             slots,
             maxima: samples.par_chunks(BRICK_SAMPLES).map(maximum).collect(),
@@ -250,6 +257,13 @@ impl Grid {
         self.dims
     }
 
+    /// Size of the box in voxels: their number, or less where the last reach beyond the box, as
+    /// those of [`Self::coarser`] may.
+    #[must_use]
+    pub fn size(&self) -> [f32; 3] {
+        self.size
+    }
+
     /// Bricks along x, y, z, stored or not.
     #[must_use]
     pub fn brick_dims(&self) -> [usize; 3] {
@@ -300,7 +314,7 @@ impl Grid {
     #[must_use]
     pub fn sample(&self, point_in_index: Vec3) -> f32 {
         let p = point_in_index.to_array();
-        if !(0..3).all(|a| p[a] >= 0.0 && p[a] <= self.dims[a] as f32) {
+        if !(0..3).all(|a| p[a] >= 0.0 && p[a] <= self.size[a]) {
             return 0.0;
         }
         let cell: [usize; 3] = std::array::from_fn(|a| ((p[a] + 0.5) as usize).min(self.dims[a]));

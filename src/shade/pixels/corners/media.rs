@@ -36,7 +36,7 @@ impl<A: CameraMedia> Corners<'_, A> {
     /// medium fits between them unseen.
     fn marched_spacing(view: &View) -> usize {
         let scene = view.tracer.scene;
-        let Aabb { min, max } = scene.media_bounds();
+        let Aabb { min, max } = view.tracer.media_bounds();
         let is_in_media = |p: Vec3| p.cmpge(min).all() && p.cmple(max).all();
         let is_small = |light: &Light| match light {
             // Its beam is as narrow as can be.
@@ -52,7 +52,7 @@ impl<A: CameraMedia> Corners<'_, A> {
             let farthest = v.corners().map(distance).into_iter().fold(0.0, f32::max);
             v.shortest_voxel_edge() / (farthest * view.pixel_angle)
         };
-        let volumes = scene.volumes.iter();
+        let volumes = view.tracer.volumes.iter();
         let least = volumes.map(voxel_in_pixels).fold(f32::INFINITY, f32::min);
         // Samples stand in the middle of voxels and reach one further.
         let fits = |&step: &usize| step as f32 <= 2.0 * least;

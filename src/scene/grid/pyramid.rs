@@ -1,0 +1,215 @@
+//! Levels of a grid: each the means of the one before over cubes of two voxels an edge.
+//!
+//! The mean of a cube is that of its voxels inside the grid, as f32, summed two and two: along x,
+//! then y, then z, `((a + b) + (c + d)) + ((e + f) + (g + h))`, times one over their number. A voxel
+//! that is not in the grid adds 0. So a level is the same whatever made it and in whatever order.
+
+use super::{BRICK_CELLS, BRICK_EDGE, Grid, Layout, VoxelBox};
+use std::convert::Infallible;
+use std::sync::{Arc, OnceLock};
+
+/// Levels beyond the first that a grid may have.
+const MAX_LEVELS: usize = 16;
+
+/// The levels of a grid above the finest, made when first asked for.
+#[derive(Debug, Default)]
+pub struct Pyramid([OnceLock<Arc<Grid>>; MAX_LEVELS]);
+
+impl Pyramid {
+    /// A level: 0 is the grid itself, and each further one has voxels of twice the edge. Above the
+    /// one of a single voxel there is no other.
+    pub fn level<'a>(&'a self, finest: &'a Arc<Grid>, level: usize) -> &'a Arc<Grid> {
+        let mut grid = finest;
+        for coarser in self.0.iter().take(level) {
+            if grid.dims == [1; 3] {
+                break;
+            }
+            grid = coarser.get_or_init(|| Arc::new(grid.coarser()));
+        }
+        grid
+    }
+}
+
+impl Grid {
+    /// The same field on voxels of twice the edge, each the mean of those inside it. The box stays
+    /// where it is: the last voxels reach beyond it where the number of voxels is odd.
+    #[must_use]
+    pub fn coarser(&self) -> Self {
+        let dims = self.dims.map(|n| n.div_ceil(2));
+        let finer = |voxels: &VoxelBox| {
+            let first = voxels.first.map(|v| 2 * v);
+            let end = |a: usize| (first[a] + 2 * voxels.dims[a]).min(self.dims[a]);
+            VoxelBox {
+                first,
+                dims: std::array::from_fn(|a| end(a) - first[a]),
+            }
+        };
+        let may_hold = |voxels: &VoxelBox| {
+            let mut any = false;
+            self.each_brick_of(&finer(voxels), |_, _| any = true);
+            Ok::<_, Infallible>(any)
+        };
+        let Ok(layout) = Layout::of(dims, may_hold);
+        let Ok((mut grid, _)) = layout.fill(|region, means| {
+            let from = finer(&region.voxels);
+            let mut samples = vec![0.0; from.count()];
+            self.read(&from, &mut samples);
+            halve(&samples, from.dims, means);
+            Ok::<_, Infallible>(())
+        });
+        grid.size = self.size.map(|n| 0.5 * n);
+        grid
+    }
+
+    /// Writes the samples of a box of voxels, x fastest, over what is 0.
+    fn read(&self, voxels: &VoxelBox, samples: &mut [f32]) {
+        let [nx, ny, _] = voxels.dims;
+        self.each_brick_of(voxels, |b, brick| {
+            // Sample s of a brick is that of the voxel at its first corner minus one.
+            let along: [_; 3] = std::array::from_fn(|a| {
+                let first = (b[a] * BRICK_CELLS).max(voxels.first[a] + 1);
+                let end =
+                    (b[a] * BRICK_CELLS + BRICK_CELLS).min(voxels.first[a] + voxels.dims[a] + 1);
+                first..end
+            });
+            let [xs, ys, zs] = along;
+            for z in zs {
+                for y in ys.clone() {
+                    let from = (z % BRICK_CELLS * BRICK_EDGE + y % BRICK_CELLS) * BRICK_EDGE
+                        + xs.start % BRICK_CELLS;
+                    let to = ((z - 1 - voxels.first[2]) * ny + y - 1 - voxels.first[1]) * nx
+                        + (xs.start - 1 - voxels.first[0]);
+                    samples[to..to + xs.len()].copy_from_slice(&brick[from..from + xs.len()]);
+                }
+            }
+        });
+    }
+
+    /// Gives the stored bricks to which the samples of a box of voxels belong, each of one brick
+    /// alone, and their samples to `take`.
+    fn each_brick_of(&self, voxels: &VoxelBox, mut take: impl FnMut([usize; 3], &[f32])) {
+        // Corner c of cell space is sample c - 1.
+        let along = |a: usize| {
+            let first = voxels.first[a] + 1;
+            first / BRICK_CELLS..=(first + voxels.dims[a] - 1) / BRICK_CELLS
+        };
+        for z in along(2) {
+            for y in along(1) {
+                for x in along(0) {
+                    if let Some(brick) = self.brick([x, y, z]) {
+                        take([x, y, z], brick.samples);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Means over cubes of two an edge of samples, of which there are so many along each axis, x
+/// fastest; those at the far ends may hold fewer.
+fn halve(samples: &[f32], [nx, ny, nz]: [usize; 3], means: &mut [f32]) {
+    let width = nx.div_ceil(2);
+    let height = ny.div_ceil(2);
+    for (row, means) in means.chunks_exact_mut(width).enumerate() {
+        let (y, z) = (2 * (row % height), 2 * (row / height));
+        let rows = [[y, z], [y + 1, z], [y, z + 1], [y + 1, z + 1]];
+        let inside = rows.map(|[y, z]| y < ny && z < nz);
+        let [a, b, c, d] = std::array::from_fn(|i| {
+            let [y, z] = rows[i];
+            let first = (z * ny + y) * nx;
+            // One that is not there is left out below.
+            samples.get(first..first + nx).filter(|_| inside[i])
+        });
+        let count = inside.iter().filter(|is| **is).count();
+        let sum = |x: usize| {
+            let pair = |row: Option<&[f32]>| {
+                let at = |x: usize| row.and_then(|r| r.get(x)).copied().unwrap_or(0.0);
+                at(x) + at(x + 1)
+            };
+            (pair(a) + pair(b)) + (pair(c) + pair(d))
+        };
+        let scale = 1.0 / (2 * count) as f32;
+        let whole = nx / 2;
+        match (a, b, c, d) {
+            (Some(a), Some(b), Some(c), Some(d)) => {
+                let pairs = a.chunks_exact(2).zip(b.chunks_exact(2));
+                let pairs = pairs.zip(c.chunks_exact(2).zip(d.chunks_exact(2)));
+                for (mean, ((a, b), (c, d))) in means.iter_mut().zip(pairs) {
+                    let sum = ((a[0] + a[1]) + (b[0] + b[1])) + ((c[0] + c[1]) + (d[0] + d[1]));
+                    *mean = sum * scale;
+                }
+            }
+            _ => (0..whole).for_each(|x| means[x] = sum(2 * x) * scale),
+        }
+        if whole < width {
+            means[whole] = sum(2 * whole) * (1.0 / count as f32);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::sampling;
+    use glam::Vec3;
+
+    fn noise([i, j, k]: [usize; 3]) -> f32 {
+        let empty = (i / 9 + j / 7 + k / 8).is_multiple_of(2);
+        let v = sampling::unit(sampling::hash(&[i as u64, j as u64, k as u64]));
+        if empty { 0.0 } else { v }
+    }
+
+    /// A sample of a grid, by its voxel.
+    fn sample(grid: &Grid, v: [usize; 3]) -> f32 {
+        let corner = v.map(|c| c + 1);
+        let Some(brick) = grid.brick(corner.map(|c| c / BRICK_CELLS)) else {
+            return 0.0;
+        };
+        let [x, y, z] = corner.map(|c| c % BRICK_CELLS);
+        brick.samples[(z * BRICK_EDGE + y) * BRICK_EDGE + x]
+    }
+
+    #[test]
+    fn a_level_has_the_means_of_the_voxels_of_the_one_before() {
+        for dims in [[1, 1, 1], [7, 8, 9], [62, 33, 64], [131, 20, 17]] {
+            let grid = Grid::from_fn(dims, noise);
+            let coarser = grid.coarser();
+            assert_eq!(coarser.dims(), dims.map(|n| n.div_ceil(2)));
+            assert_eq!(coarser.size(), dims.map(|n| 0.5 * n as f32));
+            for i in 0..coarser.dims().iter().product() {
+                let v = crate::math::unflatten(i, coarser.dims());
+                let parts: [_; 8] = std::array::from_fn(|i| {
+                    let at: [usize; 3] = std::array::from_fn(|a| 2 * v[a] + (i >> a & 1));
+                    (0..3).all(|a| at[a] < dims[a]).then(|| noise(at))
+                });
+                let [a, b, c, d, e, f, g, h] = parts.map(|p| p.unwrap_or(0.0));
+                let sum = ((a + b) + (c + d)) + ((e + f) + (g + h));
+                let count = parts.iter().flatten().count();
+                assert_eq!(
+                    sample(&coarser, v),
+                    sum * (1.0 / count as f32),
+                    "{dims:?} {v:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn levels_have_the_box_of_the_grid_and_end_at_one_voxel() {
+        let finest = Arc::new(Grid::from_fn([37, 5, 18], |_| 2.0));
+        let pyramid = Pyramid::default();
+        assert!(Arc::ptr_eq(pyramid.level(&finest, 0), &finest));
+        let level = pyramid.level(&finest, 2);
+        assert_eq!(
+            (level.dims(), level.size()),
+            ([10, 2, 5], [9.25, 1.25, 4.5])
+        );
+        assert!(Arc::ptr_eq(level, pyramid.level(&finest, 2)));
+        // What is constant stays so up to the border of the box, and is nothing beyond it.
+        assert_eq!(level.sample(Vec3::new(9.25, 1.25, 4.5)), 2.0);
+        assert_eq!(level.sample(Vec3::new(9.26, 1.0, 1.0)), 0.0);
+        let last = pyramid.level(&finest, 6);
+        assert_eq!(last.dims(), [1; 3]);
+        assert!(Arc::ptr_eq(last, pyramid.level(&finest, MAX_LEVELS)));
+    }
+}

@@ -1,0 +1,78 @@
+//! The voxels of media that the pixels of a camera show.
+
+use super::pixel_angle;
+use crate::math::Aabb;
+use crate::scene::{Camera, Film, Volume};
+
+/// Pixels along the longest edge of a voxel, at most, where a volume is nearest to the camera.
+const MAX_PIXELS: f32 = 1.0;
+/// Optical depth of a voxel, at most: what light changes over must not be in one mean.
+const MAX_DEPTH: f32 = 0.5;
+
+/// The media of a scene on the largest voxels that a camera does not tell from their own; `None` if
+/// these are their own for all of them. That depends on nothing but camera, film and volumes.
+#[must_use]
+pub fn media_on_pixels(volumes: &[Volume], camera: &Camera, film: Film) -> Option<Vec<Volume>> {
+    let levels: Vec<usize> = volumes.iter().map(|v| level(v, camera, film)).collect();
+    let any = levels.iter().any(|l| *l > 0);
+    any.then(|| {
+        let levels = volumes.iter().zip(levels);
+        levels.map(|(v, level)| v.at_level(level)).collect()
+    })
+}
+
+fn level(volume: &Volume, camera: &Camera, film: Film) -> usize {
+    let Aabb { min, max } = volume.bounds();
+    let origin = camera.origin();
+    let pixel = pixel_angle(camera, film) * origin.clamp(min, max).distance(origin);
+    let deepest = MAX_DEPTH / volume.sigma_t.max();
+    let most = (MAX_PIXELS * pixel).min(deepest) / volume.longest_voxel_edge();
+    let longest = volume.sigma_t.dims().into_iter().max().unwrap_or(1);
+    let fits = |&level: &usize| (1 << level) as f32 <= most && longest >> level > 0;
+    (1..usize::BITS as usize)
+        .take_while(fits)
+        .last()
+        .unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Grid;
+    use glam::{Affine3A, DAffine3, DVec3, Vec3};
+
+    fn voxels(dims: usize, sigma_t: f32, distance: f32) -> Option<[usize; 3]> {
+        let place = DAffine3::from_scale(DVec3::splat(1.0 / dims as f64));
+        let grid = Grid::from_fn([dims; 3], |_| sigma_t);
+        let volume = Volume::new("cube".into(), grid, [0.5; 3], place);
+        let camera = Camera {
+            name: String::new(),
+            scene_from_camera: Affine3A::from_translation(Vec3::new(0.5, 0.5, 1.0 + distance)),
+            fov_x_rad: std::f32::consts::FRAC_PI_2,
+        };
+        let film = Film {
+            width: 100,
+            height: 100,
+            exposure: 1.0,
+        };
+        let media = media_on_pixels(&[volume], &camera, film)?;
+        let [grid] = [&media[0].sigma_t];
+        // Wherever it is seen from, it is as large, and as deep.
+        assert_eq!(media[0].bounds().max, Vec3::ONE);
+        assert_eq!(grid.max(), sigma_t);
+        Some(grid.dims())
+    }
+
+    #[test]
+    fn voxels_are_those_that_pixels_tell_apart() {
+        // A pixel is a fiftieth of the distance.
+        assert_eq!(voxels(64, 1.0, 0.0), None);
+        assert_eq!(voxels(64, 1.0, 1.5), None);
+        assert_eq!(voxels(64, 1.0, 1.6), Some([32; 3]));
+        assert_eq!(voxels(64, 1.0, 3.2), Some([16; 3]));
+        assert_eq!(voxels(64, 0.5, 1e9), Some([1; 3]));
+        // As deep as that, they tell more than pixels do.
+        assert_eq!(voxels(64, 9.0, 1e9), Some([32; 3]));
+        assert_eq!(voxels(64, 100.0, 1e9), None);
+    }
+}
