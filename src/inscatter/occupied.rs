@@ -30,6 +30,41 @@ pub fn cells(
     of_bricks.concat()
 }
 
+/// The same where every cell matters that is not empty.
+pub fn filled_cells(grid: &Grid, bricks: &[[usize; 3]], step: usize) -> Vec<[usize; 3]> {
+    let of_brick = |&b: &[usize; 3]| {
+        let Some(brick) = grid.brick(b) else {
+            return Vec::new();
+        };
+        let rows = brick.filled_cells();
+        let mut filled = BrickCells::new(b, step);
+        // The cells along x that are in each cell of the lattice.
+        let columns: Vec<u8> = (0..filled.across)
+            .map(|column| {
+                let is_in = |c: &usize| filled.ends(0, *c).contains(&column);
+                (0..BRICK_CELLS)
+                    .filter(is_in)
+                    .fold(0, |bits, c| bits | 1 << c)
+            })
+            .collect();
+        for (i, &row) in rows.iter().enumerate().filter(|(_, row)| **row != 0) {
+            let [ys, zs] = [
+                filled.ends(1, i % BRICK_CELLS),
+                filled.ends(2, i / BRICK_CELLS),
+            ];
+            for j in 0..4 {
+                let first = (zs[j >> 1] * filled.across + ys[j & 1]) * filled.across;
+                for (column, bits) in columns.iter().enumerate() {
+                    filled.are_filled[first + column] |= row & bits != 0;
+                }
+            }
+        }
+        filled.list()
+    };
+    let of_bricks: Vec<Vec<[usize; 3]>> = bricks.par_iter().map(of_brick).collect();
+    of_bricks.concat()
+}
+
 fn of_brick(
     grid: &Grid,
     brick: [usize; 3],
@@ -39,32 +74,73 @@ fn of_brick(
     let Some(cells) = grid.brick(brick) else {
         return Vec::new();
     };
-    // A cell of the volume begins half a voxel before its number.
-    let first = brick.map(|b| (2 * b * BRICK_CELLS).saturating_sub(1) / (2 * step));
-    let across = BRICK_CELLS / step + 2;
-    let mut filled = vec![false; across * across * across];
+    let mut filled = BrickCells::new(brick, step);
     for i in 0..BRICK_CELLS.pow(3) {
         let c = unflatten(i, [BRICK_CELLS; 3]);
         if !matters(cells.cell(c)) {
             continue;
         }
-        let ends: [[usize; 2]; 3] = std::array::from_fn(|a| {
-            let twice = 2 * (brick[a] * BRICK_CELLS + c[a]);
-            [twice.saturating_sub(1), twice + 1].map(|t| t / (2 * step) - first[a])
-        });
+        let ends: [[usize; 2]; 3] = std::array::from_fn(|a| filled.ends(a, c[a]));
         for i in 0..8 {
             let [x, y, z]: [usize; 3] = std::array::from_fn(|a| ends[a][i >> a & 1]);
-            filled[(z * across + y) * across + x] = true;
+            filled.are_filled[(z * filled.across + y) * filled.across + x] = true;
         }
     }
-    let filled = filled
-        .iter()
-        .enumerate()
-        .filter(|(_, is_filled)| **is_filled);
-    filled
-        .map(|(i, _)| {
-            let [x, y, z] = unflatten(i, [across; 3]);
-            [first[0] + x, first[1] + y, first[2] + z]
-        })
-        .collect()
+    filled.list()
+}
+
+/// The cells of a lattice that a brick of a grid may touch.
+struct BrickCells {
+    brick: [usize; 3],
+    step: usize,
+    first: [usize; 3],
+    across: usize,
+    /// x fastest.
+    are_filled: Vec<bool>,
+}
+
+impl BrickCells {
+    /// None is filled yet.
+    fn new(brick: [usize; 3], step: usize) -> Self {
+        let across = BRICK_CELLS / step + 2;
+        Self {
+            brick,
+            step,
+            // A cell of the volume begins half a voxel before its number.
+            first: brick.map(|b| (2 * b * BRICK_CELLS).saturating_sub(1) / (2 * step)),
+            across,
+            are_filled: vec![false; across * across * across],
+        }
+    }
+
+    /// In which cells of the lattice, counted from the first, a cell of the brick begins and ends.
+    fn ends(&self, axis: usize, cell: usize) -> [usize; 2] {
+        let twice = 2 * (self.brick[axis] * BRICK_CELLS + cell);
+        [twice.saturating_sub(1), twice + 1].map(|t| t / (2 * self.step) - self.first[axis])
+    }
+
+    fn list(&self) -> Vec<[usize; 3]> {
+        let filled = self.are_filled.iter().enumerate().filter(|(_, is)| **is);
+        let at = |(i, _)| {
+            let [x, y, z] = unflatten(i, [self.across; 3]);
+            [self.first[0] + x, self.first[1] + y, self.first[2] + z]
+        };
+        filled.map(at).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn filled_cells_are_those_in_which_any_cell_is_not_empty() {
+        let value = |[i, j, k]: [usize; 3]| f32::from((i * 7 + j * 5 + k * 3).is_multiple_of(61));
+        let grid = Grid::from_fn([37, 20, 45], value);
+        let bricks: Vec<_> = grid.bricks().collect();
+        for step in [1, 2, 4, 8, 16, 64] {
+            let plain = cells(&grid, &bricks, step, |cell| !cell.is_empty());
+            assert_eq!(filled_cells(&grid, &bricks, step), plain, "{step}");
+        }
+    }
 }

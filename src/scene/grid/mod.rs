@@ -355,6 +355,25 @@ impl Brick<'_> {
         self.samples
     }
 
+    /// Its cells that are not empty: a bit for each along x, row by row along y, then z.
+    #[must_use]
+    pub fn filled_cells(&self) -> [u8; BRICK_CELLS * BRICK_CELLS] {
+        // By row of samples, a bit for each that is not 0, and one for each pair of these.
+        let mut pairs = [0_u16; BRICK_EDGE * BRICK_EDGE];
+        for (pair, row) in pairs.iter_mut().zip(self.samples.chunks_exact(BRICK_EDGE)) {
+            let bits = row.iter().enumerate();
+            let bits = bits.fold(0, |bits, (i, v)| bits | u16::from(*v != 0.0) << i);
+            *pair = bits | bits >> 1;
+        }
+        std::array::from_fn(|i| {
+            let first = i / BRICK_CELLS * BRICK_EDGE + i % BRICK_CELLS;
+            let faces = [first, first + BRICK_EDGE];
+            faces
+                .iter()
+                .fold(0, |all, &at| all | pairs[at] | pairs[at + 1]) as u8
+        })
+    }
+
     /// A cell of the brick, by coordinates below [`BRICK_CELLS`].
     #[must_use]
     #[inline]
