@@ -4,7 +4,7 @@
 use super::Crossing;
 use crate::math::Ray;
 use crate::math::segment::{Composite, Segment};
-use crate::tree::Media;
+use crate::tree::{LvoxelBlock, Media};
 
 /// The share of a ray's light that media stopped, and where.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,6 +23,15 @@ pub trait Medium: Copy + Sync {
     /// Gives every segment of a ray in a medium, front to back, to `add` until that says no;
     /// returns whether it never did.
     fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool;
+
+    /// Voxels along each axis of the grid that the lvoxels of a volume stand on; `None` if there
+    /// are none.
+    fn lvoxel_dims(&self, _volume: usize) -> Option<[usize; 3]> {
+        None
+    }
+
+    /// Gives the lvoxels of a volume to `take`.
+    fn each_lvoxel(&self, _volume: usize, _take: &mut impl FnMut(LvoxelBlock)) {}
 
     /// Adds to `light` what media along a ray send, and the surfaces in `crossings`, which are
     /// sorted by distance. Returns what media stopped.
@@ -72,6 +81,14 @@ impl Medium for &Media {
     #[inline]
     fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
         Media::walk(self, ray, add)
+    }
+
+    fn lvoxel_dims(&self, volume: usize) -> Option<[usize; 3]> {
+        self.dims(volume)
+    }
+
+    fn each_lvoxel(&self, volume: usize, take: &mut impl FnMut(LvoxelBlock)) {
+        self.each_block(volume, take);
     }
 }
 

@@ -42,6 +42,7 @@ pub(crate) mod plain;
 mod points;
 mod radiance_cache;
 
+pub(crate) use crate::tree::LvoxelBlock;
 pub(crate) use bright::{BrightHit, BrightPatch};
 pub(crate) use crossing::Crossing;
 pub(crate) use dispatch::{TreeTask, with_surfels, with_tree};

@@ -1,6 +1,8 @@
 //! What a point inside media asks of a gatherer, for whichever pages and media that was compiled.
 
-use crate::gather::{Gathered, Gatherer, Incident, Medium, RaySettings, SampleRange, cone};
+use crate::gather::{
+    Gathered, Gatherer, Incident, LvoxelBlock, Medium, RaySettings, SampleRange, cone,
+};
 use crate::math::Ray;
 use crate::math::segment::{Composite, Segment};
 use crate::tree::Pages;
@@ -20,6 +22,15 @@ pub trait GatherInMedia: Sync {
     /// Gives every segment of medium along a ray, front to back, to `add` until
     /// that says no; returns whether it never did.
     fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool;
+
+    /// Voxels along each axis of the grid that the lvoxels of a volume stand on, if these can be
+    /// told.
+    fn lvoxel_dims(&self, _volume: usize) -> Option<[usize; 3]> {
+        None
+    }
+
+    /// Gives the lvoxels of a volume to `take`.
+    fn each_lvoxel(&self, _volume: usize, _take: &mut impl FnMut(LvoxelBlock)) {}
 
     /// Adds to `light` what media along a ray send, and takes what they stop. Returns how many
     /// lvoxels that took.
@@ -42,6 +53,14 @@ impl<P: Pages, M: Medium> GatherInMedia for Gatherer<'_, P, M> {
     #[inline]
     fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
         self.media.walk(ray, add)
+    }
+
+    fn lvoxel_dims(&self, volume: usize) -> Option<[usize; 3]> {
+        self.media.lvoxel_dims(volume)
+    }
+
+    fn each_lvoxel(&self, volume: usize, take: &mut impl FnMut(LvoxelBlock)) {
+        self.media.each_lvoxel(volume, take);
     }
 
     fn pass(&self, ray: &Ray, light: &mut Composite) -> u64 {

@@ -67,7 +67,9 @@ impl<G: GatherInMedia> InScatter<'_, G> {
         };
         let mut open: Option<Stretch> = None;
         let mut most = 0.0;
+        let mut marched = 0;
         cells.each(|cell| {
+            marched += 1;
             if camera_ray.passed.transmittance < OPAQUE {
                 camera_ray.passed.medium(cell.tau, camera_ray.source);
                 return camera_ray.passed.transmittance > Composite::NOTHING;
@@ -104,6 +106,7 @@ impl<G: GatherInMedia> InScatter<'_, G> {
         if let Some(stretch) = open.take() {
             camera_ray.add_stretch(stretch);
         }
+        counts::add(&self.counters.marched, marched);
         counts::add(&self.counters.segments, camera_ray.lit);
         camera_ray.passed
     }

@@ -2,7 +2,7 @@
 
 use crate::math::dda::{Passage, Steps};
 use crate::math::segment::{Interval, Segment, flatten_overlaps};
-use crate::math::{Aabb, Boxes, Ray, Rgb};
+use crate::math::{Aabb, Boxes, Ray, Rgb, unflatten};
 use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec3, Vec3A};
 use lvox_formats::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
 
@@ -58,6 +58,19 @@ struct Cube {
 pub(super) struct Block {
     sigma_t: f32,
     source: Rgb,
+}
+
+/// An lvoxel as it lies in its volume.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LvoxelBlock {
+    /// Its first voxel.
+    pub first: [usize; 3],
+    /// Voxels along its edge.
+    pub edge: usize,
+    /// Extinction per scene unit.
+    pub sigma_t: f32,
+    /// Source function.
+    pub source: Rgb,
 }
 
 /// Finds a block in its brick: the index of the cube, and the bit in that.
@@ -139,6 +152,19 @@ impl Media {
     #[must_use]
     pub fn bytes(&self) -> usize {
         self.volumes.iter().map(BlockGrid::bytes).sum()
+    }
+
+    /// Voxels along each axis of a volume, if there is one of this number.
+    #[must_use]
+    pub fn dims(&self, volume: usize) -> Option<[usize; 3]> {
+        Some(self.volumes.get(volume)?.dims.map(|n| n as usize))
+    }
+
+    /// Gives all lvoxels of a volume to `take`.
+    pub fn each_block(&self, volume: usize, take: &mut impl FnMut(LvoxelBlock)) {
+        if let Some(volume) = self.volumes.get(volume) {
+            volume.each_block(take);
+        }
     }
 
     /// Gives every segment of a ray in an lvoxel, front to back, to `add` until that says no;
@@ -319,6 +345,31 @@ impl BlockGrid<Block> {
                 sigma_t: l.sigma_t,
                 source: Rgb(l.source),
             };
+        }
+    }
+
+    fn each_block(&self, take: &mut impl FnMut(LvoxelBlock)) {
+        for (at, &brick) in self.table.iter().enumerate() {
+            let Some(brick) = self.bricks.get(brick as usize) else {
+                continue;
+            };
+            let edge = 1 << brick.level;
+            let base = unflatten(at, self.table_dims).map(|b| b * BRICK);
+            for i in 0..(BRICK >> brick.level).pow(3) {
+                let block = unflatten(i, [BRICK >> brick.level; 3]);
+                let (cube, bit) = place(block);
+                let cube = self.cubes[brick.first_cube as usize + cube];
+                if cube.filled >> bit & 1 == 1 {
+                    let before = (cube.filled & ((1 << bit) - 1)).count_ones();
+                    let Block { sigma_t, source } = self.blocks[(cube.first + before) as usize];
+                    take(LvoxelBlock {
+                        first: std::array::from_fn(|a| base[a] + block[a] * edge),
+                        edge,
+                        sigma_t,
+                        source,
+                    });
+                }
+            }
         }
     }
 

@@ -23,6 +23,6 @@ pub(crate) mod pages;
 pub(crate) mod traversal;
 
 pub use decoder::PageStats;
-pub(crate) use media::Media;
+pub(crate) use media::{LvoxelBlock, Media};
 pub use open_tree::OpenTree;
 pub(crate) use pages::{Page, Pages, SurfelStore};

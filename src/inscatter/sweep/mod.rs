@@ -4,7 +4,13 @@
 //!
 //! A ray on its own serves one vertex, a swept one serves all on its way. Surfaces beyond the
 //! medium come from the probes of the far field, at each vertex, so that they keep their parallax.
+//!
+//! A lone medium is swept layer by layer of cells (`layered`, `cells`), all rays of a direction at
+//! once; one with surfaces or other media in its box ray by ray through its lvoxels (`rays`), whose
+//! rows `rows` interpolates.
 
+mod cells;
+mod layered;
 mod rays;
 mod rows;
 
@@ -19,9 +25,10 @@ use crate::Result;
 use crate::math::{Aabb, Rgb};
 use crate::run::Job;
 use crate::scene::Volume;
-use crate::scene::grid::{BRICK_CELLS, Cell};
+use crate::scene::grid::BRICK_CELLS;
 use crate::view::{View, VisibleMedia};
 use glam::Vec3;
+use layered::LayeredSweep;
 use rayon::prelude::*;
 use rays::SweepRays;
 use rows::Arriving;
@@ -119,30 +126,60 @@ impl Sweep {
             let bricks = &needed[level];
             (!bricks.is_empty()).then(|| scope.vertices(bricks, 1 << level))
         });
-        let counts = || sets.iter().flatten().map(|set| set.len() as u64);
-        let swept = sets.iter().enumerate().filter_map(|(level, set)| {
-            let set = set.as_ref()?;
-            let rays = LevelSweep::bytes_of_rays(scope, set, 1 << level);
-            Some(rays.saturating_add(LevelSweep::SWEPT * set.len() as u64))
-        });
-        memory::check_sweep(
-            scope.volume,
-            scope.visible,
-            counts().sum(),
-            (swept.max().unwrap_or(0))
-                .saturating_add(LevelSweep::BYTES_A_VERTEX * counts().sum::<u64>()),
-            scope.job.memory_limit,
-        )?;
         let bounds = scope.view.tracer.media_bounds();
         let media = MediaBox {
             bounds,
             own: scope.volume.bounds(),
             has_walls: scope.has_walls(bounds),
         };
+        let is_layered = |level: usize| {
+            LayeredSweep::is_for(scope, &media) && LayeredSweep::serves(scope, 1 << level)
+        };
+        let of_levels = || sets.iter().enumerate();
+        let coarsest = of_levels().filter(|(_, set)| set.is_some()).last();
+        let coarsest = 1 << coarsest.map_or(0, |(level, _)| level);
+        let count = |set: &Option<SparseLattice>| set.as_ref().map_or(0, |s| s.len() as u64);
+        let vertices: u64 = sets.iter().map(count).sum();
+        let in_layers = of_levels().filter(|(level, _)| is_layered(*level));
+        let in_layers: u64 = in_layers.map(|(_, set)| count(set)).sum();
+        let by_rays = of_levels().filter(|(level, _)| !is_layered(*level));
+        let by_rays = by_rays.filter_map(|(level, set)| {
+            let set = set.as_ref()?;
+            let rays = LevelSweep::bytes_of_rays(scope, set, 1 << level);
+            Some(rays.saturating_add(LevelSweep::SWEPT * set.len() as u64))
+        });
+        let by_layers = match in_layers {
+            0 => 0,
+            _ => LayeredSweep::bytes(scope, coarsest, in_layers),
+        };
+        memory::check_sweep(
+            scope.volume,
+            scope.visible,
+            vertices,
+            (by_rays.max().unwrap_or(0))
+                .max(by_layers)
+                .saturating_add(LevelSweep::BYTES_A_VERTEX * vertices),
+            scope.job.memory_limit,
+        )?;
+        let layered = (in_layers > 0)
+            .then(|| LayeredSweep::new(scope, coarsest))
+            .flatten();
         let mut levels = [const { None }; SWEPT_LEVELS];
+        let (mut numbers, mut together) = (Vec::new(), Vec::new());
         for (level, set) in sets.into_iter().enumerate() {
-            if let Some(set) = set {
+            let Some(set) = set else {
+                continue;
+            };
+            if layered.is_some() && is_layered(level) {
+                numbers.push(level);
+                together.push((1 << level, set));
+            } else {
                 levels[level] = Some(LevelSweep::sweep(scope, set, 1 << level, &media)?);
+            }
+        }
+        if let Some(layered) = layered {
+            for (level, swept) in numbers.into_iter().zip(layered.sweep(together)?) {
+                levels[level] = Some(swept);
             }
         }
         Ok(Self { levels, level_of })
@@ -274,8 +311,7 @@ impl<G: GatherInMedia> SweepScope<'_, G> {
             // A part at a time: the cells of all take far more memory than their vertices do as
             // bits.
             for part in bricks.chunks(Self::PART) {
-                let holds_medium = |cell: Cell| !cell.is_empty();
-                for cell in occupied::cells(grid, part, step, holds_medium) {
+                for cell in occupied::filled_cells(grid, part, step) {
                     occupied::around(cell, count).for_each(&mut *choose);
                 }
             }

@@ -11,7 +11,7 @@ use crate::math::ray_lattice::RayLattice;
 use wide::f32x4;
 
 /// Rays in a row from which a vertex takes its light.
-const TAPS: usize = 4;
+pub const TAPS: usize = 4;
 
 /// What arrives at a vertex from one direction: the medium's own light, and the share of light from
 /// beyond.
@@ -218,7 +218,7 @@ fn ones(words: &[u64]) -> impl Iterator<Item = usize> {
 /// Light between them is a cubic through four rays in a row (Keys 1981): it is brightest a little
 /// way into a medium that is lit from outside, and straight lines would cut off that crest.
 #[derive(Debug)]
-struct Taps {
+pub struct Taps {
     /// Along both axes across, the first vertex that a ray serves, counted from the ray.
     first: [i32; 2],
     /// Weights of the rays that serve a vertex, from the first.
@@ -226,7 +226,8 @@ struct Taps {
 }
 
 impl Taps {
-    fn new(rays: &RayLattice, layer: usize) -> Self {
+    /// Those of a layer.
+    pub fn new(rays: &RayLattice, layer: usize) -> Self {
         let at = rays.across([0.0; 2], layer as f32);
         let first = at.map(|c| c.floor() as i32 - 1);
         let weight = |d: f32| {
@@ -247,9 +248,15 @@ impl Taps {
         Self { first, weights }
     }
 
+    /// Along both axes across, the first ray that serves a vertex.
+    #[inline]
+    pub fn first_rays(&self, vertex: [i32; 2]) -> [i32; 2] {
+        std::array::from_fn(|a| vertex[a] - self.first[a] - (TAPS as i32 - 1))
+    }
+
     /// What arrives at a vertex, given what the rays of each row bring that serve it.
     #[inline]
-    fn between(&self, rows: [&[f32x4]; TAPS]) -> Arriving {
+    pub fn between(&self, rows: [&[f32x4]; TAPS]) -> Arriving {
         let [along, across] = &self.weights;
         let mut sum = f32x4::ZERO;
         for (row, across) in rows.iter().zip(across) {

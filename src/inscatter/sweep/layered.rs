@@ -1,0 +1,162 @@
+//! The sweep of a lone medium without surfaces in it: all vertices at once, layer by layer of cells.
+
+use super::cells::{SourceCells, SourceLayers, VertexLayers};
+
+use super::rows::Arriving;
+use super::{MediaBox, SweepScope};
+use crate::Result;
+use crate::inscatter::counts;
+use crate::inscatter::far_field::Surroundings;
+use crate::inscatter::gatherer::GatherInMedia;
+use crate::inscatter::sparse::{SparseLattice, SparseValues};
+use crate::math::Rgb;
+use crate::math::ray_lattice::RayLattice;
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// A lone medium on cells, through which parallel rays go all at once.
+pub struct LayeredSweep<'a, G> {
+    scope: &'a SweepScope<'a, G>,
+    cells: SourceCells,
+}
+
+/// Vertices of one spacing, and what has arrived there.
+struct LitVertices<'a> {
+    step: usize,
+    set: SparseLattice,
+    surroundings: Vec<Option<Surroundings<'a>>>,
+    sums: Vec<Rgb>,
+}
+
+impl<'a, G: GatherInMedia> LayeredSweep<'a, G> {
+    /// Directions along one axis that are passed together.
+    const DIRECTIONS_TOGETHER: usize = 8;
+
+    /// Whether there is no more in the box of a volume than itself.
+    pub fn is_for(scope: &SweepScope<G>, media: &MediaBox) -> bool {
+        let is_alone = scope.view.tracer.volumes.len() == 1 && !media.has_walls;
+        is_alone && SourceCells::are_enough(scope.volume) && scope.gatherer.lvoxel_dims(0).is_some()
+    }
+
+    /// Whether the light of vertices so far apart may be found on cells.
+    pub fn serves(scope: &SweepScope<G>, step: usize) -> bool {
+        step >= SourceCells::edge(scope.volume)
+    }
+
+    /// Bytes that sweeping sets of so many vertices in all takes.
+    pub fn bytes(scope: &SweepScope<G>, coarsest: usize, vertices: u64) -> u64 {
+        let held = Self::DIRECTIONS_TOGETHER * size_of::<Arriving>();
+        let a_vertex = size_of::<Option<Surroundings>>() + size_of::<Rgb>() + held;
+        SourceCells::bytes(scope.volume, coarsest) + vertices * a_vertex as u64
+    }
+
+    /// The medium, for vertices at most so many voxels apart; `None` if its lvoxels stand on
+    /// another grid.
+    pub fn new(scope: &'a SweepScope<'a, G>, coarsest: usize) -> Option<Self> {
+        let cells = SourceCells::new(scope.gatherer, scope.volume, coarsest)?;
+        Some(Self { scope, cells })
+    }
+
+    /// Sweeps sets of vertices, each so many voxels apart.
+    ///
+    /// # Errors
+    /// If cancelled.
+    pub fn sweep(
+        &self,
+        sets: Vec<(usize, SparseLattice)>,
+    ) -> Result<Vec<SparseValues<Option<Rgb>>>> {
+        let scope = self.scope;
+        let mut lit = sets
+            .into_iter()
+            .map(|(step, set)| self.unlit(step, set))
+            .collect::<Result<Vec<_>>>()?;
+        let directions = scope.far_field.quarters();
+        let lattices: Vec<(u32, RayLattice)> = (0..directions)
+            .map(|q| {
+                let d = scope.volume.index_from_scene;
+                let d = d.transform_vector3(scope.far_field.direction(q));
+                (q, self.cells.lattice(d))
+            })
+            .collect();
+        for main in 0..3 {
+            let axes = [main, (main + 1) % 3, (main + 2) % 3];
+            let of_axis: Vec<_> = lattices.iter().filter(|l| l.1.axes == axes).collect();
+            if of_axis.is_empty() {
+                continue;
+            }
+            let layers = self.cells.layers(axes);
+            let vertices: Vec<_> = lit
+                .iter()
+                .map(|l| VertexLayers::new(&l.set, l.step, &self.cells, axes))
+                .collect();
+            for together in of_axis.chunks(Self::DIRECTIONS_TOGETHER) {
+                let arriving = self.pass(&layers, together, &vertices)?;
+                for ((q, _), arriving) in together.iter().zip(&arriving) {
+                    for (lit, arriving) in lit.iter_mut().zip(arriving) {
+                        lit.add(*q, arriving);
+                    }
+                }
+            }
+        }
+        let scale = 1.0 / directions as f32;
+        Ok(lit.into_iter().map(|lit| lit.values(scale)).collect())
+    }
+
+    /// What arrives along some directions at the vertices of each set.
+    fn pass(
+        &self,
+        layers: &SourceLayers,
+        lattices: &[&(u32, RayLattice)],
+        vertices: &[VertexLayers],
+    ) -> Result<Vec<Vec<Vec<Arriving>>>> {
+        let passed = lattices.par_iter().map(|(_, rays)| {
+            self.scope.job.cancel.check()?;
+            let (arriving, passed) = layers.pass(rays, vertices);
+            counts::add(&self.scope.counters.cells, passed);
+            Ok(arriving)
+        });
+        passed.collect()
+    }
+
+    fn unlit(&self, step: usize, set: SparseLattice) -> Result<LitVertices<'a>> {
+        let scope = self.scope;
+        let vertices: Vec<[usize; 3]> = set.vertices().collect();
+        counts::add(&scope.counters.swept, vertices.len() as u64);
+        let to_index = |v: [usize; 3]| Vec3::from(v.map(|c| (c * step) as f32));
+        let around = |&v: &[usize; 3]| {
+            scope.job.cancel.check()?;
+            let field = scope.far_field;
+            Ok(field.around(scope.volume, scope.gatherer, to_index(v)))
+        };
+        let surroundings = vertices.par_iter().map(around).collect::<Result<_>>()?;
+        Ok(LitVertices {
+            step,
+            set,
+            surroundings,
+            sums: vec![Rgb::BLACK; vertices.len()],
+        })
+    }
+}
+
+impl LitVertices<'_> {
+    /// Adds what arrives in a quarter of a cell of the far field.
+    fn add(&mut self, quarter: u32, arriving: &[Arriving]) {
+        let all = self.sums.par_iter_mut().zip(&self.surroundings);
+        all.zip(arriving).for_each(|((sum, around), a)| {
+            if let Some(around) = around {
+                *sum += a.radiance;
+                *sum += around.radiance_through(quarter, &[a.transmittance]);
+            }
+        });
+    }
+
+    fn values(self, scale: f32) -> SparseValues<Option<Rgb>> {
+        let values = self.sums.into_iter().zip(self.surroundings);
+        SparseValues {
+            set: self.set,
+            values: values
+                .map(|(sum, around)| around.map(|_| sum * scale))
+                .collect(),
+        }
+    }
+}
