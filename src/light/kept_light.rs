@@ -1,6 +1,7 @@
 //! Light of suns and of a constant sky in media from rays that are kept: marched once, where a few
 //! hundred exact rays say that this is near enough.
 
+use super::checks::{Checks, Levels};
 use super::coarse::CoarseVolume;
 use super::kept_rays::{KeptRays, lattice};
 use super::lights::Lights;
@@ -8,17 +9,10 @@ use super::shadow_rays::ShadowRays;
 use super::shadows::Shadows;
 use super::suns::SunDepths;
 use crate::Result;
-use crate::math::exp::exp_neg;
-use crate::math::{Ray, Rgb, sampling, unflatten};
-use crate::scene::grid::BRICK_CELLS;
+use crate::math::{Rgb, sampling, unflatten};
 use crate::scene::{Scene, Volume};
-use crate::trace::Cells;
-use glam::{Affine3A, DVec3, Vec3};
+use glam::{Affine3A, Vec3};
 use rayon::prelude::*;
-use std::sync::OnceLock;
-
-/// Cells, or voxels, of a brick of a grid.
-const BRICK_VOXELS: usize = BRICK_CELLS * BRICK_CELLS * BRICK_CELLS;
 
 /// Light in media that comes along kept rays.
 #[derive(Debug)]
@@ -30,11 +24,6 @@ pub struct KeptLight<'a> {
 impl<'a> KeptLight<'a> {
     /// Cells that the rays of all suns pass in all volumes, at most.
     const MOST_CELLS: usize = 1 << 24;
-    /// Cells for each voxel of stored bricks, at most: what stands alone in a large box has few
-    /// points that ask for light.
-    const MOST_CELLS_PER_VOXEL: usize = 16;
-    /// Levels that are tried.
-    const LEVELS: usize = 4;
     /// Points of all volumes together at which the depths towards all suns are checked.
     const SUN_CHECKS: usize = 1024;
     /// Points at which the light of the sky is checked: of that each takes many rays.
@@ -58,30 +47,17 @@ impl<'a> KeptLight<'a> {
             return Ok(kept);
         }
         let share = |n: usize| (n / (scene.volumes.len() * suns.max(1))).max(16);
-        let levels = |volume: &'a Volume| {
-            let grid = &volume.sigma_t;
-            let voxels = grid.bricks().filter(|b| grid.brick(*b).is_some()).count() * BRICK_VOXELS;
-            let most = share(Self::MOST_CELLS).min(Self::MOST_CELLS_PER_VOXEL * voxels);
-            Levels {
-                coarse: CoarseVolume::levels(volume, most, Self::LEVELS),
-                halves: OnceLock::new(),
-                most,
-            }
-        };
+        let levels = |volume: &'a Volume| Levels::new(volume, share(Self::MOST_CELLS));
         let volumes: Vec<_> = scene.volumes.iter().map(levels).collect();
         kept.suns = SunDepths::kept(scene, |volume, to_sun| {
             let checks = Checks::new(&scene.volumes[volume], share(Self::SUN_CHECKS), &[to_sun]);
-            let rays = |coarse: &CoarseVolume| {
-                let lattice = lattice(coarse, to_sun);
-                KeptRays::new(coarse, &coarse.layers(lattice.axes), lattice)
-            };
-            checks.coarsest(&volumes[volume], &go_on, rays, |rays, point| {
-                exp_neg(rays.depth(point))
-            })
+            let near = Checks::MAX_ERROR;
+            checks.coarsest_rays(near, &volumes[volume], &go_on, to_sun)
         })?;
         if let Some(levels) = volumes.first().filter(|_| has_sky) {
             let checks = Checks::new(&scene.volumes[0], Self::SKY_CHECKS, &Sky::directions());
-            kept.sky = checks.coarsest(levels, &go_on, Sky::new, Sky::share)?;
+            let near = Checks::MAX_ERROR;
+            kept.sky = checks.coarsest(near, levels, &go_on, Sky::new, Sky::share)?;
         }
         Ok(kept)
     }
@@ -193,115 +169,13 @@ impl Sky {
     }
 }
 
-/// A volume on cells of several sizes.
-#[derive(Debug)]
-struct Levels<'a> {
-    /// The finest first.
-    coarse: Vec<CoarseVolume<'a>>,
-    /// Cells of half a voxel, made when first asked for; `None` if they are too many.
-    halves: OnceLock<Option<CoarseVolume<'a>>>,
-    /// Cells, at most.
-    most: usize,
-}
-
-impl<'a> Levels<'a> {
-    fn coarse_to_fine(&self) -> impl Iterator<Item = &CoarseVolume<'a>> {
-        let finest = std::iter::once_with(|| {
-            let volume = self.coarse.first()?.volume;
-            let halves = || CoarseVolume::in_halves(volume, self.most);
-            self.halves.get_or_init(halves).as_ref()
-        });
-        self.coarse.iter().rev().chain(finest.flatten())
-    }
-}
-
-/// Points of a volume, and the share of light that gets to each from some directions, exactly.
-struct Checks(Vec<(Vec3, f32)>);
-
-impl Checks {
-    /// Root mean square by which shares may differ at the points that light gets to: far below what
-    /// few rays to a sky would. Pictures show means of many points.
-    const MAX_ERROR: f64 = 0.012;
-    /// Of all light.
-    const MAX_BIAS: f64 = 0.004;
-    /// Shares below count as no light.
-    const LIT: f32 = 0.01;
-
-    /// So many points where there is a medium.
-    fn new(volume: &Volume, count: usize, to_lights: &[Vec3]) -> Self {
-        const EDGE: f64 = BRICK_CELLS as f64;
-        let grid = &volume.sigma_t;
-        let bricks: Vec<_> = grid.bricks().filter(|b| grid.brick(*b).is_some()).collect();
-        if bricks.is_empty() {
-            return Self(Vec::new());
-        }
-        let point = |i: u64| {
-            let unit = |n: u64| f64::from(sampling::unit(sampling::hash(&[i, n])));
-            let brick = bricks[(unit(0) * bricks.len() as f64) as usize];
-            let within = DVec3::new(unit(1), unit(2), unit(3));
-            // Cells begin half a voxel before the voxels.
-            let at = (DVec3::from(brick.map(|b| b as f64)) + within) * EDGE - 0.5;
-            (grid.sample(at.as_vec3()) > 0.0)
-                .then(|| volume.scene_from_index.transform_point3(at).as_vec3())
-        };
-        // Most of a brick may be empty.
-        let points: Vec<_> = (0..64 * count as u64)
-            .filter_map(point)
-            .take(count)
-            .collect();
-        let share = |point: Vec3| {
-            let through = to_lights.iter().map(|&to_light| {
-                let cells = Cells::new(volume, &Ray::endless(point, to_light));
-                exp_neg(cells.map_or(0.0, |c| c.optical_depth() as f32))
-            });
-            through.sum::<f32>() / to_lights.len() as f32
-        };
-        let all = points.into_par_iter().map(|p| (p, share(p)));
-        Self(all.collect())
-    }
-
-    /// What `make` makes of the coarsest level that is near enough by its `share` at the points;
-    /// `None` if none is.
-    fn coarsest<T>(
-        &self,
-        levels: &Levels,
-        go_on: &impl Fn() -> Result<()>,
-        make: impl Fn(&CoarseVolume) -> T,
-        share: impl Fn(&T, Vec3) -> f32,
-    ) -> Result<Option<T>> {
-        for level in levels.coarse_to_fine() {
-            go_on()?;
-            let made = make(level);
-            if self.are_met(|point| share(&made, point)) {
-                return Ok(Some(made));
-            }
-        }
-        Ok(None)
-    }
-
-    fn are_met(&self, share: impl Fn(Vec3) -> f32) -> bool {
-        let (mut squares, mut lit) = (0.0, 0_u32);
-        let (mut differences, mut sum) = (0.0, 0.0);
-        for &(point, exact) in &self.0 {
-            let found = share(point);
-            let difference = f64::from(found) - f64::from(exact);
-            if found > Self::LIT || exact > Self::LIT {
-                squares += difference * difference;
-                lit += 1;
-            }
-            differences += difference;
-            sum += f64::from(exact);
-        }
-        let error = (squares / f64::from(lit.max(1))).sqrt();
-        error <= Self::MAX_ERROR && differences.abs() <= Self::MAX_BIAS * sum
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::Ray;
+    use crate::math::exp::exp_neg;
     use crate::scene::{Grid, LightInput, MeshInput, SceneBuilder, VolumeInput};
-    use glam::{DAffine3, DQuat};
+    use glam::{DAffine3, DQuat, DVec3};
 
     const RADIANCE: [f32; 3] = [0.2, 0.3, 0.5];
 

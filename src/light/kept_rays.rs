@@ -79,23 +79,16 @@ impl KeptRays {
         let f = along - plane as f32;
         let (x0, y0) = (x.floor(), y.floor());
         let (fx, fy) = (x - x0, y - y0);
-        // Light is what is averaged: the mean of depths would darken the rims of shadows.
-        let (mut through, mut tau) = (0.0, 0.0);
-        for (cy, wy) in [(y0, 1.0 - fy), (y0 + 1.0, fy)] {
-            for (cx, wx) in [(x0, 1.0 - fx), (x0 + 1.0, fx)] {
-                let [near, far] = [plane, plane + 1].map(|plane| self.at([cx, cy], plane));
-                let depth = near * (1.0 - f) + far * f;
-                through += wx * wy * exp_neg(depth);
-                tau += wx * wy * depth;
-            }
-        }
-        if tau == 0.0 {
-            0.0
-        } else if through > 1e-20 {
-            -libm::logf(through.min(1.0))
-        } else {
-            tau
-        }
+        let ray = |cx: f32, cy: f32| {
+            let [near, far] = [plane, plane + 1].map(|plane| self.at([cx, cy], plane));
+            near * (1.0 - f) + far * f
+        };
+        mean_depth([
+            ((1.0 - fx) * (1.0 - fy), ray(x0, y0)),
+            (fx * (1.0 - fy), ray(x0 + 1.0, y0)),
+            ((1.0 - fx) * fy, ray(x0, y0 + 1.0)),
+            (fx * fy, ray(x0 + 1.0, y0 + 1.0)),
+        ])
     }
 
     /// Depth of a ray at a plane; 0 if the ray passes beside the volume.
@@ -143,6 +136,24 @@ impl KeptRays {
                 }
             }
         });
+    }
+}
+
+/// The depth between four rays, from their weights and depths.
+///
+/// Light is what is averaged: the mean of depths would darken the rims of shadows.
+pub fn mean_depth(rays: [(f32, f32); 4]) -> f32 {
+    let (mut through, mut tau) = (0.0, 0.0);
+    for (weight, depth) in rays {
+        through += weight * exp_neg(depth);
+        tau += weight * depth;
+    }
+    if tau == 0.0 {
+        0.0
+    } else if through > 1e-20 {
+        -libm::logf(through.min(1.0))
+    } else {
+        tau
     }
 }
 

@@ -23,9 +23,11 @@
 //! | `suns` | suns with an extent, and the optical depth of media towards any |
 //! | `kept_light` | [`KeptLight`]: suns and skies in media from rays that are kept, for bakes |
 //! | `kept_rays`, `coarse` | such rays, and the coarse cells that they pass |
+//! | `checks` | which cells are fine enough, by exact rays |
 //! | `emitter`, `emitters` | emissive triangles, their unshadowed light, and rays chosen by it |
 //! | `tree` | what stands for the emitters of a scene that has many |
 
+mod checks;
 mod coarse;
 mod delta_lights;
 mod direct;

@@ -2,12 +2,12 @@
 //! any directional light, exact for the first few voxels, then from rays that are kept (deep shadow
 //! maps, Lokovic & Veach 2000).
 
+use super::checks::{Checks, Levels};
 use super::direct::DirectLight;
-use super::kept_rays::KeptRays;
+use super::kept_rays::{KeptRays, mean_depth};
 use super::shading_point::{Receiver, ShadingPoint};
 use super::shadows::{ShadowMedia, Shadows};
 use crate::Result;
-use crate::math::exp::exp_neg;
 use crate::math::ray_lattice::RayLattice;
 use crate::math::sampling::{disk, tangents};
 use crate::math::{Aabb, Boxes, Ray, Rgb};
@@ -78,6 +78,9 @@ impl Sun {
 pub struct SunDepths<'a> {
     lights: &'a [Light],
     volumes: &'a [Volume],
+    /// Whether the voxels of a volume are so many, or so small in the picture, that its rays are to
+    /// go through coarse cells where these are near enough.
+    in_cells: Vec<bool>,
     /// By light; of a scene that has many only some are ever asked for.
     suns: Vec<OnceLock<Option<SunDepth<'a>>>>,
 }
@@ -112,13 +115,21 @@ impl<'a> SunDepths<'a> {
     /// shadows.
     const EXACT_RAY_SPACINGS: f32 = 6.0;
 
+    /// Cells that the rays to a sun pass in a volume, at most.
+    const MOST_CELLS: usize = 1 << 24;
+    /// Points at which they are checked, and the root mean square by which light may differ there:
+    /// pictures show it, where bakes show means of many points.
+    const CHECKS: usize = 1024;
+    const MAX_ERROR: f64 = 0.5 * Checks::MAX_ERROR;
+
     /// Nothing is known yet.
     #[must_use]
-    pub fn new(tracer: &Tracer<'a>) -> Self {
+    pub fn new(tracer: &Tracer<'a>, in_cells: impl Fn(&Volume) -> bool) -> Self {
         let lights = &tracer.scene.lights;
         Self {
             lights,
             volumes: tracer.volumes,
+            in_cells: tracer.volumes.iter().map(in_cells).collect(),
             suns: lights.iter().map(|_| OnceLock::new()).collect(),
         }
     }
@@ -128,6 +139,7 @@ impl<'a> SunDepths<'a> {
         Self {
             lights: &scene.lights,
             volumes: &scene.volumes,
+            in_cells: Vec::new(),
             suns: Vec::new(),
         }
     }
@@ -157,6 +169,7 @@ impl<'a> SunDepths<'a> {
         Ok(Self {
             lights: &scene.lights,
             volumes: &scene.volumes,
+            in_cells: Vec::new(),
             suns: suns.collect::<Result<_>>()?,
         })
     }
@@ -178,22 +191,37 @@ impl<'a> SunDepths<'a> {
     pub fn of(&self, light: usize) -> Option<&dyn ShadowMedia> {
         let depth = self.suns.get(light)?.get_or_init(|| {
             let light = self.lights.get(light)?;
-            SunDepth::new(self.volumes, light)
+            SunDepth::new(self.volumes, &self.in_cells, light)
         });
         Some(depth.as_ref()?)
     }
 }
 
 impl<'a> SunDepth<'a> {
-    fn new(volumes: &'a [Volume], light: &Light) -> Option<Self> {
+    fn new(volumes: &'a [Volume], in_cells: &[bool], light: &Light) -> Option<Self> {
         let to_sun = SunDepths::direction(light)?;
-        let of_volume = |v| VolumeDepth::new(v, to_sun);
-        let volumes: Vec<_> = volumes.iter().map(of_volume).collect();
+        let of_volume = |(volume, &in_cells): (&'a Volume, &bool)| {
+            let asked = VolumeDepth::new(volume, to_sun);
+            let bounds = asked.bounds();
+            let kept = in_cells.then(|| Self::kept(volume, to_sun)).flatten();
+            (bounds, kept.map_or(Towards::Asked(asked), Towards::Kept))
+        };
+        let (boxes, volumes): (Vec<_>, Vec<_>) =
+            volumes.iter().zip(in_cells).map(of_volume).unzip();
         Some(Self {
             to_sun,
-            boxes: Boxes::new(volumes.iter().map(VolumeDepth::bounds)),
-            volumes: volumes.into_iter().map(Towards::Asked).collect(),
+            boxes: Boxes::new(boxes.into_iter()),
+            volumes,
         })
+    }
+
+    /// Rays through coarse cells of a volume, if they are near enough.
+    fn kept(volume: &Volume, to_sun: Vec3) -> Option<KeptRays> {
+        let checks = Checks::new(volume, SunDepths::CHECKS, &[to_sun]);
+        let levels = Levels::new(volume, SunDepths::MOST_CELLS);
+        let go_on = || Ok(());
+        let kept = checks.coarsest_rays(SunDepths::MAX_ERROR, &levels, &go_on, to_sun);
+        kept.ok().flatten()
     }
 }
 
@@ -298,24 +326,16 @@ impl<'a> VolumeDepth<'a> {
         let f = along - layer as f32;
         let (x0, y0) = (x.floor(), y.floor());
         let (fx, fy) = (x - x0, y - y0);
-        // Light is what is averaged: the mean of depths would darken the rims of shadows.
-        let (mut through, mut tau) = (0.0, 0.0);
-        for (cx, wx) in [(x0, 1.0 - fx), (x0 + 1.0, fx)] {
-            for (cy, wy) in [(y0, 1.0 - fy), (y0 + 1.0, fy)] {
-                let depth = self
-                    .ray(cx, cy)
-                    .map_or(0.0, |ray| ray.at(layer) * (1.0 - f) + ray.at(layer + 1) * f);
-                through += wx * wy * exp_neg(depth);
-                tau += wx * wy * depth;
-            }
-        }
-        if tau == 0.0 {
-            0.0
-        } else if through > 1e-20 {
-            -libm::logf(through.min(1.0))
-        } else {
-            tau
-        }
+        let ray = |cx: f32, cy: f32| {
+            let ray = self.ray(cx, cy);
+            ray.map_or(0.0, |ray| ray.at(layer) * (1.0 - f) + ray.at(layer + 1) * f)
+        };
+        mean_depth([
+            ((1.0 - fx) * (1.0 - fy), ray(x0, y0)),
+            ((1.0 - fx) * fy, ray(x0, y0 + 1.0)),
+            (fx * (1.0 - fy), ray(x0 + 1.0, y0)),
+            (fx * fy, ray(x0 + 1.0, y0 + 1.0)),
+        ])
     }
 
     /// A ray; `None` if it passes beside the volume.
@@ -377,6 +397,7 @@ fn depth_of(volume: &Volume, ray: &Ray) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::exp::exp_neg;
     use crate::math::sampling;
     use crate::scene::Grid;
     use glam::{DAffine3, DQuat, DVec3};

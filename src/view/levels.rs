@@ -1,6 +1,6 @@
 //! The voxels of media that the pixels of a camera show.
 
-use super::pixel_angle;
+use super::{View, VisibleMedia, pixel_angle};
 use crate::math::Aabb;
 use crate::scene::{Camera, Film, Volume};
 
@@ -21,10 +21,38 @@ pub fn media_on_pixels(volumes: &[Volume], camera: &Camera, film: Film) -> Optio
     })
 }
 
-fn level(volume: &Volume, camera: &Camera, film: Film) -> usize {
+/// Length that a pixel covers where a volume is nearest to the camera.
+fn pixel_at(volume: &Volume, camera: &Camera, film: Film) -> f32 {
     let Aabb { min, max } = volume.bounds();
     let origin = camera.origin();
-    let pixel = pixel_angle(camera, film) * origin.clamp(min, max).distance(origin);
+    pixel_angle(camera, film) * origin.clamp(min, max).distance(origin)
+}
+
+impl View<'_> {
+    /// Voxels' edges in pixels up to which pictures show no single one, which shadows are then not
+    /// sharper than.
+    const SMALL_VOXEL: f32 = 2.0;
+    /// Voxels that are too many for exact shadows of each, whatever camera looks.
+    const MANY_VOXELS: usize = 1 << 22;
+
+    /// Whether the voxels of a volume are so small, or so many, that shadows need not be those of
+    /// single ones.
+    #[must_use]
+    pub fn shows_no_voxels(&self, visible: VisibleMedia, volume: &Volume) -> bool {
+        match visible {
+            VisibleMedia::ThroughRegions(_) => {
+                let pixel = pixel_at(volume, self.camera, self.film);
+                volume.longest_voxel_edge() <= Self::SMALL_VOXEL * pixel
+            }
+            VisibleMedia::All => {
+                volume.sigma_t.dims().iter().product::<usize>() >= Self::MANY_VOXELS
+            }
+        }
+    }
+}
+
+fn level(volume: &Volume, camera: &Camera, film: Film) -> usize {
+    let pixel = pixel_at(volume, camera, film);
     let deepest = MAX_DEPTH / volume.sigma_t.max();
     let most = (MAX_PIXELS * pixel).min(deepest) / volume.longest_voxel_edge();
     let longest = volume.sigma_t.dims().into_iter().max().unwrap_or(1);

@@ -120,7 +120,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             any_is_sharp: lights.has_sharp_shadows(),
             gatherer,
             lattices,
-            suns: SunDepths::new(view.tracer),
+            suns: SunDepths::new(view.tracer, |v| view.shows_no_voxels(visible, v)),
             view: *view,
             vertex_rays: Self::SHADOW_RAYS,
             counters,
