@@ -78,6 +78,8 @@ impl<G: GatherInMedia> InScatter<'_, G> {
         // Deeper cells are lit at their own points.
         let uses_vertices =
             |cell: Cell| !cell.is_empty() && cell.least() * lattices.voxel <= Self::MAX_CELL_DEPTH;
+        let longest = grid.dims().into_iter().max().unwrap_or(1);
+        let finest = (longest / MOST_ALONG).max(1).ilog2() as usize;
         let mut finer: Vec<[usize; 3]> = Vec::new();
         let mut levels = DirectLevels::default();
         let mut all = 0;
@@ -108,7 +110,7 @@ impl<G: GatherInMedia> InScatter<'_, G> {
                 })
                 .collect::<Result<_>>()?;
             let lit = SparseValues { set, values };
-            if level > 0 {
+            if level > finest {
                 let changes =
                     |cell: &&[usize; 3]| self.changes(volume, lattices, &lit, **cell, level);
                 let changing: Vec<_> = cells.par_iter().filter(changes).collect();
@@ -149,6 +151,10 @@ impl<G: GatherInMedia> InScatter<'_, G> {
         self.differs(Spread::of(&values, &weights, mean))
     }
 }
+
+/// Finer vertices that stand where light changes much are no closer than this part of the volume:
+/// a camera that needs more is near, and lights what it sees.
+const MOST_ALONG: usize = 192;
 
 /// A vertex in index space.
 fn at(v: [usize; 3], level: usize) -> Vec3 {
