@@ -3,6 +3,7 @@
 mod before_work;
 mod bright;
 mod bytes;
+mod clouds;
 mod contact;
 mod damage;
 mod fog;

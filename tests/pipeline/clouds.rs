@@ -1,0 +1,102 @@
+//! A cloud alone under a sun and a sky: what its frames take follows pixels, and not its voxels.
+
+use crate::{Work, beauty, mean, relative_rms, with_threads};
+use glam::{DAffine3, DVec3};
+use lvox::image::{Frame, Region};
+use lvox::run::Job;
+use lvox::scene::{CameraInput, Film, Grid, LightInput, Scene, SceneBuilder, VolumeInput};
+use lvox::shade::{self, Settings};
+use lvox::tree::OpenTree;
+use std::collections::BTreeMap;
+
+/// A cloud of waves in a cube of edge 2 of so many voxels along each axis, and a camera before it.
+fn cloud(voxels: usize) -> Scene {
+    let density = |v: [usize; 3]| {
+        let p = v.map(|i| (i as f32 + 0.5) / voxels as f32 * 2.0 - 1.0);
+        let [x, y, z] = p.map(|c| (9.0 * c).sin());
+        let squares: f32 = p.iter().map(|c| c * c).sum();
+        12.0 * (0.5 + x * y + y * z + z * x).clamp(0.0, 1.0) * (1.0 - squares).max(0.0)
+    };
+    let place = DAffine3::from_translation(DVec3::splat(-1.0))
+        * DAffine3::from_scale(DVec3::splat(2.0 / voxels as f64));
+    let volume = VolumeInput::new(
+        "cloud",
+        Grid::from_fn([voxels; 3], density),
+        [0.99; 3],
+        place,
+    );
+    let camera = CameraInput::look_at("front", [0.0, 0.3, 4.0], [0.0; 3], [0.0, 1.0, 0.0], 0.7);
+    let film = Film {
+        width: 64,
+        height: 48,
+        exposure: 1.0,
+    };
+    SceneBuilder::new("a cloud")
+        .camera(camera.unwrap())
+        .film(film)
+        .light(LightInput::sun([0.5, -0.7, -0.5], [5.0; 3], 0.0).unwrap())
+        .light(LightInput::environment([0.2, 0.3, 0.5]))
+        .volume(volume)
+        .build()
+        .unwrap()
+}
+
+fn shaded(scene: &Scene, tree: &OpenTree, region: Region) -> (Frame, BTreeMap<String, f64>) {
+    let job = Job::default();
+    let frame = shade::run(scene, tree, &Settings::default(), region, &[], &job).unwrap();
+    let counts = job.report.stages()[0].counts.clone();
+    (frame, counts)
+}
+
+/// Where voxels are smaller than pixels, twice as many along each axis take as much work, within a
+/// fifth, to the same picture.
+#[test]
+fn frames_of_twice_as_many_voxels_take_no_more_work() {
+    let [(few, few_counts), (many, many_counts)] = [64, 128].map(|voxels| {
+        let scene = cloud(voxels);
+        let work = Work::new("");
+        let tree = OpenTree::open(&work.bake(&scene, 0), None).unwrap();
+        let (frame, counts) = shaded(&scene, &tree, Region::full(64, 48));
+        (beauty(&frame), counts)
+    });
+    for name in [
+        "media_cells_marched",
+        "media_segments",
+        "media_points_lit",
+        "media_vertices_swept",
+        "cells_swept",
+    ] {
+        let [few, many] = [few_counts[name], many_counts[name]];
+        assert!(few > 0.0 && many <= 1.2 * few, "{name}: {few}, {many}");
+    }
+    let lit = many_counts["media_points_lit"] / f64::from(64 * 48);
+    assert!(lit < 12.0, "{lit} points lit a pixel");
+    let brighter = mean(&many) / mean(&few) - 1.0;
+    let difference = relative_rms(&many, &few);
+    assert!(
+        brighter.abs() < 0.01 && difference < 0.03,
+        "{brighter} {difference}"
+    );
+}
+
+/// The voxels of a frame, its sweep and its rays to the sun are those of the whole frame, whichever
+/// part is shaded, on however many threads.
+#[test]
+fn a_part_of_a_cloud_has_the_bits_of_the_whole() {
+    let scene = cloud(128);
+    let work = Work::new("");
+    let tree = OpenTree::open(&work.bake(&scene, 0), None).unwrap();
+    let (whole, _) = with_threads(1, || shaded(&scene, &tree, Region::full(64, 48)));
+    let whole = beauty(&whole);
+    let part = Region {
+        x0: 20,
+        y0: 11,
+        x1: 43,
+        y1: 30,
+    };
+    let (tile, _) = with_threads(4, || shaded(&scene, &tree, part));
+    for (i, pixel) in beauty(&tile).iter().enumerate() {
+        let (x, y) = (20 + i % 23, 11 + i / 23);
+        assert_eq!(*pixel, whole[y * 64 + x], "{x} {y}");
+    }
+}
