@@ -34,6 +34,8 @@ pub(super) struct VolumeLattices<'a> {
     pub least_indirect: LeastSpacing,
     /// Longest edge of a voxel, scene units.
     pub voxel: f32,
+    /// Whether the camera tells no single voxel of a lone medium.
+    pub shows_light_alone: bool,
 }
 
 /// Indirect light that is not swept stands at twice the spacing of direct light.
@@ -84,6 +86,7 @@ impl<'a> VolumeLattices<'a> {
         let far_field = FarField::new(volume, volume_samples, seed);
         let voxel = volume.longest_voxel_edge();
         let volumes = view.tracer.volumes;
+        let is_alone = volumes.len() == 1 && view.tracer.scene.mesh.triangles.is_empty();
         let densities = Densities::new(volumes, view.tracer.boxes(), index);
         let least =
             |depth| LeastSpacing::new(view, visible, volume, &densities, depth, DIRECT_LEVELS - 1);
@@ -97,7 +100,7 @@ impl<'a> VolumeLattices<'a> {
         let (scattered, sweep) = match (light.scattered, sweeper) {
             (Some(file), _) => {
                 let scattered = ScatteredLight::open(file, index, view, visible, job)?;
-                let sweep = sweeper.map(|_| Sweep::made_beforehand(volume, depth_of));
+                let sweep = sweeper.map(|_| Sweep::made_beforehand(volume, is_alone, depth_of));
                 (Some(scattered), sweep)
             }
             (None, Some(gatherer)) => {
@@ -124,6 +127,7 @@ impl<'a> VolumeLattices<'a> {
             least_direct,
             least_indirect,
             voxel,
+            shows_light_alone: is_alone && view.shows_no_voxels(visible, volume),
         })
     }
 }

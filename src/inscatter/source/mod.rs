@@ -83,6 +83,11 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     /// Vertices that are swept are never too far apart if that is so few pixels: between them is
     /// what a camera can hardly tell, and their light has no noise.
     const SWEPT_SPACING_PIXELS: f32 = 6.0;
+    /// The same for those that were swept layer by layer, whatever is in the medium.
+    const LAYERED_SPACING_PIXELS: f32 = 12.0;
+    /// Of a lone medium whose voxels no pixel tells, thin cells in so many pixels in a row are lit
+    /// as one.
+    const STRETCH_PIXELS: f32 = 5.0;
     /// Where shadows may have sharp edges, vertices in thin media are no further apart than so many
     /// pixels or a voxel: of what is between them nothing tells.
     const MAX_SHARP_SPACING_PIXELS: f32 = 16.0;
@@ -120,7 +125,9 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             any_is_sharp: lights.has_sharp_shadows(),
             gatherer,
             lattices,
-            suns: SunDepths::new(view.tracer, |v| view.shows_no_voxels(visible, v)),
+            suns: SunDepths::new(view.tracer, |v| {
+                light.scattered.is_none() && view.shows_no_voxels(visible, v)
+            }),
             view: *view,
             vertex_rays: Self::SHADOW_RAYS,
             counters,
@@ -363,7 +370,11 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             let (least, most) = extremes(values, &around.weights, |v| *v);
             let is_alike = are_alike(least.to_array()[3], most.to_array()[3], alike);
             let pixels = self.pixels(segment, level);
-            let is_close = is_swept && pixels <= Self::SWEPT_SPACING_PIXELS
+            let swept_pixels = match sweep {
+                Some(sweep) if sweep.in_layers => Self::LAYERED_SPACING_PIXELS,
+                _ => Self::SWEPT_SPACING_PIXELS,
+            };
+            let is_close = is_swept && pixels <= swept_pixels
                 || is_finest && pixels <= Self::WIDE_SPACING_PIXELS;
             if is_alike || is_close {
                 return rgb(blend(values, &around.weights, |v| *v));
@@ -409,16 +420,22 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
         self.any_is_sharp && self.pixels(segment, level) > Self::WIDE_SPACING_PIXELS
     }
 
-    /// Scene units that vertices around a point are apart at least, whatever the light.
+    /// Scene units along a ray that a camera needs no light between: those that vertices around a
+    /// point are apart at least, or more where there is nothing but a medium.
     pub(super) fn least_spacing(&self, volume: usize, point: Vec3) -> f32 {
         let lattices = &self.lattices[volume];
         let at = self.volumes[volume]
             .index_from_scene
             .transform_point3(point);
-        match lattices.least_direct.at(at) {
+        let spacing = match lattices.least_direct.at(at) {
             0 => 0.0,
             level => lattices.voxel * (1 << level) as f32,
+        };
+        if !lattices.shows_light_alone {
+            return spacing;
         }
+        let pixel = self.view.pixel_angle * point.distance(self.view.camera.origin());
+        spacing.max(Self::STRETCH_PIXELS * pixel)
     }
 
     fn to_scene(&self, volume: usize, p: Vec3) -> Vec3 {

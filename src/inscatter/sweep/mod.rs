@@ -39,6 +39,8 @@ pub struct Sweep {
     levels: SweptLevels,
     /// Which of them serves a brick.
     level_of: BrickTable<Option<u8>>,
+    /// Whether a lone medium was swept, layer by layer.
+    pub in_layers: bool,
 }
 
 /// Means over the sphere of the radiance at vertices, by log2 of the voxels between them; `None`
@@ -91,7 +93,11 @@ impl Sweep {
 
     /// Tells of a volume that was swept beforehand which vertices serve a brick, without their
     /// light. `depth_of` is that of [`Self::new`].
-    pub fn made_beforehand(volume: &Volume, depth_of: impl Fn([usize; 3], f32) -> f32) -> Self {
+    pub fn made_beforehand(
+        volume: &Volume,
+        is_alone: bool,
+        depth_of: impl Fn([usize; 3], f32) -> f32,
+    ) -> Self {
         let grid = &volume.sigma_t;
         let level_of = BrickTable::new(grid, |b| {
             Some(Self::level(depth_of(b, grid.brick(b)?.max), 0)? as u8)
@@ -99,6 +105,7 @@ impl Sweep {
         Self {
             levels: SweptLevels::default(),
             level_of,
+            in_layers: is_alone,
         }
     }
 
@@ -182,7 +189,11 @@ impl Sweep {
                 levels[level] = Some(swept);
             }
         }
-        Ok(Self { levels, level_of })
+        Ok(Self {
+            levels,
+            level_of,
+            in_layers: in_layers > 0,
+        })
     }
 
     /// Log2 of the voxels between the vertices of a brick whose densest voxel has this optical
