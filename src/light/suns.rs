@@ -210,7 +210,7 @@ impl<'a> SunDepth<'a> {
             volumes.iter().zip(in_cells).map(of_volume).unzip();
         Some(Self {
             to_sun,
-            boxes: Boxes::new(boxes.into_iter()),
+            boxes: Boxes::new(boxes),
             volumes,
         })
     }

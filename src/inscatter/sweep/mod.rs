@@ -143,7 +143,7 @@ impl Sweep {
             LayeredSweep::is_for(scope, &media) && LayeredSweep::serves(scope, 1 << level)
         };
         let of_levels = || sets.iter().enumerate();
-        let coarsest = of_levels().filter(|(_, set)| set.is_some()).last();
+        let coarsest = of_levels().rfind(|(_, set)| set.is_some());
         let coarsest = 1 << coarsest.map_or(0, |(level, _)| level);
         let count = |set: &Option<SparseLattice>| set.as_ref().map_or(0, |s| s.len() as u64);
         let vertices: u64 = sets.iter().map(count).sum();
