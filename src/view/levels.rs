@@ -32,22 +32,22 @@ impl View<'_> {
     /// Voxels' edges in pixels up to which pictures show no single one, which shadows are then not
     /// sharper than.
     const SMALL_VOXEL: f32 = 2.0;
-    /// Voxels that are too many for exact shadows of each, whatever camera looks.
+    /// Voxels from which on shadows of each are too many to be exact.
     const MANY_VOXELS: usize = 1 << 22;
 
-    /// Whether the voxels of a volume are so small, or so many, that shadows need not be those of
-    /// single ones.
+    /// Whether the voxels of a volume are so many, and so small in the picture, that shadows need
+    /// not be those of single ones.
     #[must_use]
     pub fn shows_no_voxels(&self, visible: VisibleMedia, volume: &Volume) -> bool {
-        match visible {
+        let dims = volume.sigma_t.dims();
+        let are_small = match visible {
             VisibleMedia::ThroughRegions(_) => {
                 let pixel = pixel_at(volume, self.camera, self.film);
                 volume.longest_voxel_edge() <= Self::SMALL_VOXEL * pixel
             }
-            VisibleMedia::All => {
-                volume.sigma_t.dims().iter().product::<usize>() >= Self::MANY_VOXELS
-            }
-        }
+            VisibleMedia::All => true,
+        };
+        are_small && dims.iter().product::<usize>() >= Self::MANY_VOXELS
     }
 }
 

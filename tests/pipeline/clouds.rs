@@ -55,7 +55,7 @@ fn frames_of_twice_as_many_voxels_take_no_more_work() {
     let [(few, few_counts), (many, many_counts)] = [64, 128].map(|voxels| {
         let scene = cloud(voxels);
         let work = Work::new("");
-        let tree = OpenTree::open(&work.bake(&scene, 0), None).unwrap();
+        let tree = OpenTree::open(&work.bake(&scene, 1), None).unwrap();
         let (frame, counts) = shaded(&scene, &tree, Region::full(64, 48));
         (beauty(&frame), counts)
     });
@@ -85,7 +85,7 @@ fn frames_of_twice_as_many_voxels_take_no_more_work() {
 fn a_part_of_a_cloud_has_the_bits_of_the_whole() {
     let scene = cloud(128);
     let work = Work::new("");
-    let tree = OpenTree::open(&work.bake(&scene, 0), None).unwrap();
+    let tree = OpenTree::open(&work.bake(&scene, 1), None).unwrap();
     let (whole, _) = with_threads(1, || shaded(&scene, &tree, Region::full(64, 48)));
     let whole = beauty(&whole);
     let part = Region {
