@@ -68,6 +68,21 @@ impl<F: Format> Opened<MappedFile, F> {
         self.data
             .release(start as usize..end.max().unwrap_or(0) as usize);
     }
+
+    /// Gives the memory of a block back to the system, with what the system read around it.
+    pub(crate) fn release_around(&self, block: &Block) {
+        /// Linux maps what it has of so many bytes around one that is read.
+        const AROUND: u64 = 64 << 10;
+        let start = block.offset / AROUND * AROUND;
+        let end = (block.offset + u64::from(block.stored_bytes)).next_multiple_of(AROUND);
+        self.data.release(start as usize..end as usize);
+    }
+
+    /// Gives the memory of the whole file back to the system; what is read of it later comes from
+    /// the file again.
+    pub fn release_all(&self) {
+        self.data.release(0..usize::MAX);
+    }
 }
 
 impl<D: AsRef<[u8]>, F: Format> Opened<D, F> {

@@ -7,6 +7,7 @@
 //! - `creases`: where the disks of surfels end.
 //! - `lvoxels`: blocks of media, their extinction and their light; `brick`: the field that they are
 //!   means of.
+//! - `memory`: what a bake takes, told before the work.
 //! - `part`: which of all that one of several processes makes.
 //!
 //! Points are made in batches, in a fixed order, each from its own number alone, and go straight to
@@ -16,6 +17,7 @@ mod brick;
 mod camera;
 mod creases;
 mod lvoxels;
+mod memory;
 mod part;
 mod surfels;
 
@@ -99,7 +101,7 @@ const BATCH_SURFELS: u64 = 65_536;
 /// Bakes a scene into a cloud file.
 ///
 /// # Errors
-/// A setting out of range, more volumes or blocks than a cloud can number, an output that cannot be
+/// A setting out of range, a memory limit below what the scene and a batch of points take, more volumes or blocks than a cloud can number, an output that cannot be
 /// written, or a stop on request; then no file is left.
 pub fn run(
     scene: &Scene,
@@ -113,6 +115,7 @@ pub fn run(
     for volume in &scene.volumes {
         settings.blocks.check(volume)?;
     }
+    job.hold(&memory::check(scene, settings, job)?);
     job.report.stage("bake", |counts| {
         let mut writer = CloudWriter::create(cloud, meta(scene, settings)?, overwrite)?;
         let tracer = Tracer::new_until(scene, &job.cancel)?;

@@ -2,7 +2,7 @@
 
 use super::bake_options::BakeOptions;
 use super::files::{Files, check_writable};
-use super::options::{Context, Seed};
+use super::options::{Context, Memory, Seed};
 use super::scene_input::SceneInput;
 use crate::Result;
 use crate::bake::{Part, Settings};
@@ -25,6 +25,9 @@ pub struct Args {
     /// all parts together
     #[arg(long, value_name = "I/N")]
     part: Option<Part>,
+
+    #[command(flatten)]
+    pub memory: Memory,
 
     #[command(flatten)]
     seed: Seed,

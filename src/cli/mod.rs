@@ -94,6 +94,7 @@ impl Verb {
     fn limits(&self) -> Limits {
         let none = Limits::default();
         match self {
+            Self::Bake(args) => none.memory(args.memory),
             Self::Render(args) => none.memory(args.memory).temporary(&args.temporary),
             Self::Build(args) => none.memory(args.memory).temporary(&args.temporary),
             Self::Study(args) => none.memory(args.memory).temporary(&args.temporary),
@@ -104,11 +105,7 @@ impl Verb {
             Self::Merge(args) => none.memory(args.memory),
             Self::Compare(args) => none.memory(args.memory),
             Self::Reference(args) => none.memory(args.memory),
-            Self::Bake(_)
-            | Self::Pack(_)
-            | Self::Inspect(_)
-            | Self::Verify(_)
-            | Self::Stability(_) => none,
+            Self::Pack(_) | Self::Inspect(_) | Self::Verify(_) | Self::Stability(_) => none,
         }
     }
 

@@ -4,7 +4,7 @@ use super::files::{Files, Named, check_apart, check_writable};
 use super::{parse, progress};
 use crate::formats::{Overwrite, emergency};
 use crate::lab::reference::Start;
-use crate::run::{Job, OnWarning};
+use crate::run::{Job, OnWarning, memory};
 use crate::{Error, Result};
 use std::cell::RefCell;
 use std::fs::File;
@@ -47,9 +47,9 @@ pub struct Shared {
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 #[command(next_help_heading = "Shared options")]
 pub struct Memory {
-    /// Hold at most this much of points, pages, lvoxels, samples and pixels in memory; the scene,
-    /// and caches that grow while shading, come on top. In bytes, or with K, M, G, T (powers of
-    /// 1024), as 64M or 4G [default: no limit]
+    /// Hold at most this much in memory, with the scene and the program itself; files that are
+    /// mapped may come on top by a tenth. What needs more is refused before it begins. In bytes, or
+    /// with K, M, G, T (powers of 1024), as 64M or 4G [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = parse::size)]
     memory_limit: Option<u64>,
 }
@@ -190,6 +190,9 @@ impl Shared {
                     .hint("create it, or choose another"),
             );
         }
+        if let Some(limit) = limits.memory {
+            memory::keep_less_of_freed(limit);
+        }
         // Where they are not asked for, too: later they would start where no error can be returned.
         let threads = self.threads.map_or(0, usize::from);
         rayon::ThreadPoolBuilder::new()
@@ -207,6 +210,7 @@ impl Shared {
         let job = Job {
             progress: self.progress.progress(),
             memory_limit: limits.memory,
+            process_bytes: memory::of_process(rayon::current_num_threads()),
             temp_dir: limits.temp_dir,
             radiance_cache: limits.radiance_cache,
             on_warning: match self.strict {

@@ -57,7 +57,7 @@ impl Args {
         let settings = self.bake.settings(self.seed.seed);
         settings.check()?;
         let scene = self.scene.load(context)?;
-        self.shade.check_with(&scene, job)?;
+        let others = self.shade.check_with(&scene, 0, job)?;
         job.heed_warnings()?;
         let folder = job.temporary_folder()?;
         let cloud = folder.path().join("scene.lvc");
@@ -73,7 +73,7 @@ impl Args {
             context.overwrite,
             job,
         )?;
-        let store = OpenTree::open(&tree, job.memory_limit)?;
+        let store = OpenTree::open(&tree, job.memory_limit)?.beside(others)?;
         self.shade.run(&scene, &store, self.seed.seed, job)?;
         output::say_times(job, "shade", &["bake", "build", "pilot"]);
         Ok(())

@@ -75,11 +75,10 @@ impl Args {
         let job = &context.job;
         let tree = self.scene.tree(self.tree.as_ref())?;
         let store = OpenTree::open(&tree, job.memory_limit)?;
+        let scene = self.scene.load(context)?;
+        let scene = scene.in_frame(store.world_from_scene())?;
+        let store = store.beside(scatter::check_memory(&scene, job)?)?;
         let cloud = &store.tree().meta().cloud;
-        let scene = self
-            .scene
-            .load(context)?
-            .in_frame(cloud.world_from_scene.into())?;
         let origin = (&cloud.scene_hash, &cloud.settings[..]);
         warn_if_out_of_date(&scene, origin, &tree, job);
         job.heed_warnings()?;

@@ -70,9 +70,10 @@ impl Args {
         if let Some(light) = &light {
             store = store.with_scatter(light)?;
         }
+        let scene = loaded.in_frame(store.world_from_scene())?;
+        let others = self.shade.check_with(&scene, store.least_bytes(), job)?;
+        store = store.beside(others)?;
         let cloud = &store.tree().meta().cloud;
-        let scene = loaded.in_frame(cloud.world_from_scene.into())?;
-        self.shade.check_with(&scene, job)?;
         warn_if_out_of_date(&scene, (&cloud.scene_hash, &cloud.settings), &tree, job);
         if let Some((scatter, path)) = store.scatter.as_ref().zip(light.as_ref()) {
             let meta = scatter.meta();

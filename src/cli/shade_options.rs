@@ -154,7 +154,7 @@ impl ShadeOptions {
     }
 
     /// The same for what depends on the scene.
-    pub fn check_with(&self, scene: &Scene, job: &Job) -> Result<()> {
+    pub fn check_with(&self, scene: &Scene, tree_bytes: u64, job: &Job) -> Result<u64> {
         scene.camera(self.camera.as_deref())?;
         let region = self.region.of(&scene.film)?;
         let mut settings = self.settings(0);
@@ -162,7 +162,7 @@ impl ShadeOptions {
             // What will be picked is not known yet.
             settings.lattice = Settings::COARSEST_LATTICE;
         }
-        shade::check_memory(scene, &settings, region, &self.aov, job)
+        shade::check_memory(scene, &settings, region, &self.aov, tree_bytes, job)
     }
 
     fn settings(&self, seed: u64) -> Settings {

@@ -3,7 +3,7 @@
 use super::crossing::Crossing;
 use super::directions::Hemisphere;
 use super::medium::{Medium, NoMedia};
-use super::patch_radiance::{self, PatchRadiance, PatchRequest};
+use super::patch_radiance::{self, PatchRadiance, PatchRequest, UnknownPatches};
 use super::{cone, plain};
 use crate::math::sampling::{sobol2, sphere};
 use crate::math::segment::Composite;
@@ -214,6 +214,29 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
             for ((ray, &end), i) in packet.iter().zip(&ends).zip(first..) {
                 tell(i, self.incident_before(ray, end, &mut scratch));
             }
+        }
+    }
+
+    /// The patches that rays end on, as far as their radiance comes from pages that may be decoded
+    /// again and again, and is not known; none where another kernel finds what ends rays.
+    pub fn unknown_along(&self, rays: &[Ray]) -> UnknownPatches {
+        match self.settings.kernel {
+            RayKernel::Traced(patches) if P::ARE_CACHED => {
+                patches.unknown_along(rays, self.settings.request())
+            }
+            _ => UnknownPatches::default(),
+        }
+    }
+
+    /// Whether [`Self::unknown_along`] may find any.
+    pub fn has_unknown(&self) -> bool {
+        P::ARE_CACHED && matches!(self.settings.kernel, RayKernel::Traced(_))
+    }
+
+    /// Evaluates patches in the order of their places.
+    pub fn evaluate(&self, unknown: UnknownPatches) {
+        if let RayKernel::Traced(patches) = self.settings.kernel {
+            patches.evaluate_in_order(self.pages, unknown);
         }
     }
 

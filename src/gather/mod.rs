@@ -16,6 +16,7 @@
 //! | `medium` | what rays pass between surfaces, as a type that kernels are compiled for |
 //! | `directions` | the sequences of directions of a hemisphere |
 //! | `neighbours` | gathers of points near each other, in an order that keeps memory near |
+//! | `order` | things near each other in space, one after the other |
 //! | `geometry` | the scene's triangles as this module needs them |
 //! | `crossing` | what kernels tell of a ray |
 //! | `patch_id` | the parts of triangles that radiance is evaluated for |
@@ -35,6 +36,7 @@ pub(crate) mod gatherer;
 mod geometry;
 pub(crate) mod medium;
 pub(crate) mod neighbours;
+mod order;
 mod patch;
 mod patch_id;
 pub(crate) mod patch_radiance;
@@ -51,5 +53,6 @@ pub(crate) use gatherer::{Gatherer, Incident, RayKernel, RaySettings, SampleRang
 pub(crate) use geometry::Geometry;
 pub(crate) use medium::{Medium, NoMedia};
 pub(crate) use neighbours::{DirectionOrder, SurfacePoint};
-pub(crate) use patch_radiance::{PatchRadiance, PatchRequest, PatchStats};
+pub(crate) use order::in_order_of_places;
+pub(crate) use patch_radiance::{PatchRadiance, PatchRequest, PatchStats, UnknownPatches};
 pub use points::{Kernel, PointGatherer, Settings};

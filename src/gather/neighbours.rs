@@ -4,6 +4,7 @@
 use super::directions::{Hemisphere, SEQUENCES};
 use super::gatherer::{Gathered, Gatherer, Incident, IncidentSum, SampleRange};
 use super::medium::Medium;
+use super::patch_radiance::UnknownPatches;
 use crate::math::Ray;
 use crate::tree::Pages;
 use glam::Vec3;
@@ -85,9 +86,7 @@ impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
         seed: u64,
         order: &DirectionOrder,
     ) -> Vec<Gathered> {
-        let hemisphere = |p: &SurfacePoint| Hemisphere::new(p.normal, seed);
-        let hemispheres: Vec<_> = points.iter().map(hemisphere).collect();
-        let Some(in_order) = hemispheres.first().and_then(|any| order.of(any)) else {
+        let Some((slots, rays)) = self.rays_in_order(points, seed, order) else {
             let alone = |p: &SurfacePoint| {
                 let index = p.range;
                 self.irradiance(
@@ -100,12 +99,48 @@ impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
             return points.iter().map(alone).collect();
         };
         let samples = order.samples;
+        let mut seen: Vec<Option<Incident>> = vec![None; points.len() * samples as usize];
+        self.incident_along(&rays, |i, s| seen[slots[i]] = Some(s));
+        let gathered = |of_point: &[Option<Incident>]| {
+            let mut rays = IncidentSum::default();
+            of_point.iter().flatten().for_each(|s| rays.add(*s));
+            let mut gathered = rays.mean(samples);
+            gathered.light *= PI;
+            gathered
+        };
+        seen.chunks_exact(samples as usize).map(gathered).collect()
+    }
+
+    /// The patches that [`Self::irradiance_at_neighbours`] would evaluate.
+    #[must_use]
+    pub fn unknown_to_neighbours(
+        &self,
+        points: &[SurfacePoint],
+        seed: u64,
+        order: &DirectionOrder,
+    ) -> UnknownPatches {
+        let rays = self.rays_in_order(points, seed, order);
+        self.unknown_along(&rays.map(|(_, rays)| rays).unwrap_or_default())
+    }
+
+    /// The rays of points in the order of their directions, and of each its place among all rays,
+    /// point by point; `None` where directions are too many to be put in order.
+    fn rays_in_order(
+        &self,
+        points: &[SurfacePoint],
+        seed: u64,
+        order: &DirectionOrder,
+    ) -> Option<(Vec<usize>, Vec<Ray>)> {
+        let hemisphere = |p: &SurfacePoint| Hemisphere::new(p.normal, seed);
+        let hemispheres: Vec<_> = points.iter().map(hemisphere).collect();
+        let in_order = hemispheres.first().and_then(|any| order.of(any))?;
+        let samples = order.samples;
         let mut with_range = vec![None; order.ranges as usize];
         for (k, p) in points.iter().enumerate() {
             with_range[p.range as usize] = Some(k);
         }
         let reach = self.settings.reach();
-        let (slots, rays): (Vec<_>, Vec<_>) = in_order
+        let rays = in_order
             .iter()
             .filter_map(|&i| {
                 let (range, ray) = ((i / samples) as usize, (i % samples) as usize);
@@ -122,15 +157,6 @@ impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
                 ))
             })
             .unzip();
-        let mut seen: Vec<Option<Incident>> = vec![None; points.len() * samples as usize];
-        self.incident_along(&rays, |i, s| seen[slots[i]] = Some(s));
-        let gathered = |of_point: &[Option<Incident>]| {
-            let mut rays = IncidentSum::default();
-            of_point.iter().flatten().for_each(|s| rays.add(*s));
-            let mut gathered = rays.mean(samples);
-            gathered.light *= PI;
-            gathered
-        };
-        seen.chunks_exact(samples as usize).map(gathered).collect()
+        Some(rays)
     }
 }

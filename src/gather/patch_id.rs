@@ -92,6 +92,20 @@ impl PatchId {
         u64::from(self.triangle) << 32 | u64::from(within)
     }
 
+    /// The patch of a key.
+    pub fn of_key(key: u64) -> Self {
+        let within = key as u32;
+        let (column, j) = (within >> 15 & 0x7fff, within & 0x7fff);
+        let level = column.ilog2();
+        Self {
+            triangle: (key >> 32) as u32,
+            is_back: within >> 31 == 1,
+            level,
+            at: [column ^ 1 << level, j],
+            is_upper: within >> 30 & 1 == 1,
+        }
+    }
+
     /// Middle of the patch, in a triangle of these corners.
     pub fn middle(&self, [a, b, c]: [Vec3; 3]) -> Vec3 {
         let parts = (1 << self.level) as f32;

@@ -8,6 +8,7 @@
 use super::bright::{BrightDiskSearch, BrightHit, BrightPatch, BrightPatchIndex, DiskSide};
 use super::crossing::Crossing;
 use super::geometry::Geometry;
+use super::order::in_order_of_places;
 use super::patch::TriangleSide;
 use super::patch_id::{PatchExtent, PatchId};
 use super::radiance_cache::RadianceCache;
@@ -16,6 +17,7 @@ use crate::math::{Hit, Ray, Rgb};
 use crate::tree::OpenTree;
 use crate::tree::Pages;
 use crate::tree::traversal::OpenNodes;
+use rayon::prelude::*;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -38,6 +40,31 @@ pub struct PatchRequest {
     pub max_solid_angle: f32,
     /// Whether bright patches are to be black.
     pub leave_out_bright: bool,
+}
+
+/// Patches that rays end on whose radiance is still to be evaluated.
+///
+/// In the order in which rays meet them they ask for pages of the tree all over it, each time
+/// anew: where pages live in a cache, patches are found first and then evaluated in the order of
+/// their places, so that each page is needed in one short time.
+#[derive(Clone, Debug, Default)]
+pub struct UnknownPatches(Vec<u64>);
+
+impl UnknownPatches {
+    /// All of some.
+    #[must_use]
+    pub fn of_all(all: Vec<Self>) -> Self {
+        let mut keys: Vec<u64> = all.into_iter().flat_map(|u| u.0).collect();
+        keys.par_sort_unstable();
+        keys.dedup();
+        Self(keys)
+    }
+
+    /// Whether there is none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
 }
 
 /// Most rays of a packet.
@@ -94,6 +121,13 @@ impl<'a> PatchRadiance<'a> {
             patches: AtomicU64::new(0),
             unknown: AtomicU64::new(0),
         })
+    }
+
+    /// Bytes that the patches of so many triangles take, with a cache for those that so many rays
+    /// end on.
+    #[must_use]
+    pub fn bytes_for(triangles: usize, rays: usize) -> u64 {
+        (triangles * size_of::<PatchExtent>()) as u64 + RadianceCache::bytes_for(rays)
     }
 
     /// The same patches, with their radiance in a file that other processes add to and take from.
@@ -291,6 +325,43 @@ impl<'a> PatchRadiance<'a> {
                 end.radiance = known.unwrap_or_else(|| self.fill(pages, &id, open));
             }
         }
+    }
+
+    /// The patches that some rays end on and that are not in the cache.
+    pub fn unknown_along(&self, rays: &[Ray], request: PatchRequest) -> UnknownPatches {
+        let mut keys = Vec::new();
+        for packet in rays.chunks(MAX_PACKET) {
+            let mut hits = [None; MAX_PACKET];
+            let hits = &mut hits[..packet.len()];
+            self.geometry.closest_of_packet(packet, hits);
+            let ids = hits.iter().flatten();
+            let ids = ids.filter_map(|hit| self.patch_of(hit, request));
+            keys.extend(
+                ids.filter(|id| self.cache.get(self.key(id)).is_none())
+                    .map(|id| id.key()),
+            );
+        }
+        keys.sort_unstable();
+        keys.dedup();
+        UnknownPatches(keys)
+    }
+
+    /// Evaluates patches, one after the other along a curve through all their places, and fills the
+    /// cache with their radiance.
+    pub fn evaluate_in_order<P: Pages>(&self, pages: &P, unknown: UnknownPatches) {
+        /// Patches that a thread takes at a time: few, so that all threads are at about one place.
+        const TOGETHER: usize = 64;
+        let middle = |key: &u64| {
+            let id = PatchId::of_key(*key);
+            id.middle(self.geometry.corners(id.triangle))
+        };
+        let keys = in_order_of_places(unknown.0, middle);
+        keys.chunks(TOGETHER).par_bridge().for_each(|together| {
+            let mut open = OpenNodes::default();
+            for key in together {
+                self.fill(pages, &PatchId::of_key(*key), &mut open);
+            }
+        });
     }
 
     /// Returns the patch that was met, unless it is black.

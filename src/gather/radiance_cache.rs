@@ -19,7 +19,21 @@ const SLOTS: usize = 4;
 /// Slots of a table in a file, which frames and tiles of any size may share: 16 MiB.
 const FILE_SLOTS: usize = 1 << 20;
 
+/// Slots of a table for about so many entries: 1, 4 or 16 MiB.
+fn slots_for(entries: usize) -> usize {
+    match entries {
+        0..200_000 => 1 << 16,
+        200_000..4_000_000 => 1 << 18,
+        _ => 1 << 20,
+    }
+}
+
 impl RadianceCache {
+    /// Bytes of a table for about so many entries.
+    pub fn bytes_for(entries: usize) -> u64 {
+        (slots_for(entries) / SLOTS * size_of::<Line>()) as u64
+    }
+
     /// A table for about so many entries. Each slot is written to before the first look-up, and a
     /// line that is not in the cache of the processor takes longer to read, so that a table has a
     /// slot for each entry only where they are few.
@@ -27,13 +41,7 @@ impl RadianceCache {
     /// # Errors
     /// As [`AtomicLines::in_memory`].
     pub fn new(entries: usize) -> Result<Self> {
-        // 1, 4 or 16 MiB.
-        let slots: usize = match entries {
-            0..200_000 => 1 << 16,
-            200_000..4_000_000 => 1 << 18,
-            _ => 1 << 20,
-        };
-        let lines = AtomicLines::in_memory(slots / SLOTS)?;
+        let lines = AtomicLines::in_memory(slots_for(entries) / SLOTS)?;
         // Pages of memory that are read before they are written to are mapped twice, the second
         // time in all threads.
         for line in lines.lines() {

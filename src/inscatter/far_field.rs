@@ -5,10 +5,13 @@
 use super::counts::{self, Counters};
 use super::gatherer::GatherInMedia;
 use super::vertices::{Vertices, inside};
+use crate::gather::UnknownPatches;
 use crate::math::segment::Composite;
 use crate::math::{Ray, Rgb, sampling};
 use crate::scene::Volume;
 use glam::Vec3;
+use rayon::prelude::*;
+use std::collections::BTreeSet;
 use std::ops::{AddAssign, Mul};
 
 /// Probes in and around one volume.
@@ -144,8 +147,7 @@ impl FarField {
         point_in_index: Vec3,
     ) -> Option<Surroundings<'_>> {
         let make = |p: Vec3, v: [usize; 3]| {
-            let p = inside(volume, p);
-            let key = sampling::seeded(self.seed, &v.map(|c| c as u64));
+            let (p, key) = self.place(volume, p, v);
             self.look_around(gatherer, p, key)
         };
         let mut near = [(None, 0.0); 8];
@@ -161,6 +163,42 @@ impl FarField {
             }
         }
         Some(Surroundings(near))
+    }
+
+    /// Where a probe stands in the scene, and the key of its rays.
+    fn place(&self, volume: &Volume, point_in_index: Vec3, v: [usize; 3]) -> (Vec3, u64) {
+        let key = sampling::seeded(self.seed, &v.map(|c| c as u64));
+        (inside(volume, point_in_index), key)
+    }
+
+    /// Evaluates the patches that the probes around some points will ask for, all together.
+    pub fn foresee<G: GatherInMedia>(
+        &self,
+        volume: &Volume,
+        gatherer: &G,
+        points_in_index: impl Iterator<Item = Vec3>,
+    ) {
+        if !gatherer.has_unknown() {
+            return;
+        }
+        let around = points_in_index.flat_map(|point| {
+            let around = self.probes.around(point);
+            let corners = (0..8).filter(move |&i| around.weights[i] > 0.0);
+            corners.map(move |i| around.vertex(i))
+        });
+        let probes: BTreeSet<[usize; 3]> = around.collect();
+        let probes: Vec<_> = probes.into_iter().collect();
+        let unknown = probes.par_iter().map(|&v| {
+            let at = self.probes.at(v);
+            let (point, key) = self.place(volume, at, v);
+            let patterns = self.patterns(key);
+            let rays = (0..self.quarters()).flat_map(|c| {
+                let directions = self.directions_in(c, &patterns, key);
+                directions.map(|d| Ray::endless(point, d))
+            });
+            gatherer.unknown_along(&rays.collect::<Vec<_>>())
+        });
+        gatherer.evaluate(UnknownPatches::of_all(unknown.collect()));
     }
 
     /// Mean over the sphere of the radiance at a point of the medium; `None` if surfaces are too
@@ -230,23 +268,39 @@ impl FarField {
         std::array::from_fn(|a| (2 * cell[a] + half[a]) as usize)
     }
 
+    /// The sets of directions of a probe, by the key of its rays: of each set one in a quarter.
+    fn patterns(&self, seed: u64) -> Vec<MultiJitter> {
+        let [rows, columns] = [2 * self.rings, 2 * self.sectors];
+        (0..Self::MIN_RAYS.div_ceil(self.quarters()))
+            .map(|i| MultiJitter::new(rows, columns, seed, i))
+            .collect()
+    }
+
+    /// The directions of a probe in a quarter of a cell.
+    fn directions_in<'a>(
+        &'a self,
+        quarter: u32,
+        patterns: &'a [MultiJitter],
+        seed: u64,
+    ) -> impl Iterator<Item = Vec3> + 'a {
+        let [row, column] = self.row_and_column(quarter);
+        patterns.iter().enumerate().map(move |(i, pattern)| {
+            let key = sampling::hash(&[seed, u64::from(quarter), i as u64]);
+            let u = pattern.within(row, column, sampling::unit2(key));
+            sampling::sphere(self.within_quarter(quarter, u))
+        })
+    }
+
     fn look_around<G: GatherInMedia>(&self, surfaces: &G, point: Vec3, seed: u64) -> Probe {
         let count = self.quarters();
-        let per_quarter = Self::MIN_RAYS.div_ceil(count);
-        let [rows, columns] = [2 * self.rings, 2 * self.sectors];
-        let patterns: Vec<MultiJitter> = (0..per_quarter)
-            .map(|i| MultiJitter::new(rows, columns, seed, i))
-            .collect();
+        let patterns = self.patterns(seed);
+        let per_quarter = patterns.len() as u32;
         let mut scratch = crate::gather::cone::Scratch::default();
         let mut inverse_distance = 0.0;
         let quarters: Box<[Quarter]> = (0..count)
             .map(|c| {
                 let mut quarter = Quarter::default();
-                let [row, column] = self.row_and_column(c);
-                for (i, pattern) in patterns.iter().enumerate() {
-                    let key = sampling::hash(&[seed, u64::from(c), i as u64]);
-                    let u = pattern.within(row, column, sampling::unit2(key));
-                    let direction = sampling::sphere(self.within_quarter(c, u));
+                for direction in self.directions_in(c, &patterns, seed) {
                     let seen = surfaces
                         .incident_from_surfaces(&Ray::endless(point, direction), &mut scratch);
                     quarter.radiance += seen.radiance;

@@ -1,7 +1,8 @@
 //! What a point inside media asks of a gatherer, for whichever pages and media that was compiled.
 
 use crate::gather::{
-    Gathered, Gatherer, Incident, LvoxelBlock, Medium, RaySettings, SampleRange, cone,
+    Gathered, Gatherer, Incident, LvoxelBlock, Medium, RaySettings, SampleRange, UnknownPatches,
+    cone,
 };
 use crate::math::Ray;
 use crate::math::segment::{Composite, Segment};
@@ -18,6 +19,20 @@ pub trait GatherInMedia: Sync {
 
     /// Radiance that surfaces alone send along a ray, as if there were no media.
     fn incident_from_surfaces(&self, ray: &Ray, scratch: &mut cone::Scratch) -> Incident;
+
+    /// The patches that rays evaluate which pass no media, as far as that takes pages of the tree
+    /// which may be decoded again and again.
+    fn unknown_along(&self, _rays: &[Ray]) -> UnknownPatches {
+        UnknownPatches::default()
+    }
+
+    /// Evaluates patches in the order of their places.
+    fn evaluate(&self, _unknown: UnknownPatches) {}
+
+    /// Whether [`Self::unknown_along`] may find any.
+    fn has_unknown(&self) -> bool {
+        false
+    }
 
     /// Gives every segment of medium along a ray, front to back, to `add` until
     /// that says no; returns whether it never did.
@@ -48,6 +63,18 @@ impl<P: Pages, M: Medium> GatherInMedia for Gatherer<'_, P, M> {
 
     fn incident_from_surfaces(&self, ray: &Ray, scratch: &mut cone::Scratch) -> Incident {
         self.without_media().incident(ray, scratch)
+    }
+
+    fn unknown_along(&self, rays: &[Ray]) -> UnknownPatches {
+        self.unknown_along(rays)
+    }
+
+    fn evaluate(&self, unknown: UnknownPatches) {
+        self.evaluate(unknown);
+    }
+
+    fn has_unknown(&self) -> bool {
+        self.has_unknown()
     }
 
     #[inline]

@@ -1,11 +1,18 @@
 //! What sweeps and the light of all vertices take, told before they are made.
 
 use crate::Result;
-use crate::run::{memory, size};
-use crate::scene::Volume;
+use crate::run::{Job, memory, size};
+use crate::scene::{Scene, Volume};
 use crate::view::VisibleMedia;
 
-/// Refuses a sweep of a volume that takes more than a limit by itself.
+/// Bytes that coarse copies of a scene's grids take, rays that are kept to suns and vertices that
+/// are lit, about: those of sweeps are told for themselves.
+pub fn bytes_for(scene: &Scene) -> u64 {
+    let grids: usize = scene.volumes.iter().map(|v| v.sigma_t.bytes()).sum();
+    grids as u64 / 2
+}
+
+/// Refuses a sweep of a volume that takes more than a limit leaves beside what a stage holds.
 ///
 /// # Errors
 /// Says what it takes, and how to do with less.
@@ -14,13 +21,14 @@ pub fn check_sweep(
     visible: VisibleMedia,
     vertices: u64,
     needed: u64,
-    limit: Option<u64>,
+    job: &Job,
 ) -> Result<()> {
     let what = format_args!(
         "sweeping light to {vertices} vertices of volume {:?}",
         volume.name
     );
-    size::within(what, needed, limit).map_err(|e| {
+    let needed = needed.saturating_add(job.held_bytes());
+    size::within(what, needed, job.memory_limit).map_err(|e| {
         e.hint(match visible {
             VisibleMedia::ThroughRegions(_) => {
                 "raise `memory_limit`, shade a part that sees less of the volume: \

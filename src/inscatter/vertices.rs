@@ -60,7 +60,12 @@ impl<T> Vertices<T> {
                     .collect()
             });
         brick[(l[2] * BRICK_EDGE + l[1]) * BRICK_EDGE + l[0]]
-            .get_or_init(|| evaluate(Vec3::from(v.map(|c| c as f32)) * self.step, v))
+            .get_or_init(|| evaluate(self.at(v), v))
+    }
+
+    /// The place of a vertex in index space.
+    pub fn at(&self, v: [usize; 3]) -> Vec3 {
+        Vec3::from(v.map(|c| c as f32)) * self.step
     }
 
     /// The eight vertices around a point of index space.

@@ -54,6 +54,45 @@ pub fn is_refusal_heard() -> bool {
     IS_HEARD.get()
 }
 
+/// Gives memory that was freed back to the system, where the C library keeps it for what comes
+/// next.
+pub fn give_back_freed() {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    // SAFETY: the allocator locks what it looks at, and gives away nothing that is in use.
+    #[allow(unsafe_code)]
+    unsafe {
+        libc::malloc_trim(0);
+    }
+}
+
+/// Has the C library keep no more freed memory than a small part of a limit, and ask the system for
+/// no more at a time. Before threads are started.
+#[cfg(feature = "cli")]
+pub fn keep_less_of_freed(limit: u64) {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    {
+        let bytes = (limit / 64).clamp(128 << 10, 32 << 20) as libc::c_int;
+        // SAFETY: these set numbers that the allocator reads. Where one is refused all goes on as
+        // before.
+        #[allow(unsafe_code)]
+        unsafe {
+            libc::mallopt(libc::M_TOP_PAD, bytes / 2);
+            libc::mallopt(libc::M_TRIM_THRESHOLD, bytes);
+        }
+    }
+    #[cfg(not(all(target_os = "linux", target_env = "gnu")))]
+    let _ = limit;
+}
+
+/// Bytes that the program takes with so many threads before it does anything, its own file among
+/// them, and for stacks and buffers that they fill, about.
+#[cfg(feature = "cli")]
+pub fn of_process(threads: usize) -> u64 {
+    const PROGRAM: u64 = 16 << 20;
+    const THREAD: u64 = 3 << 20;
+    PROGRAM + threads as u64 * THREAD
+}
+
 /// An empty list with room for `count` values.
 ///
 /// # Errors
@@ -132,7 +171,7 @@ fn machine_memory(info: &str) -> Option<u64> {
 }
 
 /// Bytes on a line such as `MemAvailable:   1024 kB`.
-fn kib(text: &str, name: &str) -> Option<u64> {
+pub(super) fn kib(text: &str, name: &str) -> Option<u64> {
     let line = text.lines().find_map(|l| l.strip_prefix(name))?;
     let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     kib.checked_mul(1024)

@@ -2,9 +2,11 @@
 //! took.
 //!
 //! Every stage gets a [`Job`]. Of the files, `progress`, `cancel` and `report` are its parts;
-//! `memory`, `size` and `usage` know what the machine has and what is taken of it; `output` writes
+//! `budget` what a stage
+//! holds of its limit; `memory`, `size`, `usage` and `watch` know what the machine has and what is taken of it; `output` writes
 //! files that appear whole; `words` are shared by threads and processes; `digest` and `hex` name the program and what it read.
 
+mod budget;
 mod cancel;
 #[cfg(feature = "lab")]
 pub(crate) mod digest;
@@ -15,14 +17,18 @@ mod progress;
 mod report;
 pub(crate) mod size;
 pub(crate) mod usage;
+mod watch;
 pub(crate) mod words;
 
 pub(crate) use crate::formats::one_line;
+pub(crate) use budget::Budget;
+pub use budget::Held;
 pub use cancel::Cancel;
 pub(crate) use hex::hex;
 pub(crate) use output::Output;
 pub use progress::{Observer, Progress, Task, TaskObserver};
 pub use report::{Report, StageReport};
+pub use watch::{Peak, Resident};
 
 use crate::formats::TemporaryFolder;
 use crate::{Error, Result};
@@ -39,6 +45,12 @@ pub struct Job {
     pub report: Report,
     /// Most bytes that a stage may hold; `None` for no limit.
     pub memory_limit: Option<u64>,
+    /// Bytes of that limit which the process takes before any stage does: the program itself, and
+    /// what its threads need. Applications, which hold more than lvox, may leave it at 0 and give
+    /// what is left for lvox as the limit.
+    pub process_bytes: u64,
+    /// What the stage at work holds whatever its caches do, which it tells itself.
+    pub held: Held,
     /// Whether work goes on after a warning.
     pub on_warning: OnWarning,
     /// Folder for temporary files; the system's if `None`.
@@ -59,6 +71,16 @@ pub enum OnWarning {
 }
 
 impl Job {
+    /// Bytes that the stage at work holds whatever its caches do.
+    pub(crate) fn held_bytes(&self) -> u64 {
+        self.held.bytes()
+    }
+
+    /// Notes what a stage holds from now on, in place of the one before.
+    pub(crate) fn hold(&self, budget: &Budget) {
+        self.held.set(budget);
+    }
+
     /// Makes a folder for temporary files, and removes those that killed processes left beside it.
     ///
     /// # Errors

@@ -1,5 +1,6 @@
 //! Seconds, memory and counts of a run, and the file that tells them.
 
+use super::watch::{Peak, Resident, watched};
 use super::{Output, usage};
 use crate::{Error, Result};
 use std::collections::BTreeMap;
@@ -18,6 +19,8 @@ pub struct StageReport {
     pub cpu_secs: f64,
     /// Largest resident size of the process up to the end of the stage, where the system tells.
     pub peak_memory_bytes: Option<u64>,
+    /// The most of memory that was seen while the stage ran, where the system tells.
+    pub peak: Option<Peak>,
     /// Named counts and figures.
     pub counts: BTreeMap<String, f64>,
 }
@@ -54,14 +57,26 @@ struct Summary<'a> {
 impl Report {
     /// Runs a stage and notes its wall and CPU time; `run` gets the stage's counts to fill.
     pub fn stage<T>(&self, name: &str, run: impl FnOnce(&mut BTreeMap<String, f64>) -> T) -> T {
+        self.watched_stage(name, |_| (), run)
+    }
+
+    /// Runs a stage as [`Report::stage`] does; `seen` hears again and again what memory the process
+    /// has meanwhile, where the system tells.
+    pub(crate) fn watched_stage<T>(
+        &self,
+        name: &str,
+        seen: impl Fn(Resident) + Sync,
+        run: impl FnOnce(&mut BTreeMap<String, f64>) -> T,
+    ) -> T {
         let (started, cpu_before) = (Instant::now(), usage::cpu_secs());
         let mut counts = BTreeMap::new();
-        let result = run(&mut counts);
+        let (result, peak) = watched(seen, || run(&mut counts));
         let stage = StageReport {
             stage: name.into(),
             wall_secs: started.elapsed().as_secs_f64(),
             cpu_secs: usage::cpu_secs() - cpu_before,
             peak_memory_bytes: usage::peak_memory_bytes(),
+            peak,
             counts,
         };
         self.lock().push(stage);

@@ -11,7 +11,7 @@ mod settings;
 use crate::gather::{self, Gatherer, Medium, PatchRadiance, RayKernel, TreeTask};
 use crate::inscatter::{self, InScatter, MediaLights, VolumeLight};
 use crate::light::{Lights, SoftShadowMedia};
-use crate::run::Job;
+use crate::run::{Budget, Job};
 use crate::scene::Scene;
 use crate::trace::Tracer;
 use crate::tree::{OpenTree, Pages};
@@ -21,6 +21,27 @@ use lvox_formats::{Overwrite, ScatterMeta, ScatterSummary, ScatterWriter};
 use std::path::Path;
 
 pub use settings::Settings;
+
+/// Refuses scattering that would take more than the job's limit whatever the caches of the tree
+/// do. Returns the bytes that it holds beside the tree, for [`OpenTree::beside`].
+///
+/// # Errors
+/// [`crate::Kind::Input`] with both sizes.
+pub fn check_memory(scene: &Scene, job: &Job) -> Result<u64> {
+    let budget = Budget::default()
+        .with("the program and its threads", job.process_bytes)
+        .with("the scene", scene.bytes())
+        .with("what rays need of it", Tracer::bytes_for(scene))
+        .with("light in media", inscatter::bytes_for(scene))
+        .with(
+            "light of surfaces",
+            PatchRadiance::bytes_for(scene.mesh.triangles.len(), 0),
+        );
+    let what = "scattering light in this scene";
+    budget.within(what, job.memory_limit, "raise `memory_limit`")?;
+    job.hold(&budget);
+    Ok(budget.bytes())
+}
 
 /// Lights the media of a scene from its tree, and writes their light to a file.
 ///
@@ -45,32 +66,34 @@ pub fn run(
     inscatter::check_volumes(of_tree, scene)
         .map_err(|e| e.hint("bake the scene and build its tree again"))?;
     view::check_frame(scene, tree.tree().meta().cloud.world_from_scene)?;
-    job.report.stage("scatter", |counts| {
-        let mut listed = settings.listed();
-        listed.extend(scene.parts(None));
-        let meta = ScatterMeta {
-            scene_hash: scene.hash,
-            scene_name: scene.name.clone(),
-            volumes: of_tree.clone(),
-            tree_hash: tree.tree().content_hash(),
-            settings: listed,
-        };
-        let mut writer = ScatterWriter::create(output, meta, overwrite)?;
-        let lighting = Lighting {
-            scene,
-            tree,
-            settings,
-            job,
-        };
-        let lit = gather::with_tree(tree, lighting)?;
-        for (volume, light) in lit.iter().enumerate() {
-            pack::pack(light, volume, &mut writer)?;
-        }
-        let vertices = writer.vertices();
-        let summary = writer.finish()?;
-        counts.insert("vertices".into(), vertices as f64);
-        Ok(summary)
-    })
+    check_memory(scene, job)?;
+    job.report
+        .watched_stage("scatter", tree.fitter(job), |counts| {
+            let mut listed = settings.listed();
+            listed.extend(scene.parts(None));
+            let meta = ScatterMeta {
+                scene_hash: scene.hash,
+                scene_name: scene.name.clone(),
+                volumes: of_tree.clone(),
+                tree_hash: tree.tree().content_hash(),
+                settings: listed,
+            };
+            let mut writer = ScatterWriter::create(output, meta, overwrite)?;
+            let lighting = Lighting {
+                scene,
+                tree,
+                settings,
+                job,
+            };
+            let lit = gather::with_tree(tree, lighting)?;
+            for (volume, light) in lit.iter().enumerate() {
+                pack::pack(light, volume, &mut writer)?;
+            }
+            let vertices = writer.vertices();
+            let summary = writer.finish()?;
+            counts.insert("vertices".into(), vertices as f64);
+            Ok(summary)
+        })
 }
 
 /// Lighting of the media of a scene for any camera.

@@ -30,6 +30,17 @@ impl Mesh {
     /// Triangles of the largest scene: what finds them has places for no more.
     pub(crate) const MAX_TRIANGLES: usize = 1 << 27;
 
+    /// Bytes of memory that it takes.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let vertices = size_of_val(&self.positions[..])
+            + size_of_val(&self.normals[..])
+            + size_of_val(&self.colors[..])
+            + size_of_val(&self.uvs[..]);
+        let triangles = size_of_val(&self.triangles[..]) + size_of_val(&self.material[..]);
+        (vertices + triangles) as u64
+    }
+
     /// Corner positions of a triangle.
     #[must_use]
     pub fn corners(&self, triangle: usize) -> [Vec3; 3] {

@@ -159,6 +159,25 @@ impl Scene {
         Boxes::new(self.volumes.iter().map(Volume::bounds))
     }
 
+    /// Bytes of memory that the scene takes: triangles, but for those that lie in a packed file,
+    /// textures and grids.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let mut textures: Vec<&Texture> = Vec::new();
+        for texture in &self.textures {
+            if !textures.iter().any(|t| t.shares_texels(texture)) {
+                textures.push(texture);
+            }
+        }
+        let textures: u64 = textures.iter().map(|t| t.bytes()).sum();
+        let grids: usize = self.volumes.iter().map(|v| v.sigma_t.bytes()).sum();
+        let mesh = match self.as_packed() {
+            Some(_) => 0,
+            None => self.mesh.bytes(),
+        };
+        mesh + textures + grids as u64
+    }
+
     /// Box around all triangles and volumes.
     #[must_use]
     pub fn bounds(&self) -> Aabb {

@@ -61,7 +61,9 @@ pub fn shade_regions(request: &Request) -> Result<ShadedRegions> {
         ..
     } = request;
     let (regions, quantities) = (request.regions, request.quantities);
-    memory::check(scene, settings, regions, quantities, job.memory_limit)?;
+    job.hold(&memory::check(
+        scene, settings, regions, quantities, 0, job,
+    )?);
     view::check_frame(scene, tree.tree().meta().cloud.world_from_scene)?;
     let shaded = match settings.method {
         Method::Extended => gather::with_tree(tree, FrameTask { request }),

@@ -1,12 +1,15 @@
-//! What the buffers of a region take, told before they are made.
+//! What shading takes, told before the work.
 
 use super::pixels::Quantity;
-use super::settings::Settings;
+use super::settings::{Kernel, Settings};
 use super::surfaces::Lattice;
 use crate::Result;
+use crate::gather::PatchRadiance;
 use crate::image::Region;
-use crate::run::{memory, size};
+use crate::inscatter;
+use crate::run::{Budget, Job, memory};
 use crate::scene::Scene;
+use crate::trace::Tracer;
 
 /// Bytes of a pixel: the planes asked for, twice while blocks are put together.
 fn per_pixel(quantities: &[Quantity]) -> u64 {
@@ -14,8 +17,42 @@ fn per_pixel(quantities: &[Quantity]) -> u64 {
     2 * (planes * size_of::<f32>()) as u64
 }
 
-/// Refuses regions whose pixels and gathers take more than a limit by themselves, or surely more
-/// than the machine has.
+/// What shading regions holds, whatever the caches of the tree do.
+fn budget(
+    scene: &Scene,
+    settings: &Settings,
+    regions: &[Region],
+    quantities: &[Quantity],
+    job: &Job,
+) -> Budget {
+    let film = [scene.film.width, scene.film.height];
+    let pixels: usize = regions.iter().map(|r| r.pixels()).sum();
+    let lattices = regions
+        .iter()
+        .map(|&r| Lattice::bytes(r, settings.lattice, film));
+    let patches = match settings.kernel {
+        Kernel::Traced => {
+            PatchRadiance::bytes_for(scene.mesh.triangles.len(), settings.lattice_rays(pixels))
+        }
+        _ => 0,
+    };
+    Budget::default()
+        .with("the program and its threads", job.process_bytes)
+        .with("the scene", scene.bytes())
+        .with("what rays need of it", Tracer::bytes_for(scene))
+        .with("light in media", inscatter::bytes_for(scene))
+        .with("light of surfaces", patches)
+        .with(
+            "pixels and gathers",
+            (pixels as u64)
+                .saturating_mul(per_pixel(quantities))
+                .saturating_add(lattices.sum()),
+        )
+}
+
+/// Refuses regions that take more than the job's limit whatever the caches of the tree do, or
+/// pixels that surely take more than the machine has; `tree_bytes` is the least that their tree
+/// takes. Returns what they hold beside that.
 ///
 /// # Errors
 /// Says what they take, and how to shade in parts.
@@ -24,19 +61,19 @@ pub fn check(
     settings: &Settings,
     regions: &[Region],
     quantities: &[Quantity],
-    limit: Option<u64>,
-) -> Result<()> {
+    tree_bytes: u64,
+    job: &Job,
+) -> Result<Budget> {
     let film = [scene.film.width, scene.film.height];
     let pixels: u64 = regions.iter().map(|r| r.pixels() as u64).sum();
-    let lattices = regions
-        .iter()
-        .map(|&r| Lattice::bytes(r, settings.lattice, film));
-    let needed = pixels
-        .saturating_mul(per_pixel(quantities))
-        .saturating_add(lattices.sum());
-    size::within(format_args!("shading {pixels} pixels"), needed, limit).map_err(|e| {
-        e.hint("raise `memory_limit`, or shade a part: `region` X0 Y0 X1 Y1 or `tile` I/N")
-    })?;
+    let budget = budget(scene, settings, regions, quantities, job);
+    let advice = "raise `memory_limit`, or shade a part: `region` X0 Y0 X1 Y1 or `tile` I/N";
+    let with_tree = budget.clone().with("the tree", tree_bytes);
+    with_tree.within(
+        format_args!("shading {pixels} pixels"),
+        job.memory_limit,
+        advice,
+    )?;
     // The pixels of all regions are put together when the lists of gathers are gone.
     let [gathered, smoothed] = regions.iter().fold([0_u64; 2], |sum, &r| {
         let more = Lattice::least_bytes(r, settings.lattice, film);
@@ -49,5 +86,6 @@ pub fn check(
             "shade a part: `region` X0 Y0 X1 Y1 or `tile` I/N; or a smaller film: \
              `resolution` WxH. `memory_limit` holds down what the tree takes beside pixels",
         )
-    })
+    })?;
+    Ok(budget)
 }

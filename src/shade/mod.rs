@@ -37,7 +37,9 @@ use pixels::{Planes, Quantity};
 pub use pixels::Aov;
 pub use settings::{Kernel, Method, Quality, Settings};
 
-/// Refuses a frame that [`run`] would refuse for its memory, before there is a tree.
+/// Refuses a frame that [`run`] would refuse for its memory, before there is a tree, or with one of
+/// which so many bytes are the least ([`OpenTree::least_bytes`]). Returns the bytes that it holds
+/// beside the tree, for [`OpenTree::beside`].
 ///
 /// # Errors
 /// More pixels than the memory limit allows, or than the machine has memory for.
@@ -46,10 +48,12 @@ pub fn check_memory(
     settings: &Settings,
     region: Region,
     aovs: &[Aov],
+    tree_bytes: u64,
     job: &Job,
-) -> Result<()> {
+) -> Result<u64> {
     let quantities = pixels::quantities(aovs);
-    memory::check(scene, settings, &[region], &quantities, job.memory_limit)
+    let budget = memory::check(scene, settings, &[region], &quantities, tree_bytes, job)?;
+    Ok(budget.bytes())
 }
 
 /// Shades a region of the frame.
@@ -73,7 +77,8 @@ pub fn run(
         camera: Some(scene.camera(settings.camera.as_deref())?.name.clone()),
         ..settings.clone()
     };
-    job.report.stage("shade", |counts| {
+    let fit = tree.fitter(job);
+    job.report.watched_stage("shade", fit, |counts| {
         let quantities = pixels::quantities(aovs);
         let request = Request {
             scene,

@@ -88,6 +88,16 @@ impl<'a> Tracer<'a> {
         bounds.fold(Aabb::EMPTY, |all, b| all.with(b.min).with(b.max))
     }
 
+    /// Bytes that making it takes beside the scene, about; none of a packed scene, which has what
+    /// rays need.
+    #[must_use]
+    pub fn bytes_for(scene: &Scene) -> u64 {
+        match scene.as_packed() {
+            Some(_) => 0,
+            None => TriangleBvh::bytes_for(scene.mesh.triangles.len()),
+        }
+    }
+
     /// The boxes of the scene's volumes.
     #[must_use]
     pub fn boxes(&self) -> &Boxes {

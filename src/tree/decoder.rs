@@ -26,13 +26,6 @@ pub struct PageStats {
     pub misses: u64,
 }
 
-/// A page with its leaves, so that what it weighs never changes.
-#[derive(Debug, Default)]
-pub struct WholePage {
-    pub nodes: PageNodes,
-    pub leaves: PageLeaves,
-}
-
 /// The last page that a thread decoded, before it was laid out for rays: memory that is new to a
 /// process is a quarter of what decoding costs.
 #[derive(Default)]
@@ -56,6 +49,8 @@ pub(super) struct Decoder {
     failed: AtomicU64,
     failure: Mutex<Option<Error>>,
     links: Links,
+    /// Whether pages of the file are given back once they are decoded.
+    gives_back: bool,
 }
 
 /// The page that links to each page, as far as pages were decoded. A tree in which two do has more
@@ -103,8 +98,9 @@ impl Links {
 }
 
 impl Decoder {
-    pub fn new(tree: Tree<MappedFile>, path: &Path) -> Self {
+    pub fn new(tree: Tree<MappedFile>, path: &Path, gives_back: bool) -> Self {
         Self {
+            gives_back,
             links: Links::new(tree.surfel_pages()),
             tree,
             path: path.to_owned(),
@@ -113,6 +109,18 @@ impl Decoder {
             bytes_read: AtomicU64::new(0),
             failed: AtomicU64::new(0),
             failure: Mutex::new(None),
+        }
+    }
+
+    /// The tree file and its path.
+    pub fn into_file(self) -> (Tree<MappedFile>, PathBuf) {
+        (self.tree, self.path)
+    }
+
+    /// Gives the memory of a page of the file back, if pages are.
+    fn give_back(&self, id: u32) {
+        if self.gives_back {
+            self.tree.release_surfel_page(id as usize);
         }
     }
 
@@ -129,7 +137,10 @@ impl Decoder {
         SCRATCH.with_borrow_mut(|Scratch { nodes, .. }| {
             let decoded = self.tree.surfel_nodes(id as usize, nodes);
             match decoded.and_then(|()| self.links.note(id, nodes)) {
-                Ok(()) => PageNodes::new(nodes),
+                Ok(()) => {
+                    self.give_back(id);
+                    PageNodes::new(nodes)
+                }
                 Err(e) => self.fail(e),
             }
         })
@@ -139,28 +150,13 @@ impl Decoder {
         self.decoded_leaves.fetch_add(1, Ordering::Relaxed);
         SCRATCH.with_borrow_mut(|Scratch { leaves, .. }| {
             match self.tree.surfel_leaves(id as usize, leaves) {
-                Ok(()) => PageLeaves::new(&leaves.counts, &leaves.surfels),
+                Ok(()) => {
+                    self.give_back(id);
+                    PageLeaves::new(&leaves.counts, &leaves.surfels)
+                }
                 Err(e) => self.fail(e),
             }
         })
-    }
-
-    pub fn whole(&self, id: u32) -> WholePage {
-        self.count(id);
-        self.decoded_leaves.fetch_add(1, Ordering::Relaxed);
-        let page = self.tree.surfel_page(id as usize).and_then(|page| {
-            self.links.note(id, &page.nodes)?;
-            let counts: Vec<u8> = page
-                .nodes
-                .iter()
-                .filter_map(|n| n.below.surfels())
-                .collect();
-            Ok(WholePage {
-                nodes: PageNodes::new(&page.nodes),
-                leaves: PageLeaves::new(&counts, &page.surfels),
-            })
-        });
-        page.unwrap_or_else(|e| self.fail(e))
     }
 
     /// Notes the first error, and returns something empty.

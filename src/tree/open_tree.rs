@@ -3,7 +3,7 @@
 use super::decoder::PageStats;
 use super::media::{self, Block, Media, MediaLayout};
 use super::pages::SurfelStore;
-use crate::run::{hex, size};
+use crate::run::{Job, Resident, hex, size};
 use crate::{Error, Result};
 use glam::DVec3;
 use lvox_formats::record::Lvoxel;
@@ -22,6 +22,7 @@ pub struct OpenTree {
     /// Light that they scatter, if it was made beforehand.
     #[doc(hidden)]
     pub scatter: Option<Scatter<MappedFile>>,
+    memory_limit: Option<u64>,
 }
 
 /// Reads all lvoxels of a tree, page by page and twice: no more than what is kept is ever in
@@ -86,12 +87,51 @@ impl OpenTree {
             ));
         }
         let media = read_media(&tree, path, memory_limit)?;
+        if memory_limit.is_some() {
+            tree.release_all();
+        }
         let surfels = SurfelStore::new(tree, path, media.bytes() as u64, memory_limit)?;
         Ok(Self {
             surfels,
             media,
             scatter: None,
+            memory_limit,
         })
+    }
+
+    /// Bytes of memory with which the tree can be used: its lvoxels, and a few pages of surfels.
+    #[must_use]
+    pub fn least_bytes(&self) -> u64 {
+        self.media.bytes() as u64 + SurfelStore::least_bytes(self.tree())
+    }
+
+    /// The same tree, of which no page was used yet, where its memory limit holds so many bytes of
+    /// other data, too.
+    ///
+    /// # Errors
+    /// A limit too small for those and a few pages.
+    pub fn beside(self, other_bytes: u64) -> Result<Self> {
+        if self.memory_limit.is_none() {
+            return Ok(self);
+        }
+        let (tree, path) = self.surfels.into_file();
+        let others = other_bytes.saturating_add(self.media.bytes() as u64);
+        Ok(Self {
+            surfels: SurfelStore::new(tree, &path, others, self.memory_limit)?,
+            ..self
+        })
+    }
+
+    /// What hears from a stage what memory the process has, and has caches take no more than the
+    /// memory limit leaves beside all else. Where the limit is not for this process alone, what
+    /// that has says nothing.
+    pub(crate) fn fitter(&self, job: &Job) -> impl Fn(Resident) + Sync {
+        let limit = self.memory_limit.filter(|_| job.process_bytes > 0);
+        move |now| {
+            if let Some(limit) = limit {
+                self.surfels.fit(now, limit);
+            }
+        }
     }
 
     /// Adds light that media scatter, from a file that was made from this tree.

@@ -2,14 +2,15 @@
 //!
 //! Either way a page that no ray touches is never read.
 
-use super::decoder::{Decoder, PageStats, WholePage};
+use super::decoder::{Decoder, PageStats};
 use super::page::{self, PageLeaves, PageNodes};
-use crate::run::size;
+use crate::run::{Resident, memory, size};
 use crate::{Error, Result};
 use lvox_formats::{MappedFile, Tree};
 use quick_cache::sync::Cache;
 use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
-use std::path::Path;
+use std::cell::OnceCell;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 /// A page in use.
@@ -23,6 +24,10 @@ pub trait Page {
 
 /// Gives pages to the kernels.
 pub trait Pages: Sync {
+    /// Whether a page may have to be decoded again when it is next asked for, so that it pays to
+    /// ask in an order in which those near each other follow one another.
+    const ARE_CACHED: bool = false;
+
     /// A page while it is used.
     type Page<'a>: Page
     where
@@ -96,47 +101,107 @@ impl Pages for ResidentTree {
     }
 }
 
-/// A tree whose decoded pages live in a cache of bounded size.
+/// A tree whose decoded pages live in a cache of bounded size. Nodes and leaves are kept apart:
+/// most queries need no leaves, which take as much room as nodes.
 #[derive(Debug)]
 pub struct CachedTree {
     decoder: Decoder,
-    cache: Cache<u32, Arc<WholePage>, PageBytes>,
+    cache: Cache<PartKey, Part, PartBytes>,
+    /// The least and the most that the cache may hold, bytes.
+    bounds: [u64; 2],
 }
 
-impl Page for Arc<WholePage> {
+/// A page and which part of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum PartKey {
+    Nodes(u32),
+    Leaves(u32),
+}
+
+/// A part of a page.
+#[derive(Clone, Debug)]
+enum Part {
+    Nodes(Arc<PageNodes>),
+    Leaves(Arc<PageLeaves>),
+}
+
+/// A page of a [`CachedTree`], which stays while it is held.
+#[derive(Debug)]
+pub struct CachedPage<'a> {
+    tree: &'a CachedTree,
+    id: u32,
+    nodes: Arc<PageNodes>,
+    leaves: OnceCell<Arc<PageLeaves>>,
+}
+
+impl Page for CachedPage<'_> {
+    #[inline]
     fn nodes(&self) -> &PageNodes {
         &self.nodes
     }
 
     fn leaves(&self) -> &PageLeaves {
-        &self.leaves
+        self.leaves.get_or_init(|| self.tree.leaves(self.id))
     }
 }
 
-/// Weighs a page by its bytes.
+/// Weighs a part of a page by its bytes.
 #[derive(Clone, Debug)]
-struct PageBytes;
+struct PartBytes;
 
-impl Weighter<u32, Arc<WholePage>> for PageBytes {
-    fn weight(&self, _: &u32, page: &Arc<WholePage>) -> u64 {
-        (page.nodes.bytes() + page.leaves.bytes()) as u64 + 64
+impl Weighter<PartKey, Part> for PartBytes {
+    fn weight(&self, _: &PartKey, part: &Part) -> u64 {
+        /// Of its entry, and of what the allocator keeps beside its lists.
+        const BESIDE: u64 = 256;
+        let bytes = match part {
+            Part::Nodes(nodes) => nodes.bytes(),
+            Part::Leaves(leaves) => leaves.bytes(),
+        };
+        bytes as u64 + BESIDE
+    }
+}
+
+impl CachedTree {
+    /// A part of a page, decoded if it is not there.
+    fn part(&self, key: PartKey) -> Part {
+        let decode = || {
+            Ok::<_, std::convert::Infallible>(match key {
+                PartKey::Nodes(id) => Part::Nodes(Arc::new(self.decoder.nodes(id))),
+                PartKey::Leaves(id) => Part::Leaves(Arc::new(self.decoder.leaves(id))),
+            })
+        };
+        // The closure cannot fail; the cache's error type is ours to choose.
+        let part = self.cache.get_or_insert_with(&key, decode);
+        part.unwrap_or_else(|never| match never {})
+    }
+
+    fn leaves(&self, id: u32) -> Arc<PageLeaves> {
+        match self.part(PartKey::Leaves(id)) {
+            Part::Leaves(leaves) => leaves,
+            Part::Nodes(_) => Arc::default(),
+        }
     }
 }
 
 impl Pages for CachedTree {
-    type Page<'a> = Arc<WholePage>;
+    const ARE_CACHED: bool = true;
+
+    type Page<'a> = CachedPage<'a>;
 
     fn root(&self) -> Option<u32> {
         self.decoder.tree.root_page()
     }
 
-    fn page(&self, id: u32) -> Arc<WholePage> {
-        // The closure cannot fail; the cache's error type is ours to choose.
-        self.cache
-            .get_or_insert_with(&id, || {
-                Ok::<_, std::convert::Infallible>(Arc::new(self.decoder.whole(id)))
-            })
-            .unwrap_or_else(|never| match never {})
+    fn page(&self, id: u32) -> CachedPage<'_> {
+        CachedPage {
+            tree: self,
+            id,
+            nodes: match self.part(PartKey::Nodes(id)) {
+                Part::Nodes(nodes) => nodes,
+                Part::Leaves(_) => Arc::default(),
+            },
+            leaves: OnceCell::new(),
+        }
     }
 
     fn check(&self) -> Result<()> {
@@ -155,7 +220,8 @@ pub enum SurfelStore {
 
 impl SurfelStore {
     /// Opens the pages of a tree file. With a memory limit that they might pass once decoded,
-    /// beside `other_bytes` of other data, they are cached within it.
+    /// beside `other_bytes` of other data, they are cached within it, and the pages of the file are
+    /// given back as soon as they are decoded.
     ///
     /// # Errors
     /// A limit too small for a few pages.
@@ -165,29 +231,68 @@ impl SurfelStore {
         other_bytes: u64,
         memory_limit: Option<u64>,
     ) -> Result<Self> {
-        let most = || {
-            let blocks = tree.surfel_blocks().iter().enumerate();
-            blocks.map(|(i, b)| {
-                let (clips, backs) = (tree.has_clips(i), tree.has_backs(i));
-                page::most_bytes(u64::from(b.nodes), u64::from(b.records), clips, backs)
-            })
-        };
+        let most = || most_bytes_of_pages(&tree);
         let entry = size_of::<ResidentEntry>() as u64;
         let decoded = most().fold(other_bytes, |sum, bytes| {
             sum.saturating_add(bytes).saturating_add(entry)
         });
         let largest = most().max().unwrap_or(0);
         let count = tree.surfel_pages();
-        let decoder = Decoder::new(tree, path);
+        let least = Self::least_bytes(&tree);
+        let decoder = Decoder::new(tree, path, memory_limit.is_some());
         let Some(limit) = memory_limit.filter(|&limit| decoded > limit) else {
             let pages = (0..count).map(|_| Default::default()).collect();
             return Ok(Self::Resident(ResidentTree { decoder, pages }));
         };
+        let needed = other_bytes.saturating_add(least);
+        size::within("shading from it", needed, memory_limit).map_err(|e| e.at(path.display()))?;
+        let most = limit - other_bytes;
+        Ok(Self::Cached(CachedTree {
+            decoder,
+            cache: page_cache(most, largest, count)?,
+            bounds: [least, most],
+        }))
+    }
+
+    /// Bytes of memory with which the pages of a tree can be used.
+    pub(super) fn least_bytes(tree: &Tree<MappedFile>) -> u64 {
         // A cache shard never keeps what is heavier than nearly all of it.
-        let least = other_bytes.saturating_add(largest.saturating_mul(8));
-        size::within("shading from it", least, memory_limit).map_err(|e| e.at(path.display()))?;
-        let cache = page_cache(limit - other_bytes, largest, count)?;
-        Ok(Self::Cached(CachedTree { decoder, cache }))
+        most_bytes_of_pages(tree)
+            .max()
+            .unwrap_or(0)
+            .saturating_mul(8)
+    }
+
+    /// The tree file and its path, to open it anew.
+    pub(super) fn into_file(self) -> (Tree<MappedFile>, PathBuf) {
+        match self {
+            Self::Resident(t) => t.decoder.into_file(),
+            Self::Cached(t) => t.decoder.into_file(),
+        }
+    }
+
+    /// Has the cache take no more than a limit leaves beside all else that the process has in
+    /// memory now. Its size changes no result.
+    pub(super) fn fit(&self, now: Resident, limit: u64) {
+        if now.all() > limit {
+            self.file().release_all();
+        }
+        let Self::Cached(t) = self else {
+            return;
+        };
+        let [least, most] = t.bounds;
+        // Files that are mapped are the system's to take back, and may pass the limit by a tenth.
+        let over = now.anonymous.max(now.all().saturating_sub(limit / 10));
+        let others = over.saturating_sub(t.cache.weight());
+        // Between two looks the rest may grow.
+        let room = (limit - limit / ROOM_SHARE).saturating_sub(others);
+        let capacity = room.clamp(least, most);
+        if capacity.abs_diff(t.cache.capacity()) > most / 64 {
+            t.cache.set_capacity(capacity);
+        }
+        if over > limit - limit / (2 * ROOM_SHARE) {
+            memory::give_back_freed();
+        }
     }
 
     /// The tree file.
@@ -202,23 +307,40 @@ impl SurfelStore {
     pub(super) fn stats(&self) -> PageStats {
         match self {
             Self::Resident(t) => t.decoder.stats(),
-            Self::Cached(t) => PageStats {
-                hits: t.cache.hits(),
-                misses: t.cache.misses(),
-                ..t.decoder.stats()
-            },
+            Self::Cached(t) => {
+                let decoded = t.decoder.stats();
+                PageStats {
+                    hits: t.cache.hits(),
+                    // The cache counts those twice that it was told what to hold for.
+                    misses: decoded.decoded + decoded.decoded_leaves,
+                    ..decoded
+                }
+            }
         }
     }
 }
 
+/// Bytes that each page of a tree takes at most once it is decoded.
+fn most_bytes_of_pages(tree: &Tree<MappedFile>) -> impl Iterator<Item = u64> {
+    let blocks = tree.surfel_blocks().iter().enumerate();
+    blocks.map(|(i, b)| {
+        let (clips, backs) = (tree.has_clips(i), tree.has_backs(i));
+        page::most_bytes(u64::from(b.nodes), u64::from(b.records), clips, backs)
+    })
+}
+
+/// The share of a memory limit that caches leave free for what grows between two looks at the
+/// process's memory.
+const ROOM_SHARE: u64 = 16;
+
 /// A cache of so many bytes for pages, the largest of which has `largest` bytes.
-fn page_cache(
-    budget: u64,
-    largest: u64,
-    pages: usize,
-) -> Result<Cache<u32, Arc<WholePage>, PageBytes>> {
-    let shards = (budget / largest.saturating_mul(2).max(1)).clamp(1, 16) as usize;
+fn page_cache(budget: u64, largest: u64, pages: usize) -> Result<Cache<PartKey, Part, PartBytes>> {
+    /// Of the cache, for what was asked for again: in the rest pages stay for a short time, which
+    /// is all that most need.
+    const HOT_SHARE: f64 = 0.5;
+    let shards = (budget / largest.saturating_mul(32).max(1)).clamp(1, 16) as usize;
     let options = OptionsBuilder::new()
+        .hot_allocation(HOT_SHARE)
         .shards(shards)
         .estimated_items_capacity(pages.max(1))
         .weight_capacity(budget)
@@ -226,7 +348,7 @@ fn page_cache(
         .map_err(|e| Error::failed(format!("cannot make a page cache of {budget} bytes: {e:?}")))?;
     Ok(Cache::with_options(
         options,
-        PageBytes,
+        PartBytes,
         DefaultHashBuilder::default(),
         Default::default(),
     ))

@@ -299,20 +299,23 @@ fn what_memory_cannot_hold_is_told_before_it_is_made() {
     assert!(error.contains("lvoxels needs"), "{error}");
     // The picture alone, whatever the tree takes.
     let store = OpenTree::open(&tree, None).unwrap();
-    let job = Job {
-        memory_limit: Some(70_000),
-        ..Job::default()
-    };
     let settings = Settings::default();
-    let shade = |region| lvox::shade::run(&scene, &store, &settings, region, &[], &job);
-    let error = shade(Region::full(64, 48)).unwrap_err();
-    assert!(error.to_string().contains("3072 pixels"), "{error}");
     let part = Region {
         x0: 8,
         y0: 8,
         x1: 16,
         y1: 12,
     };
+    let held = |region| {
+        lvox::shade::check_memory(&scene, &settings, region, &[], 0, &Job::default()).unwrap()
+    };
+    let job = Job {
+        memory_limit: Some(held(part) + 70_000),
+        ..Job::default()
+    };
+    let shade = |region| lvox::shade::run(&scene, &store, &settings, region, &[], &job);
+    let error = shade(Region::full(64, 48)).unwrap_err();
+    assert!(error.to_string().contains("3072 pixels"), "{error}");
     shade(part).unwrap();
 }
 

@@ -13,6 +13,7 @@ mod grain;
 mod hostile_trees;
 mod leaks;
 mod left_out;
+mod limits;
 #[cfg(target_os = "linux")]
 mod memory;
 mod messages;

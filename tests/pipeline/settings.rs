@@ -101,7 +101,6 @@ fn verbs_take_no_option_that_they_do_not_use() {
         ("compare a b", "--seed 1"),
         ("inspect a", "--seed 1"),
         ("verify a", "--seed 1"),
-        ("bake a -o b", "--memory-limit 1G"),
         ("inspect a", "--memory-limit 1G"),
         ("verify a", "--memory-limit 1G"),
         ("bake a -o b", "--temp-dir ."),

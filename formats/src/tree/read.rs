@@ -6,7 +6,7 @@ use crate::frame::{Block, FileKind};
 use crate::opened::{Opened, check_sizes};
 use crate::record::{Below, Bounds, Lvoxel, Node, Surfel, SurfelLeaves, SurfelPage};
 use crate::summary::{Sums, TreeSummary};
-use crate::{FormatError, Result, TreeMeta, check};
+use crate::{FormatError, MappedFile, Result, TreeMeta, check};
 
 /// The format of a tree file.
 #[derive(Debug)]
@@ -108,6 +108,16 @@ impl Format for TreeFormat {
             Ok(())
         })?;
         Ok(())
+    }
+}
+
+impl Tree<MappedFile> {
+    /// Gives the memory of page `i` of surfels back to the system, which maps it again when it is
+    /// next read.
+    pub fn release_surfel_page(&self, i: usize) {
+        if let Some(block) = self.surfel_blocks().get(i) {
+            self.release_around(block);
+        }
     }
 }
 

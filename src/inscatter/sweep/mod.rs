@@ -166,7 +166,7 @@ impl Sweep {
             (by_rays.max().unwrap_or(0))
                 .max(by_layers)
                 .saturating_add(LevelSweep::BYTES_A_VERTEX * vertices),
-            scope.job.memory_limit,
+            scope.job,
         )?;
         let layered = (in_layers > 0)
             .then(|| LayeredSweep::new(scope, coarsest))
@@ -256,6 +256,8 @@ impl LevelSweep {
         let vertices: Vec<[usize; 3]> = set.vertices().collect();
         counts::add(&scope.counters.swept, vertices.len() as u64);
         let to_index = |v: [usize; 3]| Vec3::from(v.map(|c| (c * step) as f32));
+        let places = vertices.iter().map(|&v| to_index(v));
+        (scope.far_field).foresee(scope.volume, scope.gatherer, places);
         let surroundings: Vec<Option<Surroundings>> = vertices
             .par_iter()
             .map(|&v| {

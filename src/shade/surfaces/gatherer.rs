@@ -2,7 +2,9 @@
 
 use super::bright::BrightPatchLights;
 use crate::Result;
-use crate::gather::{DirectionOrder, Gathered, Gatherer, Medium, SampleRange, SurfacePoint};
+use crate::gather::{
+    DirectionOrder, Gathered, Gatherer, Medium, SampleRange, SurfacePoint, UnknownPatches,
+};
 use crate::trace::Surface;
 use crate::tree::Pages;
 use crate::view::View;
@@ -23,6 +25,21 @@ pub trait GatherAtSurfaces: Sync {
         seed: u64,
         order: &DirectionOrder,
     ) -> Vec<Gathered>;
+
+    /// The patches that [`Self::gather_neighbours`] would evaluate from pages that may be decoded
+    /// again and again.
+    fn unknown_to_neighbours(
+        &self,
+        surfaces: &[(Surface, u32)],
+        seed: u64,
+        order: &DirectionOrder,
+    ) -> UnknownPatches;
+
+    /// Evaluates patches in the order of their places.
+    fn evaluate(&self, unknown: UnknownPatches);
+
+    /// Whether [`Self::unknown_to_neighbours`] may find any.
+    fn has_unknown(&self) -> bool;
 
     /// The order in which the directions of so many ranges of one seed are taken.
     fn order(&self, ranges: u32) -> DirectionOrder;
@@ -76,6 +93,25 @@ impl<P: Pages, M: Medium> GatherAtSurfaces for SurfaceGatherer<'_, P, M> {
             self.add_bright_patches(gathered, surface, SampleRange { index, seed });
         }
         gathered
+    }
+
+    fn unknown_to_neighbours(
+        &self,
+        surfaces: &[(Surface, u32)],
+        seed: u64,
+        order: &DirectionOrder,
+    ) -> UnknownPatches {
+        let point = |(surface, range): &(Surface, u32)| self.point(surface, *range);
+        let points: Vec<_> = surfaces.iter().map(point).collect();
+        (self.gatherer).unknown_to_neighbours(&points, seed, order)
+    }
+
+    fn evaluate(&self, unknown: UnknownPatches) {
+        self.gatherer.evaluate(unknown);
+    }
+
+    fn has_unknown(&self) -> bool {
+        self.gatherer.has_unknown()
     }
 
     fn order(&self, ranges: u32) -> DirectionOrder {

@@ -146,6 +146,15 @@ impl Child {
 }
 
 impl TriangleBvh<'_> {
+    /// Bytes that it takes of so many triangles, about, while it is made: blocks are seldom full,
+    /// and a node has about as many children as there are triangles in five blocks.
+    #[must_use]
+    pub fn bytes_for(triangles: usize) -> u64 {
+        let block = (size_of::<Block>() / LANES) as u64;
+        let node = (size_of::<Node>() / (5 * LANES)) as u64;
+        triangles as u64 * (block + block / 8 + node)
+    }
+
     /// The nearest hit along a ray; of triangles at the same distance the first of the mesh.
     #[must_use]
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {

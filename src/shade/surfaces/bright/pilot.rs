@@ -5,7 +5,7 @@
 //! the points that those see but at the middle of what lies around them, so that a camera that
 //! hardly moves finds the same.
 
-use crate::gather::{BrightHit, Crossing, PatchRadiance, PatchRequest};
+use crate::gather::{BrightHit, Crossing, PatchRadiance, PatchRequest, UnknownPatches};
 use crate::math::sampling::{self, cosine_hemisphere, sobol2, tangents};
 use crate::math::{Hit, Ray, Rgb};
 use crate::trace::Surface;
@@ -52,8 +52,16 @@ pub(super) struct PilotGathers<'a, P> {
 impl<P: Pages> PilotGathers<'_, P> {
     /// What is bright, if that sends much of what pilot gathers see.
     pub fn bright(&self) -> Option<BrightHits> {
-        let seen: Vec<_> = (0..PILOTS_ALONG_AXIS * PILOTS_ALONG_AXIS)
-            .into_par_iter()
+        let pilots = || (0..PILOTS_ALONG_AXIS * PILOTS_ALONG_AXIS).into_par_iter();
+        if P::ARE_CACHED {
+            let unknown = pilots().map(|pilot| {
+                let rays = self.rays_of(pilot);
+                self.patches.unknown_along(&rays, self.request())
+            });
+            let unknown = UnknownPatches::of_all(unknown.collect());
+            self.patches.evaluate_in_order(self.pages, unknown);
+        }
+        let seen: Vec<_> = pilots()
             .flat_map_iter(|pilot| self.seen_by(pilot))
             .collect();
         let mean = seen.iter().map(|(light, _)| light).sum::<f32>() / seen.len().max(1) as f32;
@@ -69,37 +77,49 @@ impl<P: Pages> PilotGathers<'_, P> {
         })
     }
 
-    /// What the rays of a pilot gather bring, by the mean channel, and where they meet surfaces:
-    /// those that meet anything.
-    fn seen_by(&self, pilot: u32) -> Vec<(f32, Option<BrightHit>)> {
+    /// The request that rays make of patches.
+    fn request(&self) -> PatchRequest {
+        PatchRequest {
+            max_solid_angle: self.max_solid_angle,
+            leave_out_bright: false,
+        }
+    }
+
+    /// The rays of a pilot gather; none where it stands nowhere.
+    fn rays_of(&self, pilot: u32) -> Vec<Ray> {
         let Some(surface) = self.stand(pilot) else {
             return Vec::new();
         };
         let (origin, normal) = (self.view.off_surface(&surface), surface.face_normal);
         let (x, y) = tangents(normal);
         let key = sampling::mix(u64::from(pilot)) as u32;
-        let wanted = PatchRequest {
-            max_solid_angle: self.max_solid_angle,
-            leave_out_bright: false,
-        };
-        let sky = Some(self.environment.mean()).filter(|light| *light > 0.0);
-        let mut stack = Default::default();
         let ray = |i| {
             let d = cosine_hemisphere(sobol2(i, 0, key));
             let d = (x * d.x + y * d.y + normal * d.z).normalize();
-            let end = (self.patches).cast(self.pages, &Ray::endless(origin, d), wanted, &mut stack);
+            Ray::endless(origin, d)
+        };
+        (0..RAYS_PER_PILOT).map(ray).collect()
+    }
+
+    /// What the rays of a pilot gather bring, by the mean channel, and where they meet surfaces:
+    /// those that meet anything.
+    fn seen_by(&self, pilot: u32) -> Vec<(f32, Option<BrightHit>)> {
+        let sky = Some(self.environment.mean()).filter(|light| *light > 0.0);
+        let mut stack = Default::default();
+        let seen = |ray: Ray| {
+            let end = (self.patches).cast(self.pages, &ray, self.request(), &mut stack);
             match end {
                 Some(Crossing { t, radiance, .. }) => {
                     // Of the disk at that distance that a ray stands for, where it falls straight.
                     let radius = t * (2.0 / RAYS_PER_PILOT as f32).sqrt();
-                    let position = origin + d * t;
+                    let position = ray.at(t);
                     Some((radiance.mean(), Some(BrightHit { position, radius })))
                 }
                 // What brings nothing because there is nothing does not make the rest bright.
                 None => sky.map(|light| (light, None)),
             }
         };
-        (0..RAYS_PER_PILOT).filter_map(ray).collect()
+        self.rays_of(pilot).into_iter().filter_map(seen).collect()
     }
 
     /// The surface on which a pilot gather stands: on what its pixel sees.

@@ -12,13 +12,14 @@ mod gathers;
 
 use super::gatherer::GatherAtSurfaces;
 use crate::Result;
-use crate::gather::{DirectionOrder, Gathered};
+use crate::gather::{DirectionOrder, Gathered, UnknownPatches, in_order_of_places};
 use crate::image::Region;
 use crate::math::{Ray, Rgb, sampling};
 use crate::run::{Cancel, Task, memory};
 use crate::trace::Surface;
 use area::Area;
 use gathers::{Gathers, LATTICE, LatticeGather};
+use glam::Vec3;
 use rayon::prelude::*;
 
 /// The part of the frame's lattice that a region needs.
@@ -174,6 +175,16 @@ struct Receivers<'a> {
     task: &'a Task,
 }
 
+/// The receivers of a square of the lattice.
+struct SquareReceivers {
+    /// Numbers of their places, and gathers there that have no light yet.
+    nodes: Vec<(usize, LatticeGather)>,
+    /// Where they stand, and the range of directions of each.
+    surfaces: Vec<(Surface, u32)>,
+    /// Key of their directions.
+    seed: u64,
+}
+
 impl Receivers<'_> {
     /// Harmonic distance below which light may change within a step, over the length of that on the
     /// surface. Gathers are carried a quarter of that distance, and no less than 0.7 steps: half as
@@ -191,9 +202,35 @@ impl Receivers<'_> {
         site: LatticeSite,
         is_wanted: impl Fn([u32; 2]) -> bool + Sync,
     ) -> Result<Vec<Vec<(usize, LatticeGather)>>> {
-        area.squares(Lattice::SQUARE_EDGE)
-            .into_par_iter()
-            .map(|square| {
+        /// Squares whose patches are found together, so that what is known of rays to come takes
+        /// some MiB at most.
+        const TOGETHER: usize = 1024;
+        let middle = Lattice::SQUARE_EDGE / 2;
+        let seen = |square: [u32; 2]| {
+            let at = square.map(|c| c * Lattice::SQUARE_EDGE + middle);
+            let seen = self.seen_at(at, LatticeSite::Place);
+            (square, seen.map_or(Vec3::ZERO, |(_, node)| node.position))
+        };
+        // Squares near each other in the scene need the same pages of the tree.
+        let squares = area.squares(Lattice::SQUARE_EDGE).into_par_iter().map(seen);
+        let squares = in_order_of_places(squares.collect(), |(_, position)| *position);
+        let mut gathered = Vec::with_capacity(squares.len());
+        for together in squares.chunks(TOGETHER) {
+            if self.gatherer.has_unknown() {
+                let unknown = together.par_iter().map(|(square, _)| {
+                    self.cancel.check()?;
+                    let receivers = self.receivers_in(area, *square, site, &is_wanted);
+                    Ok((self.gatherer).unknown_to_neighbours(
+                        &receivers.surfaces,
+                        receivers.seed,
+                        self.order,
+                    ))
+                });
+                let unknown = unknown.collect::<Result<Vec<_>>>()?;
+                self.gatherer.evaluate(UnknownPatches::of_all(unknown));
+            }
+            // Threads take one after the other, so that all are at about one place.
+            let squares = together.iter().par_bridge().map(|(square, _)| {
                 self.cancel.check()?;
                 // How many stand in the middle of cells was not known when the task was told its
                 // length.
@@ -201,20 +238,21 @@ impl Receivers<'_> {
                     self.task
                         .add(u64::from(Lattice::SQUARE_EDGE * Lattice::SQUARE_EDGE));
                 }
-                Ok(self.gather_in(area, square, site, &is_wanted))
-            })
-            .collect()
+                Ok(self.gather_in(area, *square, site, &is_wanted))
+            });
+            gathered.extend(squares.collect::<Result<Vec<_>>>()?);
+        }
+        Ok(gathered)
     }
 
-    /// The gathers of the wanted places of a square of the lattice, and the numbers of those
-    /// places.
-    fn gather_in(
+    /// The receivers at the wanted places of a square of the lattice.
+    fn receivers_in(
         &self,
         area: &Area,
         [i, j]: [u32; 2],
         site: LatticeSite,
         is_wanted: impl Fn([u32; 2]) -> bool,
-    ) -> Vec<(usize, LatticeGather)> {
+    ) -> SquareReceivers {
         const SQUARE_EDGE: u32 = Lattice::SQUARE_EDGE;
         let (mut nodes, mut surfaces) = (Vec::new(), Vec::new());
         for (y, x) in (0..SQUARE_EDGE).flat_map(|y| (0..SQUARE_EDGE).map(move |x| (y, x))) {
@@ -229,12 +267,33 @@ impl Receivers<'_> {
             // The stretches of each quarter of a square follow one another.
             surfaces.push((surface, morton(x, y)));
         }
-        let view = self.gatherer.view();
-        let key = [view.seed, u64::from(i), u64::from(j), 1];
+        let key = [self.gatherer.view().seed, u64::from(i), u64::from(j), 1];
         let seed = sampling::hash(match site {
             LatticeSite::Place => &key[..3],
             LatticeSite::Middle => &key,
         });
+        SquareReceivers {
+            nodes,
+            surfaces,
+            seed,
+        }
+    }
+
+    /// The gathers of the wanted places of a square of the lattice, and the numbers of those
+    /// places.
+    fn gather_in(
+        &self,
+        area: &Area,
+        square: [u32; 2],
+        site: LatticeSite,
+        is_wanted: impl Fn([u32; 2]) -> bool,
+    ) -> Vec<(usize, LatticeGather)> {
+        let SquareReceivers {
+            mut nodes,
+            surfaces,
+            seed,
+        } = self.receivers_in(area, square, site, is_wanted);
+        let view = self.gatherer.view();
         let gathered = (self.gatherer).gather_neighbours(&surfaces, seed, self.order);
         for (((_, node), (surface, _)), gathered) in nodes.iter_mut().zip(surfaces).zip(gathered) {
             node.gathered = gathered;

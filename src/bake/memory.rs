@@ -1,0 +1,42 @@
+//! What a bake takes, told before the work.
+
+use super::{BATCH_SURFELS, Settings, SurfelSampling};
+use crate::Result;
+use crate::run::{Budget, Job};
+use crate::scene::Scene;
+use crate::trace::Tracer;
+use lvox_formats::record::Surfel;
+
+/// Refuses a bake that takes more than the job's limit. Returns what it takes: that does not grow
+/// with the cloud.
+///
+/// # Errors
+/// [`crate::Kind::Input`] with both sizes.
+pub fn check(scene: &Scene, settings: &Settings, job: &Job) -> Result<Budget> {
+    /// Bytes of a triangle while creases are found: its neighbours, and what they are found by.
+    const CREASES: u64 = 20;
+    /// Of a batch of surfels: the records, their columns, and these compressed.
+    const BATCHES: u64 = 3;
+    /// Of chunks of lvoxels, and of light that is kept for them.
+    const LVOXELS: u64 = 24 << 20;
+    let triangles = scene.mesh.triangles.len() as u64;
+    let samples = match &settings.surfels {
+        SurfelSampling::Area { count } => (*count).min(BATCH_SURFELS),
+        SurfelSampling::Camera { .. } => BATCH_SURFELS,
+    };
+    let grids: usize = scene.volumes.iter().map(|v| v.sigma_t.bytes()).sum();
+    let media = if scene.volumes.is_empty() {
+        0
+    } else {
+        LVOXELS + grids as u64 / 2
+    };
+    let budget = Budget::default()
+        .with("the program and its threads", job.process_bytes)
+        .with("the scene", scene.bytes())
+        .with("what rays need of it", Tracer::bytes_for(scene))
+        .with("creases of surfaces", triangles * CREASES)
+        .with("light in media", media)
+        .with("surfels", BATCHES * samples * size_of::<Surfel>() as u64);
+    budget.within("this bake", job.memory_limit, "raise `memory_limit`")?;
+    Ok(budget)
+}
