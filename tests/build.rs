@@ -7,6 +7,7 @@ use lvox::formats::*;
 use lvox::run::Job;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use support::program::lvox;
 use support::random::Random;
 
 const OVERLAP: f32 = 1.7;
@@ -367,6 +368,28 @@ fn a_plan_is_near_what_a_build_takes() {
     }
 }
 
+/// The memory of a build is that of its process, and so the program is asked.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_plan_is_near_the_memory_that_a_build_takes() {
+    let case = case(&room(600_000), &smoke(40_000));
+    let dir = case.cloud.parent().unwrap();
+    for limit in ["64M", "4G"] {
+        let limited = ["build", "a.lvc", "--memory-limit", limit];
+        let plan = lvox(dir, &[&limited[..], &["--plan", "--json"]].concat());
+        let plan: serde_json::Value = serde_json::from_str(&plan.stdout).unwrap();
+        assert!(!case.tree.exists());
+        let reported = ["-o", "a.lvt", "--report", "report.json", "--force"];
+        lvox(dir, &[&limited[..], &reported[..]].concat()).done();
+        let report = std::fs::read(dir.join("report.json")).unwrap();
+        let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
+        let planned = plan["memory_bytes"].as_f64().unwrap();
+        let taken = report["peak_memory_bytes"].as_f64().unwrap();
+        assert!(near(planned, taken, 0.2), "{limit}: {plan}, {taken}");
+        std::fs::remove_file(&case.tree).unwrap();
+    }
+}
+
 fn disk(i: usize, position: [f32; 3], radius: f32) -> Surfel {
     Surfel {
         position,
@@ -410,7 +433,14 @@ fn degenerate_clouds_lose_nothing() {
                 ..Settings::default()
             };
             let outcome = built(&case, &settings);
-            assert_eq!(outcome.summary.sums.surfels, n as u64, "cloud {kind}");
+            let (found, given) = (&outcome.summary.sums, &outcome.summary.cloud_sums);
+            assert_eq!(found.surfels, n as u64, "cloud {kind}");
+            // Radii are within 2^-11, radiance within 2^-9 of what they were.
+            assert!(near(found.area, given.area, 1e-3), "cloud {kind}");
+            let largest = given.flux.into_iter().fold(0.0, f64::max);
+            for (a, b) in found.flux.into_iter().zip(given.flux) {
+                assert!((a - b).abs() <= 3e-3 * largest, "cloud {kind}");
+            }
             let found = lvox::inspect::verify(&case.tree, &Job::default()).unwrap();
             assert!(found.passed, "cloud {kind}: {found}");
             assert!(found.depths.len() <= 25, "cloud {kind}: {found}");

@@ -86,7 +86,11 @@ pub const fn column(name: &'static str, width: usize) -> Column {
 
 /// Numbers of all rows.
 pub fn floats<const N: usize>(values: impl Iterator<Item = [f32; N]>) -> Vec<u8> {
-    values.flatten().flat_map(f32::to_le_bytes).collect()
+    let mut rows = Vec::with_capacity(values.size_hint().0 * N * size_of::<f32>());
+    for value in values.flatten() {
+        rows.extend_from_slice(&value.to_le_bytes());
+    }
+    rows
 }
 
 /// Rows of three numbers.
@@ -111,8 +115,24 @@ pub fn singles(rows: &[u8]) -> impl Iterator<Item = f32> + '_ {
 pub fn to_planes(rows: &[u8], width: usize, planes: &mut Vec<u8>) {
     debug_assert_eq!(rows.len() % width.max(1), 0);
     planes.reserve(rows.len());
-    for byte in 0..width {
-        planes.extend(rows.iter().skip(byte).step_by(width));
+    match width {
+        2 => to_planes_of::<2>(rows, planes),
+        4 => to_planes_of::<4>(rows, planes),
+        6 => to_planes_of::<6>(rows, planes),
+        12 => to_planes_of::<12>(rows, planes),
+        _ => {
+            for byte in 0..width {
+                planes.extend(rows.iter().skip(byte).step_by(width));
+            }
+        }
+    }
+}
+
+/// As [`to_planes`], with a width that the compiler knows.
+fn to_planes_of<const WIDTH: usize>(rows: &[u8], planes: &mut Vec<u8>) {
+    let (rows, _) = rows.as_chunks::<WIDTH>();
+    for byte in 0..WIDTH {
+        planes.extend(rows.iter().map(|row| row[byte]));
     }
 }
 
@@ -122,13 +142,31 @@ pub fn from_planes(planes: &[u8], width: usize) -> Vec<u8> {
     if width == 0 || planes.is_empty() {
         return rows;
     }
-    let count = planes.len() / width;
-    for (byte, plane) in planes.chunks_exact(count).enumerate() {
-        for (row, value) in rows.chunks_exact_mut(width).zip(plane) {
-            row[byte] = *value;
+    match width {
+        2 => from_planes_of::<2>(planes, &mut rows),
+        4 => from_planes_of::<4>(planes, &mut rows),
+        6 => from_planes_of::<6>(planes, &mut rows),
+        12 => from_planes_of::<12>(planes, &mut rows),
+        _ => {
+            let count = planes.len() / width;
+            for (byte, plane) in planes.chunks_exact(count).enumerate() {
+                for (row, value) in rows.chunks_exact_mut(width).zip(plane) {
+                    row[byte] = *value;
+                }
+            }
         }
     }
     rows
+}
+
+/// As [`from_planes`], with a width that the compiler knows.
+fn from_planes_of<const WIDTH: usize>(planes: &[u8], rows: &mut [u8]) {
+    let (rows, _) = rows.as_chunks_mut::<WIDTH>();
+    let count = rows.len();
+    let plane: [&[u8]; WIDTH] = std::array::from_fn(|k| &planes[k * count..(k + 1) * count]);
+    for (i, row) in rows.iter_mut().enumerate() {
+        *row = std::array::from_fn(|k| plane[k][i]);
+    }
 }
 
 /// xxh3-64 of `bytes` must be `expected`.

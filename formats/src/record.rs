@@ -36,12 +36,32 @@ impl Clips {
     /// Whether a point of the disk, in units of its radius, is left.
     #[must_use]
     pub fn keep(&self, point: [f32; 2]) -> bool {
-        self.edges[..usize::from(self.count.min(3))]
+        Lines::of(self).keep(point)
+    }
+}
+
+/// The edges of [`Clips`], with the sines and cosines of their angles.
+struct Lines {
+    count: usize,
+    /// Sine, cosine and offset.
+    lines: [[f32; 3]; 3],
+}
+
+impl Lines {
+    fn of(clips: &Clips) -> Self {
+        let count = usize::from(clips.count.min(3));
+        let mut lines = [[0.0; 3]; 3];
+        for (line, edge) in lines.iter_mut().zip(&clips.edges[..count]) {
+            let (sin, cos) = libm::sincosf(edge.angle);
+            *line = [sin, cos, edge.offset];
+        }
+        Self { count, lines }
+    }
+
+    fn keep(&self, point: [f32; 2]) -> bool {
+        self.lines[..self.count]
             .iter()
-            .all(|e| {
-                let (sin, cos) = libm::sincosf(e.angle);
-                point[0] * cos + point[1] * sin <= e.offset + 1e-4
-            })
+            .all(|[sin, cos, offset]| point[0] * cos + point[1] * sin <= offset + 1e-4)
     }
 
     /// Corners of what is left of the unit disk.
@@ -54,20 +74,18 @@ impl Clips {
                 count += 1;
             }
         };
-        let edges = &self.edges[..usize::from(self.count.min(3))];
-        for (i, e) in edges.iter().enumerate() {
-            let (sin, cos) = libm::sincosf(e.angle);
-            let half = (1.0 - e.offset * e.offset).max(0.0).sqrt();
+        let lines = &self.lines[..self.count];
+        for (i, [sin, cos, offset]) in lines.iter().enumerate() {
+            let half = (1.0 - offset * offset).max(0.0).sqrt();
             for s in [-half, half] {
-                add([e.offset * cos - s * sin, e.offset * sin + s * cos]);
+                add([offset * cos - s * sin, offset * sin + s * cos]);
             }
-            for f in &edges[i + 1..] {
-                let (sin2, cos2) = libm::sincosf(f.angle);
+            for [sin2, cos2, offset2] in &lines[i + 1..] {
                 let det = cos * sin2 - sin * cos2;
                 if det.abs() > 1e-6 {
                     let p = [
-                        (e.offset * sin2 - f.offset * sin) / det,
-                        (f.offset * cos - e.offset * cos2) / det,
+                        (offset * sin2 - offset2 * sin) / det,
+                        (offset2 * cos - offset * cos2) / det,
                     ];
                     if p[0] * p[0] + p[1] * p[1] <= 1.0 {
                         add(p);
@@ -76,6 +94,71 @@ impl Clips {
             }
         }
         (corners, count)
+    }
+}
+
+/// How far a clipped disk reaches from its centre, wherever that is.
+///
+/// A linear function over a disk cut by half-planes is largest where the circle is extreme, if
+/// that point is not cut away, else at a corner: where a line meets the circle or another line.
+#[derive(Clone, Copy)]
+pub(crate) struct Reach {
+    /// Towards -x, -y, -z, and towards x, y, z.
+    towards: [[f32; 3]; 2],
+    /// Whether the centre itself may be cut away: it is in the box nevertheless.
+    is_clipped: bool,
+}
+
+impl Reach {
+    pub fn of(surfel: &Surfel) -> Self {
+        let (tangent, bitangent) = tangent_frame(surfel.normal);
+        let is_clipped = surfel.clips.count != 0;
+        let mut towards = [[0.0; 3]; 2];
+        if !is_clipped {
+            for axis in 0..3 {
+                let (t, b) = (tangent[axis], bitangent[axis]);
+                let reach = (t * t + b * b).sqrt() * surfel.radius;
+                (towards[0][axis], towards[1][axis]) = (-reach, reach);
+            }
+            return Self {
+                towards,
+                is_clipped,
+            };
+        }
+        let lines = Lines::of(&surfel.clips);
+        let (corners, count) = lines.corners();
+        for axis in 0..3 {
+            let (t, b) = (tangent[axis], bitangent[axis]);
+            let length = (t * t + b * b).sqrt();
+            for (towards, sign) in towards.iter_mut().zip([-1.0, 1.0]) {
+                let extreme = [sign * t / length, sign * b / length];
+                let reach = if length > 0.0 && lines.keep(extreme) {
+                    sign * length
+                } else {
+                    let along = corners[..count]
+                        .iter()
+                        .map(|c| sign * (c[0] * t + c[1] * b));
+                    sign * along.fold(0.0, f32::max)
+                };
+                towards[axis] = reach * surfel.radius;
+            }
+        }
+        Self {
+            towards,
+            is_clipped,
+        }
+    }
+
+    /// The tight box of the disk around a place.
+    pub fn around(&self, position: [f32; 3]) -> Bounds {
+        let [min, max] = self
+            .towards
+            .map(|reach| std::array::from_fn(|axis| position[axis] + reach[axis]));
+        if !self.is_clipped {
+            return Bounds { min, max };
+        }
+        let at = |p: [f32; 3]| Bounds { min: p, max: p };
+        at(position).union(at(min)).union(at(max))
     }
 }
 
@@ -183,41 +266,9 @@ impl Bounds {
     }
 
     /// The tight box of a clipped disk.
-    ///
-    /// A linear function over a disk cut by half-planes is largest where the circle is extreme, if
-    /// that point is not cut away, else at a corner: where a line meets the circle or another line.
     #[must_use]
     pub fn of_surfel(surfel: &Surfel) -> Self {
-        let (tangent, bitangent) = tangent_frame(surfel.normal);
-        let (corners, count) = surfel.clips.corners();
-        let mut bounds = Self {
-            min: surfel.position,
-            max: surfel.position,
-        };
-        for axis in 0..3 {
-            let (t, b) = (tangent[axis], bitangent[axis]);
-            let length = (t * t + b * b).sqrt();
-            if surfel.clips.count == 0 {
-                bounds.min[axis] -= length * surfel.radius;
-                bounds.max[axis] += length * surfel.radius;
-                continue;
-            }
-            for sign in [-1.0, 1.0] {
-                let extreme = [sign * t / length, sign * b / length];
-                let reach = if length > 0.0 && surfel.clips.keep(extreme) {
-                    sign * length
-                } else {
-                    let along = corners[..count]
-                        .iter()
-                        .map(|c| sign * (c[0] * t + c[1] * b));
-                    sign * along.fold(0.0, f32::max)
-                };
-                let at = surfel.position[axis] + reach * surfel.radius;
-                bounds.min[axis] = bounds.min[axis].min(at);
-                bounds.max[axis] = bounds.max[axis].max(at);
-            }
-        }
-        bounds
+        Reach::of(surfel).around(surfel.position)
     }
 }
 

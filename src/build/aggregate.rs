@@ -38,16 +38,6 @@ impl AggregateSums {
         bounds: Bounds::EMPTY,
     };
 
-    /// Sums over some, in their order.
-    #[must_use]
-    pub fn of(surfels: &[Surfel]) -> Self {
-        let mut sums = Self::NOTHING;
-        for surfel in surfels {
-            sums.add_surfel(surfel);
-        }
-        sums
-    }
-
     /// Adds a surfel; the last bits depend on the order.
     pub fn add_surfel(&mut self, s: &Surfel) {
         let area = f64::from(s.area);

@@ -267,11 +267,8 @@ impl<'a> Feed<'a> {
     fn count(&mut self, source: &SurfelSource, level: u32, depth: u32) -> Result<Vec<u64>> {
         let mut counts = vec![0u64; 1 << (3 * depth)];
         let cube = self.cube;
-        let mut note = |positions: &[[f32; 3]]| {
-            for p in positions {
-                counts[cell_of(cube.key(*p), level + depth, depth) as usize] += 1;
-            }
-        };
+        let cell = |position: [f32; 3]| cell_of(cube.key(position), level + depth, depth);
+        let mut note = |cells: &[u32]| cells.iter().for_each(|cell| counts[*cell as usize] += 1);
         match source {
             SurfelSource::Cloud => {
                 let chunks = self.cloud.surfel_chunks();
@@ -282,21 +279,24 @@ impl<'a> Feed<'a> {
                     let end = (start + self.limits.chunks).min(chunks);
                     let batch: Vec<_> = (start..end)
                         .into_par_iter()
-                        .map(|i| self.cloud.surfel_positions(i))
+                        .map(|i| {
+                            let positions = self.cloud.surfel_positions(i)?;
+                            Ok::<Vec<u32>, Error>(positions.into_iter().map(cell).collect())
+                        })
                         .collect();
                     self.cloud.release_surfel_chunks(start..end);
-                    for positions in batch {
-                        let positions = positions?;
-                        note(&positions);
-                        task.add(positions.len() as u64);
+                    for cells in batch {
+                        let cells = cells?;
+                        note(&cells);
+                        task.add(cells.len() as u64);
                     }
                 }
             }
             SurfelSource::Spilled(ranges) => {
                 for some in ranges.chunks(self.limits.ranges) {
                     for surfels in self.read_ranges(some)? {
-                        let positions: Vec<_> = surfels.iter().map(|s| s.position).collect();
-                        note(&positions);
+                        let cells: Vec<_> = surfels.iter().map(|s| cell(s.position)).collect();
+                        note(&cells);
                     }
                 }
             }

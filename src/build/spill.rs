@@ -116,17 +116,18 @@ impl Run {
         for byte in 0..R::HEAD_BYTES {
             planes.extend(starts.iter().map(|(at, _)| rows[at + byte]));
         }
+        let mut column: Vec<u32> = Vec::with_capacity(starts.len());
         for word in 0..R::MAX_WORDS {
+            let first = R::HEAD_BYTES + word * WORD;
+            let number = |at: &usize| {
+                let bytes = &rows[at + first..at + first + WORD];
+                bytes.iter().rev().fold(0, |n, b| n << 8 | u32::from(*b))
+            };
+            column.clear();
             let long = starts.iter().filter(|(_, words)| word < *words);
-            let first = planes.len();
-            let n = long.clone().count();
-            planes.resize(first + n * WORD, 0);
-            let own = &mut planes[first..];
-            for (i, (at, _)) in long.enumerate() {
-                let at = at + R::HEAD_BYTES + word * WORD;
-                for (byte, value) in rows[at..at + WORD].iter().enumerate() {
-                    own[byte * n + i] = *value;
-                }
+            column.extend(long.map(|(at, _)| number(at)));
+            for shift in [0, 8, 16, 24] {
+                planes.extend(column.iter().map(|n| (n >> shift) as u8));
             }
         }
         let bytes = zstd::bulk::compress(&planes, RUN_ZSTD_LEVEL)
@@ -149,29 +150,41 @@ impl Run {
         let (heads, mut rest) = planes
             .split_at_checked(n * R::HEAD_BYTES)
             .ok_or_else(damaged)?;
-        let mut rows: Vec<(R::Head, R::Words)> = (0..n)
-            .map(|i| {
-                let mut head = R::Head::default();
-                for (byte, value) in head.as_mut().iter_mut().enumerate() {
-                    *value = heads[byte * n + i];
-                }
-                (head, R::Words::default())
-            })
-            .collect();
-        for word in 0..R::MAX_WORDS {
-            let has_word = |head: &R::Head| word < R::words(head.as_ref());
-            let long = rows.iter().filter(|(head, _)| has_word(head)).count();
-            let (own, others) = rest.split_at_checked(long * WORD).ok_or_else(damaged)?;
-            let long_rows = rows.iter_mut().filter(|(head, _)| has_word(head));
-            for (i, (_, words)) in long_rows.enumerate() {
-                let bytes = std::array::from_fn(|byte| own[byte * long + i]);
-                words.as_mut()[word] = f32::from_le_bytes(bytes);
+        let head = |i: usize| {
+            let mut head = R::Head::default();
+            for (byte, value) in head.as_mut().iter_mut().enumerate() {
+                *value = heads[byte * n + i];
             }
+            head
+        };
+        // How many records have each word.
+        let mut longs = vec![0; R::MAX_WORDS + 1];
+        (0..n).for_each(|i| longs[R::words(head(i).as_ref())] += 1);
+        let mut columns: Vec<Vec<f32>> = Vec::with_capacity(R::MAX_WORDS);
+        for word in 0..R::MAX_WORDS {
+            let long: usize = longs[word + 1..].iter().sum();
+            let (own, others) = rest.split_at_checked(long * WORD).ok_or_else(damaged)?;
             rest = others;
+            let (low, high) = own.split_at(2 * long);
+            let ((a, b), (c, d)) = (low.split_at(long), high.split_at(long));
+            let bytes = a.iter().zip(b).zip(c.iter().zip(d));
+            let number = |((a, b), (c, d)): ((&u8, &u8), (&u8, &u8))| {
+                f32::from_bits(u32::from_le_bytes([*a, *b, *c, *d]))
+            };
+            columns.push(bytes.map(number).collect());
         }
-        Ok(rows
-            .iter()
-            .map(|(head, words)| R::new(head, words))
+        let mut next = vec![0; R::MAX_WORDS];
+        let mut words = R::Words::default();
+        Ok((0..n)
+            .map(|i| {
+                let head = head(i);
+                let own = words.as_mut()[..R::words(head.as_ref())].iter_mut();
+                for ((word, column), next) in own.zip(&columns).zip(&mut next) {
+                    *word = column[*next];
+                    *next += 1;
+                }
+                R::new(&head, &words)
+            })
             .collect())
     }
 }
@@ -210,7 +223,9 @@ pub trait Record: Copy + Send + Sync {
 }
 
 fn floats(out: &mut Vec<u8>, values: &[f32]) {
-    out.extend(values.iter().flat_map(|v| v.to_le_bytes()));
+    for value in values {
+        out.extend_from_slice(&value.to_le_bytes());
+    }
 }
 
 fn three(words: &[f32], first: usize) -> [f32; 3] {

@@ -84,31 +84,24 @@ impl Pages {
     }
 
     /// Encodes a page and puts a link in its place.
-    pub fn cut(&mut self, pending: Pending) -> Result<Pending> {
-        Ok(Pending {
-            sums: pending.sums,
-            steps: pending.steps,
-            node: self.cut_node(pending.node)?,
-        })
+    pub fn cut(&mut self, mut pending: Pending) -> Result<Pending> {
+        self.cut_node(&mut pending.node)?;
+        Ok(pending)
     }
 
-    fn cut_node(&mut self, node: PendingNode) -> Result<PendingNode> {
+    fn cut_node(&mut self, node: &mut PendingNode) -> Result<()> {
         if matches!(node.below, PendingBelow::Page(_)) {
-            return Ok(node);
+            return Ok(());
         }
-        let aggregate = node.aggregate;
         let id = self.next_id();
         let encoded =
-            EncodedPage::new(&node.into_page(), id, self.settings.overlap).map_err(too_large)?;
+            EncodedPage::new(&node.page(), id, self.settings.overlap).map_err(too_large)?;
         // What readers decode may be a little larger than what was given.
-        let bounds = encoded.bounds();
+        node.bounds = encoded.bounds();
+        node.bytes = node_bytes(&node.aggregate) + LINK_BYTES;
+        node.below = PendingBelow::Page(id);
         self.done.push(encoded);
-        Ok(PendingNode {
-            bytes: node_bytes(&aggregate) + LINK_BYTES,
-            aggregate,
-            bounds,
-            below: PendingBelow::Page(id),
-        })
+        Ok(())
     }
 }
 
@@ -119,25 +112,6 @@ fn too_large(error: FormatError) -> Error {
 }
 
 impl Pending {
-    fn new(
-        sums: AggregateSums,
-        steps: Vec<TreeLevel>,
-        below: PendingBelow,
-        bytes_below: u32,
-    ) -> Self {
-        let aggregate = sums.aggregate();
-        Self {
-            node: PendingNode {
-                bytes: node_bytes(&aggregate) + bytes_below,
-                aggregate,
-                bounds: sums.bounds,
-                below,
-            },
-            steps,
-            sums,
-        }
-    }
-
     /// Counts of nodes by steps below this one.
     pub fn levels(self) -> Vec<TreeLevel> {
         self.steps.into_iter().rev().collect()
@@ -172,27 +146,36 @@ impl PendingNode {
         }
     }
 
-    /// Breadth first, as the format wants it.
-    fn into_page(self) -> SurfelPage {
-        let mut page = SurfelPage::default();
+    /// The node and what is below it, breadth first, as the format wants it.
+    fn page(&self) -> SurfelPage {
+        let mut nodes = vec![self];
+        let (mut at, mut surfels) = (0, 0);
+        while let Some(node) = nodes.get(at) {
+            match &node.below {
+                PendingBelow::Nodes(children) => nodes.extend(children),
+                PendingBelow::Surfels(own) => surfels += own.len(),
+                PendingBelow::Page(_) => {}
+            }
+            at += 1;
+        }
+        let mut page = SurfelPage {
+            nodes: Vec::with_capacity(nodes.len()),
+            surfels: Vec::with_capacity(surfels),
+        };
         let mut next = 1;
-        let mut queue = std::collections::VecDeque::from([self]);
-        while let Some(node) = queue.pop_front() {
-            let below = match node.below {
-                PendingBelow::Nodes(nodes) => {
-                    let first = next;
-                    let count = nodes.len() as u8;
+        for node in nodes {
+            let below = match &node.below {
+                PendingBelow::Nodes(children) => {
+                    let (first, count) = (next, children.len() as u8);
                     next += u32::from(count);
-                    queue.extend(nodes);
                     Below::Nodes { first, count }
                 }
-                PendingBelow::Surfels(surfels) => {
-                    let first = page.surfels.len() as u32;
-                    let count = surfels.len() as u8;
-                    page.surfels.extend(surfels);
+                PendingBelow::Surfels(own) => {
+                    let (first, count) = (page.surfels.len() as u32, own.len() as u8);
+                    page.surfels.extend_from_slice(own);
                     Below::Surfels { first, count }
                 }
-                PendingBelow::Page(id) => Below::Page(id),
+                PendingBelow::Page(id) => Below::Page(*id),
             };
             page.nodes.push(Node {
                 bounds: node.bounds,
@@ -201,6 +184,48 @@ impl PendingNode {
             });
         }
         page
+    }
+
+    /// A node over others, with the sums over these. Cuts off pages until the rest fits in one: the
+    /// largest first, so that pages are few and full.
+    fn over(mut children: Vec<Self>, sums: &AggregateSums, pages: &mut Pages) -> Result<Self> {
+        let aggregate = sums.aggregate();
+        let own = node_bytes(&aggregate);
+        let mut below: u32 = children.iter().map(|c| c.bytes).sum();
+        if own + below > pages.settings.bytes {
+            let mut by_size: Vec<usize> = (0..children.len()).collect();
+            by_size.sort_by_key(|i| (Reverse(children[*i].bytes), *i));
+            let mut is_cut = [false; 8];
+            for i in by_size {
+                if own + below <= pages.settings.bytes {
+                    break;
+                }
+                let child = &children[i];
+                below = below - child.bytes + node_bytes(&child.aggregate) + LINK_BYTES;
+                is_cut[i] = true;
+            }
+            for (child, _) in children.iter_mut().zip(is_cut).filter(|(_, cut)| *cut) {
+                pages.cut_node(child)?;
+            }
+        }
+        Ok(Self {
+            aggregate,
+            bounds: sums.bounds,
+            below: PendingBelow::Nodes(children),
+            bytes: own + below,
+        })
+    }
+
+    /// A leaf, with the sums over its surfels.
+    fn leaf(surfels: &[Surfel], sums: &AggregateSums) -> Self {
+        let aggregate = sums.aggregate();
+        let below: u32 = surfels.iter().map(surfel_bytes).sum();
+        Self {
+            bytes: node_bytes(&aggregate) + below,
+            aggregate,
+            bounds: sums.bounds,
+            below: PendingBelow::Surfels(surfels.into()),
+        }
     }
 }
 
@@ -215,24 +240,31 @@ pub fn build(
     pages: &mut Pages,
     cancel: &Cancel,
 ) -> Result<Pending> {
-    let n = surfels.order.len();
-    if n <= MAX_LEAF_SURFELS {
-        return Ok(leaf(surfels));
-    }
-    let (level, children) = split(surfels, level);
-    if n <= SERIAL_SURFELS {
-        let children = children
-            .iter()
-            .map(|c| build(c, (level + 1).min(morton::LEVELS), pages, cancel))
-            .collect::<Result<_>>()?;
-        return join(children, pages);
-    }
     cancel.check()?;
+    let order = surfels.order;
+    if order.len() <= SERIAL_SURFELS {
+        let own: Vec<Surfel> = order
+            .iter()
+            .map(|(_, i)| surfels.surfels[*i as usize])
+            .collect();
+        let mut serial = Serial {
+            pages,
+            levels: Vec::new(),
+        };
+        let mut sums = AggregateSums::NOTHING;
+        let node = serial.node(&own, order, level, 0, &mut sums)?;
+        let mut steps = serial.levels;
+        steps.reverse();
+        return Ok(Pending { sums, steps, node });
+    }
+    let (level, children) = split(order, level);
+    let children: Vec<_> = children.collect();
     let built: Vec<Result<(Pending, Pages)>> = children
         .par_iter()
-        .map(|c| {
+        .map(|order| {
             let mut own = Pages::new(0, pages.settings);
-            let pending = build(c, (level + 1).min(morton::LEVELS), &mut own, cancel)?;
+            let surfels = Sorted { order, ..*surfels };
+            let pending = build(&surfels, level, &mut own, cancel)?;
             Ok((pending, own))
         })
         .collect();
@@ -245,88 +277,84 @@ pub fn build(
     join(children, pages)
 }
 
-/// Makes a node of its children and cuts off pages until the rest fits in one: the largest first,
-/// so that pages are few and full.
+/// A subtree that one thread builds.
+struct Serial<'a> {
+    pages: &'a mut Pages,
+    /// Counts by steps below the root.
+    levels: Vec<TreeLevel>,
+}
+
+impl Serial<'_> {
+    /// The node of a cell, `depth` steps below the root, over surfels in their order; adds these to
+    /// `sums`, which must be over nothing.
+    fn node(
+        &mut self,
+        surfels: &[Surfel],
+        order: &[(u64, u32)],
+        level: u32,
+        depth: usize,
+        sums: &mut AggregateSums,
+    ) -> Result<PendingNode> {
+        if self.levels.len() == depth {
+            self.levels.push(TreeLevel::default());
+        }
+        let counts = &mut self.levels[depth];
+        counts.nodes += 1;
+        if surfels.len() <= MAX_LEAF_SURFELS {
+            counts.leaves += 1;
+            counts.surfels += surfels.len() as u64;
+            surfels.iter().for_each(|s| sums.add_surfel(s));
+            return Ok(PendingNode::leaf(surfels, sums));
+        }
+        let (level, runs) = split(order, level);
+        let mut children = Vec::with_capacity(8);
+        let mut rest = surfels;
+        for run in runs {
+            let (own, others) = rest.split_at(run.len());
+            rest = others;
+            let mut below = AggregateSums::NOTHING;
+            children.push(self.node(own, run, level, depth + 1, &mut below)?);
+            sums.add(&below);
+        }
+        PendingNode::over(children, sums, self.pages)
+    }
+}
+
+/// Makes a node of its children, and pages of what does not fit in one with it.
 pub fn join(mut children: Vec<Pending>, pages: &mut Pages) -> Result<Pending> {
     let steps = count_steps(&mut children);
     let mut sums = AggregateSums::NOTHING;
     for child in &children {
         sums.add(&child.sums);
     }
-    let own = node_bytes(&sums.aggregate());
-    let mut bytes: u32 = children.iter().map(|c| c.node.bytes).sum();
-    let mut by_size: Vec<usize> = (0..children.len()).collect();
-    by_size.sort_by_key(|i| (Reverse(children[*i].node.bytes), *i));
-    let mut is_cut = [false; 8];
-    for i in by_size {
-        if own + bytes <= pages.settings.bytes {
-            break;
-        }
-        let child = &children[i].node;
-        bytes = bytes - child.bytes + node_bytes(&child.aggregate) + LINK_BYTES;
-        is_cut[i] = true;
-    }
-    let nodes = children
-        .into_iter()
-        .zip(is_cut)
-        .map(|(child, cut)| {
-            if cut {
-                pages.cut_node(child.node)
-            } else {
-                Ok(child.node)
-            }
-        })
-        .collect::<Result<_>>()?;
-    Ok(Pending::new(sums, steps, PendingBelow::Nodes(nodes), bytes))
+    let children = children.into_iter().map(|child| child.node).collect();
+    let node = PendingNode::over(children, &sums, pages)?;
+    Ok(Pending { sums, steps, node })
 }
 
-fn leaf(surfels: &Sorted<'_>) -> Pending {
-    let own: Box<[Surfel]> = surfels
-        .order
-        .iter()
-        .map(|(_, i)| surfels.surfels[*i as usize])
-        .collect();
-    let count = TreeLevel {
-        nodes: 1,
-        leaves: 1,
-        surfels: own.len() as u64,
-        bytes: 0,
-    };
-    let bytes = own.iter().map(surfel_bytes).sum();
-    Pending::new(
-        AggregateSums::of(&own),
-        vec![count],
-        PendingBelow::Surfels(own),
-        bytes,
-    )
-}
-
-/// The first level at which the surfels divide, and its cell's children that are not empty.
-fn split<'a>(surfels: &Sorted<'a>, mut level: u32) -> (u32, Vec<Sorted<'a>>) {
-    let sorted = |order| Sorted {
-        surfels: surfels.surfels,
-        order,
-    };
-    let order = surfels.order;
+/// The children of a cell at the first level at which surfels divide, as runs of their order, and
+/// the level of these. There must be more than [`MAX_LEAF_SURFELS`].
+fn split(order: &[(u64, u32)], mut level: u32) -> (u32, impl Iterator<Item = &[(u64, u32)]>) {
     let (first, last) = (order[0].0, order[order.len() - 1].0);
     while level < morton::LEVELS && morton::child(first, level) == morton::child(last, level) {
         level += 1;
     }
-    if level == morton::LEVELS {
-        let n = order.len();
-        let runs = eighths(n as u64).map(|r| sorted(&order[r.start as usize..r.end as usize]));
-        return (level, runs.collect());
-    }
+    let is_one_spot = level == morton::LEVELS;
+    let mut spots = eighths(order.len() as u64);
     let mut rest = order;
-    let mut children = Vec::with_capacity(8);
-    while let Some((key, _)) = rest.first() {
-        let child = morton::child(*key, level);
-        let end = rest.partition_point(|(key, _)| morton::child(*key, level) <= child);
+    let runs = std::iter::from_fn(move || {
+        let end = if is_one_spot {
+            let spot = spots.next()?;
+            (spot.end - spot.start) as usize
+        } else {
+            let child = morton::child(rest.first()?.0, level);
+            rest.partition_point(|(key, _)| morton::child(*key, level) <= child)
+        };
         let (own, others) = rest.split_at(end);
-        children.push(sorted(own));
         rest = others;
-    }
-    (level, children)
+        Some(own)
+    });
+    ((level + 1).min(morton::LEVELS), runs)
 }
 
 /// How more than [`MAX_LEAF_SURFELS`] surfels of one last-level cell are divided: eight runs of

@@ -1,7 +1,8 @@
 //! The columns of pages: names, widths, and how they are put together.
 
-use crate::bytes::{self, Cursor};
+use crate::bytes::Cursor;
 use crate::{FormatError, Result};
+use std::ops::Range;
 
 /// Name of a column, bytes per row, and what a row belongs to.
 pub struct Column {
@@ -102,38 +103,83 @@ pub const SOURCE: usize = 5;
 /// A page before compression: header, then the columns, each in byte planes.
 pub struct PageBuilder {
     table: &'static [Column],
-    columns: Vec<(usize, Vec<u8>)>,
+    raw: Vec<u8>,
+    /// Columns, and where each lies.
+    ranges: Vec<(usize, Range<usize>)>,
 }
 
 impl PageBuilder {
-    pub fn new(table: &'static [Column]) -> Self {
+    /// A page that begins with a header of so many bytes.
+    pub fn new(table: &'static [Column], header_bytes: usize) -> Self {
         Self {
             table,
-            columns: Vec::new(),
+            raw: vec![0; header_bytes],
+            ranges: Vec::with_capacity(table.len()),
         }
     }
 
-    /// Adds a column; they must come in order.
-    pub fn push(&mut self, index: usize, rows: Vec<u8>) {
-        debug_assert!(self.columns.last().is_none_or(|(last, _)| *last < index));
-        debug_assert_eq!(rows.len() % self.table[index].width, 0);
-        self.columns.push((index, rows));
+    /// Adds a column of bytes; columns must come in order.
+    pub fn push_u8(&mut self, index: usize, rows: impl IntoIterator<Item = u8>) {
+        let start = self.raw.len();
+        self.raw.extend(rows);
+        self.note(index, start);
+    }
+
+    /// Adds a column whose rows are two-byte numbers.
+    pub fn push_u16<const N: usize>(&mut self, index: usize, rows: &[[u16; N]]) {
+        let start = self.raw.len();
+        self.raw.reserve(2 * N * rows.len());
+        for k in 0..N {
+            self.raw.extend(rows.iter().map(|row| row[k] as u8));
+            self.raw.extend(rows.iter().map(|row| (row[k] >> 8) as u8));
+        }
+        self.note(index, start);
+    }
+
+    /// Adds a column whose rows are four-byte numbers.
+    pub fn push_u32<const N: usize>(&mut self, index: usize, rows: &[[u32; N]]) {
+        let start = self.raw.len();
+        self.raw.reserve(4 * N * rows.len());
+        for k in 0..N {
+            for shift in [0, 8, 16, 24] {
+                let plane = rows.iter().map(|row| (row[k] >> shift) as u8);
+                self.raw.extend(plane);
+            }
+        }
+        self.note(index, start);
+    }
+
+    /// Adds a column whose rows are eight-byte numbers.
+    pub fn push_u64(&mut self, index: usize, rows: &[u64]) {
+        let start = self.raw.len();
+        self.raw.reserve(8 * rows.len());
+        for byte in 0..8 {
+            self.raw
+                .extend(rows.iter().map(|row| (row >> (8 * byte)) as u8));
+        }
+        self.note(index, start);
+    }
+
+    /// Adds a column whose rows are floats.
+    pub fn push_f32<const N: usize>(&mut self, index: usize, rows: &[[f32; N]]) {
+        let bits: Vec<[u32; N]> = rows.iter().map(|row| row.map(f32::to_bits)).collect();
+        self.push_u32(index, &bits);
+    }
+
+    fn note(&mut self, index: usize, start: usize) {
+        debug_assert!(self.ranges.last().is_none_or(|(last, _)| *last < index));
+        debug_assert_eq!((self.raw.len() - start) % self.table[index].width, 0);
+        self.ranges.push((index, start..self.raw.len()));
     }
 
     pub fn mask(&self) -> u32 {
-        self.columns.iter().fold(0, |mask, (i, _)| mask | 1 << i)
+        self.ranges.iter().fold(0, |mask, (i, _)| mask | 1 << i)
     }
 
-    /// The columns behind a header, and where each lies.
-    pub fn build(self, header: &[u8]) -> (Vec<u8>, Vec<(usize, std::ops::Range<usize>)>) {
-        let mut raw = header.to_vec();
-        let mut ranges = Vec::with_capacity(self.columns.len());
-        for (index, rows) in self.columns {
-            let start = raw.len();
-            bytes::to_planes(&rows, self.table[index].width, &mut raw);
-            ranges.push((index, start..raw.len()));
-        }
-        (raw, ranges)
+    /// The page with its header, which must be as long as was said, and where its columns lie.
+    pub fn build(mut self, header: &[u8]) -> (Vec<u8>, Vec<(usize, Range<usize>)>) {
+        self.raw[..header.len()].copy_from_slice(header);
+        (self.raw, self.ranges)
     }
 }
 
@@ -310,27 +356,28 @@ pub mod radiance {
             return written;
         }
         let Some(code) = SharedExponent::fit(values.iter().copied()) else {
-            let rows = values.iter().flatten().flat_map(|v| v.to_le_bytes());
-            builder.push(first + 2, rows.collect());
+            builder.push_f32(first + 2, values);
             written.exact = true;
             return written;
         };
         written.base = code.base;
         if values.iter().all(|[r, g, b]| r == g && g == b) {
             written.saved = 2 * values.len() as u64;
-            let rows = values.iter_mut().flat_map(|v| {
+            let encode = |v: &mut [f32; 3]| {
                 let c = code.encode_grey(v[0]);
                 *v = code.decode_grey(c);
-                c.to_le_bytes()
-            });
-            builder.push(first + 1, rows.collect());
+                [c]
+            };
+            let rows: Vec<[u16; 1]> = values.iter_mut().map(encode).collect();
+            builder.push_u16(first + 1, &rows);
         } else {
-            let rows = values.iter_mut().flat_map(|v| {
+            let encode = |v: &mut [f32; 3]| {
                 let c = code.encode(*v);
                 *v = code.decode(c);
-                c.to_le_bytes()
-            });
-            builder.push(first, rows.collect());
+                [c]
+            };
+            let rows: Vec<[u32; 1]> = values.iter_mut().map(encode).collect();
+            builder.push_u32(first, &rows);
         }
         written
     }

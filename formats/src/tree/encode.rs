@@ -2,11 +2,9 @@
 
 use super::columns::{self as col, PageBuilder, radiance};
 use super::place::{Placement, in_steps};
+use super::shapes::{ShapeParams, Shapes};
 use super::stats::{self, ColumnStats, Errors};
 use super::{MAX_PAGE_BYTES, MAX_PAGE_RECORDS};
-use crate::quantise::{
-    Steps, area_of_disk, decode_edge, decode_normal, encode_edge, encode_normal, is_area_of_disk,
-};
 use crate::record::{Below, Bounds, Node, Surfel, SurfelAggregate, SurfelPage};
 use crate::summary::Sums;
 use crate::{FormatError, Result, check};
@@ -82,13 +80,10 @@ impl EncodedPage {
         let shapes = Shapes::new(&mut surfels, disk_overlap, &mut errors);
         let (place, placed) = Placement::choose(page, &mut surfels, &mut errors);
 
-        let mut builder = PageBuilder::new(&col::SURFELS);
-        builder.push(col::BELOW, page.nodes.iter().map(below_code).collect());
+        let mut builder = PageBuilder::new(&col::SURFELS, PAGE_HEADER_BYTES);
+        builder.push_u8(col::BELOW, page.nodes.iter().map(below_code));
         if !links.is_empty() {
-            builder.push(
-                col::LINK,
-                links.iter().flat_map(|l| l.to_le_bytes()).collect(),
-            );
+            builder.push_u32(col::LINK, &links);
         }
         placed.push_boxes(&mut builder);
         let lit = push_aggregates(&mut builder, &page.nodes, &place, &mut errors, &mut columns);
@@ -124,7 +119,7 @@ impl EncodedPage {
             records: surfels.len() as u32,
             nodes: page.nodes.len() as u32,
             mask,
-            furthest_link: links.iter().copied().max().unwrap_or(0),
+            furthest_link: links.iter().map(|[link]| *link).max().unwrap_or(0),
             bounds: placed.boxes[0],
             sums,
             columns,
@@ -182,15 +177,16 @@ fn push_clips(
         columns.leave_out(col::CLIP_COUNT, surfels.len() as u64);
     } else {
         let counts = surfels.iter().map(|s| s.clips.count);
-        builder.push(col::CLIP_COUNT, counts.collect());
-        builder.push(col::CLIP_EDGE, edges.concat());
+        builder.push_u8(col::CLIP_COUNT, counts);
+        let edges: Vec<_> = edges.iter().map(|e| [u16::from_le_bytes(*e)]).collect();
+        builder.push_u16(col::CLIP_EDGE, &edges);
     }
 }
 
 fn push_back_axes(builder: &mut PageBuilder, nodes: &[Node], columns: &mut ColumnStats) {
     let backs: Vec<u8> = nodes.iter().map(|n| lit_backs(&n.aggregate)).collect();
     if backs.iter().any(|bits| *bits != 0) {
-        builder.push(col::BACK_AXES, backs);
+        builder.push_u8(col::BACK_AXES, backs);
     } else {
         // Its own byte, and radiance towards six axes.
         columns.leave_out(col::BACK_AXES, 25 * nodes.len() as u64);
@@ -198,7 +194,7 @@ fn push_back_axes(builder: &mut PageBuilder, nodes: &[Node], columns: &mut Colum
 }
 
 /// Checks the order of nodes and surfels, and returns how far back each link goes.
-fn links(page: &SurfelPage, id: u32) -> Result<Vec<u32>> {
+fn links(page: &SurfelPage, id: u32) -> Result<Vec<[u32; 1]>> {
     let limit = |what: &str, n: usize, least: usize| {
         if (least..=MAX_PAGE_RECORDS).contains(&n) {
             Ok(())
@@ -226,7 +222,7 @@ fn links(page: &SurfelPage, id: u32) -> Result<Vec<u32>> {
                         link,
                     ));
                 }
-                links.push(id - link);
+                links.push([id - link]);
                 continue;
             }
         };
@@ -278,123 +274,6 @@ fn check_node(node: &Node, i: usize) -> Result<()> {
     }
 }
 
-/// Everything of a surfel but its place and its light.
-struct Shapes {
-    normals: Vec<u8>,
-    radii: Option<Steps>,
-    radius_rows: Vec<u8>,
-    areas: Areas,
-    edges: Vec<[u8; 2]>,
-    count: u64,
-}
-
-enum Areas {
-    Derived,
-    Steps(Steps, Vec<u8>),
-    Floats(Vec<u8>),
-}
-
-/// Numbers for the header.
-struct ShapeParams {
-    radius: Steps,
-    area: Steps,
-}
-
-impl Shapes {
-    /// Quantises; the surfels become what a reader decodes.
-    fn new(surfels: &mut [Surfel], overlap: f32, errors: &mut Errors) -> Self {
-        let areas_follow = surfels
-            .iter()
-            .all(|s| is_area_of_disk(s.area, s.radius, overlap));
-        let radii = Steps::fit(surfels.iter().map(|s| s.radius));
-        let area_steps = Steps::fit(surfels.iter().map(|s| s.area));
-        let mut shapes = Self {
-            normals: Vec::with_capacity(surfels.len() * 4),
-            radii,
-            radius_rows: Vec::with_capacity(surfels.len() * 2),
-            areas: match area_steps {
-                _ if areas_follow => Areas::Derived,
-                Some(steps) => Areas::Steps(steps, Vec::new()),
-                None => Areas::Floats(Vec::new()),
-            },
-            edges: Vec::new(),
-            count: surfels.len() as u64,
-        };
-        for s in surfels {
-            let code = encode_normal(s.normal);
-            let normal = decode_normal(code);
-            errors.note(stats::NORMAL, degrees(s.normal, normal));
-            for edge in &mut s.clips.edges[..usize::from(s.clips.count)] {
-                let code = encode_edge(*edge, s.normal, normal);
-                *edge = decode_edge(code);
-                shapes.edges.push(code);
-            }
-            s.normal = normal;
-            shapes
-                .normals
-                .extend(code.into_iter().flat_map(u16::to_le_bytes));
-            match radii {
-                Some(steps) => {
-                    let code = steps.encode(s.radius);
-                    let radius = steps.decode(code);
-                    let off = f64::from(radius) / f64::from(s.radius) - 1.0;
-                    errors.note(stats::RADIUS, off.abs());
-                    s.radius = radius;
-                    shapes.radius_rows.extend(code.to_le_bytes());
-                }
-                None => shapes.radius_rows.extend(s.radius.to_le_bytes()),
-            }
-            match &mut shapes.areas {
-                Areas::Derived => s.area = area_of_disk(s.radius, overlap),
-                Areas::Steps(steps, rows) => {
-                    let code = steps.encode(s.area);
-                    s.area = steps.decode(code);
-                    rows.extend(code.to_le_bytes());
-                }
-                Areas::Floats(rows) => rows.extend(s.area.to_le_bytes()),
-            }
-        }
-        shapes
-    }
-
-    fn push(&self, builder: &mut PageBuilder, columns: &mut ColumnStats) -> ShapeParams {
-        let zero = Steps { base: 0, shift: 0 };
-        let mut params = ShapeParams {
-            radius: self.radii.unwrap_or(zero),
-            area: zero,
-        };
-        if self.count == 0 {
-            return params;
-        }
-        builder.push(col::NORMAL, self.normals.clone());
-        match self.radii {
-            Some(_) if self.radius_rows.iter().all(|b| *b == 0) => {
-                columns.leave_out(col::RADIUS, 2 * self.count);
-            }
-            Some(_) => builder.push(col::RADIUS, self.radius_rows.clone()),
-            None => builder.push(col::RADIUS_F32, self.radius_rows.clone()),
-        }
-        match &self.areas {
-            Areas::Derived => columns.leave_out(col::AREA, 2 * self.count),
-            Areas::Steps(steps, rows) => {
-                params.area = *steps;
-                builder.push(col::AREA, rows.clone());
-            }
-            Areas::Floats(rows) => builder.push(col::AREA_F32, rows.clone()),
-        }
-        params
-    }
-}
-
-fn degrees(a: [f32; 3], b: [f32; 3]) -> f64 {
-    let length = a.iter().map(|c| f64::from(*c).powi(2)).sum::<f64>().sqrt();
-    let chord = (0..3)
-        .map(|i| (f64::from(a[i]) / length - f64::from(b[i])).powi(2))
-        .sum::<f64>()
-        .sqrt();
-    (2.0 * libm::asin((chord / 2.0).min(1.0))).to_degrees()
-}
-
 /// Numbers for the header.
 struct Lit {
     count: usize,
@@ -408,26 +287,25 @@ fn push_aggregates(
     errors: &mut Errors,
     columns: &mut ColumnStats,
 ) -> Lit {
-    let mut area = Vec::with_capacity(nodes.len() * 4);
-    let mut centre = Vec::new();
-    let mut normal = Vec::new();
-    let mut moment = Vec::new();
-    let mut axis_area = Vec::new();
-    let mut lit = Vec::new();
+    let n = nodes.len();
+    let mut area = Vec::with_capacity(n);
+    let mut centre: Vec<[u16; 3]> = Vec::with_capacity(n);
+    let mut normal = Vec::with_capacity(n);
+    let mut moment = Vec::with_capacity(n);
+    let mut axis_area = Vec::with_capacity(n);
+    let mut lit = Vec::with_capacity(3 * n);
+    let mut has_backs = false;
     for node in nodes {
         let a = &node.aggregate;
-        area.extend(a.area.to_le_bytes());
-        for k in 0..3 {
-            match &place.spans {
-                Some(spans) => {
-                    let c = a.centre[k].clamp(place.bounds.min[k], place.bounds.max[k]);
-                    let code = spans[k].nearest(c);
-                    let off = f64::from(spans[k].decode(code)) - f64::from(c);
-                    errors.note(stats::CENTRE, in_steps(off.abs(), c, &spans[k]));
-                    centre.extend(code.to_le_bytes());
-                }
-                None => centre.extend(a.centre[k].to_le_bytes()),
-            }
+        area.push([a.area]);
+        if let Some(spans) = &place.spans {
+            centre.push(std::array::from_fn(|k| {
+                let c = a.centre[k].clamp(place.bounds.min[k], place.bounds.max[k]);
+                let code = spans[k].nearest(c);
+                let off = f64::from(spans[k].decode(code)) - f64::from(c);
+                errors.note(stats::CENTRE, in_steps(off.abs(), c, &spans[k]));
+                code
+            }));
         }
         let share = |v: f32| {
             if a.area > 0.0 {
@@ -436,44 +314,39 @@ fn push_aggregates(
                 0.0
             }
         };
-        let signed =
-            |v: &f32| ((share(*v).clamp(-1.0, 1.0) * 32767.0).round() as i16).to_le_bytes();
-        normal.extend(a.normal_sum.iter().flat_map(signed));
-        moment.extend(a.second_moment.iter().flat_map(signed));
-        for (v, radiance) in a.axis_area.iter().zip(a.axis_radiance) {
+        let signed = |v: f32| (share(v).clamp(-1.0, 1.0) * 32767.0).round() as i16 as u16;
+        normal.push(a.normal_sum.map(signed));
+        moment.push(a.second_moment.map(signed));
+        let codes = a.axis_area.map(|v| {
             // What radiates at all keeps at least one step, and its radiance.
-            let code = (share(*v).clamp(0.0, 1.0) * 65535.0).round() as u16;
-            let code = if *v > 0.0 { code.max(1) } else { 0 };
-            axis_area.extend(code.to_le_bytes());
-            if code > 0 {
-                lit.push(radiance);
-            }
-        }
+            let code = (share(v).clamp(0.0, 1.0) * 65535.0).round() as u16;
+            if v > 0.0 { code.max(1) } else { 0 }
+        });
+        axis_area.push(codes);
+        let fronts = codes.iter().zip(a.axis_radiance);
+        lit.extend(fronts.filter(|(code, _)| **code > 0).map(|(_, c)| c));
         let backs = lit_backs(a);
-        lit.extend(
-            (0..6)
-                .filter(|d| backs >> d & 1 == 1)
-                .map(|d| a.back_radiance[d]),
-        );
+        has_backs |= backs != 0;
+        let is_lit = |d: &usize| backs >> d & 1 == 1;
+        lit.extend((0..6).filter(is_lit).map(|d| a.back_radiance[d]));
     }
-    builder.push(col::NODE_AREA, area);
-    let column = if place.spans.is_some() {
-        col::CENTRE
+    builder.push_f32(col::NODE_AREA, &area);
+    if place.spans.is_some() {
+        builder.push_u16(col::CENTRE, &centre);
     } else {
-        col::CENTRE_F32
-    };
-    builder.push(column, centre);
-    builder.push(col::NODE_NORMAL, normal);
-    builder.push(col::MOMENT, moment);
-    builder.push(col::AXIS_AREA, axis_area);
+        let centre: Vec<_> = nodes.iter().map(|node| node.aggregate.centre).collect();
+        builder.push_f32(col::CENTRE_F32, &centre);
+    }
+    builder.push_u16(col::NODE_NORMAL, &normal);
+    builder.push_u16(col::MOMENT, &moment);
+    builder.push_u16(col::AXIS_AREA, &axis_area);
     let given = lit.clone();
     let written = radiance::encode(builder, col::AXIS_RADIANCE, &mut lit);
     for (given, decoded) in given.iter().zip(&lit) {
         errors.note_radiance(*given, *decoded);
     }
-    let has_backs = nodes.iter().any(|n| lit_backs(&n.aggregate) != 0);
     let axes = if has_backs { 12 } else { 6 };
-    let dark = (axes * nodes.len() - lit.len()) as u64 * 4;
+    let dark = (axes * n - lit.len()) as u64 * 4;
     columns.leave_out(col::AXIS_RADIANCE, written.saved + dark);
     Lit {
         count: lit.len(),

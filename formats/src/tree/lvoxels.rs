@@ -11,6 +11,9 @@ use crate::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
 use crate::{FormatError, Result, check};
 use xxhash_rust::xxh3::xxh3_64;
 
+/// Bytes of the header of a page of lvoxels.
+const PAGE_HEADER_BYTES: usize = 20;
+
 /// A page of lvoxels, quantised and compressed, that [`super::TreeWriter`] can append. Pages can be
 /// encoded by many threads.
 #[derive(Clone)]
@@ -78,41 +81,41 @@ pub(super) fn encode(
         ));
     }
     let mut decoded = lvoxels.to_vec();
-    let mut builder = PageBuilder::new(&col::LVOXELS);
+    let mut builder = PageBuilder::new(&col::LVOXELS, PAGE_HEADER_BYTES);
     let (volume, level) = (lvoxels[0].volume, lvoxels[0].level);
     if lvoxels.iter().all(|v| v.volume == volume) {
         columns.leave_out(col::VOLUME, 2 * n as u64);
     } else {
-        let rows = lvoxels.iter().flat_map(|v| v.volume.to_le_bytes());
-        builder.push(col::VOLUME, rows.collect());
+        let rows: Vec<_> = lvoxels.iter().map(|v| [v.volume]).collect();
+        builder.push_u16(col::VOLUME, &rows);
     }
     if lvoxels.iter().all(|v| v.level == level) {
         columns.leave_out(col::LEVEL, n as u64);
     } else {
-        builder.push(col::LEVEL, lvoxels.iter().map(|v| v.level).collect());
+        builder.push_u8(col::LEVEL, lvoxels.iter().map(|v| v.level));
     }
-    let gaps = gaps::encode(lvoxels).flat_map(u64::to_le_bytes);
-    builder.push(col::BLOCK_GAP, gaps.collect());
+    let gaps: Vec<u64> = gaps::encode(lvoxels).collect();
+    builder.push_u64(col::BLOCK_GAP, &gaps);
 
     let steps = Steps::fit(lvoxels.iter().map(|v| v.sigma_t));
     if let Some(steps) = steps {
-        let mut rows = Vec::with_capacity(2 * n);
+        let mut rows = Vec::with_capacity(n);
         for v in &mut decoded {
             let code = steps.encode(v.sigma_t);
             let sigma_t = steps.decode(code);
             let off = f64::from(sigma_t) / f64::from(v.sigma_t) - 1.0;
             errors.note(stats::SIGMA_T, off.abs());
             v.sigma_t = sigma_t;
-            rows.extend(code.to_le_bytes());
+            rows.push([code]);
         }
-        if rows.iter().all(|b| *b == 0) {
+        if rows.iter().all(|row| *row == [0]) {
             columns.leave_out(col::SIGMA_T, 2 * n as u64);
         } else {
-            builder.push(col::SIGMA_T, rows);
+            builder.push_u16(col::SIGMA_T, &rows);
         }
     } else {
-        let rows = lvoxels.iter().flat_map(|v| v.sigma_t.to_le_bytes());
-        builder.push(col::SIGMA_T_F32, rows.collect());
+        let rows: Vec<_> = lvoxels.iter().map(|v| [v.sigma_t]).collect();
+        builder.push_f32(col::SIGMA_T_F32, &rows);
     }
     let mut source: Vec<_> = lvoxels.iter().map(|v| v.source).collect();
     let written = radiance::encode(&mut builder, col::SOURCE, &mut source);
@@ -124,7 +127,7 @@ pub(super) fn encode(
 
     let mask = builder.mask();
     let steps = steps.unwrap_or(Steps { base: 0, shift: 0 });
-    let mut header = Vec::with_capacity(20);
+    let mut header = Vec::with_capacity(PAGE_HEADER_BYTES);
     header.extend((n as u32).to_le_bytes());
     header.extend(mask.to_le_bytes());
     header.extend(steps.base.to_le_bytes());

@@ -1,7 +1,7 @@
 //! The tree file, `.lvt`: pages of nodes and surfels, and pages of lvoxels.
 //!
 //! - `columns`: the columns of pages, and how they are put together and taken apart.
-//! - `encode`, `place`: a page of nodes and surfels to bytes; `decode`: back.
+//! - `encode`, `place`, `shapes`: a page of nodes and surfels to bytes; `decode`: back.
 //! - `lvoxels`, `gaps`: a page of lvoxels to bytes and back.
 //! - `stats`: what a writer counts for the summary.
 //! - `write`: pages to a file; `read`: a file to pages.
@@ -13,6 +13,7 @@ mod gaps;
 mod lvoxels;
 mod place;
 mod read;
+mod shapes;
 mod stats;
 #[cfg(test)]
 mod tests;

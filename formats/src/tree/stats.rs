@@ -156,10 +156,9 @@ impl Errors {
     pub fn note_radiance(&mut self, given: [f32; 3], decoded: [f32; 3]) {
         let max = given[0].max(given[1]).max(given[2]);
         if max > 0.0 {
-            for (a, b) in given.iter().zip(decoded) {
-                let off = (f64::from(*a) - f64::from(b)).abs() / f64::from(max);
-                self.note(RADIANCE, off);
-            }
+            let off = |k: usize| (f64::from(given[k]) - f64::from(decoded[k])).abs();
+            let most = off(0).max(off(1)).max(off(2));
+            self.note(RADIANCE, most / f64::from(max));
         }
     }
 }
