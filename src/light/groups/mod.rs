@@ -4,16 +4,23 @@
 //! A group is split as long as what it may send differs by more than a share of what all send. What
 //! hides a part of a group is not looked at: groups that are small as a point sees them are hidden
 //! together.
+//!
+//! - `node`: a group, and what it sends to a point or to a segment in a medium.
+//! - `halves`: lights put into groups.
+//! - `cut`: the groups that stand for all lights.
+
+mod cut;
+mod halves;
+mod node;
 
 use super::delta_lights::SegmentFromLight;
 use super::shading_point::Receiver;
-use crate::math::sampling::{hash, unit};
 use crate::math::{Aabb, Rgb};
 use crate::scene::Light;
+use cut::cut;
 use glam::Vec3;
-use std::cmp::Ordering;
-use std::collections::BinaryHeap;
-use std::f32::consts::PI;
+use halves::Member;
+use node::{Node, range};
 
 /// How exactly the light of many lights is known.
 #[derive(Clone, Copy, Debug)]
@@ -66,71 +73,6 @@ pub struct LightGroups {
     directional: Vec<Node>,
 }
 
-/// A light, or a group of them. Groups stand depth first.
-#[derive(Clone, Debug)]
-struct Node {
-    /// One of the lights, with the light of all.
-    light: Light,
-    /// Index of that one.
-    index: usize,
-    /// Around positions; around directions of directional lights.
-    bounds: Aabb,
-    /// Mean channel of what all send.
-    power: f32,
-    /// Axis of a cone around those of spots, and the half angle of all that they light; pi if any
-    /// is a point.
-    axis: Vec3,
-    lit_rad: f32,
-    /// The largest angular radius of directional lights, radians.
-    wide_rad: f32,
-    /// The second half; the first follows this node. `None` of one light.
-    second: Option<u32>,
-}
-
-/// A light that is to be put into groups.
-#[derive(Clone, Copy)]
-struct Member<'a> {
-    light: &'a Light,
-    index: usize,
-    /// Position, or direction.
-    at: Vec3,
-    sent: Rgb,
-}
-
-/// What a group sends to a point: about so much, wrong by at most so much.
-#[derive(Clone, Copy, Debug)]
-struct Sent {
-    light: f32,
-    error: f32,
-}
-
-/// A group of a cut.
-struct Group {
-    sent: Sent,
-    node: u32,
-}
-
-impl PartialEq for Group {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-
-impl Eq for Group {}
-
-impl PartialOrd for Group {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Group {
-    fn cmp(&self, other: &Self) -> Ordering {
-        let by_error = self.sent.error.total_cmp(&other.sent.error);
-        by_error.then(other.node.cmp(&self.node))
-    }
-}
-
 impl LightGroups {
     /// Up to this many lights are all looked at.
     const MAX_FEW: usize = 64;
@@ -170,7 +112,7 @@ impl LightGroups {
             members.retain(|m| m.sent.mean() > 0.0);
             let mut nodes = Vec::with_capacity(2 * members.len());
             if !members.is_empty() {
-                add(&mut nodes, &mut members);
+                halves::add(&mut nodes, &mut members);
             }
             nodes
         };
@@ -238,276 +180,11 @@ impl LightGroups {
     }
 }
 
-/// Adds the node over some lights, halved along the axis on which they are most apart.
-fn add(nodes: &mut Vec<Node>, members: &mut [Member]) {
-    let index = nodes.len();
-    let bounds = members.iter().fold(Aabb::EMPTY, |b, m| b.with(m.at));
-    let first = &members[0];
-    let (axis, lit_rad) = match *first.light {
-        Light::Spot {
-            direction,
-            cos_outer,
-            ..
-        } => (direction, libm::acosf(cos_outer.clamp(-1.0, 1.0))),
-        _ => (Vec3::Z, PI),
-    };
-    let wide_rad = match *first.light {
-        Light::Directional {
-            angular_radius_rad, ..
-        } => angular_radius_rad,
-        _ => 0.0,
-    };
-    nodes.push(Node {
-        light: first.light.clone(),
-        index: first.index,
-        bounds,
-        power: first.sent.mean(),
-        axis,
-        lit_rad,
-        wide_rad,
-        second: None,
-    });
-    if members.len() == 1 {
-        return;
-    }
-    let across = (bounds.max - bounds.min).max_position();
-    let half = members.len() / 2;
-    members.select_nth_unstable_by(half, |a, b| {
-        let by_place = a.at[across].total_cmp(&b.at[across]);
-        by_place.then(a.index.cmp(&b.index))
-    });
-    let (lower, upper) = members.split_at_mut(half);
-    add(nodes, lower);
-    let second = nodes.len();
-    add(nodes, upper);
-    let halves = [&nodes[index + 1], &nodes[second]];
-    let power = halves[0].power + halves[1].power;
-    // By its share, so that groups of few bright lights and many dim ones are like both.
-    let chosen = unit(hash(&[index as u64, members.len() as u64])) * power < halves[0].power;
-    let chosen = halves[usize::from(!chosen)];
-    let sent = halves.map(|h| Rgb(sent(&h.light)));
-    let (axis, lit_rad) = cone_around(halves);
-    nodes[index] = Node {
-        light: sending(&chosen.light, sent[0] + sent[1]),
-        index: chosen.index,
-        bounds,
-        power,
-        axis,
-        lit_rad,
-        wide_rad: halves[0].wide_rad.max(halves[1].wide_rad),
-        second: Some(second as u32),
-    };
-}
-
-/// A cone that holds those of two groups.
-fn cone_around([a, b]: [&Node; 2]) -> (Vec3, f32) {
-    let between = libm::acosf(a.axis.dot(b.axis).clamp(-1.0, 1.0));
-    let (wide, narrow) = if a.lit_rad >= b.lit_rad {
-        (a, b)
-    } else {
-        (b, a)
-    };
-    if between + narrow.lit_rad <= wide.lit_rad {
-        return (wide.axis, wide.lit_rad);
-    }
-    // Wider by the rounding of the angles.
-    let half = 0.5 * (between + wide.lit_rad + narrow.lit_rad) + 1e-3;
-    let turn = half - wide.lit_rad;
-    let aside = (narrow.axis - wide.axis * narrow.axis.dot(wide.axis)).normalize_or_zero();
-    if half >= PI || aside == Vec3::ZERO {
-        return (wide.axis, PI);
-    }
-    let axis = wide.axis * libm::cosf(turn) + aside * libm::sinf(turn);
-    (axis.normalize(), half)
-}
-
-/// Intensity or irradiance of a light.
-fn sent(light: &Light) -> [f32; 3] {
-    match *light {
-        Light::Point { intensity, .. } | Light::Spot { intensity, .. } => intensity,
-        Light::Directional { irradiance, .. } => irradiance,
-        Light::Environment { radiance } => radiance,
-    }
-}
-
-/// The same light with another intensity or irradiance.
-fn sending(light: &Light, sum: Rgb) -> Light {
-    let mut light = light.clone();
-    match &mut light {
-        Light::Point { intensity, .. } | Light::Spot { intensity, .. } => *intensity = sum.0,
-        Light::Directional { irradiance, .. } => *irradiance = sum.0,
-        Light::Environment { radiance } => *radiance = sum.0,
-    }
-    light
-}
-
-/// The nodes that stand for all: those that may be most wrong are split until none may be by more
-/// than is allowed, or there are as many as are allowed. In the order of nodes.
-fn cut(
-    nodes: &[Node],
-    exactness: Exactness,
-    sent: impl Fn(&Node) -> Option<Sent>,
-) -> Vec<(usize, &Light)> {
-    let group = |node: u32| {
-        let sent = sent(&nodes[node as usize])?;
-        Some(Group { sent, node })
-    };
-    let mut open = BinaryHeap::with_capacity(exactness.groups + 1);
-    open.extend((!nodes.is_empty()).then(|| group(0)).flatten());
-    let mut total: f32 = open.iter().map(|g| g.sent.light).sum();
-    while open.len() < exactness.groups
-        && let Some(worst) = open.peek()
-        && worst.sent.error > exactness.tolerance * total
-        && let Some(second) = nodes[worst.node as usize].second
-        && let Some(worst) = open.pop()
-    {
-        total -= worst.sent.light;
-        for half in [worst.node + 1, second].into_iter().filter_map(group) {
-            total += half.sent.light;
-            open.push(half);
-        }
-    }
-    let mut chosen: Vec<u32> = open.into_iter().map(|g| g.node).collect();
-    chosen.sort_unstable();
-    let light = |node: u32| {
-        let node = &nodes[node as usize];
-        (node.index, &node.light)
-    };
-    chosen.into_iter().map(light).collect()
-}
-
-/// The least and the largest distance between points of two boxes.
-fn range(a: &Aabb, b: &Aabb) -> [f32; 2] {
-    let apart = (a.min - b.max).max(b.min - a.max).max(Vec3::ZERO);
-    let far = (a.max - b.min).abs().max((b.max - a.min).abs());
-    [apart.length(), far.length()]
-}
-
-impl Node {
-    /// What the group sends to a point; `None` if nothing can arrive.
-    fn sent_to(&self, origin: Vec3, receiver: impl Receiver) -> Option<Sent> {
-        let Some((position, _)) = self.light.point_source() else {
-            return self.sent_from_afar(receiver);
-        };
-        let at = Aabb::EMPTY.with(origin);
-        let [near, far] = range(&self.bounds, &at);
-        let [least, most] = match receiver.normals() {
-            None => [1.0, 1.0],
-            Some(normals) => {
-                let heights = normals.map(|n| heights(&self.bounds, origin, n));
-                if heights.iter().any(|[_, upper]| *upper <= 0.0) {
-                    return None;
-                }
-                let is_whole = heights.iter().all(|[lower, _]| *lower >= 0.0);
-                let [lower, upper] = heights[0];
-                let least = if is_whole { lower / far } else { 0.0 };
-                [least, (upper / near).min(1.0)]
-            }
-        };
-        if !self.may_light(origin, near) {
-            return None;
-        }
-        let to_light = position - origin;
-        let d = to_light.normalize_or_zero();
-        let response = receiver.response(d) * self.light.falloff(-d);
-        let light = self.power * response / to_light.length_squared();
-        Some(self.sent(light, [least / (far * far), most / (near * near)]))
-    }
-
-    /// What a group of directional lights sends.
-    fn sent_from_afar(&self, receiver: impl Receiver) -> Option<Sent> {
-        let Light::Directional { direction, .. } = self.light else {
-            return None;
-        };
-        let [least, most] = match receiver.normals() {
-            None => [1.0, 1.0],
-            Some([n, face]) => {
-                // Suns with an extent reach below the horizon of their middle.
-                let angle = self.wide_rad;
-                let to_light = |n: Vec3| {
-                    let [lower, upper] = heights(&self.bounds, Vec3::ZERO, -n);
-                    [lower - angle, upper + angle]
-                };
-                let ([lower, upper], of_face) = (to_light(n), to_light(face));
-                if upper <= 0.0 || of_face[1] <= 0.0 {
-                    return None;
-                }
-                let is_whole = of_face[0] >= 0.0;
-                [if is_whole { lower.max(0.0) } else { 0.0 }, upper.min(1.0)]
-            }
-        };
-        // What hides lights differs by their directions.
-        let spread = (self.bounds.max - self.bounds.min).length();
-        let light = self.power * receiver.response(-direction);
-        Some(self.sent(light, [least, most.max(least) + spread]))
-    }
-
-    /// What the group sends to a segment in a medium.
-    fn sent_along(&self, ends: [Vec3; 2]) -> Option<Sent> {
-        let (position, _) = self.light.point_source()?;
-        let segment = SegmentFromLight::new(position, ends);
-        let mean = segment.mean_inverse_square();
-        if self.second.is_none() {
-            return mean.is_finite().then_some(Sent {
-                light: self.power * mean,
-                error: 0.0,
-            });
-        }
-        let at = Aabb::EMPTY.with(ends[0]).with(ends[1]);
-        let [near, far] = range(&self.bounds, &at);
-        let light = if mean.is_finite() {
-            self.power * mean
-        } else {
-            0.0
-        };
-        Some(self.sent(light, [1.0 / (far * far), 1.0 / (near * near)]))
-    }
-
-    fn sent(&self, light: f32, [least, most]: [f32; 2]) -> Sent {
-        let is_one = self.second.is_none();
-        // Of spots some may not light the point.
-        let least = if self.lit_rad < PI { 0.0 } else { least };
-        let error = self.power * (most - least);
-        Sent {
-            light: if light.is_finite() { light } else { 0.0 },
-            error: match is_one {
-                true => 0.0,
-                false if error.is_nan() => f32::INFINITY,
-                false => error,
-            },
-        }
-    }
-
-    /// Whether a point may be in the light of any spot of the group; `near` is how far it is from
-    /// the box.
-    fn may_light(&self, point: Vec3, near: f32) -> bool {
-        if self.lit_rad >= PI {
-            return true;
-        }
-        let radius = 0.5 * (self.bounds.max - self.bounds.min).length();
-        let away = point - 0.5 * (self.bounds.min + self.bounds.max);
-        let distance = away.length();
-        if near <= 0.0 || distance <= radius {
-            return true;
-        }
-        let angle = libm::acosf((away.dot(self.axis) / distance).clamp(-1.0, 1.0));
-        angle <= self.lit_rad + libm::asinf((radius / distance).min(1.0)) + 1e-3
-    }
-}
-
-/// The least and the largest height of a box above a plane through a point.
-fn heights(bounds: &Aabb, origin: Vec3, normal: Vec3) -> [f32; 2] {
-    let middle = 0.5 * (bounds.min + bounds.max) - origin;
-    let half = (0.5 * (bounds.max - bounds.min)).dot(normal.abs());
-    let height = middle.dot(normal);
-    [height - half, height + half]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::light::shading_point::{MediumReceiver, SurfaceReceiver};
-    use crate::math::sampling::sphere;
+    use crate::math::sampling::{hash, sphere, unit};
 
     fn number(i: u64, k: u64) -> f32 {
         unit(hash(&[i, k]))
@@ -634,7 +311,7 @@ mod tests {
         let one = all[0].point_source().unwrap().1[0];
         assert!((sum / one / 5000.0 - 1.0).abs() < 1e-3);
         for light in &mut all {
-            *light = sending(light, Rgb::BLACK);
+            *light = halves::sending(light, Rgb::BLACK);
         }
         let groups = LightGroups::new(&all).unwrap();
         let mut found = groups.at_point(Which::All, Vec3::ZERO, MediumReceiver, Exactness::SHADING);
