@@ -6,6 +6,7 @@
 //! bucket after the other is read and built. A cell that is too large at the last counted level
 //! goes through the same again, further down.
 
+use super::frontier::{Bucket, Cell, Frontier};
 use super::morton::{self, Cube};
 use super::spill::{self, Dealer, Spill, SpillRange};
 use super::subtree::{self, PageSettings, Pages, Pending, Sorted};
@@ -27,29 +28,6 @@ enum SurfelSource {
     Cloud,
     Spilled(Vec<SpillRange>),
 }
-
-/// A cell that is built in one go, or, if it is too large for that, gone through again.
-#[derive(Clone, Copy, Debug)]
-struct Cell {
-    level: u32,
-    count: u64,
-    /// Where its keys end, exclusively, at the last counted level.
-    end: u32,
-}
-
-impl Cell {
-    /// A cell that no other is dealt out with.
-    fn whole(level: u32, count: u64) -> Self {
-        Self {
-            level,
-            count,
-            end: 0,
-        }
-    }
-}
-
-/// A run of cells: several that fit in memory together, or one.
-type Bucket = Vec<Cell>;
 
 /// The sweep over a cloud.
 pub struct Feed<'a> {
@@ -347,13 +325,17 @@ impl<'a> Feed<'a> {
                 let chunks = self.cloud.surfel_chunks();
                 let total = self.cloud.summary().sums.surfels;
                 let task = self.job.progress.task("sort", total, "surfels");
-                for start in (0..chunks).step_by(self.limits.chunks) {
+                let starts = (0..chunks).step_by(self.limits.chunks);
+                let read = |start: usize| {
                     self.job.cancel.check()?;
-                    let end = (start + self.limits.chunks).min(chunks);
-                    let batch = self.chunks(start..end)?;
+                    self.chunks(start..(start + self.limits.chunks).min(chunks))
+                };
+                let dealt = |batch: Vec<Vec<Surfel>>| {
                     deal(&mut spill, &batch)?;
                     task.add(batch.iter().map(|b| b.len() as u64).sum());
-                }
+                    Ok(())
+                };
+                in_turn(starts, self.limits.reads_ahead, read, dealt)?;
             }
             SurfelSource::Spilled(ranges) => {
                 for some in ranges.chunks(self.limits.ranges) {
@@ -381,26 +363,29 @@ impl<'a> Feed<'a> {
     /// Takes all surfels of a source that fits in memory into work.
     fn load(&mut self, source: &SurfelSource, count: u64) -> Result<()> {
         self.start(count);
-        match source {
+        let limits = self.limits;
+        let mut surfels = std::mem::take(&mut self.surfels);
+        let take = |batch: Vec<Vec<Surfel>>| {
+            batch.into_iter().for_each(|own| surfels.extend(own));
+            Ok(())
+        };
+        let loaded = match source {
             SurfelSource::Cloud => {
                 let chunks = self.cloud.surfel_chunks();
-                for start in (0..chunks).step_by(self.limits.chunks) {
+                let starts = (0..chunks).step_by(limits.chunks);
+                let read = |start: usize| {
                     self.job.cancel.check()?;
-                    let end = (start + self.limits.chunks).min(chunks);
-                    for chunk in self.chunks(start..end)? {
-                        self.surfels.extend(chunk);
-                    }
-                }
+                    self.chunks(start..(start + limits.chunks).min(chunks))
+                };
+                in_turn(starts, limits.reads_ahead, read, take)
             }
             SurfelSource::Spilled(ranges) => {
-                for some in ranges.chunks(self.limits.ranges) {
-                    for surfels in self.read_ranges(some)? {
-                        self.surfels.extend(surfels);
-                    }
-                }
+                let read = |some: &[SpillRange]| self.read_ranges(some);
+                in_turn(ranges.chunks(limits.ranges), limits.reads_ahead, read, take)
             }
-        }
-        Ok(())
+        };
+        self.surfels = surfels;
+        loaded
     }
 
     /// Makes room for a bucket of `count` surfels, and for any other if there are several.
@@ -439,6 +424,30 @@ impl<'a> Feed<'a> {
         self.surfels.extend(reader.surfels.drain(..count as usize));
         Ok(())
     }
+}
+
+/// Reads one batch after the other and uses them in order; if `ahead`, one is read while that
+/// before it is used.
+fn in_turn<B: Send, T: Send>(
+    mut batches: impl Iterator<Item = B>,
+    ahead: bool,
+    mut read: impl FnMut(B) -> Result<T> + Send,
+    mut used: impl FnMut(T) -> Result<()> + Send,
+) -> Result<()> {
+    let mut next = batches.next().map(&mut read).transpose()?;
+    while let Some(batch) = next {
+        let following = batches.next();
+        let read = || following.map(&mut read).transpose();
+        next = if ahead {
+            let (done, following) = rayon::join(|| used(batch), read);
+            done?;
+            following?
+        } else {
+            used(batch)?;
+            read()?
+        };
+    }
+    Ok(())
 }
 
 /// Puts the indices of surfels in Morton order, with their keys.
@@ -484,60 +493,4 @@ fn write_done(pages: &mut Pages, writer: &mut TreeWriter) -> Result<()> {
     }
     pages.first = writer.surfel_pages();
     Ok(())
-}
-
-/// Counts of a counting pass, and the frontier that follows from them.
-struct Frontier<'a> {
-    counts: &'a [u64],
-    depth: u32,
-    level: u32,
-    most: u64,
-}
-
-impl Frontier<'_> {
-    fn count(&self, depth: u32, at: u32) -> u64 {
-        let width = 1usize << (3 * (self.depth - depth));
-        let start = at as usize * width;
-        self.counts[start..start + width].iter().sum()
-    }
-
-    fn is_cut(&self, depth: u32, at: u32) -> bool {
-        depth == self.depth || self.count(depth, at) <= self.most
-    }
-
-    /// Frontier cells in order, in runs that fit in memory together; a cell that does not fit is a
-    /// run of its own.
-    fn buckets(&self) -> Vec<Bucket> {
-        let mut buckets: Vec<Bucket> = Vec::new();
-        let mut held = 0;
-        self.frontier(0, 0, &mut |cell| match buckets.last_mut() {
-            Some(last) if held + cell.count <= self.most => {
-                last.push(cell);
-                held += cell.count;
-            }
-            _ => {
-                held = cell.count;
-                buckets.push(vec![cell]);
-            }
-        });
-        buckets
-    }
-
-    fn frontier(&self, depth: u32, at: u32, found: &mut impl FnMut(Cell)) {
-        let count = self.count(depth, at);
-        if count == 0 {
-            return;
-        }
-        if self.is_cut(depth, at) {
-            found(Cell {
-                level: self.level + depth,
-                count,
-                end: (at + 1) << (3 * (self.depth - depth)),
-            });
-            return;
-        }
-        for child in 8 * at..8 * at + 8 {
-            self.frontier(depth + 1, child, found);
-        }
-    }
 }

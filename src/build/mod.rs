@@ -4,7 +4,7 @@
 //!
 //! - `morton`: cells of the octree and their keys.
 //! - `feed`: surfels in Morton order out of a cloud of any size, by way of `spill`, a temporary
-//!   file, if they do not fit in memory.
+//!   file, if they do not fit in memory; `frontier`: the cells that do.
 //! - `subtree`: nodes from the leaves up, and pages of them; `aggregate`: the sums they are made
 //!   of.
 //! - `join`: the parts of a bake as one cloud.
@@ -18,6 +18,7 @@
 
 mod aggregate;
 mod feed;
+mod frontier;
 mod join;
 mod lvoxels;
 mod morton;
@@ -198,6 +199,8 @@ struct Limits {
     /// Ranges of the temporary file that are unpacked at a time: together no larger than the
     /// chunks.
     ranges: usize,
+    /// Whether there is room to read the next chunks or ranges while others are in work.
+    reads_ahead: bool,
     /// Lvoxels that are sorted at a time.
     lvoxels: u64,
 }
@@ -222,13 +225,15 @@ impl Limits {
         check_memory(job.memory_limit)?;
         let free = memory - FIXED_MEMORY;
         let most = settings.bucket_surfels.unwrap_or(u64::MAX).max(64);
-        let chunks = ((free / 3 / CHUNK_MEMORY) as usize).clamp(1, rayon::current_num_threads());
+        let room = (free / 3 / CHUNK_MEMORY) as usize;
+        let chunks = room.clamp(1, rayon::current_num_threads());
         Ok(Self {
             // Indices within a bucket are 32 bits.
             surfels: (free / SURFEL_MEMORY).min(most).min(1 << 31),
             buffers: free / 8,
             chunks,
             ranges: 4 * chunks,
+            reads_ahead: room >= 2 * chunks,
             lvoxels: (free / lvoxels::LVOXEL_MEMORY).min(most).min(1 << 31),
         })
     }
