@@ -75,6 +75,17 @@ pub fn run(
             }
         }
         packed::bricks(scene, &mut writer, &job.cancel)?;
+        // What was cut while it was copied may have been read as zeros.
+        scene.check_file()?;
+        let parts = [
+            (tree.as_ref().map(Opened::data), files.tree),
+            (light.as_ref().map(Opened::data), files.light),
+        ];
+        for (file, path) in parts {
+            if let Some((file, path)) = file.zip(path) {
+                file.check_length().map_err(|e| e.at(path))?;
+            }
+        }
         writer.finish()?;
         let written = std::fs::metadata(output).map_err(|e| Error::io("read", output, &e))?;
         counts.insert("bytes".into(), written.len() as f64);

@@ -99,7 +99,7 @@ impl<'a> TriangleBvh<'a> {
 }
 
 /// Triangles from which on blocks know their vertices: 24 bytes a triangle less count for more, there,
-/// than rays that take up to twice as long.
+/// than frames that take a seventh longer.
 const LARGE: usize = 1 << 22;
 
 fn is_large(mesh: &Mesh) -> bool {
