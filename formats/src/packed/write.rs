@@ -60,7 +60,7 @@ impl PackedWriter {
             rows: (bytes.len() / width) as u64,
         };
         let next = self.expected.columns.get(self.columns);
-        if next != Some(&found) || bytes.len() % width != 0 {
+        if next != Some(&found) || !bytes.len().is_multiple_of(width) {
             let expected = format!("{next:?}");
             let error = FormatError::invalid("next column", expected, format!("{found:?}"));
             return Err(error.at(self.file.path()).into());
