@@ -101,10 +101,9 @@ fn mesh(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
 }
 
 fn volumes(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
-    let content = files.read("volume", path)?;
     let fields = match extension(path).as_str() {
-        "vdb" => vdb::read(content, path, vdb::Wanted::All, files),
-        _ => nrrd::read(content, path, files).map(|field| vec![field]),
+        "vdb" => vdb::read(files.map("volume", path)?, path, vdb::Wanted::All, files),
+        _ => nrrd::read(files.read("volume", path)?, path, files).map(|field| vec![field]),
     };
     let fields = fields.map_err(|e| e.at(path.display()))?;
     if fields.is_empty() {

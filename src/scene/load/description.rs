@@ -579,11 +579,15 @@ fn fields(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Resu
     };
     let grid = table.get("grid").map(|i| i.text()).transpose()?;
     files.enter(path);
-    let content = files.read("volume", path).map_err(|e| table.locate(e))?;
     let one = |field| vec![field];
+    if kind == "vdb" {
+        let content = files.map("volume", path).map_err(|e| table.locate(e))?;
+        let fields = vdb::read(content, path, grid.into(), files);
+        return fields.map_err(|e| e.at(path.display()));
+    }
+    let content = files.read("volume", path).map_err(|e| table.locate(e))?;
     let fields = match layout {
         Some((dims, number, big_endian)) => raw::read(content, dims, number, big_endian).map(one),
-        None if kind == "vdb" => vdb::read(content, path, grid.into(), files),
         None => nrrd::read(content, path, files).map(one),
     };
     fields.map_err(|e| e.at(path.display()))

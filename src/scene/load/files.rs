@@ -3,6 +3,7 @@
 use super::Settings;
 use super::images::Images;
 use super::values::GridValues;
+use crate::formats::MappedFile;
 use crate::run::{Cancel, memory, one_line};
 use crate::{Error, Result};
 use std::fs::{self, File};
@@ -135,6 +136,19 @@ impl Files {
         Ok(content)
     }
 
+    /// The whole content of a file as [`Files::read`] gives it, mapped into memory: for files of
+    /// which more is made than fits beside them.
+    pub(super) fn map(&mut self, what: &str, path: &Path) -> Result<Content> {
+        // What cannot be mapped is told as what cannot be read.
+        let Ok(map) = MappedFile::open(path) else {
+            return self.read(what, path).map(Content::Owned);
+        };
+        self.add(map.as_ref())?;
+        map.release(0..map.as_ref().len());
+        self.paths.push(path.to_owned());
+        Ok(Content::Mapped(map))
+    }
+
     fn content(&self, path: &Path, failed: impl Fn(&io::Error) -> Error) -> Result<Vec<u8>> {
         let mut file = File::open(path).map_err(|e| failed(&e))?;
         let length = file.metadata().map_err(|e| failed(&e))?.len();
@@ -170,6 +184,38 @@ impl Files {
     /// Tells the user something that is odd but not wrong.
     pub(super) fn warn(&mut self, message: impl Into<String>) {
         self.warnings.push(one_line(message.into()));
+    }
+}
+
+/// The content of a file.
+pub(super) enum Content {
+    /// In memory of our own.
+    Owned(Vec<u8>),
+    /// In memory that comes from the file, and can be given back.
+    Mapped(MappedFile),
+}
+
+impl Content {
+    /// Gives the memory of what was mapped back to the system; it comes again from the file.
+    pub(super) fn release(&self) {
+        if let Self::Mapped(map) = self {
+            map.release(0..map.as_ref().len());
+        }
+    }
+}
+
+impl AsRef<[u8]> for Content {
+    fn as_ref(&self) -> &[u8] {
+        match self {
+            Self::Owned(bytes) => bytes,
+            Self::Mapped(map) => map.as_ref(),
+        }
+    }
+}
+
+impl From<Vec<u8>> for Content {
+    fn from(bytes: Vec<u8>) -> Self {
+        Self::Owned(bytes)
     }
 }
 

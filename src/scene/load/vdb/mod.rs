@@ -15,7 +15,7 @@ mod table;
 mod tree;
 
 use super::field::Field;
-use super::files::Files;
+use super::files::{Content, Files};
 use super::left_out::LeftOut;
 use super::samples::Samples;
 use crate::run::Cancel;
@@ -103,14 +103,14 @@ impl<'a> From<Option<&'a str>> for Wanted<'a> {
 /// Reads the grids that are wanted; those that have no active voxel are left out. The user is told
 /// what else the file has.
 pub(super) fn read(
-    content: Vec<u8>,
+    content: impl Into<Content>,
     path: &Path,
     wanted: Wanted<'_>,
     files: &mut Files,
 ) -> Result<Vec<Field>> {
     let mut left_out = LeftOut::default();
-    let content = Arc::new(content);
-    let file = File::open(&content, &mut left_out)?;
+    let content = Arc::new(content.into());
+    let file = File::open((*content).as_ref(), &mut left_out)?;
     let chosen = match wanted {
         Wanted::Density => choose(&file.entries, None)?,
         Wanted::Named(name) => choose(&file.entries, Some(name))?,
@@ -131,6 +131,8 @@ pub(super) fn read(
                 grid.tree.background
             ));
         }
+        // All of it was passed over to find leaves.
+        content.release();
         match grid.into_field(content.clone()).map_err(|e| e.at(&place))? {
             Some(field) => fields.push(field),
             None => {
@@ -290,7 +292,7 @@ impl VdbGrid {
 
     /// The samples in the box of active voxels of the file `content`; none if there are no such
     /// voxels.
-    fn into_field(self, content: Arc<Vec<u8>>) -> Result<Option<Field>> {
+    fn into_field(self, content: Arc<Content>) -> Result<Option<Field>> {
         let Some((low, high)) = self.tree.extent() else {
             return Ok(None);
         };

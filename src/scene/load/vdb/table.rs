@@ -1,5 +1,6 @@
 //! The voxels of a tree by boxes: leaves are unpacked when a box asks for them.
 
+use super::super::files::Content;
 use super::super::samples::Source;
 use super::tree::{Buffers, Encoding, LEAF, LEAF_EDGE, LEAF_VOXELS, Tree, VOLUME};
 use crate::Result;
@@ -7,11 +8,17 @@ use crate::run::memory;
 use crate::scene::grid::VoxelBox;
 use std::ops::Range;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Leaves that are unpacked before memory of the file is given back: up to 64 MiB of it.
+const KEPT_LEAVES: usize = 1 << 15;
 
 /// Finds the leaf or tile of a voxel.
 pub(super) struct Table {
     /// The whole file, which leaves point into.
-    content: Arc<Vec<u8>>,
+    content: Arc<Content>,
+    /// Leaves that were unpacked since memory of the file was given back.
+    unpacked: AtomicUsize,
     encoding: Encoding,
     /// What the grid is called, for messages.
     label: String,
@@ -46,7 +53,7 @@ impl Part {
 impl Table {
     /// A table over `dims` leaves from `first_leaf`, in units of leaves.
     pub(super) fn new(
-        content: Arc<Vec<u8>>,
+        content: Arc<Content>,
         encoding: Encoding,
         label: String,
         tree: Tree,
@@ -77,6 +84,7 @@ impl Table {
         }
         Ok(Self {
             content,
+            unpacked: AtomicUsize::new(0),
             encoding,
             label,
             first,
@@ -132,10 +140,17 @@ impl Source for Table {
         let mut buffers = Buffers::default();
         let mut values = [0.0; LEAF_VOXELS];
         let leaves = &self.tree.leaves;
+        let mut unpacked = 0;
         for (id, part) in self.parts(voxels) {
+            unpacked += 1;
             match leaves.get(id) {
                 Some(leaf) => leaf
-                    .unpack(&self.content, self.encoding, &mut buffers, &mut values)
+                    .unpack(
+                        (*self.content).as_ref(),
+                        self.encoding,
+                        &mut buffers,
+                        &mut values,
+                    )
                     .map_err(|e| e.at(format!("leaf {id} of {}", leaves.len())))
                     .map_err(|e| e.at(format!("grid `{}`", self.label)))?,
                 None => values.fill(self.tree.tiles[id - leaves.len()].value),
@@ -152,10 +167,14 @@ impl Source for Table {
                 }
             }
         }
+        if self.unpacked.fetch_add(unpacked, Ordering::Relaxed) >= KEPT_LEAVES {
+            self.unpacked.store(0, Ordering::Relaxed);
+            self.content.release();
+        }
         Ok(())
     }
 
     fn file_bytes(&self) -> usize {
-        self.content.len()
+        (*self.content).as_ref().len()
     }
 }

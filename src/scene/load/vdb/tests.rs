@@ -608,7 +608,10 @@ fn real_smoke_is_read_to_the_last_voxel() {
     assert_eq!(grid.tree.active(), 1_049_275);
     let (low, high) = grid.tree.extent().unwrap();
     assert_eq!((low, high), ([1, 2, 1], [111, 223, 112]));
-    let field = grid.into_field(Arc::new(content.clone())).unwrap().unwrap();
+    let field = grid
+        .into_field(Arc::new(content.clone().into()))
+        .unwrap()
+        .unwrap();
     assert_eq!(field.dims, [113, 224, 114]);
     let mut sum = 0.0;
     for k in 0..field.dims[2] {
