@@ -18,7 +18,7 @@ pub enum Kind {
 
 /// An error with a message and, where there is one, a hint at the cure: each one line of at most
 /// 1000 characters, in which control characters of files and their names are escaped.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Error {
     kind: Kind,
     message: String,

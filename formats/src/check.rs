@@ -24,9 +24,15 @@ pub fn is_radiance(c: [f32; 3]) -> bool {
     c.iter().all(|v| v.is_finite() && *v >= 0.0)
 }
 
+/// Whether this is a sample of extinction: finite, and not below 0, nor its negative.
+#[inline]
+pub fn is_extinction(v: f32) -> bool {
+    v.to_bits() < INFINITY
+}
+
 /// Bits of numbers that are neither negative nor infinite are below this, in the order of the
 /// numbers.
-const INFINITY: u32 = f32::INFINITY.to_bits();
+pub const INFINITY: u32 = f32::INFINITY.to_bits();
 
 /// Checks a surfel; `place` names it in the error.
 #[inline]

@@ -54,7 +54,12 @@ impl FileKind {
         match self {
             Self::Cloud | Self::Tree => &[BlockKind::Surfels, BlockKind::Lvoxels],
             Self::Scatter => &[BlockKind::Direct, BlockKind::Indirect],
-            Self::Packed => &[BlockKind::Padding, BlockKind::Column, BlockKind::Bricks],
+            Self::Packed => &[
+                BlockKind::Padding,
+                BlockKind::Column,
+                BlockKind::MediaTable,
+                BlockKind::MediaPage,
+            ],
         }
     }
 
@@ -96,19 +101,22 @@ pub enum BlockKind {
     Padding,
     /// Rows of a column of a packed scene.
     Column,
+    /// The table of the bricks of a level of a volume.
+    MediaTable,
     /// Samples of bricks of a volume.
-    Bricks,
+    MediaPage,
 }
 
 impl BlockKind {
-    const ALL: [Self; 7] = [
+    const ALL: [Self; 8] = [
         Self::Surfels,
         Self::Lvoxels,
         Self::Direct,
         Self::Indirect,
         Self::Padding,
         Self::Column,
-        Self::Bricks,
+        Self::MediaTable,
+        Self::MediaPage,
     ];
 
     /// The number of this kind in the block table.

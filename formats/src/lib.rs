@@ -33,7 +33,8 @@
 //! - `record`, `meta`, `summary`: what files hold, decoded. `check`: what every record must be.
 //! - `frame`: header and block table. `format`: what tells the kinds of file apart. `opened`,
 //!   `output`: the one reader and the one writer of the frame.
-//! - `cloud`, `tree`, `scatter`, `packed`: the blocks of each kind.
+//! - `cloud`, `tree`, `scatter`, `packed`: the blocks of each kind. `media`: levels of
+//!   volumes, coded.
 //! - `quantise`: values to codes and back. `morton`, `bytes`, `codec`: tools.
 //! - `atomic`, `temporary`, `map`, `error`: files that appear complete, folders that go away, mapped
 //!   files, and errors. `leftover`: what a killed process left of the first two; `emergency`: what
@@ -52,6 +53,7 @@ mod format;
 mod frame;
 mod leftover;
 mod map;
+mod media;
 mod meta;
 pub mod morton;
 mod opened;
@@ -71,13 +73,17 @@ pub use error::{FormatError, Result};
 pub use format::{Format, PointBlocks};
 pub use frame::{Block, BlockKind, FileKind, VERSION};
 pub use map::MappedFile;
+pub use media::{
+    BRICK_EDGE, BRICK_VOXELS, BrickEntry, BrickSamples, BrickTable, MediaPage, PAGE_BRICKS,
+    Palette, PaletteIndex,
+};
 pub use meta::{CloudMeta, ScatterMeta, TreeMeta};
 pub use opened::Opened;
 pub use packed::{
-    BRICK_SAMPLES, BRICKS_PER_BLOCK, COLUMN_ALIGNMENT, ColumnRows, MAX_LEVELS, Packed,
-    PackedBlocks, PackedCamera, PackedColumn, PackedFilm, PackedFormat, PackedHierarchy,
-    PackedImage, PackedLight, PackedMaterial, PackedMesh, PackedMeta, PackedSummary, PackedTexture,
-    PackedVolume, PackedWrap, PackedWriter,
+    COLUMN_ALIGNMENT, ColumnRows, MAX_LEVELS, MediaLevel, Packed, PackedBlocks, PackedCamera,
+    PackedColumn, PackedFilm, PackedFormat, PackedHierarchy, PackedImage, PackedLight,
+    PackedMaterial, PackedMesh, PackedMeta, PackedSummary, PackedTexture, PackedVolume, PackedWrap,
+    PackedWriter,
 };
 pub use record::{
     Below, Bounds, ClipEdge, Clips, Lvoxel, Node, Surfel, SurfelAggregate, SurfelLeaves,

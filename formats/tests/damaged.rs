@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::parts::{Parts, repair};
+use common::parts::{Part, Parts, repair};
 use common::*;
 use lvox_formats::*;
 use proptest::prelude::*;
@@ -287,8 +287,6 @@ fn rows_of_packed_scenes_are_checked() {
             float(1.5),
             "row 10 of the code values",
         ),
-        (PackedColumn::Bricks, 4, whole(0), "in order"),
-        (PackedColumn::Bricks, 8, whole(6), "below 6"),
         // A box that is none, and one of a child that is not there.
         (
             PackedColumn::Nodes,
@@ -361,18 +359,85 @@ fn rows_of_packed_scenes_are_checked() {
         });
         refused(&bytes, read_packed, "row 0 of the vertex blocks");
     }
-    // Samples of volumes, compressed or not.
-    let samples = changed(&file, |parts| {
-        let samples = parts.blocks.last_mut().unwrap();
-        samples.set(0, (0, 3 * BRICK_SAMPLES), [5, 0], &float(-1.0));
-    });
-    refused(&samples, read_packed, "extinction");
+}
+
+/// Tables and pages of volumes say the same of each brick, and nothing that leads a reader astray.
+#[test]
+fn levels_of_packed_volumes_are_checked() {
+    let file = small_packed();
+    let opened = Packed::open(&file[..]).unwrap();
+    let of_level = |level: usize| opened.level_blocks(0, level).unwrap();
+    let with = |block: usize, at: usize, value: &[u8]| {
+        changed(&file, |parts| {
+            parts.blocks[block].data[0].1[at..at + value.len()].copy_from_slice(value)
+        })
+    };
+    // The first table: a palette of seven values, then three bricks.
+    let (palette, bricks) = (4, 4 + 7 * 4);
+    let table = of_level(0).start;
+    let (maxima, ends) = (bricks + 3 * 8, bricks + 3 * 12);
+    for (at, value, says) in [
+        (0, &[255, 255, 1, 0][..], "values of a palette"),
+        (0, &[8], "palette"),
+        (palette + 3 * 7 + 3, &[0x7f], "values of a palette"),
+        (palette + 3 * 7, &[0x80], "values of a palette"),
+        (bricks + 1, &[0], "place of brick 1"),
+        (bricks + 2, &[2], "place of brick 2"),
+        (bricks + 3 * 7, &[0xff], "place of brick 0"),
+        (maxima + 3 * 3, &[0xff], "maximum of brick 0"),
+        (maxima + 3 * 3, &[0x3e], "samples of the brick at [0, 0, 0]"),
+        (ends + 1, &[0x80], "ends of brick 1"),
+        (ends + 1, &[0x3f], "samples of the brick at [1, 0, 0]"),
+    ] {
+        refused(&with(table, at, value), read_packed, says);
+    }
+    // Numbers beyond the palette; bits that are no finite number; and another sample than before.
+    let page = of_level(0).start + 1;
+    refused(
+        &with(page, 0, &[14]),
+        read_packed,
+        "numbers of the palette in brick 0",
+    );
+    let page = of_level(1).start + 1;
+    refused(
+        &with(page, 3 * 1024, &[0xff]),
+        read_packed,
+        "finite samples",
+    );
+    refused(
+        &with(page, 1023, &[0xfe]),
+        read_packed,
+        "samples of the brick at [0, 0, 1]",
+    );
+    // Blocks that are not those that come next.
+    for (change, says) in [
+        (
+            &|part: &mut Part| part.columns = 1 << 16 | 1 << 8 | 1,
+            "coding",
+        ),
+        (&|part: &mut Part| part.columns = 0, "coding"),
+        (&|part: &mut Part| part.records = 2, "a page of 3 bricks"),
+        (&|part: &mut Part| part.nodes = 1, "of volume 0"),
+    ] as [(&dyn Fn(&mut Part), &str); 4]
+    {
+        let page = of_level(0).start + 1;
+        refused(
+            &changed(&file, |parts| change(&mut parts.blocks[page])),
+            read_packed,
+            says,
+        );
+    }
+    let swapped = changed(&file, |parts| parts.blocks.swap(table, table + 2));
+    refused(&swapped, read_packed, "the table of 3 bricks");
+    assert!(opened.level(0, 2).is_err() && opened.level(1, 0).is_err());
+    let level = opened.level(0, 0).unwrap();
+    assert!(opened.media_page(&level, 1, |_, _| ()).is_err());
 }
 
 #[test]
 fn descriptions_of_packed_scenes_are_checked() {
     type Change = fn(&mut PackedMeta);
-    let changes: [(Change, &str); 21] = [
+    let changes: [(Change, &str); 23] = [
         (|m| m.film.width = 0, "film"),
         (|m| m.film.exposure = f32::NAN, "film"),
         (|m| m.cameras.clear(), "cameras"),
@@ -392,7 +457,9 @@ fn descriptions_of_packed_scenes_are_checked() {
         (|m| m.textures[0].image = 1, "texture 0"),
         (|m| m.textures[0].width = 4, "texture 0"),
         (|m| m.volumes[0].dims[1] = 0, "voxels"),
-        (|m| m.volumes[0].bricks = 7, "at most 6 bricks"),
+        (|m| m.volumes[0].levels[0] = 7, "at most 6 bricks"),
+        (|m| m.volumes[0].levels.clear(), "levels"),
+        (|m| m.volumes[0].levels = vec![1; 7], "single voxel"),
         (|m| m.volumes[0].scene_from_index[0] = [0.0; 3], "inverted"),
         (|m| m.mesh.triangles = 1 << 28, "mesh"),
         (|m| m.materials.clear(), "mesh"),

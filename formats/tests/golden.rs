@@ -92,7 +92,13 @@ fn packed_scene() {
             packed_rows(column.column)
         );
     }
-    assert_eq!(kept.brick_numbers(0).unwrap(), [0, 2, 5]);
-    let blocks = kept.brick_blocks(0).unwrap();
-    assert_eq!(kept.samples(blocks.start).unwrap().len(), 3 * BRICK_SAMPLES);
+    for (i, bricks) in packed_levels().into_iter().enumerate() {
+        let level = kept.level(0, i).unwrap();
+        let places: Vec<_> = level.table().entries().iter().map(|e| e.place).collect();
+        assert_eq!(places, bricks.iter().map(|b| b.0).collect::<Vec<_>>());
+        let mut found = Vec::new();
+        let page = kept.media_page(&level, 0, |_, samples| found.push(*samples));
+        page.unwrap();
+        assert_eq!(found, bricks.iter().map(|b| b.1).collect::<Vec<_>>());
+    }
 }

@@ -119,7 +119,7 @@ pub fn run(
     job.report.stage("bake", |counts| {
         let mut writer = CloudWriter::create(cloud, meta(scene, settings)?, overwrite)?;
         let tracer = Tracer::new_until(scene, &job.cancel)?;
-        let shadows = SoftShadowMedia::new(scene);
+        let shadows = SoftShadowMedia::new(scene)?;
         let lights = Lights::new(&tracer)
             .for_baking()
             .with_soft_shadows(shadows.as_ref());

@@ -21,8 +21,8 @@ use crate::tree::{Media, Pages};
 use crate::view::{View, VisibleMedia};
 use glam::{DAffine3, DVec3, Vec3};
 use lvox_formats::record::{Lvoxel, VolumeInfo};
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex};
 
 /// A tree without surfels.
 struct NoPages;
@@ -344,7 +344,7 @@ fn what_a_sweep_takes_is_also_that_of_its_rays() {
     scene.film = LARGE;
     let is_speck = |v: [usize; 3]| v == [0; 3] || v == [FAR - 1; 3];
     let volume = &mut scene.volumes[0];
-    volume.sigma_t = Arc::new(Grid::from_fn([FAR; 3], |v| f32::from(is_speck(v))));
+    volume.sigma_t = Grid::from_fn([FAR; 3], |v| f32::from(is_speck(v))).into();
     volume.place(DAffine3::from_translation(DVec3::new(
         -128.0, -128.0, -600.0,
     )));

@@ -2,7 +2,7 @@
 
 use super::text::{Table, bytes, count};
 use crate::Result;
-use crate::formats::{FileKind, MappedFile, Packed, PackedMeta};
+use crate::formats::{BRICK_VOXELS, FileKind, MappedFile, Packed, PackedMeta};
 use crate::run::{hex, one_line};
 use std::fmt;
 use std::path::Path;
@@ -25,16 +25,33 @@ pub struct PackedDescription {
     pub scene_hash: String,
     /// The scene, without its columns.
     pub scene: PackedMeta,
-    /// What the file is made of.
+    /// Which columns the file has.
     pub parts: Vec<PackedPart>,
+    /// Which levels its volumes have.
+    pub levels: Vec<PackedLevel>,
 }
 
-/// Columns of one kind, or the bricks of all volumes.
+/// A level of a volume.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct PackedLevel {
+    /// Name of the volume.
+    pub volume: String,
+    /// 0 for the voxels themselves, l for means over `2^l` of them along each axis.
+    pub level: usize,
+    /// Voxels along x, y, z.
+    pub voxels: [u32; 3],
+    /// Bricks of 8^3 voxels that are stored.
+    pub bricks: u64,
+    /// Bytes in the file, the table of bricks included.
+    pub stored_bytes: u64,
+}
+
+/// Columns of one kind.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct PackedPart {
     /// Name, as in the format's specification.
     pub name: &'static str,
-    /// Columns, or volumes.
+    /// How many columns.
     pub count: u64,
     /// Rows of all of them.
     pub rows: u64,
@@ -63,10 +80,19 @@ pub fn packed(path: &Path) -> Result<Option<PackedDescription>> {
             stored.iter().map(|b| u64::from(b.stored_bytes)).sum(),
         );
     }
-    for (i, volume) in (0..).zip(&packed.meta().volumes) {
-        let stored = &packed.blocks()[packed.brick_blocks(i)?];
-        let stored = stored.iter().map(|b| u64::from(b.stored_bytes)).sum();
-        add(&mut parts, "samples", volume.bricks, stored);
+    let mut levels = Vec::new();
+    for (v, volume) in packed.meta().volumes.iter().enumerate() {
+        for (l, bricks) in volume.levels.iter().enumerate() {
+            let stored = &packed.blocks()[packed.level_blocks(v, l)?];
+            let stored_bytes = stored.iter().map(|b| u64::from(b.stored_bytes)).sum();
+            levels.push(PackedLevel {
+                volume: volume.name.clone(),
+                level: l,
+                voxels: volume.dims_of_level(l),
+                bricks: *bricks,
+                stored_bytes,
+            });
+        }
     }
     Ok(Some(PackedDescription {
         file: path.display().to_string(),
@@ -77,6 +103,7 @@ pub fn packed(path: &Path) -> Result<Option<PackedDescription>> {
         scene_hash: hex(&packed.meta().scene_hash),
         scene: packed.meta().clone(),
         parts,
+        levels,
     }))
 }
 
@@ -124,13 +151,17 @@ impl fmt::Display for PackedDescription {
         ];
         let has = has.map(|(n, what)| format!("{} {what}", count(n)));
         writeln!(f, "has     {}", has.join(", "))?;
-        let mut volumes = Table::new(&["volume", "voxels", "bricks"]);
-        for v in &scene.volumes {
-            let [x, y, z] = v.dims;
-            volumes.row(vec![
-                v.name.clone(),
+        let mut levels = Table::new(&["volume", "level", "voxels", "bricks", "stored", "a voxel"]);
+        for l in &self.levels {
+            let [x, y, z] = l.voxels;
+            let voxels = (l.bricks * BRICK_VOXELS as u64).max(1);
+            levels.row(vec![
+                l.volume.clone(),
+                l.level.to_string(),
                 format!("{x} x {y} x {z}"),
-                count(v.bricks),
+                count(l.bricks),
+                bytes(l.stored_bytes),
+                format!("{:.2} B", l.stored_bytes as f64 / voxels as f64),
             ]);
         }
         let mut parts = Table::new(&["part", "count", "rows", "stored", "a row"]);
@@ -143,7 +174,7 @@ impl fmt::Display for PackedDescription {
                 format!("{:.1} B", p.stored_bytes as f64 / p.rows.max(1) as f64),
             ]);
         }
-        for table in [volumes, parts] {
+        for table in [levels, parts] {
             if !table.is_empty() {
                 write!(f, "{table}")?;
             }

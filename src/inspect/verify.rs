@@ -2,9 +2,10 @@
 
 use super::text::{Table, count};
 use super::{File, packed, samples, scattered};
-use crate::Result;
 use crate::formats::{Below, MappedFile, Packed, PackedColumn, Scatter, Tree};
 use crate::run::{Job, Task, one_line};
+use crate::scene::Scene;
+use crate::{Error, Result};
 use std::fmt;
 use std::path::Path;
 
@@ -90,6 +91,13 @@ pub fn verify(path: &Path, job: &Job) -> Result<Verification> {
         let packed = Packed::open_path(path)?;
         let task = (job.progress).task("verify", packed.blocks().len() as u64, "blocks");
         packed.verify_with(|| next(&task, job))?;
+        for volume in &Scene::load(path)?.volumes {
+            if !volume.has_right_levels()? {
+                let what = format!("a level of the volume {:?} is not the mean", volume.name);
+                return Err(Error::input(format!("{file}: {what} of the one before"))
+                    .hint("pack the scene again"));
+            }
+        }
         let has = |column| !packed.range(column, 0).is_empty();
         if has(PackedColumn::Tree) {
             Tree::open_within(path)?.verify_with(|| job.cancel.check())?;

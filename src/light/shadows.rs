@@ -1,6 +1,7 @@
 //! What shadow rays pass: nothing but surfaces in a vacuum, the scene's media, or simpler media
 //! that stand in for them before lights whose shadows are soft.
 
+use crate::Result;
 use crate::math::exp::exp_neg;
 use crate::math::{Boxes, Ray, sampling};
 use crate::scene::{Material, Scene, Volume};
@@ -76,14 +77,20 @@ impl SoftShadowMedia {
     const MAX_VOXELS: usize = 1 << 24;
 
     /// Copies a scene's media; `None` if nothing in it emits.
-    #[must_use]
-    pub fn new(scene: &Scene) -> Option<Self> {
+    ///
+    /// # Errors
+    /// As [`Volume::ready`].
+    pub fn new(scene: &Scene) -> Result<Option<Self>> {
         let emits = |m: &Material| m.emission != [0.0; 3];
         let max_edge = Self::max_edge(scene.volumes.len());
-        scene.materials.iter().any(emits).then(|| Self {
-            volumes: scene.volumes.iter().map(|v| stepped(v, max_edge)).collect(),
+        if !scene.materials.iter().any(emits) {
+            return Ok(None);
+        }
+        let volume = |v: &Volume| v.ready().map(|()| stepped(v, max_edge));
+        Ok(Some(Self {
+            volumes: scene.volumes.iter().map(volume).collect::<Result<_>>()?,
             boxes: scene.volume_boxes(),
-        })
+        }))
     }
 
     /// Voxels along an edge of each of `volumes` volumes, at most.
@@ -189,10 +196,10 @@ mod tests {
     #[test]
     fn a_scene_without_emitters_has_no_soft_shadows() {
         let mut scene = Scene::demo().expect("the demo can be read");
-        assert!(SoftShadowMedia::new(&scene).is_some());
+        assert!(SoftShadowMedia::new(&scene).unwrap().is_some());
         for material in &mut scene.materials {
             material.emission = [0.0; 3];
         }
-        assert!(SoftShadowMedia::new(&scene).is_none());
+        assert!(SoftShadowMedia::new(&scene).unwrap().is_none());
     }
 }

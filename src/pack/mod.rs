@@ -8,7 +8,7 @@ use crate::formats::{
     TreeFormat,
 };
 use crate::run::{Job, hex};
-use crate::scene::{Scene, packed};
+use crate::scene::{Scene, Volume, packed};
 use crate::trace::{Pieces, TriangleBvh};
 use crate::{Error, Result};
 use std::path::Path;
@@ -57,7 +57,9 @@ pub fn run(
     }
     job.report.stage("pack", |counts| {
         let hierarchy = TriangleBvh::of_scene(scene, &job.cancel)?;
-        let mut meta = packed::description(scene);
+        scene.volumes.iter().try_for_each(Volume::ready)?;
+        let tables = packed::level_tables(scene);
+        let mut meta = packed::description(scene, &tables);
         meta.hierarchy = hierarchy.description();
         meta.areas = Pieces::areas(scene);
         let bytes = |file: Option<&MappedFile>| file.map_or(0, |f| f.as_ref().len() as u64);
@@ -74,7 +76,7 @@ pub fn run(
                 writer.column(column, 0, file.as_ref(), || job.cancel.check())?;
             }
         }
-        packed::bricks(scene, &mut writer, &job.cancel)?;
+        packed::media(scene, &tables, &mut writer, &job.cancel)?;
         // What was cut while it was copied may have been read as zeros.
         scene.check_file()?;
         let parts = [

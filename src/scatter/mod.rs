@@ -116,7 +116,7 @@ impl TreeTask for Lighting<'_> {
             job,
         } = self;
         let tracer = Tracer::new_until(scene, &job.cancel)?;
-        let shadows = SoftShadowMedia::new(scene);
+        let shadows = SoftShadowMedia::new(scene)?;
         let lights = Lights::new(&tracer).with_soft_shadows(shadows.as_ref());
         let patches = PatchRadiance::of_tree(&tracer, tree, 0)?;
         let on_surfaces = gather::RaySettings {

@@ -27,7 +27,7 @@ mod volume;
 pub use crate::column::Column;
 pub use builder::{CameraInput, LightInput, MeshInput, SceneBuilder, VolumeInput};
 pub use camera::{Camera, Film};
-pub use grid::Grid;
+pub use grid::{Grid, VolumeGrid};
 pub use light::Light;
 pub use material::Material;
 pub use mesh::Mesh;

@@ -1,10 +1,10 @@
 //! A participating medium: a grid of density in a box placed anywhere.
 
 use super::Grid;
-use super::grid::Pyramid;
+use super::grid::{Pyramid, VolumeGrid};
+use crate::Result;
 use crate::math::Aabb;
 use glam::{Affine3A, DAffine3, DVec3, Vec3};
-use std::sync::Arc;
 
 /// A scattering and absorbing medium with isotropic phase function. There is no medium outside its
 /// box.
@@ -14,7 +14,7 @@ pub struct Volume {
     pub name: String,
     /// Extinction sigma_t per scene unit, sampled on a grid; scale and value window are already
     /// applied.
-    pub sigma_t: Arc<Grid>,
+    pub sigma_t: VolumeGrid,
     /// Single-scattering albedo, sigma_s / sigma_t, each channel in `[0,1]`.
     pub albedo: [f32; 3],
     /// Maps the box `0..dims` of the grid into the scene; any invertible affine map.
@@ -29,19 +29,15 @@ pub struct Volume {
 impl Volume {
     /// A medium whose box is placed by an invertible map.
     #[must_use]
-    pub fn new(name: String, sigma_t: Grid, albedo: [f32; 3], scene_from_index: DAffine3) -> Self {
-        Self::of_shared(name, Arc::new(sigma_t), albedo, scene_from_index)
-    }
-
-    fn of_shared(
+    pub fn new(
         name: String,
-        sigma_t: Arc<Grid>,
+        sigma_t: impl Into<VolumeGrid>,
         albedo: [f32; 3],
         scene_from_index: DAffine3,
     ) -> Self {
         let mut volume = Self {
             name,
-            sigma_t,
+            sigma_t: sigma_t.into(),
             albedo,
             scene_from_index: DAffine3::IDENTITY,
             index_from_scene: Affine3A::IDENTITY,
@@ -56,11 +52,46 @@ impl Volume {
     /// Their means darken what is sharper than they are.
     #[must_use]
     pub fn at_level(&self, level: usize) -> Self {
-        let grid = self.levels.level(&self.sigma_t, level);
-        let size = |grid: &Grid| DVec3::from(grid.size().map(f64::from));
+        let grid = self.level(level);
+        let size = |grid: &VolumeGrid| DVec3::from(grid.size().map(f64::from));
         let voxels = DAffine3::from_scale(size(&self.sigma_t) / size(grid));
         let place = self.scene_from_index * voxels;
-        Self::of_shared(self.name.clone(), Arc::clone(grid), self.albedo, place)
+        Self::new(self.name.clone(), grid.clone(), self.albedo, place)
+    }
+
+    /// The grid of voxels of 2^`level` times the edge, made when first asked for.
+    #[must_use]
+    pub fn level(&self, level: usize) -> &VolumeGrid {
+        self.levels.level(&self.sigma_t, level)
+    }
+
+    /// Whether each of its levels is what the one before makes it; they are all read.
+    ///
+    /// # Errors
+    /// As [`Volume::ready`], for all levels.
+    pub fn has_right_levels(&self) -> Result<bool> {
+        let mut finer = self.level(0);
+        finer.ready()?;
+        for level in 1.. {
+            let grid = self.level(level);
+            if grid.dims() == finer.dims() {
+                break;
+            }
+            grid.ready()?;
+            if **grid != Grid::coarser(finer) {
+                return Ok(false);
+            }
+            finer = grid;
+        }
+        Ok(true)
+    }
+
+    /// Reads its grid if that is in a file and was not read.
+    ///
+    /// # Errors
+    /// Damage of the file, no memory for the grid, or a stop on request.
+    pub fn ready(&self) -> Result<()> {
+        self.sigma_t.ready()
     }
 
     /// Places its box anew; the map must be invertible.
@@ -84,11 +115,7 @@ impl Volume {
         let farthest = corners.iter().map(|p| p.abs().max_element());
         let far = farthest.fold(0.0, f32::max);
         let most = (1.0 / (PATH * far)).max(OPAQUE / self.shortest_voxel_edge());
-        if self.sigma_t.max() > most
-            && let Some(grid) = Arc::get_mut(&mut self.sigma_t)
-        {
-            grid.limit(most);
-        }
+        self.sigma_t.limit(most);
     }
 
     /// Corners of its box in the scene.

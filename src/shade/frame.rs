@@ -97,8 +97,8 @@ impl TreeTask for FrameTask<'_> {
             .then(|| view::media_on_pixels(&scene.volumes, camera, scene.film))
             .flatten();
         let volumes = media_on_pixels.as_deref().unwrap_or(&scene.volumes);
-        let tracer = Tracer::new_until(scene, &job.cancel)?.with_volumes(volumes);
-        let shadows = SoftShadowMedia::new(scene);
+        let tracer = Tracer::with_volumes(scene, volumes, &job.cancel)?;
+        let shadows = SoftShadowMedia::new(scene)?;
         let lights = Lights::new(&tracer).with_soft_shadows(shadows.as_ref());
         let view = View::new(&tracer, camera, scene.film, settings.seed);
         let mut patches = (settings.kernel == Kernel::Traced)

@@ -64,21 +64,25 @@ impl<'a> Tracer<'a> {
     /// Does what [`Tracer::new`] does, but stops on request, and takes what a packed scene has.
     ///
     /// # Errors
-    /// As [`TriangleBvh::new_until`].
+    /// As [`TriangleBvh::new_until`], and [`Volume::ready`].
     pub fn new_until(scene: &'a Scene, cancel: &Cancel) -> Result<Self> {
+        Self::with_volumes(scene, &scene.volumes, cancel)
+    }
+
+    /// Builds what [`Tracer::new`] does, with media that stand in for the scene's own, one for each
+    /// and in the same box. The grids of these are read, but not those of the scene's own.
+    ///
+    /// # Errors
+    /// As [`TriangleBvh::new_until`], and [`Volume::ready`].
+    pub fn with_volumes(scene: &'a Scene, volumes: &'a [Volume], cancel: &Cancel) -> Result<Self> {
+        volumes.iter().try_for_each(Volume::ready)?;
         Ok(Self {
             scene,
-            volumes: &scene.volumes,
+            volumes,
             pieces: Pieces::new(scene),
             triangles: TriangleBvh::of_scene(scene, cancel)?,
             boxes: scene.volume_boxes(),
         })
-    }
-
-    /// With media that stand in for the scene's own, one for each and in the same box.
-    #[must_use]
-    pub fn with_volumes(self, volumes: &'a [Volume]) -> Self {
-        Self { volumes, ..self }
     }
 
     /// Box around all media; empty if there are none.

@@ -2,7 +2,9 @@
 
 use crate::support::program::lvox;
 use crate::{ROOM, Work};
-use lvox::scene::Scene;
+use lvox::formats::Packed;
+
+use lvox::scene::{Grid, Scene};
 use std::fs;
 use std::path::Path;
 
@@ -121,7 +123,7 @@ fn all_stages_make_the_same_of_a_packed_scene_without_its_assets() {
         "triangles",
         "tree",
         "light",
-        "samples",
+        "a voxel",
     ] {
         assert!(told.contains(part), "{part}: {told}");
     }
@@ -175,7 +177,74 @@ fn damage_is_an_error_before_the_work() {
     bad[4096 + 20] ^= 0x40;
     fs::write(here.join("bad.lvp"), bad).unwrap();
     lvox(here, &["bake", "bad.lvp", "-o", "a.lvc"]).refused(2, &["bad.lvp", "checksum of block 1"]);
+    // In the last page of the finest level of the smoke.
+    let page = {
+        let packed = Packed::open(&whole[..]).unwrap();
+        let block = packed.level_blocks(0, 0).unwrap().end - 1;
+        packed.blocks()[block].offset as usize
+    };
+    let mut bad = whole.clone();
+    bad[page] ^= 1;
+    fs::write(here.join("page.lvp"), bad).unwrap();
+    for stage in [
+        &["bake", "page.lvp", "-o", "a.lvc"][..],
+        &["reference", "page.lvp", "-o", "a.exr", "--spp", "1"],
+        &["pack", "page.lvp", "-o", "a.lvp"],
+        &["verify", "page.lvp", "--progress", "none"],
+    ] {
+        lvox(here, stage).refused(2, &["page.lvp", "checksum of block"]);
+    }
     fs::write(here.join("cut.lvp"), &whole[..whole.len() - 5]).unwrap();
     lvox(here, &["bake", "cut.lvp", "-o", "a.lvc"]).refused(2, &["cut.lvp", "bytes"]);
-    assert!(!work.names().iter().any(|n| n == "a.lvc"));
+    let made = |n: &String| ["a.lvc", "a.exr", "a.lvp"].contains(&n.as_str());
+    assert!(!work.names().iter().any(made));
+}
+
+/// Of media a stage reads the levels that it needs, and no other.
+#[test]
+fn levels_of_media_are_read_when_they_are_asked_for() {
+    let work = work();
+    let here = work.0.path();
+    lvox(here, &["pack", "scene.toml", "-o", "scene.lvp"]).done();
+    let whole = bytes(here, "scene.lvp");
+    let (top, pages) = {
+        let packed = Packed::open(&whole[..]).unwrap();
+        let levels = packed.meta().volumes[0].levels.len();
+        let page = |level| packed.level_blocks(0, level).unwrap().end - 1;
+        let at = |level| packed.blocks()[page(level)].offset as usize;
+        assert_eq!(packed.level(0, levels - 1).unwrap().dims, [1; 3]);
+        (levels - 1, (0..levels).map(at).collect::<Vec<_>>())
+    };
+    let mut bad = whole;
+    pages[1..].iter().for_each(|page| bad[*page] ^= 1);
+    fs::write(here.join("bad.lvp"), bad).unwrap();
+    let volume = &Scene::load(&work.path("bad.lvp")).unwrap().volumes[0];
+    let loaded = &work.scene().volumes[0];
+    assert!((0..=top).all(|level| !volume.level(level).is_read()));
+    volume.ready().unwrap();
+    for level in 1..=top {
+        let (stored, made) = (volume.level(level), loaded.level(level));
+        assert_eq!((stored.dims(), stored.size()), (made.dims(), made.size()));
+        assert_eq!(stored.max(), made.max());
+        let error = stored.ready().unwrap_err().to_string();
+        assert!(
+            error.contains("bad.lvp") && error.contains("checksum"),
+            "{error}"
+        );
+    }
+    lvox(
+        here,
+        &["bake", "bad.lvp", "-o", "a.lvc", "--surfels", "1000"],
+    )
+    .done();
+    lvox(here, &["verify", "bad.lvp", "--progress", "none"])
+        .refused(2, &["bad.lvp", "checksum of block"]);
+    let volume = &Scene::load(&work.path("scene.lvp")).unwrap().volumes[0];
+    for level in 0..=top {
+        let (stored, made) = (volume.level(level), loaded.level(level));
+        for b in made.bricks() {
+            let samples = |grid: &Grid| grid.brick(b).map(|b| (b.samples().to_vec(), b.max));
+            assert_eq!(samples(stored), samples(made), "level {level}, brick {b:?}");
+        }
+    }
 }

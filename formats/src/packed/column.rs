@@ -49,8 +49,6 @@ pub enum PackedColumn {
     Texels,
     /// The value of each code in a texture, f32.
     CodeValues,
-    /// Numbers of the bricks that a volume stores, u32.
-    Bricks,
     /// A whole tree file.
     Tree,
     /// A whole file of scattered light.
@@ -81,7 +79,6 @@ impl PackedColumn {
             Self::WordCodes => "word codes",
             Self::Texels => "texels",
             Self::CodeValues => "code values",
-            Self::Bricks => "bricks",
             Self::Tree => "tree",
             Self::Light => "light",
             Self::VertexBlocks => "vertex blocks",
@@ -94,7 +91,7 @@ impl PackedColumn {
         match self {
             Self::Positions | Self::Normals | Self::Colors | Self::Triangles | Self::Texels => 12,
             Self::Uvs => 8,
-            Self::Materials | Self::CodeValues | Self::Bricks => 4,
+            Self::Materials | Self::CodeValues => 4,
             Self::Nodes => 224,
             Self::Blocks => 160,
             Self::VertexBlocks => 64,
@@ -195,7 +192,6 @@ pub fn check_rows(column: PackedColumn, first: u64, piece: &[u8], meta: &PackedM
         PackedColumn::VertexBlocks => super::hierarchy::check_vertex_blocks(first, piece, meta),
         PackedColumn::ByteCodes
         | PackedColumn::WordCodes
-        | PackedColumn::Bricks
         | PackedColumn::Tree
         | PackedColumn::Light => Ok(()),
     }

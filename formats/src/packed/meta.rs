@@ -1,6 +1,5 @@
 //! What a packed scene says of itself: all but its columns.
 
-use super::bricks::BRICK_SAMPLES;
 use super::column::{ColumnRows, MAX_COORDINATE, PackedColumn};
 use crate::record::{MAX_VOLUMES, MAX_VOXELS_ALONG};
 use crate::{FormatError, Result};
@@ -252,8 +251,8 @@ pub struct PackedVolume {
     pub albedo: [f32; 3],
     /// Affine map from index to scene space: three columns, then the translation.
     pub scene_from_index: [[f64; 3]; 4],
-    /// Bricks that are stored.
-    pub bricks: u64,
+    /// Bricks that are stored of each level, the finest first.
+    pub levels: Vec<u64>,
 }
 
 /// Which columns triangles and vertices have, and of how many rows.
@@ -320,8 +319,8 @@ pub struct PackedHierarchy {
 pub struct PackedSummary {
     /// Columns that are there.
     pub columns: Vec<ColumnRows>,
-    /// By volume, bricks that are stored.
-    pub bricks: Vec<u64>,
+    /// By volume and level, bricks that are stored.
+    pub bricks: Vec<Vec<u64>>,
 }
 
 fn wrong(what: impl Into<String>, expected: &str, found: impl std::fmt::Debug) -> FormatError {
@@ -401,9 +400,6 @@ impl PackedMeta {
             let values = if bits < 32 { 1 << bits } else { 0 };
             (PackedColumn::CodeValues, i, values)
         });
-        let volumes = (0..)
-            .zip(&self.volumes)
-            .map(|(i, volume)| (PackedColumn::Bricks, i, volume.bricks));
         let blocks = match hierarchy.by_vertex {
             true => PackedColumn::VertexBlocks,
             false => PackedColumn::Blocks,
@@ -414,11 +410,7 @@ impl PackedMeta {
             (PackedColumn::Tree, 0, self.tree_bytes),
             (PackedColumn::Light, 0, self.light_bytes),
         ];
-        let all = whole
-            .chain(images)
-            .chain(textures)
-            .chain(volumes)
-            .chain(rest);
+        let all = whole.chain(images).chain(textures).chain(rest);
         all.filter(|(_, _, rows)| *rows > 0)
             .map(|(column, item, rows)| ColumnRows { column, item, rows })
             .collect()
@@ -516,7 +508,7 @@ impl PackedMeta {
     pub(crate) fn summary(&self) -> PackedSummary {
         PackedSummary {
             columns: self.columns(),
-            bricks: self.volumes.iter().map(|v| v.bricks).collect(),
+            bricks: self.volumes.iter().map(|v| v.levels.clone()).collect(),
         }
     }
 }
@@ -659,30 +651,33 @@ impl PackedVolume {
             "an albedo from 0 to 1",
             self.albedo,
         )?;
-        let most = self
-            .brick_dims()
-            .iter()
-            .map(|n| u128::from(*n))
-            .product::<u128>();
-        let is_right = u128::from(self.bricks) <= most;
-        check(
-            is_right,
-            &what,
-            &format!("at most {most} bricks"),
-            self.bricks,
-        )
+        let count = self.levels.len();
+        let is_right = (1..=Self::MOST_LEVELS).contains(&count)
+            && (count == 1 || self.dims_of_level(count - 2) != [1; 3]);
+        let expected = "levels down to one of a single voxel at most";
+        check(is_right, &what, expected, count)?;
+        for (level, bricks) in self.levels.iter().enumerate() {
+            let dims = self.dims_of_level(level).map(|n| u128::from(n / 8 + 1));
+            let most = dims.iter().product::<u128>();
+            let expected = format!("at most {most} bricks of level {level}");
+            check(u128::from(*bricks) <= most, &what, &expected, bricks)?;
+        }
+        Ok(())
     }
 
-    /// Bricks of 8^3 cells along each axis, stored or not; there is a cell before the first sample
-    /// and one behind the last.
+    /// Levels of a volume, at most.
+    const MOST_LEVELS: usize = 20;
+
+    /// Voxels of a level along each axis: half as many as of the one before, rounded up.
     #[must_use]
-    pub fn brick_dims(&self) -> [u64; 3] {
-        self.dims.map(|n| (u64::from(n) + 1).div_ceil(8))
+    pub fn dims_of_level(&self, level: usize) -> [u32; 3] {
+        self.dims.map(|n| n.div_ceil(1 << level.min(31)))
     }
 
-    /// Bytes of the samples of all its bricks.
+    /// Bricks of 8^3 cells of a level along each axis, stored or not; there is a cell before the
+    /// first sample and one behind the last.
     #[must_use]
-    pub fn sample_bytes(&self) -> u64 {
-        self.bricks.saturating_mul(BRICK_SAMPLES as u64 * 4)
+    pub fn brick_dims(&self, level: usize) -> [u64; 3] {
+        self.dims_of_level(level).map(|n| u64::from(n) / 8 + 1)
     }
 }

@@ -4,19 +4,19 @@
 //! - `meta`: what is small: cameras, lights, materials, and what the columns are
 //! - `column`: the columns, and what their rows must be
 //! - `hierarchy`: that nodes over triangles are a tree
-//! - `bricks`: samples of volumes
+//! - `levels`: levels of volumes, whose tables and pages `media` codes
 //! - `write`: a scene to a file; `read`: a file to columns
 
-mod bricks;
 mod column;
 mod hierarchy;
+mod levels;
 mod meta;
 mod read;
 mod write;
 
-pub use bricks::{BRICK_SAMPLES, BRICKS_PER_BLOCK};
 pub use column::{COLUMN_ALIGNMENT, ColumnRows, PackedColumn};
 pub use hierarchy::MAX_LEVELS;
+pub use levels::MediaLevel;
 pub use meta::{
     PackedCamera, PackedFilm, PackedHierarchy, PackedImage, PackedLight, PackedMaterial,
     PackedMesh, PackedMeta, PackedSummary, PackedTexture, PackedVolume, PackedWrap,

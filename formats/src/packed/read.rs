@@ -1,10 +1,10 @@
 //! Reading a packed scene.
 
-use super::bricks;
 use super::column::{COLUMN_ALIGNMENT, ColumnRows, PackedColumn, check_rows};
 use super::hierarchy;
+use super::levels::{self, LevelBlocks};
 use super::meta::{PackedMeta, PackedSummary};
-use crate::format::{Format, expect_count};
+use crate::format::Format;
 use crate::frame::{Block, BlockKind, FileKind};
 use crate::opened::{Opened, nth};
 use crate::{FormatError, MappedFile, Result, bytes};
@@ -14,7 +14,7 @@ use std::ops::Range;
 #[derive(Debug)]
 pub enum PackedFormat {}
 
-/// A packed scene that was opened: columns as they lie in the file, and bricks of volumes.
+/// A packed scene that was opened: columns as they lie in the file, and levels of volumes.
 pub type Packed<D> = Opened<D, PackedFormat>;
 
 /// The block table of a packed scene.
@@ -23,8 +23,8 @@ pub struct PackedBlocks {
     all: Vec<Block>,
     /// Columns, and which blocks each has.
     columns: Vec<(ColumnRows, Range<usize>)>,
-    /// By volume, the blocks of its bricks.
-    bricks: Vec<Range<usize>>,
+    /// By volume and level, where its blocks are.
+    pub(super) levels: Vec<Vec<LevelBlocks>>,
 }
 
 impl Format for PackedFormat {
@@ -61,24 +61,11 @@ impl Format for PackedFormat {
             }
             columns.push((rows, first..next));
         }
-        let mut bricks = Vec::with_capacity(summary.bricks.len());
-        for (volume, &count) in (0..).zip(&summary.bricks) {
-            let first = next;
-            let mut found = 0;
-            let is_of = |b: &&Block| b.kind == BlockKind::Bricks && b.nodes == volume;
-            while let Some(block) = blocks.get(next).filter(is_of) {
-                bricks::check_block(block, next)?;
-                found += u64::from(block.records);
-                next += 1;
-            }
-            expect_count("bricks of a volume", count, found)?;
-            bricks.push(first..next);
-        }
-        expect_count("blocks", next as u64, blocks.len() as u64)?;
+        let levels = levels::arrange(&blocks, next, &summary.bricks)?;
         Ok(PackedBlocks {
             all: blocks,
             columns,
-            bricks,
+            levels,
         })
     }
 
@@ -86,13 +73,14 @@ impl Format for PackedFormat {
         file: &Packed<D>,
         mut after_block: impl FnMut() -> Result<(), E>,
     ) -> Result<(), E> {
-        for i in 0..file.blocks().len() {
+        let kind = |i: usize| file.blocks()[i].kind;
+        let columns = (0..file.blocks().len())
+            .filter(|i| !matches!(kind(*i), BlockKind::MediaTable | BlockKind::MediaPage));
+        for i in columns {
             file.check_block(i)?;
             after_block()?;
         }
-        for volume in 0..file.meta().volumes.len() {
-            file.brick_numbers(volume as u32)?;
-        }
+        file.check_levels(&mut after_block)?;
         Ok(file.check_hierarchy()?)
     }
 }
@@ -198,16 +186,13 @@ impl<D: AsRef<[u8]>> Packed<D> {
         &self.data().as_ref()[self.range(column, item)]
     }
 
-    /// Checks the bytes of block `i`, and all that it holds by itself.
+    /// Checks the bytes of block `i`, and all that a column holds there by itself.
     ///
     /// # Errors
     /// [`FormatError::Checksum`] or [`FormatError::Invalid`] for damage, or for an `i` that does
     /// not exist.
     pub fn check_block(&self, i: usize) -> Result<()> {
         let block = *nth(self.blocks(), i, "block")?;
-        if block.kind == BlockKind::Bricks {
-            return self.samples(i).map(drop);
-        }
         self.named(|| {
             let stored = self.stored(&block);
             bytes::check(stored, block.checksum, || format!("block {i}"))?;
@@ -238,63 +223,4 @@ impl<D: AsRef<[u8]>> Packed<D> {
     pub fn check_hierarchy(&self) -> Result<()> {
         self.named(|| hierarchy::check_tree(self.rows(PackedColumn::Nodes, 0)))
     }
-
-    /// The blocks of a volume's bricks.
-    ///
-    /// # Errors
-    /// [`FormatError::Invalid`] for a volume that does not exist.
-    pub fn brick_blocks(&self, volume: u32) -> Result<Range<usize>> {
-        let all = &self.table().bricks;
-        let found = all.get(volume as usize).cloned();
-        found.ok_or_else(|| FormatError::invalid("volume", format!("below {}", all.len()), volume))
-    }
-
-    /// The numbers of the bricks that a volume stores, in the order in which it has them: x
-    /// fastest.
-    ///
-    /// # Errors
-    /// [`FormatError::Invalid`] if they are not in order, or not inside the volume.
-    pub fn brick_numbers(&self, volume: u32) -> Result<Vec<u32>> {
-        self.named(|| {
-            let info = nth_volume(self.meta(), volume)?;
-            let most = info
-                .brick_dims()
-                .iter()
-                .map(|n| u128::from(*n))
-                .product::<u128>();
-            let rows = self.rows(PackedColumn::Bricks, volume).chunks_exact(4);
-            let numbers = rows.map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
-            let numbers: Vec<u32> = numbers.collect();
-            let is_right = numbers.is_sorted_by(|a, b| a < b)
-                && numbers.last().is_none_or(|last| u128::from(*last) < most);
-            match is_right {
-                true => Ok(numbers),
-                false => Err(FormatError::invalid(
-                    format!("bricks of volume {volume}"),
-                    format!("numbers below {most}, in order"),
-                    "others",
-                )),
-            }
-        })
-    }
-
-    /// The samples of the bricks of block `i`.
-    ///
-    /// # Errors
-    /// [`FormatError::Checksum`] or [`FormatError::Invalid`] for damage, or for a block that is none
-    /// of bricks.
-    pub fn samples(&self, i: usize) -> Result<Vec<f32>> {
-        let kind = self.named(|| nth(self.blocks(), i, "block"))?.kind;
-        if kind != BlockKind::Bricks {
-            let error = FormatError::invalid(format!("block {i}"), "bricks", format!("{kind:?}"));
-            return self.named(|| Err(error));
-        }
-        self.unpacked(self.blocks(), i, "block", |raw, _| bricks::unpack(raw))
-    }
-}
-
-fn nth_volume(meta: &PackedMeta, volume: u32) -> Result<&super::meta::PackedVolume> {
-    let all = &meta.volumes;
-    let found = all.get(volume as usize);
-    found.ok_or_else(|| FormatError::invalid("volume", format!("below {}", all.len()), volume))
 }

@@ -1,6 +1,5 @@
-//! Writing a packed scene: columns in their order, then bricks.
+//! Writing a packed scene: columns in their order, then levels of volumes.
 
-use super::bricks::{self, BRICK_SAMPLES, BRICKS_PER_BLOCK};
 use super::column::{COLUMN_ALIGNMENT, ColumnRows, PackedColumn, check_rows};
 use super::meta::{PackedMeta, PackedSummary};
 use super::read::PackedFormat;
@@ -11,18 +10,20 @@ use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Writes a packed scene: first the columns that [`PackedMeta::columns`] lists, in that order, then
-/// the bricks of each volume. Memory is that of a block.
+/// the levels of each volume. Memory is that of a block, or of the table of a level.
 ///
 /// The file gets its name in [`Self::finish`]; dropped before that, the writer leaves nothing
 /// behind.
 pub struct PackedWriter {
-    file: BlockWriter<PackedFormat>,
+    pub(super) file: BlockWriter<PackedFormat>,
     /// What is to be in the file.
-    expected: PackedSummary,
+    pub(super) expected: PackedSummary,
     /// Columns so far.
     columns: usize,
-    /// By volume, bricks so far.
-    bricks: Vec<u64>,
+    /// The volume and level whose table comes next.
+    pub(super) next_level: [u32; 2],
+    /// Bricks of the level before that have not come.
+    pub(super) left: u64,
 }
 
 impl PackedWriter {
@@ -35,7 +36,8 @@ impl PackedWriter {
         Ok(Self {
             expected: meta.summary(),
             columns: 0,
-            bricks: vec![0; meta.volumes.len()],
+            next_level: [0; 2],
+            left: 0,
             file: BlockWriter::create(path, meta, overwrite)?,
         })
     }
@@ -104,52 +106,18 @@ impl PackedWriter {
         })
     }
 
-    /// Appends the samples of bricks of a volume, in the order of their numbers: of 64, or of all
-    /// that are left.
-    ///
-    /// # Errors
-    /// [`FormatError::Invalid`] for another order or number, or samples that are not finite and at
-    /// least 0; [`FormatError::Io`].
-    pub fn bricks(&mut self, volume: u32, samples: &[f32]) -> Result<()> {
-        let count = samples.len() / BRICK_SAMPLES;
-        let packed = || {
-            let all = self.expected.bricks.get(volume as usize).copied();
-            let so_far = self.bricks.get(volume as usize).copied().unwrap_or(0);
-            let left = all.unwrap_or(0) - so_far;
-            let next = left.min(BRICKS_PER_BLOCK as u64) as usize;
-            if count != next || count * BRICK_SAMPLES != samples.len() || count == 0 {
-                return Err(FormatError::invalid(
-                    "samples of bricks",
-                    format!("those of {next} bricks"),
-                    samples.len(),
-                ));
-            }
-            bricks::pack(samples)
-        };
-        let (planes, compressed) = packed().map_err(|e| e.at(self.file.path()))?;
-        self.bricks[volume as usize] += count as u64;
-        let stored = compressed.as_ref().unwrap_or(&planes);
-        self.file.push(&BlockContent {
-            kind: BlockKind::Bricks,
-            stored,
-            raw_bytes: planes.len() as u32,
-            records: count as u32,
-            nodes: volume,
-            columns: 0,
-            checksum: xxh3_64(stored),
-        })
-    }
-
     /// Writes the tables, and gives the file its name.
     ///
     /// # Errors
-    /// [`FormatError::Invalid`] if columns or bricks are missing; [`FormatError::Io`],
+    /// [`FormatError::Invalid`] if columns or levels are missing; [`FormatError::Io`],
     /// [`FormatError::Exists`] if the name was taken meanwhile.
-    pub fn finish(self) -> Result<()> {
-        let is_whole =
-            self.columns == self.expected.columns.len() && self.bricks == self.expected.bricks;
+    pub fn finish(mut self) -> Result<()> {
+        let is_whole = self.columns == self.expected.columns.len() && self.has_all_levels();
         if !is_whole {
-            let found = format!("{} columns, bricks {:?}", self.columns, self.bricks);
+            let found = format!(
+                "{} columns, levels up to {:?}",
+                self.columns, self.next_level
+            );
             let error =
                 FormatError::invalid("parts of the scene", format!("{:?}", self.expected), found);
             return Err(error.at(self.file.path()));

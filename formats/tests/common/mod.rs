@@ -124,7 +124,7 @@ pub fn packed_meta() -> PackedMeta {
             dims: [9, 5, 20],
             albedo: [0.9, 0.8, 0.7],
             scene_from_index: axes(0.1),
-            bricks: 3,
+            levels: packed_levels().iter().map(|l| l.len() as u64).collect(),
         }],
         warnings: vec!["none".into()],
         mesh: PackedMesh {
@@ -165,7 +165,6 @@ pub fn packed_rows(column: PackedColumn) -> Vec<u8> {
         PackedColumn::Materials => whole(&[0, 1]),
         PackedColumn::ByteCodes => vec![0, 1, 2, 3, 254, 255],
         PackedColumn::CodeValues => floats(&[0.5; 256]),
-        PackedColumn::Bricks => whole(&[0, 2, 5]),
         PackedColumn::Nodes => {
             // The first has a leaf and the second, that another leaf.
             let node = |children: [u32; 2]| {
@@ -218,6 +217,17 @@ pub fn packed_rows(column: PackedColumn) -> Vec<u8> {
     }
 }
 
+/// Levels of the volume that [`packed_meta`] describes, in Morton order: one of few values, and one
+/// of many.
+pub fn packed_levels() -> [Vec<([u32; 3], BrickSamples)>; 2] {
+    let few = |b: usize| std::array::from_fn(|i| ((i + b) % 7) as f32 * 0.3);
+    let many = |b: usize| std::array::from_fn(|i| ((i * 37 + b) as f32).sqrt());
+    [
+        vec![([0; 3], few(0)), ([1, 0, 0], few(1)), ([0, 0, 2], few(2))],
+        vec![([0; 3], many(0)), ([0, 0, 1], many(1))],
+    ]
+}
+
 /// Writes the scene that [`packed_meta`] describes.
 pub fn write_packed(path: &Path) {
     write_packed_as(path, packed_meta());
@@ -233,8 +243,16 @@ pub fn write_packed_as(path: &Path, meta: PackedMeta) {
             .column(column.column, column.item, &rows, going)
             .unwrap();
     }
-    let samples: Vec<f32> = (0..3 * BRICK_SAMPLES).map(|i| (i % 7) as f32).collect();
-    writer.bricks(0, &samples).unwrap();
+    for level in packed_levels() {
+        let entry =
+            |(place, samples): &([u32; 3], BrickSamples)| BrickEntry::of(*place, samples).unwrap();
+        let (palette, index) = Palette::of(level.iter().map(|(_, samples)| *samples)).unzip();
+        let table = BrickTable::new(level.iter().map(entry).collect());
+        writer.level(&table, palette.as_ref()).unwrap();
+        let samples: Vec<BrickSamples> = level.into_iter().map(|(_, samples)| samples).collect();
+        let page = MediaPage::encode(&samples, index.as_ref()).unwrap();
+        writer.page(&page).unwrap();
+    }
     writer.finish().unwrap();
 }
 

@@ -14,7 +14,7 @@ use super::sources::{Sample, Sources};
 use crate::Result;
 use crate::math::{Ray, Rgb, sampling};
 use crate::run::Cancel;
-use crate::scene::Scene;
+use crate::scene::{Scene, Volume};
 use crate::trace::{Hit, Surface, TriangleBvh, offset, short_of};
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, PI};
@@ -88,8 +88,9 @@ impl<'a> PathTracer<'a> {
     /// limit.
     ///
     /// # Errors
-    /// As [`TriangleBvh::of_scene`].
+    /// As [`TriangleBvh::of_scene`] and [`Volume::ready`].
     pub fn new(scene: &'a Scene, max_depth: u32, cancel: &Cancel) -> Result<Self> {
+        scene.volumes.iter().try_for_each(Volume::ready)?;
         Ok(Self {
             scene,
             triangles: TriangleBvh::of_scene(scene, cancel)?,

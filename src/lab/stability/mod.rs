@@ -37,7 +37,7 @@ pub use row::{Family, Row, markdown};
 use crate::Result;
 use crate::math::sampling;
 use crate::run::Job;
-use crate::scene::Scene;
+use crate::scene::{Scene, Volume};
 use glam::Vec3;
 use workbench::Workbench;
 
@@ -136,9 +136,10 @@ const FAMILIES: &[(&str, &str, Cases)] = &[
 /// Runs all cases; kernels are compared with double precision on `scene`.
 ///
 /// # Errors
-/// A temporary folder that cannot be written, or a stop on request. A case that fails is no error:
-/// its row says so.
+/// A temporary folder that cannot be written, a volume that cannot be read, or a stop on request. A
+/// case that fails is no error: its row says so.
 pub fn run(scene: &Scene, effort: Effort, job: &Job) -> Result<Vec<Family>> {
+    scene.volumes.iter().try_for_each(Volume::ready)?;
     let task = job
         .progress
         .task("stability", FAMILIES.len() as u64, "families");

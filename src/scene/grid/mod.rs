@@ -9,13 +9,18 @@
 //! needs a second brick; bricks whose samples are all zero are not stored.
 //!
 //! - `layout`: which bricks are stored, and how they are filled
+//! - `packed`: bricks as files have them
 //! - `pyramid`: the same field on larger voxels
+//! - `volume_grid`: the grid of a volume, which may be in a file until it is looked into
 
 mod layout;
+mod packed;
 mod pyramid;
+mod volume_grid;
 
 pub(super) use layout::{Layout, Region, VoxelBox};
 pub use pyramid::Pyramid;
+pub use volume_grid::{Known, StoredLevels, VolumeGrid};
 
 use crate::math::unflatten;
 use crate::{Error, Result};
@@ -30,8 +35,7 @@ const BRICK_SAMPLES: usize = BRICK_EDGE * BRICK_EDGE * BRICK_EDGE;
 const ABSENT: u32 = u32::MAX;
 
 /// A scalar field on a grid; see the module for its spaces.
-#[derive(Debug)]
-#[cfg_attr(test, derive(PartialEq))]
+#[derive(Debug, PartialEq)]
 pub struct Grid {
     dims: [usize; 3],
     /// Of the box, in voxels.
@@ -117,29 +121,6 @@ impl Grid {
         let maximum = |brick: &[f32]| brick.iter().copied().fold(0.0, f32::max);
         grid.maxima = grid.samples.chunks(BRICK_SAMPLES).map(maximum).collect();
         grid.checked()
-    }
-
-    /// A grid of bricks whose numbers come in order, from all their samples, which are finite and at
-    /// least 0.
-    pub(in crate::scene) fn of_bricks(
-        dims: [usize; 3],
-        numbers: &[u32],
-        samples: Vec<f32>,
-    ) -> Self {
-        let bricks = brick_dims(dims);
-        let mut slots = vec![ABSENT; bricks.iter().product()];
-        for (slot, &number) in (0..).zip(numbers) {
-            slots[number as usize] = slot;
-        }
-        let maximum = |brick: &[f32]| brick.iter().copied().fold(0.0, f32::max);
-        Self {
-            dims,
-            size: dims.map(|n| n as f32),
-            bricks,
-            slots,
-            maxima: samples.par_chunks(BRICK_SAMPLES).map(maximum).collect(),
-            samples,
-        }
     }
 
     /// Sets the sample of a voxel in all bricks that have it at a corner of their cells, and stores

@@ -4,27 +4,34 @@
 //! then y, then z, `((a + b) + (c + d)) + ((e + f) + (g + h))`, times one over their number. A voxel
 //! that is not in the grid adds 0. So a level is the same whatever made it and in whatever order.
 
-use super::{BRICK_CELLS, BRICK_EDGE, Grid, Layout, VoxelBox};
+use super::{BRICK_CELLS, BRICK_EDGE, Grid, Layout, VolumeGrid, VoxelBox};
 use std::convert::Infallible;
-use std::sync::{Arc, OnceLock};
+use std::sync::OnceLock;
 
 /// Levels beyond the first that a grid may have.
 const MAX_LEVELS: usize = 16;
 
 /// The levels of a grid above the finest, made when first asked for.
 #[derive(Debug, Default)]
-pub struct Pyramid([OnceLock<Arc<Grid>>; MAX_LEVELS]);
+pub struct Pyramid([OnceLock<VolumeGrid>; MAX_LEVELS]);
 
 impl Pyramid {
     /// A level: 0 is the grid itself, and each further one has voxels of twice the edge. Above the
-    /// one of a single voxel there is no other.
-    pub fn level<'a>(&'a self, finest: &'a Arc<Grid>, level: usize) -> &'a Arc<Grid> {
+    /// one of a single voxel there is no other. Of levels that are stored none is read for it.
+    pub fn level<'a>(&'a self, finest: &'a VolumeGrid, level: usize) -> &'a VolumeGrid {
         let mut grid = finest;
         for coarser in self.0.iter().take(level) {
-            if grid.dims == [1; 3] {
+            if grid.dims() == [1; 3] {
                 break;
             }
-            grid = coarser.get_or_init(|| Arc::new(grid.coarser()));
+            grid = match coarser.get() {
+                Some(coarser) => coarser,
+                // Nobody waits for another who makes it, who may wait for him.
+                None => {
+                    let made = grid.coarser();
+                    coarser.get_or_init(|| made)
+                }
+            };
         }
         grid
     }
@@ -196,20 +203,20 @@ mod tests {
 
     #[test]
     fn levels_have_the_box_of_the_grid_and_end_at_one_voxel() {
-        let finest = Arc::new(Grid::from_fn([37, 5, 18], |_| 2.0));
+        let finest = VolumeGrid::from(Grid::from_fn([37, 5, 18], |_| 2.0));
         let pyramid = Pyramid::default();
-        assert!(Arc::ptr_eq(pyramid.level(&finest, 0), &finest));
+        assert!(pyramid.level(&finest, 0).is(&finest));
         let level = pyramid.level(&finest, 2);
         assert_eq!(
             (level.dims(), level.size()),
             ([10, 2, 5], [9.25, 1.25, 4.5])
         );
-        assert!(Arc::ptr_eq(level, pyramid.level(&finest, 2)));
+        assert!(level.is(pyramid.level(&finest, 2)));
         // What is constant stays so up to the border of the box, and is nothing beyond it.
         assert_eq!(level.sample(Vec3::new(9.25, 1.25, 4.5)), 2.0);
         assert_eq!(level.sample(Vec3::new(9.26, 1.0, 1.0)), 0.0);
         let last = pyramid.level(&finest, 6);
         assert_eq!(last.dims(), [1; 3]);
-        assert!(Arc::ptr_eq(last, pyramid.level(&finest, MAX_LEVELS)));
+        assert!(last.is(pyramid.level(&finest, MAX_LEVELS)));
     }
 }

@@ -196,6 +196,14 @@ pub(super) enum Content {
 }
 
 impl Content {
+    /// Refuses a mapped file that was cut meanwhile, of which the end may have been read as zeros.
+    pub(super) fn check(&self) -> Result<()> {
+        match self {
+            Self::Owned(_) => Ok(()),
+            Self::Mapped(map) => Ok(map.check_length()?),
+        }
+    }
+
     /// Gives the memory of what was mapped back to the system; it comes again from the file.
     pub(super) fn release(&self) {
         if let Self::Mapped(map) = self {

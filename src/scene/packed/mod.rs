@@ -7,7 +7,7 @@ mod read;
 mod write;
 
 pub(super) use read::read;
-pub use write::{bricks, columns, description};
+pub use write::{columns, description, level_tables, media};
 
 use super::Mesh;
 use crate::column::Column;

@@ -2,10 +2,11 @@
 
 use super::PackedScene;
 use crate::formats::{
-    Packed, PackedCamera, PackedColumn, PackedLight, PackedMaterial, PackedTexture, PackedVolume,
-    PackedWrap,
+    MediaLevel, Packed, PackedCamera, PackedColumn, PackedLight, PackedMaterial, PackedTexture,
+    PackedVolume, PackedWrap,
 };
-use crate::run::{Cancel, memory, size};
+use crate::run::{Cancel, size};
+use crate::scene::grid::{Known, StoredLevels, VolumeGrid};
 use crate::scene::texture::{CodeValues, Codes, Texels};
 use crate::scene::{Camera, Film, Grid, Light, Material, Mesh, Scene, Texture, Volume, Wrap};
 use crate::{Error, Result};
@@ -47,7 +48,7 @@ fn check(packed: &PackedScene, cancel: &Cancel) -> Result<()> {
 fn scene(packed: &PackedScene, path: &Path, texture_limit: u64, cancel: &Cancel) -> Result<Scene> {
     let meta = packed.file().meta();
     let textures = textures(packed, texture_limit)?;
-    let volumes = (0..).zip(&meta.volumes);
+    let volumes = meta.volumes.iter().enumerate();
     let volumes = volumes.map(|(i, info)| volume(packed, i, info, cancel));
     Ok(Scene {
         name: meta.scene_name.clone(),
@@ -199,11 +200,11 @@ fn max_table_bytes(file_bytes: u64) -> u64 {
     file_bytes.saturating_mul(1024).saturating_add(FREE)
 }
 
-fn volume(packed: &PackedScene, i: u32, info: &PackedVolume, cancel: &Cancel) -> Result<Volume> {
+fn volume(packed: &PackedScene, i: usize, info: &PackedVolume, cancel: &Cancel) -> Result<Volume> {
     let file = packed.file();
     let what = format!("the volume \"{}\"", info.name);
     let slots = info
-        .brick_dims()
+        .brick_dims(0)
         .iter()
         .fold(4, |n: u64, d| n.saturating_mul(*d));
     let most = max_table_bytes(file.file_bytes());
@@ -214,20 +215,14 @@ fn volume(packed: &PackedScene, i: u32, info: &PackedVolume, cancel: &Cancel) ->
             size::format(most)
         )));
     }
-    memory::check(&what, slots.saturating_add(info.sample_bytes()))?;
-    let numbers = file.brick_numbers(i)?;
-    let blocks: Vec<usize> = file.brick_blocks(i)?.collect();
-    let decoded = blocks.into_par_iter().map(|block| {
-        cancel.check()?;
-        Ok(file.samples(block)?)
+    let levels = (0..info.levels.len()).map(|level| Ok(file.level(i, level)?));
+    let levels: Arc<dyn StoredLevels> = Arc::new(PackedLevels {
+        packed: packed.clone(),
+        levels: levels.collect::<Result<_>>()?,
+        cancel: cancel.clone(),
     });
-    let decoded = decoded.collect::<Result<Vec<Vec<f32>>>>()?;
-    let mut samples = memory::room(&what, decoded.iter().map(Vec::len).sum())?;
-    for block in decoded {
-        samples.extend(block);
-    }
-    let dims = info.dims.map(|n| n as usize);
-    let grid = Grid::of_bricks(dims, &numbers, samples);
+    let grid = VolumeGrid::stored(&levels, 0)
+        .ok_or_else(|| Error::input(format!("{what} has no levels")))?;
     let [x, y, z, translation] = info.scene_from_index.map(DVec3::from);
     let scene_from_index = DAffine3 {
         matrix3: DMat3::from_cols(x, y, z),
@@ -239,4 +234,42 @@ fn volume(packed: &PackedScene, i: u32, info: &PackedVolume, cancel: &Cancel) ->
         info.albedo,
         scene_from_index,
     ))
+}
+
+/// The levels of a volume in a packed scene, of which tables were read.
+#[derive(Debug)]
+struct PackedLevels {
+    packed: PackedScene,
+    levels: Vec<MediaLevel>,
+    cancel: Cancel,
+}
+
+impl StoredLevels for PackedLevels {
+    fn known(&self, level: usize) -> Option<Known> {
+        let table = self.levels.get(level)?;
+        // Boxes are that of the finest.
+        let finest = self.levels.first()?.dims.map(|n| n as f32);
+        let shrink = (0..level).fold(1.0, |s: f32, _| 0.5 * s);
+        let entries = table.table().entries();
+        let maxima = entries.iter().map(|e| e.max);
+        Some(Known {
+            dims: table.dims.map(|n| n as usize),
+            size: finest.map(|n| n * shrink),
+            max: maxima.fold(0.0, f32::max),
+            bricks: entries.len(),
+        })
+    }
+
+    fn read(&self, level: usize) -> Result<Grid> {
+        let none = || Error::input(format!("level {level} is not stored"));
+        let table = self.levels.get(level).ok_or_else(none)?;
+        let known = self.known(level).ok_or_else(none)?;
+        Grid::unpack(known, table.table().entries(), |page, take| {
+            self.cancel.check()?;
+            let file = self.packed.file();
+            file.media_page(table, page, take)?;
+            file.release_page(table, page);
+            Ok(())
+        })
+    }
 }

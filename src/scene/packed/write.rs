@@ -1,23 +1,56 @@
 //! A scene to what a packed file holds of it.
 
 use super::check_machine;
+use crate::Result;
 use crate::formats::{
-    BRICKS_PER_BLOCK, PackedCamera, PackedColumn, PackedFilm, PackedImage, PackedLight,
-    PackedMaterial, PackedMesh, PackedMeta, PackedTexture, PackedVolume, PackedWrap, PackedWriter,
+    BrickTable, MediaPage, PAGE_BRICKS, PackedCamera, PackedColumn, PackedFilm, PackedImage,
+    PackedLight, PackedMaterial, PackedMesh, PackedMeta, PackedTexture, PackedVolume, PackedWrap,
+    PackedWriter, Palette,
 };
 use crate::run::Cancel;
+use crate::scene::grid::VolumeGrid;
 use crate::scene::texture::{CodeValues, Texels};
-use crate::scene::{Camera, Light, Material, Scene, Texture, Volume, Wrap};
-use crate::{Error, Result};
+use crate::scene::{Camera, Grid, Light, Material, Scene, Texture, Volume, Wrap};
+use rayon::prelude::*;
 
-/// What a packed file says of a scene, without what is made of its triangles, a tree and scattered
-/// light.
+/// Levels of a volume that are packed, at most.
+const MOST_LEVELS: usize = 16;
+
+/// Pages that are coded at a time, and then written.
+const PAGES_AT_A_TIME: usize = 64;
+
+/// By volume and level, which bricks it has.
+pub type LevelTables = Vec<Vec<BrickTable>>;
+
+/// The tables of all levels of the volumes of a scene.
 #[must_use]
-pub fn description(scene: &Scene) -> PackedMeta {
+pub fn level_tables(scene: &Scene) -> LevelTables {
+    let of = |volume: &Volume| {
+        let levels = levels(volume);
+        let table = |grid: &Grid| BrickTable::new(grid.entries());
+        levels.into_iter().map(table).collect()
+    };
+    scene.volumes.iter().map(of).collect()
+}
+
+/// The levels of a volume, down to that of a single voxel, but no more than a file has room for.
+fn levels(volume: &Volume) -> Vec<&Grid> {
+    let mut levels: Vec<&VolumeGrid> = Vec::new();
+    while levels.last().is_none_or(|l| l.dims() != [1; 3]) && levels.len() < MOST_LEVELS {
+        levels.push(volume.level(levels.len()));
+    }
+    levels.into_iter().map(|grid| &**grid).collect()
+}
+
+/// What a packed file says of a scene with these levels of volumes, without what is made of its
+/// triangles, a tree and scattered light.
+#[must_use]
+pub fn description(scene: &Scene, tables: &LevelTables) -> PackedMeta {
     let mesh = &scene.mesh;
     let film = &scene.film;
     let (images, numbers) = images(&scene.textures);
     let textures = scene.textures.iter().zip(numbers);
+    let volumes = scene.volumes.iter().zip(tables);
     PackedMeta {
         scene_hash: scene.hash,
         scene_name: scene.name.clone(),
@@ -32,7 +65,7 @@ pub fn description(scene: &Scene) -> PackedMeta {
         materials: scene.materials.iter().map(material).collect(),
         images: images.into_iter().map(image).collect(),
         textures: textures.map(|(t, image)| texture(t, image)).collect(),
-        volumes: scene.volumes.iter().map(volume).collect(),
+        volumes: volumes.map(|(v, tables)| volume(v, tables)).collect(),
         warnings: scene.warnings.clone(),
         mesh: PackedMesh {
             vertices: mesh.positions.len() as u64,
@@ -149,7 +182,7 @@ fn material(material: &Material) -> PackedMaterial {
     }
 }
 
-fn volume(volume: &Volume) -> PackedVolume {
+fn volume(volume: &Volume, tables: &[BrickTable]) -> PackedVolume {
     let map = volume.scene_from_index;
     let columns = [
         map.matrix3.x_axis,
@@ -166,11 +199,7 @@ fn volume(volume: &Volume) -> PackedVolume {
             .map(|n| u32::try_from(n).unwrap_or(u32::MAX)),
         albedo: volume.albedo,
         scene_from_index: columns.map(|c| c.to_array()),
-        bricks: volume
-            .sigma_t
-            .bricks()
-            .filter(|b| volume.sigma_t.brick(*b).is_some())
-            .count() as u64,
+        levels: tables.iter().map(|t| t.entries().len() as u64).collect(),
     }
 }
 
@@ -224,45 +253,45 @@ pub fn columns(scene: &Scene, writer: &mut PackedWriter, cancel: &Cancel) -> Res
             column(PackedColumn::CodeValues, i, bytemuck::cast_slice(values))?;
         }
     }
-    for (i, volume) in (0..).zip(&scene.volumes) {
-        let grid = &volume.sigma_t;
-        let all = grid.bricks().enumerate();
-        let stored = all.filter(|(_, b)| grid.brick(*b).is_some());
-        let numbers = stored.map(|(n, _)| {
-            u32::try_from(n).map_err(|_| {
-                let name = &volume.name;
-                Error::input(format!(
-                    "the volume \"{name}\" has more bricks than can be numbered"
-                ))
-            })
-        });
-        let numbers = numbers.collect::<Result<Vec<u32>>>()?;
-        column(PackedColumn::Bricks, i, bytemuck::cast_slice(&numbers))?;
+    Ok(())
+}
+
+/// Writes the levels of all volumes, which end the file, by their tables.
+///
+/// # Errors
+/// As [`PackedWriter::level`] and [`PackedWriter::page`], and if cancelled.
+pub fn media(
+    scene: &Scene,
+    tables: &LevelTables,
+    writer: &mut PackedWriter,
+    cancel: &Cancel,
+) -> Result<()> {
+    for (volume, tables) in scene.volumes.iter().zip(tables) {
+        for (grid, table) in levels(volume).into_iter().zip(tables) {
+            level(grid, table, writer, cancel)?;
+        }
     }
     Ok(())
 }
 
-/// Writes the samples of all volumes, which end the file.
-///
-/// # Errors
-/// As [`PackedWriter::bricks`], and if cancelled.
-pub fn bricks(scene: &Scene, writer: &mut PackedWriter, cancel: &Cancel) -> Result<()> {
-    for (i, volume) in (0..).zip(&scene.volumes) {
-        let grid = &volume.sigma_t;
-        let mut samples = Vec::new();
-        let mut held = 0;
-        for brick in grid.bricks().filter_map(|b| grid.brick(b)) {
-            samples.extend_from_slice(brick.samples());
-            held += 1;
-            if held == BRICKS_PER_BLOCK {
-                cancel.check()?;
-                writer.bricks(i, &samples)?;
-                samples.clear();
-                held = 0;
-            }
-        }
-        if held > 0 {
-            writer.bricks(i, &samples)?;
+fn level(
+    grid: &Grid,
+    table: &BrickTable,
+    writer: &mut PackedWriter,
+    cancel: &Cancel,
+) -> Result<()> {
+    let samples = table.entries().iter().map(|e| grid.own_samples(e.place));
+    let (palette, index) = Palette::of(samples).unzip();
+    writer.level(table, palette.as_ref())?;
+    let pages: Vec<_> = table.entries().chunks(PAGE_BRICKS).collect();
+    for some in pages.chunks(PAGES_AT_A_TIME) {
+        cancel.check()?;
+        let coded = some.par_iter().map(|entries| {
+            let bricks: Vec<_> = entries.iter().map(|e| grid.own_samples(e.place)).collect();
+            Ok(MediaPage::encode(&bricks, index.as_ref())?)
+        });
+        for page in coded.collect::<Result<Vec<_>>>()? {
+            writer.page(&page)?;
         }
     }
     Ok(())

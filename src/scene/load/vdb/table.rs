@@ -167,6 +167,7 @@ impl Source for Table {
                 }
             }
         }
+        self.content.check()?;
         if self.unpacked.fetch_add(unpacked, Ordering::Relaxed) >= KEPT_LEAVES {
             self.unpacked.store(0, Ordering::Relaxed);
             self.content.release();

@@ -1,0 +1,271 @@
+//! The grid of a volume: in memory, or in a file until it is first looked into.
+
+use super::{ABSENT, BRICK_SAMPLES, Grid, brick_dims};
+use crate::{Error, Result};
+use std::fmt::Debug;
+use std::ops::Deref;
+use std::sync::{Arc, OnceLock};
+
+/// The levels of a volume in a file.
+pub trait StoredLevels: Debug + Send + Sync {
+    /// What is known of a level without its samples; `None` if it is not stored.
+    fn known(&self, level: usize) -> Option<Known>;
+
+    /// Reads a level that is stored.
+    ///
+    /// # Errors
+    /// Damage, no memory for it, or a stop on request.
+    fn read(&self, level: usize) -> Result<Grid>;
+}
+
+/// What is known of a grid without its samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Known {
+    /// Voxels along x, y, z.
+    pub dims: [usize; 3],
+    /// Extents of its box, in voxels.
+    pub size: [f32; 3],
+    /// The largest sample.
+    pub max: f32,
+    /// Bricks that have samples of their own, which are nearly all.
+    pub bricks: usize,
+}
+
+/// The grid of a volume. One that is stored in a file is read when its samples are first asked for;
+/// [`VolumeGrid::ready`] asks for them, and tells what is wrong with the file. Without that a grid
+/// that cannot be read is empty. Clones are the same grid.
+#[derive(Clone, Debug)]
+pub struct VolumeGrid(Arc<Shared>);
+
+#[derive(Debug)]
+struct Shared {
+    known: Known,
+    stored: Option<(Arc<dyn StoredLevels>, usize)>,
+    /// The grid once it was asked for; an empty one, and why, if it cannot be read.
+    read: OnceLock<(Grid, Option<Error>)>,
+}
+
+impl From<Grid> for VolumeGrid {
+    fn from(grid: Grid) -> Self {
+        let known = Known {
+            dims: grid.dims,
+            size: grid.size,
+            max: grid.max(),
+            bricks: grid.maxima.len(),
+        };
+        Self(Arc::new(Shared {
+            known,
+            stored: None,
+            read: OnceLock::from((grid, None)),
+        }))
+    }
+}
+
+impl VolumeGrid {
+    /// A level that is stored; `None` if it is not.
+    #[must_use]
+    pub fn stored(levels: &Arc<dyn StoredLevels>, level: usize) -> Option<Self> {
+        Some(Self(Arc::new(Shared {
+            known: levels.known(level)?,
+            stored: Some((Arc::clone(levels), level)),
+            read: OnceLock::new(),
+        })))
+    }
+
+    /// The same field on voxels of twice the edge.
+    #[must_use]
+    pub fn coarser(&self) -> Self {
+        let next = self.0.stored.as_ref();
+        let stored = next.and_then(|(levels, level)| Self::stored(levels, level + 1));
+        stored.unwrap_or_else(|| {
+            let Err(error) = self.ready() else {
+                return Grid::coarser(self).into();
+            };
+            let known = Known {
+                dims: self.dims().map(|n| n.div_ceil(2)),
+                size: self.size().map(|n| 0.5 * n),
+                max: 0.0,
+                bricks: 0,
+            };
+            Self(Arc::new(Shared {
+                known,
+                stored: None,
+                read: OnceLock::from((Grid::empty(known), Some(error))),
+            }))
+        })
+    }
+
+    /// Reads it if that has not been done.
+    ///
+    /// # Errors
+    /// As [`StoredLevels::read`].
+    pub fn ready(&self) -> Result<()> {
+        match &self.read().1 {
+            None => Ok(()),
+            Some(error) => Err(error.clone()),
+        }
+    }
+
+    /// Whether its samples are in memory.
+    #[must_use]
+    pub fn is_read(&self) -> bool {
+        self.0.read.get().is_some()
+    }
+
+    fn read(&self) -> &(Grid, Option<Error>) {
+        let Shared {
+            known,
+            stored,
+            read,
+        } = &*self.0;
+        if let Some(read) = read.get() {
+            return read;
+        }
+        // Nobody waits for another who reads: who waits may be below that on the stack of a thread
+        // that helps while it waits. Whoever comes first, the grid is the same.
+        let grid = match stored {
+            Some((levels, level)) => levels.read(*level),
+            None => Ok(Grid::empty(*known)),
+        };
+        let grid = match grid {
+            Ok(grid) => (grid, None),
+            Err(error) => (Grid::empty(*known), Some(error)),
+        };
+        read.get_or_init(|| grid)
+    }
+
+    /// Voxels along x, y, z, of which none is read.
+    #[must_use]
+    pub fn dims(&self) -> [usize; 3] {
+        self.0.known.dims
+    }
+
+    /// Extents of its box, in voxels, of which none is read.
+    #[must_use]
+    pub fn size(&self) -> [f32; 3] {
+        self.0.known.size
+    }
+
+    /// Bricks along x, y, z, stored or not, of which none is read.
+    #[must_use]
+    pub fn brick_dims(&self) -> [usize; 3] {
+        brick_dims(self.0.known.dims)
+    }
+
+    /// The largest sample, for which none is read.
+    #[must_use]
+    pub fn max(&self) -> f32 {
+        self.0.known.max
+    }
+
+    /// Bytes of memory that it takes or, unread, will take, nearly.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        match self.0.read.get() {
+            Some((grid, _)) => grid.bytes(),
+            None => {
+                let slots: usize = self.brick_dims().iter().product();
+                (slots + self.0.known.bricks * (BRICK_SAMPLES + 1)) * size_of::<f32>()
+            }
+        }
+    }
+
+    /// Lowers what is above `most` to that, unless others have the same grid.
+    pub fn limit(&mut self, most: f32) {
+        if self.max() > most
+            && let Some(shared) = Arc::get_mut(&mut self.0)
+            && let Some((grid, _)) = shared.read.get_mut()
+        {
+            grid.limit(most);
+            shared.known.max = grid.max();
+        }
+    }
+
+    /// Whether two are the same grid, in the same place in memory.
+    #[cfg(test)]
+    pub(in crate::scene) fn is(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+}
+
+impl Deref for VolumeGrid {
+    type Target = Grid;
+
+    #[inline]
+    fn deref(&self) -> &Grid {
+        match self.0.read.get() {
+            Some((grid, _)) => grid,
+            None => &self.read().0,
+        }
+    }
+}
+
+impl Grid {
+    /// A grid of zeros.
+    fn empty(known: Known) -> Self {
+        let bricks = brick_dims(known.dims);
+        Self {
+            dims: known.dims,
+            size: known.size,
+            bricks,
+            slots: vec![ABSENT; bricks.iter().product()],
+            samples: Vec::new(),
+            maxima: Vec::new(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    /// Two levels, the second of which cannot be read, and how many were.
+    #[derive(Debug, Default)]
+    struct Two(AtomicUsize);
+
+    impl StoredLevels for Two {
+        fn known(&self, level: usize) -> Option<Known> {
+            (level < 2).then_some(Known {
+                dims: [4 >> level; 3],
+                size: [(4 >> level) as f32; 3],
+                max: 7.0,
+                bricks: 1,
+            })
+        }
+
+        fn read(&self, level: usize) -> Result<Grid> {
+            self.0.fetch_add(1, Ordering::Relaxed);
+            match level {
+                0 => Ok(Grid::from_fn([4; 3], |_| 7.0)),
+                _ => Err(Error::input("page 3")),
+            }
+        }
+    }
+
+    #[test]
+    fn stored_grids_are_read_when_they_are_looked_into() {
+        let two = Arc::new(Two::default());
+        let levels: Arc<dyn StoredLevels> = two.clone();
+        let grid = VolumeGrid::stored(&levels, 0).unwrap();
+        assert_eq!(
+            (grid.dims(), grid.size(), grid.max()),
+            ([4; 3], [4.0; 3], 7.0)
+        );
+        assert_eq!(grid.brick_dims(), [1; 3]);
+        let coarser = grid.coarser();
+        assert_eq!(coarser.dims(), [2; 3]);
+        assert!(!grid.is_read() && two.0.load(Ordering::Relaxed) == 0);
+        let same = grid.clone();
+        grid.ready().unwrap();
+        assert_eq!(same.sample(glam::Vec3::splat(2.0)), 7.0);
+        assert_eq!(two.0.load(Ordering::Relaxed), 1);
+        assert_eq!(coarser.ready().unwrap_err().to_string(), "page 3");
+        assert_eq!(coarser.sample(glam::Vec3::splat(1.0)), 0.0);
+        // A level that is not stored is made of the one before.
+        let coarsest = coarser.coarser();
+        assert_eq!(coarsest.dims(), [1; 3]);
+        assert_eq!(coarsest.ready().unwrap_err().to_string(), "page 3");
+        assert_eq!(two.0.load(Ordering::Relaxed), 2);
+    }
+}
