@@ -68,6 +68,7 @@
 //! | image | pixel (0,0) top left |
 
 pub mod bake;
+pub mod bounce;
 pub mod build;
 #[cfg(feature = "cli")]
 #[doc(hidden)]

@@ -37,6 +37,12 @@ const MAY_USE: &[(&str, &[&str])] = &[
         ],
     ),
     ("bake", LEAVES),
+    (
+        "bounce",
+        &[
+            "error", "formats", "gather", "math", "run", "scene", "trace", "tree", "view",
+        ],
+    ),
     ("build", LEAVES),
     ("pack", LEAVES),
     ("scatter", LIT_BY_MEDIA),
@@ -57,8 +63,8 @@ const MAY_USE: &[(&str, &[&str])] = &[
     (
         "cli",
         &[
-            "bake", "build", "error", "formats", "gather", "image", "inspect", "lab", "pack",
-            "run", "scatter", "scene", "shade", "tree",
+            "bake", "bounce", "build", "error", "formats", "gather", "image", "inspect", "lab",
+            "pack", "run", "scatter", "scene", "shade", "tree",
         ],
     ),
 ];
@@ -69,8 +75,8 @@ const LEAVES: &[&str] = &[
 ];
 
 const LABORATORY: &[&str] = &[
-    "bake", "build", "error", "formats", "gather", "image", "light", "math", "run", "scatter",
-    "scene", "shade", "trace", "tree",
+    "bake", "bounce", "build", "error", "formats", "gather", "image", "light", "math", "run",
+    "scatter", "scene", "shade", "trace", "tree",
 ];
 
 /// What stages share that light media.

@@ -9,7 +9,7 @@ use std::fmt::Write;
 const ROWS: &[(&str, usize)] = &[
     ("Transmittance", 109),
     ("Steps and sheets", 70),
-    ("Furnace", 63),
+    ("Furnace", 70),
     ("Single scattering", 36),
     ("Form factors", 73),
     ("Invariance", 96),

@@ -5,8 +5,7 @@
 //! - `morton`: cells of the octree and their keys.
 //! - `feed`: surfels in Morton order out of a cloud of any size, by way of `spill`, a temporary
 //!   file, if they do not fit in memory; `frontier`: the cells that do.
-//! - `subtree`: nodes from the leaves up, and pages of them; `aggregate`: the sums they are made
-//!   of.
+//! - `subtree`: nodes from the leaves up, and pages of them.
 //! - `join`: the parts of a bake as one cloud.
 //! - `lvoxels`: lvoxels by volume and brick, in pages.
 //! - `plan`: what a build will take, from a sample of the cloud.
@@ -16,7 +15,6 @@
 //! octree cells, so what is written depends on the octree alone: the same bytes for any memory
 //! limit and any number of threads.
 
-mod aggregate;
 mod feed;
 mod frontier;
 mod join;
@@ -31,7 +29,6 @@ use crate::formats::{
 };
 use crate::run::{Job, size};
 use crate::{Error, Result};
-pub use aggregate::AggregateSums;
 pub use join::join;
 pub use plan::{Plan, plan};
 use std::path::{Path, PathBuf};

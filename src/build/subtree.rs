@@ -1,12 +1,12 @@
 //! The octree over surfels in Morton order, from the leaves up, and its cutting into pages.
 
-use super::aggregate::AggregateSums;
 use super::morton;
 use crate::formats::{
     Below, Bounds, EncodedPage, FormatError, Node, Surfel, SurfelAggregate, SurfelPage, TreeLevel,
     node_bytes, surfel_bytes,
 };
 use crate::run::Cancel;
+use crate::tree::AggregateSums;
 use crate::{Error, Result};
 use rayon::prelude::*;
 use std::cmp::Reverse;

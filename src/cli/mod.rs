@@ -9,6 +9,7 @@
 
 mod bake;
 mod bake_options;
+mod bounce;
 mod build;
 mod compare;
 mod files;
@@ -58,6 +59,7 @@ enum Verb {
     Render(render::Args),
     Bake(bake::Args),
     Build(build::Args),
+    Bounce(bounce::Args),
     Pack(pack::Args),
     Scatter(scatter::Args),
     Shade(shade::Args),
@@ -77,6 +79,7 @@ impl Verb {
             Self::Render(args) => args.files(),
             Self::Bake(args) => args.files(),
             Self::Build(args) => args.files(),
+            Self::Bounce(args) => args.files(),
             Self::Pack(args) => args.files(),
             Self::Scatter(args) => args.files(),
             Self::Shade(args) => args.files(),
@@ -98,6 +101,7 @@ impl Verb {
             Self::Render(args) => none.memory(args.memory).temporary(&args.temporary),
             Self::Build(args) => none.memory(args.memory).temporary(&args.temporary),
             Self::Study(args) => none.memory(args.memory).temporary(&args.temporary),
+            Self::Bounce(args) => none.memory(args.memory),
             Self::Scatter(args) => none.memory(args.memory),
             Self::Shade(args) => none
                 .memory(args.memory)
@@ -115,6 +119,7 @@ impl Verb {
             Self::Render(args) => ("render", args.run(context)),
             Self::Bake(args) => ("bake", args.run(context)),
             Self::Build(args) => ("build", args.run(context)),
+            Self::Bounce(args) => ("bounce", args.run(context)),
             Self::Pack(args) => ("pack", args.run(context)),
             Self::Scatter(args) => ("scatter", args.run(context)),
             Self::Shade(args) => ("shade", args.run(context)),

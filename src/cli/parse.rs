@@ -1,5 +1,6 @@
 //! Values on the command line.
 
+use crate::bounce::Bounces;
 use crate::image::Region;
 use crate::run::size;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -48,6 +49,18 @@ pub fn resolution(text: &str) -> Result<(u32, u32), String> {
         .ok_or_else(|| {
             format!("it has to be a width and a height of 1 to {MOST} pixels, as 1920x1080")
         })
+}
+
+/// `all`, or a number of bounces.
+pub fn bounces(text: &str) -> Result<Bounces, String> {
+    if text == "all" {
+        return Ok(Bounces::All);
+    }
+    text.parse()
+        .ok()
+        .filter(|n| (1..=10_000).contains(n))
+        .map(Bounces::Count)
+        .ok_or_else(|| "it has to be a number from 1 to 10000, or all".into())
 }
 
 /// `I/N`: a tile and how many there are.

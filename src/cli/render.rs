@@ -4,9 +4,11 @@ use super::bake_options::BakeOptions;
 use super::files::{Files, check_writable};
 use super::options::{Context, Memory, Seed, Temporary};
 use super::output;
+use super::parse;
 use super::scene_input::SceneInput;
 use super::shade_options::ShadeOptions;
 use crate::Result;
+use crate::bounce::{self, Bounces};
 use crate::formats::Overwrite;
 use crate::tree::OpenTree;
 use std::path::PathBuf;
@@ -23,6 +25,10 @@ pub struct Args {
 
     #[command(flatten)]
     bake: BakeOptions,
+
+    /// Let light bounce and scatter so many times: 1 as in the paper, more, or `all`
+    #[arg(long, value_name = "N", default_value_t = Bounces::Count(1), value_parser = parse::bounces)]
+    bounces: Bounces,
 
     #[command(flatten)]
     shade: ShadeOptions,
@@ -61,21 +67,33 @@ impl Args {
         job.heed_warnings()?;
         let folder = job.temporary_folder()?;
         let cloud = folder.path().join("scene.lvc");
-        let tree = self
-            .keep_tree
-            .clone()
-            .unwrap_or_else(|| folder.path().join("scene.lvt"));
+        let kept = self.keep_tree.clone();
+        let tree = kept.unwrap_or_else(|| folder.path().join("scene.lvt"));
+        let bounces = self.bounces != Bounces::Count(1);
+        let built = match bounces {
+            true => folder.path().join("built.lvt"),
+            false => tree.clone(),
+        };
         crate::bake::run(&scene, &settings, &cloud, Overwrite::Refuse, job)?;
         crate::build::run(
             &cloud,
-            &tree,
+            &built,
             &crate::build::Settings::default(),
             context.overwrite,
             job,
         )?;
+        if bounces {
+            let store = OpenTree::open(&built, job.memory_limit)?;
+            let settings = bounce::Settings {
+                bounces: self.bounces,
+                seed: self.seed.seed,
+                ..bounce::Settings::default()
+            };
+            bounce::run(&scene, &store, &tree, &settings, context.overwrite, job)?;
+        }
         let store = OpenTree::open(&tree, job.memory_limit)?.beside(others)?;
         self.shade.run(&scene, &store, self.seed.seed, job)?;
-        output::say_times(job, "shade", &["bake", "build", "pilot"]);
+        output::say_times(job, "shade", &["bake", "build", "bounce", "pilot"]);
         Ok(())
     }
 }

@@ -198,7 +198,7 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
 
     /// Tells what arrives along each of some rays, which end where surfaces no longer matter, and
     /// which ray that is, one after the other.
-    pub(super) fn incident_along(&self, rays: &[Ray], mut tell: impl FnMut(usize, Incident)) {
+    pub fn incident_along(&self, rays: &[Ray], mut tell: impl FnMut(usize, Incident)) {
         let mut scratch = cone::Scratch::default();
         let RayKernel::Traced(patches) = self.settings.kernel else {
             for (i, ray) in rays.iter().enumerate() {

@@ -54,5 +54,7 @@ pub(crate) use geometry::Geometry;
 pub(crate) use medium::{Medium, NoMedia};
 pub(crate) use neighbours::{DirectionOrder, SurfacePoint};
 pub(crate) use order::in_order_of_places;
-pub(crate) use patch_radiance::{PatchRadiance, PatchRequest, PatchStats, UnknownPatches};
+pub(crate) use patch_radiance::{
+    MAX_PACKET, PatchRadiance, PatchRequest, PatchStats, UnknownPatches,
+};
 pub use points::{Kernel, PointGatherer, Settings};

@@ -16,7 +16,8 @@ pub struct Subject {
     pub segments: Option<u32>,
 }
 
-/// Segments of paths that shading counts: direct light, and one bounce from the tree.
+/// Segments of paths that shading counts unless a picture tells others: direct light, and one
+/// bounce from the tree.
 pub const SHADED_SEGMENTS: u32 = 3;
 
 impl Subject {
@@ -29,7 +30,10 @@ impl Subject {
             .unwrap_or_default();
         let segments = match settings.get("max_depth") {
             Some(depth) => depth.as_u64().and_then(|d| u32::try_from(d).ok()),
-            None => text("lvox/tree").map(|_| SHADED_SEGMENTS),
+            None => text("lvox/tree").map(|_| {
+                let told = text("lvox/segments").and_then(|s| s.parse().ok());
+                told.unwrap_or(SHADED_SEGMENTS)
+            }),
         };
         let camera = settings.get("camera").and_then(Value::as_str);
         Self {
@@ -104,6 +108,12 @@ mod tests {
             found,
             ["transport: paths of any length and paths of up to 3 segments"]
         );
+        let bounced = subject(&[
+            ("lvox/tree", "ff"),
+            ("lvox/segments", "0"),
+            ("lvox/settings", "{}"),
+        ]);
+        assert_eq!(bounced.differences(&traced), [""; 0]);
         let other = shaded("9876543210", r#"{"camera":"back"}"#);
         let found = same.differences(&other);
         assert_eq!(found.len(), 2, "{found:?}");

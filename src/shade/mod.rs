@@ -25,6 +25,7 @@ mod settings;
 mod surfaces;
 
 use crate::gather::PatchStats;
+use crate::image::subject::SHADED_SEGMENTS;
 use crate::image::{Frame, Region};
 use crate::math::Rgb;
 use crate::run::{Job, hex};
@@ -124,6 +125,9 @@ pub fn run(
         note("tree", hex(&tree.tree().content_hash()));
         if let Some(scatter) = &tree.scatter {
             note("scatter", hex(&scatter.content_hash()));
+        }
+        if tree.segments() != SHADED_SEGMENTS {
+            note("segments", tree.segments().to_string());
         }
         note(
             "settings",

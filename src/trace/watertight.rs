@@ -62,7 +62,7 @@ impl VertexBlock {
                 vertex(coordinates, c),
                 vertex(coordinates, d),
             ]);
-            [x * scale | absent, y * scale, z * scale]
+            [(x * scale) | absent, y * scale, z * scale]
         };
         let [a, b, c] = &self.vertices;
         Block {

@@ -11,9 +11,11 @@
 //! | `decoder` | decodes pages, and counts them |
 //! | `page` | the layout of a decoded page: eight children, eight disks at a time |
 //! | `node_aggregate` | what stands for the surfels below a node |
+//! | `aggregate_sums` | the sums over surfels that nodes are made of |
 //! | `traversal` | the way of all queries through the nodes |
 //! | `media` | lvoxels, and the walk of a ray through them |
 
+mod aggregate_sums;
 mod decoder;
 pub(crate) mod media;
 pub(crate) mod node_aggregate;
@@ -22,7 +24,9 @@ pub(crate) mod page;
 pub(crate) mod pages;
 pub(crate) mod traversal;
 
+pub use aggregate_sums::AggregateSums;
 pub use decoder::PageStats;
 pub(crate) use media::{LvoxelBlock, Media};
+pub(crate) use open_tree::BOUNCES;
 pub use open_tree::OpenTree;
 pub(crate) use pages::{Page, Pages, SurfelStore};

@@ -10,6 +10,10 @@ use lvox_formats::record::Lvoxel;
 use lvox_formats::{MappedFile, Scatter, Tree};
 use std::path::Path;
 
+/// Name of the setting of a tree that tells how often its light bounces: a number, or `all`; none
+/// if that is once.
+pub const BOUNCES: &str = "bounces";
+
 /// A tree file that is open for use: surfels in either kind of store, lvoxels in memory.
 #[derive(Debug)]
 pub struct OpenTree {
@@ -167,6 +171,19 @@ impl OpenTree {
     #[must_use]
     pub fn world_from_scene(&self) -> DVec3 {
         self.tree().meta().cloud.world_from_scene.into()
+    }
+
+    /// Most segments of the paths of light, from camera to light, that a frame shaded from the tree
+    /// counts; 0 for no limit. Three, direct light and one bounce, unless its light has bounced
+    /// beforehand.
+    #[must_use]
+    pub fn segments(&self) -> u32 {
+        const OF_ONE_BOUNCE: u32 = 3;
+        let settings = &self.tree().meta().settings;
+        match settings.iter().find(|(name, _)| name == BOUNCES) {
+            None => OF_ONE_BOUNCE,
+            Some((_, bounces)) => bounces.parse().map_or(0, |n: u32| n.saturating_add(2)),
+        }
     }
 
     /// Mean area that a surfel stands for, scene units squared; 0 without surfels.

@@ -52,7 +52,7 @@ pub struct Stage {
     pub maps: &'static [&'static str],
 }
 
-pub const STAGES: [Stage; 8] = [
+pub const STAGES: [Stage; 9] = [
     Stage {
         args: "bake scene.toml -o OUT/scene.lvc --surfels 60000",
         output: "scene.lvc",
@@ -62,6 +62,11 @@ pub const STAGES: [Stage; 8] = [
         args: "build scene.lvc -o OUT/scene.lvt --temp-dir TEMP",
         output: "scene.lvt",
         maps: &["scene.lvc"],
+    },
+    Stage {
+        args: "bounce scene.toml -t scene.lvt -o OUT/all.lvt",
+        output: "all.lvt",
+        maps: &["scene.lvt"],
     },
     Stage {
         args: "scatter scene.toml -t scene.lvt -o OUT/scene.lvs",

@@ -1,6 +1,7 @@
 //! The whole way from a scene to an image, on scenes that the tests make themselves.
 
 mod before_work;
+mod bounce;
 mod bright;
 mod bytes;
 mod clouds;

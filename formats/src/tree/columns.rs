@@ -219,6 +219,11 @@ impl<'a> PageColumns<'a> {
         self.columns[index].is_some()
     }
 
+    /// A column as it lies in the page, if it is there.
+    pub fn planes(&self, index: usize) -> Option<&'a [u8]> {
+        self.columns[index]
+    }
+
     /// Rows of a column, if it is there.
     pub fn get(&self, index: usize) -> Option<Planes<'a>> {
         let planes = self.columns[index]?;

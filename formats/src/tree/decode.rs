@@ -9,15 +9,15 @@ use crate::quantise::{NORMAL_MAX, Span, Steps, area_of_disk, decode_clips, decod
 use crate::record::{Below, Bounds, Node, Surfel, SurfelAggregate, SurfelLeaves, SurfelPage};
 use crate::{FormatError, Result, check};
 
-struct Header {
-    nodes: usize,
-    surfels: usize,
-    links: usize,
-    edges: usize,
+pub(super) struct Header {
+    pub nodes: usize,
+    pub surfels: usize,
+    pub links: usize,
+    pub edges: usize,
     lit: usize,
-    bounds: Bounds,
-    radius: Steps,
-    area: Steps,
+    pub bounds: Bounds,
+    pub radius: Steps,
+    pub area: Steps,
     front: i16,
     back: i16,
     axis: i16,
@@ -57,7 +57,7 @@ pub fn surfel_leaves(
     decode_surfels(&header, &columns, overlap, &mut leaves.surfels)
 }
 
-fn open_page<'a>(raw: &'a [u8], block: &Block) -> Result<(Header, PageColumns<'a>)> {
+pub(super) fn open_page<'a>(raw: &'a [u8], block: &Block) -> Result<(Header, PageColumns<'a>)> {
     let mut cursor = Cursor::new(raw, "page");
     let (header, mask) = read_header(&mut cursor)?;
     if (header.nodes, header.surfels, mask)

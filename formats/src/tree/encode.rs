@@ -49,7 +49,7 @@ pub fn surfel_bytes(surfel: &Surfel) -> u32 {
 }
 
 /// A bit for each axis to which backs radiate.
-fn lit_backs(a: &SurfelAggregate) -> u8 {
+pub(super) fn lit_backs(a: &SurfelAggregate) -> u8 {
     let is_lit = |d: usize| a.axis_area[d ^ 1] > 0.0 && a.back_radiance[d] != [0.0; 3];
     (0..6).fold(0, |bits, d| bits | u8::from(is_lit(d)) << d)
 }
@@ -143,7 +143,7 @@ impl EncodedPage {
 
 /// The header of a page. Counts are of nodes, surfels, links, clip edges and lit axes; bases are
 /// the exponents of front, back and axis radiance.
-fn header(
+pub(super) fn header(
     counts: [usize; 5],
     mask: u32,
     bounds: &Bounds,
@@ -183,7 +183,7 @@ fn push_clips(
     }
 }
 
-fn push_back_axes(builder: &mut PageBuilder, nodes: &[Node], columns: &mut ColumnStats) {
+pub(super) fn push_back_axes(builder: &mut PageBuilder, nodes: &[Node], columns: &mut ColumnStats) {
     let backs: Vec<u8> = nodes.iter().map(|n| lit_backs(&n.aggregate)).collect();
     if backs.iter().any(|bits| *bits != 0) {
         builder.push_u8(col::BACK_AXES, backs);
@@ -194,7 +194,7 @@ fn push_back_axes(builder: &mut PageBuilder, nodes: &[Node], columns: &mut Colum
 }
 
 /// Checks the order of nodes and surfels, and returns how far back each link goes.
-fn links(page: &SurfelPage, id: u32) -> Result<Vec<[u32; 1]>> {
+pub(super) fn links(page: &SurfelPage, id: u32) -> Result<Vec<[u32; 1]>> {
     let limit = |what: &str, n: usize, least: usize| {
         if (least..=MAX_PAGE_RECORDS).contains(&n) {
             Ok(())
@@ -260,7 +260,7 @@ fn below_code(node: &Node) -> u8 {
     }
 }
 
-fn check_node(node: &Node, i: usize) -> Result<()> {
+pub(super) fn check_node(node: &Node, i: usize) -> Result<()> {
     check::node(node, &|| format!("node {i} of the page"))?;
     let a = &node.aggregate;
     let mut light = a.axis_radiance.iter().chain(&a.back_radiance);
@@ -275,9 +275,9 @@ fn check_node(node: &Node, i: usize) -> Result<()> {
 }
 
 /// Numbers for the header.
-struct Lit {
-    count: usize,
-    base: i16,
+pub(super) struct Lit {
+    pub count: usize,
+    pub base: i16,
 }
 
 fn push_aggregates(
@@ -327,8 +327,7 @@ fn push_aggregates(
         lit.extend(fronts.filter(|(code, _)| **code > 0).map(|(_, c)| c));
         let backs = lit_backs(a);
         has_backs |= backs != 0;
-        let is_lit = |d: &usize| backs >> d & 1 == 1;
-        lit.extend((0..6).filter(is_lit).map(|d| a.back_radiance[d]));
+        lit.extend(back_light(a, backs));
     }
     builder.push_f32(col::NODE_AREA, &area);
     if place.spans.is_some() {
@@ -340,13 +339,31 @@ fn push_aggregates(
     builder.push_u16(col::NODE_NORMAL, &normal);
     builder.push_u16(col::MOMENT, &moment);
     builder.push_u16(col::AXIS_AREA, &axis_area);
+    push_axis_radiance(builder, lit, n, has_backs, errors, columns)
+}
+
+/// Radiance of backs towards the axes that a bit is set for.
+pub(super) fn back_light(a: &SurfelAggregate, backs: u8) -> impl Iterator<Item = [f32; 3]> {
+    let is_lit = move |d: &usize| backs >> d & 1 == 1;
+    (0..6).filter(is_lit).map(|d| a.back_radiance[d])
+}
+
+/// Radiance of so many nodes along axes: of each that of its fronts, then that of its backs.
+pub(super) fn push_axis_radiance(
+    builder: &mut PageBuilder,
+    mut lit: Vec<[f32; 3]>,
+    nodes: usize,
+    has_backs: bool,
+    errors: &mut Errors,
+    columns: &mut ColumnStats,
+) -> Lit {
     let given = lit.clone();
     let written = radiance::encode(builder, col::AXIS_RADIANCE, &mut lit);
     for (given, decoded) in given.iter().zip(&lit) {
         errors.note_radiance(*given, *decoded);
     }
     let axes = if has_backs { 12 } else { 6 };
-    let dark = (axes * n - lit.len()) as u64 * 4;
+    let dark = (axes * nodes - lit.len()) as u64 * 4;
     columns.leave_out(col::AXIS_RADIANCE, written.saved + dark);
     Lit {
         count: lit.len(),
@@ -354,7 +371,7 @@ fn push_aggregates(
     }
 }
 
-fn push_surfel_radiance(
+pub(super) fn push_surfel_radiance(
     builder: &mut PageBuilder,
     surfels: &mut [Surfel],
     page: &SurfelPage,

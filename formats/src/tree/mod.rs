@@ -2,6 +2,7 @@
 //!
 //! - `columns`: the columns of pages, and how they are put together and taken apart.
 //! - `encode`, `place`, `shapes`: a page of nodes and surfels to bytes; `decode`: back.
+//! - `relight`: a page of a tree with other light.
 //! - `lvoxels`, `gaps`: a page of lvoxels to bytes and back.
 //! - `stats`: what a writer counts for the summary.
 //! - `write`: pages to a file; `read`: a file to pages.
@@ -13,6 +14,7 @@ mod gaps;
 mod lvoxels;
 mod place;
 mod read;
+mod relight;
 mod shapes;
 mod stats;
 #[cfg(test)]

@@ -8,6 +8,9 @@ use crate::record::{Below, Bounds, Lvoxel, Node, Surfel, SurfelLeaves, SurfelPag
 use crate::summary::{Sums, TreeSummary};
 use crate::{FormatError, MappedFile, Result, TreeMeta, check};
 
+/// What a page of surfels is called in errors.
+pub const SURFEL_PAGE: &str = "surfel page";
+
 /// The format of a tree file.
 #[derive(Debug)]
 pub enum TreeFormat {}
@@ -166,7 +169,7 @@ impl<D: AsRef<[u8]>> Tree<D> {
     /// [`FormatError::Checksum`] or [`FormatError::Invalid`] for damage, or for an `i` that does
     /// not exist.
     pub fn surfel_page(&self, i: usize) -> Result<SurfelPage> {
-        self.unpacked(self.surfel_blocks(), i, "surfel page", |raw, block| {
+        self.unpacked(self.surfel_blocks(), i, SURFEL_PAGE, |raw, block| {
             let overlap = self.meta().cloud.disk_overlap;
             decode::surfel_page(raw, block, i as u32, overlap)
         })
@@ -179,7 +182,7 @@ impl<D: AsRef<[u8]>> Tree<D> {
     /// # Errors
     /// As [`Self::surfel_page`]; `nodes` then holds nothing of use.
     pub fn surfel_nodes(&self, i: usize, nodes: &mut Vec<Node>) -> Result<()> {
-        self.unpacked(self.surfel_blocks(), i, "surfel page", |raw, block| {
+        self.unpacked(self.surfel_blocks(), i, SURFEL_PAGE, |raw, block| {
             decode::surfel_nodes(raw, block, i as u32, nodes)
         })
     }
@@ -191,7 +194,7 @@ impl<D: AsRef<[u8]>> Tree<D> {
     /// # Errors
     /// As [`Self::surfel_page`]; `leaves` then holds nothing of use.
     pub fn surfel_leaves(&self, i: usize, leaves: &mut SurfelLeaves) -> Result<()> {
-        self.unpacked(self.surfel_blocks(), i, "surfel page", |raw, block| {
+        self.unpacked(self.surfel_blocks(), i, SURFEL_PAGE, |raw, block| {
             let overlap = self.meta().cloud.disk_overlap;
             decode::surfel_leaves(raw, block, i as u32, overlap, leaves)
         })

@@ -52,6 +52,14 @@ impl ColumnStats {
         self.left_out[index] += bytes;
     }
 
+    /// Notes what a file leaves out of columns that `is_kept` says are the same in this one.
+    pub fn keep_left_out(&mut self, of_file: &[LeftOut], is_kept: impl Fn(usize) -> bool) {
+        for (i, column) in self.table.iter().enumerate().filter(|(i, _)| is_kept(*i)) {
+            let left_out = of_file.iter().filter(|l| l.name == column.name);
+            self.left_out[i] += left_out.map(|l| l.raw_bytes).sum::<u64>();
+        }
+    }
+
     /// Notes the columns of a page. One page in eight, chosen by its content so that the choice is
     /// the same whoever writes it, has its columns compressed apart.
     pub fn add_page(
@@ -137,6 +145,14 @@ impl Errors {
     pub fn add(&mut self, other: &Self) {
         for (i, error) in other.0.iter().enumerate() {
             self.note(i, *error);
+        }
+    }
+
+    /// Notes the errors that a file tells.
+    pub fn add_list(&mut self, errors: &[WorstError]) {
+        for (i, (name, _)) in ERRORS.iter().enumerate() {
+            let told = errors.iter().filter(|e| e.name == *name);
+            told.for_each(|e| self.note(i, e.worst));
         }
     }
 

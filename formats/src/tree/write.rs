@@ -1,6 +1,7 @@
 //! Writing a tree: pages from the leaves up.
 
 use super::encode::EncodedPage;
+use super::relight;
 use super::stats::{self, ColumnStats, Errors};
 use super::{EncodedLvoxels, TreeFormat};
 use crate::frame::BlockKind;
@@ -49,6 +50,14 @@ impl TreeWriter {
             lvoxel_stored: 0,
             errors: Errors::default(),
         })
+    }
+
+    /// Takes over what the summary of a tree says of all but light, of whose pages the pages of this
+    /// one are, by [`EncodedPage::relit`].
+    pub fn relight(&mut self, source: &TreeSummary) {
+        let is_kept = |column| !relight::is_light(column);
+        (self.surfel_columns).keep_left_out(&source.left_out, is_kept);
+        self.errors.add_list(&source.errors);
     }
 
     /// Pages of surfels so far: the id of the next one.

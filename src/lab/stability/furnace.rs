@@ -39,7 +39,7 @@ pub fn rows(bench: &Workbench) -> Result<Vec<Row>> {
         }
         for tau in [1e-3, 0.1, 1.0] {
             let at = format!("tau {tau:e}");
-            let black = mean(&picture(bench, around, tau, 0.0)?);
+            let black = mean(&picture(bench, around, tau, 0.0, Transport::Once)?);
             rows.push(Row::relative(
                 format!("{name}, albedo 0: mean of all pixels"),
                 at.clone(),
@@ -48,11 +48,33 @@ pub fn rows(bench: &Workbench) -> Result<Vec<Row>> {
                 // Pixels take few samples at the border of the medium.
                 1e-5 + 0.02 * tau,
             ));
-            let white = mean(&picture(bench, around, tau, 1.0)?);
-            let nearly = mean(&picture(bench, around, tau, 1.0 - 1e-7)?);
+            let white = mean(&picture(bench, around, tau, 1.0, Transport::Once)?);
+            let nearly = mean(&picture(bench, around, tau, 1.0 - 1e-7, Transport::Once)?);
             let case = format!("{name}, albedo 1 - 1e-7 against 1");
             rows.push(Row::relative(case, at, white, nearly, 1e-6));
         }
+    }
+    for (rho, limit) in [(0.5, 0.002), (0.8, 0.005), (0.9, 0.01), (0.99, 0.05)] {
+        let mut scene = stage(8, EYE, Vec3::ZERO, 90.0);
+        add_room(&mut scene, 2.0 * WALLS, rho as f32, 1.0);
+        let store = bench.bounced(&scene, bench.tree(&scene, 60_000)?)?;
+        rows.push(Row::relative(
+            "no medium, walls of albedo rho that emit 1, all bounces: 1 / (1 - rho)",
+            format!("rho {rho}"),
+            1.0 / (1.0 - rho),
+            mean(&pixels(&bench.shade(&scene, &store, &settings())?, "")?),
+            limit,
+        ));
+    }
+    for (tau, limit) in [(0.1, 0.002), (1.0, 0.015), (10.0, 0.08)] {
+        let picture = picture(bench, Around::Environment, tau, 1.0, Transport::All)?;
+        rows.push(Row::relative(
+            "environment, albedo 1, all scatterings: mean of all pixels",
+            format!("tau {tau:e}"),
+            1.0,
+            mean(&picture),
+            limit,
+        ));
     }
     for rho in [0.0, 0.5, 1.0] {
         // Emission, its reflection, and one bounce.
@@ -80,7 +102,7 @@ fn white(
     rows: &mut Vec<Row>,
 ) -> Result<()> {
     let name = around.name();
-    let picture = picture(bench, around, tau, 1.0)?;
+    let picture = picture(bench, around, tau, 1.0, Transport::Once)?;
     let at = format!("tau {tau:e}");
     let brightest = picture.iter().flatten().fold(0.0_f32, |a, &b| a.max(b));
     let darkest = picture
@@ -148,7 +170,20 @@ impl Around {
     }
 }
 
-fn picture(bench: &Workbench, around: Around, tau: f64, albedo: f32) -> Result<Vec<[f32; 3]>> {
+/// Whether a tree sends light that was scattered once, or all orders of it.
+#[derive(Clone, Copy, PartialEq)]
+enum Transport {
+    Once,
+    All,
+}
+
+fn picture(
+    bench: &Workbench,
+    around: Around,
+    tau: f64,
+    albedo: f32,
+    transport: Transport,
+) -> Result<Vec<[f32; 3]>> {
     let mut scene: Scene = stage(8, EYE, Vec3::ZERO, 60.0);
     if around == Around::Walls {
         add_room(&mut scene, 2.0 * WALLS, 0.0, 1.0);
@@ -157,7 +192,10 @@ fn picture(bench: &Workbench, around: Around, tau: f64, albedo: f32) -> Result<V
     }
     let grid = Grid::from_fn([16; 3], |_| tau as f32);
     scene.volumes.push(volume(grid, albedo, unit_cube([16; 3])));
-    let store = bench.tree(&scene, 100)?;
+    let mut store = bench.tree(&scene, 100)?;
+    if transport == Transport::All {
+        store = bench.bounced(&scene, store)?;
+    }
     pixels(&bench.shade(&scene, &store, &settings())?, "")
 }
 

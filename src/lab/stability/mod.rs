@@ -77,7 +77,9 @@ const FAMILIES: &[(&str, &str, Cases)] = &[
          walk in f64 is asked for. Up to a depth of 0.1 all pixels are 1 to within what is scattered more often. Between depths\n\
          of 1 and 10 (0.6 to a voxel) light is interpolated, and right to 5 %. In deeper cells it falls within a fraction of a\n\
          voxel, and is found on the ray: direct light at points of it, light scattered twice at one point along each of some\n\
-         directions from there. What is left is noise. No pixel ever gains energy.",
+         directions from there. What is left is noise. No pixel ever gains energy. With all bounces a room is the sum of a\n\
+         geometric series, and a medium right to some percent up to a depth of 10; in deeper cells the camera finds two\n\
+         scatterings alone.",
         |bench, _, _| furnace::rows(bench),
     ),
     (

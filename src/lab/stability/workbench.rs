@@ -10,7 +10,7 @@ use crate::scene::{Camera, Film, Grid, Material, Scene, Volume};
 use crate::shade::{self, Settings};
 use crate::tree::pages::ResidentTree;
 use crate::tree::{Media, OpenTree, SurfelStore};
-use crate::{Error, Result, build};
+use crate::{Error, Result, bounce, build};
 use glam::{Affine3A, DAffine3, DVec3, Vec3};
 use std::cell::Cell;
 use std::fs;
@@ -73,6 +73,21 @@ impl Workbench {
         };
         bake::run(scene, &settings, &cloud, Overwrite::Replace, &self.job)?;
         self.build(&cloud)
+    }
+
+    /// The tree with the light of all bounces.
+    pub fn bounced(&self, scene: &Scene, store: OpenTree) -> Result<OpenTree> {
+        let tree = self.new_path("lvt");
+        let settings = bounce::Settings::default();
+        bounce::run(
+            scene,
+            &store,
+            &tree,
+            &settings,
+            Overwrite::Replace,
+            &self.job,
+        )?;
+        OpenTree::open(&tree, None)
     }
 
     /// Builds the tree of a cloud of these records.

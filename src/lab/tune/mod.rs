@@ -68,7 +68,7 @@ pub fn choose(
 ) -> Result<Choice> {
     check(target)?;
     job.report.stage("pilot", |counts| {
-        let mut pilot = Pilot::new(scene, &adapt(rung(0.0)), job)?;
+        let mut pilot = Pilot::new(scene, store, &adapt(rung(0.0)), job)?;
         let found = search::search(target, FINEST, |t| {
             pilot.error(store, &adapt(rung(t)), target, job)
         })?;

@@ -3,7 +3,6 @@
 
 use crate::image::Region;
 use crate::image::metrics::linear::{self, RELATIVE_FLOOR};
-use crate::image::subject::SHADED_SEGMENTS;
 use crate::lab::reference::{PathTracer, Sampler};
 use crate::math::{Rgb, sampling};
 use crate::run::Job;
@@ -54,7 +53,7 @@ struct Point {
 
 impl<'a> Pilot<'a> {
     /// Places the blocks; nothing is traced yet.
-    pub fn new(scene: &'a Scene, settings: &Settings, job: &Job) -> Result<Self> {
+    pub fn new(scene: &'a Scene, tree: &OpenTree, settings: &Settings, job: &Job) -> Result<Self> {
         let camera = scene.camera(settings.camera.as_deref())?;
         job.cancel.check()?;
         let blocks = blocks(&scene.film, settings.seed);
@@ -66,7 +65,7 @@ impl<'a> Pilot<'a> {
         Ok(Self {
             scene,
             camera,
-            paths: PathTracer::new(scene, SHADED_SEGMENTS, &job.cancel)?,
+            paths: PathTracer::new(scene, tree.segments(), &job.cancel)?,
             seed: settings.seed,
             blocks,
             points,

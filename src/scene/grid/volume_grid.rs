@@ -98,7 +98,7 @@ impl VolumeGrid {
     /// Reads it if that has not been done.
     ///
     /// # Errors
-    /// As [`StoredLevels::read`].
+    /// A page of the file that cannot be read.
     pub fn ready(&self) -> Result<()> {
         match &self.read().1 {
             None => Ok(()),

@@ -1,0 +1,178 @@
+//! The lvoxels of one volume, numbered, and the way of a ray through them.
+
+use crate::math::Ray;
+use crate::math::dda::{Passage, Steps};
+use glam::{Affine3A, DAffine3, DMat3, DVec3};
+use lvox_formats::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
+
+const BRICK: usize = 1 << MAX_LEVEL;
+const EMPTY: u32 = u32::MAX;
+
+/// The lvoxels of one volume, in the order in which they came.
+#[derive(Debug)]
+pub struct Blocks {
+    /// Single-scattering albedo.
+    pub albedo: [f32; 3],
+    /// By block: extinction per scene unit.
+    pub sigma_t: Vec<f32>,
+    /// By block: log2 of its voxels along an edge.
+    pub levels: Vec<u8>,
+    /// Maps the box of voxels into the scene.
+    pub scene_from_index: DAffine3,
+    /// Voxels along each axis.
+    pub dims: [f32; 3],
+    index_from_scene: Affine3A,
+    index_from_scene_f64: DAffine3,
+    table_dims: [usize; 3],
+    /// By brick: the first of its places, and its level; none if it is empty.
+    table: Vec<(u32, u8)>,
+    /// Number of the block in each place, or [`EMPTY`].
+    places: Vec<u32>,
+}
+
+impl Blocks {
+    /// A volume without lvoxels.
+    pub fn new(info: &VolumeInfo) -> Self {
+        let [x, y, z, t] = info.index_from_scene.map(DVec3::from);
+        let exact = DAffine3 {
+            matrix3: DMat3::from_cols(x, y, z),
+            translation: t,
+        };
+        let table_dims = info.dims.map(|n| (n as usize).div_ceil(BRICK));
+        Self {
+            albedo: info.albedo,
+            sigma_t: Vec::new(),
+            levels: Vec::new(),
+            scene_from_index: exact.inverse(),
+            dims: info.dims.map(|n| n as f32),
+            index_from_scene: Affine3A::from_cols_array(&exact.to_cols_array().map(|v| v as f32)),
+            index_from_scene_f64: exact,
+            table_dims,
+            table: vec![(EMPTY, 0); table_dims.iter().product()],
+            places: Vec::new(),
+        }
+    }
+
+    /// Adds an lvoxel. The first in a brick decides on the size of the brick's blocks; one that
+    /// does not fit in is never met.
+    pub fn push(&mut self, l: &Lvoxel) {
+        let number = self.sigma_t.len() as u32;
+        self.sigma_t.push(l.sigma_t);
+        self.levels.push(l.level);
+        let per_axis = BRICK >> l.level;
+        let block = l.block.map(usize::from);
+        let [x, y, z] = block.map(|b| b / per_axis);
+        let [nx, ny, nz] = self.table_dims;
+        if x >= nx || y >= ny || z >= nz {
+            return;
+        }
+        let (first, level) = &mut self.table[(z * ny + y) * nx + x];
+        if *first == EMPTY {
+            (*first, *level) = (self.places.len() as u32, l.level);
+            let count = per_axis * per_axis * per_axis;
+            self.places.resize(self.places.len() + count, EMPTY);
+        }
+        if *level == l.level {
+            let [x, y, z] = block.map(|b| b % per_axis);
+            let place = *first as usize + (z * per_axis + y) * per_axis + x;
+            self.places[place] = number;
+        }
+    }
+
+    /// Number of blocks.
+    pub fn len(&self) -> usize {
+        self.sigma_t.len()
+    }
+
+    /// A direction of the scene in index space.
+    pub fn in_index(&self, direction: DVec3) -> DVec3 {
+        self.index_from_scene_f64.transform_vector3(direction)
+    }
+
+    /// Where a ray enters and leaves the box of the volume.
+    pub fn ends(&self, ray: &Ray) -> Option<(f32, f32)> {
+        let passage = self.passage(ray)?;
+        Some((passage.start, passage.start + passage.end))
+    }
+
+    fn passage(&self, ray: &Ray) -> Option<Passage> {
+        let map = (&self.index_from_scene, &self.index_from_scene_f64);
+        Passage::new(map, self.dims, ray)
+    }
+
+    /// Gives each block on a ray, front to back, with where the ray enters and leaves it.
+    #[inline]
+    pub fn walk(&self, ray: &Ray, mut meet: impl FnMut(usize, f32, f32)) {
+        let Some(Passage { line, start, end }) = self.passage(ray) else {
+            return;
+        };
+        let dims = self.table_dims;
+        let limit = dims.map(|n| n as i32);
+        let mut bricks = Steps::new(&line, 0.0, [0; 3], BRICK as f32, limit);
+        let mut t = 0.0;
+        loop {
+            let at = bricks.at();
+            let leave = bricks.leave().min(end);
+            let [x, y, z] = at.map(|v| v as usize);
+            let (first, level) = self.table[(z * dims[1] + y) * dims[0] + x];
+            if first != EMPTY && leave > t {
+                let base = at.map(|v| v * BRICK as i32);
+                let per_axis = BRICK >> level;
+                let edge = (1 << level) as f32;
+                let mut steps = Steps::new(&line, t, base, edge, [per_axis as i32; 3]);
+                let mut near = t;
+                loop {
+                    let [x, y, z] = steps.at().map(|v| v as usize);
+                    let place = first as usize + (z * per_axis + y) * per_axis + x;
+                    let far = steps.leave();
+                    let is_last = !steps.advance() | (far >= leave);
+                    let far = if is_last { leave } else { far.max(near) };
+                    let block = self.places[place];
+                    if block != EMPTY && far > near {
+                        meet(block as usize, start + near, start + far);
+                    }
+                    near = far;
+                    if is_last {
+                        break;
+                    }
+                }
+            }
+            t = leave.max(t);
+            if leave >= end || !bricks.advance() {
+                return;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    #[test]
+    fn rays_meet_all_blocks_on_their_way() {
+        let info = VolumeInfo {
+            name: String::new(),
+            dims: [12, 8, 8],
+            index_from_scene: DAffine3::from_scale(DVec3::splat(2.0)).to_cols_array_2d(),
+            albedo: [1.0; 3],
+        };
+        let mut blocks = Blocks::new(&info);
+        let mut add = |level, block| {
+            blocks.push(&Lvoxel {
+                level,
+                block,
+                sigma_t: 1.0,
+                ..Lvoxel::default()
+            });
+        };
+        add(3, [0, 0, 0]);
+        (4..6).for_each(|x| add(1, [x, 0, 0]));
+        let mut met = Vec::new();
+        let ray = Ray::endless(Vec3::new(-1.0, 0.25, 0.25), Vec3::X);
+        blocks.walk(&ray, |block, near, far| met.push((block, near, far)));
+        assert_eq!(met, [(0, 1.0, 5.0), (1, 5.0, 6.0), (2, 6.0, 7.0)]);
+        assert_eq!(blocks.ends(&ray), Some((1.0, 7.0)));
+    }
+}

@@ -1,0 +1,295 @@
+//! tree + scene → the same tree with the light of every bounce, once for all frames.
+//!
+//! A frame gathers what the surfels of a tree send: of a baked cloud, the light that comes straight
+//! from lights, so that a picture has one bounce. Here light is gathered at few receivers, the rays
+//! of which are kept as links from one receiver to the next, over which further bounces go without
+//! another ray. What arrives after all of them is reflected by the surfels of a new tree. Media
+//! scatter every order of light, too, as means over their lvoxels. Volumes light each other by way
+//! of surfaces alone.
+//!
+//! | file | what it does |
+//! | --- | --- |
+//! | `settings` | how light is bounced |
+//! | `runs` | the surfels below a node that face one way |
+//! | `receivers` | the place in a run at which light is gathered, and its rays |
+//! | `surface_below` | the surface that a surfel stands on |
+//! | `links` | receivers by place, and the shares of light that go between them |
+//! | `blocks` | the lvoxels of a volume, and the way of a ray through them |
+//! | `sweeps` | light along parallel rays through a volume, as means over lvoxels |
+//! | `media` | the sources of lvoxels, every order of scattering; `krylov`: the linear system |
+//! | `solve` | one bounce after another, until they fade; surfaces and media in turn |
+//! | `rewrite` | the pages of the tree with more light |
+
+mod blocks;
+mod krylov;
+mod links;
+mod media;
+mod receivers;
+mod rewrite;
+mod runs;
+mod settings;
+mod solve;
+mod surface_below;
+mod sweeps;
+
+use crate::formats::{Overwrite, TreeMeta, TreeSummary, TreeWriter};
+use crate::gather::{self, Gatherer, Medium, PatchRadiance, RayKernel, RaySettings, TreeTask};
+use crate::run::{Job, hex, size};
+use crate::scene::Scene;
+use crate::trace::Tracer;
+use crate::tree::{BOUNCES, OpenTree, Pages};
+use crate::view;
+use crate::{Error, Result};
+use blocks::Blocks;
+use links::{Links, Sites};
+use lvox_formats::{MappedFile, Tree};
+use media::ScatteringVolume;
+use rayon::prelude::*;
+use receivers::{LitRun, Met, Receiver, ReceiverMaker};
+use rewrite::{Neighbours, NewLight};
+pub use settings::{Bounces, Settings};
+use solve::{Exchange, Solution};
+use std::path::Path;
+use sweeps::{Light, Sweeps, Walls};
+
+/// Share of a tree's surfels whose surface is not found, from which on that is told: where surfaces
+/// meet, rounding hides some of them.
+const MOST_LOST: f64 = 1e-3;
+
+/// Writes a tree that sends the light of all bounces, or of so many.
+///
+/// # Errors
+/// A setting out of range, a tree whose light has bounced already or that is in another frame than
+/// the scene ([`Scene::in_frame`]), light that does not fade, receivers that the memory limit does
+/// not allow, a page that cannot be read, a file that cannot be written, or a stop on request.
+pub fn run(
+    scene: &Scene,
+    tree: &OpenTree,
+    output: &Path,
+    settings: &Settings,
+    overwrite: Overwrite,
+    job: &Job,
+) -> Result<TreeSummary> {
+    settings.check()?;
+    let source = tree.tree();
+    let bounced = |(name, _): &&(String, String)| name == BOUNCES;
+    if let Some((_, bounces)) = source.meta().settings.iter().find(bounced) {
+        return Err(Error::input(format!(
+            "expected a tree as `build` made it, found one whose light has bounced (`bounces` {bounces})"
+        ))
+        .hint("bounce the tree that this one was made from"));
+    }
+    view::check_frame(scene, source.meta().cloud.world_from_scene)?;
+    job.report.stage("bounce", |counts| {
+        let mut meta: TreeMeta = source.meta().clone();
+        meta.settings.extend(settings.listed());
+        meta.settings.push(("bounced-from".into(), hex(&source.content_hash())));
+        let mut writer = TreeWriter::create(output, meta, overwrite)?;
+        writer.relight(source.summary());
+        let tracer = Tracer::new_until(scene, &job.cancel)?;
+        let gathering = Gathering {
+            tracer: &tracer,
+            tree,
+            settings,
+            job,
+        };
+        let lit = match settings.bounces {
+            Bounces::Count(1) => Lit::nothing(source.surfel_pages()),
+            _ => gather::with_tree(tree, gathering)?,
+        };
+        let light = NewLight {
+            tracer: &tracer,
+            neighbours: &lit.neighbours,
+            receivers: &lit.receivers,
+            light: &lit.solution.light,
+            runs: &lit.runs,
+            sources: &lit.sources,
+        };
+        let lost = rewrite::write(source, &light, &mut writer, job)?;
+        let surfels = source.summary().sums.surfels;
+        if lost as f64 > MOST_LOST * surfels as f64 {
+            job.progress.warn(&format!(
+                "{lost} of {surfels} surfels stand on no surface of the scene and reflect one bounce \
+                 alone: the tree is of another version of the scene"
+            ));
+        }
+        let old = source.summary();
+        let summary = writer.finish(old.root_page, old.cloud_sums.clone(), old.levels.clone())?;
+        let receivers = &lit.receivers;
+        let rays: u64 = receivers.iter().map(|r| u64::from(r.count)).sum();
+        for (name, count) in [
+            ("surfels without a surface", lost as f64),
+            ("receivers", receivers.len() as f64),
+            ("rays", rays as f64),
+            ("links", lit.links as f64),
+            ("lost links", lit.lost_links as f64),
+            ("passes", f64::from(lit.solution.passes)),
+            ("sweeps", f64::from(lit.sweeps)),
+            ("residual", lit.solution.residual),
+            ("residual in media", lit.media_residual),
+        ] {
+            counts.insert(name.into(), count);
+        }
+        Ok(summary)
+    })
+}
+
+/// The light of all bounces.
+#[derive(Default)]
+struct Lit {
+    /// By page.
+    runs: Vec<Vec<LitRun>>,
+    receivers: Vec<Receiver>,
+    /// By receiver: those whose light is interpolated around it.
+    neighbours: Vec<Neighbours>,
+    links: usize,
+    lost_links: usize,
+    solution: Solution,
+    /// By volume and lvoxel.
+    sources: Vec<Vec<Light>>,
+    sweeps: u32,
+    /// Of the volume that is known least well.
+    media_residual: f64,
+}
+
+impl Lit {
+    fn nothing(pages: usize) -> Self {
+        Self {
+            runs: vec![Vec::new(); pages],
+            ..Self::default()
+        }
+    }
+}
+
+/// Gathers at all receivers of a tree.
+struct Gathering<'a> {
+    tracer: &'a Tracer<'a>,
+    tree: &'a OpenTree,
+    settings: &'a Settings,
+    job: &'a Job,
+}
+
+impl Gathering<'_> {
+    /// Surfels of a run: so many that there are some thousand runs of a small cloud, and a million
+    /// at most.
+    fn run_surfels(&self) -> u32 {
+        const FEWEST_RUNS: u64 = 4096;
+        const MOST_RUNS: u64 = 1 << 20;
+        const SURFELS: (u64, u64) = (8, 128);
+        let surfels = self.tree.tree().summary().sums.surfels;
+        let of_few = (surfels / FEWEST_RUNS).clamp(SURFELS.0, SURFELS.1);
+        of_few.max(surfels / MOST_RUNS).min(u64::from(u32::MAX)) as u32
+    }
+
+    /// Refuses a tree whose receivers would take more than the memory limit.
+    fn check_memory(&self, run_surfels: u32) -> Result<()> {
+        /// Runs of each that is as large as may be: some face other ways, some are divided.
+        const DIVIDED: u64 = 4;
+        let runs = self.tree.tree().summary().sums.surfels / u64::from(run_surfels) + 1;
+        let met = size_of::<Met>() + 2 * Links::BYTES;
+        let receiver = size_of::<Receiver>() + self.settings.samples as usize * met;
+        let bytes = DIVIDED * runs * 2 * receiver as u64;
+        size::within(
+            "bouncing light between receivers",
+            bytes,
+            self.job.memory_limit,
+        )
+    }
+}
+
+impl TreeTask for Gathering<'_> {
+    type Output = Result<Lit>;
+
+    fn run<P: Pages, M: Medium>(self, pages: &P, media: M) -> Result<Lit> {
+        let Self {
+            tracer,
+            tree,
+            settings,
+            job,
+        } = self;
+        let source = tree.tree();
+        let run_surfels = self.run_surfels();
+        self.check_memory(run_surfels)?;
+        let patches = PatchRadiance::of_tree(tracer, tree, 0)?;
+        let maker = ReceiverMaker {
+            tracer,
+            gatherer: Gatherer {
+                pages,
+                media,
+                settings: RaySettings {
+                    samples: settings.samples,
+                    max_solid_angle: settings.max_solid_angle,
+                    max_dist: f32::INFINITY,
+                    kernel: RayKernel::Traced(&patches),
+                    environment: tracer.scene.environment(),
+                    leave_out_bright: false,
+                },
+            },
+            run_surfels,
+            seed: settings.seed,
+        };
+        let count = source.surfel_pages();
+        let task = job.progress.task("receivers", count as u64, "pages");
+        let made = (0..count).into_par_iter().map(|id| {
+            job.cancel.check()?;
+            let made = maker.make(&source.surfel_page(id)?, id as u32)?;
+            task.add(1);
+            Ok(made)
+        });
+        let made = made.collect::<Result<Vec<_>>>()?;
+        drop(task);
+        let mut lit = Lit::nothing(0);
+        for (mut runs, receivers) in made {
+            let first = lit.receivers.len() as u32;
+            let numbers = runs.iter_mut().flat_map(|r| &mut r.receivers);
+            numbers.for_each(|r| *r += first);
+            lit.runs.push(runs);
+            lit.receivers.extend(receivers);
+        }
+        let (scene, receivers, cancel) = (tracer.scene, &lit.receivers, &job.cancel);
+        let sites = Sites::new(receivers, tracer);
+        let links = Links::new(scene, &sites, cancel)?;
+        (lit.links, lit.lost_links) = (links.len(), links.lost());
+        let walls = Walls {
+            tracer,
+            patches: &patches,
+            pages,
+            sites: &sites,
+            max_solid_angle: settings.max_solid_angle,
+        };
+        let (blocks, direct) = blocks(source)?;
+        let volumes = blocks.iter().zip(&direct).map(|(blocks, direct)| {
+            let sweeps = Sweeps::new(blocks, &walls, cancel)?;
+            Ok(ScatteringVolume::new(blocks, sweeps, direct))
+        });
+        let mut exchange = Exchange {
+            receivers,
+            links: &links,
+            volumes: volumes.collect::<Result<_>>()?,
+            cancel,
+        };
+        lit.neighbours = rewrite::neighbours(&sites);
+        lit.solution = exchange.solve(settings.bounces)?;
+        lit.sweeps = exchange.volumes.iter().map(|v| v.swept).sum();
+        let residuals = exchange.volumes.iter().map(|v| v.residual);
+        lit.media_residual = residuals.fold(0.0, f64::max);
+        let sources = exchange.volumes.iter().map(|v| v.sources().to_vec());
+        lit.sources = sources.collect();
+        Ok(lit)
+    }
+}
+
+/// The lvoxels of each volume of a tree, and their sources.
+fn blocks(tree: &Tree<MappedFile>) -> Result<(Vec<Blocks>, Vec<Vec<Light>>)> {
+    let volumes = &tree.meta().cloud.volumes;
+    let mut blocks: Vec<Blocks> = volumes.iter().map(Blocks::new).collect();
+    let mut sources = vec![Vec::new(); blocks.len()];
+    for i in 0..tree.lvoxel_pages() {
+        for lvoxel in tree.lvoxel_page(i)? {
+            let volume = usize::from(lvoxel.volume);
+            blocks[volume].push(&lvoxel);
+            sources[volume].push(Light::from(lvoxel.source));
+        }
+    }
+    Ok((blocks, sources))
+}

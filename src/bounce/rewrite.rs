@@ -1,0 +1,206 @@
+//! The tree of another one with more light.
+
+use super::links::Sites;
+use super::receivers::{LitRun, Receiver};
+use super::runs::{PageSurfels, facing};
+use super::surface_below::surface_below;
+use super::sweeps::Light;
+use crate::math::Rgb;
+use crate::run::Job;
+use crate::trace::Tracer;
+use crate::tree::AggregateSums;
+use crate::{Error, Result};
+use glam::Vec3;
+use lvox_formats::record::{Below, SurfelPage};
+use lvox_formats::{EncodedLvoxels, EncodedPage, MappedFile, Tree, TreeWriter};
+use rayon::prelude::*;
+
+/// The light that surfels are given beside what they send.
+pub struct NewLight<'a> {
+    /// The scene.
+    pub tracer: &'a Tracer<'a>,
+    /// Receivers of all pages.
+    pub receivers: &'a [Receiver],
+    /// By receiver: irradiance over pi.
+    pub light: &'a [Rgb],
+    /// By receiver: those whose light is interpolated around it.
+    pub neighbours: &'a [Neighbours],
+    /// By page: its runs, with receivers among all.
+    pub runs: &'a [Vec<LitRun>],
+    /// By volume: the sources of its lvoxels in the order of pages; none if they stay as they are.
+    pub sources: &'a [Vec<Light>],
+}
+
+/// Most receivers that light at a surfel is interpolated between.
+const NEIGHBOURS: usize = 8;
+
+/// The receivers around one, itself included.
+pub type Neighbours = arrayvec::ArrayVec<u32, NEIGHBOURS>;
+
+/// The receivers around each.
+pub fn neighbours(sites: &Sites) -> Vec<Neighbours> {
+    let around = |r: &Receiver| sites.near(r.point, r.normal).take(NEIGHBOURS).collect();
+    sites.receivers.par_iter().map(around).collect()
+}
+
+impl NewLight<'_> {
+    /// Adds to a page's surfels what they reflect of the light; returns how many stand on no
+    /// surface of the scene.
+    fn light(&self, page: &mut SurfelPage, id: usize) -> u64 {
+        const NONE: [u32; 2] = [u32::MAX; 2];
+        let mut receivers = vec![NONE; page.surfels.len()];
+        let surfels = PageSurfels::new(page);
+        for lit in &self.runs[id] {
+            surfels.each_below(lit.run.node, |i| {
+                if facing(&page.surfels[i as usize]) == lit.run.facing {
+                    receivers[i as usize] = lit.receivers;
+                }
+            });
+        }
+        let mut lost = 0;
+        for (surfel, receivers) in page.surfels.iter_mut().zip(receivers) {
+            if receivers == NONE {
+                continue;
+            }
+            let (point, normal) = (Vec3::from(surfel.position), Vec3::from(surfel.normal));
+            let [front, back] = [(receivers[0], normal), (receivers[1], -normal)]
+                .map(|(receiver, normal)| self.interpolated(receiver, point, normal));
+            if front.is_black() && back.is_black() {
+                continue;
+            }
+            let Some(surface) = surface_below(self.tracer, surfel) else {
+                lost += 1;
+                continue;
+            };
+            surfel.front = (Rgb(surfel.front) + front * surface.albedo).0;
+            surfel.back = (Rgb(surfel.back) + back * surface.albedo).0;
+        }
+        lost
+    }
+
+    /// The light at a point near a receiver.
+    fn interpolated(&self, receiver: u32, point: Vec3, normal: Vec3) -> Rgb {
+        let (receivers, around) = (self.receivers, &self.neighbours[receiver as usize]);
+        let distance2 = |i: u32| receivers[i as usize].point.distance_squared(point);
+        let farthest2 = around.iter().map(|&i| distance2(i)).fold(0.0, f32::max);
+        let (mut sum, mut weights) = (Rgb::BLACK, 0.0);
+        for &i in around {
+            let near = 1.0 - distance2(i) / farthest2;
+            let weight = near * near * receivers[i as usize].normal.dot(normal).max(0.0);
+            // All at one place.
+            if weight > 0.0 {
+                sum += self.light[i as usize] * weight;
+                weights += weight;
+            }
+        }
+        if weights > 0.0 {
+            sum * (1.0 / weights)
+        } else {
+            self.light[receiver as usize]
+        }
+    }
+}
+
+/// Pages that are in work at a time.
+const BATCH: usize = 256;
+
+/// Writes the pages of a tree with more light; returns how many surfels stand on no surface of the
+/// scene, and so got none.
+///
+/// # Errors
+/// A page that cannot be read, light that a file cannot hold, a file that cannot be written, a stop
+/// on request.
+pub fn write(
+    tree: &Tree<MappedFile>,
+    light: &NewLight,
+    writer: &mut TreeWriter,
+    job: &Job,
+) -> Result<u64> {
+    let task = job
+        .progress
+        .task("light", tree.surfel_pages() as u64, "pages");
+    // Over all that is below the root of each page.
+    let mut of_pages: Vec<AggregateSums> = Vec::with_capacity(tree.surfel_pages());
+    let mut lost = 0;
+    let ids: Vec<usize> = (0..tree.surfel_pages()).collect();
+    for batch in ids.chunks(BATCH) {
+        job.cancel.check()?;
+        let lit = batch.par_iter().map(|&id| {
+            let mut page = tree.surfel_page(id)?;
+            let lost = light.light(&mut page, id);
+            let sums = leaf_sums(&page);
+            Ok((page, sums, lost))
+        });
+        let mut lit = lit.collect::<Result<Vec<_>>>()?;
+        for (page, sums, own_lost) in &mut lit {
+            add_up(page, sums, &of_pages);
+            of_pages.push(sums[0]);
+            lost += *own_lost;
+        }
+        let encoded = batch
+            .par_iter()
+            .zip(&mut lit)
+            .map(|(&id, (page, sums, _))| {
+                for (node, sums) in page.nodes.iter_mut().zip(sums) {
+                    let lit = sums.aggregate();
+                    node.aggregate.axis_radiance = lit.axis_radiance;
+                    node.aggregate.back_radiance = lit.back_radiance;
+                }
+                EncodedPage::relit(tree, id, page).map_err(too_bright)
+            });
+        for page in encoded.collect::<Result<Vec<_>>>()? {
+            writer.push_surfel_page(&page)?;
+        }
+        task.add(batch.len() as u64);
+    }
+    let mut sources: Vec<_> = light.sources.iter().map(|s| s.iter()).collect();
+    for i in 0..tree.lvoxel_pages() {
+        job.cancel.check()?;
+        let mut lvoxels = tree.lvoxel_page(i)?;
+        for lvoxel in &mut lvoxels {
+            let sources = sources.get_mut(usize::from(lvoxel.volume));
+            if let Some(source) = sources.and_then(Iterator::next) {
+                lvoxel.source = source.to_array();
+            }
+        }
+        let page = EncodedLvoxels::new(&lvoxels, &tree.meta().cloud.volumes).map_err(too_bright)?;
+        writer.push_lvoxel_page(&page)?;
+    }
+    Ok(lost)
+}
+
+fn too_bright(error: lvox_formats::FormatError) -> Error {
+    Error::input(format!("light of all bounces cannot be stored: {error}"))
+        .hint("make lights darker")
+}
+
+/// The sums over the surfels right below each node.
+fn leaf_sums(page: &SurfelPage) -> Vec<AggregateSums> {
+    let of_node = |below| match below {
+        Below::Surfels { first, count } => {
+            let first = first as usize;
+            let own = &page.surfels[first..first + usize::from(count)];
+            let mut sums = AggregateSums::NOTHING;
+            own.iter().for_each(|s| sums.add_surfel(s));
+            sums
+        }
+        _ => AggregateSums::NOTHING,
+    };
+    page.nodes.iter().map(|n| of_node(n.below)).collect()
+}
+
+/// Adds to the sums of each node those of all below it, in the order in which `build` adds them.
+fn add_up(page: &SurfelPage, sums: &mut [AggregateSums], of_pages: &[AggregateSums]) {
+    for (i, node) in page.nodes.iter().enumerate().rev() {
+        match node.below {
+            Below::Nodes { first, count } => {
+                for child in first as usize..first as usize + usize::from(count) {
+                    let child = sums[child];
+                    sums[i].add(&child);
+                }
+            }
+            Below::Page(id) => sums[i] = of_pages[id as usize],
+            Below::Surfels { .. } => {}
+        }
+    }
+}

@@ -1,0 +1,179 @@
+//! The light of all bounces: at receivers, which pass it on to each other, and in media.
+
+use super::links::Links;
+use super::media::{ScatteringVolume, at_receivers};
+use super::receivers::Receiver;
+use super::settings::Bounces;
+use super::sweeps::WallLight;
+use crate::math::Rgb;
+use crate::run::Cancel;
+use crate::{Error, Result};
+use rayon::prelude::*;
+
+/// Surfaces and media that light each other.
+pub struct Exchange<'a> {
+    /// Places on surfaces.
+    pub receivers: &'a [Receiver],
+    /// How light goes between them.
+    pub links: &'a Links,
+    /// Media.
+    pub volumes: Vec<ScatteringVolume<'a>>,
+    /// For a stop on request.
+    pub cancel: &'a Cancel,
+}
+
+/// The light of all bounces on surfaces.
+#[derive(Debug, Default)]
+pub struct Solution {
+    /// By receiver: irradiance over pi.
+    pub light: Vec<Rgb>,
+    /// Passes over all links.
+    pub passes: u32,
+    /// Share of all light that the bounces which were left out would add, at most.
+    pub residual: f64,
+}
+
+/// Light that is left once so little of all of it is still to come counts as none.
+const TOLERANCE: f64 = 1e-4;
+/// Bounces after which light that still does not fade is taken to stay for ever.
+const MOST: u32 = 10_000;
+/// Residual of media over what their light is made of.
+const MEDIA_TOLERANCE: f64 = 1e-3;
+/// Share of all light that surfaces and media may still have to tell each other.
+const ROUND_TOLERANCE: f64 = 1e-3;
+/// Most times that surfaces and media light each other.
+const MOST_ROUNDS: u32 = 16;
+
+impl Exchange<'_> {
+    /// Finds the light of so many bounces.
+    ///
+    /// # Errors
+    /// Light that does not fade, if all bounces are asked for; a stop on request.
+    pub fn solve(&mut self, bounces: Bounces) -> Result<Solution> {
+        match bounces {
+            Bounces::All => self.all(),
+            Bounces::Count(n) => self.some(n),
+        }
+    }
+
+    /// One bounce after another, of which a frame gathers the last.
+    fn some(&mut self, bounces: u32) -> Result<Solution> {
+        let mut light = vec![Rgb::BLACK; self.receivers.len()];
+        for _ in 1..bounces {
+            let next = self.passed_on(&light)?;
+            let from_media = at_receivers(self.receivers, &self.volumes);
+            let walls = WallLight {
+                sends_tree: true,
+                light: &light,
+            };
+            for volume in &mut self.volumes {
+                volume.scatter_once(&walls, self.cancel)?;
+            }
+            light = self.gathered(from_media);
+            light.iter_mut().zip(next).for_each(|(l, n)| *l += n);
+        }
+        Ok(Solution {
+            light,
+            passes: bounces - 1,
+            residual: 0.0,
+        })
+    }
+
+    /// Surfaces and media in turn, until neither has news for the other.
+    fn all(&mut self) -> Result<Solution> {
+        let mut solution = self.between_surfaces(self.gathered(Vec::new()))?;
+        if self.volumes.is_empty() {
+            return Ok(solution);
+        }
+        let mut share = 1.0_f64;
+        for _ in 0..MOST_ROUNDS {
+            let walls = WallLight {
+                sends_tree: true,
+                light: &solution.light,
+            };
+            for volume in &mut self.volumes {
+                // No more exactly than what comes from surfaces is known.
+                volume.solve(
+                    &walls,
+                    (0.1 * share).clamp(MEDIA_TOLERANCE, 1e-2),
+                    self.cancel,
+                )?;
+            }
+            let gathered = self.gathered(at_receivers(self.receivers, &self.volumes));
+            let next = self.between_surfaces(gathered)?;
+            let news = next.light.iter().zip(&solution.light);
+            let news: Vec<Rgb> = news
+                .map(|(a, b)| Rgb(std::array::from_fn(|c| (a.0[c] - b.0[c]).abs())))
+                .collect();
+            share = self.power(&news) / self.power(&next.light).max(f64::MIN_POSITIVE);
+            solution = Solution {
+                passes: solution.passes + next.passes,
+                ..next
+            };
+            if share < ROUND_TOLERANCE {
+                break;
+            }
+        }
+        Ok(solution)
+    }
+
+    /// What receivers gather of the tree, and of what media send beyond that.
+    fn gathered(&self, from_media: Vec<Rgb>) -> Vec<Rgb> {
+        let mut light: Vec<Rgb> = self.receivers.iter().map(|r| r.gathered).collect();
+        light.iter_mut().zip(from_media).for_each(|(l, m)| *l += m);
+        light
+    }
+
+    /// What arrives at each receiver over its links.
+    fn passed_on(&self, light: &[Rgb]) -> Result<Vec<Rgb>> {
+        self.cancel.check()?;
+        let next = (0..light.len()).into_par_iter();
+        Ok(next.map(|i| self.links.arriving(i, light)).collect())
+    }
+
+    fn power(&self, light: &[Rgb]) -> f64 {
+        let of = |(r, l): (&Receiver, &Rgb)| f64::from(r.area) * f64::from(l.mean());
+        self.receivers.iter().zip(light).map(of).sum()
+    }
+
+    /// All bounces between surfaces of what arrives at receivers.
+    fn between_surfaces(&self, gathered: Vec<Rgb>) -> Result<Solution> {
+        // Each order of bounces by itself: sums of what is positive, of which no difference is
+        // taken.
+        let mut order = gathered.clone();
+        let mut solution = Solution {
+            light: gathered,
+            ..Solution::default()
+        };
+        let mut last = self.power(&order);
+        let mut all = last;
+        while last > 0.0 {
+            order = self.passed_on(&order)?;
+            for (sum, more) in solution.light.iter_mut().zip(&order) {
+                *sum += *more;
+            }
+            let power = self.power(&order);
+            all += power;
+            solution.passes += 1;
+            // What follows is a geometric series, once the first orders are past.
+            let rate = power / last;
+            solution.residual = match rate < 1.0 {
+                true => rate / (1.0 - rate) * power / all,
+                false => 1.0,
+            };
+            last = power;
+            if solution.residual < TOLERANCE && solution.passes >= 3 {
+                break;
+            }
+            if solution.passes >= MOST {
+                return Err(Error::input(format!(
+                    "after {MOST} bounces the next one still has {:.1e} of all light: expected \
+                     surfaces that take some of it, or let it out",
+                    last / all
+                ))
+                .hint("lower albedos of 1 in closed rooms, or give a number of `bounces`"));
+            }
+        }
+        Ok(solution)
+    }
+}

@@ -1,0 +1,24 @@
+//! The surface that a surfel of a tree stands on.
+
+use crate::math::Ray;
+use crate::trace::{Surface, Tracer};
+use glam::Vec3;
+use lvox_formats::record::Surfel;
+
+/// Finds the surface of the scene that a surfel stands on, facing as it does; `None` if there is
+/// none that near, as for a tree of another scene.
+pub fn surface_below(tracer: &Tracer, surfel: &Surfel) -> Option<Surface> {
+    /// Heights from which it is looked for, over the radius: files round places, and surfels of a
+    /// camera stand where its rays ended. What stands on the surface is to be below the lower one.
+    const HEIGHTS: [f32; 2] = [0.05, 0.5];
+    /// Cosine between the normals of a surfel and its surface, at least.
+    const SAME: f32 = 0.9;
+    let (centre, normal) = (Vec3::from(surfel.position), Vec3::from(surfel.normal));
+    HEIGHTS.iter().find_map(|height| {
+        let height = height * surfel.radius;
+        let ray = Ray::new(centre + normal * height, -normal, 2.0 * height);
+        let hit = tracer.closest(&ray)?;
+        let surface = Surface::new(tracer.scene, hit.triangle, hit.uv);
+        (surface.face_normal.dot(normal).abs() > SAME).then(|| surface.facing(normal))
+    })
+}

@@ -1,0 +1,89 @@
+//! `lvox bounce`
+
+use super::files::{Files, check_writable};
+use super::options::{Context, Memory, Seed};
+use super::output;
+use super::parse;
+use super::scene_input::SceneInput;
+use super::shade::warn_if_out_of_date;
+use crate::Result;
+use crate::bounce::{self, Bounces, Settings};
+use crate::tree::OpenTree;
+use std::path::PathBuf;
+
+/// Let light bounce between surfaces and scatter in media, once for all frames
+///
+/// A frame shaded from the tree of `lvox build` has direct light and one bounce. Shaded from the
+/// tree that this writes it has every bounce and every order of scattering, in the same time.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    scene: SceneInput,
+
+    /// Take the light of this tree, which `lvox build` made of the scene
+    #[arg(short, long, value_name = "FILE")]
+    tree: PathBuf,
+
+    /// Write the tree with the light of all bounces to this .lvt file
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+
+    /// Let frames have so many bounces: a number, with 1 the light of the tree as it is, or `all`
+    #[arg(long, value_name = "N", default_value_t = Bounces::All, value_parser = parse::bounces)]
+    bounces: Bounces,
+
+    /// Rays of each of the places at which light is gathered [default: 32]
+    #[arg(long, value_name = "N")]
+    samples: Option<u32>,
+
+    /// Take a node whole where it is seen under less than this, steradians [default: 0.03]
+    #[arg(long, value_name = "SR")]
+    max_solid_angle: Option<f32>,
+
+    #[command(flatten)]
+    pub memory: Memory,
+
+    #[command(flatten)]
+    seed: Seed,
+}
+
+impl Args {
+    /// What it reads and writes.
+    pub fn files(&self) -> Files {
+        self.scene
+            .files()
+            .reads("tree", &self.tree)
+            .writes("--output", &self.output)
+    }
+
+    fn settings(&self) -> Settings {
+        let default = Settings::default();
+        Settings {
+            bounces: self.bounces,
+            samples: self.samples.unwrap_or(default.samples),
+            max_solid_angle: self.max_solid_angle.unwrap_or(default.max_solid_angle),
+            seed: self.seed.seed,
+        }
+    }
+
+    pub fn run(self, context: &Context) -> Result<()> {
+        check_writable(&self.output, context.overwrite)?;
+        let settings = self.settings();
+        settings.check()?;
+        let job = &context.job;
+        let store = OpenTree::open(&self.tree, job.memory_limit)?;
+        let cloud = &store.tree().meta().cloud;
+        let scene = self
+            .scene
+            .load(context)?
+            .in_frame(cloud.world_from_scene.into())?;
+        let origin = (&cloud.scene_hash, &cloud.settings[..]);
+        warn_if_out_of_date(&scene, origin, &self.tree, job);
+        job.heed_warnings()?;
+        let overwrite = context.overwrite;
+        bounce::run(&scene, &store, &self.output, &settings, overwrite, job)
+            .map_err(|e| e.at(self.tree.display()))?;
+        output::say_times(job, "bounce", &[]);
+        Ok(())
+    }
+}

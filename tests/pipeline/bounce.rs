@@ -1,0 +1,154 @@
+//! Trees with the light of every bounce.
+
+use crate::{Work, beauty, mean, shade, with_threads};
+use lvox::bounce::{self, Bounces, Settings};
+use lvox::formats::{Overwrite, Tree};
+use lvox::run::Job;
+use lvox::scene::Scene;
+use lvox::tree::OpenTree;
+use lvox::{Kind, Result, shade as frames};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// A closed room whose walls have an albedo and emit 1, seen from inside.
+fn closed_room(albedo: f64) -> String {
+    let mut text = String::from(
+        "[film]\nwidth = 16\nheight = 16\n[[camera]]\nposition = [0.1, 0.05, 0.4]\ntarget = [0, 0, 0]\n\
+         fov_x_deg = 90\n",
+    );
+    let walls = [
+        ([0, 0, 0], [0.0, -0.5, 0.0]),
+        ([180, 0, 0], [0.0, 0.5, 0.0]),
+        ([90, 0, 0], [0.0, 0.0, -0.5]),
+        ([-90, 0, 0], [0.0, 0.0, 0.5]),
+        ([0, 0, -90], [-0.5, 0.0, 0.0]),
+        ([0, 0, 90], [0.5, 0.0, 0.0]),
+    ];
+    for (rotate, translate) in walls {
+        text += &format!(
+            "[[mesh]]\nfile = \"builtin:quad\"\nscale = 1\nrotate_deg = {rotate:?}\ntranslate = {translate:?}\n\
+             albedo = [{albedo}, {albedo}, {albedo}]\nemission = [1, 1, 1]\n"
+        );
+    }
+    text
+}
+
+/// The tree with more light beside another one.
+fn bounced(scene: &Scene, tree: &Path, bounces: Bounces, limit: Option<u64>) -> Result<PathBuf> {
+    let settings = Settings {
+        bounces,
+        ..Settings::default()
+    };
+    let path = tree.with_file_name(format!("bounced-{bounces}.lvt"));
+    let store = OpenTree::open(tree, limit)?;
+    let job = Job {
+        memory_limit: limit,
+        ..Job::default()
+    };
+    bounce::run(scene, &store, &path, &settings, Overwrite::Replace, &job)?;
+    Ok(path)
+}
+
+#[test]
+fn light_in_a_closed_room_is_a_geometric_series() {
+    // Emission counts as no bounce, its reflection as direct light.
+    for (albedo, bounces, limit) in [
+        (0.5, Bounces::All, 0.002),
+        (0.8, Bounces::All, 0.005),
+        (0.9, Bounces::All, 0.01),
+        (0.99, Bounces::All, 0.05),
+        (0.8, Bounces::Count(1), 0.005),
+        (0.8, Bounces::Count(2), 0.005),
+        (0.8, Bounces::Count(5), 0.005),
+    ] {
+        let work = Work::new(&closed_room(albedo));
+        let scene = work.scene();
+        let tree = work.bake(&scene, 30_000);
+        let tree = bounced(&scene, &tree, bounces, None).unwrap();
+        let left = match bounces {
+            Bounces::All => 0.0,
+            Bounces::Count(n) => albedo.powi(n as i32 + 2),
+        };
+        let expected = (1.0 - left) / (1.0 - albedo);
+        let found = mean(&beauty(&shade(&scene, &tree, &frames::Settings::default())));
+        assert!(
+            (found / expected - 1.0).abs() < limit,
+            "{albedo} {bounces}: {found} beside {expected}"
+        );
+    }
+}
+
+#[test]
+fn one_bounce_leaves_a_tree_as_it_is() {
+    let work = Work::new(crate::ROOM);
+    let scene = work.scene();
+    let old = work.bake(&scene, 20_000);
+    let new = bounced(&scene, &old, Bounces::Count(1), None).unwrap();
+    let [old, new] = [old, new].map(|path| Tree::open_path(&path).unwrap());
+    new.verify().unwrap();
+    assert_eq!(old.surfel_pages(), new.surfel_pages());
+    for i in 0..old.surfel_pages() {
+        let (mut a, mut b) = (old.surfel_page(i).unwrap(), new.surfel_page(i).unwrap());
+        assert_eq!(a.surfels, b.surfels);
+        for (a, b) in a.nodes.iter_mut().zip(&mut b.nodes) {
+            let light = |n: &lvox::formats::Node| {
+                let a = &n.aggregate;
+                [a.axis_radiance, a.back_radiance].concat().concat()
+            };
+            for (a, b) in light(a).into_iter().zip(light(b)) {
+                assert!((a - b).abs() <= 0.01 * a + 1e-3, "{a} {b}");
+            }
+            for node in [a, b] {
+                node.aggregate.axis_radiance = [[0.0; 3]; 6];
+                node.aggregate.back_radiance = [[0.0; 3]; 6];
+            }
+        }
+        assert_eq!(a.nodes, b.nodes);
+    }
+    for i in 0..old.lvoxel_pages() {
+        assert_eq!(old.lvoxel_page(i).unwrap(), new.lvoxel_page(i).unwrap());
+    }
+    let (old, new) = (old.summary(), new.summary());
+    assert_eq!(old.sums, new.sums);
+    assert_eq!(old.left_out, new.left_out);
+    assert_eq!(old.errors.len(), new.errors.len());
+}
+
+#[test]
+fn threads_and_memory_change_no_byte() {
+    let work = Work::new(crate::ROOM);
+    let scene = work.scene();
+    let tree = work.bake(&scene, 20_000);
+    let bytes = |threads, limit| {
+        let path = with_threads(threads, || bounced(&scene, &tree, Bounces::All, limit));
+        fs::read(path.unwrap()).unwrap()
+    };
+    let expected = bytes(1, None);
+    for (threads, limit) in [(2, None), (8, None), (2, Some(160 << 20))] {
+        assert!(bytes(threads, limit) == expected, "{threads} {limit:?}");
+    }
+}
+
+#[test]
+fn light_that_has_bounced_or_does_not_fade_is_refused() {
+    let refused = |result: Result<PathBuf>, says: &str| {
+        let error = result.unwrap_err();
+        assert_eq!(error.kind(), Kind::Input);
+        assert!(error.to_string().contains(says), "{error}");
+    };
+    let work = Work::new(&closed_room(1.0));
+    let scene = work.scene();
+    let tree = work.bake(&scene, 5000);
+    refused(
+        bounced(&scene, &tree, Bounces::All, None),
+        "bounces the next one",
+    );
+    assert!(!work.names().iter().any(|name| name.starts_with("bounced")));
+    let twice = bounced(&scene, &tree, Bounces::Count(3), None).unwrap();
+    refused(
+        bounced(&scene, &twice, Bounces::Count(2), None),
+        "has bounced",
+    );
+    refused(bounced(&scene, &tree, Bounces::Count(0), None), "`bounces`");
+    refused(bounced(&scene, &tree, Bounces::All, Some(8 << 20)), "needs");
+}
