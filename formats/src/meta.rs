@@ -49,6 +49,19 @@ pub struct TreeMeta {
     pub settings: Vec<(String, String)>,
 }
 
+impl TreeMeta {
+    /// Name of the setting that tells how often light bounces.
+    pub const BOUNCES: &str = "bounces";
+
+    /// How often light bounces, a number or `all`; `None` if the tree sends direct light.
+    #[must_use]
+    pub fn bounces(&self) -> Option<&str> {
+        let mut settings = self.settings.iter();
+        let (_, bounces) = settings.find(|(name, _)| name == Self::BOUNCES)?;
+        Some(bounces)
+    }
+}
+
 /// Metadata of scattered light: the scene and the tree it comes from.
 #[derive(
     Clone,

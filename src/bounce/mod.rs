@@ -37,7 +37,7 @@ use crate::gather::{self, Gatherer, Medium, PatchRadiance, RayKernel, RaySetting
 use crate::run::{Job, hex, size};
 use crate::scene::Scene;
 use crate::trace::Tracer;
-use crate::tree::{BOUNCES, OpenTree, Pages};
+use crate::tree::{OpenTree, Pages};
 use crate::view;
 use crate::{Error, Result};
 use blocks::Blocks;
@@ -72,8 +72,7 @@ pub fn run(
 ) -> Result<TreeSummary> {
     settings.check()?;
     let source = tree.tree();
-    let bounced = |(name, _): &&(String, String)| name == BOUNCES;
-    if let Some((_, bounces)) = source.meta().settings.iter().find(bounced) {
+    if let Some(bounces) = source.meta().bounces() {
         return Err(Error::input(format!(
             "expected a tree as `build` made it, found one whose light has bounced (`bounces` {bounces})"
         ))

@@ -1,6 +1,6 @@
 //! How light is bounced.
 
-use crate::tree::BOUNCES;
+use crate::formats::TreeMeta;
 use crate::{Error, Result};
 use std::fmt;
 
@@ -79,7 +79,7 @@ impl Settings {
     pub(super) fn listed(&self) -> Vec<(String, String)> {
         let entry = |name: &str, value: String| (name.to_owned(), value);
         vec![
-            entry(BOUNCES, self.bounces.to_string()),
+            entry(TreeMeta::BOUNCES, self.bounces.to_string()),
             entry("bounce-samples", self.samples.to_string()),
             entry("bounce-solid-angle", self.max_solid_angle.to_string()),
             entry("bounce-seed", self.seed.to_string()),

@@ -25,7 +25,6 @@ mod settings;
 mod surfaces;
 
 use crate::gather::PatchStats;
-use crate::image::subject::SHADED_SEGMENTS;
 use crate::image::{Frame, Region};
 use crate::math::Rgb;
 use crate::run::{Job, hex};
@@ -126,7 +125,7 @@ pub fn run(
         if let Some(scatter) = &tree.scatter {
             note("scatter", hex(&scatter.content_hash()));
         }
-        if tree.segments() != SHADED_SEGMENTS {
+        if tree.segments() != OpenTree::SEGMENTS_OF_ONE_BOUNCE {
             note("segments", tree.segments().to_string());
         }
         note(

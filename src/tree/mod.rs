@@ -27,6 +27,5 @@ pub(crate) mod traversal;
 pub use aggregate_sums::AggregateSums;
 pub use decoder::PageStats;
 pub(crate) use media::{LvoxelBlock, Media};
-pub(crate) use open_tree::BOUNCES;
 pub use open_tree::OpenTree;
 pub(crate) use pages::{Page, Pages, SurfelStore};

@@ -10,10 +10,6 @@ use lvox_formats::record::Lvoxel;
 use lvox_formats::{MappedFile, Scatter, Tree};
 use std::path::Path;
 
-/// Name of the setting of a tree that tells how often its light bounces: a number, or `all`; none
-/// if that is once.
-pub const BOUNCES: &str = "bounces";
-
 /// A tree file that is open for use: surfels in either kind of store, lvoxels in memory.
 #[derive(Debug)]
 pub struct OpenTree {
@@ -66,6 +62,9 @@ fn max_table_bytes(file_bytes: u64) -> u64 {
 }
 
 impl OpenTree {
+    /// Most segments of paths of direct light and one bounce.
+    pub(crate) const SEGMENTS_OF_ONE_BOUNCE: u32 = 3;
+
     /// Opens a tree file, or the tree in a packed scene. With a memory limit that the decoded tree might pass, pages are cached
     /// within it.
     ///
@@ -178,11 +177,9 @@ impl OpenTree {
     /// beforehand.
     #[must_use]
     pub fn segments(&self) -> u32 {
-        const OF_ONE_BOUNCE: u32 = 3;
-        let settings = &self.tree().meta().settings;
-        match settings.iter().find(|(name, _)| name == BOUNCES) {
-            None => OF_ONE_BOUNCE,
-            Some((_, bounces)) => bounces.parse().map_or(0, |n: u32| n.saturating_add(2)),
+        match self.tree().meta().bounces() {
+            None => Self::SEGMENTS_OF_ONE_BOUNCE,
+            Some(bounces) => bounces.parse().map_or(0, |n: u32| n.saturating_add(2)),
         }
     }
 
