@@ -215,12 +215,12 @@ impl SourceLayers<'_> {
     /// Takes the rays through a layer of cells.
     fn pass_layer(&self, layer: usize, rays: &RayLattice, state: &mut State) -> u64 {
         let [(first_column, width), (first_row, _)] = state.extent;
-        // Where rays pass the middle of the layer, from the middles of cells.
-        let first = [first_column as f32, first_row as f32];
-        let [x, y] = rays.across(first, layer as f32 + 0.5).map(|v| v - 0.5);
+        // Where rays pass the middle of the layer, from the middles of cells: by that of ray 0, as
+        // rounding would tell which ray is the first.
+        let [x, y] = rays.across([0.0; 2], layer as f32 + 0.5).map(|v| v - 0.5);
         let (x0, y0) = (x.floor(), y.floor());
         let (fx, fy) = (x - x0, y - y0);
-        let (x0, y0) = (x0 as i32, y0 as i32);
+        let (x0, y0) = (x0 as i32 + first_column, y0 as i32 + first_row);
         let weights = [
             (1.0 - fx) * (1.0 - fy),
             fx * (1.0 - fy),
@@ -432,6 +432,34 @@ mod tests {
                     assert!(off < 2e-5, "{direction} {v:?} {found:?} {expected:?}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn what_arrives_at_a_vertex_does_not_depend_on_others() {
+        let cells = noise([60, 37, 41]);
+        let count = cells.dims.map(|n| n + 1);
+        // All vertices, and those in a corner that is far from the first.
+        let sets = [[0; 3], [43, 21, 29]].map(|least| {
+            SparseLattice::new(count, |choose| {
+                let all = (0..count.iter().product()).map(|i| unflatten(i, count));
+                let chosen = |v: &[usize; 3]| (0..3).all(|a| v[a] >= least[a]);
+                all.filter(chosen).for_each(choose);
+            })
+        });
+        for direction in [[0.9, 0.3, -0.2], [0.5, -2.0, 0.7], [-0.1, 0.41, -3.0]].map(Vec3::from) {
+            let rays = cells.lattice(direction);
+            let layers = cells.layers(rays.axes);
+            let [all, few] = sets.each_ref().map(|set| {
+                let vertices = VertexLayers::new(set, 2, &cells, rays.axes);
+                let (mut arriving, _) = layers.pass(&rays, &[vertices]);
+                let bits =
+                    |a: Arriving| (a.radiance.0.map(f32::to_bits), a.transmittance.to_bits());
+                let arriving = arriving.remove(0).into_iter().map(bits);
+                set.vertices().zip(arriving).collect::<Vec<_>>()
+            });
+            let all: std::collections::BTreeMap<_, _> = all.into_iter().collect();
+            assert!(few.iter().all(|(v, bits)| all[v] == *bits), "{direction}");
         }
     }
 

@@ -122,8 +122,11 @@ impl Sweep {
     ) -> Result<Self> {
         let grid = &scope.volume.sigma_t;
         let mut needed: [Vec<[usize; 3]>; SWEPT_LEVELS] = Default::default();
+        // Of all bricks, seen or not: what depends on it must not depend on the region.
+        let mut coarsest = 0;
         let level_of = BrickTable::new(grid, |b| {
             let level = Self::level(depth_of(b, grid.brick(b)?.max), least.of(b))?;
+            coarsest = coarsest.max(level);
             scope.may_see(b).then(|| {
                 needed[level].push(b);
                 level as u8
@@ -143,8 +146,6 @@ impl Sweep {
             LayeredSweep::is_for(scope, &media) && LayeredSweep::serves(scope, 1 << level)
         };
         let of_levels = || sets.iter().enumerate();
-        let coarsest = of_levels().rfind(|(_, set)| set.is_some());
-        let coarsest = 1 << coarsest.map_or(0, |(level, _)| level);
         let count = |set: &Option<SparseLattice>| set.as_ref().map_or(0, |s| s.len() as u64);
         let vertices: u64 = sets.iter().map(count).sum();
         let in_layers = of_levels().filter(|(level, _)| is_layered(*level));
@@ -157,7 +158,7 @@ impl Sweep {
         });
         let by_layers = match in_layers {
             0 => 0,
-            _ => LayeredSweep::bytes(scope, coarsest, in_layers),
+            _ => LayeredSweep::bytes(scope, 1 << coarsest, in_layers),
         };
         memory::check_sweep(
             scope.volume,
@@ -169,7 +170,7 @@ impl Sweep {
             scope.job,
         )?;
         let layered = (in_layers > 0)
-            .then(|| LayeredSweep::new(scope, coarsest))
+            .then(|| LayeredSweep::new(scope, 1 << coarsest))
             .flatten();
         let mut levels = [const { None }; SWEPT_LEVELS];
         let (mut numbers, mut together) = (Vec::new(), Vec::new());
@@ -192,7 +193,7 @@ impl Sweep {
         Ok(Self {
             levels,
             level_of,
-            in_layers: in_layers > 0,
+            in_layers: is_layered(coarsest),
         })
     }
 
