@@ -115,8 +115,10 @@ impl<'a> SunDepths<'a> {
     /// shadows.
     const EXACT_RAY_SPACINGS: f32 = 6.0;
 
-    /// Cells that the rays to a sun pass in a volume, at most.
+    /// Cells that the rays to all suns pass in all volumes, at most.
     const MOST_CELLS: usize = 1 << 24;
+    /// Fewer for a sun in a volume are not worth it.
+    const FEWEST_CELLS: usize = 1 << 20;
     /// Points at which they are checked, and the root mean square by which light may differ there:
     /// pictures show it, where bakes show means of many points.
     const CHECKS: usize = 1024;
@@ -126,12 +128,52 @@ impl<'a> SunDepths<'a> {
     #[must_use]
     pub fn new(tracer: &Tracer<'a>, in_cells: impl Fn(&Volume) -> bool) -> Self {
         let lights = &tracer.scene.lights;
-        Self {
+        let mut depths = Self {
             lights,
             volumes: tracer.volumes,
             in_cells: tracer.volumes.iter().map(in_cells).collect(),
             suns: lights.iter().map(|_| OnceLock::new()).collect(),
+        };
+        if depths.cells_of_each() < Self::FEWEST_CELLS {
+            depths.in_cells.fill(false);
         }
+        depths
+    }
+
+    /// Cells that the rays to one sun may pass in one volume.
+    fn cells_of_each(&self) -> usize {
+        let volumes = self.in_cells.iter().filter(|is| **is).count();
+        if volumes == 0 {
+            return Self::MOST_CELLS;
+        }
+        let suns = self.lights.iter().filter_map(Self::direction).count();
+        Self::MOST_CELLS / (volumes * suns).max(1)
+    }
+
+    /// Makes what goes through coarse cells, with all threads. Not when a task of theirs first asks:
+    /// while it waits for others it could take up one that waits for the same.
+    ///
+    /// # Errors
+    /// A stop on request.
+    pub fn make_in_cells(&self, go_on: &impl Fn() -> Result<()>) -> Result<()> {
+        if !self.in_cells.contains(&true) {
+            return Ok(());
+        }
+        for (light, sun) in self.lights.iter().zip(&self.suns) {
+            let depth = self.depth(light, go_on)?;
+            sun.get_or_init(|| depth);
+        }
+        Ok(())
+    }
+
+    fn depth(
+        &self,
+        light: &Light,
+        go_on: &impl Fn() -> Result<()>,
+    ) -> Result<Option<SunDepth<'a>>> {
+        let (volumes, in_cells) = (self.volumes, &self.in_cells[..]);
+        let most = self.cells_of_each();
+        SunDepth::new(volumes, in_cells, light, most, go_on)
     }
 
     /// Knows of no sun.
@@ -191,37 +233,52 @@ impl<'a> SunDepths<'a> {
     pub fn of(&self, light: usize) -> Option<&dyn ShadowMedia> {
         let depth = self.suns.get(light)?.get_or_init(|| {
             let light = self.lights.get(light)?;
-            SunDepth::new(self.volumes, &self.in_cells, light)
+            self.depth(light, &|| Ok(())).ok().flatten()
         });
         Some(depth.as_ref()?)
     }
 }
 
 impl<'a> SunDepth<'a> {
-    fn new(volumes: &'a [Volume], in_cells: &[bool], light: &Light) -> Option<Self> {
-        let to_sun = SunDepths::direction(light)?;
+    fn new(
+        volumes: &'a [Volume],
+        in_cells: &[bool],
+        light: &Light,
+        most_cells: usize,
+        go_on: &impl Fn() -> Result<()>,
+    ) -> Result<Option<Self>> {
+        let Some(to_sun) = SunDepths::direction(light) else {
+            return Ok(None);
+        };
         let of_volume = |(volume, &in_cells): (&'a Volume, &bool)| {
             let asked = VolumeDepth::new(volume, to_sun);
             let bounds = asked.bounds();
-            let kept = in_cells.then(|| Self::kept(volume, to_sun)).flatten();
-            (bounds, kept.map_or(Towards::Asked(asked), Towards::Kept))
+            let kept = match in_cells {
+                true => Self::kept(volume, to_sun, most_cells, go_on)?,
+                false => None,
+            };
+            Ok((bounds, kept.map_or(Towards::Asked(asked), Towards::Kept)))
         };
+        let towards = volumes.iter().zip(in_cells).map(of_volume);
         let (boxes, volumes): (Vec<_>, Vec<_>) =
-            volumes.iter().zip(in_cells).map(of_volume).unzip();
-        Some(Self {
+            towards.collect::<Result<Vec<_>>>()?.into_iter().unzip();
+        Ok(Some(Self {
             to_sun,
             boxes: Boxes::new(boxes),
             volumes,
-        })
+        }))
     }
 
     /// Rays through coarse cells of a volume, if they are near enough.
-    fn kept(volume: &Volume, to_sun: Vec3) -> Option<KeptRays> {
+    fn kept(
+        volume: &Volume,
+        to_sun: Vec3,
+        most_cells: usize,
+        go_on: &impl Fn() -> Result<()>,
+    ) -> Result<Option<KeptRays>> {
         let checks = Checks::new(volume, SunDepths::CHECKS, &[to_sun]);
-        let levels = Levels::new(volume, SunDepths::MOST_CELLS);
-        let go_on = || Ok(());
-        let kept = checks.coarsest_rays(SunDepths::MAX_ERROR, &levels, &go_on, to_sun);
-        kept.ok().flatten()
+        let levels = Levels::new(volume, most_cells);
+        checks.coarsest_rays(SunDepths::MAX_ERROR, &levels, go_on, to_sun)
     }
 }
 

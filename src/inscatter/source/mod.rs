@@ -20,7 +20,7 @@ use super::dense;
 use super::direct::{DIRECT_LEVELS, LightVectors, NEAR_LEVELS, Spread, Vertex, has_edge};
 use super::gatherer::GatherInMedia;
 use super::scattered::ScatteredLight;
-use super::sweep::SWEPT_LEVELS;
+use super::sweep::{SWEPT_LEVELS, Sweep};
 use super::vertices::{CellCache, are_alike, blend, extremes, inside};
 use crate::Result;
 use crate::gather::SampleRange;
@@ -116,6 +116,15 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
         let &MediaLights {
             lights, gatherer, ..
         } = light;
+        let suns = SunDepths::new(view.tracer, |v| {
+            light.scattered.is_none() && view.shows_no_voxels(visible, v)
+        });
+        if volumes
+            .iter()
+            .any(|v| view.may_matter(visible, Sweep::MARGIN_PIXELS, v.corners()))
+        {
+            suns.make_in_cells(&|| job.cancel.check())?;
+        }
         Ok(Self {
             volumes,
             lights,
@@ -125,9 +134,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             any_is_sharp: lights.has_sharp_shadows(),
             gatherer,
             lattices,
-            suns: SunDepths::new(view.tracer, |v| {
-                light.scattered.is_none() && view.shows_no_voxels(visible, v)
-            }),
+            suns,
             view: *view,
             vertex_rays: Self::SHADOW_RAYS,
             counters,
