@@ -80,7 +80,7 @@ pub use media::{
 pub use meta::{CloudMeta, ScatterMeta, TreeMeta};
 pub use opened::Opened;
 pub use packed::{
-    COLUMN_ALIGNMENT, ColumnRows, MAX_LEVELS, MediaLevel, Packed, PackedBlocks, PackedCamera,
+    COLUMN_ALIGNMENT, ColumnRows, MAX_NODE_LEVELS, MediaLevel, Packed, PackedBlocks, PackedCamera,
     PackedColumn, PackedFilm, PackedFormat, PackedHierarchy, PackedImage, PackedLight,
     PackedMaterial, PackedMesh, PackedMeta, PackedSummary, PackedTexture, PackedVolume, PackedWrap,
     PackedWriter,

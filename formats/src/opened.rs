@@ -185,6 +185,8 @@ impl<D: AsRef<[u8]>, F: Format> Opened<D, F> {
         name: &str,
         decode: impl FnOnce(&[u8], &Block) -> Result<T>,
     ) -> Result<T> {
+        /// Bytes that a thread keeps for the next block, at most.
+        const MOST_KEPT: usize = 1 << 20;
         thread_local! {
             static RAW: RefCell<Vec<u8>> = const { RefCell::new(Vec::new()) };
         }
@@ -195,11 +197,15 @@ impl<D: AsRef<[u8]>, F: Format> Opened<D, F> {
             let decoded = if block.stored_bytes == block.raw_bytes {
                 decode(stored, block)
             } else {
-                RAW.with_borrow_mut(|raw| {
-                    raw.resize(block.raw_bytes as usize, 0);
-                    bytes::decompress(stored, raw, "compressed data")?;
-                    decode(raw, block)
-                })
+                // Taken, as what decodes may read another block.
+                let mut raw = RAW.take();
+                raw.resize(block.raw_bytes as usize, 0);
+                let decoded = bytes::decompress(stored, &mut raw, "compressed data")
+                    .and_then(|()| decode(&raw, block));
+                if raw.capacity() <= MOST_KEPT {
+                    RAW.set(raw);
+                }
+                decoded
             };
             decoded.map_err(|e| e.within(&format!("{name} {i}")))
         })

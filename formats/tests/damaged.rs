@@ -260,7 +260,7 @@ fn rows_of_packed_scenes_are_checked() {
         (
             PackedColumn::Positions,
             20,
-            float(2e15),
+            float(5e15),
             "row 1 of the positions",
         ),
         (

@@ -2,8 +2,8 @@
 
 use super::files::{Files, check_writable};
 use super::options::Context;
+use super::out_of_date::warn_if_out_of_date;
 use super::scene_input::SceneInput;
-use super::shade::warn_if_out_of_date;
 use crate::Result;
 use crate::pack;
 use crate::tree::OpenTree;

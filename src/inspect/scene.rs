@@ -282,12 +282,7 @@ fn mesh(mesh: &Mesh, origin: DVec3) -> MeshDescription {
         has_normals: !mesh.normals.is_empty(),
         has_colors: !mesh.colors.is_empty(),
         has_uvs: !mesh.uvs.is_empty(),
-        memory_bytes: (size_of_val(&mesh.positions[..])
-            + size_of_val(&mesh.normals[..])
-            + size_of_val(&mesh.colors[..])
-            + size_of_val(&mesh.uvs[..])
-            + size_of_val(&mesh.triangles[..])
-            + size_of_val(&mesh.material[..])) as u64,
+        memory_bytes: mesh.bytes(),
     }
 }
 

@@ -8,7 +8,7 @@ use crate::formats::{
     TreeFormat,
 };
 use crate::run::{Job, hex};
-use crate::scene::{Scene, Volume, packed};
+use crate::scene::{Scene, packed};
 use crate::trace::{Pieces, TriangleBvh};
 use crate::{Error, Result};
 use std::path::Path;
@@ -57,8 +57,7 @@ pub fn run(
     }
     job.report.stage("pack", |counts| {
         let hierarchy = TriangleBvh::of_scene(scene, &job.cancel)?;
-        scene.volumes.iter().try_for_each(Volume::ready)?;
-        let tables = packed::level_tables(scene);
+        let tables = packed::level_tables(scene)?;
         let mut meta = packed::description(scene, &tables);
         meta.hierarchy = hierarchy.description();
         meta.areas = Pieces::areas(scene);

@@ -237,6 +237,8 @@ fn levels_of_media_are_read_when_they_are_asked_for() {
         &["bake", "bad.lvp", "-o", "a.lvc", "--surfels", "1000"],
     )
     .done();
+    lvox(here, &["pack", "bad.lvp", "-o", "again.lvp"])
+        .refused(2, &["bad.lvp", "checksum of block"]);
     lvox(here, &["verify", "bad.lvp", "--progress", "none"])
         .refused(2, &["bad.lvp", "checksum of block"]);
     let volume = &Scene::load(&work.path("scene.lvp")).unwrap().volumes[0];

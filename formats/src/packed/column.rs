@@ -8,7 +8,7 @@ pub const COLUMN_ALIGNMENT: u64 = 4096;
 /// Bytes of a piece of a column, at most: each has a checksum of its own.
 const PIECE_BYTES: usize = 1 << 18;
 /// Coordinates of vertices and lights are not beyond this.
-pub const MAX_COORDINATE: f32 = 1e15;
+pub const MAX_COORDINATE: f32 = 4e15;
 
 /// What a column of a packed scene holds.
 #[derive(

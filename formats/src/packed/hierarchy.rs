@@ -6,7 +6,7 @@ use super::meta::PackedMeta;
 use crate::{FormatError, Result};
 
 /// Nodes from the root down to any leaf, at most.
-pub const MAX_LEVELS: u8 = 36;
+pub const MAX_NODE_LEVELS: u8 = 36;
 /// Children of a node.
 const WIDTH: usize = 8;
 /// Where the children of a node stand, behind the planes of their boxes.
@@ -155,11 +155,11 @@ pub fn check_tree(nodes: &[u8]) -> Result<()> {
         }
         for child in inner {
             let of_child = &mut levels[child as usize];
-            if *of_child != 0 || level == MAX_LEVELS {
+            if *of_child != 0 || level == MAX_NODE_LEVELS {
                 return Err(wrong(
                     what,
                     child.into(),
-                    format!("one parent, and at most {MAX_LEVELS} levels"),
+                    format!("one parent, and at most {MAX_NODE_LEVELS} levels"),
                     format!("another parent or level, by node {at}"),
                 ));
             }

@@ -40,12 +40,6 @@ impl MediaLevel {
         &self.table
     }
 
-    /// Values of samples that are stored by their numbers; none if none are.
-    #[must_use]
-    pub fn palette(&self) -> &Palette {
-        &self.palette
-    }
-
     /// The block of a page.
     ///
     /// # Errors

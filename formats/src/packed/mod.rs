@@ -15,7 +15,7 @@ mod read;
 mod write;
 
 pub use column::{COLUMN_ALIGNMENT, ColumnRows, PackedColumn};
-pub use hierarchy::MAX_LEVELS;
+pub use hierarchy::MAX_NODE_LEVELS;
 pub use levels::MediaLevel;
 pub use meta::{
     PackedCamera, PackedFilm, PackedHierarchy, PackedImage, PackedLight, PackedMaterial,

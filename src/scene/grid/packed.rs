@@ -66,7 +66,9 @@ impl Grid {
         const WHAT: &str = "the grid of a volume";
         let dims = known.dims;
         let bricks = brick_dims(dims);
-        let mut slots = memory::filled(WHAT, ABSENT, bricks.iter().product())?;
+        let count: usize = bricks.iter().product();
+        memory::check(WHAT, (count * size_of::<u32>()) as u64)?;
+        let mut slots = memory::filled(WHAT, ABSENT, count)?;
         let place = |[x, y, z]: [usize; 3]| (z * bricks[1] + y) * bricks[0] + x;
         let of = |entry: &BrickEntry| place(entry.place.map(|c| c as usize));
         for entry in entries {

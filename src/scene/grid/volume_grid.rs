@@ -100,6 +100,12 @@ impl VolumeGrid {
     /// # Errors
     /// A page of the file that cannot be read.
     pub fn ready(&self) -> Result<()> {
+        let Shared { stored, read, .. } = &*self.0;
+        if let (None, Some((levels, level))) = (read.get(), stored) {
+            // An error is not kept, as what comes later may be heard: a stop, memory that is short.
+            let grid = levels.read(*level)?;
+            read.get_or_init(|| (grid, None));
+        }
         match &self.read().1 {
             None => Ok(()),
             Some(error) => Err(error.clone()),
@@ -266,6 +272,7 @@ mod tests {
         let coarsest = coarser.coarser();
         assert_eq!(coarsest.dims(), [1; 3]);
         assert_eq!(coarsest.ready().unwrap_err().to_string(), "page 3");
-        assert_eq!(two.0.load(Ordering::Relaxed), 2);
+        // Asked for, it may be read the next time; a look into it keeps what it found.
+        assert_eq!(two.0.load(Ordering::Relaxed), 3);
     }
 }

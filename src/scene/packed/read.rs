@@ -48,6 +48,7 @@ fn check(packed: &PackedScene, cancel: &Cancel) -> Result<()> {
 fn scene(packed: &PackedScene, path: &Path, texture_limit: u64, cancel: &Cancel) -> Result<Scene> {
     let meta = packed.file().meta();
     let textures = textures(packed, texture_limit)?;
+    check_tables(packed)?;
     let volumes = meta.volumes.iter().enumerate();
     let volumes = volumes.map(|(i, info)| volume(packed, i, info, cancel));
     Ok(Scene {
@@ -193,28 +194,30 @@ fn textures(packed: &PackedScene, limit: u64) -> Result<Vec<Texture>> {
     (0..).zip(&meta.textures).map(texture).collect()
 }
 
-/// Bytes of the table that finds bricks, which a header alone may claim for volumes of any size: so
-/// many are free, and a file that is large pays for more.
-fn max_table_bytes(file_bytes: u64) -> u64 {
-    const FREE: u64 = 256 << 20;
-    file_bytes.saturating_mul(1024).saturating_add(FREE)
+/// Refuses volumes whose tables of bricks take more than a file of this length may claim.
+fn check_tables(packed: &PackedScene) -> Result<()> {
+    let file = packed.file();
+    let table = |info: &PackedVolume| {
+        let bricks = info.brick_dims(0).into_iter();
+        bricks.fold(4, |n: u64, d| n.saturating_mul(d))
+    };
+    let all = file.meta().volumes.iter().map(table);
+    let all = all.fold(0, u64::saturating_add);
+    let most = size::most_of_tables(file.file_bytes());
+    if all > most {
+        return Err(Error::input(format!(
+            "finding bricks of its volumes needs {}, of a file of this length the most is {}",
+            size::format(all),
+            size::format(most)
+        ))
+        .hint("`lvox verify` tells whether the file is whole"));
+    }
+    Ok(())
 }
 
 fn volume(packed: &PackedScene, i: usize, info: &PackedVolume, cancel: &Cancel) -> Result<Volume> {
     let file = packed.file();
     let what = format!("the volume \"{}\"", info.name);
-    let slots = info
-        .brick_dims(0)
-        .iter()
-        .fold(4, |n: u64, d| n.saturating_mul(*d));
-    let most = max_table_bytes(file.file_bytes());
-    if slots > most {
-        return Err(Error::input(format!(
-            "{what} has a table of {}, of a file of this length the most is {}",
-            size::format(slots),
-            size::format(most)
-        )));
-    }
     let levels = (0..info.levels.len()).map(|level| Ok(file.level(i, level)?));
     let levels: Arc<dyn StoredLevels> = Arc::new(PackedLevels {
         packed: packed.clone(),

@@ -23,23 +23,28 @@ const PAGES_AT_A_TIME: usize = 64;
 pub type LevelTables = Vec<Vec<BrickTable>>;
 
 /// The tables of all levels of the volumes of a scene.
-#[must_use]
-pub fn level_tables(scene: &Scene) -> LevelTables {
+///
+/// # Errors
+/// A level of a packed scene that cannot be read.
+pub fn level_tables(scene: &Scene) -> Result<LevelTables> {
     let of = |volume: &Volume| {
-        let levels = levels(volume);
         let table = |grid: &Grid| BrickTable::new(grid.entries());
-        levels.into_iter().map(table).collect()
+        Ok(levels(volume)?.into_iter().map(table).collect())
     };
     scene.volumes.iter().map(of).collect()
 }
 
 /// The levels of a volume, down to that of a single voxel, but no more than a file has room for.
-fn levels(volume: &Volume) -> Vec<&Grid> {
+///
+/// # Errors
+/// One that cannot be read: its grid is empty, and must not be taken for what is stored.
+fn levels(volume: &Volume) -> Result<Vec<&Grid>> {
     let mut levels: Vec<&VolumeGrid> = Vec::new();
     while levels.last().is_none_or(|l| l.dims() != [1; 3]) && levels.len() < MOST_LEVELS {
         levels.push(volume.level(levels.len()));
     }
-    levels.into_iter().map(|grid| &**grid).collect()
+    levels.iter().try_for_each(|grid| grid.ready())?;
+    Ok(levels.into_iter().map(|grid| &**grid).collect())
 }
 
 /// What a packed file says of a scene with these levels of volumes, without what is made of its
@@ -259,7 +264,7 @@ pub fn columns(scene: &Scene, writer: &mut PackedWriter, cancel: &Cancel) -> Res
 /// Writes the levels of all volumes, which end the file, by their tables.
 ///
 /// # Errors
-/// As [`PackedWriter::level`] and [`PackedWriter::page`], and if cancelled.
+/// As [`PackedWriter::level`], [`PackedWriter::page`] and [`level_tables`], and if cancelled.
 pub fn media(
     scene: &Scene,
     tables: &LevelTables,
@@ -267,7 +272,7 @@ pub fn media(
     cancel: &Cancel,
 ) -> Result<()> {
     for (volume, tables) in scene.volumes.iter().zip(tables) {
-        for (grid, table) in levels(volume).into_iter().zip(tables) {
+        for (grid, table) in levels(volume)?.into_iter().zip(tables) {
             level(grid, table, writer, cancel)?;
         }
     }

@@ -15,6 +15,7 @@ use wide::f32x8;
 /// Levels of nodes. Each leaves all but one child of a node to be visited later, which is what
 /// [`MAX_ENTRIES`] have room for.
 const LEVELS: usize = (MAX_ENTRIES - 1) / (WIDTH - 1);
+const _: () = assert!(LEVELS == crate::formats::MAX_NODE_LEVELS as usize);
 /// Levels that are parted by halves: enough for all the triangles that a mesh can have.
 const HALVED_LEVELS: usize = 8;
 /// Triangles of a leaf, at most.
