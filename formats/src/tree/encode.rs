@@ -104,27 +104,17 @@ impl EncodedPage {
             lit.count,
         ];
         let bases = [colours[0], colours[1], lit.base];
-        let header = header(counts, mask, &place.bounds, &params, bases);
-        let (raw, ranges) = builder.build(&header);
-        columns.add_page(&raw, &ranges, stats::SURFEL_ZSTD_LEVEL)?;
-        let (bytes, raw_bytes) = stats::pack_page(raw, stats::SURFEL_ZSTD_LEVEL)?;
-        let mut sums = Sums::default();
-        for surfel in &surfels {
-            sums.add_surfel(surfel);
-        }
-        Ok(Self {
-            checksum: xxh3_64(&bytes),
-            bytes,
-            raw_bytes,
-            records: surfels.len() as u32,
-            nodes: page.nodes.len() as u32,
-            mask,
-            furthest_link: links.iter().map(|[link]| *link).max().unwrap_or(0),
+        Laid {
+            header: header(counts, mask, &place.bounds, &params, bases),
+            builder,
+            nodes: page.nodes.len(),
+            surfels: &surfels,
+            links: &links,
             bounds: placed.boxes[0],
-            sums,
             columns,
             errors,
-        })
+        }
+        .packed()
     }
 
     /// The box of the page's root as a reader decodes it: a node that links to the page must hold
@@ -138,6 +128,45 @@ impl EncodedPage {
     #[must_use]
     pub fn stored_bytes(&self) -> usize {
         self.bytes.len()
+    }
+}
+
+/// A page whose columns are laid out.
+pub(super) struct Laid<'a> {
+    pub builder: PageBuilder,
+    pub header: Vec<u8>,
+    pub nodes: usize,
+    /// As a reader decodes them.
+    pub surfels: &'a [Surfel],
+    pub links: &'a [[u32; 1]],
+    /// Box of the root, as a reader decodes it.
+    pub bounds: Bounds,
+    pub columns: ColumnStats,
+    pub errors: Errors,
+}
+
+impl Laid<'_> {
+    /// Compresses it.
+    pub fn packed(mut self) -> Result<EncodedPage> {
+        let mask = self.builder.mask();
+        let (raw, ranges) = self.builder.build(&self.header);
+        (self.columns).add_page(&raw, &ranges, stats::SURFEL_ZSTD_LEVEL)?;
+        let (bytes, raw_bytes) = stats::pack_page(raw, stats::SURFEL_ZSTD_LEVEL)?;
+        let mut sums = Sums::default();
+        self.surfels.iter().for_each(|s| sums.add_surfel(s));
+        Ok(EncodedPage {
+            checksum: xxh3_64(&bytes),
+            bytes,
+            raw_bytes,
+            records: self.surfels.len() as u32,
+            nodes: self.nodes as u32,
+            mask,
+            furthest_link: self.links.iter().map(|[link]| *link).max().unwrap_or(0),
+            bounds: self.bounds,
+            sums,
+            columns: self.columns,
+            errors: self.errors,
+        })
     }
 }
 

@@ -3,16 +3,14 @@
 use super::columns::{self as col, PageBuilder, PageColumns};
 use super::decode::{self, Header};
 use super::encode::{
-    EncodedPage, PAGE_HEADER_BYTES, back_light, check_node, header, links, lit_backs,
+    EncodedPage, Laid, PAGE_HEADER_BYTES, back_light, check_node, header, links, lit_backs,
     push_axis_radiance, push_back_axes, push_surfel_radiance,
 };
 use super::shapes::ShapeParams;
 use super::stats::{self, Errors};
 use super::{Tree, read};
 use crate::record::SurfelPage;
-use crate::summary::Sums;
 use crate::{FormatError, Result, check};
-use xxhash_rust::xxh3::xxh3_64;
 
 /// Columns of radiance come in three codings.
 const CODINGS: usize = 3;
@@ -100,22 +98,15 @@ fn relit(
         area: old.area,
     };
     let bases = [colours[0], colours[1], lit.base];
-    let (raw, ranges) = builder.build(&header(counts, mask, &old.bounds, &shape, bases));
-    told.add_page(&raw, &ranges, stats::SURFEL_ZSTD_LEVEL)?;
-    let (bytes, raw_bytes) = stats::pack_page(raw, stats::SURFEL_ZSTD_LEVEL)?;
-    let mut sums = Sums::default();
-    surfels.iter().for_each(|s| sums.add_surfel(s));
-    Ok(EncodedPage {
-        checksum: xxh3_64(&bytes),
-        bytes,
-        raw_bytes,
-        records: old.surfels as u32,
-        nodes: old.nodes as u32,
-        mask,
-        furthest_link: links.iter().map(|[link]| *link).max().unwrap_or(0),
+    Laid {
+        header: header(counts, mask, &old.bounds, &shape, bases),
+        builder,
+        nodes: old.nodes,
+        surfels: &surfels,
+        links: &links,
         bounds: page.nodes[0].bounds,
-        sums,
         columns: told,
         errors,
-    })
+    }
+    .packed()
 }
