@@ -31,6 +31,9 @@ pub struct Blocks {
 }
 
 impl Blocks {
+    /// Bytes of each, and of the places around it that are empty.
+    pub const BYTES: usize = size_of::<f32>() + size_of::<u8>() + 4 * size_of::<u32>();
+
     /// A volume without lvoxels.
     pub fn new(info: &VolumeInfo) -> Self {
         let [x, y, z, t] = info.index_from_scene.map(DVec3::from);

@@ -15,7 +15,7 @@ pub struct Solved {
 }
 
 /// Vectors that are kept; then the search starts again from what was found.
-const KEPT: usize = 10;
+pub const KEPT: usize = 10;
 
 /// Solves `a x = b`, from a first guess, until the residual is below `tolerance` or after so many
 /// products. Sums are in a fixed order.

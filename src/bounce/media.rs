@@ -26,6 +26,11 @@ pub struct ScatteringVolume<'a> {
 }
 
 impl<'a> ScatteringVolume<'a> {
+    /// Bytes a block, at most: itself, its light in all directions that are swept together, and the
+    /// vectors of the solver.
+    pub const BYTES_A_BLOCK: u64 = (size_of::<(Light, f32)>() * (2 + Sweeps::TOGETHER)
+        + size_of::<Light>() * (6 + krylov::KEPT)
+        + Blocks::BYTES) as u64;
     /// Most sweeps of one solution.
     const MOST_SWEEPS: u32 = 200;
 

@@ -5,7 +5,7 @@
 //! of which are kept as links from one receiver to the next, over which further bounces go without
 //! another ray. What arrives after all of them is reflected by the surfels of a new tree. Media
 //! scatter every order of light, too, as means over their lvoxels. Volumes light each other by way
-//! of surfaces alone.
+//! of surfaces alone, and what goes on between these and one volume passes no other.
 //!
 //! | file | what it does |
 //! | --- | --- |
@@ -34,7 +34,8 @@ mod sweeps;
 
 use crate::formats::{Overwrite, TreeMeta, TreeSummary, TreeWriter};
 use crate::gather::{self, Gatherer, Medium, PatchRadiance, RayKernel, RaySettings, TreeTask};
-use crate::run::{Job, hex, size};
+use crate::math::Rgb;
+use crate::run::{Budget, Job, hex};
 use crate::scene::Scene;
 use crate::trace::Tracer;
 use crate::tree::{OpenTree, Pages};
@@ -79,7 +80,8 @@ pub fn run(
         .hint("bounce the tree that this one was made from"));
     }
     view::check_frame(scene, source.meta().cloud.world_from_scene)?;
-    job.report.stage("bounce", |counts| {
+    check_memory(scene, source, settings, job)?;
+    (job.report).watched_stage("bounce", tree.fitter(job), |counts| {
         let mut meta: TreeMeta = source.meta().clone();
         meta.settings.extend(settings.listed());
         meta.settings.push(("bounced-from".into(), hex(&source.content_hash())));
@@ -105,6 +107,7 @@ pub fn run(
             sources: &lit.sources,
         };
         let lost = rewrite::write(source, &light, &mut writer, job)?;
+        scene.check_file()?;
         let surfels = source.summary().sums.surfels;
         if lost as f64 > MOST_LOST * surfels as f64 {
             job.progress.warn(&format!(
@@ -112,6 +115,7 @@ pub fn run(
                  alone: the tree is of another version of the scene"
             ));
         }
+        job.heed_warnings()?;
         let old = source.summary();
         let summary = writer.finish(old.root_page, old.cloud_sums.clone(), old.levels.clone())?;
         let receivers = &lit.receivers;
@@ -131,6 +135,65 @@ pub fn run(
         }
         Ok(summary)
     })
+}
+
+/// Surfels of a run: so many that there are some thousand runs of a small cloud, and a million at
+/// most.
+fn run_surfels(tree: &Tree<MappedFile>) -> u32 {
+    const FEWEST_RUNS: u64 = 4096;
+    const MOST_RUNS: u64 = 1 << 20;
+    const SURFELS: (u64, u64) = (8, 128);
+    let surfels = tree.summary().sums.surfels;
+    let of_few = (surfels / FEWEST_RUNS).clamp(SURFELS.0, SURFELS.1);
+    of_few.max(surfels / MOST_RUNS).min(u64::from(u32::MAX)) as u32
+}
+
+/// Refuses to bounce light within a limit that does not hold what that takes; returns the bytes
+/// that are held beside the tree.
+///
+/// # Errors
+/// A limit that is too low, with the largest holders.
+pub fn check_memory(
+    scene: &Scene,
+    tree: &Tree<MappedFile>,
+    settings: &Settings,
+    job: &Job,
+) -> Result<u64> {
+    /// Runs of each that is as large as may be: some face other ways, some are divided.
+    const DIVIDED: u64 = 8;
+    let sums = &tree.summary().sums;
+    let runs = sums.surfels / u64::from(run_surfels(tree)) + 1;
+    let met = size_of::<Met>() + Links::BYTES;
+    let receiver = size_of::<Receiver>() + settings.samples as usize * met;
+    let swept: u64 = tree
+        .meta()
+        .cloud
+        .volumes
+        .iter()
+        .map(Sweeps::bytes_for)
+        .sum();
+    let budget = Budget::default()
+        .with("the program and its threads", job.process_bytes)
+        .with("the scene", scene.bytes())
+        .with("what rays need of it", Tracer::bytes_for(scene))
+        .with(
+            "light of surfaces",
+            PatchRadiance::bytes_for(scene.mesh.triangles.len(), 0),
+        )
+        .with(
+            "receivers and their links",
+            DIVIDED * runs * 2 * receiver as u64,
+        )
+        .with(
+            "lvoxels",
+            sums.lvoxels()
+                .saturating_mul(ScatteringVolume::BYTES_A_BLOCK),
+        )
+        .with("rays through media", swept);
+    let what = "bouncing light in this scene";
+    budget.within(what, job.memory_limit, "raise `memory_limit`")?;
+    job.hold(&budget);
+    Ok(budget.bytes())
 }
 
 /// The light of all bounces.
@@ -168,34 +231,6 @@ struct Gathering<'a> {
     job: &'a Job,
 }
 
-impl Gathering<'_> {
-    /// Surfels of a run: so many that there are some thousand runs of a small cloud, and a million
-    /// at most.
-    fn run_surfels(&self) -> u32 {
-        const FEWEST_RUNS: u64 = 4096;
-        const MOST_RUNS: u64 = 1 << 20;
-        const SURFELS: (u64, u64) = (8, 128);
-        let surfels = self.tree.tree().summary().sums.surfels;
-        let of_few = (surfels / FEWEST_RUNS).clamp(SURFELS.0, SURFELS.1);
-        of_few.max(surfels / MOST_RUNS).min(u64::from(u32::MAX)) as u32
-    }
-
-    /// Refuses a tree whose receivers would take more than the memory limit.
-    fn check_memory(&self, run_surfels: u32) -> Result<()> {
-        /// Runs of each that is as large as may be: some face other ways, some are divided.
-        const DIVIDED: u64 = 4;
-        let runs = self.tree.tree().summary().sums.surfels / u64::from(run_surfels) + 1;
-        let met = size_of::<Met>() + 2 * Links::BYTES;
-        let receiver = size_of::<Receiver>() + self.settings.samples as usize * met;
-        let bytes = DIVIDED * runs * 2 * receiver as u64;
-        size::within(
-            "bouncing light between receivers",
-            bytes,
-            self.job.memory_limit,
-        )
-    }
-}
-
 impl TreeTask for Gathering<'_> {
     type Output = Result<Lit>;
 
@@ -207,8 +242,7 @@ impl TreeTask for Gathering<'_> {
             job,
         } = self;
         let source = tree.tree();
-        let run_surfels = self.run_surfels();
-        self.check_memory(run_surfels)?;
+        let run_surfels = run_surfels(source);
         let patches = PatchRadiance::of_tree(tracer, tree, 0)?;
         let maker = ReceiverMaker {
             tracer,
@@ -220,7 +254,8 @@ impl TreeTask for Gathering<'_> {
                     max_solid_angle: settings.max_solid_angle,
                     max_dist: f32::INFINITY,
                     kernel: RayKernel::Traced(&patches),
-                    environment: tracer.scene.environment(),
+                    // Surfels send what they reflect of it already.
+                    environment: Rgb::BLACK,
                     leave_out_bright: false,
                 },
             },

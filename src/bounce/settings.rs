@@ -1,6 +1,7 @@
 //! How light is bounced.
 
 use crate::formats::TreeMeta;
+use crate::gather::check_max_solid_angle;
 use crate::{Error, Result};
 use std::fmt;
 
@@ -66,13 +67,7 @@ impl Settings {
                 self.samples
             )));
         }
-        if !(0.0..=1.0).contains(&self.max_solid_angle) {
-            return Err(Error::input(format!(
-                "`max_solid_angle` must be 0 to 1 steradian, found {}",
-                self.max_solid_angle
-            )));
-        }
-        Ok(())
+        check_max_solid_angle(self.max_solid_angle)
     }
 
     /// Names and values, as they are kept in the tree.

@@ -17,6 +17,7 @@ use crate::trace::{Surface, Tracer, offset};
 use crate::tree::Pages;
 use crate::tree::traversal::OpenNodes;
 use glam::{DVec3, Quat, Vec3, Vec3A};
+use lvox_formats::record::VolumeInfo;
 use rayon::prelude::*;
 
 /// Light, by channel.
@@ -73,8 +74,20 @@ pub struct Walls<'a, P> {
 impl<'a> Sweeps<'a> {
     /// Most rays of a direction along each axis across it.
     const MOST_ALONG: f64 = 256.0;
+    /// Voxels between rays, at least.
+    const LEAST_SPACING: f64 = 1.5;
     /// Directions that are in memory together.
-    const TOGETHER: usize = 8;
+    pub const TOGETHER: usize = 8;
+
+    /// Bytes that the rays through a volume take, at most.
+    pub fn bytes_for(volume: &VolumeInfo) -> u64 {
+        /// A lattice is as wide as the box and its shear, across each of two axes.
+        const SHEARED: f64 = 4.0;
+        let longest = f64::from(volume.dims.into_iter().max().unwrap_or(1));
+        let along = (longest / Self::LEAST_SPACING).min(Self::MOST_ALONG);
+        let rays = (SHEARED * along * along).ceil() as u64;
+        directions().len() as u64 * rays * (size_of::<SweptRay>() + size_of::<Wall>()) as u64
+    }
 
     /// The rays through a volume, and the surfaces on them.
     ///
@@ -353,7 +366,7 @@ fn spacing(blocks: &Blocks) -> f64 {
         smaller += n;
         2 * smaller >= blocks.len()
     });
-    1.5 * f64::from(1 << level.unwrap_or(0))
+    Sweeps::LEAST_SPACING * f64::from(1 << level.unwrap_or(0))
 }
 
 #[cfg(test)]

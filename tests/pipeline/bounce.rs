@@ -78,6 +78,22 @@ fn light_in_a_closed_room_is_a_geometric_series() {
     }
 }
 
+/// A convex body under a sky sends all of its light away: there is nothing to bounce.
+#[test]
+fn a_sky_is_reflected_once() {
+    let text = "[film]\nwidth = 16\nheight = 12\n[[camera]]\nposition = [2, 1.5, 3]\ntarget = [0, 0, 0]\n\
+                fov_x_deg = 40\n[[mesh]]\nfile = \"builtin:cube\"\nalbedo = [0.5, 0.6, 0.7]\n\
+                [[light]]\ntype = \"environment\"\nradiance = [2, 1, 0.5]\n";
+    let work = Work::new(text);
+    let scene = work.scene();
+    let old = work.bake(&scene, 5000);
+    let new = bounced(&scene, &old, Bounces::All, None).unwrap();
+    let [old, new] = [old, new].map(|path| Tree::open_path(&path).unwrap());
+    for (old, new) in old.summary().sums.flux.iter().zip(new.summary().sums.flux) {
+        assert!(*old > 0.0 && (new / old - 1.0).abs() < 1e-3, "{old} {new}");
+    }
+}
+
 #[test]
 fn one_bounce_leaves_a_tree_as_it_is() {
     let work = Work::new(crate::ROOM);
