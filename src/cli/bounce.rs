@@ -5,7 +5,6 @@ use super::options::{Context, Memory, Seed};
 use super::output;
 use super::parse;
 use super::scene_input::SceneInput;
-use super::shade::warn_if_out_of_date;
 use crate::Result;
 use crate::bounce::{self, Bounces, Settings};
 use crate::tree::OpenTree;
@@ -20,9 +19,10 @@ pub struct Args {
     #[command(flatten)]
     scene: SceneInput,
 
-    /// Take the light of this tree, which `lvox build` made of the scene
+    /// Take the light of this tree, which `lvox build` made of the scene [default: that of a packed
+    /// scene]
     #[arg(short, long, value_name = "FILE")]
-    tree: PathBuf,
+    tree: Option<PathBuf>,
 
     /// Write the tree with the light of all bounces to this .lvt file
     #[arg(short, long, value_name = "FILE")]
@@ -50,10 +50,11 @@ pub struct Args {
 impl Args {
     /// What it reads and writes.
     pub fn files(&self) -> Files {
-        self.scene
-            .files()
-            .reads("tree", &self.tree)
-            .writes("--output", &self.output)
+        let files = self.scene.files().writes("--output", &self.output);
+        match &self.tree {
+            Some(tree) => files.reads("tree", tree),
+            None => files,
+        }
     }
 
     fn settings(&self) -> Settings {
@@ -71,18 +72,15 @@ impl Args {
         let settings = self.settings();
         settings.check()?;
         let job = &context.job;
-        let store = OpenTree::open(&self.tree, job.memory_limit)?;
-        let cloud = &store.tree().meta().cloud;
-        let scene = self
-            .scene
-            .load(context)?
-            .in_frame(cloud.world_from_scene.into())?;
-        let origin = (&cloud.scene_hash, &cloud.settings[..]);
-        warn_if_out_of_date(&scene, origin, &self.tree, job);
+        let tree = self.scene.tree(self.tree.as_ref())?;
+        let store = OpenTree::open(&tree, job.memory_limit)?;
+        let scene = self.scene.load_for(&store, &tree, context)?;
+        let held = bounce::check_memory(&scene, store.tree(), &settings, job)?;
+        let store = store.beside(held)?;
         job.heed_warnings()?;
         let overwrite = context.overwrite;
         bounce::run(&scene, &store, &self.output, &settings, overwrite, job)
-            .map_err(|e| e.at(self.tree.display()))?;
+            .map_err(|e| e.at(tree.display()))?;
         output::say_times(job, "bounce", &[]);
         Ok(())
     }

@@ -2,7 +2,7 @@
 //!
 //! What several verbs take stands in `*_options` and `scene_input`; `options` resolves what all of
 //! them take into a `Context`, `files` checks what they read and write before the work, `parse`
-//! reads values, `progress` and `output` talk; `last_words` are said where no error can be returned.
+//! reads values, `out_of_date` tells of files of another scene, `progress` and `output` talk; `last_words` are said where no error can be returned.
 //!
 //! A new verb is a file with `Args`, `files` and `run`, a variant of `Verb`, and a line in
 //! `Verb::files` and `Verb::run`.
@@ -17,6 +17,7 @@ mod inspect;
 mod last_words;
 mod merge;
 mod options;
+mod out_of_date;
 mod output;
 mod pack;
 mod parse;

@@ -83,12 +83,14 @@ impl Args {
             job,
         )?;
         if bounces {
-            let store = OpenTree::open(&built, job.memory_limit)?;
             let settings = bounce::Settings {
                 bounces: self.bounces,
                 seed: self.seed.seed,
                 ..bounce::Settings::default()
             };
+            let store = OpenTree::open(&built, job.memory_limit)?;
+            let held = bounce::check_memory(&scene, store.tree(), &settings, job)?;
+            let store = store.beside(held)?;
             bounce::run(&scene, &store, &tree, &settings, context.overwrite, job)?;
         }
         let store = OpenTree::open(&tree, job.memory_limit)?.beside(others)?;

@@ -4,7 +4,6 @@ use super::files::{Files, check_writable};
 use super::options::{Context, Memory, Seed};
 use super::output;
 use super::scene_input::SceneInput;
-use super::shade::warn_if_out_of_date;
 use crate::Result;
 use crate::scatter::{self, Settings};
 use crate::tree::OpenTree;
@@ -75,12 +74,8 @@ impl Args {
         let job = &context.job;
         let tree = self.scene.tree(self.tree.as_ref())?;
         let store = OpenTree::open(&tree, job.memory_limit)?;
-        let scene = self.scene.load(context)?;
-        let scene = scene.in_frame(store.world_from_scene())?;
+        let scene = self.scene.load_for(&store, &tree, context)?;
         let store = store.beside(scatter::check_memory(&scene, job)?)?;
-        let cloud = &store.tree().meta().cloud;
-        let origin = (&cloud.scene_hash, &cloud.settings[..]);
-        warn_if_out_of_date(&scene, origin, &tree, job);
         job.heed_warnings()?;
         scatter::run(
             &scene,

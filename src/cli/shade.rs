@@ -2,14 +2,13 @@
 
 use super::files::Files;
 use super::options::{Context, Memory, Seed};
+use super::out_of_date::warn_if_out_of_date;
 use super::output;
 use super::scene_input::SceneInput;
 use super::shade_options::ShadeOptions;
 use crate::Result;
-use crate::run::Job;
-use crate::scene::Scene;
 use crate::tree::OpenTree;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Shade an image, or a tile of it, from a scene and its tree
 #[derive(Debug, clap::Args)]
@@ -61,20 +60,17 @@ impl Args {
         let job = &context.job;
         let tree = self.scene.tree(self.tree.as_ref())?;
         let mut store = OpenTree::open(&tree, job.memory_limit)?;
-        let loaded = self.scene.load(context)?;
+        let scene = self.scene.load_for(&store, &tree, context)?;
         let packed = || {
             let is_own = self.tree.is_none();
-            is_own.then(|| self.scene.packed_light(&loaded)).flatten()
+            is_own.then(|| self.scene.packed_light(&scene)).flatten()
         };
         let light = self.scatter.clone().or_else(packed);
         if let Some(light) = &light {
             store = store.with_scatter(light)?;
         }
-        let scene = loaded.in_frame(store.world_from_scene())?;
         let others = self.shade.check_with(&scene, store.least_bytes(), job)?;
         store = store.beside(others)?;
-        let cloud = &store.tree().meta().cloud;
-        warn_if_out_of_date(&scene, (&cloud.scene_hash, &cloud.settings), &tree, job);
         if let Some((scatter, path)) = store.scatter.as_ref().zip(light.as_ref()) {
             let meta = scatter.meta();
             warn_if_out_of_date(&scene, (&meta.scene_hash, &meta.settings), path, job);
@@ -85,41 +81,4 @@ impl Args {
         output::say_times(&context.job, "shade", &["pilot"]);
         Ok(())
     }
-}
-
-/// Warns of a file that was made from another scene, of which it has the hash and, among its
-/// settings, digests of the parts.
-pub fn warn_if_out_of_date(
-    scene: &Scene,
-    origin: (&[u8; 32], &[(String, String)]),
-    path: &Path,
-    job: &Job,
-) {
-    if let Some(warning) = out_of_date(scene, origin) {
-        job.progress.warn(&format!("{}: {warning}", path.display()));
-    }
-}
-
-fn out_of_date(
-    scene: &Scene,
-    (hash, settings): (&[u8; 32], &[(String, String)]),
-) -> Option<String> {
-    if *hash == scene.hash {
-        return None;
-    }
-    let Some(parts) = scene.parts_that_differ(settings) else {
-        return Some(
-            "baked from another version of the scene's files; unless only cameras and film have changed, its indirect \
-             light is out of date"
-                .into(),
-        );
-    };
-    let (last, rest) = parts.split_last()?;
-    let other = match rest {
-        [] => last.clone(),
-        _ => format!("{} and {last}", rest.join(", ")),
-    };
-    Some(format!(
-        "baked from a scene of other {other}; its indirect light is not that of this scene. Bake and build it again"
-    ))
 }

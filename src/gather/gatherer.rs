@@ -9,6 +9,7 @@ use crate::math::sampling::{sobol2, sphere};
 use crate::math::segment::Composite;
 use crate::math::{Ray, Rgb, sampling};
 use crate::tree::Pages;
+use crate::{Error, Result};
 use glam::Vec3;
 use std::f32::consts::PI;
 
@@ -30,6 +31,19 @@ pub struct RaySettings<'a> {
     /// Whether bright patches count as black, because the caller samples them itself;
     /// [`PatchRadiance::find_bright`] finds them.
     pub leave_out_bright: bool,
+}
+
+/// Refuses a largest solid angle that is none.
+///
+/// # Errors
+/// Names the setting, what it may be and what it was.
+pub fn check_max_solid_angle(steradians: f32) -> Result<()> {
+    if (0.0..=1.0).contains(&steradians) {
+        return Ok(());
+    }
+    Err(Error::input(format!(
+        "`max_solid_angle` must be 0 to 1 steradian, found {steradians}"
+    )))
 }
 
 impl RaySettings<'_> {

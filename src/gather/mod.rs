@@ -49,7 +49,9 @@ pub(crate) use bright::{BrightHit, BrightPatch};
 pub(crate) use crossing::Crossing;
 pub(crate) use dispatch::{TreeTask, with_surfels, with_tree};
 pub use gatherer::Gathered;
-pub(crate) use gatherer::{Gatherer, Incident, RayKernel, RaySettings, SampleRange};
+pub(crate) use gatherer::{
+    Gatherer, Incident, RayKernel, RaySettings, SampleRange, check_max_solid_angle,
+};
 pub(crate) use geometry::Geometry;
 pub(crate) use medium::{Medium, NoMedia};
 pub(crate) use neighbours::{DirectionOrder, SurfacePoint};

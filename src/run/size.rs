@@ -67,6 +67,15 @@ pub fn format(bytes: u64) -> String {
     }
 }
 
+/// Most bytes of the tables that find bricks of volumes of a file of so many bytes: a header alone
+/// may claim volumes of any size. Volumes of 2048^3 voxels in all are free; a brick that is not
+/// empty takes a byte of the file, or several, and pays for those around it.
+#[must_use]
+pub fn most_of_tables(file_bytes: u64) -> u64 {
+    const FREE: u64 = 256 << 20;
+    file_bytes.saturating_mul(1024).saturating_add(FREE)
+}
+
 /// Refuses what takes more memory than the limit, if there is one, before it is begun. `what` is
 /// the deed or the thing, as in "shading 100 pixels". Callers may replace the hint by one that
 /// knows other ways out.

@@ -92,7 +92,7 @@ pub fn watched<T>(seen: impl Fn(Resident) + Sync, work: impl FnOnce() -> T) -> (
                     seen(now);
                 }
             }
-            peak
+            Resident::now().map_or(peak, |now| peak.with(now))
         };
         let builder = std::thread::Builder::new().stack_size(128 << 10);
         // Where no thread can be had, the work is done all the same.

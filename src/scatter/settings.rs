@@ -1,5 +1,6 @@
 //! How to light media.
 
+use crate::gather::check_max_solid_angle;
 use crate::{Error, Result};
 
 /// How to light media.
@@ -44,13 +45,7 @@ impl Settings {
                 )));
             }
         }
-        if !(0.0..=1.0).contains(&self.max_solid_angle) {
-            return Err(Error::input(format!(
-                "`max_solid_angle` must be 0 to 1 steradian, found {}",
-                self.max_solid_angle
-            )));
-        }
-        Ok(())
+        check_max_solid_angle(self.max_solid_angle)
     }
 
     /// Names and values, as they are kept in the file.

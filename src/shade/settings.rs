@@ -1,5 +1,6 @@
 //! How to shade, and the presets.
 
+use crate::gather::check_max_solid_angle;
 use crate::{Error, Result};
 
 /// How to shade.
@@ -213,12 +214,7 @@ impl Settings {
         count("`edge_samples`", self.edge_samples, 65_536)?;
         count("`shadow_rays`", self.shadow_rays, 4096)?;
         count("`lattice`", self.lattice, Self::COARSEST_LATTICE)?;
-        if !(0.0..=1.0).contains(&self.max_solid_angle) {
-            return Err(Error::input(format!(
-                "`max_solid_angle` must be 0 to 1 steradian, found {}",
-                self.max_solid_angle
-            )));
-        }
+        check_max_solid_angle(self.max_solid_angle)?;
         if let Some(d) = self.max_dist.filter(|d| d.is_nan() || *d <= 0.0) {
             return Err(Error::input(format!(
                 "`max_dist` must be more than 0, found {d}"

@@ -10,6 +10,9 @@ use lvox_formats::record::Lvoxel;
 use lvox_formats::{MappedFile, Scatter, Tree};
 use std::path::Path;
 
+/// Most bytes of the tables that find lvoxels, where no memory limit allows more.
+const MOST_OF_TABLES: u64 = 4 << 30;
+
 /// A tree file that is open for use: surfels in either kind of store, lvoxels in memory.
 #[derive(Debug)]
 pub struct OpenTree {
@@ -49,18 +52,6 @@ fn read_media(tree: &Tree<MappedFile>, path: &Path, memory_limit: Option<u64>) -
     Ok(media)
 }
 
-/// Most bytes of the tables that find lvoxels, where no memory limit is given, of a file of so many
-/// bytes: a header alone may claim volumes of any size. Volumes of 2048^3 voxels in all are free; a
-/// brick that is not empty takes a byte of the file, or several, and pays for those around it.
-fn max_table_bytes(file_bytes: u64) -> u64 {
-    const FREE: u64 = 256 << 20;
-    const MOST: u64 = 4 << 30;
-    file_bytes
-        .saturating_mul(1024)
-        .saturating_add(FREE)
-        .min(MOST)
-}
-
 impl OpenTree {
     /// Most segments of paths of direct light and one bounce.
     pub(crate) const SEGMENTS_OF_ONE_BOUNCE: u32 = 3;
@@ -77,7 +68,7 @@ impl OpenTree {
         let table_bytes = u64::try_from(table_bytes).unwrap_or(u64::MAX);
         let what = "finding the lvoxels of its volumes";
         size::within(what, table_bytes, memory_limit).map_err(|e| e.at(path.display()))?;
-        let most = max_table_bytes(tree.file_bytes());
+        let most = size::most_of_tables(tree.file_bytes()).min(MOST_OF_TABLES);
         if memory_limit.is_none() && table_bytes > most {
             return Err(Error::input(format!(
                 "{}: {what} needs {}, without `memory_limit` the most is {}",
