@@ -157,3 +157,6 @@ agrees!(b_full, "B", "B_full", 0, 16);
 agrees!(c_d3, "C", "C_d3", 3, 24);
 agrees!(c_full, "C", "C_full", 0, 8);
 agrees!(c_novol_d3, "C_novol", "C_novol_d3", 3, 32);
+agrees!(a_hg_d3, "A_hg", "A_hg_d3", 3, 32);
+agrees!(a_hg_full, "A_hg", "A_hg_full", 0, 16);
+agrees!(k_d3, "K", "K_d3", 3, 64);

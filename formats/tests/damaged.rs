@@ -437,7 +437,7 @@ fn levels_of_packed_volumes_are_checked() {
 #[test]
 fn descriptions_of_packed_scenes_are_checked() {
     type Change = fn(&mut PackedMeta);
-    let changes: [(Change, &str); 23] = [
+    let changes: [(Change, &str); 25] = [
         (|m| m.film.width = 0, "film"),
         (|m| m.film.exposure = f32::NAN, "film"),
         (|m| m.cameras.clear(), "cameras"),
@@ -457,6 +457,14 @@ fn descriptions_of_packed_scenes_are_checked() {
         (|m| m.textures[0].image = 1, "texture 0"),
         (|m| m.textures[0].width = 4, "texture 0"),
         (|m| m.volumes[0].dims[1] = 0, "voxels"),
+        (
+            |m| m.volumes[0].phase.as_mut().unwrap().g[1] = 1.0,
+            "mean cosines from -0.99",
+        ),
+        (
+            |m| m.volumes[0].phase.as_mut().unwrap().mix = f32::NAN,
+            "a weight from 0 to 1",
+        ),
         (|m| m.volumes[0].levels[0] = 7, "at most 6 bricks"),
         (|m| m.volumes[0].levels.clear(), "levels"),
         (|m| m.volumes[0].levels = vec![1; 7], "single voxel"),

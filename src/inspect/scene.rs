@@ -176,6 +176,10 @@ pub struct VolumeDescription {
     pub voxel_edges: [f64; 3],
     /// Single-scattering albedo.
     pub albedo: [f32; 3],
+    /// Mean cosines of the lobes of the phase function; none if it is isotropic.
+    pub phase_g: Vec<f32>,
+    /// Weight of the first of two lobes, or 1.
+    pub phase_mix: f32,
     /// The greatest extinction.
     pub sigma_t_max: f32,
     /// The mean extinction over the whole box.
@@ -390,6 +394,12 @@ fn volume(volume: &Volume, values: GridValues, origin: DVec3) -> VolumeDescripti
         bounds: world_box(corners(volume, padding), origin).expect("a box has corners"),
         voxel_edges,
         albedo: volume.albedo,
+        phase_g: match (volume.phase.is_isotropic(), volume.phase.mix()) {
+            (true, _) => Vec::new(),
+            (false, 1.0) => vec![volume.phase.lobes()[0]],
+            _ => volume.phase.lobes().to_vec(),
+        },
+        phase_mix: volume.phase.mix(),
         sigma_t_max: grid.max(),
         sigma_t_mean: sigma_t_sum / voxels.max(1) as f64,
         voxel_depth_max: f64::from(grid.max()) * edge,
@@ -575,6 +585,16 @@ impl fmt::Display for VolumeDescription {
             f,
             "  sigma_t     at most {most}, mean of the box {mean}, albedo {albedo}"
         )?;
+        match self.phase_g[..] {
+            [] => {}
+            [g] => writeln!(f, "  phase       mean cosine {g}")?,
+            _ => writeln!(
+                f,
+                "  phase       mean cosines {}, mix {}",
+                brief(&self.phase_g),
+                self.phase_mix
+            )?,
+        }
         let (most, mean) = (
             brief(&[self.voxel_depth_max]),
             brief(&[self.voxel_depth_mean]),

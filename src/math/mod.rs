@@ -9,6 +9,7 @@
 //! | `segment` | emission and absorption along a ray, front to back |
 //! | `dda` | a ray through a regular grid of boxes |
 //! | `ray_lattice` | parallel rays through a regular grid |
+//! | `phase` | phase functions: values, moments, samples |
 //! | `polygon` | closed forms of what a triangle sends to a point |
 //! | `sampling` | hashes, low-discrepancy points, and maps to disks and spheres |
 //! | `exp` | exponentials that are the same on every machine |
@@ -23,6 +24,7 @@ pub mod exp;
 mod hit;
 mod index;
 pub mod magnitude;
+mod phase;
 pub mod polygon;
 mod ray;
 pub mod ray_lattice;
@@ -34,4 +36,5 @@ pub use boxes::Boxes;
 pub use color::Rgb;
 pub use hit::Hit;
 pub use index::unflatten;
+pub use phase::PhaseFunction;
 pub use ray::{Aabb, Ray};

@@ -25,6 +25,7 @@ mod texture;
 mod volume;
 
 pub use crate::column::Column;
+pub use crate::math::PhaseFunction;
 pub use builder::{CameraInput, LightInput, MeshInput, SceneBuilder, VolumeInput};
 pub use camera::{Camera, Film};
 pub use grid::{Grid, VolumeGrid};

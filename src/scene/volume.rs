@@ -3,11 +3,10 @@
 use super::Grid;
 use super::grid::{Pyramid, VolumeGrid};
 use crate::Result;
-use crate::math::Aabb;
+use crate::math::{Aabb, PhaseFunction};
 use glam::{Affine3A, DAffine3, DVec3, Vec3};
 
-/// A scattering and absorbing medium with isotropic phase function. There is no medium outside its
-/// box.
+/// A scattering and absorbing medium. There is none outside its box.
 #[derive(Debug)]
 pub struct Volume {
     /// Name, for messages.
@@ -17,6 +16,8 @@ pub struct Volume {
     pub sigma_t: VolumeGrid,
     /// Single-scattering albedo, sigma_s / sigma_t, each channel in `[0,1]`.
     pub albedo: [f32; 3],
+    /// How scattered light is spread over directions.
+    pub phase: PhaseFunction,
     /// Maps the box `0..dims` of the grid into the scene; any invertible affine map.
     pub scene_from_index: DAffine3,
     /// Inverse of `scene_from_index`, rounded, for rays.
@@ -27,7 +28,7 @@ pub struct Volume {
 }
 
 impl Volume {
-    /// A medium whose box is placed by an invertible map.
+    /// A medium that scatters alike in all directions, whose box is placed by an invertible map.
     #[must_use]
     pub fn new(
         name: String,
@@ -39,6 +40,7 @@ impl Volume {
             name,
             sigma_t: sigma_t.into(),
             albedo,
+            phase: PhaseFunction::ISOTROPIC,
             scene_from_index: DAffine3::IDENTITY,
             index_from_scene: Affine3A::IDENTITY,
             index_from_scene_f64: DAffine3::IDENTITY,
@@ -46,6 +48,12 @@ impl Volume {
         };
         volume.place(scene_from_index);
         volume
+    }
+
+    /// The same medium with another phase function.
+    #[must_use]
+    pub fn with_phase(self, phase: PhaseFunction) -> Self {
+        Self { phase, ..self }
     }
 
     /// The medium on voxels of 2^`level` times the edge, made when first asked for, in the same box.
@@ -56,7 +64,7 @@ impl Volume {
         let size = |grid: &VolumeGrid| DVec3::from(grid.size().map(f64::from));
         let voxels = DAffine3::from_scale(size(&self.sigma_t) / size(grid));
         let place = self.scene_from_index * voxels;
-        Self::new(self.name.clone(), grid.clone(), self.albedo, place)
+        Self::new(self.name.clone(), grid.clone(), self.albedo, place).with_phase(self.phase)
     }
 
     /// The grid of voxels of 2^`level` times the edge, made when first asked for.

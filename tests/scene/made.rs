@@ -3,8 +3,8 @@
 use glam::{DAffine3, DVec3};
 use lvox::Result;
 use lvox::scene::{
-    CameraInput, Film, Grid, Light, LightInput, Material, MeshInput, Scene, SceneBuilder,
-    VolumeInput,
+    CameraInput, Film, Grid, Light, LightInput, Material, MeshInput, PhaseFunction, Scene,
+    SceneBuilder, VolumeInput,
 };
 
 const CORNERS: [[f64; 3]; 3] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]];
@@ -35,7 +35,10 @@ fn what_is_made_is_what_a_file_would_make() {
         .light(LightInput::point([1e6, 2.0, 0.0], [3.0; 3]))
         .light(LightInput::spot([0.0; 3], [0.0, -2.0, 0.0], [1.0; 3], 0.25, 0.5).unwrap())
         .light(LightInput::sun([3.0, -4.0, 0.0], [1.0; 3], 0.0).unwrap())
-        .volume(fog(0.5, DAffine3::from_scale(DVec3::splat(2.0))))
+        .volume(
+            fog(0.5, DAffine3::from_scale(DVec3::splat(2.0)))
+                .phase(PhaseFunction::two_lobes([0.8, -0.25], 0.75)),
+        )
         .build()
         .unwrap();
     let text = format!(
@@ -46,7 +49,7 @@ fn what_is_made_is_what_a_file_would_make() {
          direction = [0, -1, 0]\nintensity = [1, 1, 1]\ninner_deg = {}\nouter_deg = {}\n[[light]]\n\
          type = \"directional\"\ndirection = [3, -4, 0]\nirradiance = [1, 1, 1]\n[[volume]]\n\
          file = \"a.raw\"\nname = \"fog\"\ndims = [2, 1, 1]\ndtype = \"f32\"\nsigma_t_scale = 1\n\
-         albedo = [0.5, 0.5, 0.5]\nunitcube_to_world = [[4,0,0,0],[0,2,0,0],[0,0,2,0],[0,0,0,1]]\n",
+         albedo = [0.5, 0.5, 0.5]\ng = [0.8, -0.25]\nmix = 0.75\nunitcube_to_world = [[4,0,0,0],[0,2,0,0],[0,0,2,0],[0,0,0,1]]\n",
         0.8_f64.to_degrees(),
         0.25_f64.to_degrees(),
         0.5_f64.to_degrees()
@@ -56,6 +59,8 @@ fn what_is_made_is_what_a_file_would_make() {
     let read = crate::load(&text, &[("a.obj", obj), ("a.raw", &raw)]).unwrap();
     assert_eq!(made.parts(None), read.parts(None));
     assert_eq!(made.film, read.film);
+    let phases = [&made, &read].map(|s| s.volumes[0].phase);
+    assert_eq!(phases, [PhaseFunction::two_lobes([0.8, -0.25], 0.75); 2]);
     let lens = |s: &Scene| (s.cameras[0].scene_from_camera, s.cameras[0].fov_x_rad);
     assert_eq!(lens(&made).0, lens(&read).0);
     assert!((lens(&made).1 - lens(&read).1).abs() < 1e-6);
@@ -71,6 +76,11 @@ fn what_is_not_given_is_made_up_and_told() {
     assert_eq!(scene.warnings.len(), 2, "{:?}", scene.warnings);
     let other = SceneBuilder::new("").mesh(triangle().albedo([0.1; 3]));
     assert_ne!(scene.hash, other.build().unwrap().hash);
+    let foggy = |g: f32| {
+        let fog = fog(0.5, DAffine3::IDENTITY).phase(PhaseFunction::henyey_greenstein(g));
+        SceneBuilder::new("").volume(fog).build().unwrap().hash
+    };
+    assert!(foggy(0.0) != foggy(0.1) && foggy(0.1) != foggy(-0.1));
 }
 
 #[test]
@@ -127,6 +137,10 @@ fn what_is_wrong_is_refused_by_name() {
             "light 1: the position",
         ),
         (scene().volume(fog(1.5, turn)), "`fog`: the albedo"),
+        (
+            scene().volume(fog(0.5, turn).phase(PhaseFunction::henyey_greenstein(1.0))),
+            "`fog`: the phase function",
+        ),
         (scene().volume(fog(0.5, flat)), "singular"),
     ] {
         let message = message(builder);

@@ -297,6 +297,46 @@ fn scene_files() {
             "",
         ),
         (
+            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\ng = 1",
+            "`g` in [[volume]] at line 7: expected a number from -0.99 to 0.99, found 1",
+            "",
+        ),
+        (
+            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\ng = [0.5, -2]\nmix = 0.5",
+            "expected two numbers from -0.99 to 0.99, found -2",
+            "",
+        ),
+        (
+            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\ng = [0.5]\nmix = 0.5",
+            "expected 2 numbers in brackets, found 1",
+            "",
+        ),
+        (
+            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\ng = [0.5, -0.5]",
+            "`mix` is missing",
+            "",
+        ),
+        (
+            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\ng = [0.5, -0.5]\nmix = 1.5",
+            "expected a number from 0 to 1, found 1.5",
+            "",
+        ),
+        (
+            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\ng = 0.5\nmix = 0.5",
+            "`mix` in [[volume]] at line 8: expected two lobes to weigh",
+            "",
+        ),
+        (
+            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\nmix = 0.5",
+            "there is no `g` that it could weigh",
+            "",
+        ),
+        (
+            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\ng = \"mie\"",
+            "expected a number",
+            "",
+        ),
+        (
             "[[light]]\ntype = \"environment\"\nradiance = [1e38, 0, 0]",
             "from 0 to 1e30, found 1e38",
             "",

@@ -231,6 +231,25 @@ pub struct PackedTexture {
     pub wrap: [PackedWrap; 2],
 }
 
+/// A phase function of two lobes (Henyey & Greenstein 1941).
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub struct PackedPhase {
+    /// Mean cosine of each, from -0.99 to 0.99.
+    pub g: [f32; 2],
+    /// Weight of the first, 0 to 1.
+    pub mix: f32,
+}
+
 /// A medium in a box.
 #[derive(
     Clone,
@@ -249,6 +268,8 @@ pub struct PackedVolume {
     pub dims: [u32; 3],
     /// Single-scattering albedo, each channel in `[0,1]`.
     pub albedo: [f32; 3],
+    /// Lobes of the phase function; `None` if it is isotropic.
+    pub phase: Option<PackedPhase>,
     /// Affine map from index to scene space: three columns, then the translation.
     pub scene_from_index: [[f64; 3]; 4],
     /// Bricks that are stored of each level, the finest first.
@@ -651,6 +672,11 @@ impl PackedVolume {
             "an albedo from 0 to 1",
             self.albedo,
         )?;
+        let is_right = self
+            .phase
+            .is_none_or(|p| p.g.iter().all(|g| g.abs() <= 0.99) && (0.0..=1.0).contains(&p.mix));
+        let expected = "lobes of mean cosines from -0.99 to 0.99, and a weight from 0 to 1";
+        check(is_right, &what, expected, self.phase)?;
         let count = self.levels.len();
         let is_right = (1..=Self::MOST_LEVELS).contains(&count)
             && (count == 1 || self.dims_of_level(count - 2) != [1; 3]);

@@ -19,7 +19,7 @@ pub use hierarchy::MAX_NODE_LEVELS;
 pub use levels::MediaLevel;
 pub use meta::{
     PackedCamera, PackedFilm, PackedHierarchy, PackedImage, PackedLight, PackedMaterial,
-    PackedMesh, PackedMeta, PackedSummary, PackedTexture, PackedVolume, PackedWrap,
+    PackedMesh, PackedMeta, PackedPhase, PackedSummary, PackedTexture, PackedVolume, PackedWrap,
 };
 pub use read::{Packed, PackedBlocks, PackedFormat};
 pub use write::PackedWriter;

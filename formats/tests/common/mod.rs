@@ -123,6 +123,10 @@ pub fn packed_meta() -> PackedMeta {
             name: "fog".into(),
             dims: [9, 5, 20],
             albedo: [0.9, 0.8, 0.7],
+            phase: Some(PackedPhase {
+                g: [0.9, -0.2],
+                mix: 0.7,
+            }),
             scene_from_index: axes(0.1),
             levels: packed_levels().iter().map(|l| l.len() as u64).collect(),
         }],

@@ -3,8 +3,8 @@
 //!
 //! At every vertex lights are asked for (next-event estimation), and emission that the path itself
 //! runs into is weighed against that by the power heuristic (Veach 1997). The environment is
-//! constant, for which the lobes of matt surfaces and of isotropic media are the best distribution
-//! there is: only the path looks for it. Shadow rays cross media by ratio tracking: on the scenes
+//! constant, for which the lobes of matt surfaces and of media are the best distribution
+//! there is: only the path looks for it. Phase functions are sampled exactly. Shadow rays cross media by ratio tracking: on the scenes
 //! of the tests that has 1.04 to 1.09 times the error of integrating all cells, in 0.69 to 0.85 of
 //! the time.
 
@@ -12,15 +12,12 @@ use super::flight;
 use super::sampler::Sampler;
 use super::sources::{Sample, Sources};
 use crate::Result;
-use crate::math::{Ray, Rgb, sampling};
+use crate::math::{PhaseFunction, Ray, Rgb, sampling};
 use crate::run::Cancel;
 use crate::scene::{Scene, Volume};
 use crate::trace::{Hit, Surface, TriangleBvh, offset, short_of};
 use glam::Vec3;
-use std::f32::consts::{FRAC_1_PI, PI};
-
-/// Phase function and density of an isotropic medium.
-const ISOTROPIC: f32 = 1.0 / (4.0 * PI);
+use std::f32::consts::FRAC_1_PI;
 
 /// Vertices after which a path may be ended by chance.
 const SURE_VERTICES: u32 = 4;
@@ -49,7 +46,9 @@ struct Vertex {
 enum Lobe {
     /// A matt surface of albedo 1, by shading and face normal on the side the path came from.
     Matt(Vec3, Vec3),
-    Isotropic,
+    /// A medium of albedo 1, by its phase function and the direction in which light travelled that
+    /// is scattered back along the path.
+    Medium(PhaseFunction, Vec3),
 }
 
 impl Lobe {
@@ -57,7 +56,7 @@ impl Lobe {
     /// [`Lobe::sample`].
     fn response(self, d: Vec3) -> f32 {
         match self {
-            Self::Isotropic => ISOTROPIC,
+            Self::Medium(phase, travel) => phase.value(d.dot(travel)),
             Self::Matt(normal, face_normal) if d.dot(face_normal) > 0.0 => {
                 d.dot(normal).max(0.0) * FRAC_1_PI
             }
@@ -67,7 +66,7 @@ impl Lobe {
 
     fn sample(self, u: [f32; 2]) -> Vec3 {
         match self {
-            Self::Isotropic => sampling::sphere(u),
+            Self::Medium(phase, travel) => phase.sample(travel, u),
             Self::Matt(normal, _) => {
                 let (x, y) = sampling::tangents(normal);
                 let d = sampling::cosine_hemisphere(u);
@@ -124,11 +123,12 @@ impl<'a> PathTracer<'a> {
                 sampler,
             );
             let (vertex, albedo) = if let Some(c) = collision {
+                let volume = &volumes[c.volume];
                 let vertex = Vertex {
                     origin: origin + direction * c.t,
-                    lobe: Lobe::Isotropic,
+                    lobe: Lobe::Medium(volume.phase, direction),
                 };
-                (vertex, Rgb(volumes[c.volume].albedo))
+                (vertex, Rgb(volume.albedo))
             } else if let Some(hit) = hit {
                 let surface = Surface::new(self.scene, hit.triangle, hit.uv);
                 sum += throughput * self.emitted(&surface, &hit, direction, lobe_pdf);

@@ -3,7 +3,7 @@
 use super::*;
 use crate::math::polygon;
 use crate::run::{Cancel, OnWarning};
-use crate::scene::{Camera, Film, Grid, Light, Material, Volume};
+use crate::scene::{Camera, Film, Grid, Light, Material, PhaseFunction, Volume};
 use glam::{Affine3A, DAffine3, DVec3, Vec3};
 use std::f32::consts::PI;
 
@@ -128,6 +128,89 @@ fn a_medium_that_absorbs_nothing_does_not_show_in_a_furnace() {
             1.0,
             0.015,
         );
+    }
+}
+
+#[test]
+fn nor_does_one_whatever_its_phase_function() {
+    for phase in [
+        PhaseFunction::henyey_greenstein(0.85),
+        PhaseFunction::henyey_greenstein(-0.6),
+        PhaseFunction::two_lobes([0.9, -0.2], 0.7),
+    ] {
+        let mut scene = scene();
+        scene.lights.push(Light::Environment { radiance: [0.7; 3] });
+        add_medium(&mut scene, DVec3::splat(-1.0), DVec3::ONE, 4.0, 1.0);
+        scene.volumes[0].phase = phase;
+        let from = Vec3::new(0.1, 0.2, 4.0);
+        near(radiance(&scene, 0, from, -Vec3::Z), 0.7, 0.01);
+        let mut scene = self::scene();
+        add_box(&mut scene, 0.5, 1.0);
+        add_medium(&mut scene, DVec3::splat(-0.9), DVec3::ONE, 4.0, 1.0);
+        scene.volumes[0].phase = phase;
+        let from = Vec3::new(0.1, 0.2, 0.4);
+        // Three times the noise of so many paths.
+        near(radiance(&scene, 0, from, Vec3::X), 1.0, 0.025);
+    }
+}
+
+#[test]
+fn a_slab_in_the_sun_scatters_by_its_phase_function() {
+    // The angle between the directions of travel of the sun's light and of what the camera sees.
+    let (sun, view) = (Vec3::new(0.6, 0.0, -0.8), Vec3::new(0.0, 0.8, -0.6));
+    for (phase, towards) in [
+        (PhaseFunction::henyey_greenstein(0.85), -view),
+        (PhaseFunction::henyey_greenstein(-0.5), -view),
+        (PhaseFunction::two_lobes([0.9, -0.2], 0.7), -view),
+    ] {
+        let mut scene = scene();
+        let wide = DVec3::new(500.0, 500.0, 0.5);
+        add_medium(&mut scene, -wide, wide, 1.0, 0.8);
+        scene.volumes[0].phase = phase;
+        scene.lights.push(Light::Directional {
+            direction: sun,
+            irradiance: [3.0; 3],
+            angular_radius_rad: 0.0,
+        });
+        let rates = 1.0 / 0.6 + 1.0 / 0.8;
+        let scattered = 0.8 * 3.0 * f64::from(phase.value(sun.dot(towards)));
+        let expected = scattered / 0.6 / rates * -f64::from(-rates as f32).exp_m1();
+        let origin = Vec3::new(0.0, -4.0, 3.0);
+        near(radiance(&scene, 2, origin, view), expected, 0.05);
+    }
+}
+
+#[test]
+fn a_conservative_slab_lets_through_what_the_mean_cosine_says() {
+    // Isotropic light on one side, T = (4/3) / ((1 - g) tau + 1.4208): within 0.1 % at g = 0 from
+    // a depth of 5 on, and some percent for others.
+    for (g, tau, limit) in [(0.0, 5.0, 0.01), (0.85, 20.0, 0.03)] {
+        let mut scene = scene();
+        let at = |x: f32, y: f32| Vec3::new(x, y, -1.0);
+        let wide = 400.0;
+        let corners = [
+            at(-wide, -wide),
+            at(wide, -wide),
+            at(wide, wide),
+            at(-wide, wide),
+        ];
+        add_quad(&mut scene, corners, 0.0, 2.0, false);
+        let wide = DVec3::new(400.0, 400.0, 0.5);
+        add_medium(&mut scene, -wide, wide, tau, 1.0);
+        scene.volumes[0].phase = PhaseFunction::henyey_greenstein(g);
+        let n = 1 << 13;
+        let paths = PathTracer::new(&scene, 0, &Cancel::default()).unwrap();
+        let sum: f64 = (0..n)
+            .map(|i| {
+                let mut sampler = Sampler::new(23, i);
+                let [u, v, ..] = sampler.next4();
+                let d = crate::math::sampling::cosine_hemisphere([u, v]);
+                let origin = Vec3::new(0.0, 0.0, 0.6);
+                f64::from(paths.radiance(origin, -d, &mut sampler).0[1])
+            })
+            .sum();
+        let expected = (4.0 / 3.0) / f64::from((1.0 - g) * tau + 1.4208);
+        near(sum / f64::from(n), expected, limit + 0.02);
     }
 }
 

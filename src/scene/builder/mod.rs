@@ -247,7 +247,8 @@ impl SceneBuilder {
         let scene_from_world = DAffine3::from_translation(-world_from_scene);
         let volumes = self.volumes.into_iter().map(|v| {
             let scene_from_index = scene_from_world * v.world_from_grid;
-            let mut volume = Volume::new(v.name, v.sigma_t, v.albedo, scene_from_index);
+            let volume = Volume::new(v.name, v.sigma_t, v.albedo, scene_from_index);
+            let mut volume = volume.with_phase(v.phase);
             volume.limit_extinction();
             volume
         });

@@ -1,7 +1,7 @@
 //! Volumes as they are handed to a builder.
 
 use super::{MAX_COORDINATE, check_near, is_singular};
-use crate::scene::Grid;
+use crate::scene::{Grid, PhaseFunction};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 
@@ -17,6 +17,7 @@ pub struct VolumeInput {
     pub(in crate::scene) sigma_t: Grid,
     /// Single-scattering albedo.
     pub(in crate::scene) albedo: [f32; 3],
+    pub(in crate::scene) phase: PhaseFunction,
     /// Maps the box `0..dims` of the grid into the world.
     pub(in crate::scene) world_from_grid: DAffine3,
 }
@@ -36,8 +37,15 @@ impl VolumeInput {
             name: name.into(),
             sigma_t,
             albedo,
+            phase: PhaseFunction::ISOTROPIC,
             world_from_grid,
         }
+    }
+
+    /// The same medium with a phase function that is not isotropic.
+    #[must_use]
+    pub fn phase(self, phase: PhaseFunction) -> Self {
+        Self { phase, ..self }
     }
 
     /// Corners of its box in the world.
@@ -77,6 +85,15 @@ impl VolumeInput {
         let wrong = |what: String| Err(Error::input(format!("volume `{}`: {what}", self.name)));
         if !self.albedo.iter().all(|x| (0.0..=1.0).contains(x)) {
             return wrong(format!("the albedo {:?} is not in [0,1]", self.albedo));
+        }
+        if !self.phase.is_valid() {
+            return wrong(format!(
+                "the phase function has lobes of {:?} and a mix of {}: expected mean cosines from \
+                 -{max} to {max}, and a mix from 0 to 1",
+                self.phase.lobes(),
+                self.phase.mix(),
+                max = PhaseFunction::MAX_G,
+            ));
         }
         if is_singular(&self.world_from_grid) {
             return wrong("its placement is singular: it flattens space".into());

@@ -13,7 +13,7 @@ use crate::scene::builder::{
     CameraInput, DEFAULT_FILM, LightInput, MAX_EMISSION, MeshInput, SceneBuilder, VolumeInput,
     is_singular,
 };
-use crate::scene::{Film, Light};
+use crate::scene::{Film, Light, PhaseFunction};
 use glam::{DAffine3, DVec3};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -64,7 +64,7 @@ const SPOT: [&str; 6] = [
     "inner_deg",
     "outer_deg",
 ];
-const VOLUME: [&str; 16] = [
+const VOLUME: [&str; 18] = [
     "file",
     "name",
     "dims",
@@ -75,6 +75,8 @@ const VOLUME: [&str; 16] = [
     "value_scale",
     "window",
     "albedo",
+    "g",
+    "mix",
     "unitcube_to_world",
     "world_from_index",
     "transform",
@@ -479,6 +481,7 @@ fn volumes(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<Vec<Vol
         window,
     };
     let albedo = table.require("albedo")?.color(1.0)?;
+    let phase = phase(table)?;
     let fields = fields(table, name, &path, files)?;
     if fields.is_empty() {
         let path = path.display();
@@ -514,10 +517,40 @@ fn volumes(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<Vec<Vol
             },
             sigma_t: sigma_t.map_err(|e| e.at(path.display()))?,
             albedo,
+            phase,
             world_from_grid,
         })
     };
     fields.into_iter().enumerate().map(volume).collect()
+}
+
+/// The phase function: a mean cosine, or two and the weight of the first.
+fn phase(table: &Table<'_>) -> Result<PhaseFunction> {
+    let mix = table.get("mix");
+    let Some(item) = table.get("g") else {
+        return match mix {
+            Some(mix) => Err(mix.error("there is no `g` that it could weigh")),
+            None => Ok(PhaseFunction::ISOTROPIC),
+        };
+    };
+    /// As decimals say it.
+    const MAX_G: f64 = 0.99;
+    if !item.is_list() {
+        if let Some(mix) = mix {
+            return Err(mix.error("expected two lobes to weigh, as in g = [0.9, -0.2]"));
+        }
+        let g = item.number_within(-MAX_G, MAX_G)?;
+        return Ok(PhaseFunction::henyey_greenstein(g as f32));
+    }
+    let lobes = item.numbers::<2>()?;
+    if let Some(g) = lobes.iter().find(|g| g.abs() > MAX_G) {
+        return Err(item.error(format_args!(
+            "expected two numbers from -{MAX_G} to {MAX_G}, found {g}"
+        )));
+    }
+    let mix = table.require("mix")?.number_within(0.0, 1.0)?;
+    let lobes = lobes.map(|g| g as f32);
+    Ok(PhaseFunction::two_lobes(lobes, mix as f32))
 }
 
 /// The map from the space of the grid to the world, by the table or else by the file.

@@ -241,6 +241,11 @@ impl<'a> Item<'a> {
         self.value.get_ref().is_table()
     }
 
+    /// Whether the value is a list.
+    pub(super) fn is_list(&self) -> bool {
+        self.value.get_ref().is_array()
+    }
+
     /// Text.
     pub(super) fn text(&self) -> Result<&'a str> {
         let text = self.value.get_ref().as_str();

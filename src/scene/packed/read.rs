@@ -8,7 +8,9 @@ use crate::formats::{
 use crate::run::{Cancel, size};
 use crate::scene::grid::{Known, StoredLevels, VolumeGrid};
 use crate::scene::texture::{CodeValues, Codes, Texels};
-use crate::scene::{Camera, Film, Grid, Light, Material, Mesh, Scene, Texture, Volume, Wrap};
+use crate::scene::{
+    Camera, Film, Grid, Light, Material, Mesh, PhaseFunction, Scene, Texture, Volume, Wrap,
+};
 use crate::{Error, Result};
 use glam::{Affine3A, DAffine3, DMat3, DVec3, Mat3A, Vec3A};
 use rayon::prelude::*;
@@ -231,12 +233,11 @@ fn volume(packed: &PackedScene, i: usize, info: &PackedVolume, cancel: &Cancel) 
         matrix3: DMat3::from_cols(x, y, z),
         translation,
     };
-    Ok(Volume::new(
-        info.name.clone(),
-        grid,
-        info.albedo,
-        scene_from_index,
-    ))
+    let phase = (info.phase).map_or(PhaseFunction::ISOTROPIC, |p| {
+        PhaseFunction::two_lobes(p.g, p.mix)
+    });
+    let name = info.name.clone();
+    Ok(Volume::new(name, grid, info.albedo, scene_from_index).with_phase(phase))
 }
 
 /// The levels of a volume in a packed scene, of which tables were read.

@@ -4,8 +4,8 @@ use super::check_machine;
 use crate::Result;
 use crate::formats::{
     BrickTable, MediaPage, PAGE_BRICKS, PackedCamera, PackedColumn, PackedFilm, PackedImage,
-    PackedLight, PackedMaterial, PackedMesh, PackedMeta, PackedTexture, PackedVolume, PackedWrap,
-    PackedWriter, Palette,
+    PackedLight, PackedMaterial, PackedMesh, PackedMeta, PackedPhase, PackedTexture, PackedVolume,
+    PackedWrap, PackedWriter, Palette,
 };
 use crate::run::Cancel;
 use crate::scene::grid::VolumeGrid;
@@ -203,6 +203,10 @@ fn volume(volume: &Volume, tables: &[BrickTable]) -> PackedVolume {
             .dims()
             .map(|n| u32::try_from(n).unwrap_or(u32::MAX)),
         albedo: volume.albedo,
+        phase: (!volume.phase.is_isotropic()).then(|| PackedPhase {
+            g: volume.phase.lobes(),
+            mix: volume.phase.mix(),
+        }),
         scene_from_index: columns.map(|c| c.to_array()),
         levels: tables.iter().map(|t| t.entries().len() as u64).collect(),
     }
