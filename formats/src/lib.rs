@@ -81,8 +81,8 @@ pub use meta::{CloudMeta, ScatterMeta, TreeMeta};
 pub use opened::Opened;
 pub use packed::{
     COLUMN_ALIGNMENT, ColumnRows, MAX_NODE_LEVELS, MediaLevel, Packed, PackedBlocks, PackedCamera,
-    PackedColumn, PackedFilm, PackedFormat, PackedHierarchy, PackedImage, PackedLight,
-    PackedMaterial, PackedMesh, PackedMeta, PackedPhase, PackedSummary, PackedTexture,
+    PackedColumn, PackedEnvironment, PackedFilm, PackedFormat, PackedHierarchy, PackedImage,
+    PackedLight, PackedMaterial, PackedMesh, PackedMeta, PackedPhase, PackedSummary, PackedTexture,
     PackedVolume, PackedWrap, PackedWriter,
 };
 pub use record::{

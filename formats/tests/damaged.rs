@@ -437,7 +437,7 @@ fn levels_of_packed_volumes_are_checked() {
 #[test]
 fn descriptions_of_packed_scenes_are_checked() {
     type Change = fn(&mut PackedMeta);
-    let changes: [(Change, &str); 25] = [
+    let changes: [(Change, &str); 29] = [
         (|m| m.film.width = 0, "film"),
         (|m| m.film.exposure = f32::NAN, "film"),
         (|m| m.cameras.clear(), "cameras"),
@@ -450,6 +450,19 @@ fn descriptions_of_packed_scenes_are_checked() {
                 }
             },
             "light 1",
+        ),
+        (|m| m.environment.as_mut().unwrap().width = 5, "environment"),
+        (
+            |m| m.environment.as_mut().unwrap().scale[1] = -1.0,
+            "environment",
+        ),
+        (
+            |m| m.environment.as_mut().unwrap().rotation_rad = f32::NAN,
+            "environment",
+        ),
+        (
+            |m| m.environment.as_mut().unwrap().holes[0].0 = 8,
+            "environment",
         ),
         (|m| m.materials[0].texture = Some(1), "a texture below 1"),
         (|m| m.materials[1].albedo[2] = 1.5, "albedo"),

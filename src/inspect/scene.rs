@@ -4,7 +4,7 @@ use super::text::{Table, bytes, count};
 use crate::Result;
 use crate::run::{Job, hex, one_line};
 use crate::scene::load::{Contents, ContentsKind, GridValues, Settings, contents, has_contents};
-use crate::scene::{Camera, Light, Mesh, Scene, Texture, Volume};
+use crate::scene::{Camera, EnvironmentImage, Light, Mesh, Scene, Texture, Volume};
 use glam::{DVec3, Vec3};
 use std::fmt;
 use std::path::Path;
@@ -119,14 +119,15 @@ pub struct TextureDescription {
 /// A light.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct LightDescription {
-    /// `point`, `spot`, `directional` or `environment`.
+    /// `point`, `spot`, `directional`, `environment` or `environment image`.
     #[serde(rename = "type")]
     pub kind: &'static str,
     /// Where it is, of a point or a spot.
     pub position: Option<[f64; 3]>,
     /// The way its light travels, of a spot or a sun.
     pub direction: Option<[f32; 3]>,
-    /// Intensity of points and spots, irradiance of suns, radiance of environments.
+    /// Intensity of points and spots, irradiance of suns, radiance of environments, of images the
+    /// mean over all directions.
     pub color: [f32; 3],
 }
 
@@ -228,8 +229,15 @@ pub fn scene(path: &Path, settings: &Settings, job: &Job) -> Result<Option<Scene
         .collect();
     let memory_bytes = mesh.memory_bytes
         + textures.iter().map(|t| t.memory_bytes).sum::<u64>()
-        + volumes.iter().map(|v| v.memory_bytes).sum::<u64>();
-    let lights = scene.lights.iter().filter(|_| is_whole);
+        + volumes.iter().map(|v| v.memory_bytes).sum::<u64>()
+        + scene
+            .environment_image
+            .iter()
+            .map(|i| i.bytes())
+            .sum::<u64>();
+    let lights = scene.lights.iter().map(|l| light(l, origin));
+    let lights = lights.chain(scene.environment_image.iter().map(environment_image));
+    let lights = lights.filter(|_| is_whole);
     let cameras = scene.cameras.iter().filter(|_| is_whole);
     Ok(Some(SceneDescription {
         file: path.display().to_string(),
@@ -242,7 +250,7 @@ pub fn scene(path: &Path, settings: &Settings, job: &Job) -> Result<Option<Scene
         scene_hash: hex(&scene.hash),
         files: scene.files.iter().map(|p| read_file(p)).collect(),
         materials: materials(&scene),
-        lights: lights.map(|l| light(l, origin)).collect(),
+        lights: lights.collect(),
         cameras: cameras.map(|c| camera(c, origin)).collect(),
         film: is_whole.then_some([scene.film.width, scene.film.height]),
         mesh,
@@ -349,6 +357,15 @@ fn light(light: &Light, origin: DVec3) -> LightDescription {
         position: position.map(|p| in_world(p, origin)),
         direction: direction.map(|d| d.to_array()),
         color,
+    }
+}
+
+fn environment_image(image: &EnvironmentImage) -> LightDescription {
+    LightDescription {
+        kind: "environment image",
+        position: None,
+        direction: None,
+        color: image.mean().0,
     }
 }
 

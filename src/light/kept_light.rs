@@ -35,7 +35,7 @@ impl<'a> KeptLight<'a> {
     /// That of `go_on`.
     pub fn new(scene: &'a Scene, go_on: impl Fn() -> Result<()>) -> Result<Self> {
         // Surfaces may hide any part of the sky from any point, and other volumes as well.
-        let has_sky = scene.environment().0 != Rgb::BLACK.0
+        let has_sky = scene.mean_environment().0 != Rgb::BLACK.0
             && scene.mesh.triangles.is_empty()
             && scene.volumes.len() == 1;
         let suns = scene.lights.iter().filter_map(SunDepths::direction).count();

@@ -51,7 +51,7 @@ impl<'a> Lights<'a> {
             has_wide_sun: tracer.scene.lights.iter().any(|l| Sun::of(l).is_some()),
             emitters: Arc::new(Emitters::new(tracer.scene)),
             tolerance: CutTolerance::SHADING,
-            environment: tracer.scene.environment(),
+            environment: tracer.scene.mean_environment(),
         }
     }
 

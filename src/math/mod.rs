@@ -12,6 +12,7 @@
 //! | `phase` | phase functions: values, moments, samples |
 //! | `polygon` | closed forms of what a triangle sends to a point |
 //! | `sampling` | hashes, low-discrepancy points, and maps to disks and spheres |
+//! | `distribution` | a choice of cells of a grid by their weights |
 //! | `exp` | exponentials that are the same on every machine |
 //! | `magnitude` | lengths of any scale brought near 1 |
 //! | `index` | numbers of cells in a grid |
@@ -20,6 +21,7 @@
 mod boxes;
 pub mod color;
 pub mod dda;
+pub mod distribution;
 pub mod exp;
 mod hit;
 mod index;

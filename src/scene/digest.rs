@@ -222,6 +222,17 @@ fn lights(scene: &Scene) -> Digest {
             }
         }
     }
+    if let Some(image) = &scene.environment_image {
+        digest.count(4);
+        digest.count(image.size()[0] as usize);
+        digest.triples(image.texels());
+        digest.floats(&image.scale());
+        digest.floats(&[image.rotation_rad()]);
+        for (texel, radiance) in image.holes() {
+            digest.count(*texel as usize);
+            digest.floats(radiance);
+        }
+    }
     for (i, m) in scene.materials.iter().enumerate() {
         if m.emission != [0.0; 3] {
             digest.count(i);

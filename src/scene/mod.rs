@@ -3,6 +3,7 @@
 //! In come files, or what an application makes in memory; out comes a checked [`Scene`].
 //!
 //! - `camera`, `light`, `material`, `texture`, `mesh`, `grid`, `volume`: what a scene consists of
+//! - `environment`: the sky, as an image
 //! - `builder`: puts a scene together in world space and f64, and checks it as a whole
 //! - `load`: readers of scene, mesh, volume and texture files, which fill a builder
 //! - `packed`: scenes in one file, which are used as they lie there
@@ -15,6 +16,7 @@
 mod builder;
 mod camera;
 mod digest;
+pub(crate) mod environment;
 pub(crate) mod grid;
 mod light;
 pub mod load;
@@ -26,8 +28,11 @@ mod volume;
 
 pub use crate::column::Column;
 pub use crate::math::PhaseFunction;
-pub use builder::{CameraInput, LightInput, MeshInput, SceneBuilder, VolumeInput};
+pub use builder::{
+    CameraInput, EnvironmentInput, LightInput, MeshInput, SceneBuilder, VolumeInput,
+};
 pub use camera::{Camera, Film};
+pub use environment::{EnvironmentImage, ImageSun};
 pub use grid::{Grid, VolumeGrid};
 pub use light::Light;
 pub use material::Material;
@@ -59,6 +64,8 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Lights other than emissive materials.
     pub lights: Vec<Light>,
+    /// What comes from where no surface is, beside the lights.
+    pub environment_image: Option<EnvironmentImage>,
     /// Participating media; may overlap.
     pub volumes: Vec<Volume>,
     /// blake3 over the content of the scene file and of all files that it names, or over what was
@@ -68,6 +75,8 @@ pub struct Scene {
     pub files: Vec<PathBuf>,
     /// What the user should know: defaults that were chosen, parts of files that were left out.
     pub warnings: Vec<String>,
+    /// What was made of it that is worth knowing and nothing amiss.
+    pub notes: Vec<String>,
     /// The file that it lies in, if that is a packed one.
     pub(crate) packed: Option<packed::PackedScene>,
 }
@@ -86,10 +95,12 @@ impl Scene {
             materials: Vec::new(),
             textures: Vec::new(),
             lights: Vec::new(),
+            environment_image: None,
             volumes: Vec::new(),
             hash: [0; 32],
             files: Vec::new(),
             warnings: Vec::new(),
+            notes: Vec::new(),
             packed: None,
         }
     }
@@ -138,7 +149,7 @@ impl Scene {
         Self::empty(camera, film)
     }
 
-    /// Radiance from where no surface is: the sum of all environments.
+    /// Radiance from where no surface is: the sum of all environments of one colour.
     #[must_use]
     pub fn environment(&self) -> Rgb {
         let lights = self.lights.iter();
@@ -146,6 +157,14 @@ impl Scene {
             Light::Environment { radiance } => sum + Rgb(*radiance),
             _ => sum,
         })
+    }
+
+    /// Mean over all directions of what comes from where no surface is, without suns that were taken
+    /// out of the environment image.
+    #[must_use]
+    pub fn mean_environment(&self) -> Rgb {
+        let image = self.environment_image.as_ref();
+        self.environment() + image.map_or(Rgb::BLACK, EnvironmentImage::mean)
     }
 
     /// Box around all volumes; empty if there is none.
@@ -176,7 +195,8 @@ impl Scene {
             Some(_) => 0,
             None => self.mesh.bytes(),
         };
-        mesh + textures + grids as u64
+        let sky = self.environment_image.as_ref().map_or(0, |i| i.bytes());
+        mesh + textures + grids as u64 + sky
     }
 
     /// Box around all triangles and volumes.

@@ -3,8 +3,8 @@
 use glam::{DAffine3, DVec3};
 use lvox::Result;
 use lvox::scene::{
-    CameraInput, Film, Grid, Light, LightInput, Material, MeshInput, PhaseFunction, Scene,
-    SceneBuilder, VolumeInput,
+    CameraInput, EnvironmentImage, EnvironmentInput, Film, Grid, Light, LightInput, Material,
+    MeshInput, PhaseFunction, Scene, SceneBuilder, VolumeInput,
 };
 
 const CORNERS: [[f64; 3]; 3] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]];
@@ -136,6 +136,14 @@ fn what_is_wrong_is_refused_by_name() {
             scene().light(LightInput::point([1e20; 3], [1.0; 3])),
             "light 1: the position",
         ),
+        (
+            scene().environment_image(EnvironmentInput::new(sky().scaled([-1.0; 3]))),
+            "the factor [-1.0, -1.0, -1.0]",
+        ),
+        (
+            scene().environment_image(EnvironmentInput::new(sky().rotated(f32::NAN))),
+            "turned by NaN",
+        ),
         (scene().volume(fog(1.5, turn)), "`fog`: the albedo"),
         (
             scene().volume(fog(0.5, turn).phase(PhaseFunction::henyey_greenstein(1.0))),
@@ -150,4 +158,63 @@ fn what_is_wrong_is_refused_by_name() {
     assert!(CameraInput::placed("a", flat, 0.5).is_err());
     assert!(LightInput::spot([0.0; 3], [1.0; 3], [1.0; 3], 0.5, 0.5).is_err());
     assert!(LightInput::sun([0.0; 3], [1.0; 3], 0.1).is_err());
+}
+
+/// A sky with a sun of two degrees.
+fn sky() -> EnvironmentImage {
+    let texel = |i: u32| {
+        let (x, y) = (i % 512, i / 512);
+        let is_sun = (101..104).contains(&x) && (60..63).contains(&y);
+        if is_sun { [9e4; 3] } else { [0.5, 0.6, 1.0] }
+    };
+    EnvironmentImage::new(512, 256, (0..512 * 256).map(texel).collect()).unwrap()
+}
+
+#[test]
+fn suns_of_an_environment_image_become_lights_and_are_told() {
+    let made = |input| {
+        let scene = SceneBuilder::default().mesh(triangle());
+        scene.environment_image(input).build().unwrap()
+    };
+    let scene = made(EnvironmentInput::new(sky()));
+    assert_eq!(
+        scene.warnings,
+        ["the scene has no camera: framing everything from the front"]
+    );
+    assert!(
+        scene.notes[0].contains("a sun 46.8 degrees high"),
+        "{:?}",
+        scene.notes
+    );
+    let [
+        Light::Directional {
+            direction,
+            irradiance,
+            angular_radius_rad,
+        },
+    ] = scene.lights[..]
+    else {
+        panic!("{:?}", scene.lights)
+    };
+    assert!((direction.y + 0.7288).abs() < 1e-3, "{direction}");
+    let image = scene.environment_image.as_ref().unwrap();
+    assert_eq!(image.holes().len(), 9);
+    assert_eq!(image.light(-direction).0, [0.5, 0.6, 1.0]);
+    assert!(image.seen(-direction).0[0] > 8e4);
+    assert!(irradiance[0] > 60.0 && (0.01..0.03).contains(&angular_radius_rad));
+    let kept = made(EnvironmentInput::new(sky()).keeping_suns());
+    assert!(kept.lights.is_empty() && kept.notes.is_empty() && kept.hash != scene.hash);
+    let turned = made(EnvironmentInput::new(sky().rotated(0.1)));
+    assert!(turned.hash != scene.hash);
+}
+
+#[test]
+fn an_image_of_one_colour_is_an_environment_of_that() {
+    let image = EnvironmentImage::new(4, 2, vec![[0.5, 1.0, 2.0]; 8]).unwrap();
+    let input = EnvironmentInput::new(image.scaled([2.0, 1.0, 1.0]));
+    let scene = SceneBuilder::default().mesh(triangle());
+    let scene = scene.environment_image(input).build().unwrap();
+    let radiance = [1.0, 1.0, 2.0];
+    assert_eq!(scene.lights, [Light::Environment { radiance }]);
+    assert!(scene.environment_image.is_none());
 }

@@ -341,6 +341,31 @@ fn scene_files() {
             "from 0 to 1e30, found 1e38",
             "",
         ),
+        (
+            "[[light]]\ntype = \"environment\"\nimage = \"no.exr\"",
+            "environment image file",
+            "looked for /",
+        ),
+        (
+            "[[light]]\ntype = \"environment\"\nimage = \"sky.png\"",
+            "\"png\" is not supported",
+            ".exr or .hdr",
+        ),
+        (
+            "[[light]]\ntype = \"environment\"\nradiance = [1, 1, 1]\nrotate_deg = 9",
+            "no `rotate_deg`",
+            "image",
+        ),
+        (
+            "[[light]]\ntype = \"environment\"\nimage = \"a.exr\"\nsun = \"drop\"",
+            "expected one of extract, keep",
+            "",
+        ),
+        (
+            "[[light]]\ntype = \"directional\"\nimage = \"a.exr\"",
+            "no `image`",
+            "irradiance",
+        ),
     ];
     for (text, message, hint) in cases {
         let found = refused(&format!("{CUBE}{text}\n"), &[]);

@@ -1,6 +1,6 @@
 //! The columns of a packed scene, and what their rows must be.
 
-use super::meta::PackedMeta;
+use super::meta::{MAX_EMISSION, PackedMeta};
 use crate::{FormatError, Result};
 
 /// Columns start at multiples of this, so that they can be used where they are mapped.
@@ -55,6 +55,8 @@ pub enum PackedColumn {
     Light,
     /// Vertices of triangles, four by four, as leaves of large meshes have them.
     VertexBlocks,
+    /// Radiance of the environment image, 3 f32, row by row from the top.
+    Environment,
 }
 
 impl PackedColumn {
@@ -82,6 +84,7 @@ impl PackedColumn {
             Self::Tree => "tree",
             Self::Light => "light",
             Self::VertexBlocks => "vertex blocks",
+            Self::Environment => "environment",
         }
     }
 
@@ -89,7 +92,12 @@ impl PackedColumn {
     #[must_use]
     pub fn width(self) -> usize {
         match self {
-            Self::Positions | Self::Normals | Self::Colors | Self::Triangles | Self::Texels => 12,
+            Self::Positions
+            | Self::Normals
+            | Self::Colors
+            | Self::Triangles
+            | Self::Texels
+            | Self::Environment => 12,
             Self::Uvs => 8,
             Self::Materials | Self::CodeValues => 4,
             Self::Nodes => 224,
@@ -190,11 +198,16 @@ pub fn check_rows(column: PackedColumn, first: u64, piece: &[u8], meta: &PackedM
         PackedColumn::Nodes => super::hierarchy::check_nodes(first, piece, meta),
         PackedColumn::Blocks => super::hierarchy::check_blocks(first, piece, meta),
         PackedColumn::VertexBlocks => super::hierarchy::check_vertex_blocks(first, piece, meta),
+        PackedColumn::Environment => all(&is_light, "numbers from 0 to 1e30"),
         PackedColumn::ByteCodes
         | PackedColumn::WordCodes
         | PackedColumn::Tree
         | PackedColumn::Light => Ok(()),
     }
+}
+
+fn is_light(row: &[u8]) -> bool {
+    floats(row).all(|v| (0.0..=MAX_EMISSION).contains(&v))
 }
 
 fn is_normal(row: &[u8]) -> bool {

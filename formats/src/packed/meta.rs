@@ -5,7 +5,7 @@ use crate::record::{MAX_VOLUMES, MAX_VOXELS_ALONG};
 use crate::{FormatError, Result};
 
 /// Emission, intensity and irradiance are not beyond this.
-const MAX_EMISSION: f32 = 1e30;
+pub(super) const MAX_EMISSION: f32 = 1e30;
 /// Pixels along a side of the largest film.
 const MAX_SIDE: u32 = 65_536;
 /// Vertices and triangles that indices have room for.
@@ -36,6 +36,8 @@ pub struct PackedMeta {
     pub cameras: Vec<PackedCamera>,
     /// Lights other than emissive materials.
     pub lights: Vec<PackedLight>,
+    /// An image of what comes from where no surface is.
+    pub environment: Option<PackedEnvironment>,
     /// Materials that triangles refer to.
     pub materials: Vec<PackedMaterial>,
     /// Images that textures refer to.
@@ -138,6 +140,30 @@ pub enum PackedLight {
         /// Radiance from every direction.
         radiance: [f32; 3],
     },
+}
+
+/// A lat-long image of the radiance from all directions.
+#[derive(
+    Clone,
+    Debug,
+    Default,
+    PartialEq,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub struct PackedEnvironment {
+    /// Texels in a row: twice as many as there are rows, at most 65,536.
+    pub width: u32,
+    /// Rows of texels.
+    pub height: u32,
+    /// Factor on texels.
+    pub scale: [f32; 3],
+    /// Angle by which the image is turned about +y, right-handed, radians.
+    pub rotation_rad: f32,
+    /// Texels that send other light than is seen of them, with that, in increasing order.
+    pub holes: Vec<(u32, [f32; 3])>,
 }
 
 /// How a surface reflects and emits.
@@ -425,7 +451,10 @@ impl PackedMeta {
             true => PackedColumn::VertexBlocks,
             false => PackedColumn::Blocks,
         };
+        let sky = self.environment.as_ref();
+        let sky = sky.map_or(0, |e| u64::from(e.width) * u64::from(e.height));
         let rest = [
+            (PackedColumn::Environment, 0, sky),
             (PackedColumn::Nodes, 0, hierarchy.nodes),
             (blocks, 0, hierarchy.blocks),
             (PackedColumn::Tree, 0, self.tree_bytes),
@@ -457,6 +486,9 @@ impl PackedMeta {
         self.cameras.iter().try_for_each(PackedCamera::validate)?;
         for (i, light) in self.lights.iter().enumerate() {
             light.validate(&|| format!("light {i}"))?;
+        }
+        if let Some(environment) = &self.environment {
+            environment.validate()?;
         }
         self.mesh.validate(self.materials.len())?;
         for material in &self.materials {
@@ -602,6 +634,27 @@ impl PackedLight {
             "a place, a unit direction, light and angles in range",
             self,
         )
+    }
+}
+
+impl PackedEnvironment {
+    fn validate(&self) -> Result<()> {
+        let what = || "environment".to_owned();
+        let size = [self.width, self.height];
+        let is_size = (1..=MAX_SIDE).contains(&self.width)
+            && u64::from(self.width) == 2 * u64::from(self.height);
+        let expected = "an image twice as wide as high, at most 65,536 across";
+        check(is_size, &what, expected, size)?;
+        let is_right = is_light(self.scale) && self.rotation_rad.is_finite();
+        let expected = "a factor of at least 0 and an angle";
+        check(is_right, &what, expected, (self.scale, self.rotation_rad))?;
+        let texels = u64::from(self.width) * u64::from(self.height);
+        let is_hole =
+            |(texel, light): &(u32, [f32; 3])| u64::from(*texel) < texels && is_light(*light);
+        let are_holes = self.holes.iter().all(is_hole)
+            && self.holes.windows(2).all(|pair| pair[0].0 < pair[1].0);
+        let expected = "texels that exist, in order, and light of at least 0";
+        check(are_holes, &what, expected, self.holes.len())
     }
 }
 

@@ -18,8 +18,9 @@ pub use column::{COLUMN_ALIGNMENT, ColumnRows, PackedColumn};
 pub use hierarchy::MAX_NODE_LEVELS;
 pub use levels::MediaLevel;
 pub use meta::{
-    PackedCamera, PackedFilm, PackedHierarchy, PackedImage, PackedLight, PackedMaterial,
-    PackedMesh, PackedMeta, PackedPhase, PackedSummary, PackedTexture, PackedVolume, PackedWrap,
+    PackedCamera, PackedEnvironment, PackedFilm, PackedHierarchy, PackedImage, PackedLight,
+    PackedMaterial, PackedMesh, PackedMeta, PackedPhase, PackedSummary, PackedTexture,
+    PackedVolume, PackedWrap,
 };
 pub use read::{Packed, PackedBlocks, PackedFormat};
 pub use write::PackedWriter;

@@ -107,6 +107,13 @@ pub fn packed_meta() -> PackedMeta {
             },
             PackedLight::Environment { radiance: [0.1; 3] },
         ],
+        environment: Some(PackedEnvironment {
+            width: 4,
+            height: 2,
+            scale: [1.0, 2.0, 0.5],
+            rotation_rad: 0.25,
+            holes: vec![(3, [0.5; 3])],
+        }),
         materials: vec![material("a", Some(0)), material("b", None)],
         images: vec![PackedImage {
             texels: 6,
@@ -168,6 +175,7 @@ pub fn packed_rows(column: PackedColumn) -> Vec<u8> {
         PackedColumn::Triangles => whole(triangles.as_flattened()),
         PackedColumn::Materials => whole(&[0, 1]),
         PackedColumn::ByteCodes => vec![0, 1, 2, 3, 254, 255],
+        PackedColumn::Environment => floats(&[3.0; 24]),
         PackedColumn::CodeValues => floats(&[0.5; 256]),
         PackedColumn::Nodes => {
             // The first has a leaf and the second, that another leaf.

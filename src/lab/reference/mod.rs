@@ -7,6 +7,7 @@
 mod flight;
 mod path;
 mod sampler;
+mod sky;
 mod sources;
 pub mod sums;
 

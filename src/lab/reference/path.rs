@@ -2,9 +2,9 @@
 //! is long enough.
 //!
 //! At every vertex lights are asked for (next-event estimation), and emission that the path itself
-//! runs into is weighed against that by the power heuristic (Veach 1997). The environment is
-//! constant, for which the lobes of matt surfaces and of media are the best distribution
-//! there is: only the path looks for it. Phase functions are sampled exactly. Shadow rays cross media by ratio tracking: on the scenes
+//! runs into is weighed against that by the power heuristic (Veach 1997). An environment image is
+//! asked for by where it is bright. One of one colour is not: the lobes of matt surfaces and of
+//! media are the best distribution there is. Phase functions are sampled exactly. Shadow rays cross media by ratio tracking: on the scenes
 //! of the tests that has 1.04 to 1.09 times the error of integrating all cells, in 0.69 to 0.85 of
 //! the time.
 
@@ -139,7 +139,7 @@ impl<'a> PathTracer<'a> {
                 };
                 (vertex, s.albedo)
             } else {
-                return sum + throughput * self.sources.environment();
+                return sum + throughput * self.environment(direction, lobe_pdf);
             };
             throughput = throughput * albedo;
             if throughput.is_black() {
@@ -174,6 +174,16 @@ impl<'a> PathTracer<'a> {
             if response > 0.0 {
                 let weight = weight(way.pdf, response);
                 sum += self.arriving(vertex.origin, &way, sampler) * (response * weight);
+            }
+        }
+        if let Some(sky) = self.sources.sky() {
+            let [u, v, _, _] = sampler.next4();
+            if let Some(way) = sky.sample([u, v]) {
+                let response = lobe.response(way.direction);
+                if response > 0.0 {
+                    let weight = weight(way.pdf, response);
+                    sum += self.arriving(vertex.origin, &way, sampler) * (response * weight);
+                }
             }
         }
         if !self.scene.lights.is_empty() {
@@ -216,6 +226,18 @@ impl<'a> PathTracer<'a> {
         emission * weight(lobe_pdf, other)
     }
 
+    /// What a path runs into that meets nothing, the image weighed against having asked for it.
+    fn environment(&self, direction: Vec3, lobe_pdf: f32) -> Rgb {
+        if lobe_pdf.is_infinite() {
+            return self.sources.seen_environment(direction);
+        }
+        let even = self.sources.even_environment();
+        match self.sources.sky() {
+            Some(sky) => even + sky.light(direction) * weight(lobe_pdf, sky.pdf(direction)),
+            None => even,
+        }
+    }
+
     /// The last segment, which can only run into light: no need to track media unless it does.
     fn end(&self, origin: Vec3, direction: Vec3, lobe_pdf: f32, sampler: &mut Sampler) -> Rgb {
         if !self.sources.can_be_hit() {
@@ -223,7 +245,7 @@ impl<'a> PathTracer<'a> {
         }
         let hit = self.triangles.closest(&Ray::endless(origin, direction));
         let light = match &hit {
-            None => self.sources.environment(),
+            None => self.environment(direction, lobe_pdf),
             Some(hit) => {
                 let surface = Surface::new(self.scene, hit.triangle, hit.uv);
                 self.emitted(&surface, hit, direction, lobe_pdf)

@@ -1,6 +1,7 @@
 //! All that shines in a scene, as a path asks for it: emissive triangles, lights without size, the
 //! environment.
 
+use super::sky::Sky;
 use crate::math::{Rgb, sampling};
 use crate::scene::{Light, Material, Scene};
 use crate::trace::unit_normal;
@@ -35,6 +36,7 @@ pub struct Sources<'a> {
     /// Running sum of the emitters' powers, over pi.
     running_power: Vec<f64>,
     environment: Rgb,
+    sky: Option<Sky<'a>>,
 }
 
 /// Luminance times the number of sides that emit: an emitter's power per area, over pi.
@@ -68,20 +70,35 @@ impl<'a> Sources<'a> {
             emitters,
             running_power,
             environment: scene.environment(),
+            sky: scene.environment_image.as_ref().and_then(Sky::new),
         }
     }
 
-    /// Radiance from where no surface is.
+    /// Radiance that a camera sees in a direction in which no surface is.
     #[must_use]
-    pub fn environment(&self) -> Rgb {
+    pub fn seen_environment(&self, direction: Vec3) -> Rgb {
+        let sky = self.sky.as_ref();
+        self.environment + sky.map_or(Rgb::BLACK, |sky| sky.seen(direction))
+    }
+
+    /// The environment of one colour, for which the lobes of surfaces and media are the best
+    /// distribution there is: only paths look for it.
+    #[must_use]
+    pub fn even_environment(&self) -> Rgb {
         self.environment
+    }
+
+    /// The environment image.
+    #[must_use]
+    pub fn sky(&self) -> Option<&Sky<'a>> {
+        self.sky.as_ref()
     }
 
     /// Whether a ray can run into light: without emitters and environment only shadow rays find
     /// any.
     #[must_use]
     pub fn can_be_hit(&self) -> bool {
-        !self.emitters.is_empty() || !self.environment.is_black()
+        !self.emitters.is_empty() || !self.environment.is_black() || self.sky.is_some()
     }
 
     fn total_power(&self) -> f64 {

@@ -1,7 +1,7 @@
 //! Lights as they are handed to a builder.
 
 use super::{MAX_EMISSION, check_near};
-use crate::scene::Light;
+use crate::scene::{ImageSun, Light};
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
 
@@ -89,6 +89,15 @@ impl LightInput {
     #[must_use]
     pub fn environment(radiance: [f32; 3]) -> Self {
         Self::without_position(Light::Environment { radiance })
+    }
+
+    /// A sun of an environment image.
+    pub(super) fn of_image(sun: &ImageSun) -> Self {
+        Self::without_position(Light::Directional {
+            direction: -sun.towards,
+            irradiance: sun.irradiance,
+            angular_radius_rad: sun.angular_radius_rad,
+        })
     }
 
     fn without_position(light: Light) -> Self {

@@ -1,19 +1,21 @@
 //! A scene in the making: everything in world space and f64.
 //!
 //! In comes what readers of files or applications hand over ([`CameraInput`], [`MeshInput`],
-//! [`LightInput`], [`VolumeInput`]); out comes a checked [`Scene`] near the origin, in f32.
+//! [`LightInput`], [`EnvironmentInput`], [`VolumeInput`]); out comes a checked [`Scene`] near the origin, in f32.
 //!
-//! - `camera`, `light`, `mesh`, `volume`: what is handed over, and the checks of each
+//! - `camera`, `light`, `environment`, `mesh`, `volume`: what is handed over, and the checks of each
 //! - `merge`: all meshes joined to the one of the scene, triangles without area dropped
 //! - here: what is checked and made up of the scene as a whole
 
 mod camera;
+mod environment;
 mod light;
 mod merge;
 mod mesh;
 mod volume;
 
 pub use camera::CameraInput;
+pub use environment::EnvironmentInput;
 pub use light::LightInput;
 pub use mesh::MeshInput;
 pub(super) use mesh::{DEFAULT_ALBEDO, MESH, extend_attribute, push};
@@ -22,6 +24,7 @@ pub use volume::VolumeInput;
 use super::{Camera, Film, Light, Scene, Volume};
 use crate::run::Cancel;
 use crate::{Error, Result};
+use environment::EnvironmentParts;
 use glam::{Affine3A, DAffine3, DVec3};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -82,6 +85,7 @@ pub struct SceneBuilder {
     pub(super) cameras: Vec<CameraInput>,
     pub(super) meshes: Vec<MeshInput>,
     pub(super) lights: Vec<LightInput>,
+    pub(super) environment_image: Option<EnvironmentInput>,
     pub(super) volumes: Vec<VolumeInput>,
 }
 
@@ -148,6 +152,13 @@ impl SceneBuilder {
     #[must_use]
     pub fn light(mut self, light: LightInput) -> Self {
         self.lights.push(light);
+        self
+    }
+
+    /// Sets the image of what comes from where no surface is, beside environments of one colour.
+    #[must_use]
+    pub fn environment_image(mut self, image: EnvironmentInput) -> Self {
+        self.environment_image = Some(image);
         self
     }
 
@@ -226,7 +237,23 @@ impl SceneBuilder {
             self.cameras.push(CameraInput::framing(&bounds, &film));
             warnings.push("the scene has no camera: framing everything from the front".into());
         }
-        if self.is_dark() {
+        let mut notes = Vec::new();
+        let image = self.environment_image.take();
+        let environment_image = match image.map(EnvironmentInput::into_parts) {
+            None => None,
+            Some(EnvironmentParts::Constant(radiance)) => {
+                self.lights.push(LightInput::environment(radiance));
+                None
+            }
+            Some(EnvironmentParts::Image(image, suns)) => {
+                for sun in suns {
+                    notes.push(environment::note(&sun));
+                    self.lights.push(LightInput::of_image(&sun));
+                }
+                Some(image)
+            }
+        };
+        if self.is_dark() && environment_image.is_none() {
             self.lights.push(LightInput::environment([1.0; 3]));
             warnings.push("the scene has no light: adding an environment of radiance 1".into());
         }
@@ -272,10 +299,12 @@ impl SceneBuilder {
             materials,
             textures,
             lights: lights.collect(),
+            environment_image,
             volumes: volumes.collect(),
             hash: [0; 32],
             files: Vec::new(),
             warnings,
+            notes,
             packed: None,
         })
     }
@@ -284,6 +313,9 @@ impl SceneBuilder {
     fn check_places(&self) -> Result<()> {
         for volume in &self.volumes {
             volume.check_place()?;
+        }
+        if let Some(image) = &self.environment_image {
+            image.image.check()?;
         }
         for (i, light) in self.lights.iter().enumerate() {
             light.check(|| format!("light {}", i + 1))?;
@@ -322,6 +354,11 @@ impl SceneBuilder {
                 }
                 Light::Environment { radiance } => radiance.map(|v| v * std::f32::consts::PI),
             })
+            .chain(
+                self.environment_image
+                    .iter()
+                    .map(|i| (i.image.mean() * std::f32::consts::PI).0),
+            )
             .map(|irradiance| irradiance.into_iter().fold(0.0, f32::max) / std::f32::consts::PI)
             .sum();
         if brightest.is_finite() && brightest > 0.0 {

@@ -6,12 +6,12 @@ use super::files::{Files, beside, extension};
 use super::samples::Number;
 use super::table::{Document, Table};
 use super::texture::Decoding;
-use super::{builtin, gltf, normals, nrrd, obj, ply, raw, texture, transform, vdb};
+use super::{builtin, environment, gltf, normals, nrrd, obj, ply, raw, texture, transform, vdb};
 use crate::Result;
 use crate::run::Cancel;
 use crate::scene::builder::{
-    CameraInput, DEFAULT_FILM, LightInput, MAX_EMISSION, MeshInput, SceneBuilder, VolumeInput,
-    is_singular,
+    CameraInput, DEFAULT_FILM, EnvironmentInput, LightInput, MAX_EMISSION, MeshInput, SceneBuilder,
+    VolumeInput, is_singular,
 };
 use crate::scene::{Film, Light, PhaseFunction};
 use glam::{DAffine3, DVec3};
@@ -43,7 +43,7 @@ const MESH: [&str; 14] = [
     "normals",
     "import",
 ];
-const LIGHT: [&str; 10] = [
+const LIGHT: [&str; 13] = [
     "type",
     "position",
     "direction",
@@ -54,7 +54,12 @@ const LIGHT: [&str; 10] = [
     "irradiance",
     "angular_radius_deg",
     "radiance",
+    "image",
+    "rotate_deg",
+    "sun",
 ];
+/// The types of lights.
+const LIGHT_TYPES: [&str; 4] = ["point", "spot", "directional", "environment"];
 /// Those of [`LIGHT`] that a spot light has.
 const SPOT: [&str; 6] = [
     "position",
@@ -117,7 +122,13 @@ pub(super) fn read(text: &str, path: &Path, files: &mut Files) -> Result<SceneBu
     let lights = root.tables("light", &LIGHT)?;
     let volumes = root.tables("volume", &VOLUME)?;
     for table in lights {
-        builder.lights.push(light(&table)?);
+        match environment_image(&table, path, files)? {
+            None => builder.lights.push(light(&table)?),
+            Some(_) if builder.environment_image.is_some() => {
+                return Err(table.error("another environment has an image, too"));
+            }
+            image => builder.environment_image = image,
+        }
     }
     for table in root.tables("mesh", &MESH)? {
         let mesh = mesh(&table, path, &mut builder, files)?;
@@ -175,21 +186,61 @@ fn camera(table: &Table<'_>, index: usize) -> Result<CameraInput> {
     CameraInput::look_at(name, position, target, up, fov_x_rad).map_err(|e| table.error(e))
 }
 
+/// Refuses keys of lights that one of this type does not have.
+fn only(table: &Table<'_>, keys: &[&str]) -> Result<()> {
+    for key in LIGHT {
+        if key != "type" && !keys.contains(&key) && table.get(key).is_some() {
+            return Err(table
+                .error(format_args!("this type of light has no `{key}`"))
+                .hint(format!("its keys are {}", keys.join(", "))));
+        }
+    }
+    Ok(())
+}
+
+/// The image of an environment; `None` for lights without one.
+fn environment_image(
+    table: &Table<'_>,
+    scene: &Path,
+    files: &mut Files,
+) -> Result<Option<EnvironmentInput>> {
+    let kind = table.require("type")?.choice(&LIGHT_TYPES)?;
+    let Some(image) = table
+        .get("image")
+        .filter(|_| LIGHT_TYPES[kind] == "environment")
+    else {
+        return Ok(None);
+    };
+    only(table, &["image", "radiance", "rotate_deg", "sun"])?;
+    let scale = match table.get("radiance") {
+        Some(item) => item.color(MAX_EMISSION)?,
+        None => [1.0; 3],
+    };
+    let rotation_deg = match table.get("rotate_deg") {
+        Some(item) => item.number_within(-360.0, 360.0)?,
+        None => 0.0,
+    };
+    let keeps_suns = match table.get("sun") {
+        Some(item) => item.choice(&["extract", "keep"])? == 1,
+        None => false,
+    };
+    let path = beside(scene, image.text()?);
+    let image = environment::load(&path, files).map_err(|e| table.locate(e))?;
+    let image = image
+        .scaled(scale)
+        .rotated(rotation_deg.to_radians() as f32);
+    let input = EnvironmentInput::new(image);
+    Ok(Some(match keeps_suns {
+        true => input.keeping_suns(),
+        false => input,
+    }))
+}
+
 fn light(table: &Table<'_>) -> Result<LightInput> {
     let color = |key: &str| table.require(key)?.color(MAX_EMISSION);
-    let only = |keys: &[&str]| -> Result<()> {
-        for key in LIGHT {
-            if key != "type" && !keys.contains(&key) && table.get(key).is_some() {
-                return Err(table
-                    .error(format_args!("this type of light has no `{key}`"))
-                    .hint(format!("its keys are {}", keys.join(", "))));
-            }
-        }
-        Ok(())
-    };
-    let kinds = ["point", "spot", "directional", "environment"];
-    let kind = table.require("type")?.choice(&kinds)?;
-    match kinds[kind] {
+    let only = |keys: &[&str]| only(table, keys);
+    let kind = table.require("type")?.choice(&LIGHT_TYPES)?;
+    match LIGHT_TYPES[kind] {
         "point" => {
             only(&["position", "intensity"])?;
             let position = table.require("position")?.vector()?;
@@ -210,7 +261,7 @@ fn light(table: &Table<'_>) -> Result<LightInput> {
                 .map_err(|e| table.error(e))
         }
         _ => {
-            only(&["radiance"])?;
+            only(&["radiance", "image"])?;
             Ok(LightInput::environment(color("radiance")?))
         }
     }

@@ -37,6 +37,11 @@ impl Images {
         memory::check(name, bytes)
     }
 
+    /// Counts so many bytes of an image that is kept elsewhere.
+    pub(super) fn count(&mut self, bytes: u64) {
+        self.bytes += bytes;
+    }
+
     pub(super) fn add(&mut self, key: ImageKey, codes: Arc<Codes>) {
         self.bytes += codes.bytes();
         self.known.insert(key, codes);

@@ -8,6 +8,7 @@
 // - `obj` with `mtl`, `ply`, `gltf`, `builtin`: meshes, each as a `MeshInput`
 // - `vdb`, `nrrd`, `raw`, `builtin`: volumes, each as a `field::Field`, which becomes a grid; with
 //   `samples` (boxes of values) and `survey` (what is wrong with them)
+// - `environment`: images of the sky
 // - `polygon`: cuts the faces of OBJ and PLY; `texture`: images; `normals`: shading normals at a
 //   crease angle
 // - `contents`: what a file holds, for those who ask; `values`: what the values of a volume are
@@ -18,6 +19,7 @@ mod builtin;
 mod colors;
 mod contents;
 mod description;
+mod environment;
 mod field;
 mod files;
 mod gltf;
@@ -88,6 +90,7 @@ impl Scene {
     pub fn load_with(path: &Path, settings: &Settings, job: &Job) -> Result<Self> {
         let scene = Self::load_until(path, settings, &job.cancel)?;
         scene.warnings.iter().for_each(|w| job.progress.warn(w));
+        scene.notes.iter().for_each(|n| job.progress.say(n));
         Ok(scene)
     }
 

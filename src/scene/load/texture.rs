@@ -116,6 +116,9 @@ pub(super) fn decode(
         reader.set_format(format);
     }
     let format = reader.format();
+    if format == Some(ImageFormat::Hdr) {
+        return Ok(Err(refused(&"Radiance HDR")));
+    }
     let mut decoder = match reader.into_decoder() {
         Ok(decoder) => decoder,
         Err(e) => return Ok(Err(refused(&e))),

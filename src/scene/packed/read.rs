@@ -2,14 +2,15 @@
 
 use super::PackedScene;
 use crate::formats::{
-    MediaLevel, Packed, PackedCamera, PackedColumn, PackedLight, PackedMaterial, PackedTexture,
-    PackedVolume, PackedWrap,
+    MediaLevel, Packed, PackedCamera, PackedColumn, PackedEnvironment, PackedLight, PackedMaterial,
+    PackedTexture, PackedVolume, PackedWrap,
 };
 use crate::run::{Cancel, size};
 use crate::scene::grid::{Known, StoredLevels, VolumeGrid};
 use crate::scene::texture::{CodeValues, Codes, Texels};
 use crate::scene::{
-    Camera, Film, Grid, Light, Material, Mesh, PhaseFunction, Scene, Texture, Volume, Wrap,
+    Camera, EnvironmentImage, Film, Grid, Light, Material, Mesh, PhaseFunction, Scene, Texture,
+    Volume, Wrap,
 };
 use crate::{Error, Result};
 use glam::{Affine3A, DAffine3, DMat3, DVec3, Mat3A, Vec3A};
@@ -51,6 +52,8 @@ fn scene(packed: &PackedScene, path: &Path, texture_limit: u64, cancel: &Cancel)
     let meta = packed.file().meta();
     let textures = textures(packed, texture_limit)?;
     check_tables(packed)?;
+    let sky = meta.environment.as_ref();
+    let sky = sky.map(|info| environment_image(packed, info));
     let volumes = meta.volumes.iter().enumerate();
     let volumes = volumes.map(|(i, info)| volume(packed, i, info, cancel));
     Ok(Scene {
@@ -74,10 +77,12 @@ fn scene(packed: &PackedScene, path: &Path, texture_limit: u64, cancel: &Cancel)
         materials: meta.materials.iter().map(material).collect(),
         textures,
         lights: meta.lights.iter().map(light).collect(),
+        environment_image: sky.transpose()?,
         volumes: volumes.collect::<Result<_>>()?,
         hash: meta.scene_hash,
         files: vec![path.to_owned()],
         warnings: meta.warnings.clone(),
+        notes: Vec::new(),
         packed: Some(packed.clone()),
     })
 }
@@ -127,6 +132,13 @@ fn light(light: &PackedLight) -> Light {
         },
         PackedLight::Environment { radiance } => Light::Environment { radiance },
     }
+}
+
+fn environment_image(packed: &PackedScene, info: &PackedEnvironment) -> Result<EnvironmentImage> {
+    let texels = packed.column(PackedColumn::Environment, 0)?;
+    let image = EnvironmentImage::of(info.width, info.height, texels)?;
+    let image = image.scaled(info.scale).rotated(info.rotation_rad);
+    Ok(image.with_holes(info.holes.clone()))
 }
 
 fn material(material: &PackedMaterial) -> Material {

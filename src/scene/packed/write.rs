@@ -3,14 +3,14 @@
 use super::check_machine;
 use crate::Result;
 use crate::formats::{
-    BrickTable, MediaPage, PAGE_BRICKS, PackedCamera, PackedColumn, PackedFilm, PackedImage,
-    PackedLight, PackedMaterial, PackedMesh, PackedMeta, PackedPhase, PackedTexture, PackedVolume,
-    PackedWrap, PackedWriter, Palette,
+    BrickTable, MediaPage, PAGE_BRICKS, PackedCamera, PackedColumn, PackedEnvironment, PackedFilm,
+    PackedImage, PackedLight, PackedMaterial, PackedMesh, PackedMeta, PackedPhase, PackedTexture,
+    PackedVolume, PackedWrap, PackedWriter, Palette,
 };
 use crate::run::Cancel;
 use crate::scene::grid::VolumeGrid;
 use crate::scene::texture::{CodeValues, Texels};
-use crate::scene::{Camera, Grid, Light, Material, Scene, Texture, Volume, Wrap};
+use crate::scene::{Camera, EnvironmentImage, Grid, Light, Material, Scene, Texture, Volume, Wrap};
 use rayon::prelude::*;
 
 /// Levels of a volume that are packed, at most.
@@ -67,6 +67,7 @@ pub fn description(scene: &Scene, tables: &LevelTables) -> PackedMeta {
         },
         cameras: scene.cameras.iter().map(camera).collect(),
         lights: scene.lights.iter().map(light).collect(),
+        environment: scene.environment_image.as_ref().map(environment),
         materials: scene.materials.iter().map(material).collect(),
         images: images.into_iter().map(image).collect(),
         textures: textures.map(|(t, image)| texture(t, image)).collect(),
@@ -177,6 +178,17 @@ fn light(light: &Light) -> PackedLight {
     }
 }
 
+fn environment(image: &EnvironmentImage) -> PackedEnvironment {
+    let [width, height] = image.size();
+    PackedEnvironment {
+        width,
+        height,
+        scale: image.scale(),
+        rotation_rad: image.rotation_rad(),
+        holes: image.holes().to_vec(),
+    }
+}
+
 fn material(material: &Material) -> PackedMaterial {
     PackedMaterial {
         name: material.name.clone(),
@@ -261,6 +273,10 @@ pub fn columns(scene: &Scene, writer: &mut PackedWriter, cancel: &Cancel) -> Res
         if let Texels::Coded(_, values) = &texture.texels {
             column(PackedColumn::CodeValues, i, bytemuck::cast_slice(values))?;
         }
+    }
+    if let Some(image) = &scene.environment_image {
+        let rows = bytemuck::cast_slice(image.texels());
+        column(PackedColumn::Environment, 0, rows)?;
     }
     Ok(())
 }
