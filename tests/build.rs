@@ -87,6 +87,7 @@ fn smoke(n: usize) -> Vec<Lvoxel> {
                 volume: (random.next() % 2) as u16,
                 sigma_t: 0.1 + random.unit(),
                 source: [random.unit(), 0.5, 0.1],
+                lobe: [(random.below(120)) as i8 - 60, 50, -20],
             }
         })
         .collect()

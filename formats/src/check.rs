@@ -104,6 +104,7 @@ pub fn lvoxel(v: &Lvoxel, volumes: &[VolumeInfo], place: &dyn Fn() -> String) ->
             || numbers
                 .iter()
                 .all(|c| c.to_bits() < INFINITY || is_minus_0(*c));
+        let in_range = in_range & Lvoxel::is_lobe(v.lobe);
         if inside(0) & inside(1) & inside(2) & in_range {
             return Ok(());
         }
@@ -127,6 +128,9 @@ fn wrong_lvoxel(v: &Lvoxel, volumes: &[VolumeInfo], place: &dyn Fn() -> String) 
     }
     if !(v.sigma_t.is_finite() && v.sigma_t >= 0.0) {
         return wrong(place, "sigma_t", "a number of at least 0", v.sigma_t);
+    }
+    if !Lvoxel::is_lobe(v.lobe) {
+        return wrong(place, "lobe", "a length of at most 126", v.lobe);
     }
     wrong(place, "source", "numbers of at least 0", v.source)
 }

@@ -202,8 +202,25 @@ pub struct Lvoxel {
     /// Mean extinction, per scene unit.
     pub sigma_t: f32,
     /// Source function: radiance in-scattered per unit optical depth, albedo included; weighted by
-    /// extinction over the block.
+    /// extinction over the block. The mean over all directions.
     pub source: [f32; 3],
+    /// Mean direction in which its light leaves, scene space, by [`Lvoxel::LOBE_ONE`] to a length
+    /// of 1; 0 if it leaves alike in all directions.
+    pub lobe: [i8; 3],
+}
+
+impl Lvoxel {
+    /// What stands for 1 in a lobe.
+    pub const LOBE_ONE: f32 = 127.0;
+
+    /// Whether a lobe is shorter than 1.
+    #[must_use]
+    pub fn is_lobe(lobe: [i8; 3]) -> bool {
+        /// Its square.
+        const LONGEST: i32 = 126 * 126;
+        let square = |c: i8| i32::from(c) * i32::from(c);
+        lobe.into_iter().map(square).sum::<i32>() <= LONGEST
+    }
 }
 
 /// The coarsest lvoxel is 2^3 voxels a side, which is also the brick in which the level is one.

@@ -555,6 +555,7 @@ fn values_of_clouds_are_checked() {
         (2, &[0, 0, 255, 255], "block"),
         (3, &f32::NAN.to_le_bytes(), "sigma_t"),
         (4, &(-1f32).to_le_bytes(), "source"),
+        (5, &[127], "lobe"),
     ] {
         let bytes = changed(&file, |parts| {
             let rows = parts.blocks[1].records as usize;

@@ -285,6 +285,10 @@ fn values_that_no_reader_accepts_are_refused() {
             source: [-1.0; 3],
             ..voxel
         },
+        Lvoxel {
+            lobe: [127, 0, 0],
+            ..voxel
+        },
     ] {
         assert!(writer.push_lvoxels(&[bad]).is_err());
     }

@@ -10,6 +10,7 @@ use crate::scene::{Grid, Volume};
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
 use lvox_formats::record::{Lvoxel, MAX_LEVEL};
+use std::ops::{AddAssign, Mul};
 
 /// Optical depth of an edge above which a block is not lit at one point, unless the block depth
 /// allows more.
@@ -71,6 +72,48 @@ impl BlockSize {
             )),
             None => error.hint("resample the volume, or cut it into parts"),
         })
+    }
+}
+
+/// Light that arrives in a medium.
+#[derive(Clone, Copy, Debug, Default)]
+struct Arriving {
+    /// Mean over the sphere of the radiance.
+    light: Rgb,
+    /// The same of its mean channel times the direction in which it travels; 0 where nobody asks.
+    way: Vec3,
+}
+
+impl Arriving {
+    /// The lobe of what a medium scatters of it whose phase function has this mean cosine: that of
+    /// the phase function if all light comes from one side, and wider if it does not.
+    fn lobe(self, mean_cosine: f32) -> [i8; 3] {
+        /// Rounding must not make a lobe longer than it may be.
+        const LONGEST: f32 = 125.0;
+        let mean = self.light.mean();
+        if mean <= 0.0 || mean_cosine == 0.0 {
+            return [0; 3];
+        }
+        let lobe = self.way * (Lvoxel::LOBE_ONE * mean_cosine / mean);
+        let lobe = lobe.clamp_length_max(LONGEST).round().to_array();
+        lobe.map(|c| c as i8)
+    }
+}
+
+impl AddAssign for Arriving {
+    fn add_assign(&mut self, o: Self) {
+        self.light += o.light;
+        self.way += o.way;
+    }
+}
+
+impl Mul<f32> for Arriving {
+    type Output = Self;
+    fn mul(self, s: f32) -> Self {
+        Self {
+            light: self.light * s,
+            way: self.way * s,
+        }
     }
 }
 
@@ -175,12 +218,14 @@ impl LvoxelMaker<'_> {
                 };
                 let light = from_outside.or_else(over);
                 let light = light.unwrap_or_else(|| self.light_at(centroid(), 0, [1, 4], seed));
+                let mean_cosine = self.volume.phase.moment(1);
                 out.push(Lvoxel {
                     volume: self.index,
                     level,
                     block: block.map(|v| v as u16),
                     sigma_t: mean,
-                    source: (Rgb(self.volume.albedo) * light).0,
+                    source: (Rgb(self.volume.albedo) * light.light).0,
+                    lobe: light.lobe(mean_cosine),
                 });
             }
         }
@@ -189,7 +234,7 @@ impl LvoxelMaker<'_> {
 
     /// In-scattered light at a point of index space, by the rays of an index in a sequence: so many
     /// times those of the bake to each area light, and to the environment.
-    fn light_at(&self, at: DVec3, index: u32, times: [u32; 2], seed: u64) -> Rgb {
+    fn light_at(&self, at: DVec3, index: u32, times: [u32; 2], seed: u64) -> Arriving {
         let point = self.volume.scene_from_index.transform_point3(at).as_vec3();
         let [rays, all_round] = times.map(|n| {
             let per_light = n * self.shadow_rays;
@@ -199,14 +244,21 @@ impl LvoxelMaker<'_> {
                 seed,
             }
         });
-        self.lights
-            .mean_radiance_by_kept(point, rays, all_round, self.kept)
+        if self.volume.phase.is_isotropic() {
+            let lights = self.lights;
+            return Arriving {
+                light: lights.mean_radiance_by_kept(point, rays, all_round, self.kept),
+                way: Vec3::ZERO,
+            };
+        }
+        let (light, way) = (self.lights).directed_by_kept(point, rays, all_round, self.kept);
+        Arriving { light, way }
     }
 
     /// Mean in-scattered light of a block at several points, by the extinction there. One would
     /// tell of a whole block that it is in a shaft of light, or beside it. `None` where one is
     /// enough, and without extinction at any.
-    fn light_over(&self, block: [usize; 3], edge: usize, seed: u64) -> Option<Rgb> {
+    fn light_over(&self, block: [usize; 3], edge: usize, seed: u64) -> Option<Arriving> {
         /// Points in a volume whose voxels are so few that each is as wide as shafts of light are.
         const POINTS_IN_ALL: usize = 1 << 16;
         const MAX_POINTS_IN_VOXEL: usize = 64;
@@ -235,7 +287,7 @@ impl LvoxelMaker<'_> {
             let [x, y, z, _] = sobol_burley::sample_4d(i, 1, seed as u32);
             [x, y, z].map(f64::from)
         };
-        let (mut sum, mut weights) = (Rgb::BLACK, 0.0);
+        let (mut sum, mut weights) = (Arriving::default(), 0.0);
         for i in 0..count as u32 {
             let local = DVec3::from(place(i));
             let at = (DVec3::from(block.map(|v| v as f64)) + local) * edge as f64;
@@ -270,7 +322,7 @@ impl LvoxelMaker<'_> {
     /// Mean in-scattered light of a block that is too deep to be lit at one point, as rays see it
     /// that enter through a face from outside at any angle; a face counts by what the medium before
     /// it lets through. `None` if that is next to nothing.
-    fn light_from_outside(&self, block: [usize; 3], edge: usize, seed: u64) -> Option<Rgb> {
+    fn light_from_outside(&self, block: [usize; 3], edge: usize, seed: u64) -> Option<Arriving> {
         let axes = self.volume.scene_from_index.matrix3;
         // Of a voxel: the areas of its faces, and its thickness between each two.
         let areas: [f64; 3] = std::array::from_fn(|a| {
@@ -280,7 +332,7 @@ impl LvoxelMaker<'_> {
         let thickness = areas.map(|area| (axes.determinant().abs() / area) as f32);
         let edge = edge as f32;
         let sigma_t = |p: [f32; 3]| self.volume.sigma_t.sample(Vec3::from(p));
-        let (mut sum, mut weights) = (Rgb::BLACK, 0.0);
+        let (mut sum, mut weights) = (Arriving::default(), 0.0);
         for i in 0..6 * FACE_RAYS {
             let (a, upper) = (i as usize % 3, i as usize / 3 % 2);
             let [u, v, slant, share] = sobol_burley::sample_4d(i / 6, i % 6, seed as u32);

@@ -160,13 +160,28 @@ pub fn write(
         for lvoxel in &mut lvoxels {
             let sources = sources.get_mut(usize::from(lvoxel.volume));
             if let Some(source) = sources.and_then(Iterator::next) {
+                let direct = lvoxel.source;
                 lvoxel.source = source.to_array();
+                lvoxel.lobe = wider(lvoxel.lobe, direct, lvoxel.source);
             }
         }
         let page = EncodedLvoxels::new(&lvoxels, &tree.meta().cloud.volumes).map_err(too_bright)?;
         writer.push_lvoxel_page(&page)?;
     }
     Ok(lost)
+}
+
+/// The lobe of light of which `direct` has one, and the rest none.
+fn wider(lobe: [i8; 3], direct: [f32; 3], all: [f32; 3]) -> [i8; 3] {
+    if lobe == [0; 3] {
+        return lobe;
+    }
+    let [direct, all] = [direct, all].map(|c| c.iter().sum::<f32>());
+    let share = match all > 0.0 {
+        true => (direct / all).min(1.0),
+        false => 0.0,
+    };
+    lobe.map(|c| (f32::from(c) * share) as i8)
 }
 
 fn too_bright(error: lvox_formats::FormatError) -> Error {

@@ -295,8 +295,8 @@ impl Record for Surfel {
 }
 
 impl Record for Lvoxel {
-    /// Volume, level and block.
-    const HEAD_BYTES: usize = 2 + 1 + 3 * 2;
+    /// Volume, level, block and lobe.
+    const HEAD_BYTES: usize = 2 + 1 + 3 * 2 + 3;
     /// Extinction and source.
     const MAX_WORDS: usize = 1 + 3;
     const MIN_BYTES: usize = Self::HEAD_BYTES + Self::MAX_WORDS * WORD;
@@ -312,6 +312,7 @@ impl Record for Lvoxel {
         out.extend(self.volume.to_le_bytes());
         out.push(self.level);
         out.extend(self.block.iter().flat_map(|b| b.to_le_bytes()));
+        out.extend(self.lobe.map(|c| c as u8));
         floats(out, &[self.sigma_t]);
         floats(out, &self.source);
     }
@@ -324,6 +325,7 @@ impl Record for Lvoxel {
             block: [short(3), short(5), short(7)],
             sigma_t: words[0],
             source: three(words, 1),
+            lobe: [9, 10, 11].map(|at| head[at] as i8),
         }
     }
 }
@@ -449,6 +451,7 @@ mod tests {
                 block: [i, i / 2, u16::MAX - i],
                 sigma_t: f32::from(i),
                 source: [0.0, 1.0, f32::from(i)],
+                lobe: [(i % 100) as i8, -5, 7],
             })
             .collect();
         let mut dealer = Dealer::new(1, 1 << 16);

@@ -7,7 +7,7 @@ use super::patch_radiance::{self, PatchRadiance, PatchRequest, UnknownPatches};
 use super::{cone, plain};
 use crate::math::sampling::{sobol2, sphere};
 use crate::math::segment::Composite;
-use crate::math::{Ray, Rgb, sampling};
+use crate::math::{Ray, Rgb, SeenPhase, sampling};
 use crate::tree::Pages;
 use crate::{Error, Result};
 use glam::Vec3;
@@ -193,6 +193,15 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
     pub fn mean_radiance(&self, point: Vec3, range: SampleRange) -> Gathered {
         let seed = sampling::mix(range.seed) as u32;
         self.average(point, range.index, |i| Some(sphere(sobol2(i, 0, seed))))
+    }
+
+    /// Gathers the radiance that a point of a medium of albedo 1 scatters along a ray.
+    #[must_use]
+    pub fn scattered(&self, point: Vec3, range: SampleRange, seen: SeenPhase) -> Gathered {
+        let seed = sampling::mix(range.seed) as u32;
+        self.average(point, range.index, |i| {
+            Some(seen.sample(sobol2(i, 0, seed)))
+        })
     }
 
     fn average(

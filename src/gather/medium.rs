@@ -24,6 +24,11 @@ pub trait Medium: Copy + Sync {
     /// returns whether it never did.
     fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool;
 
+    /// The same where light travels with the ray, not against it.
+    fn walk_with(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
+        self.walk(ray, add)
+    }
+
     /// Voxels along each axis of the grid that the lvoxels of a volume stand on; `None` if there
     /// are none.
     fn lvoxel_dims(&self, _volume: usize) -> Option<[usize; 3]> {
@@ -81,6 +86,10 @@ impl Medium for &Media {
     #[inline]
     fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
         Media::walk(self, ray, add)
+    }
+
+    fn walk_with(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
+        Media::walk_with(self, ray, add)
     }
 
     fn lvoxel_dims(&self, volume: usize) -> Option<[usize; 3]> {

@@ -6,11 +6,11 @@ use crate::gather::cone;
 use crate::light::{Lights, ShadowRays};
 use crate::math::exp::{exp_neg, exp_neg_and_rest};
 use crate::math::segment::Segment;
-use crate::math::{Ray, Rgb, sampling};
+use crate::math::{PhaseFunction, Ray, Rgb, SeenPhase, sampling};
 use crate::scene::Volume;
 use glam::Vec3;
 
-/// Mean over the sphere of the light from surfaces and media: along each ray one point of the media
+/// Light from surfaces and media that is scattered along a ray, or its mean over the sphere: along each ray one point of the media
 /// is lit for all of them, chosen by the share of the ray's light that comes from there, and the
 /// surface behind is seen through what they leave.
 pub fn mean_radiance<G: GatherInMedia>(
@@ -18,6 +18,7 @@ pub fn mean_radiance<G: GatherInMedia>(
     lights: &Lights,
     surfaces: &G,
     point: Vec3,
+    seen: Option<SeenPhase>,
     seed: u64,
 ) -> Rgb {
     let tracer = lights.tracer();
@@ -27,7 +28,10 @@ pub fn mean_radiance<G: GatherInMedia>(
     let mut sum = Rgb::BLACK;
     for i in 0..count {
         let [u, v, w, _] = sobol_burley::sample_4d(i, 0, sampling::mix(seed) as u32);
-        let direction = sampling::sphere([u, v]);
+        let direction = match seen {
+            None => sampling::sphere([u, v]),
+            Some(seen) => seen.sample([u, v]),
+        };
         let max_dist = surfaces.settings().max_dist;
         let reach = tracer
             .closest(&Ray::new(point, direction, max_dist))
@@ -69,8 +73,9 @@ pub fn mean_radiance<G: GatherInMedia>(
                 first: i,
                 seed,
             };
-            let light =
-                lights.mean_radiance(at, rays).light() + lights.environment_mean_radiance(at, rays);
+            let seen = SeenPhase::of(phase_at(volumes, at), direction);
+            let light = lights.scattered(at, rays, seen).light()
+                + lights.scattered_environment(at, rays, seen);
             sum += s.source * light * taken;
         }
         if through > 0.0 {
@@ -85,3 +90,15 @@ pub fn mean_radiance<G: GatherInMedia>(
 
 /// Depth behind which nothing is looked at.
 const OPAQUE_DEPTH: f32 = 10.0;
+
+/// The phase function of the first medium at a point.
+fn phase_at(volumes: &[Volume], point: Vec3) -> PhaseFunction {
+    let is_there = |v: &&Volume| {
+        let at = v.index_from_scene.transform_point3(point);
+        v.sigma_t.sample(at) > 0.0
+    };
+    match volumes {
+        [one] => one.phase,
+        _ => (volumes.iter().find(is_there)).map_or(PhaseFunction::ISOTROPIC, |v| v.phase),
+    }
+}

@@ -7,7 +7,7 @@ use super::gatherer::GatherInMedia;
 use super::vertices::{Vertices, inside};
 use crate::gather::UnknownPatches;
 use crate::math::segment::Composite;
-use crate::math::{Ray, Rgb, sampling};
+use crate::math::{Ray, Rgb, SeenPhase, sampling};
 use crate::scene::Volume;
 use glam::Vec3;
 use rayon::prelude::*;
@@ -133,6 +133,12 @@ impl FarField {
         4 * self.rings * self.sectors
     }
 
+    /// Quarters of cells along both axes of the unit square that becomes the sphere.
+    #[must_use]
+    pub fn rows_and_columns(&self) -> [usize; 2] {
+        [self.rings, self.sectors].map(|n| 2 * n as usize)
+    }
+
     /// The direction in the middle of a quarter of a cell, of unit length.
     #[must_use]
     pub fn direction(&self, quarter: u32) -> Vec3 {
@@ -201,14 +207,15 @@ impl FarField {
         gatherer.evaluate(UnknownPatches::of_all(unknown.collect()));
     }
 
-    /// Mean over the sphere of the radiance at a point of the medium; `None` if surfaces are too
-    /// near for probes.
-    pub fn mean_radiance<G: GatherInMedia>(
+    /// Mean over the sphere of the radiance at a point of the medium, or what of it is scattered
+    /// along a ray; `None` if surfaces are too near for probes.
+    pub fn scattered<G: GatherInMedia>(
         &self,
         volume: &Volume,
         gatherer: &G,
         point_in_index: Vec3,
         point: Vec3,
+        seen: Option<SeenPhase>,
         seed: u64,
         counters: &Counters,
     ) -> Option<Rgb> {
@@ -216,13 +223,19 @@ impl FarField {
         let (mut sum, mut passed) = (Rgb::BLACK, 0);
         let count = self.rings * self.sectors;
         for c in 0..count {
+            let u = self.within(c, sampling::unit2(sampling::hash(&[seed, u64::from(c)])));
+            let (direction, of_cell) = match seen {
+                None => (sampling::sphere(u), c),
+                Some(seen) => {
+                    let direction = seen.sample(u);
+                    (direction, self.cell_of(direction))
+                }
+            };
             let mut cell = Quarter::default();
-            for quarter in 4 * c..4 * c + 4 {
+            for quarter in 4 * of_cell..4 * of_cell + 4 {
                 cell.radiance += around.radiance(quarter) * 0.25;
                 cell.distance += around.distance(quarter) * 0.25;
             }
-            let u = sampling::unit2(sampling::hash(&[seed, u64::from(c)]));
-            let direction = sampling::sphere(self.within(c, u));
             let mut light = Composite::default();
             let max_dist = gatherer.settings().max_dist;
             let end = cell.distance.min(max_dist);
@@ -250,6 +263,13 @@ impl FarField {
         ]
     }
 
+    /// The cell that a unit direction is in.
+    fn cell_of(&self, direction: Vec3) -> u32 {
+        let [u, v] = sampling::square_from_sphere(direction);
+        let along = |share: f32, n: u32| ((share * n as f32) as u32).min(n - 1);
+        along(u, self.rings) * self.sectors + along(v, self.sectors)
+    }
+
     /// A point of the unit square inside a quarter of a cell.
     fn within_quarter(&self, quarter: u32, [u, v]: [f32; 2]) -> [f32; 2] {
         let [x, y] = Self::halves(quarter).map(|half| half as f32);
@@ -262,7 +282,7 @@ impl FarField {
     }
 
     /// Where a quarter is among all, along both axes.
-    fn row_and_column(&self, quarter: u32) -> [usize; 2] {
+    pub fn row_and_column(&self, quarter: u32) -> [usize; 2] {
         let cell = [quarter / 4 / self.sectors, quarter / 4 % self.sectors];
         let half = Self::halves(quarter);
         std::array::from_fn(|a| (2 * cell[a] + half[a]) as usize)

@@ -4,8 +4,8 @@ use crate::gather::{
     Gathered, Gatherer, Incident, LvoxelBlock, Medium, RaySettings, SampleRange, UnknownPatches,
     cone,
 };
-use crate::math::Ray;
 use crate::math::segment::{Composite, Segment};
+use crate::math::{Ray, SeenPhase};
 use crate::tree::Pages;
 use glam::Vec3;
 
@@ -14,8 +14,9 @@ pub trait GatherInMedia: Sync {
     /// Rays, limits and kernel of the gathers.
     fn settings(&self) -> &RaySettings<'_>;
 
-    /// Mean over the sphere of the radiance at a point of a medium.
-    fn mean_radiance(&self, point: Vec3, range: SampleRange) -> Gathered;
+    /// Mean over the sphere of the radiance at a point of a medium, or what of it is scattered along
+    /// a ray.
+    fn scattered(&self, point: Vec3, range: SampleRange, seen: Option<SeenPhase>) -> Gathered;
 
     /// Radiance that surfaces alone send along a ray, as if there were no media.
     fn incident_from_surfaces(&self, ray: &Ray, scratch: &mut cone::Scratch) -> Incident;
@@ -38,6 +39,11 @@ pub trait GatherInMedia: Sync {
     /// that says no; returns whether it never did.
     fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool;
 
+    /// The same where light travels with the ray, not against it.
+    fn walk_with(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
+        self.walk(ray, add)
+    }
+
     /// Voxels along each axis of the grid that the lvoxels of a volume stand on, if these can be
     /// told.
     fn lvoxel_dims(&self, _volume: usize) -> Option<[usize; 3]> {
@@ -57,8 +63,11 @@ impl<P: Pages, M: Medium> GatherInMedia for Gatherer<'_, P, M> {
         &self.settings
     }
 
-    fn mean_radiance(&self, point: Vec3, range: SampleRange) -> Gathered {
-        self.mean_radiance(point, range)
+    fn scattered(&self, point: Vec3, range: SampleRange, seen: Option<SeenPhase>) -> Gathered {
+        match seen {
+            None => self.mean_radiance(point, range),
+            Some(seen) => self.scattered(point, range, seen),
+        }
     }
 
     fn incident_from_surfaces(&self, ray: &Ray, scratch: &mut cone::Scratch) -> Incident {
@@ -80,6 +89,11 @@ impl<P: Pages, M: Medium> GatherInMedia for Gatherer<'_, P, M> {
     #[inline]
     fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
         self.media.walk(ray, add)
+    }
+
+    #[inline]
+    fn walk_with(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
+        self.media.walk_with(ray, add)
     }
 
     fn lvoxel_dims(&self, volume: usize) -> Option<[usize; 3]> {

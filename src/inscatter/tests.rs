@@ -397,6 +397,7 @@ fn lvoxels(volume: u16, source: impl Fn([u16; 3]) -> f32) -> Vec<Lvoxel> {
         volume,
         sigma_t: SIGMA_T,
         source: [source(block); 3],
+        ..Lvoxel::default()
     };
     blocks.map(lvoxel).collect()
 }

@@ -2,10 +2,10 @@
 //! spot lights send to it is a closed form.
 
 use super::direct::DirectLight;
-use super::shading_point::{Receiver, ShadingPoint};
+use super::shading_point::{Arrival, Receiver, ShadingPoint};
 use super::shadows::{ShadowMedia, Shadows};
-use crate::math::Rgb;
 use crate::math::magnitude::to_unit;
+use crate::math::{Rgb, SeenPhase};
 use crate::scene::Light;
 use crate::trace::short_of;
 use glam::Vec3;
@@ -65,7 +65,10 @@ pub fn trace(
     {
         let transmittance = at.transmittance(beam.direction, beam.end, media);
         total.visibility.note_delta(index, transmittance);
-        total.delta += beam.sent * (beam.response * transmittance);
+        let arriving = beam.sent * (beam.response * transmittance);
+        at.receiver
+            .note(beam.direction, arriving.mean(), Arrival::Delta);
+        total.delta += arriving;
     }
 }
 
@@ -170,6 +173,23 @@ impl SegmentFromLight {
             }
         }
         (sum / angle).min(1.0)
+    }
+
+    /// Mean of what the medium scatters along a ray of the light, over what an isotropic one does:
+    /// over the angle that the segment is seen under, as [`Self::falloff`].
+    pub fn scattered(&self, seen: SeenPhase) -> f32 {
+        let [u, v] = self.ends;
+        let first = u.normalize_or_zero();
+        let across = (v - first * v.dot(first)).normalize_or_zero();
+        let angle = libm::atan2f(self.twice_area, self.along);
+        if angle <= 0.05 {
+            return seen.response(-(0.5 * (u + v)).normalize_or_zero());
+        }
+        let at = |(at, weight): (f32, f32)| {
+            let towards = first * libm::cosf(angle * at) + across * libm::sinf(angle * at);
+            weight * seen.response(-towards)
+        };
+        GAUSS.into_iter().map(at).sum()
     }
 
     /// Distance of the nearest point of the segment from the light.

@@ -3,7 +3,7 @@
 
 use super::direct::DirectLight;
 use super::emitter::Emitter;
-use super::shading_point::{Receiver, ShadingPoint, SurfaceReceiver};
+use super::shading_point::{Arrival, Receiver, ShadingPoint, SurfaceReceiver};
 use super::shadows::Shadows;
 use super::tree::{LightCut, LightTree};
 use crate::math::Rgb;
@@ -228,6 +228,8 @@ impl Candidates {
             // What this point sends over what its emitter was expected to: near 1.
             if let Some(ray) = at.ray_to(emitter, [within, v], chosen.response) {
                 let light = emitter.radiance * (ray.weight * sum / emitter.radiance.mean());
+                let arriving = light.mean() * ray.transmittance;
+                at.receiver.note(ray.direction, arriving, Arrival::Ray);
                 // Emitters of one surface are told apart no further than sharing a bit with
                 // another.
                 total.note_ray(chosen.index as usize, light, ray.transmittance);
@@ -270,7 +272,10 @@ fn trace_to_many<R: Receiver>(
         if let Some(ray) = at.ray_to(emitter, [chosen.within, v], chosen.chance) {
             let light = emitter.radiance * ray.weight;
             // As much of the light as a ray to any other light with an extent brings of its own.
-            total.note_ray(chosen.emitter as usize, light * per_ray, ray.transmittance);
+            let own = light * per_ray;
+            at.receiver
+                .note(ray.direction, own.mean() * ray.transmittance, Arrival::Ray);
+            total.note_ray(chosen.emitter as usize, own, ray.transmittance);
             sent += light;
         }
     }

@@ -1,13 +1,14 @@
 //! Direct light in media, so split that it can be interpolated between points.
 
-use super::delta_lights::SegmentFromLight;
+use super::delta_lights::{self, SegmentFromLight};
+use super::direct::DirectLight;
 use super::groups::Which;
 use super::lights::Lights;
-use super::shading_point::{INVERSE_SPHERE, MediumReceiver};
+use super::shading_point::{INVERSE_SPHERE, MediumReceiver, PhaseReceiver};
 use super::shadow_rays::ShadowRays;
 use super::shadows::Shadows;
-use super::suns::SunDepths;
-use crate::math::{Ray, Rgb};
+use super::suns::{Sun, SunDepths};
+use crate::math::{Ray, Rgb, SeenPhase};
 use crate::scene::Light;
 use crate::trace::short_of;
 use glam::Vec3;
@@ -15,11 +16,12 @@ use std::ops::{AddAssign, Mul};
 
 /// Direct light at a point of a medium, in two parts: that of point and spot lights changes without
 /// bound near them, but the share of it that arrives changes no faster than media and shadows do.
+/// So does that of suns where it is scattered by a phase function, which changes with the ray.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct MediumLight {
     /// Share of [`Lights::unshadowed_along`] that arrives, per channel.
     pub share: Rgb,
-    /// Mean over the sphere of the radiance of all other lights.
+    /// Mean over the sphere of the radiance of all other lights, weighed by the phase function.
     pub rest: Rgb,
 }
 
@@ -41,7 +43,7 @@ impl Mul<f32> for MediumLight {
 }
 
 impl<S: Shadows> Lights<'_, S> {
-    /// [`Self::mean_radiance`] in two parts, for what lies between points:
+    /// [`Self::scattered`] in two parts, for what lies between points:
     /// [`Self::unshadowed_along`] times the share, and the rest. Media before suns are those of
     /// `suns`, or the scene's own.
     #[must_use]
@@ -50,7 +52,15 @@ impl<S: Shadows> Lights<'_, S> {
         point: Vec3,
         rays: ShadowRays,
         suns: Option<&SunDepths>,
+        seen: Option<SeenPhase>,
     ) -> MediumLight {
+        if let Some(seen) = seen {
+            let at = self.shading_point(point, rays, PhaseReceiver(seen));
+            return MediumLight {
+                share: self.share_of_directed(point, rays, suns, seen),
+                rest: self.sum(&at, None, Which::Emitters).light() * INVERSE_SPHERE,
+            };
+        }
         let rest = self.sum(
             &self.shading_point(point, rays, MediumReceiver),
             suns,
@@ -81,13 +91,56 @@ impl<S: Shadows> Lights<'_, S> {
                 light * self.transmittance(&Ray::new(point, d, short_of(position, distance)));
             sent += light;
         });
-        Rgb(std::array::from_fn(|c| {
-            if sent.0[c] > 0.0 {
-                arriving.0[c] / sent.0[c]
-            } else {
-                0.0
+        arriving.over(sent)
+    }
+
+    /// The same of all that point lights, spot lights and suns send, by what a ray sees scattered.
+    fn share_of_directed(
+        &self,
+        point: Vec3,
+        rays: ShadowRays,
+        suns: Option<&SunDepths>,
+        seen: SeenPhase,
+    ) -> Rgb {
+        // What is scattered elsewhere counts little, but tells what arrives.
+        const LEAST: f32 = 1e-3;
+        let (mut arriving, mut sent) = (Rgb::BLACK, Rgb::BLACK);
+        let at = self.shading_point(point, rays, MediumReceiver);
+        let mut add = |light: &Light, index: usize, sends: Rgb, to_light: Vec3| {
+            let mut direct = DirectLight::default();
+            let media = suns.and_then(|s| s.of(index));
+            match Sun::of(light) {
+                Some(sun) => sun.trace(&mut direct, index, &at, media),
+                None => delta_lights::trace(&mut direct, light, index, &at, media),
             }
-        }))
+            let weight = seen.response(to_light).max(LEAST);
+            arriving += direct.light() * weight;
+            sent += sends * weight;
+        };
+        self.each_light(&at, Which::Directional, |index, light| {
+            if let Light::Directional {
+                direction,
+                irradiance,
+                ..
+            } = *light
+            {
+                add(light, index, Rgb(irradiance), -direction);
+            }
+        });
+        self.each_point_source(point, point, |position, intensity, light| {
+            let to_light = position - point;
+            let distance = to_light.length();
+            if distance == 0.0 {
+                return;
+            }
+            let d = to_light / distance;
+            let weight = light.falloff(-d).max(LEAST) * seen.response(d).max(LEAST);
+            let light = intensity * (weight / (distance * distance));
+            let ray = Ray::new(point, d, short_of(position, distance));
+            arriving += light * self.transmittance(&ray);
+            sent += light;
+        });
+        arriving.over(sent)
     }
 }
 
@@ -115,17 +168,38 @@ impl<S> Lights<'_, S> {
     }
 
     /// Unshadowed light of point and spot lights in a medium: mean radiance over the sphere,
-    /// averaged over a segment in closed form.
+    /// averaged over a segment in closed form. As a ray sees it, weighed by the phase function, and
+    /// that of suns as well.
     #[must_use]
-    pub fn unshadowed_along(&self, from: Vec3, to: Vec3) -> Rgb {
+    pub fn unshadowed_along(&self, from: Vec3, to: Vec3, seen: Option<SeenPhase>) -> Rgb {
         let mut total = Rgb::BLACK;
         self.each_point_source(from, to, |position, intensity, light| {
             let segment = SegmentFromLight::new(position, [from, to]);
             let mean = segment.mean_inverse_square();
             if mean.is_finite() {
-                total += intensity * (mean * INVERSE_SPHERE * segment.falloff(light));
+                let scattered = seen.map_or(1.0, |seen| segment.scattered(seen));
+                total += intensity * (mean * INVERSE_SPHERE * segment.falloff(light) * scattered);
             }
         });
+        if let Some(seen) = seen {
+            total += self.unshadowed_suns(seen);
+        }
+        total
+    }
+
+    /// What a ray sees scattered of suns if nothing is before them.
+    fn unshadowed_suns(&self, seen: SeenPhase) -> Rgb {
+        let mut total = Rgb::BLACK;
+        for light in &self.tracer.scene.lights {
+            if let Light::Directional {
+                direction,
+                irradiance,
+                ..
+            } = *light
+            {
+                total += Rgb(irradiance) * (INVERSE_SPHERE * seen.response(-direction));
+            }
+        }
         total
     }
 

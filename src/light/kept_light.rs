@@ -84,6 +84,26 @@ impl<S: Shadows> Lights<'_, S> {
     }
 }
 
+impl<S: Shadows> Lights<'_, S> {
+    /// The same light, with the sum over it of its mean channel times the direction in which it
+    /// travels; light of a kept sky travels all ways alike.
+    #[must_use]
+    pub fn directed_by_kept(
+        &self,
+        point: Vec3,
+        rays: ShadowRays,
+        all_round: ShadowRays,
+        kept: &KeptLight,
+    ) -> (Rgb, Vec3) {
+        let (light, way) = self.directed_through(point, rays, Some(&kept.suns));
+        let (sky, sky_way) = match &kept.sky {
+            Some(sky) => (self.environment() * sky.share(point), Vec3::ZERO),
+            None => self.directed_environment(point, all_round),
+        };
+        (light + sky, way + sky_way)
+    }
+}
+
 /// The share of a constant sky's light that gets through one volume to its points.
 #[derive(Debug)]
 struct Sky {

@@ -6,13 +6,14 @@ use super::emitter::Emitter;
 use super::emitters::{CutTolerance, Emitters, Unshadowed};
 use super::groups::{Exactness, LightGroups, Which};
 use super::shading_point::{
-    INVERSE_SPHERE, MediumReceiver, Receiver, ShadingPoint, SurfaceReceiver,
+    DirectedReceiver, INVERSE_SPHERE, MediumReceiver, PhaseReceiver, Receiver, ShadingPoint,
+    SurfaceReceiver, Travel,
 };
 use super::shadow_rays::ShadowRays;
 use super::shadows::{SceneMedia, Shadows, SoftShadowMedia, Vacuum};
 use super::suns::{Sun, SunDepths};
 use crate::math::sampling::{cosine_hemisphere, sphere, tangents};
-use crate::math::{Ray, Rgb};
+use crate::math::{Ray, Rgb, SeenPhase};
 use crate::scene::Light;
 use crate::trace::{self, Tracer};
 use glam::Vec3;
@@ -187,6 +188,41 @@ impl<'a, S: Shadows> Lights<'a, S> {
         direct
     }
 
+    /// The same light, with the sum over it of its mean channel times the direction in which it
+    /// travels.
+    pub(super) fn directed_through(
+        &self,
+        point: Vec3,
+        rays: ShadowRays,
+        suns: Option<&SunDepths>,
+    ) -> (Rgb, Vec3) {
+        let travel = Travel::default();
+        let at = self.shading_point(point, rays, DirectedReceiver(&travel));
+        let direct = self.sum(&at, suns, Which::All);
+        // Rays tell shares, as in [`DirectLight::light`].
+        let by_rays = direct.ratio.unshadowed.mean();
+        let scale = match by_rays > 0.0 {
+            true => direct.unshadowed.mean() / by_rays,
+            false => 0.0,
+        };
+        let way = travel.delta.get() + travel.rays.get() * scale;
+        (direct.light() * INVERSE_SPHERE, way * INVERSE_SPHERE)
+    }
+
+    /// Radiance that a medium of albedo 1 scatters along a ray at a point, of all lights: that of
+    /// [`Self::mean_radiance`] if its phase function is isotropic.
+    #[must_use]
+    pub fn scattered(&self, point: Vec3, rays: ShadowRays, seen: Option<SeenPhase>) -> DirectLight {
+        let Some(seen) = seen else {
+            return self.mean_radiance(point, rays);
+        };
+        let at = self.shading_point(point, rays, PhaseReceiver(seen));
+        let mut direct = self.sum(&at, None, Which::All);
+        direct.delta *= INVERSE_SPHERE;
+        direct.unshadowed *= INVERSE_SPHERE;
+        direct
+    }
+
     /// Irradiance of a surface point from a constant environment, for those who do not gather it:
     /// by as many rays over the hemisphere as `rays` are.
     #[must_use]
@@ -210,6 +246,39 @@ impl<'a, S: Shadows> Lights<'a, S> {
     #[must_use]
     pub fn environment_mean_radiance(&self, point: Vec3, rays: ShadowRays) -> Rgb {
         self.environment() * self.environment_share(point, rays, sphere)
+    }
+
+    /// The same as a ray sees the medium there.
+    #[must_use]
+    pub fn scattered_environment(
+        &self,
+        point: Vec3,
+        rays: ShadowRays,
+        seen: Option<SeenPhase>,
+    ) -> Rgb {
+        let Some(seen) = seen else {
+            return self.environment_mean_radiance(point, rays);
+        };
+        self.environment() * self.environment_share(point, rays, |u| seen.sample(u))
+    }
+
+    /// The mean over the sphere of the radiance of a constant environment, with the sum over it of
+    /// its mean channel times the direction in which it travels.
+    pub(super) fn directed_environment(&self, point: Vec3, rays: ShadowRays) -> (Rgb, Vec3) {
+        let (mut light, mut way) = (0.0, Vec3::ZERO);
+        if self.environment().is_black() {
+            return (Rgb::BLACK, way);
+        }
+        let at = self.shading_point(point, rays, ());
+        let scale = 1.0 / rays.count() as f32;
+        for i in 0..rays.count() {
+            let direction = sphere(rays.point(i, 62));
+            let media = at.shadows.before_emitters();
+            let through = scale * at.transmittance(direction, f32::INFINITY, media);
+            light += through;
+            way -= direction * through;
+        }
+        (self.environment() * light, way * self.environment().mean())
     }
 
     fn environment_share(
@@ -266,13 +335,29 @@ impl<'a, S: Shadows> Lights<'a, S> {
         which: Which,
     ) -> DirectLight {
         let mut total = DirectLight::default();
-        let mut add = |index: usize, light: &Light| {
+        self.each_light(at, which, |index, light| {
             let media = suns.and_then(|s| s.of(index));
             match Sun::of(light) {
                 Some(sun) => sun.trace(&mut total, index, at, media),
                 None => delta_lights::trace(&mut total, light, index, at, media),
             }
-        };
+        });
+        total.unshadowed += light_of_emitters;
+        unshadowed.trace(&mut total, at);
+        total
+    }
+}
+
+impl<S: Shadows> Lights<'_, S> {
+    /// Gives the lights that are no triangles, or those that stand for them at a point if they are
+    /// many, to `add` with their numbers.
+    #[inline]
+    pub(super) fn each_light<R: Receiver>(
+        &self,
+        at: &ShadingPoint<S, R>,
+        which: Which,
+        mut add: impl FnMut(usize, &Light),
+    ) {
         match &self.groups {
             None => {
                 let lights = self.lights.iter().enumerate();
@@ -284,9 +369,6 @@ impl<'a, S: Shadows> Lights<'a, S> {
                 lights.for_each(|(index, light)| add(index, light));
             }
         }
-        total.unshadowed += light_of_emitters;
-        unshadowed.trace(&mut total, at);
-        total
     }
 }
 

@@ -5,7 +5,7 @@
 use super::checks::{Checks, Levels};
 use super::direct::DirectLight;
 use super::kept_rays::{KeptRays, mean_depth};
-use super::shading_point::{Receiver, ShadingPoint};
+use super::shading_point::{Arrival, Receiver, ShadingPoint};
 use super::shadows::{ShadowMedia, Shadows};
 use crate::Result;
 use crate::math::ray_lattice::RayLattice;
@@ -66,6 +66,8 @@ impl Sun {
                 let light = self.irradiance * w;
                 total.unshadowed += light * (1.0 / rays.count() as f32);
                 let transmittance = at.transmittance(d, f32::INFINITY, media);
+                at.receiver
+                    .note(d, light.mean() * transmittance, Arrival::Ray);
                 total.note_ray(index, light, transmittance);
             }
         }

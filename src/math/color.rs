@@ -35,6 +35,16 @@ impl Rgb {
         self.0[0].max(self.0[1]).max(self.0[2])
     }
 
+    /// What it is of another light, by channel; 0 of none.
+    #[must_use]
+    pub fn over(self, whole: Self) -> Self {
+        let share = |i: usize| match whole.0[i] > 0.0 {
+            true => self.0[i] / whole.0[i],
+            false => 0.0,
+        };
+        Self(std::array::from_fn(share))
+    }
+
     /// Whether all channels are zero.
     #[must_use]
     pub fn is_black(self) -> bool {

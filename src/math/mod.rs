@@ -38,5 +38,5 @@ pub use boxes::Boxes;
 pub use color::Rgb;
 pub use hit::Hit;
 pub use index::unflatten;
-pub use phase::PhaseFunction;
+pub use phase::{PhaseFunction, SeenPhase};
 pub use ray::{Aabb, Ray};

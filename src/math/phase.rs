@@ -132,6 +132,45 @@ impl PhaseFunction {
     }
 }
 
+/// A phase function that is not isotropic as a ray sees it: by where light comes from.
+#[derive(Clone, Copy, Debug)]
+pub struct SeenPhase {
+    phase: PhaseFunction,
+    /// Unit direction of the ray, against the light that it carries.
+    direction: Vec3,
+}
+
+impl SeenPhase {
+    /// As a ray of a unit direction sees it; `None` of an isotropic one, which looks alike from
+    /// everywhere.
+    #[must_use]
+    #[inline]
+    pub fn of(phase: PhaseFunction, direction: Vec3) -> Option<Self> {
+        (!phase.is_isotropic()).then_some(Self { phase, direction })
+    }
+
+    /// Share of the light from a unit direction that is scattered along the ray, over that of an
+    /// isotropic medium.
+    #[must_use]
+    #[inline]
+    pub fn response(self, to_light: Vec3) -> f32 {
+        self.phase.over_isotropic(self.direction.dot(to_light))
+    }
+
+    /// Unit direction of the ray.
+    #[must_use]
+    pub fn direction(self) -> Vec3 {
+        self.direction
+    }
+
+    /// A unit direction in which to look for light, for two numbers in [0,1): directions have the
+    /// density of the phase function, so that light has to be weighed no more.
+    #[must_use]
+    pub fn sample(self, u: [f32; 2]) -> Vec3 {
+        self.phase.sample(self.direction, u)
+    }
+}
+
 /// A lobe of Henyey & Greenstein over an isotropic one.
 #[inline]
 fn lobe(g: f32, cos: f32) -> f32 {

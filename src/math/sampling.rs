@@ -115,6 +115,14 @@ pub fn sphere(u: [f32; 2]) -> Vec3 {
     Vec3::new(r * cos, r * sin, z)
 }
 
+/// The two numbers in [0,1] that [`sphere`] makes a unit direction of.
+#[must_use]
+pub fn square_from_sphere(d: Vec3) -> [f32; 2] {
+    let turns = libm::atan2f(d.y, d.x) * (1.0 / TAU);
+    let turns = if turns < 0.0 { turns + 1.0 } else { turns };
+    [0.5 * (1.0 - d.z), turns]
+}
+
 /// Uniform barycentric coordinates of a triangle by folding (Heitz 2019): keeps low-discrepancy
 /// sets well spread.
 #[must_use]
@@ -164,6 +172,18 @@ mod tests {
             bary.iter().all(|b| (b / n - 1.0 / 3.0).abs() < 1e-3),
             "{bary:?}"
         );
+    }
+
+    #[test]
+    fn directions_go_back_to_their_numbers() {
+        for i in 0..100 {
+            let u = r2(i, [0.25; 2]);
+            let back = square_from_sphere(sphere(u));
+            assert!(
+                (0..2).all(|a| (u[a] - back[a]).abs() < 1e-4),
+                "{u:?} {back:?}"
+            );
+        }
     }
 
     #[test]

@@ -62,6 +62,7 @@ pub fn run(
         return Err(Error::input("the scene has no volumes to light")
             .hint("shade it from its tree: there is nothing to scatter"));
     }
+    check_phases(scene, job)?;
     let of_tree = &tree.tree().meta().cloud.volumes;
     inscatter::check_volumes(of_tree, scene)
         .map_err(|e| e.hint("bake the scene and build its tree again"))?;
@@ -94,6 +95,26 @@ pub fn run(
             counts.insert("vertices".into(), vertices as f64);
             Ok(summary)
         })
+}
+
+/// Tells of volumes whose light is not the same for all cameras, and refuses a scene of such alone.
+fn check_phases(scene: &Scene, job: &Job) -> Result<()> {
+    let differ = scene.volumes.iter().filter(|v| !v.phase.is_isotropic());
+    let differ: Vec<&str> = differ.map(|v| v.name.as_str()).collect();
+    if differ.is_empty() {
+        return Ok(());
+    }
+    if differ.len() == scene.volumes.len() {
+        return Err(Error::input(
+            "what the volumes of this scene scatter differs with the camera: they have phase functions",
+        )
+        .hint("shade it from its tree: there is nothing to scatter for all cameras"));
+    }
+    job.progress.warn(&format!(
+        "left out, as what they scatter differs with the camera: {}",
+        differ.join(", ")
+    ));
+    Ok(())
 }
 
 /// Lighting of the media of a scene for any camera.

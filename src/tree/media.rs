@@ -29,6 +29,11 @@ struct BlockGrid<B> {
     cubes: Vec<Cube>,
     /// Blocks that are not empty, cube by cube: rays wait for memory more than for anything else.
     blocks: Vec<B>,
+    /// By block, the lobe in which its light leaves; none if all light leaves in all directions
+    /// alike.
+    lobes: Vec<[i8; 3]>,
+    /// Whether lvoxels with lobes were noted.
+    has_lobes: bool,
 }
 
 /// A brick that is not empty.
@@ -69,8 +74,31 @@ pub struct LvoxelBlock {
     pub edge: usize,
     /// Extinction per scene unit.
     pub sigma_t: f32,
-    /// Source function.
+    /// Source function: the mean over all directions.
     pub source: Rgb,
+    /// Mean direction in which its light leaves, as [`Lvoxel`] has it.
+    pub lobe: [i8; 3],
+}
+
+impl LvoxelBlock {
+    /// The mean direction in which its light leaves, scene space.
+    #[must_use]
+    pub fn mean_direction(&self) -> Vec3 {
+        mean_direction(self.lobe)
+    }
+}
+
+fn mean_direction(lobe: [i8; 3]) -> Vec3 {
+    Vec3::from(lobe.map(f32::from)) * (1.0 / Lvoxel::LOBE_ONE)
+}
+
+/// Light that leaves in a unit direction, over the mean of all directions, where this is the mean
+/// direction in which it leaves (Henyey & Greenstein 1941).
+#[inline]
+#[must_use]
+pub fn in_lobe(lobe: Vec3, travel: Vec3) -> f32 {
+    let squared = (travel - lobe).length_squared();
+    (1.0 - lobe.length_squared()) / (squared * squared.sqrt())
 }
 
 /// Finds a block in its brick: the index of the cube, and the bit in that.
@@ -109,7 +137,9 @@ impl MediaLayout {
     pub fn bytes(&self) -> u64 {
         let blocks: u64 = self.volumes.iter().map(BlockGrid::count).sum();
         let rest: usize = self.volumes.iter().map(BlockGrid::bytes).sum();
-        blocks * size_of::<Block>() as u64 + rest as u64
+        let lobed = (self.volumes.iter()).filter(|v| v.has_lobes);
+        let lobes = lobed.map(BlockGrid::count).sum::<u64>() * size_of::<[i8; 3]>() as u64;
+        blocks * size_of::<Block>() as u64 + lobes + rest as u64
     }
 
     /// Media whose lvoxels are all empty; [`Media::place`] fills them in.
@@ -171,8 +201,18 @@ impl Media {
     /// returns whether it never did.
     #[inline]
     pub fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
+        self.walk_lit(ray, -ray.direction, add)
+    }
+
+    /// The same for light that travels with the ray, not against it.
+    pub fn walk_with(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
+        self.walk_lit(ray, ray.direction, add)
+    }
+
+    #[inline]
+    fn walk_lit(&self, ray: &Ray, travel: Vec3, add: &mut impl FnMut(Segment) -> bool) -> bool {
         let boxes = self.boxes.along(ray);
-        let mut met = boxes.filter_map(|v| self.volumes[v].enter(ray));
+        let mut met = boxes.filter_map(|v| self.volumes[v].enter(ray, travel));
         match (met.next(), met.next()) {
             (None, _) => true,
             (Some(walk), None) => walk.run(add),
@@ -225,6 +265,8 @@ impl BlockGrid<()> {
             bricks: Vec::new(),
             cubes: Vec::new(),
             blocks: Vec::new(),
+            lobes: Vec::new(),
+            has_lobes: false,
         }
     }
 
@@ -266,6 +308,7 @@ impl BlockGrid<()> {
             return;
         }
         self.cubes[brick.first_cube as usize + cube].filled |= 1 << bit;
+        self.has_lobes |= l.lobe != [0; 3];
         let per_axis = (BRICK >> l.level) as u16;
         let [first, end] = &mut brick.filled;
         for a in 0..3 {
@@ -300,6 +343,8 @@ impl BlockGrid<()> {
             bricks: self.bricks,
             cubes: self.cubes,
             blocks: vec![Block::default(); first as usize],
+            lobes: vec![[0; 3]; if self.has_lobes { first as usize } else { 0 }],
+            has_lobes: self.has_lobes,
         }
     }
 }
@@ -308,6 +353,7 @@ impl<B> BlockGrid<B> {
     /// Bytes of memory that all blocks take.
     fn bytes(&self) -> usize {
         size_of_val(&*self.blocks)
+            + size_of_val(&*self.lobes)
             + size_of_val(&*self.cubes)
             + size_of_val(&*self.bricks)
             + size_of_val(&*self.table)
@@ -339,12 +385,16 @@ impl BlockGrid<Block> {
             return;
         }
         let before = (cube.filled & ((1 << bit) - 1)).count_ones();
-        let block = &mut self.blocks[(cube.first + before) as usize];
+        let i = (cube.first + before) as usize;
+        let block = &mut self.blocks[i];
         if block.sigma_t == 0.0 {
             *block = Block {
                 sigma_t: l.sigma_t,
                 source: Rgb(l.source),
             };
+            if let Some(lobe) = self.lobes.get_mut(i) {
+                *lobe = l.lobe;
+            }
         }
     }
 
@@ -361,24 +411,28 @@ impl BlockGrid<Block> {
                 let cube = self.cubes[brick.first_cube as usize + cube];
                 if cube.filled >> bit & 1 == 1 {
                     let before = (cube.filled & ((1 << bit) - 1)).count_ones();
-                    let Block { sigma_t, source } = self.blocks[(cube.first + before) as usize];
+                    let i = (cube.first + before) as usize;
+                    let Block { sigma_t, source } = self.blocks[i];
                     take(LvoxelBlock {
                         first: std::array::from_fn(|a| base[a] + block[a] * edge),
                         edge,
                         sigma_t,
                         source,
+                        lobe: self.lobes.get(i).copied().unwrap_or_default(),
                     });
                 }
             }
         }
     }
 
-    fn enter(&self, ray: &Ray) -> Option<Walk<'_>> {
+    /// The way of a ray whose light travels in a unit direction.
+    fn enter(&self, ray: &Ray, travel: Vec3) -> Option<Walk<'_>> {
         let map = (&self.index_from_scene, &self.index_from_scene_f64);
         let passage = Passage::new(map, self.dims, ray)?;
         Some(Walk {
             grid: self,
             passage,
+            travel,
         })
     }
 }
@@ -387,12 +441,34 @@ impl BlockGrid<Block> {
 struct Walk<'a> {
     grid: &'a BlockGrid<Block>,
     passage: Passage,
+    /// Unit direction in which light travels that the ray carries.
+    travel: Vec3,
 }
 
 impl Walk<'_> {
     /// Gives every segment in a block to `add` until that says no; returns whether it never did.
     #[inline]
     fn run(&self, add: &mut impl FnMut(Segment) -> bool) -> bool {
+        if self.grid.lobes.is_empty() {
+            self.run_plain(add)
+        } else {
+            self.run_lobed(add)
+        }
+    }
+
+    #[inline]
+    fn run_plain(&self, add: &mut impl FnMut(Segment) -> bool) -> bool {
+        self.run_as::<false>(add)
+    }
+
+    // Not inlined: most scenes have no lobes.
+    #[inline(never)]
+    fn run_lobed(&self, add: &mut impl FnMut(Segment) -> bool) -> bool {
+        self.run_as::<true>(add)
+    }
+
+    #[inline(always)]
+    fn run_as<const LOBED: bool>(&self, add: &mut impl FnMut(Segment) -> bool) -> bool {
         let Passage { line, end, .. } = &self.passage;
         let dims = self.grid.table_dims;
         let mut outer = Steps::new(line, 0.0, [0; 3], BRICK as f32, dims.map(|n| n as i32));
@@ -404,7 +480,7 @@ impl Walk<'_> {
             let b = self.grid.table[(z * dims[1] + y) * dims[0] + x];
             if let Some(brick) = self.grid.bricks.get(b as usize)
                 && leave > t
-                && !self.brick(brick, at, t, leave, add)
+                && !self.brick::<LOBED>(brick, at, t, leave, add)
             {
                 return false;
             }
@@ -416,7 +492,7 @@ impl Walk<'_> {
     }
 
     #[inline]
-    fn brick(
+    fn brick<const LOBED: bool>(
         &self,
         brick: &Brick,
         at: [i32; 3],
@@ -463,12 +539,20 @@ impl Walk<'_> {
             };
             if cube.filled >> bit & 1 == 1 && far > near {
                 let before = (cube.filled & ((1 << bit) - 1)).count_ones();
-                let block = &self.grid.blocks[(cube.first + before) as usize];
+                let i = (cube.first + before) as usize;
+                let block = &self.grid.blocks[i];
+                let source = match LOBED {
+                    true => {
+                        let lobe = mean_direction(self.grid.lobes[i]);
+                        block.source * in_lobe(lobe, self.travel)
+                    }
+                    false => block.source,
+                };
                 let s = Segment {
                     near: start + near,
                     far: start + far,
                     tau: block.sigma_t * (far - near),
-                    source: block.source,
+                    source,
                 };
                 if !add(s) {
                     return false;

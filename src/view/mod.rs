@@ -9,6 +9,7 @@ mod levels;
 pub use levels::media_on_pixels;
 
 use crate::image::Region;
+use crate::math::{PhaseFunction, SeenPhase};
 use crate::scene::{Camera, Film, Scene};
 use crate::trace::{Surface, Tracer, offset};
 use crate::{Error, Result};
@@ -86,6 +87,16 @@ impl<'a> View<'a> {
         let towards_camera = (self.camera.origin() - surface.position).normalize_or_zero();
         let off = surface.face_normal + towards_camera;
         surface.position + off * (ROUNDING * offset(surface.position))
+    }
+
+    /// How the camera sees a phase function at a point, if that is not isotropic.
+    #[inline]
+    pub fn seen(&self, phase: PhaseFunction, point: Vec3) -> Option<SeenPhase> {
+        if phase.is_isotropic() {
+            return None;
+        }
+        let direction = (point - self.camera.origin()).normalize_or(Vec3::Z);
+        SeenPhase::of(phase, direction)
     }
 
     /// A point of scene space as the camera sees it: x to the right, y up, -z ahead.

@@ -386,6 +386,7 @@ fn media() -> (Vec<VolumeInfo>, Vec<Lvoxel>) {
                         block,
                         sigma_t: 3.0 * random.unit(),
                         source: std::array::from_fn(|_| random.unit()),
+                        ..Lvoxel::default()
                     });
                 }
             }

@@ -30,13 +30,14 @@ pub const CLIP_COUNTS: usize = 8;
 pub const CLIP_EDGES: usize = 9;
 
 /// By bit in the mask of a chunk of lvoxels.
-pub const LVOXELS: [Column; 6] = [
+pub const LVOXELS: [Column; 7] = [
     column("volume", 2),
     column("level", 1),
     column("block", 6),
     column("sigma_t", 4),
     column("source", 12),
     column("source_grey", 4),
+    column("lobe", 3),
 ];
 pub const VOLUME: usize = 0;
 pub const LEVEL: usize = 1;
@@ -44,6 +45,7 @@ pub const BLOCK: usize = 2;
 pub const SIGMA_T: usize = 3;
 pub const SOURCE: usize = 4;
 pub const SOURCE_GREY: usize = 5;
+pub const LOBE: usize = 6;
 
 const ZSTD_LEVEL: i32 = 1;
 const DIRECTORY_ENTRY: usize = 16;

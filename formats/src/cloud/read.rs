@@ -334,6 +334,11 @@ fn decode_lvoxels(chunk: &Chunk<'_>) -> Result<Vec<Lvoxel>> {
             v.source = c;
         }
     }
+    if let Some(rows) = chunk.column(col::LOBE, n)? {
+        for (v, lobe) in lvoxels.iter_mut().zip(rows.as_chunks().0) {
+            v.lobe = lobe.map(|c: u8| c as i8);
+        }
+    }
     chunk.check_raw_bytes(0)?;
     Ok(lvoxels)
 }

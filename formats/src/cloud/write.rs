@@ -276,8 +276,8 @@ fn surfel_columns(surfels: &mut [Surfel], overlap: f32) -> (Columns, [u64; 10]) 
     (columns, left_out)
 }
 
-fn lvoxel_columns(lvoxels: &[Lvoxel]) -> (Columns, [u64; 6]) {
-    let mut left_out = [0; 6];
+fn lvoxel_columns(lvoxels: &[Lvoxel]) -> (Columns, [u64; col::LVOXELS.len()]) {
+    let mut left_out = [0; col::LVOXELS.len()];
     let n = lvoxels.len();
     let mut columns = Vec::new();
     if lvoxels.iter().all(|v| v.volume == 0) {
@@ -304,5 +304,10 @@ fn lvoxel_columns(lvoxels: &[Lvoxel]) -> (Columns, [u64; 6]) {
         lvoxels.iter().map(|v| v.source),
         n,
     );
+    // What most scenes do not have is not told as left out.
+    if lvoxels.iter().any(|v| v.lobe != [0; 3]) {
+        let rows = lvoxels.iter().flat_map(|v| v.lobe.map(|c| c as u8));
+        columns.push((col::LOBE, rows.collect()));
+    }
     (columns, left_out)
 }

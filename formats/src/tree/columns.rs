@@ -83,7 +83,7 @@ pub const CLIP_EDGE: usize = 27;
 pub const BACK_AXES: usize = 28;
 
 /// By bit in the mask of a page of lvoxels.
-pub const LVOXELS: [Column; 8] = [
+pub const LVOXELS: [Column; 9] = [
     column("volume", 2, Rows::Lvoxels),
     column("level", 1, Rows::Lvoxels),
     column("block_gap", 8, Rows::Lvoxels),
@@ -92,6 +92,7 @@ pub const LVOXELS: [Column; 8] = [
     column("source", 4, Rows::Lvoxels),
     column("source_grey", 2, Rows::Lvoxels),
     column("source_f32", 12, Rows::Lvoxels),
+    column("lobe", 3, Rows::Lvoxels),
 ];
 pub const VOLUME: usize = 0;
 pub const LEVEL: usize = 1;
@@ -99,6 +100,7 @@ pub const BLOCK_GAP: usize = 2;
 pub const SIGMA_T: usize = 3;
 pub const SIGMA_T_F32: usize = 4;
 pub const SOURCE: usize = 5;
+pub const LOBE: usize = 8;
 
 /// A page before compression: header, then the columns, each in byte planes.
 pub struct PageBuilder {
@@ -282,6 +284,11 @@ impl Planes<'_> {
     /// The byte of a one-byte row.
     pub fn u8(&self, row: usize) -> u8 {
         self.byte(row, 0)
+    }
+
+    /// The k-th signed byte of a row.
+    pub fn i8(&self, row: usize, k: usize) -> i8 {
+        self.byte(row, k) as i8
     }
 
     /// The k-th two-byte number of a row.

@@ -87,7 +87,7 @@ mod tests {
             level,
             block,
             sigma_t: 1.0,
-            source: [0.0; 3],
+            ..Lvoxel::default()
         }
     }
 

@@ -124,6 +124,11 @@ pub(super) fn encode(
         errors.note_radiance(v.source, *c);
         v.source = *c;
     }
+    // What most scenes do not have is not told as left out.
+    if lvoxels.iter().any(|v| v.lobe != [0; 3]) {
+        let plane = |k: usize| lvoxels.iter().map(move |v| v.lobe[k] as u8);
+        builder.push_u8(col::LOBE, (0..3).flat_map(plane));
+    }
 
     let mask = builder.mask();
     let steps = steps.unwrap_or(Steps { base: 0, shift: 0 });
@@ -220,5 +225,10 @@ fn decode_columns(
     }
     let source = lvoxels.iter_mut().map(|v| &mut v.source);
     radiance::decode(columns, col::SOURCE, exponent, source)?;
+    if let Some(rows) = columns.get(col::LOBE) {
+        for (i, v) in lvoxels.iter_mut().enumerate() {
+            v.lobe = [0, 1, 2].map(|k| rows.i8(i, k));
+        }
+    }
     Ok(lvoxels)
 }

@@ -258,6 +258,7 @@ fn any_lvoxels() -> Vec<Lvoxel> {
             block: [i; 3],
             sigma_t: 1.0 + f32::from(i),
             source: [f32::from(i), 1.0, 0.0],
+            lobe: [i as i8, -120, 3],
         })
         .collect()
 }
@@ -275,6 +276,7 @@ fn smooth_lvoxels() -> Vec<Lvoxel> {
                 block,
                 sigma_t: 8.0 + 0.5 * x + 0.1 * y * z,
                 source: [3.0 + 0.1 * x - 0.2 * y + 0.05 * z; 3],
+                ..Lvoxel::default()
             }
         })
         .collect()

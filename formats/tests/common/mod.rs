@@ -289,12 +289,14 @@ pub fn lvoxels(random: &mut Random, n: usize, style: Style) -> Vec<Lvoxel> {
         .map(|_| {
             let level = random.below(4) as u8;
             let c: [f32; 3] = std::array::from_fn(|_| style.light * random.unit());
+            let lobe = c.map(|c| (140.0 * c / style.light - 70.0) as i8);
             Lvoxel {
                 volume: random.below(2) as u16,
                 level,
                 block: [64u64, 32, 100].map(|d| (random.below(d) >> level) as u16),
                 sigma_t: (0.01 + random.unit()) / style.scale,
                 source: if style.grey { [c[0]; 3] } else { c },
+                lobe: if style.back { lobe } else { [0; 3] },
             }
         })
         .collect()
@@ -314,6 +316,7 @@ pub fn smooth_lvoxels() -> Vec<Lvoxel> {
                 block: [axis(2), axis(1), axis(0) + first],
                 sigma_t: 1.0 + 0.5 * x + 0.2 * y * y - 0.3 * z,
                 source: [source; 3],
+                ..Lvoxel::default()
             }
         })
     };

@@ -29,13 +29,17 @@ pub struct VolumeLight {
 impl<G: GatherInMedia> InScatter<'_, G> {
     /// Lights the vertices of all volumes. Of direct light those of the lattice that each brick
     /// uses, and finer ones where light changes so much between those that a camera near by would
-    /// ask for them; of indirect light those that were swept. All else is asked for by few rays.
+    /// ask for them; of indirect light those that were swept. All else is asked for by few rays. None
+    /// of a volume whose light differs with the camera.
     ///
     /// # Errors
     /// If cancelled.
     pub fn light_all(mut self, job: &Job) -> Result<Vec<VolumeLight>> {
         let sweeps: Vec<_> = self.lattices.iter_mut().map(|l| l.sweep.take()).collect();
         let light = |(index, sweep): (usize, Option<Sweep>)| {
+            if !self.volumes[index].phase.is_isotropic() {
+                return Ok(VolumeLight::default());
+            }
             let mut indirect = sweep.map_or_else(Default::default, Sweep::into_levels);
             self.gather_rest(index, &mut indirect, job)?;
             let direct = self.light_directly(index, job)?;

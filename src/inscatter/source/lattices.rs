@@ -96,8 +96,13 @@ impl<'a> VolumeLattices<'a> {
             let all = densities.of_all(brick, own);
             densities.of(brick).max(SHARED_DEPTH * all) * voxel
         };
-        let sweeper = (light.gatherer).filter(|g| g.settings().max_dist.is_infinite());
-        let (scattered, sweep) = match (light.scattered, sweeper) {
+        let is_for_all_cameras = matches!(visible, VisibleMedia::All);
+        let sweeper = (light.gatherer)
+            .filter(|g| g.settings().max_dist.is_infinite())
+            .filter(|_| volume.phase.is_isotropic() || !is_for_all_cameras);
+        // What was made for all cameras does not know where this one is.
+        let scattered = (light.scattered).filter(|_| volume.phase.is_isotropic());
+        let (scattered, sweep) = match (scattered, sweeper) {
             (Some(file), _) => {
                 let scattered = ScatteredLight::open(file, index, view, visible, job)?;
                 let sweep = sweeper.map(|_| Sweep::made_beforehand(volume, is_alone, depth_of));

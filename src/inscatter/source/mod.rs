@@ -26,7 +26,7 @@ use crate::Result;
 use crate::gather::SampleRange;
 use crate::light::{Lights, MediumLight, ShadowRays, SunDepths};
 use crate::math::exp::{exp_neg, mean_reach, one_minus_exp_neg};
-use crate::math::{Rgb, sampling};
+use crate::math::{Rgb, SeenPhase, sampling};
 use crate::run::Job;
 use crate::scene::Volume;
 use crate::view::{View, VisibleMedia};
@@ -201,6 +201,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             finest: least.min(level),
             finest_indirect: self.lattices[volume].least_indirect.at(at),
             voxel_depth: depth * voxel / (to - from).length(),
+            seen: self.seen(volume, point),
         };
         Rgb(medium.albedo) * (self.direct(&segment, memo) + self.indirect(&segment, memo))
     }
@@ -208,6 +209,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     fn direct(&self, segment: &RaySegment, memo: &mut RayMemo) -> Rgb {
         let (lattices, [from, to]) = (&self.lattices[segment.volume], segment.ends);
         let spacing = lattices.voxel * (1 << segment.level) as f32;
+        let unshadowed = |from, to| self.lights.unshadowed_along(from, to, segment.seen);
         // What arrives of a point light has a cusp at the light.
         let near = self
             .lights
@@ -215,12 +217,12 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
         if let Some(median) = near.filter(|_| segment.depth > 0.0) {
             let point = from + (to - from) * median;
             let rays = Self::rays(Self::SHADOW_RAYS, self.seed_of(point));
-            let light = self.lit(&self.sharp_lights, point, rays, None);
+            let light = self.lit(&self.sharp_lights, point, rays, None, segment.seen);
             // The camera sees that point, and not the segment as a whole, through what is before
             // it.
             let mean_through = one_minus_exp_neg(segment.depth) / segment.depth;
             let through = exp_neg(segment.depth * median) / mean_through;
-            return light.share * self.lights.unshadowed_along(from, to) * through + light.rest;
+            return light.share * unshadowed(from, to) * through + light.rest;
         }
         let vertex = |level: usize, v: [usize; 3]| {
             let lit = lattices
@@ -247,7 +249,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
                         continue;
                     }
                     let light = blend(values, weights, |v| v.light);
-                    return LightVectors::share(light) * self.lights.unshadowed_along(from, to)
+                    return LightVectors::share(light) * unshadowed(from, to)
                         + LightVectors::rest(light);
                 }
                 let light = blend(values, weights, |v| v.light);
@@ -258,9 +260,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
                     let fall = |spread: Spread, part: usize| {
                         spread.fall(depth, || blend(values, weights, |v| v.ln[part]))
                     };
-                    let share = LightVectors::share(light)
-                        * self.lights.unshadowed_along(from, to)
-                        * fall(share, 0);
+                    let share = LightVectors::share(light) * unshadowed(from, to) * fall(share, 0);
                     return share + LightVectors::rest(light) * fall(rest, 1);
                 }
             }
@@ -269,8 +269,9 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             // Many such cells are in a row, and one point of each tells enough.
             let seed = self.seed_of(segment.point);
             let point = segment.at_share(sampling::unit(seed));
-            let light = self.lit(self.lights, point, Self::rays(1, seed), Some(&self.suns));
-            return light.share * self.lights.unshadowed_along(from, to) + light.rest;
+            let (rays, seen) = (Self::rays(1, seed), segment.seen);
+            let light = self.lit(self.lights, point, rays, Some(&self.suns), seen);
+            return light.share * unshadowed(from, to) + light.rest;
         }
         // Two points (Gauss-Legendre) of what the camera sees: light is not linear along a dense
         // segment.
@@ -278,8 +279,8 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
         for share in [0.211_324_87, 0.788_675_1] {
             let point = segment.at_share(share);
             let rays = Self::rays(Self::SHADOW_RAYS / 2, self.seed_of(point));
-            let light = self.lit(&self.sharp_lights, point, rays, None);
-            sum += (light.share * self.lights.unshadowed_along(point, point) + light.rest) * 0.5;
+            let light = self.lit(&self.sharp_lights, point, rays, None, segment.seen);
+            sum += (light.share * unshadowed(point, point) + light.rest) * 0.5;
         }
         sum
     }
@@ -300,7 +301,13 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     fn vertex(&self, volume: usize, level: usize, point_in_index: Vec3, v: [usize; 3]) -> Vertex {
         let rays = Self::rays(self.vertex_rays, self.key(volume, level, v));
         let point = self.to_scene(volume, point_in_index);
-        Vertex::new(self.lit(self.lights, point, rays, Some(&self.suns)))
+        let seen = self.seen(volume, point);
+        Vertex::new(self.lit(self.lights, point, rays, Some(&self.suns), seen))
+    }
+
+    /// How the camera sees the phase function of a volume at a point, if that is not isotropic.
+    pub(super) fn seen(&self, volume: usize, point: Vec3) -> Option<SeenPhase> {
+        self.view.seen(self.volumes[volume].phase, point)
     }
 
     /// Gathered light at a point of a volume's index space: what a vertex has that is not swept.
@@ -310,18 +317,20 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
         };
         counts::add(&self.counters.gathered, 1);
         let far_field = &self.lattices[volume].far_field;
+        let seen = self.seen(volume, point);
         far_field
-            .mean_radiance(
+            .scattered(
                 &self.volumes[volume],
                 gatherer,
                 at,
                 point,
+                seen,
                 seed,
                 &self.counters,
             )
             .unwrap_or_else(|| {
                 gatherer
-                    .mean_radiance(point, SampleRange::first(seed))
+                    .scattered(point, SampleRange::first(seed), seen)
                     .light
             })
     }
@@ -337,7 +346,8 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             let seed = self.seed_of(segment.point);
             let point = segment.at_share(sampling::unit(seed));
             counts::add(&self.counters.gathered, 1);
-            return dense::mean_radiance(self.volumes, &self.sharp_lights, gatherer, point, seed);
+            let lights = &self.sharp_lights;
+            return dense::mean_radiance(self.volumes, lights, gatherer, point, segment.seen, seed);
         }
         let vertex = |level: usize, v: [usize; 3]| {
             *lattices.indirect[level].get(v, &|p, v| {
@@ -462,13 +472,14 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
         point: Vec3,
         rays: ShadowRays,
         suns: Option<&SunDepths>,
+        seen: Option<SeenPhase>,
     ) -> MediumLight {
         counts::add(&self.counters.lit, 1);
-        let mut light = lights.in_medium(point, rays, suns);
+        let mut light = lights.in_medium(point, rays, suns, seen);
         if self.gatherer.is_none() && !lights.environment().is_black() {
             let seed = self.seed_of(point);
             let rays = Self::rays(Self::ENVIRONMENT_RAYS, seed);
-            light.rest += lights.environment_mean_radiance(point, rays);
+            light.rest += lights.scattered_environment(point, rays, seen);
         }
         light
     }
@@ -521,6 +532,8 @@ struct RaySegment {
     /// Depth of a voxel of the densest medium in the brick, and of one as dense as on the segment.
     densest: f32,
     voxel_depth: f32,
+    /// How the ray sees the phase function, if that is not isotropic.
+    seen: Option<SeenPhase>,
     /// Whether light between the vertices of the brick is as good as linear.
     is_thin: bool,
     /// The coarsest lattice that its brick allows.

@@ -8,6 +8,8 @@ use crate::math::exp::exp_neg_in_place;
 use crate::math::ray_lattice::RayLattice;
 use crate::math::unflatten;
 use crate::scene::Volume;
+use crate::tree::media::in_lobe;
+use glam::Vec3;
 use rayon::prelude::*;
 use wide::f32x4;
 
@@ -19,6 +21,8 @@ pub struct SourceCells {
     dims: [usize; 3],
     /// Radiance that is scattered per length, and extinction, x fastest.
     cells: Vec<f32x4>,
+    /// Mean directions in which the light of cells leaves; none if it leaves in all alike.
+    lobes: Vec<Vec3>,
 }
 
 /// The cells in layers along the first of three axes, in rows along the second.
@@ -63,10 +67,15 @@ impl SourceCells {
     }
 
     /// Bytes that cells of a volume take, in layers as well, for vertices at most so many voxels
-    /// apart.
-    pub fn bytes(volume: &Volume, coarsest: usize) -> u64 {
+    /// apart and so many directions together.
+    pub fn bytes(volume: &Volume, coarsest: usize, together: usize) -> u64 {
         let cells: usize = Self::dims(volume, coarsest).iter().map(|n| n + 2).product();
-        2 * (cells * size_of::<f32x4>()) as u64
+        let copies = match volume.phase.is_isotropic() {
+            true => 2 * size_of::<f32x4>(),
+            // Layers of all directions that are passed together.
+            false => (1 + together) * size_of::<f32x4>() + size_of::<Vec3>(),
+        };
+        (cells * copies) as u64
     }
 
     /// Cells along each axis: as many as vertices have between them.
@@ -86,6 +95,8 @@ impl SourceCells {
         let own_edge = edge << level;
         let dims = Self::dims(volume, coarsest);
         let mut cells = vec![f32x4::ZERO; dims.iter().product()];
+        let has_lobes = !volume.phase.is_isotropic();
+        let mut lobes = vec![Vec3::ZERO; if has_lobes { cells.len() } else { 0 }];
         let per_cell = 1.0 / own_edge.pow(3) as f32;
         gatherer.each_lvoxel(0, &mut |block: LvoxelBlock| {
             let [r, g, b] = (block.source * block.sigma_t).0;
@@ -97,20 +108,40 @@ impl SourceCells {
                 let part = unflatten(i, [across; 3]);
                 let at: [usize; 3] = std::array::from_fn(|a| first[a] + part[a]);
                 if (0..3).all(|a| at[a] < dims[a]) {
-                    cells[(at[2] * dims[1] + at[1]) * dims[0] + at[0]] += value * share;
+                    let cell = (at[2] * dims[1] + at[1]) * dims[0] + at[0];
+                    cells[cell] += value * share;
+                    if has_lobes {
+                        lobes[cell] += block.mean_direction() * ((r + g + b) * share);
+                    }
                 }
             }
         });
-        Some(Self { edge, dims, cells })
+        for (lobe, cell) in lobes.iter_mut().zip(&cells) {
+            let [r, g, b, _] = cell.to_array();
+            let sent = r + g + b;
+            *lobe = if sent > 0.0 { *lobe / sent } else { Vec3::ZERO };
+        }
+        Some(Self {
+            edge,
+            dims,
+            cells,
+            lobes,
+        })
     }
 
     /// The lattice of rays against the light along a direction in index space of the volume.
-    pub fn lattice(&self, direction_in_index: glam::Vec3) -> RayLattice {
+    pub fn lattice(&self, direction_in_index: Vec3) -> RayLattice {
         RayLattice::new(direction_in_index, self.edge as f32)
     }
 
-    /// The cells in layers along the first of three axes.
-    pub fn layers(&self, axes: [usize; 3]) -> SourceLayers<'_> {
+    /// Whether cells send more light some ways than others.
+    pub fn have_lobes(&self) -> bool {
+        !self.lobes.is_empty()
+    }
+
+    /// The cells in layers along the first of three axes, with the light that leaves them in a unit
+    /// direction of the scene.
+    pub fn layers(&self, axes: [usize; 3], travel: Vec3) -> SourceLayers<'_> {
         let [count, width, height] = axes.map(|a| self.dims[a]);
         let strides = [1, self.dims[0], self.dims[0] * self.dims[1]];
         let [layer, column, row] = axes.map(|a| strides[a]);
@@ -121,7 +152,12 @@ impl SourceCells {
             let from = i / height * layer + i % height * row;
             let (mut first, mut end) = (width, 0);
             for (u, cell) in cells[1..=width].iter_mut().enumerate() {
-                *cell = self.cells[from + u * column];
+                let i = from + u * column;
+                *cell = self.cells[i];
+                if let Some(lobe) = self.lobes.get(i) {
+                    let sent = in_lobe(*lobe, travel);
+                    *cell *= f32x4::new([sent, sent, sent, 1.0]);
+                }
                 if cell.to_array()[3] > 0.0 {
                     first = first.min(u);
                     end = u + 1;
@@ -338,7 +374,7 @@ mod tests {
     use crate::math::Rgb;
     use crate::math::sampling;
     use crate::scene::Grid;
-    use glam::{DAffine3, Vec3};
+    use glam::DAffine3;
 
     /// Cells of noise, some of them empty.
     fn noise(dims: [usize; 3]) -> SourceCells {
@@ -352,6 +388,7 @@ mod tests {
             edge: 2,
             dims,
             cells: (0..dims.iter().product()).map(cell).collect(),
+            lobes: Vec::new(),
         }
     }
 
@@ -401,7 +438,7 @@ mod tests {
             Vec3::new(0.0, 0.0, 1.0),
         ] {
             let rays = cells.lattice(direction);
-            let layers = cells.layers(rays.axes);
+            let layers = cells.layers(rays.axes, Vec3::ZERO);
             for (step, every) in [(2, 1), (4, 1), (2, 7)] {
                 let count = cells.dims.map(|n| n / (step / 2) + 1);
                 let set = SparseLattice::new(count, |choose| {
@@ -449,7 +486,7 @@ mod tests {
         });
         for direction in [[0.9, 0.3, -0.2], [0.5, -2.0, 0.7], [-0.1, 0.41, -3.0]].map(Vec3::from) {
             let rays = cells.lattice(direction);
-            let layers = cells.layers(rays.axes);
+            let layers = cells.layers(rays.axes, Vec3::ZERO);
             let [all, few] = sets.each_ref().map(|set| {
                 let vertices = VertexLayers::new(set, 2, &cells, rays.axes);
                 let (mut arriving, _) = layers.pass(&rays, &[vertices]);
@@ -474,7 +511,12 @@ mod tests {
             unreachable!()
         }
 
-        fn mean_radiance(&self, _: Vec3, _: crate::gather::SampleRange) -> crate::gather::Gathered {
+        fn scattered(
+            &self,
+            _: Vec3,
+            _: crate::gather::SampleRange,
+            _: Option<crate::math::SeenPhase>,
+        ) -> crate::gather::Gathered {
             unreachable!()
         }
 
@@ -514,6 +556,7 @@ mod tests {
             edge,
             sigma_t,
             source: Rgb([2.0, 1.0, 0.5]),
+            lobe: [0; 3],
         };
         let lvoxels = Lvoxels {
             dims: [256, 200, 170],

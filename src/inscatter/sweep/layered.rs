@@ -3,6 +3,7 @@
 use super::cells::{SourceCells, SourceLayers, VertexLayers};
 
 use super::rows::Arriving;
+use super::weights::{Look, ScatteringWeights};
 use super::{MediaBox, SweepScope};
 use crate::Result;
 use crate::inscatter::counts;
@@ -18,6 +19,7 @@ use rayon::prelude::*;
 pub struct LayeredSweep<'a, G> {
     scope: &'a SweepScope<'a, G>,
     cells: SourceCells,
+    weights: Option<ScatteringWeights>,
 }
 
 /// Vertices of one spacing, and what has arrived there.
@@ -25,6 +27,7 @@ struct LitVertices<'a> {
     step: usize,
     set: SparseLattice,
     surroundings: Vec<Option<Surroundings<'a>>>,
+    looks: Vec<Look>,
     sums: Vec<Rgb>,
 }
 
@@ -46,15 +49,22 @@ impl<'a, G: GatherInMedia> LayeredSweep<'a, G> {
     /// Bytes that sweeping sets of so many vertices in all takes.
     pub fn bytes(scope: &SweepScope<G>, coarsest: usize, vertices: u64) -> u64 {
         let held = Self::DIRECTIONS_TOGETHER * size_of::<Arriving>();
-        let a_vertex = size_of::<Option<Surroundings>>() + size_of::<Rgb>() + held;
-        SourceCells::bytes(scope.volume, coarsest) + vertices * a_vertex as u64
+        let a_vertex =
+            size_of::<Option<Surroundings>>() + size_of::<Rgb>() + size_of::<Look>() + held;
+        SourceCells::bytes(scope.volume, coarsest, Self::DIRECTIONS_TOGETHER)
+            + vertices * a_vertex as u64
     }
 
     /// The medium, for vertices at most so many voxels apart; `None` if its lvoxels stand on
     /// another grid.
     pub fn new(scope: &'a SweepScope<'a, G>, coarsest: usize) -> Option<Self> {
         let cells = SourceCells::new(scope.gatherer, scope.volume, coarsest)?;
-        Some(Self { scope, cells })
+        let weights = ScatteringWeights::new(scope.volume.phase, scope.far_field);
+        Some(Self {
+            scope,
+            cells,
+            weights,
+        })
     }
 
     /// Sweeps sets of vertices, each so many voxels apart.
@@ -84,16 +94,17 @@ impl<'a, G: GatherInMedia> LayeredSweep<'a, G> {
             if of_axis.is_empty() {
                 continue;
             }
-            let layers = self.cells.layers(axes);
+            let layers = (!self.cells.have_lobes()).then(|| self.cells.layers(axes, Vec3::ZERO));
             let vertices: Vec<_> = lit
                 .iter()
                 .map(|l| VertexLayers::new(&l.set, l.step, &self.cells, axes))
                 .collect();
             for together in of_axis.chunks(Self::DIRECTIONS_TOGETHER) {
-                let arriving = self.pass(&layers, together, &vertices)?;
+                let arriving = self.pass(layers.as_ref(), together, &vertices)?;
                 for ((q, _), arriving) in together.iter().zip(&arriving) {
                     for (lit, arriving) in lit.iter_mut().zip(arriving) {
-                        lit.add(*q, arriving);
+                        let weight = |i| scope.weight(self.weights.as_ref(), lit.looks.get(i), *q);
+                        add(&mut lit.sums, &lit.surroundings, *q, arriving, weight);
                     }
                 }
             }
@@ -102,16 +113,23 @@ impl<'a, G: GatherInMedia> LayeredSweep<'a, G> {
         Ok(lit.into_iter().map(|lit| lit.values(scale)).collect())
     }
 
-    /// What arrives along some directions at the vertices of each set.
+    /// What arrives along some directions at the vertices of each set; each has layers of its own if
+    /// cells send more light some ways than others.
     fn pass(
         &self,
-        layers: &SourceLayers,
+        layers: Option<&SourceLayers>,
         lattices: &[&(u32, RayLattice)],
         vertices: &[VertexLayers],
     ) -> Result<Vec<Vec<Vec<Arriving>>>> {
-        let passed = lattices.par_iter().map(|(_, rays)| {
+        let passed = lattices.par_iter().map(|(q, rays)| {
             self.scope.job.cancel.check()?;
-            let (arriving, passed) = layers.pass(rays, vertices);
+            let (arriving, passed) = match layers {
+                Some(layers) => layers.pass(rays, vertices),
+                None => {
+                    let travel = -self.scope.far_field.direction(*q);
+                    self.cells.layers(rays.axes, travel).pass(rays, vertices)
+                }
+            };
             counts::add(&self.scope.counters.cells, passed);
             Ok(arriving)
         });
@@ -129,27 +147,36 @@ impl<'a, G: GatherInMedia> LayeredSweep<'a, G> {
             Ok(field.around(scope.volume, scope.gatherer, to_index(v)))
         };
         let surroundings = vertices.par_iter().map(around).collect::<Result<_>>()?;
+        let places = vertices.iter().map(|&v| to_index(v));
         Ok(LitVertices {
             step,
             set,
             surroundings,
+            looks: scope.looks(self.weights.as_ref(), places),
             sums: vec![Rgb::BLACK; vertices.len()],
         })
     }
 }
 
-impl LitVertices<'_> {
-    /// Adds what arrives in a quarter of a cell of the far field.
-    fn add(&mut self, quarter: u32, arriving: &[Arriving]) {
-        let all = self.sums.par_iter_mut().zip(&self.surroundings);
-        all.zip(arriving).for_each(|((sum, around), a)| {
-            if let Some(around) = around {
-                *sum += a.radiance;
-                *sum += around.radiance_through(quarter, &[a.transmittance]);
-            }
-        });
-    }
+/// Adds what arrives in a quarter of a cell of the far field, as much of it as a vertex scatters.
+fn add(
+    sums: &mut [Rgb],
+    surroundings: &[Option<Surroundings>],
+    quarter: u32,
+    arriving: &[Arriving],
+    weight: impl Fn(usize) -> f32 + Sync,
+) {
+    let all = sums.par_iter_mut().zip(surroundings).zip(arriving);
+    all.enumerate().for_each(|(i, ((sum, around), a))| {
+        if let Some(around) = around {
+            let weight = weight(i);
+            *sum += a.radiance * weight;
+            *sum += around.radiance_through(quarter, &[a.transmittance * weight]);
+        }
+    });
+}
 
+impl LitVertices<'_> {
     fn values(self, scale: f32) -> SparseValues<Option<Rgb>> {
         let values = self.sums.into_iter().zip(self.surroundings);
         SparseValues {

@@ -7,12 +7,14 @@
 //!
 //! A lone medium is swept layer by layer of cells (`layered`, `cells`), all rays of a direction at
 //! once; one with surfaces or other media in its box ray by ray through its lvoxels (`rays`), whose
-//! rows `rows` interpolates.
+//! rows `rows` interpolates. `weights` tell what of each direction's light a phase function scatters
+//! towards the camera.
 
 mod cells;
 mod layered;
 mod rays;
 mod rows;
+mod weights;
 
 use super::bricks::BrickTable;
 use super::counts::{self, Counters};
@@ -32,6 +34,7 @@ use layered::LayeredSweep;
 use rayon::prelude::*;
 use rays::SweepRays;
 use rows::Arriving;
+use weights::{Look, ScatteringWeights};
 
 /// Indirect light at the vertices of one volume that rays may ask for.
 #[derive(Debug)]
@@ -230,6 +233,7 @@ impl LevelSweep {
     const SWEPT: u64 = (size_of::<[usize; 3]>()
         + size_of::<Option<Surroundings>>()
         + size_of::<Rgb>()
+        + size_of::<Option<Look>>()
         + Sweep::DIRECTIONS_TOGETHER as usize * size_of::<Arriving>())
         as u64;
 
@@ -268,6 +272,8 @@ impl LevelSweep {
             })
             .collect::<Result<_>>()?;
         let mut sums = vec![Rgb::BLACK; vertices.len()];
+        let weights = ScatteringWeights::new(scope.volume.phase, scope.far_field);
+        let looks = scope.looks(weights.as_ref(), vertices.iter().map(|&v| to_index(v)));
         let directions = scope.far_field.quarters();
         for first in (0..directions).step_by(Sweep::DIRECTIONS_TOGETHER as usize) {
             let batch = first..(first + Sweep::DIRECTIONS_TOGETHER).min(directions);
@@ -281,10 +287,11 @@ impl LevelSweep {
             sums.par_iter_mut().enumerate().for_each(|(i, sum)| {
                 if let Some(around) = &surroundings[i] {
                     let mut through = [0.0; Sweep::DIRECTIONS_TOGETHER as usize];
-                    for (through, arriving) in through.iter_mut().zip(&arriving) {
+                    for ((through, arriving), q) in through.iter_mut().zip(&arriving).zip(first..) {
                         let a = &arriving[i];
-                        *sum += a.radiance;
-                        *through = a.transmittance;
+                        let weight = scope.weight(weights.as_ref(), looks.get(i), q);
+                        *sum += a.radiance * weight;
+                        *through = a.transmittance * weight;
                     }
                     *sum += around.radiance_through(first, &through[..arriving.len()]);
                 }
@@ -337,6 +344,35 @@ impl<G: GatherInMedia> SweepScope<'_, G> {
             .scene_from_index
             .transform_point3(point_in_index.as_dvec3())
             .as_vec3()
+    }
+
+    /// The looks of the camera at points in index space; none without weights.
+    fn looks(
+        &self,
+        weights: Option<&ScatteringWeights>,
+        points_in_index: impl Iterator<Item = Vec3>,
+    ) -> Vec<Look> {
+        let Some(weights) = weights else {
+            return Vec::new();
+        };
+        let look = |point| weights.look(self.view, self.to_scene(point));
+        points_in_index.filter_map(look).collect()
+    }
+
+    /// The weight of what arrives in a quarter of the far field: 1 without weights.
+    #[inline]
+    fn weight(
+        &self,
+        weights: Option<&ScatteringWeights>,
+        look: Option<&Look>,
+        quarter: u32,
+    ) -> f32 {
+        match (weights, look) {
+            (Some(weights), Some(look)) => {
+                weights.weight(look, self.far_field.row_and_column(quarter))
+            }
+            _ => 1.0,
+        }
     }
 
     /// Whether any surface may stand among the media.

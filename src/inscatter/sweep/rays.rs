@@ -134,7 +134,7 @@ impl<'a, G: GatherInMedia> SweepRays<'a, G> {
         };
         self.scope
             .gatherer
-            .walk(&Ray::endless(origin, -self.direction), &mut add);
+            .walk_with(&Ray::endless(origin, -self.direction), &mut add);
         // What is left of the ray is empty.
         add(Segment {
             near: f32::INFINITY,

@@ -7,8 +7,9 @@
 use super::row::Row;
 use super::workbench::{Workbench, add_room, mean, pixels, stage, unit_cube, volume};
 use crate::Result;
+use crate::math::PhaseFunction;
 use crate::math::sampling::{hash, unit};
-use crate::scene::{Grid, Light, Scene};
+use crate::scene::{Grid, Light, Scene, Volume};
 use crate::shade::Settings;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -112,7 +113,7 @@ fn white(
     rows.push(Row::relative(
         format!("{name}, albedo 1: mean of all pixels, against two scatterings"),
         at.clone(),
-        seen(tau),
+        seen(tau, PhaseFunction::ISOTROPIC),
         mean(&picture),
         limit,
     ));
@@ -190,8 +191,7 @@ fn picture(
     } else {
         scene.lights.push(Light::Environment { radiance: [1.0; 3] });
     }
-    let grid = Grid::from_fn([16; 3], |_| tau as f32);
-    scene.volumes.push(volume(grid, albedo, unit_cube([16; 3])));
+    scene.volumes.push(medium(tau, albedo));
     let mut store = bench.tree(&scene, 100)?;
     if transport == Transport::All {
         store = bench.bounced(&scene, store)?;
@@ -199,16 +199,30 @@ fn picture(
     pixels(&bench.shade(&scene, &store, &settings())?, "")
 }
 
+fn medium(tau: f64, albedo: f32) -> Volume {
+    let grid = Grid::from_fn([16; 3], |_| tau as f32);
+    volume(grid, albedo, unit_cube([16; 3]))
+}
+
+/// The picture of a medium of albedo 1 in an environment of radiance 1.
+pub fn white_picture(bench: &Workbench, tau: f64, phase: PhaseFunction) -> Result<Vec<[f32; 3]>> {
+    let mut scene: Scene = stage(8, EYE, Vec3::ZERO, 60.0);
+    scene.lights.push(Light::Environment { radiance: [1.0; 3] });
+    scene.volumes.push(medium(tau, 1.0).with_phase(phase));
+    let store = bench.tree(&scene, 100)?;
+    pixels(&bench.shade(&scene, &store, &settings())?, "")
+}
+
 /// Share of the paths from the camera that leave a medium of albedo 1 after at most two
 /// scatterings, by a walk.
-fn seen(sigma_t: f64) -> f64 {
+pub fn seen(sigma_t: f64, phase: PhaseFunction) -> f64 {
     let chunks = 64;
     let left: Vec<u64> = (0..chunks)
         .into_par_iter()
         .map(|chunk| {
             let mut random = Random(hash(&[5, chunk]));
             (0..PATHS / chunks)
-                .map(|_| u64::from(leaves(sigma_t, &mut random)))
+                .map(|_| u64::from(leaves(sigma_t, phase, &mut random)))
                 .sum()
         })
         .collect();
@@ -262,7 +276,7 @@ impl Random {
 
 /// Whether a path through a random place of the film is out of the medium before its third
 /// scattering.
-fn leaves(sigma_t: f64, random: &mut Random) -> bool {
+fn leaves(sigma_t: f64, phase: PhaseFunction, random: &mut Random) -> bool {
     let mut point = EYE.as_dvec3();
     let mut direction = view(2.0 * random.next() - 1.0, 2.0 * random.next() - 1.0);
     for _ in 0..3 {
@@ -272,6 +286,11 @@ fn leaves(sigma_t: f64, random: &mut Random) -> bool {
             return true;
         }
         point += direction * free;
+        if !phase.is_isotropic() {
+            let u = [random.next() as f32, random.next() as f32];
+            direction = phase.sample(direction.as_vec3(), u).as_dvec3().normalize();
+            continue;
+        }
         let z = 2.0 * random.next() - 1.0;
         let (sin, cos) = (std::f64::consts::TAU * random.next()).sin_cos();
         let r = (1.0 - z * z).sqrt();

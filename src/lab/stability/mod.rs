@@ -12,6 +12,7 @@
 //! | `workbench` | the whole pipeline on scenes made in memory |
 //! | `field` | exact integrals of a grid in f64 |
 //! | `transmittance`, `single_scattering`, `furnace` | media with closed forms or quadratures |
+//! | `phase` | phase functions by themselves, and media that have one |
 //! | `contrast` | media with steep steps, sheets, single voxels |
 //! | `form_factors` | light between plates and disks, and of suns |
 //! | `invariance`, `extremes`, `degenerate` | scenes moved, scaled, huge, empty, crowded |
@@ -25,6 +26,7 @@ mod field;
 mod form_factors;
 mod furnace;
 mod invariance;
+mod phase;
 mod precision;
 mod properties;
 pub mod row;
@@ -92,6 +94,15 @@ const FAMILIES: &[(&str, &str, Cases)] = &[
          from outside see, as a mean over the faces that are not buried; so a sheet of one such voxel sends as much from its dark\n\
          side as from its lit one. A thinner lvoxel holds the light at its centroid: too little by up to 8 % at 0.6.",
         |bench, _, _| single_scattering::rows(bench),
+    ),
+    (
+        "Phase functions",
+        "Integral and moments of their own values; a ball under a sun, seen at angles from straight on to straight back, against\n\
+         quadrature over the same voxels; what surfaces gather of it; and white furnaces of radiance 1 against a walk with two\n\
+         scatterings, of which forward lobes leave little. The\n\
+         sun's light is weighed on the ray itself, so thin media are right to 1e-3 at any angle. An lvoxel knows of a phase\n\
+         function its mean cosine alone: of two lobes surfaces get one.",
+        |bench, _, _| phase::rows(bench),
     ),
     (
         "Form factors",

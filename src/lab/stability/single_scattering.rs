@@ -7,6 +7,7 @@ use super::workbench::{
     Workbench, ball, gatherer, irradiance, media, pixels, stage, unit_cube, volume,
 };
 use crate::Result;
+use crate::math::PhaseFunction;
 use crate::scene::{Grid, Light, Scene};
 use crate::shade::Settings;
 use glam::{DVec3, Vec3};
@@ -82,7 +83,8 @@ fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
             let point = Vec3::new(0.013, y, 0.021);
             irradiance(&gatherer, point, normal, 1)
         };
-        let expected = above_slab(tau, [0.013, HEIGHT, 0.021].map(f64::from));
+        let place = [0.013, HEIGHT, 0.021].map(f64::from);
+        let expected = above_slab(tau, place, PhaseFunction::ISOTROPIC);
         let at = format!("depth {tau:e}");
         // Lvoxels below 0.7 hold the light of one point.
         let limit = if tau <= 10.0 { 0.1 } else { 0.02 };
@@ -112,7 +114,7 @@ fn scene(tau: f64, light: Vec3) -> Scene {
 }
 
 /// The pixel without what is scattered more than once: gathers reach nothing.
-fn single(bench: &Workbench, scene: &Scene) -> Result<f64> {
+pub fn single(bench: &Workbench, scene: &Scene) -> Result<f64> {
     let settings = Settings {
         pixel_samples: 1,
         edge_samples: 1,
@@ -160,8 +162,8 @@ fn quadrature(scene: &Scene) -> f64 {
 
 /// Irradiance of a surface at `height` above the cube, which faces down: light that was scattered
 /// once on a chord of length l, at a cosine of mu to the sun's way, is (1 - exp(-sigma l (1 + mu)))
-/// / (1 + mu) of its irradiance over 4 pi.
-fn above_slab(sigma_t: f64, [x, height, z]: [f64; 3]) -> f64 {
+/// / (1 + mu) of its irradiance over 4 pi, as much of it as the phase function scatters back.
+pub fn above_slab(sigma_t: f64, [x, height, z]: [f64; 3], phase: PhaseFunction) -> f64 {
     const STEPS: usize = 500;
     let sum: f64 = (0..STEPS * STEPS)
         .map(|i| {
@@ -172,7 +174,8 @@ fn above_slab(sigma_t: f64, [x, height, z]: [f64; 3]) -> f64 {
             let end = |at: f64, d: f64| (0.5_f64.copysign(d) - at) / d;
             let far = end(x, dx).min(end(z, dz)).min((1.0 + height) / mu);
             let chord = (far - height / mu).max(0.0);
-            -(-sigma_t * chord * (1.0 + mu)).exp_m1() / (1.0 + mu)
+            let scattered = f64::from(phase.over_isotropic(-mu as f32));
+            scattered * -(-sigma_t * chord * (1.0 + mu)).exp_m1() / (1.0 + mu)
         })
         .sum();
     0.25 * sum / (STEPS * STEPS) as f64

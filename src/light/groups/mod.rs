@@ -53,6 +53,8 @@ pub enum Which {
     PointSources,
     /// Both.
     All,
+    /// None of them, but emitters alone.
+    Emitters,
 }
 
 impl Which {
@@ -60,6 +62,7 @@ impl Which {
     pub fn counts(self, light: &Light) -> bool {
         match self {
             Self::All => true,
+            Self::Emitters => false,
             Self::PointSources => light.point_source().is_some(),
             Self::Directional => light.point_source().is_none(),
         }
@@ -135,8 +138,9 @@ impl LightGroups {
             true => cut(nodes, exactness, |node| node.sent_to(origin, receiver)),
             false => Vec::new(),
         };
-        let points = of(&self.point_sources, which != Which::Directional);
-        let directional = of(&self.directional, which != Which::PointSources);
+        let asks = |kind| which == Which::All || which == kind;
+        let points = of(&self.point_sources, asks(Which::PointSources));
+        let directional = of(&self.directional, asks(Which::Directional));
         points.into_iter().chain(directional)
     }
 

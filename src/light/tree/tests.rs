@@ -403,7 +403,7 @@ fn a_surface_that_holds_a_light_does_not_hide_its_light() {
             };
             let on_floor = lights.irradiance(point, Vec3::Y, Vec3::Y, rays);
             assert!(on_floor.delta.mean() > 0.0, "{point}");
-            let in_medium = lights.in_medium(point, rays, None);
+            let in_medium = lights.in_medium(point, rays, None, None);
             assert_eq!(in_medium.share, Rgb::splat(1.0), "{point}");
         }
     }
