@@ -27,6 +27,22 @@ pub struct Block {
     pub dims: [usize; 3],
 }
 
+/// The field along an axis through a voxel; see [`BrickField::column`].
+#[derive(Clone, Copy, Debug)]
+pub struct Column([f32; 3]);
+
+impl Column {
+    /// The field at a place of the voxel, from 0 to 1.
+    pub fn at(self, place: f32) -> f32 {
+        let [before, middle, next] = self.0;
+        if place < 0.5 {
+            before + (middle - before) * (place + 0.5)
+        } else {
+            middle + (next - middle) * (place - 0.5)
+        }
+    }
+}
+
 impl BrickField {
     /// Copies the samples of the brick at brick coordinates `b`.
     pub fn new(grid: &Grid, b: [usize; 3]) -> Self {
@@ -70,6 +86,28 @@ impl BrickField {
         let weights = [0, 1, 2].map(|a| weights(block.dims[a], |_| 1.0));
         let count: usize = block.dims.iter().product();
         (self.sum(block, &weights) / count as f64) as f32
+    }
+
+    /// The field along an axis through a voxel, where `across` are the places on the other two, in
+    /// their order: its values at the middles of the voxel before, of this and of the next.
+    pub fn column(&self, voxel: [usize; 3], axis: usize, across: [f32; 2]) -> Column {
+        const STRIDES: [usize; 3] = [1, EDGE, EDGE * EDGE];
+        let others = [(axis + 1) % 3, (axis + 2) % 3];
+        let mut first = voxel[axis] * STRIDES[axis];
+        let mut part = [0.0; 2];
+        for ((other, place), part) in others.into_iter().zip(across).zip(&mut part) {
+            // Samples lie at middles of voxels; those of the brick begin with one before.
+            let upper = usize::from(place >= 0.5);
+            first += (voxel[other] + upper) * STRIDES[other];
+            *part = place + 0.5 - upper as f32;
+        }
+        let [next_u, next_v] = others.map(|other| STRIDES[other]);
+        let [u, v] = part;
+        Column(std::array::from_fn(|k| {
+            let at = first + k * STRIDES[axis];
+            let along = |at: usize| self.samples[at] * (1.0 - u) + self.samples[at + next_u] * u;
+            along(at) * (1.0 - v) + along(at + next_v) * v
+        }))
     }
 
     /// The mean of a block's points, weighted by the field, from the brick's first corner in voxels;
@@ -173,6 +211,22 @@ mod tests {
                                 assert!((centroid - moment / sum).length() < 1e-5);
                             }
                         }
+                    }
+                }
+                for i in 0..60 {
+                    let voxel = [0, 1, 2].map(|a| (i * (7 + a) + a) % BRICK_EDGE);
+                    let [u, v, w] = [3, 5, 7].map(|n| (n * i) as f32 / 60.0 % 1.0);
+                    let axis = i % 3;
+                    let mut at = [0.0; 3];
+                    for (a, place) in [axis, (axis + 1) % 3, (axis + 2) % 3]
+                        .into_iter()
+                        .zip([w, u, v])
+                    {
+                        at[a] = (b[a] * BRICK_EDGE + voxel[a]) as f32 + place;
+                    }
+                    if (0..3).all(|a| at[a] <= dims[a] as f32) {
+                        let found = field.column(voxel, axis, [u, v]).at(w);
+                        assert!((found - grid.sample(at.into())).abs() < 1e-5, "{at:?}");
                     }
                 }
                 let near = (0..EDGE.pow(3)).map(|i| unflatten(i, [EDGE; 3])).map(|at| {

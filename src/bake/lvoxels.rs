@@ -2,7 +2,7 @@
 //! source function.
 
 use super::brick::{BRICK_EDGE, Block, BrickField};
-use crate::light::{KeptLight, Lights, ShadowRays};
+use crate::light::{KeptLight, Lights, ShadowRays, VoxelLight};
 use crate::math::exp::{exp_neg, one_minus_exp_neg};
 use crate::math::{Rgb, sampling, unflatten};
 use crate::run::Cancel;
@@ -10,7 +10,10 @@ use crate::scene::{Grid, Volume};
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
 use lvox_formats::record::{Lvoxel, MAX_LEVEL};
+use std::cell::LazyCell;
 use std::ops::{AddAssign, Mul};
+
+const _: () = assert!(BRICK_EDGE == VoxelLight::VOXELS);
 
 /// Optical depth of an edge above which a block is not lit at one point, unless the block depth
 /// allows more.
@@ -173,6 +176,11 @@ impl LvoxelMaker<'_> {
         let edge = 1_usize << level;
         let per_axis = BRICK_EDGE / edge;
         let dims = grid.dims();
+        let in_voxels = || {
+            let first = b.map(|n| n * BRICK_EDGE);
+            VoxelLight::new(self.lights, self.kept, self.volume, first)
+        };
+        let in_voxels = LazyCell::new(in_voxels);
         let mut out = Vec::new();
         for i in 0..per_axis * per_axis * per_axis {
             // A deep block takes dozens of rays through the whole volume.
@@ -208,7 +216,10 @@ impl LvoxelMaker<'_> {
                         if mean * self.volume.longest_voxel_edge() * edge as f32
                             > limit.max(MAX_DEPTH_LIT_AT_ONE_POINT) =>
                     {
-                        self.light_from_outside(block, edge, seed)
+                        let known = (edge == 1).then(|| in_voxels.as_ref()).flatten();
+                        let known = known.map(|light| (light, local));
+                        let in_brick = (edge == 1).then_some((&field, local));
+                        self.light_from_outside(block, edge, seed, in_brick, known)
                     }
                     _ => None,
                 };
@@ -321,8 +332,19 @@ impl LvoxelMaker<'_> {
 
     /// Mean in-scattered light of a block that is too deep to be lit at one point, as rays see it
     /// that enter through a face from outside at any angle; a face counts by what the medium before
-    /// it lets through. `None` if that is next to nothing.
-    fn light_from_outside(&self, block: [usize; 3], edge: usize, seed: u64) -> Option<Arriving> {
+    /// it lets through. `None` if that is next to nothing. A block that is a voxel is `in_brick` in
+    /// the field of that, where light may be `known`, too.
+    fn light_from_outside(
+        &self,
+        block: [usize; 3],
+        edge: usize,
+        seed: u64,
+        in_brick: Option<(&BrickField, [usize; 3])>,
+        known: Option<(&VoxelLight, [usize; 3])>,
+    ) -> Option<Arriving> {
+        if known.is_some_and(|(light, voxel)| light.is_dark(voxel)) {
+            return Some(Arriving::default());
+        }
         let axes = self.volume.scene_from_index.matrix3;
         // Of a voxel: the areas of its faces, and its thickness between each two.
         let areas: [f64; 3] = std::array::from_fn(|a| {
@@ -353,12 +375,22 @@ impl LvoxelMaker<'_> {
             // Faces are seen by the cosine.
             let length = edge * thickness[a] / slant.sqrt().max(1e-3);
             let before = 0.5 * length * (sigma_t(at(-0.25)) + sigma_t(at(-0.75)));
+            let through = exp_neg(before);
+            if through < MIN_RAY_WEIGHT {
+                continue;
+            }
             let step = 1.0 / DEPTH_STEPS as f32;
             let middle = |k: usize| (k as f32 + 0.5) * step;
-            let depths: [f32; DEPTH_STEPS] =
-                std::array::from_fn(|k| sigma_t(at(middle(k))) * length * step);
+            let depths: [f32; DEPTH_STEPS] = match in_brick {
+                None => std::array::from_fn(|k| sigma_t(at(middle(k))) * length * step),
+                Some((field, voxel)) => {
+                    let column = field.column(voxel, a, [u, v]);
+                    let place = |depth: f32| if upper == 1 { 1.0 - depth } else { depth };
+                    std::array::from_fn(|k| column.at(place(middle(k))) * length * step)
+                }
+            };
             let taken = one_minus_exp_neg(depths.iter().sum());
-            let seen = exp_neg(before) * taken;
+            let seen = through * taken;
             if seen < MIN_RAY_WEIGHT {
                 continue;
             }
@@ -378,8 +410,16 @@ impl LvoxelMaker<'_> {
             } else {
                 0.5
             };
-            let point = DVec3::from(at((k as f32 + within) * step).map(f64::from));
-            sum += self.light_at(point, i, [1, 1], seed) * weight;
+            let point = at((k as f32 + within) * step);
+            let light = match known {
+                Some((known, voxel)) => {
+                    let place = [0, 1, 2].map(|a| point[a] - block[a] as f32);
+                    let (light, way) = known.at(voxel, place);
+                    Arriving { light, way }
+                }
+                None => self.light_at(DVec3::from(point.map(f64::from)), i, [1, 1], seed),
+            };
+            sum += light * weight;
             weights += weight;
         }
         (weights > 0.0).then(|| sum * (1.0 / weights))

@@ -2,6 +2,7 @@
 
 use super::{BATCH_SURFELS, Settings, SurfelSampling};
 use crate::Result;
+use crate::light::KeptLight;
 use crate::run::{Budget, Job};
 use crate::scene::Scene;
 use crate::trace::Tracer;
@@ -17,7 +18,7 @@ pub fn check(scene: &Scene, settings: &Settings, job: &Job) -> Result<Budget> {
     const CREASES: u64 = 20;
     /// Of a batch of surfels: the records, their columns, and these compressed.
     const BATCHES: u64 = 3;
-    /// Of chunks of lvoxels, and of light that is kept for them.
+    /// Of chunks of lvoxels, and of light that is kept in their bricks.
     const LVOXELS: u64 = 24 << 20;
     let triangles = scene.mesh.triangles.len() as u64;
     let samples = match &settings.surfels {
@@ -28,7 +29,7 @@ pub fn check(scene: &Scene, settings: &Settings, job: &Job) -> Result<Budget> {
     let media = if scene.volumes.is_empty() {
         0
     } else {
-        LVOXELS + grids as u64 / 2
+        LVOXELS + grids as u64 / 2 + KeptLight::bytes_for(scene)
     };
     let budget = Budget::default()
         .with("the program and its threads", job.process_bytes)

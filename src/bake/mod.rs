@@ -25,7 +25,7 @@ use crate::light::{KeptLight, Lights, Shadows, SoftShadowMedia};
 use crate::math::unflatten;
 use crate::run::Job;
 use crate::scene::Scene;
-use crate::trace::Tracer;
+use crate::trace::{Tracer, Walked};
 use crate::{Error, Result};
 use creases::Creases;
 use glam::DAffine3;
@@ -124,12 +124,14 @@ pub fn run(
             .for_baking()
             .with_soft_shadows(shadows.as_ref());
         let creases = Creases::new(&scene.mesh, settings.crease_deg, &job.cancel)?;
+        let before = Walked::so_far();
         if scene.volumes.is_empty() {
             let lights = lights.in_vacuum();
             bake_surfaces(&tracer, &lights, &creases, settings, &mut writer, job)?;
         } else {
             bake_surfaces(&tracer, &lights, &creases, settings, &mut writer, job)?;
         }
+        let of_surfels = Walked::so_far();
         let kept = KeptLight::new(scene, || job.cancel.check())?;
         for (index, volume) in scene.volumes.iter().enumerate() {
             let maker = LvoxelMaker {
@@ -147,6 +149,16 @@ pub fn run(
         let summary = writer.finish()?;
         counts.insert("surfels".into(), summary.sums.surfels as f64);
         counts.insert("lvoxels".into(), summary.sums.lvoxels() as f64);
+        let of_lvoxels = Walked::so_far() - of_surfels;
+        let of_surfels = of_surfels - before;
+        for (name, count) in [
+            ("rays_of_surfels", of_surfels.rays),
+            ("cells_of_surfels", of_surfels.cells),
+            ("rays_of_lvoxels", of_lvoxels.rays),
+            ("cells_of_lvoxels", of_lvoxels.cells),
+        ] {
+            counts.insert(name.into(), count as f64);
+        }
         Ok(summary)
     })
 }

@@ -43,7 +43,15 @@ impl<'a> Levels<'a> {
         }
     }
 
-    fn coarse_to_fine(&self) -> impl Iterator<Item = &CoarseVolume<'a>> {
+    /// Cells of the finest level of a volume, about, for which none is made nor read.
+    #[must_use]
+    pub fn cells(volume: &Volume, most: usize) -> usize {
+        let voxels = volume.sigma_t.stored_bricks() * BRICK_CELLS.pow(3);
+        CoarseVolume::most_cells(volume, most.min(Self::MOST_CELLS_PER_VOXEL * voxels))
+    }
+
+    /// The coarsest first; the finest are made when it comes to them.
+    pub fn coarse_to_fine(&self) -> impl Iterator<Item = &CoarseVolume<'a>> {
         let finest = std::iter::once_with(|| {
             let volume = self.coarse.first()?.volume;
             let halves = || CoarseVolume::in_halves(volume, self.most);
@@ -61,7 +69,7 @@ impl Checks {
     /// few rays to a sky would. Pictures show means of many points.
     pub const MAX_ERROR: f64 = 0.012;
     /// Of all light.
-    const MAX_BIAS: f64 = 0.004;
+    const MAX_BIAS: f64 = 0.005;
     /// Shares below count as no light.
     const LIT: f32 = 0.01;
 
@@ -141,7 +149,8 @@ impl Checks {
         Ok(None)
     }
 
-    fn are_met(&self, max_error: f64, share: impl Fn(Vec3) -> f32) -> bool {
+    /// Whether a share differs little enough at all points together.
+    pub fn are_met(&self, max_error: f64, share: impl Fn(Vec3) -> f32) -> bool {
         let (mut squares, mut lit) = (0.0, 0_u32);
         let (mut differences, mut sum) = (0.0, 0.0);
         for &(point, exact) in &self.0 {

@@ -42,14 +42,35 @@ impl<'a> CoarseVolume<'a> {
         levels
     }
 
-    fn finest(volume: &'a Volume, most: usize) -> Self {
-        let grid = &volume.sigma_t;
-        let cells = |edge: usize| grid.blocks([edge; 3]);
+    /// Cells of the finest of all that are at most `most`.
+    #[must_use]
+    pub fn most_cells(volume: &Volume, most: usize) -> usize {
+        let halves = volume
+            .sigma_t
+            .dims()
+            .iter()
+            .product::<usize>()
+            .saturating_mul(8);
+        if halves <= most {
+            return halves;
+        }
+        Self::finest_dims(volume, most).1.iter().product()
+    }
+
+    /// Voxels along an edge of the finest cells of whole voxels that are at most `most`, and their
+    /// numbers along each axis.
+    fn finest_dims(volume: &Volume, most: usize) -> (usize, [usize; 3]) {
+        let cells = |edge: usize| volume.sigma_t.dims().map(|n| n.div_ceil(edge));
         let mut edge = 1;
         while cells(edge).iter().product::<usize>() > most.max(1) {
             edge *= 2;
         }
-        let dims = cells(edge);
+        (edge, cells(edge))
+    }
+
+    fn finest(volume: &'a Volume, most: usize) -> Self {
+        let grid = &volume.sigma_t;
+        let (edge, dims) = Self::finest_dims(volume, most);
         let mut sigma_t = grid.means([edge; 3]);
         sigma_t.par_iter_mut().enumerate().for_each(|(i, mean)| {
             let cell = unflatten(i, dims);

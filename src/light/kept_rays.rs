@@ -91,6 +91,19 @@ impl KeptRays {
         ])
     }
 
+    /// Whether all eight depths between which that of a point lies are more than `depth`.
+    #[must_use]
+    pub fn is_beyond(&self, point: Vec3, depth: f32) -> bool {
+        let p = self.index_from_scene.transform_point3(point) * self.per_voxel;
+        let (along, [x, y]) = self.rays.place(p.to_array());
+        let plane = (along.clamp(0.0, self.layers as f32) as usize).min(self.layers - 1);
+        let (x0, y0) = (x.floor(), y.floor());
+        (0..8).all(|i| {
+            let [dx, dy] = [i & 1, i >> 1 & 1].map(|n| n as f32);
+            self.at([x0 + dx, y0 + dy], plane + (i >> 2)) > depth
+        })
+    }
+
     /// Depth of a ray at a plane; 0 if the ray passes beside the volume.
     fn at(&self, ray: [f32; 2], plane: usize) -> f32 {
         let [(first_x, width), (first_y, rows)] = self.extent;

@@ -22,11 +22,14 @@
 //! | `groups` | what stands for the lights that are no triangles of a scene that has many |
 //! | `suns` | suns with an extent, and the optical depth of media towards any |
 //! | `kept_light` | [`KeptLight`]: suns and skies in media from rays that are kept, for bakes |
+//! | `baked_depth` | the depth towards a sun as bakes need it: exact only where light gets |
+//! | `voxel_light` | [`VoxelLight`]: that light between the corners of a brick's voxels |
 //! | `kept_rays`, `coarse` | such rays, and the coarse cells that they pass |
 //! | `checks` | which cells are fine enough, by exact rays |
 //! | `emitter`, `emitters` | emissive triangles, their unshadowed light, and rays chosen by it |
 //! | `tree` | what stands for the emitters of a scene that has many |
 
+mod baked_depth;
 mod checks;
 mod coarse;
 mod delta_lights;
@@ -44,6 +47,7 @@ mod shadows;
 mod suns;
 mod tree;
 mod visibility;
+mod voxel_light;
 
 pub use direct::{DirectLight, ShadowRatio, is_similar};
 pub use emitter::Emitter;
@@ -55,3 +59,4 @@ pub use shadow_rays::ShadowRays;
 pub use shadows::{SceneMedia, Shadows, SoftShadowMedia, Vacuum};
 pub use suns::SunDepths;
 pub use visibility::Visibility;
+pub use voxel_light::VoxelLight;

@@ -12,6 +12,11 @@ use glam::{DVec3, Vec3};
 pub trait ShadowMedia: Sync + std::fmt::Debug {
     /// Optical depth along a ray.
     fn optical_depth(&self, ray: &Ray) -> f32;
+
+    /// Whether it is known that no light gets to a point, whatever surfaces there are.
+    fn is_dark(&self, _point: Vec3) -> bool {
+        false
+    }
 }
 
 /// What shadow rays pass beside surfaces, as a type: code for scenes without media does no work for
@@ -52,7 +57,7 @@ impl Shadows for SceneMedia<'_> {
     fn transmittance(&self, tracer: &Tracer, ray: &Ray, media: Option<&dyn ShadowMedia>) -> f32 {
         match media {
             None => tracer.transmittance(ray),
-            Some(_) if tracer.is_occluded(ray) => 0.0,
+            Some(media) if media.is_dark(ray.origin) || tracer.is_occluded(ray) => 0.0,
             Some(media) => exp_neg(media.optical_depth(ray)),
         }
     }

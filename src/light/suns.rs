@@ -2,6 +2,7 @@
 //! any directional light, exact for the first few voxels, then from rays that are kept (deep shadow
 //! maps, Lokovic & Veach 2000).
 
+use super::baked_depth::BakedDepth;
 use super::checks::{Checks, Levels};
 use super::direct::DirectLight;
 use super::kept_rays::{KeptRays, mean_depth};
@@ -102,8 +103,8 @@ enum Towards<'a> {
     Asked(VolumeDepth<'a>),
     /// By rays that were made beforehand.
     Kept(KeptRays),
-    /// By a ray for each point.
-    Exact(&'a Volume, Vec3),
+    /// As a bake needs it.
+    Baked(BakedDepth<'a>),
 }
 
 impl<'a> SunDepths<'a> {
@@ -188,21 +189,16 @@ impl<'a> SunDepths<'a> {
         }
     }
 
-    /// Has for each volume, by its number, and each sun, by the direction to it, the rays that
-    /// `keep` gives; where that has none, a ray goes from each point.
-    pub(super) fn kept(
+    /// Has for each volume, by its number, and each sun, by the direction to it, what `bake` gives.
+    pub(super) fn baked(
         scene: &'a Scene,
-        keep: impl Fn(usize, Vec3) -> Result<Option<KeptRays>>,
+        bake: impl Fn(usize, Vec3) -> Result<BakedDepth<'a>>,
     ) -> Result<Self> {
         let of = |light: &Light| {
             let Some(to_sun) = Self::direction(light) else {
                 return Ok(None);
             };
-            let volumes = scene.volumes.iter().enumerate();
-            let depths = volumes.map(|(v, volume)| {
-                let kept = keep(v, to_sun)?;
-                Ok(kept.map_or(Towards::Exact(volume, to_sun), Towards::Kept))
-            });
+            let depths = (0..scene.volumes.len()).map(|v| bake(v, to_sun).map(Towards::Baked));
             Ok(Some(SunDepth {
                 to_sun,
                 volumes: depths.collect::<Result<_>>()?,
@@ -289,10 +285,18 @@ impl ShadowMedia for SunDepth<'_> {
         let depth = |v: usize| match &self.volumes[v] {
             Towards::Asked(depth) => depth.at(ray.origin),
             Towards::Kept(rays) => rays.depth(ray.origin),
-            Towards::Exact(volume, to_sun) => depth_of(volume, &Ray::endless(ray.origin, *to_sun)),
+            Towards::Baked(depth) => depth.at(ray.origin),
         };
         let met = self.boxes.along(&Ray::endless(ray.origin, self.to_sun));
         met.map(depth).sum()
+    }
+
+    fn is_dark(&self, point: Vec3) -> bool {
+        let is_dark = |volume: &Towards| match volume {
+            Towards::Baked(depth) => depth.is_dark(point),
+            Towards::Asked(_) | Towards::Kept(_) => false,
+        };
+        self.volumes.iter().any(is_dark)
     }
 }
 

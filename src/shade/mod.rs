@@ -29,6 +29,7 @@ use crate::image::{Frame, Region};
 use crate::math::Rgb;
 use crate::run::{Job, hex};
 use crate::scene::Scene;
+use crate::trace::Walked;
 use crate::tree::OpenTree;
 use crate::{Error, Result, inscatter};
 use frame::{Request, shade_regions};
@@ -80,6 +81,7 @@ pub fn run(
     let fit = tree.fitter(job);
     job.report.watched_stage("shade", fit, |counts| {
         let quantities = pixels::quantities(aovs);
+        let before = Walked::so_far();
         let request = Request {
             scene,
             tree,
@@ -96,6 +98,10 @@ pub fn run(
         counts.insert("pages_decoded".into(), stats.decoded as f64);
         counts.insert("leaves_decoded".into(), stats.decoded_leaves as f64);
         counts.insert("page_bytes_read".into(), stats.bytes_read as f64);
+        counts.insert("page_bytes_decoded".into(), stats.bytes_decoded as f64);
+        let walked = Walked::so_far() - before;
+        counts.insert("rays".into(), walked.rays as f64);
+        counts.insert("cells_walked".into(), walked.cells as f64);
         counts.insert("cache_hits".into(), stats.hits as f64);
         counts.insert("cache_misses".into(), stats.misses as f64);
         counts.insert("patches".into(), asked.patches.patches as f64);

@@ -3,6 +3,7 @@
 //! Along a ray through one cell a trilinear field is a cubic, which two Gauss points integrate
 //! exactly. Empty bricks are passed in one step, so there is no step size to choose.
 
+use super::walked::note_cells;
 use crate::math::Ray;
 use crate::math::dda::{Line, Passage, Steps};
 use crate::scene::Volume;
@@ -77,6 +78,13 @@ struct InBrick<'a> {
     /// Where on the line the ray leaves it.
     leave: f32,
     done: bool,
+    passed: u64,
+}
+
+impl Drop for InBrick<'_> {
+    fn drop(&mut self) {
+        note_cells(self.passed);
+    }
 }
 
 impl<'a> Cells<'a> {
@@ -160,6 +168,7 @@ impl<'a> Cells<'a> {
                     cells: Steps::new(&self.line, entry, base, 1.0, LIMIT),
                     leave,
                     done: false,
+                    passed: 0,
                 });
             }
             self.t = self.t.max(leave);
@@ -182,6 +191,7 @@ impl InBrick<'_> {
             if far <= near {
                 continue;
             }
+            self.passed += 1;
             let cell = self.brick.cell(at.map(|v| v as usize));
             if !cell.is_empty() {
                 let mean = mean(near, far, |t| {

@@ -10,6 +10,7 @@
 //! | `surface` | the surface at a point of a triangle: normals, albedo, emission |
 //! | `pieces` | how densely surfels stand on the pieces of a scene |
 //! | `cells` | a ray through the cells of a volume, each with its exact optical depth |
+//! | `walked` | how many rays there were, and cells on their way |
 //! | `stepped` | a ray through a volume of few voxels, in even steps |
 
 mod cells;
@@ -17,6 +18,7 @@ mod pieces;
 mod stepped;
 mod surface;
 mod triangles;
+mod walked;
 mod watertight;
 
 pub use crate::math::Hit;
@@ -25,6 +27,7 @@ pub use pieces::Pieces;
 pub use stepped::SteppedVolume;
 pub use surface::{Surface, offset, short_of, unit_normal, weights_in_triangle};
 pub use triangles::TriangleBvh;
+pub use walked::Walked;
 
 use crate::Result;
 use crate::math::exp::exp_neg;
@@ -111,18 +114,21 @@ impl<'a> Tracer<'a> {
     /// The nearest triangle along a ray.
     #[must_use]
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
+        walked::note_rays(1);
         self.triangles.closest(ray)
     }
 
     /// The nearest triangle along each ray of a packet, as [`Tracer::closest`] finds it, in `hits`,
     /// which has as many; faster where the rays go much the same way.
     pub fn closest_of_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        walked::note_rays(rays.len() as u64);
         self.triangles.closest_of_packet(rays, hits);
     }
 
     /// Whether a ray meets any surface.
     #[must_use]
     pub fn is_occluded(&self, ray: &Ray) -> bool {
+        walked::note_rays(1);
         self.triangles.is_occluded(ray)
     }
 

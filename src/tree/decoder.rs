@@ -20,6 +20,8 @@ pub struct PageStats {
     pub decoded_leaves: u64,
     /// Bytes of the file read for them.
     pub bytes_read: u64,
+    /// Bytes of memory that they took once decoded.
+    pub bytes_decoded: u64,
     /// Requests that the cache could answer; 0 where pages are kept for good.
     pub hits: u64,
     /// Requests that it could not.
@@ -46,6 +48,7 @@ pub(super) struct Decoder {
     decoded: AtomicU64,
     decoded_leaves: AtomicU64,
     bytes_read: AtomicU64,
+    bytes_decoded: AtomicU64,
     failed: AtomicU64,
     failure: Mutex<Option<Error>>,
     links: Links,
@@ -107,6 +110,7 @@ impl Decoder {
             decoded: AtomicU64::new(0),
             decoded_leaves: AtomicU64::new(0),
             bytes_read: AtomicU64::new(0),
+            bytes_decoded: AtomicU64::new(0),
             failed: AtomicU64::new(0),
             failure: Mutex::new(None),
         }
@@ -132,6 +136,11 @@ impl Decoder {
         }
     }
 
+    fn count_decoded(&self, bytes: usize) {
+        self.bytes_decoded
+            .fetch_add(bytes as u64, Ordering::Relaxed);
+    }
+
     pub fn nodes(&self, id: u32) -> PageNodes {
         self.count(id);
         SCRATCH.with_borrow_mut(|Scratch { nodes, .. }| {
@@ -139,7 +148,9 @@ impl Decoder {
             match decoded.and_then(|()| self.links.note(id, nodes)) {
                 Ok(()) => {
                     self.give_back(id);
-                    PageNodes::new(nodes)
+                    let page = PageNodes::new(nodes);
+                    self.count_decoded(page.bytes());
+                    page
                 }
                 Err(e) => self.fail(e),
             }
@@ -152,7 +163,9 @@ impl Decoder {
             match self.tree.surfel_leaves(id as usize, leaves) {
                 Ok(()) => {
                     self.give_back(id);
-                    PageLeaves::new(&leaves.counts, &leaves.surfels)
+                    let page = PageLeaves::new(&leaves.counts, &leaves.surfels);
+                    self.count_decoded(page.bytes());
+                    page
                 }
                 Err(e) => self.fail(e),
             }
@@ -191,6 +204,7 @@ impl Decoder {
             decoded: self.decoded.load(Ordering::Relaxed),
             decoded_leaves: self.decoded_leaves.load(Ordering::Relaxed),
             bytes_read: self.bytes_read.load(Ordering::Relaxed),
+            bytes_decoded: self.bytes_decoded.load(Ordering::Relaxed),
             ..PageStats::default()
         }
     }

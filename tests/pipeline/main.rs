@@ -6,6 +6,7 @@ mod bright;
 mod bytes;
 mod clouds;
 mod contact;
+mod counts;
 mod damage;
 mod fog;
 mod frames;

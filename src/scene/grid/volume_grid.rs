@@ -158,6 +158,12 @@ impl VolumeGrid {
         brick_dims(self.0.known.dims)
     }
 
+    /// Bricks that have samples of their own, nearly, for which none is read.
+    #[must_use]
+    pub fn stored_bricks(&self) -> usize {
+        self.0.known.bricks
+    }
+
     /// The largest sample, for which none is read.
     #[must_use]
     pub fn max(&self) -> f32 {

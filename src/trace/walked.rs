@@ -1,0 +1,88 @@
+//! What rays pass, counted: steadier than seconds, and held by tests.
+
+use std::cell::Cell;
+use std::ops::Sub;
+
+/// Rays, and cells of media that they passed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Walked {
+    /// Rays that were traced through triangles.
+    pub rays: u64,
+    /// Cells of media that rays passed one by one, empty ones in filled bricks among them.
+    pub cells: u64,
+}
+
+thread_local! {
+    /// By thread: threads that count together would wait for each other.
+    static WALKED: Cell<Walked> = const { Cell::new(Walked { rays: 0, cells: 0 }) };
+}
+
+impl Walked {
+    /// What all threads that work together here have counted so far. Runs at the same time mix
+    /// their counts.
+    #[must_use]
+    pub fn so_far() -> Self {
+        let mut sum = Self::default();
+        let mut add = |part: Self| {
+            sum.rays += part.rays;
+            sum.cells += part.cells;
+        };
+        if rayon::current_thread_index().is_none() {
+            add(WALKED.get());
+        }
+        rayon::broadcast(|_| WALKED.get())
+            .into_iter()
+            .for_each(&mut add);
+        sum
+    }
+}
+
+impl Sub for Walked {
+    type Output = Self;
+
+    fn sub(self, before: Self) -> Self {
+        Self {
+            rays: self.rays - before.rays,
+            cells: self.cells - before.cells,
+        }
+    }
+}
+
+/// Notes rays that were traced.
+#[inline]
+pub fn note_rays(rays: u64) {
+    let all = WALKED.get();
+    WALKED.set(Walked {
+        rays: all.rays + rays,
+        ..all
+    });
+}
+
+/// Notes cells that were passed.
+#[inline]
+pub fn note_cells(cells: u64) {
+    let all = WALKED.get();
+    WALKED.set(Walked {
+        cells: all.cells + cells,
+        ..all
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_all_threads_count_is_added_up() {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(3);
+        pool.build().unwrap().install(|| {
+            let before = Walked::so_far();
+            rayon::broadcast(|_| {
+                note_rays(2);
+                note_cells(5);
+            });
+            let found = Walked::so_far() - before;
+            assert_eq!((found.rays, found.cells), (6, 15));
+        });
+    }
+}
