@@ -50,7 +50,14 @@ const MAY_USE: &[(&str, &[&str])] = &[
     // Of pictures it knows none but the samples that may be kept beside one.
     (
         "inspect",
-        &["error", "formats", "image::samples", "run", "scene"],
+        &[
+            "error",
+            "formats",
+            "image::samples",
+            "run",
+            "scene",
+            "trace",
+        ],
     ),
     // What judges the pipeline may use all of it; nothing that renders uses the laboratory.
     ("lab", LABORATORY),

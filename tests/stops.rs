@@ -20,7 +20,10 @@ fn stopped(dir: &Path, args: &[&str], after: Duration) -> (ExitStatus, Duration)
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    thread::sleep(after);
+    let started = Instant::now();
+    while started.elapsed() < after && child.try_wait().unwrap().is_none() {
+        thread::sleep(Duration::from_millis(5).min(after));
+    }
     let pid = child.id().to_string();
     // It may have ended by then.
     let _ = Command::new("kill")
@@ -107,4 +110,50 @@ fn a_stop_is_heard_whatever_is_loaded() {
         }
     }
     assert!(stops > 3, "{stops}");
+}
+
+/// Files of the folder whose names hold that of an output.
+fn left(dir: &Path, output: &str) -> usize {
+    let names = fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name());
+    names
+        .filter(|n| n.to_string_lossy().contains(output))
+        .count()
+}
+
+#[test]
+fn a_stop_is_heard_while_light_bounces_and_scenes_are_packed() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |name: &str, bytes: &[u8]| fs::write(dir.path().join(name), bytes).unwrap();
+    write("terrain.obj", terrain(400).as_bytes());
+    let voxels: Vec<u8> = (0..96 * 96 * 96_u32).map(|i| (i * 7 % 97) as u8).collect();
+    write("fog.raw", &voxels);
+    let scene = "[[mesh]]\nfile = \"terrain.obj\"\n\
+        [[light]]\ntype = \"directional\"\ndirection = [0.3, -1, 0.2]\nirradiance = [3, 3, 3]\n\
+        [[volume]]\nfile = \"fog.raw\"\ndims = [96, 96, 96]\ndtype = \"u8\"\n\
+        sigma_t_scale = 0.001\nalbedo = [0.9, 0.9, 0.9]\n\
+        unitcube_to_world = [[300, 0, 0, 50], [0, 60, 0, 5], [0, 0, 300, 50], [0, 0, 0, 1]]\n";
+    write("s.toml", scene.as_bytes());
+    for args in [
+        ["bake", "s.toml", "-o", "s.lvc"],
+        ["build", "s.lvc", "-o", "s.lvt"],
+    ] {
+        let (status, _) = stopped(dir.path(), &args, Duration::from_secs(300));
+        assert!(status.success(), "{args:?}");
+    }
+    let mut stops = 0;
+    for (verb, output) in [("bounce", "out.lvt"), ("pack", "out.lvp")] {
+        for millis in [30, 150, 400, 900, 2000] {
+            let args = [verb, "s.toml", "-t", "s.lvt", "-o", output, "--force"];
+            let (status, took) = stopped(dir.path(), &args, Duration::from_millis(millis));
+            let told = format!("{verb} after {millis} ms: {status:?}, {took:?}");
+            assert!(took < PROMISED, "{told}");
+            assert!(status.success() || status.code() == Some(1), "{told}");
+            if !status.success() {
+                stops += 1;
+                assert_eq!(left(dir.path(), output), 0, "{told}");
+            }
+            let _ = fs::remove_file(dir.path().join(output));
+        }
+    }
+    assert!(stops > 2, "{stops}");
 }

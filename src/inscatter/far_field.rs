@@ -184,6 +184,8 @@ impl FarField {
         gatherer: &G,
         points_in_index: impl Iterator<Item = Vec3>,
     ) {
+        /// Probes at a time: what they ask for takes memory.
+        const TOGETHER: usize = 1 << 14;
         if !gatherer.has_unknown() {
             return;
         }
@@ -194,7 +196,7 @@ impl FarField {
         });
         let probes: BTreeSet<[usize; 3]> = around.collect();
         let probes: Vec<_> = probes.into_iter().collect();
-        let unknown = probes.par_iter().map(|&v| {
+        let unknown = |&v: &[usize; 3]| {
             let at = self.probes.at(v);
             let (point, key) = self.place(volume, at, v);
             let patterns = self.patterns(key);
@@ -203,8 +205,11 @@ impl FarField {
                 directions.map(|d| Ray::endless(point, d))
             });
             gatherer.unknown_along(&rays.collect::<Vec<_>>())
-        });
-        gatherer.evaluate(UnknownPatches::of_all(unknown.collect()));
+        };
+        for probes in probes.chunks(TOGETHER) {
+            let unknown = probes.par_iter().map(unknown).collect();
+            gatherer.evaluate(UnknownPatches::of_all(unknown));
+        }
     }
 
     /// Mean over the sphere of the radiance at a point of the medium, or what of it is scattered

@@ -40,23 +40,20 @@ pub fn check_sweep(
     })
 }
 
-/// Refuses light that a volume scatters, to be made beforehand, if it takes more than a limit by
-/// itself.
+/// Refuses light that a volume scatters, to be made beforehand, if it takes more than a limit leaves
+/// beside what a stage holds.
 ///
 /// # Errors
 /// Says what it takes, and how to do with less.
-pub fn check_scattered(
-    volume: &Volume,
-    vertices: u64,
-    needed: u64,
-    limit: Option<u64>,
-) -> Result<()> {
+pub fn check_scattered(volume: &Volume, vertices: u64, needed: u64, job: &Job) -> Result<()> {
     let what = || {
         format!(
             "scattering light at {vertices} vertices of volume {:?}",
             volume.name
         )
     };
-    size::within(what(), needed, limit).map_err(|e| e.hint("raise `memory_limit`"))?;
+    let beside = needed.saturating_add(job.held_bytes());
+    let is_within = size::within(what(), beside, job.memory_limit);
+    is_within.map_err(|e| e.hint("raise `memory_limit`"))?;
     memory::check(what(), needed)
 }

@@ -5,6 +5,7 @@ use super::{File, packed, samples, scattered};
 use crate::formats::{Below, MappedFile, Packed, PackedColumn, Scatter, Tree};
 use crate::run::{Job, Task, one_line};
 use crate::scene::Scene;
+use crate::trace::{Pieces, TriangleBvh};
 use crate::{Error, Result};
 use std::fmt;
 use std::path::Path;
@@ -91,13 +92,7 @@ pub fn verify(path: &Path, job: &Job) -> Result<Verification> {
         let packed = Packed::open_path(path)?;
         let task = (job.progress).task("verify", packed.blocks().len() as u64, "blocks");
         packed.verify_with(|| next(&task, job))?;
-        for volume in &Scene::load(path)?.volumes {
-            if !volume.has_right_levels()? {
-                let what = format!("a level of the volume {:?} is not the mean", volume.name);
-                return Err(Error::input(format!("{file}: {what} of the one before"))
-                    .hint("pack the scene again"));
-            }
-        }
+        check_scene(&Scene::open_packed(path, &job.cancel)?, job).map_err(|e| e.at(&file))?;
         let has = |column| !packed.range(column, 0).is_empty();
         if has(PackedColumn::Tree) {
             Tree::open_within(path)?.verify_with(|| job.cancel.check())?;
@@ -137,6 +132,29 @@ pub fn verify(path: &Path, job: &Job) -> Result<Verification> {
             })
         }
     }
+}
+
+/// Checks what of a packed scene was made from the rest of it.
+fn check_scene(scene: &Scene, job: &Job) -> Result<()> {
+    let wrong = |what: String| Err(Error::input(what).hint("pack the scene again"));
+    if !TriangleBvh::of_scene(scene, &job.cancel)?.has_right_blocks(&scene.mesh) {
+        return wrong("triangles in the leaves of the hierarchy are not those of the mesh".into());
+    }
+    let areas = Pieces::areas_of(&scene.mesh, scene.materials.len());
+    if Pieces::areas(scene) != areas {
+        return wrong("areas of materials are not those of their triangles".into());
+    }
+    for volume in &scene.volumes {
+        job.cancel.check()?;
+        if !volume.has_right_levels()? {
+            return wrong(format!(
+                "a level of the volume {:?} is not the mean of the one before, or samples beyond the \
+                 border of the first are not those at it",
+                volume.name
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Notes that a chunk or page was read.

@@ -73,13 +73,17 @@ impl Volume {
         self.levels.level(&self.sigma_t, level)
     }
 
-    /// Whether each of its levels is what the one before makes it; they are all read.
+    /// Whether each of its levels is what the one before makes it, and the first is constant beyond its
+    /// outermost samples; they are all read.
     ///
     /// # Errors
     /// As [`Volume::ready`], for all levels.
     pub fn has_right_levels(&self) -> Result<bool> {
         let mut finer = self.level(0);
         finer.ready()?;
+        if !finer.has_right_borders() {
+            return Ok(false);
+        }
         for level in 1.. {
             let grid = self.level(level);
             if grid.dims() == finer.dims() {
@@ -115,6 +119,12 @@ impl Volume {
     /// a medium by less than their rounding, and whether a point is lit is left to that. A voxel
     /// stays opaque whatever its size, and the mean free path shorter than anything in a picture.
     pub fn limit_extinction(&mut self) {
+        self.sigma_t.limit(self.most_extinction());
+    }
+
+    /// The most that extinction may be here; see [`Volume::limit_extinction`].
+    #[must_use]
+    pub fn most_extinction(&self) -> f32 {
         /// Mean free paths over the rounding of the largest coordinate.
         const PATH: f32 = 64.0 * f32::EPSILON;
         /// Depth of a voxel from which on nothing of light gets through.
@@ -122,8 +132,7 @@ impl Volume {
         let corners = self.corners();
         let farthest = corners.iter().map(|p| p.abs().max_element());
         let far = farthest.fold(0.0, f32::max);
-        let most = (1.0 / (PATH * far)).max(OPAQUE / self.shortest_voxel_edge());
-        self.sigma_t.limit(most);
+        (1.0 / (PATH * far)).max(OPAQUE / self.shortest_voxel_edge())
     }
 
     /// Corners of its box in the scene.

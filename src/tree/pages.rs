@@ -11,6 +11,7 @@ use quick_cache::sync::Cache;
 use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
 use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::sync::{Arc, OnceLock};
 
 /// A page in use.
@@ -109,6 +110,8 @@ pub struct CachedTree {
     cache: Cache<PartKey, Part, PartBytes>,
     /// The least and the most that the cache may hold, bytes.
     bounds: [u64; 2],
+    /// Looks at the process's memory until freed memory may be given back again.
+    kept_for: AtomicU32,
 }
 
 /// A page and which part of it.
@@ -250,7 +253,9 @@ impl SurfelStore {
         Ok(Self::Cached(CachedTree {
             decoder,
             cache: page_cache(most, largest, count)?,
-            bounds: [least, most],
+            // With less, the parts of a cache could not keep a page each.
+            bounds: [least.max(most / LEAST_SHARE).min(most), most],
+            kept_for: AtomicU32::new(0),
         }))
     }
 
@@ -274,7 +279,8 @@ impl SurfelStore {
     /// Has the cache take no more than a limit leaves beside all else that the process has in
     /// memory now. Its size changes no result.
     pub(super) fn fit(&self, now: Resident, limit: u64) {
-        if now.all() > limit {
+        // Pages that are read anew would only come back where memory is of another kind.
+        if now.all() > limit && now.mapped > limit / MAPPED_SHARE {
             self.file().release_all();
         }
         let Self::Cached(t) = self else {
@@ -290,7 +296,12 @@ impl SurfelStore {
         if capacity.abs_diff(t.cache.capacity()) > most / 64 {
             t.cache.set_capacity(capacity);
         }
-        if over > limit - limit / (2 * ROOM_SHARE) {
+        let kept_for = t.kept_for.load(Relaxed);
+        if kept_for > 0 {
+            t.kept_for.store(kept_for - 1, Relaxed);
+        } else if over > limit - limit / (2 * ROOM_SHARE) {
+            // It locks all that allocates, and has little to give back soon after.
+            t.kept_for.store(LOOKS_BETWEEN, Relaxed);
             memory::give_back_freed();
         }
     }
@@ -332,6 +343,13 @@ fn most_bytes_of_pages(tree: &Tree<MappedFile>) -> impl Iterator<Item = u64> {
 /// The share of a memory limit that caches leave free for what grows between two looks at the
 /// process's memory.
 const ROOM_SHARE: u64 = 16;
+/// The share of what a cache may have that it keeps at least.
+const LEAST_SHARE: u64 = 8;
+/// The share of a memory limit up to which files that are mapped stay so.
+const MAPPED_SHARE: u64 = 64;
+/// Looks at the process's memory, a hundredth of a second each, between which freed memory is given
+/// back.
+const LOOKS_BETWEEN: u32 = 8;
 
 /// A cache of so many bytes for pages, the largest of which has `largest` bytes.
 fn page_cache(budget: u64, largest: u64, pages: usize) -> Result<Cache<PartKey, Part, PartBytes>> {

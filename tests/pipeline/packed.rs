@@ -116,6 +116,13 @@ fn all_stages_make_the_same_of_a_packed_scene_without_its_assets() {
         (whole.code, whole.stdout.as_str()),
         (0, "all.lvp: packed undamaged\n")
     );
+    // What a file is, its content says.
+    fs::copy(third.path().join("all.lvp"), third.path().join("all.bin")).unwrap();
+    let renamed = lvox(third.path(), &["verify", "all.bin"]);
+    assert_eq!(
+        (renamed.code, renamed.stdout.as_str()),
+        (0, "all.bin: packed undamaged\n")
+    );
     let told = lvox(third.path(), &["inspect", "all.lvp"]).stdout;
     for part in [
         "packed scene",

@@ -8,6 +8,8 @@ use crate::{FormatError, Result};
 pub(super) const MAX_EMISSION: f32 = 1e30;
 /// Pixels along a side of the largest film.
 const MAX_SIDE: u32 = 65_536;
+/// Extent of a voxel in any direction, at least: half of what scenes may have.
+const MIN_VOXEL_EDGE: f64 = 0.5e-15;
 /// Vertices and triangles that indices have room for.
 const MAX_VERTICES: u64 = u32::MAX as u64;
 const MAX_TRIANGLES: u64 = 1 << 27;
@@ -585,10 +587,8 @@ impl PackedCamera {
                 .iter()
                 .all(|d| d.abs() <= 1e-3)
             && dot(cross(x, y), z) > 0.0;
-        let is_right = is_rotation
-            && is_near(position)
-            && self.fov_x_rad > 0.0
-            && self.fov_x_rad < std::f32::consts::PI;
+        let is_right =
+            is_rotation && is_near(position) && self.fov_x_rad >= 1e-4 && self.fov_x_rad <= 3.13;
         let what = || format!("camera {:?}", self.name);
         let expected = "a rotation, a position and a field of view below pi";
         check(is_right, &what, expected, self)
@@ -714,10 +714,20 @@ impl PackedVolume {
         let c = cross(x, y);
         let determinant = c[0] * z[0] + c[1] * z[1] + c[2] * z[2];
         let fits = |v: &f64| v.abs() <= f64::from(f32::MAX);
+        // Voxels are as thin as their volume over the areas of their faces.
+        let area = |a: [f64; 3], b: [f64; 3]| {
+            let c = cross(a, b);
+            (c[0] * c[0] + c[1] * c[1] + c[2] * c[2]).sqrt()
+        };
+        let is_thick = |face: f64| determinant.abs() >= MIN_VOXEL_EDGE * face;
         let is_map = self.scene_from_index.as_flattened().iter().all(fits)
             && determinant.is_finite()
-            && determinant != 0.0;
-        let expected = "a map of finite numbers that can be inverted";
+            && determinant != 0.0
+            && [area(x, y), area(y, z), area(z, x)]
+                .into_iter()
+                .all(is_thick);
+        let expected =
+            "a map of finite numbers that can be inverted, to voxels that have an extent";
         check(is_map, &what, expected, self.scene_from_index)?;
         check(
             are_shares(self.albedo),

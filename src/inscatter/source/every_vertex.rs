@@ -102,7 +102,7 @@ impl<G: GatherInMedia> InScatter<'_, G> {
             });
             all += set.len() as u64;
             let bytes = all * size_of::<Vertex>() as u64;
-            memory::check_scattered(volume, all, bytes, job.memory_limit)?;
+            memory::check_scattered(volume, all, bytes, job)?;
             let vertices: Vec<[usize; 3]> = set.vertices().collect();
             let task = (job.progress).task("scatter", vertices.len() as u64, "vertices");
             let values = vertices

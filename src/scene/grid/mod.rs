@@ -35,7 +35,7 @@ const BRICK_SAMPLES: usize = BRICK_EDGE * BRICK_EDGE * BRICK_EDGE;
 const ABSENT: u32 = u32::MAX;
 
 /// A scalar field on a grid; see the module for its spaces.
-#[derive(Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Grid {
     dims: [usize; 3],
     /// Of the box, in voxels.

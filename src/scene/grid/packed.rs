@@ -58,6 +58,31 @@ impl Grid {
     ///
     /// # Errors
     /// Those of `read`, the first in the order of pages; a size that memory does not have.
+    /// Whether corners of cells beyond its outermost samples have the values of these.
+    #[must_use]
+    pub fn has_right_borders(&self) -> bool {
+        let is_border = |b: &[usize; 3]| (0..3).any(|a| b[a] == 0 || b[a] + 1 == self.bricks[a]);
+        let is_right = |b: [usize; 3]| {
+            let Some(brick) = self.brick(b) else {
+                return true;
+            };
+            (0..BRICK_SAMPLES)
+                .map(|i| unflatten(i, [BRICK_EDGE; 3]))
+                .all(|at| {
+                    // Corner c of cell space is sample c - 1.
+                    let inside: [usize; 3] = std::array::from_fn(|a| {
+                        let base = b[a] * BRICK_CELLS;
+                        (base + at[a]).clamp(1, self.dims[a]) - base
+                    });
+                    let sample = |[x, y, z]: [usize; 3]| {
+                        brick.samples[(z * BRICK_EDGE + y) * BRICK_EDGE + x]
+                    };
+                    sample(at) == sample(inside)
+                })
+        };
+        self.bricks().filter(is_border).all(is_right)
+    }
+
     pub(in crate::scene) fn unpack(
         known: Known,
         entries: &[BrickEntry],
@@ -239,7 +264,18 @@ mod tests {
             for (i, field) in fields.into_iter().enumerate() {
                 let grid = Grid::from_fn(dims, field);
                 assert!(again(&grid) == grid, "{dims:?}, field {i}");
+                assert!(grid.has_right_borders(), "{dims:?}, field {i}");
             }
+        }
+    }
+
+    #[test]
+    fn samples_beyond_a_border_are_those_at_it() {
+        for at in [0, BRICK_SAMPLES - 1] {
+            let mut grid = Grid::from_fn([5; 3], |_| 1.0);
+            assert!(grid.has_right_borders());
+            grid.samples[at] = 2.0;
+            assert!(!grid.has_right_borders());
         }
     }
 

@@ -182,15 +182,22 @@ impl VolumeGrid {
         }
     }
 
-    /// Lowers what is above `most` to that, unless others have the same grid.
+    /// Lowers what is above `most` to that; where others have the same grid, in one of its own.
     pub fn limit(&mut self, most: f32) {
-        if self.max() > most
-            && let Some(shared) = Arc::get_mut(&mut self.0)
+        if self.max() <= most {
+            return;
+        }
+        let own = Arc::get_mut(&mut self.0).filter(|shared| shared.read.get().is_some());
+        if let Some(shared) = own
             && let Some((grid, _)) = shared.read.get_mut()
         {
             grid.limit(most);
             shared.known.max = grid.max();
+            return;
         }
+        let mut grid = Grid::clone(self);
+        grid.limit(most);
+        *self = grid.into();
     }
 
     /// Whether two are the same grid, in the same place in memory.
@@ -252,6 +259,20 @@ mod tests {
                 0 => Ok(Grid::from_fn([4; 3], |_| 7.0)),
                 _ => Err(Error::input("page 3")),
             }
+        }
+    }
+
+    #[test]
+    fn a_grid_that_others_have_is_limited_in_a_copy() {
+        let mut alone = VolumeGrid::from(Grid::from_fn([4; 3], |_| 7.0));
+        alone.limit(5.0);
+        let mut other = alone.clone();
+        other.limit(2.0);
+        let levels: Arc<dyn StoredLevels> = Arc::new(Two::default());
+        let mut stored = VolumeGrid::stored(&levels, 0).unwrap();
+        stored.limit(3.0);
+        for (grid, most) in [(&alone, 5.0), (&other, 2.0), (&stored, 3.0)] {
+            assert_eq!((grid.max(), Grid::max(grid)), (most, most));
         }
     }
 

@@ -94,6 +94,14 @@ impl Scene {
         Ok(scene)
     }
 
+    /// Opens a packed scene, whatever its name, by default settings.
+    ///
+    /// # Errors
+    /// As [`Scene::load`], and if cancelled.
+    pub(crate) fn open_packed(path: &Path, cancel: &Cancel) -> Result<Self> {
+        packed::read(path, Settings::default().texture_limit, cancel)
+    }
+
     fn load_until(path: &Path, settings: &Settings, cancel: &Cancel) -> Result<Self> {
         if is_packed(path) {
             return packed::read(path, settings.texture_limit, cancel);

@@ -249,7 +249,16 @@ fn volume(packed: &PackedScene, i: usize, info: &PackedVolume, cancel: &Cancel) 
         PhaseFunction::two_lobes(p.g, p.mix)
     });
     let name = info.name.clone();
-    Ok(Volume::new(name, grid, info.albedo, scene_from_index).with_phase(phase))
+    let volume = Volume::new(name, grid, info.albedo, scene_from_index).with_phase(phase);
+    let (found, most) = (volume.sigma_t.max(), volume.most_extinction());
+    if found > most {
+        return Err(Error::input(format!(
+            "{what}: expected extinction of at most {most:e}, beyond which positions do not tell \
+             where light gets, found {found:e}"
+        ))
+        .hint("pack the scene again"));
+    }
+    Ok(volume)
 }
 
 /// The levels of a volume in a packed scene, of which tables were read.

@@ -4,7 +4,7 @@ use super::{Blocks, Node, TriangleBvh};
 use crate::Result;
 use crate::formats::{PackedColumn, PackedHierarchy, PackedWriter};
 use crate::run::Cancel;
-use crate::scene::Scene;
+use crate::scene::{Mesh, Scene};
 use crate::trace::watertight::{Block, VertexBlock};
 use bytemuck::{Pod, Zeroable};
 
@@ -49,6 +49,34 @@ impl<'a> TriangleBvh<'a> {
         }
     }
 
+    /// Whether all triangles in leaves are those of a mesh, each once.
+    #[must_use]
+    pub fn has_right_blocks(&self, mesh: &Mesh) -> bool {
+        let mut is_seen = vec![false; mesh.triangles.len()];
+        let mut lanes = |triangles: &[u32]| {
+            let there = triangles.iter().take_while(|t| **t != u32::MAX).count();
+            let are_new = triangles[..there].iter().all(|&t| {
+                let seen = is_seen.get_mut(t as usize);
+                seen.is_some_and(|seen| !std::mem::replace(seen, true))
+            });
+            (there > 0 && are_new).then_some(there)
+        };
+        match &self.blocks {
+            Blocks::Corners(blocks) => blocks.iter().all(|block| {
+                lanes(&block.triangles).is_some_and(|n| {
+                    let right = Block::new(mesh, &block.triangles[..n], self.scale);
+                    bytemuck::bytes_of(&right) == bytemuck::bytes_of(block)
+                })
+            }),
+            Blocks::Vertices(blocks) => blocks.iter().all(|block| {
+                lanes(&block.triangles).is_some_and(|n| {
+                    let right = VertexBlock::new(mesh, &block.triangles[..n]);
+                    bytemuck::bytes_of(&right) == bytemuck::bytes_of(block)
+                })
+            }),
+        }
+    }
+
     /// What a packed file says of it; `None` if it is empty.
     #[must_use]
     pub fn description(&self) -> Option<PackedHierarchy> {
@@ -75,5 +103,37 @@ impl<'a> TriangleBvh<'a> {
             Blocks::Vertices(blocks) => (PackedColumn::VertexBlocks, bytemuck::cast_slice(blocks)),
         };
         writer.column(column, 0, blocks, || cancel.check())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn leaves_hold_the_triangles_of_their_mesh_alone() {
+        let mut scene = Scene::demo().unwrap();
+        let nodes = TriangleBvh::new(&scene.mesh).nodes.to_vec();
+        let blocks = |mesh: &Mesh| match &TriangleBvh::new(mesh).blocks {
+            Blocks::Corners(blocks) => blocks.to_vec(),
+            Blocks::Vertices(_) => Vec::new(),
+        };
+        let of = |blocks: Vec<Block>| TriangleBvh {
+            nodes: nodes.clone().into(),
+            blocks: Blocks::Corners(blocks.into()),
+            positions: &[],
+            scale: TriangleBvh::new(&scene.mesh).scale,
+        };
+        let right = blocks(&scene.mesh);
+        assert!(of(right.clone()).has_right_blocks(&scene.mesh));
+        let mut twice = right.clone();
+        twice.push(right[0]);
+        assert!(!of(twice).has_right_blocks(&scene.mesh));
+        let found = of(right);
+        let moved = scene.mesh.triangles[5][0] as usize;
+        let mut positions = scene.mesh.positions.to_vec();
+        positions[moved].x += 0.5;
+        scene.mesh.positions = positions.into();
+        assert!(!found.has_right_blocks(&scene.mesh));
     }
 }
