@@ -1,10 +1,11 @@
 """What bake, build and shade take as assets grow, and docs/size.md from that.
 
-size.py measure LVOX ASSETS FOLDER [--peer COMMAND] [--only KIND ...]
+size.py measure LVOX ASSETS FOLDER [--peer COMMAND | --peer-of EARLIER] [--most SURFELS] [--only KIND ...]
     runs LVOX on clouds and terrains in ASSETS (cloud_N.vdb and terrain_N.ply, as ../shared/tools/make_big.py makes them) and
     on tests/acceptance/scenes/C.toml with more and more surfels; FOLDER gets sizes.json, in which what is there is not
     measured again. COMMAND gets "cloud" or "terrain", the asset, 4 samples a pixel and a picture's name, and prints
     "total cpu S, peak M MiB", as ../shared/peers/peer_big.py does with Cycles and OIDN. KIND: cloud, terrain, surfels.
+    Instead, figures of the peer may be those of an EARLIER folder, of the same machine.
 size.py page FOLDER
     writes docs/size.md and docs/size/*.svg.
 """
@@ -103,13 +104,18 @@ def peer(command, kind, asset, folder):
     return {"cpu_secs": float(found[1]), "peak_bytes": int(found[2]) << 20}
 
 
-def measure(lvox, assets, folder, command, only):
+def measure(lvox, assets, folder, command, earlier, most, only):
     lvox, folder = str(Path(lvox).resolve()), Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     kept = folder / "sizes.json"
     rows = json.loads(kept.read_text()) if kept.exists() else []
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True)
     (folder / "commit").write_text(commit.stdout)
+    peers = {}
+    if earlier:
+        told = json.loads((Path(earlier) / "sizes.json").read_text())
+        peers = {(r["kind"], r["size"]): r["peer"] for r in told if "peer" in r}
+        (folder / "peer-commit").write_text((Path(earlier) / "commit").read_text())
 
     def add(kind, size, toml, surfels=None, asset=None):
         if any((r["kind"], r["size"]) == (kind, size) for r in rows):
@@ -121,6 +127,8 @@ def measure(lvox, assets, folder, command, only):
                 row["error"] = error(lvox, work, toml)
             if command and asset:
                 row["peer"] = peer(command, kind, asset, work)
+            elif (kind, size) in peers:
+                row["peer"] = peers[kind, size]
         rows.append(row)
         kept.write_text(json.dumps(rows, indent=1) + "\n")
         print(kind, size, *(f"{stage} {row[stage]['cpu_secs']:.1f}" for stage in ("bake", "build", "shade")), flush=True)
@@ -133,6 +141,8 @@ def measure(lvox, assets, folder, command, only):
                 toml.flush()
                 add(kind, number if kind == "cloud" else 2 * (number - 1) ** 2, toml.name, asset=str(asset))
     for count in SURFELS if "surfels" in only else ():
+        if count > most:
+            continue
         add("surfels", count, ROOT / "tests/acceptance/scenes/C.toml", surfels=count)
 
 
@@ -223,10 +233,12 @@ def page(folder):
     plots = ROOT / "docs/size"
     plots.mkdir(exist_ok=True)
     commit = (Path(folder) / "commit").read_text().strip()
+    other = Path(folder) / "peer-commit"
+    session = f"at commit {other.read_text().strip()} on the same machine" if other.exists() else "in the same session"
     text = [f"""# What grows with assets
 
 CPU seconds and peak memory of whole processes on two cores (commit {commit}), loading included, at
-the default settings, once each; Cycles with 4 samples a pixel and OIDN in the same session. Errors
+the default settings, once each; Cycles with 4 samples a pixel and OIDN {session}. Errors
 are trimmed relMSE and bias beside a path tracer's picture of direct light and one bounce, whose own
 noise is the last column. Peak memory counts mapped files.
 """]
@@ -279,9 +291,12 @@ def main():
         case ["page", folder]:
             page(folder)
         case ["measure", lvox, assets, folder, *rest]:
-            command = rest[rest.index("--peer") + 1] if "--peer" in rest else None
+            def after(option):
+                return rest[rest.index(option) + 1] if option in rest else None
+
+            most = int(after("--most") or SURFELS[-1])
             only = rest[rest.index("--only") + 1:] if "--only" in rest else list(KINDS)
-            measure(lvox, assets, folder, command, only)
+            measure(lvox, assets, folder, after("--peer"), after("--peer-of"), most, only)
         case _:
             sys.exit(__doc__)
 
