@@ -95,6 +95,18 @@ impl Surroundings<'_> {
     }
 }
 
+/// A point of a medium whose light is asked for.
+#[derive(Clone, Copy, Debug)]
+pub struct AskedPoint {
+    /// Its place in the volume's index space, and in scene space.
+    pub in_index: Vec3,
+    pub in_scene: Vec3,
+    /// How a ray sees the phase function there, if that is not isotropic.
+    pub seen: Option<SeenPhase>,
+    /// Key of its directions.
+    pub seed: u64,
+}
+
 impl FarField {
     /// Voxels between probes, at least.
     const MIN_STEP_VOXELS: usize = 8;
@@ -218,13 +230,16 @@ impl FarField {
         &self,
         volume: &Volume,
         gatherer: &G,
-        point_in_index: Vec3,
-        point: Vec3,
-        seen: Option<SeenPhase>,
-        seed: u64,
+        at: AskedPoint,
         counters: &Counters,
     ) -> Option<Rgb> {
-        let around = self.around(volume, gatherer, point_in_index)?;
+        let AskedPoint {
+            in_index,
+            in_scene: point,
+            seen,
+            seed,
+        } = at;
+        let around = self.around(volume, gatherer, in_index)?;
         let (mut sum, mut passed) = (Rgb::BLACK, 0);
         let count = self.rings * self.sectors;
         for c in 0..count {

@@ -18,6 +18,7 @@ pub use lattices::MediaLights;
 use super::counts::{self, Counters, MediaCounts};
 use super::dense;
 use super::direct::{DIRECT_LEVELS, LightVectors, NEAR_LEVELS, Spread, Vertex, has_edge};
+use super::far_field::AskedPoint;
 use super::gatherer::GatherInMedia;
 use super::scattered::ScatteredLight;
 use super::sweep::{SWEPT_LEVELS, Sweep};
@@ -318,16 +319,14 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
         counts::add(&self.counters.gathered, 1);
         let far_field = &self.lattices[volume].far_field;
         let seen = self.seen(volume, point);
+        let asked = AskedPoint {
+            in_index: at,
+            in_scene: point,
+            seen,
+            seed,
+        };
         far_field
-            .scattered(
-                &self.volumes[volume],
-                gatherer,
-                at,
-                point,
-                seen,
-                seed,
-                &self.counters,
-            )
+            .scattered(&self.volumes[volume], gatherer, asked, &self.counters)
             .unwrap_or_else(|| {
                 gatherer
                     .scattered(point, SampleRange::first(seed), seen)
