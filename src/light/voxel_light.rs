@@ -40,7 +40,8 @@ struct Parallel<'a> {
 /// Light at a corner of voxels.
 #[derive(Debug)]
 struct Corner {
-    /// Depth towards each sun, at most that of no light, and whether no surface is before it.
+    /// Depth towards each sun, and whether light of it may arrive: where any is left, whether no
+    /// surface is before it.
     suns: Box<[(f32, bool)]>,
     /// Of the sky.
     sky: Rgb,
@@ -53,6 +54,9 @@ impl<'a> VoxelLight<'a> {
     /// their depths. Depths alone darken deep voxels by 4 % (a CT scan) and 0.6 % (a cloud), light
     /// alone brightens them by 14 and 3 %.
     const BY_LIGHT: f32 = 0.25;
+    /// Depth from corner to corner from which on it is less: within one so deep all but the depth
+    /// along the ray is too small to tell.
+    const FLAT_SPREAD: f32 = 3.0;
 
     /// The light in the brick that begins at a voxel; `None` if there are lights of other kinds.
     #[must_use]
@@ -122,10 +126,12 @@ impl<'a> VoxelLight<'a> {
         }
         for (s, sun) in self.suns.iter().enumerate() {
             let (mut depth, mut through, mut arriving) = (0.0, 0.0, 0.0);
+            let (mut least, mut most) = (f32::INFINITY, 0.0_f32);
             for (corner, &weight) in corners.iter().zip(&weights) {
                 let (tau, arrives) = corner.suns[s];
                 depth += weight * tau;
                 through += weight * exp_neg(tau);
+                (least, most) = (least.min(tau), most.max(tau));
                 arriving += if arrives { weight } else { 0.0 };
             }
             let mean = if depth > 0.0 {
@@ -133,7 +139,9 @@ impl<'a> VoxelLight<'a> {
             } else {
                 0.0
             };
-            let depth = depth + Self::BY_LIGHT * (mean - depth);
+            let spread = (most - least) * (1.0 / Self::FLAT_SPREAD);
+            let by_light = Self::BY_LIGHT / (1.0 + spread * spread * spread * spread);
+            let depth = depth + by_light * (mean - depth);
             let of_sun = sun.radiance * (arriving * exp_neg(depth));
             light += of_sun;
             way -= sun.to_sun * of_sun.mean();
@@ -151,14 +159,10 @@ impl<'a> VoxelLight<'a> {
             let point = self.volume.scene_from_index.transform_point3(at).as_vec3();
             let sun = |sun: &Parallel| {
                 let ray = Ray::endless(point, sun.to_sun);
-                let none = (BakedDepth::NO_LIGHT, true);
-                if sun.media.is_dark(point) {
-                    return none;
-                }
                 let depth = sun.media.optical_depth(&ray);
-                match depth < BakedDepth::NO_LIGHT {
-                    true => (depth, !self.lights.tracer.is_occluded(&ray)),
-                    false => none,
+                match depth >= BakedDepth::NO_LIGHT || sun.media.is_dark(point) {
+                    true => (depth.max(BakedDepth::NO_LIGHT), true),
+                    false => (depth, !self.lights.tracer.is_occluded(&ray)),
                 }
             };
             Corner {
