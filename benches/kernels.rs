@@ -10,7 +10,9 @@ use divan::{Bencher, black_box};
 use lvox::image::Region;
 use lvox::internals::gather::{Gatherer, Medium, NoMedia, PatchRadiance, RayKernel, RaySettings};
 use lvox::internals::tree::{self, SurfelStore};
-use lvox::internals::{Composite, Lights, Scratch, ShadowRays, Surface, Tracer, plain, reference};
+use lvox::internals::{
+    Composite, Environment, Lights, Scratch, ShadowRays, Surface, Tracer, plain, reference,
+};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade;
@@ -71,7 +73,7 @@ fn surfels(bencher: Bencher, kernel: &str) {
             max_solid_angle,
             max_dist: f32::INFINITY,
             kernel,
-            environment: Rgb::BLACK,
+            environment: Environment::even(Rgb::BLACK),
             leave_out_bright: false,
         },
     };

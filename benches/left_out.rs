@@ -14,9 +14,9 @@ use lvox::build;
 use lvox::formats::Overwrite;
 use lvox::image::Region;
 use lvox::inspect::{self, Description};
-use lvox::internals::Tracer;
 use lvox::internals::gather::{self, Gatherer, Medium, NoMedia, PatchRadiance, SampleRange};
 use lvox::internals::tree::{self, Media, Pages, SurfelStore};
+use lvox::internals::{Environment, Tracer};
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade::{self, Kernel};
@@ -219,7 +219,7 @@ impl Baked {
                     Kernel::Cone => gather::RayKernel::Cone,
                     Kernel::Plain => gather::RayKernel::Plain,
                 },
-                environment: Rgb::BLACK,
+                environment: Environment::even(Rgb::BLACK),
                 leave_out_bright: false,
             },
         };

@@ -19,7 +19,8 @@ use lvox::internals::gather::{
 use lvox::internals::tree::ResidentTree;
 use lvox::internals::tree::{self, SurfelStore};
 use lvox::internals::{
-    Scratch, Surface, Tracer, cosine_hemisphere, hash, mix, offset, sobol2, tangents, usage,
+    Environment, Scratch, Surface, Tracer, cosine_hemisphere, hash, mix, offset, sobol2, tangents,
+    usage,
 };
 use lvox::scene::Scene;
 use lvox::shade::{self, Quality};
@@ -293,7 +294,7 @@ fn gatherer<'a>(
             max_solid_angle,
             max_dist: f32::INFINITY,
             kernel,
-            environment: Rgb::BLACK,
+            environment: Environment::even(Rgb::BLACK),
             leave_out_bright: false,
         },
     }

@@ -34,7 +34,7 @@ mod sweeps;
 
 use crate::formats::{Overwrite, TreeMeta, TreeSummary, TreeWriter};
 use crate::gather::{self, Gatherer, Medium, PatchRadiance, RayKernel, RaySettings, TreeTask};
-use crate::math::Rgb;
+use crate::math::{Environment, Rgb};
 use crate::run::{Budget, Job, hex};
 use crate::scene::Scene;
 use crate::trace::Tracer;
@@ -255,7 +255,7 @@ impl TreeTask for Gathering<'_> {
                     max_dist: f32::INFINITY,
                     kernel: RayKernel::Traced(&patches),
                     // Surfels send what they reflect of it already.
-                    environment: Rgb::BLACK,
+                    environment: Environment::even(Rgb::BLACK),
                     leave_out_bright: false,
                 },
             },

@@ -50,7 +50,8 @@ pub struct Args {
     #[arg(long, num_args = 4, value_names = ["X0", "Y0", "X1", "Y1"])]
     region: Vec<u32>,
 
-    /// Compare this layer of both images instead of the beauty: direct, indirect, volume
+    /// Compare this layer of both images instead of the beauty: direct, environment, indirect,
+    /// volume
     #[arg(
         long,
         value_name = "LAYER",

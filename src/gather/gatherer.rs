@@ -7,7 +7,7 @@ use super::patch_radiance::{self, PatchRadiance, PatchRequest, UnknownPatches};
 use super::{cone, plain};
 use crate::math::sampling::{sobol2, sphere};
 use crate::math::segment::Composite;
-use crate::math::{Ray, Rgb, SeenPhase, sampling};
+use crate::math::{Environment, Ray, Rgb, SeenPhase, sampling};
 use crate::tree::Pages;
 use crate::{Error, Result};
 use glam::Vec3;
@@ -27,7 +27,7 @@ pub struct RaySettings<'a> {
     /// The way in which the surface that ends a ray is found.
     pub kernel: RayKernel<'a>,
     /// Radiance where a ray meets nothing.
-    pub environment: Rgb,
+    pub environment: Environment<'a>,
     /// Whether bright patches count as black, because the caller samples them itself;
     /// [`PatchRadiance::find_bright`] finds them.
     pub leave_out_bright: bool,
@@ -86,6 +86,8 @@ pub enum RayKernel<'a> {
 pub struct Gathered {
     /// Irradiance for a surface, mean radiance over the sphere for a point in a medium.
     pub light: Rgb,
+    /// The part of it that comes straight from the environment.
+    pub environment: Rgb,
     /// Harmonic mean of the distance to what was seen: how far away light changes; infinite if
     /// nothing was.
     pub harmonic_distance: f32,
@@ -96,6 +98,8 @@ pub struct Gathered {
 pub struct Incident {
     /// Radiance that arrives at the ray's origin.
     pub radiance: Rgb,
+    /// The part of it that comes straight from the environment.
+    pub environment: Rgb,
     /// Distance to the surface that ended the ray, infinite if none did. One that is too far away
     /// to send light may be told or not.
     pub distance: f32,
@@ -139,13 +143,48 @@ impl SampleRange {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct IncidentSum {
     light: Rgb,
+    environment: Rgb,
     inverse_distance: f32,
+    /// What an environment that differs by direction would send along rays, and how many these are.
+    unhidden: Rgb,
+    rays: u32,
 }
 
 impl IncidentSum {
     pub fn add(&mut self, seen: Incident) {
         self.light += seen.radiance;
+        self.environment += seen.environment;
         self.inverse_distance += seen.inverse_distance;
+    }
+
+    /// Adds what an environment would send along a ray if nothing were before it.
+    pub fn add_unhidden(&mut self, radiance: Rgb) {
+        self.unhidden += radiance;
+        self.rays += 1;
+    }
+
+    /// Returns the irradiance of a surface, the mean over `count` rays that are spread by the cosine
+    /// to its normal. Of an environment that differs by direction rays tell the share that is not
+    /// hidden, so that it has no noise where nothing hides it.
+    pub fn irradiance(self, count: u32, normal: Vec3, environment: &Environment) -> Gathered {
+        /// Few rays may have missed what is bright.
+        const MOST: f32 = 4.0;
+        let mut gathered = self.mean(count);
+        gathered.light *= PI;
+        gathered.environment *= PI;
+        if let Some(map) = environment.map().filter(|_| self.rays > 0) {
+            let expected = map.irradiance.get(normal);
+            let found = self.unhidden * (PI / self.rays as f32);
+            for c in 0..3 {
+                if found.0[c] > 0.0 {
+                    let known = gathered.environment.0[c];
+                    let factor = (expected.0[c] / found.0[c]).clamp(1.0 / MOST, MOST);
+                    gathered.environment.0[c] = known * factor;
+                    gathered.light.0[c] += known * (factor - 1.0);
+                }
+            }
+        }
+        gathered
     }
 
     /// Returns the mean over `count` rays, those that were not added being black and endless.
@@ -153,6 +192,7 @@ impl IncidentSum {
         let n = count as f32;
         Gathered {
             light: self.light * (1.0 / n),
+            environment: self.environment * (1.0 / n),
             harmonic_distance: n / self.inverse_distance,
         }
     }
@@ -181,42 +221,52 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
         range: SampleRange,
     ) -> Gathered {
         let hemisphere = Hemisphere::new(normal, range.seed);
-        let mut gathered = self.average(point, range.index, |i| {
+        let environment = &self.settings.environment;
+        let rays = self.rays(point, range.index, |i| {
             hemisphere.direction_above(i, face_normal)
         });
-        gathered.light *= PI;
-        gathered
+        let mut seen = self.sum_along(&rays);
+        if environment.map().is_some() {
+            let sent = rays.iter().map(|ray| environment.radiance(ray.direction));
+            sent.for_each(|radiance| seen.add_unhidden(radiance));
+        }
+        seen.irradiance(self.count(), normal, environment)
     }
 
     /// Gathers the mean over the sphere of the radiance at a point of a medium.
     #[must_use]
     pub fn mean_radiance(&self, point: Vec3, range: SampleRange) -> Gathered {
         let seed = sampling::mix(range.seed) as u32;
-        self.average(point, range.index, |i| Some(sphere(sobol2(i, 0, seed))))
+        let rays = self.rays(point, range.index, |i| Some(sphere(sobol2(i, 0, seed))));
+        self.sum_along(&rays).mean(self.count())
     }
 
     /// Gathers the radiance that a point of a medium of albedo 1 scatters along a ray.
     #[must_use]
     pub fn scattered(&self, point: Vec3, range: SampleRange, seen: SeenPhase) -> Gathered {
         let seed = sampling::mix(range.seed) as u32;
-        self.average(point, range.index, |i| {
+        let rays = self.rays(point, range.index, |i| {
             Some(seen.sample(sobol2(i, 0, seed)))
-        })
+        });
+        self.sum_along(&rays).mean(self.count())
     }
 
-    fn average(
-        &self,
-        point: Vec3,
-        range: u32,
-        direction: impl Fn(u32) -> Option<Vec3>,
-    ) -> Gathered {
-        let count = self.settings.samples.max(1);
+    /// Rays of each gather.
+    fn count(&self) -> u32 {
+        self.settings.samples.max(1)
+    }
+
+    fn rays(&self, point: Vec3, range: u32, direction: impl Fn(u32) -> Option<Vec3>) -> Vec<Ray> {
+        let count = self.count();
         let directions = (0..count).filter_map(|i| direction(range * count + i));
         let reach = self.settings.reach();
-        let rays: Vec<_> = directions.map(|d| Ray::new(point, d, reach)).collect();
+        directions.map(|d| Ray::new(point, d, reach)).collect()
+    }
+
+    fn sum_along(&self, rays: &[Ray]) -> IncidentSum {
         let mut seen = IncidentSum::default();
-        self.incident_along(&rays, |_, s| seen.add(s));
-        seen.mean(count)
+        self.incident_along(rays, |_, s| seen.add(s));
+        seen
     }
 
     /// Tells what arrives along each of some rays, which end where surfaces no longer matter, and
@@ -300,6 +350,7 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
             ..
         } = self.settings;
         let is_hiding = self.settings.is_hiding();
+        let mut of_environment = Rgb::BLACK;
         let passed = scratch.crossings_before(end.map_or(f32::INFINITY, |c| c.t));
         let near = passed.partition_point(|c| c.t < max_dist);
         let (near, far) = passed.split_at(near);
@@ -321,11 +372,14 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
                     far.iter()
                         .for_each(|c| light.surface(c.opacity, Rgb::BLACK));
                 }
+                let environment = environment.radiance(ray.direction);
+                of_environment = environment * light.transmittance;
                 light.surface(1.0, environment);
             }
         }
         Incident {
             radiance: light.radiance,
+            environment: of_environment,
             distance,
             inverse_distance,
         }

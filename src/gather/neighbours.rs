@@ -9,7 +9,6 @@ use crate::math::Ray;
 use crate::tree::Pages;
 use glam::Vec3;
 use lvox_formats::morton::interleave;
-use std::f32::consts::PI;
 use std::sync::OnceLock;
 
 /// A surface point that gathers.
@@ -101,14 +100,25 @@ impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
         let samples = order.samples;
         let mut seen: Vec<Option<Incident>> = vec![None; points.len() * samples as usize];
         self.incident_along(&rays, |i, s| seen[slots[i]] = Some(s));
-        let gathered = |of_point: &[Option<Incident>]| {
+        let environment = &self.settings.environment;
+        let mut unhidden = Vec::new();
+        if environment.map().is_some() {
+            unhidden.resize(seen.len(), None);
+            for (slot, ray) in slots.iter().zip(&rays) {
+                unhidden[*slot] = Some(environment.radiance(ray.direction));
+            }
+        }
+        let gathered = |(k, of_point): (usize, &[Option<Incident>])| {
             let mut rays = IncidentSum::default();
             of_point.iter().flatten().for_each(|s| rays.add(*s));
-            let mut gathered = rays.mean(samples);
-            gathered.light *= PI;
-            gathered
+            let first = k * samples as usize;
+            let sent = unhidden.get(first..first + samples as usize);
+            let sent = sent.into_iter().flatten().flatten();
+            sent.for_each(|radiance| rays.add_unhidden(*radiance));
+            rays.irradiance(samples, points[k].normal, environment)
         };
-        seen.chunks_exact(samples as usize).map(gathered).collect()
+        let of_points = seen.chunks_exact(samples as usize).enumerate();
+        of_points.map(gathered).collect()
     }
 
     /// The patches that [`Self::irradiance_at_neighbours`] would evaluate.

@@ -3,7 +3,7 @@
 use super::dispatch::{TreeTask, with_tree};
 use super::{Gathered, Gatherer, Medium, RayKernel, RaySettings, SampleRange};
 use crate::Result;
-use crate::math::Rgb;
+use crate::math::{Environment, Rgb};
 use crate::tree::{OpenTree, Pages};
 use glam::Vec3;
 
@@ -57,7 +57,7 @@ impl Settings {
                 Kernel::Cone => RayKernel::Cone,
                 Kernel::Plain => RayKernel::Plain,
             },
-            environment: self.environment,
+            environment: Environment::even(self.environment),
             leave_out_bright: false,
         }
     }

@@ -29,7 +29,7 @@ pub const EXPOSURE: &str = "lvox/exposure";
 /// Channels that belong together.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layer {
-    /// Name: `""` for the beauty, else `direct`, `indirect`, `volume`, `depth`, `normal`,
+    /// Name: `""` for the beauty, else `direct`, `environment`, `indirect`, `volume`, `depth`, `normal`,
     /// `variance`.
     pub name: String,
     /// Name of each channel (`R`, `G`, `B`; `Z`; or `X`, `Y`, `Z`) and its samples, row by row

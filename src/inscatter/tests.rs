@@ -166,7 +166,7 @@ fn with<M: Medium, T>(
             max_solid_angle: 0.01,
             max_dist: f32::INFINITY,
             kernel: gather::RayKernel::Traced(&outgoing),
-            environment: Rgb::BLACK,
+            environment: crate::math::Environment::even(Rgb::BLACK),
             leave_out_bright: false,
         },
     };

@@ -3,7 +3,7 @@
 
 use super::visibility::Visibility;
 use crate::math::Rgb;
-use std::ops::AddAssign;
+use std::ops::{AddAssign, MulAssign};
 
 /// Direct light at a point: irradiance of a surface, or radiance in a medium, summed over the
 /// sphere or its mean.
@@ -16,8 +16,19 @@ pub struct DirectLight {
     /// Share of that which arrives, by shadow rays. Sums over points near each other tell it
     /// better.
     pub ratio: ShadowRatio,
+    /// Excess of an environment image.
+    pub sky: LightOfSky,
     /// Lights that the rays reached.
     pub visibility: Visibility,
+}
+
+/// Light of the excess of an environment image: it does not change with what hides lamps and suns.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LightOfSky {
+    /// Unshadowed.
+    pub unshadowed: Rgb,
+    /// Share of that which arrives, by shadow rays.
+    pub ratio: ShadowRatio,
 }
 
 /// Whether two amounts of light differ so little that what is known at one point serves at the
@@ -52,6 +63,12 @@ impl ShadowRatio {
         }
     }
 
+    /// What rays brought, brought to the scale of `unshadowed` light; `None` if there was no ray.
+    fn arriving(&self, unshadowed: Rgb) -> Option<Rgb> {
+        let of_rays = self.unshadowed.mean();
+        (of_rays > 0.0).then(|| self.shadowed * (unshadowed.mean() / of_rays))
+    }
+
     /// The part of `unshadowed` light that arrives, by the sum of many rays; all of it if there was
     /// none.
     ///
@@ -80,6 +97,13 @@ impl AddAssign for ShadowRatio {
     }
 }
 
+impl MulAssign<f32> for ShadowRatio {
+    fn mul_assign(&mut self, scale: f32) {
+        self.shadowed *= scale;
+        self.unshadowed *= scale;
+    }
+}
+
 impl DirectLight {
     /// Direct light at a point between others: the mean of theirs, if all have about as much and no
     /// shadow's edge is among them.
@@ -91,6 +115,8 @@ impl DirectLight {
             mean.delta += direct.delta;
             mean.unshadowed += direct.unshadowed;
             mean.ratio += direct.ratio;
+            mean.sky.unshadowed += direct.sky.unshadowed;
+            mean.sky.ratio += direct.sky.ratio;
             mean.visibility += direct.visibility;
             let light = direct.light().mean();
             least = least.min(light);
@@ -103,9 +129,22 @@ impl DirectLight {
         let share = 1.0 / N as f32;
         mean.delta *= share;
         mean.unshadowed *= share;
-        mean.ratio.shadowed *= share;
-        mean.ratio.unshadowed *= share;
+        mean.ratio *= share;
+        mean.sky.unshadowed *= share;
+        mean.sky.ratio *= share;
         Some(mean)
+    }
+
+    /// All direct light, by the sums of rays of points near each other: to lamps and suns, and to the
+    /// excess of an environment image. The second number is what comes from that.
+    #[must_use]
+    pub fn arriving(&self, lamps: &ShadowRatio, sky: &ShadowRatio) -> [Rgb; 2] {
+        let light = self.delta + lamps.of(self.unshadowed);
+        if self.sky.unshadowed.is_black() {
+            return [light, Rgb::BLACK];
+        }
+        let from_sky = sky.of(self.sky.unshadowed);
+        [light + from_sky, from_sky]
     }
 
     /// All direct light, by this point's rays alone. Rays choose among lights by their mean
@@ -113,11 +152,13 @@ impl DirectLight {
     /// brought.
     #[must_use]
     pub fn light(&self) -> Rgb {
-        let unshadowed = self.ratio.unshadowed.mean();
-        if unshadowed > 0.0 {
-            self.delta + self.ratio.shadowed * (self.unshadowed.mean() / unshadowed)
-        } else {
-            self.delta
+        let lamps = self.ratio.arriving(self.unshadowed);
+        let sky = self.sky.ratio.arriving(self.sky.unshadowed);
+        match (lamps, sky) {
+            (Some(lamps), None) => self.delta + lamps,
+            (None, Some(sky)) => self.delta + sky,
+            (Some(lamps), Some(sky)) => self.delta + lamps + sky,
+            (None, None) => self.delta,
         }
     }
 

@@ -91,6 +91,11 @@ enum Estimator {
 }
 
 impl CutTolerance {
+    /// Whether rays are to tell all light of a point.
+    pub fn by_rays_alone(self) -> bool {
+        self.estimator == Estimator::Rays
+    }
+
     /// For points that pictures show.
     pub const SHADING: Self = Self {
         tolerance: 0.03,

@@ -206,14 +206,14 @@ impl<S> Lights<'_, S> {
     /// Whether no light has an extent, so that [`MediumLight::rest`] has no noise of shadow rays.
     #[must_use]
     pub fn rest_is_exact(&self) -> bool {
-        self.emitters.is_empty() && !self.has_wide_sun
+        self.emitters.is_empty() && !self.has_wide_sun && !self.has_excess()
     }
 
     /// Whether there are lights whose shadows have sharp edges: points, spots and suns.
     #[must_use]
     pub fn has_sharp_shadows(&self) -> bool {
         let mut lights = self.tracer.scene.lights.iter();
-        lights.any(|l| !matches!(l, Light::Environment { .. }))
+        self.has_excess() || lights.any(|l| !matches!(l, Light::Environment { .. }))
     }
 
     /// Whether a point or spot light is nearer to a segment than `distance`; then, for the nearest,

@@ -100,7 +100,7 @@ impl<'a> KeptLight<'a> {
     /// Mean over the sphere of the light of a sky that is kept; none of one that is not.
     pub(super) fn sky_at<S: Shadows>(&self, lights: &Lights<S>, point: Vec3) -> Rgb {
         let share = self.sky.as_ref().map_or(0.0, |sky| sky.share(point));
-        lights.environment() * share
+        lights.even_environment() * share
     }
 
     fn cells(bricks: usize) -> usize {
@@ -114,7 +114,8 @@ impl<'a> KeptLight<'a> {
 
     /// Surfaces may hide any part of the sky from any point, and other volumes as well.
     fn may_keep_sky(scene: &Scene) -> bool {
-        scene.mean_environment().0 != Rgb::BLACK.0
+        scene.environment().0 != Rgb::BLACK.0
+            && scene.environment_image.is_none()
             && scene.mesh.triangles.is_empty()
             && scene.volumes.len() == 1
     }
@@ -159,7 +160,7 @@ impl<S: Shadows> Lights<'_, S> {
     ) -> (Rgb, Vec3) {
         let (light, way) = self.directed_through(point, rays, Some(&kept.suns));
         let (sky, sky_way) = match &kept.sky {
-            Some(sky) => (self.environment() * sky.share(point), Vec3::ZERO),
+            Some(sky) => (self.even_environment() * sky.share(point), Vec3::ZERO),
             None => self.directed_environment(point, all_round),
         };
         (light + sky, way + sky_way)

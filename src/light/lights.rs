@@ -11,17 +11,18 @@ use super::shading_point::{
 };
 use super::shadow_rays::ShadowRays;
 use super::shadows::{SceneMedia, Shadows, SoftShadowMedia, Vacuum};
+use super::sky::Sky;
 use super::suns::{Sun, SunDepths};
 use crate::math::sampling::{cosine_hemisphere, sphere, tangents};
-use crate::math::{Ray, Rgb, SeenPhase};
+use crate::math::{Environment, Ray, Rgb, SeenPhase};
 use crate::scene::Light;
 use crate::trace::{self, Tracer};
 use glam::Vec3;
 use std::f32::consts::PI;
 use std::sync::Arc;
 
-/// All lights of a scene, and what shadow rays to them pass. A constant environment counts only
-/// where it is asked for by name: gathering takes care of it.
+/// All lights of a scene, and what shadow rays to them pass. An environment counts only where it is
+/// asked for by name, but for the excess of an image: gathering takes care of it.
 #[derive(Clone, Debug)]
 pub struct Lights<'a, S = SceneMedia<'a>> {
     pub(super) tracer: &'a Tracer<'a>,
@@ -37,6 +38,8 @@ pub struct Lights<'a, S = SceneMedia<'a>> {
     /// How exactly the light of many emitters is known.
     tolerance: CutTolerance,
     environment: Rgb,
+    /// The environment image, with that.
+    sky: Option<Arc<Sky>>,
 }
 
 impl<'a> Lights<'a> {
@@ -52,8 +55,14 @@ impl<'a> Lights<'a> {
             has_wide_sun: tracer.scene.lights.iter().any(|l| Sun::of(l).is_some()),
             emitters: Arc::new(Emitters::new(tracer.scene)),
             tolerance: CutTolerance::SHADING,
-            environment: tracer.scene.mean_environment(),
+            environment: tracer.scene.environment(),
+            sky: Self::sky(tracer),
         }
+    }
+
+    fn sky(tracer: &Tracer) -> Option<Arc<Sky>> {
+        let image = tracer.scene.environment_image.as_ref()?;
+        Some(Arc::new(Sky::new(image, tracer.scene.environment())))
     }
 
     /// Puts `media`, if any, in the place of the scene's own before emitters.
@@ -81,6 +90,7 @@ impl<'a> Lights<'a> {
             emitters: Arc::new(Emitters::of(emitters)),
             tolerance: CutTolerance::GATHERING,
             environment: Rgb::BLACK,
+            sky: None,
             ..self.clone()
         }
     }
@@ -98,7 +108,15 @@ impl<'a> Lights<'a> {
             emitters: Arc::clone(&self.emitters),
             tolerance: self.tolerance,
             environment: self.environment,
+            sky: self.sky.clone(),
         }
+    }
+}
+
+impl<S> Lights<'_, S> {
+    /// Whether shadow rays go to parts of an environment image.
+    pub(super) fn has_excess(&self) -> bool {
+        self.sky.as_ref().is_some_and(|sky| sky.excess.is_some())
     }
 }
 
@@ -124,10 +142,27 @@ impl<'a, S: Shadows> Lights<'a, S> {
         self.tracer
     }
 
-    /// Radiance from where no surface is.
+    /// What gathers meet where no surface is.
     #[must_use]
-    pub fn environment(&self) -> Rgb {
+    pub fn environment(&self) -> Environment<'_> {
+        match &self.sky {
+            Some(sky) => Environment::mapped(&sky.map),
+            None => Environment::even(self.environment),
+        }
+    }
+
+    /// The environment of one colour.
+    pub(super) fn even_environment(&self) -> Rgb {
         self.environment
+    }
+
+    /// Radiance that a camera sees in a direction in which no surface is, within about an angle.
+    #[must_use]
+    pub fn seen_environment(&self, direction: Vec3, angle: f32) -> Rgb {
+        match &self.tracer.scene.environment_image {
+            Some(image) => self.environment + image.seen_within(direction, angle),
+            None => self.environment,
+        }
     }
 
     /// Unshadowed light of emitters on a surface.
@@ -185,6 +220,7 @@ impl<'a, S: Shadows> Lights<'a, S> {
         let mut direct = self.sum(&at, suns, Which::All);
         direct.delta *= INVERSE_SPHERE;
         direct.unshadowed *= INVERSE_SPHERE;
+        direct.sky.unshadowed *= INVERSE_SPHERE;
         direct
     }
 
@@ -220,10 +256,12 @@ impl<'a, S: Shadows> Lights<'a, S> {
         let mut direct = self.sum(&at, None, Which::All);
         direct.delta *= INVERSE_SPHERE;
         direct.unshadowed *= INVERSE_SPHERE;
+        direct.sky.unshadowed *= INVERSE_SPHERE;
         direct
     }
 
-    /// Irradiance of a surface point from a constant environment, for those who do not gather it:
+    /// Irradiance of a surface point from an environment, but for the excess of an image, for those
+    /// who do not gather it:
     /// by as many rays over the hemisphere as `rays` are.
     #[must_use]
     pub fn environment_irradiance(
@@ -235,17 +273,17 @@ impl<'a, S: Shadows> Lights<'a, S> {
     ) -> Rgb {
         let (x, y) = tangents(normal);
         let origin = point + face_normal * trace::offset(point);
-        let share = self.environment_share(origin, rays, |u| {
+        self.environment_mean(origin, rays, PI, |u| {
             let d = cosine_hemisphere(u);
             (x * d.x + y * d.y + normal * d.z).normalize()
-        });
-        self.environment() * (PI * share)
+        })
     }
 
-    /// Mean over the sphere of the radiance of a constant environment at a point of a medium.
+    /// Mean over the sphere of the radiance of an environment, but for the excess of an image, at a
+    /// point of a medium.
     #[must_use]
     pub fn environment_mean_radiance(&self, point: Vec3, rays: ShadowRays) -> Rgb {
-        self.environment() * self.environment_share(point, rays, sphere)
+        self.environment_mean(point, rays, 1.0, sphere)
     }
 
     /// The same as a ray sees the medium there.
@@ -259,43 +297,68 @@ impl<'a, S: Shadows> Lights<'a, S> {
         let Some(seen) = seen else {
             return self.environment_mean_radiance(point, rays);
         };
-        self.environment() * self.environment_share(point, rays, |u| seen.sample(u))
+        self.environment_mean(point, rays, 1.0, |u| seen.sample(u))
     }
 
-    /// The mean over the sphere of the radiance of a constant environment, with the sum over it of
+    /// The mean over the sphere of the radiance of an environment, with the sum over it of
     /// its mean channel times the direction in which it travels.
     pub(super) fn directed_environment(&self, point: Vec3, rays: ShadowRays) -> (Rgb, Vec3) {
-        let (mut light, mut way) = (0.0, Vec3::ZERO);
-        if self.environment().is_black() {
+        let environment = self.environment();
+        let mut way = Vec3::ZERO;
+        if environment.is_black() {
             return (Rgb::BLACK, way);
         }
         let at = self.shading_point(point, rays, ());
         let scale = 1.0 / rays.count() as f32;
+        let (mut even, mut by_direction) = (0.0, Rgb::BLACK);
         for i in 0..rays.count() {
             let direction = sphere(rays.point(i, 62));
             let media = at.shadows.before_emitters();
             let through = scale * at.transmittance(direction, f32::INFINITY, media);
-            light += through;
-            way -= direction * through;
+            match environment.map() {
+                None => {
+                    even += through;
+                    way -= direction * through;
+                }
+                Some(map) => {
+                    let light = map.radiance.get(direction) * through;
+                    by_direction += light;
+                    way -= direction * light.mean();
+                }
+            }
         }
-        (self.environment() * light, way * self.environment().mean())
+        match environment.map() {
+            None => (self.environment * even, way * self.environment.mean()),
+            Some(_) => (by_direction, way),
+        }
     }
 
-    fn environment_share(
+    /// Mean over rays of what gathers meet where no surface is, times `scale`.
+    fn environment_mean(
         &self,
         origin: Vec3,
         rays: ShadowRays,
+        scale: f32,
         direction: impl Fn([f32; 2]) -> Vec3,
-    ) -> f32 {
-        if self.environment().is_black() {
-            return 0.0;
+    ) -> Rgb {
+        let environment = self.environment();
+        if environment.is_black() {
+            return Rgb::BLACK;
         }
         let at = self.shading_point(origin, rays, ());
-        let transmittance = |i| {
+        let ray = |i| {
             let direction = direction(rays.point(i, 62));
-            at.transmittance(direction, f32::INFINITY, at.shadows.before_emitters())
+            let media = at.shadows.before_emitters();
+            (direction, at.transmittance(direction, f32::INFINITY, media))
         };
-        (0..rays.count()).map(transmittance).sum::<f32>() / rays.count() as f32
+        let rays_of_all = (0..rays.count()).map(ray);
+        let count = rays.count() as f32;
+        if environment.map().is_none() {
+            let share = rays_of_all.map(|(_, share)| share).sum::<f32>() / count;
+            return self.environment * (scale * share);
+        }
+        let arriving = rays_of_all.map(|(d, share)| environment.radiance(d) * share);
+        arriving.fold(Rgb::BLACK, |sum, light| sum + light) * (scale / count)
     }
 
     /// A point that light falls on, in the scene of these lights.
@@ -344,6 +407,9 @@ impl<'a, S: Shadows> Lights<'a, S> {
         });
         total.unshadowed += light_of_emitters;
         unshadowed.trace(&mut total, at);
+        if let Some(excess) = self.sky.as_ref().and_then(|sky| sky.excess.as_ref()) {
+            excess.trace(&mut total, at, self.tolerance.by_rays_alone());
+        }
         total
     }
 }

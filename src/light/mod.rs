@@ -20,6 +20,7 @@
 //! | `shadows` | [`Shadows`]: what rays pass, from a vacuum to media made simple |
 //! | `delta_lights` | point, spot and parallel lights, at a point and along a segment |
 //! | `groups` | what stands for the lights that are no triangles of a scene that has many |
+//! | `sky` | an environment image: what gathers meet, and a light of what is brighter |
 //! | `suns` | suns with an extent, and the optical depth of media towards any |
 //! | `kept_light` | [`KeptLight`]: suns and skies in media from rays that are kept, for bakes |
 //! | `baked_depth` | the depth towards a sun as bakes need it: exact only where light gets |
@@ -44,6 +45,7 @@ mod lights;
 mod shading_point;
 mod shadow_rays;
 mod shadows;
+mod sky;
 mod suns;
 mod tree;
 mod visibility;

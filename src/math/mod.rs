@@ -13,6 +13,7 @@
 //! | `polygon` | closed forms of what a triangle sends to a point |
 //! | `sampling` | hashes, low-discrepancy points, and maps to disks and spheres |
 //! | `distribution` | a choice of cells of a grid by their weights |
+//! | `sphere_map` | light by direction |
 //! | `exp` | exponentials that are the same on every machine |
 //! | `magnitude` | lengths of any scale brought near 1 |
 //! | `index` | numbers of cells in a grid |
@@ -32,6 +33,7 @@ mod ray;
 pub mod ray_lattice;
 pub mod sampling;
 pub mod segment;
+mod sphere_map;
 mod vec3x4;
 
 pub use boxes::Boxes;
@@ -40,3 +42,4 @@ pub use hit::Hit;
 pub use index::unflatten;
 pub use phase::{PhaseFunction, SeenPhase};
 pub use ray::{Aabb, Ray};
+pub use sphere_map::{Environment, EnvironmentMap, SphereMap};

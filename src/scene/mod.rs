@@ -159,14 +159,6 @@ impl Scene {
         })
     }
 
-    /// Mean over all directions of what comes from where no surface is, without suns that were taken
-    /// out of the environment image.
-    #[must_use]
-    pub fn mean_environment(&self) -> Rgb {
-        let image = self.environment_image.as_ref();
-        self.environment() + image.map_or(Rgb::BLACK, EnvironmentImage::mean)
-    }
-
     /// Box around all volumes; empty if there is none.
     #[must_use]
     pub fn media_bounds(&self) -> Aabb {

@@ -210,6 +210,7 @@ volumes good 7.0e-4 0.009 0.080 0.010
 volumes draft 9.0e-4 0.014 0.075 0.010
 thin good 2.1e-3 0.010 0.068 0.004
 thin draft 3.4e-3 0.015 0.085 0.005
+studio good 6.0e-3 0.010 0.066 0.004
 outdoor good 1.4e-3 0.013 0.040 0.003
 outdoor draft 2.0e-3 0.025 0.048 0.004'
 while read -r scene quality relmse pdiff flip bias; do

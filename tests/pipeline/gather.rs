@@ -11,7 +11,7 @@ use lvox::internals::gather::{
     SampleRange, SurfacePoint,
 };
 use lvox::internals::tree::{self, Media, Page, Pages, SurfelStore};
-use lvox::internals::{Composite, MAX_PACKET, Scratch, Tracer, plain, r2, sphere};
+use lvox::internals::{Composite, Environment, MAX_PACKET, Scratch, Tracer, plain, r2, sphere};
 use lvox::run::Job;
 use lvox::tree::OpenTree;
 use lvox::{Ray, Rgb};
@@ -113,7 +113,7 @@ fn settings(kernel: RayKernel, max_solid_angle: f32) -> RaySettings {
         max_solid_angle,
         max_dist: f32::INFINITY,
         kernel,
-        environment: Rgb::splat(0.5),
+        environment: Environment::even(Rgb::splat(0.5)),
         leave_out_bright: false,
     }
 }
@@ -291,7 +291,7 @@ fn nothing_behind_the_facet_of_a_smooth_mesh_reaches_it() {
                 media: NoMedia,
                 settings: RaySettings {
                     samples: 4096,
-                    environment: Rgb::splat(environment),
+                    environment: Environment::even(Rgb::splat(environment)),
                     leave_out_bright: false,
                     ..settings(kernel, 0.0)
                 },

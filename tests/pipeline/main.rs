@@ -25,6 +25,7 @@ mod physics;
 mod scatter;
 mod settings;
 mod shadows;
+mod sky;
 #[path = "../support/mod.rs"]
 mod support;
 mod textures;

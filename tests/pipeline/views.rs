@@ -31,7 +31,7 @@ fn one_tree_serves_every_camera() {
             assert!(pixels.iter().flatten().all(|v| v.is_finite() && *v >= 0.0));
             assert!(mean(&pixels) > 1e-3, "{name}");
         }
-        let parts: Vec<Vec<[f32; 3]>> = ["direct", "indirect", "volume"]
+        let parts: Vec<Vec<[f32; 3]>> = ["direct", "environment", "indirect", "volume"]
             .map(|name| layer(frame, name))
             .into();
         for (i, whole) in beauty(frame).iter().enumerate() {

@@ -6,6 +6,7 @@
 
 mod flight;
 mod path;
+mod sample;
 mod sampler;
 mod sky;
 mod sources;

@@ -9,8 +9,9 @@
 //! the time.
 
 use super::flight;
+use super::sample::Sample;
 use super::sampler::Sampler;
-use super::sources::{Sample, Sources};
+use super::sources::Sources;
 use crate::Result;
 use crate::math::{PhaseFunction, Ray, Rgb, sampling};
 use crate::run::Cancel;

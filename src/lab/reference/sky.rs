@@ -1,6 +1,6 @@
 //! The environment image, as a path asks for it: by where it is bright.
 
-use super::sources::Sample;
+use super::sample::Sample;
 use crate::math::Rgb;
 use crate::math::distribution::GridDistribution;
 use crate::scene::EnvironmentImage;

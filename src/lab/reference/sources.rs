@@ -1,25 +1,12 @@
 //! All that shines in a scene, as a path asks for it: emissive triangles, lights without size, the
 //! environment.
 
+use super::sample::Sample;
 use super::sky::Sky;
 use crate::math::{Rgb, sampling};
 use crate::scene::{Light, Material, Scene};
 use crate::trace::unit_normal;
 use glam::Vec3;
-
-/// A way to a light from some point.
-#[derive(Clone, Copy, Debug)]
-pub struct Sample {
-    /// Unit direction to the light.
-    pub direction: Vec3,
-    /// Distance, infinite for what is infinitely far.
-    pub distance: f32,
-    /// Radiance over density: times the receiver's response it estimates what arrives if nothing is
-    /// between.
-    pub light: Rgb,
-    /// Density of the direction, per steradian.
-    pub pdf: f32,
-}
 
 #[derive(Clone, Copy, Debug)]
 struct Emitter {

@@ -4,7 +4,7 @@ use crate::bake::{self, SurfelSampling};
 use crate::formats::{CloudMeta, CloudWriter, Lvoxel, Overwrite, Surfel, TemporaryFolder};
 use crate::gather::{self, Gatherer, Medium, RayKernel, SampleRange};
 use crate::image::{Frame, Region};
-use crate::math::Rgb;
+use crate::math::{Environment, Rgb};
 use crate::run::{Cancel, Job};
 use crate::scene::{Camera, Film, Grid, Material, Scene, Volume};
 use crate::shade::{self, Settings};
@@ -193,7 +193,7 @@ pub fn gatherer<M: Medium>(
             max_solid_angle: cut,
             max_dist: f32::INFINITY,
             kernel: RayKernel::Cone,
-            environment: Rgb::BLACK,
+            environment: Environment::even(Rgb::BLACK),
             leave_out_bright: false,
         },
     })

@@ -204,6 +204,33 @@ impl EnvironmentImage {
         self.bilinear(direction, |texel| self.lit_texel(texel))
     }
 
+    /// Radiance that is seen around a unit direction of scene space within an angle: a mean over all
+    /// texels there, if they are many.
+    #[must_use]
+    pub fn seen_within(&self, direction: Vec3, angle: f32) -> Rgb {
+        let texel = PI / self.height as f32;
+        let steps = (angle / texel).ceil();
+        // As rows are, even where the columns meet.
+        if steps.is_nan() || steps <= 1.0 {
+            return self.seen(direction);
+        }
+        let [u, v] = self.place(direction);
+        let sin = libm::sinf(PI * v).max(1e-3);
+        let [high, wide] = [angle / PI, (angle / (TAU * sin)).min(1.0)];
+        let across = (wide * self.width as f32).ceil().max(1.0);
+        let mut sum = Rgb::BLACK;
+        for down in 0..steps as u32 {
+            let v = v + high * ((down as f32 + 0.5) / steps - 0.5);
+            for column in 0..across as u32 {
+                let u = u + wide * ((column as f32 + 0.5) / across - 0.5);
+                let place = [u - u.floor(), v.clamp(0.0, 1.0)];
+                let texel = |i: usize| self.seen_texel(i);
+                sum += bilinear([self.width, self.height], place, texel);
+            }
+        }
+        sum * (1.0 / (steps * across))
+    }
+
     fn bilinear(&self, direction: Vec3, texel: impl Fn(usize) -> Rgb) -> Rgb {
         bilinear([self.width, self.height], self.place(direction), texel)
     }

@@ -9,8 +9,10 @@ pub type Planes = Vec<Vec<f32>>;
 /// Extra layers of the image beside the beauty.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Aov {
-    /// Directly lit and emitted light, as it comes through media.
+    /// Light of lights on what they reach, and emitted light, as it comes through media.
     Direct,
+    /// Light that comes straight from the environment, on what it reaches and where it is seen.
+    Environment,
     /// Light from other surfaces and media.
     Indirect,
     /// Light scattered by media towards the camera.
@@ -23,8 +25,9 @@ pub enum Aov {
 
 impl Aov {
     /// All of them, by the name of their layer.
-    pub const ALL: [(&'static str, Self); 5] = [
+    pub const ALL: [(&'static str, Self); 6] = [
         ("direct", Self::Direct),
+        ("environment", Self::Environment),
         ("indirect", Self::Indirect),
         ("volume", Self::Volume),
         ("depth", Self::Depth),
@@ -76,7 +79,9 @@ pub fn to_frame(scene: &Scene, region: Region, aovs: &[Aov], planes: Planes) -> 
     for (name, aov) in Aov::ALL {
         if aovs.contains(&aov) {
             match aov {
-                Aov::Direct | Aov::Indirect | Aov::Volume => add(name, &["R", "G", "B"]),
+                Aov::Direct | Aov::Environment | Aov::Indirect | Aov::Volume => {
+                    add(name, &["R", "G", "B"]);
+                }
                 Aov::Depth => add(name, &["Z"]),
                 Aov::Normal => add(name, &["X", "Y", "Z"]),
             }

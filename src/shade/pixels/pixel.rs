@@ -6,10 +6,14 @@ use glam::Vec3;
 /// What a pixel came to, box-filtered over its square; its light is radiance towards the camera.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Pixel {
-    /// Emitted and directly lit, behind media.
+    /// Emitted, directly lit by lights, and the environment where it is seen, behind media.
     pub direct: Rgb,
-    /// Lit by other surfaces and media, behind media.
+    /// Lit by what gathers meet, behind media.
     pub indirect: Rgb,
+    /// The parts of both that come straight from the environment.
+    pub sky_of_direct: Rgb,
+    /// See above.
+    pub sky_of_indirect: Rgb,
     /// Scattered by media towards the camera.
     pub volume: Rgb,
     /// Mean distance along the rays that hit, scene units; infinite if none did.

@@ -1,8 +1,8 @@
 //! A pixel in the making.
 
 use super::pixel::Pixel;
-use crate::math::Rgb;
 use crate::shade::pixels::camera_media::PassedMedia;
+use crate::shade::surfaces::WithSky;
 use glam::Vec3;
 
 /// A pixel as the sum of its samples so far.
@@ -37,12 +37,13 @@ impl PixelSum {
     pub fn add_hit(
         &mut self,
         weight: f32,
-        [direct, indirect]: [Rgb; 2],
+        [direct, indirect]: [WithSky; 2],
         passed: &impl PassedMedia,
         t: f32,
         normal: Vec3,
     ) {
-        self.sum.indirect += indirect * weight;
+        self.sum.indirect += indirect.all * weight;
+        self.sum.sky_of_indirect += indirect.sky * weight;
         self.sum.depth += t * weight;
         self.sum.normal += normal * weight;
         self.weight_of_hits += weight;
@@ -51,8 +52,9 @@ impl PixelSum {
 
     /// Adds a sample that hit nothing: the radiance that comes from there through media, and
     /// theirs.
-    pub fn add_miss<T: PassedMedia>(&mut self, weight: f32, direct: Rgb, passed: &T) {
-        self.sum.direct += direct * weight;
+    pub fn add_miss<T: PassedMedia>(&mut self, weight: f32, direct: WithSky, passed: &T) {
+        self.sum.direct += direct.all * weight;
+        self.sum.sky_of_direct += direct.sky * weight;
         if !T::IS_VACUUM {
             self.sum.volume += passed.radiance() * weight;
         }
@@ -66,6 +68,8 @@ impl PixelSum {
         let scale = 1.0 / self.weight;
         pixel.direct *= scale;
         pixel.indirect *= scale;
+        pixel.sky_of_direct *= scale;
+        pixel.sky_of_indirect *= scale;
         pixel.volume *= scale;
         pixel.depth /= self.weight_of_hits;
         if self.weight_of_hits <= 0.0 {

@@ -4,19 +4,29 @@ use super::layers::{Aov, Planes, Quantity};
 use super::pixel::Pixel;
 use crate::Result;
 use crate::image::Region;
+use crate::math::Rgb;
 use crate::run::memory;
 
 /// What was asked for of a pixel, one number for each plane.
 fn values(quantity: Quantity, pixel: &Pixel) -> [f32; 3] {
     match quantity {
         Quantity::Radiance => pixel.radiance().0,
-        Quantity::Aov(Aov::Direct) => pixel.direct.0,
-        Quantity::Aov(Aov::Indirect) => pixel.indirect.0,
+        Quantity::Aov(Aov::Direct) => without(pixel.direct, pixel.sky_of_direct),
+        Quantity::Aov(Aov::Environment) => (pixel.sky_of_direct + pixel.sky_of_indirect).0,
+        Quantity::Aov(Aov::Indirect) => without(pixel.indirect, pixel.sky_of_indirect),
         Quantity::Aov(Aov::Volume) => pixel.volume.0,
         Quantity::Aov(Aov::Depth) => [pixel.depth; 3],
         Quantity::Aov(Aov::Normal) => pixel.normal.to_array(),
         Quantity::EmitterBorder => [f32::from(u8::from(pixel.has_emitter_border)); 3],
     }
+}
+
+/// What is left of light without a part of it, which rounding may have made larger.
+fn without(all: Rgb, part: Rgb) -> [f32; 3] {
+    std::array::from_fn(|c| match part.0[c] {
+        0.0 => all.0[c],
+        part => (all.0[c] - part).max(0.0),
+    })
 }
 
 /// Planes of a part of the frame, filled pixel by pixel.
@@ -77,7 +87,6 @@ pub fn assemble(region: Region, quantities: &[Quantity], blocks: &[Block]) -> Re
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::Rgb;
 
     #[test]
     fn blocks_find_their_places() {

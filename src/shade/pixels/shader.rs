@@ -11,9 +11,10 @@ use crate::gather::SampleRange;
 use crate::light::{DirectLight, Lights, ShadowRays, Visibility};
 use crate::math::{Ray, Rgb, sampling};
 use crate::shade::pixels::camera_media::{CameraMedia, PassedMedia};
-use crate::shade::surfaces::{GatherAtSurfaces, Lattice};
+use crate::shade::surfaces::{GatherAtSurfaces, Lattice, WithSky};
 use crate::trace::Surface;
 use crate::view::View;
+use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
 
 /// Everything a pixel may look at.
@@ -214,6 +215,7 @@ impl<A: CameraMedia> PixelShader<'_, A> {
                 pieces.len() - 1
             });
             pieces[index].ratio += sample.direct.ratio;
+            pieces[index].sky_ratio += sample.direct.sky.ratio;
             piece_of.push(index);
         }
         let mut pixel = PixelSum::of(x, y);
@@ -221,11 +223,11 @@ impl<A: CameraMedia> PixelShader<'_, A> {
             match sample.surface {
                 Some(_) => {
                     let piece = &pieces[index];
-                    let direct = sample.direct.delta + piece.ratio.of(sample.direct.unshadowed);
-                    let irradiance = [direct, piece.irradiance];
+                    let direct = sample.direct.arriving(&piece.ratio, &piece.sky_ratio);
+                    let irradiance = [direct.into(), piece.irradiance];
                     self.add_surface(&mut pixel, weight, sample, &sample.passed, irradiance);
                 }
-                None => self.add_nothing(&mut pixel, weight, &sample.passed),
+                None => self.add_nothing(&mut pixel, weight, sample.direction, &sample.passed),
             }
         }
         self.finish(pixel)
@@ -249,7 +251,7 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         weight: f32,
         sample: &Sample<A::Passed>,
         passed: &A::Passed,
-        [direct, indirect]: [Rgb; 2],
+        [direct, indirect]: [WithSky; 2],
     ) {
         let Some(surface) = &sample.surface else {
             return;
@@ -261,35 +263,54 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         if !emission.is_black() && self.borders.has(x, y, sample.triangle) {
             emission = Rgb::BLACK;
         }
-        let direct = reflect * direct + emission * through;
-        let radiance = [direct, reflect * indirect];
+        let radiance = [
+            WithSky {
+                all: reflect * direct.all + emission * through,
+                sky: reflect * direct.sky,
+            },
+            WithSky {
+                all: reflect * indirect.all,
+                sky: reflect * indirect.sky,
+            },
+        ];
         pixel.add_hit(weight, radiance, passed, sample.t, surface.normal);
     }
 
     /// Adds a sample that hit nothing behind media.
-    pub fn add_nothing(&self, pixel: &mut PixelSum, weight: f32, passed: &A::Passed) {
-        let light = self.lights.environment() * passed.transmittance();
-        pixel.add_miss(weight, light, passed);
+    pub fn add_nothing(
+        &self,
+        pixel: &mut PixelSum,
+        weight: f32,
+        direction: Vec3,
+        passed: &A::Passed,
+    ) {
+        let sky = (self.lights).seen_environment(direction, self.view.pixel_angle);
+        let sky = sky * passed.transmittance();
+        pixel.add_miss(weight, WithSky { all: sky, sky }, passed);
     }
 
     /// Indirect irradiance of a surface that pixel or corner (x, y) sees.
-    pub fn indirect(&self, surface: &Surface, x: u32, y: u32) -> Rgb {
+    pub fn indirect(&self, surface: &Surface, x: u32, y: u32) -> WithSky {
         self.spread(surface, x, y)
             .unwrap_or_else(|| self.gathered(surface, x, y))
     }
 
     /// Indirect irradiance of a surface as the lattice has it, if it does.
-    pub fn spread(&self, surface: &Surface, x: u32, y: u32) -> Option<Rgb> {
+    pub fn spread(&self, surface: &Surface, x: u32, y: u32) -> Option<WithSky> {
         if surface.albedo.is_black() {
-            return Some(Rgb::BLACK);
+            return Some(WithSky::BLACK);
         }
         self.lattice.irradiance(surface, x, y)
     }
 
     /// Indirect irradiance of a surface by a gather of its own: few pixels see it.
-    pub fn gathered(&self, surface: &Surface, x: u32, y: u32) -> Rgb {
+    pub fn gathered(&self, surface: &Surface, x: u32, y: u32) -> WithSky {
         let stretch = SampleRange::first(self.key(x, y));
-        self.gatherer.gather(surface, stretch).light
+        let gathered = self.gatherer.gather(surface, stretch);
+        WithSky {
+            all: gathered.light,
+            sky: gathered.environment,
+        }
     }
 }
 

@@ -5,6 +5,7 @@ use crate::Result;
 use crate::gather::{
     DirectionOrder, Gathered, Gatherer, Medium, SampleRange, SurfacePoint, UnknownPatches,
 };
+use crate::math::SphereMap;
 use crate::trace::Surface;
 use crate::tree::Pages;
 use crate::view::View;
@@ -13,6 +14,10 @@ use crate::view::View;
 pub trait GatherAtSurfaces: Sync {
     /// Camera and scene.
     fn view(&self) -> &View<'_>;
+
+    /// Irradiance of surfaces from which nothing hides the environment, by their normals, if it
+    /// differs by direction.
+    fn unhidden(&self) -> Option<&SphereMap>;
 
     /// Irradiance of a surface, by a range of the directions that belong to a seed.
     fn gather(&self, surface: &Surface, range: SampleRange) -> Gathered;
@@ -65,6 +70,11 @@ pub struct SurfaceGatherer<'a, P, M> {
 impl<P: Pages, M: Medium> GatherAtSurfaces for SurfaceGatherer<'_, P, M> {
     fn view(&self) -> &View<'_> {
         self.view
+    }
+
+    fn unhidden(&self) -> Option<&SphereMap> {
+        let map = self.gatherer.settings.environment.map();
+        map.map(|map| &map.irradiance)
     }
 
     fn gather(&self, surface: &Surface, range: SampleRange) -> Gathered {

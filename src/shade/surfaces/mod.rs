@@ -7,12 +7,15 @@
 //! | --- | --- |
 //! | `gatherer` | gathers over the hemisphere, and from bright patches |
 //! | `lattice/` | gathers at few pixels of the frame, averaged and spread to all |
+//! | `with_sky` | light of which a part comes straight from the sky |
 //! | `bright/` | bright patches as lights of their own, found by pilot gathers |
 
 mod bright;
 mod gatherer;
 mod lattice;
+mod with_sky;
 
 pub use bright::BrightPatchLights;
 pub use gatherer::{GatherAtSurfaces, SurfaceGatherer};
 pub use lattice::Lattice;
+pub use with_sky::WithSky;

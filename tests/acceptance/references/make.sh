@@ -15,7 +15,7 @@ else
     trap 'rm -rf "$out"' EXIT
 fi
 if [ $# -eq 0 ]; then
-    set -- curved lights100 volumes thin outdoor
+    set -- curved lights100 volumes thin outdoor studio
 fi
 
 cargo build --release

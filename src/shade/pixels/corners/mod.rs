@@ -18,8 +18,9 @@ use super::sample::Sample;
 use super::shader::PixelShader;
 use crate::image::Region;
 use crate::light::{ShadowRays, Visibility};
-use crate::math::{Rgb, sampling};
+use crate::math::sampling;
 use crate::shade::pixels::camera_media::{CameraMedia, PassedMedia};
+use crate::shade::surfaces::WithSky;
 use penumbra::LightAtPixel;
 use sampler::Sampler;
 
@@ -40,7 +41,7 @@ pub struct Corners<'a, A: CameraMedia> {
 /// A corner of a pixel.
 pub struct Corner<T: PassedMedia> {
     sample: Sample<T>,
-    irradiance: Rgb,
+    irradiance: WithSky,
 }
 
 /// Where a corner is.
@@ -164,10 +165,10 @@ impl<'a, A: CameraMedia> Corners<'a, A> {
 
     /// The mean irradiance of the corners `step` beside or around one, if all lie on its piece of
     /// surface.
-    fn between(&self, i: usize, is_between: [bool; 2], step: usize) -> Option<Rgb> {
+    fn between(&self, i: usize, is_between: [bool; 2], step: usize) -> Option<WithSky> {
         let around = self.around(i, is_between, step);
         let like = &self.corners[i].sample;
-        let mut sum = Rgb::BLACK;
+        let mut sum = WithSky::BLACK;
         for j in around {
             let corner = &self.corners[j];
             if !self.shader.same_end(like, &corner.sample) {
@@ -231,8 +232,9 @@ impl<'a, A: CameraMedia> Corners<'a, A> {
     ) -> Option<Pixel> {
         let passed = self.media_over_pixel(own.map(|c| &c.sample), &at);
         if own[0].sample.surface.is_none() {
-            for p in &passed {
-                self.shader.add_nothing(&mut pixel, 1.0, p);
+            for (c, p) in own.into_iter().zip(&passed) {
+                let direction = c.sample.direction;
+                self.shader.add_nothing(&mut pixel, 1.0, direction, p);
             }
             return Some(self.shader.finish(pixel));
         }
@@ -242,14 +244,14 @@ impl<'a, A: CameraMedia> Corners<'a, A> {
         if visibility.has_edge() {
             return None;
         }
-        let LightAtPixel::Arrived(rays) = self.lit(first, &own[0].sample, at) else {
+        let LightAtPixel::Arrived { lamps, sky } = self.lit(first, &own[0].sample, at) else {
             return None;
         };
         let [x, y] = pixel.at();
         let paint = self.shader.paint(x, y, own.map(|c| &c.sample));
         for (c, passed) in own.into_iter().zip(&passed) {
-            let direct = c.sample.direct.delta + rays.of(c.sample.direct.unshadowed);
-            let irradiance = [direct, c.irradiance];
+            let direct = c.sample.direct.arriving(&lamps, &sky);
+            let irradiance = [direct.into(), c.irradiance];
             let mut add = |sample| {
                 self.shader
                     .add_surface(&mut pixel, 1.0, sample, passed, irradiance);

@@ -5,7 +5,12 @@ use crate::light::{DirectLight, ShadowRatio, Visibility};
 /// Whether the light at a pixel is that of its corners.
 pub(super) enum LightAtPixel {
     /// What arrived from lights with an extent along the shadow rays near the pixel.
-    Arrived(ShadowRatio),
+    Arrived {
+        /// From lamps and suns.
+        lamps: ShadowRatio,
+        /// From the excess of an environment image.
+        sky: ShadowRatio,
+    },
     /// A shadow whose edge is too narrow for the corners.
     Edge,
 }
@@ -13,17 +18,48 @@ pub(super) enum LightAtPixel {
 /// The shadow rays of those of the 16 corners around a pixel that lie on its piece of surface.
 #[derive(Debug, Default)]
 pub(super) struct NearbyRays {
+    /// To lamps and suns, and to the excess of an environment image.
+    lamps: RaysToLights,
+    sky: RaysToLights,
+    visibility: Visibility,
+    corners: f32,
+}
+
+/// Those rays to some of the lights.
+#[derive(Debug, Default)]
+struct RaysToLights {
     /// Upper left, upper right, lower left, lower right.
     quarters: [ShadowRatio; 4],
     /// Of the pixel's own four corners.
     own: ShadowRatio,
-    visibility: Visibility,
-    /// Variances of the rays of each corner, added up, and of how many corners.
+    /// Variances of the rays of each corner, added up.
     within: f32,
-    corners: f32,
 }
 
 impl NearbyRays {
+    /// Adds a corner of a row and a column, 0 to 3.
+    pub fn add(&mut self, row: usize, column: usize, direct: &DirectLight) {
+        self.lamps.add(row, column, direct.ratio);
+        self.sky.add(row, column, direct.sky.ratio);
+        self.visibility += direct.visibility;
+        self.corners += 1.0;
+    }
+
+    /// What they say.
+    pub fn lit(&self) -> LightAtPixel {
+        let has_penumbra = self.visibility.has_penumbra();
+        let lit = |rays: &RaysToLights| match has_penumbra {
+            true => rays.lit(self.corners),
+            false => Some(rays.all()),
+        };
+        match (lit(&self.lamps), lit(&self.sky)) {
+            (Some(lamps), Some(sky)) => LightAtPixel::Arrived { lamps, sky },
+            _ => LightAtPixel::Edge,
+        }
+    }
+}
+
+impl RaysToLights {
     /// Share of an area light by which two halves may differ.
     const MAX_HALF_DIFFERENCE: f32 = 0.4;
     /// Part of the variance of all rays that is found within corners, at least: with four rays each
@@ -33,31 +69,30 @@ impl NearbyRays {
     /// Variance of all of them up to which it does not matter: one in 20 is hidden, or arrives.
     const FAINT_VARIANCE: f32 = 0.05;
 
-    /// Adds a corner of a row and a column, 0 to 3.
-    pub fn add(&mut self, row: usize, column: usize, direct: &DirectLight) {
-        self.quarters[row / 2 * 2 + column / 2] += direct.ratio;
-        self.visibility += direct.visibility;
-        self.within += variance(direct.ratio);
-        self.corners += 1.0;
+    fn add(&mut self, row: usize, column: usize, ratio: ShadowRatio) {
+        self.quarters[row / 2 * 2 + column / 2] += ratio;
+        self.within += variance(ratio);
         if (1..3).contains(&row) && (1..3).contains(&column) {
-            self.own += direct.ratio;
+            self.own += ratio;
         }
     }
 
-    /// What they say.
-    pub fn lit(&self) -> LightAtPixel {
+    fn all(&self) -> ShadowRatio {
         let mut all = self.half(0, 1);
         all += self.half(2, 3);
-        if !self.visibility.has_penumbra() {
-            return LightAtPixel::Arrived(all);
-        }
+        all
+    }
+
+    /// What arrived along them, if that tells the light of the pixel.
+    fn lit(&self, corners: f32) -> Option<ShadowRatio> {
+        let all = self.all();
         let of_all = variance(all);
         if of_all > Self::FAINT_VARIANCE
-            && self.within < Self::MIN_VARIANCE_WITHIN * of_all * self.corners
+            && self.within < Self::MIN_VARIANCE_WITHIN * of_all * corners
         {
             return match self.own.share() {
-                0.0 | 1.0 => LightAtPixel::Arrived(self.own),
-                _ => LightAtPixel::Edge,
+                0.0 | 1.0 => Some(self.own),
+                _ => None,
             };
         }
         let differ = |a: ShadowRatio, b: ShadowRatio| {
@@ -65,11 +100,7 @@ impl NearbyRays {
         };
         let is_narrow =
             differ(self.half(0, 1), self.half(2, 3)) || differ(self.half(0, 2), self.half(1, 3));
-        if is_narrow {
-            LightAtPixel::Edge
-        } else {
-            LightAtPixel::Arrived(all)
-        }
+        (!is_narrow).then_some(all)
     }
 
     /// Two quarters.

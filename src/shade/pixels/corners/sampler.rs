@@ -7,6 +7,7 @@ use crate::math::Rgb;
 use crate::shade::pixels::camera_media::CameraMedia;
 use crate::shade::pixels::sample::Sample;
 use crate::shade::pixels::shader::PixelShader;
+use crate::shade::surfaces::WithSky;
 use crate::trace::Surface;
 
 /// Samples the corners of a region whose first and last corners are at even coordinates, row by
@@ -51,7 +52,7 @@ impl<'a, A: CameraMedia> Sampler<'a, A> {
         let mut push = |sample| {
             corners.push(Corner {
                 sample,
-                irradiance: Rgb::BLACK,
+                irradiance: WithSky::BLACK,
             });
         };
         for row in 0..rows {

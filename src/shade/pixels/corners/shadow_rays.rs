@@ -39,13 +39,17 @@ impl<'a, A: CameraMedia> Corners<'a, A> {
                     let i = self.index(row, column);
                     let known = &mut self.corners[i].sample.direct;
                     known.ratio += direct.ratio;
+                    known.sky.ratio += direct.sky.ratio;
                     known.visibility += direct.visibility;
                 }
             }
         }
         let is_full = |c: &Corner<A::Passed>| {
-            let ratio = &c.sample.direct.ratio;
-            ratio.shadowed == ratio.unshadowed
+            let direct = &c.sample.direct;
+            let ratios = [&direct.ratio, &direct.sky.ratio];
+            ratios
+                .iter()
+                .all(|ratio| ratio.shadowed == ratio.unshadowed)
         };
         self.is_full_light = self.corners.iter().map(is_full).collect();
     }
@@ -112,7 +116,10 @@ impl<'a, A: CameraMedia> Corners<'a, A> {
             row.is_none_or(|row| row == [true; 4])
         };
         if (0..4).all(is_full_row) {
-            return LightAtPixel::Arrived(ShadowRatio::default());
+            return LightAtPixel::Arrived {
+                lamps: ShadowRatio::default(),
+                sky: ShadowRatio::default(),
+            };
         }
         let mut around = NearbyRays::default();
         for row in 0..4 {

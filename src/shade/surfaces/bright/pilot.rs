@@ -7,7 +7,7 @@
 
 use crate::gather::{BrightHit, Crossing, PatchRadiance, PatchRequest, UnknownPatches};
 use crate::math::sampling::{self, cosine_hemisphere, sobol2, tangents};
-use crate::math::{Hit, Ray, Rgb};
+use crate::math::{Environment, Hit, Ray};
 use crate::trace::Surface;
 use crate::tree::Pages;
 use crate::view::View;
@@ -44,7 +44,7 @@ pub(super) struct PilotGathers<'a, P> {
     pub view: &'a View<'a>,
     pub patches: &'a PatchRadiance<'a>,
     pub pages: &'a P,
-    pub environment: Rgb,
+    pub environment: Environment<'a>,
     /// A node seen under less than this is taken whole, steradians.
     pub max_solid_angle: f32,
 }
@@ -104,7 +104,6 @@ impl<P: Pages> PilotGathers<'_, P> {
     /// What the rays of a pilot gather bring, by the mean channel, and where they meet surfaces:
     /// those that meet anything.
     fn seen_by(&self, pilot: u32) -> Vec<(f32, Option<BrightHit>)> {
-        let sky = Some(self.environment.mean()).filter(|light| *light > 0.0);
         let mut stack = Default::default();
         let seen = |ray: Ray| {
             let end = (self.patches).cast(self.pages, &ray, self.request(), &mut stack);
@@ -116,7 +115,10 @@ impl<P: Pages> PilotGathers<'_, P> {
                     Some((radiance.mean(), Some(BrightHit { position, radius })))
                 }
                 // What brings nothing because there is nothing does not make the rest bright.
-                None => sky.map(|light| (light, None)),
+                None => {
+                    let sky = self.environment.radiance(ray.direction).mean();
+                    (sky > 0.0).then_some((sky, None))
+                }
             }
         };
         self.rays_of(pilot).into_iter().filter_map(seen).collect()

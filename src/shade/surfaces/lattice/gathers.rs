@@ -166,6 +166,7 @@ impl Gathers {
         Some(LatticeGather {
             gathered: Gathered {
                 light: mean.light * (1.0 / mean.weight),
+                environment: mean.environment * (1.0 / mean.weight),
                 harmonic_distance: mean.harmonic_distance,
             },
             ..*node
@@ -277,6 +278,7 @@ impl<'a> Candidates<'a> {
         }
         let mut mean = Mean {
             light: Rgb::BLACK,
+            environment: Rgb::BLACK,
             weight: 0.0,
             harmonic_distance: self.nearness / self.closeness,
         };
@@ -286,6 +288,7 @@ impl<'a> Candidates<'a> {
             .max(Self::MIN_RANGE_STEPS * self.window.spacing * node.spacing);
             let weight = weight * math::exp::exp_neg(d2 / (range * range));
             mean.light += node.gathered.light * weight;
+            mean.environment += node.gathered.environment * weight;
             mean.weight += weight;
         }
         Some(mean)
@@ -295,6 +298,8 @@ impl<'a> Candidates<'a> {
 /// A weighted sum of gathers.
 pub(super) struct Mean {
     pub light: Rgb,
+    /// Of that, what comes straight from the environment.
+    pub environment: Rgb,
     pub weight: f32,
     harmonic_distance: f32,
 }
@@ -310,6 +315,7 @@ mod tests {
             normal: Vec3::Y,
             gathered: Gathered {
                 light: Rgb::splat(light(x)),
+                environment: Rgb::BLACK,
                 harmonic_distance,
             },
             spacing: 1.0,

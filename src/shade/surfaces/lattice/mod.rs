@@ -10,11 +10,12 @@
 mod area;
 mod gathers;
 
+use super::WithSky;
 use super::gatherer::GatherAtSurfaces;
 use crate::Result;
 use crate::gather::{DirectionOrder, Gathered, UnknownPatches, in_order_of_places};
 use crate::image::Region;
-use crate::math::{Ray, Rgb, sampling};
+use crate::math::{Ray, Rgb, SphereMap, sampling};
 use crate::run::{Cancel, Task, memory};
 use crate::trace::Surface;
 use area::Area;
@@ -24,7 +25,12 @@ use rayon::prelude::*;
 
 /// The part of the frame's lattice that a region needs.
 #[derive(Debug)]
-pub struct Lattice(Gathers);
+pub struct Lattice {
+    gathers: Gathers,
+    /// Of an environment that differs by direction gathers have the share that is not hidden: that
+    /// changes less from one normal to another. By normal, what it is a share of.
+    unhidden: Option<SphereMap>,
+}
 
 impl Lattice {
     /// Gathers around a surface point, along both axes, from which its light is taken.
@@ -120,11 +126,16 @@ impl Lattice {
                 rough.put_middle(index, node);
             }
         }
-        Self::smooth(&rough, Area::around(region, step, Self::LOOKUP_REACH, film))
+        let unhidden = gatherer.unhidden().cloned();
+        Self::smooth(
+            &rough,
+            Area::around(region, step, Self::LOOKUP_REACH, film),
+            unhidden,
+        )
     }
 
     /// Each gather of an area averaged with those around it.
-    fn smooth(rough: &Gathers, area: Area) -> Result<Self> {
+    fn smooth(rough: &Gathers, area: Area, unhidden: Option<SphereMap>) -> Result<Self> {
         let mut nodes = memory::filled(LATTICE, None, area.len())?;
         nodes
             .par_chunks_exact_mut(area.count[0] as usize)
@@ -139,21 +150,36 @@ impl Lattice {
         smooth.middles.par_iter_mut().for_each(|middle| {
             middle.node = rough.smoothed_middle(middle.cell, Self::SMOOTHING_REACH);
         });
-        Ok(Self(smooth))
+        Ok(Self {
+            gathers: smooth,
+            unhidden,
+        })
     }
 
     /// Pixels from one gather to the next.
     #[must_use]
     pub fn step(&self) -> u32 {
-        self.0.step
+        self.gathers.step
     }
 
     /// Irradiance at a surface seen by pixel (x, y); `None` if the lattice around it saw nothing
     /// like it.
     #[must_use]
-    pub fn irradiance(&self, surface: &Surface, x: u32, y: u32) -> Option<Rgb> {
-        let mean = (self.0).around(surface.position, surface.normal, [x, y], Self::LOOKUP_REACH)?;
-        (mean.weight > Self::MIN_WEIGHT).then(|| mean.light * (1.0 / mean.weight))
+    pub fn irradiance(&self, surface: &Surface, x: u32, y: u32) -> Option<WithSky> {
+        let mean =
+            (self.gathers).around(surface.position, surface.normal, [x, y], Self::LOOKUP_REACH)?;
+        (mean.weight > Self::MIN_WEIGHT).then(|| {
+            let share = 1.0 / mean.weight;
+            let (all, sky) = (mean.light * share, mean.environment * share);
+            match &self.unhidden {
+                None => WithSky { all, sky },
+                Some(unhidden) => {
+                    let sky = sky * unhidden.get(surface.normal);
+                    let all = all + sky;
+                    WithSky { all, sky }
+                }
+            }
+        })
     }
 }
 
@@ -296,7 +322,10 @@ impl Receivers<'_> {
         let view = self.gatherer.view();
         let gathered = (self.gatherer).gather_neighbours(&surfaces, seed, self.order);
         for (((_, node), (surface, _)), gathered) in nodes.iter_mut().zip(surfaces).zip(gathered) {
-            node.gathered = gathered;
+            node.gathered = match self.gatherer.unhidden() {
+                None => gathered,
+                Some(unhidden) => as_share(gathered, unhidden.get(surface.normal)),
+            };
             let to_camera = (view.camera.origin() - node.position).normalize_or_zero();
             let cos = surface
                 .face_normal
@@ -328,6 +357,24 @@ impl Receivers<'_> {
             is_tight: false,
         };
         Some((surface, node))
+    }
+}
+
+/// What was gathered, with the light of the environment apart, as a share of what nothing hides.
+fn as_share(gathered: Gathered, unhidden: Rgb) -> Gathered {
+    let Gathered {
+        light, environment, ..
+    } = gathered;
+    let share = |c: usize| match unhidden.0[c] {
+        all if all > 0.0 => environment.0[c] / all,
+        _ => 0.0,
+    };
+    Gathered {
+        light: Rgb(std::array::from_fn(|c| {
+            (light.0[c] - environment.0[c]).max(0.0)
+        })),
+        environment: Rgb(std::array::from_fn(share)),
+        ..gathered
     }
 }
 

@@ -391,5 +391,49 @@ def tiles():
     write_png("grain.png", 64, lambda x, y: [int(40 + 200 * noise(x + 0.5, y + 0.5, c, 31)) for c in range(3)])
 
 
-for scene in (curved, lights100, volumes, thin, outdoor, lampshade, tiles):
+def studio():
+    """A dark room all around with two soft boxes, a thousand times as bright as the rest, and a blue panel."""
+
+    def box(u, v, left, right, top, bottom):
+        """1 inside, falling to 0 over a texel or two beyond the borders."""
+        edge = 0.012
+        across = min(u - left, right - u) / edge + 0.5
+        down = min(v - top, bottom - v) / edge + 0.5
+        return max(0.0, min(1.0, across)) * max(0.0, min(1.0, down))
+
+    def radiance(u, v):
+        room = 0.05 + 0.1 * max(0.0, cos(pi * v))
+        key = 60 * box(u, v, 0.30, 0.36, 0.18, 0.34)
+        fill = 8 * box(u, v, 0.66, 0.80, 0.26, 0.48)
+        panel = 3 * box(u, v, 0.95, 0.99, 0.20, 0.60)
+        light = (key + fill + room, 0.93 * key + fill + room, 0.82 * key + 1.1 * fill + 1.2 * room)
+        return tuple(c + p * panel for c, p in zip(light, (0.1, 0.3, 1.0)))
+
+    def rgbe(color):
+        brightest = max(color)
+        exponent = math.frexp(brightest)[1]
+        return tuple(int(c * 256 / 2.0**exponent) for c in color) + (exponent + 128,)
+
+    def runs(values):
+        """The run length encoding of Radiance."""
+        coded, i = bytearray(), 0
+        while i < len(values):
+            n = 1
+            while n < 127 and i + n < len(values) and values[i + n] == values[i]:
+                n += 1
+            coded += bytes((128 + n, values[i]))
+            i += n
+        return coded
+
+    width, height = 256, 128
+    with open(path("studio.hdr"), "wb") as hdr:
+        hdr.write(f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n".encode())
+        for y in range(height):
+            row = [rgbe(radiance((x + 0.5) / width, (y + 0.5) / height)) for x in range(width)]
+            hdr.write(bytes((2, 2, width >> 8, width & 255)))
+            for channel in range(4):
+                hdr.write(runs([texel[channel] for texel in row]))
+
+
+for scene in (curved, lights100, volumes, thin, outdoor, lampshade, tiles, studio):
     scene()
