@@ -137,6 +137,7 @@ A 3e-4 0.039
 B 3e-4 0.032
 C 2e-3 0.058
 C_novol 1e-3 0.050
+E 1.25e-3 0.050
 EOF
 
 heading 'the same with light of media that was made beforehand, from the trees above'
@@ -177,6 +178,7 @@ done <<EOF
 A 4.8e-4 0.06 0.006
 B 5.8e-4 0.06 0.005
 C 4.0e-3 0.09 0.017
+E 1.05e-3 0.053 0.006
 EOF
 
 heading 'media that scatter forward: light of one bounce, and of all, beside references of both'
