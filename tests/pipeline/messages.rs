@@ -29,7 +29,7 @@ const RENDER: [&str; 6] = [
 ];
 
 #[test]
-fn rendering_is_baking_building_and_shading() {
+fn rendering_is_baking_building_bouncing_and_shading() {
     let work = Work::new(ROOM);
     let render = [
         "render",
@@ -47,13 +47,29 @@ fn rendering_is_baking_building_and_shading() {
         &["build", "b.lvc", "-o", "b.lvt", "--progress", "none"],
     )
     .done();
-    let shade = ["shade", "scene.toml", "--tree", "b.lvt", "-o", "b.exr"];
+    let bounce = [
+        "bounce",
+        "scene.toml",
+        "-t",
+        "b.lvt",
+        "-o",
+        "all.lvt",
+        "--progress",
+        "none",
+    ];
+    lvox(&work, &bounce).done();
+    let shade = ["shade", "scene.toml", "--tree", "all.lvt", "-o", "b.exr"];
     let run = lvox(&work, &[&shade[..], &QUIET].concat());
     run.done();
     assert_eq!(run.stderr, "");
     let read = |name: &str| fs::read(work.path(name)).unwrap();
-    assert!(read("a.lvt") == read("b.lvt"));
+    assert!(read("a.lvt") == read("all.lvt"));
     assert!(read("a.exr") == read("b.exr"));
+    // One bounce is the light of the tree as it was built.
+    let once = [&render[..], &["--bounces", "1", "--force"], &FEW, &QUIET].concat();
+    lvox(&work, &once).done();
+    assert!(read("a.lvt") == read("b.lvt"));
+    assert!(read("a.exr") != read("b.exr"));
 
     // Clouds and trees are replaced when told to, images always.
     for args in [&bake[..], &["build", "b.lvc", "-o", "b.lvt"]] {
@@ -99,9 +115,9 @@ fn reports_tell_times_counts_and_failures() {
         .iter()
         .map(|s| s["stage"].as_str().unwrap())
         .collect();
-    assert_eq!(names, ["load", "bake", "build", "shade", "write"]);
+    assert_eq!(names, ["load", "bake", "build", "bounce", "shade", "write"]);
     assert_eq!(stages[1]["counts"]["surfels"], 2000.0);
-    assert_eq!(stages[3]["counts"]["pixels"], 64.0 * 48.0);
+    assert_eq!(stages[4]["counts"]["pixels"], 64.0 * 48.0);
     assert!(json["peak_memory_bytes"].as_u64().unwrap() > 1 << 20);
     lvox(
         &work,
