@@ -293,7 +293,8 @@ impl TreeTask for Gathering<'_> {
         };
         let (blocks, direct) = blocks(source)?;
         let volumes = blocks.iter().zip(&direct).map(|(blocks, direct)| {
-            let sweeps = Sweeps::new(blocks, &walls, cancel)?;
+            let rays = |apart| Sweeps::new(blocks, apart, &walls, cancel);
+            let sweeps = [rays(Sweeps::FINE)?, rays(Sweeps::COARSE)?];
             Ok(ScatteringVolume::new(blocks, sweeps, direct))
         });
         let mut exchange = Exchange {

@@ -4,7 +4,6 @@ use super::runs::{PageSurfels, Run};
 use super::surface_below::surface_below;
 use crate::Result;
 use crate::gather::{Gatherer, MAX_PACKET, Medium};
-use crate::math::exp::exp_neg;
 use crate::math::sampling::{cosine_hemisphere, hash, sobol2, tangents};
 use crate::math::{Hit, Ray, Rgb};
 use crate::trace::{Tracer, offset};
@@ -153,27 +152,21 @@ impl<P: Pages, M: Medium> ReceiverMaker<'_, P, M> {
         receiver.count = count;
         let rays: Vec<Ray> = receiver.rays().collect();
         let (mut light, mut inverse) = (Rgb::BLACK, 0.0);
-        self.gatherer.incident_along(&rays, |_, seen| {
+        let mut arriving = vec![0.0; rays.len()];
+        self.gatherer.incident_along(&rays, |i, seen| {
             light += seen.radiance;
             inverse += seen.inverse_distance;
+            arriving[i] = seen.arriving;
         });
         let mut hits = vec![None; rays.len()];
         for (rays, hits) in rays.chunks(MAX_PACKET).zip(hits.chunks_mut(MAX_PACKET)) {
             self.tracer.closest_of_packet(rays, hits);
         }
         receiver.met.clear();
-        for (i, (ray, hit)) in rays.iter().zip(hits).enumerate() {
-            if let Some(hit) = hit {
-                receiver.met.push(Met {
-                    ray: i as u32,
-                    hit,
-                    arriving: if M::IS_NOTHING {
-                        1.0
-                    } else {
-                        exp_neg(self.tracer.optical_depth(&ray.up_to(hit.t)))
-                    },
-                });
-            }
+        for (ray, (hit, arriving)) in (0..).zip(hits.into_iter().zip(arriving)) {
+            receiver
+                .met
+                .extend(hit.map(|hit| Met { ray, hit, arriving }));
         }
         receiver.gathered = light * (1.0 / count as f32);
         count as f32 / inverse

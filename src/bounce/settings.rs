@@ -41,8 +41,8 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             bounces: Bounces::All,
-            samples: 32,
-            max_solid_angle: 0.03,
+            samples: 16,
+            max_solid_angle: 0.003,
             seed: 0,
         }
     }

@@ -38,7 +38,7 @@ const TOLERANCE: f64 = 1e-4;
 /// Bounces after which light that still does not fade is taken to stay for ever.
 const MOST: u32 = 10_000;
 /// Residual of media over what their light is made of.
-const MEDIA_TOLERANCE: f64 = 1e-3;
+const MEDIA_TOLERANCE: f64 = 3e-4;
 /// Share of all light that surfaces and media may still have to tell each other.
 const ROUND_TOLERANCE: f64 = 1e-3;
 /// Most times that surfaces and media light each other.
@@ -85,19 +85,17 @@ impl Exchange<'_> {
         if self.volumes.is_empty() {
             return Ok(solution);
         }
-        let mut share = 1.0_f64;
+        // Without surfaces nothing is left to tell once media are solved.
+        let mut share: f64 = if self.receivers.is_empty() { 0.0 } else { 1.0 };
         for _ in 0..MOST_ROUNDS {
+            // No more exactly than what comes from surfaces is known.
+            let tolerance = (0.1 * share).clamp(MEDIA_TOLERANCE, 1e-2);
             let walls = WallLight {
                 sends_tree: true,
                 light: &solution.light,
             };
             for volume in &mut self.volumes {
-                // No more exactly than what comes from surfaces is known.
-                volume.solve(
-                    &walls,
-                    (0.1 * share).clamp(MEDIA_TOLERANCE, 1e-2),
-                    self.cancel,
-                )?;
+                volume.solve(&walls, tolerance, self.cancel)?;
             }
             let gathered = self.gathered(at_receivers(self.receivers, &self.volumes));
             let next = self.between_surfaces(gathered)?;
@@ -110,9 +108,16 @@ impl Exchange<'_> {
                 passes: solution.passes + next.passes,
                 ..next
             };
-            if share < ROUND_TOLERANCE {
+            if share < ROUND_TOLERANCE && tolerance == MEDIA_TOLERANCE {
                 break;
             }
+        }
+        let walls = WallLight {
+            sends_tree: true,
+            light: &solution.light,
+        };
+        for volume in &mut self.volumes {
+            volume.scatter_once(&walls, self.cancel)?;
         }
         Ok(solution)
     }

@@ -72,29 +72,39 @@ pub struct Walls<'a, P> {
 }
 
 impl<'a> Sweeps<'a> {
-    /// Most rays of a direction along each axis across it.
+    /// Most fine rays of a direction along each axis across it.
     const MOST_ALONG: f64 = 256.0;
-    /// Voxels between rays, at least.
-    const LEAST_SPACING: f64 = 1.5;
+    /// Edges of blocks between rays: those of all directions together meet each often enough.
+    pub const FINE: f64 = 1.5;
+    /// The same, where light is means over many blocks: a quarter of the rays.
+    pub const COARSE: f64 = 2.0 * Self::FINE;
     /// Directions that are in memory together.
     pub const TOGETHER: usize = 8;
 
-    /// Bytes that the rays through a volume take, at most.
+    /// Bytes that fine and coarse rays through a volume take, at most.
     pub fn bytes_for(volume: &VolumeInfo) -> u64 {
         /// A lattice is as wide as the box and its shear, across each of two axes.
         const SHEARED: f64 = 4.0;
         let longest = f64::from(volume.dims.into_iter().max().unwrap_or(1));
-        let along = (longest / Self::LEAST_SPACING).min(Self::MOST_ALONG);
-        let rays = (SHEARED * along * along).ceil() as u64;
+        let rays = |spacing: f64| {
+            let along = longest.min(Self::FINE * Self::MOST_ALONG) / spacing;
+            (SHEARED * along * along).ceil() as u64
+        };
+        let rays = rays(Self::FINE) + rays(Self::COARSE);
         directions().len() as u64 * rays * (size_of::<SweptRay>() + size_of::<Wall>()) as u64
     }
 
-    /// The rays through a volume, and the surfaces on them.
+    /// Rays through a volume, so many edges of blocks apart, and the surfaces on them.
     ///
     /// # Errors
     /// A page that cannot be read, or a stop on request.
-    pub fn new<P: Pages>(blocks: &'a Blocks, walls: &Walls<P>, cancel: &Cancel) -> Result<Self> {
-        let sweeps = Self::of_walls(blocks, |ray| {
+    pub fn new<P: Pages>(
+        blocks: &'a Blocks,
+        apart: f64,
+        walls: &Walls<P>,
+        cancel: &Cancel,
+    ) -> Result<Self> {
+        let sweeps = Self::of_walls(blocks, apart, |ray| {
             cancel.check()?;
             Ok(walls.on(blocks, ray))
         })?;
@@ -104,17 +114,18 @@ impl<'a> Sweeps<'a> {
 
     /// The rays through a volume without surfaces.
     #[cfg(test)]
-    pub fn alone(blocks: &'a Blocks) -> Self {
-        Self::of_walls(blocks, |_| Ok(Vec::new())).unwrap()
+    pub fn alone(blocks: &'a Blocks, apart: f64) -> Self {
+        Self::of_walls(blocks, apart, |_| Ok(Vec::new())).unwrap()
     }
 
     fn of_walls(
         blocks: &'a Blocks,
+        apart: f64,
         walls: impl Fn(&Ray) -> Result<Vec<Wall>> + Sync,
     ) -> Result<Self> {
         let directions = directions().into_par_iter().enumerate();
         let directions = directions.map(|(i, direction)| {
-            let (rays, section) = lattice(blocks, direction, i as u64);
+            let (rays, section) = lattice(blocks, apart, direction, i as u64);
             let swept = rays.into_iter().map(|ray| {
                 let walls = walls(&ray)?;
                 Ok(SweptRay { ray, walls })
@@ -306,8 +317,9 @@ fn directions() -> Vec<Vec3> {
 }
 
 /// Parallel rays through the box of a volume, which start where they enter it, and the volume that
-/// each stands for, voxels per unit of its length. Each direction has its lattice in another place.
-fn lattice(blocks: &Blocks, direction: Vec3, key: u64) -> (Vec<Ray>, f32) {
+/// each stands for, voxels per unit of its length. They are so many edges of blocks apart, and each
+/// direction has its lattice in another place.
+fn lattice(blocks: &Blocks, apart: f64, direction: Vec3, key: u64) -> (Vec<Ray>, f32) {
     let along = blocks.in_index(direction.as_dvec3());
     let main = (1..3).fold(0, |m, a| {
         if along[a].abs() > along[m].abs() {
@@ -319,10 +331,10 @@ fn lattice(blocks: &Blocks, direction: Vec3, key: u64) -> (Vec<Ray>, f32) {
     let across = [(main + 1) % 3, (main + 2) % 3];
     let dims = blocks.dims.map(f64::from);
     let slope = across.map(|a| along[a] / along[main]);
-    let spacing = spacing(blocks);
+    let spacing = apart * edge(blocks);
     let spacing = [0, 1].map(|i| {
         let width = dims[across[i]] + slope[i].abs() * dims[main];
-        spacing.max(width / Sweeps::MOST_ALONG)
+        spacing.max(width * apart / (Sweeps::FINE * Sweeps::MOST_ALONG))
     });
     let shift = unit2(hash(&[key])).map(f64::from);
     // Where rays pass the lower end of the main axis.
@@ -354,9 +366,8 @@ fn lattice(blocks: &Blocks, direction: Vec3, key: u64) -> (Vec<Ray>, f32) {
     (rays, section as f32)
 }
 
-/// Voxels between rays: half as much again as the edge that half of all blocks are larger than.
-/// Rays of all directions together meet such a block often enough.
-fn spacing(blocks: &Blocks) -> f64 {
+/// The edge that half of all blocks are larger than, voxels.
+fn edge(blocks: &Blocks) -> f64 {
     let mut counts = [0_usize; 256];
     for level in &blocks.levels {
         counts[usize::from(*level)] += 1;
@@ -366,7 +377,7 @@ fn spacing(blocks: &Blocks) -> f64 {
         smaller += n;
         2 * smaller >= blocks.len()
     });
-    Sweeps::LEAST_SPACING * f64::from(1 << level.unwrap_or(0))
+    f64::from(1 << level.unwrap_or(0))
 }
 
 #[cfg(test)]

@@ -32,11 +32,11 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = Bounces::All, value_parser = parse::bounces)]
     bounces: Bounces,
 
-    /// Rays of each of the places at which light is gathered [default: 32]
+    /// Rays of each of the places at which light is gathered [default: 16]
     #[arg(long, value_name = "N")]
     samples: Option<u32>,
 
-    /// Take a node whole where it is seen under less than this, steradians [default: 0.03]
+    /// Take a node whole where it is seen under less than this, steradians [default: 0.003]
     #[arg(long, value_name = "SR")]
     max_solid_angle: Option<f32>,
 

@@ -106,6 +106,8 @@ pub struct Incident {
     /// One over the distance of what is seen, in the mean over the surface and the media before it
     /// by the share of the ray that each stops.
     pub inverse_distance: f32,
+    /// Share of what that surface sends that arrives: what is left by all before it.
+    pub arriving: f32,
 }
 
 /// Gathers from the pages of a tree, of one type, with one type of media; [`super::PointGatherer`] hides
@@ -360,6 +362,7 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
         let distance = end.map_or(f32::INFINITY, |c| c.t);
         let inverse_distance =
             stopped.share * stopped.inverse_distance + (1.0 - stopped.share) / distance;
+        let arriving = light.transmittance;
         match end {
             Some(c) if c.t < max_dist => light.surface(1.0, c.radiance),
             Some(_) => {}
@@ -382,6 +385,7 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
             environment: of_environment,
             distance,
             inverse_distance,
+            arriving,
         }
     }
 }
