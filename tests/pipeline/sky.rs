@@ -172,7 +172,6 @@ fn light_of_a_sky_and_its_sun_is_that_of_the_path_tracer() {
             let found = blocks(&beauty(&found));
             let bias = mean(&found) / mean(&truth) - 1.0;
             let error = relative_rms(&found, &truth);
-            println!("fog {fog}: bias {bias}, error {error}");
             assert!(
                 bias.abs() < tolerance && error < 3.0 * tolerance,
                 "{bias} {error}"

@@ -68,7 +68,7 @@ fn open_exr(content: &[u8], files: &mut Files) -> Result<EnvironmentImage> {
     let is_color = |header: &&exr::meta::header::Header| {
         let channels = &header.channels.list;
         let has = |name: &&str| channels.iter().any(|c| c.name.eq_case_insensitive(name));
-        !header.deep && ["R", "G", "B"].iter().all(|name| has(name))
+        !header.deep && ["R", "G", "B"].iter().all(has)
     };
     let Some(header) = meta.headers.iter().find(is_color) else {
         return Err(Error::input(
