@@ -61,8 +61,17 @@ impl Naming {
     ) -> io::Result<T> {
         let mut prefix = self.prefix.clone();
         prefix.push(own_mark());
+        let mut failed = io::Error::from(io::ErrorKind::ResourceBusy);
         for _ in 0..TRIES {
-            let made = make(tempfile::Builder::new().prefix(&prefix).suffix(self.suffix))?;
+            let made = match make(tempfile::Builder::new().prefix(&prefix).suffix(self.suffix)) {
+                Ok(made) => made,
+                // A folder that was swept before its lock was made; or there is none to make it in.
+                Err(e) if e.kind() == io::ErrorKind::NotFound => {
+                    failed = e;
+                    continue;
+                }
+                Err(e) => return Err(e),
+            };
             let (file, path) = lock(&made);
             // Without locks (an error) nobody sweeps either.
             let is_taken = matches!(file.try_lock(), Err(TryLockError::WouldBlock));
@@ -70,7 +79,7 @@ impl Naming {
                 return Ok(made);
             }
         }
-        Err(io::Error::from(io::ErrorKind::ResourceBusy))
+        Err(failed)
     }
 
     /// Removes what is so called in a folder and has no living owner. `own` is one of them that
@@ -107,19 +116,18 @@ impl Naming {
         } else {
             Err(io::Error::from(io::ErrorKind::NotFound))
         };
-        let is_left = match &lock {
-            // A folder whose process ended before it had made the lock; or did not come to it yet.
-            Err(_) => self.lock_inside.is_some() && is_old(path),
-            Ok(lock) => lock.try_lock().is_ok() && (!is_foreign || is_old(path)),
-        };
-        // The lock is held until the file is gone: who made it just now, and has not locked it yet,
+        // A lock is held until the file is gone: who made it just now, and has not locked it yet,
         // finds it taken and makes another one.
-        if is_left {
-            let _ = match self.lock_inside {
-                Some(_) => fs::remove_dir_all(path),
-                None => fs::remove_file(path),
-            };
-        }
+        let _ = match (&lock, self.lock_inside) {
+            (Ok(lock), _) if lock.try_lock().is_err() || (is_foreign && !is_old(path)) => Ok(()),
+            (Ok(_), Some(name)) => remove_folder(path, name),
+            (Ok(_), None) => fs::remove_file(path),
+            // A folder whose process ended before it had made the lock, or after it had removed it:
+            // it is empty, and stays if the lock has just been made.
+            (Err(_), Some(_)) if !is_foreign => fs::remove_dir(path),
+            (Err(_), Some(_)) if is_old(path) => fs::remove_dir_all(path),
+            (Err(_), _) => Ok(()),
+        };
     }
 
     /// Whether something of this name was made by another running system; `None` if it is not
@@ -134,6 +142,22 @@ impl Naming {
             && random.iter().all(u8::is_ascii_alphanumeric);
         is_ours.then(|| MARK.as_ref().is_none_or(|own| own.as_bytes() != mark))
     }
+}
+
+/// Removes a folder, and of what is in it the lock last: what is left of it if that is cut short
+/// still tells that nobody owns it.
+pub fn remove_folder(path: &Path, lock: &str) -> io::Result<()> {
+    for entry in fs::read_dir(path)? {
+        let entry = entry?;
+        if entry.file_name() == lock {
+            continue;
+        }
+        match entry.file_type()?.is_dir() {
+            true => fs::remove_dir_all(entry.path())?,
+            false => fs::remove_file(entry.path())?,
+        }
+    }
+    fs::remove_dir_all(path)
 }
 
 #[cfg(unix)]

@@ -1,8 +1,8 @@
 //! A folder for temporary files.
 
 use crate::emergency::Temporary;
-use crate::leftover::Naming;
-use std::fs::{self, File};
+use crate::leftover::{Naming, remove_folder};
+use std::fs::File;
 use std::io;
 use std::path::Path;
 use tempfile::TempDir;
@@ -63,7 +63,7 @@ impl Drop for TemporaryFolder {
     fn drop(&mut self) {
         // Removing a folder takes a file descriptor. Where none is free there is the one of the
         // lock; then `folder` tries again as it is dropped.
-        if fs::remove_dir_all(self.path()).is_err() {
+        if remove_folder(self.path(), LOCK).is_err() {
             self.lock = None;
         }
     }
@@ -73,6 +73,7 @@ impl Drop for TemporaryFolder {
 mod tests {
     use super::*;
     use crate::leftover::tests::{age, name_of};
+    use std::fs;
 
     #[test]
     fn folders_without_owner_are_swept() {
@@ -92,9 +93,14 @@ mod tests {
         let other = make("lvox-mine", true);
         #[cfg(target_os = "linux")]
         let left = make(&name_of("lvox-", false, ""), true);
+        // Its process ended before there was a lock, or after.
+        #[cfg(target_os = "linux")]
+        let empty = dir.path().join(name_of("lvox-", false, "x"));
+        #[cfg(target_os = "linux")]
+        fs::create_dir(&empty).unwrap();
         let next = TemporaryFolder::create_in(dir.path()).unwrap();
         #[cfg(target_os = "linux")]
-        assert!(!left.exists());
+        assert!(!left.exists() && !empty.exists());
         for kept in [living.path(), next.path(), &foreign, &being_made, &other] {
             assert!(kept.exists(), "{}", kept.display());
         }
