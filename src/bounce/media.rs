@@ -14,13 +14,12 @@ use rayon::prelude::*;
 #[derive(Debug)]
 pub struct ScatteringVolume<'a> {
     blocks: &'a Blocks,
-    fine: Sweeps<'a>,
-    coarse: Sweeps<'a>,
+    sweeps: Sweeps<'a>,
     /// Of light that comes straight from lights.
     direct: &'a [Light],
     /// Of all light.
     sources: Vec<Light>,
-    /// Coarse sweeps that were made.
+    /// Sweeps that were made.
     pub swept: u32,
     /// What the sources of the last solution are off by, over what they are made of.
     pub residual: f64,
@@ -35,12 +34,11 @@ impl<'a> ScatteringVolume<'a> {
     /// Most sweeps of one solution.
     const MOST_SWEEPS: u32 = 200;
 
-    /// A volume that scatters what comes straight from lights, with fine and coarse rays.
-    pub fn new(blocks: &'a Blocks, [fine, coarse]: [Sweeps<'a>; 2], direct: &'a [Light]) -> Self {
+    /// A volume that scatters what comes straight from lights.
+    pub fn new(blocks: &'a Blocks, sweeps: Sweeps<'a>, direct: &'a [Light]) -> Self {
         Self {
             blocks,
-            fine,
-            coarse,
+            sweeps,
             direct,
             sources: direct.to_vec(),
             swept: 0,
@@ -62,42 +60,42 @@ impl<'a> ScatteringVolume<'a> {
     /// What blocks with these sources scatter of each other's light and of that of surfaces.
     fn scattered(
         &self,
-        sweeps: &Sweeps,
         sources: &[Light],
         walls: &WallLight,
         cancel: &Cancel,
     ) -> Result<Vec<Light>> {
         let albedo = Light::from(self.blocks.albedo);
-        let mut light = sweeps.means(sources, walls, cancel)?;
+        let mut light = self.sweeps.means(sources, walls, cancel)?;
         light.par_iter_mut().for_each(|l| *l *= albedo);
         Ok(light)
     }
 
-    /// Lets its light scatter once more, along fine rays.
+    /// Lets its light scatter once more.
     ///
     /// # Errors
     /// A stop on request.
     pub fn scatter_once(&mut self, walls: &WallLight, cancel: &Cancel) -> Result<()> {
-        let mut next = self.scattered(&self.fine, &self.sources, walls, cancel)?;
+        let mut next = self.scattered(&self.sources, walls, cancel)?;
         next.iter_mut().zip(self.direct).for_each(|(n, d)| *n += *d);
         self.sources = next;
+        self.swept += 1;
         Ok(())
     }
 
-    /// Finds the sources of all orders of scattering between surfaces that send this light, along
-    /// coarse rays, until the residual over what they are made of is below `tolerance`.
+    /// Finds the sources of all orders of scattering between surfaces that send this light, until
+    /// the residual over what they are made of is below `tolerance`.
     ///
     /// # Errors
     /// A stop on request.
     pub fn solve(&mut self, walls: &WallLight, tolerance: f64, cancel: &Cancel) -> Result<()> {
         let dark = vec![Light::ZERO; self.blocks.len()];
-        let mut made_of = self.scattered(&self.coarse, &dark, walls, cancel)?;
+        let mut made_of = self.scattered(&dark, walls, cancel)?;
         made_of
             .iter_mut()
             .zip(self.direct)
             .for_each(|(m, d)| *m += *d);
         let equation = |x: &[Light]| {
-            let mut left = self.scattered(&self.coarse, x, &WallLight::NONE, cancel)?;
+            let mut left = self.scattered(x, &WallLight::NONE, cancel)?;
             left.iter_mut().zip(x).for_each(|(l, x)| *l = *x - *l);
             Ok(left)
         };
@@ -169,11 +167,10 @@ mod tests {
                 direct.push(Light::splat(source as f32));
             }
         }
-        let sweeps = [Sweeps::FINE, Sweeps::COARSE].map(|apart| Sweeps::alone(&blocks, apart));
-        let mut volume = ScatteringVolume::new(&blocks, sweeps, &direct);
-        let cancel = Cancel::default();
-        volume.solve(&WallLight::NONE, 1e-3, &cancel).unwrap();
-        volume.scatter_once(&WallLight::NONE, &cancel).unwrap();
+        let mut volume = ScatteringVolume::new(&blocks, Sweeps::alone(&blocks), &direct);
+        volume
+            .solve(&WallLight::NONE, 1e-3, &Cancel::default())
+            .unwrap();
         assert!(volume.residual <= 1e-3);
         // Means over the middle, where the borders are far: rays meet each block in few places.
         let middle = WIDE / 2 - 8..WIDE / 2 + 8;

@@ -293,8 +293,7 @@ impl TreeTask for Gathering<'_> {
         };
         let (blocks, direct) = blocks(source)?;
         let volumes = blocks.iter().zip(&direct).map(|(blocks, direct)| {
-            let rays = |apart| Sweeps::new(blocks, apart, &walls, cancel);
-            let sweeps = [rays(Sweeps::FINE)?, rays(Sweeps::COARSE)?];
+            let sweeps = Sweeps::new(blocks, &walls, cancel)?;
             Ok(ScatteringVolume::new(blocks, sweeps, direct))
         });
         let mut exchange = Exchange {

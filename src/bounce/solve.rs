@@ -112,13 +112,6 @@ impl Exchange<'_> {
                 break;
             }
         }
-        let walls = WallLight {
-            sends_tree: true,
-            light: &solution.light,
-        };
-        for volume in &mut self.volumes {
-            volume.scatter_once(&walls, self.cancel)?;
-        }
         Ok(solution)
     }
 

@@ -72,39 +72,31 @@ pub struct Walls<'a, P> {
 }
 
 impl<'a> Sweeps<'a> {
-    /// Most fine rays of a direction along each axis across it.
+    /// Most rays of a direction along each axis across it.
     const MOST_ALONG: f64 = 256.0;
-    /// Edges of blocks between rays: those of all directions together meet each often enough.
-    pub const FINE: f64 = 1.5;
-    /// The same, where light is means over many blocks: a quarter of the rays.
-    pub const COARSE: f64 = 2.0 * Self::FINE;
+    /// Edges of blocks between rays: about 16 of all directions together meet each. With a quarter
+    /// of them a slab of depth 10 reflects 9 % less: the fewer rays meet a block, the more of what
+    /// one loses there it is given back.
+    const APART: f64 = 1.5;
     /// Directions that are in memory together.
     pub const TOGETHER: usize = 8;
 
-    /// Bytes that fine and coarse rays through a volume take, at most.
+    /// Bytes that the rays through a volume take, at most.
     pub fn bytes_for(volume: &VolumeInfo) -> u64 {
         /// A lattice is as wide as the box and its shear, across each of two axes.
         const SHEARED: f64 = 4.0;
         let longest = f64::from(volume.dims.into_iter().max().unwrap_or(1));
-        let rays = |spacing: f64| {
-            let along = longest.min(Self::FINE * Self::MOST_ALONG) / spacing;
-            (SHEARED * along * along).ceil() as u64
-        };
-        let rays = rays(Self::FINE) + rays(Self::COARSE);
+        let along = (longest / Self::APART).min(Self::MOST_ALONG);
+        let rays = (SHEARED * along * along).ceil() as u64;
         directions().len() as u64 * rays * (size_of::<SweptRay>() + size_of::<Wall>()) as u64
     }
 
-    /// Rays through a volume, so many edges of blocks apart, and the surfaces on them.
+    /// The rays through a volume, and the surfaces on them.
     ///
     /// # Errors
     /// A page that cannot be read, or a stop on request.
-    pub fn new<P: Pages>(
-        blocks: &'a Blocks,
-        apart: f64,
-        walls: &Walls<P>,
-        cancel: &Cancel,
-    ) -> Result<Self> {
-        let sweeps = Self::of_walls(blocks, apart, |ray| {
+    pub fn new<P: Pages>(blocks: &'a Blocks, walls: &Walls<P>, cancel: &Cancel) -> Result<Self> {
+        let sweeps = Self::of_walls(blocks, |ray| {
             cancel.check()?;
             Ok(walls.on(blocks, ray))
         })?;
@@ -114,18 +106,17 @@ impl<'a> Sweeps<'a> {
 
     /// The rays through a volume without surfaces.
     #[cfg(test)]
-    pub fn alone(blocks: &'a Blocks, apart: f64) -> Self {
-        Self::of_walls(blocks, apart, |_| Ok(Vec::new())).unwrap()
+    pub fn alone(blocks: &'a Blocks) -> Self {
+        Self::of_walls(blocks, |_| Ok(Vec::new())).unwrap()
     }
 
     fn of_walls(
         blocks: &'a Blocks,
-        apart: f64,
         walls: impl Fn(&Ray) -> Result<Vec<Wall>> + Sync,
     ) -> Result<Self> {
         let directions = directions().into_par_iter().enumerate();
         let directions = directions.map(|(i, direction)| {
-            let (rays, section) = lattice(blocks, apart, direction, i as u64);
+            let (rays, section) = lattice(blocks, direction, i as u64);
             let swept = rays.into_iter().map(|ray| {
                 let walls = walls(&ray)?;
                 Ok(SweptRay { ray, walls })
@@ -317,9 +308,8 @@ fn directions() -> Vec<Vec3> {
 }
 
 /// Parallel rays through the box of a volume, which start where they enter it, and the volume that
-/// each stands for, voxels per unit of its length. They are so many edges of blocks apart, and each
-/// direction has its lattice in another place.
-fn lattice(blocks: &Blocks, apart: f64, direction: Vec3, key: u64) -> (Vec<Ray>, f32) {
+/// each stands for, voxels per unit of its length. Each direction has its lattice in another place.
+fn lattice(blocks: &Blocks, direction: Vec3, key: u64) -> (Vec<Ray>, f32) {
     let along = blocks.in_index(direction.as_dvec3());
     let main = (1..3).fold(0, |m, a| {
         if along[a].abs() > along[m].abs() {
@@ -331,10 +321,10 @@ fn lattice(blocks: &Blocks, apart: f64, direction: Vec3, key: u64) -> (Vec<Ray>,
     let across = [(main + 1) % 3, (main + 2) % 3];
     let dims = blocks.dims.map(f64::from);
     let slope = across.map(|a| along[a] / along[main]);
-    let spacing = apart * edge(blocks);
+    let spacing = Sweeps::APART * edge(blocks);
     let spacing = [0, 1].map(|i| {
         let width = dims[across[i]] + slope[i].abs() * dims[main];
-        spacing.max(width * apart / (Sweeps::FINE * Sweeps::MOST_ALONG))
+        spacing.max(width / Sweeps::MOST_ALONG)
     });
     let shift = unit2(hash(&[key])).map(f64::from);
     // Where rays pass the lower end of the main axis.

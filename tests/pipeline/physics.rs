@@ -263,8 +263,8 @@ fn a_white_medium_in_a_constant_environment_nearly_vanishes() {
         let scene = work.scene();
         let tree = work.bake(&scene, 1);
         let frame = crate::shade(&scene, &tree, &quick());
-        let direct = layer(&frame, "direct")[40][1];
-        assert!((direct - (-sigma_t).exp()).abs() < 1e-5, "{direct}");
+        let behind = layer(&frame, "environment")[40][1];
+        assert!((behind - (-sigma_t).exp()).abs() < 1e-5, "{behind}");
         let found = f64::from(beauty(&frame)[40][1]);
         let expected = leaves_soon(sigma_t);
         assert!(

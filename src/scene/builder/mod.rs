@@ -239,6 +239,9 @@ impl SceneBuilder {
         }
         let mut notes = Vec::new();
         let image = self.environment_image.take();
+        if let Some(input) = &image {
+            input.image.check()?;
+        }
         let environment_image = match image.map(EnvironmentInput::into_parts) {
             None => None,
             Some(EnvironmentParts::Constant(radiance)) => {
@@ -313,9 +316,6 @@ impl SceneBuilder {
     fn check_places(&self) -> Result<()> {
         for volume in &self.volumes {
             volume.check_place()?;
-        }
-        if let Some(image) = &self.environment_image {
-            image.image.check()?;
         }
         for (i, light) in self.lights.iter().enumerate() {
             light.check(|| format!("light {}", i + 1))?;
