@@ -79,6 +79,7 @@ impl GridDistribution {
 
     /// Density of a place of the unit square.
     #[must_use]
+    #[cfg(feature = "lab")]
     pub fn pdf(&self, [x, y]: [f32; 2]) -> f32 {
         let at = |c: f32, n: usize| ((c * n as f32) as usize).min(n - 1);
         let (column, row) = (at(x, self.width), at(y, self.height));

@@ -128,7 +128,7 @@ heading 'error against run time at the default settings, beside the references o
 while read -r scene relmse flip pdiff; do
     image=$out/$scene.exr
     report=$out/$scene.report.json
-    run "$scene" "$lvox" render "$scenes/$scene.toml" -o "$image" --report "$report" --progress none \
+    run "$scene" "$lvox" render --bounces 1 "$scenes/$scene.toml" -o "$image" --report "$report" --progress none \
         --aov indirect --keep-tree "$out/$scene.lvt"
     judge "$scene" "$image" "$references/${scene}_d3.exr" "$report" 'bake build shade' \
         "$(exposure "$scenes/$scene.toml")" "$relmse" "$pdiff" "$flip" 0.004
@@ -187,7 +187,7 @@ heading 'media that scatter forward: light of one bounce, and of all, beside ref
 # directions.
 while read -r scene relmse pdiff flip bias all_relmse all_pdiff all_flip all_bias; do
     toml=$scenes/$scene.toml
-    run "$scene" "$lvox" render "$toml" -o "$out/$scene.exr" --report "$out/$scene.report.json" --progress none \
+    run "$scene" "$lvox" render --bounces 1 "$toml" -o "$out/$scene.exr" --report "$out/$scene.report.json" --progress none \
         --keep-tree "$out/$scene.lvt"
     judge "$scene" "$out/$scene.exr" "$references/${scene}_d3.exr" "$out/$scene.report.json" 'bake build shade' \
         "$(exposure "$toml")" "$relmse" "$pdiff" "$flip" "$bias"
@@ -220,7 +220,7 @@ while read -r scene quality relmse pdiff flip bias; do
     image=$out/$name.exr
     tree=$out/$scene.lvt
     if [ "$quality" = good ]; then
-        run "$name" "$lvox" render "$scenes/general/$scene.toml" -o "$image" --report "$out/$name.report.json" \
+        run "$name" "$lvox" render --bounces 1 "$scenes/general/$scene.toml" -o "$image" --report "$out/$name.report.json" \
             --progress none --keep-tree "$tree"
         stages='bake build shade'
     else
@@ -270,7 +270,7 @@ while read -r place scene camera quality relmse pdiff flip bias; do
         run "small.$name" "$lvox" shade "${seen[@]}" --tree "$tree" -o "$image" --quality "$quality" --report "$report"
         stages=shade
     else
-        run "small.$name" "$lvox" render "${seen[@]}" -o "$image" --quality "$quality" --report "$report" \
+        run "small.$name" "$lvox" render --bounces 1 "${seen[@]}" -o "$image" --quality "$quality" --report "$report" \
             --keep-tree "$tree"
         stages='bake build shade'
     fi
@@ -383,7 +383,7 @@ printf '\n-- pictures\n'
 # picture NAME SCENE DARKEST BRIGHTEST: the root mean square of its radiance has to be between the two.
 picture() {
     local name=$1 scene=$2 image=$out/$1.exr
-    run "$name" "$lvox" render "$scene" -o "$image" --report "$out/$name.report.json" --progress none || return 1
+    run "$name" "$lvox" render --bounces 1 "$scene" -o "$image" --report "$out/$name.report.json" --progress none || return 1
     local size
     size=$("$lvox" compare "$image" "$image" --json |
         python3 -c 'import json, sys; r = json.load(sys.stdin); print(r["width"], r["height"])')
