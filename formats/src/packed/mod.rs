@@ -1,7 +1,8 @@
 //! The packed scene, `.lvp`: all that stages need of a scene, and a tree and scattered light with
 //! it, in columns that are used as they lie.
 //!
-//! - `meta`: what is small: cameras, lights, materials, and what the columns are
+//! - `meta`: what is small: cameras and film (`view`), lights, surfaces, volumes, and what the columns
+//!   are; `rules`: values that these may have
 //! - `column`: the columns, and what their rows must be
 //! - `hierarchy`: that nodes over triangles are a tree
 //! - `levels`: levels of volumes, whose tables and pages `media` codes
