@@ -4,7 +4,7 @@
 
 // In come paths; out comes a `SceneBuilder` that is filled, and what the user should know.
 //
-// - `description`: the scene file; with `table` (typed access to TOML) and `transform` (placement)
+// - `description`: the scene file, its `light`s and its `volume`s; with `table` (typed access to TOML) and `transform` (placement)
 // - `obj` with `mtl`, `ply`, `gltf`, `builtin`: meshes, each as a `MeshInput`
 // - `vdb`, `nrrd`, `raw`, `builtin`: volumes, each as a `field::Field`, which becomes a grid; with
 //   `samples` (boxes of values) and `survey` (what is wrong with them)
