@@ -4,10 +4,9 @@ use super::files::{Files, check_writable};
 use super::options::{Context, Memory, Seed};
 use super::output;
 use super::parse;
-use super::scene_input::SceneInput;
+use super::tree_input::TreeInput;
 use crate::Result;
 use crate::bounce::{self, Bounces, Settings};
-use crate::tree::OpenTree;
 use std::path::PathBuf;
 
 /// Let light bounce between surfaces and scatter in media, once for all frames
@@ -17,12 +16,7 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
-    scene: SceneInput,
-
-    /// Take the light of this tree, which `lvox build` made of the scene [default: that of a packed
-    /// scene]
-    #[arg(short, long, value_name = "FILE")]
-    tree: Option<PathBuf>,
+    input: TreeInput,
 
     /// Write the tree with the light of all bounces to this .lvt file
     #[arg(short, long, value_name = "FILE")]
@@ -50,11 +44,7 @@ pub struct Args {
 impl Args {
     /// What it reads and writes.
     pub fn files(&self) -> Files {
-        let files = self.scene.files().writes("--output", &self.output);
-        match &self.tree {
-            Some(tree) => files.reads("tree", tree),
-            None => files,
-        }
+        self.input.files().writes("--output", &self.output)
     }
 
     fn settings(&self) -> Settings {
@@ -72,9 +62,7 @@ impl Args {
         let settings = self.settings();
         settings.check()?;
         let job = &context.job;
-        let tree = self.scene.tree(self.tree.as_ref())?;
-        let store = OpenTree::open(&tree, job.memory_limit)?;
-        let scene = self.scene.load_for(&store, &tree, context)?;
+        let (scene, store, tree) = self.input.open(context)?;
         let held = bounce::check_memory(&scene, store.tree(), &settings, job)?;
         let store = store.beside(held)?;
         job.heed_warnings()?;

@@ -31,6 +31,7 @@ mod shade;
 mod shade_options;
 mod stability;
 mod study;
+mod tree_input;
 mod verify;
 
 use crate::formats::one_line;

@@ -3,10 +3,9 @@
 use super::files::{Files, check_writable};
 use super::options::{Context, Memory, Seed};
 use super::output;
-use super::scene_input::SceneInput;
+use super::tree_input::TreeInput;
 use crate::Result;
 use crate::scatter::{self, Settings};
-use crate::tree::OpenTree;
 use std::path::PathBuf;
 
 /// Light the media of a scene for all cameras, so that no frame and no tile has to
@@ -17,11 +16,7 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
-    scene: SceneInput,
-
-    /// Gather indirect light from this tree [default: that of a packed scene]
-    #[arg(short, long, value_name = "FILE")]
-    tree: Option<PathBuf>,
+    input: TreeInput,
 
     /// Write the light to this .lvs file
     #[arg(short, long, value_name = "FILE")]
@@ -50,11 +45,7 @@ pub struct Args {
 impl Args {
     /// What it reads and writes.
     pub fn files(&self) -> Files {
-        let files = self.scene.files().writes("--output", &self.output);
-        match &self.tree {
-            Some(tree) => files.reads("tree", tree),
-            None => files,
-        }
+        self.input.files().writes("--output", &self.output)
     }
 
     fn settings(&self) -> Settings {
@@ -72,9 +63,7 @@ impl Args {
         let settings = self.settings();
         settings.check()?;
         let job = &context.job;
-        let tree = self.scene.tree(self.tree.as_ref())?;
-        let store = OpenTree::open(&tree, job.memory_limit)?;
-        let scene = self.scene.load_for(&store, &tree, context)?;
+        let (scene, store, _) = self.input.open(context)?;
         let store = store.beside(scatter::check_memory(&scene, job)?)?;
         job.heed_warnings()?;
         scatter::run(

@@ -2,13 +2,11 @@
 
 use super::files::Files;
 use super::options::Context;
-use super::out_of_date::warn_if_out_of_date;
 use super::parse;
 use crate::scene::Scene;
 use crate::scene::load::{Settings, is_packed};
-use crate::tree::OpenTree;
 use crate::{Error, Result};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// How a scene is read.
 #[derive(Clone, Debug, clap::Args)]
@@ -130,17 +128,5 @@ impl SceneInput {
             counts.insert("volumes".into(), scene.volumes.len() as f64);
             Ok(scene)
         })
-    }
-
-    /// Loads it in the frame of a tree, and warns if that was baked from another scene.
-    ///
-    /// # Errors
-    /// As [`Self::load`] and [`Scene::in_frame`].
-    pub fn load_for(&self, store: &OpenTree, tree: &Path, context: &Context) -> Result<Scene> {
-        let scene = self.load(context)?.in_frame(store.world_from_scene())?;
-        let cloud = &store.tree().meta().cloud;
-        let origin = (&cloud.scene_hash, &cloud.settings[..]);
-        warn_if_out_of_date(&scene, origin, tree, &context.job);
-        Ok(scene)
     }
 }

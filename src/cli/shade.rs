@@ -4,21 +4,16 @@ use super::files::Files;
 use super::options::{Context, Memory, Seed};
 use super::out_of_date::warn_if_out_of_date;
 use super::output;
-use super::scene_input::SceneInput;
 use super::shade_options::ShadeOptions;
+use super::tree_input::TreeInput;
 use crate::Result;
-use crate::tree::OpenTree;
 use std::path::PathBuf;
 
 /// Shade an image, or a tile of it, from a scene and its tree
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
-    scene: SceneInput,
-
-    /// Gather indirect light from this tree [default: that of a packed scene]
-    #[arg(short, long, value_name = "FILE")]
-    tree: Option<PathBuf>,
+    input: TreeInput,
 
     /// Take light inside media from this file of `lvox scatter`, which was made from the tree
     /// [default: that of a packed scene, without --tree]
@@ -44,11 +39,7 @@ pub struct Args {
 impl Args {
     /// What it reads and writes.
     pub fn files(&self) -> Files {
-        let files = self.scene.files();
-        let files = match &self.tree {
-            Some(tree) => files.reads("tree", tree),
-            None => files,
-        };
+        let files = self.input.files();
         self.shade.files(match &self.scatter {
             Some(scatter) => files.reads("--scatter", scatter),
             None => files,
@@ -58,13 +49,8 @@ impl Args {
     pub fn run(self, context: &Context) -> Result<()> {
         self.shade.check()?;
         let job = &context.job;
-        let tree = self.scene.tree(self.tree.as_ref())?;
-        let mut store = OpenTree::open(&tree, job.memory_limit)?;
-        let scene = self.scene.load_for(&store, &tree, context)?;
-        let packed = || {
-            let is_own = self.tree.is_none();
-            is_own.then(|| self.scene.packed_light(&scene)).flatten()
-        };
+        let (scene, mut store, _) = self.input.open(context)?;
+        let packed = || self.input.packed_light(&scene);
         let light = self.scatter.clone().or_else(packed);
         if let Some(light) = &light {
             store = store.with_scatter(light)?;
