@@ -4,13 +4,13 @@
 use super::field::Field;
 use super::furnace;
 use super::row::Row;
-use super::single_scattering::{above_slab, single};
+use super::single_scattering::{above_slab, single, slab_in_the_sun};
 use super::workbench::{
     Workbench, ball, gatherer, irradiance, mean, media, stage, unit_cube, volume,
 };
 use crate::Result;
 use crate::math::PhaseFunction;
-use crate::scene::{Grid, Light, Scene};
+use crate::scene::{Light, Scene};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -183,16 +183,7 @@ fn above(
     rows: &mut Vec<Row>,
 ) -> Result<()> {
     const HEIGHT: f32 = 0.02;
-    let mut scene = stage(1, Vec3::Y, Vec3::ZERO, 1.0);
-    let grid = Grid::from_fn([16; 3], |_| tau as f32);
-    scene
-        .volumes
-        .push(volume(grid, 1.0, unit_cube([16; 3])).with_phase(phase));
-    scene.lights.push(Light::Directional {
-        direction: -Vec3::Y,
-        irradiance: [1.0; 3],
-        angular_radius_rad: 0.0,
-    });
+    let scene = slab_in_the_sun(tau, phase);
     let store = bench.tree(&scene, 16)?;
     let media = media(&store)?;
     let gatherer = gatherer(&store, &media, 4096, 0.0)?;

@@ -64,18 +64,25 @@ pub fn rows(bench: &Workbench) -> Result<Vec<Row>> {
     Ok(rows)
 }
 
+/// A cube of 16 voxels along an edge, so deep, of albedo 1, under a sun overhead.
+pub fn slab_in_the_sun(tau: f64, phase: PhaseFunction) -> Scene {
+    let mut scene = stage(1, Vec3::Y, Vec3::ZERO, 1.0);
+    let grid = Grid::from_fn([16; 3], |_| tau as f32);
+    let medium = volume(grid, 1.0, unit_cube([16; 3]));
+    scene.volumes.push(medium.with_phase(phase));
+    scene.lights.push(Light::Directional {
+        direction: -Vec3::Y,
+        irradiance: [1.0; 3],
+        angular_radius_rad: 0.0,
+    });
+    scene
+}
+
 /// What surfaces get from a cube of medium under a sun overhead, gathered from lvoxels.
 fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     const HEIGHT: f32 = 0.02;
     for tau in [0.1, 1.0, 10.0, 100.0, 1e3, 1e4] {
-        let mut scene = stage(1, Vec3::Y, Vec3::ZERO, 1.0);
-        let grid = Grid::from_fn([16; 3], |_| tau as f32);
-        scene.volumes.push(volume(grid, 1.0, unit_cube([16; 3])));
-        scene.lights.push(Light::Directional {
-            direction: -Vec3::Y,
-            irradiance: [1.0; 3],
-            angular_radius_rad: 0.0,
-        });
+        let scene = slab_in_the_sun(tau, PhaseFunction::ISOTROPIC);
         let store = bench.tree(&scene, 16)?;
         let media = media(&store)?;
         let gatherer = gatherer(&store, &media, 4096, 0.0)?;

@@ -12,8 +12,8 @@ use crate::math::Rgb;
 use crate::{Error, Result};
 use glam::Vec3;
 use std::f32::consts::{PI, TAU};
-use std::f64;
 use std::sync::Arc;
+use std::{f64, fmt};
 
 /// A lat-long image of the radiance from all directions, in the orientation of OpenEXR and UsdLux:
 /// the first row is around +y, the middle of the image is +z, and +x a quarter of its width before
@@ -22,7 +22,7 @@ use std::sync::Arc;
 ///
 /// Suns that were taken out of it still stand in what is seen of it, but no longer in the light that
 /// it sends.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct EnvironmentImage {
     width: u32,
     height: u32,
@@ -34,6 +34,19 @@ pub struct EnvironmentImage {
     rotation_rad: f32,
     /// What is in the place of suns, by the number of the texel, in the unit of texels.
     holes: Arc<[(u32, [f32; 3])]>,
+}
+
+impl fmt::Debug for EnvironmentImage {
+    /// Without its texels, which may be millions.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("EnvironmentImage")
+            .field("width", &self.width)
+            .field("height", &self.height)
+            .field("scale", &self.scale)
+            .field("rotation_rad", &self.rotation_rad)
+            .field("holes", &self.holes.len())
+            .finish_non_exhaustive()
+    }
 }
 
 impl EnvironmentImage {
