@@ -144,10 +144,9 @@ fn the_time_of_shading_and_the_whole_are_told_at_the_end() {
         "CPU",
         "s;",
         "with",
-        "bake,",
-        "build",
+        "bake",
         "and",
-        "bounce",
+        "build",
         whole,
     ] = words[..]
     else {

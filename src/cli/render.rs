@@ -26,10 +26,9 @@ pub struct Args {
     #[command(flatten)]
     bake: BakeOptions,
 
-    /// Let light bounce and scatter so many times: `all`, or a number, with 1 as in the paper
-    /// [default: all; 1 with --method traditional]
-    #[arg(long, value_name = "N", value_parser = parse::bounces)]
-    bounces: Option<Bounces>,
+    /// Let light bounce and scatter so many times: 1 as in the paper, more, or `all`
+    #[arg(long, value_name = "N", default_value_t = Bounces::Count(1), value_parser = parse::bounces)]
+    bounces: Bounces,
 
     #[command(flatten)]
     shade: ShadeOptions,
@@ -70,11 +69,7 @@ impl Args {
         let cloud = folder.path().join("scene.lvc");
         let kept = self.keep_tree.clone();
         let tree = kept.unwrap_or_else(|| folder.path().join("scene.lvt"));
-        let bounces = self.bounces.unwrap_or(match self.shade.lights_media() {
-            true => Bounces::All,
-            false => Bounces::Count(1),
-        });
-        let is_bounced = bounces != Bounces::Count(1);
+        let is_bounced = self.bounces != Bounces::Count(1);
         let built = match is_bounced {
             true => folder.path().join("built.lvt"),
             false => tree.clone(),
@@ -89,7 +84,7 @@ impl Args {
         )?;
         if is_bounced {
             let settings = bounce::Settings {
-                bounces,
+                bounces: self.bounces,
                 seed: self.seed.seed,
                 ..bounce::Settings::default()
             };

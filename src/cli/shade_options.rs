@@ -149,8 +149,7 @@ impl ShadeOptions {
         !matches!(self.kernel, Kernel::Plain)
     }
 
-    /// Whether indirect light comes from media, too.
-    pub fn lights_media(&self) -> bool {
+    fn lights_media(&self) -> bool {
         matches!(self.method, Method::Extended)
     }
 
