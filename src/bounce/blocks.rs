@@ -17,6 +17,8 @@ pub struct Blocks {
     pub sigma_t: Vec<f32>,
     /// By block: log2 of its voxels along an edge.
     pub levels: Vec<u8>,
+    /// By block: its lowest voxel.
+    pub corners: Vec<[u32; 3]>,
     /// Maps the box of voxels into the scene.
     pub scene_from_index: DAffine3,
     /// Voxels along each axis.
@@ -32,7 +34,7 @@ pub struct Blocks {
 
 impl Blocks {
     /// Bytes of each, and of the places around it that are empty.
-    pub const BYTES: usize = size_of::<f32>() + size_of::<u8>() + 4 * size_of::<u32>();
+    pub const BYTES: usize = size_of::<f32>() + size_of::<u8>() + 7 * size_of::<u32>();
 
     /// A volume without lvoxels.
     pub fn new(info: &VolumeInfo) -> Self {
@@ -46,6 +48,7 @@ impl Blocks {
             albedo: info.albedo,
             sigma_t: Vec::new(),
             levels: Vec::new(),
+            corners: Vec::new(),
             scene_from_index: exact.inverse(),
             dims: info.dims.map(|n| n as f32),
             index_from_scene: Affine3A::from_cols_array(&exact.to_cols_array().map(|v| v as f32)),
@@ -62,6 +65,7 @@ impl Blocks {
         let number = self.sigma_t.len() as u32;
         self.sigma_t.push(l.sigma_t);
         self.levels.push(l.level);
+        self.corners.push(l.block.map(|b| u32::from(b) << l.level));
         let per_axis = BRICK >> l.level;
         let block = l.block.map(usize::from);
         let [x, y, z] = block.map(|b| b / per_axis);
@@ -85,6 +89,31 @@ impl Blocks {
     /// Number of blocks.
     pub fn len(&self) -> usize {
         self.sigma_t.len()
+    }
+
+    /// The brick of a voxel: the first of its places, and its level.
+    fn brick(&self, voxel: [u32; 3]) -> Option<(u32, u8)> {
+        let [x, y, z] = voxel.map(|v| v as usize / BRICK);
+        let [nx, ny, nz] = self.table_dims;
+        let is_inside = x < nx && y < ny && z < nz;
+        let brick = is_inside.then(|| self.table[(z * ny + y) * nx + x])?;
+        (brick.0 != EMPTY).then_some(brick)
+    }
+
+    /// The block that holds a voxel.
+    pub fn at(&self, voxel: [u32; 3]) -> Option<usize> {
+        let (first, level) = self.brick(voxel)?;
+        let per_axis = BRICK >> level;
+        let [x, y, z] = voxel.map(|v| (v as usize % BRICK) >> level);
+        let place = first as usize + (z * per_axis + y) * per_axis + x;
+        let block = self.places[place];
+        (block != EMPTY).then_some(block as usize)
+    }
+
+    /// Voxels along an edge of blocks around a voxel; of a whole brick that holds none.
+    pub fn edge_at(&self, voxel: [u32; 3]) -> u32 {
+        self.brick(voxel)
+            .map_or(BRICK as u32, |(_, level)| 1 << level)
     }
 
     /// A direction of the scene in index space.
@@ -149,9 +178,39 @@ impl Blocks {
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
+    use crate::math::sampling::{hash, unit2};
     use glam::Vec3;
+
+    /// Blocks of two sizes and of many depths, some of them missing.
+    pub fn uneven(albedo: f32) -> Blocks {
+        let info = VolumeInfo {
+            name: String::new(),
+            dims: [24, 16, 20],
+            index_from_scene: DAffine3::from_scale(DVec3::new(2.0, 2.0, 2.5)).to_cols_array_2d(),
+            albedo: [albedo, 0.5 * albedo, albedo],
+        };
+        let mut blocks = Blocks::new(&info);
+        for (brick, level) in (0..18).zip([0, 1].into_iter().cycle()) {
+            let per_axis = BRICK as u32 >> level;
+            for place in 0..per_axis.pow(3) {
+                let [is_there, depth] = unit2(hash(&[brick, u64::from(place)]));
+                if is_there < 0.2 {
+                    continue;
+                }
+                let at = [brick as u32 % 3, brick as u32 / 3 % 2, brick as u32 / 6];
+                let inside = [1, per_axis, per_axis * per_axis].map(|n| place / n % per_axis);
+                blocks.push(&Lvoxel {
+                    level,
+                    block: std::array::from_fn(|a| (at[a] * per_axis + inside[a]) as u16),
+                    sigma_t: 4.0 * depth * depth,
+                    ..Lvoxel::default()
+                });
+            }
+        }
+        blocks
+    }
 
     #[test]
     fn rays_meet_all_blocks_on_their_way() {
@@ -177,5 +236,11 @@ mod tests {
         blocks.walk(&ray, |block, near, far| met.push((block, near, far)));
         assert_eq!(met, [(0, 1.0, 5.0), (1, 5.0, 6.0), (2, 6.0, 7.0)]);
         assert_eq!(blocks.ends(&ray), Some((1.0, 7.0)));
+        let at = [[7, 7, 7], [8, 1, 1], [10, 0, 0], [8, 2, 0], [12, 0, 0]].map(|v| blocks.at(v));
+        assert_eq!(at, [Some(0), Some(1), Some(2), None, None]);
+        assert_eq!(
+            [[1, 2, 3], [9, 3, 0], [1, 2, 8]].map(|v| blocks.edge_at(v)),
+            [8, 2, 8]
+        );
     }
 }

@@ -15,13 +15,19 @@
 //! | `surface_below` | the surface that a surfel stands on |
 //! | `links` | receivers by place, and the shares of light that go between them |
 //! | `blocks` | the lvoxels of a volume, and the way of a ray through them |
-//! | `sweeps` | light along parallel rays through a volume, as means over lvoxels |
+//! | `lattice` | parallel rays through a volume; `walls`: the surfaces on them |
+//! | `crossings` | the lvoxels that rays cross, laid down |
+//! | `sweeps` | light along all rays of a volume, as means over lvoxels |
 //! | `media` | the sources of lvoxels, every order of scattering; `krylov`: the linear system |
+//! | `diffusion` | about where light ends that scatters often, from block to block |
 //! | `solve` | one bounce after another, until they fade; surfaces and media in turn |
 //! | `rewrite` | the pages of the tree with more light |
 
 mod blocks;
+mod crossings;
+mod diffusion;
 mod krylov;
+mod lattice;
 mod links;
 mod media;
 mod receivers;
@@ -31,6 +37,7 @@ mod settings;
 mod solve;
 mod surface_below;
 mod sweeps;
+mod walls;
 
 use crate::formats::{Overwrite, TreeMeta, TreeSummary, TreeWriter};
 use crate::gather::{self, Gatherer, Medium, PatchRadiance, RayKernel, RaySettings, TreeTask};
@@ -42,6 +49,7 @@ use crate::tree::{OpenTree, Pages};
 use crate::view;
 use crate::{Error, Result};
 use blocks::Blocks;
+use crossings::Room;
 use links::{Links, Sites};
 use lvox_formats::{MappedFile, Tree};
 use media::ScatteringVolume;
@@ -51,7 +59,8 @@ use rewrite::{Neighbours, NewLight};
 pub use settings::{Bounces, Settings};
 use solve::{Exchange, Solution};
 use std::path::Path;
-use sweeps::{Light, Sweeps, Walls};
+use sweeps::{Light, Sweeps};
+use walls::Walls;
 
 /// Share of a tree's surfels whose surface is not found, from which on that is told: where surfaces
 /// meet, rounding hides some of them.
@@ -159,20 +168,28 @@ pub fn check_memory(
     settings: &Settings,
     job: &Job,
 ) -> Result<u64> {
+    let least = least_memory(scene, tree, settings, job);
+    let what = "bouncing light in this scene";
+    least.within(what, job.memory_limit, "raise `memory_limit`")?;
+    let laid_down = match job.memory_limit {
+        Some(_) => bytes_laid_down(&least, tree, job),
+        None => 0,
+    };
+    let budget = least.with("what rays cross in media", laid_down);
+    job.hold(&budget);
+    Ok(budget.bytes())
+}
+
+/// What is held beside the tree whatever the limit.
+fn least_memory(scene: &Scene, tree: &Tree<MappedFile>, settings: &Settings, job: &Job) -> Budget {
     /// Runs of each that is as large as may be: some face other ways, some are divided.
     const DIVIDED: u64 = 8;
     let sums = &tree.summary().sums;
     let runs = sums.surfels / u64::from(run_surfels(tree)) + 1;
     let met = size_of::<Met>() + Links::BYTES;
     let receiver = size_of::<Receiver>() + settings.samples as usize * met;
-    let swept: u64 = tree
-        .meta()
-        .cloud
-        .volumes
-        .iter()
-        .map(Sweeps::bytes_for)
-        .sum();
-    let budget = Budget::default()
+    let volumes = tree.meta().cloud.volumes.iter();
+    Budget::default()
         .with("the program and its threads", job.process_bytes)
         .with("the scene", scene.bytes())
         .with("what rays need of it", Tracer::bytes_for(scene))
@@ -189,11 +206,15 @@ pub fn check_memory(
             sums.lvoxels()
                 .saturating_mul(ScatteringVolume::BYTES_A_BLOCK),
         )
-        .with("rays through media", swept);
-    let what = "bouncing light in this scene";
-    budget.within(what, job.memory_limit, "raise `memory_limit`")?;
-    job.hold(&budget);
-    Ok(budget.bytes())
+        .with("rays through media", volumes.map(Sweeps::bytes_for).sum())
+}
+
+/// Bytes for what rays cross in media: a half of what a limit leaves, and the other for pages.
+fn bytes_laid_down(least: &Budget, tree: &Tree<MappedFile>, job: &Job) -> u64 {
+    let all = Sweeps::bytes_laid_down(tree.summary().sums.lvoxels());
+    let left = |limit: u64| limit.saturating_sub(least.bytes()) / 2;
+    job.memory_limit
+        .map_or(u64::MAX, |limit| all.min(left(limit)))
 }
 
 /// The light of all bounces.
@@ -292,8 +313,10 @@ impl TreeTask for Gathering<'_> {
             max_solid_angle: settings.max_solid_angle,
         };
         let (blocks, direct) = blocks(source)?;
+        let least = least_memory(scene, source, settings, job);
+        let room = Room::new(bytes_laid_down(&least, source, job));
         let volumes = blocks.iter().zip(&direct).map(|(blocks, direct)| {
-            let sweeps = Sweeps::new(blocks, &walls, cancel)?;
+            let sweeps = Sweeps::new(blocks, &walls, &room, cancel)?;
             Ok(ScatteringVolume::new(blocks, sweeps, direct))
         });
         let mut exchange = Exchange {

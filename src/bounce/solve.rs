@@ -4,7 +4,7 @@ use super::links::Links;
 use super::media::{ScatteringVolume, at_receivers};
 use super::receivers::Receiver;
 use super::settings::Bounces;
-use super::sweeps::WallLight;
+use super::walls::WallLight;
 use crate::math::Rgb;
 use crate::run::Cancel;
 use crate::{Error, Result};

@@ -277,18 +277,31 @@ impl<'a> PatchRadiance<'a> {
         open: &mut OpenNodes<()>,
     ) -> Option<Crossing> {
         let hit = self.geometry.closest(ray)?;
-        let radiance = match self.patch_of(&hit, request) {
+        Some(Crossing {
+            t: hit.t,
+            opacity: 1.0,
+            radiance: self.sent(pages, &hit, request, open),
+        })
+    }
+
+    /// Returns what a surface that ends a ray sends towards the ray's origin, as [`Self::cast`]
+    /// does.
+    #[must_use]
+    #[inline(always)]
+    pub fn sent<P: Pages>(
+        &self,
+        pages: &P,
+        hit: &Hit,
+        request: PatchRequest,
+        open: &mut OpenNodes<()>,
+    ) -> Rgb {
+        match self.patch_of(hit, request) {
             None => Rgb::BLACK,
             Some(id) => {
                 let known = self.cache.get(self.key(&id));
                 known.unwrap_or_else(|| self.fill(pages, &id, open))
             }
-        };
-        Some(Crossing {
-            t: hit.t,
-            opacity: 1.0,
-            radiance,
-        })
+        }
     }
 
     /// Finds what [`Self::cast`] does for each ray of a packet, at most [`MAX_PACKET`], in `ends`.

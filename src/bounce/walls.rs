@@ -1,0 +1,173 @@
+//! Surfaces on rays through a volume, and the light that they send along these.
+
+use super::links::Sites;
+use super::sweeps::Light;
+use crate::gather::{PatchRadiance, PatchRequest};
+use crate::math::{Hit, Ray, Rgb};
+use crate::trace::{Surface, Tracer, offset};
+use crate::tree::Pages;
+use crate::tree::traversal::OpenNodes;
+
+/// What one side of a surface sends.
+#[derive(Clone, Copy, Debug)]
+pub struct WallSide {
+    /// Of the light in the tree.
+    sent: Rgb,
+    /// The share of what arrives at a receiver.
+    albedo: Rgb,
+    receiver: u32,
+}
+
+impl WallSide {
+    /// One that sends nothing.
+    const DARK: Self = Self {
+        sent: Rgb::BLACK,
+        albedo: Rgb::BLACK,
+        receiver: u32::MAX,
+    };
+
+    /// One that sends this of the light in the tree, and no other.
+    #[cfg(test)]
+    pub fn of(sent: Rgb) -> Self {
+        Self { sent, ..Self::DARK }
+    }
+}
+
+/// A surface from which light enters a ray on either side.
+#[derive(Clone, Copy, Debug)]
+pub struct Wall {
+    /// Distance from the ray's origin.
+    pub t: f32,
+    /// Blocks that the ray crosses before it.
+    pub before: u32,
+    /// The side from which light goes on along the ray.
+    pub ahead: WallSide,
+    /// The side from which light goes back.
+    pub back: WallSide,
+}
+
+/// The light of surfaces beside a volume.
+pub struct WallLight<'a> {
+    /// Whether they send what is in the tree.
+    pub sends_tree: bool,
+    /// By receiver: irradiance over pi.
+    pub light: &'a [Rgb],
+}
+
+impl WallLight<'_> {
+    /// No light at all.
+    pub const NONE: Self = Self {
+        sends_tree: false,
+        light: &[],
+    };
+
+    /// What is in the tree, and no other.
+    #[cfg(test)]
+    pub fn tree() -> Self {
+        Self {
+            sends_tree: true,
+            ..Self::NONE
+        }
+    }
+
+    /// What one side of a surface sends.
+    pub fn sent(&self, side: &WallSide) -> Light {
+        let mut sent = Rgb::BLACK;
+        if self.sends_tree {
+            sent += side.sent;
+        }
+        if let Some(light) = self.light.get(side.receiver as usize) {
+            sent += side.albedo * *light;
+        }
+        Light::from(sent.0)
+    }
+}
+
+/// What finds the surfaces on rays, and what they send.
+pub struct Walls<'a, P> {
+    /// The scene.
+    pub tracer: &'a Tracer<'a>,
+    /// What its surfaces send.
+    pub patches: &'a PatchRadiance<'a>,
+    /// The tree that says so.
+    pub pages: &'a P,
+    /// Receivers at which light arrives that is not in the tree yet.
+    pub sites: &'a Sites<'a>,
+    /// Solid angle under which nodes are taken whole, steradians.
+    pub max_solid_angle: f32,
+}
+
+impl<P: Pages> Walls<'_, P> {
+    /// Most surfaces on a ray in a volume: what is behind so many is lit by the last.
+    const MOST: usize = 16;
+
+    /// The surfaces from which light enters a ray at its ends and on its way through a volume.
+    pub fn on(&self, ray: &Ray) -> Vec<Wall> {
+        let mut walls = Vec::new();
+        if self.tracer.scene.mesh.triangles.is_empty() {
+            return walls;
+        }
+        let mut open = OpenNodes::default();
+        let &Ray {
+            origin,
+            direction,
+            t_max,
+        } = ray;
+        if let Some(ahead) = self.seen(&Ray::endless(origin, -direction), &mut open) {
+            walls.push(Wall {
+                t: f32::NEG_INFINITY,
+                before: 0,
+                ahead,
+                back: WallSide::DARK,
+            });
+        }
+        let mut from = 0.0;
+        while walls.len() < Self::MOST && from < t_max {
+            let rest = Ray::new(ray.at(from), direction, t_max - from);
+            let Some(hit) = self.tracer.closest(&rest) else {
+                break;
+            };
+            let point = rest.at(hit.t);
+            // Beyond it, light comes from its other side.
+            let off = 16.0 * offset(point);
+            let behind = Ray::new(point + direction * off, -direction, 2.0 * off);
+            walls.push(Wall {
+                t: from + hit.t,
+                before: 0,
+                ahead: self.seen(&behind, &mut open).unwrap_or(WallSide::DARK),
+                back: self.side(&hit, &mut open),
+            });
+            from += hit.t + off;
+        }
+        if let Some(back) = self.seen(&Ray::endless(ray.at(t_max), direction), &mut open) {
+            walls.push(Wall {
+                t: f32::INFINITY,
+                before: 0,
+                ahead: WallSide::DARK,
+                back,
+            });
+        }
+        walls
+    }
+
+    /// The side of a surface that ends a ray.
+    fn seen(&self, ray: &Ray, open: &mut OpenNodes<()>) -> Option<WallSide> {
+        let hit = self.tracer.closest(ray)?;
+        Some(self.side(&hit, open))
+    }
+
+    /// The side of a surface that was hit.
+    fn side(&self, hit: &Hit, open: &mut OpenNodes<()>) -> WallSide {
+        let request = PatchRequest {
+            max_solid_angle: self.max_solid_angle,
+            leave_out_bright: false,
+        };
+        let surface = Surface::new(self.tracer.scene, hit.triangle, hit.uv);
+        let normal = surface.face_normal * if hit.is_back { -1.0 } else { 1.0 };
+        WallSide {
+            sent: self.patches.sent(self.pages, hit, request, open),
+            albedo: surface.albedo,
+            receiver: (self.sites.nearest(surface.position, normal)).unwrap_or(u32::MAX),
+        }
+    }
+}
