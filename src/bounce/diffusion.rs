@@ -6,7 +6,7 @@
 //! the level before along each axis, until few are left.
 
 use super::blocks::Blocks;
-use super::sweeps::Light;
+use super::light::Light;
 use glam::DMat3;
 use rayon::prelude::*;
 

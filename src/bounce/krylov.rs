@@ -1,7 +1,7 @@
 //! Linear systems whose matrix is only known by what it makes of a vector, and is symmetric once its
 //! rows are weighted: conjugate gradients (Hestenes & Stiefel 1952), each channel by itself.
 
-use super::sweeps::Light;
+use super::light::Light;
 use crate::Result;
 use glam::DVec3;
 use rayon::prelude::*;

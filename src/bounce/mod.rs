@@ -15,6 +15,7 @@
 //! | `surface_below` | the surface that a surfel stands on |
 //! | `links` | receivers by place, and the shares of light that go between them |
 //! | `blocks` | the lvoxels of a volume, and the way of a ray through them |
+//! | `light` | light, by channel |
 //! | `lattice` | parallel rays through a volume; `walls`: the surfaces on them |
 //! | `crossings` | the lvoxels that rays cross, laid down |
 //! | `sweeps` | light along all rays of a volume, as means over lvoxels |
@@ -28,6 +29,7 @@ mod crossings;
 mod diffusion;
 mod krylov;
 mod lattice;
+mod light;
 mod links;
 mod media;
 mod receivers;
@@ -50,6 +52,7 @@ use crate::view;
 use crate::{Error, Result};
 use blocks::Blocks;
 use crossings::Room;
+use light::Light;
 use links::{Links, Sites};
 use lvox_formats::{MappedFile, Tree};
 use media::ScatteringVolume;
@@ -59,7 +62,7 @@ use rewrite::{Neighbours, NewLight};
 pub use settings::{Bounces, Settings};
 use solve::{Exchange, Solution};
 use std::path::Path;
-use sweeps::{Light, Sweeps};
+use sweeps::Sweeps;
 use walls::Walls;
 
 /// Share of a tree's surfels whose surface is not found, from which on that is told: where surfaces

@@ -10,18 +10,15 @@
 use super::blocks::Blocks;
 use super::crossings::{Bundle, Crossing, Room};
 use super::lattice::{self, DIRECTIONS};
+pub use super::light::Light;
 use super::walls::{Wall, WallLight, Walls};
 use crate::Result;
 use crate::math::Ray;
 use crate::run::Cancel;
 use crate::tree::Pages;
-use glam::Vec3A;
 use lvox_formats::record::VolumeInfo;
 use rayon::prelude::*;
 use std::sync::Mutex;
-
-/// Light, by channel.
-pub type Light = Vec3A;
 
 /// All rays of one direction.
 #[derive(Debug)]

@@ -1,7 +1,7 @@
 //! Surfaces on rays through a volume, and the light that they send along these.
 
+use super::light::Light;
 use super::links::Sites;
-use super::sweeps::Light;
 use crate::gather::{PatchRadiance, PatchRequest};
 use crate::math::{Hit, Ray, Rgb};
 use crate::trace::{Surface, Tracer, offset};
