@@ -71,11 +71,14 @@ impl<F: Format> Opened<MappedFile, F> {
 
     /// Gives the memory of a block back to the system, with what the system read around it.
     pub(crate) fn release_around(&self, block: &Block) {
-        /// Linux maps what it has of so many bytes around one that is read.
-        const AROUND: u64 = 64 << 10;
-        let start = block.offset / AROUND * AROUND;
-        let end = (block.offset + u64::from(block.stored_bytes)).next_multiple_of(AROUND);
-        self.data.release(start as usize..end as usize);
+        /// Linux maps no more around a byte that is read, by its address, but as much where it has
+        /// the file in pieces as large.
+        const AROUND: usize = 2 << 20;
+        let map = self.data.as_ref().as_ptr().addr();
+        let start = map + block.offset as usize;
+        let end = (start + block.stored_bytes as usize).next_multiple_of(AROUND);
+        let start = (start / AROUND * AROUND).max(map);
+        self.data.release(start - map..end - map);
     }
 
     /// Gives the memory of the whole file back to the system; what is read of it later comes from

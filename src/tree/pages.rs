@@ -52,11 +52,12 @@ pub trait Pages: Sync {
 #[derive(Debug)]
 pub struct ResidentTree {
     decoder: Decoder,
-    pages: Vec<ResidentEntry>,
+    /// Boxed: a tree has far more pages than most frames need.
+    pages: Vec<OnceLock<Box<ResidentEntry>>>,
 }
 
-/// A page that may have been decoded, and its leaves, too.
-type ResidentEntry = (OnceLock<PageNodes>, OnceLock<PageLeaves>);
+/// A page that was decoded, and its leaves, which may have been, too.
+type ResidentEntry = (PageNodes, OnceLock<PageLeaves>);
 
 /// A page of a [`ResidentTree`].
 #[derive(Clone, Copy, Debug)]
@@ -88,11 +89,12 @@ impl Pages for ResidentTree {
 
     #[inline]
     fn page(&self, id: u32) -> ResidentPage<'_> {
-        let (nodes, leaves) = &self.pages[id as usize];
+        let decode = || Box::new((self.decoder.nodes(id), OnceLock::new()));
+        let (nodes, leaves) = &**self.pages[id as usize].get_or_init(decode);
         ResidentPage {
             decoder: &self.decoder,
             id,
-            nodes: nodes.get_or_init(|| self.decoder.nodes(id)),
+            nodes,
             leaves,
         }
     }
@@ -235,7 +237,7 @@ impl SurfelStore {
         memory_limit: Option<u64>,
     ) -> Result<Self> {
         let most = || most_bytes_of_pages(&tree);
-        let entry = size_of::<ResidentEntry>() as u64;
+        let entry = (size_of::<ResidentEntry>() + size_of::<OnceLock<Box<ResidentEntry>>>()) as u64;
         let decoded = most().fold(other_bytes, |sum, bytes| {
             sum.saturating_add(bytes).saturating_add(entry)
         });

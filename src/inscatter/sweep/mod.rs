@@ -176,12 +176,20 @@ impl Sweep {
             .then(|| LayeredSweep::new(scope, 1 << coarsest))
             .flatten();
         let mut levels = [const { None }; SWEPT_LEVELS];
+        let are_layers = |level: usize| layered.is_some() && is_layered(level);
+        // Of all levels together: each part of the tree is asked for once.
+        let places = of_levels().filter(|(level, _)| !are_layers(*level));
+        let places = places.flat_map(|(level, set)| {
+            let vertices = set.iter().flat_map(SparseLattice::vertices);
+            vertices.map(move |v| to_index(v, 1 << level))
+        });
+        (scope.far_field).foresee(scope.volume, scope.gatherer, places);
         let (mut numbers, mut together) = (Vec::new(), Vec::new());
         for (level, set) in sets.into_iter().enumerate() {
             let Some(set) = set else {
                 continue;
             };
-            if layered.is_some() && is_layered(level) {
+            if are_layers(level) {
                 numbers.push(level);
                 together.push((1 << level, set));
             } else {
@@ -260,9 +268,7 @@ impl LevelSweep {
     ) -> Result<SparseValues<Option<Rgb>>> {
         let vertices: Vec<[usize; 3]> = set.vertices().collect();
         counts::add(&scope.counters.swept, vertices.len() as u64);
-        let to_index = |v: [usize; 3]| Vec3::from(v.map(|c| (c * step) as f32));
-        let places = vertices.iter().map(|&v| to_index(v));
-        (scope.far_field).foresee(scope.volume, scope.gatherer, places);
+        let to_index = |v| to_index(v, step);
         let surroundings: Vec<Option<Surroundings>> = vertices
             .par_iter()
             .map(|&v| {
@@ -308,6 +314,11 @@ impl LevelSweep {
 }
 
 impl<G: GatherInMedia> SweepScope<'_, G> {
+/// A vertex in index space, where they are `step` voxels apart.
+fn to_index(v: [usize; 3], step: usize) -> Vec3 {
+    Vec3::from(v.map(|c| (c * step) as f32))
+}
+
     /// Bricks whose cells are held in memory together.
     const PART: usize = 1024;
 
