@@ -59,7 +59,10 @@ impl PointBlocks {
     /// Sorts entries by kind and checks the counts that the summary gives.
     pub(crate) fn new(blocks: Vec<Block>, sums: &Sums) -> Result<Self> {
         let is_surfels = |b: &Block| b.kind == crate::BlockKind::Surfels;
-        let (surfels, lvoxels) = blocks.into_iter().partition(is_surfels);
+        let lvoxels = blocks.iter().filter(|b| !is_surfels(b)).copied().collect();
+        // Of these there are far more.
+        let mut surfels = blocks;
+        surfels.retain(is_surfels);
         let blocks = Self { surfels, lvoxels };
         let records = |blocks: &[Block]| blocks.iter().map(|b| u64::from(b.records)).sum();
         expect_count("surfels", records(&blocks.surfels), sums.surfels)?;

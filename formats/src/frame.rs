@@ -108,17 +108,6 @@ pub enum BlockKind {
 }
 
 impl BlockKind {
-    const ALL: [Self; 8] = [
-        Self::Surfels,
-        Self::Lvoxels,
-        Self::Direct,
-        Self::Indirect,
-        Self::Padding,
-        Self::Column,
-        Self::MediaTable,
-        Self::MediaPage,
-    ];
-
     /// The number of this kind in the block table.
     fn code(self) -> u32 {
         self as u32 + 1
@@ -163,23 +152,23 @@ impl Block {
         out.extend(self.checksum.to_le_bytes());
     }
 
-    fn decode(cursor: &mut Cursor<'_>, kinds: &[BlockKind]) -> Result<Self> {
+    fn decode(entry: &[u8; ENTRY_LEN], kinds: &[BlockKind]) -> Result<Self> {
+        let u32_at = |at: usize| u32::from_le_bytes(std::array::from_fn(|i| entry[at + i]));
+        let u64_at = |at: usize| u64::from_le_bytes(std::array::from_fn(|i| entry[at + i]));
+        let code = u32_at(16);
+        let kind = kinds.iter().find(|k| k.code() == code).ok_or_else(|| {
+            let codes: Vec<_> = kinds.iter().map(|k| k.code().to_string()).collect();
+            FormatError::invalid("kind of a block", codes.join(" or "), code)
+        })?;
         Ok(Self {
-            offset: cursor.u64()?,
-            stored_bytes: cursor.u32()?,
-            raw_bytes: cursor.u32()?,
-            kind: {
-                let code = cursor.u32()?;
-                let mut known = BlockKind::ALL.into_iter().filter(|k| kinds.contains(k));
-                known.find(|k| k.code() == code).ok_or_else(|| {
-                    let codes: Vec<_> = kinds.iter().map(|k| k.code().to_string()).collect();
-                    FormatError::invalid("kind of a block", codes.join(" or "), code)
-                })?
-            },
-            records: cursor.u32()?,
-            nodes: cursor.u32()?,
-            columns: cursor.u32()?,
-            checksum: cursor.u64()?,
+            offset: u64_at(0),
+            stored_bytes: u32_at(8),
+            raw_bytes: u32_at(12),
+            kind: *kind,
+            records: u32_at(20),
+            nodes: u32_at(24),
+            columns: u32_at(28),
+            checksum: u64_at(32),
         })
     }
 }
@@ -335,11 +324,11 @@ impl Frame {
 
 /// Blocks must lie one after the other from the header to the metadata.
 fn read_table(table: &[u8], blocks_end: u64, kinds: &[BlockKind]) -> Result<Vec<Block>> {
-    let mut cursor = Cursor::new(table, "block table");
-    let mut blocks = Vec::with_capacity(table.len() / ENTRY_LEN);
+    let (entries, rest) = table.as_chunks::<ENTRY_LEN>();
+    let mut blocks = Vec::with_capacity(entries.len());
     let mut end = HEADER_LEN as u64;
-    for i in 0..table.len() / ENTRY_LEN {
-        let block = Block::decode(&mut cursor, kinds)?;
+    for (i, entry) in entries.iter().enumerate() {
+        let block = Block::decode(entry, kinds)?;
         if block.offset != end {
             return Err(FormatError::invalid(
                 format!("offset of block {i}"),
@@ -350,7 +339,7 @@ fn read_table(table: &[u8], blocks_end: u64, kinds: &[BlockKind]) -> Result<Vec<
         end += u64::from(block.stored_bytes);
         blocks.push(block);
     }
-    cursor.end()?;
+    Cursor::new(rest, "block table").end()?;
     if end != blocks_end {
         return Err(FormatError::invalid(
             "end of the last block",

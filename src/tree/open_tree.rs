@@ -28,8 +28,11 @@ pub struct OpenTree {
     memory_limit: Option<u64>,
 }
 
-/// Reads all lvoxels of a tree, page by page and twice: no more than what is kept is ever in
-/// memory.
+/// Lvoxels that are in memory twice while a tree is opened, at most.
+const MOST_READ_ONCE: u64 = 1 << 19;
+
+/// Reads all lvoxels of a tree. Many, and those within a memory limit, are read page by page and
+/// twice: no more than what is kept is ever in memory.
 fn read_media(tree: &Tree<MappedFile>, path: &Path, memory_limit: Option<u64>) -> Result<Media> {
     let allow = |bytes: u64| {
         let what = format_args!("holding {} lvoxels", tree.summary().sums.lvoxels());
@@ -37,10 +40,19 @@ fn read_media(tree: &Tree<MappedFile>, path: &Path, memory_limit: Option<u64>) -
     };
     let least = size_of::<Block>() as u64;
     allow(tree.summary().sums.lvoxels().saturating_mul(least))?;
+    let page = |i: usize| tree.lvoxel_page(i).map_err(|e| e.at(path));
+    let pages = 0..tree.lvoxel_pages();
+    let is_read_once = memory_limit.is_none() && tree.summary().sums.lvoxels() <= MOST_READ_ONCE;
+    let once = is_read_once.then(|| pages.clone().map(page).collect::<Result<Vec<_>, _>>());
+    let once = once.transpose()?;
     let each = |visit: &mut dyn FnMut(&Lvoxel)| -> Result<()> {
-        for i in 0..tree.lvoxel_pages() {
-            let page = tree.lvoxel_page(i).map_err(|e| e.at(path))?;
-            page.iter().for_each(&mut *visit);
+        match &once {
+            Some(all) => all.iter().flatten().for_each(visit),
+            None => {
+                for i in pages.clone() {
+                    page(i)?.iter().for_each(&mut *visit);
+                }
+            }
         }
         Ok(())
     };
@@ -119,7 +131,7 @@ impl OpenTree {
     /// What hears from a stage what memory the process has, and has caches take no more than the
     /// memory limit leaves beside all else. Where the limit is not for this process alone, what
     /// that has says nothing.
-    pub(crate) fn fitter(&self, job: &Job) -> impl Fn(Resident) + Sync {
+    pub(crate) fn fitter<'a>(&'a self, job: &'a Job) -> impl Fn(Resident) + Sync + 'a {
         let limit = self.memory_limit.filter(|_| job.process_bytes > 0);
         move |now| {
             if let Some(limit) = limit {
