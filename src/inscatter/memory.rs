@@ -1,18 +1,21 @@
 //! What sweeps and the light of all vertices take, told before they are made.
 
 use crate::Result;
+use crate::light::SunDepths;
 use crate::run::{Job, memory, size};
 use crate::scene::{Scene, Volume};
 use crate::view::VisibleMedia;
 
 /// Bytes that coarse copies of a scene's grids take, rays that are kept to suns and vertices that
-/// are lit, about: those of sweeps are told for themselves.
-pub fn bytes_for(scene: &Scene) -> u64 {
+/// are lit, about: those of sweeps are told for themselves. `shows_no_voxels` says of a volume
+/// whether its single voxels are too small to matter.
+pub fn bytes_for(scene: &Scene, shows_no_voxels: impl Fn(&Volume) -> bool) -> u64 {
     let grids: usize = scene.volumes.iter().map(|v| v.sigma_t.bytes()).sum();
-    grids as u64 / 2
+    grids as u64 / 2 + SunDepths::bytes_for(scene, shows_no_voxels)
 }
 
-/// Refuses a sweep of a volume that takes more than a limit leaves beside what a stage holds.
+/// Refuses a sweep of a volume that takes more than a limit leaves beside what a stage holds, and
+/// has caches make room for one that does not, until the job is told that it is over.
 ///
 /// # Errors
 /// Says what it takes, and how to do with less.
@@ -28,6 +31,7 @@ pub fn check_sweep(
         volume.name
     );
     let needed = needed.saturating_add(job.held_bytes());
+    job.held.set_for_now(needed);
     size::within(what, needed, job.memory_limit).map_err(|e| {
         e.hint(match visible {
             VisibleMedia::ThroughRegions(_) => {

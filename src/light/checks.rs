@@ -30,6 +30,8 @@ impl<'a> Levels<'a> {
     const MOST_CELLS_PER_VOXEL: usize = 16;
     /// Levels that are tried.
     const TRIED: usize = 4;
+    /// Bytes for each cell of the finest level, about: cells of all sizes and in layers.
+    pub const CELL_BYTES: usize = 9;
 
     /// Levels of a volume of at most `most` cells.
     pub fn new(volume: &'a Volume, most: usize) -> Self {

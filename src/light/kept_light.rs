@@ -68,11 +68,9 @@ impl<'a> KeptLight<'a> {
     /// Bytes that it takes while it is made, about.
     #[must_use]
     pub fn bytes_for(scene: &Scene) -> u64 {
-        /// Of a cell: cells of all sizes and in layers.
-        const CELL: usize = 9;
-        /// Rays to a sun, which slant: twice as many as cells.
-        const RAYS: usize = 10;
-        /// Of the sky, shares at corners of cells, and sums of these.
+        const CELL: usize = Levels::CELL_BYTES;
+        const RAYS: usize = KeptRays::CELL_BYTES;
+        /// For the sky, shares at corners of cells, and sums of these.
         const SHARES: usize = 8;
         let suns = Self::suns(scene);
         let sky = usize::from(Self::may_keep_sky(scene));

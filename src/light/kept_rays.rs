@@ -32,6 +32,9 @@ pub fn lattice(coarse: &CoarseVolume, to_light: Vec3) -> RayLattice {
 }
 
 impl KeptRays {
+    /// Bytes for each cell, about: rays slant, so that there are twice as many depths.
+    pub const CELL_BYTES: usize = 10;
+
     /// Marches rays to a light through the layers of a volume along the lattice's axes.
     #[must_use]
     pub fn new(coarse: &CoarseVolume, layers: &Layers, rays: RayLattice) -> Self {

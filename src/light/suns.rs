@@ -149,8 +149,25 @@ impl<'a> SunDepths<'a> {
         if volumes == 0 {
             return Self::MOST_CELLS;
         }
-        let suns = self.lights.iter().filter_map(Self::direction).count();
-        Self::MOST_CELLS / (volumes * suns).max(1)
+        Self::MOST_CELLS / (volumes * Self::suns(self.lights)).max(1)
+    }
+
+    fn suns(lights: &[Light]) -> usize {
+        lights.iter().filter_map(Self::direction).count()
+    }
+
+    /// Bytes that rays in coarse cells take while they are made, about; `in_cells` as for
+    /// [`Self::new`].
+    #[must_use]
+    pub fn bytes_for(scene: &Scene, in_cells: impl Fn(&Volume) -> bool) -> u64 {
+        let volumes: Vec<_> = scene.volumes.iter().filter(|v| in_cells(v)).collect();
+        let suns = Self::suns(&scene.lights);
+        let most = Self::MOST_CELLS / (volumes.len() * suns).max(1);
+        if suns == 0 || most < Self::FEWEST_CELLS {
+            return 0;
+        }
+        let cells: usize = volumes.iter().map(|v| Levels::cells(v, most)).sum();
+        (cells * (Levels::CELL_BYTES + suns * KeptRays::CELL_BYTES)) as u64
     }
 
     /// Makes what goes through coarse cells, with all threads. Not when a task of theirs first asks:

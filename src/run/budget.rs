@@ -49,15 +49,30 @@ impl Budget {
 
 /// Bytes that the stage at work holds whatever its caches do; none before the first.
 #[derive(Debug, Default)]
-pub struct Held(AtomicU64);
+pub struct Held {
+    all_along: AtomicU64,
+    for_now: AtomicU64,
+}
 
 impl Held {
     pub(super) fn bytes(&self) -> u64 {
-        self.0.load(Ordering::Relaxed)
+        self.all_along.load(Ordering::Relaxed)
+    }
+
+    /// The same with what a part of it holds for now; 0 where none has told.
+    pub(crate) fn bytes_for_now(&self) -> u64 {
+        self.for_now.load(Ordering::Relaxed)
     }
 
     pub(super) fn set(&self, budget: &Budget) {
-        self.0.store(budget.bytes(), Ordering::Relaxed);
+        self.all_along.store(budget.bytes(), Ordering::Relaxed);
+        self.set_for_now(0);
+    }
+
+    /// Tells caches what the stage is about to hold, all together and for a while, before they could
+    /// see it; 0 when that is over.
+    pub(crate) fn set_for_now(&self, bytes: u64) {
+        self.for_now.store(bytes, Ordering::Relaxed);
     }
 }
 

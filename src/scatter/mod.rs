@@ -32,7 +32,10 @@ pub fn check_memory(scene: &Scene, job: &Job) -> Result<u64> {
         .with("the program and its threads", job.process_bytes)
         .with("the scene", scene.bytes())
         .with("what rays need of it", Tracer::bytes_for(scene))
-        .with("light in media", inscatter::bytes_for(scene))
+        .with(
+            "light in media",
+            inscatter::bytes_for(scene, |v| View::is_of_small_voxels(v, None)),
+        )
         .with(
             "light of surfaces",
             PatchRadiance::bytes_for(scene.mesh.triangles.len(), 0),

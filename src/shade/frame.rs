@@ -61,9 +61,9 @@ pub fn shade_regions(request: &Request) -> Result<ShadedRegions> {
         ..
     } = request;
     let (regions, quantities) = (request.regions, request.quantities);
-    job.hold(&memory::check(
-        scene, settings, regions, quantities, 0, job,
-    )?);
+    let least = tree.least_of_limit();
+    let budget = memory::check(scene, settings, regions, quantities, least, job)?;
+    job.hold(&budget.with("the tree", least));
     view::check_frame(scene, tree.tree().meta().cloud.world_from_scene)?;
     let shaded = match settings.method {
         Method::Extended => gather::with_tree(tree, FrameTask { request }),

@@ -8,8 +8,9 @@ use crate::gather::PatchRadiance;
 use crate::image::Region;
 use crate::inscatter;
 use crate::run::{Budget, Job, memory};
-use crate::scene::Scene;
+use crate::scene::{Scene, Volume};
 use crate::trace::Tracer;
+use crate::view::View;
 
 /// Bytes of a pixel: the planes asked for, twice while blocks are put together.
 fn per_pixel(quantities: &[Quantity]) -> u64 {
@@ -36,11 +37,18 @@ fn budget(
         }
         _ => 0,
     };
+    // Without a camera there is no frame.
+    let camera = scene.camera(settings.camera.as_deref()).ok();
+    let picture = camera.map(|camera| (camera, scene.film));
+    let shows_no_voxels = |v: &Volume| View::is_of_small_voxels(v, picture);
     Budget::default()
         .with("the program and its threads", job.process_bytes)
         .with("the scene", scene.bytes())
         .with("what rays need of it", Tracer::bytes_for(scene))
-        .with("light in media", inscatter::bytes_for(scene))
+        .with(
+            "light in media",
+            inscatter::bytes_for(scene, shows_no_voxels),
+        )
         .with("light of surfaces", patches)
         .with(
             "pixels and gathers",

@@ -111,6 +111,11 @@ impl OpenTree {
         self.media.bytes() as u64 + SurfelStore::least_bytes(self.tree())
     }
 
+    /// The same of a tree within a memory limit; 0 of one without.
+    pub(crate) fn least_of_limit(&self) -> u64 {
+        self.memory_limit.map_or(0, |_| self.least_bytes())
+    }
+
     /// The same tree, of which no page was used yet, where its memory limit holds so many bytes of
     /// other data, too.
     ///
@@ -135,7 +140,7 @@ impl OpenTree {
         let limit = self.memory_limit.filter(|_| job.process_bytes > 0);
         move |now| {
             if let Some(limit) = limit {
-                self.surfels.fit(now, limit);
+                self.surfels.fit(now, limit, job.held.bytes_for_now());
             }
         }
     }

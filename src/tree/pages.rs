@@ -279,8 +279,8 @@ impl SurfelStore {
     }
 
     /// Has the cache take no more than a limit leaves beside all else that the process has in
-    /// memory now. Its size changes no result.
-    pub(super) fn fit(&self, now: Resident, limit: u64) {
+    /// memory now, and that the stage at work holds for now. Its size changes no result.
+    pub(super) fn fit(&self, now: Resident, limit: u64, held_for_now: u64) {
         // Pages that are read anew would only come back where memory is of another kind.
         if now.all() > limit && now.mapped > limit / MAPPED_SHARE {
             self.file().release_all();
@@ -291,7 +291,7 @@ impl SurfelStore {
         let [least, most] = t.bounds;
         // Files that are mapped are the system's to take back, and may pass the limit by a tenth.
         let over = now.anonymous.max(now.all().saturating_sub(limit / 10));
-        let others = over.saturating_sub(t.cache.weight());
+        let others = over.saturating_sub(t.cache.weight()).max(held_for_now);
         // Between two looks the rest may grow.
         let room = (limit - limit / ROOM_SHARE).saturating_sub(others);
         let capacity = room.clamp(least, most);

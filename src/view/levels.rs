@@ -39,15 +39,23 @@ impl View<'_> {
     /// not be those of single ones.
     #[must_use]
     pub fn shows_no_voxels(&self, visible: VisibleMedia, volume: &Volume) -> bool {
-        let dims = volume.sigma_t.dims();
-        let are_small = match visible {
-            VisibleMedia::ThroughRegions(_) => {
-                let pixel = pixel_at(volume, self.camera, self.film);
-                volume.longest_voxel_edge() <= Self::SMALL_VOXEL * pixel
-            }
-            VisibleMedia::All => true,
-        };
-        are_small && dims.iter().product::<usize>() >= Self::MANY_VOXELS
+        Self::is_of_small_voxels(
+            volume,
+            match visible {
+                VisibleMedia::ThroughRegions(_) => Some((self.camera, self.film)),
+                VisibleMedia::All => None,
+            },
+        )
+    }
+
+    /// The same for the picture of a camera, or for those of all.
+    #[must_use]
+    pub fn is_of_small_voxels(volume: &Volume, picture: Option<(&Camera, Film)>) -> bool {
+        let are_small = picture.is_none_or(|(camera, film)| {
+            let pixel = pixel_at(volume, camera, film);
+            volume.longest_voxel_edge() <= Self::SMALL_VOXEL * pixel
+        });
+        are_small && volume.sigma_t.dims().iter().product::<usize>() >= Self::MANY_VOXELS
     }
 }
 

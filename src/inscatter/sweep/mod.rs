@@ -201,6 +201,7 @@ impl Sweep {
                 levels[level] = Some(swept);
             }
         }
+        scope.job.held.set_for_now(0);
         Ok(Self {
             levels,
             level_of,
@@ -313,12 +314,12 @@ impl LevelSweep {
     }
 }
 
-impl<G: GatherInMedia> SweepScope<'_, G> {
 /// A vertex in index space, where they are `step` voxels apart.
 fn to_index(v: [usize; 3], step: usize) -> Vec3 {
     Vec3::from(v.map(|c| (c * step) as f32))
 }
 
+impl<G: GatherInMedia> SweepScope<'_, G> {
     /// Bricks whose cells are held in memory together.
     const PART: usize = 1024;
 
