@@ -107,7 +107,8 @@ impl Verb {
             Self::Scatter(args) => none.memory(args.memory),
             Self::Shade(args) => none
                 .memory(args.memory)
-                .radiance_cache(args.radiance_cache.as_ref()),
+                .radiance_cache(args.radiance_cache.as_ref())
+                .gather_cache(args.gather_cache.as_ref()),
             Self::Merge(args) => none.memory(args.memory),
             Self::Compare(args) => none.memory(args.memory),
             Self::Reference(args) => none.memory(args.memory),

@@ -78,6 +78,7 @@ pub struct Limits {
     memory: Option<u64>,
     temp_dir: Option<PathBuf>,
     radiance_cache: Option<PathBuf>,
+    gather_cache: Option<PathBuf>,
 }
 
 impl Limits {
@@ -99,6 +100,13 @@ impl Limits {
     #[must_use]
     pub fn radiance_cache(mut self, file: Option<&PathBuf>) -> Self {
         self.radiance_cache = file.cloned();
+        self
+    }
+
+    /// Gathers of a frame in this file.
+    #[must_use]
+    pub fn gather_cache(mut self, file: Option<&PathBuf>) -> Self {
+        self.gather_cache = file.cloned();
         self
     }
 }
@@ -213,6 +221,7 @@ impl Shared {
             process_bytes: memory::of_process(rayon::current_num_threads()),
             temp_dir: limits.temp_dir,
             radiance_cache: limits.radiance_cache,
+            gather_cache: limits.gather_cache,
             on_warning: match self.strict {
                 true => OnWarning::Fail,
                 false => OnWarning::GoOn,

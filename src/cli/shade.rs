@@ -29,6 +29,12 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub radiance_cache: Option<PathBuf>,
 
+    /// Keep the gathers of this frame in this file, and take from it what its other tiles have put
+    /// there, also while they run: those beside each other share half of a small tile's. Pictures
+    /// are the same without
+    #[arg(long, value_name = "FILE")]
+    pub gather_cache: Option<PathBuf>,
+
     #[command(flatten)]
     pub memory: Memory,
 

@@ -58,6 +58,9 @@ pub struct Job {
     /// File in which frames and tiles of one scene and tree keep the radiance of surfaces for each
     /// other, also while they run; `None` to keep it to one frame.
     pub radiance_cache: Option<PathBuf>,
+    /// File in which the tiles of one frame keep its gathers on surfaces for each other, also while
+    /// they run; `None` for each to gather its own.
+    pub gather_cache: Option<PathBuf>,
 }
 
 /// The course of a job after a warning.

@@ -138,18 +138,15 @@ fn check(file: &mut File, path: &Path, identity: [u8; 32], lines: usize) -> Resu
     let (magic, rest) = header.split_at(MAGIC.len());
     let (found, count) = rest.split_at(identity.len());
     if read.is_err() || *magic != MAGIC {
-        return wrong("a radiance cache of lvox", "another file");
+        return wrong("a cache of lvox", "another file");
     }
     if *found != identity {
-        return wrong(
-            "a radiance cache of this scene, tree and quality",
-            "one of others",
-        );
+        return wrong("a cache of this scene, tree and quality", "one of others");
     }
     let bytes = (HEADER_BYTES + lines * size_of::<Line>()) as u64;
     if *count != (lines as u64).to_le_bytes() || len != bytes {
         return wrong(
-            &format!("a radiance cache of {bytes} bytes"),
+            &format!("a cache of {bytes} bytes"),
             &format!("one of {len}"),
         );
     }

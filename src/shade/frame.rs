@@ -6,7 +6,7 @@ use super::pixels::{
     shade_region,
 };
 use super::settings::{Kernel, Method, Settings};
-use super::surfaces::{BrightPatchLights, GatherAtSurfaces, Lattice, SurfaceGatherer};
+use super::surfaces::{BrightPatchLights, GatherAtSurfaces, KeptGathers, Lattice, SurfaceGatherer};
 use crate::Result;
 use crate::gather::{self, Gatherer, Medium, PatchRadiance, PatchStats, TreeTask};
 use crate::image::Region;
@@ -185,6 +185,40 @@ fn patch_radiance<'a>(request: &Request, tracer: &'a Tracer) -> Result<PatchRadi
     }
 }
 
+/// The gathers of a frame that its tiles keep for each other, if they do.
+fn kept_gathers(request: &Request) -> Result<Option<KeptGathers>> {
+    let &Request {
+        scene,
+        tree,
+        settings,
+        job,
+        ..
+    } = request;
+    let Some(file) = &job.gather_cache else {
+        return Ok(None);
+    };
+    let film = [scene.film.width, scene.film.height];
+    let camera = scene.camera(settings.camera.as_deref())?;
+    let settings = serde_json::to_string(&Settings {
+        camera: Some(camera.name.clone()),
+        ..settings.clone()
+    });
+    let mut identity = blake3::Hasher::new();
+    identity.update(b"gathers");
+    identity.update(env!("CARGO_PKG_VERSION").as_bytes());
+    identity.update(&scene.hash);
+    identity.update(&tree.tree().content_hash());
+    if let Some(light) = &tree.scatter {
+        identity.update(&light.content_hash());
+    }
+    for n in film {
+        identity.update(&n.to_le_bytes());
+    }
+    identity.update(settings.unwrap_or_default().as_bytes());
+    let identity = identity.finalize().into();
+    KeptGathers::in_file(file, identity, film, request.settings.lattice).map(Some)
+}
+
 /// What the regions of a frame are shaded by.
 struct FrameShader<'a> {
     request: &'a Request<'a>,
@@ -210,9 +244,14 @@ impl FrameShader<'_> {
         let step = u64::from(settings.lattice);
         let task = (job.progress).task("gather", all / (step * step), "receivers");
         let gatherer = self.lattice_gatherer;
+        let kept = kept_gathers(self.request)?;
+        let lattice = |&region| {
+            let kept = kept.as_ref();
+            Lattice::new(gatherer, region, settings.lattice, kept, &job.cancel, &task)
+        };
         let lattices = regions
             .par_iter()
-            .map(|&region| Lattice::new(gatherer, region, settings.lattice, &job.cancel, &task))
+            .map(lattice)
             .collect::<Result<Vec<_>>>()?;
         drop(task);
         gatherer.check()?;

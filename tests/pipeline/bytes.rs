@@ -357,3 +357,43 @@ fn frames_and_tiles_that_share_a_radiance_cache_are_those_that_do_not() {
     let error = stage::run(&scene, &other, &settings, whole, &[], &sharing()).unwrap_err();
     assert!(error.to_string().contains("one of others"), "{error}");
 }
+
+#[test]
+fn tiles_that_share_gathers_are_those_that_do_not() {
+    let work = Work::new(ROOM);
+    let scene = work.scene();
+    let store = OpenTree::open(&work.bake(&scene, 20_000), None).unwrap();
+    let settings = Settings::default();
+    let shade = |job: &Job, settings: &Settings, region: Region| {
+        let frame = stage::run(&scene, &store, settings, region, &[], job)?;
+        Ok::<_, lvox::Error>((frame, job.report.stages()[0].counts["patches"]))
+    };
+    let sharing = || Job {
+        gather_cache: Some(work.path("a.gathers")),
+        ..Job::default()
+    };
+    let (mut with, mut without) = (0.0, 0.0);
+    for i in 0..7 {
+        let tile = Region::tile(64, 48, i, 7).unwrap();
+        let (shared, patches) = shade(&sharing(), &settings, tile).unwrap();
+        let (own, own_patches) = shade(&Job::default(), &settings, tile).unwrap();
+        assert!(shared == own, "tile {i}");
+        with += patches;
+        without += own_patches;
+    }
+    let whole = Region::full(64, 48);
+    let (plain, _) = shade(&Job::default(), &settings, whole).unwrap();
+    let (again, _) = shade(&sharing(), &settings, whole).unwrap();
+    assert!(again == plain);
+    assert!(
+        with < 0.5 * without,
+        "{with} patches by tiles that share, {without} by others"
+    );
+
+    let others = Settings {
+        samples: 20,
+        ..settings
+    };
+    let error = shade(&sharing(), &others, whole).unwrap_err();
+    assert!(error.to_string().contains("one of others"), "{error}");
+}

@@ -6,7 +6,7 @@
 //! | file | what it does |
 //! | --- | --- |
 //! | `gatherer` | gathers over the hemisphere, and from bright patches |
-//! | `lattice/` | gathers at few pixels of the frame, averaged and spread to all |
+//! | `lattice/` | gathers at few pixels of the frame, averaged and spread to all; kept for other tiles |
 //! | `with_sky` | light of which a part comes straight from the sky |
 //! | `bright/` | bright patches as lights of their own, found by pilot gathers |
 
@@ -17,5 +17,5 @@ mod with_sky;
 
 pub use bright::BrightPatchLights;
 pub use gatherer::{GatherAtSurfaces, SurfaceGatherer};
-pub use lattice::Lattice;
+pub use lattice::{KeptGathers, Lattice};
 pub use with_sky::WithSky;

@@ -9,6 +9,7 @@
 
 mod area;
 mod gathers;
+mod kept;
 
 use super::WithSky;
 use super::gatherer::GatherAtSurfaces;
@@ -21,6 +22,7 @@ use crate::trace::Surface;
 use area::Area;
 use gathers::{Gathers, LATTICE, LatticeGather};
 use glam::Vec3;
+pub use kept::KeptGathers;
 use rayon::prelude::*;
 
 /// The part of the frame's lattice that a region needs.
@@ -79,7 +81,8 @@ impl Lattice {
         })
     }
 
-    /// Gathers at the lattice pixels in and around a region.
+    /// Gathers at the lattice pixels in and around a region; those that are `kept` are not made
+    /// again.
     ///
     /// # Errors
     /// If cancelled, or if there is no memory for it.
@@ -87,6 +90,7 @@ impl Lattice {
         gatherer: &dyn GatherAtSurfaces,
         region: Region,
         step: u32,
+        kept: Option<&KeptGathers>,
         cancel: &Cancel,
         task: &Task,
     ) -> Result<Self> {
@@ -96,6 +100,7 @@ impl Lattice {
             gatherer,
             order: &gatherer.order(Self::SQUARE_EDGE * Self::SQUARE_EDGE),
             step,
+            kept,
             cancel,
             task,
         };
@@ -197,18 +202,32 @@ struct Receivers<'a> {
     gatherer: &'a dyn GatherAtSurfaces,
     order: &'a DirectionOrder,
     step: u32,
+    kept: Option<&'a KeptGathers>,
     cancel: &'a Cancel,
     task: &'a Task,
 }
 
 /// The receivers of a square of the lattice.
 struct SquareReceivers {
-    /// Numbers of their places, and gathers there that have no light yet.
-    nodes: Vec<(usize, LatticeGather)>,
-    /// Where they stand, and the range of directions of each.
+    /// Where each of them is.
+    all: Vec<Receiver>,
+    /// Where those stand that are to gather, and the range of directions of each.
     surfaces: Vec<(Surface, u32)>,
     /// Key of their directions.
     seed: u64,
+}
+
+/// A receiver of the lattice.
+struct Receiver {
+    at: [u32; 2],
+    /// The number of its place in the area.
+    index: usize,
+    /// Its normal, and the normal of the triangle.
+    normals: [Vec3; 2],
+    /// Without light yet.
+    node: LatticeGather,
+    /// What was gathered there, if that is kept.
+    kept: Option<Gathered>,
 }
 
 impl Receivers<'_> {
@@ -280,7 +299,7 @@ impl Receivers<'_> {
         is_wanted: impl Fn([u32; 2]) -> bool,
     ) -> SquareReceivers {
         const SQUARE_EDGE: u32 = Lattice::SQUARE_EDGE;
-        let (mut nodes, mut surfaces) = (Vec::new(), Vec::new());
+        let (mut all, mut surfaces) = (Vec::new(), Vec::new());
         for (y, x) in (0..SQUARE_EDGE).flat_map(|y| (0..SQUARE_EDGE).map(move |x| (y, x))) {
             let at = [i * SQUARE_EDGE + x, j * SQUARE_EDGE + y];
             let Some(index) = area.index(at).filter(|_| is_wanted(at)) else {
@@ -289,9 +308,18 @@ impl Receivers<'_> {
             let Some((surface, node)) = self.seen_at(at, site) else {
                 continue;
             };
-            nodes.push((index, node));
-            // The stretches of each quarter of a square follow one another.
-            surfaces.push((surface, morton(x, y)));
+            let kept = self.kept.and_then(|kept| kept.get(at, site));
+            all.push(Receiver {
+                at,
+                index,
+                normals: [surface.normal, surface.face_normal],
+                node,
+                kept,
+            });
+            if kept.is_none() {
+                // The stretches of each quarter of a square follow one another.
+                surfaces.push((surface, morton(x, y)));
+            }
         }
         let key = [self.gatherer.view().seed, u64::from(i), u64::from(j), 1];
         let seed = sampling::hash(match site {
@@ -299,7 +327,7 @@ impl Receivers<'_> {
             LatticeSite::Middle => &key,
         });
         SquareReceivers {
-            nodes,
+            all,
             surfaces,
             seed,
         }
@@ -315,25 +343,38 @@ impl Receivers<'_> {
         is_wanted: impl Fn([u32; 2]) -> bool,
     ) -> Vec<(usize, LatticeGather)> {
         let SquareReceivers {
-            mut nodes,
+            all,
             surfaces,
             seed,
         } = self.receivers_in(area, square, site, is_wanted);
         let view = self.gatherer.view();
         let gathered = (self.gatherer).gather_neighbours(&surfaces, seed, self.order);
-        for (((_, node), (surface, _)), gathered) in nodes.iter_mut().zip(surfaces).zip(gathered) {
+        let mut gathered = gathered.into_iter();
+        let lit = all.into_iter().filter_map(|receiver| {
+            let Receiver {
+                at,
+                index,
+                normals: [normal, face_normal],
+                mut node,
+                kept,
+            } = receiver;
+            let gathered = kept.or_else(|| {
+                let gathered = gathered.next()?;
+                if let Some(kept) = self.kept {
+                    kept.put(at, site, &gathered);
+                }
+                Some(gathered)
+            })?;
             node.gathered = match self.gatherer.unhidden() {
                 None => gathered,
-                Some(unhidden) => as_share(gathered, unhidden.get(surface.normal)),
+                Some(unhidden) => as_share(gathered, unhidden.get(normal)),
             };
             let to_camera = (view.camera.origin() - node.position).normalize_or_zero();
-            let cos = surface
-                .face_normal
-                .dot(to_camera)
-                .max(Self::MIN_GRAZING_COSINE);
+            let cos = face_normal.dot(to_camera).max(Self::MIN_GRAZING_COSINE);
             node.is_tight = gathered.harmonic_distance * cos < Self::TIGHT_STEPS * node.spacing;
-        }
-        nodes
+            Some((index, node))
+        });
+        lit.collect()
     }
 
     /// The surface that a place of the lattice sees, or the middle of its cell, and a gather there
