@@ -1,5 +1,6 @@
 //! Links: how much of what arrives at one receiver goes on to another.
 
+use super::places::Places;
 use super::receivers::{Met, Receiver};
 use crate::Result;
 use crate::math::Rgb;
@@ -8,11 +9,6 @@ use crate::scene::Scene;
 use crate::trace::{Surface, Tracer, offset};
 use glam::Vec3;
 use rayon::prelude::*;
-use rstar::RTree;
-use rstar::primitives::GeomWithData;
-
-/// A place in space, and the number of its receiver.
-type Site = GeomWithData<[f32; 3], u32>;
 
 /// Receivers by place.
 #[derive(Debug)]
@@ -20,36 +16,24 @@ pub struct Sites<'a> {
     /// The receivers.
     pub receivers: &'a [Receiver],
     tracer: &'a Tracer<'a>,
-    tree: RTree<Site>,
+    places: Places,
 }
 
+/// Receivers that face as a place does and of which is asked whether it sees them, most.
+const ASKED: usize = 8;
+
 impl<'a> Sites<'a> {
-    /// Sites that are looked at before a search gives up, most.
-    const SEARCHED: usize = 64;
-    /// Receivers that face as a place does and of which is asked whether it sees them, most.
-    const ASKED: usize = 8;
-    /// Cosine between the normals of a place and of a receiver whose light is also its light, at
-    /// least.
-    const FACING: f32 = 0.5;
     /// Height above both at which a place has to see a receiver, over the distance between them:
     /// curved surfaces do not hide their own.
     const HEIGHT: f32 = 0.25;
 
     /// Sorts receivers by place.
     pub fn new(receivers: &'a [Receiver], tracer: &'a Tracer<'a>) -> Self {
-        let site = |(i, r): (usize, &Receiver)| Site::new(r.point.to_array(), i as u32);
         Self {
             receivers,
             tracer,
-            tree: RTree::bulk_load(receivers.iter().enumerate().map(site).collect()),
+            places: Places::new(receivers.iter().map(|r| (r.point, r.normal))),
         }
-    }
-
-    /// The receivers nearest to a point that face as it does, nearest first.
-    fn facing(&self, point: Vec3, normal: Vec3) -> impl Iterator<Item = u32> {
-        let sites = (self.tree.nearest_neighbor_iter(&point.to_array())).take(Self::SEARCHED);
-        let facing = move |&i: &u32| self.receivers[i as usize].normal.dot(normal) > Self::FACING;
-        sites.map(|s| s.data).filter(facing).take(Self::ASKED)
     }
 
     /// Whether nothing stands between a place and a receiver: what is inside of a wall touches what
@@ -63,15 +47,19 @@ impl<'a> Sites<'a> {
 
     /// The receivers nearest to a point that face as it does and that it sees, nearest first.
     pub fn near(&self, point: Vec3, normal: Vec3) -> impl Iterator<Item = u32> {
-        let facing = self.facing(point, normal);
-        facing.filter(move |&i| self.sees(point, normal, i))
+        let facing = self.places.nearest::<ASKED>(point, normal);
+        (facing.into_iter()).filter(move |&i| self.sees(point, normal, i))
     }
 
     /// The receiver whose light is that of a point: the nearest that faces as it does and that it
     /// sees, or else the nearest that faces so.
     pub fn nearest(&self, point: Vec3, normal: Vec3) -> Option<u32> {
-        let seen = self.near(point, normal).next();
-        seen.or_else(|| self.facing(point, normal).next())
+        // Most see it.
+        let first = *self.places.nearest::<1>(point, normal).first()?;
+        if self.sees(point, normal, first) {
+            return Some(first);
+        }
+        self.near(point, normal).next().or(Some(first))
     }
 }
 

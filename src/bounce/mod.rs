@@ -13,6 +13,7 @@
 //! | `runs` | the surfels below a node that face one way |
 //! | `receivers` | the place in a run at which light is gathered, and its rays |
 //! | `surface_below` | the surface that a surfel stands on |
+//! | `places` | what is nearest and faces as a point does |
 //! | `links` | receivers by place, and the shares of light that go between them |
 //! | `blocks` | the lvoxels of a volume, and the way of a ray through them |
 //! | `light` | light, by channel |
@@ -32,6 +33,7 @@ mod lattice;
 mod light;
 mod links;
 mod media;
+mod places;
 mod receivers;
 mod rewrite;
 mod runs;
@@ -56,6 +58,7 @@ use light::Light;
 use links::{Links, Sites};
 use lvox_formats::{MappedFile, Tree};
 use media::ScatteringVolume;
+use places::Places;
 use rayon::prelude::*;
 use receivers::{LitRun, Met, Receiver, ReceiverMaker};
 use rewrite::{Neighbours, NewLight};
@@ -190,7 +193,7 @@ fn least_memory(scene: &Scene, tree: &Tree<MappedFile>, settings: &Settings, job
     let sums = &tree.summary().sums;
     let runs = sums.surfels / u64::from(run_surfels(tree)) + 1;
     let met = size_of::<Met>() + Links::BYTES;
-    let receiver = size_of::<Receiver>() + settings.samples as usize * met;
+    let receiver = size_of::<Receiver>() + Places::BYTES + settings.samples as usize * met;
     let volumes = tree.meta().cloud.volumes.iter();
     Budget::default()
         .with("the program and its threads", job.process_bytes)
