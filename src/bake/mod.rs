@@ -132,7 +132,7 @@ pub fn run(
             bake_surfaces(&tracer, &lights, &creases, settings, &mut writer, job)?;
         }
         let of_surfels = Walked::so_far();
-        let kept = KeptLight::new(scene, || job.cancel.check())?;
+        let kept = KeptLight::new(&tracer, || job.cancel.check())?;
         for (index, volume) in scene.volumes.iter().enumerate() {
             let maker = LvoxelMaker {
                 volume,

@@ -77,6 +77,16 @@ impl Checks {
 
     /// So many points where there is a medium.
     pub fn new(volume: &Volume, count: usize, to_lights: &[Vec3]) -> Self {
+        Self::where_lit(volume, count, to_lights, |_, _| true)
+    }
+
+    /// The same where no light gets to a point from a direction but where `is_open` says so.
+    pub fn where_lit(
+        volume: &Volume,
+        count: usize,
+        to_lights: &[Vec3],
+        is_open: impl Fn(Vec3, Vec3) -> bool + Sync,
+    ) -> Self {
         const EDGE: f64 = BRICK_CELLS as f64;
         let grid = &volume.sigma_t;
         let bricks: Vec<_> = grid.bricks().filter(|b| grid.brick(*b).is_some()).collect();
@@ -98,7 +108,8 @@ impl Checks {
             .take(count)
             .collect();
         let share = |point: Vec3| {
-            let through = to_lights.iter().map(|&to_light| {
+            let open = to_lights.iter().filter(|d| is_open(point, **d));
+            let through = open.map(|&to_light| {
                 let cells = Cells::new(volume, &Ray::endless(point, to_light));
                 exp_neg(cells.map_or(0.0, |c| c.optical_depth() as f32))
             });

@@ -6,13 +6,15 @@ use super::checks::{Checks, Levels};
 use super::coarse::CoarseVolume;
 use super::kept_rays::{KeptRays, lattice};
 use super::lights::Lights;
+use super::open_sky::OpenSky;
 use super::shadow_rays::ShadowRays;
 use super::shadows::{ShadowMedia, Shadows};
 use super::suns::SunDepths;
 use crate::Result;
-use crate::math::{Rgb, sampling, unflatten};
+use crate::math::{Ray, Rgb, sampling, unflatten};
 use crate::scene::grid::BRICK_CELLS;
 use crate::scene::{Scene, Volume};
+use crate::trace::Tracer;
 use glam::{Affine3A, Vec3};
 use rayon::prelude::*;
 
@@ -36,7 +38,8 @@ impl<'a> KeptLight<'a> {
     ///
     /// # Errors
     /// That of `go_on`.
-    pub fn new(scene: &'a Scene, go_on: impl Fn() -> Result<()>) -> Result<Self> {
+    pub fn new(tracer: &Tracer<'a>, go_on: impl Fn() -> Result<()>) -> Result<Self> {
+        let scene = tracer.scene;
         let has_sky = Self::may_keep_sky(scene);
         let mut kept = Self {
             suns: SunDepths::none(scene),
@@ -58,9 +61,20 @@ impl<'a> KeptLight<'a> {
             BakedDepth::new(volume, to_sun, &volumes[v], &checks, &go_on)
         })?;
         if let Some(levels) = volumes.first().filter(|_| has_sky) {
-            let checks = Checks::new(&scene.volumes[0], Self::SKY_CHECKS, &Sky::directions());
+            let volume = &scene.volumes[0];
+            let has_surfaces = !scene.mesh.triangles.is_empty();
+            let directions = match has_surfaces {
+                false => Sky::directions(),
+                true => Sky::directions_in_pairs(),
+            };
+            let is_open = |point: Vec3, to_sky: Vec3| {
+                !(has_surfaces && tracer.is_occluded(&Ray::endless(point, to_sky)))
+            };
+            let checks = Checks::where_lit(volume, Self::SKY_CHECKS, &directions, is_open);
             let near = Checks::MAX_ERROR;
-            kept.sky = checks.coarsest(near, levels, &go_on, Sky::new, Sky::share)?;
+            let open = has_surfaces.then(|| OpenSky::new(volume, &directions, is_open));
+            let sky = |coarse: &CoarseVolume| Sky::new(coarse, &directions, open.as_ref());
+            kept.sky = checks.coarsest(near, levels, &go_on, sky, Sky::share)?;
         }
         Ok(kept)
     }
@@ -110,12 +124,19 @@ impl<'a> KeptLight<'a> {
         scene.lights.iter().filter_map(SunDepths::direction).count()
     }
 
-    /// Surfaces may hide any part of the sky from any point, and other volumes as well.
+    /// Other volumes may hide any part of the sky from any point, and surfaces as well: where the
+    /// volume is so large that rays of its own for each lvoxel would take long, that is kept, too.
     fn may_keep_sky(scene: &Scene) -> bool {
+        /// Bricks.
+        const LARGE: usize = 1 << 12;
+        let [volume] = &scene.volumes[..] else {
+            return false;
+        };
+        // A sky that is kept travels all ways alike, which half a sky does not.
+        let is_worth_it = || volume.sigma_t.stored_bricks() >= LARGE && volume.phase.is_isotropic();
         scene.environment().0 != Rgb::BLACK.0
             && scene.environment_image.is_none()
-            && scene.mesh.triangles.is_empty()
-            && scene.volumes.len() == 1
+            && (scene.mesh.triangles.is_empty() || is_worth_it())
     }
 
     /// What each volume has for each sun of so many.
@@ -190,29 +211,44 @@ impl Sky {
         (0..Self::DIRECTIONS).map(direction).collect()
     }
 
-    fn new(coarse: &CoarseVolume) -> Self {
+    /// As many directions, and those opposite to them: of a horizon of any slant half are above it.
+    fn directions_in_pairs() -> Vec<Vec3> {
+        let half = Self::directions().into_iter();
+        half.flat_map(|d| [d, -d]).collect()
+    }
+
+    /// The sky in some directions through a volume, and where surfaces leave it open.
+    fn new(coarse: &CoarseVolume, directions: &[Vec3], open: Option<&OpenSky>) -> Self {
         let dims = coarse.dims;
         let corners = dims.map(|n| n + 1);
-        let lattices: Vec<_> = Self::directions()
-            .into_iter()
-            .map(|d| lattice(coarse, d))
-            .collect();
+        let lattices: Vec<_> = directions.iter().map(|d| lattice(coarse, *d)).collect();
         let mut shares = vec![0.0; corners.iter().product()];
         let mut kept: Option<KeptRays> = None;
         for main in 0..3 {
             let axes = [main, (main + 1) % 3, (main + 2) % 3];
-            let of_axis: Vec<_> = lattices.iter().filter(|l| l.axes == axes).collect();
+            let of_axis = lattices.iter().enumerate().filter(|(_, l)| l.axes == axes);
+            let of_axis: Vec<_> = of_axis.collect();
             if of_axis.is_empty() {
                 continue;
             }
             let layers = coarse.layers(axes);
             let mut sums = vec![0.0; shares.len()];
-            for lattice in of_axis {
+            for (direction, lattice) in of_axis {
                 let rays = match kept.take() {
                     None => KeptRays::new(coarse, &layers, *lattice),
                     Some(last) => KeptRays::again(last, coarse, &layers, *lattice),
                 };
-                rays.add_to_corners([dims[axes[1]], dims[axes[2]]], &mut sums);
+                let across = [dims[axes[1]], dims[axes[2]]];
+                match open {
+                    None => rays.add_to_corners(across, &mut sums, |_| 1.0),
+                    Some(open) => rays.add_to_corners(across, &mut sums, |[plane, y, x]| {
+                        let mut corner = [0.0; 3];
+                        for (axis, at) in axes.into_iter().zip([plane, x, y]) {
+                            corner[axis] = at as f32 * coarse.edge;
+                        }
+                        open.share(direction, corner)
+                    }),
+                }
                 kept = Some(rays);
             }
             let [_, width, height] = axes.map(|a| corners[a]);
@@ -222,7 +258,7 @@ impl Sky {
                 *share += sums[(plane * height + y) * width + x];
             });
         }
-        let per_direction = 1.0 / Self::DIRECTIONS as f32;
+        let per_direction = 1.0 / directions.len() as f32;
         shares.par_iter_mut().for_each(|s| *s *= per_direction);
         Self {
             index_from_scene: coarse.volume.index_from_scene,
@@ -253,7 +289,6 @@ impl Sky {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::Ray;
     use crate::math::exp::exp_neg;
     use crate::scene::{Grid, LightInput, MeshInput, SceneBuilder, VolumeInput};
     use glam::{DAffine3, DQuat, DVec3};
@@ -305,7 +340,7 @@ mod tests {
             for period in [10.0, 40.0] {
                 let scene = scene([64; 3], cloud(period), direction, None);
                 let to_sun = SunDepths::direction(&scene.lights[0]).unwrap();
-                let kept = KeptLight::new(&scene, || Ok(())).unwrap();
+                let kept = KeptLight::new(&Tracer::new(&scene), || Ok(())).unwrap();
                 let sun = kept.suns.of(0).unwrap();
                 assert!(
                     !format!("{sun:?}").contains("exact: inf"),
@@ -333,7 +368,7 @@ mod tests {
     #[test]
     fn a_kept_sky_is_that_of_many_directions() {
         let scene = scene([64; 3], cloud(20.0), [0.0, -1.0, 0.0], None);
-        let kept = KeptLight::new(&scene, || Ok(())).unwrap();
+        let kept = KeptLight::new(&Tracer::new(&scene), || Ok(())).unwrap();
         let sky = kept.sky.unwrap();
         let many: Vec<_> = (0..1000)
             .map(|i| sampling::sphere(sampling::r2(i, [0.3; 2])))
@@ -355,13 +390,53 @@ mod tests {
     }
 
     #[test]
+    fn a_kept_sky_is_hidden_by_a_floor_below_a_volume() {
+        let corners = [
+            [-60.0, -4.5, -60.0],
+            [-60.0, -4.5, 60.0],
+            [60.0, -4.5, -60.0],
+        ];
+        let floor = MeshInput::new("floor", corners, vec![[0, 1, 2]]);
+        let scene = scene([64; 3], cloud(20.0), [0.0, -1.0, 0.0], Some(floor));
+        // So few lvoxels pay for rays of their own.
+        assert!(!KeptLight::may_keep_sky(&scene));
+        let (volume, tracer) = (&scene.volumes[0], Tracer::new(&scene));
+        let is_open = |point: Vec3, to_sky: Vec3| !tracer.is_occluded(&Ray::endless(point, to_sky));
+        let directions = Sky::directions_in_pairs();
+        let open = OpenSky::new(volume, &directions, is_open);
+        let levels = Levels::new(volume, 1 << 20);
+        let sky = |open: Option<&OpenSky>| {
+            Sky::new(levels.coarse_to_fine().last().unwrap(), &directions, open)
+        };
+        let many: Vec<_> = (0..500)
+            .map(|i| sampling::sphere(sampling::r2(i, [0.3; 2])))
+            .flat_map(|d| [d, -d])
+            .collect();
+        let exact = Checks::where_lit(volume, 400, &many, is_open).0;
+        let differs = |sky: &Sky| {
+            let (mut squares, mut bias, mut sum) = (0.0, 0.0, 0.0);
+            for &(point, share) in &exact {
+                let difference = sky.share(point) - share;
+                squares += difference * difference / exact.len() as f32;
+                bias += difference;
+                sum += share;
+            }
+            [squares.sqrt(), bias / sum]
+        };
+        let [rms, bias] = differs(&sky(Some(&open)));
+        assert!(rms < 0.02 && bias.abs() < 0.02, "{rms} {bias}");
+        let [rms, bias] = differs(&sky(None));
+        assert!(rms > 0.05 && bias > 0.2, "{rms} {bias}");
+    }
+
+    #[test]
     fn what_coarse_rays_cannot_tell_is_left_to_exact_ones() {
         // Each second voxel is opaque, and a floor hides half of the sky.
         let speckled = |[i, j, k]: [usize; 3]| if (i + j + k) % 2 == 0 { 80.0 } else { 0.0 };
         let corners = [[-9.0, -9.0, -9.0], [-9.0, -9.0, 9.0], [9.0, -9.0, 9.0]];
         let floor = MeshInput::new("floor", corners, vec![[0, 1, 2]]);
         let scene = scene([24; 3], speckled, [0.4, -1.0, 0.2], Some(floor));
-        let kept = KeptLight::new(&scene, || Ok(())).unwrap();
+        let kept = KeptLight::new(&Tracer::new(&scene), || Ok(())).unwrap();
         assert!(kept.sky.is_none());
         let sun = kept.suns.of(0).unwrap();
         let to_sun = SunDepths::direction(&scene.lights[0]).unwrap();
@@ -379,7 +454,7 @@ mod tests {
         let scene = scene([48, 40, 64], cloud(16.0), [0.3, -0.8, 0.4], None);
         let on = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-            let kept = || KeptLight::new(&scene, || Ok(())).unwrap();
+            let kept = || KeptLight::new(&Tracer::new(&scene), || Ok(())).unwrap();
             format!("{:?}", pool.build().unwrap().install(kept))
         };
         assert!(on(1) == on(5));

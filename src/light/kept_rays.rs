@@ -118,8 +118,14 @@ impl KeptRays {
     }
 
     /// Adds what comes through to the corners of the volume's cells: plane after plane, in rows
-    /// along the second axis of the lattice. `across` is how many cells there are along both axes.
-    pub fn add_to_corners(&self, across: [usize; 2], sums: &mut [f32]) {
+    /// along the second axis of the lattice, each times a weight of its plane, row and place in that.
+    /// `across` is how many cells there are along both axes.
+    pub fn add_to_corners(
+        &self,
+        across: [usize; 2],
+        sums: &mut [f32],
+        weight: impl Fn([usize; 3]) -> f32 + Sync,
+    ) {
         let [width, height] = across.map(|n| n + 1);
         let [(first_x, all), (first_y, _)] = self.extent;
         let planes = sums.par_chunks_mut(width * height).enumerate();
@@ -145,10 +151,10 @@ impl KeptRays {
             for (j, sums) in rows {
                 let [lower, upper] = [j, j + 1].map(|j| &rays[j * (width + 1)..][..=width]);
                 let four = lower.windows(2).zip(upper.windows(2));
-                for (sum, (lower, upper)) in sums.iter_mut().zip(four) {
+                for (i, (sum, (lower, upper))) in sums.iter_mut().zip(four).enumerate() {
                     let lower = lower[0] * (1.0 - fx) + lower[1] * fx;
                     let upper = upper[0] * (1.0 - fx) + upper[1] * fx;
-                    *sum += lower * (1.0 - fy) + upper * fy;
+                    *sum += (lower * (1.0 - fy) + upper * fy) * weight([plane, j, i]);
                 }
             }
         });

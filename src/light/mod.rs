@@ -26,6 +26,7 @@
 //! | `baked_depth` | the depth towards a sun as bakes need it: exact only where light gets |
 //! | `voxel_light` | [`VoxelLight`]: that light between the corners of a brick's voxels |
 //! | `kept_rays`, `coarse` | such rays, and the coarse cells that they pass |
+//! | `open_sky` | where surfaces leave the sky open to a volume |
 //! | `checks` | which cells are fine enough, by exact rays |
 //! | `emitter`, `emitters` | emissive triangles, their unshadowed light, and rays chosen by it |
 //! | `tree` | what stands for the emitters of a scene that has many |
@@ -42,6 +43,7 @@ mod in_medium;
 mod kept_light;
 mod kept_rays;
 mod lights;
+mod open_sky;
 mod shading_point;
 mod shadow_rays;
 mod shadows;

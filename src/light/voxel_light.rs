@@ -195,7 +195,7 @@ mod tests {
         let scene = scene.build().unwrap();
         let tracer = Tracer::new(&scene);
         let lights = Lights::new(&tracer);
-        let kept = KeptLight::new(&scene, || Ok(())).unwrap();
+        let kept = KeptLight::new(&Tracer::new(&scene), || Ok(())).unwrap();
         let first = [0, 8, 8];
         let light = VoxelLight::new(&lights, &kept, &scene.volumes[0], first).unwrap();
         let (mut ratio, mut squares) = ([0.0; 2], 0.0);
@@ -247,7 +247,7 @@ mod tests {
         let scene = scene.build().unwrap();
         let tracer = Tracer::new(&scene);
         let lights = Lights::new(&tracer);
-        let kept = KeptLight::new(&scene, || Ok(())).unwrap();
+        let kept = KeptLight::new(&Tracer::new(&scene), || Ok(())).unwrap();
         let is_dark = |first| {
             let light = VoxelLight::new(&lights, &kept, &scene.volumes[0], first).unwrap();
             light.is_dark([4, 7, 4])
