@@ -40,7 +40,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     (
         "bounce",
         &[
-            "error", "formats", "gather", "math", "run", "scene", "trace", "tree", "view",
+            "error", "formats", "gather", "light", "math", "run", "scene", "trace", "tree", "view",
         ],
     ),
     ("build", LEAVES),

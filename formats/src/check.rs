@@ -104,7 +104,8 @@ pub fn lvoxel(v: &Lvoxel, volumes: &[VolumeInfo], place: &dyn Fn() -> String) ->
             || numbers
                 .iter()
                 .all(|c| c.to_bits() < INFINITY || is_minus_0(*c));
-        let in_range = in_range & Lvoxel::is_lobe(v.lobe);
+        let [r, g, b] = v.incident.map(f32::to_bits);
+        let in_range = in_range & Lvoxel::is_lobe(v.lobe) & (r.max(g).max(b) < INFINITY);
         if inside(0) & inside(1) & inside(2) & in_range {
             return Ok(());
         }
@@ -131,6 +132,9 @@ fn wrong_lvoxel(v: &Lvoxel, volumes: &[VolumeInfo], place: &dyn Fn() -> String) 
     }
     if !Lvoxel::is_lobe(v.lobe) {
         return wrong(place, "lobe", "a length of at most 126", v.lobe);
+    }
+    if !v.incident.iter().all(|c| c.to_bits() < INFINITY) {
+        return wrong(place, "incident", "numbers of at least 0", v.incident);
     }
     wrong(place, "source", "numbers of at least 0", v.source)
 }

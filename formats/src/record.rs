@@ -207,6 +207,9 @@ pub struct Lvoxel {
     /// Mean direction in which its light leaves, scene space, by [`Lvoxel::LOBE_ONE`] to a length
     /// of 1; 0 if it leaves alike in all directions.
     pub lobe: [i8; 3],
+    /// Radiance that arrives from the lvoxels of its volume, scattered any number of times: the mean
+    /// over all directions and over the block. In trees whose light has bounced; 0 if unknown.
+    pub incident: [f32; 3],
 }
 
 impl Lvoxel {

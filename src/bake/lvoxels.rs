@@ -231,6 +231,7 @@ impl LvoxelMaker<'_> {
                 let light = light.unwrap_or_else(|| self.light_at(centroid(), 0, [1, 4], seed));
                 let mean_cosine = self.volume.phase.moment(1);
                 out.push(Lvoxel {
+                    incident: [0.0; 3],
                     volume: self.index,
                     level,
                     block: block.map(|v| v as u16),

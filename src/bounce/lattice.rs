@@ -2,7 +2,7 @@
 
 use super::blocks::Blocks;
 use crate::math::Ray;
-use crate::math::sampling::{hash, unit2};
+use crate::math::sampling::{self, hash, unit2};
 use crate::trace::offset;
 use glam::{DVec3, Quat, Vec3};
 
@@ -18,11 +18,19 @@ pub const DIRECTIONS: usize = 12;
 /// Directions that with their opposites are of equal weight and have the second and fourth moments
 /// of the sphere: the level-symmetric set of order 4 (Carlson & Lathrop 1968). It is turned so that
 /// the means of |x|, |y| and |z| are a half, too, and as much light leaves through the faces of a
-/// box as should: along axes the set lets out 5 % too much.
-pub fn directions() -> [Vec3; DIRECTIONS] {
+/// box as should: along axes the set lets out 5 % too much. Sets of other numbers than 0 are turned
+/// further.
+pub fn directions(set: u32) -> [Vec3; DIRECTIONS] {
     const NEAR: f32 = 0.350_021_2;
     const FAR: f32 = 0.868_890_3;
     let turn = Quat::from_xyzw(0.000_403_9, 0.146_452_6, -0.769_206_7, 0.621_990_8).normalize();
+    let turn = match set {
+        0 => turn,
+        _ => {
+            let axis = sampling::sphere(sampling::r2(u64::from(set), [0.5; 2]));
+            Quat::from_axis_angle(axis, set as f32) * turn
+        }
+    };
     let places = [[NEAR, NEAR, FAR], [NEAR, FAR, NEAR], [FAR, NEAR, NEAR]];
     std::array::from_fn(|i| {
         let signs = Vec3::from([0, 1, 2].map(|a| 1.0 - 2.0 * ((i / 3) >> a & 1) as f32));
@@ -100,7 +108,7 @@ mod tests {
 
     #[test]
     fn directions_have_the_moments_of_the_sphere() {
-        let directions = directions().map(|d| [d, -d]).concat();
+        let directions = directions(0).map(|d| [d, -d]).concat();
         let mean = |f: &dyn Fn(Vec3) -> f32| {
             directions.iter().map(|d| f(*d)).sum::<f32>() / directions.len() as f32
         };

@@ -55,6 +55,11 @@ impl<'a> ScatteringVolume<'a> {
         }
     }
 
+    /// The rays through it.
+    pub fn sweeps(&self) -> &Sweeps<'a> {
+        &self.sweeps
+    }
+
     /// Sources of its blocks.
     pub fn sources(&self) -> &[Light] {
         &self.sources

@@ -22,12 +22,14 @@
 //! | `sweeps` | light along all rays of a volume, as means over lvoxels |
 //! | `media` | the sources of lvoxels, every order of scattering; `krylov`: the linear system |
 //! | `diffusion` | about where light ends that scatters often, from block to block |
+//! | `incident` | what lvoxels send each other in the end, for frames to look up |
 //! | `solve` | one bounce after another, until they fade; surfaces and media in turn |
 //! | `rewrite` | the pages of the tree with more light |
 
 mod blocks;
 mod crossings;
 mod diffusion;
+mod incident;
 mod krylov;
 mod lattice;
 mod light;
@@ -45,6 +47,7 @@ mod walls;
 
 use crate::formats::{Overwrite, TreeMeta, TreeSummary, TreeWriter};
 use crate::gather::{self, Gatherer, Medium, PatchRadiance, RayKernel, RaySettings, TreeTask};
+use crate::light::Lights;
 use crate::math::{Environment, Rgb};
 use crate::run::{Budget, Job, hex};
 use crate::scene::Scene;
@@ -120,6 +123,7 @@ pub fn run(
             light: &lit.solution.light,
             runs: &lit.runs,
             sources: &lit.sources,
+            incident: &lit.incident,
         };
         let lost = rewrite::write(source, &light, &mut writer, job)?;
         scene.check_file()?;
@@ -236,6 +240,8 @@ struct Lit {
     solution: Solution,
     /// By volume and lvoxel.
     sources: Vec<Vec<Light>>,
+    /// By lvoxel of the only volume: what the others send to it. Empty if there are more.
+    incident: Vec<Light>,
     sweeps: u32,
     /// Of the volume that is known least well.
     media_residual: f64,
@@ -338,6 +344,16 @@ impl TreeTask for Gathering<'_> {
         lit.media_residual = residuals.fold(0.0, f64::max);
         let sources = exchange.volumes.iter().map(|v| v.sources().to_vec());
         lit.sources = sources.collect();
+        if let ([blocks], [volume], [medium]) =
+            (&blocks[..], &exchange.volumes[..], &scene.volumes[..])
+            && medium.phase.is_isotropic()
+        {
+            let lights = Lights::new(tracer);
+            let environment = lights.environment();
+            lit.incident = incident::of_lvoxels(volume, blocks, tracer, environment, cancel)?;
+            drop(exchange);
+            incident::keep_means(source, &mut lit.incident)?;
+        }
         Ok(lit)
     }
 }

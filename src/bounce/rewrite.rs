@@ -29,6 +29,8 @@ pub struct NewLight<'a> {
     pub runs: &'a [Vec<LitRun>],
     /// By volume: the sources of its lvoxels in the order of pages; none if they stay as they are.
     pub sources: &'a [Vec<Light>],
+    /// By lvoxel of the only volume: what the others send to it; none if that is not told.
+    pub incident: &'a [Light],
 }
 
 /// Most receivers that light at a surfel is interpolated between.
@@ -153,6 +155,7 @@ pub fn write(
         }
         task.add(batch.len() as u64);
     }
+    let mut incident = light.incident.iter();
     let mut sources: Vec<_> = light.sources.iter().map(|s| s.iter()).collect();
     for i in 0..tree.lvoxel_pages() {
         job.cancel.check()?;
@@ -163,6 +166,9 @@ pub fn write(
                 let direct = lvoxel.source;
                 lvoxel.source = source.to_array();
                 lvoxel.lobe = wider(lvoxel.lobe, direct, lvoxel.source);
+            }
+            if let Some(incident) = incident.next() {
+                lvoxel.incident = incident.to_array();
             }
         }
         let page = EncodedLvoxels::new(&lvoxels, &tree.meta().cloud.volumes).map_err(too_bright)?;

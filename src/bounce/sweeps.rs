@@ -11,10 +11,11 @@ use super::blocks::Blocks;
 use super::crossings::{Bundle, Crossing, Room};
 use super::lattice::{self, DIRECTIONS};
 pub use super::light::Light;
-use super::walls::{Wall, WallLight, Walls};
+use super::walls::{self, Wall, WallLight, Walls};
 use crate::Result;
 use crate::math::Ray;
 use crate::run::Cancel;
+use crate::trace::Tracer;
 use crate::tree::Pages;
 use lvox_formats::record::VolumeInfo;
 use rayon::prelude::*;
@@ -79,7 +80,7 @@ impl<'a> Sweeps<'a> {
         room: &Room,
         cancel: &Cancel,
     ) -> Result<Self> {
-        let sweeps = Self::of_walls(blocks, |ray| walls.on(ray), room, cancel)?;
+        let sweeps = Self::of_walls(blocks, 0, |ray| walls.on(ray), room, cancel)?;
         walls.pages.check()?;
         Ok(sweeps)
     }
@@ -87,18 +88,33 @@ impl<'a> Sweeps<'a> {
     /// The rays through a volume without surfaces.
     #[cfg(test)]
     pub fn alone(blocks: &'a Blocks, room: &Room) -> Self {
-        Self::of_walls(blocks, |_| Vec::new(), room, &Cancel::default()).unwrap()
+        Self::of_walls(blocks, 0, |_| Vec::new(), room, &Cancel::default()).unwrap()
+    }
+
+    /// The rays of another set of directions, for one sweep, with surfaces that send nothing.
+    ///
+    /// # Errors
+    /// A stop on request.
+    pub fn between_blocks(
+        blocks: &'a Blocks,
+        tracer: &Tracer,
+        set: u32,
+        cancel: &Cancel,
+    ) -> Result<Self> {
+        let walls = |ray: &Ray| walls::hiding(tracer, ray);
+        Self::of_walls(blocks, set, walls, &Room::new(0), cancel)
     }
 
     fn of_walls(
         blocks: &'a Blocks,
+        set: u32,
         walls: impl Fn(&Ray) -> Vec<Wall> + Sync,
         room: &Room,
         cancel: &Cancel,
     ) -> Result<Self> {
-        let directions = lattice::directions().into_par_iter().enumerate();
+        let directions = lattice::directions(set).into_par_iter().enumerate();
         let laid = directions.map(|(i, direction)| {
-            let (rays, section) = lattice::rays(blocks, direction, i as u64);
+            let (rays, section) = lattice::rays(blocks, direction, u64::from(set) << 32 | i as u64);
             // Of all rays in each block: depth, and light that is taken from one that brings 1.
             let mut sums = vec![(0.0, 0.0); blocks.len()];
             let bundles = rays.chunks(Bundle::RAYS).map(|rays| {
@@ -157,18 +173,36 @@ impl<'a> Sweeps<'a> {
     /// # Errors
     /// A stop on request.
     pub fn means(&self, sources: &[Light], at: &WallLight, cancel: &Cancel) -> Result<Vec<Light>> {
+        self.means_from(sources, at, &[[Light::ZERO; 2]; DIRECTIONS], cancel)
+    }
+
+    /// The same with light that comes from outside along each direction and against it, where there
+    /// is no surface.
+    ///
+    /// # Errors
+    /// A stop on request.
+    pub fn means_from(
+        &self,
+        sources: &[Light],
+        at: &WallLight,
+        outside: &[[Light; 2]; DIRECTIONS],
+        cancel: &Cancel,
+    ) -> Result<Vec<Light>> {
+        let outside = outside.chunks(Self::IN_TURN);
+        let outside: Vec<_> = outside.collect();
         let in_turn = self.directions.par_chunks(Self::IN_TURN);
-        let swept = in_turn.map(|directions| {
+        let swept = in_turn.zip(outside).map(|(directions, outside)| {
             // Light that blocks take, times the volume that each ray stands for.
             let spare = self.spare.lock().ok().and_then(|mut s| s.pop());
             let mut sums = spare.unwrap_or_default();
             sums.clear();
             sums.resize(self.blocks.len(), Light::ZERO);
             let mut walked = Vec::new();
-            for Direction { bundles, section } in directions {
+            for (Direction { bundles, section }, outside) in directions.iter().zip(outside) {
                 let sweep = Sweep {
                     sources,
                     at,
+                    outside: *outside,
                     section: *section,
                 };
                 for bundle in bundles {
@@ -202,6 +236,8 @@ impl<'a> Sweeps<'a> {
 struct Sweep<'a> {
     sources: &'a [Light],
     at: &'a WallLight<'a>,
+    /// Along the rays and against them.
+    outside: [Light; 2],
     section: f32,
 }
 
@@ -215,11 +251,12 @@ impl Sweep<'_> {
             let ends = [0, count].map(|n| move |w: &&Wall| w.before as usize == n);
             let along = walls.iter().rfind(ends[0]).map(|w| at.sent(&w.ahead));
             let against = walls.iter().find(ends[1]).map(|w| at.sent(&w.back));
-            let light = [along, against].map(|l| l.unwrap_or(Light::ZERO));
+            let [ahead, back] = self.outside;
+            let light = [along.unwrap_or(ahead), against.unwrap_or(back)];
             self.both_ways(crossings, light, sums);
             return;
         }
-        let mut light = Light::ZERO;
+        let mut light = self.outside[0];
         let mut from = 0;
         for wall in walls {
             let before = wall.before as usize;
@@ -227,7 +264,7 @@ impl Sweep<'_> {
             (from, light) = (before, at.sent(&wall.ahead));
         }
         self.one_way(crossings[from..].iter(), light, sums);
-        light = Light::ZERO;
+        light = self.outside[1];
         let mut to = count;
         for wall in walls.iter().rev() {
             let before = wall.before as usize;
@@ -303,7 +340,7 @@ mod tests {
     /// The mean along all rays, one block at a time.
     fn plain(blocks: &Blocks, sources: &[Light]) -> Vec<Light> {
         let mut sums = vec![(Light::ZERO, 0.0_f32); blocks.len()];
-        for (i, direction) in lattice::directions().into_iter().enumerate() {
+        for (i, direction) in lattice::directions(0).into_iter().enumerate() {
             let (rays, section) = lattice::rays(blocks, direction, i as u64);
             for ray in rays {
                 let mut met = Vec::new();
@@ -356,7 +393,7 @@ mod tests {
         let expected = plain(&blocks, &sources);
         let found = [u64::MAX, 20_000, 0].map(|room| {
             let room = Room::new(room);
-            let sweeps = Sweeps::of_walls(&blocks, walls, &room, &Cancel::default()).unwrap();
+            let sweeps = Sweeps::of_walls(&blocks, 0, walls, &room, &Cancel::default()).unwrap();
             let means = |at| sweeps.means(&sources, &at, &Cancel::default()).unwrap();
             let _ = means(WallLight::NONE);
             means(WallLight::tree())

@@ -8,6 +8,9 @@ use crate::trace::{Surface, Tracer, offset};
 use crate::tree::Pages;
 use crate::tree::traversal::OpenNodes;
 
+/// Most surfaces on a ray in a volume: what is behind so many is lit by the last.
+const MOST: usize = 16;
+
 /// What one side of a surface sends.
 #[derive(Clone, Copy, Debug)]
 pub struct WallSide {
@@ -83,6 +86,26 @@ impl WallLight<'_> {
     }
 }
 
+/// The surfaces on a ray's way through a volume, which send nothing.
+pub fn hiding(tracer: &Tracer, ray: &Ray) -> Vec<Wall> {
+    let mut walls = Vec::new();
+    let mut from = 0.0;
+    while walls.len() < MOST && from < ray.t_max {
+        let rest = Ray::new(ray.at(from), ray.direction, ray.t_max - from);
+        let Some(hit) = tracer.closest(&rest) else {
+            break;
+        };
+        walls.push(Wall {
+            t: from + hit.t,
+            before: 0,
+            ahead: WallSide::DARK,
+            back: WallSide::DARK,
+        });
+        from += hit.t + 16.0 * offset(rest.at(hit.t));
+    }
+    walls
+}
+
 /// What finds the surfaces on rays, and what they send.
 pub struct Walls<'a, P> {
     /// The scene.
@@ -98,9 +121,6 @@ pub struct Walls<'a, P> {
 }
 
 impl<P: Pages> Walls<'_, P> {
-    /// Most surfaces on a ray in a volume: what is behind so many is lit by the last.
-    const MOST: usize = 16;
-
     /// The surfaces from which light enters a ray at its ends and on its way through a volume.
     pub fn on(&self, ray: &Ray) -> Vec<Wall> {
         let mut walls = Vec::new();
@@ -122,7 +142,7 @@ impl<P: Pages> Walls<'_, P> {
             });
         }
         let mut from = 0.0;
-        while walls.len() < Self::MOST && from < t_max {
+        while walls.len() < MOST && from < t_max {
             let rest = Ray::new(ray.at(from), direction, t_max - from);
             let Some(hit) = self.tracer.closest(&rest) else {
                 break;

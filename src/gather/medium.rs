@@ -4,7 +4,7 @@
 use super::Crossing;
 use crate::math::Ray;
 use crate::math::segment::{Composite, Segment};
-use crate::tree::{LvoxelBlock, Media};
+use crate::tree::{IncidentGrid, LvoxelBlock, Media};
 
 /// The share of a ray's light that media stopped, and where.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,6 +37,17 @@ pub trait Medium: Copy + Sync {
 
     /// Gives the lvoxels of a volume to `take`.
     fn each_lvoxel(&self, _volume: usize, _take: &mut impl FnMut(LvoxelBlock)) {}
+
+    /// The light that the lvoxels of a volume send each other; `None` if they do not tell.
+    fn incident(&self, _volume: usize) -> Option<IncidentGrid<'_>> {
+        None
+    }
+
+    /// Media that send no light where they tell what arrives of it in them.
+    #[must_use]
+    fn without_incident(self) -> Self {
+        self
+    }
 
     /// Adds to `light` what media along a ray send, and the surfaces in `crossings`, which are
     /// sorted by distance. Returns what media stopped.
@@ -98,6 +109,14 @@ impl Medium for &Media {
 
     fn each_lvoxel(&self, volume: usize, take: &mut impl FnMut(LvoxelBlock)) {
         self.each_block(volume, take);
+    }
+
+    fn incident(&self, volume: usize) -> Option<IncidentGrid<'_>> {
+        Media::incident(self, volume)
+    }
+
+    fn without_incident(self) -> Self {
+        Media::without_incident(self)
     }
 }
 

@@ -15,6 +15,7 @@
 //! | `spacing` | how close a camera needs vertices to stand |
 //! | `direct` | direct light at vertices, and how it falls between them |
 //! | `sweep/` | indirect light at the vertices of thin bricks, by discrete ordinates |
+//! | `lvoxel_light` | light that lvoxels send each other, of a tree that tells it |
 //! | `far_field` | probes of the surfaces around a medium |
 //! | `dense` | light in voxels so deep that no vertex tells |
 //! | `scattered` | light that was made beforehand, read from a file |
@@ -27,6 +28,7 @@ mod density;
 mod direct;
 mod far_field;
 mod gatherer;
+mod lvoxel_light;
 mod march;
 mod memory;
 mod occupied;
@@ -46,12 +48,28 @@ pub use scattered::check_volumes;
 pub use source::{InScatter, MediaLights, VolumeLight};
 pub use sparse::SparseValues;
 
-use crate::gather::RaySettings;
+use crate::gather::{Medium, RaySettings};
+use crate::scene::Volume;
+use crate::tree::IncidentGrid;
 
 /// Solid angle below which nodes are taken whole by rays of media, over that of rays of surfaces:
 /// few rays look along the whole sphere, so that each stands for far more of it, and their light is
 /// a mean of all directions.
 const SOLID_ANGLE_OVER_SURFACES: f32 = 4.0;
+
+/// What the lvoxels of a tree tell of the light that they send each other, where that is all light
+/// of media: of one medium, as far as rays go, that scatters alike in all directions.
+#[must_use]
+pub fn known_incident<'a>(
+    media: &'a impl Medium,
+    volumes: &[Volume],
+    max_dist: f32,
+) -> Option<IncidentGrid<'a>> {
+    match volumes {
+        [one] if one.phase.is_isotropic() && max_dist.is_infinite() => media.incident(0),
+        _ => None,
+    }
+}
 
 /// Settings of gathers inside media, of so many samples, given those on surfaces.
 #[must_use]

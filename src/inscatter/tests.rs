@@ -184,6 +184,7 @@ fn in_scatter<'a, M: Medium>(
         lights,
         gatherer: Some(gatherer),
         scattered: None,
+        incident: None,
     };
     InScatter::new(view, VisibleMedia::ThroughRegions(regions), &light, job)
 }
@@ -504,6 +505,7 @@ fn light_all(around: &Shell, job: &Job) -> crate::Result<Vec<super::VolumeLight>
             lights,
             gatherer: Some(gatherer),
             scattered: None,
+            incident: None,
         };
         InScatter::new(view, VisibleMedia::All, &light, job)?.light_all(job)
     })

@@ -152,15 +152,20 @@ impl TreeTask for Lighting<'_> {
             // Which patches are bright depends on what a camera sees.
             leave_out_bright: false,
         };
+        let incident = inscatter::known_incident(&media, &scene.volumes, on_surfaces.max_dist);
         let gatherer = Gatherer {
             pages,
-            media,
+            media: match incident {
+                Some(_) => media.without_incident(),
+                None => media,
+            },
             settings: inscatter::gather_settings(on_surfaces, settings.volume_samples),
         };
         let light = MediaLights {
             lights: &lights,
             gatherer: Some(&gatherer),
             scattered: None,
+            incident,
         };
         // Any camera will do: all media count as visible.
         let view = View::new(&tracer, scene.camera(None)?, scene.film, settings.seed);

@@ -149,12 +149,22 @@ impl TreeTask for FrameTask<'_> {
                 MediaCounts::default(),
             )
         } else {
-            let in_media = inscatter::gather_settings(gathers, settings.volume_samples);
-            let gatherer = with_settings(in_media);
+            let incident = (settings.method == Method::Extended)
+                .then(|| inscatter::known_incident(&media, volumes, gathers.max_dist))
+                .flatten();
+            let gatherer = Gatherer {
+                pages,
+                media: match incident {
+                    Some(_) => media.without_incident(),
+                    None => media,
+                },
+                settings: inscatter::gather_settings(gathers, settings.volume_samples),
+            };
             let light = MediaLights {
                 lights: &lights,
                 gatherer: (settings.method == Method::Extended).then_some(&gatherer),
                 scattered: tree.scatter.as_ref(),
+                incident,
             };
             let visible = VisibleMedia::ThroughRegions(regions);
             let in_scatter = InScatter::new(&view, visible, &light, job)?;

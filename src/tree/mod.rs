@@ -26,6 +26,6 @@ pub(crate) mod traversal;
 
 pub use aggregate_sums::AggregateSums;
 pub use decoder::PageStats;
-pub(crate) use media::{LvoxelBlock, Media};
+pub(crate) use media::{IncidentGrid, LvoxelBlock, Media};
 pub use open_tree::OpenTree;
 pub(crate) use pages::{Page, Pages, SurfelStore};

@@ -61,7 +61,7 @@ fn read_media(tree: &Tree<MappedFile>, path: &Path, memory_limit: Option<u64>) -
     allow(layout.bytes())?;
     let mut media = layout.allocate();
     each(&mut |l| media.place(l))?;
-    Ok(media)
+    Ok(media.with_dark())
 }
 
 impl OpenTree {

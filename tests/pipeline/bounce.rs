@@ -1,5 +1,6 @@
 //! Trees with the light of every bounce.
 
+use crate::support::random::Random;
 use crate::{Work, beauty, mean, shade, with_threads};
 use lvox::bounce::{self, Bounces, Settings};
 use lvox::formats::{Overwrite, Tree};
@@ -91,6 +92,61 @@ fn a_sky_is_reflected_once() {
     let [old, new] = [old, new].map(|path| Tree::open_path(&path).unwrap());
     for (old, new) in old.summary().sums.flux.iter().zip(new.summary().sums.flux) {
         assert!(*old > 0.0 && (new / old - 1.0).abs() < 1e-3, "{old} {new}");
+    }
+}
+
+/// Radiance that a cube of edge 1, albedo 0.9 and this extinction sends from the middle of its front
+/// in the light of a sun: paths of any length, each lit at all of its points.
+fn sent_by_a_cube(sigma_t: f32, sun: [f32; 3]) -> f64 {
+    const PATHS: u32 = 100_000;
+    let far = |p: [f32; 3], d: [f32; 3]| {
+        let along = (0..3).map(|a| (0.5_f32.copysign(d[a]) - p[a]) / d[a]);
+        along.fold(f32::INFINITY, f32::min)
+    };
+    let mut random = Random(1);
+    let mut sum = 0.0;
+    for _ in 0..PATHS {
+        let (mut point, mut direction) = ([0.0, 0.0, 0.5], [0.0, 0.0, -1.0]);
+        let mut weight = 0.9;
+        loop {
+            let free = -(1.0 - random.unit()).ln() / sigma_t;
+            if free >= far(point, direction) {
+                break;
+            }
+            point = std::array::from_fn(|a| point[a] + free * direction[a]);
+            let lit = (-sigma_t * far(point, sun.map(|c| -c))).exp();
+            sum += weight * f64::from(lit) / 4.0;
+            weight *= 0.9;
+            direction = random.direction();
+        }
+    }
+    sum / f64::from(PATHS)
+}
+
+/// Next to a hard edge light rises in a curve that few points do not tell.
+#[test]
+fn media_are_as_bright_behind_a_hard_edge_as_paths_say() {
+    for sigma_t in [4.0_f32, 8.0] {
+        let text = format!(
+            "[film]\nwidth = 9\nheight = 9\n[[camera]]\nposition = [0, 0, 3]\ntarget = [0, 0, 0]\n\
+             fov_x_deg = 1\n[[light]]\ntype = \"directional\"\ndirection = [0.6, 0, -0.8]\n\
+             irradiance = [{0}, {0}, {0}]\n\
+             [[volume]]\nfile = \"smoke.raw\"\ndims = [24, 24, 24]\ndtype = \"u8\"\n\
+             sigma_t_scale = {sigma_t}\nalbedo = [0.9, 0.9, 0.9]\n\
+             unitcube_to_world = [[1, 0, 0, -0.5], [0, 1, 0, -0.5], [0, 0, 1, -0.5], [0, 0, 0, 1]]\n",
+            std::f32::consts::PI
+        );
+        let work = Work::new(&text);
+        fs::write(work.path("smoke.raw"), vec![1_u8; 24 * 24 * 24]).unwrap();
+        let scene = work.scene();
+        let tree = work.bake(&scene, 1);
+        let tree = bounced(&scene, &tree, Bounces::All, None).unwrap();
+        let found = mean(&beauty(&shade(&scene, &tree, &frames::Settings::default())));
+        let expected = sent_by_a_cube(sigma_t, [0.6, 1e-6, -0.8]);
+        assert!(
+            (found / expected - 1.0).abs() < 0.02,
+            "sigma_t {sigma_t}: {found}, expected {expected}"
+        );
     }
 }
 

@@ -10,7 +10,7 @@ use crate::quantise::{
 };
 use crate::record::{Bounds, Lvoxel, Surfel};
 use crate::summary::{CloudSummary, ColumnBytes, LeftOut, Sums};
-use crate::{CloudMeta, Overwrite, Result, check};
+use crate::{CloudMeta, FormatError, Overwrite, Result, check};
 use std::path::Path;
 
 /// Writes a cloud file as points come. Memory is that of one chunk and of 40 bytes per chunk
@@ -79,6 +79,13 @@ impl CloudWriter {
     pub fn push_lvoxels(&mut self, lvoxels: &[Lvoxel]) -> Result<()> {
         for lvoxel in lvoxels {
             let index = self.sums.lvoxels() + self.lvoxels.len() as u64;
+            if lvoxel.incident != [0.0; 3] {
+                return Err(FormatError::invalid(
+                    format!("incident light of lvoxel {index}"),
+                    "none in a cloud",
+                    format!("{:?}", lvoxel.incident),
+                ));
+            }
             check::lvoxel(lvoxel, &self.file.meta.volumes, &|| {
                 format!("lvoxel {index}")
             })

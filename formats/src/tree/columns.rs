@@ -83,7 +83,7 @@ pub const CLIP_EDGE: usize = 27;
 pub const BACK_AXES: usize = 28;
 
 /// By bit in the mask of a page of lvoxels.
-pub const LVOXELS: [Column; 9] = [
+pub const LVOXELS: [Column; 12] = [
     column("volume", 2, Rows::Lvoxels),
     column("level", 1, Rows::Lvoxels),
     column("block_gap", 8, Rows::Lvoxels),
@@ -93,6 +93,9 @@ pub const LVOXELS: [Column; 9] = [
     column("source_grey", 2, Rows::Lvoxels),
     column("source_f32", 12, Rows::Lvoxels),
     column("lobe", 3, Rows::Lvoxels),
+    column("incident", 4, Rows::Lvoxels),
+    column("incident_grey", 2, Rows::Lvoxels),
+    column("incident_f32", 12, Rows::Lvoxels),
 ];
 pub const VOLUME: usize = 0;
 pub const LEVEL: usize = 1;
@@ -101,6 +104,7 @@ pub const SIGMA_T: usize = 3;
 pub const SIGMA_T_F32: usize = 4;
 pub const SOURCE: usize = 5;
 pub const LOBE: usize = 8;
+pub const INCIDENT: usize = 9;
 
 /// A page before compression: header, then the columns, each in byte planes.
 pub struct PageBuilder {

@@ -130,6 +130,18 @@ pub(super) fn encode(
         builder.push_u8(col::LOBE, (0..3).flat_map(plane));
     }
 
+    let mut incident_base = 0;
+    if lvoxels.iter().any(|v| v.incident != [0.0; 3]) {
+        let mut incident: Vec<_> = lvoxels.iter().map(|v| v.incident).collect();
+        let written = radiance::encode(&mut builder, col::INCIDENT, &mut incident);
+        columns.leave_out(col::INCIDENT, written.saved);
+        incident_base = written.base;
+        for (v, c) in decoded.iter_mut().zip(&incident) {
+            errors.note_radiance(v.incident, *c);
+            v.incident = *c;
+        }
+    }
+
     let mask = builder.mask();
     let steps = steps.unwrap_or(Steps { base: 0, shift: 0 });
     let mut header = Vec::with_capacity(PAGE_HEADER_BYTES);
@@ -138,7 +150,8 @@ pub(super) fn encode(
     header.extend(steps.base.to_le_bytes());
     header.extend(written.base.to_le_bytes());
     header.extend(volume.to_le_bytes());
-    header.extend([steps.shift, level, 0, 0]);
+    header.extend([steps.shift, level]);
+    header.extend(incident_base.to_le_bytes());
     let (raw, ranges) = builder.build(&header);
     columns.add_page(&raw, &ranges, stats::LVOXEL_ZSTD_LEVEL)?;
     Ok(RawPage { raw, mask, decoded })
@@ -161,14 +174,16 @@ pub fn decode(raw: &[u8], block: &Block) -> Result<Vec<Lvoxel>> {
     let exponent = cursor.i16()?;
     let volume = cursor.u16()?;
     let (shift, level) = (cursor.u8()?, cursor.u8()?);
-    if shift > Steps::MAX_SHIFT || level > MAX_LEVEL || cursor.u16()? != 0 {
+    let incident_exponent = cursor.i16()?;
+    let has_incident = mask >> col::INCIDENT != 0;
+    if shift > Steps::MAX_SHIFT || level > MAX_LEVEL || (incident_exponent != 0 && !has_incident) {
         return Err(FormatError::invalid(
             "header of the page",
             format!(
-                "a step of at most {}, a level of at most {MAX_LEVEL}, and 0",
+                "a step of at most {}, a level of at most {MAX_LEVEL}, and 0 without incident light",
                 Steps::MAX_SHIFT
             ),
-            format!("{shift}, {level}"),
+            format!("{shift}, {level}, {incident_exponent}"),
         ));
     }
     let steps = Steps { base, shift };
@@ -177,7 +192,12 @@ pub fn decode(raw: &[u8], block: &Block) -> Result<Vec<Lvoxel>> {
         Rows::Lvoxels => n,
         _ => 0,
     })?;
-    decode_columns(&columns, (volume, level), steps, exponent)
+    decode_columns(
+        &columns,
+        (volume, level),
+        steps,
+        [exponent, incident_exponent],
+    )
 }
 
 /// The lvoxels of a page, whose `volume` and `level` hold where there is no column of them.
@@ -185,7 +205,7 @@ fn decode_columns(
     columns: &PageColumns<'_>,
     (volume, level): (u16, u8),
     steps: Steps,
-    exponent: i16,
+    [source_exponent, incident_exponent]: [i16; 2],
 ) -> Result<Vec<Lvoxel>> {
     let volumes = columns.get(col::VOLUME);
     let levels = columns.get(col::LEVEL);
@@ -224,11 +244,13 @@ fn decode_columns(
         }
     }
     let source = lvoxels.iter_mut().map(|v| &mut v.source);
-    radiance::decode(columns, col::SOURCE, exponent, source)?;
+    radiance::decode(columns, col::SOURCE, source_exponent, source)?;
     if let Some(rows) = columns.get(col::LOBE) {
         for (i, v) in lvoxels.iter_mut().enumerate() {
             v.lobe = [0, 1, 2].map(|k| rows.i8(i, k));
         }
     }
+    let incident = lvoxels.iter_mut().map(|v| &mut v.incident);
+    radiance::decode(columns, col::INCIDENT, incident_exponent, incident)?;
     Ok(lvoxels)
 }

@@ -259,6 +259,7 @@ fn any_lvoxels() -> Vec<Lvoxel> {
             sigma_t: 1.0 + f32::from(i),
             source: [f32::from(i), 1.0, 0.0],
             lobe: [i as i8, -120, 3],
+            incident: [0.0, f32::from(i), 2.0],
         })
         .collect()
 }

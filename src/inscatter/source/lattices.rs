@@ -6,6 +6,7 @@ use crate::inscatter::density::Densities;
 use crate::inscatter::direct::{DIRECT_LEVELS, Vertex};
 use crate::inscatter::far_field::FarField;
 use crate::inscatter::gatherer::GatherInMedia;
+use crate::inscatter::lvoxel_light::LvoxelLight;
 use crate::inscatter::scattered::ScatteredLight;
 use crate::inscatter::spacing::LeastSpacing;
 use crate::inscatter::sweep::{SWEPT_LEVELS, Sweep, SweepScope};
@@ -13,6 +14,7 @@ use crate::inscatter::vertices::Vertices;
 use crate::light::Lights;
 use crate::math::{Rgb, sampling};
 use crate::run::Job;
+use crate::tree::IncidentGrid;
 use crate::view::{View, VisibleMedia};
 use lvox_formats::{MappedFile, Scatter};
 
@@ -28,6 +30,10 @@ pub(super) struct VolumeLattices<'a> {
     pub indirect: [Vertices<Rgb>; SWEPT_LEVELS],
     pub far_field: FarField,
     pub sweep: Option<Sweep>,
+    /// What lvoxels send each other, if that is known.
+    pub lvoxels: Option<LvoxelLight<'a>>,
+    /// Whether nothing else lights them indirectly.
+    pub lvoxels_tell_all: bool,
     pub densities: Densities,
     /// Spacings that the camera needs, of direct and of indirect light.
     pub least_direct: LeastSpacing,
@@ -60,6 +66,8 @@ pub struct MediaLights<'a, G> {
     pub gatherer: Option<&'a G>,
     /// Light that was made beforehand.
     pub scattered: Option<&'a Scatter<MappedFile>>,
+    /// What lvoxels send each other, which is not gathered then.
+    pub incident: Option<IncidentGrid<'a>>,
 }
 
 impl<'a> VolumeLattices<'a> {
@@ -96,10 +104,13 @@ impl<'a> VolumeLattices<'a> {
             let all = densities.of_all(brick, own);
             densities.of(brick).max(SHARED_DEPTH * all) * voxel
         };
+        let lvoxels = light.incident.map(LvoxelLight::new);
+        let lvoxels_tell_all = lvoxels.is_some() && is_alone;
         let is_for_all_cameras = matches!(visible, VisibleMedia::All);
         let sweeper = (light.gatherer)
             .filter(|g| g.settings().max_dist.is_infinite())
-            .filter(|_| volume.phase.is_isotropic() || !is_for_all_cameras);
+            .filter(|_| volume.phase.is_isotropic() || !is_for_all_cameras)
+            .filter(|_| !lvoxels_tell_all);
         // What was made for all cameras does not know where this one is.
         let scattered = (light.scattered).filter(|_| volume.phase.is_isotropic());
         let (scattered, sweep) = match (scattered, sweeper) {
@@ -128,6 +139,8 @@ impl<'a> VolumeLattices<'a> {
             indirect: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
             far_field,
             sweep,
+            lvoxels,
+            lvoxels_tell_all,
             densities,
             least_direct,
             least_indirect,

@@ -20,6 +20,7 @@ use super::dense;
 use super::direct::{DIRECT_LEVELS, LightVectors, NEAR_LEVELS, Spread, Vertex, has_edge};
 use super::far_field::AskedPoint;
 use super::gatherer::GatherInMedia;
+use super::lvoxel_light::LvoxelMemo;
 use super::scattered::ScatteredLight;
 use super::sweep::{SWEPT_LEVELS, Sweep};
 use super::vertices::{CellCache, are_alike, blend, extremes, inside};
@@ -348,6 +349,19 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             let lights = &self.sharp_lights;
             return dense::mean_radiance(self.volumes, lights, gatherer, point, segment.seen, seed);
         }
+        let of_lvoxels = match &lattices.lvoxels {
+            Some(lvoxels) => lvoxels.at(segment.point, &mut memo.lvoxels),
+            None => Rgb::BLACK,
+        };
+        if lattices.lvoxels_tell_all {
+            return of_lvoxels;
+        }
+        of_lvoxels + self.gathered_between(segment, memo)
+    }
+
+    /// Gathered light, interpolated where its vertices allow that.
+    fn gathered_between(&self, segment: &RaySegment, memo: &mut RayMemo) -> Rgb {
+        let lattices = &self.lattices[segment.volume];
         let vertex = |level: usize, v: [usize; 3]| {
             *lattices.indirect[level].get(v, &|p, v| {
                 let key = self.key(segment.volume, level, v);
@@ -518,6 +532,8 @@ pub struct RayMemo {
     direct: [CellCache<usize, LightVectors>; DIRECT_LEVELS],
     /// By volume, and whether they are swept.
     indirect: [CellCache<(usize, bool), f32x4>; SWEPT_LEVELS],
+    /// Of the only volume that has such light.
+    lvoxels: LvoxelMemo,
 }
 
 /// A segment of a ray in a volume.

@@ -1,9 +1,12 @@
 //! Lvoxels along a ray: the blocks of each volume on its own index grid, walked front to back.
 
+mod incident;
+
 use crate::math::dda::{Passage, Steps};
 use crate::math::segment::{Interval, Segment, flatten_overlaps};
 use crate::math::{Aabb, Boxes, Ray, Rgb, unflatten};
 use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec3, Vec3A};
+pub use incident::IncidentGrid;
 use lvox_formats::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
 
 const BRICK: usize = 1 << MAX_LEVEL;
@@ -14,6 +17,8 @@ const EMPTY: u32 = u32::MAX;
 pub struct Media {
     volumes: Vec<BlockGrid<Block>>,
     boxes: Boxes,
+    /// The same lvoxels, which send nothing; none if they do not tell what arrives of their light.
+    dark: Option<Box<Media>>,
 }
 
 /// The lvoxels of one volume: a table of bricks, each empty or a cube of blocks of one size.
@@ -34,10 +39,14 @@ struct BlockGrid<B> {
     lobes: Vec<[i8; 3]>,
     /// Whether lvoxels with lobes were noted.
     has_lobes: bool,
+    /// By block, what arrives there of the light of the others; none if no lvoxel tells.
+    incident: Vec<Rgb>,
+    /// Whether lvoxels that tell were noted.
+    has_incident: bool,
 }
 
 /// A brick that is not empty.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Brick {
     /// The first of its cubes: one, or eight if its blocks are single voxels.
     first_cube: u32,
@@ -139,7 +148,13 @@ impl MediaLayout {
         let rest: usize = self.volumes.iter().map(BlockGrid::bytes).sum();
         let lobed = (self.volumes.iter()).filter(|v| v.has_lobes);
         let lobes = lobed.map(BlockGrid::count).sum::<u64>() * size_of::<[i8; 3]>() as u64;
-        blocks * size_of::<Block>() as u64 + lobes + rest as u64
+        let blocks_and_rest = blocks * size_of::<Block>() as u64 + rest as u64;
+        if !self.volumes.iter().any(|v| v.has_incident) {
+            return blocks_and_rest + lobes;
+        }
+        let telling = (self.volumes.iter()).filter(|v| v.has_incident);
+        let incident = telling.map(BlockGrid::count).sum::<u64>() * size_of::<Rgb>() as u64;
+        2 * blocks_and_rest + lobes + incident
     }
 
     /// Media whose lvoxels are all empty; [`Media::place`] fills them in.
@@ -148,6 +163,7 @@ impl MediaLayout {
         Media {
             boxes: Boxes::new(self.volumes.iter().map(BlockGrid::bounds)),
             volumes: self.volumes.into_iter().map(BlockGrid::allocate).collect(),
+            dark: None,
         }
     }
 }
@@ -162,7 +178,7 @@ impl Media {
         lvoxels.iter().for_each(|l| layout.note(l));
         let mut media = layout.allocate();
         lvoxels.iter().for_each(|l| media.place(l));
-        media
+        media.with_dark()
     }
 
     /// Fills in an lvoxel that was noted; the first in its place stays.
@@ -170,6 +186,26 @@ impl Media {
         if let Some(volume) = self.volumes.get_mut(usize::from(l.volume)) {
             volume.place(l);
         }
+    }
+
+    /// All lvoxels are filled in.
+    #[must_use]
+    pub fn with_dark(mut self) -> Self {
+        if self.volumes.iter().any(|v| v.has_incident) {
+            self.dark = Some(Box::new(Self {
+                volumes: self.volumes.iter().map(BlockGrid::dark).collect(),
+                boxes: self.boxes.clone(),
+                dark: None,
+            }));
+        }
+        self
+    }
+
+    /// Lvoxels that send no light where they tell what arrives of it, as [`Self::incident`] has it;
+    /// else these.
+    #[must_use]
+    pub fn without_incident(&self) -> &Self {
+        self.dark.as_deref().unwrap_or(self)
     }
 
     /// Whether there is no lvoxel at all.
@@ -181,7 +217,8 @@ impl Media {
     /// Bytes of memory that all lvoxels take.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        self.volumes.iter().map(BlockGrid::bytes).sum()
+        let own: usize = self.volumes.iter().map(BlockGrid::bytes).sum();
+        own + self.dark.as_ref().map_or(0, |dark| dark.bytes())
     }
 
     /// Voxels along each axis of a volume, if there is one of this number.
@@ -195,6 +232,13 @@ impl Media {
         if let Some(volume) = self.volumes.get(volume) {
             volume.each_block(take);
         }
+    }
+
+    /// The light that the lvoxels of a volume send each other; `None` if they do not tell.
+    #[must_use]
+    pub fn incident(&self, volume: usize) -> Option<IncidentGrid<'_>> {
+        let grid = self.volumes.get(volume)?;
+        (!grid.incident.is_empty()).then_some(IncidentGrid(grid))
     }
 
     /// Gives every segment of a ray in an lvoxel, front to back, to `add` until that says no;
@@ -267,6 +311,8 @@ impl BlockGrid<()> {
             blocks: Vec::new(),
             lobes: Vec::new(),
             has_lobes: false,
+            incident: Vec::new(),
+            has_incident: false,
         }
     }
 
@@ -309,6 +355,7 @@ impl BlockGrid<()> {
         }
         self.cubes[brick.first_cube as usize + cube].filled |= 1 << bit;
         self.has_lobes |= l.lobe != [0; 3];
+        self.has_incident |= l.incident != [0.0; 3];
         let per_axis = (BRICK >> l.level) as u16;
         let [first, end] = &mut brick.filled;
         for a in 0..3 {
@@ -345,6 +392,8 @@ impl BlockGrid<()> {
             blocks: vec![Block::default(); first as usize],
             lobes: vec![[0; 3]; if self.has_lobes { first as usize } else { 0 }],
             has_lobes: self.has_lobes,
+            incident: vec![Rgb::BLACK; if self.has_incident { first as usize } else { 0 }],
+            has_incident: self.has_incident,
         }
     }
 }
@@ -354,6 +403,7 @@ impl<B> BlockGrid<B> {
     fn bytes(&self) -> usize {
         size_of_val(&*self.blocks)
             + size_of_val(&*self.lobes)
+            + size_of_val(&*self.incident)
             + size_of_val(&*self.cubes)
             + size_of_val(&*self.bricks)
             + size_of_val(&*self.table)
@@ -395,6 +445,26 @@ impl BlockGrid<Block> {
             if let Some(lobe) = self.lobes.get_mut(i) {
                 *lobe = l.lobe;
             }
+            if let Some(incident) = self.incident.get_mut(i) {
+                *incident = Rgb(l.incident);
+            }
+        }
+    }
+
+    /// The same blocks without light.
+    fn dark(&self) -> Self {
+        let blocks = self.blocks.iter().map(|b| Block {
+            source: Rgb::BLACK,
+            ..*b
+        });
+        Self {
+            blocks: blocks.collect(),
+            table: self.table.clone(),
+            bricks: self.bricks.clone(),
+            cubes: self.cubes.clone(),
+            lobes: Vec::new(),
+            incident: Vec::new(),
+            ..*self
         }
     }
 
