@@ -110,19 +110,19 @@ def measure(lvox, assets, folder, command, earlier, most, only):
     kept = folder / "sizes.json"
     rows = json.loads(kept.read_text()) if kept.exists() else []
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True)
-    (folder / "commit").write_text(commit.stdout)
+    commit = commit.stdout.strip()
     peers = {}
     if earlier:
         told = json.loads((Path(earlier) / "sizes.json").read_text())
         peers = {(r["kind"], r["size"]): r["peer"] for r in told if "peer" in r}
-        (folder / "peer-commit").write_text((Path(earlier) / "commit").read_text())
+        (folder / "peer-commit").write_text(next(r["commit"] for r in told if "peer" in r) + "\n")
 
     def add(kind, size, toml, surfels=None, asset=None):
         if any((r["kind"], r["size"]) == (kind, size) for r in rows):
             return
         with tempfile.TemporaryDirectory(dir=folder) as work:
             work = Path(work)
-            row = {"kind": kind, "size": size, **stages(lvox, work, toml, surfels)}
+            row = {"kind": kind, "size": size, "commit": commit, **stages(lvox, work, toml, surfels)}
             if kind == "cloud":
                 row["error"] = error(lvox, work, toml)
             if command and asset:
@@ -232,14 +232,13 @@ def page(folder):
     out = ROOT / "docs/size.md"
     plots = ROOT / "docs/size"
     plots.mkdir(exist_ok=True)
-    commit = (Path(folder) / "commit").read_text().strip()
     other = Path(folder) / "peer-commit"
     session = f"at commit {other.read_text().strip()} on the same machine" if other.exists() else "in the same session"
     text = [f"""# What grows with assets
 
-CPU seconds and peak memory of whole processes on two cores (commit {commit}), loading included, at
-the default settings, once each; Cycles with 4 samples a pixel and OIDN {session}. Errors
-are trimmed relMSE and bias beside a path tracer's picture of direct light and one bounce, whose own
+CPU seconds and peak memory of whole processes on two cores, loading included, at the
+default settings, once each; Cycles with 4 samples a pixel and OIDN {session}.
+Errors are trimmed relMSE and bias beside a path tracer's picture of direct light and one bounce, whose own
 noise is the last column. Peak memory counts mapped files.
 """]
     for kind, (title, size, about) in KINDS.items():
@@ -262,7 +261,8 @@ noise is the last column. Peak memory counts mapped files.
                 e = r["error"]
                 cells += [f"{e['relmse_trimmed']:.1e}", f"{100 * e['bias']:+.2f} %", f"{e['reference_noise']:.1e}"]
             body.append(cells)
-        text.append(f"## {title}\n\n{about}\n\n" + table(head, body))
+        commits = ", ".join(sorted({r["commit"] for r in of_kind}))
+        text.append(f"## {title}\n\n{about} Commit {commits}.\n\n" + table(head, body))
         of_packed = [r for r in of_kind if "pack" in r]
         if of_packed:
             text.append("From a packed scene, to the same bytes:\n\n" + table(
