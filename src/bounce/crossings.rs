@@ -66,6 +66,11 @@ impl Bundle {
         self.wall_ends.push(self.walls.len() as u32);
     }
 
+    /// Whether a surface is on any of its rays.
+    pub fn has_walls(&self) -> bool {
+        !self.walls.is_empty()
+    }
+
     /// Walks its rays for the first time: places their surfaces among the crossings, gives each
     /// crossing with its optical depth, and keeps them where there is room.
     pub fn lay_down(&mut self, blocks: &Blocks, room: &Room, mut meet: impl FnMut(Crossing, f32)) {

@@ -104,15 +104,21 @@ impl<'a> ScatteringVolume<'a> {
     pub fn solve(&mut self, walls: &WallLight, tolerance: f64, cancel: &Cancel) -> Result<()> {
         let mut start = std::mem::take(&mut self.sources);
         // Of nothing, the residual is what sources are made of.
-        if self.scale == 0.0 {
+        let is_first = self.scale == 0.0;
+        if is_first {
             start.fill(Light::ZERO);
         }
-        let mut rest = self.scattered(&start, walls, cancel)?;
+        let mut rest = if is_first && !self.sweeps.meet_surfaces() {
+            start.clone()
+        } else {
+            self.swept += 1;
+            self.scattered(&start, walls, cancel)?
+        };
         let given = start.par_iter().zip(self.direct);
         (rest.par_iter_mut().zip(given)).for_each(|(r, (x, d))| *r += *d - *x);
         let (weights, kept) = (self.sweeps.depths(), self.sweeps.kept());
         let rest_length = krylov::length(weights, &rest);
-        if self.scale == 0.0 {
+        if is_first {
             self.scale = rest_length;
         }
         let albedo = Light::from(self.blocks.albedo);
@@ -139,7 +145,7 @@ impl<'a> ScatteringVolume<'a> {
             },
         };
         let solved = system.solve(start, rest, tolerance * self.scale, Self::MOST_SWEEPS)?;
-        self.swept += 1 + solved.products;
+        self.swept += solved.products;
         self.residual = match self.scale > 0.0 {
             true => solved.residual / self.scale,
             false => 0.0,

@@ -38,7 +38,7 @@ const TOLERANCE: f64 = 1e-4;
 /// Bounces after which light that still does not fade is taken to stay for ever.
 const MOST: u32 = 10_000;
 /// Residual of media over what their light is made of.
-const MEDIA_TOLERANCE: f64 = 3e-4;
+const MEDIA_TOLERANCE: f64 = 1e-3;
 /// Share of all light that surfaces and media may still have to tell each other.
 const ROUND_TOLERANCE: f64 = 1e-3;
 /// Most times that surfaces and media light each other.

@@ -157,6 +157,12 @@ impl<'a> Sweeps<'a> {
         })
     }
 
+    /// Whether a surface is on any ray.
+    pub fn meet_surfaces(&self) -> bool {
+        let mut bundles = self.directions.iter().flat_map(|d| &d.bundles);
+        bundles.any(Bundle::has_walls)
+    }
+
     /// By block: what all rays in it stand for, volume times extinction; 0 where none passes.
     pub fn depths(&self) -> &[f32] {
         &self.depths
