@@ -24,7 +24,7 @@ use super::spacing::LeastSpacing;
 use super::sparse::{SparseLattice, SparseValues};
 use super::{memory, occupied};
 use crate::Result;
-use crate::math::{Aabb, Rgb};
+use crate::math::{Aabb, Ray, Rgb};
 use crate::run::Job;
 use crate::scene::Volume;
 use crate::scene::grid::BRICK_CELLS;
@@ -93,6 +93,8 @@ impl Sweep {
 
     /// Optical depth between vertices, at most.
     const MAX_SWEPT_DEPTH: f32 = 1.4;
+    /// The same where each voxel has a vertex: deeper ones are lit at points of each ray.
+    const MAX_VOXEL_DEPTH: f32 = 2.0;
 
     /// Tells of a volume that was swept beforehand which vertices serve a brick, without their
     /// light. `depth_of` is that of [`Self::new`].
@@ -125,12 +127,13 @@ impl Sweep {
     ) -> Result<Self> {
         let grid = &scope.volume.sigma_t;
         let mut needed: [Vec<[usize; 3]>; SWEPT_LEVELS] = Default::default();
+        let is_opaque = scope.is_opaque();
         // Of all bricks, seen or not: what depends on it must not depend on the region.
         let mut coarsest = 0;
         let level_of = BrickTable::new(grid, |b| {
             let level = Self::level(depth_of(b, grid.brick(b)?.max), least.of(b))?;
             coarsest = coarsest.max(level);
-            scope.may_see(b).then(|| {
+            scope.may_see(b, is_opaque).then(|| {
                 needed[level].push(b);
                 level as u8
             })
@@ -212,7 +215,14 @@ impl Sweep {
     /// Log2 of the voxels between the vertices of a brick whose densest voxel has this optical
     /// depth, and whose vertices are to be so far apart at least; `None` if it is too deep.
     fn level(depth: f32, least: usize) -> Option<usize> {
-        let fits = |&l: &usize| depth * (1 << l) as f32 <= Self::MAX_SWEPT_DEPTH;
+        let fits = |&l: &usize| {
+            let most = if l == 0 {
+                Self::MAX_VOXEL_DEPTH
+            } else {
+                Self::MAX_SWEPT_DEPTH
+            };
+            depth * (1 << l) as f32 <= most
+        };
         let near = (0..NEAR_LEVELS).rev().find(fits);
         near.max((least > 0).then_some(least))
     }
@@ -323,8 +333,22 @@ impl<G: GatherInMedia> SweepScope<'_, G> {
     /// Bricks whose cells are held in memory together.
     const PART: usize = 1024;
 
-    /// Whether a brick of the volume matters.
-    fn may_see(&self, brick: [usize; 3]) -> bool {
+    /// Optical depth behind which the camera sees nothing.
+    const OPAQUE_DEPTH: f32 = 7.0;
+
+    /// Whether bricks may hide others from the camera: one is as deep as that.
+    fn is_opaque(&self) -> bool {
+        let VisibleMedia::ThroughRegions(_) = self.visible else {
+            return false;
+        };
+        let grid = &self.volume.sigma_t;
+        let across = BRICK_CELLS as f32 * self.volume.longest_voxel_edge();
+        let mut bricks = grid.bricks().filter_map(|b| grid.brick(b));
+        bricks.any(|brick| brick.max * across >= Self::OPAQUE_DEPTH)
+    }
+
+    /// Whether a brick of the volume, which may be opaque, matters.
+    fn may_see(&self, brick: [usize; 3], is_opaque: bool) -> bool {
         let corners = std::array::from_fn(|i| {
             let p: [f32; 3] = std::array::from_fn(|a| {
                 let voxel = ((brick[a] + (i >> a & 1)) * BRICK_CELLS) as f32;
@@ -334,6 +358,27 @@ impl<G: GatherInMedia> SweepScope<'_, G> {
         });
         self.view
             .may_matter(self.visible, Sweep::MARGIN_PIXELS, corners)
+            && !(is_opaque && self.is_hidden(corners))
+    }
+
+    /// Whether all corners of a brick are behind so much medium that the camera does not see them.
+    /// Where it sees in between after all, light is gathered.
+    fn is_hidden(&self, corners: [Vec3; 8]) -> bool {
+        let camera = self.view.camera.origin();
+        corners.iter().all(|&corner| {
+            let (way, distance) = (corner - camera, corner.distance(camera));
+            if distance == 0.0 {
+                return false;
+            }
+            let mut depth = 0.0;
+            let ray = Ray::new(camera, way / distance, distance);
+            let nothing = |_, _, _| Rgb::BLACK;
+            self.view.tracer.march(&ray, nothing, |s| {
+                depth += s.tau;
+                depth < Self::OPAQUE_DEPTH
+            });
+            depth >= Self::OPAQUE_DEPTH
+        })
     }
 
     /// Vertices around the cells of bricks that hold any medium, `step` voxels apart.
