@@ -144,9 +144,10 @@ fn the_time_of_shading_and_the_whole_are_told_at_the_end() {
         "CPU",
         "s;",
         "with",
-        "bake",
-        "and",
+        "bake,",
         "build",
+        "and",
+        "bounce",
         whole,
     ] = words[..]
     else {

@@ -26,9 +26,10 @@ pub struct Args {
     #[command(flatten)]
     bake: BakeOptions,
 
-    /// Let light bounce and scatter so many times: 1 as in the paper, more, or `all`
-    #[arg(long, value_name = "N", default_value_t = Bounces::Count(1), value_parser = parse::bounces)]
-    bounces: Bounces,
+    /// Let light bounce and scatter so many times: `all`, or a number, with 1 as in the paper
+    /// [default: all; 1 with --method traditional]
+    #[arg(long, value_name = "N", value_parser = parse::bounces)]
+    bounces: Option<Bounces>,
 
     #[command(flatten)]
     shade: ShadeOptions,
@@ -69,7 +70,11 @@ impl Args {
         let cloud = folder.path().join("scene.lvc");
         let kept = self.keep_tree.clone();
         let tree = kept.unwrap_or_else(|| folder.path().join("scene.lvt"));
-        let is_bounced = self.bounces != Bounces::Count(1);
+        let bounces = self.bounces.unwrap_or(match self.shade.lights_media() {
+            true => Bounces::All,
+            false => Bounces::Count(1),
+        });
+        let is_bounced = bounces != Bounces::Count(1);
         let built = match is_bounced {
             true => folder.path().join("built.lvt"),
             false => tree.clone(),
@@ -84,7 +89,7 @@ impl Args {
         )?;
         if is_bounced {
             let settings = bounce::Settings {
-                bounces: self.bounces,
+                bounces,
                 seed: self.seed.seed,
                 ..bounce::Settings::default()
             };

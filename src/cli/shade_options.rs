@@ -149,7 +149,8 @@ impl ShadeOptions {
         !matches!(self.kernel, Kernel::Plain)
     }
 
-    fn lights_media(&self) -> bool {
+    /// Whether indirect light comes from media, too.
+    pub fn lights_media(&self) -> bool {
         matches!(self.method, Method::Extended)
     }
 

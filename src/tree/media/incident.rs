@@ -59,7 +59,7 @@ impl IncidentGrid<'_> {
                 self.cell(level - 1, part)
             });
         }
-        let block = cell.map(|c| (c << level) % BRICK >> brick.level);
+        let block = cell.map(|c| ((c << level) % BRICK) >> brick.level);
         let (cube, bit) = place(block);
         let cube = &self.0.cubes[brick.first_cube as usize + cube];
         let before = (cube.filled & ((1 << bit) - 1)).count_ones();
