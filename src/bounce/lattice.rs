@@ -2,7 +2,7 @@
 
 use super::blocks::Blocks;
 use crate::math::Ray;
-use crate::math::sampling::{self, hash, unit2};
+use crate::math::sampling::{hash, unit2};
 use crate::trace::offset;
 use glam::{DVec3, Quat, Vec3};
 
@@ -24,12 +24,11 @@ pub fn directions(set: u32) -> [Vec3; DIRECTIONS] {
     const NEAR: f32 = 0.350_021_2;
     const FAR: f32 = 0.868_890_3;
     let turn = Quat::from_xyzw(0.000_403_9, 0.146_452_6, -0.769_206_7, 0.621_990_8).normalize();
-    let turn = match set {
-        0 => turn,
-        _ => {
-            let axis = sampling::sphere(sampling::r2(u64::from(set), [0.5; 2]));
-            Quat::from_axis_angle(axis, set as f32) * turn
-        }
+    /// Of the sets after the first, in no special way to its axes.
+    const FURTHER: [[f32; 4]; 2] = [[0.3, 0.5, 0.1, 0.8], [-0.4, 0.2, 0.6, 0.66]];
+    let turn = match (set as usize).checked_sub(1) {
+        None => turn,
+        Some(i) => Quat::from_array(FURTHER[i % FURTHER.len()]).normalize() * turn,
     };
     let places = [[NEAR, NEAR, FAR], [NEAR, FAR, NEAR], [FAR, NEAR, NEAR]];
     std::array::from_fn(|i| {

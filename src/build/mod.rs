@@ -36,8 +36,7 @@ use std::path::{Path, PathBuf};
 /// Settings of a build.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Settings {
-    /// Size that pages of surfels should have before compression, bytes: what a query decodes of
-    /// each that it meets. Those of lvoxels, all of which are read, have four times as many.
+    /// Size that pages should have before compression, bytes.
     pub page_bytes: u32,
     /// Most surfels to hold at a time, if that is fewer than the memory limit allows.
     pub bucket_surfels: Option<u64>,
@@ -46,7 +45,7 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            page_bytes: 16384,
+            page_bytes: 65536,
             bucket_surfels: None,
         }
     }

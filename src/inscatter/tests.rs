@@ -320,7 +320,7 @@ fn sweeps_beyond_the_memory_limit_are_refused_before_they_begin() {
         }
         let error = made.unwrap_err();
         assert_eq!(error.kind(), Kind::Input);
-        assert!(error.to_string().contains("4913 vertices"), "{error}");
+        assert!(error.to_string().contains("4661 vertices"), "{error}");
         assert!(error.to_string().contains("\"haze\""), "{error}");
         assert!(error.hint_text().unwrap().contains("`max_dist`"));
     }
