@@ -4,7 +4,7 @@ use super::blocks::Blocks;
 use crate::math::Ray;
 use crate::math::sampling::{hash, unit2};
 use crate::trace::offset;
-use glam::{DVec3, Quat, Vec3};
+use glam::{DVec3, Quat, Vec3, Vec3Swizzles};
 
 /// Most rays of a direction along each axis across it.
 pub const MOST_ALONG: f64 = 256.0;
@@ -18,22 +18,20 @@ pub const DIRECTIONS: usize = 12;
 /// Directions that with their opposites are of equal weight and have the second and fourth moments
 /// of the sphere: the level-symmetric set of order 4 (Carlson & Lathrop 1968). It is turned so that
 /// the means of |x|, |y| and |z| are a half, too, and as much light leaves through the faces of a
-/// box as should: along axes the set lets out 5 % too much. Sets of other numbers than 0 are turned
-/// further.
+/// box as should: along axes the set lets out 5 % too much. Two further sets have the axes in turn.
 pub fn directions(set: u32) -> [Vec3; DIRECTIONS] {
     const NEAR: f32 = 0.350_021_2;
     const FAR: f32 = 0.868_890_3;
     let turn = Quat::from_xyzw(0.000_403_9, 0.146_452_6, -0.769_206_7, 0.621_990_8).normalize();
-    /// Of the sets after the first, in no special way to its axes.
-    const FURTHER: [[f32; 4]; 2] = [[0.3, 0.5, 0.1, 0.8], [-0.4, 0.2, 0.6, 0.66]];
-    let turn = match (set as usize).checked_sub(1) {
-        None => turn,
-        Some(i) => Quat::from_array(FURTHER[i % FURTHER.len()]).normalize() * turn,
-    };
     let places = [[NEAR, NEAR, FAR], [NEAR, FAR, NEAR], [FAR, NEAR, NEAR]];
     std::array::from_fn(|i| {
         let signs = Vec3::from([0, 1, 2].map(|a| 1.0 - 2.0 * ((i / 3) >> a & 1) as f32));
-        (turn * (Vec3::from(places[i % 3]) * signs)).normalize()
+        let direction = (turn * (Vec3::from(places[i % 3]) * signs)).normalize();
+        match set % 3 {
+            0 => direction,
+            1 => direction.yzx(),
+            _ => direction.zxy(),
+        }
     })
 }
 
