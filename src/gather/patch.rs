@@ -196,9 +196,7 @@ impl<P: Pages> PatchQuery<'_, P> {
         let misleads = match node.kind[k] {
             _ if !patch.has_quarters => false,
             ChildKind::Inner => patch.misleads(sent, nodes, node.child[k], side),
-            // Where nearly all surfels face one way, few others drown those of the patch: not worth
-            // loading a page.
-            ChildKind::Page if !nodes.aggregates[aggregate].is_flat() => {
+            ChildKind::Page => {
                 let below = self.pages.page(node.child[k]);
                 patch.misleads(sent, below.nodes(), 0, side)
             }

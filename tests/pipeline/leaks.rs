@@ -1,6 +1,8 @@
 //! Light stays where walls keep it.
 
+use crate::support::trees;
 use crate::{Work, layer, mean, shade};
+use lvox::build;
 use lvox::shade::{Quality, Settings};
 
 /// A `builtin:quad` of a diffuse grey.
@@ -77,10 +79,15 @@ const SHEET: &str = "[[mesh]]\nfile = \"builtin:quad\"\nrotate_deg = [0, 0, 90]\
 /// over seeds: which rays find a slit is chance, and the brightest value of one seed is up to twice
 /// that.
 fn leak(text: &str, quality: Quality) -> (f64, f64) {
+    leak_of(text, quality, &build::Settings::default())
+}
+
+fn leak_of(text: &str, quality: Quality, of_build: &build::Settings) -> (f64, f64) {
     const SEEDS: u64 = 8;
     let work = Work::new(text);
     let scene = work.scene();
-    let tree = work.bake(&scene, 100_000);
+    let surfels = trees::of_surfels(100_000);
+    let tree = trees::built(&scene, &surfels, of_build, work.0.path(), "scene");
     let frame = |camera: &str, seed: u64| {
         let settings = Settings {
             camera: Some(camera.into()),
@@ -211,5 +218,22 @@ fn keeps_dark(quality: Quality, cases: &[(&str, String, f64, f64)]) {
         eprintln!("{name}: mean {average:.1e}, brightest {brightest:.1e}");
         assert!(average < *average_limit, "{name}: {average:e}");
         assert!(brightest < *brightest_limit, "{name}: {brightest:e}");
+    }
+}
+
+/// Nodes as large as a patch, which are those of other pages where pages are small, are lit on the
+/// inside alone.
+#[test]
+fn shells_keep_light_in_whatever_the_size_of_pages() {
+    for page_bytes in [4096, 16_384] {
+        let of_build = build::Settings {
+            page_bytes,
+            ..build::Settings::default()
+        };
+        let (average, brightest) = leak_of(&shells(&[0.3]), Quality::Good, &of_build);
+        assert!(
+            average < 1e-6 && brightest < 1e-5,
+            "{page_bytes}: {average:e} {brightest:e}"
+        );
     }
 }
