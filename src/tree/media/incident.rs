@@ -1,6 +1,6 @@
 //! What arrives in lvoxels of the light of the others, and between them.
 
-use super::{BRICK, Block, BlockGrid, Brick, place};
+use super::grid::{BRICK, Block, BlockGrid, Brick, place};
 use crate::math::Rgb;
 use glam::Vec3;
 
