@@ -11,7 +11,7 @@ use crate::Result;
 use crate::math::{Environment, sampling};
 use crate::run::Cancel;
 use crate::trace::Tracer;
-use crate::tree::Media;
+use crate::tree::media::MediaLayout;
 use glam::Vec3;
 use lvox_formats::record::{Lvoxel, VolumeInfo};
 use lvox_formats::{MappedFile, Tree};
@@ -74,7 +74,10 @@ fn keep_means_of(volumes: &[VolumeInfo], lvoxels: &mut [Lvoxel], light: &mut [Li
         for (l, light) in lvoxels.iter_mut().zip(&*light) {
             l.incident = light.to_array();
         }
-        let media = Media::new(volumes, lvoxels.iter().copied());
+        let mut layout = MediaLayout::new(volumes);
+        lvoxels.iter().for_each(|l| layout.note(l));
+        let mut media = layout.allocate();
+        lvoxels.iter().for_each(|l| media.place(l));
         let Some(grid) = media.incident(0) else {
             return;
         };
@@ -116,6 +119,7 @@ fn from_outside(
 mod tests {
     use super::*;
     use crate::math::Rgb;
+    use crate::tree::Media;
     use glam::DAffine3;
 
     #[test]

@@ -190,6 +190,9 @@ pub fn check_memory(
     Ok(budget.bytes())
 }
 
+/// Sets of rays that are held together: those of the solution, and those of what frames look up.
+const SETS_AT_A_TIME: u64 = 2;
+
 /// What is held beside the tree whatever the limit.
 fn least_memory(scene: &Scene, tree: &Tree<MappedFile>, settings: &Settings, job: &Job) -> Budget {
     /// Runs of each that is as large as may be: some face other ways, some are divided.
@@ -216,7 +219,10 @@ fn least_memory(scene: &Scene, tree: &Tree<MappedFile>, settings: &Settings, job
             sums.lvoxels()
                 .saturating_mul(ScatteringVolume::BYTES_A_BLOCK),
         )
-        .with("rays through media", volumes.map(Sweeps::bytes_for).sum())
+        .with(
+            "rays through media",
+            SETS_AT_A_TIME * volumes.map(Sweeps::bytes_for).sum::<u64>(),
+        )
 }
 
 /// Bytes for what rays cross in media: a half of what a limit leaves, and the other for pages.
@@ -253,6 +259,33 @@ impl Lit {
             runs: vec![Vec::new(); pages],
             ..Self::default()
         }
+    }
+
+    /// What receivers of all pages of a tree gather.
+    fn at_receivers<P: Pages, M: Medium>(
+        maker: &ReceiverMaker<P, M>,
+        source: &Tree<MappedFile>,
+        job: &Job,
+    ) -> Result<Self> {
+        let count = source.surfel_pages();
+        let task = job.progress.task("receivers", count as u64, "pages");
+        let made = (0..count).into_par_iter().map(|id| {
+            job.cancel.check()?;
+            let made = maker.make(&source.surfel_page(id)?, id as u32)?;
+            task.add(1);
+            Ok(made)
+        });
+        let made = made.collect::<Result<Vec<_>>>()?;
+        drop(task);
+        let mut lit = Self::nothing(0);
+        for (mut runs, receivers) in made {
+            let first = lit.receivers.len() as u32;
+            let numbers = runs.iter_mut().flat_map(|r| &mut r.receivers);
+            numbers.for_each(|r| *r += first);
+            lit.runs.push(runs);
+            lit.receivers.extend(receivers);
+        }
+        Ok(lit)
     }
 }
 
@@ -295,24 +328,7 @@ impl TreeTask for Gathering<'_> {
             run_surfels,
             seed: settings.seed,
         };
-        let count = source.surfel_pages();
-        let task = job.progress.task("receivers", count as u64, "pages");
-        let made = (0..count).into_par_iter().map(|id| {
-            job.cancel.check()?;
-            let made = maker.make(&source.surfel_page(id)?, id as u32)?;
-            task.add(1);
-            Ok(made)
-        });
-        let made = made.collect::<Result<Vec<_>>>()?;
-        drop(task);
-        let mut lit = Lit::nothing(0);
-        for (mut runs, receivers) in made {
-            let first = lit.receivers.len() as u32;
-            let numbers = runs.iter_mut().flat_map(|r| &mut r.receivers);
-            numbers.for_each(|r| *r += first);
-            lit.runs.push(runs);
-            lit.receivers.extend(receivers);
-        }
+        let mut lit = Lit::at_receivers(&maker, source, job)?;
         let (scene, receivers, cancel) = (tracer.scene, &lit.receivers, &job.cancel);
         let sites = Sites::new(receivers, tracer);
         let links = Links::new(scene, &sites, cancel)?;

@@ -194,8 +194,7 @@ impl<'a> Sweeps<'a> {
         outside: &[[Light; 2]; DIRECTIONS],
         cancel: &Cancel,
     ) -> Result<Vec<Light>> {
-        let outside = outside.chunks(Self::IN_TURN);
-        let outside: Vec<_> = outside.collect();
+        let outside = outside.par_chunks(Self::IN_TURN);
         let in_turn = self.directions.par_chunks(Self::IN_TURN);
         let swept = in_turn.zip(outside).map(|(directions, outside)| {
             // Light that blocks take, times the volume that each ray stands for.

@@ -58,16 +58,21 @@ use crate::tree::IncidentGrid;
 const SOLID_ANGLE_OVER_SURFACES: f32 = 4.0;
 
 /// What the lvoxels of a tree tell of the light that they send each other, where that is all light
-/// of media: of one medium, as far as rays go, that scatters alike in all directions.
+/// of media: of one medium, as far as rays go, that scatters alike in all directions. Comes with the
+/// media to gather from, which then send no light.
 #[must_use]
-pub fn known_incident<'a>(
-    media: &'a impl Medium,
+pub fn known_incident<'a, M: Medium>(
+    media: &'a M,
     volumes: &[Volume],
     max_dist: f32,
-) -> Option<IncidentGrid<'a>> {
-    match volumes {
+) -> (M, Option<IncidentGrid<'a>>) {
+    let known = match volumes {
         [one] if one.phase.is_isotropic() && max_dist.is_infinite() => media.incident(0),
         _ => None,
+    };
+    match known {
+        Some(_) => (media.without_incident(), known),
+        None => (*media, None),
     }
 }
 

@@ -152,13 +152,11 @@ impl TreeTask for Lighting<'_> {
             // Which patches are bright depends on what a camera sees.
             leave_out_bright: false,
         };
-        let incident = inscatter::known_incident(&media, &scene.volumes, on_surfaces.max_dist);
+        let (media, incident) =
+            inscatter::known_incident(&media, &scene.volumes, on_surfaces.max_dist);
         let gatherer = Gatherer {
             pages,
-            media: match incident {
-                Some(_) => media.without_incident(),
-                None => media,
-            },
+            media,
             settings: inscatter::gather_settings(on_surfaces, settings.volume_samples),
         };
         let light = MediaLights {

@@ -149,15 +149,10 @@ impl TreeTask for FrameTask<'_> {
                 MediaCounts::default(),
             )
         } else {
-            let incident = (settings.method == Method::Extended)
-                .then(|| inscatter::known_incident(&media, volumes, gathers.max_dist))
-                .flatten();
+            let (media, incident) = inscatter::known_incident(&media, volumes, gathers.max_dist);
             let gatherer = Gatherer {
                 pages,
-                media: match incident {
-                    Some(_) => media.without_incident(),
-                    None => media,
-                },
+                media,
                 settings: inscatter::gather_settings(gathers, settings.volume_samples),
             };
             let light = MediaLights {
