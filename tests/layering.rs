@@ -45,6 +45,13 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ),
     ("build", LEAVES),
     ("pack", LEAVES),
+    // Where there are no triangles a tree is all that it needs.
+    (
+        "points",
+        &[
+            "error", "formats", "gather", "math", "run", "scene", "trace", "tree", "view",
+        ],
+    ),
     ("scatter", LIT_BY_MEDIA),
     ("shade", LIT_BY_MEDIA),
     // Of pictures it knows none but the samples that may be kept beside one.
@@ -71,7 +78,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
         "cli",
         &[
             "bake", "bounce", "build", "error", "formats", "gather", "image", "inspect", "lab",
-            "pack", "run", "scatter", "scene", "shade", "tree",
+            "pack", "points", "run", "scatter", "scene", "shade", "tree",
         ],
     ),
 ];

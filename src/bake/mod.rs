@@ -8,7 +8,6 @@
 //! - `lvoxels`: blocks of media, their extinction and their light; `brick`: the field that they are
 //!   means of.
 //! - `memory`: what a bake takes, told before the work.
-//! - `part`: which of all that one of several processes makes.
 //!
 //! Points are made in batches, in a fixed order, each from its own number alone, and go straight to
 //! the file: memory does not grow with the cloud, and the bytes do not depend on threads.
@@ -18,12 +17,12 @@ mod camera;
 mod creases;
 mod lvoxels;
 mod memory;
-mod part;
 mod surfels;
 
 use crate::light::{KeptLight, Lights, Shadows, SoftShadowMedia};
 use crate::math::unflatten;
 use crate::run::Job;
+pub use crate::run::Part;
 use crate::scene::Scene;
 use crate::trace::{Tracer, Walked};
 use crate::{Error, Result};
@@ -33,7 +32,6 @@ use lvox_formats::record::{Lvoxel, MAX_VOLUMES, Surfel, VolumeInfo};
 use lvox_formats::{CloudMeta, CloudSummary, CloudWriter, Overwrite};
 pub use lvoxels::BlockSize;
 use lvoxels::LvoxelMaker;
-pub use part::Part;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::path::Path;

@@ -13,6 +13,8 @@ mod bounce;
 mod build;
 mod compare;
 mod files;
+mod gather;
+mod import;
 mod inspect;
 mod last_words;
 mod merge;
@@ -65,6 +67,8 @@ enum Verb {
     Pack(pack::Args),
     Scatter(scatter::Args),
     Shade(shade::Args),
+    Gather(gather::Args),
+    Import(import::Args),
     Merge(merge::Args),
     Inspect(inspect::Args),
     Verify(verify::Args),
@@ -85,6 +89,8 @@ impl Verb {
             Self::Pack(args) => args.files(),
             Self::Scatter(args) => args.files(),
             Self::Shade(args) => args.files(),
+            Self::Gather(args) => args.files(),
+            Self::Import(args) => args.files(),
             Self::Merge(args) => args.files(),
             Self::Inspect(args) => args.files(),
             Self::Verify(args) => args.files(),
@@ -109,6 +115,8 @@ impl Verb {
                 .memory(args.memory)
                 .radiance_cache(args.radiance_cache.as_ref())
                 .gather_cache(args.gather_cache.as_ref()),
+            Self::Gather(args) => none.memory(args.memory),
+            Self::Import(args) => none.memory(args.memory),
             Self::Merge(args) => none.memory(args.memory),
             Self::Compare(args) => none.memory(args.memory),
             Self::Reference(args) => none.memory(args.memory),
@@ -126,6 +134,8 @@ impl Verb {
             Self::Pack(args) => ("pack", args.run(context)),
             Self::Scatter(args) => ("scatter", args.run(context)),
             Self::Shade(args) => ("shade", args.run(context)),
+            Self::Gather(args) => ("gather", args.run(context)),
+            Self::Import(args) => ("import", args.run(context)),
             Self::Merge(args) => ("merge", args.run(context)),
             Self::Inspect(args) => ("inspect", args.run(context)),
             Self::Verify(args) => ("verify", args.run(context)),

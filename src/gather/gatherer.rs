@@ -254,11 +254,16 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
     }
 
     /// Rays of each gather.
-    fn count(&self) -> u32 {
+    pub(super) fn count(&self) -> u32 {
         self.settings.samples.max(1)
     }
 
-    fn rays(&self, point: Vec3, range: u32, direction: impl Fn(u32) -> Option<Vec3>) -> Vec<Ray> {
+    pub(super) fn rays(
+        &self,
+        point: Vec3,
+        range: u32,
+        direction: impl Fn(u32) -> Option<Vec3>,
+    ) -> Vec<Ray> {
         let count = self.count();
         let directions = (0..count).filter_map(|i| direction(range * count + i));
         let reach = self.settings.reach();
@@ -274,10 +279,21 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
     /// Tells what arrives along each of some rays, which end where surfaces no longer matter, and
     /// which ray that is, one after the other.
     pub fn incident_along(&self, rays: &[Ray], mut tell: impl FnMut(usize, Incident)) {
+        self.incident_and_crossings_along(rays, |i, seen, _| tell(i, seen));
+    }
+
+    /// The same with the partly covered nodes before what ends each ray.
+    #[inline(always)]
+    pub(super) fn incident_and_crossings_along(
+        &self,
+        rays: &[Ray],
+        mut tell: impl FnMut(usize, Incident, &[Crossing]),
+    ) {
         let mut scratch = cone::Scratch::default();
         let RayKernel::Traced(patches) = self.settings.kernel else {
             for (i, ray) in rays.iter().enumerate() {
-                tell(i, self.incident(ray, &mut scratch));
+                let seen = self.incident(ray, &mut scratch);
+                tell(i, seen, &scratch.crossings);
             }
             return;
         };
@@ -287,7 +303,8 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
             let open = &mut scratch.open_by_patch;
             patches.cast_packet(self.pages, packet, request, open, &mut ends);
             for ((ray, &end), i) in packet.iter().zip(&ends).zip(first..) {
-                tell(i, self.incident_before(ray, end, &mut scratch));
+                let seen = self.incident_before(ray, end, &mut scratch);
+                tell(i, seen, &scratch.crossings);
             }
         }
     }

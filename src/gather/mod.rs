@@ -54,7 +54,7 @@ pub(crate) use gatherer::{
 };
 pub(crate) use geometry::Geometry;
 pub(crate) use medium::{Medium, NoMedia};
-pub(crate) use neighbours::{DirectionOrder, SurfacePoint};
+pub(crate) use neighbours::{Around, DirectionOrder, SurfacePoint};
 pub(crate) use order::in_order_of_places;
 pub(crate) use patch_radiance::{
     MAX_PACKET, PatchRadiance, PatchRequest, PatchStats, UnknownPatches,

@@ -1,11 +1,13 @@
 //! Gathers of surface points near each other, ray by ray in an order in which those after each
 //! other meet nearly the same.
 
+use super::crossing::Crossing;
 use super::directions::{Hemisphere, SEQUENCES};
 use super::gatherer::{Gathered, Gatherer, Incident, IncidentSum, SampleRange};
 use super::medium::Medium;
 use super::patch_radiance::UnknownPatches;
 use crate::math::Ray;
+use crate::math::sampling::{self, sobol2, sphere};
 use crate::tree::Pages;
 use glam::Vec3;
 use lvox_formats::morton::interleave;
@@ -22,6 +24,34 @@ pub struct SurfacePoint {
     pub face_normal: Vec3,
     /// Number of its range of the directions that all points share.
     pub range: u32,
+}
+
+/// What is around a point.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Around {
+    /// The light that arrives.
+    pub gathered: Gathered,
+    /// Share of the directions, by their weights, in which there are surfaces.
+    pub covered: f32,
+}
+
+/// The sum over the rays of one point.
+#[derive(Clone, Copy, Debug, Default)]
+struct AroundSum {
+    light: IncidentSum,
+    covered: f32,
+}
+
+impl AroundSum {
+    fn add(&mut self, seen: Incident, crossings: &[Crossing]) {
+        self.light.add(seen);
+        let is_ended = seen.distance < f32::INFINITY;
+        let open = |open, c: &Crossing| open * (1.0 - c.opacity);
+        self.covered += match is_ended {
+            true => 1.0,
+            false => 1.0 - crossings.iter().fold(1.0, open),
+        };
+    }
 }
 
 /// The order of the directions of each sequence by where they point.
@@ -121,6 +151,58 @@ impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
         of_points.map(gathered).collect()
     }
 
+    /// Gathers for each of some points near each other what [`Self::irradiance`] does, and what
+    /// surfaces cover. All share the sequence of `seed`; of points that have one range each looks
+    /// along the same directions of its hemisphere. What a point gets does not depend on the others.
+    ///
+    /// # Panics
+    /// As [`Self::irradiance_at_neighbours`].
+    #[must_use]
+    pub fn around_neighbours(
+        &self,
+        points: &[SurfacePoint],
+        seed: u64,
+        order: &DirectionOrder,
+    ) -> Vec<Around> {
+        let samples = self.count();
+        let mut sums = vec![AroundSum::default(); points.len()];
+        if let Some((slots, rays)) = self.rays_in_order(points, seed, order) {
+            self.incident_and_crossings_along(&rays, |i, s, crossings| {
+                sums[slots[i] / samples as usize].add(s, crossings);
+            });
+        } else {
+            for (point, sum) in points.iter().zip(&mut sums) {
+                let hemisphere = Hemisphere::new(point.normal, seed);
+                let rays = self.rays(point.position, point.range, |i| {
+                    hemisphere.direction_above(i, point.face_normal)
+                });
+                self.incident_and_crossings_along(&rays, |_, s, crossings| sum.add(s, crossings));
+            }
+        }
+        let environment = &self.settings.environment;
+        let of_points = sums.into_iter().zip(points);
+        of_points
+            .map(|(sum, point)| Around {
+                gathered: (sum.light).irradiance(samples, point.normal, environment),
+                covered: sum.covered / samples as f32,
+            })
+            .collect()
+    }
+
+    /// Gathers what [`Self::mean_radiance`] does at a point, and what surfaces cover.
+    #[must_use]
+    pub fn around_sphere(&self, point: Vec3, range: SampleRange) -> Around {
+        let samples = self.count();
+        let seed = sampling::mix(range.seed) as u32;
+        let rays = self.rays(point, range.index, |i| Some(sphere(sobol2(i, 0, seed))));
+        let mut sum = AroundSum::default();
+        self.incident_and_crossings_along(&rays, |_, s, crossings| sum.add(s, crossings));
+        Around {
+            gathered: sum.light.mean(samples),
+            covered: sum.covered / samples as f32,
+        }
+    }
+
     /// The patches that [`Self::irradiance_at_neighbours`] would evaluate.
     #[must_use]
     pub fn unknown_to_neighbours(
@@ -145,28 +227,31 @@ impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
         let hemispheres: Vec<_> = points.iter().map(hemisphere).collect();
         let in_order = hemispheres.first().and_then(|any| order.of(any))?;
         let samples = order.samples;
+        // The last point of each range, and of each point the one before it of the same range.
         let mut with_range = vec![None; order.ranges as usize];
+        let mut before = vec![None; points.len()];
         for (k, p) in points.iter().enumerate() {
-            with_range[p.range as usize] = Some(k);
+            before[k] = with_range[p.range as usize].replace(k);
         }
         let reach = self.settings.reach();
-        let rays = in_order
-            .iter()
-            .filter_map(|&i| {
-                let (range, ray) = ((i / samples) as usize, (i % samples) as usize);
-                let k = with_range[range]?;
+        let count = points.len() * samples as usize;
+        let (mut slots, mut rays) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        for &i in in_order {
+            let (range, ray) = ((i / samples) as usize, (i % samples) as usize);
+            let mut of_range = with_range[range];
+            while let Some(k) = of_range {
+                of_range = before[k];
                 let SurfacePoint {
                     position,
                     face_normal,
                     ..
                 } = points[k];
-                let direction = hemispheres[k].direction_above(i, face_normal)?;
-                Some((
-                    k * samples as usize + ray,
-                    Ray::new(position, direction, reach),
-                ))
-            })
-            .unzip();
-        Some(rays)
+                if let Some(direction) = hemispheres[k].direction_above(i, face_normal) {
+                    slots.push(k * samples as usize + ray);
+                    rays.push(Ray::new(position, direction, reach));
+                }
+            }
+        }
+        Some((slots, rays))
     }
 }

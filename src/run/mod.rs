@@ -4,7 +4,7 @@
 //! Every stage gets a [`Job`]. Of the files, `progress`, `cancel` and `report` are its parts;
 //! `budget` what a stage
 //! holds of its limit; `memory`, `size`, `usage` and `watch` know what the machine has and what is taken of it; `output` writes
-//! files that appear whole; `words` are shared by threads and processes; `digest` and `hex` name the program and what it read.
+//! files that appear whole; `part` divides work among processes; `words` are shared by threads and processes; `digest` and `hex` name the program and what it read.
 
 mod budget;
 mod cancel;
@@ -13,6 +13,7 @@ pub(crate) mod digest;
 mod hex;
 pub(crate) mod memory;
 pub(crate) mod output;
+mod part;
 mod progress;
 mod report;
 pub(crate) mod size;
@@ -26,6 +27,7 @@ pub use budget::Held;
 pub use cancel::Cancel;
 pub(crate) use hex::hex;
 pub(crate) use output::Output;
+pub use part::Part;
 pub use progress::{Observer, Progress, Task, TaskObserver};
 pub use report::{Report, StageReport};
 pub use watch::{Peak, Resident};

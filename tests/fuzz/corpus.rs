@@ -19,6 +19,43 @@ const TRIANGLE: [[f32; 3]; 4] = [
     [0.2, 0.9, 0.4],
 ];
 
+/// Points with normals, and without.
+pub fn npy() -> Vec<Vec<u8>> {
+    let of = |descr: &str, columns: usize, numbers: &[u8]| {
+        let text =
+            format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': (2, {columns}), }}\n");
+        let mut file = b"\x93NUMPY\x01\x00".to_vec();
+        file.extend((text.len() as u16).to_le_bytes());
+        file.extend(text.bytes());
+        file.extend(numbers);
+        file
+    };
+    let [normals, alone] = [[0.5_f32, 0.5, 0.5, 0.0, 1.0, 0.0], [0.5; 6]];
+    let twice = [normals, normals].concat();
+    let bytes: Vec<u8> = twice.iter().flat_map(|v| v.to_le_bytes()).collect();
+    let alone: Vec<u8> = alone
+        .iter()
+        .flat_map(|v| f64::from(*v).to_be_bytes())
+        .collect();
+    vec![of("<f4", 6, &bytes), of(">f8", 3, &alone)]
+}
+
+/// Surfels of other programs, in floats and in bytes.
+pub fn surfels() -> Vec<Vec<u8>> {
+    let of = |size: &str, kind: &str| {
+        let mut text = "ply\nformat ascii 1.0\nelement vertex 2\n".to_owned();
+        for name in ["x", "y", "z", "nx", "ny", "nz", size] {
+            text += &format!("property float {name}\n");
+        }
+        for name in ["red", "green", "blue"] {
+            text += &format!("property {kind} {name}\n");
+        }
+        text += "end_header\n0 1 2 0 0.6 0.8 0.1 7 8 9\n1 1 3 0 0 1 0.2 1 0 1\n";
+        text.into_bytes()
+    };
+    vec![of("radius", "double"), of("area", "uchar")]
+}
+
 pub fn ply() -> Vec<Vec<u8>> {
     let header = |format: &str| {
         format!(

@@ -1,13 +1,73 @@
-//! Meshes, volumes, textures, scene files and tiles.
+//! Meshes, volumes, textures, scene files, tiles and points.
 
 use crate::corpus;
 use crate::harness::{Target, change, folder};
+use crate::support::trees;
 use lvox::Kind;
+use lvox::formats::Overwrite;
 use lvox::image::{exr, merge};
+use lvox::points::{self, PointFile};
 use lvox::run::Job;
-use lvox::scene::Scene;
+use lvox::scene::{LightInput, MeshInput, Scene, SceneBuilder};
+use lvox::tree::OpenTree;
 use std::fs;
 use std::path::Path;
+
+/// Files of points: without faces and with them, as text, and arrays.
+#[test]
+fn points() {
+    let folder = folder("points");
+    let (input, output) = (folder.join("a.points"), folder.join("a.ply"));
+    let tree = trees::baked(&floor(), &trees::of_surfels(50), &folder, "floor");
+    let tree = OpenTree::open(&tree, None).unwrap();
+    let settings = points::Settings {
+        samples: 1,
+        ..points::Settings::default()
+    };
+    let mut corpus = corpus::ply();
+    corpus.extend(corpus::npy());
+    let target = Target {
+        name: "points",
+        cases: 1500,
+        memory: 64 << 20,
+        corpus,
+    };
+    target.run(change, |content| {
+        fs::write(&input, content).unwrap();
+        let read = PointFile::open(&input).and_then(|file| {
+            // What is left of a small file is small.
+            assert!(file.count() <= 1 + content.len() as u64);
+            let job = Job::default();
+            let overwrite = Overwrite::Replace;
+            points::run(&tree, None, &file, &output, &settings, overwrite, &job)
+        });
+        Ok(judge(read)?.is_some())
+    });
+    let (cloud, settings) = (folder.join("a.lvc"), points::ImportSettings::default());
+    let target = Target {
+        name: "surfels",
+        cases: 1500,
+        memory: 64 << 20,
+        corpus: corpus::surfels(),
+    };
+    target.run(change, |content| {
+        fs::write(&input, content).unwrap();
+        let job = Job::default();
+        let read = PointFile::open(&input)
+            .and_then(|file| points::import(&file, &cloud, &settings, Overwrite::Replace, &job));
+        Ok(judge(read)?.is_some())
+    });
+}
+
+/// A floor under a light.
+fn floor() -> Scene {
+    let corners = [[-1.0, 0.0, -1.0], [-1.0, 0.0, 1.0], [1.0, 0.0, 1.0]];
+    SceneBuilder::new("floor")
+        .mesh(MeshInput::new("floor", corners, vec![[0, 1, 2]]).albedo([0.5; 3]))
+        .light(LightInput::point([0.0, 3.0, 0.0], [8.0; 3]))
+        .build()
+        .unwrap()
+}
 
 /// What is wrong with the outcome of a reader, if anything is.
 fn judge<T>(outcome: lvox::Result<T>) -> Result<Option<T>, String> {

@@ -12,7 +12,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// A closed room whose walls have an albedo and emit 1, seen from inside.
-fn closed_room(albedo: f64) -> String {
+pub fn closed_room(albedo: f64) -> String {
     let mut text = String::from(
         "[film]\nwidth = 16\nheight = 16\n[[camera]]\nposition = [0.1, 0.05, 0.4]\ntarget = [0, 0, 0]\n\
          fov_x_deg = 90\n",

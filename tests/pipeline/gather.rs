@@ -238,6 +238,25 @@ fn neighbours_gather_together_what_they_gather_one_by_one() {
             assert_eq!(*got, alone);
         }
         assert!(together.iter().all(|g| g.light.luminance() > 0.0));
+        // Sums in another order; some of the points look along the same range.
+        let point = |p: &SurfacePoint| SurfacePoint {
+            range: p.range / 3,
+            ..*p
+        };
+        let points: Vec<_> = points.iter().map(point).collect();
+        let around = gatherer.around_neighbours(&points, seed as u64, &order);
+        for (p, got) in points.iter().zip(&around) {
+            let stretch = SampleRange {
+                index: p.range,
+                seed: seed as u64,
+            };
+            let alone = gatherer.irradiance(p.position, p.normal, p.face_normal, stretch);
+            let difference = got.gathered.light.luminance() - alone.light.luminance();
+            assert!(difference.abs() < 1e-4 * alone.light.luminance());
+            assert!((0.0..1.001).contains(&got.covered));
+            let lone = gatherer.around_neighbours(&[*p], seed as u64, &order);
+            assert_eq!(*got, lone[0]);
+        }
     }
 }
 

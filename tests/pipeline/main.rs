@@ -22,6 +22,7 @@ mod messages;
 mod outputs;
 mod packed;
 mod physics;
+mod points;
 mod scatter;
 mod settings;
 mod shadows;

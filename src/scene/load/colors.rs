@@ -73,7 +73,7 @@ impl ColorEncoding {
 }
 
 /// Linear value of an sRGB-encoded one, both in [0,1].
-pub(super) fn linear_from_srgb(encoded: f32) -> f32 {
+pub(crate) fn linear_from_srgb(encoded: f32) -> f32 {
     if encoded <= 0.04045 {
         encoded / 12.92
     } else {

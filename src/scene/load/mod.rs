@@ -16,7 +16,7 @@
 //   `left_out`: what to tell of them
 
 mod builtin;
-mod colors;
+pub(crate) mod colors;
 mod contents;
 mod description;
 mod environment;
@@ -30,7 +30,7 @@ mod normals;
 mod nrrd;
 mod numbers;
 mod obj;
-mod ply;
+pub(crate) mod ply;
 mod polygon;
 mod raw;
 mod samples;

@@ -7,18 +7,18 @@ const MAX_HEADER: usize = 1 << 20;
 
 /// What the header of a file says.
 #[derive(Debug)]
-pub(super) struct Header {
-    pub(super) encoding: Encoding,
-    pub(super) elements: Vec<Element>,
+pub(crate) struct Header {
+    pub(crate) encoding: Encoding,
+    pub(crate) elements: Vec<Element>,
     /// File names of textures that comments give, in order.
-    pub(super) textures: Vec<String>,
+    pub(crate) textures: Vec<String>,
     /// Where the content begins.
-    pub(super) length: usize,
+    pub(crate) length: usize,
 }
 
 /// How the content is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Encoding {
+pub(crate) enum Encoding {
     Ascii,
     LittleEndian,
     BigEndian,
@@ -26,24 +26,24 @@ pub(super) enum Encoding {
 
 /// A list of things that are alike.
 #[derive(Debug)]
-pub(super) struct Element {
-    pub(super) name: String,
-    pub(super) count: usize,
-    pub(super) properties: Vec<Property>,
+pub(crate) struct Element {
+    pub(crate) name: String,
+    pub(crate) count: usize,
+    pub(crate) properties: Vec<Property>,
 }
 
 /// A number of each thing, or a list of numbers.
 #[derive(Debug)]
-pub(super) struct Property {
-    pub(super) name: String,
+pub(crate) struct Property {
+    pub(crate) name: String,
     /// Type of the length, for a list.
-    pub(super) length: Option<Scalar>,
-    pub(super) scalar: Scalar,
+    pub(crate) length: Option<Scalar>,
+    pub(crate) scalar: Scalar,
 }
 
 /// A type of numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Scalar {
+pub(crate) enum Scalar {
     I8,
     U8,
     I16,
@@ -70,7 +70,7 @@ impl Scalar {
     }
 
     /// Bytes of a number.
-    pub(super) fn size(self) -> usize {
+    pub(crate) fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
             Self::I16 | Self::U16 => 2,
@@ -82,7 +82,7 @@ impl Scalar {
 
 impl Header {
     /// Reads a header from the start of a file.
-    pub(super) fn parse(content: &[u8]) -> Result<Self> {
+    pub(crate) fn parse(content: &[u8]) -> Result<Self> {
         let mut lines = Lines { content, at: 0 };
         if lines.next().as_deref() != Some("ply") {
             return Err(Error::input(

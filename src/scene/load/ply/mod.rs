@@ -19,7 +19,7 @@
 //! - `faces`: triangles, and the materials that faces call for
 
 mod faces;
-mod header;
+pub(crate) mod header;
 
 use super::colors::ColorEncoding;
 use super::files::{Files, text_start};

@@ -1,12 +1,11 @@
-//! A part of a bake, for several processes.
+//! A part of some work, for several processes.
 
 use crate::{Error, Result};
 use std::fmt;
 use std::ops::Range;
 use std::str::FromStr;
 
-/// One of the parts into which a bake is split. All parts together are the whole, to the bit:
-/// `build` joins them.
+/// One of the parts into which work is split. All parts together are the whole, to the bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Part {
     index: u32,
@@ -14,7 +13,7 @@ pub struct Part {
 }
 
 impl Part {
-    /// All of a bake.
+    /// All of it.
     pub const WHOLE: Self = Self { index: 0, count: 1 };
 
     /// Part `index` of `count`, counted from 0.
@@ -42,7 +41,7 @@ impl Part {
     }
 
     /// The part's share of `n` things.
-    pub(super) fn of(self, n: u64) -> Range<u64> {
+    pub(crate) fn of(self, n: u64) -> Range<u64> {
         let at = |i: u32| (u128::from(n) * u128::from(i) / u128::from(self.count)) as u64;
         at(self.index)..at(self.index + 1)
     }
