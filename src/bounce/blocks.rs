@@ -15,6 +15,8 @@ pub struct Blocks {
     pub albedo: [f32; 3],
     /// By block: extinction per scene unit.
     pub sigma_t: Vec<f32>,
+    /// What extinction is of that of the medium.
+    pub scale: f32,
     /// By block: log2 of its voxels along an edge.
     pub levels: Vec<u8>,
     /// By block: its lowest voxel.
@@ -46,6 +48,7 @@ impl Blocks {
         let table_dims = info.dims.map(|n| (n as usize).div_ceil(BRICK));
         Self {
             albedo: info.albedo,
+            scale: 1.0,
             sigma_t: Vec::new(),
             levels: Vec::new(),
             corners: Vec::new(),
@@ -59,11 +62,20 @@ impl Blocks {
         }
     }
 
+    /// The same with the medium that scatters alike in all directions, and spreads light as one does
+    /// whose phase function has this mean cosine (similarity, van de Hulst 1980).
+    pub fn spreading(mut self, mean_cosine: f32) -> Self {
+        let most = self.albedo.into_iter().fold(0.0, f32::max);
+        self.scale = 1.0 - most * mean_cosine;
+        self.albedo = (self.albedo).map(|a| a * (1.0 - mean_cosine) / (1.0 - a * mean_cosine));
+        self
+    }
+
     /// Adds an lvoxel. The first in a brick decides on the size of the brick's blocks; one that
     /// does not fit in is never met.
     pub fn push(&mut self, l: &Lvoxel) {
         let number = self.sigma_t.len() as u32;
-        self.sigma_t.push(l.sigma_t);
+        self.sigma_t.push(l.sigma_t * self.scale);
         self.levels.push(l.level);
         self.corners.push(l.block.map(|b| u32::from(b) << l.level));
         let per_axis = BRICK >> l.level;

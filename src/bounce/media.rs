@@ -5,6 +5,7 @@ use super::diffusion::Diffusion;
 use super::krylov;
 use super::lattice::DIRECTIONS;
 use super::light::Light;
+use super::lobes::{Lobes, Sent};
 use super::receivers::Receiver;
 use super::sweeps::Sweeps;
 use super::walls::WallLight;
@@ -12,6 +13,7 @@ use crate::Result;
 use crate::math::Rgb;
 use crate::math::exp::exp_neg_and_rest;
 use crate::run::Cancel;
+use glam::Vec3;
 use rayon::prelude::*;
 
 /// One volume, and the sources of its blocks.
@@ -22,6 +24,8 @@ pub struct ScatteringVolume<'a> {
     diffusion: Diffusion,
     /// Of light that comes straight from lights.
     direct: &'a [Light],
+    /// Where light leaves in lobes: what the sources are made of, if not of direct light as it is.
+    lobes: Option<(Lobes, Vec<Light>)>,
     /// Of all light.
     sources: Vec<Light>,
     /// Length of what they are made of.
@@ -48,11 +52,52 @@ impl<'a> ScatteringVolume<'a> {
             diffusion: Diffusion::new(blocks),
             sweeps,
             direct,
+            lobes: None,
             sources: direct.to_vec(),
             scale: 0.0,
             swept: 0,
             residual: 0.0,
         }
+    }
+
+    /// The same where direct light leaves blocks in lobes, of a medium that scatters by a phase
+    /// function and spreads light as these blocks do ([`Blocks::spreading`]).
+    ///
+    /// # Errors
+    /// A stop on request.
+    pub fn in_lobes(self, lobes: Lobes, cancel: &Cancel) -> Result<Self> {
+        let given = lobes.given(&self.sweeps, self.blocks, self.direct, cancel)?;
+        Ok(Self {
+            lobes: Some((lobes, given)),
+            swept: self.swept + 1,
+            ..self
+        })
+    }
+
+    fn given(&self) -> &[Light] {
+        self.lobes.as_ref().map_or(self.direct, |(_, given)| given)
+    }
+
+    /// What the blocks of the medium itself send, and the mean directions in which that leaves; none
+    /// where it leaves alike in all directions.
+    pub fn sent(&self) -> (Vec<Light>, Vec<Vec3>) {
+        match &self.lobes {
+            None => (self.sources.clone(), Vec::new()),
+            Some((lobes, _)) => {
+                let scattered = lobes.scattered(self.blocks, &self.sources, self.direct);
+                let all = lobes.with_direct(self.blocks, scattered, self.direct);
+                all.into_iter().map(|s| (s.light, s.way)).unzip()
+            }
+        }
+    }
+
+    /// Finds the directions of light that has scattered, if they matter.
+    fn find_ways(&mut self, walls: &WallLight, cancel: &Cancel) -> Result<()> {
+        if let Some((lobes, _)) = &mut self.lobes {
+            lobes.find_ways(&self.sweeps, [&self.sources, self.direct], walls, cancel)?;
+            self.swept += 1;
+        }
+        Ok(())
     }
 
     /// The rays through it.
@@ -65,10 +110,14 @@ impl<'a> ScatteringVolume<'a> {
         &self.sources
     }
 
-    /// What the sources are beyond direct light.
-    fn added(&self) -> Vec<Light> {
+    /// What blocks send beyond direct light.
+    fn added(&self) -> Vec<Sent> {
+        if let Some((lobes, _)) = &self.lobes {
+            return lobes.scattered(self.blocks, &self.sources, self.direct);
+        }
         let pairs = self.sources.iter().zip(self.direct);
-        pairs.map(|(all, direct)| *all - *direct).collect()
+        let even = |(all, direct): (&Light, &Light)| Sent::evenly(*all - *direct);
+        pairs.map(even).collect()
     }
 
     /// What blocks with these sources scatter of each other's light and of that of surfaces.
@@ -90,7 +139,11 @@ impl<'a> ScatteringVolume<'a> {
     /// A stop on request.
     pub fn scatter_once(&mut self, walls: &WallLight, cancel: &Cancel) -> Result<()> {
         let mut next = self.scattered(&self.sources, walls, cancel)?;
-        next.iter_mut().zip(self.direct).for_each(|(n, d)| *n += *d);
+        next.iter_mut()
+            .zip(self.given())
+            .for_each(|(n, d)| *n += *d);
+        // Of what has scattered now, before the next time.
+        self.find_ways(walls, cancel)?;
         self.sources = next;
         self.swept += 1;
         Ok(())
@@ -114,7 +167,7 @@ impl<'a> ScatteringVolume<'a> {
             self.swept += 1;
             self.scattered(&start, walls, cancel)?
         };
-        let given = start.par_iter().zip(self.direct);
+        let given = start.par_iter().zip(self.given());
         (rest.par_iter_mut().zip(given)).for_each(|(r, (x, d))| *r += *d - *x);
         let (weights, kept) = (self.sweeps.depths(), self.sweeps.kept());
         let rest_length = krylov::length(weights, &rest);
@@ -156,13 +209,13 @@ impl<'a> ScatteringVolume<'a> {
         let all = self.sources.iter_mut().zip(self.direct);
         let missed = all.zip(weights).filter(|(_, weight)| **weight == 0.0);
         missed.for_each(|((source, direct), _)| *source = *direct);
-        Ok(())
+        self.find_ways(walls, cancel)
     }
 }
 
 /// By receiver: what volumes send to it beyond the direct light that they scatter.
 pub fn at_receivers(receivers: &[Receiver], volumes: &[ScatteringVolume]) -> Vec<Rgb> {
-    let added: Vec<Vec<Light>> = volumes.iter().map(ScatteringVolume::added).collect();
+    let added: Vec<Vec<Sent>> = volumes.iter().map(ScatteringVolume::added).collect();
     let at = |receiver: &Receiver| {
         let mut met = receiver.met.iter().peekable();
         let mut sum = Light::ZERO;
@@ -174,9 +227,9 @@ pub fn at_receivers(receivers: &[Receiver], volumes: &[ScatteringVolume]) -> Vec
             for (volume, added) in volumes.iter().zip(&added) {
                 let mut passing = 1.0;
                 volume.blocks.walk(&ray, |block, near, far| {
-                    let tau = volume.blocks.sigma_t[block] * (far - near);
+                    let tau = volume.blocks.sigma_t[block] / volume.blocks.scale * (far - near);
                     let (passed, taken) = exp_neg_and_rest(tau);
-                    sum += added[block] * (passing * taken);
+                    sum += added[block].along(-ray.direction) * (passing * taken);
                     passing *= passed;
                 });
             }
@@ -193,62 +246,94 @@ mod tests {
     use glam::{DAffine3, DVec3};
     use lvox_formats::record::{Lvoxel, VolumeInfo};
 
-    /// What a wide slab of so many cells of depth `cell` reflects and lets through of a parallel
-    /// beam that falls straight onto it.
-    fn slab(cells: u32, cell: f64, albedo: f64) -> (f64, f64, u32) {
+    /// A wide slab of so many cells of depth `cell` in a parallel beam.
+    struct Slab {
+        cells: u32,
+        cell: f64,
+        albedo: f64,
+        mean_cosine: f32,
+        /// Of the beam to the normal.
+        cos: f64,
+    }
+
+    /// What of the light of a beam that falls onto a slab this reflects and lets through, and how
+    /// many sweeps that took.
+    fn leaving(slab: &Slab) -> (f64, f64, u32) {
         const WIDE: u32 = 64;
+        let &Slab { cells, cell, .. } = slab;
         let info = VolumeInfo {
             name: String::new(),
             dims: [WIDE, WIDE, cells],
             index_from_scene: DAffine3::from_scale(DVec3::splat(1.0 / cell)).to_cols_array_2d(),
-            albedo: [albedo as f32; 3],
+            albedo: [slab.albedo as f32; 3],
         };
-        let mut blocks = Blocks::new(&info);
+        let g = slab.mean_cosine;
+        let mut blocks = match g {
+            0.0 => Blocks::new(&info),
+            g => Blocks::new(&info).spreading(g),
+        };
         let mut direct = Vec::new();
         let passed = |depth: f64| (-depth).exp();
         for z in 0..cells {
-            let (top, bottom) = (f64::from(z) * cell, f64::from(z + 1) * cell);
+            let [top, bottom] = [z, z + 1].map(|z| f64::from(z) * cell / slab.cos);
             let mean = (passed(top) - passed(bottom)) / cell;
-            let source = albedo * mean / (4.0 * std::f64::consts::PI);
+            let source = slab.albedo * mean / (4.0 * std::f64::consts::PI);
             for i in 0..WIDE * WIDE {
                 blocks.push(&Lvoxel {
                     block: [i % WIDE, i / WIDE, z].map(|v| v as u16),
                     sigma_t: 1.0,
                     ..Lvoxel::default()
                 });
-                direct.push(Light::splat(source as f32));
+                direct.push(Light::splat(source as f32 / blocks.scale));
             }
         }
-        let mut volume = ScatteringVolume::new(
-            &blocks,
-            Sweeps::alone(&blocks, &Room::new(u64::MAX)),
-            &direct,
-        );
-        volume
-            .solve(&WallLight::NONE, 1e-3, &Cancel::default())
-            .unwrap();
+        let sweeps = Sweeps::alone(&blocks, &Room::new(u64::MAX));
+        let mut volume = ScatteringVolume::new(&blocks, sweeps, &direct);
+        let cancel = Cancel::default();
+        if g != 0.0 {
+            let beam = DVec3::new((1.0 - slab.cos * slab.cos).sqrt(), 0.0, slab.cos);
+            let lobes = vec![beam.as_vec3() * g; direct.len()];
+            volume = volume.in_lobes(Lobes::new(&lobes, g), &cancel).unwrap();
+        }
+        volume.solve(&WallLight::NONE, 1e-3, &cancel).unwrap();
         assert!(volume.residual <= 1e-3);
+        let (light, ways) = volume.sent();
+        let sent = |block: usize, travel: Vec3| match ways.get(block) {
+            Some(&way) => Sent {
+                light: light[block],
+                way,
+            }
+            .along(travel),
+            None => light[block],
+        };
         // Means over the middle, where the borders are far: rays meet each block in few places.
         let middle = WIDE / 2 - 8..WIDE / 2 + 8;
-        let source = |z: u32| {
+        let source = |z: u32, travel: Vec3| {
             let rows = middle.clone().map(|y| (z * WIDE + y) * WIDE);
             let blocks = rows.flat_map(|row| middle.clone().map(move |x| (row + x) as usize));
-            blocks.map(|b| f64::from(volume.sources[b].x)).sum::<f64>() / 256.0
+            blocks.map(|b| f64::from(sent(b, travel).x)).sum::<f64>() / 256.0
         };
-        let leaving = |depth_before: &dyn Fn(u32) -> f64| {
-            let steps = 200;
-            let flux = (0..steps).map(|i| {
-                let mu = (f64::from(i) + 0.5) / f64::from(steps);
-                let seen = (0..cells)
-                    .map(|z| source(z) * passed(depth_before(z) / mu) * (1.0 - passed(cell / mu)));
-                2.0 * std::f64::consts::PI * mu * seen.sum::<f64>() / f64::from(steps)
-            });
-            flux.sum::<f64>()
+        let around = if g == 0.0 { 1 } else { 16 };
+        let leaving = |to_front: bool| {
+            let steps = if g == 0.0 { 200 } else { 40 };
+            let mut flux = 0.0;
+            for i in 0..steps * around {
+                let mu = (f64::from(i / around) + 0.5) / f64::from(steps);
+                let (sin, cos) = (f64::from(i % around) / f64::from(around) * 6.283_185).sin_cos();
+                let across = (1.0 - mu * mu).sqrt();
+                let along = if to_front { -mu } else { mu };
+                let travel = DVec3::new(across * cos, across * sin, along).as_vec3();
+                let seen = (0..cells).map(|z| {
+                    let before = if to_front { z } else { cells - 1 - z };
+                    let before = f64::from(before) * cell / mu;
+                    source(z, travel) * passed(before) * (1.0 - passed(cell / mu))
+                });
+                flux += 2.0 * std::f64::consts::PI * mu * seen.sum::<f64>();
+            }
+            flux / f64::from(steps * around)
         };
-        let reflected = leaving(&|z| f64::from(z) * cell);
-        let depth = f64::from(cells) * cell;
-        let through = leaving(&|z| f64::from(cells - 1 - z) * cell) + passed(depth);
-        (reflected, through, volume.swept)
+        let through = leaving(false) + passed(f64::from(cells) * cell / slab.cos);
+        (leaving(true), through, volume.swept)
     }
 
     /// Discrete ordinates to convergence (PythonicDISORT): isotropic scattering of albedo 0.999 in
@@ -256,13 +341,39 @@ mod tests {
     /// little too far, by the more the deeper the cells are, and lose none.
     #[test]
     fn slabs_reflect_and_let_through_what_discrete_ordinates_say() {
-        let (reflected, through, swept) = slab(14, 10.0 / 14.0, 0.999);
+        let slab = |albedo| Slab {
+            cells: 14,
+            cell: 10.0 / 14.0,
+            albedo,
+            mean_cosine: 0.0,
+            cos: 1.0,
+        };
+        let (reflected, through, swept) = leaving(&slab(0.999));
         assert!((reflected - 0.8389).abs() < 0.018, "{reflected}");
         assert!((through - 0.1382).abs() < 0.018, "{through}");
         assert!(swept <= 12, "{swept}");
-        let (reflected, through, _) = slab(14, 10.0 / 14.0, 1.0);
+        let (reflected, through, _) = leaving(&slab(1.0));
         // The borders let some of it out.
         let all = reflected + through;
         assert!((0.96..1.005).contains(&all), "{reflected} {through}");
+    }
+
+    /// The same for a mean cosine of 0.85 and a beam at a cosine of 0.9, by depth: one lobe of all
+    /// light that a block sends has less of it go back than it should.
+    #[test]
+    fn slabs_that_scatter_forward_do_so_too() {
+        for (depth, reflects, lets_through) in [(1.0, 0.0534, 0.9453), (5.0, 0.2718, 0.7191)] {
+            let cells = f64::ceil(depth / 0.71);
+            let (reflected, through, _) = leaving(&Slab {
+                cells: cells as u32,
+                cell: depth / cells,
+                albedo: 0.999,
+                mean_cosine: 0.85,
+                cos: 0.9,
+            });
+            let off = [reflected - reflects, through - lets_through];
+            assert!(off[0].abs() < 0.065, "{depth}: {reflected}");
+            assert!(off[1].abs() < 0.03, "{depth}: {through}");
+        }
     }
 }

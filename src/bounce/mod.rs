@@ -21,6 +21,7 @@
 //! | `crossings` | the lvoxels that rays cross, laid down |
 //! | `sweeps` | light along all rays of a volume, as means over lvoxels |
 //! | `media` | the sources of lvoxels, every order of scattering; `krylov`: the linear system |
+//! | `lobes` | the same where media scatter by phase functions |
 //! | `diffusion` | about where light ends that scatters often, from block to block |
 //! | `incident` | what lvoxels send each other in the end, for frames to look up |
 //! | `solve` | one bounce after another, until they fade; surfaces and media in turn |
@@ -34,6 +35,7 @@ mod krylov;
 mod lattice;
 mod light;
 mod links;
+mod lobes;
 mod media;
 mod places;
 mod receivers;
@@ -52,13 +54,16 @@ use crate::math::{Environment, Rgb};
 use crate::run::{Budget, Job, hex};
 use crate::scene::Scene;
 use crate::trace::Tracer;
+use crate::tree::media::mean_direction;
 use crate::tree::{OpenTree, Pages};
 use crate::view;
 use crate::{Error, Result};
 use blocks::Blocks;
 use crossings::Room;
+use glam::Vec3;
 use light::Light;
 use links::{Links, Sites};
+use lobes::Lobes;
 use lvox_formats::{MappedFile, Tree};
 use media::ScatteringVolume;
 use places::Places;
@@ -123,6 +128,7 @@ pub fn run(
             light: &lit.solution.light,
             runs: &lit.runs,
             sources: &lit.sources,
+            lobes: &lit.lobes,
             incident: &lit.incident,
         };
         let lost = rewrite::write(source, &light, &mut writer, job)?;
@@ -202,6 +208,11 @@ fn least_memory(scene: &Scene, tree: &Tree<MappedFile>, settings: &Settings, job
     let met = size_of::<Met>() + Links::BYTES;
     let receiver = size_of::<Receiver>() + Places::BYTES + settings.samples as usize * met;
     let volumes = tree.meta().cloud.volumes.iter();
+    let has_lobes = scene.volumes.iter().any(|v| v.phase.moment(1) != 0.0);
+    let of_lvoxel = match has_lobes {
+        true => ScatteringVolume::BYTES_A_BLOCK + Lobes::BYTES_A_BLOCK,
+        false => ScatteringVolume::BYTES_A_BLOCK,
+    };
     Budget::default()
         .with("the program and its threads", job.process_bytes)
         .with("the scene", scene.bytes())
@@ -214,11 +225,7 @@ fn least_memory(scene: &Scene, tree: &Tree<MappedFile>, settings: &Settings, job
             "receivers and their links",
             DIVIDED * runs * 2 * receiver as u64,
         )
-        .with(
-            "lvoxels",
-            sums.lvoxels()
-                .saturating_mul(ScatteringVolume::BYTES_A_BLOCK),
-        )
+        .with("lvoxels", sums.lvoxels().saturating_mul(of_lvoxel))
         .with(
             "rays through media",
             SETS_AT_A_TIME * volumes.map(Sweeps::bytes_for).sum::<u64>(),
@@ -246,6 +253,8 @@ struct Lit {
     solution: Solution,
     /// By volume and lvoxel.
     sources: Vec<Vec<Light>>,
+    /// The same for the mean directions in which their light leaves.
+    lobes: Vec<Vec<Vec3>>,
     /// By lvoxel of the only volume: what the others send to it. Empty if there are more.
     incident: Vec<Light>,
     sweeps: u32,
@@ -340,12 +349,22 @@ impl TreeTask for Gathering<'_> {
             sites: &sites,
             max_solid_angle: settings.max_solid_angle,
         };
-        let (blocks, direct) = blocks(source)?;
+        let mean_cosines: Vec<f32> = scene.volumes.iter().map(|v| v.phase.moment(1)).collect();
+        let Lvoxels {
+            blocks,
+            direct,
+            lobes,
+        } = Lvoxels::of(source, &mean_cosines)?;
         let least = least_memory(scene, source, settings, job);
         let room = Room::new(bytes_laid_down(&least, source, job));
-        let volumes = blocks.iter().zip(&direct).map(|(blocks, direct)| {
+        let volumes = (0..blocks.len()).map(|i| {
+            let (blocks, direct) = (&blocks[i], &direct[i]);
             let sweeps = Sweeps::new(blocks, &walls, &room, cancel)?;
-            Ok(ScatteringVolume::new(blocks, sweeps, direct))
+            let volume = ScatteringVolume::new(blocks, sweeps, direct);
+            match mean_cosines.get(i) {
+                Some(&g) if g != 0.0 => volume.in_lobes(Lobes::new(&lobes[i], g), cancel),
+                _ => Ok(volume),
+            }
         });
         let mut exchange = Exchange {
             receivers,
@@ -358,8 +377,8 @@ impl TreeTask for Gathering<'_> {
         lit.sweeps = exchange.volumes.iter().map(|v| v.swept).sum();
         let residuals = exchange.volumes.iter().map(|v| v.residual);
         lit.media_residual = residuals.fold(0.0, f64::max);
-        let sources = exchange.volumes.iter().map(|v| v.sources().to_vec());
-        lit.sources = sources.collect();
+        let sent = exchange.volumes.iter().map(ScatteringVolume::sent);
+        (lit.sources, lit.lobes) = sent.unzip();
         if let ([blocks], [volume], [medium]) =
             (&blocks[..], &exchange.volumes[..], &scene.volumes[..])
             && medium.phase.is_isotropic()
@@ -374,17 +393,41 @@ impl TreeTask for Gathering<'_> {
     }
 }
 
-/// The lvoxels of each volume of a tree, and their sources.
-fn blocks(tree: &Tree<MappedFile>) -> Result<(Vec<Blocks>, Vec<Vec<Light>>)> {
-    let volumes = &tree.meta().cloud.volumes;
-    let mut blocks: Vec<Blocks> = volumes.iter().map(Blocks::new).collect();
-    let mut sources = vec![Vec::new(); blocks.len()];
-    for i in 0..tree.lvoxel_pages() {
-        for lvoxel in tree.lvoxel_page(i)? {
-            let volume = usize::from(lvoxel.volume);
-            blocks[volume].push(&lvoxel);
-            sources[volume].push(Light::from(lvoxel.source));
+/// The lvoxels of each volume of a tree.
+struct Lvoxels {
+    blocks: Vec<Blocks>,
+    /// Their sources of direct light.
+    direct: Vec<Vec<Light>>,
+    /// The mean directions in which that leaves; none where it leaves alike in all directions.
+    lobes: Vec<Vec<Vec3>>,
+}
+
+impl Lvoxels {
+    /// Those of a tree, of volumes whose phase functions have these mean cosines.
+    fn of(tree: &Tree<MappedFile>, mean_cosines: &[f32]) -> Result<Self> {
+        let cosine = |i: usize| mean_cosines.get(i).copied().unwrap_or(0.0);
+        let volumes = tree.meta().cloud.volumes.iter().enumerate();
+        let volumes = volumes.map(|(i, info)| match cosine(i) {
+            0.0 => Blocks::new(info),
+            g => Blocks::new(info).spreading(g),
+        });
+        let mut blocks: Vec<Blocks> = volumes.collect();
+        let mut direct = vec![Vec::new(); blocks.len()];
+        let mut lobes = vec![Vec::new(); blocks.len()];
+        for i in 0..tree.lvoxel_pages() {
+            for lvoxel in tree.lvoxel_page(i)? {
+                let volume = usize::from(lvoxel.volume);
+                blocks[volume].push(&lvoxel);
+                direct[volume].push(Light::from(lvoxel.source) / blocks[volume].scale);
+                if cosine(volume) != 0.0 {
+                    lobes[volume].push(mean_direction(lvoxel.lobe));
+                }
+            }
         }
+        Ok(Self {
+            blocks,
+            direct,
+            lobes,
+        })
     }
-    Ok((blocks, sources))
 }

@@ -11,7 +11,7 @@ use crate::trace::Tracer;
 use crate::tree::AggregateSums;
 use crate::{Error, Result};
 use glam::Vec3;
-use lvox_formats::record::{Below, SurfelPage};
+use lvox_formats::record::{Below, Lvoxel, SurfelPage};
 use lvox_formats::{EncodedLvoxels, EncodedPage, MappedFile, Tree, TreeWriter};
 use rayon::prelude::*;
 
@@ -29,6 +29,8 @@ pub struct NewLight<'a> {
     pub runs: &'a [Vec<LitRun>],
     /// By volume: the sources of its lvoxels in the order of pages; none if they stay as they are.
     pub sources: &'a [Vec<Light>],
+    /// By volume: the mean directions in which their light leaves; none if it does so alike in all.
+    pub lobes: &'a [Vec<Vec3>],
     /// By lvoxel of the only volume: what the others send to it; none if that is not told.
     pub incident: &'a [Light],
 }
@@ -157,15 +159,18 @@ pub fn write(
     }
     let mut incident = light.incident.iter();
     let mut sources: Vec<_> = light.sources.iter().map(|s| s.iter()).collect();
+    let mut lobes: Vec<_> = light.lobes.iter().map(|l| l.iter()).collect();
     for i in 0..tree.lvoxel_pages() {
         job.cancel.check()?;
         let mut lvoxels = tree.lvoxel_page(i)?;
         for lvoxel in &mut lvoxels {
-            let sources = sources.get_mut(usize::from(lvoxel.volume));
-            if let Some(source) = sources.and_then(Iterator::next) {
-                let direct = lvoxel.source;
+            let volume = usize::from(lvoxel.volume);
+            if let Some(source) = sources.get_mut(volume).and_then(Iterator::next) {
                 lvoxel.source = source.to_array();
-                lvoxel.lobe = wider(lvoxel.lobe, direct, lvoxel.source);
+            }
+            if let Some(way) = lobes.get_mut(volume).and_then(Iterator::next) {
+                let lobe = (*way * Lvoxel::LOBE_ONE).round();
+                lvoxel.lobe = lobe.to_array().map(|c| c as i8);
             }
             if let Some(incident) = incident.next() {
                 lvoxel.incident = incident.to_array();
@@ -175,19 +180,6 @@ pub fn write(
         writer.push_lvoxel_page(&page)?;
     }
     Ok(lost)
-}
-
-/// The lobe of light of which `direct` has one, and the rest none.
-fn wider(lobe: [i8; 3], direct: [f32; 3], all: [f32; 3]) -> [i8; 3] {
-    if lobe == [0; 3] {
-        return lobe;
-    }
-    let [direct, all] = [direct, all].map(|c| c.iter().sum::<f32>());
-    let share = match all > 0.0 {
-        true => (direct / all).min(1.0),
-        false => 0.0,
-    };
-    lobe.map(|c| (f32::from(c) * share) as i8)
 }
 
 fn too_bright(error: lvox_formats::FormatError) -> Error {

@@ -17,13 +17,45 @@ use crate::math::Ray;
 use crate::run::Cancel;
 use crate::trace::Tracer;
 use crate::tree::Pages;
+use glam::Vec3;
 use lvox_formats::record::VolumeInfo;
 use rayon::prelude::*;
 use std::sync::Mutex;
 
+/// What is carried through a volume.
+pub trait Carried: Sync {
+    /// What a block sends along a direction.
+    fn sent(&self, block: usize, travel: Vec3) -> Light;
+
+    /// The mean of all directions that it sends.
+    fn kept(&self, block: usize) -> Light;
+
+    /// What is carried of the light that comes along a direction from surfaces or from outside.
+    #[inline]
+    fn from_surface(&self, light: Light, _travel: Vec3) -> Light {
+        light
+    }
+}
+
+/// Light of blocks with these sources, which send it alike in all directions.
+struct Even<'a>(&'a [Light]);
+
+impl Carried for Even<'_> {
+    #[inline]
+    fn sent(&self, block: usize, _travel: Vec3) -> Light {
+        self.0[block]
+    }
+
+    #[inline]
+    fn kept(&self, block: usize) -> Light {
+        self.0[block]
+    }
+}
+
 /// All rays of one direction.
 #[derive(Debug)]
 struct Direction {
+    along: Vec3,
     bundles: Vec<Bundle>,
     /// Volume of the medium that a ray stands for, voxels per unit of its length.
     section: f32,
@@ -129,7 +161,12 @@ impl<'a> Sweeps<'a> {
                 Ok(bundle)
             });
             let bundles = bundles.collect::<Result<_>>()?;
-            Ok((Direction { bundles, section }, sums))
+            let direction = Direction {
+                along: direction,
+                bundles,
+                section,
+            };
+            Ok((direction, sums))
         });
         let (directions, sums): (Vec<_>, Vec<_>) =
             laid.collect::<Result<Vec<_>>>()?.into_iter().unzip();
@@ -194,6 +231,29 @@ impl<'a> Sweeps<'a> {
         outside: &[[Light; 2]; DIRECTIONS],
         cancel: &Cancel,
     ) -> Result<Vec<Light>> {
+        self.swept(&Even(sources), at, outside, cancel)
+    }
+
+    /// The same of what is carried, as these say that blocks and surfaces send it.
+    ///
+    /// # Errors
+    /// A stop on request.
+    pub fn means_of(
+        &self,
+        carried: &impl Carried,
+        at: &WallLight,
+        cancel: &Cancel,
+    ) -> Result<Vec<Light>> {
+        self.swept(carried, at, &[[Light::ZERO; 2]; DIRECTIONS], cancel)
+    }
+
+    fn swept(
+        &self,
+        carried: &impl Carried,
+        at: &WallLight,
+        outside: &[[Light; 2]; DIRECTIONS],
+        cancel: &Cancel,
+    ) -> Result<Vec<Light>> {
         let outside = outside.par_chunks(Self::IN_TURN);
         let in_turn = self.directions.par_chunks(Self::IN_TURN);
         let swept = in_turn.zip(outside).map(|(directions, outside)| {
@@ -203,14 +263,15 @@ impl<'a> Sweeps<'a> {
             sums.clear();
             sums.resize(self.blocks.len(), Light::ZERO);
             let mut walked = Vec::new();
-            for (Direction { bundles, section }, outside) in directions.iter().zip(outside) {
+            for (direction, outside) in directions.iter().zip(outside) {
                 let sweep = Sweep {
-                    sources,
+                    carried,
                     at,
                     outside: *outside,
-                    section: *section,
+                    travel: [direction.along, -direction.along],
+                    section: direction.section,
                 };
-                for bundle in bundles {
+                for bundle in &direction.bundles {
                     cancel.check()?;
                     bundle.each(self.blocks, &mut walked, |crossings, walls| {
                         sweep.ray(crossings, walls, &mut sums);
@@ -224,12 +285,12 @@ impl<'a> Sweeps<'a> {
             let depth = self.depths[i];
             if depth > 0.0 {
                 let taken: Light = swept.iter().map(|sums| sums[i]).sum();
-                sources[i] * self.kept[i] + taken / depth
+                carried.kept(i) * self.kept[i] + taken / depth
             } else {
                 Light::ZERO
             }
         };
-        let means = (0..sources.len()).into_par_iter().map(mean).collect();
+        let means = (0..self.blocks.len()).into_par_iter().map(mean).collect();
         if let Ok(mut spare) = self.spare.lock() {
             *spare = swept;
         }
@@ -238,57 +299,63 @@ impl<'a> Sweeps<'a> {
 }
 
 /// What the rays of one direction pass.
-struct Sweep<'a> {
-    sources: &'a [Light],
+struct Sweep<'a, C> {
+    carried: &'a C,
     at: &'a WallLight<'a>,
     /// Along the rays and against them.
     outside: [Light; 2],
+    travel: [Vec3; 2],
     section: f32,
 }
 
-impl Sweep<'_> {
+impl<C: Carried> Sweep<'_, C> {
     /// Adds the light that blocks take from one ray and from the one against it.
     fn ray(&self, crossings: &[Crossing], walls: &[Wall], sums: &mut [Light]) {
-        let Self { at, .. } = self;
+        let [ahead, back] = [0, 1]
+            .map(|way| move |light: Light| self.carried.from_surface(light, self.travel[way]));
+        let [outside_ahead, outside_back] = self.outside;
+        let at = self.at;
         let count = crossings.len();
         let inner = |w: &Wall| w.before > 0 && (w.before as usize) < count;
         if !walls.iter().any(inner) {
             let ends = [0, count].map(|n| move |w: &&Wall| w.before as usize == n);
             let along = walls.iter().rfind(ends[0]).map(|w| at.sent(&w.ahead));
             let against = walls.iter().find(ends[1]).map(|w| at.sent(&w.back));
-            let [ahead, back] = self.outside;
-            let light = [along.unwrap_or(ahead), against.unwrap_or(back)];
+            let light = [
+                ahead(along.unwrap_or(outside_ahead)),
+                back(against.unwrap_or(outside_back)),
+            ];
             self.both_ways(crossings, light, sums);
             return;
         }
-        let mut light = self.outside[0];
+        let mut light = ahead(outside_ahead);
         let mut from = 0;
         for wall in walls {
             let before = wall.before as usize;
-            self.one_way(crossings[from..before].iter(), light, sums);
-            (from, light) = (before, at.sent(&wall.ahead));
+            self.one_way::<0>(crossings[from..before].iter(), light, sums);
+            (from, light) = (before, ahead(at.sent(&wall.ahead)));
         }
-        self.one_way(crossings[from..].iter(), light, sums);
-        light = self.outside[1];
+        self.one_way::<0>(crossings[from..].iter(), light, sums);
+        light = back(outside_back);
         let mut to = count;
         for wall in walls.iter().rev() {
             let before = wall.before as usize;
-            self.one_way(crossings[before..to].iter().rev(), light, sums);
-            (to, light) = (before, at.sent(&wall.back));
+            self.one_way::<1>(crossings[before..to].iter().rev(), light, sums);
+            (to, light) = (before, back(at.sent(&wall.back)));
         }
-        self.one_way(crossings[..to].iter().rev(), light, sums);
+        self.one_way::<1>(crossings[..to].iter().rev(), light, sums);
     }
 
     /// Takes light from blocks one after the other.
     #[inline]
-    fn one_way<'c>(
+    fn one_way<'c, const WAY: usize>(
         &self,
         crossings: impl Iterator<Item = &'c Crossing>,
         mut light: Light,
         sums: &mut [Light],
     ) {
         for crossing in crossings {
-            self.cross(crossing, &mut light, sums);
+            self.cross::<WAY>(crossing, &mut light, sums);
         }
     }
 
@@ -297,17 +364,17 @@ impl Sweep<'_> {
     fn both_ways(&self, crossings: &[Crossing], mut light: [Light; 2], sums: &mut [Light]) {
         let [along, against] = &mut light;
         for (ahead, back) in crossings.iter().zip(crossings.iter().rev()) {
-            self.cross(ahead, along, sums);
-            self.cross(back, against, sums);
+            self.cross::<0>(ahead, along, sums);
+            self.cross::<1>(back, against, sums);
         }
     }
 
     #[inline]
-    fn cross(&self, crossing: &Crossing, light: &mut Light, sums: &mut [Light]) {
+    fn cross<const WAY: usize>(&self, crossing: &Crossing, light: &mut Light, sums: &mut [Light]) {
         let &Crossing { block, taken } = crossing;
         let block = block as usize;
         sums[block] += *light * (taken * self.section);
-        *light = *light * (1.0 - taken) + self.sources[block] * taken;
+        *light = *light * (1.0 - taken) + self.carried.sent(block, self.travel[WAY]) * taken;
     }
 }
 

@@ -173,7 +173,7 @@ impl Around {
 
 /// Whether a tree sends light that was scattered once, or all orders of it.
 #[derive(Clone, Copy, PartialEq)]
-enum Transport {
+pub enum Transport {
     Once,
     All,
 }
@@ -205,11 +205,19 @@ fn medium(tau: f64, albedo: f32) -> Volume {
 }
 
 /// The picture of a medium of albedo 1 in an environment of radiance 1.
-pub fn white_picture(bench: &Workbench, tau: f64, phase: PhaseFunction) -> Result<Vec<[f32; 3]>> {
+pub fn white_picture(
+    bench: &Workbench,
+    tau: f64,
+    phase: PhaseFunction,
+    transport: Transport,
+) -> Result<Vec<[f32; 3]>> {
     let mut scene: Scene = stage(8, EYE, Vec3::ZERO, 60.0);
     scene.lights.push(Light::Environment { radiance: [1.0; 3] });
     scene.volumes.push(medium(tau, 1.0).with_phase(phase));
-    let store = bench.tree(&scene, 100)?;
+    let mut store = bench.tree(&scene, 100)?;
+    if transport == Transport::All {
+        store = bench.bounced(&scene, store)?;
+    }
     pixels(&bench.shade(&scene, &store, &settings())?, "")
 }
 

@@ -2,7 +2,7 @@
 //! from media, and white furnaces.
 
 use super::field::Field;
-use super::furnace;
+use super::furnace::{self, Transport};
 use super::row::Row;
 use super::single_scattering::{above_slab, single, slab_in_the_sun};
 use super::workbench::{
@@ -10,8 +10,8 @@ use super::workbench::{
 };
 use crate::Result;
 use crate::math::PhaseFunction;
-use crate::scene::{Light, Scene};
-use glam::{DVec3, Vec3};
+use crate::scene::{Grid, Light, Scene};
+use glam::{DAffine3, DVec3, Vec3};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
@@ -49,8 +49,9 @@ pub fn rows(bench: &Workbench) -> Result<Vec<Row>> {
         for (tau, limit) in [(0.1, 0.1), (1.0, 0.1)] {
             above(bench, name, phase, tau, limit, &mut rows)?;
         }
-        for (tau, limit) in [(0.1, 2e-3), (1.0, 0.04), (10.0, 0.02)] {
-            let picture = furnace::white_picture(bench, tau, phase)?;
+        for (tau, limit, all_limit) in [(0.1, 2e-3, 2e-3), (1.0, 0.04, 0.035), (10.0, 0.02, 0.075)]
+        {
+            let picture = furnace::white_picture(bench, tau, phase, Transport::Once)?;
             let (expected, got) = (furnace::seen(tau, phase), mean(&picture));
             rows.push(Row::with_error(
                 format!(
@@ -61,12 +62,42 @@ pub fn rows(bench: &Workbench) -> Result<Vec<Row>> {
                 (got - expected).abs(),
                 limit,
             ));
+            let all = furnace::white_picture(bench, tau, phase, Transport::All)?;
+            rows.push(Row::relative(
+                format!("{name}: white furnace, all scatterings, mean of all pixels"),
+                format!("depth {tau:e}"),
+                1.0,
+                mean(&all),
+                all_limit,
+            ));
             let brightest = picture.iter().flatten().fold(0.0_f32, |a, &b| a.max(b));
             rows.push(Row::nothing(
                 format!("{name}: white furnace, energy that the brightest pixel gains"),
                 format!("depth {tau:e}"),
                 (f64::from(brightest) - 1.0).max(0.0),
                 1e-3,
+            ));
+        }
+    }
+    // Discrete ordinates (PythonicDISORT); lvoxels have one lobe for all orders of scattering.
+    for (tau, reflects, lets_through, limits) in [
+        (1.0, 0.0534, 0.9453, [0.02, 0.012]),
+        (5.0, 0.2718, 0.7191, [0.09, 0.07]),
+    ] {
+        let found = slab(bench, tau, lobes(0.85))?;
+        for (what, expected, found, limit) in [
+            ("reflects", reflects, found[0], limits[0]),
+            ("lets through", lets_through, found[1], limits[1]),
+        ] {
+            rows.push(Row::with_error(
+                format!(
+                    "g 0.85: share that a slab {what} of a sun at a cosine of 0.9, all scatterings: \
+                     difference"
+                ),
+                format!("depth {tau:e}"),
+                (expected, found),
+                (found - expected).abs(),
+                limit,
             ));
         }
     }
@@ -79,6 +110,38 @@ pub fn rows(bench: &Workbench) -> Result<Vec<Row>> {
         1e-5,
     ));
     Ok(rows)
+}
+
+/// What a wide slab of albedo 0.999 reflects and lets through of the light of a sun at a cosine of
+/// 0.9, in the light of all scatterings.
+fn slab(bench: &Workbench, tau: f64, phase: PhaseFunction) -> Result<[f64; 2]> {
+    const WIDE: usize = 64;
+    const COS: f64 = 0.9;
+    let cells = (tau / 0.7).ceil();
+    let dims = [WIDE, cells as usize, WIDE];
+    let size = DVec3::from(dims.map(|n| n as f64)) * (tau / cells);
+    let in_scene = DAffine3::from_scale(size) * unit_cube(dims);
+    let mut scene = stage(1, Vec3::Y, Vec3::ZERO, 1.0);
+    let medium = volume(Grid::from_fn(dims, |_| 1.0), 0.999, in_scene);
+    scene.volumes.push(medium.with_phase(phase));
+    scene.lights.push(Light::Directional {
+        direction: DVec3::new((1.0 - COS * COS).sqrt(), -COS, 0.0).as_vec3(),
+        irradiance: [1.0 / COS as f32; 3],
+        angular_radius_rad: 0.0,
+    });
+    let store = bench.bounced(&scene, bench.tree(&scene, 16)?)?;
+    let media = media(&store)?;
+    let gatherer = gatherer(&store, &media, 4096, 0.0)?;
+    let away = 0.5 * size.y as f32 + 0.01;
+    let beside = |y: f32| {
+        irradiance(
+            &gatherer,
+            Vec3::new(0.013, y, 0.021),
+            -Vec3::Y * y.signum(),
+            1,
+        )
+    };
+    Ok([beside(away), beside(-away) + (-tau / COS).exp()])
 }
 
 /// Integral and moments, over angles that crowd around both peaks.

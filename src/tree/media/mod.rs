@@ -51,7 +51,9 @@ impl LvoxelBlock {
     }
 }
 
-fn mean_direction(lobe: [i8; 3]) -> Vec3 {
+/// The mean direction in which light of such a lobe leaves, scene space.
+#[must_use]
+pub fn mean_direction(lobe: [i8; 3]) -> Vec3 {
     Vec3::from(lobe.map(f32::from)) * (1.0 / Lvoxel::LOBE_ONE)
 }
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Remakes the references of scenes/general by lvox itself: direct light and one indirect bounce. Takes about 20 CPU
-# minutes. With names, only those: references/make.sh thin. Sums stay in $REFERENCES_OUT if that names a folder: after a
+# Remakes the references by lvox itself: direct light and one indirect bounce of scenes/general, and light of all bounces
+# (NAME_full). Takes about 40 CPU minutes. With names, only those: references/make.sh thin K_full. Sums stay in $REFERENCES_OUT if that names a folder: after a
 # stop, or with a higher SPP, the work goes on from there.
 set -eu
 cd "$(dirname "$0")/../../.." || exit 1
@@ -15,14 +15,24 @@ else
     trap 'rm -rf "$out"' EXIT
 fi
 if [ $# -eq 0 ]; then
-    set -- curved lights100 volumes thin outdoor studio
+    set -- curved lights100 volumes thin outdoor studio K_full thin_full lights100_full ruin_full
 fi
+scenes=tests/acceptance/scenes
 
 cargo build --release
 lvox=${CARGO_TARGET_DIR:-target}/release/lvox
-for scene in "$@"; do
-    "$lvox" reference "tests/acceptance/scenes/general/$scene.toml" -o "$out/$scene.exr" \
-        --max-depth 3 --spp "$spp"
-    printf '%s ' "$scene"
-    python3 "$here/half.py" "$out/$scene.exr" "$here/${scene}_d3.exr"
+for name in "$@"; do
+    case $name in
+        K_full) made=("$scenes/K.toml" --resolution 96x96 --max-depth 0) ;;
+        ruin_full) made=("$scenes/ruin.toml" --resolution 128x96 --max-depth 0) ;;
+        *_full) made=("$scenes/general/${name%_full}.toml" --max-depth 0) ;;
+        *) made=("$scenes/general/$name.toml" --max-depth 3) ;;
+    esac
+    "$lvox" reference "${made[@]}" -o "$out/$name.exr" --spp "$spp"
+    printf '%s ' "$name"
+    case $name in
+        *_full) half=$here/$name.exr ;;
+        *) half=$here/${name}_d3.exr ;;
+    esac
+    python3 "$here/half.py" "$out/$name.exr" "$half"
 done
