@@ -3,7 +3,7 @@
 use super::places::Places;
 use super::receivers::{Met, Receiver};
 use crate::Result;
-use crate::math::Rgb;
+use crate::math::{Ray, Rgb};
 use crate::run::Cancel;
 use crate::scene::Scene;
 use crate::trace::{Surface, Tracer, offset};
@@ -17,14 +17,19 @@ pub struct Sites<'a> {
     pub receivers: &'a [Receiver],
     tracer: &'a Tracer<'a>,
     places: Places,
+    /// By receiver: the height up to which nothing is above it.
+    clear: Vec<f32>,
 }
 
 /// Receivers that face as a place does and of which is asked whether it sees them, most.
 const ASKED: usize = 8;
 
 impl<'a> Sites<'a> {
+    /// Bytes of each.
+    pub const BYTES: usize = Places::BYTES + size_of::<f32>();
     /// Height above both at which a place has to see a receiver, over the distance between them:
-    /// curved surfaces do not hide their own.
+    /// curved surfaces do not hide their own. No more than half of what is clear above the
+    /// receiver: from higher up, what is inside of a thin wall would be seen.
     const HEIGHT: f32 = 0.25;
 
     /// Sorts receivers by place.
@@ -33,6 +38,9 @@ impl<'a> Sites<'a> {
             receivers,
             tracer,
             places: Places::new(receivers.iter().map(|r| (r.point, r.normal))),
+            clear: (receivers.par_iter())
+                .map(|r| clear_above(tracer, r))
+                .collect(),
         }
     }
 
@@ -41,6 +49,7 @@ impl<'a> Sites<'a> {
     fn sees(&self, point: Vec3, normal: Vec3, receiver: u32) -> bool {
         let there = &self.receivers[receiver as usize];
         let height = Self::HEIGHT * point.distance(there.point) + 16.0 * offset(point);
+        let height = height.min(0.5 * self.clear[receiver as usize]);
         let (from, to) = (point + normal * height, there.point + there.normal * height);
         !self.tracer.is_between(from, to)
     }
@@ -61,6 +70,16 @@ impl<'a> Sites<'a> {
         }
         self.near(point, normal).next().or(Some(first))
     }
+}
+
+/// The height up to which nothing is above a receiver.
+fn clear_above(tracer: &Tracer, receiver: &Receiver) -> f32 {
+    let (point, normal) = (receiver.point, receiver.normal);
+    let from = 4.0 * offset(point);
+    let ray = Ray::endless(point + normal * from, normal);
+    tracer
+        .closest(&ray)
+        .map_or(f32::INFINITY, |hit| from + hit.t)
 }
 
 /// How much of the light at a receiver goes on, by channel.

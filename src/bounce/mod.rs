@@ -66,7 +66,6 @@ use links::{Links, Sites};
 use lobes::Lobes;
 use lvox_formats::{MappedFile, Tree};
 use media::ScatteringVolume;
-use places::Places;
 use rayon::prelude::*;
 use receivers::{LitRun, Met, Receiver, ReceiverMaker};
 use rewrite::{Neighbours, NewLight};
@@ -206,7 +205,7 @@ fn least_memory(scene: &Scene, tree: &Tree<MappedFile>, settings: &Settings, job
     let sums = &tree.summary().sums;
     let runs = sums.surfels / u64::from(run_surfels(tree)) + 1;
     let met = size_of::<Met>() + Links::BYTES;
-    let receiver = size_of::<Receiver>() + Places::BYTES + settings.samples as usize * met;
+    let receiver = size_of::<Receiver>() + Sites::BYTES + settings.samples as usize * met;
     let volumes = tree.meta().cloud.volumes.iter();
     let has_lobes = scene.volumes.iter().any(|v| v.phase.moment(1) != 0.0);
     let of_lvoxel = match has_lobes {

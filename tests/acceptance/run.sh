@@ -253,6 +253,9 @@ while read -r scene camera film relmse pdiff flip bias; do
         "$(exposure "$toml")" "$relmse" "$pdiff" "$flip" "$bias"
 done <<EOF
 K - 96x96 5.4e-3 0.095 0.12 0.038
+general/thin - 256x192 1.95e-3 0.010 0.08 0.004
+general/lights100 - 240x180 6.0e-3 0.28 0.094 0.003
+ruin inside 128x96 2.05e-2 0.015 0.156 0.057
 EOF
 
 heading 'presets elsewhere: other cameras, a CT head, smoke.vdb, a sunlit room with fog and without, lampshades, textures, beside references of our own made now, 128 x 96'

@@ -35,7 +35,12 @@ pub fn closed_room(albedo: f64) -> String {
 }
 
 /// The tree with more light beside another one.
-fn bounced(scene: &Scene, tree: &Path, bounces: Bounces, limit: Option<u64>) -> Result<PathBuf> {
+pub fn bounced(
+    scene: &Scene,
+    tree: &Path,
+    bounces: Bounces,
+    limit: Option<u64>,
+) -> Result<PathBuf> {
     let settings = Settings {
         bounces,
         ..Settings::default()
