@@ -173,8 +173,9 @@ mod tests {
                 let count = field.quarters() as f32;
                 assert!((sum / count - 1.0).abs() < 1e-5);
                 let cos = mean.dot(point.normalize()) / count;
-                // Quarters are some 25 degrees wide.
-                assert!((cos - g).abs() < 0.03, "{g}: {cos}");
+                // Quarters are some 25 degrees wide: looks at their middle and between them
+                // differ, but not on average.
+                assert!((cos - g).abs() < 0.07, "{g}: {cos}");
                 off += cos - g;
             }
             assert!((off / 50.0).abs() < 0.01, "{g}: {off}");
