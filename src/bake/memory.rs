@@ -23,7 +23,7 @@ pub fn check(scene: &Scene, settings: &Settings, job: &Job) -> Result<Budget> {
     let triangles = scene.mesh.triangles.len() as u64;
     let samples = match &settings.surfels {
         SurfelSampling::Area { count } => (*count).min(BATCH_SURFELS),
-        SurfelSampling::Camera { .. } => BATCH_SURFELS,
+        SurfelSampling::ByLight | SurfelSampling::Camera { .. } => BATCH_SURFELS,
     };
     let grids: usize = scene.volumes.iter().map(|v| v.sigma_t.bytes()).sum();
     let media = if scene.volumes.is_empty() {

@@ -2,8 +2,8 @@
 //!
 //! In: a scene and [`Settings`]. Out: a cloud file.
 //!
-//! - `surfels`: where surfels are on all surfaces, and the light that leaves them; `camera`: where
-//!   the rays of a camera meet surfaces, instead.
+//! - `surfels`: where surfels are on all surfaces, and the light that leaves them; `count`: how many
+//!   a scene asks for; `camera`: where the rays of a camera meet surfaces, instead.
 //! - `creases`: where the disks of surfels end.
 //! - `lvoxels`: blocks of media, their extinction and their light; `brick`: the field that they are
 //!   means of.
@@ -14,6 +14,7 @@
 
 mod brick;
 mod camera;
+mod count;
 mod creases;
 mod lvoxels;
 mod memory;
@@ -60,6 +61,9 @@ pub struct Settings {
 /// The sampling of surfaces by surfels.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SurfelSampling {
+    /// Spread over the area of all surfaces: 500,000, or 125,000 where the direct light of
+    /// neighbours differs little.
+    ByLight,
     /// About `count` surfels, spread over the area of all surfaces.
     Area {
         /// Number of surfels. A piece so large that it would take nearly all leaves a tenth for the
@@ -80,7 +84,7 @@ pub enum SurfelSampling {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            surfels: SurfelSampling::Area { count: 500_000 },
+            surfels: SurfelSampling::ByLight,
             overlap: 1.8,
             crease_deg: 8.0,
             blocks: BlockSize::OpticalDepth(0.7),
@@ -187,6 +191,10 @@ fn bake_surfaces<S: Shadows>(
         seed: settings.seed,
     };
     match &settings.surfels {
+        SurfelSampling::ByLight => {
+            let count = count::surfels_for(&maker, job)?;
+            bake_area(&maker, count, settings, writer, job)
+        }
         SurfelSampling::Area { count } => bake_area(&maker, *count, settings, writer, job),
         SurfelSampling::Camera {
             name,
@@ -308,7 +316,7 @@ fn meta(scene: &Scene, settings: &Settings) -> Result<CloudMeta> {
         .map(|c| c.to_array())
     };
     let (surfels_from, disk_overlap) = match &settings.surfels {
-        SurfelSampling::Area { .. } => (None, settings.overlap),
+        SurfelSampling::ByLight | SurfelSampling::Area { .. } => (None, settings.overlap),
         SurfelSampling::Camera { name, .. } => (Some(scene.camera(name.as_deref())?), 0.0),
     };
     let mut listed = settings.listed();
@@ -339,6 +347,7 @@ impl Settings {
         let mut list = Vec::new();
         let mut add = |name: &str, value: String| list.push((name.to_owned(), value));
         match &self.surfels {
+            SurfelSampling::ByLight => add("surfels", "by light".into()),
             SurfelSampling::Area { count } => add("surfels", count.to_string()),
             SurfelSampling::Camera {
                 name,
@@ -382,6 +391,7 @@ impl Settings {
             }
         };
         match self.surfels {
+            SurfelSampling::ByLight => {}
             SurfelSampling::Area { count } => within("`surfels`", count as f64, 1.0, 1e12)?,
             SurfelSampling::Camera { rate, overscan, .. } => {
                 // As it was typed: the nearest f32 to 0.01 is below it.

@@ -9,9 +9,10 @@ use clap::Args;
 #[command(next_help_heading = "Baking")]
 pub struct BakeOptions {
     /// Place about this many surfels over all surfaces. A material so large that it would take more
-    /// than nine tenths of them leaves one tenth to the others
-    #[arg(long, value_name = "N", default_value_t = 500_000)]
-    surfels: u64,
+    /// than nine tenths of them leaves one tenth to the others [default: 500000, or 125000
+    /// where the light of neighbours differs little]
+    #[arg(long, value_name = "N")]
+    surfels: Option<u64>,
 
     /// Place surfels where the rays of a camera meet surfaces, as the paper does; surfaces that
     /// this camera does not see send no indirect light. Without a name, use the first camera
@@ -85,11 +86,10 @@ impl BakeOptions {
     /// The settings they come to.
     pub fn settings(&self, seed: u64) -> Settings {
         Settings {
-            surfels: match &self.surfels_from_camera {
-                None => SurfelSampling::Area {
-                    count: self.surfels,
-                },
-                Some(name) => SurfelSampling::Camera {
+            surfels: match (&self.surfels_from_camera, self.surfels) {
+                (None, None) => SurfelSampling::ByLight,
+                (None, Some(count)) => SurfelSampling::Area { count },
+                (Some(name), _) => SurfelSampling::Camera {
                     name: (!name.is_empty()).then(|| name.clone()),
                     rate: self.camera_rate,
                     overscan: self.overscan,

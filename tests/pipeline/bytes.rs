@@ -41,7 +41,11 @@ fn parts_of_a_bake_make_the_undivided_cloud_and_tree() {
         rate: 6.0,
         overscan: 1.1,
     };
-    for surfels in [SurfelSampling::Area { count: 200_000 }, from_camera] {
+    for surfels in [
+        SurfelSampling::ByLight,
+        SurfelSampling::Area { count: 200_000 },
+        from_camera,
+    ] {
         let bake = |name: &str, part: Part| {
             let settings = bake::Settings {
                 surfels: surfels.clone(),

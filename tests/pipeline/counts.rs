@@ -56,6 +56,47 @@ fn length([x, y, z]: [f32; 3]) -> f32 {
 }
 
 #[test]
+fn surfels_are_many_where_neighbours_differ() {
+    let floor = || {
+        let corners = [
+            [-9.0, 0.0, -9.0],
+            [-9.0, 0.0, 9.0],
+            [9.0, 0.0, 9.0],
+            [9.0, 0.0, -9.0],
+        ];
+        MeshInput::new("floor", corners, vec![[0, 1, 2], [0, 2, 3]])
+    };
+    let slats = (0..60).map(|i| {
+        let x = 0.3 * f64::from(i) - 9.0;
+        let corners = [
+            [x, 0.5, -9.0],
+            [x, 0.5, 9.0],
+            [x + 0.15, 0.5, 9.0],
+            [x + 0.15, 0.5, -9.0],
+        ];
+        MeshInput::new("slat", corners, vec![[0, 1, 2], [0, 2, 3]])
+    });
+    let sun = || LightInput::sun([0.0, -1.0, 0.2], [3.0; 3], 0.0).unwrap();
+    let surfels = |scene: SceneBuilder| {
+        let work = Work::new("");
+        let (cloud, job) = (work.path("scene.lvc"), Job::default());
+        let scene = scene.build().unwrap();
+        let settings = Settings::default();
+        let summary = bake::run(&scene, &settings, &cloud, Overwrite::Refuse, &job).unwrap();
+        summary.sums.surfels
+    };
+    let bare = SceneBuilder::new("bare").mesh(floor());
+    assert_eq!(surfels(bare), 125_000, "without light");
+    let even = SceneBuilder::new("even").mesh(floor()).light(sun());
+    assert_eq!(surfels(even), 125_000, "in the sun");
+    let barred = slats.fold(
+        SceneBuilder::new("barred").mesh(floor()),
+        SceneBuilder::mesh,
+    );
+    assert_eq!(surfels(barred.light(sun())), 500_000, "below slats");
+}
+
+#[test]
 fn clouds_take_few_cells_for_each_lvoxel() {
     let waves = |p: [f32; 3]| {
         let [x, y, z] = p.map(|c| (7.0 * c).sin());
