@@ -414,7 +414,9 @@ fn points_that_are_none_are_refused_and_nothing_is_written() {
     let five = String::from_utf8_lossy(&npy(&[(DVec3::ZERO, None)])).replace(", 3)", ", 5)");
     let five = [b"\x93", five.trim_start_matches('\u{fffd}').as_bytes()].concat();
     let sphere = text(1, &xyz, "0 0 0\n");
-    let cases: [(&str, Vec<u8>, &[&str], &[&str]); 14] = [
+    // Name and content of a file, more options, and what is said.
+    type Case<'a> = (&'a str, Vec<u8>, &'a [&'a str], &'a [&'a str]);
+    let cases: [Case; 14] = [
         (
             "nan.ply",
             text(2, &all, "0 0 0 1 0 0\n0 nan 0 1 0 0\n"),
