@@ -245,7 +245,7 @@ impl Carried for Ways<'_> {
     }
 
     #[inline]
-    fn from_surface(&self, light: Light, travel: Vec3) -> Light {
+    fn of_surface(&self, light: Light, travel: Vec3) -> Light {
         Light::from(travel) * mean(light)
     }
 }

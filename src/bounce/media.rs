@@ -319,7 +319,8 @@ mod tests {
             let mut flux = 0.0;
             for i in 0..steps * around {
                 let mu = (f64::from(i / around) + 0.5) / f64::from(steps);
-                let (sin, cos) = (f64::from(i % around) / f64::from(around) * 6.283_185).sin_cos();
+                let (sin, cos) =
+                    (f64::from(i % around) / f64::from(around) * std::f64::consts::TAU).sin_cos();
                 let across = (1.0 - mu * mu).sqrt();
                 let along = if to_front { -mu } else { mu };
                 let travel = DVec3::new(across * cos, across * sin, along).as_vec3();

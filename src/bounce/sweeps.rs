@@ -32,7 +32,7 @@ pub trait Carried: Sync {
 
     /// What is carried of the light that comes along a direction from surfaces or from outside.
     #[inline]
-    fn from_surface(&self, light: Light, _travel: Vec3) -> Light {
+    fn of_surface(&self, light: Light, _travel: Vec3) -> Light {
         light
     }
 }
@@ -311,8 +311,8 @@ struct Sweep<'a, C> {
 impl<C: Carried> Sweep<'_, C> {
     /// Adds the light that blocks take from one ray and from the one against it.
     fn ray(&self, crossings: &[Crossing], walls: &[Wall], sums: &mut [Light]) {
-        let [ahead, back] = [0, 1]
-            .map(|way| move |light: Light| self.carried.from_surface(light, self.travel[way]));
+        let [ahead, back] =
+            [0, 1].map(|way| move |light: Light| self.carried.of_surface(light, self.travel[way]));
         let [outside_ahead, outside_back] = self.outside;
         let at = self.at;
         let count = crossings.len();
