@@ -45,7 +45,7 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            page_bytes: 65536,
+            page_bytes: 16384,
             bucket_surfels: None,
         }
     }

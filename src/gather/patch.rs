@@ -195,22 +195,24 @@ impl<P: Pages> PatchQuery<'_, P> {
         let sent = side.sent(nodes, aggregate);
         let misleads = match node.kind[k] {
             _ if !patch.has_quarters => false,
-            ChildKind::Inner => patch.misleads(sent, nodes, node.child[k], side),
+            ChildKind::Inner => self.looks_below(sent, (nodes, node.child[k])),
             ChildKind::Page => {
                 let below = self.pages.page(node.child[k]);
-                patch.misleads(sent, below.nodes(), 0, side)
+                self.looks_below(sent, (below.nodes(), 0))
             }
             _ => false,
         };
-        self.mean.is_uneven |= misleads;
         if !misleads {
             self.mean.add_node(sent, &nodes.aggregates[aggregate], side);
-            // What is below in another page is not worth loading that.
-            if patch.has_quarters && node.kind[k] == ChildKind::Inner {
-                self.mean.is_uneven |= is_uneven(sent, nodes, node.child[k], side);
-            }
         }
         !misleads
+    }
+
+    /// Whether a node that sends this misleads, by those below it.
+    fn looks_below(&mut self, sent: Sent, (nodes, below): (&PageNodes, u32)) -> bool {
+        let misleads = self.patch.misleads(sent, nodes, below, self.side);
+        self.mean.is_uneven |= misleads || is_uneven(sent, nodes, below, self.side);
+        misleads
     }
 }
 

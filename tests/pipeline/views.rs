@@ -71,7 +71,7 @@ fn red_bleeds_onto_grey() {
 fn the_fast_kernels_agree_with_the_plain_one() {
     let work = Work::new(ROOM);
     let scene = work.scene();
-    let tree = work.bake(&scene, 30_000);
+    let tree = work.bake(&scene, 60_000);
     let frame = |kernel, max_solid_angle| {
         let settings = Settings {
             samples: 256,
