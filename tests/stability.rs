@@ -11,7 +11,7 @@ const ROWS: &[(&str, usize)] = &[
     ("Steps and sheets", 70),
     ("Furnace", 70),
     ("Single scattering", 36),
-    ("Phase functions", 61),
+    ("Phase functions", 74),
     ("Form factors", 73),
     ("Invariance", 96),
     ("Degenerate input", 27),
