@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""peers-measure.py RESULTS: lvox and path tracers with a denoiser, in turn, on scenes A, B, C and C_novol. Adds a line to
+"""peers-measure.py RESULTS: lvox and path tracers with a denoiser, in turn, on scenes A, B, C, C_novol and E. Adds a line to
 RESULTS for each run, from which benches/scripts/peers.py makes tables.
 
 Needs ../shared beside the repository, and Mitsuba 3 and Blender as ../shared/peers/README.md sets them up: PEERS_PY,
@@ -7,7 +7,7 @@ PEERS_PY_BPY and DRJIT_LIBLLVM_PATH. For 1920x1080 it needs the references that 
 
 PEERS_WORK    trees and images [target/peers]
 PEERS_LARGE   the folder of benches/scripts/large-frame.sh [target/large-frame]
-PEERS_WHAT    small (the film of the reference images), large (1920x1080), flicker [all]
+PEERS_WHAT    small (the film of the reference images), large (1920x1080), flicker, bounces (light of all bounces) [all]
 PEERS_SCENES  scenes [A B C C_novol]
 PEERS_OF      peers [mitsuba cycles]
 PEERS_LVOX    the program [that of cargo build --release]
@@ -42,6 +42,7 @@ PEERS = {
     "B": [("mitsuba", 4), ("mitsuba", 16)],
     "C": [("mitsuba", 4), ("mitsuba", 16), ("cycles", 4), ("cycles", 16)],
     "C_novol": [("mitsuba", 4), ("mitsuba", 16)],
+    "E": [("mitsuba", 4), ("mitsuba", 16)],
 }
 
 
@@ -119,12 +120,15 @@ class Bench:
         (self.work / f"{name}.json").write_text(json.dumps(text))
         return name
 
-    def tree(self, scene):
-        """CPU and wall seconds of bake and build."""
+    def tree(self, scene, bounces=False):
+        """CPU and wall seconds of bake and build, and of all bounces."""
         at = self.work / scene
         common = ["--progress", "none", "--force", "--report", f"{at}.json"]
         secs = [0.0, 0.0]
-        for verb in (["bake", self.scene_file(scene), "-o", f"{at}.lvc"], ["build", f"{at}.lvc", "-o", f"{at}.lvt"]):
+        verbs = [["bake", self.scene_file(scene), "-o", f"{at}.lvc"], ["build", f"{at}.lvc", "-o", f"{at}.lvt"]]
+        if bounces:
+            verbs.append(["bounce", self.scene_file(scene), "-t", f"{at}.lvt", "-o", f"{at}.all.lvt"])
+        for verb in verbs:
             run([*self.timed, self.lvox, *verb, *common])
             stage = next(s for s in json.loads(Path(f"{at}.json").read_text())["stages"] if s["stage"] == verb[0])
             secs = [secs[0] + stage["cpu_secs"], secs[1] + stage["wall_secs"]]
@@ -138,23 +142,23 @@ class Bench:
         stage = next(s for s in json.loads(Path(f"{at}.json").read_text())["stages"] if s["stage"] == "scatter")
         return None, [stage["cpu_secs"], stage["wall_secs"]]
 
-    def shade(self, scene, preset, film, *more):
+    def shade(self, scene, preset, film, *more, tree=""):
         """An image, and CPU and wall seconds of `shade`."""
         image = self.work / f"{scene}.{film}.{preset}.exr"
         report = image.with_suffix(".json")
-        run([*self.timed, self.lvox, "shade", self.scene_file(scene), "-t", self.work / f"{scene}.lvt", "--quality", preset,
+        run([*self.timed, self.lvox, "shade", self.scene_file(scene), "-t", self.work / f"{scene}{tree}.lvt", "--quality", preset,
              "--resolution", film, "-o", image, "--float", "--progress", "none", "--report", report, *more])  # fmt: skip
         stage = next(s for s in json.loads(report.read_text())["stages"] if s["stage"] == "shade")
         return image, [stage["cpu_secs"], stage["wall_secs"]]
 
-    def peer(self, renderer, name, samples, seed):
+    def peer(self, renderer, name, samples, seed, depth=3):
         """An image, and CPU and wall seconds of one render call, the denoiser with it."""
         python, script, denoise = {
             "mitsuba": ("PEERS_PY", "peer_mitsuba.py", ["--oidn", "aux"]),
             "cycles": ("PEERS_PY_BPY", "peer_cycles.py", ["--denoise"]),
         }[renderer]
         tag = f"{name}_{renderer}_{samples}_{seed}"
-        printed = run([*self.timed, self.env[python], SHARED / "peers" / script, name, "--spp", samples, "--depth", 3, "--reps", 1,
+        printed = run([*self.timed, self.env[python], SHARED / "peers" / script, name, "--spp", samples, "--depth", depth, "--reps", 1,
                        "--seed", seed, "--tag", tag, *denoise], env=self.env)  # fmt: skip
         told = next(line for line in reversed(printed.splitlines()) if line.startswith(("{", "JSON {")))
         told = json.loads(told.removeprefix("JSON "))
@@ -167,12 +171,12 @@ class Bench:
     def compare(self, image, reference, *more):
         return json.loads(run([self.lvox, "compare", image, reference, "--json", "--progress", "none", *more]))
 
-    def errors(self, scene, film, image):
+    def errors(self, scene, film, image, bounces):
         """Against the reference image, or against those of two parts of the large frame."""
         if film == LARGE:
             scores = [self.compare(image, self.large / f"{scene}.{LARGE}.part{i}.exr", "--region", *part) for i, part in enumerate(PARTS)]
         else:
-            scores = [self.compare(image, SHARED / f"refs/{scene}_d3.exr")]
+            scores = [self.compare(image, SHARED / f"refs/{scene}_{'full' if bounces else 'd3'}.exr")]
         return {key: sum(s[key] for s in scores) / len(scores) for key in ("relmse_trimmed", "flip", "bias")}
 
     def frames(self, scene, film, presets, peers):
@@ -197,6 +201,17 @@ class Bench:
                 self.undisturbed(lambda: self.peer(renderer, name, samples, at), measure="frame", **common, renderer=renderer,
                                  setting=f"{samples} spp")  # fmt: skip
 
+    def bounces(self, scene, peers):
+        """Light of all bounces."""
+        for at in self.rounds:
+            common = {"measure": "bounces", "scene": scene, "film": self.film(scene), "round": at}
+            self.undisturbed(lambda: self.tree(scene, bounces=True), **common, renderer="lvox", setting="tree")
+            for preset in PRESETS:
+                self.undisturbed(lambda: self.shade(scene, preset, common["film"], tree=".all"), **common, renderer="lvox", setting=preset)
+            for renderer, samples in peers:
+                self.undisturbed(lambda: self.peer(renderer, scene, samples, at, depth=-1), **common, renderer=renderer,
+                                 setting=f"{samples} spp")  # fmt: skip
+
     def undisturbed(self, task, **row):
         """Records a task, and does it again where other programs were busy meanwhile."""
         for _ in range(self.tries):
@@ -210,7 +225,7 @@ class Bench:
             image, (cpu, wall) = task()
             (busy_after, own_after), end = busy_secs(), time.monotonic()
             others = max(0.0, (busy_after - busy) - (own_after - own)) / ((end - begin) * os.cpu_count())
-            errors = self.errors(row["scene"], row["film"], image) if image else {}
+            errors = self.errors(row["scene"], row["film"], image, row["measure"] == "bounces") if image else {}
             self.record(**row, cpu_secs=cpu, wall_secs=wall, others=others, **errors)
             if others <= 0.05:
                 break
@@ -263,9 +278,13 @@ def main():
     bench = Bench(sys.argv[1])
     scenes = os.environ.get("PEERS_SCENES", " ".join(PEERS)).split()
     of = os.environ.get("PEERS_OF", "mitsuba cycles").split()
-    wanted = os.environ.get("PEERS_WHAT", "small large flicker").split()
+    wanted = os.environ.get("PEERS_WHAT", "small large flicker bounces").split()
     for scene in scenes:
         peers = [p for p in PEERS[scene] if p[0] in of]
+        if "bounces" in wanted and (SHARED / f"refs/{scene}_full.exr").exists():
+            bench.bounces(scene, peers)
+        if scene == "E":
+            continue
         if "small" in wanted:
             bench.frames(scene, bench.film(scene), PRESETS, peers)
         if "large" in wanted:

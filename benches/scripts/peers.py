@@ -151,6 +151,23 @@ def large(runs):
                       f"{before.secs / (run_before.secs + tree):.1f} |")  # fmt: skip
 
 
+def bounces(runs):
+    """Light of all bounces, for each preset."""
+    print("| scene | peer: relMSE trimmed, FLIP | CPU s | lvox: preset, relMSE trimmed, FLIP | not above the peer's | shade, CPU s | times faster | "
+          "with all before, CPU s | times faster |")  # fmt: skip
+    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
+    of = {key[1:]: run for key, run in runs.items() if key[0] == "bounces"}
+    for (scene, film, renderer, setting), peer in of.items():
+        if renderer == "lvox":
+            continue
+        before = of[scene, film, "lvox", "tree"].secs
+        for preset in PRESETS[:2]:
+            run = of[scene, film, "lvox", preset]
+            total = run.secs + before
+            print(f"| {scene} | {title(renderer, setting)}: {peer.errors()} | {peer.time()} | {preset}, {run.errors()} | {'yes' if run.reaches(peer) else 'no'} | "
+                  f"{run.time()} | {peer.secs / run.secs:.1f} | {total:.2f} | {peer.secs / total:.1f} |")  # fmt: skip
+
+
 def flicker(runs):
     print("| scene | of | lvox, camera moved | Mitsuba 3, 4 spp + OIDN, other seed | 16 spp | times less than 4 spp | than 16 spp | "
           "4 spp, seed kept, camera moved | 16 spp |")  # fmt: skip
@@ -168,11 +185,13 @@ def flicker(runs):
 
 def main():
     runs = load(sys.argv[1])
-    for table, is_there in ((own, True), (small, True), (large, scenes(runs, "frame", LARGE)), (flicker, scenes(runs, "flicker"))):
+    is_small = bool(scenes(runs, "frame"))
+    is_bounced = any(key[0] == "bounces" for key in runs)
+    for table, is_there in ((own, is_small), (small, is_small), (bounces, is_bounced), (large, scenes(runs, "frame", LARGE)), (flicker, scenes(runs, "flicker"))):
         if is_there:
             table(runs)
             print()
-    spread = sorted(run.spread for key, run in runs.items() if key[0] == "frame")
+    spread = sorted(run.spread for key, run in runs.items() if key[0] in ("frame", "bounces"))
     print(f"Largest less least time of equal runs, over their median: {percent(spread[len(spread) // 2])} in the middle, {percent(spread[-1])} at most")
 
 
