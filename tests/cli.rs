@@ -226,6 +226,72 @@ fn merge_names_what_is_wrong_and_keeps_the_old_frame() {
 }
 
 #[test]
+fn tiles_that_are_missing_can_be_listed_or_left_black() {
+    let dir = tempfile::tempdir().unwrap();
+    let whole = exr::read(&write_whole(dir.path(), "whole.exr")).unwrap();
+    write_tiles(dir.path(), 5);
+    let run = |args: &[&str]| lvox(dir.path(), &[&["merge"], args].concat());
+    let all = [
+        "tile0.exr",
+        "tile1.exr",
+        "tile2.exr",
+        "tile3.exr",
+        "tile4.exr",
+    ];
+    let complete = run(&[&["--missing"], &all[..]].concat());
+    assert_eq!((complete.code, complete.stdout.as_str()), (0, ""));
+
+    let gap = Region::tile(WIDTH, HEIGHT, 3, 5).unwrap();
+    let Region { x0, y0, x1, y1 } = gap;
+    let some = [&all[..3], &all[4..]].concat();
+    let listed = run(&[&["--missing"], &some[..]].concat());
+    assert_eq!(listed.code, 0, "{}", listed.stderr);
+    assert_eq!(listed.stdout, format!("--region {x0} {y0} {x1} {y1}\n"));
+    assert!(!dir.path().join("merged.exr").exists());
+
+    let output = ["-o", "merged.exr", "--allow-missing"];
+    let strict = run(&[&some[..], &output, &["--strict"]].concat());
+    assert_eq!(strict.code, 2, "{}", strict.stderr);
+    assert!(
+        strict.stderr.contains("error: a warning"),
+        "{}",
+        strict.stderr
+    );
+    assert!(!dir.path().join("merged.exr").exists());
+    let merged = run(&[&some[..], &output].concat());
+    assert_eq!(merged.code, 0, "{}", merged.stderr);
+    assert!(
+        merged.stderr.contains(&gap.to_string()),
+        "{}",
+        merged.stderr
+    );
+    let merged = exr::read(&dir.path().join("merged.exr")).unwrap();
+    for (layer, full) in merged.layers.iter().zip(&whole.layers) {
+        for ((name, got), (_, expected)) in layer.channels.iter().zip(&full.channels) {
+            for (i, (&got, &expected)) in got.iter().zip(expected).enumerate() {
+                let (x, y) = (i as u32 % WIDTH, i as u32 / WIDTH);
+                let is_gap = (x0..x1).contains(&x) && (y0..y1).contains(&y);
+                let expected = if is_gap { 0.0 } else { expected };
+                assert_eq!(got.to_bits(), expected.to_bits(), "{name} at {x}, {y}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_code_for_retries_is_none_of_done_and_in_vain() {
+    let dir = tempfile::tempdir().unwrap();
+    write_whole(dir.path(), "whole.exr");
+    let absent = ["compare", "whole.exr", "none.exr", "--retry-code", "99"];
+    lvox(dir.path(), &absent).refused(2, &["none.exr"]);
+    for code in ["0", "2", "256", "again"] {
+        let run = lvox(dir.path(), &["compare", "a", "b", "--retry-code", code]);
+        assert_eq!(run.code, 2, "{}", run.stderr);
+        assert!(run.stderr.contains("--retry-code"), "{}", run.stderr);
+    }
+}
+
+#[test]
 fn outputs_that_cannot_be_written_are_refused_at_once() {
     let dir = tempfile::tempdir().unwrap();
     write_whole(dir.path(), "whole.exr");

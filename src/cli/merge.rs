@@ -2,10 +2,10 @@
 
 use super::files::{Files, check_writable};
 use super::options::{Context, Memory};
+use super::output;
 use crate::Result;
 use crate::formats::Overwrite;
-use crate::image::ImageKind;
-use crate::image::merge;
+use crate::image::{ImageKind, Missing, Region, merge, missing};
 use std::path::PathBuf;
 
 /// Merge tiles into the frame that one process would have written, byte for byte
@@ -19,8 +19,17 @@ pub struct Args {
     tiles: Vec<PathBuf>,
 
     /// Write the frame to this OpenEXR file; one that is there is replaced
-    #[arg(short, long, value_name = "FILE")]
-    output: PathBuf,
+    #[arg(short, long, value_name = "FILE", required_unless_present = "missing")]
+    output: Option<PathBuf>,
+
+    /// Leave pixels black that no tile has, with a warning
+    #[arg(long)]
+    allow_missing: bool,
+
+    /// Write no frame: print what to shade again, one line of options for each rectangle that no
+    /// tile has, and nothing if all are there
+    #[arg(long, conflicts_with_all = ["output", "allow_missing"])]
+    missing: bool,
 
     #[command(flatten)]
     pub memory: Memory,
@@ -30,17 +39,30 @@ impl Args {
     /// What it reads and writes.
     pub fn files(&self) -> Files {
         let tiles = self.tiles.iter();
-        tiles
-            .fold(Files::default(), |files, tile| files.reads("tile", tile))
-            .writes("--output", &self.output)
+        let files = tiles.fold(Files::default(), |files, tile| files.reads("tile", tile));
+        match &self.output {
+            Some(output) => files.writes("--output", output),
+            None => files,
+        }
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
         let job = &context.job;
-        check_writable(&self.output, Overwrite::Replace)?;
-        ImageKind::Exr.check_name("--output", &self.output)?;
+        let Some(output) = &self.output else {
+            let lines = missing(&self.tiles)?.into_iter().map(|gap| {
+                let Region { x0, y0, x1, y1 } = gap;
+                format!("--region {x0} {y0} {x1} {y1}\n")
+            });
+            return output::print(&lines.collect::<String>());
+        };
+        check_writable(output, Overwrite::Replace)?;
+        ImageKind::Exr.check_name("--output", output)?;
+        let rest = match self.allow_missing {
+            true => Missing::Black,
+            false => Missing::Refuse,
+        };
         job.report.stage("merge", |counts| {
-            let merged = merge(&self.tiles, &self.output, job)?;
+            let merged = merge(&self.tiles, output, rest, job)?;
             counts.insert("tiles".into(), merged.tiles as f64);
             counts.insert(
                 "pixels".into(),

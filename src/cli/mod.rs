@@ -48,7 +48,7 @@ use std::process::ExitCode;
 #[derive(Debug, Parser)]
 #[command(name = "lvox", version, disable_help_subcommand = true)]
 #[command(
-    after_help = "Exit codes: 0 done; 1 failed, a retry may help; 2 wrong usage or input, do not retry.\n\
+    after_help = "Exit codes: 0 done; 1 (or --retry-code) failed, a retry may help; 2 wrong usage or input, do not retry.\n\
                         Data goes to stdout, everything else to stderr."
 )]
 struct Cli {
@@ -161,7 +161,7 @@ pub fn main() -> ExitCode {
             output::print_error(&error);
             match error.kind() {
                 Kind::Input => ExitCode::from(2),
-                Kind::Failed | Kind::Cancelled => ExitCode::FAILURE,
+                Kind::Failed | Kind::Cancelled => ExitCode::from(last_words::retry_code()),
             }
         }
     }

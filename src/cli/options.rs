@@ -1,7 +1,7 @@
 //! Options that verbs share: as typed, and as resolved.
 
 use super::files::{Files, Named, check_apart, check_writable};
-use super::{parse, progress};
+use super::{last_words, parse, progress};
 use crate::formats::{Overwrite, emergency};
 use crate::lab::reference::Start;
 use crate::run::{Job, OnWarning, memory};
@@ -41,6 +41,11 @@ pub struct Shared {
     /// Write times, peak memory and counts to this file as JSON
     #[arg(long, global = true, value_name = "FILE")]
     report: Option<PathBuf>,
+
+    /// Exit with this code where a retry may help, for schedulers that take 1 for the end; Grid
+    /// Engine repeats a job that exits with 99
+    #[arg(long, global = true, value_name = "CODE", default_value_t = 1, value_parser = parse::retry_code)]
+    retry_code: u8,
 }
 
 /// For verbs whose memory has a bound.
@@ -189,6 +194,7 @@ impl Context {
 impl Shared {
     /// Checks the options, sizes the thread pool, and hooks up the signals.
     pub fn resolve(self, limits: Limits) -> Result<Context> {
+        last_words::set_retry_code(self.retry_code);
         if let Some(path) = &self.report {
             check_writable(path, Overwrite::Replace)?;
         }
@@ -233,7 +239,7 @@ impl Shared {
             // The first signal asks for a clean stop, the next one does not wait for it.
             if cancel.request() {
                 emergency::remove_temporaries();
-                std::process::exit(1);
+                std::process::exit(last_words::retry_code().into());
             }
         })
         .map_err(|e| Error::failed(format!("cannot listen for signals: {e}")))?;

@@ -24,6 +24,14 @@ pub fn one_of<T: Copy + Send + Sync>(
     })
 }
 
+/// An exit code that says neither that all is done nor that a retry is in vain.
+pub fn retry_code(text: &str) -> Result<u8, String> {
+    match text.parse() {
+        Ok(code) if code != 0 && code != 2 => Ok(code),
+        _ => Err("it has to be 1, or 3 to 255: 2 says that a retry is in vain".into()),
+    }
+}
+
 /// A factor above zero.
 pub fn positive(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {

@@ -26,25 +26,44 @@ const PREFIX: &str = "lvox/";
 /// Faults that are listed in an error, at most.
 const MAX_LISTED: usize = 4;
 
+/// What becomes of pixels that no tile has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Missing {
+    /// There must be none.
+    Refuse,
+    /// They stay black, with a warning.
+    Black,
+}
+
+/// Rectangles of a frame that none of its tiles has: few, as those that touch are one.
+///
+/// # Errors
+/// [`crate::Kind::Input`] if the tiles are not of one frame or overlap; else what reading can give.
+pub fn missing(inputs: &[PathBuf]) -> Result<Vec<Region>> {
+    let infos = infos(inputs)?;
+    gaps(inputs, &infos)
+}
+
 /// Merges tiles of one frame. All headers are checked before the first pixel is read, and the
 /// output is not touched until all tiles are read.
 ///
 /// # Errors
 /// [`crate::Kind::Input`] if the tiles were made from different trees, scenes or settings (the
-/// message names the files and what differs), if they overlap, or if pixels are missing; else what
-/// reading and writing can give.
-pub fn merge(inputs: &[PathBuf], output: &Path, job: &Job) -> Result<Merged> {
-    let infos: Vec<Info> = inputs
-        .iter()
-        .map(|path| exr::info(path))
-        .collect::<Result<_>>()?;
-    let Some(first) = infos.first() else {
-        return Err(Error::input("there are no tiles to merge"));
-    };
-    for (path, info) in inputs.iter().zip(&infos) {
-        check_agreement((&inputs[0], first), (path, info))?;
+/// message names the files and what differs), if they overlap, or if pixels are missing that must
+/// not be; else what reading and writing can give.
+pub fn merge(inputs: &[PathBuf], output: &Path, missing: Missing, job: &Job) -> Result<Merged> {
+    let infos = infos(inputs)?;
+    let gaps = gaps(inputs, &infos)?;
+    let first = &infos[0];
+    match missing {
+        Missing::Refuse => check_complete(inputs.len(), &gaps, first)?,
+        Missing::Black if gaps.is_empty() => {}
+        Missing::Black => job.progress.warn(&format!(
+            "{}: black where there is no tile, {}",
+            output.display(),
+            listed(&gaps)
+        )),
     }
-    check_cover(inputs, &infos, first)?;
     check_memory(first, job.memory_limit)?;
 
     let task = job.progress.task("merge", inputs.len() as u64, "tiles");
@@ -195,36 +214,57 @@ fn clip(a: &str, b: &str) -> (String, String) {
     (cut(a), cut(b))
 }
 
-fn check_cover(paths: &[PathBuf], infos: &[Info], first: &Info) -> Result<()> {
+fn infos(inputs: &[PathBuf]) -> Result<Vec<Info>> {
+    let infos: Vec<Info> = inputs
+        .iter()
+        .map(|path| exr::info(path))
+        .collect::<Result<_>>()?;
+    let Some(first) = infos.first() else {
+        return Err(Error::input("there are no tiles to merge"));
+    };
+    for (path, info) in inputs.iter().zip(&infos) {
+        check_agreement((&inputs[0], first), (path, info))?;
+    }
+    Ok(infos)
+}
+
+/// What tiles of a frame leave uncovered; none may overlap.
+fn gaps(paths: &[PathBuf], infos: &[Info]) -> Result<Vec<Region>> {
     let regions: Vec<Region> = infos.iter().map(|i| i.region).collect();
-    let found = faults(first.width, first.height, &regions);
-    if !found.overlaps.is_empty() {
-        let shown = found.overlaps.iter().take(MAX_LISTED).map(|&(a, b)| {
-            let name = |i: usize| format!("{} ({})", paths[i].display(), regions[i]);
-            format!("{} and {}", name(a), name(b))
-        });
-        return Err(Error::input(format!(
-            "tiles overlap: {}{}",
-            shown.collect::<Vec<_>>().join("; "),
-            more(found.overlaps.len())
-        ))
-        .hint("give each part of the frame once"));
+    let found = faults(infos[0].width, infos[0].height, &regions);
+    if found.overlaps.is_empty() {
+        return Ok(found.missing);
     }
-    if let Some(gap) = found.missing.first() {
-        let shown = found.missing.iter().take(MAX_LISTED).map(Region::to_string);
-        return Err(Error::input(format!(
-            "{} tiles leave parts of the {}x{} frame uncovered: {}{}",
-            paths.len(),
-            first.width,
-            first.height,
-            shown.collect::<Vec<_>>().join("; "),
-            more(found.missing.len())
-        ))
-        .hint(format!(
-            "add the missing tiles, or shade the parts: `region` {gap}"
-        )));
-    }
-    Ok(())
+    let shown = found.overlaps.iter().take(MAX_LISTED).map(|&(a, b)| {
+        let name = |i: usize| format!("{} ({})", paths[i].display(), regions[i]);
+        format!("{} and {}", name(a), name(b))
+    });
+    Err(Error::input(format!(
+        "tiles overlap: {}{}",
+        shown.collect::<Vec<_>>().join("; "),
+        more(found.overlaps.len())
+    ))
+    .hint("give each part of the frame once"))
+}
+
+fn check_complete(tiles: usize, gaps: &[Region], first: &Info) -> Result<()> {
+    let Some(gap) = gaps.first() else {
+        return Ok(());
+    };
+    let (width, height) = (first.width, first.height);
+    Err(Error::input(format!(
+        "{tiles} tiles leave parts of the {width}x{height} frame uncovered: {}",
+        listed(gaps)
+    ))
+    .hint(format!(
+        "add the missing tiles, or shade the parts: `region` {gap}"
+    )))
+}
+
+/// The first of some rectangles.
+fn listed(gaps: &[Region]) -> String {
+    let shown = gaps.iter().take(MAX_LISTED).map(Region::to_string);
+    shown.collect::<Vec<_>>().join("; ") + &more(gaps.len())
 }
 
 /// The whole frame is held three times over: as floats, as samples of the file, and encoded.
@@ -297,7 +337,7 @@ mod tests {
                 let mut inputs = tiles(dir.path(), count, precision);
                 inputs.reverse();
                 let output = dir.path().join("merged.exr");
-                let merged = merge(&inputs, &output, &Job::default()).unwrap();
+                let merged = merge(&inputs, &output, Missing::Refuse, &Job::default()).unwrap();
                 assert_eq!(
                     merged,
                     Merged {
@@ -314,7 +354,7 @@ mod tests {
     #[track_caller]
     fn refused(inputs: &[PathBuf], dir: &Path, parts: &[&str]) {
         let output = dir.join("merged.exr");
-        let error = merge(inputs, &output, &Job::default()).unwrap_err();
+        let error = merge(inputs, &output, Missing::Refuse, &Job::default()).unwrap_err();
         assert_eq!(error.kind(), crate::Kind::Input);
         assert!(!output.exists());
         let text = format!("{error} / {}", error.hint_text().unwrap_or(""));
@@ -380,7 +420,7 @@ mod tests {
             exr::write(path, &frame, Precision::Half).unwrap();
         }
         let output = dir.path().join("merged.exr");
-        merge(&inputs, &output, &Job::default()).unwrap();
+        merge(&inputs, &output, Missing::Refuse, &Job::default()).unwrap();
         let names: Vec<String> = exr::info(&output).unwrap().attributes.into_keys().collect();
         assert_eq!(names, ["Studio", "lvox/settings", "lvox/tree"]);
     }
@@ -404,7 +444,7 @@ mod tests {
                     .extend(exposure.map(|e| (EXPOSURE.to_owned(), e.to_owned())));
                 exr::write(path, &frame, Precision::Half).unwrap();
             }
-            merge(&inputs, &output, &Job::default()).unwrap();
+            merge(&inputs, &output, Missing::Refuse, &Job::default()).unwrap();
             let attributes = exr::info(&output).unwrap().attributes;
             assert_eq!(attributes.get(EXPOSURE).map(String::as_str), expected);
         }
@@ -420,9 +460,9 @@ mod tests {
             memory_limit: Some(limit),
             ..Job::default()
         };
-        let error = merge(&inputs, &output, &job(240_000)).unwrap_err();
+        let error = merge(&inputs, &output, Missing::Refuse, &job(240_000)).unwrap_err();
         assert!(error.to_string().contains("235 KiB"), "{error}");
-        merge(&inputs, &output, &job(241_000)).unwrap();
+        merge(&inputs, &output, Missing::Refuse, &job(241_000)).unwrap();
     }
 
     #[test]

@@ -38,6 +38,6 @@ pub mod tone;
 
 pub use frame::{EXPOSURE, Frame, Layer, NotFinite};
 pub use kind::ImageKind;
-pub use merge::{Merged, merge};
+pub use merge::{Merged, Missing, merge, missing};
 pub use picture::Picture;
 pub use region::Region;

@@ -5,7 +5,7 @@ use crate::harness::{Target, change, folder};
 use crate::support::trees;
 use lvox::Kind;
 use lvox::formats::Overwrite;
-use lvox::image::{exr, merge};
+use lvox::image::{Missing, exr, merge};
 use lvox::points::{self, PointFile};
 use lvox::run::Job;
 use lvox::scene::{LightInput, MeshInput, Scene, SceneBuilder};
@@ -261,7 +261,12 @@ fn tiles() {
     let (tile, out) = (folder.join("a.exr"), folder.join("out.exr"));
     target.run(change, |content| {
         fs::write(&tile, content).unwrap();
-        judge(merge(std::slice::from_ref(&tile), &out, &Job::default()))?;
+        judge(merge(
+            std::slice::from_ref(&tile),
+            &out,
+            Missing::Refuse,
+            &Job::default(),
+        ))?;
         Ok(judge(exr::read(&tile))?.is_some())
     });
 }

@@ -5,8 +5,7 @@ use lvox::bake::{self, Part, SurfelSampling};
 use lvox::build;
 use lvox::formats::Overwrite;
 use lvox::image::exr::{self, Precision};
-use lvox::image::merge;
-use lvox::image::{Frame, Region};
+use lvox::image::{Frame, Missing, Region, merge};
 use lvox::internals::tree::{self, SurfelStore};
 use lvox::run::Job;
 use lvox::shade::{self as stage, Aov, Settings};
@@ -218,7 +217,7 @@ fn frames_do_not_depend_on_threads_tiles_or_caches() {
         })
         .collect();
     let merged = work.path("merged.exr");
-    merge(&parts, &merged, &Job::default()).unwrap();
+    merge(&parts, &merged, Missing::Refuse, &Job::default()).unwrap();
     assert!(fs::read(&merged).unwrap() == whole);
 }
 

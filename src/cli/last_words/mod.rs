@@ -1,5 +1,5 @@
 //! How the program ends where no error can be returned: one line on stderr, no temporary files left,
-//! exit code 1.
+//! and the exit code of what a retry may help.
 //!
 //! - `memory`: the allocator, which ends the program where nobody hears that memory ran out.
 //! - `panics`: a bug, here or in a library.
@@ -12,7 +12,20 @@ mod panics;
 use crate::formats::emergency;
 use std::fmt::{self, Write};
 use std::io::IsTerminal;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+
+/// Exit code where a retry may help.
+static RETRY_CODE: AtomicU8 = AtomicU8::new(1);
+
+/// Exit code where a retry may help.
+pub fn retry_code() -> u8 {
+    RETRY_CODE.load(Ordering::Relaxed)
+}
+
+/// From here on runs that a retry may help end with this exit code.
+pub fn set_retry_code(code: u8) {
+    RETRY_CODE.store(code, Ordering::Relaxed);
+}
 
 /// Longest line; a path of 1024 bytes fits.
 const LINE_BYTES: usize = 2048;
@@ -53,7 +66,7 @@ impl Write for Line {
     }
 }
 
-/// Writes the line, removes temporary files and ends the process with exit code 1. May be called in
+/// Writes the line, removes temporary files and ends the process. May be called in
 /// a signal handler and where there is no memory: it neither allocates nor waits for a lock. Of
 /// several threads that come here the first one is heard.
 fn end(mut line: Line) -> ! {
@@ -87,7 +100,7 @@ fn exit() -> ! {
     // wait for what this thread holds.
     #[allow(unsafe_code)]
     unsafe {
-        libc::_exit(1)
+        libc::_exit(retry_code().into())
     }
 }
 
@@ -110,7 +123,7 @@ fn write(bytes: &[u8]) {
 
 #[cfg(not(unix))]
 fn exit() -> ! {
-    std::process::exit(1)
+    std::process::exit(retry_code().into())
 }
 
 #[cfg(not(unix))]
