@@ -256,6 +256,7 @@ K - 96x96 5.4e-3 0.095 0.12 0.038
 general/thin - 256x192 1.95e-3 0.010 0.08 0.004
 general/lights100 - 240x180 6.0e-3 0.28 0.094 0.003
 ruin inside 128x96 2.7e-2 0.018 0.21 0.093
+C_novol - 256x192 1.15e-3 0.0012 0.054 0.003
 EOF
 
 heading 'presets elsewhere: other cameras, a CT head, smoke.vdb, a sunlit room with fog and without, lampshades, textures, beside references of our own made now, 128 x 96'

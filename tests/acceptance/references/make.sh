@@ -15,7 +15,7 @@ else
     trap 'rm -rf "$out"' EXIT
 fi
 if [ $# -eq 0 ]; then
-    set -- curved lights100 volumes thin outdoor studio K_full thin_full lights100_full ruin_full
+    set -- curved lights100 volumes thin outdoor studio K_full thin_full lights100_full ruin_full C_novol_full
 fi
 scenes=tests/acceptance/scenes
 
@@ -24,6 +24,7 @@ lvox=${CARGO_TARGET_DIR:-target}/release/lvox
 for name in "$@"; do
     case $name in
         K_full) made=("$scenes/K.toml" --resolution 96x96 --max-depth 0) ;;
+        C_novol_full) made=("$scenes/C_novol.toml" --resolution 256x192 --max-depth 0) ;;
         ruin_full) made=("$scenes/ruin.toml" --resolution 128x96 --max-depth 0) ;;
         *_full) made=("$scenes/general/${name%_full}.toml" --max-depth 0) ;;
         *) made=("$scenes/general/$name.toml" --max-depth 3) ;;
