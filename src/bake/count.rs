@@ -19,8 +19,8 @@ const EVEN: f64 = 0.05;
 /// Pairs of neighbours that are compared.
 const PAIRS: u64 = 4096;
 
-/// Few surfels where the direct light of neighbours differs little; it does at edges of shadows, by
-/// shadow rays in penumbrae, and where the surface ends.
+/// Few surfels where the direct light of neighbours differs little, else many. Light differs at edges
+/// of shadows, by shadow rays in penumbrae, and where the surface ends.
 ///
 /// # Errors
 /// A stop on request.
