@@ -31,6 +31,7 @@ mod scatter;
 mod scene_input;
 mod shade;
 mod shade_options;
+mod shade_settings;
 mod stability;
 mod study;
 mod tree_input;

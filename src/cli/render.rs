@@ -70,10 +70,12 @@ impl Args {
         let cloud = folder.path().join("scene.lvc");
         let kept = self.keep_tree.clone();
         let tree = kept.unwrap_or_else(|| folder.path().join("scene.lvt"));
-        let bounces = self.bounces.unwrap_or(match self.shade.lights_media() {
-            true => Bounces::All,
-            false => Bounces::Count(1),
-        });
+        let bounces = self
+            .bounces
+            .unwrap_or(match self.shade.settings.lights_media() {
+                true => Bounces::All,
+                false => Bounces::Count(1),
+            });
         let is_bounced = bounces != Bounces::Count(1);
         let built = match is_bounced {
             true => folder.path().join("built.lvt"),
