@@ -3,7 +3,10 @@
 
 use crate::bytes::{self, Cursor};
 use crate::{FormatError, Result, codec};
+use std::fs::File;
+use std::io::Read;
 use std::ops::Range;
+use std::path::Path;
 use xxhash_rust::xxh3::{xxh3_64, xxh3_128};
 
 /// Version of the four formats, the one that is written and read.
@@ -47,6 +50,18 @@ impl FileKind {
             Self::Scatter => "file of scattered light (.lvs)",
             Self::Packed => "packed scene (.lvp)",
         }
+    }
+
+    /// The kind of the file at a path, by its first bytes.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or of another format.
+    pub fn of_file(path: &Path) -> Result<Self> {
+        let mut start = Vec::new();
+        let file = File::open(path).map_err(FormatError::io("open"))?;
+        let read = file.take(HEADER_LEN as u64).read_to_end(&mut start);
+        read.map_err(FormatError::io("read"))?;
+        Self::of(&start)
     }
 
     /// Kinds of its blocks.

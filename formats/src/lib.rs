@@ -81,9 +81,9 @@ pub use meta::{CloudMeta, ScatterMeta, TreeMeta};
 pub use opened::Opened;
 pub use packed::{
     COLUMN_ALIGNMENT, ColumnRows, MAX_NODE_LEVELS, MediaLevel, Packed, PackedBlocks, PackedCamera,
-    PackedColumn, PackedEnvironment, PackedFilm, PackedFormat, PackedHierarchy, PackedImage,
-    PackedLight, PackedMaterial, PackedMesh, PackedMeta, PackedPhase, PackedSummary, PackedTexture,
-    PackedVolume, PackedWrap, PackedWriter,
+    PackedCameraKey, PackedColumn, PackedEnvironment, PackedFilm, PackedFormat, PackedHierarchy,
+    PackedImage, PackedLight, PackedMaterial, PackedMesh, PackedMeta, PackedPhase, PackedSummary,
+    PackedTexture, PackedVolume, PackedWrap, PackedWriter,
 };
 pub use record::{
     Below, Bounds, ClipEdge, Clips, Lvoxel, Node, Surfel, SurfelAggregate, SurfelLeaves,

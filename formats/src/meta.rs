@@ -53,6 +53,17 @@ impl TreeMeta {
     /// Name of the setting that tells how often light bounces.
     pub const BOUNCES: &str = "bounces";
 
+    /// Name of the setting that tells from which tree one of all bounces was made.
+    pub const BOUNCED_FROM: &str = "bounced-from";
+
+    /// Names and values of all that the tree was made of and with: parts of the scene, and settings
+    /// of each stage. Trees with the same have the same light.
+    pub fn made_with(&self) -> impl Iterator<Item = &(String, String)> {
+        let all = self.cloud.settings.iter().chain(&self.settings);
+        // What it names was made with the settings before it.
+        all.filter(|(name, _)| name != Self::BOUNCED_FROM)
+    }
+
     /// How often light bounces, a number or `all`; `None` if the tree sends direct light.
     #[must_use]
     pub fn bounces(&self) -> Option<&str> {

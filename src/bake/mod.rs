@@ -30,7 +30,7 @@ use crate::{Error, Result};
 use creases::Creases;
 use glam::DAffine3;
 use lvox_formats::record::{Lvoxel, MAX_VOLUMES, Surfel, VolumeInfo};
-use lvox_formats::{CloudMeta, CloudSummary, CloudWriter, Overwrite};
+use lvox_formats::{Cloud, CloudMeta, CloudSummary, CloudWriter, Overwrite};
 pub use lvoxels::BlockSize;
 use lvoxels::LvoxelMaker;
 use rayon::prelude::*;
@@ -119,7 +119,7 @@ pub fn run(
     }
     job.hold(&memory::check(scene, settings, job)?);
     job.report.stage("bake", |counts| {
-        let mut writer = CloudWriter::create(cloud, meta(scene, settings)?, overwrite)?;
+        let mut writer = CloudWriter::create(cloud, origin(scene, settings)?, overwrite)?;
         let tracer = Tracer::new_until(scene, &job.cancel)?;
         let shadows = SoftShadowMedia::new(scene)?;
         let lights = Lights::new(&tracer)
@@ -305,7 +305,27 @@ fn bake_volume(maker: &LvoxelMaker, part: Part, writer: &mut CloudWriter, job: &
     Ok(())
 }
 
-fn meta(scene: &Scene, settings: &Settings) -> Result<CloudMeta> {
+/// Whether a cloud was baked with these settings from a scene that is this one in all that matters to
+/// a bake: cameras, film and names may be others.
+///
+/// # Errors
+/// A file that is no whole cloud, or an unknown camera.
+pub fn has_made(cloud: &Path, scene: &Scene, settings: &Settings) -> Result<bool> {
+    let found = Cloud::open_path(cloud)?;
+    let expected = origin(scene, settings)?;
+    let found = CloudMeta {
+        scene_hash: expected.scene_hash,
+        scene_name: expected.scene_name.clone(),
+        ..found.meta().clone()
+    };
+    Ok(found == expected)
+}
+
+/// What the cloud of a scene says of its origin.
+///
+/// # Errors
+/// An unknown camera.
+pub fn origin(scene: &Scene, settings: &Settings) -> Result<CloudMeta> {
     let columns = |m: DAffine3| {
         [
             m.matrix3.x_axis,

@@ -104,9 +104,7 @@ pub fn run(
     view::check_frame(scene, source.meta().cloud.world_from_scene)?;
     check_memory(scene, source, settings, job)?;
     (job.report).watched_stage("bounce", tree.fitter(job), |counts| {
-        let mut meta: TreeMeta = source.meta().clone();
-        meta.settings.extend(settings.listed());
-        meta.settings.push(("bounced-from".into(), hex(&source.content_hash())));
+        let meta = meta(source, settings);
         let mut writer = TreeWriter::create(output, meta, overwrite)?;
         writer.relight(source.summary());
         let tracer = Tracer::new_until(scene, &job.cancel)?;
@@ -429,4 +427,22 @@ impl Lvoxels {
             lobes,
         })
     }
+}
+
+/// What a tree of all bounces says of its origin.
+fn meta(source: &Tree<MappedFile>, settings: &Settings) -> TreeMeta {
+    let mut meta = source.meta().clone();
+    meta.settings.extend(settings.listed());
+    meta.settings
+        .push((TreeMeta::BOUNCED_FROM.into(), hex(&source.content_hash())));
+    meta
+}
+
+/// Whether a tree has the light of this one, bounced with these settings.
+///
+/// # Errors
+/// A file that is no whole tree.
+pub fn has_made(output: &Path, tree: &OpenTree, settings: &Settings) -> Result<bool> {
+    let found = Tree::open_path(output)?;
+    Ok(*found.meta() == meta(tree.tree(), settings))
 }

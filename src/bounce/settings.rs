@@ -71,7 +71,8 @@ impl Settings {
     }
 
     /// Names and values, as they are kept in the tree.
-    pub(super) fn listed(&self) -> Vec<(String, String)> {
+    #[must_use]
+    pub fn listed(&self) -> Vec<(String, String)> {
         let entry = |name: &str, value: String| (name.to_owned(), value);
         vec![
             entry(TreeMeta::BOUNCES, self.bounces.to_string()),

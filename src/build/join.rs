@@ -63,6 +63,17 @@ pub fn join(
     Ok(writer.finish()?)
 }
 
+/// What the cloud of all parts of a bake says of its origin.
+///
+/// # Errors
+/// As [`join`], for clouds that are not the parts of one bake.
+pub fn meta_of(parts: &[PathBuf]) -> Result<CloudMeta> {
+    match open(parts)?.first() {
+        Some(first) => Ok(whole(first.cloud.meta())),
+        None => Err(Error::input("expected a cloud, found none")),
+    }
+}
+
 /// Opens the parts and puts them in order.
 fn open(paths: &[PathBuf]) -> Result<Vec<Piece<'_>>> {
     let mut pieces = paths

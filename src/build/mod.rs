@@ -25,7 +25,7 @@ mod spill;
 mod subtree;
 
 use crate::formats::{
-    CHUNK_RECORDS, Cloud, MappedFile, Overwrite, TreeMeta, TreeSummary, TreeWriter,
+    CHUNK_RECORDS, Cloud, MappedFile, Overwrite, Tree, TreeMeta, TreeSummary, TreeWriter,
 };
 use crate::run::{Job, size};
 use crate::{Error, Result};
@@ -48,6 +48,14 @@ impl Default for Settings {
             page_bytes: 16384,
             bucket_surfels: None,
         }
+    }
+}
+
+impl Settings {
+    /// Names and values, as they are kept in the tree.
+    #[must_use]
+    pub fn listed(&self) -> Vec<(String, String)> {
+        vec![("page_bytes".into(), self.page_bytes.to_string())]
     }
 }
 
@@ -124,6 +132,24 @@ pub fn run_parts(
     run(&joined, tree_path, settings, overwrite, job)
 }
 
+/// Whether a tree was built with these settings from this cloud, or from the bake whose parts these
+/// are.
+///
+/// # Errors
+/// A file that is no whole tree or cloud, or clouds that [`join`] would refuse.
+pub fn has_made(tree: &Path, clouds: &[PathBuf], settings: &Settings) -> Result<bool> {
+    let tree = Tree::open_path(tree)?;
+    let found = tree.meta();
+    if found.settings != settings.listed() {
+        return Ok(false);
+    }
+    if let [cloud] = clouds {
+        let cloud = Cloud::open_path(cloud)?;
+        return Ok(found.cloud_hash == cloud.content_hash() && found.cloud == *cloud.meta());
+    }
+    Ok(found.cloud == join::meta_of(clouds)?)
+}
+
 fn build(
     cloud_path: &Path,
     tree_path: &Path,
@@ -143,7 +169,7 @@ fn build(
     let meta = TreeMeta {
         cloud: cloud.meta().clone(),
         cloud_hash: cloud.content_hash(),
-        settings: vec![("page_bytes".into(), settings.page_bytes.to_string())],
+        settings: settings.listed(),
     };
     let overlap = meta.cloud.disk_overlap;
     plan::check_room(&cloud, tree_path, settings, &limits, job)?;

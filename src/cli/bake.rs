@@ -2,10 +2,11 @@
 
 use super::bake_options::BakeOptions;
 use super::files::{Files, check_writable};
-use super::options::{Context, Memory, Seed};
+use super::options::{Context, Memory, Resume, Seed};
 use super::scene_input::SceneInput;
 use crate::Result;
 use crate::bake::{Part, Settings};
+use crate::formats::FileKind;
 use std::path::PathBuf;
 
 /// Bake a scene into a cloud of surfels and lvoxels with their direct light
@@ -27,6 +28,9 @@ pub struct Args {
     part: Option<Part>,
 
     #[command(flatten)]
+    resume: Resume,
+
+    #[command(flatten)]
     pub memory: Memory,
 
     #[command(flatten)]
@@ -40,21 +44,20 @@ impl Args {
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
-        check_writable(&self.output, context.overwrite)?;
+        let overwrite = (self.resume).overwrite(&self.output, FileKind::Cloud, context);
+        check_writable(&self.output, overwrite)?;
         let settings = Settings {
             part: self.part.unwrap_or(Part::WHOLE),
             ..self.bake.settings(self.seed.seed)
         };
         settings.check()?;
         let scene = self.scene.load(context)?;
-        context.job.heed_warnings()?;
-        crate::bake::run(
-            &scene,
-            &settings,
-            &self.output,
-            context.overwrite,
-            &context.job,
-        )?;
+        let job = &context.job;
+        job.heed_warnings()?;
+        let is_same = || crate::bake::has_made(&self.output, &scene, &settings);
+        if !self.resume.is_made(&self.output, is_same, job) {
+            crate::bake::run(&scene, &settings, &self.output, overwrite, job)?;
+        }
         Ok(())
     }
 }

@@ -1,12 +1,13 @@
 //! `lvox bounce`
 
 use super::files::{Files, check_writable};
-use super::options::{Context, Memory, Seed};
-use super::output;
+use super::options::{Context, Memory, Resume, Seed};
 use super::parse;
+use super::times;
 use super::tree_input::TreeInput;
 use crate::Result;
 use crate::bounce::{self, Bounces, Settings};
+use crate::formats::FileKind;
 use std::path::PathBuf;
 
 /// Let light bounce between surfaces and scatter in media, once for all frames
@@ -35,6 +36,9 @@ pub struct Args {
     max_solid_angle: Option<f32>,
 
     #[command(flatten)]
+    resume: Resume,
+
+    #[command(flatten)]
     pub memory: Memory,
 
     #[command(flatten)]
@@ -58,18 +62,22 @@ impl Args {
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
-        check_writable(&self.output, context.overwrite)?;
+        let overwrite = (self.resume).overwrite(&self.output, FileKind::Tree, context);
+        check_writable(&self.output, overwrite)?;
         let settings = self.settings();
         settings.check()?;
         let job = &context.job;
         let (scene, store, tree) = self.input.open(context)?;
+        let is_same = || bounce::has_made(&self.output, &store, &settings);
+        if self.resume.is_made(&self.output, is_same, job) {
+            return Ok(());
+        }
         let held = bounce::check_memory(&scene, store.tree(), &settings, job)?;
         let store = store.beside(held)?;
         job.heed_warnings()?;
-        let overwrite = context.overwrite;
         bounce::run(&scene, &store, &self.output, &settings, overwrite, job)
             .map_err(|e| e.at(tree.display()))?;
-        output::say_times(job, "bounce", &[]);
+        times::say(context, "bounce", &[]);
         Ok(())
     }
 }

@@ -1,10 +1,11 @@
 //! `lvox build`
 
 use super::files::{Files, check_writable};
-use super::options::{Context, Memory, Temporary};
+use super::options::{Context, Memory, Resume, Temporary};
 use super::output;
 use crate::Result;
 use crate::build::Settings;
+use crate::formats::FileKind;
 use std::path::PathBuf;
 
 /// Build the tree over a cloud, within --memory-limit whatever the cloud's size
@@ -26,6 +27,9 @@ pub struct Args {
     /// With --plan: print one JSON object
     #[arg(long, requires = "plan")]
     json: bool,
+
+    #[command(flatten)]
+    resume: Resume,
 
     #[command(flatten)]
     pub memory: Memory,
@@ -56,14 +60,13 @@ impl Args {
                 output::print(&plan.to_string())
             };
         };
-        check_writable(&output, context.overwrite)?;
-        crate::build::run_parts(
-            &self.clouds,
-            &output,
-            &Settings::default(),
-            context.overwrite,
-            &context.job,
-        )?;
+        let overwrite = (self.resume).overwrite(&output, FileKind::Tree, context);
+        check_writable(&output, overwrite)?;
+        let (clouds, settings, job) = (&self.clouds, Settings::default(), &context.job);
+        let is_same = || crate::build::has_made(&output, clouds, &settings);
+        if !self.resume.is_made(&output, is_same, job) {
+            crate::build::run_parts(clouds, &output, &settings, overwrite, job)?;
+        }
         Ok(())
     }
 }

@@ -3,7 +3,8 @@
 use super::files::{Files, check_writable};
 use super::options::{Context, Memory, Seed};
 use super::out_of_date::warn_if_out_of_date;
-use super::{output, parse};
+use super::parse;
+use super::times;
 use crate::points::{self, Over, PointFile, Settings};
 use crate::run::{Job, Part};
 use crate::scene::Scene;
@@ -177,7 +178,7 @@ impl Args {
                 "elements that are no points are left out: `{first}`"
             ));
         }
-        output::say_times(job, "gather", &[]);
+        times::say(context, "gather", &[]);
         Ok(())
     }
 }

@@ -2,7 +2,7 @@
 
 use super::files::{Files, check_writable};
 use super::options::{Context, Memory};
-use super::output;
+use super::times;
 use crate::Result;
 use crate::points::{self, ImportSettings, PointFile};
 use std::path::PathBuf;
@@ -47,7 +47,7 @@ impl Args {
         };
         let job = &context.job;
         points::import(&points, &self.output, &settings, context.overwrite, job)?;
-        output::say_times(job, "import", &[]);
+        times::say(context, "import", &[]);
         Ok(())
     }
 }

@@ -71,7 +71,11 @@ impl Args {
             return self.image();
         }
         if !is_ours(&self.file)
-            && let Some(mut scene) = scene(&self.file, &self.reading.settings(), &context.job)?
+            && let Some(mut scene) = scene(
+                &self.file,
+                &self.reading.settings(context.frame),
+                &context.job,
+            )?
         {
             self.refuse_points("a scene file has")?;
             // They are in what is printed; but strict jobs fail on them.

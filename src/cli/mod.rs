@@ -2,7 +2,7 @@
 //!
 //! What several verbs take stands in `*_options` and `scene_input`; `options` resolves what all of
 //! them take into a `Context`, `files` checks what they read and write before the work, `parse`
-//! reads values, `out_of_date` tells of files of another scene, `progress` and `output` talk; `last_words` are said where no error can be returned.
+//! reads values, `frames` and `kept` run a verb for several frames, `out_of_date` tells of files of another scene, `progress`, `output` and `times` talk; `last_words` are said where no error can be returned.
 //!
 //! A new verb is a file with `Args`, `files` and `run`, a variant of `Verb`, and a line in
 //! `Verb::files` and `Verb::run`.
@@ -13,9 +13,11 @@ mod bounce;
 mod build;
 mod compare;
 mod files;
+mod frames;
 mod gather;
 mod import;
 mod inspect;
+mod kept;
 mod last_words;
 mod merge;
 mod options;
@@ -34,15 +36,17 @@ mod shade_options;
 mod shade_settings;
 mod stability;
 mod study;
+mod times;
 mod tree_input;
 mod verify;
 
 use crate::formats::one_line;
-use crate::{Kind, Result};
+use crate::{Error, Kind, Result};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use files::Files;
 pub use last_words::memory::Allocator;
 use options::{Context, Limits, Shared};
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 /// Render colour bleeding in scenes with smoke, cloud and CT volumes from a point cloud.
@@ -156,6 +160,11 @@ pub fn main() -> ExitCode {
         Ok(cli) => cli.run(),
         Err(exit) => return exit,
     };
+    exit_code(result)
+}
+
+/// Prints an error, which gives the exit code.
+fn exit_code(result: Result<()>) -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -170,10 +179,15 @@ pub fn main() -> ExitCode {
 
 /// Reads the command line; help and usage errors are printed and give the exit code.
 fn parse() -> Result<Cli, ExitCode> {
-    let parsed = command().try_get_matches();
+    parse_words(std::env::args_os().collect())
+}
+
+/// Reads these words as a command line.
+fn parse_words(words: Vec<OsString>) -> Result<Cli, ExitCode> {
+    let parsed = command().try_get_matches_from(&words);
     // Words of the command line are told as they can be shown.
     let parsed = parsed.map_err(|error| {
-        let shown = std::env::args_os().map(|word| one_line(word.to_string_lossy()));
+        let shown = words.iter().map(|word| one_line(word.to_string_lossy()));
         let again = command().try_get_matches_from(shown).err();
         again.unwrap_or(error)
     });
@@ -204,18 +218,48 @@ fn has_option(name: &str) -> bool {
 }
 
 impl Cli {
-    /// Runs the verb and writes the report.
+    /// Runs the verb, once or for each frame, and writes reports.
     fn run(self) -> Result<()> {
-        let mut context = self.shared.resolve(self.verb.limits())?;
-        context.take_files(self.verb.files())?;
-        let (verb, result) = self.verb.run(&context);
-        let result = result.and_then(|()| context.job.heed_warnings());
-        let Some(path) = context.report_path() else {
-            return result;
+        let Some(frames) = self.shared.frames.clone() else {
+            frames::refuse_tokens(std::env::args_os())?;
+            let mut context = self.shared.resolve(self.verb.limits())?;
+            return run_verb(self.verb, &mut context);
         };
-        let written = context.job.report.write(&path, verb, result.as_ref().err());
-        result.and(written)
+        frames::check_outputs(&self.verb.files(), &frames)?;
+        let numbers = frames.numbers();
+        let mut context = None;
+        for &frame in numbers {
+            let words = frames::words(std::env::args_os(), frame);
+            let cli = parse_words(words).map_err(|_| {
+                // It was printed.
+                Error::input(format!("frame {frame} makes no command line"))
+            })?;
+            let (verb, report) = (cli.verb, cli.shared.report.clone());
+            let limits = verb.limits();
+            let context = match &mut context {
+                Some(context) => context,
+                none => none.insert(cli.shared.resolve(limits.clone())?),
+            };
+            context.go_to_frame(frame, report, limits);
+            if numbers.len() > 1 {
+                context.job.progress.say(&format!("frame {frame}"));
+            }
+            run_verb(verb, context).map_err(|e| e.at(format!("frame {frame}")))?;
+        }
+        Ok(())
     }
+}
+
+/// Runs a verb, and writes the report.
+fn run_verb(verb: Verb, context: &mut Context) -> Result<()> {
+    context.take_files(verb.files())?;
+    let (verb, result) = verb.run(context);
+    let result = result.and_then(|()| context.job.heed_warnings());
+    let Some(path) = context.report_path() else {
+        return result;
+    };
+    let written = context.job.report.write(&path, verb, result.as_ref().err());
+    result.and(written)
 }
 
 #[cfg(test)]

@@ -1,15 +1,16 @@
 //! Options that verbs share: as typed, and as resolved.
 
 use super::files::{Files, Named, check_apart, check_writable};
+use super::kept::Kept;
 use super::{last_words, parse, progress};
-use crate::formats::{Overwrite, emergency};
+use crate::formats::{FileKind, Overwrite, emergency};
 use crate::lab::reference::Start;
-use crate::run::{Job, OnWarning, memory};
+use crate::run::{Frames, Job, OnWarning, Report, memory};
 use crate::{Error, Result};
 use std::cell::RefCell;
 use std::fs::File;
 use std::io::Read;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Threads beyond this only spin for work that there is not.
 const MOST_THREADS: i64 = 1024;
@@ -40,7 +41,13 @@ pub struct Shared {
 
     /// Write times, peak memory and counts to this file as JSON
     #[arg(long, global = true, value_name = "FILE")]
-    report: Option<PathBuf>,
+    pub report: Option<PathBuf>,
+
+    /// Run once for each of these frames, as 1-10, 1-10x2 or 1,5,9. The number of the frame takes
+    /// the place of ####, %04d or $F4 in options and in names of files in the scene, and cameras
+    /// that move are where they are in that frame
+    #[arg(long, global = true, value_name = "RANGE", allow_hyphen_values = true, value_parser = parse::frames)]
+    pub frames: Option<Frames>,
 
     /// Exit with this code where a retry may help, for schedulers that take 1 for the end; Grid
     /// Engine repeats a job that exits with 99
@@ -75,6 +82,41 @@ pub struct Seed {
     /// Seed all random choices; the same seed gives the same result
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
+}
+
+/// For verbs whose output may be there from an earlier run.
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
+pub struct Resume {
+    /// Leave an output as it is that an earlier run made of the same scene and settings, and make
+    /// it again if it is of others. What counts is what files say of their origin, not when they
+    /// were written
+    #[arg(long)]
+    resume: bool,
+}
+
+impl Resume {
+    /// Whether an output may be replaced: one that is of the right kind, but of another origin.
+    pub fn overwrite(self, path: &Path, kind: FileKind, context: &Context) -> Overwrite {
+        let is_of_kind = || FileKind::of_file(path).is_ok_and(|found| found == kind);
+        match self.resume && is_of_kind() {
+            true => Overwrite::Replace,
+            false => context.overwrite,
+        }
+    }
+
+    /// Whether an output is there that needs not be made again; says so.
+    pub fn is_made(self, path: &Path, is_same: impl FnOnce() -> Result<bool>, job: &Job) -> bool {
+        if !self.resume || !path.exists() {
+            return false;
+        }
+        let is_same = is_same().unwrap_or(false);
+        let path = path.display();
+        job.progress.say(&match is_same {
+            true => format!("{path} is there, made of the same scene and settings"),
+            false => format!("{path} is not of this scene and these settings: making it again"),
+        });
+        is_same
+    }
 }
 
 /// What a verb may take of the machine.
@@ -127,9 +169,27 @@ pub struct Context {
     report_path: RefCell<Option<PathBuf>>,
     /// What the verb writes, by the words for it.
     outputs: Vec<(&'static str, PathBuf)>,
+    /// The frame at hand, of those that were asked for.
+    pub frame: Option<i32>,
+    /// What the frame before has left.
+    pub kept: RefCell<Kept>,
+    /// How many stages of the report are those of frames before.
+    pub first_stage: usize,
 }
 
 impl Context {
+    /// Goes to the next of several frames, of which each may have its own report and caches.
+    pub fn go_to_frame(&mut self, frame: i32, report: Option<PathBuf>, limits: Limits) {
+        if *self.report_path.get_mut() != report {
+            self.report_path = RefCell::new(report);
+            self.job.report = Report::default();
+        }
+        self.job.radiance_cache = limits.radiance_cache;
+        self.job.gather_cache = limits.gather_cache;
+        self.frame = Some(frame);
+        self.first_stage = self.job.report.count();
+    }
+
     /// Refuses a verb whose outputs name its inputs or each other, the report included, and
     /// remembers its outputs.
     pub fn take_files(&mut self, files: Files) -> Result<()> {
@@ -252,6 +312,9 @@ impl Shared {
             },
             report_path: RefCell::new(self.report),
             outputs: Vec::new(),
+            frame: None,
+            kept: RefCell::default(),
+            first_stage: 0,
         })
     }
 }

@@ -1,6 +1,5 @@
 //! What the program says: data on stdout, errors on stderr.
 
-use crate::run::Job;
 use crate::{Error, Result};
 use std::io::{ErrorKind, Write};
 
@@ -22,32 +21,6 @@ pub fn print_json(value: &impl serde::Serialize) -> Result<()> {
     print(&(json + "\n"))
 }
 
-/// Says what the last stage took, and what it took with those before it that are named; nothing of
-/// stages that did not run.
-pub fn say_times(job: &Job, last: &str, before: &[&str]) {
-    let stages = job.report.stages();
-    let secs = |name: &str| {
-        let of_name = stages.iter().filter(|s| s.stage == name);
-        of_name.map(|s| s.cpu_secs).reduce(|a, b| a + b)
-    };
-    let Some(own) = secs(last) else { return };
-    let found: Vec<(&str, f64)> = before
-        .iter()
-        .filter_map(|name| Some((*name, secs(name)?)))
-        .collect();
-    let mut text = format!("{last} {own:.1} CPU s");
-    if let Some(((last, _), rest)) = found.split_last() {
-        let rest: Vec<&str> = rest.iter().map(|f| f.0).collect();
-        let names = match &rest[..] {
-            [] => (*last).to_owned(),
-            _ => format!("{} and {last}", rest.join(", ")),
-        };
-        let total = own + found.iter().map(|f| f.1).sum::<f64>();
-        text += &format!("; with {names} {total:.1}");
-    }
-    job.progress.say(&text);
-}
-
 /// Writes an error and its hint to stderr.
 pub fn print_error(error: &Error) {
     let message = error.to_string();
@@ -65,7 +38,7 @@ pub fn print_error(error: &Error) {
 }
 
 /// Settings of how a scene is read, which are no keys of it.
-const OF_READING: [&str; 2] = ["allow_outside", "texture_limit"];
+const OF_READING: [&str; 3] = ["allow_outside", "frames", "texture_limit"];
 
 /// A message of the library with the options that set what it names in backquotes.
 pub fn with_options(message: &str) -> String {

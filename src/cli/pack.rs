@@ -1,10 +1,11 @@
 //! `lvox pack`
 
 use super::files::{Files, check_writable};
-use super::options::Context;
+use super::options::{Context, Resume};
 use super::out_of_date::warn_if_out_of_date;
 use super::scene_input::SceneInput;
 use crate::Result;
+use crate::formats::FileKind;
 use crate::pack;
 use crate::tree::OpenTree;
 use std::path::PathBuf;
@@ -31,6 +32,9 @@ pub struct Args {
     /// without --tree]
     #[arg(long, value_name = "FILE", requires = "tree")]
     scatter: Option<PathBuf>,
+
+    #[command(flatten)]
+    resume: Resume,
 }
 
 impl Args {
@@ -44,7 +48,8 @@ impl Args {
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
-        check_writable(&self.output, context.overwrite)?;
+        let overwrite = (self.resume).overwrite(&self.output, FileKind::Packed, context);
+        check_writable(&self.output, overwrite)?;
         let job = &context.job;
         let scene = self.scene.load(context)?;
         let (tree, light) = match self.tree {
@@ -64,6 +69,10 @@ impl Args {
             tree: tree.as_deref(),
             light: light.as_deref(),
         };
-        pack::run(&scene, files, &self.output, context.overwrite, job)
+        let is_same = || pack::has_made(&self.output, &scene, files);
+        if self.resume.is_made(&self.output, is_same, job) {
+            return Ok(());
+        }
+        pack::run(&scene, files, &self.output, overwrite, job)
     }
 }

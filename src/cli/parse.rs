@@ -2,15 +2,12 @@
 
 use crate::bounce::Bounces;
 use crate::image::Region;
-use crate::run::size;
+use crate::run::{Frames, size};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 /// A size of memory, in bytes.
 pub fn size(text: &str) -> Result<u64, String> {
-    size::parse(text).map_err(|e| match e.hint_text() {
-        Some(hint) => format!("{e}: {hint}"),
-        None => e.to_string(),
-    })
+    told(size::parse(text))
 }
 
 /// One of a table's values, by the name beside it.
@@ -30,6 +27,19 @@ pub fn retry_code(text: &str) -> Result<u8, String> {
         Ok(code) if code != 0 && code != 2 => Ok(code),
         _ => Err("it has to be 1, or 3 to 255: 2 says that a retry is in vain".into()),
     }
+}
+
+/// Numbers of frames.
+pub fn frames(text: &str) -> Result<Frames, String> {
+    told(text.parse())
+}
+
+/// The message and the hint of an error in one.
+fn told<T>(value: crate::Result<T>) -> Result<T, String> {
+    value.map_err(|e| match e.hint_text() {
+        Some(hint) => format!("{e}: {hint}"),
+        None => e.to_string(),
+    })
 }
 
 /// A factor above zero.

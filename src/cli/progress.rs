@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 const INTERVAL: Duration = Duration::from_secs(2);
 
 /// How progress is shown, as typed.
-#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Mode {
     /// A bar on a terminal and plain lines elsewhere
     Auto,
@@ -19,6 +19,10 @@ pub enum Mode {
     Plain,
     /// One JSON object a line, for the same events
     Json,
+    /// Lines that agents of Open Job Description read: openjd_progress, openjd_status
+    Openjd,
+    /// Lines with a time and "% done", of which OpenCue tells what is left
+    Opencue,
     /// Only warnings and errors
     None,
 }
@@ -30,6 +34,8 @@ impl Mode {
             Self::Auto if std::io::stderr().is_terminal() => Progress::new(Bars::default()),
             Self::Auto | Self::Plain => Progress::new(Lines::Plain),
             Self::Json => Progress::new(Lines::Json),
+            Self::Openjd => Progress::new(Lines::Openjd),
+            Self::Opencue => Progress::new(Lines::Opencue),
             Self::None => Progress::new(WarningsOnly),
         }
     }
@@ -118,6 +124,8 @@ impl Drop for Bar {
 enum Lines {
     Plain,
     Json,
+    Openjd,
+    Opencue,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -153,7 +161,7 @@ impl Lines {
 
     fn print(self, event: &str, message: &str, plain: &str) {
         match self {
-            Self::Plain => stderr_line(plain),
+            Self::Plain | Self::Openjd | Self::Opencue => stderr_line(plain),
             Self::Json => {
                 stderr_line(&serde_json::json!({"event": event, "message": message}).to_string());
             }
@@ -211,6 +219,8 @@ impl TaskLines {
         stderr_line(&match self.lines {
             Lines::Plain => self.plain(event, done, secs),
             Lines::Json => self.json(event, done, secs),
+            Lines::Openjd => self.openjd(event, done),
+            Lines::Opencue => self.opencue(done, secs),
         });
     }
 
@@ -237,6 +247,31 @@ impl TaskLines {
             }
             Event::End => format!("{name}: {done} {unit} in {}{speed}", duration(secs)),
         }
+    }
+
+    /// How much is done, in per cent; nothing of what has no known end.
+    fn percent(&self, done: u64) -> f64 {
+        match self.total {
+            0 => 0.0,
+            total => 100.0 * (done.min(total) as f64 / total as f64),
+        }
+    }
+
+    fn openjd(&self, event: Event, done: u64) -> String {
+        match event {
+            Event::Start => format!("openjd_status: {}", self.name),
+            Event::Progress | Event::End => format!("openjd_progress: {:.1}", self.percent(done)),
+        }
+    }
+
+    fn opencue(&self, done: u64, secs: f64) -> String {
+        let secs = secs as u64;
+        let (hours, minutes, secs) = (secs / 3600, secs / 60 % 60, secs % 60);
+        let percent = self.percent(done);
+        format!(
+            "{hours:02}:{minutes:02}:{secs:02} {percent:3.0}% done - {}",
+            self.name
+        )
     }
 
     fn json(&self, event: Event, done: u64, secs: f64) -> String {
@@ -333,6 +368,15 @@ mod tests {
             task(0).plain(Event::Progress, 30, 2.0),
             "bake: 30 points, 15 points/s"
         );
+    }
+
+    #[test]
+    fn schedulers_read_how_much_is_done() {
+        let whole = task(8);
+        assert_eq!(whole.openjd(Event::Start, 0), "openjd_status: bake");
+        assert_eq!(whole.openjd(Event::Progress, 3), "openjd_progress: 37.5");
+        assert_eq!(whole.opencue(4, 3723.5), "01:02:03  50% done - bake");
+        assert_eq!(task(0).openjd(Event::End, 9), "openjd_progress: 0.0");
     }
 
     #[test]

@@ -2,16 +2,19 @@
 
 use super::bake_options::BakeOptions;
 use super::files::{Files, check_writable};
-use super::options::{Context, Memory, Seed, Temporary};
-use super::output;
+use super::kept::KeptTree;
+use super::options::{Context, Memory, Resume, Seed, Temporary};
 use super::parse;
 use super::scene_input::SceneInput;
 use super::shade_options::ShadeOptions;
-use crate::Result;
-use crate::bounce::{self, Bounces};
-use crate::formats::Overwrite;
+use super::times;
+use crate::bounce::Bounces;
+use crate::formats::{FileKind, Overwrite, TreeMeta};
+use crate::run::Job;
+use crate::scene::Scene;
 use crate::tree::OpenTree;
-use std::path::PathBuf;
+use crate::{Result, bake, bounce, build};
+use std::path::{Path, PathBuf};
 
 /// Render a scene: bake, build and shade in one go
 #[derive(Debug, clap::Args)]
@@ -33,6 +36,9 @@ pub struct Args {
 
     #[command(flatten)]
     shade: ShadeOptions,
+
+    #[command(flatten)]
+    resume: Resume,
 
     #[command(flatten)]
     pub memory: Memory,
@@ -58,51 +64,151 @@ impl Args {
         let job = &context.job;
         self.shade.check()?;
         crate::build::check_memory(job.memory_limit)?;
-        if let Some(path) = &self.keep_tree {
-            check_writable(path, context.overwrite)?;
+        if let Some(path) = &self.keep_tree
+            && !context.kept.borrow().has_tree(path)
+        {
+            check_writable(path, self.overwrite(context))?;
         }
-        let settings = self.bake.settings(self.seed.seed);
-        settings.check()?;
+        let settings = self.stages();
+        settings.bake.check()?;
         let scene = self.scene.load(context)?;
         let others = self.shade.check_with(&scene, 0, job)?;
         job.heed_warnings()?;
-        let folder = job.temporary_folder()?;
-        let cloud = folder.path().join("scene.lvc");
-        let kept = self.keep_tree.clone();
-        let tree = kept.unwrap_or_else(|| folder.path().join("scene.lvt"));
+        let (wanted, seed) = (settings.origin(&scene)?, self.seed.seed);
+        let is_made = (self.shade).is_made_by(self.resume, &scene, &wanted, seed, job)?;
+        if !is_made {
+            let mut tree = self.tree(&scene, &settings, &wanted, context)?;
+            if job.memory_limit.is_some() {
+                tree.store = OpenTree::open(&tree.path, job.memory_limit)?.beside(others)?;
+            }
+            let shading = &self.shade.settings;
+            let settings = shading.resolve(&scene, &tree.store, seed, job)?;
+            // Before there was a tree it was not known which settings an error takes.
+            let resume = match shading.typed(seed) {
+                Some(_) => Resume::default(),
+                None => self.resume,
+            };
+            if !(self.shade).is_made(resume, &scene, &tree.store, &settings, job)? {
+                self.shade.run(&scene, &tree.store, &settings, job)?;
+                times::say(context, "shade", &["bake", "build", "bounce", "pilot"]);
+            }
+            if context.frame.is_some() {
+                context.kept.borrow_mut().leave_tree(tree);
+            }
+        }
+        self.scene.leave(scene, context);
+        Ok(())
+    }
+
+    /// Whether the kept tree may be replaced.
+    fn overwrite(&self, context: &Context) -> Overwrite {
+        match &self.keep_tree {
+            Some(path) => self.resume.overwrite(path, FileKind::Tree, context),
+            None => Overwrite::Refuse,
+        }
+    }
+
+    /// Settings of the stages before the last one.
+    fn stages(&self) -> Stages {
         let bounces = self
             .bounces
             .unwrap_or(match self.shade.settings.lights_media() {
                 true => Bounces::All,
                 false => Bounces::Count(1),
             });
-        let is_bounced = bounces != Bounces::Count(1);
-        let built = match is_bounced {
-            true => folder.path().join("built.lvt"),
-            false => tree.clone(),
-        };
-        crate::bake::run(&scene, &settings, &cloud, Overwrite::Refuse, job)?;
-        crate::build::run(
-            &cloud,
-            &built,
-            &crate::build::Settings::default(),
-            context.overwrite,
-            job,
-        )?;
-        if is_bounced {
-            let settings = bounce::Settings {
+        Stages {
+            bake: self.bake.settings(self.seed.seed),
+            build: build::Settings::default(),
+            bounce: (bounces != Bounces::Count(1)).then(|| bounce::Settings {
                 bounces,
                 seed: self.seed.seed,
                 ..bounce::Settings::default()
-            };
-            let store = OpenTree::open(&built, job.memory_limit)?;
-            let held = bounce::check_memory(&scene, store.tree(), &settings, job)?;
-            let store = store.beside(held)?;
-            bounce::run(&scene, &store, &tree, &settings, context.overwrite, job)?;
+            }),
         }
-        let store = OpenTree::open(&tree, job.memory_limit)?.beside(others)?;
-        self.shade.run(&scene, &store, self.seed.seed, job)?;
-        output::say_times(job, "shade", &["bake", "build", "bounce", "pilot"]);
-        Ok(())
+    }
+
+    /// The tree that is wanted: that of the frame before, one that is kept from an earlier run, or a
+    /// new one.
+    fn tree(
+        &self,
+        scene: &Scene,
+        settings: &Stages,
+        wanted: &TreeMeta,
+        context: &Context,
+    ) -> Result<KeptTree> {
+        let job = &context.job;
+        let is_wanted = |store: &OpenTree| {
+            let found = store.tree().meta();
+            store.world_from_scene() == scene.world_from_scene
+                && found.made_with().eq(wanted.made_with())
+        };
+        let left = context.kept.borrow_mut().take_tree();
+        let is_ours = |tree: &KeptTree| self.keep_tree.as_ref().is_none_or(|p| *p == tree.path);
+        if let Some(tree) = left.filter(|tree| is_ours(tree) && is_wanted(&tree.store)) {
+            return Ok(tree);
+        }
+        let overwrite = self.overwrite(context);
+        if let Some(path) = &self.keep_tree {
+            let is_same = || Ok(is_wanted(&OpenTree::open(path, job.memory_limit)?));
+            if self.resume.is_made(path, is_same, job) {
+                return Ok(KeptTree::new(
+                    path.clone(),
+                    OpenTree::open(path, job.memory_limit)?,
+                    None,
+                ));
+            }
+        }
+        let folder = job.temporary_folder()?;
+        let path = match &self.keep_tree {
+            Some(path) => path.clone(),
+            None => folder.path().join("scene.lvt"),
+        };
+        let store = settings.run(scene, folder.path(), &path, overwrite, job)?;
+        Ok(KeptTree::new(path, store, Some(folder)))
+    }
+}
+
+/// Settings of the stages that make a tree.
+struct Stages {
+    bake: bake::Settings,
+    build: build::Settings,
+    /// If light bounces more than once.
+    bounce: Option<bounce::Settings>,
+}
+
+impl Stages {
+    /// What the tree that they make of a scene says of its origin, as far as it is known before.
+    fn origin(&self, scene: &Scene) -> Result<TreeMeta> {
+        let mut settings = self.build.listed();
+        settings.extend(self.bounce.iter().flat_map(bounce::Settings::listed));
+        Ok(TreeMeta {
+            cloud: bake::origin(scene, &self.bake)?,
+            settings,
+            ..TreeMeta::default()
+        })
+    }
+
+    /// Bakes, builds and bounces; what leads to the tree goes into a folder for temporary files.
+    fn run(
+        &self,
+        scene: &Scene,
+        folder: &Path,
+        tree: &Path,
+        overwrite: Overwrite,
+        job: &Job,
+    ) -> Result<OpenTree> {
+        let cloud = folder.join("scene.lvc");
+        bake::run(scene, &self.bake, &cloud, Overwrite::Replace, job)?;
+        let Some(settings) = &self.bounce else {
+            build::run(&cloud, tree, &self.build, overwrite, job)?;
+            return OpenTree::open(tree, job.memory_limit);
+        };
+        let built = folder.join("built.lvt");
+        build::run(&cloud, &built, &self.build, Overwrite::Replace, job)?;
+        let store = OpenTree::open(&built, job.memory_limit)?;
+        let held = bounce::check_memory(scene, store.tree(), settings, job)?;
+        let store = store.beside(held)?;
+        bounce::run(scene, &store, tree, settings, overwrite, job)?;
+        OpenTree::open(tree, job.memory_limit)
     }
 }

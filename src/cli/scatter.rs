@@ -1,10 +1,11 @@
 //! `lvox scatter`
 
 use super::files::{Files, check_writable};
-use super::options::{Context, Memory, Seed};
-use super::output;
+use super::options::{Context, Memory, Resume, Seed};
+use super::times;
 use super::tree_input::TreeInput;
 use crate::Result;
+use crate::formats::FileKind;
 use crate::scatter::{self, Settings};
 use std::path::PathBuf;
 
@@ -36,6 +37,9 @@ pub struct Args {
     shadow_rays: Option<u32>,
 
     #[command(flatten)]
+    resume: Resume,
+
+    #[command(flatten)]
     pub memory: Memory,
 
     #[command(flatten)]
@@ -59,22 +63,20 @@ impl Args {
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
-        check_writable(&self.output, context.overwrite)?;
+        let overwrite = (self.resume).overwrite(&self.output, FileKind::Scatter, context);
+        check_writable(&self.output, overwrite)?;
         let settings = self.settings();
         settings.check()?;
         let job = &context.job;
         let (scene, store, _) = self.input.open(context)?;
+        let is_same = || scatter::has_made(&self.output, &scene, &store, &settings);
+        if self.resume.is_made(&self.output, is_same, job) {
+            return Ok(());
+        }
         let store = store.beside(scatter::check_memory(&scene, job)?)?;
         job.heed_warnings()?;
-        scatter::run(
-            &scene,
-            &store,
-            &self.output,
-            &settings,
-            context.overwrite,
-            job,
-        )?;
-        output::say_times(job, "scatter", &[]);
+        scatter::run(&scene, &store, &self.output, &settings, overwrite, job)?;
+        times::say(context, "scatter", &[]);
         Ok(())
     }
 }

@@ -22,11 +22,12 @@ pub struct Reading {
 }
 
 impl Reading {
-    /// The settings that it stands for.
-    pub fn settings(&self) -> Settings {
+    /// The settings that it stands for, at a frame if there are frames.
+    pub fn settings(&self, frame: Option<i32>) -> Settings {
         Settings {
             texture_limit: self.texture_limit,
             allow_outside: self.allow_outside,
+            frame,
         }
     }
 }
@@ -103,10 +104,43 @@ impl SceneInput {
     /// # Errors
     /// As [`Scene::load`], and if an output would replace a file of the scene.
     pub fn load(&self, context: &Context) -> Result<Scene> {
+        let left = context
+            .kept
+            .borrow_mut()
+            .take_scene(&self.how(), context.frame)?;
+        match left {
+            Some(scene) => Self::keep_apart(&scene, context).map(|()| scene),
+            None => self.load_at(context.frame, context),
+        }
+    }
+
+    /// Leaves it to the next frame.
+    pub fn leave(&self, scene: Scene, context: &Context) {
+        if context.frame.is_some() {
+            context.kept.borrow_mut().leave_scene(self.how(), scene);
+        }
+    }
+
+    /// All that it depends on, but for the frame.
+    pub fn how(&self) -> String {
+        format!("{self:?}")
+    }
+
+    /// Refuses outputs that would replace a file of the scene.
+    fn keep_apart(scene: &Scene, context: &Context) -> Result<()> {
+        let files = scene.files.iter().map(|p| ("file of the scene", p.clone()));
+        context.keep_apart(&files.collect::<Vec<_>>())
+    }
+
+    /// Loads it at a frame, whatever the frame before has left.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub fn load_at(&self, frame: Option<i32>, context: &Context) -> Result<Scene> {
         let job = &context.job;
         job.report.stage("load", |counts| {
             let mut scene = match &self.scene {
-                Some(path) => Scene::load_with(path, &self.reading.settings(), job)?,
+                Some(path) => Scene::load_with(path, &self.reading.settings(frame), job)?,
                 None if self.demo => Scene::demo()?,
                 None => {
                     return Err(
@@ -114,12 +148,7 @@ impl SceneInput {
                     );
                 }
             };
-            let files: Vec<_> = scene
-                .files
-                .iter()
-                .map(|p| ("file of the scene", p.clone()))
-                .collect();
-            context.keep_apart(&files)?;
+            Self::keep_apart(&scene, context)?;
             if let Some((width, height)) = self.resolution {
                 (scene.film.width, scene.film.height) = (width, height);
             }

@@ -1,10 +1,10 @@
 //! `lvox shade`
 
 use super::files::Files;
-use super::options::{Context, Memory, Seed};
+use super::options::{Context, Memory, Resume, Seed};
 use super::out_of_date::warn_if_out_of_date;
-use super::output;
 use super::shade_options::ShadeOptions;
+use super::times;
 use super::tree_input::TreeInput;
 use crate::Result;
 use std::path::PathBuf;
@@ -36,6 +36,9 @@ pub struct Args {
     pub gather_cache: Option<PathBuf>,
 
     #[command(flatten)]
+    resume: Resume,
+
+    #[command(flatten)]
     pub memory: Memory,
 
     #[command(flatten)]
@@ -55,7 +58,7 @@ impl Args {
     pub fn run(self, context: &Context) -> Result<()> {
         self.shade.check()?;
         let job = &context.job;
-        let (scene, mut store, _) = self.input.open(context)?;
+        let (scene, mut store, path) = self.input.open(context)?;
         let packed = || self.input.packed_light(&scene);
         let light = self.scatter.clone().or_else(packed);
         if let Some(light) = &light {
@@ -68,9 +71,16 @@ impl Args {
             warn_if_out_of_date(&scene, (&meta.scene_hash, &meta.settings), path, job);
         }
         context.job.heed_warnings()?;
-        self.shade
-            .run(&scene, &store, self.seed.seed, &context.job)?;
-        output::say_times(&context.job, "shade", &["pilot"]);
+        let settings = self
+            .shade
+            .settings
+            .resolve(&scene, &store, self.seed.seed, job)?;
+        let is_made = (self.shade).is_made(self.resume, &scene, &store, &settings, job)?;
+        if !is_made {
+            self.shade.run(&scene, &store, &settings, job)?;
+            times::say(context, "shade", &["pilot"]);
+        }
+        self.input.leave(scene, store, path, context);
         Ok(())
     }
 }

@@ -1,15 +1,16 @@
 //! Options of shading, and of the image it makes, for the verbs that shade.
 
 use super::files::{Files, check_writable};
+use super::options::Resume;
 use super::parse;
 use super::region_options::RegionOptions;
 use super::shade_settings::ShadeSettings;
-use crate::formats::Overwrite;
+use crate::formats::{Overwrite, TreeMeta};
 use crate::image::exr::{self, Precision};
 use crate::image::{Frame, ImageKind, png, tone};
 use crate::run::Job;
 use crate::scene::Scene;
-use crate::shade::{self, Aov};
+use crate::shade::{self, Aov, Settings};
 use crate::tree::OpenTree;
 use crate::{Error, Result};
 use clap::Args;
@@ -67,20 +68,74 @@ impl ShadeOptions {
         shade::check_memory(scene, &settings, region, &self.aov, tree_bytes, job)
     }
 
-    /// Shades and writes the image.
-    pub fn run(&self, scene: &Scene, store: &OpenTree, seed: u64, job: &Job) -> Result<()> {
+    /// The image that it makes, as it may be there already; `None` for one that says nothing of its
+    /// origin.
+    fn image(&self, scene: &Scene) -> Result<Option<shade::Image<'_>>> {
+        let is_exr = ImageKind::named(&self.output)? == ImageKind::Exr;
         let region = self.region.of(&scene.film)?;
-        let settings = self.settings.resolve(scene, store, seed, job)?;
+        Ok(is_exr.then_some(shade::Image {
+            path: &self.output,
+            region,
+            aovs: &self.aov,
+            precision: self.precision(),
+        }))
+    }
+
+    /// Whether the image is there already, of a tree that has to be made yet. Of settings for an
+    /// error it is not known before there is one.
+    pub fn is_made_by(
+        &self,
+        resume: Resume,
+        scene: &Scene,
+        tree: &TreeMeta,
+        seed: u64,
+        job: &Job,
+    ) -> Result<bool> {
+        let Some((image, settings)) = self.image(scene)?.zip(self.settings.typed(seed)) else {
+            return Ok(false);
+        };
+        let is_same = || image.is_made_by(scene, tree, &settings);
+        Ok(resume.is_made(&self.output, is_same, job))
+    }
+
+    /// Whether the image is there already.
+    pub fn is_made(
+        &self,
+        resume: Resume,
+        scene: &Scene,
+        store: &OpenTree,
+        settings: &Settings,
+        job: &Job,
+    ) -> Result<bool> {
+        let Some(image) = self.image(scene)? else {
+            return Ok(false);
+        };
+        let is_same = || image.is_made(scene, store, settings);
+        Ok(resume.is_made(&self.output, is_same, job))
+    }
+
+    fn precision(&self) -> Precision {
+        match self.float {
+            true => Precision::Float,
+            false => Precision::Half,
+        }
+    }
+
+    /// Shades and writes the image.
+    pub fn run(
+        &self,
+        scene: &Scene,
+        store: &OpenTree,
+        settings: &Settings,
+        job: &Job,
+    ) -> Result<()> {
+        let region = self.region.of(&scene.film)?;
         job.heed_warnings()?;
-        let frame = shade::run(scene, store, &settings, region, &self.aov, job)?;
+        let frame = shade::run(scene, store, settings, region, &self.aov, job)?;
         job.report
             .stage("write", |_| match ImageKind::named(&self.output)? {
                 ImageKind::Exr => {
-                    let precision = if self.float {
-                        Precision::Float
-                    } else {
-                        Precision::Half
-                    };
+                    let precision = self.precision();
                     self.warn_of_clamped(&frame, precision, job);
                     job.heed_warnings()?;
                     exr::write(&self.output, &frame, precision)

@@ -148,6 +148,11 @@ impl ShadeSettings {
         }
     }
 
+    /// The settings as they are typed; `None` if an error has to pick them first.
+    pub fn typed(&self, seed: u64) -> Option<Settings> {
+        self.target_error.is_none().then(|| self.settings(seed))
+    }
+
     fn settings(&self, seed: u64) -> Settings {
         self.over(Settings::of(self.quality), seed)
     }

@@ -1,13 +1,14 @@
 //! The scene that a verb works on, and the tree that was made of it.
 
 use super::files::Files;
+use super::kept::KeptTree;
 use super::options::Context;
 use super::out_of_date::warn_if_out_of_date;
 use super::scene_input::SceneInput;
 use crate::Result;
 use crate::scene::Scene;
 use crate::tree::OpenTree;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A scene, and the file of its tree.
 #[derive(Debug, clap::Args)]
@@ -37,6 +38,9 @@ impl TreeInput {
     /// As [`SceneInput::load`], [`OpenTree::open`] and [`Scene::in_frame`], and without a tree.
     pub fn open(&self, context: &Context) -> Result<(Scene, OpenTree, PathBuf)> {
         let path = self.scene.tree(self.tree.as_ref())?;
+        if let Some((scene, store)) = self.take_kept(&path, context)? {
+            return Ok((scene, store, path));
+        }
         let store = OpenTree::open(&path, context.job.memory_limit)?;
         let scene = self.scene.load(context)?;
         let scene = scene.in_frame(store.world_from_scene())?;
@@ -44,6 +48,28 @@ impl TreeInput {
         let origin = (&cloud.scene_hash, &cloud.settings[..]);
         warn_if_out_of_date(&scene, origin, &path, &context.job);
         Ok((scene, store, path))
+    }
+
+    /// Scene and tree as the frame before has left them, if they are the same in this one. Within a
+    /// memory limit a tree is opened anew: what its cache may take depends on the frame.
+    fn take_kept(&self, path: &Path, context: &Context) -> Result<Option<(Scene, OpenTree)>> {
+        let mut kept = context.kept.borrow_mut();
+        let is_same = |tree: &KeptTree| tree.path == path;
+        let tree = kept.take_tree().filter(is_same);
+        let Some(tree) = tree.filter(|_| context.job.memory_limit.is_none()) else {
+            return Ok(None);
+        };
+        let scene = kept.take_scene(&self.scene.how(), context.frame)?;
+        Ok(scene.map(|scene| (scene, tree.store)))
+    }
+
+    /// Leaves scene and tree to the next frame.
+    pub fn leave(&self, scene: Scene, store: OpenTree, path: PathBuf, context: &Context) {
+        self.scene.leave(scene, context);
+        if context.frame.is_some() {
+            let tree = KeptTree::new(path, store, None);
+            context.kept.borrow_mut().leave_tree(tree);
+        }
     }
 
     /// The file of a packed scene that holds scattered light made of its own tree, if no other tree

@@ -115,6 +115,20 @@ pub fn write(path: &Path, frame: &Frame, precision: Precision) -> Result<()> {
     output.commit()
 }
 
+/// The channels that a frame is written to, and how each is stored.
+#[must_use]
+pub fn channels(frame: &Frame, precision: Precision) -> BTreeMap<String, Precision> {
+    let names = frame.layers.iter().flat_map(|layer| {
+        let channels = layer.channels.iter();
+        channels.map(|(channel, _)| channel_name(&layer.name, channel))
+    });
+    let stored = |name: String| match stored_as_half(&name, precision) {
+        true => (name, Precision::Half),
+        false => (name, Precision::Float),
+    };
+    names.map(stored).collect()
+}
+
 /// Encodes a frame or a tile as the bytes of an OpenEXR file, those that [`write()`] writes.
 ///
 /// # Errors

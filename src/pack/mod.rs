@@ -4,8 +4,8 @@
 //! takes in place of the scene.
 
 use crate::formats::{
-    MappedFile, Opened, Overwrite, PackedColumn, PackedWriter, Scatter, ScatterFormat, Tree,
-    TreeFormat,
+    MappedFile, Opened, Overwrite, Packed, PackedColumn, PackedWriter, Scatter, ScatterFormat,
+    Tree, TreeFormat,
 };
 use crate::run::{Job, hex};
 use crate::scene::{Scene, packed};
@@ -20,6 +20,30 @@ pub struct Files<'a> {
     pub tree: Option<&'a Path>,
     /// Scattered light that was made from the tree, or a packed scene with it.
     pub light: Option<&'a Path>,
+}
+
+/// Whether a packed scene is this one with this film, and holds these files.
+///
+/// # Errors
+/// A file that is no whole packed scene, tree or scattered light.
+pub fn has_made(output: &Path, scene: &Scene, files: Files<'_>) -> Result<bool> {
+    let found = Packed::open_path(output)?;
+    let (meta, film) = (found.meta(), &scene.film);
+    let is_scene = meta.scene_hash == scene.hash
+        && meta.frame == scene.files_of_frame
+        && meta.world_from_scene == scene.world_from_scene.to_array()
+        && (meta.film.width, meta.film.height) == (film.width, film.height);
+    type Hash = [u8; 16];
+    let tree = |path: &Path| -> Result<Hash> {
+        Ok(Opened::<MappedFile, TreeFormat>::open_within(path)?.content_hash())
+    };
+    let light = |path: &Path| -> Result<Hash> {
+        Ok(Opened::<MappedFile, ScatterFormat>::open_within(path)?.content_hash())
+    };
+    let held = |bytes: u64| (bytes > 0).then_some(output);
+    Ok(is_scene
+        && files.tree.map(tree).transpose()? == held(meta.tree_bytes).map(tree).transpose()?
+        && files.light.map(light).transpose()? == held(meta.light_bytes).map(light).transpose()?)
 }
 
 /// Packs a scene. Equal scenes and files give equal bytes.

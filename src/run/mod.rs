@@ -4,12 +4,13 @@
 //! Every stage gets a [`Job`]. Of the files, `progress`, `cancel` and `report` are its parts;
 //! `budget` what a stage
 //! holds of its limit; `memory`, `size`, `usage` and `watch` know what the machine has and what is taken of it; `output` writes
-//! files that appear whole; `part` divides work among processes; `words` are shared by threads and processes; `digest` and `hex` name the program and what it read.
+//! files that appear whole; `part` divides work among processes; `frames` are ranges of frames, and names with their numbers; `words` are shared by threads and processes; `digest` and `hex` name the program and what it read.
 
 mod budget;
 mod cancel;
 #[cfg(feature = "lab")]
 pub(crate) mod digest;
+pub(crate) mod frames;
 mod hex;
 pub(crate) mod memory;
 pub(crate) mod output;
@@ -25,6 +26,7 @@ pub(crate) use crate::formats::one_line;
 pub(crate) use budget::Budget;
 pub use budget::Held;
 pub use cancel::Cancel;
+pub use frames::Frames;
 pub(crate) use hex::hex;
 pub(crate) use output::Output;
 pub use part::Part;

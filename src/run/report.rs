@@ -89,6 +89,12 @@ impl Report {
         self.lock().clone()
     }
 
+    /// How many stages were noted so far.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.lock().len()
+    }
+
     /// Writes all that was noted as JSON, with the outcome of the run.
     ///
     /// # Errors

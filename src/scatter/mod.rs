@@ -17,7 +17,7 @@ use crate::trace::Tracer;
 use crate::tree::{OpenTree, Pages};
 use crate::view::{self, View, VisibleMedia};
 use crate::{Error, Result};
-use lvox_formats::{Overwrite, ScatterMeta, ScatterSummary, ScatterWriter};
+use lvox_formats::{Overwrite, Scatter, ScatterMeta, ScatterSummary, ScatterWriter};
 use std::path::Path;
 
 pub use settings::Settings;
@@ -73,15 +73,7 @@ pub fn run(
     check_memory(scene, job)?;
     job.report
         .watched_stage("scatter", tree.fitter(job), |counts| {
-            let mut listed = settings.listed();
-            listed.extend(scene.parts(None));
-            let meta = ScatterMeta {
-                scene_hash: scene.hash,
-                scene_name: scene.name.clone(),
-                volumes: of_tree.clone(),
-                tree_hash: tree.tree().content_hash(),
-                settings: listed,
-            };
+            let meta = meta(scene, tree, settings);
             let mut writer = ScatterWriter::create(output, meta, overwrite)?;
             let lighting = Lighting {
                 scene,
@@ -98,6 +90,40 @@ pub fn run(
             counts.insert("vertices".into(), vertices as f64);
             Ok(summary)
         })
+}
+
+/// What scattered light says of its origin.
+fn meta(scene: &Scene, tree: &OpenTree, settings: &Settings) -> ScatterMeta {
+    let mut listed = settings.listed();
+    listed.extend(scene.parts(None));
+    ScatterMeta {
+        scene_hash: scene.hash,
+        scene_name: scene.name.clone(),
+        volumes: tree.tree().meta().cloud.volumes.clone(),
+        tree_hash: tree.tree().content_hash(),
+        settings: listed,
+    }
+}
+
+/// Whether a file has the light that media of this scene scatter, made with these settings from this
+/// tree; cameras, film and names of the scene may be others.
+///
+/// # Errors
+/// A file that is no whole file of scattered light.
+pub fn has_made(
+    output: &Path,
+    scene: &Scene,
+    tree: &OpenTree,
+    settings: &Settings,
+) -> Result<bool> {
+    let found = Scatter::open_path(output)?;
+    let expected = meta(scene, tree, settings);
+    let found = ScatterMeta {
+        scene_hash: expected.scene_hash,
+        scene_name: expected.scene_name.clone(),
+        ..found.meta().clone()
+    };
+    Ok(found == expected)
 }
 
 /// Tells of volumes whose light is not the same for all cameras, and refuses a scene of such alone.

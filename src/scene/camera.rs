@@ -1,7 +1,7 @@
 //! Where the picture is taken from, and its size.
 
 use crate::{Error, Result};
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec3};
 
 /// A pinhole camera: looks down its local -z, +x right, +y up.
 #[derive(Clone, Debug)]
@@ -12,6 +12,80 @@ pub struct Camera {
     pub scene_from_camera: Affine3A,
     /// Full horizontal field of view, radians, in (0, pi).
     pub fov_x_rad: f32,
+    /// Where it is at some frames, in their order, if it moves; [`super::Scene::go_to_frame`] moves
+    /// it.
+    pub keys: Vec<CameraKey>,
+}
+
+/// A moving camera at a frame, in world space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CameraKey {
+    /// Number of the frame.
+    pub frame: i32,
+    /// Where it stands.
+    pub position: DVec3,
+    /// What is in the middle of its picture.
+    pub target: DVec3,
+    /// The direction that the upper border of its picture points to.
+    pub up: DVec3,
+    /// Full horizontal field of view, radians, in (0, pi).
+    pub fov_x_rad: f64,
+}
+
+impl CameraKey {
+    /// What is in between two keys, at a share of the way from the first to the second.
+    fn between(a: &Self, b: &Self, frame: i32, share: f64) -> Self {
+        Self {
+            frame,
+            position: a.position.lerp(b.position, share),
+            target: a.target.lerp(b.target, share),
+            up: a.up.lerp(b.up, share),
+            fov_x_rad: a.fov_x_rad + (b.fov_x_rad - a.fov_x_rad) * share,
+        }
+    }
+
+    /// The camera at a frame: in between the keys around it, or at the first or last of them.
+    /// `None` without keys.
+    pub(super) fn at(keys: &[Self], frame: i32) -> Option<Self> {
+        let after = keys.partition_point(|key| key.frame <= frame);
+        let (before, next) = (after.checked_sub(1).map(|i| &keys[i]), keys.get(after));
+        match (before, next) {
+            (Some(a), Some(b)) => {
+                let length = |to: i32| f64::from(to) - f64::from(a.frame);
+                Some(Self::between(a, b, frame, length(frame) / length(b.frame)))
+            }
+            (Some(key), None) | (None, Some(key)) => Some(*key),
+            (None, None) => None,
+        }
+    }
+
+    /// Rotation and position.
+    ///
+    /// # Errors
+    /// A camera at its own target, or one that looks along its `up`.
+    pub(super) fn world_from_camera(&self) -> Result<DAffine3> {
+        look_at(self.position, self.target, self.up)
+            .ok_or_else(|| Error::input("the camera is at its own target, or looks along its `up`"))
+    }
+}
+
+/// A place and rotation in the world, in scene space.
+pub(super) fn in_scene(world_from_camera: &DAffine3, world_from_scene: DVec3) -> Affine3A {
+    let map = DAffine3::from_translation(-world_from_scene) * *world_from_camera;
+    Affine3A::from_mat3_translation(map.matrix3.as_mat3(), map.translation.as_vec3())
+}
+
+/// Rotation and position of a camera at `position` that looks at `target`; `None` if `up` does not
+/// settle it.
+pub(super) fn look_at(position: DVec3, target: DVec3, up: DVec3) -> Option<DAffine3> {
+    let back = (position - target).try_normalize()?;
+    let up = up.try_normalize()?;
+    let across = up.cross(back);
+    let right = (across.length() > 1e-9).then(|| across.normalize())?;
+    Some(DAffine3 {
+        matrix3: DMat3::from_cols(right, back.cross(right), back),
+        translation: position,
+    })
 }
 
 /// The image plane: size in pixels and the tone map of previews and perceptual metrics.

@@ -31,7 +31,7 @@ pub use crate::math::PhaseFunction;
 pub use builder::{
     CameraInput, EnvironmentInput, LightInput, MeshInput, SceneBuilder, VolumeInput,
 };
-pub use camera::{Camera, Film};
+pub use camera::{Camera, CameraKey, Film};
 pub use environment::{EnvironmentImage, ImageSun};
 pub use grid::{Grid, VolumeGrid};
 pub use light::Light;
@@ -77,6 +77,11 @@ pub struct Scene {
     pub warnings: Vec<String>,
     /// What was made of it that is worth knowing and nothing amiss.
     pub notes: Vec<String>,
+    /// The frame that it is at: cameras that move are where they are in that; without it at their
+    /// first keys.
+    pub frame: Option<i32>,
+    /// The frame whose files it was made of; `None` if those of all frames are the same.
+    pub files_of_frame: Option<i32>,
     /// The file that it lies in, if that is a packed one.
     pub(crate) packed: Option<packed::PackedScene>,
 }
@@ -101,6 +106,8 @@ impl Scene {
             files: Vec::new(),
             warnings: Vec::new(),
             notes: Vec::new(),
+            frame: None,
+            files_of_frame: None,
             packed: None,
         }
     }
@@ -140,6 +147,7 @@ impl Scene {
             name: String::new(),
             scene_from_camera: glam::Affine3A::IDENTITY,
             fov_x_rad: 1.0,
+            keys: Vec::new(),
         };
         let film = Film {
             width: 1,
@@ -147,6 +155,39 @@ impl Scene {
             exposure: 1.0,
         };
         Self::empty(camera, film)
+    }
+
+    /// Goes to a frame: cameras that move are where they are in that.
+    ///
+    /// # Errors
+    /// A scene of the files of another frame, or a camera that looks along its `up` there.
+    pub fn go_to_frame(&mut self, frame: i32) -> Result<()> {
+        if let Some(of) = self.files_of_frame.filter(|of| *of != frame) {
+            return Err(Error::input(format!(
+                "expected frame {of}, whose files the scene was made of, found frame {frame}"
+            ))
+            .hint("each frame of such a scene needs a file of its own: pack it for that frame"));
+        }
+        self.frame = Some(frame);
+        self.place_moving_cameras()
+    }
+
+    /// Puts cameras that move where they are in the frame that the scene is at.
+    fn place_moving_cameras(&mut self) -> Result<()> {
+        for camera in &mut self.cameras {
+            let Some(first) = camera.keys.first() else {
+                continue;
+            };
+            let frame = self.frame.unwrap_or(first.frame);
+            let Some(key) = CameraKey::at(&camera.keys, frame) else {
+                continue;
+            };
+            let map = key.world_from_camera();
+            let map = map.map_err(|e| e.at(format!("camera `{}`, frame {frame}", camera.name)))?;
+            camera.scene_from_camera = camera::in_scene(&map, self.world_from_scene);
+            camera.fov_x_rad = key.fov_x_rad as f32;
+        }
+        Ok(())
     }
 
     /// Radiance from where no surface is: the sum of all environments of one colour.
@@ -225,6 +266,8 @@ impl Scene {
         for volume in &mut self.volumes {
             volume.place(DAffine3::from_translation(shift) * volume.scene_from_index);
         }
+        // To the same digits as where the scene goes to a frame in this place.
+        self.place_moving_cameras()?;
         let Aabb { min, max } = self.bounds();
         let far = min.abs().max(max.abs()).as_dvec3().max_element();
         let extent = (max.as_dvec3() - min.as_dvec3()).max_element();

@@ -219,6 +219,11 @@ fn kept_gathers(request: &Request) -> Result<Option<KeptGathers>> {
     for n in film {
         identity.update(&n.to_le_bytes());
     }
+    // One that moves has the same name in all frames.
+    let place = camera.scene_from_camera.to_cols_array();
+    for number in place.into_iter().chain([camera.fov_x_rad]) {
+        identity.update(&number.to_le_bytes());
+    }
     identity.update(settings.unwrap_or_default().as_bytes());
     let identity = identity.finalize().into();
     KeptGathers::in_file(file, identity, film, request.settings.lattice).map(Some)

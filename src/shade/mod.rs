@@ -9,6 +9,7 @@
 //! | `frame` | what all pixels share: lights, gathers, light in media |
 //! | `surfaces/` | indirect light on surfaces: gathers at few pixels, spread to all |
 //! | `pixels/` | camera rays, direct light, media before them, means over pixels, layers |
+//! | `origin` | what an image says of its origin, and whether one has the same |
 //! | `settings`, `memory` | how to shade; limits on memory, told before the work |
 //!
 //! Light inside media comes from `inscatter`.
@@ -20,6 +21,7 @@
 
 mod frame;
 mod memory;
+mod origin;
 mod pixels;
 mod settings;
 mod surfaces;
@@ -27,7 +29,7 @@ mod surfaces;
 use crate::gather::PatchStats;
 use crate::image::{Frame, Region};
 use crate::math::Rgb;
-use crate::run::{Job, hex};
+use crate::run::Job;
 use crate::scene::Scene;
 use crate::trace::Walked;
 use crate::tree::OpenTree;
@@ -35,6 +37,7 @@ use crate::{Error, Result, inscatter};
 use frame::{Request, shade_regions};
 use pixels::{Planes, Quantity};
 
+pub use origin::Image;
 pub use pixels::Aov;
 pub use settings::{Kernel, Method, Quality, Settings};
 
@@ -73,11 +76,6 @@ pub fn run(
 ) -> Result<Frame> {
     check(scene, tree, settings)?;
     region.check(scene.film.width, scene.film.height)?;
-    // The first camera is the same whether it was named or not.
-    let named = Settings {
-        camera: Some(scene.camera(settings.camera.as_deref())?.name.clone()),
-        ..settings.clone()
-    };
     let fit = tree.fitter(job);
     job.report.watched_stage("shade", fit, |counts| {
         let quantities = pixels::quantities(aovs);
@@ -122,22 +120,7 @@ pub fn run(
             ));
         }
         job.heed_warnings()?;
-        let mut note =
-            |name: &str, value: String| frame.attributes.insert(format!("lvox/{name}"), value);
-        note("version", env!("CARGO_PKG_VERSION").into());
-        note("exposure", scene.film.exposure.to_string());
-        note("scene", hex(&scene.hash));
-        note("tree", hex(&tree.tree().content_hash()));
-        if let Some(scatter) = &tree.scatter {
-            note("scatter", hex(&scatter.content_hash()));
-        }
-        if tree.segments() != OpenTree::SEGMENTS_OF_ONE_BOUNCE {
-            note("segments", tree.segments().to_string());
-        }
-        note(
-            "settings",
-            serde_json::to_string(&named).unwrap_or_default(),
-        );
+        frame.attributes = origin::attributes(scene, tree, settings)?;
         Ok(frame)
     })
 }

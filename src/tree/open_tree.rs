@@ -7,7 +7,7 @@ use crate::run::{Job, Resident, hex, size};
 use crate::{Error, Result};
 use glam::DVec3;
 use lvox_formats::record::Lvoxel;
-use lvox_formats::{MappedFile, Scatter, Tree};
+use lvox_formats::{MappedFile, Scatter, Tree, TreeMeta};
 use std::path::Path;
 
 /// Most bytes of the tables that find lvoxels, where no memory limit allows more.
@@ -185,7 +185,12 @@ impl OpenTree {
     /// beforehand.
     #[must_use]
     pub fn segments(&self) -> u32 {
-        match self.tree().meta().bounces() {
+        Self::segments_of(self.tree().meta())
+    }
+
+    /// The same of a tree that says this of itself.
+    pub(crate) fn segments_of(meta: &TreeMeta) -> u32 {
+        match meta.bounces() {
             None => Self::SEGMENTS_OF_ONE_BOUNCE,
             Some(bounces) => bounces.parse().map_or(0, |n: u32| n.saturating_add(2)),
         }

@@ -19,8 +19,8 @@ pub use column::{COLUMN_ALIGNMENT, ColumnRows, PackedColumn};
 pub use hierarchy::MAX_NODE_LEVELS;
 pub use levels::MediaLevel;
 pub use meta::{
-    PackedCamera, PackedEnvironment, PackedFilm, PackedHierarchy, PackedImage, PackedLight,
-    PackedMaterial, PackedMesh, PackedMeta, PackedPhase, PackedSummary, PackedTexture,
+    PackedCamera, PackedCameraKey, PackedEnvironment, PackedFilm, PackedHierarchy, PackedImage,
+    PackedLight, PackedMaterial, PackedMesh, PackedMeta, PackedPhase, PackedSummary, PackedTexture,
     PackedVolume, PackedWrap,
 };
 pub use read::{Packed, PackedBlocks, PackedFormat};

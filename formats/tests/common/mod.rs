@@ -95,10 +95,27 @@ pub fn packed_meta() -> PackedMeta {
             height: 48,
             exposure: 1.5,
         },
+        frame: Some(7),
         cameras: vec![PackedCamera {
             name: "front".into(),
             scene_from_camera: axes(1.0).map(|c| c.map(|v| v as f32)),
             fov_x_rad: 0.7,
+            keys: vec![
+                PackedCameraKey {
+                    frame: -1,
+                    position: [0.0, 1.0, 4.0],
+                    target: [0.0; 3],
+                    up: [0.0, 1.0, 0.0],
+                    fov_x_rad: 0.7,
+                },
+                PackedCameraKey {
+                    frame: 24,
+                    position: [2.0, 1.0, 4.0],
+                    target: [0.0; 3],
+                    up: [0.0, 1.0, 0.0],
+                    fov_x_rad: 0.5,
+                },
+            ],
         }],
         lights: vec![
             PackedLight::Point {

@@ -144,6 +144,7 @@ mod tests {
             name: String::new(),
             scene_from_camera: Affine3A::IDENTITY,
             fov_x_rad: 1.0,
+            keys: Vec::new(),
         };
         let film = Film {
             width: 10,

@@ -116,11 +116,14 @@ impl Settings {
             ("strands", self.strands.into()),
             ("seed", self.seed.into()),
         ];
+        let frame = scene.frame.map(|frame| ("frame", frame.into()));
         Ok(Origin {
             code: CODE.into(),
             scene: hex(&scene.hash),
             film: [scene.film.width, scene.film.height],
-            settings: settings.map(|(name, v)| (name.to_owned(), v)).into(),
+            settings: (settings.into_iter().chain(frame))
+                .map(|(name, v)| (name.to_owned(), v))
+                .collect(),
         })
     }
 }

@@ -15,6 +15,7 @@ fn scene() -> Scene {
             name: "main".into(),
             scene_from_camera: Affine3A::from_translation(Vec3::new(0.0, 0.0, 5.0)),
             fov_x_rad: 1.0,
+            keys: Vec::new(),
         },
         Film {
             width: 20,

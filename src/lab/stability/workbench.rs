@@ -246,6 +246,7 @@ pub fn stage(side: u32, position: Vec3, target: Vec3, fov_x_deg: f32) -> Scene {
                 position.into(),
             ),
             fov_x_rad: fov_x_deg.to_radians(),
+            keys: Vec::new(),
         },
         Film {
             width: side,

@@ -1,9 +1,10 @@
 //! Cameras as they are handed to a builder.
 
 use super::{Bounds, check_near};
-use crate::scene::Film;
+use crate::scene::camera::look_at;
+use crate::scene::{CameraKey, Film};
 use crate::{Error, Result};
-use glam::{DAffine3, DMat3, DVec3};
+use glam::{DAffine3, DVec3};
 
 /// A pinhole camera in world space.
 #[derive(Clone, Debug)]
@@ -13,6 +14,8 @@ pub struct CameraInput {
     pub(in crate::scene) world_from_camera: DAffine3,
     /// Full horizontal field of view, radians.
     pub(in crate::scene) fov_x_rad: f64,
+    /// Where it is at some frames, if it moves.
+    pub(in crate::scene) keys: Vec<CameraKey>,
 }
 
 impl CameraInput {
@@ -36,6 +39,31 @@ impl CameraInput {
                 Error::input("the camera is at its own target, or looks along its `up`")
             })?,
             fov_x_rad,
+            keys: Vec::new(),
+        })
+    }
+
+    /// A camera that moves: at the frames of its keys it is there, between them in between.
+    ///
+    /// # Errors
+    /// No keys, or two of one frame; at the first of them, a camera at its own target, or one that
+    /// looks along its `up`.
+    pub fn moving(name: impl Into<String>, mut keys: Vec<CameraKey>) -> Result<Self> {
+        keys.sort_by_key(|key| key.frame);
+        if let Some(pair) = keys.windows(2).find(|pair| pair[0].frame == pair[1].frame) {
+            return Err(Error::input(format!(
+                "two keys are of frame {}",
+                pair[0].frame
+            )));
+        }
+        let Some(first) = keys.first() else {
+            return Err(Error::input("expected a key at least, found none"));
+        };
+        Ok(Self {
+            name: name.into(),
+            world_from_camera: first.world_from_camera()?,
+            fov_x_rad: first.fov_x_rad,
+            keys,
         })
     }
 
@@ -66,7 +94,23 @@ impl CameraInput {
             name: name.into(),
             world_from_camera: map,
             fov_x_rad,
+            keys: Vec::new(),
         })
+    }
+
+    /// The camera as it is, as that of a frame.
+    pub(in crate::scene) fn as_key(&self, frame: i32) -> CameraKey {
+        let DAffine3 {
+            matrix3,
+            translation: position,
+        } = self.world_from_camera;
+        CameraKey {
+            frame,
+            position,
+            target: position - matrix3.z_axis,
+            up: matrix3.y_axis,
+            fov_x_rad: self.fov_x_rad,
+        }
     }
 
     /// A camera in front of everything, a little above, from where the bounding sphere just fits
@@ -86,6 +130,7 @@ impl CameraInput {
             world_from_camera: look_at(position, target, DVec3::Y)
                 .unwrap_or(DAffine3::from_translation(target)),
             fov_x_rad,
+            keys: Vec::new(),
         }
     }
 
@@ -93,26 +138,20 @@ impl CameraInput {
     pub(super) fn check(&self) -> Result<()> {
         let what = || format!("the camera \"{}\"", self.name);
         check_near(what, self.world_from_camera.translation)?;
-        if !(self.fov_x_rad > 1e-4 && self.fov_x_rad < 3.13) {
+        for key in &self.keys {
+            [key.position, key.target, key.up]
+                .into_iter()
+                .try_for_each(|place| check_near(what, place))?;
+        }
+        let mut fields = self.keys.iter().map(|key| key.fov_x_rad);
+        let is_right = |fov: &f64| *fov > 1e-4 && *fov < 3.13;
+        let own = Some(self.fov_x_rad).filter(|fov| !is_right(fov));
+        if let Some(fov) = own.or_else(|| fields.find(|fov| !is_right(fov))) {
             return Err(Error::input(format!(
-                "{}: expected a field of view above 0 and below pi, found {}",
+                "{}: expected a field of view above 0 and below pi, found {fov}",
                 what(),
-                self.fov_x_rad
             )));
         }
         Ok(())
     }
-}
-
-/// Rotation and position of a camera at `position` that looks at `target`; `None` if `up` does not
-/// settle it.
-fn look_at(position: DVec3, target: DVec3, up: DVec3) -> Option<DAffine3> {
-    let back = (position - target).try_normalize()?;
-    let up = up.try_normalize()?;
-    let across = up.cross(back);
-    let right = (across.length() > 1e-9).then(|| across.normalize())?;
-    Some(DAffine3 {
-        matrix3: DMat3::from_cols(right, back.cross(right), back),
-        translation: position,
-    })
 }

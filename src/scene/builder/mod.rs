@@ -21,11 +21,12 @@ pub use mesh::MeshInput;
 pub(super) use mesh::{DEFAULT_ALBEDO, MESH, extend_attribute, push};
 pub use volume::VolumeInput;
 
+use super::camera::in_scene;
 use super::{Camera, Film, Light, Scene, Volume};
 use crate::run::Cancel;
 use crate::{Error, Result};
 use environment::EnvironmentParts;
-use glam::{Affine3A, DAffine3, DVec3};
+use glam::{DAffine3, DVec3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A scene whose centre is farther from the origin than this many times its extent is moved to the
@@ -83,6 +84,8 @@ pub struct SceneBuilder {
     /// Whether the exposure follows from the lights.
     pub(super) automatic_exposure: bool,
     pub(super) cameras: Vec<CameraInput>,
+    /// The frame at which cameras are that move.
+    pub(super) frame: Option<i32>,
     pub(super) meshes: Vec<MeshInput>,
     pub(super) lights: Vec<LightInput>,
     pub(super) environment_image: Option<EnvironmentInput>,
@@ -144,6 +147,13 @@ impl SceneBuilder {
     #[must_use]
     pub fn mesh(mut self, mesh: MeshInput) -> Self {
         self.meshes.push(mesh);
+        self
+    }
+
+    /// Sets the frame at which cameras are that move; without it each is at its first key.
+    #[must_use]
+    pub fn frame(mut self, number: i32) -> Self {
+        self.frame = Some(number);
         self
     }
 
@@ -284,8 +294,9 @@ impl SceneBuilder {
         });
         let cameras = self.cameras.into_iter().map(|c| Camera {
             name: c.name,
-            scene_from_camera: affine_f32(&(scene_from_world * c.world_from_camera)),
+            scene_from_camera: in_scene(&c.world_from_camera, world_from_scene),
             fov_x_rad: c.fov_x_rad as f32,
+            keys: c.keys,
         });
         let lights = self.lights.into_iter().map(|mut l| {
             if let Light::Point { position, .. } | Light::Spot { position, .. } = &mut l.light {
@@ -293,7 +304,7 @@ impl SceneBuilder {
             }
             l.light
         });
-        Ok(Scene {
+        let mut scene = Scene {
             name: self.name,
             world_from_scene,
             cameras: cameras.collect(),
@@ -308,8 +319,23 @@ impl SceneBuilder {
             files: Vec::new(),
             warnings,
             notes,
+            frame: None,
+            files_of_frame: None,
             packed: None,
-        })
+        };
+        match self.frame {
+            Some(frame) => scene.go_to_frame(frame)?,
+            None => scene
+                .notes
+                .extend(scene.cameras.iter().filter_map(|camera| {
+                    let first = camera.keys.first()?.frame;
+                    Some(format!(
+                        "camera `{}` moves: without `frames` it is where it is in frame {first}",
+                        camera.name
+                    ))
+                })),
+        }
+        Ok(scene)
     }
 
     /// Refuses what is out of the range of f32; meshes are checked as they are read.
@@ -372,10 +398,6 @@ impl SceneBuilder {
         let mut materials = self.meshes.iter().flat_map(|m| &m.materials);
         self.lights.is_empty() && materials.all(|m| m.emission == [0.0; 3])
     }
-}
-
-fn affine_f32(map: &DAffine3) -> Affine3A {
-    Affine3A::from_mat3_translation(map.matrix3.as_mat3(), map.translation.as_vec3())
 }
 
 /// An error for what is so far away that it must be a mistake, as for vertices.

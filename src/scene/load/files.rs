@@ -4,8 +4,9 @@ use super::Settings;
 use super::images::Images;
 use super::values::GridValues;
 use crate::formats::MappedFile;
-use crate::run::{Cancel, memory, one_line};
+use crate::run::{Cancel, frames, memory, one_line};
 use crate::{Error, Result};
+use std::borrow::Cow;
 use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -27,6 +28,8 @@ pub(super) struct Files {
     pub(super) values: Option<Vec<GridValues>>,
     /// What they may be and take.
     pub(super) settings: Settings,
+    /// Whether the scene names files of its frame.
+    pub(super) names_frames: bool,
     /// Where files may lie that other files name: the folder of the scene, and that of the file
     /// which the scene names.
     folders: Vec<PathBuf>,
@@ -48,6 +51,24 @@ impl Files {
             cancel: cancel.clone(),
             ..Self::default()
         }
+    }
+
+    /// A name in the scene file, with the number of the frame in place of tokens for it.
+    ///
+    /// # Errors
+    /// A token without a frame.
+    pub(super) fn at_frame<'a>(&mut self, name: &'a str) -> Result<Cow<'a, str>> {
+        let Some(token) = frames::token_in(name) else {
+            return Ok(name.into());
+        };
+        let Some(frame) = self.settings.frame else {
+            return Err(Error::input(format!(
+                "found {token}, which stands for the number of a frame, but no frame"
+            ))
+            .hint("give `frames`, as 1-10"));
+        };
+        self.names_frames = true;
+        Ok(frames::at_frame(name, frame))
     }
 
     /// What is read from now on is named by this file: the scene, or one that the scene names.

@@ -60,6 +60,9 @@ pub struct Settings {
     /// of their own, links followed. What the scene file names may be anywhere. What may not be
     /// read is taken as not there: a texture or materials with a warning, data with an error.
     pub allow_outside: bool,
+    /// The frame to read: cameras that move are where they are in that, and names of files in a scene file
+    /// may have tokens for its number, as `####`.
+    pub frame: Option<i32>,
 }
 
 impl Default for Settings {
@@ -67,6 +70,7 @@ impl Default for Settings {
         Self {
             texture_limit: 4 << 30,
             allow_outside: false,
+            frame: None,
         }
     }
 }
@@ -99,12 +103,12 @@ impl Scene {
     /// # Errors
     /// As [`Scene::load`], and if cancelled.
     pub(crate) fn open_packed(path: &Path, cancel: &Cancel) -> Result<Self> {
-        packed::read(path, Settings::default().texture_limit, cancel)
+        packed::read(path, None, Settings::default().texture_limit, cancel)
     }
 
     fn load_until(path: &Path, settings: &Settings, cancel: &Cancel) -> Result<Self> {
         if is_packed(path) {
-            return packed::read(path, settings.texture_limit, cancel);
+            return packed::read(path, settings.frame, settings.texture_limit, cancel);
         }
         let mut files = Files::with(settings.clone(), cancel);
         let builder = read_scene(path, &mut files)?;
@@ -157,8 +161,11 @@ fn read_scene(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
 
 /// The scene of what was read from files.
 fn finish(builder: SceneBuilder, files: Files) -> Result<Scene> {
+    let frame = files.settings.frame;
+    let builder = SceneBuilder { frame, ..builder };
     let mut scene = builder.finish(&files.cancel)?;
     scene.hash = files.hash();
+    scene.files_of_frame = frame.filter(|_| files.names_frames);
     scene.files = files.paths;
     scene.warnings.splice(..0, files.warnings);
     Ok(scene)

@@ -319,6 +319,12 @@ impl<'a> Item<'a> {
             })
     }
 
+    /// The number of a frame.
+    pub(super) fn frame(&self) -> Result<i32> {
+        let number = integer(self.value.get_ref()).and_then(|n| i32::try_from(n).ok());
+        number.ok_or_else(|| self.expected("the number of a frame"))
+    }
+
     /// `N` finite numbers.
     pub(super) fn numbers<const N: usize>(&self) -> Result<[f64; N]> {
         self.numbers_in(self.value)

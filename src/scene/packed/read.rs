@@ -2,15 +2,15 @@
 
 use super::PackedScene;
 use crate::formats::{
-    MediaLevel, Packed, PackedCamera, PackedColumn, PackedEnvironment, PackedLight, PackedMaterial,
-    PackedTexture, PackedVolume, PackedWrap,
+    MediaLevel, Packed, PackedCamera, PackedCameraKey, PackedColumn, PackedEnvironment,
+    PackedLight, PackedMaterial, PackedTexture, PackedVolume, PackedWrap,
 };
 use crate::run::{Cancel, size};
 use crate::scene::grid::{Known, StoredLevels, VolumeGrid};
 use crate::scene::texture::{CodeValues, Codes, Texels};
 use crate::scene::{
-    Camera, EnvironmentImage, Film, Grid, Light, Material, Mesh, PhaseFunction, Scene, Texture,
-    Volume, Wrap,
+    Camera, CameraKey, EnvironmentImage, Film, Grid, Light, Material, Mesh, PhaseFunction, Scene,
+    Texture, Volume, Wrap,
 };
 use crate::{Error, Result};
 use glam::{Affine3A, DAffine3, DMat3, DVec3, Mat3A, Vec3A};
@@ -18,15 +18,15 @@ use rayon::prelude::*;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Opens a packed scene: checks all that is used where it lies, and decodes the rest.
+/// Opens a packed scene, at a frame if there is one: checks all that is used where it lies, and decodes the rest.
 ///
 /// # Errors
 /// A file that is no whole packed scene, no memory for its volumes, or a stop on request.
-pub fn read(path: &Path, texture_limit: u64, cancel: &Cancel) -> Result<Scene> {
+pub fn read(path: &Path, frame: Option<i32>, texture_limit: u64, cancel: &Cancel) -> Result<Scene> {
     let file = Arc::new(Packed::open_path(path)?);
     let packed = PackedScene { file };
     check(&packed, cancel)?;
-    let scene = scene(&packed, path, texture_limit, cancel);
+    let scene = scene(&packed, path, frame, texture_limit, cancel);
     scene.map_err(|e| e.at(path.display()))
 }
 
@@ -48,7 +48,13 @@ fn check(packed: &PackedScene, cancel: &Cancel) -> Result<()> {
     Ok(file.check_hierarchy()?)
 }
 
-fn scene(packed: &PackedScene, path: &Path, texture_limit: u64, cancel: &Cancel) -> Result<Scene> {
+fn scene(
+    packed: &PackedScene,
+    path: &Path,
+    frame: Option<i32>,
+    texture_limit: u64,
+    cancel: &Cancel,
+) -> Result<Scene> {
     let meta = packed.file().meta();
     let textures = textures(packed, texture_limit)?;
     check_tables(packed)?;
@@ -56,7 +62,7 @@ fn scene(packed: &PackedScene, path: &Path, texture_limit: u64, cancel: &Cancel)
     let sky = sky.map(|info| environment_image(packed, info));
     let volumes = meta.volumes.iter().enumerate();
     let volumes = volumes.map(|(i, info)| volume(packed, i, info, cancel));
-    Ok(Scene {
+    let mut scene = Scene {
         name: meta.scene_name.clone(),
         world_from_scene: DVec3::from(meta.world_from_scene),
         cameras: meta.cameras.iter().map(camera).collect(),
@@ -83,8 +89,14 @@ fn scene(packed: &PackedScene, path: &Path, texture_limit: u64, cancel: &Cancel)
         files: vec![path.to_owned()],
         warnings: meta.warnings.clone(),
         notes: Vec::new(),
+        frame: None,
+        files_of_frame: meta.frame,
         packed: Some(packed.clone()),
-    })
+    };
+    if let Some(frame) = frame.or(meta.frame) {
+        scene.go_to_frame(frame)?;
+    }
+    Ok(scene)
 }
 
 fn camera(camera: &PackedCamera) -> Camera {
@@ -96,6 +108,17 @@ fn camera(camera: &PackedCamera) -> Camera {
             translation: position,
         },
         fov_x_rad: camera.fov_x_rad,
+        keys: camera.keys.iter().map(key).collect(),
+    }
+}
+
+fn key(key: &PackedCameraKey) -> CameraKey {
+    CameraKey {
+        frame: key.frame,
+        position: key.position.into(),
+        target: key.target.into(),
+        up: key.up.into(),
+        fov_x_rad: key.fov_x_rad,
     }
 }
 

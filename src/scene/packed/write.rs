@@ -3,14 +3,16 @@
 use super::check_machine;
 use crate::Result;
 use crate::formats::{
-    BrickTable, MediaPage, PAGE_BRICKS, PackedCamera, PackedColumn, PackedEnvironment, PackedFilm,
-    PackedImage, PackedLight, PackedMaterial, PackedMesh, PackedMeta, PackedPhase, PackedTexture,
-    PackedVolume, PackedWrap, PackedWriter, Palette,
+    BrickTable, MediaPage, PAGE_BRICKS, PackedCamera, PackedCameraKey, PackedColumn,
+    PackedEnvironment, PackedFilm, PackedImage, PackedLight, PackedMaterial, PackedMesh,
+    PackedMeta, PackedPhase, PackedTexture, PackedVolume, PackedWrap, PackedWriter, Palette,
 };
 use crate::run::Cancel;
 use crate::scene::grid::VolumeGrid;
 use crate::scene::texture::{CodeValues, Texels};
-use crate::scene::{Camera, EnvironmentImage, Grid, Light, Material, Scene, Texture, Volume, Wrap};
+use crate::scene::{
+    Camera, CameraKey, EnvironmentImage, Grid, Light, Material, Scene, Texture, Volume, Wrap,
+};
 use rayon::prelude::*;
 
 /// Levels of a volume that are packed, at most.
@@ -65,6 +67,7 @@ pub fn description(scene: &Scene, tables: &LevelTables) -> PackedMeta {
             height: film.height,
             exposure: film.exposure,
         },
+        frame: scene.files_of_frame,
         cameras: scene.cameras.iter().map(camera).collect(),
         lights: scene.lights.iter().map(light).collect(),
         environment: scene.environment_image.as_ref().map(environment),
@@ -140,6 +143,17 @@ fn camera(camera: &Camera) -> PackedCamera {
         name: camera.name.clone(),
         scene_from_camera: columns.map(|c| c.to_array()),
         fov_x_rad: camera.fov_x_rad,
+        keys: camera.keys.iter().map(key).collect(),
+    }
+}
+
+fn key(key: &CameraKey) -> PackedCameraKey {
+    PackedCameraKey {
+        frame: key.frame,
+        position: key.position.to_array(),
+        target: key.target.to_array(),
+        up: key.up.to_array(),
+        fov_x_rad: key.fov_x_rad,
     }
 }
 

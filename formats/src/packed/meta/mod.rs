@@ -15,7 +15,7 @@ use rules::check;
 pub use surface::{
     PackedHierarchy, PackedImage, PackedMaterial, PackedMesh, PackedTexture, PackedWrap,
 };
-pub use view::{PackedCamera, PackedFilm};
+pub use view::{PackedCamera, PackedCameraKey, PackedFilm};
 pub use volume::{PackedPhase, PackedVolume};
 
 /// Metadata of a packed scene: the scene itself, without its columns.
@@ -38,6 +38,8 @@ pub struct PackedMeta {
     pub world_from_scene: [f64; 3],
     /// Image size and tone map.
     pub film: PackedFilm,
+    /// The frame whose files it holds; `None` if they are the same in all frames.
+    pub frame: Option<i32>,
     /// Cameras; the first is the default. Never empty.
     pub cameras: Vec<PackedCamera>,
     /// Lights other than emissive materials.

@@ -2,6 +2,7 @@
 
 use super::rules::{MAX_SIDE, check, cross, dot, is_near, is_unit};
 use crate::Result;
+use crate::packed::column::MAX_COORDINATE;
 
 /// Image size and tone map.
 #[derive(
@@ -42,6 +43,33 @@ pub struct PackedCamera {
     pub scene_from_camera: [[f32; 3]; 4],
     /// Full horizontal field of view, radians, in (0, pi).
     pub fov_x_rad: f32,
+    /// The camera at some frames, in increasing order, if it moves.
+    pub keys: Vec<PackedCameraKey>,
+}
+
+/// A moving camera at a frame, in world space. Between two keys each number is in between.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub struct PackedCameraKey {
+    /// Number of the frame.
+    pub frame: i32,
+    /// Where it stands.
+    pub position: [f64; 3],
+    /// What is in the middle of its picture.
+    pub target: [f64; 3],
+    /// Where the upper border of its picture points to.
+    pub up: [f64; 3],
+    /// Full horizontal field of view, radians, in (0, pi).
+    pub fov_x_rad: f64,
 }
 
 impl PackedFilm {
@@ -67,6 +95,21 @@ impl PackedCamera {
             is_rotation && is_near(position) && self.fov_x_rad >= 1e-4 && self.fov_x_rad <= 3.13;
         let what = || format!("camera {:?}", self.name);
         let expected = "a rotation, a position and a field of view below pi";
-        check(is_right, &what, expected, self)
+        check(is_right, &what, expected, self)?;
+        let in_order = self.keys.windows(2).all(|k| k[0].frame < k[1].frame);
+        check(in_order, &what, "keys in the order of frames", ())?;
+        let near = |place: [f64; 3]| place.iter().all(|v| v.abs() <= f64::from(MAX_COORDINATE));
+        for key in &self.keys {
+            let places = [key.position, key.target, key.up];
+            let is_right =
+                places.into_iter().all(near) && key.fov_x_rad >= 1e-4 && key.fov_x_rad <= 3.13;
+            check(
+                is_right,
+                &what,
+                "keys that are places near the origin and fields of view",
+                key,
+            )?;
+        }
+        Ok(())
     }
 }

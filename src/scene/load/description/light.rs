@@ -72,7 +72,8 @@ pub fn environment_image(
         Some(item) => item.choice(&["extract", "keep"])? == 1,
         None => false,
     };
-    let path = beside(scene, image.text()?);
+    let name = files.at_frame(image.text()?);
+    let path = beside(scene, &name.map_err(|e| table.locate(e))?);
     let image = environment::load(&path, files).map_err(|e| table.locate(e))?;
     let image = image
         .scaled(scale)

@@ -1,8 +1,10 @@
 //! The scene file: from TOML tables to a [`SceneBuilder`]. `docs/scene.md` describes the schema.
 
+mod camera;
 mod light;
 mod volume;
 
+use self::camera::{CAMERA, camera};
 use self::light::{LIGHT, environment_image, light};
 use self::volume::{VOLUME, volumes};
 use super::colors::ColorEncoding;
@@ -12,21 +14,14 @@ use super::texture::Decoding;
 use super::{builtin, gltf, normals, obj, ply, texture, transform};
 use crate::Result;
 use crate::run::Cancel;
-use crate::scene::builder::{CameraInput, DEFAULT_FILM, MAX_EMISSION, MeshInput, SceneBuilder};
+use crate::scene::builder::{DEFAULT_FILM, MAX_EMISSION, MeshInput, SceneBuilder};
 use crate::scene::{Film, Light};
-use glam::{DAffine3, DVec3};
+use glam::DAffine3;
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 const FILM: [&str; 3] = ["width", "height", "exposure"];
-const CAMERA: [&str; 6] = [
-    "name",
-    "position",
-    "target",
-    "up",
-    "camera_to_world",
-    "fov_x_deg",
-];
 const MESH: [&str; 14] = [
     "file",
     "name",
@@ -114,35 +109,16 @@ fn film(root: &Table<'_>) -> Result<Option<Film>> {
     }))
 }
 
-fn camera(table: &Table<'_>, index: usize) -> Result<CameraInput> {
-    for key in ["position", "target", "up"] {
-        table.exclusive(&["camera_to_world", key])?;
-    }
-    let name = match table.get("name") {
-        Some(name) => name.text()?.into(),
-        None => format!("camera {}", index + 1),
-    };
-    let fov_x_deg = match table.get("fov_x_deg") {
-        Some(item) => item.number_within(0.01, 179.0)?,
-        None => 45.0,
-    };
-    let fov_x_rad = fov_x_deg.to_radians();
-    if let Some(item) = table.get("camera_to_world") {
-        return CameraInput::placed(name, item.affine()?, fov_x_rad).map_err(|e| item.error(e));
-    }
-    let position = table.require("position")?.vector()?;
-    let target = table.require("target")?.vector()?;
-    let up = match table.get("up") {
-        Some(up) => up.vector()?,
-        None => DVec3::Y,
-    };
-    CameraInput::look_at(name, position, target, up, fov_x_rad).map_err(|e| table.error(e))
-}
-
 /// The text of `file`, and its path unless it is built in.
-fn named<'a>(table: &Table<'a>, scene: &Path) -> Result<(&'a str, PathBuf)> {
-    let name = table.require("file")?.text()?;
-    Ok((name, beside(scene, name)))
+fn named<'a>(
+    table: &Table<'a>,
+    scene: &Path,
+    files: &mut Files,
+) -> Result<(Cow<'a, str>, PathBuf)> {
+    let name = files.at_frame(table.require("file")?.text()?);
+    let name = name.map_err(|e| table.locate(e))?;
+    let path = beside(scene, &name);
+    Ok((name, path))
 }
 
 fn mesh(
@@ -152,7 +128,7 @@ fn mesh(
     files: &mut Files,
 ) -> Result<MeshInput> {
     let world_from_mesh = transform::from_keys(table)?;
-    let (name, path) = named(table, scene)?;
+    let (name, path) = named(table, scene, files)?;
     let mut mesh = match name.strip_prefix("builtin:") {
         Some(shape) => {
             file_keys(table, "")?;
@@ -261,7 +237,8 @@ fn surface(table: &Table<'_>, scene: &Path, mesh: &mut MeshInput, files: &mut Fi
         if mesh.uvs.is_empty() {
             return Err(item.error("the mesh has no texture coordinates"));
         }
-        let path = beside(scene, item.text()?);
+        let name = files.at_frame(item.text()?);
+        let path = beside(scene, &name.map_err(|e| table.locate(e))?);
         let content = files.read("texture", &path).map_err(|e| table.locate(e))?;
         let image = texture::decode(&content, &path, Decoding::default(), files)?;
         let image = image.map_err(|e| e.at(path.display()))?;
@@ -394,6 +371,14 @@ mod tests {
             for key in keys {
                 assert!(section.contains(key), "{key} of [[{table}]]");
             }
+        }
+        let cameras = root.tables("camera", &CAMERA).unwrap().into_iter();
+        for (i, table) in cameras.enumerate() {
+            camera(&table, i).unwrap();
+        }
+        let moving = text.split("[[camera.key]]").skip(1).collect::<String>();
+        for key in camera::CAMERA_KEY.iter().filter(|key| **key != "up") {
+            assert!(moving.contains(key), "{key} of [[camera.key]]");
         }
         for table in root.tables("light", &LIGHT).unwrap() {
             // There is no file of that name.

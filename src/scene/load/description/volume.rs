@@ -36,7 +36,7 @@ pub const VOLUME: [&str; 18] = [
 
 /// The volumes of a table: a file may have several grids of the name, or none with anything in it.
 pub fn volumes(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<Vec<VolumeInput>> {
-    let (name, path) = named(table, scene)?;
+    let (name, path) = named(table, scene, files)?;
     table.exclusive(&["window", "value_scale"])?;
     table.exclusive(&["unitcube_to_world", "world_from_index"])?;
     let factor = |key: &str| -> Result<Option<f64>> {
@@ -62,7 +62,7 @@ pub fn volumes(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<Vec
     };
     let albedo = table.require("albedo")?.color(1.0)?;
     let phase = phase(table)?;
-    let fields = fields(table, name, &path, files)?;
+    let fields = fields(table, &name, &path, files)?;
     if fields.is_empty() {
         let path = path.display();
         files.warn(format!(
