@@ -5,15 +5,14 @@ use super::blocks::Blocks;
 use super::lattice::{self, DIRECTIONS};
 use super::light::Light;
 use super::media::ScatteringVolume;
-use super::sweeps::Sweeps;
 use super::walls::WallLight;
 use crate::Result;
-use crate::math::{Environment, sampling};
+use crate::math::{Environment, Rgb, sampling};
 use crate::run::Cancel;
 use crate::trace::Tracer;
-use crate::tree::media::MediaLayout;
+use crate::tree::media::{IncidentGrid, MediaLayout};
 use glam::Vec3;
-use lvox_formats::record::{Lvoxel, VolumeInfo};
+use lvox_formats::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
 use lvox_formats::{MappedFile, Tree};
 use rayon::prelude::*;
 
@@ -39,12 +38,10 @@ pub fn of_lvoxels(
             true => from_outside(environment, &lattice::directions(set)),
             false => [[Light::ZERO; 2]; DIRECTIONS],
         };
-        let means = |sweeps: &Sweeps| {
-            sweeps.means_from(volume.sources(), &WallLight::NONE, &outside, cancel)
-        };
+        let (sweeps, sources) = (volume.sweeps(), volume.sources());
         let means = match set {
-            0 => means(volume.sweeps()),
-            _ => means(&Sweeps::between_blocks(blocks, tracer, set, cancel)?),
+            0 => sweeps.means_from(sources, &WallLight::NONE, &outside, cancel),
+            _ => sweeps.means_along(tracer, set, sources, &outside, cancel),
         };
         sum.iter_mut().zip(means?).for_each(|(s, m)| *s += m);
     }
@@ -81,18 +78,42 @@ fn keep_means_of(volumes: &[VolumeInfo], lvoxels: &mut [Lvoxel], light: &mut [Li
         let Some(grid) = media.incident(0) else {
             return;
         };
-        light
-            .par_iter_mut()
-            .zip(&*lvoxels)
-            .zip(&arriving)
-            .for_each(|((light, l), arriving)| {
-                let cell = l.block.map(usize::from);
-                let between = grid.between(l.level, cell).unwrap_or_default();
-                *light = (*light + *arriving - Light::from(between.0)).max(Light::ZERO);
-                // Not -0.
-                *light += Light::ZERO;
-            });
+        let runs: Vec<&[Lvoxel]> = lvoxels
+            .chunk_by(|a, b| (a.level, brick(a)) == (b.level, brick(b)))
+            .collect();
+        let between: Vec<_> = runs.into_par_iter().map(|l| between(grid, l)).collect();
+        let between = between.into_iter().flatten();
+        for ((light, arriving), between) in light.iter_mut().zip(&arriving).zip(between) {
+            *light = (*light + *arriving - between).max(Light::ZERO);
+            // Not -0.
+            *light += Light::ZERO;
+        }
     }
+}
+
+/// The brick of an lvoxel.
+fn brick(l: &Lvoxel) -> [usize; 3] {
+    l.block.map(|b| usize::from(b) >> (MAX_LEVEL - l.level))
+}
+
+/// What is interpolated between the corners of lvoxels of one brick.
+fn between(grid: IncidentGrid, lvoxels: &[Lvoxel]) -> Vec<Light> {
+    /// Lvoxels of a brick from which on it takes less to ask for all of it.
+    const MANY: usize = 32;
+    let light = |known: Option<Rgb>| Light::from(known.unwrap_or_default().0);
+    let cells = lvoxels.iter().map(|l| (l.level, l.block.map(usize::from)));
+    if lvoxels.len() < MANY {
+        return cells
+            .map(|(level, at)| light(grid.between(level, at)))
+            .collect();
+    }
+    let all = grid.between_in_brick(lvoxels[0].level, brick(&lvoxels[0]));
+    let place = |(level, at): (u8, [usize; 3])| {
+        let edge = 1 << (MAX_LEVEL - level);
+        let [x, y, z] = at.map(|v| v % edge);
+        light(all[(z * edge + y) * edge + x])
+    };
+    cells.map(place).collect()
 }
 
 /// Light of the environment that travels along each direction and against it: the mean of all that

@@ -112,7 +112,7 @@ impl<'a> Sweeps<'a> {
         room: &Room,
         cancel: &Cancel,
     ) -> Result<Self> {
-        let sweeps = Self::of_walls(blocks, 0, |ray| walls.on(ray), room, cancel)?;
+        let sweeps = Self::of_walls(blocks, |ray| walls.on(ray), room, cancel)?;
         walls.pages.check()?;
         Ok(sweeps)
     }
@@ -120,43 +120,25 @@ impl<'a> Sweeps<'a> {
     /// The rays through a volume without surfaces.
     #[cfg(test)]
     pub fn alone(blocks: &'a Blocks, room: &Room) -> Self {
-        Self::of_walls(blocks, 0, |_| Vec::new(), room, &Cancel::default()).unwrap()
-    }
-
-    /// The rays of another set of directions, for one sweep, with surfaces that send nothing.
-    ///
-    /// # Errors
-    /// A stop on request.
-    pub fn between_blocks(
-        blocks: &'a Blocks,
-        tracer: &Tracer,
-        set: u32,
-        cancel: &Cancel,
-    ) -> Result<Self> {
-        let walls = |ray: &Ray| walls::hiding(tracer, ray);
-        Self::of_walls(blocks, set, walls, &Room::new(0), cancel)
+        Self::of_walls(blocks, |_| Vec::new(), room, &Cancel::default()).unwrap()
     }
 
     fn of_walls(
         blocks: &'a Blocks,
-        set: u32,
         walls: impl Fn(&Ray) -> Vec<Wall> + Sync,
         room: &Room,
         cancel: &Cancel,
     ) -> Result<Self> {
-        let directions = lattice::directions(set).into_par_iter().enumerate();
+        let directions = lattice::directions(0).into_par_iter().enumerate();
         let laid = directions.map(|(i, direction)| {
-            let (rays, section) = lattice::rays(blocks, direction, u64::from(set) << 32 | i as u64);
-            // Of all rays in each block: depth, and light that is taken from one that brings 1.
-            let mut sums = vec![(0.0, 0.0); blocks.len()];
+            let (rays, section) = rays(blocks, direction, 0, i);
+            let mut sums = vec![Taken::default(); blocks.len()];
             let bundles = rays.chunks(Bundle::RAYS).map(|rays| {
                 cancel.check()?;
                 let mut bundle = Bundle::default();
                 rays.iter().for_each(|ray| bundle.push(*ray, walls(ray)));
                 bundle.lay_down(blocks, room, |crossing, tau| {
-                    let (depth, taken) = &mut sums[crossing.block as usize];
-                    *depth += tau;
-                    *taken += crossing.taken;
+                    sums[crossing.block as usize].add(crossing, tau, 2.0 * section);
                 });
                 Ok(bundle)
             });
@@ -170,20 +152,7 @@ impl<'a> Sweeps<'a> {
         });
         let (directions, sums): (Vec<_>, Vec<_>) =
             laid.collect::<Result<Vec<_>>>()?.into_iter().unzip();
-        let of_block = |i: usize| {
-            let (mut depth, mut taken) = (0.0, 0.0);
-            for (Direction { section, .. }, sums) in directions.iter().zip(&sums) {
-                let (d, t): (f32, f32) = sums[i];
-                depth += d * (2.0 * section);
-                taken += t * (2.0 * section);
-            }
-            let kept = if depth > 0.0 {
-                (1.0 - taken / depth).max(0.0)
-            } else {
-                0.0
-            };
-            (depth, kept)
-        };
+        let of_block = |i: usize| Taken::of_all(sums.iter().map(|s| s[i]));
         let (depths, kept) = (0..blocks.len()).into_par_iter().map(of_block).unzip();
         Ok(Self {
             blocks,
@@ -247,6 +216,73 @@ impl<'a> Sweeps<'a> {
         self.swept(carried, at, &[[Light::ZERO; 2]; DIRECTIONS], cancel)
     }
 
+    /// The same of these sources alone, along the rays of another set of directions, with surfaces
+    /// that send nothing.
+    ///
+    /// # Errors
+    /// A stop on request.
+    pub fn means_along(
+        &self,
+        tracer: &Tracer,
+        set: u32,
+        sources: &[Light],
+        outside: &[[Light; 2]; DIRECTIONS],
+        cancel: &Cancel,
+    ) -> Result<Vec<Light>> {
+        let (blocks, directions) = (self.blocks, lattice::directions(set));
+        let outside = outside.par_chunks(Self::IN_TURN);
+        let in_turn = directions.par_chunks(Self::IN_TURN);
+        let swept = in_turn
+            .zip(outside)
+            .enumerate()
+            .map(|(turn, (directions, outside))| {
+                let mut sums = self.spare_sums();
+                let mut taken = vec![Taken::default(); blocks.len()];
+                for (i, (direction, outside)) in directions.iter().zip(outside).enumerate() {
+                    let (rays, section) = rays(blocks, *direction, set, turn * Self::IN_TURN + i);
+                    let sweep = Sweep {
+                        carried: &Even(sources),
+                        at: &WallLight::NONE,
+                        outside: *outside,
+                        travel: [*direction, -*direction],
+                        section,
+                    };
+                    for rays in rays.chunks(Bundle::RAYS) {
+                        cancel.check()?;
+                        let mut bundle = Bundle::default();
+                        (rays.iter()).for_each(|ray| bundle.push(*ray, walls::hiding(tracer, ray)));
+                        bundle.lay_down(blocks, &Room::new(u64::MAX), |crossing, tau| {
+                            taken[crossing.block as usize].add(crossing, tau, 2.0 * section);
+                        });
+                        bundle.each(blocks, &mut Vec::new(), |crossings, walls| {
+                            sweep.ray(crossings, walls, &mut sums);
+                        });
+                    }
+                }
+                Ok((sums, taken))
+            });
+        let (sums, taken): (Vec<_>, Vec<_>) =
+            swept.collect::<Result<Vec<_>>>()?.into_iter().unzip();
+        let mean = |i: usize| {
+            let (depth, kept) = Taken::of_all(taken.iter().map(|t| t[i]));
+            mean_of(sources[i], kept, depth, &sums, i)
+        };
+        let means = (0..blocks.len()).into_par_iter().map(mean).collect();
+        if let Ok(mut spare) = self.spare.lock() {
+            *spare = sums;
+        }
+        Ok(means)
+    }
+
+    /// Light that blocks take, times the volume that each ray stands for: none as yet.
+    fn spare_sums(&self) -> Vec<Light> {
+        let spare = self.spare.lock().ok().and_then(|mut s| s.pop());
+        let mut sums = spare.unwrap_or_default();
+        sums.clear();
+        sums.resize(self.blocks.len(), Light::ZERO);
+        sums
+    }
+
     fn swept(
         &self,
         carried: &impl Carried,
@@ -257,11 +293,7 @@ impl<'a> Sweeps<'a> {
         let outside = outside.par_chunks(Self::IN_TURN);
         let in_turn = self.directions.par_chunks(Self::IN_TURN);
         let swept = in_turn.zip(outside).map(|(directions, outside)| {
-            // Light that blocks take, times the volume that each ray stands for.
-            let spare = self.spare.lock().ok().and_then(|mut s| s.pop());
-            let mut sums = spare.unwrap_or_default();
-            sums.clear();
-            sums.resize(self.blocks.len(), Light::ZERO);
+            let mut sums = self.spare_sums();
             let mut walked = Vec::new();
             for (direction, outside) in directions.iter().zip(outside) {
                 let sweep = Sweep {
@@ -281,21 +313,55 @@ impl<'a> Sweeps<'a> {
             Ok(sums)
         });
         let swept = swept.collect::<Result<Vec<_>>>()?;
-        let mean = |i: usize| {
-            let depth = self.depths[i];
-            if depth > 0.0 {
-                let taken: Light = swept.iter().map(|sums| sums[i]).sum();
-                carried.kept(i) * self.kept[i] + taken / depth
-            } else {
-                Light::ZERO
-            }
-        };
+        let mean = |i: usize| mean_of(carried.kept(i), self.kept[i], self.depths[i], &swept, i);
         let means = (0..self.blocks.len()).into_par_iter().map(mean).collect();
         if let Ok(mut spare) = self.spare.lock() {
             *spare = swept;
         }
         Ok(means)
     }
+}
+
+/// What rays are in a block and take of it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Taken {
+    /// Volume that they stand for, times extinction.
+    depth: f32,
+    /// The same of what is taken of light of 1.
+    light: f32,
+}
+
+impl Taken {
+    fn add(&mut self, crossing: Crossing, tau: f32, section: f32) {
+        self.depth += tau * section;
+        self.light += crossing.taken * section;
+    }
+
+    /// The depth of all, and the share of what the block sends that arrives in itself.
+    fn of_all(all: impl Iterator<Item = Self>) -> (f32, f32) {
+        let (depth, light) = all.fold((0.0, 0.0), |(d, l), t| (d + t.depth, l + t.light));
+        let kept = if depth > 0.0 {
+            (1.0 - light / depth).max(0.0)
+        } else {
+            0.0
+        };
+        (depth, kept)
+    }
+}
+
+/// The mean light in a block that sends this, keeps this share of it, and took the light in all sums.
+fn mean_of(sent: Light, kept: f32, depth: f32, sums: &[Vec<Light>], block: usize) -> Light {
+    if depth > 0.0 {
+        let taken: Light = sums.iter().map(|sums| sums[block]).sum();
+        sent * kept + taken / depth
+    } else {
+        Light::ZERO
+    }
+}
+
+/// The rays of one direction of a set, in places of their own.
+fn rays(blocks: &Blocks, direction: Vec3, set: u32, number: usize) -> (Vec<Ray>, f32) {
+    lattice::rays(blocks, direction, u64::from(set) << 32 | number as u64)
 }
 
 /// What the rays of one direction pass.
@@ -465,7 +531,7 @@ mod tests {
         let expected = plain(&blocks, &sources);
         let found = [u64::MAX, 20_000, 0].map(|room| {
             let room = Room::new(room);
-            let sweeps = Sweeps::of_walls(&blocks, 0, walls, &room, &Cancel::default()).unwrap();
+            let sweeps = Sweeps::of_walls(&blocks, walls, &room, &Cancel::default()).unwrap();
             let means = |at| sweeps.means(&sources, &at, &Cancel::default()).unwrap();
             let _ = means(WallLight::NONE);
             means(WallLight::tree())

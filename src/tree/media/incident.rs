@@ -1,7 +1,7 @@
 //! What arrives in lvoxels of the light of the others, and between them.
 
 use super::grid::{BRICK, Block, BlockGrid, Brick, place};
-use crate::math::Rgb;
+use crate::math::{Rgb, unflatten};
 use glam::Vec3;
 
 /// What arrives in the lvoxels of one volume of the light of the others.
@@ -49,6 +49,25 @@ impl IncidentGrid<'_> {
         })
     }
 
+    /// [`Self::between`] of all cells of a brick, x first: each cell around and each corner is asked
+    /// for once.
+    #[must_use]
+    pub fn between_in_brick(&self, level: u8, brick: [usize; 3]) -> Vec<Option<Rgb>> {
+        let edge = BRICK >> level;
+        let all = |edge: usize| (0..edge.pow(3)).map(move |i| unflatten(i, [edge; 3]));
+        let around = all(edge + 2).map(|at| {
+            let [x, y, z] = [0, 1, 2].map(|a| (brick[a] * edge + at[a]).checked_sub(1));
+            self.cell(level, [x?, y?, z?])
+        });
+        let around: Vec<_> = around.collect();
+        let corners: Vec<_> = all(edge + 1)
+            .map(|at| mean_at(&around, edge + 2, at))
+            .collect();
+        all(edge)
+            .map(|at| mean_at(&corners, edge + 1, at))
+            .collect()
+    }
+
     /// The light in a cell `2^level` voxels wide: that of the lvoxel around it, or the mean of those
     /// in it.
     fn cell(&self, level: u8, cell: [usize; 3]) -> Option<Rgb> {
@@ -76,6 +95,12 @@ impl IncidentGrid<'_> {
         let brick = self.0.table[(z * ny + y) * nx + x];
         self.0.bricks.get(brick as usize)
     }
+}
+
+/// The mean of those of eight in a cube of so many along an edge, from one on, that are known.
+fn mean_at(cube: &[Option<Rgb>], edge: usize, [x, y, z]: [usize; 3]) -> Option<Rgb> {
+    let row = |y: usize, z: usize| (z * edge + y) * edge + x;
+    mean(|k| cube[row(y + (k >> 1 & 1), z + (k >> 2)) + (k & 1)])
 }
 
 /// The mean of those of eight that are known.
@@ -126,6 +151,15 @@ mod tests {
         let levels = [[4, 7, 7], [15, 7, 7], [16, 0, 0]].map(|voxel| grid.level(voxel));
         assert_eq!(levels, [Some(0), Some(3), None]);
         assert_eq!(grid.between(0, [5, 0, 0]).map(|c| c.0[0]), Some(5.0));
+        for (level, x) in [(0, 0), (0, 1), (3, 0), (3, 1)] {
+            let edge = BRICK >> level;
+            let all = grid.between_in_brick(level, [x, 0, 0]);
+            for (i, between) in all.into_iter().enumerate() {
+                let at = unflatten(i, [edge; 3]);
+                let cell = [x * edge + at[0], at[1], at[2]];
+                assert_eq!(between, grid.between(level, cell), "{level} {cell:?}");
+            }
+        }
         // What tells is not sent again.
         let mut sent = 0.0;
         let ray = crate::math::Ray::endless(Vec3::new(-1.0, 0.5, 0.5), Vec3::X);
