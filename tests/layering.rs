@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 /// `Error`, `Kind`, `Result`. Of several rows that hold for a module, the longest counts.
 const MAY_USE: &[(&str, &[&str])] = &[
     ("error", &["formats"]),
+    ("processor", &[]),
     ("math", &[]),
     ("run", &["error", "formats"]),
     ("column", &["formats"]),

@@ -22,10 +22,10 @@ mod surfels;
 
 use crate::light::{KeptLight, Lights, Shadows, SoftShadowMedia};
 use crate::math::unflatten;
-use crate::run::Job;
 pub use crate::run::Part;
+use crate::run::{Job, Walked};
 use crate::scene::Scene;
-use crate::trace::{Tracer, Walked};
+use crate::trace::Tracer;
 use crate::{Error, Result};
 use creases::Creases;
 use glam::DAffine3;

@@ -36,6 +36,7 @@ mod shade_options;
 mod shade_settings;
 mod stability;
 mod study;
+mod tiles;
 mod times;
 mod tree_input;
 mod verify;
@@ -71,6 +72,7 @@ enum Verb {
     Bounce(bounce::Args),
     Pack(pack::Args),
     Scatter(scatter::Args),
+    Tiles(tiles::Args),
     Shade(shade::Args),
     Gather(gather::Args),
     Import(import::Args),
@@ -93,6 +95,7 @@ impl Verb {
             Self::Bounce(args) => args.files(),
             Self::Pack(args) => args.files(),
             Self::Scatter(args) => args.files(),
+            Self::Tiles(args) => args.files(),
             Self::Shade(args) => args.files(),
             Self::Gather(args) => args.files(),
             Self::Import(args) => args.files(),
@@ -116,6 +119,9 @@ impl Verb {
             Self::Study(args) => none.memory(args.memory).temporary(&args.temporary),
             Self::Bounce(args) => none.memory(args.memory),
             Self::Scatter(args) => none.memory(args.memory),
+            Self::Tiles(args) => none
+                .memory(args.memory)
+                .radiance_cache(args.radiance_cache.as_ref()),
             Self::Shade(args) => none
                 .memory(args.memory)
                 .radiance_cache(args.radiance_cache.as_ref())
@@ -138,6 +144,7 @@ impl Verb {
             Self::Bounce(args) => ("bounce", args.run(context)),
             Self::Pack(args) => ("pack", args.run(context)),
             Self::Scatter(args) => ("scatter", args.run(context)),
+            Self::Tiles(args) => ("tiles", args.run(context)),
             Self::Shade(args) => ("shade", args.run(context)),
             Self::Gather(args) => ("gather", args.run(context)),
             Self::Import(args) => ("import", args.run(context)),

@@ -63,8 +63,8 @@ pub struct Args {
 impl Args {
     /// What it reads and writes.
     pub fn files(&self) -> Files {
-        self.scene
-            .files()
+        self.region
+            .files(self.scene.files())
             .writes("--output", &self.output)
             .writes("--output (its sums)", &reference::sums_path(&self.output))
     }

@@ -42,7 +42,7 @@ pub struct ShadeOptions {
 impl ShadeOptions {
     /// Adds what it writes.
     pub fn files(&self, files: Files) -> Files {
-        files.writes("--output", &self.output)
+        self.region.files(files).writes("--output", &self.output)
     }
 
     /// Fails now rather than after the work.

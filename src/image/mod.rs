@@ -12,10 +12,12 @@
 //! | `exr`, `header` | frames in OpenEXR files, with the same bytes from any number of threads |
 //! | `png`, `tone`, `heat` | eight bits: the tone map, its inverse, and colours of errors |
 //! | `merge`, `coverage` | tiles made one frame, once they are known to cover it |
+//! | `cost_map`, `tile_list` | a frame cut into tiles of equal cost, and such tiles in a file |
 //! | `metrics` | how far a picture is from a reference |
 //! | `samples` | files of samples that a path tracer goes on from |
 //! | `subject` | whether two pictures show the same |
 
+mod cost_map;
 mod coverage;
 pub mod exr;
 mod frame;
@@ -34,8 +36,10 @@ mod region;
 pub(crate) mod samples;
 #[cfg(feature = "lab")]
 pub(crate) mod subject;
+pub mod tile_list;
 pub mod tone;
 
+pub use cost_map::{CellCost, CostMap};
 pub use frame::{EXPOSURE, Frame, Layer, NotFinite};
 pub use kind::ImageKind;
 pub use merge::{Merged, Missing, merge, missing};

@@ -9,6 +9,15 @@ use crate::math::{Ray, Rgb};
 use crate::trace::{Cells, RayInVolume};
 use std::cell::{Cell, RefCell};
 
+/// What a march took.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Marched {
+    /// Cells that the ray passed; of media that may overlap those that were lit.
+    pub cells: u64,
+    /// Segments whose source function was asked for.
+    pub segments: u64,
+}
+
 /// Cells in a row that are lit as one.
 #[derive(Clone, Copy, Debug)]
 struct Stretch {
@@ -44,19 +53,23 @@ const MAX_STRETCH_DEPTH: f32 = 0.7;
 impl<G: GatherInMedia> InScatter<'_, G> {
     /// Passes a ray from the camera.
     pub fn march(&self, ray: &Ray) -> Composite {
+        self.march_counted(ray).0
+    }
+
+    /// Passes a ray from the camera, and tells what that took: cells that it passed, and segments
+    /// whose source function was asked for.
+    pub fn march_counted(&self, ray: &Ray) -> (Composite, Marched) {
         match self.view.tracer.volumes {
-            [volume] => {
-                let Some(cells) = Cells::new(volume, ray) else {
-                    return Composite::default();
-                };
-                self.march_one(ray, cells)
-            }
+            [volume] => match Cells::new(volume, ray) {
+                Some(cells) => self.march_one(ray, cells),
+                None => Default::default(),
+            },
             _ => self.march_all(ray),
         }
     }
 
     /// Passes a single volume.
-    fn march_one(&self, ray: &Ray, cells: Cells) -> Composite {
+    fn march_one(&self, ray: &Ray, cells: Cells) -> (Composite, Marched) {
         let mut camera_ray = CameraRay {
             light: self,
             ray,
@@ -108,11 +121,15 @@ impl<G: GatherInMedia> InScatter<'_, G> {
         }
         counts::add(&self.counters.marched, marched);
         counts::add(&self.counters.segments, camera_ray.lit);
-        camera_ray.passed
+        let took = Marched {
+            cells: marched,
+            segments: camera_ray.lit,
+        };
+        (camera_ray.passed, took)
     }
 
     /// Passes volumes that may overlap.
-    fn march_all(&self, ray: &Ray) -> Composite {
+    fn march_all(&self, ray: &Ray) -> (Composite, Marched) {
         let mut passed = Composite::default();
         let memo = RefCell::new(RayMemo::default());
         // What the ray sees last, once that is all that it sees.
@@ -136,7 +153,11 @@ impl<G: GatherInMedia> InScatter<'_, G> {
             },
         );
         counts::add(&self.counters.segments, lit.get());
-        passed
+        let took = Marched {
+            cells: lit.get(),
+            segments: lit.get(),
+        };
+        (passed, took)
     }
 }
 

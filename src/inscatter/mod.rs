@@ -43,6 +43,7 @@ mod vertices;
 
 pub use counts::MediaCounts;
 pub use gatherer::GatherInMedia;
+pub use march::Marched;
 pub use memory::bytes_for;
 pub use scattered::check_volumes;
 pub use source::{InScatter, MediaLights, VolumeLight};

@@ -4,7 +4,7 @@
 //! Every stage gets a [`Job`]. Of the files, `progress`, `cancel` and `report` are its parts;
 //! `budget` what a stage
 //! holds of its limit; `memory`, `size`, `usage` and `watch` know what the machine has and what is taken of it; `output` writes
-//! files that appear whole; `part` divides work among processes; `frames` are ranges of frames, and names with their numbers; `words` are shared by threads and processes; `digest` and `hex` name the program and what it read.
+//! files that appear whole; `part` divides work among processes; `walked` counts what rays pass; `frames` are ranges of frames, and names with their numbers; `words` are shared by threads and processes; `digest` and `hex` name the program and what it read.
 
 mod budget;
 mod cancel;
@@ -19,6 +19,7 @@ mod progress;
 mod report;
 pub(crate) mod size;
 pub(crate) mod usage;
+pub(crate) mod walked;
 mod watch;
 pub(crate) mod words;
 
@@ -32,6 +33,7 @@ pub(crate) use output::Output;
 pub use part::Part;
 pub use progress::{Observer, Progress, Task, TaskObserver};
 pub use report::{Report, StageReport};
+pub(crate) use walked::Walked;
 pub use watch::{Peak, Resident};
 
 use crate::formats::TemporaryFolder;

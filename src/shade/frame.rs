@@ -48,41 +48,75 @@ pub struct FrameCounts {
     pub media: MediaCounts,
 }
 
+/// What is done once all that the pixels of a frame share is there.
+pub trait FrameWork: Sync {
+    /// What comes of it.
+    type Output;
+
+    /// About how many rays its gathers on surfaces will cast.
+    fn gather_rays(&self, request: &Request) -> usize;
+
+    /// Does it behind media, by lights whose shadow rays pass those.
+    ///
+    /// # Errors
+    /// As [`super::run`].
+    fn run<A: CameraMedia>(
+        &self,
+        frame: &FrameShader,
+        media: &A,
+        lights: &Lights<A::Shadows>,
+    ) -> Result<Self::Output>;
+}
+
 /// Shades regions of the frame.
 ///
 /// # Errors
 /// As [`super::run`].
 pub fn shade_regions(request: &Request) -> Result<ShadedRegions> {
+    with_frame(request, request.regions, &ShadeRegions)
+}
+
+/// Does a work with the frame of a request. Of the pixels of some regions all is held at once.
+///
+/// # Errors
+/// As [`super::run`].
+pub fn with_frame<W: FrameWork>(
+    request: &Request,
+    held: &[Region],
+    work: &W,
+) -> Result<(W::Output, FrameCounts)> {
     let &Request {
         scene,
         tree,
         settings,
+        quantities,
         job,
         ..
     } = request;
-    let (regions, quantities) = (request.regions, request.quantities);
     let least = tree.least_of_limit();
-    let budget = memory::check(scene, settings, regions, quantities, least, job)?;
+    let budget = memory::check(scene, settings, held, quantities, least, job)?;
     job.hold(&budget.with("the tree", least));
     view::check_frame(scene, tree.tree().meta().cloud.world_from_scene)?;
-    let shaded = match settings.method {
-        Method::Extended => gather::with_tree(tree, FrameTask { request }),
-        Method::Traditional => gather::with_surfels(tree, FrameTask { request }),
+    let task = FrameTask { request, work };
+    let done = match settings.method {
+        Method::Extended => gather::with_tree(tree, task),
+        Method::Traditional => gather::with_surfels(tree, task),
     };
     scene.check_file()?;
-    shaded
+    done
 }
 
-/// Shading of a request, compiled for each kind of pages and media.
-struct FrameTask<'a> {
+/// Work for a request, compiled for each kind of pages and media.
+struct FrameTask<'a, W> {
     request: &'a Request<'a>,
+    work: &'a W,
 }
 
-impl TreeTask for FrameTask<'_> {
-    type Output = Result<ShadedRegions>;
+impl<W: FrameWork> TreeTask for FrameTask<'_, W> {
+    type Output = Result<(W::Output, FrameCounts)>;
 
-    fn run<P: Pages, M: Medium>(self, pages: &P, media: M) -> Result<ShadedRegions> {
-        let request = self.request;
+    fn run<P: Pages, M: Medium>(self, pages: &P, media: M) -> Self::Output {
+        let Self { request, work } = self;
         let &Request {
             scene,
             tree,
@@ -102,7 +136,7 @@ impl TreeTask for FrameTask<'_> {
         let lights = Lights::new(&tracer).with_soft_shadows(shadows.as_ref());
         let view = View::new(&tracer, camera, scene.film, settings.seed);
         let mut patches = (settings.kernel == Kernel::Traced)
-            .then(|| patch_radiance(request, &tracer))
+            .then(|| patch_radiance(request, &tracer, work.gather_rays(request)))
             .transpose()?;
         // In media their light is that of many directions, of which rays meet enough.
         let bright_patches = (patches.as_mut())
@@ -143,9 +177,9 @@ impl TreeTask for FrameTask<'_> {
             lattice_gatherer: &on_surfaces(settings.samples),
             own_gatherer: &on_surfaces(settings.own_samples()),
         };
-        let (planes, media) = if scene.volumes.is_empty() && tree.media.is_empty() {
+        let (done, media) = if scene.volumes.is_empty() && tree.media.is_empty() {
             (
-                shader.shade(&Vacuum, &lights.in_vacuum())?,
+                work.run(&shader, &Vacuum, &lights.in_vacuum())?,
                 MediaCounts::default(),
             )
         } else {
@@ -163,17 +197,21 @@ impl TreeTask for FrameTask<'_> {
             };
             let visible = VisibleMedia::ThroughRegions(regions);
             let in_scatter = InScatter::new(&view, visible, &light, job)?;
-            let planes = shader.shade(&ScatteringMedia(&in_scatter), &lights)?;
+            let done = work.run(&shader, &ScatteringMedia(&in_scatter), &lights)?;
             in_scatter.check()?;
-            (planes, in_scatter.counts())
+            (done, in_scatter.counts())
         };
         let patches = patches.map(|p| p.stats()).unwrap_or_default();
-        Ok((planes, FrameCounts { patches, media }))
+        Ok((done, FrameCounts { patches, media }))
     }
 }
 
 /// The radiance of the scene's surfaces, of which nothing is known yet but what is in a file.
-fn patch_radiance<'a>(request: &Request, tracer: &'a Tracer) -> Result<PatchRadiance<'a>> {
+fn patch_radiance<'a>(
+    request: &Request,
+    tracer: &'a Tracer,
+    rays: usize,
+) -> Result<PatchRadiance<'a>> {
     let &Request {
         scene,
         tree,
@@ -181,7 +219,6 @@ fn patch_radiance<'a>(request: &Request, tracer: &'a Tracer) -> Result<PatchRadi
         ..
     } = request;
     let pixels = scene.film.width as usize * scene.film.height as usize;
-    let rays = settings.lattice_rays(request.regions.iter().map(Region::pixels).sum());
     let patches = PatchRadiance::of_tree(tracer, tree, rays)?
         .in_patches_of(settings.surfels_per_patch(pixels));
     match &request.job.radiance_cache {
@@ -229,32 +266,48 @@ fn kept_gathers(request: &Request) -> Result<Option<KeptGathers>> {
     KeptGathers::in_file(file, identity, film, request.settings.lattice).map(Some)
 }
 
-/// What the regions of a frame are shaded by.
-struct FrameShader<'a> {
-    request: &'a Request<'a>,
-    view: View<'a>,
+/// What the pixels of a frame are shaded by.
+pub struct FrameShader<'a> {
+    /// What is wanted.
+    pub request: &'a Request<'a>,
+    /// Camera and scene.
+    pub view: View<'a>,
     /// Gathers of the lattice.
-    lattice_gatherer: &'a dyn GatherAtSurfaces,
+    pub lattice_gatherer: &'a dyn GatherAtSurfaces,
     /// Gathers of surfaces that the lattice missed.
-    own_gatherer: &'a dyn GatherAtSurfaces,
+    pub own_gatherer: &'a dyn GatherAtSurfaces,
 }
 
-impl FrameShader<'_> {
-    /// Shades all regions behind media, by lights whose shadow rays pass those.
-    fn shade<A: CameraMedia>(&self, media: &A, lights: &Lights<A::Shadows>) -> Result<Vec<Planes>> {
-        let view = self.view;
+/// Shading of all pixels of regions.
+struct ShadeRegions;
+
+impl FrameWork for ShadeRegions {
+    type Output = Vec<Planes>;
+
+    fn gather_rays(&self, request: &Request) -> usize {
+        let pixels = request.regions.iter().map(Region::pixels).sum();
+        request.settings.lattice_rays(pixels)
+    }
+
+    fn run<A: CameraMedia>(
+        &self,
+        frame: &FrameShader,
+        media: &A,
+        lights: &Lights<A::Shadows>,
+    ) -> Result<Vec<Planes>> {
+        let view = frame.view;
         let &Request {
             settings,
             regions,
             quantities,
             job,
             ..
-        } = self.request;
+        } = frame.request;
         let all: u64 = regions.iter().map(|r| r.pixels() as u64).sum();
         let step = u64::from(settings.lattice);
         let task = (job.progress).task("gather", all / (step * step), "receivers");
-        let gatherer = self.lattice_gatherer;
-        let kept = kept_gathers(self.request)?;
+        let gatherer = frame.lattice_gatherer;
+        let kept = kept_gathers(frame.request)?;
         let lattice = |&region| {
             let kept = kept.as_ref();
             Lattice::new(gatherer, region, settings.lattice, kept, &job.cancel, &task)
@@ -277,14 +330,14 @@ impl FrameShader<'_> {
                     borders: &borders,
                     lights,
                     lattice,
-                    gatherer: self.own_gatherer,
+                    gatherer: frame.own_gatherer,
                     media,
                     counts: SampleCounts::of(settings),
                 };
                 shade_region(&shader, region, quantities, job, &task)
             })
             .collect::<Result<Vec<_>>>()?;
-        self.own_gatherer.check()?;
+        frame.own_gatherer.check()?;
         Ok(shaded)
     }
 }

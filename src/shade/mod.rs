@@ -9,6 +9,7 @@
 //! | `frame` | what all pixels share: lights, gathers, light in media |
 //! | `surfaces/` | indirect light on surfaces: gathers at few pixels, spread to all |
 //! | `pixels/` | camera rays, direct light, media before them, means over pixels, layers |
+//! | `cost` | what the parts of a frame will cost, by a pilot |
 //! | `origin` | what an image says of its origin, and whether one has the same |
 //! | `settings`, `memory` | how to shade; limits on memory, told before the work |
 //!
@@ -19,6 +20,7 @@
 //! space unless they are said to be the camera's or the film's, distances are scene units, light is
 //! linear Rec.709.
 
+mod cost;
 mod frame;
 mod memory;
 mod origin;
@@ -27,14 +29,14 @@ mod settings;
 mod surfaces;
 
 use crate::gather::PatchStats;
-use crate::image::{Frame, Region};
+use crate::image::{CostMap, Frame, Region};
 use crate::math::Rgb;
-use crate::run::Job;
+use crate::run::{Job, Walked};
 use crate::scene::Scene;
-use crate::trace::Walked;
 use crate::tree::OpenTree;
 use crate::{Error, Result, inscatter};
-use frame::{Request, shade_regions};
+use cost::CostPilot;
+use frame::{Request, shade_regions, with_frame};
 use pixels::{Planes, Quantity};
 
 pub use origin::Image;
@@ -100,6 +102,7 @@ pub fn run(
         let walked = Walked::so_far() - before;
         counts.insert("rays".into(), walked.rays as f64);
         counts.insert("cells_walked".into(), walked.cells as f64);
+        counts.insert("lvoxels_walked".into(), walked.lvoxels as f64);
         counts.insert("cache_hits".into(), stats.hits as f64);
         counts.insert("cache_misses".into(), stats.misses as f64);
         counts.insert("patches".into(), asked.patches.patches as f64);
@@ -122,6 +125,35 @@ pub fn run(
         job.heed_warnings()?;
         frame.attributes = origin::attributes(scene, tree, settings)?;
         Ok(frame)
+    })
+}
+
+/// What the parts of a frame will cost, by a pilot: the same for any number of threads and any
+/// memory limit.
+///
+/// # Errors
+/// As [`run`].
+pub fn costs(scene: &Scene, tree: &OpenTree, settings: &Settings, job: &Job) -> Result<CostMap> {
+    check(scene, tree, settings)?;
+    let fit = tree.fitter(job);
+    job.report.watched_stage("pilot", fit, |counts| {
+        let before = Walked::so_far();
+        let request = Request {
+            scene,
+            tree,
+            settings,
+            regions: &[Region::full(scene.film.width, scene.film.height)],
+            quantities: &[],
+            job,
+        };
+        let (costs, asked) = with_frame(&request, &[Region::full(1, 1)], &CostPilot)?;
+        if !scene.volumes.is_empty() {
+            asked.media.list(counts);
+        }
+        let walked = Walked::so_far() - before;
+        counts.insert("rays".into(), walked.rays as f64);
+        counts.insert("cells_walked".into(), walked.cells as f64);
+        Ok(costs)
     })
 }
 

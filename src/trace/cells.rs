@@ -3,9 +3,9 @@
 //! Along a ray through one cell a trilinear field is a cubic, which two Gauss points integrate
 //! exactly. Empty bricks are passed in one step, so there is no step size to choose.
 
-use super::walked::note_cells;
 use crate::math::Ray;
 use crate::math::dda::{Line, Passage, Steps};
+use crate::run::walked::note_cells;
 use crate::scene::Volume;
 use crate::scene::grid::{BRICK_CELLS, Brick};
 use glam::Vec3A;

@@ -10,7 +10,6 @@
 //! | `surface` | the surface at a point of a triangle: normals, albedo, emission |
 //! | `pieces` | how densely surfels stand on the pieces of a scene |
 //! | `cells` | a ray through the cells of a volume, each with its exact optical depth |
-//! | `walked` | how many rays there were, and cells on their way |
 //! | `stepped` | a ray through a volume of few voxels, in even steps |
 
 mod cells;
@@ -18,7 +17,6 @@ mod pieces;
 mod stepped;
 mod surface;
 mod triangles;
-mod walked;
 mod watertight;
 
 pub use crate::math::Hit;
@@ -27,13 +25,12 @@ pub use pieces::Pieces;
 pub use stepped::SteppedVolume;
 pub use surface::{Surface, offset, short_of, unit_normal, weights_in_triangle};
 pub use triangles::TriangleBvh;
-pub use walked::Walked;
 
 use crate::Result;
 use crate::math::exp::exp_neg;
 use crate::math::segment::{Interval, Segment, flatten_overlaps};
 use crate::math::{Aabb, Boxes, Ray};
-use crate::run::Cancel;
+use crate::run::{Cancel, walked};
 use crate::scene::{Scene, Volume};
 use glam::Vec3;
 

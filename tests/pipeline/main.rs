@@ -31,6 +31,7 @@ mod sky;
 #[path = "../support/mod.rs"]
 mod support;
 mod textures;
+mod tiles;
 mod views;
 
 use lvox::image::{Frame, Region};

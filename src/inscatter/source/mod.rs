@@ -30,6 +30,7 @@ use crate::light::{Lights, MediumLight, ShadowRays, SunDepths};
 use crate::math::exp::{exp_neg, mean_reach, one_minus_exp_neg};
 use crate::math::{Rgb, SeenPhase, sampling};
 use crate::run::Job;
+use crate::run::walked::note_asked;
 use crate::scene::Volume;
 use crate::view::{View, VisibleMedia};
 use glam::Vec3;
@@ -232,6 +233,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
                 .as_ref()
                 .and_then(|lit| lit.direct(level, v));
             *lit.unwrap_or_else(|| {
+                note_asked(false);
                 lattices.direct[level].get(v, &|p, v| self.vertex(segment.volume, level, p, v))
             })
         };
@@ -363,6 +365,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     fn gathered_between(&self, segment: &RaySegment, memo: &mut RayMemo) -> Rgb {
         let lattices = &self.lattices[segment.volume];
         let vertex = |level: usize, v: [usize; 3]| {
+            note_asked(true);
             *lattices.indirect[level].get(v, &|p, v| {
                 let key = self.key(segment.volume, level, v);
                 self.gathered(segment.volume, p, self.to_scene(segment.volume, p), key)

@@ -1,7 +1,7 @@
 //! What is between a camera and what it sees, as a type: the pixels of a scene without media are
 //! shaded by code that has no work for them, and a frame chooses once.
 
-use crate::inscatter::{GatherInMedia, InScatter};
+use crate::inscatter::{GatherInMedia, InScatter, Marched, MediaCounts};
 use crate::light::{SceneMedia, Shadows, Vacuum};
 use crate::math::segment::Composite;
 use crate::math::{Ray, Rgb};
@@ -17,6 +17,12 @@ pub trait CameraMedia: Sync {
 
     /// Passes what is between the camera and `t_max` along a unit direction.
     fn march(&self, view: &View, direction: Vec3, t_max: f32) -> Self::Passed;
+
+    /// What passing that takes, lit as for a picture.
+    fn march_takes(&self, view: &View, direction: Vec3, t_max: f32) -> Marched;
+
+    /// What lighting media took so far.
+    fn counts(&self) -> MediaCounts;
 }
 
 /// What the media before a sample took and added.
@@ -41,6 +47,14 @@ impl CameraMedia for Vacuum {
     #[inline]
     fn march(&self, _: &View, _: Vec3, _: f32) -> Self {
         Self
+    }
+
+    fn march_takes(&self, _: &View, _: Vec3, _: f32) -> Marched {
+        Marched::default()
+    }
+
+    fn counts(&self) -> MediaCounts {
+        MediaCounts::default()
     }
 }
 
@@ -70,6 +84,12 @@ pub struct ScatteringMedia<'a>(pub &'a (dyn March + 'a));
 pub trait March: Sync {
     /// Passes what is between the camera and `t_max` along a unit direction.
     fn march(&self, view: &View, direction: Vec3, t_max: f32) -> Composite;
+
+    /// What passing that takes.
+    fn march_takes(&self, view: &View, direction: Vec3, t_max: f32) -> Marched;
+
+    /// What lighting media took so far.
+    fn counts(&self) -> MediaCounts;
 }
 
 impl<'a> CameraMedia for ScatteringMedia<'a> {
@@ -79,11 +99,28 @@ impl<'a> CameraMedia for ScatteringMedia<'a> {
     fn march(&self, view: &View, direction: Vec3, t_max: f32) -> Composite {
         self.0.march(view, direction, t_max)
     }
+
+    fn march_takes(&self, view: &View, direction: Vec3, t_max: f32) -> Marched {
+        self.0.march_takes(view, direction, t_max)
+    }
+
+    fn counts(&self) -> MediaCounts {
+        self.0.counts()
+    }
 }
 
 impl<G: GatherInMedia> March for InScatter<'_, G> {
     fn march(&self, view: &View, direction: Vec3, t_max: f32) -> Composite {
         self.march(&Ray::new(view.camera.origin(), direction, t_max))
+    }
+
+    fn march_takes(&self, view: &View, direction: Vec3, t_max: f32) -> Marched {
+        let ray = Ray::new(view.camera.origin(), direction, t_max);
+        self.march_counted(&ray).1
+    }
+
+    fn counts(&self) -> MediaCounts {
+        self.counts()
     }
 }
 

@@ -14,6 +14,7 @@
 //! | `emitter_borders` | the share of a pixel that emitters cover, in closed form |
 //! | `camera_media` | what camera rays pass, as a type |
 //! | `pixel`, `pixel_sum` | a shaded pixel, and one in the making |
+//! | `pilot` | what a pixel takes, told by its corners |
 //! | `planes`, `layers` | what is kept of pixels, and the layers of the image |
 
 mod blocks;
@@ -24,6 +25,7 @@ mod layers;
 mod paint;
 mod pattern;
 mod piece;
+mod pilot;
 mod pixel;
 mod pixel_sum;
 mod planes;
@@ -31,8 +33,9 @@ mod sample;
 mod shader;
 
 pub use blocks::shade_region;
-pub use camera_media::{CameraMedia, ScatteringMedia};
+pub use camera_media::{CameraMedia, PassedMedia, ScatteringMedia};
 pub use emitter_borders::EmitterBorders;
 pub use layers::{Aov, Planes, Quantity, quantities, to_frame};
+pub use pilot::PilotPixel;
 pub use sample::SampleCounts;
 pub use shader::PixelShader;

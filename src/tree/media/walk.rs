@@ -5,6 +5,7 @@ use super::{in_lobe, mean_direction};
 use crate::math::Ray;
 use crate::math::dda::{Passage, Steps};
 use crate::math::segment::Segment;
+use crate::run::walked::note_lvoxels;
 use glam::{Vec3, Vec3A};
 
 /// A ray inside the box of a volume.
@@ -30,11 +31,18 @@ impl<'a> Walk<'a> {
     /// Gives every segment in a block to `add` until that says no; returns whether it never did.
     #[inline]
     pub fn run(&self, add: &mut impl FnMut(Segment) -> bool) -> bool {
-        if self.grid.lobes.is_empty() {
-            self.run_plain(add)
+        let mut passed = 0;
+        let mut counted = |s| {
+            passed += 1;
+            add(s)
+        };
+        let is_through = if self.grid.lobes.is_empty() {
+            self.run_plain(&mut counted)
         } else {
-            self.run_lobed(add)
-        }
+            self.run_lobed(&mut counted)
+        };
+        note_lvoxels(passed);
+        is_through
     }
 
     #[inline]

@@ -34,7 +34,7 @@ impl<A: CameraMedia> Corners<'_, A> {
 
     /// Corners between those that march whatever their neighbours do: so few that no voxel of a
     /// medium fits between them unseen.
-    fn marched_spacing(view: &View) -> usize {
+    pub fn marched_spacing(view: &View) -> usize {
         let scene = view.tracer.scene;
         let Aabb { min, max } = view.tracer.media_bounds();
         let is_in_media = |p: Vec3| p.cmpge(min).all() && p.cmple(max).all();

@@ -19,6 +19,7 @@ use crate::image::Region;
 use crate::math::{Ray, Rgb, SphereMap, sampling};
 use crate::run::{Cancel, Task, memory};
 use crate::trace::Surface;
+use crate::view::View;
 use area::Area;
 use gathers::{Gathers, LATTICE, LatticeGather};
 use glam::Vec3;
@@ -43,6 +44,47 @@ impl Lattice {
     const MIN_WEIGHT: f32 = 0.1;
     /// Squares of this many by this many gathers share one sequence of directions.
     const SQUARE_EDGE: u32 = 4;
+
+    /// Harmonic distance below which light may change within a step, over the length of that on the
+    /// surface. Gathers are carried a quarter of that distance, and no less than 0.7 steps: half as
+    /// far as those at which a cell is refined ask for.
+    const TIGHT_STEPS: f32 = 1.4;
+    /// The least cosine by which a step is taken to be longer where the camera looks along a
+    /// surface.
+    const MIN_GRAZING_COSINE: f32 = 0.2;
+
+    /// A lattice without any gather.
+    ///
+    /// # Errors
+    /// If there is no memory for it.
+    pub fn empty(step: u32) -> Result<Self> {
+        let area = Area {
+            first: [0; 2],
+            count: [0; 2],
+        };
+        Ok(Self {
+            gathers: Gathers::new(step, area, Vec::new())?,
+            unhidden: None,
+        })
+    }
+
+    /// Pixels around a region whose gathers it needs.
+    pub fn reach(step: u32) -> u32 {
+        (Self::LOOKUP_REACH + Self::SMOOTHING_REACH + 1) * step
+    }
+
+    /// Whether light at what was gathered at, a point of a triangle with this normal, may change
+    /// within a step that is so long there.
+    pub fn is_tight(
+        view: &View,
+        (position, face_normal): (Vec3, Vec3),
+        spacing: f32,
+        gathered: &Gathered,
+    ) -> bool {
+        let to_camera = (view.camera.origin() - position).normalize_or_zero();
+        let cos = face_normal.dot(to_camera).max(Self::MIN_GRAZING_COSINE);
+        gathered.harmonic_distance * cos < Self::TIGHT_STEPS * spacing
+    }
 
     /// Bytes that the lattice of a region takes at most while it is made.
     pub fn bytes(region: Region, step: u32, film: [u32; 2]) -> u64 {
@@ -231,14 +273,6 @@ struct Receiver {
 }
 
 impl Receivers<'_> {
-    /// Harmonic distance below which light may change within a step, over the length of that on the
-    /// surface. Gathers are carried a quarter of that distance, and no less than 0.7 steps: half as
-    /// far as those at which a cell is refined ask for.
-    const TIGHT_STEPS: f32 = 1.4;
-    /// The least cosine by which a step is taken to be longer where the camera looks along a
-    /// surface.
-    const MIN_GRAZING_COSINE: f32 = 0.2;
-
     /// The gathers of the wanted places of an area, square by square, and the numbers of those
     /// places.
     fn gather(
@@ -369,9 +403,8 @@ impl Receivers<'_> {
                 None => gathered,
                 Some(unhidden) => as_share(gathered, unhidden.get(normal)),
             };
-            let to_camera = (view.camera.origin() - node.position).normalize_or_zero();
-            let cos = face_normal.dot(to_camera).max(Self::MIN_GRAZING_COSINE);
-            node.is_tight = gathered.harmonic_distance * cos < Self::TIGHT_STEPS * node.spacing;
+            let seen = (node.position, face_normal);
+            node.is_tight = Lattice::is_tight(view, seen, node.spacing, &gathered);
             Some((index, node))
         });
         lit.collect()

@@ -10,14 +10,32 @@ pub struct Walked {
     pub rays: u64,
     /// Cells of media that rays passed one by one, empty ones in filled bricks among them.
     pub cells: u64,
+    /// Lvoxels that rays passed.
+    pub lvoxels: u64,
+    /// Vertices of media that camera rays asked for their light, each ray for itself.
+    pub asked: u64,
+    /// Those among them that gather it.
+    pub asked_to_gather: u64,
 }
 
 thread_local! {
     /// By thread: threads that count together would wait for each other.
-    static WALKED: Cell<Walked> = const { Cell::new(Walked { rays: 0, cells: 0 }) };
+    static WALKED: Cell<Walked> = const { Cell::new(Walked {
+        rays: 0,
+        cells: 0,
+        lvoxels: 0,
+        asked: 0,
+        asked_to_gather: 0,
+    }) };
 }
 
 impl Walked {
+    /// What this thread has counted so far.
+    #[must_use]
+    pub fn of_thread() -> Self {
+        WALKED.get()
+    }
+
     /// What all threads that work together here have counted so far. Runs at the same time mix
     /// their counts.
     #[must_use]
@@ -26,6 +44,9 @@ impl Walked {
         let mut add = |part: Self| {
             sum.rays += part.rays;
             sum.cells += part.cells;
+            sum.lvoxels += part.lvoxels;
+            sum.asked += part.asked;
+            sum.asked_to_gather += part.asked_to_gather;
         };
         if rayon::current_thread_index().is_none() {
             add(WALKED.get());
@@ -44,6 +65,9 @@ impl Sub for Walked {
         Self {
             rays: self.rays - before.rays,
             cells: self.cells - before.cells,
+            lvoxels: self.lvoxels - before.lvoxels,
+            asked: self.asked - before.asked,
+            asked_to_gather: self.asked_to_gather - before.asked_to_gather,
         }
     }
 }
@@ -68,6 +92,27 @@ pub fn note_cells(cells: u64) {
     });
 }
 
+/// Notes lvoxels that were passed.
+#[inline]
+pub fn note_lvoxels(lvoxels: u64) {
+    let all = WALKED.get();
+    WALKED.set(Walked {
+        lvoxels: all.lvoxels + lvoxels,
+        ..all
+    });
+}
+
+/// Notes a vertex of a medium that was asked for its light.
+#[inline]
+pub fn note_asked(to_gather: bool) {
+    let all = WALKED.get();
+    WALKED.set(Walked {
+        asked: all.asked + 1,
+        asked_to_gather: all.asked_to_gather + u64::from(to_gather),
+        ..all
+    });
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -80,9 +125,10 @@ mod tests {
             rayon::broadcast(|_| {
                 note_rays(2);
                 note_cells(5);
+                note_lvoxels(7);
             });
             let found = Walked::so_far() - before;
-            assert_eq!((found.rays, found.cells), (6, 15));
+            assert_eq!((found.rays, found.cells, found.lvoxels), (6, 15, 21));
         });
     }
 }
