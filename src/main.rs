@@ -1,11 +1,14 @@
 //! The `lvox` program: reads the command line, runs one verb, prints at most one error.
 
+mod processor;
+
 use std::process::ExitCode;
 
 #[global_allocator]
 static ALLOCATOR: lvox::cli::Allocator = lvox::cli::Allocator;
 
 fn main() -> ExitCode {
+    processor::check();
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     {
         take_memory_in_large_pieces();
