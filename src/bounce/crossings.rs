@@ -59,47 +59,52 @@ impl Bundle {
     /// Rays of a bundle: few, so that what they cross stays near the processor.
     pub const RAYS: usize = 64;
 
-    /// Adds a ray, and the surfaces on it by distance.
-    pub fn push(&mut self, ray: Ray, walls: Vec<Wall>) {
-        self.rays.push(ray);
-        self.walls.extend(walls);
-        self.wall_ends.push(self.walls.len() as u32);
-    }
-
     /// Whether a surface is on any of its rays.
     pub fn has_walls(&self) -> bool {
         !self.walls.is_empty()
     }
 
-    /// Walks its rays for the first time: places their surfaces among the crossings, gives each
-    /// crossing with its optical depth, and keeps them where there is room.
-    pub fn lay_down(&mut self, blocks: &Blocks, room: &Room, mut meet: impl FnMut(Crossing, f32)) {
+    /// Walks rays for the first time and leaves out those that cross nothing: asks of the others
+    /// for the surfaces on them, by distance, gives each crossing with its optical depth, and keeps
+    /// crossings where there is room.
+    pub fn laid_down(
+        blocks: &Blocks,
+        rays: &[Ray],
+        room: &Room,
+        walls: impl Fn(&Ray) -> Vec<Wall>,
+        mut meet: impl FnMut(Crossing, f32),
+    ) -> Self {
+        let mut bundle = Self::default();
         let mut crossings = Vec::new();
-        let mut ends = Vec::with_capacity(self.rays.len());
-        let mut walls = self.walls.as_mut_slice();
-        let mut first_wall = 0;
-        for (ray, &end) in self.rays.iter().zip(&self.wall_ends) {
-            let (own, rest) = walls.split_at_mut((end - first_wall) as usize);
-            (walls, first_wall) = (rest, end);
-            let mut own = own.iter_mut().peekable();
-            let start = crossings.len();
+        let mut ends = Vec::with_capacity(rays.len());
+        // Distances to the middles of crossings.
+        let mut middles = Vec::new();
+        for ray in rays {
+            middles.clear();
             walk(blocks, ray, |crossing, tau, middle| {
-                while let Some(wall) = own.next_if(|w| w.t <= middle) {
-                    wall.before = (crossings.len() - start) as u32;
-                }
                 meet(crossing, tau);
                 crossings.push(crossing);
+                middles.push(middle);
             });
-            own.for_each(|wall| wall.before = (crossings.len() - start) as u32);
+            if middles.is_empty() {
+                continue;
+            }
+            for mut wall in walls(ray) {
+                wall.before = middles.partition_point(|middle| *middle < wall.t) as u32;
+                bundle.walls.push(wall);
+            }
+            bundle.rays.push(*ray);
+            bundle.wall_ends.push(bundle.walls.len() as u32);
             ends.push(crossings.len() as u32);
         }
         let bytes = size_of_val(&crossings[..]) + size_of_val(&ends[..]);
         if room.take(bytes as u64) {
-            self.kept = Some(Kept {
+            bundle.kept = Some(Kept {
                 crossings: crossings.into_boxed_slice(),
                 ends: ends.into_boxed_slice(),
             });
         }
+        bundle
     }
 
     /// Gives what each ray crosses, front to back, and the surfaces on it. `walked` is for rays

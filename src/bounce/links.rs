@@ -2,12 +2,15 @@
 
 use super::places::Places;
 use super::receivers::{Met, Receiver};
+use super::surface_below::SAME;
 use crate::Result;
 use crate::math::{Ray, Rgb};
 use crate::run::Cancel;
 use crate::scene::Scene;
-use crate::trace::{Surface, Tracer, offset};
+use crate::trace::{Surface, Tracer};
+use arrayvec::ArrayVec;
 use glam::Vec3;
+use lvox_formats::record::Surfel;
 use rayon::prelude::*;
 
 /// Receivers by place.
@@ -15,49 +18,69 @@ use rayon::prelude::*;
 pub struct Sites<'a> {
     /// The receivers.
     pub receivers: &'a [Receiver],
-    tracer: &'a Tracer<'a>,
+    /// The scene.
+    pub tracer: &'a Tracer<'a>,
     places: Places,
-    /// By receiver: the height up to which nothing is above it.
-    clear: Vec<f32>,
 }
 
 /// Receivers that face as a place does and of which is asked whether it sees them, most.
-const ASKED: usize = 8;
+pub const ASKED: usize = 8;
 
 impl<'a> Sites<'a> {
     /// Bytes of each.
-    pub const BYTES: usize = Places::BYTES + size_of::<f32>();
-    /// Height above both at which a place has to see a receiver, over the distance between them:
-    /// curved surfaces do not hide their own. No more than half of what is clear above the
-    /// receiver: from higher up, what is inside of a thin wall would be seen.
-    const HEIGHT: f32 = 0.25;
+    pub const BYTES: usize = Places::BYTES;
 
-    /// Sorts receivers by place.
+    /// Sorts receivers by place, of which every second is the back of the one before it.
     pub fn new(receivers: &'a [Receiver], tracer: &'a Tracer<'a>) -> Self {
+        let fronts = receivers.iter().step_by(2);
+        let places = Places::new(fronts.map(|r| (r.point, r.normal)));
+        Self::at_places(receivers, tracer, places)
+    }
+
+    /// Receivers that were sorted.
+    pub fn at_places(receivers: &'a [Receiver], tracer: &'a Tracer<'a>, places: Places) -> Self {
         Self {
             receivers,
             tracer,
-            places: Places::new(receivers.iter().map(|r| (r.point, r.normal))),
-            clear: (receivers.par_iter())
-                .map(|r| clear_above(tracer, r))
-                .collect(),
+            places,
         }
     }
 
-    /// Whether nothing stands between a place and a receiver: what is inside of a wall touches what
-    /// is outside, and has none of its light.
-    fn sees(&self, point: Vec3, normal: Vec3, receiver: u32) -> bool {
-        let there = &self.receivers[receiver as usize];
-        let height = Self::HEIGHT * point.distance(there.point) + 16.0 * offset(point);
-        let height = height.min(0.5 * self.clear[receiver as usize]);
-        let (from, to) = (point + normal * height, there.point + there.normal * height);
-        !self.tracer.is_between(from, to)
+    /// Their order.
+    pub fn into_places(self) -> Places {
+        self.places
     }
 
-    /// The receivers nearest to a point that face as it does and that it sees, nearest first.
-    pub fn near(&self, point: Vec3, normal: Vec3) -> impl Iterator<Item = u32> {
-        let facing = self.places.nearest::<ASKED>(point, normal);
-        (facing.into_iter()).filter(move |&i| self.sees(point, normal, i))
+    /// Whether nothing stands between a place and a receiver.
+    pub fn sees(&self, point: Vec3, normal: Vec3, receiver: u32) -> bool {
+        self.receivers[receiver as usize].is_seen(self.tracer, point, normal)
+    }
+
+    /// The surface that a surfel stands on, if it is what a receiver meets first on its way to one
+    /// side of it: a place that the receiver sees for certain.
+    pub fn met(&self, surfel: &Surfel, normal: Vec3, receiver: u32) -> Option<Surface> {
+        /// How far from the surfel's middle that may be, over its radius: files round places.
+        const NEAR: f32 = 0.1;
+        let (there, point) = (
+            &self.receivers[receiver as usize],
+            Vec3::from(surfel.position),
+        );
+        let (near, height) = (NEAR * surfel.radius, there.height(point));
+        if height < near {
+            return None;
+        }
+        let from = there.point + there.normal * height;
+        let distance = from.distance(point);
+        let hit =
+            (self.tracer).closest(&Ray::new(from, (point - from) / distance, distance + near))?;
+        let surface = Surface::new(self.tracer.scene, hit.triangle, hit.uv);
+        let is_own = hit.t >= distance - near && surface.face_normal.dot(normal).abs() > SAME;
+        is_own.then(|| surface.facing(normal))
+    }
+
+    /// The receivers nearest to a point that face as it does, nearest first.
+    pub fn around(&self, point: Vec3, normal: Vec3) -> ArrayVec<u32, ASKED> {
+        self.places.nearest(point, normal)
     }
 
     /// The receiver whose light is that of a point: the nearest that faces as it does and that it
@@ -68,18 +91,10 @@ impl<'a> Sites<'a> {
         if self.sees(point, normal, first) {
             return Some(first);
         }
-        self.near(point, normal).next().or(Some(first))
+        let around = self.around(point, normal).into_iter();
+        let mut seen = around.filter(|&i| self.sees(point, normal, i));
+        seen.next().or(Some(first))
     }
-}
-
-/// The height up to which nothing is above a receiver.
-fn clear_above(tracer: &Tracer, receiver: &Receiver) -> f32 {
-    let (point, normal) = (receiver.point, receiver.normal);
-    let from = 4.0 * offset(point);
-    let ray = Ray::endless(point + normal * from, normal);
-    tracer
-        .closest(&ray)
-        .map_or(f32::INFINITY, |hit| from + hit.t)
 }
 
 /// How much of the light at a receiver goes on, by channel.
@@ -96,6 +111,8 @@ impl Link {
 
 /// The links of all receivers.
 pub struct Links {
+    /// By receiver: what arrives of what the runs of all send, irradiance over pi.
+    pub direct: Vec<Rgb>,
     /// Where those of each receiver start; one more for the end.
     starts: Vec<usize>,
     links: Vec<Link>,
@@ -112,26 +129,42 @@ impl Links {
     pub fn new(scene: &Scene, sites: &Sites, cancel: &Cancel) -> Result<Self> {
         let linked = sites.receivers.par_iter().map(|receiver| {
             cancel.check()?;
+            let mut direct = Rgb::BLACK;
             let link = |&Met { hit, arriving, .. }: &Met| {
                 let surface = Surface::new(scene, hit.triangle, hit.uv);
-                let share = surface.albedo * (arriving / receiver.count as f32);
+                let arriving = arriving / receiver.count as f32;
+                let share = surface.albedo * arriving;
+                if share.is_black() {
+                    return None;
+                }
                 let normal = surface.face_normal * if hit.is_back { -1.0 } else { 1.0 };
-                (!share.is_black()).then(|| Link {
-                    from: (sites.nearest(surface.position, normal)).unwrap_or(Link::NOWHERE),
+                let from = sites.nearest(surface.position, normal);
+                if let Some(from) = from {
+                    direct += sites.receivers[from as usize].sent_at(surface.position) * arriving;
+                }
+                Some(Link {
+                    from: from.unwrap_or(Link::NOWHERE),
                     share,
                 })
             };
-            Ok(receiver.met.iter().filter_map(link).collect::<Vec<_>>())
+            let own: Vec<Link> = receiver.met.iter().filter_map(link).collect();
+            Ok((direct, own))
         });
         let linked = linked.collect::<Result<Vec<_>>>()?;
         let mut starts = Vec::with_capacity(linked.len() + 1);
-        let mut links = Vec::with_capacity(linked.iter().map(Vec::len).sum());
-        for own in linked {
+        let mut links = Vec::with_capacity(linked.iter().map(|(_, own)| own.len()).sum());
+        let mut direct = Vec::with_capacity(linked.len());
+        for (of_runs, own) in linked {
+            direct.push(of_runs);
             starts.push(links.len());
             links.extend(own);
         }
         starts.push(links.len());
-        Ok(Self { starts, links })
+        Ok(Self {
+            direct,
+            starts,
+            links,
+        })
     }
 
     /// Links to nowhere: rays that met what has no receiver near by.

@@ -48,14 +48,13 @@ mod sweeps;
 mod walls;
 
 use crate::formats::{Overwrite, TreeMeta, TreeSummary, TreeWriter};
-use crate::gather::{self, Gatherer, Medium, PatchRadiance, RayKernel, RaySettings, TreeTask};
+use crate::gather::{Medium, NoMedia};
 use crate::light::Lights;
-use crate::math::{Environment, Rgb};
 use crate::run::{Budget, Job, hex};
 use crate::scene::Scene;
 use crate::trace::Tracer;
+use crate::tree::OpenTree;
 use crate::tree::media::mean_direction;
-use crate::tree::{OpenTree, Pages};
 use crate::view;
 use crate::{Error, Result};
 use blocks::Blocks;
@@ -66,6 +65,7 @@ use links::{Links, Sites};
 use lobes::Lobes;
 use lvox_formats::{MappedFile, Tree};
 use media::ScatteringVolume;
+use places::Places;
 use rayon::prelude::*;
 use receivers::{LitRun, Met, Receiver, ReceiverMaker};
 use rewrite::{Neighbours, NewLight};
@@ -114,14 +114,17 @@ pub fn run(
             settings,
             job,
         };
-        let lit = match settings.bounces {
+        let mut lit = match settings.bounces {
             Bounces::Count(1) => Lit::nothing(source.surfel_pages()),
-            _ => gather::with_tree(tree, gathering)?,
+            _ if tree.media.is_empty() => gathering.run(NoMedia)?,
+            _ => gathering.run(&tree.media)?,
         };
         let light = NewLight {
-            tracer: &tracer,
+            sites: &match lit.places.take() {
+                Some(places) => Sites::at_places(&lit.receivers, &tracer, places),
+                None => Sites::new(&lit.receivers, &tracer),
+            },
             neighbours: &lit.neighbours,
-            receivers: &lit.receivers,
             light: &lit.solution.light,
             runs: &lit.runs,
             sources: &lit.sources,
@@ -215,10 +218,6 @@ fn least_memory(scene: &Scene, tree: &Tree<MappedFile>, settings: &Settings, job
         .with("the scene", scene.bytes())
         .with("what rays need of it", Tracer::bytes_for(scene))
         .with(
-            "light of surfaces",
-            PatchRadiance::bytes_for(scene.mesh.triangles.len(), 0),
-        )
-        .with(
             "receivers and their links",
             DIVIDED * runs * 2 * receiver as u64,
         )
@@ -243,6 +242,8 @@ struct Lit {
     /// By page.
     runs: Vec<Vec<LitRun>>,
     receivers: Vec<Receiver>,
+    /// Their order by place.
+    places: Option<Places>,
     /// By receiver: those whose light is interpolated around it.
     neighbours: Vec<Neighbours>,
     links: usize,
@@ -267,9 +268,9 @@ impl Lit {
         }
     }
 
-    /// What receivers of all pages of a tree gather.
-    fn at_receivers<P: Pages, M: Medium>(
-        maker: &ReceiverMaker<P, M>,
+    /// The receivers of all pages of a tree.
+    fn at_receivers<M: Medium>(
+        maker: &ReceiverMaker<M>,
         source: &Tree<MappedFile>,
         job: &Job,
     ) -> Result<Self> {
@@ -277,7 +278,7 @@ impl Lit {
         let task = job.progress.task("receivers", count as u64, "pages");
         let made = (0..count).into_par_iter().map(|id| {
             job.cancel.check()?;
-            let made = maker.make(&source.surfel_page(id)?, id as u32)?;
+            let made = maker.make(&source.surfel_page(id)?, id as u32);
             task.add(1);
             Ok(made)
         });
@@ -303,10 +304,9 @@ struct Gathering<'a> {
     job: &'a Job,
 }
 
-impl TreeTask for Gathering<'_> {
-    type Output = Result<Lit>;
-
-    fn run<P: Pages, M: Medium>(self, pages: &P, media: M) -> Result<Lit> {
+impl Gathering<'_> {
+    /// Finds the light of all bounces in such media.
+    fn run<M: Medium>(self, media: M) -> Result<Lit> {
         let Self {
             tracer,
             tree,
@@ -315,22 +315,10 @@ impl TreeTask for Gathering<'_> {
         } = self;
         let source = tree.tree();
         let run_surfels = run_surfels(source);
-        let patches = PatchRadiance::of_tree(tracer, tree, 0)?;
         let maker = ReceiverMaker {
             tracer,
-            gatherer: Gatherer {
-                pages,
-                media,
-                settings: RaySettings {
-                    samples: settings.samples,
-                    max_solid_angle: settings.max_solid_angle,
-                    max_dist: f32::INFINITY,
-                    kernel: RayKernel::Traced(&patches),
-                    // Surfels send what they reflect of it already.
-                    environment: Environment::even(Rgb::BLACK),
-                    leave_out_bright: false,
-                },
-            },
+            media,
+            samples: settings.samples,
             run_surfels,
             seed: settings.seed,
         };
@@ -341,10 +329,7 @@ impl TreeTask for Gathering<'_> {
         (lit.links, lit.lost_links) = (links.len(), links.lost());
         let walls = Walls {
             tracer,
-            patches: &patches,
-            pages,
             sites: &sites,
-            max_solid_angle: settings.max_solid_angle,
         };
         let mean_cosines: Vec<f32> = scene.volumes.iter().map(|v| v.phase.moment(1)).collect();
         let Lvoxels {
@@ -369,8 +354,8 @@ impl TreeTask for Gathering<'_> {
             volumes: volumes.collect::<Result<_>>()?,
             cancel,
         };
-        lit.neighbours = rewrite::neighbours(&sites);
         lit.solution = exchange.solve(settings.bounces)?;
+        lit.neighbours = rewrite::neighbours(&sites, &lit.solution.light);
         lit.sweeps = exchange.volumes.iter().map(|v| v.swept).sum();
         let residuals = exchange.volumes.iter().map(|v| v.residual);
         lit.media_residual = residuals.fold(0.0, f64::max);
@@ -386,6 +371,7 @@ impl TreeTask for Gathering<'_> {
             drop(exchange);
             incident::keep_means(source, &mut lit.incident)?;
         }
+        lit.places = Some(sites.into_places());
         Ok(lit)
     }
 }

@@ -1,10 +1,10 @@
-//! Places on surfaces by where they are: those nearest to a point that face as it does (a k-d tree,
-//! Bentley 1975).
+//! Places on surfaces by where they are: those nearest to a point, of the side of each that faces as
+//! it does (a k-d tree, Bentley 1975).
 
 use arrayvec::ArrayVec;
 use glam::Vec3;
 
-/// A point, and the side that it is on.
+/// A point on a surface, and the normal of its front.
 #[derive(Clone, Copy, Debug)]
 struct Place {
     point: Vec3,
@@ -28,12 +28,14 @@ struct Nearest<const MOST: usize> {
 impl Places {
     /// Bytes of each.
     pub const BYTES: usize = size_of::<Place>();
-    /// Cosine between the normals of a point and of a place that faces as it does, at least.
+    /// Cosine between the normals of a point and of the side of a place that faces as it does, at
+    /// least.
     const FACING: f32 = 0.5;
     /// Places that are looked at one by one.
     const FEW: usize = 8;
 
-    /// Sorts points with unit normals; they are numbered as they come.
+    /// Sorts points with the unit normals of their fronts. As they come, the front of each has the
+    /// next number, and its back that after it.
     pub fn new(points: impl Iterator<Item = (Vec3, Vec3)>) -> Self {
         let place = |(number, (point, normal))| Place {
             point,
@@ -41,12 +43,12 @@ impl Places {
             number,
             axis: 0,
         };
-        let mut places: Vec<Place> = (0..).zip(points).map(place).collect();
+        let mut places: Vec<Place> = (0..).step_by(2).zip(points).map(place).collect();
         divide(&mut places);
         Self(places)
     }
 
-    /// The nearest to a point that face as it does, nearest first, at most so many.
+    /// The nearest to a point, the side of each that faces as it does, nearest first, at most so many.
     pub fn nearest<const MOST: usize>(&self, point: Vec3, normal: Vec3) -> ArrayVec<u32, MOST> {
         let mut nearest = Nearest::<MOST> {
             point,
@@ -112,10 +114,12 @@ impl<const MOST: usize> Nearest<MOST> {
     }
 
     fn ask(&mut self, place: &Place) {
-        if place.normal.dot(self.normal) <= Places::FACING {
+        let cos = place.normal.dot(self.normal);
+        if cos.abs() <= Places::FACING {
             return;
         }
-        let new = (place.point.distance_squared(self.point), place.number);
+        let side = place.number + u32::from(cos < 0.0);
+        let new = (place.point.distance_squared(self.point), side);
         let at = (self.found.iter()).position(|old| new < *old);
         let at = at.unwrap_or(self.found.len());
         if at < MOST {
@@ -145,10 +149,8 @@ mod tests {
             let places = Places::new(all.iter().copied());
             for i in 0..200 {
                 let (point, normal) = by_chance(i, 1);
-                let facing = all
-                    .iter()
-                    .zip(0..)
-                    .filter(|((_, n), _)| n.dot(normal) > 0.5);
+                let sides = all.iter().flat_map(|(p, n)| [(p, *n), (p, -*n)]).zip(0..);
+                let facing = sides.filter(|((_, n), _)| n.dot(normal) > 0.5);
                 let mut expected: Vec<(f32, u32)> = facing
                     .map(|((p, _), number)| (p.distance_squared(point), number))
                     .collect();

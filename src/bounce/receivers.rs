@@ -2,14 +2,13 @@
 
 use super::runs::{PageSurfels, Run};
 use super::surface_below::surface_below;
-use crate::Result;
-use crate::gather::{Gatherer, MAX_PACKET, Medium};
+use crate::gather::{MAX_PACKET, Medium};
 use crate::math::sampling::{cosine_hemisphere, hash, sobol2, tangents};
+use crate::math::segment::Composite;
 use crate::math::{Hit, Ray, Rgb};
 use crate::trace::{Tracer, offset};
-use crate::tree::Pages;
 use glam::Vec3;
-use lvox_formats::record::SurfelPage;
+use lvox_formats::record::{Surfel, SurfelPage};
 
 /// A place on one side of a surface.
 #[derive(Clone, Debug)]
@@ -18,17 +17,79 @@ pub struct Receiver {
     pub point: Vec3,
     /// Unit normal of the side.
     pub normal: Vec3,
-    /// The mean radiance that arrives, weighted by the cosine, of what the tree sends: irradiance
-    /// over pi.
-    pub gathered: Rgb,
+    /// The mean radiance that the surfels of its run send on this side, of the light in the tree.
+    pub sent: Rgb,
+    /// The same by place, of those that it sees, where it is uneven.
+    pub parts: Box<[Part]>,
+    /// The mean radiance, weighted by the cosine, that arrives of what media send of the light in
+    /// the tree: irradiance over pi.
+    pub from_media: Rgb,
     /// Area of the surfels that it stands for.
     pub area: f32,
+    /// The height up to which nothing is above it.
+    clear: f32,
     /// Surfaces that its rays met, in the order of rays; the others met none.
     pub met: Vec<Met>,
     /// Number of its rays.
     pub count: u32,
     /// Key of their directions.
     key: u32,
+}
+
+/// A few surfels of a run that lie beside each other.
+#[derive(Clone, Copy, Debug)]
+pub struct Part {
+    /// Their middle.
+    point: Vec3,
+    /// The mean radiance that they send.
+    sent: Rgb,
+}
+
+impl Part {
+    /// Most surfels of each.
+    const SURFELS: usize = 4;
+    /// Mean distance from the mean radiance of a run, over that, up to which it is even.
+    const EVEN: f32 = 0.05;
+
+    /// What one side of a surfel sends.
+    fn light(surfel: &Surfel, is_back: bool) -> Rgb {
+        Rgb(if is_back { surfel.back } else { surfel.front })
+    }
+
+    /// Whether one side of a run sends about this everywhere.
+    fn are_even(own: &[&Surfel], sent: Rgb, is_back: bool) -> bool {
+        let (mut off, mut all) = (0.0, 0.0);
+        for surfel in own {
+            let light = Self::light(surfel, is_back);
+            let apart: [f32; 3] = std::array::from_fn(|c| (light.0[c] - sent.0[c]).abs());
+            off += surfel.area * Rgb(apart).mean();
+            all += surfel.area * sent.mean();
+        }
+        off <= Self::EVEN * all
+    }
+
+    /// That of some surfels; `None` if they have no area.
+    fn of(surfels: &[&Surfel], is_back: bool) -> Option<Self> {
+        let (mut point, mut sum, mut area) = (Vec3::ZERO, Rgb::BLACK, 0.0);
+        for surfel in surfels {
+            point += Vec3::from(surfel.position);
+            sum += Self::light(surfel, is_back) * surfel.area;
+            area += surfel.area;
+        }
+        (area > 0.0).then(|| Self {
+            point: point / surfels.len() as f32,
+            sent: sum * (1.0 / area),
+        })
+    }
+}
+
+/// The height up to which nothing is above a receiver.
+fn clear_above(tracer: &Tracer, receiver: &Receiver) -> f32 {
+    let (point, normal) = (receiver.point, receiver.normal);
+    let from = 4.0 * offset(point);
+    let ray = Ray::endless(point + normal * from, normal);
+    let hit = tracer.closest(&ray);
+    hit.map_or(f32::INFINITY, |hit| from + hit.t)
 }
 
 /// The surface that ended a ray.
@@ -43,6 +104,46 @@ pub struct Met {
 }
 
 impl Receiver {
+    /// Height above both at which a place has to see a receiver, over the distance between them:
+    /// curved surfaces do not hide their own. No more than half of what is clear above the
+    /// receiver: from higher up, what is inside of a thin wall would be seen.
+    const HEIGHT: f32 = 0.25;
+
+    /// The height above both at which a place has to see it.
+    pub fn height(&self, point: Vec3) -> f32 {
+        let height = Self::HEIGHT * point.distance(self.point) + 16.0 * offset(point);
+        height.min(0.5 * self.clear)
+    }
+
+    /// Whether nothing stands between it and a place on a surface: what is inside of a wall touches
+    /// what is outside, and has none of its light.
+    pub fn is_seen(&self, tracer: &Tracer, point: Vec3, normal: Vec3) -> bool {
+        let height = self.height(point);
+        let (from, to) = (point + normal * height, self.point + self.normal * height);
+        !tracer.is_between(from, to)
+    }
+
+    /// Keeps what the surfels of its run send that it sees, by place, where that is uneven.
+    fn divide(&mut self, tracer: &Tracer, own: &[&Surfel], is_back: bool) {
+        if Part::are_even(own, self.sent, is_back) {
+            return;
+        }
+        let seen = own.iter().copied().filter(|surfel| {
+            let normal = Vec3::from(surfel.normal) * if is_back { -1.0 } else { 1.0 };
+            self.is_seen(tracer, surfel.position.into(), normal)
+        });
+        let seen: Vec<&Surfel> = seen.collect();
+        let parts = seen.chunks(Part::SURFELS);
+        self.parts = parts.filter_map(|few| Part::of(few, is_back)).collect();
+    }
+
+    /// What the surfels of its run send around a place.
+    pub fn sent_at(&self, point: Vec3) -> Rgb {
+        let distance2 = |part: &&Part| part.point.distance_squared(point);
+        let nearest = (self.parts.iter()).min_by(|a, b| distance2(a).total_cmp(&distance2(b)));
+        nearest.map_or(self.sent, |part| part.sent)
+    }
+
     /// Its rays, by the cosine.
     pub fn rays(&self) -> impl Iterator<Item = Ray> {
         let (normal, key) = (self.normal, self.key);
@@ -65,28 +166,28 @@ pub struct LitRun {
     pub receivers: [u32; 2],
 }
 
-/// Gathers light at receivers.
-pub struct ReceiverMaker<'a, P, M> {
+/// Makes the receivers of runs.
+pub struct ReceiverMaker<'a, M> {
     /// The scene.
     pub tracer: &'a Tracer<'a>,
-    /// Gathers from the tree.
-    pub gatherer: Gatherer<'a, P, M>,
+    /// The media that rays pass.
+    pub media: M,
+    /// Rays of each.
+    pub samples: u32,
     /// Most surfels of a run.
     pub run_surfels: u32,
     /// Key of all random choices.
     pub seed: u64,
 }
 
-impl<P: Pages, M: Medium> ReceiverMaker<'_, P, M> {
+impl<M: Medium> ReceiverMaker<'_, M> {
     /// Light changes over about this share of the harmonic distance to what is seen: runs are no
     /// larger.
-    const RANGE: f32 = 0.5;
+    const RANGE: f32 = 0.2;
 
-    /// The receivers of a page, and its runs, whose receivers are numbered among these.
-    ///
-    /// # Errors
-    /// A page that cannot be read.
-    pub fn make(&self, page: &SurfelPage, id: u32) -> Result<(Vec<LitRun>, Vec<Receiver>)> {
+    /// The receivers of a page, fronts before backs, and its runs, whose receivers are numbered
+    /// among these.
+    pub fn make(&self, page: &SurfelPage, id: u32) -> (Vec<LitRun>, Vec<Receiver>) {
         let surfels = PageSurfels::new(page);
         let mut runs = Vec::new();
         let mut receivers = Vec::new();
@@ -95,7 +196,7 @@ impl<P: Pages, M: Medium> ReceiverMaker<'_, P, M> {
             open.extend(surfels.runs(root));
             while let Some(run) = open.pop() {
                 let children = surfels.children(run.node);
-                let sides = [false, true].map(|is_back| self.receiver(page, id, &run, is_back));
+                let sides = self.receivers(page, id, &run);
                 // The side that sees farther is the one outside of what is solid.
                 let range = sides[0].1.max(sides[1].1);
                 if run.radius > Self::RANGE * range && !children.is_empty() {
@@ -103,72 +204,79 @@ impl<P: Pages, M: Medium> ReceiverMaker<'_, P, M> {
                     continue;
                 }
                 let first = receivers.len() as u32;
-                receivers.extend(sides.map(|(receiver, _)| receiver));
+                let own = surfels.of_run(&run);
+                for (is_back, (mut receiver, _)) in [false, true].into_iter().zip(sides) {
+                    receiver.clear = clear_above(self.tracer, &receiver);
+                    receiver.divide(self.tracer, &own, is_back);
+                    receivers.push(receiver);
+                }
                 runs.push(LitRun {
                     run,
                     receivers: [first, first + 1],
                 });
             }
         }
-        self.gatherer.pages.check()?;
-        Ok((runs, receivers))
+        (runs, receivers)
     }
 
-    /// The receiver on one side of a run, and the harmonic distance to what it sees.
-    fn receiver(&self, page: &SurfelPage, id: u32, run: &Run, is_back: bool) -> (Receiver, f32) {
+    /// The receivers on both sides of a run, and the harmonic distance to what each sees.
+    fn receivers(&self, page: &SurfelPage, id: u32, run: &Run) -> [(Receiver, f32); 2] {
         let surfel = &page.surfels[run.surfel as usize];
-        let sent = if is_back { surfel.back } else { surfel.front };
         let (point, normal) = surface_below(self.tracer, surfel)
             .map_or((surfel.position.into(), surfel.normal.into()), |s| {
                 (s.position, s.face_normal)
             });
-        let mut receiver = Receiver {
-            point,
-            normal: if is_back { -normal } else { normal },
-            gathered: Rgb::BLACK,
-            area: run.area,
-            met: Vec::new(),
-            count: 0,
-            key: 0,
-        };
-        receiver.key = hash(&[
-            self.seed,
-            u64::from(id),
-            u64::from(run.surfel),
-            u64::from(is_back),
-        ]) as u32;
-        let samples = self.gatherer.settings.samples;
-        // Many of those that send nothing are inside of what is solid. How many rays there are must
-        // not depend on what they bring: that would leave out rare light.
-        let is_lit = sent != [0.0; 3];
-        let count = if is_lit { samples } else { samples.div_ceil(2) };
-        let distance = self.gather(&mut receiver, count);
-        (receiver, distance)
+        [false, true].map(|is_back| {
+            let mut receiver = Receiver {
+                point,
+                normal: if is_back { -normal } else { normal },
+                sent: run.sent[usize::from(is_back)],
+                parts: Box::default(),
+                from_media: Rgb::BLACK,
+                area: run.area,
+                clear: 0.0,
+                met: Vec::new(),
+                count: 0,
+                key: hash(&[
+                    self.seed,
+                    u64::from(id),
+                    u64::from(run.surfel),
+                    u64::from(is_back),
+                ]) as u32,
+            };
+            // Many of those that send nothing are inside of what is solid. How many rays there are
+            // must not depend on what they bring: that would leave out rare light.
+            receiver.count = match receiver.sent.is_black() {
+                true => self.samples.div_ceil(2),
+                false => self.samples,
+            };
+            let distance = self.look(&mut receiver);
+            (receiver, distance)
+        })
     }
 
-    /// Gathers light at a receiver along so many rays; returns the harmonic distance to what they
-    /// see.
-    fn gather(&self, receiver: &mut Receiver, count: u32) -> f32 {
-        receiver.count = count;
+    /// Finds what the rays of a receiver meet, and what media send along them; returns the harmonic
+    /// distance to all that.
+    fn look(&self, receiver: &mut Receiver) -> f32 {
         let rays: Vec<Ray> = receiver.rays().collect();
-        let (mut light, mut inverse) = (Rgb::BLACK, 0.0);
-        let mut arriving = vec![0.0; rays.len()];
-        self.gatherer.incident_along(&rays, |i, seen| {
-            light += seen.radiance;
-            inverse += seen.inverse_distance;
-            arriving[i] = seen.arriving;
-        });
         let mut hits = vec![None; rays.len()];
         for (rays, hits) in rays.chunks(MAX_PACKET).zip(hits.chunks_mut(MAX_PACKET)) {
             self.tracer.closest_of_packet(rays, hits);
         }
-        receiver.met.clear();
-        for (ray, (hit, arriving)) in (0..).zip(hits.into_iter().zip(arriving)) {
-            receiver
-                .met
-                .extend(hit.map(|hit| Met { ray, hit, arriving }));
+        let (mut light, mut inverse) = (Rgb::BLACK, 0.0);
+        for ((number, ray), hit) in (0..).zip(rays).zip(hits) {
+            let distance = hit.map_or(f32::INFINITY, |hit| hit.t);
+            let mut passed = Composite::default();
+            let stopped = (self.media).pass(&ray.up_to(distance), &[], &mut passed);
+            light += passed.radiance;
+            inverse += stopped.share * stopped.inverse_distance + (1.0 - stopped.share) / distance;
+            receiver.met.extend(hit.map(|hit| Met {
+                ray: number,
+                hit,
+                arriving: passed.transmittance,
+            }));
         }
-        receiver.gathered = light * (1.0 / count as f32);
-        count as f32 / inverse
+        receiver.from_media = light * (1.0 / receiver.count as f32);
+        receiver.count as f32 / inverse
     }
 }

@@ -1,26 +1,23 @@
 //! The tree of another one with more light.
 
-use super::links::Sites;
-use super::receivers::{LitRun, Receiver};
+use super::links::{ASKED, Sites};
+use super::receivers::LitRun;
 use super::runs::{PageSurfels, facing};
 use super::surface_below::surface_below;
 use super::sweeps::Light;
 use crate::math::Rgb;
 use crate::run::Job;
-use crate::trace::Tracer;
 use crate::tree::AggregateSums;
 use crate::{Error, Result};
 use glam::Vec3;
-use lvox_formats::record::{Below, Lvoxel, SurfelPage};
+use lvox_formats::record::{Below, Lvoxel, Surfel, SurfelPage};
 use lvox_formats::{EncodedLvoxels, EncodedPage, MappedFile, Tree, TreeWriter};
 use rayon::prelude::*;
 
 /// The light that surfels are given beside what they send.
 pub struct NewLight<'a> {
-    /// The scene.
-    pub tracer: &'a Tracer<'a>,
     /// Receivers of all pages.
-    pub receivers: &'a [Receiver],
+    pub sites: &'a Sites<'a>,
     /// By receiver: irradiance over pi.
     pub light: &'a [Rgb],
     /// By receiver: those whose light is interpolated around it.
@@ -35,16 +32,26 @@ pub struct NewLight<'a> {
     pub incident: &'a [Light],
 }
 
-/// Most receivers that light at a surfel is interpolated between.
-const NEIGHBOURS: usize = 8;
+/// The receivers around one that it sees, itself included: none where they are dark.
+pub type Neighbours = arrayvec::ArrayVec<u32, ASKED>;
 
-/// The receivers around one, itself included.
-pub type Neighbours = arrayvec::ArrayVec<u32, NEIGHBOURS>;
-
-/// The receivers around each.
-pub fn neighbours(sites: &Sites) -> Vec<Neighbours> {
-    let around = |r: &Receiver| sites.near(r.point, r.normal).take(NEIGHBOURS).collect();
-    sites.receivers.par_iter().map(around).collect()
+/// The receivers around each, in this light.
+pub fn neighbours(sites: &Sites, light: &[Rgb]) -> Vec<Neighbours> {
+    let sides = sites.receivers.par_chunks(2).flat_map_iter(|sides| {
+        let [point, normal] = [sides[0].point, sides[0].normal];
+        let of_fronts = sites.around(point, normal);
+        (0..).zip(sides).map(move |(back, side)| {
+            // The other side of each is the next number or the one before.
+            let around = of_fronts.iter().map(|i| i ^ back);
+            if around.clone().all(|i| light[i as usize].is_black()) {
+                return Neighbours::new();
+            }
+            around
+                .filter(|&i| sites.sees(point, side.normal, i))
+                .collect()
+        })
+    });
+    sides.collect()
 }
 
 impl NewLight<'_> {
@@ -66,42 +73,68 @@ impl NewLight<'_> {
             if receivers == NONE {
                 continue;
             }
-            let (point, normal) = (Vec3::from(surfel.position), Vec3::from(surfel.normal));
-            let [front, back] = [(receivers[0], normal), (receivers[1], -normal)]
-                .map(|(receiver, normal)| self.interpolated(receiver, point, normal));
-            if front.is_black() && back.is_black() {
-                continue;
+            match self.reflected(surfel, receivers) {
+                None => lost += 1,
+                Some([front, back]) => {
+                    surfel.front = (Rgb(surfel.front) + front).0;
+                    surfel.back = (Rgb(surfel.back) + back).0;
+                }
             }
-            let Some(surface) = surface_below(self.tracer, surfel) else {
-                lost += 1;
-                continue;
-            };
-            surfel.front = (Rgb(surfel.front) + front * surface.albedo).0;
-            surfel.back = (Rgb(surfel.back) + back * surface.albedo).0;
         }
         lost
     }
 
-    /// The light at a point near a receiver.
-    fn interpolated(&self, receiver: u32, point: Vec3, normal: Vec3) -> Rgb {
-        let (receivers, around) = (self.receivers, &self.neighbours[receiver as usize]);
+    /// What the sides of a surfel reflect of the light around their receivers; `None` if it stands
+    /// on no surface of the scene.
+    fn reflected(&self, surfel: &Surfel, receivers: [u32; 2]) -> Option<[Rgb; 2]> {
+        let (point, normal) = (Vec3::from(surfel.position), Vec3::from(surfel.normal));
+        let sides = [(receivers[0], normal), (receivers[1], -normal)];
+        let mut light = sides.map(|(receiver, normal)| {
+            let around = self.neighbours[receiver as usize].iter();
+            let light = self.interpolated(around.copied(), point, normal);
+            light.unwrap_or(self.light[receiver as usize])
+        });
+        let first = light.iter().position(|l| !l.is_black());
+        let Some(first) = first else {
+            return Some(light);
+        };
+        // What is inside of a wall has none of the light outside.
+        let seen = self.sites.met(surfel, normal, receivers[first]);
+        for (i, (receiver, normal)) in sides.into_iter().enumerate().skip(first) {
+            let is_seen = i == first && seen.is_some();
+            if is_seen || light[i].is_black() || self.sites.sees(point, normal, receiver) {
+                continue;
+            }
+            let mut around = self.sites.around(point, normal);
+            around.retain(|i| self.sites.sees(point, normal, *i));
+            let between = self.interpolated(around.iter().copied(), point, normal);
+            let nearest = around.first().map(|i| self.light[*i as usize]);
+            light[i] = between.or(nearest).unwrap_or_default();
+        }
+        let surface = seen.or_else(|| surface_below(self.sites.tracer, surfel))?;
+        Some(light.map(|light| light * surface.albedo))
+    }
+
+    /// The light at a point between receivers; `None` if there are none, or all at one place.
+    fn interpolated(
+        &self,
+        around: impl Iterator<Item = u32> + Clone,
+        point: Vec3,
+        normal: Vec3,
+    ) -> Option<Rgb> {
+        let receivers = self.sites.receivers;
         let distance2 = |i: u32| receivers[i as usize].point.distance_squared(point);
-        let farthest2 = around.iter().map(|&i| distance2(i)).fold(0.0, f32::max);
+        let farthest2 = around.clone().map(distance2).fold(0.0, f32::max);
         let (mut sum, mut weights) = (Rgb::BLACK, 0.0);
-        for &i in around {
+        for i in around {
             let near = 1.0 - distance2(i) / farthest2;
             let weight = near * near * receivers[i as usize].normal.dot(normal).max(0.0);
-            // All at one place.
             if weight > 0.0 {
                 sum += self.light[i as usize] * weight;
                 weights += weight;
             }
         }
-        if weights > 0.0 {
-            sum * (1.0 / weights)
-        } else {
-            self.light[receiver as usize]
-        }
+        (weights > 0.0).then(|| sum * (1.0 / weights))
     }
 }
 

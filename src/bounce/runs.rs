@@ -1,5 +1,6 @@
 //! Runs: surfels below one node that face nearly one way, for all of which light is gathered once.
 
+use crate::math::Rgb;
 use lvox_formats::record::{Below, Surfel, SurfelPage};
 
 /// Directions that surfels are told apart by: along and against each axis.
@@ -16,6 +17,8 @@ pub struct Run {
     pub surfel: u32,
     /// Area of all.
     pub area: f32,
+    /// The mean radiance that leaves their fronts and their backs.
+    pub sent: [Rgb; 2],
     /// Radius of a sphere around the middle that holds the centres of all, scene units.
     pub radius: f32,
 }
@@ -96,6 +99,18 @@ impl<'a> PageSurfels<'a> {
         }
     }
 
+    /// The surfels of a run, in the order of leaves.
+    pub fn of_run(&self, run: &Run) -> Vec<&'a Surfel> {
+        let mut own = Vec::new();
+        self.each_below(run.node, |i| {
+            let surfel = &self.page.surfels[i as usize];
+            if facing(surfel) == run.facing {
+                own.push(surfel);
+            }
+        });
+        own
+    }
+
     /// The runs below a node, one for each way that surfels face there.
     pub fn runs(&self, node: u32) -> impl Iterator<Item = Run> {
         (0..FACINGS as u8).filter_map(move |f| self.run(node, f))
@@ -110,12 +125,16 @@ impl<'a> PageSurfels<'a> {
             }
         });
         let (mut area, mut moment) = (0.0_f64, [0.0_f64; 3]);
+        let mut sent = [[0.0_f64; 3]; 2];
         for surfel in own.iter().map(|&i| &self.page.surfels[i as usize]) {
             // A surfel without an area has a place, too.
             let a = f64::from(surfel.area).max(f64::MIN_POSITIVE);
             area += a;
             for (m, p) in moment.iter_mut().zip(surfel.position) {
                 *m += a * f64::from(p);
+            }
+            for (sum, light) in sent.iter_mut().zip([surfel.front, surfel.back]) {
+                (sum.iter_mut().zip(light)).for_each(|(s, l)| *s += a * f64::from(l));
             }
         }
         let middle = moment.map(|m| m / area);
@@ -135,6 +154,7 @@ impl<'a> PageSurfels<'a> {
             facing: way,
             surfel,
             area: area as f32,
+            sent: sent.map(|sum| Rgb(sum.map(|s| (s / area) as f32))),
             radius: radius2.sqrt() as f32,
         })
     }

@@ -1,7 +1,6 @@
 //! How light is bounced.
 
 use crate::formats::TreeMeta;
-use crate::gather::check_max_solid_angle;
 use crate::{Error, Result};
 use std::fmt;
 
@@ -12,8 +11,6 @@ pub struct Settings {
     pub bounces: Bounces,
     /// Rays of each receiver.
     pub samples: u32,
-    /// A node seen under less than this, steradians, may stand for all below it.
-    pub max_solid_angle: f32,
     /// Key of all random choices.
     pub seed: u64,
 }
@@ -42,7 +39,6 @@ impl Default for Settings {
         Self {
             bounces: Bounces::All,
             samples: 16,
-            max_solid_angle: 0.003,
             seed: 0,
         }
     }
@@ -67,7 +63,7 @@ impl Settings {
                 self.samples
             )));
         }
-        check_max_solid_angle(self.max_solid_angle)
+        Ok(())
     }
 
     /// Names and values, as they are kept in the tree.
@@ -77,7 +73,6 @@ impl Settings {
         vec![
             entry(TreeMeta::BOUNCES, self.bounces.to_string()),
             entry("bounce-samples", self.samples.to_string()),
-            entry("bounce-solid-angle", self.max_solid_angle.to_string()),
             entry("bounce-seed", self.seed.to_string()),
         ]
     }

@@ -115,9 +115,10 @@ impl Exchange<'_> {
         Ok(solution)
     }
 
-    /// What receivers gather of the tree, and of what media send beyond that.
+    /// What arrives at receivers of what the tree sends, and of what media send beyond that.
     fn gathered(&self, from_media: Vec<Rgb>) -> Vec<Rgb> {
-        let mut light: Vec<Rgb> = self.receivers.iter().map(|r| r.gathered).collect();
+        let direct = self.receivers.iter().zip(&self.links.direct);
+        let mut light: Vec<Rgb> = direct.map(|(r, of_runs)| r.from_media + *of_runs).collect();
         light.iter_mut().zip(from_media).for_each(|(l, m)| *l += m);
         light
     }

@@ -5,14 +5,15 @@ use crate::trace::{Surface, Tracer};
 use glam::Vec3;
 use lvox_formats::record::Surfel;
 
+/// Cosine between the normals of a surfel and its surface, at least.
+pub const SAME: f32 = 0.9;
+
 /// Finds the surface of the scene that a surfel stands on, facing as it does; `None` if there is
 /// none that near, as for a tree of another scene.
 pub fn surface_below(tracer: &Tracer, surfel: &Surfel) -> Option<Surface> {
     /// Heights from which it is looked for, over the radius: files round places, and surfels of a
     /// camera stand where its rays ended. What stands on the surface is to be below the lower one.
     const HEIGHTS: [f32; 2] = [0.05, 0.5];
-    /// Cosine between the normals of a surfel and its surface, at least.
-    const SAME: f32 = 0.9;
     let (centre, normal) = (Vec3::from(surfel.position), Vec3::from(surfel.normal));
     HEIGHTS.iter().find_map(|height| {
         let height = height * surfel.radius;

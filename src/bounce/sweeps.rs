@@ -16,7 +16,6 @@ use crate::Result;
 use crate::math::Ray;
 use crate::run::Cancel;
 use crate::trace::Tracer;
-use crate::tree::Pages;
 use glam::Vec3;
 use lvox_formats::record::VolumeInfo;
 use rayon::prelude::*;
@@ -105,16 +104,9 @@ impl<'a> Sweeps<'a> {
     /// there is room.
     ///
     /// # Errors
-    /// A page that cannot be read, or a stop on request.
-    pub fn new<P: Pages>(
-        blocks: &'a Blocks,
-        walls: &Walls<P>,
-        room: &Room,
-        cancel: &Cancel,
-    ) -> Result<Self> {
-        let sweeps = Self::of_walls(blocks, |ray| walls.on(ray), room, cancel)?;
-        walls.pages.check()?;
-        Ok(sweeps)
+    /// A stop on request.
+    pub fn new(blocks: &'a Blocks, walls: &Walls, room: &Room, cancel: &Cancel) -> Result<Self> {
+        Self::of_walls(blocks, |ray| walls.on(ray), room, cancel)
     }
 
     /// The rays through a volume without surfaces.
@@ -135,12 +127,15 @@ impl<'a> Sweeps<'a> {
             let mut sums = vec![Taken::default(); blocks.len()];
             let bundles = rays.chunks(Bundle::RAYS).map(|rays| {
                 cancel.check()?;
-                let mut bundle = Bundle::default();
-                rays.iter().for_each(|ray| bundle.push(*ray, walls(ray)));
-                bundle.lay_down(blocks, room, |crossing, tau| {
-                    sums[crossing.block as usize].add(crossing, tau, 2.0 * section);
-                });
-                Ok(bundle)
+                Ok(Bundle::laid_down(
+                    blocks,
+                    rays,
+                    room,
+                    &walls,
+                    |crossing, tau| {
+                        sums[crossing.block as usize].add(crossing, tau, 2.0 * section);
+                    },
+                ))
             });
             let bundles = bundles.collect::<Result<_>>()?;
             let direction = Direction {
@@ -249,11 +244,12 @@ impl<'a> Sweeps<'a> {
                     };
                     for rays in rays.chunks(Bundle::RAYS) {
                         cancel.check()?;
-                        let mut bundle = Bundle::default();
-                        (rays.iter()).for_each(|ray| bundle.push(*ray, walls::hiding(tracer, ray)));
-                        bundle.lay_down(blocks, &Room::new(u64::MAX), |crossing, tau| {
+                        let walls = |ray: &Ray| walls::hiding(tracer, ray);
+                        let all = Room::new(u64::MAX);
+                        let meet = |crossing: Crossing, tau: f32| {
                             taken[crossing.block as usize].add(crossing, tau, 2.0 * section);
-                        });
+                        };
+                        let bundle = Bundle::laid_down(blocks, rays, &all, walls, meet);
                         bundle.each(blocks, &mut Vec::new(), |crossings, walls| {
                             sweep.ray(crossings, walls, &mut sums);
                         });

@@ -2,11 +2,8 @@
 
 use super::light::Light;
 use super::links::Sites;
-use crate::gather::{PatchRadiance, PatchRequest};
 use crate::math::{Hit, Ray, Rgb};
 use crate::trace::{Surface, Tracer, offset};
-use crate::tree::Pages;
-use crate::tree::traversal::OpenNodes;
 
 /// Most surfaces on a ray in a volume: what is behind so many is lit by the last.
 const MOST: usize = 16;
@@ -107,33 +104,26 @@ pub fn hiding(tracer: &Tracer, ray: &Ray) -> Vec<Wall> {
 }
 
 /// What finds the surfaces on rays, and what they send.
-pub struct Walls<'a, P> {
+pub struct Walls<'a> {
     /// The scene.
     pub tracer: &'a Tracer<'a>,
-    /// What its surfaces send.
-    pub patches: &'a PatchRadiance<'a>,
-    /// The tree that says so.
-    pub pages: &'a P,
-    /// Receivers at which light arrives that is not in the tree yet.
+    /// Receivers, the runs of which tell what surfaces send.
     pub sites: &'a Sites<'a>,
-    /// Solid angle under which nodes are taken whole, steradians.
-    pub max_solid_angle: f32,
 }
 
-impl<P: Pages> Walls<'_, P> {
+impl Walls<'_> {
     /// The surfaces from which light enters a ray at its ends and on its way through a volume.
     pub fn on(&self, ray: &Ray) -> Vec<Wall> {
         let mut walls = Vec::new();
         if self.tracer.scene.mesh.triangles.is_empty() {
             return walls;
         }
-        let mut open = OpenNodes::default();
         let &Ray {
             origin,
             direction,
             t_max,
         } = ray;
-        if let Some(ahead) = self.seen(&Ray::endless(origin, -direction), &mut open) {
+        if let Some(ahead) = self.seen(&Ray::endless(origin, -direction)) {
             walls.push(Wall {
                 t: f32::NEG_INFINITY,
                 before: 0,
@@ -154,12 +144,12 @@ impl<P: Pages> Walls<'_, P> {
             walls.push(Wall {
                 t: from + hit.t,
                 before: 0,
-                ahead: self.seen(&behind, &mut open).unwrap_or(WallSide::DARK),
-                back: self.side(&hit, &mut open),
+                ahead: self.seen(&behind).unwrap_or(WallSide::DARK),
+                back: self.side(&hit),
             });
             from += hit.t + off;
         }
-        if let Some(back) = self.seen(&Ray::endless(ray.at(t_max), direction), &mut open) {
+        if let Some(back) = self.seen(&Ray::endless(ray.at(t_max), direction)) {
             walls.push(Wall {
                 t: f32::INFINITY,
                 before: 0,
@@ -171,23 +161,25 @@ impl<P: Pages> Walls<'_, P> {
     }
 
     /// The side of a surface that ends a ray.
-    fn seen(&self, ray: &Ray, open: &mut OpenNodes<()>) -> Option<WallSide> {
+    fn seen(&self, ray: &Ray) -> Option<WallSide> {
         let hit = self.tracer.closest(ray)?;
-        Some(self.side(&hit, open))
+        Some(self.side(&hit))
     }
 
     /// The side of a surface that was hit.
-    fn side(&self, hit: &Hit, open: &mut OpenNodes<()>) -> WallSide {
-        let request = PatchRequest {
-            max_solid_angle: self.max_solid_angle,
-            leave_out_bright: false,
-        };
+    fn side(&self, hit: &Hit) -> WallSide {
         let surface = Surface::new(self.tracer.scene, hit.triangle, hit.uv);
+        if surface.albedo.is_black() {
+            return WallSide::DARK;
+        }
         let normal = surface.face_normal * if hit.is_back { -1.0 } else { 1.0 };
+        let Some(receiver) = self.sites.nearest(surface.position, normal) else {
+            return WallSide::DARK;
+        };
         WallSide {
-            sent: self.patches.sent(self.pages, hit, request, open),
+            sent: self.sites.receivers[receiver as usize].sent_at(surface.position),
             albedo: surface.albedo,
-            receiver: (self.sites.nearest(surface.position, normal)).unwrap_or(u32::MAX),
+            receiver,
         }
     }
 }

@@ -31,10 +31,6 @@ pub struct Args {
     #[arg(long, value_name = "N")]
     samples: Option<u32>,
 
-    /// Take a node whole where it is seen under less than this, steradians [default: 0.003]
-    #[arg(long, value_name = "SR")]
-    max_solid_angle: Option<f32>,
-
     #[command(flatten)]
     resume: Resume,
 
@@ -56,7 +52,6 @@ impl Args {
         Settings {
             bounces: self.bounces,
             samples: self.samples.unwrap_or(default.samples),
-            max_solid_angle: self.max_solid_angle.unwrap_or(default.max_solid_angle),
             seed: self.seed.seed,
         }
     }
