@@ -1,7 +1,7 @@
 //! What rays pass, counted: steadier than seconds, and held by tests.
 
 use std::cell::Cell;
-use std::ops::Sub;
+use std::ops::{Add, Sub};
 
 /// Rays, and cells of media that they passed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -55,6 +55,20 @@ impl Walked {
             .into_iter()
             .for_each(&mut add);
         sum
+    }
+}
+
+impl Add for Walked {
+    type Output = Self;
+
+    fn add(self, more: Self) -> Self {
+        Self {
+            rays: self.rays + more.rays,
+            cells: self.cells + more.cells,
+            lvoxels: self.lvoxels + more.lvoxels,
+            asked: self.asked + more.asked,
+            asked_to_gather: self.asked_to_gather + more.asked_to_gather,
+        }
     }
 }
 

@@ -4,7 +4,7 @@
 
 use super::frame::{FrameShader, FrameWork, Request};
 use super::pixels::{
-    CameraMedia, EmitterBorders, PassedMedia, PilotPixel, PixelShader, SampleCounts,
+    CameraMedia, EmitterBorders, PassedMedia, PilotMarch, PilotPixel, PixelShader, SampleCounts,
 };
 use super::settings::Settings;
 use super::surfaces::Lattice;
@@ -284,9 +284,7 @@ impl<A: CameraMedia> Pilot<'_, A> {
             cancel.check()?;
             let x = cell.x0 + cell.width() / 2;
             let y = cell.y0 + cell.height() / 2;
-            let before = Walked::of_thread();
-            let marched = self.shader.pilot_march(x, y);
-            Ok((marched, Walked::of_thread() - before))
+            Ok(self.shader.pilot_march(x, y))
         };
         let count = || (Walked::so_far(), self.shader.media.counts());
         let before = count();
@@ -295,8 +293,9 @@ impl<A: CameraMedia> Pilot<'_, A> {
         let between = count();
         // Once all vertices are lit, each ray tells what it takes itself.
         let again = cells.par_iter().map(march).collect::<Result<Vec<_>>>()?;
-        let own = |(marched, walked): &(Marched, Walked)| {
-            Price::of(*walked) - Price::CELL * marched.cells as f64 + Price::of_march(*marched)
+        let own = |took: &PilotMarch| {
+            let marched = took.marched;
+            Price::of(took.walked) - Price::CELL * marched.cells as f64 + Price::of_march(marched)
         };
         let after = count();
         let samples = f64::from(self.shader.counts.volume);
@@ -320,10 +319,10 @@ impl<A: CameraMedia> Pilot<'_, A> {
         };
         let all = asked(&(after.0 - between.0));
         let each: [f64; 2] = std::array::from_fn(|i| (first[i] - again_all[i]) / all[i].max(1.0));
-        let share = self.shader.share_of_marches();
-        let price = |took: &(Marched, Walked)| {
-            let [direct, gather] = asked(&took.1);
-            share * own(took) + SHARE_OF_VERTEX * (direct * each[0] + gather * each[1])
+        let price = |took: &PilotMarch| {
+            let [direct, gather] = asked(&took.walked);
+            let vertices = direct * each[0] + gather * each[1];
+            took.share * own(took) + SHARE_OF_VERTEX * vertices
         };
         Ok(again.iter().map(price).collect())
     }

@@ -18,8 +18,8 @@ pub trait CameraMedia: Sync {
     /// Passes what is between the camera and `t_max` along a unit direction.
     fn march(&self, view: &View, direction: Vec3, t_max: f32) -> Self::Passed;
 
-    /// What passing that takes, lit as for a picture.
-    fn march_takes(&self, view: &View, direction: Vec3, t_max: f32) -> Marched;
+    /// The same, and what it took.
+    fn march_counted(&self, view: &View, direction: Vec3, t_max: f32) -> (Self::Passed, Marched);
 
     /// What lighting media took so far.
     fn counts(&self) -> MediaCounts;
@@ -49,8 +49,8 @@ impl CameraMedia for Vacuum {
         Self
     }
 
-    fn march_takes(&self, _: &View, _: Vec3, _: f32) -> Marched {
-        Marched::default()
+    fn march_counted(&self, _: &View, _: Vec3, _: f32) -> (Self, Marched) {
+        (Self, Marched::default())
     }
 
     fn counts(&self) -> MediaCounts {
@@ -85,8 +85,8 @@ pub trait March: Sync {
     /// Passes what is between the camera and `t_max` along a unit direction.
     fn march(&self, view: &View, direction: Vec3, t_max: f32) -> Composite;
 
-    /// What passing that takes.
-    fn march_takes(&self, view: &View, direction: Vec3, t_max: f32) -> Marched;
+    /// The same, and what it took.
+    fn march_counted(&self, view: &View, direction: Vec3, t_max: f32) -> (Composite, Marched);
 
     /// What lighting media took so far.
     fn counts(&self) -> MediaCounts;
@@ -100,8 +100,8 @@ impl<'a> CameraMedia for ScatteringMedia<'a> {
         self.0.march(view, direction, t_max)
     }
 
-    fn march_takes(&self, view: &View, direction: Vec3, t_max: f32) -> Marched {
-        self.0.march_takes(view, direction, t_max)
+    fn march_counted(&self, view: &View, direction: Vec3, t_max: f32) -> (Composite, Marched) {
+        self.0.march_counted(view, direction, t_max)
     }
 
     fn counts(&self) -> MediaCounts {
@@ -114,9 +114,8 @@ impl<G: GatherInMedia> March for InScatter<'_, G> {
         self.march(&Ray::new(view.camera.origin(), direction, t_max))
     }
 
-    fn march_takes(&self, view: &View, direction: Vec3, t_max: f32) -> Marched {
-        let ray = Ray::new(view.camera.origin(), direction, t_max);
-        self.march_counted(&ray).1
+    fn march_counted(&self, view: &View, direction: Vec3, t_max: f32) -> (Composite, Marched) {
+        self.march_counted(&Ray::new(view.camera.origin(), direction, t_max))
     }
 
     fn counts(&self) -> MediaCounts {

@@ -36,6 +36,6 @@ pub use blocks::shade_region;
 pub use camera_media::{CameraMedia, PassedMedia, ScatteringMedia};
 pub use emitter_borders::EmitterBorders;
 pub use layers::{Aov, Planes, Quantity, quantities, to_frame};
-pub use pilot::PilotPixel;
+pub use pilot::{PilotMarch, PilotPixel};
 pub use sample::SampleCounts;
 pub use shader::PixelShader;

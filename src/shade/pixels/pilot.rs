@@ -8,6 +8,7 @@ use crate::inscatter::Marched;
 use crate::light::{ShadowRays, Visibility};
 use crate::run::Walked;
 use crate::trace::Surface;
+use std::cell::Cell;
 
 /// A pixel whose corners were looked at.
 #[derive(Clone, Copy, Debug)]
@@ -20,6 +21,17 @@ pub struct PilotPixel {
     pub has_penumbra: bool,
     /// What its first corner sees that has a surface, and how far away.
     pub surface: Option<(Surface, f32)>,
+}
+
+/// What marches through media took.
+#[derive(Clone, Copy, Debug)]
+pub struct PilotMarch {
+    /// Cells and lit parts.
+    pub marched: Marched,
+    /// What the light of those took, and the cells.
+    pub walked: Walked,
+    /// By which that is to be multiplied for a pixel.
+    pub share: f64,
 }
 
 impl<A: CameraMedia> PixelShader<'_, A> {
@@ -44,25 +56,37 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         }
     }
 
-    /// About the share of pixels for which media are marched: others have the mean of those around
+    /// Marches of a pilot in each place.
+    const MARCHES: usize = 2;
+
+    /// What the media before the first corner of pixel (x, y) take, lit as for a picture, and the
+    /// share of the corners around for which they are marched: others have the mean of those around
     /// them.
     #[must_use]
-    pub fn share_of_marches(&self) -> f64 {
-        if self.counts.pixel > 1 {
-            return 1.0;
+    pub fn pilot_march(&self, x: u32, y: u32) -> PilotMarch {
+        let took = Cell::new((Marched::default(), Walked::default()));
+        let sample = |away: u32| {
+            let mut sample = self.corner(x + away, y + away);
+            let before = Walked::of_thread();
+            let (passed, more) = (self.media).march_counted(&self.view, sample.direction, sample.t);
+            let (marched, walked) = took.get();
+            let marched = Marched {
+                cells: marched.cells + more.cells,
+                segments: marched.segments + more.segments,
+            };
+            took.set((marched, walked + (Walked::of_thread() - before)));
+            sample.passed = passed;
+            sample
+        };
+        let (spacing, is_alike) = Corners::marches_alike(self, sample);
+        let is_shared = self.counts.pixel == 1 && is_alike;
+        let corners = if is_shared { spacing * spacing } else { 1 };
+        let (marched, walked) = took.get();
+        PilotMarch {
+            marched,
+            walked,
+            share: 1.0 / (Self::MARCHES * corners) as f64,
         }
-        match Corners::<A>::marched_spacing(&self.view) {
-            1 => 1.0,
-            2 => 0.35,
-            _ => 0.13,
-        }
-    }
-
-    /// What the media before the first corner of pixel (x, y) take, lit as for a picture.
-    #[must_use]
-    pub fn pilot_march(&self, x: u32, y: u32) -> Marched {
-        let sample = self.look(x as f32, y as f32);
-        (self.media).march_takes(&self.view, sample.direction, sample.t)
     }
 
     fn corner(&self, x: u32, y: u32) -> Sample<A::Passed> {

@@ -5,6 +5,7 @@ use crate::math::{Aabb, Rgb};
 use crate::scene::{Light, Volume};
 use crate::shade::pixels::camera_media::{CameraMedia, PassedMedia};
 use crate::shade::pixels::sample::Sample;
+use crate::shade::pixels::shader::PixelShader;
 use crate::view::View;
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
@@ -34,7 +35,7 @@ impl<A: CameraMedia> Corners<'_, A> {
 
     /// Corners between those that march whatever their neighbours do: so few that no voxel of a
     /// medium fits between them unseen.
-    pub fn marched_spacing(view: &View) -> usize {
+    fn marched_spacing(view: &View) -> usize {
         let scene = view.tracer.scene;
         let Aabb { min, max } = view.tracer.media_bounds();
         let is_in_media = |p: Vec3| p.cmpge(min).all() && p.cmple(max).all();
@@ -59,6 +60,19 @@ impl<A: CameraMedia> Corners<'_, A> {
         [4, 2].into_iter().find(fits).unwrap_or(1)
     }
 
+    /// Corners from one that marches to the next where media before them do nearly the same, and
+    /// whether they do before some so far apart.
+    pub fn marches_alike(
+        shader: &PixelShader<A>,
+        sample: impl Fn(u32) -> Sample<A::Passed>,
+    ) -> (usize, bool) {
+        let spacing = Self::marched_spacing(&shader.view);
+        let around = [0, spacing as u32].map(sample);
+        let mut mix = MediaMix::default();
+        around.iter().for_each(|s| mix.add(&s.passed));
+        (spacing, Self::do_alike(shader, &mix, around.iter()))
+    }
+
     /// The mean of what the media do before the corners `step` beside or around one, if they do
     /// nearly the same.
     fn media_between(&self, i: usize, is_between: [bool; 2], step: usize) -> Option<A::Passed> {
@@ -72,15 +86,23 @@ impl<A: CameraMedia> Corners<'_, A> {
             }
             mix.add(&sample.passed);
         }
+        Self::do_alike(self.shader, &mix, around.into_iter()).then(|| mix.mean())
+    }
+
+    /// Whether media do nearly the same before some corners, of which they are the mix.
+    fn do_alike<'s>(
+        shader: &PixelShader<A>,
+        mix: &MediaMix,
+        around: impl Iterator<Item = &'s Sample<A::Passed>>,
+    ) -> bool {
         let mean: A::Passed = mix.mean();
         let in_media = mean.radiance().luminance();
-        let alike = Self::MAX_MEDIA_DIFFERENCE / (self.shader.counts.volume as f32).sqrt();
+        let alike = Self::MAX_MEDIA_DIFFERENCE / (shader.counts.volume as f32).sqrt();
         // What is behind them need not be looked at where they alone tell.
-        let is_alike = mix.is_within(alike, in_media) || {
-            let behind: f32 = around.into_iter().map(light_behind).sum();
+        mix.is_within(alike, in_media) || {
+            let behind: f32 = around.map(light_behind).sum();
             mix.is_within(alike, in_media + behind / mix.count)
-        };
-        is_alike.then_some(mean)
+        }
     }
 
     /// What the media before the corners of a pixel do on the mean over its square. Where they
