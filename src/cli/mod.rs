@@ -12,6 +12,7 @@ mod bake_options;
 mod bounce;
 mod build;
 mod compare;
+mod farm;
 mod files;
 mod frames;
 mod gather;
@@ -77,6 +78,7 @@ enum Verb {
     Gather(gather::Args),
     Import(import::Args),
     Merge(merge::Args),
+    Farm(farm::Args),
     Inspect(inspect::Args),
     Verify(verify::Args),
     Compare(compare::Args),
@@ -100,6 +102,7 @@ impl Verb {
             Self::Gather(args) => args.files(),
             Self::Import(args) => args.files(),
             Self::Merge(args) => args.files(),
+            Self::Farm(args) => args.files(),
             Self::Inspect(args) => args.files(),
             Self::Verify(args) => args.files(),
             Self::Compare(args) => args.files(),
@@ -131,7 +134,11 @@ impl Verb {
             Self::Merge(args) => none.memory(args.memory),
             Self::Compare(args) => none.memory(args.memory),
             Self::Reference(args) => none.memory(args.memory),
-            Self::Pack(_) | Self::Inspect(_) | Self::Verify(_) | Self::Stability(_) => none,
+            Self::Farm(_)
+            | Self::Pack(_)
+            | Self::Inspect(_)
+            | Self::Verify(_)
+            | Self::Stability(_) => none,
         }
     }
 
@@ -149,6 +156,7 @@ impl Verb {
             Self::Gather(args) => ("gather", args.run(context)),
             Self::Import(args) => ("import", args.run(context)),
             Self::Merge(args) => ("merge", args.run(context)),
+            Self::Farm(args) => ("farm", args.run(context)),
             Self::Inspect(args) => ("inspect", args.run(context)),
             Self::Verify(args) => ("verify", args.run(context)),
             Self::Compare(args) => ("compare", args.run(context)),
@@ -214,6 +222,17 @@ fn command() -> clap::Command {
     verbs.mut_subcommands(|verb| verb.allow_negative_numbers(true))
 }
 
+/// Refuses words that are no command line, in one line.
+fn check_words(words: Vec<String>) -> Result<(), String> {
+    let parsed = command().try_get_matches_from(words);
+    let parsed = parsed.and_then(|matches| Cli::from_arg_matches(&matches));
+    parsed.map(drop).map_err(|error| {
+        let text = error.to_string();
+        let line = text.lines().next().unwrap_or_default();
+        line.trim_start_matches("error: ").to_owned()
+    })
+}
+
 /// Whether any verb has an option of this long name.
 fn has_option(name: &str) -> bool {
     let verbs = command();
@@ -227,8 +246,12 @@ fn has_option(name: &str) -> bool {
 impl Cli {
     /// Runs the verb, once or for each frame, and writes reports.
     fn run(self) -> Result<()> {
-        let Some(frames) = self.shared.frames.clone() else {
-            frames::refuse_tokens(std::env::args_os())?;
+        let is_farm = matches!(self.verb, Verb::Farm(_));
+        let frames = self.shared.frames.clone();
+        let Some(frames) = frames.filter(|_| !is_farm) else {
+            if !is_farm {
+                frames::refuse_tokens(std::env::args_os())?;
+            }
             let mut context = self.shared.resolve(self.verb.limits())?;
             return run_verb(self.verb, &mut context);
         };

@@ -169,7 +169,9 @@ pub struct Context {
     report_path: RefCell<Option<PathBuf>>,
     /// What the verb writes, by the words for it.
     outputs: Vec<(&'static str, PathBuf)>,
-    /// The frame at hand, of those that were asked for.
+    /// Those frames that were asked for.
+    pub frames: Option<Frames>,
+    /// The one at hand.
     pub frame: Option<i32>,
     /// What the frame before has left.
     pub kept: RefCell<Kept>,
@@ -312,6 +314,7 @@ impl Shared {
             },
             report_path: RefCell::new(self.report),
             outputs: Vec::new(),
+            frames: self.frames,
             frame: None,
             kept: RefCell::default(),
             first_stage: 0,

@@ -6,7 +6,21 @@ use super::parse;
 use crate::scene::Scene;
 use crate::scene::load::{Settings, is_packed};
 use crate::{Error, Result};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+/// A path as a word of a command line.
+///
+/// # Errors
+/// One that is not UTF-8.
+pub fn utf8(what: &str, path: &Path) -> Result<String> {
+    let text = path.to_str().ok_or_else(|| {
+        Error::input(format!(
+            "{what} {}: expected a name in UTF-8",
+            path.display()
+        ))
+    })?;
+    Ok(text.into())
+}
 
 /// How a scene is read.
 #[derive(Clone, Debug, clap::Args)]
@@ -68,6 +82,28 @@ impl SceneInput {
             Some(path) => Files::default().reads("scene", path),
             None => Files::default(),
         }
+    }
+
+    /// The words of a command line that stand for it.
+    ///
+    /// # Errors
+    /// A path that is not UTF-8.
+    pub fn words(&self) -> Result<Vec<String>> {
+        let mut words = match &self.scene {
+            Some(path) => vec![utf8("scene", path)?],
+            None => vec!["--demo".into()],
+        };
+        if let Some((width, height)) = self.resolution {
+            words.extend(["--resolution".into(), format!("{width}x{height}")]);
+        }
+        if self.reading.texture_limit != Settings::default().texture_limit {
+            let limit = self.reading.texture_limit.to_string();
+            words.extend(["--texture-limit".into(), limit]);
+        }
+        if self.reading.allow_outside {
+            words.push("--allow-outside".into());
+        }
+        Ok(words)
     }
 
     /// Whether it is a packed scene by its name.

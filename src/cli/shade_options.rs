@@ -64,6 +64,7 @@ impl ShadeOptions {
     /// The same for what depends on the scene.
     pub fn check_with(&self, scene: &Scene, tree_bytes: u64, job: &Job) -> Result<u64> {
         let settings = self.settings.least(scene)?;
+        self.settings.say_frame(scene, job)?;
         let region = self.region.of(&scene.film)?;
         shade::check_memory(scene, &settings, region, &self.aov, tree_bytes, job)
     }

@@ -117,6 +117,18 @@ impl ShadeSettings {
         matches!(self.method, Method::Extended)
     }
 
+    /// Says so where a camera that moves has no frame to be at.
+    pub fn say_frame(&self, scene: &Scene, job: &Job) -> Result<()> {
+        let camera = scene.camera(self.camera.as_deref())?;
+        if let Some(first) = camera.keys.first().filter(|_| scene.frame.is_none()) {
+            job.progress.say(&format!(
+                "camera `{}` moves: without --frames it is where it is in frame {}",
+                camera.name, first.frame
+            ));
+        }
+        Ok(())
+    }
+
     /// The settings that take the least memory of those that may be picked for a scene.
     ///
     /// # Errors

@@ -9,6 +9,8 @@ mod clouds;
 mod contact;
 mod counts;
 mod damage;
+#[cfg(unix)]
+mod farm;
 mod fog;
 mod frames;
 mod gather;

@@ -323,17 +323,8 @@ impl SceneBuilder {
             files_of_frame: None,
             packed: None,
         };
-        match self.frame {
-            Some(frame) => scene.go_to_frame(frame)?,
-            None => scene
-                .notes
-                .extend(scene.cameras.iter().filter_map(|camera| {
-                    let first = camera.keys.first()?.frame;
-                    Some(format!(
-                        "camera `{}` moves: without `frames` it is where it is in frame {first}",
-                        camera.name
-                    ))
-                })),
+        if let Some(frame) = self.frame {
+            scene.go_to_frame(frame)?;
         }
         Ok(scene)
     }

@@ -1,0 +1,276 @@
+//! Jobs for farms: what is printed runs as it is, and leads to the images of one process.
+
+use crate::Work;
+use crate::animation::{args, done, read, smoke};
+use crate::messages::lvox;
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::process::{Command, Output};
+
+const JOB: &str = "scene.toml --frames 1-3x2 --resolution 12x8 --seed 3 --task-progress none \
+                   --task-threads 1";
+const BAKE: &str = "--surfels 500";
+const SHADE: &str = "--quality draft --aov depth";
+
+/// Prints a job.
+fn printed(work: &Work, form: &str, more: &[&str]) -> String {
+    let line = format!("farm {form} {JOB}");
+    let mut words = args(&line);
+    words.extend(["--bake", BAKE, "--shade", SHADE]);
+    words.extend(more);
+    let run = lvox(work, &words);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    run.stdout
+}
+
+/// Runs a script in the folder, with programs of its own before those of the system.
+fn sh(work: &Work, script: &str) -> Output {
+    let paths = std::env::var("PATH").unwrap();
+    let own = work.path("bin");
+    Command::new("bash")
+        .args(["-c", script])
+        .current_dir(work.path(""))
+        .env("PATH", format!("{}:{paths}", own.display()))
+        .output()
+        .unwrap()
+}
+
+#[track_caller]
+fn run(work: &Work, script: &str) -> String {
+    let output = sh(work, script);
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{script}\n{told}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Puts a program into the folder `bin`.
+fn program(work: &Work, name: &str, text: &str) {
+    fs::create_dir_all(work.path("bin")).unwrap();
+    let path = work.path(&format!("bin/{name}"));
+    fs::write(&path, text).unwrap();
+    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+/// `lvox` in the folder `bin`.
+fn with_lvox(work: &Work) {
+    let lvox = env!("CARGO_BIN_EXE_lvox");
+    program(work, "lvox", &format!("#!/bin/sh\nexec '{lvox}' \"$@\"\n"));
+}
+
+/// The image of a frame as one process makes it from what the job has packed.
+fn whole(work: &Work, frame: i32) -> Vec<u8> {
+    let line = format!("shade farm/scene.####.lvp --seed 3 {SHADE} --frames {frame} -o whole.exr");
+    done(work, &line);
+    read(work, "whole.exr")
+}
+
+#[test]
+fn commands_lead_to_the_images() {
+    let work = smoke();
+    with_lvox(&work);
+    let job = ["-o", "a.####.exr", "--tiles", "3", "--parts", "2"];
+    let text = printed(&work, "commands", &job);
+    // Two frames, two parts of a bake, three tiles.
+    assert_eq!(text.lines().count(), 2 * 2 + 2 + 2 + 2 * 3 + 2);
+    for line in text.lines() {
+        run(&work, line);
+    }
+    for frame in [1, 3] {
+        assert!(read(&work, &format!("a.000{frame}.exr")) == whole(&work, frame));
+    }
+    // All of it again takes nothing but what is missing.
+    fs::remove_file(work.path("farm/tile.0003.1.exr")).unwrap();
+    let told = sh(&work, &text.replace("--progress none", "--progress plain"));
+    let told = String::from_utf8(told.stderr).unwrap();
+    let shaded = |line: &&str| line.starts_with("shade: ") && line.contains(" pixels in ");
+    assert_eq!(told.lines().filter(shaded).count(), 1, "{told}");
+    // The steps one by one are the same lines.
+    let steps = ["bake", "tree", "cut", "tile", "merge"];
+    let of_step = |step: &&str| printed(&work, "commands", &[&job[..], &["--step", step]].concat());
+    assert_eq!(steps.iter().map(of_step).collect::<String>(), text);
+}
+
+/// Runs the tasks of an array one after the other, and notes how it was called.
+const SBATCH: &str = r#"#!/bin/bash
+echo "$*" >>calls
+options=()
+while [ "${1#--}" != "$1" ]; do
+    case $1 in --array=*) range=${1#--array=} ;; esac
+    shift
+done
+for i in $(seq "${range%-*}" "${range#*-}"); do SLURM_ARRAY_TASK_ID=$i bash "$@" >&2 || exit 1; done
+wc -l <calls
+"#;
+
+#[test]
+fn slurm_gets_arrays_that_wait_for_each_other() {
+    let work = smoke();
+    with_lvox(&work);
+    program(&work, "sbatch", SBATCH);
+    // Arrays of two tasks.
+    program(&work, "scontrol", "#!/bin/sh\necho 'MaxArraySize = 3'\n");
+    let more = [
+        "-o",
+        "b.####.exr",
+        "--tiles",
+        "3",
+        "--sbatch",
+        "--partition='a b'",
+        "--task-memory",
+        "1G",
+        "--parts",
+        "2",
+    ];
+    fs::write(work.path("submit.sh"), printed(&work, "slurm", &more)).unwrap();
+    run(&work, "bash submit.sh");
+    for frame in [1, 3] {
+        assert!(read(&work, &format!("b.000{frame}.exr")) == whole(&work, frame));
+    }
+    let calls = fs::read_to_string(work.path("calls")).unwrap();
+    let calls: Vec<&str> = calls.lines().collect();
+    // Of each frame: bake, tree, cut, two arrays of tiles, merge after both.
+    assert_eq!(calls.len(), 12, "{calls:#?}");
+    assert!(!calls[0].contains("--dependency"), "{}", calls[0]);
+    assert!(calls[1].contains("--dependency=afterok:1 "), "{}", calls[1]);
+    assert!(calls[3].contains("--array=0-1") && calls[4].contains("--array=0-0"));
+    assert!(
+        calls[5].contains("--dependency=afterok:4:5 "),
+        "{}",
+        calls[5]
+    );
+    let all = [
+        "--requeue",
+        "--partition=a b",
+        "--cpus-per-task=1",
+        "--mem=1127M",
+    ];
+    assert!(
+        calls
+            .iter()
+            .all(|call| all.iter().all(|word| call.contains(word)))
+    );
+
+    // With one task a frame, each waits for that of its own frame alone.
+    fs::remove_file(work.path("calls")).unwrap();
+    let text = printed(
+        &work,
+        "slurm",
+        &["-o", "c.####.exr", "--parts", "1", "--folder", "f d"],
+    );
+    fs::write(work.path("submit.sh"), text).unwrap();
+    run(&work, "bash submit.sh");
+    let calls = fs::read_to_string(work.path("calls")).unwrap();
+    assert_eq!(
+        calls.matches("--dependency=aftercorr:").count(),
+        2,
+        "{calls}"
+    );
+    assert!(work.path("c.0003.exr").exists());
+
+    fs::remove_file(work.path("bin/sbatch")).unwrap();
+    let before = work.names();
+    let output = sh(&work, "bash=$(command -v bash); PATH=bin $bash submit.sh");
+    assert_eq!(output.status.code(), Some(2));
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(told.lines().count(), 1, "{told}");
+    assert!(told.contains("sbatch"), "{told}");
+    assert_eq!(work.names(), before);
+}
+
+#[test]
+fn templates_have_every_step() {
+    let work = smoke();
+    let more = [
+        "-o",
+        "d.{camera}.####.exr",
+        "--cameras",
+        "flight",
+        "--chunk",
+        "4",
+        "--parts",
+        "2",
+    ];
+    let text = printed(&work, "openjd", &more);
+    let template: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(template["extensions"][0], "TASK_CHUNKING");
+    let steps = template["steps"].as_array().unwrap();
+    let names: Vec<&str> = steps.iter().map(|s| s["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["Bake", "Tree", "Frame"]);
+    let parameters = |i: usize| steps[i]["parameterSpace"]["taskParameterDefinitions"].clone();
+    assert_eq!(parameters(0)[1]["range"], "0-1");
+    assert_eq!(parameters(2)[0]["type"], "CHUNK[INT]");
+    assert_eq!(parameters(2)[1]["range"][0], "flight");
+    assert_eq!(steps[2]["dependencies"][0]["dependsOn"], "Tree");
+    let script = steps[2]["script"]["embeddedFiles"][0]["data"]
+        .as_str()
+        .unwrap();
+    for part in [
+        "--frames={{Task.Param.Frame}}",
+        "d.{{Task.Param.Camera}}.####.exr",
+        "{{Param.Lvox}}",
+    ] {
+        assert!(script.contains(part), "{part} in {script}");
+    }
+    let frames = template["parameterDefinitions"][2]["default"].as_str();
+    assert_eq!(frames, Some("1,3"));
+}
+
+#[test]
+fn all_files_of_the_scene_are_listed() {
+    let work = smoke();
+    let run = lvox(&work, &args("farm files scene.toml --frames 1-3"));
+    let files = [
+        "scene.toml",
+        "smoke.0001.raw",
+        "smoke.0002.raw",
+        "smoke.0003.raw",
+    ];
+    assert_eq!(run.stdout.lines().collect::<Vec<_>>(), files);
+}
+
+#[test]
+fn jobs_that_cannot_be_are_refused() {
+    let work = smoke();
+    let before = work.names();
+    let refused = |line: &str, more: &[&str], parts: &[&str]| {
+        let mut words = args(line);
+        words.extend(more);
+        lvox(&work, &words).refused(2, parts);
+    };
+    let job = "farm commands scene.toml --frames 1-3 -o a.####.exr";
+    refused(
+        job,
+        &["--shade", "--qualty best"],
+        &["lvox shade", "--qualty"],
+    );
+    refused(job, &["--bake", "--surfels many"], &["lvox bake", "many"]);
+    refused(
+        job,
+        &["--step", "tile"],
+        &["--step tile", "bake, tree, frame"],
+    );
+    refused(job, &["--cameras", "none"], &["no camera `none`", "flight"]);
+    refused(job, &["--tiles", "2", "--chunk", "2"], &["--chunk"]);
+    refused(job, &["--tiles", "385"], &["384 pixels", "385"]);
+    for (line, parts) in [
+        (
+            "farm commands scene.toml --frames 1-3 -o a.exr",
+            &["same file", "####"][..],
+        ),
+        (
+            "farm slurm scene.toml --frames 1-3 -o a.####.png --tiles 2",
+            &[".exr"],
+        ),
+        (
+            "farm openjd scene.toml --frames 4 -o a.exr",
+            &["smoke.0004.raw"],
+        ),
+        ("farm commands scene.toml -o a.exr", &["####", "--frames"]),
+        ("farm files none.toml", &["none.toml"]),
+    ] {
+        refused(line, &[], parts);
+    }
+    assert_eq!(work.names(), before);
+    assert!(Path::new(&work.path("")).exists());
+}
