@@ -384,8 +384,9 @@ mod tests {
                 edges.iter().all(|(at, end)| at % 4 == 0 || at == end),
                 "{tile}"
             );
+            // Where cost falls to nothing tiles are long, but no stripes.
             let (w, h) = (tile.width(), tile.height());
-            assert!(w.max(h) <= 5 * w.min(h), "{tile}");
+            assert!(w.max(h) <= 8 * w.min(h), "{tile}");
         }
     }
 

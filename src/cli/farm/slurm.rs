@@ -12,7 +12,7 @@ mkdir -p "$folder/tasks"
 limit=$(scontrol show config | sed -n 's/^MaxArraySize *= *//p')
 limit=$((${limit:-1001} - 1))
 
-# One task of an array: a line of a file, three times at most where a retry may help.
+# One task of an array: a line of a file, three times at most; of wrong input a retry is in vain.
 cat >"$folder/tasks/run" <<'RUN'
 #!/bin/bash
 trap 'stopped=1' TERM
@@ -20,7 +20,7 @@ line=$(sed -n "$((SLURM_ARRAY_TASK_ID + $2 + 1))p" "$1")
 for try in 1 2 3; do
     bash -c "$line" && exit 0
     code=$?
-    [ $code -eq 1 ] && [ -z "${stopped:-}" ] || exit $code
+    [ $code -ne 2 ] && [ -z "${stopped:-}" ] || exit $code
 done
 exit $code
 RUN
