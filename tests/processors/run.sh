@@ -66,10 +66,12 @@ if ! command -v qemu-x86_64 >/dev/null; then
     apt-get install -y --no-install-recommends qemu-user >"$out/apt.log" 2>&1
 fi
 if command -v qemu-x86_64 >/dev/null; then
-    # refused CPU: one error and one hint, exit code 2.
+    # refused CPU: one error and one hint, exit code 2. qemu tells on stderr, too, what it cannot play.
     refused() {
-        qemu-x86_64 -cpu "$1" "$new" --version >"$out/stdout" 2>"$out/stderr"
-        [ $? -eq 2 ] && [ ! -s "$out/stdout" ] && [ "$(grep -c . "$out/stderr")" -eq 2 ] &&
+        qemu-x86_64 -cpu "$1" "$new" --version >"$out/stdout" 2>"$out/all"
+        local code=$?
+        grep -v '^qemu-x86_64: warning:' "$out/all" >"$out/stderr"
+        [ $code -eq 2 ] && [ ! -s "$out/stdout" ] && [ "$(grep -c . "$out/stderr")" -eq 2 ] &&
             grep -q '^error: .*x86-64-v3' "$out/stderr" && grep -q '^hint: ' "$out/stderr"
     }
     for cpu in Conroe Nehalem SandyBridge; do
