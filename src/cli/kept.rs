@@ -1,5 +1,5 @@
-//! What one frame of a range leaves to the next: the scene, if its files are those of all frames, and
-//! the open tree.
+//! What one frame of a range leaves to the next: the scene, if its files are those of all frames,
+//! and the open tree.
 
 use crate::Result;
 use crate::formats::TemporaryFolder;

@@ -271,18 +271,22 @@ impl Shared {
         }
         // Where they are not asked for, too: later they would start where no error can be returned.
         let threads = self.threads.map_or(0, usize::from);
+        let refused = |why: &dyn std::fmt::Display| {
+            let count = match threads {
+                0 => "a thread for each core".into(),
+                n => format!("{n} threads"),
+            };
+            Error::failed(format!("cannot start {count}: {why}")).hint(
+                "take fewer `threads`, or raise the limits of processes and memory (ulimit -u and -v)",
+            )
+        };
+        if !memory::have_stacks(threads) {
+            return Err(refused(&"there are no addresses for their stacks"));
+        }
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build_global()
-            .map_err(|e| {
-                let count = match threads {
-                    0 => "a thread for each core".into(),
-                    n => format!("{n} threads"),
-                };
-                Error::failed(format!("cannot start {count}: {e}")).hint(
-                    "take fewer `threads`, or raise the limits of processes and memory (ulimit -u and -v)",
-                )
-            })?;
+            .map_err(|e| refused(&e))?;
         let job = Job {
             progress: self.progress.progress(),
             memory_limit: limits.memory,

@@ -157,10 +157,26 @@ fn available() -> Option<u64> {
     let held = kib(&status, "RssAnon:").unwrap_or(0);
     let group = read("/proc/self/cgroup").and_then(|groups| group_limit(&groups));
     let group = group.map(|limit| limit.saturating_add(swap(&info)).saturating_sub(held));
-    let mapped = kib(&status, "VmSize:").unwrap_or(0);
-    let addresses = read("/proc/self/limits").and_then(|limits| address_limit(&limits));
-    let addresses = addresses.map(|limit| limit.saturating_sub(mapped));
+    let addresses = free_addresses(&status);
     [machine, group, addresses].into_iter().flatten().min()
+}
+
+/// Bytes that this process's limit on addresses leaves; `None` for no limit.
+fn free_addresses(status: &str) -> Option<u64> {
+    let limits = fs::read_to_string("/proc/self/limits").ok()?;
+    let mapped = kib(status, "VmSize:").unwrap_or(0);
+    Some(address_limit(&limits)?.saturating_sub(mapped))
+}
+
+/// Whether there are addresses for the stacks of so many threads. Started without, some of them
+/// start, find no place for their signals, and panic.
+#[cfg(feature = "cli")]
+pub fn have_stacks(threads: usize) -> bool {
+    /// That of a thread of the standard library.
+    const STACK: u64 = 2 << 20;
+    let status = fs::read_to_string("/proc/self/status").ok();
+    let free = status.and_then(|status| free_addresses(&status));
+    free.is_none_or(|free| threads as u64 * STACK <= free)
 }
 
 /// Bytes of the machine's memory that are free or could be freed: an eighth more than the kernel,

@@ -24,20 +24,7 @@ fi
 
 cargo build --release || exit 1
 lvox=${CARGO_TARGET_DIR:-target}/release/lvox
-passed=0
-failed=0
-
-# check NAME COMMAND...: the command says whether it passed.
-check() {
-    local name=$1
-    shift
-    if "$@"; then
-        passed=$((passed + 1))
-    else
-        failed=$((failed + 1))
-        printf 'FAILED: %s\n' "$name"
-    fi
-}
+. tests/support/checks.sh
 
 # run LOG COMMAND...: quiet unless it fails.
 run() {
@@ -437,5 +424,4 @@ check 'glTF alone' picture cornellBox "$data/cornellBox.gltf" 0.05 2
 check 'GLB alone, textured' picture DepthOfFieldExample "$data/DepthOfFieldExample.glb" 100 5000
 check 'GLB alone, plain' picture VolumetricFogExample "$data/VolumetricFogExample.glb" 500 50000
 
-printf '\n%d passed, %d failed\n' "$passed" "$failed"
-[ "$failed" -eq 0 ]
+told

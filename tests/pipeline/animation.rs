@@ -1,5 +1,5 @@
-//! Ranges of frames: each is what it is by itself, what does not change is made once, and a run that
-//! goes on makes what is missing or of another origin.
+//! Ranges of frames: each is what it is by itself, what does not change is made once, and a run
+//! that goes on makes what is missing or of another origin.
 
 use crate::Work;
 use crate::messages::lvox;

@@ -12,20 +12,7 @@ fi
 
 out=$(mktemp -d)
 trap 'rm -rf "$out"' EXIT
-passed=0
-failed=0
-
-# check NAME COMMAND...: the command says whether it passed.
-check() {
-    local name=$1
-    shift
-    if "$@"; then
-        passed=$((passed + 1))
-    else
-        failed=$((failed + 1))
-        printf 'FAILED: %s\n' "$name"
-    fi
-}
+. tests/support/checks.sh
 
 target=${CARGO_TARGET_DIR:-target}
 # As more units: it is not built for its speed.
@@ -83,5 +70,4 @@ else
     printf 'SKIPPED: tests/processors/run.sh, an older processor: needs qemu-user\n'
 fi
 
-printf '\n%d passed, %d failed\n' "$passed" "$failed"
-[ "$failed" -eq 0 ]
+told

@@ -15,7 +15,7 @@ use super::{output, parse, progress};
 use crate::bounce::Bounces;
 use crate::image::ImageKind;
 use crate::run::{Frames, frames};
-use crate::scene::{PhaseFunction, Scene};
+use crate::scene::Scene;
 use crate::{Error, Result};
 use clap::Subcommand;
 use plan::{CAMERA, Plan, Step, Words};
@@ -25,8 +25,8 @@ use std::path::PathBuf;
 /// Print the whole job of a scene for a farm: bake in parts, build, bounce, scatter and pack, then
 /// tiles of frames, and merge
 ///
-/// Nothing is run or written: pipe what is printed to a shell, or to a file for the scheduler. Every
-/// task may be run again; what is made already is left as it is. With --frames the job has all of
+/// Nothing is run or written: pipe what is printed to a shell, or to a file for the scheduler.
+/// Every task may be run again; what is made already is left as it is. With --frames the job has all of
 /// them. Frames whose scene has other files get a cloud and a tree of their own, others share one.
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -180,38 +180,20 @@ impl Args {
     }
 }
 
-/// The scene in each frame: of all frames one, where none names files of its own.
-fn scenes(
-    input: &SceneInput,
-    frames: Option<&Frames>,
-    context: &Context,
-    mut each: impl FnMut(&Scene),
-) -> Result<()> {
+/// Every file of the scene, each once. Where none is that of a frame, one look is enough.
+fn list(input: &SceneInput, frames: Option<&Frames>, context: &Context) -> Result<String> {
     let numbers = frames.map_or(&[][..], Frames::numbers);
-    let (first, rest) = numbers
-        .split_first()
-        .map_or((None, numbers), |(f, r)| (Some(*f), r));
-    let scene = input.load_at(first, context)?;
-    each(&scene);
+    let scene = input.load_at(numbers.first().copied(), context)?;
+    let mut paths = scene.files;
     if scene.files_of_frame.is_some() {
-        for frame in rest {
-            each(&input.load_at(Some(*frame), context)?);
+        for &frame in numbers.iter().skip(1) {
+            paths.extend(input.load_at(Some(frame), context)?.files);
         }
     }
-    Ok(())
-}
-
-/// Every file of the scene, each once.
-fn list(input: &SceneInput, frames: Option<&Frames>, context: &Context) -> Result<String> {
-    let (mut seen, mut text) = (BTreeSet::new(), String::new());
-    scenes(input, frames, context, |scene| {
-        for path in &scene.files {
-            if seen.insert(path.clone()) {
-                text += &format!("{}\n", path.display());
-            }
-        }
-    })?;
-    Ok(text)
+    let mut seen = BTreeSet::new();
+    paths.retain(|path| seen.insert(path.clone()));
+    let lines = paths.iter().map(|path| format!("{}\n", path.display()));
+    Ok(lines.collect())
 }
 
 impl JobOptions {
@@ -231,8 +213,7 @@ impl JobOptions {
             }
         }
         self.check_output(frames, &scene)?;
-        let isotropic = |phase: &PhaseFunction| phase.is_isotropic();
-        let scatters = !self.no_scatter && scene.volumes.iter().any(|v| isotropic(&v.phase));
+        let scatters = !self.no_scatter && scene.volumes.iter().any(|v| v.phase.is_isotropic());
         let plan = Plan {
             name: scene.name.clone(),
             scene: self.scene.words()?,

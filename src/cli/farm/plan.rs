@@ -167,12 +167,12 @@ impl Plan {
                 (Axis::Frame | Axis::Chunk, Some(frame)) => vec![frame.to_owned()],
                 _ => self.values(axis),
             };
-            let with = |task: &Task| {
-                let task = task.clone();
-                let with = move |value: &String| task.clone().with(axis, value);
-                values.iter().map(with).collect::<Vec<_>>()
+            let with = |task: Task| {
+                values
+                    .iter()
+                    .map(move |value| task.clone().with(axis, value))
             };
-            tasks = tasks.iter().flat_map(with).collect();
+            tasks = tasks.into_iter().flat_map(with).collect();
         }
         tasks
     }
@@ -257,9 +257,10 @@ impl Plan {
                 .collect(),
         };
         let bounces = self.bounces != Bounces::Count(1);
-        let (built, tree) = match bounces {
-            true => (file("built", ".lvt"), file("tree", ".lvt")),
-            false => (file("tree", ".lvt"), file("tree", ".lvt")),
+        let tree = file("tree", ".lvt");
+        let built = match bounces {
+            true => file("built", ".lvt"),
+            false => tree.clone(),
         };
         let to = |path: &str| ["-o".to_owned(), path.to_owned()];
         let of = |path: &str| ["-t".to_owned(), path.to_owned()];

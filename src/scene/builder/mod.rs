@@ -22,7 +22,7 @@ pub(super) use mesh::{DEFAULT_ALBEDO, MESH, extend_attribute, push};
 pub use volume::VolumeInput;
 
 use super::camera::in_scene;
-use super::{Camera, Film, Light, Scene, Volume};
+use super::{Camera, EnvironmentImage, Film, Light, Scene, Volume};
 use crate::run::Cancel;
 use crate::{Error, Result};
 use environment::EnvironmentParts;
@@ -248,24 +248,7 @@ impl SceneBuilder {
             warnings.push("the scene has no camera: framing everything from the front".into());
         }
         let mut notes = Vec::new();
-        let image = self.environment_image.take();
-        if let Some(input) = &image {
-            input.image.check()?;
-        }
-        let environment_image = match image.map(EnvironmentInput::into_parts) {
-            None => None,
-            Some(EnvironmentParts::Constant(radiance)) => {
-                self.lights.push(LightInput::environment(radiance));
-                None
-            }
-            Some(EnvironmentParts::Image(image, suns)) => {
-                for sun in suns {
-                    notes.push(environment::note(&sun));
-                    self.lights.push(LightInput::of_image(&sun));
-                }
-                Some(image)
-            }
-        };
+        let environment_image = self.take_sky(&mut notes)?;
         if self.is_dark() && environment_image.is_none() {
             self.lights.push(LightInput::environment([1.0; 3]));
             warnings.push("the scene has no light: adding an environment of radiance 1".into());
@@ -327,6 +310,28 @@ impl SceneBuilder {
             scene.go_to_frame(frame)?;
         }
         Ok(scene)
+    }
+
+    /// The image of the sky. Suns in it become lights, which are noted, and so does one of a single
+    /// colour.
+    fn take_sky(&mut self, notes: &mut Vec<String>) -> Result<Option<EnvironmentImage>> {
+        let Some(input) = self.environment_image.take() else {
+            return Ok(None);
+        };
+        input.image.check()?;
+        Ok(match input.into_parts() {
+            EnvironmentParts::Constant(radiance) => {
+                self.lights.push(LightInput::environment(radiance));
+                None
+            }
+            EnvironmentParts::Image(image, suns) => {
+                for sun in suns {
+                    notes.push(environment::note(&sun));
+                    self.lights.push(LightInput::of_image(&sun));
+                }
+                Some(image)
+            }
+        })
     }
 
     /// Refuses what is out of the range of f32; meshes are checked as they are read.
