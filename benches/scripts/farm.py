@@ -1,10 +1,11 @@
 """What a job costs that is split: bakes in parts, frames in tiles.
 
-farm.py LVOX SCENE FOLDER [--resolution WxH] [--surfels N] [--bounces N] [--parts 1,2,4,8] [--tiles 1,4,16,64] [--caches]
+farm.py LVOX SCENE FOLDER [--resolution WxH] [--surfels N] [--bounces N] [--parts 1,2,4,8] [--tiles 1,4,16,64] [--caches] [--no-scatter]
     bakes SCENE in FOLDER, whole and in parts, packs it, and shades its frame whole, in tiles of equal area and in tiles of
     equal work, one process after the other. Parts and tiles are held to the bytes of the whole. Prints two tables: CPU
     seconds of all processes over those of one, and of the slowest over the mean. With --caches tiles share a radiance
-    cache, which a frame before has filled, and a gather cache, as tiles of one machine can.
+    cache, which a frame before has filled, and a gather cache, as tiles of one machine can. --no-scatter is for scenes whose
+    media all have phase functions.
 """
 
 import argparse
@@ -24,6 +25,7 @@ def main():
     parser.add_argument("--parts", default="1,2,4,8")
     parser.add_argument("--tiles", default="1,4,16,64")
     parser.add_argument("--caches", action="store_true")
+    parser.add_argument("--no-scatter", action="store_true")
     options = parser.parse_args()
     options.folder.mkdir(parents=True, exist_ok=True)
     run = Runner(options)
@@ -59,7 +61,7 @@ class Runner:
         bounces = ["--bounces", self.options.bounces]
         self.lvox("bounce", scene, "-t", name("built.lvt"), *bounces, "-o", name("tree.lvt"), "--force")
         light = []
-        if self.whole["stages"][0]["counts"]["volumes"]:
+        if self.whole["stages"][0]["counts"]["volumes"] and not self.options.no_scatter:
             self.lvox("scatter", scene, "-t", name("tree.lvt"), "-o", name("light.lvs"), "--force")
             light = ["--scatter", name("light.lvs")]
         packed = name("scene.lvp")
