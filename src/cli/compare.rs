@@ -51,7 +51,7 @@ pub struct Args {
     region: Vec<u32>,
 
     /// Compare this layer of both images instead of the beauty: direct, environment, indirect,
-    /// volume
+    /// volume, albedo
     #[arg(
         long,
         value_name = "LAYER",

@@ -7,7 +7,7 @@ use super::region_options::RegionOptions;
 use super::shade_settings::ShadeSettings;
 use crate::formats::{Overwrite, TreeMeta};
 use crate::image::exr::{self, Precision};
-use crate::image::{Frame, ImageKind, png, tone};
+use crate::image::{Frame, ImageKind, png};
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::shade::{self, Aov, Settings};
@@ -30,9 +30,16 @@ pub struct ShadeOptions {
     #[command(flatten)]
     region: RegionOptions,
 
-    /// Add these layers to an .exr image
+    /// Add these layers to an .exr image. depth is the least distance along the camera's axis
+    /// (1e10 on the background) and position the point of it; distance is the mean along the rays;
+    /// albedo and normal are what denoisers take
     #[arg(long, value_name = "LAYER", value_delimiter = ',', value_parser = parse::one_of(&Aov::ALL))]
     aov: Vec<Aov>,
+
+    /// Add alpha to the image, the share of the background that surfaces and media hide: a channel
+    /// A of an .exr, whose colours are premultiplied, or the transparency of a .png
+    #[arg(long)]
+    alpha: bool,
 
     /// Store 32-bit instead of 16-bit floats in an .exr image
     #[arg(long)]
@@ -66,18 +73,18 @@ impl ShadeOptions {
         let settings = self.settings.least(scene)?;
         self.settings.say_frame(scene, job)?;
         let region = self.region.of(&scene.film)?;
-        shade::check_memory(scene, &settings, region, &self.aov, tree_bytes, job)
+        shade::check_memory(scene, &settings, region, &self.aovs(), tree_bytes, job)
     }
 
     /// The image that it makes, as it may be there already; `None` for one that says nothing of its
     /// origin.
-    fn image(&self, scene: &Scene) -> Result<Option<shade::Image<'_>>> {
+    fn image<'a>(&'a self, scene: &Scene, aovs: &'a [Aov]) -> Result<Option<shade::Image<'a>>> {
         let is_exr = ImageKind::named(&self.output)? == ImageKind::Exr;
         let region = self.region.of(&scene.film)?;
         Ok(is_exr.then_some(shade::Image {
             path: &self.output,
             region,
-            aovs: &self.aov,
+            aovs,
             precision: self.precision(),
         }))
     }
@@ -92,7 +99,9 @@ impl ShadeOptions {
         seed: u64,
         job: &Job,
     ) -> Result<bool> {
-        let Some((image, settings)) = self.image(scene)?.zip(self.settings.typed(seed)) else {
+        let aovs = self.aovs();
+        let image = self.image(scene, &aovs)?;
+        let Some((image, settings)) = image.zip(self.settings.typed(seed)) else {
             return Ok(false);
         };
         let is_same = || image.is_made_by(scene, tree, &settings);
@@ -108,11 +117,19 @@ impl ShadeOptions {
         settings: &Settings,
         job: &Job,
     ) -> Result<bool> {
-        let Some(image) = self.image(scene)? else {
+        let aovs = self.aovs();
+        let Some(image) = self.image(scene, &aovs)? else {
             return Ok(false);
         };
         let is_same = || image.is_made(scene, store, settings);
         Ok(resume.is_made(&self.output, is_same, job))
+    }
+
+    /// The layers, and alpha where it is asked for or told by what is left out.
+    fn aovs(&self) -> Vec<Aov> {
+        let has_alpha = self.alpha || !self.settings.shows_background();
+        let alpha = has_alpha.then_some(Aov::Alpha);
+        self.aov.iter().copied().chain(alpha).collect()
     }
 
     fn precision(&self) -> Precision {
@@ -132,7 +149,7 @@ impl ShadeOptions {
     ) -> Result<()> {
         let region = self.region.of(&scene.film)?;
         job.heed_warnings()?;
-        let frame = shade::run(scene, store, settings, region, &self.aov, job)?;
+        let frame = shade::run(scene, store, settings, region, &self.aovs(), job)?;
         job.report
             .stage("write", |_| match ImageKind::named(&self.output)? {
                 ImageKind::Exr => {
@@ -141,10 +158,7 @@ impl ShadeOptions {
                     job.heed_warnings()?;
                     exr::write(&self.output, &frame, precision)
                 }
-                ImageKind::Png => {
-                    let picture = frame.picture("", &frame.region)?;
-                    png::write(&self.output, &tone::map(&picture, scene.film.exposure))
-                }
+                ImageKind::Png => png::write_frame(&self.output, &frame, scene.film.exposure),
             })
     }
 

@@ -97,6 +97,11 @@ pub struct ShadeSettings {
     /// penumbrae [default: 1]
     #[arg(long, value_name = "N")]
     shadow_rays: Option<u32>,
+
+    /// Hide the environment where nothing is before it, to put another background there; it lights
+    /// the scene as ever. Adds alpha
+    #[arg(long)]
+    no_background: bool,
 }
 
 impl ShadeSettings {
@@ -115,6 +120,11 @@ impl ShadeSettings {
     /// Whether indirect light comes from media, too.
     pub fn lights_media(&self) -> bool {
         matches!(self.method, Method::Extended)
+    }
+
+    /// Whether the environment is seen.
+    pub fn shows_background(&self) -> bool {
+        !self.no_background
     }
 
     /// Says so where a camera that moves has no frame to be at.
@@ -186,6 +196,7 @@ impl ShadeSettings {
             corner_spacing: self.corner_spacing.unwrap_or(preset.corner_spacing),
             edge_samples: self.edge_samples.unwrap_or(preset.edge_samples),
             shadow_rays: self.shadow_rays.unwrap_or(preset.shadow_rays),
+            background: !self.no_background,
             seed,
         }
     }
@@ -199,8 +210,14 @@ impl ShadeSettings {
         seed: u64,
         job: &Job,
     ) -> Result<Settings> {
-        let choice = tune::choose(scene, store, target, |rung| self.over(rung, seed), job)?;
-        let (s, expected) = (choice.settings, choice.expected);
+        // The path tracer sees the environment.
+        let with_background = |rung| Settings {
+            background: true,
+            ..self.over(rung, seed)
+        };
+        let choice = tune::choose(scene, store, target, with_background, job)?;
+        let (mut s, expected) = (choice.settings, choice.expected);
+        s.background = self.shows_background();
         let mut options = format!("--samples {}", s.samples);
         if self.uses_nodes() {
             options += &format!(" --max-solid-angle {}", s.max_solid_angle);

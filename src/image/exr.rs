@@ -2,7 +2,7 @@
 //!
 //! The same frame gives the same bytes, whatever the number of threads.
 
-use super::frame::{Frame, Layer, channel_name};
+use super::frame::{CameraMatrices, Frame, Layer, channel_name};
 use super::{Region, header};
 use crate::run::{Output, memory};
 use crate::{Error, Result};
@@ -16,8 +16,8 @@ use std::fs::File;
 use std::io::{BufReader, Cursor, Write};
 use std::path::Path;
 
-/// How colour and normals are stored. Depth and variance are always 32-bit floats: their range does
-/// not fit a half.
+/// How colour and normals are stored. Depths, distances, positions and variance are always 32-bit
+/// floats: halves are too coarse for them, or too short.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Precision {
     /// 16-bit floats. Finite values beyond the largest half are stored as that, so a bright light
@@ -55,6 +55,8 @@ pub struct Info {
     pub channels: BTreeMap<String, Precision>,
     /// Attributes of text, by name; those of lvox begin with `lvox/`.
     pub attributes: BTreeMap<String, String>,
+    /// Where the frame was taken from.
+    pub camera: Option<CameraMatrices>,
 }
 
 impl Info {
@@ -166,6 +168,8 @@ pub fn encode(frame: &Frame, precision: Precision) -> Result<Vec<u8>> {
     let corner = Vec2(frame.region.x0 as i32, frame.region.y0 as i32);
     let mut attributes = LayerAttributes {
         layer_position: corner,
+        world_to_camera: frame.camera.map(|c| c.world_to_camera),
+        world_to_normalized_device: frame.camera.map(|c| c.world_to_ndc),
         ..LayerAttributes::default()
     };
     for (name, value) in &frame.attributes {
@@ -253,12 +257,18 @@ pub fn info(path: &Path) -> Result<Info> {
             (string(&c.name), stored)
         })
         .collect();
+    let own = &header.own_attributes;
+    let matrices = own.world_to_camera.zip(own.world_to_normalized_device);
     Ok(Info {
         width,
         height,
         region,
         channels,
         attributes,
+        camera: matrices.map(|(world_to_camera, world_to_ndc)| CameraMatrices {
+            world_to_camera,
+            world_to_ndc,
+        }),
     })
 }
 
@@ -333,6 +343,7 @@ pub fn read(path: &Path) -> Result<Frame> {
         region: info.region,
         layers,
         attributes: info.attributes,
+        camera: info.camera,
     };
     frame.check().map_err(|e| e.at(path.display()))?;
     Ok(frame)
@@ -364,7 +375,9 @@ fn visible(display: IntegerBounds, data: IntegerBounds) -> Option<Region> {
 }
 
 fn always_float(channel: &str) -> bool {
-    channel.starts_with("depth.") || channel.starts_with("variance.")
+    ["depth.", "distance.", "position.", "variance."]
+        .iter()
+        .any(|layer| channel.starts_with(layer))
 }
 
 fn stored_as_half(channel: &str, precision: Precision) -> bool {
@@ -430,6 +443,10 @@ mod tests {
                 .attributes
                 .insert(name.into(), format!("{name} \u{3c3}=1"));
         }
+        frame.camera = Some(CameraMatrices {
+            world_to_camera: std::array::from_fn(|i| i as f32),
+            world_to_ndc: std::array::from_fn(|i| -0.1 * i as f32),
+        });
         frame
     }
 

@@ -20,7 +20,27 @@ pub struct Frame {
     /// differs between tiles of one frame belongs here: a merged frame must be the same file as one
     /// rendered whole.
     pub attributes: BTreeMap<String, String>,
+    /// Where the whole frame was taken from, if that is known.
+    pub camera: Option<CameraMatrices>,
 }
+
+/// Where a frame was taken from, as the standard attributes of OpenEXR tell it: matrices that stand
+/// behind points as rows, p' = p M, row by row.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CameraMatrices {
+    /// From world space to the camera's: x to the right, y up, z into the picture.
+    pub world_to_camera: [f32; 16],
+    /// From world space to the picture, divided by the fourth coordinate: (0, 0) is the top left
+    /// corner of the whole frame and (1, 1) the lower right one.
+    pub world_to_ndc: [f32; 16],
+}
+
+/// The attribute that tells what colours are, of the Color Interop Forum and OpenEXR 3.4, and that
+/// they are linear radiance with the primaries of Rec.709.
+pub const COLOR_SPACE: [&str; 2] = ["colorInteropID", "lin_rec709_scene"];
+
+/// Depth where a pixel shows no surface: finite, as compositors want it, and the one of Blender.
+pub const BACKGROUND_DEPTH: f32 = 1e10;
 
 /// Name of the attribute that holds the film's exposure: the factor on radiance that a picture is
 /// meant to be looked at with.
@@ -29,11 +49,11 @@ pub const EXPOSURE: &str = "lvox/exposure";
 /// Channels that belong together.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layer {
-    /// Name: `""` for the beauty, else `direct`, `environment`, `indirect`, `volume`, `depth`, `normal`,
-    /// `variance`.
+    /// Name: `""` for the beauty, else `direct`, `environment`, `indirect`, `volume`, `depth`,
+    /// `distance`, `normal`, `position`, `albedo`, `variance`.
     pub name: String,
-    /// Name of each channel (`R`, `G`, `B`; `Z`; or `X`, `Y`, `Z`) and its samples, row by row
-    /// inside the region.
+    /// Name of each channel (`R`, `G`, `B`, in the beauty perhaps `A`; `Z`; or `X`, `Y`, `Z`) and
+    /// its samples, row by row inside the region.
     pub channels: Vec<(String, Vec<f32>)>,
 }
 
@@ -120,6 +140,7 @@ impl Frame {
             region,
             layers: Vec::new(),
             attributes: BTreeMap::new(),
+            camera: None,
         }
     }
 

@@ -70,6 +70,7 @@ pub fn merge(inputs: &[PathBuf], output: &Path, missing: Missing, job: &Job) -> 
     let full = Region::full(first.width, first.height);
     let mut frame = Frame::new(first.width, first.height, full);
     frame.attributes = shared_attributes(&infos);
+    frame.camera = (first.camera).filter(|_| infos.iter().all(|i| i.camera == first.camera));
     for path in inputs {
         job.cancel.check()?;
         let tile = exr::read(path)?;
@@ -289,6 +290,7 @@ fn more(count: usize) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::CameraMatrices;
     use super::super::exr::Precision;
     use super::*;
 
@@ -314,6 +316,10 @@ mod tests {
         frame
             .attributes
             .insert("lvox/settings".into(), "samples=64".into());
+        frame.camera = Some(CameraMatrices {
+            world_to_camera: [0.1; 16],
+            world_to_ndc: [0.2; 16],
+        });
         frame
     }
 

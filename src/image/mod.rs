@@ -40,7 +40,7 @@ pub mod tile_list;
 pub mod tone;
 
 pub use cost_map::{CellCost, CostMap};
-pub use frame::{EXPOSURE, Frame, Layer, NotFinite};
+pub use frame::{BACKGROUND_DEPTH, COLOR_SPACE, CameraMatrices, EXPOSURE, Frame, Layer, NotFinite};
 pub use kind::ImageKind;
 pub use merge::{Merged, Missing, merge, missing};
 pub use picture::Picture;

@@ -1,6 +1,7 @@
 //! PNG files of eight bits: previews, heat maps, and pictures to compare.
 
-use super::tone::Display;
+use super::tone::{self, Display};
+use super::{Frame, Picture};
 use crate::run::Output;
 use crate::{Error, Result};
 use ::image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -18,16 +19,57 @@ const MAX_DECODED_BYTES: u64 = 4 << 30;
 /// # Errors
 /// If the output cannot be written; then nothing is left behind.
 pub fn write(path: &Path, display: &Display) -> Result<()> {
+    let size = [display.width, display.height];
+    let bytes = display.pixels.as_flattened();
+    encode(path, size, bytes, ExtendedColorType::Rgb8)
+}
+
+/// Writes the beauty of a frame after the tone map, as [`write()`] does. Where it has alpha, so has
+/// the file: beside colours that are not multiplied by it, as PNG wants them.
+///
+/// # Errors
+/// [`crate::Kind::Input`] for a frame without colours; else as [`write()`].
+pub fn write_frame(path: &Path, frame: &Frame, exposure: f32) -> Result<()> {
+    let picture = shown(frame)?;
+    let display = tone::map(&picture, exposure);
+    let Some(alpha) = alpha(frame) else {
+        return write(path, &display);
+    };
+    let eighth = |alpha: f32| (alpha.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
+    let pixels = display.pixels.iter().zip(alpha);
+    let pixels: Vec<[u8; 4]> = pixels
+        .map(|(&[r, g, b], &alpha)| [r, g, b, eighth(alpha)])
+        .collect();
+    let size = [display.width, display.height];
+    encode(path, size, pixels.as_flattened(), ExtendedColorType::Rgba8)
+}
+
+/// The beauty of a frame as a PNG shows it: without what alpha took of it.
+///
+/// # Errors
+/// [`crate::Kind::Input`] for a frame without colours.
+pub fn shown(frame: &Frame) -> Result<Picture> {
+    let mut picture = frame.picture("", &frame.region)?;
+    if let Some(alpha) = alpha(frame) {
+        for (pixel, &alpha) in picture.pixels.iter_mut().zip(alpha) {
+            if alpha > 0.0 {
+                *pixel = pixel.map(|v| v / alpha);
+            }
+        }
+    }
+    Ok(picture)
+}
+
+fn alpha(frame: &Frame) -> Option<&[f32]> {
+    frame.layer("")?.channel("A")
+}
+
+fn encode(path: &Path, size: [usize; 2], pixels: &[u8], color: ExtendedColorType) -> Result<()> {
     let side =
         |v: usize| u32::try_from(v).map_err(|_| Error::input("the image is too large for PNG"));
     let mut bytes = Vec::new();
     PngEncoder::new_with_quality(&mut bytes, CompressionType::Default, FilterType::Adaptive)
-        .write_image(
-            display.pixels.as_flattened(),
-            side(display.width)?,
-            side(display.height)?,
-            ExtendedColorType::Rgb8,
-        )
+        .write_image(pixels, side(size[0])?, side(size[1])?, color)
         .map_err(|e| Error::failed(format!("cannot encode {}: {e}", path.display())))?;
     Output::write_all_to(path, &bytes)
 }

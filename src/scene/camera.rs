@@ -1,7 +1,7 @@
 //! Where the picture is taken from, and its size.
 
 use crate::{Error, Result};
-use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec3};
+use glam::{Affine3A, DAffine3, DMat3, DMat4, DVec3, Vec3};
 
 /// A pinhole camera: looks down its local -z, +x right, +y up.
 #[derive(Clone, Debug)]
@@ -145,5 +145,33 @@ impl Camera {
     #[must_use]
     pub fn origin(&self) -> Vec3 {
         self.scene_from_camera.translation.into()
+    }
+
+    /// Unit direction of the camera's axis, into the picture, scene space.
+    #[must_use]
+    pub fn axis(&self) -> Vec3 {
+        (-self.scene_from_camera.matrix3.z_axis).into()
+    }
+
+    /// World space to the camera's with z into the picture, and to the film: x and y of that from 0
+    /// at the top left to 1 at the lower right, once they are divided by w. Column by column, which
+    /// is row by row for points that stand before their matrix, as in OpenEXR.
+    #[must_use]
+    pub fn matrices(&self, film: &Film, world_from_scene: DVec3) -> [[f32; 16]; 2] {
+        let columns = self.scene_from_camera.to_cols_array().map(f64::from);
+        let scene_from_camera = DAffine3::from_cols_array(&columns);
+        let world_from_camera = DAffine3::from_translation(world_from_scene) * scene_from_camera;
+        let turned = DAffine3::from_scale(DVec3::new(1.0, 1.0, -1.0));
+        let camera = DMat4::from(turned * world_from_camera.inverse());
+        let across = 0.5 / libm::tan(0.5 * f64::from(self.fov_x_rad));
+        let down = -across * f64::from(film.width) / f64::from(film.height);
+        // Depth is 1 - 1/z, so that the matrix has an inverse.
+        let film_from_camera = DMat4::from_cols_array(&[
+            across, 0.0, 0.0, 0.0, //
+            0.0, down, 0.0, 0.0, //
+            0.5, 0.5, 1.0, 1.0, //
+            0.0, 0.0, -1.0, 0.0,
+        ]);
+        [camera, film_from_camera * camera].map(|m| m.to_cols_array().map(|v| v as f32))
     }
 }

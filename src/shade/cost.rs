@@ -124,6 +124,8 @@ impl FrameWork for CostPilot {
                 gatherer: frame.own_gatherer,
                 media,
                 counts: SampleCounts::of(settings),
+                shows_background: settings.background,
+                ends: None,
             },
         };
         let cells = Cells::of(film);

@@ -2,8 +2,8 @@
 
 use super::memory;
 use super::pixels::{
-    CameraMedia, EmitterBorders, PixelShader, Planes, Quantity, SampleCounts, ScatteringMedia,
-    shade_region,
+    CameraMedia, EmitterBorders, EndsOfView, PixelShader, Planes, Quantity, SampleCounts,
+    ScatteringMedia, shade_region,
 };
 use super::settings::{Kernel, Method, Settings};
 use super::surfaces::{BrightPatchLights, GatherAtSurfaces, KeptGathers, Lattice, SurfaceGatherer};
@@ -333,6 +333,9 @@ impl FrameWork for ShadeRegions {
                     gatherer: frame.own_gatherer,
                     media,
                     counts: SampleCounts::of(settings),
+                    shows_background: settings.background,
+                    ends: (quantities.iter().any(|q| q.is_of_ends()))
+                        .then(|| EndsOfView::of(&view)),
                 };
                 shade_region(&shader, region, quantities, job, &task)
             })

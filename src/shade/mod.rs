@@ -123,7 +123,10 @@ pub fn run(
             ));
         }
         job.heed_warnings()?;
-        frame.attributes = origin::attributes(scene, tree, settings)?;
+        frame
+            .attributes
+            .extend(origin::attributes(scene, tree, settings)?);
+        frame.camera = Some(origin::camera(scene, settings)?);
         Ok(frame)
     })
 }

@@ -4,8 +4,8 @@ use super::pixels::{self, Aov};
 use super::settings::Settings;
 use crate::Result;
 use crate::formats::TreeMeta;
-use crate::image::Region;
 use crate::image::exr::{self, Precision};
+use crate::image::{CameraMatrices, Region};
 use crate::run::hex;
 use crate::scene::Scene;
 use crate::tree::OpenTree;
@@ -61,6 +61,16 @@ fn attributes_but_of_files(
     ];
     let prefixed = |(name, value): (&str, String)| (format!("{PREFIX}{name}"), value);
     Ok(list.into_iter().flatten().map(prefixed).collect())
+}
+
+/// Where an image was taken from.
+pub fn camera(scene: &Scene, settings: &Settings) -> Result<CameraMatrices> {
+    let camera = scene.camera(settings.camera.as_deref())?;
+    let [world_to_camera, world_to_ndc] = camera.matrices(&scene.film, scene.world_from_scene);
+    Ok(CameraMatrices {
+        world_to_camera,
+        world_to_ndc,
+    })
 }
 
 /// A digest of all that a tree was made of and with: parts of the scene, settings of bake, build and

@@ -45,8 +45,17 @@ pub struct Settings {
     /// Shadow rays to lights with an extent from the end of each primary ray inside a pixel; shared
     /// corners take one, and four in penumbrae.
     pub shadow_rays: u32,
+    /// Whether the environment is seen where no surface is; it lights the scene in any case.
+    #[serde(skip_serializing_if = "is_true")]
+    pub background: bool,
     /// Key of all random choices.
     pub seed: u64,
+}
+
+/// What images are made with unless asked otherwise is not told.
+#[allow(clippy::trivially_copy_pass_by_ref)]
+fn is_true(value: &bool) -> bool {
+    *value
 }
 
 /// The way in which the surface that ends a gather ray is found.
@@ -134,6 +143,7 @@ impl Settings {
             corner_spacing: 1,
             edge_samples: 16,
             shadow_rays: 1,
+            background: true,
             seed: 0,
         };
         match quality {

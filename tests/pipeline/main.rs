@@ -25,6 +25,7 @@ mod messages;
 mod outputs;
 mod packed;
 mod physics;
+mod pictures;
 mod points;
 mod scatter;
 mod settings;

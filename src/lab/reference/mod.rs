@@ -19,7 +19,7 @@ pub use sums::Sums;
 use crate::image::exr::{self, Precision};
 use crate::image::metrics::linear::RELATIVE_FLOOR;
 use crate::image::samples::{Origin, Row};
-use crate::image::{Frame, Region};
+use crate::image::{COLOR_SPACE, CameraMatrices, Frame, Region};
 use crate::math::{Rgb, sampling};
 use crate::run::{Job, Task, hex, memory, size};
 use crate::scene::Scene;
@@ -254,6 +254,17 @@ pub fn frame(scene: &Scene, sums: &Sums) -> Frame {
     ] {
         frame.attributes.insert(format!("lvox/{name}"), value);
     }
+    let [name, value] = COLOR_SPACE.map(str::to_owned);
+    frame.attributes.insert(name, value);
+    let camera = sums.origin.settings.get("camera");
+    let camera = camera.and_then(|name| scene.camera(name.as_str()).ok());
+    frame.camera = camera.map(|camera| {
+        let [world_to_camera, world_to_ndc] = camera.matrices(&scene.film, scene.world_from_scene);
+        CameraMatrices {
+            world_to_camera,
+            world_to_ndc,
+        }
+    });
     frame
 }
 

@@ -32,6 +32,15 @@ pub struct EmitterBorders {
     has_entries: Vec<u64>,
 }
 
+/// What a pixel sees of the emitters whose borders run through it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SeenEmitters {
+    /// Mean radiance over the pixel.
+    pub radiance: Rgb,
+    /// Share of the pixel that they cover.
+    pub share: f32,
+}
+
 /// A convex polygon of the film: a triangle cut by the plane of the camera and by the four sides of
 /// a pixel.
 #[derive(Clone, Copy, Debug)]
@@ -145,12 +154,18 @@ impl EmitterBorders {
         parts.map(|(_, part)| part.area() as f32).sum()
     }
 
-    /// Mean radiance over a pixel of the emitters whose borders run through it, as it comes through
-    /// what is before them.
-    pub fn radiance<S: Shadows>(&self, view: &View, lights: &Lights<S>, x: u32, y: u32) -> Rgb {
+    /// Mean radiance over a pixel of the emitters whose borders run through it, and the share of it
+    /// that they cover, as those come through what is before them.
+    pub fn seen<S: Shadows>(
+        &self,
+        view: &View,
+        lights: &Lights<S>,
+        x: u32,
+        y: u32,
+    ) -> SeenEmitters {
         let scene = view.tracer.scene;
         let origin = view.camera.origin();
-        let mut sum = Rgb::BLACK;
+        let mut seen = SeenEmitters::default();
         for (triangle, part) in self.parts(view, x, y) {
             let area = part.area();
             if area <= 0.0 {
@@ -171,9 +186,11 @@ impl EmitterBorders {
                 }
             }
             let material = &scene.materials[scene.mesh.material[triangle as usize] as usize];
-            sum += Rgb(material.emission) * (area as f32 * through / self.rays as f32);
+            let share = area as f32 * through / self.rays as f32;
+            seen.radiance += Rgb(material.emission) * share;
+            seen.share += share;
         }
-        sum
+        seen
     }
 }
 

@@ -14,6 +14,7 @@
 //! | `emitter_borders` | the share of a pixel that emitters cover, in closed form |
 //! | `camera_media` | what camera rays pass, as a type |
 //! | `pixel`, `pixel_sum` | a shaded pixel, and one in the making |
+//! | `ends` | where samples end: depth, position, albedo, alpha |
 //! | `pilot` | what a pixel takes, told by its corners |
 //! | `planes`, `layers` | what is kept of pixels, and the layers of the image |
 
@@ -21,6 +22,7 @@ mod blocks;
 mod camera_media;
 mod corners;
 mod emitter_borders;
+mod ends;
 mod layers;
 mod paint;
 mod pattern;
@@ -38,4 +40,4 @@ pub use emitter_borders::EmitterBorders;
 pub use layers::{Aov, Planes, Quantity, quantities, to_frame};
 pub use pilot::{PilotMarch, PilotPixel};
 pub use sample::SampleCounts;
-pub use shader::PixelShader;
+pub use shader::{EndsOfView, PixelShader};

@@ -1,5 +1,6 @@
 //! A shaded pixel.
 
+use super::ends::Ends;
 use crate::math::Rgb;
 use glam::Vec3;
 
@@ -16,10 +17,12 @@ pub struct Pixel {
     pub sky_of_indirect: Rgb,
     /// Scattered by media towards the camera.
     pub volume: Rgb,
-    /// Mean distance along the rays that hit, scene units; infinite if none did.
-    pub depth: f32,
+    /// Mean distance along the rays that hit, scene units; that of the background if none did.
+    pub distance: f32,
     /// Mean shading normal in scene space, of unit length; 0 if no ray hit.
     pub normal: Vec3,
+    /// Where its samples end, if that was asked for.
+    pub ends: Ends,
     /// Whether the border of an emissive triangle runs through it, so that its light is told in
     /// closed form.
     pub has_emitter_border: bool,

@@ -1,6 +1,8 @@
 //! A pixel in the making.
 
+use super::ends::EndsSum;
 use super::pixel::Pixel;
+use crate::image::BACKGROUND_DEPTH;
 use crate::shade::pixels::camera_media::PassedMedia;
 use crate::shade::surfaces::WithSky;
 use glam::Vec3;
@@ -12,6 +14,8 @@ pub struct PixelSum {
     sum: Pixel,
     weight: f32,
     weight_of_hits: f32,
+    /// Of the samples for which it was asked.
+    pub ends: EndsSum,
 }
 
 impl PixelSum {
@@ -23,6 +27,7 @@ impl PixelSum {
             sum: Pixel::default(),
             weight: 0.0,
             weight_of_hits: 0.0,
+            ends: EndsSum::default(),
         }
     }
 
@@ -44,7 +49,7 @@ impl PixelSum {
     ) {
         self.sum.indirect += indirect.all * weight;
         self.sum.sky_of_indirect += indirect.sky * weight;
-        self.sum.depth += t * weight;
+        self.sum.distance += t * weight;
         self.sum.normal += normal * weight;
         self.weight_of_hits += weight;
         self.add_miss(weight, direct, passed);
@@ -71,10 +76,11 @@ impl PixelSum {
         pixel.sky_of_direct *= scale;
         pixel.sky_of_indirect *= scale;
         pixel.volume *= scale;
-        pixel.depth /= self.weight_of_hits;
+        pixel.distance /= self.weight_of_hits;
         if self.weight_of_hits <= 0.0 {
-            pixel.depth = f32::INFINITY;
+            pixel.distance = BACKGROUND_DEPTH;
         }
+        pixel.ends = self.ends.mean(scale);
         pixel.normal = pixel.normal.normalize_or_zero();
         pixel
     }

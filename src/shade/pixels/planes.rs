@@ -15,8 +15,12 @@ fn values(quantity: Quantity, pixel: &Pixel) -> [f32; 3] {
         Quantity::Aov(Aov::Environment) => (pixel.sky_of_direct + pixel.sky_of_indirect).0,
         Quantity::Aov(Aov::Indirect) => without(pixel.indirect, pixel.sky_of_indirect),
         Quantity::Aov(Aov::Volume) => pixel.volume.0,
-        Quantity::Aov(Aov::Depth) => [pixel.depth; 3],
+        Quantity::Aov(Aov::Depth) => [pixel.ends.depth; 3],
+        Quantity::Aov(Aov::Distance) => [pixel.distance; 3],
         Quantity::Aov(Aov::Normal) => pixel.normal.to_array(),
+        Quantity::Aov(Aov::Position) => pixel.ends.position.to_array(),
+        Quantity::Aov(Aov::Albedo) => pixel.ends.albedo.0,
+        Quantity::Aov(Aov::Alpha) => [pixel.ends.alpha; 3],
         Quantity::EmitterBorder => [f32::from(u8::from(pixel.has_emitter_border)); 3],
     }
 }
@@ -98,13 +102,13 @@ mod tests {
         };
         let quantities = [
             Quantity::Radiance,
-            Quantity::Aov(Aov::Depth),
+            Quantity::Aov(Aov::Distance),
             Quantity::EmitterBorder,
         ];
         let shaded = |x: u32, y: u32| Pixel {
             direct: Rgb([x as f32, y as f32, 0.0]),
             volume: Rgb([0.0, 0.0, 1.0]),
-            depth: (x * y) as f32,
+            distance: (x * y) as f32,
             has_emitter_border: x == y,
             ..Pixel::default()
         };

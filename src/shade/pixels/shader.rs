@@ -33,6 +33,36 @@ pub struct PixelShader<'a, A: CameraMedia> {
     pub media: &'a A,
     /// Samples and rays that a pixel may take.
     pub counts: SampleCounts,
+    /// Whether the environment is seen where no surface is.
+    pub shows_background: bool,
+    /// What pixels need to tell where their samples end, if that was asked for.
+    pub ends: Option<EndsOfView>,
+}
+
+/// What pixels need to tell where their samples end.
+#[derive(Clone, Copy, Debug)]
+pub struct EndsOfView {
+    origin: Vec3,
+    axis: Vec3,
+    world_from_scene: Vec3,
+    /// Mean albedo of the scene's media, as denoisers take it.
+    albedo_of_media: Rgb,
+}
+
+impl EndsOfView {
+    /// Of a camera before a scene.
+    #[must_use]
+    pub fn of(view: &View) -> Self {
+        let scene = view.tracer.scene;
+        let albedos = scene.volumes.iter().map(|v| Rgb(v.albedo));
+        let sum = albedos.fold(Rgb::BLACK, |sum, albedo| sum + albedo);
+        Self {
+            origin: view.camera.origin(),
+            axis: view.camera.axis(),
+            world_from_scene: scene.world_from_scene.as_vec3(),
+            albedo_of_media: sum * (1.0 / scene.volumes.len().max(1) as f32),
+        }
+    }
 }
 
 impl<A: CameraMedia> PixelShader<'_, A> {
@@ -239,7 +269,10 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         let mut pixel = pixel.mean();
         pixel.has_emitter_border = self.borders.is_border(x, y);
         if pixel.has_emitter_border {
-            pixel.direct += self.borders.radiance(&self.view, self.lights, x, y);
+            let seen = self.borders.seen(&self.view, self.lights, x, y);
+            pixel.direct += seen.radiance;
+            // No light of an emitter that rays missed is without its share of the pixel.
+            pixel.ends.alpha = pixel.ends.alpha.max(seen.share);
         }
         pixel
     }
@@ -274,6 +307,14 @@ impl<A: CameraMedia> PixelShader<'_, A> {
             },
         ];
         pixel.add_hit(weight, radiance, passed, sample.t, surface.normal);
+        if let Some(ends) = &self.ends {
+            let depth = (surface.position - ends.origin).dot(ends.axis);
+            let position = surface.position + ends.world_from_scene;
+            let emission = surface.emission(self.view.tracer.scene, -sample.direction);
+            let albedo = Rgb((surface.albedo + emission).0.map(|c| c.min(1.0)));
+            let albedo = albedo * through + ends.albedo_of_media * (1.0 - through);
+            (pixel.ends).add_surface(weight, depth, position, albedo);
+        }
     }
 
     /// Adds a sample that hit nothing behind media.
@@ -284,9 +325,16 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         direction: Vec3,
         passed: &A::Passed,
     ) {
-        let sky = (self.lights).seen_environment(direction, self.view.pixel_angle);
+        let sky = match self.shows_background {
+            true => (self.lights).seen_environment(direction, self.view.pixel_angle),
+            false => Rgb::BLACK,
+        };
         let sky = sky * passed.transmittance();
         pixel.add_miss(weight, WithSky { all: sky, sky }, passed);
+        if let Some(ends) = &self.ends {
+            let alpha = 1.0 - passed.transmittance();
+            (pixel.ends).add_nothing(weight, alpha, ends.albedo_of_media * alpha);
+        }
     }
 
     /// Indirect irradiance of a surface that pixel or corner (x, y) sees.

@@ -1,0 +1,240 @@
+//! What compositors and denoisers take: alpha, depth, positions, albedo, and where the camera is.
+
+use crate::messages::lvox;
+use crate::{ROOM, Work, beauty, layer};
+use lvox::image::exr::{self, Precision};
+use lvox::image::{BACKGROUND_DEPTH, Frame, Region, png};
+use lvox::run::Job;
+use lvox::scene::Scene;
+use lvox::shade::{self, Aov, Quality, Settings};
+use lvox::tree::OpenTree;
+
+/// What is behind the open room.
+const SKY: [f32; 3] = [0.5, 0.75, 1.0];
+
+/// A room that is open behind the camera and on its right, with smoke before it and a small emitter
+/// before the sky, far from the origin of the world.
+fn open_room() -> String {
+    let sky = "[[light]]\ntype = \"environment\"\nradiance = [0.5, 0.75, 1]\n";
+    let lamp = "[[mesh]]\nfile = \"builtin:quad\"\nscale = 0.02\nrotate_deg = [90, 0, 0]\n\
+                translate = [1.3, 1.0, 0.0]\nalbedo = [0, 0, 0]\nemission = [40, 40, 40]\n";
+    let smoke = "[[0.9, 0, 0, -0.9], [0, 0.9, 0, 0.3]";
+    let out_of_the_door = "[[0.9, 0, 0, 0.7], [0, 0.9, 0, 1.2]";
+    assert!(ROOM.contains(smoke));
+    format!("{}{sky}{lamp}", ROOM.replace(smoke, out_of_the_door))
+}
+
+fn settings(background: bool) -> Settings {
+    Settings {
+        background,
+        ..Settings::of(Quality::Draft)
+    }
+}
+
+/// Alpha and all layers, of a region.
+fn shade(scene: &Scene, store: &OpenTree, settings: &Settings, region: Region) -> Frame {
+    let mut aovs = Aov::ALL.map(|(_, aov)| aov).to_vec();
+    aovs.push(Aov::Alpha);
+    shade::run(scene, store, settings, region, &aovs, &Job::default()).unwrap()
+}
+
+fn channel<'a>(frame: &'a Frame, layer: &str, name: &str) -> &'a [f32] {
+    frame.layer(layer).unwrap().channel(name).unwrap()
+}
+
+/// A point as a row before a matrix, divided by its fourth coordinate.
+fn times(p: [f64; 3], matrix: &[f32; 16]) -> [f64; 3] {
+    let along = |j: usize| {
+        let row = |i: usize| f64::from(matrix[4 * i + j]);
+        p[0] * row(0) + p[1] * row(1) + p[2] * row(2) + row(3)
+    };
+    [0, 1, 2].map(|j| along(j) / along(3))
+}
+
+#[test]
+fn hidden_background_is_what_alpha_says() {
+    let work = Work::new(&open_room());
+    let scene = work.scene();
+    let store = OpenTree::open(&work.bake(&scene, 5000), None).unwrap();
+    let full = Region::full(64, 48);
+    for corners in [true, false] {
+        let with = |background| Settings {
+            pixel_samples: if corners { 1 } else { 4 },
+            ..settings(background)
+        };
+        let seen = shade(&scene, &store, &with(true), full);
+        let hidden = shade(&scene, &store, &with(false), full);
+        let alone = shade::run(&scene, &store, &with(true), full, &[], &Job::default()).unwrap();
+        assert_eq!(beauty(&seen), beauty(&alone), "alpha changes no colour");
+        let alpha = channel(&hidden, "", "A");
+        assert_eq!(alpha, channel(&seen, "", "A"));
+        let (mut open, mut closed, mut between) = (0, 0, 0);
+        for (i, (&alpha, (over, bare))) in
+            (alpha.iter().zip(beauty(&seen).iter().zip(beauty(&hidden)))).enumerate()
+        {
+            match alpha {
+                0.0 => open += 1,
+                1.0 => closed += 1,
+                _ => between += 1,
+            }
+            for c in 0..3 {
+                let composed = bare[c] + (1.0 - alpha) * SKY[c];
+                // The lamp covers what its rays may have missed.
+                let lamp = 1e-3 + if bare[c] > 1.5 { 0.05 } else { 0.0 };
+                let off = (composed - over[c]).abs();
+                assert!(
+                    off < lamp * (1.0 + over[c]),
+                    "pixel {i}: {composed} {}",
+                    over[c]
+                );
+            }
+        }
+        assert!(
+            open > 100 && closed > 100 && between > 100,
+            "{open} {closed} {between}"
+        );
+        let hidden = beauty(&hidden);
+        let mut lit = hidden.iter().zip(alpha).filter(|(p, _)| p[0] > 0.0);
+        assert!(lit.all(|(_, &alpha)| alpha > 0.0), "no light without alpha");
+    }
+}
+
+#[test]
+fn depths_and_positions_are_where_the_matrices_put_them() {
+    let far = [4.0e5, -3.0e5, 2.0e5];
+    for moved in [[0.0; 3], far] {
+        let camera = format!(
+            "name = \"front\"\nposition = [{}, {}, {}]\ntarget = [{}, {}, {}]\nfov_x_deg = 40",
+            moved[0] + 0.4,
+            moved[1] + 1.2,
+            moved[2] + 3.9,
+            moved[0],
+            moved[1] + 1.0,
+            moved[2],
+        );
+        let cube = format!(
+            "[[mesh]]\nfile = \"builtin:cube\"\nalbedo = [0.25, 0.5, 0.75]\n\
+             rotate_deg = [10, 30, 0]\ntranslate = [{}, {}, {}]\n",
+            moved[0],
+            moved[1] + 1.0,
+            moved[2],
+        );
+        let sun = "[[light]]\ntype = \"environment\"\nradiance = [1, 1, 1]\n";
+        let film = "[film]\nwidth = 64\nheight = 48\n";
+        let work = Work::new(&format!("{film}[[camera]]\n{camera}\n{cube}{sun}"));
+        let scene = work.scene();
+        let store = OpenTree::open(&work.bake(&scene, 2000), None).unwrap();
+        let frame = shade(&scene, &store, &settings(true), Region::full(64, 48));
+        let matrices = frame.camera.unwrap();
+        // Positions far away are as exact as 32 bits are.
+        let grain = moved[0] * 1e-6 + 1e-4;
+        let [depth, distance] = ["depth", "distance"].map(|name| channel(&frame, name, "Z"));
+        let position = ["X", "Y", "Z"].map(|c| channel(&frame, "position", c));
+        let (albedo, alpha) = (layer(&frame, "albedo"), channel(&frame, "", "A"));
+        let mut on_cube = 0;
+        for (i, (x, y)) in Region::full(64, 48).coordinates().enumerate() {
+            let p = position.map(|c| f64::from(c[i]));
+            if depth[i] == BACKGROUND_DEPTH {
+                assert_eq!(
+                    (p, distance[i], alpha[i]),
+                    ([0.0; 3], BACKGROUND_DEPTH, 0.0)
+                );
+                assert_eq!(albedo[i], [0.0; 3]);
+                continue;
+            }
+            on_cube += 1;
+            assert!(depth[i] <= distance[i] * (1.0 + 1e-6));
+            let [_, _, z] = times(p, &matrices.world_to_camera);
+            assert!(
+                (z - f64::from(depth[i])).abs() < grain * 4.0,
+                "{z} {}",
+                depth[i]
+            );
+            let [u, v, _] = times(p, &matrices.world_to_ndc);
+            let off = [u * 64.0 - f64::from(x), v * 48.0 - f64::from(y)];
+            let room = grain * 40.0;
+            assert!(
+                off.iter().all(|o| (-room..=1.0 + room).contains(o)),
+                "{off:?}"
+            );
+            if alpha[i] == 1.0 {
+                let [r, g, b] = albedo[i];
+                assert!((r - 0.25).abs() + (g - 0.5).abs() + (b - 0.75).abs() < 1e-5);
+            }
+        }
+        assert!(on_cube > 200, "{on_cube}");
+    }
+}
+
+#[test]
+fn tiles_keep_alpha_layers_and_matrices() {
+    let work = Work::new(&open_room());
+    let scene = work.scene();
+    let store = OpenTree::open(&work.bake(&scene, 5000), None).unwrap();
+    let whole = shade(&scene, &store, &settings(false), Region::full(64, 48));
+    let whole = exr::encode(&whole, Precision::Half).unwrap();
+    let tiles: Vec<_> = (0..4)
+        .map(|i| {
+            let region = Region::tile(64, 48, i, 4).unwrap();
+            let tile = shade(&scene, &store, &settings(false), region);
+            let path = work.path(&format!("{i}.exr"));
+            exr::write(&path, &tile, Precision::Half).unwrap();
+            path
+        })
+        .collect();
+    let merged = work.path("merged.exr");
+    let rest = lvox::image::Missing::Refuse;
+    lvox::image::merge(&tiles, &merged, rest, &Job::default()).unwrap();
+    assert!(std::fs::read(&merged).unwrap() == whole);
+    let info = exr::info(&merged).unwrap();
+    assert_eq!(info.attributes["colorInteropID"], "lin_rec709_scene");
+    assert!(info.camera.is_some());
+    assert!(info.attributes["lvox/settings"].contains("\"background\":false"));
+    for name in ["depth.Z", "distance.Z", "position.X"] {
+        assert_eq!(info.channels[name], Precision::Float, "{name}");
+    }
+    for name in ["A", "R", "albedo.R", "normal.X"] {
+        assert_eq!(info.channels[name], Precision::Half, "{name}");
+    }
+}
+
+#[test]
+fn the_command_line_adds_alpha() {
+    let work = Work::new(&open_room());
+    work.bake(&work.scene(), 2000);
+    let shade = |name: &str, options: &[&str]| {
+        let args = "shade scene.toml -t scene.lvt --quality draft --progress none -o";
+        let args: Vec<&str> = args.split(' ').chain([name]).collect();
+        lvox(&work, &[&args[..], options].concat()).done();
+        work.path(name)
+    };
+    let plain = exr::info(&shade("plain.exr", &[])).unwrap();
+    assert_eq!(plain.channels.keys().collect::<Vec<_>>(), ["B", "G", "R"]);
+    assert!(!plain.attributes["lvox/settings"].contains("background"));
+    for option in ["--alpha", "--no-background"] {
+        let info = exr::info(&shade("alpha.exr", &[option])).unwrap();
+        assert_eq!(
+            info.channels.keys().collect::<Vec<_>>(),
+            ["A", "B", "G", "R"]
+        );
+    }
+    // Of a PNG, colours are those before alpha took its share.
+    let opaque = png::read(&shade("plain.png", &[])).unwrap();
+    let path = shade("alpha.png", &["--no-background"]);
+    let cut_out = image::open(&path).unwrap().into_rgba8();
+    let frame = exr::read(&work.path("alpha.exr")).unwrap();
+    let alpha = channel(&frame, "", "A");
+    for ((found, &alpha), seen) in cut_out.pixels().zip(alpha).zip(&opaque.pixels) {
+        assert!((f32::from(found.0[3]) - 255.0 * alpha).abs() <= 0.75);
+        if alpha == 1.0 {
+            let mut pairs = found.0.iter().zip(seen);
+            assert!(
+                pairs.all(|(a, b)| a.abs_diff(*b) <= 1),
+                "{found:?} {seen:?}"
+            );
+        }
+        if alpha == 0.0 {
+            assert_eq!(found.0, [0; 4]);
+        }
+    }
+}
