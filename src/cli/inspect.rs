@@ -25,7 +25,7 @@ use std::path::{Path, PathBuf};
 /// worst errors of quantisation. Kept samples are read and checked as a whole.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Read this file: a scene (.toml .gltf .glb), a mesh (.obj .ply), a volume (.vdb .nrrd .nhdr),
+    /// Read this file: a scene (.toml .xml .gltf .glb), a mesh (.obj .ply), a volume (.vdb .nrrd .nhdr .vol),
     /// or .lvc .lvt .lvs .lvp .exr .exr.sums
     file: PathBuf,
 

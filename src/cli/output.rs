@@ -25,7 +25,9 @@ pub fn print_json(value: &impl serde::Serialize) -> Result<()> {
 pub fn print_error(error: &Error) {
     let message = error.to_string();
     // What stands in backquotes in a message about a scene file is a key of it, mostly.
-    let is_of_scene = message.contains(".toml:");
+    let is_of_scene = [".toml:", ".xml:"]
+        .iter()
+        .any(|name| message.contains(name));
     let told = |text: &str| match is_of_scene {
         true => with_options_of(text, |setting| OF_READING.contains(&setting)),
         false => with_options(text),
@@ -38,7 +40,7 @@ pub fn print_error(error: &Error) {
 }
 
 /// Settings of how a scene is read, which are no keys of it.
-const OF_READING: [&str; 3] = ["allow_outside", "frames", "texture_limit"];
+const OF_READING: [&str; 4] = ["allow_outside", "frames", "set", "texture_limit"];
 
 /// A message of the library with the options that set what it names in backquotes.
 pub fn with_options(message: &str) -> String {

@@ -3,6 +3,7 @@
 use crate::bounce::Bounces;
 use crate::image::Region;
 use crate::run::{Frames, size};
+use crate::scene::load::Change;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 /// A size of memory, in bytes.
@@ -31,6 +32,11 @@ pub fn retry_code(text: &str) -> Result<u8, String> {
 
 /// Numbers of frames.
 pub fn frames(text: &str) -> Result<Frames, String> {
+    told(text.parse())
+}
+
+/// A value for a key of a scene.
+pub fn change(text: &str) -> Result<Change, String> {
     told(text.parse())
 }
 

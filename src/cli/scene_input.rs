@@ -4,7 +4,7 @@ use super::files::Files;
 use super::options::Context;
 use super::parse;
 use crate::scene::Scene;
-use crate::scene::load::{Settings, is_packed};
+use crate::scene::load::{Change, Settings, is_packed};
 use crate::{Error, Result};
 use std::path::{Path, PathBuf};
 
@@ -33,6 +33,12 @@ pub struct Reading {
     /// their own; what the scene file itself names may be anywhere
     #[arg(long)]
     allow_outside: bool,
+
+    /// Change a value of the scene file as it is read, as light.0.intensity=[3,3,3] or
+    /// camera.main.fov_x_deg=40: parts of lists by name, or by number from 0. Text needs no quotes.
+    /// Of a Mitsuba file it sets the parameter $KEY. May be given several times
+    #[arg(long, value_name = "KEY=VALUE", value_parser = parse::change)]
+    set: Vec<Change>,
 }
 
 impl Reading {
@@ -42,6 +48,7 @@ impl Reading {
             texture_limit: self.texture_limit,
             allow_outside: self.allow_outside,
             frame,
+            changes: self.set.clone(),
         }
     }
 }
@@ -49,7 +56,7 @@ impl Reading {
 /// A scene file, or the scene that is built in.
 #[derive(Debug, clap::Args)]
 pub struct SceneInput {
-    /// Read this scene: .toml, .gltf, .glb, or .lvp of `lvox pack`
+    /// Read this scene: .toml, .xml (Mitsuba), .gltf, .glb, or .lvp of `lvox pack`
     #[arg(value_name = "SCENE", required_unless_present = "demo")]
     scene: Option<PathBuf>,
 
@@ -102,6 +109,9 @@ impl SceneInput {
         }
         if self.reading.allow_outside {
             words.push("--allow-outside".into());
+        }
+        for Change { key, value } in &self.reading.set {
+            words.extend(["--set".into(), format!("{key}={value}")]);
         }
         Ok(words)
     }
@@ -177,7 +187,7 @@ impl SceneInput {
         job.report.stage("load", |counts| {
             let mut scene = match &self.scene {
                 Some(path) => Scene::load_with(path, &self.reading.settings(frame), job)?,
-                None if self.demo => Scene::demo()?,
+                None if self.demo => Scene::demo_with(&self.reading.settings(frame))?,
                 None => {
                     return Err(
                         Error::input("no scene was given").hint("name a scene file, or use --demo")

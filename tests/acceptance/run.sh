@@ -394,6 +394,21 @@ wait
 check 'merge' run merge "$lvox" merge "${tiles[@]}" -o "$out/C.merged.exr" --progress none
 check '7 tiles of 7 processes are the whole frame' cmp "$out/C.merged.exr" "$out/C.back.exr"
 
+printf '\n-- scenes of Mitsuba: the pictures of the TOML scenes; that of C has its voxels divided by 255 in 32 bits\n'
+python3 "$scenes/volume.py" "$references/geom/smoke64.raw" "$out/A.vol"
+python3 "$scenes/volume.py" "$references/geom/bunny_density_128.nrrd" "$out/C.vol"
+for row in A:0 B:0 C:1e-3; do
+    scene=${row%:*}
+    for kind in toml xml; do
+        volume=()
+        case $scene.$kind in A.xml | C.xml) volume=(--set "volume=$(realpath "$out/$scene.vol")") ;; esac
+        run "$scene.$kind" "$lvox" render "$scenes/$scene.$kind" -o "$out/$scene.$kind.exr" --resolution 128x96 --quality draft \
+            --surfels 50000 --progress none "${volume[@]}"
+    done
+    "$lvox" compare "$out/$scene.xml.exr" "$out/$scene.toml.exr" --json >"$out/$scene.xml.json" 2>"$out/$scene.xml.log"
+    check "$scene.xml" within "$out/$scene.xml.json" max_abs "${row#*:}"
+done
+
 printf '\n-- stability\n'
 check 'closed forms and extremes' run stability "$lvox" stability --progress none
 

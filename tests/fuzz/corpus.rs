@@ -221,6 +221,41 @@ fn of_compression(compression: u32) -> Vec<u8> {
     out
 }
 
+/// A scene of Mitsuba beside the files that it names.
+pub const MITSUBA: &str = r#"<?xml version="1.0"?>
+<scene version="3.0.0">
+<default name="size" value="2"/>
+<sensor type="perspective" id="a"><float name="fov" value="40"/>
+<transform name="to_world"><lookat origin="0, 0, 5" target="0, 0, 0" up="0, 1, 0"/></transform>
+<film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="6"/></film></sensor>
+<bsdf type="twosided" id="b"><bsdf type="diffuse"><texture name="reflectance" type="bitmap">
+<string name="filename" value="a.png"/></texture></bsdf></bsdf>
+<shape type="obj"><string name="filename" value="a.obj"/><ref id="b"/>
+<transform name="to_world"><scale value="$size"/><rotate y="1" angle="30"/>
+<matrix value="1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"/></transform></shape>
+<shape type="shapegroup" id="g"><shape type="cube"/></shape>
+<shape type="instance"><ref id="g"/><transform name="to_world"><translate x="3"/></transform></shape>
+<shape type="disk"><emitter type="area"><rgb name="radiance" value="1, 2, 3"/></emitter></shape>
+<emitter type="spot"><spectrum name="intensity" value="3"/><float name="cutoff_angle" value="30"/></emitter>
+<shape type="cube"><bsdf type="null"/><medium type="heterogeneous" name="interior">
+<volume type="gridvolume" name="sigma_t"><string name="filename" value="a.vol"/></volume>
+<rgb name="albedo" value="0.9"/><phase type="hg"><float name="g" value="0.3"/></phase></medium></shape>
+</scene>
+"#;
+
+/// Volumes of Mitsuba, of one channel and of three.
+pub fn vol() -> Vec<Vec<u8>> {
+    let of = |channels: i32| {
+        let mut file = b"VOL\x03\x01\0\0\0".to_vec();
+        file.extend([4, 3, 2, channels].into_iter().flat_map(i32::to_le_bytes));
+        let corners = [0.0_f32, 0.0, 0.0, 1.0, 1.0, 1.0];
+        let values = (0..24 * channels).map(|i| i as f32 * 0.25);
+        file.extend(corners.into_iter().chain(values).flat_map(f32::to_le_bytes));
+        file
+    };
+    vec![of(1), of(3)]
+}
+
 pub fn nrrd() -> Vec<Vec<u8>> {
     let header = "NRRD0004\n# by hand\ntype: float\ndimension: 3\nsizes: 4 3 2\nspace: left-posterior-superior\n\
 space directions: (1,0,0) (0,1,0) (0,0,2)\nspace origin: (0,0,0)\nkinds: domain domain domain\nendian: little\nencoding: ";

@@ -111,7 +111,7 @@ fn through_scene(
     corpus: Vec<Vec<u8>>,
 ) {
     let folder = folder(name);
-    let path = folder.join("scene.toml");
+    let path = folder.join(if file == "a.xml" { file } else { "scene.toml" });
     fs::write(&path, scene).unwrap();
     for (name, content) in beside {
         fs::write(folder.join(name), content).unwrap();
@@ -201,6 +201,20 @@ fn vdb() {
         "a.vdb",
         corpus::vdb(),
     );
+}
+
+#[test]
+fn mitsuba() {
+    let scene = VOLUME.replace("FILE", "a.vol");
+    let memory = 512 * MIB;
+    through_scene("vol", (1500, memory), &scene, &[], "a.vol", corpus::vol());
+    let beside = [
+        ("a.obj", corpus::OBJ.into()),
+        ("a.png", picture()),
+        ("a.vol", corpus::vol().swap_remove(0)),
+    ];
+    let corpus = vec![corpus::MITSUBA.into()];
+    through_scene("xml", (1500, memory), "", &beside, "a.xml", corpus);
 }
 
 #[test]

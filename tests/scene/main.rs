@@ -1,10 +1,12 @@
 //! Scenes from files: every format and every message, on files that the tests write themselves.
 
+mod changes;
 mod damage;
 mod formats;
 mod inspect;
 mod made;
 mod messages;
+mod mitsuba;
 mod outside;
 #[path = "../support/mod.rs"]
 mod support;

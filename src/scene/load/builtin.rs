@@ -1,8 +1,8 @@
 //! Resources that need no file: simple meshes around the origin, and a plume of smoke.
 
 use super::field::Field;
+use super::nearest::nearest;
 use super::samples::{Array, Number, Samples};
-use super::table::nearest;
 use crate::scene::Material;
 use crate::scene::builder::{DEFAULT_ALBEDO, MeshInput};
 use crate::{Error, Result};

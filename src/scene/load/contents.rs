@@ -5,7 +5,7 @@ use super::colors::ColorEncoding;
 use super::field::{Field, Scale};
 use super::files::{Files, extension};
 use super::values::GridValues;
-use super::{Settings, finish, nrrd, obj, ply, read_scene, vdb};
+use super::{Settings, finish, nrrd, obj, ply, read_scene, refuse_changes, vdb, vol};
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::scene::builder::{SceneBuilder, VolumeInput};
@@ -14,7 +14,9 @@ use glam::DAffine3;
 use std::path::Path;
 
 /// Extensions of the files that [`contents`] reads.
-pub const EXTENSIONS: [&str; 8] = ["toml", "gltf", "glb", "obj", "ply", "vdb", "nrrd", "nhdr"];
+pub const EXTENSIONS: [&str; 10] = [
+    "toml", "xml", "gltf", "glb", "obj", "ply", "vdb", "nrrd", "nhdr", "vol",
+];
 
 /// What a file says that it holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,9 +58,12 @@ pub fn contents(path: &Path, settings: &Settings, job: &Job) -> Result<Contents>
     files.enter(path);
     let kind = match extension(path).as_str() {
         "obj" | "ply" => ContentsKind::Mesh,
-        "vdb" | "nrrd" | "nhdr" => ContentsKind::Volume,
+        "vdb" | "nrrd" | "nhdr" | "vol" => ContentsKind::Volume,
         _ => ContentsKind::Scene,
     };
+    if kind != ContentsKind::Scene {
+        refuse_changes(path, settings)?;
+    }
     let builder = match kind {
         ContentsKind::Scene => read_scene(path, &mut files),
         ContentsKind::Mesh => mesh(path, &mut files).map_err(|e| e.at(path.display())),
@@ -103,6 +108,9 @@ fn mesh(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
 fn volumes(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
     let fields = match extension(path).as_str() {
         "vdb" => vdb::read(files.map("volume", path)?, path, vdb::Wanted::All, files),
+        "vol" => (vol::Vol::read(files.read("volume", path)?))
+            .and_then(vol::Vol::into_field)
+            .map(|field| vec![field]),
         _ => nrrd::read(files.read("volume", path)?, path, files).map(|field| vec![field]),
     };
     let fields = fields.map_err(|e| e.at(path.display()))?;

@@ -22,6 +22,8 @@ pub(super) struct Files {
     pub(super) paths: Vec<PathBuf>,
     /// What was odd but not wrong.
     pub(super) warnings: Vec<String>,
+    /// What is worth knowing and nothing amiss.
+    pub(super) notes: Vec<String>,
     /// Loops over what a file holds look at it.
     pub(super) cancel: Cancel,
     /// Values of the volumes read so far, if anyone wants to know them.
@@ -197,6 +199,15 @@ impl Files {
         Ok(())
     }
 
+    /// Lets the changes of the scene file join the hash; none leave it as it is.
+    pub(super) fn add_changes(&mut self) -> Result<()> {
+        for change in std::mem::take(&mut self.settings.changes) {
+            self.add(format!("{}={}", change.key, change.value).as_bytes())?;
+            self.settings.changes.push(change);
+        }
+        Ok(())
+    }
+
     /// blake3 over everything read.
     pub(super) fn hash(&self) -> [u8; 32] {
         self.hasher.finalize().into()
@@ -205,6 +216,11 @@ impl Files {
     /// Tells the user something that is odd but not wrong.
     pub(super) fn warn(&mut self, message: impl Into<String>) {
         self.warnings.push(one_line(message.into()));
+    }
+
+    /// Tells the user something that is worth knowing.
+    pub(super) fn note(&mut self, message: impl Into<String>) {
+        self.notes.push(one_line(message.into()));
     }
 }
 

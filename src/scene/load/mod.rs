@@ -4,18 +4,21 @@
 
 // In come paths; out comes a `SceneBuilder` that is filled, and what the user should know.
 //
-// - `description`: the scene file, its `light`s and its `volume`s; with `table` (typed access to TOML) and `transform` (placement)
+// - `description`: the scene file, its `light`s and its `volume`s; with `table` (typed access to
+//   TOML), `nearest` (words that may have been meant) and `transform` (placement)
 // - `obj` with `mtl`, `ply`, `gltf`, `builtin`: meshes, each as a `MeshInput`
-// - `vdb`, `nrrd`, `raw`, `builtin`: volumes, each as a `field::Field`, which becomes a grid; with
+// - `mitsuba`: scenes of Mitsuba in XML
+// - `vdb`, `nrrd`, `raw`, `vol`, `builtin`: volumes, each as a `field::Field`, which becomes a grid; with
 //   `samples` (boxes of values) and `survey` (what is wrong with them)
 // - `environment`: images of the sky
 // - `polygon`: cuts the faces of OBJ and PLY; `texture`: images; `normals`: shading normals at a
 //   crease angle
 // - `contents`: what a file holds, for those who ask; `values`: what the values of a volume are
 // - `files`: reads and hashes files and collects warnings; `images`: those that were decoded;
-//   `left_out`: what to tell of them
+//   `left_out`: what to tell of them; `changes`: values of a scene file that are changed as it is read
 
 mod builtin;
+mod changes;
 pub(crate) mod colors;
 mod contents;
 mod description;
@@ -25,7 +28,9 @@ mod files;
 mod gltf;
 mod images;
 mod left_out;
+mod mitsuba;
 mod mtl;
+mod nearest;
 mod normals;
 mod nrrd;
 mod numbers;
@@ -40,7 +45,9 @@ mod texture;
 mod transform;
 mod values;
 mod vdb;
+mod vol;
 
+pub use changes::Change;
 pub use contents::{Contents, ContentsKind, EXTENSIONS, contents, has_contents};
 pub use values::{GridValues, Histogram};
 
@@ -63,6 +70,9 @@ pub struct Settings {
     /// The frame to read: cameras that move are where they are in that, and names of files in a scene file
     /// may have tokens for its number, as `####`.
     pub frame: Option<i32>,
+    /// Values in place of those of the scene file, one after the other. The hash of the scene is over
+    /// them, too.
+    pub changes: Vec<Change>,
 }
 
 impl Default for Settings {
@@ -71,12 +81,13 @@ impl Default for Settings {
             texture_limit: 4 << 30,
             allow_outside: false,
             frame: None,
+            changes: Vec::new(),
         }
     }
 }
 
 impl Scene {
-    /// Reads and checks a scene: a `.toml` scene file, a `.gltf` or `.glb` by itself, or a packed
+    /// Reads and checks a scene: a `.toml` scene file, a Mitsuba scene (`.xml`), a `.gltf` or `.glb` by itself, or a packed
     /// scene (`.lvp`). What the caller should know is in its `warnings`. [`load`](crate::scene::load) describes scene files.
     ///
     /// # Errors
@@ -108,6 +119,7 @@ impl Scene {
 
     fn load_until(path: &Path, settings: &Settings, cancel: &Cancel) -> Result<Self> {
         if is_packed(path) {
+            refuse_changes(path, settings)?;
             return packed::read(path, settings.frame, settings.texture_limit, cancel);
         }
         let mut files = Files::with(settings.clone(), cancel);
@@ -120,9 +132,18 @@ impl Scene {
     /// # Errors
     /// None that the caller could cause.
     pub fn demo() -> Result<Self> {
+        Self::demo_with(&Settings::default())
+    }
+
+    /// The scene of [`Scene::demo`] with changes.
+    ///
+    /// # Errors
+    /// A change that is none of the scene.
+    pub fn demo_with(settings: &Settings) -> Result<Self> {
         let text = include_str!("demo.toml");
-        let mut files = Files::default();
+        let mut files = Files::with(settings.clone(), &Cancel::default());
         files.add(text.as_bytes())?;
+        files.add_changes()?;
         let builder = description::read(text, Path::new("demo.toml"), &mut files)?;
         finish(builder, files)
     }
@@ -134,9 +155,23 @@ pub fn is_packed(path: &Path) -> bool {
     files::extension(path) == "lvp"
 }
 
+/// Refuses changes of what is no text.
+fn refuse_changes(path: &Path, settings: &Settings) -> Result<()> {
+    match settings.changes.first() {
+        None => Ok(()),
+        Some(change) => Err(Error::input(format!(
+            "{}: `set` {}: this is no scene file whose values could be changed",
+            path.display(),
+            change.key
+        ))
+        .hint("change the .toml file, before it is packed")),
+    }
+}
+
 /// Reads a scene file and all files that it names.
 fn read_scene(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
     files.enter(path);
+    files.add_changes()?;
     match files::extension(path).as_str() {
         "toml" => {
             table::check_bytes(path)?;
@@ -147,15 +182,17 @@ fn read_scene(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
             description::read(text, path, files)
         }
         "gltf" | "glb" => {
+            refuse_changes(path, &files.settings)?;
             let content = files.read("scene", path)?;
             let import = gltf::read(&content, path, files).map_err(|e| e.at(path.display()))?;
             import.into_scene(path).map_err(|e| e.at(path.display()))
         }
+        "xml" => mitsuba::read(path, files),
         other => Err(Error::input(format!(
             "{}: expected a scene file, found the extension \"{other}\"",
             path.display()
         ))
-        .hint("scenes are .toml, .gltf, .glb or .lvp files")),
+        .hint("scenes are .toml, .xml (Mitsuba), .gltf, .glb or .lvp files")),
     }
 }
 
@@ -168,6 +205,7 @@ fn finish(builder: SceneBuilder, files: Files) -> Result<Scene> {
     scene.files_of_frame = frame.filter(|_| files.names_frames);
     scene.files = files.paths;
     scene.warnings.splice(..0, files.warnings);
+    scene.notes.splice(..0, files.notes);
     Ok(scene)
 }
 

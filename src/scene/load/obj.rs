@@ -31,11 +31,32 @@ pub(super) fn read(
     colors: ColorEncoding,
     files: &mut Files,
 ) -> Result<MeshInput> {
+    read_as(content, path, colors, true, files)
+}
+
+/// As [`read`], but what the file says of materials makes no difference.
+pub(super) fn geometry(
+    content: &[u8],
+    path: &Path,
+    colors: ColorEncoding,
+    files: &mut Files,
+) -> Result<MeshInput> {
+    read_as(content, path, colors, false, files)
+}
+
+fn read_as(
+    content: &[u8],
+    path: &Path,
+    colors: ColorEncoding,
+    has_materials: bool,
+    files: &mut Files,
+) -> Result<MeshInput> {
     let text = String::from_utf8_lossy(text_start(content)?);
     let cutter = Cutter::until(&files.cancel);
     let mut reader = Reader {
         path,
         files,
+        has_materials,
         mesh: MeshInput::default(),
         line: 0,
         positions: Vec::new(),
@@ -80,6 +101,8 @@ type Corner = [Option<usize>; 3];
 struct Reader<'a> {
     path: &'a Path,
     files: &'a mut Files,
+    /// Whether materials are read.
+    has_materials: bool,
     mesh: MeshInput,
     /// Number of the line that is read.
     line: usize,
@@ -138,6 +161,7 @@ impl Reader<'_> {
                 push(&mut self.normals, normal)
             }
             b"f" | b"fo" => self.face(numbers_of(rest)),
+            b"mtllib" | b"usemtl" if !self.has_materials => Ok(()),
             b"mtllib" => self.libraries(rest.trim()),
             b"usemtl" => {
                 self.material = Some(self.named_material(rest.trim()));

@@ -1,12 +1,15 @@
 //! Typed access to a TOML document that remembers where everything stands, so that every message
 //! can name the line.
 
+use super::changes::{self, Change};
+use super::nearest::nearest;
 use crate::run::size;
 use crate::scene::builder::is_singular;
 use crate::{Error, Result};
 use glam::{DAffine3, DMat4, DVec3};
 use std::fmt::LowerExp;
 use std::fs;
+use std::ops::Range;
 use std::path::Path;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -39,6 +42,11 @@ pub(super) fn check_bytes(path: &Path) -> Result<()> {
 pub(super) struct Document<'a> {
     path: &'a Path,
     text: &'a str,
+    /// Where the file ends in the text; behind it are the values of changes.
+    end: usize,
+    changes: &'a [Change],
+    /// Where the values of the changes are in the text.
+    changed: Vec<Range<usize>>,
     /// Where lines end, in bytes: every value asks for its line.
     line_ends: Vec<usize>,
 }
@@ -47,7 +55,8 @@ pub(super) struct Document<'a> {
 pub(super) struct Table<'a> {
     document: &'a Document<'a>,
     title: String,
-    line: usize,
+    /// Where it is: a line, or a change.
+    at: String,
     entries: &'a DeTable<'a>,
 }
 
@@ -60,11 +69,27 @@ pub(super) struct Item<'a> {
 
 impl<'a> Document<'a> {
     /// Names the text for messages.
+    #[cfg(test)]
     pub(super) fn new(path: &'a Path, text: &'a str) -> Self {
+        Self::changed(path, text, text.len(), &[], Vec::new())
+    }
+
+    /// A file of which some values are changed: its text up to `end`, and behind it, where `changed`
+    /// says, the values.
+    pub(super) fn changed(
+        path: &'a Path,
+        text: &'a str,
+        end: usize,
+        changes: &'a [Change],
+        changed: Vec<Range<usize>>,
+    ) -> Self {
         let bytes = text.bytes().enumerate();
         Self {
             path,
             text,
+            end,
+            changes,
+            changed,
             line_ends: bytes
                 .filter_map(|(i, b)| (b == b'\n').then_some(i))
                 .collect(),
@@ -74,10 +99,15 @@ impl<'a> Document<'a> {
     /// Parses the text; hand the result to [`Document::root`].
     pub(super) fn parse(&self) -> Result<Spanned<DeTable<'a>>> {
         self.check_size()?;
-        DeTable::parse(self.text).map_err(|e| {
-            let line = e.span().map_or(1, |s| self.line(s.start));
-            self.error(format!("not valid TOML at line {line}: {}", e.message()))
-        })
+        let mut parsed = DeTable::parse(&self.text[..self.end]).map_err(|e| {
+            let at = self.at(e.span().map_or(0, |s| s.start));
+            self.error(format!("not valid TOML {at}: {}", e.message()))
+        })?;
+        for (change, place) in self.changes.iter().zip(&self.changed) {
+            changes::apply(parsed.get_mut(), change, self.text, place)
+                .map_err(|e| e.at(self.path.display()))?;
+        }
+        Ok(parsed)
     }
 
     /// Refuses what would take far more memory than a description is worth.
@@ -100,21 +130,21 @@ impl<'a> Document<'a> {
         parsed: &'a Spanned<DeTable<'a>>,
         known: &[&str],
     ) -> Result<Table<'a>> {
-        self.table("the scene", 1, parsed.get_ref(), known)
+        self.table("the scene", self.at(0), parsed.get_ref(), known)
     }
 
     fn table(
         &'a self,
         title: &str,
-        line: usize,
+        at: String,
         entries: &'a DeTable<'a>,
         known: &[&str],
     ) -> Result<Table<'a>> {
         for (key, _) in entries {
             let name = key.get_ref().as_ref();
             if !known.contains(&name) {
-                let at = self.line(key.span().start);
-                let error = self.error(format!("unknown key `{name}` in {title} at line {at}"));
+                let at = self.at(key.span().start);
+                let error = self.error(format!("unknown key `{name}` in {title} {at}"));
                 return Err(match nearest(name, known) {
                     Some(near) => error.hint(format!("did you mean `{near}`?")),
                     None => error.hint(format!("the keys of {title} are {}", known.join(", "))),
@@ -124,7 +154,7 @@ impl<'a> Document<'a> {
         Ok(Table {
             document: self,
             title: title.into(),
-            line,
+            at,
             entries,
         })
     }
@@ -133,8 +163,16 @@ impl<'a> Document<'a> {
         Error::input(format!("{}: {message}", self.path.display()))
     }
 
-    fn line(&self, byte: usize) -> usize {
-        1 + self.line_ends.partition_point(|&end| end < byte)
+    /// Where a byte of the text stands.
+    fn at(&self, byte: usize) -> String {
+        let is_of = |place: &Range<usize>| byte > self.end && byte <= place.end;
+        match self.changed.iter().position(is_of) {
+            Some(change) => format!("by `set` {}", self.changes[change].key),
+            None => {
+                let line = 1 + self.line_ends.partition_point(|&end| end < byte);
+                format!("at line {line}")
+            }
+        }
     }
 }
 
@@ -145,9 +183,9 @@ impl<'a> Table<'a> {
         Some(Item {
             document: self.document,
             place: format!(
-                "`{key}` in {} at line {}",
+                "`{key}` in {} {}",
                 self.title,
-                self.document.line(name.span().start)
+                self.document.at(name.span().start)
             ),
             value,
         })
@@ -174,16 +212,16 @@ impl<'a> Table<'a> {
     /// An error about the table as a whole.
     pub(super) fn error(&self, message: impl std::fmt::Display) -> Error {
         self.document
-            .error(format!("{} at line {}: {message}", self.title, self.line))
+            .error(format!("{} {}: {message}", self.title, self.at))
     }
 
     /// Leads an error by the place of the table.
     pub(super) fn locate(&self, error: Error) -> Error {
         error.at(format!(
-            "{}: {} at line {}",
+            "{}: {} {}",
             self.document.path.display(),
             self.title,
-            self.line
+            self.at
         ))
     }
 
@@ -199,8 +237,8 @@ impl<'a> Table<'a> {
             .iter()
             .map(|entry| {
                 let entries = entry.get_ref().as_table().ok_or_else(wrong)?;
-                let line = self.document.line(entry.span().start);
-                self.document.table(&title, line, entries, known)
+                let at = self.document.at(entry.span().start);
+                self.document.table(&title, at, entries, known)
             })
             .collect()
     }
@@ -232,8 +270,8 @@ impl<'a> Item<'a> {
     pub(super) fn table(&self, title: &str, known: &[&str]) -> Result<Table<'a>> {
         let entries = self.value.get_ref().as_table();
         let entries = entries.ok_or_else(|| self.expected("a table"))?;
-        let line = self.document.line(self.value.span().start);
-        self.document.table(title, line, entries, known)
+        let at = self.document.at(self.value.span().start);
+        self.document.table(title, at, entries, known)
     }
 
     /// Whether the value is a table.
@@ -458,15 +496,6 @@ fn brief(number: impl Into<f64> + LowerExp + ToString + Copy) -> String {
 fn integer(value: &DeValue<'_>) -> Option<i64> {
     let integer = value.as_integer()?;
     i64::from_str_radix(integer.as_str(), integer.radix()).ok()
-}
-
-/// The known word that takes the fewest edits to reach, if it takes few for its length.
-pub(super) fn nearest<'k>(word: &str, known: &[&'k str]) -> Option<&'k str> {
-    let (edits, near) = known
-        .iter()
-        .map(|k| (strsim::osa_distance(word, k), *k))
-        .min_by_key(|(edits, _)| *edits)?;
-    (edits <= near.len().max(word.len()).div_ceil(3)).then_some(near)
 }
 
 #[cfg(test)]

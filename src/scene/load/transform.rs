@@ -40,13 +40,15 @@ pub(super) fn from_keys(table: &Table<'_>) -> Result<DAffine3> {
     })
 }
 
-/// About x, then y, then z. By hand: glam's sines are the platform's, and pixels must not depend on
-/// that.
+/// A turn about an axis of unit length. By hand: glam's sines are the platform's, and pixels must not
+/// depend on that.
+pub(super) fn about(axis: DVec3, degrees: f64) -> DQuat {
+    let (sin, cos) = libm::sincos(0.5 * degrees.to_radians());
+    DQuat::from_vec4((axis * sin).extend(cos))
+}
+
+/// About x, then y, then z.
 fn rotation_deg(angle: DVec3) -> DQuat {
-    let about = |axis: DVec3, degrees: f64| {
-        let (sin, cos) = libm::sincos(0.5 * degrees.to_radians());
-        DQuat::from_vec4((axis * sin).extend(cos))
-    };
     about(DVec3::Z, angle.z) * about(DVec3::Y, angle.y) * about(DVec3::X, angle.x)
 }
 

@@ -11,7 +11,7 @@ use super::colors::ColorEncoding;
 use super::files::{Files, beside, extension};
 use super::table::{Document, Table};
 use super::texture::Decoding;
-use super::{builtin, gltf, normals, obj, ply, texture, transform};
+use super::{builtin, changes, gltf, normals, obj, ply, texture, transform};
 use crate::Result;
 use crate::run::Cancel;
 use crate::scene::builder::{DEFAULT_FILM, MAX_EMISSION, MeshInput, SceneBuilder};
@@ -40,7 +40,9 @@ const MESH: [&str; 14] = [
 ];
 /// Reads the scene file `path` with the content `text`, and all files that it names.
 pub(super) fn read(text: &str, path: &Path, files: &mut Files) -> Result<SceneBuilder> {
-    let document = Document::new(path, text);
+    let changes = files.settings.changes.clone();
+    let (all, changed) = changes::append(text, &changes);
+    let document = Document::changed(path, &all, text.len(), &changes, changed);
     let parsed = document.parse()?;
     let root = document.root(
         &parsed,

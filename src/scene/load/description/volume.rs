@@ -8,7 +8,7 @@ use crate::scene::load::field::{Field, Scale};
 use crate::scene::load::files::{Files, extension};
 use crate::scene::load::samples::Number;
 use crate::scene::load::table::Table;
-use crate::scene::load::{builtin, nrrd, raw, transform, vdb};
+use crate::scene::load::{builtin, nrrd, raw, transform, vdb, vol};
 use glam::DAffine3;
 use std::path::Path;
 
@@ -181,13 +181,13 @@ fn fields(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Resu
             };
             Some((dims, number, big_endian))
         }
-        "nrrd" | "nhdr" | "vdb" => None,
+        "nrrd" | "nhdr" | "vdb" | "vol" => None,
         other => {
             return Err(table
                 .error(format_args!(
                     "a volume with the extension \"{other}\" is not supported"
                 ))
-                .hint("volumes are .vdb, .nrrd, .nhdr or .raw files"));
+                .hint("volumes are .vdb, .nrrd, .nhdr, .vol or .raw files"));
         }
     };
     let grid = table.get("grid").map(|i| i.text()).transpose()?;
@@ -201,6 +201,9 @@ fn fields(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Resu
     let content = files.read("volume", path).map_err(|e| table.locate(e))?;
     let fields = match layout {
         Some((dims, number, big_endian)) => raw::read(content, dims, number, big_endian).map(one),
+        None if kind == "vol" => (vol::Vol::read(content))
+            .and_then(vol::Vol::into_field)
+            .map(one),
         None => nrrd::read(content, path, files).map(one),
     };
     fields.map_err(|e| e.at(path.display()))

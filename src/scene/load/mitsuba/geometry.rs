@@ -1,0 +1,189 @@
+//! Shapes of Mitsuba that are no files, as triangles.
+
+use crate::scene::builder::MeshInput;
+use glam::{DVec3, Vec2, Vec3};
+use std::f64::consts::TAU;
+
+/// Sides of what is round, and rings of a sphere from pole to pole.
+const AROUND: u32 = 128;
+const RINGS: u32 = 64;
+
+/// From -1 to 1 in x and y, facing +z.
+pub(super) fn rectangle() -> MeshInput {
+    let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+    MeshInput {
+        positions: corners.map(|[x, y]| DVec3::new(x, y, 0.0)).to_vec(),
+        uvs: corners.map(|[x, y]| half(x, y)).to_vec(),
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..MeshInput::default()
+    }
+}
+
+fn half(x: f64, y: f64) -> Vec2 {
+    Vec2::new(0.5 * (x + 1.0) as f32, 0.5 * (y + 1.0) as f32)
+}
+
+/// From -1 to 1 along each axis.
+pub(super) fn cube() -> MeshInput {
+    let mut mesh = MeshInput::default();
+    for side in 0..6 {
+        let axis = side / 2;
+        let out = if side % 2 == 0 { 1.0 } else { -1.0 };
+        let first = mesh.positions.len() as u32;
+        for [s, t] in [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]] {
+            let mut p = [0.0; 3];
+            p[axis] = out;
+            // Counter-clockwise on the negative side, too.
+            p[(axis + 1) % 3] = out * s;
+            p[(axis + 2) % 3] = t;
+            mesh.positions.push(DVec3::from(p));
+            mesh.uvs.push(half(s, -t));
+        }
+        let pair = [[0, 1, 2], [0, 2, 3]].map(|t: [u32; 3]| t.map(|v| v + first));
+        mesh.triangles.extend(pair);
+    }
+    mesh
+}
+
+/// Of radius 1 around z, facing +z.
+pub(super) fn disk() -> MeshInput {
+    let mut mesh = MeshInput {
+        positions: vec![DVec3::ZERO],
+        uvs: vec![Vec2::ZERO],
+        ..MeshInput::default()
+    };
+    for i in 0..AROUND {
+        let (sin, cos) = around(i);
+        mesh.positions.push(DVec3::new(cos, sin, 0.0));
+        mesh.uvs.push(Vec2::new(1.0, i as f32 / AROUND as f32));
+        mesh.triangles.push([0, i + 1, (i + 1) % AROUND + 1]);
+    }
+    mesh
+}
+
+/// Of radius 1 around z, from 0 to 1, without its ends.
+pub(super) fn cylinder() -> MeshInput {
+    rows(2, |row, (sin, cos)| {
+        (DVec3::new(cos, sin, row.into()), DVec3::new(cos, sin, 0.0))
+    })
+}
+
+/// Of radius 1 around the origin, its poles along z.
+pub(super) fn sphere() -> MeshInput {
+    rows(RINGS + 1, |row, (sin, cos)| {
+        let (ring, z) = match row {
+            0 => (0.0, -1.0),
+            RINGS => (0.0, 1.0),
+            _ => {
+                let (ring, z) = libm::sincos(0.5 * TAU * f64::from(row) / f64::from(RINGS));
+                (ring, -z)
+            }
+        };
+        let p = DVec3::new(ring * cos, ring * sin, z);
+        (p, p)
+    })
+}
+
+fn around(i: u32) -> (f64, f64) {
+    match i % AROUND {
+        0 => (0.0, 1.0),
+        i => libm::sincos(TAU * f64::from(i) / f64::from(AROUND)),
+    }
+}
+
+/// Rows of points around z from below, outside on the right of who goes up; each point with its
+/// normal.
+fn rows(count: u32, point: impl Fn(u32, (f64, f64)) -> (DVec3, DVec3)) -> MeshInput {
+    let mut mesh = MeshInput::default();
+    for row in 0..count {
+        for i in 0..=AROUND {
+            let (p, normal) = point(row, around(i));
+            mesh.positions.push(p);
+            mesh.normals.push(normal.as_vec3());
+            let v = 1.0 - row as f32 / (count - 1) as f32;
+            mesh.uvs.push(Vec2::new(i as f32 / AROUND as f32, v));
+        }
+    }
+    let width = AROUND + 1;
+    for row in 0..count - 1 {
+        for i in 0..AROUND {
+            let (a, b) = (row * width + i, (row + 1) * width + i);
+            for triangle in [[a, a + 1, b + 1], [a, b + 1, b]] {
+                // At the poles one side is a point.
+                let [p, q, r] = triangle.map(|v| mesh.positions[v as usize]);
+                if p != q && q != r && r != p {
+                    mesh.triangles.push(triangle);
+                }
+            }
+        }
+    }
+    mesh
+}
+
+/// Normals at vertices of a mesh that has none: the mean of its faces by their angles there.
+pub(super) fn smooth(mesh: &mut MeshInput) {
+    let mut sums = vec![DVec3::ZERO; mesh.positions.len()];
+    for triangle in &mesh.triangles {
+        let corner = |i: usize| mesh.positions[triangle[i % 3] as usize];
+        let normal = (corner(1) - corner(0)).cross(corner(2) - corner(0));
+        let Some(normal) = normal.try_normalize() else {
+            continue;
+        };
+        for i in 0..3 {
+            let sides = [1, 2].map(|k| (corner(i + k) - corner(i)).try_normalize());
+            if let [Some(a), Some(b)] = sides {
+                sums[triangle[i] as usize] += normal * libm::acos(a.dot(b).clamp(-1.0, 1.0));
+            }
+        }
+    }
+    let unit = |n: DVec3| n.try_normalize().unwrap_or(DVec3::ZERO).as_vec3();
+    mesh.normals = sums.into_iter().map(unit).collect::<Vec<Vec3>>();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Area, and volume by the divergence of x / 3 over fronts that face outwards.
+    fn measures(mesh: &MeshInput) -> [f64; 2] {
+        let mut sums = [0.0; 2];
+        for t in &mesh.triangles {
+            let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
+            let area = 0.5 * (b - a).cross(c - a);
+            sums[0] += area.length();
+            sums[1] += a.dot(area) / 3.0;
+        }
+        sums
+    }
+
+    #[test]
+    fn shapes_have_their_areas_and_face_outwards() {
+        let pi = 0.5 * TAU;
+        for (mesh, area, volume) in [
+            (rectangle(), 4.0, 0.0),
+            (cube(), 24.0, 8.0),
+            (disk(), pi, 0.0),
+            (cylinder(), TAU, TAU / 3.0),
+            (sphere(), 2.0 * TAU, 2.0 * TAU / 3.0),
+        ] {
+            let found = measures(&mesh);
+            assert!((found[0] / area - 1.0).abs() < 2e-3, "{found:?} {area}");
+            assert!((found[1] - volume).abs() < 1e-2, "{found:?} {volume}");
+        }
+        for mesh in [rectangle(), disk()] {
+            let [a, b, c] = mesh.triangles[0].map(|v| mesh.positions[v as usize]);
+            assert!((b - a).cross(c - a).z > 0.0);
+        }
+    }
+
+    #[test]
+    fn smooth_normals_of_a_cube_point_to_its_corners() {
+        let mut mesh = sphere();
+        let given = std::mem::take(&mut mesh.normals);
+        smooth(&mut mesh);
+        // But at the seam and the poles, where faces of one side alone count.
+        let width = AROUND as usize + 1;
+        let at = 32 * width + 17;
+        assert!((mesh.normals[at] - given[at]).length() < 1e-3);
+    }
+}
