@@ -1,0 +1,210 @@
+#!/usr/bin/env python3
+"""What tools/blender_export.py makes of scenes, held to Cycles: blender_agrees.py LVOX OUT VDB
+makes scenes with lights of each kind, exports them, renders them by Cycles and by `lvox reference`, and compares means of
+blocks. VDB is ../shared/data/smoke.vdb; where it is not there, smoke is left out. Needs a Python that has bpy. Ends with: N passed, N failed."""
+import math
+import os
+import subprocess
+import sys
+
+import bpy
+import numpy as np
+
+lvox, out, vdb = sys.argv[1], sys.argv[2], sys.argv[3]
+here = os.path.dirname(os.path.abspath(__file__))
+sys.path.insert(0, os.path.join(here, "../acceptance/references"))
+import exr  # noqa: E402
+
+BLOCK, WIDTH, HEIGHT, SPP = 8, 64, 48, 256
+
+
+def material(name, kind, **inputs):
+    made = bpy.data.materials.new(name)
+    if made.node_tree is None:  # Before Blender 5.
+        made.use_nodes = True
+    tree = made.node_tree
+    tree.nodes.clear()
+    end, node = tree.nodes.new("ShaderNodeOutputMaterial"), tree.nodes.new(kind)
+    for key, value in inputs.items():
+        node.inputs[key.replace("_", " ")].default_value = value
+    tree.links.new(node.outputs[0], end.inputs["Volume" if "Volume" in kind else "Surface"])
+    return made
+
+
+def stage():
+    """A floor, a block and a ball, before a camera."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    scene.render.resolution_x, scene.render.resolution_y = WIDTH, HEIGHT
+    for add, place, size, color in [
+        (bpy.ops.mesh.primitive_plane_add, (0, 0, 0), 8, (0.6, 0.6, 0.5, 1)),
+        (bpy.ops.mesh.primitive_cube_add, (-0.8, 0.6, 0.5), 1, (0.7, 0.2, 0.1, 1)),
+        (bpy.ops.mesh.primitive_ico_sphere_add, (0.8, -0.2, 0.5), None, (0.2, 0.4, 0.8, 1)),
+    ]:
+        add(location=place, **({"size": size} if size else {"radius": 0.5, "subdivisions": 4}))
+        made = material("m", "ShaderNodeBsdfDiffuse", Color=color)
+        bpy.context.object.data.materials.append(made)
+    view = bpy.data.objects.new("view", bpy.data.cameras.new("view"))
+    view.location, view.rotation_euler = (0.5, -5.5, 2.4), (math.radians(72), 0, math.radians(5))
+    view.data.angle = math.radians(50)
+    scene.collection.objects.link(view)
+    scene.camera = view
+    scene.world = bpy.data.worlds.new("world")
+    sky = background()
+    sky.inputs["Color"].default_value = (0, 0, 0, 1)
+    return scene
+
+
+def background():
+    world = bpy.context.scene.world
+    if world.node_tree is None:
+        world.use_nodes = True
+    return world.node_tree.nodes["Background"]
+
+
+def lamp(kind, energy, place=(0, 0, 4), turn=(0.3, 0.2, 0), **more):
+    data = bpy.data.lights.new(kind, kind)
+    data.energy, data.color = energy, (1, 0.8, 0.6)
+    for key, value in more.items():
+        setattr(data, key, value)
+    made = bpy.data.objects.new(kind, data)
+    made.location, made.rotation_euler = place, turn
+    bpy.context.scene.collection.objects.link(made)
+
+
+def sky_image():
+    image = bpy.data.images.new("sky", 128, 64, float_buffer=True)
+    v, u = np.mgrid[0:64, 0:128]
+    texels = np.stack([0.2 + 0.8 * (u < 40), 0.3 + 0.01 * v, 0.2 + 0.7 * (u > 80), np.ones_like(u)], -1)
+    image.pixels.foreach_set(texels.astype(np.float32).ravel())
+    image.pack()
+    tree = bpy.context.scene.world.node_tree
+    node, place = tree.nodes.new("ShaderNodeTexEnvironment"), tree.nodes.new("ShaderNodeMapping")
+    coordinates = tree.nodes.new("ShaderNodeTexCoord")
+    node.image = image
+    place.inputs["Rotation"].default_value = (0, 0, math.radians(50))
+    tree.links.new(coordinates.outputs["Generated"], place.inputs["Vector"])
+    tree.links.new(place.outputs["Vector"], node.inputs["Vector"])
+    tree.links.new(node.outputs["Color"], background().inputs["Color"])
+    background().inputs["Strength"].default_value = 0.7
+
+
+def glow():
+    """A plane that emits, and a plain sky."""
+    background().inputs["Color"].default_value = (0.1, 0.15, 0.2, 1)
+    bpy.ops.mesh.primitive_plane_add(size=1, location=(1.5, 1, 1.5), rotation=(0, math.radians(-60), 0))
+    made = material("glow", "ShaderNodeEmission", Color=(1, 0.5, 0.2, 1), Strength=6)
+    bpy.context.object.data.materials.append(made)
+
+
+def smoke():
+    """Smoke from a VDB file, turned and scaled."""
+    lamp("SUN", 3, angle=0.0)
+    background().inputs["Color"].default_value = (0.2, 0.2, 0.25, 1)
+    bpy.ops.object.volume_import(filepath=vdb, location=(0.1, -1.2, 1.0))
+    made = bpy.context.object
+    made.scale, made.rotation_euler = (0.015, 0.015, 0.015), (math.radians(90), 0, 0.5)
+    made.data.render.space = "WORLD"
+    kind = {"Color": (0.9, 0.7, 0.5, 1), "Density": 12.0, "Anisotropy": 0.3}
+    made.data.materials.append(material("smoke", "ShaderNodeVolumePrincipled", **kind))
+
+
+def cycles(path):
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    engine = scene.cycles
+    engine.device, engine.samples, engine.use_denoising, engine.use_adaptive_sampling = "CPU", SPP, False, False
+    for key in ("max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces", "volume_bounces"):
+        setattr(engine, key, 1)
+    engine.pixel_filter_type = "BOX"
+    engine.filter_width = 1.0
+    engine.sample_clamp_direct = engine.sample_clamp_indirect = 0
+    engine.light_sampling_threshold = 0
+    if hasattr(engine, "volume_biased"):
+        engine.volume_biased = False
+    image = scene.render.image_settings
+    image.file_format, image.color_depth = "OPEN_EXR", "32"
+    image.exr_codec = "NONE"
+    scene.view_settings.view_transform = "Raw" if "Raw" in views() else "Standard"
+    scene.render.filepath = path
+    bpy.ops.render.render(write_still=True)
+    return picture(path)
+
+
+def views():
+    kinds = bpy.types.ColorManagedViewSettings.bl_rna.properties["view_transform"].enum_items
+    return [kind.identifier for kind in kinds]
+
+
+def picture(path):
+    rows = exr.read(path)[1]
+    return np.stack([np.array(rows[c], np.float64) for c in "RGB"], -1)
+
+
+def blocks(image):
+    h, w = (n // BLOCK for n in image.shape[:2])
+    return image[: h * BLOCK, : w * BLOCK].reshape(h, BLOCK, w, BLOCK, 3).mean((1, 3))
+
+
+def export(blend, folder, *more):
+    script = os.path.join(here, "../../tools/blender_export.py")
+    subprocess.run([sys.executable, script, blend, "-o", folder, *more], check=True, stdout=subprocess.DEVNULL)
+
+
+def compared(name, make, limit):
+    stage()
+    make()
+    blend = os.path.join(out, name + ".blend")
+    bpy.ops.wm.save_as_mainfile(filepath=blend)
+    theirs = blocks(cycles(os.path.join(out, name + "-cycles.exr")))
+    folder, image = os.path.join(out, name), os.path.join(out, name + "-lvox.exr")
+    export(blend, folder)
+    words = ["reference", os.path.join(folder, name + ".toml"), "-o", image, "--spp", str(SPP), "--max-depth", "3"]
+    subprocess.run([lvox, *words, "--force", "--progress", "none"], check=True)
+    mine = blocks(picture(image))
+    scale = np.maximum(theirs, theirs.mean())
+    apart = np.sqrt(np.mean(((mine - theirs) / scale) ** 2))
+    mean = mine.mean() / theirs.mean() - 1
+    is_near = apart < limit and abs(mean) < 0.02
+    told = "" if is_near else "FAILED: "
+    print(f"{told}{name}: blocks differ by {apart:.4f}, means by {mean:+.4f}", flush=True)
+    return is_near
+
+
+def frames():
+    """A camera and a light that move, meshes that do not: one file of meshes for both frames."""
+    scene = stage()
+    lamp("SUN", 3)
+    for frame in (1, 3):
+        scene.camera.location.x = frame
+        scene.camera.keyframe_insert("location", frame=frame)
+    blend, folder = os.path.join(out, "move.blend"), os.path.join(out, "move")
+    bpy.ops.wm.save_as_mainfile(filepath=blend)
+    export(blend, folder, "--frames", "1-3x2")
+    files = sorted(os.listdir(folder))
+    words = ["inspect", os.path.join(folder, "move.####.toml"), "--frames", "1-3x2"]
+    done = subprocess.run([lvox, *words], capture_output=True, text=True)
+    is_right = files == ["move.0001.glb", "move.0001.toml", "move.0003.toml"] and done.returncode == 0
+    print(f"{'' if is_right else 'FAILED: '}frames: {', '.join(files)}", done.stderr)
+    return is_right
+
+
+rows = [
+    ("sun", lambda: lamp("SUN", 3, angle=math.radians(8)), 0.03),
+    ("point", lambda: lamp("POINT", 400, shadow_soft_size=0.0), 0.03),
+    ("spot", lambda: lamp("SPOT", 900, spot_size=1.0, spot_blend=0.4, shadow_soft_size=0.0), 0.03),
+    ("area", lambda: lamp("AREA", 300, shape="RECTANGLE", size=1.5, size_y=0.8), 0.03),
+    ("disk", lambda: lamp("AREA", 300, shape="DISK", size=1.5), 0.03),
+    ("glow", glow, 0.05),
+    ("sky", sky_image, 0.03),
+    ("smoke", smoke, 0.05),
+]
+if not os.path.exists(vdb):
+    print("SKIPPED: tests/exchange/run.sh: smoke of Blender needs ../shared/data/smoke.vdb")
+    rows.pop()
+wanted = sys.argv[4:]
+results = [compared(*row) for row in rows if not wanted or row[0] in wanted]
+if not wanted or "frames" in wanted:
+    results.append(frames())
+print(f"\n{sum(results)} passed, {len(results) - sum(results)} failed")
+sys.exit(not all(results))

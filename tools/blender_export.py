@@ -1,0 +1,393 @@
+#!/usr/bin/env python3
+"""Exports a Blender scene for lvox: meshes as glTF, all else as TOML, frame by frame.
+
+    python tools/blender_export.py file.blend -o folder [--frames 1-10x2]        (a Python that has bpy)
+    blender -b file.blend -P tools/blender_export.py -- -o folder                (inside Blender)
+
+Writes folder/NAME.toml and NAME.glb, or with --frames NAME.0001.toml, ... for
+`lvox render folder/NAME.####.toml --frames 1-10 -o out.####.exr`. Frames of equal meshes share a file.
+
+Taken are: meshes with their modifiers and the colours, textures and emission that glTF has (Diffuse and Emission
+nodes, too); all cameras, the scene's first; sun, point, spot and area lights in Blender's units (watts; area lights
+become quads or disks that emit, which the camera sees); a world of one colour or an image, turned about z by a
+Mapping node; volume objects (.vdb) with Principled Volume or Volume Scatter. What is left out is told on stderr.
+"""
+import argparse
+import hashlib
+import math
+import os
+import shutil
+import sys
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+# Blender is z-up, glTF and lvox are y-up.
+Y_UP = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
+# builtin:quad faces +y; area lights face -z.
+FACING_DOWN = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
+DISK = "disk.ply"
+told = set()
+
+
+def warn(what):
+    if what not in told:
+        told.add(what)
+        print("warning: " + what, file=sys.stderr)
+
+
+def text(value):
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(text(v) for v in value) + "]"
+    return repr(value) if isinstance(value, int) else f"{value:.9g}"
+
+
+def table(title, keys):
+    return f"\n{title}\n" + "".join(f"{key} = {text(value)}\n" for key, value in keys.items())
+
+
+def rows(matrix):
+    return [[matrix[i][j] for j in range(4)] for i in range(3)] + [[0, 0, 0, 1]]
+
+
+def vector(v):
+    return [v[0], v[1], v[2]]
+
+
+def unscaled(matrix):
+    """Place and turn alone."""
+    place, turn, _ = matrix.decompose()
+    return Matrix.Translation(place) @ turn.to_matrix().to_4x4()
+
+
+def frames_of(words):
+    """As lvox reads them: 1-10, 1-10x2, 1,5,9."""
+    numbers = []
+    for word in words.split(","):
+        span, _, step = word.replace(":", "x").partition("x")
+        first, dash, last = span[1:].partition("-")
+        first = span[:1] + first
+        numbers += range(int(first), int(last if dash else first) + 1, int(step or 1))
+    return numbers
+
+
+# ---------------------------------------------------------------------------------------------------- materials
+
+
+def source(socket, default=None):
+    """The node that a socket is fed from, if any, through reroutes."""
+    while socket.is_linked:
+        node = socket.links[0].from_node
+        if node.type != "REROUTE":
+            return node
+        socket = node.inputs[0]
+    return default
+
+
+def output(tree, kind="OUTPUT_MATERIAL"):
+    nodes = [node for node in tree.nodes if node.type == kind]
+    active = [node for node in nodes if node.is_active_output]
+    return (active or nodes or [None])[0]
+
+
+def prepare_materials():
+    """Lets a Principled node stand for Diffuse and Emission, of which glTF has none or not all."""
+    for material in bpy.data.materials:
+        tree = material.node_tree
+        out = output(tree) if tree else None
+        node = source(out.inputs["Surface"]) if out else None
+        if node is None or node.type not in ("BSDF_DIFFUSE", "EMISSION"):
+            if node is not None and node.type != "BSDF_PRINCIPLED":
+                warn(f"material {material.name}: {node.bl_label} is exported as glTF can")
+            continue
+        plain = tree.nodes.new("ShaderNodeBsdfPrincipled")
+        plain.inputs["Roughness"].default_value = 1
+        plain.inputs["Specular IOR Level"].default_value = 0
+        color = node.inputs["Color"]
+        key = "Base Color"
+        if node.type == "EMISSION":
+            plain.inputs["Base Color"].default_value = (0, 0, 0, 1)
+            if node.inputs["Strength"].is_linked:
+                warn(f"material {material.name}: the strength of its emission comes from a node: left out")
+            plain.inputs["Emission Strength"].default_value = node.inputs["Strength"].default_value
+            key = "Emission Color"
+        plain.inputs[key].default_value = color.default_value
+        if color.is_linked:
+            tree.links.new(color.links[0].from_socket, plain.inputs[key])
+        tree.links.new(plain.outputs["BSDF"], out.inputs["Surface"])
+
+
+# ------------------------------------------------------------------------------------------------------- lights
+
+
+def light(obj, folder):
+    lamp, to_world = obj.data, Y_UP @ obj.matrix_world
+    color = [c * lamp.energy * 2.0 ** getattr(lamp, "exposure", 0.0) for c in lamp.color]
+    if getattr(lamp, "use_temperature", False):
+        color = [c * t for c, t in zip(color, lamp.temperature_color)]
+    if not getattr(lamp, "normalize", True):
+        warn(f"light {obj.name}: its power is taken as of all its area")
+    if getattr(lamp, "use_nodes", False) and lamp.node_tree and len(lamp.node_tree.nodes) > 2:
+        warn(f"light {obj.name}: its nodes are left out")
+    place = vector(to_world.translation)
+    ahead = vector(-to_world.col[2].to_3d().normalized())
+    if lamp.type == "SUN":
+        keys = {"type": "directional", "direction": ahead, "irradiance": color}
+        if lamp.angle > 0:
+            keys["angular_radius_deg"] = min(math.degrees(lamp.angle / 2), 89)
+        return table("[[light]]", keys)
+    if lamp.type == "AREA":
+        return area_light(obj, color, to_world, folder)
+    if lamp.shadow_soft_size > 0:
+        warn(f"light {obj.name}: its radius of {lamp.shadow_soft_size:g} is left out")
+    # Watts all around, whatever the cone of a spot.
+    intensity = [c / (4 * math.pi) for c in color]
+    if lamp.type == "POINT":
+        return table("[[light]]", {"type": "point", "position": place, "intensity": intensity})
+    outer = math.cos(lamp.spot_size / 2)
+    inner = min(outer + (1 - outer) * max(lamp.spot_blend, 1e-4), 1)
+    keys = {"type": "spot", "position": place, "direction": ahead, "intensity": intensity}
+    keys["inner_deg"] = math.degrees(math.acos(inner))
+    keys["outer_deg"] = math.degrees(lamp.spot_size / 2)
+    return table("[[light]]", keys)
+
+
+def area_light(obj, color, to_world, folder):
+    lamp = obj.data
+    across = lamp.size
+    down = lamp.size_y if lamp.shape in ("RECTANGLE", "ELLIPSE") else lamp.size
+    is_round = lamp.shape in ("DISK", "ELLIPSE")
+    scale = to_world.to_scale()
+    size = across * scale[0] * down * scale[1] * (math.pi / 4 if is_round else 1)
+    if lamp.spread < math.pi - 1e-3:
+        warn(f"light {obj.name}: its spread is left out")
+    radiance = [c / (math.pi * size) for c in color]
+    name = "builtin:quad"
+    if is_round:
+        name = DISK
+        write_disk(os.path.join(folder, DISK))
+    place = to_world @ FACING_DOWN @ Matrix.Diagonal((across, 1, down, 1))
+    keys = {"file": name, "name": obj.name, "transform": rows(place), "albedo": [0, 0, 0], "emission": radiance}
+    return table("[[mesh]]", keys)
+
+
+def write_disk(path, sides=128):
+    """Of diameter 1 around y, facing +y."""
+    turns = [2 * math.pi * i / sides for i in range(sides)]
+    points = [f"{math.sin(t) / 2:.9g} 0 {math.cos(t) / 2:.9g}" for t in turns]
+    head = f"ply\nformat ascii 1.0\nelement vertex {sides}\nproperty float x\nproperty float y\nproperty float z\n"
+    head += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    face = f"{sides} " + " ".join(str(i) for i in range(sides))
+    with open(path, "w") as file:
+        file.write(head + "\n".join(points) + "\n" + face + "\n")
+
+
+def world(scene, folder):
+    if scene.world is None:
+        return table("[[light]]", {"type": "environment", "radiance": [0, 0, 0]})
+    tree = scene.world.node_tree
+    out = output(tree, "OUTPUT_WORLD") if tree else None
+    node = source(out.inputs["Surface"]) if out else None
+    if node is None:
+        return table("[[light]]", {"type": "environment", "radiance": [0, 0, 0]})
+    if node.type != "BACKGROUND":
+        warn(f"the world is a {node.bl_label}: it is left out")
+        return table("[[light]]", {"type": "environment", "radiance": [0, 0, 0]})
+    strength = node.inputs["Strength"].default_value
+    image = source(node.inputs["Color"])
+    if image is None:
+        color = [c * strength for c in node.inputs["Color"].default_value[:3]]
+        return table("[[light]]", {"type": "environment", "radiance": color})
+    if image.type != "TEX_ENVIRONMENT" or image.image is None or image.projection != "EQUIRECTANGULAR":
+        warn(f"the colour of the world is a {image.bl_label}: it is left out")
+        return table("[[light]]", {"type": "environment", "radiance": [0, 0, 0]})
+    keys = {"type": "environment", "image": sky_file(image.image, folder), "radiance": [strength] * 3}
+    # The middle of Blender's image is +x, of ours +z.
+    keys["rotate_deg"] = (90 - turn_of(image) + 180) % 360 - 180
+    return table("[[light]]", keys)
+
+
+def turn_of(image):
+    mapping = source(image.inputs["Vector"])
+    if mapping is None or mapping.type == "TEX_COORD":
+        return 0.0
+    if mapping.type != "MAPPING":
+        warn(f"the world is placed by a {mapping.bl_label}: it is left out")
+        return 0.0
+    turn = mapping.inputs["Rotation"].default_value
+    if abs(turn[0]) + abs(turn[1]) > 1e-6:
+        warn("the world is turned about x or y: that is left out")
+    return math.degrees(turn[2])
+
+
+def sky_file(image, folder):
+    path = bpy.path.abspath(image.filepath)
+    kind = os.path.splitext(path)[1].lower()
+    if kind in (".exr", ".hdr") and os.path.exists(path):
+        name = "sky" + kind
+        shutil.copyfile(path, os.path.join(folder, name))
+        return name
+    # In Blender's memory, or of another format.
+    width, height = image.size
+    texels = np.empty(width * height * 4, np.float32)
+    image.pixels.foreach_get(texels)
+    if not image.is_float and image.colorspace_settings.name == "sRGB":
+        color = texels.reshape(-1, 4)[:, :3]
+        color[:] = np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
+    copy = bpy.data.images.new("sky", width, height, float_buffer=True, is_data=True)
+    copy.pixels.foreach_set(texels)
+    copy.filepath_raw, copy.file_format = os.path.join(folder, "sky.exr"), "OPEN_EXR"
+    copy.save()
+    bpy.data.images.remove(copy)
+    return "sky.exr"
+
+
+# ------------------------------------------------------------------------------------------------------ volumes
+
+
+def volume(obj, folder):
+    data = obj.data
+    data.grids.load()
+    path = bpy.path.abspath(data.grids.frame_filepath or data.filepath)
+    if not os.path.exists(path):
+        warn(f"volume {obj.name}: {path} is not there: it is left out")
+        return ""
+    slots = [slot.material for slot in obj.material_slots if slot.material]
+    medium = medium_of(slots[0]) if slots else (1.0, [0.5] * 3, 0.0, "density")
+    if medium is None:
+        return ""
+    density, albedo, g, grid = medium
+    # A volume that is larger is as opaque, unless it is said to be in the world.
+    if data.render.space == "OBJECT":
+        density /= abs(obj.matrix_world.to_3x3().determinant()) ** (1 / 3)
+    name = os.path.basename(path)
+    target = os.path.join(folder, name)
+    if os.path.abspath(target) != os.path.abspath(path):
+        shutil.copyfile(path, target)
+    keys = {"file": name, "name": obj.name, "grid": grid, "sigma_t_scale": density, "albedo": albedo}
+    if g:
+        keys["g"] = max(-0.99, min(0.99, g))
+    keys["transform"] = rows(Y_UP @ obj.matrix_world)
+    return table("[[volume]]", keys)
+
+
+def medium_of(material):
+    """Density, albedo, anisotropy and grid of a material."""
+    out = output(material.node_tree) if material.node_tree else None
+    node = source(out.inputs["Volume"]) if out else None
+    if node is None or node.type not in ("PRINCIPLED_VOLUME", "VOLUME_SCATTER"):
+        warn(f"material {material.name}: its volume is neither Principled nor Scatter: it is left out")
+        return None
+    color = [min(max(c, 0.0), 1.0) for c in node.inputs["Color"].default_value[:3]]
+    density, grid = node.inputs["Density"].default_value, "density"
+    g = node.inputs["Anisotropy"].default_value
+    if node.type == "PRINCIPLED_VOLUME":
+        grid = node.inputs["Density Attribute"].default_value or "density"
+        if node.inputs["Emission Strength"].default_value or node.inputs["Blackbody Intensity"].default_value:
+            warn(f"material {material.name}: what its volume emits is left out")
+        absorbed = node.inputs["Absorption Color"].default_value[:3]
+        if max(absorbed) > 0:
+            warn(f"material {material.name}: the colour of its absorption is left out")
+    feed = source(node.inputs["Density"])
+    if feed is not None and feed.type == "ATTRIBUTE":
+        grid, density = feed.attribute_name, 1.0
+    elif feed is not None and feed.type == "MATH" and feed.operation == "MULTIPLY":
+        # An attribute times a number.
+        kinds = [source(socket) for socket in feed.inputs[:2]]
+        at = [i for i, kind in enumerate(kinds) if kind is not None and kind.type == "ATTRIBUTE"]
+        if len(at) == 1 and kinds[1 - at[0]] is None:
+            grid, density = kinds[at[0]].attribute_name, feed.inputs[1 - at[0]].default_value
+        else:
+            warn(f"material {material.name}: the nodes of its density are left out")
+    elif feed is not None:
+        warn(f"material {material.name}: the nodes of its density are left out")
+    return density, color, g, grid
+
+
+# -------------------------------------------------------------------------------------------------------- scene
+
+
+def camera(scene, obj):
+    frame = obj.data.view_frame(scene=scene)
+    x = max(abs(corner.x) for corner in frame)
+    z = abs(frame[0].z)
+    if obj.data.type != "PERSP":
+        warn(f"camera {obj.name} is not perspective: it is left out")
+        return ""
+    if abs(obj.data.shift_x) + abs(obj.data.shift_y) > 1e-6:
+        warn(f"camera {obj.name}: its shift is left out")
+        x = max(c.x for c in frame) - min(c.x for c in frame)
+        x /= 2
+    place = Y_UP @ unscaled(obj.matrix_world)
+    keys = {"name": obj.name, "camera_to_world": rows(place), "fov_x_deg": math.degrees(2 * math.atan(x / z))}
+    return table("[[camera]]", keys)
+
+
+def visible(scene):
+    layer = bpy.context.view_layer
+    return [obj for obj in layer.objects if not obj.hide_render and obj.visible_get(view_layer=layer)]
+
+
+def meshes(folder, name, known):
+    """Writes the meshes; the file that has them, an earlier one if it is the same."""
+    path = os.path.join(folder, name)
+    bpy.ops.export_scene.gltf(
+        filepath=path, export_format="GLB", use_renderable=True, export_cameras=False, export_lights=False,
+        export_animations=False, export_apply=True, export_yup=True,
+    )
+    with open(path, "rb") as file:
+        digest = hashlib.sha256(file.read()).hexdigest()
+    if known.setdefault(digest, name) != name:
+        os.remove(path)
+    return known[digest]
+
+
+def export(folder, name, known):
+    scene = bpy.context.scene
+    render = scene.render
+    side = lambda n: max(1, int(n * render.resolution_percentage / 100))  # noqa: E731
+    film = {"width": side(render.resolution_x), "height": side(render.resolution_y)}
+    film["exposure"] = 2.0 ** scene.view_settings.exposure
+    out = f"name = {text(name)}\n" + table("[film]", film)
+    objects = visible(scene)
+    cameras = [obj for obj in scene.objects if obj.type == "CAMERA"]
+    cameras.sort(key=lambda obj: (obj != scene.camera, obj.name))
+    out += "".join(camera(scene, obj) for obj in cameras)
+    if any(obj.type in ("MESH", "CURVE", "SURFACE", "META", "FONT") for obj in objects):
+        out += table("[[mesh]]", {"file": meshes(folder, name + ".glb", known)})
+    out += world(scene, folder)
+    out += "".join(light(obj, folder) for obj in objects if obj.type == "LIGHT")
+    out += "".join(volume(obj, folder) for obj in objects if obj.type == "VOLUME")
+    with open(os.path.join(folder, name + ".toml"), "w") as file:
+        file.write(out)
+
+
+def main(words):
+    parser = argparse.ArgumentParser(description="Exports a Blender scene for lvox.")
+    parser.add_argument("file", nargs="?", help="a .blend file; without it the scene that is open")
+    parser.add_argument("-o", "--output", required=True, help="write into this folder")
+    parser.add_argument("--frames", type=frames_of, help="frames, as 1-10, 1-10x2 or 1,5,9; without it the current one")
+    args = parser.parse_args(words)
+    if args.file and not os.path.exists(args.file):
+        parser.error(f"{args.file} is not there")
+    if args.file:
+        bpy.ops.wm.open_mainfile(filepath=os.path.abspath(args.file))
+    os.makedirs(args.output, exist_ok=True)
+    name = os.path.splitext(os.path.basename(bpy.data.filepath))[0] or "scene"
+    prepare_materials()
+    known = {}
+    if args.frames is None:
+        export(args.output, name, known)
+        return
+    for frame in args.frames:
+        bpy.context.scene.frame_set(frame)
+        export(args.output, f"{name}.{frame:04d}", known)
+
+
+if __name__ == "__main__":
+    main(sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:])
