@@ -153,6 +153,8 @@ pub struct VolumeDescription {
     pub file: String,
     /// Name of the grid in a file of several.
     pub grid: Option<String>,
+    /// The axes of a patient along which the file has its place, as `RAS`, if it says so.
+    pub patient_space: Option<&'static str>,
     /// Voxels along each axis of the box that is read.
     pub dims: [usize; 3],
     /// Index in the file of the first voxel of the box.
@@ -189,8 +191,19 @@ pub struct VolumeDescription {
     pub voxel_depth_max: f64,
     /// The mean of that over the active voxels.
     pub voxel_depth_mean: f64,
+    /// What to write into a scene, of a volume file by itself.
+    pub suggested: Option<Suggestion>,
     /// Bytes of memory.
     pub memory_bytes: u64,
+}
+
+/// Values of keys with which a volume can be seen into.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Suggestion {
+    /// The values that are densities of 0 and 1.
+    pub window: [f64; 2],
+    /// Extinction per world unit where the density is 1.
+    pub sigma_t_scale: f64,
 }
 
 /// Counts of values.
@@ -225,7 +238,7 @@ pub fn scene(path: &Path, settings: &Settings, job: &Job) -> Result<Option<Scene
     let mesh = mesh(&scene.mesh, origin);
     let volumes = scene.volumes.iter().zip(values);
     let volumes: Vec<_> = volumes
-        .map(|(v, values)| volume(v, values, origin))
+        .map(|(v, values)| volume(v, values, origin, kind))
         .collect();
     let memory_bytes = mesh.memory_bytes
         + textures.iter().map(|t| t.memory_bytes).sum::<u64>()
@@ -378,7 +391,12 @@ fn camera(camera: &Camera, origin: DVec3) -> CameraDescription {
     }
 }
 
-fn volume(volume: &Volume, values: GridValues, origin: DVec3) -> VolumeDescription {
+fn volume(
+    volume: &Volume,
+    values: GridValues,
+    origin: DVec3,
+    kind: ContentsKind,
+) -> VolumeDescription {
     let grid = &volume.sigma_t;
     let axes = volume.scene_from_index.matrix3;
     let voxel_edges = [axes.x_axis, axes.y_axis, axes.z_axis].map(DVec3::length);
@@ -395,6 +413,7 @@ fn volume(volume: &Volume, values: GridValues, origin: DVec3) -> VolumeDescripti
         name: volume.name.clone(),
         file: values.file.display().to_string(),
         grid: values.grid,
+        patient_space: values.patient_space,
         dims: values.dims,
         first: values.first,
         voxels,
@@ -421,6 +440,12 @@ fn volume(volume: &Volume, values: GridValues, origin: DVec3) -> VolumeDescripti
         sigma_t_mean: sigma_t_sum / voxels.max(1) as f64,
         voxel_depth_max: f64::from(grid.max()) * edge,
         voxel_depth_mean: sigma_t_sum / values.active.max(1) as f64 * edge,
+        suggested: (values.suggested)
+            .filter(|_| kind == ContentsKind::Volume)
+            .map(|suggested| Suggestion {
+                window: suggested.window,
+                sigma_t_scale: suggested.sigma_t_scale(libm::cbrt(axes.determinant().abs())),
+            }),
         memory_bytes: grid.bytes() as u64,
     }
 }
@@ -583,6 +608,12 @@ impl fmt::Display for VolumeDescription {
             "  voxels      {dims} from {first}, {active} active ({share:.1} %)"
         )?;
         writeln!(f, "  voxel edges {}", brief(&self.voxel_edges))?;
+        if let Some(space) = self.patient_space {
+            writeln!(
+                f,
+                "  patient     {space} in the file; unless the scene says otherwise left is x, superior y, anterior z"
+            )?;
+        }
         writeln!(f, "  bounds      {}", self.bounds)?;
         let (ends, mean) = (brief(&[self.min, self.max]), brief(&[self.active_mean]));
         let ends = ends.replace(' ', " to ");
@@ -616,6 +647,16 @@ impl fmt::Display for VolumeDescription {
             brief(&[self.voxel_depth_max]),
             brief(&[self.voxel_depth_mean]),
         );
-        writeln!(f, "  voxel depth at most {most}, mean of the active {mean}")
+        writeln!(f, "  voxel depth at most {most}, mean of the active {mean}")?;
+        match &self.suggested {
+            None => Ok(()),
+            Some(Suggestion {
+                window: [low, high],
+                sigma_t_scale,
+            }) => writeln!(
+                f,
+                "  try         window = [{low}, {high}], sigma_t_scale = {sigma_t_scale}"
+            ),
+        }
     }
 }

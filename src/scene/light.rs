@@ -59,6 +59,21 @@ impl Light {
         }
     }
 
+    /// Multiplies its intensity, irradiance or radiance.
+    pub(super) fn scale(&mut self, factor: f32) {
+        let (Self::Point {
+            intensity: color, ..
+        }
+        | Self::Spot {
+            intensity: color, ..
+        }
+        | Self::Directional {
+            irradiance: color, ..
+        }
+        | Self::Environment { radiance: color }) = self;
+        color.iter_mut().for_each(|c| *c *= factor);
+    }
+
     /// Share of the intensity that leaves towards a unit direction: less than 1 off the axis of a
     /// spot.
     #[must_use]

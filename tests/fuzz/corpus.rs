@@ -274,6 +274,59 @@ space directions: (1,0,0) (0,1,0) (0,0,2)\nspace origin: (0,0,0)\nkinds: domain 
     kinds.into()
 }
 
+/// Both versions, with `sform` and with `qform`, plain and packed.
+pub fn nifti() -> Vec<Vec<u8>> {
+    let data: Vec<u8> = (0..24).flat_map(|i| (i as f32).to_le_bytes()).collect();
+    let mut first = vec![0; 352];
+    let mut put = |at: usize, bytes: &[u8]| first[at..at + bytes.len()].copy_from_slice(bytes);
+    put(0, &348_i32.to_le_bytes());
+    put(40, [3_i16, 4, 3, 2].map(i16::to_le_bytes).as_flattened());
+    put(70, [16_i16, 32].map(i16::to_le_bytes).as_flattened());
+    put(
+        76,
+        [1_f32, 1.0, 1.0, 2.0].map(f32::to_le_bytes).as_flattened(),
+    );
+    put(
+        108,
+        [352_f32, 0.5, 1.0].map(f32::to_le_bytes).as_flattened(),
+    );
+    put(252, [1_i16, 0].map(i16::to_le_bytes).as_flattened());
+    put(344, b"n+1\0");
+    let mut second = vec![0; 544];
+    let mut put = |at: usize, bytes: &[u8]| second[at..at + bytes.len()].copy_from_slice(bytes);
+    put(0, &540_i32.to_le_bytes());
+    put(4, b"n+2\0\r\n\x1a\n");
+    put(12, [16_i16, 32].map(i16::to_le_bytes).as_flattened());
+    put(16, [3_i64, 4, 3, 2].map(i64::to_le_bytes).as_flattened());
+    put(168, &544_i64.to_le_bytes());
+    put(348, &1_i32.to_le_bytes());
+    for row in 0..3 {
+        put(400 + 40 * row, &1_f64.to_le_bytes());
+    }
+    let plain = [first, second].map(|head| [head, data.clone()].concat());
+    let mut gzip = GzEncoder::new(Vec::new(), Compression::default());
+    gzip.write_all(&plain[0]).unwrap();
+    let mut all = Vec::from(plain);
+    all.push(gzip.finish().unwrap());
+    all
+}
+
+pub fn metaimage() -> Vec<Vec<u8>> {
+    let header = "ObjectType = Image\nNDims = 3\nBinaryData = True\nTransformMatrix = 1 0 0 0 1 0 0 0 1\n\
+Offset = 0 0 0\nElementSpacing = 1 1 2\nDimSize = 4 3 2\nElementType = MET_FLOAT\n";
+    let data: Vec<u8> = (0..24).flat_map(|i| (i as f32).to_le_bytes()).collect();
+    let mut zlib = ZlibEncoder::new(Vec::new(), Compression::default());
+    zlib.write_all(&data).unwrap();
+    let packed = zlib.finish().unwrap();
+    let last = "ElementDataFile = LOCAL\n";
+    [("False", &data), ("True", &packed)]
+        .map(|(is_packed, data)| {
+            let head = format!("{header}CompressedData = {is_packed}\n{last}");
+            [head.as_bytes(), &data[..]].concat()
+        })
+        .into()
+}
+
 fn picture() -> RgbImage {
     RgbImage::from_fn(7, 5, |x, y| {
         image::Rgb([(x * 30) as u8, (y * 50) as u8, 128])

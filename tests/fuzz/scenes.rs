@@ -231,6 +231,32 @@ fn nrrd() {
 }
 
 #[test]
+fn nifti() {
+    let scene = VOLUME.replace("FILE", "a.nii");
+    through_scene(
+        "nifti",
+        (1500, 512 * MIB),
+        &scene,
+        &[],
+        "a.nii",
+        corpus::nifti(),
+    );
+}
+
+#[test]
+fn metaimage() {
+    let scene = VOLUME.replace("FILE", "a.mha");
+    through_scene(
+        "metaimage",
+        (1500, 512 * MIB),
+        &scene,
+        &[],
+        "a.mha",
+        corpus::metaimage(),
+    );
+}
+
+#[test]
 fn textures() {
     let scene = MESH.replace("FILE", "a.obj");
     let beside = [("a.obj", corpus::OBJ.into()), ("a.mtl", corpus::MTL.into())];

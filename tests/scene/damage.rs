@@ -2,7 +2,11 @@
 //! memory.
 
 use crate::Folder;
-use flate2::{Compression, write::GzEncoder};
+use crate::volumes::{self, Place};
+use flate2::{
+    Compression,
+    write::{GzEncoder, ZlibEncoder},
+};
 use lvox::Kind;
 use std::fs;
 use std::io::Write;
@@ -72,6 +76,40 @@ endian: little\nencoding: ";
         |encoding: &str, data: &[u8]| [format!("{header}{encoding}\n\n").as_bytes(), data].concat();
     damage("a.nrrd", &file("raw", &data), text);
     damage("a.nrrd", &file("gzip", &packed), text);
+}
+
+#[test]
+fn metaimage() {
+    let header = "NDims = 3\nDimSize = 3 2 2\nElementType = MET_FLOAT\nElementSpacing = 1 1 2\n\
+CompressedData = ";
+    let data: Vec<u8> = (0..12).flat_map(|i| (i as f32).to_le_bytes()).collect();
+    let mut zlib = ZlibEncoder::new(Vec::new(), Compression::default());
+    zlib.write_all(&data).unwrap();
+    let packed = zlib.finish().unwrap();
+    let text = "[[volume]]\nfile = \"a.mha\"\nsigma_t_scale = 1\nalbedo = [1, 1, 1]\n";
+    let last = "\nElementDataFile = LOCAL\n";
+    let file = |is_packed: &str, data: &[u8]| {
+        [format!("{header}{is_packed}{last}").as_bytes(), data].concat()
+    };
+    damage("a.mha", &file("False", &data), text);
+    damage("a.mha", &file("True", &packed), text);
+}
+
+/// A NIfTI file of 3 x 2 x 2 voxels.
+fn nifti_file() -> Vec<u8> {
+    let values: Vec<f32> = (0..12).map(|i| i as f32).collect();
+    volumes::nifti([3, 2, 2], &values, Place::turned())
+}
+
+#[test]
+fn nifti() {
+    let file = nifti_file();
+    let mut gzip = GzEncoder::new(Vec::new(), Compression::default());
+    gzip.write_all(&file).unwrap();
+    let packed = gzip.finish().unwrap();
+    let text = "[[volume]]\nfile = \"a.nii\"\nsigma_t_scale = 1\nalbedo = [1, 1, 1]\n";
+    damage("a.nii", &file, text);
+    damage("a.nii.gz", &packed, &text.replace(".nii", ".nii.gz"));
 }
 
 #[test]

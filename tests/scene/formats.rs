@@ -529,4 +529,11 @@ fn a_gltf_is_a_scene_by_itself_or_a_mesh_in_one() {
         panic!("{:?}", scene.lights)
     };
     assert_eq!(position, Vec3::new(0.0, 1.0, 10.0));
+    let scaled = folder.load(&mesh("x.gltf", &format!("{all}\nlight_scale = 0.5")));
+    let source = |scene: &Scene| scene.lights[0].point_source().unwrap().1;
+    assert_eq!(source(&scaled.unwrap()), source(&scene).map(|x| 0.5 * x));
+    let error = folder
+        .load(&mesh("x.gltf", "light_scale = 0.5"))
+        .unwrap_err();
+    assert!(error.to_string().contains("no `import"), "{error}");
 }

@@ -209,6 +209,66 @@ fn meshes_and_volumes_need_no_scene() {
 }
 
 #[test]
+fn a_volume_file_says_what_to_try() {
+    // Air around a ball of tissue; voxels of 2 units.
+    let header = "NRRD0004\ntype: int16\ndimension: 3\nsizes: 32 32 32\nspace: RAS\n\
+                  space directions: (2,0,0) (0,2,0) (0,0,2)\nspace origin: (0,0,0)\nendian: little\nencoding: raw\n";
+    let value = |i: usize| {
+        let r2: usize = [i % 32, i / 32 % 32, i / 1024]
+            .iter()
+            .map(|x| x.abs_diff(16).pow(2))
+            .sum();
+        (if r2 < 144 { 1100 } else { 60 }) + (i % 37) as i16
+    };
+    let values: Vec<u8> = (0..32 * 32 * 32)
+        .flat_map(|i| value(i).to_le_bytes())
+        .collect();
+    let file = [format!("{header}\n").as_bytes(), &values].concat();
+    let folder = Folder::new(&[("ct.nrrd", &file)]);
+    let found = json(&folder, "ct.nrrd");
+    let suggested = &found["volumes"][0]["suggested"];
+    let number = |v: &Value| v.as_f64().unwrap();
+    let [low, high] = [0, 1].map(|i| number(&suggested["window"][i]));
+    assert!(
+        low > 90.0 && low < 1100.0 && high > 1100.0 && high < 1140.0,
+        "{suggested}"
+    );
+    let text = inspect(&folder, &["ct.nrrd"]).stdout;
+    let scale = number(&suggested["sigma_t_scale"]);
+    for part in [
+        format!("try         window = [{low}, {high}], sigma_t_scale = {scale}\n"),
+        "patient     RAS in the file".into(),
+    ] {
+        assert!(text.contains(&part), "{part} is not in {text}");
+    }
+    // The first try of most, and what it is told.
+    let warned = |more: &str| {
+        let text = format!("[[volume]]\nfile = \"ct.nrrd\"\nalbedo = [1, 1, 1]\n{more}\n");
+        let warnings = folder.load(&text).unwrap().warnings;
+        let about = warnings.into_iter().filter(|w| w.contains("ct.nrrd"));
+        about.collect::<Vec<_>>()
+    };
+    let solid = warned("sigma_t_scale = 1");
+    assert_eq!(solid.len(), 1, "{solid:?}");
+    for part in [
+        "100 % of the box is medium",
+        &format!("try `window = [{low}, {high}]` and `sigma_t_scale = {scale}`"),
+    ] {
+        assert!(solid[0].contains(part), "{part} is not in {solid:?}");
+    }
+    let window = format!("window = [{low}, {high}]\nsigma_t_scale = ");
+    let black = warned(&format!("{window}1000"));
+    assert!(
+        black[0].contains("in each voxel: no light gets in; try `sigma_t_scale = "),
+        "{black:?}"
+    );
+    for right in [format!("{window}{scale}"), "sigma_t_scale = 1e-5".into()] {
+        let told = warned(&right);
+        assert!(told.is_empty(), "{right}: {told:?}");
+    }
+}
+
+#[test]
 fn what_cannot_be_read_is_one_line() {
     let folder = folder();
     for (name, content, part) in [

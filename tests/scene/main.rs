@@ -10,6 +10,7 @@ mod mitsuba;
 mod outside;
 #[path = "../support/mod.rs"]
 mod support;
+mod volumes;
 
 use glam::{DVec3, Vec3};
 use lvox::scene::{Light, Scene};

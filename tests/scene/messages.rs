@@ -277,9 +277,9 @@ fn scene_files() {
             "looked for /",
         ),
         (
-            "[[volume]]\nfile = \"a.nii\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1",
-            "\"nii\" is not supported",
-            ".nrrd",
+            "[[volume]]\nfile = \"a.dcm\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1",
+            "\"dcm\" is not supported",
+            "dcm2niix",
         ),
         (
             "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\nwindow = [2, 2]",

@@ -46,12 +46,16 @@ pub(super) fn volume(name: &str) -> Result<Field> {
             first: [0; 3],
             padding: 0,
             world_from_file: None,
+            patient: None,
             samples: Samples::Array(Array {
                 dims: PLUME_DIMS,
                 bytes: plume(),
                 number: Number::F32,
                 big_endian: false,
-            }),
+                rescale: None,
+            })
+            .into(),
+            start: [0; 3],
         }),
         _ => Err(unknown("volume", name, &VOLUMES)),
     }

@@ -2,20 +2,20 @@
 //! whole scene.
 
 use super::colors::ColorEncoding;
-use super::field::{Field, Scale};
+use super::field::Field;
 use super::files::{Files, extension};
+use super::scale::{Density, Scale};
 use super::values::GridValues;
-use super::{Settings, finish, nrrd, obj, ply, read_scene, refuse_changes, vdb, vol};
+use super::{FIELD_FILES, Settings, finish, obj, ply, read_field, read_scene, refuse_changes, vdb};
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::scene::builder::{SceneBuilder, VolumeInput};
 use crate::{Error, Result};
-use glam::DAffine3;
 use std::path::Path;
 
 /// Extensions of the files that [`contents`] reads.
-pub const EXTENSIONS: [&str; 10] = [
-    "toml", "xml", "gltf", "glb", "obj", "ply", "vdb", "nrrd", "nhdr", "vol",
+pub const EXTENSIONS: [&str; 13] = [
+    "toml", "xml", "gltf", "glb", "obj", "ply", "vdb", "nrrd", "nhdr", "nii", "mhd", "mha", "vol",
 ];
 
 /// What a file says that it holds.
@@ -58,7 +58,8 @@ pub fn contents(path: &Path, settings: &Settings, job: &Job) -> Result<Contents>
     files.enter(path);
     let kind = match extension(path).as_str() {
         "obj" | "ply" => ContentsKind::Mesh,
-        "vdb" | "nrrd" | "nhdr" | "vol" => ContentsKind::Volume,
+        "vdb" => ContentsKind::Volume,
+        kind if FIELD_FILES.contains(&kind) => ContentsKind::Volume,
         _ => ContentsKind::Scene,
     };
     if kind != ContentsKind::Scene {
@@ -108,10 +109,10 @@ fn mesh(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
 fn volumes(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
     let fields = match extension(path).as_str() {
         "vdb" => vdb::read(files.map("volume", path)?, path, vdb::Wanted::All, files),
-        "vol" => (vol::Vol::read(files.read("volume", path)?))
-            .and_then(vol::Vol::into_field)
-            .map(|field| vec![field]),
-        _ => nrrd::read(files.read("volume", path)?, path, files).map(|field| vec![field]),
+        kind => {
+            let content = files.read("volume", path)?;
+            read_field(kind, content, path, files).map(|field| vec![field])
+        }
     };
     let fields = fields.map_err(|e| e.at(path.display()))?;
     if fields.is_empty() {
@@ -124,26 +125,23 @@ fn volumes(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
     let mut builder = named(path);
     for field in fields {
         let name = field.name.clone().unwrap_or_else(|| stem.to_string());
-        let volume = volume(name, field, path, files).map_err(|e| e.at(path.display()))?;
+        let volume = volume(name, &field, path, files).map_err(|e| e.at(path.display()))?;
         builder = builder.volume(volume);
     }
     Ok(builder)
 }
 
 /// A volume of which nothing is said but what is in its file.
-fn volume(name: String, field: Field, path: &Path, files: &mut Files) -> Result<VolumeInput> {
+fn volume(name: String, field: &Field, path: &Path, files: &mut Files) -> Result<VolumeInput> {
     field.note_values(path, files)?;
     let values = files.values.iter().flatten().last();
-    let mut scale = Scale {
-        sigma_t: 1.0,
-        window: None,
-    };
+    let mut scale = Scale::plain(1.0);
     // As it is, a negative value cannot be an extinction.
     if let Some(values) = values
         && values.min < 0.0
     {
         let ends = [values.min, values.max.max(0.0)].map(f64::from);
-        scale.window = Some(ends);
+        scale.density = Density::Window(ends);
         files.warn(format!(
             "{}: values below 0 need a `window` in the scene file; here it is [{}, {}]",
             path.display(),
@@ -151,14 +149,13 @@ fn volume(name: String, field: Field, path: &Path, files: &mut Files) -> Result<
             ends[1]
         ));
     }
-    let world_from_file = field.world_from_file.unwrap_or_else(|| {
+    let world_from_grid = field.placed(None).unwrap_or_else(|| {
         files.warn(format!(
             "{}: the file does not say where the volume is: voxels are taken as 1 unit wide",
             path.display()
         ));
-        DAffine3::IDENTITY
+        field.file_from_grid()
     });
-    let world_from_grid = world_from_file * field.file_from_grid();
-    let sigma_t = field.into_grid(scale, path, files)?;
+    let sigma_t = field.grid(&scale, path, files)?;
     Ok(VolumeInput::new(name, sigma_t, [1.0; 3], world_from_grid))
 }

@@ -4,15 +4,19 @@
 //! A grid of ours has its voxel (i,j,k) from (i,j,k) to (i+1,j+1,k+1).
 
 use super::files::Files;
+use super::layers::Voxels;
+use super::patient::{self, PatientSpace};
 use super::samples::{Number, Samples};
+use super::scale::Scale;
 use super::survey::Survey;
-use super::values::{GridValues, Voxels};
+use super::values::GridValues;
 use crate::math::unflatten;
-use crate::run::{memory, size};
+use crate::run::{Cancel, memory, size};
 use crate::scene::grid::{Grid, Layout, Region, VoxelBox};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Bytes of a grid that a file of any length may ask for.
 const ALLOWANCE: u64 = 2 << 30;
@@ -21,6 +25,7 @@ const ALLOWANCE: u64 = 2 << 30;
 const MOST_GROWTH: u64 = 64;
 
 /// Samples on a box of voxels.
+#[derive(Clone)]
 pub(super) struct Field {
     /// Name in a file of several.
     pub(super) name: Option<String>,
@@ -32,70 +37,87 @@ pub(super) struct Field {
     /// out.
     pub(super) padding: usize,
     /// Where the file says it is, from its index space; `None` if it does not say.
+    /// That of a patient is left, posterior, superior.
     pub(super) world_from_file: Option<DAffine3>,
-    pub(super) samples: Samples,
-}
-
-/// From a value in the file to extinction.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Scale {
-    /// Extinction per world unit of the value 1, or of the upper end of the window.
-    pub(super) sigma_t: f64,
-    /// The values that become 0 and 1.
-    pub(super) window: Option<[f64; 2]>,
-}
-
-impl Scale {
-    fn apply(&self, value: f32) -> f32 {
-        match self.window {
-            Some([low, high]) => {
-                let t = (f64::from(value) - low) / (high - low);
-                (self.sigma_t * t.clamp(0.0, 1.0)) as f32
-            }
-            None => (self.sigma_t * f64::from(value)) as f32,
-        }
-    }
-
-    /// Puts extinctions in the place of values; what would be below 0 is 0.
-    fn apply_to_row(self, row: &mut [f32]) {
-        for value in row {
-            let sigma_t = self.apply(*value);
-            *value = if sigma_t > 0.0 { sigma_t } else { 0.0 };
-        }
-    }
+    /// The axes of a patient along which the file has its place.
+    pub(super) patient: Option<PatientSpace>,
+    pub(super) samples: Arc<Samples>,
+    /// Of these, the one that is that of the first voxel.
+    pub(super) start: [usize; 3],
 }
 
 impl Field {
     /// Writes the values in the file of a box of voxels, counted from the first of the field's box.
     pub(super) fn read(&self, voxels: &VoxelBox, out: &mut [f32]) -> Result<()> {
-        self.samples.source().read(voxels, out)
+        self.samples.source().read(&self.in_samples(voxels), out)
+    }
+
+    /// A box of voxels, counted as the samples are.
+    fn in_samples(&self, voxels: &VoxelBox) -> VoxelBox {
+        VoxelBox {
+            first: std::array::from_fn(|a| self.start[a] + voxels.first[a]),
+            dims: voxels.dims,
+        }
+    }
+
+    /// What there is of a box in which each end is a share of its own box without padding; voxels
+    /// are there if their centres are. `None` if there is no voxel.
+    pub(super) fn cropped(&self, min: [f64; 3], max: [f64; 3]) -> Option<Self> {
+        let pad = self.padding;
+        let inner = self.dims.map(|n| (n - 2 * pad) as f64);
+        // Voxel i is from i to i + 1, and its centre half way.
+        let start = std::array::from_fn(|a| (min[a] * inner[a] - 0.5).ceil().max(0.0) as usize);
+        let end: [usize; 3] =
+            std::array::from_fn(|a| (max[a] * inner[a] + 0.5).floor().min(inner[a]) as usize);
+        let dims: [usize; 3] = std::array::from_fn(|a| end[a].saturating_sub(start[a]));
+        let start: [usize; 3] = start;
+        (!dims.contains(&0)).then(|| Self {
+            dims,
+            first: std::array::from_fn(|a| self.first[a] + (start[a] + pad) as i64),
+            padding: 0,
+            start: std::array::from_fn(|a| self.start[a] + start[a] + pad),
+            ..self.clone()
+        })
     }
 
     /// Keeps what its values are, if anyone wants to know.
     pub(super) fn note_values(&self, path: &Path, files: &mut Files) -> Result<()> {
         if let Some(kept) = &mut files.values {
-            let voxels = Voxels {
-                dims: self.dims,
-                first: self.first,
-                padding: self.padding,
-                read: |voxels: &VoxelBox, out: &mut [f32]| self.read(voxels, out),
-            };
-            kept.push(GridValues::of(
-                &voxels,
-                self.name.clone(),
-                path,
-                &files.cancel,
-            )?);
+            kept.push(self.values(None, path, &files.cancel)?);
         }
         Ok(())
     }
 
+    /// What its values are, or the extinctions that a scale makes of them.
+    pub(super) fn values(
+        &self,
+        scale: Option<&Scale>,
+        path: &Path,
+        cancel: &Cancel,
+    ) -> Result<GridValues> {
+        let voxels = Voxels {
+            dims: self.dims,
+            first: self.first,
+            padding: self.padding,
+            read: |voxels: &VoxelBox, out: &mut [f32]| {
+                self.read(voxels, out)?;
+                if let Some(scale) = scale {
+                    scale.apply_to_row(out);
+                }
+                Ok(())
+            },
+        };
+        let space = self.patient.map(PatientSpace::name);
+        GridValues::of(&voxels, self.name.clone(), space, path, cancel)
+    }
+
     /// Whether the file has a finite number there that is none in f32.
     fn is_beyond_f32(&self, voxel: [usize; 3]) -> bool {
-        let Samples::Array(array) = &self.samples else {
+        let Samples::Array(array) = &*self.samples else {
             return false;
         };
         let is_beyond = |v: f64| v.is_finite() && (v as f32).is_infinite();
+        let voxel = std::array::from_fn(|a| self.start[a] + voxel[a]);
         array.number == Number::F64 && is_beyond(f64::from_le_bytes(array.at(array.place(voxel))))
     }
 
@@ -103,6 +125,17 @@ impl Field {
     pub(super) fn file_from_grid(&self) -> DAffine3 {
         let first = DVec3::from(self.first.map(|i| i as f64));
         DAffine3::from_translation(first - 0.5)
+    }
+
+    /// The map from the space of the grid to where the file says that it is, turned so that its z
+    /// is up, or not. If that is not known, patients are: they stand upright.
+    pub(super) fn placed(&self, has_z_up: Option<bool>) -> Option<DAffine3> {
+        let stand = match has_z_up.unwrap_or(self.patient.is_some()) {
+            true => patient::y_up_from_z_up(),
+            false => DAffine3::IDENTITY,
+        };
+        (self.world_from_file)
+            .map(|world_from_file| stand * world_from_file * self.file_from_grid())
     }
 
     /// The map from the space of the grid to the unit cube around the box without its padding.
@@ -121,14 +154,13 @@ impl Field {
     /// is an error before it is allocated. Values that are not finite, or negative without a
     /// window, are errors, and so is a stop on request; a few that are hardly below zero are taken
     /// as zero with a warning.
-    pub(super) fn into_grid(self, scale: Scale, path: &Path, files: &mut Files) -> Result<Grid> {
+    pub(super) fn grid(&self, scale: &Scale, path: &Path, files: &mut Files) -> Result<Grid> {
         let source = self.samples.source();
         let cancel = &files.cancel;
-        // What is no number, or below 0, is held, too, so that it is found.
-        let counts = |value: f32| !value.is_finite() || scale.apply(value) != 0.0;
+        let counts = |low: f32, high: f32| scale.counts(low, high);
         let layout = Layout::of(self.dims, |voxels| {
             cancel.check()?;
-            Ok::<_, Error>(source.may_hold(voxels, &counts))
+            Ok::<_, Error>(source.may_hold(&self.in_samples(voxels), &counts))
         })?;
         if layout.bytes() > self.allowance() {
             let [x, y, z] = self.dims;
@@ -142,7 +174,7 @@ impl Field {
         memory::check("the grid of a volume", layout.bytes())?;
         let (grid, surveys) = layout.fill(|region, samples| {
             cancel.check()?;
-            source.read(&region.voxels, samples)?;
+            self.read(&region.voxels, samples)?;
             Ok::<_, Error>(self.to_extinction(region, samples, scale))
         })?;
         let survey = surveys.into_iter().fold(Survey::default(), Survey::and);
@@ -161,7 +193,7 @@ impl Field {
     }
 
     /// Makes extinctions of the values of a region, and tells what these were.
-    fn to_extinction(&self, region: &Region, samples: &mut [f32], scale: Scale) -> Survey {
+    fn to_extinction(&self, region: &Region, samples: &mut [f32], scale: &Scale) -> Survey {
         let mut survey = Survey::default();
         let [nx, ny, _] = self.dims;
         let [width, height, depth] = region.own;
@@ -210,6 +242,7 @@ impl Field {
 #[cfg(test)]
 mod tests {
     use super::super::samples::{Array, Source, byte_length};
+    use super::super::scale::Density;
     use super::*;
 
     fn field(values: &[f32], dims: [usize; 3]) -> Field {
@@ -219,39 +252,68 @@ mod tests {
             first: [0; 3],
             padding: 0,
             world_from_file: None,
+            patient: None,
             samples: Samples::Array(Array {
                 dims,
                 bytes: values.iter().flat_map(|v| v.to_be_bytes()).collect(),
                 number: Number::F32,
                 big_endian: true,
-            }),
+                rescale: None,
+            })
+            .into(),
+            start: [0; 3],
         }
     }
 
     const PLAIN: Scale = Scale {
         sigma_t: 2.0,
-        window: None,
+        density: Density::Value,
     };
 
     #[test]
     fn values_are_scaled_and_windowed() {
         let grid = field(&[0.0, 1.0, 2.0, 3.0], [2, 2, 1])
-            .into_grid(PLAIN, Path::new("a"), &mut Files::default())
+            .grid(&PLAIN, Path::new("a"), &mut Files::default())
             .unwrap();
         assert_eq!(grid.sample(glam::Vec3::new(1.5, 1.5, 0.5)), 6.0);
         let window = Scale {
             sigma_t: 10.0,
-            window: Some([1.0, 2.0]),
+            density: Density::Window([1.0, 2.0]),
         };
         assert_eq!(window.apply(-3.0), 0.0);
         assert_eq!(window.apply(1.5), 5.0);
         assert_eq!(window.apply(7.0), 10.0);
     }
 
+    #[test]
+    fn a_part_is_what_the_whole_has_there() {
+        let values: Vec<f32> = (0..4 * 3 * 5).map(|i| i as f32).collect();
+        let whole = field(&values, [4, 3, 5]);
+        let part = whole.cropped([0.2, 0.0, 0.5], [0.8, 1.0, 1.0]).unwrap();
+        // Centres along x are at 1/8, 3/8, 5/8 and 7/8, along z at 0.1 to 0.9.
+        assert_eq!((part.dims, part.first), ([2, 3, 3], [1, 0, 2]));
+        for [x, y, z] in [[0, 0, 0], [1, 2, 2], [0, 1, 1]] {
+            assert_eq!(part.value([x, y, z]), whole.value([x + 1, y, z + 2]));
+        }
+        let grid = part.grid(&PLAIN, Path::new("a"), &mut Files::default());
+        let at = |x, y, z| 2.0 * ((z * 3 + y) * 4 + x) as f32;
+        assert_eq!(
+            grid.unwrap().sample(glam::Vec3::new(0.5, 1.5, 2.5)),
+            at(1, 1, 4)
+        );
+        let twice = part.cropped([0.5, 0.0, 0.0], [1.0; 3]).unwrap();
+        assert_eq!(
+            (twice.first, twice.value([0, 0, 0])),
+            ([2, 0, 2], whole.value([2, 0, 2]))
+        );
+        assert_eq!(whole.cropped([0.0; 3], [1.0; 3]).unwrap().dims, whole.dims);
+        assert!(whole.cropped([0.3, 0.0, 0.0], [0.31, 1.0, 1.0]).is_none());
+    }
+
     /// The grid of a field, by as many threads.
-    fn on_threads(threads: usize, field: Field, scale: Scale) -> Grid {
+    fn on_threads(threads: usize, field: &Field, scale: &Scale) -> Grid {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-        let grid = || field.into_grid(scale, Path::new("a"), &mut Files::default());
+        let grid = || field.grid(scale, Path::new("a"), &mut Files::default());
         pool.build().unwrap().install(grid).unwrap()
     }
 
@@ -266,7 +328,7 @@ mod tests {
         let count = dims.iter().product();
         let window = Scale {
             sigma_t: 3.0,
-            window: Some([20.0, 100.0]),
+            density: Density::Window([20.0, 100.0]),
         };
         for scale in [PLAIN, window] {
             let extinction = |i: usize| scale.apply(f32::from(value(i)));
@@ -291,18 +353,19 @@ mod tests {
                         bytes: (0..count).flat_map(bytes).collect(),
                         number,
                         big_endian,
+                        rescale: None,
                     };
                     let field = || Field {
-                        samples: Samples::Array(array()),
+                        samples: Samples::Array(array()).into(),
                         ..field(&[], dims)
                     };
-                    let grid = on_threads(1, field(), scale);
+                    let grid = on_threads(1, &field(), &scale);
                     for b in plain.bricks() {
                         let brick = |g: &Grid| g.brick(b).map(|b| (b.samples().to_vec(), b.max));
                         assert_eq!(brick(&grid), brick(&plain), "{number:?} {b:?}");
                     }
                     assert_eq!(grid.bytes(), plain.bytes());
-                    assert_eq!(on_threads(7, field(), scale), grid);
+                    assert_eq!(on_threads(7, &field(), &scale), grid);
                 }
             }
         }
@@ -310,8 +373,8 @@ mod tests {
 
     #[test]
     fn the_first_bad_voxel_is_named() {
-        let message = |values: &[f32]| match field(values, [2, 2, 1]).into_grid(
-            PLAIN,
+        let message = |values: &[f32]| match field(values, [2, 2, 1]).grid(
+            &PLAIN,
             Path::new("a"),
             &mut Files::default(),
         ) {
@@ -334,14 +397,14 @@ mod tests {
         values[7] = -1e-6;
         values[9] = -2e-6;
         let mut files = Files::default();
-        let grid = field(&values, [10, 10, 10]).into_grid(PLAIN, Path::new("a.raw"), &mut files);
+        let grid = field(&values, [10, 10, 10]).grid(&PLAIN, Path::new("a.raw"), &mut files);
         assert_eq!(grid.unwrap().sample(glam::Vec3::new(7.5, 0.5, 0.5)), 0.0);
         assert_eq!(
             files.warnings,
             ["a.raw: 2 voxels below 0 are taken as 0, the lowest is -0.000002"]
         );
         values[8] = -0.5;
-        let error = field(&values, [10, 10, 10]).into_grid(PLAIN, Path::new("a"), &mut files);
+        let error = field(&values, [10, 10, 10]).grid(&PLAIN, Path::new("a"), &mut files);
         assert!(
             error
                 .unwrap_err()
@@ -349,7 +412,7 @@ mod tests {
                 .contains("negative: -0.000001")
         );
         let many = field(&vec![-1e-6; 1000], [10, 10, 10]);
-        assert!(many.into_grid(PLAIN, Path::new("a"), &mut files).is_err());
+        assert!(many.grid(&PLAIN, Path::new("a"), &mut files).is_err());
     }
 
     #[test]
@@ -360,11 +423,11 @@ mod tests {
             (f64::NAN, "not finite"),
         ] {
             let mut field = field(&[0.0; 2], [1, 1, 1]);
-            if let Samples::Array(array) = &mut field.samples {
+            if let Some(Samples::Array(array)) = Arc::get_mut(&mut field.samples) {
                 array.bytes = value.to_be_bytes().to_vec();
                 array.number = Number::F64;
             }
-            let Err(error) = field.into_grid(PLAIN, Path::new("a"), &mut Files::default()) else {
+            let Err(error) = field.grid(&PLAIN, Path::new("a"), &mut Files::default()) else {
                 panic!("{value}");
             };
             assert!(error.to_string().contains(part), "{error}");
@@ -375,8 +438,8 @@ mod tests {
     fn a_small_file_cannot_ask_for_all_memory() {
         struct Full(usize);
         impl Source for Full {
-            fn may_hold(&self, _: &VoxelBox, counts: &dyn Fn(f32) -> bool) -> bool {
-                counts(1.0)
+            fn may_hold(&self, _: &VoxelBox, counts: &dyn Fn(f32, f32) -> bool) -> bool {
+                counts(1.0, 1.0)
             }
             fn read(&self, _: &VoxelBox, out: &mut [f32]) -> Result<()> {
                 out.fill(1.0);
@@ -393,9 +456,11 @@ mod tests {
                 first: [0; 3],
                 padding: 0,
                 world_from_file: None,
-                samples: Samples::Other(Box::new(Full(file_bytes))),
+                patient: None,
+                samples: Samples::Other(Box::new(Full(file_bytes))).into(),
+                start: [0; 3],
             };
-            field.into_grid(PLAIN, Path::new("a"), &mut Files::default())
+            field.grid(&PLAIN, Path::new("a"), &mut Files::default())
         };
         let error = full([2000, 1000, 1000], 30_000).unwrap_err();
         assert_eq!(error.kind(), crate::Kind::Input);

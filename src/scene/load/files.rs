@@ -351,10 +351,17 @@ pub(super) fn text_start(content: &[u8]) -> Result<&[u8]> {
     )
 }
 
-/// The extension in lower case, or an empty string.
+/// The extension in lower case, or an empty string; of `a.nii.gz` what it is unpacked.
 pub(super) fn extension(path: &Path) -> String {
-    let extension = path.extension().unwrap_or_default();
-    extension.to_string_lossy().to_lowercase()
+    let of = |path: &Path| {
+        let extension = path.extension().unwrap_or_default();
+        extension.to_string_lossy().to_lowercase()
+    };
+    let inner = path.file_stem().map(|stem| of(Path::new(stem)));
+    match (of(path), inner.as_deref()) {
+        (last, Some("nii")) if last == "gz" => "nii".into(),
+        (last, _) => last,
+    }
 }
 
 #[cfg(test)]

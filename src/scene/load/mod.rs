@@ -8,12 +8,14 @@
 //   TOML), `nearest` (words that may have been meant) and `transform` (placement)
 // - `obj` with `mtl`, `ply`, `gltf`, `builtin`: meshes, each as a `MeshInput`
 // - `mitsuba`: scenes of Mitsuba in XML
-// - `vdb`, `nrrd`, `raw`, `vol`, `builtin`: volumes, each as a `field::Field`, which becomes a grid; with
-//   `samples` (boxes of values) and `survey` (what is wrong with them)
+// - `vdb`, `nrrd`, `nifti`, `metaimage`, `raw`, `vol`, `builtin`: volumes, each as a `field::Field`,
+//   which becomes a grid; with `unpack` (bytes), `samples` (boxes of values), `scale` and `transfer`
+//   (extinctions of values, presets), `survey` (what is wrong with them) and `patient` (axes)
 // - `environment`: images of the sky
 // - `polygon`: cuts the faces of OBJ and PLY; `texture`: images; `normals`: shading normals at a
 //   crease angle
-// - `contents`: what a file holds, for those who ask; `values`: what the values of a volume are
+// - `contents`: what a file holds, for those who ask; `values`: what the values of a volume are,
+//   by `layers`; `suggest` and `depth`: what to write of them, and what to warn of
 // - `files`: reads and hashes files and collects warnings; `images`: those that were decoded;
 //   `left_out`: what to tell of them; `changes`: values of a scene file that are changed as it is read
 
@@ -21,39 +23,50 @@ mod builtin;
 mod changes;
 pub(crate) mod colors;
 mod contents;
+mod depth;
 mod description;
 mod environment;
 mod field;
 mod files;
 mod gltf;
 mod images;
+mod layers;
 mod left_out;
+mod metaimage;
 mod mitsuba;
 mod mtl;
 mod nearest;
+mod nifti;
 mod normals;
 mod nrrd;
 mod numbers;
 mod obj;
+mod patient;
 pub(crate) mod ply;
 mod polygon;
 mod raw;
 mod samples;
+mod scale;
+mod suggest;
 mod survey;
 mod table;
 mod texture;
+mod transfer;
 mod transform;
+mod unpack;
 mod values;
 mod vdb;
 mod vol;
 
 pub use changes::Change;
 pub use contents::{Contents, ContentsKind, EXTENSIONS, contents, has_contents};
+pub use suggest::SuggestedWindow;
 pub use values::{GridValues, Histogram};
 
 use super::{Scene, SceneBuilder, packed};
 use crate::run::{Cancel, Job};
 use crate::{Error, Result};
+use field::Field;
 use files::Files;
 use std::path::Path;
 
@@ -168,6 +181,19 @@ fn refuse_changes(path: &Path, settings: &Settings) -> Result<()> {
     }
 }
 
+/// Extensions of volume files of one field that say themselves what their samples are.
+const FIELD_FILES: [&str; 6] = ["nrrd", "nhdr", "nii", "mhd", "mha", "vol"];
+
+/// Reads a volume file with one of the extensions [`FIELD_FILES`].
+fn read_field(kind: &str, content: Vec<u8>, path: &Path, files: &mut Files) -> Result<Field> {
+    match kind {
+        "nii" => nifti::read(content, path, files),
+        "mhd" | "mha" => metaimage::read(content, path, files),
+        "vol" => vol::Vol::read(content)?.into_field(),
+        _ => nrrd::read(content, path, files),
+    }
+}
+
 /// Reads a scene file and all files that it names.
 fn read_scene(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
     files.enter(path);
@@ -214,7 +240,7 @@ mod tests {
     use super::*;
     use crate::Kind;
     use colors::ColorEncoding;
-    use field::Scale;
+    use scale::Scale;
     use std::io::Write;
 
     const OBJ: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
@@ -267,12 +293,9 @@ mod tests {
             }),
             ("nrrd", &|c| field(c).map(drop)),
             ("grid", &|c| {
-                let scale = Scale {
-                    sigma_t: 1.0,
-                    window: None,
-                };
+                let scale = Scale::plain(1.0);
                 field(&going)?
-                    .into_grid(scale, path, &mut Files::until(c))
+                    .grid(&scale, path, &mut Files::until(c))
                     .map(drop)
             }),
             ("creases", &|c| normals::crease(&mut mesh(&going)?, 0.5, c)),

@@ -29,11 +29,15 @@ pub(super) fn read(
         first: [0; 3],
         padding: 0,
         world_from_file: None,
+        patient: None,
         samples: Samples::Array(Array {
             dims,
             bytes: content,
             number,
             big_endian,
-        }),
+            rescale: None,
+        })
+        .into(),
+        start: [0; 3],
     })
 }

@@ -15,9 +15,8 @@ pub(super) enum Samples {
 /// What has the samples of a field, and gives them by boxes. Voxels are counted from the first of
 /// the field.
 pub(super) trait Source: Send + Sync {
-    /// Whether a box may have a value of which `counts` is true, if it is true of a value between
-    /// two only if it is of one of these.
-    fn may_hold(&self, voxels: &VoxelBox, counts: &dyn Fn(f32) -> bool) -> bool;
+    /// Whether a box may have values from one to another of which `counts` is true.
+    fn may_hold(&self, voxels: &VoxelBox, counts: &dyn Fn(f32, f32) -> bool) -> bool;
 
     /// Writes the samples of a box, x fastest.
     fn read(&self, voxels: &VoxelBox, out: &mut [f32]) -> Result<()>;
@@ -33,6 +32,8 @@ pub(super) struct Array {
     pub(super) bytes: Vec<u8>,
     pub(super) number: Number,
     pub(super) big_endian: bool,
+    /// Slope and intercept that make values of the numbers.
+    pub(super) rescale: Option<[f64; 2]>,
 }
 
 /// Type of the numbers of an [`Array`].
@@ -117,6 +118,10 @@ impl Array {
             Number::F32 => self.numbers(first, out, f32::from_le_bytes),
             Number::F64 => self.numbers(first, out, |b| f64::from_le_bytes(b) as f32),
         }
+        if let Some([slope, intercept]) = self.rescale {
+            let value = |v: f32| (slope * f64::from(v) + intercept) as f32;
+            out.iter_mut().for_each(|v| *v = value(*v));
+        }
     }
 
     fn numbers<const N: usize>(
@@ -141,12 +146,12 @@ impl Array {
 }
 
 impl Source for Array {
-    fn may_hold(&self, voxels: &VoxelBox, counts: &dyn Fn(f32) -> bool) -> bool {
+    fn may_hold(&self, voxels: &VoxelBox, counts: &dyn Fn(f32, f32) -> bool) -> bool {
         let mut row: SmallVec<[f32; 16]> = smallvec![0.0; voxels.dims[0]];
         voxels.rows().any(|(first, _)| {
             self.row(self.place(first), &mut row);
             let ends = Ends::of(&row);
-            ends.has_nan || counts(ends.low) || counts(ends.high)
+            ends.has_nan || counts(ends.low, ends.high)
         })
     }
 

@@ -191,6 +191,12 @@ impl<'a> Table<'a> {
         })
     }
 
+    /// What stands in the document for each of the keys that are there.
+    pub(super) fn texts(&self, keys: &[&str]) -> Vec<Option<&'a str>> {
+        let text = |key: &&str| self.document.text.get(self.entries.get(*key)?.span());
+        keys.iter().map(text).collect()
+    }
+
     /// The value of a key that must be there.
     pub(super) fn require(&self, key: &str) -> Result<Item<'a>> {
         self.get(key)
@@ -403,6 +409,13 @@ impl<'a> Item<'a> {
     /// A linear RGB triple with every channel from 0 to `high`.
     pub(super) fn color(&self, high: f32) -> Result<[f32; 3]> {
         self.color_in(self.value, high)
+    }
+
+    /// A list of lists of `N` finite numbers.
+    pub(super) fn rows<const N: usize>(&self, what: &str) -> Result<Vec<[f64; N]>> {
+        let array = self.value.get_ref().as_array();
+        let array = array.ok_or_else(|| self.expected(what))?;
+        array.iter().map(|v| self.numbers_in(v)).collect()
     }
 
     /// A list of linear RGB triples with every channel from 0 to `high`.

@@ -1,14 +1,11 @@
 //! What the values of a volume file are, before a window or a scale is applied to them.
 
+use super::layers::{Voxels, layers};
+use super::suggest::{self, SuggestedWindow};
 use crate::Result;
 use crate::run::Cancel;
 use crate::scene::grid::VoxelBox;
-use rayon::prelude::*;
-use std::ops::Range;
 use std::path::{Path, PathBuf};
-
-/// Voxels that are looked at at one time, at most, but for what eight rows of eight layers have.
-const MOST_AT_ONCE: usize = 1 << 22;
 
 /// Bins of a [`Histogram`].
 const BINS: usize = 16;
@@ -20,6 +17,8 @@ pub struct GridValues {
     pub file: PathBuf,
     /// Name of the grid in a file of several.
     pub grid: Option<String>,
+    /// The axes of a patient along which the file has its place, as `RAS`.
+    pub patient_space: Option<&'static str>,
     /// Voxels along x, y and z of the box that is read.
     pub dims: [usize; 3],
     /// Index in the file of the first voxel of the box.
@@ -38,6 +37,8 @@ pub struct GridValues {
     pub active_mean: f64,
     /// Counts of the values other than 0.
     pub histogram: Histogram,
+    /// A window for them; none if all are the same.
+    pub suggested: Option<SuggestedWindow>,
 }
 
 /// Counts of values in bins of equal width.
@@ -49,17 +50,6 @@ pub struct Histogram {
     pub to: f32,
     /// Values in each bin; none if there are no values.
     pub counts: Vec<u64>,
-}
-
-/// Voxels to look at, with empty ones on every side that do not count.
-pub(super) struct Voxels<F> {
-    /// Voxels per axis, padding included.
-    pub(super) dims: [usize; 3],
-    /// Index in the file of the first voxel, that of the padding.
-    pub(super) first: [i64; 3],
-    pub(super) padding: usize,
-    /// Writes the values of a box of voxels, x fastest.
-    pub(super) read: F,
 }
 
 /// What there is in some of the rows.
@@ -120,6 +110,7 @@ impl GridValues {
     pub(super) fn of<F: Fn(&VoxelBox, &mut [f32]) -> Result<()> + Sync>(
         voxels: &Voxels<F>,
         grid: Option<String>,
+        patient_space: Option<&'static str>,
         path: &Path,
         cancel: &Cancel,
     ) -> Result<Self> {
@@ -132,6 +123,7 @@ impl GridValues {
         Ok(Self {
             file: path.to_owned(),
             grid,
+            patient_space,
             dims: voxels.dims.map(|n| n - 2 * pad),
             first: voxels.first.map(|i| i + pad as i64),
             active: survey.active,
@@ -141,6 +133,13 @@ impl GridValues {
             max: if any { survey.all[1] } else { 0.0 },
             active_mean: survey.sum / survey.active.max(1) as f64,
             histogram: histogram(voxels, survey.others, cancel)?,
+            suggested: if any {
+                let inner: f64 = voxels.dims.iter().map(|&n| (n - 2 * pad) as f64).product();
+                let zeros = inner - (survey.active + survey.not_finite) as f64;
+                suggest::window(voxels, survey.all, zeros / inner, cancel)?
+            } else {
+                None
+            },
         })
     }
 }
@@ -167,44 +166,4 @@ fn histogram<F: Fn(&VoxelBox, &mut [f32]) -> Result<()> + Sync>(
         counts.iter_mut().zip(layer).for_each(|(sum, n)| *sum += n);
     }
     Ok(Histogram { from, to, counts })
-}
-
-/// What `add` makes of the rows of each layer, without the padding, from `start` on.
-fn layers<F, T>(
-    voxels: &Voxels<F>,
-    cancel: &Cancel,
-    start: &T,
-    add: impl Fn(&mut T, &[f32]) + Sync,
-) -> Result<Vec<T>>
-where
-    F: Fn(&VoxelBox, &mut [f32]) -> Result<()> + Sync,
-    T: Clone + Send + Sync,
-{
-    let pad = voxels.padding;
-    let [nx, ny, nz] = voxels.dims.map(|n| n - pad);
-    let width = nx - pad;
-    // Files keep voxels in leaves of this edge: none is to be unpacked for one layer after another.
-    let edge = 8;
-    let slabs = (0..nz).step_by(edge).map(|z| z.max(pad)..nz.min(z + edge));
-    let slabs: Vec<_> = slabs.filter(|slab| !slab.is_empty()).collect();
-    let height = (MOST_AT_ONCE / (width * edge)).max(edge);
-    let slab = |slab: &Range<usize>| {
-        let mut layers = vec![start.clone(); slab.len()];
-        for y in (pad..ny).step_by(height) {
-            cancel.check()?;
-            let part = VoxelBox {
-                first: [pad, y, slab.start],
-                dims: [width, height.min(ny - y), slab.len()],
-            };
-            let mut values = vec![0.0; part.count()];
-            (voxels.read)(&part, &mut values)?;
-            for ([_, _, z], at) in part.rows() {
-                add(&mut layers[z - slab.start], &values[at..at + width]);
-            }
-        }
-        Ok(layers)
-    };
-    let slabs: Vec<Result<Vec<T>>> = slabs.par_iter().map(slab).collect();
-    let slabs = slabs.into_iter().collect::<Result<Vec<_>>>()?;
-    Ok(slabs.into_iter().flatten().collect())
 }

@@ -140,12 +140,16 @@ impl Vol {
             first: [0; 3],
             padding: 0,
             world_from_file,
+            patient: None,
             samples: Samples::Array(Array {
                 dims,
                 bytes,
                 number,
                 big_endian: false,
-            }),
+                rescale: None,
+            })
+            .into(),
+            start: [0; 3],
         })
     }
 

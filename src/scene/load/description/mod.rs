@@ -6,7 +6,7 @@ mod volume;
 
 use self::camera::{CAMERA, camera};
 use self::light::{LIGHT, environment_image, light};
-use self::volume::{VOLUME, volumes};
+use self::volume::{Kept, VOLUME, volumes};
 use super::colors::ColorEncoding;
 use super::files::{Files, beside, extension};
 use super::table::{Document, Table};
@@ -22,7 +22,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 const FILM: [&str; 3] = ["width", "height", "exposure"];
-const MESH: [&str; 14] = [
+const MESH: [&str; 15] = [
     "file",
     "name",
     "transform",
@@ -37,6 +37,7 @@ const MESH: [&str; 14] = [
     "emits_both_sides",
     "normals",
     "import",
+    "light_scale",
 ];
 /// Reads the scene file `path` with the content `text`, and all files that it names.
 pub(super) fn read(text: &str, path: &Path, files: &mut Files) -> Result<SceneBuilder> {
@@ -84,8 +85,10 @@ pub(super) fn read(text: &str, path: &Path, files: &mut Files) -> Result<SceneBu
         let mesh = mesh(&table, path, &mut builder, files)?;
         builder.meshes.push(mesh);
     }
+    let mut kept = Kept::of(&volume_tables);
     for table in volume_tables {
-        builder.volumes.extend(volumes(&table, path, files)?);
+        let volumes = volumes(&table, path, files, &mut kept)?;
+        builder.volumes.extend(volumes);
     }
     Ok(builder)
 }
@@ -158,6 +161,8 @@ struct FileKeys {
     encoding: ColorEncoding,
     /// What to take from a glTF beside its meshes.
     imports: Vec<usize>,
+    /// Factor on the lights that are taken.
+    light_scale: f32,
 }
 
 fn file_keys(table: &Table<'_>, kind: &str) -> Result<FileKeys> {
@@ -179,6 +184,7 @@ fn file_keys(table: &Table<'_>, kind: &str) -> Result<FileKeys> {
         palette,
         encoding,
         imports: imports(table, kind)?,
+        light_scale: light_scale(table)?,
     })
 }
 
@@ -212,7 +218,7 @@ fn mesh_file(
         }
         "obj" => obj::read(&content, path, keys.encoding, files),
         _ => gltf::read(&content, path, files)
-            .and_then(|import| take(import, &keys.imports, world_from_mesh, builder)),
+            .and_then(|import| take(import, &keys, world_from_mesh, builder)),
     };
     let mesh = mesh.map_err(|e| e.at(path.display()))?;
     // A glTF file may hold nothing but cameras, lights or a volume.
@@ -279,15 +285,34 @@ fn imports(table: &Table<'_>, kind: &str) -> Result<Vec<usize>> {
     item.choices(&["cameras", "lights"])
 }
 
+/// The factor on the lights of a glTF.
+fn light_scale(table: &Table<'_>) -> Result<f32> {
+    let Some(item) = table.get("light_scale") else {
+        return Ok(1.0);
+    };
+    let imports = table
+        .get("import")
+        .map(|i| i.choices(&["cameras", "lights"]));
+    if !imports
+        .transpose()?
+        .is_some_and(|imports| imports.contains(&1))
+    {
+        return Err(
+            item.error("there is no `import = [\"lights\"]` of which it could be the factor")
+        );
+    }
+    Ok(item.number_within(0.0, 1e6)? as f32)
+}
+
 /// Moves cameras and lights of a glTF into place and into the builder; the meshes are returned as
 /// they are.
 fn take(
     import: gltf::Import,
-    imports: &[usize],
+    keys: &FileKeys,
     world_from_file: &DAffine3,
     builder: &mut SceneBuilder,
 ) -> Result<MeshInput> {
-    if imports.contains(&0) {
+    if keys.imports.contains(&0) {
         let film = builder.film.unwrap_or(DEFAULT_FILM);
         let cameras = import.cameras.into_iter().map(|mut camera| {
             let moved = *world_from_file * camera.world_from_camera;
@@ -296,9 +321,10 @@ fn take(
         });
         builder.add_cameras(cameras.collect::<Result<_>>()?);
     }
-    if imports.contains(&1) {
+    if keys.imports.contains(&1) {
         for mut light in import.lights {
             light.position = world_from_file.transform_point3(light.position);
+            light.light.scale(keys.light_scale);
             if let Light::Spot { direction, .. } | Light::Directional { direction, .. } =
                 &mut light.light
             {

@@ -4,16 +4,19 @@ use super::named;
 use crate::Result;
 use crate::scene::PhaseFunction;
 use crate::scene::builder::{VolumeInput, is_singular};
-use crate::scene::load::field::{Field, Scale};
-use crate::scene::load::files::{Files, extension};
+use crate::scene::load::field::Field;
+use crate::scene::load::files::{Files, beside, extension};
 use crate::scene::load::samples::Number;
-use crate::scene::load::table::Table;
-use crate::scene::load::{builtin, nrrd, raw, transform, vdb, vol};
-use glam::DAffine3;
+use crate::scene::load::scale::{Density, Scale};
+use crate::scene::load::table::{Item, Table};
+use crate::scene::load::transfer::Transfer;
+use crate::scene::load::{FIELD_FILES, builtin, depth, raw, read_field, transform, vdb};
+use glam::{DAffine3, DVec3};
+use std::collections::HashMap;
 use std::path::Path;
 
 /// Keys of volumes.
-pub const VOLUME: [&str; 18] = [
+pub const VOLUME: [&str; 22] = [
     "file",
     "name",
     "dims",
@@ -23,46 +26,82 @@ pub const VOLUME: [&str; 18] = [
     "sigma_t_scale",
     "value_scale",
     "window",
+    "curve",
+    "transfer",
     "albedo",
     "g",
     "mix",
     "unitcube_to_world",
     "world_from_index",
+    "up",
+    "crop",
     "transform",
     "translate",
     "rotate_deg",
     "scale",
 ];
 
-/// The volumes of a table: a file may have several grids of the name, or none with anything in it.
-pub fn volumes(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<Vec<VolumeInput>> {
-    let (name, path) = named(table, scene, files)?;
-    table.exclusive(&["window", "value_scale"])?;
-    table.exclusive(&["unitcube_to_world", "world_from_index"])?;
-    let factor = |key: &str| -> Result<Option<f64>> {
-        let item = table.get(key);
-        item.map(|i| i.number_within(0.0, 1e30)).transpose()
-    };
-    let sigma_t_scale = table.require("sigma_t_scale")?.number_within(0.0, 1e30)?;
-    let window = match table.get("window") {
-        Some(item) => {
-            let [low, high] = item.numbers::<2>()?;
-            if high <= low {
-                return Err(item.error(format_args!(
-                    "expected the low end first, then a higher one, found {low} and {high}"
-                )));
-            }
-            Some([low, high])
+/// Keys that say what is read of which file.
+const FILE_KEYS: [&str; 5] = ["file", "grid", "dims", "dtype", "endian"];
+
+/// Fields that several tables name: they are read once, and go with the last that does.
+pub struct Kept<'a> {
+    uses: HashMap<Vec<Option<&'a str>>, usize>,
+    fields: HashMap<Vec<Option<&'a str>>, Vec<Field>>,
+}
+
+impl<'a> Kept<'a> {
+    /// None yet, of these tables.
+    pub fn of(tables: &[Table<'a>]) -> Self {
+        let mut uses = HashMap::new();
+        for table in tables {
+            *uses.entry(table.texts(&FILE_KEYS)).or_default() += 1;
         }
-        None => None,
-    };
-    let scale = Scale {
-        sigma_t: sigma_t_scale * factor("value_scale")?.unwrap_or(1.0),
-        window,
-    };
-    let albedo = table.require("albedo")?.color(1.0)?;
+        Self {
+            uses,
+            fields: HashMap::new(),
+        }
+    }
+
+    /// The fields of a table, which are read if they are not kept.
+    fn fields(
+        &mut self,
+        table: &Table<'a>,
+        read: impl FnOnce() -> Result<Vec<Field>>,
+    ) -> Result<Vec<Field>> {
+        let key = table.texts(&FILE_KEYS);
+        let left = self.uses.get_mut(&key);
+        let left = left.map_or(0, |left| {
+            *left = left.saturating_sub(1);
+            *left
+        });
+        let fields = match self.fields.remove(&key) {
+            Some(fields) => fields,
+            None => read()?,
+        };
+        if left > 0 {
+            self.fields.insert(key, fields.clone());
+        }
+        Ok(fields)
+    }
+}
+
+/// The volumes of a table: a file may have several grids of the name, or none with anything in it;
+/// a preset makes several of each.
+pub fn volumes<'a>(
+    table: &Table<'a>,
+    scene: &Path,
+    files: &mut Files,
+    kept: &mut Kept<'a>,
+) -> Result<Vec<VolumeInput>> {
+    let (name, path) = named(table, scene, files)?;
+    table.exclusive(&["window", "value_scale", "curve", "transfer"])?;
+    table.exclusive(&["albedo", "transfer"])?;
+    table.exclusive(&["unitcube_to_world", "world_from_index", "up"])?;
+    let looks = looks(table, scene, files)?;
     let phase = phase(table)?;
-    let fields = fields(table, &name, &path, files)?;
+    let crop = crop(table)?;
+    let fields = kept.fields(table, || fields(table, &name, &path, files))?;
     if fields.is_empty() {
         let path = path.display();
         files.warn(format!(
@@ -85,23 +124,148 @@ pub fn volumes(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<Vec
         Some(item) => item.text()?.into(),
         None => path.file_stem().unwrap_or_default().to_string_lossy(),
     };
-    let volume = |(i, field): (usize, Field)| {
-        let noted = field.note_values(&path, files);
-        noted.map_err(|e| e.at(path.display()))?;
-        let world_from_grid = placement(table, &field)?;
-        let sigma_t = field.into_grid(scale, &path, files);
-        Ok(VolumeInput {
-            name: match i {
-                0 => plain.to_string(),
-                _ => format!("{plain} {}", i + 1),
-            },
-            sigma_t: sigma_t.map_err(|e| e.at(path.display()))?,
-            albedo,
-            phase,
-            world_from_grid,
-        })
+    let mut volumes = Vec::new();
+    for whole in &fields {
+        let (field, world_from_grid) = match &crop {
+            None => (whole.clone(), placement(table, whole)?),
+            Some((item, min, max)) => {
+                let field = whole.cropped(*min, *max);
+                let field =
+                    field.ok_or_else(|| item.error("no centre of a voxel is in the box"))?;
+                let moved = DVec3::from(std::array::from_fn(|a| {
+                    (field.start[a] - whole.start[a]) as f64
+                }));
+                let world_from_grid = placement(table, whole)? * DAffine3::from_translation(moved);
+                (field, world_from_grid)
+            }
+        };
+        for (scale, albedo) in looks.of(&field, &world_from_grid) {
+            let noted = field.note_values(&path, files);
+            noted.map_err(|e| e.at(path.display()))?;
+            let sigma_t = field.grid(&scale, &path, files);
+            let sigma_t = sigma_t.map_err(|e| e.at(path.display()))?;
+            if !name.starts_with("builtin:") {
+                depth::check(&field, &scale, &sigma_t, &world_from_grid, &path, files)?;
+            }
+            let number = volumes.len() + 1;
+            volumes.push(VolumeInput {
+                name: match number {
+                    1 => plain.to_string(),
+                    _ => format!("{plain} {number}"),
+                },
+                sigma_t,
+                albedo,
+                phase,
+                world_from_grid,
+            });
+        }
+    }
+    Ok(volumes)
+}
+
+/// What values look like.
+enum Looks {
+    One(Scale, [f32; 3]),
+    /// A factor on the extinctions of a preset.
+    Preset(Transfer, f64),
+}
+
+impl Looks {
+    /// The scale and the albedo of each medium that a field becomes.
+    fn of(&self, field: &Field, world_from_grid: &DAffine3) -> Vec<(Scale, [f32; 3])> {
+        match self {
+            Self::One(scale, albedo) => vec![(scale.clone(), *albedo)],
+            Self::Preset(transfer, factor) => {
+                // The distances of a preset are in the unit of the file.
+                let size = |map: &DAffine3| map.matrix3.determinant().abs();
+                let own = field.placed(None).map_or(1.0, |own| size(&own));
+                let unit = libm::cbrt(size(world_from_grid) / own);
+                transfer.bands(factor / unit)
+            }
+        }
+    }
+}
+
+/// Scale and albedo by the table, or by the preset that it names.
+fn looks(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<Looks> {
+    let factor = |key: &str| -> Result<Option<f64>> {
+        let item = table.get(key);
+        item.map(|i| i.number_within(0.0, 1e30)).transpose()
     };
-    fields.into_iter().enumerate().map(volume).collect()
+    if let Some(item) = table.get("transfer") {
+        let path = beside(scene, item.text()?);
+        let content = files.read("transfer", &path).map_err(|e| table.locate(e))?;
+        let transfer = Transfer::read(&content, &path, files).map_err(|e| e.at(path.display()))?;
+        return Ok(Looks::Preset(
+            transfer,
+            factor("sigma_t_scale")?.unwrap_or(1.0),
+        ));
+    }
+    let sigma_t_scale = table.require("sigma_t_scale")?.number_within(0.0, 1e30)?;
+    let density = if let Some(item) = table.get("window") {
+        let [low, high] = item.numbers::<2>()?;
+        if high <= low {
+            return Err(item.error(format_args!(
+                "expected the low end first, then a higher one, found {low} and {high}"
+            )));
+        }
+        Density::Window([low, high])
+    } else if let Some(item) = table.get("curve") {
+        Density::Curve(curve(&item)?)
+    } else {
+        Density::Value
+    };
+    let scale = Scale {
+        sigma_t: sigma_t_scale * factor("value_scale")?.unwrap_or(1.0),
+        density,
+    };
+    Ok(Looks::One(scale, table.require("albedo")?.color(1.0)?))
+}
+
+/// Points of value and density.
+fn curve(item: &Item<'_>) -> Result<Vec<[f64; 2]>> {
+    let points = item.rows::<2>("points, as [[value, density], [value, density]]")?;
+    if points.len() < 2 {
+        return Err(item.error(format_args!(
+            "expected two points of value and density or more, found {}",
+            points.len()
+        )));
+    }
+    if let Some(pair) = points.windows(2).find(|pair| pair[1][0] < pair[0][0]) {
+        return Err(item.error(format_args!(
+            "expected values that rise, found {} after {}",
+            pair[1][0], pair[0][0]
+        )));
+    }
+    if let Some([_, density]) = points.iter().find(|[_, d]| !(0.0..=1e30).contains(d)) {
+        return Err(item.error(format_args!(
+            "expected densities from 0 to 1e30, found {density}"
+        )));
+    }
+    Ok(points)
+}
+
+/// The key, and the least and the greatest corner of the box.
+type Crop<'a> = (Item<'a>, [f64; 3], [f64; 3]);
+
+/// A box of which each end is a share of the file's box along its own axes.
+fn crop<'a>(table: &Table<'a>) -> Result<Option<Crop<'a>>> {
+    let Some(item) = table.get("crop") else {
+        return Ok(None);
+    };
+    let inner = item.table("`crop`", &["min", "max"])?;
+    let end = |key: &str, plain: f64| match inner.get(key) {
+        Some(item) => item.numbers::<3>(),
+        None => Ok([plain; 3]),
+    };
+    let (min, max) = (end("min", 0.0)?, end("max", 1.0)?);
+    if let Some(a) = (0..3).find(|&a| !(0.0 <= min[a] && min[a] < max[a] && max[a] <= 1.0)) {
+        return Err(item.error(format_args!(
+            "expected shares of the box with 0 <= min < max <= 1 along each axis, found {} and {}",
+            min[a], max[a]
+        )));
+    }
+    Ok(Some((item, min, max)))
 }
 
 /// The phase function: a mean cosine, or two and the weight of the first.
@@ -133,14 +297,20 @@ fn phase(table: &Table<'_>) -> Result<PhaseFunction> {
     Ok(PhaseFunction::two_lobes(lobes, mix as f32))
 }
 
+/// Whether the file's z is up, if the table says.
+fn has_z_up(table: &Table<'_>) -> Result<Option<bool>> {
+    let up = table.get("up").map(|item| item.choice(&["y", "z"]));
+    Ok(up.transpose()?.map(|choice| choice == 1))
+}
+
 /// The map from the space of the grid to the world, by the table or else by the file.
 fn placement(table: &Table<'_>, field: &Field) -> Result<DAffine3> {
     let placed = if let Some(item) = table.get("unitcube_to_world") {
         item.affine()? * field.unitcube_from_grid()
     } else if let Some(item) = table.get("world_from_index") {
         item.affine()? * field.file_from_grid()
-    } else if let Some(world_from_file) = field.world_from_file {
-        world_from_file * field.file_from_grid()
+    } else if let Some(placed) = field.placed(has_z_up(table)?) {
+        placed
     } else {
         return Err(table
             .error("the file does not say where the volume is")
@@ -181,13 +351,17 @@ fn fields(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Resu
             };
             Some((dims, number, big_endian))
         }
-        "nrrd" | "nhdr" | "vdb" | "vol" => None,
+        "vdb" => None,
+        kind if FIELD_FILES.contains(&kind) => None,
         other => {
             return Err(table
                 .error(format_args!(
                     "a volume with the extension \"{other}\" is not supported"
                 ))
-                .hint("volumes are .vdb, .nrrd, .nhdr, .vol or .raw files"));
+                .hint(match other {
+                    "dcm" | "" | "ima" => "turn a DICOM folder into NIfTI first, for example with `dcm2niix -z y FOLDER`",
+                    _ => "volumes are .vdb, .nrrd, .nhdr, .nii, .nii.gz, .mhd, .mha, .vol or .raw files",
+                }));
         }
     };
     let grid = table.get("grid").map(|i| i.text()).transpose()?;
@@ -201,10 +375,7 @@ fn fields(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Resu
     let content = files.read("volume", path).map_err(|e| table.locate(e))?;
     let fields = match layout {
         Some((dims, number, big_endian)) => raw::read(content, dims, number, big_endian).map(one),
-        None if kind == "vol" => (vol::Vol::read(content))
-            .and_then(vol::Vol::into_field)
-            .map(one),
-        None => nrrd::read(content, path, files).map(one),
+        None => read_field(&kind, content, path, files).map(one),
     };
     fields.map_err(|e| e.at(path.display()))
 }

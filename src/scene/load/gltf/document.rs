@@ -17,6 +17,8 @@ pub(super) struct Opened {
     pub(super) gltf: Gltf,
     /// Whether each node is hidden, and what is below it.
     pub(super) is_hidden: Vec<bool>,
+    /// Extensions of materials that say of each that it has nothing of their kind.
+    pub(super) idle: Vec<&'static str>,
 }
 
 /// Parses a file.
@@ -39,12 +41,14 @@ pub(super) fn open(content: &[u8]) -> Result<Opened> {
     extensions::check_required(&value)?;
     mend(&mut value);
     let is_hidden = hidden(&value);
+    let idle = extensions::idle(&value);
     let root: Root = serde_json::from_value(value).map_err(|e| unreadable(&e))?;
     check_attributes(&root)?;
     let document = Document::from_json(root).map_err(|e| unreadable(&e))?;
     Ok(Opened {
         gltf: Gltf { document, blob },
         is_hidden,
+        idle,
     })
 }
 

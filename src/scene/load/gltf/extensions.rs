@@ -90,9 +90,37 @@ pub(super) fn check_required(document: &Value) -> Result<()> {
     Ok(())
 }
 
-/// Notes each kind of thing that would change the picture and is left out.
-pub(super) fn note(document: &Document, left_out: &mut LeftOut) {
-    let is_missed = |name: &&str| !READ.contains(name) && !NOT_OF_LOOKS.contains(name);
+/// Extensions of materials with a factor that is 0 wherever they are: they add nothing.
+pub(super) fn idle(document: &Value) -> Vec<&'static str> {
+    /// Name, factor, and the factor of which nothing is said.
+    const FACTORS: [(&str, &str, f64); 5] = [
+        ("KHR_materials_clearcoat", "clearcoatFactor", 0.0),
+        ("KHR_materials_iridescence", "iridescenceFactor", 0.0),
+        ("KHR_materials_specular", "specularFactor", 1.0),
+        ("KHR_materials_transmission", "transmissionFactor", 0.0),
+        (
+            "KHR_materials_diffuse_transmission",
+            "diffuseTransmissionFactor",
+            0.0,
+        ),
+    ];
+    let materials = document.get("materials").and_then(Value::as_array);
+    let is_idle = |(name, factor, plain): &(&str, &str, f64)| {
+        let all = materials.into_iter().flatten();
+        let mut all = all
+            .filter_map(|m| m.get("extensions")?.get(name))
+            .peekable();
+        let is_zero = |e: &Value| e.get(factor).map_or(Some(*plain), Value::as_f64) == Some(0.0);
+        all.peek().is_some() && all.all(is_zero)
+    };
+    let idle = FACTORS.iter().filter(|factor| is_idle(factor));
+    idle.map(|(name, ..)| *name).collect()
+}
+
+/// Notes each kind of thing that would change the picture and is left out; what is `idle` does not.
+pub(super) fn note(document: &Document, idle: &[&str], left_out: &mut LeftOut) {
+    let is_missed =
+        |name: &&str| !READ.contains(name) && !NOT_OF_LOOKS.contains(name) && !idle.contains(name);
     for name in document.extensions_used().filter(is_missed) {
         let what = "extensions are left out, with what they add to the picture";
         left_out.note(what, name);

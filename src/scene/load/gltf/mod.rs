@@ -38,6 +38,8 @@ use std::path::Path;
 
 /// What exporters multiply by that turn radiometric lights into photometric ones.
 const LUMENS_PER_WATT: f32 = 683.0;
+/// Its inverse, as people write it.
+const LIGHT_SCALE: f32 = 0.001464;
 
 /// What a glTF file holds.
 #[derive(Default)]
@@ -121,7 +123,7 @@ pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Imp
         list: MeshInput::default(),
         left_out: LeftOut::default(),
     };
-    extensions::note(reader.document, &mut reader.left_out);
+    extensions::note(reader.document, &opened.idle, &mut reader.left_out);
     reader.nodes()?;
     let materials = reader.document.materials().len();
     reader.left_out.tell(path, materials, reader.files);
@@ -239,8 +241,9 @@ impl Reader<'_> {
         }
         if intensity.iter().any(|x| *x >= LUMENS_PER_WATT) {
             self.warn(format!(
-                "a light of intensity {intensity:?} is taken as radiometric; if it is in candela or lux, \
-                 radiance comes out {LUMENS_PER_WATT} times as high"
+                "a light of intensity {intensity:?} is taken as radiometric; if it is in candela or lux, as Blender \
+                 writes it, radiance comes out {LUMENS_PER_WATT} times as high: `light_scale = {LIGHT_SCALE}` beside \
+                 `import` in a scene file mends that"
             ));
         }
         let direction = -without_scale(world_from_node).matrix3.z_axis.as_vec3();

@@ -256,6 +256,17 @@ fn extensions_of_looks_that_are_not_read_are_named_once() {
     assert_eq!(said.len(), 1, "{said:?}");
     assert!(said[0].starts_with("x.glb: extensions are left out"));
     assert!(said[0].ends_with(": KHR_materials_transmission, ACME_fur"));
+    // As Blender writes a material without highlights.
+    let name = "KHR_materials_specular";
+    json["extensionsUsed"] = json!(["KHR_lights_punctual", "KHR_texture_transform", name]);
+    for (extension, told) in [
+        (json!({ "specularFactor": 0.0 }), 0),
+        (json!({ "specularFactor": 0.5 }), 1),
+        (json!({}), 1),
+    ] {
+        json["materials"][0]["extensions"] = json!({ name: extension });
+        assert_eq!(warnings(&json).len(), told, "{extension}");
+    }
 }
 
 #[test]

@@ -4,7 +4,7 @@ use super::element::Element;
 use super::{Reader, plugins};
 use crate::Result;
 use crate::scene::builder::VolumeInput;
-use crate::scene::load::field::Scale;
+use crate::scene::load::scale::Scale;
 use crate::scene::load::vol::Vol;
 use crate::scene::{Grid, PhaseFunction};
 use glam::{DAffine3, DVec3};
@@ -82,16 +82,13 @@ impl Reader<'_> {
                     let what = "extinctions of several channels are taken as their mean";
                     self.left_out.note(what, medium.line());
                 }
-                let scale = Scale {
-                    sigma_t: scale * vol.scale(),
-                    window: None,
-                };
+                let scale = Scale::plain(scale * vol.scale());
                 let field = vol.into_field().map_err(|e| e.at(path.display()))?;
                 field
                     .note_values(&path, self.files)
                     .map_err(|e| e.at(path.display()))?;
                 let world_from_grid = world_from_unitcube * field.unitcube_from_grid();
-                let grid = field.into_grid(scale, &path, self.files);
+                let grid = field.grid(&scale, &path, self.files);
                 let grid = grid.map_err(|e| e.at(path.display()))?;
                 let volume = VolumeInput::new(name, grid, albedo, world_from_grid);
                 self.builder.volumes.push(volume.phase(phase));

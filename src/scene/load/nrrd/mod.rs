@@ -6,16 +6,20 @@
 //! maxs`; then the first voxel's centre is at `space origin`, or follows from `axis mins` or `axis
 //! maxs` and `centers` (`cell` if not given), or is at the origin.
 //!
+//! A `space` that is that of a patient is turned to that of MetaImage and NIfTI.
+//!
 //! - `data`: from files to samples; here: the header
 
 mod data;
 
 use super::field::Field;
 use super::files::{Files, beside, text_start};
+use super::patient::PatientSpace;
 use super::samples::{Array, Number, Samples, byte_length};
+use super::unpack::Data;
 use crate::scene::builder::is_singular;
 use crate::{Error, Result};
-use data::Data;
+use data::data;
 use glam::{DAffine3, DMat3, DVec3};
 use std::collections::HashMap;
 use std::path::Path;
@@ -26,11 +30,16 @@ pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<F
     let (dims, skipped_axis) = header.dims()?;
     header.check_kinds()?;
     let number = header.number()?;
+    let patient = header.patient_space();
     let world_from_file = header.world_from_index(dims, skipped_axis)?;
+    let world_from_file = match patient {
+        Some(space) => world_from_file.map(|map| space.to_lps() * map),
+        None => world_from_file,
+    };
     let big_endian = header.is_big_endian(number)?;
     let expected = byte_length(dims, number)?;
     let data = match header.data_files()? {
-        None => Data::of(&header, content, data_at, expected, number, &files.cancel)?,
+        None => data(&header, content, data_at, expected, number, &files.cancel)?,
         Some(names) => {
             if expected % names.len() != 0 {
                 return Err(Error::input(format!(
@@ -42,7 +51,7 @@ pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<F
             let mut all = Data::default();
             for name in &names {
                 let content = files.read_beside("volume data", path, name)?;
-                let data = Data::of(&header, content, 0, share, number, &files.cancel);
+                let data = data(&header, content, 0, share, number, &files.cancel);
                 all.append(data.map_err(|e| e.at(beside(path, name).display()))?)?;
             }
             all
@@ -60,12 +69,16 @@ pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<F
         first: [0; 3],
         padding: 0,
         world_from_file,
+        patient: patient.filter(|_| world_from_file.is_some()),
         samples: Samples::Array(Array {
             dims,
             bytes: data.bytes,
             number: if data.is_f64 { Number::F64 } else { number },
             big_endian: big_endian && !data.is_f64,
-        }),
+            rescale: None,
+        })
+        .into(),
+        start: [0; 3],
     })
 }
 
@@ -194,32 +207,12 @@ impl Header {
         if !text.contains('%') {
             return Ok(Some(vec![text.into()]));
         }
-        let wrong = || {
-            Error::input(format!(
-                "expected a name such as a%03d.raw, a first and a last number and a step, \
-                 found `data file: {text}`"
-            ))
-        };
-        let words: Vec<&str> = text.split_whitespace().collect();
-        let number = |i: usize| {
-            words
-                .get(i)
-                .and_then(|w| w.parse::<i64>().ok())
-                .ok_or_else(wrong)
-        };
-        let (first, last, step) = (number(1)?, number(2)?, number(3)?);
-        let (before, rest) = words[0].split_once('%').ok_or_else(wrong)?;
-        let (width, after) = rest.split_once('d').ok_or_else(wrong)?;
-        let places: usize = match width {
-            "" => 0,
-            width => width.parse().map_err(|_| wrong())?,
-        };
-        let count = (last - first)
-            .checked_div(step)
-            .filter(|n| (0..1 << 20).contains(n));
-        let count = count.filter(|_| places < 32).ok_or_else(wrong)?;
-        let name = |i: i64| format!("{before}{:0places$}{after}", first + i * step);
-        Ok(Some((0..=count).map(name).collect()))
+        numbered_names(text, "data file: ").map(Some)
+    }
+
+    /// The axes of a patient in which the file is placed, if it says so.
+    fn patient_space(&self) -> Option<PatientSpace> {
+        PatientSpace::named(self.get(&["space"])?)
     }
 
     fn number(&self) -> Result<Number> {
@@ -378,6 +371,38 @@ impl Header {
     }
 }
 
+/// The names of files with numbers in them that `a%03d.raw 1 9 2` stands for, as a header says it
+/// behind `field`.
+pub(super) fn numbered_names(text: &str, field: &str) -> Result<Vec<String>> {
+    let wrong = || {
+        Error::input(format!(
+            "expected a name such as a%03d.raw, a first and a last number and a step, \
+             found `{field}{text}`"
+        ))
+    };
+    let words: Vec<&str> = text.split_whitespace().collect();
+    let number = |i: usize| {
+        words
+            .get(i)
+            .and_then(|w| w.parse::<i64>().ok())
+            .ok_or_else(wrong)
+    };
+    let (first, last, step) = (number(1)?, number(2)?, number(3)?);
+    let (before, rest) = words[0].split_once('%').ok_or_else(wrong)?;
+    let (width, after) = rest.split_once('d').ok_or_else(wrong)?;
+    let places: usize = match width {
+        "" => 0,
+        width => width.parse().map_err(|_| wrong())?,
+    };
+    let count = last
+        .checked_sub(first)
+        .and_then(|length| length.checked_div(step))
+        .filter(|n| (0..1 << 20).contains(n));
+    let count = count.filter(|_| places < 32).ok_or_else(wrong)?;
+    let name = |i: i64| format!("{before}{:0places$}{after}", first + i * step);
+    Ok((0..=count).map(name).collect())
+}
+
 /// Takes the entry of the axis that is not read out of those of all four axes.
 fn skip_axis<T>(entries: &mut Vec<T>, skipped_axis: Option<usize>) {
     if let Some(axis) = skipped_axis
@@ -406,9 +431,9 @@ fn vector(text: &str, field: &str) -> Result<DVec3> {
 }
 
 /// Lines of text at the head of a file of bytes.
-struct Lines<'a> {
-    content: &'a [u8],
-    at: usize,
+pub(super) struct Lines<'a> {
+    pub(super) content: &'a [u8],
+    pub(super) at: usize,
 }
 
 impl<'a> Iterator for Lines<'a> {

@@ -320,7 +320,9 @@ impl VdbGrid {
             first,
             padding: 1,
             world_from_file: Some(self.world_from_index),
-            samples: Samples::Other(Box::new(table)),
+            patient: None,
+            samples: Samples::Other(Box::new(table)).into(),
+            start: [0; 3],
         }))
     }
 }

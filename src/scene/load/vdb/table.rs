@@ -124,14 +124,17 @@ impl Table {
 }
 
 impl Source for Table {
-    fn may_hold(&self, voxels: &VoxelBox, counts: &dyn Fn(f32) -> bool) -> bool {
-        if counts(0.0) {
+    fn may_hold(&self, voxels: &VoxelBox, counts: &dyn Fn(f32, f32) -> bool) -> bool {
+        if counts(0.0, 0.0) {
             return true;
         }
         let leaves = &self.tree.leaves;
         self.parts(voxels).any(|(id, part)| match leaves.get(id) {
             Some(leaf) => leaf.has_active(&part.in_leaf()),
-            None => counts(self.tree.tiles[id - leaves.len()].value),
+            None => {
+                let value = self.tree.tiles[id - leaves.len()].value;
+                counts(value, value)
+            }
         })
     }
 

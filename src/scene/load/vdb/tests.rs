@@ -3,7 +3,7 @@
 #[path = "../../../../tests/support/skip.rs"]
 mod skip;
 
-use super::super::field::Scale;
+use super::super::scale::{Density, Scale};
 use super::blosc::tests::pack;
 use super::*;
 use crate::run::Cancel;
@@ -13,7 +13,7 @@ use std::io::Write;
 
 const SCALE: Scale = Scale {
     sigma_t: 1.0,
-    window: None,
+    density: Density::Value,
 };
 
 /// A grid of one 16^3 node with leaves at the given slots, or tiles.
@@ -330,7 +330,7 @@ fn the_field_is_zero_around_and_placed_by_voxel_centres() {
     let grid_from_world = world_from_grid.inverse();
     let expected = value(0, 0);
     let grid = field
-        .into_grid(SCALE, Path::new("x"), &mut Files::default())
+        .grid(&SCALE, Path::new("x"), &mut Files::default())
         .unwrap();
     let at = |p: DVec3| grid.sample(grid_from_world.transform_point3(p).as_vec3());
     assert_eq!(at(DVec3::ZERO), expected, "voxel (0,0,0) is at the origin");
@@ -354,7 +354,7 @@ fn regions_unpack_what_single_voxels_are() {
     for window in [None, Some([0.4, 1.2]), Some([-1.0, 3.0])] {
         let scale = Scale {
             sigma_t: 2.0,
-            window,
+            density: window.map_or(Density::Value, Density::Window),
         };
         let field = load(&content).unwrap();
         let whole = VoxelBox {
@@ -370,7 +370,7 @@ fn regions_unpack_what_single_voxels_are() {
         };
         let voxels = whole.voxels().map(|v| (v, extinction(field.value(v))));
         let plain = Grid::sparse(field.dims, voxels.filter(|(_, s)| *s != 0.0)).unwrap();
-        let grid = field.into_grid(scale, Path::new("x"), &mut Files::default());
+        let grid = field.grid(&scale, Path::new("x"), &mut Files::default());
         let grid = grid.unwrap();
         for b in plain.bricks() {
             let brick = |g: &Grid| g.brick(b).map(|b| (b.samples().to_vec(), b.max));
