@@ -31,6 +31,8 @@ pub struct PatchStats {
     pub unknown: u64,
     /// Bright patches.
     pub bright: u64,
+    /// Whether the unknown are an appreciable part of what gather rays met.
+    pub misses_surfels: bool,
 }
 
 /// The request that a ray makes of the patch that ends it.
@@ -180,12 +182,21 @@ impl<'a> PatchRadiance<'a> {
     /// Returns the counts so far.
     #[must_use]
     pub fn stats(&self) -> PatchStats {
+        let patches = self.patches.load(Ordering::Relaxed);
+        let unknown = self.unknown.load(Ordering::Relaxed);
         PatchStats {
-            patches: self.patches.load(Ordering::Relaxed),
-            unknown: self.unknown.load(Ordering::Relaxed),
+            patches,
+            unknown,
             bright: self.bright.as_ref().map_or(0, |b| b.len() as u64),
+            // Where other processes have filled the cache, the few patches that are new to it stand for
+            // nothing.
+            misses_surfels: unknown as f64 > Self::APPRECIABLE * patches as f64
+                && 2 * patches >= self.cache.entries(),
         }
     }
+
+    /// The least share of patches that counts.
+    const APPRECIABLE: f64 = 0.05;
 
     /// Most bright patches of a frame: more, as of a finely divided mesh in the sun, cost more than
     /// they bring.

@@ -99,6 +99,12 @@ impl RadianceCache {
         (1..SLOTS).find_map(|i| Slot::of(line, own ^ i).get(key))
     }
 
+    /// Counts what it holds, which takes reading all of it.
+    pub fn entries(&self) -> u64 {
+        let in_line = |line: &Line| (0..SLOTS).filter(|&i| !Slot::of(line, i).is_free()).count();
+        self.0.lines().iter().map(in_line).sum::<usize>() as u64
+    }
+
     /// Inserts the radiance of a key, in the place of another where the line is full. Returns what
     /// [`Self::get`] will say, which is rounded.
     pub fn insert(&self, key: u64, radiance: Rgb) -> Rgb {
@@ -197,6 +203,7 @@ mod tests {
         };
         let count = (0..slots / 2).filter(kept).count() as u64;
         assert!(count > slots / 2 * 95 / 100, "{count} of {}", slots / 2);
+        assert_eq!(cache.entries(), count);
         // The last of many more is always there.
         for i in slots / 2..4 * slots {
             cache.insert(key(i), light(i));

@@ -228,13 +228,11 @@ fn check(scene: &Scene, tree: &OpenTree, settings: &Settings) -> Result<()> {
 
 /// Says so where an appreciable part of what gathers met is black for want of surfels.
 fn warn_of_unknown(asked: PatchStats, job: &Job) {
-    const SHARE: f64 = 0.05;
-    let share = asked.unknown as f64 / asked.patches.max(1) as f64;
-    if share > SHARE {
+    if asked.misses_surfels {
         job.progress.warn(&format!(
             "the tree has no surfels on {:.0} % of what gather rays met, which is taken for black; \
              bake with more `surfels`, or from the scene as it is",
-            100.0 * share
+            100.0 * asked.unknown as f64 / asked.patches as f64
         ));
     }
 }

@@ -362,6 +362,33 @@ fn frames_and_tiles_that_share_a_radiance_cache_are_those_that_do_not() {
 }
 
 #[test]
+fn patches_that_are_new_to_a_filled_cache_do_not_speak_for_the_frame() {
+    let work = Work::new(ROOM);
+    let scene = work.scene();
+    let red = "albedo = [0.6, 0.05, 0.05]";
+    assert!(ROOM.contains(red));
+    let without = Work::new(&ROOM.replace(
+        &format!("translate = [-1, 1, 0]\n{red}"),
+        &format!("translate = [-9, 1, 0]\n{red}"),
+    ));
+    let store = OpenTree::open(&without.bake(&without.scene(), 20_000), None).unwrap();
+    let mut warnings = Vec::new();
+    for region in [Region::full(64, 48), Region::tile(64, 48, 3, 7).unwrap()] {
+        let job = Job {
+            radiance_cache: Some(work.path("a.cache")),
+            ..Job::default()
+        };
+        stage::run(&scene, &store, &Settings::default(), region, &[], &job).unwrap();
+        warnings.push(job.progress.warnings());
+    }
+    let [first, second] = &warnings[..] else {
+        panic!()
+    };
+    assert!(first[0].contains("no surfels on"), "{first:?}");
+    assert!(second.is_empty(), "{second:?}");
+}
+
+#[test]
 fn tiles_that_share_gathers_are_those_that_do_not() {
     let work = Work::new(ROOM);
     let scene = work.scene();
