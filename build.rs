@@ -1,8 +1,10 @@
-//! Tells the path tracer what it is made of: `LVOX_PATH_TRACER` is a digest of the sources that its
-//! samples come from, by which kept samples of other code are known.
+//! Tells the program what it is made of: `LVOX_COMMIT` is the commit of its sources, where that is known,
+//! `LVOX_TARGET` the platform that it is for, and `LVOX_PATH_TRACER` a digest of the sources that samples of
+//! the path tracer come from, by which kept samples of other code are known.
 
 use std::io;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use xxhash_rust::xxh3::Xxh3;
 
 /// What a sample depends on: its own code, and that of the crates, by their versions.
@@ -33,7 +35,54 @@ fn main() -> io::Result<()> {
         "cargo::rustc-env=LVOX_PATH_TRACER={:032x}",
         digest.digest128()
     );
+    println!(
+        "cargo::rustc-env=LVOX_COMMIT={}",
+        commit().unwrap_or_default()
+    );
+    let target = std::env::var("TARGET").unwrap_or_default();
+    println!("cargo::rustc-env=LVOX_TARGET={target}");
     Ok(())
+}
+
+/// The commit that the sources are of, with a plus if they were changed since. A published package has it in
+/// a file, a clone in its history.
+fn commit() -> Option<String> {
+    const SHORT: usize = 12;
+    const PACKAGED: &str = ".cargo_vcs_info.json";
+    println!("cargo::rerun-if-env-changed=LVOX_COMMIT");
+    if let Ok(given) = std::env::var("LVOX_COMMIT") {
+        return Some(given);
+    }
+    if let Ok(packaged) = std::fs::read_to_string(PACKAGED) {
+        let after = packaged.split("\"sha1\": \"").nth(1)?;
+        return after.get(..SHORT).map(str::to_owned);
+    }
+    // A clone of something else may be around these sources.
+    if !Path::new(".git").exists() {
+        return None;
+    }
+    let git = |words: &[&str]| {
+        let done = Command::new("git").args(words).output().ok()?;
+        let text = String::from_utf8(done.stdout).ok()?;
+        done.status.success().then(|| text.trim_end().to_owned())
+    };
+    let branch = git(&["symbolic-ref", "-q", "HEAD"]);
+    let names = ["HEAD", "packed-refs"].map(str::to_owned);
+    for name in names.into_iter().chain(branch) {
+        let path = git(&["rev-parse", "--git-path", &name])?;
+        if Path::new(&path).exists() {
+            println!("cargo::rerun-if-changed={path}");
+        }
+    }
+    const OF_PROGRAM: [&str; 5] = ["build.rs", "Cargo.toml", "Cargo.lock", "formats", "src"];
+    for path in OF_PROGRAM {
+        println!("cargo::rerun-if-changed={path}");
+    }
+    let length = format!("--short={SHORT}");
+    let commit = git(&["rev-parse", &length, "HEAD"])?;
+    let status = ["status", "--porcelain", "--"];
+    let changed = git(&[&status[..], &OF_PROGRAM].concat())?;
+    Some(commit + if changed.is_empty() { "" } else { "+" })
 }
 
 /// All files below a path; none if it is not there, as `Cargo.lock` is not everywhere.

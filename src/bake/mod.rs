@@ -100,6 +100,15 @@ const BATCH_BRICKS: usize = 1024;
 /// Surfels that are made between two writes.
 const BATCH_SURFELS: u64 = 65_536;
 
+/// Refuses a bake that takes more than the job's limit. Returns the bytes that it holds, which do not
+/// grow with the cloud.
+///
+/// # Errors
+/// [`crate::Kind::Input`] with both sizes.
+pub fn check_memory(scene: &Scene, settings: &Settings, job: &Job) -> Result<u64> {
+    Ok(memory::check(scene, settings, job)?.bytes())
+}
+
 /// Bakes a scene into a cloud file.
 ///
 /// # Errors

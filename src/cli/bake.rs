@@ -3,6 +3,7 @@
 use super::bake_options::BakeOptions;
 use super::files::{Files, check_writable};
 use super::options::{Context, Memory, Resume, Seed};
+use super::plan::{Plan, Planning};
 use super::scene_input::SceneInput;
 use crate::Result;
 use crate::bake::{Part, Settings};
@@ -26,6 +27,9 @@ pub struct Args {
     /// all parts together
     #[arg(long, value_name = "I/N")]
     part: Option<Part>,
+
+    #[command(flatten)]
+    planning: Planning,
 
     #[command(flatten)]
     resume: Resume,
@@ -54,6 +58,11 @@ impl Args {
         let scene = self.scene.load(context)?;
         let job = &context.job;
         job.heed_warnings()?;
+        if self.planning.plan {
+            let held = crate::bake::check_memory(&scene, &settings, job)?;
+            let plan = Plan::of(&self.files(), held).with_scene(&scene);
+            return plan.print(self.planning);
+        }
         let is_same = || crate::bake::has_made(&self.output, &scene, &settings);
         if !self.resume.is_made(&self.output, is_same, job) {
             crate::bake::run(&scene, &settings, &self.output, overwrite, job)?;

@@ -3,6 +3,7 @@
 use super::files::{Files, check_writable};
 use super::options::{Context, Memory, Resume, Seed};
 use super::parse;
+use super::plan::{Plan, Planning};
 use super::times;
 use super::tree_input::TreeInput;
 use crate::Result;
@@ -30,6 +31,9 @@ pub struct Args {
     /// Rays of each of the places at which light is gathered [default: 16]
     #[arg(long, value_name = "N")]
     samples: Option<u32>,
+
+    #[command(flatten)]
+    planning: Planning,
 
     #[command(flatten)]
     resume: Resume,
@@ -63,6 +67,11 @@ impl Args {
         settings.check()?;
         let job = &context.job;
         let (scene, store, tree) = self.input.open(context)?;
+        if self.planning.plan {
+            let held = bounce::check_memory(&scene, store.tree(), &settings, job)?;
+            let plan = Plan::of(&self.files(), held).with_scene(&scene);
+            return plan.with_tree(&store).print(self.planning);
+        }
         let is_same = || bounce::has_made(&self.output, &store, &settings);
         if self.resume.is_made(&self.output, is_same, job) {
             return Ok(());

@@ -4,6 +4,7 @@ use super::files::{Files, check_writable};
 use super::options::{Context, Memory, Seed};
 use super::out_of_date::warn_if_out_of_date;
 use super::parse;
+use super::plan::{Plan, Planning};
 use super::times;
 use crate::points::{self, Over, PointFile, Settings};
 use crate::run::{Job, Part};
@@ -78,6 +79,9 @@ pub struct Args {
     /// the other (cat) are the file of the whole: the first has its header
     #[arg(long, value_name = "I/N")]
     part: Option<Part>,
+
+    #[command(flatten)]
+    planning: Planning,
 
     #[command(flatten)]
     pub memory: Memory,
@@ -158,6 +162,16 @@ impl Args {
         let held = points::check_memory(scene.as_ref(), tree.least_bytes(), job)?;
         let tree = tree.beside(held)?;
         job.heed_warnings()?;
+        if self.planning.plan {
+            let plan = Plan::of(&self.files(), held).with_tree(&tree);
+            let plan = match &scene {
+                Some(scene) => plan.with_scene(scene),
+                None => plan,
+            };
+            let part = settings.part.of(points.count());
+            let plan = plan.with("points", part.end - part.start);
+            return plan.print(self.planning);
+        }
         let summary = points::run(
             &tree,
             scene.as_ref(),

@@ -14,6 +14,7 @@ mod bake_options;
 mod bounce;
 mod build;
 mod compare;
+mod completions;
 mod farm;
 mod files;
 mod frames;
@@ -22,12 +23,14 @@ mod import;
 mod inspect;
 mod kept;
 mod last_words;
+mod man;
 mod merge;
 mod options;
 mod out_of_date;
 mod output;
 mod pack;
 mod parse;
+mod plan;
 mod progress;
 mod reference;
 mod region_options;
@@ -43,6 +46,7 @@ mod tiles;
 mod times;
 mod tree_input;
 mod verify;
+mod version;
 
 use crate::formats::one_line;
 use crate::{Error, Kind, Result};
@@ -55,9 +59,10 @@ use std::process::ExitCode;
 
 /// Render colour bleeding in scenes with smoke, cloud and CT volumes from a point cloud.
 #[derive(Debug, Parser)]
-#[command(name = "lvox", version, disable_help_subcommand = true)]
+#[command(name = "lvox", version, long_version = version::LONG.as_str())]
 #[command(
-    after_help = "Exit codes: 0 done; 1 (or --retry-code) failed, a retry may help; 2 wrong usage or input, do not retry.\n\
+    after_help = "`lvox help VERB` describes a verb. `lvox completions SHELL` and `lvox man DIR` are for packages.\n\
+                        Exit codes: 0 done; 1 (or --retry-code) failed, a retry may help; 2 wrong usage or input, do not retry.\n\
                         Data goes to stdout, everything else to stderr."
 )]
 struct Cli {
@@ -87,6 +92,8 @@ enum Verb {
     Reference(reference::Args),
     Study(study::Args),
     Stability(stability::Args),
+    Completions(completions::Args),
+    Man(man::Args),
 }
 
 impl Verb {
@@ -111,6 +118,7 @@ impl Verb {
             Self::Reference(args) => args.files(),
             Self::Study(args) => args.files(),
             Self::Stability(args) => args.files(),
+            Self::Completions(_) | Self::Man(_) => Files::default(),
         }
     }
 
@@ -140,7 +148,9 @@ impl Verb {
             | Self::Pack(_)
             | Self::Inspect(_)
             | Self::Verify(_)
-            | Self::Stability(_) => none,
+            | Self::Stability(_)
+            | Self::Completions(_)
+            | Self::Man(_) => none,
         }
     }
 
@@ -165,6 +175,8 @@ impl Verb {
             Self::Reference(args) => ("reference", args.run(context)),
             Self::Study(args) => ("study", args.run(context)),
             Self::Stability(args) => ("stability", args.run(context)),
+            Self::Completions(args) => ("completions", args.run()),
+            Self::Man(args) => ("man", args.run()),
         }
     }
 }
@@ -213,8 +225,25 @@ fn parse_words(words: Vec<OsString>) -> Result<Cli, ExitCode> {
         .map_err(|error| {
             // A closed pipe is no failure of help.
             let _ = error.print();
+            if let Some(variable) = variable_of(&error, &words) {
+                eprintln!("hint: this is the value of {variable} in the environment");
+            }
             ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2))
         })
+}
+
+/// The variable of the environment that an error is about: no word names its option.
+fn variable_of(error: &clap::Error, words: &[OsString]) -> Option<String> {
+    use clap::error::{ContextKind, ContextValue};
+    let Some(ContextValue::String(told)) = error.get(ContextKind::InvalidArg) else {
+        return None;
+    };
+    let option = told.split([' ', '=']).next()?;
+    let name = option.strip_prefix("--")?;
+    let is_typed = |word: &OsString| word.to_string_lossy().starts_with(option);
+    let variable = format!("LVOX_{}", name.replace('-', "_").to_uppercase());
+    let is_set = std::env::var_os(&variable).is_some();
+    (is_set && !words.iter().any(is_typed)).then_some(variable)
 }
 
 /// What the command line may be. A number below zero is a value, of which its option says what is

@@ -20,13 +20,24 @@ const MOST_THREADS: i64 = 1024;
 #[command(next_help_heading = "Shared options")]
 pub struct Shared {
     /// Use this many threads; results do not depend on it [default: all cores]
-    #[arg(long, global = true, value_name = "N")]
+    #[arg(
+        long,
+        global = true,
+        value_name = "N",
+        env = "LVOX_THREADS",
+        hide_env_values = true
+    )]
     #[arg(value_parser = clap::value_parser!(u16).range(1..=MOST_THREADS))]
     threads: Option<u16>,
 
     /// Show progress on stderr; auto is a bar on a terminal and plain lines elsewhere
     #[arg(long, global = true, value_name = "MODE", default_value = "auto")]
+    #[arg(env = "LVOX_PROGRESS", hide_env_values = true)]
     progress: progress::Mode,
+
+    /// Show warnings and errors alone, as --progress none does
+    #[arg(short, long, global = true)]
+    quiet: bool,
 
     /// Replace clouds, trees and exports that exist, and begin references and studies anew; images
     /// and reports are always replaced
@@ -52,6 +63,7 @@ pub struct Shared {
     /// Exit with this code where a retry may help, for schedulers that take 1 for the end; Grid
     /// Engine repeats a job that exits with 99
     #[arg(long, global = true, value_name = "CODE", default_value_t = 1, value_parser = parse::retry_code)]
+    #[arg(env = "LVOX_RETRY_CODE", hide_env_values = true)]
     retry_code: u8,
 }
 
@@ -63,6 +75,7 @@ pub struct Memory {
     /// mapped may come on top by a tenth. What needs more is refused before it begins. In bytes, or
     /// with K, M, G, T (powers of 1024), as 64M or 4G [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = parse::size)]
+    #[arg(env = "LVOX_MEMORY_LIMIT", hide_env_values = true)]
     memory_limit: Option<u64>,
 }
 
@@ -71,7 +84,12 @@ pub struct Memory {
 #[command(next_help_heading = "Shared options")]
 pub struct Temporary {
     /// Put temporary files into this folder [default: the system's]
-    #[arg(long, value_name = "DIR")]
+    #[arg(
+        long,
+        value_name = "DIR",
+        env = "LVOX_TEMP_DIR",
+        hide_env_values = true
+    )]
     temp_dir: Option<PathBuf>,
 }
 
@@ -288,7 +306,10 @@ impl Shared {
             .build_global()
             .map_err(|e| refused(&e))?;
         let job = Job {
-            progress: self.progress.progress(),
+            progress: match self.quiet {
+                true => progress::Mode::None.progress(),
+                false => self.progress.progress(),
+            },
             memory_limit: limits.memory,
             process_bytes: memory::of_process(rayon::current_num_threads()),
             temp_dir: limits.temp_dir,

@@ -3,6 +3,7 @@
 use super::files::{Files, check_writable};
 use super::options::{Context, Resume};
 use super::out_of_date::warn_if_out_of_date;
+use super::plan::{Plan, Planning};
 use super::scene_input::SceneInput;
 use crate::Result;
 use crate::formats::FileKind;
@@ -34,6 +35,9 @@ pub struct Args {
     scatter: Option<PathBuf>,
 
     #[command(flatten)]
+    planning: Planning,
+
+    #[command(flatten)]
     resume: Resume,
 }
 
@@ -51,6 +55,7 @@ impl Args {
         let overwrite = (self.resume).overwrite(&self.output, FileKind::Packed, context);
         check_writable(&self.output, overwrite)?;
         let job = &context.job;
+        let files = self.files();
         let scene = self.scene.load(context)?;
         let (tree, light) = match self.tree {
             Some(tree) => (Some(tree), self.scatter),
@@ -65,6 +70,12 @@ impl Args {
             warn_if_out_of_date(&scene, (&cloud.scene_hash, &cloud.settings), path, job);
         }
         job.heed_warnings()?;
+        if self.planning.plan {
+            let held = job.process_bytes + scene.bytes();
+            return Plan::of(&files, held)
+                .with_scene(&scene)
+                .print(self.planning);
+        }
         let files = pack::Files {
             tree: tree.as_deref(),
             light: light.as_deref(),

@@ -2,6 +2,7 @@
 
 use super::files::{Files, check_writable};
 use super::options::{Context, Memory, Seed};
+use super::plan::{Plan, Planning};
 use super::region_options::RegionOptions;
 use super::scene_input::SceneInput;
 use crate::formats::Overwrite;
@@ -54,6 +55,9 @@ pub struct Args {
     region: RegionOptions,
 
     #[command(flatten)]
+    planning: Planning,
+
+    #[command(flatten)]
     pub memory: Memory,
 
     #[command(flatten)]
@@ -76,6 +80,7 @@ impl Args {
                 self.output.display()
             )));
         }
+        let files = self.files();
         let settings = Settings {
             camera: self.camera,
             max_depth: self.max_depth,
@@ -92,6 +97,12 @@ impl Args {
         check_writable(&reference::sums_path(&self.output), Overwrite::Replace)?;
         let scene = self.scene.load(context)?;
         let region = self.region.of(&scene.film)?;
+        if self.planning.plan {
+            let held = reference::check_memory(&scene, &settings, region, &context.job)?;
+            let plan = Plan::of(&files, held).with_scene(&scene);
+            let plan = plan.with("pixels", region.pixels() as u64);
+            return plan.taking(settings.secs).print(self.planning);
+        }
         reference::run(
             &scene,
             &settings,

@@ -5,6 +5,7 @@ use super::files::{Files, check_writable};
 use super::kept::KeptTree;
 use super::options::{Context, Memory, Resume, Seed, Temporary};
 use super::parse;
+use super::plan::{Plan, Planning};
 use super::scene_input::SceneInput;
 use super::shade_options::ShadeOptions;
 use super::times;
@@ -36,6 +37,9 @@ pub struct Args {
 
     #[command(flatten)]
     shade: ShadeOptions,
+
+    #[command(flatten)]
+    planning: Planning,
 
     #[command(flatten)]
     resume: Resume,
@@ -74,6 +78,13 @@ impl Args {
         let scene = self.scene.load(context)?;
         let others = self.shade.check_with(&scene, 0, job)?;
         job.heed_warnings()?;
+        if self.planning.plan {
+            let region = self.shade.region(&scene)?;
+            let held = others.max(bake::check_memory(&scene, &settings.bake, job)?);
+            let plan = Plan::of(&self.files(), held).with_scene(&scene);
+            let plan = plan.with("pixels", region.pixels() as u64);
+            return plan.print(self.planning);
+        }
         let (wanted, seed) = (settings.origin(&scene)?, self.seed.seed);
         let is_made = (self.shade).is_made_by(self.resume, &scene, &wanted, seed, job)?;
         if !is_made {

@@ -2,6 +2,7 @@
 
 use super::files::{Files, check_writable};
 use super::options::{Context, Memory, Resume, Seed};
+use super::plan::{Plan, Planning};
 use super::times;
 use super::tree_input::TreeInput;
 use crate::Result;
@@ -37,6 +38,9 @@ pub struct Args {
     shadow_rays: Option<u32>,
 
     #[command(flatten)]
+    planning: Planning,
+
+    #[command(flatten)]
     resume: Resume,
 
     #[command(flatten)]
@@ -69,6 +73,11 @@ impl Args {
         settings.check()?;
         let job = &context.job;
         let (scene, store, _) = self.input.open(context)?;
+        if self.planning.plan {
+            let held = scatter::check_memory(&scene, job)?;
+            let plan = Plan::of(&self.files(), held).with_scene(&scene);
+            return plan.with_tree(&store).print(self.planning);
+        }
         let is_same = || scatter::has_made(&self.output, &scene, &store, &settings);
         if self.resume.is_made(&self.output, is_same, job) {
             return Ok(());

@@ -3,10 +3,11 @@
 use super::files::Files;
 use super::options::{Context, Memory, Resume, Seed};
 use super::out_of_date::warn_if_out_of_date;
+use super::plan::{Plan, Planning};
 use super::shade_options::ShadeOptions;
 use super::times;
 use super::tree_input::TreeInput;
-use crate::Result;
+use crate::{Result, shade};
 use std::path::PathBuf;
 
 /// Shade an image, or a tile of it, from a scene and its tree
@@ -34,6 +35,9 @@ pub struct Args {
     /// are the same without
     #[arg(long, value_name = "FILE")]
     pub gather_cache: Option<PathBuf>,
+
+    #[command(flatten)]
+    planning: Planning,
 
     #[command(flatten)]
     resume: Resume,
@@ -75,6 +79,16 @@ impl Args {
             .shade
             .settings
             .resolve(&scene, &store, self.seed.seed, job)?;
+        if self.planning.plan {
+            let region = self.shade.region(&scene)?;
+            let costs = shade::costs(&scene, &store, &settings, job)?;
+            let plan = Plan::of(&self.files(), others).with_scene(&scene);
+            let plan = plan
+                .with_tree(&store)
+                .with("pixels", region.pixels() as u64)
+                .taking(Some(costs.cost(&region) * 1e-9));
+            return plan.print(self.planning);
+        }
         let is_made = (self.shade).is_made(self.resume, &scene, &store, &settings, job)?;
         if !is_made {
             self.shade.run(&scene, &store, &settings, job)?;

@@ -7,7 +7,7 @@ use super::region_options::RegionOptions;
 use super::shade_settings::ShadeSettings;
 use crate::formats::{Overwrite, TreeMeta};
 use crate::image::exr::{self, Precision};
-use crate::image::{Frame, ImageKind, png};
+use crate::image::{Frame, ImageKind, Region, png};
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::shade::{self, Aov, Settings};
@@ -66,6 +66,11 @@ impl ShadeOptions {
         }
         check_writable(&self.output, Overwrite::Replace)?;
         self.settings.check()
+    }
+
+    /// The pixels that it makes.
+    pub fn region(&self, scene: &Scene) -> Result<Region> {
+        self.region.of(&scene.film)
     }
 
     /// The same for what depends on the scene.

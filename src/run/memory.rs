@@ -148,7 +148,7 @@ pub fn filled<T: Clone>(what: impl Display, value: T, count: usize) -> Result<Ve
 
 /// Bytes that this process may still get, swapped out or not: of the machine, of its control
 /// groups, and of its own limit on addresses. Rather too much than too little.
-fn available() -> Option<u64> {
+pub fn available() -> Option<u64> {
     let read = |path: &str| fs::read_to_string(path).ok();
     let swap = |info: &str| kib(info, "SwapFree:").unwrap_or(0);
     let status = read("/proc/self/status")?;

@@ -136,6 +136,16 @@ pub fn sums_path(image: &Path) -> PathBuf {
     name.into()
 }
 
+/// Refuses what [`run`] would refuse before its first sample. Returns the bytes that it holds.
+///
+/// # Errors
+/// As [`begin`].
+pub fn check_memory(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> Result<u64> {
+    begin(scene, settings, region, job)?;
+    let sums = Sums::bytes(&region, settings.strands);
+    Ok(job.process_bytes + scene.bytes() + crate::trace::Tracer::bytes_for(scene) + sums)
+}
+
 /// No samples yet, for these settings.
 ///
 /// # Errors

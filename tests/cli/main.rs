@@ -1,5 +1,8 @@
 //! The program from outside: exit codes, what goes to stdout and stderr, what is left on disk.
 
+mod help;
+mod plan;
+#[path = "../support/mod.rs"]
 mod support;
 
 use lvox::image::exr::{self, Precision};
@@ -41,30 +44,6 @@ fn write_whole(dir: &Path, name: &str) -> PathBuf {
     let full = Region::full(WIDTH, HEIGHT);
     exr::write(&path, &shade(full, "00ff"), Precision::Half).unwrap();
     path
-}
-
-#[test]
-fn help_is_data_and_success() {
-    let dir = tempfile::tempdir().unwrap();
-    for args in [
-        &["--help"][..],
-        &["merge", "-h"],
-        &["compare", "--help"],
-        &["--version"],
-    ] {
-        let run = lvox(dir.path(), args);
-        assert_eq!((run.code, run.stderr.as_str()), (0, ""), "{args:?}");
-        assert!(run.stdout.contains("lvox"));
-    }
-    let help = lvox(dir.path(), &["merge", "--help"]).stdout;
-    for part in [
-        "Shared options:",
-        "--threads <N>",
-        "--output <FILE>",
-        "[default: auto]",
-    ] {
-        assert!(help.contains(part), "{part:?} is not in {help}");
-    }
 }
 
 #[test]
