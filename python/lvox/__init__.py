@@ -14,6 +14,7 @@ lists them. What is wrong with a scene or a setting is an :class:`InputError` th
 
 from ._calls import bake, compare, gather, reference, render, tree
 from ._exr import read_exr, write_exr
+from ._scene import scene_file
 from ._program import InputError, LvoxError, LvoxWarning, program, run
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "reference",
     "render",
     "run",
+    "scene_file",
     "tree",
     "write_exr",
 ]

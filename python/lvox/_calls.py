@@ -112,7 +112,7 @@ def compare(
 ) -> dict[str, Any]:
     """Compares an image with a reference and returns the metrics by their names.
 
-    Each is the path of an image, or an array of height x width x 3. relMSE is the mean over pixels and
+    Each is the path of an image, or an array of height x width x 3; alpha is left out. relMSE is the mean over pixels and
     channels of (image - reference)^2 / (reference^2 + 0.01); ``lvox help compare`` has all formulas.
     """
     with TemporaryDirectory(prefix="lvox-") as folder:
@@ -121,7 +121,8 @@ def compare(
             if not isinstance(given, np.ndarray):
                 return Path(given)
             path = Path(folder) / name
-            write_exr(path, given)
+            has_alpha = given.ndim == 3 and given.shape[2] == 4
+            write_exr(path, given[:, :, :3] if has_alpha else given)
             return path
 
         paths = path_of(image, "image.exr"), path_of(reference, "reference.exr")

@@ -18,12 +18,17 @@ use std::path::{Path, PathBuf};
 
 /// Compare an image with a reference by metrics on radiance and on what a viewer sees
 ///
-/// Print RMSE, relMSE (whole, and without the worst 0.1 % of pixels), bias, mean absolute and
-/// largest difference of linear radiance; grain, the standard deviation of the relative error of
-/// luminance that changes within a few pixels; and LDR-FLIP, SSIM and Yee's perceptual difference
-/// (a fraction of the pixels) of the image clip(exposure * x, 0, 1)^(1/2.2) in eight bits; and the
-/// noise of an image with the layer `variance`, as lvox reference writes it. OpenEXR and PNG files
-/// can be compared; PNG pixels are taken through the inverse of that tone map.
+/// With x the linear radiance of the image, r that of the reference, and means over pixels and
+/// channels: RMSE is sqrt(mean((x - r)^2)), relMSE is mean((x - r)^2 / (r^2 + 0.01)), whole and
+/// without the worst 0.1 % of pixels, bias is mean(x) / mean(r) - 1, relMAE is mean(|x - r|) /
+/// mean(r), and max is the largest |x - r|. Grain is the standard deviation of the relative error
+/// of luminance that changes within a few pixels.
+///
+/// LDR-FLIP (at 67 pixels a degree, 0 to 1), SSIM (1 for the same image) and Yee's perceptual
+/// difference (a fraction of the pixels) are of the image clip(exposure * x, 0, 1)^(1/2.2) in eight
+/// bits. The noise of an image with the layer `variance`, as lvox reference writes it, is told in
+/// units of relMSE: mean(variance / (x^2 + 0.01)). OpenEXR and PNG files can be compared; PNG pixels are
+/// taken through the inverse of that tone map.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Measure this image
