@@ -55,17 +55,9 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ),
     ("scatter", LIT_BY_MEDIA),
     ("shade", LIT_BY_MEDIA),
-    // Of pictures it knows none but the samples that may be kept beside one.
     (
         "inspect",
-        &[
-            "error",
-            "formats",
-            "image::samples",
-            "run",
-            "scene",
-            "trace",
-        ],
+        &["error", "formats", "image", "run", "scene", "trace"],
     ),
     // What judges the pipeline may use all of it; nothing that renders uses the laboratory.
     ("lab", LABORATORY),

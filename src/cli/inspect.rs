@@ -4,14 +4,18 @@ use super::files::{Files, check_writable};
 use super::options::Context;
 use super::output;
 use super::scene_input::Reading;
+use crate::formats::AtomicFile;
 use crate::formats::{FileKind, one_line};
 use crate::image::{ImageKind, exr};
-use crate::inspect::{describe, export_ply, packed, points, samples, scattered, scene};
+use crate::inspect::{
+    Shown, describe, export_ply, packed, page, points, samples, scattered, scene,
+};
 use crate::run::OnWarning;
 use crate::{Error, Result};
-use std::fmt::Write;
+use serde::Serialize;
+use std::fmt::{Display, Write};
 use std::fs::File;
-use std::io::Read;
+use std::io::{Read, Write as _};
 use std::path::{Path, PathBuf};
 
 /// Print what is in a scene or in one of its files, or what a cloud, a tree, scattered light, a
@@ -35,12 +39,17 @@ pub struct Args {
     json: bool,
 
     /// Print the first K surfels and the first K lvoxels instead
-    #[arg(long, value_name = "K")]
+    #[arg(long, value_name = "K", conflicts_with = "html")]
     points: Option<usize>,
 
     /// Write the points to this binary PLY file instead
-    #[arg(long, value_name = "FILE", conflicts_with = "points")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["points", "html"])]
     export: Option<PathBuf>,
+
+    /// Write a page for a browser instead, which needs no network: all of this as tables; of a cloud
+    /// or tree a view to turn, a map of its pages and histograms; of an image its layers
+    #[arg(long, value_name = "FILE", conflicts_with = "json")]
+    html: Option<PathBuf>,
 
     /// Export the nodes of a tree so many steps below its root in place of surfels
     #[arg(long, value_name = "N", requires = "export")]
@@ -61,15 +70,19 @@ impl Args {
     /// What it reads and writes.
     pub fn files(&self) -> Files {
         let files = Files::default().reads("file", &self.file);
-        match &self.export {
+        let files = match &self.export {
             Some(out) => files.writes("--export", out),
+            None => files,
+        };
+        match &self.html {
+            Some(out) => files.writes("--html", out),
             None => files,
         }
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
         if ImageKind::of(&self.file)? == Some(ImageKind::Exr) {
-            return self.image();
+            return self.image(context);
         }
         if !is_ours(&self.file)
             && let Some(mut scene) = scene(
@@ -86,37 +99,23 @@ impl Args {
                     .iter()
                     .for_each(|w| context.job.progress.warn(w));
             }
-            return if self.json {
-                output::print_json(&scene)
-            } else {
+            if !self.json {
                 let warnings = scene.warnings.iter_mut();
                 warnings.for_each(|w| *w = output::with_options(w));
-                output::print(&scene.to_string())
-            };
+            }
+            return self.tell(&scene, Shown::Tables, context);
         }
         if let Some(samples) = samples(&self.file)? {
             self.refuse_points("samples have")?;
-            return if self.json {
-                output::print_json(&samples)
-            } else {
-                output::print(&samples.to_string())
-            };
+            return self.tell(&samples, Shown::Tables, context);
         }
         if let Some(scattered) = scattered(&self.file)? {
             self.refuse_points("scattered light has")?;
-            return if self.json {
-                output::print_json(&scattered)
-            } else {
-                output::print(&scattered.to_string())
-            };
+            return self.tell(&scattered, Shown::Tables, context);
         }
         if let Some(packed) = packed(&self.file)? {
             self.refuse_points("a packed scene has")?;
-            return if self.json {
-                output::print_json(&packed)
-            } else {
-                output::print(&packed.to_string())
-            };
+            return self.tell(&packed, Shown::Tables, context);
         }
         if let Some(out) = &self.export {
             check_writable(out, context.overwrite)?;
@@ -135,12 +134,41 @@ impl Args {
                 output::print(&points.to_string())
             };
         }
-        let description = describe(&self.file)?;
-        if self.json {
-            output::print_json(&description)
+        self.tell(&describe(&self.file)?, Shown::Points, context)
+    }
+
+    /// Prints a description, or makes a page of it.
+    fn tell(
+        &self,
+        description: &(impl Serialize + Display),
+        shown: Shown,
+        context: &Context,
+    ) -> Result<()> {
+        if self.html.is_some() {
+            self.write_page(description, shown, context)
+        } else if self.json {
+            output::print_json(description)
         } else {
             output::print(&description.to_string())
         }
+    }
+
+    fn write_page(
+        &self,
+        description: &impl Serialize,
+        shown: Shown,
+        context: &Context,
+    ) -> Result<()> {
+        let Some(out) = &self.html else {
+            return Ok(());
+        };
+        // A file that stays is refused before another is read.
+        check_writable(out, context.overwrite)?;
+        let html = page(&self.file, description, shown, &context.job)?;
+        let mut file = AtomicFile::create(out, context.overwrite)?;
+        let written = file.write_all(html.as_bytes());
+        written.map_err(|e| Error::io("write", out, &e))?;
+        Ok(file.commit()?)
     }
 
     /// Refuses options of files that have points.
@@ -154,12 +182,12 @@ impl Args {
         Ok(())
     }
 
-    fn image(&self) -> Result<()> {
+    fn image(&self, context: &Context) -> Result<()> {
         self.refuse_points("an image has")?;
         let info = exr::info(&self.file)?;
         let channels: Vec<&str> = info.channels.keys().map(String::as_str).collect();
-        if self.json {
-            return output::print_json(&serde_json::json!({
+        if self.json || self.html.is_some() {
+            let json = serde_json::json!({
                 "file": self.file.to_string_lossy(),
                 "kind": "image",
                 "width": info.width,
@@ -167,7 +195,11 @@ impl Args {
                 "region": [info.region.x0, info.region.y0, info.region.x1, info.region.y1],
                 "channels": channels,
                 "attributes": info.attributes,
-            }));
+            });
+            return match self.json {
+                true => output::print_json(&json),
+                false => self.write_page(&json, Shown::Layers, context),
+            };
         }
         let r = info.region;
         let mut text = String::new();

@@ -7,10 +7,13 @@
 //!   samples of a reference.
 //! - `scene`: scene, mesh and volume files, read as for rendering.
 //! - `points`: the first points; `ply`: all points, for viewers.
-//! - `verify`: the complete check. `text`: tables.
+//! - `page`: one page of HTML to look into a file with.
+//! - `verify`: the complete check. `text`: tables. `disk`: points as viewers draw them.
 
 mod describe;
+mod disk;
 mod packed;
+mod page;
 mod ply;
 mod points;
 mod samples;
@@ -21,6 +24,7 @@ mod verify;
 
 pub use describe::{BlockSizes, Description, PointKind, describe};
 pub use packed::{PackedDescription, PackedPart, packed};
+pub use page::{Shown, page};
 pub use ply::{Exported, export_ply};
 pub use points::{Points, points};
 pub use samples::{Samples, samples};

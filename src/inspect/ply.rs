@@ -1,10 +1,8 @@
 //! Points and nodes as binary PLY, which every viewer opens.
 
 use super::File;
-use crate::formats::{
-    AtomicFile, Below, FormatError, Lvoxel, MappedFile, Node, Overwrite, Sums, Surfel, Tree,
-    VolumeInfo,
-};
+use super::disk::{Disk, SceneFromIndex};
+use crate::formats::{AtomicFile, Below, FormatError, Lvoxel, MappedFile, Overwrite, Sums, Tree};
 use crate::{Error, Result};
 use std::collections::HashSet;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
@@ -53,14 +51,14 @@ pub fn export_ply(
         (File::Cloud(cloud), _) => {
             for i in 0..cloud.surfel_chunks() {
                 for s in cloud.surfel_chunk(i)? {
-                    ply.surfel(&s)?;
+                    ply.disk(&Disk::of_surfel(&s))?;
                 }
             }
         }
         (File::Tree(tree), None) => {
             for i in 0..tree.surfel_pages() {
                 for s in tree.surfel_page(i)?.surfels {
-                    ply.surfel(&s)?;
+                    ply.disk(&Disk::of_surfel(&s))?;
                 }
             }
         }
@@ -75,7 +73,7 @@ pub fn export_ply(
     let mut lvoxels = |all: Vec<Lvoxel>| {
         all.iter()
             .try_for_each(|v| match &to_scene[usize::from(v.volume)] {
-                Some(map) => ply.lvoxel(v, map),
+                Some(map) => ply.disk(&Disk::of_lvoxel(v, map)),
                 None => Ok(()),
             })
     };
@@ -117,12 +115,12 @@ fn nodes(tree: &Tree<MappedFile>, path: &Path, root: u32, level: u32, ply: &mut 
     while let Some((of, i, below)) = todo.pop() {
         let node = &of.nodes[i as usize];
         match node.below {
-            _ if below == 0 => ply.node(node)?,
+            _ if below == 0 => ply.disk(&Disk::of_node(node))?,
             Below::Nodes { first, count } => {
                 let children = (first..first + u32::from(count)).rev();
                 todo.extend(children.map(|child| (Rc::clone(&of), child, below - 1)));
             }
-            Below::Surfels { .. } => ply.node(node)?,
+            Below::Surfels { .. } => ply.disk(&Disk::of_node(node))?,
             // The link and the page's root are the same node.
             Below::Page(next) if linked.insert(next) => todo.push((page(next)?, 0, below)),
             // Else a damaged tree could have more paths than anyone can walk.
@@ -138,44 +136,6 @@ fn nodes(tree: &Tree<MappedFile>, path: &Path, root: u32, level: u32, ply: &mut 
         }
     }
     Ok(())
-}
-
-/// From index space back to scene space.
-struct SceneFromIndex {
-    inverse: [[f64; 3]; 3],
-    origin: [f64; 3],
-    voxel_volume: f64,
-}
-
-impl SceneFromIndex {
-    /// `None` for a volume that is flat.
-    fn of(volume: &VolumeInfo) -> Option<Self> {
-        let [a, b, c, origin] = volume.index_from_scene;
-        let cross = |a: [f64; 3], b: [f64; 3]| {
-            [
-                a[1] * b[2] - a[2] * b[1],
-                a[2] * b[0] - a[0] * b[2],
-                a[0] * b[1] - a[1] * b[0],
-            ]
-        };
-        let dot = |a: [f64; 3], b: [f64; 3]| (0..3).map(|i| a[i] * b[i]).sum::<f64>();
-        let det = dot(a, cross(b, c));
-        // The rows of the inverse.
-        let inverse = [cross(b, c), cross(c, a), cross(a, b)].map(|row| row.map(|v| v / det));
-        (det != 0.0 && det.is_finite()).then_some(Self {
-            inverse,
-            origin,
-            voxel_volume: 1.0 / det.abs(),
-        })
-    }
-
-    fn apply(&self, index: [f64; 3]) -> [f32; 3] {
-        self.inverse.map(|row| {
-            (0..3)
-                .map(|i| row[i] * (index[i] - self.origin[i]))
-                .sum::<f64>() as f32
-        })
-    }
 }
 
 /// Room for a header; what it does not need is a comment.
@@ -207,58 +167,12 @@ impl Ply {
         Error::io("write", self.file.get_ref().path(), error)
     }
 
-    fn surfel(&mut self, s: &Surfel) -> Result<()> {
-        self.vertex(s.position, s.normal, s.radius, s.front, 0.0)
-    }
-
-    fn node(&mut self, node: &Node) -> Result<()> {
-        let a = &node.aggregate;
-        let len = a.normal_sum.iter().map(|n| n * n).sum::<f32>().sqrt();
-        let normal = a.normal_sum.map(|n| if len > 0.0 { n / len } else { 0.0 });
-        let radius = (a.area / std::f32::consts::PI).sqrt();
-        let is_lit = |d: usize| a.back_radiance[d] != [0.0; 3];
-        let back = |d: usize| if is_lit(d) { a.axis_area[d ^ 1] } else { 0.0 };
-        let lit: f32 = (0..6).map(|d| a.axis_area[d] + back(d)).sum();
-        let radiance = std::array::from_fn(|c| {
-            let power =
-                |d: usize| a.axis_area[d] * a.axis_radiance[d][c] + back(d) * a.back_radiance[d][c];
-            let power: f32 = (0..6).map(power).sum();
-            if lit > 0.0 { power / lit } else { 0.0 }
-        });
-        self.vertex(a.centre, normal, radius, radiance, 0.0)
-    }
-
-    fn lvoxel(&mut self, v: &Lvoxel, map: &SceneFromIndex) -> Result<()> {
-        let side = f64::from(1u32 << v.level);
-        let centre = v.block.map(|b| (f64::from(b) + 0.5) * side);
-        let volume = map.voxel_volume * side.powi(3);
-        let radius = (volume * 0.75 / std::f64::consts::PI).cbrt();
-        self.vertex(
-            map.apply(centre),
-            [0.0; 3],
-            radius as f32,
-            v.source,
-            v.sigma_t,
-        )
-    }
-
-    fn vertex(
-        &mut self,
-        position: [f32; 3],
-        normal: [f32; 3],
-        radius: f32,
-        radiance: [f32; 3],
-        sigma_t: f32,
-    ) -> Result<()> {
+    fn disk(&mut self, disk: &Disk) -> Result<()> {
         let mut row = Vec::with_capacity(47);
-        let floats = position.iter().chain(&normal).chain([&radius]);
-        row.extend(
-            floats
-                .chain(&radiance)
-                .chain([&sigma_t])
-                .flat_map(|v| v.to_le_bytes()),
-        );
-        row.extend(radiance.map(|l| srgb(l * self.exposure)));
+        let floats = disk.position.iter().chain(&disk.normal);
+        let floats = floats.chain([&disk.radius]).chain(&disk.radiance);
+        row.extend(floats.chain([&disk.sigma_t]).flat_map(|v| v.to_le_bytes()));
+        row.extend(disk.radiance.map(|l| srgb(l * self.exposure)));
         self.vertices += 1;
         self.write(&row)
     }

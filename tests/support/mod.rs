@@ -1,6 +1,7 @@
 //! What several test binaries share.
 #![allow(dead_code)] // Each of them uses a part.
 
+pub mod browser;
 // Files of ours with anything changed and right checksums, as the tests of `formats` make them.
 #[path = "../../formats/tests/common/parts.rs"]
 pub mod parts;
