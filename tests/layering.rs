@@ -50,7 +50,16 @@ const MAY_USE: &[(&str, &[&str])] = &[
     (
         "points",
         &[
-            "error", "formats", "gather", "math", "run", "scene", "trace", "tree", "view",
+            "error",
+            "formats",
+            "gather",
+            "image::npy",
+            "math",
+            "run",
+            "scene",
+            "trace",
+            "tree",
+            "view",
         ],
     ),
     ("scatter", LIT_BY_MEDIA),

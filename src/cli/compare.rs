@@ -27,8 +27,9 @@ use std::path::{Path, PathBuf};
 /// LDR-FLIP (at 67 pixels a degree, 0 to 1), SSIM (1 for the same image) and Yee's perceptual
 /// difference (a fraction of the pixels) are of the image clip(exposure * x, 0, 1)^(1/2.2) in eight
 /// bits. The noise of an image with the layer `variance`, as lvox reference writes it, is told in
-/// units of relMSE: mean(variance / (x^2 + 0.01)). OpenEXR and PNG files can be compared; PNG pixels are
-/// taken through the inverse of that tone map.
+/// units of relMSE: mean(variance / (x^2 + 0.01)). OpenEXR, PNG and NumPy files can be compared (of
+/// an array of rows, columns and channels the first three); PNG pixels are taken through the
+/// inverse of that tone map.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Measure this image

@@ -2,10 +2,10 @@
 
 use super::files::{Files, check_writable};
 use super::options::{Context, Memory};
-use super::output;
-use crate::Result;
+use super::{output, parse};
 use crate::formats::Overwrite;
-use crate::image::{ImageKind, Missing, Region, merge, missing};
+use crate::image::{Exposure, ImageKind, Missing, Region, merge, missing};
+use crate::{Error, Result};
 use std::path::PathBuf;
 
 /// Merge tiles into the frame that one process would have written, byte for byte
@@ -18,9 +18,15 @@ pub struct Args {
     #[arg(value_name = "TILE", required = true)]
     tiles: Vec<PathBuf>,
 
-    /// Write the frame to this OpenEXR file; one that is there is replaced
+    /// Write the frame to this .exr file, or as an array of float32 to this .npy file, or as a .png;
+    /// one that is there is replaced
     #[arg(short, long, value_name = "FILE", required_unless_present = "missing")]
     output: Option<PathBuf>,
+
+    /// Look at a .png with this factor on radiance, or with one that makes one lit pixel in fifty of
+    /// the frame brighter than white (auto) [default: the exposure of the scene's film]
+    #[arg(long, value_name = "E|auto", value_parser = parse::exposure, conflicts_with = "missing")]
+    exposure: Option<Exposure>,
 
     /// Leave pixels black that no tile has, with a warning
     #[arg(long)]
@@ -56,13 +62,19 @@ impl Args {
             return output::print(&lines.collect::<String>());
         };
         check_writable(output, Overwrite::Replace)?;
-        ImageKind::Exr.check_name("--output", output)?;
+        if ImageKind::named(output)? != ImageKind::Png && self.exposure.is_some() {
+            return Err(Error::input(format!(
+                "--exposure needs a .png image, found --output {}",
+                output.display()
+            ))
+            .hint("name the output .png, or leave the option out"));
+        }
         let rest = match self.allow_missing {
             true => Missing::Black,
             false => Missing::Refuse,
         };
         job.report.stage("merge", |counts| {
-            let merged = merge(&self.tiles, output, rest, job)?;
+            let merged = merge(&self.tiles, output, rest, self.exposure, job)?;
             counts.insert("tiles".into(), merged.tiles as f64);
             counts.insert(
                 "pixels".into(),

@@ -1,7 +1,7 @@
 //! Values on the command line.
 
 use crate::bounce::Bounces;
-use crate::image::Region;
+use crate::image::{Exposure, Region};
 use crate::run::{Frames, size};
 use crate::scene::load::Change;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -53,6 +53,17 @@ pub fn positive(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
         _ => Err("it has to be a number above zero".into()),
+    }
+}
+
+/// An exposure, or `auto`.
+pub fn exposure(text: &str) -> Result<Exposure, String> {
+    match text {
+        "auto" => Ok(Exposure::Automatic),
+        _ => match positive(text) {
+            Ok(value) if (1e-30..=1e30).contains(&value) => Ok(Exposure::Fixed(value)),
+            _ => Err("it has to be auto, or a number above zero".into()),
+        },
     }
 }
 

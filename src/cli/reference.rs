@@ -23,7 +23,8 @@ pub struct Args {
     #[command(flatten)]
     scene: SceneInput,
 
-    /// Write the image to this .exr file
+    /// Write the image to this .exr file, or as an array of float32 (rows, columns; R G B, and their
+    /// variance) to this .npy file
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 
@@ -74,9 +75,10 @@ impl Args {
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
-        if ImageKind::named(&self.output).ok() != Some(ImageKind::Exr) {
+        let kind = ImageKind::named(&self.output).ok();
+        if !matches!(kind, Some(ImageKind::Exr | ImageKind::Npy)) {
             return Err(Error::input(format!(
-                "{}: a reference has to be named .exr",
+                "{}: a reference has to be named .exr or .npy",
                 self.output.display()
             )));
         }

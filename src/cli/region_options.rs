@@ -34,6 +34,11 @@ impl RegionOptions {
         }
     }
 
+    /// Whether they are a part of the frame.
+    pub fn is_given(&self) -> bool {
+        self.tile.is_some() || !self.region.is_empty()
+    }
+
     /// The pixels of a film that they come to.
     ///
     /// # Errors

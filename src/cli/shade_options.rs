@@ -7,7 +7,7 @@ use super::region_options::RegionOptions;
 use super::shade_settings::ShadeSettings;
 use crate::formats::{Overwrite, TreeMeta};
 use crate::image::exr::{self, Precision};
-use crate::image::{Frame, ImageKind, Region, png};
+use crate::image::{Exposure, Frame, ImageKind, Region, npy, png};
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::shade::{self, Aov, Settings};
@@ -20,7 +20,8 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Shading")]
 pub struct ShadeOptions {
-    /// Write the image to this .exr or .png file
+    /// Write the image to this .exr or .png file, or as an array of float32 (rows, columns,
+    /// channels) to this .npy file
     #[arg(short, long, value_name = "FILE", help_heading = None)]
     output: PathBuf,
 
@@ -30,7 +31,7 @@ pub struct ShadeOptions {
     #[command(flatten)]
     region: RegionOptions,
 
-    /// Add these layers to an .exr image. depth is the least distance along the camera's axis
+    /// Add these layers to an .exr or .npy image. depth is the least distance along the camera's axis
     /// (1e10 on the background) and position the point of it; distance is the mean along the rays;
     /// albedo and normal are what denoisers take
     #[arg(long, value_name = "LAYER", value_delimiter = ',', value_parser = parse::one_of(&Aov::ALL))]
@@ -40,6 +41,11 @@ pub struct ShadeOptions {
     /// A of an .exr, whose colours are premultiplied, or the transparency of a .png
     #[arg(long)]
     alpha: bool,
+
+    /// Look at a .png with this factor on radiance, or with one that makes one lit pixel in fifty of
+    /// the whole frame brighter than white (auto) [default: the exposure of the scene's film]
+    #[arg(long, value_name = "E|auto", value_parser = parse::exposure)]
+    exposure: Option<Exposure>,
 
     /// Store 32-bit instead of 16-bit floats in an .exr image
     #[arg(long)]
@@ -54,15 +60,26 @@ impl ShadeOptions {
 
     /// Fails now rather than after the work.
     pub fn check(&self) -> Result<()> {
-        let is_png = ImageKind::named(&self.output)? == ImageKind::Png;
-        for (option, given) in [("--aov", !self.aov.is_empty()), ("--float", self.float)] {
-            if is_png && given {
+        let kind = ImageKind::named(&self.output)?;
+        let is_png = kind == ImageKind::Png;
+        for (option, given, goes, end) in [
+            ("--aov", !self.aov.is_empty(), !is_png, ".exr"),
+            ("--float", self.float, kind == ImageKind::Exr, ".exr"),
+            ("--exposure", self.exposure.is_some(), is_png, ".png"),
+        ] {
+            if given && !goes {
                 return Err(Error::input(format!(
-                    "{option} needs an .exr image, found --output {}",
+                    "{option} needs an {end} image, found --output {}",
                     self.output.display()
                 ))
-                .hint("name the output .exr, or leave the option out"));
+                .hint(format!("name the output {end}, or leave the option out")));
             }
+        }
+        if self.exposure == Some(Exposure::Automatic) && self.region.is_given() {
+            return Err(Error::input(
+                "--exposure auto is that of a whole frame, found a part of one",
+            )
+            .hint("make tiles as .exr, and merge them to a .png with --exposure auto"));
         }
         check_writable(&self.output, Overwrite::Replace)?;
         self.settings.check()
@@ -163,7 +180,15 @@ impl ShadeOptions {
                     job.heed_warnings()?;
                     exr::write(&self.output, &frame, precision)
                 }
-                ImageKind::Png => png::write_frame(&self.output, &frame, scene.film.exposure),
+                ImageKind::Npy => {
+                    job.progress.say(&npy::told(&self.output, &frame));
+                    npy::write(&self.output, &frame)
+                }
+                ImageKind::Png => {
+                    let of_film = Exposure::Fixed(scene.film.exposure);
+                    let exposure = self.exposure.unwrap_or(of_film);
+                    png::write_exposed(&self.output, &frame, exposure, &job.progress)
+                }
             })
     }
 

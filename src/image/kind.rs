@@ -12,10 +12,12 @@ pub enum ImageKind {
     Exr,
     /// PNG: eight bits, after the tone map.
     Png,
+    /// NumPy's `.npy`: an array of numbers, of which only their order tells what they are.
+    Npy,
 }
 
 impl ImageKind {
-    /// Tells the kind of a file by its first bytes; `None` if it is neither.
+    /// Tells the kind of a file by its first bytes; `None` if it is none of them.
     ///
     /// # Errors
     /// [`crate::Kind::Input`] if the file cannot be read.
@@ -34,6 +36,7 @@ impl ImageKind {
         Ok(match magic[..] {
             [0x76, 0x2f, 0x31, 0x01] => Some(Self::Exr),
             [0x89, b'P', b'N', b'G'] => Some(Self::Png),
+            [0x93, b'N', b'U', b'M'] => Some(Self::Npy),
             _ => None,
         })
     }
@@ -47,13 +50,21 @@ impl ImageKind {
             path.extension()
                 .is_some_and(|e| e.eq_ignore_ascii_case(end))
         };
-        match (ends("exr"), ends("png")) {
-            (true, _) => Ok(Self::Exr),
-            (_, true) => Ok(Self::Png),
-            _ => Err(Error::input(format!(
-                "{}: an image has to be named .exr or .png",
+        let kinds = [Self::Exr, Self::Png, Self::Npy];
+        kinds.into_iter().find(|k| ends(k.end())).ok_or_else(|| {
+            Error::input(format!(
+                "{}: an image has to be named .exr, .png or .npy",
                 path.display()
-            ))),
+            ))
+        })
+    }
+
+    /// What the names of its files end in, behind the dot.
+    fn end(self) -> &'static str {
+        match self {
+            Self::Exr => "exr",
+            Self::Png => "png",
+            Self::Npy => "npy",
         }
     }
 
@@ -65,13 +76,10 @@ impl ImageKind {
         if Self::named(path).is_ok_and(|kind| kind == self) {
             return Ok(());
         }
-        let end = match self {
-            Self::Exr => ".exr",
-            Self::Png => ".png",
-        };
         Err(Error::input(format!(
-            "{role} {}: expected a name that ends in {end}",
-            path.display()
+            "{role} {}: expected a name that ends in .{}",
+            path.display(),
+            self.end()
         )))
     }
 }

@@ -1,12 +1,12 @@
 //! Pictures from files of either kind, and the exposure that a reference is looked at with.
 
 use super::frame::EXPOSURE;
-use super::{ImageKind, Picture, Region, exr, png, tone};
+use super::{ImageKind, Picture, Region, exr, npy, png, tone};
 use crate::{Error, Result};
 use serde_json::Value;
 use std::path::Path;
 
-/// Reads linear RGB from an OpenEXR or a PNG file; which one it is, its first bytes say. Eight-bit
+/// Reads linear RGB from an OpenEXR, a PNG or a NumPy file; which it is, its first bytes say. Eight-bit
 /// values are taken through the inverse of the tone map at `exposure`. The layer `""` is the
 /// beauty, the only one that a PNG file has. `None` for the region means the whole frame.
 ///
@@ -32,10 +32,16 @@ pub fn picture(path: &Path, layer: &str, exposure: f32, region: Option<Region>) 
             };
             whole.crop(&region).map_err(|e| e.at(path.display()))
         }
-        None => Err(
-            Error::input(format!("{} is neither OpenEXR nor PNG", path.display()))
-                .hint("convert it: oiiotool in -o out.exr"),
-        ),
+        Some(ImageKind::Npy) if !layer.is_empty() => Err(Error::input(format!(
+            "{} is a NumPy file, which names no layer {layer}",
+            path.display()
+        ))),
+        Some(ImageKind::Npy) => npy::read(path, region),
+        None => Err(Error::input(format!(
+            "{} is neither OpenEXR nor PNG nor NumPy",
+            path.display()
+        ))
+        .hint("convert it: oiiotool in -o out.exr")),
     }
 }
 

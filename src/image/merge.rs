@@ -3,7 +3,7 @@
 use super::coverage::faults;
 use super::exr::{self, Info};
 use super::frame::EXPOSURE;
-use super::{Frame, Layer, Region};
+use super::{Exposure, Frame, ImageKind, Layer, Region, npy, png};
 use crate::run::{Job, memory, size};
 use crate::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet};
@@ -44,14 +44,23 @@ pub fn missing(inputs: &[PathBuf]) -> Result<Vec<Region>> {
     gaps(inputs, &infos)
 }
 
-/// Merges tiles of one frame. All headers are checked before the first pixel is read, and the
+/// Merges tiles of one frame, to an image of the kind that `output` is named for; one of eight bits
+/// has the exposure that is given, or that of the scene's film if the tiles tell it, or 1. All
+/// headers are checked before the first pixel is read, and the
 /// output is not touched until all tiles are read.
 ///
 /// # Errors
 /// [`crate::Kind::Input`] if the tiles were made from different trees, scenes or settings (the
 /// message names the files and what differs), if they overlap, or if pixels are missing that must
 /// not be; else what reading and writing can give.
-pub fn merge(inputs: &[PathBuf], output: &Path, missing: Missing, job: &Job) -> Result<Merged> {
+pub fn merge(
+    inputs: &[PathBuf],
+    output: &Path,
+    missing: Missing,
+    exposure: Option<Exposure>,
+    job: &Job,
+) -> Result<Merged> {
+    let kind = ImageKind::named(output)?;
     let infos = infos(inputs)?;
     let gaps = gaps(inputs, &infos)?;
     let first = &infos[0];
@@ -81,7 +90,18 @@ pub fn merge(inputs: &[PathBuf], output: &Path, missing: Missing, job: &Job) -> 
         job.progress.warn(&format!("{}: {found}", output.display()));
     }
     job.heed_warnings()?;
-    exr::write(output, &frame, first.precision())?;
+    match kind {
+        ImageKind::Exr => exr::write(output, &frame, first.precision())?,
+        ImageKind::Npy => {
+            job.progress.say(&npy::told(output, &frame));
+            npy::write(output, &frame)?;
+        }
+        ImageKind::Png => {
+            let noted = frame.attributes.get(EXPOSURE).and_then(|e| e.parse().ok());
+            let exposure = exposure.unwrap_or(Exposure::Fixed(noted.unwrap_or(1.0)));
+            png::write_exposed(output, &frame, exposure, &job.progress)?;
+        }
+    }
     Ok(Merged {
         width: frame.width,
         height: frame.height,
@@ -343,7 +363,8 @@ mod tests {
                 let mut inputs = tiles(dir.path(), count, precision);
                 inputs.reverse();
                 let output = dir.path().join("merged.exr");
-                let merged = merge(&inputs, &output, Missing::Refuse, &Job::default()).unwrap();
+                let merged =
+                    merge(&inputs, &output, Missing::Refuse, None, &Job::default()).unwrap();
                 assert_eq!(
                     merged,
                     Merged {
@@ -360,7 +381,7 @@ mod tests {
     #[track_caller]
     fn refused(inputs: &[PathBuf], dir: &Path, parts: &[&str]) {
         let output = dir.join("merged.exr");
-        let error = merge(inputs, &output, Missing::Refuse, &Job::default()).unwrap_err();
+        let error = merge(inputs, &output, Missing::Refuse, None, &Job::default()).unwrap_err();
         assert_eq!(error.kind(), crate::Kind::Input);
         assert!(!output.exists());
         let text = format!("{error} / {}", error.hint_text().unwrap_or(""));
@@ -426,7 +447,7 @@ mod tests {
             exr::write(path, &frame, Precision::Half).unwrap();
         }
         let output = dir.path().join("merged.exr");
-        merge(&inputs, &output, Missing::Refuse, &Job::default()).unwrap();
+        merge(&inputs, &output, Missing::Refuse, None, &Job::default()).unwrap();
         let names: Vec<String> = exr::info(&output).unwrap().attributes.into_keys().collect();
         assert_eq!(names, ["Studio", "lvox/settings", "lvox/tree"]);
     }
@@ -450,7 +471,7 @@ mod tests {
                     .extend(exposure.map(|e| (EXPOSURE.to_owned(), e.to_owned())));
                 exr::write(path, &frame, Precision::Half).unwrap();
             }
-            merge(&inputs, &output, Missing::Refuse, &Job::default()).unwrap();
+            merge(&inputs, &output, Missing::Refuse, None, &Job::default()).unwrap();
             let attributes = exr::info(&output).unwrap().attributes;
             assert_eq!(attributes.get(EXPOSURE).map(String::as_str), expected);
         }
@@ -466,9 +487,9 @@ mod tests {
             memory_limit: Some(limit),
             ..Job::default()
         };
-        let error = merge(&inputs, &output, Missing::Refuse, &job(240_000)).unwrap_err();
+        let error = merge(&inputs, &output, Missing::Refuse, None, &job(240_000)).unwrap_err();
         assert!(error.to_string().contains("235 KiB"), "{error}");
-        merge(&inputs, &output, Missing::Refuse, &job(241_000)).unwrap();
+        merge(&inputs, &output, Missing::Refuse, None, &job(241_000)).unwrap();
     }
 
     #[test]

@@ -10,6 +10,8 @@
 //! | `frame`, `region` | [`Frame`], its [`Layer`]s, and the [`Region`] of a tile |
 //! | `picture`, `load` | [`Picture`], and how one is read from a file of either [`ImageKind`] |
 //! | `exr`, `header` | frames in OpenEXR files, with the same bytes from any number of threads |
+//! | `npy` | frames as arrays of NumPy |
+//! | `exposure` | of pictures of eight bits, given or found |
 //! | `png`, `tone`, `heat` | eight bits: the tone map, its inverse, and colours of errors |
 //! | `merge`, `coverage` | tiles made one frame, once they are known to cover it |
 //! | `cost_map`, `tile_list` | a frame cut into tiles of equal cost, and such tiles in a file |
@@ -19,6 +21,7 @@
 
 mod cost_map;
 mod coverage;
+mod exposure;
 pub mod exr;
 mod frame;
 mod header;
@@ -28,6 +31,7 @@ mod kind;
 pub mod load;
 mod merge;
 pub mod metrics;
+pub mod npy;
 mod picture;
 pub mod png;
 mod region;
@@ -40,6 +44,7 @@ pub mod tile_list;
 pub mod tone;
 
 pub use cost_map::{CellCost, CostMap};
+pub use exposure::Exposure;
 pub use frame::{BACKGROUND_DEPTH, COLOR_SPACE, CameraMatrices, EXPOSURE, Frame, Layer, NotFinite};
 pub use kind::ImageKind;
 pub use merge::{Merged, Missing, merge, missing};

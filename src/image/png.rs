@@ -1,8 +1,8 @@
 //! PNG files of eight bits: previews, heat maps, and pictures to compare.
 
 use super::tone::{self, Display};
-use super::{Frame, Picture};
-use crate::run::Output;
+use super::{Exposure, Frame, Picture};
+use crate::run::{Output, Progress};
 use crate::{Error, Result};
 use ::image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use ::image::{ExtendedColorType, ImageEncoder, ImageFormat, ImageReader, Limits};
@@ -42,6 +42,26 @@ pub fn write_frame(path: &Path, frame: &Frame, exposure: f32) -> Result<()> {
         .collect();
     let size = [display.width, display.height];
     encode(path, size, pixels.as_flattened(), ExtendedColorType::Rgba8)
+}
+
+/// The same at an exposure that may have to be found, which is said then.
+///
+/// # Errors
+/// As [`write_frame`].
+pub fn write_exposed(
+    path: &Path,
+    frame: &Frame,
+    exposure: Exposure,
+    progress: &Progress,
+) -> Result<()> {
+    let found = exposure.of(&shown(frame)?).unwrap_or(1.0);
+    if exposure == Exposure::Automatic {
+        progress.say(&format!(
+            "{}: automatic exposure {found}, at which one lit pixel in fifty is brighter than white",
+            path.display()
+        ));
+    }
+    write_frame(path, frame, found)
 }
 
 /// The beauty of a frame as a PNG shows it: without what alpha took of it.

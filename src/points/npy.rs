@@ -102,18 +102,7 @@ impl Array {
 
     /// The header of an array of 32-bit floats.
     pub(super) fn header(rows: u64, columns: usize) -> Vec<u8> {
-        const BLOCK: usize = 64;
-        let mut text =
-            format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({rows}, {columns}), }}");
-        let before = MAGIC.len() + 4;
-        let length = (before + text.len() + 1).next_multiple_of(BLOCK) - before;
-        text += &" ".repeat(length - 1 - text.len());
-        text.push('\n');
-        let mut header = MAGIC.to_vec();
-        header.extend([1, 0]);
-        header.extend((length as u16).to_le_bytes());
-        header.extend(text.bytes());
-        header
+        crate::image::npy::header(&[rows, columns as u64])
     }
 }
 

@@ -305,6 +305,7 @@ fn tiles() {
             std::slice::from_ref(&tile),
             &out,
             Missing::Refuse,
+            None,
             &Job::default(),
         ))?;
         Ok(judge(exr::read(&tile))?.is_some())

@@ -217,7 +217,7 @@ fn frames_do_not_depend_on_threads_tiles_or_caches() {
         })
         .collect();
     let merged = work.path("merged.exr");
-    merge(&parts, &merged, Missing::Refuse, &Job::default()).unwrap();
+    merge(&parts, &merged, Missing::Refuse, None, &Job::default()).unwrap();
     assert!(fs::read(&merged).unwrap() == whole);
 }
 

@@ -184,7 +184,7 @@ fn tiles_keep_alpha_layers_and_matrices() {
         .collect();
     let merged = work.path("merged.exr");
     let rest = lvox::image::Missing::Refuse;
-    lvox::image::merge(&tiles, &merged, rest, &Job::default()).unwrap();
+    lvox::image::merge(&tiles, &merged, rest, None, &Job::default()).unwrap();
     assert!(std::fs::read(&merged).unwrap() == whole);
     let info = exr::info(&merged).unwrap();
     assert_eq!(info.attributes["colorInteropID"], "lin_rec709_scene");
@@ -237,4 +237,76 @@ fn the_command_line_adds_alpha() {
             assert_eq!(found.0, [0; 4]);
         }
     }
+}
+
+#[test]
+fn arrays_and_exposures_are_of_the_whole_frame() {
+    let work = Work::new(&open_room());
+    work.bake(&work.scene(), 2000);
+    let run = |words: &str| lvox(&work, &words.split(' ').collect::<Vec<_>>());
+    let shade = "shade scene.toml -t scene.lvt --quality draft";
+    let said = run(&format!(
+        "{shade} -o a.npy --alpha --aov depth --progress plain"
+    ));
+    assert_eq!(said.code, 0, "{}", said.stderr);
+    let told = "a.npy: 48 x 64 x 5 of float32, channels R G B A depth.Z";
+    assert!(said.stderr.contains(told), "{}", said.stderr);
+    run(&format!(
+        "{shade} -o a.exr --float --alpha --aov depth --progress none"
+    ))
+    .done();
+    let exact = exr::read(&work.path("a.exr")).unwrap();
+    let array = lvox::image::npy::read(&work.path("a.npy"), None).unwrap();
+    assert_eq!(array.pixels, beauty(&exact));
+    let scores = run("compare a.npy a.exr --json");
+    let scores: serde_json::Value = serde_json::from_str(&scores.stdout).unwrap();
+    assert_eq!(scores["rmse"], 0.0);
+
+    // Tiles, merged, come to the same as the frame, in all kinds of images.
+    let mut tiles = String::new();
+    for i in 0..3 {
+        run(&format!(
+            "{shade} -o {i}.exr --float --alpha --aov depth --tile {i}/3 --progress none"
+        ))
+        .done();
+        tiles += &format!(" {i}.exr");
+    }
+    let read = |name: &str| std::fs::read(work.path(name)).unwrap();
+    run(&format!("merge{tiles} -o merged.npy --progress none")).done();
+    let merged = lvox::image::npy::read(&work.path("merged.npy"), None).unwrap();
+    assert_eq!(merged.pixels, array.pixels);
+    for (name, option) in [
+        ("a", ""),
+        ("b", " --exposure 0.25"),
+        ("c", " --exposure auto"),
+    ] {
+        run(&format!(
+            "{shade} -o {name}.png --alpha{option} --progress none"
+        ))
+        .done();
+        run(&format!(
+            "merge{tiles} -o merged.png{option} --progress none"
+        ))
+        .done();
+        assert!(
+            read("merged.png") == read(&format!("{name}.png")),
+            "{option}"
+        );
+    }
+    assert!(read("a.png") != read("b.png") && read("b.png") != read("c.png"));
+    let said = run(&format!(
+        "{shade} -o c.png --exposure auto --progress plain"
+    ));
+    assert!(
+        said.stderr.contains("automatic exposure "),
+        "{}",
+        said.stderr
+    );
+
+    let parts = ["--exposure", "hint: "];
+    run(&format!("{shade} -o d.exr --exposure 2")).refused(2, &parts);
+    run(&format!("merge{tiles} -o d.npy --exposure 2")).refused(2, &parts);
+    run(&format!("{shade} -o d.png --exposure auto --tile 0/2")).refused(2, &parts);
+    run(&format!("{shade} -o d.npy --float")).refused(2, &["--float", ".exr"]);
+    assert!(!work.names().iter().any(|name| name.starts_with("d.")));
 }

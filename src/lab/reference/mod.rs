@@ -19,7 +19,7 @@ pub use sums::Sums;
 use crate::image::exr::{self, Precision};
 use crate::image::metrics::linear::RELATIVE_FLOOR;
 use crate::image::samples::{Origin, Row};
-use crate::image::{COLOR_SPACE, CameraMatrices, Frame, Region};
+use crate::image::{COLOR_SPACE, CameraMatrices, Frame, ImageKind, Region, npy};
 use crate::math::{Rgb, sampling};
 use crate::run::{Job, Task, hex, memory, size};
 use crate::scene::Scene;
@@ -165,7 +165,7 @@ pub fn begin(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> R
     Ok(Sums::new(region, settings.strands, origin))
 }
 
-/// Renders into an OpenEXR file of 32-bit floats, with the variance of each pixel's mean in the
+/// Renders into an OpenEXR or NumPy file of 32-bit floats, with the variance of each pixel's mean in the
 /// layer `variance`. Sums are kept beside it ([`sums_path`]); a later run with more samples or time
 /// goes on from there, with the same result as one run would have had; [`Start::Afresh`] replaces
 /// them. On a stop what is there is written before the error is returned; an image only if every
@@ -212,7 +212,10 @@ pub fn run(
             if let Some(found) = frame.not_finite() {
                 job.progress.warn(&format!("{}: {found}", image.display()));
             }
-            exr::write(image, &frame, Precision::Float)?;
+            match ImageKind::named(image)? {
+                ImageKind::Npy => npy::write(image, &frame)?,
+                _ => exr::write(image, &frame, Precision::Float)?,
+            }
         }
         Ok(())
     };
