@@ -42,6 +42,7 @@ mod shade_options;
 mod shade_settings;
 mod stability;
 mod study;
+mod tev;
 mod tiles;
 mod times;
 mod tree_input;

@@ -5,8 +5,9 @@ use super::options::{Context, Memory, Seed};
 use super::plan::{Plan, Planning};
 use super::region_options::RegionOptions;
 use super::scene_input::SceneInput;
+use super::tev::{TevOptions, channels};
 use crate::formats::Overwrite;
-use crate::image::ImageKind;
+use crate::image::{ImageKind, Onlooker};
 use crate::lab::reference::{self, Settings};
 use crate::run::StageReport;
 use crate::{Error, Result};
@@ -59,6 +60,9 @@ pub struct Args {
     planning: Planning,
 
     #[command(flatten)]
+    tev: TevOptions,
+
+    #[command(flatten)]
     pub memory: Memory,
 
     #[command(flatten)]
@@ -97,6 +101,7 @@ impl Args {
         settings.check()?;
         check_writable(&self.output, Overwrite::Replace)?;
         check_writable(&reference::sums_path(&self.output), Overwrite::Replace)?;
+        self.tev.check(&context.job);
         let scene = self.scene.load(context)?;
         let region = self.region.of(&scene.film)?;
         if self.planning.plan {
@@ -105,14 +110,22 @@ impl Args {
             let plan = plan.with("pixels", region.pixels() as u64);
             return plan.taking(settings.secs).print(self.planning);
         }
-        reference::run(
+        let size = [scene.film.width, scene.film.height];
+        let tev = self.tev.open(&self.output, size, channels(false));
+        let onlooker = tev.as_ref().map(|tev| tev as &dyn Onlooker);
+        let made = reference::run_before(
             &scene,
             &settings,
             region,
             &self.output,
             context.start(),
+            onlooker,
             &context.job,
-        )?;
+        );
+        if let Some(tev) = tev {
+            tev.close();
+        }
+        made?;
         if let Some(text) = reached(&context.job.report.stages()) {
             context.job.progress.say(&text);
         }

@@ -5,9 +5,10 @@ use super::options::Resume;
 use super::parse;
 use super::region_options::RegionOptions;
 use super::shade_settings::ShadeSettings;
+use super::tev::{TevOptions, channels};
 use crate::formats::{Overwrite, TreeMeta};
 use crate::image::exr::{self, Precision};
-use crate::image::{Exposure, Frame, ImageKind, Region, npy, png};
+use crate::image::{Exposure, Frame, ImageKind, Onlooker, Region, npy, png};
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::shade::{self, Aov, Settings};
@@ -46,6 +47,9 @@ pub struct ShadeOptions {
     /// the whole frame brighter than white (auto) [default: the exposure of the scene's film]
     #[arg(long, value_name = "E|auto", value_parser = parse::exposure)]
     exposure: Option<Exposure>,
+
+    #[command(flatten)]
+    tev: TevOptions,
 
     /// Store 32-bit instead of 16-bit floats in an .exr image
     #[arg(long)]
@@ -94,6 +98,7 @@ impl ShadeOptions {
     pub fn check_with(&self, scene: &Scene, tree_bytes: u64, job: &Job) -> Result<u64> {
         let settings = self.settings.least(scene)?;
         self.settings.say_frame(scene, job)?;
+        self.tev.check(job);
         let region = self.region.of(&scene.film)?;
         shade::check_memory(scene, &settings, region, &self.aovs(), tree_bytes, job)
     }
@@ -171,7 +176,16 @@ impl ShadeOptions {
     ) -> Result<()> {
         let region = self.region.of(&scene.film)?;
         job.heed_warnings()?;
-        let frame = shade::run(scene, store, settings, region, &self.aovs(), job)?;
+        let aovs = self.aovs();
+        let shown = channels(aovs.contains(&Aov::Alpha));
+        let size = [scene.film.width, scene.film.height];
+        let tev = self.tev.open(&self.output, size, shown);
+        let onlooker = tev.as_ref().map(|tev| tev as &dyn Onlooker);
+        let frame = shade::run_before(scene, store, settings, region, &aovs, onlooker, job);
+        if let Some(tev) = tev {
+            tev.close();
+        }
+        let frame = frame?;
         job.report
             .stage("write", |_| match ImageKind::named(&self.output)? {
                 ImageKind::Exr => {

@@ -15,6 +15,7 @@
 //! | `png`, `tone`, `heat` | eight bits: the tone map, its inverse, and colours of errors |
 //! | `merge`, `coverage` | tiles made one frame, once they are known to cover it |
 //! | `cost_map`, `tile_list` | a frame cut into tiles of equal cost, and such tiles in a file |
+//! | `onlooker` | one who sees parts of a frame as they are finished |
 //! | `metrics` | how far a picture is from a reference |
 //! | `samples` | files of samples that a path tracer goes on from |
 //! | `subject` | whether two pictures show the same |
@@ -32,6 +33,7 @@ pub mod load;
 mod merge;
 pub mod metrics;
 pub mod npy;
+mod onlooker;
 mod picture;
 pub mod png;
 mod region;
@@ -48,5 +50,6 @@ pub use exposure::Exposure;
 pub use frame::{BACKGROUND_DEPTH, COLOR_SPACE, CameraMatrices, EXPOSURE, Frame, Layer, NotFinite};
 pub use kind::ImageKind;
 pub use merge::{Merged, Missing, merge, missing};
+pub use onlooker::Onlooker;
 pub use picture::Picture;
 pub use region::Region;

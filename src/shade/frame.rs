@@ -9,7 +9,7 @@ use super::settings::{Kernel, Method, Settings};
 use super::surfaces::{BrightPatchLights, GatherAtSurfaces, KeptGathers, Lattice, SurfaceGatherer};
 use crate::Result;
 use crate::gather::{self, Gatherer, Medium, PatchRadiance, PatchStats, TreeTask};
-use crate::image::Region;
+use crate::image::{Onlooker, Region};
 use crate::inscatter::{self, InScatter, MediaCounts, MediaLights};
 use crate::light::{Lights, SoftShadowMedia, Vacuum};
 use crate::run::Job;
@@ -32,6 +32,8 @@ pub struct Request<'a> {
     pub regions: &'a [Region],
     /// What is kept of pixels.
     pub quantities: &'a [Quantity],
+    /// One who looks on.
+    pub onlooker: Option<&'a dyn Onlooker>,
     /// Threads, limits, progress.
     pub job: &'a Job,
 }
@@ -300,6 +302,7 @@ impl FrameWork for ShadeRegions {
             settings,
             regions,
             quantities,
+            onlooker,
             job,
             ..
         } = frame.request;
@@ -337,7 +340,7 @@ impl FrameWork for ShadeRegions {
                     ends: (quantities.iter().any(|q| q.is_of_ends()))
                         .then(|| EndsOfView::of(&view)),
                 };
-                shade_region(&shader, region, quantities, job, &task)
+                shade_region(&shader, region, quantities, onlooker, job, &task)
             })
             .collect::<Result<Vec<_>>>()?;
         frame.own_gatherer.check()?;

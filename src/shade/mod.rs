@@ -29,7 +29,7 @@ mod settings;
 mod surfaces;
 
 use crate::gather::PatchStats;
-use crate::image::{CostMap, Frame, Region};
+use crate::image::{CostMap, Frame, Onlooker, Region};
 use crate::math::Rgb;
 use crate::run::{Job, Walked};
 use crate::scene::Scene;
@@ -76,6 +76,22 @@ pub fn run(
     aovs: &[Aov],
     job: &Job,
 ) -> Result<Frame> {
+    run_before(scene, tree, settings, region, aovs, None, job)
+}
+
+/// The same before one who looks on.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_before(
+    scene: &Scene,
+    tree: &OpenTree,
+    settings: &Settings,
+    region: Region,
+    aovs: &[Aov],
+    onlooker: Option<&dyn Onlooker>,
+    job: &Job,
+) -> Result<Frame> {
     check(scene, tree, settings)?;
     region.check(scene.film.width, scene.film.height)?;
     let fit = tree.fitter(job);
@@ -88,6 +104,7 @@ pub fn run(
             settings,
             regions: &[region],
             quantities: &quantities,
+            onlooker,
             job,
         };
         let (mut shaded, asked) = shade_regions(&request)?;
@@ -147,6 +164,7 @@ pub fn costs(scene: &Scene, tree: &OpenTree, settings: &Settings, job: &Job) -> 
             settings,
             regions: &[Region::full(scene.film.width, scene.film.height)],
             quantities: &[],
+            onlooker: None,
             job,
         };
         let (costs, asked) = with_frame(&request, &[Region::full(1, 1)], &CostPilot)?;
@@ -194,6 +212,7 @@ pub fn pixels(
         settings,
         regions,
         quantities: &quantities,
+        onlooker: None,
         job,
     };
     let (shaded, _) = shade_regions(&request)?;

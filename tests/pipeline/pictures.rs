@@ -310,3 +310,109 @@ fn arrays_and_exposures_are_of_the_whole_frame() {
     run(&format!("{shade} -o d.npy --float")).refused(2, &["--float", ".exr"]);
     assert!(!work.names().iter().any(|name| name.starts_with("d.")));
 }
+
+/// What a viewer of tev's protocol shows: its name, size, and channels of samples.
+#[derive(Default)]
+struct Shown {
+    name: String,
+    size: [usize; 2],
+    channels: Vec<Vec<f32>>,
+    parts: usize,
+}
+
+/// Takes the front off some bytes.
+fn take<'a>(bytes: &mut &'a [u8], count: usize) -> &'a [u8] {
+    let (front, rest) = bytes.split_at(count);
+    *bytes = rest;
+    front
+}
+
+fn word(bytes: &mut &[u8]) -> usize {
+    u32::from_le_bytes(take(bytes, 4).try_into().unwrap()) as usize
+}
+
+fn text(bytes: &mut &[u8]) -> String {
+    let end = bytes.iter().position(|&b| b == 0).unwrap();
+    let text = String::from_utf8(take(bytes, end).to_vec()).unwrap();
+    take(bytes, 1);
+    text
+}
+
+/// Follows the packets of one connection: an image is made, then parts of it come.
+fn shown(mut bytes: &[u8]) -> Shown {
+    let mut shown = Shown::default();
+    while !bytes.is_empty() {
+        let length = word(&mut bytes);
+        let mut packet = take(&mut bytes, length - 4);
+        let kind = take(&mut packet, 2)[0];
+        let name = text(&mut packet);
+        match kind {
+            4 => {
+                shown.name = name;
+                shown.size = [word(&mut packet), word(&mut packet)];
+                let names: Vec<String> =
+                    (0..word(&mut packet)).map(|_| text(&mut packet)).collect();
+                assert_eq!(names, ["R", "G", "B"]);
+                shown.channels = vec![vec![-1.0; shown.size[0] * shown.size[1]]; 3];
+            }
+            6 => {
+                assert_eq!(name, shown.name);
+                shown.parts += 1;
+                assert_eq!(word(&mut packet), 3);
+                (0..3).for_each(|_| drop(text(&mut packet)));
+                let [x, y, w, h] = [0; 4].map(|_| word(&mut packet));
+                take(&mut packet, 6 * 8);
+                let samples = packet.chunks_exact(4);
+                for (i, v) in samples.enumerate() {
+                    let (channel, at) = (i / (w * h), i % (w * h));
+                    let place = (y + at / w) * shown.size[0] + x + at % w;
+                    shown.channels[channel][place] = f32::from_le_bytes(v.try_into().unwrap());
+                }
+            }
+            _ => panic!("a packet of kind {kind}"),
+        }
+    }
+    shown
+}
+
+#[test]
+fn viewers_see_the_frame_while_it_is_made() {
+    use std::io::Read;
+    let work = Work::new(&ROOM.replace("width = 64\nheight = 48", "width = 200\nheight = 150"));
+    work.bake(&work.scene(), 2000);
+    let run = |words: &str| lvox(&work, &words.split(' ').collect::<Vec<_>>());
+    let shade = "shade scene.toml -t scene.lvt --quality draft --float --progress none";
+    let path_traced = "reference scene.toml --spp 2 --progress none";
+    for (verb, parts) in [(shade, 2), (path_traced, 1)] {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let place = listener.local_addr().unwrap();
+        let viewer = std::thread::spawn(move || {
+            // The first connection asks whether anybody listens.
+            let mut last = Vec::new();
+            for socket in listener.incoming().take(2) {
+                last.clear();
+                socket.unwrap().read_to_end(&mut last).unwrap();
+            }
+            last
+        });
+        run(&format!("{verb} -o a.exr --tev {place}")).done();
+        let shown = shown(&viewer.join().unwrap());
+        assert_eq!((shown.name.as_str(), shown.size), ("a.exr", [200, 150]));
+        assert!(shown.parts >= parts, "{}", shown.parts);
+        let frame = exr::read(&work.path("a.exr")).unwrap();
+        for (name, seen) in ["R", "G", "B"].into_iter().zip(&shown.channels) {
+            assert!(channel(&frame, "", name) == seen, "{name}");
+        }
+        // Nobody listens any more.
+        let shown = std::fs::read(work.path("a.exr")).unwrap();
+        let said = run(&format!(
+            "{} -o b.exr --tev {place}",
+            verb.replace("none", "plain")
+        ));
+        assert_eq!(said.code, 0, "{}", said.stderr);
+        assert!(said.stderr.contains("no viewer listens"), "{}", said.stderr);
+        assert!(std::fs::read(work.path("b.exr")).unwrap() == shown);
+        run(&format!("{verb} -o c.exr --strict --tev {place}")).refused(2, &["no viewer listens"]);
+        assert!(!work.path("c.exr").exists());
+    }
+}

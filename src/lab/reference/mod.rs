@@ -19,7 +19,7 @@ pub use sums::Sums;
 use crate::image::exr::{self, Precision};
 use crate::image::metrics::linear::RELATIVE_FLOOR;
 use crate::image::samples::{Origin, Row};
-use crate::image::{COLOR_SPACE, CameraMatrices, Frame, ImageKind, Region, npy};
+use crate::image::{COLOR_SPACE, CameraMatrices, Frame, ImageKind, Onlooker, Region, npy};
 use crate::math::{Rgb, sampling};
 use crate::run::{Job, Task, hex, memory, size};
 use crate::scene::Scene;
@@ -77,6 +77,9 @@ pub enum Start {
 
 /// Time after which sums are saved, against the loss of the machine.
 const SAVE_EVERY: Duration = Duration::from_secs(300);
+
+/// Time after which what there is may be shown: to make a picture of sums takes much less.
+const SHOW_EVERY: Duration = Duration::from_secs(2);
 
 /// Time after which a pass should end: short enough for a deadline, long enough for caches.
 const PASS: Duration = Duration::from_millis(500);
@@ -182,6 +185,22 @@ pub fn run(
     start: Start,
     job: &Job,
 ) -> Result<()> {
+    run_before(scene, settings, region, image, start, None, job)
+}
+
+/// The same before one who looks on, and sees the whole region every few seconds and at the end.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_before(
+    scene: &Scene,
+    settings: &Settings,
+    region: Region,
+    image: &Path,
+    start: Start,
+    onlooker: Option<&dyn Onlooker>,
+    job: &Job,
+) -> Result<()> {
     let mut sums = begin(scene, settings, region, job)?;
     let kept = sums_path(image);
     if start == Start::Resume
@@ -222,7 +241,16 @@ pub fn run(
     job.report.stage("reference", |counts| {
         let before = sums.samples();
         let started = Instant::now();
-        let result = accumulate(scene, settings, &mut sums, job, &mut |s| save(s));
+        let seen = |sums: &Sums| {
+            if let Some(onlooker) = onlooker {
+                let (means, _) = sums.estimates();
+                let plane = |c: usize| means.iter().map(|mean| mean[c]).collect();
+                onlooker.see(sums.region, &[0, 1, 2].map(plane));
+            }
+        };
+        let saved = &mut |s: &Sums| save(s);
+        let result = accumulate_before(scene, settings, &mut sums, job, saved, &seen);
+        seen(&sums);
         let secs = started.elapsed().as_secs_f64();
         let samples = sums.samples() - before;
         let (least, most) = sums.counts();
@@ -311,6 +339,18 @@ pub fn accumulate(
     job: &Job,
     save: &mut dyn FnMut(&Sums) -> Result<()>,
 ) -> Result<()> {
+    accumulate_before(scene, settings, sums, job, save, &|_| ())
+}
+
+/// The same, and shows sums to one who looks on.
+fn accumulate_before(
+    scene: &Scene,
+    settings: &Settings,
+    sums: &mut Sums,
+    job: &Job,
+    save: &mut dyn FnMut(&Sums) -> Result<()>,
+    show: &dyn Fn(&Sums),
+) -> Result<()> {
     let started = Instant::now();
     let deadline = settings
         .secs
@@ -353,7 +393,7 @@ pub fn accumulate(
         task.add(u64::from(region.width()) * u64::from(end - row.count));
         row.count = end;
     };
-    let mut saved = Instant::now();
+    let (mut saved, mut shown) = (Instant::now(), Instant::now());
     let mut spp = 1_u32;
     loop {
         let (least, _) = sums.counts();
@@ -375,6 +415,10 @@ pub fn accumulate(
         if saved.elapsed() > SAVE_EVERY {
             save(sums)?;
             saved = Instant::now();
+        }
+        if shown.elapsed() > SHOW_EVERY {
+            show(sums);
+            shown = Instant::now();
         }
         spp = spp_of_next_pass(spp, pass.elapsed());
     }

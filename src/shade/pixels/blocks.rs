@@ -6,7 +6,7 @@ use super::pixel::Pixel;
 use super::planes::{Block, assemble};
 use super::shader::PixelShader;
 use crate::Result;
-use crate::image::Region;
+use crate::image::{Onlooker, Region};
 use crate::run::{Job, Task};
 use crate::shade::pixels::camera_media::CameraMedia;
 use rayon::prelude::*;
@@ -25,11 +25,18 @@ pub fn shade_region<A: CameraMedia>(
     shader: &PixelShader<A>,
     region: Region,
     quantities: &[Quantity],
+    onlooker: Option<&dyn Onlooker>,
     job: &Job,
     task: &Task,
 ) -> Result<Planes> {
+    let finished = |region, block: &Block| {
+        if let Some(onlooker) = onlooker {
+            onlooker.see(region, block.planes());
+        }
+        task.add(region.pixels() as u64);
+    };
     let blocks = if shader.counts.pixel == 1 {
-        shade_blocks(&blocks_of(region), quantities, job, task, |block| {
+        shade_blocks(&blocks_of(region), quantities, job, finished, |block| {
             let corners = Corners::new(shader, block);
             move |x, y| corners.shade(x, y)
         })
@@ -40,7 +47,9 @@ pub fn shade_region<A: CameraMedia>(
             ..region
         };
         let rows: Vec<Region> = (region.y0..region.y1).map(row).collect();
-        shade_blocks(&rows, quantities, job, task, |_| |x, y| shader.shade(x, y))
+        shade_blocks(&rows, quantities, job, finished, |_| {
+            |x, y| shader.shade(x, y)
+        })
     };
     assemble(region, quantities, &blocks?)
 }
@@ -59,7 +68,7 @@ fn shade_blocks<S: FnMut(u32, u32) -> Pixel>(
     blocks: &[Region],
     quantities: &[Quantity],
     job: &Job,
-    task: &Task,
+    finished: impl Fn(Region, &Block) + Sync,
     prepare: impl Fn(Region) -> S + Sync,
 ) -> Result<Vec<Block>> {
     blocks
@@ -72,7 +81,7 @@ fn shade_blocks<S: FnMut(u32, u32) -> Pixel>(
                 job.cancel.check()?;
                 shaded.push(quantities, &shade(x, y));
             }
-            task.add(block.pixels() as u64);
+            finished(block, &shaded);
             Ok(shaded)
         })
         .collect()

@@ -54,6 +54,12 @@ impl Block {
         })
     }
 
+    /// The planes of the pixels so far.
+    #[must_use]
+    pub fn planes(&self) -> &[Vec<f32>] {
+        &self.planes
+    }
+
     /// The next pixel, row by row.
     pub fn push(&mut self, quantities: &[Quantity], pixel: &Pixel) {
         let mut planes = self.planes.iter_mut();
