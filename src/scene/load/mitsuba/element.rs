@@ -74,7 +74,7 @@ impl<'t> Element<'t> {
 
     /// Whether it is a number, a colour or the like.
     pub(super) fn is_value(&self) -> bool {
-        VALUES.contains(&self.tag()) && !(self.tag() == "spectrum" && !self.kind().is_empty())
+        VALUES.contains(&self.tag()) && (self.tag() != "spectrum" || self.kind().is_empty())
     }
 
     /// What is in it, references resolved, each with its own key.
