@@ -301,7 +301,7 @@ fn what_is_always_replaced_does_not_replace_files_of_other_kinds() {
     fs::write(&cloud, "LVOXCLD and hours of work").unwrap();
     let compare = ["compare", "whole.exr", "whole.exr"];
     for (args, part) in [
-        (&["merge", "whole.exr", "-o", "a.lvc"][..], "ends in .exr"),
+        (&["merge", "whole.exr", "-o", "a.lvc"][..], "named .exr"),
         (
             &[&compare[..], &["--heatmap", "a.lvc"]].concat(),
             "ends in .png",
