@@ -7,7 +7,7 @@ use super::Picture;
 pub enum Exposure {
     /// This one.
     Fixed(f32),
-    /// One that [`automatic`] finds.
+    /// One that is found from the picture.
     Automatic,
 }
 

@@ -142,8 +142,9 @@ fn decode(bytes: &[u8]) -> Result<Picture> {
         start,
     } = parse(bytes)?;
     let size = number.bytes();
-    let needed = [width, channels, size].into_iter();
-    let needed = needed.fold(Some(height), |all, n| all?.checked_mul(n));
+    let needed = [width, channels, size]
+        .into_iter()
+        .try_fold(height, usize::checked_mul);
     let data = &bytes[start..];
     if needed != Some(data.len()) {
         return Err(Error::input(format!(
