@@ -72,6 +72,8 @@ def main():
     path, array, tolerance = sys.argv[1], numpy.load(sys.argv[2]), float(sys.argv[3])
     told("numbers of the array", (str(array.dtype), array.shape[2]), ("float32", 27))
     image = bpy.data.images.load(os.path.abspath(path))
+    # Blender opens the file when it is first asked for what is in it.
+    told("whether there are pixels of their own", tuple(image.size), (0, 0))
     told("kind of image", image.type, "MULTILAYER")
     told("colour space", image.colorspace_settings.name, "Linear Rec.709")
     told("alpha", image.alpha_mode, "PREMUL")
