@@ -23,32 +23,15 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+# Inside Blender the folder of a script is not searched.
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from scene_text import frames_of, table, text, warn  # noqa: E402
+
 # Blender is z-up, glTF and lvox are y-up.
 Y_UP = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
 # builtin:quad faces +y; area lights face -z.
 FACING_DOWN = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
 DISK = "disk.ply"
-told = set()
-
-
-def warn(what):
-    if what not in told:
-        told.add(what)
-        print("warning: " + what, file=sys.stderr)
-
-
-def text(value):
-    if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(text(v) for v in value) + "]"
-    return repr(value) if isinstance(value, int) else f"{value:.9g}"
-
-
-def table(title, keys):
-    return f"\n{title}\n" + "".join(f"{key} = {text(value)}\n" for key, value in keys.items())
 
 
 def rows(matrix):
@@ -63,17 +46,6 @@ def unscaled(matrix):
     """Place and turn alone."""
     place, turn, _ = matrix.decompose()
     return Matrix.Translation(place) @ turn.to_matrix().to_4x4()
-
-
-def frames_of(words):
-    """As lvox reads them: 1-10, 1-10x2, 1,5,9."""
-    numbers = []
-    for word in words.split(","):
-        span, _, step = word.replace(":", "x").partition("x")
-        first, dash, last = span[1:].partition("-")
-        first = span[:1] + first
-        numbers += range(int(first), int(last if dash else first) + 1, int(step or 1))
-    return numbers
 
 
 # ---------------------------------------------------------------------------------------------------- materials
