@@ -1,11 +1,13 @@
 //! Samples of volume files: bytes skipped, unpacked, cut to size.
 
+use super::files::{Files, beside};
 use super::numbers::number;
 use crate::run::{Cancel, memory};
 use crate::{Error, Result};
 use bzip2::bufread::MultiBzDecoder;
 use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 use std::io::Read;
+use std::path::Path;
 
 /// No deflate stream grows by more than this on the way out.
 const MAX_INFLATION: usize = 1100;
@@ -26,8 +28,32 @@ pub(super) struct Data {
 }
 
 impl Data {
+    /// The `expected` bytes of several files beside another, each of which has an equal share: `read` takes
+    /// what is in one, and that share.
+    pub(super) fn of_files(
+        names: &[String],
+        path: &Path,
+        expected: usize,
+        files: &mut Files,
+        read: impl Fn(Vec<u8>, usize, &Files) -> Result<Self>,
+    ) -> Result<Self> {
+        if !expected.is_multiple_of(names.len()) {
+            return Err(Error::input(format!(
+                "expected {expected} bytes of samples in {} files, which is no equal share",
+                names.len()
+            )));
+        }
+        let mut all = Self::default();
+        for name in names {
+            let content = files.read_beside("volume data", path, name)?;
+            let data = read(content, expected / names.len(), files);
+            all.append(data.map_err(|e| e.at(beside(path, name).display()))?)?;
+        }
+        Ok(all)
+    }
+
     /// Puts the samples of another file behind these.
-    pub(super) fn append(&mut self, other: Self) -> Result<()> {
+    fn append(&mut self, other: Self) -> Result<()> {
         memory::grow("a volume", &mut self.bytes, other.bytes.len())?;
         self.bytes.extend(other.bytes);
         self.is_f64 = other.is_f64;

@@ -6,7 +6,7 @@
 //! left, posterior, superior of a patient, unless `AnatomicalOrientation` says that it is not known.
 
 use super::field::Field;
-use super::files::{Files, beside};
+use super::files::Files;
 use super::nrrd::{Lines, numbered_names};
 use super::patient::PatientSpace;
 use super::samples::{Array, Number, Samples, byte_length};
@@ -36,22 +36,9 @@ pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<F
     }
     let data = match header.data_files(&content, data_at)? {
         None => header.data(content, data_at, expected, number, files)?,
-        Some(names) => {
-            if expected % names.len() != 0 {
-                return Err(Error::input(format!(
-                    "expected {expected} bytes of samples in {} files, which is no equal share",
-                    names.len()
-                )));
-            }
-            let share = expected / names.len();
-            let mut all = Data::default();
-            for name in &names {
-                let content = files.read_beside("volume data", path, name)?;
-                let data = header.data(content, 0, share, number, files);
-                all.append(data.map_err(|e| e.at(beside(path, name).display()))?)?;
-            }
-            all
-        }
+        Some(names) => Data::of_files(&names, path, expected, files, |content, share, files| {
+            header.data(content, 0, share, number, files)
+        })?,
     };
     if data.is_longer {
         files.warn(format!(

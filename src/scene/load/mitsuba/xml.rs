@@ -237,43 +237,10 @@ impl Parser {
             place,
             used: Cell::new(false),
         });
-        let own = &self.tree.nodes[index];
-        let get = |name: &str| own.get(name).unwrap_or_default().to_owned();
-        let missing = |name: &str| self.tree.error(place, format_args!("`{name}` is missing"));
-        match own.tag.as_str() {
-            "default" => {
-                let (name, value) = (get("name"), get("value"));
-                if name.is_empty() {
-                    return Err(missing("name"));
-                }
-                self.known.insert(name.clone());
-                self.set(&name, &value);
-                return Ok(Vec::new());
-            }
-            "include" => {
-                let name = get("filename");
-                if name.is_empty() {
-                    return Err(missing("filename"));
-                }
-                let path = self.tree.find(place, &name);
-                let included = self.file(&path, "included", source.depth + 1, files);
-                return included.map_err(|e| self.tree.located(place, e));
-            }
-            "path" => {
-                let folder = beside(self.tree.file(place), &get("value"));
-                self.tree.folders.push(folder);
-                return Ok(Vec::new());
-            }
-            "alias" => {
-                let (id, name) = (get("id"), get("as"));
-                let Some(&target) = self.tree.ids.get(&id) else {
-                    return wrong(&self.tree, format!("there is no `{id}` before this alias"));
-                };
-                self.tree.ids.insert(name, target);
-                return Ok(Vec::new());
-            }
-            _ => {}
+        if let Some(found) = self.directive(index, place, source.depth, files)? {
+            return Ok(found);
         }
+        let own = &self.tree.nodes[index];
         // A reference has the id of another.
         if own.tag != "ref"
             && let Some(id) = own.get("id").map(str::to_owned)
@@ -307,6 +274,53 @@ impl Parser {
             }
         }
         Ok(vec![index])
+    }
+
+    /// What stands in place of an element that says how to read others; `None` for one that is part of the
+    /// scene.
+    fn directive(
+        &mut self,
+        index: usize,
+        place: Place,
+        depth: usize,
+        files: &mut Files,
+    ) -> Result<Option<Vec<usize>>> {
+        let own = &self.tree.nodes[index];
+        let get = |name: &str| own.get(name).unwrap_or_default().to_owned();
+        let missing = |name: &str| self.tree.error(place, format_args!("`{name}` is missing"));
+        match own.tag.as_str() {
+            "default" => {
+                let (name, value) = (get("name"), get("value"));
+                if name.is_empty() {
+                    return Err(missing("name"));
+                }
+                self.known.insert(name.clone());
+                self.set(&name, &value);
+            }
+            "include" => {
+                let name = get("filename");
+                if name.is_empty() {
+                    return Err(missing("filename"));
+                }
+                let path = self.tree.find(place, &name);
+                let included = self.file(&path, "included", depth + 1, files);
+                return included.map(Some).map_err(|e| self.tree.located(place, e));
+            }
+            "path" => {
+                let folder = beside(self.tree.file(place), &get("value"));
+                self.tree.folders.push(folder);
+            }
+            "alias" => {
+                let (id, name) = (get("id"), get("as"));
+                let Some(&target) = self.tree.ids.get(&id) else {
+                    let message = format_args!("there is no `{id}` before this alias");
+                    return Err(self.tree.error(place, message));
+                };
+                self.tree.ids.insert(name, target);
+            }
+            _ => return Ok(None),
+        }
+        Ok(Some(Vec::new()))
     }
 
     /// A value with those of parameters in it.

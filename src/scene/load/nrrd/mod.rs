@@ -13,7 +13,7 @@
 mod data;
 
 use super::field::Field;
-use super::files::{Files, beside, text_start};
+use super::files::{Files, text_start};
 use super::patient::PatientSpace;
 use super::samples::{Array, Number, Samples, byte_length};
 use super::unpack::Data;
@@ -40,22 +40,9 @@ pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<F
     let expected = byte_length(dims, number)?;
     let data = match header.data_files()? {
         None => data(&header, content, data_at, expected, number, &files.cancel)?,
-        Some(names) => {
-            if expected % names.len() != 0 {
-                return Err(Error::input(format!(
-                    "expected {expected} bytes of samples in {} files, which is no equal share",
-                    names.len()
-                )));
-            }
-            let share = expected / names.len();
-            let mut all = Data::default();
-            for name in &names {
-                let content = files.read_beside("volume data", path, name)?;
-                let data = data(&header, content, 0, share, number, &files.cancel);
-                all.append(data.map_err(|e| e.at(beside(path, name).display()))?)?;
-            }
-            all
-        }
+        Some(names) => Data::of_files(&names, path, expected, files, |content, share, files| {
+            data(&header, content, 0, share, number, &files.cancel)
+        })?,
     };
     if data.is_longer {
         files.warn(format!(
