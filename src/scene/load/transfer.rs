@@ -16,7 +16,7 @@ use std::path::Path;
 /// Media that a preset becomes, at most.
 const MAX_BANDS: usize = 5;
 /// Points of a function, at most.
-const MAX_POINTS: usize = 4096;
+const MAX_POINTS: usize = 1024;
 /// Opacities above this are taken as this: no light gets through.
 const OPAQUE: f64 = 0.999;
 /// Pieces of each line between two points: what is straight in opacity is none in extinction.
