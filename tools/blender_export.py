@@ -9,8 +9,9 @@ Writes folder/NAME.toml and NAME.glb, or with --frames NAME.0001.toml, ... for
 
 Taken are: meshes with their modifiers and the colours, textures and emission that glTF has (Diffuse and Emission
 nodes, too); all cameras, the scene's first; sun, point, spot and area lights in Blender's units (watts; area lights
-become quads or disks that emit, which the camera sees); a world of one colour or an image, turned about z by a
-Mapping node; volume objects (.vdb) with Principled Volume or Volume Scatter. What is left out is told on stderr.
+become quads or disks that emit, points with a radius balls); a world of one colour or an image, turned about z by a
+Mapping node; what Ray Visibility keeps from the camera, and transparent film; volume objects (.vdb) with Principled
+Volume or Volume Scatter. What is left out is told on stderr.
 """
 import argparse
 import hashlib
@@ -21,7 +22,7 @@ import sys
 
 import bpy
 import numpy as np
-from mathutils import Matrix
+from mathutils import Matrix, Vector
 
 # Inside Blender the folder of a script is not searched.
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
@@ -32,6 +33,7 @@ Y_UP = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
 # builtin:quad faces +y; area lights face -z.
 FACING_DOWN = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
 DISK = "disk.ply"
+BALL = "ball.ply"
 
 
 def rows(matrix):
@@ -115,6 +117,8 @@ def light(obj, folder):
         return table("[[light]]", keys)
     if lamp.type == "AREA":
         return area_light(obj, color, to_world, folder)
+    if lamp.type == "POINT" and lamp.shadow_soft_size > 0:
+        return ball_light(obj, color, place, folder)
     if lamp.shadow_soft_size > 0:
         warn(f"light {obj.name}: its radius of {lamp.shadow_soft_size:g} is left out")
     # Watts all around, whatever the cone of a spot.
@@ -144,44 +148,94 @@ def area_light(obj, color, to_world, folder):
         name = DISK
         write_disk(os.path.join(folder, DISK))
     place = to_world @ FACING_DOWN @ Matrix.Diagonal((across, 1, down, 1))
-    keys = {"file": name, "name": obj.name, "transform": rows(place), "albedo": [0, 0, 0], "emission": radiance}
+    return lamp_mesh(obj, {"file": name, "transform": rows(place)}, radiance)
+
+
+def lamp_mesh(obj, keys, radiance):
+    keys |= {"name": obj.name, "albedo": [0, 0, 0], "emission": radiance}
+    if not obj.visible_camera:
+        keys["visible"] = False
     return table("[[mesh]]", keys)
+
+
+def ball_light(obj, color, place, folder):
+    radius = obj.data.shadow_soft_size
+    area = write_ball(os.path.join(folder, BALL)) * radius**2
+    # What sends watts all around through the quarter of its area that each direction sees.
+    radiance = [c / (math.pi * area) for c in color]
+    return lamp_mesh(obj, {"file": BALL, "scale": radius, "translate": place}, radiance)
+
+
+def write_ball(path, rings=8, sides=16):
+    """Of radius 1; its area."""
+    at = lambda i, j: (  # noqa: E731
+        math.sin(math.pi * i / rings) * math.sin(2 * math.pi * j / sides),
+        math.cos(math.pi * i / rings),
+        math.sin(math.pi * i / rings) * math.cos(2 * math.pi * j / sides),
+    )
+    points = [at(i, j) for i in range(rings + 1) for j in range(sides)]
+    faces = []
+    for i in range(rings):
+        for j in range(sides):
+            a, b = i * sides + j, i * sides + (j + 1) % sides
+            below = [(a, a + sides, b + sides)] if i < rings - 1 else []
+            faces += below + ([(a, b + sides, b)] if i > 0 else [])
+    write_ply(path, points, faces)
+    return sum(triangle_area(*(points[k] for k in face)) for face in faces)
+
+
+def triangle_area(a, b, c):
+    return (Vector(b) - Vector(a)).cross(Vector(c) - Vector(a)).length / 2
 
 
 def write_disk(path, sides=128):
     """Of diameter 1 around y, facing +y."""
     turns = [2 * math.pi * i / sides for i in range(sides)]
-    points = [f"{math.sin(t) / 2:.9g} 0 {math.cos(t) / 2:.9g}" for t in turns]
-    head = f"ply\nformat ascii 1.0\nelement vertex {sides}\nproperty float x\nproperty float y\nproperty float z\n"
-    head += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
-    face = f"{sides} " + " ".join(str(i) for i in range(sides))
+    write_ply(path, [(math.sin(t) / 2, 0, math.cos(t) / 2) for t in turns], [range(sides)])
+
+
+def write_ply(path, points, faces):
+    head = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n"
+    head += "".join(f"property float {axis}\n" for axis in "xyz")
+    head += f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
     with open(path, "w") as file:
-        file.write(head + "\n".join(points) + "\n" + face + "\n")
+        file.write(head)
+        file.writelines("{:.9g} {:.9g} {:.9g}\n".format(*point) for point in points)
+        file.writelines(f"{len(face)} " + " ".join(map(str, face)) + "\n" for face in faces)
 
 
 def world(scene, folder):
+    keys = sky(scene, folder)
+    visibility = getattr(scene.world, "cycles_visibility", None)
+    if scene.render.film_transparent or not getattr(visibility, "camera", True):
+        keys["visible"] = False
+    return table("[[light]]", keys)
+
+
+def sky(scene, folder):
+    none = {"type": "environment", "radiance": [0, 0, 0]}
     if scene.world is None:
-        return table("[[light]]", {"type": "environment", "radiance": [0, 0, 0]})
+        return none
     tree = scene.world.node_tree
     out = output(tree, "OUTPUT_WORLD") if tree else None
     node = source(out.inputs["Surface"]) if out else None
     if node is None:
-        return table("[[light]]", {"type": "environment", "radiance": [0, 0, 0]})
+        return none
     if node.type != "BACKGROUND":
         warn(f"the world is a {node.bl_label}: it is left out")
-        return table("[[light]]", {"type": "environment", "radiance": [0, 0, 0]})
+        return none
     strength = node.inputs["Strength"].default_value
     image = source(node.inputs["Color"])
     if image is None:
         color = [c * strength for c in node.inputs["Color"].default_value[:3]]
-        return table("[[light]]", {"type": "environment", "radiance": color})
+        return {"type": "environment", "radiance": color}
     if image.type != "TEX_ENVIRONMENT" or image.image is None or image.projection != "EQUIRECTANGULAR":
         warn(f"the colour of the world is a {image.bl_label}: it is left out")
-        return table("[[light]]", {"type": "environment", "radiance": [0, 0, 0]})
+        return none
     keys = {"type": "environment", "image": sky_file(image.image, folder), "radiance": [strength] * 3}
     # The middle of Blender's image is +x, of ours +z.
     keys["rotate_deg"] = (90 - turn_of(image) + 180) % 360 - 180
-    return table("[[light]]", keys)
+    return keys
 
 
 def turn_of(image):
@@ -305,13 +359,17 @@ def visible(scene):
     return [obj for obj in layer.objects if not obj.hide_render and obj.visible_get(view_layer=layer)]
 
 
-def meshes(folder, name, known):
-    """Writes the meshes; the file that has them, an earlier one if it is the same."""
+def meshes(folder, name, known, left_out):
+    """Writes the meshes but for some; the file that has them, an earlier one if it is the same."""
     path = os.path.join(folder, name)
+    for obj in left_out:
+        obj.hide_render = True
     bpy.ops.export_scene.gltf(
         filepath=path, export_format="GLB", use_renderable=True, export_cameras=False, export_lights=False,
         export_animations=False, export_apply=True, export_yup=True,
     )
+    for obj in left_out:
+        obj.hide_render = False
     with open(path, "rb") as file:
         digest = hashlib.sha256(file.read()).hexdigest()
     if known.setdefault(digest, name) != name:
@@ -330,8 +388,14 @@ def export(folder, name, known):
     cameras = [obj for obj in scene.objects if obj.type == "CAMERA"]
     cameras.sort(key=lambda obj: (obj != scene.camera, obj.name))
     out += "".join(camera(scene, obj) for obj in cameras)
-    if any(obj.type in ("MESH", "CURVE", "SURFACE", "META", "FONT") for obj in objects):
-        out += table("[[mesh]]", {"file": meshes(folder, name + ".glb", known)})
+    solid = [obj for obj in objects if obj.type in ("MESH", "CURVE", "SURFACE", "META", "FONT")]
+    seen = [obj for obj in solid if obj.visible_camera]
+    unseen = [obj for obj in solid if not obj.visible_camera]
+    if seen:
+        out += table("[[mesh]]", {"file": meshes(folder, name + ".glb", known, unseen)})
+    if unseen:
+        file = meshes(folder, name + ".unseen.glb", known, seen)
+        out += table("[[mesh]]", {"file": file, "visible": False})
     out += world(scene, folder)
     out += "".join(light(obj, folder) for obj in objects if obj.type == "LIGHT")
     out += "".join(volume(obj, folder) for obj in objects if obj.type == "VOLUME")

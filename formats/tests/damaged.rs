@@ -498,6 +498,23 @@ fn descriptions_of_packed_scenes_are_checked() {
         let error = writer.err().unwrap();
         assert!(error.to_string().contains(says), "{says}: {error}");
     }
+    // Bits of materials that no one knows yet; bits that are known.
+    let file = small_packed();
+    let material = find(&Parts::of(&file).meta, &[0, 0, 128, 63, 0, 0, 64, 64]) + 8;
+    for (bits, is_right) in [
+        (0, true),
+        (1, true),
+        (2, true),
+        (3, true),
+        (4, false),
+        (255, false),
+    ] {
+        let bytes = changed(&file, |parts| parts.meta[material] = bits);
+        match is_right {
+            true => read_packed(&bytes).unwrap(),
+            false => refused(&bytes, read_packed, "bits that are unknown"),
+        }
+    }
     // What the metadata says of columns is what there is of them.
     let file = small_packed();
     let texels = find(&Parts::of(&file).meta, &[6, 0, 0, 0, 0, 0, 0, 0, 1, 8]);

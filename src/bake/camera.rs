@@ -62,7 +62,7 @@ pub fn bake<S: Shadows>(
                 let direction = camera.direction(&wide, x + 0.5, y + 0.5);
                 let hit = maker
                     .tracer
-                    .closest(&Ray::endless(camera.origin(), direction));
+                    .closest_seen(&Ray::endless(camera.origin(), direction));
                 let Some(hit) = hit else {
                     return Ok(None);
                 };

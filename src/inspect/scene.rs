@@ -99,6 +99,9 @@ pub struct MaterialDescription {
     pub triangles: u64,
     /// The area of these.
     pub area: f64,
+    /// Whether cameras do not see it.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub unseen: bool,
 }
 
 /// A texture.
@@ -129,6 +132,9 @@ pub struct LightDescription {
     /// Intensity of points and spots, irradiance of suns, radiance of environments, of images the
     /// mean over all directions.
     pub color: [f32; 3],
+    /// Whether it is an environment that cameras do not see.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub unseen: bool,
 }
 
 /// A camera.
@@ -248,8 +254,13 @@ pub fn scene(path: &Path, settings: &Settings, job: &Job) -> Result<Option<Scene
             .iter()
             .map(|i| i.bytes())
             .sum::<u64>();
-    let lights = scene.lights.iter().map(|l| light(l, origin));
-    let lights = lights.chain(scene.environment_image.iter().map(environment_image));
+    let lights = scene.lights.iter().map(|l| light(l, &scene));
+    let lights = lights.chain(
+        scene
+            .environment_image
+            .iter()
+            .map(|i| environment_image(i, &scene)),
+    );
     let lights = lights.filter(|_| is_whole);
     let cameras = scene.cameras.iter().filter(|_| is_whole);
     Ok(Some(SceneDescription {
@@ -317,6 +328,7 @@ fn materials(scene: &Scene) -> Vec<MaterialDescription> {
             name: m.name.clone(),
             albedo: m.albedo,
             emission: m.emission,
+            unseen: !m.is_seen,
             texture: m.texture,
             triangles: 0,
             area: 0.0,
@@ -346,7 +358,8 @@ fn textures(textures: &[Texture]) -> Vec<TextureDescription> {
     textures.iter().enumerate().map(describe).collect()
 }
 
-fn light(light: &Light, origin: DVec3) -> LightDescription {
+fn light(light: &Light, scene: &Scene) -> LightDescription {
+    let origin = scene.world_from_scene;
     let (kind, position, direction, color) = match *light {
         Light::Point {
             position,
@@ -370,15 +383,17 @@ fn light(light: &Light, origin: DVec3) -> LightDescription {
         position: position.map(|p| in_world(p, origin)),
         direction: direction.map(|d| d.to_array()),
         color,
+        unseen: !scene.is_environment_seen && matches!(light, Light::Environment { .. }),
     }
 }
 
-fn environment_image(image: &EnvironmentImage) -> LightDescription {
+fn environment_image(image: &EnvironmentImage, scene: &Scene) -> LightDescription {
     LightDescription {
         kind: "environment image",
         position: None,
         direction: None,
         color: image.mean().0,
+        unseen: !scene.is_environment_seen,
     }
 }
 
@@ -545,7 +560,7 @@ impl SceneDescription {
         for m in &self.materials {
             let texture = m.texture.map_or("-".into(), |t| t.to_string());
             materials.row(vec![
-                format!("'{}'", m.name),
+                format!("'{}'{}", m.name, unseen(m.unseen)),
                 count(m.triangles),
                 brief(&[m.area]),
                 brief(&m.albedo),
@@ -570,7 +585,8 @@ impl SceneDescription {
         for l in &self.lights {
             let position = l.position.map_or("-".into(), |p| brief(&p));
             let direction = l.direction.map_or("-".into(), |d| brief(&d));
-            lights.row(vec![l.kind.into(), brief(&l.color), position, direction]);
+            let kind = format!("{}{}", l.kind, unseen(l.unseen));
+            lights.row(vec![kind, brief(&l.color), position, direction]);
         }
         let mut cameras = Table::new(&["camera", "position", "direction", "degrees across"]);
         for c in &self.cameras {
@@ -587,6 +603,14 @@ impl SceneDescription {
             }
         }
         Ok(())
+    }
+}
+
+/// What follows the name of something that cameras do not see.
+fn unseen(is_unseen: bool) -> &'static str {
+    match is_unseen {
+        true => " (unseen)",
+        false => "",
     }
 }
 

@@ -136,6 +136,15 @@ impl<'a, S: Shadows> Lights<'a, S> {
         self.shadows.transmittance(self.tracer, ray, None)
     }
 
+    /// The same for a ray of a camera, which passes surfaces that it does not see.
+    #[must_use]
+    pub fn seen_transmittance(&self, ray: &Ray) -> f32 {
+        match self.tracer.are_all_seen() {
+            true => self.transmittance(ray),
+            false => self.tracer.seen_transmittance(ray),
+        }
+    }
+
     /// The scene that shadow rays are traced in.
     #[must_use]
     pub fn tracer(&self) -> &'a Tracer<'a> {
@@ -160,6 +169,7 @@ impl<'a, S: Shadows> Lights<'a, S> {
     #[must_use]
     pub fn seen_environment(&self, direction: Vec3, angle: f32) -> Rgb {
         match &self.tracer.scene.environment_image {
+            _ if !self.tracer.scene.is_environment_seen => Rgb::BLACK,
             Some(image) => self.environment + image.seen_within(direction, angle),
             None => self.environment,
         }

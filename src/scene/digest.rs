@@ -23,7 +23,7 @@ impl Scene {
             ("lights", lights(self)),
             ("volumes", volumes(&self.volumes)),
         ];
-        parts.extend(surfels_from.map(|c| (CAMERA, camera(c))));
+        parts.extend(surfels_from.map(|c| (CAMERA, camera(c, self))));
         let name = |(name, digest): (&str, Digest)| (format!("{PREFIX}{name}"), digest.hex());
         parts.into_iter().map(name).collect()
     }
@@ -39,6 +39,13 @@ impl Scene {
         let mut hasher = blake3::Hasher::new();
         for (_, digest) in self.parts(None) {
             hasher.update(digest.as_bytes());
+        }
+        for (i, _) in (self.materials.iter().enumerate()).filter(|(_, m)| !m.is_seen) {
+            hasher.update(b"unseen");
+            hasher.update(&(i as u64).to_le_bytes());
+        }
+        if !self.is_environment_seen {
+            hasher.update(b"unseen environment");
         }
         hasher.finalize().into()
     }
@@ -268,9 +275,16 @@ fn grid(grid: &Grid, digest: &mut Digest) {
     }
 }
 
-fn camera(camera: &Camera) -> Digest {
+/// Of a camera that surfels are taken from, and what it sees.
+fn camera(camera: &Camera, scene: &Scene) -> Digest {
     let mut digest = Digest::default();
     digest.floats(&camera.scene_from_camera.to_cols_array());
     digest.floats(&[camera.fov_x_rad]);
+    let unseen = scene
+        .materials
+        .iter()
+        .enumerate()
+        .filter(|(_, m)| !m.is_seen);
+    unseen.for_each(|(i, _)| digest.count(i));
     digest
 }

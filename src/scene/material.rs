@@ -13,6 +13,8 @@ pub struct Material {
     pub emission: [f32; 3],
     /// Whether the back emits too.
     pub emits_both_sides: bool,
+    /// Whether rays of cameras meet it; all others do.
+    pub is_seen: bool,
 }
 
 impl Material {
@@ -25,6 +27,7 @@ impl Material {
             texture: None,
             emission: [0.0; 3],
             emits_both_sides: false,
+            is_seen: true,
         }
     }
 }

@@ -66,6 +66,8 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// What comes from where no surface is, beside the lights.
     pub environment_image: Option<EnvironmentImage>,
+    /// Whether cameras see environments where no surface is; they light the scene in any case.
+    pub is_environment_seen: bool,
     /// Participating media; may overlap.
     pub volumes: Vec<Volume>,
     /// blake3 over the content of the scene file and of all files that it names, or over what was
@@ -101,6 +103,7 @@ impl Scene {
             textures: Vec::new(),
             lights: Vec::new(),
             environment_image: None,
+            is_environment_seen: true,
             volumes: Vec::new(),
             hash: [0; 32],
             files: Vec::new(),
@@ -198,6 +201,11 @@ impl Scene {
             Light::Environment { radiance } => sum + Rgb(*radiance),
             _ => sum,
         })
+    }
+
+    /// Whether cameras see surfaces of every material.
+    pub(crate) fn are_all_surfaces_seen(&self) -> bool {
+        self.materials.iter().all(|m| m.is_seen)
     }
 
     /// Box around all volumes; empty if there is none.

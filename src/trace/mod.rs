@@ -46,6 +46,8 @@ pub struct Tracer<'a> {
     triangles: TriangleBvh<'a>,
     /// Of the scene's volumes.
     boxes: Boxes,
+    /// Whether cameras see all surfaces.
+    are_all_seen: bool,
 }
 
 impl<'a> Tracer<'a> {
@@ -58,6 +60,7 @@ impl<'a> Tracer<'a> {
             pieces: Pieces::new(scene),
             triangles: TriangleBvh::new(&scene.mesh),
             boxes: scene.volume_boxes(),
+            are_all_seen: scene.are_all_surfaces_seen(),
         }
     }
 
@@ -82,6 +85,7 @@ impl<'a> Tracer<'a> {
             pieces: Pieces::new(scene),
             triangles: TriangleBvh::of_scene(scene, cancel)?,
             boxes: scene.volume_boxes(),
+            are_all_seen: scene.are_all_surfaces_seen(),
         })
     }
 
@@ -120,6 +124,32 @@ impl<'a> Tracer<'a> {
     pub fn closest_of_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
         walked::note_rays(rays.len() as u64);
         self.triangles.closest_of_packet(rays, hits);
+    }
+
+    /// The nearest triangle along a ray of a camera, of those that cameras see.
+    #[must_use]
+    pub fn closest_seen(&self, ray: &Ray) -> Option<Hit> {
+        walked::note_rays(1);
+        self.triangles.closest_seen(ray, self.scene)
+    }
+
+    /// Whether cameras see all surfaces.
+    #[must_use]
+    pub fn are_all_seen(&self) -> bool {
+        self.are_all_seen
+    }
+
+    /// The share of light that a camera sees from the end of a ray to its origin: 0 behind a surface
+    /// that it sees, else the transmittance of the media between.
+    #[must_use]
+    pub fn seen_transmittance(&self, ray: &Ray) -> f32 {
+        if self.closest_seen(ray).is_some() {
+            0.0
+        } else if self.volumes.is_empty() {
+            1.0
+        } else {
+            exp_neg(self.optical_depth(ray))
+        }
     }
 
     /// Whether a ray meets any surface.

@@ -62,13 +62,13 @@ def background():
     return world.node_tree.nodes["Background"]
 
 
-def lamp(kind, energy, place=(0, 0, 4), turn=(0.3, 0.2, 0), **more):
+def lamp(kind, energy, place=(0, 0, 4), turn=(0.3, 0.2, 0), seen=True, **more):
     data = bpy.data.lights.new(kind, kind)
     data.energy, data.color = energy, (1, 0.8, 0.6)
     for key, value in more.items():
         setattr(data, key, value)
     made = bpy.data.objects.new(kind, data)
-    made.location, made.rotation_euler = place, turn
+    made.location, made.rotation_euler, made.visible_camera = place, turn, seen
     bpy.context.scene.collection.objects.link(made)
 
 
@@ -95,6 +95,18 @@ def glow():
     bpy.ops.mesh.primitive_plane_add(size=1, location=(1.5, 1, 1.5), rotation=(0, math.radians(-60), 0))
     made = material("glow", "ShaderNodeEmission", Color=(1, 0.5, 0.2, 1), Strength=6)
     bpy.context.object.data.materials.append(made)
+
+
+def unseen():
+    """Lamps and a plane in the picture, and a world, none of which the camera sees."""
+    towards = (math.radians(-90), 0, 0)
+    lamp("AREA", 60, place=(0.3, -1, 1.6), turn=towards, seen=False, shape="RECTANGLE", size=0.8, size_y=0.6)
+    lamp("POINT", 60, place=(-0.4, -1, 1.7), seen=False, shadow_soft_size=0.2)
+    bpy.ops.mesh.primitive_plane_add(size=0.7, location=(1, -1.5, 0.8), rotation=(math.radians(90), 0, 0))
+    bpy.context.object.data.materials.append(material("m", "ShaderNodeBsdfDiffuse", Color=(0.8, 0.1, 0.1, 1)))
+    bpy.context.object.visible_camera = False
+    background().inputs["Color"].default_value = (0.2, 0.25, 0.3, 1)
+    bpy.context.scene.world.cycles_visibility.camera = False
 
 
 def smoke():
@@ -195,6 +207,8 @@ rows = [
     ("spot", lambda: lamp("SPOT", 900, spot_size=1.0, spot_blend=0.4, shadow_soft_size=0.0), 0.03),
     ("area", lambda: lamp("AREA", 300, shape="RECTANGLE", size=1.5, size_y=0.8), 0.03),
     ("disk", lambda: lamp("AREA", 300, shape="DISK", size=1.5), 0.03),
+    ("ball", lambda: lamp("POINT", 200, (0.4, -0.5, 2), shadow_soft_size=0.4, use_soft_falloff=False), 0.03),
+    ("unseen", unseen, 0.03),
     ("glow", glow, 0.05),
     ("sky", sky_image, 0.03),
     ("smoke", smoke, 0.05),

@@ -35,6 +35,7 @@ mod sky;
 mod support;
 mod textures;
 mod tiles;
+mod unseen;
 mod views;
 
 use lvox::image::{Frame, Region};

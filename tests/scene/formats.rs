@@ -215,11 +215,11 @@ fn keys_override_what_the_file_says() {
 
     let text = mesh(
         "a.ply",
-        "texture = \"t.png\"\nemission = [1, 2, 3]\nemits_both_sides = true\nname = \"n\"",
+        "texture = \"t.png\"\nemission = [1, 2, 3]\nemits_both_sides = true\nvisible = false\nname = \"n\"",
     );
     let scene = load(&text, &files).unwrap();
     assert_eq!(scene.materials[0].emission, [1.0, 2.0, 3.0]);
-    assert!(scene.materials[0].emits_both_sides);
+    assert!(scene.materials[0].emits_both_sides && !scene.materials[0].is_seen);
     assert_eq!(scene.materials[0].name, "n");
     assert_eq!(scene.mesh.uvs[0], Vec2::new(0.0, 1.0), "v runs downwards");
     assert_eq!(scene.textures.len(), 1);

@@ -366,6 +366,27 @@ fn scene_files() {
             "no `image`",
             "irradiance",
         ),
+        (
+            "[[light]]\ntype = \"point\"\nposition = [0, 2, 0]\nintensity = [1, 1, 1]\nvisible = false",
+            "no `visible`",
+            "its keys are position, intensity",
+        ),
+        (
+            "[[light]]\ntype = \"environment\"\nradiance = [1, 1, 1]\nvisible = 0",
+            "expected true or false",
+            "",
+        ),
+        (
+            "[[light]]\ntype = \"environment\"\nradiance = [1, 1, 1]\nvisible = false\n\
+             [[light]]\ntype = \"environment\"\nradiance = [1, 1, 1]",
+            "expected `visible` to be the same for all environments",
+            "to each of them, or to none",
+        ),
+        (
+            "[[mesh]]\nfile = \"builtin:quad\"\nvisible = \"no\"",
+            "expected true or false",
+            "",
+        ),
     ];
     for (text, message, hint) in cases {
         let found = refused(&format!("{CUBE}{text}\n"), &[]);

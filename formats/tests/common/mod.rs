@@ -85,6 +85,7 @@ pub fn packed_meta() -> PackedMeta {
         texture,
         emission: [0.0, 1.0, 3.0],
         emits_both_sides: texture.is_none(),
+        is_unseen: false,
     };
     PackedMeta {
         scene_hash: [9; 32],

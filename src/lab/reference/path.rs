@@ -114,7 +114,7 @@ impl<'a> PathTracer<'a> {
                 return sum + throughput * self.end(origin, direction, lobe_pdf, sampler);
             }
             let [flight, choice, u, v] = sampler.next4();
-            let hit = self.triangles.closest(&Ray::endless(origin, direction));
+            let hit = self.met(&Ray::endless(origin, direction), lobe_pdf);
             let t_max = hit.map_or(f32::INFINITY, |h| h.t);
             let volumes = &self.scene.volumes;
             let collision = flight::collide(
@@ -163,6 +163,15 @@ impl<'a> PathTracer<'a> {
                 return sum;
             }
             depth += 1;
+        }
+    }
+
+    /// What a segment of a path runs into: the first is that of a camera, which passes what it does not
+    /// see.
+    fn met(&self, ray: &Ray, lobe_pdf: f32) -> Option<Hit> {
+        match lobe_pdf.is_infinite() {
+            true => self.triangles.closest_seen(ray, self.scene),
+            false => self.triangles.closest(ray),
         }
     }
 
@@ -244,7 +253,7 @@ impl<'a> PathTracer<'a> {
         if !self.sources.can_be_hit() {
             return Rgb::BLACK;
         }
-        let hit = self.triangles.closest(&Ray::endless(origin, direction));
+        let hit = self.met(&Ray::endless(origin, direction), lobe_pdf);
         let light = match &hit {
             None => self.environment(direction, lobe_pdf),
             Some(hit) => {

@@ -64,6 +64,9 @@ impl<'a> Sources<'a> {
     /// Radiance that a camera sees in a direction in which no surface is.
     #[must_use]
     pub fn seen_environment(&self, direction: Vec3) -> Rgb {
+        if !self.scene.is_environment_seen {
+            return Rgb::BLACK;
+        }
         let sky = self.sky.as_ref();
         self.environment + sky.map_or(Rgb::BLACK, |sky| sky.seen(direction))
     }

@@ -76,6 +76,13 @@ impl MeshInput {
         self
     }
 
+    /// Lets rays of cameras pass it; all other rays meet it.
+    #[must_use]
+    pub fn unseen(mut self) -> Self {
+        self.materials.iter_mut().for_each(|m| m.is_seen = false);
+        self
+    }
+
     /// Gives it materials of its own in place of the one: `of_triangle` holds an index into
     /// `materials` for each triangle, and `materials` index `textures`.
     #[must_use]

@@ -89,6 +89,8 @@ pub struct SceneBuilder {
     pub(super) meshes: Vec<MeshInput>,
     pub(super) lights: Vec<LightInput>,
     pub(super) environment_image: Option<EnvironmentInput>,
+    /// Whether cameras do not see environments.
+    pub(super) is_environment_unseen: bool,
     pub(super) volumes: Vec<VolumeInput>,
 }
 
@@ -169,6 +171,13 @@ impl SceneBuilder {
     #[must_use]
     pub fn environment_image(mut self, image: EnvironmentInput) -> Self {
         self.environment_image = Some(image);
+        self
+    }
+
+    /// Lets cameras see nothing where no surface is; environments light the scene as ever.
+    #[must_use]
+    pub fn unseen_environment(mut self) -> Self {
+        self.is_environment_unseen = true;
         self
     }
 
@@ -297,6 +306,7 @@ impl SceneBuilder {
             textures,
             lights: lights.collect(),
             environment_image,
+            is_environment_seen: !self.is_environment_unseen,
             volumes: volumes.collect(),
             hash: [0; 32],
             files: Vec::new(),

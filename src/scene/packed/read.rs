@@ -82,8 +82,9 @@ fn scene(
         },
         materials: meta.materials.iter().map(material).collect(),
         textures,
-        lights: meta.lights.iter().map(light).collect(),
+        lights: meta.lights.iter().filter_map(light).collect(),
         environment_image: sky.transpose()?,
+        is_environment_seen: !meta.lights.contains(&PackedLight::UnseenEnvironment),
         volumes: volumes.collect::<Result<_>>()?,
         hash: meta.scene_hash,
         files: vec![path.to_owned()],
@@ -122,8 +123,8 @@ fn key(key: &PackedCameraKey) -> CameraKey {
     }
 }
 
-fn light(light: &PackedLight) -> Light {
-    match *light {
+fn light(light: &PackedLight) -> Option<Light> {
+    Some(match *light {
         PackedLight::Point {
             position,
             intensity,
@@ -154,7 +155,8 @@ fn light(light: &PackedLight) -> Light {
             angular_radius_rad,
         },
         PackedLight::Environment { radiance } => Light::Environment { radiance },
-    }
+        PackedLight::UnseenEnvironment => return None,
+    })
 }
 
 fn environment_image(packed: &PackedScene, info: &PackedEnvironment) -> Result<EnvironmentImage> {
@@ -171,6 +173,7 @@ fn material(material: &PackedMaterial) -> Material {
         texture: material.texture,
         emission: material.emission,
         emits_both_sides: material.emits_both_sides,
+        is_seen: !material.is_unseen,
     }
 }
 

@@ -69,7 +69,7 @@ pub fn description(scene: &Scene, tables: &LevelTables) -> PackedMeta {
         },
         frame: scene.files_of_frame,
         cameras: scene.cameras.iter().map(camera).collect(),
-        lights: scene.lights.iter().map(light).collect(),
+        lights: lights(scene),
         environment: scene.environment_image.as_ref().map(environment),
         materials: scene.materials.iter().map(material).collect(),
         images: images.into_iter().map(image).collect(),
@@ -157,6 +157,11 @@ fn key(key: &CameraKey) -> PackedCameraKey {
     }
 }
 
+fn lights(scene: &Scene) -> Vec<PackedLight> {
+    let unseen = (!scene.is_environment_seen).then_some(PackedLight::UnseenEnvironment);
+    scene.lights.iter().map(light).chain(unseen).collect()
+}
+
 fn light(light: &Light) -> PackedLight {
     match *light {
         Light::Point {
@@ -210,6 +215,7 @@ fn material(material: &Material) -> PackedMaterial {
         texture: material.texture,
         emission: material.emission,
         emits_both_sides: material.emits_both_sides,
+        is_unseen: !material.is_seen,
     }
 }
 

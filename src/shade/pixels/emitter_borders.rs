@@ -69,7 +69,7 @@ impl EmitterBorders {
         let scene = view.tracer.scene;
         for (t, &material) in scene.mesh.material.iter().enumerate() {
             let material = &scene.materials[material as usize];
-            if Rgb(material.emission).is_black() {
+            if Rgb(material.emission).is_black() || !material.is_seen {
                 continue;
             }
             let corners = scene.mesh.corners(t);
@@ -182,7 +182,7 @@ impl EmitterBorders {
                 let t = (corners[0] - origin).dot(normal) / d.dot(normal);
                 let end = short_of(origin + d * t, t);
                 if t.is_finite() {
-                    through += lights.transmittance(&Ray::new(origin, d, end));
+                    through += lights.seen_transmittance(&Ray::new(origin, d, end));
                 }
             }
             let material = &scene.materials[scene.mesh.material[triangle as usize] as usize];

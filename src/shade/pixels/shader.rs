@@ -143,7 +143,7 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         let direction = view.camera.direction(&view.film, x, y);
         let hit = view
             .tracer
-            .closest(&Ray::endless(view.camera.origin(), direction));
+            .closest_seen(&Ray::endless(view.camera.origin(), direction));
         let surface =
             hit.map(|h| Surface::new(view.tracer.scene, h.triangle, h.uv).facing(-direction));
         Sample {

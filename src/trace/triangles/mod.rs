@@ -16,7 +16,7 @@ mod split;
 use super::watertight::{Block, LANES, ShearedRay, VertexBlock};
 use crate::column::Column;
 use crate::math::{Hit, Ray};
-use crate::scene::Mesh;
+use crate::scene::{Mesh, Scene};
 use glam::Vec3;
 use slab_ray::{SlabRay, Stack};
 use std::borrow::Borrow;
@@ -159,8 +159,31 @@ impl TriangleBvh<'_> {
     #[must_use]
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
         match &self.blocks {
-            Blocks::Corners(blocks) => self.closest_of(&&blocks[..], ray),
+            Blocks::Corners(blocks) => self.closest_of(&&blocks[..], ray, |_| true),
             Blocks::Vertices(blocks) => self.closest_by_vertex(blocks, ray),
+        }
+    }
+
+    /// The nearest hit along a ray of a camera: of triangles that cameras see in a scene.
+    #[must_use]
+    pub fn closest_seen(&self, ray: &Ray, scene: &Scene) -> Option<Hit> {
+        let is_seen = |triangle: u32| {
+            let material = scene.mesh.material[triangle as usize];
+            scene.materials[material as usize].is_seen
+        };
+        let hit = self.closest(ray)?;
+        match is_seen(hit.triangle) {
+            true => Some(hit),
+            false => self.closest_where(ray, is_seen),
+        }
+    }
+
+    /// The nearest hit along a ray, of some triangles.
+    #[inline(never)]
+    fn closest_where(&self, ray: &Ray, is_one: impl Fn(u32) -> bool) -> Option<Hit> {
+        match &self.blocks {
+            Blocks::Corners(blocks) => self.closest_of(&&blocks[..], ray, is_one),
+            Blocks::Vertices(blocks) => self.closest_of(&self.by_vertex(blocks), ray, is_one),
         }
     }
 
@@ -176,7 +199,7 @@ impl TriangleBvh<'_> {
     // Apart, so that what small meshes need is compiled as if there were nothing else.
     #[inline(never)]
     fn closest_by_vertex(&self, blocks: &[VertexBlock], ray: &Ray) -> Option<Hit> {
-        self.closest_of(&self.by_vertex(blocks), ray)
+        self.closest_of(&self.by_vertex(blocks), ray, |_| true)
     }
 
     #[inline(never)]
@@ -193,11 +216,16 @@ impl TriangleBvh<'_> {
     }
 
     #[inline(always)]
-    fn closest_of(&self, blocks: &impl Corners, ray: &Ray) -> Option<Hit> {
+    fn closest_of(
+        &self,
+        blocks: &impl Corners,
+        ray: &Ray,
+        is_one: impl Fn(u32) -> bool,
+    ) -> Option<Hit> {
         let ray = self.scaled(ray);
         let mut nearest = Nearest::new(ray.t_max);
         self.visit(blocks, &ray, |block, sheared, t_end| {
-            nearest.meet(block, sheared);
+            nearest.meet(block, sheared, &is_one);
             *t_end = nearest.t_end;
             true
         });
@@ -299,7 +327,7 @@ impl Nearest {
     /// Takes the nearest of a block's hits if it is nearer, or as near and of a triangle that comes
     /// before.
     #[inline(always)]
-    fn meet(&mut self, block: &Block, sheared: &ShearedRay) {
+    fn meet(&mut self, block: &Block, sheared: &ShearedRay, is_one: impl Fn(u32) -> bool) {
         let met = sheared.meet(block);
         let mut lanes = met.lanes;
         while lanes != 0 {
@@ -309,7 +337,7 @@ impl Nearest {
             let first = self
                 .best
                 .is_none_or(|b| t < b.t || (t == b.t && triangle < b.triangle));
-            if t < self.t_max && first {
+            if t < self.t_max && first && is_one(triangle) {
                 self.t_end = t;
                 self.best = Some(Hit {
                     t,

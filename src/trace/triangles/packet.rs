@@ -77,7 +77,7 @@ impl TriangleBvh<'_> {
                     } = &mut packet[k];
                     let t_end = nearest.t_end;
                     self.visit_from(blocks, child, slabs, t_end, |block, t_end| {
-                        nearest.meet(block, sheared);
+                        nearest.meet(block, sheared, |_| true);
                         *t_end = nearest.t_end;
                         true
                     });
@@ -88,7 +88,7 @@ impl TriangleBvh<'_> {
                         let Member {
                             sheared, nearest, ..
                         } = &mut packet[k];
-                        nearest.meet(block.borrow(), sheared);
+                        nearest.meet(block.borrow(), sheared, |_| true);
                     }
                 }
             } else {

@@ -42,6 +42,8 @@ pub enum PackedLight {
         /// Radiance from every direction.
         radiance: [f32; 3],
     },
+    /// No light, but that cameras do not see environments, which light the scene as ever.
+    UnseenEnvironment,
 }
 
 /// A lat-long image of the radiance from all directions.
@@ -100,6 +102,7 @@ impl PackedLight {
                     && (0.0..1.56).contains(&angular_radius_rad)
             }
             Self::Environment { radiance } => is_light(radiance),
+            Self::UnseenEnvironment => true,
         };
         check(
             is_right,

@@ -2,22 +2,16 @@
 
 use super::rules::{are_shares, check, is_light};
 use crate::Result;
+use bincode::de::Decoder;
+use bincode::enc::Encoder;
+use bincode::error::{DecodeError, EncodeError};
 
 /// Vertices and triangles that indices have room for.
 const MAX_VERTICES: u64 = u32::MAX as u64;
 const MAX_TRIANGLES: u64 = 1 << 27;
 
 /// How a surface reflects and emits.
-#[derive(
-    Clone,
-    Debug,
-    Default,
-    PartialEq,
-    serde::Serialize,
-    serde::Deserialize,
-    bincode::Encode,
-    bincode::Decode,
-)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PackedMaterial {
     /// Name, for messages.
     pub name: String,
@@ -29,6 +23,9 @@ pub struct PackedMaterial {
     pub emission: [f32; 3],
     /// Whether the back emits too.
     pub emits_both_sides: bool,
+    /// Whether rays of cameras pass it.
+    #[serde(default)]
+    pub is_unseen: bool,
 }
 
 /// The texels of an image, which textures share.
@@ -147,6 +144,45 @@ pub struct PackedHierarchy {
     /// Boxes and corners are this many times larger than the mesh: a power of two.
     pub scale: f32,
 }
+
+/// Bits of the byte that ends a material.
+const BOTH_SIDES: u8 = 1;
+const UNSEEN: u8 = 2;
+
+impl bincode::Encode for PackedMaterial {
+    fn encode<E: Encoder>(&self, encoder: &mut E) -> std::result::Result<(), EncodeError> {
+        let bit = |is_set: bool, bit: u8| if is_set { bit } else { 0 };
+        let bits = bit(self.emits_both_sides, BOTH_SIDES) | bit(self.is_unseen, UNSEEN);
+        self.name.encode(encoder)?;
+        self.albedo.encode(encoder)?;
+        self.texture.encode(encoder)?;
+        self.emission.encode(encoder)?;
+        bits.encode(encoder)
+    }
+}
+
+impl<C> bincode::Decode<C> for PackedMaterial {
+    fn decode<D: Decoder<Context = C>>(decoder: &mut D) -> std::result::Result<Self, DecodeError> {
+        let material = Self {
+            name: String::decode(decoder)?,
+            albedo: bincode::Decode::decode(decoder)?,
+            texture: bincode::Decode::decode(decoder)?,
+            emission: bincode::Decode::decode(decoder)?,
+            ..Self::default()
+        };
+        let bits = u8::decode(decoder)?;
+        if bits > BOTH_SIDES | UNSEEN {
+            return Err(DecodeError::Other("a material has bits that are unknown"));
+        }
+        Ok(Self {
+            emits_both_sides: bits & BOTH_SIDES != 0,
+            is_unseen: bits & UNSEEN != 0,
+            ..material
+        })
+    }
+}
+
+bincode::impl_borrow_decode!(PackedMaterial);
 
 impl PackedMaterial {
     pub(super) fn validate(&self, textures: usize) -> Result<()> {

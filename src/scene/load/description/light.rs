@@ -8,7 +8,7 @@ use crate::scene::load::table::Table;
 use std::path::Path;
 
 /// Keys of lights.
-pub const LIGHT: [&str; 13] = [
+pub const LIGHT: [&str; 14] = [
     "type",
     "position",
     "direction",
@@ -22,6 +22,7 @@ pub const LIGHT: [&str; 13] = [
     "image",
     "rotate_deg",
     "sun",
+    "visible",
 ];
 /// The types of lights.
 const LIGHT_TYPES: [&str; 4] = ["point", "spot", "directional", "environment"];
@@ -46,6 +47,25 @@ fn only(table: &Table<'_>, keys: &[&str]) -> Result<()> {
     Ok(())
 }
 
+/// Whether `visible = false` hides environments from cameras. It hides all of them or none: a picture
+/// has one background.
+pub fn are_environments_unseen(lights: &[Table<'_>]) -> Result<bool> {
+    let mut first: Option<bool> = None;
+    for table in lights {
+        if LIGHT_TYPES[table.require("type")?.choice(&LIGHT_TYPES)?] != "environment" {
+            continue;
+        }
+        let item = table.get("visible");
+        let is_seen = item.as_ref().map_or(Ok(true), |item| item.flag())?;
+        if *first.get_or_insert(is_seen) != is_seen {
+            return Err(table
+                .error("expected `visible` to be the same for all environments, found both")
+                .hint("add `visible = false` to each of them, or to none"));
+        }
+    }
+    Ok(first == Some(false))
+}
+
 /// The image of an environment; `None` for lights without one.
 pub fn environment_image(
     table: &Table<'_>,
@@ -59,7 +79,10 @@ pub fn environment_image(
     else {
         return Ok(None);
     };
-    only(table, &["image", "radiance", "rotate_deg", "sun"])?;
+    only(
+        table,
+        &["image", "radiance", "rotate_deg", "sun", "visible"],
+    )?;
     let scale = match table.get("radiance") {
         Some(item) => item.color(MAX_EMISSION)?,
         None => [1.0; 3],
@@ -111,7 +134,7 @@ pub fn light(table: &Table<'_>) -> Result<LightInput> {
                 .map_err(|e| table.error(e))
         }
         _ => {
-            only(&["radiance", "image"])?;
+            only(&["radiance", "image", "visible"])?;
             Ok(LightInput::environment(color("radiance")?))
         }
     }

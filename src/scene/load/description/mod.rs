@@ -22,7 +22,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 const FILM: [&str; 3] = ["width", "height", "exposure"];
-const MESH: [&str; 15] = [
+const MESH: [&str; 16] = [
     "file",
     "name",
     "transform",
@@ -35,6 +35,7 @@ const MESH: [&str; 15] = [
     "color_encoding",
     "emission",
     "emits_both_sides",
+    "visible",
     "normals",
     "import",
     "light_scale",
@@ -72,6 +73,7 @@ pub(super) fn read(text: &str, path: &Path, files: &mut Files) -> Result<SceneBu
     // The tables are checked before the first large file is read.
     let lights = root.tables("light", &LIGHT)?;
     let volume_tables = root.tables("volume", &VOLUME)?;
+    builder.is_environment_unseen = light::are_environments_unseen(&lights)?;
     for table in lights {
         match environment_image(&table, path, files)? {
             None => builder.lights.push(light(&table)?),
@@ -266,6 +268,10 @@ fn surface(table: &Table<'_>, scene: &Path, mesh: &mut MeshInput, files: &mut Fi
     if let Some(item) = table.get("emits_both_sides") {
         let both = item.flag()?;
         materials.iter_mut().for_each(|m| m.emits_both_sides = both);
+    }
+    if let Some(item) = table.get("visible") {
+        let is_seen = item.flag()?;
+        materials.iter_mut().for_each(|m| m.is_seen = is_seen);
     }
     if let Some(item) = table.get("name") {
         let name = item.text()?;

@@ -134,7 +134,9 @@ impl<P: Pages> PilotGathers<'_, P> {
             .camera
             .direction(&view.film, at[0] * size[0], at[1] * size[1]);
         let origin = view.camera.origin();
-        let hit = view.tracer.closest(&Ray::endless(origin, to_surface))?;
+        let hit = view
+            .tracer
+            .closest_seen(&Ray::endless(origin, to_surface))?;
         let around = 0.25 * size[0] / PILOTS_ALONG_AXIS as f32 * view.pixel_angle * hit.t;
         let corners = view.tracer.scene.mesh.corners(hit.triangle as usize);
         let uv = middle_around(&hit, corners, around);

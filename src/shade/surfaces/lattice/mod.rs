@@ -421,7 +421,7 @@ impl Receivers<'_> {
         let [x, y] = place.map(|c| (c * self.step) as f32 + offset + 0.5);
         let direction = view.camera.direction(&view.film, x, y);
         let origin = view.camera.origin();
-        let hit = view.tracer.closest(&Ray::endless(origin, direction))?;
+        let hit = view.tracer.closest_seen(&Ray::endless(origin, direction))?;
         let surface = Surface::new(view.tracer.scene, hit.triangle, hit.uv).facing(-direction);
         let node = LatticeGather {
             position: surface.position,
