@@ -311,6 +311,129 @@ fn a_browser_draws_the_points_in_their_colours() {
     }
 }
 
+/// Share of a view that a box covers, of three edges that are not at right angles.
+fn covered(edges: [[f64; 3]; 3], size: [f64; 2]) -> f64 {
+    let dot = |a: [f64; 3], b: [f64; 3]| (0..3).map(|k| a[k] * b[k]).sum::<f64>();
+    let corner = |i: usize| -> [f64; 3] {
+        let half = |a: usize| if i >> a & 1 == 1 { 0.5 } else { -0.5 };
+        std::array::from_fn(|k| (0..3).map(|a| half(a) * edges[a][k]).sum())
+    };
+    // As the view stands at first: around the box of all points, which is that of a ball as large.
+    let volume = {
+        let [a, b, c] = edges;
+        let cross = [
+            b[1] * c[2] - b[2] * c[1],
+            b[2] * c[0] - b[0] * c[2],
+            b[0] * c[1] - b[1] * c[0],
+        ];
+        dot(a, cross).abs()
+    };
+    let radius = (volume * 0.75 / std::f64::consts::PI).cbrt();
+    let (yaw, pitch, distance) = (0.6_f64, 0.35_f64, 2.5 * radius * 3.0_f64.sqrt());
+    let (sin_yaw, cos_yaw) = yaw.sin_cos();
+    let (sin_pitch, cos_pitch) = pitch.sin_cos();
+    let back = [sin_yaw * cos_pitch, sin_pitch, cos_yaw * cos_pitch];
+    let right = [cos_yaw, 0.0, -sin_yaw];
+    let up = [
+        back[1] * right[2] - back[2] * right[1],
+        back[2] * right[0] - back[0] * right[2],
+        back[0] * right[1] - back[1] * right[0],
+    ];
+    let aspect = size[0] / size[1];
+    let scale = 1.0 / 0.38_f64.tan() / (1.0 / aspect).max(1.0);
+    let mut points: Vec<[f64; 2]> = (0..8)
+        .map(|i| {
+            let p = corner(i);
+            let ahead = distance - dot(p, back);
+            [
+                dot(p, right) * scale / aspect / ahead,
+                dot(p, up) * scale / ahead,
+            ]
+        })
+        .collect();
+    // The area of their hull, by one chain below and one above.
+    points.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let turn = |o: [f64; 2], a: [f64; 2], b: [f64; 2]| {
+        (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0])
+    };
+    let chain = |points: &mut dyn Iterator<Item = [f64; 2]>| {
+        let mut chain: Vec<[f64; 2]> = Vec::new();
+        for p in points {
+            while chain.len() > 1 && turn(chain[chain.len() - 2], chain[chain.len() - 1], p) <= 0.0
+            {
+                chain.pop();
+            }
+            chain.push(p);
+        }
+        chain
+    };
+    let lower = chain(&mut points.iter().copied());
+    let upper = chain(&mut points.iter().rev().copied());
+    let hull = [&lower[..lower.len() - 1], &upper[..]].concat();
+    let twice: f64 = hull
+        .windows(2)
+        .map(|p| p[0][0] * p[1][1] - p[0][1] * p[1][0])
+        .sum();
+    0.5 * twice / 4.0
+}
+
+#[test]
+fn a_browser_draws_lvoxels_as_boxes() {
+    let Some(browser) = browser::find() else {
+        return;
+    };
+    let dir = tempfile::tempdir().unwrap();
+    // Edges of a voxel, which are three times as long in one direction, and sheared.
+    let edges = [[1.5, 0.0, 0.0], [0.25, 0.5, 0.0], [0.0, 0.0, 0.5]];
+    let [a, b, c] = [1.0 / 1.5, 2.0, 2.0];
+    let index_from_scene = [[a, 0.0, 0.0], [-a * 0.5, b, 0.0], [0.0, 0.0, c], [0.0; 3]];
+    for (k, edge) in edges.iter().enumerate() {
+        let back: [f64; 3] =
+            std::array::from_fn(|r| (0..3).map(|col| index_from_scene[col][r] * edge[col]).sum());
+        assert!(
+            (0..3).all(|r| (back[r] - f64::from(u8::from(r == k))).abs() < 1e-12),
+            "{back:?}"
+        );
+    }
+    let meta = CloudMeta {
+        scene_name: "box".into(),
+        volumes: vec![VolumeInfo {
+            name: "box".into(),
+            dims: [4; 3],
+            index_from_scene,
+            albedo: [0.9; 3],
+        }],
+        disk_overlap: 2.0,
+        ..CloudMeta::default()
+    };
+    let path = dir.path().join("box.lvc");
+    let mut writer = CloudWriter::create(&path, meta, Overwrite::Replace).unwrap();
+    let opaque = Lvoxel {
+        block: [1, 1, 1],
+        level: 0,
+        sigma_t: 1e4,
+        source: SOURCE,
+        ..Lvoxel::default()
+    };
+    writer.push_lvoxels(&[opaque]).unwrap();
+    writer.finish().unwrap();
+    let found = probed(browser, dir.path(), "box.lvc", "#probe");
+    assert_eq!(
+        (&found["drawn"], &found["error"]),
+        (&1.into(), &0.into()),
+        "{found}"
+    );
+    let size = [0, 1].map(|i| found["size"][i].as_f64().unwrap());
+    let (share, expected) = (found["share"].as_f64().unwrap(), covered(edges, size));
+    assert!(
+        (share / expected - 1.0).abs() < 0.02,
+        "{share} is not {expected}"
+    );
+    near(&found["mean_of_pixels"], SOURCE, 0.03);
+    let picked = found["picked"].as_str().unwrap();
+    assert!(picked.contains("edges1.5, 0.559, 0.5"), "{picked}");
+}
+
 #[test]
 fn a_browser_probes_the_values_of_the_file() {
     let Some(browser) = browser::find() else {

@@ -103,6 +103,11 @@ impl SceneFromIndex {
         })
     }
 
+    /// Edges of a voxel in scene space.
+    pub fn edges(&self) -> [[f64; 3]; 3] {
+        [0, 1, 2].map(|axis| self.inverse.map(|row| row[axis]))
+    }
+
     /// Radius of the ball that is as large as an lvoxel of a level.
     pub fn ball_radius(&self, level: u8) -> f64 {
         let side = f64::from(1u32 << level);

@@ -169,7 +169,9 @@ pub fn groups(sample: &Sample, volumes: &[VolumeInfo]) -> Vec<Value> {
                 let name: String = info.name.chars().take(60).collect();
                 value["name"] = name.into();
                 let map = super::super::disk::SceneFromIndex::of(info);
-                value["ball"] = map.map_or(0.0, |m| m.ball_radius(0)).into();
+                let ball = map.as_ref().map_or(0.0, |m| m.ball_radius(0));
+                value["ball"] = ball.into();
+                value["edges"] = json!(map.map_or([[0.0; 3]; 3], |m| m.edges()));
             }
         }
         groups.push(value);

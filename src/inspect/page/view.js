@@ -1,4 +1,4 @@
-// A view of points in WebGL2: nodes and surfels as disks, lvoxels as balls that hide as much as they would.
+// A view of points in WebGL2: nodes and surfels as disks, lvoxels as boxes that hide as much as they would.
 
 const POINT_BYTES = 14;
 const MODES = ["radiance", "normal", "radius", "page", "volume", "sigma_t"];
@@ -15,13 +15,17 @@ uniform mat4 u_clip_from_scene;
 uniform vec3 u_min, u_extent, u_eye, u_right, u_up;
 uniform vec2 u_unit;          // of radii and of sigma_t
 uniform float u_light;        // radiance times exposure
-uniform float u_grow, u_ball; // factor on radii; radius of an lvoxel of level 0, else 0
+uniform float u_grow, u_ball; // factor on sizes; radius of a ball as large as an lvoxel of level 0, else 0
+uniform float u_reach;        // from the middle of an lvoxel of level 0 to its farthest corner
 uniform vec4 u_ranges;        // logarithms: radius from, to; sigma_t from, to
 uniform int u_mode, u_volume;
 uniform bool u_marked_only, u_backs;
 uniform uint u_first;
 flat out vec3 v_colour;
-flat out float v_depth;       // optical depth of a ball; negative for a disk
+flat out float v_density;     // sigma_t of a box; negative for a disk
+flat out vec3 v_centre;
+flat out float v_scale;       // of a box: edges over those of level 0
+out vec3 v_place;
 flat out float v_behind;      // how much farther the rim is taken to be than the centre
 flat out uint v_id;
 out vec2 v_at;
@@ -54,7 +58,9 @@ void main() {
   bool is_back = dot(normal, u_eye - centre) < 0.0;
   v_id = u_first + uint(gl_InstanceID);
   v_at = corner;
-  v_depth = is_ball ? size * u_unit.y * radius * u_grow * 4.0 / 3.0 : -1.0;
+  v_density = is_ball ? size * u_unit.y : -1.0;
+  v_centre = centre;
+  v_scale = is_ball ? exp2(float(a_shape.x)) * u_grow : 1.0;
   if ((u_marked_only && size >= 0.0) || (is_back && !u_backs)) {
     gl_Position = vec4(0.0, 0.0, 2.0, 1.0);
     return;
@@ -79,18 +85,34 @@ void main() {
   vec4 front = u_clip_from_scene * vec4(centre, 1.0);
   vec4 back = u_clip_from_scene * vec4(centre - to_eye * radius * 0.5, 1.0);
   v_behind = is_ball ? 0.0 : (back.z / back.w - front.z / front.w) * 0.5;
-  gl_Position = u_clip_from_scene * vec4(centre + (right * corner.x + up * corner.y) * radius * u_grow, 1.0);
+  float reach = radius * u_grow;
+  if (is_ball) {
+    // A square before the eye that covers the sphere around the box, however near it is.
+    vec3 way = normalize(abs(to_eye.y) < 0.9 ? cross(vec3(0.0, 1.0, 0.0), to_eye) : cross(vec3(1.0, 0.0, 0.0), to_eye));
+    right = way;
+    up = cross(to_eye, way);
+    float r = u_reach * v_scale, d = distance(u_eye, centre);
+    reach = r * d / sqrt(max(d * d - r * r, 0.01 * d * d));
+  }
+  v_place = centre + (right * corner.x + up * corner.y) * reach;
+  gl_Position = u_clip_from_scene * vec4(v_place, 1.0);
 }`;
 
 const FRAGMENT = `#version 300 es
 precision highp float;
 precision highp int;
 flat in vec3 v_colour;
-flat in float v_depth;
+flat in float v_density;
+flat in vec3 v_centre;
+flat in float v_scale;
+in vec3 v_place;
 flat in float v_behind;
 flat in uint v_id;
 in vec2 v_at;
-uniform bool u_pick;
+uniform bool u_pick, u_faces;
+uniform mat4 u_clip_from_scene;
+uniform vec3 u_eye;
+uniform mat3 u_box_from_scene; // the box of an lvoxel of level 0 is -1 to 1
 out vec4 colour;
 float noise(uvec3 p) {
   uint k = p.x * 1597334673u ^ p.y * 3812015801u ^ p.z * 2798796415u;
@@ -98,13 +120,28 @@ float noise(uvec3 p) {
   return float(k >> 8) / 16777216.0;
 }
 void main() {
-  float r2 = dot(v_at, v_at);
-  if (r2 > 1.0) discard;
-  // Of a medium as many pixels are drawn as light is taken on the way through the ball.
-  if (v_depth >= 0.0 && noise(uvec3(uvec2(gl_FragCoord.xy), v_id)) > 1.0 - exp(-v_depth * 1.5 * sqrt(1.0 - r2))) discard;
-  gl_FragDepth = clamp(gl_FragCoord.z + r2 * v_behind, 0.0, 1.0);
+  float light = 1.0;
+  if (v_density < 0.0) {
+    float r2 = dot(v_at, v_at);
+    if (r2 > 1.0) discard;
+    gl_FragDepth = clamp(gl_FragCoord.z + r2 * v_behind, 0.0, 1.0);
+  } else {
+    vec3 way = v_place - u_eye;
+    vec3 from = u_box_from_scene * (u_eye - v_centre) / v_scale;
+    vec3 along = u_box_from_scene * way / v_scale;
+    along = mix(along, vec3(1e-12), lessThan(abs(along), vec3(1e-12)));
+    vec3 a = (-1.0 - from) / along, b = (1.0 - from) / along;
+    vec3 low = min(a, b), high = max(a, b);
+    float near = max(max(low.x, low.y), max(low.z, 0.0)), far = min(min(high.x, high.y), high.z);
+    if (far <= near) discard;
+    // Of a medium as many pixels are drawn as light is taken on the way through the box.
+    if (noise(uvec3(uvec2(gl_FragCoord.xy), v_id)) > 1.0 - exp(-v_density * (far - near) * length(way))) discard;
+    vec4 at = u_clip_from_scene * vec4(u_eye + way * near, 1.0);
+    gl_FragDepth = clamp(at.z / at.w * 0.5 + 0.5, 0.0, 1.0);
+    if (u_faces) light = near == low.y ? 1.0 : near == low.x ? 0.85 : 0.7;
+  }
   uint id = v_id + 1u;
-  colour = u_pick ? vec4(float(id & 255u), float((id >> 8) & 255u), float((id >> 16) & 255u), 255.0) / 255.0 : vec4(v_colour, 1.0);
+  colour = u_pick ? vec4(float(id & 255u), float((id >> 8) & 255u), float((id >> 16) & 255u), 255.0) / 255.0 : vec4(v_colour * light, 1.0);
 }`;
 
 /** The points of the file, and what they mean. */
@@ -172,6 +209,19 @@ function loadPoints(view) {
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const luminance = (c) => 0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2];
+
+/** From the middle of a box to its farthest corner, of three edges. */
+function boxReach(edges) {
+  const corners = [[1, 1], [1, -1], [-1, 1], [-1, -1]];
+  return Math.max(...corners.map(([b, c]) => Math.hypot(...[0, 1, 2].map((k) => edges[0][k] + b * edges[1][k] + c * edges[2][k])))) / 2;
+}
+
+/** The matrix, column by column, that takes half of each edge to a unit vector. */
+function boxFromScene([a, b, c]) {
+  const rows = [cross(b, c), cross(c, a), cross(a, b)];
+  const scale = 2 / dot(a, rows[0]);
+  return [0, 1, 2].flatMap((k) => rows.map((row) => row[k] * scale));
+}
 
 /** A camera that turns around a place. */
 class Orbit {
@@ -340,11 +390,17 @@ function showView() {
     gl.uniform1i(at("u_mode"), MODES.indexOf(byId("colour").value));
     gl.uniform1i(at("u_backs"), byId("backs").checked ? 1 : 0);
     gl.uniform1i(at("u_pick"), isPick ? 1 : 0);
+    // In the colours of their light boxes are as bright as the file says.
+    gl.uniform1i(at("u_faces"), byId("colour").value === "radiance" ? 0 : 1);
     const size = 2 ** Number(byId("size").value);
     for (const [group, isMarkedOnly] of shownGroups()) {
       if (group.count === 0) continue;
       gl.uniform1f(at("u_grow"), group.grow * size);
       gl.uniform1f(at("u_ball"), group.ball ?? 0);
+      if (group.kind === "lvoxel") {
+        gl.uniform1f(at("u_reach"), boxReach(group.edges));
+        gl.uniformMatrix3fv(at("u_box_from_scene"), false, boxFromScene(group.edges));
+      }
       gl.uniform1i(at("u_volume"), group.volume ?? 0);
       gl.uniform1i(at("u_marked_only"), isMarkedOnly ? 1 : 0);
       gl.uniform1ui(at("u_first"), group.first);
@@ -401,7 +457,8 @@ function showView() {
       ["page", `${data.map.name} ${found.page} of ${isMedia ? "lvoxels" : "surfels"}`],
       ["place", `${triple(found.place.map((v, k) => v + view.world_from_scene[k]))} in world space`]];
     if (found.normal) pairs.push(["normal", triple(found.normal)]);
-    pairs.push(["radius", number(found.radius, 4) + (isMedia ? " of a ball as large" : "")]);
+    if (!isMedia) pairs.push(["radius", number(found.radius, 4)]);
+    else pairs.push(["edges", group.edges.map((e) => number(Math.hypot(...e) * 2 ** found.level, 4)).join(", ")]);
     if (isMedia) pairs.push(["sigma_t", number(found.sigma_t, 4)]);
     pairs.push([isMedia ? "source" : "radiance", triple(found.radiance.map((c) => Number(c.toPrecision(4))))]);
     showPairs(byId("record"), pairs);
@@ -547,7 +604,7 @@ function showView() {
   });
   const id = pick(canvas.clientWidth / 2, canvas.clientHeight / 2);
   tellRecord(id);
-  leave({ webgl: true, error: gl.getError(), drawn: tellShown(), total: points.total, levels, share: covered / (width * height),
+  leave({ webgl: true, error: gl.getError(), drawn: tellShown(), total: points.total, levels, share: covered / (width * height), size: [width, height],
     mean_of_pixels: sums.map((s) => s / Math.max(1, covered)), mean_of_points: weighed.map((s) => s / area),
     mean_of_file: view.mean, picked: byId("record").textContent });
 }
