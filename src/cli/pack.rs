@@ -74,6 +74,7 @@ impl Args {
             let held = job.process_bytes + scene.bytes();
             return Plan::of(&files, held)
                 .with_scene(&scene)
+                .taking(pack::expected_cpu_secs(&scene))
                 .print(self.planning);
         }
         let files = pack::Files {

@@ -34,7 +34,7 @@ pub struct Plan {
     memory_bytes: u64,
     /// What there is to be done, each with the unit that its name says.
     work: Vec<(&'static str, u64)>,
-    /// CPU seconds that the work would take, about, where a pilot tells.
+    /// CPU seconds that the work would take, about, where a pilot or the user tells.
     #[serde(skip_serializing_if = "Option::is_none")]
     cpu_secs: Option<f64>,
 }
@@ -144,9 +144,10 @@ impl fmt::Display for Plan {
             "memory",
             format!("at least {}", size::format(self.memory_bytes)),
         )?;
-        match self.cpu_secs {
-            Some(secs) => line("time", format!("about {secs:.1} CPU s")),
-            None => Ok(()),
-        }
+        let time = match self.cpu_secs {
+            Some(secs) => format!("about {secs:.1} CPU s"),
+            None => "not told: only the work itself would tell".into(),
+        };
+        line("time", time)
     }
 }

@@ -3,6 +3,7 @@
 use super::files::{Files, check_writable};
 use super::options::{Context, Memory, Seed};
 use super::output;
+use super::plan::{Plan, Planning};
 use super::shade_settings::ShadeSettings;
 use super::tree_input::TreeInput;
 use crate::Result;
@@ -50,6 +51,9 @@ pub struct Args {
 
     #[command(flatten)]
     seed: Seed,
+
+    #[command(flatten)]
+    planning: Planning,
 }
 
 /// Options of `lvox shade` that make no difference to what tiles take, so that the options of one
@@ -98,6 +102,14 @@ impl Args {
         let others = shade::check_memory(&scene, &least, pixel, &[], store.least_bytes(), job)?;
         store = store.beside(others)?;
         job.heed_warnings()?;
+        if self.planning.plan {
+            let plan = Plan::of(&self.files(), others)
+                .with_scene(&scene)
+                .with_tree(&store);
+            let pixels = Region::full(film.width, film.height).pixels() as u64;
+            let plan = plan.with("pixels", pixels).with("tiles", self.count.into());
+            return plan.print(self.planning);
+        }
         let settings = (self.settings).resolve(&scene, &store, self.seed.seed, job)?;
         let costs = shade::costs(&scene, &store, &settings, job)?;
         let tiles = costs.cut(self.count)?;

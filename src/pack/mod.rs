@@ -46,6 +46,20 @@ pub fn has_made(output: &Path, scene: &Scene, files: Files<'_>) -> Result<bool> 
         && files.light.map(light).transpose()? == held(meta.light_bytes).map(light).transpose()?)
 }
 
+/// CPU seconds that packing a scene takes, about: by its triangles, over which a hierarchy is built,
+/// and its voxels, which are coded. `None` for a packed scene, which is copied.
+#[must_use]
+pub fn expected_cpu_secs(scene: &Scene) -> Option<f64> {
+    // Measured on terrain of 0.4 to 10.6 million triangles and clouds of 1 to 46 million voxels; on
+    // other scenes of more than 0.03 seconds they are off by a fifth at most.
+    const PER_TRIANGLE: f64 = 0.62e-6;
+    const PER_VOXEL: f64 = 14.5e-9;
+    let bytes: u64 = scene.volumes.iter().map(|v| v.sigma_t.bytes() as u64).sum();
+    let voxels = (bytes / size_of::<f32>() as u64) as f64;
+    let secs = PER_TRIANGLE * scene.mesh.triangles.len() as f64 + PER_VOXEL * voxels;
+    scene.as_packed().is_none().then_some(secs)
+}
+
 /// Packs a scene. Equal scenes and files give equal bytes.
 ///
 /// # Errors

@@ -24,7 +24,13 @@ fn verbs_say_what_they_would_take_and_write_nothing() {
     for (words, parts) in [
         (
             &["bake", "a.toml", "-o", "b.lvc"][..],
-            &["a.toml (", "b.lvc", "triangles  12", "voxels"][..],
+            &[
+                "a.toml (",
+                "b.lvc",
+                "triangles  12",
+                "voxels",
+                "time       not told",
+            ][..],
         ),
         (
             &["render", "a.toml", "-o", "b.exr"],
@@ -48,7 +54,11 @@ fn verbs_say_what_they_would_take_and_write_nothing() {
             ],
             &["pixels     600"],
         ),
-        (&["pack", "a.toml", "-o", "b.lvp"], &["b.lvp"]),
+        (&["pack", "a.toml", "-o", "b.lvp"], &["b.lvp", "CPU s"]),
+        (
+            &["tiles", tree[0], tree[1], tree[2], "-n", "3", "-o", "b.txt"],
+            &["b.txt", "pixels     1200", "tiles      3", "not told"],
+        ),
         (
             &["gather", "a.lvt", "points.ply", "-o", "b.ply"],
             &["points     1\n"],
