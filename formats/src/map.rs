@@ -85,12 +85,13 @@ impl MappedFile {
             }
             let mut options = memmap2::MmapOptions::new();
             options.offset(range.start as u64).len(range.len());
-            // SAFETY: the map is read-only and lives as long as what is borrowed from it. That no
-            // process changes or cuts the file meanwhile is the caller's part, stated above; our
-            // own writers rename. What remains if one does: what the compiler may assume of a
-            // slice, zstd's input while it decompresses, and the signal for a file that was cut.
-            let map =
-                unsafe { options.map(&file) }.map_err(FormatError::io("cannot map into memory"))?;
+            // If a process changes or cuts the file all the same, what remains is what the compiler
+            // may assume of a slice, zstd's input while it decompresses, and the signal for a file
+            // that was cut.
+            // SAFETY: the map is read-only and lives as long as what is borrowed from it. That the
+            // file stays is the caller's part, stated above; our own writers rename.
+            let map = unsafe { options.map(&file) };
+            let map = map.map_err(FormatError::io("cannot map into memory"))?;
             let addresses = map.as_ptr_range();
             let mapped = Mapped::new(path, addresses.start as usize..addresses.end as usize);
             let map = Map {

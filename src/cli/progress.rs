@@ -2,7 +2,7 @@
 
 use super::output::with_options;
 use crate::run::{Observer, Progress, TaskObserver};
-use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressState, ProgressStyle};
 use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -295,13 +295,19 @@ impl TaskLines {
 fn style(known_total: bool, unit: &str) -> ProgressStyle {
     let template = if known_total {
         format!(
-            "{{prefix:>8}} [{{wide_bar:.cyan/blue}}] {{human_pos}}/{{human_len}} {unit} {{per_sec}} {{eta}} left"
+            "{{prefix:>8}} [{{wide_bar:.cyan/blue}}] {{human_pos}}/{{human_len}} {unit} {{rate}} {{eta}} left"
         )
     } else {
-        format!("{{prefix:>8}} {{spinner}} {{human_pos}} {unit} {{per_sec}} {{elapsed}}")
+        format!("{{prefix:>8}} {{spinner}} {{human_pos}} {unit} {{rate}} {{elapsed}}")
     };
     ProgressStyle::with_template(&template)
         .unwrap_or_else(|_| ProgressStyle::default_bar())
+        .with_key(
+            "rate",
+            |state: &ProgressState, out: &mut dyn std::fmt::Write| {
+                let _ = write!(out, "{}/s", scaled(state.per_sec()));
+            },
+        )
         .progress_chars("=> ")
 }
 

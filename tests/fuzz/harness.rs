@@ -22,18 +22,21 @@ fn taken(bytes: usize) {
 
 // SAFETY: each call goes on to the system's allocator as it came.
 unsafe impl GlobalAlloc for Counted {
+    // SAFETY: the caller keeps the contract of the trait.
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         taken(layout.size());
         // SAFETY: as the caller promised.
         unsafe { System.alloc(layout) }
     }
 
+    // SAFETY: the caller keeps the contract of the trait.
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         taken(layout.size());
         // SAFETY: as the caller promised.
         unsafe { System.alloc_zeroed(layout) }
     }
 
+    // SAFETY: the caller keeps the contract of the trait.
     unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         taken(size);
         LIVE.fetch_sub(layout.size(), Relaxed);
@@ -41,6 +44,7 @@ unsafe impl GlobalAlloc for Counted {
         unsafe { System.realloc(block, layout, size) }
     }
 
+    // SAFETY: the caller keeps the contract of the trait.
     unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
         LIVE.fetch_sub(layout.size(), Relaxed);
         // SAFETY: as the caller promised.

@@ -394,6 +394,33 @@ fn a_crop_leaves_voxels_where_they_are() {
 }
 
 #[test]
+fn names_of_presets_have_the_number_of_the_frame() {
+    let preset = include_bytes!("../../examples/ct/tissue.vp.json");
+    let values: Vec<u8> = (0..64).map(|i| 4 * i).collect();
+    let file = bytes([4, 4, 4], &values);
+    let folder = crate::Folder::new(&[("a.nrrd", &file), ("t.0007.vp.json", preset)]);
+    let path = folder.path("scene.toml");
+    let text = "[[volume]]\nfile = \"a.nrrd\"\ntransfer = \"t.####.vp.json\"\n";
+    std::fs::write(&path, text).unwrap();
+    let load = |frame| {
+        let settings = lvox::scene::load::Settings {
+            frame,
+            ..Default::default()
+        };
+        Scene::load_with(&path, &settings, &lvox::run::Job::default())
+    };
+    let scene = load(Some(7)).unwrap();
+    assert!(scene.volumes.len() > 1 && scene.files_of_frame == Some(7));
+    let error = load(Some(8)).unwrap_err().to_string();
+    assert!(error.contains("t.0008.vp.json"), "{error}");
+    let error = load(None).unwrap_err().to_string();
+    assert!(
+        error.contains("####") && error.contains("no frame"),
+        "{error}"
+    );
+}
+
+#[test]
 fn a_preset_makes_media_of_one_file() {
     let preset = include_bytes!("../../examples/ct/tissue.vp.json");
     let values: Vec<u8> = (0..64).map(|i| 4 * i).collect();

@@ -20,10 +20,10 @@ mod linux {
     /// it; other faults go where they went.
     #[allow(unsafe_code)]
     pub fn install() {
+        // The handler runs on the stack of the thread: a fault in a file comes from code that has a
+        // stack left, and the small one for overflows is too small for a path.
         // SAFETY: both structures are valid, zeros are a valid `sigaction`, and the handler does
-        // only what may be done in one. It runs on the stack of the thread: a fault in a file comes
-        // from code that has a stack left, and the small one for overflows is too small for a path.
-        // `BEFORE` is set before the handler can run.
+        // only what may be done in one. `BEFORE` is set before it can run.
         unsafe {
             let mut before: libc::sigaction = std::mem::zeroed();
             if libc::sigaction(libc::SIGBUS, std::ptr::null(), &raw mut before) != 0 {

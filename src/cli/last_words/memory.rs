@@ -39,24 +39,28 @@ fn heeded(memory: *mut u8, bytes: usize) -> *mut u8 {
 // they are, and `refused` allocates nothing and does not unwind.
 #[allow(unsafe_code)]
 unsafe impl GlobalAlloc for Allocator {
+    // SAFETY: the caller keeps the contract of the trait.
     #[inline]
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         // SAFETY: as the caller promises.
         heeded(unsafe { System.alloc(layout) }, layout.size())
     }
 
+    // SAFETY: the caller keeps the contract of the trait.
     #[inline]
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         // SAFETY: as the caller promises.
         heeded(unsafe { System.alloc_zeroed(layout) }, layout.size())
     }
 
+    // SAFETY: the caller keeps the contract of the trait.
     #[inline]
     unsafe fn realloc(&self, memory: *mut u8, layout: Layout, bytes: usize) -> *mut u8 {
         // SAFETY: as the caller promises.
         heeded(unsafe { System.realloc(memory, layout, bytes) }, bytes)
     }
 
+    // SAFETY: the caller keeps the contract of the trait.
     #[inline]
     unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
         // SAFETY: as the caller promises.

@@ -14,6 +14,8 @@ use rayon::prelude::*;
 /// Width and height of the blocks that threads take, pixels: what blocks need around them is a
 /// smaller share of large ones, and small ones share out the work better where there are few.
 const BLOCK_SIZES: [[u32; 2]; 2] = [[128, 128], [64, 64]];
+/// The same where pixels share nothing.
+const SIZES_ALONE: [[u32; 2]; 3] = [[64, 64], [32, 32], [8, 8]];
 /// Blocks for each thread, at least, for them to be larger than the smallest.
 const BLOCKS_PER_THREAD: usize = 4;
 
@@ -36,31 +38,32 @@ pub fn shade_region<A: CameraMedia>(
         task.add(region.pixels() as u64);
     };
     let blocks = if shader.counts.pixel == 1 {
-        shade_blocks(&blocks_of(region), quantities, job, finished, |block| {
+        let blocks = blocks_of(region, BLOCK_SIZES);
+        shade_blocks(&blocks, quantities, job, finished, |block| {
             let corners = Corners::new(shader, block);
             move |x, y| corners.shade(x, y)
         })
     } else {
-        let row = |y| Region {
-            y0: y,
-            y1: y + 1,
-            ..region
-        };
-        let rows: Vec<Region> = (region.y0..region.y1).map(row).collect();
-        shade_blocks(&rows, quantities, job, finished, |_| {
+        let blocks = blocks_of(region, SIZES_ALONE);
+        shade_blocks(&blocks, quantities, job, finished, |_| {
             |x, y| shader.shade(x, y)
         })
     };
     assemble(region, quantities, &blocks?)
 }
 
-/// The parts of a region that threads take where pixels share their corners.
-fn blocks_of(region: Region) -> Vec<Region> {
+/// The parts of a region that threads take: of the first of some sizes that gives enough of them,
+/// or of the last.
+fn blocks_of<const N: usize>(region: Region, sizes: [[u32; 2]; N]) -> Vec<Region> {
     let many = BLOCKS_PER_THREAD * rayon::current_num_threads();
-    let [rest @ .., smallest] = BLOCK_SIZES;
-    let mut larger = rest.into_iter().map(|size| region.blocks(size));
-    let enough = larger.find(|blocks| blocks.len() >= many);
-    enough.unwrap_or_else(|| region.blocks(smallest))
+    let mut blocks = Vec::new();
+    for size in sizes {
+        blocks = region.blocks(size);
+        if blocks.len() >= many {
+            break;
+        }
+    }
+    blocks
 }
 
 /// Shades blocks by what `prepare` makes of each.

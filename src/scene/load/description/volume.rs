@@ -193,7 +193,8 @@ fn looks(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<Looks> {
         item.map(|i| i.number_within(0.0, 1e30)).transpose()
     };
     if let Some(item) = table.get("transfer") {
-        let path = beside(scene, item.text()?);
+        let name = files.at_frame(item.text()?);
+        let path = beside(scene, &name.map_err(|e| table.locate(e))?);
         let content = files.read("transfer", &path).map_err(|e| table.locate(e))?;
         let transfer = Transfer::read(&content, &path, files).map_err(|e| e.at(path.display()))?;
         return Ok(Looks::Preset(
