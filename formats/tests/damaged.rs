@@ -437,7 +437,10 @@ fn levels_of_packed_volumes_are_checked() {
 #[test]
 fn descriptions_of_packed_scenes_are_checked() {
     type Change = fn(&mut PackedMeta);
-    let changes: [(Change, &str); 29] = [
+    fn masks(meta: &mut PackedMeta) -> &mut Vec<PackedMask> {
+        &mut meta.parts.masks.insert(packed_masks()).masks
+    }
+    let changes: [(Change, &str); 33] = [
         (|m| m.film.width = 0, "film"),
         (|m| m.film.exposure = f32::NAN, "film"),
         (|m| m.cameras.clear(), "cameras"),
@@ -489,6 +492,10 @@ fn descriptions_of_packed_scenes_are_checked() {
         (|m| m.hierarchy.as_mut().unwrap().scale = 0.3, "hierarchy"),
         (|m| m.hierarchy.as_mut().unwrap().blocks = 3, "hierarchy"),
         (|m| (m.tree_bytes, m.light_bytes) = (0, 1), "a tree with it"),
+        (|m| masks(m).clear(), "some of 2 materials"),
+        (|m| masks(m)[0].material = 2, "some of 2 materials"),
+        (|m| masks(m)[0].cutoff = Some(1.5), "numbers from 0 to 1"),
+        (|m| masks(m)[0].texture = Some(1), "a texture below 1"),
     ];
     let dir = tempfile::tempdir().unwrap();
     for (change, says) in changes {
@@ -522,6 +529,45 @@ fn descriptions_of_packed_scenes_are_checked() {
     refused(&bytes, read_packed, "columns in the summary");
     let bytes = changed(&file, |parts| parts.blocks.swap(1, 2));
     refused(&bytes, read_packed, "block");
+}
+
+/// What is behind the description: masks, and what a reader does not know.
+#[test]
+fn parts_of_packed_scenes_are_read_or_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.lvp");
+    let mut meta = packed_meta();
+    meta.parts.masks = Some(packed_masks());
+    write_packed_as(&path, meta.clone());
+    let file = std::fs::read(path).unwrap();
+    read_packed(&file).unwrap();
+    let opened = Packed::open(&file[..]).unwrap();
+    assert_eq!(opened.meta(), &meta);
+    let rows = opened.rows(PackedColumn::Opacities, 0);
+    assert_eq!(rows, packed_rows(PackedColumn::Opacities));
+    let mut columns = opened.columns().iter();
+    let opacities = columns.find(|(c, _)| c.column == PackedColumn::Opacities);
+    let block = opacities.unwrap().1.start;
+    let outside = changed(&file, |parts| {
+        parts.blocks[block].data[0].1[4..8].copy_from_slice(&1.5_f32.to_le_bytes());
+    });
+    refused(&outside, read_packed, "row 1 of the opacities");
+    // Behind a file without masks nothing stands, as programs expect that know of none.
+    let plain = small_packed();
+    let with = Parts::of(&file).meta;
+    let first = Parts::of(&plain).meta.len();
+    assert_eq!(with[first..first + 4], 1_u32.to_le_bytes());
+    for (number, says) in [(0, "parts out of order"), (9, "unknown kind")] {
+        let bytes = changed(&file, |parts| parts.meta[first] = number);
+        refused(&bytes, read_packed, says);
+    }
+    let twice = changed(&file, |parts| {
+        let again = parts.meta[first..].to_vec();
+        parts.meta.extend(again);
+    });
+    refused(&twice, read_packed, "parts out of order");
+    let cut = changed(&file, |parts| parts.meta.truncate(first + 3));
+    refused(&cut, read_packed, "metadata");
 }
 
 #[test]

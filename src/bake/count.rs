@@ -26,13 +26,16 @@ const PAIRS: u64 = 4096;
 /// A stop on request.
 pub(super) fn surfels_for<S: Shadows>(maker: &SurfelMaker<S>, job: &Job) -> Result<u64> {
     let sampler = AreaSampler::new(maker.tracer, PAIRS, maker.seed);
-    let pairs: Vec<Pair> = (0..sampler.count())
+    let pairs: Vec<Option<Pair>> = (0..sampler.count())
         .into_par_iter()
         .map(|i| {
             job.cancel.check()?;
-            Ok(Pair::new(maker, &sampler, i))
+            let (triangle, uv) = sampler.sample(i);
+            let is_there = !maker.tracer.is_clear(triangle, uv);
+            Ok(is_there.then(|| Pair::new(maker, &sampler, i)))
         })
         .collect::<Result<_>>()?;
+    let pairs: Vec<Pair> = pairs.into_iter().flatten().collect();
     maker.tracer.scene.release_mesh();
     let over = |value: fn(&Pair) -> f64| pairs.iter().map(|p| p.area * value(p)).sum::<f64>();
     let (area, mean) = (over(|_| 1.0), over(|p| p.mean));

@@ -230,15 +230,20 @@ fn bake_area<S: Shadows>(
     while from < end {
         job.cancel.check()?;
         let to = (from + BATCH_SURFELS).min(end);
-        let batch: Vec<Surfel> = (from..to)
+        let batch: Vec<Option<Surfel>> = (from..to)
             .into_par_iter()
             .map(|i| {
                 job.cancel.check()?;
                 let (triangle, uv) = sampler.sample(i);
+                // So that the areas of those that are made add up to what masks leave.
+                if maker.tracer.is_clear(triangle, uv) {
+                    return Ok(None);
+                }
                 let area = sampler.area_per_sample(triangle);
-                Ok(maker.make(triangle, uv, area, settings.overlap, i))
+                Ok(Some(maker.make(triangle, uv, area, settings.overlap, i)))
             })
             .collect::<Result<_>>()?;
+        let batch: Vec<Surfel> = batch.into_iter().flatten().collect();
         check_surfels(&batch)?;
         // The next batch is on other triangles.
         maker.tracer.scene.release_mesh();

@@ -87,8 +87,9 @@ pub struct ShadeSettings {
     #[arg(long, value_name = "N")]
     corner_spacing: Option<u32>,
 
-    /// Cast this many camera rays more in pixels whose corners differ. With --pixel-samples above
-    /// 1, cast this many in all where the first ones differ [default: 6, 16, 48 by quality]
+    /// Cast this many camera rays more in pixels whose corners differ, three times as many where
+    /// masks cut surfaces out. With --pixel-samples above 1, cast this many in all where the first
+    /// ones differ [default: 6, 16, 48 by quality]
     #[arg(long, value_name = "N")]
     edge_samples: Option<u32>,
 

@@ -95,6 +95,9 @@ pub struct MaterialDescription {
     pub emission: [f32; 3],
     /// Number of its texture.
     pub texture: Option<u32>,
+    /// Where it is there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mask: Option<MaskDescription>,
     /// Triangles that have it.
     pub triangles: u64,
     /// The area of these.
@@ -102,6 +105,17 @@ pub struct MaterialDescription {
     /// Whether cameras do not see it.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub unseen: bool,
+}
+
+/// Where a material is there.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct MaskDescription {
+    /// Opacity, a factor on the texture if there is one.
+    pub opacity: f32,
+    /// Number of that texture.
+    pub texture: Option<u32>,
+    /// The opacity from which on it is there; `None` for a share.
+    pub cutoff: Option<f32>,
 }
 
 /// A texture.
@@ -330,6 +344,11 @@ fn materials(scene: &Scene) -> Vec<MaterialDescription> {
             emission: m.emission,
             unseen: !m.is_seen,
             texture: m.texture,
+            mask: m.mask.map(|mask| MaskDescription {
+                opacity: mask.opacity,
+                texture: mask.texture,
+                cutoff: mask.cutoff,
+            }),
             triangles: 0,
             area: 0.0,
         })
@@ -507,6 +526,19 @@ impl fmt::Display for WorldBox {
     }
 }
 
+impl fmt::Display for MaskDescription {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", brief(&[self.opacity]))?;
+        if let Some(texture) = self.texture {
+            write!(f, " of texture {texture}")?;
+        }
+        match self.cutoff {
+            Some(cutoff) => write!(f, ", cut off below {}", brief(&[cutoff])),
+            None => Ok(()),
+        }
+    }
+}
+
 impl fmt::Display for SceneDescription {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let memory = bytes(self.memory_bytes);
@@ -549,24 +581,29 @@ impl SceneDescription {
         for file in &self.files {
             files.row(vec![file.path.clone(), count(file.bytes)]);
         }
-        let mut materials = Table::new(&[
+        let mut columns = vec![
             "material",
             "triangles",
             "area",
             "albedo",
             "emission",
             "texture",
-        ]);
+        ];
+        let has_masks = self.materials.iter().any(|m| m.mask.is_some());
+        columns.extend(has_masks.then_some("opacity"));
+        let mut materials = Table::new(&columns);
         for m in &self.materials {
             let texture = m.texture.map_or("-".into(), |t| t.to_string());
-            materials.row(vec![
+            let mut row = vec![
                 format!("'{}'{}", m.name, unseen(m.unseen)),
                 count(m.triangles),
                 brief(&[m.area]),
                 brief(&m.albedo),
                 brief(&m.emission),
                 texture,
-            ]);
+            ];
+            row.extend(has_masks.then(|| m.mask.map_or("-".into(), |mask| mask.to_string())));
+            materials.row(row);
         }
         let mut textures = Table::new(&["texture", "texels", "bits", "bytes"]);
         for (i, t) in self.textures.iter().enumerate() {

@@ -37,7 +37,7 @@ pub struct Vacuum;
 impl Shadows for Vacuum {
     #[inline]
     fn transmittance(&self, tracer: &Tracer, ray: &Ray, _: Option<&dyn ShadowMedia>) -> f32 {
-        if tracer.is_occluded(ray) { 0.0 } else { 1.0 }
+        tracer.let_through(ray)
     }
 
     #[inline]
@@ -57,8 +57,11 @@ impl Shadows for SceneMedia<'_> {
     fn transmittance(&self, tracer: &Tracer, ray: &Ray, media: Option<&dyn ShadowMedia>) -> f32 {
         match media {
             None => tracer.transmittance(ray),
-            Some(media) if media.is_dark(ray.origin) || tracer.is_occluded(ray) => 0.0,
-            Some(media) => exp_neg(media.optical_depth(ray)),
+            Some(media) if media.is_dark(ray.origin) => 0.0,
+            Some(media) => match tracer.let_through(ray) {
+                0.0 => 0.0,
+                through => through * exp_neg(media.optical_depth(ray)),
+            },
         }
     }
 

@@ -189,6 +189,16 @@ fn materials(scene: &Scene) -> Digest {
         digest.floats(&m.albedo);
         digest.count(m.texture.map_or(0, |t| t as usize + 1));
     }
+    for (i, m) in scene.materials.iter().enumerate() {
+        if let Some(mask) = &m.mask {
+            digest.count(i);
+            digest.floats(&[mask.opacity, mask.cutoff.unwrap_or(-1.0)]);
+            digest.count(mask.texture.map_or(0, |t| t as usize + 1));
+        }
+    }
+    if !mesh.opacities.is_empty() {
+        digest.floats(&mesh.opacities);
+    }
     digest
 }
 

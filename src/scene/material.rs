@@ -1,4 +1,7 @@
-//! Lambertian materials, two-sided in reflection, with optional emission and base-colour texture.
+//! Lambertian materials, two-sided in reflection, with optional emission, base-colour texture and
+//! mask.
+
+use super::Mask;
 
 /// How a surface reflects and emits.
 #[derive(Clone, Debug, PartialEq)]
@@ -9,6 +12,8 @@ pub struct Material {
     pub albedo: [f32; 3],
     /// Factor on the albedo, index into the scene's textures.
     pub texture: Option<u32>,
+    /// Where the surface is there; `None` for everywhere.
+    pub mask: Option<Mask>,
     /// Emitted radiance, linear Rec.709; 0 for no light.
     pub emission: [f32; 3],
     /// Whether the back emits too.
@@ -25,9 +30,23 @@ impl Material {
             name: name.into(),
             albedo,
             texture: None,
+            mask: None,
             emission: [0.0; 3],
             emits_both_sides: false,
             is_seen: true,
+        }
+    }
+
+    /// Whether it needs texture coordinates.
+    pub(in crate::scene) fn has_texture(&self) -> bool {
+        self.texture.is_some() || self.mask.is_some_and(|mask| mask.texture.is_some())
+    }
+
+    /// Counts textures from so many further on.
+    pub(in crate::scene) fn move_textures(&mut self, first: u32) {
+        self.texture = self.texture.map(|t| t + first);
+        if let Some(mask) = &mut self.mask {
+            mask.texture = mask.texture.map(|t| t + first);
         }
     }
 }

@@ -18,6 +18,8 @@ pub struct Mesh {
     /// Texture coordinates, per vertex, (0,0) top left as in glTF. Empty when no material has a
     /// texture.
     pub uvs: Column<Vec2>,
+    /// Factors on the opacity of masks, per vertex. Empty when no mask has any.
+    pub opacities: Column<f32>,
     /// Vertex indices, counter-clockwise seen from the front.
     pub triangles: Column<[u32; 3]>,
     /// Index into the scene's materials, per triangle.
@@ -36,7 +38,8 @@ impl Mesh {
         let vertices = size_of_val(&self.positions[..])
             + size_of_val(&self.normals[..])
             + size_of_val(&self.colors[..])
-            + size_of_val(&self.uvs[..]);
+            + size_of_val(&self.uvs[..])
+            + size_of_val(&self.opacities[..]);
         let triangles = size_of_val(&self.triangles[..]) + size_of_val(&self.material[..]);
         (vertices + triangles) as u64
     }

@@ -3,6 +3,7 @@
 //! In come files, or what an application makes in memory; out comes a checked [`Scene`].
 //!
 //! - `camera`, `light`, `material`, `texture`, `mesh`, `grid`, `volume`: what a scene consists of
+//! - `mask`: where surfaces are there
 //! - `environment`: the sky, as an image
 //! - `builder`: puts a scene together in world space and f64, and checks it as a whole
 //! - `load`: readers of scene, mesh, volume and texture files, which fill a builder
@@ -20,6 +21,7 @@ pub(crate) mod environment;
 pub(crate) mod grid;
 mod light;
 pub mod load;
+mod mask;
 mod material;
 mod mesh;
 pub(crate) mod packed;
@@ -35,6 +37,7 @@ pub use camera::{Camera, CameraKey, Film};
 pub use environment::{EnvironmentImage, ImageSun};
 pub use grid::{Grid, VolumeGrid};
 pub use light::Light;
+pub use mask::{Mask, Masks};
 pub use material::Material;
 pub use mesh::Mesh;
 pub use texture::{Texture, Wrap};

@@ -2,6 +2,7 @@
 //! for.
 
 use crate::column::Column;
+use crate::math::Rgb;
 use crate::{Error, Result};
 use glam::Vec2;
 use std::sync::Arc;
@@ -20,7 +21,12 @@ pub enum Wrap {
 
 impl Wrap {
     /// The texel of `0..n` that stands at `i`.
+    #[inline]
     fn texel(self, i: i64, n: i64) -> usize {
+        // Nearly all: a division takes longer than all else.
+        if (0..n).contains(&i) {
+            return i as usize;
+        }
         let at = match self {
             Self::Repeat => i.rem_euclid(n),
             Self::Clamp => i.clamp(0, n - 1),
@@ -104,6 +110,15 @@ impl Codes {
     /// Bytes of memory that they take.
     pub(in crate::scene) fn bytes(&self) -> u64 {
         self.len() as u64 * u64::from(self.bits() / 8)
+    }
+
+    /// The value of a texel of one channel.
+    #[inline]
+    fn grey(&self, at: usize, linear: &[f32]) -> f32 {
+        match &self.values {
+            CodeValues::Bytes(values) => linear[usize::from(values[at])],
+            CodeValues::Words(values) => linear[usize::from(values[at])],
+        }
     }
 
     /// The texel at a place in the rows.
@@ -218,6 +233,30 @@ impl Texture {
         })
     }
 
+    /// Luminance of a texel by its number among all, row by row from the top.
+    #[inline]
+    pub(in crate::scene) fn luminance_of(&self, at: usize) -> f32 {
+        match &self.texels {
+            Texels::Coded(codes, linear) if codes.channels == 1 => codes.grey(at, linear),
+            Texels::Coded(codes, linear) => Rgb(codes.texel(at, linear)).luminance(),
+            Texels::Linear(texels) => Rgb(texels[at]).luminance(),
+        }
+    }
+
+    /// The number of the texel that stands in a column and a row, beyond the borders, too.
+    pub(in crate::scene) fn place(&self, [column, row]: [i64; 2]) -> usize {
+        let x = self.wrap[0].texel(column, self.width.into());
+        let y = self.wrap[1].texel(row, self.height.into());
+        y * self.width as usize + x
+    }
+
+    /// Luminance of the bilinear sample at (u, v).
+    #[must_use]
+    pub fn luminance(&self, uv: Vec2) -> f32 {
+        let [grey] = self.filtered(uv, |at| [self.luminance_of(at)]);
+        grey
+    }
+
     /// Bilinear sample at (u, v); (0,0) is the corner of the first texel, (1,1) that of the last.
     #[must_use]
     pub fn sample(&self, uv: Vec2) -> [f32; 3] {
@@ -229,7 +268,7 @@ impl Texture {
 
     /// The mean of the four texels around a place, by how near they are.
     #[inline]
-    fn filtered(&self, uv: Vec2, texel: impl Fn(usize) -> [f32; 3]) -> [f32; 3] {
+    fn filtered<const N: usize>(&self, uv: Vec2, texel: impl Fn(usize) -> [f32; N]) -> [f32; N] {
         let at = |t: f32, n: u32, wrap: Wrap| {
             let x = wrap.near(t) * n as f32 - 0.5;
             let lower = x.floor();

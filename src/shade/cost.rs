@@ -212,6 +212,7 @@ impl<A: CameraMedia> Pilot<'_, A> {
     /// What a pixel costs by itself.
     fn price(&self, pixel: &PilotPixel) -> f64 {
         let counts = &self.shader.counts;
+        let edge = counts.edge_of(pixel.is_masked);
         // Pixels share corners with their neighbours.
         let corner = 0.25 * Price::of(pixel.corners);
         let shadows = (corner - Price::RAY).max(0.0);
@@ -221,7 +222,7 @@ impl<A: CameraMedia> Pilot<'_, A> {
             price += Price::SURFACE;
         }
         if counts.pixel > 1 {
-            let more = counts.edge.saturating_sub(counts.pixel);
+            let more = edge.saturating_sub(counts.pixel);
             let differs = pixel.has_edge || pixel.has_penumbra;
             let samples = counts.pixel + if differs { more } else { 0 };
             return price + f64::from(samples) * sample;
@@ -231,7 +232,7 @@ impl<A: CameraMedia> Pilot<'_, A> {
             price += PENUMBRA_RAYS * shadows;
         }
         if pixel.has_edge {
-            price += f64::from(counts.edge) * sample;
+            price += f64::from(edge) * sample;
         }
         price
     }

@@ -58,7 +58,7 @@ impl<'a> Tracer<'a> {
             scene,
             volumes: &scene.volumes,
             pieces: Pieces::new(scene),
-            triangles: TriangleBvh::new(&scene.mesh),
+            triangles: TriangleBvh::new(&scene.mesh).with_masks(scene),
             boxes: scene.volume_boxes(),
             are_all_seen: scene.are_all_surfaces_seen(),
         }
@@ -159,6 +159,31 @@ impl<'a> Tracer<'a> {
         self.triangles.is_occluded(ray)
     }
 
+    /// What [`Tracer::closest_seen`] finds, and whether masks have a say in that: the ray ends on a
+    /// masked triangle, or has passed one.
+    #[must_use]
+    pub fn closest_seen_and_masked(&self, ray: &Ray) -> (Option<Hit>, bool) {
+        walked::note_rays(1);
+        (self.triangles).closest_seen_and_masked(ray, self.scene)
+    }
+
+    /// Whether nothing of a triangle is there, by its mask, at barycentric weights of its second and
+    /// third corner.
+    #[must_use]
+    #[inline]
+    pub fn is_clear(&self, triangle: u32, uv: [f32; 2]) -> bool {
+        let masks = self.triangles.masks();
+        masks.is_some_and(|masks| masks.is_clear(triangle, uv))
+    }
+
+    /// The share of light that surfaces let through along a ray: 0 behind one, but for masks.
+    #[must_use]
+    #[inline]
+    pub fn let_through(&self, ray: &Ray) -> f32 {
+        walked::note_rays(1);
+        self.triangles.let_through(ray)
+    }
+
     /// Whether a surface is between two points.
     #[must_use]
     pub fn is_between(&self, from: Vec3, to: Vec3) -> bool {
@@ -166,16 +191,15 @@ impl<'a> Tracer<'a> {
         distance > 0.0 && self.is_occluded(&Ray::new(from, (to - from) / distance, distance))
     }
 
-    /// The share of light that gets from the end of a ray to its origin: 0 behind a surface, else
-    /// the transmittance of the media between.
+    /// The share of light that gets from the end of a ray to its origin: what surfaces let through,
+    /// times the transmittance of the media between.
     #[must_use]
     pub fn transmittance(&self, ray: &Ray) -> f32 {
-        if self.is_occluded(ray) {
-            0.0
-        } else if self.volumes.is_empty() {
-            1.0
+        let through = self.let_through(ray);
+        if through == 0.0 || self.volumes.is_empty() {
+            through
         } else {
-            exp_neg(self.optical_depth(ray))
+            through * exp_neg(self.optical_depth(ray))
         }
     }
 

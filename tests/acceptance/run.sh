@@ -200,7 +200,9 @@ thin good 2.1e-3 0.010 0.068 0.004
 thin draft 3.4e-3 0.015 0.085 0.005
 studio good 6.0e-3 0.010 0.066 0.004
 outdoor good 1.4e-3 0.013 0.040 0.003
-outdoor draft 2.0e-3 0.025 0.048 0.004'
+outdoor draft 2.0e-3 0.025 0.048 0.004
+tree good 2.0e-3 0.057 0.050 0.003
+tree draft 5.7e-3 0.105 0.066 0.004'
 while read -r scene quality relmse pdiff flip bias; do
     name=$scene.$quality
     image=$out/$name.exr

@@ -19,6 +19,7 @@ mod hostile_trees;
 mod leaks;
 mod left_out;
 mod limits;
+mod masks;
 #[cfg(target_os = "linux")]
 mod memory;
 mod messages;

@@ -235,8 +235,8 @@ fn what_is_left_out_is_told_with_its_line() {
             "`sunsky` are left out: line 3",
         ),
         (
-            "<shape type=\"rectangle\"><bsdf type=\"mask\"><float name=\"opacity\" value=\"0.7\"/><bsdf type=\"diffuse\"/></bsdf></shape>",
-            "in part are taken as opaque from a half on: line 3",
+            "<shape type=\"rectangle\"><bsdf type=\"mask\"><texture type=\"vertexcolors\" name=\"opacity\"/><bsdf type=\"diffuse\"/></bsdf></shape>",
+            "opacities of vertices are taken as 1: line 3",
         ),
     ] {
         let scene = with(content).unwrap();
@@ -392,6 +392,51 @@ fn mistakes_are_one_line_with_their_line() {
         let error = load(scene).unwrap_err().to_string();
         assert!(error.contains(says), "{error}");
     }
+}
+
+#[test]
+fn masks_say_where_surfaces_are_there() {
+    let texture = r#"<texture type="bitmap" name="opacity"><string name="filename" value="m.png"/>
+      <boolean name="raw" value="true"/></texture>"#;
+    let leaf = r#"<bsdf type="diffuse"><rgb name="reflectance" value="0.2 0.6 0.1"/></bsdf>"#;
+    let masked = |opacity: &str| {
+        format!(
+            "<shape type=\"rectangle\" id=\"leaf\"><bsdf type=\"twosided\"><bsdf type=\"mask\">{opacity}{leaf}</bsdf></bsdf></shape>"
+        )
+    };
+    let load = |opacity: &str| {
+        let scene = format!(
+            "<scene version=\"3.0.0\"><shape type=\"rectangle\"/>{}</scene>",
+            masked(opacity)
+        );
+        let folder = folder(&scene);
+        let image =
+            image::GrayImage::from_fn(8, 8, |x, _| image::Luma([if x < 4 { 0 } else { 255 }]));
+        image.save(folder.path("m.png")).unwrap();
+        Scene::load(&folder.path("a.xml")).unwrap()
+    };
+    let scene = load(texture);
+    assert!(
+        scene.warnings.iter().all(|w| !w.contains("mask")),
+        "{:?}",
+        scene.warnings
+    );
+    let leaf = scene.materials.iter().find(|m| m.name == "leaf").unwrap();
+    let mask = leaf.mask.unwrap();
+    assert_eq!((mask.opacity, mask.cutoff), (1.0, None));
+    let opacity = &scene.textures[mask.texture.unwrap() as usize];
+    assert_eq!(opacity.sample(Vec2::new(0.25, 0.5)), [0.0; 3]);
+    let shares = load("<float name=\"opacity\" value=\"0.25\"/>");
+    let leaf = shares.materials.iter().find(|m| m.name == "leaf").unwrap();
+    assert_eq!(leaf.mask.unwrap().opacity, 0.25);
+    // Nothing of it is left, or all of it is.
+    let triangles = |opacity: &str| {
+        load(&format!("<float name=\"opacity\" value=\"{opacity}\"/>"))
+            .mesh
+            .triangles
+            .len()
+    };
+    assert_eq!((triangles("0"), triangles("1")), (2, 4));
 }
 
 #[test]

@@ -57,6 +57,8 @@ pub enum PackedColumn {
     VertexBlocks,
     /// Radiance of the environment image, 3 f32, row by row from the top.
     Environment,
+    /// Factors on the opacity of masks at vertices, f32.
+    Opacities,
 }
 
 impl PackedColumn {
@@ -85,6 +87,7 @@ impl PackedColumn {
             Self::Light => "light",
             Self::VertexBlocks => "vertex blocks",
             Self::Environment => "environment",
+            Self::Opacities => "opacities",
         }
     }
 
@@ -99,7 +102,7 @@ impl PackedColumn {
             | Self::Texels
             | Self::Environment => 12,
             Self::Uvs => 8,
-            Self::Materials | Self::CodeValues => 4,
+            Self::Materials | Self::CodeValues | Self::Opacities => 4,
             Self::Nodes => 224,
             Self::Blocks => 160,
             Self::VertexBlocks => 64,
@@ -173,7 +176,12 @@ pub fn check_rows(column: PackedColumn, first: u64, piece: &[u8], meta: &PackedM
         PackedColumn::Positions if most(piece, |v| v << 1 >> 1) <= MAX_COORDINATE.to_bits() => {
             Ok(())
         }
-        PackedColumn::Colors | PackedColumn::Texels | PackedColumn::CodeValues if are_shares() => {
+        PackedColumn::Colors
+        | PackedColumn::Texels
+        | PackedColumn::CodeValues
+        | PackedColumn::Opacities
+            if are_shares() =>
+        {
             Ok(())
         }
         PackedColumn::Triangles if u64::from(most(piece, |i| i)) < mesh.vertices => Ok(()),
@@ -184,9 +192,10 @@ pub fn check_rows(column: PackedColumn, first: u64, piece: &[u8], meta: &PackedM
         ),
         PackedColumn::Normals => all(&is_normal, "a vector of length 1, or 0"),
         PackedColumn::Uvs => all(&|row| floats(row).all(f32::is_finite), "finite numbers"),
-        PackedColumn::Colors | PackedColumn::Texels | PackedColumn::CodeValues => {
-            all(&shares, "numbers from 0 to 1")
-        }
+        PackedColumn::Colors
+        | PackedColumn::Texels
+        | PackedColumn::CodeValues
+        | PackedColumn::Opacities => all(&shares, "numbers from 0 to 1"),
         PackedColumn::Triangles => all(
             &below(mesh.vertices),
             &format!("vertices below {}", mesh.vertices),

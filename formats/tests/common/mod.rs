@@ -172,6 +172,20 @@ pub fn packed_meta() -> PackedMeta {
         }),
         tree_bytes: 5,
         light_bytes: 0,
+        parts: PackedParts::default(),
+    }
+}
+
+/// Masks of the second of its materials, with factors at vertices.
+pub fn packed_masks() -> PackedMasks {
+    PackedMasks {
+        masks: vec![PackedMask {
+            material: 1,
+            opacity: 0.75,
+            texture: Some(0),
+            cutoff: Some(0.5),
+        }],
+        has_opacities: true,
     }
 }
 
@@ -192,6 +206,7 @@ pub fn packed_rows(column: PackedColumn) -> Vec<u8> {
         PackedColumn::Uvs => floats(&[0.25; 8]),
         PackedColumn::Triangles => whole(triangles.as_flattened()),
         PackedColumn::Materials => whole(&[0, 1]),
+        PackedColumn::Opacities => floats(&[1.0, 0.5, 0.25, 0.0]),
         PackedColumn::ByteCodes => vec![0, 1, 2, 3, 254, 255],
         PackedColumn::Environment => floats(&[3.0; 24]),
         PackedColumn::CodeValues => floats(&[0.5; 256]),

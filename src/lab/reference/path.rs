@@ -215,14 +215,12 @@ impl<'a> PathTracer<'a> {
         } else {
             way.distance
         };
-        if self
-            .triangles
-            .is_occluded(&Ray::new(origin, way.direction, end))
-        {
+        let ray = Ray::new(origin, way.direction, end);
+        let through = self.triangles.let_through(&ray);
+        if through == 0.0 {
             return Rgb::BLACK;
         }
-        let volumes = &self.scene.volumes;
-        way.light * flight::transmittance(volumes, &Ray::new(origin, way.direction, end), sampler)
+        way.light * (through * flight::transmittance(&self.scene.volumes, &ray, sampler))
     }
 
     /// Emission of a surface that the path ran into, weighed against having asked for it.

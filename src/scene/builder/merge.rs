@@ -1,13 +1,15 @@
 //! Meshes of a builder joined to the one mesh of a scene.
 
 use super::MeshInput;
+use super::masks;
 use super::mesh::{MESH, extend_attribute};
 use crate::run::{Cancel, memory};
 use crate::scene::{Material, Mesh, Texture};
 use crate::{Error, Result};
 use glam::{DVec3, Vec2, Vec3};
 
-type Merged = (Mesh, Vec<Material>, Vec<Texture>);
+/// And the number of triangles of which a mask leaves nothing.
+type Merged = (Mesh, Vec<Material>, Vec<Texture>, u64);
 
 /// Refuses meshes that cannot be indexed.
 pub(super) fn check_counts(vertices: usize, triangles: usize) -> Result<()> {
@@ -36,6 +38,7 @@ pub(super) fn merge(
     cancel: &Cancel,
 ) -> Result<Merged> {
     let (mut normals, mut colors, mut uvs) = (Vec::new(), Vec::new(), Vec::new());
+    let mut opacities = Vec::new();
     let mut degenerate = 0;
     let mut materials = Vec::new();
     let mut textures = Vec::new();
@@ -60,7 +63,14 @@ pub(super) fn merge(
         own.iter_mut().for_each(|n| *n = n.normalize_or_zero());
         extend_attribute(&mut normals, own, first_vertex, total, Vec3::ZERO)?;
         extend_attribute(&mut colors, input.colors, first_vertex, total, [1.0; 3])?;
-        let textured = input.materials.iter().any(|m| m.texture.is_some());
+        let is_masked = input.materials.iter().any(|m| m.mask.is_some());
+        let own = if is_masked {
+            input.opacities
+        } else {
+            Vec::new()
+        };
+        extend_attribute(&mut opacities, own, first_vertex, total, 1.0)?;
+        let textured = input.materials.iter().any(Material::has_texture);
         let mut own = if textured { input.uvs } else { Vec::new() };
         if textured {
             // Whoever sees a texture may count on there being coordinates.
@@ -80,21 +90,23 @@ pub(super) fn merge(
             }
         }
         materials.extend(input.materials.into_iter().map(|mut m| {
-            m.texture = m.texture.map(|t| t + first_texture);
+            m.move_textures(first_texture);
             m
         }));
         textures.extend(input.textures);
     }
-    let mesh = Mesh {
+    let mut mesh = Mesh {
         positions: positions.into(),
         normals: normals.into(),
         colors: colors.into(),
         uvs: uvs.into(),
+        opacities: opacities.into(),
         triangles: triangles.into(),
         material: material_of.into(),
         degenerate,
     };
-    Ok((mesh, materials, textures))
+    let clear = masks::settle(&mut mesh, &mut materials, &mut textures, cancel)?;
+    Ok((mesh, materials, textures, clear))
 }
 
 /// Whether the area of a triangle is more than the rounding of f64 makes of a line.

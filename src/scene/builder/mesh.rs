@@ -19,12 +19,14 @@ pub(in crate::scene) const MESH: &str = "the mesh";
 pub struct MeshInput {
     pub(in crate::scene) positions: Vec<DVec3>,
     /// Shading normals per vertex, of any length; none, or one for each position. So are the next
-    /// two.
+    /// three.
     pub(in crate::scene) normals: Vec<Vec3>,
     /// Linear RGB factors on the albedo.
     pub(in crate::scene) colors: Vec<[f32; 3]>,
     /// Texture coordinates, (0,0) top left.
     pub(in crate::scene) uvs: Vec<Vec2>,
+    /// Factors on the opacity of masks.
+    pub(in crate::scene) opacities: Vec<f32>,
     pub(in crate::scene) triangles: Vec<[u32; 3]>,
     /// Index into `materials`, per triangle.
     pub(in crate::scene) material: Vec<u32>,
@@ -120,6 +122,13 @@ impl MeshInput {
         self
     }
 
+    /// Sets factors on the opacity of masks, one for each position, in `[0,1]`.
+    #[must_use]
+    pub fn opacities(mut self, opacities: Vec<f32>) -> Self {
+        self.opacities = opacities;
+        self
+    }
+
     /// Places the mesh by an invertible map to the world, after the maps before it.
     #[must_use]
     pub fn transform(mut self, world_from_mesh: &DAffine3) -> Self {
@@ -163,6 +172,13 @@ impl MeshInput {
                 self.colors[i]
             )));
         }
+        let outside = |o: &f32| !(0.0..=1.0).contains(o);
+        if let Some(i) = self.opacities.iter().position(outside) {
+            return Err(Error::input(format!(
+                "vertex {i}: the opacity {} is not in [0,1]",
+                self.opacities[i]
+            )));
+        }
         let count = self.positions.len();
         let loose = |t: &[u32; 3]| t.iter().any(|&v| v as usize >= count);
         if let Some(i) = self.triangles.iter().position(loose) {
@@ -181,6 +197,7 @@ impl MeshInput {
             ("normals", self.normals.len()),
             ("colours", self.colors.len()),
             ("texture coordinates", self.uvs.len()),
+            ("opacities", self.opacities.len()),
         ];
         let count = self.positions.len();
         if let Some((what, n)) = attributes.iter().find(|(_, n)| ![0, count].contains(n)) {
@@ -202,17 +219,17 @@ impl MeshInput {
             )));
         }
         for material in &self.materials {
-            let Some(index) = material.texture else {
-                continue;
-            };
-            let texture = self.textures.get(index as usize).ok_or_else(|| {
-                Error::input(format!(
-                    "material `{}` refers to texture {index}, but there are {}",
-                    material.name,
-                    self.textures.len()
-                ))
-            })?;
-            texture.check()?;
+            let of_mask = material.mask.and_then(|mask| mask.texture);
+            for index in [material.texture, of_mask].into_iter().flatten() {
+                let texture = self.textures.get(index as usize).ok_or_else(|| {
+                    Error::input(format!(
+                        "material `{}` refers to texture {index}, but there are {}",
+                        material.name,
+                        self.textures.len()
+                    ))
+                })?;
+                texture.check()?;
+            }
         }
         Ok(())
     }
@@ -262,6 +279,13 @@ impl MeshInput {
             [1.0; 3],
         )?;
         extend_attribute(&mut self.uvs, other.uvs, vertex as usize, total, Vec2::ZERO)?;
+        extend_attribute(
+            &mut self.opacities,
+            other.opacities,
+            vertex as usize,
+            total,
+            1.0,
+        )?;
         memory::grow(MESH, &mut self.positions, other.positions.len())?;
         self.positions.extend(other.positions);
         memory::grow(MESH, &mut self.triangles, other.triangles.len())?;
@@ -272,7 +296,7 @@ impl MeshInput {
             .extend(other.material.iter().map(|m| m + material));
         self.materials
             .extend(other.materials.into_iter().map(|mut m| {
-                m.texture = m.texture.map(|t| t + texture);
+                m.move_textures(texture);
                 m
             }));
         self.textures.extend(other.textures);
@@ -322,12 +346,25 @@ fn check_material(material: &Material) -> Result<()> {
             material.emission, MAX_EMISSION
         )));
     }
+    if let Some(mask) = &material.mask {
+        let cutoff = mask.cutoff.unwrap_or(0.0);
+        if ![mask.opacity, cutoff]
+            .iter()
+            .all(|x| (0.0..=1.0).contains(x))
+        {
+            return Err(Error::input(format!(
+                "material `{name}`: the opacity {} or the cut-off {cutoff} is not in [0,1]",
+                mask.opacity
+            )));
+        }
+    }
     Ok(())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Mask;
 
     pub(in crate::scene) fn triangle() -> MeshInput {
         MeshInput {
@@ -381,6 +418,15 @@ mod tests {
         );
         assert!(message(|p| p.uvs = vec![Vec2::NAN; 3]).contains("texture coordinates"));
         assert!(message(|p| p.colors = vec![[1.5; 3]; 3]).contains("not in [0,1]"));
+        assert!(message(|p| p.opacities = vec![-0.5; 3]).contains("the opacity -0.5 is not"));
+        let masked = |p: &mut MeshInput| {
+            p.materials[0].mask = Some(Mask {
+                opacity: 1.0,
+                texture: None,
+                cutoff: Some(1.5),
+            });
+        };
+        assert!(message(masked).contains("the cut-off 1.5 is not in [0,1]"));
         assert!(message(|p| p.triangles[0][2] = 3).starts_with("triangle 0 refers to"));
         assert!(message(|p| p.materials[0].albedo[0] = 1.01).contains("`grey`: the albedo"));
         for wrong in [

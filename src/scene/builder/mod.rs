@@ -5,11 +5,13 @@
 //!
 //! - `camera`, `light`, `environment`, `mesh`, `volume`: what is handed over, and the checks of each
 //! - `merge`: all meshes joined to the one of the scene, triangles without area dropped
+//! - `masks`: triangles that masks leave whole, or nothing of
 //! - here: what is checked and made up of the scene as a whole
 
 mod camera;
 mod environment;
 mod light;
+mod masks;
 mod merge;
 mod mesh;
 mod volume;
@@ -256,6 +258,7 @@ impl SceneBuilder {
             self.cameras.push(CameraInput::framing(&bounds, &film));
             warnings.push("the scene has no camera: framing everything from the front".into());
         }
+        self.unmask_emitters(&mut warnings);
         let mut notes = Vec::new();
         let environment_image = self.take_sky(&mut notes)?;
         if self.is_dark() && environment_image.is_none() {
@@ -269,12 +272,23 @@ impl SceneBuilder {
             true => centre,
             false => DVec3::ZERO,
         };
-        let (mesh, materials, textures) = merge::merge(self.meshes, world_from_scene, cancel)?;
+        let (mesh, materials, textures, clear) =
+            merge::merge(self.meshes, world_from_scene, cancel)?;
+        if clear > 0 {
+            notes.push(format!(
+                "{clear} triangles are left out of which masks leave nothing"
+            ));
+        }
         if mesh.triangles.is_empty() && self.volumes.is_empty() {
-            return Err(Error::input(format!(
-                "all {} triangles of the scene have zero area: there is nothing to render",
-                mesh.degenerate
-            )));
+            return Err(Error::input(match clear {
+                0 => format!(
+                    "all {} triangles of the scene have zero area: there is nothing to render",
+                    mesh.degenerate
+                ),
+                _ => format!(
+                    "masks leave nothing of all {clear} triangles of the scene: there is nothing to render"
+                ),
+            }));
         }
         let scene_from_world = DAffine3::from_translation(-world_from_scene);
         let volumes = self.volumes.into_iter().map(|v| {
@@ -320,6 +334,20 @@ impl SceneBuilder {
             scene.go_to_frame(frame)?;
         }
         Ok(scene)
+    }
+
+    /// Takes the masks of what shines: lights of such shapes are not to be had.
+    fn unmask_emitters(&mut self, warnings: &mut Vec<String>) {
+        let materials = self.meshes.iter_mut().flat_map(|m| &mut m.materials);
+        let shining = materials.filter(|m| m.emission != [0.0; 3]);
+        let masked = shining.filter_map(|m| m.mask.take().map(|_| format!("`{}`", m.name)));
+        let names: Vec<String> = masked.collect();
+        if !names.is_empty() {
+            warnings.push(format!(
+                "surfaces that emit have no mask, they are there everywhere: {}",
+                names.join(", ")
+            ));
+        }
     }
 
     /// The image of the sky. Suns in it become lights, which are noted, and so does one of a single

@@ -8,8 +8,16 @@ use std::collections::HashMap;
 use std::fmt::Display;
 use std::sync::Arc;
 
-/// Hash of the content of an image file, and what kind of file it is taken for.
-pub(super) type ImageKey = ([u8; 32], Option<ImageFormat>);
+/// What is taken of an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum ImagePart {
+    Color,
+    /// Its alpha.
+    Alpha,
+}
+
+/// Hash of the content of an image file, what kind of file it is taken for, and what is taken of it.
+pub(super) type ImageKey = ([u8; 32], Option<ImageFormat>, ImagePart);
 
 /// Images of a scene that were decoded so far.
 #[derive(Default)]

@@ -1,17 +1,17 @@
-//! Wavefront MTL: `Kd`, `map_Kd` with its options, and `Ke`, all linear but for textures. Keywords
-//! may be in any letter case.
+//! Wavefront MTL: `Kd`, `map_Kd` with its options, `d`, `map_d`, and `Ke`, all linear but for colours of
+//! textures. Keywords may be in any letter case.
 //!
-//! What else changes looks and is left out, `d`, `map_d` and `map_Ke`, is warned of, and in one
-//! line what is not diffuse: `illum` 3 to 10, `Ks` above what exporters write for plain surfaces,
+//! What else changes looks and is left out, `map_Ke`, is warned of, and in one line what is not diffuse: `illum` 3 to 10, `Ks` above what exporters write for plain surfaces,
 //! `map_Ks`, `refl`, `Pm`, `Pc`, `Ps` and their maps, and bumps. `Ns`, `Ni`, `Tf` and `Pr` say
 //! nothing by themselves.
 
 use super::colors::ColorEncoding;
 use super::files::{Files, text_start};
+use super::images::ImagePart;
 use super::left_out::{LeftOut, SurfaceFeature};
 use super::texture::{self, Decoding};
 use crate::scene::builder::{DEFAULT_ALBEDO, MAX_EMISSION};
-use crate::scene::{Material, Texture, Wrap};
+use crate::scene::{Mask, Material, Texture, Wrap};
 use crate::{Error, Result};
 use glam::Vec2;
 use std::collections::HashMap;
@@ -172,8 +172,18 @@ impl Reader<'_> {
                     .within(color(rest)?, MAX_EMISSION, what, number);
             }
             "map_kd" => self.texture(rest)?,
-            "d" if color(rest).is_ok_and(|[d, ..]| d < 1.0) => self.see_through(&name),
-            "map_d" => self.see_through(&name),
+            "d" => {
+                let text = rest.strip_prefix("-halo").unwrap_or(rest);
+                let what = "`d` outside of [0,1] is brought into it";
+                let [d, ..] = self.left_out.within(color(text)?, 1.0, what, number);
+                if d < 1.0 {
+                    let what = "materials with `d` below 1 are there in part: they reflect that share of light and let the \
+                                rest through";
+                    self.left_out.note(what, name);
+                    mask_of(material).opacity = d;
+                }
+            }
+            "map_d" => self.opacity(rest)?,
             "map_ke" => self
                 .left_out
                 .note("emissive textures, `map_Ke`, are left out", name),
@@ -182,20 +192,41 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn see_through(&mut self, name: &str) {
-        let what = "materials with `d` below 1 or `map_d` are taken as opaque";
-        self.left_out.note(what, name);
+    /// Gives the last material the mask of a `map_d`.
+    fn opacity(&mut self, text: &str) -> Result<()> {
+        let map = TextureMap::parse(text, &mut self.left_out);
+        let index = self.loaded(&map, ImagePart::Alpha)?;
+        let (Some(material), Some(uv_map)) =
+            (self.out.materials.last_mut(), self.out.uv_maps.last_mut())
+        else {
+            return Ok(());
+        };
+        if index.is_none() {
+            return Ok(());
+        }
+        mask_of(material).texture = index;
+        if material.texture.is_none() {
+            *uv_map = map.uv_map;
+        } else if *uv_map != map.uv_map {
+            let what = "a `map_d` lies where the `map_Kd` of its material does";
+            self.left_out
+                .note(what, format_args!("`{}`", material.name));
+        }
+        Ok(())
     }
 
-    /// Gives the last material the texture of a `map_Kd`.
-    fn texture(&mut self, text: &str) -> Result<()> {
-        let map = TextureMap::parse(text, &mut self.left_out);
-        let key = format!("{:?} {:?} {}", map.decoding, map.wrap, map.name);
-        let index = match self.loaded.get(&key) {
+    /// The index of a texture, which is read but once.
+    fn loaded(&mut self, map: &TextureMap, part: ImagePart) -> Result<Option<u32>> {
+        let key = format!("{part:?} {:?} {:?} {}", map.decoding, map.wrap, map.name);
+        Ok(match self.loaded.get(&key) {
             Some(&index) => index,
             None => {
                 let (left_out, files) = (&mut self.left_out, &mut *self.files);
-                let image = texture::load(self.path, map.name, map.decoding, left_out, files)?;
+                let load = match part {
+                    ImagePart::Color => texture::load,
+                    ImagePart::Alpha => texture::load_opacity,
+                };
+                let image = load(self.path, map.name, map.decoding, left_out, files)?;
                 let index = image.map(|mut image| {
                     image.wrap = map.wrap;
                     self.out.textures.push(image);
@@ -204,7 +235,13 @@ impl Reader<'_> {
                 self.loaded.insert(key, index);
                 index
             }
-        };
+        })
+    }
+
+    /// Gives the last material the texture of a `map_Kd`.
+    fn texture(&mut self, text: &str) -> Result<()> {
+        let map = TextureMap::parse(text, &mut self.left_out);
+        let index = self.loaded(&map, ImagePart::Color)?;
         if let (Some(material), Some(uv_map)) =
             (self.out.materials.last_mut(), self.out.uv_maps.last_mut())
             && index.is_some()
@@ -217,6 +254,15 @@ impl Reader<'_> {
         }
         Ok(())
     }
+}
+
+/// The mask of a material, of which nothing else is said yet.
+fn mask_of(material: &mut Material) -> &mut Mask {
+    material.mask.get_or_insert(Mask {
+        opacity: 1.0,
+        texture: None,
+        cutoff: None,
+    })
 }
 
 impl LeftOut {
@@ -374,14 +420,25 @@ mod tests {
 
     #[test]
     fn what_changes_looks_and_is_left_out_is_said_once() {
-        let text =
-            "newmtl glass\nd 0.2\nmap_d a.png\nnewmtl leaf\nmap_d b.png\nnewmtl wall\nd 1\nKe 1\n";
+        let text = "newmtl glass\nd 0.2\nmap_d a.png\nnewmtl leaf\nd 1\nnewmtl wall\nd 7\nKe 1\n";
         let mut files = Files::default();
-        read(text.as_bytes(), Path::new("x.mtl"), &mut files).unwrap();
+        let library = read(text.as_bytes(), Path::new("x.mtl"), &mut files).unwrap();
         assert_eq!(
             files.warnings,
-            ["x.mtl: materials with `d` below 1 or `map_d` are taken as opaque: `glass`, `leaf`"]
+            [
+                "x.mtl: materials with `d` below 1 are there in part: they reflect that share of light and let the rest \
+                 through: `glass`",
+                "x.mtl: textures that are not there are left out: `a.png`",
+                "x.mtl: `d` outside of [0,1] is brought into it: line 7"
+            ]
         );
+        let masks: Vec<_> = library.materials.iter().map(|m| m.mask).collect();
+        let glass = Mask {
+            opacity: 0.2,
+            texture: None,
+            cutoff: None,
+        };
+        assert_eq!(masks, [Some(glass), None, None]);
         let mut files = Files::default();
         let text = "newmtl screen\nmap_Ke a.png\n";
         read(text.as_bytes(), Path::new("x.mtl"), &mut files).unwrap();

@@ -91,6 +91,7 @@ fn split(mesh: &mut MeshInput, normal_of_corner: &[Vec3], cancel: &Cancel) -> Re
                 mesh.normals.push(normal);
                 mesh.colors.extend(old.colors.get(v as usize));
                 mesh.uvs.extend(old.uvs.get(v as usize));
+                mesh.opacities.extend(old.opacities.get(v as usize));
                 mesh.positions.len() as u32 - 1
             })
         });

@@ -349,7 +349,7 @@ impl Reader<'_> {
         let library = mtl::read(&content, path, self.files).map_err(|e| e.at(path.display()))?;
         self.mesh.textures.extend(library.textures);
         for (mut material, uv_map) in library.materials.into_iter().zip(library.uv_maps) {
-            material.texture = material.texture.map(|t| t + first);
+            material.move_textures(first);
             self.add(material, uv_map);
         }
         Ok(())

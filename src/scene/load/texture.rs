@@ -2,8 +2,9 @@
 
 use super::colors::ColorEncoding;
 use super::files::Files;
-use super::images::ImageKey;
+use super::images::{ImageKey, ImagePart};
 use super::left_out::LeftOut;
+use crate::math::Rgb;
 use crate::scene::Texture;
 use crate::scene::builder::MeshInput;
 use crate::scene::texture::{CodeValues, Codes};
@@ -57,6 +58,34 @@ pub(super) fn load(
     left_out: &mut LeftOut,
     files: &mut Files,
 ) -> Result<Option<Texture>> {
+    load_as(by, name, left_out, files, |content, path, files| {
+        decode(content, path, decoding, files)
+    })
+}
+
+/// Reads the opacity that the file `by` names, as [`load`] does.
+///
+/// # Errors
+/// As [`load`].
+pub(super) fn load_opacity(
+    by: &Path,
+    name: &str,
+    decoding: Decoding,
+    left_out: &mut LeftOut,
+    files: &mut Files,
+) -> Result<Option<Texture>> {
+    load_as(by, name, left_out, files, |content, path, files| {
+        decode_opacity(content, path, decoding, files)
+    })
+}
+
+fn load_as(
+    by: &Path,
+    name: &str,
+    left_out: &mut LeftOut,
+    files: &mut Files,
+    decode: impl Fn(&[u8], &Path, &mut Files) -> Result<Result<Texture>>,
+) -> Result<Option<Texture>> {
     let path = match files.find("texture", by, name) {
         Ok(Some(path)) => path,
         Ok(None) => {
@@ -68,7 +97,7 @@ pub(super) fn load(
     };
     let read = files.read("texture", &path);
     let image = match read {
-        Ok(content) => decode(&content, &path, decoding, files)?,
+        Ok(content) => decode(&content, &path, files)?,
         Err(e) => Err(e),
     };
     noted(image, format_args!("`{name}`"), left_out)
@@ -78,11 +107,11 @@ pub(super) fn load(
 ///
 /// # Errors
 /// If it is not the file that is wrong.
-pub(super) fn noted(
-    image: Result<Texture>,
+pub(super) fn noted<T>(
+    image: Result<T>,
     name: impl Display,
     left_out: &mut LeftOut,
-) -> Result<Option<Texture>> {
+) -> Result<Option<T>> {
     match image {
         Ok(image) => Ok(Some(image)),
         Err(e) if e.kind() == crate::Kind::Input => {
@@ -92,6 +121,40 @@ pub(super) fn noted(
         }
         Err(e) => Err(e),
     }
+}
+
+/// Decodes the opacity that an image file states: its alpha, or else its grey.
+///
+/// # Errors
+/// As [`decode`].
+pub(super) fn decode_opacity(
+    content: &[u8],
+    path: &Path,
+    decoding: Decoding,
+    files: &mut Files,
+) -> Result<Result<Texture>> {
+    let decoding = Decoding {
+        encoding: ColorEncoding::Linear,
+        ..decoding
+    };
+    match decode_alpha(content, path, decoding, files)? {
+        Ok(Some(alpha)) => Ok(Ok(alpha)),
+        Ok(None) => decode(content, path, decoding, files),
+        Err(e) => Ok(Err(e)),
+    }
+}
+
+/// Decodes the alpha of an image file as a texture of one channel; `None` if it has none.
+///
+/// # Errors
+/// As [`decode`].
+pub(super) fn decode_alpha(
+    content: &[u8],
+    path: &Path,
+    decoding: Decoding,
+    files: &mut Files,
+) -> Result<Result<Option<Texture>>> {
+    decode_part(content, path, ImagePart::Alpha, decoding, files)
 }
 
 /// Decodes an image file; alpha is dropped. The kind of file is told by its content, or else by the
@@ -106,6 +169,18 @@ pub(super) fn decode(
     decoding: Decoding,
     files: &mut Files,
 ) -> Result<Result<Texture>> {
+    let none = || refused(&"it has no colours");
+    let image = decode_part(content, path, ImagePart::Color, decoding, files)?;
+    Ok(image.and_then(|image| image.ok_or_else(none)))
+}
+
+fn decode_part(
+    content: &[u8],
+    path: &Path,
+    part: ImagePart,
+    decoding: Decoding,
+    files: &mut Files,
+) -> Result<Result<Option<Texture>>> {
     let mut reader = match ImageReader::new(Cursor::new(content)).with_guessed_format() {
         Ok(reader) => reader,
         Err(e) => return Ok(Err(refused(&e))),
@@ -129,7 +204,10 @@ pub(super) fn decode(
             "the image is {width} x {height}"
         ))));
     }
-    let key: ImageKey = (*blake3::hash(content).as_bytes(), format);
+    if part == ImagePart::Alpha && !decoder.color_type().has_alpha() {
+        return Ok(Ok(None));
+    }
+    let key: ImageKey = (*blake3::hash(content).as_bytes(), format, part);
     let codes = match files.images.get(&key) {
         Some(codes) => codes.clone(),
         None => {
@@ -145,7 +223,10 @@ pub(super) fn decode(
                 .set_limits(limits)
                 .and_then(|()| DynamicImage::from_decoder(decoder));
             let codes = match image {
-                Ok(image) => Arc::new(codes(image)),
+                Ok(image) => Arc::new(match part {
+                    ImagePart::Color => codes(image),
+                    ImagePart::Alpha => alpha(image),
+                }),
                 Err(e) => return Ok(Err(refused(&e))),
             };
             files.images.add(key, codes.clone());
@@ -154,7 +235,8 @@ pub(super) fn decode(
     };
     let last = codes.colors() - 1;
     let linear = (0..=last).map(|code| decoding.texel(code as f32 / last as f32));
-    Ok(Ok(Texture::coded(width, height, codes, linear.collect())))
+    let texture = Texture::coded(width, height, codes, linear.collect());
+    Ok(Ok(Some(texture)))
 }
 
 fn refused(e: &dyn Display) -> Error {
@@ -191,6 +273,26 @@ fn codes(image: DynamicImage) -> Codes {
     Codes { channels, values }
 }
 
+/// The alpha of an image that has one.
+fn alpha(image: DynamicImage) -> Codes {
+    let values = match image {
+        DynamicImage::ImageLumaA8(image) => CodeValues::Bytes(last_of(&image, 2).into()),
+        DynamicImage::ImageRgba8(image) => CodeValues::Bytes(last_of(&image, 4).into()),
+        other => CodeValues::Words(last_of(&other.into_rgba16(), 4).into()),
+    };
+    let channels = 1;
+    Codes { channels, values }
+}
+
+/// The last of so many channels of pixels.
+fn last_of<T: Copy>(values: &[T], channels: usize) -> Vec<T> {
+    values[channels - 1..]
+        .iter()
+        .step_by(channels)
+        .copied()
+        .collect()
+}
+
 /// What is left of pixels of so many channels without the last of these.
 fn without_alpha<T: Copy>(mut values: Vec<T>, channels: usize) -> Vec<T> {
     let kept = channels - 1;
@@ -210,6 +312,11 @@ pub(super) fn replace_by_means(mesh: &mut MeshInput) {
         if let Some(index) = material.texture.take() {
             let mean = mean(&mesh.textures[index as usize]);
             material.albedo = std::array::from_fn(|i| material.albedo[i] * mean[i]);
+        }
+        if let Some(mask) = &mut material.mask
+            && let Some(index) = mask.texture.take()
+        {
+            mask.opacity *= Rgb(mean(&mesh.textures[index as usize])).luminance();
         }
     }
     mesh.textures.clear();
@@ -293,6 +400,40 @@ mod tests {
                     .collect(),
             };
             assert_eq!(texture.texels().collect::<Vec<_>>(), plain, "{name}");
+        }
+    }
+
+    #[test]
+    fn alpha_is_taken_where_there_is_one_and_grey_elsewhere() {
+        let rgba =
+            image::RgbaImage::from_fn(3, 2, |x, y| image::Rgba([9, 8, 7, (x + 3 * y) as u8]));
+        let wide = image::ImageBuffer::from_fn(3, 2, |x, y| {
+            image::LumaA([7_u16, 1000 * (x + 3 * y) as u16])
+        });
+        let grey = image::GrayImage::from_fn(3, 2, |x, y| image::Luma([(x + 3 * y) as u8]));
+        let (path, plain) = (Path::new("a.png"), Decoding::default());
+        for (image, one, has_alpha) in [
+            (png(rgba), 255.0, true),
+            (png(wide), 65.535, true),
+            (png(grey), 255.0, false),
+        ] {
+            let mut files = Files::default();
+            let alpha = decode_alpha(&image, path, plain, &mut files)
+                .unwrap()
+                .unwrap();
+            assert_eq!(alpha.is_some(), has_alpha);
+            let opacity = decode_opacity(&image, path, plain, &mut files)
+                .unwrap()
+                .unwrap();
+            for (i, [r, g, b]) in opacity.texels().enumerate() {
+                assert!(
+                    r == g && r == b && (r - i as f32 / one).abs() < 1e-6,
+                    "{r} {i}"
+                );
+            }
+            // Its colours are another texture.
+            let color = decoded(&image, &mut files).unwrap();
+            assert!(!color.shares_texels(&opacity) || !has_alpha);
         }
     }
 

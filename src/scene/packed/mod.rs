@@ -39,6 +39,7 @@ impl PackedScene {
             PackedColumn::Uvs,
             PackedColumn::Triangles,
             PackedColumn::Materials,
+            PackedColumn::Opacities,
         ] {
             self.file.data().release(self.file.range(column, 0));
         }

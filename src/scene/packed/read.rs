@@ -3,14 +3,14 @@
 use super::PackedScene;
 use crate::formats::{
     MediaLevel, Packed, PackedCamera, PackedCameraKey, PackedColumn, PackedEnvironment,
-    PackedLight, PackedMaterial, PackedTexture, PackedVolume, PackedWrap,
+    PackedLight, PackedMaterial, PackedMeta, PackedTexture, PackedVolume, PackedWrap,
 };
 use crate::run::{Cancel, size};
 use crate::scene::grid::{Known, StoredLevels, VolumeGrid};
 use crate::scene::texture::{CodeValues, Codes, Texels};
 use crate::scene::{
-    Camera, CameraKey, EnvironmentImage, Film, Grid, Light, Material, Mesh, PhaseFunction, Scene,
-    Texture, Volume, Wrap,
+    Camera, CameraKey, EnvironmentImage, Film, Grid, Light, Mask, Material, Mesh, PhaseFunction,
+    Scene, Texture, Volume, Wrap,
 };
 use crate::{Error, Result};
 use glam::{Affine3A, DAffine3, DMat3, DVec3, Mat3A, Vec3A};
@@ -78,9 +78,10 @@ fn scene(
             uvs: packed.column(PackedColumn::Uvs, 0)?,
             triangles: packed.column(PackedColumn::Triangles, 0)?,
             material: packed.column(PackedColumn::Materials, 0)?,
+            opacities: packed.column(PackedColumn::Opacities, 0)?,
             degenerate: meta.mesh.degenerate,
         },
-        materials: meta.materials.iter().map(material).collect(),
+        materials: materials(meta),
         textures,
         lights: meta.lights.iter().filter_map(light).collect(),
         environment_image: sky.transpose()?,
@@ -166,11 +167,24 @@ fn environment_image(packed: &PackedScene, info: &PackedEnvironment) -> Result<E
     Ok(image.with_holes(info.holes.clone()))
 }
 
+fn materials(meta: &PackedMeta) -> Vec<Material> {
+    let mut materials: Vec<Material> = meta.materials.iter().map(material).collect();
+    for mask in meta.parts.masks.iter().flat_map(|m| &m.masks) {
+        materials[mask.material as usize].mask = Some(Mask {
+            opacity: mask.opacity,
+            texture: mask.texture,
+            cutoff: mask.cutoff,
+        });
+    }
+    materials
+}
+
 fn material(material: &PackedMaterial) -> Material {
     Material {
         name: material.name.clone(),
         albedo: material.albedo,
         texture: material.texture,
+        mask: None,
         emission: material.emission,
         emits_both_sides: material.emits_both_sides,
         is_seen: !material.is_unseen,

@@ -4,8 +4,9 @@ use super::check_machine;
 use crate::Result;
 use crate::formats::{
     BrickTable, MediaPage, PAGE_BRICKS, PackedCamera, PackedCameraKey, PackedColumn,
-    PackedEnvironment, PackedFilm, PackedImage, PackedLight, PackedMaterial, PackedMesh,
-    PackedMeta, PackedPhase, PackedTexture, PackedVolume, PackedWrap, PackedWriter, Palette,
+    PackedEnvironment, PackedFilm, PackedImage, PackedLight, PackedMask, PackedMasks,
+    PackedMaterial, PackedMesh, PackedMeta, PackedParts, PackedPhase, PackedTexture, PackedVolume,
+    PackedWrap, PackedWriter, Palette,
 };
 use crate::run::Cancel;
 use crate::scene::grid::VolumeGrid;
@@ -88,6 +89,9 @@ pub fn description(scene: &Scene, tables: &LevelTables) -> PackedMeta {
         hierarchy: None,
         tree_bytes: 0,
         light_bytes: 0,
+        parts: PackedParts {
+            masks: masks(scene),
+        },
     }
 }
 
@@ -219,6 +223,23 @@ fn material(material: &Material) -> PackedMaterial {
     }
 }
 
+fn masks(scene: &Scene) -> Option<PackedMasks> {
+    let masks = (0..).zip(&scene.materials).filter_map(|(material, m)| {
+        let mask = m.mask?;
+        Some(PackedMask {
+            material,
+            opacity: mask.opacity,
+            texture: mask.texture,
+            cutoff: mask.cutoff,
+        })
+    });
+    let masks: Vec<PackedMask> = masks.collect();
+    (!masks.is_empty()).then(|| PackedMasks {
+        masks,
+        has_opacities: !scene.mesh.opacities.is_empty(),
+    })
+}
+
 fn volume(volume: &Volume, tables: &[BrickTable]) -> PackedVolume {
     let map = volume.scene_from_index;
     let columns = [
@@ -271,6 +292,10 @@ pub fn columns(scene: &Scene, writer: &mut PackedWriter, cancel: &Cancel) -> Res
         (
             PackedColumn::Materials,
             bytemuck::cast_slice(&mesh.material),
+        ),
+        (
+            PackedColumn::Opacities,
+            bytemuck::cast_slice(&mesh.opacities),
         ),
     ] {
         column(kind, 0, rows)?;

@@ -17,6 +17,8 @@ pub struct PilotPixel {
     pub corners: Walked,
     /// Whether it needs samples inside.
     pub has_edge: bool,
+    /// Whether masks have a say in it.
+    pub is_masked: bool,
     /// Whether its corners need more shadow rays.
     pub has_penumbra: bool,
     /// What its first corner sees that has a surface, and how far away.
@@ -46,11 +48,12 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         corners
             .iter()
             .for_each(|c| visibility += c.direct.visibility);
-        let is_whole = corners[1..].iter().all(|c| self.same_end(&corners[0], c));
+        let is_whole = self.end_alike(corners.iter());
         let seen = corners.iter().find_map(|c| Some((c.surface?, c.t)));
         PilotPixel {
             corners: walked,
             has_edge: !is_whole || visibility.has_edge(),
+            is_masked: corners.iter().any(|c| c.is_masked),
             has_penumbra: visibility.has_penumbra(),
             surface: seen,
         }

@@ -14,6 +14,8 @@ pub struct Sample<T: PassedMedia> {
     pub surface: Option<Surface>,
     /// Index of the triangle that this is on; `u32::MAX` for none.
     pub triangle: u32,
+    /// Whether a mask had a say in where it ends: rays beside it may end elsewhere.
+    pub is_masked: bool,
     /// How far away, scene units; infinite if nothing.
     pub t: f32,
     /// Unit direction from the camera, scene space.
@@ -50,6 +52,7 @@ impl<T: PassedMedia> Sample<T> {
         for sample in around {
             let other = sample.surface.as_ref()?;
             if sample.triangle != first.triangle
+                || sample.is_masked
                 || other.albedo != like.albedo
                 || !like.faces_as(other)
             {
@@ -66,6 +69,7 @@ impl<T: PassedMedia> Sample<T> {
         Some(Self {
             surface: Some(surface),
             triangle: first.triangle,
+            is_masked: false,
             t: t * share,
             direction: direction.normalize(),
             direct: DirectLight::default(),
@@ -91,6 +95,18 @@ pub struct SampleCounts {
 }
 
 impl SampleCounts {
+    /// Times as many samples in pixels in which masks have a say: these have many edges, and short
+    /// ones. A tree has half the error in 1.3 times the time.
+    const OF_MASKS: u32 = 3;
+
+    /// Samples taken where corners disagree, in a pixel in which masks have a say or not.
+    pub fn edge_of(&self, is_masked: bool) -> u32 {
+        match is_masked {
+            true => self.edge.saturating_mul(Self::OF_MASKS),
+            false => self.edge,
+        }
+    }
+
     /// As settings ask.
     pub fn of(settings: &Settings) -> Self {
         Self {
@@ -126,6 +142,7 @@ mod tests {
         Sample {
             surface: Some(surface),
             triangle,
+            is_masked: false,
             t: 2.0 + uv[0],
             direction: Vec3::new(uv[0], uv[1], -1.0).normalize(),
             direct: DirectLight::default(),
@@ -162,11 +179,14 @@ mod tests {
         let mut gone = sample(0, [0.4, 0.2]);
         (gone.surface, gone.triangle) = (None, u32::MAX);
         let across = sample(1, [0.4, 0.2]);
+        let mut masked = sample(0, [0.4, 0.2]);
+        masked.is_masked = true;
         for (name, other) in [
             ("painted", painted),
             ("tilted", tilted),
             ("gone", gone),
             ("across", across),
+            ("masked", masked),
         ] {
             assert!(Sample::amid([&like, &other]).is_none(), "{name}");
             assert!(Sample::amid([&other, &like]).is_none(), "{name}");

@@ -73,8 +73,9 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         let seed = self.key(x, y) as u32;
         let sample = |i| self.sample_in(x, y, i, sampling::sobol2(i, 1, seed));
         samples.extend((0..self.counts.pixel).map(sample));
-        if self.counts.edge > self.counts.pixel && self.disagree(&samples) {
-            samples.extend((self.counts.pixel..self.counts.edge).map(sample));
+        let edge = self.counts.edge_of(samples.iter().any(|s| s.is_masked));
+        if edge > self.counts.pixel && self.disagree(&samples) {
+            samples.extend((self.counts.pixel..edge).map(sample));
         }
         if !A::Passed::IS_VACUUM {
             let known = samples.len().min(2);
@@ -99,9 +100,10 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         corners: [&Sample<A::Passed>; 4],
         pieces: &mut Vec<Piece>,
     ) -> Pixel {
-        let pattern = Pattern::new(self.counts.edge, self.key(x, y));
-        let mut inside = Vec::with_capacity(self.counts.edge as usize);
-        for i in 0..self.counts.edge {
+        let edge = self.counts.edge_of(corners.iter().any(|c| c.is_masked));
+        let pattern = Pattern::new(edge, self.key(x, y));
+        let mut inside = Vec::with_capacity(edge as usize);
+        for i in 0..edge {
             inside.push(self.sample_in(x, y, i, pattern.point(i)));
         }
         // Where nothing needs more samples, the corners' own media are good enough, too.
@@ -141,14 +143,14 @@ impl<A: CameraMedia> PixelShader<'_, A> {
     pub fn look(&self, x: f32, y: f32) -> Sample<A::Passed> {
         let view = &self.view;
         let direction = view.camera.direction(&view.film, x, y);
-        let hit = view
-            .tracer
-            .closest_seen(&Ray::endless(view.camera.origin(), direction));
+        let ray = Ray::endless(view.camera.origin(), direction);
+        let (hit, is_masked) = view.tracer.closest_seen_and_masked(&ray);
         let surface =
             hit.map(|h| Surface::new(view.tracer.scene, h.triangle, h.uv).facing(-direction));
         Sample {
             surface,
             triangle: hit.map_or(u32::MAX, |h| h.triangle),
+            is_masked,
             t: hit.map_or(f32::INFINITY, |h| h.t),
             direction,
             direct: DirectLight::default(),
@@ -195,9 +197,17 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         samples
             .iter()
             .for_each(|s| visibility += s.direct.visibility);
-        visibility.has_edge()
-            || visibility.has_penumbra()
-            || samples.iter().any(|s| !self.same_end(&samples[0], s))
+        visibility.has_edge() || visibility.has_penumbra() || !self.end_alike(samples.iter())
+    }
+
+    /// Whether all samples of a pixel end on the same piece of surface, or on none, and so does what
+    /// is between them.
+    pub fn end_alike<'s>(
+        &self,
+        mut samples: impl Iterator<Item = &'s Sample<A::Passed>> + Clone,
+    ) -> bool {
+        let first = samples.clone().next();
+        first.is_none_or(|first| samples.all(|s| !s.is_masked && self.same_end(first, s)))
     }
 
     /// Whether two samples end on the same piece of surface, or both on none.

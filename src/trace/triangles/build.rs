@@ -95,6 +95,7 @@ impl<'a> TriangleBvh<'a> {
             nodes: nodes.into(),
             positions: &mesh.positions,
             scale,
+            masks: None,
         })
     }
 }

@@ -2,12 +2,13 @@
 //! eight wide.
 //!
 //! `build` makes the nodes from the top down, `split` finds where triangles part; `slab_ray` is the
-//! test of a ray against boxes, `packet` the way of rays that go much the same way, and `packed` is
-//! how the hierarchy lies in a packed scene. The crate
+//! test of a ray against boxes, `packet` the way of rays that go much the same way, `masked` is what else
+//! scenes with masks need, and `packed` is how the hierarchy lies in a packed scene. The crate
 //! `obvhs` builds and walks hierarchies, too, but slower (`cargo bench --bench rays`), leaks at
 //! edges that triangles share, and takes a time that is quadratic in triangles at one place.
 
 mod build;
+mod masked;
 mod packed;
 mod packet;
 mod slab_ray;
@@ -16,7 +17,7 @@ mod split;
 use super::watertight::{Block, LANES, ShearedRay, VertexBlock};
 use crate::column::Column;
 use crate::math::{Hit, Ray};
-use crate::scene::{Mesh, Scene};
+use crate::scene::{Masks, Mesh, Scene};
 use glam::Vec3;
 use slab_ray::{SlabRay, Stack};
 use std::borrow::Borrow;
@@ -34,6 +35,8 @@ pub struct TriangleBvh<'a> {
     /// changes no digit, and so large or small that no product of coordinates leaves the range of
     /// f32.
     scale: f32,
+    /// Where triangles are there; `None` if all are everywhere.
+    masks: Option<Masks<'a>>,
 }
 
 /// The triangles of leaves.
@@ -158,8 +161,11 @@ impl TriangleBvh<'_> {
     /// The nearest hit along a ray; of triangles at the same distance the first of the mesh.
     #[must_use]
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
+        if let Some(masks) = &self.masks {
+            return self.closest_where(ray, masks).hit(self.scale);
+        }
         match &self.blocks {
-            Blocks::Corners(blocks) => self.closest_of(&&blocks[..], ray, |_| true),
+            Blocks::Corners(blocks) => self.closest_of(&&blocks[..], ray, &Whole).hit(self.scale),
             Blocks::Vertices(blocks) => self.closest_by_vertex(blocks, ray),
         }
     }
@@ -167,31 +173,46 @@ impl TriangleBvh<'_> {
     /// The nearest hit along a ray of a camera: of triangles that cameras see in a scene.
     #[must_use]
     pub fn closest_seen(&self, ray: &Ray, scene: &Scene) -> Option<Hit> {
-        let is_seen = |triangle: u32| {
-            let material = scene.mesh.material[triangle as usize];
-            scene.materials[material as usize].is_seen
-        };
         let hit = self.closest(ray)?;
-        match is_seen(hit.triangle) {
-            true => Some(hit),
-            false => self.closest_where(ray, is_seen),
+        if is_seen(scene, hit.triangle) {
+            return Some(hit);
         }
+        let nearest = match &self.masks {
+            Some(masks) => self.closest_where(
+                ray,
+                &Seen {
+                    scene,
+                    there: masks,
+                },
+            ),
+            None => self.closest_where(
+                ray,
+                &Seen {
+                    scene,
+                    there: &Whole,
+                },
+            ),
+        };
+        nearest.hit(self.scale)
     }
 
-    /// The nearest hit along a ray, of some triangles.
+    /// The nearest hit along a ray, where triangles are there.
     #[inline(never)]
-    fn closest_where(&self, ray: &Ray, is_one: impl Fn(u32) -> bool) -> Option<Hit> {
+    fn closest_where(&self, ray: &Ray, there: &impl There) -> Nearest {
         match &self.blocks {
-            Blocks::Corners(blocks) => self.closest_of(&&blocks[..], ray, is_one),
-            Blocks::Vertices(blocks) => self.closest_of(&self.by_vertex(blocks), ray, is_one),
+            Blocks::Corners(blocks) => self.closest_of(&&blocks[..], ray, there),
+            Blocks::Vertices(blocks) => self.closest_of(&self.by_vertex(blocks), ray, there),
         }
     }
 
     /// Whether a ray meets any triangle.
     #[must_use]
     pub fn is_occluded(&self, ray: &Ray) -> bool {
+        if let Some(masks) = &self.masks {
+            return self.is_occluded_masked(masks, ray);
+        }
         match &self.blocks {
-            Blocks::Corners(blocks) => self.is_occluded_by(&&blocks[..], ray),
+            Blocks::Corners(blocks) => self.is_occluded_by(&&blocks[..], ray, &Whole),
             Blocks::Vertices(blocks) => self.is_occluded_by_vertex(blocks, ray),
         }
     }
@@ -199,12 +220,13 @@ impl TriangleBvh<'_> {
     // Apart, so that what small meshes need is compiled as if there were nothing else.
     #[inline(never)]
     fn closest_by_vertex(&self, blocks: &[VertexBlock], ray: &Ray) -> Option<Hit> {
-        self.closest_of(&self.by_vertex(blocks), ray, |_| true)
+        self.closest_of(&self.by_vertex(blocks), ray, &Whole)
+            .hit(self.scale)
     }
 
     #[inline(never)]
     fn is_occluded_by_vertex(&self, blocks: &[VertexBlock], ray: &Ray) -> bool {
-        self.is_occluded_by(&self.by_vertex(blocks), ray)
+        self.is_occluded_by(&self.by_vertex(blocks), ray, &Whole)
     }
 
     fn by_vertex<'b>(&'b self, blocks: &'b [VertexBlock]) -> ByVertex<'b> {
@@ -216,29 +238,28 @@ impl TriangleBvh<'_> {
     }
 
     #[inline(always)]
-    fn closest_of(
-        &self,
-        blocks: &impl Corners,
-        ray: &Ray,
-        is_one: impl Fn(u32) -> bool,
-    ) -> Option<Hit> {
+    fn closest_of(&self, blocks: &impl Corners, ray: &Ray, there: &impl There) -> Nearest {
         let ray = self.scaled(ray);
         let mut nearest = Nearest::new(ray.t_max);
         self.visit(blocks, &ray, |block, sheared, t_end| {
-            nearest.meet(block, sheared, &is_one);
+            nearest.meet(block, sheared, there);
             *t_end = nearest.t_end;
             true
         });
-        nearest.hit(self.scale)
+        nearest
     }
 
     #[inline(always)]
-    fn is_occluded_by(&self, blocks: &impl Corners, ray: &Ray) -> bool {
+    fn is_occluded_by(&self, blocks: &impl Corners, ray: &Ray, there: &impl There) -> bool {
         let ray = self.scaled(ray);
         let mut hit = false;
         self.visit(blocks, &ray, |block, sheared, _| {
             let met = sheared.meet(block);
-            hit = (0..LANES).any(|k| met.lanes >> k & 1 == 1 && met.t[k] < ray.t_max);
+            hit = (0..LANES).any(|k| {
+                met.lanes >> k & 1 == 1
+                    && met.t[k] < ray.t_max
+                    && there.is_there(block.triangles[k], met.uv.map(|w| w[k]), met.t[k])
+            });
             !hit
         });
         hit
@@ -307,6 +328,49 @@ impl TriangleBvh<'_> {
     }
 }
 
+/// Whether triangles are there where rays meet them, as a type: code for scenes without masks does no
+/// work for any.
+trait There {
+    /// Whether a triangle is there at barycentric weights of its second and third corner, where a ray
+    /// meets it that has come so far.
+    fn is_there(&self, triangle: u32, uv: [f32; 2], t: f32) -> bool;
+}
+
+/// Triangles that are there everywhere.
+struct Whole;
+
+impl There for Whole {
+    #[inline(always)]
+    fn is_there(&self, _: u32, _: [f32; 2], _: f32) -> bool {
+        true
+    }
+}
+
+impl There for Masks<'_> {
+    #[inline]
+    fn is_there(&self, triangle: u32, uv: [f32; 2], _: f32) -> bool {
+        !self.is_clear(triangle, uv)
+    }
+}
+
+/// Triangles that cameras see.
+struct Seen<'a, T> {
+    scene: &'a Scene,
+    there: &'a T,
+}
+
+impl<T: There> There for Seen<'_, T> {
+    #[inline]
+    fn is_there(&self, triangle: u32, uv: [f32; 2], t: f32) -> bool {
+        is_seen(self.scene, triangle) && self.there.is_there(triangle, uv, t)
+    }
+}
+
+fn is_seen(scene: &Scene, triangle: u32) -> bool {
+    let material = scene.mesh.material[triangle as usize];
+    scene.materials[material as usize].is_seen
+}
+
 /// The nearest hit of a ray so far, in the scale of the hierarchy.
 struct Nearest {
     t_max: f32,
@@ -327,7 +391,7 @@ impl Nearest {
     /// Takes the nearest of a block's hits if it is nearer, or as near and of a triangle that comes
     /// before.
     #[inline(always)]
-    fn meet(&mut self, block: &Block, sheared: &ShearedRay, is_one: impl Fn(u32) -> bool) {
+    fn meet(&mut self, block: &Block, sheared: &ShearedRay, there: &impl There) {
         let met = sheared.meet(block);
         let mut lanes = met.lanes;
         while lanes != 0 {
@@ -337,12 +401,16 @@ impl Nearest {
             let first = self
                 .best
                 .is_none_or(|b| t < b.t || (t == b.t && triangle < b.triangle));
-            if t < self.t_max && first && is_one(triangle) {
+            if t < self.t_max && first {
+                let uv = met.uv.map(|w| w[k]);
+                if !there.is_there(triangle, uv, t) {
+                    continue;
+                }
                 self.t_end = t;
                 self.best = Some(Hit {
                     t,
                     triangle,
-                    uv: met.uv.map(|w| w[k]),
+                    uv,
                     is_back: met.backs >> k & 1 == 1,
                 });
             }

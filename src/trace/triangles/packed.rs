@@ -4,7 +4,7 @@ use super::{Blocks, Node, TriangleBvh};
 use crate::Result;
 use crate::formats::{PackedColumn, PackedHierarchy, PackedWriter};
 use crate::run::Cancel;
-use crate::scene::{Mesh, Scene};
+use crate::scene::{Masks, Mesh, Scene};
 use crate::trace::watertight::{Block, VertexBlock};
 use bytemuck::{Pod, Zeroable};
 
@@ -32,7 +32,7 @@ impl<'a> TriangleBvh<'a> {
     /// If cancelled.
     pub fn of_scene(scene: &'a Scene, cancel: &Cancel) -> Result<Self> {
         let Some(packed) = scene.as_packed() else {
-            return Self::new_until(&scene.mesh, cancel);
+            return Ok(Self::new_until(&scene.mesh, cancel)?.with_masks(scene));
         };
         match packed.file().meta().hierarchy {
             Some(hierarchy) => Ok(Self {
@@ -43,6 +43,7 @@ impl<'a> TriangleBvh<'a> {
                 },
                 positions: &scene.mesh.positions,
                 scale: hierarchy.scale,
+                masks: Masks::of(scene),
             }),
             // Without triangles, or with none that any ray could meet.
             None => Ok(Self::default()),
@@ -123,6 +124,7 @@ mod tests {
             blocks: Blocks::Corners(blocks.into()),
             positions: &[],
             scale: TriangleBvh::new(&scene.mesh).scale,
+            masks: None,
         };
         let right = blocks(&scene.mesh);
         assert!(of(right.clone()).has_right_blocks(&scene.mesh));

@@ -2,7 +2,7 @@
 //! Benthin & Wagner 2001).
 
 use super::slab_ray::{SlabRay, Stack, push_sorted};
-use super::{Blocks, Child, Corners, Nearest, TriangleBvh};
+use super::{Blocks, Child, Corners, Nearest, There, TriangleBvh, Whole};
 use crate::math::{Hit, Ray};
 use crate::trace::watertight::{ShearedRay, VertexBlock};
 use arrayvec::ArrayVec;
@@ -19,7 +19,7 @@ const MIN_RAYS_TOGETHER: u32 = 2;
 type Mask = u64;
 
 /// A ray of a packet.
-struct Member {
+pub(super) struct Member {
     slabs: SlabRay,
     sheared: ShearedRay,
     nearest: Nearest,
@@ -43,9 +43,10 @@ impl TriangleBvh<'_> {
                     nearest: Nearest::new(ray.t_max),
                 }
             }));
-            match &self.blocks {
-                Blocks::Corners(blocks) => self.trace(&&blocks[..], &mut packet),
-                Blocks::Vertices(blocks) => self.trace_by_vertex(blocks, &mut packet),
+            match (&self.masks, &self.blocks) {
+                (Some(masks), _) => self.trace_masked(masks, &mut packet),
+                (None, Blocks::Corners(blocks)) => self.trace(&&blocks[..], &mut packet, &Whole),
+                (None, Blocks::Vertices(blocks)) => self.trace_by_vertex(blocks, &mut packet),
             }
             for (hit, member) in hits.iter_mut().zip(&packet) {
                 *hit = member.nearest.hit(self.scale);
@@ -55,12 +56,12 @@ impl TriangleBvh<'_> {
 
     #[inline(never)]
     fn trace_by_vertex(&self, blocks: &[VertexBlock], packet: &mut [Member]) {
-        self.trace(&self.by_vertex(blocks), packet);
+        self.trace(&self.by_vertex(blocks), packet, &Whole);
     }
 
     /// Finds the nearest hit of each ray of a packet.
     #[inline(always)]
-    fn trace(&self, blocks: &impl Corners, packet: &mut [Member]) {
+    pub(super) fn trace(&self, blocks: &impl Corners, packet: &mut [Member], there: &impl There) {
         let nodes = &self.nodes[..];
         // With the least distance at which one of the rays enters.
         let mut stack: Stack<(Child, Mask)> = Stack::new();
@@ -77,7 +78,7 @@ impl TriangleBvh<'_> {
                     } = &mut packet[k];
                     let t_end = nearest.t_end;
                     self.visit_from(blocks, child, slabs, t_end, |block, t_end| {
-                        nearest.meet(block, sheared, |_| true);
+                        nearest.meet(block, sheared, there);
                         *t_end = nearest.t_end;
                         true
                     });
@@ -88,7 +89,7 @@ impl TriangleBvh<'_> {
                         let Member {
                             sheared, nearest, ..
                         } = &mut packet[k];
-                        nearest.meet(block.borrow(), sheared, |_| true);
+                        nearest.meet(block.borrow(), sheared, there);
                     }
                 }
             } else {

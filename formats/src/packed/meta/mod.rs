@@ -1,6 +1,7 @@
 //! What a packed scene says of itself: all but its columns.
 
 mod light;
+mod parts;
 mod rules;
 mod surface;
 mod view;
@@ -10,6 +11,7 @@ use super::column::{ColumnRows, PackedColumn};
 use crate::Result;
 use crate::record::MAX_VOLUMES;
 pub use light::{PackedEnvironment, PackedLight};
+pub use parts::{PackedMask, PackedMasks, PackedParts};
 pub use rules::MAX_EMISSION;
 use rules::check;
 pub use surface::{
@@ -66,6 +68,8 @@ pub struct PackedMeta {
     pub tree_bytes: u64,
     /// Bytes of the file of scattered light that is in it; 0 for none.
     pub light_bytes: u64,
+    /// What most scenes have not.
+    pub parts: PackedParts,
 }
 
 /// Summary of a packed scene: which columns it has, in the order of the file.
@@ -93,6 +97,8 @@ impl PackedMeta {
         let mesh = &self.mesh;
         let of = |has: bool| if has { mesh.vertices } else { 0 };
         let hierarchy = self.hierarchy.unwrap_or_default();
+        let masks = self.parts.masks.as_ref();
+        let has_opacities = masks.is_some_and(|masks| masks.has_opacities);
         let whole = [
             (PackedColumn::Positions, mesh.vertices),
             (PackedColumn::Normals, of(mesh.has_normals)),
@@ -100,6 +106,7 @@ impl PackedMeta {
             (PackedColumn::Uvs, of(mesh.has_uvs)),
             (PackedColumn::Triangles, mesh.triangles),
             (PackedColumn::Materials, mesh.triangles),
+            (PackedColumn::Opacities, of(has_opacities)),
         ];
         let whole = whole.into_iter().map(|(column, rows)| (column, 0, rows));
         let images = (0..).zip(&self.images).map(|(i, image)| {
@@ -163,6 +170,7 @@ impl PackedMeta {
         for material in &self.materials {
             material.validate(self.textures.len())?;
         }
+        (self.parts).validate(self.materials.len(), self.textures.len())?;
         let areas = &self.areas;
         let are_right =
             areas.len() == self.materials.len() && areas.iter().all(|a| a.is_finite() && *a >= 0.0);

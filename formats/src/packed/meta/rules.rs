@@ -29,8 +29,12 @@ pub fn is_light(color: [f32; 3]) -> bool {
     color.iter().all(|v| (0.0..=MAX_EMISSION).contains(v))
 }
 
+pub fn is_share(number: f32) -> bool {
+    (0.0..=1.0).contains(&number)
+}
+
 pub fn are_shares(color: [f32; 3]) -> bool {
-    color.iter().all(|v| (0.0..=1.0).contains(v))
+    color.into_iter().all(is_share)
 }
 
 pub fn is_near(position: [f32; 3]) -> bool {

@@ -15,14 +15,14 @@ use super::{builtin, changes, gltf, normals, obj, ply, texture, transform};
 use crate::Result;
 use crate::run::Cancel;
 use crate::scene::builder::{DEFAULT_FILM, MAX_EMISSION, MeshInput, SceneBuilder};
-use crate::scene::{Film, Light};
+use crate::scene::{Film, Light, Mask};
 use glam::DAffine3;
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 const FILM: [&str; 3] = ["width", "height", "exposure"];
-const MESH: [&str; 16] = [
+const MESH: [&str; 18] = [
     "file",
     "name",
     "transform",
@@ -31,6 +31,8 @@ const MESH: [&str; 16] = [
     "scale",
     "albedo",
     "texture",
+    "opacity",
+    "opacity_cutoff",
     "palette",
     "color_encoding",
     "emission",
@@ -252,14 +254,19 @@ fn surface(table: &Table<'_>, scene: &Path, mesh: &mut MeshInput, files: &mut Fi
         let content = files.read("texture", &path).map_err(|e| table.locate(e))?;
         let image = texture::decode(&content, &path, Decoding::default(), files)?;
         let image = image.map_err(|e| e.at(path.display()))?;
-        mesh.textures = vec![image];
+        if mesh.materials.iter().all(|m| m.mask.is_none()) {
+            mesh.textures.clear();
+        }
+        let index = mesh.textures.len() as u32;
+        mesh.textures.push(image);
         for material in &mut mesh.materials {
-            material.texture = Some(0);
+            material.texture = Some(index);
             if table.get("albedo").is_none() {
                 material.albedo = [1.0; 3];
             }
         }
     }
+    masks(table, scene, mesh, files)?;
     let materials = &mut mesh.materials;
     if let Some(item) = table.get("emission") {
         let emission = item.color(MAX_EMISSION)?;
@@ -276,6 +283,47 @@ fn surface(table: &Table<'_>, scene: &Path, mesh: &mut MeshInput, files: &mut Fi
     if let Some(item) = table.get("name") {
         let name = item.text()?;
         materials.iter_mut().for_each(|m| m.name = name.into());
+    }
+    Ok(())
+}
+
+/// Applies the keys that say where the surface of a mesh is there.
+fn masks(table: &Table<'_>, scene: &Path, mesh: &mut MeshInput, files: &mut Files) -> Result<()> {
+    if let Some(item) = table.get("opacity") {
+        let mut mask = Mask {
+            opacity: 1.0,
+            texture: None,
+            cutoff: None,
+        };
+        match item.is_text() {
+            false => mask.opacity = item.number_within(0.0, 1.0)? as f32,
+            true if mesh.uvs.is_empty() => {
+                return Err(item.error("the mesh has no texture coordinates"));
+            }
+            true => {
+                let name = files.at_frame(item.text()?);
+                let path = beside(scene, &name.map_err(|e| table.locate(e))?);
+                let content = files.read("texture", &path).map_err(|e| table.locate(e))?;
+                let image = texture::decode_opacity(&content, &path, Decoding::default(), files)?;
+                mask.texture = Some(mesh.textures.len() as u32);
+                mesh.textures.push(image.map_err(|e| e.at(path.display()))?);
+            }
+        }
+        mesh.opacities.clear();
+        for material in &mut mesh.materials {
+            material.mask = Some(mask);
+        }
+    }
+    if let Some(item) = table.get("opacity_cutoff") {
+        let cutoff = item.number_within(0.0, 1.0)? as f32;
+        let masks = mesh.materials.iter_mut().filter_map(|m| m.mask.as_mut());
+        let mut masks = masks.peekable();
+        if masks.peek().is_none() {
+            return Err(item.error(
+                "there is no `opacity`, and the file has none, of which it could be the cut-off",
+            ));
+        }
+        masks.for_each(|mask| mask.cutoff = Some(cutoff));
     }
     Ok(())
 }

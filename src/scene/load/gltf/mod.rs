@@ -2,17 +2,18 @@
 //!
 //! Base colour (factor, texture, vertex colours) is the albedo, whatever the metalness; emissive
 //! factor times strength is radiance. Lights are taken as radiometric: candela is intensity, lux is
-//! irradiance, 1:1. Skins, morph targets, animations, transparency, metal and normal maps are left
-//! out, with a warning; an emissive texture is replaced by its mean. Of extensions lights, emissive
+//! irradiance, 1:1. Materials are there where their alpha says. Skins, morph targets, animations, metal and normal maps
+//! are left out, with a warning; an emissive texture is replaced by its mean. Of extensions lights, emissive
 //! strength and texture transforms are read, and those that do not change looks are passed over;
 //! others are warned of.
 //!
 //! - `document`: parses a file and mends what others write; `extensions`: which are read
-//! - `buffers`: the bytes of a document; here: nodes, meshes, materials, cameras and lights
+//! - `buffers`: the bytes of a document; `masks`: where surfaces are there; here: nodes, meshes, materials, cameras and lights
 
 mod buffers;
 mod document;
 mod extensions;
+mod masks;
 
 use super::colors::ColorEncoding;
 use super::files::Files;
@@ -118,6 +119,7 @@ pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Imp
         buffers,
         materials: HashMap::new(),
         textures: HashMap::new(),
+        alphas: HashMap::new(),
         is_hidden: opened.is_hidden,
         out: Import::default(),
         list: MeshInput::default(),
@@ -143,6 +145,8 @@ struct Reader<'a> {
     /// Index in `list` of each image of the file, for each way in which it goes on beyond its
     /// borders.
     textures: HashMap<(usize, [Wrap; 2]), Option<u32>>,
+    /// The same of the alpha of images.
+    alphas: HashMap<(usize, [Wrap; 2]), Option<u32>>,
     /// Whether each node is hidden, and what is below it.
     is_hidden: Vec<bool>,
     out: Import,
@@ -326,7 +330,12 @@ impl Reader<'_> {
             }
         }
         if let Some(accessor) = primitive.get(&Semantic::Colors(0)) {
+            let has_mask = primitive.material().alpha_mode() != AlphaMode::Opaque;
             mesh.colors = match accessor.dimensions().multiplicity() {
+                4 if has_mask => {
+                    mesh.opacities = self.opacities(&accessor)?;
+                    (self.buffers).floats(&accessor, |[r, g, b, _]| [r, g, b])?
+                }
                 4 => (self.buffers).floats(&accessor, |[r, g, b, _]| [r, g, b])?,
                 _ => self.buffers.floats(&accessor, |rgb: [f32; 3]| rgb)?,
             };
@@ -404,25 +413,22 @@ impl Reader<'_> {
                 self.left_out.note(what, format_args!("`{name}`"));
             }
         }
-        if material.alpha_mode() != AlphaMode::Opaque {
-            self.left_out
-                .note("materials are taken as opaque", format_args!("`{name}`"));
-        }
+        made.mask = self.mask(material, name)?;
         if let Some(info) = base.base_color_texture() {
             let image = info.texture().source().index();
-            let sampler = info.texture().sampler();
-            let wrap = [sampler.wrap_s(), sampler.wrap_t()].map(|mode| match mode {
-                WrappingMode::Repeat => Wrap::Repeat,
-                WrappingMode::ClampToEdge => Wrap::Clamp,
-                WrappingMode::MirroredRepeat => Wrap::Mirror,
-            });
-            made.texture = self.texture(image, wrap)?;
+            made.texture = self.texture(image, wrap(&info))?;
         }
         if without_uvs && let Some(index) = made.texture.take() {
             let mean = texture::mean(&self.list.textures[index as usize]);
             made.albedo = std::array::from_fn(|i| made.albedo[i] * mean[i]);
             let what = "textures without texture coordinates are replaced by their mean colour";
             self.left_out.note(what, format_args!("that of `{name}`"));
+        }
+        if without_uvs
+            && let Some(mask) = &mut made.mask
+            && let Some(index) = mask.texture.take()
+        {
+            mask.opacity *= texture::mean(&self.list.textures[index as usize])[0];
         }
         let index = self.list.materials.len() as u32;
         self.list.materials.push(made);
@@ -446,13 +452,24 @@ impl Reader<'_> {
 
     /// An image of the file; one that is not there or cannot be read is noted, and is none.
     fn image(&mut self, index: usize) -> Result<Option<Texture>> {
+        self.image_by(index, |content, name, files| {
+            texture::decode(content, name, Decoding::default(), files)
+        })
+    }
+
+    /// What is decoded of an image of the file, as [`Self::image`] does.
+    fn image_by<T>(
+        &mut self,
+        index: usize,
+        decode: impl Fn(&[u8], &Path, &mut Files) -> Result<Result<T>>,
+    ) -> Result<Option<T>> {
         let content = self
             .buffers
             .image(self.document, index, self.path, self.files);
         let image = match content {
             Ok(content) => {
                 let name = self.path.join(format!("image {index}"));
-                texture::decode(&content, &name, Decoding::default(), self.files)?
+                decode(&content, &name, self.files)?
             }
             Err(e) => Err(e),
         };
@@ -490,6 +507,16 @@ fn triangles(mode: Mode, indices: &[u32]) -> Result<Option<Vec<[u32; 3]>>> {
         _ => return Ok(None),
     };
     Ok(Some(triangles))
+}
+
+/// What a texture is beyond its borders.
+fn wrap(info: &Info<'_>) -> [Wrap; 2] {
+    let sampler = info.texture().sampler();
+    [sampler.wrap_s(), sampler.wrap_t()].map(|mode| match mode {
+        WrappingMode::Repeat => Wrap::Repeat,
+        WrappingMode::ClampToEdge => Wrap::Clamp,
+        WrappingMode::MirroredRepeat => Wrap::Mirror,
+    })
 }
 
 /// Applies KHR_texture_transform: scale, then rotation from u towards -v, then offset.

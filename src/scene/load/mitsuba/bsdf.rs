@@ -119,16 +119,23 @@ impl Reader<'_> {
 
     fn mask(&mut self, bsdf: &Element<'_>) -> Result<Surface> {
         let opacity = self.paint(bsdf, "opacity", 0.5)?;
-        let mean = opacity.mean().iter().sum::<f32>() / 3.0;
-        if opacity.texture.is_some() || (mean != 0.0 && mean != 1.0) {
-            let what = "surfaces that let light through in part are taken as opaque from a half on";
+        if opacity.is_of_vertices {
+            let what = "opacities of vertices are taken as 1";
             self.left_out.note(what, bsdf.line());
         }
         let inner = self.inner(bsdf)?;
-        Ok(match mean >= 0.5 {
-            true => inner,
-            false => Surface::None,
-        })
+        let Surface::Diffuse(mut paint) = inner else {
+            return Ok(inner);
+        };
+        if opacity.mean() == [0.0; 3] {
+            return Ok(Surface::None);
+        }
+        if paint.opacity.is_some() {
+            let what = "of masks in masks the outer one is taken";
+            self.left_out.note(what, bsdf.line());
+        }
+        paint.opacity = Some(Box::new(opacity));
+        Ok(Surface::Diffuse(paint))
     }
 
     /// Two materials and the weight of the second.

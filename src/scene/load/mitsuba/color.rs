@@ -17,6 +17,8 @@ pub(super) struct Paint {
     pub(super) texture: Option<(Texture, DAffine2)>,
     /// Whether colours of vertices are a factor on it.
     pub(super) is_of_vertices: bool,
+    /// How much of the surface is there, by luminance.
+    pub(super) opacity: Option<Box<Paint>>,
 }
 
 impl Paint {
@@ -25,6 +27,7 @@ impl Paint {
             color,
             texture: None,
             is_of_vertices: false,
+            opacity: None,
         }
     }
 

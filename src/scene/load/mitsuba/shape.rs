@@ -1,14 +1,16 @@
 //! Shapes of a Mitsuba file: meshes with their materials, in place.
 
 use super::bsdf::Surface;
+use super::color::Paint;
 use super::element::Element;
 use super::{Reader, geometry, plugins};
 use crate::Result;
+use crate::math::Rgb;
 use crate::scene::builder::{MAX_EMISSION, MeshInput};
 use crate::scene::load::colors::ColorEncoding;
 use crate::scene::load::transform::about;
-use crate::scene::load::{obj, ply};
-use crate::scene::{Material, Mesh};
+use crate::scene::load::{obj, ply, texture};
+use crate::scene::{Mask, Material, Mesh};
 use glam::{DAffine3, DQuat, DVec3};
 
 /// Keys of shapes that make no difference here.
@@ -66,7 +68,7 @@ impl Reader<'_> {
             (Surface::Diffuse(paint), _) => Some(paint),
             (Surface::None, None) => None,
             // What only emits.
-            (Surface::None, Some(_)) => Some(super::color::Paint::plain([0.0; 3])),
+            (Surface::None, Some(_)) => Some(Paint::plain([0.0; 3])),
         };
         let Some(mut paint) = paint else {
             // Its file is not needed, but it is right that it is named.
@@ -102,26 +104,51 @@ impl Reader<'_> {
         let name = shape.id().map_or_else(|| shape.line(), str::to_owned);
         let mut material = Material::diffuse(&name, paint.color);
         material.emission = emission.unwrap_or([0.0; 3]);
-        mesh.textures.clear();
-        if let Some((texture, uv)) = paint.texture {
-            if mesh.uvs.is_empty() {
-                let what = "textures of shapes without texture coordinates are taken as their mean";
-                self.left_out.note(what, shape.line());
-                let mean = crate::scene::load::texture::mean(&texture);
-                material.albedo = std::array::from_fn(|i| paint.color[i] * mean[i]);
-            } else {
-                for p in &mut mesh.uvs {
-                    *p = uv.transform_point2(p.as_dvec2()).as_vec2();
-                }
-                material.texture = Some(0);
-                mesh.textures = vec![texture];
-            }
-        }
         mesh.material = vec![0; mesh.triangles.len()];
         mesh.materials = vec![material];
+        self.apply(shape, paint, &mut mesh);
         self.count(shape, mesh.triangles.len())?;
         self.builder.meshes.push(mesh);
         Ok(())
+    }
+
+    /// Gives a mesh of one material the textures of its colour and its opacity.
+    fn apply(&mut self, shape: &Element<'_>, paint: Paint, mesh: &mut MeshInput) {
+        let material = &mut mesh.materials[0];
+        let mut uv = None;
+        mesh.textures.clear();
+        if let Some((texture, map)) = paint.texture {
+            material.texture = Some(0);
+            mesh.textures.push(texture);
+            uv = Some(map);
+        }
+        if let Some(opacity) = paint.opacity {
+            let mut mask = Mask {
+                opacity: Rgb(opacity.color).luminance().min(1.0),
+                texture: None,
+                cutoff: None,
+            };
+            if let Some((texture, map)) = opacity.texture {
+                mask.texture = Some(mesh.textures.len() as u32);
+                mesh.textures.push(texture);
+                if *uv.get_or_insert(map) != map {
+                    let what = "textures of opacity lie where those of colour do";
+                    self.left_out.note(what, shape.line());
+                }
+            }
+            material.mask = Some(mask);
+        }
+        let Some(uv) = uv else {
+            return;
+        };
+        if mesh.uvs.is_empty() {
+            let what = "textures of shapes without texture coordinates are taken as their mean";
+            self.left_out.note(what, shape.line());
+            texture::replace_by_means(mesh);
+        }
+        for p in &mut mesh.uvs {
+            *p = uv.transform_point2(p.as_dvec2()).as_vec2();
+        }
     }
 
     /// Refuses more triangles than a scene may have, before they take memory.

@@ -44,6 +44,11 @@ impl<'a> Item<'a> {
         self.value.get_ref().is_table()
     }
 
+    /// Whether the value is text.
+    pub(in crate::scene::load) fn is_text(&self) -> bool {
+        self.value.get_ref().is_str()
+    }
+
     /// Whether the value is a list.
     pub(in crate::scene::load) fn is_list(&self) -> bool {
         self.value.get_ref().is_array()

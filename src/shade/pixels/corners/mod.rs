@@ -191,10 +191,7 @@ impl<'a, A: CameraMedia> Corners<'a, A> {
     fn shade_between(&self, x: u32, y: u32, first: usize) -> Pixel {
         let at = |column: usize, row: usize| &self.corners[first + row * self.width + column];
         let own = [at(1, 1), at(2, 1), at(1, 2), at(2, 2)];
-        let whole = own[1..]
-            .iter()
-            .all(|c| self.shader.same_end(&own[0].sample, &c.sample));
-        if whole
+        if self.shader.end_alike(own.iter().map(|c| &c.sample))
             && !self.hides_an_emitter(own[0], x, y)
             && let Some(pixel) = self.mean_of_corners(PixelSum::of(x, y), first, own, at)
         {

@@ -60,7 +60,7 @@ def write_ply(name, vertices, normals, faces):
             if normals:
                 ply.write(struct.pack("<3f", *normals[i]))
         for f in faces:
-            ply.write(struct.pack("<B3H", 3, *f))
+            ply.write(struct.pack(f"<B{len(f)}H", len(f), *f))
 
 
 def normalized(v):
@@ -376,17 +376,21 @@ def lampshade():
     write_ply("shade_wall.ply", vertices, None, faces)
 
 
+def write_png(name, side, texel):
+    """A PNG of what `texel` says of each place: three bytes of colour, and one of alpha if it has four."""
+    rows = [[texel(x, y) for x in range(side)] for y in range(side)]
+    kind = 2 if len(rows[0][0]) == 3 else 6
+    raw = b"".join(b"\0" + bytes(c for place in row for c in place) for row in rows)
+
+    def chunk(name, body):
+        return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+
+    with open(path(name), "wb") as png:
+        png.write(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">2I5B", side, side, 8, kind, 0, 0, 0))
+                  + chunk(b"IDAT", zlib.compress(raw)) + chunk(b"IEND", b""))
+
+
 def tiles():
-    def write_png(name, side, texel):
-        rows = b"".join(b"\0" + bytes(c for x in range(side) for c in texel(x, y)) for y in range(side))
-
-        def chunk(kind, body):
-            return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
-
-        with open(path(name), "wb") as png:
-            png.write(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">2I5B", side, side, 8, 2, 0, 0, 0))
-                      + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
-
     write_png("tiles.png", 128, lambda x, y: ((230, 60, 40), (30, 60, 210))[(x // 4 + y // 4) % 2])
     write_png("grain.png", 64, lambda x, y: [int(40 + 200 * noise(x + 0.5, y + 0.5, c, 31)) for c in range(3)])
 
@@ -435,5 +439,92 @@ def studio():
                 hdr.write(runs([texel[channel] for texel in row]))
 
 
-for scene in (curved, lights100, volumes, thin, outdoor, lampshade, tiles, studio):
+def tree():
+    """A tree: a trunk with boughs, and cards on which twigs of seven leaves are painted, with alpha around these."""
+    leaves = [(0.5, 0.55, 0.5, 0.03), (0.5, 0.75, 0.1, 0.38), (0.5, 0.75, 0.9, 0.38), (0.5, 0.85, 0.08, 0.68),
+              (0.5, 0.85, 0.92, 0.68), (0.5, 0.92, 0.16, 0.94), (0.5, 0.92, 0.84, 0.94)]
+
+    def leaf(u, v):
+        """Of the leaf that a place is on: how far along it is, and how far across; a stem has neither."""
+        for number, (x0, y0, x1, y1) in enumerate(leaves):
+            x, y = x1 - x0, y1 - y0
+            length = sqrt(x * x + y * y)
+            along = ((u - x0) * x + (v - y0) * y) / length**2
+            across = ((u - x0) * y - (v - y0) * x) / length
+            if 0 < along < 1 and abs(across) < 0.085 * sin(pi * along**0.75) ** 0.8:
+                return number, along, across
+        return (-1, 0, 0) if abs(u - 0.5) < 0.012 and v > 0.3 else None
+
+    def texel(x, y):
+        parts = 4
+        found = [leaf((x + (i + 0.5) / parts) / 128, (y + (j + 0.5) / parts) / 128)
+                 for i in range(parts) for j in range(parts)]
+        there = [f for f in found if f]
+        alpha = round(255 * len(there) / len(found))
+        number, along, across = there[0] if there else (0, 0.5, 0.1)
+        shade = 0.85 + 0.3 * noise(number * 3.7, along * 6, across * 40, 71)
+        vein = 1.25 if abs(across) < 0.006 else 1.0
+        color = (120, 90, 60) if number < 0 else (96 * shade * vein, 150 * shade * vein, 52 * shade)
+        return tuple(min(255, int(c)) for c in color) + (alpha,)
+
+    write_png("leaf.png", 128, texel)
+
+    def random(i, k):
+        return noise(i, k, 0, 73)
+
+    def tube(points, radii, around):
+        """Rings about points that rise."""
+        vertices, faces = [], []
+        for (x, y, z), r in zip(points, radii):
+            vertices += [(x + r * cos(2 * pi * k / around), y, z + r * sin(2 * pi * k / around)) for k in range(around)]
+        for ring in range(len(points) - 1):
+            for k in range(around):
+                a, b = ring * around + k, ring * around + (k + 1) % around
+                faces.append((a, a + around, b + around, b))
+        return vertices, faces
+
+    vertices, faces = [], []
+
+    def add(part):
+        first = len(vertices)
+        vertices.extend(part[0])
+        faces.extend(tuple(first + i for i in face) for face in part[1])
+
+    add(tube([(0.12 * sin(t), 2.6 * t / 8, 0.08 * sin(2 * t)) for t in range(9)],
+             [0.24 - 0.018 * t + (0.1 if t == 0 else 0) for t in range(9)], 12))
+    boughs = []
+    for i in range(14):
+        turn, height = 2.4 * i, 1.5 + 0.085 * i
+        reach = 1.3 - 0.045 * i
+        tip = (reach * cos(turn), height + 0.55 + 0.9 * random(i, 1), reach * sin(turn))
+        boughs.append(((0.0, height, 0.0), tip))
+        points = [tuple(b * t / 4 + a * (1 - t / 4) for a, b in zip((0.0, height, 0.0), tip)) for t in range(5)]
+        add(tube(points, [0.09 - 0.019 * t for t in range(5)], 7))
+    write_ply("trunk.ply", vertices, None, faces)
+
+    with open(path("leaves.ply"), "wb") as ply:
+        cards = 2000
+        ply.write(
+            f"ply\nformat binary_little_endian 1.0\nelement vertex {4 * cards}\nproperty float x\nproperty float y\n"
+            f"property float z\nproperty uchar u\nproperty uchar v\nelement face {cards}\n"
+            "property list uchar ushort vertex_indices\nend_header\n".encode()
+        )
+        for i in range(cards):
+            start, tip = boughs[i % len(boughs)]
+            t = 0.45 + 0.65 * sqrt(random(i, 2))
+            spread = [1.1 * (random(i, k) - 0.5) for k in (3, 4, 5)]
+            middle = [a + (b - a) * t + s for a, b, s in zip(start, tip, spread)]
+            out = normalized((middle[0] + 0.8 * spread[0], 0.5 + random(i, 6), middle[2] + 0.8 * spread[2]))
+            turn = 2 * pi * random(i, 7)
+            side = normalized(cross(out, (cos(turn), 0.4, sin(turn))))
+            up = cross(side, out)
+            half = 0.13 + 0.06 * random(i, 8)
+            for u, v in ((0, 0), (1, 0), (1, 1), (0, 1)):
+                at = [m + half * ((2 * u - 1) * a + (2 * v - 1) * b) for m, a, b in zip(middle, side, up)]
+                ply.write(struct.pack("<3f2B", *at, u, v))
+        for i in range(cards):
+            ply.write(struct.pack("<B4H", 4, *range(4 * i, 4 * i + 4)))
+
+
+for scene in (curved, lights100, volumes, thin, outdoor, lampshade, tiles, studio, tree):
     scene()
