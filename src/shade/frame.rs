@@ -12,6 +12,7 @@ use crate::gather::{self, Gatherer, Medium, PatchRadiance, PatchStats, TreeTask}
 use crate::image::{Onlooker, Region};
 use crate::inscatter::{self, InScatter, MediaCounts, MediaLights};
 use crate::light::{Lights, SoftShadowMedia, Vacuum};
+use crate::math::{Environment, Rgb};
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::trace::Tracer;
@@ -144,18 +145,10 @@ impl<W: FrameWork> TreeTask for FrameTask<'_, W> {
         let bright_patches = (patches.as_mut())
             .filter(|_| M::IS_NOTHING)
             .and_then(|patches| BrightPatchLights::find(&view, &lights, patches, pages, settings));
-        let kernel = match (&patches, settings.kernel) {
-            (Some(patches), _) => gather::RayKernel::Traced(patches),
-            (None, Kernel::Plain) => gather::RayKernel::Plain,
-            (None, _) => gather::RayKernel::Cone,
-        };
         let gathers = gather::RaySettings {
-            samples: settings.samples,
-            max_solid_angle: settings.max_solid_angle,
-            max_dist: settings.max_dist.unwrap_or(f32::INFINITY),
-            kernel,
             environment: lights.environment(),
             leave_out_bright: bright_patches.is_some(),
+            ..ray_settings(settings, patches.as_ref())
         };
         let with_settings = |settings| Gatherer {
             pages,
@@ -165,10 +158,8 @@ impl<W: FrameWork> TreeTask for FrameTask<'_, W> {
         let on_surfaces = |samples| SurfaceGatherer {
             view: &view,
             gatherer: with_settings(gather::RaySettings {
-                samples: match bright_patches {
-                    Some(_) => BrightPatchLights::other_rays(samples),
-                    None => samples,
-                },
+                samples: (bright_patches.as_ref())
+                    .map_or(samples, |_| BrightPatchLights::other_rays(samples)),
                 ..gathers
             }),
             bright_patches: bright_patches.as_ref(),
@@ -205,6 +196,25 @@ impl<W: FrameWork> TreeTask for FrameTask<'_, W> {
         };
         let patches = patches.map(|p| p.stats()).unwrap_or_default();
         Ok((done, FrameCounts { patches, media }))
+    }
+}
+
+/// What settings ask of the rays of gathers, in a scene without an environment.
+fn ray_settings<'a>(
+    settings: &Settings,
+    patches: Option<&'a PatchRadiance<'a>>,
+) -> gather::RaySettings<'a> {
+    gather::RaySettings {
+        samples: settings.samples,
+        max_solid_angle: settings.max_solid_angle,
+        max_dist: settings.max_dist.unwrap_or(f32::INFINITY),
+        kernel: match (patches, settings.kernel) {
+            (Some(patches), _) => gather::RayKernel::Traced(patches),
+            (None, Kernel::Plain) => gather::RayKernel::Plain,
+            (None, _) => gather::RayKernel::Cone,
+        },
+        environment: Environment::even(Rgb::BLACK),
+        leave_out_bright: false,
     }
 }
 

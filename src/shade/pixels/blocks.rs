@@ -89,3 +89,23 @@ fn shade_blocks<S: FnMut(u32, u32) -> Pixel>(
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_are_blocks_and_enough_of_them() {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(4);
+        let pool = pool.build().unwrap();
+        let of =
+            |width, height| pool.install(|| blocks_of(Region::full(width, height), SIZES_ALONE));
+        for (width, height, edge) in [(1920, 1080, 64), (160, 120, 32), (64, 48, 8), (3, 2, 3)] {
+            let blocks = of(width, height);
+            assert_eq!(blocks[0].width(), edge, "{width} x {height}");
+            assert!(blocks.len() >= 16 || edge <= 8, "{width} x {height}");
+            let pixels: usize = blocks.iter().map(Region::pixels).sum();
+            assert_eq!(pixels, width as usize * height as usize);
+        }
+    }
+}
