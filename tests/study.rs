@@ -448,6 +448,123 @@ fn a_cut_tree_is_built_again_and_force_leaves_nothing_of_before() {
 }
 
 #[test]
+fn other_renderers_seeds_and_the_noise_of_the_reference_are_in_the_report() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    for (name, spp, seed) in [("r", 16, 1), ("r2", 16, 2), ("p4", 4, 3), ("p8", 8, 4)] {
+        let line = format!(
+            "reference --demo --resolution 16x12 --max-depth 3 --progress none -o {name}.exr --spp {spp} --seed {seed}"
+        );
+        let (code, stderr) = run(dir.path(), &line);
+        assert_eq!(code, Some(0), "{stderr}");
+    }
+    fs::write(
+        at("others.csv"),
+        "name,seconds,relmse,note\n<b>,0.5,0.02,x\n<b>,2,0.005,y\n",
+    )
+    .unwrap();
+    let study = format!("{TINY} --reference r.exr");
+    let more = "--reference-noise r2.exr --seeds 3 --peer paths=p8.exr,0.2 --peer paths=p4.exr,0.1 --peer second=r2.exr,1 --peers others.csv";
+    let (code, stderr) = run(dir.path(), &format!("{study} {more}"));
+    assert_eq!((code, stderr.as_str()), (Some(0), ""));
+    let found = json(&at("s"));
+    let peers = found["peers"].as_array().unwrap();
+    let names: Vec<&str> = peers.iter().map(|p| p["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["<b>", "<b>", "paths", "paths", "second"]);
+    // More samples, less error, by the measure of the study's own runs.
+    let error = |i: usize| peers[i]["errors"]["relmse"].as_f64().unwrap();
+    assert!(error(2) < error(3) && error(3) < 1.0, "{peers:?}");
+    let reference = &found["reference"];
+    assert_eq!(reference["noise"], "image");
+    // Half the distance between both images, and less than the error of fewer samples.
+    let noise = reference["relmse"].as_f64().unwrap();
+    assert_eq!(noise, 0.5 * error(4));
+    assert!(noise < error(2), "{noise} {peers:?}");
+    let runs = found["runs"].as_array().unwrap();
+    for run in runs {
+        let seeds = run["seeds"].as_object().unwrap();
+        assert_eq!(seeds.keys().collect::<Vec<_>>(), ["1", "2"], "{run}");
+        let relmse = |errors: &Value| errors["relmse"].as_f64().unwrap();
+        assert!(
+            seeds.values().all(|s| relmse(s) != relmse(&run["errors"])),
+            "{run}"
+        );
+        assert_eq!(run["rounds"].as_array().unwrap().len(), 1);
+    }
+    assert!(!at("s/trees/of-a-seed").exists());
+    let report = fs::read_to_string(at("s/report.html")).unwrap();
+    for part in [
+        "Other renderers",
+        "Several seeds",
+        "&lt;b&gt;",
+        "below the noise of the reference",
+        "by a second image",
+    ] {
+        assert!(report.contains(part), "{part}");
+    }
+    assert!(!report.contains("<b>"));
+    let csv = fs::read_to_string(at("s/study.csv")).unwrap();
+    assert!(
+        csv.lines()
+            .next()
+            .unwrap()
+            .ends_with("relmse_less_noise,seeds,relmse_mean,relmse_least,relmse_most")
+    );
+    // A second call measures no seed again, and another adds one.
+    let (code, _) = run(
+        dir.path(),
+        &format!("{study} --reference-noise 1e-3 --seeds 4"),
+    );
+    assert_eq!(code, Some(0));
+    let again = json(&at("s"));
+    assert_eq!(again["reference"]["relmse"], 1e-3);
+    assert!(again["peers"].as_array().unwrap().is_empty());
+    for (run, before) in again["runs"].as_array().unwrap().iter().zip(runs) {
+        let (seeds, known) = (run["seeds"].as_object().unwrap(), &before["seeds"]);
+        assert_eq!(seeds.len(), 3);
+        assert!(
+            known
+                .as_object()
+                .unwrap()
+                .iter()
+                .all(|(seed, errors)| seeds[seed] == *errors)
+        );
+    }
+    // What is wrong is told before the work.
+    fs::write(at("bad.csv"), "name,seconds,relmse\na,0,1\n").unwrap();
+    fs::write(at("a.png"), b"\x89PNG\r\n\x1a\n").unwrap();
+    for (words, part) in [
+        (
+            "--peers bad.csv",
+            "bad.csv: line 2: expected a number above 0 as seconds",
+        ),
+        ("--peers no.csv", "no.csv"),
+        ("--peer p4.exr,1", "NAME=IMAGE,SECONDS"),
+        ("--peer a=no.exr,1", "no.exr"),
+        ("--peer a=a.png,1", "expected radiance, found a PNG file"),
+        ("--reference-noise no.exr", "no.exr"),
+        ("--reference-noise -1", "--reference-noise"),
+        ("--seeds 0", "--seeds"),
+    ] {
+        let (code, stderr) = run(
+            dir.path(),
+            &format!("{study} {words}").replace("-o s", "-o new"),
+        );
+        assert_eq!(code, Some(2), "{words}: {stderr}");
+        assert!(stderr.contains(part), "{words}: {stderr}");
+        assert!(!at("new").exists(), "{words}");
+    }
+    let small = "reference --demo --resolution 8x6 --spp 1 --progress none -o small.exr";
+    assert_eq!(run(dir.path(), small).0, Some(0));
+    let (code, stderr) = run(dir.path(), &format!("{study} --peer a=small.exr,1"));
+    assert_eq!(code, Some(2));
+    assert!(
+        stderr.contains("small.exr: expected 16x12 pixels") && stderr.contains("found 8x6"),
+        "{stderr}"
+    );
+}
+
+#[test]
 fn a_scene_without_media_is_spared_what_only_media_need() {
     let dir = tempfile::tempdir().unwrap();
     let scene = "[film]\nwidth = 16\nheight = 12\n[[camera]]\nposition = [0, 1, 2]\ntarget = [0, 0, 0]\n\

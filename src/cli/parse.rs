@@ -2,6 +2,7 @@
 
 use crate::bounce::Bounces;
 use crate::image::{Exposure, Region};
+use crate::lab::study::others::{Noise, PeerImage};
 use crate::run::{Frames, size};
 use crate::scene::load::Change;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -46,6 +47,16 @@ fn told<T>(value: crate::Result<T>) -> Result<T, String> {
         Some(hint) => format!("{e}: {hint}"),
         None => e.to_string(),
     })
+}
+
+/// An image of another renderer, with its seconds.
+pub fn peer(text: &str) -> Result<PeerImage, String> {
+    told(text.parse())
+}
+
+/// The noise of a reference.
+pub fn noise(text: &str) -> Result<Noise, String> {
+    told(text.parse())
 }
 
 /// A factor above zero.

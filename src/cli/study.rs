@@ -3,7 +3,9 @@
 use super::files::Files;
 use super::options::{Context, Memory, Seed, Temporary};
 use super::parse;
+use super::plan::{Plan, Planning};
 use super::scene_input::{Reading, SceneInput};
+use crate::lab::study::others::{Noise, PeerImage};
 use crate::lab::study::{self, Settings};
 use crate::shade::Quality;
 use crate::{Result, shade};
@@ -41,6 +43,20 @@ pub struct Args {
     /// Render that with this many samples per pixel [default: 1024, quick: 128]
     #[arg(long, value_name = "N", conflicts_with = "reference")]
     reference_spp: Option<u32>,
+
+    /// Take this as the noise of the reference: a relMSE, or a second image of other samples and as
+    /// many, from which the reference is twice that away [default: what its variance tells]
+    #[arg(long, value_name = "RELMSE|FILE", value_parser = parse::noise)]
+    reference_noise: Option<Noise>,
+
+    /// Plot an image of another renderer, an .exr or .npy of the same pixels, over the CPU seconds
+    /// that it took; any number, those of one name as one curve
+    #[arg(long, value_name = "NAME=IMAGE,SECONDS", value_parser = parse::peer)]
+    peer: Vec<PeerImage>,
+
+    /// Plot the points of this table, which has the columns name, seconds and relmse; any number
+    #[arg(long, value_name = "FILE.csv")]
+    peers: Vec<PathBuf>,
 
     /// Few and short runs at a width of 240, to see that all works
     #[arg(long)]
@@ -106,6 +122,10 @@ pub struct Args {
     #[arg(long, value_name = "N")]
     rounds: Option<u32>,
 
+    /// Make each run by so many seeds, clouds and all, for error bars; the first alone is timed
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    seeds: u32,
+
     /// Time a run that takes longer than this only once, wall-clock seconds
     #[arg(long, value_name = "SECS", default_value_t = Settings::default().long_secs)]
     long: f64,
@@ -118,6 +138,9 @@ pub struct Args {
 
     #[command(flatten)]
     seed: Seed,
+
+    #[command(flatten)]
+    planning: Planning,
 }
 
 impl Args {
@@ -129,6 +152,12 @@ impl Args {
                 .iter()
                 .fold(files, |files, path| files.reads(what, path));
         }
+        if let Some(Noise::Image(path)) = &self.reference_noise {
+            files = files.reads("--reference-noise", path);
+        }
+        for path in self.peers.iter().chain(self.peer.iter().map(|p| &p.path)) {
+            files = files.reads("--peer", path);
+        }
         let written = study::written(&self.output, self.reference.is_none());
         written
             .iter()
@@ -136,6 +165,7 @@ impl Args {
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
+        let (files, planning) = (self.files(), self.planning);
         let scene = SceneInput::new(self.scene, self.demo, self.reading);
         let preset = if self.quick {
             Settings::quick()
@@ -161,6 +191,10 @@ impl Args {
             rounds: self.rounds.unwrap_or(preset.rounds),
             long_secs: self.long,
             reference: self.reference,
+            reference_noise: self.reference_noise,
+            seeds: self.seeds,
+            peer_images: self.peer,
+            peer_tables: self.peers,
             reference_spp: self.reference_spp.unwrap_or(preset.reference_spp),
             seed: self.seed.seed,
         };
@@ -175,6 +209,15 @@ impl Args {
             let film = &mut scene.film;
             let height = f64::from(film.height) * f64::from(width) / f64::from(film.width);
             (film.width, film.height) = (width, height.round().max(1.0) as u32);
+        }
+        if planning.plan {
+            let work = study::work(&scene, &settings);
+            let held = study::check_memory(&scene, &settings, &context.job)?;
+            let plan = Plan::of(&files, held).with_scene(&scene);
+            let plan = work
+                .into_iter()
+                .fold(plan, |plan, (what, n)| plan.with(what, n));
+            return plan.print(planning);
         }
         study::run(
             &scene,

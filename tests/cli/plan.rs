@@ -60,6 +60,16 @@ fn verbs_say_what_they_would_take_and_write_nothing() {
             &["b.txt", "pixels     1200", "tiles      3", "not told"],
         ),
         (
+            &["study", "a.toml", "--quick", "--seeds", "3", "-o", "s"],
+            &[
+                "study.json",
+                "pixels     43200",
+                "paths      5529600",
+                "clouds     9",
+                "runs       36",
+            ],
+        ),
+        (
             &["gather", "a.lvt", "points.ply", "-o", "b.ply"],
             &["points     1\n"],
         ),

@@ -158,6 +158,14 @@ impl Study {
     /// Values of a setting and relMSE of the runs that vary it, and of the base.
     #[must_use]
     pub fn sweep(&self, method: Method, setting: Sweep) -> Vec<(f64, f64)> {
+        let runs = self.sweep_runs(method, setting).into_iter();
+        runs.filter_map(|(value, run)| Some((value, run.errors.relmse?)))
+            .collect()
+    }
+
+    /// Values of a setting, and the runs that vary it, and the base.
+    #[must_use]
+    pub fn sweep_runs(&self, method: Method, setting: Sweep) -> Vec<(f64, &Run)> {
         let of_clouds = setting == Sweep::SurfelRadius;
         let sweep = if of_clouds { Sweep::Surfels } else { setting };
         self.runs
@@ -169,7 +177,7 @@ impl Study {
                 } else {
                     *r.values.get(&sweep)?
                 };
-                Some((value, r.errors.relmse?))
+                Some((value, r))
             })
             .collect()
     }

@@ -16,10 +16,10 @@ pub struct Shown {
     pub heat: Option<Vec<u8>>,
 }
 
-const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:1240px;margin:2em auto;padding:0 1em;color:#222}\
+const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;color:#222}\
     table{border-collapse:collapse;margin:1em 0;font-size:.85em}td,th{padding:.3em .7em;border-bottom:1px solid #ddd;text-align:right}\
     td:first-child,th:first-child{text-align:left}th{border-bottom:2px solid #888;vertical-align:bottom}\
-    div.wide{overflow-x:auto}td{white-space:nowrap}figure{margin:0 0 1em}.pair{display:flex;gap:.5em}.pair img{width:50%}\
+    div.wide{overflow-x:auto}th{max-width:9em}td{white-space:nowrap}figure{margin:0 0 1em}.pair{display:flex;gap:.5em}.pair img{width:50%}\
     .bar span{display:inline-block;width:16em;height:1em;vertical-align:middle}figcaption,.bar{font-size:.9em}svg{max-width:100%;height:auto}";
 
 /// The whole file.
@@ -35,16 +35,16 @@ pub fn report(study: &Study, plots: &[Plot], images: &[Shown]) -> String {
     let mut section = |title: &str, body: &str| {
         let _ = write!(html, "<h2>{title}</h2>\n{body}\n");
     };
-    section("Methods", &to_html(&table::summary(study)));
     for plot in plots {
         section(plot.title, &plot.svg);
     }
-    section("Pareto front", &to_html(&table::pareto(study)));
-    let slopes = to_html(&table::slopes(study));
-    section(
-        "Error against settings",
-        &format!("<p>{}</p>\n{slopes}", table::SLOPES),
-    );
+    for (title, table) in table::tables(study) {
+        let note = match title == table::SETTINGS {
+            true => format!("<p>{}</p>\n", table::SLOPES),
+            false => String::new(),
+        };
+        section(title, &(note + &to_html(&table)));
+    }
     let figures: String = images.iter().map(figure).collect();
     section(
         "Images and their FLIP errors",

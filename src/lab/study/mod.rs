@@ -10,39 +10,50 @@
 //! | --- | --- |
 //! | `method`, `sweep` | the ways to render, and the settings that are varied |
 //! | `plan` | all runs of a study, from its settings |
-//! | `measure` | one run: bake, build, shade, compare |
+//! | `rounds`, `measure` | the runs in turn; one of them: bake, build, shade, compare |
+//! | `target` | what they are compared with |
 //! | `record` | what was measured, and the file that keeps it |
 //! | `findings` | slopes, speed-ups, the Pareto front |
+//! | `others`, `peers` | images that a user names; tables of points of other renderers |
 //! | `table`, `plots`, `html` | the same as text, curves and a report |
+//! | `chart` | how curves are drawn |
 
+mod chart;
 pub mod findings;
 mod html;
 mod measure;
 mod method;
+pub mod others;
+mod peers;
 pub mod plan;
 mod plots;
 pub mod record;
+mod rounds;
 mod sweep;
 mod table;
+mod target;
 
 pub use method::Method;
 pub use plan::Settings;
 pub use record::Study;
 pub use sweep::Sweep;
 
-use crate::image::subject::{SHADED_SEGMENTS, Subject};
-use crate::image::{Picture, Region, exr, heat, load, png, tone};
+use crate::bake;
+use crate::image::Region;
+use crate::image::subject::SHADED_SEGMENTS;
 use crate::lab::reference::{self, Start};
 use crate::run::{Job, Output, digest, hex};
 use crate::scene::Scene;
 use crate::{Error, Kind, Result};
 use html::Shown;
 use measure::Bench;
-use plan::{How, Variant};
-use record::{Errors, Machine, Making, Reference, Run};
-use std::collections::BTreeMap;
+use plan::How;
+use record::{Machine, Peer, Run};
+use rounds::measure_all;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
+use target::{Others, Target, exposure};
 
 /// Runs a study into a folder: `study.json`, `study.csv`, `table.md`, plots, images, and
 /// `report.html` with all of them. Runs that are there are kept: a call with more rounds or with
@@ -75,6 +86,11 @@ pub fn run(
     let given = given
         .map(|path| Target::read(path, scene, settings, job))
         .transpose()?;
+    let tables = settings.peer_tables.iter();
+    let told: Vec<Vec<Peer>> = tables
+        .map(|path| peers::read(path))
+        .collect::<Result<_>>()?;
+    let others = Others::read(scene, settings, given)?;
     job.heed_warnings()?;
     let files = Files::new(folder)?;
     let found = match Study::read(&files.json(), &origin) {
@@ -102,9 +118,10 @@ pub fn run(
             "times taken with another number of threads or on another machine are kept apart from those with {threads}"
         ));
     }
+    study.peers = told.concat();
     study.write(&files.json())?;
     let bench = Bench::new(scene, settings, files.trees(), job);
-    let result = measure_all(&mut study, &variants, given, &bench, &files, start, job);
+    let result = measure_all(&mut study, &variants, others, &bench, &files, start, job);
     match result {
         Err(e) if e.kind() != Kind::Cancelled => return Err(e),
         _ => {
@@ -119,6 +136,48 @@ pub fn run(
     result.map(|()| study).map_err(|e| {
         e.hint("what is finished is kept in the folder; the same command goes on from there")
     })
+}
+
+/// What a study of a scene has to do, each with the unit that its name says.
+#[must_use]
+pub fn work(scene: &Scene, settings: &Settings) -> Vec<(&'static str, u64)> {
+    let variants = settings.variants(has_media(scene));
+    let clouds = variants.iter().filter_map(|v| match &v.how {
+        How::Points(points) => Some(points.cloud()),
+        How::MonteCarlo { .. } => None,
+    });
+    let clouds = clouds.collect::<BTreeSet<_>>().len() as u64;
+    let (runs, seeds) = (variants.len() as u64, u64::from(settings.seeds));
+    let pixels = u64::from(scene.film.width) * u64::from(scene.film.height);
+    let paths = match settings.reference {
+        Some(_) => 0,
+        None => pixels * u64::from(settings.reference_spp),
+    };
+    vec![
+        ("pixels", pixels),
+        ("paths", paths),
+        ("clouds", clouds * (u64::from(settings.rounds) + seeds - 1)),
+        ("runs", runs * (u64::from(settings.rounds) + seeds - 1)),
+    ]
+}
+
+/// Bytes that a study holds at least: those of its reference or of the largest of its bakes.
+///
+/// # Errors
+/// More than the memory limit.
+pub fn check_memory(scene: &Scene, settings: &Settings, job: &Job) -> Result<u64> {
+    let traced = reference::Settings {
+        camera: settings.camera.clone(),
+        ..reference::Settings::default()
+    };
+    let region = Region::full(scene.film.width, scene.film.height);
+    let mut most = reference::check_memory(scene, &traced, region, job)?;
+    for variant in settings.variants(has_media(scene)) {
+        if let How::Points(points) = variant.how {
+            most = most.max(bake::check_memory(scene, &points.bake(settings.seed), job)?);
+        }
+    }
+    Ok(most)
 }
 
 /// The files that [`run`] writes into a folder under names that do not depend on settings; the
@@ -159,7 +218,11 @@ impl Files {
         for (dir, kinds) in [
             (self.images(), &["png"][..]),
             (self.trees(), &["lvt", "lvc", "lvs"]),
+            (self.trees_of_seed(), &["lvt", "lvc", "lvs"]),
         ] {
+            if !dir.is_dir() {
+                continue;
+            }
             let entries = fs::read_dir(&dir).map_err(|e| Error::io("read", &dir, &e))?;
             for entry in entries {
                 let path = entry.map_err(|e| Error::io("read", &dir, &e))?.path();
@@ -179,12 +242,21 @@ impl Files {
         self.0.join(STUDY)
     }
 
+    fn reference(&self) -> PathBuf {
+        self.0.join(REFERENCE)
+    }
+
     fn images(&self) -> PathBuf {
         self.0.join("images")
     }
 
     fn trees(&self) -> PathBuf {
         self.0.join("trees")
+    }
+
+    /// Trees of one further seed, while it is measured.
+    fn trees_of_seed(&self) -> PathBuf {
+        self.trees().join("of-a-seed")
     }
 
     fn image(&self, name: &str) -> PathBuf {
@@ -242,11 +314,6 @@ fn has_media(scene: &Scene) -> bool {
     !scene.volumes.is_empty()
 }
 
-/// What a reference is looked at with.
-fn exposure(scene: &Scene, reference: &Path) -> Result<f32> {
-    Ok(load::exposure_of(reference)?.unwrap_or(scene.film.exposure))
-}
-
 fn machine() -> Machine {
     let processor = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let processor = processor
@@ -259,195 +326,6 @@ fn machine() -> Machine {
         processor: processor.into(),
         threads: rayon::current_num_threads(),
     }
-}
-
-fn measure_all(
-    study: &mut Study,
-    variants: &[Variant],
-    given: Option<Target>,
-    bench: &Bench,
-    files: &Files,
-    start: Start,
-    job: &Job,
-) -> Result<()> {
-    let settings = bench.settings;
-    let target = match given {
-        Some(target) => target,
-        None => render_reference(bench, files, start, job)?,
-    };
-    study.reference = target.about;
-    let target = target.picture;
-    png::write(
-        &files.image("reference"),
-        &tone::map(&target, study.reference.exposure),
-    )?;
-    let total = variants.len() as u64 * u64::from(settings.rounds);
-    let task = job.progress.task("study", total, "runs");
-    for round in 1..=settings.rounds {
-        for variant in variants {
-            let at = study.runs.iter().position(|r| r.name == variant.name);
-            let rounds = at.map_or(&[][..], |i| &study.runs[i].rounds);
-            let long = rounds.iter().any(|t| t.wall_secs > settings.long_secs);
-            if rounds.len() < round as usize && !long {
-                job.cancel.check()?;
-                measure(study, variant, round, &target, bench, files)?;
-                study.write(&files.json())?;
-            }
-            task.add(1);
-        }
-    }
-    Ok(())
-}
-
-/// One run of one round.
-fn measure(
-    study: &mut Study,
-    variant: &Variant,
-    round: u32,
-    target: &Picture,
-    bench: &Bench,
-    files: &Files,
-) -> Result<()> {
-    let mut cloud_name = None;
-    if let How::Points(points) = &variant.how {
-        let name = points.cloud();
-        let at = study.clouds.iter().position(|c| c.name == name);
-        let rounds = at.map_or(&[][..], |i| &study.clouds[i].rounds);
-        let long_secs = bench.settings.long_secs;
-        let long = |m: &Making| m.bake.wall_secs + m.build.wall_secs > long_secs;
-        let is_due = rounds.len() < round as usize && !rounds.iter().any(long);
-        if is_due || !bench.has_tree(&name) {
-            let cloud = bench.prepare(points)?;
-            match at {
-                None => study.clouds.push(cloud),
-                Some(i) => cloud
-                    .rounds
-                    .into_iter()
-                    .for_each(|m| study.clouds[i].add(m)),
-            }
-        }
-        cloud_name = Some(name);
-    }
-    let (picture, timing, peak) = bench.render(variant)?;
-    if let Some(run) = study.runs.iter_mut().find(|r| r.name == variant.name) {
-        run.add(timing, peak);
-        return Ok(());
-    }
-    let errors = match study.errors_of(&variant.name) {
-        Some(known) => known,
-        None => judge(study, variant, &picture, target, bench, files)?,
-    };
-    study.runs.push(Run {
-        name: variant.name.clone(),
-        key: variant.key(bench.settings),
-        method: variant.method,
-        sweep: variant.sweep,
-        values: variant.values(),
-        cloud: cloud_name,
-        rounds: vec![timing],
-        peak_memory_bytes: peak,
-        errors,
-    });
-    Ok(())
-}
-
-/// Compares the image of a run with the reference, and keeps both for the report.
-fn judge(
-    study: &Study,
-    variant: &Variant,
-    picture: &Picture,
-    target: &Picture,
-    bench: &Bench,
-    files: &Files,
-) -> Result<Errors> {
-    let exposure = study.reference.exposure;
-    let (errors, comparison) = bench.judge(picture, target, exposure)?;
-    png::write(&files.image(&variant.name), &tone::map(picture, exposure))?;
-    png::write(
-        &files.heat(&variant.name),
-        &heat::map(&comparison.error_map, picture.width),
-    )?;
-    Ok(errors)
-}
-
-/// The image that all are compared with.
-struct Target {
-    picture: Picture,
-    about: Reference,
-}
-
-impl Target {
-    /// Reads it, and refuses an image of something else as far as it tells what it shows.
-    fn read(path: &Path, scene: &Scene, settings: &Settings, job: &Job) -> Result<Self> {
-        let frame = exr::read(path)?;
-        let (width, height) = (scene.film.width, scene.film.height);
-        let refused = |what: String| Error::input(what).at(path.display());
-        if (frame.width, frame.height) != (width, height) {
-            return Err(refused(format!(
-                "the reference has {}x{} pixels, the scene {width}x{height}",
-                frame.width, frame.height
-            )));
-        }
-        let camera = scene.camera(settings.camera.as_deref())?;
-        let here = Subject {
-            scene: Some(hex(&scene.hash)),
-            camera: Some(camera.name.clone()),
-            segments: Some(settings.max_depth),
-        };
-        let differences = Subject::of(&frame.attributes).differences(&here);
-        if !differences.is_empty() {
-            return Err(refused(format!(
-                "the reference shows something else than the study (the former first): {}",
-                differences.join("; ")
-            ))
-            .hint(format!(
-                "render one of this scene and camera: lvox reference `max_depth` {}",
-                settings.max_depth
-            )));
-        }
-        let region = Region::full(width, height);
-        let picture = frame
-            .picture("", &region)
-            .map_err(|e| e.at(path.display()))?;
-        let broken = picture.non_finite();
-        if broken > 0 {
-            job.progress.warn(&format!(
-                "{}: {broken} pixels are infinite or not a number",
-                path.display()
-            ));
-        }
-        let name = path.file_name().unwrap_or(path.as_os_str());
-        let about = Reference {
-            source: name.to_string_lossy().into_owned(),
-            relmse: frame
-                .picture("variance", &region)
-                .ok()
-                .map(|v| reference::expected_relmse(&picture.pixels, &v.pixels))
-                // A single sequence of samples tells no variance.
-                .filter(|v| v.is_finite()),
-            exposure: exposure(scene, path)?,
-        };
-        Ok(Self { picture, about })
-    }
-}
-
-/// Renders the reference that was not given, or goes on with it.
-fn render_reference(bench: &Bench, files: &Files, start: Start, job: &Job) -> Result<Target> {
-    let (scene, settings) = (bench.scene, bench.settings);
-    let path = files.0.join(REFERENCE);
-    let monte_carlo = reference::Settings {
-        camera: settings.camera.clone(),
-        max_depth: settings.max_depth,
-        spp: Some(settings.reference_spp),
-        seed: settings.seed,
-        ..reference::Settings::default()
-    };
-    reference::run(scene, &monte_carlo, bench.region(), &path, start, job)?;
-    let mut target = Target::read(&path, scene, settings, job)?;
-    job.heed_warnings()?;
-    let spp = settings.reference_spp;
-    target.about.source = format!("path tracing with {spp} samples per pixel");
-    Ok(target)
 }
 
 fn write_reports(study: &Study, files: &Files) -> Result<()> {

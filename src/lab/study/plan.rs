@@ -1,6 +1,7 @@
 //! What a study runs: one setting varied at a time, around the defaults.
 
 use super::method::Method;
+use super::others::{MAX_PEERS, Noise, PeerImage};
 use super::sweep::Sweep;
 use crate::bake::BlockSize;
 use crate::bake::{self, SurfelSampling};
@@ -44,6 +45,14 @@ pub struct Settings {
     pub reference: Option<PathBuf>,
     /// Samples per pixel of that one.
     pub reference_spp: u32,
+    /// What tells the noise of the reference, if not its variance.
+    pub reference_noise: Option<Noise>,
+    /// Seeds by which each run is made, the first of which is timed: `seed` and those that follow.
+    pub seeds: u32,
+    /// Images of other renderers.
+    pub peer_images: Vec<PeerImage>,
+    /// Tables of points of other renderers.
+    pub peer_tables: Vec<PathBuf>,
     /// Key of all random choices.
     pub seed: u64,
 }
@@ -66,6 +75,10 @@ impl Default for Settings {
             long_secs: 30.0,
             reference: None,
             reference_spp: 1024,
+            reference_noise: None,
+            seeds: 1,
+            peer_images: Vec::new(),
+            peer_tables: Vec::new(),
             seed: 0,
         }
     }
@@ -113,9 +126,14 @@ impl Settings {
             ("`samples`", self.samples.iter().all(|&n| n > 0)),
             ("`rounds`", self.rounds > 0),
             ("`reference_spp`", self.reference_spp > 0),
+            ("`seeds`", self.seeds > 0),
         ];
         if let Some((name, _)) = counts.iter().find(|(_, good)| !good) {
             return Err(Error::input(format!("{name} must be at least 1")));
+        }
+        if self.peer_images.len() > MAX_PEERS {
+            let what = format!("expected at most {MAX_PEERS} images of other renderers");
+            return Err(Error::input(what));
         }
         if self.spp.is_empty() || self.surfels.is_empty() || self.block_depth.is_empty() {
             return Err(Error::input(
@@ -159,6 +177,14 @@ impl Settings {
         (0..longest)
             .flat_map(|i| columns.iter().filter_map(move |c| c.get(i).cloned()))
             .collect()
+    }
+
+    /// The same for further seeds, after that of the runs which are timed.
+    pub fn of_further_seeds(&self) -> impl Iterator<Item = Self> {
+        (1..u64::from(self.seeds)).map(|i| Self {
+            seed: self.seed.wrapping_add(i),
+            ..self.clone()
+        })
     }
 
     fn monte_carlo(&self) -> Vec<Variant> {

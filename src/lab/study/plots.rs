@@ -1,13 +1,12 @@
-//! The curves of a study as SVG, both axes logarithmic.
+//! The curves of a study, both axes logarithmic. Errors are less the noise of the reference, where
+//! that is known, and means over seeds.
 
+use super::chart::{Mark, Series, draw, has_place};
 use super::method::Method;
 use super::record::{Run, Study};
 use super::sweep::Sweep;
 use crate::{Error, Result};
-use plotters::coord::Shift;
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
-use std::ops::Range;
+use plotters::style::RGBColor;
 
 /// A picture by name.
 pub struct Plot {
@@ -19,21 +18,22 @@ pub struct Plot {
     pub svg: String,
 }
 
-/// Points of one colour.
-struct Series {
-    label: String,
-    color: RGBColor,
-    points: Vec<(f64, f64)>,
-    /// Whether a line joins them.
-    joined: bool,
-    /// Name of each point, told in the legend by its number; empty for none.
-    names: Vec<String>,
-}
-
 const COLORS: [(Method, RGBColor); 3] = [
     (Method::MonteCarlo, RGBColor(86, 86, 86)),
     (Method::Traditional, RGBColor(213, 94, 0)),
     (Method::Extended, RGBColor(0, 114, 178)),
+];
+const GREEN: RGBColor = RGBColor(0, 158, 115);
+const PINK: RGBColor = RGBColor(204, 121, 167);
+
+/// Of other renderers, in the order in which they are named.
+const PEER_COLORS: [RGBColor; 6] = [
+    GREEN,
+    PINK,
+    RGBColor(230, 159, 0),
+    RGBColor(86, 180, 233),
+    RGBColor(117, 76, 36),
+    RGBColor(120, 94, 240),
 ];
 
 /// Names of all plots that there can be.
@@ -63,48 +63,53 @@ pub fn all(study: &Study) -> Result<Vec<Plot>> {
                    title,
                    axes: [&str; 2],
                    mut series: Vec<Series>,
-                   floor: Option<f64>| {
+                   noise: Option<f64>| {
         debug_assert!(NAMES.contains(&name));
         // Along a sweep one point says nothing.
         if SWEEPS.contains(&name) {
-            series.retain(|s| s.points.len() > 1);
+            series.retain(|s| s.marks.len() > 1);
         }
-        if series.iter().any(|s| !s.points.is_empty()) {
-            // Errors fall from the upper left, times rise to the upper right.
-            let legend = match floor {
-                _ if ["time-over-surfels", "error-over-settings"].contains(&name) => {
-                    SeriesLabelPosition::UpperLeft
-                }
-                _ => SeriesLabelPosition::UpperRight,
-            };
-            let svg = draw(axes, &series, floor, legend)
+        if series.iter().any(|s| !s.marks.is_empty()) {
+            let svg = draw(axes, &series, noise)
                 .map_err(|e| Error::failed(format!("cannot draw {name}: {e}")))?;
             plots.push(Plot { name, title, svg });
         }
         Ok::<(), Error>(())
     };
-    let noise = study.reference.relmse.filter(|&v| has_place(v));
-    let shade = |r: &Run| Some((r.time().cpu_secs, r.errors.relmse?));
-    let total = |r: &Run| Some((study.total_secs(r), r.errors.relmse?));
+    let noise = study.noise();
+    let error = match noise {
+        Some(_) => "relMSE less the noise of the reference",
+        None => "relMSE",
+    };
+    let with_peers = |mut series: Vec<Series>| {
+        series.extend(peers(study));
+        series
+    };
     add(
         "error-over-render-time",
         "Error over the time of rendering",
-        ["render, CPU s", "relMSE"],
-        by_method(study, &shade),
+        ["render, CPU s", error],
+        with_peers(by_method(study, &|r| Some(r.time().cpu_secs))),
         noise,
     )?;
     add(
         "error-over-total-time",
         "Error over the time of baking, building and rendering",
-        ["bake, build and render, CPU s", "relMSE"],
-        by_method(study, &total),
+        ["bake, build and render, CPU s", error],
+        with_peers(by_method(study, &|r| Some(study.total_secs(r)))),
         noise,
     )?;
+    let surfels = |r: &Run| Some(study.cloud_of(r)?.surfels as f64);
+    let over_surfels = COLORS[1..].iter().map(|&(method, color)| {
+        let runs = cloud_sweep(study, method);
+        let marks = runs.filter_map(|r| mark(study, surfels(r)?, r));
+        joined(method.to_string(), color, marks.collect())
+    });
     add(
         "error-over-surfels",
         "Error over the size of the cloud",
-        ["surfels", "relMSE"],
-        error_over_surfels(study),
+        ["surfels", error],
+        over_surfels.collect(),
         noise,
     )?;
     add(
@@ -117,45 +122,98 @@ pub fn all(study: &Study) -> Result<Vec<Plot>> {
     add(
         "error-over-settings",
         "Error over each setting of the extended method",
-        ["setting, times coarser than the finest", "relMSE"],
+        ["setting, times coarser than the finest", error],
         error_over_settings(study),
         noise,
     )?;
     add(
         "pareto",
         "Runs that no other beats in both time and error",
-        ["render, CPU s", "relMSE"],
+        ["render, CPU s", error],
         front(study),
         noise,
     )?;
     Ok(plots)
 }
 
-fn by_method(study: &Study, point: &dyn Fn(&Run) -> Option<(f64, f64)>) -> Vec<Series> {
-    COLORS
-        .iter()
-        .map(|&(method, color)| {
-            let runs = study.runs.iter().filter(|r| r.method == method);
-            Series {
-                label: method.to_string(),
-                color,
-                points: sorted(runs.filter_map(point).collect()),
-                joined: method == Method::MonteCarlo,
-                names: Vec::new(),
-            }
-        })
-        .collect()
+/// The point of a run: its error over something.
+fn mark(study: &Study, x: f64, run: &Run) -> Option<Mark> {
+    let relmse = run.relmse_over_seeds()?;
+    let (y, is_bound) = study.less_noise(relmse.mean);
+    let bar =
+        (relmse.seeds > 1).then(|| [relmse.least, relmse.most].map(|v| study.less_noise(v).0));
+    Some(Mark {
+        x,
+        y,
+        bar: bar.filter(|ends| ends.iter().all(|&v| has_place(v))),
+        is_bound,
+    })
 }
 
-/// Whether a value has a place on an axis of logarithms.
-fn has_place(value: f64) -> bool {
-    value.is_finite() && value > 0.0
+/// A point without any spread.
+fn plain(x: f64, y: f64) -> Mark {
+    Mark {
+        x,
+        y,
+        bar: None,
+        is_bound: false,
+    }
 }
 
-fn sorted(mut points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
-    points.retain(|p| has_place(p.0) && has_place(p.1));
-    points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    points
+/// Those that have a place, by the first axis.
+fn sorted(mut marks: Vec<Mark>) -> Vec<Mark> {
+    marks.retain(|m| has_place(m.x) && has_place(m.y));
+    marks.sort_by(|a, b| a.x.total_cmp(&b.x));
+    marks
+}
+
+fn joined(label: String, color: RGBColor, marks: Vec<Mark>) -> Series {
+    Series {
+        label,
+        color,
+        marks: sorted(marks),
+        joined: true,
+        is_foreign: false,
+        names: Vec::new(),
+    }
+}
+
+fn by_method(study: &Study, secs: &dyn Fn(&Run) -> Option<f64>) -> Vec<Series> {
+    let of_method = |&(method, color): &(Method, RGBColor)| {
+        let runs = study.runs.iter().filter(|r| r.method == method);
+        let marks = runs.filter_map(|r| mark(study, secs(r)?, r));
+        Series {
+            joined: method == Method::MonteCarlo,
+            ..joined(method.to_string(), color, marks.collect())
+        }
+    };
+    COLORS.iter().map(of_method).collect()
+}
+
+/// Points of other renderers, those of one name in one series.
+fn peers(study: &Study) -> Vec<Series> {
+    let mut names: Vec<&str> = Vec::new();
+    for peer in &study.peers {
+        if !names.contains(&peer.name.as_str()) {
+            names.push(&peer.name);
+        }
+    }
+    let of_name = |(name, color): (&str, &RGBColor)| {
+        let own = study.peers.iter().filter(|p| p.name == name);
+        let marks = own.filter_map(|p| {
+            let (y, is_bound) = study.less_noise(p.errors.relmse?);
+            Some(Mark {
+                is_bound,
+                ..plain(p.cpu_secs, y)
+            })
+        });
+        Series {
+            is_foreign: true,
+            ..joined(name.to_owned(), *color, marks.collect())
+        }
+    };
+    let colors = PEER_COLORS.iter().cycle();
+    names.into_iter().zip(colors).map(of_name).collect()
 }
 
 fn cloud_sweep(study: &Study, method: Method) -> impl Iterator<Item = &Run> {
@@ -165,248 +223,62 @@ fn cloud_sweep(study: &Study, method: Method) -> impl Iterator<Item = &Run> {
         .filter(move |r| r.method == method && [Sweep::Surfels, Sweep::Base].contains(&r.sweep))
 }
 
-fn error_over_surfels(study: &Study) -> Vec<Series> {
-    COLORS[1..]
-        .iter()
-        .map(|&(method, color)| {
-            let points = cloud_sweep(study, method)
-                .filter_map(|r| Some((study.cloud_of(r)?.surfels as f64, r.errors.relmse?)));
-            Series {
-                label: method.to_string(),
-                color,
-                points: sorted(points.collect()),
-                joined: true,
-                names: Vec::new(),
-            }
-        })
-        .collect()
-}
-
 /// The sweeps that the slopes are fitted to.
 fn error_over_settings(study: &Study) -> Vec<Series> {
     const SETTINGS: [(Sweep, RGBColor); 5] = [
         (Sweep::Samples, COLORS[2].1),
         (Sweep::MaxSolidAngle, COLORS[1].1),
-        (Sweep::SurfelRadius, RGBColor(0, 158, 115)),
-        (Sweep::BlockDepth, RGBColor(204, 121, 167)),
+        (Sweep::SurfelRadius, GREEN),
+        (Sweep::BlockDepth, PINK),
         (Sweep::BlockVoxels, COLORS[0].1),
     ];
-    SETTINGS
-        .iter()
-        .map(|&(setting, color)| {
-            let found = study.sweep(Method::Extended, setting);
-            // All settings are coarser upwards once those that are finer upwards are turned over.
-            let coarse = |v: f64| if setting.rises() { 1.0 / v } else { v };
-            let finest = found
-                .iter()
-                .map(|p| coarse(p.0))
-                .filter(|&v| has_place(v))
-                .fold(f64::INFINITY, f64::min);
-            Series {
-                label: setting.to_string(),
-                color,
-                points: sorted(found.iter().map(|p| (coarse(p.0) / finest, p.1)).collect()),
-                joined: true,
-                names: Vec::new(),
-            }
-        })
-        .collect()
+    let of_setting = |&(setting, color): &(Sweep, RGBColor)| {
+        let found = study.sweep_runs(Method::Extended, setting);
+        // All settings are coarser upwards once those that are finer upwards are turned over.
+        let coarse = |v: f64| if setting.rises() { 1.0 / v } else { v };
+        let values = found.iter().map(|p| coarse(p.0)).filter(|&v| has_place(v));
+        let finest = values.fold(f64::INFINITY, f64::min);
+        let marks = found
+            .iter()
+            .filter_map(|&(v, run)| mark(study, coarse(v) / finest, run));
+        joined(setting.to_string(), color, marks.collect())
+    };
+    SETTINGS.iter().map(of_setting).collect()
 }
 
 fn time_over_surfels(study: &Study) -> Vec<Series> {
     let series = |label: &str, color, pick: &dyn Fn(&Run) -> Option<f64>| {
-        let points = cloud_sweep(study, Method::Extended)
-            .filter_map(|r| Some((study.cloud_of(r)?.surfels as f64, pick(r)?)));
-        Series {
-            label: label.into(),
-            color,
-            points: sorted(points.collect()),
-            joined: true,
-            names: Vec::new(),
-        }
+        let marks = cloud_sweep(study, Method::Extended)
+            .filter_map(|r| Some(plain(study.cloud_of(r)?.surfels as f64, pick(r)?)));
+        joined(label.into(), color, marks.collect())
     };
     vec![
-        series("bake", RGBColor(0, 158, 115), &|r| {
-            Some(study.cloud_of(r)?.bake.cpu_secs)
-        }),
-        series("build", RGBColor(204, 121, 167), &|r| {
-            Some(study.cloud_of(r)?.build.cpu_secs)
-        }),
+        series("bake", GREEN, &|r| Some(study.cloud_of(r)?.bake.cpu_secs)),
+        series("build", PINK, &|r| Some(study.cloud_of(r)?.build.cpu_secs)),
         series("render", COLORS[2].1, &|r| Some(r.time().cpu_secs)),
     ]
 }
 
 fn front(study: &Study) -> Vec<Series> {
-    let (points, names) = study
-        .findings
-        .pareto
-        .iter()
-        .filter_map(|name| study.runs.iter().find(|r| r.name == *name))
-        .filter_map(|r| Some(((r.time().cpu_secs, r.errors.relmse?), r.name.clone())))
-        .filter(|((secs, error), _)| has_place(*secs) && has_place(*error))
+    let names = study.findings.pareto.iter();
+    let runs = names.filter_map(|name| study.runs.iter().find(|r| r.name == *name));
+    let points = runs.filter_map(|r| Some((mark(study, r.time().cpu_secs, r)?, r.name.clone())));
+    let (marks, names) = points
+        .filter(|(m, _)| has_place(m.x) && has_place(m.y))
         .unzip();
     vec![Series {
         label: "Pareto front".into(),
         color: RGBColor(0, 0, 0),
-        points,
+        marks,
         joined: true,
+        is_foreign: false,
         names,
     }]
 }
 
-/// All values that have a place on an axis, with some room around them; around 1 if none has.
-fn range(values: impl Iterator<Item = f64>) -> Range<f64> {
-    let ends = values.filter(|&v| has_place(v)).fold(None, |ends, v| {
-        let (low, high) = ends.unwrap_or((v, v));
-        Some((v.min(low), v.max(high)))
-    });
-    let (low, high) = ends.unwrap_or((1.0, 1.0));
-    // Neither end may leave what a number can hold.
-    (low * 0.7).max(f64::MIN_POSITIVE)..(high * 1.4).min(f64::MAX)
-}
-
-/// Round values inside a range and their names, few enough to stand beside each other.
-fn ticks(range: &Range<f64>) -> Vec<(f64, String)> {
-    let decades = range.start.log10().floor() as i32..=range.end.log10().floor() as i32;
-    let among = |digits: &[u8]| -> Vec<(f64, String)> {
-        let all = decades.clone().flat_map(|k| {
-            digits.iter().filter_map(move |digit| {
-                let name = format!("{digit}e{k}");
-                let value: f64 = name.parse().ok()?;
-                let plain = (-3..=6).contains(&k);
-                Some((value, if plain { value.to_string() } else { name }))
-            })
-        });
-        all.filter(|t| range.contains(&t.0)).collect()
-    };
-    let (wide, middle) = (among(&[1]), among(&[1, 2, 5]));
-    if wide.len() > 3 {
-        wide
-    } else if middle.len() > 2 {
-        middle
-    } else {
-        among(&[1, 2, 3, 4, 5, 6, 7, 8, 9])
-    }
-}
-
-fn grid(ends: [(i32, i32); 2]) -> PathElement<(i32, i32)> {
-    PathElement::new(ends.to_vec(), RGBColor(228, 228, 228))
-}
-
-fn mark(name: String, at: (i32, i32), h: HPos, v: VPos) -> Text<'static, (i32, i32), String> {
-    let style = ("sans-serif", 14).into_font().color(&BLACK);
-    Text::new(name, at, style.pos(Pos::new(h, v)))
-}
-
-type Failure = Box<dyn std::error::Error>;
-type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-type Chart<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<LogCoord<f64>, LogCoord<f64>>>;
-
-const GREY: RGBColor = RGBColor(170, 170, 170);
-
-fn draw(
-    axes: [&str; 2],
-    series: &[Series],
-    floor: Option<f64>,
-    legend: SeriesLabelPosition,
-) -> std::result::Result<String, Failure> {
-    let points = series.iter().flat_map(|s| &s.points);
-    let x = range(points.clone().map(|p| p.0));
-    let y = range(points.map(|p| p.1).chain(floor));
-    let mut svg = String::new();
-    {
-        let area = SVGBackend::with_string(&mut svg, (760, 460)).into_drawing_area();
-        area.fill(&WHITE)?;
-        let mut chart = ChartBuilder::on(&area)
-            .margin(14)
-            .x_label_area_size(44)
-            .y_label_area_size(72)
-            .build_cartesian_2d(x.clone().log_scale(), y.clone().log_scale())?;
-        chart
-            .configure_mesh()
-            .disable_mesh()
-            .set_all_tick_mark_size(0)
-            .x_label_formatter(&|_| String::new())
-            .y_label_formatter(&|_| String::new())
-            .x_desc(axes[0])
-            .y_desc(axes[1])
-            .label_style(("sans-serif", 14))
-            .draw()?;
-        draw_grid(&area, &chart, &x, &y)?;
-        if let Some(level) = floor {
-            let line = PathElement::new(vec![(x.start, level), (x.end, level)], GREY);
-            chart
-                .draw_series([line])?
-                .label("noise of the reference")
-                .legend(|(x, y)| PathElement::new(vec![(x, y), (x + 16, y)], GREY));
-        }
-        for s in series.iter().filter(|s| !s.points.is_empty()) {
-            draw_series(&mut chart, s)?;
-        }
-        chart
-            .configure_series_labels()
-            .position(legend)
-            .background_style(WHITE.mix(0.85))
-            .border_style(RGBColor(200, 200, 200))
-            .label_font(("sans-serif", 14))
-            .draw()?;
-        area.present()?;
-    }
-    Ok(svg)
-}
-
-/// Draws lines at round values across the plot, and the values beside the axes.
-fn draw_grid(
-    area: &Area<'_>,
-    chart: &Chart<'_>,
-    x: &Range<f64>,
-    y: &Range<f64>,
-) -> std::result::Result<(), Failure> {
-    let (across, down) = chart.plotting_area().get_pixel_range();
-    for (value, name) in ticks(x) {
-        let (at, _) = chart.plotting_area().map_coordinate(&(value, y.start));
-        area.draw(&grid([(at, down.start), (at, down.end)]))?;
-        let below = (at, down.end + 6);
-        area.draw(&mark(name, below, HPos::Center, VPos::Top))?;
-    }
-    for (value, name) in ticks(y) {
-        let (_, at) = chart.plotting_area().map_coordinate(&(x.start, value));
-        area.draw(&grid([(across.start, at), (across.end, at)]))?;
-        let beside = (across.start - 6, at);
-        area.draw(&mark(name, beside, HPos::Right, VPos::Center))?;
-    }
-    Ok(())
-}
-
-/// Draws a series with its entry in the legend. Points that have names are numbered, and the legend
-/// tells the names.
-fn draw_series(chart: &mut Chart<'_>, series: &Series) -> std::result::Result<(), Failure> {
-    let color = series.color;
-    let points = &series.points;
-    if series.joined {
-        chart.draw_series([PathElement::new(points.clone(), color.stroke_width(2))])?;
-    }
-    chart
-        .draw_series(points.iter().map(|&p| Circle::new(p, 4, color.filled())))?
-        .label(series.label.as_str())
-        .legend(move |(x, y)| Circle::new((x + 8, y), 4, color.filled()));
-    for (i, (point, name)) in points.iter().zip(&series.names).enumerate() {
-        let number = move |x: i32, y: i32| {
-            let style = ("sans-serif", 13).into_font().color(&color);
-            Text::new((i + 1).to_string(), (x, y), style)
-        };
-        let beside = EmptyElement::at(*point) + number(6, -16);
-        chart
-            .draw_series([beside])?
-            .label(name.as_str())
-            .legend(move |(x, y)| EmptyElement::at((x, y)) + number(2, -7));
-    }
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::record::{Errors, Reference, Timing};
+    use super::super::record::{Errors, Peer, Reference, Timing};
     use super::*;
 
     /// A run of a second.
@@ -471,20 +343,6 @@ mod tests {
     }
 
     #[test]
-    fn ranges_are_of_what_has_a_place_on_an_axis() {
-        let none = [0.0, -1.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
-        let of = |values: &[f64]| range(values.iter().copied());
-        assert_eq!(of(&[2.0, 10.0]), 1.4..14.0);
-        for odd in none {
-            assert_eq!(of(&[2.0, odd, 10.0]), 1.4..14.0, "{odd}");
-        }
-        assert_eq!(of(&none), 0.7..1.4);
-        assert_eq!(of(&[]), 0.7..1.4);
-        let widest = of(&[f64::MIN_POSITIVE, f64::MAX]);
-        assert!(widest.start > 0.0 && widest.end.is_finite());
-    }
-
-    #[test]
     fn settings_of_zero_and_errors_without_end_leave_the_other_points() {
         let of = |name: &str, solid_angle: f64, relmse: f64| {
             let mut run = run(name, Sweep::MaxSolidAngle, relmse);
@@ -506,7 +364,8 @@ mod tests {
             ..Study::default()
         };
         study.find();
-        let points = &error_over_settings(&study)[1].points;
+        let marks = &error_over_settings(&study)[1].marks;
+        let points: Vec<_> = marks.iter().map(|m| (m.x, m.y)).collect();
         assert_eq!(points[..], [(1.0, 0.2), (2.0, 0.3)]);
         let plots = all(&study).unwrap();
         assert!(plots.iter().any(|p| p.name == "error-over-settings"));
@@ -521,12 +380,80 @@ mod tests {
     }
 
     #[test]
-    fn axes_have_a_few_round_marks() {
-        let names = |range| -> Vec<String> { ticks(&range).into_iter().map(|t| t.1).collect() };
-        assert_eq!(names(0.03..4.0), ["0.05", "0.1", "0.2", "0.5", "1", "2"]);
-        assert_eq!(names(5e-6..0.2), ["1e-5", "1e-4", "0.001", "0.01", "0.1"]);
-        assert_eq!(names(0.91..1.9), ["1"]);
-        assert_eq!(names(2.1..4.5), ["3", "4"]);
-        assert_eq!(names(1e5..2e6), ["100000", "200000", "500000", "1000000"]);
+    fn the_noise_of_the_reference_is_subtracted_and_what_is_lost_in_it_is_a_bound() {
+        let of = |relmse| run("", Sweep::Base, relmse);
+        let mut study = Study {
+            reference: Reference {
+                relmse: Some(0.01),
+                ..Reference::default()
+            },
+            ..Study::default()
+        };
+        for (relmse, expected) in [
+            (0.05, (0.04, false)),
+            (0.0105, (0.001, true)),
+            (0.002, (0.001, true)),
+        ] {
+            let mark = mark(&study, 1.0, &of(relmse)).unwrap();
+            assert!((mark.y - expected.0).abs() < 1e-9, "{relmse}: {mark:?}");
+            assert_eq!((mark.is_bound, mark.bar), (expected.1, None));
+        }
+        study.reference.relmse = None;
+        assert_eq!(mark(&study, 1.0, &of(0.002)), Some(plain(1.0, 0.002)));
+    }
+
+    #[test]
+    fn bars_reach_from_the_least_to_the_largest_of_the_seeds() {
+        let mut of_three = run("", Sweep::Base, 0.2);
+        for (seed, relmse) in [(1, 0.1), (2, 0.6)] {
+            let errors = Errors {
+                relmse: Some(relmse),
+                ..Errors::default()
+            };
+            of_three.seeds.insert(seed, errors);
+        }
+        let found = mark(&Study::default(), 1.0, &of_three).unwrap();
+        assert!((found.y - 0.3).abs() < 1e-9, "{found:?}");
+        assert_eq!(found.bar, Some([0.1, 0.6]));
+    }
+
+    #[test]
+    fn other_renderers_have_a_series_for_each_name() {
+        let peer = |name: &str, cpu_secs, relmse| Peer {
+            name: name.into(),
+            cpu_secs,
+            errors: Errors {
+                relmse: Some(relmse),
+                ..Errors::default()
+            },
+            source: "t.csv".into(),
+        };
+        let study = Study {
+            runs: vec![run("own", Sweep::Base, 0.2)],
+            peers: vec![
+                peer("<b>", 2.0, 0.1),
+                peer("pt", 1.0, 0.1),
+                peer("<b>", 1.0, 0.3),
+            ],
+            ..Study::default()
+        };
+        let found = peers(&study);
+        let points = |i: usize| {
+            found[i]
+                .marks
+                .iter()
+                .map(|m| (m.x, m.y))
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(points(0), [(1.0, 0.3), (2.0, 0.1)]);
+        assert_eq!(points(1), [(1.0, 0.1)]);
+        let plots = all(&study).unwrap();
+        let names: Vec<_> = plots.iter().map(|p| p.name).collect();
+        assert_eq!(names, ["error-over-render-time", "error-over-total-time"]);
+        assert!(
+            plots
+                .iter()
+                .all(|p| p.svg.contains("&lt;b&gt;") && !p.svg.contains("<b>"))
+        );
     }
 }

@@ -37,6 +37,22 @@ pub struct Study {
     pub others: Vec<Timed>,
     /// What `runs` say.
     pub findings: Findings,
+    /// Pictures of other renderers, those of the last call.
+    #[serde(default)]
+    pub peers: Vec<Peer>,
+}
+
+/// A picture of another renderer.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Peer {
+    /// Name of the renderer, or of a way to use it: points of one name belong together.
+    pub name: String,
+    /// CPU seconds of all threads.
+    pub cpu_secs: f64,
+    /// What is known of its differences from the reference.
+    pub errors: Errors,
+    /// Name of the file that told it.
+    pub source: String,
 }
 
 /// What the numbers say.
@@ -124,10 +140,26 @@ pub struct Machine {
 pub struct Reference {
     /// Where it came from.
     pub source: String,
-    /// relMSE against the truth that its own variance tells, if it has any.
+    /// relMSE against the truth, if that is known.
     pub relmse: Option<f64>,
+    /// How that is known.
+    #[serde(default)]
+    pub noise: NoiseSource,
     /// Factor on radiance for the perceptual metrics.
     pub exposure: f32,
+}
+
+/// What tells the noise of a reference.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum NoiseSource {
+    /// The variance in its file, if there is any.
+    #[default]
+    Variance,
+    /// Another image of as many samples: half the relMSE between both.
+    Image,
+    /// The user.
+    Given,
 }
 
 /// A cloud and its tree.
@@ -234,6 +266,22 @@ pub struct Run {
     pub peak_memory_bytes: Option<u64>,
     /// What came out; the same in every round.
     pub errors: Errors,
+    /// What came out of further seeds, for which clouds were baked anew, too.
+    #[serde(default)]
+    pub seeds: BTreeMap<u64, Errors>,
+}
+
+/// relMSE over several seeds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OverSeeds {
+    /// The mean.
+    pub mean: f64,
+    /// The least.
+    pub least: f64,
+    /// The largest.
+    pub most: f64,
+    /// How many there are.
+    pub seeds: usize,
 }
 
 impl Run {
@@ -241,6 +289,19 @@ impl Run {
     #[must_use]
     pub fn time(&self) -> Timing {
         median(self.rounds.iter().copied())
+    }
+
+    /// relMSE over its own and further seeds; `None` if it has no value for one.
+    #[must_use]
+    pub fn relmse_over_seeds(&self) -> Option<OverSeeds> {
+        let all = std::iter::once(&self.errors).chain(self.seeds.values());
+        let all: Vec<f64> = all.map(|e| e.relmse).collect::<Option<_>>()?;
+        Some(OverSeeds {
+            mean: all.iter().sum::<f64>() / all.len() as f64,
+            least: all.iter().copied().fold(f64::INFINITY, f64::min),
+            most: all.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+            seeds: all.len(),
+        })
     }
 
     /// Adds a round.
@@ -287,6 +348,26 @@ impl Study {
         run.time().cpu_secs + before
     }
 
+    /// The noise of the reference as relMSE, if it is known and not zero.
+    #[must_use]
+    pub fn noise(&self) -> Option<f64> {
+        (self.reference.relmse).filter(|v| v.is_finite() && *v > 0.0)
+    }
+
+    /// relMSE less the noise of the reference, and whether less than a tenth of that is left, which
+    /// is then in its place: what is lost in noise is not known.
+    #[must_use]
+    pub fn less_noise(&self, relmse: f64) -> (f64, bool) {
+        let Some(noise) = self.noise() else {
+            return (relmse, false);
+        };
+        let (rest, least) = (relmse - noise, 0.1 * noise);
+        match rest < least {
+            true => (least, true),
+            false => (rest, false),
+        }
+    }
+
     /// Puts what was timed on another machine, or with another number of threads, aside, and what
     /// was timed on this one before in its place. Whether anything was put aside.
     pub fn go_on_with(&mut self, machine: Machine) -> bool {
@@ -310,8 +391,20 @@ impl Study {
     /// number of threads.
     #[must_use]
     pub fn errors_of(&self, name: &str) -> Option<Errors> {
+        self.run_anywhere(name).map(|r| r.errors)
+    }
+
+    /// The same for further seeds of it.
+    #[must_use]
+    pub fn seeds_of(&self, name: &str) -> BTreeMap<u64, Errors> {
+        self.run_anywhere(name)
+            .map(|r| r.seeds.clone())
+            .unwrap_or_default()
+    }
+
+    fn run_anywhere(&self, name: &str) -> Option<&Run> {
         let mut runs = self.others.iter().flat_map(|o| &o.runs).chain(&self.runs);
-        runs.find(|r| r.name == name).map(|r| r.errors)
+        runs.find(|r| r.name == name)
     }
 
     /// What an earlier study of the same origin has measured; `None` if there is none, or nothing

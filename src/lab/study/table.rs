@@ -3,7 +3,7 @@
 
 use super::findings::{FARTHEST, Metric};
 use super::method::Method;
-use super::record::{Cloud, Run, Study, Versus};
+use super::record::{Cloud, NoiseSource, Run, Study, Versus};
 use super::sweep::Sweep;
 use std::fmt::Write;
 
@@ -32,6 +32,11 @@ pub fn figure(value: f64) -> String {
     } else {
         format!("{value:.2e}")
     }
+}
+
+/// A power to two decimals, of which a zero has no sign.
+fn power(value: f64) -> String {
+    format!("{:.2}", (100.0 * value).round() / 100.0 + 0.0)
 }
 
 fn optional(value: Option<f64>) -> String {
@@ -149,6 +154,72 @@ fn lvoxel_memory(cloud: Option<&Cloud>, run: &Run) -> String {
     }
 }
 
+/// The columns of [`summary`] in tables that fit a page, each with its title.
+pub fn summaries(study: &Study) -> [(&'static str, Table); 3] {
+    let whole = summary(study);
+    let of = |columns: &[usize]| {
+        let pick = |row: &Vec<String>| columns.iter().map(|&c| row[c].clone()).collect();
+        Table {
+            head: columns.iter().map(|&c| whole.head[c]).collect(),
+            rows: whole.rows.iter().map(pick).collect(),
+        }
+    };
+    [
+        ("Time and relMSE", of(&[0, 1, 2, 3, 8, 9, 10, 11])),
+        ("What viewers tell apart", of(&[0, 3, 4, 5, 6, 7, 12])),
+        ("Memory", of(&[0, 13, 14, 15])),
+    ]
+}
+
+/// relMSE over seeds, of the runs that have several; no rows without any.
+pub fn seeds(study: &Study) -> Table {
+    let row = |run: &Run| {
+        let found = run.relmse_over_seeds().filter(|o| o.seeds > 1)?;
+        Some(vec![
+            run.name.clone(),
+            found.seeds.to_string(),
+            figure(found.mean),
+            figure(found.least),
+            figure(found.most),
+        ])
+    };
+    Table {
+        head: vec!["run", "seeds", "mean relMSE", "least", "largest"],
+        rows: study.runs.iter().filter_map(row).collect(),
+    }
+}
+
+/// Points of other renderers; no rows without any.
+pub fn peers(study: &Study) -> Table {
+    let less_noise = |relmse: f64| match study.less_noise(relmse) {
+        (least, true) => format!("< {}", figure(least)),
+        (rest, false) => figure(rest),
+    };
+    let rows = study.peers.iter().map(|p| {
+        vec![
+            p.name.clone(),
+            figure(p.cpu_secs),
+            optional(p.errors.relmse),
+            p.errors.relmse.map_or("–".into(), less_noise),
+            optional(p.errors.pdiff.map(|v| 100.0 * v)),
+            optional(p.errors.flip),
+            p.source.clone(),
+        ]
+    });
+    Table {
+        head: vec![
+            "renderer",
+            "CPU s",
+            "relMSE",
+            "less the reference's noise",
+            "pdiff %",
+            "FLIP",
+            "told by",
+        ],
+        rows: rows.collect(),
+    }
+}
+
 /// How the error goes with each setting.
 pub fn slopes(study: &Study) -> Table {
     let rows = study.findings.slopes.iter();
@@ -169,8 +240,8 @@ pub fn slopes(study: &Study) -> Table {
                 vec![
                     s.method.to_string(),
                     s.setting.to_string(),
-                    format!("{:.2}", s.exponent),
-                    format!("{:.2}", s.coarse_exponent),
+                    power(s.exponent),
+                    power(s.coarse_exponent),
                     at(s.coarsest),
                     at(s.finest),
                     figure(s.floor),
@@ -208,8 +279,23 @@ pub fn pareto(study: &Study) -> Table {
 pub fn caption(study: &Study) -> String {
     let [w, h] = study.film;
     let noise = study.reference.relmse.map_or(String::new(), |v| {
-        format!(", of relMSE {} against the truth", figure(v))
+        let told = match study.reference.noise {
+            NoiseSource::Variance => "by its variance",
+            NoiseSource::Image => "by a second image",
+            NoiseSource::Given => "as it is given",
+        };
+        format!(", of relMSE {} against the truth {told}, which plots subtract: hollow points are bounds", figure(v))
     });
+    let seeds = study
+        .runs
+        .iter()
+        .filter_map(|r| Some(r.relmse_over_seeds()?.seeds));
+    let seeds = match seeds.max().unwrap_or(1) {
+        1 => String::new(),
+        n => format!(
+            " Bars reach from the least to the largest relMSE of up to {n} seeds, points are their means."
+        ),
+    };
     let media = if study.has_media {
         "The traditional method is given clouds with lvoxels, which it takes no notice of: their baking and building is in \
          its times, their memory is not."
@@ -223,7 +309,7 @@ pub fn caption(study: &Study) -> String {
         ),
     };
     format!(
-        "{} at {w}x{h} pixels, against {}{noise}. Times are CPU seconds of all threads, {rounds}; loading the scene is left \
+        "{} at {w}x{h} pixels, against {}{noise}.{seeds} Times are CPU seconds of all threads, {rounds}; loading the scene is left \
          out. {media} Resident memory is the peak of the process while it renders, with \
          the scene, the reference and what earlier runs leave. Monte Carlo's relMSE falls to the reference's noise as one \
          over its time; its pdiff is read off straight lines in logarithms between its runs; in brackets where that is \
@@ -240,7 +326,11 @@ pub fn caption(study: &Study) -> String {
 impl Table {
     /// As a Markdown table.
     pub fn markdown(&self) -> String {
-        let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+        let cell = |text: &String| text.replace('|', "\\|");
+        let line = |cells: &[String]| {
+            let cells: Vec<String> = cells.iter().map(cell).collect();
+            format!("| {} |\n", cells.join(" | "))
+        };
         let head: Vec<String> = self.head.iter().map(|&h| h.into()).collect();
         let rules: Vec<String> = self.head.iter().map(|_| "---".into()).collect();
         let mut text = line(&head) + &line(&rules);
@@ -251,16 +341,33 @@ impl Table {
     }
 }
 
+/// Title of the table of slopes.
+pub const SETTINGS: &str = "Error against settings";
+
+/// All tables that have rows, with their titles.
+pub fn tables(study: &Study) -> Vec<(&'static str, Table)> {
+    let all = summaries(study).into_iter().chain([
+        ("Several seeds", seeds(study)),
+        ("Other renderers", peers(study)),
+        (SETTINGS, slopes(study)),
+        ("Pareto front", pareto(study)),
+    ]);
+    all.filter(|(_, table)| !table.rows.is_empty()).collect()
+}
+
 /// The whole study in Markdown.
 pub fn markdown(study: &Study) -> String {
-    format!(
-        "# {}\n\n{}\n\n{}\n## Error against settings\n\n{SLOPES}\n\n{}\n## Pareto front\n\n{}",
-        study.scene,
-        caption(study),
-        summary(study).markdown(),
-        slopes(study).markdown(),
-        pareto(study).markdown(),
-    )
+    let mut text = format!("# {}\n\n{}\n", study.scene, caption(study));
+    for (title, table) in tables(study) {
+        let note = if title == SETTINGS { SLOPES } else { "" };
+        let _ = write!(
+            text,
+            "\n## {title}\n\n{note}{}{}",
+            if note.is_empty() { "" } else { "\n\n" },
+            table.markdown()
+        );
+    }
+    text
 }
 
 /// All runs, one a line.
@@ -268,7 +375,7 @@ pub fn csv(study: &Study) -> String {
     let mut text = String::from(
         "name,method,sweep,value,cloud,surfels,surfel_radius,lvoxels,tree_bytes,lvoxel_bytes,bake_cpu_secs,build_cpu_secs,\
          render_wall_secs,render_cpu_secs,total_cpu_secs,relmse,relmse_trimmed,flip,ssim,pdiff,bias,\
-         lvoxel_share,peak_memory_bytes\n",
+         lvoxel_share,peak_memory_bytes,relmse_less_noise,seeds,relmse_mean,relmse_least,relmse_most\n",
     );
     for run in &study.runs {
         let time = run.time();
@@ -313,6 +420,12 @@ pub fn csv(study: &Study) -> String {
         for value in [share, peak] {
             let _ = write!(text, ",{}", value.unwrap_or_default());
         }
+        let rest = e.relmse.map(|v| v - study.noise().unwrap_or(0.0));
+        let _ = write!(text, ",{}", rest.map_or(String::new(), |v| v.to_string()));
+        let _ = match run.relmse_over_seeds() {
+            Some(o) => write!(text, ",{},{},{},{}", o.seeds, o.mean, o.least, o.most),
+            None => write!(text, ",{},,,", 1 + run.seeds.len()),
+        };
         text.push('\n');
     }
     text
@@ -335,6 +448,7 @@ mod tests {
         ] {
             assert_eq!(figure(value), text);
         }
+        assert_eq!([-0.004, 0.0, -1.096].map(power), ["0.00", "0.00", "-1.10"]);
     }
 
     #[test]
@@ -353,6 +467,6 @@ mod tests {
         };
         let text = csv(&study);
         let columns: Vec<usize> = text.lines().map(|l| l.split(',').count()).collect();
-        assert_eq!(columns, [23; 3]);
+        assert_eq!(columns, [28; 3]);
     }
 }
