@@ -537,3 +537,34 @@ fn a_gltf_is_a_scene_by_itself_or_a_mesh_in_one() {
         .unwrap_err();
     assert!(error.to_string().contains("no `import"), "{error}");
 }
+
+/// A `map_d` of an image with alpha, and of one that is grey; `d` is a factor on both.
+#[test]
+fn masks_of_mtl_are_alpha_or_grey() {
+    let obj = b"mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl leaf\nf 1/1 2/2 3/3\nusemtl net\n\
+                f 1/1 3/3 2/2\n";
+    let toml = b"[[mesh]]\nfile = \"a.obj\"\n";
+    let mtl = b"newmtl leaf\nmap_Kd leaf.png\nmap_d leaf.png\nnewmtl net\nd 0.5\nmap_d grey.png\n";
+    let folder = Folder::new(&[("a.obj", obj), ("a.mtl", mtl), ("a.toml", toml)]);
+    let there = |x: u32| if x < 4 { 0 } else { 255 };
+    let leaf = image::RgbaImage::from_fn(8, 8, |x, _| image::Rgba([90, 80, 70, there(x)]));
+    leaf.save(folder.path("leaf.png")).unwrap();
+    let grey = image::GrayImage::from_fn(8, 8, |x, _| image::Luma([there(x) / 5]));
+    grey.save(folder.path("grey.png")).unwrap();
+    let scene = Scene::load(&folder.path("a.toml")).unwrap();
+    let mask = |name: &str| {
+        let material = scene.materials.iter().find(|m| m.name == name).unwrap();
+        let mask = material.mask.unwrap();
+        let texture = &scene.textures[mask.texture.unwrap() as usize];
+        let seen = [0.25, 0.75].map(|u| texture.sample(Vec2::new(u, 0.5))[0]);
+        (mask.opacity, mask.cutoff, seen)
+    };
+    assert_eq!(mask("leaf"), (1.0, None, [0.0, 1.0]));
+    assert_eq!(mask("net"), (0.5, None, [0.0, 0.2]));
+    assert!(
+        scene
+            .warnings
+            .iter()
+            .any(|w| w.contains("`d` below 1 are there in part"))
+    );
+}
