@@ -11,7 +11,7 @@ Taken are: meshes with their modifiers and the colours, textures and emission th
 nodes, too); all cameras, the scene's first; sun, point, spot and area lights in Blender's units (watts; area lights
 become quads or disks that emit, points with a radius balls); a world of one colour or an image, turned about z by a
 Mapping node; what Ray Visibility keeps from the camera, and transparent film; volume objects (.vdb) with Principled
-Volume or Volume Scatter. What is left out is told on stderr.
+Volume, and what that emits of a grid, or Volume Scatter. What is left out is told on stderr.
 """
 import argparse
 import hashlib
@@ -284,13 +284,16 @@ def volume(obj, folder):
         warn(f"volume {obj.name}: {path} is not there: it is left out")
         return ""
     slots = [slot.material for slot in obj.material_slots if slot.material]
-    medium = medium_of(slots[0]) if slots else (1.0, [0.5] * 3, 0.0, "density")
+    medium = medium_of(slots[0]) if slots else (1.0, [0.5] * 3, 0.0, "density", None)
     if medium is None:
         return ""
-    density, albedo, g, grid = medium
+    density, albedo, g, grid, emission = medium
     # A volume that is larger is as opaque, unless it is said to be in the world.
     if data.render.space == "OBJECT":
-        density /= abs(obj.matrix_world.to_3x3().determinant()) ** (1 / 3)
+        size = abs(obj.matrix_world.to_3x3().determinant()) ** (1 / 3)
+        density /= size
+        if emission:
+            emission["scale"] /= size
     name = os.path.basename(path)
     target = os.path.join(folder, name)
     if os.path.abspath(target) != os.path.abspath(path):
@@ -298,41 +301,67 @@ def volume(obj, folder):
     keys = {"file": name, "name": obj.name, "grid": grid, "sigma_t_scale": density, "albedo": albedo}
     if g:
         keys["g"] = max(-0.99, min(0.99, g))
+    if emission:
+        keys["emission"] = emission
     keys["transform"] = rows(Y_UP @ obj.matrix_world)
     return table("[[volume]]", keys)
 
 
 def medium_of(material):
-    """Density, albedo, anisotropy and grid of a material."""
+    """Density, albedo, anisotropy, grid and emission of a material."""
     out = output(material.node_tree) if material.node_tree else None
     node = source(out.inputs["Volume"]) if out else None
     if node is None or node.type not in ("PRINCIPLED_VOLUME", "VOLUME_SCATTER"):
         warn(f"material {material.name}: its volume is neither Principled nor Scatter: it is left out")
         return None
     color = [min(max(c, 0.0), 1.0) for c in node.inputs["Color"].default_value[:3]]
-    density, grid = node.inputs["Density"].default_value, "density"
+    density, grid, emission = node.inputs["Density"].default_value, "density", None
     g = node.inputs["Anisotropy"].default_value
     if node.type == "PRINCIPLED_VOLUME":
         grid = node.inputs["Density Attribute"].default_value or "density"
-        if node.inputs["Emission Strength"].default_value or node.inputs["Blackbody Intensity"].default_value:
-            warn(f"material {material.name}: what its volume emits is left out")
+        emission = emission_of(material, node)
         absorbed = node.inputs["Absorption Color"].default_value[:3]
         if max(absorbed) > 0:
             warn(f"material {material.name}: the colour of its absorption is left out")
-    feed = source(node.inputs["Density"])
+    fed = attribute_of(node.inputs["Density"])
+    if fed is not None:
+        grid, density = fed
+    elif source(node.inputs["Density"]) is not None:
+        warn(f"material {material.name}: the nodes of its density are left out")
+    return density, color, g, grid, emission
+
+
+def attribute_of(socket):
+    """The grid that feeds a socket, and the number that it is multiplied by."""
+    feed = source(socket)
     if feed is not None and feed.type == "ATTRIBUTE":
-        grid, density = feed.attribute_name, 1.0
-    elif feed is not None and feed.type == "MATH" and feed.operation == "MULTIPLY":
-        # An attribute times a number.
+        return feed.attribute_name, 1.0
+    if feed is not None and feed.type == "MATH" and feed.operation == "MULTIPLY":
         kinds = [source(socket) for socket in feed.inputs[:2]]
         at = [i for i, kind in enumerate(kinds) if kind is not None and kind.type == "ATTRIBUTE"]
         if len(at) == 1 and kinds[1 - at[0]] is None:
-            grid, density = kinds[at[0]].attribute_name, feed.inputs[1 - at[0]].default_value
-        else:
-            warn(f"material {material.name}: the nodes of its density are left out")
-    elif feed is not None:
-        warn(f"material {material.name}: the nodes of its density are left out")
-    return density, color, g, grid
+            return kinds[at[0]].attribute_name, feed.inputs[1 - at[0]].default_value
+    return None
+
+
+def emission_of(material, node):
+    """What a Principled Volume sends out: that of a black body, or of a grid that its strength comes from."""
+    inputs = node.inputs
+    if inputs["Blackbody Intensity"].default_value > 0:
+        if list(inputs["Blackbody Tint"].default_value[:3]) != [1.0] * 3:
+            warn(f"material {material.name}: the tint of its black body is left out")
+        return {
+            "grid": inputs["Temperature Attribute"].default_value or "temperature",
+            "kelvin": inputs["Temperature"].default_value,
+            "scale": inputs["Blackbody Intensity"].default_value,
+        }
+    fed = attribute_of(inputs["Emission Strength"])
+    if fed is not None:
+        color = list(inputs["Emission Color"].default_value[:3])
+        return {"grid": fed[0], "scale": fed[1], "color": color}
+    if inputs["Emission Strength"].default_value > 0 or source(inputs["Emission Strength"]) is not None:
+        warn(f"material {material.name}: an emission that no grid feeds is left out")
+    return None
 
 
 # -------------------------------------------------------------------------------------------------------- scene

@@ -21,6 +21,8 @@ def text(value):
         return "true" if value else "false"
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(text(v) for v in value) + "]"
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {text(v)}" for key, v in value.items()) + " }"
     return repr(value) if isinstance(value, int) else f"{value:.9g}"
 
 

@@ -4,7 +4,9 @@ use super::text::{Table, bytes, count};
 use crate::Result;
 use crate::run::{Job, hex, one_line};
 use crate::scene::load::{Contents, ContentsKind, GridValues, Settings, contents, has_contents};
-use crate::scene::{Camera, EnvironmentImage, Light, Mesh, Scene, Texture, Volume};
+use crate::scene::{
+    Camera, EmissiveBlock, EmissiveVolume, EnvironmentImage, Light, Mesh, Scene, Texture, Volume,
+};
 use glam::{DVec3, Vec3};
 use std::fmt;
 use std::path::Path;
@@ -275,6 +277,8 @@ pub fn scene(path: &Path, settings: &Settings, job: &Job) -> Result<Option<Scene
             .iter()
             .map(|i| environment_image(i, &scene)),
     );
+    let emissive = scene.emissive.iter();
+    let lights = lights.chain(emissive.filter_map(|e| emissive_volume(e, &scene)));
     let lights = lights.filter(|_| is_whole);
     let cameras = scene.cameras.iter().filter(|_| is_whole);
     Ok(Some(SceneDescription {
@@ -404,6 +408,18 @@ fn light(light: &Light, scene: &Scene) -> LightDescription {
         color,
         unseen: !scene.is_environment_seen && matches!(light, Light::Environment { .. }),
     }
+}
+
+/// An emissive volume as the point that sends as much.
+fn emissive_volume(volume: &EmissiveVolume, scene: &Scene) -> Option<LightDescription> {
+    let whole = EmissiveBlock::joined(volume.blocks().iter())?;
+    Some(LightDescription {
+        kind: "emissive volume",
+        position: Some(in_world(whole.centre, scene.world_from_scene)),
+        direction: None,
+        color: whole.intensity.0,
+        unseen: false,
+    })
 }
 
 fn environment_image(image: &EnvironmentImage, scene: &Scene) -> LightDescription {

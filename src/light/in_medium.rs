@@ -206,7 +206,7 @@ impl<S> Lights<'_, S> {
     /// Whether no light has an extent, so that [`MediumLight::rest`] has no noise of shadow rays.
     #[must_use]
     pub fn rest_is_exact(&self) -> bool {
-        self.emitters.is_empty() && !self.has_wide_sun && !self.has_excess()
+        self.emitters.is_empty() && self.glow.is_none() && !self.has_wide_sun && !self.has_excess()
     }
 
     /// Whether there are lights whose shadows have sharp edges: points, spots and suns.

@@ -4,6 +4,7 @@ use super::delta_lights;
 use super::direct::DirectLight;
 use super::emitter::Emitter;
 use super::emitters::{CutTolerance, Emitters, Unshadowed};
+use super::glow::Glow;
 use super::groups::{Exactness, LightGroups, Which};
 use super::shading_point::{
     DirectedReceiver, INVERSE_SPHERE, MediumReceiver, PhaseReceiver, Receiver, ShadingPoint,
@@ -35,6 +36,10 @@ pub struct Lights<'a, S = SceneMedia<'a>> {
     /// Whether one of them is a sun with an extent.
     pub(super) has_wide_sun: bool,
     pub(super) emitters: Arc<Emitters>,
+    /// The light of emissive volumes.
+    pub(super) glow: Option<Arc<Glow>>,
+    /// From how near nodes of that count as one.
+    opening: f32,
     /// How exactly the light of many emitters is known.
     tolerance: CutTolerance,
     environment: Rgb,
@@ -54,6 +59,8 @@ impl<'a> Lights<'a> {
             exactness: Exactness::SHADING,
             has_wide_sun: tracer.scene.lights.iter().any(|l| Sun::of(l).is_some()),
             emitters: Arc::new(Emitters::new(tracer.scene)),
+            glow: Glow::new(&tracer.scene.emissive).map(Arc::new),
+            opening: Glow::SHADING,
             tolerance: CutTolerance::SHADING,
             environment: tracer.scene.environment(),
             sky: Self::sky(tracer),
@@ -88,6 +95,7 @@ impl<'a> Lights<'a> {
             lights: &[],
             groups: None,
             emitters: Arc::new(Emitters::of(emitters)),
+            glow: None,
             tolerance: CutTolerance::GATHERING,
             environment: Rgb::BLACK,
             sky: None,
@@ -106,6 +114,8 @@ impl<'a> Lights<'a> {
             exactness: self.exactness,
             has_wide_sun: self.has_wide_sun,
             emitters: Arc::clone(&self.emitters),
+            glow: self.glow.clone(),
+            opening: self.opening,
             tolerance: self.tolerance,
             environment: self.environment,
             sky: self.sky.clone(),
@@ -126,6 +136,7 @@ impl<'a, S: Shadows> Lights<'a, S> {
     pub fn for_baking(mut self) -> Self {
         self.tolerance = CutTolerance::BAKING;
         self.exactness = Exactness::BAKING;
+        self.opening = Glow::BAKING;
         self
     }
 
@@ -417,6 +428,9 @@ impl<'a, S: Shadows> Lights<'a, S> {
         });
         total.unshadowed += light_of_emitters;
         unshadowed.trace(&mut total, at);
+        if let Some(glow) = &self.glow {
+            glow.trace(&mut total, at, self.opening);
+        }
         if let Some(excess) = self.sky.as_ref().and_then(|sky| sky.excess.as_ref()) {
             excess.trace(&mut total, at, self.tolerance.by_rays_alone());
         }

@@ -5,7 +5,8 @@
 //! the share that arrives. So a point in full light has no noise at all.
 //!
 //! A *light* is any source of a scene: a *point light*, a *spot light*, a *sun* (a directional
-//! light, which may have an angular radius) or an *emitter* (an emissive triangle). Those without
+//! light, which may have an angular radius), an *emitter* (an emissive triangle) or the *glow* of
+//! emissive volumes. Those without
 //! extent are *delta lights*. Points and directions are those of scene space, distances are scene
 //! units, light is linear Rec.709.
 //!
@@ -19,6 +20,7 @@
 //! | `shadow_rays` | [`ShadowRays`]: how many rays go to a light, and to which points of it |
 //! | `shadows` | [`Shadows`]: what rays pass, from a vacuum to media made simple |
 //! | `delta_lights` | point, spot and parallel lights, at a point and along a segment |
+//! | `glow` | the light of emissive volumes |
 //! | `groups` | what stands for the lights that are no triangles of a scene that has many |
 //! | `sky` | an environment image: what gathers meet, and a light of what is brighter |
 //! | `suns` | suns with an extent, and the optical depth of media towards any |
@@ -38,6 +40,7 @@ mod delta_lights;
 mod direct;
 mod emitter;
 mod emitters;
+mod glow;
 mod groups;
 mod in_medium;
 mod kept_light;

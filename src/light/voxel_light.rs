@@ -68,7 +68,8 @@ impl<'a> VoxelLight<'a> {
     ) -> Option<Self> {
         /// Each takes memory at each corner.
         const MOST_SUNS: usize = 8;
-        if !lights.emitters.is_empty() || lights.groups.is_some() || !kept.knows_sky(lights) {
+        let has_extended = !lights.emitters.is_empty() || lights.glow.is_some();
+        if has_extended || lights.groups.is_some() || !kept.knows_sky(lights) {
             return None;
         }
         let all = lights.tracer.scene.lights.iter().enumerate();

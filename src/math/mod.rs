@@ -6,6 +6,7 @@
 //! | `boxes` | which of many boxes a ray meets |
 //! | `hit` | where rays meet triangles |
 //! | `color` | linear RGB |
+//! | `blackbody` | the light of a black body |
 //! | `segment` | emission and absorption along a ray, front to back |
 //! | `dda` | a ray through a regular grid of boxes |
 //! | `ray_lattice` | parallel rays through a regular grid |
@@ -19,6 +20,7 @@
 //! | `index` | numbers of cells in a grid |
 //! | `vec3x4` | four vectors at a time |
 
+mod blackbody;
 mod boxes;
 pub mod color;
 pub mod dda;
@@ -36,6 +38,7 @@ pub mod segment;
 mod sphere_map;
 mod vec3x4;
 
+pub use blackbody::blackbody;
 pub use boxes::Boxes;
 pub use color::Rgb;
 pub use hit::Hit;

@@ -1,7 +1,7 @@
 //! Digests of what a bake reads of a scene, one for each kind of thing: they tell a scene that only
 //! has another picture from one whose light has changed.
 
-use super::{Camera, Grid, Light, Mesh, Scene, Texture, Volume, Wrap};
+use super::{Camera, Emission, EmissiveVolume, Grid, Light, Mesh, Scene, Texture, Volume, Wrap};
 use crate::math::unflatten;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -23,6 +23,9 @@ impl Scene {
             ("lights", lights(self)),
             ("volumes", volumes(&self.volumes)),
         ];
+        if !self.emissive.is_empty() {
+            parts.push(("emission", emissive(&self.emissive)));
+        }
         parts.extend(surfels_from.map(|c| (CAMERA, camera(c, self))));
         let name = |(name, digest): (&str, Digest)| (format!("{PREFIX}{name}"), digest.hex());
         parts.into_iter().map(name).collect()
@@ -60,6 +63,7 @@ impl Scene {
             self.camera(name).ok()
         });
         let own = self.parts(camera.flatten());
+        let own = &own;
         let differs = |(name, digest): &&(String, String)| {
             let own = own.iter().find(|(n, _)| n == name);
             own.is_none_or(|(_, d)| d != digest)
@@ -70,7 +74,10 @@ impl Scene {
             .peekable();
         parts.peek()?;
         let name = |(name, _): &(String, String)| name[PREFIX.len()..].to_owned();
-        Some(parts.filter(differs).map(name).collect())
+        let added = own
+            .iter()
+            .filter(|(n, _)| !baked.iter().any(|(b, _)| b == n));
+        Some(parts.filter(differs).chain(added).map(name).collect())
     }
 }
 
@@ -269,6 +276,17 @@ fn volumes(volumes: &[Volume]) -> Digest {
             digest.floats(&[first, second, v.phase.mix()]);
         }
         grid(&v.sigma_t, digest);
+    })
+}
+
+fn emissive(volumes: &[EmissiveVolume]) -> Digest {
+    all(volumes, |e, digest| {
+        digest.doubles(&e.values.scene_from_index.to_cols_array());
+        match e.emission {
+            Emission::Proportional { radiance } => digest.floats(&radiance),
+            Emission::Blackbody { scale } => digest.floats(&[scale]),
+        }
+        grid(&e.values.sigma_t, digest);
     })
 }
 

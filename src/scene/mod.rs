@@ -4,6 +4,7 @@
 //!
 //! - `camera`, `light`, `material`, `texture`, `mesh`, `grid`, `volume`: what a scene consists of
 //! - `mask`: where surfaces are there
+//! - `emissive`: volumes that light comes from
 //! - `environment`: the sky, as an image
 //! - `builder`: puts a scene together in world space and f64, and checks it as a whole
 //! - `load`: readers of scene, mesh, volume and texture files, which fill a builder
@@ -17,6 +18,7 @@
 mod builder;
 mod camera;
 mod digest;
+mod emissive;
 pub(crate) mod environment;
 pub(crate) mod grid;
 mod light;
@@ -31,9 +33,10 @@ mod volume;
 pub use crate::column::Column;
 pub use crate::math::PhaseFunction;
 pub use builder::{
-    CameraInput, EnvironmentInput, LightInput, MeshInput, SceneBuilder, VolumeInput,
+    CameraInput, EmissiveInput, EnvironmentInput, LightInput, MeshInput, SceneBuilder, VolumeInput,
 };
 pub use camera::{Camera, CameraKey, Film};
+pub use emissive::{Emission, EmissiveBlock, EmissiveVolume};
 pub use environment::{EnvironmentImage, ImageSun};
 pub use grid::{Grid, VolumeGrid};
 pub use light::Light;
@@ -73,6 +76,8 @@ pub struct Scene {
     pub is_environment_seen: bool,
     /// Participating media; may overlap.
     pub volumes: Vec<Volume>,
+    /// Fire and other gases that light comes from; may overlap each other and the media.
+    pub emissive: Vec<EmissiveVolume>,
     /// blake3 over the content of the scene file and of all files that it names, or over what was
     /// made in memory.
     pub hash: [u8; 32],
@@ -108,6 +113,7 @@ impl Scene {
             environment_image: None,
             is_environment_seen: true,
             volumes: Vec::new(),
+            emissive: Vec::new(),
             hash: [0; 32],
             files: Vec::new(),
             warnings: Vec::new(),
@@ -211,6 +217,12 @@ impl Scene {
         self.materials.iter().all(|m| m.is_seen)
     }
 
+    /// The volumes that have a grid: the media, then those that light comes from.
+    pub(crate) fn grids(&self) -> impl Iterator<Item = &Volume> {
+        let emissive = self.emissive.iter().map(|e| &e.values);
+        self.volumes.iter().chain(emissive)
+    }
+
     /// Box around all volumes; empty if there is none.
     #[must_use]
     pub fn media_bounds(&self) -> Aabb {
@@ -234,7 +246,7 @@ impl Scene {
             }
         }
         let textures: u64 = textures.iter().map(|t| t.bytes()).sum();
-        let grids: usize = self.volumes.iter().map(|v| v.sigma_t.bytes()).sum();
+        let grids: usize = self.grids().map(|v| v.sigma_t.bytes()).sum();
         let mesh = match self.as_packed() {
             Some(_) => 0,
             None => self.mesh.bytes(),
@@ -243,11 +255,13 @@ impl Scene {
         mesh + textures + grids as u64 + sky
     }
 
-    /// Box around all triangles and volumes.
+    /// Box around all triangles, volumes and emissive volumes.
     #[must_use]
     pub fn bounds(&self) -> Aabb {
         let vertices = self.mesh.triangles.iter().flatten();
-        let corners = vertices.map(|&v| self.mesh.positions[v as usize]);
+        let vertices = vertices.map(|&v| self.mesh.positions[v as usize]);
+        let emissive = self.emissive.iter().flat_map(|e| e.values.corners());
+        let corners = vertices.chain(emissive);
         corners.fold(self.media_bounds(), Aabb::with)
     }
 
@@ -274,7 +288,8 @@ impl Scene {
                 *position = moved(*position);
             }
         }
-        for volume in &mut self.volumes {
+        let emissive = self.emissive.iter_mut().map(|e| &mut e.values);
+        for volume in self.volumes.iter_mut().chain(emissive) {
             volume.place(DAffine3::from_translation(shift) * volume.scene_from_index);
         }
         // To the same digits as where the scene goes to a frame in this place.

@@ -2,8 +2,8 @@
 
 use super::memory;
 use super::pixels::{
-    CameraMedia, EmitterBorders, EndsOfView, PixelShader, Planes, Quantity, SampleCounts,
-    ScatteringMedia, shade_region,
+    CameraMedia, EmissiveMedia, EmitterBorders, EndsOfView, March, PixelShader, Planes, Quantity,
+    SampleCounts, ScatteringMedia, shade_region,
 };
 use super::settings::{Kernel, Method, Settings};
 use super::surfaces::{BrightPatchLights, GatherAtSurfaces, KeptGathers, Lattice, SurfaceGatherer};
@@ -170,7 +170,8 @@ impl<W: FrameWork> TreeTask for FrameTask<'_, W> {
             lattice_gatherer: &on_surfaces(settings.samples),
             own_gatherer: &on_surfaces(settings.own_samples()),
         };
-        let (done, media) = if scene.volumes.is_empty() && tree.media.is_empty() {
+        let is_vacuum = scene.volumes.is_empty() && tree.media.is_empty();
+        let (done, media) = if is_vacuum && scene.emissive.is_empty() {
             (
                 work.run(&shader, &Vacuum, &lights.in_vacuum())?,
                 MediaCounts::default(),
@@ -190,7 +191,13 @@ impl<W: FrameWork> TreeTask for FrameTask<'_, W> {
             };
             let visible = VisibleMedia::ThroughRegions(regions);
             let in_scatter = InScatter::new(&view, visible, &light, job)?;
-            let done = work.run(&shader, &ScatteringMedia(&in_scatter), &lights)?;
+            let before_emission: &dyn March = &in_scatter;
+            let emissive = EmissiveMedia(before_emission);
+            let media: &dyn March = match scene.emissive.is_empty() {
+                true => before_emission,
+                false => &emissive,
+            };
+            let done = work.run(&shader, &ScatteringMedia(media), &lights)?;
             in_scatter.check()?;
             (done, in_scatter.counts())
         };

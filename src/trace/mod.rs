@@ -10,9 +10,11 @@
 //! | `surface` | the surface at a point of a triangle: normals, albedo, emission |
 //! | `pieces` | how densely surfels stand on the pieces of a scene |
 //! | `cells` | a ray through the cells of a volume, each with its exact optical depth |
+//! | `emission` | the light of emissive volumes along a ray |
 //! | `stepped` | a ray through a volume of few voxels, in even steps |
 
 mod cells;
+mod emission;
 mod pieces;
 mod stepped;
 mod surface;
@@ -21,6 +23,7 @@ mod watertight;
 
 pub use crate::math::Hit;
 pub use cells::{Cells, RayInVolume};
+pub use emission::each_emitting_cell;
 pub use pieces::Pieces;
 pub use stepped::SteppedVolume;
 pub use surface::{Surface, offset, short_of, unit_normal, weights_in_triangle};
@@ -79,6 +82,8 @@ impl<'a> Tracer<'a> {
     /// As [`TriangleBvh::new_until`], and [`Volume::ready`].
     pub fn with_volumes(scene: &'a Scene, volumes: &'a [Volume], cancel: &Cancel) -> Result<Self> {
         volumes.iter().try_for_each(Volume::ready)?;
+        let mut emissive = scene.emissive.iter();
+        emissive.try_for_each(|e| e.values.ready())?;
         Ok(Self {
             scene,
             volumes,

@@ -200,6 +200,7 @@ thin good 2.1e-3 0.010 0.068 0.004
 thin draft 3.4e-3 0.015 0.085 0.005
 studio good 6.0e-3 0.010 0.066 0.004
 outdoor good 1.4e-3 0.013 0.040 0.003
+fire good 4.6e-4 0.0055 0.030 0.003
 outdoor draft 2.0e-3 0.025 0.048 0.004
 tree good 2.0e-3 0.057 0.050 0.003
 tree draft 5.7e-3 0.105 0.066 0.004'
@@ -244,6 +245,7 @@ done <<EOF
 K - 96x96 5.4e-3 0.095 0.12 0.038
 general/thin - 256x192 1.95e-3 0.010 0.08 0.004
 general/lights100 - 240x180 6.0e-3 0.28 0.094 0.003
+general/fire - 192x144 5.0e-4 0.0055 0.030 0.003
 ruin inside 128x96 1.9e-2 0.015 0.145 0.052
 C_novol - 256x192 1.15e-3 0.0012 0.054 0.003
 EOF

@@ -11,6 +11,7 @@ mod counts;
 mod damage;
 #[cfg(unix)]
 mod farm;
+mod fire;
 mod fog;
 mod frames;
 mod gather;

@@ -8,7 +8,7 @@ use lvox::scene::{Grid, Scene};
 use std::fs;
 use std::path::Path;
 
-/// The room with a textured picture on its wall and more lights.
+/// The room with a textured picture on its wall, a flame and more lights.
 fn scene() -> String {
     format!(
         r#"{ROOM}
@@ -30,6 +30,14 @@ type = "directional"
 direction = [0.2, -0.4, -1]
 irradiance = [0.5, 0.6, 0.7]
 angular_radius_deg = 2
+
+[[volume]]
+file = "builtin:flame"
+scale = 0.5
+sigma_t_scale = 1
+albedo = [0.1, 0.1, 0.1]
+unitcube_to_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+emission = {{ kelvin = 1800, scale = 20 }}
 "#
     )
 }
@@ -142,6 +150,12 @@ fn a_packed_scene_is_the_scene() {
     lvox(work.0.path(), &["pack", "scene.toml", "-o", "scene.lvp"]).done();
     let (scene, packed) = (work.scene(), Scene::load(&work.path("scene.lvp")).unwrap());
     assert_eq!(scene.parts(None), packed.parts(None));
+    assert!(
+        scene
+            .parts(None)
+            .iter()
+            .any(|(part, _)| part == "scene/emission")
+    );
     assert_eq!((scene.hash, &scene.name), (packed.hash, &packed.name));
     let described = |s: &Scene| {
         let whole = (&s.cameras, &s.film, &s.lights, &s.materials, &s.warnings);

@@ -297,6 +297,26 @@ fn scene_files() {
             "",
         ),
         (
+            "[[volume]]\nfile = \"builtin:flame\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\nemission = { color = [1, 0, 0] }",
+            "`emission` at line 7: expected `scale`",
+            "",
+        ),
+        (
+            "[[volume]]\nfile = \"builtin:flame\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\nemission = { kelvin = 1, color = [1, 0, 0] }",
+            "`color` and `kelvin` exclude each other",
+            "",
+        ),
+        (
+            "[[volume]]\nfile = \"builtin:flame\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\nemission = { scale = -1 }",
+            "expected a number from 0 to 1e30, found -1",
+            "",
+        ),
+        (
+            "[[volume]]\nfile = \"builtin:flame\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\nemission = { scale = 1, file = \"no.vdb\" }\nunitcube_to_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]",
+            "no.vdb",
+            "",
+        ),
+        (
             "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\ng = 1",
             "`g` in [[volume]] at line 7: expected a number from -0.99 to 0.99, found 1",
             "",

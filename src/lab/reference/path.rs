@@ -16,7 +16,7 @@ use crate::Result;
 use crate::math::{PhaseFunction, Ray, Rgb, sampling};
 use crate::run::Cancel;
 use crate::scene::{Scene, Volume};
-use crate::trace::{Hit, Surface, TriangleBvh, offset, short_of};
+use crate::trace::{Hit, Surface, TriangleBvh, each_emitting_cell, offset, short_of};
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
 
@@ -90,7 +90,7 @@ impl<'a> PathTracer<'a> {
     /// # Errors
     /// As [`TriangleBvh::of_scene`] and [`Volume::ready`].
     pub fn new(scene: &'a Scene, max_depth: u32, cancel: &Cancel) -> Result<Self> {
-        scene.volumes.iter().try_for_each(Volume::ready)?;
+        scene.grids().try_for_each(Volume::ready)?;
         Ok(Self {
             scene,
             triangles: TriangleBvh::of_scene(scene, cancel)?,
@@ -123,6 +123,8 @@ impl<'a> PathTracer<'a> {
                 flight,
                 sampler,
             );
+            let end = collision.as_ref().map_or(t_max, |c| c.t);
+            sum += throughput * self.glow(origin, direction, end);
             let (vertex, albedo) = if let Some(c) = collision {
                 let volume = &volumes[c.volume];
                 let vertex = Vertex {
@@ -246,8 +248,41 @@ impl<'a> PathTracer<'a> {
         }
     }
 
+    /// What emissive volumes send on the way to where a path ends or collides: as far as light gets
+    /// on average, so that nothing need be known of the media before it.
+    fn glow(&self, origin: Vec3, direction: Vec3, end: f32) -> Rgb {
+        let mut sum = Rgb::BLACK;
+        for volume in &self.scene.emissive {
+            let ray = Ray::new(origin, direction, end);
+            each_emitting_cell(volume, &ray, |_, _, light| {
+                sum += light;
+                true
+            });
+        }
+        sum
+    }
+
     /// The last segment, which can only run into light: no need to track media unless it does.
     fn end(&self, origin: Vec3, direction: Vec3, lobe_pdf: f32, sampler: &mut Sampler) -> Rgb {
+        let mut glow = Rgb::BLACK;
+        if !self.scene.emissive.is_empty() {
+            let first = sampler.uniform();
+            let hit = self.triangles.closest(&Ray::endless(origin, direction));
+            let ray = Ray::new(origin, direction, hit.map_or(f32::INFINITY, |h| h.t));
+            let collision = flight::collide(&self.scene.volumes, &ray, first, sampler);
+            let end = collision.map_or(ray.t_max, |c| c.t);
+            glow = self.glow(origin, direction, end);
+        }
+        glow + self.end_on_light(origin, direction, lobe_pdf, sampler)
+    }
+
+    fn end_on_light(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        lobe_pdf: f32,
+        sampler: &mut Sampler,
+    ) -> Rgb {
         if !self.sources.can_be_hit() {
             return Rgb::BLACK;
         }

@@ -1,14 +1,15 @@
 //! A scene in the making: everything in world space and f64.
 //!
 //! In comes what readers of files or applications hand over ([`CameraInput`], [`MeshInput`],
-//! [`LightInput`], [`EnvironmentInput`], [`VolumeInput`]); out comes a checked [`Scene`] near the origin, in f32.
+//! [`LightInput`], [`EnvironmentInput`], [`VolumeInput`], [`EmissiveInput`]); out comes a checked [`Scene`] near the origin, in f32.
 //!
-//! - `camera`, `light`, `environment`, `mesh`, `volume`: what is handed over, and the checks of each
+//! - `camera`, `light`, `environment`, `mesh`, `volume`, `emissive`: what is handed over, and the checks of each
 //! - `merge`: all meshes joined to the one of the scene, triangles without area dropped
 //! - `masks`: triangles that masks leave whole, or nothing of
 //! - here: what is checked and made up of the scene as a whole
 
 mod camera;
+mod emissive;
 mod environment;
 mod light;
 mod masks;
@@ -17,6 +18,7 @@ mod mesh;
 mod volume;
 
 pub use camera::CameraInput;
+pub use emissive::EmissiveInput;
 pub use environment::EnvironmentInput;
 pub use light::LightInput;
 pub use mesh::MeshInput;
@@ -24,7 +26,7 @@ pub(super) use mesh::{DEFAULT_ALBEDO, MESH, extend_attribute, push};
 pub use volume::VolumeInput;
 
 use super::camera::in_scene;
-use super::{Camera, EnvironmentImage, Film, Light, Scene, Volume};
+use super::{Camera, EmissiveVolume, EnvironmentImage, Film, Light, Scene, Volume};
 use crate::run::Cancel;
 use crate::{Error, Result};
 use environment::EnvironmentParts;
@@ -94,6 +96,7 @@ pub struct SceneBuilder {
     /// Whether cameras do not see environments.
     pub(super) is_environment_unseen: bool,
     pub(super) volumes: Vec<VolumeInput>,
+    pub(super) emissive: Vec<EmissiveInput>,
 }
 
 /// A box in world space.
@@ -190,6 +193,13 @@ impl SceneBuilder {
         self
     }
 
+    /// Adds a volume that light comes from; the medium that takes light there, if any, is another.
+    #[must_use]
+    pub fn emissive(mut self, volume: EmissiveInput) -> Self {
+        self.emissive.push(volume);
+        self
+    }
+
     /// Checks everything and makes the scene. What had to be made up is in its `warnings`; its
     /// `hash` is over the content of meshes, materials, lights and volumes.
     ///
@@ -222,7 +232,8 @@ impl SceneBuilder {
             let checked = mesh.check().and_then(|()| mesh.check_lists());
             checked.map_err(|e| e.at(format!("mesh {}", i + 1)))?;
         }
-        self.volumes.iter().try_for_each(VolumeInput::check_values)
+        (self.volumes.iter()).try_for_each(VolumeInput::check_values)?;
+        (self.emissive.iter()).try_for_each(EmissiveInput::check_values)
     }
 
     /// Adds cameras from a file that may give several the same name.
@@ -245,7 +256,7 @@ impl SceneBuilder {
     pub(super) fn finish(mut self, cancel: &Cancel) -> Result<Scene> {
         let bounds = self.bounds();
         let mut warnings = Vec::new();
-        if self.meshes.iter().all(|p| p.triangles.is_empty()) && self.volumes.is_empty() {
+        if self.meshes.iter().all(|p| p.triangles.is_empty()) && self.has_no_volume() {
             return Err(Error::input(
                 "the scene has neither triangles nor volumes: there is nothing to render",
             ));
@@ -272,6 +283,7 @@ impl SceneBuilder {
             true => centre,
             false => DVec3::ZERO,
         };
+        let volumes_are_none = self.has_no_volume();
         let (mesh, materials, textures, clear) =
             merge::merge(self.meshes, world_from_scene, cancel)?;
         if clear > 0 {
@@ -279,7 +291,7 @@ impl SceneBuilder {
                 "{clear} triangles are left out of which masks leave nothing"
             ));
         }
-        if mesh.triangles.is_empty() && self.volumes.is_empty() {
+        if mesh.triangles.is_empty() && volumes_are_none {
             return Err(Error::input(match clear {
                 0 => format!(
                     "all {} triangles of the scene have zero area: there is nothing to render",
@@ -297,6 +309,14 @@ impl SceneBuilder {
             let mut volume = volume.with_phase(v.phase);
             volume.limit_extinction();
             volume
+        });
+        let emissive = self.emissive.into_iter().map(|e| {
+            let v = e.values;
+            let scene_from_index = scene_from_world * v.world_from_grid;
+            EmissiveVolume {
+                values: Volume::new(v.name, v.sigma_t, v.albedo, scene_from_index),
+                emission: e.emission,
+            }
         });
         let cameras = self.cameras.into_iter().map(|c| Camera {
             name: c.name,
@@ -322,6 +342,7 @@ impl SceneBuilder {
             environment_image,
             is_environment_seen: !self.is_environment_unseen,
             volumes: volumes.collect(),
+            emissive: emissive.collect(),
             hash: [0; 32],
             files: Vec::new(),
             warnings,
@@ -374,13 +395,23 @@ impl SceneBuilder {
 
     /// Refuses what is out of the range of f32; meshes are checked as they are read.
     fn check_places(&self) -> Result<()> {
-        for volume in &self.volumes {
+        for volume in self.all_volumes() {
             volume.check_place()?;
         }
         for (i, light) in self.lights.iter().enumerate() {
             light.check(|| format!("light {}", i + 1))?;
         }
         self.cameras.iter().try_for_each(CameraInput::check)
+    }
+
+    /// Media, and the grids of emissive volumes.
+    fn all_volumes(&self) -> impl Iterator<Item = &VolumeInput> {
+        let emissive = self.emissive.iter().map(|e| &e.values);
+        self.volumes.iter().chain(emissive)
+    }
+
+    fn has_no_volume(&self) -> bool {
+        self.all_volumes().next().is_none()
     }
 
     fn bounds(&self) -> Bounds {
@@ -391,7 +422,7 @@ impl SceneBuilder {
                 bounds.add(mesh.positions[*v as usize]);
             }
         }
-        for volume in &self.volumes {
+        for volume in self.all_volumes() {
             for corner in volume.corners() {
                 bounds.add(corner);
             }
@@ -430,7 +461,10 @@ impl SceneBuilder {
 
     fn is_dark(&self) -> bool {
         let mut materials = self.meshes.iter().flat_map(|m| &m.materials);
-        self.lights.is_empty() && materials.all(|m| m.emission == [0.0; 3])
+        let mut emissive = self.emissive.iter();
+        self.lights.is_empty()
+            && materials.all(|m| m.emission == [0.0; 3])
+            && emissive.all(|e| e.emission.is_black())
     }
 }
 

@@ -1,4 +1,5 @@
-//! Resources that need no file: simple meshes around the origin, and a plume of smoke.
+//! Resources that need no file: simple meshes around the origin, a plume of smoke,
+//! and a flame.
 
 use super::field::Field;
 use super::nearest::nearest;
@@ -11,10 +12,12 @@ use rayon::prelude::*;
 use std::f64::consts::TAU;
 
 const MESHES: [&str; 4] = ["quad", "cube", "sphere", "torus"];
-const VOLUMES: [&str; 1] = ["plume"];
+const VOLUMES: [&str; 2] = ["plume", "flame"];
 
 /// Voxels of the plume.
 const PLUME_DIMS: [usize; 3] = [96, 128, 96];
+/// Voxels of the flame.
+const FLAME_DIMS: [usize; 3] = [64, 128, 64];
 
 /// A mesh by name.
 pub(super) fn mesh(name: &str) -> Result<MeshInput> {
@@ -39,26 +42,28 @@ pub(super) fn mesh(name: &str) -> Result<MeshInput> {
 
 /// A volume by name.
 pub(super) fn volume(name: &str) -> Result<Field> {
-    match name {
-        "plume" => Ok(Field {
-            name: None,
-            dims: PLUME_DIMS,
-            first: [0; 3],
-            padding: 0,
-            world_from_file: None,
-            patient: None,
-            samples: Samples::Array(Array {
-                dims: PLUME_DIMS,
-                bytes: plume(),
-                number: Number::F32,
-                big_endian: false,
-                rescale: None,
-            })
-            .into(),
-            start: [0; 3],
-        }),
-        _ => Err(unknown("volume", name, &VOLUMES)),
-    }
+    let (dims, value): (_, fn(Vec3) -> f32) = match name {
+        "plume" => (PLUME_DIMS, plume_density),
+        "flame" => (FLAME_DIMS, flame_temperature),
+        _ => return Err(unknown("volume", name, &VOLUMES)),
+    };
+    Ok(Field {
+        name: None,
+        dims,
+        first: [0; 3],
+        padding: 0,
+        world_from_file: None,
+        patient: None,
+        samples: Samples::Array(Array {
+            dims,
+            bytes: samples(dims, value),
+            number: Number::F32,
+            big_endian: false,
+            rescale: None,
+        })
+        .into(),
+        start: [0; 3],
+    })
 }
 
 fn unknown(kind: &str, name: &str, known: &[&str]) -> Error {
@@ -153,15 +158,15 @@ fn revolve(around: u32, along: u32, profile: impl Fn(f64) -> [f64; 2]) -> MeshIn
 
 /// Densities in [0,1] of smoke that rises from the middle of the floor of [0,1]^3, bends and
 /// spreads.
-fn plume() -> Vec<u8> {
-    let [nx, ny, nz] = PLUME_DIMS;
+/// Values in the middle of the voxels of a unit cube, x fastest.
+fn samples([nx, ny, nz]: [usize; 3], value: fn(Vec3) -> f32) -> Vec<u8> {
     let at = |i: usize, n: usize| (i as f32 + 0.5) / n as f32;
     (0..ny * nz)
         .into_par_iter()
         .flat_map_iter(|row| {
             (0..nx).flat_map(move |i| {
                 let p = Vec3::new(at(i, nx), at(row % ny, ny), at(row / ny, nz));
-                plume_density(p).to_le_bytes()
+                value(p).to_le_bytes()
             })
         })
         .collect()
@@ -192,6 +197,33 @@ fn plume_density(p: Vec3) -> f32 {
         .iter()
         .product::<f32>();
     smooth(depth / 0.14) * (0.45 + 0.55 * detail) * (1.0 - 0.4 * height) * fade * sides
+}
+
+/// The temperature of a flame, 0 around it and 1 where it is hottest.
+fn flame_temperature(p: Vec3) -> f32 {
+    let height = p.y;
+    // Tongues are long, and reach the farther off the higher they are.
+    let stretched = p * Vec3::new(4.0, 2.2, 4.0);
+    let warp = Vec3::new(
+        turbulence(stretched + 3.0) - 0.5,
+        0.0,
+        turbulence(stretched + 17.0) - 0.5,
+    );
+    let sway = Vec3::new(
+        noise(Vec3::new(4.1, 2.0 * height, 1.3)) - 0.5,
+        0.0,
+        noise(Vec3::new(2.7, 2.0 * height, 8.9)) - 0.5,
+    );
+    let q = p + warp * (0.06 + 0.5 * height) + sway * (0.5 * height);
+    let from_axis = Vec3::new(q.x - 0.5, 0.0, q.z - 0.5).length();
+    let radius = 0.26 * (height / 0.12).min(1.0).sqrt() * (1.0 - height).max(0.0);
+    let licks = turbulence(q * Vec3::new(9.0, 4.0, 9.0));
+    let depth = radius - from_axis + 0.3 * height * (licks - 0.5);
+    let hot = smooth(depth / 0.07) * smooth((1.0 - height) / 0.2) * smooth(height / 0.02);
+    match hot > 0.0 {
+        true => hot * (0.75 + 0.25 * smooth(depth / 0.16)) * (1.0 - 0.25 * height),
+        false => 0.0,
+    }
 }
 
 /// 0 below 0, 1 above 1, without a kink at either.

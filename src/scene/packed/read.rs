@@ -9,8 +9,8 @@ use crate::run::{Cancel, size};
 use crate::scene::grid::{Known, StoredLevels, VolumeGrid};
 use crate::scene::texture::{CodeValues, Codes, Texels};
 use crate::scene::{
-    Camera, CameraKey, EnvironmentImage, Film, Grid, Light, Mask, Material, Mesh, PhaseFunction,
-    Scene, Texture, Volume, Wrap,
+    Camera, CameraKey, Emission, EmissiveVolume, EnvironmentImage, Film, Grid, Light, Mask,
+    Material, Mesh, PhaseFunction, Scene, Texture, Volume, Wrap,
 };
 use crate::{Error, Result};
 use glam::{Affine3A, DAffine3, DMat3, DVec3, Mat3A, Vec3A};
@@ -60,8 +60,10 @@ fn scene(
     check_tables(packed)?;
     let sky = meta.environment.as_ref();
     let sky = sky.map(|info| environment_image(packed, info));
-    let volumes = meta.volumes.iter().enumerate();
-    let volumes = volumes.map(|(i, info)| volume(packed, i, info, cancel));
+    let media = meta.media().iter().enumerate();
+    let volumes = media.map(|(i, info)| medium(packed, i, info, cancel));
+    let emissive = meta.lights.iter();
+    let emissive = emissive.filter_map(|l| emissive_volume(packed, l, cancel).transpose());
     let mut scene = Scene {
         name: meta.scene_name.clone(),
         world_from_scene: DVec3::from(meta.world_from_scene),
@@ -87,6 +89,7 @@ fn scene(
         environment_image: sky.transpose()?,
         is_environment_seen: !meta.lights.contains(&PackedLight::UnseenEnvironment),
         volumes: volumes.collect::<Result<_>>()?,
+        emissive: emissive.collect::<Result<_>>()?,
         hash: meta.scene_hash,
         files: vec![path.to_owned()],
         warnings: meta.warnings.clone(),
@@ -124,6 +127,7 @@ fn key(key: &PackedCameraKey) -> CameraKey {
     }
 }
 
+/// A light, unless it is a volume.
 fn light(light: &PackedLight) -> Option<Light> {
     Some(match *light {
         PackedLight::Point {
@@ -156,8 +160,31 @@ fn light(light: &PackedLight) -> Option<Light> {
             angular_radius_rad,
         },
         PackedLight::Environment { radiance } => Light::Environment { radiance },
-        PackedLight::UnseenEnvironment => return None,
+        PackedLight::UnseenEnvironment
+        | PackedLight::EmissiveVolume { .. }
+        | PackedLight::BlackbodyVolume { .. } => return None,
     })
+}
+
+/// The volume that a light is, if it is one.
+fn emissive_volume(
+    packed: &PackedScene,
+    light: &PackedLight,
+    cancel: &Cancel,
+) -> Result<Option<EmissiveVolume>> {
+    let emission = match *light {
+        PackedLight::EmissiveVolume { radiance, .. } => Emission::Proportional { radiance },
+        PackedLight::BlackbodyVolume { scale, .. } => Emission::Blackbody { scale },
+        _ => return Ok(None),
+    };
+    let volumes = &packed.file().meta().volumes;
+    let index = light.volume().map(|v| v as usize);
+    let found = index.and_then(|i| Some((i, volumes.get(i)?)));
+    let (index, info) = found.ok_or_else(|| Error::input("a light names no volume"))?;
+    Ok(Some(EmissiveVolume {
+        values: volume(packed, index, info, cancel)?,
+        emission,
+    }))
 }
 
 fn environment_image(packed: &PackedScene, info: &PackedEnvironment) -> Result<EnvironmentImage> {
@@ -269,9 +296,23 @@ fn check_tables(packed: &PackedScene) -> Result<()> {
     Ok(())
 }
 
+/// A medium, of an extinction that positions can tell.
+fn medium(packed: &PackedScene, i: usize, info: &PackedVolume, cancel: &Cancel) -> Result<Volume> {
+    let volume = volume(packed, i, info, cancel)?;
+    let (found, most) = (volume.sigma_t.max(), volume.most_extinction());
+    if found > most {
+        return Err(Error::input(format!(
+            "the volume \"{}\": expected extinction of at most {most:e}, beyond which positions do \
+             not tell where light gets, found {found:e}",
+            info.name
+        ))
+        .hint("pack the scene again"));
+    }
+    Ok(volume)
+}
+
 fn volume(packed: &PackedScene, i: usize, info: &PackedVolume, cancel: &Cancel) -> Result<Volume> {
     let file = packed.file();
-    let what = format!("the volume \"{}\"", info.name);
     let levels = (0..info.levels.len()).map(|level| Ok(file.level(i, level)?));
     let levels: Arc<dyn StoredLevels> = Arc::new(PackedLevels {
         packed: packed.clone(),
@@ -279,7 +320,7 @@ fn volume(packed: &PackedScene, i: usize, info: &PackedVolume, cancel: &Cancel) 
         cancel: cancel.clone(),
     });
     let grid = VolumeGrid::stored(&levels, 0)
-        .ok_or_else(|| Error::input(format!("{what} has no levels")))?;
+        .ok_or_else(|| Error::input(format!("the volume \"{}\" has no levels", info.name)))?;
     let [x, y, z, translation] = info.scene_from_index.map(DVec3::from);
     let scene_from_index = DAffine3 {
         matrix3: DMat3::from_cols(x, y, z),
@@ -289,16 +330,7 @@ fn volume(packed: &PackedScene, i: usize, info: &PackedVolume, cancel: &Cancel) 
         PhaseFunction::two_lobes(p.g, p.mix)
     });
     let name = info.name.clone();
-    let volume = Volume::new(name, grid, info.albedo, scene_from_index).with_phase(phase);
-    let (found, most) = (volume.sigma_t.max(), volume.most_extinction());
-    if found > most {
-        return Err(Error::input(format!(
-            "{what}: expected extinction of at most {most:e}, beyond which positions do not tell \
-             where light gets, found {found:e}"
-        ))
-        .hint("pack the scene again"));
-    }
-    Ok(volume)
+    Ok(Volume::new(name, grid, info.albedo, scene_from_index).with_phase(phase))
 }
 
 /// The levels of a volume in a packed scene, of which tables were read.

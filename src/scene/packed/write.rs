@@ -12,7 +12,8 @@ use crate::run::Cancel;
 use crate::scene::grid::VolumeGrid;
 use crate::scene::texture::{CodeValues, Texels};
 use crate::scene::{
-    Camera, CameraKey, EnvironmentImage, Grid, Light, Material, Scene, Texture, Volume, Wrap,
+    Camera, CameraKey, Emission, EmissiveVolume, EnvironmentImage, Grid, Light, Material, Scene,
+    Texture, Volume, Wrap,
 };
 use rayon::prelude::*;
 
@@ -34,7 +35,7 @@ pub fn level_tables(scene: &Scene) -> Result<LevelTables> {
         let table = |grid: &Grid| BrickTable::new(grid.entries());
         Ok(levels(volume)?.into_iter().map(table).collect())
     };
-    scene.volumes.iter().map(of).collect()
+    scene.grids().map(of).collect()
 }
 
 /// The levels of a volume, down to that of a single voxel, but no more than a file has room for.
@@ -58,7 +59,7 @@ pub fn description(scene: &Scene, tables: &LevelTables) -> PackedMeta {
     let film = &scene.film;
     let (images, numbers) = images(&scene.textures);
     let textures = scene.textures.iter().zip(numbers);
-    let volumes = scene.volumes.iter().zip(tables);
+    let volumes = scene.grids().zip(tables);
     PackedMeta {
         scene_hash: scene.hash,
         scene_name: scene.name.clone(),
@@ -163,7 +164,10 @@ fn key(key: &CameraKey) -> PackedCameraKey {
 
 fn lights(scene: &Scene) -> Vec<PackedLight> {
     let unseen = (!scene.is_environment_seen).then_some(PackedLight::UnseenEnvironment);
-    scene.lights.iter().map(light).chain(unseen).collect()
+    let media = scene.volumes.len() as u32;
+    let emissive = (media..).zip(&scene.emissive).map(emissive_volume);
+    let lights = scene.lights.iter().map(light).chain(unseen);
+    lights.chain(emissive).collect()
 }
 
 fn light(light: &Light) -> PackedLight {
@@ -198,6 +202,13 @@ fn light(light: &Light) -> PackedLight {
             angular_radius_rad,
         },
         Light::Environment { radiance } => PackedLight::Environment { radiance },
+    }
+}
+
+fn emissive_volume((volume, emissive): (u32, &EmissiveVolume)) -> PackedLight {
+    match emissive.emission {
+        Emission::Proportional { radiance } => PackedLight::EmissiveVolume { volume, radiance },
+        Emission::Blackbody { scale } => PackedLight::BlackbodyVolume { volume, scale },
     }
 }
 
@@ -336,7 +347,7 @@ pub fn media(
     writer: &mut PackedWriter,
     cancel: &Cancel,
 ) -> Result<()> {
-    for (volume, tables) in scene.volumes.iter().zip(tables) {
+    for (volume, tables) in scene.grids().zip(tables) {
         for (grid, table) in levels(volume)?.into_iter().zip(tables) {
             level(grid, table, writer, cancel)?;
         }

@@ -123,6 +123,35 @@ impl<G: GatherInMedia> March for InScatter<'_, G> {
     }
 }
 
+/// Media that light comes from, with the way of a camera ray through those that scatter it.
+pub struct EmissiveMedia<'a>(pub &'a (dyn March + 'a));
+
+impl EmissiveMedia<'_> {
+    fn emitting(view: &View, direction: Vec3, t_max: f32, passed: Composite) -> Composite {
+        let ray = Ray::new(view.camera.origin(), direction, t_max);
+        Composite {
+            radiance: passed.radiance + view.tracer.emitted(&ray),
+            ..passed
+        }
+    }
+}
+
+impl March for EmissiveMedia<'_> {
+    fn march(&self, view: &View, direction: Vec3, t_max: f32) -> Composite {
+        let passed = self.0.march(view, direction, t_max);
+        Self::emitting(view, direction, t_max, passed)
+    }
+
+    fn march_counted(&self, view: &View, direction: Vec3, t_max: f32) -> (Composite, Marched) {
+        let (passed, took) = self.0.march_counted(view, direction, t_max);
+        (Self::emitting(view, direction, t_max, passed), took)
+    }
+
+    fn counts(&self) -> MediaCounts {
+        self.0.counts()
+    }
+}
+
 impl PassedMedia for Composite {
     const IS_VACUUM: bool = false;
 

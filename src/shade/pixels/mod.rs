@@ -35,7 +35,7 @@ mod sample;
 mod shader;
 
 pub use blocks::shade_region;
-pub use camera_media::{CameraMedia, PassedMedia, ScatteringMedia};
+pub use camera_media::{CameraMedia, EmissiveMedia, March, PassedMedia, ScatteringMedia};
 pub use emitter_borders::EmitterBorders;
 pub use layers::{Aov, Planes, Quantity, quantities, to_frame};
 pub use pilot::{PilotMarch, PilotPixel};

@@ -44,6 +44,20 @@ pub enum PackedLight {
     },
     /// No light, but that cameras do not see environments, which light the scene as ever.
     UnseenEnvironment,
+    /// A volume that is no medium: light comes from it by its samples.
+    EmissiveVolume {
+        /// Which.
+        volume: u32,
+        /// Radiance per scene unit of length where the sample is 1.
+        radiance: [f32; 3],
+    },
+    /// A volume that is no medium, but a black body whose kelvin are its samples.
+    BlackbodyVolume {
+        /// Which.
+        volume: u32,
+        /// Factor on its radiance per scene unit of length.
+        scale: f32,
+    },
 }
 
 /// A lat-long image of the radiance from all directions.
@@ -71,6 +85,17 @@ pub struct PackedEnvironment {
 }
 
 impl PackedLight {
+    /// The volume that light comes from, if it is one.
+    #[must_use]
+    pub fn volume(&self) -> Option<u32> {
+        match *self {
+            Self::EmissiveVolume { volume, .. } | Self::BlackbodyVolume { volume, .. } => {
+                Some(volume)
+            }
+            _ => None,
+        }
+    }
+
     pub(super) fn validate(&self, what: &dyn Fn() -> String) -> Result<()> {
         let is_right = match *self {
             Self::Point {
@@ -101,8 +126,11 @@ impl PackedLight {
                     && is_light(irradiance)
                     && (0.0..1.56).contains(&angular_radius_rad)
             }
-            Self::Environment { radiance } => is_light(radiance),
+            Self::Environment { radiance } | Self::EmissiveVolume { radiance, .. } => {
+                is_light(radiance)
+            }
             Self::UnseenEnvironment => true,
+            Self::BlackbodyVolume { scale, .. } => is_light([scale; 3]),
         };
         check(
             is_right,

@@ -54,7 +54,7 @@ pub struct PackedMeta {
     pub images: Vec<PackedImage>,
     /// Textures that materials refer to.
     pub textures: Vec<PackedTexture>,
-    /// Participating media.
+    /// Participating media, then the volumes that lights name.
     pub volumes: Vec<PackedVolume>,
     /// What the user should know of how the scene was read.
     pub warnings: Vec<String>,
@@ -91,6 +91,14 @@ pub struct PackedSummary {
 }
 
 impl PackedMeta {
+    /// The volumes that are media: all but the last, which light comes from.
+    #[must_use]
+    pub fn media(&self) -> &[PackedVolume] {
+        let lights = self.lights.iter();
+        let emissive = lights.filter(|l| l.volume().is_some()).count();
+        &self.volumes[..self.volumes.len().saturating_sub(emissive)]
+    }
+
     /// The columns that this scene has, in the order of the file.
     #[must_use]
     pub fn columns(&self) -> Vec<ColumnRows> {
@@ -163,6 +171,19 @@ impl PackedMeta {
         for (i, light) in self.lights.iter().enumerate() {
             light.validate(&|| format!("light {i}"))?;
         }
+        let emissive: Vec<u32> = (self.lights.iter())
+            .filter_map(PackedLight::volume)
+            .collect();
+        let first = self.media().len() as u32;
+        check(
+            emissive
+                .iter()
+                .copied()
+                .eq(first..self.volumes.len() as u32),
+            &|| "volumes that light comes from".into(),
+            "the last ones, in order",
+            &emissive,
+        )?;
         if let Some(environment) = &self.environment {
             environment.validate()?;
         }

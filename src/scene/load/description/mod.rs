@@ -1,10 +1,12 @@
 //! The scene file: from TOML tables to a [`SceneBuilder`]. `docs/scene.md` describes the schema.
 
 mod camera;
+mod emission;
 mod light;
 mod volume;
 
 use self::camera::{CAMERA, camera};
+use self::emission::EmissionTable;
 use self::light::{LIGHT, environment_image, light};
 use self::volume::{Kept, VOLUME, volumes};
 use super::colors::ColorEncoding;
@@ -91,8 +93,13 @@ pub(super) fn read(text: &str, path: &Path, files: &mut Files) -> Result<SceneBu
     }
     let mut kept = Kept::of(&volume_tables);
     for table in volume_tables {
-        let volumes = volumes(&table, path, files, &mut kept)?;
-        builder.volumes.extend(volumes);
+        let emission = EmissionTable::of(&table)?;
+        let (media, fields) = volumes(&table, path, files, &mut kept)?;
+        builder.volumes.extend(media);
+        if let Some(emission) = emission {
+            let emissive = emission.read(&table, path, fields, files)?;
+            builder.emissive.extend(emissive);
+        }
     }
     Ok(builder)
 }

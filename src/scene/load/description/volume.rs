@@ -13,10 +13,10 @@ use crate::scene::load::transfer::Transfer;
 use crate::scene::load::{FIELD_FILES, builtin, depth, raw, read_field, transform, vdb};
 use glam::{DAffine3, DVec3};
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Keys of volumes.
-pub const VOLUME: [&str; 22] = [
+pub const VOLUME: [&str; 23] = [
     "file",
     "name",
     "dims",
@@ -31,6 +31,7 @@ pub const VOLUME: [&str; 22] = [
     "albedo",
     "g",
     "mix",
+    "emission",
     "unitcube_to_world",
     "world_from_index",
     "up",
@@ -42,7 +43,7 @@ pub const VOLUME: [&str; 22] = [
 ];
 
 /// Keys that say what is read of which file.
-const FILE_KEYS: [&str; 5] = ["file", "grid", "dims", "dtype", "endian"];
+pub const FILE_KEYS: [&str; 5] = ["file", "grid", "dims", "dtype", "endian"];
 
 /// Fields that several tables name: they are read once, and go with the last that does.
 pub struct Kept<'a> {
@@ -86,6 +87,9 @@ impl<'a> Kept<'a> {
     }
 }
 
+/// The media of a table, and the file and the fields that they were read from.
+pub type Volumes = (Vec<VolumeInput>, (PathBuf, Vec<Field>));
+
 /// The volumes of a table: a file may have several grids of the name, or none with anything in it;
 /// a preset makes several of each.
 pub fn volumes<'a>(
@@ -93,7 +97,7 @@ pub fn volumes<'a>(
     scene: &Path,
     files: &mut Files,
     kept: &mut Kept<'a>,
-) -> Result<Vec<VolumeInput>> {
+) -> Result<Volumes> {
     let (name, path) = named(table, scene, files)?;
     table.exclusive(&["window", "value_scale", "curve", "transfer"])?;
     table.exclusive(&["albedo", "transfer"])?;
@@ -101,6 +105,7 @@ pub fn volumes<'a>(
     let looks = looks(table, scene, files)?;
     let phase = phase(table)?;
     let crop = crop(table)?;
+    let emits = table.get("emission").is_some();
     let fields = kept.fields(table, || fields(table, &name, &path, files))?;
     if fields.is_empty() {
         let path = path.display();
@@ -140,13 +145,17 @@ pub fn volumes<'a>(
             }
         };
         for (scale, albedo) in looks.of(&field, &world_from_grid) {
-            let noted = field.note_values(&path, files);
-            noted.map_err(|e| e.at(path.display()))?;
             let sigma_t = field.grid(&scale, &path, files);
             let sigma_t = sigma_t.map_err(|e| e.at(path.display()))?;
+            // A flame without smoke takes no light.
+            if emits && sigma_t.max() == 0.0 {
+                continue;
+            }
             if !name.starts_with("builtin:") {
                 depth::check(&field, &scale, &sigma_t, &world_from_grid, &path, files)?;
             }
+            let noted = field.note_values(&path, files);
+            noted.map_err(|e| e.at(path.display()))?;
             let number = volumes.len() + 1;
             volumes.push(VolumeInput {
                 name: match number {
@@ -160,7 +169,7 @@ pub fn volumes<'a>(
             });
         }
     }
-    Ok(volumes)
+    Ok((volumes, (path, fields)))
 }
 
 /// What values look like.
@@ -224,7 +233,7 @@ fn looks(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<Looks> {
 }
 
 /// Points of value and density.
-fn curve(item: &Item<'_>) -> Result<Vec<[f64; 2]>> {
+pub fn curve(item: &Item<'_>) -> Result<Vec<[f64; 2]>> {
     let points = item.rows::<2>("points, as [[value, density], [value, density]]")?;
     if points.len() < 2 {
         return Err(item.error(format_args!(
@@ -305,7 +314,7 @@ fn has_z_up(table: &Table<'_>) -> Result<Option<bool>> {
 }
 
 /// The map from the space of the grid to the world, by the table or else by the file.
-fn placement(table: &Table<'_>, field: &Field) -> Result<DAffine3> {
+pub fn placement(table: &Table<'_>, field: &Field) -> Result<DAffine3> {
     let placed = if let Some(item) = table.get("unitcube_to_world") {
         item.affine()? * field.unitcube_from_grid()
     } else if let Some(item) = table.get("world_from_index") {
@@ -325,7 +334,7 @@ fn placement(table: &Table<'_>, field: &Field) -> Result<DAffine3> {
 }
 
 /// The samples of the grids of a volume file; none if it has no active voxel.
-fn fields(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Result<Vec<Field>> {
+pub fn fields(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Result<Vec<Field>> {
     let kind = extension(path);
     let keys: [(&str, &[&str]); 2] = [("raw", &["dims", "dtype", "endian"]), ("vdb", &["grid"])];
     for (extension, keys) in keys {

@@ -53,7 +53,8 @@ impl<A: CameraMedia> Corners<'_, A> {
             let farthest = v.corners().map(distance).into_iter().fold(0.0, f32::max);
             v.shortest_voxel_edge() / (farthest * view.pixel_angle)
         };
-        let volumes = view.tracer.volumes.iter();
+        let emissive = scene.emissive.iter().map(|e| &e.values);
+        let volumes = view.tracer.volumes.iter().chain(emissive);
         let least = volumes.map(voxel_in_pixels).fold(f32::INFINITY, f32::min);
         // Samples stand in the middle of voxels and reach one further.
         let fits = |&step: &usize| step as f32 <= 2.0 * least;

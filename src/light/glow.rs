@@ -1,0 +1,348 @@
+//! The light of emissive volumes at a point: their blocks, in a tree of which nodes far away count
+//! as one ball each.
+//!
+//! A ball that sends evenly has its light on what is around it in closed form; shadow rays, chosen
+//! by that, measure the share that arrives.
+
+use super::direct::DirectLight;
+use super::shading_point::{Arrival, Receiver, ShadingPoint};
+use super::shadows::Shadows;
+use crate::math::{Rgb, sampling};
+use crate::scene::{EmissiveBlock, EmissiveVolume};
+use glam::Vec3;
+use smallvec::SmallVec;
+
+/// Which of the sequences of shadow rays goes to emissive volumes.
+const SET: u32 = 60;
+
+/// The light of all emissive volumes of a scene.
+#[derive(Debug)]
+pub struct Glow {
+    /// Depth first.
+    nodes: Vec<Node>,
+}
+
+/// Blocks below a node as one ball.
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    ball: EmissiveBlock,
+    /// The second half; the first follows this node. `None` of one block.
+    second: Option<u32>,
+}
+
+/// A node that counts as one at a point, and its light there.
+#[derive(Clone, Copy, Debug)]
+struct Part {
+    node: u32,
+    light: Rgb,
+    /// Mean channel of the light of this and of all before it.
+    cumulative: f32,
+}
+
+impl Glow {
+    /// The share of all light that is left out, of the dimmest blocks.
+    const LEFT_OUT: f64 = 1e-4;
+    /// Radius of a node over its distance up to which it counts as one, where pictures show the
+    /// point.
+    pub const SHADING: f32 = 0.2;
+    /// The same for points of which pictures show means of many.
+    pub const BAKING: f32 = 0.4;
+
+    /// The light of emissive volumes, of which the grids are read; `None` if there is none.
+    pub fn new(volumes: &[EmissiveVolume]) -> Option<Self> {
+        let blocks = volumes.iter().flat_map(EmissiveVolume::blocks);
+        Self::of(blocks.collect())
+    }
+
+    fn of(mut blocks: Vec<EmissiveBlock>) -> Option<Self> {
+        let power = |b: &EmissiveBlock| f64::from(b.intensity.mean());
+        let all: f64 = blocks.iter().map(power).sum();
+        let mut powers: Vec<f32> = blocks.iter().map(|b| b.intensity.mean()).collect();
+        powers.sort_unstable_by(f32::total_cmp);
+        let mut dimmer = 0.0;
+        let least = powers.into_iter().find(|p| {
+            dimmer += f64::from(*p);
+            dimmer > Self::LEFT_OUT * all
+        })?;
+        blocks.retain(|b| b.intensity.mean() >= least);
+        let mut nodes = Vec::with_capacity(2 * blocks.len());
+        add(&mut nodes, &mut blocks);
+        Some(Self { nodes })
+    }
+
+    /// Adds what arrives at a point.
+    pub fn trace(
+        &self,
+        total: &mut DirectLight,
+        at: &ShadingPoint<impl Shadows, impl Receiver>,
+        opening: f32,
+    ) {
+        let parts = self.parts(at.origin, at.receiver, opening);
+        let Some(last) = parts.last() else {
+            return;
+        };
+        let sum = last.cumulative;
+        total.unshadowed += parts.iter().fold(Rgb::BLACK, |sum, p| sum + p.light);
+        for i in 0..at.rays.count() {
+            let [u, v] = at.rays.point(i, SET);
+            let target = u * sum;
+            let chosen = parts.partition_point(|p| p.cumulative <= target);
+            let chosen = chosen.min(parts.len() - 1);
+            let below = chosen.checked_sub(1).map_or(0.0, |k| parts[k].cumulative);
+            let part = parts[chosen];
+            let within = (target - below) / (part.cumulative - below);
+            let (block, within) = self.block_of(part.node, within.clamp(0.0, 1.0));
+            // What the block sends over what its share of the node was expected to: of one node the
+            // near blocks send more, and are less hidden.
+            let expected = part.light.mean() / self.nodes[part.node as usize].ball.intensity.mean();
+            let light = block.intensity * response(block, at.origin, at.receiver);
+            let light = light * (sum / (block.intensity.mean() * expected));
+            if !(light.mean() > 0.0 && light.mean().is_finite()) {
+                continue;
+            }
+            let to_light = within_ball(block, [within, v]) - at.origin;
+            let distance = to_light.length();
+            let direction = to_light.normalize_or(Vec3::Y);
+            let media = at.shadows.before_emitters();
+            let through = at.transmittance(direction, distance, media);
+            at.receiver
+                .note(direction, light.mean() * through, Arrival::Ray);
+            total.note_ray(SET as usize, light, through);
+        }
+    }
+
+    /// The nodes that stand for all at a point, with their light.
+    fn parts(&self, origin: Vec3, receiver: impl Receiver, opening: f32) -> SmallVec<[Part; 64]> {
+        let mut parts = SmallVec::new();
+        let mut cumulative = 0.0;
+        let mut todo: SmallVec<[u32; 64]> = SmallVec::new();
+        todo.push(0);
+        while let Some(i) = todo.pop() {
+            let node = &self.nodes[i as usize];
+            let distance_squared = node.ball.centre.distance_squared(origin);
+            let reach = opening * opening * distance_squared;
+            if let Some(second) = node.second
+                && node.ball.radius * node.ball.radius > reach
+            {
+                todo.extend([second, i + 1]);
+                continue;
+            }
+            let light = node.ball.intensity * response(&node.ball, origin, receiver);
+            let mean = light.mean();
+            if mean > 0.0 && mean.is_finite() {
+                cumulative += mean;
+                parts.push(Part {
+                    node: i,
+                    light,
+                    cumulative,
+                });
+            }
+        }
+        parts
+    }
+
+    /// One of the blocks of a node, chosen by what they send, and where in its share of [0,1] the
+    /// number is that chose it.
+    fn block_of(&self, mut node: u32, mut u: f32) -> (&EmissiveBlock, f32) {
+        while let Some(second) = self.nodes[node as usize].second {
+            let halves = [node + 1, second];
+            let powers = halves.map(|h| self.nodes[h as usize].ball.intensity.mean());
+            let share = powers[0] / (powers[0] + powers[1]);
+            (node, u) = match u < share {
+                true => (halves[0], u / share),
+                false => (halves[1], (u - share) / (1.0 - share)),
+            };
+        }
+        (&self.nodes[node as usize].ball, u.clamp(0.0, 1.0))
+    }
+}
+
+/// A point of a ball that stands for many: as far from its middle as all are on the mean.
+fn within_ball(ball: &EmissiveBlock, u: [f32; 2]) -> Vec3 {
+    /// Root mean square of that distance over the radius.
+    const OFF: f32 = 0.774_596_7;
+    ball.centre + sampling::sphere(u) * (OFF * ball.radius)
+}
+
+/// Adds the node over some blocks, halved along the axis on which they are most apart.
+fn add(nodes: &mut Vec<Node>, blocks: &mut [EmissiveBlock]) {
+    let Some(ball) = EmissiveBlock::joined(blocks.iter()) else {
+        return;
+    };
+    let index = nodes.len();
+    nodes.push(Node { ball, second: None });
+    if blocks.len() == 1 {
+        nodes[index].ball = blocks[0];
+        return;
+    }
+    let bounds = (blocks.iter()).fold(crate::math::Aabb::EMPTY, |b, e| b.with(e.centre));
+    let across = (bounds.max - bounds.min).max_position();
+    let half = blocks.len() / 2;
+    let places = |b: &EmissiveBlock| [0, 1, 2].map(|a| b.centre[(across + a) % 3]);
+    blocks.select_nth_unstable_by(half, |a, b| {
+        let [a, b] = [places(a), places(b)];
+        let orders = a.iter().zip(&b).map(|(a, b)| a.total_cmp(b));
+        orders.fold(std::cmp::Ordering::Equal, std::cmp::Ordering::then)
+    });
+    let (lower, upper) = blocks.split_at_mut(half);
+    add(nodes, lower);
+    nodes[index].second = Some(nodes.len() as u32);
+    add(nodes, upper);
+}
+
+/// Response of a receiver to an even ball that sends 1 in all, with nothing between: irradiance of a
+/// surface, or the integral of radiance over the sphere, by the phase function where there is one.
+fn response(ball: &EmissiveBlock, origin: Vec3, receiver: impl Receiver) -> f32 {
+    let to_ball = ball.centre - origin;
+    let distance = to_ball.length();
+    let direction = to_ball.normalize_or(Vec3::Y);
+    let Some([normal, face_normal]) = receiver.normals() else {
+        return receiver.response(direction) * fluence(distance, ball.radius);
+    };
+    let [cos, of_face] = [normal, face_normal].map(|n| n.dot(direction));
+    let irradiance = irradiance(distance, ball.radius, cos);
+    // What is behind the face itself is hidden, however the shading normal leans.
+    match of_face * distance > -ball.radius {
+        true => irradiance,
+        false => 0.0,
+    }
+}
+
+/// Integral over an even ball that sends 1 in all of the inverse square of the distance, in closed
+/// form.
+fn fluence(distance: f32, radius: f32) -> f32 {
+    /// Distance over the radius from which on a series is as good.
+    const FAR: f32 = 3.0;
+    let x = distance / radius;
+    if x > FAR {
+        let inverse = 1.0 / (x * x);
+        return (1.0 + inverse * (1.0 / 5.0 + inverse * (3.0 / 35.0))) / (distance * distance);
+    }
+    // (R^2 - d^2) / d ln((R + d) / |R - d|) tends to 2 R in the middle, and to 0 on the border.
+    let beside = match x {
+        x if x < 1e-3 => 2.0,
+        x if (x - 1.0).abs() < 1e-4 => 0.0,
+        x => (1.0 - x * x) / x * libm::logf((1.0 + x) / (1.0 - x).abs()),
+    };
+    0.75 * (2.0 + beside) / (radius * radius)
+}
+
+/// Irradiance by such a ball of a surface whose normal has a cosine to its middle: that of all of it
+/// where all is before the surface, and nearly that where it is cut.
+fn irradiance(distance: f32, radius: f32, cos: f32) -> f32 {
+    /// In the middle of a ball half of it is before any surface.
+    const IN_MIDDLE: f32 = 0.75;
+    /// Share of the disk that a sphere is seen as that is before the surface, times its cosine.
+    fn clipped(cos: f32, sin_radius: f32) -> f32 {
+        if cos >= sin_radius {
+            cos
+        } else if cos <= -sin_radius {
+            0.0
+        } else {
+            (cos + sin_radius).powi(2) / (4.0 * sin_radius)
+        }
+    }
+    let x = distance / radius;
+    if x >= 1.0 {
+        return clipped(cos, 1.0 / x) / (distance * distance);
+    }
+    (IN_MIDDLE * (1.0 - x) + clipped(cos, 1.0) * x) / (radius * radius)
+}
+
+/// Mean radiance over the sphere of a ball that sends 1, in its middle.
+#[cfg(test)]
+const IN_THE_MIDDLE: f32 = 3.0 / (4.0 * std::f32::consts::PI);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::light::shading_point::{MediumReceiver, SurfaceReceiver};
+
+    fn ball(centre: Vec3, radius: f32) -> EmissiveBlock {
+        EmissiveBlock {
+            centre,
+            radius,
+            intensity: Rgb([1.0, 0.5, 0.25]),
+        }
+    }
+
+    /// Points of an even ball, by layers.
+    fn points(ball: &EmissiveBlock) -> Vec<Vec3> {
+        let n = 60_000;
+        let point = |i: u32| {
+            let direction = sampling::sphere(sampling::sobol2(i, 0, 3));
+            let radius = libm::cbrtf((i as f32 + 0.5) / n as f32);
+            ball.centre + direction * (radius * ball.radius)
+        };
+        (0..n).map(point).collect()
+    }
+
+    #[test]
+    fn a_ball_sends_what_its_points_send() {
+        let ball = ball(Vec3::new(0.0, 0.2, 0.0), 0.7);
+        let points = points(&ball);
+        // Within the ball the nearest point alone would tell.
+        for distance in [1.3, 2.0, 3.0, 10.0] {
+            let origin = ball.centre + Vec3::new(0.6, 0.0, 0.8) * distance * ball.radius;
+            let inverse = |p: &Vec3| 1.0 / f64::from(p.distance_squared(origin));
+            let expected = points.iter().map(inverse).sum::<f64>() / points.len() as f64;
+            let found = f64::from(response(&ball, origin, MediumReceiver));
+            assert!(
+                (found / expected - 1.0).abs() < 0.02,
+                "{distance}: {found} {expected}"
+            );
+            for tilt in [0.0_f32, 0.6, 1.2, 1.5] {
+                let n = Vec3::new(-0.6, 0.0, -0.8) * tilt.cos() + Vec3::Y * tilt.sin();
+                let surface = SurfaceReceiver {
+                    normal: n,
+                    face_normal: n,
+                };
+                let light = |p: &Vec3| {
+                    let to = *p - origin;
+                    f64::from(to.normalize().dot(n).max(0.0) / to.length_squared())
+                };
+                let exact = points.iter().map(light).sum::<f64>() / points.len() as f64;
+                let found = f64::from(response(&ball, origin, surface));
+                // Beside a ball nearly half of which is below the horizon it is about right.
+                let bound = if distance > 2.0 { 0.02 } else { 0.2 };
+                assert!(
+                    (found - exact).abs() < bound * expected,
+                    "{distance} {tilt}: {found} {exact}"
+                );
+            }
+        }
+        let middle = response(&ball, ball.centre, MediumReceiver);
+        let expected = 4.0 * std::f32::consts::PI * IN_THE_MIDDLE / (0.7 * 0.7);
+        assert!(
+            (middle / expected - 1.0).abs() < 1e-3,
+            "{middle} {expected}"
+        );
+    }
+
+    #[test]
+    fn parts_send_what_all_blocks_send() {
+        let block = |i: u32| {
+            let at = sampling::sphere(sampling::sobol2(i, 1, 7));
+            let mut block = ball(at * (i % 97) as f32 / 97.0, 0.02);
+            block.intensity = block.intensity * (1.0 + (i % 13) as f32);
+            block
+        };
+        let blocks: Vec<_> = (0..5000).map(block).collect();
+        let glow = Glow::of(blocks.clone()).unwrap();
+        for i in 0..60 {
+            let d = sampling::sphere(sampling::r2(i, [0.3; 2]));
+            let origin = d * (0.2 + 0.05 * i as f32);
+            let exact: f32 = (blocks.iter())
+                .map(|b| b.intensity.mean() * response(b, origin, MediumReceiver))
+                .sum();
+            for (opening, bound, most) in [(Glow::SHADING, 0.02, 4000), (Glow::BAKING, 0.06, 1500)]
+            {
+                let parts = glow.parts(origin, MediumReceiver, opening);
+                let found = parts.last().unwrap().cumulative;
+                assert!((found / exact - 1.0).abs() < bound, "{i} {found} {exact}");
+                assert!(parts.len() < most, "{}", parts.len());
+            }
+        }
+        assert!(Glow::of(Vec::new()).is_none());
+    }
+}

@@ -1,0 +1,46 @@
+//! Emissive volumes as they are handed to a builder.
+
+use super::VolumeInput;
+use crate::scene::{Emission, Grid};
+use crate::{Error, Result};
+use glam::DAffine3;
+
+/// A grid of values that light comes from, in world space.
+#[derive(Debug)]
+pub struct EmissiveInput {
+    /// Values in the place of extinction.
+    pub(in crate::scene) values: VolumeInput,
+    pub(in crate::scene) emission: Emission,
+}
+
+impl EmissiveInput {
+    /// Values that are at least 0, and the light that they stand for, per world unit of length.
+    /// `world_from_grid` is as that of [`VolumeInput::new`].
+    #[must_use]
+    pub fn new(
+        name: impl Into<String>,
+        values: Grid,
+        emission: Emission,
+        world_from_grid: DAffine3,
+    ) -> Self {
+        Self {
+            values: VolumeInput::new(name, values, [0.0; 3], world_from_grid),
+            emission,
+        }
+    }
+
+    /// Refuses what readers of files refuse before they make one.
+    pub(super) fn check_values(&self) -> Result<()> {
+        let numbers = match self.emission {
+            Emission::Proportional { radiance } => radiance,
+            Emission::Blackbody { scale } => [scale; 3],
+        };
+        if !numbers.iter().all(|v| (0.0..=1e30).contains(v)) {
+            return Err(Error::input(format!(
+                "volume `{}`: an emission of {numbers:?}: expected numbers from 0 to 1e30",
+                self.values.name
+            )));
+        }
+        self.values.check_values()
+    }
+}
