@@ -26,7 +26,7 @@ pub enum Emission {
     },
     /// That of a black body whose kelvin are the value, per scene unit of length.
     Blackbody {
-        /// Times what [`blackbody`] says.
+        /// Factor on `5.670373e-8 T^4 1e-6 / pi` times its colour of luminance 1.
         scale: f32,
     },
 }

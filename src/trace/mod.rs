@@ -23,6 +23,7 @@ mod watertight;
 
 pub use crate::math::Hit;
 pub use cells::{Cells, RayInVolume};
+#[cfg(feature = "lab")]
 pub use emission::each_emitting_cell;
 pub use pieces::Pieces;
 pub use stepped::SteppedVolume;
