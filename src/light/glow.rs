@@ -26,27 +26,26 @@ pub struct Glow {
 #[derive(Clone, Copy, Debug)]
 struct Node {
     ball: EmissiveBlock,
-    /// The second half; the first follows this node. `None` of one block.
+    /// The second half; the first follows this node. `None` of a leaf.
     second: Option<u32>,
 }
 
-/// A node that counts as one at a point, and its light there.
-#[derive(Clone, Copy, Debug)]
-struct Part {
-    node: u32,
-    light: Rgb,
-    /// Mean channel of the light of this and of all before it.
-    cumulative: f32,
+/// A leaf that a ray goes to.
+struct Leaf<'a> {
+    ball: &'a EmissiveBlock,
+    /// The chance of a ray to go there.
+    chance: f32,
+    /// Where in its share of [0,1] the number is that chose it.
+    within: f32,
 }
 
 impl Glow {
     /// The share of all light that is left out, of the dimmest blocks.
     const LEFT_OUT: f64 = 1e-4;
-    /// Radius of a node over its distance up to which it counts as one, where pictures show the
-    /// point.
-    pub const SHADING: f32 = 0.2;
-    /// The same for points of which pictures show means of many.
-    pub const BAKING: f32 = 0.4;
+    /// Radius of a node over its distance up to which it counts as one.
+    const OPENING: f32 = 0.2;
+    /// Leaves at most: of more blocks, a few that are beside each other are one.
+    const MOST_LEAVES: usize = 1 << 16;
 
     /// The light of emissive volumes, of which the grids are read; `None` if there is none.
     pub fn new(volumes: &[EmissiveVolume]) -> Option<Self> {
@@ -65,42 +64,47 @@ impl Glow {
             dimmer > Self::LEFT_OUT * all
         })?;
         blocks.retain(|b| b.intensity.mean() >= least);
-        let mut nodes = Vec::with_capacity(2 * blocks.len());
-        add(&mut nodes, &mut blocks);
+        let together = blocks.len().div_ceil(Self::MOST_LEAVES);
+        let mut nodes = Vec::with_capacity(2 * blocks.len() / together);
+        add(&mut nodes, &mut blocks, together);
         Some(Self { nodes })
     }
 
-    /// Adds what arrives at a point.
-    pub fn trace(
+    /// Adds what arrives at a point: all that is sent there, and the share of it that rays find to
+    /// arrive.
+    pub fn trace(&self, total: &mut DirectLight, at: &ShadingPoint<impl Shadows, impl Receiver>) {
+        total.unshadowed += self.unshadowed(at.origin, at.receiver);
+        self.trace_rays(total, at);
+    }
+
+    /// Adds what rays alone bring to a point.
+    pub fn trace_alone(
         &self,
         total: &mut DirectLight,
         at: &ShadingPoint<impl Shadows, impl Receiver>,
-        opening: f32,
     ) {
-        let parts = self.parts(at.origin, at.receiver, opening);
-        let Some(last) = parts.last() else {
-            return;
-        };
-        let sum = last.cumulative;
-        total.unshadowed += parts.iter().fold(Rgb::BLACK, |sum, p| sum + p.light);
+        let sent = self.trace_rays(total, at);
+        total.unshadowed += sent * (1.0 / at.rays.count().max(1) as f32);
+    }
+
+    /// Notes what rays bring; their sum with nothing between.
+    fn trace_rays(
+        &self,
+        total: &mut DirectLight,
+        at: &ShadingPoint<impl Shadows, impl Receiver>,
+    ) -> Rgb {
+        let mut sent = Rgb::BLACK;
         for i in 0..at.rays.count() {
             let [u, v] = at.rays.point(i, SET);
-            let target = u * sum;
-            let chosen = parts.partition_point(|p| p.cumulative <= target);
-            let chosen = chosen.min(parts.len() - 1);
-            let below = chosen.checked_sub(1).map_or(0.0, |k| parts[k].cumulative);
-            let part = parts[chosen];
-            let within = (target - below) / (part.cumulative - below);
-            let (block, within) = self.block_of(part.node, within.clamp(0.0, 1.0));
-            // What the block sends over what its share of the node was expected to: of one node the
-            // near blocks send more, and are less hidden.
-            let expected = part.light.mean() / self.nodes[part.node as usize].ball.intensity.mean();
-            let light = block.intensity * response(block, at.origin, at.receiver);
-            let light = light * (sum / (block.intensity.mean() * expected));
+            let Some(leaf) = self.leaf(u, at.origin, at.receiver) else {
+                continue;
+            };
+            let of_leaf = response(leaf.ball, at.origin, at.receiver);
+            let light = leaf.ball.intensity * (of_leaf / leaf.chance);
             if !(light.mean() > 0.0 && light.mean().is_finite()) {
                 continue;
             }
-            let to_light = within_ball(block, [within, v]) - at.origin;
+            let to_light = within_ball(leaf.ball, [leaf.within, v]) - at.origin;
             let distance = to_light.length();
             let direction = to_light.normalize_or(Vec3::Y);
             let media = at.shadows.before_emitters();
@@ -108,52 +112,83 @@ impl Glow {
             at.receiver
                 .note(direction, light.mean() * through, Arrival::Ray);
             total.note_ray(SET as usize, light, through);
+            sent += light;
         }
+        sent
     }
 
-    /// The nodes that stand for all at a point, with their light.
-    fn parts(&self, origin: Vec3, receiver: impl Receiver, opening: f32) -> SmallVec<[Part; 64]> {
-        let mut parts = SmallVec::new();
-        let mut cumulative = 0.0;
+    /// The light of all with nothing between, where nodes far away count as one.
+    fn unshadowed(&self, origin: Vec3, receiver: impl Receiver) -> Rgb {
+        let mut sum = Rgb::BLACK;
         let mut todo: SmallVec<[u32; 64]> = SmallVec::new();
         todo.push(0);
         while let Some(i) = todo.pop() {
             let node = &self.nodes[i as usize];
-            let distance_squared = node.ball.centre.distance_squared(origin);
-            let reach = opening * opening * distance_squared;
-            if let Some(second) = node.second
-                && node.ball.radius * node.ball.radius > reach
-            {
-                todo.extend([second, i + 1]);
-                continue;
-            }
-            let light = node.ball.intensity * response(&node.ball, origin, receiver);
-            let mean = light.mean();
-            if mean > 0.0 && mean.is_finite() {
-                cumulative += mean;
-                parts.push(Part {
-                    node: i,
-                    light,
-                    cumulative,
-                });
+            match node.second {
+                Some(second) if node.is_near(origin) => todo.extend([second, i + 1]),
+                _ => {
+                    let light = node.ball.intensity * response(&node.ball, origin, receiver);
+                    if light.mean().is_finite() {
+                        sum += light;
+                    }
+                }
             }
         }
-        parts
+        sum
     }
 
-    /// One of the blocks of a node, chosen by what they send, and where in its share of [0,1] the
-    /// number is that chose it.
-    fn block_of(&self, mut node: u32, mut u: f32) -> (&EmissiveBlock, f32) {
+    /// The leaf that a number in [0,1) chooses: half by half, by what halves send. `None` where
+    /// nothing arrives.
+    fn leaf(&self, mut u: f32, origin: Vec3, receiver: impl Receiver) -> Option<Leaf<'_>> {
+        let (mut node, mut chance) = (0, 1.0);
         while let Some(second) = self.nodes[node as usize].second {
             let halves = [node + 1, second];
-            let powers = halves.map(|h| self.nodes[h as usize].ball.intensity.mean());
-            let share = powers[0] / (powers[0] + powers[1]);
-            (node, u) = match u < share {
-                true => (halves[0], u / share),
-                false => (halves[1], (u - share) / (1.0 - share)),
+            let [first, other] = halves.map(|h| {
+                let node = &self.nodes[h as usize];
+                node.ball.intensity.mean() * node.promise(origin, receiver)
+            });
+            let share = first / (first + other);
+            if !(0.0..=1.0).contains(&share) {
+                return None;
+            }
+            (node, chance, u) = match u < share {
+                true => (halves[0], chance * share, u / share),
+                false => (
+                    halves[1],
+                    chance * (1.0 - share),
+                    (u - share) / (1.0 - share),
+                ),
             };
         }
-        (&self.nodes[node as usize].ball, u.clamp(0.0, 1.0))
+        Some(Leaf {
+            ball: &self.nodes[node as usize].ball,
+            chance,
+            within: u.clamp(0.0, 1.0),
+        })
+    }
+}
+
+impl Node {
+    /// Whether its parts are to be told apart at a point.
+    fn is_near(&self, origin: Vec3) -> bool {
+        let distance_squared = self.ball.centre.distance_squared(origin);
+        let reach = Glow::OPENING * Glow::OPENING * distance_squared;
+        self.ball.radius * self.ball.radius > reach
+    }
+
+    /// What is expected of it at a point, for each unit that it sends. Parts of a near one may be
+    /// seen where a ball in its place would be hidden.
+    fn promise(&self, origin: Vec3, receiver: impl Receiver) -> f32 {
+        /// Share of the light with no surface that is expected of those at least.
+        const LEAST: f32 = 0.05;
+        let response = response(&self.ball, origin, receiver);
+        match self.second {
+            Some(_) if self.is_near(origin) => {
+                let distance = self.ball.centre.distance(origin);
+                response.max(LEAST * fluence(distance, self.ball.radius))
+            }
+            _ => response,
+        }
     }
 }
 
@@ -164,15 +199,18 @@ fn within_ball(ball: &EmissiveBlock, u: [f32; 2]) -> Vec3 {
     ball.centre + sampling::sphere(u) * (OFF * ball.radius)
 }
 
-/// Adds the node over some blocks, halved along the axis on which they are most apart.
-fn add(nodes: &mut Vec<Node>, blocks: &mut [EmissiveBlock]) {
+/// Adds the node over some blocks, halved along the axis on which they are most apart; as many
+/// blocks as `together` are a leaf.
+fn add(nodes: &mut Vec<Node>, blocks: &mut [EmissiveBlock], together: usize) {
     let Some(ball) = EmissiveBlock::joined(blocks.iter()) else {
         return;
     };
     let index = nodes.len();
     nodes.push(Node { ball, second: None });
-    if blocks.len() == 1 {
-        nodes[index].ball = blocks[0];
+    if let [block] = *blocks {
+        nodes[index].ball = block;
+    }
+    if blocks.len() <= together {
         return;
     }
     let bounds = (blocks.iter()).fold(Aabb::EMPTY, |b, e| b.with(e.centre));
@@ -185,9 +223,9 @@ fn add(nodes: &mut Vec<Node>, blocks: &mut [EmissiveBlock]) {
         orders.fold(std::cmp::Ordering::Equal, std::cmp::Ordering::then)
     });
     let (lower, upper) = blocks.split_at_mut(half);
-    add(nodes, lower);
+    add(nodes, lower, together);
     nodes[index].second = Some(nodes.len() as u32);
-    add(nodes, upper);
+    add(nodes, upper, together);
 }
 
 /// Response of a receiver to an even ball that sends 1 in all, with nothing between: irradiance of a
@@ -212,11 +250,12 @@ fn response(ball: &EmissiveBlock, origin: Vec3, receiver: impl Receiver) -> f32 
 /// form.
 fn fluence(distance: f32, radius: f32) -> f32 {
     /// Distance over the radius from which on a series is as good.
-    const FAR: f32 = 3.0;
+    const FAR: f32 = 2.0;
     let x = distance / radius;
     if x > FAR {
-        let inverse = 1.0 / (x * x);
-        return (1.0 + inverse * (1.0 / 5.0 + inverse * (3.0 / 35.0))) / (distance * distance);
+        let i = 1.0 / (x * x);
+        let series = 1.0 + i * (1.0 / 5.0 + i * (3.0 / 35.0 + i * (1.0 / 21.0)));
+        return series / (distance * distance);
     }
     // (R^2 - d^2) / d ln((R + d) / |R - d|) tends to 2 R in the middle, and to 0 on the border.
     let beside = match x {
@@ -329,15 +368,23 @@ mod tests {
             let d = sampling::sphere(sampling::r2(i, [0.3; 2]));
             let origin = d * (0.2 + 0.05 * i as f32);
             let exact: f32 = (blocks.iter())
-                .map(|b| b.intensity.mean() * response(b, origin, MediumReceiver))
+                .map(|b| b.intensity.0[0] * response(b, origin, MediumReceiver))
                 .sum();
-            for (opening, bound, most) in [(Glow::SHADING, 0.02, 4000), (Glow::BAKING, 0.06, 1500)]
-            {
-                let parts = glow.parts(origin, MediumReceiver, opening);
-                let found = parts.last().unwrap().cumulative;
-                assert!((found / exact - 1.0).abs() < bound, "{i} {found} {exact}");
-                assert!(parts.len() < most, "{}", parts.len());
-            }
+            let found = glow.unshadowed(origin, MediumReceiver).0[0];
+            assert!((found / exact - 1.0).abs() < 0.02, "{i} {found} {exact}");
+            // Leaves by their chances bring as much.
+            let n = 4000;
+            let brought = |k: u32| {
+                let u = (k as f32 + 0.5) / n as f32;
+                let leaf = glow.leaf(u, origin, MediumReceiver)?;
+                let light = leaf.ball.intensity.0[0] * response(leaf.ball, origin, MediumReceiver);
+                Some(f64::from(light / leaf.chance))
+            };
+            let mean = (0..n).filter_map(brought).sum::<f64>() / f64::from(n);
+            assert!(
+                (mean / f64::from(exact) - 1.0).abs() < 0.02,
+                "{i} {mean} {exact}"
+            );
         }
         assert!(Glow::of(Vec::new()).is_none());
     }

@@ -38,8 +38,6 @@ pub struct Lights<'a, S = SceneMedia<'a>> {
     pub(super) emitters: Arc<Emitters>,
     /// The light of emissive volumes.
     pub(super) glow: Option<Arc<Glow>>,
-    /// From how near nodes of that count as one.
-    opening: f32,
     /// How exactly the light of many emitters is known.
     tolerance: CutTolerance,
     environment: Rgb,
@@ -60,7 +58,6 @@ impl<'a> Lights<'a> {
             has_wide_sun: tracer.scene.lights.iter().any(|l| Sun::of(l).is_some()),
             emitters: Arc::new(Emitters::new(tracer.scene)),
             glow: Glow::new(&tracer.scene.emissive).map(Arc::new),
-            opening: Glow::SHADING,
             tolerance: CutTolerance::SHADING,
             environment: tracer.scene.environment(),
             sky: Self::sky(tracer),
@@ -115,7 +112,6 @@ impl<'a> Lights<'a> {
             has_wide_sun: self.has_wide_sun,
             emitters: Arc::clone(&self.emitters),
             glow: self.glow.clone(),
-            opening: self.opening,
             tolerance: self.tolerance,
             environment: self.environment,
             sky: self.sky.clone(),
@@ -136,7 +132,6 @@ impl<'a, S: Shadows> Lights<'a, S> {
     pub fn for_baking(mut self) -> Self {
         self.tolerance = CutTolerance::BAKING;
         self.exactness = Exactness::BAKING;
-        self.opening = Glow::BAKING;
         self
     }
 
@@ -429,7 +424,10 @@ impl<'a, S: Shadows> Lights<'a, S> {
         total.unshadowed += light_of_emitters;
         unshadowed.trace(&mut total, at);
         if let Some(glow) = &self.glow {
-            glow.trace(&mut total, at, self.opening);
+            match self.tolerance.by_rays_alone() {
+                true => glow.trace_alone(&mut total, at),
+                false => glow.trace(&mut total, at),
+            }
         }
         if let Some(excess) = self.sky.as_ref().and_then(|sky| sky.excess.as_ref()) {
             excess.trace(&mut total, at, self.tolerance.by_rays_alone());

@@ -1,9 +1,9 @@
 //! What media send out by themselves: fire, and other gases that glow.
 
 use super::Volume;
-use super::grid::BRICK_CELLS;
+use super::grid::{BRICK_CELLS, Cell};
 use crate::math::{Rgb, blackbody, unflatten};
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, Vec3A};
 use rayon::prelude::*;
 
 /// A grid of values that light comes from, in a box placed anywhere. It takes no light: what does,
@@ -117,27 +117,26 @@ impl Sums {
 impl EmissiveVolume {
     /// Cells along an edge of a block, where blocks are few.
     const BLOCK_CELLS: usize = 4;
-    /// Blocks up to which they are so small; of more, a brick is one.
-    const MOST_SMALL: usize = 1 << 16;
+    /// Bricks up to which blocks are so small; of more, a brick is one.
+    const MOST_SMALL: usize = 1 << 13;
 
     /// Its light in blocks of a few voxels, in the order of bricks. The grid has to be read.
     #[must_use]
     pub fn blocks(&self) -> Vec<EmissiveBlock> {
         let bricks: Vec<[usize; 3]> = self.values.sigma_t.bricks().collect();
-        let of_bricks: Vec<Vec<EmissiveBlock>> =
-            bricks.par_iter().map(|&b| self.of_brick(b)).collect();
-        let count: usize = of_bricks.iter().map(Vec::len).sum();
-        match count <= Self::MOST_SMALL {
-            true => of_bricks.concat(),
-            false => (of_bricks.iter())
-                .filter_map(|blocks| EmissiveBlock::joined(blocks.iter()))
-                .collect(),
-        }
+        let of_brick = |&b: &[usize; 3]| self.of_brick(b);
+        let of_bricks: Vec<Vec<EmissiveBlock>> = match bricks.len() <= Self::MOST_SMALL {
+            true => bricks.par_iter().map(of_brick).collect(),
+            false => {
+                let join = |blocks: Vec<EmissiveBlock>| EmissiveBlock::joined(blocks.iter());
+                let joined = |b| join(of_brick(b)).into_iter().collect();
+                bricks.par_iter().map(joined).collect()
+            }
+        };
+        of_bricks.concat()
     }
 
     fn of_brick(&self, b: [usize; 3]) -> Vec<EmissiveBlock> {
-        /// Along each axis of a cell, where polynomials up to cubics are summed exactly.
-        const POINTS: [f64; 2] = [0.211_324_865_405_187, 0.788_675_134_594_813];
         const ACROSS: usize = BRICK_CELLS / EmissiveVolume::BLOCK_CELLS;
         let volume = &self.values;
         let Some(brick) = volume.sigma_t.brick(b) else {
@@ -145,7 +144,11 @@ impl EmissiveVolume {
         };
         let size = DVec3::from(volume.sigma_t.size().map(f64::from));
         let base = DVec3::from(b.map(|n| (n * BRICK_CELLS) as f64)) - 0.5;
-        let voxel = volume.scene_from_index.matrix3.determinant().abs();
+        let axes = volume.scene_from_index.matrix3;
+        let voxel = axes.determinant().abs();
+        // Mean square of the distance from the middle of a cell to its points.
+        let lengths = [axes.x_axis, axes.y_axis, axes.z_axis].map(DVec3::length_squared);
+        let spread = lengths.iter().sum::<f64>() / 12.0;
         let mut sums = [Sums::default(); ACROSS * ACROSS * ACROSS];
         for i in 0..BRICK_CELLS.pow(3) {
             let c = unflatten(i, [BRICK_CELLS; 3]);
@@ -153,22 +156,36 @@ impl EmissiveVolume {
             if cell.is_empty() {
                 continue;
             }
+            let corner = base + DVec3::from(c.map(|n| n as f64));
+            let light = self.mean_over(&cell, corner, size);
             let [x, y, z] = c.map(|n| n / Self::BLOCK_CELLS);
-            let sums = &mut sums[(z * ACROSS + y) * ACROSS + x];
-            for point in 0..8 {
-                let f = DVec3::from([0, 1, 2].map(|a| POINTS[point >> a & 1]));
-                let at = base + DVec3::from(c.map(|n| n as f64)) + f;
-                // Outermost cells reach half a voxel beyond the box.
-                if at.cmplt(DVec3::ZERO).any() || at.cmpgt(size).any() {
-                    continue;
-                }
-                let light = self.emission.of(cell.value(f.as_vec3a()));
-                let place = volume.scene_from_index.transform_point3(at);
-                sums.add(place, 0.0, light.0.map(|v| f64::from(v) * voxel / 8.0));
-            }
+            let place = volume.scene_from_index.transform_point3(corner + 0.5);
+            let light = light.0.map(|v| f64::from(v) * voxel);
+            sums[(z * ACROSS + y) * ACROSS + x].add(place, spread, light);
         }
         let least = 0.5 * f64::from(volume.shortest_voxel_edge());
         sums.iter().filter_map(|sums| sums.block(least)).collect()
+    }
+
+    /// Mean of what a cell sends over its space, of which the parts outside of the box send nothing.
+    fn mean_over(&self, cell: &Cell, corner: DVec3, size: DVec3) -> Rgb {
+        /// Along each axis of a cell, where polynomials up to cubics are summed exactly.
+        const POINTS: [f32; 2] = [0.211_324_87, 0.788_675_13];
+        let is_within = corner.cmpge(DVec3::ZERO).all() && (corner + 1.0).cmple(size).all();
+        if let Emission::Proportional { .. } = self.emission
+            && is_within
+        {
+            return self.emission.of(cell.value(Vec3A::splat(0.5)));
+        }
+        let mut sum = Rgb::BLACK;
+        for point in 0..8 {
+            let f = Vec3A::from([0, 1, 2].map(|a| POINTS[point >> a & 1]));
+            let at = corner + f.as_dvec3();
+            if is_within || at.cmpge(DVec3::ZERO).all() && at.cmple(size).all() {
+                sum += self.emission.of(cell.value(f));
+            }
+        }
+        sum * 0.125
     }
 }
 
