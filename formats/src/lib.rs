@@ -81,9 +81,10 @@ pub use meta::{CloudMeta, ScatterMeta, TreeMeta};
 pub use opened::Opened;
 pub use packed::{
     COLUMN_ALIGNMENT, ColumnRows, MAX_NODE_LEVELS, MediaLevel, Packed, PackedBlocks, PackedCamera,
-    PackedCameraKey, PackedColumn, PackedEnvironment, PackedFilm, PackedFormat, PackedHierarchy,
-    PackedImage, PackedLight, PackedMask, PackedMasks, PackedMaterial, PackedMesh, PackedMeta,
-    PackedParts, PackedPhase, PackedSummary, PackedTexture, PackedVolume, PackedWrap, PackedWriter,
+    PackedCameraKey, PackedColumn, PackedEmissionTexture, PackedEnvironment, PackedFilm,
+    PackedFormat, PackedHierarchy, PackedImage, PackedLight, PackedMask, PackedMasks,
+    PackedMaterial, PackedMesh, PackedMeta, PackedParts, PackedPhase, PackedSummary, PackedTexture,
+    PackedVolume, PackedWrap, PackedWriter,
 };
 pub use record::{
     Below, Bounds, ClipEdge, Clips, Lvoxel, Node, Surfel, SurfelAggregate, SurfelLeaves,

@@ -440,7 +440,12 @@ fn descriptions_of_packed_scenes_are_checked() {
     fn masks(meta: &mut PackedMeta) -> &mut Vec<PackedMask> {
         &mut meta.parts.masks.insert(packed_masks()).masks
     }
-    let changes: [(Change, &str); 33] = [
+    fn emission(meta: &mut PackedMeta, textures: &[[u32; 2]]) {
+        let of = textures.iter();
+        let of = of.map(|&[material, texture]| PackedEmissionTexture { material, texture });
+        meta.parts.emission_textures = of.collect();
+    }
+    let changes: [(Change, &str); 36] = [
         (|m| m.film.width = 0, "film"),
         (|m| m.film.exposure = f32::NAN, "film"),
         (|m| m.cameras.clear(), "cameras"),
@@ -496,6 +501,9 @@ fn descriptions_of_packed_scenes_are_checked() {
         (|m| masks(m)[0].material = 2, "some of 2 materials"),
         (|m| masks(m)[0].cutoff = Some(1.5), "numbers from 0 to 1"),
         (|m| masks(m)[0].texture = Some(1), "a texture below 1"),
+        (|m| emission(m, &[[2, 0]]), "textures of emission"),
+        (|m| emission(m, &[[1, 1]]), "and textures below 1"),
+        (|m| emission(m, &[[1, 0], [0, 0]]), "2 materials, in order"),
     ];
     let dir = tempfile::tempdir().unwrap();
     for (change, says) in changes {
@@ -568,6 +576,29 @@ fn parts_of_packed_scenes_are_read_or_refused() {
     refused(&twice, read_packed, "parts out of order");
     let cut = changed(&file, |parts| parts.meta.truncate(first + 3));
     refused(&cut, read_packed, "metadata");
+    // Textures of emission, by themselves and behind masks.
+    for masks in [None, Some(packed_masks())] {
+        let path = dir.path().join(format!("{}.lvp", masks.is_some()));
+        let mut meta = packed_meta();
+        meta.parts.masks = masks;
+        meta.parts.emission_textures = vec![PackedEmissionTexture {
+            material: 1,
+            texture: 0,
+        }];
+        write_packed_as(&path, meta.clone());
+        let file = std::fs::read(path).unwrap();
+        read_packed(&file).unwrap();
+        assert_eq!(Packed::open(&file[..]).unwrap().meta(), &meta);
+        // Number of the part, length of the list, one row.
+        let end = Parts::of(&file).meta.len();
+        let part = [2, 1, 0, 1, 0].map(u32::to_le_bytes).concat();
+        assert_eq!(Parts::of(&file).meta[end - 20..], part);
+        let none = changed(&file, |parts| {
+            parts.meta.truncate(end - 16);
+            parts.meta.extend([0; 8]);
+        });
+        refused(&none, read_packed, "a part that says nothing");
+    }
 }
 
 #[test]

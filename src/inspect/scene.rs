@@ -93,10 +93,13 @@ pub struct MaterialDescription {
     pub name: String,
     /// Diffuse albedo, a factor on the texture if there is one.
     pub albedo: [f32; 3],
-    /// Emitted radiance.
+    /// Emitted radiance, a factor on the texture if there is one.
     pub emission: [f32; 3],
     /// Number of its texture.
     pub texture: Option<u32>,
+    /// Number of the texture of its emission.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub emission_texture: Option<u32>,
     /// Where it is there.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mask: Option<MaskDescription>,
@@ -348,6 +351,7 @@ fn materials(scene: &Scene) -> Vec<MaterialDescription> {
             emission: m.emission,
             unseen: !m.is_seen,
             texture: m.texture,
+            emission_texture: m.emission_texture,
             mask: m.mask.map(|mask| MaskDescription {
                 opacity: mask.opacity,
                 texture: mask.texture,
@@ -615,7 +619,10 @@ impl SceneDescription {
                 count(m.triangles),
                 brief(&[m.area]),
                 brief(&m.albedo),
-                brief(&m.emission),
+                match m.emission_texture {
+                    Some(t) => format!("{} x texture {t}", brief(&m.emission)),
+                    None => brief(&m.emission),
+                },
                 texture,
             ];
             row.extend(has_masks.then(|| m.mask.map_or("-".into(), |mask| mask.to_string())));

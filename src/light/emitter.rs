@@ -1,9 +1,9 @@
-//! An emissive triangle, and how its points are chosen.
+//! An emissive triangle or a part of one, and how its points are chosen.
 
 use crate::math::{Rgb, polygon, sampling};
 use glam::Vec3;
 
-/// An emissive triangle.
+/// An emissive triangle, or a part of one that has a texture.
 #[derive(Clone, Copy, Debug)]
 pub struct Emitter {
     /// Corners, scene space.
@@ -16,6 +16,8 @@ pub struct Emitter {
     pub area: f32,
     /// Whether the other side emits, too.
     pub both_sides: bool,
+    /// Number of the triangle among those that emit: rays to its parts tell edges of one shadow.
+    pub surface: u32,
 }
 
 /// The way from a point to one of an emitter.

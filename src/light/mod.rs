@@ -31,6 +31,7 @@
 //! | `open_sky` | where surfaces leave the sky open to a volume |
 //! | `checks` | which cells are fine enough, by exact rays |
 //! | `emitter`, `emitters` | emissive triangles, their unshadowed light, and rays chosen by it |
+//! | `emitter_parts` | the parts that stand for a textured one |
 //! | `tree` | what stands for the emitters of a scene that has many |
 
 mod baked_depth;
@@ -39,6 +40,7 @@ mod coarse;
 mod delta_lights;
 mod direct;
 mod emitter;
+mod emitter_parts;
 mod emitters;
 mod glow;
 mod groups;

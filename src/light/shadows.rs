@@ -89,9 +89,8 @@ impl SoftShadowMedia {
     /// # Errors
     /// As [`Volume::ready`].
     pub fn new(scene: &Scene) -> Result<Option<Self>> {
-        let emits = |m: &Material| m.emission != [0.0; 3];
         let max_edge = Self::max_edge(scene.volumes.len());
-        if !scene.materials.iter().any(emits) && scene.emissive.is_empty() {
+        if !scene.materials.iter().any(Material::emits) && scene.emissive.is_empty() {
             return Ok(None);
         }
         let volume = |v: &Volume| v.ready().map(|()| stepped(v, max_edge));

@@ -258,11 +258,16 @@ fn lights(scene: &Scene) -> Digest {
         }
     }
     for (i, m) in scene.materials.iter().enumerate() {
-        if m.emission != [0.0; 3] {
+        if m.emits() {
             digest.count(i);
             digest.floats(&m.emission);
             digest.count(m.emits_both_sides.into());
         }
+    }
+    let textured = scene.materials.iter().enumerate();
+    for (i, texture) in textured.filter_map(|(i, m)| Some((i, m.emission_texture?))) {
+        digest.count(i);
+        digest.count(texture as usize);
     }
     digest
 }

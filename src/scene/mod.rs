@@ -4,6 +4,7 @@
 //!
 //! - `camera`, `light`, `material`, `texture`, `mesh`, `grid`, `volume`: what a scene consists of
 //! - `mask`: where surfaces are there
+//! - `texture_mean`: means of textures over triangles
 //! - `emissive`: volumes that light comes from
 //! - `environment`: the sky, as an image
 //! - `builder`: puts a scene together in world space and f64, and checks it as a whole
@@ -28,6 +29,7 @@ mod material;
 mod mesh;
 pub(crate) mod packed;
 mod texture;
+mod texture_mean;
 mod volume;
 
 pub use crate::column::Column;

@@ -233,6 +233,15 @@ impl Texture {
         })
     }
 
+    /// Linear RGB of a texel by its number among all, row by row from the top.
+    #[inline]
+    pub(in crate::scene) fn texel(&self, at: usize) -> [f32; 3] {
+        match &self.texels {
+            Texels::Linear(texels) => texels[at],
+            Texels::Coded(codes, linear) => codes.texel(at, linear),
+        }
+    }
+
     /// Luminance of a texel by its number among all, row by row from the top.
     #[inline]
     pub(in crate::scene) fn luminance_of(&self, at: usize) -> f32 {

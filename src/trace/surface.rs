@@ -82,16 +82,36 @@ impl Surface {
         albedo
     }
 
-    /// Emitted radiance on the side that `towards` points to.
+    /// Emitted radiance at barycentric weights `uv` of the second and third corner, on the sides that
+    /// emit.
     #[must_use]
-    pub fn emission(&self, scene: &Scene, towards: Vec3) -> Rgb {
+    pub fn emission_at(scene: &Scene, triangle: u32, uv: [f32; 2]) -> Rgb {
+        let mesh = &scene.mesh;
+        let material = &scene.materials[mesh.material[triangle as usize] as usize];
+        let emission = Rgb(material.emission);
+        match material.emission_texture.filter(|_| !mesh.uvs.is_empty()) {
+            None => emission,
+            Some(t) => {
+                let [a, b, c] = mesh.triangles[triangle as usize].map(|i| mesh.uvs[i as usize]);
+                let uv = a * (1.0 - uv[0] - uv[1]) + b * uv[0] + c * uv[1];
+                emission * Rgb(scene.textures[t as usize].sample(uv))
+            }
+        }
+    }
+
+    /// Emitted radiance on the side that `towards` points to, of a surface on `triangle`.
+    #[must_use]
+    pub fn emission(&self, scene: &Scene, triangle: u32, towards: Vec3) -> Rgb {
         let material = &scene.materials[self.material as usize];
         let is_front = (towards.dot(self.face_normal) > 0.0) != self.is_back;
-        if material.emits_both_sides || is_front {
-            Rgb(material.emission)
-        } else {
-            Rgb::BLACK
+        if !(material.emits_both_sides || is_front) {
+            return Rgb::BLACK;
         }
+        if material.emission_texture.is_none() {
+            return Rgb(material.emission);
+        }
+        let corners = scene.mesh.corners(triangle as usize);
+        Self::emission_at(scene, triangle, weights_in_triangle(corners, self.position))
     }
 
     /// Whether two normals are so close that light comes from nearly the same angles to both.

@@ -30,6 +30,7 @@ mod physics;
 mod pictures;
 mod points;
 mod scatter;
+mod screens;
 mod settings;
 mod shadows;
 mod sky;

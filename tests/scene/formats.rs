@@ -155,6 +155,83 @@ fn what_a_texture_is_lacking_is_no_reason_to_draw_nothing() {
 }
 
 #[test]
+fn a_map_ke_says_where_a_material_shines() {
+    let obj = b"mtllib x.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nusemtl a\nf 1/1 2/2 3/1\n";
+    for (mtl, emission, told) in [
+        ("map_Ke t.png\n", [1.0; 3], ""),
+        ("Ke 5\nmap_Ke -s 2 1 1 t.png\n", [5.0; 3], ""),
+        (
+            "map_Ke t.png\nKe 5 4 3\nmap_Kd t.png\n",
+            [5.0, 4.0, 3.0],
+            "",
+        ),
+        (
+            "Ke 0 0 0\nmap_Ke t.png\n",
+            [1.0; 3],
+            "a black `Ke` beside a `map_Ke` is taken as 1: `a`",
+        ),
+        ("map_Ke t.png\nKe 0 0 0\n", [1.0; 3], "a black `Ke` beside"),
+        (
+            "Ke 2\nmap_Kd t.png\nmap_Ke -s 2 2 2 t.png\n",
+            [2.0; 3],
+            "a `map_Ke` lies where the `map_Kd` of its material does: `a`",
+        ),
+    ] {
+        let mtl = format!("newmtl a\n{mtl}");
+        let files: [(&str, &[u8]); 3] =
+            [("a.obj", obj), ("x.mtl", mtl.as_bytes()), ("t.png", &png())];
+        let scene = load(&mesh("a.obj", ""), &files).unwrap();
+        let material = &scene.materials[0];
+        assert_eq!(material.emission, emission, "{mtl}");
+        assert!(material.emission_texture.is_some(), "{mtl}");
+        assert_eq!(scene.textures.len(), 1);
+        let of_ke: Vec<_> = scene.warnings.iter().filter(|w| w.contains("Ke")).collect();
+        match told {
+            "" => assert!(of_ke.is_empty(), "{mtl}: {of_ke:?}"),
+            told => assert!(
+                of_ke.len() == 1 && of_ke[0].contains(told),
+                "{mtl}: {of_ke:?}"
+            ),
+        }
+    }
+    // Without texture coordinates the mean stands for it.
+    let plain = b"mtllib x.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n";
+    let mtl = b"newmtl a\nKe 2\nmap_Ke t.png\n";
+    let files: [(&str, &[u8]); 3] = [("a.obj", plain), ("x.mtl", mtl), ("t.png", &png())];
+    let scene = load(&mesh("a.obj", ""), &files).unwrap();
+    assert_eq!(scene.materials[0].emission, [1.0, 2.0, 0.0]);
+    assert!(scene.textures.is_empty() && scene.materials[0].emission_texture.is_none());
+}
+
+#[test]
+fn a_scene_file_gives_a_mesh_a_texture_of_emission() {
+    let quad = "[[mesh]]\nfile = \"builtin:quad\"\n";
+    let of = |more: &str| load(&format!("{quad}{more}"), &[("t.png", &png())]);
+    let scene = of("emission_texture = \"t.png\"").unwrap();
+    assert_eq!(scene.materials[0].emission, [1.0; 3]);
+    assert_eq!(scene.materials[0].emission_texture, Some(0));
+    assert!(
+        !scene.warnings.iter().any(|w| w.contains("no light")),
+        "{:?}",
+        scene.warnings
+    );
+    let scene =
+        of("emission = [3, 2, 1]\nemission_texture = \"t.png\"\ntexture = \"t.png\"").unwrap();
+    assert_eq!(scene.materials[0].emission, [3.0, 2.0, 1.0]);
+    assert!(scene.textures[0].shares_texels(&scene.textures[1]));
+    let ply = b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+                element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+    let files: [(&str, &[u8]); 2] = [("a.ply", ply), ("t.png", &png())];
+    let error = load(&mesh("a.ply", "emission_texture = \"t.png\""), &files).unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .contains("the mesh has no texture coordinates"),
+        "{error}"
+    );
+}
+
+#[test]
 fn an_empty_part_is_left_out_and_an_empty_scene_refused() {
     let part = mesh("a.obj", "");
     let cube = "[[mesh]]\nfile = \"builtin:cube\"\n";

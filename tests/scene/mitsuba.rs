@@ -671,3 +671,56 @@ fn vol_files_are_volumes_of_toml_scenes_and_by_themselves() {
     fs::write(folder.path("a.vol"), "VOLUME").unwrap();
     lvox(&folder.path(""), &["inspect", "a.vol"]).refused(2, &["begins with VOL"]);
 }
+
+#[test]
+fn a_bitmap_is_the_radiance_of_a_light_on_a_shape() {
+    let image =
+        image::RgbImage::from_fn(2, 2, |x, y| image::Rgb([255 * x as u8, 255 * y as u8, 255]));
+    let light = |radiance: &str, bsdf: &str| {
+        let scene = format!(
+            "<scene version=\"3.0.0\"><shape type=\"rectangle\">{bsdf}<emitter type=\"area\">{radiance}</emitter>\
+             </shape></scene>"
+        );
+        let folder = folder(&scene);
+        image.save(folder.path("m.png")).unwrap();
+        Scene::load(&folder.path("a.xml")).unwrap()
+    };
+    let bitmap = |name: &str, more: &str| {
+        format!(
+            "<texture type=\"bitmap\" name=\"{name}\"><string name=\"filename\" value=\"m.png\"/>{more}</texture>"
+        )
+    };
+    let scene = light(&bitmap("radiance", ""), "");
+    let material = &scene.materials[0];
+    assert_eq!((material.emission, material.albedo), ([1.0; 3], [0.0; 3]));
+    assert_eq!(material.emission_texture, Some(0));
+    assert!(
+        !scene.warnings.iter().any(|w| w.contains("radiance")),
+        "{:?}",
+        scene.warnings
+    );
+    // One that lies as that of the colour does, and one that does not.
+    let diffuse = |more: &str| {
+        format!(
+            "<bsdf type=\"diffuse\">{}</bsdf>",
+            bitmap("reflectance", more)
+        )
+    };
+    let scene = light(&bitmap("radiance", ""), &diffuse(""));
+    assert_eq!(scene.materials[0].emission_texture, Some(1));
+    let moved = "<transform name=\"to_uv\"><scale x=\"2\" y=\"2\"/></transform>";
+    let scene = light(&bitmap("radiance", ""), &diffuse(moved));
+    let material = &scene.materials[0];
+    assert_eq!(
+        (material.emission_texture, material.emission),
+        (None, [0.5, 0.5, 1.0])
+    );
+    assert!(
+        scene
+            .warnings
+            .iter()
+            .any(|w| w.contains("taken as their mean")),
+        "{:?}",
+        scene.warnings
+    );
+}

@@ -19,9 +19,9 @@ pub use column::{COLUMN_ALIGNMENT, ColumnRows, PackedColumn};
 pub use hierarchy::MAX_NODE_LEVELS;
 pub use levels::MediaLevel;
 pub use meta::{
-    PackedCamera, PackedCameraKey, PackedEnvironment, PackedFilm, PackedHierarchy, PackedImage,
-    PackedLight, PackedMask, PackedMasks, PackedMaterial, PackedMesh, PackedMeta, PackedParts,
-    PackedPhase, PackedSummary, PackedTexture, PackedVolume, PackedWrap,
+    PackedCamera, PackedCameraKey, PackedEmissionTexture, PackedEnvironment, PackedFilm,
+    PackedHierarchy, PackedImage, PackedLight, PackedMask, PackedMasks, PackedMaterial, PackedMesh,
+    PackedMeta, PackedParts, PackedPhase, PackedSummary, PackedTexture, PackedVolume, PackedWrap,
 };
 pub use read::{Packed, PackedBlocks, PackedFormat};
 pub use write::PackedWriter;

@@ -227,12 +227,12 @@ impl<'a> PathTracer<'a> {
 
     /// Emission of a surface that the path ran into, weighed against having asked for it.
     fn emitted(&self, surface: &Surface, hit: &Hit, direction: Vec3, lobe_pdf: f32) -> Rgb {
-        let emission = surface.emission(self.scene, -direction);
+        let emission = surface.emission(self.scene, hit.triangle, -direction);
         if emission.is_black() || lobe_pdf.is_infinite() {
             return emission;
         }
         let cos = direction.dot(surface.face_normal);
-        let other = self.sources.emitter_pdf(surface.material, hit.t, cos);
+        let other = self.sources.emitter_pdf(hit, cos);
         emission * weight(lobe_pdf, other)
     }
 

@@ -5,20 +5,29 @@ use super::sample::Sample;
 use super::sky::Sky;
 use crate::math::{Rgb, sampling};
 use crate::scene::{Light, Material, Scene};
-use crate::trace::unit_normal;
+use crate::trace::{Hit, Surface, unit_normal};
 use glam::Vec3;
 
+/// An emissive triangle, or a cell of one that has a texture.
 #[derive(Clone, Copy, Debug)]
 struct Emitter {
     corners: [Vec3; 3],
     normal: Vec3,
     material: u32,
+    triangle: u32,
+    /// Weights of the second and third corner of the triangle at those of the cell.
+    uvs: [[f32; 2]; 3],
+    /// Power per area, over pi.
+    strength: f64,
 }
 
 /// The lights of a scene.
 #[derive(Debug)]
 pub struct Sources<'a> {
     scene: &'a Scene,
+    /// Cells along an edge of a textured triangle.
+    cells: u32,
+    /// In the order of triangles, those of each row by row.
     emitters: Vec<Emitter>,
     /// Running sum of the emitters' powers, over pi.
     running_power: Vec<f64>,
@@ -26,10 +35,78 @@ pub struct Sources<'a> {
     sky: Option<Sky<'a>>,
 }
 
+/// Cells along an edge of a textured triangle.
+const CELLS: u32 = 32;
+/// Triangles of a scene that are cut into cells, at most.
+const MAX_CUT: usize = 512;
+/// Points of a cell at which its texture is looked at.
+const POINTS: u32 = 16;
+
 /// Luminance times the number of sides that emit: an emitter's power per area, over pi.
 fn strength(material: &Material) -> f64 {
     let sides = if material.emits_both_sides { 2.0 } else { 1.0 };
     sides * f64::from(Rgb(material.emission).luminance())
+}
+
+impl Emitter {
+    /// Emitted radiance at a point of it, by the weights of its corners.
+    fn emission(&self, scene: &Scene, weights: [f32; 3]) -> Rgb {
+        let uv = [0, 1].map(|i| (0..3).map(|k| self.uvs[k][i] * weights[k]).sum());
+        Surface::emission_at(scene, self.triangle, uv)
+    }
+
+    /// Cells of equal area, so many along each edge. Each is as strong as its texture is at some
+    /// points of it, and a little more, so that no light is never asked for.
+    fn cells(&self, scene: &Scene, count: u32) -> Vec<Self> {
+        const LITTLE: f64 = 0.05;
+        let mut cells = Vec::with_capacity((count * count) as usize);
+        let [a, b, c] = self.corners.map(|p| p.as_dvec3());
+        let step = 1.0 / f64::from(count);
+        for j in 0..count {
+            for i in 0..count - j {
+                let corner = |x: u32, y: u32| [f64::from(i + x) * step, f64::from(j + y) * step];
+                let lower = [corner(0, 0), corner(1, 0), corner(0, 1)];
+                let upper = [corner(1, 1), corner(0, 1), corner(1, 0)];
+                let whole = 1 + usize::from(i + j + 1 < count);
+                for uvs in [lower, upper].into_iter().take(whole) {
+                    let at = |[u, v]: [f64; 2]| (a * (1.0 - u - v) + b * u + c * v).as_vec3();
+                    cells.push(Self {
+                        corners: uvs.map(at),
+                        uvs: uvs.map(|uv| uv.map(|w| w as f32)),
+                        ..*self
+                    });
+                }
+            }
+        }
+        for (seed, cell) in (0..).zip(&mut cells) {
+            let light = |i| {
+                let w = sampling::triangle(sampling::sobol2(i, 0, seed));
+                f64::from(cell.emission(scene, w).luminance())
+            };
+            cell.strength = (0..POINTS).map(light).sum::<f64>() / f64::from(POINTS);
+        }
+        let sides = match scene.materials[self.material as usize].emits_both_sides {
+            true => 2.0,
+            false => 1.0,
+        };
+        let mean = cells.iter().map(|c| c.strength).sum::<f64>() / cells.len() as f64;
+        // Where no point is bright, it may still be so between them.
+        let more = LITTLE * mean + 1e-4 * self.strength / sides;
+        for cell in &mut cells {
+            cell.strength = sides * (cell.strength + more);
+        }
+        cells
+    }
+}
+
+/// Which of the cells of a triangle, `count` along an edge, a point lies in.
+fn cell_of(uv: [f32; 2], count: u32) -> usize {
+    let [x, y] = uv.map(|w| w.clamp(0.0, 1.0) * count as f32);
+    let j = (y as u32).min(count - 1);
+    let i = (x as u32).min(count - 1 - j);
+    let is_upper = (x - i as f32) + (y - j as f32) > 1.0 && i + j + 1 < count;
+    // Of the rows before, and of this one.
+    (j * (2 * count - j) + 2 * i + u32::from(is_upper)) as usize
 }
 
 impl<'a> Sources<'a> {
@@ -39,21 +116,38 @@ impl<'a> Sources<'a> {
         let mut emitters = Vec::new();
         let mut running_power = Vec::new();
         let mut sum = 0.0;
+        let has_texture = |m: u32| scene.materials[m as usize].emission_texture.is_some();
+        let textured = scene.mesh.material.iter().filter(|m| has_texture(**m));
+        let cells = if textured.count() > MAX_CUT { 1 } else { CELLS };
         for (t, &material) in scene.mesh.material.iter().enumerate() {
             let strength = strength(&scene.materials[material as usize]);
             if strength > 0.0 {
                 let corners = scene.mesh.corners(t);
-                emitters.push(Emitter {
+                let area = f64::from(scene.mesh.area(t));
+                let whole = Emitter {
                     corners,
                     normal: unit_normal(corners),
                     material,
-                });
-                sum += strength * f64::from(scene.mesh.area(t));
-                running_power.push(sum);
+                    triangle: t as u32,
+                    uvs: [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]],
+                    strength,
+                };
+                if !has_texture(material) {
+                    emitters.push(whole);
+                    sum += strength * area;
+                    running_power.push(sum);
+                    continue;
+                }
+                for cell in whole.cells(scene, cells) {
+                    emitters.push(cell);
+                    sum += cell.strength * area / f64::from(cells * cells);
+                    running_power.push(sum);
+                }
             }
         }
         Self {
             scene,
+            cells,
             emitters,
             running_power,
             environment: scene.environment(),
@@ -95,11 +189,26 @@ impl<'a> Sources<'a> {
         self.running_power.last().copied().unwrap_or(0.0)
     }
 
-    /// Density per steradian with which [`Sources::emitter`] finds a point of an emissive material
-    /// that is `distance` away and seen under `cos` to its normal.
+    /// Density per steradian with which [`Sources::emitter`] finds the point that a ray meets under
+    /// `cos` to the normal of an emissive triangle.
     #[must_use]
-    pub fn emitter_pdf(&self, material: u32, distance: f32, cos: f32) -> f32 {
-        let per_area = strength(&self.scene.materials[material as usize]) / self.total_power();
+    pub fn emitter_pdf(&self, hit: &Hit, cos: f32) -> f32 {
+        let material = self.scene.mesh.material[hit.triangle as usize];
+        let material = &self.scene.materials[material as usize];
+        let strength = match material.emission_texture {
+            None => strength(material),
+            Some(_) => {
+                let first = (self.emitters).partition_point(|e| e.triangle < hit.triangle);
+                let cell = first + cell_of(hit.uv, self.cells);
+                self.emitters.get(cell).map_or(0.0, |e| e.strength)
+            }
+        };
+        self.pdf(strength, hit.t, cos)
+    }
+
+    /// The same of a point `distance` away, by the strength there.
+    fn pdf(&self, strength: f64, distance: f32, cos: f32) -> f32 {
+        let per_area = strength / self.total_power();
         per_area as f32 * distance * distance / cos.abs()
     }
 
@@ -123,11 +232,11 @@ impl<'a> Sources<'a> {
         if !(cos > 0.0 || (material.emits_both_sides && cos < 0.0)) {
             return None;
         }
-        let pdf = self.emitter_pdf(emitter.material, distance, cos);
+        let pdf = self.pdf(emitter.strength, distance, cos);
         (pdf > 0.0 && pdf.is_finite()).then(|| Sample {
             direction,
             distance,
-            light: Rgb(material.emission) * (1.0 / pdf),
+            light: emitter.emission(self.scene, w) * (1.0 / pdf),
             pdf,
         })
     }
@@ -228,5 +337,43 @@ fn way_to(light: &Light, origin: Vec3, disk: [f32; 2]) -> Option<Sample> {
             }
             Some(way)
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Texture;
+    use glam::Vec2;
+
+    /// A triangle of a texture with one bright texel, and what cells of it are.
+    #[test]
+    fn points_of_cells_are_found_in_them() {
+        let mut scene = Scene::without_picture();
+        scene.mesh.positions = [Vec3::ZERO, Vec3::X, Vec3::Y].to_vec().into();
+        scene.mesh.uvs = [Vec2::ZERO, Vec2::X, Vec2::Y].to_vec().into();
+        scene.mesh.triangles = vec![[0, 1, 2]].into();
+        scene.mesh.material = vec![0].into();
+        let texels = (0..64).map(|i| [if i == 18 { 1.0 } else { 0.0 }; 3]);
+        scene.textures = vec![Texture::new(8, 8, texels.collect())];
+        scene.materials = vec![Material {
+            emission: [2.0; 3],
+            emission_texture: Some(0),
+            ..Material::diffuse("", [0.0; 3])
+        }];
+        let sources = Sources::new(&scene);
+        assert_eq!(sources.emitters.len(), (CELLS * CELLS) as usize);
+        let mut integral = 0.0;
+        for (i, cell) in sources.emitters.iter().enumerate() {
+            for w in [[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]] {
+                let uv = [0, 1].map(|k| (0..3).map(|c| cell.uvs[c][k] * w[c]).sum());
+                assert_eq!(cell_of(uv, CELLS), i);
+            }
+            integral += cell.strength / sources.total_power() * 0.5 / f64::from(CELLS * CELLS);
+        }
+        assert!((integral - 1.0).abs() < 1e-6, "{integral}");
+        // One texel of 64 is a thirty-second of the triangle, and most points go there.
+        let strongest = sources.emitters.iter().map(|e| e.strength);
+        assert!(strongest.fold(0.0, f64::max) > 20.0 * strength(&scene.materials[0]) / 32.0);
     }
 }

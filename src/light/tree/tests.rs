@@ -330,6 +330,7 @@ fn one_light_or_none_and_lights_without_area_are_no_trouble() {
                 .cross(corners[2] - corners[0])
                 .length(),
         both_sides: true,
+        surface: 0,
     };
     let flat = light([Vec3::ZERO; 3], 1.0);
     assert!(LightTree::new(&[]).is_none());

@@ -74,13 +74,10 @@ pub(super) fn settle(
 }
 
 /// Drops textures that no material refers to.
-fn drop_unused(materials: &mut [Material], textures: &mut Vec<Texture>) {
+pub(super) fn drop_unused(materials: &mut [Material], textures: &mut Vec<Texture>) {
     let mut number = vec![None; textures.len()];
-    let of_mask = |m: &Material| m.mask.and_then(|mask| mask.texture);
-    for m in &*materials {
-        for t in [m.texture, of_mask(m)].into_iter().flatten() {
-            number[t as usize] = Some(0);
-        }
+    for t in materials.iter().flat_map(Material::textures) {
+        number[t as usize] = Some(0);
     }
     let mut next = 0..;
     for n in number.iter_mut().flatten() {
@@ -91,6 +88,7 @@ fn drop_unused(materials: &mut [Material], textures: &mut Vec<Texture>) {
     let moved = |t: Option<u32>| t.and_then(|t| number[t as usize]);
     for m in materials {
         m.texture = moved(m.texture);
+        m.emission_texture = moved(m.emission_texture);
         if let Some(mask) = &mut m.mask {
             mask.texture = moved(mask.texture);
         }
@@ -162,9 +160,9 @@ fn of_range(mask: &Mask, mesh: &Mesh, corners: [usize; 3], range: Range) -> Exte
 
 /// The least and the most of some values.
 #[derive(Clone, Copy, Debug)]
-struct Range {
+pub(super) struct Range {
     least: f32,
-    most: f32,
+    pub(super) most: f32,
 }
 
 impl Range {
@@ -189,14 +187,14 @@ impl Range {
         }
     }
 
-    fn of_texture(texture: &Texture) -> Self {
+    pub(super) fn of_texture(texture: &Texture) -> Self {
         Self::over((0..texture.texels().len()).map(|at| texture.luminance_of(at)))
     }
 }
 
 /// The range of a texture within a triangle of these coordinates, or one that holds it: that of the
 /// `whole` texture where the triangle shows it over and over. Ends once a range is not `settled`.
-fn range_within(
+pub(super) fn range_within(
     texture: &Texture,
     uvs: [Vec2; 3],
     whole: Range,

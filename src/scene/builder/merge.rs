@@ -1,6 +1,7 @@
 //! Meshes of a builder joined to the one mesh of a scene.
 
 use super::MeshInput;
+use super::emission;
 use super::masks;
 use super::mesh::{MESH, extend_attribute};
 use crate::run::{Cancel, memory};
@@ -105,6 +106,7 @@ pub(super) fn merge(
         material: material_of.into(),
         degenerate,
     };
+    emission::settle(&mut mesh, &mut materials, &mut textures, cancel)?;
     let clear = masks::settle(&mut mesh, &mut materials, &mut textures, cancel)?;
     Ok((mesh, materials, textures, clear))
 }

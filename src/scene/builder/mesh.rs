@@ -219,8 +219,7 @@ impl MeshInput {
             )));
         }
         for material in &self.materials {
-            let of_mask = material.mask.and_then(|mask| mask.texture);
-            for index in [material.texture, of_mask].into_iter().flatten() {
+            for index in material.textures() {
                 let texture = self.textures.get(index as usize).ok_or_else(|| {
                     Error::input(format!(
                         "material `{}` refers to texture {index}, but there are {}",

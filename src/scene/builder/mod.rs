@@ -6,9 +6,11 @@
 //! - `camera`, `light`, `environment`, `mesh`, `volume`, `emissive`: what is handed over, and the checks of each
 //! - `merge`: all meshes joined to the one of the scene, triangles without area dropped
 //! - `masks`: triangles that masks leave whole, or nothing of
+//! - `emission`: triangles of which a texture leaves no light
 //! - here: what is checked and made up of the scene as a whole
 
 mod camera;
+mod emission;
 mod emissive;
 mod environment;
 mod light;
@@ -360,7 +362,7 @@ impl SceneBuilder {
     /// Takes the masks of what shines: lights of such shapes are not to be had.
     fn unmask_emitters(&mut self, warnings: &mut Vec<String>) {
         let materials = self.meshes.iter_mut().flat_map(|m| &mut m.materials);
-        let shining = materials.filter(|m| m.emission != [0.0; 3]);
+        let shining = materials.filter(|m| m.emits());
         let masked = shining.filter_map(|m| m.mask.take().map(|_| format!("`{}`", m.name)));
         let names: Vec<String> = masked.collect();
         if !names.is_empty() {
@@ -463,7 +465,7 @@ impl SceneBuilder {
         let mut materials = self.meshes.iter().flat_map(|m| &m.materials);
         let mut emissive = self.emissive.iter();
         self.lights.is_empty()
-            && materials.all(|m| m.emission == [0.0; 3])
+            && materials.all(|m| !m.emits())
             && emissive.all(|e| e.emission.is_black())
     }
 }

@@ -5,9 +5,9 @@ use super::files::Files;
 use super::images::{ImageKey, ImagePart};
 use super::left_out::LeftOut;
 use crate::math::Rgb;
-use crate::scene::Texture;
 use crate::scene::builder::MeshInput;
 use crate::scene::texture::{CodeValues, Codes};
+use crate::scene::{Material, Texture};
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
@@ -318,8 +318,17 @@ pub(super) fn replace_by_means(mesh: &mut MeshInput) {
         {
             mask.opacity *= Rgb(mean(&mesh.textures[index as usize])).luminance();
         }
+        replace_emission_by_mean(material, &mesh.textures);
     }
     mesh.textures.clear();
+}
+
+/// Lets the mean of the texture of an emission stand for it.
+pub(super) fn replace_emission_by_mean(material: &mut Material, textures: &[Texture]) {
+    if let Some(index) = material.emission_texture.take() {
+        let mean = mean(&textures[index as usize]);
+        material.emission = std::array::from_fn(|i| material.emission[i] * mean[i]);
+    }
 }
 
 /// The mean colour.

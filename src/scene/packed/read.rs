@@ -203,6 +203,9 @@ fn materials(meta: &PackedMeta) -> Vec<Material> {
             cutoff: mask.cutoff,
         });
     }
+    for of in &meta.parts.emission_textures {
+        materials[of.material as usize].emission_texture = Some(of.texture);
+    }
     materials
 }
 
@@ -213,6 +216,7 @@ fn material(material: &PackedMaterial) -> Material {
         texture: material.texture,
         mask: None,
         emission: material.emission,
+        emission_texture: None,
         emits_both_sides: material.emits_both_sides,
         is_seen: !material.is_unseen,
     }

@@ -4,9 +4,9 @@ use super::check_machine;
 use crate::Result;
 use crate::formats::{
     BrickTable, MediaPage, PAGE_BRICKS, PackedCamera, PackedCameraKey, PackedColumn,
-    PackedEnvironment, PackedFilm, PackedImage, PackedLight, PackedMask, PackedMasks,
-    PackedMaterial, PackedMesh, PackedMeta, PackedParts, PackedPhase, PackedTexture, PackedVolume,
-    PackedWrap, PackedWriter, Palette,
+    PackedEmissionTexture, PackedEnvironment, PackedFilm, PackedImage, PackedLight, PackedMask,
+    PackedMasks, PackedMaterial, PackedMesh, PackedMeta, PackedParts, PackedPhase, PackedTexture,
+    PackedVolume, PackedWrap, PackedWriter, Palette,
 };
 use crate::run::Cancel;
 use crate::scene::grid::VolumeGrid;
@@ -92,6 +92,7 @@ pub fn description(scene: &Scene, tables: &LevelTables) -> PackedMeta {
         light_bytes: 0,
         parts: PackedParts {
             masks: masks(scene),
+            emission_textures: emission_textures(scene),
         },
     }
 }
@@ -232,6 +233,14 @@ fn material(material: &Material) -> PackedMaterial {
         emits_both_sides: material.emits_both_sides,
         is_unseen: !material.is_seen,
     }
+}
+
+fn emission_textures(scene: &Scene) -> Vec<PackedEmissionTexture> {
+    let textures = (0..).zip(&scene.materials).filter_map(|(material, m)| {
+        let texture = m.emission_texture?;
+        Some(PackedEmissionTexture { material, texture })
+    });
+    textures.collect()
 }
 
 fn masks(scene: &Scene) -> Option<PackedMasks> {

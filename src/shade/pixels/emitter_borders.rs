@@ -9,7 +9,7 @@ use crate::image::Region;
 use crate::light::{Lights, Shadows};
 use crate::math::{Ray, Rgb, sampling};
 use crate::run::{Cancel, memory};
-use crate::trace::{short_of, unit_normal};
+use crate::trace::{Surface, short_of, unit_normal, weights_in_triangle};
 use crate::view::View;
 use glam::{DVec2, Vec3};
 
@@ -175,19 +175,30 @@ impl EmitterBorders {
             let normal = unit_normal(corners);
             let key = [view.seed, 7, x.into(), y.into(), triangle.into()];
             let seed = sampling::hash(&key) as u32;
+            let index = scene.mesh.material[triangle as usize] as usize;
+            let material = &scene.materials[index];
+            let has_texture = material.emission_texture.is_some();
             let mut through = 0.0;
+            let mut light = Rgb::BLACK;
             for i in 0..self.rays {
                 let at = part.point(sampling::sobol2(i, 0, seed));
                 let d = view.camera.direction(&view.film, at.x as f32, at.y as f32);
                 let t = (corners[0] - origin).dot(normal) / d.dot(normal);
                 let end = short_of(origin + d * t, t);
                 if t.is_finite() {
-                    through += lights.seen_transmittance(&Ray::new(origin, d, end));
+                    let transmittance = lights.seen_transmittance(&Ray::new(origin, d, end));
+                    through += transmittance;
+                    if has_texture {
+                        let weights = weights_in_triangle(corners, origin + d * t);
+                        light += Surface::emission_at(scene, triangle, weights) * transmittance;
+                    }
                 }
             }
-            let material = &scene.materials[scene.mesh.material[triangle as usize] as usize];
             let share = area as f32 * through / self.rays as f32;
-            seen.radiance += Rgb(material.emission) * share;
+            seen.radiance += match has_texture {
+                true => light * (area as f32 / self.rays as f32),
+                false => Rgb(material.emission) * share,
+            };
             seen.share += share;
         }
         seen

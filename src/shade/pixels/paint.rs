@@ -5,7 +5,7 @@ use super::pattern::Pattern;
 use super::sample::Sample;
 use super::shader::PixelShader;
 use crate::math::Rgb;
-use crate::shade::pixels::camera_media::CameraMedia;
+use crate::shade::pixels::camera_media::{CameraMedia, PassedMedia};
 use crate::trace::{Surface, weights_in_triangle};
 use glam::Vec3;
 
@@ -43,6 +43,55 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         (weight > 0.0).then(|| sum * (1.0 / weight))
     }
 
+    /// Mean of what pixel (x, y), whose corners are on one piece of surface, sends by itself; `None`
+    /// where that has no texture, or the corners tell it.
+    pub fn emission_over(&self, x: u32, y: u32, corners: [&Sample<A::Passed>; 4]) -> Option<Rgb> {
+        let scene = self.view.tracer.scene;
+        if scene.textures.is_empty() {
+            return None;
+        }
+        let like = corners[0].surface.as_ref()?;
+        scene.materials[like.material as usize].emission_texture?;
+        let pattern = Pattern::new(self.counts.edge, self.key(x, y));
+        let at = |uv: [f32; 2]| self.emission_within([x, y], uv, corners);
+        let of_corners = corners.map(|c| {
+            let surface = c.surface.as_ref();
+            surface.map_or(Rgb::BLACK, |s| self.emission([x, y], c, s))
+        });
+        if is_even(of_corners.into_iter().chain(at([0.5; 2]))) {
+            return None;
+        }
+        let corner = pattern.corner_weight();
+        let sum = of_corners.into_iter().fold(Rgb::BLACK, |s, e| s + e);
+        let (mut sum, mut weight) = (sum * corner, 4.0 * corner);
+        for i in 0..self.counts.edge {
+            if let Some(emission) = at(pattern.point(i)) {
+                sum += emission;
+                weight += 1.0;
+            }
+        }
+        (weight > 0.0).then(|| sum * (1.0 / weight))
+    }
+
+    /// Emission at a point of a pixel's square; `None` where its piece of surface is not there.
+    fn emission_within(
+        &self,
+        [x, y]: [u32; 2],
+        [u, v]: [f32; 2],
+        corners: [&Sample<A::Passed>; 4],
+    ) -> Option<Rgb> {
+        let first = corners[0];
+        let triangle = first.triangle;
+        if corners[1..].iter().any(|c| c.triangle != triangle) {
+            let sample = self.look(x as f32 + u, y as f32 + v);
+            let surface = sample.surface.filter(|_| self.same_end(first, &sample))?;
+            return Some(self.emission([x, y], &sample, &surface));
+        }
+        let mut surface = first.surface?;
+        surface.position = point_between(corners, [u, v]);
+        Some(self.emission([x, y], first, &surface))
+    }
+
     /// Albedo at a point of a pixel's square; `None` where its piece of surface is not there.
     fn albedo_within(
         &self,
@@ -59,12 +108,17 @@ impl<A: CameraMedia> PixelShader<'_, A> {
             let surface = sample.surface.filter(|_| self.same_end(first, &sample))?;
             return Some(surface.albedo);
         }
-        let of = |corner: &Sample<A::Passed>| corner.surface.map_or(Vec3::ZERO, |s| s.position);
-        let [a, b, c, d] = corners.map(of);
-        let point = a.lerp(b, u).lerp(c.lerp(d, u), v);
+        let point = point_between(corners, [u, v]);
         let weights = weights_in_triangle(scene.mesh.corners(triangle as usize), point);
         Some(Surface::albedo_at(scene, triangle, weights))
     }
+}
+
+/// The point of a surface in a pixel's square, by those of its corners.
+fn point_between<T: PassedMedia>(corners: [&Sample<T>; 4], [u, v]: [f32; 2]) -> Vec3 {
+    let of = |corner: &Sample<T>| corner.surface.map_or(Vec3::ZERO, |s| s.position);
+    let [a, b, c, d] = corners.map(of);
+    a.lerp(b, u).lerp(c.lerp(d, u), v)
 }
 
 /// Whether albedos differ so little that the mean of any is that of all.

@@ -265,7 +265,7 @@ impl<A: CameraMedia> PixelShader<'_, A> {
                     let piece = &pieces[index];
                     let direct = sample.direct.arriving(&piece.ratio, &piece.sky_ratio);
                     let irradiance = [direct.into(), piece.irradiance];
-                    self.add_surface(&mut pixel, weight, sample, &sample.passed, irradiance);
+                    self.add_surface(&mut pixel, weight, sample, &sample.passed, irradiance, None);
                 }
                 None => self.add_nothing(&mut pixel, weight, sample.direction, &sample.passed),
             }
@@ -287,7 +287,18 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         pixel
     }
 
-    /// Adds a sample that hit a surface of the given direct and indirect irradiance behind media.
+    /// What a surface that a sample met sends to the camera by itself, unless that is told by borders.
+    pub fn emission(&self, at: [u32; 2], sample: &Sample<A::Passed>, surface: &Surface) -> Rgb {
+        let (scene, [x, y]) = (self.view.tracer.scene, at);
+        let emission = surface.emission(scene, sample.triangle, -sample.direction);
+        match !emission.is_black() && self.borders.has(x, y, sample.triangle) {
+            true => Rgb::BLACK,
+            false => emission,
+        }
+    }
+
+    /// Adds a sample that hit a surface of the given direct and indirect irradiance behind media. Its
+    /// emission is its own, unless that `over_pixel` is known.
     pub fn add_surface(
         &self,
         pixel: &mut PixelSum,
@@ -295,17 +306,15 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         sample: &Sample<A::Passed>,
         passed: &A::Passed,
         [direct, indirect]: [WithSky; 2],
+        over_pixel: Option<Rgb>,
     ) {
         let Some(surface) = &sample.surface else {
             return;
         };
         let through = passed.transmittance();
         let reflect = surface.albedo * (FRAC_1_PI * through);
-        let [x, y] = pixel.at();
-        let mut emission = surface.emission(self.view.tracer.scene, -sample.direction);
-        if !emission.is_black() && self.borders.has(x, y, sample.triangle) {
-            emission = Rgb::BLACK;
-        }
+        let own = || self.emission(pixel.at(), sample, surface);
+        let emission = over_pixel.unwrap_or_else(own);
         let radiance = [
             WithSky {
                 all: reflect * direct.all + emission * through,
@@ -320,7 +329,8 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         if let Some(ends) = &self.ends {
             let depth = (surface.position - ends.origin).dot(ends.axis);
             let position = surface.position + ends.world_from_scene;
-            let emission = surface.emission(self.view.tracer.scene, -sample.direction);
+            let scene = self.view.tracer.scene;
+            let emission = surface.emission(scene, sample.triangle, -sample.direction);
             let albedo = Rgb((surface.albedo + emission).0.map(|c| c.min(1.0)));
             let albedo = albedo * through + ends.albedo_of_media * (1.0 - through);
             (pixel.ends).add_surface(weight, depth, position, albedo);

@@ -11,7 +11,7 @@ use super::column::{ColumnRows, PackedColumn};
 use crate::Result;
 use crate::record::MAX_VOLUMES;
 pub use light::{PackedEnvironment, PackedLight};
-pub use parts::{PackedMask, PackedMasks, PackedParts};
+pub use parts::{PackedEmissionTexture, PackedMask, PackedMasks, PackedParts};
 pub use rules::MAX_EMISSION;
 use rules::check;
 pub use surface::{

@@ -13,10 +13,33 @@ use bincode::error::{DecodeError, EncodeError};
 pub struct PackedParts {
     /// Where surfaces are there.
     pub masks: Option<PackedMasks>,
+    /// Textures of the emission of materials, by rising number of these.
+    #[serde(default)]
+    pub emission_textures: Vec<PackedEmissionTexture>,
 }
 
-/// Number of a part.
+/// Numbers of parts.
 const MASKS: u32 = 1;
+const EMISSION_TEXTURES: u32 = 2;
+
+/// A texture that is a factor on the emission of a material.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub struct PackedEmissionTexture {
+    /// Number of the material.
+    pub material: u32,
+    /// Number of the texture.
+    pub texture: u32,
+}
 
 /// Where surfaces are there.
 #[derive(
@@ -61,9 +84,12 @@ pub struct PackedMask {
 
 impl bincode::Encode for PackedParts {
     fn encode<E: Encoder>(&self, encoder: &mut E) -> Result<(), EncodeError> {
-        match &self.masks {
-            Some(masks) => (MASKS, masks).encode(encoder),
-            None => Ok(()),
+        if let Some(masks) = &self.masks {
+            (MASKS, masks).encode(encoder)?;
+        }
+        match &self.emission_textures[..] {
+            [] => Ok(()),
+            _ => (EMISSION_TEXTURES, &self.emission_textures).encode(encoder),
         }
     }
 }
@@ -80,6 +106,12 @@ impl<C> bincode::Decode<C> for PackedParts {
             last = number;
             match number {
                 MASKS => parts.masks = Some(PackedMasks::decode(decoder)?),
+                EMISSION_TEXTURES => {
+                    parts.emission_textures = bincode::Decode::decode(decoder)?;
+                    if parts.emission_textures.is_empty() {
+                        return Err(DecodeError::Other("a part that says nothing"));
+                    }
+                }
                 _ => return Err(DecodeError::Other("a part of an unknown kind")),
             }
         }
@@ -91,10 +123,21 @@ bincode::impl_borrow_decode!(PackedParts);
 
 impl PackedParts {
     pub(super) fn validate(&self, materials: usize, textures: usize) -> Checked<()> {
-        match &self.masks {
-            Some(masks) => masks.validate(materials, textures),
-            None => Ok(()),
+        if let Some(masks) = &self.masks {
+            masks.validate(materials, textures)?;
         }
+        let of = &self.emission_textures;
+        let is_right = of.is_sorted_by(|a, b| a.material < b.material)
+            && of
+                .last()
+                .is_none_or(|last| (last.material as usize) < materials)
+            && of.iter().all(|of| (of.texture as usize) < textures);
+        check(
+            is_right,
+            &|| "textures of emission".to_owned(),
+            &format!("some of {materials} materials, in order, and textures below {textures}"),
+            of,
+        )
     }
 }
 

@@ -11,20 +11,20 @@ use self::light::{LIGHT, environment_image, light};
 use self::volume::{Kept, VOLUME, volumes};
 use super::colors::ColorEncoding;
 use super::files::{Files, beside, extension};
-use super::table::{Document, Table};
+use super::table::{Document, Item, Table};
 use super::texture::Decoding;
 use super::{builtin, changes, gltf, normals, obj, ply, texture, transform};
 use crate::Result;
 use crate::run::Cancel;
 use crate::scene::builder::{DEFAULT_FILM, MAX_EMISSION, MeshInput, SceneBuilder};
-use crate::scene::{Film, Light, Mask};
+use crate::scene::{Film, Light, Mask, Material, Texture};
 use glam::DAffine3;
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 const FILM: [&str; 3] = ["width", "height", "exposure"];
-const MESH: [&str; 18] = [
+const MESH: [&str; 19] = [
     "file",
     "name",
     "transform",
@@ -38,6 +38,7 @@ const MESH: [&str; 18] = [
     "palette",
     "color_encoding",
     "emission",
+    "emission_texture",
     "emits_both_sides",
     "visible",
     "normals",
@@ -256,12 +257,9 @@ fn surface(table: &Table<'_>, scene: &Path, mesh: &mut MeshInput, files: &mut Fi
         if mesh.uvs.is_empty() {
             return Err(item.error("the mesh has no texture coordinates"));
         }
-        let name = files.at_frame(item.text()?);
-        let path = beside(scene, &name.map_err(|e| table.locate(e))?);
-        let content = files.read("texture", &path).map_err(|e| table.locate(e))?;
-        let image = texture::decode(&content, &path, Decoding::default(), files)?;
-        let image = image.map_err(|e| e.at(path.display()))?;
-        if mesh.materials.iter().all(|m| m.mask.is_none()) {
+        let image = image(table, &item, scene, files)?;
+        let is_needed = |m: &Material| m.mask.is_some() || m.emission_texture.is_some();
+        if !mesh.materials.iter().any(is_needed) {
             mesh.textures.clear();
         }
         let index = mesh.textures.len() as u32;
@@ -274,11 +272,8 @@ fn surface(table: &Table<'_>, scene: &Path, mesh: &mut MeshInput, files: &mut Fi
         }
     }
     masks(table, scene, mesh, files)?;
+    emission(table, scene, mesh, files)?;
     let materials = &mut mesh.materials;
-    if let Some(item) = table.get("emission") {
-        let emission = item.color(MAX_EMISSION)?;
-        materials.iter_mut().for_each(|m| m.emission = emission);
-    }
     if let Some(item) = table.get("emits_both_sides") {
         let both = item.flag()?;
         materials.iter_mut().for_each(|m| m.emits_both_sides = both);
@@ -290,6 +285,47 @@ fn surface(table: &Table<'_>, scene: &Path, mesh: &mut MeshInput, files: &mut Fi
     if let Some(item) = table.get("name") {
         let name = item.text()?;
         materials.iter_mut().for_each(|m| m.name = name.into());
+    }
+    Ok(())
+}
+
+/// The image that a key of a mesh names.
+fn image(table: &Table<'_>, item: &Item<'_>, scene: &Path, files: &mut Files) -> Result<Texture> {
+    let name = files.at_frame(item.text()?);
+    let path = beside(scene, &name.map_err(|e| table.locate(e))?);
+    let content = files.read("texture", &path).map_err(|e| table.locate(e))?;
+    let image = texture::decode(&content, &path, Decoding::default(), files)?;
+    image.map_err(|e| e.at(path.display()))
+}
+
+/// Applies the keys that say what a mesh emits.
+fn emission(
+    table: &Table<'_>,
+    scene: &Path,
+    mesh: &mut MeshInput,
+    files: &mut Files,
+) -> Result<()> {
+    let factor = table.get("emission").map(|item| item.color(MAX_EMISSION));
+    let factor = factor.transpose()?;
+    if let Some(emission) = factor {
+        for material in &mut mesh.materials {
+            material.emission = emission;
+            material.emission_texture = None;
+        }
+    }
+    let Some(item) = table.get("emission_texture") else {
+        return Ok(());
+    };
+    if mesh.uvs.is_empty() {
+        return Err(item.error("the mesh has no texture coordinates"));
+    }
+    let index = mesh.textures.len() as u32;
+    mesh.textures.push(image(table, &item, scene, files)?);
+    for material in &mut mesh.materials {
+        material.emission_texture = Some(index);
+        if factor.is_none() {
+            material.emission = [1.0; 3];
+        }
     }
     Ok(())
 }

@@ -3,17 +3,19 @@
 //! Base colour (factor, texture, vertex colours) is the albedo, whatever the metalness; emissive
 //! factor times strength is radiance. Lights are taken as radiometric: candela is intensity, lux is
 //! irradiance, 1:1. Materials are there where their alpha says. Skins, morph targets, animations, metal and normal maps
-//! are left out, with a warning; an emissive texture is replaced by its mean. Of extensions lights, emissive
+//! are left out, with a warning; an emissive texture that lies otherwise than that of the base colour is
+//! replaced by its mean. Of extensions lights, emissive
 //! strength and texture transforms are read, and those that do not change looks are passed over;
 //! others are warned of.
 //!
 //! - `document`: parses a file and mends what others write; `extensions`: which are read
-//! - `buffers`: the bytes of a document; `masks`: where surfaces are there; here: nodes, meshes, materials, cameras and lights
+//! - `buffers`: the bytes of a document; `masks`: where surfaces are there; `placed`: where textures lie; here: nodes, meshes, materials, cameras and lights
 
 mod buffers;
 mod document;
 mod extensions;
 mod masks;
+mod placed;
 
 use super::colors::ColorEncoding;
 use super::files::Files;
@@ -30,10 +32,10 @@ use ::gltf::khr_lights_punctual::{Kind, Light as PunctualLight};
 use ::gltf::material::AlphaMode;
 use ::gltf::mesh::{Mode, Primitive, Semantic};
 use ::gltf::scene::Transform;
-use ::gltf::texture::{Info, WrappingMode};
 use ::gltf::{Document, Node};
 use buffers::Buffers;
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, Vec2, Vec3};
+use placed::{is_placed_alike, set_of, transform_uvs, wrap};
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -344,14 +346,12 @@ impl Reader<'_> {
         }
         let material = primitive.material();
         let base_color = material.pbr_metallic_roughness().base_color_texture();
-        let set = base_color.as_ref().map_or(0, |info| {
-            let other = info.texture_transform().and_then(|t| t.tex_coord());
-            other.unwrap_or(info.tex_coord())
-        });
+        let placed = base_color.or_else(|| material.emissive_texture());
+        let set = placed.as_ref().map_or(0, set_of);
         if let Some(accessor) = primitive.get(&Semantic::TexCoords(set)) {
             mesh.uvs = self.buffers.floats(&accessor, Vec2::from_array)?;
             same_count(mesh.uvs.len(), "texture coordinates")?;
-            if let Some(info) = &base_color {
+            if let Some(info) = &placed {
                 transform_uvs(&mut mesh.uvs, info);
             }
             let what = "texture coordinates that are no numbers are taken as 0";
@@ -403,14 +403,19 @@ impl Reader<'_> {
         // Both sides are drawn, so both shine.
         made.emits_both_sides = material.double_sided();
         if let Some(info) = material.emissive_texture()
-            && made.emission != [0.0; 3]
+            && made.emits()
         {
             let image = info.texture().source().index();
-            if let Some(image) = self.image(image)? {
-                let mean = texture::mean(&image);
-                made.emission = std::array::from_fn(|i| made.emission[i] * mean[i]);
-                let what = "materials shine evenly, with the mean of their emissive texture";
+            made.emission_texture = self.texture(image, wrap(&info))?;
+            let base = base.base_color_texture();
+            let is_elsewhere = base.is_some_and(|base| !is_placed_alike(&base, &info));
+            if is_elsewhere && made.emission_texture.is_some() && !without_uvs {
+                let what = "materials shine evenly, with the mean of their emissive texture, where that lies otherwise than \
+                            that of their base colour";
                 self.left_out.note(what, format_args!("`{name}`"));
+            }
+            if is_elsewhere || without_uvs {
+                texture::replace_emission_by_mean(&mut made, &self.list.textures);
             }
         }
         made.mask = self.mask(material, name)?;
@@ -507,32 +512,6 @@ fn triangles(mode: Mode, indices: &[u32]) -> Result<Option<Vec<[u32; 3]>>> {
         _ => return Ok(None),
     };
     Ok(Some(triangles))
-}
-
-/// What a texture is beyond its borders.
-fn wrap(info: &Info<'_>) -> [Wrap; 2] {
-    let sampler = info.texture().sampler();
-    [sampler.wrap_s(), sampler.wrap_t()].map(|mode| match mode {
-        WrappingMode::Repeat => Wrap::Repeat,
-        WrappingMode::ClampToEdge => Wrap::Clamp,
-        WrappingMode::MirroredRepeat => Wrap::Mirror,
-    })
-}
-
-/// Applies KHR_texture_transform: scale, then rotation from u towards -v, then offset.
-fn transform_uvs(uvs: &mut [Vec2], info: &Info<'_>) {
-    let Some(transform) = info.texture_transform() else {
-        return;
-    };
-    let (sin, cos) = libm::sincosf(transform.rotation());
-    let (scale, offset) = (
-        Vec2::from(transform.scale()),
-        Vec2::from(transform.offset()),
-    );
-    for uv in uvs {
-        let p = *uv * scale;
-        *uv = Vec2::new(cos * p.x + sin * p.y, cos * p.y - sin * p.x) + offset;
-    }
 }
 
 fn quoted(name: Option<&str>) -> String {

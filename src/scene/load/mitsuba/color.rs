@@ -4,6 +4,7 @@ use super::element::{Element, words};
 use super::{Reader, plugins};
 use crate::scene::Texture;
 use crate::scene::Wrap;
+use crate::scene::builder::MAX_EMISSION;
 use crate::scene::load::colors::{ColorEncoding, linear_from_srgb};
 use crate::scene::load::texture::{self, Decoding};
 use crate::{Error, Result};
@@ -82,6 +83,21 @@ impl Reader<'_> {
             paint.color = paint.color.map(|c| c.min(1.0));
         }
         paint.color = checked(&value, paint.color, 1.0)?;
+        Ok(paint)
+    }
+
+    /// The radiance of a key of a light on a shape, or 1, and its texture.
+    pub(super) fn radiance(&mut self, element: &Element<'_>, key: &str) -> Result<Paint> {
+        let Some(value) = element.get(key)? else {
+            return Ok(Paint::plain([1.0; 3]));
+        };
+        let mut paint = self.paint_of(&value)?;
+        if paint.is_of_vertices {
+            let what = "radiances of vertices are taken as 1";
+            self.left_out.note(what, value.line());
+            paint.is_of_vertices = false;
+        }
+        paint.color = checked(&value, paint.color, MAX_EMISSION)?;
         Ok(paint)
     }
 

@@ -6,12 +6,12 @@ use super::element::Element;
 use super::{Reader, geometry, plugins};
 use crate::Result;
 use crate::math::Rgb;
-use crate::scene::builder::{MAX_EMISSION, MeshInput};
+use crate::scene::builder::MeshInput;
 use crate::scene::load::colors::ColorEncoding;
 use crate::scene::load::transform::about;
 use crate::scene::load::{obj, ply, texture};
-use crate::scene::{Mask, Material, Mesh};
-use glam::{DAffine3, DQuat, DVec3};
+use crate::scene::{Mask, Material, Mesh, Texture};
+use glam::{DAffine2, DAffine3, DQuat, DVec3};
 
 /// Keys of shapes that make no difference here.
 const IGNORED: [&str; 5] = [
@@ -64,7 +64,7 @@ impl Reader<'_> {
             _ => self.surface_of(shape)?,
         };
         let emission = self.emission(shape)?;
-        let paint = match (surface, emission) {
+        let paint = match (surface, &emission) {
             (Surface::Diffuse(paint), _) => Some(paint),
             (Surface::None, None) => None,
             // What only emits.
@@ -103,17 +103,27 @@ impl Reader<'_> {
         }
         let name = shape.id().map_or_else(|| shape.line(), str::to_owned);
         let mut material = Material::diffuse(&name, paint.color);
-        material.emission = emission.unwrap_or([0.0; 3]);
+        let (radiance, image) = match emission {
+            Some(Paint { color, texture, .. }) => (color, texture),
+            None => ([0.0; 3], None),
+        };
+        material.emission = radiance;
         mesh.material = vec![0; mesh.triangles.len()];
         mesh.materials = vec![material];
-        self.apply(shape, paint, &mut mesh);
+        self.apply(shape, paint, image, &mut mesh);
         self.count(shape, mesh.triangles.len())?;
         self.builder.meshes.push(mesh);
         Ok(())
     }
 
-    /// Gives a mesh of one material the textures of its colour and its opacity.
-    fn apply(&mut self, shape: &Element<'_>, paint: Paint, mesh: &mut MeshInput) {
+    /// Gives a mesh of one material the textures of its colour, its opacity and its radiance.
+    fn apply(
+        &mut self,
+        shape: &Element<'_>,
+        paint: Paint,
+        radiance: Option<(Texture, DAffine2)>,
+        mesh: &mut MeshInput,
+    ) {
         let material = &mut mesh.materials[0];
         let mut uv = None;
         mesh.textures.clear();
@@ -137,6 +147,15 @@ impl Reader<'_> {
                 }
             }
             material.mask = Some(mask);
+        }
+        if let Some((texture, map)) = radiance {
+            material.emission_texture = Some(mesh.textures.len() as u32);
+            mesh.textures.push(texture);
+            if *uv.get_or_insert(map) != map {
+                let what = "textures of radiance that lie otherwise than those of colour are taken as their mean";
+                self.left_out.note(what, shape.line());
+                texture::replace_emission_by_mean(material, &mesh.textures);
+            }
         }
         let Some(uv) = uv else {
             return;
@@ -182,18 +201,13 @@ impl Reader<'_> {
     }
 
     /// The radiance of the light on a shape.
-    fn emission(&mut self, shape: &Element<'_>) -> Result<Option<[f32; 3]>> {
+    fn emission(&mut self, shape: &Element<'_>) -> Result<Option<Paint>> {
         let Some(emitter) = shape.object("emitter")? else {
             return Ok(None);
         };
         emitter.ignore(&["sampling_weight"])?;
         match emitter.kind() {
-            "area" => Ok(Some(self.color(
-                &emitter,
-                "radiance",
-                [1.0; 3],
-                MAX_EMISSION,
-            )?)),
+            "area" => self.radiance(&emitter, "radiance").map(Some),
             other => {
                 if let Some(error) = plugins::unknown(&emitter) {
                     return Err(error);

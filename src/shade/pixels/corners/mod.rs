@@ -246,12 +246,13 @@ impl<'a, A: CameraMedia> Corners<'a, A> {
         };
         let [x, y] = pixel.at();
         let paint = self.shader.paint(x, y, own.map(|c| &c.sample));
+        let emission = self.shader.emission_over(x, y, own.map(|c| &c.sample));
         for (c, passed) in own.into_iter().zip(&passed) {
             let direct = c.sample.direct.arriving(&lamps, &sky);
             let irradiance = [direct.into(), c.irradiance];
             let mut add = |sample| {
                 self.shader
-                    .add_surface(&mut pixel, 1.0, sample, passed, irradiance);
+                    .add_surface(&mut pixel, 1.0, sample, passed, irradiance, emission);
             };
             match paint {
                 Some(albedo) => add(&c.sample.with_albedo(albedo)),

@@ -49,7 +49,7 @@ impl<'a> BrightPatchLights<'a> {
         if patches.is_empty() {
             return None;
         }
-        let emitters = patches.iter().map(emitter).collect();
+        let emitters = (0..).zip(&patches).map(emitter).collect();
         Some(Self {
             lights: lights.of_emitters(emitters).in_vacuum(),
             rays: settings.samples.div_ceil(Self::RAYS_FOR_EACH),
@@ -81,7 +81,7 @@ impl<'a> BrightPatchLights<'a> {
     }
 }
 
-fn emitter(patch: &BrightPatch) -> Emitter {
+fn emitter((surface, patch): (u32, &BrightPatch)) -> Emitter {
     let [a, b, c] = patch.corners;
     let across = (b - a).cross(c - a);
     Emitter {
@@ -95,5 +95,6 @@ fn emitter(patch: &BrightPatch) -> Emitter {
         radiance: patch.radiance,
         area: 0.5 * across.length(),
         both_sides: false,
+        surface,
     }
 }

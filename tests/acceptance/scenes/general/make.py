@@ -526,5 +526,54 @@ def tree():
             ply.write(struct.pack("<B4H", 4, *range(4 * i, 4 * i + 4)))
 
 
-for scene in (curved, lights100, volumes, thin, outdoor, lampshade, tiles, studio, tree):
+def neon():
+    """A sign of bright tubes on black, a picture for a screen, and the windows of a house, most of them dark."""
+    sign = 128
+    heart = [(0.26 + 0.011 * 16 * sin(t) ** 3,
+              0.47 - 0.02 * (13 * cos(t) - 5 * cos(2 * t) - 2 * cos(3 * t) - cos(4 * t)))
+             for t in (2 * pi * k / 40 for k in range(41))]
+    letters = [[(0.52, 0.2), (0.52, 0.5), (0.62, 0.5)], [(0.65, 0.2), (0.70, 0.5), (0.75, 0.2)],
+               [(0.78, 0.35), (0.83, 0.2), (0.88, 0.35), (0.83, 0.5), (0.78, 0.35)], [(0.9, 0.2), (0.97, 0.5)],
+               [(0.97, 0.2), (0.9, 0.5)]]
+    tubes = [(heart, (255, 40, 90))] + [(letter, (60, 190, 255)) for letter in letters]
+    tubes.append(([(0.5, 0.68), (0.95, 0.68), (0.9, 0.62)], (255, 190, 60)))
+
+    def away(p, a, b):
+        """From a place to a line, in the unit of the height: the sign is twice as wide."""
+        (px, py), (ax, ay), (bx, by) = ((2 * x, y) for x, y in (p, a, b))
+        t = ((px - ax) * (bx - ax) + (py - ay) * (by - ay)) / ((bx - ax) ** 2 + (by - ay) ** 2)
+        t = max(0.0, min(1.0, t))
+        return sqrt((px - ax - t * (bx - ax)) ** 2 + (py - ay - t * (by - ay)) ** 2)
+
+    def tube(x, y):
+        p = ((x + 0.5) / sign, (y + 0.5) / sign)
+        for line, color in tubes:
+            if min(away(p, a, b) for a, b in zip(line, line[1:])) < 0.018:
+                return color
+        return (0, 0, 0)
+
+    def picture(x, y):
+        u, v = (x + 0.5) / 96, (y + 0.5) / 96
+        hill = 0.62 + 0.12 * noise(4 * u, 0.0, 0.0, 81) - 0.06
+        if v > hill:
+            grain = noise(30 * u, 40 * v, 0.0, 82)
+            return (int(20 + 40 * grain), int(70 + 90 * grain * (1.3 - v)), 30)
+        if (u - 0.68) ** 2 + 0.4 * (v - 0.3) ** 2 < 0.006:
+            return (255, 240, 180)
+        return (int(60 + 150 * v), int(90 + 70 * v), int(230 - 120 * v))
+
+    def window(x, y):
+        i, j, a, b = x // 8, y // 8, x % 8, y % 8
+        lit = noise(i * 1.7, j * 2.3, 0.5, 83) > 0.66
+        if not lit or not (2 <= a < 6 and 1 <= b < 6):
+            return (0, 0, 0)
+        warm = noise(i * 3.1, j * 1.3, 0.2, 84)
+        return (255, int(150 + 90 * warm), int(60 + 150 * warm))
+
+    write_png("sign.png", sign, tube)
+    write_png("picture.png", 96, picture)
+    write_png("windows.png", 64, window)
+
+
+for scene in (curved, lights100, volumes, thin, outdoor, lampshade, tiles, studio, tree, neon):
     scene()

@@ -1,7 +1,7 @@
-//! Wavefront MTL: `Kd`, `map_Kd` with its options, `d`, `map_d`, and `Ke`, all linear but for colours of
-//! textures. Keywords may be in any letter case.
+//! Wavefront MTL: `Kd`, `map_Kd` with its options, `d`, `map_d`, `Ke` and `map_Ke`, all linear but for
+//! colours of textures. Keywords may be in any letter case.
 //!
-//! What else changes looks and is left out, `map_Ke`, is warned of, and in one line what is not diffuse: `illum` 3 to 10, `Ks` above what exporters write for plain surfaces,
+//! In one line is warned of what is not diffuse: `illum` 3 to 10, `Ks` above what exporters write for plain surfaces,
 //! `map_Ks`, `refl`, `Pm`, `Pc`, `Ps` and their maps, and bumps. `Ns`, `Ni`, `Tf` and `Pr` say
 //! nothing by themselves.
 
@@ -104,6 +104,7 @@ pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Lib
         files,
         out: Library::default(),
         has_kd: false,
+        has_ke: false,
         loaded: HashMap::new(),
         non_diffuse: Vec::new(),
         left_out: LeftOut::default(),
@@ -129,6 +130,8 @@ struct Reader<'a> {
     out: Library,
     /// Whether the last material has a `Kd`.
     has_kd: bool,
+    /// Whether it has a `Ke`.
+    has_ke: bool,
     /// Index of each texture by what it was made of; `None` if it cannot be read.
     loaded: HashMap<String, Option<u32>>,
     non_diffuse: Vec<NonDiffuse>,
@@ -146,6 +149,7 @@ impl Reader<'_> {
             self.out.uv_maps.push(UvMap::IDENTITY);
             self.non_diffuse.push(NonDiffuse::default());
             self.has_kd = false;
+            self.has_ke = false;
             return Ok(());
         }
         let (Some(material), Some(non_diffuse)) =
@@ -170,6 +174,8 @@ impl Reader<'_> {
                 material.emission = self
                     .left_out
                     .within(color(rest)?, MAX_EMISSION, what, number);
+                self.has_ke = true;
+                self.shine();
             }
             "map_kd" => self.texture(rest)?,
             "d" => {
@@ -184,9 +190,7 @@ impl Reader<'_> {
                 }
             }
             "map_d" => self.opacity(rest)?,
-            "map_ke" => self
-                .left_out
-                .note("emissive textures, `map_Ke`, are left out", name),
+            "map_ke" => self.emission(rest)?,
             _ => {}
         }
         Ok(())
@@ -204,8 +208,9 @@ impl Reader<'_> {
         if index.is_none() {
             return Ok(());
         }
+        let is_placed = material.texture.is_some() || material.emission_texture.is_some();
         mask_of(material).texture = index;
-        if material.texture.is_none() {
+        if !is_placed {
             *uv_map = map.uv_map;
         } else if *uv_map != map.uv_map {
             let what = "a `map_d` lies where the `map_Kd` of its material does";
@@ -213,6 +218,48 @@ impl Reader<'_> {
                 .note(what, format_args!("`{}`", material.name));
         }
         Ok(())
+    }
+
+    /// Gives the last material the texture of a `map_Ke`.
+    fn emission(&mut self, text: &str) -> Result<()> {
+        let map = TextureMap::parse(text, &mut self.left_out);
+        let index = self.loaded(&map, ImagePart::Color)?;
+        let (Some(material), Some(uv_map)) =
+            (self.out.materials.last_mut(), self.out.uv_maps.last_mut())
+        else {
+            return Ok(());
+        };
+        if index.is_none() {
+            return Ok(());
+        }
+        let is_placed =
+            material.texture.is_some() || material.mask.is_some_and(|m| m.texture.is_some());
+        material.emission_texture = index;
+        if !is_placed {
+            *uv_map = map.uv_map;
+        } else if *uv_map != map.uv_map {
+            let what = "a `map_Ke` lies where the `map_Kd` of its material does";
+            self.left_out
+                .note(what, format_args!("`{}`", material.name));
+        }
+        self.shine();
+        Ok(())
+    }
+
+    /// Lets a `map_Ke` shine as it is where the last material has no `Ke`, or a black one, as exporters
+    /// write it beside a texture.
+    fn shine(&mut self) {
+        let Some(material) = self.out.materials.last_mut() else {
+            return;
+        };
+        if material.emission_texture.is_some() && !material.emits() {
+            material.emission = [1.0; 3];
+            if self.has_ke {
+                let what = "a black `Ke` beside a `map_Ke` is taken as 1";
+                self.left_out
+                    .note(what, format_args!("`{}`", material.name));
+            }
+        }
     }
 
     /// The index of a texture, which is read but once.
@@ -246,6 +293,11 @@ impl Reader<'_> {
             (self.out.materials.last_mut(), self.out.uv_maps.last_mut())
             && index.is_some()
         {
+            if material.emission_texture.is_some() && *uv_map != map.uv_map {
+                let what = "a `map_Ke` lies where the `map_Kd` of its material does";
+                self.left_out
+                    .note(what, format_args!("`{}`", material.name));
+            }
             material.texture = index;
             *uv_map = map.uv_map;
             if !self.has_kd {
@@ -404,160 +456,4 @@ fn color(text: &str) -> Result<[f32; 3]> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn materials_are_read_in_order() {
-        let text = "# c\nKd 1 1 1\nnewmtl a\n Kd 0.1 0.2 0.3\nKe 5\nNs 10\nnewmtl b b\n";
-        let library = read(text.as_bytes(), Path::new("x.mtl"), &mut Files::default());
-        let materials = library.unwrap().materials;
-        assert_eq!(materials.len(), 2);
-        assert_eq!(materials[0].albedo, [0.1, 0.2, 0.3]);
-        assert_eq!(materials[0].emission, [5.0; 3]);
-        assert_eq!(materials[1], Material::diffuse("b b", DEFAULT_ALBEDO));
-    }
-
-    #[test]
-    fn what_changes_looks_and_is_left_out_is_said_once() {
-        let text = "newmtl glass\nd 0.2\nmap_d a.png\nnewmtl leaf\nd 1\nnewmtl wall\nd 7\nKe 1\n";
-        let mut files = Files::default();
-        let library = read(text.as_bytes(), Path::new("x.mtl"), &mut files).unwrap();
-        assert_eq!(
-            files.warnings,
-            [
-                "x.mtl: materials with `d` below 1 are there in part: they reflect that share of light and let the rest \
-                 through: `glass`",
-                "x.mtl: textures that are not there are left out: `a.png`",
-                "x.mtl: `d` outside of [0,1] is brought into it: line 7"
-            ]
-        );
-        let masks: Vec<_> = library.materials.iter().map(|m| m.mask).collect();
-        let glass = Mask {
-            opacity: 0.2,
-            texture: None,
-            cutoff: None,
-        };
-        assert_eq!(masks, [Some(glass), None, None]);
-        let mut files = Files::default();
-        let text = "newmtl screen\nmap_Ke a.png\n";
-        read(text.as_bytes(), Path::new("x.mtl"), &mut files).unwrap();
-        assert_eq!(
-            files.warnings,
-            ["x.mtl: emissive textures, `map_Ke`, are left out: `screen`"]
-        );
-    }
-
-    #[test]
-    fn what_is_not_diffuse_is_summed_up_in_a_line() {
-        let warnings = |text: &str| {
-            let mut files = Files::default();
-            read(text.as_bytes(), Path::new("x.mtl"), &mut files).unwrap();
-            files.warnings
-        };
-        let text = "newmtl a\nillum 5\nNi 1.5\nnewmtl b\nillum 7\nTf 1 1 1\nmap_Bump -bm 1 b.png\nbump b.png\n\
-                    newmtl c\nKs 0.9 0.6 0.1\nillum 2\nnewmtl d\nillum 4\nnewmtl e\nPm 1\nPc 0.2\n";
-        assert_eq!(
-            warnings(text),
-            [
-                "x.mtl: all surfaces are taken as diffuse; of 5 materials this leaves out mirrors of 1, glass of 2, metal \
-                 of 1, highlights of 1, clear coats of 1, bumps and normal maps of 1"
-            ]
-        );
-        for seen in [
-            "map_Ks a.png",
-            "refl a.png",
-            "Ks 1 1 1",
-            "illum 10",
-            "illum 3\nKs 0.1",
-            "disp a.png",
-        ] {
-            assert_eq!(warnings(&format!("newmtl a\n{seen}\n")).len(), 1, "{seen}");
-        }
-        // What exporters write for anything.
-        for plain in [
-            "Ns 250\nKa 1 1 1\nKs 0.5 0.5 0.5\nKe 0 0 0\nNi 1.45\nd 1\nillum 2",
-            "Ns 10\nNi 1.5\nd 1\nTr 0\nTf 1 1 1\nillum 2\nKs 0 0 0",
-            "Pr 0.5\nPm 0\nPs 0\nPc 0\nPcr 0.03\naniso 0\nanisor 0",
-            "Ks 0 0 0\nillum 3",
-            "Ks 1 1 1\nmap_Ks a.png\nillum 1",
-            "Ka 0.2 0.2 0.2\nKs 1 1 1\nTr 1\nillum 2\nNs 0",
-            "Ks 0 0 0\nmap_Ks a.png",
-        ] {
-            assert_eq!(
-                warnings(&format!("newmtl a\n{plain}\n")),
-                [] as [String; 0],
-                "{plain}"
-            );
-        }
-    }
-
-    #[test]
-    fn a_wrong_colour_names_its_line() {
-        let library = read(
-            b"newmtl a\nKd 1 2",
-            Path::new("x.mtl"),
-            &mut Files::default(),
-        );
-        let message = library.unwrap_err().to_string();
-        assert!(message.starts_with("line 2: expected a colour of one or three"));
-    }
-
-    #[test]
-    fn what_is_out_of_range_or_not_there_is_mended_and_told() {
-        let text = "\u{feff}NEWMTL a\nKD 1.5 0.5 -1\nMAP_KD -s 1 1 1 my tile.png\nKe nan 1 1\nnewmtl b\n\
-                    map_Kd x.png\nmap_Kd -imfchan r x.png\nKd xyz 1 1 1\n";
-        let mut files = Files::default();
-        let library = read(text.as_bytes(), Path::new("m/x.mtl"), &mut files).unwrap();
-        let [a, b] = &library.materials[..] else {
-            panic!()
-        };
-        assert_eq!((a.albedo, a.emission), ([1.0, 0.5, 0.0], [0.0, 1.0, 1.0]));
-        assert_eq!(
-            (a.texture, b.texture, b.albedo),
-            (None, None, DEFAULT_ALBEDO)
-        );
-        assert_eq!(
-            files.warnings,
-            [
-                "m/x.mtl: `Kd` outside of [0,1] is brought into it: line 2",
-                "m/x.mtl: textures that are not there are left out: `my tile.png`, `x.png`",
-                "m/x.mtl: `Ke` below 0 or beyond any light is brought into range: line 4",
-                "m/x.mtl: the choice of a channel is left out: `r`",
-                "m/x.mtl: colours as spectra or XYZ are left out: line 8",
-            ]
-        );
-    }
-
-    #[test]
-    fn options_of_a_texture_are_read() {
-        let map = |text| TextureMap::parse(text, &mut LeftOut::default());
-        let plain = |name| TextureMap {
-            name,
-            uv_map: UvMap::IDENTITY,
-            wrap: [Wrap::Repeat; 2],
-            decoding: Decoding::default(),
-        };
-        for text in [
-            "a b.png",
-            "-bm 2 a b.png",
-            "-colorspace sRGB -cc on a b.png",
-        ] {
-            assert_eq!(map(text), plain("a b.png"), "{text}");
-        }
-        assert_eq!(map("-1.png"), plain("-1.png"));
-        assert_eq!(map("-s"), plain(""));
-        let moved = map("-s 2 3 1 -o 0.5 1.png");
-        assert_eq!(moved.uv_map.scale, Vec2::new(2.0, 3.0));
-        assert_eq!(moved.uv_map.offset, Vec2::new(0.5, 0.0));
-        assert_eq!(moved.name, "1.png");
-        let map = map("-CLAMP on -mm 0.25 0.5 -colorspace linear a.png");
-        assert_eq!(map.wrap, [Wrap::Clamp; 2]);
-        let expected = Decoding {
-            encoding: ColorEncoding::Linear,
-            base: 0.25,
-            gain: 0.5,
-        };
-        assert_eq!(map.decoding, expected);
-    }
-}
+mod tests;
