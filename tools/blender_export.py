@@ -8,7 +8,7 @@ Writes folder/NAME.toml and NAME.glb, or with --frames NAME.0001.toml, ... for
 `lvox render folder/NAME.####.toml --frames 1-10 -o out.####.exr`. Frames of equal meshes share a file.
 
 Taken are: meshes with their modifiers and the colours, textures and emission that glTF has (Diffuse and Emission
-nodes, too); all cameras, the scene's first; sun, point, spot and area lights in Blender's units (watts; area lights
+nodes, too); all cameras, the scene's first, and their depth of field; sun, point, spot and area lights in Blender's units (watts; area lights
 become quads or disks that emit, points with a radius balls); a world of one colour or an image, turned about z by a
 Mapping node; what Ray Visibility keeps from the camera, and transparent film; volume objects (.vdb) with Principled
 Volume, and what that emits of a grid, or Volume Scatter. What is left out is told on stderr.
@@ -380,7 +380,23 @@ def camera(scene, obj):
         x /= 2
     place = Y_UP @ unscaled(obj.matrix_world)
     keys = {"name": obj.name, "camera_to_world": rows(place), "fov_x_deg": math.degrees(2 * math.atan(x / z))}
-    return table("[[camera]]", keys)
+    return table("[[camera]]", keys | lens(obj))
+
+
+def lens(obj):
+    """Depth of field as Cycles has it: the focal length, in millimetres, over twice the f-stop is the radius."""
+    dof = obj.data.dof
+    if not dof.use_dof:
+        return {}
+    distance = dof.focus_distance
+    if dof.focus_object:
+        axis = obj.matrix_world.to_3x3().col[2].normalized()
+        away = dof.focus_object.matrix_world.translation - obj.matrix_world.translation
+        distance = abs(axis.dot(away))
+    if dof.aperture_blades or abs(dof.aperture_ratio - 1) > 1e-6:
+        warn(f"camera {obj.name}: its opening is taken as round")
+    radius = obj.data.lens * 1e-3 / (2 * max(dof.aperture_fstop, 1e-5))
+    return {"aperture": radius, "focus_distance": max(distance, 1e-5)}
 
 
 def visible(scene):

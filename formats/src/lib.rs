@@ -82,7 +82,7 @@ pub use opened::Opened;
 pub use packed::{
     COLUMN_ALIGNMENT, ColumnRows, MAX_NODE_LEVELS, MediaLevel, Packed, PackedBlocks, PackedCamera,
     PackedCameraKey, PackedColumn, PackedEmissionTexture, PackedEnvironment, PackedFilm,
-    PackedFormat, PackedHierarchy, PackedImage, PackedLight, PackedMask, PackedMasks,
+    PackedFormat, PackedHierarchy, PackedImage, PackedLens, PackedLight, PackedMask, PackedMasks,
     PackedMaterial, PackedMesh, PackedMeta, PackedParts, PackedPhase, PackedSummary, PackedTexture,
     PackedVolume, PackedWrap, PackedWriter,
 };

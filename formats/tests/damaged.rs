@@ -445,7 +445,11 @@ fn descriptions_of_packed_scenes_are_checked() {
         let of = of.map(|&[material, texture]| PackedEmissionTexture { material, texture });
         meta.parts.emission_textures = of.collect();
     }
-    let changes: [(Change, &str); 36] = [
+    fn lens(meta: &mut PackedMeta) -> &mut PackedLens {
+        meta.parts.lenses = packed_lenses();
+        &mut meta.parts.lenses[0]
+    }
+    let changes: [(Change, &str); 41] = [
         (|m| m.film.width = 0, "film"),
         (|m| m.film.exposure = f32::NAN, "film"),
         (|m| m.cameras.clear(), "cameras"),
@@ -504,6 +508,17 @@ fn descriptions_of_packed_scenes_are_checked() {
         (|m| emission(m, &[[2, 0]]), "textures of emission"),
         (|m| emission(m, &[[1, 1]]), "and textures below 1"),
         (|m| emission(m, &[[1, 0], [0, 0]]), "2 materials, in order"),
+        (|m| lens(m).camera = 9, "lenses"),
+        (|m| lens(m).lens = Some([-1.0, 2.0]), "lengths from 1e-15"),
+        (|m| lens(m).keys.push(None), "each of its keys"),
+        (|m| lens(m).shutter = Some([0.5, 0.5]), "before it closes"),
+        (
+            |m| {
+                lens(m);
+                m.parts.lenses = [packed_lenses(), packed_lenses()].concat();
+            },
+            "cameras in order",
+        ),
     ];
     let dir = tempfile::tempdir().unwrap();
     for (change, says) in changes {
@@ -546,6 +561,7 @@ fn parts_of_packed_scenes_are_read_or_refused() {
     let path = dir.path().join("a.lvp");
     let mut meta = packed_meta();
     meta.parts.masks = Some(packed_masks());
+    meta.parts.lenses = packed_lenses();
     write_packed_as(&path, meta.clone());
     let file = std::fs::read(path).unwrap();
     read_packed(&file).unwrap();

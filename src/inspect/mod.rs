@@ -30,8 +30,9 @@ pub use points::{Points, points};
 pub use samples::{Samples, samples};
 pub use scatter::{Scattered, scattered};
 pub use scene::{
-    CameraDescription, LightDescription, MaterialDescription, MeshDescription, ReadFile,
-    SceneDescription, TextureDescription, ValueHistogram, VolumeDescription, WorldBox, scene,
+    CameraDescription, LensDescription, LightDescription, MaterialDescription, MeshDescription,
+    ReadFile, SceneDescription, TextureDescription, ValueHistogram, VolumeDescription, WorldBox,
+    scene,
 };
 pub use verify::{Check, Depth, Verification, verify};
 

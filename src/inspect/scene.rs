@@ -167,6 +167,21 @@ pub struct CameraDescription {
     pub direction: [f32; 3],
     /// Full horizontal field of view in degrees.
     pub fov_x_deg: f32,
+    /// Radius of the opening of its lens, and the distance of what is sharp; none of a pinhole.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lens: Option<LensDescription>,
+    /// When its shutter opens and closes, in frames from that of the picture; none for a moment.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shutter: Option<[f64; 2]>,
+}
+
+/// The lens of a camera.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct LensDescription {
+    /// Radius of its opening.
+    pub aperture: f32,
+    /// Distance along the camera's axis of what is sharp.
+    pub focus_distance: f32,
 }
 
 /// A volume: what is rendered, and the values in the file that it comes from.
@@ -442,6 +457,11 @@ fn camera(camera: &Camera, origin: DVec3) -> CameraDescription {
         position: in_world(camera.origin(), origin),
         direction: (camera.scene_from_camera.transform_vector3(Vec3::NEG_Z)).to_array(),
         fov_x_deg: camera.fov_x_rad.to_degrees(),
+        lens: camera.lens.map(|lens| LensDescription {
+            aperture: lens.aperture,
+            focus_distance: lens.focus_distance,
+        }),
+        shutter: camera.shutter,
     }
 }
 

@@ -76,6 +76,12 @@ pub fn sobol2(i: u32, set: u32, seed: u32) -> [f32; 2] {
     [a, b]
 }
 
+/// Point `i` of an Owen-scrambled Sobol sequence in four dimensions; `set` picks independent ones.
+#[must_use]
+pub fn sobol4(i: u32, set: u32, seed: u32) -> [f32; 4] {
+    sobol_burley::sample_4d(i & 0xffff, set % 64, seed)
+}
+
 /// Sine and cosine of 2 pi u, the same on every machine.
 #[must_use]
 #[inline]

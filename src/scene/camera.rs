@@ -1,9 +1,10 @@
 //! Where the picture is taken from, and its size.
 
+use super::lens::{CameraRay, Lens, Pose};
 use crate::{Error, Result};
 use glam::{Affine3A, DAffine3, DMat3, DMat4, DVec3, Vec3};
 
-/// A pinhole camera: looks down its local -z, +x right, +y up.
+/// A camera: looks down its local -z, +x right, +y up.
 #[derive(Clone, Debug)]
 pub struct Camera {
     /// Name, by which it is chosen.
@@ -15,6 +16,14 @@ pub struct Camera {
     /// Where it is at some frames, in their order, if it moves; [`super::Scene::go_to_frame`] moves
     /// it.
     pub keys: Vec<CameraKey>,
+    /// Its lens; `None` for a pinhole.
+    pub lens: Option<Lens>,
+    /// When its shutter opens and closes, in frames from the number of the one that is taken; `None`
+    /// for a moment.
+    pub shutter: Option<[f64; 2]>,
+    /// Where it is while its shutter is open, at the middles of as many equal parts of that time;
+    /// empty if it stands still.
+    pub path: Vec<Pose>,
 }
 
 /// A moving camera at a frame, in world space.
@@ -30,29 +39,32 @@ pub struct CameraKey {
     pub up: DVec3,
     /// Full horizontal field of view, radians, in (0, pi).
     pub fov_x_rad: f64,
+    /// Its lens; `None` for a pinhole.
+    pub lens: Option<Lens>,
 }
 
 impl CameraKey {
     /// What is in between two keys, at a share of the way from the first to the second.
-    fn between(a: &Self, b: &Self, frame: i32, share: f64) -> Self {
+    fn between(a: &Self, b: &Self, share: f64) -> Self {
         Self {
-            frame,
+            frame: a.frame,
             position: a.position.lerp(b.position, share),
             target: a.target.lerp(b.target, share),
             up: a.up.lerp(b.up, share),
             fov_x_rad: a.fov_x_rad + (b.fov_x_rad - a.fov_x_rad) * share,
+            lens: Lens::between(a.lens, b.lens, share as f32),
         }
     }
 
-    /// The camera at a frame: in between the keys around it, or at the first or last of them.
-    /// `None` without keys.
-    pub(super) fn at(keys: &[Self], frame: i32) -> Option<Self> {
-        let after = keys.partition_point(|key| key.frame <= frame);
+    /// The camera at a time, in frames: in between the keys around it, or at the first or last of
+    /// them. `None` without keys.
+    pub(super) fn at(keys: &[Self], time: f64) -> Option<Self> {
+        let after = keys.partition_point(|key| f64::from(key.frame) <= time);
         let (before, next) = (after.checked_sub(1).map(|i| &keys[i]), keys.get(after));
         match (before, next) {
             (Some(a), Some(b)) => {
-                let length = |to: i32| f64::from(to) - f64::from(a.frame);
-                Some(Self::between(a, b, frame, length(frame) / length(b.frame)))
+                let length = |to: f64| to - f64::from(a.frame);
+                Some(Self::between(a, b, length(time) / length(b.frame.into())))
             }
             (Some(key), None) | (None, Some(key)) => Some(*key),
             (None, None) => None,
@@ -105,6 +117,17 @@ impl Film {
     /// Exposures that are taken for no mistake.
     pub(super) const EXPOSURES: std::ops::RangeInclusive<f64> = 1e-30..=1e30;
 
+    /// The point of the plane one unit ahead of a camera that is seen at a point of the film, pixels
+    /// from its top left; `half_width` is the tangent of half its field of view.
+    pub(super) fn ahead(&self, half_width: f32, [x, y]: [f32; 2]) -> Vec3 {
+        let pixel = 2.0 * half_width / self.width as f32;
+        Vec3::new(
+            (x - 0.5 * self.width as f32) * pixel,
+            (0.5 * self.height as f32 - y) * pixel,
+            -1.0,
+        )
+    }
+
     /// Refuses sizes and exposures out of range.
     pub(super) fn check(&self) -> Result<()> {
         let sides = 1..=Self::MAX_SIDE;
@@ -132,12 +155,7 @@ impl Camera {
     #[must_use]
     pub fn direction(&self, film: &Film, x: f32, y: f32) -> Vec3 {
         let half_width = libm::tanf(0.5 * self.fov_x_rad);
-        let pixel = 2.0 * half_width / film.width as f32;
-        let local = Vec3::new(
-            (x - 0.5 * film.width as f32) * pixel,
-            (0.5 * film.height as f32 - y) * pixel,
-            -1.0,
-        );
+        let local = film.ahead(half_width, [x, y]);
         self.scene_from_camera.transform_vector3(local).normalize()
     }
 
@@ -174,4 +192,76 @@ impl Camera {
         ]);
         [camera, film_from_camera * camera].map(|m| m.to_cols_array().map(|v| v as f32))
     }
+}
+
+impl Camera {
+    /// Whether all its rays start at one point.
+    #[must_use]
+    pub fn is_pinhole(&self) -> bool {
+        self.lens.is_none() && self.path.is_empty()
+    }
+
+    /// The ray through a point of the film, pixels from its top left, and through the point of the
+    /// lens, at the moment, that three numbers in [0,1) choose.
+    #[must_use]
+    pub fn ray(&self, film: &Film, at: [f32; 2], on_lens: [f32; 2], time: f32) -> CameraRay {
+        let part = (time * self.path.len() as f32) as usize;
+        let pose = self.path.get(part).copied();
+        pose.unwrap_or_else(|| self.pose()).ray(film, at, on_lens)
+    }
+
+    /// The camera as it is, whatever its shutter does.
+    #[must_use]
+    pub fn pose(&self) -> Pose {
+        Pose {
+            scene_from_camera: self.scene_from_camera,
+            half_width: libm::tanf(0.5 * self.fov_x_rad),
+            lens: self.lens,
+        }
+    }
+
+    /// The camera as it is in the middle of the time that its shutter is open.
+    #[must_use]
+    pub fn amid_shutter(&self) -> Self {
+        let mut camera = self.clone();
+        if let Some(middle) = self.path.get(self.path.len() / 2) {
+            camera.scene_from_camera = middle.scene_from_camera;
+            camera.fov_x_rad = 2.0 * libm::atanf(middle.half_width);
+            camera.lens = middle.lens;
+        }
+        camera
+    }
+}
+
+/// Parts of the time that a shutter is open.
+const IN_SHUTTER: usize = 256;
+
+/// A camera by a key, in the frame of a scene.
+fn pose_at(key: &CameraKey, world_from_scene: DVec3) -> Result<Pose> {
+    Ok(Pose {
+        scene_from_camera: in_scene(&key.world_from_camera()?, world_from_scene),
+        half_width: libm::tanf(0.5 * key.fov_x_rad as f32),
+        lens: key.lens,
+    })
+}
+
+/// Where a camera is at equal parts of the time between two frames; nothing if it is in one
+/// place all the time.
+///
+/// # Errors
+/// A camera at its own target, or one that looks along its `up`.
+pub(super) fn path_in_shutter(
+    keys: &[CameraKey],
+    [open, close]: [f64; 2],
+    world_from_scene: DVec3,
+) -> Result<Vec<Pose>> {
+    let time = |i: usize| {
+        let share = (i as f64 + 0.5) / IN_SHUTTER as f64;
+        open + (close - open) * share
+    };
+    let keys = (0..IN_SHUTTER).filter_map(|i| CameraKey::at(keys, time(i)));
+    let poses = keys.map(|key| pose_at(&key, world_from_scene));
+    let poses = poses.collect::<Result<Vec<_>>>()?;
+    let moves = poses.windows(2).any(|pair| pair[0] != pair[1]);
+    Ok(if moves { poses } else { Vec::new() })
 }

@@ -3,6 +3,7 @@
 //! In come files, or what an application makes in memory; out comes a checked [`Scene`].
 //!
 //! - `camera`, `light`, `material`, `texture`, `mesh`, `grid`, `volume`: what a scene consists of
+//! - `lens`: depth of field and a shutter that is open while a camera moves
 //! - `mask`: where surfaces are there
 //! - `texture_mean`: means of textures over triangles
 //! - `emissive`: volumes that light comes from
@@ -22,6 +23,7 @@ mod digest;
 mod emissive;
 pub(crate) mod environment;
 pub(crate) mod grid;
+mod lens;
 mod light;
 pub mod load;
 mod mask;
@@ -41,6 +43,7 @@ pub use camera::{Camera, CameraKey, Film};
 pub use emissive::{Emission, EmissiveBlock, EmissiveVolume};
 pub use environment::{EnvironmentImage, ImageSun};
 pub use grid::{Grid, VolumeGrid};
+pub use lens::{CameraRay, Lens, Pose};
 pub use light::Light;
 pub use mask::{Mask, Masks};
 pub use material::Material;
@@ -162,6 +165,9 @@ impl Scene {
             scene_from_camera: glam::Affine3A::IDENTITY,
             fov_x_rad: 1.0,
             keys: Vec::new(),
+            lens: None,
+            shutter: None,
+            path: Vec::new(),
         };
         let film = Film {
             width: 1,
@@ -193,13 +199,33 @@ impl Scene {
                 continue;
             };
             let frame = self.frame.unwrap_or(first.frame);
-            let Some(key) = CameraKey::at(&camera.keys, frame) else {
+            let Some(key) = CameraKey::at(&camera.keys, frame.into()) else {
                 continue;
             };
             let map = key.world_from_camera();
             let map = map.map_err(|e| e.at(format!("camera `{}`, frame {frame}", camera.name)))?;
             camera.scene_from_camera = camera::in_scene(&map, self.world_from_scene);
             camera.fov_x_rad = key.fov_x_rad as f32;
+            camera.lens = key.lens;
+        }
+        self.open_shutters()
+    }
+
+    /// Finds where cameras that move are while their shutters are open.
+    fn open_shutters(&mut self) -> Result<()> {
+        for camera in &mut self.cameras {
+            let (Some(first), Some(shutter)) = (camera.keys.first(), camera.shutter) else {
+                continue;
+            };
+            let frame = self.frame.unwrap_or(first.frame);
+            let times = shutter.map(|t| t + f64::from(frame));
+            let path = camera::path_in_shutter(&camera.keys, times, self.world_from_scene);
+            camera.path = path.map_err(|e| {
+                e.at(format!(
+                    "camera `{}`, the shutter of frame {frame}",
+                    camera.name
+                ))
+            })?;
         }
         Ok(())
     }

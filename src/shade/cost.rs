@@ -4,7 +4,8 @@
 
 use super::frame::{FrameShader, FrameWork, Request};
 use super::pixels::{
-    CameraMedia, EmitterBorders, PassedMedia, PilotMarch, PilotPixel, PixelShader, SampleCounts,
+    CameraMedia, Confusion, EmitterBorders, PassedMedia, PilotMarch, PilotPixel, PixelShader,
+    SampleCounts,
 };
 use super::settings::Settings;
 use super::surfaces::Lattice;
@@ -147,7 +148,11 @@ impl FrameWork for CostPilot {
             })
             .collect();
         let step = settings.lattice;
-        let reach = [CORNERS_AROUND, Lattice::reach(step)];
+        let spread = match view.camera.is_pinhole() {
+            true => 0,
+            false => Confusion::of(&view).reach(),
+        };
+        let reach = [CORNERS_AROUND + spread, Lattice::reach(step) + spread];
         let once = SHARE_OF_SWEEPS * swept;
         Ok(CostMap::new(film, cells.edge, &costs, step, reach).with_sweeps(once))
     }

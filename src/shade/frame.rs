@@ -2,8 +2,8 @@
 
 use super::memory;
 use super::pixels::{
-    CameraMedia, EmissiveMedia, EmitterBorders, EndsOfView, March, PixelShader, Planes, Quantity,
-    SampleCounts, ScatteringMedia, shade_region,
+    CameraMedia, Confusion, EmissiveMedia, EmitterBorders, EndsOfView, March, PixelShader, Planes,
+    Quantity, SampleCounts, ScatteringMedia, shade_region, shade_region_by_lens, spread_into,
 };
 use super::settings::{Kernel, Method, Settings};
 use super::surfaces::{BrightPatchLights, GatherAtSurfaces, KeptGathers, Lattice, SurfaceGatherer};
@@ -129,6 +129,8 @@ impl<W: FrameWork> TreeTask for FrameTask<'_, W> {
             ..
         } = request;
         let camera = scene.camera(settings.camera.as_deref())?;
+        let amid_shutter = (!camera.path.is_empty()).then(|| camera.amid_shutter());
+        let camera = amid_shutter.as_ref().unwrap_or(camera);
         // Vertices that were lit beforehand stand on the voxels of the scene's own media.
         let media_on_pixels = (tree.scatter.is_none())
             .then(|| view::media_on_pixels(&scene.volumes, camera, scene.film))
@@ -259,7 +261,7 @@ fn kept_gathers(request: &Request) -> Result<Option<KeptGathers>> {
         return Ok(None);
     };
     let film = [scene.film.width, scene.film.height];
-    let camera = scene.camera(settings.camera.as_deref())?;
+    let camera = scene.camera(settings.camera.as_deref())?.amid_shutter();
     let settings = serde_json::to_string(&Settings {
         camera: Some(camera.name.clone()),
         ..settings.clone()
@@ -328,7 +330,13 @@ impl FrameWork for ShadeRegions {
         let task = (job.progress).task("gather", all / (step * step), "receivers");
         let gatherer = frame.lattice_gatherer;
         let kept = kept_gathers(frame.request)?;
+        let is_pinhole = view.camera.is_pinhole();
+        let confusion = (!is_pinhole).then(|| Confusion::of(&view));
         let lattice = |&region| {
+            let region = match &confusion {
+                Some(confusion) => spread_into(confusion, region),
+                None => region,
+            };
             let kept = kept.as_ref();
             Lattice::new(gatherer, region, settings.lattice, kept, &job.cancel, &task)
         };
@@ -343,8 +351,11 @@ impl FrameWork for ShadeRegions {
             .par_iter()
             .zip(&lattices)
             .map(|(&region, lattice)| {
-                let borders =
-                    EmitterBorders::new(&view, region, settings.edge_samples, &job.cancel)?;
+                let seen = match &confusion {
+                    Some(confusion) => spread_into(confusion, region),
+                    None => region,
+                };
+                let borders = EmitterBorders::new(&view, seen, settings.edge_samples, &job.cancel)?;
                 let shader = PixelShader {
                     view,
                     borders: &borders,
@@ -357,7 +368,12 @@ impl FrameWork for ShadeRegions {
                     ends: (quantities.iter().any(|q| q.is_of_ends()))
                         .then(|| EndsOfView::of(&view)),
                 };
-                shade_region(&shader, region, quantities, onlooker, job, &task)
+                match &confusion {
+                    None => shade_region(&shader, region, quantities, onlooker, job, &task),
+                    Some(confusion) => shade_region_by_lens(
+                        &shader, confusion, region, quantities, onlooker, job, &task,
+                    ),
+                }
             })
             .collect::<Result<Vec<_>>>()?;
         frame.own_gatherer.check()?;

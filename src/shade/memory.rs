@@ -1,6 +1,6 @@
 //! What shading takes, told before the work.
 
-use super::pixels::Quantity;
+use super::pixels::{Quantity, most_spread_into};
 use super::settings::{Kernel, Settings};
 use super::surfaces::Lattice;
 use crate::Result;
@@ -28,17 +28,26 @@ fn budget(
 ) -> Budget {
     let film = [scene.film.width, scene.film.height];
     let pixels: usize = regions.iter().map(|r| r.pixels()).sum();
-    let lattices = regions
-        .iter()
-        .map(|&r| Lattice::bytes(r, settings.lattice, film));
+    // Without a camera there is no frame.
+    let camera = scene.camera(settings.camera.as_deref()).ok();
+    let has_lens = camera.is_some_and(|camera| !camera.is_pinhole());
+    let lattices = regions.iter().map(|&r| {
+        if !has_lens {
+            return Lattice::bytes(r, settings.lattice, film);
+        }
+        let (around, bytes) = most_spread_into(r, film);
+        let corners = (around.pixels() as u64).saturating_mul(bytes);
+        Lattice::bytes(around, settings.lattice, film)
+            .saturating_add(corners)
+            // Numbers of pixels as a pinhole and as the lens sees them.
+            .saturating_add((r.pixels() as u64).saturating_mul(per_pixel(quantities)))
+    });
     let patches = match settings.kernel {
         Kernel::Traced => {
             PatchRadiance::bytes_for(scene.mesh.triangles.len(), settings.lattice_rays(pixels))
         }
         _ => 0,
     };
-    // Without a camera there is no frame.
-    let camera = scene.camera(settings.camera.as_deref()).ok();
     let picture = camera.map(|camera| (camera, scene.film));
     let shows_no_voxels = |v: &Volume| View::is_of_small_voxels(v, picture);
     Budget::default()

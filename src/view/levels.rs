@@ -86,6 +86,9 @@ mod tests {
             scene_from_camera: Affine3A::from_translation(Vec3::new(0.5, 0.5, 1.0 + distance)),
             fov_x_rad: std::f32::consts::FRAC_PI_2,
             keys: Vec::new(),
+            lens: None,
+            shutter: None,
+            path: Vec::new(),
         };
         let film = Film {
             width: 100,

@@ -112,6 +112,17 @@ impl<'a> View<'a> {
         middle + DVec2::new(local.x, -local.y) * scale
     }
 
+    /// Radius on the film, in pixels, over which a lens spreads the points of a hull at most.
+    fn most_confusion(&self, points: [Vec3; 8]) -> f32 {
+        let Some(lens) = self.camera.lens else {
+            return 0.0;
+        };
+        // It falls towards the focus, and rises behind it.
+        let depths = points.map(|p| (p - self.camera.origin()).dot(self.camera.axis()));
+        let spread = depths.map(|depth| lens.confusion(depth.max(0.0)));
+        spread.into_iter().fold(0.0, f32::max) / self.pixel_angle
+    }
+
     /// Whether the hull of some points matters: for regions, as [`Self::may_see`] tells.
     #[must_use]
     pub fn may_matter(&self, visible: VisibleMedia, margin: f32, points: [Vec3; 8]) -> bool {
@@ -127,6 +138,10 @@ impl<'a> View<'a> {
     /// hull of some points. May say yes where none does, never no where one does.
     #[must_use]
     pub fn may_see(&self, region: Region, margin: f32, points: [Vec3; 8]) -> bool {
+        if !self.camera.path.is_empty() {
+            return true;
+        }
+        let margin = margin + self.most_confusion(points);
         let (mut lower, mut upper) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
         for point in points {
             let local = self.local(point);

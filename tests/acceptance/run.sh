@@ -203,6 +203,7 @@ outdoor good 1.4e-3 0.013 0.040 0.003
 fire good 4.6e-4 0.0055 0.030 0.003
 neon good 1.0e-3 0.012 0.049 0.0035
 neon draft 5.6e-3 0.023 0.063 0.0022
+lens good 1.2e-3 0.054 0.038 0.003
 outdoor draft 2.0e-3 0.025 0.048 0.004
 tree good 2.0e-3 0.057 0.050 0.003
 tree draft 5.7e-3 0.105 0.066 0.004'
@@ -224,6 +225,11 @@ while read -r scene quality relmse pdiff flip bias; do
 done <<EOF
 $general
 EOF
+# The same frame without a lens.
+run pinhole "$lvox" shade "$scenes/general/lens.toml" --camera pinhole --tree "$out/lens.lvt" -o "$out/pinhole.exr" \
+    --report "$out/pinhole.report.json" --progress none
+printf 'lens: a frame takes %s CPU s, without a lens %s\n' "$(cpu "$out/lens.good.report.json" shade)" \
+    "$(cpu "$out/pinhole.report.json" shade)" | tee -a "$table"
 
 heading 'light of all bounces, beside references of our own'
 # Scene file, camera, film, reference, and the limits of trimmed relMSE, pdiff, FLIP and bias: about 1.5 times what was

@@ -19,6 +19,7 @@ mod grain;
 mod hostile_trees;
 mod leaks;
 mod left_out;
+mod lens;
 mod limits;
 mod masks;
 #[cfg(target_os = "linux")]

@@ -8,10 +8,34 @@ use lvox::scene::{Grid, Scene};
 use std::fs;
 use std::path::Path;
 
-/// The room with a textured picture on its wall, a flame and more lights.
+/// The room with a textured picture on its wall, a flame, more lights, and cameras that are no pinholes.
 fn scene() -> String {
     format!(
         r#"{ROOM}
+[[camera]]
+name = "lens"
+position = [0, 1, 3.9]
+target = [0, 1, 0]
+aperture = 0.05
+focus_distance = 3.5
+
+[[camera]]
+name = "flight"
+aperture = 0.03
+focus_distance = 3
+shutter = [-0.25, 0.5]
+
+[[camera.key]]
+frame = 1
+position = [0, 1, 3.9]
+target = [0, 1, 0]
+
+[[camera.key]]
+frame = 3
+position = [0.2, 1, 3.5]
+target = [0, 1, 0]
+focus_distance = 2.5
+
 [[mesh]]
 file = "picture.obj"
 texture = "picture.png"
@@ -83,8 +107,19 @@ fn all_stages_make_the_same_of_a_packed_scene_without_its_assets() {
             folder,
             &[&["reference", scene, "-o", "c.exr", "--spp", "2"]],
         );
+        let flight = ["--camera", "flight", "--frames", "2"];
+        run(
+            folder,
+            &[
+                &["shade", scene, "-t", "a.lvt", "-o", "d.exr"],
+                &quick,
+                &flight,
+            ],
+        );
     }
-    for name in ["a.lvc", "a.lvt", "a.lvs", "a.exr", "b.exr", "c.exr"] {
+    for name in [
+        "a.lvc", "a.lvt", "a.lvs", "a.exr", "b.exr", "c.exr", "d.exr",
+    ] {
         assert!(bytes(here, name) == bytes(there, name), "{name}");
     }
     // Tree and light packed, too: one file goes to a third place.
@@ -162,6 +197,9 @@ fn a_packed_scene_is_the_scene() {
         format!("{whole:?} {:?} {:?}", s.world_from_scene, s.mesh)
     };
     assert_eq!(described(&scene), described(&packed));
+    let flight = packed.camera(Some("flight")).unwrap();
+    assert!(flight.path.len() > 1 && flight.lens.is_some());
+    assert_eq!(flight.keys[1].lens.unwrap().focus_distance, 2.5);
     assert!(packed.mesh.positions.is_mapped() && !scene.mesh.positions.is_mapped());
     assert_eq!(packed.files, [work.path("scene.lvp")]);
 }

@@ -197,6 +197,21 @@ fn scene_files() {
             "",
         ),
         (
+            "[[camera]]\nposition = [0, 0, 0]\ntarget = [0, 0, 1]\naperture = 0.1",
+            "`aperture` needs a `focus_distance`",
+            "",
+        ),
+        (
+            "[[camera]]\nposition = [0, 0, 0]\ntarget = [0, 0, 1]\naperture = -1\nfocus_distance = 1",
+            "expected a number from 0 to 1e15, found -1",
+            "",
+        ),
+        (
+            "[[camera]]\nposition = [0, 0, 0]\ntarget = [0, 0, 1]\nshutter = [0.5, 0.5]",
+            "expected when the shutter opens and, later, closes",
+            "",
+        ),
+        (
             "[[camera]]\nposition = [0, 0, 0]\ntarget = [0, 0, 0]",
             "at its own target",
             "",

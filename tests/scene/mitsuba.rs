@@ -6,7 +6,7 @@ use crate::{Folder, acceptance};
 use glam::{Vec2, Vec3};
 use lvox::run::Job;
 use lvox::scene::load::{Change, Settings};
-use lvox::scene::{Light, PhaseFunction, Scene};
+use lvox::scene::{Lens, Light, PhaseFunction, Scene};
 use lvox::{Kind, Result};
 use std::fs;
 use std::path::Path;
@@ -192,17 +192,34 @@ fn shapes_and_media_are_in_place() {
 }
 
 #[test]
+fn thin_lenses_are_taken() {
+    let lens = |scene: &str| load(scene).unwrap().cameras.pop().unwrap().lens;
+    let of = |aperture, focus_distance| Lens::new(aperture, focus_distance);
+    assert_eq!(lens(SCENE), of(0.1, 1e4));
+    let radius = r#"<float name="aperture_radius" value="0.1"/>"#;
+    let focus = |value: &str| {
+        let focus = format!("{radius}<float name=\"focus_distance\" value=\"{value}\"/>");
+        SCENE.replace(radius, &focus)
+    };
+    assert_eq!(lens(&focus("2.5")), of(0.1, 2.5));
+    let error = load(&focus("-1")).unwrap_err().to_string();
+    assert!(error.contains("focus_distance"), "{error}");
+    let error = load(&SCENE.replace(radius, "")).unwrap_err().to_string();
+    assert!(error.contains("aperture_radius"), "{error}");
+    assert!(load(SCENE).unwrap().cameras[0].lens.is_none());
+}
+
+#[test]
 fn what_is_left_out_is_told_with_its_line() {
     let scene = load(SCENE).unwrap();
     let told = scene.warnings.join("\n");
     for part in [
-        "thin lenses are taken as pinholes: line 10",
         "highlights are left out: line 16",
         "surfaces of glass are left out: line 23",
     ] {
         assert!(told.contains(part), "{part}: {told}");
     }
-    assert_eq!(scene.warnings.len(), 3, "{told}");
+    assert_eq!(scene.warnings.len(), 2, "{told}");
     assert!(
         scene.notes.join("").contains("`max_depth` of 5"),
         "{:?}",
@@ -216,7 +233,7 @@ fn what_is_left_out_is_told_with_its_line() {
     let strict = lvox(&dir, &[&bake[..], &["--strict"]].concat());
     assert_eq!(strict.code, 2, "{}", strict.stderr);
     assert!(
-        strict.stderr.contains("error: 3 warnings with"),
+        strict.stderr.contains("error: 2 warnings with"),
         "{}",
         strict.stderr
     );

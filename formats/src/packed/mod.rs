@@ -20,8 +20,9 @@ pub use hierarchy::MAX_NODE_LEVELS;
 pub use levels::MediaLevel;
 pub use meta::{
     PackedCamera, PackedCameraKey, PackedEmissionTexture, PackedEnvironment, PackedFilm,
-    PackedHierarchy, PackedImage, PackedLight, PackedMask, PackedMasks, PackedMaterial, PackedMesh,
-    PackedMeta, PackedParts, PackedPhase, PackedSummary, PackedTexture, PackedVolume, PackedWrap,
+    PackedHierarchy, PackedImage, PackedLens, PackedLight, PackedMask, PackedMasks, PackedMaterial,
+    PackedMesh, PackedMeta, PackedParts, PackedPhase, PackedSummary, PackedTexture, PackedVolume,
+    PackedWrap,
 };
 pub use read::{Packed, PackedBlocks, PackedFormat};
 pub use write::PackedWriter;

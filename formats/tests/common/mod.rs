@@ -189,6 +189,17 @@ pub fn packed_masks() -> PackedMasks {
     }
 }
 
+/// A lens of its camera, and a shutter.
+pub fn packed_lenses() -> Vec<PackedLens> {
+    let camera = &packed_meta().cameras[0];
+    vec![PackedLens {
+        camera: 0,
+        lens: Some([0.5, 2.0]),
+        keys: vec![None; camera.keys.len()],
+        shutter: Some([-0.25, 0.25]),
+    }]
+}
+
 /// A column of the scene that [`packed_meta`] describes.
 pub fn packed_rows(column: PackedColumn) -> Vec<u8> {
     let corners = [

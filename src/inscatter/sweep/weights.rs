@@ -145,6 +145,9 @@ mod tests {
             scene_from_camera: Affine3A::IDENTITY,
             fov_x_rad: 1.0,
             keys: Vec::new(),
+            lens: None,
+            shutter: None,
+            path: Vec::new(),
         };
         let film = Film {
             width: 10,

@@ -22,7 +22,7 @@ use crate::image::samples::{Origin, Row};
 use crate::image::{COLOR_SPACE, CameraMatrices, Frame, ImageKind, Onlooker, Region, npy};
 use crate::math::{Rgb, sampling};
 use crate::run::{Job, Task, hex, memory, size};
-use crate::scene::Scene;
+use crate::scene::{Camera, CameraRay, Film, Scene};
 use crate::{Error, Kind, Result};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -369,9 +369,8 @@ fn accumulate_before(
         let strand = i % strands;
         let key = sampling::hash(&[settings.seed, u64::from(x), u64::from(y), u64::from(strand)]);
         let mut sampler = Sampler::new(key, i / strands);
-        let [u, v, ..] = sampler.next4();
-        let direction = camera.direction(&scene.film, x as f32 + u, y as f32 + v);
-        paths.radiance(camera.origin(), direction, &mut sampler)
+        let ray = camera_ray(camera, &scene.film, [x as f32, y as f32], &mut sampler);
+        paths.radiance(ray.origin, ray.direction, &mut sampler)
     };
     let add = |row: &mut Row, spp: u32, task: &Task| {
         let end = (row.count.saturating_add(spp)).min(target);
@@ -426,6 +425,27 @@ fn accumulate_before(
         warn_of_not_finite(sums, job);
     }
     Ok(())
+}
+
+/// A ray through a pixel, of the film's top left corner: at a point of its square, of the lens, and at a
+/// moment.
+pub fn camera_ray(
+    camera: &Camera,
+    film: &Film,
+    [x, y]: [f32; 2],
+    sampler: &mut Sampler,
+) -> CameraRay {
+    let [u, v, on_lens @ ..] = sampler.next4();
+    let at = [x + u, y + v];
+    if camera.is_pinhole() {
+        let (origin, direction) = (camera.origin(), camera.direction(film, at[0], at[1]));
+        return CameraRay { origin, direction };
+    }
+    let time = match camera.path.is_empty() {
+        true => 0.0,
+        false => sampler.next4()[0],
+    };
+    camera.ray(film, at, on_lens, time)
 }
 
 /// More samples where a pass was short, fewer where it was long.

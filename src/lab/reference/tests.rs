@@ -16,6 +16,9 @@ fn scene() -> Scene {
             scene_from_camera: Affine3A::from_translation(Vec3::new(0.0, 0.0, 5.0)),
             fov_x_rad: 1.0,
             keys: Vec::new(),
+            lens: None,
+            shutter: None,
+            path: Vec::new(),
         },
         Film {
             width: 20,

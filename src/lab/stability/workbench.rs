@@ -247,6 +247,9 @@ pub fn stage(side: u32, position: Vec3, target: Vec3, fov_x_deg: f32) -> Scene {
             ),
             fov_x_rad: fov_x_deg.to_radians(),
             keys: Vec::new(),
+            lens: None,
+            shutter: None,
+            path: Vec::new(),
         },
         Film {
             width: side,

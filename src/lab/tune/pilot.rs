@@ -3,7 +3,7 @@
 
 use crate::image::Region;
 use crate::image::metrics::linear::{self, RELATIVE_FLOOR};
-use crate::lab::reference::{PathTracer, Sampler};
+use crate::lab::reference::{PathTracer, Sampler, camera_ray};
 use crate::math::{Rgb, sampling};
 use crate::run::Job;
 use crate::scene::{Camera, Film, Scene};
@@ -146,13 +146,10 @@ impl<'a> Pilot<'a> {
                 let strand = i % STRANDS;
                 let key = sampling::seeded(*seed, &[point.x, point.y, strand].map(u64::from));
                 let mut sampler = Sampler::new(key, i / STRANDS);
-                let [u, v, ..] = sampler.next4();
-                let (x, y) = (point.x as f32 + u, point.y as f32 + v);
-                let direction = camera.direction(&scene.film, x, y);
-                point.add(
-                    strand,
-                    paths.radiance(camera.origin(), direction, &mut sampler),
-                );
+                let at = [point.x as f32, point.y as f32];
+                let ray = camera_ray(camera, &scene.film, at, &mut sampler);
+                let light = paths.radiance(ray.origin, ray.direction, &mut sampler);
+                point.add(strand, light);
             }
             Ok::<(), Error>(())
         })?;

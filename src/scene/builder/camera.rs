@@ -1,12 +1,12 @@
 //! Cameras as they are handed to a builder.
 
 use super::{Bounds, check_near};
-use crate::scene::camera::look_at;
-use crate::scene::{CameraKey, Film};
+use crate::scene::camera::{in_scene, look_at};
+use crate::scene::{Camera, CameraKey, Film, Lens};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 
-/// A pinhole camera in world space.
+/// A camera in world space: a pinhole until it has a lens.
 #[derive(Clone, Debug)]
 pub struct CameraInput {
     pub(in crate::scene) name: String,
@@ -16,6 +16,10 @@ pub struct CameraInput {
     pub(in crate::scene) fov_x_rad: f64,
     /// Where it is at some frames, if it moves.
     pub(in crate::scene) keys: Vec<CameraKey>,
+    /// Its lens, if it is no pinhole.
+    pub(in crate::scene) lens: Option<Lens>,
+    /// When its shutter opens and closes, in frames from that of the picture.
+    pub(in crate::scene) shutter: Option<[f64; 2]>,
 }
 
 impl CameraInput {
@@ -40,6 +44,8 @@ impl CameraInput {
             })?,
             fov_x_rad,
             keys: Vec::new(),
+            lens: None,
+            shutter: None,
         })
     }
 
@@ -63,6 +69,8 @@ impl CameraInput {
             name: name.into(),
             world_from_camera: first.world_from_camera()?,
             fov_x_rad: first.fov_x_rad,
+            lens: first.lens,
+            shutter: None,
             keys,
         })
     }
@@ -95,7 +103,45 @@ impl CameraInput {
             world_from_camera: map,
             fov_x_rad,
             keys: Vec::new(),
+            lens: None,
+            shutter: None,
         })
+    }
+
+    /// Gives it a thin lens: radius of its opening, 0 for a pinhole, and the distance along its axis
+    /// of what is sharp. Keys that have a lens keep theirs.
+    #[must_use]
+    pub fn lens(mut self, aperture: f32, focus_distance: f32) -> Self {
+        let lens = Lens::new(aperture, focus_distance);
+        self.lens = lens;
+        for key in &mut self.keys {
+            key.lens = key.lens.or(lens);
+        }
+        if let Some(first) = self.keys.first() {
+            self.lens = first.lens;
+        }
+        self
+    }
+
+    /// Keeps its shutter open from one time to another, in frames from the number of the one that is
+    /// taken: what moves by the keys of the camera is blurred.
+    #[must_use]
+    pub fn shutter(mut self, open: f64, close: f64) -> Self {
+        self.shutter = Some([open, close]);
+        self
+    }
+
+    /// The camera in scene space.
+    pub(super) fn in_scene(self, world_from_scene: DVec3) -> Camera {
+        Camera {
+            name: self.name,
+            scene_from_camera: in_scene(&self.world_from_camera, world_from_scene),
+            fov_x_rad: self.fov_x_rad as f32,
+            keys: self.keys,
+            lens: self.lens,
+            shutter: self.shutter,
+            path: Vec::new(),
+        }
     }
 
     /// The camera as it is, as that of a frame.
@@ -110,6 +156,7 @@ impl CameraInput {
             target: position - matrix3.z_axis,
             up: matrix3.y_axis,
             fov_x_rad: self.fov_x_rad,
+            lens: self.lens,
         }
     }
 
@@ -131,6 +178,8 @@ impl CameraInput {
                 .unwrap_or(DAffine3::from_translation(target)),
             fov_x_rad,
             keys: Vec::new(),
+            lens: None,
+            shutter: None,
         }
     }
 
@@ -152,6 +201,38 @@ impl CameraInput {
                 what(),
             )));
         }
+        self.check_lens(what)
+    }
+
+    /// Refuses lenses and shutters that are none.
+    fn check_lens(&self, what: impl Fn() -> String) -> Result<()> {
+        let lenses = self.keys.iter().map(|key| key.lens).chain([self.lens]);
+        for lens in lenses.flatten() {
+            for (name, length) in [
+                ("an aperture", lens.aperture),
+                ("a focus distance", lens.focus_distance),
+            ] {
+                if !Lens::LENGTHS.contains(&length) {
+                    return Err(Error::input(format!(
+                        "{}: expected {name} from 1e-15 to 1e15, found {length}",
+                        what()
+                    )));
+                }
+            }
+        }
+        if let Some([open, close]) = self.shutter {
+            let is_right = open < close && [open, close].iter().all(|t| t.abs() <= MOST_FRAMES);
+            if !is_right {
+                return Err(Error::input(format!(
+                    "{}: expected a shutter that opens before it closes, both at most {MOST_FRAMES} \
+                     frames away, found {open} to {close}",
+                    what()
+                )));
+            }
+        }
         Ok(())
     }
 }
+
+/// Frames from that of a picture at which a shutter may open and close.
+const MOST_FRAMES: f64 = 1000.0;

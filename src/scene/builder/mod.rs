@@ -27,8 +27,7 @@ pub use mesh::MeshInput;
 pub(super) use mesh::{DEFAULT_ALBEDO, MESH, extend_attribute, push};
 pub use volume::VolumeInput;
 
-use super::camera::in_scene;
-use super::{Camera, EmissiveVolume, EnvironmentImage, Film, Light, Scene, Volume};
+use super::{EmissiveVolume, EnvironmentImage, Film, Light, Scene, Volume};
 use crate::run::Cancel;
 use crate::{Error, Result};
 use environment::EnvironmentParts;
@@ -320,12 +319,8 @@ impl SceneBuilder {
                 emission: e.emission,
             }
         });
-        let cameras = self.cameras.into_iter().map(|c| Camera {
-            name: c.name,
-            scene_from_camera: in_scene(&c.world_from_camera, world_from_scene),
-            fov_x_rad: c.fov_x_rad as f32,
-            keys: c.keys,
-        });
+        let cameras = self.cameras.into_iter();
+        let cameras = cameras.map(|c| c.in_scene(world_from_scene));
         let lights = self.lights.into_iter().map(|mut l| {
             if let Light::Point { position, .. } | Light::Spot { position, .. } = &mut l.light {
                 *position = (l.position - world_from_scene).as_vec3();
@@ -353,8 +348,9 @@ impl SceneBuilder {
             files_of_frame: None,
             packed: None,
         };
-        if let Some(frame) = self.frame {
-            scene.go_to_frame(frame)?;
+        match self.frame {
+            Some(frame) => scene.go_to_frame(frame)?,
+            None => scene.open_shutters()?,
         }
         Ok(scene)
     }

@@ -9,7 +9,7 @@ use crate::run::{Cancel, size};
 use crate::scene::grid::{Known, StoredLevels, VolumeGrid};
 use crate::scene::texture::{CodeValues, Codes, Texels};
 use crate::scene::{
-    Camera, CameraKey, Emission, EmissiveVolume, EnvironmentImage, Film, Grid, Light, Mask,
+    Camera, CameraKey, Emission, EmissiveVolume, EnvironmentImage, Film, Grid, Lens, Light, Mask,
     Material, Mesh, PhaseFunction, Scene, Texture, Volume, Wrap,
 };
 use crate::{Error, Result};
@@ -67,7 +67,7 @@ fn scene(
     let mut scene = Scene {
         name: meta.scene_name.clone(),
         world_from_scene: DVec3::from(meta.world_from_scene),
-        cameras: meta.cameras.iter().map(camera).collect(),
+        cameras: cameras(meta),
         film: Film {
             width: meta.film.width,
             height: meta.film.height,
@@ -98,10 +98,28 @@ fn scene(
         files_of_frame: meta.frame,
         packed: Some(packed.clone()),
     };
-    if let Some(frame) = frame.or(meta.frame) {
-        scene.go_to_frame(frame)?;
+    match frame.or(meta.frame) {
+        Some(frame) => scene.go_to_frame(frame)?,
+        None => scene.open_shutters()?,
     }
     Ok(scene)
+}
+
+/// The cameras, with their lenses and shutters.
+fn cameras(meta: &PackedMeta) -> Vec<Camera> {
+    let lens = |lengths: Option<[f32; 2]>| {
+        lengths.and_then(|[aperture, focus_distance]| Lens::new(aperture, focus_distance))
+    };
+    let mut cameras: Vec<Camera> = meta.cameras.iter().map(camera).collect();
+    for part in &meta.parts.lenses {
+        let camera = &mut cameras[part.camera as usize];
+        camera.lens = lens(part.lens);
+        camera.shutter = part.shutter;
+        for (key, lengths) in camera.keys.iter_mut().zip(&part.keys) {
+            key.lens = lens(*lengths);
+        }
+    }
+    cameras
 }
 
 fn camera(camera: &PackedCamera) -> Camera {
@@ -114,6 +132,9 @@ fn camera(camera: &PackedCamera) -> Camera {
         },
         fov_x_rad: camera.fov_x_rad,
         keys: camera.keys.iter().map(key).collect(),
+        lens: None,
+        shutter: None,
+        path: Vec::new(),
     }
 }
 
@@ -124,6 +145,7 @@ fn key(key: &PackedCameraKey) -> CameraKey {
         target: key.target.into(),
         up: key.up.into(),
         fov_x_rad: key.fov_x_rad,
+        lens: None,
     }
 }
 

@@ -4,16 +4,16 @@ use super::check_machine;
 use crate::Result;
 use crate::formats::{
     BrickTable, MediaPage, PAGE_BRICKS, PackedCamera, PackedCameraKey, PackedColumn,
-    PackedEmissionTexture, PackedEnvironment, PackedFilm, PackedImage, PackedLight, PackedMask,
-    PackedMasks, PackedMaterial, PackedMesh, PackedMeta, PackedParts, PackedPhase, PackedTexture,
-    PackedVolume, PackedWrap, PackedWriter, Palette,
+    PackedEmissionTexture, PackedEnvironment, PackedFilm, PackedImage, PackedLens, PackedLight,
+    PackedMask, PackedMasks, PackedMaterial, PackedMesh, PackedMeta, PackedParts, PackedPhase,
+    PackedTexture, PackedVolume, PackedWrap, PackedWriter, Palette,
 };
 use crate::run::Cancel;
 use crate::scene::grid::VolumeGrid;
 use crate::scene::texture::{CodeValues, Texels};
 use crate::scene::{
-    Camera, CameraKey, Emission, EmissiveVolume, EnvironmentImage, Grid, Light, Material, Scene,
-    Texture, Volume, Wrap,
+    Camera, CameraKey, Emission, EmissiveVolume, EnvironmentImage, Grid, Lens, Light, Material,
+    Scene, Texture, Volume, Wrap,
 };
 use rayon::prelude::*;
 
@@ -93,6 +93,7 @@ pub fn description(scene: &Scene, tables: &LevelTables) -> PackedMeta {
         parts: PackedParts {
             masks: masks(scene),
             emission_textures: emission_textures(scene),
+            lenses: lenses(scene),
         },
     }
 }
@@ -258,6 +259,22 @@ fn masks(scene: &Scene) -> Option<PackedMasks> {
         masks,
         has_opacities: !scene.mesh.opacities.is_empty(),
     })
+}
+
+/// Of cameras that are more than pinholes whose shutter opens for a moment.
+fn lenses(scene: &Scene) -> Vec<PackedLens> {
+    let lengths = |lens: Option<Lens>| lens.map(|l| [l.aperture, l.focus_distance]);
+    let of = |(number, camera): (u32, &Camera)| PackedLens {
+        camera: number,
+        lens: lengths(camera.lens),
+        keys: camera.keys.iter().map(|key| lengths(key.lens)).collect(),
+        shutter: camera.shutter,
+    };
+    let lenses = (0..).zip(&scene.cameras).map(of);
+    let says_something = |l: &PackedLens| {
+        l.lens.is_some() || l.shutter.is_some() || l.keys.iter().any(|k| k.is_some())
+    };
+    lenses.filter(says_something).collect()
 }
 
 fn volume(volume: &Volume, tables: &[BrickTable]) -> PackedVolume {

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 /// Width and height of the blocks that threads take, pixels: what blocks need around them is a
 /// smaller share of large ones, and small ones share out the work better where there are few.
-const BLOCK_SIZES: [[u32; 2]; 2] = [[128, 128], [64, 64]];
+pub const BLOCK_SIZES: [[u32; 2]; 2] = [[128, 128], [64, 64]];
 /// The same where pixels share nothing.
 const SIZES_ALONE: [[u32; 2]; 3] = [[64, 64], [32, 32], [8, 8]];
 /// Blocks for each thread, at least, for them to be larger than the smallest.
@@ -54,7 +54,7 @@ pub fn shade_region<A: CameraMedia>(
 
 /// The parts of a region that threads take: of the first of some sizes that gives enough of them,
 /// or of the last.
-fn blocks_of<const N: usize>(region: Region, sizes: [[u32; 2]; N]) -> Vec<Region> {
+pub fn blocks_of<const N: usize>(region: Region, sizes: [[u32; 2]; N]) -> Vec<Region> {
     let many = BLOCKS_PER_THREAD * rayon::current_num_threads();
     let mut blocks = Vec::new();
     for size in sizes {

@@ -6,7 +6,6 @@ use crate::light::{SceneMedia, Shadows, Vacuum};
 use crate::math::segment::Composite;
 use crate::math::{Ray, Rgb};
 use crate::view::View;
-use glam::Vec3;
 
 /// What camera rays and shadow rays pass.
 pub trait CameraMedia: Sync {
@@ -15,11 +14,11 @@ pub trait CameraMedia: Sync {
     /// What shadow rays pass.
     type Shadows: Shadows;
 
-    /// Passes what is between the camera and `t_max` along a unit direction.
-    fn march(&self, view: &View, direction: Vec3, t_max: f32) -> Self::Passed;
+    /// Passes what is along a camera ray.
+    fn march(&self, view: &View, ray: &Ray) -> Self::Passed;
 
     /// The same, and what it took.
-    fn march_counted(&self, view: &View, direction: Vec3, t_max: f32) -> (Self::Passed, Marched);
+    fn march_counted(&self, view: &View, ray: &Ray) -> (Self::Passed, Marched);
 
     /// What lighting media took so far.
     fn counts(&self) -> MediaCounts;
@@ -38,6 +37,13 @@ pub trait PassedMedia: Copy + Default + Send + Sync + 'static {
 
     /// Radiance scattered towards the camera.
     fn radiance(&self) -> Rgb;
+
+    /// Whether they take or add anything that is seen.
+    fn shows(&self) -> bool {
+        /// Share of light that is not.
+        const LITTLE: f32 = 1e-3;
+        !Self::IS_VACUUM && (self.transmittance() < 1.0 - LITTLE || !self.radiance().is_black())
+    }
 }
 
 impl CameraMedia for Vacuum {
@@ -45,11 +51,11 @@ impl CameraMedia for Vacuum {
     type Shadows = Self;
 
     #[inline]
-    fn march(&self, _: &View, _: Vec3, _: f32) -> Self {
+    fn march(&self, _: &View, _: &Ray) -> Self {
         Self
     }
 
-    fn march_counted(&self, _: &View, _: Vec3, _: f32) -> (Self, Marched) {
+    fn march_counted(&self, _: &View, _: &Ray) -> (Self, Marched) {
         (Self, Marched::default())
     }
 
@@ -82,11 +88,11 @@ pub struct ScatteringMedia<'a>(pub &'a (dyn March + 'a));
 
 /// Marches of camera rays through media.
 pub trait March: Sync {
-    /// Passes what is between the camera and `t_max` along a unit direction.
-    fn march(&self, view: &View, direction: Vec3, t_max: f32) -> Composite;
+    /// Passes what is along a camera ray.
+    fn march(&self, view: &View, ray: &Ray) -> Composite;
 
     /// The same, and what it took.
-    fn march_counted(&self, view: &View, direction: Vec3, t_max: f32) -> (Composite, Marched);
+    fn march_counted(&self, view: &View, ray: &Ray) -> (Composite, Marched);
 
     /// What lighting media took so far.
     fn counts(&self) -> MediaCounts;
@@ -96,12 +102,12 @@ impl<'a> CameraMedia for ScatteringMedia<'a> {
     type Passed = Composite;
     type Shadows = SceneMedia<'a>;
 
-    fn march(&self, view: &View, direction: Vec3, t_max: f32) -> Composite {
-        self.0.march(view, direction, t_max)
+    fn march(&self, view: &View, ray: &Ray) -> Composite {
+        self.0.march(view, ray)
     }
 
-    fn march_counted(&self, view: &View, direction: Vec3, t_max: f32) -> (Composite, Marched) {
-        self.0.march_counted(view, direction, t_max)
+    fn march_counted(&self, view: &View, ray: &Ray) -> (Composite, Marched) {
+        self.0.march_counted(view, ray)
     }
 
     fn counts(&self) -> MediaCounts {
@@ -110,12 +116,12 @@ impl<'a> CameraMedia for ScatteringMedia<'a> {
 }
 
 impl<G: GatherInMedia> March for InScatter<'_, G> {
-    fn march(&self, view: &View, direction: Vec3, t_max: f32) -> Composite {
-        self.march(&Ray::new(view.camera.origin(), direction, t_max))
+    fn march(&self, _: &View, ray: &Ray) -> Composite {
+        self.march(ray)
     }
 
-    fn march_counted(&self, view: &View, direction: Vec3, t_max: f32) -> (Composite, Marched) {
-        self.march_counted(&Ray::new(view.camera.origin(), direction, t_max))
+    fn march_counted(&self, _: &View, ray: &Ray) -> (Composite, Marched) {
+        self.march_counted(ray)
     }
 
     fn counts(&self) -> MediaCounts {
@@ -127,24 +133,23 @@ impl<G: GatherInMedia> March for InScatter<'_, G> {
 pub struct EmissiveMedia<'a>(pub &'a (dyn March + 'a));
 
 impl EmissiveMedia<'_> {
-    fn emitting(view: &View, direction: Vec3, t_max: f32, passed: Composite) -> Composite {
-        let ray = Ray::new(view.camera.origin(), direction, t_max);
+    fn emitting(view: &View, ray: &Ray, passed: Composite) -> Composite {
         Composite {
-            radiance: passed.radiance + view.tracer.emitted(&ray),
+            radiance: passed.radiance + view.tracer.emitted(ray),
             ..passed
         }
     }
 }
 
 impl March for EmissiveMedia<'_> {
-    fn march(&self, view: &View, direction: Vec3, t_max: f32) -> Composite {
-        let passed = self.0.march(view, direction, t_max);
-        Self::emitting(view, direction, t_max, passed)
+    fn march(&self, view: &View, ray: &Ray) -> Composite {
+        let passed = self.0.march(view, ray);
+        Self::emitting(view, ray, passed)
     }
 
-    fn march_counted(&self, view: &View, direction: Vec3, t_max: f32) -> (Composite, Marched) {
-        let (passed, took) = self.0.march_counted(view, direction, t_max);
-        (Self::emitting(view, direction, t_max, passed), took)
+    fn march_counted(&self, view: &View, ray: &Ray) -> (Composite, Marched) {
+        let (passed, took) = self.0.march_counted(view, ray);
+        (Self::emitting(view, ray, passed), took)
     }
 
     fn counts(&self) -> MediaCounts {

@@ -30,6 +30,8 @@ pub struct EmitterBorders {
     entries: Vec<BorderEntry>,
     /// A bit for each pixel, row by row, that has any; none at all if no pixel has.
     has_entries: Vec<u64>,
+    /// Triangles whose light in all pixels is told elsewhere, in order.
+    elsewhere: Vec<u32>,
 }
 
 /// What a pixel sees of the emitters whose borders run through it.
@@ -59,6 +61,18 @@ fn pixel_index(region: Region, x: u32, y: u32) -> u32 {
 }
 
 impl EmitterBorders {
+    /// No borders in a region, where the light of some triangles, in order, is told elsewhere.
+    #[must_use]
+    pub fn none_but(region: Region, elsewhere: Vec<u32>) -> Self {
+        Self {
+            region,
+            rays: 0,
+            entries: Vec::new(),
+            has_entries: Vec::new(),
+            elsewhere,
+        }
+    }
+
     /// Projects all emissive triangles that shine towards the camera. So many `rays` will tell what
     /// is before the part of one that is in a pixel.
     ///
@@ -112,6 +126,7 @@ impl EmitterBorders {
             rays,
             entries,
             has_entries,
+            elsewhere: Vec::new(),
         })
     }
 
@@ -129,6 +144,9 @@ impl EmitterBorders {
     /// Whether the border of any emitter runs through pixel (x, y).
     #[inline]
     pub fn is_border(&self, x: u32, y: u32) -> bool {
+        if self.has_entries.is_empty() {
+            return false;
+        }
         let pixel = pixel_index(self.region, x, y);
         let word = self.has_entries.get(pixel as usize / 64);
         word.is_some_and(|bits| bits >> (pixel % 64) & 1 == 1)
@@ -136,6 +154,9 @@ impl EmitterBorders {
 
     /// Whether a triangle's light in pixel (x, y) is told here and not by rays that meet it.
     pub fn has(&self, x: u32, y: u32, triangle: u32) -> bool {
+        if !self.elsewhere.is_empty() {
+            return self.elsewhere.binary_search(&triangle).is_ok();
+        }
         self.entries(x, y).iter().any(|e| e.triangle == triangle)
     }
 

@@ -13,6 +13,7 @@
 //! | `pattern`, `paint` | where samples lie inside a pixel; means of textures over it |
 //! | `emitter_borders` | the share of a pixel that emitters cover, in closed form |
 //! | `camera_media` | what camera rays pass, as a type |
+//! | `lens/` | the same for cameras with a lens, or that move while their shutter is open |
 //! | `pixel`, `pixel_sum` | a shaded pixel, and one in the making |
 //! | `ends` | where samples end: depth, position, albedo, alpha |
 //! | `pilot` | what a pixel takes, told by its corners |
@@ -24,6 +25,7 @@ mod corners;
 mod emitter_borders;
 mod ends;
 mod layers;
+mod lens;
 mod paint;
 mod pattern;
 mod piece;
@@ -38,6 +40,7 @@ pub use blocks::shade_region;
 pub use camera_media::{CameraMedia, EmissiveMedia, March, PassedMedia, ScatteringMedia};
 pub use emitter_borders::EmitterBorders;
 pub use layers::{Aov, Planes, Quantity, quantities, to_frame};
+pub use lens::{Confusion, most_spread_into, shade_region as shade_region_by_lens, spread_into};
 pub use pilot::{PilotMarch, PilotPixel};
 pub use sample::SampleCounts;
 pub use shader::{EndsOfView, PixelShader};

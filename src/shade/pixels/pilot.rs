@@ -71,7 +71,7 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         let sample = |away: u32| {
             let mut sample = self.corner(x + away, y + away);
             let before = Walked::of_thread();
-            let (passed, more) = (self.media).march_counted(&self.view, sample.direction, sample.t);
+            let (passed, more) = (self.media).march_counted(&self.view, &self.way_to(&sample));
             let (marched, walked) = took.get();
             let marched = Marched {
                 cells: marched.cells + more.cells,

@@ -8,7 +8,7 @@ use crate::math::Rgb;
 use crate::run::memory;
 
 /// What was asked for of a pixel, one number for each plane.
-fn values(quantity: Quantity, pixel: &Pixel) -> [f32; 3] {
+pub fn values(quantity: Quantity, pixel: &Pixel) -> [f32; 3] {
     match quantity {
         Quantity::Radiance => pixel.radiance().0,
         Quantity::Aov(Aov::Direct) => without(pixel.direct, pixel.sky_of_direct),

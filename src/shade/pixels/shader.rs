@@ -65,6 +65,14 @@ impl EndsOfView {
     }
 }
 
+impl<'a, A: CameraMedia> PixelShader<'a, A> {
+    /// The same with other borders of emitters.
+    #[must_use]
+    pub fn with_borders(&self, borders: &'a EmitterBorders) -> Self {
+        Self { borders, ..*self }
+    }
+}
+
 impl<A: CameraMedia> PixelShader<'_, A> {
     /// Shades pixel (x, y) by samples of its own: few first, and more if they disagree.
     #[must_use]
@@ -143,8 +151,14 @@ impl<A: CameraMedia> PixelShader<'_, A> {
     pub fn look(&self, x: f32, y: f32) -> Sample<A::Passed> {
         let view = &self.view;
         let direction = view.camera.direction(&view.film, x, y);
-        let ray = Ray::endless(view.camera.origin(), direction);
-        let (hit, is_masked) = view.tracer.closest_seen_and_masked(&ray);
+        self.look_along(&Ray::endless(view.camera.origin(), direction))
+    }
+
+    /// The sample along an endless camera ray, without any light and with media not yet passed.
+    #[inline]
+    pub fn look_along(&self, ray: &Ray) -> Sample<A::Passed> {
+        let (view, direction) = (&self.view, ray.direction);
+        let (hit, is_masked) = view.tracer.closest_seen_and_masked(ray);
         let surface =
             hit.map(|h| Surface::new(view.tracer.scene, h.triangle, h.uv).facing(-direction));
         Sample {
@@ -188,7 +202,12 @@ impl<A: CameraMedia> PixelShader<'_, A> {
 
     /// What the media before a sample take and add.
     pub fn march(&self, sample: &Sample<A::Passed>) -> A::Passed {
-        self.media.march(&self.view, sample.direction, sample.t)
+        self.media.march(&self.view, &self.way_to(sample))
+    }
+
+    /// The way of the camera ray of a sample through a pinhole.
+    pub fn way_to(&self, sample: &Sample<A::Passed>) -> Ray {
+        Ray::new(self.view.camera.origin(), sample.direction, sample.t)
     }
 
     /// Whether more samples would tell more.
@@ -345,15 +364,19 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         direction: Vec3,
         passed: &A::Passed,
     ) {
-        let sky = match self.shows_background {
-            true => (self.lights).seen_environment(direction, self.view.pixel_angle),
-            false => Rgb::BLACK,
-        };
-        let sky = sky * passed.transmittance();
+        let sky = self.background(direction) * passed.transmittance();
         pixel.add_miss(weight, WithSky { all: sky, sky }, passed);
         if let Some(ends) = &self.ends {
             let alpha = 1.0 - passed.transmittance();
             (pixel.ends).add_nothing(weight, alpha, ends.albedo_of_media * alpha);
+        }
+    }
+
+    /// What is seen where no surface is.
+    pub fn background(&self, direction: Vec3) -> Rgb {
+        match self.shows_background {
+            true => (self.lights).seen_environment(direction, self.view.pixel_angle),
+            false => Rgb::BLACK,
         }
     }
 

@@ -11,7 +11,7 @@ use super::column::{ColumnRows, PackedColumn};
 use crate::Result;
 use crate::record::MAX_VOLUMES;
 pub use light::{PackedEnvironment, PackedLight};
-pub use parts::{PackedEmissionTexture, PackedMask, PackedMasks, PackedParts};
+pub use parts::{PackedEmissionTexture, PackedLens, PackedMask, PackedMasks, PackedParts};
 pub use rules::MAX_EMISSION;
 use rules::check;
 pub use surface::{
@@ -191,7 +191,8 @@ impl PackedMeta {
         for material in &self.materials {
             material.validate(self.textures.len())?;
         }
-        (self.parts).validate(self.materials.len(), self.textures.len())?;
+        let (materials, textures) = (self.materials.len(), self.textures.len());
+        (self.parts).validate(materials, textures, &self.cameras)?;
         let areas = &self.areas;
         let are_right =
             areas.len() == self.materials.len() && areas.iter().all(|a| a.is_finite() && *a >= 0.0);

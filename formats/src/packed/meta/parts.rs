@@ -2,6 +2,7 @@
 //! something, behind all else.
 
 use super::rules::{check, is_share};
+use super::view::PackedCamera;
 use crate::Result as Checked;
 use bincode::de::Decoder;
 use bincode::de::read::Reader;
@@ -16,11 +17,15 @@ pub struct PackedParts {
     /// Textures of the emission of materials, by rising number of these.
     #[serde(default)]
     pub emission_textures: Vec<PackedEmissionTexture>,
+    /// Lenses and shutters of cameras, by rising number of these; at least one, if there are any.
+    #[serde(default)]
+    pub lenses: Vec<PackedLens>,
 }
 
 /// Numbers of parts.
 const MASKS: u32 = 1;
 const EMISSION_TEXTURES: u32 = 2;
+const LENSES: u32 = 3;
 
 /// A texture that is a factor on the emission of a material.
 #[derive(
@@ -39,6 +44,28 @@ pub struct PackedEmissionTexture {
     pub material: u32,
     /// Number of the texture.
     pub texture: u32,
+}
+
+/// The lens and the shutter of a camera.
+#[derive(
+    Clone,
+    Debug,
+    Default,
+    PartialEq,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub struct PackedLens {
+    /// Number of the camera.
+    pub camera: u32,
+    /// Radius of its opening and focus distance, scene units; `None` for a pinhole.
+    pub lens: Option<[f32; 2]>,
+    /// The same of each of its keys.
+    pub keys: Vec<Option<[f32; 2]>>,
+    /// When its shutter opens and closes, in frames from that of the picture.
+    pub shutter: Option<[f64; 2]>,
 }
 
 /// Where surfaces are there.
@@ -87,9 +114,12 @@ impl bincode::Encode for PackedParts {
         if let Some(masks) = &self.masks {
             (MASKS, masks).encode(encoder)?;
         }
-        match &self.emission_textures[..] {
-            [] => Ok(()),
-            _ => (EMISSION_TEXTURES, &self.emission_textures).encode(encoder),
+        if !self.emission_textures.is_empty() {
+            (EMISSION_TEXTURES, &self.emission_textures).encode(encoder)?;
+        }
+        match self.lenses.is_empty() {
+            false => (LENSES, &self.lenses).encode(encoder),
+            true => Ok(()),
         }
     }
 }
@@ -112,6 +142,12 @@ impl<C> bincode::Decode<C> for PackedParts {
                         return Err(DecodeError::Other("a part that says nothing"));
                     }
                 }
+                LENSES => {
+                    parts.lenses = bincode::Decode::decode(decoder)?;
+                    if parts.lenses.is_empty() {
+                        return Err(DecodeError::Other("a part that says nothing"));
+                    }
+                }
                 _ => return Err(DecodeError::Other("a part of an unknown kind")),
             }
         }
@@ -122,7 +158,12 @@ impl<C> bincode::Decode<C> for PackedParts {
 bincode::impl_borrow_decode!(PackedParts);
 
 impl PackedParts {
-    pub(super) fn validate(&self, materials: usize, textures: usize) -> Checked<()> {
+    pub(super) fn validate(
+        &self,
+        materials: usize,
+        textures: usize,
+        cameras: &[PackedCamera],
+    ) -> Checked<()> {
         if let Some(masks) = &self.masks {
             masks.validate(materials, textures)?;
         }
@@ -137,9 +178,36 @@ impl PackedParts {
             &|| "textures of emission".to_owned(),
             &format!("some of {materials} materials, in order, and textures below {textures}"),
             of,
-        )
+        )?;
+        let numbers: Vec<u32> = self.lenses.iter().map(|l| l.camera).collect();
+        check(
+            numbers.is_sorted_by(|a, b| a < b),
+            &|| "lenses".to_owned(),
+            "cameras in order",
+            &numbers,
+        )?;
+        self.lenses.iter().try_for_each(|l| l.validate(cameras))
     }
 }
+
+impl PackedLens {
+    fn validate(&self, cameras: &[PackedCamera]) -> Checked<()> {
+        let camera = cameras.get(self.camera as usize);
+        let mut lenses = self.keys.iter().chain([&self.lens]).flatten().flatten();
+        let is_open = |[open, close]: [f64; 2]| {
+            open < close && open.abs() <= MOST_FRAMES && close.abs() <= MOST_FRAMES
+        };
+        let is_right = camera.is_some_and(|c| c.keys.len() == self.keys.len())
+            && lenses.all(|l| (1e-15..=1e15).contains(l))
+            && self.shutter.is_none_or(is_open);
+        let expected = "a camera, lengths from 1e-15 to 1e15 of it and each of its keys, and a \
+                        shutter that opens before it closes";
+        check(is_right, &|| "lenses".to_owned(), expected, self)
+    }
+}
+
+/// Frames from that of a picture at which a shutter may open and close.
+const MOST_FRAMES: f64 = 1000.0;
 
 impl PackedMasks {
     fn validate(&self, materials: usize, textures: usize) -> Checked<()> {

@@ -1,33 +1,82 @@
 //! The cameras of a scene file.
 
 use crate::Result;
-use crate::scene::CameraKey;
 use crate::scene::builder::CameraInput;
 use crate::scene::load::table::Table;
+use crate::scene::{CameraKey, Lens};
 use glam::DVec3;
 
 /// Keys of cameras.
-pub const CAMERA: [&str; 7] = [
+pub const CAMERA: [&str; 10] = [
     "name",
     "position",
     "target",
     "up",
     "camera_to_world",
     "fov_x_deg",
+    "aperture",
+    "focus_distance",
+    "shutter",
     "key",
 ];
 /// Keys of where a camera is at a frame.
-pub const CAMERA_KEY: [&str; 6] = [
+pub const CAMERA_KEY: [&str; 8] = [
     "frame",
     "position",
     "target",
     "up",
     "camera_to_world",
     "fov_x_deg",
+    "aperture",
+    "focus_distance",
 ];
 
 /// The camera of a table, the first of them being number 0.
 pub fn camera(table: &Table<'_>, index: usize) -> Result<CameraInput> {
+    let lens = lens(table, [None; 2])?;
+    let camera = place(table, index)?;
+    let camera = match lens {
+        // Keys have theirs.
+        Some(lens) if table.get("key").is_none() => camera.lens(lens.aperture, lens.focus_distance),
+        _ => camera,
+    };
+    let Some(item) = table.get("shutter") else {
+        return Ok(camera);
+    };
+    let [open, close] = item.numbers()?;
+    if open >= close {
+        return Err(item.error(format_args!(
+            "expected when the shutter opens and, later, closes, in frames, found {open} and {close}"
+        )));
+    }
+    Ok(camera.shutter(open, close))
+}
+
+/// The aperture and the focus distance of a table, or those that its keys have if they have none.
+fn lengths(table: &Table<'_>, default: [Option<f64>; 2]) -> Result<[Option<f64>; 2]> {
+    let given = |key: &str, low: f64| {
+        let item = table.get(key);
+        item.map(|i| i.number_within(low, 1e15)).transpose()
+    };
+    let [aperture, focus_distance] = default;
+    Ok([
+        given("aperture", 0.0)?.or(aperture),
+        given("focus_distance", 1e-15)?.or(focus_distance),
+    ])
+}
+
+/// The lens of a table; `None` for a pinhole.
+fn lens(table: &Table<'_>, default: [Option<f64>; 2]) -> Result<Option<Lens>> {
+    match lengths(table, default)? {
+        [Some(aperture), Some(focus)] => Ok(Lens::new(aperture as f32, focus as f32)),
+        [Some(aperture), None] if aperture > 0.0 && table.get("key").is_none() => {
+            Err(table.error("`aperture` needs a `focus_distance`, at which things are sharp"))
+        }
+        _ => Ok(None),
+    }
+}
+
+fn place(table: &Table<'_>, index: usize) -> Result<CameraInput> {
     for key in ["position", "target", "up"] {
         table.exclusive(&["camera_to_world", key])?;
     }
@@ -63,7 +112,9 @@ fn moving_camera(table: &Table<'_>, name: String, fov_x_rad: f64) -> Result<Came
         table.exclusive(&["key", key])?;
     }
     let up = table.get("up").map(|up| up.vector()).transpose()?;
+    let own = lengths(table, [None; 2])?;
     let keys = table.tables("key", &CAMERA_KEY)?.into_iter().map(|key| {
+        let lens = lens(&key, own)?;
         let fov_x_rad = fov(&key, fov_x_rad)?;
         let frame = key.require("frame")?.frame()?;
         for other in ["position", "target", "up"] {
@@ -71,7 +122,8 @@ fn moving_camera(table: &Table<'_>, name: String, fov_x_rad: f64) -> Result<Came
         }
         if let Some(item) = key.get("camera_to_world") {
             let placed = CameraInput::placed("", item.affine()?, fov_x_rad);
-            return Ok(placed.map_err(|e| item.error(e))?.as_key(frame));
+            let placed = placed.map_err(|e| item.error(e))?.as_key(frame);
+            return Ok(CameraKey { lens, ..placed });
         }
         let position = key.require("position")?.vector()?;
         let target = key.require("target")?.vector()?;
@@ -84,6 +136,7 @@ fn moving_camera(table: &Table<'_>, name: String, fov_x_rad: f64) -> Result<Came
             target,
             up,
             fov_x_rad,
+            lens,
         })
     });
     let keys = keys.collect::<Result<Vec<_>>>()?;

@@ -105,6 +105,8 @@ impl ImportedCamera {
             world_from_camera: self.world_from_camera,
             fov_x_rad: 2.0 * libm::atan(libm::tan(0.5 * self.fov_y_rad) * aspect),
             keys: Vec::new(),
+            lens: None,
+            shutter: None,
         })
     }
 }

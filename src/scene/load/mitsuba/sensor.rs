@@ -8,17 +8,16 @@ use crate::scene::builder::CameraInput;
 use glam::{DAffine3, DVec3};
 
 /// Keys of cameras and films that make no difference here.
-const SENSOR: [&str; 9] = [
+const SENSOR: [&str; 7] = [
     "near_clip",
     "far_clip",
     "shutter_open",
     "shutter_close",
-    "focus_distance",
-    "aperture_radius",
     "principal_point_offset_x",
     "principal_point_offset_y",
     "srf",
 ];
+const LENS: [&str; 3] = ["focus_distance", "aperture_radius", "far_clip"];
 const FILM: [&str; 12] = [
     "file_format",
     "pixel_format",
@@ -39,11 +38,8 @@ impl Reader<'_> {
     pub(super) fn sensor(&mut self, sensor: &Element<'_>) -> Result<()> {
         sensor.take();
         match sensor.kind() {
-            "perspective" => {}
-            "thinlens" => {
-                let what = "thin lenses are taken as pinholes";
-                self.left_out.note(what, sensor.line());
-            }
+            "perspective" => sensor.ignore(&LENS)?,
+            "thinlens" => {}
             kind => {
                 if let Some(error) = plugins::unknown(sensor) {
                     return Err(error);
@@ -72,6 +68,10 @@ impl Reader<'_> {
             .map_or_else(|| format!("camera {number}"), str::to_owned);
         let camera = CameraInput::placed(name, world_from_camera, fov_x_rad);
         let camera = camera.map_err(|e| sensor.locate(e))?;
+        let camera = match sensor.kind() {
+            "thinlens" => with_lens(sensor, camera)?,
+            _ => camera,
+        };
         match self.builder.film {
             None => self.builder.film = Some(film),
             Some(first) if (first.width, first.height) != (film.width, film.height) => {
@@ -140,6 +140,17 @@ impl Reader<'_> {
             exposure: 1.0,
         })
     }
+}
+
+/// A camera with the lens of a `thinlens`.
+fn with_lens(sensor: &Element<'_>, camera: CameraInput) -> Result<CameraInput> {
+    let aperture = sensor.number_within("aperture_radius", 0.0, 1e15)?;
+    let aperture = aperture.ok_or_else(|| sensor.error("expected an `aperture_radius`"))?;
+    let focus_distance = sensor.number_within("focus_distance", 1e-15, 1e15)?;
+    let far_clip = sensor.number_within("far_clip", 1e-15, 1e15)?;
+    // As Mitsuba has it: without one the background is sharp.
+    let focus_distance = focus_distance.or(far_clip).unwrap_or(1e4);
+    Ok(camera.lens(aperture as f32, focus_distance as f32))
 }
 
 /// The horizontal field of view.

@@ -6,6 +6,7 @@
 //! their own.
 
 mod coarse_to_fine;
+mod lit;
 mod media;
 mod penumbra;
 mod sampler;
@@ -21,6 +22,7 @@ use crate::light::{ShadowRays, Visibility};
 use crate::math::sampling;
 use crate::shade::pixels::camera_media::{CameraMedia, PassedMedia};
 use crate::shade::surfaces::WithSky;
+pub use lit::{LitCorner, LitEnd};
 use penumbra::LightAtPixel;
 use sampler::Sampler;
 
@@ -179,12 +181,16 @@ impl<'a, A: CameraMedia> Corners<'a, A> {
         Some(sum * (1.0 / around.len() as f32))
     }
 
-    /// Shades pixel (x, y) of the region.
-    pub fn shade(&self, x: u32, y: u32) -> Pixel {
-        // The first of the 16 corners around the pixel.
+    /// The first of the 16 corners around pixel (x, y).
+    fn first_around(&self, x: u32, y: u32) -> usize {
         let row = (y - self.region.y0 + Self::RINGS - 1) as usize;
         let column = (x - self.region.x0 + Self::RINGS - 1) as usize;
-        self.shade_between(x, y, self.index(row, column))
+        self.index(row, column)
+    }
+
+    /// Shades pixel (x, y) of the region.
+    pub fn shade(&self, x: u32, y: u32) -> Pixel {
+        self.shade_between(x, y, self.first_around(x, y))
     }
 
     /// Shades pixel (x, y), around which `first` is the first of 16 corners.
