@@ -10,13 +10,15 @@ Writes folder/NAME.toml and NAME.glb, or with --frames NAME.0001.toml, ... for
 Taken are: meshes with their modifiers and the colours, textures and emission that glTF has (Diffuse and Emission
 nodes, too); all cameras, the scene's first, and their depth of field; sun, point, spot and area lights in Blender's units (watts; area lights
 become quads or disks that emit, points with a radius balls); a world of one colour or an image, turned about z by a
-Mapping node; what Ray Visibility keeps from the camera, and transparent film; volume objects (.vdb) with Principled
-Volume, and what that emits of a grid, or Volume Scatter. What is left out is told on stderr.
+Mapping node; what Ray Visibility keeps from the camera, and transparent film; light groups of lamps, objects that
+emit and the world; volume objects (.vdb) with Principled Volume, and what that emits of a grid, or Volume Scatter.
+What is left out is told on stderr.
 """
 import argparse
 import hashlib
 import math
 import os
+import re
 import shutil
 import sys
 
@@ -100,6 +102,17 @@ def prepare_materials():
 
 
 def light(obj, folder):
+    title, keys = light_keys(obj, folder)
+    return table(title, grouped(obj, keys))
+
+
+def grouped(obj, keys):
+    """With the light group that an object or a world is in."""
+    name = re.sub("[^A-Za-z0-9_-]", "_", getattr(obj, "lightgroup", ""))
+    return keys | {"group": name} if name else keys
+
+
+def light_keys(obj, folder):
     lamp, to_world = obj.data, Y_UP @ obj.matrix_world
     color = [c * lamp.energy * 2.0 ** getattr(lamp, "exposure", 0.0) for c in lamp.color]
     if getattr(lamp, "use_temperature", False):
@@ -114,7 +127,7 @@ def light(obj, folder):
         keys = {"type": "directional", "direction": ahead, "irradiance": color}
         if lamp.angle > 0:
             keys["angular_radius_deg"] = min(math.degrees(lamp.angle / 2), 89)
-        return table("[[light]]", keys)
+        return "[[light]]", keys
     if lamp.type == "AREA":
         return area_light(obj, color, to_world, folder)
     if lamp.type == "POINT" and lamp.shadow_soft_size > 0:
@@ -124,13 +137,13 @@ def light(obj, folder):
     # Watts all around, whatever the cone of a spot.
     intensity = [c / (4 * math.pi) for c in color]
     if lamp.type == "POINT":
-        return table("[[light]]", {"type": "point", "position": place, "intensity": intensity})
+        return "[[light]]", {"type": "point", "position": place, "intensity": intensity}
     outer = math.cos(lamp.spot_size / 2)
     inner = min(outer + (1 - outer) * max(lamp.spot_blend, 1e-4), 1)
     keys = {"type": "spot", "position": place, "direction": ahead, "intensity": intensity}
     keys["inner_deg"] = math.degrees(math.acos(inner))
     keys["outer_deg"] = math.degrees(lamp.spot_size / 2)
-    return table("[[light]]", keys)
+    return "[[light]]", keys
 
 
 def area_light(obj, color, to_world, folder):
@@ -155,7 +168,7 @@ def lamp_mesh(obj, keys, radiance):
     keys |= {"name": obj.name, "albedo": [0, 0, 0], "emission": radiance}
     if not obj.visible_camera:
         keys["visible"] = False
-    return table("[[mesh]]", keys)
+    return "[[mesh]]", keys
 
 
 def ball_light(obj, color, place, folder):
@@ -209,7 +222,7 @@ def world(scene, folder):
     visibility = getattr(scene.world, "cycles_visibility", None)
     if scene.render.film_transparent or not getattr(visibility, "camera", True):
         keys["visible"] = False
-    return table("[[light]]", keys)
+    return table("[[light]]", grouped(scene.world, keys))
 
 
 def sky(scene, folder):
@@ -422,6 +435,11 @@ def meshes(folder, name, known, left_out):
     return known[digest]
 
 
+def mesh_part(obj):
+    """What objects of one file have in common: their light group, and whether cameras do not see them."""
+    return grouped(obj, {}).get("group", ""), not obj.visible_camera
+
+
 def export(folder, name, known):
     scene = bpy.context.scene
     render = scene.render
@@ -434,13 +452,13 @@ def export(folder, name, known):
     cameras.sort(key=lambda obj: (obj != scene.camera, obj.name))
     out += "".join(camera(scene, obj) for obj in cameras)
     solid = [obj for obj in objects if obj.type in ("MESH", "CURVE", "SURFACE", "META", "FONT")]
-    seen = [obj for obj in solid if obj.visible_camera]
-    unseen = [obj for obj in solid if not obj.visible_camera]
-    if seen:
-        out += table("[[mesh]]", {"file": meshes(folder, name + ".glb", known, unseen)})
-    if unseen:
-        file = meshes(folder, name + ".unseen.glb", known, seen)
-        out += table("[[mesh]]", {"file": file, "visible": False})
+    for part in sorted({mesh_part(obj) for obj in solid}):
+        group, is_unseen = part
+        file = name + (f".{group}" if group else "") + (".unseen" if is_unseen else "") + ".glb"
+        others = [obj for obj in solid if mesh_part(obj) != part]
+        keys = {"file": meshes(folder, file, known, others)}
+        keys |= {"visible": False} if is_unseen else {}
+        out += table("[[mesh]]", keys | ({"group": group} if group else {}))
     out += world(scene, folder)
     out += "".join(light(obj, folder) for obj in objects if obj.type == "LIGHT")
     out += "".join(volume(obj, folder) for obj in objects if obj.type == "VOLUME")

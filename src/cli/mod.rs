@@ -25,6 +25,7 @@ mod kept;
 mod last_words;
 mod man;
 mod merge;
+mod mix;
 mod options;
 mod out_of_date;
 mod output;
@@ -86,6 +87,7 @@ enum Verb {
     Gather(gather::Args),
     Import(import::Args),
     Merge(merge::Args),
+    Mix(mix::Args),
     Farm(farm::Args),
     Inspect(inspect::Args),
     Verify(verify::Args),
@@ -112,6 +114,7 @@ impl Verb {
             Self::Gather(args) => args.files(),
             Self::Import(args) => args.files(),
             Self::Merge(args) => args.files(),
+            Self::Mix(args) => args.files(),
             Self::Farm(args) => args.files(),
             Self::Inspect(args) => args.files(),
             Self::Verify(args) => args.files(),
@@ -143,6 +146,7 @@ impl Verb {
             Self::Gather(args) => none.memory(args.memory),
             Self::Import(args) => none.memory(args.memory),
             Self::Merge(args) => none.memory(args.memory),
+            Self::Mix(args) => none.memory(args.memory),
             Self::Compare(args) => none.memory(args.memory),
             Self::Reference(args) => none.memory(args.memory),
             Self::Farm(_)
@@ -169,6 +173,7 @@ impl Verb {
             Self::Gather(args) => ("gather", args.run(context)),
             Self::Import(args) => ("import", args.run(context)),
             Self::Merge(args) => ("merge", args.run(context)),
+            Self::Mix(args) => ("mix", args.run(context)),
             Self::Farm(args) => ("farm", args.run(context)),
             Self::Inspect(args) => ("inspect", args.run(context)),
             Self::Verify(args) => ("verify", args.run(context)),

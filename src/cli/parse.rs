@@ -1,6 +1,7 @@
 //! Values on the command line.
 
 use crate::bounce::Bounces;
+use crate::image::mix::GroupScale;
 use crate::image::{Exposure, Region};
 use crate::lab::study::others::{Noise, PeerImage};
 use crate::run::{Frames, size};
@@ -38,6 +39,11 @@ pub fn frames(text: &str) -> Result<Frames, String> {
 
 /// A value for a key of a scene.
 pub fn change(text: &str) -> Result<Change, String> {
+    told(text.parse())
+}
+
+/// A factor on a group of lights.
+pub fn group_scale(text: &str) -> Result<GroupScale, String> {
     told(text.parse())
 }
 

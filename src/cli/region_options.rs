@@ -9,7 +9,7 @@ use clap::Args;
 use std::path::PathBuf;
 
 /// Which pixels, as typed.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct RegionOptions {
     /// Make only these pixels, X1 and Y1 excluded [default: the whole frame]
     #[arg(long, num_args = 4, value_names = ["X0", "Y0", "X1", "Y1"])]

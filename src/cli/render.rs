@@ -3,6 +3,7 @@
 use super::bake_options::BakeOptions;
 use super::files::{Files, check_writable};
 use super::kept::KeptTree;
+use super::mix::add_up;
 use super::options::{Context, Memory, Resume, Seed, Temporary};
 use super::parse;
 use super::plan::{Plan, Planning};
@@ -14,7 +15,7 @@ use crate::formats::{FileKind, Overwrite, TreeMeta};
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::tree::OpenTree;
-use crate::{Result, bake, bounce, build};
+use crate::{Error, Result, bake, bounce, build};
 use std::path::{Path, PathBuf};
 
 /// Render a scene: bake, build and shade in one go
@@ -26,6 +27,11 @@ pub struct Args {
     /// Keep the tree in this .lvt file, for `lvox shade` [default: it is deleted]
     #[arg(long, value_name = "FILE")]
     keep_tree: Option<PathBuf>,
+
+    /// Render the light of each group of the scene's lights apart, and write their sum with a layer
+    /// light.NAME for each, which `lvox mix` lights anew
+    #[arg(long, conflicts_with_all = ["keep_tree", "group", "resume", "plan"])]
+    groups: bool,
 
     #[command(flatten)]
     bake: BakeOptions,
@@ -65,8 +71,43 @@ impl Args {
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
-        let job = &context.job;
+        match self.groups {
+            true => self.run_groups(context),
+            false => self.run_as(&self.scene, &self.shade, context),
+        }
+    }
+
+    /// Renders the light of each group, and adds them up.
+    fn run_groups(&self, context: &Context) -> Result<()> {
         self.shade.check()?;
+        let scene = self.scene.load(context)?;
+        let groups = scene.groups.clone();
+        self.scene.leave(scene, context);
+        if groups.is_empty() {
+            return Err(
+                Error::input("the scene has no lights that could be in groups")
+                    .hint("groups are those of a scene file (.toml)"),
+            );
+        }
+        let folder = context.job.temporary_folder()?;
+        let mut images = Vec::with_capacity(groups.len());
+        for group in groups {
+            let image = folder.path().join(format!("{group}.exr"));
+            context.job.progress.say(&format!("group {group}"));
+            let shade = self.shade.to(image.clone());
+            self.run_as(&self.scene.lit_by(&group), &shade, context)?;
+            images.push((group, image));
+        }
+        let images = images
+            .iter()
+            .map(|(group, image)| (Some(group.clone()), &**image));
+        add_up(images, &[], self.shade.target(), context)
+    }
+
+    fn run_as(&self, scene: &SceneInput, shade: &ShadeOptions, context: &Context) -> Result<()> {
+        let (input, options) = (scene, shade);
+        let job = &context.job;
+        options.check()?;
         crate::build::check_memory(job.memory_limit)?;
         if let Some(path) = &self.keep_tree
             && !context.kept.borrow().has_tree(path)
@@ -75,39 +116,39 @@ impl Args {
         }
         let settings = self.stages();
         settings.bake.check()?;
-        let scene = self.scene.load(context)?;
-        let others = self.shade.check_with(&scene, 0, job)?;
+        let scene = input.load(context)?;
+        let others = options.check_with(&scene, 0, job)?;
         job.heed_warnings()?;
         if self.planning.plan {
-            let region = self.shade.region(&scene)?;
+            let region = options.region(&scene)?;
             let held = others.max(bake::check_memory(&scene, &settings.bake, job)?);
             let plan = Plan::of(&self.files(), held).with_scene(&scene);
             let plan = plan.with("pixels", region.pixels() as u64);
             return plan.print(self.planning);
         }
         let (wanted, seed) = (settings.origin(&scene)?, self.seed.seed);
-        let is_made = (self.shade).is_made_by(self.resume, &scene, &wanted, seed, job)?;
+        let is_made = options.is_made_by(self.resume, &scene, &wanted, seed, job)?;
         if !is_made {
             let mut tree = self.tree(&scene, &settings, &wanted, context)?;
             if job.memory_limit.is_some() {
                 tree.store = OpenTree::open(&tree.path, job.memory_limit)?.beside(others)?;
             }
-            let shading = &self.shade.settings;
+            let shading = &options.settings;
             let settings = shading.resolve(&scene, &tree.store, seed, job)?;
             // Before there was a tree it was not known which settings an error takes.
             let resume = match shading.typed(seed) {
                 Some(_) => Resume::default(),
                 None => self.resume,
             };
-            if !(self.shade).is_made(resume, &scene, &tree.store, &settings, job)? {
-                self.shade.run(&scene, &tree.store, &settings, job)?;
+            if !options.is_made(resume, &scene, &tree.store, &settings, job)? {
+                options.run(&scene, &tree.store, &settings, job)?;
                 times::say(context, "shade", &["bake", "build", "bounce", "pilot"]);
             }
             if context.frame.is_some() {
                 context.kept.borrow_mut().leave_tree(tree);
             }
         }
-        self.scene.leave(scene, context);
+        input.leave(scene, context);
         Ok(())
     }
 

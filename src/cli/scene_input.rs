@@ -39,6 +39,11 @@ pub struct Reading {
     /// Of a Mitsuba file it sets the parameter $KEY. May be given several times
     #[arg(long, value_name = "KEY=VALUE", value_parser = parse::change)]
     set: Vec<Change>,
+
+    /// Light the scene by this group of its lights alone; `default` is that of lights in no group.
+    /// `lvox mix` adds groups up
+    #[arg(long, value_name = "NAME")]
+    group: Option<String>,
 }
 
 impl Reading {
@@ -49,12 +54,13 @@ impl Reading {
             allow_outside: self.allow_outside,
             frame,
             changes: self.set.clone(),
+            group: self.group.clone(),
         }
     }
 }
 
 /// A scene file, or the scene that is built in.
-#[derive(Debug, clap::Args)]
+#[derive(Clone, Debug, clap::Args)]
 pub struct SceneInput {
     /// Read this scene: .toml, .xml (Mitsuba), .gltf, .glb, or .lvp of `lvox pack`
     #[arg(value_name = "SCENE", required_unless_present = "demo")]
@@ -113,7 +119,17 @@ impl SceneInput {
         for Change { key, value } in &self.reading.set {
             words.extend(["--set".into(), format!("{key}={value}")]);
         }
+        if let Some(group) = &self.reading.group {
+            words.extend(["--group".into(), group.clone()]);
+        }
         Ok(words)
+    }
+
+    /// The same scene, lit by a group of its lights alone.
+    pub fn lit_by(&self, group: &str) -> Self {
+        let mut input = self.clone();
+        input.reading.group = Some(group.into());
+        input
     }
 
     /// Whether it is a packed scene by its name.

@@ -15,10 +15,10 @@ use crate::shade::{self, Aov, Settings};
 use crate::tree::OpenTree;
 use crate::{Error, Result};
 use clap::Args;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// How to shade, as typed.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Shading")]
 pub struct ShadeOptions {
     /// Write the image to this .exr or .png file, or as an array of float32 (rows, columns,
@@ -57,6 +57,21 @@ pub struct ShadeOptions {
 }
 
 impl ShadeOptions {
+    /// The same, to another image, with every bit.
+    pub fn to(&self, output: PathBuf) -> Self {
+        Self {
+            output,
+            exposure: None,
+            float: true,
+            ..self.clone()
+        }
+    }
+
+    /// The image that it makes, as it was asked for.
+    pub fn target(&self) -> (&Path, Precision, Option<Exposure>) {
+        (&self.output, self.precision(), self.exposure)
+    }
+
     /// Adds what it writes.
     pub fn files(&self, files: Files) -> Files {
         self.region.files(files).writes("--output", &self.output)

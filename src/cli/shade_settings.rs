@@ -10,7 +10,7 @@ use crate::tree::OpenTree;
 use clap::Args;
 
 /// How to shade, as typed.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Shading")]
 pub struct ShadeSettings {
     /// Look through this camera of the scene [default: its first]

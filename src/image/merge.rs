@@ -3,7 +3,7 @@
 use super::coverage::faults;
 use super::exr::{self, Info};
 use super::frame::EXPOSURE;
-use super::{Exposure, Frame, ImageKind, Layer, Region, npy, png};
+use super::{Exposure, Frame, ImageKind, Layer, Region, write};
 use crate::run::{Job, memory, size};
 use crate::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet};
@@ -60,7 +60,7 @@ pub fn merge(
     exposure: Option<Exposure>,
     job: &Job,
 ) -> Result<Merged> {
-    let kind = ImageKind::named(output)?;
+    ImageKind::named(output)?;
     let infos = infos(inputs)?;
     let gaps = gaps(inputs, &infos)?;
     let first = &infos[0];
@@ -86,22 +86,7 @@ pub fn merge(
         paste(&mut frame, tile);
         task.add(1);
     }
-    if let Some(found) = frame.not_finite() {
-        job.progress.warn(&format!("{}: {found}", output.display()));
-    }
-    job.heed_warnings()?;
-    match kind {
-        ImageKind::Exr => exr::write(output, &frame, first.precision())?,
-        ImageKind::Npy => {
-            job.progress.say(&npy::told(output, &frame));
-            npy::write(output, &frame)?;
-        }
-        ImageKind::Png => {
-            let noted = frame.attributes.get(EXPOSURE).and_then(|e| e.parse().ok());
-            let exposure = exposure.unwrap_or(Exposure::Fixed(noted.unwrap_or(1.0)));
-            png::write_exposed(output, &frame, exposure, &job.progress)?;
-        }
-    }
+    write(output, &frame, first.precision(), exposure, job)?;
     Ok(Merged {
         width: frame.width,
         height: frame.height,

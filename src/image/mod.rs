@@ -14,6 +14,8 @@
 //! | `exposure` | of pictures of eight bits, given or found |
 //! | `png`, `tone`, `heat` | eight bits: the tone map, its inverse, and colours of errors |
 //! | `merge`, `coverage` | tiles made one frame, once they are known to cover it |
+//! | `mix` | images of groups of lights added up |
+//! | `write` | a frame in a file of the kind that its name tells |
 //! | `cost_map`, `tile_list` | a frame cut into tiles of equal cost, and such tiles in a file |
 //! | `onlooker` | one who sees parts of a frame as they are finished |
 //! | `metrics` | how far a picture is from a reference |
@@ -32,6 +34,7 @@ mod kind;
 pub mod load;
 mod merge;
 pub mod metrics;
+pub mod mix;
 pub mod npy;
 mod onlooker;
 mod picture;
@@ -44,6 +47,7 @@ pub(crate) mod samples;
 pub(crate) mod subject;
 pub mod tile_list;
 pub mod tone;
+mod write;
 
 pub use cost_map::{CellCost, CostMap};
 pub use exposure::Exposure;
@@ -53,3 +57,4 @@ pub use merge::{Merged, Missing, merge, missing};
 pub use onlooker::Onlooker;
 pub use picture::Picture;
 pub use region::Region;
+pub use write::write;

@@ -92,6 +92,10 @@ pub struct Scene {
     pub warnings: Vec<String>,
     /// What was made of it that is worth knowing and nothing amiss.
     pub notes: Vec<String>,
+    /// Groups that its lights are in, of a scene file; [`load::DEFAULT_GROUP`] is that of lights in none.
+    pub groups: Vec<String>,
+    /// The only one that lights it; `None` if all do.
+    pub group: Option<String>,
     /// The frame that it is at: cameras that move are where they are in that; without it at their
     /// first keys.
     pub frame: Option<i32>,
@@ -123,6 +127,8 @@ impl Scene {
             files: Vec::new(),
             warnings: Vec::new(),
             notes: Vec::new(),
+            groups: Vec::new(),
+            group: None,
             frame: None,
             files_of_frame: None,
             packed: None,

@@ -52,6 +52,7 @@ fn attributes_but_of_files(
         Some(("exposure", scene.film.exposure.to_string())),
         Some(("scene", hex(&scene.hash))),
         scene.frame.map(|frame| ("frame", frame.to_string())),
+        scene.group.clone().map(|group| ("group", group)),
         Some((BAKED, how_made(tree))),
         (segments != OpenTree::SEGMENTS_OF_ONE_BOUNCE).then(|| ("segments", segments.to_string())),
         Some((

@@ -16,6 +16,7 @@ mod fog;
 mod frames;
 mod gather;
 mod grain;
+mod groups;
 mod hostile_trees;
 mod leaks;
 mod left_out;

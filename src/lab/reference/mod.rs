@@ -18,6 +18,7 @@ pub use sums::Sums;
 
 use crate::image::exr::{self, Precision};
 use crate::image::metrics::linear::RELATIVE_FLOOR;
+use crate::image::mix::GROUP;
 use crate::image::samples::{Origin, Row};
 use crate::image::{COLOR_SPACE, CameraMatrices, Frame, ImageKind, Onlooker, Region, npy};
 use crate::math::{Rgb, sampling};
@@ -294,6 +295,9 @@ pub fn frame(scene: &Scene, sums: &Sums) -> Frame {
         ("spp", spp),
     ] {
         frame.attributes.insert(format!("lvox/{name}"), value);
+    }
+    if let Some(group) = &scene.group {
+        frame.attributes.insert(GROUP.into(), group.clone());
     }
     let [name, value] = COLOR_SPACE.map(str::to_owned);
     frame.attributes.insert(name, value);

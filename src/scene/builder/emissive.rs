@@ -29,6 +29,11 @@ impl EmissiveInput {
         }
     }
 
+    /// Takes its light, for a scene that is lit by others.
+    pub(in crate::scene) fn darken(&mut self) {
+        self.emission = Emission::Proportional { radiance: [0.0; 3] };
+    }
+
     /// Refuses what readers of files refuse before they make one.
     pub(super) fn check_values(&self) -> Result<()> {
         let numbers = match self.emission {

@@ -53,6 +53,11 @@ impl MeshInput {
         }
     }
 
+    /// Whether any of its materials sends light.
+    pub(in crate::scene) fn emits(&self) -> bool {
+        self.materials.iter().any(|m| m.emission != [0.0; 3])
+    }
+
     /// Gives all its materials this albedo, each channel in `[0,1]`.
     #[must_use]
     pub fn albedo(mut self, albedo: [f32; 3]) -> Self {

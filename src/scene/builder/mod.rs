@@ -98,6 +98,12 @@ pub struct SceneBuilder {
     pub(super) is_environment_unseen: bool,
     pub(super) volumes: Vec<VolumeInput>,
     pub(super) emissive: Vec<EmissiveInput>,
+    /// Groups that its lights are in.
+    pub(super) groups: Vec<String>,
+    /// Whether the lights of other groups are left out.
+    pub(super) is_lit_in_part: bool,
+    /// Meshes whose emission is, too.
+    pub(super) dark_meshes: Vec<usize>,
 }
 
 /// A box in world space.
@@ -271,9 +277,13 @@ impl SceneBuilder {
             warnings.push("the scene has no camera: framing everything from the front".into());
         }
         self.unmask_emitters(&mut warnings);
+        for mesh in std::mem::take(&mut self.dark_meshes) {
+            let materials = self.meshes[mesh].materials.iter_mut();
+            materials.for_each(|m| m.emission = [0.0; 3]);
+        }
         let mut notes = Vec::new();
         let environment_image = self.take_sky(&mut notes)?;
-        if self.is_dark() && environment_image.is_none() {
+        if self.is_dark() && !self.is_lit_in_part && environment_image.is_none() {
             self.lights.push(LightInput::environment([1.0; 3]));
             warnings.push("the scene has no light: adding an environment of radiance 1".into());
         }
@@ -311,7 +321,8 @@ impl SceneBuilder {
             volume.limit_extinction();
             volume
         });
-        let emissive = self.emissive.into_iter().map(|e| {
+        let shining = self.emissive.into_iter().filter(|e| !e.emission.is_black());
+        let emissive = shining.map(|e| {
             let v = e.values;
             let scene_from_index = scene_from_world * v.world_from_grid;
             EmissiveVolume {
@@ -344,6 +355,8 @@ impl SceneBuilder {
             files: Vec::new(),
             warnings,
             notes,
+            groups: self.groups,
+            group: None,
             frame: None,
             files_of_frame: None,
             packed: None,

@@ -205,6 +205,9 @@ impl Files {
             self.add(format!("{}={}", change.key, change.value).as_bytes())?;
             self.settings.changes.push(change);
         }
+        if let Some(group) = self.settings.group.clone() {
+            self.add(format!("group={group}").as_bytes())?;
+        }
         Ok(())
     }
 

@@ -16,6 +16,7 @@
 //   crease angle
 // - `contents`: what a file holds, for those who ask; `values`: what the values of a volume are,
 //   by `layers`; `suggest` and `depth`: what to write of them, and what to warn of
+// - `groups`: groups of lights
 // - `files`: reads and hashes files and collects warnings; `images`: those that were decoded;
 //   `left_out`: what to tell of them; `changes`: values of a scene file that are changed as it is read
 
@@ -29,6 +30,7 @@ mod environment;
 mod field;
 mod files;
 mod gltf;
+mod groups;
 mod images;
 mod layers;
 mod left_out;
@@ -60,6 +62,8 @@ mod vol;
 
 pub use changes::Change;
 pub use contents::{Contents, ContentsKind, EXTENSIONS, contents, has_contents};
+pub use groups::DEFAULT as DEFAULT_GROUP;
+pub(crate) use groups::is_name as is_group_name;
 pub use suggest::SuggestedWindow;
 pub use values::{GridValues, Histogram};
 
@@ -86,6 +90,9 @@ pub struct Settings {
     /// Values in place of those of the scene file, one after the other. The hash of the scene is over
     /// them, too.
     pub changes: Vec<Change>,
+    /// The group of lights that lights the scene alone; `None` for all. [`DEFAULT_GROUP`] is that of
+    /// lights that are in no group. The hash of the scene is over it, too.
+    pub group: Option<String>,
 }
 
 impl Default for Settings {
@@ -95,6 +102,7 @@ impl Default for Settings {
             allow_outside: false,
             frame: None,
             changes: Vec::new(),
+            group: None,
         }
     }
 }
@@ -133,6 +141,7 @@ impl Scene {
     fn load_until(path: &Path, settings: &Settings, cancel: &Cancel) -> Result<Self> {
         if is_packed(path) {
             refuse_changes(path, settings)?;
+            refuse_group(path, settings)?;
             return packed::read(path, settings.frame, settings.texture_limit, cancel);
         }
         let mut files = Files::with(settings.clone(), cancel);
@@ -181,6 +190,18 @@ fn refuse_changes(path: &Path, settings: &Settings) -> Result<()> {
     }
 }
 
+/// Refuses a group of lights of what has none.
+fn refuse_group(path: &Path, settings: &Settings) -> Result<()> {
+    match &settings.group {
+        None => Ok(()),
+        Some(group) => Err(Error::input(format!(
+            "{}: `group` {group}: expected a scene file (.toml), whose lights have groups",
+            path.display()
+        ))
+        .hint("take this file into a scene file, or pack a scene of one group")),
+    }
+}
+
 /// Extensions of volume files of one field that say themselves what their samples are.
 const FIELD_FILES: [&str; 6] = ["nrrd", "nhdr", "nii", "mhd", "mha", "vol"];
 
@@ -209,11 +230,15 @@ fn read_scene(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
         }
         "gltf" | "glb" => {
             refuse_changes(path, &files.settings)?;
+            refuse_group(path, &files.settings)?;
             let content = files.read("scene", path)?;
             let import = gltf::read(&content, path, files).map_err(|e| e.at(path.display()))?;
             import.into_scene(path).map_err(|e| e.at(path.display()))
         }
-        "xml" => mitsuba::read(path, files),
+        "xml" => {
+            refuse_group(path, &files.settings)?;
+            mitsuba::read(path, files)
+        }
         other => Err(Error::input(format!(
             "{}: expected a scene file, found the extension \"{other}\"",
             path.display()
@@ -228,6 +253,7 @@ fn finish(builder: SceneBuilder, files: Files) -> Result<Scene> {
     let builder = SceneBuilder { frame, ..builder };
     let mut scene = builder.finish(&files.cancel)?;
     scene.hash = files.hash();
+    scene.group.clone_from(&files.settings.group);
     scene.files_of_frame = frame.filter(|_| files.names_frames);
     scene.files = files.paths;
     scene.warnings.splice(..0, files.warnings);

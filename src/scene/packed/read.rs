@@ -94,6 +94,8 @@ fn scene(
         files: vec![path.to_owned()],
         warnings: meta.warnings.clone(),
         notes: Vec::new(),
+        groups: Vec::new(),
+        group: None,
         frame: None,
         files_of_frame: meta.frame,
         packed: Some(packed.clone()),

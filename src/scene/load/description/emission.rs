@@ -12,8 +12,8 @@ use crate::scene::load::table::Table;
 use std::path::{Path, PathBuf};
 
 /// Keys of an emission.
-const EMISSION: [&str; 9] = [
-    "file", "grid", "dims", "dtype", "endian", "scale", "color", "kelvin", "curve",
+const EMISSION: [&str; 10] = [
+    "file", "grid", "dims", "dtype", "endian", "scale", "color", "kelvin", "curve", "group",
 ];
 
 /// The `emission` of a volume.
@@ -67,6 +67,11 @@ impl<'a> EmissionTable<'a> {
             },
             table,
         }))
+    }
+
+    /// The table itself.
+    pub fn table(&self) -> &Table<'a> {
+        &self.table
     }
 
     /// The volumes that light comes from: of a file or a grid of its own, or of the `known` fields of

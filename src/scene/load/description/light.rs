@@ -8,7 +8,7 @@ use crate::scene::load::table::Table;
 use std::path::Path;
 
 /// Keys of lights.
-pub const LIGHT: [&str; 14] = [
+pub const LIGHT: [&str; 15] = [
     "type",
     "position",
     "direction",
@@ -23,6 +23,7 @@ pub const LIGHT: [&str; 14] = [
     "rotate_deg",
     "sun",
     "visible",
+    "group",
 ];
 /// The types of lights.
 const LIGHT_TYPES: [&str; 4] = ["point", "spot", "directional", "environment"];
@@ -35,10 +36,12 @@ const SPOT: [&str; 6] = [
     "inner_deg",
     "outer_deg",
 ];
+/// Those that an environment of an image has.
+const IMAGE: [&str; 5] = ["image", "radiance", "rotate_deg", "sun", "visible"];
 /// Refuses keys of lights that one of this type does not have.
 fn only(table: &Table<'_>, keys: &[&str]) -> Result<()> {
     for key in LIGHT {
-        if key != "type" && !keys.contains(&key) && table.get(key).is_some() {
+        if !["type", "group"].contains(&key) && !keys.contains(&key) && table.get(key).is_some() {
             return Err(table
                 .error(format_args!("this type of light has no `{key}`"))
                 .hint(format!("its keys are {}", keys.join(", "))));
@@ -79,10 +82,7 @@ pub fn environment_image(
     else {
         return Ok(None);
     };
-    only(
-        table,
-        &["image", "radiance", "rotate_deg", "sun", "visible"],
-    )?;
+    only(table, &IMAGE)?;
     let scale = match table.get("radiance") {
         Some(item) => item.color(MAX_EMISSION)?,
         None => [1.0; 3],
@@ -106,6 +106,14 @@ pub fn environment_image(
         true => input.keeping_suns(),
         false => input,
     }))
+}
+
+/// Refuses what is wrong with a light that is not wanted.
+pub fn check(table: &Table<'_>) -> Result<()> {
+    match table.get("image") {
+        None => light(table).map(drop),
+        Some(_) => only(table, &IMAGE),
+    }
 }
 
 /// A light of another kind.

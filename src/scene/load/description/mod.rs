@@ -11,12 +11,13 @@ use self::light::{LIGHT, environment_image, light};
 use self::volume::{Kept, VOLUME, volumes};
 use super::colors::ColorEncoding;
 use super::files::{Files, beside, extension};
+use super::groups::Groups;
 use super::table::{Document, Item, Table};
 use super::texture::Decoding;
 use super::{builtin, changes, gltf, normals, obj, ply, texture, transform};
 use crate::Result;
 use crate::run::Cancel;
-use crate::scene::builder::{DEFAULT_FILM, MAX_EMISSION, MeshInput, SceneBuilder};
+use crate::scene::builder::{DEFAULT_FILM, EmissiveInput, MAX_EMISSION, MeshInput, SceneBuilder};
 use crate::scene::{Film, Light, Mask, Material, Texture};
 use glam::DAffine3;
 use std::borrow::Cow;
@@ -24,7 +25,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 const FILM: [&str; 3] = ["width", "height", "exposure"];
-const MESH: [&str; 19] = [
+const MESH: [&str; 20] = [
     "file",
     "name",
     "transform",
@@ -40,6 +41,7 @@ const MESH: [&str; 19] = [
     "emission",
     "emission_texture",
     "emits_both_sides",
+    "group",
     "visible",
     "normals",
     "import",
@@ -79,7 +81,14 @@ pub(super) fn read(text: &str, path: &Path, files: &mut Files) -> Result<SceneBu
     let lights = root.tables("light", &LIGHT)?;
     let volume_tables = root.tables("volume", &VOLUME)?;
     builder.is_environment_unseen = light::are_environments_unseen(&lights)?;
+    let wanted = files.settings.group.clone();
+    builder.is_lit_in_part = wanted.is_some();
+    let mut groups = Groups::new(wanted.as_deref());
     for table in lights {
+        if !groups.add(&table)? {
+            light::check(&table)?;
+            continue;
+        }
         match environment_image(&table, path, files)? {
             None => builder.lights.push(light(&table)?),
             Some(_) if builder.environment_image.is_some() => {
@@ -89,7 +98,19 @@ pub(super) fn read(text: &str, path: &Path, files: &mut Files) -> Result<SceneBu
         }
     }
     for table in root.tables("mesh", &MESH)? {
+        let lights = builder.lights.len();
         let mesh = mesh(&table, path, &mut builder, files)?;
+        let is_light = mesh.emits() || builder.lights.len() > lights;
+        if !is_light && let Some(item) = table.get("group") {
+            files.warn(
+                item.error("the mesh sends no light that could be in a group")
+                    .to_string(),
+            );
+        }
+        if is_light && !groups.add(&table)? {
+            builder.lights.truncate(lights);
+            builder.dark_meshes.push(builder.meshes.len());
+        }
         builder.meshes.push(mesh);
     }
     let mut kept = Kept::of(&volume_tables);
@@ -98,10 +119,15 @@ pub(super) fn read(text: &str, path: &Path, files: &mut Files) -> Result<SceneBu
         let (media, fields) = volumes(&table, path, files, &mut kept)?;
         builder.volumes.extend(media);
         if let Some(emission) = emission {
-            let emissive = emission.read(&table, path, fields, files)?;
+            let is_wanted = groups.add(emission.table())?;
+            let mut emissive = emission.read(&table, path, fields, files)?;
+            if !is_wanted {
+                emissive.iter_mut().for_each(EmissiveInput::darken);
+            }
             builder.emissive.extend(emissive);
         }
     }
+    builder.groups = groups.finish().map_err(|e| e.at(path.display()))?;
     Ok(builder)
 }
 
