@@ -13,6 +13,8 @@ pub const GROUP: &str = "lvox/group";
 pub const LIGHT: &str = "light.";
 /// Layers of light of all groups: sums, as the beauty is.
 const SUMS: [&str; 4] = ["direct", "environment", "indirect", "volume"];
+/// A layer in which lights show as white, and other surfaces as they reflect: the largest is meant.
+const ALBEDO: &str = "albedo";
 /// A layer that cannot be added up as light is.
 const VARIANCE: &str = "variance";
 
@@ -241,7 +243,12 @@ fn add_others(
             continue;
         }
         if !SUMS.contains(&&**name) && name != VARIANCE {
-            mixed.layers.push(layer.clone());
+            let mut layer = layer.clone();
+            if name == ALBEDO {
+                let others = parts.iter().filter_map(|p| p.frame.layer(ALBEDO));
+                others.for_each(|other| lighten(&mut layer, other));
+            }
+            mixed.layers.push(layer);
             continue;
         }
         let all: Option<Vec<&Layer>> = parts.iter().map(|p| p.frame.layer(name)).collect();
@@ -259,6 +266,17 @@ fn add_others(
         mixed.layers.push(sum);
     }
     Ok(left_out)
+}
+
+/// Takes the larger samples of two layers.
+fn lighten(layer: &mut Layer, other: &Layer) {
+    for (name, samples) in &mut layer.channels {
+        let others = other.channel(name).unwrap_or_default();
+        samples
+            .iter_mut()
+            .zip(others)
+            .for_each(|(a, b)| *a = a.max(*b));
+    }
 }
 
 /// What all images say of their origin.

@@ -57,8 +57,8 @@ fn groups_add_up_to_the_frame_of_all_lights() {
         assert_eq!(frame.attributes["lvox/group"], *group);
         assert!(mean(&beauty(&frame)) > 0.0, "{group}");
         // What is seen does not depend on what lights it.
-        for name in ["depth", "normal", "albedo", "position"] {
-            assert_eq!(frame.layer(name), whole.layer(name), "{group} {name}");
+        for name in ["depth", "normal", "position"] {
+            assert!(frame.layer(name) == whole.layer(name), "{group} {name}");
         }
         Part {
             path: PathBuf::from(group),
@@ -69,7 +69,7 @@ fn groups_add_up_to_the_frame_of_all_lights() {
     let parts: Vec<Part> = parts.collect();
     let sum = mix(parts, &[]).unwrap();
     assert!(sum.left_out.is_empty());
-    for name in ["", "direct", "indirect", "volume"] {
+    for name in ["", "direct", "indirect", "volume", "albedo"] {
         let (found, expected) = (layer(&sum.frame, name), layer(&whole, name));
         let bias = mean(&found) / mean(&expected) - 1.0;
         let noise = relative_rms(&found, &expected);
