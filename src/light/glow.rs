@@ -11,9 +11,11 @@ use crate::math::{Aabb, Rgb, sampling};
 use crate::scene::{EmissiveBlock, EmissiveVolume};
 use glam::Vec3;
 use smallvec::SmallVec;
+use std::f32::consts::PI;
 
-/// Which of the sequences of shadow rays goes to emissive volumes.
-const SET: u32 = 60;
+/// Which of the sequences of shadow rays go to emissive volumes: they choose leaves and distances,
+/// and directions.
+const SETS: [u32; 2] = [60, 59];
 
 /// The light of all emissive volumes of a scene.
 #[derive(Debug)]
@@ -35,8 +37,6 @@ struct Leaf<'a> {
     ball: &'a EmissiveBlock,
     /// The chance of a ray to go there.
     chance: f32,
-    /// Where in its share of [0,1] the number is that chose it.
-    within: f32,
 }
 
 impl Glow {
@@ -95,23 +95,21 @@ impl Glow {
     ) -> Rgb {
         let mut sent = Rgb::BLACK;
         for i in 0..at.rays.count() {
-            let [u, v] = at.rays.point(i, SET);
+            let [u, along] = at.rays.point(i, SETS[0]);
             let Some(leaf) = self.leaf(u, at.origin, at.receiver) else {
                 continue;
             };
-            let of_leaf = response(leaf.ball, at.origin, at.receiver);
-            let light = leaf.ball.intensity * (of_leaf / leaf.chance);
+            let ray = ray_to(leaf.ball, at.origin, along, at.rays.point(i, SETS[1]));
+            let weight = ray.weight * at.receiver.response(ray.direction) / leaf.chance;
+            let light = leaf.ball.intensity * weight;
             if !(light.mean() > 0.0 && light.mean().is_finite()) {
                 continue;
             }
-            let to_light = within_ball(leaf.ball, [leaf.within, v]) - at.origin;
-            let distance = to_light.length();
-            let direction = to_light.normalize_or(Vec3::Y);
             let media = at.shadows.before_emitters();
-            let through = at.transmittance(direction, distance, media);
+            let through = at.transmittance(ray.direction, ray.distance, media);
             at.receiver
-                .note(direction, light.mean() * through, Arrival::Ray);
-            total.note_ray(SET as usize, light, through);
+                .note(ray.direction, light.mean() * through, Arrival::Ray);
+            total.note_ray(SETS[0] as usize, light, through);
             sent += light;
         }
         sent
@@ -163,7 +161,6 @@ impl Glow {
         Some(Leaf {
             ball: &self.nodes[node as usize].ball,
             chance,
-            within: u.clamp(0.0, 1.0),
         })
     }
 }
@@ -192,11 +189,45 @@ impl Node {
     }
 }
 
-/// A point of a ball that stands for many: as far from its middle as all are on the mean.
-fn within_ball(ball: &EmissiveBlock, u: [f32; 2]) -> Vec3 {
-    /// Root mean square of that distance over the radius.
-    const OFF: f32 = 0.774_596_7;
-    ball.centre + sampling::sphere(u) * (OFF * ball.radius)
+/// A ray to a point of a ball.
+struct RayToBall {
+    direction: Vec3,
+    distance: f32,
+    /// Fluence, of a ball that sends 1 in all, over the chance of this ray.
+    weight: f32,
+}
+
+/// The ray that numbers in [0,1) choose, `along` for the distance and `u` for the direction: as
+/// often to each point of an even ball as it adds to the fluence, but for a factor that is near 1.
+fn ray_to(ball: &EmissiveBlock, origin: Vec3, along: f32, u: [f32; 2]) -> RayToBall {
+    let (to_middle, radius) = (ball.centre - origin, ball.radius);
+    let square = to_middle.length_squared() - radius * radius;
+    if square < 0.0 {
+        let direction = sampling::sphere(u);
+        let middle = to_middle.dot(direction);
+        let chord = middle + (middle * middle - square).sqrt();
+        return RayToBall {
+            direction,
+            distance: along * chord,
+            weight: 3.0 * chord / (radius * radius * radius),
+        };
+    }
+    // Chords are as long as the root of `rest`, and so are the chances of their directions.
+    let root = libm::cbrtf(1.0 - u[0]);
+    let rest = root * root;
+    let inverse = 1.0 / to_middle.length();
+    let sin = (radius * inverse * (1.0 - rest).sqrt()).min(1.0);
+    let cos = (1.0 - sin * sin).sqrt();
+    let axis = to_middle * inverse;
+    let (x, y) = sampling::tangents(axis);
+    let (sin_turn, cos_turn) = libm::sincosf(2.0 * PI * u[1]);
+    let direction = axis * cos + (x * cos_turn + y * sin_turn) * sin;
+    let half = radius * rest.sqrt();
+    RayToBall {
+        direction: direction.normalize(),
+        distance: (cos / inverse + half * (2.0 * along - 1.0)).max(0.0),
+        weight: inverse * inverse / cos.max(1e-3),
+    }
 }
 
 /// Adds the node over some blocks, halved along the axis on which they are most apart; as many
@@ -352,6 +383,38 @@ mod tests {
             (middle / expected - 1.0).abs() < 1e-3,
             "{middle} {expected}"
         );
+    }
+
+    #[test]
+    fn rays_find_each_point_of_a_ball_as_often_as_it_lights() {
+        let ball = ball(Vec3::new(0.0, 0.2, 0.0), 0.7);
+        let points = points(&ball);
+        for distance in [0.0_f32, 0.4, 0.8, 1.3, 2.0, 5.0] {
+            let origin = ball.centre + Vec3::new(0.6, 0.0, 0.8) * distance * ball.radius;
+            // In a medium, light comes from the near points rather.
+            let through = |d: f32| libm::expf(-2.0 * d);
+            let arriving = |p: &Vec3| {
+                let square = p.distance_squared(origin);
+                f64::from(through(square.sqrt()) / square)
+            };
+            let exact = points.iter().map(arriving).sum::<f64>() / points.len() as f64;
+            let n = 20_000;
+            let brought = |i: u32| {
+                let [along, _] = sampling::sobol2(i, 4, 9);
+                let ray = ray_to(&ball, origin, along, sampling::sobol2(i, 5, 9));
+                let end = origin + ray.direction * ray.distance;
+                assert!(
+                    end.distance(ball.centre) < 1.001 * ball.radius,
+                    "{distance}"
+                );
+                f64::from(ray.weight * through(ray.distance))
+            };
+            let found = (0..n).map(brought).sum::<f64>() / f64::from(n);
+            assert!(
+                (found / exact - 1.0).abs() < 0.03,
+                "{distance}: {found} {exact}"
+            );
+        }
     }
 
     #[test]
