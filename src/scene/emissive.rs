@@ -170,7 +170,7 @@ impl EmissiveVolume {
     /// Mean of what a cell sends over its space, of which the parts outside of the box send nothing.
     fn mean_over(&self, cell: &Cell, corner: DVec3, size: DVec3) -> Rgb {
         /// Along each axis of a cell, where polynomials up to cubics are summed exactly.
-        const POINTS: [f32; 2] = [0.211_324_87, 0.788_675_13];
+        const POINTS: [f32; 2] = [0.211_324_87, 0.788_675_1];
         let is_within = corner.cmpge(DVec3::ZERO).all() && (corner + 1.0).cmple(size).all();
         if let Emission::Proportional { .. } = self.emission
             && is_within

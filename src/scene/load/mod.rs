@@ -62,8 +62,7 @@ mod vol;
 
 pub use changes::Change;
 pub use contents::{Contents, ContentsKind, EXTENSIONS, contents, has_contents};
-pub use groups::DEFAULT as DEFAULT_GROUP;
-pub(crate) use groups::is_name as is_group_name;
+pub use groups::{DEFAULT as DEFAULT_GROUP, is_name as is_group_name};
 pub use suggest::SuggestedWindow;
 pub use values::{GridValues, Histogram};
 
