@@ -385,33 +385,47 @@ mod tests {
         );
     }
 
+    /// Fluence of a ball that sends 1 in all through a medium of this extinction, by cones around
+    /// the way to its middle, `distance` away.
+    fn fluence_through(ball: &EmissiveBlock, distance: f64, sigma_t: f64) -> f64 {
+        let n = 20_000;
+        let (radius, middle) = (f64::from(ball.radius), distance);
+        let of_cone = |i: i32| {
+            let cos = 1.0 - 2.0 * (f64::from(i) + 0.5) / f64::from(n);
+            let half = radius * radius - middle * middle * (1.0 - cos * cos);
+            if half <= 0.0 {
+                return 0.0;
+            }
+            let [near, far] = [-1.0, 1.0].map(|s| (middle * cos + s * half.sqrt()).max(0.0));
+            ((-sigma_t * near).exp() - (-sigma_t * far).exp()) / sigma_t
+        };
+        let mean = (0..n).map(of_cone).sum::<f64>() / f64::from(n);
+        3.0 * mean / radius.powi(3)
+    }
+
     #[test]
     fn rays_find_each_point_of_a_ball_as_often_as_it_lights() {
         let ball = ball(Vec3::new(0.0, 0.2, 0.0), 0.7);
-        let points = points(&ball);
+        // In a medium, light comes from the near points rather.
+        let sigma_t = 2.0;
         for distance in [0.0_f32, 0.4, 0.8, 1.3, 2.0, 5.0] {
-            let origin = ball.centre + Vec3::new(0.6, 0.0, 0.8) * distance * ball.radius;
-            // In a medium, light comes from the near points rather.
-            let through = |d: f32| libm::expf(-2.0 * d);
-            let arriving = |p: &Vec3| {
-                let square = p.distance_squared(origin);
-                f64::from(through(square.sqrt()) / square)
-            };
-            let exact = points.iter().map(arriving).sum::<f64>() / points.len() as f64;
-            let n = 20_000;
+            let away = distance * ball.radius;
+            let origin = ball.centre + Vec3::new(0.6, 0.0, 0.8) * away;
+            let exact = fluence_through(&ball, f64::from(away), f64::from(sigma_t));
+            let n = 40_000;
             let brought = |i: u32| {
-                let [along, _] = sampling::sobol2(i, 4, 9);
-                let ray = ray_to(&ball, origin, along, sampling::sobol2(i, 5, 9));
+                let [along, _] = sampling::r2(i.into(), [0.1, 0.7]);
+                let ray = ray_to(&ball, origin, along, sampling::sobol2(i, 0, 9));
                 let end = origin + ray.direction * ray.distance;
                 assert!(
                     end.distance(ball.centre) < 1.001 * ball.radius,
                     "{distance}"
                 );
-                f64::from(ray.weight * through(ray.distance))
+                f64::from(ray.weight * libm::expf(-sigma_t * ray.distance))
             };
             let found = (0..n).map(brought).sum::<f64>() / f64::from(n);
             assert!(
-                (found / exact - 1.0).abs() < 0.03,
+                (found / exact - 1.0).abs() < 0.01,
                 "{distance}: {found} {exact}"
             );
         }
