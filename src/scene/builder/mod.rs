@@ -279,7 +279,7 @@ impl SceneBuilder {
         self.unmask_emitters(&mut warnings);
         for mesh in std::mem::take(&mut self.dark_meshes) {
             let materials = self.meshes[mesh].materials.iter_mut();
-            materials.for_each(|m| m.emission = [0.0; 3]);
+            materials.for_each(|m| (m.emission, m.emission_texture) = ([0.0; 3], None));
         }
         let mut notes = Vec::new();
         let environment_image = self.take_sky(&mut notes)?;
