@@ -276,11 +276,12 @@ impl Extent {
         for corner in corners {
             let (at, _) = pose.on_film(&view.film, corner)?;
             let radius = confusion.radius(corner);
-            for a in 0..2 {
-                extent.low[a] = extent.low[a].min(at[a]);
-                extent.high[a] = extent.high[a].max(at[a]);
-            }
-            extent.radius = [extent.radius[0].min(radius), extent.radius[1].max(radius)];
+            let own = Self {
+                low: at,
+                high: at,
+                radius: [radius; 2],
+            };
+            extent = extent.with(&own);
         }
         Some(extent)
     }

@@ -31,12 +31,12 @@ impl Spread {
     };
 
     fn add(&mut self, Rgb(radiance): Rgb, through: f32, radius: f32) {
-        for c in 0..3 {
-            self.least[c] = self.least[c].min(radiance[c]);
-            self.most[c] = self.most[c].max(radiance[c]);
-        }
-        self.through = [self.through[0].min(through), self.through[1].max(through)];
-        self.radius = self.radius.max(radius);
+        *self = self.with(&Self {
+            least: radiance,
+            most: radiance,
+            radius,
+            through: [through; 2],
+        });
     }
 
     fn with(mut self, other: &Self) -> Self {
@@ -133,7 +133,7 @@ impl SpreadMap {
 /// Squares over which those of a class are spread: each class has those of up to its own.
 fn reach_of_class(class: usize) -> usize {
     let root = 1 << (class / 2);
-    if class % 2 == 0 {
+    if class.is_multiple_of(2) {
         root
     } else {
         root + root / 2
