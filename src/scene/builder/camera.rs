@@ -1,6 +1,7 @@
 //! Cameras as they are handed to a builder.
 
-use super::{Bounds, check_near};
+use super::bounds::Bounds;
+use super::check_near;
 use crate::scene::camera::{in_scene, look_at};
 use crate::scene::{Camera, CameraKey, Film, Lens};
 use crate::{Error, Result};

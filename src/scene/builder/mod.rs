@@ -4,11 +4,13 @@
 //! [`LightInput`], [`EnvironmentInput`], [`VolumeInput`], [`EmissiveInput`]); out comes a checked [`Scene`] near the origin, in f32.
 //!
 //! - `camera`, `light`, `environment`, `mesh`, `volume`, `emissive`: what is handed over, and the checks of each
+//! - `bounds`: the box around all, and the exposure that fits it
 //! - `merge`: all meshes joined to the one of the scene, triangles without area dropped
 //! - `masks`: triangles that masks leave whole, or nothing of
 //! - `emission`: triangles of which a texture leaves no light
 //! - here: what is checked and made up of the scene as a whole
 
+mod bounds;
 mod camera;
 mod emission;
 mod emissive;
@@ -104,33 +106,6 @@ pub struct SceneBuilder {
     pub(super) is_lit_in_part: bool,
     /// Meshes whose emission is, too.
     pub(super) dark_meshes: Vec<usize>,
-}
-
-/// A box in world space.
-#[derive(Clone, Copy)]
-struct Bounds {
-    low: DVec3,
-    high: DVec3,
-}
-
-impl Bounds {
-    const EMPTY: Self = Self {
-        low: DVec3::INFINITY,
-        high: DVec3::NEG_INFINITY,
-    };
-
-    fn add(&mut self, p: DVec3) {
-        self.low = self.low.min(p);
-        self.high = self.high.max(p);
-    }
-
-    fn centre(&self) -> DVec3 {
-        0.5 * (self.low + self.high)
-    }
-
-    fn radius(&self) -> f64 {
-        0.5 * (self.high - self.low).length()
-    }
 }
 
 impl SceneBuilder {
@@ -423,51 +398,6 @@ impl SceneBuilder {
 
     fn has_no_volume(&self) -> bool {
         self.all_volumes().next().is_none()
-    }
-
-    fn bounds(&self) -> Bounds {
-        let mut bounds = Bounds::EMPTY;
-        for mesh in &self.meshes {
-            // Vertices that no triangle uses are not part of the picture.
-            for v in mesh.triangles.iter().flatten() {
-                bounds.add(mesh.positions[*v as usize]);
-            }
-        }
-        for volume in self.all_volumes() {
-            for corner in volume.corners() {
-                bounds.add(corner);
-            }
-        }
-        bounds
-    }
-
-    /// For a file that says nothing of film: the exposure at which a white surface in the middle of
-    /// the scene that faces all its lights is just white, so that lights in lux and in watts make
-    /// the same picture.
-    fn default_exposure(&self, bounds: &Bounds) -> f32 {
-        let distance2 = (bounds.radius() * bounds.radius()) as f32;
-        let brightest: f32 = self
-            .lights
-            .iter()
-            .map(|l| match l.light {
-                Light::Directional { irradiance, .. } => irradiance,
-                Light::Point { intensity, .. } | Light::Spot { intensity, .. } => {
-                    intensity.map(|v| v / distance2)
-                }
-                Light::Environment { radiance } => radiance.map(|v| v * std::f32::consts::PI),
-            })
-            .chain(
-                self.environment_image
-                    .iter()
-                    .map(|i| (i.image.mean() * std::f32::consts::PI).0),
-            )
-            .map(|irradiance| irradiance.into_iter().fold(0.0, f32::max) / std::f32::consts::PI)
-            .sum();
-        if brightest.is_finite() && brightest > 0.0 {
-            1.0 / brightest
-        } else {
-            DEFAULT_FILM.exposure
-        }
     }
 
     fn is_dark(&self) -> bool {
