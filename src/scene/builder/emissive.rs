@@ -1,7 +1,7 @@
 //! Emissive volumes as they are handed to a builder.
 
 use super::VolumeInput;
-use crate::scene::{Emission, Grid};
+use crate::scene::{Emission, EmissiveVolume, Grid, Volume};
 use crate::{Error, Result};
 use glam::DAffine3;
 
@@ -32,6 +32,16 @@ impl EmissiveInput {
     /// Takes its light, for a scene that is lit by others.
     pub(in crate::scene) fn darken(&mut self) {
         self.emission = Emission::Proportional { radiance: [0.0; 3] };
+    }
+
+    /// The volume, in the space of a scene.
+    pub(super) fn in_scene(self, scene_from_world: DAffine3) -> EmissiveVolume {
+        let v = self.values;
+        let scene_from_index = scene_from_world * v.world_from_grid;
+        EmissiveVolume {
+            values: Volume::new(v.name, v.sigma_t, v.albedo, scene_from_index),
+            emission: self.emission,
+        }
     }
 
     /// Refuses what readers of files refuse before they make one.

@@ -107,6 +107,14 @@ impl LightInput {
         }
     }
 
+    /// The light, in the space of a scene.
+    pub(super) fn in_scene(mut self, world_from_scene: DVec3) -> Light {
+        if let Light::Point { position, .. } | Light::Spot { position, .. } = &mut self.light {
+            *position = (self.position - world_from_scene).as_vec3();
+        }
+        self.light
+    }
+
     /// Refuses a light that is too far away, or whose colour is none.
     pub(super) fn check(&self, what: impl Fn() -> String) -> Result<()> {
         check_near(&what, self.position)?;

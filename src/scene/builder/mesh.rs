@@ -55,7 +55,7 @@ impl MeshInput {
 
     /// Whether any of its materials sends light.
     pub(in crate::scene) fn emits(&self) -> bool {
-        self.materials.iter().any(|m| m.emission != [0.0; 3])
+        self.materials.iter().any(Material::emits)
     }
 
     /// Gives all its materials this albedo, each channel in `[0,1]`.

@@ -29,7 +29,7 @@ pub use mesh::MeshInput;
 pub(super) use mesh::{DEFAULT_ALBEDO, MESH, extend_attribute, push};
 pub use volume::VolumeInput;
 
-use super::{EmissiveVolume, EnvironmentImage, Film, Light, Scene, Volume};
+use super::{EnvironmentImage, Film, Scene};
 use crate::run::Cancel;
 use crate::{Error, Result};
 use environment::EnvironmentParts;
@@ -289,30 +289,14 @@ impl SceneBuilder {
             }));
         }
         let scene_from_world = DAffine3::from_translation(-world_from_scene);
-        let volumes = self.volumes.into_iter().map(|v| {
-            let scene_from_index = scene_from_world * v.world_from_grid;
-            let volume = Volume::new(v.name, v.sigma_t, v.albedo, scene_from_index);
-            let mut volume = volume.with_phase(v.phase);
-            volume.limit_extinction();
-            volume
-        });
+        let volumes = self.volumes.into_iter();
+        let volumes = volumes.map(|v| v.in_scene(scene_from_world));
         let shining = self.emissive.into_iter().filter(|e| !e.emission.is_black());
-        let emissive = shining.map(|e| {
-            let v = e.values;
-            let scene_from_index = scene_from_world * v.world_from_grid;
-            EmissiveVolume {
-                values: Volume::new(v.name, v.sigma_t, v.albedo, scene_from_index),
-                emission: e.emission,
-            }
-        });
+        let emissive = shining.map(|e| e.in_scene(scene_from_world));
         let cameras = self.cameras.into_iter();
         let cameras = cameras.map(|c| c.in_scene(world_from_scene));
-        let lights = self.lights.into_iter().map(|mut l| {
-            if let Light::Point { position, .. } | Light::Spot { position, .. } = &mut l.light {
-                *position = (l.position - world_from_scene).as_vec3();
-            }
-            l.light
-        });
+        let lights = self.lights.into_iter();
+        let lights = lights.map(|l| l.in_scene(world_from_scene));
         let mut scene = Scene {
             name: self.name,
             world_from_scene,
@@ -435,6 +419,7 @@ pub(super) fn is_singular(map: &DAffine3) -> bool {
 mod tests {
     use super::merge::{check_counts, has_area};
     use super::*;
+    use crate::scene::Light;
     use crate::scene::{Material, Mesh};
     use glam::Vec3;
 

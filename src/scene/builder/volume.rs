@@ -1,7 +1,7 @@
 //! Volumes as they are handed to a builder.
 
 use super::{MAX_COORDINATE, check_near, is_singular};
-use crate::scene::{Grid, PhaseFunction};
+use crate::scene::{Grid, PhaseFunction, Volume};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 
@@ -23,6 +23,15 @@ pub struct VolumeInput {
 }
 
 impl VolumeInput {
+    /// The medium, in the space of a scene.
+    pub(super) fn in_scene(self, scene_from_world: DAffine3) -> Volume {
+        let scene_from_index = scene_from_world * self.world_from_grid;
+        let volume = Volume::new(self.name, self.sigma_t, self.albedo, scene_from_index);
+        let mut volume = volume.with_phase(self.phase);
+        volume.limit_extinction();
+        volume
+    }
+
     /// A medium with the extinction `sigma_t` per world unit and the single-scattering albedo
     /// `albedo`, each channel in `[0,1]`. `world_from_grid` maps the box `0..dims` of the grid, in
     /// which voxel (i,j,k) is the cube from (i,j,k) to (i+1,j+1,k+1), into the world.

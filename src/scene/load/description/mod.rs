@@ -85,16 +85,9 @@ pub(super) fn read(text: &str, path: &Path, files: &mut Files) -> Result<SceneBu
     builder.is_lit_in_part = wanted.is_some();
     let mut groups = Groups::new(wanted.as_deref());
     for table in lights {
-        if !groups.add(&table)? {
-            light::check(&table)?;
-            continue;
-        }
-        match environment_image(&table, path, files)? {
-            None => builder.lights.push(light(&table)?),
-            Some(_) if builder.environment_image.is_some() => {
-                return Err(table.error("another environment has an image, too"));
-            }
-            image => builder.environment_image = image,
+        match groups.add(&table)? {
+            true => add_light(&table, path, &mut builder, files)?,
+            false => light::check(&table)?,
         }
     }
     for table in root.tables("mesh", &MESH)? {
@@ -129,6 +122,22 @@ pub(super) fn read(text: &str, path: &Path, files: &mut Files) -> Result<SceneBu
     }
     builder.groups = groups.finish().map_err(|e| e.at(path.display()))?;
     Ok(builder)
+}
+
+fn add_light(
+    table: &Table<'_>,
+    scene: &Path,
+    builder: &mut SceneBuilder,
+    files: &mut Files,
+) -> Result<()> {
+    match environment_image(table, scene, files)? {
+        None => builder.lights.push(light(table)?),
+        Some(_) if builder.environment_image.is_some() => {
+            return Err(table.error("another environment has an image, too"));
+        }
+        image => builder.environment_image = image,
+    }
+    Ok(())
 }
 
 fn film(root: &Table<'_>) -> Result<Option<Film>> {
