@@ -3,7 +3,7 @@
 
 use super::field::Field;
 use super::nearest::nearest;
-use super::samples::{Array, Number, Samples};
+use super::samples::{Array, Number};
 use crate::scene::Material;
 use crate::scene::builder::{DEFAULT_ALBEDO, MeshInput};
 use crate::{Error, Result};
@@ -47,23 +47,13 @@ pub(super) fn volume(name: &str) -> Result<Field> {
         "flame" => (FLAME_DIMS, flame_temperature),
         _ => return Err(unknown("volume", name, &VOLUMES)),
     };
-    Ok(Field {
-        name: None,
+    Ok(Field::of_array(Array {
         dims,
-        first: [0; 3],
-        padding: 0,
-        world_from_file: None,
-        patient: None,
-        samples: Samples::Array(Array {
-            dims,
-            bytes: samples(dims, value),
-            number: Number::F32,
-            big_endian: false,
-            rescale: None,
-        })
-        .into(),
-        start: [0; 3],
-    })
+        bytes: samples(dims, value),
+        number: Number::F32,
+        big_endian: false,
+        rescale: None,
+    }))
 }
 
 fn unknown(kind: &str, name: &str, known: &[&str]) -> Error {
@@ -189,6 +179,9 @@ fn plume_density(p: Vec3) -> f32 {
     let q = p + 0.3 * growth * warp + 0.35 * height * wobble;
     let from_axis = Vec3::new(q.x - 0.5, 0.0, q.z - 0.5).length();
     let radius = 0.10 + 0.30 * height;
+    if radius - from_axis + 0.45 * growth * MOST_TURBULENCE < 0.0 {
+        return 0.0;
+    }
     let detail = turbulence(q * Vec3::new(6.0, 5.0, 6.0));
     let depth = radius - from_axis + 0.45 * growth * (detail - 0.5);
     let fade = smooth(p.y / 0.03) * smooth((1.0 - p.y) / 0.3);
@@ -217,6 +210,9 @@ fn flame_temperature(p: Vec3) -> f32 {
     let q = p + warp * (0.06 + 0.5 * height) + sway * (0.5 * height);
     let from_axis = Vec3::new(q.x - 0.5, 0.0, q.z - 0.5).length();
     let radius = 0.26 * (height / 0.12).min(1.0).sqrt() * (1.0 - height).max(0.0);
+    if radius - from_axis + 0.3 * height * MOST_TURBULENCE < 0.0 {
+        return 0.0;
+    }
     let licks = turbulence(q * Vec3::new(9.0, 4.0, 9.0));
     let depth = radius - from_axis + 0.3 * height * (licks - 0.5);
     let hot = smooth(depth / 0.07) * smooth((1.0 - height) / 0.2) * smooth(height / 0.02);
@@ -231,6 +227,9 @@ fn smooth(x: f32) -> f32 {
     let x = x.clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)
 }
+
+/// What turbulence is above 1/2 at most, and a little more.
+const MOST_TURBULENCE: f32 = 0.501;
 
 /// Octaves of noise, in [0,1] and around 1/2.
 fn turbulence(p: Vec3) -> f32 {

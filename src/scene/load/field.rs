@@ -6,7 +6,7 @@
 use super::files::Files;
 use super::layers::Voxels;
 use super::patient::{self, PatientSpace};
-use super::samples::{Number, Samples};
+use super::samples::{Array, Number, Samples};
 use super::scale::Scale;
 use super::survey::Survey;
 use super::values::GridValues;
@@ -47,6 +47,20 @@ pub(super) struct Field {
 }
 
 impl Field {
+    /// Samples that are all that is known of them.
+    pub(super) fn of_array(array: Array) -> Self {
+        Self {
+            name: None,
+            dims: array.dims,
+            first: [0; 3],
+            padding: 0,
+            world_from_file: None,
+            patient: None,
+            samples: Samples::Array(array).into(),
+            start: [0; 3],
+        }
+    }
+
     /// Writes the values in the file of a box of voxels, counted from the first of the field's box.
     pub(super) fn read(&self, voxels: &VoxelBox, out: &mut [f32]) -> Result<()> {
         self.samples.source().read(&self.in_samples(voxels), out)

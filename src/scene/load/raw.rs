@@ -1,7 +1,7 @@
 //! Raw bricks: nothing but samples, x fastest.
 
 use super::field::Field;
-use super::samples::{Array, Number, Samples, byte_length};
+use super::samples::{Array, Number, byte_length};
 use crate::{Error, Result};
 
 /// Takes the content of a file as samples; its length must be exactly theirs.
@@ -23,21 +23,11 @@ pub(super) fn read(
         ))
         .hint("check `dims` and `dtype`"));
     }
-    Ok(Field {
-        name: None,
+    Ok(Field::of_array(Array {
         dims,
-        first: [0; 3],
-        padding: 0,
-        world_from_file: None,
-        patient: None,
-        samples: Samples::Array(Array {
-            dims,
-            bytes: content,
-            number,
-            big_endian,
-            rescale: None,
-        })
-        .into(),
-        start: [0; 3],
-    })
+        bytes: content,
+        number,
+        big_endian,
+        rescale: None,
+    }))
 }
