@@ -7,7 +7,7 @@ use crate::formats::Overwrite;
 use crate::image::exr::{self, Precision};
 use crate::image::mix::{GROUP, GroupScale, Part, mix};
 use crate::image::{Exposure, ImageKind, write};
-use crate::run::size;
+use crate::run::{memory, size};
 use crate::scene::load::is_group_name;
 use crate::{Error, Result};
 use std::path::{Path, PathBuf};
@@ -142,6 +142,10 @@ pub fn add_up<'a>(
                 mixed.left_out.join(", ")
             ));
         }
+        if let Some(found) = mixed.frame.not_finite() {
+            job.progress.warn(&format!("{}: {found}", output.display()));
+        }
+        job.heed_warnings()?;
         write(output, &mixed.frame, precision, exposure, job)
     })
 }
@@ -154,5 +158,8 @@ fn check_memory<'a>(paths: impl Iterator<Item = &'a Path>, limit: Option<u64>) -
         let samples = info.region.pixels() as u64 * info.channels.len() as u64;
         needed = needed.saturating_add(samples.saturating_mul(4 * size_of::<f32>() as u64));
     }
-    size::within("adding up these images", needed, limit)
+    let what = "adding up these images";
+    size::within(what, needed, limit)?;
+    // In the files they may be next to nothing.
+    memory::check(what, needed / 4)
 }

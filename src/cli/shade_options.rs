@@ -7,8 +7,8 @@ use super::region_options::RegionOptions;
 use super::shade_settings::ShadeSettings;
 use super::tev::{TevOptions, channels};
 use crate::formats::{Overwrite, TreeMeta};
-use crate::image::exr::{self, Precision};
-use crate::image::{Exposure, Frame, ImageKind, Onlooker, Region, npy, png};
+use crate::image::exr::Precision;
+use crate::image::{Exposure, ImageKind, Onlooker, Region, write};
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::shade::{self, Aov, Settings};
@@ -201,38 +201,10 @@ impl ShadeOptions {
             tev.close();
         }
         let frame = frame?;
-        job.report
-            .stage("write", |_| match ImageKind::named(&self.output)? {
-                ImageKind::Exr => {
-                    let precision = self.precision();
-                    self.warn_of_clamped(&frame, precision, job);
-                    job.heed_warnings()?;
-                    exr::write(&self.output, &frame, precision)
-                }
-                ImageKind::Npy => {
-                    job.progress.say(&npy::told(&self.output, &frame));
-                    npy::write(&self.output, &frame)
-                }
-                ImageKind::Png => {
-                    let of_film = Exposure::Fixed(scene.film.exposure);
-                    let exposure = self.exposure.unwrap_or(of_film);
-                    png::write_exposed(&self.output, &frame, exposure, &job.progress)
-                }
-            })
-    }
-
-    /// Says what halves could not hold.
-    fn warn_of_clamped(&self, frame: &Frame, precision: Precision, job: &Job) {
-        let clamped = exr::clamped(frame, precision);
-        if clamped.samples > 0 {
-            job.progress.warn(&format!(
-                "{}: {} samples in {} channels ({}) are beyond 65504, the largest 16-bit float, and are stored as that; \
-                 use --float to keep them",
-                self.output.display(),
-                clamped.samples,
-                clamped.channels.len(),
-                clamped.channels.join(", ")
-            ));
-        }
+        job.report.stage("write", |_| {
+            let of_film = Exposure::Fixed(scene.film.exposure);
+            let exposure = Some(self.exposure.unwrap_or(of_film));
+            write(&self.output, &frame, self.precision(), exposure, job)
+        })
     }
 }

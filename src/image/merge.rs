@@ -86,6 +86,10 @@ pub fn merge(
         paste(&mut frame, tile);
         task.add(1);
     }
+    if let Some(found) = frame.not_finite() {
+        job.progress.warn(&format!("{}: {found}", output.display()));
+    }
+    job.heed_warnings()?;
     write(output, &frame, first.precision(), exposure, job)?;
     Ok(Merged {
         width: frame.width,

@@ -9,7 +9,7 @@ use std::path::Path;
 
 /// Writes a frame as the name of the file asks for: OpenEXR of this precision, an array of NumPy, or
 /// a PNG with the exposure that is given, or that of the scene's film if the frame tells it, or 1.
-/// Pixels that are not finite are a warning.
+/// Samples that 16-bit floats do not hold are a warning.
 ///
 /// # Errors
 /// A name of no kind of image, and what writing can give.
@@ -21,12 +21,12 @@ pub fn write(
     job: &Job,
 ) -> Result<()> {
     let kind = ImageKind::named(output)?;
-    if let Some(found) = frame.not_finite() {
-        job.progress.warn(&format!("{}: {found}", output.display()));
-    }
-    job.heed_warnings()?;
     match kind {
-        ImageKind::Exr => exr::write(output, frame, precision),
+        ImageKind::Exr => {
+            warn_of_clamped(output, frame, precision, job);
+            job.heed_warnings()?;
+            exr::write(output, frame, precision)
+        }
         ImageKind::Npy => {
             job.progress.say(&npy::told(output, frame));
             npy::write(output, frame)
@@ -36,5 +36,20 @@ pub fn write(
             let exposure = exposure.unwrap_or(Exposure::Fixed(noted.unwrap_or(1.0)));
             png::write_exposed(output, frame, exposure, &job.progress)
         }
+    }
+}
+
+/// Says what halves could not hold.
+fn warn_of_clamped(output: &Path, frame: &Frame, precision: Precision, job: &Job) {
+    let clamped = exr::clamped(frame, precision);
+    if clamped.samples > 0 {
+        job.progress.warn(&format!(
+            "{}: {} samples in {} channels ({}) are beyond 65504, the largest 16-bit float, and are stored as that; \
+             use --float to keep them",
+            output.display(),
+            clamped.samples,
+            clamped.channels.len(),
+            clamped.channels.join(", ")
+        ));
     }
 }

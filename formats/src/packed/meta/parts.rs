@@ -136,22 +136,23 @@ impl<C> bincode::Decode<C> for PackedParts {
             last = number;
             match number {
                 MASKS => parts.masks = Some(PackedMasks::decode(decoder)?),
-                EMISSION_TEXTURES => {
-                    parts.emission_textures = bincode::Decode::decode(decoder)?;
-                    if parts.emission_textures.is_empty() {
-                        return Err(DecodeError::Other("a part that says nothing"));
-                    }
-                }
-                LENSES => {
-                    parts.lenses = bincode::Decode::decode(decoder)?;
-                    if parts.lenses.is_empty() {
-                        return Err(DecodeError::Other("a part that says nothing"));
-                    }
-                }
+                EMISSION_TEXTURES => parts.emission_textures = some(decoder)?,
+                LENSES => parts.lenses = some(decoder)?,
                 _ => return Err(DecodeError::Other("a part of an unknown kind")),
             }
         }
         Ok(parts)
+    }
+}
+
+/// A list that is there because it says something.
+fn some<C, T: bincode::Decode<C>, D: Decoder<Context = C>>(
+    decoder: &mut D,
+) -> Result<Vec<T>, DecodeError> {
+    let list: Vec<T> = bincode::Decode::decode(decoder)?;
+    match list.is_empty() {
+        true => Err(DecodeError::Other("a part that says nothing")),
+        false => Ok(list),
     }
 }
 
@@ -168,10 +169,7 @@ impl PackedParts {
             masks.validate(materials, textures)?;
         }
         let of = &self.emission_textures;
-        let is_right = of.is_sorted_by(|a, b| a.material < b.material)
-            && of
-                .last()
-                .is_none_or(|last| (last.material as usize) < materials)
+        let is_right = are_in_order(of.iter().map(|of| of.material), materials)
             && of.iter().all(|of| (of.texture as usize) < textures);
         check(
             is_right,
@@ -209,12 +207,17 @@ impl PackedLens {
 /// Frames from that of a picture at which a shutter may open and close.
 const MOST_FRAMES: f64 = 1000.0;
 
+/// Whether numbers rise, and stay below a count.
+fn are_in_order(numbers: impl Iterator<Item = u32> + Clone, count: usize) -> bool {
+    numbers.clone().is_sorted_by(|a, b| a < b)
+        && numbers.last().is_none_or(|n| (n as usize) < count)
+}
+
 impl PackedMasks {
     fn validate(&self, materials: usize, textures: usize) -> Checked<()> {
         let what = || "masks".to_owned();
         let numbers: Vec<u32> = self.masks.iter().map(|m| m.material).collect();
-        let is_right = numbers.is_sorted_by(|a, b| a < b)
-            && (numbers.last()).is_some_and(|last| (*last as usize) < materials);
+        let is_right = !numbers.is_empty() && are_in_order(numbers.iter().copied(), materials);
         check(
             is_right,
             &what,
