@@ -276,6 +276,9 @@ fn volumes(volumes: &[Volume]) -> Digest {
     all(volumes, |v, digest| {
         digest.doubles(&v.scene_from_index.to_cols_array());
         digest.floats(&v.albedo);
+        if !v.is_grey() {
+            digest.floats(&v.extinction_color);
+        }
         if !v.phase.is_isotropic() {
             let [first, second] = v.phase.lobes();
             digest.floats(&[first, second, v.phase.mix()]);

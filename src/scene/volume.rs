@@ -11,9 +11,12 @@ use glam::{Affine3A, DAffine3, DVec3, Vec3};
 pub struct Volume {
     /// Name, for messages.
     pub name: String,
-    /// Extinction sigma_t per scene unit, sampled on a grid; scale and value window are already
-    /// applied.
+    /// Extinction sigma_t per scene unit, sampled on a grid, of the channel that has most; scale
+    /// and value window are already applied.
     pub sigma_t: VolumeGrid,
+    /// Extinction of red, green and blue over `sigma_t`, each in `[0,1]` and one of them 1: all of
+    /// a grey medium.
+    pub extinction_color: [f32; 3],
     /// Single-scattering albedo, sigma_s / sigma_t, each channel in `[0,1]`.
     pub albedo: [f32; 3],
     /// How scattered light is spread over directions.
@@ -39,6 +42,7 @@ impl Volume {
         let mut volume = Self {
             name,
             sigma_t: sigma_t.into(),
+            extinction_color: [1.0; 3],
             albedo,
             phase: PhaseFunction::ISOTROPIC,
             scene_from_index: DAffine3::IDENTITY,
@@ -56,6 +60,22 @@ impl Volume {
         Self { phase, ..self }
     }
 
+    /// The same medium with such an extinction of red, green and blue over that of its grid, each in
+    /// `[0,1]` and one of them 1.
+    #[must_use]
+    pub fn with_extinction_color(self, extinction_color: [f32; 3]) -> Self {
+        Self {
+            extinction_color,
+            ..self
+        }
+    }
+
+    /// Whether it stops red, green and blue alike.
+    #[must_use]
+    pub fn is_grey(&self) -> bool {
+        self.extinction_color == [1.0; 3]
+    }
+
     /// The medium on voxels of 2^`level` times the edge, made when first asked for, in the same box.
     /// Their means darken what is sharper than they are.
     #[must_use]
@@ -64,7 +84,9 @@ impl Volume {
         let size = |grid: &VolumeGrid| DVec3::from(grid.size().map(f64::from));
         let voxels = DAffine3::from_scale(size(&self.sigma_t) / size(grid));
         let place = self.scene_from_index * voxels;
-        Self::new(self.name.clone(), grid.clone(), self.albedo, place).with_phase(self.phase)
+        let coarser = Self::new(self.name.clone(), grid.clone(), self.albedo, place);
+        let coarser = coarser.with_extinction_color(self.extinction_color);
+        coarser.with_phase(self.phase)
     }
 
     /// The grid of voxels of 2^`level` times the edge, made when first asked for.

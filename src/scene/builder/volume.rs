@@ -13,8 +13,10 @@ const MIN_VOXEL_EDGE: f64 = 1.0 / MAX_COORDINATE;
 #[derive(Debug)]
 pub struct VolumeInput {
     pub(in crate::scene) name: String,
-    /// Extinction per world unit.
+    /// Extinction per world unit of the channel that has most.
     pub(in crate::scene) sigma_t: Grid,
+    /// Extinction of red, green and blue over that, one of them 1.
+    pub(in crate::scene) extinction_color: [f32; 3],
     /// Single-scattering albedo.
     pub(in crate::scene) albedo: [f32; 3],
     pub(in crate::scene) phase: PhaseFunction,
@@ -27,6 +29,7 @@ impl VolumeInput {
     pub(super) fn in_scene(self, scene_from_world: DAffine3) -> Volume {
         let scene_from_index = scene_from_world * self.world_from_grid;
         let volume = Volume::new(self.name, self.sigma_t, self.albedo, scene_from_index);
+        let volume = volume.with_extinction_color(self.extinction_color);
         let mut volume = volume.with_phase(self.phase);
         volume.limit_extinction();
         volume
@@ -45,9 +48,20 @@ impl VolumeInput {
         Self {
             name: name.into(),
             sigma_t,
+            extinction_color: [1.0; 3],
             albedo,
             phase: PhaseFunction::ISOTROPIC,
             world_from_grid,
+        }
+    }
+
+    /// The same medium with an extinction of its own for red, green and blue: so many times `sigma_t`
+    /// each, in `[0,1]` and one of them 1.
+    #[must_use]
+    pub fn extinction_color(self, extinction_color: [f32; 3]) -> Self {
+        Self {
+            extinction_color,
+            ..self
         }
     }
 
@@ -94,6 +108,13 @@ impl VolumeInput {
         let wrong = |what: String| Err(Error::input(format!("volume `{}`: {what}", self.name)));
         if !self.albedo.iter().all(|x| (0.0..=1.0).contains(x)) {
             return wrong(format!("the albedo {:?} is not in [0,1]", self.albedo));
+        }
+        let most = self.extinction_color.into_iter().fold(0.0, f32::max);
+        if most != 1.0 || !self.extinction_color.iter().all(|c| (0.0..=1.0).contains(c)) {
+            return wrong(format!(
+                "the extinction colour {:?} is not in [0,1] with a largest channel of 1",
+                self.extinction_color
+            ));
         }
         if !self.phase.is_valid() {
             return wrong(format!(

@@ -163,6 +163,7 @@ pub fn volumes<'a>(
                     _ => format!("{plain} {number}"),
                 },
                 sigma_t,
+                extinction_color: looks.extinction_color(),
                 albedo,
                 phase,
                 world_from_grid,
@@ -174,16 +175,25 @@ pub fn volumes<'a>(
 
 /// What values look like.
 enum Looks {
-    One(Scale, [f32; 3]),
+    /// How values become extinction, the albedo, and extinction over that by channel.
+    One(Scale, [f32; 3], [f32; 3]),
     /// A factor on the extinctions of a preset.
     Preset(Transfer, f64),
 }
 
 impl Looks {
+    /// Extinction by channel over that of the largest.
+    fn extinction_color(&self) -> [f32; 3] {
+        match self {
+            Self::One(_, _, color) => *color,
+            Self::Preset(..) => [1.0; 3],
+        }
+    }
+
     /// The scale and the albedo of each medium that a field becomes.
     fn of(&self, field: &Field, world_from_grid: &DAffine3) -> Vec<(Scale, [f32; 3])> {
         match self {
-            Self::One(scale, albedo) => vec![(scale.clone(), *albedo)],
+            Self::One(scale, albedo, _) => vec![(scale.clone(), *albedo)],
             Self::Preset(transfer, factor) => {
                 // The distances of a preset are in the unit of the file.
                 let size = |map: &DAffine3| map.matrix3.determinant().abs();
@@ -193,6 +203,23 @@ impl Looks {
             }
         }
     }
+}
+
+/// Extinction per unit of density by its largest channel, and that of all channels over it.
+fn sigma_t_scale(item: &Item<'_>) -> Result<(f64, [f32; 3])> {
+    const MOST: f64 = 1e30;
+    if !item.is_list() {
+        return Ok((item.number_within(0.0, MOST)?, [1.0; 3]));
+    }
+    let channels = item.numbers::<3>()?;
+    if let Some(channel) = channels.iter().find(|c| !(0.0..=MOST).contains(*c)) {
+        return Err(item.error(format_args!(
+            "expected numbers from 0 to {MOST:e}, found {channel}"
+        )));
+    }
+    let most = channels.into_iter().fold(0.0, f64::max);
+    let over_most = |channel: f64| if most > 0.0 { channel / most } else { 1.0 };
+    Ok((most, channels.map(|c| over_most(c) as f32)))
 }
 
 /// Scale and albedo by the table, or by the preset that it names.
@@ -211,7 +238,7 @@ fn looks(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<Looks> {
             factor("sigma_t_scale")?.unwrap_or(1.0),
         ));
     }
-    let sigma_t_scale = table.require("sigma_t_scale")?.number_within(0.0, 1e30)?;
+    let (sigma_t_scale, extinction_color) = sigma_t_scale(&table.require("sigma_t_scale")?)?;
     let density = if let Some(item) = table.get("window") {
         let [low, high] = item.numbers::<2>()?;
         if high <= low {
@@ -229,7 +256,8 @@ fn looks(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<Looks> {
         sigma_t: sigma_t_scale * factor("value_scale")?.unwrap_or(1.0),
         density,
     };
-    Ok(Looks::One(scale, table.require("albedo")?.color(1.0)?))
+    let albedo = table.require("albedo")?.color(1.0)?;
+    Ok(Looks::One(scale, albedo, extinction_color))
 }
 
 /// Points of value and density.
