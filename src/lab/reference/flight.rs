@@ -4,10 +4,16 @@
 //! The majorant is that of each brick of the grid, so empty bricks cost one step and thin ones few.
 //! Media that overlap are tracked one by one: of independent Poisson processes the earliest event
 //! is the event of their sum, and transmittances multiply.
+//!
+//! Where extinction has a colour, tentative collisions are those of the channel that has most. Whether
+//! one is real is decided by the mean over the channels, each by what the path carries in it (Kutz et
+//! al. 2017, history-aware spectral tracking). That is the balance heuristic between tracking by red,
+//! by green and by blue, which Miller, Georgiev & Jarosz 2019 derive as spectral MIS: what a path
+//! carries changes colour, and its sum over the channels stays the same.
 
 use super::sampler::Sampler;
-use crate::math::Ray;
 use crate::math::dda::{Passage, Steps};
+use crate::math::{Ray, Rgb};
 use crate::scene::Volume;
 use crate::scene::grid::BRICK_CELLS;
 
@@ -21,35 +27,96 @@ pub struct Collision {
 }
 
 /// The first collision along a ray. `first` in [0,1) decides on the first
-/// tentative flight.
+/// tentative flight. `throughput`, some channel of which is more than 0, becomes what the path
+/// carries after the flight: it changes where extinction has a colour.
+///
+/// Its mean over the flights that get beyond a point is what the medium leaves of it there, so it
+/// also weighs what the path gathers before the collision.
 #[must_use]
 pub fn collide(
     volumes: &[Volume],
     ray: &Ray,
     first: f32,
+    throughput: &mut Rgb,
     sampler: &mut Sampler,
 ) -> Option<Collision> {
     let mut found: Option<Collision> = None;
     for (i, volume) in volumes.iter().enumerate() {
         let limit = found.map_or(ray.t_max, |c| c.t);
         let u = if i == 0 { first } else { sampler.uniform() };
-        track(volume, &ray.up_to(limit), u, sampler, |t, share, s| {
-            let collides = s.uniform() < share;
-            if collides {
-                found = Some(Collision { t, volume: i });
-            }
-            !collides
-        });
+        let ray = ray.up_to(limit);
+        if volume.is_grey() {
+            track(volume, &ray, u, sampler, |t, share, s| {
+                let collides = s.uniform() < share;
+                if collides {
+                    found = Some(Collision { t, volume: i });
+                }
+                !collides
+            });
+        } else {
+            let color = Rgb(volume.extinction_color);
+            track(volume, &ray, u, sampler, |t, share, s| {
+                let collides = is_real(color, share, s.uniform(), throughput);
+                if collides {
+                    found = Some(Collision { t, volume: i });
+                }
+                !collides
+            });
+        }
     }
     found
 }
 
-/// An estimate, without bias, of the share of light that media let through along a ray.
+/// Decides by `u` in [0,1) whether a tentative collision with a medium of that extinction by
+/// channel is real, and weighs the throughput by the decision. Its sum stays the same.
+#[inline]
+fn is_real(color: Rgb, share: f32, u: f32, throughput: &mut Rgb) -> bool {
+    let sum = |Rgb([r, g, b]): Rgb| r + g + b;
+    let mean = sum(*throughput * color) / sum(*throughput).max(f32::MIN_POSITIVE);
+    let chance = share * mean;
+    let collides = u < chance;
+    let weight = |c: f32| match collides {
+        true => c / mean,
+        false => (1.0 - share * c) / (1.0 - chance),
+    };
+    *throughput = *throughput * Rgb(color.0.map(weight));
+    collides
+}
+
+/// Below this a walk of a transmittance goes on by chance only, with the next value if it does.
+const LOW: f32 = 0.1;
+const RAISED: f32 = 0.2;
+
+/// An estimate, without bias, of the share of light that media let through along a ray, by channel.
 #[must_use]
-pub fn transmittance(volumes: &[Volume], ray: &Ray, sampler: &mut Sampler) -> f32 {
-    /// Below this a walk goes on by chance only, with the next value if it does.
-    const LOW: f32 = 0.1;
-    const RAISED: f32 = 0.2;
+pub fn transmittance(volumes: &[Volume], ray: &Ray, sampler: &mut Sampler) -> Rgb {
+    if volumes.iter().all(Volume::is_grey) {
+        return Rgb::splat(grey_transmittance(volumes, ray, sampler));
+    }
+    let mut through = Rgb::splat(1.0);
+    for volume in volumes {
+        let color = Rgb(volume.extinction_color);
+        let u = sampler.uniform();
+        track(volume, ray, u, sampler, |_, share, s| {
+            through = through * Rgb(color.0.map(|c| 1.0 - share * c));
+            let most = through.max();
+            if most < LOW {
+                through = if s.uniform() * RAISED < most {
+                    through * (RAISED / most)
+                } else {
+                    Rgb::BLACK
+                };
+            }
+            !through.is_black()
+        });
+        if through.is_black() {
+            break;
+        }
+    }
+    through
+}
+
+fn grey_transmittance(volumes: &[Volume], ray: &Ray, sampler: &mut Sampler) -> f32 {
     let mut through = 1.0_f32;
     for volume in volumes {
         let u = sampler.uniform();
@@ -193,15 +260,14 @@ mod tests {
                 for k in 0..n {
                     let mut sampler = Sampler::new(i, k);
                     let first = sampler.next4()[0];
-                    match collide(&volumes, &Ray::new(o, d, t_max), first, &mut sampler) {
+                    let mut white = Rgb::splat(1.0);
+                    let ray = Ray::new(o, d, t_max);
+                    match collide(&volumes, &ray, first, &mut white, &mut sampler) {
                         None => passed += 1,
                         Some(c) => assert!(c.t >= 0.0 && c.t <= t_max),
                     }
-                    through += f64::from(transmittance(
-                        &volumes,
-                        &Ray::new(o, d, t_max),
-                        &mut sampler,
-                    ));
+                    let Rgb([red, ..]) = transmittance(&volumes, &ray, &mut sampler);
+                    through += f64::from(red);
                 }
                 let through = through / f64::from(n);
                 let got = f64::from(passed) / f64::from(n);
@@ -231,7 +297,8 @@ mod tests {
             let mut sampler = Sampler::new(9, k);
             let first = sampler.next4()[0];
             let o = Vec3::new(0.5, 0.5, -1.0);
-            let c = collide(&v, &Ray::endless(o, Vec3::Z), first, &mut sampler).unwrap();
+            let ray = Ray::endless(o, Vec3::Z);
+            let c = collide(&v, &ray, first, &mut Rgb::splat(1.0), &mut sampler).unwrap();
             let t = f64::from(c.t - 1.0);
             sum += t;
             squares += t * t;

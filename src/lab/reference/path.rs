@@ -2,11 +2,13 @@
 //! is long enough.
 //!
 //! At every vertex lights are asked for (next-event estimation), and emission that the path itself
-//! runs into is weighed against that by the power heuristic (Veach 1997). An environment image is
-//! asked for by where it is bright. One of one colour is not: the lobes of matt surfaces and of
-//! media are the best distribution there is. Phase functions are sampled exactly. Shadow rays cross media by ratio tracking: on the scenes
-//! of the tests that has 1.04 to 1.09 times the error of integrating all cells, in 0.69 to 0.85 of
-//! the time.
+//! runs into is weighed against that by the power heuristic (Veach 1997). The densities are those of
+//! directions alone: both ways estimate the transmittance of each channel without bias, so weights
+//! that add up to 1 leave none, whatever media are between. An environment image is asked for by
+//! where it is bright. One of one colour is not: the lobes of matt surfaces and of media are the best
+//! distribution there is. Phase functions are sampled exactly. Shadow rays cross media by ratio
+//! tracking: on the scenes of the tests that has 1.04 to 1.09 times the error of integrating all
+//! cells, in 0.69 to 0.85 of the time.
 
 use super::flight;
 use super::sample::Sample;
@@ -117,12 +119,8 @@ impl<'a> PathTracer<'a> {
             let hit = self.met(&Ray::endless(origin, direction), lobe_pdf);
             let t_max = hit.map_or(f32::INFINITY, |h| h.t);
             let volumes = &self.scene.volumes;
-            let collision = flight::collide(
-                volumes,
-                &Ray::new(origin, direction, t_max),
-                flight,
-                sampler,
-            );
+            let ray = Ray::new(origin, direction, t_max);
+            let collision = flight::collide(volumes, &ray, flight, &mut throughput, sampler);
             let end = collision.as_ref().map_or(t_max, |c| c.t);
             sum += throughput * self.glow(origin, direction, end);
             let (vertex, albedo) = if let Some(c) = collision {
@@ -222,7 +220,7 @@ impl<'a> PathTracer<'a> {
         if through == 0.0 {
             return Rgb::BLACK;
         }
-        way.light * (through * flight::transmittance(&self.scene.volumes, &ray, sampler))
+        way.light * (flight::transmittance(&self.scene.volumes, &ray, sampler) * through)
     }
 
     /// Emission of a surface that the path ran into, weighed against having asked for it.
@@ -269,9 +267,11 @@ impl<'a> PathTracer<'a> {
             let first = sampler.uniform();
             let hit = self.triangles.closest(&Ray::endless(origin, direction));
             let ray = Ray::new(origin, direction, hit.map_or(f32::INFINITY, |h| h.t));
-            let collision = flight::collide(&self.scene.volumes, &ray, first, sampler);
+            let mut through = Rgb::splat(1.0);
+            let volumes = &self.scene.volumes;
+            let collision = flight::collide(volumes, &ray, first, &mut through, sampler);
             let end = collision.map_or(ray.t_max, |c| c.t);
-            glow = self.glow(origin, direction, end);
+            glow = through * self.glow(origin, direction, end);
         }
         glow + self.end_on_light(origin, direction, lobe_pdf, sampler)
     }

@@ -9,6 +9,8 @@ use crate::scene::{
 use glam::{Affine3A, DAffine3, DVec3, Vec3};
 use std::f32::consts::PI;
 
+mod colored;
+
 fn scene() -> Scene {
     Scene::empty(
         Camera {

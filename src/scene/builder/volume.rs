@@ -110,7 +110,12 @@ impl VolumeInput {
             return wrong(format!("the albedo {:?} is not in [0,1]", self.albedo));
         }
         let most = self.extinction_color.into_iter().fold(0.0, f32::max);
-        if most != 1.0 || !self.extinction_color.iter().all(|c| (0.0..=1.0).contains(c)) {
+        if most != 1.0
+            || !self
+                .extinction_color
+                .iter()
+                .all(|c| (0.0..=1.0).contains(c))
+        {
             return wrong(format!(
                 "the extinction colour {:?} is not in [0,1] with a largest channel of 1",
                 self.extinction_color
