@@ -7,6 +7,7 @@ mod inspect;
 mod made;
 mod messages;
 mod mitsuba;
+mod mitsuba_media;
 mod outside;
 #[path = "../support/mod.rs"]
 mod support;

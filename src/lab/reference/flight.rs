@@ -5,11 +5,11 @@
 //! Media that overlap are tracked one by one: of independent Poisson processes the earliest event
 //! is the event of their sum, and transmittances multiply.
 //!
-//! Where extinction has a colour, tentative collisions are those of the channel that has most. Whether
-//! one is real is decided by the mean over the channels, each by what the path carries in it (Kutz et
-//! al. 2017, history-aware spectral tracking). That is the balance heuristic between tracking by red,
-//! by green and by blue, which Miller, Georgiev & Jarosz 2019 derive as spectral MIS: what a path
-//! carries changes colour, and its sum over the channels stays the same.
+//! Where extinction has a colour, tentative collisions are those of the channel that has most. The
+//! mean over the channels, each by what the path carries in it, decides whether one is real: Kutz
+//! et al. 2017, history-aware spectral tracking. It is the balance heuristic between tracking by
+//! red, by green and by blue, which Miller, Georgiev & Jarosz 2019 derive as spectral MIS: what a
+//! path carries changes colour, and its sum over the channels stays the same.
 
 use super::sampler::Sampler;
 use crate::math::dda::{Passage, Steps};

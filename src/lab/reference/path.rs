@@ -2,13 +2,13 @@
 //! is long enough.
 //!
 //! At every vertex lights are asked for (next-event estimation), and emission that the path itself
-//! runs into is weighed against that by the power heuristic (Veach 1997). The densities are those of
-//! directions alone: both ways estimate the transmittance of each channel without bias, so weights
-//! that add up to 1 leave none, whatever media are between. An environment image is asked for by
-//! where it is bright. One of one colour is not: the lobes of matt surfaces and of media are the best
-//! distribution there is. Phase functions are sampled exactly. Shadow rays cross media by ratio
-//! tracking: on the scenes of the tests that has 1.04 to 1.09 times the error of integrating all
-//! cells, in 0.69 to 0.85 of the time.
+//! runs into is weighed against that by the power heuristic (Veach 1997). The densities are those
+//! of directions alone: both ways estimate the transmittance of each channel without bias, so
+//! weights that add up to 1 leave none, whatever media are between. An environment image is asked
+//! for by where it is bright. One of one colour is not: the lobes of matt surfaces and of media are
+//! the best distribution there is. Phase functions are sampled exactly. Shadow rays cross media by
+//! ratio tracking: on the scenes of the tests that has 1.04 to 1.09 times the error of integrating
+//! all cells, in 0.69 to 0.85 of the time.
 
 use super::flight;
 use super::sample::Sample;

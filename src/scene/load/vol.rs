@@ -113,6 +113,30 @@ impl Vol {
         sums.map(|sum| (sum / count) as f32)
     }
 
+    /// Whether the first three channels have one ratio in all voxels, up to a step of 8 bits.
+    pub(super) fn is_of_one_color(&self) -> bool {
+        const STEP: f64 = 1.0 / 255.0;
+        let means = self.means().map(f64::from);
+        let whole: f64 = means.iter().sum();
+        let step = self.number.size();
+        let voxels = || {
+            let voxels = self.bytes.chunks_exact(step * self.channels);
+            voxels.map(|voxel| {
+                let channel = |i: usize| {
+                    let at = step * i.min(self.channels - 1);
+                    self.value(&voxel[at..at + step])
+                };
+                [0, 1, 2].map(channel)
+            })
+        };
+        let most = voxels().flatten().fold(0.0, f64::max);
+        voxels().all(|voxel| {
+            let sum: f64 = voxel.iter().sum();
+            let is_near = |(v, mean): (&f64, &f64)| (v - sum * mean / whole).abs() <= STEP * most;
+            voxel.iter().zip(&means).all(is_near)
+        })
+    }
+
     fn value(&self, bytes: &[u8]) -> f64 {
         let value = match bytes {
             [byte] => f64::from(*byte),
@@ -193,9 +217,20 @@ mod tests {
         let colors = file([1, 1, 2], 3, [0.0; 6], &[1.0, 2.0, 6.0, 3.0, 4.0, 8.0]);
         let vol = Vol::read(colors).unwrap();
         assert_eq!(vol.means(), [2.0, 3.0, 7.0]);
+        assert!(!vol.is_of_one_color());
         assert!(vol.box_from_unitcube().is_none());
         let field = vol.into_field().unwrap();
         assert_eq!((field.value([0; 3]), field.value([0, 0, 1])), (3.0, 5.0));
+    }
+
+    #[test]
+    fn channels_of_one_ratio_are_of_one_color() {
+        let of = |values: &[f32]| {
+            let content = file([3, 1, 1], 3, [0.0; 6], values);
+            Vol::read(content).unwrap().is_of_one_color()
+        };
+        assert!(of(&[4.0, 2.0, 1.0, 0.0, 0.0, 0.0, 8.0, 4.01, 2.0]));
+        assert!(!of(&[4.0, 2.0, 1.0, 0.0, 0.1, 0.0, 8.0, 4.0, 2.0]));
     }
 
     #[test]

@@ -47,7 +47,8 @@ impl Reader<'_> {
         let name = medium.id().map_or_else(|| medium.line(), str::to_owned);
         match extinction {
             Quantity::Uniform(sigma_t) => {
-                let sigma_t = self.one_extinction(medium, sigma_t) * scale as f32;
+                let (most, color) = most_and_color(sigma_t);
+                let sigma_t = most * scale as f32;
                 let own = match shape.kind() {
                     "cube" => DAffine3::IDENTITY,
                     "sphere" => {
@@ -67,7 +68,8 @@ impl Reader<'_> {
                 let is_ball = shape.kind() == "sphere";
                 let (grid, world_from_grid) = uniform(sigma_t, &(*to_world * own), is_ball);
                 let volume = VolumeInput::new(name, grid, albedo, world_from_grid);
-                self.builder.volumes.push(volume.phase(phase));
+                let volume = volume.extinction_color(color).phase(phase);
+                self.builder.volumes.push(volume);
             }
             Quantity::Grid(path, world_from_unitcube, vol) => {
                 // Of a cube from -1 to 1.
@@ -78,11 +80,8 @@ impl Reader<'_> {
                     let what = "media are drawn in the whole box of their grid, which is not that of their shape";
                     self.left_out.note(what, shape.line());
                 }
-                if vol.channels() > 1 {
-                    let what = "extinctions of several channels are taken as their mean";
-                    self.left_out.note(what, medium.line());
-                }
-                let scale = Scale::plain(scale * vol.scale());
+                let (most_over_mean, color) = self.channels(medium, &vol);
+                let scale = Scale::plain(scale * vol.scale() * most_over_mean);
                 let field = vol.into_field().map_err(|e| e.at(path.display()))?;
                 field
                     .note_values(&path, self.files)
@@ -91,7 +90,8 @@ impl Reader<'_> {
                 let grid = field.grid(&scale, &path, self.files);
                 let grid = grid.map_err(|e| e.at(path.display()))?;
                 let volume = VolumeInput::new(name, grid, albedo, world_from_grid);
-                self.builder.volumes.push(volume.phase(phase));
+                let volume = volume.extinction_color(color).phase(phase);
+                self.builder.volumes.push(volume);
             }
         }
         Ok(())
@@ -195,14 +195,34 @@ impl Reader<'_> {
         }
     }
 
-    /// One extinction in place of three.
-    fn one_extinction(&mut self, medium: &Element<'_>, sigma_t: [f32; 3]) -> f32 {
-        let [r, g, b] = sigma_t;
-        if r != g || g != b {
-            let what = "extinctions of several colours are taken as their mean";
-            self.left_out.note(what, medium.line());
+    /// The largest channel of an extinction over the mean of all, and all over the largest, the same
+    /// in all voxels.
+    fn channels(&mut self, medium: &Element<'_>, vol: &Vol) -> (f64, [f32; 3]) {
+        const GREY: (f64, [f32; 3]) = (1.0, [1.0; 3]);
+        let mut told = |what: &str| self.left_out.note(what, medium.line());
+        match vol.channels() {
+            1 => return GREY,
+            3 => {}
+            _ => {
+                told("extinctions of two channels, or more than three, are taken as their mean");
+                return GREY;
+            }
         }
-        (r + g + b) / 3.0
+        let means = vol.means();
+        let (most, color) = most_and_color(means);
+        // Values that are no extinctions are told where the grid is made.
+        if most <= 0.0
+            || !means
+                .iter()
+                .all(|mean| (0.0..=MAX_EXTINCTION).contains(mean))
+        {
+            return GREY;
+        }
+        if !vol.is_of_one_color() {
+            told("extinctions that change their colour take that of their mean");
+        }
+        let mean = means.iter().map(|mean| f64::from(*mean)).sum::<f64>() / 3.0;
+        (f64::from(most) / mean, color)
     }
 
     fn phase(&mut self, medium: &Element<'_>) -> Result<PhaseFunction> {
@@ -233,6 +253,15 @@ impl Reader<'_> {
                 Ok(PhaseFunction::ISOTROPIC)
             }
         }
+    }
+}
+
+/// The largest channel of an extinction, and all over that.
+fn most_and_color(sigma_t: [f32; 3]) -> (f32, [f32; 3]) {
+    let most = sigma_t.into_iter().fold(0.0, f32::max);
+    match most > 0.0 {
+        true => (most, sigma_t.map(|channel| channel / most)),
+        false => (most, [1.0; 3]),
     }
 }
 
