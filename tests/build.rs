@@ -71,6 +71,7 @@ fn volumes() -> Vec<VolumeInfo> {
             dims: [80, 60, 70],
             index_from_scene: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0; 3]],
             albedo: [1.0; 3],
+            extinction_color: [1.0; 3],
         })
         .collect()
 }

@@ -44,6 +44,7 @@ fn files(dir: &Path) -> (PathBuf, PathBuf) {
             dims: [8; 3],
             index_from_scene: [[2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0], [4.0; 3]],
             albedo: [0.9; 3],
+            extinction_color: [1.0; 3],
         }],
         settings: vec![("density".into(), "1".into())],
         disk_overlap: 2.0,

@@ -59,6 +59,7 @@ fn files(dir: &Path, name: &str, surfels: usize, lvoxels: usize, scene: &str) {
                 [64.0; 3],
             ],
             albedo: [0.9; 3],
+            extinction_color: [1.0; 3],
         }],
         settings: vec![("density".into(), scene.into())],
         disk_overlap: 2.0,
@@ -402,6 +403,7 @@ fn a_browser_draws_lvoxels_as_boxes() {
             dims: [4; 3],
             index_from_scene,
             albedo: [0.9; 3],
+            extinction_color: [1.0; 3],
         }],
         disk_overlap: 2.0,
         ..CloudMeta::default()

@@ -233,7 +233,19 @@ pub fn volume(v: &VolumeInfo) -> Result<()> {
     if !v.albedo.iter().all(|c| (0.0..=1.0).contains(c)) {
         return Err(wrong(&place, "albedo", "numbers from 0 to 1", v.albedo));
     }
-    Ok(())
+    extinction_color(v.extinction_color, &place)
+}
+
+/// Checks the extinction of a volume over that of the channel that has most.
+pub fn extinction_color(color: [f32; 3], place: &dyn Fn() -> String) -> Result<()> {
+    let is_right = color.iter().all(|c| (0.0..=1.0).contains(c)) && color.contains(&1.0);
+    match is_right {
+        true => Ok(()),
+        false => {
+            let expected = "numbers from 0 to 1, the largest 1";
+            Err(wrong(place, "extinction colour", expected, color))
+        }
+    }
 }
 
 /// Checks the sums of a summary, of so many volumes.

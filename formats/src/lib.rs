@@ -30,7 +30,7 @@
 //!
 //! Which file does what:
 //!
-//! - `record`, `meta`, `summary`: what files hold, decoded. `check`: what every record must be.
+//! - `record`, `meta`, `summary`: what files hold, decoded; `parts`: what most hold not. `check`: what every record must be.
 //! - `frame`: header and block table. `format`: what tells the kinds of file apart. `opened`,
 //!   `output`: the one reader and the one writer of the frame.
 //! - `cloud`, `tree`, `scatter`, `packed`: the blocks of each kind. `media`: levels of
@@ -59,6 +59,7 @@ pub mod morton;
 mod opened;
 mod output;
 mod packed;
+mod parts;
 mod quantise;
 pub mod record;
 mod scatter;
@@ -87,8 +88,8 @@ pub use packed::{
     PackedVolume, PackedWrap, PackedWriter,
 };
 pub use record::{
-    Below, Bounds, ClipEdge, Clips, Lvoxel, Node, Surfel, SurfelAggregate, SurfelLeaves,
-    SurfelPage, VolumeInfo,
+    Below, Bounds, ClipEdge, Clips, ExtinctionColor, Lvoxel, Node, Surfel, SurfelAggregate,
+    SurfelLeaves, SurfelPage, VolumeInfo,
 };
 pub use scatter::{
     CLUSTER_CUBES, CLUSTER_EDGE, CUBE_EDGE, ClusterId, Scatter, ScatterFormat, ScatterWriter,

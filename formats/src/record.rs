@@ -3,6 +3,10 @@
 //!
 //! How each value is stored, and how exactly, is stated in `SPEC.md` alone.
 
+use bincode::de::Decoder;
+use bincode::enc::Encoder;
+use bincode::error::{DecodeError, EncodeError};
+
 /// An oriented opaque disk, clipped where its surface ends.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Surfel {
@@ -236,9 +240,7 @@ pub const MAX_VOXELS_ALONG: u32 = 65_536 << MAX_LEVEL;
 pub const MAX_VOLUMES: usize = 65_535;
 
 /// A volume, as far as readers must know it to place its lvoxels.
-#[derive(
-    Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize, bincode::Encode, bincode::Decode,
-)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct VolumeInfo {
     /// Name from the scene.
     pub name: String,
@@ -249,7 +251,76 @@ pub struct VolumeInfo {
     pub index_from_scene: [[f64; 3]; 4],
     /// Single-scattering albedo, constant over the volume.
     pub albedo: [f32; 3],
+    /// Extinction of red, green and blue over `sigma_t` of its lvoxels, each in `[0,1]` and one of
+    /// them 1: all of a grey medium.
+    #[serde(default = "grey", skip_serializing_if = "is_grey")]
+    pub extinction_color: [f32; 3],
 }
+
+/// The extinction of a volume that stops red, green and blue unlike, over that of the channel that
+/// it stops most.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    serde::Serialize,
+    serde::Deserialize,
+    bincode::Encode,
+    bincode::Decode,
+)]
+pub struct ExtinctionColor {
+    /// Number of the volume.
+    pub volume: u32,
+    /// Red, green and blue, each in `[0,1]`, one of them 1 and one less.
+    pub color: [f32; 3],
+}
+
+fn grey() -> [f32; 3] {
+    [1.0; 3]
+}
+
+fn is_grey(color: &[f32; 3]) -> bool {
+    *color == grey()
+}
+
+impl ExtinctionColor {
+    pub(crate) fn is_grey(&self) -> bool {
+        is_grey(&self.color)
+    }
+}
+
+impl VolumeInfo {
+    /// Whether it stops red, green and blue alike.
+    #[must_use]
+    pub fn is_grey(&self) -> bool {
+        is_grey(&self.extinction_color)
+    }
+}
+
+/// Without the colour, which goes behind all else of the metadata.
+impl bincode::Encode for VolumeInfo {
+    fn encode<E: Encoder>(&self, encoder: &mut E) -> Result<(), EncodeError> {
+        let place = (self.dims, self.index_from_scene);
+        (&self.name, place, self.albedo).encode(encoder)
+    }
+}
+
+impl<C> bincode::Decode<C> for VolumeInfo {
+    fn decode<D: Decoder<Context = C>>(decoder: &mut D) -> Result<Self, DecodeError> {
+        let (name, (dims, index_from_scene), albedo) = bincode::Decode::decode(decoder)?;
+        Ok(Self {
+            name,
+            dims,
+            index_from_scene,
+            albedo,
+            extinction_color: grey(),
+        })
+    }
+}
+
+bincode::impl_borrow_decode!(VolumeInfo);
 
 /// An axis-aligned box in scene space.
 #[derive(

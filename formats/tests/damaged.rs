@@ -449,7 +449,13 @@ fn descriptions_of_packed_scenes_are_checked() {
         meta.parts.lenses = packed_lenses();
         &mut meta.parts.lenses[0]
     }
-    let changes: [(Change, &str); 41] = [
+    fn colors(meta: &mut PackedMeta, of: &[(u32, [f32; 3])]) {
+        let of = of.iter().copied();
+        let of = of.map(|(volume, color)| ExtinctionColor { volume, color });
+        meta.parts.extinction_colors = of.collect();
+    }
+    const RED: [f32; 3] = [1.0, 0.5, 0.25];
+    let changes: [(Change, &str); 47] = [
         (|m| m.film.width = 0, "film"),
         (|m| m.film.exposure = f32::NAN, "film"),
         (|m| m.cameras.clear(), "cameras"),
@@ -519,6 +525,15 @@ fn descriptions_of_packed_scenes_are_checked() {
             },
             "cameras in order",
         ),
+        (|m| colors(m, &[(1, RED)]), "some of 1 media"),
+        (|m| colors(m, &[(0, RED), (0, RED)]), "in order"),
+        (|m| colors(m, &[(0, [1.0; 3])]), "that are not grey"),
+        (|m| colors(m, &[(0, [0.5; 3])]), "the largest 1"),
+        (
+            |m| colors(m, &[(0, [1.0, f32::NAN, 1.0])]),
+            "extinction colour",
+        ),
+        (|m| colors(m, &[(0, [1.0, 2.0, -1.0])]), "from 0 to 1"),
     ];
     let dir = tempfile::tempdir().unwrap();
     for (change, says) in changes {
@@ -614,6 +629,70 @@ fn parts_of_packed_scenes_are_read_or_refused() {
             parts.meta.extend([0; 8]);
         });
         refused(&none, read_packed, "a part that says nothing");
+    }
+    let path = dir.path().join("colors.lvp");
+    let mut meta = packed_meta();
+    meta.parts.lenses = packed_lenses();
+    meta.parts.extinction_colors = vec![ExtinctionColor {
+        volume: 0,
+        color: [0.25, 1.0, 0.5],
+    }];
+    write_packed_as(&path, meta.clone());
+    let file = std::fs::read(path).unwrap();
+    read_packed(&file).unwrap();
+    assert_eq!(Packed::open(&file[..]).unwrap().meta(), &meta);
+}
+
+/// The files of a volume that is not grey, and those of a grey one before them.
+#[test]
+fn extinction_colors_are_read_or_refused() {
+    const COLOR: [f32; 3] = [0.25, 1.0, 0.5];
+    for (i, (grey, read)) in files().into_iter().take(3).enumerate() {
+        // Behind a file of grey media nothing stands, as programs expect that know of no colours.
+        let end = Parts::of(&grey).meta.len();
+        let part = |volumes: &[(u32, [f32; 3])]| {
+            let mut part = 1_u32.to_le_bytes().to_vec();
+            part.extend((volumes.len() as u64).to_le_bytes());
+            for (volume, color) in volumes {
+                part.extend(volume.to_le_bytes());
+                part.extend(color.map(f32::to_le_bytes).as_flattened());
+            }
+            part
+        };
+        let with = |bytes: &[u8]| changed(&grey, |parts| parts.meta.extend(bytes));
+        let colored = with(&part(&[(1, COLOR)]));
+        read(&colored).unwrap();
+        let volumes = match i {
+            0 => Cloud::open(&colored[..]).unwrap().meta().volumes.clone(),
+            1 => {
+                let tree = Tree::open(&colored[..]).unwrap();
+                tree.meta().cloud.volumes.clone()
+            }
+            _ => Scatter::open(&colored[..]).unwrap().meta().volumes.clone(),
+        };
+        assert_eq!(volumes[0].extinction_color, [1.0; 3]);
+        assert_eq!(volumes[1].extinction_color, COLOR);
+        let both = part(&[(0, [1.0, 0.0, 1.0]), (1, COLOR)]);
+        read(&with(&both)).unwrap();
+        let [twice, unknown] = [[&both[..], &both].concat(), [&[9], &both[1..]].concat()];
+        for (bytes, says) in [
+            (part(&[]), "a part that says nothing"),
+            (part(&[(2, COLOR)]), "of no volume"),
+            (part(&[(1, COLOR), (0, COLOR)]), "out of order"),
+            (part(&[(1, COLOR), (1, COLOR)]), "out of order"),
+            (part(&[(1, [1.0; 3])]), "that is grey"),
+            (part(&[(1, [0.5; 3])]), "the largest 1"),
+            (part(&[(1, [1.0, f32::NAN, 1.0])]), "extinction colour"),
+            (part(&[(1, [1.0, f32::INFINITY, 1.0])]), "from 0 to 1"),
+            (part(&[(1, [1.0, -0.5, 1.0])]), "from 0 to 1"),
+            (twice, "parts out of order"),
+            (unknown, "unknown kind"),
+            (both[..both.len() - 1].to_vec(), "metadata"),
+            ([&both[..], &[0]].concat(), "metadata"),
+        ] {
+            refused(&with(&bytes), read, says);
+        }
+        assert_eq!(Parts::of(&colored).meta.len() - end, 4 + 8 + 16);
     }
 }
 

@@ -102,3 +102,42 @@ fn packed_scene() {
         assert_eq!(found, bricks.iter().map(|b| b.1).collect::<Vec<_>>());
     }
 }
+
+/// Colours of extinction go behind the metadata of grey media, whichever kind of file has it.
+#[test]
+fn extinction_colors_go_behind_all_else() {
+    let dir = tempfile::tempdir().unwrap();
+    let style = Style::default();
+    let tail = |path: &Path| {
+        let meta = metadata(path);
+        meta[meta.len() - 28..].to_vec()
+    };
+    let expected = [1_u32, 1, 0, 0]
+        .map(u32::to_le_bytes)
+        .into_iter()
+        .chain([0.5_f32, 1.0, 0.25].map(f32::to_le_bytes));
+    let expected: Vec<u8> = expected.flatten().collect();
+    let color = |volumes: &mut [VolumeInfo]| volumes[0].extinction_color = [0.5, 1.0, 0.25];
+    let mut cloud = cloud_meta(style);
+    color(&mut cloud.volumes);
+    let path = dir.path().join("a.lvc");
+    let writer = CloudWriter::create(&path, cloud.clone(), Overwrite::Refuse).unwrap();
+    writer.finish().unwrap();
+    assert_eq!(tail(&path), expected);
+    assert_eq!(Cloud::open_path(&path).unwrap().meta(), &cloud);
+    let mut scatter = scatter_meta();
+    color(&mut scatter.volumes);
+    let path = dir.path().join("a.lvs");
+    let writer = ScatterWriter::create(&path, scatter.clone(), Overwrite::Refuse).unwrap();
+    writer.finish().unwrap();
+    assert_eq!(tail(&path), expected);
+    assert_eq!(Scatter::open_path(&path).unwrap().meta(), &scatter);
+}
+
+/// The metadata of a file.
+fn metadata(path: &Path) -> Vec<u8> {
+    let file = std::fs::read(path).unwrap();
+    let number = |at: usize| u64::from_le_bytes(file[at..at + 8].try_into().unwrap()) as usize;
+    let (start, length) = (number(24), number(32));
+    file[start..start + length].to_vec()
+}

@@ -367,6 +367,7 @@ pub fn origin(scene: &Scene, settings: &Settings) -> Result<CloudMeta> {
                 dims: v.sigma_t.dims().map(|n| n as u32),
                 index_from_scene: columns(v.scene_from_index.inverse()),
                 albedo: v.albedo,
+                extinction_color: v.extinction_color,
             })
             .collect(),
         settings: listed,
@@ -463,6 +464,7 @@ mod tests {
                 dims: [1; 3],
                 index_from_scene: glam::DAffine3::IDENTITY.to_cols_array_2d(),
                 albedo: [0.0; 3],
+                extinction_color: [1.0; 3],
             };
             let meta = CloudMeta {
                 volumes: vec![volume; count],

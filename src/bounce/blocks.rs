@@ -202,6 +202,7 @@ pub mod tests {
             dims: [24, 16, 20],
             index_from_scene: DAffine3::from_scale(DVec3::new(2.0, 2.0, 2.5)).to_cols_array_2d(),
             albedo: [albedo, 0.5 * albedo, albedo],
+            extinction_color: [1.0; 3],
         };
         let mut blocks = Blocks::new(&info);
         for (brick, level) in (0..18).zip([0, 1].into_iter().cycle()) {
@@ -231,6 +232,7 @@ pub mod tests {
             dims: [12, 8, 8],
             index_from_scene: DAffine3::from_scale(DVec3::splat(2.0)).to_cols_array_2d(),
             albedo: [1.0; 3],
+            extinction_color: [1.0; 3],
         };
         let mut blocks = Blocks::new(&info);
         let mut add = |level, block| {

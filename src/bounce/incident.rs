@@ -150,6 +150,7 @@ mod tests {
             dims: [12, 8, 8],
             index_from_scene: DAffine3::IDENTITY.to_cols_array_2d(),
             albedo: [1.0; 3],
+            extinction_color: [1.0; 3],
         }];
         // A row of single voxels, and one twice as wide behind them; light rises along it.
         let lvoxel = |level, block| Lvoxel {

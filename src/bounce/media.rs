@@ -266,6 +266,7 @@ mod tests {
             dims: [WIDE, WIDE, cells],
             index_from_scene: DAffine3::from_scale(DVec3::splat(1.0 / cell)).to_cols_array_2d(),
             albedo: [slab.albedo as f32; 3],
+            extinction_color: [1.0; 3],
         };
         let g = slab.mean_cosine;
         let mut blocks = match g {

@@ -90,6 +90,7 @@ mod tests {
             dims: [8; 3],
             index_from_scene: DAffine3::IDENTITY.to_cols_array_2d(),
             albedo: [1.0; 3],
+            extinction_color: [1.0; 3],
         };
         let lvoxels = (0..512_u16).map(|i| {
             let block = [i % 8, i / 8 % 8, i / 64];

@@ -417,6 +417,7 @@ fn swept_and_exact(scene: &Scene, lvoxels: Vec<Lvoxel>) -> Vec<[f32; 2]> {
             dims: volume.sigma_t.dims().map(|n| n as u32),
             index_from_scene: volume.index_from_scene_f64.to_cols_array_2d(),
             albedo: volume.albedo,
+            extinction_color: volume.extinction_color,
         })
         .collect();
     let volume = &scene.volumes[0];

@@ -1,7 +1,7 @@
 //! Header, counts, columns and levels of a file: nothing here reads a point.
 
 use super::File;
-use super::text::{Table, bytes, count};
+use super::text::{Table, bytes, count, extinction_colors};
 use crate::Result;
 use crate::formats::{
     Block, Bounds, CloudMeta, ColumnBytes, LeftOut, Sums, TreeLevel, VolumeInfo, WorstError,
@@ -303,11 +303,13 @@ impl Description {
                 format!("{:.6}", sums.extinction),
             ]);
         }
+        let colors = self.volumes.iter().map(|v| (&v.name, v.extinction_color));
+        let colors = extinction_colors(colors);
         let mut settings = Table::new(&["setting", "value"]);
         for (name, value) in self.bake_settings.iter().chain(&self.build_settings) {
             settings.row(vec![name.clone(), value.clone()]);
         }
-        for table in [volumes, settings] {
+        for table in [volumes, colors, settings] {
             if !table.is_empty() {
                 write!(f, "{table}")?;
             }

@@ -1,6 +1,6 @@
 //! What a packed scene says of itself.
 
-use super::text::{Table, bytes, count};
+use super::text::{Table, bytes, count, extinction_colors};
 use crate::Result;
 use crate::formats::{BRICK_VOXELS, FileKind, MappedFile, Packed, PackedMeta};
 use crate::run::{hex, one_line};
@@ -164,6 +164,11 @@ impl fmt::Display for PackedDescription {
                 format!("{:.2} B", l.stored_bytes as f64 / voxels as f64),
             ]);
         }
+        let colors = scene.parts.extinction_colors.iter().filter_map(|of| {
+            let volume = scene.volumes.get(of.volume as usize)?;
+            Some((&volume.name, of.color))
+        });
+        let colors = extinction_colors(colors);
         let mut parts = Table::new(&["part", "count", "rows", "stored", "a row"]);
         for p in &self.parts {
             parts.row(vec![
@@ -174,7 +179,7 @@ impl fmt::Display for PackedDescription {
                 format!("{:.1} B", p.stored_bytes as f64 / p.rows.max(1) as f64),
             ]);
         }
-        for table in [levels, parts] {
+        for table in [levels, colors, parts] {
             if !table.is_empty() {
                 write!(f, "{table}")?;
             }

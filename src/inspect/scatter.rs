@@ -1,7 +1,7 @@
 //! What a file of scattered light says of itself.
 
 use super::describe::BlockSizes;
-use super::text::{Table, bytes, count};
+use super::text::{Table, bytes, count, extinction_colors};
 use crate::Result;
 use crate::formats::{
     BlockKind, ClusterId, ColumnBytes, FileKind, LeftOut, MappedFile, Scatter, VolumeInfo,
@@ -159,6 +159,8 @@ impl fmt::Display for Scattered {
                 format!("{:.1} B", l.stored_bytes as f64 / l.vertices.max(1) as f64),
             ]);
         }
+        let colors = self.volumes.iter().map(|v| (&v.name, v.extinction_color));
+        let colors = extinction_colors(colors);
         let mut columns = Table::new(&["column", "raw", "stored"]);
         for c in &self.columns {
             columns.row(vec![
@@ -171,7 +173,7 @@ impl fmt::Display for Scattered {
         for l in &self.left_out {
             left_out.row(vec![l.name.clone(), l.because.clone(), bytes(l.raw_bytes)]);
         }
-        for table in [lattices, columns, left_out] {
+        for table in [lattices, colors, columns, left_out] {
             if !table.is_empty() {
                 write!(f, "{table}")?;
             }

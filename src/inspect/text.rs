@@ -48,6 +48,18 @@ impl fmt::Display for Table {
     }
 }
 
+/// Media that stop red, green and blue unlike, with their extinction over that of the channel that
+/// has most.
+pub fn extinction_colors<'a>(media: impl IntoIterator<Item = (&'a String, [f32; 3])>) -> Table {
+    let mut table = Table::new(&["extinction colour", "red", "green", "blue"]);
+    let colored = media.into_iter().filter(|(_, color)| *color != [1.0; 3]);
+    for (name, color) in colored {
+        let [red, green, blue] = color.map(|c| c.to_string());
+        table.row(vec![name.clone(), red, green, blue]);
+    }
+    table
+}
+
 /// A whole number with thousands apart.
 pub fn count(n: u64) -> String {
     let digits = n.to_string();

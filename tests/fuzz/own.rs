@@ -17,7 +17,7 @@ use lvox::{Kind, build, inspect, pack, scatter, shade};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A floor in fog under a light.
+/// A floor in reddish fog under a light.
 fn scene() -> Scene {
     let corners = [
         [-1.0, 0.0, -1.0],
@@ -29,6 +29,7 @@ fn scene() -> Scene {
     let fog = Grid::from_fn([9; 3], |[x, ..]| 0.5 + x as f32);
     let world_from_fog = DAffine3::from_translation(DVec3::new(-0.5, 0.2, -0.5))
         * DAffine3::from_scale(DVec3::splat(0.1));
+    let fog = VolumeInput::new("fog", fog, [0.9; 3], world_from_fog);
     let film = Film {
         width: 8,
         height: 6,
@@ -40,7 +41,7 @@ fn scene() -> Scene {
         .camera(camera.unwrap())
         .mesh(floor.albedo([0.8, 0.1, 0.1]))
         .light(LightInput::point([0.0, 3.0, 0.0], [8.0; 3]))
-        .volume(VolumeInput::new("fog", fog, [0.9; 3], world_from_fog))
+        .volume(fog.extinction_color([1.0, 0.5, 0.25]))
         .build()
         .unwrap()
 }

@@ -378,6 +378,7 @@ fn media() -> (Vec<VolumeInfo>, Vec<Lvoxel>) {
         dims,
         index_from_scene: map.to_cols_array_2d().map(|column| column.map(f64::from)),
         albedo: [0.5; 3],
+        extinction_color: [1.0; 3],
     });
     let mut lvoxels = Vec::new();
     for (volume, dims) in dims.iter().enumerate() {

@@ -204,6 +204,42 @@ fn a_packed_scene_is_the_scene() {
     assert_eq!(packed.files, [work.path("scene.lvp")]);
 }
 
+/// Every file that a stage writes says which channels media stop most.
+#[test]
+fn extinction_colors_go_through_all_files() {
+    const COLOR: [f32; 3] = [1.0, 0.5, 0.25];
+    let scene = ROOM.replace("sigma_t_scale = 6", "sigma_t_scale = [6, 3, 1.5]");
+    let work = Work::new(&scene);
+    let here = work.0.path();
+    let run = |args: &[&str]| lvox(here, args).done();
+    run(&["pack", "scene.toml", "-o", "scene.lvp"]);
+    let (scene, packed) = (work.scene(), Scene::load(&work.path("scene.lvp")).unwrap());
+    assert_eq!(scene.volumes[0].extinction_color, COLOR);
+    assert_eq!(packed.volumes[0].extinction_color, COLOR);
+    assert_eq!(scene.parts(None), packed.parts(None));
+    run(&["bake", "scene.lvp", "-o", "a.lvc", "--surfels", "2000"]);
+    run(&["build", "a.lvc", "-o", "a.lvt"]);
+    run(&["bounce", "scene.lvp", "-t", "a.lvt", "-o", "b.lvt"]);
+    let quick = ["--quality", "draft"];
+    run(&[
+        &["scatter", "scene.toml", "-t", "a.lvt", "-o", "a.lvs"],
+        &quick[..],
+    ]
+    .concat());
+    for file in ["a.lvc", "a.lvt", "b.lvt", "a.lvs", "scene.lvp"] {
+        let told = lvox(here, &["inspect", file]).stdout;
+        let mut lines = told
+            .lines()
+            .skip_while(|l| !l.contains("extinction colour"));
+        let row = lines.nth(1).unwrap_or_default();
+        let row: Vec<&str> = row.split_whitespace().skip(1).collect();
+        assert_eq!(row, ["1", "0.5", "0.25"], "{file}: {told}");
+        assert_eq!(lvox(here, &["verify", file]).code, 0, "{file}");
+    }
+    let told = lvox(here, &["inspect", "scene.toml"]).stdout;
+    assert!(told.contains(", extinction colour 1 0.5 0.25\n"), "{told}");
+}
+
 #[test]
 fn outputs_of_pack_keep_the_rules_of_all_outputs() {
     let work = work();

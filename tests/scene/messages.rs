@@ -267,6 +267,16 @@ fn scene_files() {
             "",
         ),
         (
+            "[[volume]]\nfile = \"a.raw\"\nalbedo = [1, 1, 1]\nsigma_t_scale = [1, -2, 1]",
+            "expected numbers from 0 to 1e30, found -2",
+            "",
+        ),
+        (
+            "[[volume]]\nfile = \"a.raw\"\nalbedo = [1, 1, 1]\nsigma_t_scale = [1, 2]",
+            "expected 3 numbers in brackets, found 2",
+            "",
+        ),
+        (
             "[[volume]]\nfile = \"a.raw\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1",
             "`dims` is missing",
             "",

@@ -130,6 +130,7 @@ mod tests {
             dims: [40, 40, 40],
             index_from_scene: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0; 3]],
             albedo: [1.0; 3],
+            extinction_color: [1.0; 3],
         };
         let meta = ScatterMeta {
             scene_hash: [0; 32],

@@ -324,6 +324,7 @@ pub fn volumes() -> Vec<VolumeInfo> {
                 [5.0, 0.5, 0.0],
             ],
             albedo: [0.9, 0.8, 0.7],
+            extinction_color: [1.0; 3],
         })
         .collect()
 }

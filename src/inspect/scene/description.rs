@@ -208,6 +208,10 @@ pub struct VolumeDescription {
     pub voxel_edges: [f64; 3],
     /// Single-scattering albedo.
     pub albedo: [f32; 3],
+    /// Extinction of red, green and blue over that of the channel that has most; none if it is
+    /// grey.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub extinction_color: Option<[f32; 3]>,
     /// Mean cosines of the lobes of the phase function; none if it is isotropic.
     pub phase_g: Vec<f32>,
     /// Weight of the first of two lobes, or 1.

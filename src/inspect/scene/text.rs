@@ -206,10 +206,14 @@ impl fmt::Display for VolumeDescription {
         }
         let (most, mean) = (brief(&[self.sigma_t_max]), brief(&[self.sigma_t_mean]));
         let albedo = brief(&self.albedo);
-        writeln!(
+        write!(
             f,
             "  sigma_t     at most {most}, mean of the box {mean}, albedo {albedo}"
         )?;
+        match &self.extinction_color {
+            Some(color) => writeln!(f, ", extinction colour {}", brief(color))?,
+            None => writeln!(f)?,
+        }
         match self.phase_g[..] {
             [] => {}
             [g] => writeln!(f, "  phase       mean cosine {g}")?,

@@ -62,6 +62,10 @@ fn scene(
     let sky = sky.map(|info| environment_image(packed, info));
     let media = meta.media().iter().enumerate();
     let volumes = media.map(|(i, info)| medium(packed, i, info, cancel));
+    let mut volumes = volumes.collect::<Result<Vec<Volume>>>()?;
+    for of in &meta.parts.extinction_colors {
+        volumes[of.volume as usize].extinction_color = of.color;
+    }
     let emissive = meta.lights.iter();
     let emissive = emissive.filter_map(|l| emissive_volume(packed, l, cancel).transpose());
     let mut scene = Scene {
@@ -88,7 +92,7 @@ fn scene(
         lights: meta.lights.iter().filter_map(light).collect(),
         environment_image: sky.transpose()?,
         is_environment_seen: !meta.lights.contains(&PackedLight::UnseenEnvironment),
-        volumes: volumes.collect::<Result<_>>()?,
+        volumes,
         emissive: emissive.collect::<Result<_>>()?,
         hash: meta.scene_hash,
         files: vec![path.to_owned()],

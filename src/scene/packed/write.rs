@@ -3,10 +3,10 @@
 use super::check_machine;
 use crate::Result;
 use crate::formats::{
-    BrickTable, MediaPage, PAGE_BRICKS, PackedCamera, PackedCameraKey, PackedColumn,
-    PackedEmissionTexture, PackedEnvironment, PackedFilm, PackedImage, PackedLens, PackedLight,
-    PackedMask, PackedMasks, PackedMaterial, PackedMesh, PackedMeta, PackedParts, PackedPhase,
-    PackedTexture, PackedVolume, PackedWrap, PackedWriter, Palette,
+    BrickTable, ExtinctionColor, MediaPage, PAGE_BRICKS, PackedCamera, PackedCameraKey,
+    PackedColumn, PackedEmissionTexture, PackedEnvironment, PackedFilm, PackedImage, PackedLens,
+    PackedLight, PackedMask, PackedMasks, PackedMaterial, PackedMesh, PackedMeta, PackedParts,
+    PackedPhase, PackedTexture, PackedVolume, PackedWrap, PackedWriter, Palette,
 };
 use crate::run::Cancel;
 use crate::scene::grid::VolumeGrid;
@@ -94,6 +94,7 @@ pub fn description(scene: &Scene, tables: &LevelTables) -> PackedMeta {
             masks: masks(scene),
             emission_textures: emission_textures(scene),
             lenses: lenses(scene),
+            extinction_colors: extinction_colors(scene),
         },
     }
 }
@@ -259,6 +260,17 @@ fn masks(scene: &Scene) -> Option<PackedMasks> {
         masks,
         has_opacities: !scene.mesh.opacities.is_empty(),
     })
+}
+
+/// Of media that stop red, green and blue unlike.
+fn extinction_colors(scene: &Scene) -> Vec<ExtinctionColor> {
+    let media = (0..).zip(&scene.volumes);
+    let colored = media.filter(|(_, v)| !v.is_grey());
+    let of = colored.map(|(volume, v)| ExtinctionColor {
+        volume,
+        color: v.extinction_color,
+    });
+    of.collect()
 }
 
 /// Of cameras that are more than pinholes whose shutter opens for a moment.

@@ -127,6 +127,7 @@ mod tests {
             dims: [16, 8, 8],
             index_from_scene: DAffine3::IDENTITY.to_cols_array_2d(),
             albedo: [1.0; 3],
+            extinction_color: [1.0; 3],
         };
         let lvoxel = |level, block, light| Lvoxel {
             level,

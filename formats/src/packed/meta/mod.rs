@@ -192,7 +192,7 @@ impl PackedMeta {
             material.validate(self.textures.len())?;
         }
         let (materials, textures) = (self.materials.len(), self.textures.len());
-        (self.parts).validate(materials, textures, &self.cameras)?;
+        (self.parts).validate(materials, textures, &self.cameras, self.media())?;
         let areas = &self.areas;
         let are_right =
             areas.len() == self.materials.len() && areas.iter().all(|a| a.is_finite() && *a >= 0.0);

@@ -3,9 +3,10 @@
 
 use super::rules::{check, is_share};
 use super::view::PackedCamera;
-use crate::Result as Checked;
+use super::volume::PackedVolume;
+use crate::record::ExtinctionColor;
+use crate::{Result as Checked, check as rules, parts};
 use bincode::de::Decoder;
-use bincode::de::read::Reader;
 use bincode::enc::Encoder;
 use bincode::error::{DecodeError, EncodeError};
 
@@ -20,12 +21,16 @@ pub struct PackedParts {
     /// Lenses and shutters of cameras, by rising number of these; at least one, if there are any.
     #[serde(default)]
     pub lenses: Vec<PackedLens>,
+    /// Extinction by channel of media that are not grey, by rising number of these.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub extinction_colors: Vec<ExtinctionColor>,
 }
 
 /// Numbers of parts.
 const MASKS: u32 = 1;
 const EMISSION_TEXTURES: u32 = 2;
 const LENSES: u32 = 3;
+const EXTINCTION_COLORS: u32 = 4;
 
 /// A texture that is a factor on the emission of a material.
 #[derive(
@@ -114,45 +119,26 @@ impl bincode::Encode for PackedParts {
         if let Some(masks) = &self.masks {
             (MASKS, masks).encode(encoder)?;
         }
-        if !self.emission_textures.is_empty() {
-            (EMISSION_TEXTURES, &self.emission_textures).encode(encoder)?;
-        }
-        match self.lenses.is_empty() {
-            false => (LENSES, &self.lenses).encode(encoder),
-            true => Ok(()),
-        }
+        parts::encode(EMISSION_TEXTURES, &self.emission_textures, encoder)?;
+        parts::encode(LENSES, &self.lenses, encoder)?;
+        parts::encode(EXTINCTION_COLORS, &self.extinction_colors, encoder)
     }
 }
 
 impl<C> bincode::Decode<C> for PackedParts {
     fn decode<D: Decoder<Context = C>>(decoder: &mut D) -> Result<Self, DecodeError> {
-        let mut parts = Self::default();
+        let mut found = Self::default();
         let mut last = 0;
-        while decoder.reader().peek_read(1).is_some() {
-            let number = u32::decode(decoder)?;
-            if number <= last {
-                return Err(DecodeError::Other("parts out of order"));
-            }
-            last = number;
+        while let Some(number) = parts::next(decoder, &mut last)? {
             match number {
-                MASKS => parts.masks = Some(PackedMasks::decode(decoder)?),
-                EMISSION_TEXTURES => parts.emission_textures = some(decoder)?,
-                LENSES => parts.lenses = some(decoder)?,
-                _ => return Err(DecodeError::Other("a part of an unknown kind")),
+                MASKS => found.masks = Some(PackedMasks::decode(decoder)?),
+                EMISSION_TEXTURES => found.emission_textures = parts::some(decoder)?,
+                LENSES => found.lenses = parts::some(decoder)?,
+                EXTINCTION_COLORS => found.extinction_colors = parts::some(decoder)?,
+                _ => return Err(parts::UNKNOWN),
             }
         }
-        Ok(parts)
-    }
-}
-
-/// A list that is there because it says something.
-fn some<C, T: bincode::Decode<C>, D: Decoder<Context = C>>(
-    decoder: &mut D,
-) -> Result<Vec<T>, DecodeError> {
-    let list: Vec<T> = bincode::Decode::decode(decoder)?;
-    match list.is_empty() {
-        true => Err(DecodeError::Other("a part that says nothing")),
-        false => Ok(list),
+        Ok(found)
     }
 }
 
@@ -164,6 +150,7 @@ impl PackedParts {
         materials: usize,
         textures: usize,
         cameras: &[PackedCamera],
+        media: &[PackedVolume],
     ) -> Checked<()> {
         if let Some(masks) = &self.masks {
             masks.validate(materials, textures)?;
@@ -184,7 +171,19 @@ impl PackedParts {
             "cameras in order",
             &numbers,
         )?;
-        self.lenses.iter().try_for_each(|l| l.validate(cameras))
+        self.lenses.iter().try_for_each(|l| l.validate(cameras))?;
+        let of = &self.extinction_colors;
+        check(
+            are_in_order(of.iter().map(|of| of.volume), media.len())
+                && !of.iter().any(ExtinctionColor::is_grey),
+            &|| "extinction colours".to_owned(),
+            &format!("some of {} media, in order, that are not grey", media.len()),
+            of,
+        )?;
+        of.iter().try_for_each(|of| {
+            let name = &media[of.volume as usize].name;
+            rules::extinction_color(of.color, &|| format!("volume {name:?}"))
+        })
     }
 }
 
