@@ -2,7 +2,7 @@
 //! them once.
 
 use super::Crossing;
-use crate::math::Ray;
+use crate::math::{Ray, Spectrum};
 use crate::math::segment::{Composite, Segment};
 use crate::tree::{IncidentGrid, LvoxelBlock, Media};
 
@@ -20,12 +20,16 @@ pub trait Medium: Copy + Sync {
     /// Whether the type stands for no medium at all.
     const IS_NOTHING: bool = false;
 
+    /// What tells depths and shares of light: one number, or one for each channel if media have
+    /// colour.
+    type Share: Spectrum;
+
     /// Gives every segment of a ray in a medium, front to back, to `add` until that says no;
     /// returns whether it never did.
-    fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool;
+    fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment<Self::Share>) -> bool) -> bool;
 
     /// The same where light travels with the ray, not against it.
-    fn walk_with(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
+    fn walk_with(&self, ray: &Ray, add: &mut impl FnMut(Segment<Self::Share>) -> bool) -> bool {
         self.walk(ray, add)
     }
 
@@ -52,23 +56,28 @@ pub trait Medium: Copy + Sync {
     /// Adds to `light` what media along a ray send, and the surfaces in `crossings`, which are
     /// sorted by distance. Returns what media stopped.
     #[inline]
-    fn pass(&self, ray: &Ray, crossings: &[Crossing], light: &mut Composite) -> Attenuation {
+    fn pass(
+        &self,
+        ray: &Ray,
+        crossings: &[Crossing],
+        light: &mut Composite<Self::Share>,
+    ) -> Attenuation {
         let (mut stopped, mut moment) = (0.0, 0.0);
         let mut crossings = crossings.iter().peekable();
-        let mut add = |mut s: Segment| {
+        let mut add = |mut s: Segment<Self::Share>| {
             while let Some(c) = crossings.next_if(|c| c.t < s.far) {
                 let share = ((c.t - s.near) / (s.far - s.near)).clamp(0.0, 1.0);
                 light.medium(s.tau * share, s.source);
                 light.surface(c.opacity, c.radiance);
-                s.tau *= 1.0 - share;
+                s.tau = s.tau * (1.0 - share);
                 s.near = s.near.max(c.t);
             }
             let before = light.transmittance;
             light.medium(s.tau, s.source);
-            let taken = before - light.transmittance;
+            let taken = (before - light.transmittance).mean();
             stopped += taken;
             moment += taken * (0.5 * (s.near + s.far));
-            light.transmittance > Composite::NOTHING
+            light.transmittance.most() > Composite::<Self::Share>::NOTHING
         };
         if self.walk(ray, &mut add) {
             crossings.for_each(|c| light.surface(c.opacity, c.radiance));
@@ -86,6 +95,7 @@ pub struct NoMedia;
 
 impl Medium for NoMedia {
     const IS_NOTHING: bool = true;
+    type Share = f32;
 
     #[inline]
     fn walk(&self, _: &Ray, _: &mut impl FnMut(Segment) -> bool) -> bool {
@@ -94,6 +104,8 @@ impl Medium for NoMedia {
 }
 
 impl Medium for &Media {
+    type Share = f32;
+
     #[inline]
     fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
         Media::walk(self, ray, add)
@@ -131,6 +143,8 @@ mod tests {
     struct TwoSlabs;
 
     impl Medium for TwoSlabs {
+        type Share = f32;
+
         fn walk(&self, _: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
             let slab = |near, far, tau| Segment {
                 near,

@@ -5,12 +5,16 @@ use crate::gather::{
     cone,
 };
 use crate::math::segment::{Composite, Segment};
-use crate::math::{Ray, SeenPhase};
+use crate::math::{Ray, SeenPhase, Spectrum};
 use crate::tree::Pages;
 use glam::Vec3;
 
 /// Gathers of light inside media.
 pub trait GatherInMedia: Sync {
+    /// What tells depths and shares of light: one number, or one for each channel if media have
+    /// colour.
+    type Share: Spectrum;
+
     /// Rays, limits and kernel of the gathers.
     fn settings(&self) -> &RaySettings<'_>;
 
@@ -37,10 +41,10 @@ pub trait GatherInMedia: Sync {
 
     /// Gives every segment of medium along a ray, front to back, to `add` until
     /// that says no; returns whether it never did.
-    fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool;
+    fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment<Self::Share>) -> bool) -> bool;
 
     /// The same where light travels with the ray, not against it.
-    fn walk_with(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
+    fn walk_with(&self, ray: &Ray, add: &mut impl FnMut(Segment<Self::Share>) -> bool) -> bool {
         self.walk(ray, add)
     }
 
@@ -55,10 +59,12 @@ pub trait GatherInMedia: Sync {
 
     /// Adds to `light` what media along a ray send, and takes what they stop. Returns how many
     /// lvoxels that took.
-    fn pass(&self, ray: &Ray, light: &mut Composite) -> u64;
+    fn pass(&self, ray: &Ray, light: &mut Composite<Self::Share>) -> u64;
 }
 
 impl<P: Pages, M: Medium> GatherInMedia for Gatherer<'_, P, M> {
+    type Share = M::Share;
+
     fn settings(&self) -> &RaySettings<'_> {
         &self.settings
     }
@@ -87,12 +93,12 @@ impl<P: Pages, M: Medium> GatherInMedia for Gatherer<'_, P, M> {
     }
 
     #[inline]
-    fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
+    fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment<Self::Share>) -> bool) -> bool {
         self.media.walk(ray, add)
     }
 
     #[inline]
-    fn walk_with(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
+    fn walk_with(&self, ray: &Ray, add: &mut impl FnMut(Segment<Self::Share>) -> bool) -> bool {
         self.media.walk_with(ray, add)
     }
 
@@ -104,12 +110,12 @@ impl<P: Pages, M: Medium> GatherInMedia for Gatherer<'_, P, M> {
         self.media.each_lvoxel(volume, take);
     }
 
-    fn pass(&self, ray: &Ray, light: &mut Composite) -> u64 {
+    fn pass(&self, ray: &Ray, light: &mut Composite<Self::Share>) -> u64 {
         let mut passed = 0;
         self.media.walk(ray, &mut |s| {
             passed += 1;
             light.medium(s.tau, s.source);
-            light.transmittance > Composite::NOTHING
+            light.transmittance.most() > Composite::<Self::Share>::NOTHING
         });
         passed
     }

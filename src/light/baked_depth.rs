@@ -96,7 +96,7 @@ impl<'a> BakedDepth<'a> {
             sum <= Self::LOST[0] * all && most <= Self::LOST[1]
         };
         let found = Self::DARK.into_iter().find(|&dark| is_dark(dark));
-        found.unwrap_or(f32::INFINITY)
+        found.map_or(f32::INFINITY, |dark| dark / self.volume.clearest())
     }
 
     fn is_beyond(&self, point: Vec3, depth: f32) -> bool {
@@ -122,13 +122,14 @@ impl<'a> BakedDepth<'a> {
         }
         let ray = Ray::new(point, self.to_sun, self.exact);
         let mut near = 0.0;
+        let no_light = Self::NO_LIGHT / self.volume.clearest();
         if let Some(cells) = Cells::new(self.volume, &ray) {
             cells.each(|cell| {
                 near += cell.tau;
-                near < Self::NO_LIGHT
+                near < no_light
             });
         }
-        if self.exact == f32::INFINITY || near >= Self::NO_LIGHT {
+        if self.exact == f32::INFINITY || near >= no_light {
             near
         } else {
             near + kept.depth(point + self.to_sun * self.exact)

@@ -5,7 +5,7 @@ use super::direct::DirectLight;
 use super::shading_point::{Arrival, Receiver, ShadingPoint};
 use super::shadows::{ShadowMedia, Shadows};
 use crate::math::magnitude::to_unit;
-use crate::math::{Rgb, SeenPhase};
+use crate::math::{Rgb, SeenPhase, Spectrum};
 use crate::scene::Light;
 use crate::trace::short_of;
 use glam::Vec3;
@@ -53,19 +53,19 @@ impl Beam {
 
 /// Adds what arrives of a point, spot or parallel light. Media before it are those of `media`, or
 /// the scene's own.
-pub fn trace(
+pub fn trace<S: Shadows>(
     total: &mut DirectLight,
     light: &Light,
     index: usize,
-    at: &ShadingPoint<impl Shadows, impl Receiver>,
-    media: Option<&dyn ShadowMedia>,
+    at: &ShadingPoint<S, impl Receiver>,
+    media: Option<&dyn ShadowMedia<S::Share>>,
 ) {
     if let Some(beam) = Beam::of(light, at)
         && beam.response > 0.0
     {
         let transmittance = at.transmittance(beam.direction, beam.end, media);
-        total.visibility.note_delta(index, transmittance);
-        let arriving = beam.sent * (beam.response * transmittance);
+        total.visibility.note_delta(index, transmittance.mean());
+        let arriving = (transmittance * beam.response).filter(beam.sent);
         at.receiver
             .note(beam.direction, arriving.mean(), Arrival::Delta);
         total.delta += arriving;

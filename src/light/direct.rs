@@ -2,7 +2,7 @@
 //! and the share of it that shadow rays found to arrive.
 
 use super::visibility::Visibility;
-use crate::math::Rgb;
+use crate::math::{Rgb, Spectrum};
 use std::ops::{AddAssign, MulAssign};
 
 /// Direct light at a point: irradiance of a surface, or radiance in a medium, summed over the
@@ -163,10 +163,10 @@ impl DirectLight {
     }
 
     /// Notes a ray to a light with an extent that would bring `light` with nothing between.
-    pub(super) fn note_ray(&mut self, index: usize, light: Rgb, transmittance: f32) {
+    pub(super) fn note_ray<K: Spectrum>(&mut self, index: usize, light: Rgb, transmittance: K) {
         self.ratio.unshadowed += light;
-        self.ratio.shadowed += light * transmittance;
-        self.visibility.note_ray(index, transmittance);
+        self.ratio.shadowed += transmittance.filter(light);
+        self.visibility.note_ray(index, transmittance.mean());
     }
 }
 

@@ -7,7 +7,7 @@ use super::emitter_parts;
 use super::shading_point::{Arrival, Receiver, ShadingPoint, SurfaceReceiver};
 use super::shadows::Shadows;
 use super::tree::{LightCut, LightTree};
-use crate::math::Rgb;
+use crate::math::{Rgb, Spectrum};
 use crate::scene::Scene;
 use glam::Vec3;
 use smallvec::SmallVec;
@@ -236,7 +236,7 @@ impl Candidates {
             // What this point sends over what its emitter was expected to: near 1.
             if let Some(ray) = at.ray_to(emitter, [within, v], chosen.response) {
                 let light = emitter.radiance * (ray.weight * sum / emitter.radiance.mean());
-                let arriving = light.mean() * ray.transmittance;
+                let arriving = ray.transmittance.mean_of(light);
                 at.receiver.note(ray.direction, arriving, Arrival::Ray);
                 // Emitters of one surface are told apart no further than sharing a bit with
                 // another.
@@ -281,8 +281,8 @@ fn trace_to_many<R: Receiver>(
             let light = emitter.radiance * ray.weight;
             // As much of the light as a ray to any other light with an extent brings of its own.
             let own = light * per_ray;
-            at.receiver
-                .note(ray.direction, own.mean() * ray.transmittance, Arrival::Ray);
+            let arriving = ray.transmittance.mean_of(own);
+            at.receiver.note(ray.direction, arriving, Arrival::Ray);
             total.note_ray(emitter.surface as usize, own, ray.transmittance);
             sent += light;
         }

@@ -7,7 +7,7 @@
 use super::direct::DirectLight;
 use super::shading_point::{Arrival, Receiver, ShadingPoint};
 use super::shadows::Shadows;
-use crate::math::{Aabb, Rgb, sampling};
+use crate::math::{Aabb, Rgb, Spectrum, sampling};
 use crate::scene::{EmissiveBlock, EmissiveVolume};
 use glam::Vec3;
 use smallvec::SmallVec;
@@ -108,7 +108,7 @@ impl Glow {
             let media = at.shadows.before_emitters();
             let through = at.transmittance(ray.direction, ray.distance, media);
             at.receiver
-                .note(ray.direction, light.mean() * through, Arrival::Ray);
+                .note(ray.direction, through.mean_of(light), Arrival::Ray);
             total.note_ray(SETS[0] as usize, light, through);
             sent += light;
         }

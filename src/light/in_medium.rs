@@ -8,7 +8,7 @@ use super::shading_point::{INVERSE_SPHERE, MediumReceiver, PhaseReceiver};
 use super::shadow_rays::ShadowRays;
 use super::shadows::Shadows;
 use super::suns::{Sun, SunDepths};
-use crate::math::{Ray, Rgb, SeenPhase};
+use crate::math::{Ray, Rgb, SeenPhase, Spectrum};
 use crate::scene::Light;
 use crate::trace::short_of;
 use glam::Vec3;
@@ -87,8 +87,8 @@ impl<S: Shadows> Lights<'_, S> {
             }
             let d = to_light / distance;
             let light = intensity * (light.falloff(-d).max(BESIDE) / (distance * distance));
-            arriving +=
-                light * self.transmittance(&Ray::new(point, d, short_of(position, distance)));
+            let ray = Ray::new(point, d, short_of(position, distance));
+            arriving += self.transmittance(&ray).filter(light);
             sent += light;
         });
         arriving.over(sent)
@@ -137,7 +137,7 @@ impl<S: Shadows> Lights<'_, S> {
             let weight = light.falloff(-d).max(LEAST) * seen.response(d).max(LEAST);
             let light = intensity * (weight / (distance * distance));
             let ray = Ray::new(point, d, short_of(position, distance));
-            arriving += light * self.transmittance(&ray);
+            arriving += self.transmittance(&ray).filter(light);
             sent += light;
         });
         arriving.over(sent)

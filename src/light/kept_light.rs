@@ -11,7 +11,7 @@ use super::shadow_rays::ShadowRays;
 use super::shadows::{ShadowMedia, Shadows};
 use super::suns::SunDepths;
 use crate::Result;
-use crate::math::{Ray, Rgb, sampling, unflatten};
+use crate::math::{Ray, Rgb, Spectrum, sampling, unflatten};
 use crate::scene::grid::BRICK_CELLS;
 use crate::scene::{Scene, Volume};
 use crate::trace::Tracer;
@@ -100,7 +100,7 @@ impl<'a> KeptLight<'a> {
     }
 
     /// What is known of a sun, by the light's index.
-    pub(super) fn sun(&self, light: usize) -> Option<&dyn ShadowMedia> {
+    pub(super) fn sun<K: Spectrum>(&self, light: usize) -> Option<&dyn ShadowMedia<K>> {
         self.suns.of(light)
     }
 
@@ -132,6 +132,9 @@ impl<'a> KeptLight<'a> {
         let [volume] = &scene.volumes[..] else {
             return false;
         };
+        if !volume.is_grey() {
+            return false;
+        }
         // A sky that is kept travels all ways alike, which half a sky does not.
         let is_worth_it = || volume.sigma_t.stored_bricks() >= LARGE && volume.phase.is_isotropic();
         scene.environment().0 != Rgb::BLACK.0
@@ -341,7 +344,7 @@ mod tests {
                 let scene = scene([64; 3], cloud(period), direction, None);
                 let to_sun = SunDepths::direction(&scene.lights[0]).unwrap();
                 let kept = KeptLight::new(&Tracer::new(&scene), || Ok(())).unwrap();
-                let sun = kept.suns.of(0).unwrap();
+                let sun = kept.suns.of::<f32>(0).unwrap();
                 assert!(
                     !format!("{sun:?}").contains("exact: inf"),
                     "{direction:?} {period}"
@@ -438,7 +441,7 @@ mod tests {
         let scene = scene([24; 3], speckled, [0.4, -1.0, 0.2], Some(floor));
         let kept = KeptLight::new(&Tracer::new(&scene), || Ok(())).unwrap();
         assert!(kept.sky.is_none());
-        let sun = kept.suns.of(0).unwrap();
+        let sun = kept.suns.of::<f32>(0).unwrap();
         let to_sun = SunDepths::direction(&scene.lights[0]).unwrap();
         let exact = checks(&scene, &[to_sun]).0;
         let squared = |&(point, share): &(Vec3, f32)| {

@@ -15,7 +15,7 @@ use super::shadows::{SceneMedia, Shadows, SoftShadowMedia, Vacuum};
 use super::sky::Sky;
 use super::suns::{Sun, SunDepths};
 use crate::math::sampling::{cosine_hemisphere, sphere, tangents};
-use crate::math::{Environment, Ray, Rgb, SeenPhase};
+use crate::math::{Environment, Ray, Rgb, SeenPhase, Spectrum};
 use crate::scene::Light;
 use crate::trace::{self, Tracer};
 use glam::Vec3;
@@ -25,7 +25,7 @@ use std::sync::Arc;
 /// All lights of a scene, and what shadow rays to them pass. An environment counts only where it is
 /// asked for by name, but for the excess of an image: gathering takes care of it.
 #[derive(Clone, Debug)]
-pub struct Lights<'a, S = SceneMedia<'a>> {
+pub struct Lights<'a, S = SceneMedia<'a, f32>> {
     pub(super) tracer: &'a Tracer<'a>,
     shadows: S,
     /// Lights of the scene that are no triangles.
@@ -45,7 +45,7 @@ pub struct Lights<'a, S = SceneMedia<'a>> {
     sky: Option<Arc<Sky>>,
 }
 
-impl<'a> Lights<'a> {
+impl<'a, K: Spectrum> Lights<'a, SceneMedia<'a, K>> {
     /// Finds the lights of the traced scene.
     #[must_use]
     pub fn new(tracer: &'a Tracer<'a>) -> Self {
@@ -138,13 +138,13 @@ impl<'a, S: Shadows> Lights<'a, S> {
     /// Share of light that gets from the end of a ray to its origin: 0 behind a surface, else what
     /// the scene's own media let through.
     #[must_use]
-    pub fn transmittance(&self, ray: &Ray) -> f32 {
+    pub fn transmittance(&self, ray: &Ray) -> S::Share {
         self.shadows.transmittance(self.tracer, ray, None)
     }
 
     /// The same for a ray of a camera, which passes surfaces that it does not see.
     #[must_use]
-    pub fn seen_transmittance(&self, ray: &Ray) -> f32 {
+    pub fn seen_transmittance(&self, ray: &Ray) -> S::Share {
         match self.tracer.are_all_seen() {
             true => self.transmittance(ray),
             false => self.tracer.seen_transmittance(ray),
@@ -326,25 +326,28 @@ impl<'a, S: Shadows> Lights<'a, S> {
         }
         let at = self.shading_point(point, rays, ());
         let scale = 1.0 / rays.count() as f32;
-        let (mut even, mut by_direction) = (0.0, Rgb::BLACK);
+        let (mut even, mut by_direction) = (S::Share::default(), Rgb::BLACK);
         for i in 0..rays.count() {
             let direction = sphere(rays.point(i, 62));
             let media = at.shadows.before_emitters();
-            let through = scale * at.transmittance(direction, f32::INFINITY, media);
+            let through = at.transmittance(direction, f32::INFINITY, media) * scale;
             match environment.map() {
                 None => {
                     even += through;
-                    way -= direction * through;
+                    way -= direction * through.mean();
                 }
                 Some(map) => {
-                    let light = map.radiance.get(direction) * through;
+                    let light = through.filter(map.radiance.get(direction));
                     by_direction += light;
                     way -= direction * light.mean();
                 }
             }
         }
         match environment.map() {
-            None => (self.environment * even, way * self.environment.mean()),
+            None => (
+                even.filter(self.environment),
+                way * self.environment.mean(),
+            ),
             Some(_) => (by_direction, way),
         }
     }
@@ -370,10 +373,10 @@ impl<'a, S: Shadows> Lights<'a, S> {
         let rays_of_all = (0..rays.count()).map(ray);
         let count = rays.count() as f32;
         if environment.map().is_none() {
-            let share = rays_of_all.map(|(_, share)| share).sum::<f32>() / count;
-            return self.environment * (scale * share);
+            let sum = rays_of_all.fold(S::Share::default(), |sum, (_, share)| sum + share);
+            return (sum.each(|sum| sum / count) * scale).filter(self.environment);
         }
-        let arriving = rays_of_all.map(|(d, share)| environment.radiance(d) * share);
+        let arriving = rays_of_all.map(|(d, share)| share.filter(environment.radiance(d)));
         arriving.fold(Rgb::BLACK, |sum, light| sum + light) * (scale / count)
     }
 

@@ -31,14 +31,14 @@ impl<S: Shadows, R> ShadingPoint<'_, S, R> {
         &self,
         direction: Vec3,
         t_max: f32,
-        media: Option<&dyn ShadowMedia>,
-    ) -> f32 {
+        media: Option<&dyn ShadowMedia<S::Share>>,
+    ) -> S::Share {
         self.shadows
             .transmittance(self.tracer, &Ray::new(self.origin, direction, t_max), media)
     }
 
     /// Share of light that gets here from a point of an emitter, `distance` along a unit direction.
-    fn transmittance_from_emitter(&self, direction: Vec3, distance: f32) -> f32 {
+    fn transmittance_from_emitter(&self, direction: Vec3, distance: f32) -> S::Share {
         let end = trace::short_of(self.origin + direction * distance, distance);
         self.transmittance(direction, end, self.shadows.before_emitters())
     }
@@ -46,20 +46,20 @@ impl<S: Shadows, R> ShadingPoint<'_, S, R> {
 
 /// What a ray to an emitter brings.
 #[derive(Clone, Copy, Debug)]
-pub struct EmitterRay {
+pub struct EmitterRay<K> {
     /// Unit direction to the emitter.
     pub direction: Vec3,
     /// Unshadowed light per unit of the emitter's radiance, over what was expected of it.
     pub weight: f32,
     /// Share of that which arrives.
-    pub transmittance: f32,
+    pub transmittance: K,
 }
 
 impl<S: Shadows, R: Receiver> ShadingPoint<'_, S, R> {
     /// Traces a ray to the point of an emitter that two numbers in [0,1) choose. `expected` is the
     /// chance of the emitter, or the receiver's whole response to it. `None` if the ray counts for
     /// nothing.
-    pub fn ray_to(&self, emitter: &Emitter, u: [f32; 2], expected: f32) -> Option<EmitterRay> {
+    pub fn ray_to(&self, emitter: &Emitter, u: [f32; 2], expected: f32) -> Option<EmitterRay<S::Share>> {
         let towards = emitter.sample(self.origin, u, self.rays.near());
         let weight = self.receiver.response(towards.direction) / (towards.pdf * expected);
         (weight > 0.0 && weight.is_finite()).then(|| EmitterRay {

@@ -3,15 +3,16 @@
 
 use crate::Result;
 use crate::math::exp::exp_neg;
-use crate::math::{Boxes, Ray, sampling};
+use crate::math::{Boxes, Ray, Spectrum, sampling};
 use crate::scene::{Material, Scene, Volume};
 use crate::trace::{SteppedVolume, Tracer};
 use glam::{DVec3, Vec3};
+use std::marker::PhantomData;
 
 /// Media that shadow rays pass instead of the scene's own.
-pub trait ShadowMedia: Sync + std::fmt::Debug {
+pub trait ShadowMedia<K>: Sync + std::fmt::Debug {
     /// Optical depth along a ray.
-    fn optical_depth(&self, ray: &Ray) -> f32;
+    fn optical_depth(&self, ray: &Ray) -> K;
 
     /// Whether it is known that no light gets to a point, whatever surfaces there are.
     fn is_dark(&self, _point: Vec3) -> bool {
@@ -22,12 +23,20 @@ pub trait ShadowMedia: Sync + std::fmt::Debug {
 /// What shadow rays pass beside surfaces, as a type: code for scenes without media does no work for
 /// any.
 pub trait Shadows: Copy + Sync + std::fmt::Debug {
+    /// What tells shares of light: one number, or one for each channel behind media of colour.
+    type Share: Spectrum;
+
     /// Share of light that gets from the end of a ray to its origin, 0 behind a surface. Media on
     /// the way are those of `media`, or the scene's own.
-    fn transmittance(&self, tracer: &Tracer, ray: &Ray, media: Option<&dyn ShadowMedia>) -> f32;
+    fn transmittance(
+        &self,
+        tracer: &Tracer,
+        ray: &Ray,
+        media: Option<&dyn ShadowMedia<Self::Share>>,
+    ) -> Self::Share;
 
     /// Media before emitters, if not the scene's own.
-    fn before_emitters(&self) -> Option<&dyn ShadowMedia>;
+    fn before_emitters(&self) -> Option<&dyn ShadowMedia<Self::Share>>;
 }
 
 /// A scene without media.
@@ -35,38 +44,49 @@ pub trait Shadows: Copy + Sync + std::fmt::Debug {
 pub struct Vacuum;
 
 impl Shadows for Vacuum {
+    type Share = f32;
+
     #[inline]
-    fn transmittance(&self, tracer: &Tracer, ray: &Ray, _: Option<&dyn ShadowMedia>) -> f32 {
+    fn transmittance(&self, tracer: &Tracer, ray: &Ray, _: Option<&dyn ShadowMedia<f32>>) -> f32 {
         tracer.let_through(ray)
     }
 
     #[inline]
-    fn before_emitters(&self) -> Option<&dyn ShadowMedia> {
+    fn before_emitters(&self) -> Option<&dyn ShadowMedia<f32>> {
         None
     }
 }
 
-/// The media of a scene, voxel by voxel but where others stand in for them.
+/// The media of a scene, grey or of colour, voxel by voxel but where others stand in for them.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct SceneMedia<'a> {
+pub struct SceneMedia<'a, K = f32> {
     /// Media that rays to emitters pass instead.
     pub(super) before_emitters: Option<&'a SoftShadowMedia>,
+    pub(super) share: PhantomData<K>,
 }
 
-impl Shadows for SceneMedia<'_> {
-    fn transmittance(&self, tracer: &Tracer, ray: &Ray, media: Option<&dyn ShadowMedia>) -> f32 {
+impl<K: Spectrum> Shadows for SceneMedia<'_, K> {
+    type Share = K;
+
+    fn transmittance(
+        &self,
+        tracer: &Tracer,
+        ray: &Ray,
+        media: Option<&dyn ShadowMedia<K>>,
+    ) -> K {
         match media {
             None => tracer.transmittance(ray),
-            Some(media) if media.is_dark(ray.origin) => 0.0,
+            Some(media) if media.is_dark(ray.origin) => K::default(),
             Some(media) => match tracer.let_through(ray) {
-                0.0 => 0.0,
-                through => through * exp_neg(media.optical_depth(ray)),
+                0.0 => K::default(),
+                through => media.optical_depth(ray).exp_neg() * through,
             },
         }
     }
 
-    fn before_emitters(&self) -> Option<&dyn ShadowMedia> {
-        self.before_emitters.map(|media| media as &dyn ShadowMedia)
+    fn before_emitters(&self) -> Option<&dyn ShadowMedia<K>> {
+        self.before_emitters
+            .map(|media| media as &dyn ShadowMedia<K>)
     }
 }
 
@@ -75,6 +95,8 @@ impl Shadows for SceneMedia<'_> {
 #[derive(Debug)]
 pub struct SoftShadowMedia {
     volumes: Vec<SteppedVolume>,
+    /// Of each volume, its extinction by channel over that of the largest.
+    colors: Vec<[f32; 3]>,
     boxes: Boxes,
 }
 
@@ -96,6 +118,7 @@ impl SoftShadowMedia {
         let volume = |v: &Volume| v.ready().map(|()| stepped(v, max_edge));
         Ok(Some(Self {
             volumes: scene.volumes.iter().map(volume).collect::<Result<_>>()?,
+            colors: scene.volumes.iter().map(|v| v.extinction_color).collect(),
             boxes: scene.volume_boxes(),
         }))
     }
@@ -107,10 +130,11 @@ impl SoftShadowMedia {
     }
 }
 
-impl ShadowMedia for SoftShadowMedia {
-    fn optical_depth(&self, ray: &Ray) -> f32 {
-        let volumes = self.boxes.along(ray).map(|v| &self.volumes[v]);
-        volumes.map(|v| v.optical_depth(ray)).sum()
+impl<K: Spectrum> ShadowMedia<K> for SoftShadowMedia {
+    fn optical_depth(&self, ray: &Ray) -> K {
+        let depth = |v: usize| K::tinted(self.volumes[v].optical_depth(ray), &self.colors[v]);
+        let met = self.boxes.along(ray);
+        met.map(depth).fold(K::default(), |sum, depth| sum + depth)
     }
 }
 

@@ -8,7 +8,7 @@ use super::direct::DirectLight;
 use super::shading_point::{Arrival, Receiver, ShadingPoint};
 use super::shadows::Shadows;
 use crate::math::distribution::GridDistribution;
-use crate::math::{EnvironmentMap, Rgb, SphereMap};
+use crate::math::{EnvironmentMap, Rgb, Spectrum, SphereMap};
 use crate::scene::EnvironmentImage;
 use glam::Vec3;
 use std::f32::consts::TAU;
@@ -211,11 +211,11 @@ impl Excess {
                 let media = at.shadows.before_emitters();
                 let transmittance = at.transmittance(direction, f32::INFINITY, media);
                 // In media what is sent is what rays bring.
-                let arrives = light.mean() * transmittance / rays.count() as f32;
+                let arrives = transmittance.mean_of(light) / rays.count() as f32;
                 at.receiver.note(direction, arrives, Arrival::Delta);
                 total.sky.ratio.unshadowed += light;
-                total.sky.ratio.shadowed += light * transmittance;
-                total.visibility.note_ray(SET as usize, transmittance);
+                total.sky.ratio.shadowed += transmittance.filter(light);
+                total.visibility.note_ray(SET as usize, transmittance.mean());
             }
         }
         total.sky.unshadowed += match at.receiver.normals() {

@@ -11,7 +11,7 @@ use super::shadows::{ShadowMedia, Shadows};
 use crate::Result;
 use crate::math::ray_lattice::RayLattice;
 use crate::math::sampling::{disk, tangents};
-use crate::math::{Aabb, Boxes, Ray, Rgb};
+use crate::math::{Aabb, Boxes, Ray, Rgb, Spectrum};
 use crate::scene::{Light, Scene, Volume};
 use crate::trace::{Cells, Tracer};
 use glam::Vec3;
@@ -47,12 +47,12 @@ impl Sun {
 
     /// Adds unshadowed light, and what rays find of it. Media before the sun are those of `media`,
     /// or the scene's own.
-    pub fn trace(
+    pub fn trace<S: Shadows>(
         &self,
         total: &mut DirectLight,
         index: usize,
-        at: &ShadingPoint<impl Shadows, impl Receiver>,
-        media: Option<&dyn ShadowMedia>,
+        at: &ShadingPoint<S, impl Receiver>,
+        media: Option<&dyn ShadowMedia<S::Share>>,
     ) {
         let (x, y) = tangents(-self.direction);
         let radius = libm::sinf(self.angular_radius_rad);
@@ -68,7 +68,7 @@ impl Sun {
                 total.unshadowed += light * (1.0 / rays.count() as f32);
                 let transmittance = at.transmittance(d, f32::INFINITY, media);
                 at.receiver
-                    .note(d, light.mean() * transmittance, Arrival::Ray);
+                    .note(d, transmittance.mean_of(light), Arrival::Ray);
                 total.note_ray(index, light, transmittance);
             }
         }
@@ -93,6 +93,8 @@ pub struct SunDepths<'a> {
 struct SunDepth<'a> {
     to_sun: Vec3,
     volumes: Vec<Towards<'a>>,
+    /// Of each volume, its extinction by channel over that of the largest.
+    colors: Vec<[f32; 3]>,
     boxes: Boxes,
 }
 
@@ -219,6 +221,7 @@ impl<'a> SunDepths<'a> {
             Ok(Some(SunDepth {
                 to_sun,
                 volumes: depths.collect::<Result<_>>()?,
+                colors: colors(&scene.volumes),
                 boxes: Boxes::new(scene.volumes.iter().map(Volume::bounds)),
             }))
         };
@@ -245,7 +248,7 @@ impl<'a> SunDepths<'a> {
 
     /// What is known of a light, by its index; `None` if it is no sun or too wide a one.
     #[must_use]
-    pub fn of(&self, light: usize) -> Option<&dyn ShadowMedia> {
+    pub fn of<K: Spectrum>(&self, light: usize) -> Option<&dyn ShadowMedia<K>> {
         let depth = self.suns.get(light)?.get_or_init(|| {
             let light = self.lights.get(light)?;
             self.depth(light, &|| Ok(())).ok().flatten()
@@ -254,9 +257,14 @@ impl<'a> SunDepths<'a> {
     }
 }
 
+/// Of each volume, its extinction by channel over that of the largest.
+fn colors(volumes: &[Volume]) -> Vec<[f32; 3]> {
+    volumes.iter().map(|v| v.extinction_color).collect()
+}
+
 impl<'a> SunDepth<'a> {
     fn new(
-        volumes: &'a [Volume],
+        all: &'a [Volume],
         in_cells: &[bool],
         light: &Light,
         most_cells: usize,
@@ -274,11 +282,12 @@ impl<'a> SunDepth<'a> {
             };
             Ok((bounds, kept.map_or(Towards::Asked(asked), Towards::Kept)))
         };
-        let towards = volumes.iter().zip(in_cells).map(of_volume);
+        let towards = all.iter().zip(in_cells).map(of_volume);
         let (boxes, volumes): (Vec<_>, Vec<_>) =
             towards.collect::<Result<Vec<_>>>()?.into_iter().unzip();
         Ok(Some(Self {
             to_sun,
+            colors: colors(all),
             boxes: Boxes::new(boxes),
             volumes,
         }))
@@ -297,15 +306,18 @@ impl<'a> SunDepth<'a> {
     }
 }
 
-impl ShadowMedia for SunDepth<'_> {
-    fn optical_depth(&self, ray: &Ray) -> f32 {
-        let depth = |v: usize| match &self.volumes[v] {
-            Towards::Asked(depth) => depth.at(ray.origin),
-            Towards::Kept(rays) => rays.depth(ray.origin),
-            Towards::Baked(depth) => depth.at(ray.origin),
+impl<K: Spectrum> ShadowMedia<K> for SunDepth<'_> {
+    fn optical_depth(&self, ray: &Ray) -> K {
+        let depth = |v: usize| {
+            let depth = match &self.volumes[v] {
+                Towards::Asked(depth) => depth.at(ray.origin),
+                Towards::Kept(rays) => rays.depth(ray.origin),
+                Towards::Baked(depth) => depth.at(ray.origin),
+            };
+            K::tinted(depth, &self.colors[v])
         };
         let met = self.boxes.along(&Ray::endless(ray.origin, self.to_sun));
-        met.map(depth).sum()
+        met.map(depth).fold(K::default(), |sum, depth| sum + depth)
     }
 
     fn is_dark(&self, point: Vec3) -> bool {

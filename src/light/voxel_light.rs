@@ -5,9 +5,8 @@ use super::baked_depth::BakedDepth;
 use super::kept_light::KeptLight;
 use super::lights::Lights;
 use super::shading_point::INVERSE_SPHERE;
-use super::shadows::ShadowMedia;
-use crate::math::exp::exp_neg;
-use crate::math::{Ray, Rgb};
+use super::shadows::{SceneMedia, ShadowMedia};
+use crate::math::{Ray, Rgb, Spectrum};
 use crate::scene::{Light, Volume};
 use glam::{DVec3, Vec3};
 use std::cell::OnceCell;
@@ -17,37 +16,37 @@ const CORNERS: usize = VoxelLight::VOXELS + 1;
 
 /// The light in a brick of a volume, if all lights are parallel ones and a sky that is kept.
 #[derive(Debug)]
-pub struct VoxelLight<'a> {
-    lights: &'a Lights<'a>,
+pub struct VoxelLight<'a, K = f32> {
+    lights: &'a Lights<'a, SceneMedia<'a, K>>,
     kept: &'a KeptLight<'a>,
     volume: &'a Volume,
     /// Its first voxel.
     first: DVec3,
-    suns: Vec<Parallel<'a>>,
+    suns: Vec<Parallel<'a, K>>,
     /// At corners of voxels, x fastest.
-    corners: Vec<OnceCell<Corner>>,
+    corners: Vec<OnceCell<Corner<K>>>,
 }
 
 /// A parallel light.
 #[derive(Debug)]
-struct Parallel<'a> {
+struct Parallel<'a, K> {
     to_sun: Vec3,
     /// Its mean over the sphere.
     radiance: Rgb,
-    media: &'a dyn ShadowMedia,
+    media: &'a dyn ShadowMedia<K>,
 }
 
 /// Light at a corner of voxels.
 #[derive(Debug)]
-struct Corner {
+struct Corner<K> {
     /// Depth towards each sun, and whether light of it may arrive: where any is left, whether no
     /// surface is before it.
-    suns: Box<[(f32, bool)]>,
+    suns: Box<[(K, bool)]>,
     /// Of the sky.
     sky: Rgb,
 }
 
-impl<'a> VoxelLight<'a> {
+impl<'a, K: Spectrum> VoxelLight<'a, K> {
     /// Voxels along an edge of a brick.
     pub const VOXELS: usize = 8;
     /// Share of the depth between corners that is that of their mean light; the rest is the mean of
@@ -61,7 +60,7 @@ impl<'a> VoxelLight<'a> {
     /// The light in the brick that begins at a voxel; `None` if there are lights of other kinds.
     #[must_use]
     pub fn new(
-        lights: &'a Lights<'a>,
+        lights: &'a Lights<'a, SceneMedia<'a, K>>,
         kept: &'a KeptLight<'a>,
         volume: &'a Volume,
         first: [usize; 3],
@@ -102,7 +101,7 @@ impl<'a> VoxelLight<'a> {
     pub fn is_dark(&self, voxel: [usize; 3]) -> bool {
         self.around(voxel).iter().all(|corner| {
             let is_dark =
-                |(depth, arrives): &(f32, bool)| !arrives || *depth >= BakedDepth::NO_LIGHT;
+                |(depth, arrives): &(K, bool)| !arrives || depth.least() >= BakedDepth::NO_LIGHT;
             corner.suns.iter().all(is_dark) && corner.sky.is_black()
         })
     }
@@ -126,43 +125,42 @@ impl<'a> VoxelLight<'a> {
             light += corner.sky * weight;
         }
         for (s, sun) in self.suns.iter().enumerate() {
-            let (mut depth, mut through, mut arriving) = (0.0, 0.0, 0.0);
+            let (mut depth, mut through, mut arriving) = (K::default(), K::default(), 0.0);
             let (mut least, mut most) = (f32::INFINITY, 0.0_f32);
             for (corner, &weight) in corners.iter().zip(&weights) {
                 let (tau, arrives) = corner.suns[s];
-                depth += weight * tau;
-                through += weight * exp_neg(tau);
-                (least, most) = (least.min(tau), most.max(tau));
+                depth += tau * weight;
+                through += tau.exp_neg() * weight;
+                (least, most) = (least.min(tau.most()), most.max(tau.most()));
                 arriving += if arrives { weight } else { 0.0 };
             }
-            let mean = if depth > 0.0 {
-                -libm::logf(through.max(1e-30))
-            } else {
-                0.0
+            let mean = match depth.most() > 0.0 {
+                true => through.each(|through| -libm::logf(through.max(1e-30))),
+                false => K::default(),
             };
             let spread = (most - least) * (1.0 / Self::FLAT_SPREAD);
             let by_light = Self::BY_LIGHT / (1.0 + spread * spread * spread * spread);
-            let depth = depth + by_light * (mean - depth);
-            let of_sun = sun.radiance * (arriving * exp_neg(depth));
+            let depth = depth + (mean - depth) * by_light;
+            let of_sun = (depth.exp_neg() * arriving).filter(sun.radiance);
             light += of_sun;
             way -= sun.to_sun * of_sun.mean();
         }
         (light, way)
     }
 
-    fn around(&self, voxel: [usize; 3]) -> [&Corner; 8] {
+    fn around(&self, voxel: [usize; 3]) -> [&Corner<K>; 8] {
         std::array::from_fn(|i| self.corner([0, 1, 2].map(|a| voxel[a] + (i >> a & 1))))
     }
 
-    fn corner(&self, at: [usize; 3]) -> &Corner {
+    fn corner(&self, at: [usize; 3]) -> &Corner<K> {
         self.corners[(at[2] * CORNERS + at[1]) * CORNERS + at[0]].get_or_init(|| {
             let at = self.first + DVec3::from(at.map(|n| n as f64));
             let point = self.volume.scene_from_index.transform_point3(at).as_vec3();
-            let sun = |sun: &Parallel| {
+            let sun = |sun: &Parallel<K>| {
                 let ray = Ray::endless(point, sun.to_sun);
                 let depth = sun.media.optical_depth(&ray);
-                match depth >= BakedDepth::NO_LIGHT || sun.media.is_dark(point) {
-                    true => (depth.max(BakedDepth::NO_LIGHT), true),
+                match depth.least() >= BakedDepth::NO_LIGHT || sun.media.is_dark(point) {
+                    true => (depth.each(|d| d.max(BakedDepth::NO_LIGHT)), true),
                     false => (depth, !self.lights.tracer.is_occluded(&ray)),
                 }
             };

@@ -1,6 +1,6 @@
 //! Linear RGB triples.
 
-use std::ops::{Add, AddAssign, Mul, MulAssign};
+use std::ops::{Add, AddAssign, Mul, MulAssign, Sub};
 
 /// Linear Rec.709 radiance, irradiance or albedo.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -64,6 +64,14 @@ impl AddAssign for Rgb {
     #[inline]
     fn add_assign(&mut self, o: Self) {
         *self = *self + o;
+    }
+}
+
+impl Sub for Rgb {
+    type Output = Self;
+    #[inline]
+    fn sub(self, o: Self) -> Self {
+        Self(std::array::from_fn(|i| self.0[i] - o.0[i]))
     }
 }
 

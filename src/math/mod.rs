@@ -7,6 +7,7 @@
 //! | `hit` | where rays meet triangles |
 //! | `color` | linear RGB |
 //! | `blackbody` | the light of a black body |
+//! | `spectrum` | optical depths and shares of light, of all channels or of each |
 //! | `segment` | emission and absorption along a ray, front to back |
 //! | `dda` | a ray through a regular grid of boxes |
 //! | `ray_lattice` | parallel rays through a regular grid |
@@ -35,6 +36,7 @@ mod ray;
 pub mod ray_lattice;
 pub mod sampling;
 pub mod segment;
+mod spectrum;
 mod sphere_map;
 mod vec3x4;
 
@@ -45,4 +47,5 @@ pub use hit::Hit;
 pub use index::unflatten;
 pub use phase::{PhaseFunction, SeenPhase};
 pub use ray::{Aabb, Ray};
+pub use spectrum::Spectrum;
 pub use sphere_map::{Environment, EnvironmentMap, SphereMap};

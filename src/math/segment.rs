@@ -1,19 +1,18 @@
 //! Emission and absorption along a ray, front to back.
 
-use super::Rgb;
-use super::exp::exp_neg_and_rest;
+use super::{Rgb, Spectrum};
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap};
 
 /// A part of a ray inside one medium, of constant extinction and source function.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Segment {
+pub struct Segment<K = f32> {
     /// Where it begins, scene units along the ray.
     pub near: f32,
     /// Where it ends, scene units along the ray; not before `near`.
     pub far: f32,
     /// Optical depth from `near` to `far`.
-    pub tau: f32,
+    pub tau: K,
     /// Source function: radiance per unit optical depth.
     pub source: Rgb,
 }
@@ -21,23 +20,23 @@ pub struct Segment {
 /// Light gathered so far along a ray, and what share of the light from further on still comes
 /// through.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Composite {
+pub struct Composite<K = f32> {
     /// Radiance that arrives at the ray's origin.
     pub radiance: Rgb,
     /// Share of the light from further on that comes through, 0 to 1.
-    pub transmittance: f32,
+    pub transmittance: K,
 }
 
-impl Default for Composite {
+impl<K: Spectrum> Default for Composite<K> {
     fn default() -> Self {
         Self {
             radiance: Rgb::BLACK,
-            transmittance: 1.0,
+            transmittance: K::splat(1.0),
         }
     }
 }
 
-impl Composite {
+impl<K: Spectrum> Composite<K> {
     /// Below this transmittance what follows is left out: it could add no more than this share of
     /// its radiance.
     pub const OPAQUE: f32 = 1e-4;
@@ -47,52 +46,52 @@ impl Composite {
     /// Passes a medium of optical depth `tau` and source function `source`: scatter-out and
     /// scatter-in with the same tau, so that energy is conserved whatever its size.
     #[inline]
-    pub fn medium(&mut self, tau: f32, source: Rgb) {
-        let (through, taken) = exp_neg_and_rest(tau);
-        self.radiance += source * (self.transmittance * taken);
-        self.transmittance *= through;
+    pub fn medium(&mut self, tau: K, source: Rgb) {
+        let (through, taken) = tau.exp_neg_and_rest();
+        self.radiance += self.transmittance.times(taken).filter(source);
+        self.transmittance = self.transmittance.times(through);
     }
 
     /// Passes a surface that covers `opacity` of the ray's footprint and sends `radiance` back.
     #[inline]
     pub fn surface(&mut self, opacity: f32, radiance: Rgb) {
-        self.radiance += radiance * (self.transmittance * opacity);
-        self.transmittance *= 1.0 - opacity;
+        self.radiance += (self.transmittance * opacity).filter(radiance);
+        self.transmittance = self.transmittance * (1.0 - opacity);
     }
 
     /// Whether anything further on still matters.
     #[must_use]
     #[inline]
     pub fn is_opaque(&self) -> bool {
-        self.transmittance < Self::OPAQUE
+        self.transmittance.most() < Self::OPAQUE
     }
 }
 
 /// A part of a ray in one medium, before its source function is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Interval<T> {
+pub struct Interval<T, K = f32> {
     /// Where it begins, scene units along the ray.
     pub near: f32,
     /// Where it ends, scene units along the ray; not before `near`.
     pub far: f32,
     /// Optical depth from `near` to `far`.
-    pub tau: f32,
+    pub tau: K,
     /// The value that tells its source function.
     pub of: T,
 }
 
 /// A walk through one medium and the interval that it has come to, with the source function once
 /// that is known.
-struct Head<T, W> {
+struct Head<T, K, W> {
     walk: W,
-    stretch: Option<(Interval<T>, Option<Rgb>)>,
+    stretch: Option<(Interval<T, K>, Option<Rgb>)>,
 }
 
-impl<T, W: Iterator<Item = Interval<T>>> Head<T, W> {
+impl<T, K: Spectrum, W: Iterator<Item = Interval<T, K>>> Head<T, K, W> {
     /// Goes on to the first stretch that ends behind `at`.
     fn advance(&mut self, at: f32) {
         while self.stretch.as_ref().is_none_or(|(s, _)| s.far <= at) {
-            let next = self.walk.find(|s| s.far > s.near && s.tau > 0.0);
+            let next = self.walk.find(|s| s.far > s.near && s.tau.most() > 0.0);
             self.stretch = next.map(|s| (s, None));
             if self.stretch.is_none() {
                 return;
@@ -108,10 +107,10 @@ const MAX_FEW_WALKS: usize = 16;
 /// order and cut at the ends of all, so that it does not overlap. There depths add and sources are
 /// weighted by depth. Walks are taken no further than `emit` lets them, and `source` is asked once
 /// for each stretch that is reached. Returns whether `emit` always said yes.
-pub fn flatten_overlaps<T: Copy>(
-    walks: impl IntoIterator<Item: Iterator<Item = Interval<T>>>,
+pub fn flatten_overlaps<T: Copy, K: Spectrum>(
+    walks: impl IntoIterator<Item: Iterator<Item = Interval<T, K>>>,
     source: impl Fn(T) -> Rgb,
-    emit: impl FnMut(Segment) -> bool,
+    emit: impl FnMut(Segment<K>) -> bool,
 ) -> bool {
     let mut heads: Vec<_> = walks
         .into_iter()
@@ -128,10 +127,10 @@ pub fn flatten_overlaps<T: Copy>(
 }
 
 /// As [`flatten_overlaps`], looking at all walks at each cut.
-fn flatten_few<T: Copy, W: Iterator<Item = Interval<T>>>(
-    heads: &mut Vec<Head<T, W>>,
+fn flatten_few<T: Copy, K: Spectrum, W: Iterator<Item = Interval<T, K>>>(
+    heads: &mut Vec<Head<T, K, W>>,
     source: impl Fn(T) -> Rgb,
-    mut emit: impl FnMut(Segment) -> bool,
+    mut emit: impl FnMut(Segment<K>) -> bool,
 ) -> bool {
     let mut at = f32::NEG_INFINITY;
     loop {
@@ -148,19 +147,22 @@ fn flatten_few<T: Copy, W: Iterator<Item = Interval<T>>>(
         let end = stretches()
             .map(|(s, _)| if s.near > at { s.near } else { s.far })
             .fold(f32::INFINITY, f32::min);
-        let (mut tau, mut sum) = (0.0, Rgb::BLACK);
+        let (mut tau, mut sum) = (K::default(), Rgb::BLACK);
         for (s, sent) in heads.iter_mut().filter_map(|h| h.stretch.as_mut()) {
             if s.near <= at {
                 let part = s.tau * ((end - at) / (s.far - s.near));
                 tau += part;
-                sum += *sent.get_or_insert_with(|| source(s.of)) * part;
+                sum += part.filter(*sent.get_or_insert_with(|| source(s.of)));
             }
         }
         let out = Segment {
             near: at,
             far: end,
             tau,
-            source: if tau > 0.0 { sum * (1.0 / tau) } else { sum },
+            source: match tau.most() > 0.0 {
+                true => K::splat(1.0).over(tau).filter(sum),
+                false => sum,
+            },
         };
         if !emit(out) {
             return false;
@@ -193,24 +195,24 @@ impl Cut {
 /// What is in a stretch: extinction, and source function times that.
 #[derive(Clone, Copy, Default)]
 struct Density {
-    sigma_t: f64,
+    sigma_t: [f64; 3],
     source: [f64; 3],
 }
 
 impl Density {
     fn add(&mut self, other: Self, sign: f64) {
-        self.sigma_t += sign * other.sigma_t;
-        for (sum, v) in self.source.iter_mut().zip(other.source) {
-            *sum += sign * v;
+        for c in 0..3 {
+            self.sigma_t[c] += sign * other.sigma_t[c];
+            self.source[c] += sign * other.source[c];
         }
     }
 }
 
 /// As [`flatten_overlaps`], from cut to cut: each costs the logarithm of the number of walks.
-fn flatten_many<T: Copy, W: Iterator<Item = Interval<T>>>(
-    mut heads: Vec<Head<T, W>>,
+fn flatten_many<T: Copy, K: Spectrum, W: Iterator<Item = Interval<T, K>>>(
+    mut heads: Vec<Head<T, K, W>>,
     source: impl Fn(T) -> Rgb,
-    mut emit: impl FnMut(Segment) -> bool,
+    mut emit: impl FnMut(Segment<K>) -> bool,
 ) -> bool {
     let mut cuts = BinaryHeap::with_capacity(heads.len());
     let mut densities = vec![Density::default(); heads.len()];
@@ -246,8 +248,10 @@ fn flatten_many<T: Copy, W: Iterator<Item = Interval<T>>>(
             let out = Segment {
                 near: at,
                 far: next,
-                tau: (sum.sigma_t * f64::from(next - at)) as f32,
-                source: Rgb(sum.source.map(|v| (v / sum.sigma_t).max(0.0) as f32)),
+                tau: K::of_channels(sum.sigma_t.map(|s| (s * f64::from(next - at)) as f32)),
+                source: Rgb(std::array::from_fn(|c| {
+                    (sum.source[c] / sum.sigma_t[c]).max(0.0) as f32
+                })),
             };
             if !emit(out) {
                 return false;
@@ -255,10 +259,12 @@ fn flatten_many<T: Copy, W: Iterator<Item = Interval<T>>>(
         }
         at = at.max(next);
         if is_start {
-            let sigma_t = f64::from(stretch.tau) / f64::from(stretch.far - stretch.near);
+            let length = f64::from(stretch.far - stretch.near);
+            let sigma_t = stretch.tau.channels().map(|t| f64::from(t) / length);
+            let sent = source(stretch.of).0;
             densities[i] = Density {
                 sigma_t,
-                source: source(stretch.of).0.map(|v| sigma_t * f64::from(v)),
+                source: std::array::from_fn(|c| sigma_t[c] * f64::from(sent[c])),
             };
             sum.add(densities[i], 1.0);
             inside.insert(i);

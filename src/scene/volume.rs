@@ -70,6 +70,13 @@ impl Volume {
         }
     }
 
+    /// The least of its extinctions of red, green and blue over the largest: what stops no light of
+    /// this channel is beyond no depth.
+    #[must_use]
+    pub fn clearest(&self) -> f32 {
+        self.extinction_color.into_iter().fold(1.0, f32::min)
+    }
+
     /// Whether it stops red, green and blue alike.
     #[must_use]
     pub fn is_grey(&self) -> bool {

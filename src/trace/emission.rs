@@ -2,8 +2,9 @@
 
 use super::Tracer;
 use super::cells::Cells;
-use crate::math::exp::exp_neg_and_rest;
-use crate::math::{Ray, Rgb};
+use crate::math::exp::one_minus_exp_neg;
+use crate::math::segment::Segment;
+use crate::math::{Ray, Rgb, Spectrum};
 use crate::scene::{Emission, EmissiveVolume};
 
 /// Gives the light of each cell of an emissive volume that a ray passes to `add`, front to back,
@@ -40,20 +41,20 @@ pub fn each_emitting_cell(
 impl Tracer<'_> {
     /// Radiance that emissive media send to the origin of a ray, through the media before them.
     #[must_use]
-    pub fn emitted(&self, ray: &Ray) -> Rgb {
+    pub fn emitted<K: Spectrum>(&self, ray: &Ray) -> Rgb {
         /// Optical depth behind which nothing is seen.
         const OPAQUE: f32 = 70.0;
         let mut sum = Rgb::BLACK;
-        let mut depths: Option<Depths> = None;
+        let mut depths: Option<Depths<K>> = None;
         for volume in &self.scene.emissive {
             let mut walk = 0;
             each_emitting_cell(volume, ray, |near, far, light| {
                 let depths = depths.get_or_insert_with(|| Depths::along(self, ray, OPAQUE));
                 let before = depths.at(near, &mut walk);
                 let within = depths.at(far, &mut walk) - before;
-                let (through, _) = exp_neg_and_rest(before);
-                sum += light * (through * mean_transmittance(within));
-                before < OPAQUE
+                let within = mean_transmittance(within);
+                sum += before.exp_neg().times(within).filter(light);
+                before.least() < OPAQUE
             });
         }
         sum
@@ -61,34 +62,35 @@ impl Tracer<'_> {
 }
 
 /// Mean transmittance from the points of an even stretch of a medium to its end.
-fn mean_transmittance(tau: f32) -> f32 {
+fn mean_transmittance<K: Spectrum>(tau: K) -> K {
     const THIN: f32 = 1e-3;
-    if tau < THIN {
-        return 1.0 - 0.5 * tau;
-    }
-    exp_neg_and_rest(tau).1 / tau
+    tau.each(|tau| match tau < THIN {
+        true => 1.0 - 0.5 * tau,
+        false => one_minus_exp_neg(tau) / tau,
+    })
 }
 
 /// The optical depth of all media along a ray.
-struct Depths(Vec<Stretch>);
+struct Depths<K>(Vec<Stretch<K>>);
 
 /// A part of a ray in media, and the depth of all before it.
 #[derive(Clone, Copy, Debug)]
-struct Stretch {
+struct Stretch<K> {
     near: f32,
     far: f32,
-    before: f32,
-    tau: f32,
+    before: K,
+    tau: K,
 }
 
-impl Depths {
+impl<K: Spectrum> Depths<K> {
     fn along(tracer: &Tracer, ray: &Ray, most: f32) -> Self {
         let mut all = Vec::new();
-        let mut before = 0.0;
+        let mut before = K::default();
         tracer.march(
+            
             ray,
             |_, _, _| Rgb::BLACK,
-            |s| {
+            |s: Segment<K>| {
                 all.push(Stretch {
                     near: s.near,
                     far: s.far,
@@ -96,7 +98,7 @@ impl Depths {
                     tau: s.tau,
                 });
                 before += s.tau;
-                before < most
+                before.least() < most
             },
         );
         Self(all)
@@ -104,7 +106,7 @@ impl Depths {
 
     /// The depth from the origin to a distance. `walk` is where the last search ended; distances do
     /// not fall from one to the next.
-    fn at(&self, t: f32, walk: &mut usize) -> f32 {
+    fn at(&self, t: f32, walk: &mut usize) -> K {
         while self.0.get(*walk).is_some_and(|s| s.far <= t) {
             *walk += 1;
         }
@@ -114,7 +116,7 @@ impl Depths {
                 s.before + s.tau * share
             }
             (None, Some(last)) => self.0[last].before + self.0[last].tau,
-            (None, None) => 0.0,
+            (None, None) => K::default(),
         }
     }
 }
@@ -145,7 +147,7 @@ mod tests {
 
     fn seen(scene: &crate::scene::Scene) -> Rgb {
         let tracer = Tracer::new(scene);
-        tracer.emitted(&Ray::endless(Vec3::new(0.43, 0.51, 5.0), -Vec3::Z))
+        tracer.emitted::<f32>(&Ray::endless(Vec3::new(0.43, 0.51, 5.0), -Vec3::Z))
     }
 
     #[test]

@@ -31,9 +31,8 @@ pub use surface::{Surface, offset, short_of, unit_normal, weights_in_triangle};
 pub use triangles::TriangleBvh;
 
 use crate::Result;
-use crate::math::exp::exp_neg;
 use crate::math::segment::{Interval, Segment, flatten_overlaps};
-use crate::math::{Aabb, Boxes, Ray};
+use crate::math::{Aabb, Boxes, Ray, Rgb, Spectrum};
 use crate::run::{Cancel, walked};
 use crate::scene::{Scene, Volume};
 use glam::Vec3;
@@ -148,13 +147,13 @@ impl<'a> Tracer<'a> {
     /// The share of light that a camera sees from the end of a ray to its origin: 0 behind a surface
     /// that it sees, else the transmittance of the media between.
     #[must_use]
-    pub fn seen_transmittance(&self, ray: &Ray) -> f32 {
+    pub fn seen_transmittance<K: Spectrum>(&self, ray: &Ray) -> K {
         if self.closest_seen(ray).is_some() {
-            0.0
+            K::default()
         } else if self.volumes.is_empty() {
-            1.0
+            K::splat(1.0)
         } else {
-            exp_neg(self.optical_depth(ray))
+            self.optical_depth::<K>(ray).exp_neg()
         }
     }
 
@@ -200,32 +199,40 @@ impl<'a> Tracer<'a> {
     /// The share of light that gets from the end of a ray to its origin: what surfaces let through,
     /// times the transmittance of the media between.
     #[must_use]
-    pub fn transmittance(&self, ray: &Ray) -> f32 {
+    pub fn transmittance<K: Spectrum>(&self, ray: &Ray) -> K {
         let through = self.let_through(ray);
         if through == 0.0 || self.volumes.is_empty() {
-            through
+            K::splat(through)
         } else {
-            through * exp_neg(self.optical_depth(ray))
+            self.optical_depth::<K>(ray).exp_neg() * through
         }
     }
 
     /// The optical depth of all media along a ray, exact, cell by cell.
     #[must_use]
-    pub fn optical_depth(&self, ray: &Ray) -> f32 {
-        let volumes = self.boxes.along(ray).map(|v| &self.volumes[v]);
-        let cells = volumes.filter_map(|v| Cells::new(v, ray));
-        cells.map(Cells::optical_depth).sum::<f64>() as f32
+    pub fn optical_depth<K: Spectrum>(&self, ray: &Ray) -> K {
+        let mut depth = [0.0; 3];
+        for volume in self.boxes.along(ray).map(|v| &self.volumes[v]) {
+            let tau = Cells::new(volume, ray).map_or(0.0, Cells::optical_depth);
+            match K::IS_GREY {
+                true => depth[0] += tau,
+                false => (depth.iter_mut().zip(volume.extinction_color))
+                    .for_each(|(depth, color)| *depth += tau * f64::from(color)),
+            }
+        }
+        K::of_channels(depth.map(|d| d as f32))
     }
 
     /// Passes every segment of a ray in a medium, front to back, to `emit` until that says no.
     /// `source(volume, cell, tau)` gives the source function of a volume in a part of the ray, in a
-    /// cell of the optical depth `tau`.
-    pub fn march(
+    /// cell of the optical depth `tau`; depths there are those of the channel that has most.
+    pub fn march<K: Spectrum>(
         &self,
         ray: &Ray,
-        source: impl Fn(usize, RayInVolume, f32) -> crate::math::Rgb,
-        mut emit: impl FnMut(Segment) -> bool,
+        source: impl Fn(usize, RayInVolume, f32) -> Rgb,
+        mut emit: impl FnMut(Segment<K>) -> bool,
     ) {
+        let of_volume = |v: usize, tau: f32| K::tinted(tau, &self.volumes[v].extinction_color);
         let cells = |v: usize| Some((v, Cells::new(&self.volumes[v], ray)?));
         let mut walks = self.boxes.along(ray).filter_map(cells);
         let Some((first, cells)) = walks.next() else {
@@ -234,7 +241,7 @@ impl<'a> Tracer<'a> {
         let to_segment = |v: usize, c: RayInVolume, tau: f32| Segment {
             near: c.near,
             far: c.far,
-            tau: c.tau,
+            tau: of_volume(v, c.tau),
             source: source(v, c, tau),
         };
         let Some(second) = walks.next() else {
@@ -250,7 +257,7 @@ impl<'a> Tracer<'a> {
                 cell.pieces().map(move |piece| Interval {
                     near: piece.near,
                     far: piece.far,
-                    tau: piece.tau,
+                    tau: of_volume(v, piece.tau),
                     of: (v, piece, cell.tau),
                 })
             })
